@@ -1,0 +1,105 @@
+//! Rotation matrices and angles; (10.11), (10.12) for the closest rotation.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+/// The skew-symmetric matrix S(v) with `S(v) w = v x w`.
+#[must_use]
+pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
+}
+
+/// Elementary rotation about x by `angle` rad.
+#[must_use]
+pub fn rotation_x(angle: f64) -> Rotation3<f64> {
+    Rotation3::from_axis_angle(&Vector3::x_axis(), angle)
+}
+
+/// Elementary rotation about y by `angle` rad.
+#[must_use]
+pub fn rotation_y(angle: f64) -> Rotation3<f64> {
+    Rotation3::from_axis_angle(&Vector3::y_axis(), angle)
+}
+
+/// Elementary rotation about z by `angle` rad.
+#[must_use]
+pub fn rotation_z(angle: f64) -> Rotation3<f64> {
+    Rotation3::from_axis_angle(&Vector3::z_axis(), angle)
+}
+
+/// The rotation vector (axis times angle, rad) of `R`; its norm is in `[0, pi]`.
+#[must_use]
+pub fn angle_axis(R: &Rotation3<f64>) -> Vector3<f64> {
+    nalgebra::UnitQuaternion::from_rotation_matrix(R).scaled_axis()
+}
+
+/// The angle of `R` in `[0, pi]` rad.
+#[must_use]
+pub fn rotation_angle(R: &Rotation3<f64>) -> f64 {
+    angle_axis(R).norm()
+}
+
+/// The rotation closest to `Q` in the Frobenius norm, (10.12): `U diag(1, 1, sigma) V^T`.
+///
+/// Returns `None` when the decomposition does not converge or `Q` is not finite.
+#[must_use]
+pub fn closest_rotation(Q: &Matrix3<f64>) -> Option<Rotation3<f64>> {
+    if !Q.iter().all(|x| x.is_finite()) {
+        return None;
+    }
+    let svd = Q.try_svd(true, true, f64::EPSILON, 100)?;
+    let (mut U, V_t) = (svd.u?, svd.v_t?);
+    if (U * V_t).determinant() < 0.0 {
+        // The least singular value takes the reflection; nalgebra sorts the values in decreasing order.
+        let flipped = -U.column(2);
+        U.set_column(2, &flipped);
+    }
+    Some(Rotation3::from_matrix_unchecked(U * V_t))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn vector() -> impl Strategy<Value = Vector3<f64>> {
+        (-3.0..3.0, -3.0..3.0, -3.0..3.0).prop_map(|(x, y, z)| Vector3::new(x, y, z))
+    }
+
+    proptest! {
+        #[test]
+        fn skew_is_the_cross_product(v in vector(), w in vector()) {
+            prop_assert!((skew(&v) * w - v.cross(&w)).norm() < 1e-12);
+        }
+
+        #[test]
+        fn closest_rotation_beats_its_neighbours(
+            axis in vector(), noise in prop::array::uniform9(-0.3..0.3f64), step in vector()
+        ) {
+            let R = Rotation3::from_scaled_axis(axis);
+            let Q = R.matrix() + Matrix3::from_row_slice(&noise);
+            let best = closest_rotation(&Q).unwrap();
+            prop_assert!((best.matrix().determinant() - 1.0).abs() < 1e-9);
+            let neighbour = Rotation3::from_scaled_axis(0.01 * step) * best;
+            prop_assert!((best.matrix() - Q).norm() <= (neighbour.matrix() - Q).norm() + 1e-12);
+        }
+    }
+
+    #[test]
+    fn closest_rotation_of_a_reflection_is_proper() {
+        let R = closest_rotation(&Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -0.2))).unwrap();
+        assert!((R.matrix() - Matrix3::identity()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn not_finite_input_is_refused() {
+        assert!(closest_rotation(&Matrix3::from_element(f64::NAN)).is_none());
+    }
+
+    #[test]
+    fn angle_axis_reaches_pi() {
+        let R = rotation_z(std::f64::consts::PI - 1e-9);
+        assert!((rotation_angle(&R) - std::f64::consts::PI).abs() < 1e-6);
+        assert!((rotation_angle(&(rotation_x(0.3) * rotation_x(-0.1))) - 0.2).abs() < 1e-12);
+        assert!((rotation_angle(&rotation_y(-0.4)) - 0.4).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,3 @@
+//! Image processing of Sect. 10.2 on 8-bit grey images.
+mod view;
+pub use view::{ImageSizeError, ImageView};
