@@ -1,0 +1,102 @@
+//! The `plumb_bob` distortion polynomial and its derivative, in normalized coordinates.
+
+use nalgebra::{Matrix2, Vector2};
+
+/// Radial (`k1`, `k2`, `k3`) and tangential (`p1`, `p2`) lens distortion of ROS and OpenCV; no units.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Distortion {
+    /// Factor of r^2.
+    pub k1: f64,
+    /// Factor of r^4.
+    pub k2: f64,
+    /// First tangential factor.
+    pub p1: f64,
+    /// Second tangential factor.
+    pub p2: f64,
+    /// Factor of r^6.
+    pub k3: f64,
+}
+
+impl Distortion {
+    /// Whether the lens is an ideal one.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Distorted normalized coordinates of `s`.
+    #[must_use]
+    #[inline]
+    pub fn apply(&self, s: &Vector2<f64>) -> Vector2<f64> {
+        let (x, y) = (s.x, s.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        Vector2::new(
+            x * radial + 2.0 * self.p1 * x * y + self.p2 * (r2 + 2.0 * x * x),
+            y * radial + self.p1 * (r2 + 2.0 * y * y) + 2.0 * self.p2 * x * y,
+        )
+    }
+
+    /// Derivative of [`Self::apply`] with respect to `s`.
+    #[must_use]
+    #[inline]
+    pub fn jacobian(&self, s: &Vector2<f64>) -> Matrix2<f64> {
+        let (x, y) = (s.x, s.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        // d radial / d(r^2), times 2: the chain rule brings 2x or 2y
+        let slope = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + r2 * 3.0 * self.k3));
+        let mixed = x * y * slope + 2.0 * (self.p1 * x + self.p2 * y);
+        Matrix2::new(
+            radial + x * x * slope + 2.0 * self.p1 * y + 6.0 * self.p2 * x,
+            mixed,
+            mixed,
+            radial + y * y * slope + 6.0 * self.p1 * y + 2.0 * self.p2 * x,
+        )
+    }
+
+    /// Distorted radius of the radial part alone.
+    pub(super) fn radius(&self, r: f64) -> f64 {
+        let r2 = r * r;
+        r * (1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3)))
+    }
+
+    /// Derivative of [`Self::radius`].
+    pub(super) fn radius_slope(&self, r: f64) -> f64 {
+        let r2 = r * r;
+        1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + r2 * 7.0 * self.k3))
+    }
+
+    /// The first radius at which the radial part stops growing, or infinity. The slope is a cubic in r^2:
+    /// its roots are bracketed between its own turning points and bisected.
+    pub(super) fn fold_radius(&self) -> f64 {
+        // slope(t) = 1 + a t + b t^2 + c t^3 with t = r^2; turning points where a + 2 b t + 3 c t^2 = 0
+        let (a, b, c) = (3.0 * self.k1, 5.0 * self.k2, 7.0 * self.k3);
+        let slope = |t: f64| 1.0 + t * (a + t * (b + t * c));
+        let far = 1e6;
+        let mut marks = [0.0, far, far, far];
+        if c != 0.0 {
+            let root = b * b - 3.0 * a * c;
+            if root >= 0.0 {
+                let t0 = (-b - root.sqrt()) / (3.0 * c);
+                let t1 = (-b + root.sqrt()) / (3.0 * c);
+                marks[1] = t0.min(t1).clamp(0.0, far);
+                marks[2] = t0.max(t1).clamp(0.0, far);
+            }
+        } else if b != 0.0 {
+            marks[1] = (-a / (2.0 * b)).clamp(0.0, far);
+        }
+        for pair in marks.windows(2) {
+            let [mut low, mut high] = [pair[0], pair[1]];
+            if slope(high) > 0.0 {
+                continue;
+            }
+            for _ in 0..200 {
+                let middle = 0.5 * (low + high);
+                if slope(middle) > 0.0 { low = middle } else { high = middle }
+            }
+            return low.sqrt();
+        }
+        f64::INFINITY
+    }
+}
