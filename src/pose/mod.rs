@@ -1,1 +1,73 @@
-//! Under construction by its owner.
+//! Pose of an object from the image of its points, Sect. 10.3 and 10.4.4.
+//!
+//! | function | equations | for |
+//! |---|---|---|
+//! | [`homography`] | (10.7)-(10.10) | plane to image, or image to image (10.61) |
+//! | [`pose_from_homography`] | (10.8), (10.11), (10.12) | one pose from a homography |
+//! | [`planar_pose`] | (10.8)-(10.12) and beyond | both planar solutions, refined and ranked |
+//! | [`dlt_pose`] | (10.13) | six or more points that are not coplanar |
+//! | [`refine`], [`refine_3d`] | least squares on (10.36) | a near guess to the optimum, with covariance |
+//! | [`algorithmic_step`], [`algorithmic_step_4`] | (10.33)-(10.42) | the textbook's integration |
+//! | [`decompose_homography`] | (10.58)-(10.61) | displacement of a camera from two images of a plane |
+//!
+//! Image coordinates are normalized and free of distortion; lengths are metres. Nothing here allocates, and
+//! the results are the same to the last bit on every machine with IEEE arithmetic.
+
+mod algorithmic;
+mod decompose;
+mod dlt;
+mod homography;
+mod lanes;
+mod linear;
+mod planar;
+mod points;
+mod refine;
+mod symmetric_eigen;
+#[cfg(test)]
+mod testing;
+
+pub use algorithmic::{AlgorithmicStep, algorithmic_step, algorithmic_step_4, euler_zyx_rotation};
+pub use decompose::{
+    HomographySolution, HomographySolutions, decompose_homography, decompose_homography_seen,
+};
+pub use dlt::dlt_pose;
+pub use homography::{homography, pose_from_homography};
+pub use planar::{PlanarPose, PoseSolution, planar_pose};
+pub use points::{Correspondence, Correspondence3, PointSource, reprojection_rms};
+pub use refine::{RefinedPose, refine, refine_3d};
+
+use thiserror::Error;
+
+/// Why there is no pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum PoseError {
+    /// The problem has more unknowns than the points give equations.
+    #[error("pose: {given} points given, at least {needed} are needed; see more of the target")]
+    TooFewPoints {
+        /// Points that the method needs.
+        needed: usize,
+        /// Points given.
+        given: usize,
+    },
+    /// A coordinate is NaN or infinite.
+    #[error("pose: point {index} has a coordinate that is not finite; drop it before asking for a pose")]
+    NotFinite {
+        /// Index of the first such point.
+        index: usize,
+    },
+    /// The start value given to a refinement is NaN or infinite, or the noise is negative or not finite.
+    #[error("pose: the start pose or the noise is not finite; start from `planar_pose` or `dlt_pose`")]
+    BadGuess,
+    /// The points do not fix the pose: collinear, repeated, coplanar where they must not be, or on one visual ray.
+    #[error("pose: the points are collinear, repeated or otherwise degenerate; use points that spread more")]
+    Degenerate,
+    /// No solution has all points in front of the camera.
+    #[error("pose: some points would lie behind the camera; check their order and the start pose")]
+    BehindCamera,
+    /// The refinement did not settle.
+    #[error("pose: no convergence in {iterations} iterations; start nearer or use more points")]
+    NotConverged {
+        /// Iterations spent.
+        iterations: u32,
+    },
+}

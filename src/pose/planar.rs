@@ -1,0 +1,217 @@
+//! Pose of a plane from four or more points, with both solutions that a plane can have.
+//!
+//! A small or distant plane looks nearly the same when its tilt is mirrored about the visual ray. The homography
+//! tells its derivative at the centroid, and that derivative fits exactly two rotations. Both are refined on the
+//! reprojection error and ranked by it.
+
+use super::lanes::F2;
+use super::points::centroid;
+use super::refine::{End, State, minimise};
+use super::{Correspondence, PoseError, homography, pose_from_homography};
+use crate::geometry::Pose;
+use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+/// Two rotations nearer than this (rad) are one solution.
+const SAME_RAD: f64 = 1e-5;
+
+/// One pose and how well it explains the image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseSolution {
+    /// Pose of the object in the camera.
+    pub X_CO: Pose,
+    /// Root mean square over the points of the reprojection error, normalized units.
+    pub rms: f64,
+}
+
+/// The solutions of the planar problem.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanarPose {
+    /// The one of least reprojection error.
+    pub best: PoseSolution,
+    /// The second local minimum, where there is one. When its `rms` is near that of `best`, the image alone does not
+    /// tell which is true: use the previous pose.
+    pub other: Option<PoseSolution>,
+}
+
+/// Pose of a plane z = 0 from at least four of its points, no three collinear when there are just four.
+///
+/// # Errors
+/// Those of [`homography`]; [`PoseError::NotConverged`] or [`PoseError::Degenerate`] when no start can be refined.
+pub fn planar_pose(points: &[Correspondence]) -> Result<PlanarPose, PoseError> {
+    let H = homography(points)?;
+    let center = centroid(points);
+    let solution =
+        |end: &End| PoseSolution { X_CO: end.state.pose(&center), rms: end.normal.rms(points.len()) };
+    let refined = |R: Rotation3<f64>| {
+        let start = start_at(R, points, &center).ok_or(PoseError::Degenerate)?;
+        minimise::<F2, _>(start, points, &center)
+    };
+    let Some(tilts) = Tilts::new(&H, &center) else {
+        let X = pose_from_homography(&H).ok_or(PoseError::Degenerate)?;
+        let start = State::at(&X, &center).ok_or(PoseError::Degenerate)?;
+        let end = minimise::<F2, _>(start, points, &center)?;
+        return Ok(PlanarPose { best: solution(&end), other: None });
+    };
+    let first = refined(tilts.rotation(1.0));
+    if tilts.is_frontal() {
+        return first.map(|end| PlanarPose { best: solution(&end), other: None });
+    }
+    match (first, refined(tilts.rotation(-1.0))) {
+        (Ok(a), Ok(b)) => {
+            let (best, other) = if a.normal.cost <= b.normal.cost { (a, b) } else { (b, a) };
+            let (best, other) = (solution(&best), solution(&other));
+            let apart = best.X_CO.rotation.angle_to(&other.X_CO.rotation) > SAME_RAD;
+            Ok(PlanarPose { best, other: apart.then_some(other) })
+        }
+        (Ok(only), Err(_)) | (Err(_), Ok(only)) => Ok(PlanarPose { best: solution(&only), other: None }),
+        (Err(reason), Err(_)) => Err(reason),
+    }
+}
+
+/// The two rotations that fit a homography's derivative at the centroid.
+///
+/// With R_v the rotation that carries z to the centroid's ray, `R_CO = R_v R_t`; the derivative gives the upper left
+/// 2 x 2 block of R_t up to the distance, whose greatest singular value must be one. Orthonormal columns then give
+/// the third row up to its sign.
+struct Tilts {
+    to_ray: Matrix3<f64>,
+    block: [[f64; 2]; 2],
+    third: [f64; 2],
+}
+
+impl Tilts {
+    /// `None` when the derivative is singular or not finite (the plane passes through the camera's centre).
+    #[inline]
+    fn new(H: &Matrix3<f64>, center: &[f64; 3]) -> Option<Self> {
+        let h = H * Vector3::new(center[0], center[1], 1.0);
+        let scale = 1.0 / h.z;
+        let (p, q) = (h.x * scale, h.y * scale);
+        let j = [
+            [(H.m11 - p * H.m31) * scale, (H.m12 - p * H.m32) * scale],
+            [(H.m21 - q * H.m31) * scale, (H.m22 - q * H.m32) * scale],
+        ];
+        let lz = 1.0 / (1.0 + p * p + q * q).sqrt();
+        let (lx, ly) = (p * lz, q * lz);
+        let k = 1.0 / (1.0 + lz);
+        let to_ray = Matrix3::new(
+            1.0 - lx * lx * k,
+            -lx * ly * k,
+            lx,
+            -lx * ly * k,
+            1.0 - ly * ly * k,
+            ly,
+            -lx,
+            -ly,
+            lz,
+        );
+        // B = [1 0 -p; 0 1 -q] R_v; its third column vanishes. Its determinant is 1 / lz.
+        let b = [[to_ray.m11 + p * lx, to_ray.m12 + p * ly], [to_ray.m21 + q * lx, to_ray.m22 + q * ly]];
+        let d = 1.0 / (b[0][0] * b[1][1] - b[0][1] * b[1][0]);
+        let a = [
+            [(b[1][1] * j[0][0] - b[0][1] * j[1][0]) * d, (b[1][1] * j[0][1] - b[0][1] * j[1][1]) * d],
+            [(b[0][0] * j[1][0] - b[1][0] * j[0][0]) * d, (b[0][0] * j[1][1] - b[1][0] * j[0][1]) * d],
+        ];
+        let (aa, bb) = (a[0][0] * a[0][0] + a[1][0] * a[1][0], a[0][1] * a[0][1] + a[1][1] * a[1][1]);
+        let ab = a[0][0] * a[0][1] + a[1][0] * a[1][1];
+        // Greatest eigenvalue of A^T A.
+        let greatest = 0.5 * (aa + bb + ((aa - bb) * (aa - bb) + 4.0 * ab * ab).sqrt());
+        if !(greatest > 0.0 && greatest < f64::INFINITY) {
+            return None;
+        }
+        let inverse = 1.0 / greatest;
+        let root = inverse.sqrt();
+        let t0 = (1.0 - aa * inverse).max(0.0).sqrt();
+        let t1 = (1.0 - bb * inverse).max(0.0).sqrt();
+        let third = [t0, if ab > 0.0 { -t1 } else { t1 }];
+        Some(Self { to_ray, block: a.map(|row| row.map(|x| x * root)), third })
+    }
+
+    /// Whether both tilts are zero up to rounding: the plane is seen along its normal.
+    fn is_frontal(&self) -> bool {
+        self.third[0].abs() + self.third[1].abs() < 1e-7
+    }
+
+    #[inline]
+    fn rotation(&self, sign: f64) -> Rotation3<f64> {
+        let c1 = Vector3::new(self.block[0][0], self.block[1][0], sign * self.third[0]);
+        let c2 = Vector3::new(self.block[0][1], self.block[1][1], sign * self.third[1]);
+        Rotation3::from_matrix_unchecked(self.to_ray * Matrix3::from_columns(&[c1, c2, c1.cross(&c2)]))
+    }
+}
+
+/// The start with rotation `R`: its position solves `X (q_z + t_z) = q_x + t_x`, and the same for Y, with `q = R r`.
+#[inline]
+fn start_at(R: Rotation3<f64>, points: &[Correspondence], center: &[f64; 3]) -> Option<State> {
+    let R = R.matrix();
+    let count = points.len() as f64;
+    let (mut sx, mut sy, mut bx, mut by) = (0.0, 0.0, 0.0, 0.0);
+    let (mut square, mut mixed) = (0.0, 0.0);
+    for point in points {
+        let (x, y) = (point.r.x - center[0], point.r.y - center[1]);
+        let qz = R.m31 * x + R.m32 * y;
+        let bxi = point.s.x * qz - (R.m11 * x + R.m12 * y);
+        let byi = point.s.y * qz - (R.m21 * x + R.m22 * y);
+        sx += point.s.x;
+        sy += point.s.y;
+        bx += bxi;
+        by += byi;
+        square += point.s.x * point.s.x + point.s.y * point.s.y;
+        mixed += point.s.x * bxi + point.s.y * byi;
+    }
+    // t_x - X t_z = b_x is a regression line in X with slope -t_z common to both axes.
+    let tz = -(count * mixed - sx * bx - sy * by) / (count * square - sx * sx - sy * sy);
+    let t = Vector3::new((bx + sx * tz) / count, (by + sy * tz) / count, tz);
+    let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*R));
+    State::at(&Pose::from_parts(Translation3::from(t), q), &[0.0; 3])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{SQUARE, gap, gauss, grid, poses, see, tilted};
+    use super::*;
+    use nalgebra::Vector2;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn poses_come_back(X_CO in poses(1.2), n in 2..7_usize) {
+            let solved = planar_pose(&see(&X_CO, &grid(n), || 0.0)).unwrap();
+            prop_assert!(gap(&solved.best.X_CO, &X_CO) < 1e-9, "{}", gap(&solved.best.X_CO, &X_CO));
+            prop_assert!(solved.best.rms < 1e-12);
+        }
+
+        #[test]
+        fn any_quadrangle_will_do(X_CO in poses(1.0), corners in prop::array::uniform8(-0.03..0.03f64)) {
+            let at = |i: usize| [
+                if i == 1 || i == 2 { 0.05 } else { -0.05 } + 0.6 * corners[2 * i],
+                if i > 1 { 0.05 } else { -0.05 } + 0.6 * corners[2 * i + 1],
+            ];
+            let plane = [at(0), at(1), at(2), at(3)];
+            let solved = planar_pose(&see(&X_CO, &plane, || 0.0)).unwrap();
+            prop_assert!(gap(&solved.best.X_CO, &X_CO) < 1e-8, "{}", gap(&solved.best.X_CO, &X_CO));
+        }
+
+        #[test]
+        fn never_panics(x in prop::collection::vec(prop::array::uniform4(-1.0..1.0f64), 0..9)) {
+            let points: Vec<_> = x.iter()
+                .map(|[a, b, c, d]| Correspondence { r: Vector2::new(*a, *b), s: Vector2::new(*c, *d) })
+                .collect();
+            if let Ok(solved) = planar_pose(&points) {
+                prop_assert!(solved.best.X_CO.translation.vector.iter().all(|x| x.is_finite()));
+                prop_assert!(solved.other.is_none_or(|other| other.rms >= solved.best.rms));
+            }
+        }
+    }
+
+    #[test]
+    fn example_10_1() {
+        let s = [[0.0, 0.0], [0.1647, 0.0], [0.1647, 0.2329], [0.0, 0.2]];
+        let points: Vec<_> =
+            SQUARE.iter().zip(s).map(|(r, s)| Correspondence { r: Vector2::from(*r), s: s.into() }).collect();
+        let solved = planar_pose(&points).unwrap();
+        let truth = tilted([0.0, 0.0, 0.5], std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_4, 0.0);
+        assert!(gap(&solved.best.X_CO, &truth) < 2e-3, "{solved:?}"); // the text prints four digits
+        let exact = planar_pose(&see(&truth, &SQUARE, || 0.0)).unwrap();
+        assert!(gap(&exact.best.X_CO, &truth) < 1e-12);
+    }
+}
