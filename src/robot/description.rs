@@ -1,0 +1,141 @@
+//! A serial arm as a file describes it: any number of joints, link frames as the file places them.
+
+use super::error::{Problem, RobotError};
+use super::inertia::Inertia;
+use super::model::{Friction, JointKind, JointLimits};
+use crate::geometry::Pose;
+use nalgebra::{UnitVector3, Vector3};
+
+/// A motor in the textbook's sense: it sits on the link before its joint, at the joint frame's origin, and spins
+/// about the joint's axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motor {
+    /// Mass, kg; added to the link before.
+    pub mass: f64,
+    /// Rotor inertia about its axis, kg m^2; at rest part of the link before.
+    pub inertia: f64,
+    /// Rotor angle over joint position (rad/rad or rad/m).
+    pub gear_ratio: f64,
+}
+
+/// One joint and the link behind it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointDescription {
+    /// The joint's name.
+    pub name: String,
+    /// The name of the link behind it.
+    pub link: String,
+    /// What the joint does.
+    pub kind: JointKind,
+    /// The joint's frame at q = 0 in the frame of the link before (in B for the first).
+    pub X_PJ: Pose,
+    /// The axis in the joint's frame.
+    pub axis: UnitVector3<f64>,
+    /// The link's frame in the joint's moving frame.
+    pub X_JL: Pose,
+    /// Limits of position, velocity and effort.
+    pub limits: JointLimits,
+    /// Joint friction.
+    pub friction: Friction,
+    /// The textbook motor, if there is one.
+    pub motor: Option<Motor>,
+    /// Inertia on the diagonal of B(q) alone, as simulators call it, kg m^2 or kg.
+    pub armature: f64,
+    /// The link's inertia in its frame, without motors.
+    pub inertia: Inertia,
+    /// A textbook idealisation (a point mass, or inertia without mass): not checked link by link.
+    pub idealised: bool,
+}
+
+/// A serial arm as a file describes it. [`Self::build`] makes the [`super::Robot`] that computes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotDescription {
+    /// The robot's name.
+    pub name: String,
+    /// The file it came from, for messages.
+    pub file: String,
+    /// Gravity in B, m/s^2.
+    pub gravity_B: Vector3<f64>,
+    /// From the base to the tip.
+    pub joints: Vec<JointDescription>,
+    /// The flange in the last link's frame.
+    pub X_LE: Pose,
+}
+
+impl RobotDescription {
+    /// The number of moving joints.
+    #[must_use]
+    pub fn joint_count(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// An error that names this file and `element`.
+    pub(super) fn error(&self, element: String, problem: Problem) -> RobotError {
+        RobotError::Element { file: self.file.clone(), element, problem }
+    }
+
+    /// Everything that can be checked before the arm is built.
+    ///
+    /// # Errors
+    /// [`RobotError::Element`] for the first element that is wrong.
+    pub fn check(&self) -> Result<(), RobotError> {
+        let count = self.joints.len();
+        if !(2..=7).contains(&count) {
+            let element = format!("robot \"{}\"", self.name);
+            return Err(self.error(element, Problem::JointCount { found: count }));
+        }
+        let finite = |X: &Pose| X.to_homogeneous().iter().all(|x| x.is_finite());
+        if !finite(&self.X_LE) || !self.gravity_B.iter().all(|x| x.is_finite()) {
+            return Err(self.error(format!("robot \"{}\"", self.name), Problem::NotFinite));
+        }
+        for (i, joint) in self.joints.iter().enumerate() {
+            let fail = |problem| self.error(format!("joint \"{}\"", joint.name), problem);
+            if self.joints[..i].iter().any(|other| other.name == joint.name) {
+                return Err(fail(Problem::DuplicateName));
+            }
+            if !finite(&joint.X_PJ) || !finite(&joint.X_JL) {
+                return Err(fail(Problem::NotFinite));
+            }
+            check_joint(joint).map_err(fail)?;
+            if !joint.idealised {
+                joint.inertia.check().map_err(|p| self.error(format!("link \"{}\"", joint.link), p))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn check_joint(joint: &JointDescription) -> Result<(), Problem> {
+    let JointLimits { lower, upper, velocity, effort } = joint.limits;
+    match joint.kind {
+        JointKind::Continuous if lower.is_finite() || upper.is_finite() => {
+            return Err(Problem::LimitsOnContinuous);
+        }
+        JointKind::Continuous => {}
+        kind if !lower.is_finite() || !upper.is_finite() => return Err(Problem::LimitsMissing { kind }),
+        _ if lower >= upper => return Err(Problem::LimitsReversed { lower, upper }),
+        _ => {}
+    }
+    for (what, value) in [("velocity", velocity), ("effort", effort)] {
+        if value.is_nan() || value <= 0.0 {
+            return Err(Problem::LimitNotPositive { what, value });
+        }
+    }
+    let motor = joint.motor.unwrap_or(Motor { mass: 0.0, inertia: 0.0, gear_ratio: 0.0 });
+    for (what, value) in [
+        ("viscous friction", joint.friction.viscous),
+        ("Coulomb friction", joint.friction.coulomb),
+        ("armature", joint.armature),
+        ("motor mass", motor.mass),
+        ("motor inertia", motor.inertia),
+    ] {
+        if !value.is_finite() {
+            return Err(Problem::NotFinite);
+        }
+        if value < 0.0 {
+            return Err(Problem::Negative { what, value });
+        }
+    }
+    // The sign of a gear ratio is free: some gears turn backwards.
+    if motor.gear_ratio.is_finite() { Ok(()) } else { Err(Problem::NotFinite) }
+}

@@ -1,0 +1,188 @@
+//! Forward kinematics and the geometric Jacobian, in the order `[v; w]` of (10.16).
+
+use super::model::Robot;
+use super::small::{cross, mul, mul_mat, turn_about_z, z_axis};
+use crate::geometry::{Pose, Twist};
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+
+/// The frame in which the columns of a Jacobian are expressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ExpressedIn {
+    /// The base frame B.
+    Base,
+    /// The frame that moves (camera or tool) C.
+    Moving,
+}
+
+/// Sine and cosine of every joint's angle.
+pub(super) type Trig<const N: usize> = [(f64, f64); N];
+
+/// Orientation and origin of every body's frame in B.
+pub(super) struct Frames<const N: usize> {
+    pub(super) R: [Matrix3<f64>; N],
+    pub(super) p: [Vector3<f64>; N],
+}
+
+impl<const N: usize> Robot<N> {
+    #[inline(always)]
+    pub(super) fn trig(&self, q: &SVector<f64, N>) -> Trig<N> {
+        let mut trig = [(0.0, 1.0); N];
+        for i in 0..N {
+            if !self.bodies[i].prismatic {
+                trig[i] = q[i].sin_cos();
+            }
+        }
+        trig
+    }
+
+    #[inline(always)]
+    pub(super) fn frames(&self, q: &SVector<f64, N>, trig: &Trig<N>) -> Frames<N> {
+        let mut frames = Frames { R: [Matrix3::identity(); N], p: [Vector3::zeros(); N] };
+        let (mut R, mut p) = (Matrix3::identity(), Vector3::zeros());
+        for i in 0..N {
+            let body = &self.bodies[i];
+            if i == 0 {
+                (R, p) = (body.R, body.p);
+            } else {
+                p += mul(&R, &body.p);
+                R = mul_mat(&R, &body.R);
+            }
+            if body.prismatic {
+                p += z_axis(&R) * q[i];
+            } else {
+                R = turn_about_z(&R, trig[i]);
+            }
+            frames.R[i] = R;
+            frames.p[i] = p;
+        }
+        frames
+    }
+
+    /// Orientation and origin of the flange in B.
+    #[inline(always)]
+    fn flange(&self, frames: &Frames<N>) -> (Matrix3<f64>, Vector3<f64>) {
+        match (frames.R.last(), frames.p.last()) {
+            (Some(R), Some(p)) => (mul_mat(R, &self.R_flange), p + mul(R, &self.p_flange)),
+            _ => (self.R_flange, self.p_flange),
+        }
+    }
+
+    /// The columns of the Jacobian of the point `p_B` fixed to the last link, expressed in B.
+    #[inline(always)]
+    fn columns(&self, frames: &Frames<N>, p_B: &Vector3<f64>) -> SMatrix<f64, 6, N> {
+        let mut J = SMatrix::<f64, 6, N>::zeros();
+        for i in 0..N {
+            let z = z_axis(&frames.R[i]);
+            let (v, w) = if self.bodies[i].prismatic {
+                (z, Vector3::zeros())
+            } else {
+                (cross(&z, &(p_B - frames.p[i])), z)
+            };
+            J[(0, i)] = v.x;
+            J[(1, i)] = v.y;
+            J[(2, i)] = v.z;
+            J[(3, i)] = w.x;
+            J[(4, i)] = w.y;
+            J[(5, i)] = w.z;
+        }
+        J
+    }
+
+    /// The flange's pose `X_BE`.
+    #[must_use]
+    pub fn forward(&self, q: &SVector<f64, N>) -> Pose {
+        let (R, p) = self.flange(&self.frames(q, &self.trig(q)));
+        pose(&R, &p)
+    }
+
+    /// The pose in B of every link's frame, as the robot's description places it.
+    #[must_use]
+    pub fn link_poses(&self, q: &SVector<f64, N>) -> [Pose; N] {
+        let frames = self.frames(q, &self.trig(q));
+        std::array::from_fn(|i| pose(&frames.R[i], &frames.p[i]) * self.X_link[i])
+    }
+
+    /// The geometric Jacobian of the flange's origin, 6 x N, expressed in B: `V_BE_B = J qd`.
+    #[must_use]
+    pub fn jacobian(&self, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
+        let frames = self.frames(q, &self.trig(q));
+        let p = match (frames.R.last(), frames.p.last()) {
+            (Some(R), Some(p)) => p + mul(R, &self.p_flange),
+            _ => self.p_flange,
+        };
+        self.columns(&frames, &p)
+    }
+
+    /// [`Self::forward`] and [`Self::jacobian`] in one pass.
+    #[must_use]
+    pub fn forward_and_jacobian(&self, q: &SVector<f64, N>) -> (Pose, SMatrix<f64, 6, N>) {
+        let frames = self.frames(q, &self.trig(q));
+        let (R, p) = self.flange(&frames);
+        (pose(&R, &p), self.columns(&frames, &p))
+    }
+
+    /// Pose `X_BC` and Jacobian of a camera or tool frame that sits at `X_EC` on the flange, in one pass.
+    ///
+    /// The Jacobian is 6 x N and gives `V_BC` expressed in B or in C.
+    #[must_use]
+    pub fn forward_and_jacobian_of_frame(
+        &self,
+        q: &SVector<f64, N>,
+        X_EC: &Pose,
+        expressed_in: ExpressedIn,
+    ) -> (Pose, SMatrix<f64, 6, N>) {
+        let frames = self.frames(q, &self.trig(q));
+        let (R_BE, p_E) = self.flange(&frames);
+        let X_BC = pose(&R_BE, &p_E) * X_EC;
+        let mut J = self.columns(&frames, &X_BC.translation.vector);
+        if expressed_in == ExpressedIn::Moving {
+            let R_CB = X_BC.rotation.to_rotation_matrix().inverse();
+            for mut column in J.column_iter_mut() {
+                let v = mul(R_CB.matrix(), &Vector3::new(column[0], column[1], column[2]));
+                let w = mul(R_CB.matrix(), &Vector3::new(column[3], column[4], column[5]));
+                column.copy_from(&Twist::new(v.x, v.y, v.z, w.x, w.y, w.z));
+            }
+        }
+        (X_BC, J)
+    }
+
+    /// The Jacobian part of [`Self::forward_and_jacobian_of_frame`].
+    #[must_use]
+    pub fn jacobian_of_frame(
+        &self,
+        q: &SVector<f64, N>,
+        X_EC: &Pose,
+        expressed_in: ExpressedIn,
+    ) -> SMatrix<f64, 6, N> {
+        self.forward_and_jacobian_of_frame(q, X_EC, expressed_in).1
+    }
+
+    /// `dJ/dt qd` of the flange, expressed in B, `[m/s^2; rad/s^2]`: its acceleration while `qdd` is zero.
+    #[must_use]
+    pub fn jacobian_dot_qd(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> Twist {
+        let frames = self.frames(q, &self.trig(q));
+        let (_, p_E) = self.flange(&frames);
+        let (mut w, mut w_dot, mut a) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
+        let mut p = Vector3::zeros();
+        for i in 0..N {
+            let z = z_axis(&frames.R[i]);
+            let r = frames.p[i] - p;
+            p = frames.p[i];
+            a += cross(&w_dot, &r) + cross(&w, &cross(&w, &r));
+            if self.bodies[i].prismatic {
+                a += cross(&w, &z) * (2.0 * qd[i]);
+            } else {
+                w_dot += cross(&w, &z) * qd[i];
+                w += z * qd[i];
+            }
+        }
+        let r = p_E - p;
+        a += cross(&w_dot, &r) + cross(&w, &cross(&w, &r));
+        Twist::new(a.x, a.y, a.z, w_dot.x, w_dot.y, w_dot.z)
+    }
+}
+
+fn pose(R: &Matrix3<f64>, p: &Vector3<f64>) -> Pose {
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*R));
+    Pose::from_parts(Translation3::from(*p), rotation)
+}

@@ -1,0 +1,180 @@
+//! The chain as the recursions use it: constants of every joint and link, limits, friction, gravity.
+
+use crate::geometry::Pose;
+use nalgebra::{Matrix3, Rotation3, SVector, Vector3};
+
+/// What a joint does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JointKind {
+    /// Turns about its axis between limits, rad.
+    Revolute,
+    /// Turns about its axis without end, rad.
+    Continuous,
+    /// Slides along its axis between limits, m.
+    Prismatic,
+}
+
+/// The limits of one joint: rad, rad/s, N m for a turning joint; m, m/s, N for a sliding one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointLimits {
+    /// Least position; `f64::NEG_INFINITY` for a continuous joint.
+    pub lower: f64,
+    /// Greatest position; `f64::INFINITY` for a continuous joint.
+    pub upper: f64,
+    /// Greatest speed.
+    pub velocity: f64,
+    /// Greatest torque or force.
+    pub effort: f64,
+}
+
+/// Joint friction `viscous qd + coulomb sign(qd)`, on the joint's side of the gear.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Friction {
+    /// N m s/rad or N s/m.
+    pub viscous: f64,
+    /// N m or N.
+    pub coulomb: f64,
+}
+
+/// Speed (rad/s or m/s) over which Coulomb friction changes its sign: a jump would make an integrator chatter at rest.
+const COULOMB_WIDTH: f64 = 1e-3;
+
+/// Standard gravity of the textbook's examples and of the usual simulators, m/s^2.
+pub(super) const STANDARD_GRAVITY: f64 = 9.81;
+
+/// One joint and the link behind it. The link frame has its origin on the joint's axis and its z along it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Body {
+    /// Whether the joint slides.
+    pub(super) prismatic: bool,
+    /// Orientation of this frame at q = 0 in the frame of the link before (in B for the first).
+    pub(super) R: Matrix3<f64>,
+    /// Its origin at q = 0, expressed in the frame of the link before.
+    pub(super) p: Vector3<f64>,
+    /// Mass, kg.
+    pub(super) mass: f64,
+    /// First moment `m c` about the frame's origin, kg m.
+    pub(super) h: Vector3<f64>,
+    /// Moments about the frame's origin, kg m^2.
+    pub(super) I: Matrix3<f64>,
+    /// `k_r I_m`: couples the rotor's spin with the turning of the links before, kg m^2.
+    pub(super) rotor_coupling: f64,
+    /// `k_r^2 I_m` plus armature: the rotor seen from its own joint, kg m^2 (kg for a sliding joint).
+    pub(super) rotor_own: f64,
+}
+
+/// A serial arm of `N` joints. Built by [`super::RobotDescription::build`]; every method is pure and allocates nothing.
+#[derive(Debug, Clone)]
+pub struct Robot<const N: usize> {
+    pub(super) name: String,
+    pub(super) joint_names: [String; N],
+    pub(super) kinds: [JointKind; N],
+    pub(super) bodies: [Body; N],
+    pub(super) limits: [JointLimits; N],
+    pub(super) friction: [Friction; N],
+    /// The link frames of the description in the frames of `bodies`.
+    pub(super) X_link: [Pose; N],
+    /// The flange in the last body's frame.
+    pub(super) R_flange: Matrix3<f64>,
+    pub(super) p_flange: Vector3<f64>,
+    /// Gravity in B, m/s^2.
+    pub(super) gravity_B: Vector3<f64>,
+}
+
+impl<const N: usize> Robot<N> {
+    /// The robot's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The joints' names, from the base on.
+    #[must_use]
+    pub fn joint_names(&self) -> &[String; N] {
+        &self.joint_names
+    }
+
+    /// What each joint does.
+    #[must_use]
+    pub fn joint_kinds(&self) -> &[JointKind; N] {
+        &self.kinds
+    }
+
+    /// Limits of every joint.
+    #[must_use]
+    pub fn limits(&self) -> &[JointLimits; N] {
+        &self.limits
+    }
+
+    /// The first joint whose position is outside its limits, or is not a number.
+    #[must_use]
+    pub fn outside_limits(&self, q: &SVector<f64, N>) -> Option<usize> {
+        self.limits.iter().zip(q.iter()).position(|(limit, &q)| !(q >= limit.lower && q <= limit.upper))
+    }
+
+    /// `q` moved to the nearest position inside the limits.
+    #[must_use]
+    pub fn clamp_to_limits(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
+        let mut clamped = *q;
+        for (q, limit) in clamped.iter_mut().zip(&self.limits) {
+            *q = q.max(limit.lower).min(limit.upper);
+        }
+        clamped
+    }
+
+    /// Gravity in B, m/s^2.
+    #[must_use]
+    pub fn gravity_vector(&self) -> Vector3<f64> {
+        self.gravity_B
+    }
+
+    /// The same arm with another gravity vector `g_B` (m/s^2, expressed in B).
+    #[must_use]
+    pub fn with_gravity(mut self, g_B: Vector3<f64>) -> Self {
+        self.gravity_B = g_B;
+        self
+    }
+
+    /// The same arm with its base standing at `R_WB` in a world whose z points up: gravity follows.
+    #[must_use]
+    pub fn with_base_orientation(self, R_WB: &Rotation3<f64>) -> Self {
+        self.with_gravity(R_WB.inverse() * Vector3::new(0.0, 0.0, -STANDARD_GRAVITY))
+    }
+
+    /// The same arm carrying a point of `mass` kg at `com_E` (m, in the flange's frame): a load, or a model error.
+    ///
+    /// A negative mass takes a load off; the caller keeps the sum positive.
+    #[must_use]
+    pub fn with_payload(mut self, mass: f64, com_E: &Vector3<f64>) -> Self {
+        let c = self.R_flange * com_E + self.p_flange;
+        if let Some(last) = self.bodies.last_mut() {
+            last.mass += mass;
+            last.h += c * mass;
+            last.I += (Matrix3::identity() * c.norm_squared() - c * c.transpose()) * mass;
+        }
+        self
+    }
+
+    /// The same arm with other joint friction.
+    #[must_use]
+    pub fn with_friction(mut self, friction: [Friction; N]) -> Self {
+        self.friction = friction;
+        self
+    }
+
+    /// The friction coefficients of every joint.
+    #[must_use]
+    pub fn friction(&self) -> &[Friction; N] {
+        &self.friction
+    }
+
+    /// Friction torque (N m or N) that opposes `qd`: `viscous qd + coulomb tanh(qd / 1e-3)`.
+    #[must_use]
+    pub fn friction_torque(&self, qd: &SVector<f64, N>) -> SVector<f64, N> {
+        let mut tau = SVector::<f64, N>::zeros();
+        for ((tau, friction), &qd) in tau.iter_mut().zip(&self.friction).zip(qd.iter()) {
+            *tau = friction.viscous * qd + friction.coulomb * (qd / COULOMB_WIDTH).tanh();
+        }
+        tau
+    }
+}

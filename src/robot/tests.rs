@@ -1,0 +1,227 @@
+//! Properties of the whole module: the textbook's closed forms, and consistency of the algorithms with each other.
+
+use super::*;
+use crate::geometry::{Pose, integrate_body_twist, rotate_twist, rotation_z};
+use nalgebra::{Matrix4, SMatrix, SVector, Vector3, Vector4};
+use proptest::prelude::*;
+
+fn scara() -> Robot<4> {
+    load("scara").unwrap().build().unwrap()
+}
+
+fn joints(bound: f64) -> impl Strategy<Value = Vector4<f64>> {
+    prop::array::uniform4(-bound..bound).prop_map(|a| Vector4::from_row_slice(&a))
+}
+
+fn twist_error(a: &crate::geometry::Twist, b: &crate::geometry::Twist) -> f64 {
+    (a - b).norm()
+}
+
+/// B(q) of the two-link arm of Example 7.2 with the load of Sect. 10.9, written out.
+fn scara_mass_matrix(q: &Vector4<f64>) -> Matrix4<f64> {
+    let (a, l, m, I, k, I_m, m_m) = (1.0, 0.5, 50.0, 10.0, 100.0, 0.01, 5.0);
+    let (m3, I4) = (2.0, 1.0);
+    let c2 = q[1].cos();
+    let b11 = I
+        + m * l * l
+        + k * k * I_m
+        + I
+        + m * (a * a + l * l + 2.0 * a * l * c2)
+        + I_m
+        + m_m * a * a
+        + m3 * (2.0 * a * a + 2.0 * a * a * c2)
+        + I4;
+    let b12 = I + m * (l * l + a * l * c2) + k * I_m + m3 * (a * a + a * a * c2) + I4;
+    let b22 = I + m * l * l + k * k * I_m + m3 * a * a + I4;
+    Matrix4::new(b11, b12, 0.0, I4, b12, b22, 0.0, I4, 0.0, 0.0, m3, 0.0, I4, I4, 0.0, I4)
+}
+
+proptest! {
+    #[test]
+    fn scara_follows_its_closed_forms(q in joints(2.5)) {
+        let robot = scara();
+        let X = robot.forward(&q);
+        let (a1, a2) = (q[0], q[0] + q[1]);
+        let p = Vector3::new(a1.cos() + a2.cos(), a1.sin() + a2.sin(), q[2]);
+        prop_assert!((X.translation.vector - p).norm() < 1e-13);
+        let R = rotation_z(q[0] + q[1] + q[3]);
+        prop_assert!((X.rotation.to_rotation_matrix().matrix() - R.matrix()).norm() < 1e-13);
+        let B = scara_mass_matrix(&q);
+        prop_assert!((robot.mass_matrix(&q) - B).norm() < 1e-12 * B.norm());
+        let g = Vector4::new(0.0, 0.0, -2.0 * 9.81, 0.0);
+        prop_assert!((robot.gravity(&q) - g).norm() < 1e-12);
+    }
+
+    #[test]
+    fn coriolis_terms_follow_from_the_inertia_matrix(q in joints(2.5), qd in joints(2.0)) {
+        // c_i = sum_jk (dB_ij/dq_k - dB_jk/dq_i / 2) qd_j qd_k, with central differences of the closed form.
+        let h = 1e-5;
+        let dB: Vec<Matrix4<f64>> = (0..4)
+            .map(|k| {
+                let mut step = Vector4::zeros();
+                step[k] = h;
+                (scara_mass_matrix(&(q + step)) - scara_mass_matrix(&(q - step))) / (2.0 * h)
+            })
+            .collect();
+        let robot = scara().with_gravity(Vector3::zeros());
+        let bias = robot.bias(&q, &qd);
+        for i in 0..4 {
+            let mut c = 0.0;
+            for j in 0..4 {
+                for k in 0..4 {
+                    c += (dB[k][(i, j)] - 0.5 * dB[i][(j, k)]) * qd[j] * qd[k];
+                }
+            }
+            prop_assert!((bias[i] - c).abs() < 1e-6, "{} {}", bias[i], c);
+        }
+    }
+
+    #[test]
+    fn jacobian_is_the_derivative_of_the_pose(q in joints(2.5), qd in joints(1.0), c in prop::array::uniform6(-0.5..0.5f64)) {
+        let robot = scara();
+        let h = 1e-6;
+        let X_EC = Pose::new(Vector3::new(c[0], c[1], c[2]), Vector3::new(c[3], c[4], c[5]));
+        let (X, J) = robot.forward_and_jacobian_of_frame(&q, &X_EC, ExpressedIn::Moving);
+        let moved = robot.forward(&(q + qd * h)) * X_EC;
+        let predicted = integrate_body_twist(&X, &(J * qd), h);
+        prop_assert!((moved.to_homogeneous() - predicted.to_homogeneous()).norm() < 1e-10);
+        let R = X.rotation.to_rotation_matrix();
+        let in_base = robot.jacobian_of_frame(&q, &X_EC, ExpressedIn::Base) * qd;
+        prop_assert!(twist_error(&rotate_twist(&R, &(J * qd)), &in_base) < 1e-12);
+        let at_flange = robot.jacobian_of_frame(&q, &Pose::identity(), ExpressedIn::Base);
+        prop_assert!((at_flange - robot.jacobian(&q)).norm() < 1e-13);
+        prop_assert!((robot.forward_and_jacobian(&q).1 - robot.jacobian(&q)).norm() < 1e-13);
+    }
+
+    #[test]
+    fn jacobian_dot_is_the_derivative_of_the_jacobian(q in joints(2.5), qd in joints(1.0)) {
+        let robot = scara();
+        let h = 1e-6;
+        let J_dot = (robot.jacobian(&(q + qd * h)) - robot.jacobian(&(q - qd * h))) / (2.0 * h);
+        prop_assert!(twist_error(&robot.jacobian_dot_qd(&q, &qd), &(J_dot * qd)) < 1e-8);
+    }
+
+    #[test]
+    fn recursion_agrees_with_matrix_and_bias(q in joints(2.5), qd in joints(2.0), qdd in joints(3.0)) {
+        let robot = scara().with_payload(0.7, &Vector3::new(0.1, -0.2, 0.05));
+        let tau = robot.inverse_dynamics(&q, &qd, &qdd);
+        let sum = robot.mass_matrix(&q) * qdd + robot.bias(&q, &qd);
+        prop_assert!((tau - sum).norm() < 1e-11 * tau.norm().max(1.0));
+        prop_assert!((robot.forward_dynamics(&q, &qd, &tau) - qdd).norm() < 1e-11 * qdd.norm().max(1.0));
+        prop_assert!((robot.bias(&q, &SVector::zeros()) - robot.gravity(&q)).norm() < 1e-11);
+    }
+
+    #[test]
+    fn velocities_stay_inside_the_limits(
+        q in joints(2.9), v in prop::array::uniform6(-20.0..20.0f64), preferred in joints(1.0)
+    ) {
+        let robot = scara();
+        let q = robot.clamp_to_limits(&q);
+        let options = InverseOptions::default();
+        let V = crate::geometry::Twist::from_row_slice(&v);
+        let result = robot.damped_velocity(&q, &robot.jacobian(&q), &V, &preferred, &options);
+        for i in 0..4 {
+            let limit = robot.limits()[i];
+            prop_assert!(result.qd[i].abs() <= limit.velocity * (1.0 + 1e-12));
+            let next = q[i] + result.qd[i] * options.limit_horizon_s;
+            prop_assert!(next >= limit.lower - 1e-9 && next <= limit.upper + 1e-9, "{i} {next}");
+        }
+    }
+}
+
+#[test]
+fn a_reachable_twist_is_reached() {
+    let robot = scara();
+    let q = Vector4::new(0.2, 1.3, 0.4, -0.5);
+    let wanted = Vector4::new(0.1, -0.2, 0.05, 0.3);
+    let J = robot.jacobian(&q);
+    let result = robot.damped_velocity(&q, &J, &(J * wanted), &Vector4::zeros(), &InverseOptions::default());
+    assert!((result.qd - wanted).norm() < 1e-12);
+    assert_eq!((result.damping, result.scale, result.at_limit), (0.0, 1.0, [false; 4]));
+}
+
+#[test]
+fn a_stretched_arm_is_damped() {
+    let robot = scara();
+    let q = Vector4::new(0.0, 0.0, 0.4, 0.0);
+    let V = crate::geometry::Twist::new(-1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    let result =
+        robot.damped_velocity(&q, &robot.jacobian(&q), &V, &Vector4::zeros(), &InverseOptions::default());
+    assert!(result.damping > 0.04 && result.qd.norm() < 1e-9, "{result:?}");
+    assert!(robot.condition_number(&q) > 1e12 && robot.manipulability(&q) < 1e-12);
+    let bent = Vector4::new(0.0, 1.5, 0.4, 0.0);
+    assert!(robot.condition_number(&bent) < 20.0 && robot.manipulability(&bent) > 0.5);
+}
+
+#[test]
+fn a_joint_at_its_limit_is_held_and_the_others_take_over() {
+    let robot = scara();
+    let q = Vector4::new(0.2, 1.0, robot.limits()[2].upper, 0.0);
+    let J = robot.jacobian(&q);
+    let V = J * Vector4::new(0.1, -0.1, 0.5, 0.0);
+    let result = robot.damped_velocity(&q, &J, &V, &Vector4::zeros(), &InverseOptions::default());
+    assert_eq!(result.at_limit, [false, false, true, false]);
+    assert!((result.qd - Vector4::new(0.1, -0.1, 0.0, 0.0)).norm() < 1e-12, "{}", result.qd);
+}
+
+#[test]
+fn input_that_is_not_finite_gives_no_motion() {
+    let robot = scara();
+    let q = Vector4::new(f64::NAN, 1.0, 0.0, 0.0);
+    let J = robot.jacobian(&q);
+    let V = crate::geometry::Twist::repeat(1.0);
+    let result = robot.damped_velocity(&q, &J, &V, &Vector4::zeros(), &InverseOptions::default());
+    assert_eq!((result.qd, result.scale), (Vector4::zeros(), 0.0));
+    assert_eq!(robot.outside_limits(&q), Some(0));
+}
+
+#[test]
+fn gravity_follows_the_base() {
+    // The textbook's base has z down: an arm that hangs from a rotated standard base feels the same.
+    let robot = scara();
+    let turned = scara().with_base_orientation(&crate::geometry::rotation_x(std::f64::consts::PI));
+    assert!((robot.gravity_vector() - turned.gravity_vector()).norm() < 1e-14);
+}
+
+#[test]
+fn links_are_where_the_table_puts_them() {
+    let robot = scara();
+    let q = Vector4::new(0.3, -0.8, 0.2, 1.1);
+    let links = robot.link_poses(&q);
+    let elbow = Vector3::new(q[0].cos(), q[0].sin(), 0.0);
+    assert!((links[0].translation.vector - elbow).norm() < 1e-14);
+    assert!((links[3].to_homogeneous() - robot.forward(&q).to_homogeneous()).norm() < 1e-14);
+}
+
+#[test]
+fn friction_opposes_motion() {
+    let robot = scara().with_friction([Friction { viscous: 2.0, coulomb: 1.0 }; 4]);
+    let qd = Vector4::new(0.5, -0.5, 0.0, 2.0);
+    assert!((robot.friction_torque(&qd) - Vector4::new(2.0, -2.0, 0.0, 5.0)).norm() < 1e-12);
+    let (q, tau) = (Vector4::new(0.1, 0.9, 0.2, 0.0), Vector4::new(1.0, 2.0, 3.0, 4.0));
+    let with = robot.forward_dynamics_with_friction(&q, &qd, &tau);
+    assert!((robot.inverse_dynamics(&q, &qd, &with) + robot.friction_torque(&qd) - tau).norm() < 1e-10);
+}
+
+#[test]
+fn redundant_arms_follow_the_preferred_motion_where_they_are_free() {
+    // Two coaxial joints in a row: only their sum shows, so the preferred velocity decides their difference.
+    let J = SMatrix::<f64, 6, 7>::from_fn(|i, j| f64::from(u8::from(i == j || (i == 5 && j == 6))));
+    let text = (0..7).map(|i| {
+        format!(
+            "[[dh.joint]]\nname = \"j{i}\"\ntype = \"continuous\"\na_m = 0.3\nalpha_rad = 1.0\n\
+        limits = {{ velocity_rad_s = 9.0, effort_n_m = 9.0 }}\n\
+        link = {{ mass_kg = 1.0, inertia_kg_m2 = {{ xx = 1.0, yy = 1.0, zz = 1.0 }} }}\n"
+        )
+    });
+    let file = tempfile::Builder::new().suffix(".toml").tempfile().unwrap();
+    let text = format!("name = \"seven\"\n[dh]\nconvention = \"standard\"\n{}", text.collect::<String>());
+    std::fs::write(file.path(), text).unwrap();
+    let robot: Robot<7> = load(file.path().to_str().unwrap()).unwrap().build().unwrap();
+    let V = crate::geometry::Twist::new(1.0, 0.0, 0.0, 0.0, 0.0, 0.5);
+    let mut preferred = SVector::<f64, 7>::zeros();
+    preferred[5] = 1.0;
+    let result = robot.damped_velocity(&SVector::zeros(), &J, &V, &preferred, &InverseOptions::default());
+    assert!((J * result.qd - V).norm() < 1e-12);
+    assert!((result.qd[5] - result.qd[6] - 1.0).abs() < 1e-12, "{}", result.qd);
+}
