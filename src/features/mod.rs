@@ -7,6 +7,10 @@ mod jacobian;
 mod ldlt;
 mod normal_equations;
 mod point;
+mod segment;
+mod stack;
+#[cfg(test)]
+mod tests;
 
 pub use jacobian::{
     analytical_image_jacobian, analytical_image_jacobian_4, euler_zyx_rate, image_jacobian, planar_columns,
@@ -14,6 +18,8 @@ pub use jacobian::{
 pub(crate) use ldlt::Ldlt;
 pub use normal_equations::{NormalEquations, TwistSolution};
 pub use point::{PointFeature, point_image_jacobian, point_rows};
+pub use segment::{SegmentFeature, segment_ends, segment_features, segment_rows, wrap_rad};
+pub use stack::{FeatureStack, StackError, StackRow, solve_planar_twist, solve_twist};
 
 use nalgebra::{SMatrix, SVector};
 
