@@ -86,7 +86,7 @@ impl CameraModel {
     /// plane, or so far aside that the distortion polynomial folds them back.
     #[must_use]
     pub fn project(&self, p_C: &Point3<f64>) -> Option<Vector2<f64>> {
-        if !(p_C.z > NEAREST_M) {
+        if p_C.z.is_nan() || p_C.z <= NEAREST_M {
             return None;
         }
         let s = Vector2::new(p_C.x / p_C.z, p_C.y / p_C.z);

@@ -1,1 +1,21 @@
-//! Under construction by its owner.
+//! What a synthetic camera sees: the target of Fig. 10.6 and a renderer of its grey image.
+//!
+//! ```text
+//! X_CO, DotTarget --> View: lines of the plate, conics of the dots, bands of pixels near an edge
+//! View, Rays, EdgeProfile --> levels of one row (flat spans are filled, edge pixels are evaluated)
+//! levels x vignetting + noise --> bytes
+//! ```
+
+mod bands;
+mod error;
+mod profile;
+mod rays;
+mod renderer;
+mod sensor;
+mod target;
+mod view;
+
+pub use error::SceneError;
+pub use renderer::{Renderer, SceneLook};
+pub use sensor::SensorModel;
+pub use target::{DotTarget, TargetError};

@@ -1,0 +1,178 @@
+//! Which pixels lie near an edge of the scene: per row a few intervals, each with the set of edges it is near.
+//!
+//! Pixels outside of all bands see one flat surface, so only the bands are evaluated one by one.
+
+/// Most intervals that a row keeps; further ones widen the first (slower, never wrong).
+const PER_ROW: usize = 12;
+
+/// Columns `first..=last` of one row that lie near the edges in `mask`.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Band {
+    pub(super) first: i32,
+    pub(super) last: i32,
+    pub(super) mask: u8,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Row {
+    count: usize,
+    bands: [Band; PER_ROW],
+}
+
+/// Bands of a whole image.
+#[derive(Debug, Clone)]
+pub(super) struct Bands {
+    rows: Vec<Row>,
+    width: i32,
+    /// Rows that have bands: `top..bottom`.
+    top: usize,
+    bottom: usize,
+}
+
+impl Bands {
+    pub(super) fn new(width: usize, height: usize) -> Self {
+        Self { rows: vec![Row::default(); height], width: width as i32, top: height, bottom: 0 }
+    }
+
+    /// Forgets all bands.
+    pub(super) fn clear(&mut self) {
+        if let Some(used) = self.rows.get_mut(self.top..self.bottom) {
+            used.iter_mut().for_each(|row| row.count = 0);
+        }
+        self.top = self.rows.len();
+        self.bottom = 0;
+    }
+
+    /// Adds all pixels within `margin` (px, in columns and in rows) of the segment from `a` to `b`.
+    pub(super) fn add_segment(&mut self, a: [f64; 2], b: [f64; 2], margin: f64, mask: u8) {
+        if !(a[0] + a[1] + b[0] + b[1]).is_finite() {
+            return;
+        }
+        let ([x0, y0], [x1, y1]) = if a[1] <= b[1] { (a, b) } else { (b, a) };
+        let limit = self.rows.len() as f64 - 1.0;
+        let (first, last) = ((y0 - margin).ceil().max(0.0), (y1 + margin).floor().min(limit));
+        if first > last {
+            return;
+        }
+        let (first, last) = (first as usize, last as usize);
+        let height = y1 - y0;
+        let slope = if height > 1e-9 { (x1 - x0) / height } else { 0.0 };
+        let (low, high) = (x0.min(x1), x0.max(x1));
+        for y in first..=last {
+            // the part of the segment within `margin` rows of this row
+            let (from, to) = if height > 1e-9 {
+                let t0 = (y as f64 - margin - y0).clamp(0.0, height);
+                let t1 = (y as f64 + margin - y0).clamp(0.0, height);
+                (x0 + slope * t0, x0 + slope * t1)
+            } else {
+                (low, high)
+            };
+            self.push(y, from.min(to) - margin, from.max(to) + margin, mask);
+        }
+        self.top = self.top.min(first);
+        self.bottom = self.bottom.max(last + 1);
+    }
+
+    fn push(&mut self, y: usize, x0: f64, x1: f64, mask: u8) {
+        let first = x0.ceil().max(0.0) as i32;
+        let last = x1.floor().min(f64::from(self.width - 1)) as i32;
+        if first > last {
+            return;
+        }
+        let Some(row) = self.rows.get_mut(y) else { return };
+        let count = row.count.min(PER_ROW);
+        for band in row.bands.iter_mut().take(count) {
+            if first <= band.last + 1 && last + 1 >= band.first {
+                *band =
+                    Band { first: band.first.min(first), last: band.last.max(last), mask: band.mask | mask };
+                return;
+            }
+        }
+        if let Some(free) = row.bands.get_mut(count) {
+            *free = Band { first, last, mask };
+            row.count = count + 1;
+        } else if let Some(band) = row.bands.first_mut() {
+            *band = Band { first: band.first.min(first), last: band.last.max(last), mask: band.mask | mask };
+        }
+    }
+
+    /// Sorts each row's bands and joins those that touch; to be called before [`Self::row`].
+    pub(super) fn finish(&mut self) {
+        let Some(used) = self.rows.get_mut(self.top..self.bottom) else { return };
+        for row in used {
+            let count = row.count.min(PER_ROW);
+            let Some(bands) = row.bands.get_mut(..count) else { continue };
+            // a handful of almost sorted entries
+            bands.sort_unstable_by_key(|band| band.first);
+            let mut kept: usize = 0;
+            for i in 1..bands.len() {
+                let Some(next) = bands.get(i).copied() else { break };
+                let Some(last) = bands.get_mut(kept) else { break };
+                if next.first <= last.last + 1 {
+                    last.last = last.last.max(next.last);
+                    last.mask |= next.mask;
+                } else {
+                    kept += 1;
+                    if let Some(slot) = bands.get_mut(kept) {
+                        *slot = next;
+                    }
+                }
+            }
+            row.count = count.min(kept + 1);
+        }
+    }
+
+    /// Bands of row `y`, from left to right, disjoint.
+    pub(super) fn row(&self, y: usize) -> &[Band] {
+        self.rows.get(y).and_then(|row| row.bands.get(..row.count)).unwrap_or(&[])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Every pixel near a segment is in a band that names it; bands are sorted, disjoint and in the image.
+        #[test]
+        fn bands_cover_their_segments(
+            ends in prop::collection::vec((-20.0..60.0f64, -20.0..50.0f64, -20.0..60.0f64, -20.0..50.0f64), 1..30),
+        ) {
+            let mut bands = Bands::new(40, 30);
+            for (i, &(x0, y0, x1, y1)) in ends.iter().enumerate() {
+                bands.add_segment([x0, y0], [x1, y1], 1.5, 1 << (i % 8));
+            }
+            bands.finish();
+            for y in 0..30 {
+                let row = bands.row(y);
+                for pair in row.windows(2) {
+                    prop_assert!(pair[0].last + 1 < pair[1].first);
+                }
+                for band in row {
+                    prop_assert!(band.first >= 0 && band.last < 40 && band.first <= band.last);
+                }
+                for x in 0..40 {
+                    for (i, &(x0, y0, x1, y1)) in ends.iter().enumerate() {
+                        let (dx, dy) = (x1 - x0, y1 - y0);
+                        let (px, py) = (f64::from(x) - x0, y as f64 - y0);
+                        let t = ((px * dx + py * dy) / (dx * dx + dy * dy).max(1e-12)).clamp(0.0, 1.0);
+                        let distance = (px - t * dx).hypot(py - t * dy);
+                        if distance < 1.4 {
+                            let found = row.iter().any(|b| b.first <= x && x <= b.last && b.mask & (1 << (i % 8)) != 0);
+                            prop_assert!(found, "pixel {x} {y}, segment {i}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn nan_adds_nothing() {
+        let mut bands = Bands::new(10, 10);
+        bands.add_segment([f64::NAN, 1.0], [2.0, f64::NAN], 1.0, 1);
+        bands.finish();
+        assert!((0..10).all(|y| bands.row(y).is_empty()));
+    }
+}
