@@ -1,3 +1,15 @@
 //! Image processing of Sect. 10.2 on 8-bit grey images.
+//!
+//! ```text
+//! ImageView --> Histogram --> Otsu threshold --> dark runs of each row --> components with moments
+//! ```
+mod components;
+mod histogram;
+mod mask;
+mod runs;
 mod view;
+
+pub use components::{Component, Components, Connectivity, PrincipalAxes};
+pub use histogram::{Histogram, Otsu};
+pub use runs::{LocalThreshold, Run, Runs, Window};
 pub use view::{ImageSizeError, ImageView};
