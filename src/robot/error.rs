@@ -60,7 +60,7 @@ pub enum Problem {
     #[error("a number is not finite; every length, mass and moment must be")]
     NotFinite,
     /// A moving link without `<inertial>` (URDF).
-    #[error("the link moves but has no <inertial>; give its mass and inertia")]
+    #[error("the link moves but has no <inertial>, or an empty one; give its mass and inertia")]
     MissingInertia,
     /// Zero or negative mass.
     #[error("mass {mass_kg} kg; a moving link needs a positive mass")]

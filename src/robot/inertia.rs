@@ -61,27 +61,48 @@ impl Inertia {
     /// # Errors
     /// The [`Problem`] that a file's reader reports with its file and element.
     pub fn check(&self) -> Result<(), Problem> {
+        self.check_part()?;
+        if self.mass == 0.0 {
+            return Err(Problem::Mass { mass_kg: 0.0 });
+        }
+        let [small, middle, large] = self.principal_moments();
+        if small <= 0.0 {
+            return Err(Problem::NotPositiveDefinite { least_kg_m2: small });
+        }
+        // Published inertias are rounded to a few digits: thin bodies may miss equality by that much.
+        if large > (small + middle) * (1.0 + TRIANGLE_SLACK) {
+            return Err(Problem::Triangle { moments_kg_m2: [small, middle, large] });
+        }
+        Ok(())
+    }
+
+    /// Whether this can be a part of a real body: as [`Self::check`], but point masses and frames without mass pass.
+    ///
+    /// # Errors
+    /// As [`Self::check`].
+    pub fn check_part(&self) -> Result<(), Problem> {
         let finite = self.mass.is_finite()
             && self.com.iter().all(|x| x.is_finite())
             && self.about_com.iter().all(|x| x.is_finite());
         if !finite {
             return Err(Problem::NotFinite);
         }
-        if self.mass <= 0.0 {
+        if self.mass < 0.0 || (self.mass == 0.0 && self.about_com != ZERO3) {
             return Err(Problem::Mass { mass_kg: self.mass });
         }
-        let mut moments: Vec<f64> = self.about_com.symmetric_eigenvalues().iter().copied().collect();
-        moments.sort_by(f64::total_cmp);
-        if let [small, middle, large] = moments[..] {
-            if small <= 0.0 {
-                return Err(Problem::NotPositiveDefinite { least_kg_m2: small });
-            }
-            // Published inertias are rounded to a few digits: thin bodies may miss equality by that much.
-            if large > (small + middle) * (1.0 + TRIANGLE_SLACK) {
-                return Err(Problem::Triangle { moments_kg_m2: [small, middle, large] });
-            }
+        let [small, _, large] = self.principal_moments();
+        // A few units in the last place may come from the eigenvalues themselves.
+        if small < -1e-12 * large.abs() {
+            return Err(Problem::NotPositiveDefinite { least_kg_m2: small });
         }
         Ok(())
+    }
+
+    /// In increasing order, kg m^2.
+    fn principal_moments(&self) -> [f64; 3] {
+        let mut moments: [f64; 3] = self.about_com.symmetric_eigenvalues().into();
+        moments.sort_by(f64::total_cmp);
+        moments
     }
 }
 

@@ -21,6 +21,7 @@ mod dispatch;
 mod dynamics;
 mod energy;
 mod error;
+mod file;
 mod inertia;
 mod inverse;
 mod kinematics;
@@ -28,6 +29,7 @@ mod mass_matrix;
 mod model;
 mod shipped;
 mod small;
+mod urdf;
 
 pub use conditioning::singular_values;
 pub use description::{JointDescription, Motor, RobotDescription};

@@ -1,0 +1,130 @@
+//! A robot's file: TOML with a Denavit-Hartenberg table or with a reference to a URDF, or a URDF alone.
+
+use super::description::{Motor, RobotDescription};
+use super::dh::{DhTable, MotorRecord};
+use super::error::{Problem, RobotError};
+use super::model::STANDARD_GRAVITY;
+use super::urdf::{self, Selection};
+use crate::geometry::Pose;
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// A robot's TOML file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RobotFile {
+    name: String,
+    /// Gravity in B; down along -z of the base without it.
+    gravity_m_s2: Option<[f64; 3]>,
+    dh: Option<DhTable>,
+    urdf: Option<UrdfRecord>,
+    tool: Option<ToolRecord>,
+}
+
+/// Which URDF, which part of it, and what URDF has no place for.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct UrdfRecord {
+    /// Path relative to the TOML file.
+    file: String,
+    base: Option<String>,
+    tip: Option<String>,
+    #[serde(default)]
+    fixed_joints: BTreeMap<String, f64>,
+    #[serde(default)]
+    joint: Vec<JointRecord>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct JointRecord {
+    name: String,
+    motor: Option<MotorRecord>,
+    /// kg m^2; kg for a sliding joint.
+    #[serde(default, alias = "armature_kg")]
+    armature_kg_m2: f64,
+}
+
+/// A frame beyond the tip (URDF) or the last link (DH) that is the flange: fixed-axis angles about x, y, z in turn.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ToolRecord {
+    #[serde(default)]
+    position_m: [f64; 3],
+    #[serde(default)]
+    rpy_rad: [f64; 3],
+}
+
+/// Reads a robot's TOML `text`; `file` is for messages, `open` gives the text of the URDF that it names.
+pub(super) fn parse_toml(
+    text: &str,
+    file: &str,
+    open: impl FnOnce(&str) -> Result<(String, String), RobotError>,
+) -> Result<RobotDescription, RobotError> {
+    let syntax = |message: String| RobotError::Syntax { file: file.to_owned(), message };
+    let deserializer = toml::Deserializer::parse(text).map_err(|e| syntax(e.to_string()))?;
+    let record: RobotFile = serde_path_to_error::deserialize(deserializer)
+        .map_err(|e| syntax(format!("{}: {}", e.path(), e.inner())))?;
+    let mut description = empty(&record.name, file);
+    if let Some(gravity) = record.gravity_m_s2 {
+        description.gravity_B = Vector3::from(gravity);
+    }
+    match (record.dh, record.urdf) {
+        (Some(table), None) => table.add_to(&mut description)?,
+        (None, Some(urdf)) => urdf.add_to(&mut description, open)?,
+        _ => return Err(description.error("robot".to_owned(), Problem::OneSource)),
+    }
+    if let Some(tool) = record.tool {
+        let [roll, pitch, yaw] = tool.rpy_rad;
+        description.X_LE *= Pose::from_parts(
+            Translation3::from(Vector3::from(tool.position_m)),
+            UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+        );
+    }
+    description.check()?;
+    Ok(description)
+}
+
+/// Reads a URDF `text` whose base and tip are evident.
+pub(super) fn parse_urdf(text: &str, name: &str, file: &str) -> Result<RobotDescription, RobotError> {
+    let mut description = empty(name, file);
+    urdf::read(text, &Selection::default(), &mut description)?;
+    description.check()?;
+    Ok(description)
+}
+
+fn empty(name: &str, file: &str) -> RobotDescription {
+    RobotDescription {
+        name: name.to_owned(),
+        file: file.to_owned(),
+        gravity_B: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
+        joints: Vec::new(),
+        X_LE: Pose::identity(),
+    }
+}
+
+impl UrdfRecord {
+    fn add_to(
+        self,
+        description: &mut RobotDescription,
+        open: impl FnOnce(&str) -> Result<(String, String), RobotError>,
+    ) -> Result<(), RobotError> {
+        let (urdf_file, text) = open(&self.file)?;
+        // Links and joints are elements of the URDF; names given here are checked against it below.
+        let toml_file = std::mem::replace(&mut description.file, urdf_file);
+        let selection = Selection { base: self.base, tip: self.tip, held: self.fixed_joints };
+        urdf::read(&text, &selection, description)?;
+        for record in self.joint {
+            let known = description.joints.iter().map(|j| j.name.as_str()).collect::<Vec<_>>().join(", ");
+            let Some(joint) = description.joints.iter_mut().find(|joint| joint.name == record.name) else {
+                let problem = Problem::NoSuchJoint { joint: record.name.clone(), known };
+                description.file = toml_file;
+                return Err(description.error(format!("urdf.joint \"{}\"", record.name), problem));
+            };
+            joint.motor = record.motor.map(Motor::from);
+            joint.armature = record.armature_kg_m2;
+        }
+        Ok(())
+    }
+}

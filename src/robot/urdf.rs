@@ -1,0 +1,306 @@
+//! Serial chains out of URDF files: the path from a base link to a tip link, everything else welded on.
+//!
+//! Links behind fixed joints, on the path or beside it, become part of the moving link that carries them, with mass
+//! and inertia. Visual and collision elements, and the meshes they name, are not looked at.
+
+use super::description::{JointDescription, RobotDescription};
+use super::error::{Problem, RobotError};
+use super::inertia::Inertia;
+use super::model::{Friction, JointKind, JointLimits};
+use crate::geometry::Pose;
+use nalgebra::{Matrix3, Translation3, UnitQuaternion, UnitVector3, Vector3};
+use std::collections::{BTreeMap, HashMap};
+use urdf_rs::{Joint, JointLimit, JointType, Link};
+
+/// Which part of a URDF is the arm.
+#[derive(Debug, Default)]
+pub(super) struct Selection {
+    /// The base link; the tree's root when not named.
+    pub(super) base: Option<String>,
+    /// The tip link; the only leaf when not named.
+    pub(super) tip: Option<String>,
+    /// Joints held at a position (rad or m), as if they were of type fixed.
+    pub(super) held: BTreeMap<String, f64>,
+}
+
+/// Appends the chain in the URDF `text` to `description`, and sets its flange.
+pub(super) fn read(
+    text: &str,
+    selection: &Selection,
+    description: &mut RobotDescription,
+) -> Result<(), RobotError> {
+    let robot = urdf_rs::read_from_string(text).map_err(|error| RobotError::Syntax {
+        file: description.file.clone(),
+        message: format!("not a URDF robot: {error}"),
+    })?;
+    let fail = |(element, problem): Fault| description.error(element, problem);
+    let tree = Tree::new(&robot, selection).map_err(fail)?;
+    let (joints, X_LE) = tree.chain().map_err(fail)?;
+    description.joints = joints;
+    description.X_LE = X_LE;
+    Ok(())
+}
+
+/// An element and what is wrong with it.
+type Fault = (String, Problem);
+
+fn link_element(name: &str) -> String {
+    format!("link \"{name}\"")
+}
+
+fn joint_element(name: &str) -> String {
+    format!("joint \"{name}\"")
+}
+
+struct Tree<'a> {
+    links: HashMap<&'a str, &'a Link>,
+    /// The joint that leads to a link.
+    joint_to: HashMap<&'a str, &'a Joint>,
+    /// The joints that leave a link, in the file's order.
+    joints_from: HashMap<&'a str, Vec<&'a Joint>>,
+    held: &'a BTreeMap<String, f64>,
+    base: &'a str,
+    tip: &'a str,
+}
+
+impl<'a> Tree<'a> {
+    fn new(robot: &'a urdf_rs::Robot, selection: &'a Selection) -> Result<Self, Fault> {
+        let mut links = HashMap::new();
+        for link in &robot.links {
+            if links.insert(link.name.as_str(), link).is_some() {
+                return Err((link_element(&link.name), Problem::DuplicateName));
+            }
+        }
+        let mut names = HashMap::new();
+        let (mut joint_to, mut joints_from) = (HashMap::new(), HashMap::<_, Vec<_>>::new());
+        for joint in &robot.joints {
+            let fault = |problem| Err((joint_element(&joint.name), problem));
+            if names.insert(joint.name.as_str(), ()).is_some() {
+                return fault(Problem::DuplicateName);
+            }
+            let (parent, child) = (joint.parent.link.as_str(), joint.child.link.as_str());
+            for link in [parent, child] {
+                if !links.contains_key(link) {
+                    return fault(Problem::NoSuchLink { link: link.to_owned() });
+                }
+            }
+            if joint_to.insert(child, joint).is_some() {
+                return fault(Problem::Loop { link: child.to_owned() });
+            }
+            joints_from.entry(parent).or_default().push(joint);
+        }
+        for name in selection.held.keys() {
+            if !names.contains_key(name.as_str()) {
+                let known = robot.joints.iter().map(|j| j.name.as_str()).collect::<Vec<_>>().join(", ");
+                let problem = Problem::NoSuchJoint { joint: name.clone(), known };
+                return Err(("fixed_joints".to_owned(), problem));
+            }
+        }
+        let mut tree = Self { links, joint_to, joints_from, held: &selection.held, base: "", tip: "" };
+        for link in &robot.links {
+            if tree.path_to(&link.name).count() > robot.joints.len() {
+                return Err((link_element(&link.name), Problem::Loop { link: link.name.clone() }));
+            }
+        }
+        tree.base = match &selection.base {
+            Some(name) => tree.existing("base", name)?,
+            None => tree.only_root(robot)?,
+        };
+        tree.tip = match &selection.tip {
+            Some(name) => tree.existing("tip", name)?,
+            None => tree.only_leaf(robot)?,
+        };
+        Ok(tree)
+    }
+
+    fn existing(&self, key: &str, name: &'a str) -> Result<&'a str, Fault> {
+        match self.links.get(name) {
+            Some(link) => Ok(&link.name),
+            None => Err((key.to_owned(), Problem::NoSuchLink { link: name.to_owned() })),
+        }
+    }
+
+    /// The joints from `link` towards the root; endless in a loop.
+    fn path_to(&self, link: &'a str) -> impl Iterator<Item = &'a Joint> {
+        let limit = self.joint_to.len() + 1;
+        std::iter::successors(self.joint_to.get(link).copied(), |joint| {
+            self.joint_to.get(joint.parent.link.as_str()).copied()
+        })
+        .take(limit)
+    }
+
+    fn only_root(&self, robot: &'a urdf_rs::Robot) -> Result<&'a str, Fault> {
+        let roots: Vec<_> = robot
+            .links
+            .iter()
+            .map(|l| l.name.as_str())
+            .filter(|name| !self.joint_to.contains_key(name))
+            .collect();
+        match roots[..] {
+            [root] => Ok(root),
+            _ => Err(("robot".to_owned(), Problem::Roots { found: roots.len(), links: roots.join(", ") })),
+        }
+    }
+
+    fn only_leaf(&self, robot: &'a urdf_rs::Robot) -> Result<&'a str, Fault> {
+        let leaves: Vec<_> = robot
+            .links
+            .iter()
+            .map(|link| link.name.as_str())
+            .filter(|&name| !self.joints_from.contains_key(name))
+            .filter(|&name| name == self.base || self.path_to(name).any(|j| j.parent.link == self.base))
+            .collect();
+        match leaves[..] {
+            [leaf] => Ok(leaf),
+            _ => Err(("tip".to_owned(), Problem::UnnamedBranch { tips: leaves.join(", ") })),
+        }
+    }
+
+    /// What a joint does, `None` for one that is fixed or held.
+    fn kind(&self, joint: &Joint) -> Result<Option<JointKind>, Problem> {
+        if self.held.contains_key(&joint.name) {
+            return Ok(None);
+        }
+        let kind = match joint.joint_type {
+            JointType::Fixed => return Ok(None),
+            JointType::Revolute => JointKind::Revolute,
+            JointType::Continuous => JointKind::Continuous,
+            JointType::Prismatic => JointKind::Prismatic,
+            ref other => return Err(Problem::JointType { kind: format!("{other:?}").to_lowercase() }),
+        };
+        if joint.mimic.is_some() { Err(Problem::Mimic) } else { Ok(Some(kind)) }
+    }
+
+    /// The child link's frame in the parent link's, at position zero, or where the joint is held.
+    fn place(&self, joint: &Joint) -> Result<Pose, Problem> {
+        let X = pose(&joint.origin);
+        let Some(&position) = self.held.get(&joint.name) else { return Ok(X) };
+        let motion = match joint.joint_type {
+            JointType::Revolute | JointType::Continuous => Pose::from_parts(
+                Translation3::identity(),
+                UnitQuaternion::from_axis_angle(&axis(joint)?, position),
+            ),
+            JointType::Prismatic => Pose::from_parts(
+                Translation3::from(axis(joint)?.into_inner() * position),
+                UnitQuaternion::identity(),
+            ),
+            JointType::Fixed => Pose::identity(),
+            ref other => return Err(Problem::JointType { kind: format!("{other:?}").to_lowercase() }),
+        };
+        Ok(X * motion)
+    }
+
+    /// The moving joints from base to tip, and the tip in the last moving link's frame.
+    fn chain(&self) -> Result<(Vec<JointDescription>, Pose), Fault> {
+        let mut path: Vec<&Joint> = Vec::new();
+        if self.tip != self.base {
+            for joint in self.path_to(self.tip) {
+                path.push(joint);
+                if joint.parent.link == self.base {
+                    break;
+                }
+            }
+        }
+        if path.last().is_some_and(|joint| joint.parent.link != self.base) || path.is_empty() {
+            let problem = Problem::NotAChain { base: self.base.to_owned(), tip: self.tip.to_owned() };
+            return Err(("tip".to_owned(), problem));
+        }
+        path.reverse();
+
+        let mut joints = Vec::new();
+        let mut X_before = Pose::identity();
+        // What hangs on the base does not move, but a joint there that does would have no place.
+        self.weld(self.base, &Pose::identity(), &path)?;
+        for joint in &path {
+            let fault = |problem| (joint_element(&joint.name), problem);
+            let X = X_before * self.place(joint).map_err(fault)?;
+            let Some(kind) = self.kind(joint).map_err(fault)? else {
+                X_before = X;
+                continue;
+            };
+            X_before = Pose::identity();
+            let link = joint.child.link.as_str();
+            let inertia = self.weld(link, &Pose::identity(), &path)?;
+            if inertia == Inertia::ZERO {
+                return Err((link_element(link), Problem::MissingInertia));
+            }
+            joints.push(JointDescription {
+                name: joint.name.clone(),
+                link: link.to_owned(),
+                kind,
+                X_PJ: X,
+                axis: axis(joint).map_err(fault)?,
+                X_JL: Pose::identity(),
+                limits: limits(&joint.limit, kind),
+                friction: joint.dynamics.as_ref().map_or_else(Friction::default, |dynamics| Friction {
+                    viscous: dynamics.damping,
+                    coulomb: dynamics.friction,
+                }),
+                motor: None,
+                armature: 0.0,
+                inertia,
+                idealised: false,
+            });
+        }
+        Ok((joints, X_before))
+    }
+
+    /// The inertia of `link` and of all that is fixed to it, in the frame in which `link` lies at `X`.
+    fn weld(&self, link: &str, X: &Pose, path: &[&Joint]) -> Result<Inertia, Fault> {
+        let mut sum = Inertia::ZERO;
+        if let Some(link) = self.links.get(link) {
+            let own = inertia(link);
+            own.check_part().map_err(|problem| (link_element(&link.name), problem))?;
+            sum = own.in_frame(X);
+        }
+        for joint in self.joints_from.get(link).into_iter().flatten() {
+            let fault = |problem| (joint_element(&joint.name), problem);
+            let on_path = path.iter().any(|other| other.name == joint.name);
+            match self.kind(joint).map_err(fault)? {
+                None => {
+                    let X = X * self.place(joint).map_err(fault)?;
+                    sum = sum.plus(&self.weld(&joint.child.link, &X, path)?);
+                }
+                Some(_) if on_path => {}
+                Some(_) => return Err(fault(Problem::MovesBesideChain)),
+            }
+        }
+        Ok(sum)
+    }
+}
+
+fn pose(origin: &urdf_rs::Pose) -> Pose {
+    let [roll, pitch, yaw] = origin.rpy.0;
+    Pose::from_parts(
+        Translation3::from(Vector3::from(origin.xyz.0)),
+        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+    )
+}
+
+fn axis(joint: &Joint) -> Result<UnitVector3<f64>, Problem> {
+    UnitVector3::try_new(Vector3::from(joint.axis.xyz.0), 1e-9).ok_or(Problem::ZeroAxis)
+}
+
+/// The inertia in the link's frame; a link without `<inertial>` reads as all zeros.
+fn inertia(link: &Link) -> Inertia {
+    let record = &link.inertial;
+    let urdf_rs::Inertia { ixx, ixy, ixz, iyy, iyz, izz } = record.inertia;
+    let about_com = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
+    if record.mass.value == 0.0 && about_com == Matrix3::zeros() {
+        return Inertia::ZERO;
+    }
+    Inertia { mass: record.mass.value, com: Vector3::zeros(), about_com }.in_frame(&pose(&record.origin))
+}
+
+fn limits(limit: &JointLimit, kind: JointKind) -> JointLimits {
+    let endless = kind == JointKind::Continuous;
+    // A joint without <limit> reads as all zeros.
+    let missing = *limit == JointLimit::default();
+    let or_infinite = |value: f64, is_infinite: bool| if is_infinite { f64::INFINITY } else { value };
+    JointLimits {
+        lower: -or_infinite(-limit.lower, endless || missing),
+        upper: or_infinite(limit.upper, endless || missing),
+        velocity: or_infinite(limit.velocity, missing),
+        effort: or_infinite(limit.effort, missing),
+    }
+}
