@@ -95,3 +95,6 @@ fn relative_twist<P: PointSource, const M: usize>(
     let solution = equations.solve(0.0).ok_or(PoseError::Degenerate)?;
     Ok((solution.twist, error2.sqrt()))
 }
+
+#[cfg(test)]
+mod tests;

@@ -125,3 +125,6 @@ fn readings(H: &Matrix3<f64>) -> Result<(HomographySolution, HomographySolution)
     };
     Ok((reading(v1 * a + v3 * b), reading(v1 * a - v3 * b)))
 }
+
+#[cfg(test)]
+mod tests;

@@ -42,3 +42,6 @@ pub fn dlt_pose(points: &[Correspondence3]) -> Result<Pose, PoseError> {
     let in_front = points.iter().all(|point| (X_CO * point.r).z > 0.0);
     if in_front { Ok(X_CO) } else { Err(PoseError::BehindCamera) }
 }
+
+#[cfg(test)]
+mod tests;

@@ -141,3 +141,6 @@ pub fn pose_from_homography(H: &Matrix3<f64>) -> Option<Pose> {
     let finite = p.iter().chain(R.matrix().iter()).all(|x| x.is_finite());
     finite.then(|| Pose::from_parts(Translation3::from(p), UnitQuaternion::from_rotation_matrix(&R)))
 }
+
+#[cfg(test)]
+mod tests;

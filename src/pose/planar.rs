@@ -12,7 +12,7 @@ use crate::geometry::Pose;
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// Two rotations nearer than this (rad) are one solution.
-const SAME_RAD: f64 = 1e-5;
+const SAME_RAD: f64 = 1e-4;
 
 /// One pose and how well it explains the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,8 +35,11 @@ pub struct PlanarPose {
 
 /// Pose of a plane z = 0 from at least four of its points, no three collinear when there are just four.
 ///
+/// A start that has not settled after 100 steps (flat minima under strong noise) is taken as it is: its error has
+/// only fallen since.
+///
 /// # Errors
-/// Those of [`homography`]; [`PoseError::NotConverged`] or [`PoseError::Degenerate`] when no start can be refined.
+/// Those of [`homography`]; [`PoseError::Degenerate`] or [`PoseError::BehindCamera`] when no start can be refined.
 pub fn planar_pose(points: &[Correspondence]) -> Result<PlanarPose, PoseError> {
     let H = homography(points)?;
     let center = centroid(points);
@@ -166,52 +169,4 @@ fn start_at(R: Rotation3<f64>, points: &[Correspondence], center: &[f64; 3]) -> 
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::testing::{SQUARE, gap, gauss, grid, poses, see, tilted};
-    use super::*;
-    use nalgebra::Vector2;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn poses_come_back(X_CO in poses(1.2), n in 2..7_usize) {
-            let solved = planar_pose(&see(&X_CO, &grid(n), || 0.0)).unwrap();
-            prop_assert!(gap(&solved.best.X_CO, &X_CO) < 1e-9, "{}", gap(&solved.best.X_CO, &X_CO));
-            prop_assert!(solved.best.rms < 1e-12);
-        }
-
-        #[test]
-        fn any_quadrangle_will_do(X_CO in poses(1.0), corners in prop::array::uniform8(-0.03..0.03f64)) {
-            let at = |i: usize| [
-                if i == 1 || i == 2 { 0.05 } else { -0.05 } + 0.6 * corners[2 * i],
-                if i > 1 { 0.05 } else { -0.05 } + 0.6 * corners[2 * i + 1],
-            ];
-            let plane = [at(0), at(1), at(2), at(3)];
-            let solved = planar_pose(&see(&X_CO, &plane, || 0.0)).unwrap();
-            prop_assert!(gap(&solved.best.X_CO, &X_CO) < 1e-8, "{}", gap(&solved.best.X_CO, &X_CO));
-        }
-
-        #[test]
-        fn never_panics(x in prop::collection::vec(prop::array::uniform4(-1.0..1.0f64), 0..9)) {
-            let points: Vec<_> = x.iter()
-                .map(|[a, b, c, d]| Correspondence { r: Vector2::new(*a, *b), s: Vector2::new(*c, *d) })
-                .collect();
-            if let Ok(solved) = planar_pose(&points) {
-                prop_assert!(solved.best.X_CO.translation.vector.iter().all(|x| x.is_finite()));
-                prop_assert!(solved.other.is_none_or(|other| other.rms >= solved.best.rms));
-            }
-        }
-    }
-
-    #[test]
-    fn example_10_1() {
-        let s = [[0.0, 0.0], [0.1647, 0.0], [0.1647, 0.2329], [0.0, 0.2]];
-        let points: Vec<_> =
-            SQUARE.iter().zip(s).map(|(r, s)| Correspondence { r: Vector2::from(*r), s: s.into() }).collect();
-        let solved = planar_pose(&points).unwrap();
-        let truth = tilted([0.0, 0.0, 0.5], std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_4, 0.0);
-        assert!(gap(&solved.best.X_CO, &truth) < 2e-3, "{solved:?}"); // the text prints four digits
-        let exact = planar_pose(&see(&truth, &SQUARE, || 0.0)).unwrap();
-        assert!(gap(&exact.best.X_CO, &truth) < 1e-12);
-    }
-}
+mod tests;

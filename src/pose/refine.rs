@@ -12,7 +12,9 @@ use nalgebra::{Matrix3, Matrix6, Quaternion, Translation3, UnitQuaternion, Vecto
 
 /// Steps (rad, and relative to the distance) below 1e-7 are the last: convergence is quadratic or nearly so.
 const LAST_STEP_SQUARED: f64 = 1e-14;
-const MAX_ITERATIONS: u32 = 50;
+/// A step that promises less than this part of the cost moves the pose by about 1e-6 of its standard deviation.
+const LAST_GAIN: f64 = 1e-12;
+const MAX_ITERATIONS: u32 = 100;
 
 /// A pose at the minimum of the reprojection error.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,7 +36,7 @@ pub struct RefinedPose {
 ///
 /// # Errors
 /// Every variant of [`PoseError`]: too few points, numbers that are not finite, a degenerate set, points behind the
-/// camera at the start, or no convergence within 50 steps.
+/// camera at the start, or no convergence within 100 steps.
 pub fn refine(X_CO: &Pose, points: &[Correspondence], sigma: f64) -> Result<RefinedPose, PoseError> {
     refine_points(X_CO, points, sigma)
 }
@@ -55,12 +57,16 @@ fn refine_points<P: PointSource>(X_CO: &Pose, points: &[P], sigma: f64) -> Resul
     let center = centroid(points);
     let start = State::at(X_CO, &center).ok_or(PoseError::BadGuess)?;
     let end = minimise::<F2, P>(start, points, &center)?;
+    if !end.converged {
+        return Err(PoseError::NotConverged { iterations: end.iterations });
+    }
     let inverse = Ldlt::new(&end.normal.matrix(), &[0.0; 6]).ok_or(PoseError::Degenerate)?.inverse();
     // From the centroid to O: v_O = v - S(d) w with d = p_O - p_centroid.
     let mut A = Matrix6::identity();
     let d = end.state.rotation() * Vector3::from(center) * -1.0;
     A.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew(&d));
     let covariance = A * Matrix6::from(inverse) * A.transpose() * (sigma * sigma);
+    let covariance = (covariance + covariance.transpose()) * 0.5; // rounding leaves it not quite symmetric
     Ok(RefinedPose {
         X_CO: end.state.pose(&center),
         rms: end.normal.rms(points.len()),
@@ -229,6 +235,7 @@ pub(super) struct End {
     pub(super) state: State,
     pub(super) normal: Normal,
     pub(super) iterations: u32,
+    pub(super) converged: bool,
 }
 
 /// Gauss-Newton steps from `start` until one is tiny; damped by Levenberg and Marquardt's rule when one fails.
@@ -247,23 +254,37 @@ pub(super) fn minimise<L: Lanes, P: PointSource>(
         let step = Ldlt::new(&matrix, &diagonal).ok_or(PoseError::Degenerate)?.solve(&normal.gradient);
         let [vx, vy, vz, wx, wy, wz] = step;
         let depth2 = state.p[2] * state.p[2];
-        let last = vx * vx + vy * vy + vz * vz < LAST_STEP_SQUARED * depth2
+        let promised: f64 = step.iter().zip(&normal.gradient).map(|(d, g)| d * g).sum();
+        let short = vx * vx + vy * vy + vz * vz < LAST_STEP_SQUARED * depth2
             && wx * wx + wy * wy + wz * wz < LAST_STEP_SQUARED;
+        // A damped step is short by force: it proves nothing.
+        let last = short || (damping == 0.0 && promised < LAST_GAIN * normal.cost);
         let candidate = state.moved(&step);
         let next = Normal::evaluate::<L, P>(&candidate, points, center);
         match next {
             // At the minimum the cost is flat: there, rounding alone decides whether it falls.
             Some(next) if next.cost <= normal.cost || (last && damping == 0.0) => {
+                // Where the step gained far less than the quadratic model said, the model is too flat.
+                let bent: f64 = (0..6).map(|i| diagonal[i] * step[i] * step[i]).sum();
+                let gained = (normal.cost - next.cost) / (promised + bent);
+                damping = match damping {
+                    _ if gained < 0.25 => (4.0 * damping).max(0.25),
+                    small if small < 1e-3 => 0.0,
+                    some if gained > 0.75 => 0.2 * some,
+                    some => some,
+                };
                 state = candidate;
                 normal = next;
-                damping = if damping < 1e-6 { 0.0 } else { damping * 0.1 };
                 if last {
-                    return Ok(End { state, normal, iterations });
+                    return Ok(End { state, normal, iterations, converged: true });
                 }
             }
-            _ if last => return Ok(End { state, normal, iterations }),
-            _ => damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 },
+            _ if last => return Ok(End { state, normal, iterations, converged: true }),
+            _ => damping = (8.0 * damping).max(0.25),
         }
     }
-    Err(PoseError::NotConverged { iterations: MAX_ITERATIONS })
+    Ok(End { state, normal, iterations: MAX_ITERATIONS, converged: false })
 }
+
+#[cfg(test)]
+mod tests;
