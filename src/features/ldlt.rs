@@ -3,6 +3,8 @@
 //! The pivot `d_i` divided by `a_ii` is `1 - R_i^2`, the part of column i that the columns before it do not
 //! explain. It does not change when rows and columns are scaled, so one threshold serves metres and radians.
 
+#![allow(clippy::needless_range_loop)] // matrix indices read better
+
 /// Smallest `d_i / a_ii` that still counts as full rank: singular values in a ratio of about 1e-6.
 pub(crate) const RANK_TOLERANCE: f64 = 1e-12;
 

@@ -3,6 +3,8 @@
 //! Rows of the interaction matrix go in one by one; the k x M matrix itself is never formed. M = 6 is the whole
 //! camera twist `[v; w]`, M = 4 the part `[v_x v_y v_z w_z]` that a SCARA arm can move.
 
+#![allow(clippy::needless_range_loop)] // matrix indices read better
+
 use super::Ldlt;
 use nalgebra::{SMatrix, SVector, Vector2};
 

@@ -113,6 +113,20 @@ impl<const CAPACITY: usize> FeatureStack<CAPACITY> {
 /// The camera's twist for `s_dot = K_s e_s` in the weighted least-squares sense, (10.89), (10.91), K_s = `gain_1_s` I.
 ///
 /// `damping` >= 0 is added to the diagonal of L^T W L. `None` when the features do not fix all six components.
+///
+/// ```
+/// use nalgebra::Vector2;
+/// use vservo::features::{FeatureStack, PointFeature, solve_twist};
+///
+/// // Four corners 0.5 m away should look 10 % larger: the camera has to approach.
+/// let mut stack = FeatureStack::<8>::new();
+/// for s in [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]].map(Vector2::from) {
+///     stack.push(&PointFeature { s, z_m: 0.5 }, &(s * 1.1), 1.0)?;
+/// }
+/// let V_BC_C = solve_twist(&stack, 2.0, 0.0).expect("four corners fix the twist").twist;
+/// assert!((V_BC_C.z - 0.1).abs() < 1e-9); // 2/s * 10 % of 0.5 m
+/// # Ok::<(), vservo::features::StackError>(())
+/// ```
 #[must_use]
 pub fn solve_twist<const CAPACITY: usize>(
     stack: &FeatureStack<CAPACITY>,

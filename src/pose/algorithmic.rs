@@ -83,7 +83,7 @@ fn relative_twist<P: PointSource, const M: usize>(
     for point in points {
         let r_o_C = R_CO * Vector3::from(point.object());
         let r_c = r_o_C + p;
-        if !(r_c.z > 0.0) {
+        if r_c.z <= 0.0 || r_c.z.is_nan() {
             return Err(PoseError::BehindCamera);
         }
         let s = Vector2::new(r_c.x / r_c.z, r_c.y / r_c.z);

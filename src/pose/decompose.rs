@@ -94,7 +94,7 @@ fn readings(H: &Matrix3<f64>) -> Result<(HomographySolution, HomographySolution)
     }
     let H = H / size;
     let det = H.determinant();
-    if !(det.abs() > 1e-12) {
+    if det.abs() <= 1e-12 || det.is_nan() {
         return Err(PoseError::Degenerate);
     }
     let (d, V) = symmetric_eigen(&(H.transpose() * H)).ok_or(PoseError::Degenerate)?;

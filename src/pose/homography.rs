@@ -132,7 +132,7 @@ pub fn pose_from_homography(H: &Matrix3<f64>) -> Option<Pose> {
     } else {
         let (r1, r2) = (columns.column(0) * zeta, columns.column(1) * zeta);
         let r3 = r1.cross(&r2);
-        if !(r3.norm() > 1e-12) {
+        if r3.norm() <= 1e-12 || r3.norm().is_nan() {
             return None;
         }
         closest_rotation(&Matrix3::from_columns(&[r1, r2, r3]))?

@@ -5,6 +5,8 @@
 //! `sum (p1.r - u p3.r)^2 + (p2.r - v p3.r)^2`. For a given p3 the best p1 and p2 solve D x D systems; what
 //! remains is the smallest eigenvector of a D x D matrix instead of a 3D x 3D one.
 
+#![allow(clippy::needless_range_loop)] // matrix indices read better
+
 use super::PoseError;
 use crate::features::Ldlt;
 

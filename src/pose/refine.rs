@@ -51,7 +51,7 @@ pub fn refine_3d(X_CO: &Pose, points: &[Correspondence3], sigma: f64) -> Result<
 
 fn refine_points<P: PointSource>(X_CO: &Pose, points: &[P], sigma: f64) -> Result<RefinedPose, PoseError> {
     check(points, 3)?;
-    if !(sigma >= 0.0 && sigma < f64::INFINITY) {
+    if sigma < 0.0 || !sigma.is_finite() {
         return Err(PoseError::BadGuess);
     }
     let center = centroid(points);

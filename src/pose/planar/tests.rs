@@ -94,6 +94,8 @@ fn both_planar_solutions_ranked_right_at_low_noise() {
         if let Some(other) = solved.other {
             pairs += 1;
             assert!(other.rms > solved.best.rms);
+            assert_eq!(solved.nearest(&other.X_CO), other);
+            assert_eq!(solved.nearest(&X), solved.best);
             // The second is a minimum of its own: a refinement started there stays.
             let stays = refine(&other.X_CO, &points, 1e-5).unwrap();
             assert!(gap(&stays.X_CO, &other.X_CO) < 1e-4);
