@@ -31,6 +31,8 @@ pub struct FrameHeader {
     pub sent: MonoNs,
     /// Length of the exposure, ns.
     pub exposure_span_ns: u64,
+    /// Exposures since the start that the camera itself lost.
+    pub lost: u64,
     /// Which camera.
     pub camera: u32,
     /// Columns, px.
@@ -348,8 +350,8 @@ mod tests {
 
     #[test]
     fn layouts_are_fixed() {
-        assert_eq!((size_of::<FrameHeader>(), align_of::<FrameHeader>()), (48, 8));
-        assert_eq!(offset_of!(FrameHeader, flags), 44);
+        assert_eq!((size_of::<FrameHeader>(), align_of::<FrameHeader>()), (56, 8));
+        assert_eq!(offset_of!(FrameHeader, flags), 52);
         assert_eq!(size_of::<FeaturePoint>(), 40);
         assert_eq!((size_of::<Measurement>(), align_of::<Measurement>()), (1072, 8));
         assert_eq!(offset_of!(Measurement, camera), 64);

@@ -1,0 +1,118 @@
+//! From a validated configuration to the cores that it describes.
+
+use crate::config::raw::{Depth, DriveKind, Update};
+use crate::config::{Config, Source};
+use crate::control_loop::{ControlLoop, RunPlan};
+use crate::controller::{Controller, ControllerSettings, DepthSource, UpdatePolicy};
+use crate::drive::{Drive, IdealDrive, SimulatedDrive, StandstillDrive};
+use crate::messages::MAX_JOINTS;
+use crate::motion::{InverseDynamicsControl, MotionLimits};
+use crate::robot::Robot;
+use crate::safety::MeasurementWatch;
+use crate::servo::SetPoint;
+use crate::vision::{Vision, VisionSettings};
+use nalgebra::{SVector, Vector2};
+use thiserror::Error;
+
+/// A configuration that is valid in itself does not make a working whole.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum AssembleError {
+    /// The desired view does not show all points.
+    #[error("servo.desired: a point of the target would lie behind the camera")]
+    DesiredView,
+    /// A list does not have one entry for each joint.
+    #[error("{key}: has {found} entries, the robot has {wanted} joints")]
+    Joints {
+        /// The list.
+        key: &'static str,
+        /// Its entries.
+        found: usize,
+        /// The robot's joints.
+        wanted: usize,
+    },
+    /// The drive refuses its settings.
+    #[error("drive: {0}")]
+    Drive(#[from] crate::drive::SimulatedDriveError),
+}
+
+/// The joints' start positions, rad or m.
+///
+/// # Errors
+/// When the list has another length.
+pub fn q_start<const N: usize>(config: &Config) -> Result<SVector<f64, N>, AssembleError> {
+    joint_vector("robot.q_start_rad_or_m", &config.q_start)
+}
+
+/// The vision core of a configuration.
+#[must_use]
+pub fn vision(config: &Config) -> Vision {
+    let settings =
+        VisionSettings { track: config.track, min_contrast_levels: config.min_contrast_levels, ..VisionSettings::default() };
+    Vision::new(config.camera.model, config.target, settings)
+}
+
+/// The control core of a configuration, with its drive.
+///
+/// # Errors
+/// [`AssembleError`]; after [`Config::load`] only where lists do not fit `N`.
+pub fn control_loop<const N: usize>(config: &Config, robot: Robot<N>) -> Result<ControlLoop<N>, AssembleError> {
+    let q_start = q_start::<N>(config)?;
+    let set_point =
+        SetPoint::from_pose(&config.servo.X_DO, &config.target.points_O()).ok_or(AssembleError::DesiredView)?;
+    let limits = MotionLimits {
+        lower: SVector::from_fn(|i, _| robot.limits()[i].lower),
+        upper: SVector::from_fn(|i, _| robot.limits()[i].upper),
+        velocity: SVector::from_fn(|i, _| robot.limits()[i].velocity),
+        acceleration: joint_vector("motion.max_acceleration_rad_s2_or_m_s2", &config.motion.max_acceleration)?,
+    };
+    let closed_loop = config.closes_the_loop();
+    let drive: Box<dyn Drive<N> + Send> = match (closed_loop, config.drive.kind) {
+        (false, _) => Box::new(StandstillDrive::new(q_start)),
+        (true, DriveKind::Ideal) => Box::new(IdealDrive::new(q_start)),
+        (true, DriveKind::Simulated) => {
+            Box::new(SimulatedDrive::new(robot.clone(), q_start, config.drive.substeps)?)
+        }
+    };
+    let settings = ControllerSettings {
+        robot,
+        X_EC: config.camera.X_EC,
+        set_point,
+        gain_1_s: config.servo.gain_1_s,
+        update: match config.servo.update {
+            Update::Frame => UpdatePolicy::Frame,
+            Update::Tick => UpdatePolicy::Tick,
+        },
+        depth: match config.servo.depth {
+            Depth::Desired => DepthSource::Desired,
+            Depth::Estimated => DepthSource::Estimated,
+        },
+        limits,
+        joint_control: InverseDynamicsControl::new(
+            config.motion.natural_frequency_rad_s,
+            config.motion.damping_ratio,
+        ),
+        watch: MeasurementWatch::new(config.safety.measurement_timeout),
+        max_tracking_error: config.safety.max_tracking_error,
+        closed_loop,
+    };
+    let plays_once = matches!(config.camera.source, Source::Replay { repeat: false, .. });
+    let i = config.camera.model.intrinsics();
+    let plan = RunPlan {
+        feature_error_px: config.goal.feature_error_px,
+        hold: config.goal.hold,
+        duration: (!plays_once).then_some(config.duration),
+        closed_loop,
+        f_px: Vector2::new(i.fx_px, i.fy_px),
+        X_BO: closed_loop.then_some(config.X_BO),
+    };
+    Ok(ControlLoop::new(Controller::new(settings, q_start), drive, plan))
+}
+
+fn joint_vector<const N: usize>(key: &'static str, list: &[f64]) -> Result<SVector<f64, N>, AssembleError> {
+    const { assert!(N <= MAX_JOINTS) };
+    if list.len() == N {
+        Ok(SVector::from_column_slice(list))
+    } else {
+        Err(AssembleError::Joints { key, found: list.len(), wanted: N })
+    }
+}

@@ -1,0 +1,117 @@
+//! The arguments, as clap reads them.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap_complete::Shell;
+use std::path::PathBuf;
+
+/// Visual servoing in real time: camera, vision and 1 kHz joint control over shared memory.
+///
+/// Without a sub-command: `vservo run` with the embedded default configuration.
+#[derive(Debug, Parser)]
+#[command(version, args_conflicts_with_subcommands = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    /// Arguments of `run`, where no sub-command is given.
+    #[command(flatten)]
+    pub run: RunArguments,
+}
+
+/// Sub-commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Start camera, vision and control, watch them, and tell how it went
+    Run(RunArguments),
+    /// The camera process alone
+    Camera(RoleArguments),
+    /// The vision process alone
+    Vision(RoleArguments),
+    /// The control process alone
+    Control(RoleArguments),
+    /// Check a run file and report everything that is wrong with it
+    Check {
+        /// Run file (TOML)
+        config: PathBuf,
+        /// Change one value first; may be repeated
+        #[arg(long, value_name = "key.path=value")]
+        set: Vec<String>,
+    },
+    /// Print a completion script for a shell
+    Completions {
+        /// Shell
+        shell: Shell,
+    },
+}
+
+/// Pace of the control loop.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum ClockArgument {
+    /// 1 kHz by the machine's clock
+    Realtime,
+    /// Simulated clock, repeatable to the last bit
+    Lockstep,
+}
+
+/// Arguments of `vservo run`.
+#[derive(Debug, Args)]
+pub struct RunArguments {
+    /// Run file (TOML); the embedded default where it is left out
+    pub config: Option<PathBuf>,
+    /// Pace of the control loop (run.clock)
+    #[arg(long)]
+    pub clock: Option<ClockArgument>,
+    /// Latest end of the run, s (run.duration_s)
+    #[arg(long, value_name = "S")]
+    pub duration_s: Option<f64>,
+    /// Change one value of the run file; may be repeated
+    #[arg(long, value_name = "key.path=value")]
+    pub set: Vec<String>,
+    /// Seed of every random number (run.seed)
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Write the summary to this file as JSON
+    #[arg(long, value_name = "FILE.json")]
+    pub summary: Option<PathBuf>,
+    /// Name of this run: runs with different names do not see each other
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+}
+
+impl RunArguments {
+    /// All changes to the run file, the named options last.
+    #[must_use]
+    pub fn settings(&self) -> Vec<String> {
+        let mut set = self.set.clone();
+        set.extend(self.clock.map(|clock| match clock {
+            ClockArgument::Realtime => "run.clock=realtime".into(),
+            ClockArgument::Lockstep => "run.clock=lockstep".into(),
+        }));
+        set.extend(self.duration_s.map(|s| format!("run.duration_s={s:?}")));
+        set.extend(self.seed.map(|seed| format!("run.seed={seed}")));
+        set
+    }
+}
+
+/// Arguments of a single process.
+#[derive(Debug, Parser)]
+#[command(version)]
+pub struct RoleArguments {
+    /// Run file (TOML), the same for all processes; the embedded default where it is left out
+    pub config: Option<PathBuf>,
+    /// Name of the run that this process belongs to
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+    /// Change one value of the run file; must be the same for all processes
+    #[arg(long, value_name = "key.path=value")]
+    pub set: Vec<String>,
+    /// control: write the summary to this file as JSON
+    #[arg(long, value_name = "FILE.json")]
+    pub summary: Option<PathBuf>,
+    /// control: print the summary as one line of JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Process id of the supervisor: this process ends when that one dies
+    #[arg(long, hide = true)]
+    pub supervised_by: Option<i32>,
+}

@@ -1,0 +1,118 @@
+//! The command line: arguments -> configuration -> run -> exit code. Results go to stdout, everything else to stderr.
+
+#![allow(clippy::print_stdout, clippy::print_stderr)]
+
+mod arguments;
+
+pub use arguments::{Cli, Command, RoleArguments, RunArguments};
+
+use crate::config::Config;
+use crate::ipc::{Instance, Role};
+use crate::process::{self, ProcessError, StopFlag, supervisor};
+use clap::{CommandFactory, Parser};
+use std::io::{IsTerminal, Write, stderr, stdout};
+use std::process::ExitCode;
+use tracing_subscriber::EnvFilter;
+
+/// `vservo`: everything, by sub-command.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    start_logging();
+    let result = match cli.command {
+        None => run(&cli.run),
+        Some(Command::Run(arguments)) => run(&arguments),
+        Some(Command::Camera(arguments)) => role(Role::Camera, &arguments),
+        Some(Command::Vision(arguments)) => role(Role::Vision, &arguments),
+        Some(Command::Control(arguments)) => role(Role::Control, &arguments),
+        Some(Command::Check { config, set }) => check(&config, &set),
+        Some(Command::Completions { shell }) => {
+            clap_complete::generate(shell, &mut Cli::command(), "vservo", &mut stdout());
+            Ok(0)
+        }
+    };
+    exit_code(result)
+}
+
+/// `vservo-camera`, `vservo-vision`, `vservo-control`: one role.
+#[must_use]
+pub fn role_main(role_of_binary: Role) -> ExitCode {
+    let arguments = RoleArguments::parse();
+    start_logging();
+    exit_code(role(role_of_binary, &arguments))
+}
+
+fn exit_code(result: Result<u8, ProcessError>) -> ExitCode {
+    match result {
+        Ok(code) => ExitCode::from(code),
+        Err(error) => {
+            for line in error.to_string().lines() {
+                eprintln!("vservo: {line}");
+            }
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn start_logging() {
+    let filter = EnvFilter::try_from_env("VSERVO_LOG").unwrap_or_else(|_| EnvFilter::new("vservo=info,error"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(stderr)
+        .with_ansi(stderr().is_terminal())
+        .without_time()
+        .init();
+    iceoryx2::prelude::set_log_level(iceoryx2::prelude::LogLevel::Error);
+}
+
+fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
+    let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
+    let instance: Instance = arguments.instance.parse()?;
+    let stop = StopFlag::on_signals()?;
+    let options = supervisor::RunOptions { summary: arguments.summary.clone() };
+    let end = supervisor::run(&config, &instance, &options, &stop)?;
+    let _ = write!(stdout(), "{}", end.summary.to_text());
+    Ok(end.exit_code)
+}
+
+fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
+    let stop = StopFlag::on_signals()?;
+    if let Some(supervisor) = arguments.supervised_by {
+        process::follow_parent(supervisor, &stop);
+    }
+    let config = Config::load(arguments.config.as_deref(), &arguments.set)?;
+    let instance: Instance = arguments.instance.parse()?;
+    match role {
+        Role::Camera => process::camera::run(&config, &instance, &stop).map(|()| 0),
+        Role::Vision => process::vision::run(&config, &instance, &stop).map(|()| 0),
+        Role::Control | Role::Supervisor => {
+            let summary = process::control::run(&config, &instance, &stop)?;
+            if let Some(path) = &arguments.summary {
+                supervisor::write_summary(path, &summary)?;
+            }
+            let text = if arguments.json {
+                serde_json::to_string(&summary).unwrap_or_default() + "\n"
+            } else {
+                summary.to_text()
+            };
+            let _ = write!(stdout(), "{text}");
+            Ok(summary.outcome.exit_code())
+        }
+    }
+}
+
+fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
+    let checked = Config::load(Some(config), set)?;
+    let i = checked.camera.model.intrinsics();
+    println!(
+        "{}: ok: {} on {}, {}x{} px at {} Hz, {}",
+        config.display(),
+        checked.scheme_name(),
+        checked.robot.name,
+        i.width_px,
+        i.height_px,
+        checked.camera.rate_hz,
+        checked.clock_name()
+    );
+    Ok(0)
+}

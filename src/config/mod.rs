@@ -1,0 +1,301 @@
+//! The run file: TOML text -> raw tables -> a validated [`Config`].
+//!
+//! ```text
+//! text + --set ──Document──► RawConfig ──validate──► Config
+//!        └── syntax ──┴── types, unknown keys ──┴── ranges, consistency ──► all Problems of a step at once
+//! ```
+
+pub mod raw;
+mod source;
+mod validate;
+
+pub use source::{Document, Problem};
+
+use crate::camera_model::CameraModel;
+use crate::geometry::Pose;
+use crate::robot::{self, RobotDescription};
+use crate::scene::{DotTarget, SceneLook, SensorModel};
+use crate::time::SpanNs;
+use raw::{Clock, Depth, DriveKind, RawConfig, RealtimePolicy, SchemeKind, Update};
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// The configuration that runs when none is named.
+pub const DEFAULT_TOML: &str = include_str!("../../config/default.toml");
+
+/// A validated run file.
+#[derive(Debug, Clone)]
+pub struct Config {
+    /// Pace of the control loop.
+    pub clock: Clock,
+    /// Latest end of the run.
+    pub duration: SpanNs,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// When the run counts as converged.
+    pub goal: Goal,
+    /// The arm.
+    pub robot: RobotDescription,
+    /// Joint positions at the start, rad or m; as many as the robot has joints.
+    pub q_start: Vec<f64>,
+    /// The camera.
+    pub camera: Camera,
+    /// The target.
+    pub target: DotTarget,
+    /// Where the target is in a simulated scene, `X_BO`.
+    pub X_BO: Pose,
+    /// Least difference between plate and dots, grey levels.
+    pub min_contrast_levels: f64,
+    /// Whether vision tracks.
+    pub track: bool,
+    /// The servo law.
+    pub servo: Servo,
+    /// Joint reference and joint controller.
+    pub motion: Motion,
+    /// The drive.
+    pub drive: Drive,
+    /// Reactions to faults.
+    pub safety: Safety,
+    /// Scheduling of the control thread.
+    pub realtime: Realtime,
+    /// The file as read, with all defaults and absolute paths: what another process needs to run the same.
+    pub effective: RawConfig,
+}
+
+/// When the run counts as converged.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Goal {
+    /// Largest root mean square feature error, px.
+    pub feature_error_px: f64,
+    /// How long it must stay below.
+    pub hold: SpanNs,
+}
+
+/// Producer of frames.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Source {
+    /// Rendered.
+    Synthetic {
+        /// Grey levels of the scene.
+        look: SceneLook,
+        /// Imperfections of the sensor.
+        sensor: SensorModel,
+        /// Whether motion during the exposure blurs the picture.
+        motion_blur: bool,
+    },
+    /// Image files.
+    Replay {
+        /// Their folder.
+        folder: PathBuf,
+        /// Starts again after the last one.
+        repeat: bool,
+    },
+}
+
+/// The camera.
+#[derive(Debug, Clone)]
+pub struct Camera {
+    /// Producer of frames.
+    pub source: Source,
+    /// Intrinsic parameters and size.
+    pub model: CameraModel,
+    /// `X_EC`: camera in the flange frame.
+    pub X_EC: Pose,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Length of the exposure.
+    pub exposure: SpanNs,
+    /// Middle of the exposure to hand-over.
+    pub latency: SpanNs,
+}
+
+/// The servo law and its goal.
+#[derive(Debug, Clone)]
+pub struct Servo {
+    /// When the law is computed.
+    pub update: Update,
+    /// K_s, 1/s.
+    pub gain_1_s: f64,
+    /// Depth in the interaction matrix.
+    pub depth: Depth,
+    /// `X_DO`: the target in the desired camera frame.
+    pub X_DO: Pose,
+}
+
+/// Joint reference and joint controller.
+#[derive(Debug, Clone)]
+pub struct Motion {
+    /// Largest acceleration of each joint, rad/s^2 or m/s^2.
+    pub max_acceleration: Vec<f64>,
+    /// Natural frequency of the joint controller, rad/s.
+    pub natural_frequency_rad_s: f64,
+    /// Damping ratio of the joint controller.
+    pub damping_ratio: f64,
+}
+
+/// The drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Drive {
+    /// Kind of drive.
+    pub kind: DriveKind,
+    /// Integration steps per tick.
+    pub substeps: u32,
+}
+
+/// Reactions to faults.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Safety {
+    /// Age of the last good measurement at which the arm slows down and holds.
+    pub measurement_timeout: SpanNs,
+    /// Largest distance of a joint from its reference, rad or m.
+    pub max_tracking_error: f64,
+}
+
+/// Scheduling of the control thread.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Realtime {
+    /// Insistence.
+    pub policy: RealtimePolicy,
+    /// What is asked for.
+    pub request: RealtimeRequest,
+}
+
+/// What is asked of the operating system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RealtimeRequest {
+    /// SCHED_FIFO priority, 1 to 99.
+    pub priority: u32,
+    /// Core to run on; any where it is `None`.
+    pub cpu: Option<u32>,
+    /// Whether to lock the process's memory.
+    pub lock_memory: bool,
+}
+
+/// Everything that is wrong with a configuration.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigError {
+    /// In the order of the file; never empty.
+    pub problems: Vec<Problem>,
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, problem) in self.problems.iter().enumerate() {
+            if i > 0 {
+                writeln!(f)?;
+            }
+            write!(f, "{problem}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for ConfigError {}
+
+impl Config {
+    /// Reads a run file, or the embedded default where `path` is `None`, and applies `--set` arguments.
+    ///
+    /// # Errors
+    /// All problems of the first step that finds any: syntax, then types and unknown keys together with ranges.
+    pub fn load(path: Option<&Path>, set: &[String]) -> Result<Self, ConfigError> {
+        let Some(path) = path else {
+            return Self::parse("embedded default configuration", DEFAULT_TOML, Path::new("."), set);
+        };
+        let text = std::fs::read_to_string(path).map_err(|e| ConfigError {
+            problems: vec![Problem::of_file(&path.display().to_string(), format!("cannot be read: {e}"))],
+        })?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        Self::parse(&path.display().to_string(), &text, folder, set)
+    }
+
+    /// Reads a run file from `text`. Relative paths in it count from `folder`; those in `--set` from the working
+    /// directory.
+    ///
+    /// # Errors
+    /// As for [`Config::load`].
+    pub fn parse(name: &str, text: &str, folder: &Path, set: &[String]) -> Result<Self, ConfigError> {
+        let mut document = Document::parse(name, text).map_err(|problems| ConfigError { problems })?;
+        let mut problems: Vec<Problem> = set.iter().filter_map(|s| document.set(s).err()).collect();
+        let mut raw = read_tables(&mut document, &mut problems);
+        resolve_paths(&mut raw, &document, folder);
+        let config = validate::validate(raw, &document, &mut problems);
+        match config {
+            Some(config) if problems.is_empty() => Ok(config),
+            _ => {
+                source::sort(&mut problems);
+                Err(ConfigError { problems })
+            }
+        }
+    }
+
+    /// The clock's name in a run file.
+    #[must_use]
+    pub fn clock_name(&self) -> &'static str {
+        match self.clock {
+            Clock::Realtime => "realtime",
+            Clock::Lockstep => "lockstep",
+        }
+    }
+
+    /// The servo law's name in a run file.
+    #[must_use]
+    pub fn scheme_name(&self) -> &'static str {
+        match self.effective.servo.scheme {
+            SchemeKind::ImageResolvedVelocity => "image_resolved_velocity",
+        }
+    }
+
+    /// The effective configuration as a run file.
+    ///
+    /// # Errors
+    /// When a value has no TOML form.
+    pub fn to_toml(&self) -> Result<String, toml::ser::Error> {
+        toml::to_string(&self.effective)
+    }
+
+    /// Whether the arm moves what the camera sees; without that (replay) the loop is open.
+    #[must_use]
+    pub fn closes_the_loop(&self) -> bool {
+        matches!(self.camera.source, Source::Synthetic { .. })
+    }
+}
+
+/// Reads the tables, setting aside every key that cannot be read, until the rest of the file can.
+fn read_tables(document: &mut Document, problems: &mut Vec<Problem>) -> RawConfig {
+    loop {
+        let value = toml::Value::Table(document.table.clone());
+        let error = match serde_path_to_error::deserialize::<_, RawConfig>(value) {
+            Ok(raw) => return raw,
+            Err(error) => error,
+        };
+        let path = error.path().to_string();
+        let message = error.inner().message().trim().to_string();
+        let key = match unknown_field(&message) {
+            Some(field) if !path.ends_with(&field) && path == "." => field,
+            Some(field) if !path.split('.').next_back().is_some_and(|last| last == field) => format!("{path}.{field}"),
+            _ => path,
+        };
+        problems.push(document.problem(&key, message));
+        if !document.remove(&key) {
+            return RawConfig::default(); // nothing left to set aside: the problem itself is reported
+        }
+    }
+}
+
+fn unknown_field(message: &str) -> Option<String> {
+    let rest = message.strip_prefix("unknown field `")?;
+    Some(rest.split('`').next()?.to_string())
+}
+
+fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {
+    let absolute = |key: &str, path: &Path| {
+        let base = if document.is_argument(key) { Path::new(".") } else { folder };
+        std::path::absolute(base.join(path)).unwrap_or_else(|_| base.join(path))
+    };
+    if !raw.camera.replay.folder.as_os_str().is_empty() {
+        raw.camera.replay.folder = absolute("camera.replay.folder", &raw.camera.replay.folder);
+    }
+    if !robot::SHIPPED.contains(&raw.robot.model.as_str()) {
+        raw.robot.model = absolute("robot.model", Path::new(&raw.robot.model)).display().to_string();
+    }
+}

@@ -1,0 +1,361 @@
+//! The run file as it is written: every key with its default, nothing checked beyond its type.
+//!
+//! Each table denies unknown keys. What the values must fulfil stands in `validate`.
+
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Declares a table whose keys all have a default, so that a file needs to name only what it changes.
+macro_rules! table {
+    ($(#[$doc:meta])* $name:ident { $( $(#[$field_doc:meta])* $field:ident : $type:ty = $default:expr, )* }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct $name { $( $(#[$field_doc])* pub $field: $type, )* }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $( $field: $default, )* }
+            }
+        }
+    };
+}
+
+/// Declares a choice that is written as a word in lower case.
+macro_rules! word {
+    ($(#[$doc:meta])* $name:ident { $( $(#[$variant_doc:meta])* $variant:ident, )* }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        pub enum $name { $( $(#[$variant_doc])* $variant, )* }
+    };
+}
+
+table! {
+    /// A whole run file.
+    RawConfig {
+        /// `[run]`
+        run: RawRun = RawRun::default(),
+        /// `[goal]`
+        goal: RawGoal = RawGoal::default(),
+        /// `[robot]`
+        robot: RawRobot = RawRobot::default(),
+        /// `[camera]`
+        camera: RawCamera = RawCamera::default(),
+        /// `[target]`
+        target: RawTarget = RawTarget::default(),
+        /// `[scene]`
+        scene: RawScene = RawScene::default(),
+        /// `[vision]`
+        vision: RawVision = RawVision::default(),
+        /// `[servo]`
+        servo: RawServo = RawServo::default(),
+        /// `[motion]`
+        motion: RawMotion = RawMotion::default(),
+        /// `[drive]`
+        drive: RawDrive = RawDrive::default(),
+        /// `[safety]`
+        safety: RawSafety = RawSafety::default(),
+        /// `[realtime]`
+        realtime: RawRealtime = RawRealtime::default(),
+    }
+}
+
+word! {
+    /// Which clock paces the control loop.
+    Clock {
+        /// The machine's monotonic clock at 1 kHz.
+        Realtime,
+        /// A simulated clock that waits for its measurements: repeatable, as fast as the machine allows.
+        Lockstep,
+    }
+}
+
+table! {
+    /// How long and by which clock.
+    RawRun {
+        /// Pace of the control loop.
+        clock: Clock = Clock::Realtime,
+        /// The run ends at this time even if the goal is not reached, s.
+        duration_s: f64 = 30.0,
+        /// Seed of every random number in the run.
+        seed: u64 = 1,
+    }
+}
+
+table! {
+    /// When the run counts as converged.
+    RawGoal {
+        /// Largest root mean square feature error, px.
+        feature_error_px: f64 = 0.05,
+        /// How long the error must stay below, s.
+        hold_s: f64 = 0.5,
+    }
+}
+
+table! {
+    /// The arm and where it starts.
+    RawRobot {
+        /// Name of a shipped robot, or path of a robot file.
+        model: String = "scara".into(),
+        /// Joint positions at the start, rad or m.
+        q_start_rad_or_m: Vec<f64> = vec![0.0, std::f64::consts::FRAC_PI_2, 0.5, -std::f64::consts::FRAC_PI_4],
+    }
+}
+
+word! {
+    /// Where frames come from.
+    SourceKind {
+        /// Rendered from the arm's pose.
+        Synthetic,
+        /// Read from image files.
+        Replay,
+    }
+}
+
+table! {
+    /// The camera, its rate and its optics.
+    RawCamera {
+        /// Producer of frames.
+        source: SourceKind = SourceKind::Synthetic,
+        /// Columns, px.
+        width_px: u32 = 640,
+        /// Rows, px.
+        height_px: u32 = 480,
+        /// Frames per second.
+        rate_hz: f64 = 25.0,
+        /// Length of the exposure, ms.
+        exposure_ms: f64 = 4.0,
+        /// From the middle of the exposure to the hand-over of the frame, ms. In lockstep: to the first tick that
+        /// may use it.
+        latency_ms: f64 = 20.0,
+        /// `[camera.lens]`
+        lens: RawLens = RawLens::default(),
+        /// `[camera.mount]`: `X_EC`
+        mount: RawPose = RawPose::default(),
+        /// `[camera.synthetic]`
+        synthetic: RawSynthetic = RawSynthetic::default(),
+        /// `[camera.replay]`
+        replay: RawReplay = RawReplay::default(),
+    }
+}
+
+table! {
+    /// Intrinsic parameters, (5.41), and plumb-bob distortion.
+    RawLens {
+        /// Focal length times horizontal scale, px.
+        fx_px: f64 = 800.0,
+        /// Focal length times vertical scale, px.
+        fy_px: f64 = 800.0,
+        /// Column of the principal point, px; the image's centre where it is left out.
+        cx_px: Option<f64> = None,
+        /// Row of the principal point, px.
+        cy_px: Option<f64> = None,
+        /// Radial distortion of second order.
+        k1: f64 = -0.15,
+        /// Radial distortion of fourth order.
+        k2: f64 = 0.05,
+        /// Tangential distortion.
+        p1: f64 = 0.0,
+        /// Tangential distortion.
+        p2: f64 = 0.0,
+        /// Radial distortion of sixth order.
+        k3: f64 = 0.0,
+    }
+}
+
+table! {
+    /// A pose: position and fixed-axis roll, pitch, yaw (`R = Rz(yaw) Ry(pitch) Rx(roll)`).
+    RawPose {
+        /// Position, m.
+        position_m: [f64; 3] = [0.0; 3],
+        /// Roll, pitch, yaw, rad.
+        rotation_rpy_rad: [f64; 3] = [0.0; 3],
+    }
+}
+
+table! {
+    /// Imperfections of the synthetic camera.
+    RawSynthetic {
+        /// Standard deviation of the noise, grey levels.
+        noise_sd_levels: f64 = 2.0,
+        /// Standard deviation of the optical blur, px.
+        blur_sd_px: f64 = 0.5,
+        /// Light lost in the corners, as share of that in the centre.
+        vignetting: f64 = 0.15,
+        /// Whether motion during the exposure blurs the picture.
+        motion_blur: bool = true,
+    }
+}
+
+table! {
+    /// A folder of images as camera.
+    RawReplay {
+        /// Folder with PNG, PGM or JPEG files, played in the order of their names.
+        folder: PathBuf = PathBuf::new(),
+        /// Starts again after the last file instead of ending the run.
+        repeat: bool = false,
+    }
+}
+
+word! {
+    /// What the camera looks at.
+    TargetKind {
+        /// Four dark dots on a light plate, the first one larger.
+        FourDots,
+    }
+}
+
+table! {
+    /// The target's geometry.
+    RawTarget {
+        /// Kind of target.
+        kind: TargetKind = TargetKind::FourDots,
+        /// Side of the square of dots, m.
+        side_m: f64 = 0.1,
+        /// Radius of dots 2 to 4, m.
+        radius_m: f64 = 0.010,
+        /// Radius of dot 1, m.
+        radius_p1_m: f64 = 0.015,
+        /// Light margin of the plate around the square, m.
+        margin_m: f64 = 0.030,
+    }
+}
+
+table! {
+    /// Where the target is, and how bright things are, in a simulated scene.
+    RawScene {
+        /// `X_BO`
+        object: RawPose =
+            RawPose { position_m: [1.0, 1.0, 1.0], rotation_rpy_rad: [0.0, 0.0, std::f64::consts::FRAC_PI_4] },
+        /// Grey level of the background.
+        background_level: f64 = 90.0,
+        /// Grey level of the plate.
+        plate_level: f64 = 220.0,
+        /// Grey level of the dots.
+        dot_level: f64 = 30.0,
+    }
+}
+
+table! {
+    /// Detection.
+    RawVision {
+        /// Searches predicted windows first; without it the whole frame every time.
+        track: bool = true,
+        /// Least difference between plate and dots, grey levels.
+        min_contrast_levels: f64 = 25.0,
+    }
+}
+
+word! {
+    /// The servo law.
+    SchemeKind {
+        /// Image-based resolved velocity, (10.89)-(10.91).
+        ImageResolvedVelocity,
+    }
+}
+
+word! {
+    /// When the law is computed.
+    Update {
+        /// When a measurement arrives; held in between.
+        Frame,
+        /// At every tick with fresh joint positions; the feature error is held in between.
+        Tick,
+    }
+}
+
+word! {
+    /// Where the depth in the interaction matrix comes from.
+    Depth {
+        /// From the desired pose (the textbook's choice).
+        Desired,
+        /// From the pose that vision estimates.
+        Estimated,
+    }
+}
+
+table! {
+    /// The servo law and its goal.
+    RawServo {
+        /// Law.
+        scheme: SchemeKind = SchemeKind::ImageResolvedVelocity,
+        /// When it is computed.
+        update: Update = Update::Tick,
+        /// Gain K_s, 1/s.
+        gain_1_s: f64 = 2.0,
+        /// Depth in the interaction matrix.
+        depth: Depth = Depth::Desired,
+        /// `X_DO`: the target in the desired camera frame.
+        desired: RawPose =
+            RawPose { position_m: [-0.1, 0.1, 0.6], rotation_rpy_rad: [0.0, 0.0, -std::f64::consts::FRAC_PI_3] },
+    }
+}
+
+table! {
+    /// Joint reference and joint controller.
+    RawMotion {
+        /// Largest acceleration of each joint, rad/s^2 or m/s^2; one value stands for all.
+        max_acceleration_rad_s2_or_m_s2: Vec<f64> = vec![10.0],
+        /// Natural frequency of the joint controller, rad/s.
+        natural_frequency_rad_s: f64 = 40.0,
+        /// Damping ratio of the joint controller.
+        damping_ratio: f64 = 1.0,
+    }
+}
+
+word! {
+    /// What stands for the arm.
+    DriveKind {
+        /// Rigid-body dynamics.
+        Simulated,
+        /// The joints follow the reference exactly.
+        Ideal,
+    }
+}
+
+table! {
+    /// The arm's drive.
+    RawDrive {
+        /// Kind of drive.
+        kind: DriveKind = DriveKind::Simulated,
+        /// Integration steps (Runge-Kutta of fourth order) in a tick of 1 ms.
+        substeps: u32 = 1,
+    }
+}
+
+table! {
+    /// Reactions to faults.
+    RawSafety {
+        /// Age of the last good measurement at which the arm slows down and holds, ms.
+        measurement_timeout_ms: f64 = 200.0,
+        /// Distance of a joint from its reference at which the run ends as a fault, rad or m.
+        max_tracking_error_rad_or_m: f64 = 0.1,
+    }
+}
+
+word! {
+    /// How much the control process insists on real-time scheduling.
+    RealtimePolicy {
+        /// All of it, or no start.
+        Enforce,
+        /// What can be had; a line says what was obtained.
+        Try,
+        /// None.
+        Off,
+    }
+}
+
+table! {
+    /// Scheduling of the control thread.
+    RawRealtime {
+        /// Insistence.
+        policy: RealtimePolicy = RealtimePolicy::Try,
+        /// SCHED_FIFO priority.
+        priority: u32 = 80,
+        /// Core that the control thread is bound to; any where it is left out.
+        cpu: Option<u32> = None,
+        /// Locks all memory of the control process.
+        lock_memory: bool = true,
+    }
+}

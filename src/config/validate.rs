@@ -1,0 +1,288 @@
+//! What the values of a run file must fulfil, alone and together; every violation is reported, not the first one.
+
+use super::raw::{Clock, RawConfig, RawPose, RealtimePolicy, SourceKind, TargetKind};
+use super::{Camera, Config, Document, Drive, Goal, Motion, Problem, Realtime, RealtimeRequest, Safety, Servo, Source};
+use crate::camera_model::{CameraModel, Distortion, Intrinsics};
+use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
+use crate::robot::{self, RobotDescription};
+use crate::scene::{DotTarget, SceneLook, SensorModel};
+use crate::time::SpanNs;
+use nalgebra::{SVector, Translation3, UnitQuaternion};
+use std::ops::RangeInclusive;
+
+/// Frames that may be on their way at once: bounds the shared memory that a lockstep run takes.
+const MAX_FRAME_BYTES_IN_FLIGHT: f64 = 512e6;
+
+struct Check<'a> {
+    document: &'a Document,
+    problems: &'a mut Vec<Problem>,
+}
+
+impl Check<'_> {
+    fn wrong(&mut self, key: &str, message: impl Into<String>) {
+        self.problems.push(self.document.problem(key, message));
+    }
+
+    fn range(&mut self, key: &str, value: f64, allowed: RangeInclusive<f64>) -> f64 {
+        if !allowed.contains(&value) {
+            self.wrong(key, format!("{value} is out of range, allowed is {} to {}", allowed.start(), allowed.end()));
+        }
+        value
+    }
+
+    fn count(&mut self, key: &str, value: u32, allowed: RangeInclusive<u32>) -> u32 {
+        if !allowed.contains(&value) {
+            self.wrong(key, format!("{value} is out of range, allowed is {} to {}", allowed.start(), allowed.end()));
+        }
+        value
+    }
+
+    fn span_ms(&mut self, key: &str, value_ms: f64, allowed: RangeInclusive<f64>) -> SpanNs {
+        SpanNs::from_s(self.range(key, value_ms, allowed) * 1e-3)
+    }
+
+    fn pose(&mut self, key: &str, raw: &RawPose) -> Pose {
+        for (i, v) in raw.position_m.iter().enumerate() {
+            self.range(&format!("{key}.position_m[{i}]"), *v, -100.0..=100.0);
+        }
+        for (i, v) in raw.rotation_rpy_rad.iter().enumerate() {
+            self.range(&format!("{key}.rotation_rpy_rad[{i}]"), *v, -6.3..=6.3);
+        }
+        let [roll, pitch, yaw] = raw.rotation_rpy_rad;
+        let [x, y, z] = raw.position_m;
+        let R = rotation_z(yaw) * rotation_y(pitch) * rotation_x(roll);
+        Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_rotation_matrix(&R))
+    }
+}
+
+/// Checks everything; `None` only where something is so wrong that a part cannot be built.
+pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<Problem>) -> Option<Config> {
+    let mut check = Check { document, problems };
+    let check = &mut check;
+
+    let duration = SpanNs::from_s(check.range("run.duration_s", raw.run.duration_s, 0.01..=86_400.0));
+    let goal = Goal {
+        feature_error_px: check.range("goal.feature_error_px", raw.goal.feature_error_px, 1e-6..=100.0),
+        hold: SpanNs::from_s(check.range("goal.hold_s", raw.goal.hold_s, 0.0..=60.0)),
+    };
+    let camera = camera(&raw, check);
+    let target = target(&raw, check);
+    let X_BO = check.pose("scene.object", &raw.scene.object);
+    let X_DO = check.pose("servo.desired", &raw.servo.desired);
+    let gain_1_s = check.range("servo.gain_1_s", raw.servo.gain_1_s, 1e-3..=100.0);
+    let min_contrast_levels = check.range("vision.min_contrast_levels", raw.vision.min_contrast_levels, 1.0..=255.0);
+    let natural_frequency_rad_s =
+        check.range("motion.natural_frequency_rad_s", raw.motion.natural_frequency_rad_s, 1.0..=300.0);
+    let damping_ratio = check.range("motion.damping_ratio", raw.motion.damping_ratio, 0.1..=5.0);
+    let substeps = check.count("drive.substeps", raw.drive.substeps, 1..=100);
+    let safety = Safety {
+        measurement_timeout: check.span_ms(
+            "safety.measurement_timeout_ms",
+            raw.safety.measurement_timeout_ms,
+            1.0..=60_000.0,
+        ),
+        max_tracking_error: check.range(
+            "safety.max_tracking_error_rad_or_m",
+            raw.safety.max_tracking_error_rad_or_m,
+            1e-4..=10.0,
+        ),
+    };
+    let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
+    let arm = arm(&raw, check);
+    let (robot, max_acceleration) = match arm {
+        Some((robot, acceleration)) => (Some(robot), acceleration),
+        None => (None, Vec::new()),
+    };
+    if let (Some(target), Some(camera)) = (&target, &camera) {
+        if let Some((dot, why)) = hidden_dot(target, camera, &X_DO) {
+            check.wrong("servo.desired", format!("dot {dot} would lie {why} in the desired view"));
+        }
+        if let (Some(robot), Source::Synthetic { .. }) = (&robot, &camera.source) {
+            start_view(&raw, robot, target, camera, &X_BO, check);
+        }
+        timing(&raw, camera, safety, check);
+    }
+
+    Some(Config {
+        clock: raw.run.clock,
+        duration,
+        seed: raw.run.seed,
+        goal,
+        robot: robot?,
+        q_start: raw.robot.q_start_rad_or_m.clone(),
+        camera: camera?,
+        target: target?,
+        X_BO,
+        min_contrast_levels,
+        track: raw.vision.track,
+        servo: Servo { update: raw.servo.update, gain_1_s, depth: raw.servo.depth, X_DO },
+        motion: Motion { max_acceleration, natural_frequency_rad_s, damping_ratio },
+        drive: Drive { kind: raw.drive.kind, substeps },
+        safety,
+        realtime: Realtime {
+            policy: raw.realtime.policy,
+            request: RealtimeRequest {
+                priority,
+                cpu: raw.realtime.cpu,
+                lock_memory: raw.realtime.lock_memory && raw.realtime.policy != RealtimePolicy::Off,
+            },
+        },
+        effective: raw,
+    })
+}
+
+fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
+    let (c, lens, synthetic) = (&raw.camera, &raw.camera.lens, &raw.camera.synthetic);
+    let before = check.problems.len();
+    let width_px = check.count("camera.width_px", c.width_px, 16..=4096);
+    let height_px = check.count("camera.height_px", c.height_px, 16..=4096);
+    let rate_hz = check.range("camera.rate_hz", c.rate_hz, 0.1..=1000.0);
+    let exposure = check.span_ms("camera.exposure_ms", c.exposure_ms, 0.0..=1000.0);
+    let latency = check.span_ms("camera.latency_ms", c.latency_ms, 0.0..=500.0);
+    let X_EC = check.pose("camera.mount", &c.mount);
+    let intrinsics = Intrinsics {
+        fx_px: check.range("camera.lens.fx_px", lens.fx_px, 1.0..=1e6),
+        fy_px: check.range("camera.lens.fy_px", lens.fy_px, 1.0..=1e6),
+        cx_px: lens.cx_px.unwrap_or(0.5 * (f64::from(width_px) - 1.0)),
+        cy_px: lens.cy_px.unwrap_or(0.5 * (f64::from(height_px) - 1.0)),
+        width_px,
+        height_px,
+    };
+    let look = SceneLook {
+        background: check.range("scene.background_level", raw.scene.background_level, 0.0..=255.0),
+        plate: check.range("scene.plate_level", raw.scene.plate_level, 0.0..=255.0),
+        dots: check.range("scene.dot_level", raw.scene.dot_level, 0.0..=255.0),
+    };
+    if look.plate <= look.dots {
+        check.wrong("scene.plate_level", "must be brighter than scene.dot_level: the dots are dark on a light plate");
+    }
+    let sensor = SensorModel {
+        noise_sd_levels: check.range("camera.synthetic.noise_sd_levels", synthetic.noise_sd_levels, 0.0..=50.0),
+        blur_sd_px: check.range("camera.synthetic.blur_sd_px", synthetic.blur_sd_px, 0.0..=20.0),
+        vignetting: check.range("camera.synthetic.vignetting", synthetic.vignetting, 0.0..=0.9),
+        seed: raw.run.seed,
+    };
+    let source = match c.source {
+        SourceKind::Synthetic => Source::Synthetic { look, sensor, motion_blur: synthetic.motion_blur },
+        SourceKind::Replay => {
+            let folder = &c.replay.folder;
+            if folder.as_os_str().is_empty() {
+                check.wrong("camera.replay.folder", "is missing: name the folder of images to replay");
+            } else if !folder.is_dir() {
+                check.wrong("camera.replay.folder", format!("{} is not a folder", folder.display()));
+            }
+            Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
+        }
+    };
+    if check.problems.len() > before {
+        return None;
+    }
+    let distortion = Distortion { k1: lens.k1, k2: lens.k2, p1: lens.p1, p2: lens.p2, k3: lens.k3 };
+    match CameraModel::new(intrinsics, distortion) {
+        Ok(model) => Some(Camera { source, model, X_EC, rate_hz, exposure, latency }),
+        Err(e) => {
+            check.wrong("camera.lens", e.to_string());
+            None
+        }
+    }
+}
+
+fn target(raw: &RawConfig, check: &mut Check<'_>) -> Option<DotTarget> {
+    let t = &raw.target;
+    let made = match t.kind {
+        TargetKind::FourDots => DotTarget::new(t.side_m, t.radius_p1_m, t.radius_m, t.margin_m),
+    };
+    made.map_err(|e| check.wrong("target", e.to_string())).ok()
+}
+
+/// The robot, and its acceleration limits with one entry for each joint.
+fn arm(raw: &RawConfig, check: &mut Check<'_>) -> Option<(RobotDescription, Vec<f64>)> {
+    let robot = match robot::load(&raw.robot.model) {
+        Ok(robot) => robot,
+        Err(e) => {
+            check.wrong("robot.model", e.to_string());
+            return None;
+        }
+    };
+    let joints = robot.joint_count();
+    let q = &raw.robot.q_start_rad_or_m;
+    if q.len() == joints {
+        for (i, (q, joint)) in q.iter().zip(&robot.joints).enumerate() {
+            check.range(&format!("robot.q_start_rad_or_m[{i}]"), *q, joint.limits.lower..=joint.limits.upper);
+        }
+    } else {
+        check.wrong("robot.q_start_rad_or_m", format!("has {} entries, {} has {joints} joints", q.len(), robot.name));
+    }
+    let acceleration = &raw.motion.max_acceleration_rad_s2_or_m_s2;
+    for (i, a) in acceleration.iter().enumerate() {
+        check.range(&format!("motion.max_acceleration_rad_s2_or_m_s2[{i}]"), *a, 1e-3..=1e4);
+    }
+    let acceleration = match acceleration.as_slice() {
+        [one] => vec![*one; joints],
+        list if list.len() == joints => list.to_vec(),
+        list => {
+            let message = format!("has {} entries, needs 1 or {joints}", list.len());
+            check.wrong("motion.max_acceleration_rad_s2_or_m_s2", message);
+            return None;
+        }
+    };
+    Some((robot, acceleration))
+}
+
+/// The first dot (from 1) that the camera does not see when the target lies at `X_CO`, and why.
+fn hidden_dot(target: &DotTarget, camera: &Camera, X_CO: &Pose) -> Option<(usize, &'static str)> {
+    target.points_O().iter().enumerate().find_map(|(i, p_O)| match camera.model.project(&(X_CO * p_O)) {
+        None => Some((i + 1, "behind the camera")),
+        Some(px) if !camera.model.contains(&px, 0.0) => Some((i + 1, "outside the image")),
+        Some(_) => None,
+    })
+}
+
+fn start_view(
+    raw: &RawConfig,
+    robot: &RobotDescription,
+    target: &DotTarget,
+    camera: &Camera,
+    X_BO: &Pose,
+    check: &mut Check<'_>,
+) {
+    let q = &raw.robot.q_start_rad_or_m;
+    if q.len() != robot.joint_count() || !q.iter().all(|q| q.is_finite()) {
+        return;
+    }
+    match crate::dispatch_robot!(robot, |arm| arm.forward(&SVector::from_column_slice(q))) {
+        Ok(X_BE) => {
+            let X_CO = (X_BE * camera.X_EC).inverse() * X_BO;
+            if let Some((dot, why)) = hidden_dot(target, camera, &X_CO) {
+                let message =
+                    format!("dot {dot} of the target lies {why} at the start; move scene.object or the start position");
+                check.wrong("robot.q_start_rad_or_m", message);
+            }
+        }
+        Err(e) => check.wrong("robot.model", e.to_string()),
+    }
+}
+
+fn timing(raw: &RawConfig, camera: &Camera, safety: Safety, check: &mut Check<'_>) {
+    let period_s = 1.0 / camera.rate_hz;
+    let expected_age_s = period_s + camera.latency.as_s();
+    if safety.measurement_timeout.as_s() <= expected_age_s {
+        let message = format!(
+            "{} ms is shorter than a frame period and its latency together ({:.1} ms): the arm would stop at every frame",
+            raw.safety.measurement_timeout_ms,
+            expected_age_s * 1e3
+        );
+        check.wrong("safety.measurement_timeout_ms", message);
+    }
+    if camera.exposure.as_s() > period_s {
+        check.wrong("camera.exposure_ms", format!("is longer than a frame period ({:.3} ms)", period_s * 1e3));
+    }
+    if raw.run.clock == Clock::Lockstep {
+        let i = camera.model.intrinsics();
+        let in_flight = crate::schedule::FrameSchedule::new(camera.rate_hz).in_flight(camera.latency) as f64;
+        if in_flight * f64::from(i.width_px) * f64::from(i.height_px) > MAX_FRAME_BYTES_IN_FLIGHT {
+            let message = "in lockstep, the frames in flight would take more than 512 MB: lower the latency, rate or size";
+            check.wrong("camera.latency_ms", message);
+        }
+    }
+}

@@ -1,0 +1,460 @@
+//! One run of the control loop without clock and processes: drive, controller, goal, and what is counted on the way.
+//!
+//! The real-time thread, the lockstep loop and in-process simulations all call [`ControlLoop::tick`]. It does not
+//! allocate, log or fail.
+
+use crate::controller::{ControlOutput, Controller};
+use crate::drive::{Drive, DriveCommand, DriveState};
+use crate::geometry::{Pose, rotation_angle};
+use crate::histogram::Histogram;
+use crate::messages::{
+    ControlState, JointState, MAX_JOINTS, Measurement, Status, TargetStatus, frame_flag, joint_flag,
+};
+use crate::safety::Fault;
+use crate::schedule::TICK;
+use crate::summary::{FinalErrors, Latencies, Outcome, SafetyEvent, SafetyReport};
+use crate::time::{MonoNs, SpanNs};
+use nalgebra::{SVector, Vector2};
+use xxhash_rust::xxh3::Xxh3;
+
+/// Ticks between two status records: 50 Hz.
+const STATUS_PERIOD: u64 = 20;
+/// Share of the first feature error below which the run counts as settled.
+const SETTLED_SHARE: f64 = 0.02;
+/// Events that are kept; later ones are only counted.
+const MAX_EVENTS: usize = 64;
+/// A stopping arm that has not come to rest by then is left to its drive.
+const LONGEST_STOP: SpanNs = SpanNs(1_000_000_000);
+/// A reference slower than this is at rest, rad/s or m/s.
+const AT_REST: f64 = 1e-9;
+
+/// What the loop is to reach, and when it ends without.
+#[derive(Debug, Clone, Copy)]
+pub struct RunPlan {
+    /// Largest root mean square feature error, px; the goal.
+    pub feature_error_px: f64,
+    /// How long the goal must be held.
+    pub hold: SpanNs,
+    /// Latest end; `None` ends with the last frame only.
+    pub duration: Option<SpanNs>,
+    /// Whether the loop is closed: without it there is no goal to reach.
+    pub closed_loop: bool,
+    /// Focal lengths that turn normalized errors into pixels.
+    pub f_px: Vector2<f64>,
+    /// Where the object is in a simulated scene.
+    pub X_BO: Option<Pose>,
+}
+
+/// The end of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Finish {
+    /// How.
+    pub outcome: Outcome,
+    /// Why.
+    pub reason: &'static str,
+}
+
+/// What one tick leaves for the rest of the world.
+#[derive(Debug, Clone, Copy)]
+pub struct TickRecord {
+    /// The arm at the tick's time, and the command of the tick before.
+    pub joint_state: JointState,
+    /// The run after the tick, every 20 ms.
+    pub status: Option<Status>,
+    /// Set at the tick that ends the run.
+    pub finish: Option<Finish>,
+}
+
+/// Kinds of safety events.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Event {
+    Holding,
+    Resumed,
+    Stopping,
+    Fault(Fault),
+}
+
+/// What was counted during a run.
+#[derive(Clone)]
+pub struct RunStatistics {
+    /// Ticks done.
+    pub ticks: u64,
+    /// Good and bad measurements that reached the controller.
+    pub measurements: u64,
+    exposure_to_command: Histogram,
+    frame_to_measurement: Histogram,
+    vision: Histogram,
+    last_measurement: Option<Measurement>,
+    first_error_px: f64,
+    last_unsettled: Option<MonoNs>,
+    hash: Xxh3,
+    events: [(MonoNs, Option<Event>); MAX_EVENTS],
+    event_count: usize,
+}
+
+/// The loop of one run.
+pub struct ControlLoop<const N: usize> {
+    controller: Controller<N>,
+    drive: Box<dyn Drive<N> + Send>,
+    plan: RunPlan,
+    statistics: RunStatistics,
+    first: Option<MonoNs>,
+    last: MonoNs,
+    goal_since: Option<MonoNs>,
+    state: ControlState,
+    feature_error_px: f64,
+    sensed: DriveState<N>,
+    command: DriveCommand<N>,
+    ending: Option<(MonoNs, Finish)>,
+    last_frame_seen: bool,
+    used_exposure: Option<MonoNs>,
+}
+
+impl<const N: usize> ControlLoop<N> {
+    /// A loop that has not ticked yet.
+    #[must_use]
+    pub fn new(controller: Controller<N>, drive: Box<dyn Drive<N> + Send>, plan: RunPlan) -> Self {
+        let zero = SVector::zeros();
+        Self {
+            controller,
+            drive,
+            plan,
+            statistics: RunStatistics::new(),
+            first: None,
+            last: MonoNs::ZERO,
+            goal_since: None,
+            state: ControlState::Waiting,
+            feature_error_px: f64::NAN,
+            sensed: DriveState { q: zero, qd: zero, truth: None },
+            command: DriveCommand { tau: zero, q_r: zero, qd_r: zero },
+            ending: None,
+            last_frame_seen: false,
+            used_exposure: None,
+        }
+    }
+
+    /// First half of a tick: reads the drive at the tick's time.
+    pub fn sense(&mut self, tick: u64, now: MonoNs) -> JointState {
+        self.first.get_or_insert(now);
+        self.last = now;
+        self.sensed = self.drive.read(now);
+        self.statistics.hash_state(&self.sensed);
+        joint_state(tick, now, &self.sensed, &self.command)
+    }
+
+    /// Second half: steps the controller on that state and writes the drive. A finish ends the run.
+    pub fn act(
+        &mut self,
+        tick: u64,
+        now: MonoNs,
+        measurement: Option<&Measurement>,
+    ) -> (Option<Status>, Option<Finish>) {
+        self.used_exposure = measurement.map(|m| m.exposure);
+        if let Some(m) = measurement {
+            self.count(now, m);
+        }
+        let output = self.controller.step(now, &self.sensed, measurement);
+        self.drive.write(&output.command);
+        self.command = output.command;
+        self.statistics.ticks += 1;
+        self.note_state(now, &output);
+        let finish = self.finish(now, &output);
+        let status = (tick.is_multiple_of(STATUS_PERIOD) || finish.is_some()).then(|| self.status(tick, now, finish));
+        (status, finish)
+    }
+
+    /// A whole tick.
+    pub fn tick(&mut self, tick: u64, now: MonoNs, measurement: Option<&Measurement>) -> TickRecord {
+        let joint_state = self.sense(tick, now);
+        let (status, finish) = self.act(tick, now, measurement);
+        TickRecord { joint_state, status, finish }
+    }
+
+    /// Tells when the command of this tick was written; closes the latency of the measurement that it used.
+    pub fn commanded(&mut self, at: MonoNs) {
+        if let Some(exposure) = self.used_exposure.take() {
+            self.statistics.exposure_to_command.record(at - exposure);
+        }
+    }
+
+    /// Brings the arm to rest and ends the run with `reason`.
+    pub fn stop(&mut self, now: MonoNs, reason: &'static str) {
+        if self.ending.is_none() {
+            self.ending = Some((now, Finish { outcome: Outcome::Stopped, reason }));
+            self.statistics.event(now, Event::Stopping);
+            self.controller.stop();
+        }
+    }
+
+    /// What was counted.
+    #[must_use]
+    pub fn statistics(&self) -> &RunStatistics {
+        &self.statistics
+    }
+
+    fn count(&mut self, now: MonoNs, m: &Measurement) {
+        let s = &mut self.statistics;
+        s.measurements += 1;
+        s.frame_to_measurement.record(m.vision_end - m.frame_sent);
+        s.vision.record(m.vision_end - m.vision_start);
+        s.last_measurement = Some(*m);
+        self.last_frame_seen |= m.flags & frame_flag::LAST != 0;
+        let error_px =
+            if m.found() { self.controller.settings().set_point.error_rms_px(m, &self.plan.f_px) } else { f64::NAN };
+        if error_px.is_nan() {
+            self.goal_since = None;
+            return;
+        }
+        self.feature_error_px = error_px;
+        if s.first_error_px.is_nan() {
+            s.first_error_px = error_px;
+        }
+        if error_px > SETTLED_SHARE * s.first_error_px {
+            s.last_unsettled = Some(now);
+        }
+        if error_px > self.plan.feature_error_px {
+            self.goal_since = None;
+        } else {
+            self.goal_since.get_or_insert(now);
+        }
+    }
+
+    fn note_state(&mut self, now: MonoNs, output: &ControlOutput<N>) {
+        let event = match (self.state, output.state, output.fault) {
+            (before, ControlState::Fault, Some(fault)) if before != ControlState::Fault => Some(Event::Fault(fault)),
+            (ControlState::Servoing, ControlState::Holding, _) => Some(Event::Holding),
+            (ControlState::Holding, ControlState::Servoing, _) => Some(Event::Resumed),
+            _ => None,
+        };
+        if let Some(event) = event {
+            self.statistics.event(now, event);
+        }
+        self.state = output.state;
+        if let Some(fault) = output.fault {
+            self.ending.get_or_insert((now, Finish { outcome: Outcome::Fault, reason: fault.describe() }));
+        }
+    }
+
+    /// A stop or a fault ends the run when the arm is at rest; everything else at once.
+    fn finish(&self, now: MonoNs, output: &ControlOutput<N>) -> Option<Finish> {
+        if let Some((since, finish)) = self.ending {
+            let at_rest = output.command.qd_r.amax() < AT_REST;
+            return (at_rest || now - since > LONGEST_STOP).then_some(finish);
+        }
+        if self.plan.closed_loop
+            && self.state == ControlState::Servoing
+            && self.goal_since.is_some_and(|since| now - since >= self.plan.hold)
+        {
+            return Some(Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" });
+        }
+        if self.last_frame_seen {
+            return Some(Finish { outcome: Outcome::Finished, reason: "the last frame was used" });
+        }
+        let time = now - self.first.unwrap_or(now);
+        if self.plan.duration.is_some_and(|duration| time >= duration) {
+            return Some(self.time_is_up());
+        }
+        None
+    }
+
+    fn time_is_up(&self) -> Finish {
+        let reason = match (self.plan.closed_loop, self.state, self.statistics.last_measurement) {
+            (false, _, _) => {
+                return Finish { outcome: Outcome::Finished, reason: "run.duration_s is over" };
+            }
+            (_, _, None) => "run.duration_s is over: no measurement ever came",
+            (_, ControlState::Waiting, Some(m)) => match m.target_status() {
+                TargetStatus::NoContrast => "run.duration_s is over: the frames have no contrast",
+                TargetStatus::TooFewRegions => "run.duration_s is over: the target was never seen, too few dark regions",
+                TargetStatus::Ambiguous => "run.duration_s is over: the target's dots could not be told apart",
+                TargetStatus::WrongSize => "run.duration_s is over: frames have another size than the camera's",
+                TargetStatus::NoMatch | TargetStatus::Found => "run.duration_s is over: the target was never found",
+            },
+            (_, ControlState::Holding, _) => "run.duration_s is over: the target was lost",
+            _ => "run.duration_s is over before the goal was reached",
+        };
+        Finish { outcome: Outcome::NotConverged, reason }
+    }
+
+    /// The object in the camera in simulated truth, m.
+    fn true_view(&self) -> Option<Pose> {
+        let (q, _) = self.sensed.truth?;
+        let settings = self.controller.settings();
+        let X_BC = settings.robot.forward(&q) * settings.X_EC;
+        Some(X_BC.inverse() * self.plan.X_BO?)
+    }
+
+    /// Position and orientation of the camera relative to the desired one, from truth or else from the last pose.
+    fn pose_errors(&self) -> Option<(f64, f64)> {
+        let X_CO = self.true_view().or_else(|| self.statistics.last_measurement.filter(Measurement::found)?.pose())?;
+        let X_DC = self.controller.settings().set_point.X_DO() * X_CO.inverse();
+        Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
+    }
+
+    /// Errors now: against simulated truth where there is one, else from the last measurement.
+    #[must_use]
+    pub fn final_errors(&self) -> FinalErrors {
+        let set_point = &self.controller.settings().set_point;
+        let feature_error = match self.true_view() {
+            Some(X_CO) => set_point.error_rms_px_at(&X_CO, &self.plan.f_px),
+            None => self.feature_error_px,
+        };
+        let pose = self.pose_errors();
+        FinalErrors {
+            feature_error: Some(feature_error).filter(|e| e.is_finite()),
+            position_error_m: pose.map(|(p, _)| p),
+            orientation_error_rad: pose.map(|(_, o)| o),
+        }
+    }
+
+    fn status(&self, tick: u64, now: MonoNs, finish: Option<Finish>) -> Status {
+        let (position_error_m, orientation_error_rad) = self.pose_errors().unwrap_or((f64::NAN, f64::NAN));
+        let m = self.statistics.last_measurement.unwrap_or_default();
+        let state = match finish.map(|f| f.outcome) {
+            Some(Outcome::Converged) => ControlState::Converged,
+            Some(Outcome::Fault) => ControlState::Fault,
+            Some(_) => ControlState::Stopped,
+            None => self.state,
+        };
+        Status {
+            tick,
+            stamp: now,
+            time_s: self.duration_s(),
+            feature_error_px: self.feature_error_px,
+            position_error_m,
+            orientation_error_rad,
+            exposure_to_command_us: self.statistics.last_measurement.map_or(f64::NAN, |m| (now - m.exposure).as_us()),
+            measurements: self.statistics.measurements,
+            frames: m.frames_received,
+            frames_dropped: m.frames_dropped,
+            target_lost: m.target_lost,
+            missed_deadlines: 0,
+            state: state as u32,
+            target: m.status,
+        }
+    }
+
+    /// Time from the first tick to the last one, that one included, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.first.map_or(0.0, |first| (self.last + TICK - first).as_s())
+    }
+
+    /// When the feature error came below 2 % of its first value for good, s.
+    #[must_use]
+    pub fn settling_time_s(&self) -> Option<f64> {
+        let s = &self.statistics;
+        let settled = self.feature_error_px <= SETTLED_SHARE * s.first_error_px;
+        settled.then(|| s.last_unsettled.zip(self.first).map_or(0.0, |(last, first)| (last - first).as_s()))
+    }
+
+    /// What safety saw.
+    #[must_use]
+    pub fn safety_report(&self) -> SafetyReport {
+        let first = self.first.unwrap_or(MonoNs::ZERO);
+        let events = &self.statistics.events[..self.statistics.event_count.min(MAX_EVENTS)];
+        SafetyReport {
+            state: self.state.as_str().into(),
+            events: events
+                .iter()
+                .filter_map(|(at, event)| {
+                    Some(SafetyEvent { time_s: (*at - first).as_s(), event: (*event)?.describe().into() })
+                })
+                .collect(),
+        }
+    }
+}
+
+impl RunStatistics {
+    fn new() -> Self {
+        Self {
+            ticks: 0,
+            measurements: 0,
+            exposure_to_command: Histogram::default(),
+            frame_to_measurement: Histogram::default(),
+            vision: Histogram::default(),
+            last_measurement: None,
+            first_error_px: f64::NAN,
+            last_unsettled: None,
+            hash: Xxh3::new(),
+            events: [(MonoNs::ZERO, None); MAX_EVENTS],
+            event_count: 0,
+        }
+    }
+
+    /// The latencies, us.
+    #[must_use]
+    pub fn latencies(&self) -> Latencies {
+        Latencies {
+            exposure_to_command: self.exposure_to_command.quantiles_us(),
+            frame_to_measurement: self.frame_to_measurement.quantiles_us(),
+            vision: self.vision.quantiles_us(),
+        }
+    }
+
+    /// The newest measurement.
+    #[must_use]
+    pub fn last_measurement(&self) -> Option<&Measurement> {
+        self.last_measurement.as_ref()
+    }
+
+    /// Hash over every joint state so far, hexadecimal.
+    #[must_use]
+    pub fn state_hash(&self) -> String {
+        format!("{:032x}", self.hash.digest128())
+    }
+
+    fn hash_state<const N: usize>(&mut self, state: &DriveState<N>) {
+        for x in state.q.iter().chain(state.qd.iter()) {
+            self.hash.update(&x.to_bits().to_le_bytes());
+        }
+    }
+
+    fn event(&mut self, at: MonoNs, event: Event) {
+        if let Some(place) = self.events.get_mut(self.event_count) {
+            *place = (at, Some(event));
+        }
+        self.event_count += 1;
+    }
+}
+
+impl Event {
+    fn describe(self) -> &'static str {
+        match self {
+            Self::Holding => "measurements stopped: the arm slows down and holds",
+            Self::Resumed => "measurements are back: the arm goes on",
+            Self::Stopping => "stop requested: the arm slows down",
+            Self::Fault(fault) => fault.describe(),
+        }
+    }
+}
+
+fn joint_state<const N: usize>(
+    tick: u64,
+    now: MonoNs,
+    state: &DriveState<N>,
+    command: &DriveCommand<N>,
+) -> JointState {
+    let (q_true, qd_true) = state.truth.unwrap_or((SVector::zeros(), SVector::zeros()));
+    JointState {
+        tick,
+        stamp: now,
+        joints: N as u32,
+        flags: if state.truth.is_some() { joint_flag::TRUTH } else { 0 },
+        q: padded(&state.q),
+        qd: padded(&state.qd),
+        tau: padded(&command.tau),
+        q_r: padded(&command.q_r),
+        qd_r: padded(&command.qd_r),
+        q_true: padded(&q_true),
+        qd_true: padded(&qd_true),
+    }
+}
+
+fn padded<const N: usize>(v: &SVector<f64, N>) -> [f64; MAX_JOINTS] {
+    let mut out = [0.0; MAX_JOINTS];
+    for (to, from) in out.iter_mut().zip(v.iter()) {
+        *to = *from;
+    }
+    out
+}

@@ -1,0 +1,283 @@
+//! An instance: the name under which the processes of one run find each other, and nobody else.
+//!
+//! ```text
+//! /dev/shm/vservo-NAME/            the transport's directories, the locks, the effective configuration
+//! /dev/shm/vservo.NAME.*           the transport's segments
+//! ```
+//! A role is held by a lock on a file, which the kernel releases when the process dies in whatever way. Whoever
+//! leaves last removes everything.
+
+use iceoryx2::prelude::*;
+use rustix::fs::{FlockOperation, Mode, OFlags, flock, fstat, open, stat};
+use rustix::io::Errno;
+use std::fmt;
+use std::os::fd::OwnedFd;
+use std::path::{Path as FsPath, PathBuf};
+use std::str::FromStr;
+use thiserror::Error;
+
+/// Socket paths end at 107 characters; the transport appends its own names to the root path.
+const LONGEST_NAME: usize = 32;
+const SHARED_MEMORY: &str = "/dev/shm";
+const LOCK_ATTEMPTS: u32 = 10;
+const LOCK_PAUSE: std::time::Duration = std::time::Duration::from_millis(20);
+
+/// The name of an instance is not usable, or its place is not.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum InstanceError {
+    /// The name has other characters or another length.
+    #[error("instance name `{0}`: use 1 to {LONGEST_NAME} letters, digits, `-` or `_`")]
+    Name(String),
+    /// Another process holds the role.
+    #[error(
+        "instance `{instance}` already has a running {role} process; stop it, or give this run a name of its own: \
+         --instance NAME"
+    )]
+    Taken {
+        /// The instance.
+        instance: String,
+        /// The role.
+        role: Role,
+    },
+    /// Shared memory cannot be used.
+    #[error("cannot use {path}: {cause}; is /dev/shm mounted, writable for you and not full?")]
+    Place {
+        /// What could not be used.
+        path: PathBuf,
+        /// The system's word for it.
+        cause: Errno,
+    },
+}
+
+/// The part that a process plays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Role {
+    /// Starts and ends the others.
+    Supervisor,
+    /// Produces frames.
+    Camera,
+    /// Measures in them.
+    Vision,
+    /// Moves the arm.
+    Control,
+}
+
+impl Role {
+    /// All roles.
+    pub const ALL: [Self; 4] = [Self::Supervisor, Self::Camera, Self::Vision, Self::Control];
+
+    /// The role's name: that of its sub-command and its lock.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Supervisor => "supervisor",
+            Self::Camera => "camera",
+            Self::Vision => "vision",
+            Self::Control => "control",
+        }
+    }
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// A run's name and its places in shared memory.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Instance {
+    name: String,
+}
+
+/// A held role; released when dropped or when the process dies.
+#[derive(Debug)]
+pub struct RoleLock {
+    _file: OwnedFd,
+}
+
+impl FromStr for Instance {
+    type Err = InstanceError;
+
+    fn from_str(name: &str) -> Result<Self, InstanceError> {
+        let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if name.is_empty() || name.len() > LONGEST_NAME || !name.chars().all(good) {
+            return Err(InstanceError::Name(name.into()));
+        }
+        Ok(Self { name: name.into() })
+    }
+}
+
+impl fmt::Display for Instance {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.name)
+    }
+}
+
+impl Instance {
+    /// The instance's directory.
+    #[must_use]
+    pub fn directory(&self) -> PathBuf {
+        FsPath::new(SHARED_MEMORY).join(format!("vservo-{}", self.name))
+    }
+
+    /// Where the supervisor leaves the effective configuration for its children.
+    #[must_use]
+    pub fn config_path(&self) -> PathBuf {
+        self.directory().join("config.toml")
+    }
+
+    /// No instance name contains a dot, so that no prefix is the beginning of another one.
+    fn prefix(&self) -> String {
+        format!("vservo.{}.", self.name)
+    }
+
+    /// The transport's configuration for this instance alone.
+    ///
+    /// # Errors
+    /// When the transport refuses the instance's names.
+    pub fn transport_config(&self) -> Result<Config, InstanceError> {
+        let mut config = Config::default();
+        let name_error = |_| InstanceError::Name(self.name.clone());
+        config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(name_error)?;
+        let root = self.directory();
+        config
+            .global
+            .set_root_path(&iceoryx2::prelude::Path::new(root.as_os_str().as_encoded_bytes()).map_err(name_error)?);
+        Ok(config)
+    }
+
+    /// Takes a role of this instance.
+    ///
+    /// # Errors
+    /// [`InstanceError::Taken`] when a living process has it; [`InstanceError::Place`] when shared memory is not usable.
+    pub fn lock(&self, role: Role) -> Result<RoleLock, InstanceError> {
+        // A process that cleans up holds all roles for a moment: one refusal is not yet a rival.
+        for _ in 0..LOCK_ATTEMPTS {
+            match self.try_lock(role) {
+                Err(InstanceError::Taken { .. }) => std::thread::sleep(LOCK_PAUSE),
+                other => return other,
+            }
+        }
+        self.try_lock(role)
+    }
+
+    fn try_lock(&self, role: Role) -> Result<RoleLock, InstanceError> {
+        let directory = self.directory();
+        let path = directory.join(format!("{role}.lock"));
+        let place = |cause| InstanceError::Place { path: path.clone(), cause };
+        loop {
+            match rustix::fs::mkdir(&directory, Mode::RWXU) {
+                Ok(()) | Err(Errno::EXIST) => {}
+                Err(cause) => return Err(InstanceError::Place { path: directory, cause }),
+            }
+            let file = match open(&path, OFlags::CREATE | OFlags::RDWR | OFlags::CLOEXEC, Mode::RUSR | Mode::WUSR) {
+                Ok(file) => file,
+                Err(Errno::NOENT) => continue, // a clean-up removed the directory in between
+                Err(cause) => return Err(place(cause)),
+            };
+            match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+                Ok(()) => {}
+                Err(Errno::WOULDBLOCK) => return Err(InstanceError::Taken { instance: self.name.clone(), role }),
+                Err(cause) => return Err(place(cause)),
+            }
+            // The lock counts only if its file is still the one that the next process will find.
+            let held = fstat(&file).map_err(place)?;
+            if stat(&path).is_ok_and(|found| found.st_ino == held.st_ino && found.st_dev == held.st_dev) {
+                return Ok(RoleLock { _file: file });
+            }
+        }
+    }
+
+    /// Whether a living process holds `role`.
+    #[must_use]
+    pub fn is_running(&self, role: Role) -> bool {
+        let path = self.directory().join(format!("{role}.lock"));
+        open(&path, OFlags::RDWR | OFlags::CLOEXEC, Mode::empty())
+            .is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK))
+    }
+
+    /// Removes what dead processes of this instance left in shared memory, unless a living one plays any other role
+    /// or has joined the transport. To be called at the start by whoever holds a role, and at the end by everybody.
+    pub fn remove_leftovers(&self, own: Option<Role>) {
+        // All other roles are held meanwhile: nobody can start in a directory that is about to vanish.
+        let others = Role::ALL.iter().filter(|role| Some(**role) != own);
+        let Ok(_locks) = others.map(|role| self.try_lock(*role)).collect::<Result<Vec<_>, _>>() else { return };
+        if self.has_living_node() {
+            return;
+        }
+        let prefix = self.prefix();
+        if let Ok(entries) = std::fs::read_dir(SHARED_MEMORY) {
+            for entry in entries.flatten() {
+                if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                    let _ = std::fs::remove_file(entry.path());
+                }
+            }
+        }
+        if own.is_none() {
+            let _ = std::fs::remove_dir_all(self.directory());
+        } else if let Ok(entries) = std::fs::read_dir(self.directory()) {
+            for entry in entries.flatten().filter(|e| !e.file_name().to_string_lossy().ends_with(".lock")) {
+                let path = entry.path();
+                let _ = if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+            }
+        }
+    }
+
+    fn has_living_node(&self) -> bool {
+        let Ok(config) = self.transport_config() else { return false };
+        let mut living = false;
+        let listed = Node::<ipc::Service>::list(&config, |state| {
+            living |= matches!(state, NodeState::Alive(_));
+            CallbackProgression::Continue
+        });
+        living && listed.is_ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn instance(test: &str) -> Instance {
+        format!("unit-{test}-{}", std::process::id()).parse().unwrap()
+    }
+
+    #[test]
+    fn names_are_checked() {
+        for bad in ["", "a b", "a/b", "a.b", "..", "ä", &"x".repeat(33)] {
+            assert!(bad.parse::<Instance>().is_err(), "{bad}");
+        }
+        assert!("Run-7_b".parse::<Instance>().is_ok());
+    }
+
+    #[test]
+    fn a_role_is_held_once_and_leaves_nothing_behind() {
+        let i = instance("roles");
+        let lock = i.lock(Role::Camera).unwrap();
+        assert!(i.is_running(Role::Camera));
+        assert!(matches!(i.lock(Role::Camera), Err(InstanceError::Taken { role: Role::Camera, .. })));
+        let other = i.lock(Role::Vision).unwrap();
+        drop(lock);
+        i.remove_leftovers(None);
+        assert!(i.directory().exists(), "vision still runs");
+        drop(other);
+        i.remove_leftovers(None);
+        assert!(!i.directory().exists());
+    }
+
+    #[test]
+    fn leftovers_of_the_dead_go_but_own_locks_stay() {
+        let i = instance("leftovers");
+        let _lock = i.lock(Role::Supervisor).unwrap();
+        let segment = FsPath::new(SHARED_MEMORY).join(format!("vservo.{}.segment", i.name));
+        std::fs::write(&segment, "x").unwrap();
+        std::fs::create_dir_all(i.directory().join("nodes/old")).unwrap();
+        i.remove_leftovers(Some(Role::Supervisor));
+        assert!(!segment.exists() && !i.directory().join("nodes").exists());
+        assert!(i.is_running(Role::Supervisor));
+        drop(_lock);
+        i.remove_leftovers(None);
+        assert!(!i.directory().exists());
+    }
+}

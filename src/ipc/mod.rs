@@ -1,0 +1,21 @@
+//! Everything that touches shared memory between processes: one instance's names and places, every service with
+//! its limits, and the few kinds of ports that the processes use.
+//!
+//! ```text
+//! service                    payload                    rate      made by    read by
+//! camera/0/frame             [u8] + FrameHeader         camera's  camera     vision
+//! vision/0/measurement       Measurement                camera's  vision     control
+//! control/joint_state        JointState                 1 kHz     control    camera
+//! control/status             Status                     50 Hz     control    supervisor, views
+//! ```
+//! The first three have an event of the same name beside them that wakes the reader.
+
+mod error;
+mod instance;
+mod ports;
+mod services;
+
+pub use error::IpcError;
+pub use instance::{Instance, InstanceError, Role, RoleLock};
+pub use ports::{Bell, FrameReceiver, FrameSender, ReceivedFrame, Receiver, Sender, Waker};
+pub use services::{FrameShape, Peers, Services};

@@ -1,0 +1,229 @@
+//! The few kinds of ports that processes use. A sender with readers rings their bell; a reader waits for it at most
+//! as long as it says, and then takes everything there is: an event is not a sample.
+
+use super::IpcError;
+use crate::messages::FrameHeader;
+use iceoryx2::port::listener::{Listener, ListenerWaitError};
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::sample::Sample;
+
+use std::fmt::Debug;
+use std::time::Duration;
+
+type Ipc = ipc::Service;
+
+/// Wakes readers.
+#[derive(Debug)]
+pub struct Bell {
+    service: &'static str,
+    port: Notifier<Ipc>,
+}
+
+impl Bell {
+    pub(super) fn new(service: &'static str, port: Notifier<Ipc>) -> Self {
+        Self { service, port }
+    }
+
+    /// Wakes all readers.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn ring(&self) -> Result<(), IpcError> {
+        self.port.notify().map(|_| ()).map_err(|e| transfer("waking the readers", self.service, e))
+    }
+}
+
+/// Is woken by a [`Bell`].
+#[derive(Debug)]
+pub struct Waker {
+    service: &'static str,
+    port: Listener<Ipc>,
+}
+
+impl Waker {
+    pub(super) fn new(service: &'static str, port: Listener<Ipc>) -> Self {
+        Self { service, port }
+    }
+
+    /// Waits until the bell rings, or for `longest`.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn wait(&self, longest: Duration) -> Result<(), IpcError> {
+        match self.port.timed_wait(|_| {}, longest) {
+            // A signal ends the wait early; whoever waits looks at its stop flag next.
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
+            Err(e) => Err(transfer("waiting", self.service, e)),
+        }
+    }
+}
+
+/// Sends records.
+#[derive(Debug)]
+pub struct Sender<T: ZeroCopySend + Debug + Copy + 'static> {
+    service: &'static str,
+    port: Publisher<Ipc, T, ()>,
+    bell: Bell,
+}
+
+impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
+    pub(super) fn new(service: &'static str, port: Publisher<Ipc, T, ()>, bell: Bell) -> Self {
+        Self { service, port, bell }
+    }
+
+    /// Sends without waking anybody.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn send_quietly(&self, message: &T) -> Result<(), IpcError> {
+        self.port.send_copy(*message).map(|_| ()).map_err(|e| transfer("sending", self.service, e))
+    }
+
+    /// Sends, and wakes the readers.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn send(&self, message: &T) -> Result<(), IpcError> {
+        self.send_quietly(message)?;
+        self.bell.ring()
+    }
+}
+
+/// Receives records.
+#[derive(Debug)]
+pub struct Receiver<T: ZeroCopySend + Debug + Copy + 'static> {
+    service: &'static str,
+    port: Subscriber<Ipc, T, ()>,
+}
+
+impl<T: ZeroCopySend + Debug + Copy + 'static> Receiver<T> {
+    pub(super) fn new(service: &'static str, port: Subscriber<Ipc, T, ()>) -> Self {
+        Self { service, port }
+    }
+
+    /// The next record, oldest first; `None` when there is none.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn receive(&self) -> Result<Option<T>, IpcError> {
+        let sample = self.port.receive().map_err(|e| transfer("receiving", self.service, e))?;
+        Ok(sample.map(|s| *s))
+    }
+
+    /// The newest record; older ones are thrown away.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn receive_newest(&self) -> Result<Option<T>, IpcError> {
+        let mut newest = None;
+        while let Some(next) = self.receive()? {
+            newest = Some(next);
+        }
+        Ok(newest)
+    }
+}
+
+const FRAMES: &str = "camera/0/frame";
+
+/// Sends frames that were filled where they lie.
+#[derive(Debug)]
+pub struct FrameSender {
+    port: Publisher<Ipc, [u8], FrameHeader>,
+    bell: Bell,
+}
+
+impl FrameSender {
+    pub(super) fn new(port: Publisher<Ipc, [u8], FrameHeader>, bell: Bell) -> Self {
+        Self { port, bell }
+    }
+
+    /// Lends a frame of `bytes` in shared memory to `fill`, which returns its header, and sends it; nothing is sent
+    /// when `fill` returns `Err`, whose value is handed back.
+    ///
+    /// # Errors
+    /// When the transport fails: no frame to lend, or no way to send it.
+    pub fn send_filled<E>(
+        &self,
+        bytes: usize,
+        fill: impl FnOnce(&mut [u8]) -> Result<FrameHeader, E>,
+    ) -> Result<Result<(), E>, IpcError> {
+        let loan = self.port.loan_slice_uninit(bytes).map_err(|e| transfer("borrowing a frame", FRAMES, e))?;
+        let mut sample = zeroed(loan);
+        match fill(sample.payload_mut()) {
+            Ok(header) => *sample.user_header_mut() = header,
+            Err(e) => return Ok(Err(e)),
+        }
+        sample.send().map_err(|e| transfer("sending", FRAMES, e))?;
+        self.bell.ring()?;
+        Ok(Ok(()))
+    }
+}
+
+/// Declares a loaned frame initialised.
+///
+/// The segment comes from the kernel as zeroes and holds older frames later on: for bytes every content is valid.
+#[allow(unsafe_code)]
+fn zeroed(
+    loan: iceoryx2::sample_mut_uninit::SampleMutUninit<Ipc, [std::mem::MaybeUninit<u8>], FrameHeader>,
+) -> iceoryx2::sample_mut::SampleMut<Ipc, [u8], FrameHeader> {
+    // SAFETY: shared memory that the kernel zeroed or that an earlier frame was written to is initialised memory, and
+    // every bit pattern is a valid `u8`.
+    unsafe { loan.assume_init() }
+}
+
+/// A frame where it lies in shared memory; given back when dropped.
+#[derive(Debug)]
+pub struct ReceivedFrame {
+    sample: Sample<Ipc, [u8], FrameHeader>,
+}
+
+impl ReceivedFrame {
+    /// Stamps and shape.
+    #[must_use]
+    pub fn header(&self) -> FrameHeader {
+        *self.sample.user_header()
+    }
+
+    /// The pixels.
+    #[must_use]
+    pub fn pixels(&self) -> &[u8] {
+        self.sample.payload()
+    }
+}
+
+/// Receives frames.
+#[derive(Debug)]
+pub struct FrameReceiver {
+    port: Subscriber<Ipc, [u8], FrameHeader>,
+    waker: Waker,
+}
+
+impl FrameReceiver {
+    pub(super) fn new(port: Subscriber<Ipc, [u8], FrameHeader>, waker: Waker) -> Self {
+        Self { port, waker }
+    }
+
+    /// Waits until a frame may be there, or for `longest`.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn wait(&self, longest: Duration) -> Result<(), IpcError> {
+        self.waker.wait(longest)
+    }
+
+    /// The oldest waiting frame; the service keeps as many as its shape says, and drops older ones.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn receive(&self) -> Result<Option<ReceivedFrame>, IpcError> {
+        let sample = self.port.receive().map_err(|e| transfer("receiving", FRAMES, e))?;
+        Ok(sample.map(|sample| ReceivedFrame { sample }))
+    }
+}
+
+fn transfer(action: &'static str, service: &'static str, cause: impl Debug) -> IpcError {
+    IpcError::Transfer { action, service, cause: format!("{cause:?}") }
+}

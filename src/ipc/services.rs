@@ -1,0 +1,267 @@
+//! Every service of an instance, with its limits, in one place: the process that comes first creates it, the others
+//! open it, and all must ask for the same.
+
+use super::ports::{Bell, FrameReceiver, FrameSender, Receiver, Sender, Waker};
+use super::{Instance, InstanceError, IpcError};
+use crate::messages::{FrameHeader, JointState, Measurement, Status};
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PubSub;
+use std::fmt::Debug;
+
+/// Readers of a service: the next process, a recorder, a view, one to spare.
+const MAX_READERS: usize = 4;
+/// Processes that may open a service.
+const MAX_NODES: usize = 8;
+/// Ticks of joint state that a reader may lag behind: the camera looks back by its exposure and its latency.
+const JOINT_STATE_BUFFER: usize = 1024;
+/// Measurements in flight in lockstep; more than any latency at any rate.
+const MEASUREMENT_BUFFER: usize = 1024;
+
+/// How large frames are, and how many of them may be in flight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrameShape {
+    /// Bytes of one frame.
+    pub bytes: usize,
+    /// Frames that wait for vision: 1 in real time (the newest), more in lockstep.
+    pub in_flight: usize,
+}
+
+/// Which peers have joined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Peers {
+    /// A camera publishes frames.
+    pub camera: bool,
+    /// Vision publishes measurements.
+    pub vision: bool,
+}
+
+type Node = iceoryx2::node::Node<ipc::Service>;
+
+/// A process's membership in an instance. Its ports belong to the thread that made them.
+#[derive(Debug)]
+pub struct Services {
+    node: Node,
+    instance: Instance,
+}
+
+impl Services {
+    /// Joins `instance`.
+    ///
+    /// # Errors
+    /// When the name is refused or shared memory is not usable.
+    pub fn join(instance: &Instance) -> Result<Self, IpcError> {
+        let failed = |cause: String| IpcError::Node { instance: instance.to_string(), cause };
+        let config = instance.transport_config().map_err(|e: InstanceError| failed(e.to_string()))?;
+        let node = NodeBuilder::new()
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|e| failed(e.to_string()))?;
+        Ok(Self { node, instance: instance.clone() })
+    }
+
+    /// The camera's end of `camera/0/frame`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn frame_sender(&self, shape: FrameShape) -> Result<FrameSender, IpcError> {
+        let port = self
+            .frames(shape)?
+            .publisher_builder()
+            .initial_max_slice_len(shape.bytes)
+            .allocation_strategy(AllocationStrategy::Static)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| port_error("camera/0/frame", e))?;
+        Ok(FrameSender::new(port, self.bell("camera/0/frame")?))
+    }
+
+    /// Vision's end of `camera/0/frame`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn frame_receiver(&self, shape: FrameShape) -> Result<FrameReceiver, IpcError> {
+        let port = self
+            .frames(shape)?
+            .subscriber_builder()
+            .buffer_size(shape.in_flight)
+            .create()
+            .map_err(|e| port_error("camera/0/frame", e))?;
+        Ok(FrameReceiver::new(port, self.waker("camera/0/frame")?))
+    }
+
+    /// Vision's end of `vision/0/measurement`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn measurement_sender(&self) -> Result<Sender<Measurement>, IpcError> {
+        self.sender("vision/0/measurement", MEASUREMENT_BUFFER)
+    }
+
+    /// Control's end of `vision/0/measurement`, and the waker that rings with it.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn measurement_receiver(&self) -> Result<(Receiver<Measurement>, Waker), IpcError> {
+        let receiver = self.receiver("vision/0/measurement", MEASUREMENT_BUFFER, MEASUREMENT_BUFFER)?;
+        Ok((receiver, self.waker("vision/0/measurement")?))
+    }
+
+    /// Control's end of `control/joint_state`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn joint_state_sender(&self) -> Result<Sender<JointState>, IpcError> {
+        self.sender("control/joint_state", JOINT_STATE_BUFFER)
+    }
+
+    /// The camera's end of `control/joint_state`, and the waker that rings with it.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn joint_state_receiver(&self) -> Result<(Receiver<JointState>, Waker), IpcError> {
+        let receiver = self.receiver("control/joint_state", JOINT_STATE_BUFFER, JOINT_STATE_BUFFER)?;
+        Ok((receiver, self.waker("control/joint_state")?))
+    }
+
+    /// Control's end of `control/status`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn status_sender(&self) -> Result<Sender<Status>, IpcError> {
+        self.sender("control/status", 1)
+    }
+
+    /// A view's end of `control/status`: the newest only.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn status_receiver(&self) -> Result<Receiver<Status>, IpcError> {
+        self.receiver("control/status", 1, 1)
+    }
+
+    /// Which peers have joined; their ports, once made, miss nothing that is sent afterwards.
+    ///
+    /// # Errors
+    /// When a service cannot be opened.
+    pub fn peers(&self, shape: FrameShape) -> Result<Peers, IpcError> {
+        let camera = self.frames(shape)?.dynamic_config().number_of_publishers() > 0;
+        let measurements = self.publish_subscribe::<Measurement>("vision/0/measurement", MEASUREMENT_BUFFER)?;
+        Ok(Peers { camera, vision: measurements.dynamic_config().number_of_publishers() > 0 })
+    }
+
+    /// Frees what killed processes held in this instance's services.
+    pub fn remove_dead_peers(&self) {
+        let _ = self.node.try_cleanup_dead_nodes();
+    }
+
+    fn frames(&self, shape: FrameShape) -> Result<PubSub<ipc::Service, [u8], FrameHeader>, IpcError> {
+        self.node
+            .service_builder(&name("camera/0/frame")?)
+            .publish_subscribe::<[u8]>()
+            .user_header::<FrameHeader>()
+            .enable_safe_overflow(true)
+            .subscriber_max_buffer_size(shape.in_flight)
+            .subscriber_max_borrowed_samples(1)
+            .history_size(0)
+            .max_publishers(1)
+            .max_subscribers(MAX_READERS)
+            .max_nodes(MAX_NODES)
+            .open_or_create()
+            .map_err(|e| service_error("camera/0/frame", e))
+    }
+
+    fn publish_subscribe<T: ZeroCopySend + Debug>(
+        &self,
+        service: &'static str,
+        buffer: usize,
+    ) -> Result<PubSub<ipc::Service, T, ()>, IpcError> {
+        self.node
+            .service_builder(&name(service)?)
+            .publish_subscribe::<T>()
+            .enable_safe_overflow(true)
+            .subscriber_max_buffer_size(buffer)
+            .subscriber_max_borrowed_samples(1)
+            .history_size(0)
+            .max_publishers(1)
+            .max_subscribers(MAX_READERS)
+            .max_nodes(MAX_NODES)
+            .open_or_create()
+            .map_err(|e| service_error(service, e))
+    }
+
+    fn sender<T: ZeroCopySend + Debug + Copy>(
+        &self,
+        service: &'static str,
+        buffer: usize,
+    ) -> Result<Sender<T>, IpcError> {
+        let port = self
+            .publish_subscribe::<T>(service, buffer)?
+            .publisher_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| port_error(service, e))?;
+        Ok(Sender::new(service, port, self.bell(service)?))
+    }
+
+    fn receiver<T: ZeroCopySend + Debug + Copy>(
+        &self,
+        service: &'static str,
+        limit: usize,
+        buffer: usize,
+    ) -> Result<Receiver<T>, IpcError> {
+        let port = self
+            .publish_subscribe::<T>(service, limit)?
+            .subscriber_builder()
+            .buffer_size(buffer)
+            .create()
+            .map_err(|e| port_error(service, e))?;
+        Ok(Receiver::new(service, port))
+    }
+
+    fn bell(&self, service: &'static str) -> Result<Bell, IpcError> {
+        let port: Notifier<ipc::Service> =
+            self.event(service)?.notifier_builder().create().map_err(|e| port_error(service, e))?;
+        Ok(Bell::new(service, port))
+    }
+
+    fn waker(&self, service: &'static str) -> Result<Waker, IpcError> {
+        let port: Listener<ipc::Service> =
+            self.event(service)?.listener_builder().create().map_err(|e| port_error(service, e))?;
+        Ok(Waker::new(service, port))
+    }
+
+    fn event(
+        &self,
+        service: &'static str,
+    ) -> Result<iceoryx2::service::port_factory::event::PortFactory<ipc::Service>, IpcError> {
+        self.node
+            .service_builder(&name(service)?)
+            .event()
+            .max_notifiers(1)
+            .max_listeners(MAX_READERS)
+            .max_nodes(MAX_NODES)
+            .open_or_create()
+            .map_err(|e| service_error(service, e))
+    }
+
+    /// The instance that was joined.
+    #[must_use]
+    pub fn instance(&self) -> &Instance {
+        &self.instance
+    }
+}
+
+fn name(service: &str) -> Result<ServiceName, IpcError> {
+    service.try_into().map_err(|e| service_error(service, e))
+}
+
+fn service_error(service: &str, cause: impl Debug) -> IpcError {
+    IpcError::Service { service: service.into(), cause: format!("{cause:?}") }
+}
+
+fn port_error(service: &str, cause: impl Debug) -> IpcError {
+    IpcError::Port { service: service.into(), cause: format!("{cause:?}") }
+}

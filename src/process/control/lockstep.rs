@@ -1,0 +1,109 @@
+//! Lockstep: a simulated clock that waits for nothing but its own measurements.
+//!
+//! At each tick the arm's state goes out; a camera whose frame is due renders it. The measurement of a frame is used
+//! exactly `latency` later, and the loop waits there until it has come. Nothing else decides: not the machine's load, not
+//! the order in which processes run.
+
+use super::{Pace, Ports, STOP_REASON};
+use crate::config::Config;
+use crate::control_loop::ControlLoop;
+use crate::ipc::{FrameShape, Services};
+use crate::messages::{Measurement, frame_flag};
+use crate::process::{LONGEST_WAIT, ProcessError, StopFlag};
+use crate::schedule::{FrameSchedule, TICK};
+use crate::summary::TickTimes;
+use crate::time::MonoNs;
+use std::collections::VecDeque;
+use std::time::Duration;
+use tracing::info;
+
+/// Waits until camera and vision have joined: what is sent before would be lost to them.
+pub(super) fn wait_for_peers(services: &Services, frames: FrameShape, stop: &StopFlag) -> Result<(), ProcessError> {
+    let mut told = false;
+    while !stop.is_requested() {
+        let peers = services.peers(frames)?;
+        if peers.camera && peers.vision {
+            return Ok(());
+        }
+        if !told {
+            info!("waiting for the camera and vision processes of this instance");
+            told = true;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    Ok(())
+}
+
+/// Ticks to the end of the run.
+pub(super) fn run<const N: usize>(
+    config: &Config,
+    mut control: ControlLoop<N>,
+    ports: &Ports,
+    stop: &StopFlag,
+) -> Result<(ControlLoop<N>, Pace), ProcessError> {
+    let schedule = FrameSchedule::new(config.camera.rate_hz);
+    let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None };
+    let mut next_frame = 0;
+    let mut tick = 0;
+    loop {
+        let now = MonoNs(TICK.0 * tick as i64);
+        let state = control.sense(tick, now);
+        if schedule.frame_at(tick).is_some() {
+            ports.joint_state.send(&state)?;
+        } else {
+            ports.joint_state.send_quietly(&state)?;
+        }
+        if stop.is_requested() {
+            control.stop(now, STOP_REASON);
+        }
+        let mut measurement = None;
+        while schedule.usable_tick(next_frame, config.camera.latency) == tick {
+            measurement = inbox.measurement_of(next_frame, ports, stop)?.or(measurement);
+            next_frame += 1;
+        }
+        let (status, finish) = control.act(tick, now, measurement.as_ref());
+        control.commanded(now);
+        if let Some(status) = status {
+            ports.status.send_quietly(&status)?;
+        }
+        if let Some(finish) = finish {
+            return Ok((control, Pace { finish, missed_deadlines: 0, tick_us: TickTimes::default() }));
+        }
+        tick += 1;
+    }
+}
+
+/// Measurements that have come, in the order of their frames.
+struct Inbox {
+    waiting: VecDeque<Measurement>,
+    last_frame: Option<u64>,
+}
+
+impl Inbox {
+    /// The measurement of frame `id`, as soon as it is there; `None` when a stop is requested meanwhile, or no such frame
+    /// will ever come.
+    fn measurement_of(
+        &mut self,
+        id: u64,
+        ports: &Ports,
+        stop: &StopFlag,
+    ) -> Result<Option<Measurement>, ProcessError> {
+        loop {
+            while let Some(m) = ports.measurements.receive()? {
+                if m.flags & frame_flag::LAST != 0 {
+                    self.last_frame = Some(m.frame_id);
+                }
+                self.waiting.push_back(m);
+            }
+            while self.waiting.front().is_some_and(|m| m.frame_id < id) {
+                self.waiting.pop_front();
+            }
+            match self.waiting.front() {
+                Some(m) if m.frame_id == id => return Ok(self.waiting.pop_front()),
+                Some(_) => return Ok(None),
+                None if stop.is_requested() || self.last_frame.is_some_and(|last| id > last) => return Ok(None),
+                None => ports.waker.wait(LONGEST_WAIT)?,
+            }
+        }
+    }
+}

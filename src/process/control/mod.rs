@@ -1,0 +1,97 @@
+//! The control process. In real time a FIFO thread ticks and never touches shared memory, while a companion thread
+//! carries measurements in and records out; in lockstep one thread does both, because its time is simulated.
+
+mod lockstep;
+mod realtime;
+
+use super::{Membership, ProcessError, StopFlag, frame_shape};
+use crate::config::Config;
+use crate::config::raw::Clock;
+use crate::control_loop::{ControlLoop, Finish};
+use crate::ipc::{Instance, Receiver, Role, Sender, Services, Waker};
+use crate::messages::{JointState, Measurement, Status};
+use crate::robot::Robot;
+use crate::rt::now;
+use crate::summary::{Summary, TickTimes};
+use crate::time::SpanNs;
+
+/// Why a run ends on request.
+const STOP_REASON: &str = "a stop was requested";
+
+/// Runs control to the end of the run.
+///
+/// # Errors
+/// When the configuration, shared memory, the instance or the scheduling fails.
+pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<Summary, ProcessError> {
+    crate::dispatch_robot!(config.robot, |robot| run_robot(config, robot, instance, stop))?
+}
+
+/// Control's ports.
+struct Ports {
+    measurements: Receiver<Measurement>,
+    waker: Waker,
+    joint_state: Sender<JointState>,
+    status: Sender<Status>,
+}
+
+impl Ports {
+    fn open(services: &Services) -> Result<Self, ProcessError> {
+        let (measurements, waker) = services.measurement_receiver()?;
+        let (joint_state, status) = (services.joint_state_sender()?, services.status_sender()?);
+        Ok(Self { measurements, waker, joint_state, status })
+    }
+}
+
+/// How a run went by the clock.
+struct Pace {
+    finish: Finish,
+    missed_deadlines: u64,
+    tick_us: TickTimes,
+}
+
+fn run_robot<const N: usize>(
+    config: &Config,
+    robot: Robot<N>,
+    instance: &Instance,
+    stop: &StopFlag,
+) -> Result<Summary, ProcessError> {
+    let control = crate::assemble::control_loop(config, robot)?;
+    let membership = Membership::join(instance, Role::Control)?;
+    let ports = Ports::open(membership.services())?;
+    if config.clock == Clock::Lockstep {
+        lockstep::wait_for_peers(membership.services(), frame_shape(config), stop)?;
+    }
+    let start = now();
+    let (control, pace) = match config.clock {
+        Clock::Realtime => realtime::run(config, control, &ports, stop)?,
+        Clock::Lockstep => lockstep::run(config, control, &ports, stop)?,
+    };
+    Ok(summary(config, &control, &pace, now() - start))
+}
+
+fn summary<const N: usize>(config: &Config, control: &ControlLoop<N>, pace: &Pace, wall: SpanNs) -> Summary {
+    let statistics = control.statistics();
+    let m = statistics.last_measurement().copied().unwrap_or_default();
+    let lockstep = config.clock == Clock::Lockstep;
+    Summary {
+        outcome: pace.finish.outcome,
+        reason: pace.finish.reason.into(),
+        clock: config.clock_name().into(),
+        scheme: config.scheme_name().into(),
+        seed: config.seed,
+        duration_s: control.duration_s(),
+        wall_s: wall.as_s(),
+        ticks: statistics.ticks,
+        missed_deadlines: pace.missed_deadlines,
+        frames: m.frames_received,
+        measurements: statistics.measurements,
+        frames_dropped: m.frames_dropped,
+        target_lost: m.target_lost,
+        settling_time_s: control.settling_time_s(),
+        final_errors: control.final_errors(),
+        latency_us: statistics.latencies(),
+        tick_us: pace.tick_us,
+        safety: control.safety_report(),
+        state_hash: lockstep.then(|| statistics.state_hash()),
+    }
+}

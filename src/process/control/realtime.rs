@@ -1,0 +1,165 @@
+//! Real time: absolute deadlines every millisecond on a FIFO thread.
+//!
+//! ```text
+//! companion thread                              real-time thread
+//! measurement port ──ring──────────────────────► newest ─► ControlLoop::tick
+//! joint_state, status ports ◄──ring────────────── records
+//! ```
+//! The real-time thread makes no system call but its sleep, and does not allocate. A late tick is counted; ticks that
+//! have passed are skipped, never caught up.
+
+use super::{Pace, Ports, STOP_REASON};
+use crate::config::raw::RealtimePolicy;
+use crate::config::{Config, RealtimeRequest};
+use crate::control_loop::{ControlLoop, Finish, TickRecord};
+use crate::histogram::Histogram;
+use crate::messages::Measurement;
+use crate::process::{ProcessError, StopFlag};
+use crate::rt::{self, Obtained};
+use crate::schedule::TICK;
+use crate::summary::TickTimes;
+use crate::time::SpanNs;
+use rtrb::{Consumer, Producer, RingBuffer};
+use std::sync::mpsc;
+use std::time::Duration;
+use tracing::{info, warn};
+
+/// Records that wait for the companion: a second of them.
+const RECORDS: usize = 1024;
+/// Measurements that wait for a tick.
+const MEASUREMENTS: usize = 64;
+/// The companion looks after the rings at least so often.
+const COMPANION_PERIOD: Duration = Duration::from_millis(1);
+/// From the start of the thread to its first tick.
+const LEAD: SpanNs = SpanNs(2_000_000);
+
+/// Ticks to the end of the run.
+pub(super) fn run<const N: usize>(
+    config: &Config,
+    control: ControlLoop<N>,
+    ports: &Ports,
+    stop: &StopFlag,
+) -> Result<(ControlLoop<N>, Pace), ProcessError> {
+    let (records, to_send) = RingBuffer::new(RECORDS);
+    let (received, measurements) = RingBuffer::new(MEASUREMENTS);
+    let (tell, obtained) = mpsc::channel();
+    let Config { realtime, .. } = config;
+    let request = (realtime.policy != RealtimePolicy::Off).then_some(realtime.request);
+    let enforce = realtime.policy == RealtimePolicy::Enforce;
+    let memory = request.as_ref().and_then(rt::prepare_process);
+    let worker = RealtimeThread { control, measurements, records, stop: stop.clone() };
+    let thread = std::thread::Builder::new()
+        .name("control-rt".into())
+        .spawn(move || {
+            let obtained = Obtained { memory, ..request.map(|r| rt::prepare_thread(&r)).unwrap_or_default() };
+            let refused = enforce && obtained.require_all().is_err();
+            let _ = tell.send(obtained);
+            (!refused).then(|| Box::new(worker).run())
+        })
+        .map_err(|cause| ProcessError::Start { what: "the real-time thread", cause })?;
+    if let Ok(obtained) = obtained.recv() {
+        report(request.as_ref(), &obtained);
+        if enforce {
+            obtained.require_all()?;
+        }
+    }
+    let mut companion = Companion { ports, received, to_send, unsent: 0 };
+    while !thread.is_finished() {
+        companion.carry()?;
+        ports.waker.wait(COMPANION_PERIOD)?;
+    }
+    companion.carry()?;
+    if companion.unsent > 0 {
+        warn!(count = companion.unsent, "measurements came faster than control took them");
+    }
+    match thread.join() {
+        Ok(Some(result)) => Ok(result),
+        Ok(None) | Err(_) => Err(ProcessError::Panicked("real-time")),
+    }
+}
+
+fn report(request: Option<&RealtimeRequest>, obtained: &Obtained) {
+    match request {
+        Some(_) => info!("real-time scheduling: {obtained}"),
+        None => info!("real-time scheduling: off"),
+    }
+}
+
+/// Carries messages between the ports and the rings.
+struct Companion<'a> {
+    ports: &'a Ports,
+    received: Producer<Measurement>,
+    to_send: Consumer<TickRecord>,
+    unsent: u64,
+}
+
+impl Companion<'_> {
+    fn carry(&mut self) -> Result<(), ProcessError> {
+        while let Some(measurement) = self.ports.measurements.receive()? {
+            if self.received.push(measurement).is_err() {
+                self.unsent += 1;
+            }
+        }
+        while let Ok(record) = self.to_send.pop() {
+            self.ports.joint_state.send_quietly(&record.joint_state)?;
+            if let Some(status) = &record.status {
+                self.ports.status.send_quietly(status)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+struct RealtimeThread<const N: usize> {
+    control: ControlLoop<N>,
+    measurements: Consumer<Measurement>,
+    records: Producer<TickRecord>,
+    stop: StopFlag,
+}
+
+impl<const N: usize> RealtimeThread<N> {
+    fn run(mut self: Box<Self>) -> (ControlLoop<N>, Pace) {
+        let (mut wake, mut step) = (Histogram::default(), Histogram::default());
+        let mut missed = 0;
+        let mut tick = 0;
+        let mut deadline = rt::now() + LEAD;
+        let finish: Finish = loop {
+            rt::sleep_until(deadline);
+            let woken = rt::now();
+            // Ticks that passed while this thread did not run are gone; the newest one is served.
+            let passed = ((woken - deadline).0 / TICK.0).max(0);
+            wake.record(woken - deadline);
+            missed += passed.unsigned_abs();
+            tick += passed.unsigned_abs();
+            deadline = deadline + SpanNs(passed * TICK.0);
+
+            if self.stop.is_requested() {
+                self.control.stop(deadline, STOP_REASON);
+            }
+            let mut newest: Option<Measurement> = None;
+            while let Ok(m) = self.measurements.pop() {
+                if newest.is_none_or(|kept| m.exposure >= kept.exposure) {
+                    newest = Some(m);
+                }
+            }
+            let mut record = self.control.tick(tick, deadline, newest.as_ref());
+            let done = rt::now();
+            self.control.commanded(done);
+            step.record(done - woken);
+            if done - deadline > TICK {
+                missed += 1;
+            }
+            if let Some(status) = &mut record.status {
+                status.missed_deadlines = missed;
+            }
+            let _ = self.records.push(record); // full only when the companion hangs; control goes on
+            if let Some(finish) = record.finish {
+                break finish;
+            }
+            tick += 1;
+            deadline = deadline + TICK;
+        };
+        let tick_us = TickTimes { wake: wake.quantiles_us(), step: step.quantiles_us() };
+        (self.control, Pace { finish, missed_deadlines: missed, tick_us })
+    }
+}

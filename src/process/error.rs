@@ -1,0 +1,83 @@
+//! What can end a process before its time, and the exit code that says so.
+
+use crate::assemble::AssembleError;
+use crate::config::ConfigError;
+use crate::ipc::{InstanceError, IpcError};
+use crate::robot::RobotError;
+use crate::rt::SchedulingError;
+use crate::source::SourceError;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A process cannot start or go on.
+#[derive(Debug, Error)]
+pub enum ProcessError {
+    /// The configuration is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The instance's name or place is not usable, or taken.
+    #[error(transparent)]
+    Instance(#[from] InstanceError),
+    /// Shared memory failed.
+    #[error(transparent)]
+    Ipc(#[from] IpcError),
+    /// The source of frames failed.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The robot file is wrong.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// The configuration does not make a working whole.
+    #[error(transparent)]
+    Assemble(#[from] AssembleError),
+    /// Real-time scheduling was refused under policy `enforce`.
+    #[error(transparent)]
+    Scheduling(#[from] SchedulingError),
+    /// A file cannot be written.
+    #[error("{path}: cannot be written: {cause}; choose another place or free some space", path = path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The system's word for it.
+        cause: std::io::Error,
+    },
+    /// A thread or a child process cannot be started.
+    #[error("cannot start {what}: {cause}")]
+    Start {
+        /// What was to be started.
+        what: &'static str,
+        /// The system's word for it.
+        cause: std::io::Error,
+    },
+    /// A thread panicked: a defect of this program.
+    #[error("internal error: the {0} thread panicked; please report this with the lines above")]
+    Panicked(&'static str),
+    /// The signal handler cannot be installed.
+    #[error("cannot handle signals: {0}")]
+    Signals(#[from] ctrlc::Error),
+    /// The effective configuration has no text form.
+    #[error("internal error: the configuration cannot be written as TOML: {0}")]
+    Toml(#[from] toml::ser::Error),
+}
+
+impl ProcessError {
+    /// The exit code: 3 for configuration and input files, 1 for everything else.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Config(_)
+            | Self::Source(_)
+            | Self::Robot(_)
+            | Self::Assemble(_)
+            | Self::Scheduling(_)
+            | Self::Write { .. }
+            | Self::Instance(InstanceError::Name(_) | InstanceError::Taken { .. }) => 3,
+            Self::Instance(InstanceError::Place { .. })
+            | Self::Ipc(_)
+            | Self::Start { .. }
+            | Self::Panicked(_)
+            | Self::Signals(_)
+            | Self::Toml(_) => 1,
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! A process's place in an instance, from the lock of its role to the removal of what the last one leaves.
+
+use super::ProcessError;
+use crate::ipc::{Instance, Role, RoleLock, Services};
+
+/// A held role and the connection to shared memory. The fields are given back in the order in which they stand:
+/// first the connection, then the role, and then, by whoever is the last, the instance's place itself.
+#[derive(Debug)]
+pub struct Membership {
+    services: Services,
+    _lock: RoleLock,
+    _place: Place,
+}
+
+/// Removes the instance's leftovers when dropped.
+#[derive(Debug)]
+struct Place(Instance);
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.0.remove_leftovers(None);
+    }
+}
+
+impl Membership {
+    /// Takes `role`, removes what a dead run left, and joins.
+    ///
+    /// # Errors
+    /// When the role is taken or shared memory is not usable.
+    pub fn join(instance: &Instance, role: Role) -> Result<Self, ProcessError> {
+        let lock = instance.lock(role)?;
+        let place = Place(instance.clone());
+        instance.remove_leftovers(Some(role));
+        let services = Services::join(instance)?;
+        services.remove_dead_peers();
+        Ok(Self { services, _lock: lock, _place: place })
+    }
+
+    /// The connection.
+    #[must_use]
+    pub fn services(&self) -> &Services {
+        &self.services
+    }
+}

@@ -1,0 +1,34 @@
+//! The processes: thin loops around the cores. Each joins an instance under its role, works until it is told to stop,
+//! and takes its leavings with it.
+
+pub mod camera;
+pub mod control;
+mod error;
+mod membership;
+mod stop;
+pub mod supervisor;
+pub mod vision;
+
+pub use error::ProcessError;
+pub use membership::Membership;
+pub use stop::{StopFlag, follow_parent};
+
+use crate::config::raw::Clock;
+use crate::config::Config;
+use crate::ipc::FrameShape;
+use crate::schedule::FrameSchedule;
+use std::time::Duration;
+
+/// Longest wait for a message: how late a request to stop may be noticed.
+const LONGEST_WAIT: Duration = Duration::from_millis(50);
+
+/// Size and number of the frames of a run: the newest alone in real time, all that are on their way in lockstep.
+#[must_use]
+pub fn frame_shape(config: &Config) -> FrameShape {
+    let i = config.camera.model.intrinsics();
+    let in_flight = match config.clock {
+        Clock::Realtime => 1,
+        Clock::Lockstep => FrameSchedule::new(config.camera.rate_hz).in_flight(config.camera.latency),
+    };
+    FrameShape { bytes: i.width_px as usize * i.height_px as usize, in_flight }
+}

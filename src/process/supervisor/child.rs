@@ -1,0 +1,118 @@
+//! A process that the supervisor started: this same executable in another role.
+
+use crate::ipc::{Instance, Role};
+use crate::process::ProcessError;
+use rustix::process::{Pid, Signal, kill_process};
+use std::fmt;
+use std::io::Read;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::process::{Command, ExitStatus, Stdio};
+use std::thread::JoinHandle;
+
+/// How a process ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct End(ExitStatus);
+
+impl End {
+    /// Its exit code; `None` when a signal ended it.
+    pub(super) fn exit_code(self) -> Option<u8> {
+        self.0.code().and_then(|c| u8::try_from(c).ok())
+    }
+}
+
+impl fmt::Display for End {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self.0.code(), self.0.signal()) {
+            (Some(code), _) => write!(f, "exit code {code}"),
+            (None, Some(signal)) => write!(f, "killed by signal {signal}"),
+            (None, None) => write!(f, "{}", self.0),
+        }
+    }
+}
+
+/// A started process; killed and reaped when dropped.
+pub(super) struct Child {
+    role: Role,
+    process: std::process::Child,
+    end: Option<End>,
+    output: Option<JoinHandle<String>>,
+}
+
+impl Child {
+    /// Starts `role` of `instance` with the configuration that lies in its place.
+    pub(super) fn spawn(role: Role, instance: &Instance) -> Result<Self, ProcessError> {
+        let failed = |cause| ProcessError::Start { what: role.as_str(), cause };
+        let mut command = Command::new(std::env::current_exe().map_err(failed)?);
+        command
+            .arg(role.as_str())
+            .arg(instance.config_path())
+            .args(["--instance", &instance.to_string()])
+            .args(["--supervised-by", &std::process::id().to_string()])
+            .stdin(Stdio::null())
+            // A group of its own: Ctrl-C reaches the supervisor alone, which ends its children in order.
+            .process_group(0);
+        if role == Role::Control {
+            command.arg("--json").stdout(Stdio::piped());
+        }
+        let mut process = command.spawn().map_err(failed)?;
+        let output = process.stdout.take().and_then(|mut pipe| {
+            let read = move || {
+                let mut text = String::new();
+                let _ = pipe.read_to_string(&mut text);
+                text
+            };
+            std::thread::Builder::new().name("control-output".into()).spawn(read).ok()
+        });
+        Ok(Self { role, process, end: None, output })
+    }
+
+    pub(super) fn role(&self) -> Role {
+        self.role
+    }
+
+    /// How it ended, if it has.
+    pub(super) fn poll(&mut self) -> Option<End> {
+        if self.end.is_none() {
+            self.end = self.process.try_wait().ok().flatten().map(End);
+        }
+        self.end
+    }
+
+    /// Asks it to end.
+    pub(super) fn terminate(&mut self) {
+        if self.poll().is_none() {
+            let _ = kill_process(Pid::from_child(&self.process), Signal::TERM);
+        }
+    }
+
+    /// Ends it.
+    pub(super) fn kill(&mut self) {
+        let _ = self.process.kill();
+    }
+
+    /// Waits for its end.
+    pub(super) fn wait(&mut self) -> End {
+        match self.end {
+            Some(end) => end,
+            None => {
+                let end = self.process.wait().map_or(End(ExitStatus::from_raw(0)), End);
+                self.end = Some(end);
+                end
+            }
+        }
+    }
+
+    /// All that it wrote to stdout, once it has ended.
+    pub(super) fn take_output(&mut self) -> Option<String> {
+        self.output.take()?.join().ok()
+    }
+}
+
+impl Drop for Child {
+    fn drop(&mut self) {
+        if self.poll().is_none() {
+            self.kill();
+        }
+        self.wait();
+    }
+}

@@ -1,0 +1,209 @@
+//! The supervisor: one command that starts the three processes, watches them, ends them in order and tells how it went.
+//!
+//! ```text
+//! lock ─► configuration into shared memory ─► camera, vision, control ─► watch ─┬─ control is done
+//!                                                                             ├─ a process died
+//!                                                                             └─ SIGINT, SIGTERM
+//!        remove leftovers ◄─ reap ◄─ kill what hangs ◄─ camera, vision end ◄─ control ends ◄┘
+//! ```
+
+mod child;
+mod progress;
+
+use super::{ProcessError, StopFlag};
+use crate::config::Config;
+use crate::ipc::{Instance, InstanceError, Role, Services};
+use crate::rt::now;
+use crate::summary::{Outcome, Summary};
+use crate::time::{MonoNs, SpanNs};
+use child::{Child, End};
+use progress::Progress;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use tracing::{error, warn};
+
+/// Time in which all processes must have ended; what still runs then is killed.
+const SHUTDOWN: SpanNs = SpanNs(1_800_000_000);
+/// Share of it for control alone, which brings the arm to rest first.
+const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(1_200_000_000);
+const WATCH_PERIOD: Duration = Duration::from_millis(10);
+
+/// What a run is to leave, and where.
+#[derive(Debug, Clone, Default)]
+pub struct RunOptions {
+    /// File for the summary.
+    pub summary: Option<PathBuf>,
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunEnd {
+    /// What there is to tell.
+    pub summary: Summary,
+    /// The exit code that says it.
+    pub exit_code: u8,
+}
+
+/// Runs camera, vision and control to the end of the run.
+///
+/// # Errors
+/// When the run cannot be started, or its summary not be written.
+pub fn run(
+    config: &Config,
+    instance: &Instance,
+    options: &RunOptions,
+    stop: &StopFlag,
+) -> Result<RunEnd, ProcessError> {
+    if let Some(path) = &options.summary {
+        check_writable(path)?;
+    }
+    let place = Place::take(config, instance)?;
+    let end = supervise(config, instance, stop);
+    drop(place);
+    let end = end?;
+    if let Some(path) = &options.summary {
+        write_summary(path, &end.summary)?;
+    }
+    Ok(end)
+}
+
+/// The instance's place in shared memory, cleaned up when dropped.
+struct Place {
+    instance: Instance,
+    lock: Option<crate::ipc::RoleLock>,
+}
+
+impl Place {
+    fn take(config: &Config, instance: &Instance) -> Result<Self, ProcessError> {
+        let lock = instance.lock(Role::Supervisor)?;
+        if let Some(role) = Role::ALL.into_iter().find(|r| *r != Role::Supervisor && instance.is_running(*r)) {
+            return Err(InstanceError::Taken { instance: instance.to_string(), role }.into());
+        }
+        let place = Self { instance: instance.clone(), lock: Some(lock) };
+        instance.remove_leftovers(Some(Role::Supervisor));
+        let path = instance.config_path();
+        std::fs::write(&path, config.to_toml()?).map_err(|cause| ProcessError::Write { path, cause })?;
+        Ok(place)
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.lock = None;
+        self.instance.remove_leftovers(None);
+    }
+}
+
+fn supervise(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<RunEnd, ProcessError> {
+    let start = now();
+    let mut control = Child::spawn(Role::Control, instance)?;
+    let mut others = [Child::spawn(Role::Vision, instance)?, Child::spawn(Role::Camera, instance)?];
+
+    let failure = watch(instance, &mut control, &mut others, stop);
+    let end = shut_down(&mut control, &mut others);
+    let summary = control.take_output().and_then(|text| serde_json::from_str::<Summary>(&text).ok());
+    Ok(conclude(config, failure, end, summary, now() - start))
+}
+
+/// A process that ended before its time.
+struct Failure {
+    role: Role,
+    end: End,
+}
+
+/// Waits until control is done, another process dies, or a stop is requested.
+fn watch(instance: &Instance, control: &mut Child, others: &mut [Child], stop: &StopFlag) -> Option<Failure> {
+    // Attached after the children were started: a process must not fork once it has joined the transport.
+    let services = Services::join(instance).ok();
+    let status = services.as_ref().and_then(|s| s.status_receiver().ok());
+    let mut progress = Progress::new();
+    loop {
+        if let Some(Ok(Some(status))) = status.as_ref().map(|s| s.receive_newest()) {
+            progress.show(&status);
+        }
+        if control.poll().is_some() {
+            progress.end();
+            return None;
+        }
+        if let Some((role, end)) = others.iter_mut().find_map(|c| c.poll().map(|end| (c.role(), end))) {
+            progress.end();
+            error!("the {role} process ended in the middle of the run: {end}");
+            return Some(Failure { role, end });
+        }
+        if stop.is_requested() {
+            progress.end();
+            return None;
+        }
+        std::thread::sleep(WATCH_PERIOD);
+    }
+}
+
+/// Ends control, which brings the arm to rest, then the others; kills what does not end in time. Control's end.
+fn shut_down(control: &mut Child, others: &mut [Child]) -> End {
+    let start = now();
+    control.terminate();
+    wait_for(std::slice::from_mut(control), start + SHUTDOWN_OF_CONTROL);
+    others.iter_mut().for_each(Child::terminate);
+    wait_for(others, start + SHUTDOWN);
+    for child in others.iter_mut().chain([&mut *control]) {
+        if child.poll().is_none() {
+            warn!("the {} process does not end and is killed", child.role());
+            child.kill();
+        }
+    }
+    control.wait()
+}
+
+fn wait_for(children: &mut [Child], deadline: MonoNs) {
+    while children.iter_mut().any(|c| c.poll().is_none()) && now() < deadline {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// What the run came to, given what control says and what went wrong around it.
+fn conclude(
+    config: &Config,
+    failure: Option<Failure>,
+    control: End,
+    summary: Option<Summary>,
+    wall: SpanNs,
+) -> RunEnd {
+    let broken = |reason: String, exit_code: u8, summary: Option<Summary>| {
+        let mut summary = summary.unwrap_or_else(|| Summary::without_control(config, wall));
+        summary.outcome = Outcome::Fault;
+        summary.reason = reason;
+        RunEnd { summary, exit_code }
+    };
+    match (failure, summary) {
+        (Some(Failure { role, end }), summary) => {
+            let exit_code = end.exit_code().filter(|c| *c == 3 || *c == 1).unwrap_or(Outcome::Fault.exit_code());
+            broken(format!("the {role} process ended in the middle of the run: {end}"), exit_code, summary)
+        }
+        (None, Some(summary)) => RunEnd { exit_code: summary.outcome.exit_code(), summary },
+        (None, None) => {
+            let exit_code = control.exit_code().filter(|c| *c != 0).unwrap_or(Outcome::Fault.exit_code());
+            broken(format!("the control process ended without a result: {control}"), exit_code, None)
+        }
+    }
+}
+
+/// Finds out before the run whether its summary can be written after it.
+fn check_writable(path: &Path) -> Result<(), ProcessError> {
+    std::fs::OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(path)
+        .map(|_| ())
+        .map_err(|cause| ProcessError::Write { path: path.into(), cause })
+}
+
+/// Writes the summary as JSON.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_summary(path: &Path, summary: &Summary) -> Result<(), ProcessError> {
+    let failed = |cause| ProcessError::Write { path: path.into(), cause };
+    let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
+    text.push('\n');
+    std::fs::write(path, text).map_err(failed)
+}

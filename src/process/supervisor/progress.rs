@@ -1,0 +1,72 @@
+//! The line that shows how a run goes: rewritten in place on a terminal, one line a second elsewhere.
+
+use crate::messages::{ControlState, Status, TargetStatus};
+use crate::rt::now;
+use crate::time::{MonoNs, SpanNs};
+use std::io::{IsTerminal, Write, stderr};
+
+const ON_TERMINAL: SpanNs = SpanNs(100_000_000);
+const ELSEWHERE: SpanNs = SpanNs(1_000_000_000);
+
+pub(super) struct Progress {
+    terminal: bool,
+    next: MonoNs,
+    open_line: bool,
+}
+
+impl Progress {
+    pub(super) fn new() -> Self {
+        Self { terminal: stderr().is_terminal(), next: MonoNs::ZERO, open_line: false }
+    }
+
+    pub(super) fn show(&mut self, status: &Status) {
+        if now() < self.next {
+            return;
+        }
+        self.next = now() + if self.terminal { ON_TERMINAL } else { ELSEWHERE };
+        let line = line(status);
+        let mut out = stderr().lock();
+        let _ = if self.terminal { write!(out, "\r\x1b[2K{line}") } else { writeln!(out, "{line}") };
+        let _ = out.flush();
+        self.open_line = self.terminal;
+    }
+
+    pub(super) fn end(&mut self) {
+        if std::mem::take(&mut self.open_line) {
+            let _ = writeln!(stderr().lock());
+        }
+    }
+}
+
+fn line(s: &Status) -> String {
+    let state = ControlState::from_code(s.state).as_str();
+    let target = TargetStatus::from_code(s.target);
+    let mut line = format!("{:8.2} s  {state:<9}", s.time_s);
+    if s.feature_error_px.is_finite() {
+        line += &format!("  feature error {:9.3} px", s.feature_error_px);
+    }
+    if s.position_error_m.is_finite() {
+        let degrees = s.orientation_error_rad.to_degrees();
+        line += &format!("  camera {:8.2} mm {degrees:7.3} deg from the goal", s.position_error_m * 1e3);
+    }
+    if target != TargetStatus::Found && s.measurements > 0 {
+        line += &format!("  ({})", target.as_str());
+    }
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_shows_time_state_and_error_and_leaves_out_what_is_unknown() {
+        let mut s = Status { time_s: 1.5, state: ControlState::Servoing as u32, measurements: 3, ..Status::default() };
+        s.feature_error_px = 12.0;
+        s.position_error_m = f64::NAN;
+        assert_eq!(line(&s), "    1.50 s  servoing   feature error    12.000 px");
+        s.target = TargetStatus::NoContrast as u32;
+        s.feature_error_px = f64::NAN;
+        assert_eq!(line(&s), "    1.50 s  servoing   (no contrast in the frame)");
+    }
+}

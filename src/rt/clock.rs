@@ -1,0 +1,35 @@
+//! CLOCK_MONOTONIC, read and slept on.
+
+use crate::time::MonoNs;
+use rustix::io::Errno;
+use rustix::thread::{ClockId as SleepClock, clock_nanosleep_absolute};
+use rustix::time::{ClockId, Timespec, clock_gettime};
+
+const NS_PER_S: i64 = 1_000_000_000;
+
+/// The time now.
+#[must_use]
+pub fn now() -> MonoNs {
+    let t = clock_gettime(ClockId::Monotonic);
+    MonoNs(t.tv_sec * NS_PER_S + t.tv_nsec)
+}
+
+/// Sleeps until `deadline`; returns at once when it has passed. A signal does not cut the sleep short.
+pub fn sleep_until(deadline: MonoNs) {
+    let t = Timespec { tv_sec: deadline.0.div_euclid(NS_PER_S), tv_nsec: deadline.0.rem_euclid(NS_PER_S) };
+    while clock_nanosleep_absolute(SleepClock::Monotonic, &t) == Err(Errno::INTR) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::time::SpanNs;
+
+    #[test]
+    fn sleeping_ends_after_the_deadline() {
+        let deadline = now() + SpanNs::MILLISECOND;
+        sleep_until(deadline);
+        assert!(now() >= deadline);
+        sleep_until(MonoNs(1));
+    }
+}

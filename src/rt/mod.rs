@@ -1,0 +1,7 @@
+//! The operating system's part in being punctual: clock, absolute sleep, scheduling.
+
+mod clock;
+mod scheduling;
+
+pub use clock::{now, sleep_until};
+pub use scheduling::{Obtained, SchedulingError, prepare_process, prepare_thread};

@@ -1,0 +1,130 @@
+//! Real-time scheduling: SCHED_FIFO, core, locked memory, timer slack; asked for one by one, so that a line can say
+//! what was obtained and what the system refused.
+
+use crate::config::RealtimeRequest;
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
+use std::fmt;
+use std::num::NonZeroU64;
+use thiserror::Error;
+
+/// What the operating system granted. `None` means not asked for.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Obtained {
+    /// SCHED_FIFO at the priority.
+    pub fifo: Option<Result<u32, String>>,
+    /// Bound to the core.
+    pub cpu: Option<Result<u32, String>>,
+    /// All memory locked.
+    pub memory: Option<Result<(), String>>,
+}
+
+/// Something that was asked for under policy `enforce` was refused.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error(
+    "real-time scheduling was refused: {0}; grant it (`setcap cap_sys_nice,cap_ipc_lock=ep` on the binary, or \
+     LimitRTPRIO= and LimitMEMLOCK= of the service) or set realtime.policy = \"try\""
+)]
+pub struct SchedulingError(pub String);
+
+impl Obtained {
+    /// An error when anything that was asked for was refused.
+    ///
+    /// # Errors
+    /// Names all that was refused.
+    pub fn require_all(&self) -> Result<(), SchedulingError> {
+        let refused: Vec<String> = [
+            self.fifo.as_ref().and_then(|r| r.as_ref().err()).map(|e| format!("SCHED_FIFO: {e}")),
+            self.cpu.as_ref().and_then(|r| r.as_ref().err()).map(|e| format!("core: {e}")),
+            self.memory.as_ref().and_then(|r| r.as_ref().err()).map(|e| format!("locked memory: {e}")),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        if refused.is_empty() { Ok(()) } else { Err(SchedulingError(refused.join("; "))) }
+    }
+}
+
+impl fmt::Display for Obtained {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.fifo {
+            Some(Ok(priority)) => write!(f, "SCHED_FIFO {priority}")?,
+            Some(Err(e)) => write!(f, "normal priority (SCHED_FIFO: {e})")?,
+            None => write!(f, "normal priority")?,
+        }
+        match &self.cpu {
+            Some(Ok(cpu)) => write!(f, ", core {cpu}")?,
+            Some(Err(e)) => write!(f, ", any core ({e})")?,
+            None => write!(f, ", any core")?,
+        }
+        match &self.memory {
+            Some(Ok(())) => write!(f, ", memory locked"),
+            Some(Err(e)) => write!(f, ", memory not locked ({e})"),
+            None => write!(f, ", memory not locked"),
+        }
+    }
+}
+
+/// Locks the memory of the process, where asked. To be called before the threads start.
+#[must_use]
+pub fn prepare_process(request: &RealtimeRequest) -> Option<Result<(), String>> {
+    // ONFAULT: pages are pinned when they are first touched. Locking whole mapped segments at once would make
+    // every untouched frame buffer of every service resident.
+    request.lock_memory.then(|| {
+        mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT).map_err(|e| e.to_string())
+    })
+}
+
+/// Gives the calling thread what `request` asks for.
+#[must_use]
+pub fn prepare_thread(request: &RealtimeRequest) -> Obtained {
+    // The least slack that the kernel takes; it only matters when FIFO is refused.
+    let _ = set_current_timer_slack(NonZeroU64::new(1));
+    Obtained {
+        fifo: Some(set_fifo(request.priority).map(|()| request.priority)),
+        cpu: request.cpu.map(|cpu| {
+            let mut set = CpuSet::new();
+            if cpu as usize >= CpuSet::MAX_CPU {
+                return Err(format!("core {cpu} does not exist"));
+            }
+            set.set(cpu as usize);
+            sched_setaffinity(None, &set).map(|()| cpu).map_err(|e| format!("core {cpu}: {e}"))
+        }),
+        memory: None,
+    }
+}
+
+#[allow(unsafe_code)]
+fn set_fifo(priority: u32) -> Result<(), String> {
+    let parameter = libc::sched_param { sched_priority: i32::try_from(priority).map_err(|e| e.to_string())? };
+    // SAFETY: the call reads one integer from `parameter`, which lives until it returns; 0 names this thread.
+    let result = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &parameter) };
+    if result == 0 { Ok(()) } else { Err(std::io::Error::last_os_error().to_string()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_says_what_was_had_and_what_not() {
+        let all = Obtained { fifo: Some(Ok(80)), cpu: Some(Ok(1)), memory: Some(Ok(())) };
+        assert_eq!(all.to_string(), "SCHED_FIFO 80, core 1, memory locked");
+        assert!(all.require_all().is_ok());
+        let none = Obtained { fifo: Some(Err("no".into())), cpu: None, memory: Some(Err("full".into())) };
+        assert_eq!(none.to_string(), "normal priority (SCHED_FIFO: no), any core, memory not locked (full)");
+        let message = none.require_all().unwrap_err().to_string();
+        assert!(message.contains("SCHED_FIFO: no; locked memory: full"), "{message}");
+    }
+
+    #[test]
+    fn a_core_that_does_not_exist_is_refused() {
+        let refused = std::thread::Builder::new()
+            .name("probe".into())
+            .spawn(|| prepare_thread(&RealtimeRequest { priority: 1, cpu: Some(100_000), lock_memory: false }))
+            .unwrap()
+            .join()
+            .unwrap();
+        assert!(refused.cpu.unwrap().is_err());
+    }
+}

@@ -1,0 +1,90 @@
+//! What can go wrong, and what the arm then does.
+//!
+//! | fault | reaction |
+//! | --- | --- |
+//! | no good measurement for `measurement_timeout` | reference slows down within its limits, arm holds, run goes on; the next good measurement resumes it |
+//! | drive reports NaN or infinity | command of the previous tick without motion, run ends as fault |
+//! | joint farther from its reference than `tracking_error` | reference slows down, arm holds, run ends as fault |
+
+use crate::time::{MonoNs, SpanNs};
+use serde::Serialize;
+
+/// Why a run ended in a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fault {
+    /// The drive reported a joint state that is not finite.
+    DriveStateNotFinite,
+    /// A joint is too far from its reference.
+    TrackingError,
+}
+
+impl Fault {
+    /// What happened, for people.
+    #[must_use]
+    pub fn describe(self) -> &'static str {
+        match self {
+            Self::DriveStateNotFinite => "the drive reported a joint state that is not finite",
+            Self::TrackingError => "a joint is farther from its reference than safety.max_tracking_error_rad_or_m",
+        }
+    }
+}
+
+/// Watches that good measurements keep coming.
+#[derive(Debug, Clone, Copy)]
+pub struct MeasurementWatch {
+    timeout: SpanNs,
+    last: Option<MonoNs>,
+}
+
+/// What the watch says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Vision {
+    /// There has been no good measurement yet.
+    Never,
+    /// The last good one is young enough.
+    Fresh,
+    /// The last good one is too old.
+    Stale,
+}
+
+impl MeasurementWatch {
+    /// A watch that calls measurements stale when `timeout` has passed since their exposure.
+    #[must_use]
+    pub fn new(timeout: SpanNs) -> Self {
+        Self { timeout, last: None }
+    }
+
+    /// A good measurement with this exposure stamp was used.
+    pub fn good(&mut self, exposure: MonoNs) {
+        self.last = Some(self.last.map_or(exposure, |last| last.max(exposure)));
+    }
+
+    /// How things stand at `now`.
+    #[must_use]
+    pub fn check(&self, now: MonoNs) -> Vision {
+        match self.last {
+            None => Vision::Never,
+            Some(last) if now - last <= self.timeout => Vision::Fresh,
+            Some(_) => Vision::Stale,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn measurements_grow_stale_and_recover() {
+        let mut w = MeasurementWatch::new(SpanNs(100));
+        assert_eq!(w.check(MonoNs(1_000)), Vision::Never);
+        w.good(MonoNs(950));
+        assert_eq!(w.check(MonoNs(1_050)), Vision::Fresh);
+        assert_eq!(w.check(MonoNs(1_051)), Vision::Stale);
+        w.good(MonoNs(900));
+        assert_eq!(w.check(MonoNs(1_051)), Vision::Stale, "an older measurement does not refresh");
+        w.good(MonoNs(1_040));
+        assert_eq!(w.check(MonoNs(1_051)), Vision::Fresh);
+    }
+}

@@ -1,0 +1,128 @@
+//! Producers of frames, each behind the same trait: whoever replaces one changes nothing behind it.
+//!
+//! ```text
+//! arm states (1 kHz) ─► synthetic ─┐
+//! folder of images   ─► replay    ─┴─► expose(frame, buffer in shared memory)
+//! ```
+
+mod arm_history;
+mod replay;
+mod synthetic;
+
+pub use arm_history::ArmHistory;
+pub use replay::Replay;
+pub use synthetic::Synthetic;
+
+use crate::assemble::AssembleError;
+use crate::config::{self, Config};
+use crate::messages::JointState;
+use crate::robot::RobotError;
+use crate::scene::SceneError;
+use crate::time::{MonoNs, SpanNs};
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// One exposure that is due.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Exposure {
+    /// Number of the frame.
+    pub frame_id: u64,
+    /// Middle of the exposure.
+    pub mid: MonoNs,
+    /// Length of the exposure.
+    pub span: SpanNs,
+}
+
+/// Whether more frames follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Position {
+    /// They do.
+    Running,
+    /// This was the last one.
+    Last,
+}
+
+/// A source of frames cannot start or go on.
+#[derive(Debug, Error)]
+pub enum SourceError {
+    /// The folder cannot be listed.
+    #[error("camera.replay.folder: {folder}: cannot be read: {cause}", folder = folder.display())]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+        /// The system's word for it.
+        cause: std::io::Error,
+    },
+    /// The folder holds no image.
+    #[error("camera.replay.folder: {} holds no .png, .pgm, .jpg or .jpeg file", .0.display())]
+    NoImages(PathBuf),
+    /// A file is not an image, or a damaged one.
+    #[error("{file}: cannot be decoded: {cause}; repair or remove the file", file = file.display())]
+    Image {
+        /// The file.
+        file: PathBuf,
+        /// The decoder's word for it.
+        cause: image::ImageError,
+    },
+    /// A file has another size than the camera.
+    #[error(
+        "{file}: is {found_width}x{found_height} px, the camera is {width}x{height} px; set camera.width_px and \
+         camera.height_px to the images' size, or remove the file",
+        file = file.display()
+    )]
+    Size {
+        /// The file.
+        file: PathBuf,
+        /// Its columns.
+        found_width: u32,
+        /// Its rows.
+        found_height: u32,
+        /// The camera's columns.
+        width: u32,
+        /// The camera's rows.
+        height: u32,
+    },
+    /// The arm that carries the camera cannot be built.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// The configuration does not fit the arm.
+    #[error(transparent)]
+    Assemble(#[from] AssembleError),
+    /// The renderer refuses the scene.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+}
+
+/// A producer of frames.
+pub trait Source {
+    /// Tells where the arm is; in the order of time.
+    fn arm(&mut self, state: &JointState);
+
+    /// Fills `out` (columns times rows of the camera, row by row) with the frame of `exposure`.
+    ///
+    /// # Errors
+    /// [`SourceError`]; the source cannot go on after it.
+    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError>;
+}
+
+/// The source that a configuration names.
+///
+/// # Errors
+/// [`SourceError`] when it cannot start; files are looked at now, not in the middle of the run.
+pub fn open(config: &Config) -> Result<Box<dyn Source>, SourceError> {
+    match &config.camera.source {
+        config::Source::Synthetic { look, sensor, motion_blur } => {
+            crate::dispatch_robot!(config.robot, |robot| {
+                let q_start = crate::assemble::q_start(config)?;
+                let history = ArmHistory::new(robot, q_start);
+                let renderer =
+                    crate::scene::Renderer::new(config.camera.model, config.target, look.clone(), sensor.clone())?;
+                Ok(Box::new(Synthetic::new(history, renderer, config.camera.X_EC, config.X_BO, *motion_blur)) as _)
+            })?
+        }
+        config::Source::Replay { folder, repeat } => {
+            let i = config.camera.model.intrinsics();
+            Ok(Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat)?))
+        }
+    }
+}

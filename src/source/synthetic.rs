@@ -1,0 +1,67 @@
+//! The synthetic camera: what a camera in the arm's hand would see, rendered from the arm's true motion.
+
+use super::{ArmHistory, Exposure, Position, Source, SourceError};
+use crate::geometry::Pose;
+use crate::messages::JointState;
+use crate::scene::Renderer;
+use crate::time::SpanNs;
+
+/// Most sub-exposures of one frame.
+const MAX_SUB_EXPOSURES: usize = 16;
+/// A sub-exposure for so many pixels of motion: edges then differ by less than the blur of a good lens.
+const PX_PER_SUB_EXPOSURE: f64 = 0.5;
+
+/// Renders frames.
+pub struct Synthetic<const N: usize> {
+    history: ArmHistory<N>,
+    renderer: Renderer,
+    X_EC: Pose,
+    X_BO: Pose,
+    motion_blur: bool,
+    views: Vec<Pose>,
+}
+
+impl<const N: usize> Synthetic<N> {
+    /// A camera at `X_EC` on the flange of the arm of `history`, and a target at `X_BO`.
+    #[must_use]
+    pub fn new(history: ArmHistory<N>, renderer: Renderer, X_EC: Pose, X_BO: Pose, motion_blur: bool) -> Self {
+        Self { history, renderer, X_EC, X_BO, motion_blur, views: Vec::with_capacity(MAX_SUB_EXPOSURES) }
+    }
+
+    fn view(&self, exposure: &Exposure, offset: SpanNs) -> Pose {
+        (self.history.flange(exposure.mid + offset) * self.X_EC).inverse() * self.X_BO
+    }
+
+    /// How far the target moves in the picture during the exposure, px; 0 where a part of it is not in front.
+    fn motion_px(&self, exposure: &Exposure) -> f64 {
+        let half = SpanNs(exposure.span.0 / 2);
+        let (before, after) = (self.view(exposure, SpanNs(-half.0)), self.view(exposure, half));
+        let camera = self.renderer.camera();
+        let travel = |p_O| Some((camera.project(&(after * p_O))? - camera.project(&(before * p_O))?).norm());
+        self.renderer.target().points_O().iter().filter_map(|p_O| travel(*p_O)).fold(0.0, f64::max)
+    }
+}
+
+impl<const N: usize> Source for Synthetic<N> {
+    fn arm(&mut self, state: &JointState) {
+        self.history.push(state);
+    }
+
+    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
+        let count = if self.motion_blur && exposure.span.0 > 0 {
+            ((self.motion_px(exposure) / PX_PER_SUB_EXPOSURE).ceil() as usize).clamp(1, MAX_SUB_EXPOSURES)
+        } else {
+            1
+        };
+        self.views.clear();
+        for i in 0..count {
+            // Middles of equal parts of the exposure.
+            let share = (i as f64 + 0.5) / count as f64 - 0.5;
+            let offset = SpanNs((share * exposure.span.0 as f64).round() as i64);
+            let view = self.view(exposure, offset);
+            self.views.push(view);
+        }
+        self.renderer.render(&self.views, exposure.frame_id, out);
+        Ok(Position::Running)
+    }
+}

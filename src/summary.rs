@@ -1,0 +1,211 @@
+//! The summary of a run: what `--summary` writes and the last lines on stdout say.
+
+use crate::histogram::Quantiles;
+use serde::{Deserialize, Serialize};
+use std::fmt::Write as _;
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// The goal was reached and held.
+    Converged,
+    /// The time was over before.
+    NotConverged,
+    /// An open-loop run came to its end.
+    Finished,
+    /// Somebody asked for the end.
+    Stopped,
+    /// Something failed.
+    Fault,
+}
+
+impl Outcome {
+    /// The word of the summary.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Converged => "converged",
+            Self::NotConverged => "not_converged",
+            Self::Finished => "finished",
+            Self::Stopped => "stopped",
+            Self::Fault => "fault",
+        }
+    }
+
+    /// The exit code of a run that ended like this.
+    #[must_use]
+    pub fn exit_code(self) -> u8 {
+        match self {
+            Self::Converged | Self::Finished | Self::Stopped => 0,
+            Self::Fault => 4,
+            Self::NotConverged => 5,
+        }
+    }
+}
+
+/// Errors at the end of the run; `null` where unknown.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct FinalErrors {
+    /// Root mean square, px.
+    pub feature_error: Option<f64>,
+    /// Distance of the camera from its desired place, m.
+    pub position_error_m: Option<f64>,
+    /// Angle of the camera from its desired orientation, rad.
+    pub orientation_error_rad: Option<f64>,
+}
+
+/// Latencies of the measurements, us.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Latencies {
+    /// Middle of the exposure to the command that used it.
+    pub exposure_to_command: Quantiles,
+    /// Hand-over of the frame to the finished measurement.
+    pub frame_to_measurement: Quantiles,
+    /// Work of vision.
+    pub vision: Quantiles,
+}
+
+/// Times of the control tick, us; all zero in lockstep, where ticks have no deadline.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct TickTimes {
+    /// Deadline to wake-up.
+    pub wake: Quantiles,
+    /// Wake-up to command.
+    pub step: Quantiles,
+}
+
+/// Something that safety saw.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SafetyEvent {
+    /// Since the first tick, s.
+    pub time_s: f64,
+    /// What happened.
+    pub event: String,
+}
+
+/// Where safety stood at the end, and what happened before.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct SafetyReport {
+    /// Last state of the controller.
+    pub state: String,
+    /// In the order of time.
+    pub events: Vec<SafetyEvent>,
+}
+
+/// The summary of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// How it ended.
+    pub outcome: Outcome,
+    /// Why.
+    pub reason: String,
+    /// Clock of the control loop.
+    pub clock: String,
+    /// Servo law.
+    pub scheme: String,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Length by the loop's own clock, s.
+    pub duration_s: f64,
+    /// Length by the wall clock, from first to last tick, s.
+    pub wall_s: f64,
+    /// Control ticks.
+    pub ticks: u64,
+    /// Ticks whose command came too late or not at all.
+    pub missed_deadlines: u64,
+    /// Frames that vision received.
+    pub frames: u64,
+    /// Measurements that reached control.
+    pub measurements: u64,
+    /// Frames that the camera sent and vision skipped.
+    pub frames_dropped: u64,
+    /// How often the target was lost.
+    pub target_lost: u64,
+    /// From then on the feature error stayed below 2 % of its first value, s; `null` when it did not.
+    pub settling_time_s: Option<f64>,
+    /// Errors at the end: against simulated truth where there is one, else from the last measurement.
+    #[serde(rename = "final")]
+    pub final_errors: FinalErrors,
+    /// Latencies of the measurements.
+    pub latency_us: Latencies,
+    /// Times of the control tick.
+    pub tick_us: TickTimes,
+    /// What safety saw.
+    pub safety: SafetyReport,
+    /// Over every joint state of a lockstep run, hexadecimal; `null` in real time.
+    pub state_hash: Option<String>,
+}
+
+impl Summary {
+    /// The summary of a run whose control process left none.
+    #[must_use]
+    pub fn without_control(config: &crate::config::Config, wall: crate::time::SpanNs) -> Self {
+        Self {
+            outcome: Outcome::Fault,
+            reason: String::new(),
+            clock: config.clock_name().into(),
+            scheme: config.scheme_name().into(),
+            seed: config.seed,
+            duration_s: 0.0,
+            wall_s: wall.as_s(),
+            ticks: 0,
+            missed_deadlines: 0,
+            frames: 0,
+            measurements: 0,
+            frames_dropped: 0,
+            target_lost: 0,
+            settling_time_s: None,
+            final_errors: FinalErrors::default(),
+            latency_us: Latencies::default(),
+            tick_us: TickTimes::default(),
+            safety: SafetyReport { state: "fault".into(), events: Vec::new() },
+            state_hash: None,
+        }
+    }
+
+    /// A few lines for people.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut t = String::new();
+        let pair = |q: &Quantiles| format!("p50 {:.1}  p99 {:.1}  max {:.1} us", q.p50, q.p99, q.max);
+        let or_unknown = |v: Option<f64>, scale: f64, unit: &str| {
+            v.map_or_else(|| "unknown".to_string(), |v| format!("{:.4} {unit}", v * scale))
+        };
+        let f = &self.final_errors;
+        let _ = writeln!(t, "outcome       {} ({})", self.outcome.as_str(), self.reason);
+        let _ = writeln!(
+            t,
+            "run           {:.3} s {} in {:.3} s, {} ticks, {} deadlines missed",
+            self.duration_s, self.clock, self.wall_s, self.ticks, self.missed_deadlines
+        );
+        let _ = writeln!(
+            t,
+            "vision        {} frames, {} dropped, {} measurements used, target lost {} times",
+            self.frames, self.frames_dropped, self.measurements, self.target_lost
+        );
+        let _ = writeln!(
+            t,
+            "final error   features {}, position {}, orientation {}",
+            or_unknown(f.feature_error, 1.0, "px"),
+            or_unknown(f.position_error_m, 1e3, "mm"),
+            or_unknown(f.orientation_error_rad, 180.0 / std::f64::consts::PI, "deg"),
+        );
+        if let Some(settling) = self.settling_time_s {
+            let _ = writeln!(t, "settling      {settling:.3} s to 2 % of the first feature error");
+        }
+        let _ = writeln!(t, "latency       exposure to command: {}", pair(&self.latency_us.exposure_to_command));
+        let _ = writeln!(t, "              vision:              {}", pair(&self.latency_us.vision));
+        if self.tick_us.step.max > 0.0 {
+            let _ = writeln!(t, "tick          wake: {}", pair(&self.tick_us.wake));
+            let _ = writeln!(t, "              step: {}", pair(&self.tick_us.step));
+        }
+        for e in &self.safety.events {
+            let _ = writeln!(t, "safety        {:.3} s: {}", e.time_s, e.event);
+        }
+        if let Some(hash) = &self.state_hash {
+            let _ = writeln!(t, "state hash    {hash}");
+        }
+        t
+    }
+}
