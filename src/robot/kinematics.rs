@@ -2,6 +2,7 @@
 
 use super::model::Robot;
 use super::small::{cross, mul, mul_mat, turn_about_z, z_axis};
+use super::trig::sines_and_cosines;
 use crate::geometry::{Pose, Twist};
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
@@ -14,7 +15,7 @@ pub enum ExpressedIn {
     Moving,
 }
 
-/// Sine and cosine of every joint's angle.
+/// Sine and cosine of every joint's position; of a sliding joint nobody asks.
 pub(super) type Trig<const N: usize> = [(f64, f64); N];
 
 /// Orientation and origin of every body's frame in B.
@@ -26,13 +27,7 @@ pub(super) struct Frames<const N: usize> {
 impl<const N: usize> Robot<N> {
     #[inline(always)]
     pub(super) fn trig(&self, q: &SVector<f64, N>) -> Trig<N> {
-        let mut trig = [(0.0, 1.0); N];
-        for i in 0..N {
-            if !self.bodies[i].prismatic {
-                trig[i] = q[i].sin_cos();
-            }
-        }
-        trig
+        sines_and_cosines(&q.data.0[0])
     }
 
     #[inline(always)]

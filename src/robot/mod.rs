@@ -29,6 +29,7 @@ mod mass_matrix;
 mod model;
 mod shipped;
 mod small;
+mod trig;
 mod urdf;
 
 pub use conditioning::singular_values;

@@ -1,0 +1,70 @@
+//! Energy over 8 s of free motion, without torque and friction: what a wrong Coriolis term would show.
+
+use nalgebra::{SVector, Vector3};
+use vservo::dispatch_robot;
+use vservo::robot::{Robot, SHIPPED, load};
+
+const STEP_S: f64 = 1e-4;
+const STEPS: usize = 80_000;
+
+fn acceleration<const N: usize>(
+    robot: &Robot<N>,
+    q: &SVector<f64, N>,
+    qd: &SVector<f64, N>,
+) -> SVector<f64, N> {
+    robot.forward_dynamics(q, qd, &SVector::zeros())
+}
+
+/// The classical fourth-order rule.
+fn step<const N: usize>(robot: &Robot<N>, q: &mut SVector<f64, N>, qd: &mut SVector<f64, N>) {
+    let h = STEP_S;
+    let (v1, a1) = (*qd, acceleration(robot, q, qd));
+    let (q2, v2) = (*q + v1 * (h / 2.0), *qd + a1 * (h / 2.0));
+    let a2 = acceleration(robot, &q2, &v2);
+    let (q3, v3) = (*q + v2 * (h / 2.0), *qd + a2 * (h / 2.0));
+    let a3 = acceleration(robot, &q3, &v3);
+    let (q4, v4) = (*q + v3 * h, *qd + a3 * h);
+    let a4 = acceleration(robot, &q4, &v4);
+    *q += (v1 + v2 * 2.0 + v3 * 2.0 + v4) * (h / 6.0);
+    *qd += (a1 + a2 * 2.0 + a3 * 2.0 + a4) * (h / 6.0);
+}
+
+/// Drift of the total energy over the greatest kinetic energy on the way.
+fn drift<const N: usize>(robot: &Robot<N>) -> f64 {
+    let mut q = SVector::<f64, N>::from_fn(|i, _| 0.3 + 0.4 * i as f64);
+    let mut qd = SVector::<f64, N>::from_fn(|i, _| if i % 2 == 0 { 0.5 } else { -0.3 });
+    let start = robot.kinetic_energy(&q, &qd) + robot.potential_energy(&q);
+    let (mut worst, mut scale) = (0.0f64, 0.0f64);
+    for k in 0..STEPS {
+        step(robot, &mut q, &mut qd);
+        if k % 50 == 0 || k + 1 == STEPS {
+            let kinetic = robot.kinetic_energy(&q, &qd);
+            scale = scale.max(kinetic);
+            worst = worst.max((kinetic + robot.potential_energy(&q) - start).abs());
+        }
+    }
+    worst / scale
+}
+
+#[test]
+fn shipped_robots_conserve_energy() {
+    for name in SHIPPED {
+        let description = load(name).unwrap();
+        let drift = dispatch_robot!(description, |robot| {
+            // A base that leans and a load that is off the axis: nothing may hide behind symmetry.
+            let leaning = robot.with_gravity(Vector3::new(2.0, -3.0, -9.0));
+            drift(&leaning.with_payload(0.4, &Vector3::new(0.05, 0.1, 0.1)))
+        })
+        .unwrap();
+        println!("{name}: {drift:.1e}");
+        assert!(drift < 1e-8, "{name}: energy drifts by {drift:e}");
+    }
+}
+
+#[test]
+fn motors_and_gears_conserve_energy() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/robot/chain_5_motors.toml");
+    let robot: Robot<5> = load(path).unwrap().build().unwrap();
+    let drift = drift(&robot);
+    assert!(drift < 1e-8, "energy drifts by {drift:e}");
+}

@@ -1,0 +1,201 @@
+//! Bad robot files: every one is refused with its file, its element and what to do about it.
+
+use vservo::robot::{Robot, RobotError, load};
+
+/// A sound arm of two joints, `base - shoulder - upper - elbow - fore`, with a mesh that is not there.
+const GOOD: &str = r#"<robot name="two">
+  <link name="base"/>
+  <link name="upper">
+    <visual><geometry><mesh filename="package://nowhere/upper.dae"/></geometry></visual>
+    <inertial><origin xyz="0 0 0.1"/><mass value="2"/>
+      <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"/></inertial>
+  </link>
+  <link name="fore">
+    <inertial><mass value="1"/><inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>
+  </link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="2" effort="9"/></joint>
+  <joint name="elbow" type="revolute"><origin xyz="0.3 0 0"/><parent link="upper"/><child link="fore"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="2" effort="9"/></joint>
+</robot>"#;
+
+const SHOULDER_LIMIT: &str = r#"<limit lower="-1" upper="1" velocity="2" effort="9"/>"#;
+const FORE_INERTIAL: &str = r#"<inertial><mass value="1"/><inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>"#;
+
+fn load_text(text: &str, suffix: &str) -> Result<(), RobotError> {
+    let file = tempfile::Builder::new().prefix("bad").suffix(suffix).tempfile().unwrap();
+    std::fs::write(file.path(), text).unwrap();
+    vservo::dispatch_robot!(load(file.path().to_str().unwrap())?, |_robot| ())
+}
+
+/// The message of a URDF that differs from the sound one in `from` -> `to`; it must hold `file` and all `parts`.
+fn refused(from: &str, to: &str, parts: &[&str]) {
+    assert!(GOOD.contains(from), "{from} is not in the sound file");
+    refused_text(&GOOD.replacen(from, to, 1), ".urdf", parts);
+}
+
+fn refused_text(text: &str, suffix: &str, parts: &[&str]) {
+    let message = load_text(text, suffix).expect_err(text).to_string();
+    println!("{message}");
+    for part in parts.iter().chain(&["bad", suffix]) {
+        assert!(message.contains(part), "`{part}` is not in: {message}");
+    }
+}
+
+#[test]
+fn the_sound_file_loads_and_meshes_are_not_looked_for() {
+    load_text(GOOD, ".urdf").unwrap();
+}
+
+#[test]
+fn malformed_xml() {
+    refused("</robot>", "", &["not a URDF robot"]);
+    refused("<mass value=\"1\"/>", "<mass value=\"heavy\"/>", &["not a URDF robot"]);
+    refused("type=\"revolute\"", "type=\"springy\"", &["springy"]);
+    refused_text("", ".urdf", &["not a URDF robot"]);
+    refused_text("<html><body/></html>", ".urdf", &[]);
+}
+
+#[test]
+fn loops() {
+    refused(
+        "</robot>",
+        "<joint name=\"back\" type=\"fixed\"><parent link=\"fore\"/><child link=\"upper\"/></joint></robot>",
+        &["joint \"back\"", "loop", "upper"],
+    );
+    refused(
+        "</robot>",
+        "<joint name=\"back\" type=\"fixed\"><parent link=\"fore\"/><child link=\"base\"/></joint></robot>",
+        &["link \"base\"", "loop"],
+    );
+}
+
+#[test]
+fn links_that_do_not_exist() {
+    refused(
+        "<child link=\"fore\"/>",
+        "<child link=\"hand\"/>",
+        &["joint \"elbow\"", "hand", "does not exist"],
+    );
+}
+
+#[test]
+fn several_roots() {
+    refused("<link name=\"base\"/>", "<link name=\"base\"/><link name=\"stray\"/>", &["root links", "stray"]);
+}
+
+#[test]
+fn branches_that_are_not_named() {
+    let branch = |kind: &str| {
+        format!(
+            "<link name=\"side\">{FORE_INERTIAL}</link><joint name=\"side_joint\" type=\"{kind}\"><parent link=\"upper\"/>\
+             <child link=\"side\"/>{SHOULDER_LIMIT}</joint></robot>"
+        )
+    };
+    refused("</robot>", &branch("fixed"), &["tip", "branches", "fore, side"]);
+
+    // Named, a fixed branch is welded on; one that moves has no place.
+    let folder = tempfile::tempdir().unwrap();
+    let toml = folder.path().join("bad.toml");
+    let write = |kind: &str, extra: &str| {
+        std::fs::write(folder.path().join("two.urdf"), GOOD.replace("</robot>", &branch(kind))).unwrap();
+        let text = format!("name = \"two\"\n[urdf]\nfile = \"two.urdf\"\n{extra}");
+        std::fs::write(&toml, text).unwrap();
+        load(toml.to_str().unwrap()).map_err(|e| e.to_string())
+    };
+    let welded: Robot<2> = write("fixed", "tip = \"fore\"").unwrap().build().unwrap();
+    let held: Robot<2> =
+        write("revolute", "tip = \"fore\"\nfixed_joints = { side_joint = 0.0 }").unwrap().build().unwrap();
+    let q = nalgebra::Vector2::new(0.4, 0.9);
+    assert!((welded.mass_matrix(&q) - held.mass_matrix(&q)).norm() < 1e-14);
+    let message = write("revolute", "tip = \"fore\"").unwrap_err();
+    assert!(message.contains("joint \"side_joint\"") && message.contains("fixed_joints"), "{message}");
+    let message = write("fixed", "tip = \"hand\"").unwrap_err();
+    assert!(message.contains("tip") && message.contains("hand"), "{message}");
+    let message = write("fixed", "base = \"fore\"\ntip = \"side\"").unwrap_err();
+    assert!(message.contains("not reached"), "{message}");
+    let message = write("fixed", "tip = \"fore\"\nfixed_joints = { wrist = 0.0 }").unwrap_err();
+    assert!(message.contains("wrist") && message.contains("shoulder, elbow"), "{message}");
+    let message = write("fixed", "tip = \"fore\"\n[[urdf.joint]]\nname = \"wrist\"").unwrap_err();
+    assert!(message.contains("bad.toml") && message.contains("wrist"), "{message}");
+}
+
+#[test]
+fn inertias() {
+    refused(FORE_INERTIAL, "", &["link \"fore\"", "no <inertial>"]);
+    refused("<mass value=\"1\"/>", "<mass value=\"0\"/>", &["link \"fore\"", "mass 0 kg"]);
+    refused("<mass value=\"1\"/>", "<mass value=\"-1\"/>", &["link \"fore\"", "mass -1 kg"]);
+    refused("<mass value=\"1\"/>", "<mass value=\"nan\"/>", &["link \"fore\"", "not finite"]);
+    refused("izz=\"0.01\"", "izz=\"-0.01\"", &["link \"upper\"", "not positive definite"]);
+    refused("ixy=\"0\"", "ixy=\"0.03\"", &["link \"upper\"", "not positive definite"]);
+    refused("izz=\"0.01\"", "izz=\"0.05\"", &["link \"upper\"", "triangle"]);
+}
+
+#[test]
+fn limits() {
+    let limit = |to: &str, parts: &[&str]| {
+        refused(SHOULDER_LIMIT, to, &[&["joint \"shoulder\""], parts].concat());
+    };
+    limit(r#"<limit lower="1" upper="-1" velocity="2" effort="9"/>"#, &["reversed"]);
+    limit(r#"<limit velocity="2" effort="9"/>"#, &["reversed or empty"]);
+    limit("", &["needs position limits"]);
+    limit(r#"<limit lower="-1" upper="1" velocity="0" effort="9"/>"#, &["velocity limit is 0"]);
+    limit(r#"<limit lower="-1" upper="1" velocity="2" effort="-9"/>"#, &["effort limit is -9"]);
+}
+
+#[test]
+fn joints() {
+    refused("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 0\"/>", &["joint \"shoulder\"", "axis is zero"]);
+    refused("name=\"elbow\"", "name=\"shoulder\"", &["joint \"shoulder\"", "twice"]);
+    refused("<link name=\"fore\">", "<link name=\"upper\">", &["link \"upper\"", "twice"]);
+    refused("<axis xyz=\"0 1 0\"/>", "<mimic joint=\"shoulder\"/>", &["joint \"elbow\"", "mimic"]);
+    refused("\"elbow\" type=\"revolute\"", "\"elbow\" type=\"floating\"", &["joint \"elbow\"", "floating"]);
+    refused("\"elbow\" type=\"revolute\"", "\"elbow\" type=\"fixed\"", &["1 moving joints", "2 to 7"]);
+}
+
+#[test]
+fn too_many_joints() {
+    let mut text = String::from("<robot name=\"eight\"><link name=\"l0\"/>");
+    for i in 1..=8 {
+        text += &format!(
+            "<link name=\"l{i}\">{FORE_INERTIAL}</link><joint name=\"j{i}\" type=\"continuous\"><parent link=\"l{}\"/>\
+             <child link=\"l{i}\"/></joint>",
+            i - 1
+        );
+    }
+    refused_text(&(text + "</robot>"), ".urdf", &["8 moving joints"]);
+}
+
+#[test]
+fn tables() {
+    let good = include_str!("../config/robot/scara.toml");
+    load_text(good, ".toml").unwrap();
+    let refused = |from: &str, to: &str, parts: &[&str]| {
+        assert!(good.contains(from), "{from}");
+        refused_text(&good.replacen(from, to, 1), ".toml", parts);
+    };
+    refused("a_m = 1.0", "a_m = \"long\"", &["dh.joint[0].a_m", "expected"]);
+    refused("a_m = 1.0", "length_m = 1.0", &["dh.joint[0]", "length_m"]);
+    refused("effort_n_m = 2000.0", "effort_n = 2000.0", &["joint \"joint_1\"", "effort_n", "effort_n_m"]);
+    refused("velocity_rad_s = 5.0, ", "", &["joint \"joint_1\"", "velocity_rad_s", "missing"]);
+    refused("type = \"revolute\"", "type = \"continuous\"", &["joint \"joint_1\"", "continuous"]);
+    refused("lower_m = -0.5", "lower_m = 5.0", &["joint \"joint_3\"", "reversed"]);
+    refused("inertia_kg_m2 = 0.01", "inertia_kg_m2 = -0.01", &["joint \"joint_1\"", "motor inertia"]);
+    refused("zz = 10.0", "zz = nan", &["link \"link of joint_1\"", "not finite"]);
+    // The last link idealised to nothing: joint 4 would move nothing.
+    refused("zz = 1.0", "zz = 0.0", &["B(q)"]);
+    refused("idealised = true", "idealised = false", &["link \"link of joint_3\"", "not positive definite"]);
+    refused("[dh]\n", "[dh]\nconvention = ", &[]);
+    refused("convention = \"standard\"", "convention = \"other\"", &["dh.convention", "other"]);
+    refused_text("name = \"none\"\n", ".toml", &["exactly one of [dh] and [urdf]"]);
+}
+
+#[test]
+fn names_and_paths() {
+    let message = load("robbie").unwrap_err().to_string();
+    assert!(message.contains("robbie") && message.contains("scara, ur5, panda"), "{message}");
+    let message = load("no/such/robot.urdf").unwrap_err().to_string();
+    assert!(message.contains("no/such/robot.urdf"), "{message}");
+    let message = load("scara").unwrap().build::<6>().unwrap_err().to_string();
+    assert!(message.contains("4 joints") && message.contains('6'), "{message}");
+}
