@@ -1,16 +1,38 @@
 //! vservo: visual servoing in real time over shared memory.
 //!
-//! ARCHITECTURE.md tells how a frame travels through these modules.
+//! A frame travels through the folders in this order: `source` (camera process) fills shared memory, `detect` and
+//! `pose` (vision process, assembled by [`vision`]) turn it into a measurement, `servo`, `motion` and `safety` (control
+//! process, assembled by [`controller`] and [`control_loop`]) turn that into a command, and `drive` takes it.
+//! ARCHITECTURE.md tells more.
 
 #![allow(non_snake_case)] // monogram notation, see `geometry`
 
+pub mod assemble;
 pub mod camera_model;
+pub mod config;
+pub mod control_loop;
+pub mod controller;
 pub mod detect;
+pub mod drive;
 pub mod features;
 pub mod geometry;
+pub mod histogram;
 pub mod imaging;
 pub mod messages;
+pub mod motion;
 pub mod pose;
 pub mod robot;
+pub mod safety;
 pub mod scene;
+pub mod schedule;
+pub mod servo;
+pub mod summary;
 pub mod time;
+pub mod vision;
+
+// Above: pure. Below: the operating system.
+pub mod cli;
+pub mod ipc;
+pub mod process;
+pub mod rt;
+pub mod source;

@@ -1,0 +1,285 @@
+//! Sub-pixel centroids from grey levels.
+//!
+//! Each pixel counts with `w = clamp((hi - I) / (hi - lo), 0, 1)`. `lo` lies above the dot's own level and `hi` below
+//! the plate's by what noise may reach, so that only the rim is weighed: noise and uneven light inside the dot and on
+//! the plate do not enter. Sums are integers, row by row, within an ellipse a little larger than the dot.
+
+use super::blob::Blob;
+use crate::imaging::ImageView;
+use nalgebra::Vector2;
+
+/// How far the plate is sampled beyond the rim, px.
+const REACH_PX: f64 = 3.0;
+/// Least difference between plate and dot, grey levels.
+const LEAST_CONTRAST: f64 = 12.0;
+/// Points of the plate that are sampled around a dot.
+const RING: usize = 24;
+/// What remains without noise: pixels are squares, levels are rounded (px, for a rim of 1 px of length).
+const FLOOR_PX: f64 = 0.02;
+
+/// One dot, measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Dot {
+    /// Centroid in the distorted image, px.
+    pub px: Vector2<f64>,
+    /// One standard deviation of each coordinate of `px`, px.
+    pub sigma_px: f64,
+    /// Area, px^2.
+    pub area_px2: f64,
+    /// Covariance `[xx, xy, yy]` of a point uniform in the dot's image, px^2.
+    pub covariance_px2: [f64; 3],
+    /// Grey level of the dot.
+    pub dark_level: f64,
+    /// Grey level of the plate around it.
+    pub plate_level: f64,
+}
+
+/// An ellipse of pixels, row by row.
+struct Ellipse {
+    x: f64,
+    y: f64,
+    height: f64,
+    slope: f64,
+    width: f64,
+}
+
+impl Ellipse {
+    /// The ellipse `d^T S^-1 d <= 1` about `(x, y)`, `S = [xx, xy, yy]`.
+    fn new(x: f64, y: f64, [xx, xy, yy]: [f64; 3]) -> Self {
+        let slope = xy / yy;
+        Self { x, y, height: yy.max(0.0).sqrt(), slope, width: (xx - xy * slope).max(0.0).sqrt() }
+    }
+
+    /// Calls `f(y, x0, pixels)` for each row of it in the image.
+    #[inline(always)]
+    fn rows(&self, image: &ImageView<'_>, mut f: impl FnMut(usize, usize, &[u8])) {
+        let (first, last) = ((self.y - self.height).ceil().max(0.0), (self.y + self.height).floor());
+        if first > last || self.height <= 0.0 {
+            return;
+        }
+        let inverse = 1.0 / (self.height * self.height);
+        for y in first as usize..=(last as usize).min(image.height() - 1) {
+            let dy = y as f64 - self.y;
+            let half = self.width * (1.0 - dy * dy * inverse).max(0.0).sqrt();
+            let middle = self.x + self.slope * dy;
+            let (x0, x1) = ((middle - half).ceil().max(0.0) as usize, (middle + half).floor());
+            if x1 < 0.0 {
+                continue;
+            }
+            let x1 = (x1 as usize + 1).min(image.width());
+            if let Some(pixels) = image.row(y).get(x0..x1) {
+                f(y, x0, pixels);
+            }
+        }
+    }
+}
+
+/// Levels around one dot.
+#[derive(Debug, Clone, Copy, Default)]
+struct Levels {
+    dark: f64,
+    plate: f64,
+    /// Sum of squared differences of neighbours inside the dot, and their number.
+    rough: u32,
+    pairs: u32,
+}
+
+/// Measures dots; knows which instructions may be used.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct DotMeter {
+    /// Least free distance around a dot, in its radii.
+    gap: f64,
+    wide: bool,
+}
+
+impl DotMeter {
+    pub(super) fn new(gap: f64) -> Self {
+        #[cfg(target_arch = "x86_64")]
+        let wide = std::arch::is_x86_feature_detected!("avx2");
+        #[cfg(not(target_arch = "x86_64"))]
+        let wide = false;
+        Self { gap, wide }
+    }
+
+    /// Measures four dots near the given ellipses. `None` when one has no contrast to its surroundings.
+    pub(super) fn measure(&self, image: &ImageView<'_>, blobs: &[Blob; 4]) -> Option<[Dot; 4]> {
+        let mut levels = [Levels::default(); 4];
+        let (mut rough, mut pairs) = (0, 0);
+        for (level, blob) in levels.iter_mut().zip(blobs) {
+            *level = self.levels(image, blob)?;
+            rough += level.rough;
+            pairs += level.pairs;
+        }
+        // neighbours differ by twice the noise's variance
+        let noise = (f64::from(rough) / (2.0 * f64::from(pairs.max(1)))).sqrt();
+        let mut dots = [None; 4];
+        for ((dot, blob), level) in dots.iter_mut().zip(blobs).zip(&levels) {
+            *dot = self.dot(image, blob, level, noise);
+        }
+        let [Some(a), Some(b), Some(c), Some(d)] = dots else { return None };
+        Some([a, b, c, d])
+    }
+
+    /// Ellipse about a blob, its axes longer by at most [`REACH_PX`] and by three quarters of the free distance.
+    fn around(&self, blob: &Blob) -> [f64; 3] {
+        let [xx, xy, yy] = blob.covariance;
+        let (major, minor) = blob.axes();
+        let longer = |axis: f64| (axis + REACH_PX.min(0.75 * self.gap * axis)).powi(2);
+        let (big, small) = (longer(major), longer(minor));
+        // S = p I + q C has C's directions and the wanted axes
+        let (c_big, c_small) = (0.25 * major * major, 0.25 * minor * minor);
+        let q = if c_big - c_small > 1e-9 * c_big { (big - small) / (c_big - c_small) } else { 0.0 };
+        let p = big - q * c_big;
+        [p + q * xx, q * xy, p + q * yy]
+    }
+
+    /// Grey levels inside and around the dot.
+    fn levels(&self, image: &ImageView<'_>, blob: &Blob) -> Option<Levels> {
+        // the inner 36 % of the area: free of blur
+        let inner = Ellipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
+        let (sum, count, rough, pairs) = self.inner_sums(image, &inner);
+        if count == 0 {
+            return None;
+        }
+        let [xx, xy, yy] = self.around(blob);
+        // points on the ellipse: L (cos, sin) with S = L L^T
+        let l11 = xx.max(0.0).sqrt();
+        let l21 = if l11 > 0.0 { xy / l11 } else { 0.0 };
+        let l22 = (yy - l21 * l21).max(0.0).sqrt();
+        let mut ring = [0u8; RING];
+        let mut used = 0;
+        let (turn_sin, turn_cos) = (2.0 * std::f64::consts::PI / RING as f64).sin_cos();
+        let (mut cos, mut sin) = (1.0f64, 0.0f64);
+        for _ in 0..RING {
+            let (x, y) = ((blob.x + l11 * cos).round(), (blob.y + l21 * cos + l22 * sin).round());
+            (cos, sin) = (cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin);
+            if x >= 0.0
+                && y >= 0.0
+                && let Some(&p) = image.row(y as usize).get(x as usize)
+                && let Some(slot) = ring.get_mut(used)
+            {
+                *slot = p;
+                used += 1;
+            }
+        }
+        let ring = ring.get_mut(..used)?;
+        ring.sort_unstable();
+        // mean of the middle half: neighbours and the plate's edge do not matter
+        let middle = ring.get(used / 4..used - used / 4)?;
+        let plate = middle.iter().map(|&p| f64::from(p)).sum::<f64>() / middle.len().max(1) as f64;
+        let dark = f64::from(sum) / f64::from(count);
+        (plate - dark >= LEAST_CONTRAST).then_some(Levels { dark, plate, rough, pairs })
+    }
+
+    fn dot(&self, image: &ImageView<'_>, blob: &Blob, levels: &Levels, noise: f64) -> Option<Dot> {
+        let contrast = levels.plate - levels.dark;
+        let dead = (3.2 * noise + 1.0).min(0.3 * contrast);
+        let (lo, hi) = ((levels.dark + dead).round(), (levels.plate - dead).round());
+        let span = hi - lo;
+        if !(span >= 2.0) {
+            return None;
+        }
+        let ellipse = Ellipse::new(blob.x, blob.y, self.around(blob));
+        let sums = self.weighted_sums(image, &ellipse, hi as u8, span as u8);
+        if sums.w == 0 {
+            return None;
+        }
+        let w = sums.w as f64;
+        let px = Vector2::new(sums.wx as f64 / w, sums.wy as f64 / w);
+        let area = w / span;
+        // each rim pixel moves the centroid by its distance from it times its weight's error over the area
+        let rim2 = f64::from(sums.rim) * (blob.covariance[0] + blob.covariance[2]);
+        let from_noise = noise.max(0.3) / span * rim2.sqrt() / area;
+        let floor = FLOOR_PX / f64::from(sums.rim.max(1)).sqrt();
+        let scale = area / blob.area;
+        Some(Dot {
+            px,
+            sigma_px: from_noise.hypot(floor),
+            area_px2: area,
+            covariance_px2: blob.covariance.map(|c| c * scale),
+            dark_level: levels.dark,
+            plate_level: levels.plate,
+        })
+    }
+
+    fn inner_sums(&self, image: &ImageView<'_>, ellipse: &Ellipse) -> (u32, u32, u32, u32) {
+        #[cfg(target_arch = "x86_64")]
+        if self.wide {
+            // SAFETY: `wide` is set only where the processor has AVX2.
+            #[allow(unsafe_code)]
+            return unsafe { inner_sums_avx2(image, ellipse) };
+        }
+        inner_sums(image, ellipse)
+    }
+
+    fn weighted_sums(&self, image: &ImageView<'_>, ellipse: &Ellipse, hi: u8, span: u8) -> Sums {
+        #[cfg(target_arch = "x86_64")]
+        if self.wide {
+            // SAFETY: `wide` is set only where the processor has AVX2.
+            #[allow(unsafe_code)]
+            return unsafe { weighted_sums_avx2(image, ellipse, hi, span) };
+        }
+        weighted_sums(image, ellipse, hi, span)
+    }
+}
+
+/// Sums of weights (in units of one grey level), and the number of pixels on the rim.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct Sums {
+    w: u64,
+    wx: u64,
+    wy: u64,
+    rim: u32,
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn inner_sums_avx2(image: &ImageView<'_>, ellipse: &Ellipse) -> (u32, u32, u32, u32) {
+    inner_sums(image, ellipse)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn weighted_sums_avx2(image: &ImageView<'_>, ellipse: &Ellipse, hi: u8, span: u8) -> Sums {
+    weighted_sums(image, ellipse, hi, span)
+}
+
+/// Sum of levels, pixels, squared differences of neighbours, pairs of neighbours.
+#[inline(always)]
+fn inner_sums(image: &ImageView<'_>, ellipse: &Ellipse) -> (u32, u32, u32, u32) {
+    let (mut sum, mut count, mut rough, mut pairs) = (0u32, 0u32, 0u32, 0u32);
+    ellipse.rows(image, |_, _, pixels| {
+        sum += pixels.iter().map(|&p| u32::from(p)).sum::<u32>();
+        count += pixels.len() as u32;
+        if let Some(next) = pixels.get(1..) {
+            for (&a, &b) in pixels.iter().zip(next) {
+                let d = i32::from(a) - i32::from(b);
+                rough = rough.saturating_add((d * d) as u32);
+            }
+            pairs += next.len() as u32;
+        }
+    });
+    (sum, count, rough, pairs)
+}
+
+#[inline(always)]
+fn weighted_sums(image: &ImageView<'_>, ellipse: &Ellipse, hi: u8, span: u8) -> Sums {
+    let mut sums = Sums::default();
+    ellipse.rows(image, |y, x0, pixels| {
+        // a row of at most 4096 px: 255 * 4096^2 / 2 still fits; longer rows are summed in parts
+        for (part, pixels) in pixels.chunks(4096).enumerate() {
+            let (mut w, mut wi, mut rim) = (0u32, 0u32, 0u32);
+            for (i, &p) in (0u32..).zip(pixels) {
+                let weight = hi.saturating_sub(p).min(span);
+                w += u32::from(weight);
+                wi += u32::from(weight) * i;
+                rim += u32::from(weight != 0 && weight != span);
+            }
+            sums.w += u64::from(w);
+            sums.wx += u64::from(wi) + u64::from(w) * (x0 + part * 4096) as u64;
+            sums.wy += u64::from(w) * y as u64;
+            sums.rim += rim;
+        }
+    });
+    sums
+}

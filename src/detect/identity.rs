@@ -1,0 +1,189 @@
+//! Which four regions are the target, and which of them is P1.
+//!
+//! Four regions in convex order can be P1..P4 in four ways: the picture is never mirrored. Each way gives a
+//! homography of the square (closed form), and that predicts every dot's ellipse, in pixels, without any free scale.
+//! The way whose prediction fits is taken. A true pose's homography has orthogonal first columns of equal length,
+//! which most chance quadrilaterals have not.
+
+use super::blob::Blob;
+use super::offset::disc_moments;
+use crate::camera_model::CameraModel;
+use crate::scene::DotTarget;
+use nalgebra::{Matrix2, Vector2};
+
+/// Greatest error of shape, or of the area's logarithm, at which a dot still fits.
+const TOLERANCE: f64 = 0.35;
+/// What a rim that is ragged or thresholded off its middle may add, for a dot of 1 px radius.
+const TOLERANCE_SMALL_PX: f64 = 0.8;
+/// Greatest difference from orthogonal columns of equal length.
+const ORTHOGONALITY: f64 = 0.35;
+
+/// Four regions taken for P1..P4.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Fit {
+    /// Regions in the order P1..P4.
+    pub(super) blobs: [Blob; 4],
+    /// Mean error of area and shape; 0 is perfect.
+    pub(super) error: f64,
+}
+
+/// What a choice of four regions is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Choice {
+    Fits(Fit),
+    /// Forms the square, but more than one corner may be P1.
+    Ambiguous,
+    No,
+}
+
+/// Tells targets from other quadrilaterals.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Identity {
+    camera: CameraModel,
+    side: f64,
+    radii: [f64; 4],
+    /// By how much the second-best way must be worse.
+    margin: f64,
+}
+
+impl Identity {
+    pub(super) fn new(camera: CameraModel, target: &DotTarget) -> Self {
+        let radii = target.radii_m();
+        // the wrong corner is off by ln (R1/R)^2 at two of four dots
+        let margin = 0.4 * (radii[0] / radii[1]).ln();
+        Self { camera, side: target.side_m(), radii, margin }
+    }
+
+    /// Looks for P1..P4 in four regions of any order.
+    pub(super) fn choose(&self, blobs: &[Blob; 4]) -> Choice {
+        let Some(blobs) = convex_order(blobs) else { return Choice::No };
+        let s = blobs.map(|b| self.camera.normalized_of(&Vector2::new(b.x, b.y)));
+        let mut best: Option<Fit> = None;
+        let mut second = f64::INFINITY;
+        for first in 0..4 {
+            let (mut turned, mut points) = (blobs, s);
+            turned.rotate_left(first);
+            points.rotate_left(first);
+            let Some(error) = self.error(&turned, &points, 0.0) else { continue };
+            match best {
+                Some(fit) if error >= fit.error => second = second.min(error),
+                _ => {
+                    second = best.map_or(second, |fit| second.min(fit.error));
+                    best = Some(Fit { blobs: turned, error });
+                }
+            }
+        }
+        match best {
+            Some(fit) if second > fit.error + self.margin => Choice::Fits(fit),
+            Some(_) => Choice::Ambiguous,
+            // a square of dots without a larger one among them
+            None if self.error(&blobs, &s, 5.0 * self.margin).is_some() => Choice::Ambiguous,
+            None => Choice::No,
+        }
+    }
+
+    /// Whether regions that are said to be P1..P4 fit that order.
+    pub(super) fn confirm(&self, blobs: &[Blob; 4]) -> bool {
+        let s = blobs.map(|b| self.camera.normalized_of(&Vector2::new(b.x, b.y)));
+        self.error(blobs, &s, 0.0).is_some()
+    }
+
+    /// Mean error of this order, or `None` when a dot does not fit. `loose` is added to the tolerance of areas.
+    fn error(&self, blobs: &[Blob; 4], s: &[Vector2<f64>; 4], loose: f64) -> Option<f64> {
+        let H = UnitSquare::to(s)?;
+        if !H.is_view_of_a_square() {
+            return None;
+        }
+        let mut sum = 0.0;
+        let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+        for (((blob, s), corner), radius) in blobs.iter().zip(s).zip(corners).zip(self.radii) {
+            let A = self.camera.pixel_jacobian(s) * H.jacobian(s, corner)? / self.side;
+            let (c, area) = disc_moments(&A, radius);
+            let area_error = (blob.area / area).ln().abs();
+            // the shape alone: both ellipses at unit area
+            let (scale, seen) = (area / blob.area, blob.covariance);
+            let d = [seen[0] * scale - c[0], seen[1] * scale - c[1], seen[2] * scale - c[2]];
+            let norm2 = |m: &[f64; 3]| m[0] * m[0] + 2.0 * m[1] * m[1] + m[2] * m[2];
+            let shape_error = (norm2(&d) / norm2(&c)).sqrt();
+            let minor = (blob.area / std::f64::consts::PI).sqrt().min(blob.axes().1);
+            let tolerance = TOLERANCE + TOLERANCE_SMALL_PX / minor.max(1.0);
+            // NaN does not fit
+            if !(area_error < tolerance + loose && shape_error < tolerance) {
+                return None;
+            }
+            sum += area_error + 0.5 * shape_error;
+        }
+        Some(0.25 * sum)
+    }
+}
+
+/// Homography of the unit square (0,0), (1,0), (1,1), (0,1) to a convex quadrilateral:
+/// `x = (a u + b v + c) / w`, `y = (d u + e v + f) / w`, `w = g u + h v + 1`.
+struct UnitSquare {
+    a: f64,
+    b: f64,
+    d: f64,
+    e: f64,
+    g: f64,
+    h: f64,
+}
+
+impl UnitSquare {
+    fn to([p0, p1, p2, p3]: &[Vector2<f64>; 4]) -> Option<Self> {
+        let (d1, d2, sum) = (p1 - p2, p3 - p2, p0 - p1 + p2 - p3);
+        let den = d1.x * d2.y - d2.x * d1.y;
+        if den == 0.0 {
+            return None;
+        }
+        let g = (sum.x * d2.y - d2.x * sum.y) / den;
+        let h = (d1.x * sum.y - sum.x * d1.y) / den;
+        Some(Self {
+            a: p1.x - p0.x + g * p1.x,
+            b: p3.x - p0.x + h * p3.x,
+            d: p1.y - p0.y + g * p1.y,
+            e: p3.y - p0.y + h * p3.y,
+            g,
+            h,
+        })
+    }
+
+    /// Of `[r1 r2 p]` the first two columns are orthogonal and of equal length.
+    fn is_view_of_a_square(&self) -> bool {
+        let (n1, n2) = (
+            self.a * self.a + self.d * self.d + self.g * self.g,
+            self.b * self.b + self.e * self.e + self.h * self.h,
+        );
+        let dot = self.a * self.b + self.d * self.e + self.g * self.h;
+        dot * dot < ORTHOGONALITY * ORTHOGONALITY * n1 * n2 && (n1 / n2).ln().abs() < 2.0 * ORTHOGONALITY
+    }
+
+    /// Derivative of the image point `s` by the unit square's coordinates, at a corner.
+    fn jacobian(&self, s: &Vector2<f64>, (u, v): (f64, f64)) -> Option<Matrix2<f64>> {
+        let w = self.g * u + self.h * v + 1.0;
+        let m = Matrix2::new(
+            self.a - s.x * self.g,
+            self.b - s.x * self.h,
+            self.d - s.y * self.g,
+            self.e - s.y * self.h,
+        );
+        (w > 1e-9).then(|| m / w)
+    }
+}
+
+/// The regions in the order in which a walk around them meets them, x towards y; `None` when they are not the corners
+/// of a convex quadrilateral.
+fn convex_order(blobs: &[Blob; 4]) -> Option<[Blob; 4]> {
+    let mut out = *blobs;
+    let (cx, cy) = (0.25 * out.iter().map(|b| b.x).sum::<f64>(), 0.25 * out.iter().map(|b| b.y).sum::<f64>());
+    // grows with the angle, from -2 to 2
+    let turn = |b: &Blob| {
+        let (x, y) = (b.x - cx, b.y - cy);
+        let t = x / (x.abs() + y.abs());
+        if y < 0.0 { t - 1.0 } else { 1.0 - t }
+    };
+    out.sort_unstable_by(|a, b| turn(a).total_cmp(&turn(b)));
+    let [a, b, c, d] = &out;
+    let cross = |p: &Blob, q: &Blob, r: &Blob| (q.x - p.x) * (r.y - q.y) - (q.y - p.y) * (r.x - q.x);
+    let convex = cross(a, b, c) > 0.0 && cross(b, c, d) > 0.0 && cross(c, d, a) > 0.0 && cross(d, a, b) > 0.0;
+    convex.then_some(out)
+}
