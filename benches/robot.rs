@@ -2,7 +2,7 @@
 //!
 //! Pinocchio on the same kind of machine: inverse dynamics 623 ns, B(q) 820 ns, Jacobian 237 ns.
 
-#![allow(missing_docs, clippy::unwrap_used)]
+#![allow(non_snake_case, clippy::unwrap_used)]
 
 use divan::{Bencher, black_box};
 use nalgebra::{Vector3, Vector6};

@@ -1,5 +1,7 @@
 //! Energy over 8 s of free motion, without torque and friction: what a wrong Coriolis term would show.
 
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests
+
 use nalgebra::{SVector, Vector3};
 use vservo::dispatch_robot;
 use vservo::robot::{Robot, SHIPPED, load};

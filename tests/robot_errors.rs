@@ -1,5 +1,7 @@
 //! Bad robot files: every one is refused with its file, its element and what to do about it.
 
+#![allow(non_snake_case, clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)] // helpers of tests are tests
+
 use vservo::robot::{Robot, RobotError, load};
 
 /// A sound arm of two joints, `base - shoulder - upper - elbow - fore`, with a mesh that is not there.
@@ -49,11 +51,18 @@ fn the_sound_file_loads_and_meshes_are_not_looked_for() {
 
 #[test]
 fn malformed_xml() {
-    refused("</robot>", "", &["not a URDF robot"]);
-    refused("<mass value=\"1\"/>", "<mass value=\"heavy\"/>", &["not a URDF robot"]);
-    refused("type=\"revolute\"", "type=\"springy\"", &["springy"]);
-    refused_text("", ".urdf", &["not a URDF robot"]);
-    refused_text("<html><body/></html>", ".urdf", &[]);
+    refused("</robot>", "", &[".urdf:1:", "robot \"two\" is never closed"]);
+    refused(
+        "izz=\"0.01\"/></inertial>",
+        "izz=\"0.01\"/>",
+        &[".urdf:7:", "`</link>` stands where `<inertial>` should be closed"],
+    );
+    refused("<mass value=\"1\"/>", "<mass value=\"heavy\"/>", &[".urdf:8:", "link \"fore\"", "float"]);
+    refused("type=\"revolute\"", "type=\"springy\"", &[".urdf:11:", "joint \"shoulder\"", "springy"]);
+    refused("<mass value=\"1\"/>", "", &[".urdf:8:", "link \"fore\"", "mass"]);
+    refused_text("", ".urdf", &["no `<robot>`"]);
+    refused_text("<html><body/></html>", ".urdf", &["no <link>"]);
+    refused_text("<html><link/></html>", ".urdf", &["`<html>`"]);
 }
 
 #[test]
@@ -174,7 +183,7 @@ fn tables() {
         assert!(good.contains(from), "{from}");
         refused_text(&good.replacen(from, to, 1), ".toml", parts);
     };
-    refused("a_m = 1.0", "a_m = \"long\"", &["dh.joint[0].a_m", "expected"]);
+    refused("a_m = 1.0", "a_m = \"long\"", &[".toml:18:7: dh.joint[0].a_m: invalid type", "expected"]);
     refused("a_m = 1.0", "length_m = 1.0", &["dh.joint[0]", "length_m"]);
     refused("effort_n_m = 2000.0", "effort_n = 2000.0", &["joint \"joint_1\"", "effort_n", "effort_n_m"]);
     refused("velocity_rad_s = 5.0, ", "", &["joint \"joint_1\"", "velocity_rad_s", "missing"]);

@@ -2,6 +2,8 @@
 //!
 //! tools/robot_fixtures.py made the tables in fixtures/robot/ and says what their columns are.
 
+#![allow(non_snake_case, clippy::unwrap_used, clippy::panic, clippy::print_stdout)] // helpers of tests are tests
+
 use nalgebra::{Rotation3, SMatrix, SVector};
 use vservo::dispatch_robot;
 use vservo::robot::{Robot, SHIPPED, load};

@@ -1,6 +1,6 @@
 //! Nothing that runs at 1 kHz allocates: every method of `Robot`, for every number of joints that is shipped.
 
-#![allow(missing_docs)]
+#![allow(non_snake_case, clippy::unwrap_used)] // helpers of tests are tests
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use nalgebra::{SVector, Vector3};

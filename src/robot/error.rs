@@ -24,11 +24,11 @@ pub enum RobotError {
         source: std::io::Error,
     },
     /// The text is not well-formed TOML or XML, or has a key or element that does not belong there.
-    #[error("{file}: {message}")]
+    #[error("{place}: {message}")]
     Syntax {
-        /// The file.
-        file: String,
-        /// Place and reason.
+        /// The file, with line and column where they are known.
+        place: String,
+        /// Element or key, and reason.
         message: String,
     },
     /// One element of the file is wrong.

@@ -62,10 +62,18 @@ pub(super) fn parse_toml(
     file: &str,
     open: impl FnOnce(&str) -> Result<(String, String), RobotError>,
 ) -> Result<RobotDescription, RobotError> {
-    let syntax = |message: String| RobotError::Syntax { file: file.to_owned(), message };
-    let deserializer = toml::Deserializer::parse(text).map_err(|e| syntax(e.to_string()))?;
+    let syntax = |path: String, error: &toml::de::Error| {
+        let before = text.get(..error.span().map_or(0, |span| span.start)).unwrap_or("");
+        let (line, column) =
+            (1 + before.matches('\n').count(), 1 + before.chars().rev().take_while(|&c| c != '\n').count());
+        RobotError::Syntax {
+            place: format!("{file}:{line}:{column}"),
+            message: format!("{path}{}", error.message()),
+        }
+    };
+    let deserializer = toml::Deserializer::parse(text).map_err(|e| syntax(String::new(), &e))?;
     let record: RobotFile = serde_path_to_error::deserialize(deserializer)
-        .map_err(|e| syntax(format!("{}: {}", e.path(), e.inner())))?;
+        .map_err(|e| syntax(format!("{}: ", e.path()), e.inner()))?;
     let mut description = empty(&record.name, file);
     if let Some(gravity) = record.gravity_m_s2 {
         description.gravity_B = Vector3::from(gravity);

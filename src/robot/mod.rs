@@ -31,6 +31,7 @@ mod shipped;
 mod small;
 mod trig;
 mod urdf;
+mod xml_fault;
 
 pub use conditioning::singular_values;
 pub use description::{JointDescription, Motor, RobotDescription};

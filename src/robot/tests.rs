@@ -1,7 +1,8 @@
-//! Properties of the whole module: the textbook's closed forms, and consistency of the algorithms with each other.
+//! The textbook's closed forms and the damped inverse. Consistency of the algorithms with each other, on every shipped
+//! robot, is in tests/robot_consistency.rs.
 
 use super::*;
-use crate::geometry::{Pose, integrate_body_twist, rotate_twist, rotation_z};
+use crate::geometry::rotation_z;
 use nalgebra::{Matrix4, SMatrix, SVector, Vector3, Vector4};
 use proptest::prelude::*;
 
@@ -11,10 +12,6 @@ fn scara() -> Robot<4> {
 
 fn joints(bound: f64) -> impl Strategy<Value = Vector4<f64>> {
     prop::array::uniform4(-bound..bound).prop_map(|a| Vector4::from_row_slice(&a))
-}
-
-fn twist_error(a: &crate::geometry::Twist, b: &crate::geometry::Twist) -> f64 {
-    (a - b).norm()
 }
 
 /// B(q) of the two-link arm of Example 7.2 with the load of Sect. 10.9, written out.
@@ -73,58 +70,6 @@ proptest! {
                 }
             }
             prop_assert!((bias[i] - c).abs() < 1e-6, "{} {}", bias[i], c);
-        }
-    }
-
-    #[test]
-    fn jacobian_is_the_derivative_of_the_pose(q in joints(2.5), qd in joints(1.0), c in prop::array::uniform6(-0.5..0.5f64)) {
-        let robot = scara();
-        let h = 1e-6;
-        let X_EC = Pose::new(Vector3::new(c[0], c[1], c[2]), Vector3::new(c[3], c[4], c[5]));
-        let (X, J) = robot.forward_and_jacobian_of_frame(&q, &X_EC, ExpressedIn::Moving);
-        let moved = robot.forward(&(q + qd * h)) * X_EC;
-        let predicted = integrate_body_twist(&X, &(J * qd), h);
-        prop_assert!((moved.to_homogeneous() - predicted.to_homogeneous()).norm() < 1e-10);
-        let R = X.rotation.to_rotation_matrix();
-        let in_base = robot.jacobian_of_frame(&q, &X_EC, ExpressedIn::Base) * qd;
-        prop_assert!(twist_error(&rotate_twist(&R, &(J * qd)), &in_base) < 1e-12);
-        let at_flange = robot.jacobian_of_frame(&q, &Pose::identity(), ExpressedIn::Base);
-        prop_assert!((at_flange - robot.jacobian(&q)).norm() < 1e-13);
-        prop_assert!((robot.forward_and_jacobian(&q).1 - robot.jacobian(&q)).norm() < 1e-13);
-    }
-
-    #[test]
-    fn jacobian_dot_is_the_derivative_of_the_jacobian(q in joints(2.5), qd in joints(1.0)) {
-        let robot = scara();
-        let h = 1e-6;
-        let J_dot = (robot.jacobian(&(q + qd * h)) - robot.jacobian(&(q - qd * h))) / (2.0 * h);
-        prop_assert!(twist_error(&robot.jacobian_dot_qd(&q, &qd), &(J_dot * qd)) < 1e-8);
-    }
-
-    #[test]
-    fn recursion_agrees_with_matrix_and_bias(q in joints(2.5), qd in joints(2.0), qdd in joints(3.0)) {
-        let robot = scara().with_payload(0.7, &Vector3::new(0.1, -0.2, 0.05));
-        let tau = robot.inverse_dynamics(&q, &qd, &qdd);
-        let sum = robot.mass_matrix(&q) * qdd + robot.bias(&q, &qd);
-        prop_assert!((tau - sum).norm() < 1e-11 * tau.norm().max(1.0));
-        prop_assert!((robot.forward_dynamics(&q, &qd, &tau) - qdd).norm() < 1e-11 * qdd.norm().max(1.0));
-        prop_assert!((robot.bias(&q, &SVector::zeros()) - robot.gravity(&q)).norm() < 1e-11);
-    }
-
-    #[test]
-    fn velocities_stay_inside_the_limits(
-        q in joints(2.9), v in prop::array::uniform6(-20.0..20.0f64), preferred in joints(1.0)
-    ) {
-        let robot = scara();
-        let q = robot.clamp_to_limits(&q);
-        let options = InverseOptions::default();
-        let V = crate::geometry::Twist::from_row_slice(&v);
-        let result = robot.damped_velocity(&q, &robot.jacobian(&q), &V, &preferred, &options);
-        for i in 0..4 {
-            let limit = robot.limits()[i];
-            prop_assert!(result.qd[i].abs() <= limit.velocity * (1.0 + 1e-12));
-            let next = q[i] + result.qd[i] * options.limit_horizon_s;
-            prop_assert!(next >= limit.lower - 1e-9 && next <= limit.upper + 1e-9, "{i} {next}");
         }
     }
 }

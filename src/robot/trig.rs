@@ -82,6 +82,7 @@ const fn factorial(n: u64) -> f64 {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
     fn check(angle: f64) {
         let (s, c) = angle.sin_cos();
@@ -102,8 +103,8 @@ mod tests {
     #[test]
     fn quarters_and_their_neighbours() {
         for quarter in -9..=9 {
-            for offset in [0.0, 1e-9, -1e-9, 0.785, -0.785, 0.7853982, -0.7853982] {
-                check(f64::from(quarter) * std::f64::consts::FRAC_PI_2 + offset);
+            for offset in [0.0, 1e-9, -1e-9, FRAC_PI_4 - 1e-9, FRAC_PI_4, FRAC_PI_4 + 1e-9] {
+                check(f64::from(quarter) * FRAC_PI_2 + offset);
             }
         }
         assert_eq!(sines_and_cosines(&[0.0, -0.0]), [(0.0, 1.0), (-0.0, 1.0)]);

@@ -7,6 +7,7 @@ use super::description::{JointDescription, RobotDescription};
 use super::error::{Problem, RobotError};
 use super::inertia::Inertia;
 use super::model::{Friction, JointKind, JointLimits};
+use super::xml_fault::{XmlFault, locate};
 use crate::geometry::Pose;
 use nalgebra::{Matrix3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 use std::collections::{BTreeMap, HashMap};
@@ -29,10 +30,14 @@ pub(super) fn read(
     selection: &Selection,
     description: &mut RobotDescription,
 ) -> Result<(), RobotError> {
-    let robot = urdf_rs::read_from_string(text).map_err(|error| RobotError::Syntax {
-        file: description.file.clone(),
-        message: format!("not a URDF robot: {error}"),
+    let robot = urdf_rs::read_from_string(text).map_err(|error| {
+        let XmlFault { line, message } = locate(text, &error.to_string());
+        RobotError::Syntax { place: format!("{}:{line}", description.file), message }
     })?;
+    if robot.links.is_empty() {
+        let message = "there is no <link> in it; is it a URDF robot?".to_owned();
+        return Err(RobotError::Syntax { place: description.file.clone(), message });
+    }
     let fail = |(element, problem): Fault| description.error(element, problem);
     let tree = Tree::new(&robot, selection).map_err(fail)?;
     let (joints, X_LE) = tree.chain().map_err(fail)?;
