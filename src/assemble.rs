@@ -46,8 +46,7 @@ pub fn q_start<const N: usize>(config: &Config) -> Result<SVector<f64, N>, Assem
 /// The vision core of a configuration.
 #[must_use]
 pub fn vision(config: &Config) -> Vision {
-    let settings =
-        VisionSettings { track: config.track, min_contrast_levels: config.min_contrast_levels, ..VisionSettings::default() };
+    let settings = VisionSettings { track: config.track, ..VisionSettings::default() };
     Vision::new(config.camera.model, config.target, settings)
 }
 

@@ -44,8 +44,6 @@ pub struct Config {
     pub target: DotTarget,
     /// Where the target is in a simulated scene, `X_BO`.
     pub X_BO: Pose,
-    /// Least difference between plate and dots, grey levels.
-    pub min_contrast_levels: f64,
     /// Whether vision tracks.
     pub track: bool,
     /// The servo law.

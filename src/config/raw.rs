@@ -242,8 +242,6 @@ table! {
     RawVision {
         /// Searches predicted windows first; without it the whole frame every time.
         track: bool = true,
-        /// Least difference between plate and dots, grey levels.
-        min_contrast_levels: f64 = 25.0,
     }
 }
 

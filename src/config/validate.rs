@@ -70,7 +70,6 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     let X_BO = check.pose("scene.object", &raw.scene.object);
     let X_DO = check.pose("servo.desired", &raw.servo.desired);
     let gain_1_s = check.range("servo.gain_1_s", raw.servo.gain_1_s, 1e-3..=100.0);
-    let min_contrast_levels = check.range("vision.min_contrast_levels", raw.vision.min_contrast_levels, 1.0..=255.0);
     let natural_frequency_rad_s =
         check.range("motion.natural_frequency_rad_s", raw.motion.natural_frequency_rad_s, 1.0..=300.0);
     let damping_ratio = check.range("motion.damping_ratio", raw.motion.damping_ratio, 0.1..=5.0);
@@ -113,7 +112,6 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         camera: camera?,
         target: target?,
         X_BO,
-        min_contrast_levels,
         track: raw.vision.track,
         servo: Servo { update: raw.servo.update, gain_1_s, depth: raw.servo.depth, X_DO },
         motion: Motion { max_acceleration, natural_frequency_rad_s, damping_ratio },

@@ -1,0 +1,169 @@
+//! What the integration tests share: runs of the real program under names of their own, and waiting for conditions.
+
+#![allow(dead_code)] // each test binary uses a part
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+/// Waits are for conditions; this only bounds a test that has already failed.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// The program.
+pub fn vservo() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_vservo"));
+    command.stdin(Stdio::null());
+    command
+}
+
+/// An instance of its own for one run; checks at the end that nothing is left of it.
+pub struct Instance {
+    pub name: String,
+}
+
+impl Instance {
+    pub fn new(test: &str) -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let count = COUNT.fetch_add(1, Ordering::Relaxed);
+        Self { name: format!("{test}-{}-{count}", std::process::id()) }
+    }
+
+    /// What lies in shared memory under this name.
+    pub fn leftovers(&self) -> Vec<PathBuf> {
+        let directory = format!("vservo-{}", self.name);
+        let prefix = format!("vservo.{}.", self.name);
+        std::fs::read_dir("/dev/shm")
+            .unwrap()
+            .flatten()
+            .filter(|e| {
+                let name = e.file_name().to_string_lossy().into_owned();
+                name == directory || name.starts_with(&prefix)
+            })
+            .map(|e| e.path())
+            .collect()
+    }
+
+    /// Processes that were started under this name.
+    pub fn processes(&self) -> Vec<i32> {
+        processes_with(&self.name)
+    }
+
+    /// Asserts that neither process nor file is left, giving those that are about to end the time to do so.
+    pub fn assert_gone(&self) {
+        wait_until("all processes of the instance to end", || self.processes().is_empty());
+        wait_until("shared memory to be clean", || self.leftovers().is_empty());
+    }
+}
+
+impl Drop for Instance {
+    fn drop(&mut self) {
+        for pid in self.processes() {
+            kill(pid, "KILL");
+        }
+    }
+}
+
+fn processes_with(argument: &str) -> Vec<i32> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir("/proc").unwrap().flatten() {
+        let Ok(pid) = entry.file_name().to_string_lossy().parse::<i32>() else { continue };
+        let Ok(line) = std::fs::read(entry.path().join("cmdline")) else { continue };
+        if line.split(|b| *b == 0).any(|a| a == argument.as_bytes()) {
+            found.push(pid);
+        }
+    }
+    found
+}
+
+/// The process of `role` in an instance, as soon as it runs.
+pub fn wait_for_process(instance: &Instance, role: &str) -> i32 {
+    let mut found = None;
+    wait_until(&format!("the {role} process"), || {
+        found = instance.processes().into_iter().find(|pid| {
+            std::fs::read(format!("/proc/{pid}/cmdline"))
+                .is_ok_and(|line| line.split(|b| *b == 0).nth(1) == Some(role.as_bytes()))
+        });
+        found.is_some()
+    });
+    found.unwrap()
+}
+
+/// Waits for `condition`.
+pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
+    let mut waited = Duration::ZERO;
+    let step = Duration::from_millis(10);
+    while !condition() {
+        assert!(waited < PATIENCE, "waited in vain for {what}");
+        std::thread::sleep(step);
+        waited += step;
+    }
+}
+
+/// Waits for a line on stderr that contains `text`; stderr is drained to the end of the process.
+pub fn wait_for_line(child: &mut Child, text: &str) {
+    use std::io::{BufRead, BufReader};
+    let mut lines = BufReader::new(child.stderr.take().expect("stderr is piped")).lines();
+    let found = lines.by_ref().map_while(Result::ok).any(|line| line.contains(text));
+    assert!(found, "the process ended without saying `{text}`");
+    std::thread::Builder::new().name("drain".into()).spawn(move || lines.for_each(drop)).unwrap();
+}
+
+/// Sends a signal by name.
+pub fn kill(pid: i32, signal: &str) {
+    let _ = Command::new("kill").args([&format!("-{signal}"), &pid.to_string()]).stderr(Stdio::null()).status();
+}
+
+/// A finished run: its summary and what it printed.
+pub struct Run {
+    pub summary: Value,
+    pub output: Output,
+}
+
+impl Run {
+    pub fn text(&self) -> String {
+        let o = &self.output;
+        format!("{}{}", String::from_utf8_lossy(&o.stdout), String::from_utf8_lossy(&o.stderr))
+    }
+}
+
+/// `vservo run ARGUMENTS` under a name of its own, to its end.
+pub fn run(test: &str, arguments: &[&str]) -> Run {
+    let instance = Instance::new(test);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("summary.json");
+    let output = vservo()
+        .arg("run")
+        .args(arguments)
+        .args(["--instance", &instance.name, "--summary"])
+        .arg(&path)
+        .output()
+        .unwrap();
+    instance.assert_gone();
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!text.contains("panicked"), "{text}");
+    let summary = read_summary(&path);
+    Run { summary, output }
+}
+
+pub fn read_summary(path: &Path) -> Value {
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or(Value::Null)
+}
+
+/// A number of a summary by its path.
+pub fn number(summary: &Value, path: &[&str]) -> f64 {
+    let value = path.iter().fold(summary, |v, key| &v[*key]);
+    value.as_f64().unwrap_or_else(|| panic!("{path:?} is {value} in {summary}"))
+}
+
+/// Asserts the accuracy that a converged run owes: 0.5 mm, 0.1 degree, 0.1 px.
+pub fn assert_accurate(run: &Run) {
+    let s = &run.summary;
+    assert_eq!(s["outcome"], "converged", "{}", run.text());
+    assert!(number(s, &["final", "position_error_m"]) <= 0.5e-3, "{s}");
+    assert!(number(s, &["final", "orientation_error_rad"]).to_degrees() <= 0.1, "{s}");
+    assert!(number(s, &["final", "feature_error"]) <= 0.1, "{s}");
+    assert_eq!(run.output.status.code(), Some(0));
+}

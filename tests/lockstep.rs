@@ -1,0 +1,92 @@
+//! Lockstep runs of the real processes: they converge, and they repeat to the last bit.
+
+mod common;
+
+use common::{Run, assert_accurate, number, run};
+
+fn lockstep(test: &str, extra: &[&str]) -> Run {
+    run(test, &[&["--clock", "lockstep"], extra].concat())
+}
+
+#[test]
+fn the_default_run_converges_and_tells_everything() {
+    let r = lockstep("default", &[]);
+    assert_accurate(&r);
+    let s = &r.summary;
+    assert_eq!(s["clock"], "lockstep");
+    assert_eq!(s["scheme"], "image_resolved_velocity");
+    assert_eq!(s["frames_dropped"], 0);
+    assert_eq!(s["target_lost"], 0);
+    assert_eq!(s["missed_deadlines"], 0);
+    assert_eq!(s["safety"]["events"].as_array().unwrap().len(), 0, "{s}");
+    assert_eq!(number(s, &["latency_us", "exposure_to_command", "max"]), 20_000.0, "latency is exact in lockstep");
+    let ticks = number(s, &["ticks"]);
+    assert!((number(s, &["duration_s"]) - ticks * 1e-3).abs() < 1e-9);
+    assert!(number(s, &["settling_time_s"]) > 0.0);
+    let out = String::from_utf8_lossy(&r.output.stdout);
+    assert!(out.contains("outcome       converged"), "{out}");
+}
+
+#[test]
+fn runs_repeat_to_the_last_bit_also_side_by_side() {
+    let runs: Vec<_> = (0..4)
+        .map(|_| {
+            std::thread::Builder::new()
+                .name("run".into())
+                .spawn(|| lockstep("repeat", &["--duration-s", "1.5"]).summary)
+                .unwrap()
+        })
+        .collect();
+    let summaries: Vec<_> = runs.into_iter().map(|t| t.join().unwrap()).collect();
+    let hash = summaries[0]["state_hash"].as_str().unwrap();
+    assert_eq!(hash.len(), 32);
+    assert!(summaries.iter().all(|s| s["state_hash"] == hash), "{summaries:?}");
+    assert_eq!(summaries[0]["outcome"], "not_converged");
+
+    let other_noise = lockstep("repeat", &["--duration-s", "1.5", "--seed", "2"]).summary;
+    assert_ne!(other_noise["state_hash"], hash, "the hash sees the noise");
+}
+
+#[test]
+fn time_over_before_the_goal_is_exit_code_5() {
+    let r = lockstep("short", &["--duration-s", "0.3"]);
+    assert_eq!(r.output.status.code(), Some(5));
+    assert_eq!(r.summary["outcome"], "not_converged");
+    assert!((number(&r.summary, &["duration_s"]) - 0.301).abs() < 1e-9, "{}", r.summary);
+}
+
+#[test]
+fn every_update_policy_drive_and_depth_converges() {
+    for set in [
+        ["servo.update=frame", "drive.kind=simulated"],
+        ["servo.update=tick", "drive.kind=ideal"],
+        ["servo.update=frame", "drive.kind=ideal"],
+        ["servo.depth=estimated", "drive.substeps=2"],
+    ] {
+        assert_accurate(&lockstep("policy", &["--set", set[0], "--set", set[1]]));
+    }
+}
+
+#[test]
+fn odd_rates_latencies_sizes_and_lenses_converge() {
+    for set in [
+        ["camera.rate_hz=30", "camera.latency_ms=0"],
+        ["camera.rate_hz=200", "camera.latency_ms=33.3"],
+        ["camera.rate_hz=7", "camera.latency_ms=120"],
+        ["camera.width_px=960", "camera.height_px=640"],
+        ["camera.lens.k1=0.1", "camera.lens.p1=0.002"],
+        ["camera.synthetic.noise_sd_levels=6", "camera.synthetic.blur_sd_px=1.5"],
+        ["vision.track=false", "camera.exposure_ms=20"],
+    ] {
+        let timeout = "safety.measurement_timeout_ms=600";
+        assert_accurate(&lockstep("odd", &["--set", set[0], "--set", set[1], "--set", timeout]));
+    }
+}
+
+#[test]
+fn a_thousand_frames_a_second_repeat_too() {
+    let fast = || lockstep("khz", &["--duration-s", "0.2", "--set", "camera.rate_hz=1000", "--set", "camera.exposure_ms=0.5"]);
+    let (a, b) = (fast().summary, fast().summary);
+    assert_eq!(number(&a, &["measurements"]), 181.0, "201 ticks less the latency of 20: {a}");
+    assert_eq!(a["state_hash"], b["state_hash"]);
+}

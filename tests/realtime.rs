@@ -1,0 +1,173 @@
+//! Real-time runs: they converge, end on request, and leave nothing behind, however they are ended.
+
+mod common;
+
+use common::{Instance, assert_accurate, kill, number, run, vservo, wait_for_line, wait_for_process, wait_until};
+use std::process::{Child, Stdio};
+
+fn start(instance: &Instance, extra: &[&str]) -> Child {
+    vservo()
+        .arg("run")
+        .args(["--instance", &instance.name, "--duration-s", "60", "--set", "goal.hold_s=60"])
+        .args(extra)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+fn start_servoing(instance: &Instance) -> Child {
+    let mut child = start(instance, &[]);
+    wait_for_line(&mut child, "servoing");
+    child
+}
+
+#[test]
+fn the_default_run_converges() {
+    let r = run("rt", &[]);
+    assert_accurate(&r);
+    let s = &r.summary;
+    assert_eq!(s["clock"], "realtime");
+    assert!(s["state_hash"].is_null());
+    let (ticks, missed) = (number(s, &["ticks"]), number(s, &["missed_deadlines"]));
+    // Every millisecond was either served or counted as missed; a late tick may be both.
+    let milliseconds = (number(s, &["duration_s"]) * 1e3).round();
+    assert!(ticks + missed >= milliseconds && ticks <= milliseconds, "{s}");
+    assert!(number(s, &["latency_us", "exposure_to_command", "p50"]) >= 20_000.0, "{s}");
+    assert!(String::from_utf8_lossy(&r.output.stderr).contains("real-time scheduling: "), "{}", r.text());
+}
+
+#[test]
+fn signals_end_the_run_in_order() {
+    for signal in ["INT", "TERM", "HUP"] {
+        let instance = Instance::new("signal");
+        let child = start_servoing(&instance);
+        kill(child.id() as i32, signal);
+        let output = child.wait_with_output().unwrap();
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(text.contains("outcome       stopped (a stop was requested)"), "{signal}: {text}");
+        assert!(text.contains("the arm slows down"), "{signal}: {text}");
+        assert_eq!(output.status.code(), Some(0), "{signal}");
+        assert!(instance.processes().is_empty(), "{signal}: all children are reaped before the supervisor ends");
+        assert!(instance.leftovers().is_empty(), "{signal}: {:?}", instance.leftovers());
+    }
+}
+
+#[test]
+fn children_follow_a_killed_supervisor() {
+    for clock in ["realtime", "lockstep"] {
+        let instance = Instance::new("orphan");
+        let mut child = start(&instance, &["--clock", clock, "--set", "goal.feature_error_px=1e-6"]);
+        wait_for_process(&instance, "control");
+        kill(child.id() as i32, "KILL");
+        child.wait().unwrap();
+        instance.assert_gone();
+    }
+}
+
+#[test]
+fn a_killed_child_ends_the_run_with_a_reason() {
+    for role in ["camera", "vision", "control"] {
+        let instance = Instance::new("killed");
+        let child = start_servoing(&instance);
+        kill(wait_for_process(&instance, role), "KILL");
+        let output = child.wait_with_output().unwrap();
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert_eq!(output.status.code(), Some(4), "{text}");
+        assert!(text.contains("fault") && text.contains(role) && text.contains("killed by signal 9"), "{text}");
+        instance.assert_gone();
+    }
+}
+
+#[test]
+fn a_hanging_child_is_killed() {
+    let instance = Instance::new("hanging");
+    let child = start_servoing(&instance);
+    kill(wait_for_process(&instance, "vision"), "STOP");
+    kill(child.id() as i32, "TERM");
+    child.wait_with_output().unwrap();
+    instance.assert_gone();
+}
+
+#[test]
+fn when_vision_stands_still_the_arm_holds_and_then_goes_on() {
+    let instance = Instance::new("still");
+    let child = start_servoing(&instance);
+    let vision = wait_for_process(&instance, "vision");
+    kill(vision, "STOP");
+    let control = wait_for_process(&instance, "control");
+    // Longer than the time-out of 200 ms by control's own ticks: counted in its CPU time is too coarse, so by the clock.
+    std::thread::sleep(std::time::Duration::from_millis(700));
+    kill(vision, "CONT");
+    std::thread::sleep(std::time::Duration::from_millis(700));
+    assert!(instance.processes().contains(&control), "control goes on without vision");
+    kill(child.id() as i32, "INT");
+    let text = String::from_utf8_lossy(&child.wait_with_output().unwrap().stdout).into_owned();
+    assert!(text.contains("measurements stopped"), "{text}");
+    assert!(text.contains("measurements are back"), "{text}");
+}
+
+#[test]
+fn leftovers_of_a_run_that_was_killed_whole_go_at_the_next_start() {
+    let instance = Instance::new("massacre");
+    let mut child = start(&instance, &[]);
+    wait_for_process(&instance, "control");
+    wait_until("shared memory in use", || instance.leftovers().len() > 1);
+    let all = instance.processes();
+    for pid in all {
+        kill(pid, "STOP");
+    }
+    for pid in instance.processes() {
+        kill(pid, "KILL");
+    }
+    child.wait().unwrap();
+    wait_until("all to be dead", || instance.processes().is_empty());
+    assert!(!instance.leftovers().is_empty(), "a killed run leaves something, or this test shows nothing");
+    let output = vservo()
+        .args(["run", "--clock", "lockstep", "--duration-s", "0.1", "--instance", &instance.name])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(5), "{}", String::from_utf8_lossy(&output.stderr));
+    instance.assert_gone();
+}
+
+#[test]
+fn a_second_run_of_the_same_name_is_refused_and_does_not_disturb_the_first() {
+    let instance = Instance::new("twice");
+    let mut first = start_servoing(&instance);
+    let second = vservo().args(["run", "--instance", &instance.name]).output().unwrap();
+    let text = String::from_utf8_lossy(&second.stderr).into_owned();
+    assert_eq!(second.status.code(), Some(3), "{text}");
+    assert!(text.contains("already has a running supervisor") && text.contains("--instance"), "{text}");
+    assert_eq!(first.try_wait().unwrap(), None);
+    kill(first.id() as i32, "INT");
+    assert_eq!(first.wait().unwrap().code(), Some(0));
+    instance.assert_gone();
+}
+
+#[test]
+fn three_processes_by_hand_work_like_one_command() {
+    let instance = Instance::new("byhand");
+    let role = |name: &str, extra: &[&str]| {
+        vservo()
+            .arg(name)
+            .args(["--instance", &instance.name])
+            .args(extra)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap()
+    };
+    let (vision, camera) = (role("vision", &[]), role("camera", &[]));
+    let control = role("control", &[]);
+    let output = control.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stdout));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("converged"));
+    let same_role = vservo().args(["camera", "--instance", &instance.name]).output().unwrap();
+    assert_eq!(same_role.status.code(), Some(3));
+    for mut child in [camera, vision] {
+        kill(child.id() as i32, "INT");
+        assert_eq!(child.wait().unwrap().code(), Some(0));
+    }
+    instance.assert_gone();
+}
