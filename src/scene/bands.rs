@@ -50,11 +50,15 @@ impl Bands {
         }
         let ([x0, y0], [x1, y1]) = if a[1] <= b[1] { (a, b) } else { (b, a) };
         let limit = self.rows.len() as f64 - 1.0;
-        let (first, last) = ((y0 - margin).ceil().max(0.0), (y1 + margin).floor().min(limit));
+        if y1 + margin < 0.0 || y0 - margin > limit {
+            return;
+        }
+        // Rounding by casts: ceil and floor are calls on the baseline processor.
+        let (top, last) = ((y0 - margin).max(0.0), (y1 + margin).min(limit) as usize);
+        let first = top as usize + usize::from(top > (top as usize) as f64);
         if first > last {
             return;
         }
-        let (first, last) = (first as usize, last as usize);
         let height = y1 - y0;
         let slope = if height > 1e-9 { (x1 - x0) / height } else { 0.0 };
         let (low, high) = (x0.min(x1), x0.max(x1));
@@ -74,8 +78,13 @@ impl Bands {
     }
 
     fn push(&mut self, y: usize, x0: f64, x1: f64, mask: u8) {
-        let first = x0.ceil().max(0.0) as i32;
-        let last = x1.floor().min(f64::from(self.width - 1)) as i32;
+        let limit = f64::from(self.width - 1);
+        if x1 < 0.0 || x0 > limit {
+            return;
+        }
+        let left = x0.max(0.0);
+        let first = left as i32 + i32::from(left > f64::from(left as i32));
+        let last = x1.min(limit) as i32;
         if first > last {
             return;
         }

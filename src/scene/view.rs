@@ -7,9 +7,10 @@
 //! a closed form; the distortion is taken as affine within one pixel.
 
 use super::bands::Bands;
-use super::profile::EdgeProfile;
-use super::rays::{Ray, Rays};
-use super::renderer::SceneLook;
+use super::profile::{EdgeProfile, LANES};
+use super::rays::Ray;
+use super::renderer::Paint;
+use super::sensor::LEVEL_BITS;
 use super::target::DotTarget;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
@@ -18,6 +19,10 @@ use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 /// Bits of the four plate edges in a band's mask; the dots follow.
 const EDGES: u8 = 0x0f;
 const DOT_SHIFT: u32 = 4;
+
+/// Pixels evaluated together, and their columns from the middle one.
+const CENTRE_LANE: f64 = 1.5;
+const FROM_CENTRE: [f32; LANES] = [-1.5, -0.5, 0.5, 1.5];
 
 /// A linear form of the pixel (ideal camera) or of the normalized direction: `x a + y b + c`.
 type Form = Vector3<f64>;
@@ -75,7 +80,7 @@ impl View {
         for ((dot, centre), radius) in self.dots.iter_mut().zip(target.points()).zip(radii) {
             *dot = [a - w * centre.x, b - w * centre.y, w * radius];
         }
-        let outline = Outline::new(X_CO, camera, half_px + 0.75);
+        let outline = Outline::new(X_CO, camera, half_px + 0.5);
         let corners = [
             Point3::new(low, low, 0.0),
             Point3::new(low, high, 0.0),
@@ -96,7 +101,7 @@ impl View {
     }
 
     /// Exact grey level at a pixel far from all edges.
-    pub(super) fn flat_level(&self, u: f64, v: f64, rays: &Rays, look: &SceneLook) -> f64 {
+    pub(super) fn flat_level(&self, u: f64, v: f64, &Paint { rays, look, .. }: &Paint<'_>) -> f64 {
         if !self.visible {
             return look.background;
         }
@@ -113,37 +118,38 @@ impl View {
         if self.front && self.dots.iter().any(in_dot) { look.dots } else { look.plate }
     }
 
-    /// Exact grey level of a pixel near the edges in `mask`.
+    /// Exact grey levels of the pixels `u0..` of row `v`, all near the edges in `mask`, in the sensor's fixed point.
+    /// Four pixels at a time, in which the lens is taken as affine.
     #[inline]
-    pub(super) fn edge_level(
-        &self,
-        u: f64,
-        v: f64,
-        mask: u8,
-        rays: &Rays,
-        profile: &EdgeProfile,
-        look: &SceneLook,
-    ) -> f64 {
-        let place = if rays.ideal() { Place::Ideal(u, v) } else { Place::Ray(rays.at(u, v)) };
-        let mut plate = 1.0;
-        if mask & EDGES != 0 {
-            for (bit, edge) in self.edges.iter().enumerate() {
-                if mask & (1 << bit) != 0 {
-                    let (value, gx, gy) = place.apply(edge);
-                    let inverse = 1.0 / (gx * gx + gy * gy).sqrt().max(1e-300);
-                    plate *= profile.coverage(value * inverse, gx * inverse, gy * inverse);
+    pub(super) fn edge_levels(&self, u0: usize, v: f64, mask: u8, paint: &Paint<'_>, levels: &mut [u16]) {
+        let Paint { rays, profile, look } = paint;
+        let (background, plate, dots) = (look.background as f32, look.plate as f32, look.dots as f32);
+        let scale = f32::from(1u16 << LEVEL_BITS);
+        for (chunk, levels) in levels.chunks_mut(LANES).enumerate() {
+            let u = (u0 + chunk * LANES) as f64 + CENTRE_LANE;
+            let place = if rays.ideal() { Place::Ideal(u, v) } else { Place::Ray(rays.at(u, v)) };
+            let mut cover = [1.0f32; LANES];
+            if mask & EDGES != 0 {
+                for (bit, edge) in self.edges.iter().enumerate() {
+                    if mask & (1 << bit) != 0 {
+                        let part = line_coverage(place.apply(edge), profile);
+                        cover.iter_mut().zip(part).for_each(|(c, p)| *c *= p);
+                    }
                 }
             }
-        }
-        let mut level = look.background + (look.plate - look.background) * plate;
-        if mask & !EDGES != 0 {
-            for (bit, dot) in self.dots.iter().enumerate() {
-                if mask & (1 << (bit as u32 + DOT_SHIFT)) != 0 {
-                    level += (look.dots - look.plate) * dot_coverage(&place, dot, profile);
+            let mut sum = cover.map(|c| background + (plate - background) * c);
+            if mask & !EDGES != 0 {
+                for (bit, dot) in self.dots.iter().enumerate() {
+                    if mask & (1 << (bit as u32 + DOT_SHIFT)) != 0 {
+                        let part = dot_coverage(&place, dot, profile);
+                        sum.iter_mut().zip(part).for_each(|(s, p)| *s += (dots - plate) * p);
+                    }
                 }
             }
+            for (level, sum) in levels.iter_mut().zip(sum) {
+                *level = (sum * scale + 0.5) as u16;
+            }
         }
-        level
     }
 }
 
@@ -181,27 +187,46 @@ impl Place {
     }
 }
 
-/// Coverage of a pixel by a dot.
+/// Coverage of four pixels by the positive side of a line.
 #[inline(always)]
-fn dot_coverage(place: &Place, [f1, f2, f3]: &[Form; 3], profile: &EdgeProfile) -> f64 {
+fn line_coverage((value, gx, gy): (f64, f64, f64), profile: &EdgeProfile) -> [f32; LANES] {
+    let inverse = 1.0 / (gx * gx + gy * gy).sqrt().max(1e-300);
+    let (value, nx, ny) = ((value * inverse) as f32, (gx * inverse) as f32, (gy * inverse) as f32);
+    profile.coverage(FROM_CENTRE.map(|d| value + nx * d), [nx; LANES], [ny; LANES])
+}
+
+/// Coverage of four pixels by a dot.
+#[inline(always)]
+fn dot_coverage(place: &Place, [f1, f2, f3]: &[Form; 3], profile: &EdgeProfile) -> [f32; LANES] {
     let ((l1, x1, y1), (l2, x2, y2), (l3, x3, y3)) = (place.apply(f1), place.apply(f2), place.apply(f3));
+    // In units of the radius' form at the middle: then single precision is enough, 1e-6 of a radius.
+    let unit = 1.0 / l3.abs().max(1e-300);
+    let scale = |v: f64| (v * unit) as f32;
+    let (x1, x2, x3, y1, y2, y3) = (scale(x1), scale(x2), scale(x3), scale(y1), scale(y2), scale(y3));
+    let (l1, l2, l3) = (scale(l1), scale(l2), scale(l3));
     // all halved: q / 2, its gradient and second derivatives
-    let q = 0.5 * (l1 * l1 + l2 * l2 - l3 * l3);
-    let gx = l1 * x1 + l2 * x2 - l3 * x3;
-    let gy = l1 * y1 + l2 * y2 - l3 * y3;
-    let g = (gx * gx + gy * gy).sqrt();
-    let inverse = 1.0 / g.max(1e-300);
-    let (nx, ny) = (gx * inverse, gy * inverse);
     let (hxx, hxy, hyy) =
         (x1 * x1 + x2 * x2 - x3 * x3, x1 * y1 + x2 * y2 - x3 * y3, y1 * y1 + y2 * y2 - y3 * y3);
-    let along = nx * nx * hxx + 2.0 * nx * ny * hxy + ny * ny * hyy;
-    let across = ny * ny * hxx - 2.0 * nx * ny * hxy + nx * nx * hyy;
-    // q + g t + along t^2 / 2 = 0 along the outward normal: t is the distance to the edge, positive inside
-    let root = (g * g - 2.0 * q * along).max(0.0).sqrt();
-    let distance = -2.0 * q / (g + root).max(1e-300);
-    // the edge curves away from its tangent within the pixel
-    let curvature = (across * inverse).clamp(-0.5, 0.5);
-    profile.coverage(distance - 0.5 * curvature * profile.spread_px2(), nx, ny)
+    let spread = profile.spread_px2();
+    let (mut distance, mut nx, mut ny) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
+    for (((d, nx), ny), at) in distance.iter_mut().zip(&mut nx).zip(&mut ny).zip(FROM_CENTRE) {
+        let (l1, l2, l3) = (l1 + x1 * at, l2 + x2 * at, l3 + x3 * at);
+        let q = 0.5 * (l1 * l1 + l2 * l2 - l3 * l3);
+        let gx = l1 * x1 + l2 * x2 - l3 * x3;
+        let gy = l1 * y1 + l2 * y2 - l3 * y3;
+        let g = (gx * gx + gy * gy).sqrt();
+        let inverse = 1.0 / g.max(1e-30);
+        (*nx, *ny) = (gx * inverse, gy * inverse);
+        let mixed = 2.0 * *nx * *ny * hxy;
+        let along = *nx * *nx * hxx + mixed + *ny * *ny * hyy;
+        let across = *ny * *ny * hxx - mixed + *nx * *nx * hyy;
+        // q + g t + along t^2 / 2 = 0 along the outward normal: t is the distance to the edge, positive inside
+        let root = (g * g - 2.0 * q * along).max(0.0).sqrt();
+        // the edge curves away from its tangent within the pixel
+        let curvature = (across * inverse).clamp(-0.5, 0.5);
+        *d = -2.0 * q / (g + root).max(1e-30) - 0.5 * curvature * spread;
+    }
+    profile.coverage(distance, nx, ny)
 }
 
 /// Draws the outlines of the scene into bands: polylines that follow the true curves within 0.2 px.
@@ -211,8 +236,8 @@ struct Outline<'a> {
     margin_px: f64,
     /// Normalized radius of the image's farthest corner, with a little more: nothing beyond is drawn.
     reach: f64,
-    /// Pieces that a straight edge is cut into: one for an ideal lens.
-    pieces: u32,
+    focal_px: f64,
+    ideal: bool,
 }
 
 impl<'a> Outline<'a> {
@@ -225,7 +250,12 @@ impl<'a> Outline<'a> {
         }
         let ideal = camera.distortion().is_none();
         let reach = reach + (margin_px + 4.0) / i.fx_px.min(i.fy_px);
-        Self { X_CO, camera, margin_px, reach, pieces: if ideal { 1 } else { 24 } }
+        Self { X_CO, camera, margin_px, reach, focal_px: i.fx_px.max(i.fy_px), ideal }
+    }
+
+    /// Pieces of at most 24 px that a straight edge is cut into: a lens bends that by less than 0.3 px.
+    fn pieces(&self, length: f64) -> u32 {
+        ((length * self.focal_px / 24.0) as u32 + 1).min(512)
     }
 
     /// Clips a segment to what lies in front of the camera.
@@ -265,13 +295,14 @@ impl<'a> Outline<'a> {
         if start > end {
             return;
         }
+        let pieces = if self.ideal { 1 } else { self.pieces((b - a).norm() * (end - start)) };
         let point = |i: u32| {
-            let t = start + (end - start) * f64::from(i) / f64::from(self.pieces);
+            let t = start + (end - start) * f64::from(i) / f64::from(pieces);
             let px = self.camera.pixel_of(&(a + d * t));
             [px.x, px.y]
         };
         let mut last = point(0);
-        for i in 1..=self.pieces {
+        for i in 1..=pieces {
             let next = point(i);
             bands.add_segment(last, next, self.margin_px, mask);
             last = next;
@@ -315,8 +346,7 @@ impl<'a> Outline<'a> {
                 if far(&a) && far(&m) && far(&b) && apart < 0.2 * self.reach {
                     return;
                 }
-                let f = self.camera.intrinsics().fx_px.max(self.camera.intrinsics().fy_px);
-                let sag = ((a + b) * 0.5 - m).norm() * f;
+                let sag = ((a + b) * 0.5 - m).norm() * self.focal_px;
                 if !far(&a) && !far(&b) && sag < 0.15 || depth == 0 {
                     self.line(&from.1, &middle.1, mask, bands);
                     self.line(&middle.1, &to.1, mask, bands);
