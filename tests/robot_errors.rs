@@ -117,6 +117,9 @@ fn branches_that_are_not_named() {
         write("revolute", "tip = \"fore\"\nfixed_joints = { side_joint = 0.0 }").unwrap().build().unwrap();
     let q = nalgebra::Vector2::new(0.4, 0.9);
     assert!((welded.mass_matrix(&q) - held.mass_matrix(&q)).norm() < 1e-14);
+    write("fixed", "tip = \"fore\"").unwrap();
+    let direct = load(&format!("{}#fore", folder.path().join("two.urdf").display())).unwrap();
+    assert_eq!(direct.build::<2>().unwrap().mass_matrix(&q), welded.mass_matrix(&q));
     let message = write("revolute", "tip = \"fore\"").unwrap_err();
     assert!(message.contains("joint \"side_joint\"") && message.contains("fixed_joints"), "{message}");
     let message = write("fixed", "tip = \"hand\"").unwrap_err();
@@ -124,7 +127,10 @@ fn branches_that_are_not_named() {
     let message = write("fixed", "base = \"fore\"\ntip = \"side\"").unwrap_err();
     assert!(message.contains("not reached"), "{message}");
     let message = write("fixed", "tip = \"fore\"\nfixed_joints = { wrist = 0.0 }").unwrap_err();
-    assert!(message.contains("wrist") && message.contains("shoulder, elbow"), "{message}");
+    assert!(
+        message.contains("bad.toml: urdf.fixed_joints") && message.contains("shoulder, elbow"),
+        "{message}"
+    );
     let message = write("fixed", "tip = \"fore\"\n[[urdf.joint]]\nname = \"wrist\"").unwrap_err();
     assert!(message.contains("bad.toml") && message.contains("wrist"), "{message}");
 }

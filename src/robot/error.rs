@@ -7,7 +7,7 @@ use super::model::JointKind;
 pub enum RobotError {
     /// The name is neither a shipped robot nor a `.toml` or `.urdf` file.
     #[error(
-        "robot `{name}`: no such robot; name one of {shipped}, or give the path of a .toml or .urdf file"
+        "robot `{name}`: no such robot; name one of {shipped}, or give the path of a .toml or .urdf file (FILE.urdf#TIP)"
     )]
     Unknown {
         /// What was asked for.
@@ -177,7 +177,7 @@ pub enum Problem {
         links: String,
     },
     /// Several links end the tree and none was named.
-    #[error("the tree branches; name the tip: one of {tips}")]
+    #[error("the tree branches; name the tip, one of {tips}: FILE.urdf#TIP, or tip = in a TOML file")]
     UnnamedBranch {
         /// The candidates.
         tips: String,

@@ -94,10 +94,19 @@ pub(super) fn parse_toml(
     Ok(description)
 }
 
-/// Reads a URDF `text` whose base and tip are evident.
-pub(super) fn parse_urdf(text: &str, name: &str, file: &str) -> Result<RobotDescription, RobotError> {
+/// Keys of `[urdf]` that choose the chain; what is wrong with them is the TOML file's fault.
+const SELECTION_KEYS: [&str; 3] = ["base", "tip", "fixed_joints"];
+
+/// Reads a URDF `text` from its root to the link `tip`, or to its end when that is evident.
+pub(super) fn parse_urdf(
+    text: &str,
+    name: &str,
+    file: &str,
+    tip: Option<&str>,
+) -> Result<RobotDescription, RobotError> {
     let mut description = empty(name, file);
-    urdf::read(text, &Selection::default(), &mut description)?;
+    let selection = Selection { tip: tip.map(str::to_owned), ..Selection::default() };
+    urdf::read(text, &selection, &mut description)?;
     description.check()?;
     Ok(description)
 }
@@ -122,7 +131,12 @@ impl UrdfRecord {
         // Links and joints are elements of the URDF; names given here are checked against it below.
         let toml_file = std::mem::replace(&mut description.file, urdf_file);
         let selection = Selection { base: self.base, tip: self.tip, held: self.fixed_joints };
-        urdf::read(&text, &selection, description)?;
+        urdf::read(&text, &selection, description).map_err(|error| match error {
+            RobotError::Element { element, problem, .. } if SELECTION_KEYS.contains(&element.as_str()) => {
+                RobotError::Element { file: toml_file.clone(), element: format!("urdf.{element}"), problem }
+            }
+            other => other,
+        })?;
         for record in self.joint {
             let known = description.joints.iter().map(|j| j.name.as_str()).collect::<Vec<_>>().join(", ");
             let Some(joint) = description.joints.iter_mut().find(|joint| joint.name == record.name) else {

@@ -32,6 +32,8 @@ fn embedded(file: &str) -> Option<&'static str> {
 
 /// Reads the description of a shipped robot (a name of [`SHIPPED`]), or of a `.toml` or `.urdf` file.
 ///
+/// A URDF that branches needs the name of the chain's last link: `arm.urdf#tool0`, or `tip` in a TOML file.
+///
 /// # Errors
 /// [`RobotError`] with file and element.
 pub fn load(name_or_path: &str) -> Result<RobotDescription, RobotError> {
@@ -43,15 +45,19 @@ pub fn load(name_or_path: &str) -> Result<RobotDescription, RobotError> {
             embedded(urdf).map(|text| (urdf.to_owned(), text.to_owned())).ok_or_else(unknown)
         });
     }
-    let path = Path::new(name_or_path);
+    let (file, tip) = match name_or_path.rsplit_once('#') {
+        Some((file, tip)) if file.ends_with(".urdf") => (file, Some(tip)),
+        _ => (name_or_path, None),
+    };
+    let path = Path::new(file);
     match path.extension().and_then(|extension| extension.to_str()) {
-        Some("toml") => parse_toml(&read(path)?, name_or_path, |urdf| {
+        Some("toml") => parse_toml(&read(path)?, file, |urdf| {
             let urdf = path.with_file_name(urdf);
             Ok((urdf.display().to_string(), read(&urdf)?))
         }),
         Some("urdf") => {
             let name = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("robot");
-            parse_urdf(&read(path)?, name, name_or_path)
+            parse_urdf(&read(path)?, name, file, tip)
         }
         _ => Err(unknown()),
     }
