@@ -43,7 +43,7 @@ impl Bands {
         self.bottom = 0;
     }
 
-    /// Adds all pixels within `margin` (px, in columns and in rows) of the segment from `a` to `b`.
+    /// Adds all pixels within `margin` px of the segment from `a` to `b`, and some about its ends.
     pub(super) fn add_segment(&mut self, a: [f64; 2], b: [f64; 2], margin: f64, mask: u8) {
         if !(a[0] + a[1] + b[0] + b[1]).is_finite() {
             return;
@@ -59,19 +59,19 @@ impl Bands {
         if first > last {
             return;
         }
-        let height = y1 - y0;
-        let slope = if height > 1e-9 { (x1 - x0) / height } else { 0.0 };
-        let (low, high) = (x0.min(x1), x0.max(x1));
+        let (dx, height) = (x1 - x0, y1 - y0);
+        let (low, high) = (x0.min(x1) - margin, x0.max(x1) + margin);
+        // A row meets the strip of half width `margin` about the line within `margin / |normal's x|` of the line.
+        let steep = height > 1e-9;
+        let (slope, half) = if steep {
+            (dx / height, margin * (dx * dx + height * height).sqrt() / height)
+        } else {
+            (0.0, 0.0)
+        };
         for y in first..=last {
-            // the part of the segment within `margin` rows of this row
-            let (from, to) = if height > 1e-9 {
-                let t0 = (y as f64 - margin - y0).clamp(0.0, height);
-                let t1 = (y as f64 + margin - y0).clamp(0.0, height);
-                (x0 + slope * t0, x0 + slope * t1)
-            } else {
-                (low, high)
-            };
-            self.push(y, from.min(to) - margin, from.max(to) + margin, mask);
+            let middle = x0 + slope * (y as f64 - y0);
+            let (from, to) = if steep { (middle - half, middle + half) } else { (low, high) };
+            self.push(y, from.max(low), to.min(high), mask);
         }
         self.top = self.top.min(first);
         self.bottom = self.bottom.max(last + 1);

@@ -62,18 +62,34 @@ impl EdgeProfile {
         self.spread_px2
     }
 
-    /// Coverages 0..1 at the distances `d` px for edges whose unit normals have the components `nx`, `ny`.
+    /// Row of the table for an edge whose unit normal has the components `nx`, `ny`.
     #[inline(always)]
-    pub(super) fn coverage(&self, d: [f32; LANES], nx: [f32; LANES], ny: [f32; LANES]) -> [f32; LANES] {
+    pub(super) fn row(nx: f32, ny: f32) -> i32 {
+        let (x, y) = (nx.abs(), ny.abs());
+        let minor = if x < y { x } else { y };
+        cast(minor * (ORIENTATIONS as f32 * std::f32::consts::SQRT_2) + 0.5, ORIENTATIONS as f32)
+            * STRIDE as i32
+    }
+
+    /// Coverages 0..1 at the distances `d` px, positive inside, for edges with the given rows of the table.
+    #[inline(always)]
+    pub(super) fn coverage(&self, d: [f32; LANES], rows: [i32; LANES]) -> [f32; LANES] {
         let mut places = [0i32; LANES];
-        for (((place, d), nx), ny) in places.iter_mut().zip(d).zip(nx).zip(ny) {
-            let row =
-                (nx.abs().min(ny.abs()) * (ORIENTATIONS as f32 * std::f32::consts::SQRT_2) + 0.5) as i32;
-            let bin = ((d + self.half_px).max(0.0) * self.bins_per_px).min(DISTANCES as f32) + 0.5;
-            *place = row.min(ORIENTATIONS as i32) * STRIDE as i32 + bin as i32;
+        for ((place, d), row) in places.iter_mut().zip(d).zip(rows) {
+            *place = row + cast((d + self.half_px) * self.bins_per_px + 0.5, DISTANCES as f32);
         }
         places.map(|place| f32::from(self.table.get(place as usize).copied().unwrap_or(0)) * (1.0 / 65535.0))
     }
+}
+
+/// The integer part of `x`, kept in `0..=limit`; 0 for NaN.
+#[inline(always)]
+#[allow(unsafe_code)]
+fn cast(x: f32, limit: f32) -> i32 {
+    let x = if x > 0.0 { x } else { 0.0 };
+    let x = if x < limit { x } else { limit };
+    // SAFETY: x lies in 0..=limit, and is no NaN: a comparison with NaN is false, so it became 0. All limits are small.
+    unsafe { x.to_int_unchecked() }
 }
 
 /// Mean over the unit square of the blurred step, `a >= b >= 0`.
@@ -112,7 +128,7 @@ mod tests {
     use super::*;
 
     fn one(profile: &EdgeProfile, d: f64, nx: f64, ny: f64) -> f64 {
-        f64::from(profile.coverage([d as f32; LANES], [nx as f32; LANES], [ny as f32; LANES])[2])
+        f64::from(profile.coverage([d as f32; LANES], [EdgeProfile::row(nx as f32, ny as f32); LANES])[2])
     }
 
     /// Brute force: the pixel is cut into 200 x 200 squares.

@@ -72,7 +72,7 @@ impl Rays {
     }
 
     /// Direction of the pixel `(u, v)`, which lies in the image.
-    #[inline]
+    #[inline(always)]
     pub(super) fn at(&self, u: f64, v: f64) -> Ray {
         let (dx, dy) = ((u - self.cx) * self.inv_fx, (v - self.cy) * self.inv_fy);
         if self.ideal {
@@ -94,7 +94,7 @@ impl Rays {
     }
 
     /// Bilinear start between the nodes around the pixel.
-    #[inline]
+    #[inline(always)]
     fn start(&self, u: f64, v: f64) -> Option<Vector2<f64>> {
         let (gx, gy) = (u * self.cells_per_px_x, v * self.cells_per_px_y);
         let (ix, iy) = ((gx as usize).min(self.columns - 1), (gy as usize).min(self.rows - 1));

@@ -190,9 +190,9 @@ impl Place {
 /// Coverage of four pixels by the positive side of a line.
 #[inline(always)]
 fn line_coverage((value, gx, gy): (f64, f64, f64), profile: &EdgeProfile) -> [f32; LANES] {
-    let inverse = 1.0 / (gx * gx + gy * gy).sqrt().max(1e-300);
+    let inverse = 1.0 / ((gx * gx + gy * gy).sqrt() + 1e-300);
     let (value, nx, ny) = ((value * inverse) as f32, (gx * inverse) as f32, (gy * inverse) as f32);
-    profile.coverage(FROM_CENTRE.map(|d| value + nx * d), [nx; LANES], [ny; LANES])
+    profile.coverage(FROM_CENTRE.map(|d| value + nx * d), [EdgeProfile::row(nx, ny); LANES])
 }
 
 /// Coverage of four pixels by a dot.
@@ -200,7 +200,7 @@ fn line_coverage((value, gx, gy): (f64, f64, f64), profile: &EdgeProfile) -> [f3
 fn dot_coverage(place: &Place, [f1, f2, f3]: &[Form; 3], profile: &EdgeProfile) -> [f32; LANES] {
     let ((l1, x1, y1), (l2, x2, y2), (l3, x3, y3)) = (place.apply(f1), place.apply(f2), place.apply(f3));
     // In units of the radius' form at the middle: then single precision is enough, 1e-6 of a radius.
-    let unit = 1.0 / l3.abs().max(1e-300);
+    let unit = 1.0 / (l3.abs() + 1e-300);
     let scale = |v: f64| (v * unit) as f32;
     let (x1, x2, x3, y1, y2, y3) = (scale(x1), scale(x2), scale(x3), scale(y1), scale(y2), scale(y3));
     let (l1, l2, l3) = (scale(l1), scale(l2), scale(l3));
@@ -208,25 +208,27 @@ fn dot_coverage(place: &Place, [f1, f2, f3]: &[Form; 3], profile: &EdgeProfile) 
     let (hxx, hxy, hyy) =
         (x1 * x1 + x2 * x2 - x3 * x3, x1 * y1 + x2 * y2 - x3 * y3, y1 * y1 + y2 * y2 - y3 * y3);
     let spread = profile.spread_px2();
-    let (mut distance, mut nx, mut ny) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
-    for (((d, nx), ny), at) in distance.iter_mut().zip(&mut nx).zip(&mut ny).zip(FROM_CENTRE) {
+    let (mut distance, mut rows) = ([0.0f32; LANES], [0i32; LANES]);
+    for ((d, row), at) in distance.iter_mut().zip(&mut rows).zip(FROM_CENTRE) {
         let (l1, l2, l3) = (l1 + x1 * at, l2 + x2 * at, l3 + x3 * at);
         let q = 0.5 * (l1 * l1 + l2 * l2 - l3 * l3);
         let gx = l1 * x1 + l2 * x2 - l3 * x3;
         let gy = l1 * y1 + l2 * y2 - l3 * y3;
         let g = (gx * gx + gy * gy).sqrt();
-        let inverse = 1.0 / g.max(1e-30);
-        (*nx, *ny) = (gx * inverse, gy * inverse);
-        let mixed = 2.0 * *nx * *ny * hxy;
-        let along = *nx * *nx * hxx + mixed + *ny * *ny * hyy;
-        let across = *ny * *ny * hxx - mixed + *nx * *nx * hyy;
+        let inverse = 1.0 / (g + 1e-30);
+        let (nx, ny) = (gx * inverse, gy * inverse);
+        *row = EdgeProfile::row(nx, ny);
+        let mixed = 2.0 * nx * ny * hxy;
+        let along = nx * nx * hxx + mixed + ny * ny * hyy;
+        let across = ny * ny * hxx - mixed + nx * nx * hyy;
         // q + g t + along t^2 / 2 = 0 along the outward normal: t is the distance to the edge, positive inside
-        let root = (g * g - 2.0 * q * along).max(0.0).sqrt();
+        let square = g * g - 2.0 * q * along;
+        let root = if square > 0.0 { square } else { 0.0 }.sqrt();
         // the edge curves away from its tangent within the pixel
         let curvature = (across * inverse).clamp(-0.5, 0.5);
-        *d = -2.0 * q / (g + root).max(1e-30) - 0.5 * curvature * spread;
+        *d = -2.0 * q / (g + root + 1e-30) - 0.5 * curvature * spread;
     }
-    profile.coverage(distance, nx, ny)
+    profile.coverage(distance, rows)
 }
 
 /// Draws the outlines of the scene into bands: polylines that follow the true curves within 0.2 px.
