@@ -105,7 +105,8 @@ mod detect {
         let mut frame_id = 0;
         let mut next = || {
             frame_id += 1;
-            let header = FrameHeader { frame_id, exposure: MonoNs(frame_id as i64), ..FrameHeader::default() };
+            let header =
+                FrameHeader { frame_id, exposure: MonoNs(frame_id as i64), ..FrameHeader::default() };
             vision.process(&Frame { header, image }, &Prior::default())
         };
         assert!(next().found());

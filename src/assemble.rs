@@ -54,15 +54,21 @@ pub fn vision(config: &Config) -> Vision {
 ///
 /// # Errors
 /// [`AssembleError`]; after [`Config::load`] only where lists do not fit `N`.
-pub fn control_loop<const N: usize>(config: &Config, robot: Robot<N>) -> Result<ControlLoop<N>, AssembleError> {
+pub fn control_loop<const N: usize>(
+    config: &Config,
+    robot: Robot<N>,
+) -> Result<ControlLoop<N>, AssembleError> {
     let q_start = q_start::<N>(config)?;
-    let set_point =
-        SetPoint::from_pose(&config.servo.X_DO, &config.target.points_O()).ok_or(AssembleError::DesiredView)?;
+    let set_point = SetPoint::from_pose(&config.servo.X_DO, &config.target.points_O())
+        .ok_or(AssembleError::DesiredView)?;
     let limits = MotionLimits {
         lower: SVector::from_fn(|i, _| robot.limits()[i].lower),
         upper: SVector::from_fn(|i, _| robot.limits()[i].upper),
         velocity: SVector::from_fn(|i, _| robot.limits()[i].velocity),
-        acceleration: joint_vector("motion.max_acceleration_rad_s2_or_m_s2", &config.motion.max_acceleration)?,
+        acceleration: joint_vector(
+            "motion.max_acceleration_rad_s2_or_m_s2",
+            &config.motion.max_acceleration,
+        )?,
     };
     let closed_loop = config.closes_the_loop();
     let drive: Box<dyn Drive<N> + Send> = match (closed_loop, config.drive.kind) {

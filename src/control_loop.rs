@@ -6,23 +6,17 @@
 use crate::controller::{ControlOutput, Controller};
 use crate::drive::{Drive, DriveCommand, DriveState};
 use crate::geometry::{Pose, rotation_angle};
-use crate::histogram::Histogram;
 use crate::messages::{
     ControlState, JointState, MAX_JOINTS, Measurement, Status, TargetStatus, frame_flag, joint_flag,
 };
-use crate::safety::Fault;
+use crate::run_statistics::{Event, RunStatistics};
 use crate::schedule::TICK;
-use crate::summary::{FinalErrors, Latencies, Outcome, SafetyEvent, SafetyReport};
+use crate::summary::{FinalErrors, Outcome, SafetyReport};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector2};
-use xxhash_rust::xxh3::Xxh3;
 
 /// Ticks between two status records: 50 Hz.
 const STATUS_PERIOD: u64 = 20;
-/// Share of the first feature error below which the run counts as settled.
-const SETTLED_SHARE: f64 = 0.02;
-/// Events that are kept; later ones are only counted.
-const MAX_EVENTS: usize = 64;
 /// A stopping arm that has not come to rest by then is left to its drive.
 const LONGEST_STOP: SpanNs = SpanNs(1_000_000_000);
 /// A reference slower than this is at rest, rad/s or m/s.
@@ -65,33 +59,6 @@ pub struct TickRecord {
     pub finish: Option<Finish>,
 }
 
-/// Kinds of safety events.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Event {
-    Holding,
-    Resumed,
-    Stopping,
-    Fault(Fault),
-}
-
-/// What was counted during a run.
-#[derive(Clone)]
-pub struct RunStatistics {
-    /// Ticks done.
-    pub ticks: u64,
-    /// Good and bad measurements that reached the controller.
-    pub measurements: u64,
-    exposure_to_command: Histogram,
-    frame_to_measurement: Histogram,
-    vision: Histogram,
-    last_measurement: Option<Measurement>,
-    first_error_px: f64,
-    last_unsettled: Option<MonoNs>,
-    hash: Xxh3,
-    events: [(MonoNs, Option<Event>); MAX_EVENTS],
-    event_count: usize,
-}
-
 /// The loop of one run.
 pub struct ControlLoop<const N: usize> {
     controller: Controller<N>,
@@ -102,7 +69,6 @@ pub struct ControlLoop<const N: usize> {
     last: MonoNs,
     goal_since: Option<MonoNs>,
     state: ControlState,
-    feature_error_px: f64,
     sensed: DriveState<N>,
     command: DriveCommand<N>,
     ending: Option<(MonoNs, Finish)>,
@@ -124,7 +90,6 @@ impl<const N: usize> ControlLoop<N> {
             last: MonoNs::ZERO,
             goal_since: None,
             state: ControlState::Waiting,
-            feature_error_px: f64::NAN,
             sensed: DriveState { q: zero, qd: zero, truth: None },
             command: DriveCommand { tau: zero, q_r: zero, qd_r: zero },
             ending: None,
@@ -156,10 +121,11 @@ impl<const N: usize> ControlLoop<N> {
         let output = self.controller.step(now, &self.sensed, measurement);
         self.drive.write(&output.command);
         self.command = output.command;
-        self.statistics.ticks += 1;
+        self.statistics.ticked();
         self.note_state(now, &output);
         let finish = self.finish(now, &output);
-        let status = (tick.is_multiple_of(STATUS_PERIOD) || finish.is_some()).then(|| self.status(tick, now, finish));
+        let status =
+            (tick.is_multiple_of(STATUS_PERIOD) || finish.is_some()).then(|| self.status(tick, now, finish));
         (status, finish)
     }
 
@@ -173,7 +139,7 @@ impl<const N: usize> ControlLoop<N> {
     /// Tells when the command of this tick was written; closes the latency of the measurement that it used.
     pub fn commanded(&mut self, at: MonoNs) {
         if let Some(exposure) = self.used_exposure.take() {
-            self.statistics.exposure_to_command.record(at - exposure);
+            self.statistics.commanded(at - exposure);
         }
     }
 
@@ -193,26 +159,14 @@ impl<const N: usize> ControlLoop<N> {
     }
 
     fn count(&mut self, now: MonoNs, m: &Measurement) {
-        let s = &mut self.statistics;
-        s.measurements += 1;
-        s.frame_to_measurement.record(m.vision_end - m.frame_sent);
-        s.vision.record(m.vision_end - m.vision_start);
-        s.last_measurement = Some(*m);
         self.last_frame_seen |= m.flags & frame_flag::LAST != 0;
-        let error_px =
-            if m.found() { self.controller.settings().set_point.error_rms_px(m, &self.plan.f_px) } else { f64::NAN };
-        if error_px.is_nan() {
-            self.goal_since = None;
-            return;
-        }
-        self.feature_error_px = error_px;
-        if s.first_error_px.is_nan() {
-            s.first_error_px = error_px;
-        }
-        if error_px > SETTLED_SHARE * s.first_error_px {
-            s.last_unsettled = Some(now);
-        }
-        if error_px > self.plan.feature_error_px {
+        let error_px = if m.found() {
+            self.controller.settings().set_point.error_rms_px(m, &self.plan.f_px)
+        } else {
+            f64::NAN
+        };
+        self.statistics.count(now, m, error_px);
+        if error_px.is_nan() || error_px > self.plan.feature_error_px {
             self.goal_since = None;
         } else {
             self.goal_since.get_or_insert(now);
@@ -221,7 +175,9 @@ impl<const N: usize> ControlLoop<N> {
 
     fn note_state(&mut self, now: MonoNs, output: &ControlOutput<N>) {
         let event = match (self.state, output.state, output.fault) {
-            (before, ControlState::Fault, Some(fault)) if before != ControlState::Fault => Some(Event::Fault(fault)),
+            (before, ControlState::Fault, Some(fault)) if before != ControlState::Fault => {
+                Some(Event::Fault(fault))
+            }
             (ControlState::Servoing, ControlState::Holding, _) => Some(Event::Holding),
             (ControlState::Holding, ControlState::Servoing, _) => Some(Event::Resumed),
             _ => None,
@@ -258,17 +214,25 @@ impl<const N: usize> ControlLoop<N> {
     }
 
     fn time_is_up(&self) -> Finish {
-        let reason = match (self.plan.closed_loop, self.state, self.statistics.last_measurement) {
+        let reason = match (self.plan.closed_loop, self.state, self.statistics.last_measurement()) {
             (false, _, _) => {
                 return Finish { outcome: Outcome::Finished, reason: "run.duration_s is over" };
             }
             (_, _, None) => "run.duration_s is over: no measurement ever came",
             (_, ControlState::Waiting, Some(m)) => match m.target_status() {
                 TargetStatus::NoContrast => "run.duration_s is over: the frames have no contrast",
-                TargetStatus::TooFewRegions => "run.duration_s is over: the target was never seen, too few dark regions",
-                TargetStatus::Ambiguous => "run.duration_s is over: the target's dots could not be told apart",
-                TargetStatus::WrongSize => "run.duration_s is over: frames have another size than the camera's",
-                TargetStatus::NoMatch | TargetStatus::Found => "run.duration_s is over: the target was never found",
+                TargetStatus::TooFewRegions => {
+                    "run.duration_s is over: the target was never seen, too few dark regions"
+                }
+                TargetStatus::Ambiguous => {
+                    "run.duration_s is over: the target's dots could not be told apart"
+                }
+                TargetStatus::WrongSize => {
+                    "run.duration_s is over: frames have another size than the camera's"
+                }
+                TargetStatus::NoMatch | TargetStatus::Found => {
+                    "run.duration_s is over: the target was never found"
+                }
             },
             (_, ControlState::Holding, _) => "run.duration_s is over: the target was lost",
             _ => "run.duration_s is over before the goal was reached",
@@ -286,7 +250,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Position and orientation of the camera relative to the desired one, from truth or else from the last pose.
     fn pose_errors(&self) -> Option<(f64, f64)> {
-        let X_CO = self.true_view().or_else(|| self.statistics.last_measurement.filter(Measurement::found)?.pose())?;
+        let X_CO = self.true_view().or_else(|| self.statistics.last_found()?.pose())?;
         let X_DC = self.controller.settings().set_point.X_DO() * X_CO.inverse();
         Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
     }
@@ -297,7 +261,7 @@ impl<const N: usize> ControlLoop<N> {
         let set_point = &self.controller.settings().set_point;
         let feature_error = match self.true_view() {
             Some(X_CO) => set_point.error_rms_px_at(&X_CO, &self.plan.f_px),
-            None => self.feature_error_px,
+            None => self.statistics.feature_error_px(),
         };
         let pose = self.pose_errors();
         FinalErrors {
@@ -309,7 +273,7 @@ impl<const N: usize> ControlLoop<N> {
 
     fn status(&self, tick: u64, now: MonoNs, finish: Option<Finish>) -> Status {
         let (position_error_m, orientation_error_rad) = self.pose_errors().unwrap_or((f64::NAN, f64::NAN));
-        let m = self.statistics.last_measurement.unwrap_or_default();
+        let m = self.statistics.last_measurement().copied().unwrap_or_default();
         let state = match finish.map(|f| f.outcome) {
             Some(Outcome::Converged) => ControlState::Converged,
             Some(Outcome::Fault) => ControlState::Fault,
@@ -320,11 +284,14 @@ impl<const N: usize> ControlLoop<N> {
             tick,
             stamp: now,
             time_s: self.duration_s(),
-            feature_error_px: self.feature_error_px,
+            feature_error_px: self.statistics.feature_error_px(),
             position_error_m,
             orientation_error_rad,
-            exposure_to_command_us: self.statistics.last_measurement.map_or(f64::NAN, |m| (now - m.exposure).as_us()),
-            measurements: self.statistics.measurements,
+            exposure_to_command_us: self
+                .statistics
+                .last_measurement()
+                .map_or(f64::NAN, |m| (now - m.exposure).as_us()),
+            measurements: self.statistics.measurements(),
             frames: m.frames_received,
             frames_dropped: m.frames_dropped,
             target_lost: m.target_lost,
@@ -343,89 +310,13 @@ impl<const N: usize> ControlLoop<N> {
     /// When the feature error came below 2 % of its first value for good, s.
     #[must_use]
     pub fn settling_time_s(&self) -> Option<f64> {
-        let s = &self.statistics;
-        let settled = self.feature_error_px <= SETTLED_SHARE * s.first_error_px;
-        settled.then(|| s.last_unsettled.zip(self.first).map_or(0.0, |(last, first)| (last - first).as_s()))
+        self.statistics.settling_time_s(self.first?)
     }
 
     /// What safety saw.
     #[must_use]
     pub fn safety_report(&self) -> SafetyReport {
-        let first = self.first.unwrap_or(MonoNs::ZERO);
-        let events = &self.statistics.events[..self.statistics.event_count.min(MAX_EVENTS)];
-        SafetyReport {
-            state: self.state.as_str().into(),
-            events: events
-                .iter()
-                .filter_map(|(at, event)| {
-                    Some(SafetyEvent { time_s: (*at - first).as_s(), event: (*event)?.describe().into() })
-                })
-                .collect(),
-        }
-    }
-}
-
-impl RunStatistics {
-    fn new() -> Self {
-        Self {
-            ticks: 0,
-            measurements: 0,
-            exposure_to_command: Histogram::default(),
-            frame_to_measurement: Histogram::default(),
-            vision: Histogram::default(),
-            last_measurement: None,
-            first_error_px: f64::NAN,
-            last_unsettled: None,
-            hash: Xxh3::new(),
-            events: [(MonoNs::ZERO, None); MAX_EVENTS],
-            event_count: 0,
-        }
-    }
-
-    /// The latencies, us.
-    #[must_use]
-    pub fn latencies(&self) -> Latencies {
-        Latencies {
-            exposure_to_command: self.exposure_to_command.quantiles_us(),
-            frame_to_measurement: self.frame_to_measurement.quantiles_us(),
-            vision: self.vision.quantiles_us(),
-        }
-    }
-
-    /// The newest measurement.
-    #[must_use]
-    pub fn last_measurement(&self) -> Option<&Measurement> {
-        self.last_measurement.as_ref()
-    }
-
-    /// Hash over every joint state so far, hexadecimal.
-    #[must_use]
-    pub fn state_hash(&self) -> String {
-        format!("{:032x}", self.hash.digest128())
-    }
-
-    fn hash_state<const N: usize>(&mut self, state: &DriveState<N>) {
-        for x in state.q.iter().chain(state.qd.iter()) {
-            self.hash.update(&x.to_bits().to_le_bytes());
-        }
-    }
-
-    fn event(&mut self, at: MonoNs, event: Event) {
-        if let Some(place) = self.events.get_mut(self.event_count) {
-            *place = (at, Some(event));
-        }
-        self.event_count += 1;
-    }
-}
-
-impl Event {
-    fn describe(self) -> &'static str {
-        match self {
-            Self::Holding => "measurements stopped: the arm slows down and holds",
-            Self::Resumed => "measurements are back: the arm goes on",
-            Self::Stopping => "stop requested: the arm slows down",
-            Self::Fault(fault) => fault.describe(),
-        }
+        self.statistics.safety_report(self.state, self.first.unwrap_or(MonoNs::ZERO))
     }
 }
 

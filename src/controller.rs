@@ -101,7 +101,16 @@ impl<const N: usize> Controller<N> {
         let reference = Reference::new(settings.limits.clone(), q_start);
         let watch = settings.watch;
         let zero = SVector::zeros();
-        Self { settings, reference, watch, task: None, held: zero, fault: None, stopping: false, last_tau: zero }
+        Self {
+            settings,
+            reference,
+            watch,
+            task: None,
+            held: zero,
+            fault: None,
+            stopping: false,
+            last_tau: zero,
+        }
     }
 
     /// The settings.
@@ -141,7 +150,8 @@ impl<const N: usize> Controller<N> {
         if (reference.q - drive.q).amax() > self.settings.max_tracking_error {
             self.fault = self.fault.or(Some(Fault::TrackingError));
         }
-        let torque = self.settings.joint_control.torque(&self.settings.robot, &drive.q, &drive.qd, &reference);
+        let torque =
+            self.settings.joint_control.torque(&self.settings.robot, &drive.q, &drive.qd, &reference);
         self.last_tau = torque.tau;
         ControlOutput {
             command: DriveCommand { tau: torque.tau, q_r: reference.q, qd_r: reference.qd },
@@ -166,7 +176,8 @@ impl<const N: usize> Controller<N> {
             DepthSource::Desired => None,
             DepthSource::Estimated => measurement.pose(),
         };
-        let Some(task) = ImageTask::new(&settings.set_point, measurement, pose.as_ref(), settings.gain_1_s) else {
+        let Some(task) = ImageTask::new(&settings.set_point, measurement, pose.as_ref(), settings.gain_1_s)
+        else {
             return false;
         };
         self.task = Some(task);

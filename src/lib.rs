@@ -22,6 +22,7 @@ pub mod messages;
 pub mod motion;
 pub mod pose;
 pub mod robot;
+pub mod run_statistics;
 pub mod safety;
 pub mod scene;
 pub mod schedule;

@@ -194,7 +194,8 @@ impl Summary {
         if let Some(settling) = self.settling_time_s {
             let _ = writeln!(t, "settling      {settling:.3} s to 2 % of the first feature error");
         }
-        let _ = writeln!(t, "latency       exposure to command: {}", pair(&self.latency_us.exposure_to_command));
+        let _ =
+            writeln!(t, "latency       exposure to command: {}", pair(&self.latency_us.exposure_to_command));
         let _ = writeln!(t, "              vision:              {}", pair(&self.latency_us.vision));
         if self.tick_us.step.max > 0.0 {
             let _ = writeln!(t, "tick          wake: {}", pair(&self.tick_us.wake));

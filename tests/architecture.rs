@@ -44,13 +44,17 @@ fn pure_modules_do_not_touch_the_operating_system() {
         pure += 1;
         let code = code(&std::fs::read_to_string(&path).unwrap());
         let mut forbidden: Vec<String> = OS.iter().map(|m| format!("crate::{m}")).collect();
-        for word in ["std::net", "std::thread", "std::time", "std::process", "rustix", "tracing", "rtrb", "println!"] {
+        for word in
+            ["std::net", "std::thread", "std::time", "std::process", "rustix", "tracing", "rtrb", "println!"]
+        {
             forbidden.push(word.into());
         }
         if !LOADERS.contains(&module.as_str()) {
             forbidden.push("std::fs".into());
         }
-        violations.extend(forbidden.iter().filter(|w| code.contains(*w)).map(|w| format!("{} uses {w}", path.display())));
+        violations.extend(
+            forbidden.iter().filter(|w| code.contains(*w)).map(|w| format!("{} uses {w}", path.display())),
+        );
     }
     assert!(pure > 30);
     assert!(violations.is_empty(), "{violations:#?}");

@@ -30,9 +30,18 @@ fn config_error(text: &str) -> String {
 fn configuration_errors_name_line_key_and_remedy() {
     for (text, wanted) in [
         ("[servo]\ngainn = 1\n", "run.toml:2:1: servo.gainn: unknown field `gainn`, expected one of"),
-        ("[servo]\ngain_1_s = \"fast\"\n", "run.toml:2:1: servo.gain_1_s: invalid type: string \"fast\", expected f64"),
-        ("[servo]\ngain_1_s = -1.0\n", "run.toml:2:1: servo.gain_1_s: -1 is out of range, allowed is 0.001 to 100"),
-        ("[servo]\nupdate = \"often\"\n", "servo.update: unknown variant `often`, expected `frame` or `tick`"),
+        (
+            "[servo]\ngain_1_s = \"fast\"\n",
+            "run.toml:2:1: servo.gain_1_s: invalid type: string \"fast\", expected f64",
+        ),
+        (
+            "[servo]\ngain_1_s = -1.0\n",
+            "run.toml:2:1: servo.gain_1_s: -1 is out of range, allowed is 0.001 to 100",
+        ),
+        (
+            "[servo]\nupdate = \"often\"\n",
+            "servo.update: unknown variant `often`, expected `frame` or `tick`",
+        ),
         ("[nonsense]\n", "run.toml:1:2: nonsense: unknown field"),
         ("[camera]\nrate_hz = nan\n", "camera.rate_hz: NaN is out of range"),
         ("[camera.lens]\nk1 = -3.0\n", "camera.lens: "),
@@ -40,13 +49,19 @@ fn configuration_errors_name_line_key_and_remedy() {
         ("[camera]\nsource = \"replay\"\n[camera.replay]\nfolder = \"none\"\n", "is not a folder"),
         ("[robot]\nmodel = \"r2d2\"\n", "robot.model: robot `r2d2`: no such robot"),
         ("[robot]\nq_start_rad_or_m = [0.0]\n", "has 1 entries"),
-        ("[robot]\nq_start_rad_or_m = [0.0, 1.57, 99.0, 0.0]\n", "run.toml:2:32: robot.q_start_rad_or_m[2]: 99 is out of range"),
+        (
+            "[robot]\nq_start_rad_or_m = [0.0, 1.57, 99.0, 0.0]\n",
+            "run.toml:2:32: robot.q_start_rad_or_m[2]: 99 is out of range",
+        ),
         ("[scene.object]\nposition_m = [1.0, 1.0, -1.0]\n", "behind the camera at the start"),
         ("[scene.object]\nposition_m = [2.0, 1.0, 1.0]\n", "outside the image at the start"),
         ("[servo.desired]\nposition_m = [0.0, 0.0, -0.5]\n", "behind the camera in the desired view"),
         ("[target]\nradius_m = 0.2\n", "target: "),
         ("[safety]\nmeasurement_timeout_ms = 30\n", "the arm would stop at every frame"),
-        ("[run]\nclock = \"lockstep\"\n[camera]\nrate_hz = 1000\nwidth_px = 4096\nheight_px = 4096\nexposure_ms = 0.1\n", "512 MB"),
+        (
+            "[run]\nclock = \"lockstep\"\n[camera]\nrate_hz = 1000\nwidth_px = 4096\nheight_px = 4096\nexposure_ms = 0.1\n",
+            "512 MB",
+        ),
         ("a = \n", "run.toml:1:"),
     ] {
         let error = config_error(text);
@@ -57,10 +72,14 @@ fn configuration_errors_name_line_key_and_remedy() {
 
 #[test]
 fn all_errors_of_a_file_come_at_once_in_its_order() {
-    let error = config_error("[run]\nseed = -1\n[camera]\nrate_hz = 1e9\nbogus = 1\n[goal]\nhold_s = 'x'\n[servo]\ngain_1_s = 0\n");
+    let error = config_error(
+        "[run]\nseed = -1\n[camera]\nrate_hz = 1e9\nbogus = 1\n[goal]\nhold_s = 'x'\n[servo]\ngain_1_s = 0\n",
+    );
     let lines: Vec<_> = error.lines().collect();
     assert_eq!(lines.len(), 5, "{error}");
-    for (line, key) in lines.iter().zip(["run.seed", "camera.rate_hz", "camera.bogus", "goal.hold_s", "servo.gain_1_s"]) {
+    for (line, key) in
+        lines.iter().zip(["run.seed", "camera.rate_hz", "camera.bogus", "goal.hold_s", "servo.gain_1_s"])
+    {
         assert!(line.contains(key), "{error}");
     }
 }
@@ -99,8 +118,17 @@ fn bad_images_in_a_replay_are_named() {
     let replay = |expected: &str| {
         let set = format!("camera.replay.folder={}", folder.path().display());
         for clock in ["lockstep", "realtime"] {
-            let (error, code) =
-                refused(&["run", "--clock", clock, "--set", "camera.source=replay", "--set", &set, "--duration-s", "5"]);
+            let (error, code) = refused(&[
+                "run",
+                "--clock",
+                clock,
+                "--set",
+                "camera.source=replay",
+                "--set",
+                &set,
+                "--duration-s",
+                "5",
+            ]);
             assert_eq!(code, Some(3), "{error}");
             assert!(error.contains(expected), "{error}");
         }

@@ -19,7 +19,11 @@ fn the_default_run_converges_and_tells_everything() {
     assert_eq!(s["target_lost"], 0);
     assert_eq!(s["missed_deadlines"], 0);
     assert_eq!(s["safety"]["events"].as_array().unwrap().len(), 0, "{s}");
-    assert_eq!(number(s, &["latency_us", "exposure_to_command", "max"]), 20_000.0, "latency is exact in lockstep");
+    assert_eq!(
+        number(s, &["latency_us", "exposure_to_command", "max"]),
+        20_000.0,
+        "latency is exact in lockstep"
+    );
     let ticks = number(s, &["ticks"]);
     assert!((number(s, &["duration_s"]) - ticks * 1e-3).abs() < 1e-9);
     assert!(number(s, &["settling_time_s"]) > 0.0);
@@ -85,7 +89,12 @@ fn odd_rates_latencies_sizes_and_lenses_converge() {
 
 #[test]
 fn a_thousand_frames_a_second_repeat_too() {
-    let fast = || lockstep("khz", &["--duration-s", "0.2", "--set", "camera.rate_hz=1000", "--set", "camera.exposure_ms=0.5"]);
+    let fast = || {
+        lockstep(
+            "khz",
+            &["--duration-s", "0.2", "--set", "camera.rate_hz=1000", "--set", "camera.exposure_ms=0.5"],
+        )
+    };
     let (a, b) = (fast().summary, fast().summary);
     assert_eq!(number(&a, &["measurements"]), 181.0, "201 ticks less the latency of 20: {a}");
     assert_eq!(a["state_hash"], b["state_hash"]);

@@ -2,7 +2,9 @@
 
 mod common;
 
-use common::{Instance, assert_accurate, kill, number, run, vservo, wait_for_line, wait_for_process, wait_until};
+use common::{
+    Instance, assert_accurate, kill, number, run, vservo, wait_for_line, wait_for_process, wait_until,
+};
 use std::process::{Child, Stdio};
 
 fn start(instance: &Instance, extra: &[&str]) -> Child {
@@ -48,7 +50,10 @@ fn signals_end_the_run_in_order() {
         assert!(text.contains("outcome       stopped (a stop was requested)"), "{signal}: {text}");
         assert!(text.contains("the arm slows down"), "{signal}: {text}");
         assert_eq!(output.status.code(), Some(0), "{signal}");
-        assert!(instance.processes().is_empty(), "{signal}: all children are reaped before the supervisor ends");
+        assert!(
+            instance.processes().is_empty(),
+            "{signal}: all children are reaped before the supervisor ends"
+        );
         assert!(instance.leftovers().is_empty(), "{signal}: {:?}", instance.leftovers());
     }
 }
@@ -74,7 +79,10 @@ fn a_killed_child_ends_the_run_with_a_reason() {
         let output = child.wait_with_output().unwrap();
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert_eq!(output.status.code(), Some(4), "{text}");
-        assert!(text.contains("fault") && text.contains(role) && text.contains("killed by signal 9"), "{text}");
+        assert!(
+            text.contains("fault") && text.contains(role) && text.contains("killed by signal 9"),
+            "{text}"
+        );
         instance.assert_gone();
     }
 }

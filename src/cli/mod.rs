@@ -55,7 +55,8 @@ fn exit_code(result: Result<u8, ProcessError>) -> ExitCode {
 }
 
 fn start_logging() {
-    let filter = EnvFilter::try_from_env("VSERVO_LOG").unwrap_or_else(|_| EnvFilter::new("vservo=info,error"));
+    let filter =
+        EnvFilter::try_from_env("VSERVO_LOG").unwrap_or_else(|_| EnvFilter::new("vservo=info,error"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(stderr)

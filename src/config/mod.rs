@@ -13,7 +13,7 @@ pub use source::{Document, Problem};
 
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
-use crate::robot::{self, RobotDescription};
+use crate::robot::RobotDescription;
 use crate::scene::{DotTarget, SceneLook, SensorModel};
 use crate::time::SpanNs;
 use raw::{Clock, Depth, DriveKind, RawConfig, RealtimePolicy, SchemeKind, Update};
@@ -270,7 +270,9 @@ fn read_tables(document: &mut Document, problems: &mut Vec<Problem>) -> RawConfi
         let message = error.inner().message().trim().to_string();
         let key = match unknown_field(&message) {
             Some(field) if !path.ends_with(&field) && path == "." => field,
-            Some(field) if !path.split('.').next_back().is_some_and(|last| last == field) => format!("{path}.{field}"),
+            Some(field) if path.split('.').next_back() != Some(field.as_str()) => {
+                format!("{path}.{field}")
+            }
             _ => path,
         };
         problems.push(document.problem(&key, message));
@@ -293,7 +295,8 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {
     if !raw.camera.replay.folder.as_os_str().is_empty() {
         raw.camera.replay.folder = absolute("camera.replay.folder", &raw.camera.replay.folder);
     }
-    if !robot::SHIPPED.contains(&raw.robot.model.as_str()) {
+    // A word without ending or folder is a name; `robot::load` says which names there are.
+    if raw.robot.model.contains(['.', '/']) {
         raw.robot.model = absolute("robot.model", Path::new(&raw.robot.model)).display().to_string();
     }
 }

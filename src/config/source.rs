@@ -77,9 +77,7 @@ impl Document {
         }
         let mut places = HashMap::new();
         walk("", root.get_ref(), text, &mut places);
-        let table = text.parse::<Table>().map_err(|e| {
-            vec![Problem::of_file(name, e.to_string())]
-        })?;
+        let table = text.parse::<Table>().map_err(|e| vec![Problem::of_file(name, e.to_string())])?;
         Ok(Self { table, name: name.into(), places })
     }
 
@@ -179,7 +177,8 @@ impl Document {
 
 fn walk(prefix: &str, table: &DeTable<'_>, text: &str, places: &mut HashMap<String, Place>) {
     for (key, value) in table {
-        let path = if prefix.is_empty() { key.get_ref().to_string() } else { format!("{prefix}.{}", key.get_ref()) };
+        let path =
+            if prefix.is_empty() { key.get_ref().to_string() } else { format!("{prefix}.{}", key.get_ref()) };
         remember(path.clone(), key.span().start, text, places);
         walk_value(&path, value, text, places);
     }

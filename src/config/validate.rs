@@ -1,7 +1,9 @@
 //! What the values of a run file must fulfil, alone and together; every violation is reported, not the first one.
 
 use super::raw::{Clock, RawConfig, RawPose, RealtimePolicy, SourceKind, TargetKind};
-use super::{Camera, Config, Document, Drive, Goal, Motion, Problem, Realtime, RealtimeRequest, Safety, Servo, Source};
+use super::{
+    Camera, Config, Document, Drive, Goal, Motion, Problem, Realtime, RealtimeRequest, Safety, Servo, Source,
+};
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
 use crate::robot::{self, RobotDescription};
@@ -25,14 +27,20 @@ impl Check<'_> {
 
     fn range(&mut self, key: &str, value: f64, allowed: RangeInclusive<f64>) -> f64 {
         if !allowed.contains(&value) {
-            self.wrong(key, format!("{value} is out of range, allowed is {} to {}", allowed.start(), allowed.end()));
+            self.wrong(
+                key,
+                format!("{value} is out of range, allowed is {} to {}", allowed.start(), allowed.end()),
+            );
         }
         value
     }
 
     fn count(&mut self, key: &str, value: u32, allowed: RangeInclusive<u32>) -> u32 {
         if !allowed.contains(&value) {
-            self.wrong(key, format!("{value} is out of range, allowed is {} to {}", allowed.start(), allowed.end()));
+            self.wrong(
+                key,
+                format!("{value} is out of range, allowed is {} to {}", allowed.start(), allowed.end()),
+            );
         }
         value
     }
@@ -152,10 +160,17 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
         dots: check.range("scene.dot_level", raw.scene.dot_level, 0.0..=255.0),
     };
     if look.plate <= look.dots {
-        check.wrong("scene.plate_level", "must be brighter than scene.dot_level: the dots are dark on a light plate");
+        check.wrong(
+            "scene.plate_level",
+            "must be brighter than scene.dot_level: the dots are dark on a light plate",
+        );
     }
     let sensor = SensorModel {
-        noise_sd_levels: check.range("camera.synthetic.noise_sd_levels", synthetic.noise_sd_levels, 0.0..=50.0),
+        noise_sd_levels: check.range(
+            "camera.synthetic.noise_sd_levels",
+            synthetic.noise_sd_levels,
+            0.0..=50.0,
+        ),
         blur_sd_px: check.range("camera.synthetic.blur_sd_px", synthetic.blur_sd_px, 0.0..=20.0),
         vignetting: check.range("camera.synthetic.vignetting", synthetic.vignetting, 0.0..=0.9),
         seed: raw.run.seed,
@@ -209,7 +224,10 @@ fn arm(raw: &RawConfig, check: &mut Check<'_>) -> Option<(RobotDescription, Vec<
             check.range(&format!("robot.q_start_rad_or_m[{i}]"), *q, joint.limits.lower..=joint.limits.upper);
         }
     } else {
-        check.wrong("robot.q_start_rad_or_m", format!("has {} entries, {} has {joints} joints", q.len(), robot.name));
+        check.wrong(
+            "robot.q_start_rad_or_m",
+            format!("has {} entries, {} has {joints} joints", q.len(), robot.name),
+        );
     }
     let acceleration = &raw.motion.max_acceleration_rad_s2_or_m_s2;
     for (i, a) in acceleration.iter().enumerate() {
@@ -252,8 +270,9 @@ fn start_view(
         Ok(X_BE) => {
             let X_CO = (X_BE * camera.X_EC).inverse() * X_BO;
             if let Some((dot, why)) = hidden_dot(target, camera, &X_CO) {
-                let message =
-                    format!("dot {dot} of the target lies {why} at the start; move scene.object or the start position");
+                let message = format!(
+                    "dot {dot} of the target lies {why} at the start; move scene.object or the start position"
+                );
                 check.wrong("robot.q_start_rad_or_m", message);
             }
         }
@@ -273,7 +292,8 @@ fn timing(raw: &RawConfig, camera: &Camera, safety: Safety, check: &mut Check<'_
         check.wrong("safety.measurement_timeout_ms", message);
     }
     if camera.exposure.as_s() > period_s {
-        check.wrong("camera.exposure_ms", format!("is longer than a frame period ({:.3} ms)", period_s * 1e3));
+        check
+            .wrong("camera.exposure_ms", format!("is longer than a frame period ({:.3} ms)", period_s * 1e3));
     }
     if raw.run.clock == Clock::Lockstep {
         let i = camera.model.intrinsics();

@@ -5,7 +5,6 @@
 //! from C expressed in C, `V_BC_C` the twist of C relative to B expressed in C, ordered `[v; w]`.
 //! Inner letters cancel: `X_BO = X_BC * X_CO`.
 
-
 mod rotation;
 mod twist;
 

@@ -6,7 +6,9 @@ use thiserror::Error;
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum IpcError {
     /// The process could not join the instance.
-    #[error("cannot join instance `{instance}` in shared memory: {cause}; is /dev/shm writable and not full?")]
+    #[error(
+        "cannot join instance `{instance}` in shared memory: {cause}; is /dev/shm writable and not full?"
+    )]
     Node {
         /// The instance.
         instance: String,

@@ -141,9 +141,9 @@ impl Instance {
         let name_error = |_| InstanceError::Name(self.name.clone());
         config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(name_error)?;
         let root = self.directory();
-        config
-            .global
-            .set_root_path(&iceoryx2::prelude::Path::new(root.as_os_str().as_encoded_bytes()).map_err(name_error)?);
+        config.global.set_root_path(
+            &iceoryx2::prelude::Path::new(root.as_os_str().as_encoded_bytes()).map_err(name_error)?,
+        );
         Ok(config)
     }
 
@@ -171,14 +171,17 @@ impl Instance {
                 Ok(()) | Err(Errno::EXIST) => {}
                 Err(cause) => return Err(InstanceError::Place { path: directory, cause }),
             }
-            let file = match open(&path, OFlags::CREATE | OFlags::RDWR | OFlags::CLOEXEC, Mode::RUSR | Mode::WUSR) {
-                Ok(file) => file,
-                Err(Errno::NOENT) => continue, // a clean-up removed the directory in between
-                Err(cause) => return Err(place(cause)),
-            };
+            let file =
+                match open(&path, OFlags::CREATE | OFlags::RDWR | OFlags::CLOEXEC, Mode::RUSR | Mode::WUSR) {
+                    Ok(file) => file,
+                    Err(Errno::NOENT) => continue, // a clean-up removed the directory in between
+                    Err(cause) => return Err(place(cause)),
+                };
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
                 Ok(()) => {}
-                Err(Errno::WOULDBLOCK) => return Err(InstanceError::Taken { instance: self.name.clone(), role }),
+                Err(Errno::WOULDBLOCK) => {
+                    return Err(InstanceError::Taken { instance: self.name.clone(), role });
+                }
                 Err(cause) => return Err(place(cause)),
             }
             // The lock counts only if its file is still the one that the next process will find.
@@ -202,7 +205,9 @@ impl Instance {
     pub fn remove_leftovers(&self, own: Option<Role>) {
         // All other roles are held meanwhile: nobody can start in a directory that is about to vanish.
         let others = Role::ALL.iter().filter(|role| Some(**role) != own);
-        let Ok(_locks) = others.map(|role| self.try_lock(*role)).collect::<Result<Vec<_>, _>>() else { return };
+        let Ok(_locks) = others.map(|role| self.try_lock(*role)).collect::<Result<Vec<_>, _>>() else {
+            return;
+        };
         if self.has_living_node() {
             return;
         }
@@ -219,7 +224,8 @@ impl Instance {
         } else if let Ok(entries) = std::fs::read_dir(self.directory()) {
             for entry in entries.flatten().filter(|e| !e.file_name().to_string_lossy().ends_with(".lock")) {
                 let path = entry.path();
-                let _ = if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+                let _ =
+                    if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
             }
         }
     }

@@ -150,7 +150,8 @@ impl FrameSender {
         bytes: usize,
         fill: impl FnOnce(&mut [u8]) -> Result<FrameHeader, E>,
     ) -> Result<Result<(), E>, IpcError> {
-        let loan = self.port.loan_slice_uninit(bytes).map_err(|e| transfer("borrowing a frame", FRAMES, e))?;
+        let loan =
+            self.port.loan_slice_uninit(bytes).map_err(|e| transfer("borrowing a frame", FRAMES, e))?;
         let mut sample = zeroed(loan);
         match fill(sample.payload_mut()) {
             Ok(header) => *sample.user_header_mut() = header,

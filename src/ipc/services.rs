@@ -148,7 +148,8 @@ impl Services {
     /// When a service cannot be opened.
     pub fn peers(&self, shape: FrameShape) -> Result<Peers, IpcError> {
         let camera = self.frames(shape)?.dynamic_config().number_of_publishers() > 0;
-        let measurements = self.publish_subscribe::<Measurement>("vision/0/measurement", MEASUREMENT_BUFFER)?;
+        let measurements =
+            self.publish_subscribe::<Measurement>("vision/0/measurement", MEASUREMENT_BUFFER)?;
         Ok(Peers { camera, vision: measurements.dynamic_config().number_of_publishers() > 0 })
     }
 

@@ -37,7 +37,8 @@ impl InverseDynamicsControl {
         qd: &SVector<f64, N>,
         reference: &ReferenceState<N>,
     ) -> JointTorque<N> {
-        let y = reference.qdd + (reference.qd - qd) * self.damping_1_s + (reference.q - q) * self.stiffness_1_s2;
+        let y =
+            reference.qdd + (reference.qd - qd) * self.damping_1_s + (reference.q - q) * self.stiffness_1_s2;
         let mut tau = robot.inverse_dynamics(q, qd, &y);
         let mut saturated = false;
         for (tau, limit) in tau.iter_mut().zip(robot.limits()) {

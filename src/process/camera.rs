@@ -60,7 +60,9 @@ impl Camera<'_> {
             }
             // A camera that cannot keep up drops whole exposures, it does not shift them.
             frame_id += 1;
-            while start + schedule.exposure(frame_id) + half < now() - SpanNs(self.config.camera.latency.0 / 2) {
+            while start + schedule.exposure(frame_id) + half
+                < now() - SpanNs(self.config.camera.latency.0 / 2)
+            {
                 frame_id += 1;
                 self.lost += 1;
             }

@@ -13,8 +13,8 @@ pub use error::ProcessError;
 pub use membership::Membership;
 pub use stop::{StopFlag, follow_parent};
 
-use crate::config::raw::Clock;
 use crate::config::Config;
+use crate::config::raw::Clock;
 use crate::ipc::FrameShape;
 use crate::schedule::FrameSchedule;
 use std::time::Duration;

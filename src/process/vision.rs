@@ -18,7 +18,8 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
     let services = membership.services();
     let frames = services.frame_receiver(frame_shape(config))?;
     let measurements = services.measurement_sender()?;
-    let mut worker = Worker { vision: crate::assemble::vision(config), counter: FrameCounter::default(), status: None };
+    let mut worker =
+        Worker { vision: crate::assemble::vision(config), counter: FrameCounter::default(), status: None };
     info!("vision runs");
     while !stop.is_requested() {
         while let Some(frame) = frames.receive()? {

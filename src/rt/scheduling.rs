@@ -71,7 +71,8 @@ pub fn prepare_process(request: &RealtimeRequest) -> Option<Result<(), String>> 
     // ONFAULT: pages are pinned when they are first touched. Locking whole mapped segments at once would make
     // every untouched frame buffer of every service resident.
     request.lock_memory.then(|| {
-        mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT).map_err(|e| e.to_string())
+        mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT)
+            .map_err(|e| e.to_string())
     })
 }
 
@@ -121,7 +122,9 @@ mod tests {
     fn a_core_that_does_not_exist_is_refused() {
         let refused = std::thread::Builder::new()
             .name("probe".into())
-            .spawn(|| prepare_thread(&RealtimeRequest { priority: 1, cpu: Some(100_000), lock_memory: false }))
+            .spawn(|| {
+                prepare_thread(&RealtimeRequest { priority: 1, cpu: Some(100_000), lock_memory: false })
+            })
             .unwrap()
             .join()
             .unwrap();

@@ -25,7 +25,9 @@ impl Fault {
     pub fn describe(self) -> &'static str {
         match self {
             Self::DriveStateNotFinite => "the drive reported a joint state that is not finite",
-            Self::TrackingError => "a joint is farther from its reference than safety.max_tracking_error_rad_or_m",
+            Self::TrackingError => {
+                "a joint is farther from its reference than safety.max_tracking_error_rad_or_m"
+            }
         }
     }
 }

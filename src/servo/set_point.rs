@@ -88,7 +88,8 @@ impl SetPoint {
         if seen.len() != self.count {
             return f64::NAN;
         }
-        let sum: f64 = seen.zip(self.features()).map(|(s, s_d)| (s_d - s).component_mul(f_px).norm_squared()).sum();
+        let sum: f64 =
+            seen.zip(self.features()).map(|(s, s_d)| (s_d - s).component_mul(f_px).norm_squared()).sum();
         (sum / self.count as f64).sqrt()
     }
 }

@@ -48,7 +48,8 @@ impl<const N: usize> ArmHistory<N> {
         if self.states.len() == CAPACITY {
             self.states.pop_front();
         }
-        let vector = |v: &[f64]| SVector::from_iterator(v.iter().copied().chain(std::iter::repeat(0.0)).take(N));
+        let vector =
+            |v: &[f64]| SVector::from_iterator(v.iter().copied().chain(std::iter::repeat(0.0)).take(N));
         self.states.push_back(State { stamp: state.stamp, q: vector(q), qd: vector(qd) });
     }
 
@@ -69,7 +70,9 @@ impl<const N: usize> ArmHistory<N> {
                 a.q + (b.q - a.q) * share
             }
             (Some(last), None) => last.q + last.qd * (time - last.stamp).min(LONGEST_EXTRAPOLATION).as_s(),
-            (None, Some(first)) => first.q - first.qd * (first.stamp - time).min(LONGEST_EXTRAPOLATION).as_s(),
+            (None, Some(first)) => {
+                first.q - first.qd * (first.stamp - time).min(LONGEST_EXTRAPOLATION).as_s()
+            }
             (None, None) => self.q_start,
         }
     }

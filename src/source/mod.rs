@@ -116,8 +116,9 @@ pub fn open(config: &Config) -> Result<Box<dyn Source>, SourceError> {
                 let q_start = crate::assemble::q_start(config)?;
                 let history = ArmHistory::new(robot, q_start);
                 let renderer =
-                    crate::scene::Renderer::new(config.camera.model, config.target, look.clone(), sensor.clone())?;
-                Ok(Box::new(Synthetic::new(history, renderer, config.camera.X_EC, config.X_BO, *motion_blur)) as _)
+                    crate::scene::Renderer::new(config.camera.model, config.target, *look, *sensor)?;
+                Ok(Box::new(Synthetic::new(history, renderer, config.camera.X_EC, config.X_BO, *motion_blur))
+                    as _)
             })?
         }
         config::Source::Replay { folder, repeat } => {

@@ -71,7 +71,8 @@ impl Source for Replay {
 
     fn expose(&mut self, _exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
         let Some(file) = self.files.get(self.next) else { return Ok(Position::Last) };
-        let grey = image::open(file).map_err(|cause| SourceError::Image { file: file.clone(), cause })?.into_luma8();
+        let grey =
+            image::open(file).map_err(|cause| SourceError::Image { file: file.clone(), cause })?.into_luma8();
         self.check_size(file, grey.dimensions())?;
         if out.len() == grey.len() {
             out.copy_from_slice(&grey);

@@ -24,7 +24,13 @@ pub struct Synthetic<const N: usize> {
 impl<const N: usize> Synthetic<N> {
     /// A camera at `X_EC` on the flange of the arm of `history`, and a target at `X_BO`.
     #[must_use]
-    pub fn new(history: ArmHistory<N>, renderer: Renderer, X_EC: Pose, X_BO: Pose, motion_blur: bool) -> Self {
+    pub fn new(
+        history: ArmHistory<N>,
+        renderer: Renderer,
+        X_EC: Pose,
+        X_BO: Pose,
+        motion_blur: bool,
+    ) -> Self {
         Self { history, renderer, X_EC, X_BO, motion_blur, views: Vec::with_capacity(MAX_SUB_EXPOSURES) }
     }
 

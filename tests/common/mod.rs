@@ -1,6 +1,6 @@
 //! What the integration tests share: runs of the real program under names of their own, and waiting for conditions.
 
-#![allow(dead_code)] // each test binary uses a part
+#![allow(dead_code, unreachable_pub)] // each test binary uses a part
 
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -112,7 +112,8 @@ pub fn wait_for_line(child: &mut Child, text: &str) {
 
 /// Sends a signal by name.
 pub fn kill(pid: i32, signal: &str) {
-    let _ = Command::new("kill").args([&format!("-{signal}"), &pid.to_string()]).stderr(Stdio::null()).status();
+    let _ =
+        Command::new("kill").args([&format!("-{signal}"), &pid.to_string()]).stderr(Stdio::null()).status();
 }
 
 /// A finished run: its summary and what it printed.

@@ -18,7 +18,11 @@ use std::time::Duration;
 use tracing::info;
 
 /// Waits until camera and vision have joined: what is sent before would be lost to them.
-pub(super) fn wait_for_peers(services: &Services, frames: FrameShape, stop: &StopFlag) -> Result<(), ProcessError> {
+pub(super) fn wait_for_peers(
+    services: &Services,
+    frames: FrameShape,
+    stop: &StopFlag,
+) -> Result<(), ProcessError> {
     let mut told = false;
     while !stop.is_requested() {
         let peers = services.peers(frames)?;
@@ -101,7 +105,9 @@ impl Inbox {
             match self.waiting.front() {
                 Some(m) if m.frame_id == id => return Ok(self.waiting.pop_front()),
                 Some(_) => return Ok(None),
-                None if stop.is_requested() || self.last_frame.is_some_and(|last| id > last) => return Ok(None),
+                None if stop.is_requested() || self.last_frame.is_some_and(|last| id > last) => {
+                    return Ok(None);
+                }
                 None => ports.waker.wait(LONGEST_WAIT)?,
             }
         }

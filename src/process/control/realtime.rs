@@ -54,7 +54,7 @@ pub(super) fn run<const N: usize>(
             let obtained = Obtained { memory, ..request.map(|r| rt::prepare_thread(&r)).unwrap_or_default() };
             let refused = enforce && obtained.require_all().is_err();
             let _ = tell.send(obtained);
-            (!refused).then(|| Box::new(worker).run())
+            (!refused).then(|| worker.run())
         })
         .map_err(|cause| ProcessError::Start { what: "the real-time thread", cause })?;
     if let Ok(obtained) = obtained.recv() {
@@ -118,7 +118,7 @@ struct RealtimeThread<const N: usize> {
 }
 
 impl<const N: usize> RealtimeThread<N> {
-    fn run(mut self: Box<Self>) -> (ControlLoop<N>, Pace) {
+    fn run(mut self) -> (ControlLoop<N>, Pace) {
         let (mut wake, mut step) = (Histogram::default(), Histogram::default());
         let mut missed = 0;
         let mut tick = 0;

@@ -76,7 +76,8 @@ struct Place {
 impl Place {
     fn take(config: &Config, instance: &Instance) -> Result<Self, ProcessError> {
         let lock = instance.lock(Role::Supervisor)?;
-        if let Some(role) = Role::ALL.into_iter().find(|r| *r != Role::Supervisor && instance.is_running(*r)) {
+        if let Some(role) = Role::ALL.into_iter().find(|r| *r != Role::Supervisor && instance.is_running(*r))
+        {
             return Err(InstanceError::Taken { instance: instance.to_string(), role }.into());
         }
         let place = Self { instance: instance.clone(), lock: Some(lock) };
@@ -176,7 +177,8 @@ fn conclude(
     };
     match (failure, summary) {
         (Some(Failure { role, end }), summary) => {
-            let exit_code = end.exit_code().filter(|c| *c == 3 || *c == 1).unwrap_or(Outcome::Fault.exit_code());
+            let exit_code =
+                end.exit_code().filter(|c| *c == 3 || *c == 1).unwrap_or(Outcome::Fault.exit_code());
             broken(format!("the {role} process ended in the middle of the run: {end}"), exit_code, summary)
         }
         (None, Some(summary)) => RunEnd { exit_code: summary.outcome.exit_code(), summary },

@@ -61,7 +61,12 @@ mod tests {
 
     #[test]
     fn the_line_shows_time_state_and_error_and_leaves_out_what_is_unknown() {
-        let mut s = Status { time_s: 1.5, state: ControlState::Servoing as u32, measurements: 3, ..Status::default() };
+        let mut s = Status {
+            time_s: 1.5,
+            state: ControlState::Servoing as u32,
+            measurements: 3,
+            ..Status::default()
+        };
         s.feature_error_px = 12.0;
         s.position_error_m = f64::NAN;
         assert_eq!(line(&s), "    1.50 s  servoing   feature error    12.000 px");

@@ -1,0 +1,178 @@
+//! What is counted during a run: measurements, latencies, errors, safety events, and the hash over all joint states.
+//! Nothing here allocates until the summary is made.
+
+use crate::drive::DriveState;
+use crate::histogram::Histogram;
+use crate::messages::{ControlState, Measurement};
+use crate::safety::Fault;
+use crate::summary::{Latencies, SafetyEvent, SafetyReport};
+use crate::time::{MonoNs, SpanNs};
+use xxhash_rust::xxh3::Xxh3;
+
+/// Share of the first feature error below which the run counts as settled.
+const SETTLED_SHARE: f64 = 0.02;
+/// Events that are kept; later ones are only counted.
+const MAX_EVENTS: usize = 64;
+
+/// Kinds of safety events.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Event {
+    /// Measurements stopped.
+    Holding,
+    /// Measurements are back.
+    Resumed,
+    /// A stop was requested.
+    Stopping,
+    /// A fault.
+    Fault(Fault),
+}
+
+/// What was counted during a run.
+#[derive(Clone)]
+pub struct RunStatistics {
+    ticks: u64,
+    measurements: u64,
+    exposure_to_command: Histogram,
+    frame_to_measurement: Histogram,
+    vision: Histogram,
+    last_measurement: Option<Measurement>,
+    last_found: Option<Measurement>,
+    feature_error_px: f64,
+    first_error_px: f64,
+    last_unsettled: Option<MonoNs>,
+    hash: Xxh3,
+    events: [(MonoNs, Option<Event>); MAX_EVENTS],
+    event_count: usize,
+}
+
+impl RunStatistics {
+    pub(crate) fn new() -> Self {
+        Self {
+            ticks: 0,
+            measurements: 0,
+            exposure_to_command: Histogram::default(),
+            frame_to_measurement: Histogram::default(),
+            vision: Histogram::default(),
+            last_measurement: None,
+            last_found: None,
+            feature_error_px: f64::NAN,
+            first_error_px: f64::NAN,
+            last_unsettled: None,
+            hash: Xxh3::new(),
+            events: [(MonoNs::ZERO, None); MAX_EVENTS],
+            event_count: 0,
+        }
+    }
+
+    /// The latencies, us.
+    #[must_use]
+    pub fn latencies(&self) -> Latencies {
+        Latencies {
+            exposure_to_command: self.exposure_to_command.quantiles_us(),
+            frame_to_measurement: self.frame_to_measurement.quantiles_us(),
+            vision: self.vision.quantiles_us(),
+        }
+    }
+
+    /// Ticks done.
+    #[must_use]
+    pub fn ticks(&self) -> u64 {
+        self.ticks
+    }
+
+    /// Good and bad measurements that reached the controller.
+    #[must_use]
+    pub fn measurements(&self) -> u64 {
+        self.measurements
+    }
+
+    /// Root mean square feature error of the newest good measurement, px; NaN before the first.
+    #[must_use]
+    pub fn feature_error_px(&self) -> f64 {
+        self.feature_error_px
+    }
+
+    pub(crate) fn ticked(&mut self) {
+        self.ticks += 1;
+    }
+
+    pub(crate) fn commanded(&mut self, latency: SpanNs) {
+        self.exposure_to_command.record(latency);
+    }
+
+    /// Counts a measurement; `error_px` is NaN for a bad one.
+    pub(crate) fn count(&mut self, now: MonoNs, m: &Measurement, error_px: f64) {
+        self.measurements += 1;
+        self.frame_to_measurement.record(m.vision_end - m.frame_sent);
+        self.vision.record(m.vision_end - m.vision_start);
+        self.last_measurement = Some(*m);
+        if error_px.is_nan() {
+            return;
+        }
+        self.last_found = Some(*m);
+        self.feature_error_px = error_px;
+        if self.first_error_px.is_nan() {
+            self.first_error_px = error_px;
+        }
+        if error_px > SETTLED_SHARE * self.first_error_px {
+            self.last_unsettled = Some(now);
+        }
+    }
+
+    /// The newest good measurement.
+    #[must_use]
+    pub fn last_found(&self) -> Option<&Measurement> {
+        self.last_found.as_ref()
+    }
+
+    pub(crate) fn settling_time_s(&self, first: MonoNs) -> Option<f64> {
+        let settled = self.feature_error_px <= SETTLED_SHARE * self.first_error_px;
+        settled.then(|| self.last_unsettled.map_or(0.0, |last| (last - first).as_s()))
+    }
+
+    pub(crate) fn safety_report(&self, state: ControlState, first: MonoNs) -> SafetyReport {
+        let kept = self.events.iter().take(self.event_count);
+        let described = |(at, event): &(MonoNs, Option<Event>)| {
+            Some(SafetyEvent { time_s: (*at - first).as_s(), event: (*event)?.describe().into() })
+        };
+        SafetyReport { state: state.as_str().into(), events: kept.filter_map(described).collect() }
+    }
+
+    /// The newest measurement.
+    #[must_use]
+    pub fn last_measurement(&self) -> Option<&Measurement> {
+        self.last_measurement.as_ref()
+    }
+
+    /// Hash over every joint state so far, hexadecimal.
+    #[must_use]
+    pub fn state_hash(&self) -> String {
+        format!("{:032x}", self.hash.digest128())
+    }
+
+    /// Takes a joint state into the hash.
+    pub(crate) fn hash_state<const N: usize>(&mut self, state: &DriveState<N>) {
+        for x in state.q.iter().chain(state.qd.iter()) {
+            self.hash.update(&x.to_bits().to_le_bytes());
+        }
+    }
+
+    /// Notes a safety event.
+    pub(crate) fn event(&mut self, at: MonoNs, event: Event) {
+        if let Some(place) = self.events.get_mut(self.event_count) {
+            *place = (at, Some(event));
+        }
+        self.event_count += 1;
+    }
+}
+
+impl Event {
+    fn describe(self) -> &'static str {
+        match self {
+            Self::Holding => "measurements stopped: the arm slows down and holds",
+            Self::Resumed => "measurements are back: the arm goes on",
+            Self::Stopping => "stop requested: the arm slows down",
+            Self::Fault(fault) => fault.describe(),
+        }
+    }
+}
