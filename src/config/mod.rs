@@ -269,10 +269,8 @@ fn read_tables(document: &mut Document, problems: &mut Vec<Problem>) -> RawConfi
         let path = error.path().to_string();
         let message = error.inner().message().trim().to_string();
         let key = match unknown_field(&message) {
-            Some(field) if !path.ends_with(&field) && path == "." => field,
-            Some(field) if path.split('.').next_back() != Some(field.as_str()) => {
-                format!("{path}.{field}")
-            }
+            Some(field) if path == "." => field,
+            Some(field) if path.split('.').next_back() != Some(field.as_str()) => format!("{path}.{field}"),
             _ => path,
         };
         problems.push(document.problem(&key, message));

@@ -95,7 +95,9 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         ),
     };
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
+    let before_arm = check.problems.len();
     let arm = arm(&raw, check);
+    let arm_is_good = check.problems.len() == before_arm;
     let (robot, max_acceleration) = match arm {
         Some((robot, acceleration)) => (Some(robot), acceleration),
         None => (None, Vec::new()),
@@ -104,7 +106,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         if let Some((dot, why)) = hidden_dot(target, camera, &X_DO) {
             check.wrong("servo.desired", format!("dot {dot} would lie {why} in the desired view"));
         }
-        if let (Some(robot), Source::Synthetic { .. }) = (&robot, &camera.source) {
+        if let (Some(robot), Source::Synthetic { .. }, true) = (&robot, &camera.source, arm_is_good) {
             start_view(&raw, robot, target, camera, &X_BO, check);
         }
         timing(&raw, camera, safety, check);
@@ -263,9 +265,6 @@ fn start_view(
     check: &mut Check<'_>,
 ) {
     let q = &raw.robot.q_start_rad_or_m;
-    if q.len() != robot.joint_count() || !q.iter().all(|q| q.is_finite()) {
-        return;
-    }
     match crate::dispatch_robot!(robot, |arm| arm.forward(&SVector::from_column_slice(q))) {
         Ok(X_BE) => {
             let X_CO = (X_BE * camera.X_EC).inverse() * X_BO;
