@@ -80,7 +80,8 @@ mod render {
 
 mod detect {
     use super::*;
-    use vservo::imaging::{Components, Connectivity, Histogram, ImageView, Runs, Window};
+    use vservo::detect::{Detector, Expected};
+    use vservo::imaging::{Components, Connectivity, Histogram, ImageView, PairCounter, Runs, Window};
     use vservo::messages::FrameHeader;
     use vservo::time::MonoNs;
     use vservo::vision::{Frame, Prior, Vision, VisionSettings};
@@ -131,6 +132,23 @@ mod detect {
         run(bencher, vga(-0.2), true);
     }
 
+    /// Goal 10 us, like the peer's: windows to centroids, without a pose.
+    #[divan::bench]
+    fn track_vga_dots_only(bencher: Bencher) {
+        let camera = vga(-0.2);
+        let pixels = image(camera);
+        let image = ImageView::new(&pixels, 640, 480).unwrap();
+        let mut detector = Detector::new(camera, &DotTarget::default());
+        let expected = detector.search(&image).unwrap().map(|dot| Expected {
+            px: dot.px,
+            covariance_px2: dot.covariance_px2,
+            area_px2: dot.area_px2,
+            slack_px: 3.0,
+            threshold: 125,
+        });
+        bencher.bench_local(|| detector.track(&image, &expected).unwrap());
+    }
+
     #[divan::bench]
     fn track_hd(bencher: Bencher) {
         run(bencher, hd(), true);
@@ -139,6 +157,14 @@ mod detect {
     /// Goal 45 us.
     #[divan::bench]
     fn otsu_vga(bencher: Bencher) {
+        let pixels = image(vga(0.0));
+        let image = ImageView::new(&pixels, 640, 480).unwrap();
+        let mut counter = PairCounter::default();
+        bencher.bench_local(|| counter.count(&image).otsu());
+    }
+
+    #[divan::bench]
+    fn otsu_vga_without_buffer(bencher: Bencher) {
         let pixels = image(vga(0.0));
         let image = ImageView::new(&pixels, 640, 480).unwrap();
         bencher.bench_local(|| Histogram::of(&image).otsu());

@@ -16,6 +16,9 @@ use crate::scene::DotTarget;
 use crate::time::MonoNs;
 use nalgebra::Vector2;
 
+/// Centre offsets below this need no second turn, px.
+const SMALL_OFFSET_PX: f64 = 0.05;
+
 /// A frame as the camera published it.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame<'a> {
@@ -189,16 +192,22 @@ impl Vision {
         let mut pose = None;
         if let Ok(both) = planar_pose(&points) {
             let chosen = self.choose(&both.best, both.other.as_ref(), prior, sigma_px / f, m);
-            // the offsets depend on the pose, and a little on themselves: a hundredth of a hundredth is left
+            // the offsets depend on the pose, and it on them: each turn leaves a few hundredths of what was wrong
             let mut X_CO = chosen;
             for _ in 0..2 {
+                let mut greatest = 0.0f64;
                 for ((px, dot), (r, radius)) in px.iter_mut().zip(dots).zip(r.iter().zip(radii)) {
-                    *px = dot.px - centre_offset(&X_CO, &self.camera, r, radius);
+                    let offset = centre_offset(&X_CO, &self.camera, r, radius);
+                    *px = dot.px - offset;
+                    greatest = greatest.max(offset.norm_squared());
                 }
                 set(&mut points, &px);
                 let Ok(refined) = refine(&X_CO, &points, sigma_px / f) else { break };
                 X_CO = refined.X_CO;
                 pose = Some(refined);
+                if greatest < SMALL_OFFSET_PX * SMALL_OFFSET_PX {
+                    break;
+                }
             }
         }
         m.feature_count = 4;

@@ -33,8 +33,7 @@ pub struct Expected {
     pub threshold: u8,
 }
 
-/// Finds the target. Owns all buffers: nothing is allocated after construction, except by the first search with
-/// local thresholds.
+/// Finds the target. Owns all buffers: nothing is allocated after construction.
 #[derive(Debug, Clone)]
 pub struct Detector {
     runs: Runs,
@@ -58,7 +57,7 @@ impl Detector {
         Self {
             runs: Runs::with_limit(limit),
             components: Components::with_limit(limit),
-            local: LocalThreshold::default(),
+            local: LocalThreshold::with_size(i.width_px as usize, i.height_px as usize),
             identity: Identity::new(camera, target),
             meter: DotMeter::new(gap(radii[0]).min(gap(radii[1])).clamp(0.1, 2.0)),
             candidates: Vec::with_capacity(MOST_CANDIDATES + 1),

@@ -5,6 +5,7 @@
 //! the plate do not enter. Sums are integers, row by row, within an ellipse a little larger than the dot.
 
 use super::blob::Blob;
+use super::sums::{Ellipse, inner_sums, weighted_sums};
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
@@ -36,46 +37,6 @@ pub struct Dot {
     pub plate_level: f64,
 }
 
-/// An ellipse of pixels, row by row.
-struct Ellipse {
-    x: f64,
-    y: f64,
-    height: f64,
-    slope: f64,
-    width: f64,
-}
-
-impl Ellipse {
-    /// The ellipse `d^T S^-1 d <= 1` about `(x, y)`, `S = [xx, xy, yy]`.
-    fn new(x: f64, y: f64, [xx, xy, yy]: [f64; 3]) -> Self {
-        let slope = xy / yy;
-        Self { x, y, height: yy.max(0.0).sqrt(), slope, width: (xx - xy * slope).max(0.0).sqrt() }
-    }
-
-    /// Calls `f(y, x0, pixels)` for each row of it in the image.
-    #[inline(always)]
-    fn rows(&self, image: &ImageView<'_>, mut f: impl FnMut(usize, usize, &[u8])) {
-        let (first, last) = ((self.y - self.height).ceil().max(0.0), (self.y + self.height).floor());
-        if first > last || self.height <= 0.0 {
-            return;
-        }
-        let inverse = 1.0 / (self.height * self.height);
-        for y in first as usize..=(last as usize).min(image.height() - 1) {
-            let dy = y as f64 - self.y;
-            let half = self.width * (1.0 - dy * dy * inverse).max(0.0).sqrt();
-            let middle = self.x + self.slope * dy;
-            let (x0, x1) = ((middle - half).ceil().max(0.0) as usize, (middle + half).floor());
-            if x1 < 0.0 {
-                continue;
-            }
-            let x1 = (x1 as usize + 1).min(image.width());
-            if let Some(pixels) = image.row(y).get(x0..x1) {
-                f(y, x0, pixels);
-            }
-        }
-    }
-}
-
 /// Levels around one dot.
 #[derive(Debug, Clone, Copy, Default)]
 struct Levels {
@@ -86,21 +47,16 @@ struct Levels {
     pairs: u32,
 }
 
-/// Measures dots; knows which instructions may be used.
+/// Measures dots.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct DotMeter {
     /// Least free distance around a dot, in its radii.
     gap: f64,
-    wide: bool,
 }
 
 impl DotMeter {
     pub(super) fn new(gap: f64) -> Self {
-        #[cfg(target_arch = "x86_64")]
-        let wide = std::arch::is_x86_feature_detected!("avx2");
-        #[cfg(not(target_arch = "x86_64"))]
-        let wide = false;
-        Self { gap, wide }
+        Self { gap }
     }
 
     /// Measures four dots near the given ellipses. `None` when one has no contrast to its surroundings.
@@ -139,7 +95,7 @@ impl DotMeter {
     fn levels(&self, image: &ImageView<'_>, blob: &Blob) -> Option<Levels> {
         // the inner 36 % of the area: free of blur
         let inner = Ellipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
-        let (sum, count, rough, pairs) = self.inner_sums(image, &inner);
+        let (sum, count, rough, pairs) = inner_sums(image, &inner);
         if count == 0 {
             return None;
         }
@@ -150,14 +106,16 @@ impl DotMeter {
         let l22 = (yy - l21 * l21).max(0.0).sqrt();
         let mut ring = [0u8; RING];
         let mut used = 0;
-        let (turn_sin, turn_cos) = (2.0 * std::f64::consts::PI / RING as f64).sin_cos();
+        // 15 degrees
+        let (turn_sin, turn_cos) = (0.258_819_045_102_520_74, 0.965_925_826_289_068_3);
         let (mut cos, mut sin) = (1.0f64, 0.0f64);
         for _ in 0..RING {
-            let (x, y) = ((blob.x + l11 * cos).round(), (blob.y + l21 * cos + l22 * sin).round());
+            // rounded by a cast: `round` is a call on the baseline processor
+            let (x, y) = (blob.x + l11 * cos + 0.5, blob.y + l21 * cos + l22 * sin + 0.5);
             (cos, sin) = (cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin);
             if x >= 0.0
                 && y >= 0.0
-                && let Some(&p) = image.row(y as usize).get(x as usize)
+                && let Some(&p) = image.row(y as u32 as usize).get(x as u32 as usize)
                 && let Some(slot) = ring.get_mut(used)
             {
                 *slot = p;
@@ -178,11 +136,11 @@ impl DotMeter {
         let dead = (3.2 * noise + 1.0).min(0.3 * contrast);
         let (lo, hi) = ((levels.dark + dead).round(), (levels.plate - dead).round());
         let span = hi - lo;
-        if !(span >= 2.0) {
+        if span.is_nan() || span < 2.0 {
             return None;
         }
         let ellipse = Ellipse::new(blob.x, blob.y, self.around(blob));
-        let sums = self.weighted_sums(image, &ellipse, hi as u8, span as u8);
+        let sums = weighted_sums(image, &ellipse, hi as u8, span as u8);
         if sums.w == 0 {
             return None;
         }
@@ -203,85 +161,4 @@ impl DotMeter {
             plate_level: levels.plate,
         })
     }
-
-    fn inner_sums(&self, image: &ImageView<'_>, ellipse: &Ellipse) -> (u32, u32, u32, u32) {
-        #[cfg(target_arch = "x86_64")]
-        if self.wide {
-            // SAFETY: `wide` is set only where the processor has AVX2.
-            #[allow(unsafe_code)]
-            return unsafe { inner_sums_avx2(image, ellipse) };
-        }
-        inner_sums(image, ellipse)
-    }
-
-    fn weighted_sums(&self, image: &ImageView<'_>, ellipse: &Ellipse, hi: u8, span: u8) -> Sums {
-        #[cfg(target_arch = "x86_64")]
-        if self.wide {
-            // SAFETY: `wide` is set only where the processor has AVX2.
-            #[allow(unsafe_code)]
-            return unsafe { weighted_sums_avx2(image, ellipse, hi, span) };
-        }
-        weighted_sums(image, ellipse, hi, span)
-    }
-}
-
-/// Sums of weights (in units of one grey level), and the number of pixels on the rim.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-struct Sums {
-    w: u64,
-    wx: u64,
-    wy: u64,
-    rim: u32,
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn inner_sums_avx2(image: &ImageView<'_>, ellipse: &Ellipse) -> (u32, u32, u32, u32) {
-    inner_sums(image, ellipse)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn weighted_sums_avx2(image: &ImageView<'_>, ellipse: &Ellipse, hi: u8, span: u8) -> Sums {
-    weighted_sums(image, ellipse, hi, span)
-}
-
-/// Sum of levels, pixels, squared differences of neighbours, pairs of neighbours.
-#[inline(always)]
-fn inner_sums(image: &ImageView<'_>, ellipse: &Ellipse) -> (u32, u32, u32, u32) {
-    let (mut sum, mut count, mut rough, mut pairs) = (0u32, 0u32, 0u32, 0u32);
-    ellipse.rows(image, |_, _, pixels| {
-        sum += pixels.iter().map(|&p| u32::from(p)).sum::<u32>();
-        count += pixels.len() as u32;
-        if let Some(next) = pixels.get(1..) {
-            for (&a, &b) in pixels.iter().zip(next) {
-                let d = i32::from(a) - i32::from(b);
-                rough = rough.saturating_add((d * d) as u32);
-            }
-            pairs += next.len() as u32;
-        }
-    });
-    (sum, count, rough, pairs)
-}
-
-#[inline(always)]
-fn weighted_sums(image: &ImageView<'_>, ellipse: &Ellipse, hi: u8, span: u8) -> Sums {
-    let mut sums = Sums::default();
-    ellipse.rows(image, |y, x0, pixels| {
-        // a row of at most 4096 px: 255 * 4096^2 / 2 still fits; longer rows are summed in parts
-        for (part, pixels) in pixels.chunks(4096).enumerate() {
-            let (mut w, mut wi, mut rim) = (0u32, 0u32, 0u32);
-            for (i, &p) in (0u32..).zip(pixels) {
-                let weight = hi.saturating_sub(p).min(span);
-                w += u32::from(weight);
-                wi += u32::from(weight) * i;
-                rim += u32::from(weight != 0 && weight != span);
-            }
-            sums.w += u64::from(w);
-            sums.wx += u64::from(wi) + u64::from(w) * (x0 + part * 4096) as u64;
-            sums.wy += u64::from(w) * y as u64;
-            sums.rim += rim;
-        }
-    });
-    sums
 }

@@ -13,6 +13,7 @@ mod detector;
 mod dot;
 mod identity;
 mod offset;
+mod sums;
 
 pub use detector::{Detector, Expected};
 pub use dot::Dot;

@@ -9,6 +9,9 @@ use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
 use nalgebra::{Matrix2, Point3, Vector2};
 
+/// Nearest depth of a point in view, m.
+const NEAREST_M: f64 = 1e-6;
+
 /// Centroid of the image of a disc in the object plane less the image of its centre, px (distorted image).
 /// `centre` in the object plane (m), `radius_m` of the disc. Zero where the disc is not in view.
 #[must_use]
@@ -26,12 +29,12 @@ pub fn centre_offset(
     // radius sqrt(2/3), every 60 degrees
     const A: f64 = 0.816_496_580_927_726;
     const B: f64 = 0.408_248_290_463_863;
-    const C: f64 = 0.707_106_781_186_547_6;
+    const C: f64 = std::f64::consts::FRAC_1_SQRT_2;
     let mut sum = Vector2::zeros();
     let mut weights = 2.0 * weight(camera, &s, p.z);
     for (x, y) in [(A, 0.0), (-A, 0.0), (B, C), (-B, -C), (B, -C), (-B, C)] {
         let q = p + ex * x + ey * y;
-        if !(q.z > 1e-6) {
+        if q.z.is_nan() || q.z <= NEAREST_M {
             return Vector2::zeros();
         }
         let s = Vector2::new(q.x / q.z, q.y / q.z);
@@ -59,7 +62,7 @@ pub fn dot_covariance_px2(
     radius_m: f64,
 ) -> Option<([f64; 3], f64)> {
     let p = X_CO * Point3::new(centre.x, centre.y, 0.0);
-    if !(p.z > 1e-6) {
+    if p.z.is_nan() || p.z <= NEAREST_M {
         return None;
     }
     let s = Vector2::new(p.x / p.z, p.y / p.z);

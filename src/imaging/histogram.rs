@@ -101,6 +101,50 @@ impl Histogram {
     }
 }
 
+/// Counts pixels by neighbouring pairs: half the increments, in a table of 256 KiB that is kept between images. Faster
+/// than [`Histogram::of`] where one histogram follows another and levels are not spread at random.
+#[derive(Debug, Clone)]
+pub struct PairCounter {
+    pairs: Vec<u32>,
+}
+
+impl Default for PairCounter {
+    fn default() -> Self {
+        Self { pairs: vec![0; 1 << 16] }
+    }
+}
+
+impl PairCounter {
+    /// Counts all pixels.
+    #[must_use]
+    pub fn count(&mut self, image: &ImageView<'_>) -> Histogram {
+        let mut bins = [0u32; 256];
+        let Some(pairs) = self.pairs.first_chunk_mut::<{ 1 << 16 }>() else { return Histogram { bins } };
+        let (words, rest) = image.pixels().as_chunks::<8>();
+        for word in words {
+            let word = u64::from_le_bytes(*word);
+            pairs[usize::from(word as u16)] += 1;
+            pairs[usize::from((word >> 16) as u16)] += 1;
+            pairs[usize::from((word >> 32) as u16)] += 1;
+            pairs[usize::from((word >> 48) as u16)] += 1;
+        }
+        for &p in rest {
+            bins[usize::from(p)] += 1;
+        }
+        // sums of rows and of columns; the table is left empty for the next image
+        for (second, row) in pairs.as_chunks_mut::<256>().0.iter_mut().enumerate() {
+            let mut sum = 0;
+            for (bin, pair) in bins.iter_mut().zip(row) {
+                sum += *pair;
+                *bin += *pair;
+                *pair = 0;
+            }
+            bins[second] += sum;
+        }
+        Histogram { bins }
+    }
+}
+
 /// Eight tables side by side: equal neighbours do not wait for each other's increment.
 struct Counts {
     tables: [[u32; 256]; 8],
@@ -167,6 +211,10 @@ mod tests {
         fn histogram_counts_every_pixel(pixels in prop::collection::vec(any::<u8>(), 1..300)) {
             let n = pixels.len();
             let h = Histogram::of(&ImageView::new(&pixels, n, 1).unwrap());
+            let mut counter = PairCounter::default();
+            for _ in 0..2 {
+                prop_assert_eq!(&counter.count(&ImageView::new(&pixels, n, 1).unwrap()), &h);
+            }
             for level in 0..=255u8 {
                 let count = pixels.iter().filter(|&&p| p == level).count();
                 prop_assert_eq!(h.bins()[usize::from(level)] as usize, count);

@@ -3,7 +3,8 @@
 /// 64 bits, bit `i` set where pixel `i` is at most `threshold`.
 pub(super) type Mask = u64;
 
-/// Portable kernel: eight pixels a word.
+/// Portable kernel.
+#[cfg(any(test, not(target_arch = "x86_64")))]
 #[inline(always)]
 pub(super) fn dark_mask_portable(pixels: &[u8; 64], threshold: u8) -> Mask {
     let mut mask = 0;

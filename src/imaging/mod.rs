@@ -10,6 +10,6 @@ mod runs;
 mod view;
 
 pub use components::{Component, Components, Connectivity, PrincipalAxes};
-pub use histogram::{Histogram, Otsu};
+pub use histogram::{Histogram, Otsu, PairCounter};
 pub use runs::{LocalThreshold, Run, Runs, Window};
 pub use view::{ImageSizeError, ImageView};

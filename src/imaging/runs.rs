@@ -1,7 +1,9 @@
 //! Binarisation: the dark pixels of an image or of a window as runs, row by row.
 
 use super::ImageView;
-use super::mask::{dark_mask_each, dark_mask_portable};
+use super::mask::dark_mask_each;
+#[cfg(any(test, not(target_arch = "x86_64")))]
+use super::mask::dark_mask_portable;
 
 /// Dark pixels `x0..x1` of row `y`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -59,6 +61,14 @@ pub struct LocalThreshold {
 impl LocalThreshold {
     /// Side of a tile, px.
     pub const TILE: usize = 32;
+
+    /// Buffers for images of at most this size, allocated at once.
+    #[must_use]
+    pub fn with_size(width: usize, height: usize) -> Self {
+        let tiles = width.div_ceil(Self::TILE) * height.div_ceil(Self::TILE);
+        let buffer = || Vec::with_capacity(tiles);
+        Self { low: buffer(), high: buffer(), tiles: buffer(), row: Vec::with_capacity(width) }
+    }
 
     /// Half-way between the least and the greatest level of each tile and its eight neighbours; `otherwise` where
     /// they differ by less than `contrast`.
@@ -118,6 +128,7 @@ pub struct Runs {
     runs: Vec<Run>,
     limit: usize,
     full: bool,
+    #[cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
     wide: bool,
 }
 

@@ -56,6 +56,7 @@ pub(super) struct Sensor {
     noise: Vec<i16>,
     row_gain: Vec<u16>,
     column_loss: Vec<u16>,
+    #[cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
     wide: bool,
 }
 

@@ -190,8 +190,9 @@ impl Place {
 /// Coverage of four pixels by the positive side of a line.
 #[inline(always)]
 fn line_coverage((value, gx, gy): (f64, f64, f64), profile: &EdgeProfile) -> [f32; LANES] {
-    let inverse = 1.0 / ((gx * gx + gy * gy).sqrt() + 1e-300);
-    let (value, nx, ny) = ((value * inverse) as f32, (gx * inverse) as f32, (gy * inverse) as f32);
+    let (value, gx, gy) = (value as f32, gx as f32, gy as f32);
+    let inverse = 1.0 / ((gx * gx + gy * gy).sqrt() + 1e-30);
+    let (value, nx, ny) = (value * inverse, gx * inverse, gy * inverse);
     profile.coverage(FROM_CENTRE.map(|d| value + nx * d), [EdgeProfile::row(nx, ny); LANES])
 }
 
@@ -264,7 +265,7 @@ impl<'a> Outline<'a> {
     fn in_front(&self, from: &Point3<f64>, to: &Point3<f64>) -> Option<[Vector2<f64>; 2]> {
         const NEAR: f64 = 1e-6;
         let (mut a, mut b) = (self.X_CO * from, self.X_CO * to);
-        if !(a.z.max(b.z) > NEAR) {
+        if (a.z + b.z).is_nan() || a.z.max(b.z) <= NEAR {
             return None;
         }
         if a.z < NEAR {
