@@ -1,5 +1,7 @@
 //! Rendering and detection, one thread: medians against the goals of the design.
 
+#![allow(clippy::unwrap_used)] // a bench that cannot be set up should say so at once
+
 use divan::Bencher;
 use nalgebra::{Translation3, UnitQuaternion};
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};

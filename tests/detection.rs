@@ -1,6 +1,7 @@
 //! Detection against the renderer's truth: accuracy, identity, what bad pictures get, tracking, determinism.
 
 #![allow(non_snake_case)]
+#![allow(clippy::unwrap_used)] // helpers of tests
 
 use nalgebra::{Translation3, UnitQuaternion, Vector2, Vector3};
 use proptest::prelude::*;

@@ -28,7 +28,7 @@ fn nothing_is_allocated_per_frame() {
         renderer.render(poses, k, &mut image);
         if k % 10 == 9 {
             // noise without a target: the longest way through the search
-            image.iter_mut().enumerate().for_each(|(i, p)| *p = (i * i >> 3) as u8);
+            image.iter_mut().enumerate().for_each(|(i, p)| *p = ((i * i) >> 3) as u8);
         }
         let header =
             FrameHeader { frame_id: k, exposure: MonoNs(k as i64 * 40_000_000), ..FrameHeader::default() };

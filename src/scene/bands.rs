@@ -3,7 +3,7 @@
 //! Pixels outside of all bands see one flat surface, so only the bands are evaluated one by one.
 
 /// Most intervals that a row keeps; further ones widen the first (slower, never wrong).
-const PER_ROW: usize = 12;
+pub(super) const PER_ROW: usize = 12;
 
 /// Columns `first..=last` of one row that lie near the edges in `mask`.
 #[derive(Debug, Clone, Copy, Default)]

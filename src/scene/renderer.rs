@@ -1,5 +1,6 @@
 //! The synthetic camera's picture: every pixel of every row, in place.
 
+use super::bands::PER_ROW;
 use super::error::{SceneError, in_range};
 use super::profile::EdgeProfile;
 use super::rays::Rays;
@@ -38,6 +39,7 @@ pub struct Renderer {
     profile: EdgeProfile,
     sensor: Sensor,
     views: Vec<View>,
+    memories: Vec<Memory>,
     levels: Vec<u16>,
     sums: Vec<u32>,
 }
@@ -71,6 +73,7 @@ impl Renderer {
             profile: EdgeProfile::new(sensor.blur_sd_px),
             sensor: Sensor::new(&sensor, width, height),
             views: vec![View::new(width, height)],
+            memories: vec![Memory::default()],
             levels: vec![0; width],
             sums: vec![0; width],
         })
@@ -97,7 +100,9 @@ impl Renderer {
         let (width, height) = (i.width_px as usize, i.height_px as usize);
         while self.views.len() < X_CO_over_exposure.len() {
             self.views.push(View::new(width, height));
+            self.memories.push(Memory::default());
         }
+        self.memories.fill(Memory::default());
         for (view, X_CO) in self.views.iter_mut().zip(X_CO_over_exposure) {
             view.set(X_CO, &self.camera, &self.target, self.profile.half_px());
         }
@@ -112,12 +117,12 @@ impl Renderer {
             let views = self.views.get(..count).unwrap_or(&[]);
             let flat = views.iter().all(|view| view.bands().row(y).is_empty());
             if count > 0 && !(flat && fresh) {
-                if let [view] = views {
-                    fill_row(view, y, &paint, &mut self.levels);
+                if let ([view], Some(memory)) = (views, self.memories.first_mut()) {
+                    fill_row(view, memory, y, &paint, &mut self.levels);
                 } else {
                     self.sums.fill(count as u32 / 2);
-                    for view in views {
-                        fill_row(view, y, &paint, &mut self.levels);
+                    for (view, memory) in views.iter().zip(&mut self.memories) {
+                        fill_row(view, memory, y, &paint, &mut self.levels);
                         for (sum, &level) in self.sums.iter_mut().zip(&self.levels) {
                             *sum += u32::from(level);
                         }
@@ -155,27 +160,52 @@ pub(super) struct Paint<'a> {
     pub(super) look: &'a SceneLook,
 }
 
+/// A flat span `from..to` of a row, and its level.
+#[derive(Debug, Clone, Copy, Default)]
+struct Span {
+    from: usize,
+    to: usize,
+    level: u16,
+}
+
+/// The flat spans of the row above. A span that overlaps the one above it lies on the same surface: an edge between two
+/// neighbouring pixels would have put at least one of them into a band.
+#[derive(Debug, Clone, Copy, Default)]
+struct Memory {
+    row: usize,
+    spans: [Span; PER_ROW + 1],
+}
+
 /// Exact levels of one row: flat spans between the bands are filled with the level at their middle.
-fn fill_row(view: &View, y: usize, paint: &Paint<'_>, levels: &mut [u16]) {
+fn fill_row(view: &View, memory: &mut Memory, y: usize, paint: &Paint<'_>, levels: &mut [u16]) {
     let v = y as f64;
-    let fill = |levels: &mut [u16], from: usize, to: usize| {
-        if from < to
-            && let Some(span) = levels.get_mut(from..to)
-        {
-            span.fill(fixed(view.flat_level(0.5 * (from + to - 1) as f64, v, paint)));
-        }
-    };
-    let mut at = 0;
-    for band in view.bands().row(y) {
-        let (first, last) = (band.first as usize, band.last as usize);
-        fill(levels, at, first);
-        if let Some(span) = levels.get_mut(first..=last) {
-            view.edge_levels(first, v, band.mask, paint, span);
-        }
-        at = last + 1;
-    }
+    let follows = memory.row + 1 == y;
+    memory.row = y;
+    let bands = view.bands().row(y);
+    let ends = bands.iter().map(|band| (band.first as usize, band.last as usize + 1, band.mask));
     let width = levels.len();
-    fill(levels, at, width);
+    let mut from = 0;
+    for ((to, next, mask), above) in ends.chain(std::iter::once((width, width, 0))).zip(&mut memory.spans) {
+        if let Some(span) = levels.get_mut(from..to).filter(|span| !span.is_empty()) {
+            let level = if follows && from.max(above.from) < to.min(above.to) {
+                above.level
+            } else {
+                fixed(view.flat_level(0.5 * (from + to - 1) as f64, v, paint))
+            };
+            span.fill(level);
+            *above = Span { from, to, level };
+        } else {
+            *above = Span::default();
+        }
+        if let Some(span) = levels.get_mut(to..next) {
+            view.edge_levels(to, v, mask, paint, span);
+        }
+        from = next;
+    }
+    // spans that this row does not have
+    if let Some(rest) = memory.spans.get_mut(bands.len() + 1..) {
+        rest.fill(Span::default());
+    }
 }
 
 #[cfg(test)]

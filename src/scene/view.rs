@@ -312,9 +312,10 @@ impl<'a> Outline<'a> {
         }
     }
 
-    /// The rim of a dot: 16 arcs, each halved until its middle lies on its chord.
+    /// The rim of a dot: 8 arcs, each halved until its middle lies within half a px of its chord; the two chords to
+    /// the middle are then four times as close.
     fn circle(&self, centre: &Point3<f64>, radius: f64, mask: u8, bands: &mut Bands) {
-        const ARCS: u32 = 16;
+        const ARCS: u32 = 8;
         let at = |i: u32| 2.0 * std::f64::consts::PI * f64::from(i) / f64::from(ARCS);
         let rim = |angle: f64| centre + nalgebra::Vector3::new(angle.cos(), angle.sin(), 0.0) * radius;
         let mut from = (0.0, rim(0.0));
@@ -350,7 +351,7 @@ impl<'a> Outline<'a> {
                     return;
                 }
                 let sag = ((a + b) * 0.5 - m).norm() * self.focal_px;
-                if !far(&a) && !far(&b) && sag < 0.15 || depth == 0 {
+                if !far(&a) && !far(&b) && sag < 0.5 || depth == 0 {
                     self.line(&from.1, &middle.1, mask, bands);
                     self.line(&middle.1, &to.1, mask, bands);
                     return;
