@@ -1,7 +1,7 @@
 //! Detection against the renderer's truth: accuracy, identity, what bad pictures get, tracking, determinism.
 
 #![allow(non_snake_case)]
-#![allow(clippy::unwrap_used)] // helpers of tests
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests; numbers for people
 
 use nalgebra::{Translation3, UnitQuaternion, Vector2, Vector3};
 use proptest::prelude::*;
