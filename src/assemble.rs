@@ -3,13 +3,13 @@
 use crate::config::raw::{Depth, DriveKind, Update};
 use crate::config::{Config, Source};
 use crate::control_loop::{ControlLoop, RunPlan};
-use crate::controller::{Controller, ControllerSettings, DepthSource, UpdatePolicy};
+use crate::controller::{Controller, ControllerSettings};
 use crate::drive::{Drive, IdealDrive, SimulatedDrive, StandstillDrive};
 use crate::messages::MAX_JOINTS;
 use crate::motion::{InverseDynamicsControl, MotionLimits};
 use crate::robot::Robot;
 use crate::safety::MeasurementWatch;
-use crate::servo::SetPoint;
+use crate::servo::{DepthSource, Law, SetPoint, UpdatePolicy, VisualServo};
 use crate::vision::{Vision, VisionSettings};
 use nalgebra::{SVector, Vector2};
 use thiserror::Error;
@@ -78,19 +78,21 @@ pub fn control_loop<const N: usize>(
             Box::new(SimulatedDrive::new(robot.clone(), q_start, config.drive.substeps)?)
         }
     };
-    let settings = ControllerSettings {
-        robot,
-        X_EC: config.camera.X_EC,
-        set_point,
+    let law = Law::ImageVelocity {
         gain_1_s: config.servo.gain_1_s,
-        update: match config.servo.update {
-            Update::Frame => UpdatePolicy::Frame,
-            Update::Tick => UpdatePolicy::Tick,
-        },
         depth: match config.servo.depth {
             Depth::Desired => DepthSource::Desired,
             Depth::Estimated => DepthSource::Estimated,
         },
+    };
+    let update = match config.servo.update {
+        Update::Frame => UpdatePolicy::Frame,
+        Update::Tick => UpdatePolicy::Tick,
+        Update::Predict => UpdatePolicy::Predict,
+    };
+    let settings = ControllerSettings {
+        robot,
+        servo: VisualServo::new(law, set_point, update, config.camera.X_EC),
         limits,
         joint_control: InverseDynamicsControl::new(
             config.motion.natural_frequency_rad_s,

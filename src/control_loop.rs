@@ -11,6 +11,7 @@ use crate::messages::{
 };
 use crate::run_statistics::{Event, RunStatistics};
 use crate::schedule::TICK;
+use crate::servo::View;
 use crate::summary::{FinalErrors, Outcome, SafetyReport};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector2};
@@ -160,11 +161,8 @@ impl<const N: usize> ControlLoop<N> {
 
     fn count(&mut self, now: MonoNs, m: &Measurement) {
         self.last_frame_seen |= m.flags & frame_flag::LAST != 0;
-        let error_px = if m.found() {
-            self.controller.settings().set_point.error_rms_px(m, &self.plan.f_px)
-        } else {
-            f64::NAN
-        };
+        let set_point = self.controller.settings().servo.set_point();
+        let error_px = View::of(m).map_or(f64::NAN, |view| set_point.error_rms_px(&view, &self.plan.f_px));
         self.statistics.count(now, m, error_px);
         if error_px.is_nan() || error_px > self.plan.feature_error_px {
             self.goal_since = None;
@@ -244,21 +242,21 @@ impl<const N: usize> ControlLoop<N> {
     fn true_view(&self) -> Option<Pose> {
         let (q, _) = self.sensed.truth?;
         let settings = self.controller.settings();
-        let X_BC = settings.robot.forward(&q) * settings.X_EC;
+        let X_BC = settings.robot.forward(&q) * settings.servo.X_EC();
         Some(X_BC.inverse() * self.plan.X_BO?)
     }
 
     /// Position and orientation of the camera relative to the desired one, from truth or else from the last pose.
     fn pose_errors(&self) -> Option<(f64, f64)> {
         let X_CO = self.true_view().or_else(|| self.statistics.last_found()?.pose())?;
-        let X_DC = self.controller.settings().set_point.X_DO() * X_CO.inverse();
+        let X_DC = self.controller.settings().servo.set_point().X_DO() * X_CO.inverse();
         Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
     }
 
     /// Errors now: against simulated truth where there is one, else from the last measurement.
     #[must_use]
     pub fn final_errors(&self) -> FinalErrors {
-        let set_point = &self.controller.settings().set_point;
+        let set_point = &self.controller.settings().servo.set_point();
         let feature_error = match self.true_view() {
             Some(X_CO) => set_point.error_rms_px_at(&X_CO, &self.plan.f_px),
             None => self.statistics.feature_error_px(),

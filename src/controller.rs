@@ -9,49 +9,22 @@
 //! `step` is total: it does not allocate, log, fail or look at a clock.
 
 use crate::drive::{DriveCommand, DriveState};
-use crate::geometry::Pose;
 use crate::messages::{ControlState, Measurement};
 use crate::motion::{InverseDynamicsControl, MotionLimits, Reference};
-use crate::robot::{ExpressedIn, Robot};
+use crate::robot::Robot;
 use crate::safety::{Fault, MeasurementWatch, Vision};
 use crate::schedule::TICK;
-use crate::servo::{ImageTask, SetPoint, joint_velocity};
+use crate::servo::{Intake, VisualServo, Wish};
 use crate::time::MonoNs;
 use nalgebra::SVector;
-
-/// When the servo law is computed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum UpdatePolicy {
-    /// Once for each measurement; the joint velocity is held.
-    Frame,
-    /// At every tick with the newest joint positions; the feature error is held.
-    Tick,
-}
-
-/// Which depth goes into the interaction matrix.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum DepthSource {
-    /// That of the desired pose.
-    Desired,
-    /// That of the estimated pose; of the desired one where a measurement has no pose.
-    Estimated,
-}
 
 /// What a controller is made of.
 #[derive(Debug, Clone)]
 pub struct ControllerSettings<const N: usize> {
     /// The arm's model.
     pub robot: Robot<N>,
-    /// Camera in the flange frame.
-    pub X_EC: Pose,
-    /// The goal.
-    pub set_point: SetPoint,
-    /// K_s, 1/s.
-    pub gain_1_s: f64,
-    /// When the law is computed.
-    pub update: UpdatePolicy,
-    /// Depth in the interaction matrix.
-    pub depth: DepthSource,
+    /// From what the camera sees to what the joints shall do.
+    pub servo: VisualServo<N>,
     /// Limits of the reference.
     pub limits: MotionLimits<N>,
     /// Joint controller.
@@ -79,6 +52,8 @@ pub struct ControlOutput<const N: usize> {
     pub limited: bool,
     /// Whether an effort limit acted.
     pub saturated: bool,
+    /// What became of the measurement, if there was one.
+    pub intake: Option<Intake>,
 }
 
 /// The controller of one arm with `N` joints.
@@ -87,8 +62,6 @@ pub struct Controller<const N: usize> {
     settings: ControllerSettings<N>,
     reference: Reference<N>,
     watch: MeasurementWatch,
-    task: Option<ImageTask>,
-    held: SVector<f64, N>,
     fault: Option<Fault>,
     stopping: bool,
     last_tau: SVector<f64, N>,
@@ -101,16 +74,7 @@ impl<const N: usize> Controller<N> {
         let reference = Reference::new(settings.limits.clone(), q_start);
         let watch = settings.watch;
         let zero = SVector::zeros();
-        Self {
-            settings,
-            reference,
-            watch,
-            task: None,
-            held: zero,
-            fault: None,
-            stopping: false,
-            last_tau: zero,
-        }
+        Self { settings, reference, watch, fault: None, stopping: false, last_tau: zero }
     }
 
     /// The settings.
@@ -136,10 +100,19 @@ impl<const N: usize> Controller<N> {
             self.fault = self.fault.or(Some(Fault::DriveStateNotFinite));
             return self.blind_output();
         }
-        let fresh = measurement.is_some_and(|m| self.take(m));
-        let vision = self.watch.check(now);
+        let Self { settings, watch, .. } = self;
+        settings.servo.note_arm(now, &drive.q, &drive.qd);
+        let intake = measurement.map(|m| settings.servo.take(now, m, &settings.robot));
+        if let (Some(m), Some(true)) = (measurement, intake.map(Intake::is_used)) {
+            watch.good(m.exposure);
+        }
+        let vision = watch.check(now);
         let wish = match (self.fault, vision) {
-            (None, Vision::Fresh) if !self.stopping => self.wished_velocity(&drive.q, fresh),
+            // At a singularity of task or arm there may be no velocity to follow: the arm slows down.
+            (None, Vision::Fresh) if !self.stopping => match settings.servo.wish(&drive.q, &settings.robot) {
+                Some(Wish::Velocity(qd)) => qd,
+                None => SVector::zeros(),
+            },
             _ => SVector::zeros(),
         };
         let reference = if self.settings.closed_loop {
@@ -166,33 +139,8 @@ impl<const N: usize> Controller<N> {
             wish,
             limited: reference.limited,
             saturated: torque.saturated,
+            intake,
         }
-    }
-
-    /// Takes a measurement into the servo law; true when it can be used.
-    fn take(&mut self, measurement: &Measurement) -> bool {
-        let settings = &self.settings;
-        let pose = match settings.depth {
-            DepthSource::Desired => None,
-            DepthSource::Estimated => measurement.pose(),
-        };
-        let Some(task) = ImageTask::new(&settings.set_point, measurement, pose.as_ref(), settings.gain_1_s)
-        else {
-            return false;
-        };
-        self.task = Some(task);
-        self.watch.good(measurement.exposure);
-        true
-    }
-
-    fn wished_velocity(&mut self, q: &SVector<f64, N>, fresh: bool) -> SVector<f64, N> {
-        let Some(task) = &self.task else { return SVector::zeros() };
-        if fresh || self.settings.update == UpdatePolicy::Tick {
-            let J_C = self.settings.robot.jacobian_of_frame(q, &self.settings.X_EC, ExpressedIn::Moving);
-            // At a singularity of task or arm there is no velocity to follow: the arm slows down.
-            self.held = joint_velocity(task, &J_C).unwrap_or_else(SVector::zeros);
-        }
-        self.held
     }
 
     /// Without a usable joint state nothing can be computed: the last reference without motion and the last torque,
@@ -206,6 +154,7 @@ impl<const N: usize> Controller<N> {
             wish: SVector::zeros(),
             limited: false,
             saturated: false,
+            intake: None,
         }
     }
 }

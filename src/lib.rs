@@ -18,6 +18,7 @@ pub mod features;
 pub mod geometry;
 pub mod histogram;
 pub mod imaging;
+pub mod joint_history;
 pub mod messages;
 pub mod motion;
 pub mod pose;

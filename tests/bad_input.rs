@@ -40,7 +40,7 @@ fn configuration_errors_name_line_key_and_remedy() {
         ),
         (
             "[servo]\nupdate = \"often\"\n",
-            "servo.update: unknown variant `often`, expected `frame` or `tick`",
+            "servo.update: unknown variant `often`, expected one of `frame`, `tick`, `predict`",
         ),
         ("[nonsense]\n", "run.toml:1:2: nonsense: unknown field"),
         ("[camera]\nrate_hz = nan\n", "camera.rate_hz: NaN is out of range"),
@@ -59,7 +59,7 @@ fn configuration_errors_name_line_key_and_remedy() {
         ("[target]\nradius_m = 0.2\n", "target: "),
         ("[safety]\nmeasurement_timeout_ms = 30\n", "the arm would stop at every frame"),
         (
-            "[run]\nclock = \"lockstep\"\n[camera]\nrate_hz = 1000\nwidth_px = 4096\nheight_px = 4096\nexposure_ms = 0.1\n",
+            "[run]\nclock = \"lockstep\"\n[camera]\nrate_hz = 1000\nwidth_px = 4096\nheight_px = 4096\nexposure_ms = 0.1\nlatency_ms = 40.0\n",
             "512 MB",
         ),
         ("a = \n", "run.toml:1:"),

@@ -63,6 +63,7 @@ fn time_over_before_the_goal_is_exit_code_5() {
 fn every_update_policy_drive_and_depth_converges() {
     for set in [
         ["servo.update=frame", "drive.kind=simulated"],
+        ["servo.update=predict", "servo.depth=estimated"],
         ["servo.update=tick", "drive.kind=ideal"],
         ["servo.update=frame", "drive.kind=ideal"],
         ["servo.depth=estimated", "drive.substeps=2"],

@@ -260,6 +260,8 @@ word! {
         Frame,
         /// At every tick with fresh joint positions; the feature error is held in between.
         Tick,
+        /// At every tick for the view of that tick, carried there from the last exposure by the arm's own motion.
+        Predict,
     }
 }
 
@@ -279,7 +281,7 @@ table! {
         /// Law.
         scheme: SchemeKind = SchemeKind::ImageResolvedVelocity,
         /// When it is computed.
-        update: Update = Update::Tick,
+        update: Update = Update::Predict,
         /// Gain K_s, 1/s.
         gain_1_s: f64 = 2.0,
         /// Depth in the interaction matrix.

@@ -5,11 +5,9 @@
 //! joints this is (10.90) after (10.91); with fewer it is the least-squares solution among the motions that the arm can
 //! make, which for the SCARA and two points is (10.87) itself.
 
-use super::SetPoint;
+use super::{SetPoint, View};
 use crate::features::{Ldlt, NormalEquations};
-use crate::geometry::Pose;
-use crate::messages::Measurement;
-use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector6};
+use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 
 /// Conditioning below which directions are damped: the smaller of two squared ratios, the share of a column that the
 /// others do not explain, and the smallest column against the largest.
@@ -17,52 +15,63 @@ const WEAKEST_DIRECTION: f64 = 1e-10;
 /// Damping at a singularity, as share of the largest diagonal entry of the normal matrix.
 const DAMPING: f64 = 1e-6;
 
-/// The normal equations of one measurement: all that the law needs of it.
+/// Which depth goes into the interaction matrix.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DepthSource {
+    /// That of the desired pose.
+    Desired,
+    /// That of the estimated pose; of the desired one where a view has no pose.
+    Estimated,
+}
+
+/// The normal equations of one view, for unit gain: all that the law needs of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImageTask {
     /// L_s^T L_s.
     matrix: Matrix6<f64>,
-    /// L_s^T K_s e_s.
+    /// L_s^T e_s.
     vector: Vector6<f64>,
 }
 
 impl ImageTask {
-    /// The task of bringing the measured features to the set-point with gain `gain_1_s` (K_s = gain I, 1/s).
-    ///
-    /// The interaction matrix is that of the current features; depths come from `X_CO` where it is given and puts the
-    /// points in front of the camera, else from the desired pose. `None` when the measurement did not find the
-    /// set-point's features or has one that is not finite.
+    /// The task of bringing the features of `view` to the set-point, with the interaction matrix of the current
+    /// features. `None` when the view does not have the set-point's features.
     #[must_use]
-    pub fn new(
-        set_point: &SetPoint,
-        measurement: &Measurement,
-        X_CO: Option<&Pose>,
-        gain_1_s: f64,
-    ) -> Option<Self> {
-        let seen = measurement.features();
-        if !measurement.found() || seen.len() != set_point.features().len() {
+    pub fn new(set_point: &SetPoint, view: &View, depth: DepthSource) -> Option<Self> {
+        if view.features().len() != set_point.features().len() {
             return None;
         }
         let mut normal = NormalEquations::<6>::new();
         let desired = set_point.features().iter().zip(set_point.depths_m()).zip(set_point.points());
-        for (feature, ((s_d, z_d), p_O)) in seen.iter().zip(desired) {
-            let s = Vector2::new(feature.x, feature.y);
-            let z = X_CO.map(|X| (X * p_O).z).filter(|z| *z > 0.0).unwrap_or(*z_d);
-            if !(s.x.is_finite() && s.y.is_finite() && z.is_finite()) {
-                return None;
-            }
-            normal.add_point(&s, z, &((s_d - s) * gain_1_s), 1.0);
+        for (s, ((s_d, z_d), p_O)) in view.features().iter().zip(desired) {
+            let z_m = match depth {
+                DepthSource::Desired => *z_d,
+                DepthSource::Estimated => view.depth_m(p_O, *z_d),
+            };
+            normal.add_point(s, z_m, &(s_d - s), 1.0);
         }
         Some(Self { matrix: normal.matrix(), vector: normal.vector() })
     }
 }
 
-/// The joint velocity of (10.90), (10.91), rad/s or m/s, given the camera's Jacobian `J_C` (`V_BC_C = J_C qd`).
+/// The joint velocity of (10.90), (10.91) with K_s = `gain_1_s` I, rad/s or m/s, given the camera's Jacobian `J_C`
+/// (`V_BC_C = J_C qd`).
 ///
 /// Near a singularity of the features or of the arm the weak directions are damped, so that the velocity stays bounded.
 /// `None` when even that has no finite solution.
 #[must_use]
-pub fn joint_velocity<const N: usize>(task: &ImageTask, J_C: &SMatrix<f64, 6, N>) -> Option<SVector<f64, N>> {
+pub fn joint_velocity<const N: usize>(
+    task: &ImageTask,
+    gain_1_s: f64,
+    J_C: &SMatrix<f64, 6, N>,
+) -> Option<SVector<f64, N>> {
+    unit_joint_velocity(task, J_C).map(|qd| qd * gain_1_s)
+}
+
+fn unit_joint_velocity<const N: usize>(
+    task: &ImageTask,
+    J_C: &SMatrix<f64, 6, N>,
+) -> Option<SVector<f64, N>> {
     if N > 6 {
         return redundant_joint_velocity(task, J_C);
     }
@@ -113,22 +122,16 @@ fn solve_damped<const M: usize>(matrix: &[[f64; M]; M], b: &[f64; M]) -> Option<
 mod tests {
     use super::*;
     use crate::features::point_rows;
-    use crate::messages::{FeaturePoint, TargetStatus};
-    use nalgebra::{DMatrix, DVector, Matrix6, Point3};
+    use crate::geometry::Pose;
+    use nalgebra::{DMatrix, DVector, Matrix6, Point3, Vector2};
     use proptest::prelude::*;
 
     fn square() -> [Point3<f64>; 4] {
         [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1)].map(|(x, y)| Point3::new(x, y, 0.0))
     }
 
-    fn view(X_CO: &Pose, points: &[Point3<f64>]) -> Measurement {
-        let mut m = Measurement { status: TargetStatus::Found as u32, ..Measurement::default() };
-        m.feature_count = points.len() as u32;
-        for (f, p) in m.features.iter_mut().zip(points) {
-            let p = X_CO * p;
-            *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
-        }
-        m
+    fn view(X_CO: &Pose, points: &[Point3<f64>]) -> View {
+        View::new(points.iter().map(|p| (X_CO * p).coords).map(|p| p.xy() / p.z), Some(*X_CO)).unwrap()
     }
 
     fn pose() -> impl Strategy<Value = Pose> {
@@ -146,12 +149,11 @@ mod tests {
             let J = Matrix6::from_column_slice(&j) * 0.3 + Matrix6::identity() * 2.5;
             let set_point = SetPoint::from_pose(&goal, &square()).unwrap();
             let seen = view(&now, &square());
-            let task = ImageTask::new(&set_point, &seen, Some(&now), 2.0).unwrap();
+            let task = ImageTask::new(&set_point, &seen, DepthSource::Estimated).unwrap();
             let mut L = DMatrix::zeros(8, 6);
             let mut Ke = DVector::zeros(8);
-            for (i, f) in seen.features().iter().enumerate() {
-                let s = Vector2::new(f.x, f.y);
-                L.view_mut((2 * i, 0), (2, 6)).copy_from(&point_rows(&s, (now * square()[i]).z));
+            for (i, s) in seen.features().iter().enumerate() {
+                L.view_mut((2 * i, 0), (2, 6)).copy_from(&point_rows(s, (now * square()[i]).z));
                 Ke.rows_mut(2 * i, 2).copy_from(&((set_point.features()[i] - s) * 2.0));
             }
             let (Q, R) = L.qr().unpack();
@@ -159,7 +161,7 @@ mod tests {
             prop_assume!(R.diagonal().amin() > 1e-3 * R.diagonal().amax());
             let V = R.solve_upper_triangular(&(Q.transpose() * &Ke)).unwrap();
             let qd = J.lu().solve(&Vector6::from_column_slice(V.as_slice())).unwrap();
-            let got = joint_velocity(&task, &J).unwrap();
+            let got = joint_velocity(&task, 2.0, &J).unwrap();
             prop_assert!((got - qd).norm() < 1e-6 * (1.0 + qd.norm()), "{got} {qd}");
         }
 
@@ -170,9 +172,9 @@ mod tests {
             let mut J = SMatrix::<f64, 6, 7>::from_column_slice(&j) * 0.3;
             for i in 0..6 { J[(i, i)] += 2.5; }
             let set_point = SetPoint::from_pose(&goal, &square()).unwrap();
-            let task = ImageTask::new(&set_point, &view(&now, &square()), None, 1.0).unwrap();
-            let qd = joint_velocity(&task, &J).unwrap();
-            let V = joint_velocity(&task, &Matrix6::identity()).unwrap();
+            let task = ImageTask::new(&set_point, &view(&now, &square()), DepthSource::Desired).unwrap();
+            let qd = joint_velocity(&task, 1.0, &J).unwrap();
+            let V = joint_velocity(&task, 1.0, &Matrix6::identity()).unwrap();
             prop_assert!((J * qd - V).norm() < 1e-6 * (1.0 + V.norm()));
             let null = J.transpose() * (J * J.transpose()).try_inverse().unwrap() * (J * qd) - qd;
             prop_assert!(null.norm() < 1e-6 * (1.0 + qd.norm()));
@@ -183,8 +185,8 @@ mod tests {
         fn features_move_towards_their_goal(goal in pose(), d in prop::array::uniform6(-0.05..0.05f64)) {
             let now = Pose::new([d[0] * 0.3, d[1] * 0.3, d[2] * 0.3].into(), [d[3], d[4], d[5]].into()) * goal;
             let set_point = SetPoint::from_pose(&goal, &square()).unwrap();
-            let task = ImageTask::new(&set_point, &view(&now, &square()), Some(&now), 1.0).unwrap();
-            let V = joint_velocity(&task, &Matrix6::identity()).unwrap();
+            let task = ImageTask::new(&set_point, &view(&now, &square()), DepthSource::Estimated).unwrap();
+            let V = joint_velocity(&task, 1.0, &Matrix6::identity()).unwrap();
             let h = 0.01;
             let X_CCnext = crate::geometry::integrate_body_twist(&Pose::identity(), &V, h);
             let f = Vector2::new(1.0, 1.0);
@@ -199,26 +201,18 @@ mod tests {
         let goal = Pose::translation(0.0, 0.0, 0.6);
         let set_point = SetPoint::from_pose(&goal, &square()).unwrap();
         let seen = view(&(Pose::translation(0.02, 0.0, 0.0) * goal), &square());
-        let task = ImageTask::new(&set_point, &seen, None, 1.0).unwrap();
+        let task = ImageTask::new(&set_point, &seen, DepthSource::Desired).unwrap();
         let mut J = Matrix6::identity();
         J[(0, 0)] = 1e-9; // the arm can hardly move along x
-        let qd = joint_velocity(&task, &J).unwrap();
+        let qd = joint_velocity(&task, 1.0, &J).unwrap();
         assert!(qd.norm() < 10.0, "{qd}");
     }
 
     #[test]
-    fn useless_measurements_are_refused() {
+    fn a_view_of_other_features_is_refused() {
         let goal = Pose::translation(0.0, 0.0, 0.6);
         let set_point = SetPoint::from_pose(&goal, &square()).unwrap();
-        let good = view(&goal, &square());
-        let with = |change: &dyn Fn(&mut Measurement)| {
-            let mut m = good;
-            change(&mut m);
-            ImageTask::new(&set_point, &m, None, 1.0)
-        };
-        assert!(with(&|_| {}).is_some());
-        assert!(with(&|m| m.status = TargetStatus::NoMatch as u32).is_none());
-        assert!(with(&|m| m.feature_count = 3).is_none());
-        assert!(with(&|m| m.features[1].x = f64::NAN).is_none());
+        assert!(ImageTask::new(&set_point, &view(&goal, &square()), DepthSource::Desired).is_some());
+        assert!(ImageTask::new(&set_point, &view(&goal, &square()[..3]), DepthSource::Desired).is_none());
     }
 }

@@ -1,7 +1,8 @@
 //! The desired features of (10.78): what the camera sees from the desired pose.
 
+use super::View;
 use crate::geometry::Pose;
-use crate::messages::{FeaturePoint, MAX_FEATURES, Measurement};
+use crate::messages::MAX_FEATURES;
 use nalgebra::{Point3, Vector2};
 
 /// Desired feature points `s_d` and their depths in the desired pose.
@@ -68,10 +69,10 @@ impl SetPoint {
     }
 
     /// Root mean square distance between seen and desired features, in pixels of a camera with focal lengths
-    /// `f_px`; NaN when the measurement does not have the set-point's features.
+    /// `f_px`; NaN when the view does not have the set-point's features.
     #[must_use]
-    pub fn error_rms_px(&self, seen: &Measurement, f_px: &Vector2<f64>) -> f64 {
-        self.rms_px(seen.features().iter().map(|f: &FeaturePoint| Vector2::new(f.x, f.y)), f_px)
+    pub fn error_rms_px(&self, seen: &View, f_px: &Vector2<f64>) -> f64 {
+        self.rms_px(seen.features().iter().copied(), f_px)
     }
 
     /// The same for the view from a true pose `X_CO`; NaN when a point lies behind the camera.
@@ -124,7 +125,8 @@ mod tests {
         assert!(s.error_rms_px_at(&X_DO, &f_px) < 1e-12);
         let beside = Pose::translation(0.001, 0.0, 0.0) * X_DO;
         assert!((s.error_rms_px_at(&beside, &f_px) - 1.0).abs() < 1e-9);
-        assert!(s.error_rms_px(&Measurement::default(), &f_px).is_nan(), "no features, no error");
+        let one = View::new([Vector2::zeros()].into_iter(), None).unwrap();
+        assert!(s.error_rms_px(&one, &f_px).is_nan(), "other features, no error");
     }
 
     #[test]
