@@ -4,7 +4,9 @@ use crate::config::raw::{Depth, DriveKind, Update};
 use crate::config::{Config, Source};
 use crate::control_loop::{ControlLoop, RunPlan};
 use crate::controller::{Controller, ControllerSettings};
-use crate::drive::{Drive, IdealDrive, SimulatedDrive, StandstillDrive};
+use crate::drive::{
+    CommandMode, Drive, EncoderModel, IdealDrive, SimulatedDrive, SimulatedDriveSettings, StandstillDrive,
+};
 use crate::messages::MAX_JOINTS;
 use crate::motion::{InverseDynamicsControl, MotionLimits};
 use crate::robot::Robot;
@@ -31,9 +33,17 @@ pub enum AssembleError {
         wanted: usize,
     },
     /// The drive refuses its settings.
-    #[error("drive: {0}")]
+    #[error(transparent)]
     Drive(#[from] crate::drive::SimulatedDriveError),
+    /// An external drive lives in another process: only the control process can make its end.
+    #[error(
+        "drive.kind: an external drive needs the processes of `vservo run`; in one process use simulated or ideal"
+    )]
+    ExternalDrive,
 }
+
+/// A drive of a configuration.
+pub type AnyDrive<const N: usize> = Box<dyn Drive<N> + Send>;
 
 /// The joints' start positions, rad or m.
 ///
@@ -50,6 +60,50 @@ pub fn vision(config: &Config) -> Vision {
     Vision::new(config.camera.model, config.target, settings)
 }
 
+/// The drive of a configuration; an open loop has one that stands still.
+///
+/// # Errors
+/// [`AssembleError`]; an external drive cannot be made here.
+pub fn drive<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<AnyDrive<N>, AssembleError> {
+    let q_start = q_start::<N>(config)?;
+    Ok(match (config.closes_the_loop(), config.drive.kind) {
+        (false, _) => Box::new(StandstillDrive::new(q_start)),
+        (true, DriveKind::Ideal) => {
+            let ideal = IdealDrive::new(q_start);
+            Box::new(if config.drive.mode == CommandMode::Velocity { ideal.by_velocity() } else { ideal })
+        }
+        (true, DriveKind::Simulated) => {
+            Box::new(SimulatedDrive::new(robot.clone(), q_start, simulated_settings(config)?)?)
+        }
+        (true, DriveKind::External) => return Err(AssembleError::ExternalDrive),
+    })
+}
+
+/// The settings of the simulated arm of a configuration.
+///
+/// # Errors
+/// When a list does not fit `N`.
+pub fn simulated_settings<const N: usize>(
+    config: &Config,
+) -> Result<SimulatedDriveSettings<N>, AssembleError> {
+    let arm = &config.drive.simulated;
+    Ok(SimulatedDriveSettings {
+        mode: config.drive.mode,
+        substeps: arm.substeps,
+        friction: arm.friction,
+        effort_limits: arm.effort_limits,
+        command_delay_ticks: arm.command_delay_ticks,
+        payload: arm.payload,
+        encoder: EncoderModel {
+            step: joint_vector("drive.simulated.encoder_step_rad_or_m", &arm.encoder_step)?,
+            noise_sd: joint_vector("drive.simulated.encoder_noise_sd_rad_or_m", &arm.encoder_noise_sd)?,
+            velocity_filter_hz: arm.velocity_filter_hz,
+            seed: config.seed,
+        },
+        servo: arm.servo,
+    })
+}
+
 /// The control core of a configuration, with its drive.
 ///
 /// # Errors
@@ -57,6 +111,19 @@ pub fn vision(config: &Config) -> Vision {
 pub fn control_loop<const N: usize>(
     config: &Config,
     robot: Robot<N>,
+) -> Result<ControlLoop<N>, AssembleError> {
+    let drive = drive(config, &robot)?;
+    control_loop_with(config, robot, drive)
+}
+
+/// The control core of a configuration with a drive that was made elsewhere.
+///
+/// # Errors
+/// As for [`control_loop`].
+pub fn control_loop_with<const N: usize>(
+    config: &Config,
+    robot: Robot<N>,
+    drive: AnyDrive<N>,
 ) -> Result<ControlLoop<N>, AssembleError> {
     let q_start = q_start::<N>(config)?;
     let set_point = SetPoint::from_pose(&config.servo.X_DO, &config.target.points_O())
@@ -71,13 +138,6 @@ pub fn control_loop<const N: usize>(
         )?,
     };
     let closed_loop = config.closes_the_loop();
-    let drive: Box<dyn Drive<N> + Send> = match (closed_loop, config.drive.kind) {
-        (false, _) => Box::new(StandstillDrive::new(q_start)),
-        (true, DriveKind::Ideal) => Box::new(IdealDrive::new(q_start)),
-        (true, DriveKind::Simulated) => {
-            Box::new(SimulatedDrive::new(robot.clone(), q_start, config.drive.substeps)?)
-        }
-    };
     let law = Law::ImageVelocity {
         gain_1_s: config.servo.gain_1_s,
         depth: match config.servo.depth {

@@ -10,6 +10,7 @@ use crate::messages::{
     ControlState, JointState, MAX_JOINTS, Measurement, Status, TargetStatus, frame_flag, joint_flag,
 };
 use crate::run_statistics::{Event, RunStatistics};
+use crate::safety::Fault;
 use crate::schedule::TICK;
 use crate::servo::View;
 use crate::summary::{FinalErrors, Outcome, SafetyReport};
@@ -105,6 +106,9 @@ impl<const N: usize> ControlLoop<N> {
         self.last = now;
         self.sensed = self.drive.read(now);
         self.statistics.hash_state(&self.sensed);
+        if let Some(fault) = self.drive.health().fault {
+            self.controller.fail(fault);
+        }
         joint_state(tick, now, &self.sensed, &self.command)
     }
 
@@ -125,6 +129,9 @@ impl<const N: usize> ControlLoop<N> {
         self.statistics.ticked();
         self.note_state(now, &output);
         let finish = self.finish(now, &output);
+        if finish.is_some() {
+            self.drive.end();
+        }
         let status =
             (tick.is_multiple_of(STATUS_PERIOD) || finish.is_some()).then(|| self.status(tick, now, finish));
         (status, finish)
@@ -151,6 +158,17 @@ impl<const N: usize> ControlLoop<N> {
             self.statistics.event(now, Event::Stopping);
             self.controller.stop();
         }
+    }
+
+    /// The drive cannot be reached any more: the run ends with the next [`act`](Self::act).
+    pub fn drive_failed(&mut self, fault: Fault) {
+        self.controller.fail(fault);
+    }
+
+    /// Ticks that found no new state of the drive in time.
+    #[must_use]
+    pub fn late_drive_states(&self) -> u64 {
+        self.drive.health().late_states
     }
 
     /// What was counted.

@@ -88,6 +88,11 @@ impl<const N: usize> Controller<N> {
         self.stopping = true;
     }
 
+    /// Something outside has failed: the run ends. The first fault is the one that is told.
+    pub fn fail(&mut self, fault: Fault) {
+        self.fault.get_or_insert(fault);
+    }
+
     /// One tick: takes the drive's state and a measurement, if a new one has come, and gives the command for the
     /// time until the next tick.
     pub fn step(
@@ -97,7 +102,9 @@ impl<const N: usize> Controller<N> {
         measurement: Option<&Measurement>,
     ) -> ControlOutput<N> {
         if !drive.q.iter().chain(drive.qd.iter()).all(|x| x.is_finite()) {
-            self.fault = self.fault.or(Some(Fault::DriveStateNotFinite));
+            self.fail(Fault::DriveStateNotFinite);
+        }
+        if self.fault.is_some_and(Fault::blinds) {
             return self.blind_output();
         }
         let Self { settings, watch, .. } = self;

@@ -6,8 +6,13 @@
 //!
 //! ```text
 //! camera --FrameHeader + [u8]--> vision --Measurement--> control --JointState--> camera
-//!                                                           └------Status--> supervisor, views
+//!                                                        │  └------Status--> supervisor, views
+//!                                                        └-DriveCommandMsg--> external drive --DriveStateMsg--> control
 //! ```
+
+mod drive;
+
+pub use drive::{DriveCommandMsg, DriveStateMsg, drive_flag};
 
 use crate::time::MonoNs;
 use iceoryx2::prelude::ZeroCopySend;

@@ -122,6 +122,8 @@ pub struct Summary {
     pub frames_dropped: u64,
     /// How often the target was lost.
     pub target_lost: u64,
+    /// Ticks that found no new state of an external drive in time.
+    pub late_drive_states: u64,
     /// From then on the feature error stayed below 2 % of its first value, s; `null` when it did not.
     pub settling_time_s: Option<f64>,
     /// Errors at the end: against simulated truth where there is one, else from the last measurement.
@@ -155,6 +157,7 @@ impl Summary {
             measurements: 0,
             frames_dropped: 0,
             target_lost: 0,
+            late_drive_states: 0,
             settling_time_s: None,
             final_errors: FinalErrors::default(),
             latency_us: Latencies::default(),
@@ -191,6 +194,9 @@ impl Summary {
             or_unknown(f.position_error_m, 1e3, "mm"),
             or_unknown(f.orientation_error_rad, 180.0 / std::f64::consts::PI, "deg"),
         );
+        if self.late_drive_states > 0 {
+            let _ = writeln!(t, "drive         {} ticks without a new state in time", self.late_drive_states);
+        }
         if let Some(settling) = self.settling_time_s {
             let _ = writeln!(t, "settling      {settling:.3} s to 2 % of the first feature error");
         }

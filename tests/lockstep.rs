@@ -66,7 +66,7 @@ fn every_update_policy_drive_and_depth_converges() {
         ["servo.update=predict", "servo.depth=estimated"],
         ["servo.update=tick", "drive.kind=ideal"],
         ["servo.update=frame", "drive.kind=ideal"],
-        ["servo.depth=estimated", "drive.substeps=2"],
+        ["servo.depth=estimated", "drive.simulated.substeps=2"],
     ] {
         assert_accurate(&lockstep("policy", &["--set", set[0], "--set", set[1]]));
     }

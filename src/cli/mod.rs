@@ -86,7 +86,7 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
     match role {
         Role::Camera => process::camera::run(&config, &instance, &stop).map(|()| 0),
         Role::Vision => process::vision::run(&config, &instance, &stop).map(|()| 0),
-        Role::Control | Role::Supervisor => {
+        Role::Control | Role::Supervisor | Role::Drive => {
             let summary = process::control::run(&config, &instance, &stop)?;
             if let Some(path) = &arguments.summary {
                 supervisor::write_summary(path, &summary)?;

@@ -12,6 +12,7 @@ mod validate;
 pub use source::{Document, Problem};
 
 use crate::camera_model::CameraModel;
+use crate::drive::{CommandMode, InnerServo, Payload};
 use crate::geometry::Pose;
 use crate::robot::RobotDescription;
 use crate::scene::{DotTarget, SceneLook, SensorModel};
@@ -132,12 +133,50 @@ pub struct Motion {
 }
 
 /// The drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Drive {
     /// Kind of drive.
     pub kind: DriveKind,
+    /// What it is commanded by.
+    pub mode: CommandMode,
+    /// Imperfections of the simulated arm.
+    pub simulated: SimulatedArm,
+    /// A drive in another process.
+    pub external: ExternalPlant,
+}
+
+/// Imperfections of the simulated arm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulatedArm {
     /// Integration steps per tick.
     pub substeps: u32,
+    /// Whether friction acts.
+    pub friction: bool,
+    /// Whether effort limits act.
+    pub effort_limits: bool,
+    /// Delay of commands, ticks.
+    pub command_delay_ticks: usize,
+    /// Step of each joint's encoder, rad or m.
+    pub encoder_step: Vec<f64>,
+    /// Noise of each joint's encoder, rad or m.
+    pub encoder_noise_sd: Vec<f64>,
+    /// Cut-off of the velocity filter, Hz.
+    pub velocity_filter_hz: f64,
+    /// A load that the controller does not know.
+    pub payload: Payload,
+    /// The drive's own servo.
+    pub servo: InnerServo,
+}
+
+/// A drive in another process.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExternalPlant {
+    /// Program and arguments; empty where somebody else starts it.
+    pub command: Vec<String>,
+    /// Where it is started.
+    pub folder: PathBuf,
+    /// Longest wait for an answer in lockstep.
+    pub answer_timeout: SpanNs,
 }
 
 /// Reactions to faults.
@@ -145,6 +184,8 @@ pub struct Drive {
 pub struct Safety {
     /// Age of the last good measurement at which the arm slows down and holds.
     pub measurement_timeout: SpanNs,
+    /// Age of an external drive's newest state at which the run ends.
+    pub drive_timeout: SpanNs,
     /// Largest distance of a joint from its reference, rad or m.
     pub max_tracking_error: f64,
 }
@@ -293,6 +334,8 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {
     if !raw.camera.replay.folder.as_os_str().is_empty() {
         raw.camera.replay.folder = absolute("camera.replay.folder", &raw.camera.replay.folder);
     }
+    let plant = &raw.drive.external.folder;
+    raw.drive.external.folder = absolute("drive.external.folder", plant);
     // A word without ending or folder is a name; `robot::load` says which names there are.
     if raw.robot.model.contains(['.', '/']) {
         raw.robot.model = absolute("robot.model", Path::new(&raw.robot.model)).display().to_string();

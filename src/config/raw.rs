@@ -2,6 +2,7 @@
 //!
 //! Each table denies unknown keys. What the values must fulfil stands in `validate`.
 
+use crate::drive::CommandMode;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -311,6 +312,8 @@ word! {
         Simulated,
         /// The joints follow the reference exactly.
         Ideal,
+        /// Another process: a simulator, or the driver of a robot.
+        External,
     }
 }
 
@@ -319,8 +322,50 @@ table! {
     RawDrive {
         /// Kind of drive.
         kind: DriveKind = DriveKind::Simulated,
+        /// What the drive is commanded by; where it is left out: `torque`, for the ideal drive `position`.
+        mode: Option<CommandMode> = None,
+        /// `[drive.simulated]`
+        simulated: RawSimulated = RawSimulated::default(),
+        /// `[drive.external]`
+        external: RawExternal = RawExternal::default(),
+    }
+}
+
+table! {
+    /// Imperfections of the simulated arm that the controller does not know of.
+    RawSimulated {
         /// Integration steps (Runge-Kutta of fourth order) in a tick of 1 ms.
         substeps: u32 = 1,
+        /// Whether the friction of the robot file acts.
+        friction: bool = true,
+        /// Whether torques are cut at the effort limits of the robot file.
+        effort_limits: bool = true,
+        /// Ticks from the writing of a command to its effect, beside the one in which it is computed.
+        command_delay_ticks: u32 = 0,
+        /// Step of the joint encoders, rad or m; one value stands for all joints, 0 is exact.
+        encoder_step_rad_or_m: Vec<f64> = vec![0.0],
+        /// Standard deviation of the encoders' noise, rad or m; one value stands for all joints.
+        encoder_noise_sd_rad_or_m: Vec<f64> = vec![0.0],
+        /// With steps or noise, velocity is the difference of positions behind a low-pass with this cut-off, Hz.
+        velocity_filter_hz: f64 = 100.0,
+        /// A load at the flange, kg.
+        payload_kg: f64 = 0.0,
+        /// Its centre of mass in the flange frame, m.
+        payload_com_m: [f64; 3] = [0.0, 0.0, 0.05],
+        /// Poles of the drive's own servo in the modes velocity and position, rad/s.
+        servo_natural_frequency_rad_s: f64 = 60.0,
+    }
+}
+
+table! {
+    /// A drive in another process.
+    RawExternal {
+        /// Program and arguments that `vservo run` starts as the drive; empty where it is started by other means.
+        command: Vec<String> = Vec::new(),
+        /// Folder in which it is started; that of the run file where it is left out.
+        folder: PathBuf = PathBuf::new(),
+        /// In lockstep: a drive that has not answered a command for so long has hung, s.
+        answer_timeout_s: f64 = 10.0,
     }
 }
 
@@ -329,6 +374,8 @@ table! {
     RawSafety {
         /// Age of the last good measurement at which the arm slows down and holds, ms.
         measurement_timeout_ms: f64 = 200.0,
+        /// Age of an external drive's newest state at which the run ends as a fault, ms; in real time only.
+        drive_timeout_ms: f64 = 20.0,
         /// Distance of a joint from its reference at which the run ends as a fault, rad or m.
         max_tracking_error_rad_or_m: f64 = 0.1,
     }

@@ -1,8 +1,10 @@
 //! What the values of a run file must fulfil, alone and together; every violation is reported, not the first one.
 
+mod drive;
+
 use super::raw::{Clock, RawConfig, RawPose, RealtimePolicy, SourceKind, TargetKind};
 use super::{
-    Camera, Config, Document, Drive, Goal, Motion, Problem, Realtime, RealtimeRequest, Safety, Servo, Source,
+    Camera, Config, Document, Goal, Motion, Problem, Realtime, RealtimeRequest, Safety, Servo, Source,
 };
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
@@ -81,13 +83,13 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     let natural_frequency_rad_s =
         check.range("motion.natural_frequency_rad_s", raw.motion.natural_frequency_rad_s, 1.0..=300.0);
     let damping_ratio = check.range("motion.damping_ratio", raw.motion.damping_ratio, 0.1..=5.0);
-    let substeps = check.count("drive.substeps", raw.drive.substeps, 1..=100);
     let safety = Safety {
         measurement_timeout: check.span_ms(
             "safety.measurement_timeout_ms",
             raw.safety.measurement_timeout_ms,
             1.0..=60_000.0,
         ),
+        drive_timeout: check.span_ms("safety.drive_timeout_ms", raw.safety.drive_timeout_ms, 2.0..=10_000.0),
         max_tracking_error: check.range(
             "safety.max_tracking_error_rad_or_m",
             raw.safety.max_tracking_error_rad_or_m,
@@ -97,6 +99,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
     let before_arm = check.problems.len();
     let arm = arm(&raw, check);
+    let drive = drive::drive(&raw, arm.as_ref().map(|(robot, _)| robot), check);
     let arm_is_good = check.problems.len() == before_arm;
     let (robot, max_acceleration) = match arm {
         Some((robot, acceleration)) => (Some(robot), acceleration),
@@ -125,7 +128,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         track: raw.vision.track,
         servo: Servo { update: raw.servo.update, gain_1_s, depth: raw.servo.depth, X_DO },
         motion: Motion { max_acceleration, natural_frequency_rad_s, damping_ratio },
-        drive: Drive { kind: raw.drive.kind, substeps },
+        drive,
         safety,
         realtime: Realtime {
             policy: raw.realtime.policy,

@@ -3,30 +3,48 @@
 //! ```text
 //! read(now) -> DriveState -> Controller::step -> DriveCommand -> write(command), held until the next one
 //! ```
+//!
+//! | drive | takes | what it is |
+//! | --- | --- | --- |
+//! | [`SimulatedDrive`] | torque, velocity, position | rigid body with friction, limits, encoders, delay |
+//! | [`IdealDrive`] | velocity, position | joints that follow the reference exactly |
+//! | [`ExternalDrive`] | what its plant says | another process, over a [`PlantLink`] |
+//! | [`StandstillDrive`] | everything | an arm that does not move: replayed pictures |
 
+mod delay;
+mod encoder;
+mod external;
+mod friction;
 mod ideal;
+mod inner_servo;
+mod mode;
 mod simulated;
 mod standstill;
 
+pub use encoder::EncoderModel;
+pub use external::{ExternalDrive, PlantLink};
 pub use ideal::IdealDrive;
-pub use simulated::{SimulatedDrive, SimulatedDriveError};
+pub use inner_servo::InnerServo;
+pub use mode::CommandMode;
+pub use simulated::{Payload, SimulatedDrive, SimulatedDriveError, SimulatedDriveSettings};
 pub use standstill::StandstillDrive;
 
+use crate::safety::Fault;
 use crate::time::MonoNs;
 use nalgebra::SVector;
 
 /// What a drive reports.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveState<const N: usize> {
-    /// Joint positions, rad or m.
+    /// Measured joint positions, rad or m.
     pub q: SVector<f64, N>,
-    /// Joint velocities.
+    /// Measured joint velocities.
     pub qd: SVector<f64, N>,
     /// The true positions and velocities, where the arm is simulated.
     pub truth: Option<(SVector<f64, N>, SVector<f64, N>)>,
 }
 
-/// What a drive is told; which part it obeys is its own matter.
+/// What a drive is told; which part it obeys is its [`CommandMode`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveCommand<const N: usize> {
     /// Torques or forces, N m or N.
@@ -37,6 +55,15 @@ pub struct DriveCommand<const N: usize> {
     pub qd_r: SVector<f64, N>,
 }
 
+/// How a drive fares.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct DriveHealth {
+    /// Ticks that found no new state in time.
+    pub late_states: u64,
+    /// Why its states cannot be used any more.
+    pub fault: Option<Fault>,
+}
+
 /// An arm.
 pub trait Drive<const N: usize> {
     /// The state at `now`, which never runs backwards.
@@ -44,4 +71,15 @@ pub trait Drive<const N: usize> {
 
     /// Takes a command, which holds until the next one.
     fn write(&mut self, command: &DriveCommand<N>);
+
+    /// The commands that it can obey.
+    fn modes(&self) -> &'static [CommandMode];
+
+    /// How the last [`read`](Self::read) went.
+    fn health(&self) -> DriveHealth {
+        DriveHealth::default()
+    }
+
+    /// No command follows: the arm stays where it is by its own means.
+    fn end(&mut self) {}
 }

@@ -1,10 +1,21 @@
-//! A rigid-body arm: `B(q) qdd + C(q, qd) qd + g(q) = tau`, integrated by Runge-Kutta of fourth order in equal
-//! sub-steps of at most 1 ms. The torque is held between commands, as a real drive does.
+//! A rigid-body arm: `B(q) qdd + C(q, qd) qd + g(q) + friction(qd) = tau`, integrated by Runge-Kutta of fourth order
+//! between two half steps of implicit friction, in equal sub-steps of at most 1 ms, with what a real drive has beside
+//! it: effort limits, encoders, a delay of its commands, a load that the controller does not know.
+//!
+//! ```text
+//! write ─► delay ─► torque, or inner servo (velocity, position) ─► effort limits ─► arm ─► truth
+//! read  ◄───────────────────────────────────────────────────────────── encoders ◄───┘
+//! ```
+//! Until the first command arrives the arm is held by its brakes and does not move.
 
-use super::{Drive, DriveCommand, DriveState};
+use super::delay::{Delay, MAX_DELAY};
+use super::encoder::Encoder;
+use super::friction::{after_friction, has_friction};
+use super::inner_servo::Loop;
+use super::{CommandMode, Drive, DriveCommand, DriveState, EncoderModel, InnerServo};
 use crate::robot::Robot;
 use crate::time::MonoNs;
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 use thiserror::Error;
 
 /// Longest integration step: the dynamics of an arm is well resolved below it.
@@ -14,35 +25,115 @@ const LONGEST_STEP_NS: i64 = 1_000_000;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum SimulatedDriveError {
     /// No sub-steps.
-    #[error("the number of sub-steps in a tick must be at least 1")]
+    #[error("drive.simulated.substeps: the number of sub-steps in a tick must be at least 1")]
     NoSubsteps,
+    /// The delay does not fit the delay line.
+    #[error("drive.simulated.command_delay_ticks: {0} ticks, at most {MAX_DELAY} are possible")]
+    Delay(usize),
+}
+
+/// A point mass at the flange.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Payload {
+    /// kg; 0 has no effect.
+    pub mass_kg: f64,
+    /// Its place in the flange frame, m.
+    pub com_E: Vector3<f64>,
+}
+
+/// What a simulated arm is made of, beside its rigid bodies.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulatedDriveSettings<const N: usize> {
+    /// What it obeys.
+    pub mode: CommandMode,
+    /// Integration steps per millisecond, at least 1.
+    pub substeps: u32,
+    /// Whether the joints' friction acts.
+    pub friction: bool,
+    /// Whether torques are cut at the effort limits.
+    pub effort_limits: bool,
+    /// Commands between the one that is written and the one that acts.
+    pub command_delay_ticks: usize,
+    /// A load that neither controller nor inner servo knows.
+    pub payload: Payload,
+    /// Encoders.
+    pub encoder: EncoderModel<N>,
+    /// The servo for velocity and position commands.
+    pub servo: InnerServo,
+}
+
+impl<const N: usize> Default for SimulatedDriveSettings<N> {
+    /// Commanded by torque, with friction and effort limits, everything else ideal.
+    fn default() -> Self {
+        Self {
+            mode: CommandMode::Torque,
+            substeps: 1,
+            friction: true,
+            effort_limits: true,
+            command_delay_ticks: 0,
+            payload: Payload { mass_kg: 0.0, com_E: Vector3::zeros() },
+            encoder: EncoderModel::exact(),
+            servo: InnerServo { natural_frequency_rad_s: 60.0 },
+        }
+    }
 }
 
 /// A simulated arm.
 #[derive(Debug, Clone)]
 pub struct SimulatedDrive<const N: usize> {
+    /// As its maker knows it: what the inner servo computes with.
+    nominal: Robot<N>,
+    /// As it is.
     robot: Robot<N>,
     q: SVector<f64, N>,
     qd: SVector<f64, N>,
-    tau: SVector<f64, N>,
     time: Option<MonoNs>,
     step_ns: i64,
+    mode: CommandMode,
+    friction: bool,
+    effort_limits: bool,
+    commands: Delay<N>,
+    servo: Loop<N>,
+    encoder: Encoder<N>,
 }
 
 impl<const N: usize> SimulatedDrive<N> {
-    /// An arm at rest in `q`, integrated in `substeps` equal steps per millisecond.
-    ///
-    /// Until the first command it is held by its brakes: torque that balances gravity in `q`.
+    /// An arm at rest in `q`.
     ///
     /// # Errors
-    /// When `substeps` is zero.
-    pub fn new(robot: Robot<N>, q: SVector<f64, N>, substeps: u32) -> Result<Self, SimulatedDriveError> {
-        if substeps == 0 {
+    /// When there are no sub-steps, or the delay is too long.
+    pub fn new(
+        robot: Robot<N>,
+        q: SVector<f64, N>,
+        settings: SimulatedDriveSettings<N>,
+    ) -> Result<Self, SimulatedDriveError> {
+        if settings.substeps == 0 {
             return Err(SimulatedDriveError::NoSubsteps);
         }
-        let tau = robot.gravity(&q);
-        let step_ns = (LONGEST_STEP_NS / i64::from(substeps)).max(1);
-        Ok(Self { robot, q, qd: SVector::zeros(), tau, time: None, step_ns })
+        if settings.command_delay_ticks > MAX_DELAY {
+            return Err(SimulatedDriveError::Delay(settings.command_delay_ticks));
+        }
+        let payload = settings.payload;
+        Ok(Self {
+            q,
+            qd: SVector::zeros(),
+            time: None,
+            step_ns: (LONGEST_STEP_NS / i64::from(settings.substeps)).max(1),
+            mode: settings.mode,
+            friction: settings.friction && has_friction(&robot),
+            robot: robot.clone().with_payload(payload.mass_kg, &payload.com_E),
+            nominal: robot,
+            effort_limits: settings.effort_limits,
+            commands: Delay::new(settings.command_delay_ticks),
+            servo: Loop::new(settings.servo),
+            encoder: Encoder::new(settings.encoder),
+        })
+    }
+
+    /// The same arm moving with `qd`, rad/s or m/s.
+    #[must_use]
+    pub fn with_velocity(self, qd: SVector<f64, N>) -> Self {
+        Self { qd, ..self }
     }
 
     /// Kinetic and potential energy, J.
@@ -51,8 +142,24 @@ impl<const N: usize> SimulatedDrive<N> {
         self.robot.kinetic_energy(&self.q, &self.qd) + self.robot.potential_energy(&self.q)
     }
 
+    /// The torque that acts for the next `h` seconds; `None` while the brakes hold.
+    fn torque(&mut self, h: f64) -> Option<SVector<f64, N>> {
+        let command = self.commands.arrived()?;
+        let mut tau = self.servo.torque(&self.nominal, self.mode, command, (&self.q, &self.qd), h);
+        if self.effort_limits {
+            for (tau, limit) in tau.iter_mut().zip(self.robot.limits()) {
+                *tau = tau.clamp(-limit.effort, limit.effort);
+            }
+        }
+        Some(tau)
+    }
+
     fn integrate(&mut self, h: f64) {
-        let f = |q: &SVector<f64, N>, qd: &SVector<f64, N>| self.robot.forward_dynamics(q, qd, &self.tau);
+        let Some(tau) = self.torque(h) else { return };
+        let f = |q: &SVector<f64, N>, qd: &SVector<f64, N>| self.robot.forward_dynamics(q, qd, &tau);
+        if self.friction {
+            self.qd = after_friction(&self.robot, &self.q, &self.qd, h / 2.0);
+        }
         let (q, v) = (self.q, self.qd);
         let a1 = f(&q, &v);
         let (q2, v2) = (q + v * (h / 2.0), v + a1 * (h / 2.0));
@@ -63,22 +170,34 @@ impl<const N: usize> SimulatedDrive<N> {
         let a4 = f(&q4, &v4);
         self.q = q + (v + v2 * 2.0 + v3 * 2.0 + v4) * (h / 6.0);
         self.qd = v + (a1 + a2 * 2.0 + a3 * 2.0 + a4) * (h / 6.0);
+        if self.friction {
+            self.qd = after_friction(&self.robot, &self.q, &self.qd, h / 2.0);
+        }
     }
 }
 
 impl<const N: usize> Drive<N> for SimulatedDrive<N> {
     fn read(&mut self, now: MonoNs) -> DriveState<N> {
-        let mut time = *self.time.get_or_insert(now);
+        let before = *self.time.get_or_insert(now);
+        let mut time = before;
         while time < now {
             let step_ns = (now - time).0.min(self.step_ns);
             self.integrate(step_ns as f64 * 1e-9);
             time.0 += step_ns;
         }
         self.time = Some(time);
-        DriveState { q: self.q, qd: self.qd, truth: Some((self.q, self.qd)) }
+        let (q, qd) = self.encoder.read(&self.q, &self.qd, (time - before).as_s());
+        DriveState { q, qd, truth: Some((self.q, self.qd)) }
     }
 
     fn write(&mut self, command: &DriveCommand<N>) {
-        self.tau = command.tau;
+        self.commands.push(command);
+    }
+
+    fn modes(&self) -> &'static [CommandMode] {
+        &CommandMode::ALL
     }
 }
+
+#[cfg(test)]
+mod tests;

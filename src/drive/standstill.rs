@@ -1,6 +1,6 @@
 //! An arm that does not move, whatever it is told: for runs whose pictures come from files, where the loop is open.
 
-use super::{Drive, DriveCommand, DriveState};
+use super::{CommandMode, Drive, DriveCommand, DriveState};
 use crate::time::MonoNs;
 use nalgebra::SVector;
 
@@ -24,4 +24,8 @@ impl<const N: usize> Drive<N> for StandstillDrive<N> {
     }
 
     fn write(&mut self, _command: &DriveCommand<N>) {}
+
+    fn modes(&self) -> &'static [CommandMode] {
+        &CommandMode::ALL
+    }
 }

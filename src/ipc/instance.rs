@@ -60,11 +60,13 @@ pub enum Role {
     Vision,
     /// Moves the arm.
     Control,
+    /// Stands for the arm: the program of an external drive.
+    Drive,
 }
 
 impl Role {
     /// All roles.
-    pub const ALL: [Self; 4] = [Self::Supervisor, Self::Camera, Self::Vision, Self::Control];
+    pub const ALL: [Self; 5] = [Self::Supervisor, Self::Camera, Self::Vision, Self::Control, Self::Drive];
 
     /// The role's name: that of its sub-command and its lock.
     #[must_use]
@@ -74,6 +76,7 @@ impl Role {
             Self::Camera => "camera",
             Self::Vision => "vision",
             Self::Control => "control",
+            Self::Drive => "drive",
         }
     }
 }
@@ -125,6 +128,17 @@ impl Instance {
     #[must_use]
     pub fn config_path(&self) -> PathBuf {
         self.directory().join("config.toml")
+    }
+
+    /// What a program that is no part of this one needs to join: name, prefix, root path, run file.
+    #[must_use]
+    pub fn environment(&self) -> [(&'static str, String); 4] {
+        [
+            ("VSERVO_INSTANCE", self.name.clone()),
+            ("VSERVO_PREFIX", self.prefix()),
+            ("VSERVO_ROOT", self.directory().display().to_string()),
+            ("VSERVO_CONFIG", self.config_path().display().to_string()),
+        ]
     }
 
     /// No instance name contains a dot, so that no prefix is the beginning of another one.

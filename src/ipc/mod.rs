@@ -7,8 +7,10 @@
 //! vision/0/measurement       Measurement                camera's  vision     control
 //! control/joint_state        JointState                 1 kHz     control    camera
 //! control/status             Status                     50 Hz     control    supervisor, views
+//! drive/command              DriveCommandMsg            1 kHz     control    external drive
+//! drive/state                DriveStateMsg              1 kHz     ext. drive control
 //! ```
-//! The first three have an event of the same name beside them that wakes the reader.
+//! All but the status have an event of the same name beside them that wakes the reader.
 
 mod error;
 mod instance;

@@ -3,7 +3,7 @@
 
 use super::ports::{Bell, FrameReceiver, FrameSender, Receiver, Sender, Waker};
 use super::{Instance, InstanceError, IpcError};
-use crate::messages::{FrameHeader, JointState, Measurement, Status};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Status};
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::*;
@@ -18,6 +18,9 @@ const MAX_NODES: usize = 8;
 const JOINT_STATE_BUFFER: usize = 1024;
 /// Measurements in flight in lockstep; more than any latency at any rate.
 const MEASUREMENT_BUFFER: usize = 1024;
+
+/// Commands and states of an external drive that wait for their reader.
+const DRIVE_BUFFER: usize = 64;
 
 /// How large frames are, and how many of them may be in flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -140,6 +143,52 @@ impl Services {
     /// When the service or the port cannot be made.
     pub fn status_receiver(&self) -> Result<Receiver<Status>, IpcError> {
         self.receiver("control/status", 1, 1)
+    }
+
+    /// Control's end of `drive/command`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn drive_command_sender(&self) -> Result<Sender<DriveCommandMsg>, IpcError> {
+        self.sender("drive/command", DRIVE_BUFFER)
+    }
+
+    /// An external drive's end of `drive/command`, and the waker that rings with it. To be made before that of
+    /// `drive/state`: with both, the drive counts as present.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn drive_command_receiver(&self) -> Result<(Receiver<DriveCommandMsg>, Waker), IpcError> {
+        let receiver = self.receiver("drive/command", DRIVE_BUFFER, DRIVE_BUFFER)?;
+        Ok((receiver, self.waker("drive/command")?))
+    }
+
+    /// An external drive's end of `drive/state`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn drive_state_sender(&self) -> Result<Sender<DriveStateMsg>, IpcError> {
+        self.sender("drive/state", DRIVE_BUFFER)
+    }
+
+    /// Control's end of `drive/state`, and the waker that rings with it.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn drive_state_receiver(&self) -> Result<(Receiver<DriveStateMsg>, Waker), IpcError> {
+        let receiver = self.receiver("drive/state", DRIVE_BUFFER, DRIVE_BUFFER)?;
+        Ok((receiver, self.waker("drive/state")?))
+    }
+
+    /// Whether an external drive has joined: it hears commands and sends states.
+    ///
+    /// # Errors
+    /// When a service cannot be opened.
+    pub fn plant_is_there(&self) -> Result<bool, IpcError> {
+        let states = self.publish_subscribe::<DriveStateMsg>("drive/state", DRIVE_BUFFER)?;
+        let commands = self.publish_subscribe::<DriveCommandMsg>("drive/command", DRIVE_BUFFER)?;
+        Ok(states.dynamic_config().number_of_publishers() > 0
+            && commands.dynamic_config().number_of_subscribers() > 0)
     }
 
     /// Which peers have joined; their ports, once made, miss nothing that is sent afterwards.

@@ -33,6 +33,34 @@ pub enum ProcessError {
     /// Real-time scheduling was refused under policy `enforce`.
     #[error(transparent)]
     Scheduling(#[from] SchedulingError),
+    /// The external drive has another number of joints.
+    #[error(
+        "the external drive has {plant} joints, the robot of the run file {robot}: start it with the same robot"
+    )]
+    PlantJoints {
+        /// The drive's.
+        plant: u32,
+        /// The robot's.
+        robot: u32,
+    },
+    /// The external drive does not take the commands that it is to be given.
+    #[error("drive.mode: the external drive does not take {mode} commands; it takes: {takes}")]
+    PlantMode {
+        /// What was asked for.
+        mode: crate::drive::CommandMode,
+        /// What it takes.
+        takes: String,
+    },
+    /// The program of the external drive cannot be started.
+    #[error("drive.external.command: cannot start `{program}` in {folder}: {cause}", folder = folder.display())]
+    Plant {
+        /// The program.
+        program: String,
+        /// Where it was to be started.
+        folder: PathBuf,
+        /// The system's word for it.
+        cause: std::io::Error,
+    },
     /// A file cannot be written.
     #[error("{path}: cannot be written: {cause}; choose another place or free some space", path = path.display())]
     Write {
@@ -71,6 +99,9 @@ impl ProcessError {
             | Self::Assemble(_)
             | Self::Scheduling(_)
             | Self::Write { .. }
+            | Self::PlantJoints { .. }
+            | Self::PlantMode { .. }
+            | Self::Plant { .. }
             | Self::Instance(InstanceError::Name(_) | InstanceError::Taken { .. }) => 3,
             Self::Instance(InstanceError::Place { .. })
             | Self::Ipc(_)

@@ -5,6 +5,7 @@
 //! | no good measurement for `measurement_timeout` | reference slows down within its limits, arm holds, run goes on; the next good measurement resumes it |
 //! | drive reports NaN or infinity | command of the previous tick without motion, run ends as fault |
 //! | joint farther from its reference than `tracking_error` | reference slows down, arm holds, run ends as fault |
+//! | external drive: states stop, plant leaves, hangs or answers out of step | as for NaN: nothing can be computed any more |
 
 use crate::time::{MonoNs, SpanNs};
 use serde::Serialize;
@@ -17,9 +18,23 @@ pub enum Fault {
     DriveStateNotFinite,
     /// A joint is too far from its reference.
     TrackingError,
+    /// The external drive's newest state is too old.
+    DriveStale,
+    /// The external drive has left the instance.
+    DriveLeft,
+    /// The external drive did not answer a command.
+    DriveSilent,
+    /// The external drive answered a command with a state of another tick or arm.
+    DriveOutOfStep,
 }
 
 impl Fault {
+    /// Whether there is no joint state any more to compute with.
+    #[must_use]
+    pub fn blinds(self) -> bool {
+        !matches!(self, Self::TrackingError)
+    }
+
     /// What happened, for people.
     #[must_use]
     pub fn describe(self) -> &'static str {
@@ -27,6 +42,14 @@ impl Fault {
             Self::DriveStateNotFinite => "the drive reported a joint state that is not finite",
             Self::TrackingError => {
                 "a joint is farther from its reference than safety.max_tracking_error_rad_or_m"
+            }
+            Self::DriveStale => "the external drive's states stopped for longer than safety.drive_timeout_ms",
+            Self::DriveLeft => "the external drive has left",
+            Self::DriveSilent => {
+                "the external drive did not answer a command within drive.external.answer_timeout_s"
+            }
+            Self::DriveOutOfStep => {
+                "the external drive answered with a state of another tick or another number of joints"
             }
         }
     }

@@ -4,12 +4,14 @@
 //! exactly `latency` later, and the loop waits there until it has come. Nothing else decides: not the machine's load, not
 //! the order in which processes run.
 
+use super::plant::{self, Answer, PlantPorts};
 use super::{Pace, Ports, STOP_REASON};
 use crate::config::Config;
 use crate::control_loop::ControlLoop;
 use crate::ipc::{FrameShape, Services};
 use crate::messages::{Measurement, frame_flag};
 use crate::process::{LONGEST_WAIT, ProcessError, StopFlag};
+use crate::safety::Fault;
 use crate::schedule::{FrameSchedule, TICK};
 use crate::summary::TickTimes;
 use crate::time::MonoNs;
@@ -43,6 +45,7 @@ pub(super) fn run<const N: usize>(
     config: &Config,
     mut control: ControlLoop<N>,
     ports: &Ports,
+    mut plant: Option<PlantPorts<'_>>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, Pace), ProcessError> {
     let schedule = FrameSchedule::new(config.camera.rate_hz);
@@ -51,6 +54,19 @@ pub(super) fn run<const N: usize>(
     let mut tick = 0;
     loop {
         let now = MonoNs(TICK.0 * tick as i64);
+        // The first state came when the plant was connected.
+        if let Some(plant) = &mut plant
+            && tick > 0
+        {
+            match plant.wait_for_state(tick, stop)? {
+                Answer::Here => {}
+                Answer::Stopped => {
+                    control.stop(now, STOP_REASON);
+                    control.drive_failed(Fault::DriveSilent);
+                }
+                Answer::Failed(fault) => control.drive_failed(fault),
+            }
+        }
         let state = control.sense(tick, now);
         if schedule.frame_at(tick).is_some() {
             ports.joint_state.send(&state)?;
@@ -67,10 +83,14 @@ pub(super) fn run<const N: usize>(
         }
         let (status, finish) = control.act(tick, now, measurement.as_ref());
         control.commanded(now);
+        if let Some(plant) = &mut plant {
+            plant.send()?;
+        }
         if let Some(status) = status {
             ports.status.send_quietly(&status)?;
         }
         if let Some(finish) = finish {
+            plant::farewell(plant)?;
             return Ok((control, Pace { finish, missed_deadlines: 0, tick_us: TickTimes::default() }));
         }
         tick += 1;

@@ -2,6 +2,7 @@
 //! carries measurements in and records out; in lockstep one thread does both, because its time is simulated.
 
 mod lockstep;
+mod plant;
 mod realtime;
 
 use super::{Membership, ProcessError, StopFlag, frame_shape};
@@ -55,16 +56,24 @@ fn run_robot<const N: usize>(
     instance: &Instance,
     stop: &StopFlag,
 ) -> Result<Summary, ProcessError> {
-    let control = crate::assemble::control_loop(config, robot)?;
     let membership = Membership::join(instance, Role::Control)?;
+    let (control, mut plant) = match plant::open::<N>(config, membership.services())? {
+        Some((drive, ports)) => {
+            (crate::assemble::control_loop_with(config, robot, Box::new(drive))?, Some(ports))
+        }
+        None => (crate::assemble::control_loop(config, robot)?, None),
+    };
     let ports = Ports::open(membership.services())?;
     if config.clock == Clock::Lockstep {
         lockstep::wait_for_peers(membership.services(), frame_shape(config), stop)?;
     }
+    if let Some(plant) = &mut plant {
+        plant.connect(config, stop)?;
+    }
     let start = now();
     let (control, pace) = match config.clock {
-        Clock::Realtime => realtime::run(config, control, &ports, stop)?,
-        Clock::Lockstep => lockstep::run(config, control, &ports, stop)?,
+        Clock::Realtime => realtime::run(config, control, &ports, plant, stop)?,
+        Clock::Lockstep => lockstep::run(config, control, &ports, plant, stop)?,
     };
     Ok(summary(config, &control, &pace, now() - start))
 }
@@ -87,6 +96,7 @@ fn summary<const N: usize>(config: &Config, control: &ControlLoop<N>, pace: &Pac
         measurements: statistics.measurements(),
         frames_dropped: m.frames_dropped,
         target_lost: m.target_lost,
+        late_drive_states: control.late_drive_states(),
         settling_time_s: control.settling_time_s(),
         final_errors: control.final_errors(),
         latency_us: statistics.latencies(),

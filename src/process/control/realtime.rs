@@ -4,10 +4,12 @@
 //! companion thread                              real-time thread
 //! measurement port ──ring──────────────────────► newest ─► ControlLoop::tick
 //! joint_state, status ports ◄──ring────────────── records
+//! drive/state, drive/command ◄─rings─────────────► ExternalDrive, where there is one
 //! ```
 //! The real-time thread makes no system call but its sleep, and does not allocate. A late tick is counted; ticks that
 //! have passed are skipped, never caught up.
 
+use super::plant::{self, PlantPorts};
 use super::{Pace, Ports, STOP_REASON};
 use crate::config::raw::RealtimePolicy;
 use crate::config::{Config, RealtimeRequest};
@@ -30,6 +32,8 @@ const RECORDS: usize = 1024;
 const MEASUREMENTS: usize = 64;
 /// The companion looks after the rings at least so often.
 const COMPANION_PERIOD: Duration = Duration::from_millis(1);
+/// With an external drive its states wake the companion; nobody wakes it for a command, so it looks more often.
+const COMPANION_PERIOD_WITH_PLANT: Duration = Duration::from_micros(200);
 /// From the start of the thread to its first tick.
 const LEAD: SpanNs = SpanNs(2_000_000);
 
@@ -38,6 +42,7 @@ pub(super) fn run<const N: usize>(
     config: &Config,
     control: ControlLoop<N>,
     ports: &Ports,
+    mut plant: Option<PlantPorts<'_>>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, Pace), ProcessError> {
     let (records, to_send) = RingBuffer::new(RECORDS);
@@ -66,9 +71,13 @@ pub(super) fn run<const N: usize>(
     let mut companion = Companion { ports, received, to_send, unsent: 0 };
     while !thread.is_finished() {
         companion.carry()?;
-        ports.waker.wait(COMPANION_PERIOD)?;
+        match &mut plant {
+            Some(plant) => plant.carry(COMPANION_PERIOD_WITH_PLANT)?,
+            None => ports.waker.wait(COMPANION_PERIOD)?,
+        }
     }
     companion.carry()?;
+    plant::farewell(plant)?;
     if companion.unsent > 0 {
         warn!(count = companion.unsent, "measurements came faster than control took them");
     }

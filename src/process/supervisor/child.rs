@@ -1,10 +1,12 @@
 //! A process that the supervisor started: this same executable in another role.
 
+use crate::config::ExternalPlant;
 use crate::ipc::{Instance, Role};
 use crate::process::ProcessError;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 use std::fmt;
 use std::io::Read;
+use std::os::fd::AsFd;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
@@ -66,6 +68,28 @@ impl Child {
         Ok(Self { role, process, end: None, output })
     }
 
+    /// Starts the program of an external drive. It ends with the supervisor, whatever ends that.
+    pub(super) fn spawn_plant(
+        plant: &ExternalPlant,
+        instance: &Instance,
+    ) -> Result<Option<Self>, ProcessError> {
+        let [program, arguments @ ..] = plant.command.as_slice() else { return Ok(None) };
+        let failed =
+            |cause| ProcessError::Plant { program: program.clone(), folder: plant.folder.clone(), cause };
+        let mut command = Command::new(program);
+        command
+            .args(arguments)
+            .current_dir(&plant.folder)
+            .envs(instance.environment())
+            .stdin(Stdio::null())
+            // stdout belongs to the results of the run.
+            .stdout(std::io::stderr().as_fd().try_clone_to_owned().map_err(failed)?)
+            .process_group(0);
+        end_with_parent(&mut command);
+        let process = command.spawn().map_err(failed)?;
+        Ok(Some(Self { role: Role::Drive, process, end: None, output: None }))
+    }
+
     pub(super) fn role(&self) -> Role {
         self.role
     }
@@ -106,6 +130,14 @@ impl Child {
     pub(super) fn take_output(&mut self) -> Option<String> {
         self.output.take()?.join().ok()
     }
+}
+
+/// Makes the kernel end the process with SIGTERM when the supervisor dies.
+#[allow(unsafe_code)]
+fn end_with_parent(command: &mut Command) {
+    let armed = || set_parent_process_death_signal(Some(Signal::TERM)).map_err(std::io::Error::from);
+    // SAFETY: between fork and exec the closure makes one system call and neither allocates nor takes a lock.
+    unsafe { command.pre_exec(armed) };
 }
 
 impl Drop for Child {

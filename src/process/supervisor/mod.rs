@@ -12,6 +12,7 @@ mod progress;
 
 use super::{ProcessError, StopFlag};
 use crate::config::Config;
+use crate::config::raw::DriveKind;
 use crate::ipc::{Instance, InstanceError, Role, Services};
 use crate::rt::now;
 use crate::summary::{Outcome, Summary};
@@ -26,6 +27,8 @@ use tracing::{error, warn};
 const SHUTDOWN: SpanNs = SpanNs(1_800_000_000);
 /// Share of it for control alone, which brings the arm to rest first.
 const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(1_200_000_000);
+/// From the orderly end of an external drive's program to that of control.
+const PLANT_LEAVES: SpanNs = SpanNs(2_000_000_000);
 const WATCH_PERIOD: Duration = Duration::from_millis(10);
 
 /// What a run is to leave, and where.
@@ -98,7 +101,10 @@ impl Drop for Place {
 fn supervise(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<RunEnd, ProcessError> {
     let start = now();
     let mut control = Child::spawn(Role::Control, instance)?;
-    let mut others = [Child::spawn(Role::Vision, instance)?, Child::spawn(Role::Camera, instance)?];
+    let mut others = vec![Child::spawn(Role::Vision, instance)?, Child::spawn(Role::Camera, instance)?];
+    if config.drive.kind == DriveKind::External {
+        others.extend(Child::spawn_plant(&config.drive.external, instance)?);
+    }
 
     let failure = watch(instance, &mut control, &mut others, stop);
     let end = shut_down(&mut control, &mut others);
@@ -118,6 +124,7 @@ fn watch(instance: &Instance, control: &mut Child, others: &mut [Child], stop: &
     let services = Services::join(instance).ok();
     let status = services.as_ref().and_then(|s| s.status_receiver().ok());
     let mut progress = Progress::new();
+    let mut plant_left = None;
     loop {
         if let Some(Ok(Some(status))) = status.as_ref().map(|s| s.receive_newest()) {
             progress.show(&status);
@@ -126,7 +133,13 @@ fn watch(instance: &Instance, control: &mut Child, others: &mut [Child], stop: &
             progress.end();
             return None;
         }
-        if let Some((role, end)) = others.iter_mut().find_map(|c| c.poll().map(|end| (c.role(), end))) {
+        let ended = others.iter_mut().filter_map(|c| c.poll().map(|end| (c.role(), end)));
+        // A plant may leave as soon as it was told that the run is over; control has yet to say how it went.
+        let mut ended = ended.filter(|(role, end)| {
+            let leaves = *role == Role::Drive && end.exit_code() == Some(0);
+            !leaves || now() - *plant_left.get_or_insert_with(now) > PLANT_LEAVES
+        });
+        if let Some((role, end)) = ended.next() {
             progress.end();
             error!("the {role} process ended in the middle of the run: {end}");
             return Some(Failure { role, end });

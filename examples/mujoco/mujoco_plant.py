@@ -1,0 +1,177 @@
+#!/usr/bin/env python3
+"""An arm in MuJoCo behind vservo's external drive, in lockstep or in real time. See README.md beside this file.
+
+    mujoco_plant.py ROBOT.urdf [--tip LINK] [--lock JOINT]... [--payload-kg M] [--instance NAME]
+"""
+import argparse
+import ctypes
+import os
+import re
+import sys
+import time
+
+import iceoryx2 as iox2
+import mujoco
+import numpy as np
+
+JOINTS, TICK_NS = 7, 1_000_000
+TORQUE = 0
+TRUTH, START, INITIAL, LAST, LOCKSTEP = 1, 2, 4, 8, 16
+Joints = ctypes.c_double * JOINTS
+
+
+class DriveCommand(ctypes.Structure):
+    _fields_ = [("tick", ctypes.c_uint64), ("stamp", ctypes.c_int64), ("joints", ctypes.c_uint32),
+                ("mode", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("reserved", ctypes.c_uint32),
+                ("q_r", Joints), ("qd_r", Joints), ("tau", Joints)]
+
+    @staticmethod
+    def type_name():
+        return "vservo.DriveCommand.v1"
+
+
+class DriveState(ctypes.Structure):
+    _fields_ = [("tick", ctypes.c_uint64), ("stamp", ctypes.c_int64), ("joints", ctypes.c_uint32),
+                ("modes", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("reserved", ctypes.c_uint32),
+                ("q", Joints), ("qd", Joints), ("tau", Joints), ("q_true", Joints), ("qd_true", Joints)]
+
+    @staticmethod
+    def type_name():
+        return "vservo.DriveState.v1"
+
+
+class Arm:
+    """The robot of a URDF file, stepped by 1 ms under joint torques."""
+
+    def __init__(self, urdf, lock, payload_kg, payload_com, tip):
+        # Links that no joint moves stay bodies of their own, so that the payload finds the flange.
+        settings = '<mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco>'
+        text = re.sub(r"(<robot[^>]*>)", r"\1" + settings, open(urdf, encoding="utf-8").read(), count=1)
+        spec = mujoco.MjSpec.from_string(text)
+        for mimic in spec.equalities:
+            spec.delete(mimic)
+        for name in lock:
+            spec.delete(spec.joint(name))
+        spec.option.timestep = 1e-3
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        if payload_kg > 0:
+            load = spec.body(tip).add_body(name="payload", pos=payload_com)
+            load.mass, load.inertia, load.explicitinertial = payload_kg, [1e-6] * 3, True
+        self.model = spec.compile()
+        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        self.data = mujoco.MjData(self.model)
+        self.effort = efforts(text, [self.model.joint(i).name for i in range(self.model.njnt)])
+        self.held = True  # by its brakes, until the first command
+
+    def start(self, q):
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = q[: self.model.nq]
+        self.held = True
+
+    def step(self):
+        if not self.held:
+            mujoco.mj_step(self.model, self.data)
+
+    def obey(self, tau):
+        self.data.qfrc_applied[:] = np.clip(tau[: self.model.nv], -self.effort, self.effort)
+        self.held = False
+
+    def state(self, tick, stamp, flags):
+        n, d = self.model.nv, self.data
+        s = DriveState(tick=tick, stamp=stamp, joints=n, modes=1 << TORQUE, flags=flags | TRUTH)
+        s.q[:n] = s.q_true[:n] = d.qpos.tolist()
+        s.qd[:n] = s.qd_true[:n] = d.qvel.tolist()
+        s.tau[:n] = d.qfrc_applied.tolist()
+        return s
+
+
+def efforts(text, names):
+    found = {}
+    for name, body in re.findall(r'<joint[^>]*name="([^"]+)"[^>]*>(.*?)</joint>', text, re.S):
+        limit = re.search(r'<limit[^>]*effort="([^"]+)"', body)
+        found[name] = float(limit.group(1)) if limit else np.inf
+    return np.array([found[name] for name in names])
+
+
+class Ports:
+    """drive/command in, drive/state out. vservo makes the services; this end waits for them."""
+
+    def __init__(self, instance):
+        root, prefix = f"/dev/shm/vservo-{instance}", f"vservo.{instance}."
+        config = iox2.config.default()
+        config.global_cfg.prefix = iox2.FileName.new(os.environ.get("VSERVO_PREFIX", prefix))
+        config.global_cfg.root_path = iox2.Path.new(os.environ.get("VSERVO_ROOT", root))
+        iox2.set_log_level(iox2.LogLevel.Fatal)
+        builder = iox2.NodeBuilder.new().config(config)
+        self.node = builder.signal_handling_mode(iox2.SignalHandlingMode.Disabled).create(iox2.ServiceType.Ipc)
+        service = lambda name: self.node.service_builder(iox2.ServiceName.new(name))
+        patiently = lambda open_: self.patiently(open_)
+        commands = patiently(lambda: service("drive/command").publish_subscribe(DriveCommand).open())
+        bell = patiently(lambda: service("drive/command").event().open())
+        states = patiently(lambda: service("drive/state").publish_subscribe(DriveState).open())
+        state_bell = patiently(lambda: service("drive/state").event().open())
+        self.listener = bell.listener_builder().create()
+        self.notifier = state_bell.notifier_builder().create()
+        self.commands = commands.subscriber_builder().create()
+        self.states = states.publisher_builder().create()  # last: with both, the plant counts as present
+
+    @staticmethod
+    def patiently(open_):
+        while True:
+            try:
+                return open_()
+            except Exception:  # not there yet: control makes the services when it starts
+                time.sleep(0.01)
+
+    def receive(self, longest_ms):
+        """The waiting commands, oldest first; none when nothing came for so long."""
+        if longest_ms:
+            self.listener.timed_wait(iox2.Duration.from_millis(longest_ms))
+        while (sample := self.commands.receive()) is not None:
+            yield DriveCommand.from_buffer_copy(sample.payload().contents)
+
+    def send(self, state):
+        self.states.send_copy(state)
+        self.notifier.notify()
+
+
+def run(arm, ports):
+    by_the_clock, next_ns, count = False, 0, 0
+    while True:
+        for c in ports.receive(0 if by_the_clock else 50):
+            if c.flags & LAST:
+                return
+            if c.flags & START:
+                arm.start(c.q_r)
+                by_the_clock = not c.flags & LOCKSTEP
+                next_ns = time.monotonic_ns()
+                ports.send(arm.state(0, next_ns if by_the_clock else c.stamp, INITIAL))
+                continue
+            arm.obey(c.tau)
+            if not by_the_clock:
+                arm.step()
+                ports.send(arm.state(c.tick + 1, c.stamp + TICK_NS, 0))
+        if by_the_clock:
+            next_ns += TICK_NS
+            time.sleep(max(0, next_ns - time.monotonic_ns()) * 1e-9)
+            arm.step()
+            count += 1
+            ports.send(arm.state(count, time.monotonic_ns(), 0))
+
+
+def main():
+    p = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    p.add_argument("urdf")
+    p.add_argument("--tip", default="tool0", help="link that carries the payload")
+    p.add_argument("--lock", action="append", default=[], metavar="JOINT", help="joint that does not move")
+    p.add_argument("--payload-kg", type=float, default=0.0, help="a load that the controller does not know")
+    p.add_argument("--payload-com-m", type=float, nargs=3, default=[0.0, 0.0, 0.05])
+    p.add_argument("--instance", default=os.environ.get("VSERVO_INSTANCE", "default"))
+    a = p.parse_args()
+    arm = Arm(a.urdf, a.lock, a.payload_kg, a.payload_com_m, a.tip)
+    print(f"mujoco plant: {arm.model.nv} joints, instance {a.instance}", file=sys.stderr)
+    run(arm, Ports(a.instance))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+//! The tables of the drive.
+
+use super::Check;
+use crate::config::raw::{DriveKind, RawConfig, SourceKind};
+use crate::config::{Drive, ExternalPlant, SimulatedArm};
+use crate::drive::{CommandMode, InnerServo, Payload};
+use crate::robot::RobotDescription;
+use crate::time::SpanNs;
+use nalgebra::Vector3;
+
+/// Checks `[drive]`; where the robot is not known, lists are not expanded to its joints.
+pub(super) fn drive(raw: &RawConfig, robot: Option<&RobotDescription>, check: &mut Check<'_>) -> Drive {
+    let (d, s) = (&raw.drive, &raw.drive.simulated);
+    let joints = robot.map(RobotDescription::joint_count);
+    let simulated = SimulatedArm {
+        substeps: check.count("drive.simulated.substeps", s.substeps, 1..=100),
+        friction: s.friction,
+        effort_limits: s.effort_limits,
+        command_delay_ticks: check.count("drive.simulated.command_delay_ticks", s.command_delay_ticks, 0..=50)
+            as usize,
+        encoder_step: list("drive.simulated.encoder_step_rad_or_m", &s.encoder_step_rad_or_m, joints, check),
+        encoder_noise_sd: list(
+            "drive.simulated.encoder_noise_sd_rad_or_m",
+            &s.encoder_noise_sd_rad_or_m,
+            joints,
+            check,
+        ),
+        velocity_filter_hz: check.range(
+            "drive.simulated.velocity_filter_hz",
+            s.velocity_filter_hz,
+            1.0..=10_000.0,
+        ),
+        payload: Payload {
+            mass_kg: check.range("drive.simulated.payload_kg", s.payload_kg, 0.0..=1000.0),
+            com_E: Vector3::from_fn(|i, _| {
+                let key = format!("drive.simulated.payload_com_m[{i}]");
+                s.payload_com_m.get(i).map_or(0.0, |v| check.range(&key, *v, -10.0..=10.0))
+            }),
+        },
+        servo: InnerServo {
+            natural_frequency_rad_s: check.range(
+                "drive.simulated.servo_natural_frequency_rad_s",
+                s.servo_natural_frequency_rad_s,
+                1.0..=300.0,
+            ),
+        },
+    };
+    let answer_timeout_s =
+        check.range("drive.external.answer_timeout_s", d.external.answer_timeout_s, 0.1..=3600.0);
+    if d.kind == DriveKind::External {
+        if d.external.command.first().is_some_and(String::is_empty) {
+            check.wrong("drive.external.command", "the program's name is empty");
+        }
+        if !d.external.command.is_empty() && !d.external.folder.is_dir() {
+            let message = format!("{} is not a folder", d.external.folder.display());
+            check.wrong("drive.external.folder", message);
+        }
+        if raw.camera.source == SourceKind::Replay {
+            check
+                .wrong("drive.kind", "replayed pictures do not show the arm: no external drive can be moved");
+        }
+    }
+    let external = ExternalPlant {
+        command: d.external.command.clone(),
+        folder: d.external.folder.clone(),
+        answer_timeout: SpanNs::from_s(answer_timeout_s),
+    };
+    Drive { kind: d.kind, mode: mode(raw, check), simulated, external }
+}
+
+/// The mode that is asked for, if the kind of drive takes it. What an external drive takes is its own to say, when
+/// it is connected.
+fn mode(raw: &RawConfig, check: &mut Check<'_>) -> CommandMode {
+    let ideal = raw.drive.kind == DriveKind::Ideal;
+    let default = if ideal { CommandMode::Position } else { CommandMode::Torque };
+    let mode = raw.drive.mode.unwrap_or(default);
+    if ideal && mode == CommandMode::Torque {
+        check.wrong(
+            "drive.mode",
+            "an ideal drive has no dynamics and takes no torque: use position or velocity, or drive.kind = \"simulated\"",
+        );
+    }
+    mode
+}
+
+fn list(key: &str, values: &[f64], joints: Option<usize>, check: &mut Check<'_>) -> Vec<f64> {
+    for (i, v) in values.iter().enumerate() {
+        check.range(&format!("{key}[{i}]"), *v, 0.0..=0.1);
+    }
+    match (values, joints) {
+        ([one], Some(joints)) => vec![*one; joints],
+        (list, Some(joints)) if list.len() != joints => {
+            check.wrong(key, format!("has {} entries, needs 1 or {joints}", list.len()));
+            Vec::new()
+        }
+        (list, _) => list.to_vec(),
+    }
+}

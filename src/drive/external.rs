@@ -1,0 +1,142 @@
+//! An arm in another process: a simulator, or the driver of a real robot, behind messages.
+//!
+//! ```text
+//! PlantLink::receive ─► newest DriveStateMsg ─► read    (late? too old?)
+//! PlantLink::send    ◄─ DriveCommandMsg      ◄─ write
+//! ```
+//! How messages travel is the link's matter; nothing here waits or allocates.
+
+use super::{CommandMode, Drive, DriveCommand, DriveHealth, DriveState};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use crate::safety::Fault;
+use crate::schedule::TICK;
+use crate::time::{MonoNs, SpanNs};
+use nalgebra::SVector;
+
+/// A state older than this is late even if it is new: sampled in the tick before the last one.
+const LATE: SpanNs = SpanNs(2 * TICK.0);
+
+/// Carries messages to and from a plant; never waits.
+pub trait PlantLink: Send {
+    /// The next state that has come, oldest first.
+    fn receive(&mut self) -> Option<DriveStateMsg>;
+
+    /// Sends a command; one that cannot be taken is lost.
+    fn send(&mut self, command: &DriveCommandMsg);
+}
+
+/// The controller's end of an external plant.
+pub struct ExternalDrive<const N: usize> {
+    link: Box<dyn PlantLink>,
+    mode: CommandMode,
+    timeout: SpanNs,
+    state: DriveState<N>,
+    /// When `state` was sampled.
+    stamp: MonoNs,
+    first: Option<MonoNs>,
+    now: MonoNs,
+    last_command: Option<DriveCommandMsg>,
+    health: DriveHealth,
+}
+
+impl<const N: usize> ExternalDrive<N> {
+    /// A plant behind `link`, commanded by `mode`, whose states may be no older than `timeout`; its arm is thought to
+    /// rest in `q` until it says otherwise.
+    #[must_use]
+    pub fn new(link: Box<dyn PlantLink>, mode: CommandMode, timeout: SpanNs, q: SVector<f64, N>) -> Self {
+        Self {
+            link,
+            mode,
+            timeout,
+            state: DriveState { q, qd: SVector::zeros(), truth: None },
+            stamp: MonoNs(i64::MIN),
+            first: None,
+            now: MonoNs::ZERO,
+            last_command: None,
+            health: DriveHealth::default(),
+        }
+    }
+
+    fn take(&mut self, m: &DriveStateMsg) {
+        if m.joints as usize != N {
+            self.health.fault.get_or_insert(Fault::DriveOutOfStep);
+            return;
+        }
+        let truth = m.flags & drive_flag::TRUTH != 0;
+        self.state = DriveState {
+            q: vector(&m.q),
+            qd: vector(&m.qd),
+            truth: truth.then(|| (vector(&m.q_true), vector(&m.qd_true))),
+        };
+        self.stamp = m.stamp;
+    }
+}
+
+impl<const N: usize> Drive<N> for ExternalDrive<N> {
+    fn read(&mut self, now: MonoNs) -> DriveState<N> {
+        let first = *self.first.get_or_insert(now);
+        self.now = now;
+        let mut fresh = false;
+        while let Some(state) = self.link.receive() {
+            if state.stamp >= self.stamp {
+                self.take(&state);
+                fresh = true;
+            }
+        }
+        if !fresh || now - self.stamp > LATE {
+            self.health.late_states += 1;
+        }
+        // Before the first tick the arm is held by the plant: the wait for the loop to start does not count.
+        if now - self.stamp.max(first) > self.timeout {
+            self.health.fault.get_or_insert(Fault::DriveStale);
+        }
+        self.state
+    }
+
+    fn write(&mut self, command: &DriveCommand<N>) {
+        let message = DriveCommandMsg {
+            tick: ((self.now - self.first.unwrap_or(self.now)).0 / TICK.0).max(0).unsigned_abs(),
+            stamp: self.now,
+            joints: N as u32,
+            mode: self.mode as u32,
+            flags: 0,
+            reserved: 0,
+            q_r: padded(&command.q_r),
+            qd_r: padded(&command.qd_r),
+            tau: padded(&command.tau),
+        };
+        self.link.send(&message);
+        self.last_command = Some(message);
+    }
+
+    /// What the plant takes is asked when it is connected, before the first tick.
+    fn modes(&self) -> &'static [CommandMode] {
+        &CommandMode::ALL
+    }
+
+    fn health(&self) -> DriveHealth {
+        self.health
+    }
+
+    fn end(&mut self) {
+        if let Some(last) = self.last_command.take() {
+            let flags = drive_flag::LAST;
+            self.link.send(&DriveCommandMsg { tick: last.tick + 1, flags, qd_r: [0.0; MAX_JOINTS], ..last });
+        }
+    }
+}
+
+fn vector<const N: usize>(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
+    SVector::from_iterator(v.iter().copied().chain(std::iter::repeat(0.0)).take(N))
+}
+
+fn padded<const N: usize>(v: &SVector<f64, N>) -> [f64; MAX_JOINTS] {
+    let mut out = [0.0; MAX_JOINTS];
+    for (to, from) in out.iter_mut().zip(v.iter()) {
+        *to = *from;
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,125 @@
+use super::*;
+use nalgebra::Vector2;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+
+#[derive(Clone, Default)]
+struct Wire(Arc<Mutex<(VecDeque<DriveStateMsg>, Vec<DriveCommandMsg>)>>);
+
+impl PlantLink for Wire {
+    fn receive(&mut self) -> Option<DriveStateMsg> {
+        self.0.lock().unwrap().0.pop_front()
+    }
+
+    fn send(&mut self, command: &DriveCommandMsg) {
+        self.0.lock().unwrap().1.push(*command);
+    }
+}
+
+impl Wire {
+    fn state(&self, ms: i64, q: f64, flags: u32) {
+        let mut m = DriveStateMsg { stamp: MonoNs(ms * 1_000_000), joints: 2, flags, ..Default::default() };
+        m.q[..2].fill(q);
+        m.q_true[..2].fill(q + 0.5);
+        self.0.lock().unwrap().0.push_back(m);
+    }
+
+    fn sent(&self) -> Vec<DriveCommandMsg> {
+        self.0.lock().unwrap().1.clone()
+    }
+}
+
+fn drive(wire: &Wire) -> ExternalDrive<2> {
+    let timeout = SpanNs(20_000_000);
+    ExternalDrive::new(Box::new(wire.clone()), CommandMode::Velocity, timeout, Vector2::new(7.0, 7.0))
+}
+
+fn at(ms: i64) -> MonoNs {
+    MonoNs(ms * 1_000_000)
+}
+
+#[test]
+fn the_newest_state_counts_with_its_truth() {
+    let wire = Wire::default();
+    let mut d = drive(&wire);
+    wire.state(0, 0.1, 0);
+    wire.state(1, 0.2, drive_flag::TRUTH);
+    let s = d.read(at(1));
+    assert_eq!(s.q, Vector2::new(0.2, 0.2));
+    assert_eq!(s.truth, Some((Vector2::new(0.7, 0.7), Vector2::zeros())));
+    wire.state(0, 0.9, 0);
+    assert_eq!(d.read(at(2)).q, s.q, "an older state does not replace a newer one");
+    assert_eq!(d.health(), DriveHealth { late_states: 1, fault: None });
+}
+
+#[test]
+fn late_states_are_counted_and_stale_ones_are_a_fault() {
+    let wire = Wire::default();
+    let mut d = drive(&wire);
+    wire.state(100, 0.1, 0);
+    for ms in 100..=120 {
+        d.read(at(ms));
+        assert_eq!(d.health(), DriveHealth { late_states: (ms - 100) as u64, fault: None }, "{ms}");
+    }
+    wire.state(118, 0.2, 0);
+    d.read(at(121));
+    assert_eq!(d.health().late_states, 21, "new, but three ticks old");
+    d.read(at(138));
+    assert_eq!(d.health().fault, None);
+    d.read(at(139));
+    assert_eq!(d.health().fault, Some(Fault::DriveStale));
+    wire.state(139, 0.2, 0);
+    d.read(at(140));
+    assert_eq!(d.health().fault, Some(Fault::DriveStale), "a fault stays");
+}
+
+#[test]
+fn before_the_first_tick_nothing_grows_stale() {
+    let wire = Wire::default();
+    let mut d = drive(&wire);
+    wire.state(0, 0.1, 0);
+    d.read(at(1000));
+    assert_eq!(d.health().fault, None);
+    d.read(at(1021));
+    assert_eq!(d.health().fault, Some(Fault::DriveStale));
+}
+
+#[test]
+fn commands_are_numbered_by_time_and_the_last_one_says_so() {
+    let wire = Wire::default();
+    let mut d = drive(&wire);
+    let c = DriveCommand {
+        tau: Vector2::new(1.0, 2.0),
+        q_r: Vector2::new(3.0, 4.0),
+        qd_r: Vector2::new(5.0, 6.0),
+    };
+    d.end();
+    assert!(wire.sent().is_empty(), "nothing was begun, nothing is ended");
+    for ms in [50, 51, 53] {
+        d.read(at(ms));
+        d.write(&c);
+    }
+    d.end();
+    d.end();
+    let sent = wire.sent();
+    let ticks: Vec<_> = sent.iter().map(|m| m.tick).collect();
+    assert_eq!(ticks, [0, 1, 3, 4]);
+    let m = sent[2];
+    assert_eq!((m.stamp, m.joints, m.mode, m.flags), (at(53), 2, 1, 0));
+    assert_eq!(
+        (&m.tau[..3], &m.q_r[..3], &m.qd_r[..3]),
+        (&[1.0, 2.0, 0.0][..], &[3.0, 4.0, 0.0][..], &[5.0, 6.0, 0.0][..])
+    );
+    assert_eq!(sent[3].flags, drive_flag::LAST);
+    assert_eq!(sent[3].qd_r, [0.0; MAX_JOINTS]);
+}
+
+#[test]
+fn a_state_of_another_arm_is_a_fault() {
+    let wire = Wire::default();
+    let mut d = drive(&wire);
+    wire.state(0, 0.1, 0);
+    wire.0.lock().unwrap().0[0].joints = 3;
+    assert_eq!(d.read(at(0)).q, Vector2::new(7.0, 7.0));
+    assert_eq!(d.health().fault, Some(Fault::DriveOutOfStep));
+}

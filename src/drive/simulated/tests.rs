@@ -1,0 +1,173 @@
+use super::*;
+use crate::robot::{Friction, load};
+use nalgebra::Vector4;
+
+type Settings<const N: usize> = SimulatedDriveSettings<N>;
+
+fn arm<const N: usize>(name: &str) -> Robot<N> {
+    load(name).unwrap().build().unwrap()
+}
+
+fn at(ms: i64) -> MonoNs {
+    MonoNs(ms * 1_000_000)
+}
+
+fn posture<const N: usize>() -> SVector<f64, N> {
+    SVector::from_fn(|i, _| 0.3 - 0.4 * i as f64)
+}
+
+fn command<const N: usize>(
+    tau: SVector<f64, N>,
+    q_r: SVector<f64, N>,
+    qd_r: SVector<f64, N>,
+) -> DriveCommand<N> {
+    DriveCommand { tau, q_r, qd_r }
+}
+
+fn free<const N: usize>() -> DriveCommand<N> {
+    command(SVector::zeros(), SVector::zeros(), SVector::zeros())
+}
+
+fn energy_is_conserved<const N: usize>(name: &str) {
+    let payload = Payload { mass_kg: 1.0, com_E: Vector3::new(0.02, 0.0, 0.05) };
+    let settings = Settings { friction: false, substeps: 4, payload, ..Settings::default() };
+    let qd = SVector::from_fn(|i, _| 0.3 - 0.1 * i as f64);
+    let mut drive = SimulatedDrive::new(arm::<N>(name), posture(), settings).unwrap().with_velocity(qd);
+    drive.read(at(0));
+    drive.write(&free());
+    let before = drive.energy_j();
+    let kinetic = drive.robot.kinetic_energy(&drive.q, &drive.qd).max(1.0);
+    for ms in 1..=8000 {
+        drive.read(at(ms));
+        drive.write(&free());
+    }
+    let scale = before.abs().max(kinetic);
+    let drift = (drive.energy_j() - before).abs() / scale;
+    assert!(drift <= 1e-8, "{name}: energy drifts by {drift:e}");
+    assert!((drive.q - posture::<N>()).amax() > 0.1, "{name} has moved");
+}
+
+#[test]
+fn energy_is_conserved_without_torque_and_friction() {
+    energy_is_conserved::<4>("scara");
+    energy_is_conserved::<6>("ur5");
+    energy_is_conserved::<7>("panda");
+}
+
+#[test]
+fn brakes_hold_until_a_command_arrives() {
+    let settings = Settings { command_delay_ticks: 3, ..Settings::default() };
+    let mut drive = SimulatedDrive::new(arm::<6>("ur5"), posture(), settings).unwrap();
+    for ms in 0..10 {
+        let state = drive.read(at(ms));
+        assert_eq!(
+            state.q == posture::<6>(),
+            ms <= 6,
+            "at {ms} ms: three ticks of brakes, three of delay, and then it falls"
+        );
+        if ms >= 3 {
+            drive.write(&free());
+        }
+    }
+}
+
+#[test]
+fn friction_stops_an_arm_and_never_drives_it() {
+    // 1 N m of Coulomb friction on the last, lightest links: an explicit step of 1 ms would chatter.
+    let robot = arm::<7>("xarm7").with_gravity(Vector3::zeros());
+    assert!(robot.friction().iter().all(|f| f.coulomb > 0.0));
+    let qd = SVector::from_fn(|i, _| if i % 2 == 0 { 0.8 } else { -0.6 });
+    let mut drive = SimulatedDrive::new(robot, posture(), Settings::default()).unwrap().with_velocity(qd);
+    drive.read(at(0));
+    drive.write(&free());
+    let mut energy = drive.energy_j();
+    for ms in 1..=3000 {
+        drive.read(at(ms));
+        let next = drive.energy_j();
+        assert!(next <= energy + 1e-9, "at {ms} ms friction drives: {energy} -> {next}");
+        energy = next;
+    }
+    assert!(drive.qd.amax() < 1e-4, "at rest, {}", drive.qd);
+}
+
+#[test]
+fn implicit_friction_agrees_with_the_model() {
+    let friction = [Friction { viscous: 30.0, coulomb: 5.0 }; 4];
+    let robot = arm::<4>("scara").with_friction(friction);
+    let qd = Vector4::new(0.5, -0.4, 0.2, 0.6);
+    let run = |substeps| {
+        let settings = Settings { substeps, ..Settings::default() };
+        let mut d = SimulatedDrive::new(robot.clone(), posture(), settings).unwrap().with_velocity(qd);
+        d.read(at(0));
+        d.write(&free());
+        d.read(at(10)); // before the first joint comes to rest
+        d.qd
+    };
+    let exact = run(100);
+    let (coarse, fine) = ((run(1) - exact).amax(), (run(10) - exact).amax());
+    assert!(coarse < 2e-3 && fine < coarse / 5.0, "of first order: {coarse:e} {fine:e}");
+    // Over a short time it is the acceleration of the model.
+    let mut d = SimulatedDrive::new(robot.clone(), posture(), Settings::default()).unwrap().with_velocity(qd);
+    d.read(at(0));
+    d.write(&free());
+    d.read(MonoNs(1_000));
+    let measured = (d.qd - qd) * 1e6;
+    let wanted = robot.forward_dynamics_with_friction(&posture(), &qd, &Vector4::zeros());
+    assert!((measured - wanted).norm() < 1e-3 * wanted.norm(), "{measured} {wanted}");
+}
+
+#[test]
+fn torques_are_cut_at_the_effort_limits() {
+    let run = |tau: f64, effort_limits| {
+        let settings = Settings { effort_limits, ..Settings::default() };
+        let mut d = SimulatedDrive::new(arm::<4>("scara"), posture(), settings).unwrap();
+        d.read(at(0));
+        d.write(&command(Vector4::new(tau, 0.0, 0.0, 0.0), Vector4::zeros(), Vector4::zeros()));
+        d.read(at(10)).qd[0]
+    };
+    let limit = arm::<4>("scara").limits()[0].effort;
+    assert_eq!(run(3.0 * limit, true), run(limit, true));
+    assert!(run(3.0 * limit, false) > 2.0 * run(limit, false));
+}
+
+/// Follows a ramp for 2 s and rests: the distance from the reference while moving and at rest.
+fn follow(mode: CommandMode, payload_kg: f64) -> (f64, f64) {
+    let payload = Payload { mass_kg: payload_kg, com_E: Vector3::new(0.0, 0.0, 0.05) };
+    let settings = Settings { mode, payload, ..Settings::default() };
+    let q = SVector::<f64, 6>::from_column_slice(&[0.0, -1.2, 1.4, -0.3, 0.5, 0.2]);
+    let mut drive = SimulatedDrive::new(arm("ur5"), q, settings).unwrap();
+    let mut q_r = q;
+    let (mut moving, mut resting) = (0.0_f64, 0.0);
+    for ms in 0..5000 {
+        let state = drive.read(at(ms));
+        let error = (state.q - q_r).amax();
+        if ms < 2000 {
+            moving = moving.max(error);
+        }
+        resting = error;
+        let speed = if ms < 2000 { 0.2 * (ms as f64 * 1e-3 * std::f64::consts::PI / 2.0).sin() } else { 0.0 };
+        let qd_r = SVector::from_element(speed);
+        q_r += qd_r * 1e-3;
+        drive.write(&command(SVector::zeros(), q_r, qd_r));
+    }
+    (moving, resting)
+}
+
+#[test]
+fn the_inner_servo_follows_positions_and_velocities_and_carries_an_unknown_load() {
+    for payload_kg in [0.0, 1.0] {
+        let (moving, resting) = follow(CommandMode::Position, payload_kg);
+        assert!(moving < 0.02 && resting < 1e-6, "position, {payload_kg} kg: {moving} {resting}");
+        // Nothing draws a velocity loop back to the position it lost while it took up the load, but nothing drifts.
+        let (moving, resting) = follow(CommandMode::Velocity, payload_kg);
+        assert!(moving < 0.03 && resting < 0.02, "velocity, {payload_kg} kg: {moving} {resting}");
+    }
+}
+
+#[test]
+fn bad_settings_are_refused() {
+    let make = |settings| SimulatedDrive::new(arm::<4>("scara"), posture(), settings).map(|_| ());
+    assert_eq!(make(Settings { substeps: 0, ..Settings::default() }), Err(SimulatedDriveError::NoSubsteps));
+    let delay = Settings { command_delay_ticks: 51, ..Settings::default() };
+    assert_eq!(make(delay), Err(SimulatedDriveError::Delay(51)));
+}

@@ -1,0 +1,109 @@
+//! Commands to, and states from, an external drive: `drive/command` and `drive/state`.
+//!
+//! ```text
+//! control ── START (q_r: start position) ──► plant     the arm stands there, held by its brakes
+//! control ◄─ INITIAL, tick 0 ─────────────── plant     its joints and the modes it takes
+//! control ── command k ────────────────────► plant     lockstep: integrate 1 ms ...
+//! control ◄─ state k+1 ───────────────────── plant     ... and answer exactly once
+//! control ── LAST ─────────────────────────► plant     hold the arm; no command follows
+//! ```
+//! In real time the plant sends states by its own clock, 1 kHz or faster, and obeys the newest command.
+
+use super::MAX_JOINTS;
+use crate::time::MonoNs;
+use iceoryx2::prelude::ZeroCopySend;
+
+/// A command to an external drive.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[type_name("vservo.DriveCommand.v1")]
+pub struct DriveCommandMsg {
+    /// Number of the control tick, counted in whole milliseconds from the first.
+    pub tick: u64,
+    /// Time of that tick.
+    pub stamp: MonoNs,
+    /// Joints in use.
+    pub joints: u32,
+    /// The part to obey: 0 `tau`, 1 `qd_r`, 2 `q_r` and `qd_r`.
+    pub mode: u32,
+    /// Bits of [`drive_flag`].
+    pub flags: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// Reference positions, rad or m; with `START` the start position.
+    pub q_r: [f64; MAX_JOINTS],
+    /// Reference velocities.
+    pub qd_r: [f64; MAX_JOINTS],
+    /// Torques or forces, N m or N.
+    pub tau: [f64; MAX_JOINTS],
+}
+
+/// A state of an external drive.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[type_name("vservo.DriveState.v1")]
+pub struct DriveStateMsg {
+    /// Lockstep: the tick of the command that led here, plus one. Real time: counts the states.
+    pub tick: u64,
+    /// When it was sampled. Lockstep: the stamp of the command that led here, plus 1 ms. Real time: `CLOCK_MONOTONIC`.
+    pub stamp: MonoNs,
+    /// Joints in use.
+    pub joints: u32,
+    /// The modes that the drive takes: bit 0 torque, bit 1 velocity, bit 2 position.
+    pub modes: u32,
+    /// Bits of [`drive_flag`].
+    pub flags: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// Measured positions, rad or m.
+    pub q: [f64; MAX_JOINTS],
+    /// Measured velocities.
+    pub qd: [f64; MAX_JOINTS],
+    /// Measured torques or forces; zero where the drive has none to tell.
+    pub tau: [f64; MAX_JOINTS],
+    /// With `TRUTH`, the exact positions; what a synthetic camera renders.
+    pub q_true: [f64; MAX_JOINTS],
+    /// With `TRUTH`, the exact velocities.
+    pub qd_true: [f64; MAX_JOINTS],
+}
+
+/// Bits of [`DriveCommandMsg::flags`] and [`DriveStateMsg::flags`].
+pub mod drive_flag {
+    /// State: `q_true` and `qd_true` are valid.
+    pub const TRUTH: u32 = 1;
+    /// Command: a run begins. A simulator puts its arm at rest in `q_r`; every drive holds it there and answers with
+    /// an `INITIAL` state.
+    pub const START: u32 = 2;
+    /// State: the answer to `START`, tick 0.
+    pub const INITIAL: u32 = 4;
+    /// Command: the run has ended and no command follows; the drive holds its arm by its own means. Not answered.
+    pub const LAST: u32 = 8;
+    /// Command with `START`: the run is in lockstep, every command is answered with one state.
+    pub const LOCKSTEP: u32 = 16;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::mem::{align_of, offset_of, size_of};
+
+    #[test]
+    fn layouts_are_fixed() {
+        assert_eq!((size_of::<DriveCommandMsg>(), align_of::<DriveCommandMsg>()), (200, 8));
+        assert_eq!(offset_of!(DriveCommandMsg, joints), 16);
+        assert_eq!(offset_of!(DriveCommandMsg, q_r), 32);
+        assert_eq!(offset_of!(DriveCommandMsg, tau), 144);
+        assert_eq!((size_of::<DriveStateMsg>(), align_of::<DriveStateMsg>()), (312, 8));
+        assert_eq!(offset_of!(DriveStateMsg, modes), 20);
+        assert_eq!(offset_of!(DriveStateMsg, q), 32);
+        assert_eq!(offset_of!(DriveStateMsg, q_true), 200);
+    }
+
+    #[test]
+    #[allow(unsafe_code)]
+    fn type_names_carry_their_version() {
+        // SAFETY: the names are only read.
+        let names = unsafe { (DriveCommandMsg::type_name(), DriveStateMsg::type_name()) };
+        assert_eq!(names, ("vservo.DriveCommand.v1", "vservo.DriveState.v1"));
+    }
+}

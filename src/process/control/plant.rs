@@ -1,0 +1,228 @@
+//! Control's connection to an external drive: messages between shared memory and the [`PlantLink`] of the drive core.
+//!
+//! ```text
+//! drive/state   ──► PlantPorts ──ring──► Rings (PlantLink) ──► ExternalDrive::read
+//! drive/command ◄── PlantPorts ◄─ring─── Rings (PlantLink) ◄── ExternalDrive::write
+//! ```
+//! In real time the ports belong to the companion thread and the rings cross to the real-time thread. In lockstep both
+//! ends are on one thread, which waits for the answer to every command.
+
+use crate::config::Config;
+use crate::config::raw::{Clock, DriveKind};
+use crate::drive::{CommandMode, ExternalDrive, PlantLink};
+use crate::ipc::{Receiver, Sender, Services, Waker};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use crate::process::{LONGEST_WAIT, ProcessError, StopFlag};
+use crate::rt::now;
+use crate::safety::Fault;
+use crate::time::SpanNs;
+use nalgebra::SVector;
+use rtrb::{Consumer, Producer, RingBuffer};
+use std::time::Duration;
+use tracing::{info, warn};
+
+/// States that wait for a tick.
+const STATES: usize = 64;
+/// Commands that wait for the companion.
+const COMMANDS: usize = 256;
+/// A start that was not answered is asked for again.
+const ASK_AGAIN: SpanNs = SpanNs(500_000_000);
+/// A plant that does not answer for so long is looked for.
+const LOOK_AFTER: SpanNs = SpanNs(500_000_000);
+/// How long a plant has to hear that the run is over.
+const FAREWELL: SpanNs = SpanNs(200_000_000);
+/// How long a run that is to stop still waits for the plant.
+const STOP_PATIENCE: SpanNs = SpanNs(300_000_000);
+
+/// The drive core's end of the rings.
+struct Rings {
+    states: Consumer<DriveStateMsg>,
+    commands: Producer<DriveCommandMsg>,
+}
+
+impl PlantLink for Rings {
+    fn receive(&mut self) -> Option<DriveStateMsg> {
+        self.states.pop().ok()
+    }
+
+    fn send(&mut self, command: &DriveCommandMsg) {
+        let _ = self.commands.push(*command); // full only when the companion hangs: the plant then stops by itself
+    }
+}
+
+/// What became of the wait for a state.
+pub(super) enum Answer {
+    /// It is there.
+    Here,
+    /// A stop was requested and the plant did not answer in time.
+    Stopped,
+    /// It will not come.
+    Failed(Fault),
+}
+
+/// The process's end of the rings, and the ports.
+pub(super) struct PlantPorts<'a> {
+    services: &'a Services,
+    received: Producer<DriveStateMsg>,
+    to_send: Consumer<DriveCommandMsg>,
+    command: Sender<DriveCommandMsg>,
+    state: Receiver<DriveStateMsg>,
+    waker: Waker,
+    answer_timeout: SpanNs,
+}
+
+/// The drive core and the process's end of it, where the configuration wants an external drive.
+pub(super) fn open<'a, const N: usize>(
+    config: &Config,
+    services: &'a Services,
+) -> Result<Option<(ExternalDrive<N>, PlantPorts<'a>)>, ProcessError> {
+    if config.drive.kind != DriveKind::External {
+        return Ok(None);
+    }
+    let (received, states) = RingBuffer::new(STATES);
+    let (commands, to_send) = RingBuffer::new(COMMANDS);
+    let timeout = match config.clock {
+        Clock::Realtime => config.safety.drive_timeout,
+        Clock::Lockstep => SpanNs(i64::MAX), // simulated time stands still while control waits
+    };
+    let q_start: SVector<f64, N> = crate::assemble::q_start(config)?;
+    let link = Box::new(Rings { states, commands });
+    let drive = ExternalDrive::new(link, config.drive.mode, timeout, q_start);
+    let (state, waker) = services.drive_state_receiver()?;
+    let command = services.drive_command_sender()?;
+    let answer_timeout = config.drive.external.answer_timeout;
+    Ok(Some((drive, PlantPorts { services, received, to_send, command, state, waker, answer_timeout })))
+}
+
+impl PlantPorts<'_> {
+    /// Waits for a plant, starts it and takes its first state; without one when a stop is requested meanwhile.
+    pub(super) fn connect(&mut self, config: &Config, stop: &StopFlag) -> Result<(), ProcessError> {
+        let mut start = DriveCommandMsg {
+            joints: config.q_start.len() as u32,
+            mode: config.drive.mode as u32,
+            flags: drive_flag::START,
+            ..DriveCommandMsg::default()
+        };
+        if config.clock == Clock::Lockstep {
+            start.flags |= drive_flag::LOCKSTEP;
+        }
+        for (to, from) in start.q_r.iter_mut().zip(&config.q_start).take(MAX_JOINTS) {
+            *to = *from;
+        }
+        let mut told = false;
+        let mut asked = None;
+        while !stop.is_requested() {
+            if !self.services.plant_is_there()? {
+                if !told {
+                    info!("waiting for the external drive of this instance");
+                    told = true;
+                }
+                std::thread::sleep(Duration::from_millis(2));
+                continue;
+            }
+            if asked.is_none_or(|at| now() - at > ASK_AGAIN) {
+                self.services.remove_dead_peers();
+                if config.clock == Clock::Realtime {
+                    start.stamp = now();
+                }
+                self.command.send(&start)?;
+                asked = Some(now());
+            }
+            self.waker.wait(LONGEST_WAIT)?;
+            while let Some(mut state) = self.state.receive()? {
+                if state.flags & drive_flag::INITIAL != 0 {
+                    check(&state, &start, config.drive.mode)?;
+                    if config.clock == Clock::Realtime {
+                        state.stamp = state.stamp.min(now());
+                    }
+                    let _ = self.received.push(state);
+                    info!(
+                        joints = state.joints,
+                        mode = config.drive.mode.as_str(),
+                        "external drive connected"
+                    );
+                    return Ok(());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Lockstep: sends what the drive core wants sent.
+    pub(super) fn send(&mut self) -> Result<(), ProcessError> {
+        while let Ok(command) = self.to_send.pop() {
+            self.command.send(&command)?;
+        }
+        Ok(())
+    }
+
+    /// Lockstep: waits for the state of `tick`, the one answer to the command before.
+    pub(super) fn wait_for_state(&mut self, tick: u64, stop: &StopFlag) -> Result<Answer, ProcessError> {
+        let began = now();
+        let mut looked = began;
+        let mut stopped = None;
+        loop {
+            while let Some(state) = self.state.receive()? {
+                if state.flags & drive_flag::INITIAL != 0 {
+                    continue; // the answer to a start that was asked for twice
+                }
+                if state.tick != tick {
+                    warn!(wanted = tick, got = state.tick, "the external drive is out of step");
+                    return Ok(Answer::Failed(Fault::DriveOutOfStep));
+                }
+                let _ = self.received.push(state);
+                return Ok(Answer::Here);
+            }
+            let time = now();
+            if stop.is_requested() && time - *stopped.get_or_insert(time) > STOP_PATIENCE {
+                return Ok(Answer::Stopped);
+            }
+            if time - began > self.answer_timeout {
+                return Ok(Answer::Failed(Fault::DriveSilent));
+            }
+            if time - looked > LOOK_AFTER {
+                looked = time;
+                self.services.remove_dead_peers();
+                if !self.services.plant_is_there()? {
+                    return Ok(Answer::Failed(Fault::DriveLeft));
+                }
+            }
+            self.waker.wait(LONGEST_WAIT)?;
+        }
+    }
+
+    /// Real time: waits for a state, at most `longest`, and carries everything there is both ways.
+    pub(super) fn carry(&mut self, longest: Duration) -> Result<(), ProcessError> {
+        self.send()?;
+        self.waker.wait(longest)?;
+        while let Some(mut state) = self.state.receive()? {
+            // A plant whose clock runs ahead must not look fresh for ever.
+            state.stamp = state.stamp.min(now());
+            let _ = self.received.push(state); // full only when the real-time thread has ended
+        }
+        self.send()
+    }
+}
+
+/// Messages vanish with their sender: after the last command, gives the plant the time to hear it and leave.
+pub(super) fn farewell(plant: Option<PlantPorts<'_>>) -> Result<(), ProcessError> {
+    let Some(mut plant) = plant else { return Ok(()) };
+    plant.send()?;
+    let until = now() + FAREWELL;
+    while now() < until && plant.services.plant_is_there()? {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    Ok(())
+}
+
+fn check(state: &DriveStateMsg, start: &DriveCommandMsg, mode: CommandMode) -> Result<(), ProcessError> {
+    if state.joints != start.joints {
+        return Err(ProcessError::PlantJoints { plant: state.joints, robot: start.joints });
+    }
+    if state.modes & mode.bit() == 0 {
+        let takes = CommandMode::ALL.into_iter().filter(|m| state.modes & m.bit() != 0);
+        let takes = takes.map(CommandMode::as_str).collect::<Vec<_>>().join(", ");
+        return Err(ProcessError::PlantMode { mode, takes });
+    }
+    Ok(())
+}

@@ -1,0 +1,331 @@
+//! A drive in another process. The plant of these tests is the crate's own simulated arm behind the services, in a
+//! process of its own: this test binary, started again by `vservo run` as `drive.external.command`.
+
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{
+    Instance, Run, assert_accurate, kill, number, read_summary, run, vservo, wait_for_line, wait_until,
+};
+use nalgebra::SVector;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+use vservo::config::Config;
+use vservo::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
+use vservo::ipc::{Instance as Place, Sender, Services};
+use vservo::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use vservo::rt;
+use vservo::schedule::TICK;
+use vservo::time::{MonoNs, SpanNs};
+
+/// The arm of the tests.
+const N: usize = 4;
+
+/// How a plant misbehaves, and from which tick on: `VSERVO_TEST_PLANT=what@tick`.
+struct Behaviour {
+    what: String,
+    tick: u64,
+}
+
+struct Plant {
+    drive: SimulatedDrive<N>,
+    states: Sender<DriveStateMsg>,
+    behaviour: Behaviour,
+}
+
+fn vector(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
+    SVector::from_column_slice(&v[..N])
+}
+
+impl Plant {
+    fn new(states: Sender<DriveStateMsg>, behaviour: Behaviour, config: &Config) -> Self {
+        let robot = config.robot.build::<N>().unwrap();
+        let q = vservo::assemble::q_start(config).unwrap();
+        let settings = vservo::assemble::simulated_settings(config).unwrap();
+        Self { drive: SimulatedDrive::new(robot, q, settings).unwrap(), states, behaviour }
+    }
+
+    fn misbehaves(&self, what: &str, tick: u64) -> bool {
+        self.behaviour.what == what && tick >= self.behaviour.tick
+    }
+
+    fn obey(&mut self, c: &DriveCommandMsg) {
+        self.drive.write(&DriveCommand { tau: vector(&c.tau), q_r: vector(&c.q_r), qd_r: vector(&c.qd_r) });
+    }
+
+    fn send(&mut self, tick: u64, stamp: MonoNs, flags: u32) {
+        let state = self.drive.read(stamp);
+        if self.misbehaves("silent", tick) {
+            return;
+        }
+        let tick = if self.misbehaves("wrong_tick", tick) { tick + 1 } else { tick };
+        let mut m =
+            DriveStateMsg { tick, stamp, joints: N as u32, modes: 0b111, flags, ..Default::default() };
+        m.q[..N].copy_from_slice(state.q.as_slice());
+        m.qd[..N].copy_from_slice(state.qd.as_slice());
+        if let (Some((q, qd)), false) = (state.truth, self.misbehaves("no_truth", tick)) {
+            m.flags |= drive_flag::TRUTH;
+            m.q_true[..N].copy_from_slice(q.as_slice());
+            m.qd_true[..N].copy_from_slice(qd.as_slice());
+        }
+        match self.behaviour.what.as_str() {
+            "position_only" => m.modes = CommandMode::Position.bit(),
+            "three_joints" => m.joints = 3,
+            _ => {}
+        }
+        self.states.send(&m).unwrap();
+    }
+}
+
+/// Not a test: the plant's process, which `vservo run` starts.
+#[test]
+#[ignore = "the plant of the other tests"]
+fn plant_process() {
+    let place: Place = std::env::var("VSERVO_INSTANCE").unwrap().parse().unwrap();
+    let config = Config::load(Some(Path::new(&std::env::var("VSERVO_CONFIG").unwrap())), &[]).unwrap();
+    let behaviour = std::env::var("VSERVO_TEST_PLANT").unwrap_or_default();
+    let (what, tick) = behaviour.split_once('@').unwrap_or((&behaviour, "0"));
+    let behaviour = Behaviour { what: what.into(), tick: tick.parse().unwrap() };
+    serve(&place, &config, behaviour);
+    place.remove_leftovers(None);
+}
+
+fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
+    let services = Services::join(place).unwrap();
+    let (commands, waker) = services.drive_command_receiver().unwrap();
+    let mut plant = Plant::new(services.drive_state_sender().unwrap(), behaviour, config);
+    let mut by_the_clock = false;
+    let (mut next, mut count) = (rt::now(), 0);
+    loop {
+        while let Some(c) = commands.receive().unwrap() {
+            if c.flags & drive_flag::LAST != 0 || plant.misbehaves("leave", c.tick) {
+                return;
+            }
+            if c.flags & drive_flag::START != 0 {
+                assert_eq!(c.q_r[..N], config.q_start[..]);
+                by_the_clock = c.flags & drive_flag::LOCKSTEP == 0;
+                next = rt::now();
+                plant.send(0, if by_the_clock { next } else { c.stamp }, drive_flag::INITIAL);
+                continue;
+            }
+            plant.obey(&c);
+            if !by_the_clock {
+                plant.send(c.tick + 1, c.stamp + TICK, 0);
+            }
+        }
+        if by_the_clock {
+            next = next.max(rt::now() - SpanNs(10 * TICK.0)) + TICK;
+            rt::sleep_until(next);
+            count += 1;
+            plant.send(count, rt::now(), 0);
+        } else {
+            waker.wait(Duration::from_millis(50)).unwrap();
+        }
+    }
+}
+
+/// `drive.external.command=[...]` that starts this binary as a plant which behaves so.
+fn command(behaviour: &str) -> String {
+    let own = std::env::current_exe().unwrap();
+    let argv =
+        ["env", &format!("VSERVO_TEST_PLANT={behaviour}"), own.to_str().unwrap(), "--ignored", "--exact"];
+    format!("drive.external.command={:?}", [&argv[..], &["plant_process"]].concat())
+}
+
+fn external(test: &str, behaviour: &str, extra: &[&str]) -> Run {
+    run(test, &[&["--set", "drive.kind=external", "--set", &command(behaviour)], extra].concat())
+}
+
+fn plant_of(instance: &Instance) -> i32 {
+    let wanted = format!("VSERVO_INSTANCE={}", instance.name);
+    let mut found = None;
+    wait_until("the plant", || {
+        found = std::fs::read_dir("/proc").unwrap().flatten().find_map(|entry| {
+            let pid = entry.file_name().to_string_lossy().parse::<i32>().ok()?;
+            let own = |file: &str, text: &str| {
+                let bytes = std::fs::read(entry.path().join(file)).unwrap_or_default();
+                bytes.split(|b| *b == 0).any(|part| part == text.as_bytes())
+            };
+            (own("cmdline", "plant_process") && own("environ", &wanted)).then_some(pid)
+        });
+        found.is_some()
+    });
+    found.unwrap()
+}
+
+fn start(instance: &Instance, behaviour: &str, extra: &[&str]) -> Child {
+    vservo()
+        .args([
+            "run",
+            "--instance",
+            &instance.name,
+            "--set",
+            "drive.kind=external",
+            "--set",
+            "goal.hold_s=60",
+        ])
+        .args(["--set", &command(behaviour), "--duration-s", "60"])
+        .args(extra)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+const LOCKSTEP: [&str; 2] = ["--clock", "lockstep"];
+
+#[test]
+fn in_lockstep_it_equals_the_built_in_drive_to_the_last_bit() {
+    let cases: [&[&str]; 3] = [
+        &[],
+        &["drive.mode=position", "drive.simulated.payload_kg=1"],
+        &[
+            "drive.mode=velocity",
+            "drive.simulated.encoder_step_rad_or_m=[1e-5]",
+            "drive.simulated.command_delay_ticks=2",
+        ],
+    ];
+    for case in cases {
+        let mut arguments = LOCKSTEP.to_vec();
+        for set in case {
+            arguments.extend(["--set", set]);
+        }
+        let built_in = run("builtin", &arguments);
+        let outside = external("outside", "", &arguments);
+        assert_accurate(&outside);
+        assert_eq!(built_in.summary["state_hash"], outside.summary["state_hash"], "{case:?}");
+        assert_eq!(built_in.summary["final"], outside.summary["final"]);
+        assert_eq!(number(&outside.summary, &["late_drive_states"]), 0.0);
+    }
+}
+
+#[test]
+fn without_truth_the_camera_shows_what_is_measured() {
+    let built_in = run("builtin", &LOCKSTEP);
+    let outside = external("notruth", "no_truth", &LOCKSTEP);
+    assert_accurate(&outside);
+    // The encoders are exact here: the pictures are the same, the errors come from the last measurement.
+    assert_eq!(built_in.summary["state_hash"], outside.summary["state_hash"]);
+    assert_ne!(built_in.summary["final"], outside.summary["final"]);
+}
+
+fn assert_fault(r: &Run, reason: &str, event: &str) {
+    assert_eq!(r.output.status.code(), Some(4), "{}", r.text());
+    assert_eq!(r.summary["outcome"], "fault");
+    assert!(r.summary["reason"].as_str().unwrap().contains(reason), "{}", r.text());
+    let events = r.summary["safety"]["events"].to_string();
+    assert!(events.contains(event), "{events}");
+}
+
+#[test]
+fn a_plant_that_is_out_of_step_hangs_or_leaves_ends_the_run() {
+    let patience = ["--set", "drive.external.answer_timeout_s=0.4"];
+    let lockstep = [&LOCKSTEP[..], &patience].concat();
+    let r = external("wrong", "wrong_tick@100", &lockstep);
+    assert_fault(&r, "another tick", "another tick");
+    assert_eq!(number(&r.summary, &["ticks"]), 101.0, "{}", r.summary);
+    assert_fault(&external("silent", "silent@100", &lockstep), "did not answer", "did not answer");
+    assert_fault(&external("leaves", "leave@100", &LOCKSTEP), "has left", "has left");
+}
+
+#[test]
+fn a_killed_plant_ends_the_run() {
+    for clock in ["lockstep", "realtime"] {
+        let instance = Instance::new("killedplant");
+        let goal = ["--clock", clock, "--set", "safety.drive_timeout_ms=500"];
+        let mut child = start(&instance, "", &goal);
+        wait_for_line(&mut child, "servoing");
+        kill(plant_of(&instance), "KILL");
+        let output = child.wait_with_output().unwrap();
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert_eq!(output.status.code(), Some(4), "{text}");
+        assert!(text.contains("the drive process ended") && text.contains("signal 9"), "{text}");
+        instance.assert_gone();
+    }
+}
+
+#[test]
+fn in_real_time_it_converges() {
+    let r = external("rtplant", "", &["--set", "safety.drive_timeout_ms=1000"]);
+    assert_accurate(&r);
+    assert!(r.summary["late_drive_states"].is_u64());
+}
+
+#[test]
+fn in_real_time_a_stale_state_stops_the_arm() {
+    let r = external("stale", "silent@300", &["--set", "safety.drive_timeout_ms=300"]);
+    assert_fault(&r, "safety.drive_timeout_ms", "states stopped");
+    assert!(number(&r.summary, &["late_drive_states"]) >= 290.0, "{}", r.summary);
+}
+
+#[test]
+fn a_stop_does_not_wait_for_a_plant_that_hangs() {
+    let instance = Instance::new("stopsilent");
+    let mut child = start(&instance, "silent@200", &LOCKSTEP);
+    wait_for_line(&mut child, "waiting");
+    let plant = plant_of(&instance);
+    kill(child.id() as i32, "INT");
+    let output = child.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(text.contains("outcome       stopped"), "{text}");
+    assert!(!Path::new(&format!("/proc/{plant}")).exists(), "the plant ends with the run");
+    instance.assert_gone();
+}
+
+#[test]
+fn a_plant_that_does_not_fit_is_refused_before_anything_moves() {
+    for (behaviour, message) in [
+        ("position_only", "does not take torque commands; it takes: position"),
+        ("three_joints", "has 3 joints, the robot of the run file 4"),
+    ] {
+        let r = external("unfit", behaviour, &LOCKSTEP);
+        assert_eq!(r.output.status.code(), Some(3), "{}", r.text());
+        assert!(r.text().contains(message), "{}", r.text());
+    }
+    let missing = ["--set", "drive.kind=external", "--set", "drive.external.command=[\"no-such-plant\"]"];
+    let r = run("missing", &[&LOCKSTEP[..], &missing].concat());
+    assert_eq!(r.output.status.code(), Some(3), "{}", r.text());
+    assert!(r.text().contains("drive.external.command: cannot start `no-such-plant`"), "{}", r.text());
+    let ideal = ["--set", "drive.kind=ideal", "--set", "drive.mode=torque"];
+    let r = run("idealtorque", &[&LOCKSTEP[..], &ideal].concat());
+    assert_eq!(r.output.status.code(), Some(3), "{}", r.text());
+    assert!(r.text().contains("drive.mode") && r.text().contains("takes no torque"), "{}", r.text());
+}
+
+#[test]
+fn a_plant_that_was_started_by_hand_is_found_and_missed() {
+    let instance = Instance::new("plantbyhand");
+    let folder = tempfile::tempdir().unwrap();
+    let summary = folder.path().join("summary.json");
+    let mut child = vservo()
+        .args(["run", "--instance", &instance.name, "--set", "drive.kind=external", "--clock", "lockstep"])
+        .args(["--duration-s", "60", "--set", "goal.hold_s=60", "--summary"])
+        .arg(&summary)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    wait_for_line(&mut child, "waiting for the external drive");
+    let config = format!("/dev/shm/vservo-{}/config.toml", instance.name);
+    let mut plant = Command::new(std::env::current_exe().unwrap())
+        .args(["--ignored", "--exact", "plant_process"])
+        .envs([("VSERVO_INSTANCE", &instance.name), ("VSERVO_CONFIG", &config)])
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let status = |child: &mut Child| child.try_wait().unwrap();
+    wait_until("the first frames", || {
+        assert_eq!(status(&mut child), None);
+        // The plant is at work when it has used some processor time.
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", plant.id())).unwrap_or_default();
+        stat.rsplit(')').next().and_then(|s| s.split_whitespace().nth(11)?.parse::<u64>().ok()) > Some(2)
+    });
+    plant.kill().unwrap();
+    plant.wait().unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(4));
+    let summary = read_summary(&summary);
+    assert_eq!(summary["reason"], "the external drive has left", "{summary}");
+    instance.assert_gone();
+}
