@@ -128,7 +128,9 @@ class Ports:
         if longest_ms:
             self.listener.timed_wait(iox2.Duration.from_millis(longest_ms))
         while (sample := self.commands.receive()) is not None:
-            yield DriveCommand.from_buffer_copy(sample.payload().contents)
+            command = DriveCommand.from_buffer_copy(sample.payload().contents)
+            sample.delete()  # one sample may be borrowed at a time
+            yield command
 
     def send(self, state):
         self.states.send_copy(state)
