@@ -1,6 +1,7 @@
 //! What the integration tests share: runs of the real program under names of their own, and waiting for conditions.
 
 #![allow(dead_code, unreachable_pub)] // each test binary uses a part
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 
 use serde_json::Value;
 use std::path::{Path, PathBuf};
