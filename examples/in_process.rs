@@ -38,7 +38,10 @@ fn main() -> Result<(), AnyError> {
 ///
 /// # Errors
 /// When a part of the configuration cannot be built, or a frame not be written to `folder`.
-pub(crate) fn simulate(config: &Config, folder: Option<&Path>) -> Result<(Finish, Option<f64>, String), AnyError> {
+pub(crate) fn simulate(
+    config: &Config,
+    folder: Option<&Path>,
+) -> Result<(Finish, Option<f64>, String), AnyError> {
     let mut vision = vservo::assemble::vision(config);
     let mut source = vservo::source::open(config)?;
     vservo::dispatch_robot!(config.robot, |robot| {

@@ -1,5 +1,7 @@
 //! Pure modules stay pure: they use neither the operating system's modules nor its clocks, files, threads or sockets.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+
 use std::path::{Path, PathBuf};
 
 const OS: [&str; 5] = ["cli", "ipc", "process", "rt", "source"];

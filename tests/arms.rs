@@ -1,6 +1,8 @@
 //! The run files of the shipped arms: checked without complaint, converged in lockstep with the accuracy that is owed,
 //! from where they say that they start, with the target in view all the way.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+
 mod common;
 
 use common::{Run, assert_accurate, number, run, vservo};

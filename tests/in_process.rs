@@ -1,5 +1,7 @@
 //! The cores in one process do to the last bit what the three processes do: there is one implementation of everything.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+
 #[allow(dead_code)]
 #[path = "../examples/in_process.rs"]
 mod example;

@@ -1,5 +1,7 @@
 //! Lockstep runs of the real processes: they converge, and they repeat to the last bit.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+
 mod common;
 
 use common::{Run, assert_accurate, number, run};

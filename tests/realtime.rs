@@ -1,5 +1,7 @@
 //! Real-time runs: they converge, end on request, and leave nothing behind, however they are ended.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+
 mod common;
 
 use common::{

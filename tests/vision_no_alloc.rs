@@ -1,5 +1,6 @@
 //! Rendering and vision allocate nothing once they run: tracking, whole-frame search, and loss alike.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 #![allow(non_snake_case)]
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
