@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 JOINTS, TICK_NS = 7, 1_000_000
+BRAKE_NS = 100_000_000  # real time: without a command for so long the brakes close
 TORQUE = 0
 TRUTH, START, INITIAL, LAST, LOCKSTEP = 1, 2, 4, 8, 16
 Joints = ctypes.c_double * JOINTS
@@ -71,6 +72,10 @@ class Arm:
     def step(self):
         if not self.held:
             mujoco.mj_step(self.model, self.data)
+
+    def brake(self):
+        self.data.qvel[:] = 0
+        self.held = True
 
     def obey(self, tau):
         self.data.qfrc_applied[:] = np.clip(tau[: self.model.nv], -self.effort, self.effort)
@@ -138,7 +143,7 @@ class Ports:
 
 
 def run(arm, ports):
-    by_the_clock, next_ns, count = False, 0, 0
+    by_the_clock, next_ns, count, obeyed_ns = False, 0, 0, 0
     while True:
         for c in ports.receive(0 if by_the_clock else 50):
             if c.flags & LAST:
@@ -150,12 +155,15 @@ def run(arm, ports):
                 ports.send(arm.state(0, next_ns if by_the_clock else c.stamp, INITIAL))
                 continue
             arm.obey(c.tau)
+            obeyed_ns = time.monotonic_ns()
             if not by_the_clock:
                 arm.step()
                 ports.send(arm.state(c.tick + 1, c.stamp + TICK_NS, 0))
         if by_the_clock:
             next_ns += TICK_NS
             time.sleep(max(0, next_ns - time.monotonic_ns()) * 1e-9)
+            if not arm.held and time.monotonic_ns() - obeyed_ns > BRAKE_NS:
+                arm.brake()
             arm.step()
             count += 1
             ports.send(arm.state(count, time.monotonic_ns(), 0))
