@@ -1,48 +1,61 @@
-//! Joint friction over a time step, implicit: Coulomb friction changes its sign within 1 mm/s or 1 mrad/s, far too
-//! stiff for an explicit step.
+//! Joint friction over a time step, implicit: Coulomb friction changes its sign within 1 mm/s or 1 mrad/s, and light
+//! wrists with heavy gears come to the speed that friction allows within microseconds; both far too stiff for an
+//! explicit step.
 //!
 //! ```text
-//! B (v' - v) = -h F(v'),   F(v) = D(v) v   solved by (B + h D(v_k)) v_{k+1} = B v
+//! B v' + h F(v') = p
 //! ```
-//! `D` is the secant of the friction torque, which is never negative: the step takes energy off whatever its length.
+//! with the momentum `p` that the step leads to without the friction at its end: that of the velocity `smooth` plus an
+//! `impulse`. The left side is the gradient of
+//! a convex function of `v'`, so Newton's method with a line search finds the one solution from anywhere.
 
 use crate::robot::Robot;
 use nalgebra::SVector;
 
-/// Sweeps of the fixed point; each at least halves the error here.
-const MOST_SWEEPS: usize = 12;
-/// A sweep that changes speeds (rad/s or m/s) by less ends it.
-const GOOD_ENOUGH: f64 = 1e-10;
-/// Below this speed the secant is taken at this speed.
-const SMALLEST_SPEED: f64 = 1e-9;
+/// Newton steps; two or three are the rule.
+const MOST_STEPS: usize = 40;
+/// Halvings of a step that goes too far.
+const HALVINGS: usize = 12;
+/// A step that changes speeds (rad/s or m/s) by less ends the search.
+const GOOD_ENOUGH: f64 = 1e-12;
 
-/// Joint velocities after friction has acted on `v` for `h` seconds in posture `q`.
+/// The joint velocities `v'` at the end of a step of `h` seconds in posture `q`, sought from `v` on.
 pub(super) fn after_friction<const N: usize>(
     robot: &Robot<N>,
     q: &SVector<f64, N>,
-    v: &SVector<f64, N>,
+    mut v: SVector<f64, N>,
+    (smooth, impulse): (&SVector<f64, N>, &SVector<f64, N>),
     h: f64,
 ) -> SVector<f64, N> {
     let B = robot.mass_matrix(q);
-    let momentum = B * v;
-    let mut next = *v;
-    for _ in 0..MOST_SWEEPS {
-        let at = next.map(|v| if v.abs() < SMALLEST_SPEED { SMALLEST_SPEED } else { v });
-        let force = robot.friction_torque(&at);
+    let p = B * smooth + impulse;
+    let gradient = |v: &SVector<f64, N>| B * v + robot.friction_torque(v) * h - p;
+    for _ in 0..MOST_STEPS {
+        let slope = robot.friction_slope(&v);
         let mut A = B;
         for i in 0..N {
-            A[(i, i)] += h * force[i] / at[i];
+            A[(i, i)] += h * slope[i];
         }
-        // Positive definite, as the mass matrix is; without an answer friction waits for the next step.
-        let Some(factor) = nalgebra::Cholesky::new(A) else { return next };
-        let better = factor.solve(&momentum);
-        let change = (better - next).amax();
-        next = better;
-        if change < GOOD_ENOUGH {
+        // Positive definite, as the mass matrix is.
+        let Some(factor) = nalgebra::Cholesky::new(A) else { return v };
+        let step = -factor.solve(&gradient(&v));
+        let downhill = |t: f64| gradient(&(v + step * t)).dot(&step) <= 0.0;
+        let t = if downhill(1.0) {
+            1.0
+        } else {
+            let (mut near, mut far) = (0.0, 1.0);
+            for _ in 0..HALVINGS {
+                let middle = 0.5 * (near + far);
+                *(if downhill(middle) { &mut near } else { &mut far }) = middle;
+            }
+            0.5 * (near + far)
+        };
+        v += step * t;
+        if step.amax() * t < GOOD_ENOUGH {
             break;
         }
     }
-    next
+    v
 }
 
 /// Whether any joint has friction.

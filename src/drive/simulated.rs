@@ -1,6 +1,6 @@
-//! A rigid-body arm: `B(q) qdd + C(q, qd) qd + g(q) + friction(qd) = tau`, integrated by Runge-Kutta of fourth order
-//! between two half steps of implicit friction, in equal sub-steps of at most 1 ms, with what a real drive has beside
-//! it: effort limits, encoders, a delay of its commands, a load that the controller does not know.
+//! A rigid-body arm: `B(q) qdd + C(q, qd) qd + g(q) + friction(qd) = tau`, integrated by Runge-Kutta of fourth order,
+//! its friction implicitly, in equal sub-steps of at most 1 ms, with what a real drive has beside it: effort limits,
+//! encoders, a delay of its commands, a load that the controller does not know.
 //!
 //! ```text
 //! write ─► delay ─► torque, or inner servo (velocity, position) ─► effort limits ─► arm ─► truth
@@ -156,11 +156,11 @@ impl<const N: usize> SimulatedDrive<N> {
 
     fn integrate(&mut self, h: f64) {
         let Some(tau) = self.torque(h) else { return };
-        let f = |q: &SVector<f64, N>, qd: &SVector<f64, N>| self.robot.forward_dynamics(q, qd, &tau);
-        if self.friction {
-            self.qd = after_friction(&self.robot, &self.q, &self.qd, h / 2.0);
-        }
         let (q, v) = (self.q, self.qd);
+        // The friction of the step's beginning acts throughout; what it changes by is settled at the end.
+        let friction = if self.friction { self.robot.friction_torque(&v) } else { SVector::zeros() };
+        let tau = tau - friction;
+        let f = |q: &SVector<f64, N>, qd: &SVector<f64, N>| self.robot.forward_dynamics(q, qd, &tau);
         let a1 = f(&q, &v);
         let (q2, v2) = (q + v * (h / 2.0), v + a1 * (h / 2.0));
         let a2 = f(&q2, &v2);
@@ -171,7 +171,9 @@ impl<const N: usize> SimulatedDrive<N> {
         self.q = q + (v + v2 * 2.0 + v3 * 2.0 + v4) * (h / 6.0);
         self.qd = v + (a1 + a2 * 2.0 + a3 * 2.0 + a4) * (h / 6.0);
         if self.friction {
-            self.qd = after_friction(&self.robot, &self.q, &self.qd, h / 2.0);
+            let smooth = self.qd;
+            self.qd = after_friction(&self.robot, &self.q, v, (&smooth, &(friction * h)), h);
+            self.q += (self.qd - smooth) * (h / 2.0);
         }
     }
 }

@@ -28,7 +28,7 @@ impl InverseDynamicsControl {
         Self { stiffness_1_s2: omega_rad_s * omega_rad_s, damping_1_s: 2.0 * zeta * omega_rad_s }
     }
 
-    /// `tau = B(q) (qdd_r + K_D (qd_r - qd) + K_P (q_r - q)) + C(q, qd) qd + g(q)`, cut at the effort limits.
+    /// `tau = B(q) (qdd_r + K_D (qd_r - qd) + K_P (q_r - q)) + C(q, qd) qd + g(q) + friction(qd_r)`, cut at the effort limits.
     #[must_use]
     pub fn torque<const N: usize>(
         &self,
@@ -39,7 +39,8 @@ impl InverseDynamicsControl {
     ) -> JointTorque<N> {
         let y =
             reference.qdd + (reference.qd - qd) * self.damping_1_s + (reference.q - q) * self.stiffness_1_s2;
-        let mut tau = robot.inverse_dynamics(q, qd, &y);
+        // Friction by the reference's velocity: the measured one would feed its noise back through the Coulomb part.
+        let mut tau = robot.inverse_dynamics(q, qd, &y) + robot.friction_torque(&reference.qd);
         let mut saturated = false;
         for (tau, limit) in tau.iter_mut().zip(robot.limits()) {
             let cut = tau.clamp(-limit.effort, limit.effort);

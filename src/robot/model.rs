@@ -168,6 +168,16 @@ impl<const N: usize> Robot<N> {
         &self.friction
     }
 
+    /// Derivative of [`Self::friction_torque`] by the velocity of its own joint, N m s/rad or N s/m.
+    #[must_use]
+    pub fn friction_slope(&self, qd: &SVector<f64, N>) -> SVector<f64, N> {
+        SVector::from_fn(|i, _| {
+            let Friction { viscous, coulomb } = self.friction[i];
+            let share = (qd[i] / COULOMB_WIDTH).tanh();
+            viscous + coulomb * (1.0 - share * share) / COULOMB_WIDTH
+        })
+    }
+
     /// Friction torque (N m or N) that opposes `qd`: `viscous qd + coulomb tanh(qd / 1e-3)`.
     #[must_use]
     pub fn friction_torque(&self, qd: &SVector<f64, N>) -> SVector<f64, N> {

@@ -139,6 +139,17 @@ fn links_are_where_the_table_puts_them() {
 }
 
 #[test]
+fn friction_slope_is_the_derivative() {
+    let robot = scara().with_friction([Friction { viscous: 2.0, coulomb: 1.0 }; 4]);
+    for scale in [0.0, 2e-4, 1e-3, 0.3] {
+        let qd = Vector4::new(1.0, -0.7, 0.4, 2.0) * scale;
+        let h = Vector4::repeat(1e-8);
+        let measured = (robot.friction_torque(&(qd + h)) - robot.friction_torque(&(qd - h))) / 2e-8;
+        assert!((measured - robot.friction_slope(&qd)).amax() < 1e-3, "{measured}");
+    }
+}
+
+#[test]
 fn friction_opposes_motion() {
     let robot = scara().with_friction([Friction { viscous: 2.0, coulomb: 1.0 }; 4]);
     let qd = Vector4::new(0.5, -0.5, 0.0, 2.0);
