@@ -6,6 +6,7 @@
 //! joint_state, status ports ◄──ring────────────── records
 //! drive/state, drive/command ◄─rings─────────────► ExternalDrive, where there is one
 //! ```
+//! With an external drive the companion runs at the priority below.
 //! The real-time thread makes no system call but its sleep, and does not allocate. A late tick is counted; ticks that
 //! have passed are skipped, never caught up.
 
@@ -66,6 +67,17 @@ pub(super) fn run<const N: usize>(
         report(request.as_ref(), &obtained);
         if enforce {
             obtained.require_all()?;
+        }
+    }
+    if plant.is_some()
+        && let Some(request) = request
+    {
+        // Joint states pass through this thread: whatever else the machine does, they come before it.
+        let behind = RealtimeRequest { priority: (request.priority - 1).max(1), cpu: None, ..request };
+        let obtained = rt::prepare_thread(&behind);
+        match obtained.fifo {
+            Some(Ok(priority)) => info!("companion of the external drive: SCHED_FIFO {priority}"),
+            _ => info!("companion of the external drive: normal priority"),
         }
     }
     let mut companion = Companion { ports, received, to_send, unsent: 0 };
