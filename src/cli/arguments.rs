@@ -37,6 +37,15 @@ pub enum Command {
         #[arg(long, value_name = "key.path=value")]
         set: Vec<String>,
     },
+    /// Examine whether this machine is fit for 1 kHz: kernel, limits, clock, and wake-up latency
+    Doctor {
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+        /// How long to measure the wake-up latency, s; 0 leaves it out
+        #[arg(long, value_name = "S", default_value_t = 10.0)]
+        jitter_s: f64,
+    },
     /// Print a completion script for a shell
     Completions {
         /// Shell

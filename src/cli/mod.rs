@@ -9,6 +9,7 @@ pub use arguments::{Cli, Command, RoleArguments, RunArguments};
 use crate::config::Config;
 use crate::ipc::{Instance, Role};
 use crate::process::{self, ProcessError, StopFlag, supervisor};
+use crate::rt::doctor;
 use clap::{CommandFactory, Parser};
 use std::io::{IsTerminal, Write, stderr, stdout};
 use std::process::ExitCode;
@@ -26,6 +27,7 @@ pub fn main() -> ExitCode {
         Some(Command::Vision(arguments)) => role(Role::Vision, &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Check { config, set }) => check(&config, &set),
+        Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
         Some(Command::Completions { shell }) => {
             clap_complete::generate(shell, &mut Cli::command(), "vservo", &mut stdout());
             Ok(0)
@@ -116,4 +118,18 @@ fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
         checked.clock_name()
     );
     Ok(0)
+}
+
+fn doctor(json: bool, jitter_s: f64) -> u8 {
+    let checks = doctor::examine();
+    let request = crate::config::RealtimeRequest { priority: 80, cpu: None, lock_memory: false };
+    let jitter = (jitter_s > 0.0).then(|| doctor::measure(jitter_s.min(3600.0), request)).flatten();
+    let report = doctor::Report { checks, jitter };
+    let text = if json {
+        serde_json::to_string_pretty(&report).unwrap_or_default() + "\n"
+    } else {
+        report.to_text()
+    };
+    let _ = write!(stdout(), "{text}");
+    0
 }
