@@ -14,7 +14,7 @@ use vservo::config::Config;
 use vservo::control_loop::{ControlLoop, Finish};
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, Measurement};
-use vservo::schedule::{FrameSchedule, TICK};
+use vservo::schedule::TICK;
 use vservo::source::{Exposure, Source};
 use vservo::time::MonoNs;
 use vservo::vision::{Frame, Prior, Vision};
@@ -58,14 +58,14 @@ fn run<const N: usize>(
     source: &mut dyn Source,
     folder: Option<&Path>,
 ) -> Result<Finish, AnyError> {
-    let schedule = FrameSchedule::new(config.camera.rate_hz);
+    let schedule = &config.camera.schedule;
     let i = *config.camera.model.intrinsics();
     let mut pixels = vec![0; i.width_px as usize * i.height_px as usize];
     let mut on_their_way: VecDeque<(u64, Measurement)> = VecDeque::new();
     for tick in 0.. {
         let now = MonoNs(TICK.0 * i64::try_from(tick)?);
         source.arm(&control.sense(tick, now));
-        if let Some(frame_id) = schedule.frame_at(tick) {
+        if let Some(frame_id) = schedule.frame_at(tick).filter(|id| !schedule.is_lost(*id)) {
             source.expose(&Exposure { frame_id, mid: now, span: config.camera.exposure }, &mut pixels)?;
             let image = ImageView::new(&pixels, i.width_px as usize, i.height_px as usize)?;
             if let Some(folder) = folder {
@@ -80,11 +80,13 @@ fn run<const N: usize>(
                 ..FrameHeader::default()
             };
             let measurement = vision.process(&Frame { header, image }, &Prior::default());
-            on_their_way.push_back((schedule.usable_tick(frame_id, config.camera.latency), measurement));
+            on_their_way.push_back((schedule.usable_tick(frame_id), measurement));
         }
         // A measurement reaches control one latency after the middle of its exposure.
-        let due = on_their_way.front().is_some_and(|(usable, _)| *usable <= tick);
-        let measurement = if due { on_their_way.pop_front().map(|(_, m)| m) } else { None };
+        let mut measurement = None;
+        while let Some((_, m)) = on_their_way.pop_front_if(|(usable, _)| *usable <= tick) {
+            measurement = Some(m);
+        }
         if let (_, Some(finish)) = control.act(tick, now, measurement.as_ref()) {
             return Ok(finish);
         }

@@ -171,6 +171,7 @@ pub fn control_loop_with<const N: usize>(
         closed_loop,
         f_px: Vector2::new(i.fx_px, i.fy_px),
         X_BO: closed_loop.then_some(config.X_BO),
+        scene_motion: config.scene_motion,
     };
     Ok(ControlLoop::new(Controller::new(settings, q_start), drive, plan))
 }

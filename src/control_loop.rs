@@ -11,6 +11,7 @@ use crate::messages::{
 };
 use crate::run_statistics::{Event, RunStatistics};
 use crate::safety::Fault;
+use crate::scene::SceneMotion;
 use crate::schedule::TICK;
 use crate::servo::View;
 use crate::summary::{FinalErrors, Outcome, SafetyReport};
@@ -37,8 +38,10 @@ pub struct RunPlan {
     pub closed_loop: bool,
     /// Focal lengths that turn normalized errors into pixels.
     pub f_px: Vector2<f64>,
-    /// Where the object is in a simulated scene.
+    /// Where the object is in a simulated scene at the first tick.
     pub X_BO: Option<Pose>,
+    /// How it moves from there.
+    pub scene_motion: SceneMotion,
 }
 
 /// The end of a run.
@@ -261,7 +264,8 @@ impl<const N: usize> ControlLoop<N> {
         let (q, _) = self.sensed.truth?;
         let settings = self.controller.settings();
         let X_BC = settings.robot.forward(&q) * settings.servo.X_EC();
-        Some(X_BC.inverse() * self.plan.X_BO?)
+        let time = self.last - self.first.unwrap_or(self.last);
+        Some(X_BC.inverse() * self.plan.scene_motion.object_at(&self.plan.X_BO?, time))
     }
 
     /// Position and orientation of the camera relative to the desired one, from truth or else from the last pose.

@@ -1,21 +1,37 @@
-//! Which frame is exposed when: the one rule that the camera and a lockstep control share.
+//! Which frame is exposed when, and when its measurement may be used: the one rule that the camera and a lockstep
+//! control share. Irregular cameras are part of it, so that even lost and late frames repeat.
 
 use crate::time::SpanNs;
+use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 /// Length of a control tick.
 pub const TICK: SpanNs = SpanNs::MILLISECOND;
+
+/// How irregular a simulated camera is.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Irregularity {
+    /// A frame is late by up to this, evenly distributed.
+    pub jitter: SpanNs,
+    /// Share of the frames that are lost, 0 to 1.
+    pub loss: f64,
+    /// Of the random numbers.
+    pub seed: u64,
+}
 
 /// Times of exposure of a camera with a constant rate, frame 0 at time 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameSchedule {
     period_ns: f64,
+    latency: SpanNs,
+    irregularity: Irregularity,
 }
 
 impl FrameSchedule {
-    /// A schedule for `rate_hz`, which must be positive; above 1 kHz frames would share ticks.
+    /// A schedule for `rate_hz`, which must be positive; above 1 kHz frames would share ticks. `latency` lies between
+    /// the middle of the exposure and the hand-over of the frame.
     #[must_use]
-    pub fn new(rate_hz: f64) -> Self {
-        Self { period_ns: 1e9 / rate_hz }
+    pub fn new(rate_hz: f64, latency: SpanNs, irregularity: Irregularity) -> Self {
+        Self { period_ns: 1e9 / rate_hz, latency, irregularity }
     }
 
     /// Middle of the exposure of frame `id`, from that of frame 0.
@@ -24,29 +40,51 @@ impl FrameSchedule {
         SpanNs((id as f64 * self.period_ns).round() as i64)
     }
 
+    /// Middle of the exposure of frame `id` to its hand-over.
+    #[must_use]
+    pub fn latency(&self, id: u64) -> SpanNs {
+        SpanNs(self.latency.0 + (self.random(id, 1) * self.irregularity.jitter.0 as f64) as i64)
+    }
+
+    /// Whether the camera loses frame `id`.
+    #[must_use]
+    pub fn is_lost(&self, id: u64) -> bool {
+        self.random(id, 2) < self.irregularity.loss
+    }
+
     /// The first tick at or after the exposure of frame `id`: the one whose state a lockstep camera shows.
     #[must_use]
     pub fn exposure_tick(&self, id: u64) -> u64 {
         ceil_ticks(self.exposure(id))
     }
 
-    /// The frame that belongs to `tick`, if any.
+    /// The frame that belongs to `tick`, if any; it may be a lost one.
     #[must_use]
     pub fn frame_at(&self, tick: u64) -> Option<u64> {
         let near = (tick as f64 * TICK.0 as f64 / self.period_ns).floor() as u64;
         (near.saturating_sub(1)..=near + 1).find(|id| self.exposure_tick(*id) == tick)
     }
 
-    /// The first tick that may use the measurement of frame `id` after `latency`.
+    /// The first tick that may use the measurement of frame `id`. Frames do not overtake one another.
     #[must_use]
-    pub fn usable_tick(&self, id: u64, latency: SpanNs) -> u64 {
-        self.exposure_tick(id) + ceil_ticks(latency)
+    pub fn usable_tick(&self, id: u64) -> u64 {
+        // A later frame is handed over no earlier than those before it; jitter reaches back so many frames.
+        let reach = (self.irregularity.jitter.0 as f64 / self.period_ns).ceil() as u64;
+        let tick = |i| self.exposure_tick(i) + ceil_ticks(self.latency(i));
+        (id.saturating_sub(reach)..=id).map(tick).max().unwrap_or(0)
     }
 
     /// How many frames can be on their way at once in lockstep, with one to spare.
     #[must_use]
-    pub fn in_flight(&self, latency: SpanNs) -> usize {
-        (latency.0 as f64 / self.period_ns).ceil() as usize + 2
+    pub fn in_flight(&self) -> usize {
+        let longest = self.latency.0 + self.irregularity.jitter.0;
+        (longest as f64 / self.period_ns).ceil() as usize + 2
+    }
+
+    /// An even random number in [0, 1) that belongs to frame `id`, whoever asks.
+    fn random(&self, id: u64, purpose: u64) -> f64 {
+        let seed = self.irregularity.seed ^ purpose.rotate_right(8);
+        (xxh3_64_with_seed(&id.to_le_bytes(), seed) >> 11) as f64 / (1u64 << 53) as f64
     }
 }
 
@@ -59,31 +97,60 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    const LATENCY: SpanNs = SpanNs(20_000_000);
+
+    fn regular(rate_hz: f64) -> FrameSchedule {
+        FrameSchedule::new(rate_hz, LATENCY, Irregularity::default())
+    }
+
     proptest! {
         #[test]
         fn every_frame_has_one_tick(rate_hz in 0.1..1000.0f64, id in 0u64..5_000) {
-            let s = FrameSchedule::new(rate_hz);
+            let s = regular(rate_hz);
             let tick = s.exposure_tick(id);
             prop_assert_eq!(s.frame_at(tick), Some(id));
             prop_assert!(s.exposure_tick(id + 1) > tick);
             prop_assert!(s.exposure(id).0 <= tick as i64 * TICK.0);
             prop_assert!(tick as i64 * TICK.0 - s.exposure(id).0 < TICK.0);
         }
+
+        #[test]
+        fn late_frames_stay_in_order_and_within_the_jitter(rate_hz in 1.0..1000.0f64, id in 0u64..2_000, seed: u64) {
+            let jitter = SpanNs(30_000_000);
+            let s = FrameSchedule::new(rate_hz, LATENCY, Irregularity { jitter, loss: 0.1, seed });
+            let usable = s.usable_tick(id);
+            prop_assert!(usable <= s.usable_tick(id + 1));
+            prop_assert!(usable >= s.exposure_tick(id) + 20);
+            prop_assert!(usable <= s.exposure_tick(id) + 50);
+            prop_assert_eq!(usable, s.usable_tick(id), "the same to whoever asks");
+        }
     }
 
     #[test]
     fn whole_ratios_are_exact() {
-        let s = FrameSchedule::new(25.0);
+        let s = regular(25.0);
         assert_eq!((0..4).map(|i| s.exposure_tick(i)).collect::<Vec<_>>(), [0, 40, 80, 120]);
         assert_eq!(s.frame_at(39), None);
-        assert_eq!(s.usable_tick(1, SpanNs(20_000_000)), 60);
-        assert_eq!(s.usable_tick(1, SpanNs(20_000_001)), 61);
-        assert_eq!(FrameSchedule::new(1000.0).frame_at(17), Some(17));
+        assert_eq!(s.usable_tick(1), 60);
+        let odd = FrameSchedule::new(25.0, SpanNs(20_000_001), Irregularity::default());
+        assert_eq!(odd.usable_tick(1), 61);
+        assert_eq!(regular(1000.0).frame_at(17), Some(17));
     }
 
     #[test]
     fn frames_in_flight_cover_the_latency() {
-        assert_eq!(FrameSchedule::new(25.0).in_flight(SpanNs(20_000_000)), 3);
-        assert_eq!(FrameSchedule::new(1000.0).in_flight(SpanNs(20_000_000)), 22);
+        assert_eq!(regular(25.0).in_flight(), 3);
+        assert_eq!(regular(1000.0).in_flight(), 22);
+    }
+
+    #[test]
+    fn the_share_of_lost_frames_is_as_asked_and_differs_between_seeds() {
+        let lost = |seed| {
+            let s = FrameSchedule::new(25.0, LATENCY, Irregularity { jitter: SpanNs(0), loss: 0.1, seed });
+            (0..10_000).filter(|id| s.is_lost(*id)).collect::<Vec<_>>()
+        };
+        assert!((900..1100).contains(&lost(1).len()), "{}", lost(1).len());
+        assert_ne!(lost(1), lost(2));
+        assert!((0..1000).all(|id| !regular(25.0).is_lost(id)));
     }
 }

@@ -102,3 +102,22 @@ fn a_thousand_frames_a_second_repeat_too() {
     assert_eq!(number(&a, &["measurements"]), 181.0, "201 ticks less the latency of 20: {a}");
     assert_eq!(a["state_hash"], b["state_hash"]);
 }
+
+#[test]
+fn an_irregular_camera_repeats_and_converges() {
+    let irregular = || {
+        lockstep(
+            "irregular",
+            &["--set", "camera.synthetic.latency_jitter_ms=35", "--set", "camera.synthetic.frame_loss=0.15"],
+        )
+    };
+    let (a, b) = (irregular(), irregular());
+    assert_accurate(&a);
+    assert_eq!(a.summary["state_hash"], b.summary["state_hash"]);
+    let latency = |q| number(&a.summary, &["latency_us", "exposure_to_command", q]);
+    assert!(latency("max") > 40_000.0 && latency("max") <= 55_000.0, "{}", a.summary);
+    let frames = number(&a.summary, &["frames"]);
+    let exposures = number(&a.summary, &["duration_s"]) * 25.0;
+    assert!(frames < 0.95 * exposures && frames > 0.7 * exposures, "{frames} of {exposures}");
+    assert_eq!(a.summary["frames_dropped"], 0, "the camera lost them, vision did not");
+}

@@ -181,3 +181,14 @@ fn three_processes_by_hand_work_like_one_command() {
     }
     instance.assert_gone();
 }
+
+#[test]
+fn a_latency_longer_than_the_frame_period_loses_no_frame() {
+    let r = run("late", &["--set", "camera.latency_ms=100", "--set", "safety.measurement_timeout_ms=400"]);
+    assert_accurate(&r);
+    let frames = number(&r.summary, &["frames"]);
+    let exposures = number(&r.summary, &["duration_s"]) * 25.0;
+    // Under load a camera may miss some; a camera without pipeline would miss two of three.
+    assert!(frames > 0.7 * exposures, "{frames} of {exposures}");
+    assert!(number(&r.summary, &["latency_us", "exposure_to_command", "p50"]) >= 100_000.0, "{}", r.summary);
+}

@@ -15,7 +15,8 @@ use crate::camera_model::CameraModel;
 use crate::drive::{CommandMode, InnerServo, Payload};
 use crate::geometry::Pose;
 use crate::robot::RobotDescription;
-use crate::scene::{DotTarget, SceneLook, SensorModel};
+use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
+use crate::schedule::FrameSchedule;
 use crate::time::SpanNs;
 use raw::{Clock, Depth, DriveKind, RawConfig, RealtimePolicy, SchemeKind, Update};
 use std::fmt;
@@ -45,6 +46,8 @@ pub struct Config {
     pub target: DotTarget,
     /// Where the target is in a simulated scene, `X_BO`.
     pub X_BO: Pose,
+    /// How it moves there.
+    pub scene_motion: SceneMotion,
     /// Whether vision tracks.
     pub track: bool,
     /// The servo law.
@@ -106,6 +109,8 @@ pub struct Camera {
     pub exposure: SpanNs,
     /// Middle of the exposure to hand-over.
     pub latency: SpanNs,
+    /// Which frame is exposed when.
+    pub schedule: FrameSchedule,
 }
 
 /// The servo law and its goal.

@@ -186,6 +186,10 @@ table! {
         vignetting: f64 = 0.15,
         /// Whether motion during the exposure blurs the picture.
         motion_blur: bool = true,
+        /// Frames are late by up to this, evenly distributed, ms.
+        latency_jitter_ms: f64 = 0.0,
+        /// Share of the frames that are lost, 0 to 1.
+        frame_loss: f64 = 0.0,
     }
 }
 
@@ -229,12 +233,40 @@ table! {
         /// `X_BO`
         object: RawPose =
             RawPose { position_m: [1.0, 1.0, 1.0], rotation_rpy_rad: [0.0, 0.0, std::f64::consts::FRAC_PI_4] },
+        /// `[scene.motion]`
+        motion: RawSceneMotion = RawSceneMotion::default(),
         /// Grey level of the background.
         background_level: f64 = 90.0,
         /// Grey level of the plate.
         plate_level: f64 = 220.0,
         /// Grey level of the dots.
         dot_level: f64 = 30.0,
+    }
+}
+
+word! {
+    /// How the target moves by itself.
+    SceneMotionKind {
+        /// Not at all.
+        Still,
+        /// With constant velocity.
+        Conveyor,
+        /// To and fro.
+        Pendulum,
+    }
+}
+
+table! {
+    /// Motion of the target in a simulated scene.
+    RawSceneMotion {
+        /// Kind of motion.
+        kind: SceneMotionKind = SceneMotionKind::Still,
+        /// Conveyor: velocity in the base frame, m/s.
+        velocity_m_s: [f64; 3] = [0.0, 0.05, 0.0],
+        /// Pendulum: largest displacement in the base frame, m.
+        amplitude_m: [f64; 3] = [0.0, 0.05, 0.0],
+        /// Pendulum: swings per second.
+        frequency_hz: f64 = 0.2,
     }
 }
 

@@ -2,14 +2,15 @@
 
 mod drive;
 
-use super::raw::{Clock, RawConfig, RawPose, RealtimePolicy, SourceKind, TargetKind};
+use super::raw::{Clock, RawConfig, RawPose, RealtimePolicy, SceneMotionKind, SourceKind, TargetKind};
 use super::{
     Camera, Config, Document, Goal, Motion, Problem, Realtime, RealtimeRequest, Safety, Servo, Source,
 };
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
 use crate::robot::{self, RobotDescription};
-use crate::scene::{DotTarget, SceneLook, SensorModel};
+use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
+use crate::schedule::{FrameSchedule, Irregularity};
 use crate::time::SpanNs;
 use nalgebra::{SVector, Translation3, UnitQuaternion};
 use std::ops::RangeInclusive;
@@ -78,6 +79,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     let camera = camera(&raw, check);
     let target = target(&raw, check);
     let X_BO = check.pose("scene.object", &raw.scene.object);
+    let scene_motion = scene_motion(&raw, check);
     let X_DO = check.pose("servo.desired", &raw.servo.desired);
     let gain_1_s = check.range("servo.gain_1_s", raw.servo.gain_1_s, 1e-3..=100.0);
     let natural_frequency_rad_s =
@@ -125,6 +127,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         camera: camera?,
         target: target?,
         X_BO,
+        scene_motion,
         track: raw.vision.track,
         servo: Servo { update: raw.servo.update, gain_1_s, depth: raw.servo.depth, X_DO },
         motion: Motion { max_acceleration, natural_frequency_rad_s, damping_ratio },
@@ -192,15 +195,40 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
             Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
         }
     };
+    let irregularity = Irregularity {
+        jitter: check.span_ms("camera.synthetic.latency_jitter_ms", synthetic.latency_jitter_ms, 0.0..=500.0),
+        loss: check.range("camera.synthetic.frame_loss", synthetic.frame_loss, 0.0..=0.99),
+        seed: raw.run.seed,
+    };
     if check.problems.len() > before {
         return None;
     }
+    // Files come as they are: only a simulated camera is irregular by intent.
+    let irregularity = if c.source == SourceKind::Synthetic { irregularity } else { Irregularity::default() };
+    let schedule = FrameSchedule::new(rate_hz, latency, irregularity);
     let distortion = Distortion { k1: lens.k1, k2: lens.k2, p1: lens.p1, p2: lens.p2, k3: lens.k3 };
     match CameraModel::new(intrinsics, distortion) {
-        Ok(model) => Some(Camera { source, model, X_EC, rate_hz, exposure, latency }),
+        Ok(model) => Some(Camera { source, model, X_EC, rate_hz, exposure, latency, schedule }),
         Err(e) => {
             check.wrong("camera.lens", e.to_string());
             None
+        }
+    }
+}
+
+fn scene_motion(raw: &RawConfig, check: &mut Check<'_>) -> SceneMotion {
+    let motion = &raw.scene.motion;
+    for (key, list) in [("velocity_m_s", &motion.velocity_m_s), ("amplitude_m", &motion.amplitude_m)] {
+        for (i, v) in list.iter().enumerate() {
+            check.range(&format!("scene.motion.{key}[{i}]"), *v, -10.0..=10.0);
+        }
+    }
+    let frequency_hz = check.range("scene.motion.frequency_hz", motion.frequency_hz, 0.0..=10.0);
+    match motion.kind {
+        SceneMotionKind::Still => SceneMotion::Still,
+        SceneMotionKind::Conveyor => SceneMotion::Conveyor { velocity_m_s: motion.velocity_m_s.into() },
+        SceneMotionKind::Pendulum => {
+            SceneMotion::Pendulum { amplitude_m: motion.amplitude_m.into(), frequency_hz }
         }
     }
 }
@@ -299,7 +327,7 @@ fn timing(raw: &RawConfig, camera: &Camera, safety: Safety, check: &mut Check<'_
     }
     if raw.run.clock == Clock::Lockstep {
         let i = camera.model.intrinsics();
-        let in_flight = crate::schedule::FrameSchedule::new(camera.rate_hz).in_flight(camera.latency) as f64;
+        let in_flight = camera.schedule.in_flight() as f64;
         if in_flight * f64::from(i.width_px) * f64::from(i.height_px) > MAX_FRAME_BYTES_IN_FLIGHT {
             let message = "in lockstep, the frames in flight would take more than 512 MB: lower the latency, rate or size";
             check.wrong("camera.latency_ms", message);

@@ -19,5 +19,5 @@ mod services;
 
 pub use error::IpcError;
 pub use instance::{Instance, InstanceError, Role, RoleLock};
-pub use ports::{Bell, FrameReceiver, FrameSender, ReceivedFrame, Receiver, Sender, Waker};
+pub use ports::{Bell, BorrowedFrame, FrameReceiver, FrameSender, ReceivedFrame, Receiver, Sender, Waker};
 pub use services::{FrameShape, Peers, Services};

@@ -140,26 +140,38 @@ impl FrameSender {
         Self { port, bell }
     }
 
-    /// Lends a frame of `bytes` in shared memory to `fill`, which returns its header, and sends it; nothing is sent
-    /// when `fill` returns `Err`, whose value is handed back.
+    /// Borrows a frame of `bytes` in shared memory, to be filled where it lies.
     ///
     /// # Errors
-    /// When the transport fails: no frame to lend, or no way to send it.
-    pub fn send_filled<E>(
-        &self,
-        bytes: usize,
-        fill: impl FnOnce(&mut [u8]) -> Result<FrameHeader, E>,
-    ) -> Result<Result<(), E>, IpcError> {
+    /// When the transport fails: as many frames are out as the service's shape allows.
+    pub fn borrow(&self, bytes: usize) -> Result<BorrowedFrame, IpcError> {
         let loan =
             self.port.loan_slice_uninit(bytes).map_err(|e| transfer("borrowing a frame", FRAMES, e))?;
-        let mut sample = zeroed(loan);
-        match fill(sample.payload_mut()) {
-            Ok(header) => *sample.user_header_mut() = header,
-            Err(e) => return Ok(Err(e)),
-        }
+        Ok(BorrowedFrame { sample: zeroed(loan) })
+    }
+
+    /// Hands a frame over and wakes the readers.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn send(&self, frame: BorrowedFrame, header: FrameHeader) -> Result<(), IpcError> {
+        let mut sample = frame.sample;
+        *sample.user_header_mut() = header;
         sample.send().map_err(|e| transfer("sending", FRAMES, e))?;
-        self.bell.ring()?;
-        Ok(Ok(()))
+        self.bell.ring()
+    }
+}
+
+/// A frame on its way from borrowing to sending; given back unsent when dropped.
+#[derive(Debug)]
+pub struct BorrowedFrame {
+    sample: iceoryx2::sample_mut::SampleMut<Ipc, [u8], FrameHeader>,
+}
+
+impl BorrowedFrame {
+    /// Where the pixels go.
+    pub fn pixels_mut(&mut self) -> &mut [u8] {
+        self.sample.payload_mut()
     }
 }
 

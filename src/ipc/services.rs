@@ -29,6 +29,8 @@ pub struct FrameShape {
     pub bytes: usize,
     /// Frames that wait for vision: 1 in real time (the newest), more in lockstep.
     pub in_flight: usize,
+    /// Frames that the camera may hold back at once, exposed but not yet due.
+    pub held_back: usize,
 }
 
 /// Which peers have joined.
@@ -75,6 +77,7 @@ impl Services {
             .publisher_builder()
             .initial_max_slice_len(shape.bytes)
             .allocation_strategy(AllocationStrategy::Static)
+            .max_loaned_samples(shape.held_back)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| port_error("camera/0/frame", e))?;

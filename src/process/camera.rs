@@ -3,12 +3,12 @@
 use super::{LONGEST_WAIT, Membership, ProcessError, StopFlag, frame_shape};
 use crate::config::Config;
 use crate::config::raw::Clock;
-use crate::ipc::{FrameSender, Instance, Receiver, Role, Waker};
+use crate::ipc::{BorrowedFrame, FrameSender, Instance, Receiver, Role, Waker};
 use crate::messages::{FrameHeader, JointState, frame_flag};
 use crate::rt::{now, sleep_until};
-use crate::schedule::FrameSchedule;
-use crate::source::{self, Exposure, Position, Source, SourceError};
+use crate::source::{self, Exposure, Position, Source};
 use crate::time::{MonoNs, SpanNs};
+use std::collections::VecDeque;
 use std::time::Duration;
 use tracing::info;
 
@@ -41,42 +41,72 @@ struct Camera<'a> {
     lost: u64,
 }
 
+/// An exposed frame that is not due yet.
+struct Pending {
+    due: MonoNs,
+    frame: BorrowedFrame,
+    header: FrameHeader,
+}
+
 impl Camera<'_> {
+    /// Exposes by the machine's clock. Frames whose latency is longer than the period wait in a queue, as they do in the
+    /// pipeline of a real camera.
     fn run_by_the_clock(&mut self, stop: &StopFlag) -> Result<(), ProcessError> {
-        let schedule = FrameSchedule::new(self.config.camera.rate_hz);
+        let schedule = &self.config.camera.schedule;
         let half = SpanNs(self.config.camera.exposure.0 / 2);
         let start = now() + LEAD;
-        let mut frame_id = 0;
+        let (mut frame_id, mut last, mut due) = (0, false, MonoNs::ZERO);
+        let mut pending: VecDeque<Pending> = VecDeque::new();
         loop {
-            let mid = start + schedule.exposure(frame_id);
-            if !wait_until(mid + half, stop) {
+            let exposed = start + schedule.exposure(frame_id) + half;
+            let next = pending.front().map(|p| p.due).into_iter().chain((!last).then_some(exposed)).min();
+            let Some(next) = next else { return self.rest(stop) };
+            if !wait_until(next, stop) {
                 return Ok(());
             }
-            while let Some(state) = self.arm.receive()? {
-                self.source.arm(&state);
+            while let Some(p) = pending.pop_front_if(|p| p.due <= now()) {
+                self.frames.send(p.frame, FrameHeader { sent: now(), ..p.header })?;
             }
-            if self.send(frame_id, mid, Some(mid + self.config.camera.latency))? == Position::Last {
-                return self.rest(stop);
+            if last || now() < exposed {
+                continue;
+            }
+            if schedule.is_lost(frame_id) {
+                self.lost += 1;
+            } else {
+                while let Some(state) = self.arm.receive()? {
+                    self.source.arm(&state);
+                }
+                let mid = start + schedule.exposure(frame_id);
+                let (frame, header) = self.expose(frame_id, mid)?;
+                last = header.flags & frame_flag::LAST != 0;
+                // Frames do not overtake one another.
+                due = due.max(mid + schedule.latency(frame_id));
+                pending.push_back(Pending { due, frame, header });
             }
             // A camera that cannot keep up drops whole exposures, it does not shift them.
             frame_id += 1;
-            while start + schedule.exposure(frame_id) + half
-                < now() - SpanNs(self.config.camera.latency.0 / 2)
-            {
+            let behind = now() - SpanNs(schedule.exposure(1).0 / 2);
+            while start + schedule.exposure(frame_id) + half < behind {
                 frame_id += 1;
                 self.lost += 1;
             }
         }
     }
 
+    /// Exposes at the ticks of a lockstep control, and hands over at once: control knows when to use what.
     fn run_by_the_ticks(&mut self, waker: &Waker, stop: &StopFlag) -> Result<(), ProcessError> {
-        let schedule = FrameSchedule::new(self.config.camera.rate_hz);
+        let schedule = &self.config.camera.schedule;
         while !stop.is_requested() {
             while let Some(state) = self.arm.receive()? {
                 self.source.arm(&state);
-                if let Some(frame_id) = schedule.frame_at(state.tick)
-                    && self.send(frame_id, state.stamp, None)? == Position::Last
-                {
+                let Some(frame_id) = schedule.frame_at(state.tick) else { continue };
+                if schedule.is_lost(frame_id) {
+                    self.lost += 1;
+                    continue;
+                }
+                let (frame, header) = self.expose(frame_id, state.stamp)?;
+                self.frames.send(frame, FrameHeader { sent: now(), ..header })?;
+                if header.flags & frame_flag::LAST != 0 {
                     return self.rest(stop);
                 }
             }
@@ -85,32 +115,25 @@ impl Camera<'_> {
         Ok(())
     }
 
-    /// Exposes frame `frame_id` into shared memory and hands it over, not before `due`.
-    fn send(&mut self, frame_id: u64, mid: MonoNs, due: Option<MonoNs>) -> Result<Position, ProcessError> {
-        let Self { config, source, frames, lost, .. } = self;
-        let i = config.camera.model.intrinsics();
-        let exposure = Exposure { frame_id, mid, span: config.camera.exposure };
-        let mut position = Position::Running;
-        let bytes = i.width_px as usize * i.height_px as usize;
-        let filled = frames.send_filled(bytes, |pixels| {
-            position = source.expose(&exposure, pixels)?;
-            if let Some(due) = due {
-                sleep_until(due);
-            }
-            Ok::<_, SourceError>(FrameHeader {
-                frame_id,
-                exposure: mid,
-                sent: now(),
-                exposure_span_ns: exposure.span.0.max(0).unsigned_abs(),
-                lost: *lost,
-                camera: 0,
-                width_px: i.width_px,
-                height_px: i.height_px,
-                flags: if position == Position::Last { frame_flag::LAST } else { 0 },
-            })
-        })?;
-        filled?;
-        Ok(position)
+    /// Exposes frame `frame_id` into shared memory.
+    fn expose(&mut self, frame_id: u64, mid: MonoNs) -> Result<(BorrowedFrame, FrameHeader), ProcessError> {
+        let camera = &self.config.camera;
+        let i = camera.model.intrinsics();
+        let mut frame = self.frames.borrow(i.width_px as usize * i.height_px as usize)?;
+        let exposure = Exposure { frame_id, mid, span: camera.exposure };
+        let position = self.source.expose(&exposure, frame.pixels_mut())?;
+        let header = FrameHeader {
+            frame_id,
+            exposure: mid,
+            sent: MonoNs::ZERO,
+            exposure_span_ns: exposure.span.0.max(0).unsigned_abs(),
+            lost: self.lost,
+            camera: 0,
+            width_px: i.width_px,
+            height_px: i.height_px,
+            flags: if position == Position::Last { frame_flag::LAST } else { 0 },
+        };
+        Ok((frame, header))
     }
 
     /// After the last frame: stays, because frames vanish with their publisher.

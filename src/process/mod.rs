@@ -16,7 +16,6 @@ pub use stop::{StopFlag, follow_parent};
 use crate::config::Config;
 use crate::config::raw::Clock;
 use crate::ipc::FrameShape;
-use crate::schedule::FrameSchedule;
 use std::time::Duration;
 
 /// Longest wait for a message: how late a request to stop may be noticed.
@@ -26,9 +25,10 @@ const LONGEST_WAIT: Duration = Duration::from_millis(50);
 #[must_use]
 pub fn frame_shape(config: &Config) -> FrameShape {
     let i = config.camera.model.intrinsics();
-    let in_flight = match config.clock {
-        Clock::Realtime => 1,
-        Clock::Lockstep => FrameSchedule::new(config.camera.rate_hz).in_flight(config.camera.latency),
+    let on_their_way = config.camera.schedule.in_flight();
+    let (in_flight, held_back) = match config.clock {
+        Clock::Realtime => (1, on_their_way),
+        Clock::Lockstep => (on_their_way, 1),
     };
-    FrameShape { bytes: i.width_px as usize * i.height_px as usize, in_flight }
+    FrameShape { bytes: i.width_px as usize * i.height_px as usize, in_flight, held_back }
 }

@@ -8,6 +8,7 @@
 
 mod bands;
 mod error;
+mod motion;
 mod profile;
 mod rays;
 mod renderer;
@@ -16,6 +17,7 @@ mod target;
 mod view;
 
 pub use error::SceneError;
+pub use motion::SceneMotion;
 pub use renderer::{Renderer, SceneLook};
 pub use sensor::SensorModel;
 pub use target::{DotTarget, TargetError};

@@ -117,8 +117,14 @@ pub fn open(config: &Config) -> Result<Box<dyn Source>, SourceError> {
                 let history = ArmHistory::new(robot, q_start);
                 let renderer =
                     crate::scene::Renderer::new(config.camera.model, config.target, *look, *sensor)?;
-                Ok(Box::new(Synthetic::new(history, renderer, config.camera.X_EC, config.X_BO, *motion_blur))
-                    as _)
+                Ok(Box::new(Synthetic::new(
+                    history,
+                    renderer,
+                    config.camera.X_EC,
+                    config.X_BO,
+                    config.scene_motion,
+                    *motion_blur,
+                )) as _)
             })?
         }
         config::Source::Replay { folder, repeat } => {

@@ -3,8 +3,9 @@
 use super::{ArmHistory, Exposure, Position, Source, SourceError};
 use crate::geometry::Pose;
 use crate::messages::JointState;
-use crate::scene::Renderer;
-use crate::time::SpanNs;
+use crate::scene::{Renderer, SceneMotion};
+use crate::schedule::TICK;
+use crate::time::{MonoNs, SpanNs};
 
 /// Most sub-exposures of one frame.
 const MAX_SUB_EXPOSURES: usize = 16;
@@ -17,6 +18,9 @@ pub struct Synthetic<const N: usize> {
     renderer: Renderer,
     X_EC: Pose,
     X_BO: Pose,
+    motion: SceneMotion,
+    /// Time of tick 0: what the scene's motion counts from.
+    origin: Option<MonoNs>,
     motion_blur: bool,
     views: Vec<Pose>,
 }
@@ -29,13 +33,17 @@ impl<const N: usize> Synthetic<N> {
         renderer: Renderer,
         X_EC: Pose,
         X_BO: Pose,
+        motion: SceneMotion,
         motion_blur: bool,
     ) -> Self {
-        Self { history, renderer, X_EC, X_BO, motion_blur, views: Vec::with_capacity(MAX_SUB_EXPOSURES) }
+        let views = Vec::with_capacity(MAX_SUB_EXPOSURES);
+        Self { history, renderer, X_EC, X_BO, motion, origin: None, motion_blur, views }
     }
 
     fn view(&self, exposure: &Exposure, offset: SpanNs) -> Pose {
-        (self.history.flange(exposure.mid + offset) * self.X_EC).inverse() * self.X_BO
+        let time = exposure.mid + offset;
+        let since = self.origin.map_or(SpanNs(0), |origin| SpanNs((time - origin).0.max(0)));
+        (self.history.flange(time) * self.X_EC).inverse() * self.motion.object_at(&self.X_BO, since)
     }
 
     /// How far the target moves in the picture during the exposure, px; 0 where a part of it is not in front.
@@ -50,6 +58,7 @@ impl<const N: usize> Synthetic<N> {
 
 impl<const N: usize> Source for Synthetic<N> {
     fn arm(&mut self, state: &JointState) {
+        self.origin = Some(state.stamp - SpanNs(TICK.0.saturating_mul(state.tick as i64)));
         self.history.push(state);
     }
 

@@ -12,7 +12,7 @@ use crate::ipc::{FrameShape, Services};
 use crate::messages::{Measurement, frame_flag};
 use crate::process::{LONGEST_WAIT, ProcessError, StopFlag};
 use crate::safety::Fault;
-use crate::schedule::{FrameSchedule, TICK};
+use crate::schedule::TICK;
 use crate::summary::TickTimes;
 use crate::time::MonoNs;
 use std::collections::VecDeque;
@@ -48,7 +48,7 @@ pub(super) fn run<const N: usize>(
     mut plant: Option<PlantPorts<'_>>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, Pace), ProcessError> {
-    let schedule = FrameSchedule::new(config.camera.rate_hz);
+    let schedule = &config.camera.schedule;
     let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None };
     let mut next_frame = 0;
     let mut tick = 0;
@@ -77,8 +77,10 @@ pub(super) fn run<const N: usize>(
             control.stop(now, STOP_REASON);
         }
         let mut measurement = None;
-        while schedule.usable_tick(next_frame, config.camera.latency) == tick {
-            measurement = inbox.measurement_of(next_frame, ports, stop)?.or(measurement);
+        while schedule.usable_tick(next_frame) == tick {
+            if !schedule.is_lost(next_frame) {
+                measurement = inbox.measurement_of(next_frame, ports, stop)?.or(measurement);
+            }
             next_frame += 1;
         }
         let (status, finish) = control.act(tick, now, measurement.as_ref());
