@@ -200,9 +200,11 @@ impl Summary {
         if let Some(settling) = self.settling_time_s {
             let _ = writeln!(t, "settling      {settling:.3} s to 2 % of the first feature error");
         }
-        let _ =
-            writeln!(t, "latency       exposure to command: {}", pair(&self.latency_us.exposure_to_command));
-        let _ = writeln!(t, "              vision:              {}", pair(&self.latency_us.vision));
+        let latency = &self.latency_us;
+        if latency.exposure_to_command.max > 0.0 {
+            let _ = writeln!(t, "latency       exposure to command: {}", pair(&latency.exposure_to_command));
+            let _ = writeln!(t, "              vision:              {}", pair(&latency.vision));
+        }
         if self.tick_us.step.max > 0.0 {
             let _ = writeln!(t, "tick          wake: {}", pair(&self.tick_us.wake));
             let _ = writeln!(t, "              step: {}", pair(&self.tick_us.step));
@@ -214,5 +216,22 @@ impl Summary {
             let _ = writeln!(t, "state hash    {hash}");
         }
         t
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::time::SpanNs;
+
+    #[test]
+    fn text_leaves_out_what_was_never_measured() {
+        let config = crate::config::Config::load(None, &[]).unwrap();
+        let mut summary = Summary::without_control(&config, SpanNs(0));
+        let text = summary.to_text();
+        assert!(text.contains("outcome       fault") && text.contains("position unknown"), "{text}");
+        assert!(!text.contains("latency") && !text.contains("tick  ") && !text.contains("hash"), "{text}");
+        summary.latency_us.exposure_to_command.max = 20_000.0;
+        assert!(summary.to_text().contains("latency       exposure to command"));
     }
 }

@@ -26,6 +26,10 @@ impl fmt::Display for End {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match (self.0.code(), self.0.signal()) {
             (Some(code), _) => write!(f, "exit code {code}"),
+            // The kernel has no other way to say that a page of shared memory cannot be had.
+            (None, Some(signal)) if signal == Signal::BUS.as_raw() => {
+                write!(f, "killed by signal {signal} (SIGBUS): /dev/shm is full? free some space there")
+            }
             (None, Some(signal)) => write!(f, "killed by signal {signal}"),
             (None, None) => write!(f, "{}", self.0),
         }
@@ -146,5 +150,18 @@ impl Drop for Child {
             self.kill();
         }
         self.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bus_error_is_told_as_what_it_means_here() {
+        let by_signal = |signal: Signal| End(ExitStatus::from_raw(signal.as_raw())).to_string();
+        assert!(by_signal(Signal::BUS).contains("/dev/shm is full?"));
+        assert_eq!(by_signal(Signal::KILL), "killed by signal 9");
+        assert_eq!(End(ExitStatus::from_raw(3 << 8)).to_string(), "exit code 3");
     }
 }
