@@ -121,17 +121,28 @@ fn when_vision_stands_still_the_arm_holds_and_then_goes_on() {
 fn leftovers_of_a_run_that_was_killed_whole_go_at_the_next_start() {
     let instance = Instance::new("massacre");
     let mut child = start(&instance, &[]);
-    wait_for_process(&instance, "control");
+    // All of them: one that starts during the massacre would find itself alone and clean up.
+    for role in ["control", "vision", "camera"] {
+        wait_for_process(&instance, role);
+    }
     wait_until("shared memory in use", || instance.leftovers().len() > 1);
     let all = instance.processes();
     for pid in all {
         kill(pid, "STOP");
     }
-    for pid in instance.processes() {
-        kill(pid, "KILL");
+    // The supervisor, which came first, dies last: the kernel wakes stopped children whose parent dies.
+    let mut all = instance.processes();
+    all.sort_unstable();
+    for pid in all.iter().rev() {
+        kill(*pid, "KILL");
     }
     child.wait().unwrap();
-    wait_until("all to be dead", || instance.processes().is_empty());
+    // A dying process loses its command line before its locks: it is dead when it is gone, or a zombie.
+    let dead = |pid: &i32| {
+        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+        stat.rsplit(')').next().is_none_or(|s| s.is_empty() || s.starts_with(" Z"))
+    };
+    wait_until("all to be dead", || all.iter().all(dead));
     assert!(!instance.leftovers().is_empty(), "a killed run leaves something, or this test shows nothing");
     let output = vservo()
         .args(["run", "--clock", "lockstep", "--duration-s", "0.1", "--instance", &instance.name])
