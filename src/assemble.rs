@@ -1,6 +1,6 @@
 //! From a validated configuration to the cores that it describes.
 
-use crate::config::raw::{Depth, DriveKind, Update};
+use crate::config::raw::{Depth, DriveKind, JointControl, Update};
 use crate::config::{Config, Source};
 use crate::control_loop::{ControlLoop, RunPlan};
 use crate::controller::{Controller, ControllerSettings};
@@ -8,7 +8,7 @@ use crate::drive::{
     CommandMode, Drive, EncoderModel, IdealDrive, SimulatedDrive, SimulatedDriveSettings, StandstillDrive,
 };
 use crate::messages::MAX_JOINTS;
-use crate::motion::{InverseDynamicsControl, MotionLimits};
+use crate::motion::{InverseDynamicsControl, JointController, MotionLimits, PdGravityControl};
 use crate::robot::Robot;
 use crate::safety::MeasurementWatch;
 use crate::servo::{DepthSource, Law, SetPoint, UpdatePolicy, VisualServo};
@@ -136,6 +136,7 @@ pub fn control_loop_with<const N: usize>(
             "motion.max_acceleration_rad_s2_or_m_s2",
             &config.motion.max_acceleration,
         )?,
+        jerk: joint_vector("motion.max_jerk_rad_s3_or_m_s3", &config.motion.max_jerk)?,
     };
     let closed_loop = config.closes_the_loop();
     let law = Law::ImageVelocity {
@@ -150,14 +151,12 @@ pub fn control_loop_with<const N: usize>(
         Update::Tick => UpdatePolicy::Tick,
         Update::Predict => UpdatePolicy::Predict,
     };
+    let joint_control = joint_controller(config, &robot, &q_start)?;
     let settings = ControllerSettings {
         robot,
         servo: VisualServo::new(law, set_point, update, config.camera.X_EC),
         limits,
-        joint_control: InverseDynamicsControl::new(
-            config.motion.natural_frequency_rad_s,
-            config.motion.damping_ratio,
-        ),
+        joint_control,
         watch: MeasurementWatch::new(config.safety.measurement_timeout),
         max_tracking_error: config.safety.max_tracking_error,
         closed_loop,
@@ -174,6 +173,31 @@ pub fn control_loop_with<const N: usize>(
         scene_motion: config.scene_motion,
     };
     Ok(ControlLoop::new(Controller::new(settings, q_start), drive, plan))
+}
+
+fn joint_controller<const N: usize>(
+    config: &Config,
+    robot: &Robot<N>,
+    q_start: &SVector<f64, N>,
+) -> Result<JointController<N>, AssembleError> {
+    let motion = &config.motion;
+    let (omega_rad_s, zeta) = (motion.natural_frequency_rad_s, motion.damping_ratio);
+    Ok(match motion.controller {
+        JointControl::InverseDynamics => {
+            JointController::InverseDynamics(InverseDynamicsControl::new(omega_rad_s, zeta))
+        }
+        JointControl::PdGravity => {
+            let mut control = PdGravityControl::for_posture(robot, q_start, omega_rad_s, zeta);
+            if !motion.stiffness.is_empty() {
+                control.stiffness = joint_vector("motion.stiffness_n_m_rad_or_n_m", &motion.stiffness)?;
+            }
+            if !motion.damping.is_empty() {
+                control.damping = joint_vector("motion.damping_n_m_s_rad_or_n_s_m", &motion.damping)?;
+            }
+            JointController::PdGravity(control)
+        }
+        JointControl::PassThrough => JointController::PassThrough,
+    })
 }
 
 fn joint_vector<const N: usize>(key: &'static str, list: &[f64]) -> Result<SVector<f64, N>, AssembleError> {

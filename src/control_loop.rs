@@ -9,6 +9,7 @@ use crate::geometry::{Pose, rotation_angle};
 use crate::messages::{
     ControlState, JointState, MAX_JOINTS, Measurement, Status, TargetStatus, frame_flag, joint_flag,
 };
+use crate::motion::ActingLimits;
 use crate::run_statistics::{Event, RunStatistics};
 use crate::safety::Fault;
 use crate::scene::SceneMotion;
@@ -79,6 +80,8 @@ pub struct ControlLoop<const N: usize> {
     ending: Option<(MonoNs, Finish)>,
     last_frame_seen: bool,
     used_exposure: Option<MonoNs>,
+    /// Limits that acted since the last status.
+    acted: ActingLimits,
 }
 
 impl<const N: usize> ControlLoop<N> {
@@ -100,6 +103,7 @@ impl<const N: usize> ControlLoop<N> {
             ending: None,
             last_frame_seen: false,
             used_exposure: None,
+            acted: ActingLimits::default(),
         }
     }
 
@@ -131,12 +135,17 @@ impl<const N: usize> ControlLoop<N> {
         self.command = output.command;
         self.statistics.ticked();
         self.note_state(now, &output);
+        self.statistics.limited(now, &output.limits);
+        self.acted = self.acted.with(&output.limits);
         let finish = self.finish(now, &output);
         if finish.is_some() {
             self.drive.end();
         }
         let status =
             (tick.is_multiple_of(STATUS_PERIOD) || finish.is_some()).then(|| self.status(tick, now, finish));
+        if status.is_some() {
+            self.acted = ActingLimits::default();
+        }
         (status, finish)
     }
 
@@ -318,6 +327,8 @@ impl<const N: usize> ControlLoop<N> {
             missed_deadlines: 0,
             state: state as u32,
             target: m.status,
+            limits: self.acted.kinds(),
+            limited_joints: u32::from(self.acted.all_joints()),
         }
     }
 

@@ -10,8 +10,8 @@
 
 use crate::drive::{DriveCommand, DriveState};
 use crate::messages::{ControlState, Measurement};
-use crate::motion::{InverseDynamicsControl, MotionLimits, Reference};
-use crate::robot::Robot;
+use crate::motion::{ActingLimits, JointController, Limit, MotionLimits, Reference, evade};
+use crate::robot::{ExpressedIn, Robot};
 use crate::safety::{Fault, MeasurementWatch, Vision};
 use crate::schedule::TICK;
 use crate::servo::{Intake, VisualServo, Wish};
@@ -28,7 +28,7 @@ pub struct ControllerSettings<const N: usize> {
     /// Limits of the reference.
     pub limits: MotionLimits<N>,
     /// Joint controller.
-    pub joint_control: InverseDynamicsControl,
+    pub joint_control: JointController<N>,
     /// Watch over the measurements.
     pub watch: MeasurementWatch,
     /// Largest distance of a joint from its reference, rad or m.
@@ -48,10 +48,8 @@ pub struct ControlOutput<const N: usize> {
     pub fault: Option<Fault>,
     /// The joint velocity that the servo law asks for, before limits; rad/s or m/s.
     pub wish: SVector<f64, N>,
-    /// Whether a limit on position, velocity or acceleration acted.
-    pub limited: bool,
-    /// Whether an effort limit acted.
-    pub saturated: bool,
+    /// The limits that acted, and on which joints.
+    pub limits: ActingLimits,
     /// What became of the measurement, if there was one.
     pub intake: Option<Intake>,
 }
@@ -122,8 +120,12 @@ impl<const N: usize> Controller<N> {
             },
             _ => SVector::zeros(),
         };
+        let mut limits = ActingLimits::default();
         let reference = if self.settings.closed_loop {
-            *self.reference.advance(&wish, TICK)
+            let (qd, acting) = self.evade(&drive.q, &wish);
+            let reference = *self.reference.advance(&qd, TICK);
+            limits = acting.with(&reference.limits);
+            reference
         } else {
             *self.reference.state()
         };
@@ -133,6 +135,7 @@ impl<const N: usize> Controller<N> {
         let torque =
             self.settings.joint_control.torque(&self.settings.robot, &drive.q, &drive.qd, &reference);
         self.last_tau = torque.tau;
+        limits.add(Limit::Effort, torque.saturated);
         ControlOutput {
             command: DriveCommand { tau: torque.tau, q_r: reference.q, qd_r: reference.qd },
             state: match (self.fault, vision) {
@@ -144,10 +147,16 @@ impl<const N: usize> Controller<N> {
             },
             fault: self.fault,
             wish,
-            limited: reference.limited,
-            saturated: torque.saturated,
+            limits,
             intake,
         }
+    }
+
+    /// The wish, slowed down ahead of singular postures and ends of ranges.
+    fn evade(&self, q: &SVector<f64, N>, wish: &SVector<f64, N>) -> (SVector<f64, N>, ActingLimits) {
+        let ControllerSettings { robot, servo, .. } = &self.settings;
+        let J_C = robot.jacobian_of_frame(q, servo.X_EC(), ExpressedIn::Moving);
+        evade(robot, q, &J_C, wish)
     }
 
     /// Without a usable joint state nothing can be computed: the last reference without motion and the last torque,
@@ -159,8 +168,7 @@ impl<const N: usize> Controller<N> {
             state: ControlState::Fault,
             fault: self.fault,
             wish: SVector::zeros(),
-            limited: false,
-            saturated: false,
+            limits: ActingLimits::default(),
             intake: None,
         }
     }

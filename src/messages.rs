@@ -346,6 +346,10 @@ pub struct Status {
     pub state: u32,
     /// Code of a [`TargetStatus`]: what vision said last.
     pub target: u32,
+    /// The limits that acted since the last status: bits of [`crate::motion::Limit`].
+    pub limits: u32,
+    /// The joints on which they acted: bit 0 is the first.
+    pub limited_joints: u32,
 }
 
 #[cfg(test)]
@@ -366,7 +370,7 @@ mod tests {
         assert_eq!((size_of::<JointState>(), align_of::<JointState>()), (416, 8));
         assert_eq!(offset_of!(JointState, q), 24);
         assert_eq!(offset_of!(JointState, q_true), 304);
-        assert_eq!((size_of::<Status>(), align_of::<Status>()), (104, 8));
+        assert_eq!((size_of::<Status>(), align_of::<Status>()), (112, 8));
         assert_eq!(offset_of!(Status, state), 96);
     }
 

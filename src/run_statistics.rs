@@ -4,8 +4,9 @@
 use crate::drive::DriveState;
 use crate::histogram::Histogram;
 use crate::messages::{ControlState, Measurement};
+use crate::motion::{ActingLimits, Limit, LimitWatch, LongActing};
 use crate::safety::Fault;
-use crate::summary::{Latencies, SafetyEvent, SafetyReport};
+use crate::summary::{Latencies, LimitedTicks, SafetyEvent, SafetyReport};
 use crate::time::{MonoNs, SpanNs};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -25,6 +26,8 @@ pub(crate) enum Event {
     Stopping,
     /// A fault.
     Fault(Fault),
+    /// A limit that has acted for long.
+    Limit(LongActing),
 }
 
 /// What was counted during a run.
@@ -41,6 +44,7 @@ pub struct RunStatistics {
     first_error_px: f64,
     last_unsettled: Option<MonoNs>,
     hash: Xxh3,
+    limits: LimitWatch,
     events: [(MonoNs, Option<Event>); MAX_EVENTS],
     event_count: usize,
 }
@@ -59,6 +63,7 @@ impl RunStatistics {
             first_error_px: f64::NAN,
             last_unsettled: None,
             hash: Xxh3::new(),
+            limits: LimitWatch::default(),
             events: [(MonoNs::ZERO, None); MAX_EVENTS],
             event_count: 0,
         }
@@ -133,9 +138,21 @@ impl RunStatistics {
     pub(crate) fn safety_report(&self, state: ControlState, first: MonoNs) -> SafetyReport {
         let kept = self.events.iter().take(self.event_count);
         let described = |(at, event): &(MonoNs, Option<Event>)| {
-            Some(SafetyEvent { time_s: (*at - first).as_s(), event: (*event)?.describe().into() })
+            Some(SafetyEvent { time_s: (*at - first).as_s(), event: (*event)?.describe() })
         };
-        SafetyReport { state: state.as_str().into(), events: kept.filter_map(described).collect() }
+        let ticks = |limit| self.limits.ticks(limit);
+        SafetyReport {
+            state: state.as_str().into(),
+            events: kept.filter_map(described).collect(),
+            limited_ticks: LimitedTicks {
+                position: ticks(Limit::Position),
+                velocity: ticks(Limit::Velocity),
+                acceleration: ticks(Limit::Acceleration),
+                jerk: ticks(Limit::Jerk),
+                effort: ticks(Limit::Effort),
+                singularity: ticks(Limit::Singularity),
+            },
+        }
     }
 
     /// The newest measurement.
@@ -157,6 +174,13 @@ impl RunStatistics {
         }
     }
 
+    /// Counts the limits that acted; one that has acted for long is an event.
+    pub(crate) fn limited(&mut self, now: MonoNs, acting: &ActingLimits) {
+        let mut watch = self.limits;
+        watch.note(now, acting, |long| self.event(now, Event::Limit(long)));
+        self.limits = watch;
+    }
+
     /// Notes a safety event.
     pub(crate) fn event(&mut self, at: MonoNs, event: Event) {
         if let Some(place) = self.events.get_mut(self.event_count) {
@@ -167,12 +191,14 @@ impl RunStatistics {
 }
 
 impl Event {
-    fn describe(self) -> &'static str {
-        match self {
+    fn describe(self) -> String {
+        let text = match self {
             Self::Holding => "measurements stopped: the arm slows down and holds",
             Self::Resumed => "measurements are back: the arm goes on",
             Self::Stopping => "stop requested: the arm slows down",
             Self::Fault(fault) => fault.describe(),
-        }
+            Self::Limit(long) => return long.describe(),
+        };
+        text.into()
     }
 }

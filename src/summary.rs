@@ -91,6 +91,25 @@ pub struct SafetyReport {
     pub state: String,
     /// In the order of time.
     pub events: Vec<SafetyEvent>,
+    /// How often limits acted.
+    pub limited_ticks: LimitedTicks,
+}
+
+/// Ticks in which a limit held a joint back.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LimitedTicks {
+    /// The end of a joint's range.
+    pub position: u64,
+    /// The largest speed of a joint.
+    pub velocity: u64,
+    /// The largest acceleration of a joint.
+    pub acceleration: u64,
+    /// The largest jerk of a joint.
+    pub jerk: u64,
+    /// The largest torque or force of a joint.
+    pub effort: u64,
+    /// Nearness of a singular posture.
+    pub singularity: u64,
 }
 
 /// The summary of a run.
@@ -162,7 +181,7 @@ impl Summary {
             final_errors: FinalErrors::default(),
             latency_us: Latencies::default(),
             tick_us: TickTimes::default(),
-            safety: SafetyReport { state: "fault".into(), events: Vec::new() },
+            safety: SafetyReport { state: "fault".into(), ..SafetyReport::default() },
             state_hash: None,
         }
     }

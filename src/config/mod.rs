@@ -18,7 +18,7 @@ use crate::robot::RobotDescription;
 use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
 use crate::schedule::FrameSchedule;
 use crate::time::SpanNs;
-use raw::{Clock, Depth, DriveKind, RawConfig, RealtimePolicy, SchemeKind, Update};
+use raw::{Clock, Depth, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Update};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -131,10 +131,18 @@ pub struct Servo {
 pub struct Motion {
     /// Largest acceleration of each joint, rad/s^2 or m/s^2.
     pub max_acceleration: Vec<f64>,
+    /// Largest jerk of each joint, rad/s^3 or m/s^3.
+    pub max_jerk: Vec<f64>,
+    /// Joint controller.
+    pub controller: JointControl,
     /// Natural frequency of the joint controller, rad/s.
     pub natural_frequency_rad_s: f64,
     /// Damping ratio of the joint controller.
     pub damping_ratio: f64,
+    /// Stiffness of each joint under PD control, N m/rad or N/m; empty: from the natural frequency.
+    pub stiffness: Vec<f64>,
+    /// Damping of each joint under PD control, N m s/rad or N s/m; empty: from the damping ratio.
+    pub damping: Vec<f64>,
 }
 
 /// The drive.

@@ -1,11 +1,10 @@
 //! What the values of a run file must fulfil, alone and together; every violation is reported, not the first one.
 
 mod drive;
+mod motion;
 
 use super::raw::{Clock, RawConfig, RawPose, RealtimePolicy, SceneMotionKind, SourceKind, TargetKind};
-use super::{
-    Camera, Config, Document, Goal, Motion, Problem, Realtime, RealtimeRequest, Safety, Servo, Source,
-};
+use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Servo, Source};
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
 use crate::robot::{self, RobotDescription};
@@ -82,9 +81,6 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     let scene_motion = scene_motion(&raw, check);
     let X_DO = check.pose("servo.desired", &raw.servo.desired);
     let gain_1_s = check.range("servo.gain_1_s", raw.servo.gain_1_s, 1e-3..=100.0);
-    let natural_frequency_rad_s =
-        check.range("motion.natural_frequency_rad_s", raw.motion.natural_frequency_rad_s, 1.0..=300.0);
-    let damping_ratio = check.range("motion.damping_ratio", raw.motion.damping_ratio, 0.1..=5.0);
     let safety = Safety {
         measurement_timeout: check.span_ms(
             "safety.measurement_timeout_ms",
@@ -100,13 +96,10 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     };
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
     let before_arm = check.problems.len();
-    let arm = arm(&raw, check);
-    let drive = drive::drive(&raw, arm.as_ref().map(|(robot, _)| robot), check);
+    let robot = arm(&raw, check);
+    let drive = drive::drive(&raw, robot.as_ref(), check);
+    let motion = motion::motion(&raw, drive.mode, robot.as_ref(), check);
     let arm_is_good = check.problems.len() == before_arm;
-    let (robot, max_acceleration) = match arm {
-        Some((robot, acceleration)) => (Some(robot), acceleration),
-        None => (None, Vec::new()),
-    };
     if let (Some(target), Some(camera)) = (&target, &camera) {
         if let Some((dot, why)) = hidden_dot(target, camera, &X_DO) {
             check.wrong("servo.desired", format!("dot {dot} would lie {why} in the desired view"));
@@ -130,7 +123,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         scene_motion,
         track: raw.vision.track,
         servo: Servo { update: raw.servo.update, gain_1_s, depth: raw.servo.depth, X_DO },
-        motion: Motion { max_acceleration, natural_frequency_rad_s, damping_ratio },
+        motion,
         drive,
         safety,
         realtime: Realtime {
@@ -241,8 +234,8 @@ fn target(raw: &RawConfig, check: &mut Check<'_>) -> Option<DotTarget> {
     made.map_err(|e| check.wrong("target", e.to_string())).ok()
 }
 
-/// The robot, and its acceleration limits with one entry for each joint.
-fn arm(raw: &RawConfig, check: &mut Check<'_>) -> Option<(RobotDescription, Vec<f64>)> {
+/// The robot, with a start inside its limits.
+fn arm(raw: &RawConfig, check: &mut Check<'_>) -> Option<RobotDescription> {
     let robot = match robot::load(&raw.robot.model) {
         Ok(robot) => robot,
         Err(e) => {
@@ -262,20 +255,7 @@ fn arm(raw: &RawConfig, check: &mut Check<'_>) -> Option<(RobotDescription, Vec<
             format!("has {} entries, {} has {joints} joints", q.len(), robot.name),
         );
     }
-    let acceleration = &raw.motion.max_acceleration_rad_s2_or_m_s2;
-    for (i, a) in acceleration.iter().enumerate() {
-        check.range(&format!("motion.max_acceleration_rad_s2_or_m_s2[{i}]"), *a, 1e-3..=1e4);
-    }
-    let acceleration = match acceleration.as_slice() {
-        [one] => vec![*one; joints],
-        list if list.len() == joints => list.to_vec(),
-        list => {
-            let message = format!("has {} entries, needs 1 or {joints}", list.len());
-            check.wrong("motion.max_acceleration_rad_s2_or_m_s2", message);
-            return None;
-        }
-    };
-    Some((robot, acceleration))
+    Some(robot)
 }
 
 /// The first dot (from 1) that the camera does not see when the target lies at `X_CO`, and why.

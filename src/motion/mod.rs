@@ -1,7 +1,17 @@
-//! From wished joint velocities to torques: the limited reference, and the joint controller that follows it.
+//! From wished joint velocities to what a drive obeys: arm limits ahead of the reference, the limited reference, and
+//! the joint controller that follows it.
+//!
+//! ```text
+//! servo law ─► evade (singular postures, ends of ranges) ─► Reference (hard limits, last) ─► JointController ─► drive
+//! ```
 
+mod braking;
+mod evasion;
 mod joint_control;
+mod limits;
 mod reference;
 
-pub use joint_control::{InverseDynamicsControl, JointTorque};
+pub use evasion::evade;
+pub use joint_control::{InverseDynamicsControl, JointController, JointTorque, PdGravityControl};
+pub use limits::{ActingLimits, Limit, LimitWatch, LongActing};
 pub use reference::{MotionLimits, Reference, ReferenceState};

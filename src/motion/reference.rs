@@ -1,11 +1,28 @@
 //! The joint reference `q_r(t)` of (10.75): the integral of the wished velocity, kept within the limits on
-//! position, velocity and acceleration.
+//! position, velocity, acceleration and jerk.
 //!
-//! Velocity and acceleration are reduced for all joints together, so that the camera keeps its direction.
-//! Near the end of a joint's range its velocity is bound by the distance in which it can still stop.
+//! ```text
+//! wish ─► scaled to the velocity limits ─► a* = g (wish - qd) ─► scaled to the jerk limits ─► can it still brake? ─► q_r
+//!         (all joints together)            (all joints together)   (all joints together)        (each joint)
+//! ```
+//! Scaling acts on all joints together, so that the camera keeps its direction. The last stage makes the limits
+//! certain: a joint takes a step only if it can brake from there within all limits (`braking`); else it takes the
+//! part of the step that it can. Since it can always go on braking, no limit is ever passed, whatever is wished.
 
+use super::braking::{Bounds, Breach, Point, braked, breach};
+use super::limits::{ActingLimits, Limit};
 use crate::time::SpanNs;
 use nalgebra::SVector;
+
+/// The acceleration falls with the velocity error along `sqrt(2 share J e)`: the rest of the jerk is for corrections.
+const JERK_SHARE: f64 = 0.8;
+/// Gain of the last bit of a velocity change times the tick: critical damping, `6 - sqrt(32)`.
+const LAST_GAIN: f64 = 0.343;
+/// Velocity errors (rad/s or m/s) and accelerations that are no longer worked off.
+const VELOCITY_DUST: f64 = 1e-12;
+const ACCELERATION_DUST: f64 = 1e-9;
+/// Halvings in search of the largest part of a step from which a joint can brake.
+const HALVINGS: u32 = 6;
 
 /// Limits of the reference; rad or m, per second.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +35,8 @@ pub struct MotionLimits<const N: usize> {
     pub velocity: SVector<f64, N>,
     /// Largest acceleration.
     pub acceleration: SVector<f64, N>,
+    /// Largest jerk.
+    pub jerk: SVector<f64, N>,
 }
 
 /// One point of the reference.
@@ -27,10 +46,10 @@ pub struct ReferenceState<const N: usize> {
     pub q: SVector<f64, N>,
     /// Velocity.
     pub qd: SVector<f64, N>,
-    /// Acceleration since the previous point.
+    /// Mean acceleration since the previous point.
     pub qdd: SVector<f64, N>,
-    /// Whether a limit changed the wished velocity.
-    pub limited: bool,
+    /// The limits that held the wish back.
+    pub limits: ActingLimits,
 }
 
 /// Generator of the reference.
@@ -38,6 +57,8 @@ pub struct ReferenceState<const N: usize> {
 pub struct Reference<const N: usize> {
     limits: MotionLimits<N>,
     state: ReferenceState<N>,
+    /// Acceleration at the point.
+    a: SVector<f64, N>,
 }
 
 impl<const N: usize> Reference<N> {
@@ -45,7 +66,8 @@ impl<const N: usize> Reference<N> {
     #[must_use]
     pub fn new(limits: MotionLimits<N>, q: SVector<f64, N>) -> Self {
         let zero = SVector::zeros();
-        Self { limits, state: ReferenceState { q, qd: zero, qdd: zero, limited: false } }
+        let state = ReferenceState { q, qd: zero, qdd: zero, limits: ActingLimits::default() };
+        Self { limits, state, a: zero }
     }
 
     /// The current point.
@@ -60,126 +82,111 @@ impl<const N: usize> Reference<N> {
         if dt_s <= 0.0 {
             return &self.state;
         }
+        let mut acting = ActingLimits::default();
+        let wanted = self.wanted_acceleration(wish, dt_s, &mut acting);
+        let previous = self.state.qd;
+        for i in 0..N {
+            let bounds = self.bounds(i);
+            let now = Point { q: self.state.q[i], v: previous[i], a: self.a[i] };
+            let step = now.after((wanted[i] - now.a) / dt_s, dt_s);
+            let (taken, breach) = admissible(now, step, &bounds, dt_s);
+            match breach {
+                Some(Breach::Position) => acting.set(Limit::Position, i),
+                Some(Breach::Velocity) => acting.set(Limit::Velocity, i),
+                None => {}
+            }
+            self.state.q[i] = taken.q;
+            self.state.qd[i] = taken.v;
+            self.a[i] = taken.a;
+        }
+        self.state.qdd = (self.state.qd - previous) / dt_s;
+        self.state.limits = acting;
+        &self.state
+    }
+
+    /// The acceleration at the end of the step that leads towards the wish, within acceleration and jerk limits.
+    fn wanted_acceleration(
+        &self,
+        wish: &SVector<f64, N>,
+        dt_s: f64,
+        acting: &mut ActingLimits,
+    ) -> SVector<f64, N> {
         let limits = &self.limits;
         let mut wish = if wish.iter().all(|v| v.is_finite()) { *wish } else { SVector::zeros() };
-
-        let mut limited = scale_to_fit(&mut wish, &limits.velocity);
-        let mut change = wish - self.state.qd;
-        limited |= scale_to_fit(&mut change, &(limits.acceleration * dt_s));
-
-        let previous = self.state.qd;
-        let mut qd = previous + change;
+        wish *= shrink(&wish, &limits.velocity, Limit::Velocity, acting);
+        let error = wish - self.state.qd;
+        if error.amax() < VELOCITY_DUST && self.a.amax() < ACCELERATION_DUST {
+            return SVector::zeros();
+        }
+        let mut gain = LAST_GAIN / dt_s;
+        let mut slowest = None;
         for i in 0..N {
-            let (a, q) = (limits.acceleration[i], self.state.q[i]);
-            // What one tick of full acceleration can reach; braking for the range's end may need all of it.
-            let reachable = (previous[i] - a * dt_s, previous[i] + a * dt_s);
-            let slowest = -stopping_speed(q - limits.lower[i], a, dt_s);
-            let fastest = stopping_speed(limits.upper[i] - q, a, dt_s);
-            let bounded = qd[i].clamp(slowest, fastest).clamp(reachable.0, reachable.1);
-            limited |= bounded != qd[i];
-            qd[i] = bounded;
-        }
-        let state = &mut self.state;
-        state.qdd = (qd - previous) / dt_s;
-        state.qd = qd;
-        state.q += qd * dt_s;
-        state.limited = limited;
-        state
-    }
-}
-
-/// Shrinks the whole vector until every entry fits; true when it had to.
-fn scale_to_fit<const N: usize>(v: &mut SVector<f64, N>, largest: &SVector<f64, N>) -> bool {
-    let mut scale = 1.0_f64;
-    for i in 0..N {
-        if v[i].abs() > largest[i] {
-            scale = scale.min(largest[i] / v[i].abs());
-        }
-    }
-    if scale < 1.0 {
-        *v *= scale;
-    }
-    scale < 1.0
-}
-
-/// The largest speed from which a joint still stops within `distance`, braking with `a` in steps of `dt_s`.
-///
-/// A step moves by `v dt` and later steps by `v^2 / 2a - v dt / 2` at most plus the rounding `a dt^2 / 8`.
-fn stopping_speed(distance: f64, a: f64, dt_s: f64) -> f64 {
-    if distance == f64::INFINITY {
-        return f64::INFINITY;
-    }
-    let room = (distance - a * dt_s * dt_s / 8.0).max(0.0);
-    a * ((dt_s * dt_s / 4.0 + 2.0 * room / a).sqrt() - dt_s / 2.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use nalgebra::Vector2;
-    use proptest::prelude::*;
-
-    fn limits() -> MotionLimits<2> {
-        MotionLimits {
-            lower: Vector2::new(-0.5, -0.1),
-            upper: Vector2::new(0.8, 0.2),
-            velocity: Vector2::new(1.0, 0.3),
-            acceleration: Vector2::new(4.0, 2.0),
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn no_limit_is_ever_passed(
-            start in (-0.5..0.8f64, -0.1..0.2f64),
-            wishes in prop::collection::vec((-5.0..5.0f64, -5.0..5.0f64, 1usize..300), 1..12)
-        ) {
-            let l = limits();
-            let mut r = Reference::new(l.clone(), Vector2::new(start.0, start.1));
-            for (a, b, ticks) in wishes {
-                for _ in 0..ticks {
-                    let before = r.state().qd;
-                    let s = *r.advance(&Vector2::new(a, b), SpanNs::MILLISECOND);
-                    for i in 0..2 {
-                        prop_assert!(s.q[i] >= l.lower[i] - 1e-9 && s.q[i] <= l.upper[i] + 1e-9, "position {}", s.q);
-                        prop_assert!(s.qd[i].abs() <= l.velocity[i] + 1e-12);
-                        prop_assert!((s.qd[i] - before[i]).abs() <= l.acceleration[i] * 1e-3 + 1e-12);
-                        prop_assert!((s.qdd[i] - (s.qd[i] - before[i]) * 1e3).abs() < 1e-9);
-                    }
+            let e = error[i].abs();
+            for (limit, largest) in [
+                (Limit::Acceleration, limits.acceleration[i]),
+                (Limit::Jerk, (2.0 * JERK_SHARE * limits.jerk[i] * e).sqrt()),
+            ] {
+                if gain * e > largest {
+                    gain = largest / e;
+                    slowest = Some((limit, i));
                 }
             }
         }
+        if let Some((limit, i)) = slowest {
+            acting.set(limit, i);
+        }
+        let change = error * gain - self.a;
+        self.a + change * shrink(&change, &(limits.jerk * dt_s), Limit::Jerk, acting)
     }
 
-    #[test]
-    fn an_easy_wish_is_followed_exactly() {
-        let mut r = Reference::new(limits(), Vector2::zeros());
-        let s = r.advance(&Vector2::new(0.003, -0.001), SpanNs::MILLISECOND);
-        assert!(!s.limited);
-        assert_eq!(s.qd, Vector2::new(0.003, -0.001));
-    }
-
-    #[test]
-    fn direction_is_kept_when_speed_is_cut() {
-        let mut r = Reference::new(limits(), Vector2::zeros());
-        for _ in 0..150 {
-            r.advance(&Vector2::new(4.0, 0.8), SpanNs::MILLISECOND);
+    fn bounds(&self, i: usize) -> Bounds {
+        let l = &self.limits;
+        Bounds {
+            lower: l.lower[i],
+            upper: l.upper[i],
+            velocity: l.velocity[i],
+            acceleration: l.acceleration[i],
+            jerk: l.jerk[i],
         }
-        let s = r.state();
-        assert!(s.limited);
-        assert!((s.qd[1] / s.qd[0] - 0.2).abs() < 1e-9);
-    }
-
-    #[test]
-    fn nonsense_stops_the_reference() {
-        let mut r = Reference::new(limits(), Vector2::zeros());
-        for _ in 0..500 {
-            r.advance(&Vector2::new(0.2, 0.1), SpanNs::MILLISECOND);
-        }
-        for _ in 0..500 {
-            r.advance(&Vector2::new(f64::NAN, 0.1), SpanNs::MILLISECOND);
-        }
-        assert_eq!(r.state().qd, Vector2::zeros());
-        assert!(r.state().q.iter().all(|q| q.is_finite()));
     }
 }
+
+/// The step, if the joint can brake from its end within all limits; else as much of it as lets it, and what stood in
+/// its way. Parts of a step lie between braking and the step: the limits are convex, so they are kept on the way too.
+fn admissible(now: Point, step: Point, bounds: &Bounds, dt_s: f64) -> (Point, Option<Breach>) {
+    let Some(reason) = breach(step, bounds, now.q) else { return (step, None) };
+    let brake = braked(now, bounds, dt_s);
+    let (mut best, mut low, mut high) = (brake, 0.0, 1.0);
+    for _ in 0..HALVINGS {
+        let share = 0.5 * (low + high);
+        let part = brake.towards(step, share);
+        if breach(part, bounds, now.q).is_none() {
+            (best, low) = (part, share);
+        } else {
+            high = share;
+        }
+    }
+    (best, Some(reason))
+}
+
+/// The factor that makes the whole vector fit, and the joint that asks for it.
+fn shrink<const N: usize>(
+    v: &SVector<f64, N>,
+    largest: &SVector<f64, N>,
+    limit: Limit,
+    acting: &mut ActingLimits,
+) -> f64 {
+    let (mut scale, mut joint) = (1.0_f64, None);
+    for i in 0..N {
+        if v[i].abs() * scale > largest[i] {
+            (scale, joint) = (largest[i] / v[i].abs(), Some(i));
+        }
+    }
+    if let Some(joint) = joint {
+        acting.set(limit, joint);
+    }
+    scale
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,85 @@
+//! `[motion]`: limits and gains, one for all joints or one each, and a controller that fits the drive.
+
+use super::Check;
+use crate::config::Motion;
+use crate::config::raw::{JointControl, RawConfig};
+use crate::drive::CommandMode;
+use crate::robot::RobotDescription;
+use std::ops::RangeInclusive;
+
+/// The table `[motion]` for the joints of `robot`, where there is one, and a drive that obeys `mode`.
+pub(super) fn motion(
+    raw: &RawConfig,
+    mode: CommandMode,
+    robot: Option<&RobotDescription>,
+    check: &mut Check<'_>,
+) -> Motion {
+    let m = &raw.motion;
+    let joints = robot.map(RobotDescription::joint_count);
+    if m.controller == JointControl::PassThrough && mode == CommandMode::Torque {
+        check.wrong(
+            "motion.controller",
+            "pass_through gives no torque, and the drive is commanded by torque: set drive.mode to velocity or position, \
+             or take inverse_dynamics or pd_gravity",
+        );
+    }
+    let pd = m.controller == JointControl::PdGravity;
+    for (key, list) in [
+        ("motion.stiffness_n_m_rad_or_n_m", &m.stiffness_n_m_rad_or_n_m),
+        ("motion.damping_n_m_s_rad_or_n_s_m", &m.damping_n_m_s_rad_or_n_s_m),
+    ] {
+        if !pd && !list.is_empty() {
+            check.wrong(key, "is a gain of motion.controller = \"pd_gravity\" alone");
+        }
+    }
+    let mut gains = |key: &str, list: &[f64]| {
+        if list.is_empty() { Vec::new() } else { joint_list(key, list, joints, 0.0..=1e7, check) }
+    };
+    Motion {
+        stiffness: gains("motion.stiffness_n_m_rad_or_n_m", &m.stiffness_n_m_rad_or_n_m),
+        damping: gains("motion.damping_n_m_s_rad_or_n_s_m", &m.damping_n_m_s_rad_or_n_s_m),
+        max_acceleration: joint_list(
+            "motion.max_acceleration_rad_s2_or_m_s2",
+            &m.max_acceleration_rad_s2_or_m_s2,
+            joints,
+            1e-3..=1e4,
+            check,
+        ),
+        max_jerk: joint_list(
+            "motion.max_jerk_rad_s3_or_m_s3",
+            &m.max_jerk_rad_s3_or_m_s3,
+            joints,
+            1e-2..=1e7,
+            check,
+        ),
+        controller: m.controller,
+        natural_frequency_rad_s: check.range(
+            "motion.natural_frequency_rad_s",
+            m.natural_frequency_rad_s,
+            1.0..=300.0,
+        ),
+        damping_ratio: check.range("motion.damping_ratio", m.damping_ratio, 0.1..=5.0),
+    }
+}
+
+/// A list with one entry for each joint, made from one that has one entry for all or one for each.
+fn joint_list(
+    key: &str,
+    list: &[f64],
+    joints: Option<usize>,
+    allowed: RangeInclusive<f64>,
+    check: &mut Check<'_>,
+) -> Vec<f64> {
+    for (i, value) in list.iter().enumerate() {
+        check.range(&format!("{key}[{i}]"), *value, allowed.clone());
+    }
+    match (list, joints) {
+        (_, None) => Vec::new(),
+        ([one], Some(joints)) => vec![*one; joints],
+        (list, Some(joints)) if list.len() == joints => list.to_vec(),
+        (list, Some(joints)) => {
+            check.wrong(key, format!("has {} entries, needs 1 or {joints}", list.len()));
+            Vec::new()
+        }
+    }
+}

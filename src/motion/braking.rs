@@ -1,0 +1,150 @@
+//! One joint on its way to rest: the braking that jerk and acceleration limits allow, in closed form.
+//!
+//! Braking takes the shortest time from velocity `v` and acceleration `a` to `v = a = 0`: jerk `-J` until the
+//! acceleration is `-p`, a while at `-p = -A` if that is reached, jerk `+J` until it is zero (all signs turned where
+//! the joint moves backwards). With `v + a |a| / 2J > 0` the peak is `p = min(A, sqrt(J v + a^2 / 2))`.
+
+/// Relative slack of the velocity limit, for rounding at the limit itself.
+const SLACK: f64 = 1e-12;
+
+/// Position, velocity, acceleration of a joint; rad or m.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Point {
+    pub(super) q: f64,
+    pub(super) v: f64,
+    pub(super) a: f64,
+}
+
+/// The limits of a joint.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bounds {
+    pub(super) lower: f64,
+    pub(super) upper: f64,
+    pub(super) velocity: f64,
+    pub(super) acceleration: f64,
+    pub(super) jerk: f64,
+}
+
+/// What a joint would pass on its way to rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Breach {
+    Position,
+    Velocity,
+}
+
+impl Point {
+    /// After `t` seconds of constant jerk.
+    pub(super) fn after(self, jerk: f64, t: f64) -> Self {
+        Self {
+            q: self.q + t * (self.v + t * (self.a / 2.0 + t * jerk / 6.0)),
+            v: self.v + t * (self.a + t * jerk / 2.0),
+            a: self.a + t * jerk,
+        }
+    }
+
+    /// The point at `share` of the way to another one.
+    pub(super) fn towards(self, other: Self, share: f64) -> Self {
+        let mix = |a: f64, b: f64| a + share * (b - a);
+        Self { q: mix(self.q, other.q), v: mix(self.v, other.v), a: mix(self.a, other.a) }
+    }
+}
+
+/// The three phases of braking: jerk and duration.
+fn phases(s: Point, b: &Bounds) -> [(f64, f64); 3] {
+    let (J, A) = (b.jerk, b.acceleration);
+    let side = s.v + s.a * s.a.abs() / (2.0 * J);
+    if side == 0.0 {
+        return [(0.0, 0.0), (0.0, 0.0), (-s.a.signum() * J, s.a.abs() / J)];
+    }
+    let sign = side.signum();
+    let (v, a) = (s.v * sign, s.a * sign);
+    let square = J * v + a * a / 2.0;
+    let p = square.max(0.0).sqrt().min(A);
+    let hold = ((square - p * p) / (J * p)).max(0.0);
+    let hold = if hold.is_finite() { hold } else { 0.0 };
+    [(-J * sign, ((a + p) / J).max(0.0)), (0.0, hold), (J * sign, p / J)]
+}
+
+/// Where braking for `t` seconds leads; at rest once it is over.
+pub(super) fn braked(s: Point, b: &Bounds, t: f64) -> Point {
+    let (mut at, mut left) = (s, t);
+    for (jerk, duration) in phases(s, b) {
+        let part = duration.min(left);
+        at = at.after(jerk, part);
+        left -= part;
+        if left <= 0.0 {
+            return at;
+        }
+    }
+    Point { q: at.q, v: 0.0, a: 0.0 }
+}
+
+/// What braking from `s` would pass, if anything. A joint that is outside its range already may not go farther out.
+pub(super) fn breach(s: Point, b: &Bounds, q_now: f64) -> Option<Breach> {
+    let (lower, upper) = (b.lower.min(q_now), b.upper.max(q_now));
+    let J = b.jerk;
+    let side = s.v + s.a * s.a.abs() / (2.0 * J);
+    let sign = if side < 0.0 { -1.0 } else { 1.0 };
+    let (v, a) = (s.v * sign, s.a * sign);
+    let peak = if a > 0.0 { v + a * a / (2.0 * J) } else { v };
+    if !(s.v.abs().max(peak.abs()) <= b.velocity * (1.0 + SLACK)) {
+        return Some(Breach::Velocity);
+    }
+    let [first, second, third] = phases(s, b);
+    let end = s.after(first.0, first.1).after(second.0, second.1).after(third.0, third.1).q;
+    // A joint that still moves the other way turns on the way.
+    let turn = if v < 0.0 && a > 0.0 {
+        let t = (a - (a * a + 2.0 * J * v).max(0.0).sqrt()) / J;
+        s.after(-J * sign, t).q
+    } else {
+        s.q
+    };
+    let (least, most) = (s.q.min(end).min(turn), s.q.max(end).max(turn));
+    (!(least >= lower && most <= upper)).then_some(Breach::Position)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const B: Bounds = Bounds { lower: -1.0, upper: 1.0, velocity: 2.0, acceleration: 5.0, jerk: 40.0 };
+
+    proptest! {
+        /// Fine steps along the braking against the closed forms of its end and its extremes.
+        #[test]
+        fn braking_ends_at_rest_and_its_extremes_are_known(v in -2.0..2.0f64, a in -5.0..5.0f64, q in -1.0..1.0f64) {
+            let s = Point { q, v, a };
+            let total: f64 = phases(s, &B).iter().map(|p| p.1).sum();
+            let (mut least, mut most, mut fastest) = (q, q, v.abs());
+            for i in 0..=2000 {
+                let at = braked(s, &B, total * f64::from(i) / 2000.0);
+                (least, most, fastest) = (least.min(at.q), most.max(at.q), fastest.max(at.v.abs()));
+                prop_assert!(at.a.abs() <= B.acceleration + 1e-9);
+            }
+            let end = braked(s, &B, total * (1.0 - 1e-12));
+            prop_assert!(end.v.abs() < 1e-6 && end.a.abs() < 1e-4, "{end:?}");
+            let inside = least >= B.lower && most <= B.upper && fastest <= B.velocity;
+            let margin = (least - B.lower).min(B.upper - most).min(B.velocity - fastest).abs();
+            prop_assume!(margin > 1e-5);
+            prop_assert_eq!(breach(s, &B, q).is_none(), inside, "{} {} {}", least, most, fastest);
+        }
+
+        /// Braking followed tick by tick is the same braking.
+        #[test]
+        fn braking_can_be_taken_up_again(v in -2.0..2.0f64, a in -5.0..5.0f64) {
+            let s = Point { q: 0.0, v, a };
+            let mut at = s;
+            for _ in 0..700 { at = braked(at, &B, 1e-3); }
+            let once = braked(s, &B, 0.7);
+            prop_assert!((at.q - once.q).abs() < 1e-9, "{at:?} {once:?}");
+        }
+    }
+
+    #[test]
+    fn rest_stays_rest() {
+        let s = Point { q: 0.3, v: 0.0, a: 0.0 };
+        assert_eq!(braked(s, &B, 1e-3), s);
+        assert_eq!(breach(s, &B, 0.3), None);
+    }
+}

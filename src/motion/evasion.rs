@@ -1,0 +1,87 @@
+//! Slows the arm down ahead of singular postures and ends of ranges, whatever law made the wish.
+//!
+//! The camera twist `V = J_C qd` of a wish is brought back into joint space by damped least squares
+//! (`Robot::damped_velocity`). Away from singular postures and ends of ranges that gives the wish itself: with six
+//! joints there is no other solution, with fewer the least-squares one has no other, with more the one of least
+//! motion is the law's own. Near a singular posture the damping bounds the joints' speed and the arm slows down; near
+//! the end of a range a joint is held to the speed it may still have, and the others take over what they can.
+
+use super::limits::{ActingLimits, Limit};
+use crate::robot::{InverseOptions, Robot};
+use nalgebra::{SMatrix, SVector};
+
+/// The wish `qd` (rad/s or m/s) as the arm can follow it at the posture `q`, and what held it back. `J_C` is the
+/// camera's Jacobian there.
+#[must_use]
+pub fn evade<const N: usize>(
+    robot: &Robot<N>,
+    q: &SVector<f64, N>,
+    J_C: &SMatrix<f64, 6, N>,
+    qd: &SVector<f64, N>,
+) -> (SVector<f64, N>, ActingLimits) {
+    let mut acting = ActingLimits::default();
+    let V = J_C * qd;
+    let out = robot.damped_velocity(q, J_C, &V, &SVector::zeros(), &InverseOptions::default());
+    for (joint, held) in out.at_limit.iter().enumerate() {
+        if *held {
+            acting.set(Limit::Position, joint);
+        }
+    }
+    if out.damping > 0.0 {
+        acting.add(Limit::Singularity, u8::MAX >> 8usize.saturating_sub(N).min(7));
+    }
+    if out.scale < 1.0 {
+        for (joint, limit) in robot.limits().iter().enumerate() {
+            if out.qd.get(joint).is_some_and(|qd| qd.abs() >= limit.velocity * (1.0 - 1e-9)) {
+                acting.set(Limit::Velocity, joint);
+            }
+        }
+    }
+    (out.qd, acting)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+    use crate::robot::{ExpressedIn, load};
+    use nalgebra::{Vector4, Vector6};
+    use proptest::prelude::*;
+
+    fn camera_jacobian<const N: usize>(robot: &Robot<N>, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
+        robot.jacobian_of_frame(q, &Pose::translation(0.0, 0.0, 0.05), ExpressedIn::Moving)
+    }
+
+    proptest! {
+        #[test]
+        fn an_easy_wish_is_left_alone(qd in prop::array::uniform6(-0.3..0.3f64)) {
+            let robot = load("ur5").unwrap().build::<6>().unwrap();
+            let q = Vector6::new(0.4, -1.7, 1.5, -1.3, -1.8, 0.9);
+            let (got, acting) = evade(&robot, &q, &camera_jacobian(&robot, &q), &Vector6::from(qd));
+            prop_assert!((got - Vector6::from(qd)).amax() < 1e-9, "{got}");
+            prop_assert!(!acting.any());
+        }
+
+        #[test]
+        fn fewer_joints_keep_their_least_squares(qd in prop::array::uniform4(-0.5..0.5f64)) {
+            let robot = load("scara").unwrap().build::<4>().unwrap();
+            let q = Vector4::new(0.0, 1.5, 0.5, -0.8);
+            let (got, acting) = evade(&robot, &q, &camera_jacobian(&robot, &q), &Vector4::from(qd));
+            prop_assert!((got - Vector4::from(qd)).amax() < 1e-9, "{got}");
+            prop_assert!(!acting.any());
+        }
+    }
+
+    #[test]
+    fn a_stretched_arm_is_slowed_down_and_says_so() {
+        let robot = load("ur5").unwrap().build::<6>().unwrap();
+        let q = Vector6::new(0.0, -1.0, 1e-4, -1.0, -1.5, 0.0);
+        let J = camera_jacobian(&robot, &q);
+        // Straight along the arm: only the elbow could do it, faster and faster.
+        let V = crate::geometry::Twist::new(0.0, 0.05, 0.05, 0.0, 0.0, 0.0);
+        let wish = J.lu().solve(&V).unwrap();
+        let (got, acting) = evade(&robot, &q, &J, &wish);
+        assert!(wish.amax() > 100.0 && got.amax() < 3.0, "{wish} {got}");
+        assert_eq!(acting.joints(Limit::Singularity), 0b11_1111);
+    }
+}
