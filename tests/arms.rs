@@ -82,3 +82,48 @@ fn the_start_is_far_from_the_goal() {
         assert!(turn.iter().all(|angle| angle.abs() > 0.1), "{arm}: {turn}");
     }
 }
+
+/// The law integrates: as long as the camera sees an error, the reference moves on. A load that the joint controller
+/// does not know shifts the arm against its reference, but not against the picture.
+#[test]
+fn an_unknown_payload_makes_no_lasting_error() {
+    for arm in SIX_DOF {
+        assert_accurate(&lockstep(arm, &["drive.simulated.payload_kg=1"]));
+    }
+}
+
+#[test]
+fn every_joint_controller_converges() {
+    for arm in ["ur5", "panda", "pan_tilt"] {
+        assert_accurate(&lockstep(arm, &["motion.controller=pd_gravity"]));
+        for mode in ["drive.mode=velocity", "drive.mode=position"] {
+            assert_accurate(&lockstep(arm, &["motion.controller=pass_through", mode]));
+        }
+    }
+    assert_accurate(&lockstep("ur5", &["motion.controller=pd_gravity", "drive.simulated.payload_kg=1"]));
+    let gains = ["motion.stiffness_n_m_rad_or_n_m=[4.0]", "motion.damping_n_m_s_rad_or_n_s_m=[0.3]"];
+    assert_accurate(&lockstep("pan_tilt", &[&["motion.controller=pd_gravity"], gains.as_slice()].concat()));
+}
+
+#[test]
+fn a_controller_that_does_not_fit_the_drive_is_refused() {
+    for (set, wanted) in [
+        (vec!["motion.controller=pass_through"], "pass_through gives no torque"),
+        (vec!["motion.stiffness_n_m_rad_or_n_m=[4.0]"], "is a gain of motion.controller = \"pd_gravity\""),
+        (
+            vec!["motion.controller=pd_gravity", "motion.damping_n_m_s_rad_or_n_s_m=[1.0, 2.0]"],
+            "has 2 entries, needs 1 or 6",
+        ),
+        (vec!["motion.max_jerk_rad_s3_or_m_s3=[0.0]"], "max_jerk_rad_s3_or_m_s3[0]: 0 is out of range"),
+    ] {
+        let mut command = vservo();
+        command.arg("check").arg(file("ur5"));
+        for s in set {
+            command.args(["--set", s]);
+        }
+        let output = command.output().unwrap();
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{text}");
+        assert!(text.contains(wanted), "{text}");
+    }
+}

@@ -5,6 +5,9 @@
 //! | inverse dynamics | torque | `B(q) (qdd_r + K_D e' + K_P e) + C(q, qd) qd + g(q)`: the arm behaves as double integrators, `e'' + 2 zeta omega e' + omega^2 e = 0` |
 //! | PD with gravity compensation | torque | `K_P e + K_D e' + g(q)` |
 //! | pass-through | no torque | `q_r`, `qd_r` as they are, for drives that close their own loop |
+//!
+//! Both torques also carry the friction that the robot file states, `F(qd_r)`: at the reference's velocity, which does
+//! not chatter about zero as a measured one does. Without it a light wrist with much friction would lag far behind.
 
 use super::ReferenceState;
 use crate::robot::Robot;
@@ -89,20 +92,21 @@ impl InverseDynamicsControl {
     ) -> SVector<f64, N> {
         let y =
             reference.qdd + (reference.qd - qd) * self.damping_1_s + (reference.q - q) * self.stiffness_1_s2;
-        robot.inverse_dynamics(q, qd, &y)
+        robot.inverse_dynamics(q, qd, &y) + robot.friction_torque(&reference.qd)
     }
 }
 
 impl<const N: usize> PdGravityControl<N> {
-    /// Gains that give each joint by itself, at the posture `q`, the natural frequency `omega_rad_s` and the damping
-    /// ratio `zeta`: `K_P = omega^2 b_ii(q)`, `K_D = 2 zeta omega b_ii(q)`.
+    /// Gains from natural frequency `omega_rad_s` and damping ratio `zeta` at the posture `q`: `K_P = omega^2 m`,
+    /// `K_D = 2 zeta omega m` with `m` the inertia that each joint has while the others are free, `1 / (B^-1)_ii`.
+    ///
+    /// The inertia with the others locked, `b_ii`, can be many times that, where axes nearly coincide; gains from it
+    /// are too stiff for a tick of 1 ms.
     #[must_use]
     pub fn for_posture(robot: &Robot<N>, q: &SVector<f64, N>, omega_rad_s: f64, zeta: f64) -> Self {
-        let inertia = robot.mass_matrix(q).diagonal();
-        Self {
-            stiffness: inertia * (omega_rad_s * omega_rad_s),
-            damping: inertia * (2.0 * zeta * omega_rad_s),
-        }
+        let B = robot.mass_matrix(q);
+        let free = B.cholesky().map_or(B.diagonal(), |L| L.inverse().diagonal().map(f64::recip));
+        Self { stiffness: free * (omega_rad_s * omega_rad_s), damping: free * (2.0 * zeta * omega_rad_s) }
     }
 
     fn torque(
@@ -115,6 +119,7 @@ impl<const N: usize> PdGravityControl<N> {
         self.stiffness.component_mul(&(reference.q - q))
             + self.damping.component_mul(&(reference.qd - qd))
             + robot.gravity(q)
+            + robot.friction_torque(&reference.qd)
     }
 }
 
@@ -158,8 +163,8 @@ mod tests {
             let (mut at, mut v) = (q, Vector6::zeros());
             for _ in 0..4000 {
                 let tau = control.torque(&robot, &at, &v, &reference);
-                v += robot.forward_dynamics(&at, &v, &tau) * 5e-4;
-                at += v * 5e-4;
+                v += robot.forward_dynamics(&at, &v, &tau) * 1e-3;
+                at += v * 1e-3;
             }
             prop_assert!((at - reference.q).amax() < 1e-4, "{}", at - reference.q);
         }

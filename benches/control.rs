@@ -1,0 +1,199 @@
+//! Servo law and controller step; medians by divan, tails over single calls at the end. Goals of the design: servo law
+//! for 4 / 16 points 0.3 / 1.0 us, whole step with 6 joints and 4 points p50 5 us, p99 10 us.
+
+#![allow(non_snake_case, clippy::unwrap_used)] // a bench that cannot be set up should say so at once
+
+use divan::{Bencher, black_box};
+use nalgebra::{Matrix6, Point3, SVector, Vector2, Vector6};
+use vservo::controller::{ControlOutput, Controller, ControllerSettings};
+use vservo::drive::DriveState;
+use vservo::geometry::Pose;
+use vservo::messages::{FeaturePoint, Measurement, TargetStatus};
+use vservo::motion::{InverseDynamicsControl, JointController, MotionLimits, Reference, evade};
+use vservo::robot::{ExpressedIn, load};
+use vservo::safety::MeasurementWatch;
+use vservo::servo::{DepthSource, ImageTask, Law, SetPoint, UpdatePolicy, View, VisualServo, joint_velocity};
+use vservo::time::{MonoNs, SpanNs};
+
+const MS: i64 = 1_000_000;
+
+fn main() {
+    divan::main();
+    tails();
+}
+
+fn points(count: usize) -> Vec<Point3<f64>> {
+    let side = (count as f64).sqrt().round() as usize;
+    let at = |i: usize| 0.1 * i as f64 / (side - 1) as f64;
+    (0..count).map(|i| Point3::new(at(i % side), at(i / side), 0.0)).collect()
+}
+
+fn goal() -> Pose {
+    Pose::new([-0.05, -0.05, 0.4].into(), [0.0, 0.0, 0.3].into())
+}
+
+fn view(X_CO: &Pose, points: &[Point3<f64>]) -> View {
+    let s: Vec<_> = points.iter().map(|p| X_CO * p).map(|p| Vector2::new(p.x / p.z, p.y / p.z)).collect();
+    View::new(s.into_iter(), Some(*X_CO)).unwrap()
+}
+
+/// Task and camera twist, six free directions.
+#[divan::bench(args = [4, 16])]
+fn servo_law(bencher: Bencher, count: usize) {
+    let points = points(count);
+    let set_point = SetPoint::from_pose(&goal(), &points).unwrap();
+    let near = Pose::new([0.02, -0.01, 0.05].into(), [0.1, -0.1, 0.2].into()) * goal();
+    let view = view(&near, &points);
+    let J = Matrix6::identity();
+    bencher.bench_local(|| {
+        let task = ImageTask::new(black_box(&set_point), black_box(&view), DepthSource::Estimated).unwrap();
+        joint_velocity(&task, 1.0, black_box(&J))
+    });
+}
+
+/// A controller in steady servoing: a measurement every 40 ticks.
+struct Running<const N: usize> {
+    controller: Controller<N>,
+    limits: MotionLimits<N>,
+    q: SVector<f64, N>,
+    qd: SVector<f64, N>,
+    X_BO: Pose,
+    tick: i64,
+}
+
+impl<const N: usize> Running<N> {
+    fn new(name: &str, q: SVector<f64, N>, update: UpdatePolicy) -> Self {
+        let robot = load(name).unwrap().build::<N>().unwrap();
+        let X_EC = Pose::translation(0.0, 0.0, 0.05);
+        let near = Pose::new([0.02, -0.01, 0.05].into(), [0.05, -0.05, 0.2].into()) * goal();
+        let X_BO = robot.forward(&q) * X_EC * near;
+        let limits = MotionLimits {
+            lower: SVector::from_fn(|i, _| robot.limits()[i].lower),
+            upper: SVector::from_fn(|i, _| robot.limits()[i].upper),
+            velocity: SVector::from_fn(|i, _| robot.limits()[i].velocity),
+            acceleration: SVector::repeat(10.0),
+            jerk: SVector::repeat(500.0),
+        };
+        let set_point = SetPoint::from_pose(&goal(), &points(4)).unwrap();
+        let law = Law::ImageVelocity { gain_1_s: 1.0, depth: DepthSource::Estimated };
+        let settings = ControllerSettings {
+            servo: VisualServo::new(law, set_point, update, X_EC),
+            robot,
+            limits: limits.clone(),
+            joint_control: JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
+            watch: MeasurementWatch::new(SpanNs(200 * MS)),
+            max_tracking_error: 0.1,
+            closed_loop: true,
+        };
+        Self { controller: Controller::new(settings, q), limits, q, qd: SVector::zeros(), X_BO, tick: 0 }
+    }
+
+    /// The measurement of this tick, where there is one.
+    fn look(&self) -> Option<Measurement> {
+        if self.tick % 40 != 0 {
+            return None;
+        }
+        let settings = self.controller.settings();
+        let X_CO = (settings.robot.forward(&self.q) * settings.servo.X_EC()).inverse() * self.X_BO;
+        let mut m =
+            Measurement { exposure: MonoNs(self.tick * MS), feature_count: 4, ..Measurement::default() };
+        m.status = TargetStatus::Found as u32;
+        for (f, p) in m.features.iter_mut().zip(points(4)) {
+            let p = X_CO * p;
+            *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
+        }
+        m.set_pose(&X_CO);
+        Some(m)
+    }
+
+    fn step(&mut self, m: Option<&Measurement>) -> ControlOutput<N> {
+        let state = DriveState { q: self.q, qd: self.qd, truth: None };
+        self.controller.step(MonoNs(self.tick * MS), black_box(&state), black_box(m))
+    }
+
+    fn apply(&mut self, out: &ControlOutput<N>) {
+        (self.q, self.qd) = (out.command.q_r, out.command.qd_r);
+        self.tick += 1;
+    }
+}
+
+fn ur5(update: UpdatePolicy) -> Running<6> {
+    Running::new("ur5", Vector6::new(0.46, -1.72, 1.45, -1.28, -1.82, 0.97), update)
+}
+
+fn panda(update: UpdatePolicy) -> Running<7> {
+    Running::new("panda", SVector::from([-0.16, -0.52, -0.14, -2.11, 0.09, 1.79, 0.21]), update)
+}
+
+fn scara(update: UpdatePolicy) -> Running<4> {
+    Running::new("scara", SVector::from([0.0, 1.57, 0.5, -0.79]), update)
+}
+
+fn bench_step<const N: usize>(bencher: Bencher, mut running: Running<N>) {
+    bencher.bench_local(|| {
+        let m = running.look();
+        let out = running.step(m.as_ref());
+        running.apply(&out);
+    });
+}
+
+#[divan::bench]
+fn step_scara_predict(bencher: Bencher) {
+    bench_step(bencher, scara(UpdatePolicy::Predict));
+}
+
+#[divan::bench]
+fn step_ur5_predict(bencher: Bencher) {
+    bench_step(bencher, ur5(UpdatePolicy::Predict));
+}
+
+#[divan::bench]
+fn step_panda_predict(bencher: Bencher) {
+    bench_step(bencher, panda(UpdatePolicy::Predict));
+}
+
+/// The reference of 7 joints; free, and pressed against the ends of its ranges.
+#[divan::bench(args = [0.05, 5.0])]
+fn reference_7_joints(bencher: Bencher, speed: f64) {
+    let panda = panda(UpdatePolicy::Tick);
+    let mut reference = Reference::new(panda.limits.clone(), panda.q);
+    let mut tick = 0.0;
+    bencher.bench_local(|| {
+        tick += 1e-3;
+        let wish = SVector::<f64, 7>::from_fn(|i, _| speed * (1.0 + 0.1 * f64::sin(tick + i as f64)));
+        *reference.advance(black_box(&wish), SpanNs::MILLISECOND)
+    });
+}
+
+#[divan::bench]
+fn evade_6_joints(bencher: Bencher) {
+    let ur5 = ur5(UpdatePolicy::Tick);
+    let robot = ur5.controller.settings().robot.clone();
+    let X_EC = Pose::translation(0.0, 0.0, 0.05);
+    let J_C = robot.jacobian_of_frame(&ur5.q, &X_EC, ExpressedIn::Moving);
+    let wish = Vector6::repeat(0.1);
+    bencher.bench_local(|| evade(black_box(&robot), &ur5.q, black_box(&J_C), black_box(&wish)));
+}
+
+/// Single steps, timed one by one: p50 and p99 are what a control cycle sees. The clock's own cost is in them.
+#[allow(clippy::disallowed_methods, clippy::print_stdout)] // a bench measures time and prints it
+fn tails() {
+    fn measure<const N: usize>(name: &str, mut running: Running<N>) {
+        let mut ns: Vec<u128> = (0..60_000)
+            .map(|_| {
+                let m = running.look();
+                let start = std::time::Instant::now();
+                let out = running.step(m.as_ref());
+                let took = start.elapsed().as_nanos();
+                running.apply(&out);
+                took
+            })
+            .collect();
+        ns.sort_unstable();
+        let at = |share: f64| ns[((ns.len() - 1) as f64 * share) as usize] as f64 / 1e3;
+        println!("step {name:6} p50 {:6.2} us  p99 {:6.2} us  p99.9 {:6.2} us", at(0.5), at(0.99), at(0.999));
+    }
+    measure("scara", scara(UpdatePolicy::Predict));
+    measure("ur5", ur5(UpdatePolicy::Predict));
+    measure("panda", panda(UpdatePolicy::Predict));
+}

@@ -1,0 +1,231 @@
+//! Whatever the camera sees and wherever the arm starts: the controller stays within every limit and within numbers;
+//! near singular postures and ends of ranges it slows down and says so.
+
+#![allow(non_snake_case, clippy::unwrap_used)] // helpers of tests are tests
+
+use nalgebra::SVector;
+use proptest::prelude::*;
+use std::path::Path;
+use vservo::assemble;
+use vservo::config::Config;
+use vservo::control_loop::ControlLoop;
+use vservo::controller::{Controller, ControllerSettings};
+use vservo::drive::DriveState;
+use vservo::geometry::Pose;
+use vservo::messages::{ControlState, FeaturePoint, JointState, Measurement, TargetStatus};
+use vservo::motion::{InverseDynamicsControl, JointController, Limit, MotionLimits};
+use vservo::robot::{Robot, load};
+use vservo::safety::MeasurementWatch;
+use vservo::scene::DotTarget;
+use vservo::servo::{DepthSource, Law, SetPoint, UpdatePolicy, VisualServo};
+use vservo::time::{MonoNs, SpanNs};
+
+const MS: i64 = 1_000_000;
+const DT_S: f64 = 1e-3;
+
+fn robot<const N: usize>(name: &str) -> Robot<N> {
+    load(name).unwrap().build().unwrap()
+}
+
+fn settings<const N: usize>(name: &str, update: UpdatePolicy, gain_1_s: f64) -> ControllerSettings<N> {
+    let robot = robot::<N>(name);
+    let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0, 0.0, 0.3].into());
+    let set_point = SetPoint::from_pose(&goal, &DotTarget::default().points_O()).unwrap();
+    let law = Law::ImageVelocity { gain_1_s, depth: DepthSource::Estimated };
+    let limits = MotionLimits {
+        lower: SVector::from_fn(|i, _| robot.limits()[i].lower),
+        upper: SVector::from_fn(|i, _| robot.limits()[i].upper),
+        velocity: SVector::from_fn(|i, _| robot.limits()[i].velocity),
+        acceleration: SVector::repeat(10.0),
+        jerk: SVector::repeat(500.0),
+    };
+    ControllerSettings {
+        servo: VisualServo::new(law, set_point, update, Pose::translation(0.0, 0.0, 0.05)),
+        robot,
+        limits,
+        joint_control: JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
+        watch: MeasurementWatch::new(SpanNs(200 * MS)),
+        max_tracking_error: 0.1,
+        closed_loop: true,
+    }
+}
+
+/// A measurement of a target at `X_CO`; `None` where a dot is not in front of the camera.
+fn seen(k: i64, X_CO: &Pose) -> Option<Measurement> {
+    let mut m = Measurement { exposure: MonoNs(k * MS), feature_count: 4, ..Measurement::default() };
+    m.status = TargetStatus::Found as u32;
+    for (f, p_O) in m.features.iter_mut().zip(DotTarget::default().points_O()) {
+        let p = X_CO * p_O;
+        if p.z < 1e-3 {
+            return None;
+        }
+        *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
+    }
+    m.set_pose(X_CO);
+    Some(m)
+}
+
+#[derive(Debug, Clone)]
+struct Wild {
+    start: Vec<f64>,
+    views: Vec<([f64; 3], [f64; 3])>,
+    gain_1_s: f64,
+    predict: bool,
+}
+
+fn wild() -> impl Strategy<Value = Wild> {
+    let view = (prop::array::uniform3(-0.4..0.4f64), prop::array::uniform3(-2.0..2.0f64));
+    (prop::collection::vec(0.0..1.0f64, 7), prop::collection::vec(view, 1..8), 0.5..20.0f64, any::<bool>())
+        .prop_map(|(start, views, gain_1_s, predict)| Wild { start, views, gain_1_s, predict })
+}
+
+/// Shows the controller views that have nothing to do with its motion, then stops it.
+fn stays_within_limits<const N: usize>(name: &str, wild: &Wild) -> Result<(), TestCaseError> {
+    let update = if wild.predict { UpdatePolicy::Predict } else { UpdatePolicy::Tick };
+    let settings = settings::<N>(name, update, wild.gain_1_s);
+    let limits = settings.limits.clone();
+    let start = SVector::<f64, N>::from_fn(|i, _| {
+        let l = &settings.robot.limits()[i];
+        l.lower.max(-6.0) + wild.start[i] * (l.upper.min(6.0) - l.lower.max(-6.0))
+    });
+    let efforts = SVector::<f64, N>::from_fn(|i, _| settings.robot.limits()[i].effort);
+    let mut controller = Controller::new(settings, start);
+    let (mut q, mut qd, mut qdd) = (start, SVector::<f64, N>::zeros(), SVector::<f64, N>::zeros());
+    for k in 0..1600_i64 {
+        let m = if k % 30 == 0 {
+            let (p, r) = wild.views[(k / 30) as usize % wild.views.len()];
+            seen(k, &Pose::new([p[0], p[1], 0.6 + p[2]].into(), r.into()))
+        } else {
+            None
+        };
+        if k == 600 {
+            controller.stop();
+        }
+        let out = controller.step(MonoNs(k * MS), &DriveState { q, qd, truth: None }, m.as_ref());
+        let c = &out.command;
+        let values = c.q_r.iter().chain(&c.qd_r).chain(&c.tau).chain(&out.wish);
+        prop_assert!(values.into_iter().all(|x| x.is_finite()), "{name} {k}: {out:?}");
+        let qdd_now = (c.qd_r - qd) / DT_S;
+        for i in 0..N {
+            prop_assert!(
+                c.q_r[i] >= limits.lower[i] - 1e-9 && c.q_r[i] <= limits.upper[i] + 1e-9,
+                "{name} {k} joint {i}: {}",
+                c.q_r
+            );
+            prop_assert!(c.qd_r[i].abs() <= limits.velocity[i] * (1.0 + 1e-9), "{name} {k}: {}", c.qd_r);
+            prop_assert!(qdd_now[i].abs() <= limits.acceleration[i] * (1.0 + 1e-6), "{name} {k}: {qdd_now}");
+            prop_assert!(
+                (qdd_now[i] - qdd[i]).abs() <= limits.jerk[i] * DT_S * (1.0 + 1e-6) + 1e-8,
+                "{name} {k}"
+            );
+            prop_assert!(c.tau[i].abs() <= efforts[i]);
+        }
+        (q, qd, qdd) = (c.q_r, c.qd_r, qdd_now);
+    }
+    prop_assert!(qd.amax() < 1e-6, "{name} does not come to rest: {qd}");
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    #[test]
+    fn ur5_stays_within_its_limits(wild in wild()) {
+        stays_within_limits::<6>("ur5", &wild)?;
+    }
+
+    #[test]
+    fn panda_stays_within_its_limits(wild in wild()) {
+        stays_within_limits::<7>("panda", &wild)?;
+    }
+
+    #[test]
+    fn scara_stays_within_its_limits(wild in wild()) {
+        stays_within_limits::<4>("scara", &wild)?;
+    }
+
+    #[test]
+    fn the_pan_tilt_head_stays_within_its_limits(wild in wild()) {
+        stays_within_limits::<2>("pan_tilt", &wild)?;
+    }
+}
+
+struct Outcome {
+    events: Vec<String>,
+    limits: u32,
+    last: JointState,
+    fastest_late: f64,
+}
+
+/// A run of a run file with a perfect camera that looks everywhere, in this process.
+fn perfect_run(file: Option<&str>, set: &[&str], seconds: i64) -> Outcome {
+    let path = file.map(|f| Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(f));
+    let set: Vec<String> = set.iter().map(ToString::to_string).collect();
+    let config = Config::load(path.as_deref(), &set).unwrap();
+    vservo::dispatch_robot!(config.robot, |robot| {
+        let copy = robot.clone();
+        perfect_loop(&config, &copy, assemble::control_loop(&config, robot).unwrap(), seconds)
+    })
+    .unwrap()
+}
+
+fn perfect_loop<const N: usize>(
+    config: &Config,
+    robot: &Robot<N>,
+    mut control: ControlLoop<N>,
+    seconds: i64,
+) -> Outcome {
+    let mut outcome =
+        Outcome { events: Vec::new(), limits: 0, last: JointState::default(), fastest_late: 0.0 };
+    for k in 0..seconds * 1000 {
+        let now = MonoNs(k * MS);
+        let state = control.sense(k as u64, now);
+        let q = SVector::<f64, N>::from_fn(|i, _| state.q_true[i]);
+        assert_eq!(robot.outside_limits(&q), None, "{k}: {q}");
+        let X_CO = (robot.forward(&q) * config.camera.X_EC).inverse() * config.X_BO;
+        let m = if k % 40 == 0 { seen(k, &X_CO) } else { None };
+        let (status, finish) = control.act(k as u64, now, m.as_ref());
+        if let Some(status) = status {
+            outcome.limits |= status.limits;
+            assert_ne!(status.state, ControlState::Fault as u32, "{k}");
+        }
+        if k > (seconds - 1) * 1000 {
+            outcome.fastest_late = state.qd_true.iter().fold(outcome.fastest_late, |m, v| m.max(v.abs()));
+        }
+        outcome.last = state;
+        assert!(finish.is_none(), "{finish:?}");
+    }
+    outcome.events = control.safety_report().events.into_iter().map(|e| e.event).collect();
+    outcome
+}
+
+/// The goal lies beyond the arm's reach: it stretches, slows down and says why.
+#[test]
+fn an_arm_that_cannot_reach_stretches_slowly_and_says_so() {
+    let set =
+        ["scene.object.position_m=[0.95, 0.15, -0.1]", "camera.lens.fx_px=150", "camera.lens.fy_px=150"];
+    let out = perfect_run(Some("ur5.toml"), &set, 20);
+    assert!(out.events.iter().any(|e| e.contains("singular")), "{:?}", out.events);
+    assert_ne!(out.limits & Limit::Singularity.bit(), 0);
+    assert!(out.fastest_late < 0.5, "{} rad/s", out.fastest_late);
+}
+
+/// The goal lies behind the end of the third joint's range.
+#[test]
+fn a_joint_stops_at_the_end_of_its_range_and_says_so() {
+    let set = ["scene.object.position_m=[1.0, 1.0, 2.9]"];
+    let out = perfect_run(None, &set, 15);
+    let told = out.events.iter().any(|e| e == "the end of the range holds back joint 3 for 1 s now");
+    assert!(told, "{:?} {:?}", out.events, out.last);
+    assert_ne!(out.limits & Limit::Position.bit(), 0);
+    assert!(out.last.q_true[2] > 1.95, "{:?}", out.last.q_true);
+    assert!(out.fastest_late < 0.05, "{}", out.fastest_late);
+}
+
+/// In the run files' own range nothing is slowed down for long.
+#[test]
+fn an_easy_run_has_no_events() {
+    let out = perfect_run(Some("panda.toml"), &["goal.feature_error_px=0.00001"], 5);
+    assert!(out.events.is_empty(), "{:?}", out.events);
+    assert_eq!(out.limits & (Limit::Singularity.bit() | Limit::Position.bit()), 0);
+}

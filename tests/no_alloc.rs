@@ -1,0 +1,105 @@
+//! A tick of the control loop allocates nothing: servoing, at its limits, without target, stopping, and in a fault.
+
+#![allow(non_snake_case, clippy::unwrap_used)] // helpers of tests are tests
+
+use assert_no_alloc::{AllocDisabler, assert_no_alloc};
+use nalgebra::SVector;
+use std::path::Path;
+use vservo::assemble;
+use vservo::config::Config;
+use vservo::control_loop::ControlLoop;
+use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState};
+use vservo::geometry::Pose;
+use vservo::messages::{FeaturePoint, Measurement, TargetStatus};
+use vservo::robot::Robot;
+use vservo::time::MonoNs;
+
+#[global_allocator]
+static ALLOCATOR: AllocDisabler = AllocDisabler;
+
+const MS: i64 = 1_000_000;
+
+fn seen(config: &Config, k: i64, X_CO: &Pose) -> Measurement {
+    let mut m = Measurement { exposure: MonoNs(k * MS), feature_count: 4, ..Measurement::default() };
+    m.status = TargetStatus::Found as u32;
+    for (f, p_O) in m.features.iter_mut().zip(config.target.points_O()) {
+        let p = X_CO * p_O;
+        *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
+    }
+    m.set_pose(X_CO);
+    m
+}
+
+fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLoop<N>) {
+    for k in 0..2000_i64 {
+        let joint = control.sense(k as u64, MonoNs(k * MS));
+        let q = SVector::<f64, N>::from_fn(|i, _| joint.q[i]);
+        let X_CO = (robot.forward(&q) * config.camera.X_EC).inverse() * config.X_BO;
+        let m = match k % 80 {
+            0 => Some(seen(config, k, &X_CO)),
+            40 if k < 500 => Some(Measurement { exposure: MonoNs(k * MS), ..Measurement::default() }),
+            // A view far off: the limits act.
+            40 => Some(seen(config, k, &Pose::translation(0.3, -0.2, 0.3))),
+            _ => None,
+        };
+        if k == 1500 {
+            control.stop(MonoNs(k * MS), "the test asks for it");
+        }
+        assert_no_alloc(|| control.tick(k as u64, MonoNs(k * MS), m.as_ref()));
+    }
+}
+
+#[test]
+fn no_tick_allocates() {
+    let config_of = |file: &str, set: &[&str]| {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
+        let set: Vec<String> = set.iter().map(ToString::to_string).collect();
+        Config::load(Some(&path), &set).unwrap()
+    };
+    for config in [
+        config_of("default.toml", &[]),
+        config_of("default.toml", &["motion.controller=pd_gravity", "servo.update=frame"]),
+        config_of("ur5.toml", &["servo.update=predict"]),
+        config_of("ur5.toml", &["drive.mode=velocity", "motion.controller=pass_through"]),
+        config_of("panda.toml", &["drive.kind=ideal"]),
+        config_of("pan_tilt.toml", &[]),
+    ] {
+        vservo::dispatch_robot!(config.robot, |robot| {
+            let copy = robot.clone();
+            run(&config, &copy, assemble::control_loop(&config, robot).unwrap());
+        })
+        .unwrap();
+    }
+}
+
+/// A drive that reports nonsense after a while.
+struct Broken(u32);
+
+impl<const N: usize> Drive<N> for Broken {
+    fn read(&mut self, _now: MonoNs) -> DriveState<N> {
+        self.0 += 1;
+        let q = SVector::repeat(if self.0 > 100 { f64::NAN } else { 0.5 });
+        DriveState { q, qd: SVector::zeros(), truth: None }
+    }
+
+    fn write(&mut self, _command: &DriveCommand<N>) {}
+
+    fn modes(&self) -> &'static [CommandMode] {
+        &CommandMode::ALL
+    }
+}
+
+#[test]
+fn no_fault_allocates() {
+    let config = Config::load(None, &[]).unwrap();
+    vservo::dispatch_robot!(config.robot, |robot| {
+        let mut control = assemble::control_loop_with(&config, robot, Box::new(Broken(0))).unwrap();
+        let mut finished = false;
+        for k in 0..300_i64 {
+            let record = assert_no_alloc(|| control.tick(k as u64, MonoNs(k * MS), None));
+            finished |= record.finish.is_some();
+        }
+        assert!(finished, "a drive that reports nonsense ends the run");
+    })
+    .unwrap();
+}
