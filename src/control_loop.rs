@@ -172,8 +172,8 @@ impl<const N: usize> ControlLoop<N> {
         }
     }
 
-    /// The drive cannot be reached any more: the run ends with the next [`act`](Self::act).
-    pub fn drive_failed(&mut self, fault: Fault) {
+    /// Something failed outside of the cores: the run ends with the next [`act`](Self::act).
+    pub fn fail(&mut self, fault: Fault) {
         self.controller.fail(fault);
     }
 

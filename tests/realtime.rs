@@ -203,3 +203,18 @@ fn a_latency_longer_than_the_frame_period_loses_no_frame() {
     assert!(frames > 0.7 * exposures, "{frames} of {exposures}");
     assert!(number(&r.summary, &["latency_us", "exposure_to_command", "p50"]) >= 100_000.0, "{}", r.summary);
 }
+
+#[test]
+fn a_control_process_that_was_frozen_stops_the_arm() {
+    let instance = Instance::new("frozen");
+    let child = start_servoing(&instance);
+    let control = wait_for_process(&instance, "control");
+    kill(control, "STOP");
+    std::thread::sleep(std::time::Duration::from_millis(400));
+    kill(control, "CONT");
+    let output = child.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert_eq!(output.status.code(), Some(4), "{text}");
+    assert!(text.contains("max_missed_deadlines_in_a_row"), "{text}");
+    instance.assert_gone();
+}

@@ -199,6 +199,8 @@ pub struct Safety {
     pub measurement_timeout: SpanNs,
     /// Age of an external drive's newest state at which the run ends.
     pub drive_timeout: SpanNs,
+    /// More missed deadlines in a row than this stop the arm.
+    pub max_missed_in_a_row: u64,
     /// Largest distance of a joint from its reference, rad or m.
     pub max_tracking_error: f64,
 }

@@ -399,6 +399,8 @@ table! {
         measurement_timeout_ms: f64 = 200.0,
         /// Age of an external drive's newest state at which the run ends as a fault, ms; in real time only.
         drive_timeout_ms: f64 = 20.0,
+        /// Real time: more missed deadlines in a row than this stop the arm and end the run.
+        max_missed_deadlines_in_a_row: u32 = 100,
         /// Distance of a joint from its reference at which the run ends as a fault, rad or m.
         max_tracking_error_rad_or_m: f64 = 0.1,
     }

@@ -87,6 +87,13 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
             raw.safety.measurement_timeout_ms,
             1.0..=60_000.0,
         ),
+        max_missed_in_a_row: check
+            .count(
+                "safety.max_missed_deadlines_in_a_row",
+                raw.safety.max_missed_deadlines_in_a_row,
+                1..=60_000,
+            )
+            .into(),
         drive_timeout: check.span_ms("safety.drive_timeout_ms", raw.safety.drive_timeout_ms, 2.0..=10_000.0),
         max_tracking_error: check.range(
             "safety.max_tracking_error_rad_or_m",

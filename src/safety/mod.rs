@@ -5,6 +5,7 @@
 //! | no good measurement for `measurement_timeout` | reference slows down within its limits, arm holds, run goes on; the next good measurement resumes it |
 //! | drive reports NaN or infinity | command of the previous tick without motion, run ends as fault |
 //! | joint farther from its reference than `tracking_error` | reference slows down, arm holds, run ends as fault |
+//! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
 //! | external drive: states stop, plant leaves, hangs or answers out of step | as for NaN: nothing can be computed any more |
 
 use crate::time::{MonoNs, SpanNs};
@@ -18,6 +19,8 @@ pub enum Fault {
     DriveStateNotFinite,
     /// A joint is too far from its reference.
     TrackingError,
+    /// Too many deadlines in a row were missed.
+    DeadlinesMissed,
     /// The external drive's newest state is too old.
     DriveStale,
     /// The external drive has left the instance.
@@ -32,7 +35,7 @@ impl Fault {
     /// Whether there is no joint state any more to compute with.
     #[must_use]
     pub fn blinds(self) -> bool {
-        !matches!(self, Self::TrackingError)
+        !matches!(self, Self::TrackingError | Self::DeadlinesMissed)
     }
 
     /// What happened, for people.
@@ -42,6 +45,9 @@ impl Fault {
             Self::DriveStateNotFinite => "the drive reported a joint state that is not finite",
             Self::TrackingError => {
                 "a joint is farther from its reference than safety.max_tracking_error_rad_or_m"
+            }
+            Self::DeadlinesMissed => {
+                "more deadlines in a row were missed than safety.max_missed_deadlines_in_a_row"
             }
             Self::DriveStale => "the external drive's states stopped for longer than safety.drive_timeout_ms",
             Self::DriveLeft => "the external drive has left",

@@ -62,9 +62,9 @@ pub(super) fn run<const N: usize>(
                 Answer::Here => {}
                 Answer::Stopped => {
                     control.stop(now, STOP_REASON);
-                    control.drive_failed(Fault::DriveSilent);
+                    control.fail(Fault::DriveSilent);
                 }
-                Answer::Failed(fault) => control.drive_failed(fault),
+                Answer::Failed(fault) => control.fail(fault),
             }
         }
         let state = control.sense(tick, now);

@@ -10,17 +10,16 @@
 //! The real-time thread makes no system call but its sleep, and does not allocate. A late tick is counted; ticks that
 //! have passed are skipped, never caught up.
 
+use super::deadlines::Deadlines;
 use super::plant::{self, PlantPorts};
 use super::{Pace, Ports, STOP_REASON};
 use crate::config::raw::RealtimePolicy;
 use crate::config::{Config, RealtimeRequest};
 use crate::control_loop::{ControlLoop, Finish, TickRecord};
-use crate::histogram::Histogram;
 use crate::messages::Measurement;
 use crate::process::{ProcessError, StopFlag};
 use crate::rt::{self, Obtained};
-use crate::schedule::TICK;
-use crate::summary::TickTimes;
+use crate::safety::Fault;
 use crate::time::SpanNs;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::mpsc;
@@ -53,7 +52,8 @@ pub(super) fn run<const N: usize>(
     let request = (realtime.policy != RealtimePolicy::Off).then_some(realtime.request);
     let enforce = realtime.policy == RealtimePolicy::Enforce;
     let memory = request.as_ref().and_then(rt::prepare_process);
-    let worker = RealtimeThread { control, measurements, records, stop: stop.clone() };
+    let max_missed_in_a_row = config.safety.max_missed_in_a_row;
+    let worker = RealtimeThread { control, measurements, records, stop: stop.clone(), max_missed_in_a_row };
     let thread = std::thread::Builder::new()
         .name("control-rt".into())
         .spawn(move || {
@@ -136,26 +136,20 @@ struct RealtimeThread<const N: usize> {
     measurements: Consumer<Measurement>,
     records: Producer<TickRecord>,
     stop: StopFlag,
+    max_missed_in_a_row: u64,
 }
 
 impl<const N: usize> RealtimeThread<N> {
     fn run(mut self) -> (ControlLoop<N>, Pace) {
-        let (mut wake, mut step) = (Histogram::default(), Histogram::default());
-        let mut missed = 0;
-        let mut tick = 0;
-        let mut deadline = rt::now() + LEAD;
+        let mut deadlines = Deadlines::new(rt::now() + LEAD);
         let finish: Finish = loop {
-            rt::sleep_until(deadline);
-            let woken = rt::now();
-            // Ticks that passed while this thread did not run are gone; the newest one is served.
-            let passed = ((woken - deadline).0 / TICK.0).max(0);
-            wake.record(woken - deadline);
-            missed += passed.unsigned_abs();
-            tick += passed.unsigned_abs();
-            deadline = deadline + SpanNs(passed * TICK.0);
-
+            rt::sleep_until(deadlines.next());
+            let (tick, time) = deadlines.woken(rt::now());
+            if deadlines.missed_in_a_row() > self.max_missed_in_a_row {
+                self.control.fail(Fault::DeadlinesMissed);
+            }
             if self.stop.is_requested() {
-                self.control.stop(deadline, STOP_REASON);
+                self.control.stop(time, STOP_REASON);
             }
             let mut newest: Option<Measurement> = None;
             while let Ok(m) = self.measurements.pop() {
@@ -163,24 +157,18 @@ impl<const N: usize> RealtimeThread<N> {
                     newest = Some(m);
                 }
             }
-            let mut record = self.control.tick(tick, deadline, newest.as_ref());
+            let mut record = self.control.tick(tick, time, newest.as_ref());
             let done = rt::now();
             self.control.commanded(done);
-            step.record(done - woken);
-            if done - deadline > TICK {
-                missed += 1;
-            }
+            deadlines.done(done);
             if let Some(status) = &mut record.status {
-                status.missed_deadlines = missed;
+                status.missed_deadlines = deadlines.missed();
             }
             let _ = self.records.push(record); // full only when the companion hangs; control goes on
             if let Some(finish) = record.finish {
                 break finish;
             }
-            tick += 1;
-            deadline = deadline + TICK;
         };
-        let tick_us = TickTimes { wake: wake.quantiles_us(), step: step.quantiles_us() };
-        (self.control, Pace { finish, missed_deadlines: missed, tick_us })
+        (self.control, Pace { finish, missed_deadlines: deadlines.missed(), tick_us: deadlines.times() })
     }
 }
