@@ -138,11 +138,15 @@ impl<const N: usize> ControlLoop<N> {
         self.statistics.limited(now, &output.limits);
         self.acted = self.acted.with(&output.limits);
         let finish = self.finish(now, &output);
-        if finish.is_some() {
+        if let Some(finish) = finish {
             self.drive.end();
+            self.state = match finish.outcome {
+                Outcome::Converged => ControlState::Converged,
+                Outcome::Fault => ControlState::Fault,
+                Outcome::NotConverged | Outcome::Finished | Outcome::Stopped => ControlState::Stopped,
+            };
         }
-        let status =
-            (tick.is_multiple_of(STATUS_PERIOD) || finish.is_some()).then(|| self.status(tick, now, finish));
+        let status = (tick.is_multiple_of(STATUS_PERIOD) || finish.is_some()).then(|| self.status(tick, now));
         if status.is_some() {
             self.acted = ActingLimits::default();
         }
@@ -300,15 +304,9 @@ impl<const N: usize> ControlLoop<N> {
         }
     }
 
-    fn status(&self, tick: u64, now: MonoNs, finish: Option<Finish>) -> Status {
+    fn status(&self, tick: u64, now: MonoNs) -> Status {
         let (position_error_m, orientation_error_rad) = self.pose_errors().unwrap_or((f64::NAN, f64::NAN));
         let m = self.statistics.last_measurement().copied().unwrap_or_default();
-        let state = match finish.map(|f| f.outcome) {
-            Some(Outcome::Converged) => ControlState::Converged,
-            Some(Outcome::Fault) => ControlState::Fault,
-            Some(_) => ControlState::Stopped,
-            None => self.state,
-        };
         Status {
             tick,
             stamp: now,
@@ -325,7 +323,7 @@ impl<const N: usize> ControlLoop<N> {
             frames_dropped: m.frames_dropped,
             target_lost: m.target_lost,
             missed_deadlines: 0,
-            state: state as u32,
+            state: self.state as u32,
             target: m.status,
             limits: self.acted.kinds(),
             limited_joints: u32::from(self.acted.all_joints()),

@@ -17,6 +17,7 @@ fn the_default_run_converges_and_tells_everything() {
     let s = &r.summary;
     assert_eq!(s["clock"], "lockstep");
     assert_eq!(s["scheme"], "image_resolved_velocity");
+    assert_eq!(s["safety"]["state"], "converged");
     assert_eq!(s["frames_dropped"], 0);
     assert_eq!(s["target_lost"], 0);
     assert_eq!(s["missed_deadlines"], 0);

@@ -202,14 +202,18 @@ fn conclude(
     }
 }
 
-/// Finds out before the run whether its summary can be written after it.
+/// Finds out before the run whether its summary can be written after it, and leaves no trace of the attempt.
 fn check_writable(path: &Path) -> Result<(), ProcessError> {
+    let existed = path.exists();
     std::fs::OpenOptions::new()
         .create(true)
         .append(true)
         .open(path)
-        .map(|_| ())
-        .map_err(|cause| ProcessError::Write { path: path.into(), cause })
+        .map_err(|cause| ProcessError::Write { path: path.into(), cause })?;
+    if !existed {
+        let _ = std::fs::remove_file(path);
+    }
+    Ok(())
 }
 
 /// Writes the summary as JSON.
