@@ -79,9 +79,14 @@ struct Place {
 impl Place {
     fn take(config: &Config, instance: &Instance) -> Result<Self, ProcessError> {
         let lock = instance.lock(Role::Supervisor)?;
-        if let Some(role) = Role::ALL.into_iter().find(|r| *r != Role::Supervisor && instance.is_running(*r))
-        {
-            return Err(InstanceError::Taken { instance: instance.to_string(), role }.into());
+        // Children of a supervisor that was just killed need a moment to end.
+        let deadline = now() + SHUTDOWN;
+        let other = || Role::ALL.into_iter().find(|r| *r != Role::Supervisor && instance.is_running(*r));
+        while let Some(role) = other() {
+            if now() > deadline {
+                return Err(InstanceError::Taken { instance: instance.to_string(), role }.into());
+            }
+            std::thread::sleep(WATCH_PERIOD);
         }
         let place = Self { instance: instance.clone(), lock: Some(lock) };
         instance.remove_leftovers(Some(Role::Supervisor));
