@@ -1,6 +1,6 @@
 //! From a validated configuration to the cores that it describes.
 
-use crate::config::raw::{Depth, DriveKind, JointControl, Update};
+use crate::config::raw::{DriveKind, JointControl, Update};
 use crate::config::{Config, Source};
 use crate::control_loop::{ControlLoop, RunPlan};
 use crate::controller::{Controller, ControllerSettings};
@@ -11,7 +11,7 @@ use crate::messages::MAX_JOINTS;
 use crate::motion::{InverseDynamicsControl, JointController, MotionLimits, PdGravityControl};
 use crate::robot::Robot;
 use crate::safety::MeasurementWatch;
-use crate::servo::{DepthSource, Law, SetPoint, UpdatePolicy, VisualServo};
+use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
 use crate::vision::{Vision, VisionSettings};
 use nalgebra::{SVector, Vector2};
 use thiserror::Error;
@@ -19,9 +19,6 @@ use thiserror::Error;
 /// A configuration that is valid in itself does not make a working whole.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum AssembleError {
-    /// The desired view does not show all points.
-    #[error("servo.desired: a point of the target would lie behind the camera")]
-    DesiredView,
     /// A list does not have one entry for each joint.
     #[error("{key}: has {found} entries, the robot has {wanted} joints")]
     Joints {
@@ -126,8 +123,6 @@ pub fn control_loop_with<const N: usize>(
     drive: AnyDrive<N>,
 ) -> Result<ControlLoop<N>, AssembleError> {
     let q_start = q_start::<N>(config)?;
-    let set_point = SetPoint::from_pose(&config.servo.X_DO, &config.target.points_O())
-        .ok_or(AssembleError::DesiredView)?;
     let limits = MotionLimits {
         lower: SVector::from_fn(|i, _| robot.limits()[i].lower),
         upper: SVector::from_fn(|i, _| robot.limits()[i].upper),
@@ -139,13 +134,6 @@ pub fn control_loop_with<const N: usize>(
         jerk: joint_vector("motion.max_jerk_rad_s3_or_m_s3", &config.motion.max_jerk)?,
     };
     let closed_loop = config.closes_the_loop();
-    let law = Law::ImageVelocity {
-        gain_1_s: config.servo.gain_1_s,
-        depth: match config.servo.depth {
-            Depth::Desired => DepthSource::Desired,
-            Depth::Estimated => DepthSource::Estimated,
-        },
-    };
     let update = match config.servo.update {
         Update::Frame => UpdatePolicy::Frame,
         Update::Tick => UpdatePolicy::Tick,
@@ -154,7 +142,16 @@ pub fn control_loop_with<const N: usize>(
     let joint_control = joint_controller(config, &robot, &q_start)?;
     let settings = ControllerSettings {
         robot,
-        servo: VisualServo::new(law, set_point, update, config.camera.X_EC),
+        servo: VisualServo::new(ServoSettings {
+            law: config.servo.law,
+            set_point: config.servo.set_point.clone(),
+            update,
+            mount: config.camera.mount,
+            X_WO: closed_loop.then_some(config.X_WO),
+            smooth_start_1_s: config.servo.smooth_start_1_s,
+            limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
+            teach: config.servo.teach,
+        }),
         limits,
         joint_control,
         watch: MeasurementWatch::new(config.safety.measurement_timeout),
@@ -169,7 +166,7 @@ pub fn control_loop_with<const N: usize>(
         duration: (!plays_once).then_some(config.duration),
         closed_loop,
         f_px: Vector2::new(i.fx_px, i.fy_px),
-        X_BO: closed_loop.then_some(config.X_BO),
+        X_WO: closed_loop.then_some(config.X_WO),
         scene_motion: config.scene_motion,
     };
     Ok(ControlLoop::new(Controller::new(settings, q_start), drive, plan))

@@ -39,8 +39,8 @@ pub struct RunPlan {
     pub closed_loop: bool,
     /// Focal lengths that turn normalized errors into pixels.
     pub f_px: Vector2<f64>,
-    /// Where the object is in a simulated scene at the first tick.
-    pub X_BO: Option<Pose>,
+    /// Where the object is in a simulated scene at the first tick, in the frame in which it rests.
+    pub X_WO: Option<Pose>,
     /// How it moves from there.
     pub scene_motion: SceneMotion,
 }
@@ -276,15 +276,15 @@ impl<const N: usize> ControlLoop<N> {
     fn true_view(&self) -> Option<Pose> {
         let (q, _) = self.sensed.truth?;
         let settings = self.controller.settings();
-        let X_BC = settings.robot.forward(&q) * settings.servo.X_EC();
+        let X_WC = settings.servo.settings().mount.X_WC(&settings.robot.forward(&q));
         let time = self.last - self.first.unwrap_or(self.last);
-        Some(X_BC.inverse() * self.plan.scene_motion.object_at(&self.plan.X_BO?, time))
+        Some(X_WC.inv_mul(&self.plan.scene_motion.object_at(&self.plan.X_WO?, time)))
     }
 
     /// Position and orientation of the camera relative to the desired one, from truth or else from the last pose.
     fn pose_errors(&self) -> Option<(f64, f64)> {
         let X_CO = self.true_view().or_else(|| self.statistics.last_found()?.pose())?;
-        let X_DC = self.controller.settings().servo.set_point().X_DO() * X_CO.inverse();
+        let X_DC = self.controller.settings().servo.set_point().X_DO()? * X_CO.inverse();
         Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
     }
 

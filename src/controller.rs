@@ -4,14 +4,17 @@
 //! DriveState ──────────────┬────────────────────────┐
 //! Measurement ─► watch ─► servo law ─► reference ─► joint controller ─► DriveCommand
 //!                  │         (qd wish)    (limits)      (torque)
+//!                  │         (torque wish) ──── effort limits ─────────►   schemes A and C
 //!                  └─ Waiting ─► Servoing ⇄ Holding;  Fault from any
 //! ```
+//! Under a torque law the reference stays on the arm, so that a stop, a hold, a fault or a joint that comes too near its
+//! limits brakes from the motion of that moment.
 //! `step` is total: it does not allocate, log, fail or look at a clock.
 
 use crate::drive::{DriveCommand, DriveState};
 use crate::messages::{ControlState, Measurement};
 use crate::motion::{ActingLimits, JointController, Limit, MotionLimits, Reference, evade};
-use crate::robot::{ExpressedIn, Robot};
+use crate::robot::Robot;
 use crate::safety::{Fault, MeasurementWatch, Vision};
 use crate::schedule::TICK;
 use crate::servo::{Intake, VisualServo, Wish};
@@ -112,15 +115,30 @@ impl<const N: usize> Controller<N> {
             watch.good(m.exposure);
         }
         let vision = watch.check(now);
-        let wish = match (self.fault, vision) {
-            // At a singularity of task or arm there may be no velocity to follow: the arm slows down.
-            (None, Vision::Fresh) if !self.stopping => match settings.servo.wish(&drive.q, &settings.robot) {
-                Some(Wish::Velocity(qd)) => qd,
-                None => SVector::zeros(),
-            },
-            _ => SVector::zeros(),
+        let answer = match (self.fault, vision) {
+            (None, Vision::Fresh) if !self.stopping => {
+                settings.servo.wish(&drive.q, &drive.qd, &settings.robot)
+            }
+            _ => {
+                settings.servo.restart();
+                None
+            }
         };
         let mut limits = ActingLimits::default();
+        let mut direct = None;
+        let wish = match answer {
+            Some(Wish::Velocity(qd)) => qd,
+            Some(Wish::Torque(tau)) if settings.closed_loop => {
+                self.reference.reseat(&drive.q, &drive.qd);
+                direct = Some(tau).filter(|_| can_still_stop(&settings.limits, drive));
+                SVector::zeros()
+            }
+            // At a singularity of task or arm there may be nothing to follow: the arm slows down.
+            Some(Wish::Torque(_)) | None => SVector::zeros(),
+        };
+        if let Some(tau) = direct {
+            return self.direct_output(drive, tau, intake);
+        }
         let reference = if self.settings.closed_loop {
             let (qd, acting) = self.evade(&drive.q, &wish);
             let reference = *self.reference.advance(&qd, TICK);
@@ -155,8 +173,34 @@ impl<const N: usize> Controller<N> {
     /// The wish, slowed down ahead of singular postures and ends of ranges.
     fn evade(&self, q: &SVector<f64, N>, wish: &SVector<f64, N>) -> (SVector<f64, N>, ActingLimits) {
         let ControllerSettings { robot, servo, .. } = &self.settings;
-        let J_C = robot.jacobian_of_frame(q, servo.X_EC(), ExpressedIn::Moving);
-        evade(robot, q, &J_C, wish)
+        let (_, J) = servo.settings().mount.camera(robot, q);
+        evade(robot, q, J.matrix(), wish)
+    }
+
+    /// A torque law speaks to the drive itself, within the effort limits.
+    fn direct_output(
+        &mut self,
+        drive: &DriveState<N>,
+        wanted: SVector<f64, N>,
+        intake: Option<Intake>,
+    ) -> ControlOutput<N> {
+        let mut tau = wanted;
+        let mut limits = ActingLimits::default();
+        for (i, limit) in self.settings.robot.limits().iter().enumerate() {
+            tau[i] = wanted[i].clamp(-limit.effort, limit.effort);
+            if tau[i] != wanted[i] {
+                limits.set(Limit::Effort, i);
+            }
+        }
+        self.last_tau = tau;
+        ControlOutput {
+            command: DriveCommand { tau, q_r: drive.q, qd_r: drive.qd },
+            state: ControlState::Servoing,
+            fault: None,
+            wish: SVector::zeros(),
+            limits,
+            intake,
+        }
     }
 
     /// Without a usable joint state nothing can be computed: the last reference without motion and the last torque,
@@ -172,4 +216,16 @@ impl<const N: usize> Controller<N> {
             intake: None,
         }
     }
+}
+
+/// Whether every joint is within its speed limit and can still stop within its range: else a torque law has to wait.
+fn can_still_stop<const N: usize>(limits: &MotionLimits<N>, drive: &DriveState<N>) -> bool {
+    (0..N).all(|i| {
+        let (q, qd) = (drive.q[i], drive.qd[i]);
+        let a = limits.acceleration[i];
+        // Braking at full acceleration, and the way until the jerk limit has let it come up.
+        let stop = q + qd * (qd.abs() / (2.0 * a) + a / (2.0 * limits.jerk[i]));
+        let ahead = if qd >= 0.0 { stop <= limits.upper[i] } else { stop >= limits.lower[i] };
+        qd.abs() <= limits.velocity[i] && ahead
+    })
 }

@@ -6,6 +6,7 @@
 //! ```
 
 pub mod raw;
+mod servo;
 mod source;
 mod validate;
 
@@ -17,8 +18,9 @@ use crate::geometry::Pose;
 use crate::robot::RobotDescription;
 use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
 use crate::schedule::FrameSchedule;
+use crate::servo::{Law, Mount, SetPoint};
 use crate::time::SpanNs;
-use raw::{Clock, Depth, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Update};
+use raw::{Clock, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Update};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -44,8 +46,8 @@ pub struct Config {
     pub camera: Camera,
     /// The target.
     pub target: DotTarget,
-    /// Where the target is in a simulated scene, `X_BO`.
-    pub X_BO: Pose,
+    /// Where the target is in a simulated scene: in the base frame, or on the flange with a camera beside the arm.
+    pub X_WO: Pose,
     /// How it moves there.
     pub scene_motion: SceneMotion,
     /// Whether vision tracks.
@@ -101,8 +103,8 @@ pub struct Camera {
     pub source: Source,
     /// Intrinsic parameters and size.
     pub model: CameraModel,
-    /// `X_EC`: camera in the flange frame.
-    pub X_EC: Pose,
+    /// Where it sits.
+    pub mount: Mount,
     /// Frames per second.
     pub rate_hz: f64,
     /// Length of the exposure.
@@ -118,12 +120,16 @@ pub struct Camera {
 pub struct Servo {
     /// When the law is computed.
     pub update: Update,
-    /// K_s, 1/s.
-    pub gain_1_s: f64,
-    /// Depth in the interaction matrix.
-    pub depth: Depth,
-    /// `X_DO`: the target in the desired camera frame.
-    pub X_DO: Pose,
+    /// Law with its gains.
+    pub law: Law,
+    /// Goal; when it is taught, what is known of it before.
+    pub set_point: SetPoint,
+    /// Measurements from which the goal is taught; 0 for a goal that is given.
+    pub teach: u32,
+    /// Rate at which the first velocity is let in, 1/s.
+    pub smooth_start_1_s: Option<f64>,
+    /// Gain of the motion away from joint limits in the null space, 1/s.
+    pub limit_avoidance_1_s: Option<f64>,
 }
 
 /// Joint reference and joint controller.
@@ -295,7 +301,11 @@ impl Config {
     #[must_use]
     pub fn scheme_name(&self) -> &'static str {
         match self.effective.servo.scheme {
+            SchemeKind::PositionPd => "position_pd",
+            SchemeKind::PositionResolvedVelocity => "position_resolved_velocity",
+            SchemeKind::ImagePd => "image_pd",
             SchemeKind::ImageResolvedVelocity => "image_resolved_velocity",
+            SchemeKind::Hybrid => "hybrid",
         }
     }
 

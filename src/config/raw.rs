@@ -33,7 +33,13 @@ macro_rules! word {
 }
 
 mod motion;
+mod servo;
+
 pub use motion::{JointControl, RawMotion};
+pub use servo::{
+    At, DampingOn, Depth, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint, SchemeKind,
+    SetPointKind, Update,
+};
 
 table! {
     /// A whole run file.
@@ -135,8 +141,8 @@ table! {
         latency_ms: f64 = 20.0,
         /// `[camera.lens]`
         lens: RawLens = RawLens::default(),
-        /// `[camera.mount]`: `X_EC`
-        mount: RawPose = RawPose::default(),
+        /// `[camera.mount]`
+        mount: RawMount = RawMount::default(),
         /// `[camera.synthetic]`
         synthetic: RawSynthetic = RawSynthetic::default(),
         /// `[camera.replay]`
@@ -175,6 +181,50 @@ table! {
         position_m: [f64; 3] = [0.0; 3],
         /// Roll, pitch, yaw, rad.
         rotation_rpy_rad: [f64; 3] = [0.0; 3],
+    }
+}
+
+word! {
+    /// Where the camera is mounted.
+    MountKind {
+        /// On the flange.
+        EyeInHand,
+        /// Fixed in the base frame; the flange carries the target.
+        EyeToHand,
+    }
+}
+
+table! {
+    /// Where the camera sits: in the flange frame, or in the base frame for `eye_to_hand`.
+    RawMount {
+        /// Kind.
+        kind: MountKind = MountKind::EyeInHand,
+        /// Position, m.
+        position_m: [f64; 3] = [0.0; 3],
+        /// Roll, pitch, yaw, rad.
+        rotation_rpy_rad: [f64; 3] = [0.0; 3],
+    }
+}
+
+word! {
+    /// What carries the target.
+    Carrier {
+        /// It rests in the base frame.
+        Base,
+        /// It is fixed to the flange.
+        Flange,
+    }
+}
+
+table! {
+    /// Where the target is.
+    RawObject {
+        /// In which frame it rests; must suit `camera.mount.kind`.
+        on: Carrier = Carrier::Base,
+        /// Position, m.
+        position_m: [f64; 3] = [1.0, 1.0, 1.0],
+        /// Roll, pitch, yaw, rad.
+        rotation_rpy_rad: [f64; 3] = [0.0, 0.0, std::f64::consts::FRAC_PI_4],
     }
 }
 
@@ -233,9 +283,8 @@ table! {
 table! {
     /// Where the target is, and how bright things are, in a simulated scene.
     RawScene {
-        /// `X_BO`
-        object: RawPose =
-            RawPose { position_m: [1.0, 1.0, 1.0], rotation_rpy_rad: [0.0, 0.0, std::f64::consts::FRAC_PI_4] },
+        /// `[scene.object]`
+        object: RawObject = RawObject::default(),
         /// `[scene.motion]`
         motion: RawSceneMotion = RawSceneMotion::default(),
         /// Grey level of the background.
@@ -278,53 +327,6 @@ table! {
     RawVision {
         /// Searches predicted windows first; without it the whole frame every time.
         track: bool = true,
-    }
-}
-
-word! {
-    /// The servo law.
-    SchemeKind {
-        /// Image-based resolved velocity, (10.89)-(10.91).
-        ImageResolvedVelocity,
-    }
-}
-
-word! {
-    /// When the law is computed.
-    Update {
-        /// When a measurement arrives; held in between.
-        Frame,
-        /// At every tick with fresh joint positions; the feature error is held in between.
-        Tick,
-        /// At every tick for the view of that tick, carried there from the last exposure by the arm's own motion.
-        Predict,
-    }
-}
-
-word! {
-    /// Where the depth in the interaction matrix comes from.
-    Depth {
-        /// From the desired pose (the textbook's choice).
-        Desired,
-        /// From the pose that vision estimates.
-        Estimated,
-    }
-}
-
-table! {
-    /// The servo law and its goal.
-    RawServo {
-        /// Law.
-        scheme: SchemeKind = SchemeKind::ImageResolvedVelocity,
-        /// When it is computed.
-        update: Update = Update::Predict,
-        /// Gain K_s, 1/s.
-        gain_1_s: f64 = 2.0,
-        /// Depth in the interaction matrix.
-        depth: Depth = Depth::Desired,
-        /// `X_DO`: the target in the desired camera frame.
-        desired: RawPose =
-            RawPose { position_m: [-0.1, 0.1, 0.6], rotation_rpy_rad: [0.0, 0.0, -std::f64::consts::FRAC_PI_3] },
     }
 }
 

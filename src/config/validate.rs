@@ -3,13 +3,17 @@
 mod drive;
 mod motion;
 
-use super::raw::{Clock, RawConfig, RawPose, RealtimePolicy, SceneMotionKind, SourceKind, TargetKind};
-use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Servo, Source};
+use super::raw::{
+    Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SourceKind, TargetKind,
+};
+use super::servo::{servo, tilted, uses_dimension};
+use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Source};
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
 use crate::robot::{self, RobotDescription};
 use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
 use crate::schedule::{FrameSchedule, Irregularity};
+use crate::servo::Mount;
 use crate::time::SpanNs;
 use nalgebra::{SVector, Translation3, UnitQuaternion};
 use std::ops::RangeInclusive;
@@ -17,17 +21,21 @@ use std::ops::RangeInclusive;
 /// Frames that may be on their way at once: bounds the shared memory that a lockstep run takes.
 const MAX_FRAME_BYTES_IN_FLIGHT: f64 = 512e6;
 
-struct Check<'a> {
+pub(super) struct Check<'a> {
     document: &'a Document,
     problems: &'a mut Vec<Problem>,
 }
 
 impl Check<'_> {
-    fn wrong(&mut self, key: &str, message: impl Into<String>) {
+    pub(super) fn count_problems(&self) -> usize {
+        self.problems.len()
+    }
+
+    pub(super) fn wrong(&mut self, key: &str, message: impl Into<String>) {
         self.problems.push(self.document.problem(key, message));
     }
 
-    fn range(&mut self, key: &str, value: f64, allowed: RangeInclusive<f64>) -> f64 {
+    pub(super) fn range(&mut self, key: &str, value: f64, allowed: RangeInclusive<f64>) -> f64 {
         if !allowed.contains(&value) {
             self.wrong(
                 key,
@@ -37,7 +45,7 @@ impl Check<'_> {
         value
     }
 
-    fn count(&mut self, key: &str, value: u32, allowed: RangeInclusive<u32>) -> u32 {
+    pub(super) fn count(&mut self, key: &str, value: u32, allowed: RangeInclusive<u32>) -> u32 {
         if !allowed.contains(&value) {
             self.wrong(
                 key,
@@ -51,15 +59,15 @@ impl Check<'_> {
         SpanNs::from_s(self.range(key, value_ms, allowed) * 1e-3)
     }
 
-    fn pose(&mut self, key: &str, raw: &RawPose) -> Pose {
-        for (i, v) in raw.position_m.iter().enumerate() {
+    fn pose(&mut self, key: &str, position_m: [f64; 3], rotation_rpy_rad: [f64; 3]) -> Pose {
+        for (i, v) in position_m.iter().enumerate() {
             self.range(&format!("{key}.position_m[{i}]"), *v, -100.0..=100.0);
         }
-        for (i, v) in raw.rotation_rpy_rad.iter().enumerate() {
+        for (i, v) in rotation_rpy_rad.iter().enumerate() {
             self.range(&format!("{key}.rotation_rpy_rad[{i}]"), *v, -6.3..=6.3);
         }
-        let [roll, pitch, yaw] = raw.rotation_rpy_rad;
-        let [x, y, z] = raw.position_m;
+        let [roll, pitch, yaw] = rotation_rpy_rad;
+        let [x, y, z] = position_m;
         let R = rotation_z(yaw) * rotation_y(pitch) * rotation_x(roll);
         Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_rotation_matrix(&R))
     }
@@ -77,10 +85,22 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     };
     let camera = camera(&raw, check);
     let target = target(&raw, check);
-    let X_BO = check.pose("scene.object", &raw.scene.object);
+    let object = &raw.scene.object;
+    let X_WO = check.pose("scene.object", object.position_m, object.rotation_rpy_rad);
+    let carrier = match raw.camera.mount.kind {
+        MountKind::EyeInHand => Carrier::Base,
+        MountKind::EyeToHand => Carrier::Flange,
+    };
+    if raw.camera.source == SourceKind::Synthetic && object.on != carrier {
+        check.wrong(
+            "scene.object.on",
+            "eye_in_hand needs a target on the `base`, eye_to_hand one on the `flange`: otherwise the arm would run away",
+        );
+    }
     let scene_motion = scene_motion(&raw, check);
-    let X_DO = check.pose("servo.desired", &raw.servo.desired);
-    let gain_1_s = check.range("servo.gain_1_s", raw.servo.gain_1_s, 1e-3..=100.0);
+    let desired = &raw.servo.desired;
+    let X_DO = check.pose("servo.desired", desired.position_m, desired.rotation_rpy_rad);
+    let servo = target.as_ref().and_then(|target| servo(&raw, target, &X_DO, check));
     let safety = Safety {
         measurement_timeout: check.span_ms(
             "safety.measurement_timeout_ms",
@@ -112,7 +132,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
             check.wrong("servo.desired", format!("dot {dot} would lie {why} in the desired view"));
         }
         if let (Some(robot), Source::Synthetic { .. }, true) = (&robot, &camera.source, arm_is_good) {
-            start_view(&raw, robot, target, camera, &X_BO, check);
+            start_view(&raw, robot, target, camera, &X_WO, check);
         }
         timing(&raw, camera, safety, check);
     }
@@ -126,10 +146,10 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         q_start: raw.robot.q_start_rad_or_m.clone(),
         camera: camera?,
         target: target?,
-        X_BO,
+        X_WO,
         scene_motion,
         track: raw.vision.track,
-        servo: Servo { update: raw.servo.update, gain_1_s, depth: raw.servo.depth, X_DO },
+        servo: servo?,
         motion,
         drive,
         safety,
@@ -153,7 +173,11 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
     let rate_hz = check.range("camera.rate_hz", c.rate_hz, 0.1..=1000.0);
     let exposure = check.span_ms("camera.exposure_ms", c.exposure_ms, 0.0..=1000.0);
     let latency = check.span_ms("camera.latency_ms", c.latency_ms, 0.0..=500.0);
-    let X_EC = check.pose("camera.mount", &c.mount);
+    let X = check.pose("camera.mount", c.mount.position_m, c.mount.rotation_rpy_rad);
+    let mount = match c.mount.kind {
+        MountKind::EyeInHand => Mount::EyeInHand { X_EC: X },
+        MountKind::EyeToHand => Mount::EyeToHand { X_BC: X },
+    };
     let intrinsics = Intrinsics {
         fx_px: check.range("camera.lens.fx_px", lens.fx_px, 1.0..=1e6),
         fy_px: check.range("camera.lens.fy_px", lens.fy_px, 1.0..=1e6),
@@ -208,7 +232,7 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
     let schedule = FrameSchedule::new(rate_hz, latency, irregularity);
     let distortion = Distortion { k1: lens.k1, k2: lens.k2, p1: lens.p1, p2: lens.p2, k3: lens.k3 };
     match CameraModel::new(intrinsics, distortion) {
-        Ok(model) => Some(Camera { source, model, X_EC, rate_hz, exposure, latency, schedule }),
+        Ok(model) => Some(Camera { source, model, mount, rate_hz, exposure, latency, schedule }),
         Err(e) => {
             check.wrong("camera.lens", e.to_string());
             None
@@ -279,13 +303,17 @@ fn start_view(
     robot: &RobotDescription,
     target: &DotTarget,
     camera: &Camera,
-    X_BO: &Pose,
+    X_WO: &Pose,
     check: &mut Check<'_>,
 ) {
     let q = &raw.robot.q_start_rad_or_m;
     match crate::dispatch_robot!(robot, |arm| arm.forward(&SVector::from_column_slice(q))) {
         Ok(X_BE) => {
-            let X_CO = (X_BE * camera.X_EC).inverse() * X_BO;
+            let X_CO = camera.mount.X_WC(&X_BE).inv_mul(X_WO);
+            if raw.servo.dimension == 4 && uses_dimension(raw.servo.scheme) && tilted(&X_CO) {
+                let message = "is 4, but the target is tilted against the image at the start";
+                check.wrong("servo.dimension", message);
+            }
             if let Some((dot, why)) = hidden_dot(target, camera, &X_CO) {
                 let message = format!(
                     "dot {dot} of the target lies {why} at the start; move scene.object or the start position"

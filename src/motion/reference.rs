@@ -76,6 +76,13 @@ impl<const N: usize> Reference<N> {
         &self.state
     }
 
+    /// Places the reference where the arm is, moving as it moves: for laws that command torques past it.
+    pub fn reseat(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
+        let limits = ActingLimits::default();
+        self.state = ReferenceState { q: *q, qd: *qd, qdd: SVector::zeros(), limits };
+        self.a = SVector::zeros();
+    }
+
     /// Advances by `dt` towards the velocity `wish` (rad/s or m/s). A wish that is not finite counts as standstill.
     pub fn advance(&mut self, wish: &SVector<f64, N>, dt: SpanNs) -> &ReferenceState<N> {
         let dt_s = dt.as_s();

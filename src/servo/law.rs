@@ -1,32 +1,96 @@
 //! The family of servo laws behind one interface: a view becomes a task, a task and the arm become a wish.
 
-use super::{DepthSource, ImageTask, SetPoint, View, joint_velocity};
-use nalgebra::{SMatrix, SVector};
+use super::{
+    CameraJacobian, Gain, HybridGains, Interaction, OperationalSpace, OrientationError, PoseError, PoseGains,
+    SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task, image_wrench, joint_torque,
+    joint_velocity, operational_pose, seek_null_motion,
+};
+use crate::messages::MAX_JOINTS;
+use nalgebra::SVector;
 
 /// The arm at the moment for which a wish is made.
 #[derive(Debug, Clone, Copy)]
 pub struct Arm<const N: usize> {
-    /// The camera's Jacobian: `V_BC_C = J_C qd`.
-    pub J_C: SMatrix<f64, 6, N>,
+    /// The camera's Jacobian.
+    pub J: CameraJacobian<N>,
+    /// Joint velocities, rad/s or m/s.
+    pub qd: SVector<f64, N>,
+    /// g(q), N m or N; read by torque laws only.
+    pub gravity: SVector<f64, N>,
+    /// Joint velocity that motions without effect on the task shall follow, rad/s or m/s.
+    pub secondary: Option<SVector<f64, N>>,
+}
+
+/// Damping of a torque law.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Damping<K> {
+    /// In the task space, as in (10.74), (10.84).
+    Task(K),
+    /// On qd: the diagonal of K_D for the joints, N m s/rad or N s/m.
+    Joints([f64; MAX_JOINTS]),
 }
 
 /// A servo law with its gains.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Law {
+    /// Scheme A, position-based PD with gravity compensation, (10.74).
+    PositionTorque {
+        /// K_P, N/m and N m/rad.
+        K_P: PoseGains,
+        /// K_D, N s/m and N m s/rad, or damping on the joints.
+        damping: Damping<PoseGains>,
+        /// Orientation part of x~.
+        orientation: OrientationError,
+        /// m.
+        space: OperationalSpace,
+    },
+    /// Scheme B, position-based resolved velocity, (10.76).
+    PositionVelocity {
+        /// K, as multiple of `gain`.
+        K: PoseGains,
+        /// Common factor, 1/s.
+        gain: Gain,
+        /// Orientation part of x~.
+        orientation: OrientationError,
+        /// m.
+        space: OperationalSpace,
+    },
+    /// Scheme C, image-based PD with gravity compensation, (10.84).
+    ImageTorque {
+        /// K_Ps = k_P W, W the features' weights; N m.
+        k_P: f64,
+        /// K_Ds = k_D W, N m s, or damping on the joints.
+        damping: Damping<f64>,
+        /// L_s.
+        interaction: Interaction,
+    },
     /// Scheme D, image-based resolved velocity, (10.89)-(10.91).
     ImageVelocity {
         /// K_s = gain I, 1/s.
-        gain_1_s: f64,
-        /// Depth in the interaction matrix.
-        depth: DepthSource,
+        gain: Gain,
+        /// L_s.
+        interaction: Interaction,
+    },
+    /// Hybrid, (10.92)-(10.97).
+    Hybrid {
+        /// K_p and K_o, as multiples of `gain`.
+        gains: HybridGains,
+        /// Common factor, 1/s.
+        gain: Gain,
+        /// Measure of R_CD.
+        orientation: OrientationError,
+        /// m of the homography.
+        space: OperationalSpace,
     },
 }
 
 /// What a law makes of a view: the error, and all that does not depend on the arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Task {
-    /// Of an image-based law.
-    Image(ImageTask),
+    /// A wanted twist of the camera.
+    Twist(TwistTask),
+    /// A wrench on the camera.
+    Wrench(WrenchTask),
 }
 
 /// What a law asks of the joints.
@@ -34,14 +98,49 @@ pub enum Task {
 pub enum Wish<const N: usize> {
     /// A joint velocity for the reference, rad/s or m/s.
     Velocity(SVector<f64, N>),
+    /// Torques or forces for the drive, gravity included, N m or N.
+    Torque(SVector<f64, N>),
 }
 
 impl Law {
+    /// Whether it asks for torques, so that the drive must take them.
+    #[must_use]
+    pub fn is_torque(&self) -> bool {
+        matches!(self, Self::PositionTorque { .. } | Self::ImageTorque { .. })
+    }
+
     /// The task that `view` poses. `None` when the view does not have what the law needs.
     #[must_use]
     pub fn task(&self, set_point: &SetPoint, view: &View) -> Option<Task> {
+        let pose_error = |space, orientation| {
+            let X_CO = operational_pose(set_point, view, space)?;
+            Some(PoseError::new(set_point.X_DO()?, &X_CO, orientation))
+        };
         match self {
-            Self::ImageVelocity { depth, .. } => ImageTask::new(set_point, view, *depth).map(Task::Image),
+            Self::PositionTorque { K_P, damping, orientation, space } => {
+                let K_D = match damping {
+                    Damping::Task(K_D) => *K_D,
+                    Damping::Joints(_) => PoseGains::zeros(),
+                };
+                pose_error(*space, *orientation)?.wrench(K_P, &K_D).map(Task::Wrench)
+            }
+            Self::PositionVelocity { K, orientation, space, .. } => {
+                Some(Task::Twist(pose_error(*space, *orientation)?.twist_task(K)))
+            }
+            Self::ImageTorque { k_P, damping, interaction } => {
+                let k_D = match damping {
+                    Damping::Task(k_D) => *k_D,
+                    Damping::Joints(_) => 0.0,
+                };
+                let task = image_task(set_point, view, *interaction)?;
+                Some(Task::Wrench(image_wrench(&task, *k_P, k_D)))
+            }
+            Self::ImageVelocity { interaction, .. } => {
+                image_task(set_point, view, *interaction).map(Task::Twist)
+            }
+            Self::Hybrid { gains, orientation, space, .. } => {
+                hybrid_task(set_point, view, gains, *orientation, *space).map(Task::Twist)
+            }
         }
     }
 
@@ -49,9 +148,27 @@ impl Law {
     #[must_use]
     pub fn wish<const N: usize>(&self, task: &Task, arm: &Arm<N>) -> Option<Wish<N>> {
         match (self, task) {
-            (Self::ImageVelocity { gain_1_s, .. }, Task::Image(task)) => {
-                joint_velocity(task, *gain_1_s, &arm.J_C).map(Wish::Velocity)
+            (
+                Self::PositionVelocity { gain, .. }
+                | Self::ImageVelocity { gain, .. }
+                | Self::Hybrid { gain, .. },
+                Task::Twist(task),
+            ) => {
+                let qd = joint_velocity(task, gain.at(task.error), &arm.J)?;
+                let null = arm.secondary.and_then(|wanted| seek_null_motion(task, &arm.J, &wanted));
+                Some(Wish::Velocity(null.map_or(qd, |null| qd + null)))
             }
+            (Self::PositionTorque { damping, .. }, Task::Wrench(task)) => torque(task, damping, arm),
+            (Self::ImageTorque { damping, .. }, Task::Wrench(task)) => torque(task, damping, arm),
+            _ => None, // a task of another kind of law
         }
     }
+}
+
+fn torque<const N: usize, K>(task: &WrenchTask, damping: &Damping<K>, arm: &Arm<N>) -> Option<Wish<N>> {
+    let on_joints = match damping {
+        Damping::Task(_) => SVector::zeros(),
+        Damping::Joints(K_D) => SVector::from_fn(|i, _| K_D.get(i).copied().unwrap_or(0.0)),
+    };
+    joint_torque(task, &on_joints, &arm.J, &arm.qd, &arm.gravity).map(Wish::Torque)
 }

@@ -1,20 +1,57 @@
-//! The servo laws of Sects. 10.6 to 10.8: from what the camera sees to what the joints shall do.
+//! The servo laws of Sects. 10.6 to 10.10: from what the camera sees to what the joints shall do.
 //!
 //! ```text
-//! Measurement ─► View ─► Law::task: e_s = s_d - s, normal equations ─► Law::wish: joint velocity ─► reference
+//! Measurement ─► View ─► Law::task: error, normal equations or wrench ─► Law::wish: joint velocity or torque
 //!                │ frame:   task and wish once for a measurement, held
-//!                │ tick:    task once, wish at every tick with the newest J(q)
+//!                │ tick:    task once, wish at every tick with the newest J(q), qd, g(q)
 //!                └ predict: view carried to now by the arm's own motion, task and wish at every tick
 //! ```
+//!
+//! | scheme | task | wish |
+//! | --- | --- | --- |
+//! | A, (10.74) | [`PoseError::wrench`] | [`joint_torque`] |
+//! | B, (10.76) | [`PoseError::twist_task`] | [`joint_velocity`] |
+//! | C, (10.84) | [`image_task`], [`image_wrench`] | [`joint_torque`] |
+//! | D, (10.87), (10.89)-(10.91) | [`image_task`] | [`joint_velocity`] |
+//! | hybrid, (10.92)-(10.97) | [`hybrid_task`] | [`joint_velocity`] |
+//!
+//! A task lives in the camera's frame and knows nothing of the arm. The arm enters by [`CameraJacobian`], the camera's
+//! motion in the frame in which the object rests, so that one implementation serves a camera in the hand and one beside
+//! the arm, and m = 4 and m = 6: with the four joints of a SCARA the least-squares solution among the motions that it can
+//! make is the square system of the text. To step a law without processes: a [`SetPoint`], a [`View`] of the present
+//! features (and pose), [`Law::task`], and [`Law::wish`] with an [`Arm`].
 
-mod image_velocity;
+mod gain;
+mod hybrid;
+mod image;
+mod interaction;
 mod law;
+mod lesson;
+mod mount;
+mod null_space;
+mod orientation;
+mod position;
+mod resolve;
+mod selection;
 mod set_point;
+mod similarity;
+#[cfg(test)]
+mod tests;
 mod view;
 mod visual_servo;
 
-pub use image_velocity::{DepthSource, ImageTask, joint_velocity};
-pub use law::{Arm, Law, Task, Wish};
+pub use gain::Gain;
+pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
+pub use image::{image_error, image_task, image_wrench};
+pub use interaction::{DepthSource, Interaction, InteractionAt};
+pub use law::{Arm, Damping, Law, Task, Wish};
+pub use mount::{CameraJacobian, Mount};
+pub use null_space::{away_from_limits, seek_null_motion};
+pub use orientation::{OrientationError, euler_zyx};
+pub use position::{OperationalSpace, PoseError, PoseGains, operational_pose, pose_gains_4};
+pub use resolve::{TwistTask, WrenchTask, joint_torque, joint_velocity};
+pub use selection::{FeatureKind, Selection};
 pub use set_point::SetPoint;
+use similarity::fit_similarity;
 pub use view::View;
-pub use visual_servo::{Intake, UpdatePolicy, VisualServo};
+pub use visual_servo::{Intake, ServoSettings, UpdatePolicy, VisualServo};

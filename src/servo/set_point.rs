@@ -1,53 +1,121 @@
-//! The desired features of (10.78): what the camera sees from the desired pose.
+//! The goal: desired features of (10.78), from a desired pose, given, or taught from what the camera sees.
 
-use super::View;
+use super::{Selection, View};
 use crate::geometry::Pose;
 use crate::messages::MAX_FEATURES;
-use nalgebra::{Point3, Vector2};
+use crate::pose::{Correspondence, planar_pose};
+use nalgebra::{Point3, Vector2, Vector3};
 
-/// Desired feature points `s_d` and their depths in the desired pose.
+/// Desired feature points `s_d`, their depths in the desired pose, and which of them the law compares.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SetPoint {
-    X_DO: Pose,
+    X_DO: Option<Pose>,
     s_d: [Vector2<f64>; MAX_FEATURES],
     z_d_m: [f64; MAX_FEATURES],
     p_O: [Point3<f64>; MAX_FEATURES],
     count: usize,
+    selection: Selection,
+    n_D: Vector3<f64>,
 }
 
 impl SetPoint {
-    /// The view of the points `p_O` (object frame, m) when the object lies at `X_DO` in the camera.
+    /// The view of the points `p_O` (object frame, m) when the object lies at `X_DO` in the camera. All points are
+    /// selected.
     ///
     /// `None` when a point would lie behind the camera, or there are none or more than [`MAX_FEATURES`].
     #[must_use]
     pub fn from_pose(X_DO: &Pose, points: &[Point3<f64>]) -> Option<Self> {
-        if points.is_empty() || points.len() > MAX_FEATURES {
-            return None;
-        }
-        let mut set_point = Self {
-            X_DO: *X_DO,
-            s_d: [Vector2::zeros(); MAX_FEATURES],
-            z_d_m: [0.0; MAX_FEATURES],
-            p_O: [Point3::origin(); MAX_FEATURES],
-            count: points.len(),
-        };
-        let places = set_point.s_d.iter_mut().zip(&mut set_point.z_d_m).zip(&mut set_point.p_O);
-        for ((s, z), (p_O, kept)) in places.zip(points).map(|((sz, kept), p)| (sz, (p, kept))) {
+        let mut set_point = Self::empty(points)?;
+        let places = set_point.s_d.iter_mut().zip(&mut set_point.z_d_m);
+        for ((s, z), p_O) in places.zip(points) {
             let p_D = X_DO * p_O;
-            if p_D.z <= 0.0 {
+            if !(p_D.z > 0.0) {
                 return None;
             }
             *s = p_D.coords.xy() / p_D.z;
             *z = p_D.z;
-            *kept = *p_O;
+        }
+        set_point.X_DO = Some(*X_DO);
+        let n_D = X_DO.rotation * Vector3::z();
+        set_point.n_D = if n_D.z < 0.0 { -n_D } else { n_D };
+        Some(set_point)
+    }
+
+    /// Given features `s_d` (normalized) of the points `p_O` (m), for example measured in the desired pose.
+    ///
+    /// Four or more coplanar points with z = 0 also give the desired pose and the depths; otherwise there is no
+    /// desired pose and `z_d_m` stands for all depths. `None` when the lists do not fit each other, a number is not
+    /// finite, or the depth is not positive.
+    #[must_use]
+    pub fn from_features(s_d: &[Vector2<f64>], points: &[Point3<f64>], z_d_m: f64) -> Option<Self> {
+        let finite = s_d.iter().all(|s| s.x.is_finite() && s.y.is_finite());
+        if s_d.len() != points.len() || !finite || !(z_d_m > 0.0) {
+            return None;
+        }
+        let mut seen = [Correspondence { r: Vector2::zeros(), s: Vector2::zeros() }; MAX_FEATURES];
+        for ((place, s), p) in seen.iter_mut().zip(s_d).zip(points) {
+            *place = Correspondence { r: p.coords.xy(), s: *s };
+        }
+        let planar = points.iter().all(|p| p.z == 0.0);
+        let X_DO = seen.get(..points.len()).filter(|_| planar).and_then(|p| planar_pose(p).ok());
+        let mut set_point = match X_DO.and_then(|found| Self::from_pose(&found.best.X_CO, points)) {
+            Some(set_point) => set_point,
+            None => Self { z_d_m: [z_d_m; MAX_FEATURES], ..Self::empty(points)? },
+        };
+        for (place, s) in set_point.s_d.iter_mut().zip(s_d) {
+            *place = *s;
         }
         Some(set_point)
     }
 
-    /// The pose of the object in the desired camera frame.
+    fn empty(points: &[Point3<f64>]) -> Option<Self> {
+        if points.is_empty() || points.len() > MAX_FEATURES {
+            return None;
+        }
+        let mut p_O = [Point3::origin(); MAX_FEATURES];
+        for (place, p) in p_O.iter_mut().zip(points) {
+            *place = *p;
+        }
+        Some(Self {
+            X_DO: None,
+            s_d: [Vector2::zeros(); MAX_FEATURES],
+            z_d_m: [0.0; MAX_FEATURES],
+            p_O,
+            count: points.len(),
+            selection: Selection::all_points(points.len()),
+            n_D: Vector3::z(),
+        })
+    }
+
+    /// The same goal, of which the law compares `selection` only. `None` when it names a point that there is not.
     #[must_use]
-    pub fn X_DO(&self) -> &Pose {
-        &self.X_DO
+    pub fn with_selection(self, selection: Selection) -> Option<Self> {
+        selection.fits(self.count).then_some(Self { selection, ..self })
+    }
+
+    /// The same goal with `n_D` as the expected direction of the object plane's normal in the desired frame, which
+    /// chooses between the two readings of a homography. Without it: that of the desired pose, or the optical axis.
+    #[must_use]
+    pub fn with_normal(self, n_D: Vector3<f64>) -> Self {
+        Self { n_D, ..self }
+    }
+
+    /// The pose of the object in the desired camera frame, where it is known.
+    #[must_use]
+    pub fn X_DO(&self) -> Option<&Pose> {
+        self.X_DO.as_ref()
+    }
+
+    /// What the law compares.
+    #[must_use]
+    pub fn selection(&self) -> &Selection {
+        &self.selection
+    }
+
+    /// Expected normal of the object's plane in the desired frame, away from the camera.
+    #[must_use]
+    pub fn n_D(&self) -> Vector3<f64> {
+        self.n_D
     }
 
     /// Desired features, normalized coordinates.
@@ -135,5 +203,22 @@ mod tests {
         assert!(SetPoint::from_pose(&Pose::translation(0.0, 0.0, -0.6), &points).is_none());
         assert!(SetPoint::from_pose(&X_DO, &[]).is_none());
         assert!(SetPoint::from_pose(&X_DO, &[Point3::origin(); MAX_FEATURES + 1]).is_none());
+        let other = Selection::new([(crate::servo::FeatureKind::Point(2), 1.0)]).unwrap();
+        assert!(SetPoint::from_pose(&X_DO, &points).unwrap().with_selection(other).is_none());
+    }
+
+    #[test]
+    fn given_features_lead_back_to_the_pose_that_they_were_seen_from() {
+        let X_DO = Pose::new([-0.05, 0.03, 0.6].into(), [0.3, -0.4, -1.0].into());
+        let square = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]].map(|[x, y]| Point3::new(x, y, 0.0));
+        let posed = SetPoint::from_pose(&X_DO, &square).unwrap();
+        let given = SetPoint::from_features(posed.features(), &square, 1.0).unwrap();
+        assert!((given.X_DO().unwrap().to_homogeneous() - X_DO.to_homogeneous()).norm() < 1e-7);
+        assert!(given.depths_m().iter().zip(posed.depths_m()).all(|(a, b)| (a - b).abs() < 1e-7));
+        assert!((given.n_D() - posed.n_D()).norm() < 1e-7);
+        let two = SetPoint::from_features(&posed.features()[..2], &square[..2], 0.7).unwrap();
+        assert_eq!((two.X_DO(), two.depths_m()), (None, [0.7, 0.7].as_slice()));
+        assert!(SetPoint::from_features(&posed.features()[..2], &square, 0.7).is_none());
+        assert!(SetPoint::from_features(posed.features(), &square, 0.0).is_none());
     }
 }

@@ -12,6 +12,7 @@ pub struct View {
     s: [Vector2<f64>; MAX_FEATURES],
     count: usize,
     X_CO: Option<Pose>,
+    X_CO_known: Option<Pose>,
 }
 
 impl View {
@@ -31,7 +32,7 @@ impl View {
         if count == 0 || count > MAX_FEATURES {
             return None;
         }
-        let mut view = Self { s: [Vector2::zeros(); MAX_FEATURES], count, X_CO };
+        let mut view = Self { s: [Vector2::zeros(); MAX_FEATURES], count, X_CO, X_CO_known: None };
         for (place, s) in view.s.iter_mut().zip(s) {
             if !(s.x.is_finite() && s.y.is_finite()) {
                 return None;
@@ -51,6 +52,18 @@ impl View {
     #[must_use]
     pub fn X_CO(&self) -> Option<&Pose> {
         self.X_CO.as_ref()
+    }
+
+    /// The object's pose as a simulation knows it, without vision.
+    #[must_use]
+    pub fn X_CO_known(&self) -> Option<&Pose> {
+        self.X_CO_known.as_ref()
+    }
+
+    /// The same view with the object's pose that a simulation knows.
+    #[must_use]
+    pub fn with_known(self, X_CO_known: Option<Pose>) -> Self {
+        Self { X_CO_known, ..self }
     }
 
     /// Depth of point `p_O` of the object, m; `fallback_m` where the pose is unknown or puts the point behind the camera.
@@ -74,6 +87,7 @@ impl View {
             *s = p_D.coords.xy() / p_D.z;
         }
         there.X_CO = self.X_CO.map(|X_CO| X_DC * X_CO);
+        there.X_CO_known = self.X_CO_known.map(|X_CO| X_DC * X_CO);
         Some(there)
     }
 }

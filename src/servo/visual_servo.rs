@@ -4,11 +4,11 @@
 //! A measurement is placed in time by its exposure stamp alone. Under `predict` the camera's own motion since then is
 //! known from the joint history, so that for an object at rest the view now is exact, whatever the latency.
 
-use super::{Arm, Law, SetPoint, Task, View, Wish};
+use super::{Arm, Law, Mount, SetPoint, Task, View, Wish, away_from_limits, lesson::Lesson};
 use crate::geometry::Pose;
 use crate::joint_history::JointHistory;
 use crate::messages::Measurement;
-use crate::robot::{ExpressedIn, Robot};
+use crate::robot::Robot;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
@@ -57,50 +57,104 @@ struct Sighting {
     exposure: MonoNs,
     view: View,
     task: Task,
-    /// Where the camera was at the exposure.
-    X_BC: Pose,
+    /// Where the camera was at the exposure, in the frame of the object.
+    X_WC: Pose,
+}
+
+/// What visual servoing is made of.
+#[derive(Debug, Clone)]
+pub struct ServoSettings {
+    /// Law and gains.
+    pub law: Law,
+    /// Goal.
+    pub set_point: SetPoint,
+    /// When the law is computed.
+    pub update: UpdatePolicy,
+    /// Where the camera sits.
+    pub mount: Mount,
+    /// The object in the frame W in which it rests, where a simulation knows it; for the true depth only.
+    pub X_WO: Option<Pose>,
+    /// Smooth start: rate at which the first velocity is let in, 1/s; `None` starts at once.
+    pub smooth_start_1_s: Option<f64>,
+    /// Secondary task: gain of the motion away from joint limits, 1/s.
+    pub limit_avoidance_1_s: Option<f64>,
+    /// Teaches the set-point from so many measurements before anything moves; 0 for none.
+    pub teach: u32,
+}
+
+impl ServoSettings {
+    /// Settings without smooth start, secondary task and teaching.
+    #[must_use]
+    pub fn new(law: Law, set_point: SetPoint, update: UpdatePolicy, mount: Mount) -> Self {
+        Self {
+            law,
+            set_point,
+            update,
+            mount,
+            X_WO: None,
+            smooth_start_1_s: None,
+            limit_avoidance_1_s: None,
+            teach: 0,
+        }
+    }
 }
 
 /// Visual servoing of an arm with `N` joints.
 #[derive(Debug, Clone)]
 pub struct VisualServo<const N: usize> {
-    law: Law,
-    set_point: SetPoint,
-    update: UpdatePolicy,
-    /// Camera in the flange frame.
-    X_EC: Pose,
+    settings: ServoSettings,
     history: JointHistory<N>,
     sighting: Option<Sighting>,
     held: Option<Wish<N>>,
     fresh: bool,
+    /// First wished velocity, and when: what a smooth start takes off.
+    start: Option<(MonoNs, SVector<f64, N>)>,
+    lesson: Lesson,
 }
 
 impl<const N: usize> VisualServo<N> {
-    /// Servoing to `set_point` with a camera at `X_EC` on the flange.
+    /// Servoing as `settings` say.
     #[must_use]
-    pub fn new(law: Law, set_point: SetPoint, update: UpdatePolicy, X_EC: Pose) -> Self {
+    pub fn new(settings: ServoSettings) -> Self {
+        let lesson = Lesson::new(settings.teach);
         Self {
-            law,
-            set_point,
-            update,
-            X_EC,
+            settings,
             history: JointHistory::new(),
             sighting: None,
             held: None,
             fresh: false,
+            start: None,
+            lesson,
         }
     }
 
     /// The goal.
     #[must_use]
     pub fn set_point(&self) -> &SetPoint {
-        &self.set_point
+        &self.settings.set_point
     }
 
-    /// Camera in the flange frame.
+    /// The settings.
     #[must_use]
-    pub fn X_EC(&self) -> &Pose {
-        &self.X_EC
+    pub fn settings(&self) -> &ServoSettings {
+        &self.settings
+    }
+
+    /// Makes what the camera sees the goal: the mean of the next `measurements` good ones. Until then nothing is wished.
+    pub fn teach(&mut self, measurements: u32) {
+        self.lesson = Lesson::new(measurements);
+        self.held = None;
+    }
+
+    /// Whether the goal is still being taught.
+    #[must_use]
+    pub fn is_teaching(&self) -> bool {
+        self.lesson.left > 0
+    }
+
+    /// The next wish starts smoothly again, as the first one did; after a stop or a hold.
+    pub fn restart(&mut self) {
+        self.start = None;
     }
 
     /// Notes where the arm is; at every tick, before anything else.
@@ -112,7 +166,9 @@ impl<const N: usize> VisualServo<N> {
     pub fn take(&mut self, now: MonoNs, measurement: &Measurement, robot: &Robot<N>) -> Intake {
         let exposure = measurement.exposure;
         let Some(view) = View::of(measurement) else { return Intake::NoTarget };
-        let Some(task) = self.law.task(&self.set_point, &view) else { return Intake::NoTarget };
+        if view.features().len() != self.settings.set_point.features().len() {
+            return Intake::NoTarget;
+        }
         if self.sighting.is_some_and(|last| exposure <= last.exposure) {
             return Intake::NotNewer;
         }
@@ -125,30 +181,67 @@ impl<const N: usize> VisualServo<N> {
         let Some(q) = self.history.joints(exposure).filter(|_| full || standing_start) else {
             return Intake::TooOld;
         };
-        self.sighting = Some(Sighting { exposure, view, task, X_BC: robot.forward(&q) * self.X_EC });
+        if let Some(taught) = self.lesson.hear(&view, &self.settings.set_point) {
+            self.settings.set_point = taught;
+        }
+        let X_WC = self.settings.mount.X_WC(&robot.forward(&q));
+        let view = view.with_known(self.settings.X_WO.map(|X_WO| X_WC.inv_mul(&X_WO)));
+        let Some(task) = self.settings.law.task(&self.settings.set_point, &view) else {
+            return Intake::NoTarget;
+        };
+        self.sighting = Some(Sighting { exposure, view, task, X_WC });
         self.fresh = true;
         if exposure > now { Intake::UsedFromFuture } else { Intake::Used }
     }
 
-    /// What the joints shall do at this tick, at which they stand in `q`. `None` before the first measurement, and
-    /// where the law has no answer.
-    pub fn wish(&mut self, q: &SVector<f64, N>, robot: &Robot<N>) -> Option<Wish<N>> {
-        let sighting = self.sighting.as_ref()?;
+    /// What the joints shall do at this tick, at which they stand in `q` and move with `qd`. `None` before the first
+    /// measurement, while the goal is taught, and where the law has no answer.
+    pub fn wish(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>, robot: &Robot<N>) -> Option<Wish<N>> {
+        let sighting = self.sighting.as_ref().filter(|_| self.lesson.left == 0)?;
         let fresh = std::mem::take(&mut self.fresh);
-        if self.update == UpdatePolicy::Frame && !fresh {
-            return self.held;
+        let held = self.settings.update == UpdatePolicy::Frame && !fresh;
+        if !held {
+            self.held = self.settings.wish(sighting, q, qd, robot);
         }
-        let (X_BC, J_C) = robot.forward_and_jacobian_of_frame(q, &self.X_EC, ExpressedIn::Moving);
-        let arm = Arm { J_C };
-        self.held = match self.update {
+        let wish = self.held?;
+        Some(self.started(wish))
+    }
+
+    /// The wish less what is left of the first one, `v(t) - exp(-rate t) v(0)`: from rest without a jump.
+    fn started(&mut self, wish: Wish<N>) -> Wish<N> {
+        let (Some(rate_1_s), Wish::Velocity(qd), Some(now)) =
+            (self.settings.smooth_start_1_s, wish, self.history.newest())
+        else {
+            return wish;
+        };
+        let (since, first) = *self.start.get_or_insert((now, qd));
+        Wish::Velocity(qd - first * (-rate_1_s * (now - since).as_s()).exp())
+    }
+}
+
+impl ServoSettings {
+    fn wish<const N: usize>(
+        &self,
+        sighting: &Sighting,
+        q: &SVector<f64, N>,
+        qd: &SVector<f64, N>,
+        robot: &Robot<N>,
+    ) -> Option<Wish<N>> {
+        let (X_WC, J) = self.mount.camera(robot, q);
+        let arm = Arm {
+            J,
+            qd: *qd,
+            gravity: if self.law.is_torque() { robot.gravity(q) } else { SVector::zeros() },
+            secondary: self.limit_avoidance_1_s.map(|gain| away_from_limits(q, robot.limits(), gain)),
+        };
+        match self.update {
             UpdatePolicy::Frame | UpdatePolicy::Tick => self.law.wish(&sighting.task, &arm),
             UpdatePolicy::Predict => sighting
                 .view
-                .carried(&(X_BC.inverse() * sighting.X_BC), &self.set_point)
+                .carried(&X_WC.inv_mul(&sighting.X_WC), &self.set_point)
                 .and_then(|now| self.law.task(&self.set_point, &now))
                 .and_then(|task| self.law.wish(&task, &arm)),
-        };
-        self.held
+        }
     }
 }
 
@@ -156,7 +249,7 @@ impl<const N: usize> VisualServo<N> {
 mod tests {
     use super::*;
     use crate::messages::{FeaturePoint, TargetStatus};
-    use crate::servo::DepthSource;
+    use crate::servo::{DepthSource, Gain, Interaction, InteractionAt};
     use nalgebra::{Point3, Vector4};
 
     const MS: i64 = 1_000_000;
@@ -172,8 +265,10 @@ mod tests {
     fn servo(update: UpdatePolicy) -> VisualServo<4> {
         let goal = Pose::new([-0.1, 0.1, 0.6].into(), [0.0, 0.0, -1.0].into());
         let set_point = SetPoint::from_pose(&goal, &square()).unwrap();
-        let law = Law::ImageVelocity { gain_1_s: 1.0, depth: DepthSource::Estimated };
-        VisualServo::new(law, set_point, update, Pose::identity())
+        let interaction = Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated };
+        let law = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction };
+        let mount = Mount::EyeInHand { X_EC: Pose::identity() };
+        VisualServo::new(ServoSettings::new(law, set_point, update, mount))
     }
 
     fn q_at(ms: i64) -> Vector4<f64> {
@@ -203,6 +298,7 @@ mod tests {
     fn velocity(wish: Option<Wish<4>>) -> Vector4<f64> {
         match wish.unwrap() {
             Wish::Velocity(qd) => qd,
+            Wish::Torque(_) => panic!("a velocity law"),
         }
     }
 
@@ -215,13 +311,16 @@ mod tests {
         }
         assert_eq!(late.take(MonoNs(100 * MS), &seen_at(40), &robot), Intake::Used);
         assert_eq!(fresh.take(MonoNs(100 * MS), &seen_at(100), &robot), Intake::Used);
-        let (a, b) = (velocity(late.wish(&q_at(100), &robot)), velocity(fresh.wish(&q_at(100), &robot)));
+        let (a, b) = (
+            velocity(late.wish(&q_at(100), &Vector4::zeros(), &robot)),
+            velocity(fresh.wish(&q_at(100), &Vector4::zeros(), &robot)),
+        );
         assert!((a - b).norm() < 1e-9, "{a} {b}");
         let mut held = servo(UpdatePolicy::Tick);
         moved_to(&mut held, 0..=100);
         held.take(MonoNs(100 * MS), &seen_at(40), &robot);
         assert!(
-            (velocity(held.wish(&q_at(100), &robot)) - b).norm() > 1e-3,
+            (velocity(held.wish(&q_at(100), &Vector4::zeros(), &robot)) - b).norm() > 1e-3,
             "without prediction the delay shows"
         );
     }
@@ -233,8 +332,8 @@ mod tests {
             let mut s = servo(update);
             moved_to(&mut s, 0..=10);
             s.take(MonoNs(10 * MS), &seen_at(10), &robot);
-            let first = velocity(s.wish(&q_at(10), &robot));
-            let later = velocity(s.wish(&q_at(400), &robot));
+            let first = velocity(s.wish(&q_at(10), &Vector4::zeros(), &robot));
+            let later = velocity(s.wish(&q_at(400), &Vector4::zeros(), &robot));
             assert_eq!(first == later, holds);
         }
     }
@@ -245,7 +344,7 @@ mod tests {
         let mut s = servo(UpdatePolicy::Predict);
         moved_to(&mut s, 1000..=1100);
         let now = MonoNs(1100 * MS);
-        assert!(s.wish(&q_at(1100), &robot).is_none());
+        assert!(s.wish(&q_at(1100), &Vector4::zeros(), &robot).is_none());
         assert_eq!(s.take(now, &seen_at(1160), &robot), Intake::RefusedFromFuture);
         assert_eq!(s.take(now, &seen_at(1080), &robot), Intake::Used);
         assert_eq!(s.take(now, &seen_at(1080), &robot), Intake::NotNewer, "repeated");

@@ -120,8 +120,8 @@ pub fn open(config: &Config) -> Result<Box<dyn Source>, SourceError> {
                 Ok(Box::new(Synthetic::new(
                     history,
                     renderer,
-                    config.camera.X_EC,
-                    config.X_BO,
+                    config.camera.mount,
+                    config.X_WO,
                     config.scene_motion,
                     *motion_blur,
                 )) as _)

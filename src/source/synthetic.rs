@@ -1,10 +1,11 @@
-//! The synthetic camera: what a camera in the arm's hand would see, rendered from the arm's true motion.
+//! The synthetic camera: what a camera in the arm's hand, or beside the arm, would see, rendered from the arm's true motion.
 
 use super::{ArmHistory, Exposure, Position, Source, SourceError};
 use crate::geometry::Pose;
 use crate::messages::JointState;
 use crate::scene::{Renderer, SceneMotion};
 use crate::schedule::TICK;
+use crate::servo::Mount;
 use crate::time::{MonoNs, SpanNs};
 
 /// Most sub-exposures of one frame.
@@ -16,8 +17,8 @@ const PX_PER_SUB_EXPOSURE: f64 = 0.5;
 pub struct Synthetic<const N: usize> {
     history: ArmHistory<N>,
     renderer: Renderer,
-    X_EC: Pose,
-    X_BO: Pose,
+    mount: Mount,
+    X_WO: Pose,
     motion: SceneMotion,
     /// Time of tick 0: what the scene's motion counts from.
     origin: Option<MonoNs>,
@@ -26,24 +27,25 @@ pub struct Synthetic<const N: usize> {
 }
 
 impl<const N: usize> Synthetic<N> {
-    /// A camera at `X_EC` on the flange of the arm of `history`, and a target at `X_BO`.
+    /// A camera at `mount` and the arm of `history`; the target rests at `X_WO` in the base or, seen from beside the arm,
+    /// on the flange.
     #[must_use]
     pub fn new(
         history: ArmHistory<N>,
         renderer: Renderer,
-        X_EC: Pose,
-        X_BO: Pose,
+        mount: Mount,
+        X_WO: Pose,
         motion: SceneMotion,
         motion_blur: bool,
     ) -> Self {
         let views = Vec::with_capacity(MAX_SUB_EXPOSURES);
-        Self { history, renderer, X_EC, X_BO, motion, origin: None, motion_blur, views }
+        Self { history, renderer, mount, X_WO, motion, origin: None, motion_blur, views }
     }
 
     fn view(&self, exposure: &Exposure, offset: SpanNs) -> Pose {
         let time = exposure.mid + offset;
         let since = self.origin.map_or(SpanNs(0), |origin| SpanNs((time - origin).0.max(0)));
-        (self.history.flange(time) * self.X_EC).inverse() * self.motion.object_at(&self.X_BO, since)
+        self.mount.X_WC(&self.history.flange(time)).inv_mul(&self.motion.object_at(&self.X_WO, since))
     }
 
     /// How far the target moves in the picture during the exposure, px; 0 where a part of it is not in front.

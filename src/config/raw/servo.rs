@@ -1,0 +1,187 @@
+//! `[servo]` and its tables.
+
+use super::RawPose;
+use serde::{Deserialize, Serialize};
+
+word! {
+    /// The servo law.
+    SchemeKind {
+        /// A: position-based PD with gravity compensation, (10.74).
+        PositionPd,
+        /// B: position-based resolved velocity, (10.76).
+        PositionResolvedVelocity,
+        /// C: image-based PD with gravity compensation, (10.84).
+        ImagePd,
+        /// D: image-based resolved velocity, (10.89)-(10.91).
+        ImageResolvedVelocity,
+        /// Hybrid, (10.92)-(10.97).
+        Hybrid,
+    }
+}
+
+word! {
+    /// When the law is computed.
+    Update {
+        /// When a measurement arrives; held in between.
+        Frame,
+        /// At every tick with fresh joint positions; the feature error is held in between.
+        Tick,
+        /// At every tick for the view of that tick, carried there from the last exposure by the arm's own motion.
+        Predict,
+    }
+}
+
+word! {
+    /// Where the depth in the interaction matrix comes from.
+    Depth {
+        /// From the desired pose (the textbook's choice).
+        Desired,
+        /// From the pose that vision estimates.
+        Estimated,
+        /// From the object's place in a simulated scene.
+        True,
+        /// `servo.constant_depth_m`.
+        Constant,
+    }
+}
+
+word! {
+    /// At which features the interaction matrix is taken.
+    At {
+        /// The current ones.
+        Current,
+        /// The desired ones.
+        Desired,
+        /// The mean of both matrices.
+        Mean,
+    }
+}
+
+word! {
+    /// How an orientation error is written.
+    Orientation {
+        /// Angles about z, y, x, as in the text.
+        EulerZyx,
+        /// Axis times angle.
+        AngleAxis,
+    }
+}
+
+word! {
+    /// On what a torque law damps.
+    DampingOn {
+        /// Errors of the task, as in (10.74), (10.84).
+        Task,
+        /// Joint velocities.
+        Joints,
+    }
+}
+
+word! {
+    /// Where the goal comes from.
+    SetPointKind {
+        /// `[servo.desired]`.
+        Pose,
+        /// `servo.set_point.features`.
+        Features,
+        /// What the camera sees in the first measurements.
+        Taught,
+    }
+}
+
+/// One number for all components, or a list.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Gains {
+    /// For all.
+    One(f64),
+    /// One each.
+    Each(Vec<f64>),
+}
+
+table! {
+    /// The servo law and its goal.
+    RawServo {
+        /// Law.
+        scheme: SchemeKind = SchemeKind::ImageResolvedVelocity,
+        /// When it is computed.
+        update: Update = Update::Predict,
+        /// Gain of the resolved-velocity laws, 1/s. B and hybrid also take four (x, y, z, rotation) or six.
+        gain_1_s: Gains = Gains::One(2.0),
+        /// `[servo.adaptive_gain]`: factor on the gain that grows as the error shrinks.
+        adaptive_gain: Option<RawAdaptive> = None,
+        /// `[servo.pd]`: gains of the torque laws.
+        pd: RawPd = RawPd::default(),
+        /// 6, or 4 for a camera whose axis stays normal to the target (SCARA): x, y, z and rotation.
+        dimension: u32 = 6,
+        /// Depth in the interaction matrix.
+        depth: Depth = Depth::Desired,
+        /// That depth, m, where it is constant.
+        constant_depth_m: f64 = 0.6,
+        /// Features of the interaction matrix.
+        interaction: At = At::Current,
+        /// Orientation error of A, B and hybrid.
+        orientation_error: Orientation = Orientation::EulerZyx,
+        /// Points of the target that the law compares, from 1; all when neither points nor segments are named.
+        points: Vec<usize> = Vec::new(),
+        /// Line segments between two points that it compares.
+        segments: Vec<[usize; 2]> = Vec::new(),
+        /// Weights of the squared errors, one for each point and then for each segment; all 1 when empty.
+        weights: Vec<f64> = Vec::new(),
+        /// Rate at which the first velocity is let in, 1/s; 0 starts at once.
+        smooth_start_1_s: f64 = 0.0,
+        /// Gain of the motion away from joint limits where the task leaves joints free, 1/s; 0 for none.
+        limit_avoidance_1_s: f64 = 0.0,
+        /// `[servo.set_point]`
+        set_point: RawSetPoint = RawSetPoint::default(),
+        /// `X_DO`: the target in the desired camera frame.
+        desired: RawPose =
+            RawPose { position_m: [-0.1, 0.1, 0.6], rotation_rpy_rad: [0.0, 0.0, -std::f64::consts::FRAC_PI_3] },
+    }
+}
+
+table! {
+    /// Factor on the gain: `(zero - infinity) exp(-slope x / (zero - infinity)) + infinity` for the error norm x.
+    RawAdaptive {
+        /// At zero error.
+        at_zero: f64 = 1.0,
+        /// For large errors.
+        at_infinity: f64 = 0.25,
+        /// Descent at zero error.
+        slope: f64 = 5.0,
+    }
+}
+
+table! {
+    /// Gains of the torque laws A and C; those of Sect. 10.9.
+    RawPd {
+        /// A: K_P of the position, N/m.
+        position_stiffness_n_m: Gains = Gains::One(500.0),
+        /// A: K_P of the orientation, N m/rad.
+        orientation_stiffness_nm_rad: Gains = Gains::One(10.0),
+        /// A: K_D of the position, N s/m.
+        position_damping_ns_m: Gains = Gains::One(500.0),
+        /// A: K_D of the orientation, N m s/rad.
+        orientation_damping_nms_rad: Gains = Gains::One(10.0),
+        /// C: K_Ps per squared feature unit (normalized), N m.
+        feature_stiffness_nm: f64 = 300.0,
+        /// C: K_Ds, N m s.
+        feature_damping_nms: f64 = 330.0,
+        /// Damping on the task or on the joints.
+        damping: DampingOn = DampingOn::Task,
+        /// K_D on the joints, one for all or one each.
+        joint_damping_nms_rad_or_ns_m: Gains = Gains::One(500.0),
+    }
+}
+
+table! {
+    /// Origin of the goal.
+    RawSetPoint {
+        /// Kind.
+        kind: SetPointKind = SetPointKind::Pose,
+        /// Desired features of all points, normalized coordinates.
+        features: Vec<[f64; 2]> = Vec::new(),
+        /// Measurements that teach it.
+        measurements: u32 = 10,
+    }
+}

@@ -1,0 +1,293 @@
+//! `[servo]`: from words and lists to a law and its goal.
+
+use super::Servo;
+use super::raw::{
+    At, DampingOn, Depth, DriveKind, Gains, Orientation, RawConfig, RawServo, SchemeKind, SetPointKind,
+    SourceKind,
+};
+use super::validate::Check;
+use crate::drive::CommandMode;
+use crate::geometry::Pose;
+use crate::messages::MAX_JOINTS;
+use crate::scene::DotTarget;
+use crate::servo::{
+    Damping, DepthSource, FeatureKind, Gain, HybridGains, Interaction, InteractionAt, Law, OperationalSpace,
+    OrientationError, PoseGains, Selection, SetPoint,
+};
+use nalgebra::{Vector2, Vector3};
+use std::ops::RangeInclusive;
+
+const GAIN_1_S: RangeInclusive<f64> = 1e-3..=100.0;
+const PD_GAIN: RangeInclusive<f64> = 0.0..=1e6;
+
+/// How far a rotation may tilt the target against the image with m = 4.
+const TILT: f64 = 1e-6;
+
+/// The law and the goal; `None` when they cannot be built.
+pub(super) fn servo(
+    raw: &RawConfig,
+    target: &DotTarget,
+    X_DO: &Pose,
+    check: &mut Check<'_>,
+) -> Option<Servo> {
+    let s = &raw.servo;
+    let before = check.count_problems();
+    let law = law(s, check);
+    let points = target.points_O();
+    let selection = selection(s, points.len(), check);
+    let set_point = match s.set_point.kind {
+        SetPointKind::Pose | SetPointKind::Taught => SetPoint::from_pose(X_DO, &points),
+        SetPointKind::Features => {
+            let s_d: Vec<_> = s.set_point.features.iter().copied().map(Vector2::from).collect();
+            if s_d.len() != points.len() {
+                let message = format!("has {} points, the target has {}", s_d.len(), points.len());
+                check.wrong("servo.set_point.features", message);
+                return None;
+            }
+            let found = SetPoint::from_features(&s_d, &points, s.constant_depth_m);
+            if !found.as_ref().is_some_and(|found| found.X_DO().is_some()) {
+                check.wrong(
+                    "servo.set_point.features",
+                    "no pose of the target looks like this: check the order",
+                );
+            }
+            found
+        }
+    };
+    let teach = match s.set_point.kind {
+        SetPointKind::Taught => {
+            check.count("servo.set_point.measurements", s.set_point.measurements, 1..=10_000)
+        }
+        _ => 0,
+    };
+    if s.dimension == 4 && tilted(X_DO) && uses_dimension(s.scheme) {
+        check.wrong("servo.dimension", "is 4, which needs servo.desired to be turned about z only");
+    }
+    let torque_drive =
+        raw.drive.kind != DriveKind::Ideal && raw.drive.mode.is_none_or(|m| m == CommandMode::Torque);
+    if law.is_torque() && !torque_drive {
+        check.wrong(
+            "servo.scheme",
+            "position_pd and image_pd command torques: they need drive.mode = \"torque\"",
+        );
+    }
+    if s.depth == Depth::True && raw.camera.source != SourceKind::Synthetic {
+        check.wrong(
+            "servo.depth",
+            "`true` needs a simulated scene; replayed pictures do not tell their depth",
+        );
+    }
+    let smooth = check.range("servo.smooth_start_1_s", s.smooth_start_1_s, 0.0..=1000.0);
+    let avoid = check.range("servo.limit_avoidance_1_s", s.limit_avoidance_1_s, 0.0..=100.0);
+    if check.count_problems() > before {
+        return None;
+    }
+    Some(Servo {
+        update: s.update,
+        law,
+        set_point: set_point?.with_selection(selection?)?,
+        teach,
+        smooth_start_1_s: (smooth > 0.0).then_some(smooth),
+        limit_avoidance_1_s: (avoid > 0.0).then_some(avoid),
+    })
+}
+
+/// Whether the scheme is computed with m = 4 or 6 by `servo.dimension`; the image-based ones follow the joints.
+pub(super) fn uses_dimension(scheme: SchemeKind) -> bool {
+    !matches!(scheme, SchemeKind::ImagePd | SchemeKind::ImageResolvedVelocity)
+}
+
+/// Whether the pose shows the target's plane tilted against the image.
+pub(super) fn tilted(X_CO: &Pose) -> bool {
+    (X_CO.rotation * Vector3::z() - Vector3::z()).norm() > TILT
+}
+
+fn law(s: &RawServo, check: &mut Check<'_>) -> Law {
+    let orientation = match s.orientation_error {
+        Orientation::EulerZyx => OrientationError::EulerZyx,
+        Orientation::AngleAxis => OrientationError::AngleAxis,
+    };
+    let space = match s.dimension {
+        4 => OperationalSpace::Four,
+        6 => OperationalSpace::Six,
+        other => {
+            check.wrong("servo.dimension", format!("{other} is neither 4 nor 6"));
+            OperationalSpace::Six
+        }
+    };
+    let interaction = Interaction {
+        at: match s.interaction {
+            At::Current => InteractionAt::Current,
+            At::Desired => InteractionAt::Desired,
+            At::Mean => InteractionAt::Mean,
+        },
+        depth: match s.depth {
+            Depth::Desired => DepthSource::Desired,
+            Depth::Estimated => DepthSource::Estimated,
+            Depth::True => DepthSource::Known,
+            Depth::Constant => {
+                DepthSource::Constant(check.range("servo.constant_depth_m", s.constant_depth_m, 1e-3..=1e3))
+            }
+        },
+    };
+    match s.scheme {
+        SchemeKind::PositionPd => {
+            let pd = &s.pd;
+            let K_P = pose_gains(
+                check,
+                ("servo.pd.position_stiffness_n_m", &pd.position_stiffness_n_m),
+                ("servo.pd.orientation_stiffness_nm_rad", &pd.orientation_stiffness_nm_rad),
+            );
+            let K_D = pose_gains(
+                check,
+                ("servo.pd.position_damping_ns_m", &pd.position_damping_ns_m),
+                ("servo.pd.orientation_damping_nms_rad", &pd.orientation_damping_nms_rad),
+            );
+            let damping = match pd.damping {
+                DampingOn::Task => Damping::Task(K_D),
+                DampingOn::Joints => Damping::Joints(joint_damping(s, check)),
+            };
+            Law::PositionTorque { K_P, damping, orientation, space }
+        }
+        SchemeKind::PositionResolvedVelocity => {
+            let (K, gain) = velocity_gains(s, check);
+            Law::PositionVelocity { K, gain, orientation, space }
+        }
+        SchemeKind::ImagePd => {
+            let k_P = check.range("servo.pd.feature_stiffness_nm", s.pd.feature_stiffness_nm, PD_GAIN);
+            let k_D = check.range("servo.pd.feature_damping_nms", s.pd.feature_damping_nms, PD_GAIN);
+            let damping = match s.pd.damping {
+                DampingOn::Task => Damping::Task(k_D),
+                DampingOn::Joints => Damping::Joints(joint_damping(s, check)),
+            };
+            Law::ImageTorque { k_P, damping, interaction }
+        }
+        SchemeKind::ImageResolvedVelocity => {
+            if matches!(s.gain_1_s, Gains::Each(_)) {
+                check.wrong("servo.gain_1_s", "image_resolved_velocity takes one gain; see servo.weights");
+            }
+            let (K, gain) = velocity_gains(s, check);
+            Law::ImageVelocity { gain: scaled(gain, K[0]), interaction }
+        }
+        SchemeKind::Hybrid => {
+            let (K, gain) = velocity_gains(s, check);
+            let gains = HybridGains { K_p: K.fixed_rows::<3>(0).into(), K_o: K.fixed_rows::<3>(3).into() };
+            Law::Hybrid { gains, gain, orientation, space }
+        }
+    }
+}
+
+/// The gain times `factor`.
+fn scaled(gain: Gain, factor: f64) -> Gain {
+    match gain {
+        Gain::Constant(gain) => Gain::Constant(gain * factor),
+        Gain::Adaptive { at_zero_1_s, at_infinity_1_s, slope_1_s } => Gain::Adaptive {
+            at_zero_1_s: at_zero_1_s * factor,
+            at_infinity_1_s: at_infinity_1_s * factor,
+            slope_1_s: slope_1_s * factor,
+        },
+    }
+}
+
+/// Component gains, and the common factor: the adaptive one, or 1.
+fn velocity_gains(s: &RawServo, check: &mut Check<'_>) -> (PoseGains, Gain) {
+    let K = match &s.gain_1_s {
+        Gains::One(gain) => PoseGains::repeat(check.range("servo.gain_1_s", *gain, GAIN_1_S)),
+        Gains::Each(list) => {
+            for (i, gain) in list.iter().enumerate() {
+                check.range(&format!("servo.gain_1_s[{i}]"), *gain, GAIN_1_S);
+            }
+            match *list.as_slice() {
+                [x, y, z, alpha] => PoseGains::new(x, y, z, alpha, alpha, alpha),
+                [x, y, z, a, b, c] => PoseGains::new(x, y, z, a, b, c),
+                _ => {
+                    check.wrong("servo.gain_1_s", format!("has {} entries, needs 1, 4 or 6", list.len()));
+                    PoseGains::repeat(1.0)
+                }
+            }
+        }
+    };
+    let gain = s.adaptive_gain.as_ref().map_or(Gain::Constant(1.0), |a| Gain::Adaptive {
+        at_zero_1_s: check.range("servo.adaptive_gain.at_zero", a.at_zero, 1e-3..=100.0),
+        at_infinity_1_s: check.range("servo.adaptive_gain.at_infinity", a.at_infinity, 1e-3..=100.0),
+        slope_1_s: check.range("servo.adaptive_gain.slope", a.slope, 0.0..=1e4),
+    });
+    (K, gain)
+}
+
+fn pose_gains(check: &mut Check<'_>, position: (&str, &Gains), orientation: (&str, &Gains)) -> PoseGains {
+    let mut three = |(key, gains): (&str, &Gains)| match gains {
+        Gains::One(gain) => Vector3::repeat(check.range(key, *gain, PD_GAIN)),
+        Gains::Each(list) => {
+            for (i, gain) in list.iter().enumerate() {
+                check.range(&format!("{key}[{i}]"), *gain, PD_GAIN);
+            }
+            match *list.as_slice() {
+                [x, y, z] => Vector3::new(x, y, z),
+                _ => {
+                    check.wrong(key, format!("has {} entries, needs 1 or 3", list.len()));
+                    Vector3::zeros()
+                }
+            }
+        }
+    };
+    let (p, o) = (three(position), three(orientation));
+    PoseGains::new(p.x, p.y, p.z, o.x, o.y, o.z)
+}
+
+fn joint_damping(s: &RawServo, check: &mut Check<'_>) -> [f64; MAX_JOINTS] {
+    let key = "servo.pd.joint_damping_nms_rad_or_ns_m";
+    let mut damping = [0.0; MAX_JOINTS];
+    match &s.pd.joint_damping_nms_rad_or_ns_m {
+        Gains::One(gain) => damping = [check.range(key, *gain, PD_GAIN); MAX_JOINTS],
+        Gains::Each(list) if list.len() > MAX_JOINTS => {
+            check.wrong(key, format!("has {} entries, more than {MAX_JOINTS} joints", list.len()));
+        }
+        Gains::Each(list) => {
+            for (i, (place, gain)) in damping.iter_mut().zip(list).enumerate() {
+                *place = check.range(&format!("{key}[{i}]"), *gain, PD_GAIN);
+            }
+        }
+    }
+    damping
+}
+
+fn selection(s: &RawServo, points: usize, check: &mut Check<'_>) -> Option<Selection> {
+    let mut kinds: Vec<FeatureKind> = Vec::new();
+    let mut index = |key: &str, i: usize| {
+        if !(1..=points).contains(&i) {
+            check.wrong(key, format!("names point {i}; the target has the points 1 to {points}"));
+        }
+        i.wrapping_sub(1)
+    };
+    kinds.extend(s.points.iter().map(|i| FeatureKind::Point(index("servo.points", *i))));
+    kinds.extend(
+        s.segments
+            .iter()
+            .map(|[i, j]| FeatureKind::Segment(index("servo.segments", *i), index("servo.segments", *j))),
+    );
+    if kinds.is_empty() {
+        kinds.extend((0..points).map(FeatureKind::Point));
+    }
+    if !s.weights.is_empty() && s.weights.len() != kinds.len() {
+        let message = format!("has {} entries, the law compares {} features", s.weights.len(), kinds.len());
+        check.wrong("servo.weights", message);
+        return None;
+    }
+    for (i, weight) in s.weights.iter().enumerate() {
+        check.range(&format!("servo.weights[{i}]"), *weight, 1e-6..=1e6);
+    }
+    if s.scheme == SchemeKind::Hybrid && s.dimension == 6 {
+        let used = Selection::new(kinds.iter().map(|k| (*k, 1.0))).map_or(0, |s| s.points().count());
+        if used < 4 {
+            check
+                .wrong("servo.points", format!("hybrid with servo.dimension = 6 needs 4 points, not {used}"));
+        }
+    }
+    let weights = s.weights.iter().copied().chain(std::iter::repeat(1.0));
+    let selection = Selection::new(kinds.into_iter().zip(weights));
+    if selection.is_none() {
+        check.wrong("servo.segments", "too many features, or a segment from a point to itself");
+    }
+    selection
+}

@@ -1,0 +1,130 @@
+//! Hybrid law, (10.92)-(10.97): orientation from the planar homography between current and desired image, position
+//! from one image point and the ratio of its depths. The object's geometry is not needed.
+//!
+//! Two signs differ from the printed text: `w_r = + T(phi_cd) K_o phi_cd` in (10.92), without which (10.93) does not
+//! follow, and `-ln(rho_z)` in e_p, without which it does not fit J_p and J_o.
+
+use super::{OperationalSpace, OrientationError, SetPoint, TwistTask, View, fit_similarity};
+use crate::features::NormalEquations;
+use crate::geometry::rotation_z;
+use crate::messages::MAX_FEATURES;
+use crate::pose::{Correspondence, decompose_homography_seen, homography};
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3, Vector6};
+
+/// Gains of the hybrid law, 1/s: K_p for the image point and its depth, K_o for the orientation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HybridGains {
+    /// Diagonal of K_p.
+    pub K_p: Vector3<f64>,
+    /// Diagonal of K_o, in the order of the orientation error's numbers.
+    pub K_o: Vector3<f64>,
+}
+
+/// What the homography tells about the camera's displacement; lengths in units of the plane's distance d_d.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Displacement {
+    /// Orientation of the desired camera in the current one.
+    pub R_CD: Rotation3<f64>,
+    /// Unit normal of the plane in the desired frame.
+    pub n_D: Vector3<f64>,
+    /// d_c / d_d = det H, (10.95).
+    pub distance_ratio: f64,
+}
+
+impl Displacement {
+    /// From the points of the selection, current against desired; of two readings the one nearer to the normal that
+    /// the set-point expects.
+    ///
+    /// [`OperationalSpace::Four`]: the rotation is about the optical axis and the plane parallel to the image, as in
+    /// Example 10.5; two points suffice. Otherwise at least four, no three of them in line.
+    #[must_use]
+    pub fn new(set_point: &SetPoint, view: &View, space: OperationalSpace) -> Option<Self> {
+        if view.features().len() != set_point.features().len() {
+            return None;
+        }
+        let pair = |i: usize| Some((*set_point.features().get(i)?, *view.features().get(i)?));
+        let pairs = set_point.selection().points().filter_map(pair);
+        match space {
+            OperationalSpace::Four => {
+                let fit = fit_similarity(pairs)?;
+                Some(Self {
+                    R_CD: rotation_z(fit.angle_rad),
+                    n_D: Vector3::z(),
+                    distance_ratio: 1.0 / fit.scale,
+                })
+            }
+            OperationalSpace::Six => {
+                let none = Vector2::zeros();
+                let mut seen = [Correspondence { r: none, s: none }; MAX_FEATURES];
+                let mut desired = [none; MAX_FEATURES];
+                let mut count = 0;
+                for (place, (s_d, s)) in seen.iter_mut().zip(&mut desired).zip(pairs) {
+                    *place.0 = Correspondence { r: s_d, s };
+                    *place.1 = s_d;
+                    count += 1;
+                }
+                let H = homography(seen.get(..count)?).ok()?;
+                let readings = decompose_homography_seen(&H, desired.get(..count)?).ok()?;
+                let best = readings.nearest_normal(&set_point.n_D());
+                // det H of (10.95), by way of the matrix determinant lemma.
+                let n_C = best.R_12 * best.n_2;
+                let distance_ratio = 1.0 + n_C.dot(&best.p_12_1_over_d2);
+                Some(Self { R_CD: best.R_12, n_D: best.n_2, distance_ratio })
+            }
+        }
+    }
+
+    /// rho_z = z_c / z_d, (10.94), of the point seen at `s` and wanted at `s_d`. `None` where it is not positive.
+    #[must_use]
+    pub fn depth_ratio(&self, s: &Vector2<f64>, s_d: &Vector2<f64>) -> Option<f64> {
+        let n_C = self.R_CD * self.n_D;
+        let rho = self.distance_ratio * self.n_D.dot(&s_d.push(1.0)) / n_C.dot(&s.push(1.0));
+        (rho > 0.0 && rho < f64::INFINITY).then_some(rho)
+    }
+}
+
+/// J_p of (10.96) for a point seen at `s` in the depth `z_m`.
+#[must_use]
+pub fn J_p(s: &Vector2<f64>, z_m: f64) -> Matrix3<f64> {
+    Matrix3::new(-1.0, 0.0, s.x, 0.0, -1.0, s.y, 0.0, 0.0, -1.0) / z_m
+}
+
+/// J_o of (10.96).
+#[must_use]
+pub fn J_o(s: &Vector2<f64>) -> Matrix3<f64> {
+    let (X, Y) = (s.x, s.y);
+    Matrix3::new(X * Y, -1.0 - X * X, Y, 1.0 + Y * Y, -X * Y, -X, -Y, X, 0.0)
+}
+
+/// The rows `J_p v + J_o w = K_p e_p`, `w = T K_o phi_cd` as a task: solved for the twist they are (10.92), (10.97). The first
+/// point of the selection is the one of e_p, its desired depth stands for z_d.
+///
+/// `None` when there is no homography or the view does not have the set-point's features.
+#[must_use]
+pub fn hybrid_task(
+    set_point: &SetPoint,
+    view: &View,
+    gains: &HybridGains,
+    orientation: OrientationError,
+    space: OperationalSpace,
+) -> Option<TwistTask> {
+    let displacement = Displacement::new(set_point, view, space)?;
+    let i = set_point.selection().points().next()?;
+    let (s, s_d, z_d) = (view.features().get(i)?, set_point.features().get(i)?, set_point.depths_m().get(i)?);
+    let rho = displacement.depth_ratio(s, s_d)?;
+    let e_p = Vector3::new(s_d.x - s.x, s_d.y - s.y, -rho.ln());
+    let phi = orientation.of(&displacement.R_CD);
+    let w = orientation.rate(&phi) * gains.K_o.component_mul(&phi);
+    let rate = gains.K_p.component_mul(&e_p);
+    let (P, O) = (J_p(s, z_d * rho), J_o(s));
+    let mut equations = NormalEquations::<6>::new();
+    for k in 0..3 {
+        let row = [P[(k, 0)], P[(k, 1)], P[(k, 2)], O[(k, 0)], O[(k, 1)], O[(k, 2)]];
+        equations.add_row(&row, rate[k], 1.0);
+        let mut row = [0.0; 6];
+        row[3 + k] = 1.0;
+        equations.add_row(&row, w[k], 1.0);
+    }
+    let error = Vector6::new(e_p.x, e_p.y, e_p.z, phi.x, phi.y, phi.z).norm();
+    Some(TwistTask::new(&equations, error))
+}

@@ -1,0 +1,147 @@
+//! Schemes C and D: image-based laws, (10.79)-(10.91), as a task for the camera's twist.
+//!
+//! C hands over the wrench `L^T K_Ps e_s` and the damping `L^T K_Ds L`, so that `u = g + J^T (...)` is (10.84) with
+//! `J_L = L_s J` of (10.83). D hands over the normal equations of (10.91).
+
+use super::{DepthSource, FeatureKind, Interaction, InteractionAt, SetPoint, TwistTask, View, WrenchTask};
+use crate::features::{Feature, NormalEquations, PointFeature, SegmentFeature};
+use nalgebra::{SMatrix, SVector, Vector2};
+
+/// Image points with their depths, current or desired.
+#[derive(Clone, Copy)]
+struct Side<'a> {
+    s: &'a [Vector2<f64>],
+    depths: Depths<'a>,
+}
+
+#[derive(Clone, Copy)]
+enum Depths<'a> {
+    Listed(&'a [f64]),
+    Same(f64),
+    /// Third row of a pose `X_CO` over the points in O.
+    Row([f64; 4], &'a [nalgebra::Point3<f64>]),
+}
+
+impl Side<'_> {
+    #[inline(always)]
+    fn point(&self, i: usize) -> Option<PointFeature> {
+        let z_m = match self.depths {
+            Depths::Listed(z) => *z.get(i)?,
+            Depths::Same(z) => z,
+            Depths::Row([x, y, z, t], points) => {
+                let p = points.get(i)?;
+                x * p.x + y * p.y + z * p.z + t
+            }
+        };
+        // The comparison also catches NaN.
+        (z_m > 0.0).then_some(PointFeature { s: *self.s.get(i)?, z_m })
+    }
+
+    #[inline(always)]
+    fn segment(&self, i: usize, j: usize) -> Option<SegmentFeature> {
+        let (a, b) = (self.point(i)?, self.point(j)?);
+        Some(SegmentFeature { s: [a.s, b.s], z_m: [a.z_m, b.z_m] })
+    }
+}
+
+/// Normal equations of the selected features for unit gain: `L_s^T W L_s` and `L_s^T W e_s`, e_s of (10.79).
+///
+/// `None` when the view does not have the set-point's features, or one of them has no interaction matrix.
+#[must_use]
+pub fn image_task(set_point: &SetPoint, view: &View, interaction: Interaction) -> Option<TwistTask> {
+    if view.features().len() != set_point.features().len() {
+        return None;
+    }
+    let z_d = match interaction.depth {
+        DepthSource::Constant(z_m) => Depths::Same(z_m),
+        _ => Depths::Listed(set_point.depths_m()),
+    };
+    let pose = match interaction.depth {
+        DepthSource::Estimated => view.X_CO(),
+        DepthSource::Known => view.X_CO_known(),
+        DepthSource::Desired | DepthSource::Constant(_) => None,
+    };
+    let z = pose.map_or(z_d, |X_CO| {
+        let R = X_CO.rotation.to_rotation_matrix();
+        let row = R.matrix().row(2);
+        Depths::Row([row[0], row[1], row[2], X_CO.translation.z], set_point.points())
+    });
+    let now = Side { s: view.features(), depths: z };
+    let goal = Side { s: set_point.features(), depths: z_d };
+    let mut equations = NormalEquations::<6>::new();
+    let mut error2 = 0.0;
+    for &(kind, weight) in set_point.selection().features() {
+        match kind {
+            FeatureKind::Point(i) => {
+                let s_d = set_point.features().get(i)?;
+                let e = s_d - view.features().get(i)?;
+                error2 += e.norm_squared();
+                match interaction.at {
+                    InteractionAt::Current => {
+                        let p = now.point(i)?;
+                        equations.add_point(&p.s, p.z_m, &e, weight);
+                    }
+                    InteractionAt::Desired => {
+                        let p = goal.point(i)?;
+                        equations.add_point(&p.s, p.z_m, &e, weight);
+                    }
+                    InteractionAt::Mean => {
+                        let L = mean(&now.point(i)?, &goal.point(i)?)?;
+                        equations.add_rows(&L, &e, weight);
+                    }
+                }
+            }
+            FeatureKind::Segment(i, j) => {
+                let (a, b) = (now.segment(i, j)?, goal.segment(i, j)?);
+                let e = a.error(&b.value());
+                error2 += e.norm_squared();
+                let L = match interaction.at {
+                    InteractionAt::Current => a.interaction()?,
+                    InteractionAt::Desired => b.interaction()?,
+                    InteractionAt::Mean => mean(&a, &b)?,
+                };
+                equations.add_rows(&L, &e, weight);
+            }
+        }
+    }
+    Some(TwistTask::new(&equations, error2.sqrt()))
+}
+
+/// The mean of two interaction matrices of a feature.
+fn mean<const K: usize>(a: &impl Feature<K>, b: &impl Feature<K>) -> Option<SMatrix<f64, K, 6>> {
+    Some((a.interaction()? + b.interaction()?) * 0.5)
+}
+
+/// Scheme C: wrench and damping of (10.84) with `K_Ps = k_P W` and `K_Ds = k_D W`, W the features' weights.
+///
+/// `k_P` in N m (force per normalized unit, brought to the joints by J_L), `k_D` in N m s. With `k_D` = 0 damping is left to
+/// the joints.
+#[must_use]
+pub fn image_wrench(task: &TwistTask, k_P: f64, k_D: f64) -> WrenchTask {
+    WrenchTask { wrench: task.vector * k_P, damping: task.matrix * k_D }
+}
+
+/// The stacked error e_s of the selected features, and how many numbers it has; for plots and checks.
+#[must_use]
+pub fn image_error(set_point: &SetPoint, view: &View) -> Option<(SVector<f64, 64>, usize)> {
+    let mut e = SVector::<f64, 64>::zeros();
+    let mut count = 0;
+    let unit = Depths::Same(1.0);
+    let (now, goal) =
+        (Side { s: view.features(), depths: unit }, Side { s: set_point.features(), depths: unit });
+    for &(kind, _) in set_point.selection().features() {
+        match kind {
+            FeatureKind::Point(i) => {
+                let d = goal.point(i)?.s - now.point(i)?.s;
+                e.fixed_rows_mut::<2>(count).copy_from(&d);
+                count += 2;
+            }
+            FeatureKind::Segment(i, j) => {
+                let d = now.segment(i, j)?.error(&goal.segment(i, j)?.value());
+                e.fixed_rows_mut::<4>(count).copy_from(&d);
+                count += 4;
+            }
+        }
+    }
+    Some((e, count))
+}

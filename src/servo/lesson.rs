@@ -1,0 +1,43 @@
+//! Teaching a set-point: the mean of what the camera sees in a few measurements.
+
+use super::{SetPoint, View};
+use crate::messages::MAX_FEATURES;
+use nalgebra::Vector2;
+
+/// A set-point in the making.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Lesson {
+    wanted: u32,
+    /// Measurements still to come.
+    pub(super) left: u32,
+    sum: [Vector2<f64>; MAX_FEATURES],
+}
+
+impl Lesson {
+    pub(super) fn new(measurements: u32) -> Self {
+        Self { wanted: measurements, left: measurements, sum: [Vector2::zeros(); MAX_FEATURES] }
+    }
+
+    /// Takes a view in; the last one completes the set-point, which keeps the selection and, where the new features
+    /// give no pose, the mean depth of `before`.
+    pub(super) fn hear(&mut self, view: &View, before: &SetPoint) -> Option<SetPoint> {
+        if self.left == 0 {
+            return None;
+        }
+        for (sum, s) in self.sum.iter_mut().zip(view.features()) {
+            *sum += s;
+        }
+        self.left -= 1;
+        if self.left > 0 {
+            return None;
+        }
+        let mut s_d = self.sum;
+        for s in &mut s_d {
+            *s /= f64::from(self.wanted);
+        }
+        let depths_m = before.depths_m();
+        let z_d_m = depths_m.iter().sum::<f64>() / depths_m.len() as f64;
+        SetPoint::from_features(s_d.get(..view.features().len())?, before.points(), z_d_m)?
+            .with_selection(*before.selection())
+    }
+}

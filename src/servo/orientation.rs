@@ -1,0 +1,129 @@
+//! Measures of an orientation error and the matrices that relate their rates to angular velocities (Sect. 10.7).
+//!
+//! For a rotation R of a frame 2 in a frame 1 with the angular velocity w of 2 relative to 1 expressed in 1:
+//! `w = T(phi) phi_dot`. Angles in rad.
+
+use crate::features::euler_zyx_rate;
+use crate::geometry::skew;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+/// Least |cos| of the middle Euler angle at which T(phi) is inverted.
+const GIMBAL_LOCK: f64 = 1e-3;
+
+/// How an orientation error is written as three numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OrientationError {
+    /// Angles about z, y and x of `R = Rz Ry Rx`, in this order, as in the text.
+    EulerZyx,
+    /// Rotation vector: axis times angle.
+    AngleAxis,
+}
+
+impl OrientationError {
+    /// phi of the rotation `R`, rad.
+    #[must_use]
+    pub fn of(self, R: &Rotation3<f64>) -> Vector3<f64> {
+        match self {
+            Self::EulerZyx => euler_zyx(R),
+            Self::AngleAxis => UnitQuaternion::from_rotation_matrix(R).scaled_axis(),
+        }
+    }
+
+    /// T(phi) with `w = T phi_dot`.
+    #[must_use]
+    pub fn rate(self, phi: &Vector3<f64>) -> Matrix3<f64> {
+        match self {
+            Self::EulerZyx => euler_zyx_rate(phi),
+            Self::AngleAxis => {
+                let (angle2, S) = (phi.norm_squared(), skew(phi));
+                let angle = angle2.sqrt();
+                let (a, b) = if angle < 1e-3 {
+                    (0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0)
+                } else {
+                    ((1.0 - angle.cos()) / angle2, (angle - angle.sin()) / (angle2 * angle))
+                };
+                Matrix3::identity() + S * a + S * S * b
+            }
+        }
+    }
+
+    /// T(phi)^-1 with `phi_dot = T^-1 w`; `None` where the middle Euler angle is at +-pi/2.
+    #[must_use]
+    pub fn inverse_rate(self, phi: &Vector3<f64>) -> Option<Matrix3<f64>> {
+        match self {
+            Self::EulerZyx => {
+                let ((sz, cz), (sy, cy)) = (phi.x.sin_cos(), phi.y.sin_cos());
+                (cy.abs() >= GIMBAL_LOCK).then(|| {
+                    Matrix3::new(cz * sy / cy, sz * sy / cy, 1.0, -sz, cz, 0.0, cz / cy, sz / cy, 0.0)
+                })
+            }
+            Self::AngleAxis => {
+                let (angle2, S) = (phi.norm_squared(), skew(phi));
+                let angle = angle2.sqrt();
+                let b = if angle < 1e-3 {
+                    1.0 / 12.0 + angle2 / 720.0
+                } else {
+                    (1.0 - 0.5 * angle / (0.5 * angle).tan()) / angle2
+                };
+                Some(Matrix3::identity() - S * 0.5 + S * S * b)
+            }
+        }
+    }
+}
+
+/// The angles (about z, y, x) of `R = Rz Ry Rx`, rad; the middle one in [-pi/2, pi/2].
+#[must_use]
+pub fn euler_zyx(R: &Rotation3<f64>) -> Vector3<f64> {
+    let m = R.matrix();
+    Vector3::new(m.m21.atan2(m.m11), (-m.m31).atan2(m.m32.hypot(m.m33)), m.m32.atan2(m.m33))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose::euler_zyx_rotation;
+    use proptest::prelude::*;
+
+    const BOTH: [OrientationError; 2] = [OrientationError::EulerZyx, OrientationError::AngleAxis];
+
+    proptest! {
+        #[test]
+        fn euler_angles_come_back(z in -3.1..3.1f64, y in -1.5..1.5f64, x in -3.1..3.1f64) {
+            let phi = Vector3::new(z, y, x);
+            prop_assert!((euler_zyx(&euler_zyx_rotation(&phi)) - phi).norm() < 1e-9);
+        }
+
+        #[test]
+        fn rates_agree_with_finite_differences(
+            axis in prop::array::uniform3(-1.2..1.2f64), w in prop::array::uniform3(-1.0..1.0f64)
+        ) {
+            let (R, w) = (Rotation3::from_scaled_axis(Vector3::from(axis)), Vector3::from(w));
+            for kind in BOTH {
+                let phi = kind.of(&R);
+                if kind == OrientationError::EulerZyx && phi.y.cos() < 0.1 { continue; }
+                let h = 1e-6;
+                let at = |t: f64| kind.of(&(Rotation3::from_scaled_axis(w * t) * R));
+                let difference = (at(h) - at(-h)) / (2.0 * h);
+                if difference.norm() > 100.0 { continue; } // a jump by 2 pi
+                let rate = kind.inverse_rate(&phi).unwrap();
+                prop_assert!((rate * w - difference).norm() < 1e-5, "{kind:?} {} {}", rate * w, difference);
+                prop_assert!((kind.rate(&phi) * rate - Matrix3::identity()).norm() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn gimbal_lock_and_half_turns() {
+        let up = Vector3::new(0.3, std::f64::consts::FRAC_PI_2, 0.0);
+        assert!(OrientationError::EulerZyx.inverse_rate(&up).is_none());
+        let half_turn = Vector3::new(0.0, 0.0, std::f64::consts::PI);
+        let rate = OrientationError::AngleAxis.inverse_rate(&half_turn).unwrap();
+        assert!(rate.iter().all(|x| x.is_finite()));
+        assert!((rate * half_turn - half_turn).norm() < 1e-12, "the axis keeps its direction");
+        for kind in BOTH {
+            assert!(
+                (kind.rate(&Vector3::zeros()) - kind.inverse_rate(&Vector3::zeros()).unwrap()).norm() < 1.5
+            );
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Schemes A and B: position-based laws, (10.68)-(10.77), as a task for the camera's twist.
+//!
+//! With the camera's twist expressed in C instead of B, (10.71) reads `x~_dot = -E V_WC_C`,
+//! `E = T_A^-1(phi_dc) diag(R_DC, R_DC)`, and `J_Ad = E J` is (10.73). Both mounts and m = 4 follow from J alone.
+
+use super::{OrientationError, SetPoint, TwistTask, View, WrenchTask, fit_similarity};
+use crate::geometry::{Pose, rotation_z};
+use nalgebra::{Matrix3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
+
+/// Gains of x, y, z and of the three numbers of the orientation error: the diagonal of a 6 x 6 gain matrix.
+pub type PoseGains = Vector6<f64>;
+
+/// The diagonal `{x, y, z, alpha}` of m = 4 for all three numbers of the orientation.
+#[must_use]
+pub fn pose_gains_4(gains: &[f64; 4]) -> PoseGains {
+    let [x, y, z, alpha] = *gains;
+    Vector6::new(x, y, z, alpha, alpha, alpha)
+}
+
+/// Where the pose of a position-based law comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OperationalSpace {
+    /// m = 6: the pose that comes with the view.
+    Six,
+    /// m = 4, (10.33): x, y, z and a rotation about the optical axis, from two and more image points of a plane that is
+    /// parallel to the image. The optimum of (10.36) in closed form.
+    Four,
+}
+
+/// The operational space error of (10.69).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseError {
+    /// x~ = -[p_DC_D; phi_dc], m and rad.
+    pub x: Vector6<f64>,
+    /// Orientation of the camera in the desired frame.
+    pub R_DC: Matrix3<f64>,
+    orientation: OrientationError,
+}
+
+impl PoseError {
+    /// x~ of (10.68), (10.69) for an object that lies at `X_CO` and shall lie at `X_DO`.
+    #[must_use]
+    pub fn new(X_DO: &Pose, X_CO: &Pose, orientation: OrientationError) -> Self {
+        let R_DC = X_DO.rotation.to_rotation_matrix() * X_CO.rotation.to_rotation_matrix().inverse();
+        let p = X_DO.translation.vector - R_DC * X_CO.translation.vector;
+        let phi = orientation.of(&R_DC);
+        Self { x: -Vector6::new(p.x, p.y, p.z, phi.x, phi.y, phi.z), R_DC: *R_DC.matrix(), orientation }
+    }
+
+    fn phi_dc(&self) -> Vector3<f64> {
+        Vector3::new(-self.x[3], -self.x[4], -self.x[5])
+    }
+
+    /// E, 6 x 6, with `x~_dot = -E V_WC_C`, (10.71), so that `J_Ad = E J`, (10.73). `None` where the Euler angles have no
+    /// rates.
+    #[must_use]
+    pub fn rate(&self) -> Option<Matrix6<f64>> {
+        let mut E = Matrix6::zeros();
+        E.fixed_view_mut::<3, 3>(0, 0).copy_from(&self.R_DC);
+        let angular = self.orientation.inverse_rate(&self.phi_dc())? * self.R_DC;
+        E.fixed_view_mut::<3, 3>(3, 3).copy_from(&angular);
+        Some(E)
+    }
+
+    /// Scheme B: the camera twist `E^-1 K x~` of (10.76), expressed in C, m/s and rad/s.
+    #[must_use]
+    pub fn twist(&self, K_1_s: &PoseGains) -> Vector6<f64> {
+        let y = K_1_s.component_mul(&self.x);
+        let R_CD = self.R_DC.transpose();
+        let v = R_CD * y.fixed_rows::<3>(0);
+        let w = R_CD * (self.orientation.rate(&self.phi_dc()) * y.fixed_rows::<3>(3));
+        Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
+    }
+
+    /// Scheme B as a task for the joints: [`PoseError::twist`], all directions alike.
+    #[must_use]
+    pub fn twist_task(&self, K_1_s: &PoseGains) -> TwistTask {
+        TwistTask { matrix: Matrix6::identity(), vector: self.twist(K_1_s), error: self.x.norm() }
+    }
+
+    /// Scheme A: wrench `E^T K_P x~` and damping `E^T K_D E` of (10.74). Gains in N/m, N m/rad and N s/m, N m s/rad.
+    ///
+    /// `None` where the Euler angles have no rates.
+    #[must_use]
+    pub fn wrench(&self, K_P: &PoseGains, K_D: &PoseGains) -> Option<WrenchTask> {
+        let E = self.rate()?;
+        Some(WrenchTask {
+            wrench: E.tr_mul(&K_P.component_mul(&self.x)),
+            damping: E.tr_mul(&(Matrix6::from_diagonal(K_D) * E)),
+        })
+    }
+}
+
+/// The pose `X_CO` that a position-based law works with; `None` when the view does not give it.
+#[must_use]
+pub fn operational_pose(set_point: &SetPoint, view: &View, space: OperationalSpace) -> Option<Pose> {
+    if view.features().len() != set_point.features().len() {
+        return None;
+    }
+    match space {
+        OperationalSpace::Six => view.X_CO().copied(),
+        OperationalSpace::Four => planar_pose_4(set_point, view),
+    }
+}
+
+/// `X_CO` with `R_CO = Rz(alpha)` from the points of the selection, which must have one height over O.
+fn planar_pose_4(set_point: &SetPoint, view: &View) -> Option<Pose> {
+    let point = |i: usize| Some((*set_point.points().get(i)?, *view.features().get(i)?));
+    let first = set_point.selection().points().next()?;
+    let height_m = point(first)?.0.z;
+    let level = |i: usize| point(i).is_some_and(|(p, _)| (p.z - height_m).abs() <= 1e-9);
+    if !set_point.selection().points().all(level) {
+        return None;
+    }
+    let pairs = set_point.selection().points().filter_map(|i| point(i).map(|(p, s)| (p.coords.xy(), s)));
+    let fit = fit_similarity(pairs)?;
+    let z_m = 1.0 / fit.scale;
+    Some(Pose::from_parts(
+        Translation3::new(fit.offset.x * z_m, fit.offset.y * z_m, z_m - height_m),
+        UnitQuaternion::from_rotation_matrix(&rotation_z(fit.angle_rad)),
+    ))
+}
