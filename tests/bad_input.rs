@@ -34,7 +34,7 @@ fn configuration_errors_name_line_key_and_remedy() {
         ("[servo]\ngainn = 1\n", "run.toml:2:1: servo.gainn: unknown field `gainn`, expected one of"),
         (
             "[servo]\ngain_1_s = \"fast\"\n",
-            "run.toml:2:1: servo.gain_1_s: invalid type: string \"fast\", expected f64",
+            "run.toml:2:1: servo.gain_1_s: invalid type: string \"fast\", expected a number or a list of numbers",
         ),
         (
             "[servo]\ngain_1_s = -1.0\n",

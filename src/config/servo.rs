@@ -45,7 +45,7 @@ pub(super) fn servo(
                 return None;
             }
             let found = SetPoint::from_features(&s_d, &points, s.constant_depth_m);
-            if !found.as_ref().is_some_and(|found| found.X_DO().is_some()) {
+            if found.as_ref().is_none_or(|found| found.X_DO().is_none()) {
                 check.wrong(
                     "servo.set_point.features",
                     "no pose of the target looks like this: check the order",

@@ -1,7 +1,9 @@
 //! `[servo]` and its tables.
 
 use super::RawPose;
-use serde::{Deserialize, Serialize};
+use serde::de::{SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+use std::fmt;
 
 word! {
     /// The servo law.
@@ -90,13 +92,50 @@ word! {
 }
 
 /// One number for all components, or a list.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Gains {
     /// For all.
     One(f64),
     /// One each.
     Each(Vec<f64>),
+}
+
+impl<'de> Deserialize<'de> for Gains {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(GainsVisitor)
+    }
+}
+
+/// Says what was found instead of numbers, which a derived choice does not.
+struct GainsVisitor;
+
+impl<'de> Visitor<'de> for GainsVisitor {
+    type Value = Gains;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a number or a list of numbers")
+    }
+
+    fn visit_f64<E>(self, v: f64) -> Result<Gains, E> {
+        Ok(Gains::One(v))
+    }
+
+    fn visit_i64<E>(self, v: i64) -> Result<Gains, E> {
+        Ok(Gains::One(v as f64))
+    }
+
+    fn visit_u64<E>(self, v: u64) -> Result<Gains, E> {
+        Ok(Gains::One(v as f64))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Gains, A::Error> {
+        let mut gains = Vec::new();
+        while let Some(gain) = list.next_element()? {
+            gains.push(gain);
+        }
+        Ok(Gains::Each(gains))
+    }
 }
 
 table! {
