@@ -1,0 +1,47 @@
+//! Where the camera and the target are: `[camera.mount]`, `[scene.object]`.
+
+use serde::{Deserialize, Serialize};
+
+word! {
+    /// Where the camera is mounted.
+    MountKind {
+        /// On the flange.
+        EyeInHand,
+        /// Fixed in the base frame; the flange carries the target.
+        EyeToHand,
+    }
+}
+
+table! {
+    /// Where the camera sits: in the flange frame, or in the base frame for `eye_to_hand`.
+    RawMount {
+        /// Kind.
+        kind: MountKind = MountKind::EyeInHand,
+        /// Position, m.
+        position_m: [f64; 3] = [0.0; 3],
+        /// Roll, pitch, yaw, rad.
+        rotation_rpy_rad: [f64; 3] = [0.0; 3],
+    }
+}
+
+word! {
+    /// What carries the target.
+    Carrier {
+        /// It rests in the base frame.
+        Base,
+        /// It is fixed to the flange.
+        Flange,
+    }
+}
+
+table! {
+    /// Where the target is.
+    RawObject {
+        /// In which frame it rests; must suit `camera.mount.kind`.
+        on: Carrier = Carrier::Base,
+        /// Position, m.
+        position_m: [f64; 3] = [1.0, 1.0, 1.0],
+        /// Roll, pitch, yaw, rad.
+        rotation_rpy_rad: [f64; 3] = [0.0, 0.0, std::f64::consts::FRAC_PI_4],
+    }
+}
