@@ -12,10 +12,14 @@ use vservo::messages::{FeaturePoint, Measurement, TargetStatus};
 use vservo::motion::{InverseDynamicsControl, JointController, MotionLimits, Reference, evade};
 use vservo::robot::{ExpressedIn, load};
 use vservo::safety::MeasurementWatch;
-use vservo::servo::{DepthSource, ImageTask, Law, SetPoint, UpdatePolicy, View, VisualServo, joint_velocity};
+use vservo::servo::{
+    CameraJacobian, DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint,
+    UpdatePolicy, View, VisualServo, image_task, joint_velocity,
+};
 use vservo::time::{MonoNs, SpanNs};
 
 const MS: i64 = 1_000_000;
+const ESTIMATED: Interaction = Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated };
 
 fn main() {
     divan::main();
@@ -44,9 +48,9 @@ fn servo_law(bencher: Bencher, count: usize) {
     let set_point = SetPoint::from_pose(&goal(), &points).unwrap();
     let near = Pose::new([0.02, -0.01, 0.05].into(), [0.1, -0.1, 0.2].into()) * goal();
     let view = view(&near, &points);
-    let J = Matrix6::identity();
+    let J = CameraJacobian::of_moving_camera(Matrix6::identity());
     bencher.bench_local(|| {
-        let task = ImageTask::new(black_box(&set_point), black_box(&view), DepthSource::Estimated).unwrap();
+        let task = image_task(black_box(&set_point), black_box(&view), ESTIMATED).unwrap();
         joint_velocity(&task, 1.0, black_box(&J))
     });
 }
@@ -75,9 +79,10 @@ impl<const N: usize> Running<N> {
             jerk: SVector::repeat(500.0),
         };
         let set_point = SetPoint::from_pose(&goal(), &points(4)).unwrap();
-        let law = Law::ImageVelocity { gain_1_s: 1.0, depth: DepthSource::Estimated };
+        let law = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: ESTIMATED };
+        let mount = Mount::EyeInHand { X_EC };
         let settings = ControllerSettings {
-            servo: VisualServo::new(law, set_point, update, X_EC),
+            servo: VisualServo::new(ServoSettings::new(law, set_point, update, mount)),
             robot,
             limits: limits.clone(),
             joint_control: JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
@@ -94,7 +99,8 @@ impl<const N: usize> Running<N> {
             return None;
         }
         let settings = self.controller.settings();
-        let X_CO = (settings.robot.forward(&self.q) * settings.servo.X_EC()).inverse() * self.X_BO;
+        let mount = settings.servo.settings().mount;
+        let X_CO = mount.X_WC(&settings.robot.forward(&self.q)).inv_mul(&self.X_BO);
         let mut m =
             Measurement { exposure: MonoNs(self.tick * MS), feature_count: 4, ..Measurement::default() };
         m.status = TargetStatus::Found as u32;
