@@ -17,7 +17,10 @@ use vservo::motion::{InverseDynamicsControl, JointController, Limit, MotionLimit
 use vservo::robot::{Robot, load};
 use vservo::safety::MeasurementWatch;
 use vservo::scene::DotTarget;
-use vservo::servo::{DepthSource, Law, SetPoint, UpdatePolicy, VisualServo};
+use vservo::servo::{
+    DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint, UpdatePolicy,
+    VisualServo,
+};
 use vservo::time::{MonoNs, SpanNs};
 
 const MS: i64 = 1_000_000;
@@ -31,7 +34,11 @@ fn settings<const N: usize>(name: &str, update: UpdatePolicy, gain_1_s: f64) -> 
     let robot = robot::<N>(name);
     let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0, 0.0, 0.3].into());
     let set_point = SetPoint::from_pose(&goal, &DotTarget::default().points_O()).unwrap();
-    let law = Law::ImageVelocity { gain_1_s, depth: DepthSource::Estimated };
+    let law = Law::ImageVelocity {
+        gain: Gain::Constant(gain_1_s),
+        interaction: Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated },
+    };
+    let mount = Mount::EyeInHand { X_EC: Pose::translation(0.0, 0.0, 0.05) };
     let limits = MotionLimits {
         lower: SVector::from_fn(|i, _| robot.limits()[i].lower),
         upper: SVector::from_fn(|i, _| robot.limits()[i].upper),
@@ -40,7 +47,7 @@ fn settings<const N: usize>(name: &str, update: UpdatePolicy, gain_1_s: f64) -> 
         jerk: SVector::repeat(500.0),
     };
     ControllerSettings {
-        servo: VisualServo::new(law, set_point, update, Pose::translation(0.0, 0.0, 0.05)),
+        servo: VisualServo::new(ServoSettings::new(law, set_point, update, mount)),
         robot,
         limits,
         joint_control: JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
@@ -182,7 +189,7 @@ fn perfect_loop<const N: usize>(
         let state = control.sense(k as u64, now);
         let q = SVector::<f64, N>::from_fn(|i, _| state.q_true[i]);
         assert_eq!(robot.outside_limits(&q), None, "{k}: {q}");
-        let X_CO = (robot.forward(&q) * config.camera.X_EC).inverse() * config.X_BO;
+        let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO);
         let m = if k % 40 == 0 { seen(k, &X_CO) } else { None };
         let (status, finish) = control.act(k as u64, now, m.as_ref());
         if let Some(status) = status {
