@@ -1,6 +1,6 @@
 //! From a validated configuration to the cores that it describes.
 
-use crate::config::raw::{DriveKind, JointControl, Update};
+use crate::config::raw::{Clock, DriveKind, JointControl, Update};
 use crate::config::{Config, Source};
 use crate::control_loop::{ControlLoop, RunPlan};
 use crate::controller::{Controller, ControllerSettings};
@@ -165,6 +165,7 @@ pub fn control_loop_with<const N: usize>(
         hold: config.goal.hold,
         duration: (!plays_once).then_some(config.duration),
         closed_loop,
+        one_clock: config.clock == Clock::Realtime,
         f_px: Vector2::new(i.fx_px, i.fy_px),
         X_WO: closed_loop.then_some(config.X_WO),
         scene_motion: config.scene_motion,

@@ -37,6 +37,8 @@ pub struct RunPlan {
     pub duration: Option<SpanNs>,
     /// Whether the loop is closed: without it there is no goal to reach.
     pub closed_loop: bool,
+    /// Whether ticks, frames and measurements are stamped by one clock: in real time, not in lockstep.
+    pub one_clock: bool,
     /// Focal lengths that turn normalized errors into pixels.
     pub f_px: Vector2<f64>,
     /// Where the object is in a simulated scene at the first tick, in the frame in which it rests.
@@ -79,7 +81,7 @@ pub struct ControlLoop<const N: usize> {
     command: DriveCommand<N>,
     ending: Option<(MonoNs, Finish)>,
     last_frame_seen: bool,
-    used_exposure: Option<MonoNs>,
+    uses_measurement: bool,
     /// Limits that acted since the last status.
     acted: ActingLimits,
 }
@@ -102,7 +104,7 @@ impl<const N: usize> ControlLoop<N> {
             command: DriveCommand { tau: zero, q_r: zero, qd_r: zero },
             ending: None,
             last_frame_seen: false,
-            used_exposure: None,
+            uses_measurement: false,
             acted: ActingLimits::default(),
         }
     }
@@ -126,7 +128,7 @@ impl<const N: usize> ControlLoop<N> {
         now: MonoNs,
         measurement: Option<&Measurement>,
     ) -> (Option<Status>, Option<Finish>) {
-        self.used_exposure = measurement.map(|m| m.exposure);
+        self.uses_measurement = measurement.is_some();
         if let Some(m) = measurement {
             self.count(now, m);
         }
@@ -162,8 +164,8 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Tells when the command of this tick was written; closes the latency of the measurement that it used.
     pub fn commanded(&mut self, at: MonoNs) {
-        if let Some(exposure) = self.used_exposure.take() {
-            self.statistics.commanded(at - exposure);
+        if std::mem::take(&mut self.uses_measurement) {
+            self.statistics.commanded(at, self.plan.one_clock);
         }
     }
 
@@ -307,6 +309,8 @@ impl<const N: usize> ControlLoop<N> {
     fn status(&self, tick: u64, now: MonoNs) -> Status {
         let (position_error_m, orientation_error_rad) = self.pose_errors().unwrap_or((f64::NAN, f64::NAN));
         let m = self.statistics.last_measurement().copied().unwrap_or_default();
+        let latency = self.statistics.newest_latency();
+        let us = |span: Option<SpanNs>| span.map_or(f64::NAN, SpanNs::as_us);
         Status {
             tick,
             stamp: now,
@@ -314,10 +318,11 @@ impl<const N: usize> ControlLoop<N> {
             feature_error_px: self.statistics.feature_error_px(),
             position_error_m,
             orientation_error_rad,
-            exposure_to_command_us: self
-                .statistics
-                .last_measurement()
-                .map_or(f64::NAN, |m| (now - m.exposure).as_us()),
+            exposure_to_command_us: us(latency.exposure_to_command),
+            exposure_to_frame_us: us(latency.exposure_to_frame),
+            frame_to_vision_us: us(latency.frame_to_vision),
+            vision_us: us(latency.vision),
+            measurement_to_command_us: us(latency.measurement_to_command),
             measurements: self.statistics.measurements(),
             frames: m.frames_received,
             frames_dropped: m.frames_dropped,

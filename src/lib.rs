@@ -19,6 +19,7 @@ pub mod geometry;
 pub mod histogram;
 pub mod imaging;
 pub mod joint_history;
+pub mod latency;
 pub mod messages;
 pub mod motion;
 pub mod pose;

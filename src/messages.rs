@@ -332,6 +332,14 @@ pub struct Status {
     pub orientation_error_rad: f64,
     /// Exposure to command of the newest measurement, us; NaN before the first.
     pub exposure_to_command_us: f64,
+    /// Exposure to hand-over of its frame, us; NaN where the two have different clocks (lockstep).
+    pub exposure_to_frame_us: f64,
+    /// Hand-over to the start of vision's work on it, us.
+    pub frame_to_vision_us: f64,
+    /// Vision's work on it, us.
+    pub vision_us: f64,
+    /// Finished measurement to the command that used it, us; NaN in lockstep.
+    pub measurement_to_command_us: f64,
     /// Measurements used.
     pub measurements: u64,
     /// Frames that vision received.
@@ -370,8 +378,8 @@ mod tests {
         assert_eq!((size_of::<JointState>(), align_of::<JointState>()), (416, 8));
         assert_eq!(offset_of!(JointState, q), 24);
         assert_eq!(offset_of!(JointState, q_true), 304);
-        assert_eq!((size_of::<Status>(), align_of::<Status>()), (112, 8));
-        assert_eq!(offset_of!(Status, state), 96);
+        assert_eq!((size_of::<Status>(), align_of::<Status>()), (144, 8));
+        assert_eq!(offset_of!(Status, state), 128);
     }
 
     #[test]

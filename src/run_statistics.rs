@@ -2,12 +2,12 @@
 //! Nothing here allocates until the summary is made.
 
 use crate::drive::DriveState;
-use crate::histogram::Histogram;
+use crate::latency::{LatencyStages, LatencyTable};
 use crate::messages::{ControlState, Measurement};
 use crate::motion::{ActingLimits, Limit, LimitWatch, LongActing};
 use crate::safety::Fault;
 use crate::summary::{Latencies, LimitedTicks, SafetyEvent, SafetyReport};
-use crate::time::{MonoNs, SpanNs};
+use crate::time::MonoNs;
 use xxhash_rust::xxh3::Xxh3;
 
 /// Share of the first feature error below which the run counts as settled.
@@ -35,9 +35,7 @@ pub(crate) enum Event {
 pub struct RunStatistics {
     ticks: u64,
     measurements: u64,
-    exposure_to_command: Histogram,
-    frame_to_measurement: Histogram,
-    vision: Histogram,
+    latencies: LatencyTable,
     last_measurement: Option<Measurement>,
     last_found: Option<Measurement>,
     feature_error_px: f64,
@@ -54,9 +52,7 @@ impl RunStatistics {
         Self {
             ticks: 0,
             measurements: 0,
-            exposure_to_command: Histogram::default(),
-            frame_to_measurement: Histogram::default(),
-            vision: Histogram::default(),
+            latencies: LatencyTable::default(),
             last_measurement: None,
             last_found: None,
             feature_error_px: f64::NAN,
@@ -72,11 +68,7 @@ impl RunStatistics {
     /// The latencies, us.
     #[must_use]
     pub fn latencies(&self) -> Latencies {
-        Latencies {
-            exposure_to_command: self.exposure_to_command.quantiles_us(),
-            frame_to_measurement: self.frame_to_measurement.quantiles_us(),
-            vision: self.vision.quantiles_us(),
-        }
+        self.latencies.quantiles_us()
     }
 
     /// Ticks done.
@@ -101,15 +93,22 @@ impl RunStatistics {
         self.ticks += 1;
     }
 
-    pub(crate) fn commanded(&mut self, latency: SpanNs) {
-        self.exposure_to_command.record(latency);
+    /// The command that used the newest measurement was written.
+    pub(crate) fn commanded(&mut self, at: MonoNs, one_clock: bool) {
+        if let Some(m) = &self.last_measurement {
+            self.latencies.record(&LatencyStages::of(m, at, one_clock));
+        }
+    }
+
+    /// The stages of the newest measurement that was commanded.
+    #[must_use]
+    pub fn newest_latency(&self) -> &LatencyStages {
+        self.latencies.newest()
     }
 
     /// Counts a measurement; `error_px` is NaN for a bad one.
     pub(crate) fn count(&mut self, now: MonoNs, m: &Measurement, error_px: f64) {
         self.measurements += 1;
-        self.frame_to_measurement.record(m.vision_end - m.frame_sent);
-        self.vision.record(m.vision_end - m.vision_start);
         self.last_measurement = Some(*m);
         if error_px.is_nan() {
             return;

@@ -64,6 +64,12 @@ pub struct Latencies {
     pub frame_to_measurement: Quantiles,
     /// Work of vision.
     pub vision: Quantiles,
+    /// Middle of the exposure to hand-over; zero in lockstep, where the two have different clocks.
+    pub exposure_to_frame: Quantiles,
+    /// Hand-over to the start of vision's work.
+    pub frame_to_vision: Quantiles,
+    /// Finished measurement to the command that used it; zero in lockstep.
+    pub measurement_to_command: Quantiles,
 }
 
 /// Times of the control tick, us; all zero in lockstep, where ticks have no deadline.
@@ -222,7 +228,16 @@ impl Summary {
         let latency = &self.latency_us;
         if latency.exposure_to_command.max > 0.0 {
             let _ = writeln!(t, "latency       exposure to command: {}", pair(&latency.exposure_to_command));
-            let _ = writeln!(t, "              vision:              {}", pair(&latency.vision));
+            for (name, stage) in [
+                ("exposure to frame:  ", &latency.exposure_to_frame),
+                ("frame to vision:    ", &latency.frame_to_vision),
+                ("vision:             ", &latency.vision),
+                ("to command:         ", &latency.measurement_to_command),
+            ] {
+                if stage.max > 0.0 {
+                    let _ = writeln!(t, "              {name} {}", pair(stage));
+                }
+            }
         }
         if self.tick_us.step.max > 0.0 {
             let _ = writeln!(t, "tick          wake: {}", pair(&self.tick_us.wake));

@@ -1,0 +1,131 @@
+//! Where the time goes from light to command: each stage of the newest measurement, and histograms of all.
+//!
+//! ```text
+//! exposure ──► frame sent ──► vision starts ──► measurement ──► command
+//!    exposure_to_frame   frame_to_vision     vision     measurement_to_command
+//!    └───────────────────────── exposure_to_command ─────────────────────────┘
+//! ```
+//! In lockstep exposure and command have stamps of the simulated clock, the stages between of the machine's: only spans
+//! within one clock are counted.
+
+use crate::histogram::Histogram;
+use crate::messages::Measurement;
+use crate::summary::Latencies;
+use crate::time::{MonoNs, SpanNs};
+
+/// Spans of the newest measurement that was commanded; `None` where its stamps belong to two clocks.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LatencyStages {
+    /// Middle of the exposure to hand-over.
+    pub exposure_to_frame: Option<SpanNs>,
+    /// Hand-over to the start of vision's work.
+    pub frame_to_vision: Option<SpanNs>,
+    /// Vision's work.
+    pub vision: Option<SpanNs>,
+    /// Finished measurement to the command that used it.
+    pub measurement_to_command: Option<SpanNs>,
+    /// Middle of the exposure to that command.
+    pub exposure_to_command: Option<SpanNs>,
+}
+
+impl LatencyStages {
+    /// The stages of `m`, whose command was written at `command`. `one_clock`: all stamps are of the same clock.
+    #[must_use]
+    pub fn of(m: &Measurement, command: MonoNs, one_clock: bool) -> Self {
+        Self {
+            exposure_to_frame: one_clock.then(|| m.frame_sent - m.exposure),
+            frame_to_vision: Some(m.vision_start - m.frame_sent),
+            vision: Some(m.vision_end - m.vision_start),
+            measurement_to_command: one_clock.then(|| command - m.vision_end),
+            exposure_to_command: Some(command - m.exposure),
+        }
+    }
+}
+
+/// Histograms of all stages of a run.
+#[derive(Debug, Clone, Default)]
+pub struct LatencyTable {
+    exposure_to_frame: Histogram,
+    frame_to_vision: Histogram,
+    vision: Histogram,
+    frame_to_measurement: Histogram,
+    measurement_to_command: Histogram,
+    exposure_to_command: Histogram,
+    newest: LatencyStages,
+}
+
+impl LatencyTable {
+    /// Counts a measurement whose command was written.
+    pub fn record(&mut self, stages: &LatencyStages) {
+        let whole_of_vision = stages.frame_to_vision.zip(stages.vision).map(|(a, b)| SpanNs(a.0 + b.0));
+        for (histogram, span) in [
+            (&mut self.exposure_to_frame, stages.exposure_to_frame),
+            (&mut self.frame_to_vision, stages.frame_to_vision),
+            (&mut self.vision, stages.vision),
+            (&mut self.frame_to_measurement, whole_of_vision),
+            (&mut self.measurement_to_command, stages.measurement_to_command),
+            (&mut self.exposure_to_command, stages.exposure_to_command),
+        ] {
+            if let Some(span) = span {
+                histogram.record(span);
+            }
+        }
+        self.newest = *stages;
+    }
+
+    /// The stages of the newest measurement.
+    #[must_use]
+    pub fn newest(&self) -> &LatencyStages {
+        &self.newest
+    }
+
+    /// Quantiles of all stages, us.
+    #[must_use]
+    pub fn quantiles_us(&self) -> Latencies {
+        Latencies {
+            exposure_to_command: self.exposure_to_command.quantiles_us(),
+            exposure_to_frame: self.exposure_to_frame.quantiles_us(),
+            frame_to_vision: self.frame_to_vision.quantiles_us(),
+            vision: self.vision.quantiles_us(),
+            frame_to_measurement: self.frame_to_measurement.quantiles_us(),
+            measurement_to_command: self.measurement_to_command.quantiles_us(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn measurement() -> Measurement {
+        Measurement {
+            exposure: MonoNs(1_000),
+            frame_sent: MonoNs(21_000),
+            vision_start: MonoNs(24_000),
+            vision_end: MonoNs(31_000),
+            ..Measurement::default()
+        }
+    }
+
+    #[test]
+    fn stages_add_up_to_the_whole() {
+        let s = LatencyStages::of(&measurement(), MonoNs(40_000), true);
+        let parts = [s.exposure_to_frame, s.frame_to_vision, s.vision, s.measurement_to_command];
+        let sum: i64 = parts.iter().map(|p| p.unwrap().0).sum();
+        assert_eq!(sum, s.exposure_to_command.unwrap().0);
+        let mut table = LatencyTable::default();
+        table.record(&s);
+        let q = table.quantiles_us();
+        assert_eq!((q.exposure_to_command.max, q.frame_to_measurement.max), (39.0, 10.0));
+        assert_eq!(table.newest(), &s);
+    }
+
+    #[test]
+    fn spans_across_two_clocks_are_not_counted() {
+        let mut table = LatencyTable::default();
+        table.record(&LatencyStages::of(&measurement(), MonoNs(20_001_000), false));
+        let q = table.quantiles_us();
+        assert_eq!((q.exposure_to_frame.max, q.measurement_to_command.max), (0.0, 0.0));
+        assert_eq!((q.exposure_to_command.max, q.vision.max), (20_000.0, 7.0));
+    }
+}
