@@ -41,22 +41,42 @@ pub fn measure(seconds: f64, request: RealtimeRequest) -> Option<Jitter> {
     std::thread::Builder::new().name("jitter".into()).spawn(move || run(wakes, request)).ok()?.join().ok()
 }
 
+/// The lateness of every single wake-up during `seconds`, us; for comparisons with other programs.
+#[must_use]
+pub fn measure_each(seconds: f64, request: RealtimeRequest) -> Option<Vec<f64>> {
+    let wakes = (seconds * 1e3).round().max(1.0) as usize;
+    let work = move || {
+        let _ = prepare_thread(&request);
+        let mut late_us = Vec::with_capacity(wakes);
+        wake_up(wakes, |late| late_us.push(late.as_us()));
+        late_us
+    };
+    std::thread::Builder::new().name("jitter".into()).spawn(work).ok()?.join().ok()
+}
+
+/// Wakes up `wakes` times at absolute deadlines and tells how late; deadlines that passed are skipped.
+fn wake_up(wakes: usize, mut tell: impl FnMut(SpanNs)) {
+    let mut deadline = now() + PERIOD;
+    for _ in 0..wakes {
+        sleep_until(deadline);
+        let late = now() - deadline;
+        tell(late);
+        deadline = deadline + SpanNs(PERIOD.0 * (1 + (late.0 / PERIOD.0).max(0)));
+    }
+}
+
 fn run(wakes: u64, request: RealtimeRequest) -> Jitter {
     let obtained = prepare_thread(&request);
     let mut histogram = Histogram::default();
     let mut bars = EDGES_US.map(|edge| Bar { up_to_us: Some(edge), count: 0 }).to_vec();
     bars.push(Bar { up_to_us: None, count: 0 });
-    let mut deadline = now() + PERIOD;
-    for _ in 0..wakes {
-        sleep_until(deadline);
-        let late = now() - deadline;
+    wake_up(wakes as usize, |late| {
         histogram.record(late);
         let late_us = late.0.max(0).unsigned_abs().div_ceil(1_000);
         if let Some(bar) = bars.iter_mut().find(|b| b.up_to_us.is_none_or(|edge| late_us <= edge)) {
             bar.count += 1;
         }
-        deadline = deadline + SpanNs(PERIOD.0 * (1 + (late.0 / PERIOD.0).max(0)));
-    }
+    });
     Jitter { wakes, scheduling: obtained.to_string(), wake_us: histogram.quantiles_us(), histogram: bars }
 }
 

@@ -4,7 +4,7 @@
 mod checks;
 mod jitter;
 
-pub use jitter::{Jitter, measure};
+pub use jitter::{Bar, Jitter, measure, measure_each};
 
 use serde::Serialize;
 use std::fmt::Write as _;
