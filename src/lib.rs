@@ -35,6 +35,7 @@ pub mod vision;
 
 // Above: pure. Below: the operating system.
 pub mod cli;
+pub mod experiment;
 pub mod ipc;
 pub mod process;
 pub mod rt;

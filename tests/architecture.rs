@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-const OS: [&str; 5] = ["cli", "ipc", "process", "rt", "source"];
+const OS: [&str; 6] = ["cli", "experiment", "ipc", "process", "rt", "source"];
 /// Reading files at start is the business of these two.
 const LOADERS: [&str; 2] = ["config", "robot"];
 

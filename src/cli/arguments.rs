@@ -29,6 +29,8 @@ pub enum Command {
     Vision(RoleArguments),
     /// The control process alone
     Control(RoleArguments),
+    /// Repeat the textbook's examples, comparison and problems: CSV files, figures, metrics.json
+    Experiment(ExperimentArguments),
     /// Check a run file and report everything that is wrong with it
     Check {
         /// Run file (TOML)
@@ -123,4 +125,29 @@ pub struct RoleArguments {
     /// Process id of the supervisor: this process ends when that one dies
     #[arg(long, hide = true)]
     pub supervised_by: Option<i32>,
+}
+
+/// Of `vservo experiment`.
+#[derive(Debug, Args)]
+pub struct ExperimentArguments {
+    /// Name of the experiment, or `all`; an unknown name lists them
+    pub name: String,
+    /// Folder for the results; made when it does not exist
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Projected points as in the textbook, or pixels through renderer and detection
+    #[arg(long, value_enum, default_value = "ideal")]
+    pub camera: CameraArgument,
+    /// Random starts of `convergence`
+    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    pub count: usize,
+}
+
+/// Camera of an experiment.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum CameraArgument {
+    /// Projected points.
+    Ideal,
+    /// Rendered images.
+    Rendered,
 }

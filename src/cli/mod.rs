@@ -4,9 +4,10 @@
 
 mod arguments;
 
-pub use arguments::{Cli, Command, RoleArguments, RunArguments};
+pub use arguments::{CameraArgument, Cli, Command, ExperimentArguments, RoleArguments, RunArguments};
 
 use crate::config::Config;
+use crate::experiment;
 use crate::ipc::{Instance, Role};
 use crate::process::{self, ProcessError, StopFlag, supervisor};
 use crate::rt::doctor;
@@ -26,6 +27,7 @@ pub fn main() -> ExitCode {
         Some(Command::Camera(arguments)) => role(Role::Camera, &arguments),
         Some(Command::Vision(arguments)) => role(Role::Vision, &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
+        Some(Command::Experiment(arguments)) => run_experiment(&arguments),
         Some(Command::Check { config, set }) => check(&config, &set),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
         Some(Command::Completions { shell }) => {
@@ -132,4 +134,27 @@ fn doctor(json: bool, jitter_s: f64) -> u8 {
     };
     let _ = write!(stdout(), "{text}");
     0
+}
+
+fn run_experiment(arguments: &ExperimentArguments) -> Result<u8, ProcessError> {
+    let options = experiment::Options {
+        camera: match arguments.camera {
+            CameraArgument::Ideal => experiment::CameraKind::Ideal,
+            CameraArgument::Rendered => experiment::CameraKind::Rendered,
+        },
+        count: arguments.count,
+        progress: &|what| eprintln!("{what}"),
+    };
+    let mut text = String::new();
+    for report in experiment::run(&arguments.name, &arguments.out, &options)? {
+        text += &format!("{}\n", report.name);
+        for line in &report.lines {
+            text += &format!("  {line}\n");
+        }
+        for file in &report.files {
+            text += &format!("  {}\n", file.display());
+        }
+    }
+    let _ = write!(stdout(), "{text}");
+    Ok(0)
 }

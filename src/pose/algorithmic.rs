@@ -1,13 +1,17 @@
-//! The textbook's pose estimation by integration, Sect. 10.3.3: (10.33), (10.36), (10.38), (10.40)-(10.42).
+//! The textbook's pose estimation by integration, Sect. 10.3.3: (10.33), (10.36), (10.38), (10.40)-(10.42); from points,
+//! or from the parameters of a line segment (10.28).
 //!
 //! `x = [p_CO_C; phi]`: m, and rad. For m = 6 phi holds the angles about z, y, x of `R_CO = Rz Ry Rx`, in this order,
 //! as in Example 10.1; for m = 4 the one angle alpha about z.
 
 use super::points::check;
 use super::{PointSource, PoseError};
-use crate::features::{NormalEquations, euler_zyx_rate, point_image_jacobian};
+use crate::features::{
+    Feature, NormalEquations, SegmentFeature, analytical_image_jacobian_4, euler_zyx_rate,
+    point_image_jacobian,
+};
 use crate::geometry::{rotation_x, rotation_y, rotation_z};
-use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3, Vector4, Vector6};
+use nalgebra::{Matrix3, Point3, Rotation3, SMatrix, SVector, Vector2, Vector3, Vector4, Vector6};
 
 /// The state after one Euler step, and the error before it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,6 +69,36 @@ pub fn algorithmic_step_4<P: PointSource>(
         SMatrix::from_columns(&[J.column(0), J.column(1), J.column(2), J.column(5)])
     })?;
     Ok(AlgorithmicStep { x: x + rate * dt_s, error })
+}
+
+/// One Euler step of (10.38) for m = 4 with the parameters `s = [x y L alpha]` of the line segment, (10.28), between
+/// the two points `ends_O` of the object (m).
+///
+/// The error in alpha is taken the short way round.
+///
+/// # Errors
+/// [`PoseError::NotFinite`], [`PoseError::BehindCamera`] for the estimate, and [`PoseError::Degenerate`] when the
+/// Jacobian is singular: the segment has no length.
+pub fn algorithmic_step_segment(
+    x: &Vector4<f64>,
+    ends_O: &[Point3<f64>; 2],
+    s: &Vector4<f64>,
+    gain_1_s: f64,
+    dt_s: f64,
+) -> Result<AlgorithmicStep<4>, PoseError> {
+    if !s.iter().all(|s| s.is_finite()) {
+        return Err(PoseError::NotFinite { index: 0 });
+    }
+    let (R, p) = (rotation_z(x[3]), x.xyz());
+    let ends = ends_O.map(|r| R * r.coords + p);
+    if !ends.iter().all(|p| p.z > 0.0) {
+        return Err(PoseError::BehindCamera);
+    }
+    let segment = SegmentFeature { s: ends.map(|p| p.xy() / p.z), z_m: ends.map(|p| p.z) };
+    let e = segment.error(s);
+    let J = analytical_image_jacobian_4(&segment.interaction().ok_or(PoseError::Degenerate)?, &p);
+    let rate = J.lu().solve(&(e * gain_1_s)).ok_or(PoseError::Degenerate)?;
+    Ok(AlgorithmicStep { x: x + rate * dt_s, error: e.norm() })
 }
 
 /// The least-squares twist of O relative to C for the wanted feature rate K_s e_s.

@@ -7,7 +7,7 @@
 //! | [`planar_pose`] | (10.8)-(10.12) and beyond | both planar solutions, refined and ranked |
 //! | [`dlt_pose`] | (10.13) | six or more points that are not coplanar |
 //! | [`refine`], [`refine_3d`] | least squares on (10.36) | a near guess to the optimum, with covariance |
-//! | [`algorithmic_step`], [`algorithmic_step_4`] | (10.33)-(10.42) | the textbook's integration |
+//! | [`algorithmic_step`], [`algorithmic_step_4`], [`algorithmic_step_segment`] | (10.28), (10.33)-(10.42) | the textbook's integration |
 //! | [`decompose_homography`] | (10.58)-(10.61) | displacement of a camera from two images of a plane |
 //!
 //! Image coordinates are normalized and free of distortion; lengths are metres. Nothing here allocates, and
@@ -26,7 +26,9 @@ mod symmetric_eigen;
 #[cfg(test)]
 mod testing;
 
-pub use algorithmic::{AlgorithmicStep, algorithmic_step, algorithmic_step_4, euler_zyx_rotation};
+pub use algorithmic::{
+    AlgorithmicStep, algorithmic_step, algorithmic_step_4, algorithmic_step_segment, euler_zyx_rotation,
+};
 pub use decompose::{
     HomographySolution, HomographySolutions, decompose_homography, decompose_homography_seen,
 };

@@ -2,6 +2,7 @@
 
 use crate::assemble::AssembleError;
 use crate::config::ConfigError;
+use crate::experiment::ExperimentError;
 use crate::ipc::{InstanceError, IpcError};
 use crate::robot::RobotError;
 use crate::rt::SchedulingError;
@@ -30,6 +31,9 @@ pub enum ProcessError {
     /// The configuration does not make a working whole.
     #[error(transparent)]
     Assemble(#[from] AssembleError),
+    /// An experiment gave nothing.
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
     /// Real-time scheduling was refused under policy `enforce`.
     #[error(transparent)]
     Scheduling(#[from] SchedulingError),
@@ -93,6 +97,7 @@ impl ProcessError {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
+            Self::Experiment(error) => error.exit_code(),
             Self::Config(_)
             | Self::Source(_)
             | Self::Robot(_)

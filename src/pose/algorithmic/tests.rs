@@ -1,5 +1,6 @@
 use super::super::testing::{SQUARE, see, tilted};
 use super::*;
+use crate::features::segment_features;
 use crate::geometry::Pose;
 use nalgebra::UnitQuaternion;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
@@ -71,6 +72,32 @@ fn two_points_fix_four_coordinates() {
         x = step.x;
     }
     assert!((x - x_true).norm() < 1e-9, "{x}");
+}
+
+#[test]
+fn a_segment_fixes_four_coordinates() {
+    let x_true = Vector4::new(0.02, -0.05, 0.5, 2.9);
+    let ends = [Point3::origin(), Point3::new(0.1, 0.0, 0.0)];
+    let R = rotation_z(x_true[3]);
+    let s = segment_features(&ends.map(|p| R * p.coords + x_true.xyz()).map(|p| p.xy() / p.z));
+    let mut x = Vector4::new(0.0, 0.0, 0.6, -2.9); // alpha the short way, through pi
+    let mut last = f64::INFINITY;
+    for _ in 0..150 {
+        let step = algorithmic_step_segment(&x, &ends, &s, GAIN_1_S, DT_S).unwrap();
+        assert!(step.error <= last + 1e-12);
+        last = step.error;
+        x = step.x;
+    }
+    assert!((x + Vector4::new(0.0, 0.0, 0.0, 2.0 * PI) - x_true).norm() < 1e-9, "{x}");
+    let point = [Point3::origin(); 2];
+    assert_eq!(algorithmic_step_segment(&x, &point, &s, GAIN_1_S, DT_S), Err(PoseError::Degenerate));
+    let behind = Vector4::new(0.0, 0.0, -0.6, 0.0);
+    assert_eq!(algorithmic_step_segment(&behind, &ends, &s, GAIN_1_S, DT_S), Err(PoseError::BehindCamera));
+    let nan = Vector4::repeat(f64::NAN);
+    assert_eq!(
+        algorithmic_step_segment(&x, &ends, &nan, GAIN_1_S, DT_S),
+        Err(PoseError::NotFinite { index: 0 })
+    );
 }
 
 #[test]

@@ -1,0 +1,176 @@
+//! The comparison of Sect. 10.9 with Example 10.6, and Problems 10.8 to 10.11 in the same operating conditions.
+
+use super::metrics::Metrics;
+use super::outcome::Outcome;
+use super::plot::{Mark, Panel, Series, figure};
+use super::schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
+use super::simulate::{SPAN_S, simulate};
+use super::{CameraKind, Cell, ExperimentError, Eye, Goal, Options, RenderedEye, Trajectory};
+use crate::servo::{Damping, Interaction, Law};
+
+/// Gains of Problem 10.10, for which the text gives none. Those of scheme C, 300 and 330, are unstable at 25 Hz on
+/// `[x y L alpha]`: the angle's row of L_s is 1/L times larger than a point's, and J_L^T K_Ds J_L with it.
+/// With these the slow direction (the length of the segment) has a time constant of about 1 s, the fast one (its angle)
+/// stays at a third of the sampled-data limit.
+const SEGMENT_GAINS: (f64, f64) = (40.0, 44.0);
+
+fn eye(options: &Options<'_>) -> Result<Eye, ExperimentError> {
+    Ok(match options.camera {
+        CameraKind::Ideal => Eye::Ideal,
+        CameraKind::Rendered => Eye::Rendered(Box::new(RenderedEye::new(1)?)),
+    })
+}
+
+/// One scheme of the comparison over the textbook's eight seconds.
+///
+/// # Errors
+/// [`ExperimentError::Cell`].
+pub fn run_scheme(cell: &Cell, scheme: Scheme, eye: &mut Eye) -> Result<Trajectory, ExperimentError> {
+    let mut pilot = Pilot::textbook(cell, scheme)?;
+    Ok(simulate(cell, scheme.name(), eye, SPAN_S, |frame| pilot.control(frame)))
+}
+
+/// A, B, C, D and hybrid in one set.
+pub(super) fn comparison(options: &Options<'_>) -> Result<Outcome, ExperimentError> {
+    schemes(options, &SCHEMES)
+}
+
+/// The hybrid scheme alone.
+pub(super) fn example_10_6(options: &Options<'_>) -> Result<Outcome, ExperimentError> {
+    schemes(options, &[Scheme::Hybrid])
+}
+
+fn schemes(options: &Options<'_>, schemes: &[Scheme]) -> Result<Outcome, ExperimentError> {
+    let cell = Cell::textbook()?;
+    let mut runs = Vec::new();
+    for scheme in schemes {
+        (options.progress)(&format!("scheme {}", scheme.name()));
+        runs.push(run_scheme(&cell, *scheme, &mut eye(options)?)?);
+    }
+    report(&runs, &cell.goal()?)
+}
+
+/// Problem 10.8 to 10.11 beside the scheme that they vary.
+pub(super) fn segment_problem(options: &Options<'_>, scheme: Scheme) -> Result<Outcome, ExperimentError> {
+    let cell = Cell::textbook()?;
+    (options.progress)(&format!("scheme {} on the points, then on the segment", scheme.name()));
+    let points = run_scheme(&cell, scheme, &mut eye(options)?)?;
+    let mut pilot = segment_pilot(&cell, scheme)?;
+    let name = format!("{}-segment", scheme.name());
+    let segment = simulate(&cell, &name, &mut eye(options)?, SPAN_S, |frame| pilot.control(frame));
+    let mut outcome = report(&[segment, points], &cell.goal()?)?;
+    if scheme == Scheme::C {
+        outcome.metric("gains", serde_json::json!({ "k_P": SEGMENT_GAINS.0, "k_D": SEGMENT_GAINS.1 }));
+    }
+    Ok(outcome)
+}
+
+/// The segment in place of the points, in the estimator or in the law itself.
+fn segment_pilot(cell: &Cell, scheme: Scheme) -> Result<Pilot<'_>, ExperimentError> {
+    if scheme.is_position_based() {
+        let goal = set_point(&cell.X_DO, scheme.selection())?;
+        return Ok(Pilot::new(cell, scheme.law(), goal, Some(Estimator::new(Watched::Segment))));
+    }
+    let law = match scheme {
+        Scheme::C => Law::ImageTorque {
+            k_P: SEGMENT_GAINS.0,
+            damping: Damping::Task(SEGMENT_GAINS.1),
+            interaction: Interaction::TEXTBOOK,
+        },
+        other => other.law(),
+    };
+    Ok(Pilot::new(cell, law, set_point(&cell.X_DO, segment_selection()?)?, None))
+}
+
+/// Tables, metrics and the figures of Sect. 10.9 for some runs.
+fn report(runs: &[Trajectory], goal: &Goal) -> Result<Outcome, ExperimentError> {
+    let mut out = Outcome::default();
+    for run in runs {
+        let metrics = Metrics::of(run, goal)?;
+        let seconds = |t: Option<f64>| t.map_or("-".into(), |t| format!("{t:.2}"));
+        out.lines.push(format!(
+            "{:10} {:9} z overshoot {:6.1} %, camera path {:5.3} off its line, settled after {} s / {} s / {} s",
+            run.name,
+            metrics.end,
+            metrics.z_overshoot_percent,
+            metrics.camera_path_deviation,
+            seconds(metrics.settling_time_s.position),
+            seconds(metrics.settling_time_s.orientation),
+            seconds(metrics.settling_time_s.features),
+        ));
+        out.table(&run.name, run.to_csv());
+        out.metric(&run.name, metrics);
+        let about = format!("scheme {}", run.name);
+        out.figure(
+            &format!("{}-pose", run.name),
+            format!("Camera position and orientation, {about}; dashed: desired (Figs. 10.18 to 10.27)."),
+            pose_figure(run, goal)?,
+        );
+        out.figure(
+            &format!("{}-features", run.name),
+            format!(
+                "Features over time and paths in the image, {about}; dashed: desired (Figs. 10.19 to 10.28)."
+            ),
+            feature_figure(run, goal)?,
+        );
+    }
+    out.figure(
+        "camera-paths",
+        "Paths of the camera's origin (Figs. 10.26 and 10.29). The z axis points down, to the object: smaller z is retreat.",
+        path_figure(runs, goal)?,
+    );
+    Ok(out)
+}
+
+fn pose_figure(run: &Trajectory, goal: &Goal) -> Result<String, ExperimentError> {
+    let end = run.rows.last().map_or(0.0, |row| row.time_s);
+    let mut position = Panel::new("camera position", "t [s]", "position [m]");
+    for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
+        position.push(Series::line(i, run.series(|row| row.x_c[i])).label(name));
+        position.push(Series::new(Mark::Dashed, i, [(0.0, goal.x_c[i]), (end, goal.x_c[i])]));
+    }
+    let orientation = Panel::new("camera orientation", "t [s]", "alpha [rad]")
+        .with(Series::line(3, run.series(|row| row.x_c.w)).label("alpha"))
+        .with(Series::new(Mark::Dashed, 3, [(0.0, goal.x_c.w), (end, goal.x_c.w)]));
+    figure(&run.name, 2, &[position, orientation])
+}
+
+fn feature_figure(run: &Trajectory, goal: &Goal) -> Result<String, ExperimentError> {
+    let end = run.rows.last().map_or(0.0, |row| row.time_s);
+    let mut over_time = Panel::new("feature parameters", "t [s]", "X, Y [-]");
+    let mut paths = Panel::new("paths in the image plane", "X [-]", "Y [-]").equal_scales();
+    let of = |row: &super::Row, i: usize| row.s.get(i).map_or((f64::NAN, f64::NAN), |s| (s.x, s.y));
+    for i in 0..2 {
+        let s_d = goal.s.get(i).map_or((f64::NAN, f64::NAN), |s| (s.x, s.y));
+        over_time.push(Series::line(2 * i, run.series(|row| of(row, i).0)).label(format!("X{}", i + 1)));
+        over_time.push(Series::new(Mark::Dashed, 2 * i, [(0.0, s_d.0), (end, s_d.0)]));
+        over_time.push(Series::line(2 * i + 1, run.series(|row| of(row, i).1)).label(format!("Y{}", i + 1)));
+        over_time.push(Series::new(Mark::Dashed, 2 * i + 1, [(0.0, s_d.1), (end, s_d.1)]));
+    }
+    for i in 0..goal.s.len() {
+        paths.push(Series::line(i, run.rows.iter().map(|row| of(row, i))).label(format!("P{}", i + 1)));
+    }
+    let ends = |row: Option<&super::Row>| {
+        (0..goal.s.len()).filter_map(|i| row.map(|r| of(r, i))).collect::<Vec<_>>()
+    };
+    let paths = paths.with(Series::new(Mark::Cross, 6, ends(run.rows.first()))).with(Series::new(
+        Mark::Circle,
+        6,
+        ends(run.rows.last()),
+    ));
+    figure(&run.name, 2, &[over_time, paths])
+}
+
+fn path_figure(runs: &[Trajectory], goal: &Goal) -> Result<String, ExperimentError> {
+    let mut above = Panel::new("from above", "x [m]", "y [m]").equal_scales();
+    let mut side = Panel::new("from the side", "x [m]", "z [m], down").equal_scales();
+    for (i, run) in runs.iter().enumerate() {
+        above.push(Series::line(i, run.rows.iter().map(|r| (r.x_c.x, r.x_c.y))).label(&run.name));
+        side.push(Series::line(i, run.rows.iter().map(|r| (r.x_c.x, r.x_c.z))).label(&run.name));
+    }
+    let start = runs.iter().find_map(|run| run.rows.first()).map(|row| row.x_c);
+    let cross = |a: usize, b: usize| Series::new(Mark::Cross, 6, start.map(|x| (x[a], x[b])));
+    let circle = |a: usize, b: usize| Series::new(Mark::Circle, 6, [(goal.x_c[a], goal.x_c[b])]);
+    let panels = [above.with(cross(0, 1)).with(circle(0, 1)), side.with(cross(0, 2)).with(circle(0, 2))];
+    figure("camera-paths", 2, &panels)
+}

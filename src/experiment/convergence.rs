@@ -1,0 +1,322 @@
+//! Random starts in six degrees of freedom: which share of them each scheme brings home, and what becomes of the others.
+//!
+//! The camera flies freely. Under the velocity schemes it takes the twist of each frame for 0.04 s; under the torque
+//! schemes it is a ball of 1 kg with the camera in its middle, on which the held wrench acts.
+
+use super::cell::{POINTS, project};
+use super::eye::camera;
+use super::outcome::Outcome;
+use super::plot::{Panel, Series, figure};
+use super::schemes::{SCHEMES, Scheme, set_point};
+use super::{ExperimentError, Options};
+use crate::camera_model::CameraModel;
+use crate::geometry::{Pose, Twist, integrate_body_twist, rotation_angle};
+use crate::pose::{Correspondence, planar_pose};
+use crate::servo::{
+    Arm, CameraJacobian, Damping, Gain, HybridGains, Interaction, Law, OperationalSpace, OrientationError,
+    Selection, SetPoint, View, Wish,
+};
+use nalgebra::{Matrix6, Rotation3, Unit, Vector2, Vector3, Vector6};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+/// Largest rotation between start and goal, rad.
+const ROTATION_RAD: f64 = std::f64::consts::FRAC_PI_3;
+const FRAME_S: f64 = 0.04;
+const SUBSTEPS: usize = 20;
+/// A run is over after this time.
+const SPAN_S: f64 = 60.0;
+/// Converged: so near to the goal.
+const NEAR: (f64, f64) = (0.5e-3, 0.1 * std::f64::consts::PI / 180.0);
+/// Farther away than this: diverged, m.
+const FAR_M: f64 = 5.0;
+/// The ball of the torque schemes.
+const MASS_KG: f64 = 1.0;
+const INERTIA_KG_M2: f64 = 0.25;
+/// Slower than this (m/s, rad/s) away from the goal counts as standing still.
+const STILL: f64 = 1e-7;
+
+/// What became of a start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Fate {
+    /// Within 0.5 mm and 0.1 degree of the goal.
+    Converged,
+    /// A point left the image.
+    LeftImage,
+    /// A point came behind the camera, or the plane was seen from its edge.
+    LostSight,
+    /// The law had no finite answer.
+    NoAnswer,
+    /// More than 5 m away.
+    Diverged,
+    /// At rest elsewhere: a local minimum.
+    LocalMinimum,
+    /// Still on the way after 60 s.
+    TooSlow,
+}
+
+impl Fate {
+    /// For files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Converged => "converged",
+            Self::LeftImage => "left the image",
+            Self::LostSight => "lost sight",
+            Self::NoAnswer => "no answer",
+            Self::Diverged => "diverged",
+            Self::LocalMinimum => "local minimum",
+            Self::TooSlow => "too slow",
+        }
+    }
+}
+
+/// The desired pose: the square centred, 0.6 m ahead, parallel to the image.
+#[must_use]
+pub fn goal() -> Pose {
+    Pose::translation(-0.05, -0.05, 0.6)
+}
+
+/// The laws in six degrees of freedom: the gains of the comparison where they carry over, else critically damped ones.
+fn law(scheme: Scheme) -> Law {
+    let (orientation, space) = (OrientationError::AngleAxis, OperationalSpace::Six);
+    let inertia = Vector6::new(MASS_KG, MASS_KG, MASS_KG, INERTIA_KG_M2, INERTIA_KG_M2, INERTIA_KG_M2);
+    match scheme {
+        Scheme::A => Law::PositionTorque {
+            K_P: inertia * 4.0,
+            damping: Damping::Task(inertia * 4.0),
+            orientation,
+            space,
+        },
+        Scheme::B => Law::PositionVelocity {
+            K: Vector6::new(1.0, 1.0, 1.0, 2.0, 2.0, 2.0),
+            gain: Gain::Constant(1.0),
+            orientation,
+            space,
+        },
+        // Damped in the joints, i.e. on the camera's twist: damping in the image leaves the weak directions to swing.
+        Scheme::C => Law::ImageTorque {
+            k_P: 10.0,
+            damping: Damping::Joints([4.0, 4.0, 4.0, 1.0, 1.0, 1.0, 0.0]),
+            interaction: Interaction::TEXTBOOK,
+        },
+        Scheme::D => Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: Interaction::TEXTBOOK },
+        Scheme::Hybrid => Law::Hybrid {
+            gains: HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(2.0) },
+            gain: Gain::Constant(1.0),
+            orientation,
+            space,
+        },
+    }
+}
+
+/// Uniform numbers in [0, 1) from a counter (SplitMix64): start `n` is the same on every machine, by any thread.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.next()
+    }
+}
+
+fn in_view(camera: &CameraModel, X_CO: &Pose) -> bool {
+    POINTS.iter().all(|p| camera.project(&(X_CO * p)).is_some_and(|px| camera.contains(&px, 0.0)))
+}
+
+/// Whether the square's front faces the camera.
+fn faces(X_CO: &Pose) -> bool {
+    let centre = X_CO * nalgebra::Point3::new(0.05, 0.05, 0.0);
+    (X_CO.rotation * Vector3::z()).dot(&centre.coords) > 0.0
+}
+
+/// Start number `n`: any axis, up to 60 degrees, 0.3 to 1.2 m away, the whole square in view.
+#[must_use]
+pub fn start(camera: &CameraModel, n: usize) -> Pose {
+    let mut random = Random((n as u64).wrapping_mul(0xD1B5_4A32_D192_ED03));
+    loop {
+        let axis = Vector3::from_fn(|_, _| random.between(-1.0, 1.0));
+        let length = axis.norm();
+        let turn = random.between(0.0, ROTATION_RAD);
+        let centre =
+            Vector3::new(random.between(-0.4, 0.4), random.between(-0.3, 0.3), random.between(0.3, 1.2));
+        if !(0.1..=1.0).contains(&length) {
+            continue;
+        }
+        let R = Rotation3::from_axis_angle(&Unit::new_normalize(axis), turn);
+        let p = centre - R * Vector3::new(0.05, 0.05, 0.0);
+        let X_CO = Pose::from_parts(p.into(), nalgebra::UnitQuaternion::from_rotation_matrix(&R));
+        if in_view(camera, &X_CO) && faces(&X_CO) {
+            return X_CO;
+        }
+    }
+}
+
+/// One run from start to fate, and how long it took, s.
+#[must_use]
+pub fn fly(camera: &CameraModel, scheme: Scheme, set_point: &SetPoint, X_CO_start: &Pose) -> (Fate, f64) {
+    let law = law(scheme);
+    let (mut X_CO, mut V) = (*X_CO_start, Twist::zeros());
+    let mut estimate: Option<Pose> = None;
+    let frames = (SPAN_S / FRAME_S) as usize;
+    for k in 0..frames {
+        let time_s = k as f64 * FRAME_S;
+        let X_DC = goal() * X_CO.inverse();
+        let away = X_DC.translation.vector.norm();
+        let angle = rotation_angle(&X_DC.rotation.to_rotation_matrix());
+        if away <= NEAR.0 && angle <= NEAR.1 && V.norm() < 0.1 {
+            return (Fate::Converged, time_s);
+        }
+        if !(away < FAR_M) {
+            return (Fate::Diverged, time_s);
+        }
+        let Some(s) = project(&X_CO).filter(|_| faces(&X_CO)) else { return (Fate::LostSight, time_s) };
+        if !in_view(camera, &X_CO) {
+            return (Fate::LeftImage, time_s);
+        }
+        if scheme.is_position_based() {
+            estimate = locate(&s, estimate.as_ref());
+            if estimate.is_none() {
+                return (Fate::NoAnswer, time_s);
+            }
+        }
+        let J = CameraJacobian::of_moving_camera(Matrix6::identity());
+        let arm = Arm { J, qd: V, gravity: Vector6::zeros(), secondary: None };
+        let wish = View::new(s.into_iter(), estimate)
+            .and_then(|view| law.task(set_point, &view))
+            .and_then(|task| law.wish(&task, &arm));
+        let still = match wish {
+            None => return (Fate::NoAnswer, time_s),
+            Some(Wish::Velocity(twist)) => {
+                V = twist;
+                X_CO = integrate_body_twist(&Pose::identity(), &V, FRAME_S).inverse() * X_CO;
+                V.norm() < STILL
+            }
+            Some(Wish::Torque(wrench)) => {
+                (X_CO, V) = ball(&X_CO, &V, &wrench);
+                V.norm() < STILL && wrench.norm() < STILL
+            }
+        };
+        if still {
+            return (Fate::LocalMinimum, time_s);
+        }
+    }
+    (Fate::TooSlow, SPAN_S)
+}
+
+/// Pose from the four points; of two solutions the one nearer to that of the frame before.
+fn locate(s: &[Vector2<f64>; 4], before: Option<&Pose>) -> Option<Pose> {
+    let mut points = [Correspondence { r: Vector2::zeros(), s: Vector2::zeros() }; 4];
+    for ((point, p), s) in points.iter_mut().zip(&POINTS).zip(s) {
+        *point = Correspondence { r: p.coords.xy(), s: *s };
+    }
+    let both = planar_pose(&points).ok()?;
+    // Without noise the true solution fits exactly; the mirrored one is taken for near only where it fits as well.
+    let twins = both.other.is_some_and(|other| other.rms < both.best.rms + 1e-9);
+    Some(match before {
+        Some(before) if twins => both.nearest(before).X_CO,
+        _ => both.best.X_CO,
+    })
+}
+
+/// The free ball under a held wrench (in its own frame) for one frame.
+fn ball(X_CO: &Pose, V: &Twist, wrench: &Vector6<f64>) -> (Pose, Twist) {
+    let (mut X_CO, mut V) = (*X_CO, *V);
+    let h = FRAME_S / SUBSTEPS as f64;
+    for _ in 0..SUBSTEPS {
+        let (v, w): (Vector3<f64>, Vector3<f64>) = (V.fixed_rows::<3>(0).into(), V.fixed_rows::<3>(3).into());
+        let a = wrench.fixed_rows::<3>(0) / MASS_KG - w.cross(&v);
+        let b = wrench.fixed_rows::<3>(3) / INERTIA_KG_M2;
+        let next = V + Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z) * h;
+        X_CO = integrate_body_twist(&Pose::identity(), &((V + next) * 0.5), h).inverse() * X_CO;
+        V = next;
+    }
+    (X_CO, V)
+}
+
+/// The fates of starts `0..count` under one scheme, computed on every core.
+///
+/// # Errors
+/// [`ExperimentError::Cell`], [`ExperimentError::Worker`].
+pub fn fates(scheme: Scheme, count: usize) -> Result<Vec<(Fate, f64)>, ExperimentError> {
+    let camera = camera()?;
+    let goal = set_point(&goal(), Selection::all_points(POINTS.len()))?;
+    let workers = std::thread::available_parallelism().map_or(1, usize::from).min(count.max(1));
+    let worker = |cause: String| ExperimentError::Worker { cause };
+    let mut all = vec![(Fate::TooSlow, f64::NAN); count];
+    let share = count.div_ceil(workers).max(1);
+    std::thread::scope(|scope| {
+        let mut handles = Vec::new();
+        for (i, part) in all.chunks_mut(share).enumerate() {
+            let (camera, goal) = (&camera, &goal);
+            let work = move || {
+                for (k, slot) in part.iter_mut().enumerate() {
+                    *slot = fly(camera, scheme, goal, &start(camera, i * share + k));
+                }
+            };
+            let name = format!("convergence-{i}");
+            let spawned = std::thread::Builder::new().name(name).spawn_scoped(scope, work);
+            handles.push(spawned.map_err(|e| worker(e.to_string()))?);
+        }
+        handles.into_iter().try_for_each(|h| h.join().map_err(|_| worker("it panicked".into())))
+    })?;
+    Ok(all)
+}
+
+pub(super) fn convergence(options: &Options<'_>) -> Result<Outcome, ExperimentError> {
+    let camera = camera()?;
+    let mut out = Outcome::default();
+    let mut table = String::from("start,rotation_rad,distance_m");
+    let mut columns = Vec::new();
+    let mut panel = Panel::new("converged within t", "t [s]", "share of the starts [%]").y_range(0.0, 100.0);
+    for (i, scheme) in SCHEMES.into_iter().enumerate() {
+        (options.progress)(&format!("scheme {}: {} starts", scheme.name(), options.count));
+        let fates = fates(scheme, options.count)?;
+        let mut counts = BTreeMap::new();
+        fates.iter().for_each(|(fate, _)| *counts.entry(*fate).or_insert(0usize) += 1);
+        let home = counts.get(&Fate::Converged).copied().unwrap_or(0);
+        let percent = 100.0 * home as f64 / options.count.max(1) as f64;
+        let others: Vec<_> = counts
+            .iter()
+            .filter(|(fate, _)| **fate != Fate::Converged)
+            .map(|(fate, count)| format!("{} {count}", fate.name()))
+            .collect();
+        out.lines.push(format!("{:7} {percent:6.2} % converged; {}", scheme.name(), others.join(", ")));
+        let reasons: Map<String, Value> =
+            counts.iter().map(|(fate, count)| (fate.name().to_string(), json!(count))).collect();
+        out.metric(
+            scheme.name(),
+            json!({ "starts": options.count, "converged_percent": percent, "fates": reasons }),
+        );
+        let mut times: Vec<f64> =
+            fates.iter().filter(|(fate, _)| *fate == Fate::Converged).map(|(_, t)| *t).collect();
+        times.sort_by(f64::total_cmp);
+        let share =
+            times.iter().enumerate().map(|(n, t)| (*t, 100.0 * (n + 1) as f64 / options.count as f64));
+        panel.push(Series::line(i, share.collect::<Vec<_>>()).label(scheme.name()));
+        let _ = write!(table, ",{0},{0}_time_s", scheme.name());
+        columns.push(fates);
+    }
+    table.push('\n');
+    for n in 0..options.count {
+        let X_DC = goal() * start(&camera, n).inverse();
+        let angle = rotation_angle(&X_DC.rotation.to_rotation_matrix());
+        let _ = write!(table, "{n},{angle:.6},{:.6}", X_DC.translation.vector.norm());
+        for (fate, time_s) in columns.iter().filter_map(|column| column.get(n)) {
+            let _ = write!(table, ",{},{time_s:.2}", fate.name());
+        }
+        table.push('\n');
+    }
+    out.table("starts", table);
+    let caption = format!("{} random starts, rotations up to 60 degrees, the target in view.", options.count);
+    out.figure("convergence", caption, figure("convergence", 1, &[panel])?);
+    Ok(out)
+}

@@ -1,0 +1,241 @@
+//! The textbook's examples, problems and comparison, and studies that go beyond them: `vservo experiment NAME --out DIR`.
+//!
+//! ```text
+//! cell, eye ──► simulate (25 Hz law, 1 ms arm) ──► Trajectory ──► CSV, Metrics, figures ──► Outcome ──► files
+//!                   ▲ servo::Law, the same as in the running loop
+//! ```
+//! The simulations are pure; [`Outcome::write`] is the one place that touches files. Nothing here repeats an equation:
+//! laws come from `servo`, estimators from `pose`, the arm from `robot`.
+
+mod calibration;
+mod cell;
+mod comparison;
+mod convergence;
+mod error;
+mod examples;
+mod eye;
+mod gain_delay;
+mod metrics;
+mod outcome;
+mod plot;
+mod retreat;
+mod schemes;
+mod simulate;
+mod trajectory;
+
+pub use calibration::{Teaching, calibrations, run_miscalibrated};
+pub use cell::{Cell, POINTS, desired_object, pose_of, project};
+pub use comparison::run_scheme;
+pub use convergence::{Fate, fates, fly, start};
+pub use error::ExperimentError;
+pub use eye::{Eye, Miscalibration, RenderedEye};
+pub use gain_delay::{DELAYS_MS, Loop};
+pub use metrics::{FinalErrors, Goal, Metrics, SettlingTimes, settling_time, straightness};
+pub use outcome::{Figure, Outcome};
+pub use plot::{Mark, Panel, Series, figure};
+pub use retreat::{ROTATIONS_DEG, pure_rotation, retreat_of};
+pub use schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
+pub use simulate::{Frame, SPAN_S, STEP_S, STEPS_PER_FRAME, rigid_body_step, simulate, simulate_at};
+pub use trajectory::{End, HEADER, Row, Trajectory};
+
+use std::path::{Path, PathBuf};
+
+/// Which camera an experiment uses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum CameraKind {
+    /// Projected points, as in the text.
+    #[default]
+    Ideal,
+    /// Pixels, through renderer and detection.
+    Rendered,
+}
+
+/// What the command line leaves open.
+#[derive(Clone, Copy)]
+pub struct Options<'a> {
+    /// The camera.
+    pub camera: CameraKind,
+    /// Number of random starts of `convergence`.
+    pub count: usize,
+    /// Told what is being done.
+    pub progress: &'a (dyn Fn(&str) + Sync),
+}
+
+/// One experiment.
+#[derive(Clone, Copy)]
+pub struct Experiment {
+    /// As on the command line.
+    pub name: &'static str,
+    /// What it shows, in a sentence.
+    pub about: &'static str,
+    /// Whether it can use rendered images.
+    pub renders: bool,
+    run: fn(&Options<'_>) -> Result<Outcome, ExperimentError>,
+}
+
+/// Every experiment, in the order of the textbook.
+pub const EXPERIMENTS: &[Experiment] = &[
+    Experiment {
+        name: "example-10-1",
+        about: "Pose of a planar square from the homography of its four points.",
+        renders: false,
+        run: |_| examples::example_10_1(),
+    },
+    Experiment {
+        name: "example-10-4",
+        about: "Pose of the square by integration with the pseudo-inverse of the interaction matrix.",
+        renders: false,
+        run: |_| examples::example_10_4(),
+    },
+    Experiment {
+        name: "example-10-5",
+        about: "Planar homography between two views, and the camera's displacement from it.",
+        renders: false,
+        run: |_| examples::example_10_5(),
+    },
+    Experiment {
+        name: "example-10-6",
+        about: "Hybrid visual servoing on the task of Sect. 10.9.",
+        renders: true,
+        run: comparison::example_10_6,
+    },
+    Experiment {
+        name: "comparison",
+        about: "Schemes A, B, C, D and hybrid on the task of Sect. 10.9, in one set.",
+        renders: true,
+        run: comparison::comparison,
+    },
+    Experiment {
+        name: "problem-10-4",
+        about: "Pose of the object from the two points P1 and P2, four coordinates.",
+        renders: false,
+        run: |_| examples::problem_10_4(),
+    },
+    Experiment {
+        name: "problem-10-5",
+        about: "The same from the parameters of the line segment P1 P2.",
+        renders: false,
+        run: |_| examples::problem_10_5(),
+    },
+    Experiment {
+        name: "problem-10-8",
+        about: "Scheme A with the pose estimated from the line segment P1 P2.",
+        renders: true,
+        run: |options| comparison::segment_problem(options, Scheme::A),
+    },
+    Experiment {
+        name: "problem-10-9",
+        about: "Scheme B with the pose estimated from the line segment P1 P2.",
+        renders: true,
+        run: |options| comparison::segment_problem(options, Scheme::B),
+    },
+    Experiment {
+        name: "problem-10-10",
+        about: "Scheme C on the parameters of the line segment P1 P2, with gains of its own.",
+        renders: true,
+        run: |options| comparison::segment_problem(options, Scheme::C),
+    },
+    Experiment {
+        name: "problem-10-11",
+        about: "Scheme D on the parameters of the line segment P1 P2.",
+        renders: true,
+        run: |options| comparison::segment_problem(options, Scheme::D),
+    },
+    Experiment {
+        name: "retreat",
+        about: "The camera's retreat under scheme D for rotations about the optical axis, with z_d and with the true depth.",
+        renders: false,
+        run: retreat::retreat,
+    },
+    Experiment {
+        name: "calibration-sensitivity",
+        about: "What errors of focal length and principal point cost each scheme, set-point computed or taught.",
+        renders: false,
+        run: calibration::sensitivity,
+    },
+    Experiment {
+        name: "gain-delay",
+        about: "Largest stable gain and best settling of schemes B and D against the delay, held and predicted.",
+        renders: false,
+        run: gain_delay::gain_delay,
+    },
+    Experiment {
+        name: "convergence",
+        about: "Random starts in six degrees of freedom: the share that each scheme brings home, and why the others fail.",
+        renders: false,
+        run: convergence::convergence,
+    },
+];
+
+/// The experiment of this name.
+///
+/// # Errors
+/// [`ExperimentError::Unknown`] with the names that there are.
+pub fn find(name: &str) -> Result<&'static Experiment, ExperimentError> {
+    EXPERIMENTS.iter().find(|e| e.name == name).ok_or_else(|| ExperimentError::Unknown {
+        name: name.into(),
+        names: EXPERIMENTS.iter().map(|e| e.name).collect::<Vec<_>>().join(", "),
+    })
+}
+
+impl Experiment {
+    /// Computes everything.
+    ///
+    /// # Errors
+    /// [`ExperimentError`].
+    pub fn run(&self, options: &Options<'_>) -> Result<Outcome, ExperimentError> {
+        if options.camera == CameraKind::Rendered && !self.renders {
+            let with: Vec<_> = EXPERIMENTS.iter().filter(|e| e.renders).map(|e| e.name).collect();
+            return Err(ExperimentError::IdealOnly { experiment: self.name, with: with.join(", ") });
+        }
+        (self.run)(options)
+    }
+}
+
+/// What was written, and what people want to know of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Report {
+    /// The experiment.
+    pub name: &'static str,
+    /// Its results in a few lines.
+    pub lines: Vec<String>,
+    /// Its files.
+    pub files: Vec<PathBuf>,
+}
+
+/// Runs the experiment `name` into `out`, or `all` of them into folders of their own under it, with an index page.
+///
+/// `all` leaves experiments that know only projected points on those, whatever `options.camera` says.
+///
+/// # Errors
+/// [`ExperimentError`].
+pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>, ExperimentError> {
+    if name != "all" {
+        let experiment = find(name)?;
+        outcome::make_folder(out)?; // before the work, not after it
+        (options.progress)(&format!("{name}: {}", experiment.about));
+        let outcome = experiment.run(options)?;
+        let files = outcome.write(out)?;
+        return Ok(vec![Report { name: experiment.name, lines: outcome.lines, files }]);
+    }
+    outcome::make_folder(out)?;
+    let (mut done, mut reports) = (Vec::new(), Vec::new());
+    for (i, experiment) in EXPERIMENTS.iter().enumerate() {
+        (options.progress)(&format!(
+            "{}/{} {}: {}",
+            i + 1,
+            EXPERIMENTS.len(),
+            experiment.name,
+            experiment.about
+        ));
+        let camera = if experiment.renders { options.camera } else { CameraKind::Ideal };
+        let outcome = experiment.run(&Options { camera, ..*options })?;
+        let files = outcome.write(&out.join(experiment.name))?;
+        reports.push(Report { name: experiment.name, lines: outcome.lines.clone(), files });
+        done.push((experiment.name, experiment.about, outcome));
+    }
+    let index = out.join("index.html");
+    outcome::write_file(&index, &outcome::index_page(&done))?;
+    reports.push(Report { name: "all", lines: Vec::new(), files: vec![index] });
+    Ok(reports)
+}
