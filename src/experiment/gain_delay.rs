@@ -201,12 +201,13 @@ pub(super) fn gain_delay(options: &Options<'_>) -> Result<Outcome, ExperimentErr
                         scheme.name()
                     );
                     out.lines.push(format!(
-                        "{arm:9} {:2} {name:8} {delay_ms:2} ms: stable up to {largest:7.1} 1/s, best {settling:.3} s at {gain:.1} 1/s",
-                        scheme.name()
+                        "{arm:9} {:2} {name:8} {delay_ms:2} ms: stable up to {largest:7.1} 1/s{}, best {settling:.3} s at {gain:.1} 1/s",
+                        scheme.name(),
+                        if largest >= GAINS_1_S.1 { " and beyond" } else { "" },
                     ));
                     entries.push(json!({
                         "arm": arm, "scheme": scheme.name(), "update": name, "delay_ms": delay_ms,
-                        "largest_stable_gain_1_s": largest, "best_gain_1_s": gain, "best_settling_time_s": settling,
+                        "largest_stable_gain_1_s": largest, "stable_in_whole_range": largest >= GAINS_1_S.1, "best_gain_1_s": gain, "best_settling_time_s": settling,
                     }));
                     gains.push((delay_ms as f64, largest));
                     times.push((delay_ms as f64, settling));

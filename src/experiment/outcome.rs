@@ -68,7 +68,7 @@ impl Outcome {
 ///
 /// # Errors
 /// [`ExperimentError::Write`].
-pub fn make_folder(folder: &Path) -> Result<(), ExperimentError> {
+pub(super) fn make_folder(folder: &Path) -> Result<(), ExperimentError> {
     std::fs::create_dir_all(folder).map_err(|cause| ExperimentError::Write { path: folder.into(), cause })
 }
 
@@ -76,13 +76,13 @@ pub fn make_folder(folder: &Path) -> Result<(), ExperimentError> {
 ///
 /// # Errors
 /// [`ExperimentError::Write`].
-pub fn write_file(path: &Path, text: &str) -> Result<(), ExperimentError> {
+pub(super) fn write_file(path: &Path, text: &str) -> Result<(), ExperimentError> {
     std::fs::write(path, text).map_err(|cause| ExperimentError::Write { path: path.into(), cause })
 }
 
 /// The page that shows every figure of `all`.
 #[must_use]
-pub fn index_page(outcomes: &[(&'static str, &'static str, Outcome)]) -> String {
+pub(super) fn index_page(outcomes: &[(&'static str, &'static str, Outcome)]) -> String {
     let escape = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let mut html = String::from(concat!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n",

@@ -148,13 +148,24 @@ impl Panel {
     /// Where a legend hides least.
     fn emptiest_corner(&self, x: (f64, f64), share_y: &dyn Fn(f64) -> f64) -> SeriesLabelPosition {
         let mut hidden = [0; 4];
-        for (px, py) in self.series.iter().flat_map(|s| s.points.iter()) {
-            let (u, v) = ((px - x.0) / (x.1 - x.0), share_y(*py));
-            let (left, right, low, high) = (u < 0.35, u > 0.65, v < 0.45, v > 0.55);
+        let mut cover = |(px, py): (f64, f64), weight: usize| {
+            let (u, v) = ((px - x.0) / (x.1 - x.0), share_y(py));
+            let (left, right, low, high) = (u < 0.35, u > 0.65, v < 0.4, v > 0.6);
             for (count, inside) in
                 hidden.iter_mut().zip([right && high, right && low, left && high, left && low])
             {
-                *count += usize::from(inside);
+                *count += if inside { weight } else { 0 };
+            }
+        };
+        for series in &self.series {
+            match (series.mark, series.points.as_slice()) {
+                (Mark::Cross | Mark::Circle, points) => points.iter().for_each(|p| cover(*p, 60)),
+                // a goal: two points, a line between them
+                (Mark::Dashed, [a, b]) => (0..=20).for_each(|i| {
+                    let share = f64::from(i) / 20.0;
+                    cover((a.0 + (b.0 - a.0) * share, a.1 + (b.1 - a.1) * share), 10);
+                }),
+                (_, points) => thinned(points).for_each(|p| cover(p, 1)),
             }
         }
         let corners = [

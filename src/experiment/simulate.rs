@@ -18,6 +18,9 @@ pub const STEPS_PER_FRAME: usize = 40;
 /// Length of the textbook's runs, s.
 pub const SPAN_S: f64 = 8.0;
 
+/// Farther or faster than this (rad, m, rad/s, m/s) a run counts as diverged.
+const FAR: f64 = 1e3;
+
 /// What a law is given at each frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
@@ -46,8 +49,8 @@ pub fn simulate(
 
 /// Runs `law` in `cell` for `span_s` with a frame every `steps_per_frame` steps.
 ///
-/// The run breaks off with its reason when a point gets behind the camera, when the law has no answer, or when a
-/// number is not finite.
+/// The run breaks off with its reason when a point gets behind the camera, when the law has no answer, or when the
+/// motion diverges.
 pub fn simulate_at(
     steps_per_frame: usize,
     cell: &Cell,
@@ -89,8 +92,9 @@ pub fn simulate_at(
                 q = q_frame + rate * ((k % steps_per_frame + 1) as f64 * STEP_S);
             }
         }
-        if !q.iter().chain(qd.iter()).all(|x| x.is_finite()) {
-            stop = Some("the motion is no longer finite".to_string());
+        // The comparison also catches NaN.
+        if !(q.amax() < FAR && qd.amax() < FAR) {
+            stop = Some("the motion diverges".to_string());
             break;
         }
     }
