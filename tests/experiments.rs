@@ -1,5 +1,7 @@
 //! The textbook's examples, comparison and statements, and the command line of `vservo experiment`.
 
+#![allow(non_snake_case)] // X, Y, H, T as in the text
+
 mod common;
 
 use common::vservo;
@@ -9,9 +11,9 @@ use std::collections::BTreeSet;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_3};
 use std::path::Path;
 use vservo::experiment::{
-    CameraKind, Cell, End, Eye, FLIERS, Fate, Loop, Metrics, Options, Outcome, ROTATIONS_DEG, RenderedEye,
-    SCHEMES, Scheme, Teaching, Trajectory, calibrations, fates, find, pure_rotation, retreat_of,
-    run_miscalibrated, run_scheme, straightness,
+    CameraKind, Cell, End, Eye, FLIERS, Fate, Loop, Metrics, Options, Outcome, Pilot, ROTATIONS_DEG,
+    RenderedEye, SCHEMES, Scheme, Teaching, Trajectory, calibrations, fates, find, pure_rotation, retreat_of,
+    run_miscalibrated, run_scheme, simulate_at, straightness,
 };
 use vservo::servo::{DepthSource, UpdatePolicy};
 
@@ -165,7 +167,12 @@ fn statements_on_the_image_paths() {
     let d = chosen(Scheme::D);
     assert!(d[0] < 0.1 && d[1] < 0.1, "nearly straight: {d:?}");
     let hybrid = chosen(Scheme::Hybrid);
-    assert!(hybrid[0] < 0.01, "P1 straight: {hybrid:?}");
+    assert!(hybrid[0] < 0.02, "P1 straight but for the arm's motion between frames: {hybrid:?}");
+    let cell = Cell::textbook().unwrap();
+    let mut pilot = Pilot::textbook(&cell, Scheme::Hybrid).unwrap();
+    let fine = simulate_at(1, &cell, "hybrid", &mut Eye::Ideal, 8.0, |frame| pilot.control(frame));
+    let path: Vec<Vector2<f64>> = fine.rows.iter().map(|row| row.s[0]).collect();
+    assert!(straightness(&path) < 1e-3, "P1 straight at 1 kHz: {}", straightness(&path));
     assert!(hybrid[1] > 0.02, "the others not: {hybrid:?}");
     let b = chosen(Scheme::B);
     assert!(b[1] > d[1] || b[0] > d[0], "{b:?}");
@@ -288,13 +295,15 @@ fn problems_10_8_to_10_11_beside_the_points() {
         let (segment, points) = (&m[&format!("{scheme}-segment")], &m[scheme]);
         assert_eq!(segment["end"], "finished");
         let z = segment["z_overshoot_percent"].as_f64().unwrap();
-        assert!(z < 5.0, "{name}: the segment's length holds the camera's height: {z}");
+        // The segment's length holds the camera's height under B and D; under a torque law it lags behind the angle.
+        let most = if scheme == "C" { 120.0 } else { 5.0 };
+        assert!(z < most && z <= points["z_overshoot_percent"].as_f64().unwrap() + 1e-9, "{name}: {z}");
         if matches!(scheme, "A" | "B") {
             // The same law on the same pose: only the way of estimating it differs.
             let settled = |m: &Value| m["settling_time_s"]["position"].as_f64().unwrap();
             assert!((settled(segment) - settled(points)).abs() < 0.05);
         } else {
-            assert!(segment["final_errors"]["position_m"].as_f64().unwrap() < 5e-3, "{segment}");
+            assert!(segment["final_errors"]["position_m"].as_f64().unwrap() < 1e-3, "{segment}");
         }
     }
 }

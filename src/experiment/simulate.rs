@@ -18,7 +18,7 @@ pub const STEPS_PER_FRAME: usize = 40;
 /// Length of the textbook's runs, s.
 pub const SPAN_S: f64 = 8.0;
 
-/// Farther or faster than this (rad, m, rad/s, m/s) a run counts as diverged.
+/// Farther than this (rad, m) a run counts as diverged.
 const FAR: f64 = 1e3;
 
 /// What a law is given at each frame.
@@ -92,8 +92,8 @@ pub fn simulate_at(
                 q = q_frame + rate * ((k % steps_per_frame + 1) as f64 * STEP_S);
             }
         }
-        // The comparison also catches NaN.
-        if !(q.amax() < FAR && qd.amax() < FAR) {
+        // The comparisons also catch NaN.
+        if !(q.amax() < FAR && qd.amax() < f64::INFINITY) {
             stop = Some("the motion diverges".to_string());
             break;
         }
