@@ -1,5 +1,6 @@
 //! The textbook's examples, comparison and statements, and the command line of `vservo experiment`.
 
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers beside the tests
 #![allow(non_snake_case)] // X, Y, H, T as in the text
 
 mod common;
