@@ -151,6 +151,7 @@ pub fn control_loop_with<const N: usize>(
             smooth_start_1_s: config.servo.smooth_start_1_s,
             limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
             teach: config.servo.teach,
+            object: config.servo.object,
         }),
         limits,
         joint_control,

@@ -18,7 +18,7 @@ use crate::geometry::Pose;
 use crate::robot::RobotDescription;
 use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
 use crate::schedule::FrameSchedule;
-use crate::servo::{Law, Mount, SetPoint};
+use crate::servo::{Law, Mount, ObjectDynamics, SetPoint};
 use crate::time::SpanNs;
 use raw::{Clock, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Update};
 use std::fmt;
@@ -130,6 +130,8 @@ pub struct Servo {
     pub smooth_start_1_s: Option<f64>,
     /// Gain of the motion away from joint limits in the null space, 1/s.
     pub limit_avoidance_1_s: Option<f64>,
+    /// How the target's own motion is estimated; `None` for a target at rest.
+    pub object: Option<ObjectDynamics>,
 }
 
 /// Joint reference and joint controller.

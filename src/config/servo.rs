@@ -3,7 +3,7 @@
 use super::Servo;
 use super::raw::{
     At, DampingOn, Depth, DriveKind, Gains, Orientation, RawConfig, RawServo, SchemeKind, SetPointKind,
-    SourceKind,
+    SourceKind, Update,
 };
 use super::validate::Check;
 use crate::drive::CommandMode;
@@ -11,8 +11,8 @@ use crate::geometry::Pose;
 use crate::messages::MAX_JOINTS;
 use crate::scene::DotTarget;
 use crate::servo::{
-    Damping, DepthSource, FeatureKind, Gain, HybridGains, Interaction, InteractionAt, Law, OperationalSpace,
-    OrientationError, PoseGains, Selection, SetPoint,
+    Damping, DepthSource, FeatureKind, Gain, HybridGains, Interaction, InteractionAt, Law, ObjectDynamics,
+    OperationalSpace, OrientationError, PoseGains, Selection, SetPoint,
 };
 use nalgebra::{Vector2, Vector3};
 use std::ops::RangeInclusive;
@@ -79,6 +79,7 @@ pub(super) fn servo(
     }
     let smooth = check.range("servo.smooth_start_1_s", s.smooth_start_1_s, 0.0..=1000.0);
     let avoid = check.range("servo.limit_avoidance_1_s", s.limit_avoidance_1_s, 0.0..=100.0);
+    let object = object(s, check);
     if check.count_problems() > before {
         return None;
     }
@@ -89,7 +90,28 @@ pub(super) fn servo(
         teach,
         smooth_start_1_s: (smooth > 0.0).then_some(smooth),
         limit_avoidance_1_s: (avoid > 0.0).then_some(avoid),
+        object,
     })
+}
+
+fn object(s: &RawServo, check: &mut Check<'_>) -> Option<ObjectDynamics> {
+    let acceleration = 1e-4..=100.0;
+    let dynamics = ObjectDynamics {
+        acceleration_m_s2: check.range(
+            "servo.object.acceleration_m_s2",
+            s.object.acceleration_m_s2,
+            acceleration.clone(),
+        ),
+        acceleration_rad_s2: check.range(
+            "servo.object.acceleration_rad_s2",
+            s.object.acceleration_rad_s2,
+            acceleration,
+        ),
+    };
+    if s.object.moves && s.update != Update::Predict {
+        check.wrong("servo.object.moves", "needs servo.update = \"predict\": the others do not look ahead");
+    }
+    s.object.moves.then_some(dynamics)
 }
 
 /// Whether the scheme is computed with m = 4 or 6 by `servo.dimension`; the image-based ones follow the joints.

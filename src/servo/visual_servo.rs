@@ -2,15 +2,19 @@
 //! wish at every tick.
 //!
 //! A measurement is placed in time by its exposure stamp alone. Under `predict` the camera's own motion since then is
-//! known from the joint history, so that for an object at rest the view now is exact, whatever the latency.
+//! known from the joint history, so that for an object at rest the view now is exact, whatever the latency. The own motion
+//! of an object that moves is estimated, where that is asked for.
 
-use super::{Arm, Law, Mount, SetPoint, Task, View, Wish, away_from_limits, lesson::Lesson};
-use crate::geometry::Pose;
+use super::{
+    Arm, CameraJacobian, Law, Mount, ObjectDynamics, ObjectMotion, SetPoint, Task, TwistTask, View, Wish,
+    away_from_limits, joint_velocity, lesson::Lesson,
+};
+use crate::geometry::{Pose, rotate_twist};
 use crate::joint_history::JointHistory;
 use crate::messages::Measurement;
 use crate::robot::Robot;
 use crate::time::{MonoNs, SpanNs};
-use nalgebra::SVector;
+use nalgebra::{Matrix6, SVector};
 
 /// How far an exposure stamp may lie in the future: some drivers stamp the planned end of a frame.
 const LONGEST_FUTURE: SpanNs = SpanNs(50_000_000);
@@ -80,6 +84,9 @@ pub struct ServoSettings {
     pub limit_avoidance_1_s: Option<f64>,
     /// Teaches the set-point from so many measurements before anything moves; 0 for none.
     pub teach: u32,
+    /// Estimates the object's own motion: `predict` then carries views by it too, and velocity laws follow it. `None`
+    /// for an object at rest.
+    pub object: Option<ObjectDynamics>,
 }
 
 impl ServoSettings {
@@ -95,6 +102,7 @@ impl ServoSettings {
             smooth_start_1_s: None,
             limit_avoidance_1_s: None,
             teach: 0,
+            object: None,
         }
     }
 }
@@ -110,6 +118,7 @@ pub struct VisualServo<const N: usize> {
     /// First wished velocity, and when: what a smooth start takes off.
     start: Option<(MonoNs, SVector<f64, N>)>,
     lesson: Lesson,
+    object: Option<ObjectMotion>,
 }
 
 impl<const N: usize> VisualServo<N> {
@@ -117,6 +126,7 @@ impl<const N: usize> VisualServo<N> {
     #[must_use]
     pub fn new(settings: ServoSettings) -> Self {
         let lesson = Lesson::new(settings.teach);
+        let object = settings.object.map(ObjectMotion::new);
         Self {
             settings,
             history: JointHistory::new(),
@@ -125,6 +135,7 @@ impl<const N: usize> VisualServo<N> {
             fresh: false,
             start: None,
             lesson,
+            object,
         }
     }
 
@@ -189,6 +200,9 @@ impl<const N: usize> VisualServo<N> {
         let Some(task) = self.settings.law.task(&self.settings.set_point, &view) else {
             return Intake::NoTarget;
         };
+        if let (Some(object), Some(X_CO)) = (&mut self.object, view.X_CO()) {
+            object.observe(exposure, &(X_WC * X_CO), &covariance_in(&X_WC, &measurement.pose_covariance));
+        }
         self.sighting = Some(Sighting { exposure, view, task, X_WC });
         self.fresh = true;
         if exposure > now { Intake::UsedFromFuture } else { Intake::Used }
@@ -201,7 +215,9 @@ impl<const N: usize> VisualServo<N> {
         let fresh = std::mem::take(&mut self.fresh);
         let held = self.settings.update == UpdatePolicy::Frame && !fresh;
         if !held {
-            self.held = self.settings.wish(sighting, q, qd, robot);
+            let now = self.history.newest().unwrap_or(sighting.exposure);
+            let object = self.object.as_ref().map(|object| (object, now));
+            self.held = self.settings.wish(sighting, object, q, qd, robot);
         }
         let wish = self.held?;
         Some(self.started(wish))
@@ -223,6 +239,7 @@ impl ServoSettings {
     fn wish<const N: usize>(
         &self,
         sighting: &Sighting,
+        object: Option<(&ObjectMotion, MonoNs)>,
         q: &SVector<f64, N>,
         qd: &SVector<f64, N>,
         robot: &Robot<N>,
@@ -236,13 +253,46 @@ impl ServoSettings {
         };
         match self.update {
             UpdatePolicy::Frame | UpdatePolicy::Tick => self.law.wish(&sighting.task, &arm),
-            UpdatePolicy::Predict => sighting
-                .view
-                .carried(&X_WC.inv_mul(&sighting.X_WC), &self.set_point)
-                .and_then(|now| self.law.task(&self.set_point, &now))
-                .and_then(|task| self.law.wish(&task, &arm)),
+            UpdatePolicy::Predict => {
+                let moved = object.map(|(object, now)| object.displacement(sighting.exposure, now));
+                let X_WC_then = moved.map_or(sighting.X_WC, |moved| moved * sighting.X_WC);
+                sighting
+                    .view
+                    .carried(&X_WC.inv_mul(&X_WC_then), &self.set_point)
+                    .and_then(|now| self.law.task(&self.set_point, &now))
+                    .and_then(|task| self.law.wish(&task, &arm))
+                    .map(|wish| match (wish, object) {
+                        (Wish::Velocity(qd), Some((object, now))) => {
+                            Wish::Velocity(qd + follow(object, now, &X_WC, &J))
+                        }
+                        (wish, _) => wish,
+                    })
+            }
         }
     }
+}
+
+/// The joint velocity with which the camera keeps its place relative to a moving object: the feed-forward. None where
+/// the arm cannot follow.
+fn follow<const N: usize>(
+    object: &ObjectMotion,
+    now: MonoNs,
+    X_WC: &Pose,
+    J: &CameraJacobian<N>,
+) -> SVector<f64, N> {
+    let V_W = object.twist_at(now, &X_WC.translation.vector);
+    let V_C = rotate_twist(&X_WC.rotation.inverse().to_rotation_matrix(), &V_W);
+    let task = TwistTask { matrix: Matrix6::identity(), vector: V_C, error: V_C.norm() };
+    joint_velocity(&task, 1.0, J).unwrap_or_else(SVector::zeros)
+}
+
+/// A covariance of a twist `[v; w]` expressed in C, row by row, expressed in W.
+fn covariance_in(X_WC: &Pose, rows: &[f64; 36]) -> Matrix6<f64> {
+    let R = X_WC.rotation.to_rotation_matrix();
+    let mut both = Matrix6::zeros();
+    both.fixed_view_mut::<3, 3>(0, 0).copy_from(R.matrix());
+    both.fixed_view_mut::<3, 3>(3, 3).copy_from(R.matrix());
+    both * Matrix6::from_row_slice(rows) * both.transpose()
 }
 
 #[cfg(test)]

@@ -171,11 +171,25 @@ table! {
         smooth_start_1_s: f64 = 0.0,
         /// Gain of the motion away from joint limits where the task leaves joints free, 1/s; 0 for none.
         limit_avoidance_1_s: f64 = 0.0,
+        /// `[servo.object]`: estimate the target's own motion, carry views by it and follow it.
+        object: RawObject = RawObject::default(),
         /// `[servo.set_point]`
         set_point: RawSetPoint = RawSetPoint::default(),
         /// `X_DO`: the target in the desired camera frame.
         desired: RawPose =
             RawPose { position_m: [-0.1, 0.1, 0.6], rotation_rpy_rad: [0.0, 0.0, -std::f64::consts::FRAC_PI_3] },
+    }
+}
+
+table! {
+    /// The target's own motion.
+    RawObject {
+        /// Whether it may move; a target at rest is seen more quietly without.
+        moves: bool = false,
+        /// How quickly it may change its velocity: standard deviation of the acceleration, m/s^2.
+        acceleration_m_s2: f64 = 0.3,
+        /// The same for its angular velocity, rad/s^2.
+        acceleration_rad_s2: f64 = 0.3,
     }
 }
 
