@@ -2,8 +2,8 @@
 
 use super::Servo;
 use super::raw::{
-    At, DampingOn, Depth, DriveKind, Gains, Orientation, RawConfig, RawServo, SchemeKind, SetPointKind,
-    SourceKind, Update,
+    At, DampingOn, Depth, DriveKind, Gains, Orientation, RawConfig, RawServo, SceneMotionKind, SchemeKind,
+    SetPointKind, SourceKind, Update,
 };
 use super::validate::Check;
 use crate::drive::CommandMode;
@@ -71,11 +71,10 @@ pub(super) fn servo(
             "position_pd and image_pd command torques: they need drive.mode = \"torque\"",
         );
     }
-    if s.depth == Depth::True && raw.camera.source != SourceKind::Synthetic {
-        check.wrong(
-            "servo.depth",
-            "`true` needs a simulated scene; replayed pictures do not tell their depth",
-        );
+    let scene_is_known =
+        raw.camera.source == SourceKind::Synthetic && raw.scene.motion.kind == SceneMotionKind::Still;
+    if s.depth == Depth::Known && !scene_is_known {
+        check.wrong("servo.depth", "`known` needs a simulated scene with a target at rest");
     }
     let smooth = check.range("servo.smooth_start_1_s", s.smooth_start_1_s, 0.0..=1000.0);
     let avoid = check.range("servo.limit_avoidance_1_s", s.limit_avoidance_1_s, 0.0..=100.0);
@@ -146,7 +145,7 @@ fn law(s: &RawServo, check: &mut Check<'_>) -> Law {
         depth: match s.depth {
             Depth::Desired => DepthSource::Desired,
             Depth::Estimated => DepthSource::Estimated,
-            Depth::True => DepthSource::Known,
+            Depth::Known => DepthSource::Known,
             Depth::Constant => {
                 DepthSource::Constant(check.range("servo.constant_depth_m", s.constant_depth_m, 1e-3..=1e3))
             }

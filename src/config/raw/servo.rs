@@ -40,8 +40,9 @@ word! {
         Desired,
         /// From the pose that vision estimates.
         Estimated,
-        /// From the object's place in a simulated scene.
-        True,
+        /// The true one, from the object's place in a simulated scene.
+        #[serde(alias = "true")]
+        Known,
         /// `servo.constant_depth_m`.
         Constant,
     }
@@ -208,12 +209,12 @@ table! {
 table! {
     /// Gains of the torque laws A and C; those of Sect. 10.9.
     RawPd {
-        /// A: K_P of the position, N/m.
-        position_stiffness_n_m: Gains = Gains::One(500.0),
+        /// A: K_P of the position, N/m; one number or three.
+        position_stiffness_n_m: Gains = Gains::Each(vec![500.0, 500.0, 10.0]),
         /// A: K_P of the orientation, N m/rad.
         orientation_stiffness_nm_rad: Gains = Gains::One(10.0),
         /// A: K_D of the position, N s/m.
-        position_damping_ns_m: Gains = Gains::One(500.0),
+        position_damping_ns_m: Gains = Gains::Each(vec![500.0, 500.0, 10.0]),
         /// A: K_D of the orientation, N m s/rad.
         orientation_damping_nms_rad: Gains = Gains::One(10.0),
         /// C: K_Ps per squared feature unit (normalized), N m.
@@ -223,7 +224,7 @@ table! {
         /// Damping on the task or on the joints.
         damping: DampingOn = DampingOn::Task,
         /// K_D on the joints, one for all or one each.
-        joint_damping_nms_rad_or_ns_m: Gains = Gains::One(500.0),
+        joint_damping_nms_rad_or_ns_m: Gains = Gains::One(50.0),
     }
 }
 

@@ -1,6 +1,8 @@
 //! The laws against the printed equations with dense matrices, and in closed loops without dynamics.
 
+mod energy;
 mod equations;
+mod loops;
 
 use super::{SetPoint, View};
 use crate::geometry::Pose;
