@@ -1,5 +1,7 @@
 //! Every servo law in the real processes, in lockstep, on rendered images.
 
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
 mod common;
 
 use common::{Run, assert_accurate, number, run};
