@@ -8,7 +8,7 @@ use plotters::style::Color;
 /// The drawing library rounds to whole units; it draws this much larger than the figure is shown.
 const FINE: u32 = 4;
 /// Size of one panel, px.
-const PANEL_PX: (u32, u32) = (420 * FINE, 320 * FINE);
+const PANEL_PX: (u32, u32) = (460 * FINE, 320 * FINE);
 /// Curves are thinned to about this many points.
 const MOST_POINTS: usize = 800;
 /// Okabe and Ito's palette: told apart by colour-blind readers, and in grey.
@@ -63,6 +63,12 @@ impl Series {
     /// A line.
     pub fn line(colour: usize, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
         Self::new(Mark::Line, colour, points)
+    }
+
+    /// Its line, and that of a dashed one.
+    fn styles(&self) -> (ShapeStyle, ShapeStyle) {
+        let colour = PALETTE.get(self.colour % PALETTE.len()).copied().unwrap_or(BLACK);
+        (colour.stroke_width(px(2)), colour.stroke_width(px(1)))
     }
 
     /// The same series with a name in the legend.
@@ -145,52 +151,22 @@ impl Panel {
         (middle - half, middle + half)
     }
 
-    /// Where a legend hides least.
-    fn emptiest_corner(&self, x: (f64, f64), share_y: &dyn Fn(f64) -> f64) -> SeriesLabelPosition {
-        let mut hidden = [0; 4];
-        let mut cover = |(px, py): (f64, f64), weight: usize| {
-            let (u, v) = ((px - x.0) / (x.1 - x.0), share_y(py));
-            let (left, right, low, high) = (u < 0.35, u > 0.65, v < 0.4, v > 0.6);
-            for (count, inside) in
-                hidden.iter_mut().zip([right && high, right && low, left && high, left && low])
-            {
-                *count += if inside { weight } else { 0 };
-            }
-        };
-        for series in &self.series {
-            match (series.mark, series.points.as_slice()) {
-                (Mark::Cross | Mark::Circle, points) => points.iter().for_each(|p| cover(*p, 60)),
-                // a goal: two points, a line between them
-                (Mark::Dashed, [a, b]) => (0..=20).for_each(|i| {
-                    let share = f64::from(i) / 20.0;
-                    cover((a.0 + (b.0 - a.0) * share, a.1 + (b.1 - a.1) * share), 10);
-                }),
-                (_, points) => thinned(points).for_each(|p| cover(p, 1)),
-            }
-        }
-        let corners = [
-            SeriesLabelPosition::UpperRight,
-            SeriesLabelPosition::LowerRight,
-            SeriesLabelPosition::UpperLeft,
-            SeriesLabelPosition::LowerLeft,
-        ];
-        let best = corners.into_iter().zip(hidden).min_by_key(|(_, hidden)| *hidden);
-        best.map_or(SeriesLabelPosition::UpperRight, |(corner, _)| corner)
-    }
-
     fn time_axis(&self) -> bool {
         self.x_label.contains("[s]")
     }
 
-    fn draw<'a, DB: DrawingBackend + 'a>(
+    fn draw<DB: DrawingBackend>(
         &self,
         area: &DrawingArea<DB, Shift>,
     ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
+        let (width, _) = area.dim_in_pixel();
+        let (area, side) = area.split_horizontally(width - self.legend_width());
+        self.legend(&side)?;
         let (mut x, mut y) = (self.range(|p| p.0), self.range(|p| p.1));
         if !self.time_axis() {
             x = widened(x);
         }
-        let mut builder = ChartBuilder::on(area);
+        let mut builder = ChartBuilder::on(&area);
         builder
             .caption(&self.title, font(17))
             .margin(px(8))
@@ -203,8 +179,7 @@ impl Panel {
             let range = (10f64.powf(low)..10f64.powf(high.max(low + 1.0))).log_scale();
             let mut chart = builder.build_cartesian_2d(x.0..x.1, range)?;
             self.mesh(&mut chart, &|v| format!("{v:.0e}"))?;
-            let share_y = |y: f64| (y.log10() - low) / (high.max(low + 1.0) - low);
-            return self.fill(&mut chart, x, &share_y);
+            return self.fill(&mut chart);
         }
         y = self.y_range.unwrap_or_else(|| widened(y));
         if self.equal {
@@ -212,7 +187,7 @@ impl Panel {
         }
         let mut chart = builder.build_cartesian_2d(x.0..x.1, y.0..y.1)?;
         self.mesh(&mut chart, &short)?;
-        self.fill(&mut chart, x, &|v: f64| (v - y.0) / (y.1 - y.0))
+        self.fill(&mut chart)
     }
 
     fn mesh<DB, Y>(
@@ -241,60 +216,52 @@ impl Panel {
             .draw()
     }
 
-    fn fill<'a, DB, Y>(
+    fn fill<DB, Y>(
         &self,
-        chart: &mut ChartContext<'a, DB, Cartesian2d<plotters::coord::types::RangedCoordf64, Y>>,
-        x: (f64, f64),
-        share_y: &dyn Fn(f64) -> f64,
+        chart: &mut ChartContext<'_, DB, Cartesian2d<plotters::coord::types::RangedCoordf64, Y>>,
     ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>>
     where
-        DB: DrawingBackend + 'a,
+        DB: DrawingBackend,
         Y: Ranged<ValueType = f64>,
     {
         for series in &self.series {
-            let colour = PALETTE.get(series.colour % PALETTE.len()).copied().unwrap_or(BLACK);
-            let style = colour.stroke_width(px(2));
+            let (style, thin) = series.styles();
             let points = || thinned(&series.points);
-            let drawn = match series.mark {
+            match series.mark {
                 Mark::Line => chart.draw_series(LineSeries::new(points(), style))?,
-                Mark::Dashed => chart.draw_series(DashedLineSeries::new(
-                    points(),
-                    px(6),
-                    px(4),
-                    colour.stroke_width(px(1)),
-                ))?,
+                Mark::Dashed => chart.draw_series(DashedLineSeries::new(points(), px(6), px(4), thin))?,
                 Mark::Cross => chart.draw_series(points().map(|p| Cross::new(p, px(5), style)))?,
                 Mark::Circle => chart.draw_series(points().map(|p| Circle::new(p, px(5), style)))?,
             };
-            let Some(label) = &series.label else { continue };
-            let mark = series.mark;
-            let end = move |x: i32| x + px(16) as i32;
-            drawn.label(label).legend(move |(x, y)| match mark {
-                Mark::Line => PathElement::new(vec![(x, y), (end(x), y)], style).into_dyn(),
-                Mark::Dashed => {
-                    let dash = plotters::element::DashedPathElement::new(
-                        [(x, y), (end(x), y)],
-                        px(4),
-                        px(3),
-                        colour.stroke_width(px(1)),
-                    );
-                    dash.into_dyn()
-                }
-                Mark::Cross => Cross::new((x + px(8) as i32, y), px(4), style).into_dyn(),
-                Mark::Circle => Circle::new((x + px(8) as i32, y), px(4), style).into_dyn(),
-            });
         }
-        if self.series.iter().any(|s| s.label.is_some()) {
-            let corner = self.emptiest_corner(x, share_y);
-            chart
-                .configure_series_labels()
-                .position(corner)
-                .margin(px(6))
-                .legend_area_size(px(24))
-                .background_style(WHITE.mix(0.85))
-                .border_style(BLACK.mix(0.3).stroke_width(FINE))
-                .label_font(font(12))
-                .draw()?;
+        Ok(())
+    }
+
+    /// Width of the legend at the right, in units of the drawing; beside the curves, so that it hides none.
+    fn legend_width(&self) -> u32 {
+        let longest = self.series.iter().filter_map(|s| s.label.as_ref()).map(|l| l.chars().count()).max();
+        longest.map_or(0, |count| px(30 + 7 * count as u32))
+    }
+
+    fn legend<DB: DrawingBackend>(
+        &self,
+        side: &DrawingArea<DB, Shift>,
+    ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
+        let labelled = self.series.iter().filter_map(|s| s.label.as_ref().map(|label| (s, label)));
+        for (i, (series, label)) in labelled.enumerate() {
+            let at = |x: u32, y: u32| (px(x) as i32, (px(44 + 18 * i as u32 + y)) as i32);
+            let (style, thin) = series.styles();
+            match series.mark {
+                Mark::Line => side.draw(&PathElement::new(vec![at(0, 0), at(18, 0)], style))?,
+                Mark::Dashed => {
+                    side.draw(&PathElement::new(vec![at(0, 0), at(7, 0)], thin))?;
+                    side.draw(&PathElement::new(vec![at(11, 0), at(18, 0)], thin))?;
+                }
+                Mark::Cross => side.draw(&Cross::new(at(9, 0), px(4), style))?,
+                Mark::Circle => side.draw(&Circle::new(at(9, 0), px(4), style))?,
+            }
+            let (x, y) = at(24, 0);
+            side.draw(&Text::new(label.as_str(), (x, y - px(6) as i32), font(12).into_font()))?;
         }
         Ok(())
     }
@@ -370,7 +337,7 @@ mod tests {
             assert!(svg.contains(text), "{text}");
         }
         assert!(!svg.contains("NaN"));
-        assert!(svg.contains("width=\"840\" height=\"640\""));
+        assert!(svg.contains("width=\"920\" height=\"640\""));
     }
 
     #[test]
