@@ -1,0 +1,65 @@
+//! A torque law hands over to the joint controller when it may not go on: the arm brakes from the motion of that moment.
+
+#![allow(non_snake_case, clippy::unwrap_used)] // helpers of tests are tests
+
+use nalgebra::SVector;
+use std::path::Path;
+use vservo::assemble;
+use vservo::config::Config;
+use vservo::control_loop::ControlLoop;
+use vservo::messages::{FeaturePoint, Measurement, TargetStatus};
+use vservo::robot::Robot;
+use vservo::time::MonoNs;
+
+const MS: i64 = 1_000_000;
+const LOST_AT: i64 = 600;
+
+fn seen<const N: usize>(config: &Config, robot: &Robot<N>, q: &SVector<f64, N>, k: i64) -> Measurement {
+    let X_CO = config.camera.mount.X_WC(&robot.forward(q)).inv_mul(&config.X_WO);
+    let mut m = Measurement { exposure: MonoNs(k * MS), feature_count: 4, ..Measurement::default() };
+    m.status = TargetStatus::Found as u32;
+    for (f, p_O) in m.features.iter_mut().zip(config.target.points_O()) {
+        let p = X_CO * p_O;
+        *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
+    }
+    m.set_pose(&X_CO);
+    m
+}
+
+/// Joint speed when the measurements stop, largest afterwards, and at the end.
+fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLoop<N>) -> [f64; 3] {
+    let (mut at_loss, mut largest, mut last) = (0.0_f64, 0.0_f64, 0.0_f64);
+    for k in 0..2500_i64 {
+        let joint = control.sense(k as u64, MonoNs(k * MS));
+        let q = SVector::<f64, N>::from_fn(|i, _| joint.q[i]);
+        last = SVector::<f64, N>::from_fn(|i, _| joint.qd[i]).amax();
+        if k == LOST_AT {
+            at_loss = last;
+        }
+        if k > LOST_AT + 250 {
+            largest = largest.max(last);
+        }
+        let m = (k % 40 == 0 && k < LOST_AT).then(|| seen(config, robot, &q, k));
+        let (_, finish) = control.act(k as u64, MonoNs(k * MS), m.as_ref());
+        assert!(finish.is_none(), "{k} {finish:?}");
+    }
+    [at_loss, largest, last]
+}
+
+#[test]
+fn without_measurements_the_arm_brakes_and_holds() {
+    for file in ["scara-a.toml", "scara-c.toml"] {
+        for update in ["frame", "tick", "predict"] {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
+            let config = Config::load(Some(&path), &[format!("servo.update={update}")]).unwrap();
+            let [at_loss, largest, last] = vservo::dispatch_robot!(config.robot, |robot| {
+                let copy = robot.clone();
+                run(&config, &copy, assemble::control_loop(&config, robot).unwrap())
+            })
+            .unwrap();
+            assert!(at_loss > 0.02, "{file} {update}: the arm moved at {at_loss}");
+            assert!(largest < 2.0 * at_loss, "{file} {update}: {at_loss} -> {largest}");
+            assert!(last < 1e-3, "{file} {update}: at rest, not {last}");
+        }
+    }
+}
