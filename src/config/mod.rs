@@ -368,3 +368,24 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {
         raw.robot.model = absolute("robot.model", Path::new(&raw.robot.model)).display().to_string();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_file_says_what_the_defaults_are() {
+        let config = Config::load(None, &[]).unwrap();
+        assert_eq!(config.effective, RawConfig::default());
+    }
+
+    #[test]
+    fn the_effective_configuration_reads_back_as_itself() {
+        let set = ["servo.gain_1_s=3".to_string(), "camera.replay.folder=pictures".to_string()];
+        let config = Config::load(None, &set).unwrap();
+        let text = config.to_toml().unwrap();
+        let again = Config::parse("again", &text, Path::new("/elsewhere"), &[]).unwrap();
+        assert_eq!(again.effective, config.effective);
+        assert!(again.effective.camera.replay.folder.is_absolute());
+    }
+}
