@@ -5,4 +5,4 @@ pub mod doctor;
 mod scheduling;
 
 pub use clock::{now, sleep_until};
-pub use scheduling::{Obtained, SchedulingError, prepare_process, prepare_thread};
+pub use scheduling::{Awake, Obtained, SchedulingError, prepare_process, prepare_thread};

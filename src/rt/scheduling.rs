@@ -5,6 +5,8 @@ use crate::config::RealtimeRequest;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 use std::fmt;
+use std::fs::{File, OpenOptions};
+use std::io::Write as _;
 use std::num::NonZeroU64;
 use thiserror::Error;
 
@@ -62,6 +64,28 @@ impl fmt::Display for Obtained {
             Some(Err(e)) => write!(f, ", memory not locked ({e})"),
             None => write!(f, ", memory not locked"),
         }
+    }
+}
+
+/// Keeps the cores out of idle states that take long to leave, while it lives: waking from them is most of the latency of
+/// an idle machine.
+#[derive(Debug)]
+pub struct Awake {
+    _request: File,
+}
+
+impl Awake {
+    /// Asks the kernel for it; as a rule it listens to root only.
+    ///
+    /// # Errors
+    /// The system's word for the refusal.
+    pub fn keep() -> Result<Self, String> {
+        let ask = || {
+            let mut file = OpenOptions::new().write(true).open("/dev/cpu_dma_latency")?;
+            file.write_all(&0_i32.to_ne_bytes())?;
+            Ok::<_, std::io::Error>(file)
+        };
+        ask().map(|file| Self { _request: file }).map_err(|e| e.to_string())
     }
 }
 

@@ -18,13 +18,13 @@ use crate::config::{Config, RealtimeRequest};
 use crate::control_loop::{ControlLoop, Finish, TickRecord};
 use crate::messages::Measurement;
 use crate::process::{ProcessError, StopFlag};
-use crate::rt::{self, Obtained};
+use crate::rt::{self, Awake, Obtained};
 use crate::safety::Fault;
 use crate::time::SpanNs;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::mpsc;
 use std::time::Duration;
-use tracing::{info, warn};
+use tracing::{debug, info, warn};
 
 /// Records that wait for the companion: a second of them.
 const RECORDS: usize = 1024;
@@ -80,6 +80,8 @@ pub(super) fn run<const N: usize>(
             _ => info!("companion of the external drive: normal priority"),
         }
     }
+    // Held to the end of the run; where the kernel refuses it, an idle machine wakes up later.
+    let _awake = request.map(|_| Awake::keep().inspect_err(|e| debug!("deep idle states stay allowed: {e}")));
     let mut companion = Companion { ports, received, to_send, unsent: 0 };
     while !thread.is_finished() {
         companion.carry()?;

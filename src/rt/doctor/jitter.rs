@@ -2,7 +2,7 @@
 
 use crate::config::RealtimeRequest;
 use crate::histogram::{Histogram, Quantiles};
-use crate::rt::{now, prepare_thread, sleep_until};
+use crate::rt::{Awake, now, prepare_thread, sleep_until};
 use crate::time::SpanNs;
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -47,6 +47,7 @@ pub fn measure_each(seconds: f64, request: RealtimeRequest) -> Option<Vec<f64>> 
     let wakes = (seconds * 1e3).round().max(1.0) as usize;
     let work = move || {
         let _ = prepare_thread(&request);
+        let _awake = Awake::keep();
         let mut late_us = Vec::with_capacity(wakes);
         wake_up(wakes, |late| late_us.push(late.as_us()));
         late_us
@@ -67,6 +68,7 @@ fn wake_up(wakes: usize, mut tell: impl FnMut(SpanNs)) {
 
 fn run(wakes: u64, request: RealtimeRequest) -> Jitter {
     let obtained = prepare_thread(&request);
+    let _awake = Awake::keep();
     let mut histogram = Histogram::default();
     let mut bars = EDGES_US.map(|edge| Bar { up_to_us: Some(edge), count: 0 }).to_vec();
     bars.push(Bar { up_to_us: None, count: 0 });
