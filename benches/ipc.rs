@@ -12,7 +12,7 @@ use vservo::config::RealtimeRequest;
 use vservo::histogram::Histogram;
 use vservo::ipc::{FrameShape, Instance, Services};
 use vservo::messages::FrameHeader;
-use vservo::rt::{now, prepare_thread, sleep_until};
+use vservo::rt::{Awake, now, prepare_thread, sleep_until};
 use vservo::time::{MonoNs, SpanNs};
 
 const BYTES: usize = 640 * 480;
@@ -23,6 +23,8 @@ fn main() {
     let rounds = std::env::args().skip(1).find_map(|a| a.parse::<usize>().ok()).unwrap_or(2000);
     let instance: Instance = format!("bench-ipc-{}", std::process::id()).parse().unwrap();
     let (mut ours, mut bare) = (Histogram::default(), Histogram::default());
+    let _ = prepare_thread(&on_core(0, 40));
+    let _awake = Awake::keep();
     for _ in 0..SLICES {
         run(&instance, rounds / SLICES, &mut ours, through_our_ports, receive_through_our_ports);
         run(&instance, rounds / SLICES, &mut bare, through_bare_ports, receive_through_bare_ports);
@@ -32,6 +34,12 @@ fn main() {
     for (name, own, peer) in [("p50", o.p50, b.p50), ("p99", o.p99, b.p99), ("p99.9", o.p999, b.p999)] {
         println!("  {name:<6} ours {own:8.1} us   bare iceoryx2 {peer:8.1} us   ratio {:.2}", own / peer);
     }
+}
+
+/// Sender and receiver keep a core of their own: wherever the scheduler puts them else decides over the result.
+fn on_core(core: u32, priority: u32) -> RealtimeRequest {
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get() as u32);
+    RealtimeRequest { priority, cpu: Some(core % cores), lock_memory: false }
 }
 
 type Stamps = mpsc::Sender<SpanNs>;
@@ -49,7 +57,7 @@ fn run(
     let receiver = std::thread::Builder::new()
         .name("receiver".into())
         .spawn(move || {
-            let _ = prepare_thread(&RealtimeRequest { priority: 50, cpu: None, lock_memory: false });
+            let _ = prepare_thread(&on_core(1, 50));
             receive(&place, rounds, &ready, &stamps);
         })
         .unwrap();
