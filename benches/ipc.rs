@@ -118,17 +118,22 @@ fn node(instance: &Instance) -> Node<ipc::Service> {
         .unwrap()
 }
 
-fn through_bare_ports(instance: &Instance, rounds: usize) {
-    let node = node(instance);
-    let name = "bare/frame".try_into().unwrap();
-    let service = node
-        .service_builder(&name)
+type BareFrames = iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, [u8], u64>;
+
+fn bare_frames(node: &Node<ipc::Service>, name: &ServiceName) -> BareFrames {
+    node.service_builder(name)
         .publish_subscribe::<[u8]>()
         .user_header::<u64>()
         .enable_safe_overflow(true)
         .subscriber_max_buffer_size(1)
         .open_or_create()
-        .unwrap();
+        .unwrap()
+}
+
+fn through_bare_ports(instance: &Instance, rounds: usize) {
+    let node = node(instance);
+    let name = "bare/frame".try_into().unwrap();
+    let service = bare_frames(&node, &name);
     let publisher = service.publisher_builder().initial_max_slice_len(BYTES).create().unwrap();
     let notifier =
         node.service_builder(&name).event().open_or_create().unwrap().notifier_builder().create().unwrap();
@@ -148,14 +153,7 @@ fn through_bare_ports(instance: &Instance, rounds: usize) {
 fn receive_through_bare_ports(instance: &Instance, rounds: usize, ready: &mpsc::Sender<()>, stamps: &Stamps) {
     let node = node(instance);
     let name = "bare/frame".try_into().unwrap();
-    let service = node
-        .service_builder(&name)
-        .publish_subscribe::<[u8]>()
-        .user_header::<u64>()
-        .enable_safe_overflow(true)
-        .subscriber_max_buffer_size(1)
-        .open_or_create()
-        .unwrap();
+    let service = bare_frames(&node, &name);
     let subscriber = service.subscriber_builder().buffer_size(1).create().unwrap();
     let listener =
         node.service_builder(&name).event().open_or_create().unwrap().listener_builder().create().unwrap();

@@ -48,7 +48,6 @@ impl RobotDescription {
         let robot = Robot {
             name: self.name.clone(),
             joint_names: joints.map(|joint| joint.name.clone()),
-            kinds: joints.map(|joint| joint.kind),
             bodies,
             limits: joints.map(|joint| joint.limits),
             friction: joints.map(|joint| joint.friction),

@@ -68,7 +68,6 @@ pub(super) struct Body {
 pub struct Robot<const N: usize> {
     pub(super) name: String,
     pub(super) joint_names: [String; N],
-    pub(super) kinds: [JointKind; N],
     pub(super) bodies: [Body; N],
     pub(super) limits: [JointLimits; N],
     pub(super) friction: [Friction; N],
@@ -92,12 +91,6 @@ impl<const N: usize> Robot<N> {
     #[must_use]
     pub fn joint_names(&self) -> &[String; N] {
         &self.joint_names
-    }
-
-    /// What each joint does.
-    #[must_use]
-    pub fn joint_kinds(&self) -> &[JointKind; N] {
-        &self.kinds
     }
 
     /// Limits of every joint.

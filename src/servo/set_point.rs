@@ -93,13 +93,6 @@ impl SetPoint {
         selection.fits(self.count).then_some(Self { selection, ..self })
     }
 
-    /// The same goal with `n_D` as the expected direction of the object plane's normal in the desired frame, which
-    /// chooses between the two readings of a homography. Without it: that of the desired pose, or the optical axis.
-    #[must_use]
-    pub fn with_normal(self, n_D: Vector3<f64>) -> Self {
-        Self { n_D, ..self }
-    }
-
     /// The pose of the object in the desired camera frame, where it is known.
     #[must_use]
     pub fn X_DO(&self) -> Option<&Pose> {

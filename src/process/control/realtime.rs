@@ -24,7 +24,7 @@ use crate::time::SpanNs;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::mpsc;
 use std::time::Duration;
-use tracing::{debug, info, warn};
+use tracing::{debug, error, info, warn};
 
 /// Records that wait for the companion: a second of them.
 const RECORDS: usize = 1024;
@@ -83,12 +83,27 @@ pub(super) fn run<const N: usize>(
     // Held to the end of the run; where the kernel refuses it, an idle machine wakes up later.
     let _awake = request.map(|_| Awake::keep().inspect_err(|e| debug!("deep idle states stay allowed: {e}")));
     let mut companion = Companion { ports, received, to_send, unsent: 0 };
+    let mut broken = None;
     while !thread.is_finished() {
-        companion.carry()?;
-        match &mut plant {
-            Some(plant) => plant.carry(COMPANION_PERIOD_WITH_PLANT)?,
-            None => ports.waker.wait(COMPANION_PERIOD)?,
+        let carried = match &broken {
+            None => companion.carry().and_then(|()| match &mut plant {
+                Some(plant) => plant.carry(COMPANION_PERIOD_WITH_PLANT),
+                None => Ok(ports.waker.wait(COMPANION_PERIOD)?),
+            }),
+            Some(_) => {
+                std::thread::sleep(COMPANION_PERIOD);
+                Ok(())
+            }
+        };
+        // Without messages the run cannot go on; but the arm comes to rest first, and only then the process ends.
+        if let Err(error) = carried {
+            error!("{error}: the arm is stopped");
+            stop.request();
+            broken = Some(error);
         }
+    }
+    if let Some(error) = broken {
+        return Err(error);
     }
     companion.carry()?;
     plant::farewell(plant)?;

@@ -11,6 +11,9 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 
+/// What counts as the end of a process that cannot be waited for: exit code 1, never a success.
+const LOST_CODE: i32 = 1;
+
 /// How a process ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct End(ExitStatus);
@@ -123,7 +126,7 @@ impl Child {
         match self.end {
             Some(end) => end,
             None => {
-                let end = self.process.wait().map_or(End(ExitStatus::from_raw(0)), End);
+                let end = self.process.wait().map_or(End(ExitStatus::from_raw(LOST_CODE << 8)), End);
                 self.end = Some(end);
                 end
             }
