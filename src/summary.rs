@@ -1,6 +1,7 @@
 //! The summary of a run: what `--summary` writes and the last lines on stdout say.
 
 use crate::histogram::Quantiles;
+use crate::schedule::TICK;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 
@@ -73,12 +74,28 @@ pub struct Latencies {
 }
 
 /// Times of the control tick, us; all zero in lockstep, where ticks have no deadline.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+///
+/// `wake` and `total` have an entry for every tick of the run, skipped ones included; `step` one for each tick that was served.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct TickTimes {
     /// Deadline to wake-up.
     pub wake: Quantiles,
     /// Wake-up to command.
     pub step: Quantiles,
+    /// Deadline to the next command that was written.
+    pub total: Quantiles,
+    /// All totals: upper edges of the filled buckets, which belong to the next bucket, and counts. What lies in buckets
+    /// with an edge above 1000 us was missed.
+    pub total_histogram: Vec<(f64, u64)>,
+}
+
+impl TickTimes {
+    /// Ticks whose command came a tick or more after their deadline, counted from the histogram.
+    #[must_use]
+    pub fn late_ticks(&self) -> u64 {
+        let late = |(edge_us, count): &(f64, u64)| if *edge_us > TICK.as_us() { *count } else { 0 };
+        self.total_histogram.iter().map(late).sum()
+    }
 }
 
 /// Something that safety saw.
@@ -139,6 +156,8 @@ pub struct Summary {
     pub ticks: u64,
     /// Ticks whose command came too late or not at all.
     pub missed_deadlines: u64,
+    /// Those of them that were not served at all.
+    pub skipped_ticks: u64,
     /// Frames that vision received.
     pub frames: u64,
     /// Measurements that reached control.
@@ -178,6 +197,7 @@ impl Summary {
             wall_s: wall.as_s(),
             ticks: 0,
             missed_deadlines: 0,
+            skipped_ticks: 0,
             frames: 0,
             measurements: 0,
             frames_dropped: 0,
@@ -242,6 +262,14 @@ impl Summary {
         if self.tick_us.step.max > 0.0 {
             let _ = writeln!(t, "tick          wake: {}", pair(&self.tick_us.wake));
             let _ = writeln!(t, "              step: {}", pair(&self.tick_us.step));
+            let _ = writeln!(
+                t,
+                "              total: {}, {} of {} ticks missed, {} of them skipped",
+                pair(&self.tick_us.total),
+                self.missed_deadlines,
+                self.ticks + self.skipped_ticks,
+                self.skipped_ticks
+            );
         }
         for e in &self.safety.events {
             let _ = writeln!(t, "safety        {:.3} s: {}", e.time_s, e.event);

@@ -160,6 +160,22 @@ pub fn number(summary: &Value, path: &[&str]) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{path:?} is {value} in {summary}"))
 }
 
+/// Asserts that a realtime run counted its ticks honestly: each has an entry, and those that came late are the missed ones.
+pub fn assert_deadlines_are_honest(summary: &Value) {
+    let count = |key| summary[key].as_u64().unwrap_or_else(|| panic!("{key} in {summary}"));
+    let (ticks, skipped, missed) = (count("ticks"), count("skipped_ticks"), count("missed_deadlines"));
+    let buckets = summary["tick_us"]["total_histogram"].as_array().expect("a histogram");
+    let entries = |above: f64| -> u64 {
+        let above = |b: &&Value| b[0].as_f64().unwrap() > above;
+        buckets.iter().filter(above).map(|b| b[1].as_u64().unwrap()).sum()
+    };
+    assert_eq!(entries(0.0), ticks + skipped, "an entry for every tick: {summary}");
+    assert_eq!(entries(1000.0), missed, "late entries are missed deadlines: {summary}");
+    assert!(skipped <= missed, "{summary}");
+    let milliseconds = (number(summary, &["duration_s"]) * 1e3).round();
+    assert_eq!((ticks + skipped) as f64, milliseconds, "a tick every millisecond: {summary}");
+}
+
 /// Asserts the accuracy that a converged run owes: 0.5 mm, 0.1 degree, 0.1 px.
 pub fn assert_accurate(run: &Run) {
     let s = &run.summary;

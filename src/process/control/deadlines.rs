@@ -2,6 +2,14 @@
 //!
 //! A tick is missed when its command is not written before the next tick begins: because the thread woke up too late
 //! to serve it at all, or because it was still at work. Missed ticks are skipped, never caught up.
+//!
+//! Every tick of the run has its place in the histograms, so that a long stall does not hide behind one entry: a tick that
+//! was skipped woke up when the thread did, and its command is the next one that was written.
+//!
+//! ```text
+//! deadline ──── wake ────► woken ──── step ────► command written
+//!    └──────────────────── total ───────────────────┘      missed: total >= 1 tick
+//! ```
 
 use crate::histogram::Histogram;
 use crate::schedule::TICK;
@@ -16,8 +24,12 @@ pub(super) struct Deadlines {
     woken: MonoNs,
     missed: u64,
     in_a_row: u64,
+    skipped: u64,
+    /// Ticks that were skipped since the last command.
+    just_skipped: u64,
     wake: Histogram,
     step: Histogram,
+    total: Histogram,
 }
 
 impl Deadlines {
@@ -29,8 +41,11 @@ impl Deadlines {
             woken: start,
             missed: 0,
             in_a_row: 0,
+            skipped: 0,
+            just_skipped: 0,
             wake: Histogram::default(),
             step: Histogram::default(),
+            total: Histogram::default(),
         }
     }
 
@@ -42,18 +57,23 @@ impl Deadlines {
     /// The thread woke up: the newest tick that is due, and its time.
     pub(super) fn woken(&mut self, at: MonoNs) -> (u64, MonoNs) {
         let passed = ((at - self.deadline).0 / TICK.0).max(0);
-        self.wake.record(at - self.deadline);
-        self.miss(passed.unsigned_abs());
-        self.tick += passed.unsigned_abs();
+        let skipped = passed.unsigned_abs();
+        self.tick += skipped;
         self.deadline = self.deadline + SpanNs(passed * TICK.0);
         self.woken = at;
+        self.wake.record_series(at - self.deadline, TICK, skipped + 1);
+        self.just_skipped = skipped;
+        self.skipped += skipped;
+        self.miss(skipped);
         (self.tick, self.deadline)
     }
 
     /// The tick's command was written.
     pub(super) fn done(&mut self, at: MonoNs) {
+        let total = at - self.deadline;
         self.step.record(at - self.woken);
-        if at - self.deadline > TICK {
+        self.total.record_series(total, TICK, std::mem::take(&mut self.just_skipped) + 1);
+        if total >= TICK {
             self.miss(1);
         } else {
             self.in_a_row = 0;
@@ -72,9 +92,19 @@ impl Deadlines {
         self.in_a_row
     }
 
-    /// Wake-up and step times.
+    /// Ticks that were not served at all.
+    pub(super) fn skipped(&self) -> u64 {
+        self.skipped
+    }
+
+    /// Wake-up, step and total times.
     pub(super) fn times(&self) -> TickTimes {
-        TickTimes { wake: self.wake.quantiles_us(), step: self.step.quantiles_us() }
+        TickTimes {
+            wake: self.wake.quantiles_us(),
+            step: self.step.quantiles_us(),
+            total: self.total.quantiles_us(),
+            total_histogram: self.total.buckets_us(),
+        }
     }
 
     fn miss(&mut self, ticks: u64) {
@@ -86,6 +116,7 @@ impl Deadlines {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     const US: i64 = 1_000;
 
@@ -122,15 +153,59 @@ mod tests {
         assert_eq!((d.missed(), d.missed_in_a_row()), (1, 0));
     }
 
+    /// Entries of the histogram of totals, and those at a tick or above.
+    fn entries(d: &Deadlines) -> (u64, u64) {
+        let times = d.times();
+        assert_eq!(times.late_ticks(), d.missed());
+        (times.total_histogram.iter().map(|(_, count)| count).sum(), times.late_ticks())
+    }
+
     #[test]
-    fn every_tick_is_served_or_missed() {
+    fn exactly_a_tick_late_is_missed_in_both_counts() {
         let mut d = Deadlines::new(MonoNs(0));
-        let mut served_in_time = 0;
-        for k in 0..1_000i64 {
-            let before = d.missed();
-            serve(&mut d, (k * 7919) % 4_000, (k * 104_729) % 1_900);
-            served_in_time += u64::from(d.missed_in_a_row() == 0 && d.missed() >= before);
+        serve(&mut d, 0, 1_000);
+        assert_eq!((d.missed(), entries(&d)), (1, (1, 1)), "the command came when tick 1 was due");
+        let woken = d.next() + TICK;
+        d.woken(woken);
+        d.done(woken); // no time at all: the tick that was skipped is late by one tick to the nanosecond
+        assert_eq!((d.missed(), d.skipped(), entries(&d)), (2, 1, (3, 2)));
+        d.done(d.next() + SpanNs(TICK.0 - 1));
+        assert_eq!((d.missed(), entries(&d)), (2, (4, 2)), "a nanosecond less is in time");
+    }
+
+    #[test]
+    fn a_stall_has_an_entry_for_each_of_its_ticks() {
+        let mut d = Deadlines::new(MonoNs(0));
+        for _ in 0..900 {
+            serve(&mut d, 10, 5);
         }
-        assert_eq!(d.next(), MonoNs((served_in_time + d.missed()) as i64 * TICK.0));
+        serve(&mut d, 100_300, 5);
+        let times = d.times();
+        assert_eq!(entries(&d), (1001, 100));
+        assert!(times.total.p50 < 16.0 && times.total.p99 > 80_000.0, "{times:?}");
+        assert!(times.wake.p99 > 80_000.0 && times.step.max < 6.0, "{times:?}");
+    }
+
+    proptest! {
+        #[test]
+        fn every_tick_has_an_entry_and_the_late_ones_are_the_missed_ones(
+            ticks in prop::collection::vec((-50i64..5_000_000, 0i64..2_500_000), 1..300),
+            stalls in prop::collection::vec((0usize..300, 0i64..80_000_000_000), 0..4),
+        ) {
+            let mut d = Deadlines::new(MonoNs(7));
+            let (mut served, mut punctual) = (0, 0);
+            for (k, (late_ns, work_ns)) in ticks.iter().enumerate() {
+                let stall: i64 = stalls.iter().filter(|(at, _)| *at == k).map(|(_, ns)| ns).sum();
+                let woken = d.next() + SpanNs(late_ns + stall);
+                d.woken(woken);
+                d.done(woken + SpanNs(*work_ns));
+                served += 1;
+                punctual += u64::from(d.missed_in_a_row() == 0);
+            }
+            prop_assert_eq!(entries(&d), (served + d.skipped(), d.missed()));
+            prop_assert_eq!(punctual + d.missed(), served + d.skipped());
+            prop_assert_eq!(d.next(), MonoNs(7 + (served + d.skipped()) as i64 * TICK.0));
+            prop_assert_eq!(d.wake.count(), d.total.count());
+        }
     }
 }

@@ -93,7 +93,8 @@ pub(super) fn run<const N: usize>(
         }
         if let Some(finish) = finish {
             plant::farewell(plant)?;
-            return Ok((control, Pace { finish, missed_deadlines: 0, tick_us: TickTimes::default() }));
+            let tick_us = TickTimes::default();
+            return Ok((control, Pace { finish, missed_deadlines: 0, skipped_ticks: 0, tick_us }));
         }
         tick += 1;
     }

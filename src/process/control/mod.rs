@@ -48,6 +48,7 @@ impl Ports {
 struct Pace {
     finish: Finish,
     missed_deadlines: u64,
+    skipped_ticks: u64,
     tick_us: TickTimes,
 }
 
@@ -76,10 +77,10 @@ fn run_robot<const N: usize>(
         Clock::Realtime => realtime::run(config, control, &ports, plant, stop)?,
         Clock::Lockstep => lockstep::run(config, control, &ports, plant, stop)?,
     };
-    Ok(summary(config, &control, &pace, now() - start))
+    Ok(summary(config, &control, pace, now() - start))
 }
 
-fn summary<const N: usize>(config: &Config, control: &ControlLoop<N>, pace: &Pace, wall: SpanNs) -> Summary {
+fn summary<const N: usize>(config: &Config, control: &ControlLoop<N>, pace: Pace, wall: SpanNs) -> Summary {
     let statistics = control.statistics();
     let m = statistics.last_measurement().copied().unwrap_or_default();
     let lockstep = config.clock == Clock::Lockstep;
@@ -93,6 +94,7 @@ fn summary<const N: usize>(config: &Config, control: &ControlLoop<N>, pace: &Pac
         wall_s: wall.as_s(),
         ticks: statistics.ticks(),
         missed_deadlines: pace.missed_deadlines,
+        skipped_ticks: pace.skipped_ticks,
         frames: m.frames_received,
         measurements: statistics.measurements(),
         frames_dropped: m.frames_dropped,

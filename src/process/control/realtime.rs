@@ -186,6 +186,12 @@ impl<const N: usize> RealtimeThread<N> {
                 break finish;
             }
         };
-        (self.control, Pace { finish, missed_deadlines: deadlines.missed(), tick_us: deadlines.times() })
+        let pace = Pace {
+            finish,
+            missed_deadlines: deadlines.missed(),
+            skipped_ticks: deadlines.skipped(),
+            tick_us: deadlines.times(),
+        };
+        (self.control, pace)
     }
 }
