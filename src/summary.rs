@@ -3,6 +3,7 @@
 use crate::histogram::Quantiles;
 use crate::schedule::TICK;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 /// How a run ended.
@@ -98,6 +99,26 @@ impl TickTimes {
     }
 }
 
+/// What the real-time thread had from the system.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct RealtimeReport {
+    /// Scheduling and memory that it obtained, in words.
+    pub scheduling: String,
+    /// Pages of memory that its ticks had to fetch.
+    pub page_faults: u64,
+}
+
+/// What one of the run's processes used, from its start to its end.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct ProcessUsage {
+    /// Time on any core, s.
+    pub cpu_s: f64,
+    /// The same as a share of one core's time; above 1 for several busy threads.
+    pub cpu_share: f64,
+    /// Most memory that it had at once, MB, shared memory that it touched included.
+    pub max_resident_mb: f64,
+}
+
 /// Something that safety saw.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SafetyEvent {
@@ -177,6 +198,12 @@ pub struct Summary {
     pub latency_us: Latencies,
     /// Times of the control tick.
     pub tick_us: TickTimes,
+    /// What the real-time thread had from the system; `null` in lockstep.
+    #[serde(default)]
+    pub realtime: Option<RealtimeReport>,
+    /// What each process used, by role; only the supervisor knows.
+    #[serde(default)]
+    pub processes: BTreeMap<String, ProcessUsage>,
     /// What safety saw.
     pub safety: SafetyReport,
     /// Over every joint state of a lockstep run, hexadecimal; `null` in real time.
@@ -207,6 +234,8 @@ impl Summary {
             final_errors: FinalErrors::default(),
             latency_us: Latencies::default(),
             tick_us: TickTimes::default(),
+            realtime: None,
+            processes: BTreeMap::new(),
             safety: SafetyReport { state: "fault".into(), ..SafetyReport::default() },
             state_hash: None,
         }
@@ -269,6 +298,20 @@ impl Summary {
                 self.missed_deadlines,
                 self.ticks + self.skipped_ticks,
                 self.skipped_ticks
+            );
+        }
+        if let Some(realtime) = &self.realtime {
+            let _ =
+                writeln!(t, "real time     {}, {} page faults", realtime.scheduling, realtime.page_faults);
+        }
+        for (i, (name, used)) in self.processes.iter().enumerate() {
+            let _ = writeln!(
+                t,
+                "{:<13} {name:<8} {:5.1} % of a core, {:.3} s, {:.1} MB",
+                if i == 0 { "processes" } else { "" },
+                used.cpu_share * 100.0,
+                used.cpu_s,
+                used.max_resident_mb
             );
         }
         for e in &self.safety.events {

@@ -1,6 +1,6 @@
 //! Real-time runs: they converge, end on request, and leave nothing behind, however they are ended.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout)] // helpers of tests are tests
 
 mod common;
 
@@ -37,6 +37,35 @@ fn the_default_run_converges() {
     assert_deadlines_are_honest(s);
     assert!(number(s, &["latency_us", "exposure_to_command", "p50"]) >= 20_000.0, "{s}");
     assert!(String::from_utf8_lossy(&r.output.stderr).contains("real-time scheduling: "), "{}", r.text());
+}
+
+#[test]
+fn what_each_process_used_is_told() {
+    for clock in ["realtime", "lockstep"] {
+        let r = run("used", &["--clock", clock, "--duration-s", "2"]);
+        let used = |role, what| number(&r.summary, &["processes", role, what]);
+        for role in ["camera", "vision", "control"] {
+            let (cpu_s, share) = (used(role, "cpu_s"), used(role, "cpu_share"));
+            assert!(cpu_s > 0.0 && share > 0.0, "{role}: {}", r.summary);
+            // One thread works, in control two: more than two cores at once are nobody's.
+            assert!(share < 2.0 && cpu_s < 60.0, "{role}: {}", r.summary);
+            assert!((1.0..60.0).contains(&used(role, "max_resident_mb")), "{role}: {}", r.summary);
+        }
+        let text = String::from_utf8_lossy(&r.output.stdout).into_owned();
+        assert!(text.contains("processes     camera") && text.contains("% of a core"), "{text}");
+    }
+}
+
+#[test]
+fn ticks_find_their_memory_there() {
+    let r = run("faults", &["--duration-s", "2"]);
+    let scheduling = r.summary["realtime"]["scheduling"].as_str().unwrap();
+    if !scheduling.ends_with(", memory locked") {
+        println!("skipped: memory was not locked ({scheduling})");
+        return;
+    }
+    // Without fetching before the first tick there are 160 and more; the system may still take a page back.
+    assert!(number(&r.summary, &["realtime", "page_faults"]) < 20.0, "{}", r.summary);
 }
 
 #[test]

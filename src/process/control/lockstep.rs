@@ -94,7 +94,10 @@ pub(super) fn run<const N: usize>(
         if let Some(finish) = finish {
             plant::farewell(plant)?;
             let tick_us = TickTimes::default();
-            return Ok((control, Pace { finish, missed_deadlines: 0, skipped_ticks: 0, tick_us }));
+            return Ok((
+                control,
+                Pace { finish, missed_deadlines: 0, skipped_ticks: 0, tick_us, realtime: None },
+            ));
         }
         tick += 1;
     }

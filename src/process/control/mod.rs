@@ -14,8 +14,9 @@ use crate::ipc::{Instance, Receiver, Role, Sender, Services, Waker};
 use crate::messages::{JointState, Measurement, Status};
 use crate::robot::Robot;
 use crate::rt::now;
-use crate::summary::{Summary, TickTimes};
+use crate::summary::{RealtimeReport, Summary, TickTimes};
 use crate::time::SpanNs;
+use std::collections::BTreeMap;
 
 /// Why a run ends on request.
 const STOP_REASON: &str = "a stop was requested";
@@ -50,6 +51,7 @@ struct Pace {
     missed_deadlines: u64,
     skipped_ticks: u64,
     tick_us: TickTimes,
+    realtime: Option<RealtimeReport>,
 }
 
 fn run_robot<const N: usize>(
@@ -104,6 +106,8 @@ fn summary<const N: usize>(config: &Config, control: &ControlLoop<N>, pace: Pace
         final_errors: control.final_errors(),
         latency_us: statistics.latencies(),
         tick_us: pace.tick_us,
+        realtime: pace.realtime,
+        processes: BTreeMap::new(),
         safety: control.safety_report(),
         state_hash: lockstep.then(|| statistics.state_hash()),
     }

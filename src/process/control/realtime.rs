@@ -20,6 +20,7 @@ use crate::messages::Measurement;
 use crate::process::{ProcessError, StopFlag};
 use crate::rt::{self, Awake, Obtained};
 use crate::safety::Fault;
+use crate::summary::RealtimeReport;
 use crate::time::SpanNs;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::mpsc;
@@ -59,8 +60,9 @@ pub(super) fn run<const N: usize>(
         .spawn(move || {
             let obtained = Obtained { memory, ..request.map(|r| rt::prepare_thread(&r)).unwrap_or_default() };
             let refused = enforce && obtained.require_all().is_err();
+            let scheduling = obtained.to_string();
             let _ = tell.send(obtained);
-            (!refused).then(|| worker.run())
+            (!refused).then(|| worker.run(scheduling))
         })
         .map_err(|cause| ProcessError::Start { what: "the real-time thread", cause })?;
     if let Ok(obtained) = obtained.recv() {
@@ -157,7 +159,9 @@ struct RealtimeThread<const N: usize> {
 }
 
 impl<const N: usize> RealtimeThread<N> {
-    fn run(mut self) -> (ControlLoop<N>, Pace) {
+    fn run(mut self, scheduling: String) -> (ControlLoop<N>, Pace) {
+        rt::prefault();
+        let faults_before = rt::page_faults();
         let mut deadlines = Deadlines::new(rt::now() + LEAD);
         let finish: Finish = loop {
             rt::sleep_until(deadlines.next());
@@ -186,8 +190,10 @@ impl<const N: usize> RealtimeThread<N> {
                 break finish;
             }
         };
+        let page_faults = rt::page_faults() - faults_before;
         let pace = Pace {
             finish,
+            realtime: Some(RealtimeReport { scheduling, page_faults }),
             missed_deadlines: deadlines.missed(),
             skipped_ticks: deadlines.skipped(),
             tick_us: deadlines.times(),

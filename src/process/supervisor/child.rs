@@ -1,8 +1,12 @@
 //! A process that the supervisor started: this same executable in another role.
 
+use super::reap::{Found, Used, reap};
 use crate::config::ExternalPlant;
 use crate::ipc::{Instance, Role};
 use crate::process::ProcessError;
+use crate::rt::now;
+use crate::summary::ProcessUsage;
+use crate::time::MonoNs;
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 use std::fmt;
 use std::io::Read;
@@ -43,7 +47,9 @@ impl fmt::Display for End {
 pub(super) struct Child {
     role: Role,
     process: std::process::Child,
+    started: MonoNs,
     end: Option<End>,
+    usage: Option<ProcessUsage>,
     output: Option<JoinHandle<String>>,
 }
 
@@ -63,6 +69,7 @@ impl Child {
         if role == Role::Control {
             command.arg("--json").stdout(Stdio::piped());
         }
+        let started = now();
         let mut process = command.spawn().map_err(failed)?;
         let output = process.stdout.take().and_then(|mut pipe| {
             let read = move || {
@@ -72,7 +79,7 @@ impl Child {
             };
             std::thread::Builder::new().name("control-output".into()).spawn(read).ok()
         });
-        Ok(Self { role, process, end: None, output })
+        Ok(Self { role, process, started, end: None, usage: None, output })
     }
 
     /// Starts the program of an external drive. It ends with the supervisor, whatever ends that.
@@ -93,8 +100,9 @@ impl Child {
             .stdout(std::io::stderr().as_fd().try_clone_to_owned().map_err(failed)?)
             .process_group(0);
         end_with_parent(&mut command);
+        let started = now();
         let process = command.spawn().map_err(failed)?;
-        Ok(Some(Self { role: Role::Drive, process, end: None, output: None }))
+        Ok(Some(Self { role: Role::Drive, process, started, end: None, usage: None, output: None }))
     }
 
     pub(super) fn role(&self) -> Role {
@@ -104,9 +112,25 @@ impl Child {
     /// How it ended, if it has.
     pub(super) fn poll(&mut self) -> Option<End> {
         if self.end.is_none() {
-            self.end = self.process.try_wait().ok().flatten().map(End);
+            self.reap(false);
         }
         self.end
+    }
+
+    /// What it used, once it has ended.
+    pub(super) fn usage(&self) -> Option<ProcessUsage> {
+        self.usage
+    }
+
+    /// Takes note of its end. It must not have ended before: its number may belong to another process by now.
+    fn reap(&mut self, wait: bool) {
+        let (status, used) = match reap(Pid::from_child(&self.process), wait) {
+            Found::Running => return,
+            Found::Ended(status, used) => (status, Some(used)),
+            Found::Lost => (ExitStatus::from_raw(LOST_CODE << 8), None),
+        };
+        self.end = Some(End(status));
+        self.usage = used.map(|used: Used| used.over(now() - self.started));
     }
 
     /// Asks it to end.
@@ -118,19 +142,17 @@ impl Child {
 
     /// Ends it.
     pub(super) fn kill(&mut self) {
-        let _ = self.process.kill();
+        if self.poll().is_none() {
+            let _ = kill_process(Pid::from_child(&self.process), Signal::KILL);
+        }
     }
 
     /// Waits for its end.
     pub(super) fn wait(&mut self) -> End {
-        match self.end {
-            Some(end) => end,
-            None => {
-                let end = self.process.wait().map_or(End(ExitStatus::from_raw(LOST_CODE << 8)), End);
-                self.end = Some(end);
-                end
-            }
+        if self.end.is_none() {
+            self.reap(true);
         }
+        self.end.unwrap_or(End(ExitStatus::from_raw(LOST_CODE << 8)))
     }
 
     /// All that it wrote to stdout, once it has ended.
@@ -149,9 +171,7 @@ fn end_with_parent(command: &mut Command) {
 
 impl Drop for Child {
     fn drop(&mut self) {
-        if self.poll().is_none() {
-            self.kill();
-        }
+        self.kill();
         self.wait();
     }
 }

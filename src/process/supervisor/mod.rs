@@ -9,6 +9,7 @@
 
 mod child;
 mod progress;
+mod reap;
 
 use super::{ProcessError, StopFlag};
 use crate::config::Config;
@@ -114,7 +115,14 @@ fn supervise(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<Ru
     let failure = watch(instance, &mut control, &mut others, stop);
     let end = shut_down(&mut control, &mut others);
     let summary = control.take_output().and_then(|text| serde_json::from_str::<Summary>(&text).ok());
-    Ok(conclude(config, failure, end, summary, now() - start))
+    let mut end = conclude(config, failure, end, summary, now() - start);
+    // All are waited for: what a process used is known only after its end.
+    for child in &mut others {
+        child.wait();
+    }
+    let children = others.iter().chain([&control]);
+    end.summary.processes = children.filter_map(|c| Some((c.role().to_string(), c.usage()?))).collect();
+    Ok(end)
 }
 
 /// A process that ended before its time.
