@@ -46,6 +46,12 @@ impl FrameSchedule {
         SpanNs(self.latency.0 + (self.random(id, 1) * self.irregularity.jitter.0 as f64) as i64)
     }
 
+    /// By how much a frame may be late beyond its latency.
+    #[must_use]
+    pub fn jitter(&self) -> SpanNs {
+        self.irregularity.jitter
+    }
+
     /// Whether the camera loses frame `id`.
     #[must_use]
     pub fn is_lost(&self, id: u64) -> bool {

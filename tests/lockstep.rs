@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{Run, assert_accurate, number, run};
+use common::{BusyCores, Run, assert_accurate, number, run};
 
 fn lockstep(test: &str, extra: &[&str]) -> Run {
     run(test, &[&["--clock", "lockstep"], extra].concat())
@@ -52,6 +52,38 @@ fn runs_repeat_to_the_last_bit_also_side_by_side() {
 
     let other_noise = lockstep("repeat", &["--duration-s", "1.5", "--seed", "2"]).summary;
     assert_ne!(other_noise["state_hash"], hash, "the hash sees the noise");
+}
+
+#[test]
+fn every_update_policy_repeats_also_on_busy_cores_and_with_an_irregular_camera() {
+    let mut hashes = Vec::new();
+    for irregular in [false, true] {
+        for update in ["frame", "tick", "predict"] {
+            let update = format!("servo.update={update}");
+            let mut arguments = vec!["--duration-s", "1.5", "--set", &update];
+            if irregular {
+                arguments.extend(["--set", "camera.synthetic.latency_jitter_ms=35"]);
+                arguments.extend(["--set", "camera.synthetic.frame_loss=0.15"]);
+            }
+            let hash =
+                || lockstep("policies", &arguments).summary["state_hash"].as_str().unwrap().to_string();
+            let (quiet, again) = (hash(), hash());
+            let busy = {
+                let _busy = BusyCores::start();
+                hash()
+            };
+            assert_eq!([&again, &busy], [&quiet, &quiet], "{arguments:?}");
+            hashes.push(quiet);
+        }
+    }
+    let mut different = hashes.clone();
+    different.sort_unstable();
+    different.dedup();
+    assert_eq!(
+        different.len(),
+        hashes.len(),
+        "each policy and each camera moves the arm differently: {hashes:?}"
+    );
 }
 
 #[test]

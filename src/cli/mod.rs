@@ -70,8 +70,16 @@ fn start_logging() {
     iceoryx2::prelude::set_log_level(iceoryx2::prelude::LogLevel::Error);
 }
 
+/// Tells what is allowed in a run file but hardly meant.
+fn warn(config: &Config) {
+    for warning in &config.warnings {
+        eprintln!("vservo: warning: {warning}");
+    }
+}
+
 fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
     let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
+    warn(&config);
     let instance: Instance = arguments.instance.parse()?;
     let stop = StopFlag::on_signals()?;
     let options = supervisor::RunOptions { summary: arguments.summary.clone() };
@@ -82,10 +90,11 @@ fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
 
 fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
-    if let Some(supervisor) = arguments.supervised_by {
-        process::follow_parent(supervisor, &stop);
-    }
     let config = Config::load(arguments.config.as_deref(), &arguments.set)?;
+    match arguments.supervised_by {
+        Some(supervisor) => process::follow_parent(supervisor, &stop), // which has warned
+        None => warn(&config),
+    }
     let instance: Instance = arguments.instance.parse()?;
     match role {
         Role::Camera => process::camera::run(&config, &instance, &stop).map(|()| 0),
@@ -108,6 +117,7 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
 
 fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
     let checked = Config::load(Some(config), set)?;
+    warn(&checked);
     let i = checked.camera.model.intrinsics();
     println!(
         "{}: ok: {} on {}, {}x{} px at {} Hz, {}",

@@ -62,6 +62,8 @@ pub struct Config {
     pub safety: Safety,
     /// Scheduling of the control thread.
     pub realtime: Realtime,
+    /// What is allowed but hardly meant, with its remedy.
+    pub warnings: Vec<Problem>,
     /// The file as read, with all defaults and absolute paths: what another process needs to run the same.
     pub effective: RawConfig,
 }
@@ -378,6 +380,36 @@ mod tests {
         let mut written = Config::load(None, &[]).unwrap().effective;
         written.drive.external.folder = RawConfig::default().drive.external.folder; // made absolute
         assert_eq!(written, RawConfig::default());
+    }
+
+    #[test]
+    fn a_slow_camera_is_told_which_timeout_it_needs() {
+        let load =
+            |set: &[&str]| Config::load(None, &set.iter().map(ToString::to_string).collect::<Vec<_>>());
+        let error = load(&["camera.rate_hz=1"]).unwrap_err().to_string();
+        assert!(error.contains("safety.measurement_timeout_ms: 200 ms is shorter than a frame"), "{error}");
+        assert!(error.contains("raise it above 2020 ms") && error.contains("camera.rate_hz"), "{error}");
+        let doubtful = load(&["camera.rate_hz=1", "safety.measurement_timeout_ms=1500"]).unwrap();
+        let warning = doubtful.warnings.first().unwrap().to_string();
+        assert!(warning.contains("--set safety.measurement_timeout_ms=1500: "), "{warning}");
+        assert!(warning.contains("(2020.0 ms): the arm holds whenever"), "{warning}");
+        let late = ["camera.synthetic.latency_jitter_ms=101"];
+        assert_eq!(load(&late).unwrap().warnings.len(), 1, "100 ms of jitter fill up the timeout");
+        assert!(
+            load(&["camera.rate_hz=1", "safety.measurement_timeout_ms=2100"]).unwrap().warnings.is_empty()
+        );
+    }
+
+    #[test]
+    fn shipped_run_files_give_no_warning() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+        let files = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+        let run_files: Vec<_> = files.filter(|p| p.extension().is_some_and(|e| e == "toml")).collect();
+        assert!(run_files.len() > 10);
+        for file in run_files {
+            let config = Config::load(Some(&file), &[]).unwrap();
+            assert_eq!(config.warnings, [], "{}", file.display());
+        }
     }
 
     #[test]

@@ -24,6 +24,7 @@ const MAX_FRAME_BYTES_IN_FLIGHT: f64 = 512e6;
 pub(super) struct Check<'a> {
     document: &'a Document,
     problems: &'a mut Vec<Problem>,
+    warnings: Vec<Problem>,
 }
 
 impl Check<'_> {
@@ -33,6 +34,11 @@ impl Check<'_> {
 
     pub(super) fn wrong(&mut self, key: &str, message: impl Into<String>) {
         self.problems.push(self.document.problem(key, message));
+    }
+
+    /// Allowed, but hardly what is meant.
+    pub(super) fn doubtful(&mut self, key: &str, message: impl Into<String>) {
+        self.warnings.push(self.document.problem(key, message));
     }
 
     pub(super) fn range(&mut self, key: &str, value: f64, allowed: RangeInclusive<f64>) -> f64 {
@@ -75,7 +81,7 @@ impl Check<'_> {
 
 /// Checks everything; `None` only where something is so wrong that a part cannot be built.
 pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<Problem>) -> Option<Config> {
-    let mut check = Check { document, problems };
+    let mut check = Check { document, problems, warnings: Vec::new() };
     let check = &mut check;
 
     let duration = SpanNs::from_s(check.range("run.duration_s", raw.run.duration_s, 0.01..=86_400.0));
@@ -134,7 +140,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         if let (Some(robot), Source::Synthetic { .. }, true) = (&robot, &camera.source, arm_is_good) {
             start_view(&raw, robot, target, camera, &X_WO, check);
         }
-        timing(&raw, camera, safety, check);
+        timing(&raw, camera, check);
     }
 
     Some(Config {
@@ -161,6 +167,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
                 lock_memory: raw.realtime.lock_memory && raw.realtime.policy != RealtimePolicy::Off,
             },
         },
+        warnings: std::mem::take(&mut check.warnings),
         effective: raw,
     })
 }
@@ -325,16 +332,24 @@ fn start_view(
     }
 }
 
-fn timing(raw: &RawConfig, camera: &Camera, safety: Safety, check: &mut Check<'_>) {
+fn timing(raw: &RawConfig, camera: &Camera, check: &mut Check<'_>) {
     let period_s = 1.0 / camera.rate_hz;
-    let expected_age_s = period_s + camera.latency.as_s();
-    if safety.measurement_timeout.as_s() <= expected_age_s {
+    let (timeout_ms, key) = (raw.safety.measurement_timeout_ms, "safety.measurement_timeout_ms");
+    // Between two measurements the newest view grows this old; one lost frame adds a period.
+    let age_ms = (period_s + camera.latency.as_s()) * 1e3;
+    let age_after_loss_ms = age_ms + (period_s + camera.schedule.jitter().as_s()) * 1e3;
+    if timeout_ms <= age_ms {
         let message = format!(
-            "{} ms is shorter than a frame period and its latency together ({:.1} ms): the arm would stop at every frame",
-            raw.safety.measurement_timeout_ms,
-            expected_age_s * 1e3
+            "{timeout_ms} ms is shorter than a frame period and its latency together ({age_ms:.1} ms): the arm would stop at \
+             every frame; raise it above {age_after_loss_ms:.0} ms, where a lost frame does no harm, or raise camera.rate_hz"
         );
-        check.wrong("safety.measurement_timeout_ms", message);
+        check.wrong(key, message);
+    } else if timeout_ms <= age_after_loss_ms {
+        let message = format!(
+            "{timeout_ms} ms is shorter than two frame periods, latency and jitter together ({age_after_loss_ms:.1} ms): the arm \
+             holds whenever a frame is lost or late; raise it above that, or raise camera.rate_hz"
+        );
+        check.doubtful(key, message);
     }
     if camera.exposure.as_s() > period_s {
         check
