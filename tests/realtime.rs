@@ -5,8 +5,8 @@
 mod common;
 
 use common::{
-    Instance, assert_accurate, assert_deadlines_are_honest, kill, number, run, vservo, wait_for_line,
-    wait_for_process, wait_until,
+    BusyCores, Instance, assert_accurate, assert_deadlines_are_honest, kill, number, run, vservo,
+    wait_for_line, wait_for_process, wait_until,
 };
 use std::process::{Child, Stdio};
 
@@ -66,6 +66,14 @@ fn ticks_find_their_memory_there() {
     }
     // Without fetching before the first tick there are 160 and more; the system may still take a page back.
     assert!(number(&r.summary, &["realtime", "page_faults"]) < 20.0, "{}", r.summary);
+}
+
+#[test]
+fn busy_cores_neither_stop_the_arm_nor_hide_a_missed_deadline() {
+    let _busy = BusyCores::start();
+    let r = run("busy", &["--duration-s", "5", "--set", "goal.feature_error_px=1e-6"]);
+    assert_eq!(r.summary["outcome"], "not_converged", "{}", r.text());
+    assert_deadlines_are_honest(&r.summary);
 }
 
 #[test]
