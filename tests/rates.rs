@@ -52,7 +52,7 @@ fn in_real_time_a_thousand_small_frames_a_second_do_no_harm() {
         "camera.lens.fy_px=200",
         "goal.feature_error_px=1e-6",
     ];
-    let mut arguments = vec!["--duration-s", "3"];
+    let mut arguments = vec!["--duration-s", "5"];
     arguments.extend(settings.iter().flat_map(|s| ["--set", s]));
     let r = run("khz", &arguments);
     assert_eq!(r.summary["outcome"], "not_converged", "{}", r.text());
