@@ -81,23 +81,24 @@ mod tests {
     #[test]
     fn memory_that_was_fetched_faults_no_more() {
         const PAGE: usize = 4096;
-        const PAGES: usize = 512;
-        // Fresh from the kernel: blocks of this size have a mapping of their own.
+        // Blocks of more than 32 MB never come from memory that was used before.
+        const SIZE: usize = 40 << 20;
         let touch = |bytes: &mut Vec<u8>| {
             let before = page_faults();
             bytes.iter_mut().step_by(PAGE).for_each(|b| *b = 1);
             black_box(bytes);
             page_faults() - before
         };
-        assert!(touch(&mut vec![0u8; PAGES * PAGE]) > 0, "untouched memory is fetched when it is written");
-        let mut fetched = vec![0u8; PAGES * PAGE];
+        let untouched = touch(&mut vec![0u8; SIZE]);
+        assert!(untouched > 0, "untouched memory is fetched when it is written");
+        let mut fetched = vec![0u8; SIZE];
         let page = fetched.as_ptr().map_addr(|a| (a + PAGE) & !(PAGE - 1)).expose_provenance();
         if !fetch((page, page + PAGE), Advice::LinuxPopulateWrite) {
             println!("skipped: this kernel does not fetch on demand");
             return;
         }
         prefault();
-        // The kernel may take pages back meanwhile; without the call each would be fetched now.
-        assert!(touch(&mut fetched) < PAGES as u64 / 8);
+        // The kernel may take a page back meanwhile; without the call all would be fetched now.
+        assert!(touch(&mut fetched) <= untouched / 4);
     }
 }
