@@ -89,6 +89,7 @@ impl<const N: usize> Running<N> {
             watch: MeasurementWatch::new(SpanNs(200 * MS)),
             max_tracking_error: 0.1,
             closed_loop: true,
+            calibrates: None,
         };
         Self { controller: Controller::new(settings, q), limits, q, qd: SVector::zeros(), X_BO, tick: 0 }
     }

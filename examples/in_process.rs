@@ -74,7 +74,7 @@ fn run<const N: usize>(
             }
             let header = FrameHeader {
                 frame_id,
-                exposure: now,
+                exposure: config.camera.stamp(now),
                 width_px: i.width_px,
                 height_px: i.height_px,
                 ..FrameHeader::default()

@@ -1,6 +1,6 @@
 //! From a validated configuration to the cores that it describes.
 
-use crate::config::raw::{Clock, DriveKind, JointControl, Update};
+use crate::config::raw::{Clock, DriveKind, JointControl, Task, Update};
 use crate::config::{Config, Source};
 use crate::control_loop::{ControlLoop, RunPlan};
 use crate::controller::{Controller, ControllerSettings};
@@ -158,6 +158,7 @@ pub fn control_loop_with<const N: usize>(
         watch: MeasurementWatch::new(config.safety.measurement_timeout),
         max_tracking_error: config.safety.max_tracking_error,
         closed_loop,
+        calibrates: (config.task == Task::CalibrateLatency).then_some(config.camera.model),
     };
     let plays_once = matches!(config.camera.source, Source::Replay { repeat: false, .. });
     let i = config.camera.model.intrinsics();

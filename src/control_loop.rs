@@ -3,6 +3,7 @@
 //! The real-time thread, the lockstep loop and in-process simulations all call [`ControlLoop::tick`]. It does not
 //! allocate, log or fail.
 
+use crate::calibration::GentleMotion;
 use crate::controller::{ControlOutput, Controller};
 use crate::drive::{Drive, DriveCommand, DriveState};
 use crate::geometry::{Pose, rotation_angle};
@@ -25,6 +26,12 @@ const STATUS_PERIOD: u64 = 20;
 const LONGEST_STOP: SpanNs = SpanNs(1_000_000_000);
 /// A reference slower than this is at rest, rad/s or m/s.
 const AT_REST: f64 = 1e-9;
+/// The end of a calibration that lost its target.
+const TARGET_LOST: Finish = Finish {
+    outcome: Outcome::NotConverged,
+    reason: "the target was lost while the arm moved: start with the target near the middle of the picture, and see to \
+             its light",
+};
 
 /// What the loop is to reach, and when it ends without.
 #[derive(Debug, Clone, Copy)]
@@ -189,6 +196,12 @@ impl<const N: usize> ControlLoop<N> {
         self.drive.health().late_states
     }
 
+    /// The controller.
+    #[must_use]
+    pub fn controller(&self) -> &Controller<N> {
+        &self.controller
+    }
+
     /// What was counted.
     #[must_use]
     pub fn statistics(&self) -> &RunStatistics {
@@ -218,6 +231,11 @@ impl<const N: usize> ControlLoop<N> {
         };
         if let Some(event) = event {
             self.statistics.event(now, event);
+            if event == Event::Holding && self.controller.is_calibrating() {
+                // What is lost of the motion would be missing in what is found.
+                self.ending.get_or_insert((now, TARGET_LOST));
+                self.controller.stop();
+            }
         }
         self.state = output.state;
         if let Some(fault) = output.fault {
@@ -231,7 +249,12 @@ impl<const N: usize> ControlLoop<N> {
             let at_rest = output.command.qd_r.amax() < AT_REST;
             return (at_rest || now - since > LONGEST_STOP).then_some(finish);
         }
-        if self.plan.closed_loop
+        if self.controller.is_calibrating() {
+            let over = self.controller.gentle_motion().is_some_and(GentleMotion::is_over);
+            if over && output.command.qd_r.amax() < AT_REST {
+                return Some(Finish { outcome: Outcome::Finished, reason: "the calibration motion is over" });
+            }
+        } else if self.plan.closed_loop
             && self.state == ControlState::Servoing
             && self.goal_since.is_some_and(|since| now - since >= self.plan.hold)
         {
@@ -268,6 +291,9 @@ impl<const N: usize> ControlLoop<N> {
                     "run.duration_s is over: the target was never found"
                 }
             },
+            _ if self.controller.gentle_motion().is_some() => {
+                "run.duration_s is over before the calibration motion was: raise it to 15 or more"
+            }
             (_, ControlState::Holding, _) => "run.duration_s is over: the target was lost",
             _ => "run.duration_s is over before the goal was reached",
         };

@@ -5,12 +5,15 @@
 //! Measurement ─► watch ─► servo law ─► reference ─► joint controller ─► DriveCommand
 //!                  │         (qd wish)    (limits)      (torque)
 //!                  │         (torque wish) ──── effort limits ─────────►   schemes A and C
+//!                  │         (qd of a gentle motion instead of the law, while the latency is calibrated)
 //!                  └─ Waiting ─► Servoing ⇄ Holding;  Fault from any
 //! ```
 //! Under a torque law the reference stays on the arm, so that a stop, a hold, a fault or a joint that comes too near its
 //! limits brakes from the motion of that moment.
 //! `step` is total: it does not allocate, log, fail or look at a clock.
 
+use crate::calibration::{GentleMotion, image_reach};
+use crate::camera_model::CameraModel;
 use crate::drive::{DriveCommand, DriveState};
 use crate::messages::{ControlState, Measurement};
 use crate::motion::{ActingLimits, JointController, Limit, MotionLimits, Reference, evade};
@@ -38,6 +41,8 @@ pub struct ControllerSettings<const N: usize> {
     pub max_tracking_error: f64,
     /// Without it (replay) the law is computed but the reference stays where the arm is.
     pub closed_loop: bool,
+    /// Calibration of the latency: the camera before which the arm moves gently, instead of servoing.
+    pub calibrates: Option<CameraModel>,
 }
 
 /// What a step leads to.
@@ -66,6 +71,8 @@ pub struct Controller<const N: usize> {
     fault: Option<Fault>,
     stopping: bool,
     last_tau: SVector<f64, N>,
+    /// The motion of a calibration, from the first good measurement on.
+    gentle: Option<GentleMotion<N>>,
 }
 
 impl<const N: usize> Controller<N> {
@@ -75,13 +82,25 @@ impl<const N: usize> Controller<N> {
         let reference = Reference::new(settings.limits.clone(), q_start);
         let watch = settings.watch;
         let zero = SVector::zeros();
-        Self { settings, reference, watch, fault: None, stopping: false, last_tau: zero }
+        Self { settings, reference, watch, fault: None, stopping: false, last_tau: zero, gentle: None }
     }
 
     /// The settings.
     #[must_use]
     pub fn settings(&self) -> &ControllerSettings<N> {
         &self.settings
+    }
+
+    /// Whether this controller calibrates instead of servoing.
+    #[must_use]
+    pub fn is_calibrating(&self) -> bool {
+        self.settings.calibrates.is_some()
+    }
+
+    /// The motion of a calibration, once it has begun.
+    #[must_use]
+    pub fn gentle_motion(&self) -> Option<&GentleMotion<N>> {
+        self.gentle.as_ref()
     }
 
     /// From now on the arm slows down within its limits and stays where it comes to rest.
@@ -111,14 +130,30 @@ impl<const N: usize> Controller<N> {
         let Self { settings, watch, .. } = self;
         settings.servo.note_arm(now, &drive.q, &drive.qd);
         let intake = measurement.map(|m| settings.servo.take(now, m, &settings.robot));
-        if let (Some(m), Some(true)) = (measurement, intake.map(Intake::is_used)) {
+        if let (Some(m), Some(true), None) = (measurement, intake.map(Intake::is_used), &settings.calibrates)
+        {
             watch.good(m.exposure);
+        }
+        if let (Some(camera), Some(m)) = (&settings.calibrates, measurement) {
+            // Whatever its stamp says: that is what is to be found out.
+            let points = settings.servo.set_point().points();
+            let whole = m.found() && m.features().len() == points.len();
+            let reach = whole.then(|| {
+                let mount = &settings.servo.settings().mount;
+                image_reach(&settings.robot, mount, camera, points, &settings.limits, &drive.q, m)
+            });
+            if let Some(reach) = reach.flatten() {
+                watch.good(now);
+                self.gentle.get_or_insert_with(|| GentleMotion::new(&drive.q, &reach, &settings.limits));
+            }
         }
         let vision = watch.check(now);
         let answer = match (self.fault, vision) {
-            (None, Vision::Fresh) if !self.stopping => {
-                settings.servo.wish(&drive.q, &drive.qd, &settings.robot)
-            }
+            (None, Vision::Fresh) if !self.stopping => match &mut self.gentle {
+                Some(motion) => Some(Wish::Velocity(motion.advance(TICK))),
+                None if settings.calibrates.is_some() => None,
+                None => settings.servo.wish(&drive.q, &drive.qd, &settings.robot),
+            },
             _ => {
                 settings.servo.restart();
                 None
@@ -140,7 +175,11 @@ impl<const N: usize> Controller<N> {
             return self.direct_output(drive, tau, intake);
         }
         let reference = if self.settings.closed_loop {
-            let (qd, acting) = self.evade(&drive.q, &wish);
+            // A gentle motion is one of joints: no singular posture is in its way, and it keeps within their ranges.
+            let (qd, acting) = match self.gentle {
+                Some(_) => (wish, ActingLimits::default()),
+                None => self.evade(&drive.q, &wish),
+            };
             let reference = *self.reference.advance(&qd, TICK);
             limits = acting.with(&reference.limits);
             reference

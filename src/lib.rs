@@ -8,6 +8,7 @@
 #![allow(non_snake_case)] // monogram notation, see `geometry`
 
 pub mod assemble;
+pub mod calibration;
 pub mod camera_model;
 pub mod config;
 pub mod control_loop;

@@ -1,5 +1,6 @@
 //! The summary of a run: what `--summary` writes and the last lines on stdout say.
 
+use crate::calibration::StampOffset;
 use crate::histogram::Quantiles;
 use crate::schedule::TICK;
 use serde::{Deserialize, Serialize};
@@ -14,7 +15,7 @@ pub enum Outcome {
     Converged,
     /// The time was over before.
     NotConverged,
-    /// An open-loop run came to its end.
+    /// An open-loop run, or the motion of a calibration, came to its end.
     Finished,
     /// Somebody asked for the end.
     Stopped,
@@ -156,6 +157,61 @@ pub struct LimitedTicks {
     pub singularity: u64,
 }
 
+/// How the camera's stamps lie against the encoders'.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct StampCalibration {
+    /// What `camera.stamp_offset_ms` is to be: the value of the run file and what was found beside it.
+    pub stamp_offset_ms: f64,
+    /// What was found beside the value of the run file.
+    pub change_ms: f64,
+    /// Standard deviation of both.
+    pub sd_ms: f64,
+    /// Frames that it rests on.
+    pub measurements: u64,
+    /// Distance of the points from where they should be, root mean square, px: with the value of the run file.
+    pub residual_before_px: f64,
+    /// The same with the new value.
+    pub residual_after_px: f64,
+}
+
+impl StampCalibration {
+    /// What was found in a run with the offset `configured_ms`.
+    #[must_use]
+    pub fn new(found: &StampOffset, configured_ms: f64) -> Self {
+        let change_ms = found.offset_s * 1e3;
+        Self {
+            stamp_offset_ms: configured_ms + change_ms,
+            change_ms,
+            sd_ms: found.sd_s * 1e3,
+            measurements: found.frames as u64,
+            residual_before_px: found.rms_before_px,
+            residual_after_px: found.rms_after_px,
+        }
+    }
+
+    /// A line for people.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        let late_ms = -self.stamp_offset_ms;
+        format!(
+            "camera stamps are {:.2} ms {} (sd {:.3} ms, {} measurements, residual {:.3} px -> {:.3} px)",
+            late_ms.abs(),
+            if late_ms < 0.0 { "early" } else { "late" },
+            self.sd_ms,
+            self.measurements,
+            self.residual_before_px,
+            self.residual_after_px,
+        )
+    }
+
+    /// The lines for a run file.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        // A thousandth of a millisecond is less than any camera's stamps are worth.
+        format!("[camera]\nstamp_offset_ms = {:.3}\n", self.stamp_offset_ms)
+    }
+}
+
 /// The summary of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -208,6 +264,9 @@ pub struct Summary {
     pub safety: SafetyReport,
     /// Over every joint state of a lockstep run, hexadecimal; `null` in real time.
     pub state_hash: Option<String>,
+    /// What a calibration run found; left out in other runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<StampCalibration>,
 }
 
 impl Summary {
@@ -238,6 +297,7 @@ impl Summary {
             processes: BTreeMap::new(),
             safety: SafetyReport { state: "fault".into(), ..SafetyReport::default() },
             state_hash: None,
+            calibration: None,
         }
     }
 
@@ -319,6 +379,9 @@ impl Summary {
         }
         if let Some(hash) = &self.state_hash {
             let _ = writeln!(t, "state hash    {hash}");
+        }
+        if let Some(found) = &self.calibration {
+            let _ = writeln!(t, "calibration   {}", found.describe());
         }
         t
     }

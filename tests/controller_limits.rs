@@ -54,6 +54,7 @@ fn settings<const N: usize>(name: &str, update: UpdatePolicy, gain_1_s: f64) -> 
         watch: MeasurementWatch::new(SpanNs(200 * MS)),
         max_tracking_error: 0.1,
         closed_loop: true,
+        calibrates: None,
     }
 }
 

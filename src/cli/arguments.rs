@@ -29,6 +29,12 @@ pub enum Command {
     Vision(RoleArguments),
     /// The control process alone
     Control(RoleArguments),
+    /// Find out about the cell by moving the arm
+    Calibrate {
+        /// What to find out
+        #[command(subcommand)]
+        what: Calibration,
+    },
     /// Repeat the textbook's examples, comparison and problems: CSV files, figures, metrics.json
     Experiment(ExperimentArguments),
     /// Check a run file and report everything that is wrong with it
@@ -55,6 +61,50 @@ pub enum Command {
     },
 }
 
+/// What can be calibrated.
+#[derive(Debug, Subcommand)]
+pub enum Calibration {
+    /// Move the arm gently before the target for 8 s and find the offset between the stamps of camera and encoders
+    Latency(LatencyArguments),
+}
+
+/// Arguments of `vservo calibrate latency`.
+#[derive(Debug, Args)]
+pub struct LatencyArguments {
+    /// Run file (TOML); the embedded default where it is left out
+    pub config: Option<PathBuf>,
+    /// Pace of the control loop (run.clock)
+    #[arg(long)]
+    pub clock: Option<ClockArgument>,
+    /// Change one value of the run file; may be repeated
+    #[arg(long, value_name = "key.path=value")]
+    pub set: Vec<String>,
+    /// Seed of every random number (run.seed)
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Name of this run: runs with different names do not see each other
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+    /// Write the lines for the run file to this file
+    #[arg(long, value_name = "FILE.toml")]
+    pub out: Option<PathBuf>,
+    /// Print the summary of the run as JSON, with what was found in `calibration`
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl LatencyArguments {
+    /// All changes to the run file, the named options last.
+    #[must_use]
+    pub fn settings(&self) -> Vec<String> {
+        let mut set = self.set.clone();
+        set.extend(self.clock.map(ClockArgument::setting));
+        set.extend(self.seed.map(|seed| format!("run.seed={seed}")));
+        set.push("run.task=calibrate_latency".into());
+        set
+    }
+}
+
 /// Pace of the control loop.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum ClockArgument {
@@ -62,6 +112,15 @@ pub enum ClockArgument {
     Realtime,
     /// Simulated clock, repeatable to the last bit
     Lockstep,
+}
+
+impl ClockArgument {
+    fn setting(self) -> String {
+        match self {
+            Self::Realtime => "run.clock=realtime".into(),
+            Self::Lockstep => "run.clock=lockstep".into(),
+        }
+    }
 }
 
 /// Arguments of `vservo run`.
@@ -94,10 +153,7 @@ impl RunArguments {
     #[must_use]
     pub fn settings(&self) -> Vec<String> {
         let mut set = self.set.clone();
-        set.extend(self.clock.map(|clock| match clock {
-            ClockArgument::Realtime => "run.clock=realtime".into(),
-            ClockArgument::Lockstep => "run.clock=lockstep".into(),
-        }));
+        set.extend(self.clock.map(ClockArgument::setting));
         set.extend(self.duration_s.map(|s| format!("run.duration_s={s:?}")));
         set.extend(self.seed.map(|seed| format!("run.seed={seed}")));
         set

@@ -4,13 +4,17 @@
 
 mod arguments;
 
-pub use arguments::{CameraArgument, Cli, Command, ExperimentArguments, RoleArguments, RunArguments};
+pub use arguments::{
+    Calibration, CameraArgument, Cli, Command, ExperimentArguments, LatencyArguments, RoleArguments,
+    RunArguments,
+};
 
 use crate::config::Config;
 use crate::experiment;
 use crate::ipc::{Instance, Role};
 use crate::process::{self, ProcessError, StopFlag, supervisor};
 use crate::rt::doctor;
+use crate::summary::Outcome;
 use clap::{CommandFactory, Parser};
 use std::io::{IsTerminal, Write, stderr, stdout};
 use std::process::ExitCode;
@@ -27,6 +31,7 @@ pub fn main() -> ExitCode {
         Some(Command::Camera(arguments)) => role(Role::Camera, &arguments),
         Some(Command::Vision(arguments)) => role(Role::Vision, &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
+        Some(Command::Calibrate { what: Calibration::Latency(arguments) }) => calibrate_latency(&arguments),
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
         Some(Command::Check { config, set }) => check(&config, &set),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
@@ -85,6 +90,31 @@ fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
     let options = supervisor::RunOptions { summary: arguments.summary.clone() };
     let end = supervisor::run(&config, &instance, &options, &stop)?;
     let _ = write!(stdout(), "{}", end.summary.to_text());
+    Ok(end.exit_code)
+}
+
+fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
+    let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
+    let instance: Instance = arguments.instance.parse()?;
+    if let Some(path) = &arguments.out {
+        supervisor::check_writable(path)?;
+    }
+    let stop = StopFlag::on_signals()?;
+    let end = supervisor::run(&config, &instance, &supervisor::RunOptions::default(), &stop)?;
+    if arguments.json {
+        let _ = writeln!(stdout(), "{}", serde_json::to_string_pretty(&end.summary).unwrap_or_default());
+    }
+    let Some(found) = end.summary.calibration.filter(|_| end.exit_code == 0) else {
+        eprintln!("vservo: no offset was found: {}", end.summary.reason);
+        return Ok(if end.exit_code == 0 { Outcome::NotConverged.exit_code() } else { end.exit_code });
+    };
+    if !arguments.json {
+        print!("{}\nput this into the run file:\n\n{}", found.describe(), found.to_toml());
+    }
+    if let Some(path) = &arguments.out {
+        let text = format!("# vservo calibrate latency: {}\n{}", found.describe(), found.to_toml());
+        std::fs::write(path, text).map_err(|cause| ProcessError::Write { path: path.clone(), cause })?;
+    }
     Ok(end.exit_code)
 }
 

@@ -19,8 +19,8 @@ use crate::robot::RobotDescription;
 use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
 use crate::schedule::FrameSchedule;
 use crate::servo::{Law, Mount, ObjectDynamics, SetPoint};
-use crate::time::SpanNs;
-use raw::{Clock, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Update};
+use crate::time::{MonoNs, SpanNs};
+use raw::{Clock, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Task, Update};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -30,6 +30,8 @@ pub const DEFAULT_TOML: &str = include_str!("../../config/default.toml");
 /// A validated run file.
 #[derive(Debug, Clone)]
 pub struct Config {
+    /// What the arm moves for.
+    pub task: Task,
     /// Pace of the control loop.
     pub clock: Clock,
     /// Latest end of the run.
@@ -115,6 +117,18 @@ pub struct Camera {
     pub latency: SpanNs,
     /// Which frame is exposed when.
     pub schedule: FrameSchedule,
+    /// Added to every stamp that the camera gives: what calibration found.
+    pub stamp_offset: SpanNs,
+    /// How wrong the stamps of a simulated camera are; positive: late.
+    pub stamp_error: SpanNs,
+}
+
+impl Camera {
+    /// The stamp of a frame whose exposure has its middle at `mid`: what the camera says, put right by calibration.
+    #[must_use]
+    pub fn stamp(&self, mid: MonoNs) -> MonoNs {
+        mid + self.stamp_error + self.stamp_offset
+    }
 }
 
 /// The servo law and its goal.

@@ -83,9 +83,21 @@ word! {
     }
 }
 
+word! {
+    /// What the arm moves for.
+    Task {
+        /// Servoing to the goal.
+        Servo,
+        /// A gentle motion that shows how the camera's stamps lie against the encoders'.
+        CalibrateLatency,
+    }
+}
+
 table! {
     /// How long and by which clock.
     RawRun {
+        /// What the arm moves for.
+        task: Task = Task::Servo,
         /// Pace of the control loop.
         clock: Clock = Clock::Realtime,
         /// The run ends at this time even if the goal is not reached, s.
@@ -141,6 +153,8 @@ table! {
         /// From the middle of the exposure to the hand-over of the frame, ms. In lockstep: to the first tick that
         /// may use it.
         latency_ms: f64 = 20.0,
+        /// Added to every exposure stamp that the camera gives, ms: what `vservo calibrate latency` found.
+        stamp_offset_ms: f64 = 0.0,
         /// `[camera.lens]`
         lens: RawLens = RawLens::default(),
         /// `[camera.mount]`
@@ -201,6 +215,8 @@ table! {
         latency_jitter_ms: f64 = 0.0,
         /// Share of the frames that are lost, 0 to 1.
         frame_loss: f64 = 0.0,
+        /// How wrong the exposure stamps are, ms; positive: late.
+        stamp_error_ms: f64 = 0.0,
     }
 }
 

@@ -4,7 +4,7 @@ mod drive;
 mod motion;
 
 use super::raw::{
-    Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SourceKind, TargetKind,
+    Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SourceKind, TargetKind, Task,
 };
 use super::servo::{servo, tilted, uses_dimension};
 use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Source};
@@ -104,6 +104,17 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         );
     }
     let scene_motion = scene_motion(&raw, check);
+    if raw.run.task == Task::CalibrateLatency {
+        if raw.camera.source == SourceKind::Replay {
+            check.wrong(
+                "camera.source",
+                "is `replay`: to calibrate the latency the camera must see the arm's own motion",
+            );
+        }
+        if scene_motion != SceneMotion::Still {
+            check.wrong("scene.motion.kind", "must be `still` while the latency is calibrated");
+        }
+    }
     let desired = &raw.servo.desired;
     let X_DO = check.pose("servo.desired", desired.position_m, desired.rotation_rpy_rad);
     let servo = target.as_ref().and_then(|target| servo(&raw, target, &X_DO, check));
@@ -144,6 +155,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     }
 
     Some(Config {
+        task: raw.run.task,
         clock: raw.run.clock,
         duration,
         seed: raw.run.seed,
@@ -180,6 +192,9 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
     let rate_hz = check.range("camera.rate_hz", c.rate_hz, 0.1..=1000.0);
     let exposure = check.span_ms("camera.exposure_ms", c.exposure_ms, 0.0..=1000.0);
     let latency = check.span_ms("camera.latency_ms", c.latency_ms, 0.0..=500.0);
+    let stamp_offset = check.span_ms("camera.stamp_offset_ms", c.stamp_offset_ms, -500.0..=500.0);
+    let stamp_error =
+        check.span_ms("camera.synthetic.stamp_error_ms", synthetic.stamp_error_ms, -500.0..=500.0);
     let X = check.pose("camera.mount", c.mount.position_m, c.mount.rotation_rpy_rad);
     let mount = match c.mount.kind {
         MountKind::EyeInHand => Mount::EyeInHand { X_EC: X },
@@ -235,11 +250,24 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
         return None;
     }
     // Files come as they are: only a simulated camera is irregular by intent.
-    let irregularity = if c.source == SourceKind::Synthetic { irregularity } else { Irregularity::default() };
+    let (irregularity, stamp_error) = match c.source {
+        SourceKind::Synthetic => (irregularity, stamp_error),
+        SourceKind::Replay => (Irregularity::default(), SpanNs(0)),
+    };
     let schedule = FrameSchedule::new(rate_hz, latency, irregularity);
     let distortion = Distortion { k1: lens.k1, k2: lens.k2, p1: lens.p1, p2: lens.p2, k3: lens.k3 };
     match CameraModel::new(intrinsics, distortion) {
-        Ok(model) => Some(Camera { source, model, mount, rate_hz, exposure, latency, schedule }),
+        Ok(model) => Some(Camera {
+            source,
+            model,
+            mount,
+            rate_hz,
+            exposure,
+            latency,
+            schedule,
+            stamp_offset,
+            stamp_error,
+        }),
         Err(e) => {
             check.wrong("camera.lens", e.to_string());
             None

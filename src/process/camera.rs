@@ -124,7 +124,7 @@ impl Camera<'_> {
         let position = self.source.expose(&exposure, frame.pixels_mut())?;
         let header = FrameHeader {
             frame_id,
-            exposure: mid,
+            exposure: camera.stamp(mid),
             sent: MonoNs::ZERO,
             exposure_span_ns: exposure.span.0.max(0).unsigned_abs(),
             lost: self.lost,

@@ -6,6 +6,7 @@
 
 use super::plant::{self, Answer, PlantPorts};
 use super::{Pace, Ports, STOP_REASON};
+use crate::calibration::Recording;
 use crate::config::Config;
 use crate::control_loop::ControlLoop;
 use crate::ipc::{FrameShape, Services};
@@ -46,6 +47,7 @@ pub(super) fn run<const N: usize>(
     mut control: ControlLoop<N>,
     ports: &Ports,
     mut plant: Option<PlantPorts<'_>>,
+    mut recording: Option<&mut Recording<N>>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, Pace), ProcessError> {
     let schedule = &config.camera.schedule;
@@ -68,6 +70,9 @@ pub(super) fn run<const N: usize>(
             }
         }
         let state = control.sense(tick, now);
+        if let Some(recording) = &mut recording {
+            recording.note_state(&state);
+        }
         if schedule.frame_at(tick).is_some() {
             ports.joint_state.send(&state)?;
         } else {
@@ -82,6 +87,9 @@ pub(super) fn run<const N: usize>(
                 measurement = inbox.measurement_of(next_frame, ports, stop)?.or(measurement);
             }
             next_frame += 1;
+        }
+        if let (Some(recording), Some(m)) = (&mut recording, &measurement) {
+            recording.note_measurement(m);
         }
         let (status, finish) = control.act(tick, now, measurement.as_ref());
         control.commanded(now);

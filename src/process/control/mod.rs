@@ -7,15 +7,17 @@ mod plant;
 mod realtime;
 
 use super::{Membership, ProcessError, StopFlag, frame_shape};
+use crate::calibration::{Cell, Recording, stamp_offset};
 use crate::config::Config;
-use crate::config::raw::Clock;
+use crate::config::raw::{Clock, Task};
 use crate::control_loop::{ControlLoop, Finish};
 use crate::ipc::{Instance, Receiver, Role, Sender, Services, Waker};
 use crate::messages::{JointState, Measurement, Status};
 use crate::robot::Robot;
 use crate::rt::now;
-use crate::summary::{RealtimeReport, Summary, TickTimes};
+use crate::summary::{Outcome, RealtimeReport, StampCalibration, Summary, TickTimes};
 use crate::time::SpanNs;
+use nalgebra::Vector2;
 use std::collections::BTreeMap;
 
 /// Why a run ends on request.
@@ -75,11 +77,43 @@ fn run_robot<const N: usize>(
         plant.connect(config, stop)?;
     }
     let start = now();
+    let mut recording = (config.task == Task::CalibrateLatency).then(Recording::default);
     let (control, pace) = match config.clock {
-        Clock::Realtime => realtime::run(config, control, &ports, plant, stop)?,
-        Clock::Lockstep => lockstep::run(config, control, &ports, plant, stop)?,
+        Clock::Realtime => realtime::run(config, control, &ports, plant, recording.as_mut(), stop)?,
+        Clock::Lockstep => lockstep::run(config, control, &ports, plant, recording.as_mut(), stop)?,
     };
-    Ok(summary(config, &control, pace, now() - start))
+    let mut summary = summary(config, &control, pace, now() - start);
+    if let Some(recording) = recording.filter(|_| summary.outcome == Outcome::Finished) {
+        calibrate(config, &control, &recording, &mut summary);
+    }
+    Ok(summary)
+}
+
+/// Works out what a calibration run was for. Without a result the run counts as one that did not reach its goal.
+fn calibrate<const N: usize>(
+    config: &Config,
+    control: &ControlLoop<N>,
+    recording: &Recording<N>,
+    summary: &mut Summary,
+) {
+    let settings = control.controller().settings();
+    let i = config.camera.model.intrinsics();
+    let cell = Cell {
+        robot: &settings.robot,
+        mount: &config.camera.mount,
+        f_px: Vector2::new(i.fx_px, i.fy_px),
+        points: settings.servo.set_point().points(),
+    };
+    match stamp_offset(&cell, recording) {
+        Ok(found) => {
+            let configured_ms = config.effective.camera.stamp_offset_ms;
+            summary.calibration = Some(StampCalibration::new(&found, configured_ms));
+        }
+        Err(error) => {
+            summary.outcome = Outcome::NotConverged;
+            summary.reason = error.to_string();
+        }
+    }
 }
 
 fn summary<const N: usize>(config: &Config, control: &ControlLoop<N>, pace: Pace, wall: SpanNs) -> Summary {
@@ -110,5 +144,6 @@ fn summary<const N: usize>(config: &Config, control: &ControlLoop<N>, pace: Pace
         processes: BTreeMap::new(),
         safety: control.safety_report(),
         state_hash: lockstep.then(|| statistics.state_hash()),
+        calibration: None,
     }
 }

@@ -13,6 +13,7 @@
 use super::deadlines::Deadlines;
 use super::plant::{self, PlantPorts};
 use super::{Pace, Ports, STOP_REASON};
+use crate::calibration::Recording;
 use crate::config::raw::RealtimePolicy;
 use crate::config::{Config, RealtimeRequest};
 use crate::control_loop::{ControlLoop, Finish, TickRecord};
@@ -44,6 +45,7 @@ pub(super) fn run<const N: usize>(
     control: ControlLoop<N>,
     ports: &Ports,
     mut plant: Option<PlantPorts<'_>>,
+    recording: Option<&mut Recording<N>>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, Pace), ProcessError> {
     let (records, to_send) = RingBuffer::new(RECORDS);
@@ -84,7 +86,7 @@ pub(super) fn run<const N: usize>(
     }
     // Held to the end of the run; where the kernel refuses it, an idle machine wakes up later.
     let _awake = request.map(|_| Awake::keep().inspect_err(|e| debug!("deep idle states stay allowed: {e}")));
-    let mut companion = Companion { ports, received, to_send, unsent: 0 };
+    let mut companion = Companion { ports, received, to_send, recording, unsent: 0 };
     let mut broken = None;
     while !thread.is_finished() {
         let carried = match &broken {
@@ -126,21 +128,29 @@ fn report(request: Option<&RealtimeRequest>, obtained: &Obtained) {
 }
 
 /// Carries messages between the ports and the rings.
-struct Companion<'a> {
+struct Companion<'a, const N: usize> {
     ports: &'a Ports,
     received: Producer<Measurement>,
     to_send: Consumer<TickRecord>,
+    /// What a calibration is to remember: here, because it allocates.
+    recording: Option<&'a mut Recording<N>>,
     unsent: u64,
 }
 
-impl Companion<'_> {
+impl<const N: usize> Companion<'_, N> {
     fn carry(&mut self) -> Result<(), ProcessError> {
         while let Some(measurement) = self.ports.measurements.receive()? {
+            if let Some(recording) = &mut self.recording {
+                recording.note_measurement(&measurement);
+            }
             if self.received.push(measurement).is_err() {
                 self.unsent += 1;
             }
         }
         while let Ok(record) = self.to_send.pop() {
+            if let Some(recording) = &mut self.recording {
+                recording.note_state(&record.joint_state);
+            }
             self.ports.joint_state.send_quietly(&record.joint_state)?;
             if let Some(status) = &record.status {
                 self.ports.status.send_quietly(status)?;

@@ -215,8 +215,11 @@ fn conclude(
     }
 }
 
-/// Finds out before the run whether its summary can be written after it, and leaves no trace of the attempt.
-fn check_writable(path: &Path) -> Result<(), ProcessError> {
+/// Finds out before the run whether a file can be written after it, and leaves no trace of the attempt.
+///
+/// # Errors
+/// When it cannot.
+pub fn check_writable(path: &Path) -> Result<(), ProcessError> {
     let existed = path.exists();
     std::fs::OpenOptions::new()
         .create(true)
