@@ -99,8 +99,8 @@ pub enum LatencyError {
     },
     /// The best offset lies at the end of what is searched.
     #[error(
-        "the offset lies beyond {range_ms:.0} ms: the camera's stamps and the control's clock have different origins, or \
-         camera.stamp_offset_ms is far off"
+        "no offset within {range_ms:.0} ms explains the picture: the camera's stamps may count from another origin than \
+         the control's clock, camera.stamp_offset_ms be far off, or the target have moved by itself"
     )]
     OutOfRange {
         /// Largest offset that is searched, ms.

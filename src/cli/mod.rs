@@ -95,6 +95,7 @@ fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
 
 fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
+    warn(&config);
     let instance: Instance = arguments.instance.parse()?;
     if let Some(path) = &arguments.out {
         supervisor::check_writable(path)?;
