@@ -149,6 +149,7 @@ pub fn control_loop_with<const N: usize>(
             mount: config.camera.mount,
             X_WO: closed_loop.then_some(config.X_WO),
             smooth_start_1_s: config.servo.smooth_start_1_s,
+            lead: config.servo.lead,
             limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
             teach: config.servo.teach,
             object: config.servo.object,

@@ -23,6 +23,8 @@ impl MonoNs {
 }
 
 impl SpanNs {
+    /// No time at all.
+    pub const ZERO: Self = Self(0);
     /// One control tick at 1 kHz.
     pub const MILLISECOND: Self = Self(1_000_000);
 

@@ -12,8 +12,9 @@ use std::collections::BTreeSet;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_3};
 use std::path::Path;
 use vservo::experiment::{
-    CameraKind, Cell, End, Eye, FLIERS, Fate, Loop, Metrics, Options, Outcome, Pilot, RenderedEye, SCHEMES,
-    Scheme, Trajectory, fates, find, pure_rotation, run_scheme, simulate_at, straightness,
+    CameraKind, Cell, Disturbance, End, Eye, FLIERS, Fate, Loop, Metrics, Options, Outcome, Pilot,
+    RenderedEye, SCHEMES, Scheme, Trajectory, errors_to_bear, fates, find, pure_rotation, run_scheme,
+    simulate_at, straightness, study,
 };
 use vservo::servo::{DepthSource, UpdatePolicy};
 
@@ -210,11 +211,28 @@ fn delay_limits_the_gain_under_frame_and_not_under_predict() {
         // e[k+1] = e[k] - K T e[k-d]: K T = 2 sin(pi / (4 d + 2)).
         for (d, delay_ms) in [(0.0, 0), (1.0, 40), (2.0, 80)] {
             let theory = 2.0 * (std::f64::consts::PI / (4.0 * d + 2.0)).sin() / 0.04;
-            let frame = Loop { scheme, update: UpdatePolicy::Frame, delay_ms, lag_s: 0.0 };
+            let (update, disturbance) = (UpdatePolicy::Frame, Disturbance::NONE);
+            let frame = Loop { scheme, update, delay_ms, lag_s: 0.0, disturbance };
             let limit = frame.largest_stable_gain(&cell).unwrap();
             assert!((limit / theory - 1.0).abs() < 0.03, "{} {delay_ms} ms: {limit} {theory}", scheme.name());
             let predict = Loop { update: UpdatePolicy::Predict, ..frame };
             assert!(predict.is_stable(&cell, 10.0 * limit).unwrap(), "{} {delay_ms} ms", scheme.name());
+        }
+    }
+}
+
+/// The figures that the study is judged by, at both delays and with both arms.
+#[test]
+fn predict_settles_sooner_and_bears_wrong_stamps_wrong_depths_and_lost_frames() {
+    let cell = Cell::textbook().unwrap();
+    for (lag_s, delay_ms) in [(0.0, 40), (0.0, 80), (0.02, 40), (0.02, 80)] {
+        let found = study(&cell, Scheme::D, lag_s, delay_ms).unwrap();
+        assert!(found.speed_up >= 2.5, "{lag_s} s, {delay_ms} ms: {found:?}");
+        assert!(found.irregular_speed_up >= 0.8 * found.speed_up, "{lag_s} s, {delay_ms} ms: {found:?}");
+        let (update, scheme) = (UpdatePolicy::Predict, Scheme::D);
+        for disturbance in errors_to_bear() {
+            let wrong = Loop { scheme, update, delay_ms, lag_s, disturbance };
+            assert!(wrong.is_stable(&cell, found.predict.gain_1_s).unwrap(), "{disturbance:?}");
         }
     }
 }

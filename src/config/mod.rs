@@ -144,6 +144,8 @@ pub struct Servo {
     pub teach: u32,
     /// Rate at which the first velocity is let in, 1/s.
     pub smooth_start_1_s: Option<f64>,
+    /// How much later the arm moves as it is told.
+    pub lead: SpanNs,
     /// Gain of the motion away from joint limits in the null space, 1/s.
     pub limit_avoidance_1_s: Option<f64>,
     /// How the target's own motion is estimated; `None` for a target at rest.

@@ -14,6 +14,7 @@ use crate::servo::{
     Damping, DepthSource, FeatureKind, Gain, HybridGains, Interaction, InteractionAt, Law, ObjectDynamics,
     OperationalSpace, OrientationError, PoseGains, Selection, SetPoint,
 };
+use crate::time::SpanNs;
 use nalgebra::{Vector2, Vector3};
 use std::ops::RangeInclusive;
 
@@ -76,6 +77,7 @@ pub(super) fn servo(
     if s.depth == Depth::Known && !scene_is_known {
         check.wrong("servo.depth", "`known` needs a simulated scene with a target at rest");
     }
+    let lead_ms = check.range("servo.lead_ms", s.lead_ms, 0.0..=500.0);
     let smooth = check.range("servo.smooth_start_1_s", s.smooth_start_1_s, 0.0..=1000.0);
     let avoid = check.range("servo.limit_avoidance_1_s", s.limit_avoidance_1_s, 0.0..=100.0);
     let object = object(s, check);
@@ -88,6 +90,7 @@ pub(super) fn servo(
         set_point: set_point?.with_selection(selection?)?,
         teach,
         smooth_start_1_s: (smooth > 0.0).then_some(smooth),
+        lead: SpanNs::from_s(lead_ms * 1e-3),
         limit_avoidance_1_s: (avoid > 0.0).then_some(avoid),
         object,
     })

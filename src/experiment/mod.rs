@@ -29,7 +29,7 @@ pub use comparison::run_scheme;
 pub use convergence::{FLIERS, Fate, Flier, fates, fly, start};
 pub use error::ExperimentError;
 pub use eye::{Eye, Miscalibration, RenderedEye};
-pub use gain_delay::{DELAYS_MS, Loop};
+pub use gain_delay::{DELAYS_MS, Disturbance, Finding, Loop, errors_to_bear, study};
 pub use metrics::{FinalErrors, Goal, Metrics, SettlingTimes, settling_time, straightness};
 pub use outcome::{Figure, Outcome};
 pub use plot::{Mark, Panel, Series, figure};

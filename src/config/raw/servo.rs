@@ -170,6 +170,8 @@ table! {
         weights: Vec<f64> = Vec::new(),
         /// Rate at which the first velocity is let in, 1/s; 0 starts at once.
         smooth_start_1_s: f64 = 0.0,
+        /// How much later the arm moves as it is told: the lag of a drive, ms. `predict` looks so far ahead.
+        lead_ms: f64 = 0.0,
         /// Gain of the motion away from joint limits where the task leaves joints free, 1/s; 0 for none.
         limit_avoidance_1_s: f64 = 0.0,
         /// `[servo.object]`: estimate the target's own motion, carry views by it and follow it.
