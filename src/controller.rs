@@ -16,11 +16,11 @@ use crate::calibration::{GentleMotion, image_reach};
 use crate::camera_model::CameraModel;
 use crate::drive::{DriveCommand, DriveState};
 use crate::messages::{ControlState, Measurement};
-use crate::motion::{ActingLimits, JointController, Limit, MotionLimits, Reference, evade};
+use crate::motion::{ActingLimits, JointController, Limit, MotionLimits, Reference, brakeable, evade};
 use crate::robot::Robot;
 use crate::safety::{Fault, MeasurementWatch, Vision};
 use crate::schedule::TICK;
-use crate::servo::{Intake, VisualServo, Wish};
+use crate::servo::{Approach, Intake, VisualServo, Wish};
 use crate::time::MonoNs;
 use nalgebra::SVector;
 
@@ -161,15 +161,15 @@ impl<const N: usize> Controller<N> {
         };
         let mut limits = ActingLimits::default();
         let mut direct = None;
-        let wish = match answer {
-            Some(Wish::Velocity(qd)) => qd,
+        let (wish, approach) = match answer {
+            Some(Wish::Velocity(qd)) => (qd, settings.servo.approach().copied()),
             Some(Wish::Torque(tau)) if settings.closed_loop => {
                 self.reference.reseat(&drive.q, &drive.qd);
                 direct = Some(tau).filter(|_| can_still_stop(&settings.limits, drive));
-                SVector::zeros()
+                (SVector::zeros(), None)
             }
             // At a singularity of task or arm there may be nothing to follow: the arm slows down.
-            Some(Wish::Torque(_)) | None => SVector::zeros(),
+            Some(Wish::Torque(_)) | None => (SVector::zeros(), None),
         };
         if let Some(tau) = direct {
             return self.direct_output(drive, tau, intake);
@@ -178,7 +178,7 @@ impl<const N: usize> Controller<N> {
             // A gentle motion is one of joints: no singular posture is in its way, and it keeps within their ranges.
             let (qd, acting) = match self.gentle {
                 Some(_) => (wish, ActingLimits::default()),
-                None => self.evade(&drive.q, &wish),
+                None => self.held_back(&drive.q, &wish, approach.as_ref()),
             };
             let reference = *self.reference.advance(&qd, TICK);
             limits = acting.with(&reference.limits);
@@ -209,11 +209,21 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// The wish, slowed down ahead of singular postures and ends of ranges.
-    fn evade(&self, q: &SVector<f64, N>, wish: &SVector<f64, N>) -> (SVector<f64, N>, ActingLimits) {
-        let ControllerSettings { robot, servo, .. } = &self.settings;
+    /// The wish, slowed down so that the arm can brake at the goal, and ahead of singular postures and ends of ranges.
+    fn held_back(
+        &self,
+        q: &SVector<f64, N>,
+        wish: &SVector<f64, N>,
+        approach: Option<&Approach<N>>,
+    ) -> (SVector<f64, N>, ActingLimits) {
+        let ControllerSettings { robot, servo, limits, .. } = &self.settings;
+        let (wish, braking) = match approach {
+            Some(approach) => brakeable(wish, approach, self.reference.state(), limits),
+            None => (*wish, ActingLimits::default()),
+        };
         let (_, J) = servo.settings().mount.camera(robot, q);
-        evade(robot, q, J.matrix(), wish)
+        let (wish, evading) = evade(robot, q, J.matrix(), &wish);
+        (wish, braking.with(&evading))
     }
 
     /// A torque law speaks to the drive itself, within the effort limits.

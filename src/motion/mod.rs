@@ -2,15 +2,18 @@
 //! the joint controller that follows it.
 //!
 //! ```text
-//! servo law ─► evade (singular postures, ends of ranges) ─► Reference (hard limits, last) ─► JointController ─► drive
+//! servo law ─► brakeable (the goal is not passed) ─► evade (singular postures, ends of ranges)
+//!           ─► Reference (hard limits, last) ─► JointController ─► drive
 //! ```
 
+mod approach;
 mod braking;
 mod evasion;
 mod joint_control;
 mod limits;
 mod reference;
 
+pub use approach::brakeable;
 pub use evasion::evade;
 pub use joint_control::{InverseDynamicsControl, JointController, JointTorque, PdGravityControl};
 pub use limits::{ActingLimits, Limit, LimitWatch, LongActing};

@@ -39,6 +39,19 @@ pub struct MotionLimits<const N: usize> {
     pub jerk: SVector<f64, N>,
 }
 
+impl<const N: usize> MotionLimits<N> {
+    /// The limits of joint `i`, counted from 0.
+    pub(super) fn bounds(&self, i: usize) -> Bounds {
+        Bounds {
+            lower: self.lower[i],
+            upper: self.upper[i],
+            velocity: self.velocity[i],
+            acceleration: self.acceleration[i],
+            jerk: self.jerk[i],
+        }
+    }
+}
+
 /// One point of the reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReferenceState<const N: usize> {
@@ -93,7 +106,7 @@ impl<const N: usize> Reference<N> {
         let wanted = self.wanted_acceleration(wish, dt_s, &mut acting);
         let previous = self.state.qd;
         for i in 0..N {
-            let bounds = self.bounds(i);
+            let bounds = self.limits.bounds(i);
             let now = Point { q: self.state.q[i], v: previous[i], a: self.a[i] };
             let step = now.after((wanted[i] - now.a) / dt_s, dt_s);
             let (taken, breach) = admissible(now, step, &bounds, dt_s);
@@ -144,17 +157,6 @@ impl<const N: usize> Reference<N> {
         }
         let change = error * gain - self.a;
         self.a + change * shrink(&change, &(limits.jerk * dt_s), Limit::Jerk, acting)
-    }
-
-    fn bounds(&self, i: usize) -> Bounds {
-        let l = &self.limits;
-        Bounds {
-            lower: l.lower[i],
-            upper: l.upper[i],
-            velocity: l.velocity[i],
-            acceleration: l.acceleration[i],
-            jerk: l.jerk[i],
-        }
     }
 }
 

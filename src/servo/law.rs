@@ -144,6 +144,21 @@ impl Law {
         }
     }
 
+    /// Rate at which the quickest part of the error falls if a wish about `task` is obeyed, 1/s; zero for torque laws.
+    #[must_use]
+    pub fn rate_1_s(&self, task: &Task) -> f64 {
+        let (gain, quickest) = match self {
+            Self::PositionVelocity { gain, K, .. } => (gain, K.max()),
+            Self::ImageVelocity { gain, .. } => (gain, 1.0),
+            Self::Hybrid { gain, gains, .. } => (gain, gains.K_p.max().max(gains.K_o.max())),
+            Self::PositionTorque { .. } | Self::ImageTorque { .. } => return 0.0,
+        };
+        match task {
+            Task::Twist(task) => gain.at(task.error) * quickest,
+            Task::Wrench(_) => 0.0,
+        }
+    }
+
     /// What the joints shall do about `task`. `None` where there is no finite answer.
     #[must_use]
     pub fn wish<const N: usize>(&self, task: &Task, arm: &Arm<N>) -> Option<Wish<N>> {

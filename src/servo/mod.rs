@@ -21,6 +21,7 @@
 //! make is the square system of the text. To step a law without processes: a [`SetPoint`], a [`View`] of the present
 //! features (and pose), [`Law::task`], and [`Law::wish`] with an [`Arm`].
 
+mod approach;
 mod gain;
 mod hybrid;
 mod image;
@@ -41,6 +42,7 @@ mod tests;
 mod view;
 mod visual_servo;
 
+pub use approach::Approach;
 pub use gain::Gain;
 pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
 pub use image::{image_error, image_task, image_wrench};

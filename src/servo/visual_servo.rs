@@ -6,8 +6,8 @@
 //! of an object that moves is estimated, where that is asked for.
 
 use super::{
-    Arm, CameraJacobian, Law, Mount, ObjectDynamics, ObjectMotion, SetPoint, Task, TwistTask, View, Wish,
-    away_from_limits, joint_velocity, lesson::Lesson,
+    Approach, Arm, CameraJacobian, Law, Mount, ObjectDynamics, ObjectMotion, SetPoint, Task, TwistTask, View,
+    Wish, away_from_limits, joint_velocity, lesson::Lesson,
 };
 use crate::geometry::{Pose, rotate_twist};
 use crate::joint_history::JointHistory;
@@ -110,13 +110,20 @@ impl ServoSettings {
     }
 }
 
+/// What the law says, and how that leads to the goal.
+#[derive(Debug, Clone, Copy)]
+struct Answer<const N: usize> {
+    wish: Wish<N>,
+    approach: Approach<N>,
+}
+
 /// Visual servoing of an arm with `N` joints.
 #[derive(Debug, Clone)]
 pub struct VisualServo<const N: usize> {
     settings: ServoSettings,
     history: JointHistory<N>,
     sighting: Option<Sighting>,
-    held: Option<Wish<N>>,
+    held: Option<Answer<N>>,
     fresh: bool,
     /// First wished velocity, and when: what a smooth start takes off.
     start: Option<(MonoNs, SVector<f64, N>)>,
@@ -222,8 +229,14 @@ impl<const N: usize> VisualServo<N> {
             let object = self.object.as_ref().map(|object| (object, now));
             self.held = self.settings.wish(sighting, object, q, qd, robot);
         }
-        let wish = self.held?;
+        let Answer { wish, .. } = self.held?;
         Some(self.started(wish))
+    }
+
+    /// How the last wished velocity leads to its goal; `None` without one.
+    #[must_use]
+    pub fn approach(&self) -> Option<&Approach<N>> {
+        self.held.as_ref().map(|answer| &answer.approach)
     }
 
     /// The wish less what is left of the first one, `v(t) - exp(-rate t) v(0)`: from rest without a jump.
@@ -246,7 +259,7 @@ impl ServoSettings {
         q: &SVector<f64, N>,
         qd: &SVector<f64, N>,
         robot: &Robot<N>,
-    ) -> Option<Wish<N>> {
+    ) -> Option<Answer<N>> {
         let (X_WC, J) = self.mount.camera(robot, q);
         let arm = Arm {
             J,
@@ -254,32 +267,31 @@ impl ServoSettings {
             gravity: if self.law.is_torque() { robot.gravity(q) } else { SVector::zeros() },
             secondary: self.limit_avoidance_1_s.map(|gain| away_from_limits(q, robot.limits(), gain)),
         };
-        match self.update {
-            UpdatePolicy::Frame | UpdatePolicy::Tick => self.law.wish(&sighting.task, &arm),
-            UpdatePolicy::Predict => {
-                // With a first-order lag T the arm, told to stand, would come to rest in q + T qd: the error there is
-                // what can still be acted upon, and the lag drops out of the loop.
-                let X_WC = if self.lead == SpanNs::ZERO {
-                    X_WC
-                } else {
-                    self.mount.X_WC(&robot.forward(&(q + qd * self.lead.as_s())))
-                };
-                let object = object.map(|(object, now)| (object, now + self.lead));
-                let moved = object.map(|(object, then)| object.displacement(sighting.exposure, then));
-                let X_WC_then = moved.map_or(sighting.X_WC, |moved| moved * sighting.X_WC);
-                sighting
-                    .view
-                    .carried(&X_WC.inv_mul(&X_WC_then), &self.set_point)
-                    .and_then(|now| self.law.task(&self.set_point, &now))
-                    .and_then(|task| self.law.wish(&task, &arm))
-                    .map(|wish| match (wish, object) {
-                        (Wish::Velocity(qd), Some((object, now))) => {
-                            Wish::Velocity(qd + follow(object, now, &X_WC, &J))
-                        }
-                        (wish, _) => wish,
-                    })
-            }
+        if self.update != UpdatePolicy::Predict {
+            return self.answer(&sighting.task, &arm);
         }
+        // With a first-order lag T the arm, told to stand, would come to rest in q + T qd: the error there is what can
+        // still be acted upon, and the lag drops out of the loop.
+        let X_WC = if self.lead == SpanNs::ZERO {
+            X_WC
+        } else {
+            self.mount.X_WC(&robot.forward(&(q + qd * self.lead.as_s())))
+        };
+        let object = object.map(|(object, now)| (object, now + self.lead));
+        let moved = object.map(|(object, then)| object.displacement(sighting.exposure, then));
+        let X_WC_then = moved.map_or(sighting.X_WC, |moved| moved * sighting.X_WC);
+        let view = sighting.view.carried(&X_WC.inv_mul(&X_WC_then), &self.set_point)?;
+        let mut answer = self.answer(&self.law.task(&self.set_point, &view)?, &arm)?;
+        if let (Wish::Velocity(qd), Some((object, then))) = (&mut answer.wish, object) {
+            answer.approach.follow = follow(object, then, &X_WC, &J);
+            *qd += answer.approach.follow;
+        }
+        Some(answer)
+    }
+
+    fn answer<const N: usize>(&self, task: &Task, arm: &Arm<N>) -> Option<Answer<N>> {
+        let wish = self.law.wish(task, arm)?;
+        Some(Answer { wish, approach: Approach::at(self.law.rate_1_s(task)) })
     }
 }
 

@@ -1,0 +1,122 @@
+//! Wishes that the arm can still brake from: what makes high gains usable under limits on acceleration and jerk.
+//!
+//! A law of gain lambda wishes `v = lambda d` at the distance `d` of its goal. Far out that is more than the arm could
+//! take back in time, and it would run past the goal. So the wish is cut to the speed from which braking over `d` ends
+//! at rest; close to the goal, where the law itself is slower than that, nothing is cut.
+
+use super::braking::{Bounds, Point};
+use super::limits::{ActingLimits, Limit};
+use super::reference::{MotionLimits, ReferenceState};
+use crate::servo::Approach;
+use nalgebra::SVector;
+
+/// Share of acceleration and jerk that braking counts upon: the distance to go is the law's estimate.
+const SHARE: f64 = 0.7;
+
+/// `wish` as far as an arm whose reference is in `state` can brake from it on its way to the goal; all joints together,
+/// so that it keeps its direction.
+#[must_use]
+pub fn brakeable<const N: usize>(
+    wish: &SVector<f64, N>,
+    approach: &Approach<N>,
+    state: &ReferenceState<N>,
+    limits: &MotionLimits<N>,
+) -> (SVector<f64, N>, ActingLimits) {
+    let mut acting = ActingLimits::default();
+    let towards = wish - approach.follow;
+    let (mut factor, mut slowest) = (1.0_f64, None);
+    for i in 0..N {
+        let speed = towards[i].abs();
+        let now = Point {
+            q: speed / approach.rate_1_s,
+            v: (state.qd[i] - approach.follow[i]) * towards[i].signum(),
+            a: state.qdd[i] * towards[i].signum(),
+        };
+        let largest = braking_speed(now, &limits.bounds(i));
+        if speed * factor > largest {
+            (factor, slowest) = (largest / speed, Some(i));
+        }
+    }
+    if let Some(joint) = slowest {
+        acting.set(Limit::Acceleration, joint);
+    }
+    (approach.follow + towards * factor, acting)
+}
+
+/// The speed towards a goal at the distance `now.q` (not negative) from which braking ends there at rest. Without
+/// acceleration `d = v^1.5 / sqrt(J)` while the acceleration limit is not reached, `d = v (v / A + A / J) / 2` beyond; what the
+/// joint gains until its present acceleration is taken back comes off first.
+fn braking_speed(now: Point, bounds: &Bounds) -> f64 {
+    let (A, J) = (SHARE * bounds.acceleration, SHARE * bounds.jerk);
+    let (a, v) = (now.a.max(0.0), now.v.max(0.0));
+    let distance = (now.q - a / J * (v + a * a / (3.0 * J))).max(0.0);
+    if distance * J * J <= A * A * A {
+        (distance * J.sqrt()).powf(2.0 / 3.0)
+    } else {
+        let half = A * A / (2.0 * J);
+        (half * half + 2.0 * A * distance).sqrt() - half
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::Reference;
+    use crate::time::SpanNs;
+    use nalgebra::{Vector1, Vector2};
+    use proptest::prelude::*;
+
+    fn limits<const N: usize>(acceleration: f64, jerk: f64) -> MotionLimits<N> {
+        MotionLimits {
+            lower: SVector::repeat(-10.0),
+            upper: SVector::repeat(10.0),
+            velocity: SVector::repeat(3.0),
+            acceleration: SVector::repeat(acceleration),
+            jerk: SVector::repeat(jerk),
+        }
+    }
+
+    proptest! {
+        /// A law of any gain brings the reference to its goal without running past it.
+        #[test]
+        fn the_goal_is_reached_and_not_passed(
+            rate_1_s in 0.5..60.0f64, distance in -3.0..3.0f64, acceleration in 2.0..20.0f64, jerk in 100.0..2000.0f64
+        ) {
+            let limits = limits::<1>(acceleration, jerk);
+            let mut r = Reference::new(limits.clone(), Vector1::new(-distance));
+            let (mut farthest, mut tick) = (0.0_f64, 0);
+            while tick < 20_000 && !(r.state().q[0].abs() < 1e-4 && r.state().qd[0].abs() < 1e-4) {
+                let wish = Vector1::new(-rate_1_s * r.state().q[0]);
+                let (cut, _) = brakeable(&wish, &Approach::at(rate_1_s), r.state(), &limits);
+                r.advance(&cut, SpanNs::MILLISECOND);
+                farthest = farthest.max(r.state().q[0] * distance.signum());
+                tick += 1;
+            }
+            prop_assert!(tick < 20_000, "never there: {:?}", r.state());
+            prop_assert!(farthest < 0.02 * distance.abs() + 2e-3, "passed by {farthest}");
+        }
+
+        #[test]
+        fn the_cut_wish_keeps_its_direction_and_is_never_longer(
+            v in prop::array::uniform2(-5.0..5.0f64), follow in prop::array::uniform2(-1.0..1.0f64), rate_1_s in 0.1..200.0f64
+        ) {
+            let (v, follow) = (Vector2::from(v), Vector2::from(follow));
+            let limits = limits::<2>(10.0, 500.0);
+            let r = Reference::new(limits.clone(), Vector2::zeros());
+            let (cut, acting) = brakeable(&v, &Approach { rate_1_s, follow }, r.state(), &limits);
+            let (before, after) = (v - follow, cut - follow);
+            prop_assert!(after.norm() <= before.norm() * (1.0 + 1e-12));
+            prop_assert!((after.normalize() - before.normalize()).norm() < 1e-9);
+            prop_assert_eq!(acting == ActingLimits::default(), after.norm() >= before.norm() * (1.0 - 1e-12));
+        }
+    }
+
+    #[test]
+    fn low_gains_are_left_alone() {
+        let v = Vector2::new(2.0, -1.0);
+        let limits = limits::<2>(10.0, 500.0);
+        let r = Reference::new(limits.clone(), Vector2::zeros());
+        let (cut, acting) = brakeable(&v, &Approach::at(2.0), r.state(), &limits);
+        assert_eq!((cut, acting), (v, ActingLimits::default()));
+    }
+}

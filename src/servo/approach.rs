@@ -1,0 +1,20 @@
+//! What a wished joint velocity says about its goal.
+
+use nalgebra::SVector;
+
+/// How a wished joint velocity leads to its goal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Approach<const N: usize> {
+    /// Rate at which the distance to the goal shrinks if the wish is obeyed, 1/s.
+    pub rate_1_s: f64,
+    /// The part of the wish that follows a goal in motion, rad/s or m/s: what remains when the goal is reached.
+    pub follow: SVector<f64, N>,
+}
+
+impl<const N: usize> Approach<N> {
+    /// To a goal at rest.
+    #[must_use]
+    pub fn at(rate_1_s: f64) -> Self {
+        Self { rate_1_s, follow: SVector::zeros() }
+    }
+}
