@@ -86,7 +86,7 @@ impl<const N: usize> Running<N> {
             robot,
             limits: limits.clone(),
             joint_control: JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
-            watch: MeasurementWatch::new(SpanNs(200 * MS)),
+            watch: MeasurementWatch::new(SpanNs(200 * MS), 0.75),
             max_tracking_error: 0.1,
             closed_loop: true,
             calibrates: None,

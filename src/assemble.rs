@@ -156,7 +156,7 @@ pub fn control_loop_with<const N: usize>(
         }),
         limits,
         joint_control,
-        watch: MeasurementWatch::new(config.safety.measurement_timeout),
+        watch: MeasurementWatch::new(config.safety.measurement_timeout, config.safety.slow_down_from),
         max_tracking_error: config.safety.max_tracking_error,
         closed_loop,
         calibrates: (config.task == Task::CalibrateLatency).then_some(config.camera.model),

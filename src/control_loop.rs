@@ -140,6 +140,9 @@ impl<const N: usize> ControlLoop<N> {
             self.count(now, m);
         }
         let output = self.controller.step(now, &self.sensed, measurement);
+        if let Some(intake) = output.intake {
+            self.statistics.taken(now, intake);
+        }
         self.drive.write(&output.command);
         self.command = output.command;
         self.statistics.ticked();

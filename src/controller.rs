@@ -70,6 +70,7 @@ pub struct Controller<const N: usize> {
     watch: MeasurementWatch,
     fault: Option<Fault>,
     stopping: bool,
+    has_servoed: bool,
     last_tau: SVector<f64, N>,
     /// The motion of a calibration, from the first good measurement on.
     gentle: Option<GentleMotion<N>>,
@@ -82,7 +83,16 @@ impl<const N: usize> Controller<N> {
         let reference = Reference::new(settings.limits.clone(), q_start);
         let watch = settings.watch;
         let zero = SVector::zeros();
-        Self { settings, reference, watch, fault: None, stopping: false, last_tau: zero, gentle: None }
+        Self {
+            settings,
+            reference,
+            watch,
+            fault: None,
+            stopping: false,
+            has_servoed: false,
+            last_tau: zero,
+            gentle: None,
+        }
     }
 
     /// The settings.
@@ -127,58 +137,34 @@ impl<const N: usize> Controller<N> {
         if self.fault.is_some_and(Fault::blinds) {
             return self.blind_output();
         }
-        let Self { settings, watch, .. } = self;
-        settings.servo.note_arm(now, &drive.q, &drive.qd);
-        let intake = measurement.map(|m| settings.servo.take(now, m, &settings.robot));
-        if let (Some(m), Some(true), None) = (measurement, intake.map(Intake::is_used), &settings.calibrates)
-        {
-            watch.good(m.exposure);
-        }
-        if let (Some(camera), Some(m)) = (&settings.calibrates, measurement) {
-            // Whatever its stamp says: that is what is to be found out.
-            let points = settings.servo.set_point().points();
-            let whole = m.found() && m.features().len() == points.len();
-            let reach = whole.then(|| {
-                let mount = &settings.servo.settings().mount;
-                image_reach(&settings.robot, mount, camera, points, &settings.limits, &drive.q, m)
-            });
-            if let Some(reach) = reach.flatten() {
-                watch.good(now);
-                self.gentle.get_or_insert_with(|| GentleMotion::new(&drive.q, &reach, &settings.limits));
-            }
-        }
-        let vision = watch.check(now);
-        let answer = match (self.fault, vision) {
-            (None, Vision::Fresh) if !self.stopping => match &mut self.gentle {
-                Some(motion) => Some(Wish::Velocity(motion.advance(TICK))),
-                None if settings.calibrates.is_some() => None,
-                None => settings.servo.wish(&drive.q, &drive.qd, &settings.robot),
-            },
-            _ => {
-                settings.servo.restart();
-                None
-            }
+        self.settings.servo.note_arm(now, &drive.q, &drive.qd);
+        let intake = measurement.map(|m| self.take(now, drive, m));
+        let (vision, confidence) = self.trust(now);
+        let answer = if self.fault.is_none() && vision == Vision::Fresh && !self.stopping {
+            self.has_servoed = true;
+            self.answer(drive)
+        } else {
+            self.settings.servo.restart();
+            None
         };
         let mut limits = ActingLimits::default();
-        let mut direct = None;
         let (wish, approach) = match answer {
-            Some(Wish::Velocity(qd)) => (qd, settings.servo.approach().copied()),
-            Some(Wish::Torque(tau)) if settings.closed_loop => {
+            Some(Wish::Velocity(qd)) => (qd, self.settings.servo.approach().copied()),
+            Some(Wish::Torque(tau)) if self.settings.closed_loop => {
                 self.reference.reseat(&drive.q, &drive.qd);
-                direct = Some(tau).filter(|_| can_still_stop(&settings.limits, drive));
+                if can_still_stop(&self.settings.limits, drive) {
+                    return self.direct_output(drive, tau, intake);
+                }
                 (SVector::zeros(), None)
             }
             // At a singularity of task or arm there may be nothing to follow: the arm slows down.
             Some(Wish::Torque(_)) | None => (SVector::zeros(), None),
         };
-        if let Some(tau) = direct {
-            return self.direct_output(drive, tau, intake);
-        }
         let reference = if self.settings.closed_loop {
             // A gentle motion is one of joints: no singular posture is in its way, and it keeps within their ranges.
             let (qd, acting) = match self.gentle {
                 Some(_) => (wish, ActingLimits::default()),
-                None => self.held_back(&drive.q, &wish, approach.as_ref()),
+                None => self.held_back(&drive.q, &wish, approach.as_ref(), confidence),
             };
             let reference = *self.reference.advance(&qd, TICK);
             limits = acting.with(&reference.limits);
@@ -209,21 +195,75 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// The wish, slowed down so that the arm can brake at the goal, and ahead of singular postures and ends of ranges.
+    /// Takes a measurement in; what became of it.
+    fn take(&mut self, now: MonoNs, drive: &DriveState<N>, m: &Measurement) -> Intake {
+        let Self { settings, watch, .. } = self;
+        let intake = settings.servo.take(now, m, &settings.robot);
+        let Some(camera) = &settings.calibrates else {
+            if intake.is_used() {
+                watch.good(m.exposure);
+            }
+            return intake;
+        };
+        // Whatever its stamp says: that is what is to be found out.
+        let points = settings.servo.set_point().points();
+        if m.found() && m.features().len() == points.len() {
+            let mount = &settings.servo.settings().mount;
+            if let Some(reach) =
+                image_reach(&settings.robot, mount, camera, points, &settings.limits, &drive.q, m)
+            {
+                watch.good(now);
+                self.gentle.get_or_insert_with(|| GentleMotion::new(&drive.q, &reach, &settings.limits));
+            }
+        }
+        intake
+    }
+
+    /// Whether there is a view to go by, and the share of the wished velocity that it justifies, 0 to 1.
+    fn trust(&self, now: MonoNs) -> (Vision, f64) {
+        let mut confidence = self.watch.confidence(now);
+        if !self.is_calibrating() {
+            confidence = confidence.min(self.settings.servo.confidence(now));
+        }
+        let vision = match self.watch.check(now) {
+            Vision::Fresh if confidence > 0.0 => Vision::Fresh,
+            Vision::Fresh if !self.has_servoed => Vision::Never,
+            Vision::Fresh | Vision::Stale => Vision::Stale,
+            Vision::Never => Vision::Never,
+        };
+        (vision, confidence)
+    }
+
+    fn answer(&mut self, drive: &DriveState<N>) -> Option<Wish<N>> {
+        let Self { settings, gentle, .. } = self;
+        match gentle {
+            Some(motion) => Some(Wish::Velocity(motion.advance(TICK))),
+            None if settings.calibrates.is_some() => None,
+            None => settings.servo.wish(&drive.q, &drive.qd, &settings.robot),
+        }
+    }
+
+    /// The wish, slowed down so that the arm can brake at the goal, where the view is old or uncertain, and ahead of
+    /// singular postures and ends of ranges.
     fn held_back(
         &self,
         q: &SVector<f64, N>,
         wish: &SVector<f64, N>,
         approach: Option<&Approach<N>>,
+        confidence: f64,
     ) -> (SVector<f64, N>, ActingLimits) {
         let ControllerSettings { robot, servo, limits, .. } = &self.settings;
-        let (wish, braking) = match approach {
+        let (mut wish, mut acting) = match approach {
             Some(approach) => brakeable(wish, approach, self.reference.state(), limits),
             None => (*wish, ActingLimits::default()),
         };
+        if confidence < 1.0 && approach.is_some() {
+            wish *= confidence;
+            acting.add(Limit::View, all_joints::<N>());
+        }
         let (_, J) = servo.settings().mount.camera(robot, q);
         let (wish, evading) = evade(robot, q, J.matrix(), &wish);
-        (wish, braking.with(&evading))
+        (wish, acting.with(&evading))
     }
 
     /// A torque law speaks to the drive itself, within the effort limits.
@@ -265,6 +305,11 @@ impl<const N: usize> Controller<N> {
             intake: None,
         }
     }
+}
+
+/// The mask of all joints.
+fn all_joints<const N: usize>() -> u8 {
+    (0..N).fold(0, |mask, i| mask | 1_u8.checked_shl(i as u32).unwrap_or(0))
 }
 
 /// Whether every joint is within its speed limit and can still stop within its range: else a torque law has to wait.

@@ -6,7 +6,8 @@ use crate::latency::{LatencyStages, LatencyTable};
 use crate::messages::{ControlState, Measurement};
 use crate::motion::{ActingLimits, Limit, LimitWatch, LongActing};
 use crate::safety::Fault;
-use crate::summary::{Latencies, LimitedTicks, SafetyEvent, SafetyReport};
+use crate::servo::Intake;
+use crate::summary::{IntakeCounts, Latencies, LimitedTicks, SafetyEvent, SafetyReport};
 use crate::time::MonoNs;
 use xxhash_rust::xxh3::Xxh3;
 
@@ -28,6 +29,8 @@ pub(crate) enum Event {
     Fault(Fault),
     /// A limit that has acted for long.
     Limit(LongActing),
+    /// The first stamp that lay in the future.
+    StampFromFuture,
 }
 
 /// What was counted during a run.
@@ -35,6 +38,7 @@ pub(crate) enum Event {
 pub struct RunStatistics {
     ticks: u64,
     measurements: u64,
+    intake: IntakeCounts,
     latencies: LatencyTable,
     last_measurement: Option<Measurement>,
     last_found: Option<Measurement>,
@@ -52,6 +56,7 @@ impl RunStatistics {
         Self {
             ticks: 0,
             measurements: 0,
+            intake: IntakeCounts::default(),
             latencies: LatencyTable::default(),
             last_measurement: None,
             last_found: None,
@@ -123,6 +128,29 @@ impl RunStatistics {
         }
     }
 
+    /// Counts what became of a measurement.
+    pub(crate) fn taken(&mut self, now: MonoNs, intake: Intake) {
+        let counts = &mut self.intake;
+        let first_from_future = counts.used_from_future + counts.refused_from_future == 0;
+        *match intake {
+            Intake::Used => &mut counts.used,
+            Intake::UsedFromFuture => &mut counts.used_from_future,
+            Intake::NoTarget => &mut counts.no_target,
+            Intake::NotNewer => &mut counts.refused_not_newer,
+            Intake::RefusedFromFuture => &mut counts.refused_from_future,
+            Intake::TooOld => &mut counts.refused_too_old,
+        } += 1;
+        if first_from_future && matches!(intake, Intake::UsedFromFuture | Intake::RefusedFromFuture) {
+            self.event(now, Event::StampFromFuture);
+        }
+    }
+
+    /// What became of the measurements.
+    #[must_use]
+    pub fn intake(&self) -> &IntakeCounts {
+        &self.intake
+    }
+
     /// The newest good measurement.
     #[must_use]
     pub fn last_found(&self) -> Option<&Measurement> {
@@ -150,6 +178,7 @@ impl RunStatistics {
                 jerk: ticks(Limit::Jerk),
                 effort: ticks(Limit::Effort),
                 singularity: ticks(Limit::Singularity),
+                view: ticks(Limit::View),
             },
         }
     }
@@ -192,10 +221,13 @@ impl RunStatistics {
 impl Event {
     fn describe(self) -> String {
         let text = match self {
-            Self::Holding => "measurements stopped: the arm slows down and holds",
+            Self::Holding => "measurements stopped or are too uncertain: the arm slows down and holds",
             Self::Resumed => "measurements are back: the arm goes on",
             Self::Stopping => "stop requested: the arm slows down",
             Self::Fault(fault) => fault.describe(),
+            Self::StampFromFuture => {
+                "an exposure stamp lies in the future: `vservo calibrate latency` finds camera.stamp_offset_ms"
+            }
             Self::Limit(long) => return long.describe(),
         };
         text.into()

@@ -75,6 +75,23 @@ pub struct Latencies {
     pub measurement_to_command: Quantiles,
 }
 
+/// What became of the measurements that reached control, by their exposure stamps.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct IntakeCounts {
+    /// The servo law worked with them.
+    pub used: u64,
+    /// Likewise, although their stamps lay in the future.
+    pub used_from_future: u64,
+    /// Without a target.
+    pub no_target: u64,
+    /// Refused: repeated, or overtaken by a newer one.
+    pub refused_not_newer: u64,
+    /// Refused: too far in the future.
+    pub refused_from_future: u64,
+    /// Refused: from before all that is known of the arm.
+    pub refused_too_old: u64,
+}
+
 /// Times of the control tick, us; all zero in lockstep, where ticks have no deadline.
 ///
 /// `wake` and `total` have an entry for every tick of the run, skipped ones included; `step` one for each tick that was served.
@@ -155,6 +172,8 @@ pub struct LimitedTicks {
     pub effort: u64,
     /// Nearness of a singular posture.
     pub singularity: u64,
+    /// A view that was old or uncertain.
+    pub view: u64,
 }
 
 /// How the camera's stamps lie against the encoders'.
@@ -239,6 +258,8 @@ pub struct Summary {
     pub frames: u64,
     /// Measurements that reached control.
     pub measurements: u64,
+    /// What became of them.
+    pub intake: IntakeCounts,
     /// Frames that the camera sent and vision skipped.
     pub frames_dropped: u64,
     /// How often the target was lost.
@@ -286,6 +307,7 @@ impl Summary {
             skipped_ticks: 0,
             frames: 0,
             measurements: 0,
+            intake: IntakeCounts::default(),
             frames_dropped: 0,
             target_lost: 0,
             late_drive_states: 0,
@@ -319,8 +341,20 @@ impl Summary {
         let _ = writeln!(
             t,
             "vision        {} frames, {} dropped, {} measurements used, target lost {} times",
-            self.frames, self.frames_dropped, self.measurements, self.target_lost
+            self.frames,
+            self.frames_dropped,
+            self.intake.used + self.intake.used_from_future,
+            self.target_lost
         );
+        let i = &self.intake;
+        let refused = i.refused_not_newer + i.refused_from_future + i.refused_too_old;
+        if i.used_from_future + refused > 0 {
+            let _ = writeln!(
+                t,
+                "stamps        {} used from the future; refused: {} from the future, {} not newer, {} too old",
+                i.used_from_future, i.refused_from_future, i.refused_not_newer, i.refused_too_old
+            );
+        }
         let _ = writeln!(
             t,
             "final error   features {}, position {}, orientation {}",

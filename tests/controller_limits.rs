@@ -51,7 +51,7 @@ fn settings<const N: usize>(name: &str, update: UpdatePolicy, gain_1_s: f64) -> 
         robot,
         limits,
         joint_control: JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
-        watch: MeasurementWatch::new(SpanNs(200 * MS)),
+        watch: MeasurementWatch::new(SpanNs(200 * MS), 0.75),
         max_tracking_error: 0.1,
         closed_loop: true,
         calibrates: None,

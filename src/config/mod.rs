@@ -223,6 +223,8 @@ pub struct ExternalPlant {
 pub struct Safety {
     /// Age of the last good measurement at which the arm slows down and holds.
     pub measurement_timeout: SpanNs,
+    /// Share of it from which on the arm slows down.
+    pub slow_down_from: f64,
     /// Age of an external drive's newest state at which the run ends.
     pub drive_timeout: SpanNs,
     /// More missed deadlines in a row than this stop the arm.

@@ -373,6 +373,8 @@ table! {
     RawSafety {
         /// Age of the last good measurement at which the arm slows down and holds, ms.
         measurement_timeout_ms: f64 = 200.0,
+        /// Share of that time from which on the arm slows down.
+        slow_down_from: f64 = 0.75,
         /// Age of an external drive's newest state at which the run ends as a fault, ms; in real time only.
         drive_timeout_ms: f64 = 20.0,
         /// Real time: more missed deadlines in a row than this stop the arm and end the run.

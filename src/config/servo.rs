@@ -109,6 +109,7 @@ fn object(s: &RawServo, check: &mut Check<'_>) -> Option<ObjectDynamics> {
             s.object.acceleration_rad_s2,
             acceleration,
         ),
+        largest_sd_m: check.range("servo.object.max_uncertainty_m", s.object.max_uncertainty_m, 1e-4..=10.0),
     };
     if s.object.moves && s.update != Update::Predict {
         check.wrong("servo.object.moves", "needs servo.update = \"predict\": the others do not look ahead");

@@ -124,6 +124,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
             raw.safety.measurement_timeout_ms,
             1.0..=60_000.0,
         ),
+        slow_down_from: check.range("safety.slow_down_from", raw.safety.slow_down_from, 0.0..=1.0),
         max_missed_in_a_row: check
             .count(
                 "safety.max_missed_deadlines_in_a_row",
@@ -378,6 +379,13 @@ fn timing(raw: &RawConfig, camera: &Camera, check: &mut Check<'_>) {
              holds whenever a frame is lost or late; raise it above that, or raise camera.rate_hz"
         );
         check.doubtful(key, message);
+    } else if raw.safety.slow_down_from * timeout_ms < age_ms {
+        let message = format!(
+            "{} of {timeout_ms} ms is shorter than a frame period and its latency together ({age_ms:.1} ms): the arm slows down \
+             ahead of every frame; raise it or {key}",
+            raw.safety.slow_down_from
+        );
+        check.doubtful("safety.slow_down_from", message);
     }
     if camera.exposure.as_s() > period_s {
         check

@@ -20,12 +20,21 @@ pub enum Limit {
     Effort = 4,
     /// A singular posture near by: the whole arm is damped.
     Singularity = 5,
+    /// A view that is old or uncertain.
+    View = 6,
 }
 
 impl Limit {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Position, Self::Velocity, Self::Acceleration, Self::Jerk, Self::Effort, Self::Singularity];
+    pub const ALL: [Self; 7] = [
+        Self::Position,
+        Self::Velocity,
+        Self::Acceleration,
+        Self::Jerk,
+        Self::Effort,
+        Self::Singularity,
+        Self::View,
+    ];
 
     /// Its bit in `Status::limits`.
     #[must_use]
@@ -41,6 +50,7 @@ impl Limit {
             Self::Jerk => "the jerk limit slows down",
             Self::Effort => "the effort limit cuts the torque of",
             Self::Singularity => "a singular posture near by slows down",
+            Self::View => "an old or uncertain view slows down",
         }
     }
 }
@@ -110,7 +120,7 @@ impl LongActing {
     #[must_use]
     pub fn describe(&self) -> String {
         let what = self.limit.describe();
-        if self.limit == Limit::Singularity {
+        if matches!(self.limit, Limit::Singularity | Limit::View) {
             return format!("{what} the arm for {:.0} s now", LONG.as_s());
         }
         let joints: Vec<String> =

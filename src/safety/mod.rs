@@ -2,7 +2,8 @@
 //!
 //! | fault | reaction |
 //! | --- | --- |
-//! | no good measurement for `measurement_timeout` | reference slows down within its limits, arm holds, run goes on; the next good measurement resumes it |
+//! | the last good measurement grows old, from `slow_down_from` of `measurement_timeout` on | the wish fades: the arm slows down |
+//! | no good measurement for `measurement_timeout`, or a moving object too uncertain | reference slows down within its limits, arm holds, run goes on; the next good measurement resumes it |
 //! | drive reports NaN or infinity | command of the previous tick without motion, run ends as fault |
 //! | joint farther from its reference than `tracking_error` | reference slows down, arm holds, run ends as fault |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
@@ -65,6 +66,7 @@ impl Fault {
 #[derive(Debug, Clone, Copy)]
 pub struct MeasurementWatch {
     timeout: SpanNs,
+    slow_down_from: f64,
     last: Option<MonoNs>,
 }
 
@@ -80,15 +82,28 @@ pub enum Vision {
 }
 
 impl MeasurementWatch {
-    /// A watch that calls measurements stale when `timeout` has passed since their exposure.
+    /// A watch that calls measurements stale when `timeout` has passed since their exposure, and trusts them less and
+    /// less from the share `slow_down_from` of that time on (0 to 1; 1: not before).
     #[must_use]
-    pub fn new(timeout: SpanNs) -> Self {
-        Self { timeout, last: None }
+    pub fn new(timeout: SpanNs, slow_down_from: f64) -> Self {
+        Self { timeout, slow_down_from, last: None }
     }
 
     /// A good measurement with this exposure stamp was used.
     pub fn good(&mut self, exposure: MonoNs) {
         self.last = Some(self.last.map_or(exposure, |last| last.max(exposure)));
+    }
+
+    /// Share of the wished velocity that the age of the last good measurement still justifies at `now`: 1 for a young
+    /// one, falling evenly to 0 at the timeout.
+    #[must_use]
+    pub fn confidence(&self, now: MonoNs) -> f64 {
+        let Some(last) = self.last else { return 0.0 };
+        let age = (now - last).as_s() / self.timeout.as_s();
+        if age <= self.slow_down_from {
+            return 1.0;
+        }
+        ((1.0 - age) / (1.0 - self.slow_down_from)).clamp(0.0, 1.0)
     }
 
     /// How things stand at `now`.
@@ -108,7 +123,7 @@ mod tests {
 
     #[test]
     fn measurements_grow_stale_and_recover() {
-        let mut w = MeasurementWatch::new(SpanNs(100));
+        let mut w = MeasurementWatch::new(SpanNs(100), 0.75);
         assert_eq!(w.check(MonoNs(1_000)), Vision::Never);
         w.good(MonoNs(950));
         assert_eq!(w.check(MonoNs(1_050)), Vision::Fresh);
@@ -117,5 +132,19 @@ mod tests {
         assert_eq!(w.check(MonoNs(1_051)), Vision::Stale, "an older measurement does not refresh");
         w.good(MonoNs(1_040));
         assert_eq!(w.check(MonoNs(1_051)), Vision::Fresh);
+    }
+
+    #[test]
+    fn trust_fades_ahead_of_the_timeout() {
+        let mut w = MeasurementWatch::new(SpanNs(100), 0.75);
+        assert_eq!(w.confidence(MonoNs(0)), 0.0);
+        w.good(MonoNs(1_000));
+        let at = |age: i64| w.confidence(MonoNs(1_000 + age));
+        assert_eq!((at(-5), at(0), at(75)), (1.0, 1.0, 1.0));
+        assert!((at(80) - 0.8).abs() < 1e-12 && (at(95) - 0.2).abs() < 1e-12);
+        assert_eq!((at(100), at(200)), (0.0, 0.0));
+        let mut all = MeasurementWatch::new(SpanNs(100), 1.0);
+        all.good(MonoNs(0));
+        assert_eq!((all.confidence(MonoNs(100)), all.confidence(MonoNs(101))), (1.0, 0.0));
     }
 }

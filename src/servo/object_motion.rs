@@ -24,6 +24,8 @@ pub struct ObjectDynamics {
     pub acceleration_m_s2: f64,
     /// Standard deviation of the angular acceleration, rad/s^2.
     pub acceleration_rad_s2: f64,
+    /// Standard deviation of the place at which the arm holds, m; it slows down from half of that on.
+    pub largest_sd_m: f64,
 }
 
 /// Estimate of an object's pose and twist in W.
@@ -138,6 +140,25 @@ impl ObjectMotion {
         Twist::new(v.x, v.y, v.z, e.w.x, e.w.y, e.w.z)
     }
 
+    /// Share of the wished velocity that the estimate of the place at `time` justifies: 1 for a good one, 0 where its
+    /// standard deviation has reached the largest one.
+    #[must_use]
+    pub fn confidence(&self, time: MonoNs) -> f64 {
+        (2.0 - 2.0 * self.place_sd_m(time) / self.dynamics.largest_sd_m).clamp(0.0, 1.0)
+    }
+
+    /// Standard deviation of the place that the object is believed to have at `time`, m, the mean of the three axes;
+    /// infinite before the first measurement. It grows with the time since the last one.
+    #[must_use]
+    pub fn place_sd_m(&self, time: MonoNs) -> f64 {
+        self.estimate.as_ref().map_or(f64::INFINITY, |e| {
+            let (dt, P) = ((time - e.stamp).as_s(), &e.place.P);
+            let trace = |i: usize, j: usize| (0..3).map(|k| P[(i + k, j + k)]).sum::<f64>() / 3.0;
+            let own = self.dynamics.acceleration_m_s2 * dt * dt / 2.0;
+            (trace(0, 0) + 2.0 * dt * trace(0, 3) + dt * dt * trace(3, 3) + own * own).max(0.0).sqrt()
+        })
+    }
+
     /// Standard deviation of the speed estimate, m/s; infinite before the first measurement.
     #[must_use]
     pub fn speed_sd_m_s(&self) -> f64 {
@@ -190,7 +211,8 @@ mod tests {
     use proptest::prelude::*;
 
     const FRAME: SpanNs = SpanNs(40_000_000);
-    const DYNAMICS: ObjectDynamics = ObjectDynamics { acceleration_m_s2: 0.5, acceleration_rad_s2: 1.0 };
+    const DYNAMICS: ObjectDynamics =
+        ObjectDynamics { acceleration_m_s2: 0.5, acceleration_rad_s2: 1.0, largest_sd_m: 0.05 };
 
     fn moving(v: &Vector3<f64>, w: &Vector3<f64>, t: f64) -> Pose {
         let turn = UnitQuaternion::from_scaled_axis(w * t);
@@ -233,8 +255,11 @@ mod tests {
 
     #[test]
     fn an_object_at_rest_is_not_set_in_motion_by_noise() {
-        let mut motion =
-            ObjectMotion::new(ObjectDynamics { acceleration_m_s2: 0.05, acceleration_rad_s2: 0.1 });
+        let mut motion = ObjectMotion::new(ObjectDynamics {
+            acceleration_m_s2: 0.05,
+            acceleration_rad_s2: 0.1,
+            ..DYNAMICS
+        });
         let R = Matrix6::from_diagonal(&nalgebra::Vector6::repeat(1e-8));
         for k in 0..100 {
             let mut X = Pose::identity();

@@ -233,6 +233,13 @@ impl<const N: usize> VisualServo<N> {
         Some(self.started(wish))
     }
 
+    /// Share of the wished velocity that is justified by what is known of the object's motion at `now`, 0 to 1: less and
+    /// less when a moving object has not been seen for a while. 1 for an object at rest.
+    #[must_use]
+    pub fn confidence(&self, now: MonoNs) -> f64 {
+        self.object.as_ref().map_or(1.0, |object| object.confidence(now + self.settings.lead))
+    }
+
     /// How the last wished velocity leads to its goal; `None` without one.
     #[must_use]
     pub fn approach(&self) -> Option<&Approach<N>> {

@@ -193,6 +193,8 @@ table! {
         acceleration_m_s2: f64 = 0.3,
         /// The same for its angular velocity, rad/s^2.
         acceleration_rad_s2: f64 = 0.3,
+        /// Standard deviation of its estimated place at which the arm holds, m; it slows down from half of that on.
+        max_uncertainty_m: f64 = 0.05,
     }
 }
 

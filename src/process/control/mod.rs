@@ -133,6 +133,7 @@ fn summary<const N: usize>(config: &Config, control: &ControlLoop<N>, pace: Pace
         skipped_ticks: pace.skipped_ticks,
         frames: m.frames_received,
         measurements: statistics.measurements(),
+        intake: *statistics.intake(),
         frames_dropped: m.frames_dropped,
         target_lost: m.target_lost,
         late_drive_states: control.late_drive_states(),
