@@ -237,3 +237,32 @@ fn an_easy_run_has_no_events() {
     assert!(out.events.is_empty(), "{:?}", out.events);
     assert_eq!(out.limits & (Limit::Singularity.bit() | Limit::Position.bit()), 0);
 }
+
+/// The target vanishes on the way: the arm slows down while the last view grows old, then holds, then goes on.
+#[test]
+fn an_old_view_slows_the_arm_down_before_it_holds() {
+    let settings = settings::<4>("scara", UpdatePolicy::Predict, 2.0);
+    let robot = settings.robot.clone();
+    let mut q = SVector::<f64, 4>::new(0.2, 1.2, 0.5, -0.6);
+    let X_BO = robot.forward(&q) * Pose::new([0.25, 0.05, 0.7].into(), [0.0, 0.0, 0.1].into());
+    let mut qd = SVector::<f64, 4>::zeros();
+    let mut controller = Controller::new(settings, q);
+    let mut speed = Vec::new();
+    for k in 0..1000_i64 {
+        let visible = k <= 400 || k >= 800;
+        let X_CO = (robot.forward(&q) * Pose::translation(0.0, 0.0, 0.05)).inv_mul(&X_BO);
+        let m = if k % 40 == 0 && visible { seen(k, &X_CO) } else { None };
+        let out = controller.step(MonoNs(k * MS), &DriveState { q, qd, truth: None }, m.as_ref());
+        let slowed = out.limits.joints(Limit::View) != 0;
+        if k != 550 && k != 600 {
+            assert_eq!(slowed, (551..600).contains(&k), "{k}: the last view is from 400 ms");
+            let held = (601..800).contains(&k);
+            assert_eq!(out.state, if held { ControlState::Holding } else { ControlState::Servoing }, "{k}");
+        }
+        (q, qd) = (out.command.q_r, out.command.qd_r);
+        speed.push(qd.amax());
+    }
+    assert!(speed[550] > 0.05, "well under way: {}", speed[550]);
+    assert!(speed[590] < 0.6 * speed[550], "{} {}", speed[550], speed[590]);
+    assert!(speed[799] < 1e-9 && speed[999] > 0.02, "{} {}", speed[799], speed[999]);
+}
