@@ -290,9 +290,8 @@ impl<const N: usize> ControlLoop<N> {
                 TargetStatus::WrongSize => {
                     "run.duration_s is over: frames have another size than the camera's"
                 }
-                TargetStatus::NoMatch | TargetStatus::Found => {
-                    "run.duration_s is over: the target was never found"
-                }
+                TargetStatus::NoMatch => "run.duration_s is over: the target was never found",
+                TargetStatus::Found => self.why_never_used(),
             },
             _ if self.controller.gentle_motion().is_some() => {
                 "run.duration_s is over before the calibration motion was: raise it to 15 or more"
@@ -301,6 +300,18 @@ impl<const N: usize> ControlLoop<N> {
             _ => "run.duration_s is over before the goal was reached",
         };
         Finish { outcome: Outcome::NotConverged, reason }
+    }
+
+    /// The target is found, and yet nothing could be done about it.
+    fn why_never_used(&self) -> &'static str {
+        let intake = self.statistics.intake();
+        if intake.refused_from_future > 0 {
+            "run.duration_s is over: exposure stamps lie too far in the future to be used; set camera.stamp_offset_ms"
+        } else if intake.refused_too_old > 0 {
+            "run.duration_s is over: exposures are too old to be used; check camera.latency_ms and camera.stamp_offset_ms"
+        } else {
+            "run.duration_s is over: the target was found, but its place too uncertain (servo.object.max_uncertainty_m)"
+        }
     }
 
     /// The object in the camera in simulated truth, m.

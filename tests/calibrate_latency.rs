@@ -173,7 +173,7 @@ fn a_quick_law_converges_with_the_offset_and_not_without() {
         "--set=servo.smooth_start_1_s=3",
         "--set=camera.rate_hz=100",
         "--set=camera.exposure_ms=2",
-        "--set=camera.synthetic.stamp_error_ms=20",
+        "--set=camera.synthetic.stamp_error_ms=40",
     ];
     let short = "--duration-s=10";
     let without = run("quick", &[&quick[..], &[short]].concat());
