@@ -43,6 +43,8 @@ struct Estimate {
     w: Vector3<f64>,
     place: Half,
     orientation: Half,
+    /// Whether more than one measurement told of the speed.
+    speed_is_seen: bool,
 }
 
 /// Covariance of three errors and their rates.
@@ -121,6 +123,7 @@ impl ObjectMotion {
                     w: Vector3::zeros(),
                     place: Half::first(&R_place),
                     orientation: Half::first(&R_orientation),
+                    speed_is_seen: false,
                 });
             }
         }
@@ -141,9 +144,12 @@ impl ObjectMotion {
     }
 
     /// Share of the wished velocity that the estimate of the place at `time` justifies: 1 for a good one, 0 where its
-    /// standard deviation has reached the largest one.
+    /// standard deviation has reached the largest one, and before a second measurement has told of the speed.
     #[must_use]
     pub fn confidence(&self, time: MonoNs) -> f64 {
+        if !self.estimate.is_some_and(|e| e.speed_is_seen) {
+            return 0.0;
+        }
         (2.0 - 2.0 * self.place_sd_m(time) / self.dynamics.largest_sd_m).clamp(0.0, 1.0)
     }
 
@@ -193,6 +199,7 @@ impl Estimate {
         let off = measured.translation.vector - predicted.translation.vector;
         let turn = (measured.rotation * predicted.rotation.inverse()).scaled_axis();
         (self.stamp, self.X_WO) = (stamp, predicted);
+        self.speed_is_seen = true;
         if let Some((p, v)) = self.place.correct(&off, R_place) {
             self.X_WO.translation.vector += p;
             self.v += v;
@@ -287,5 +294,26 @@ mod tests {
         motion.observe(MonoNs(10_000_000_000), &at(5.0), &R);
         let V = motion.twist_at(MonoNs(10_000_000_000), &Vector3::zeros());
         assert_eq!(V, Twist::zeros(), "a jump after a long gap is a new start, not a speed");
+    }
+
+    #[test]
+    fn confidence_comes_with_the_second_measurement_and_goes_with_time() {
+        let mut motion = ObjectMotion::new(DYNAMICS);
+        let R = Matrix6::identity() * 1e-8;
+        let v = Vector3::new(0.1, 0.0, 0.0);
+        let at = |k: i64| MonoNs(k * FRAME.0);
+        assert_eq!(motion.confidence(at(0)), 0.0);
+        motion.observe(at(0), &moving(&v, &Vector3::zeros(), 0.0), &R);
+        assert_eq!(motion.confidence(at(0)), 0.0, "nothing is known of the speed");
+        for k in 1..20 {
+            motion.observe(at(k), &moving(&v, &Vector3::zeros(), k as f64 * 0.04), &R);
+        }
+        let sd = |ms: i64| motion.place_sd_m(at(19) + SpanNs(ms * 1_000_000));
+        let confidence = |ms: i64| motion.confidence(at(19) + SpanNs(ms * 1_000_000));
+        assert!(sd(0) < 2e-4 && sd(100) > sd(50) && sd(50) > sd(0));
+        // An acceleration of one standard deviation moves it by a t^2 / 2, a little more with the speed's own doubt.
+        assert!(sd(400) > 0.04 && sd(400) < 0.06, "{}", sd(400));
+        assert_eq!((confidence(0), confidence(100), confidence(600)), (1.0, 1.0, 0.0));
+        assert!(confidence(350) > 0.0 && confidence(350) < 1.0, "{}", confidence(350));
     }
 }
