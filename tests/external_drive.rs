@@ -211,6 +211,21 @@ fn without_truth_the_camera_shows_what_is_measured() {
     assert_ne!(built_in.summary["final"], outside.summary["final"]);
 }
 
+/// What is found is the offset against the states as control has them: in real time they are a little old.
+#[test]
+fn the_latency_can_be_calibrated() {
+    let set = ["--set", "run.task=calibrate_latency", "--set", "camera.synthetic.stamp_error_ms=10"];
+    for (clock, behaviour, within_ms) in
+        [("lockstep", "", 0.1), ("lockstep", "no_truth", 0.1), ("realtime", "", 5.0)]
+    {
+        let r = external("calibrates", behaviour, &[&set[..], &["--clock", clock]].concat());
+        assert_eq!(r.summary["outcome"], "finished", "{}", r.text());
+        let offset_ms = number(&r.summary, &["calibration", "stamp_offset_ms"]);
+        assert!((offset_ms + 10.0).abs() < within_ms, "{clock}: {offset_ms}");
+        assert!(r.text().contains("calibration   camera stamps are "), "{}", r.text());
+    }
+}
+
 fn assert_fault(r: &Run, reason: &str, event: &str) {
     assert_eq!(r.output.status.code(), Some(4), "{}", r.text());
     assert_eq!(r.summary["outcome"], "fault");

@@ -22,7 +22,7 @@ const COARSE_STEP_S: f64 = 0.02;
 /// Frames of the coarse search; of more, every n-th is taken.
 const COARSE_FRAMES: usize = 100;
 /// Fewer frames with the target than this are no basis.
-const LEAST_FRAMES: usize = 20;
+const LEAST_FRAMES: usize = 12;
 /// A target that moves by less than this, root mean square, shows no delay, px.
 const LEAST_MOTION_PX: f64 = 1.0;
 /// Standard deviation above which the offset counts as not found, s.

@@ -9,7 +9,8 @@
 //! uncertain. Huber's weights make outliers count less, because some frames are always off.
 //!
 //! The standard deviation takes each frame as one draw (the sandwich of `H^-1` and the frames' gradients), because an
-//! error of a stamp moves all points of its frame together.
+//! error of a stamp moves all points of its frame together; it is at least the one that takes each point as a draw,
+//! because a sandwich of few frames is thin.
 
 use super::Cell;
 use crate::calibration::{Recording, Sighting};
@@ -206,18 +207,24 @@ impl<'a, const N: usize> Fit<'a, N> {
 
     /// Normal equations `H step = -g` at `at`, with Huber's weights.
     fn normal_equations(&self, at: &State, spread: f64) -> (Hessian, Unknowns) {
-        let (mut H, mut g) = (Hessian::zeros(), Unknowns::zeros());
+        let mut H = Self::prior(spread);
+        let mut g = Unknowns::zeros();
+        g.fixed_rows_mut::<6>(7).copy_from(&(H.fixed_view::<6, 6>(7, 7) * at.xi_C));
         self.each_residual(at, |e| {
             let weight = huber_weight(e, spread);
             H += e.J.transpose() * e.J * weight;
             g += e.J.transpose() * e.r * weight;
         });
-        for (i, sd) in PRIOR_SD.iter().enumerate() {
-            let weight = (spread / sd).powi(2);
-            H[(7 + i, 7 + i)] += weight;
-            g[7 + i] += weight * at.xi_C[i];
-        }
         (H, g)
+    }
+
+    /// What the prior adds to the normal equations.
+    fn prior(spread: f64) -> Hessian {
+        let mut H = Hessian::zeros();
+        for (i, sd) in PRIOR_SD.iter().enumerate() {
+            H[(7 + i, 7 + i)] = (spread / sd).powi(2);
+        }
+        H
     }
 
     /// Down from `start`, by at most so many steps.
@@ -267,20 +274,35 @@ impl<'a, const N: usize> Fit<'a, N> {
         (sum / count).sqrt()
     }
 
-    /// Standard deviation of tau, s; infinite where nothing fixes it.
+    /// Standard deviation of tau, s; infinite where nothing fixes it. The larger one of two: frames, or points as draws.
     pub(super) fn sd_s(&self, at: &State) -> f64 {
         let spread = self.spread(at);
-        let (H, _) = self.normal_equations(at, spread);
+        // The second derivative of Huber's cost: beyond the knee a residual pulls with constant strength. The weights of the
+        // descent would make everything look a little more certain.
+        let mut H = Self::prior(spread);
+        self.each_residual(at, |e| {
+            let weight = huber_weight(e, spread);
+            let along = if weight < 1.0 { e.r.normalize() } else { Vector2::zeros() };
+            let across = e.J - along * (along.transpose() * e.J);
+            H += across.transpose() * across * weight;
+        });
         let Some(inverse) = inverse(&H) else { return f64::INFINITY };
-        let (mut variance, mut frames) = (0.0, 0.0);
+        let (mut by_frames, mut frames) = (0.0, 0.0);
+        let (mut squares, mut numbers) = (0.0, 0.0);
         for sighting in self.sightings() {
             let mut g = Unknowns::zeros();
-            self.residuals(sighting, at, |e| g += e.J.transpose() * e.r * huber_weight(e, spread));
-            variance += (inverse.row(0) * g).x.powi(2);
+            self.residuals(sighting, at, |e| {
+                g += e.J.transpose() * e.r * huber_weight(e, spread);
+                squares += e.r.norm_squared() * huber_weight(e, spread).powi(2);
+                numbers += 2.0;
+            });
+            by_frames += (inverse.row(0) * g).x.powi(2);
             frames += 1.0;
         }
-        let numbers = frames * 2.0 * self.cell.points.len() as f64;
-        (variance * numbers / (numbers - UNKNOWNS as f64) * frames / (frames - 1.0)).sqrt()
+        let free = numbers - UNKNOWNS as f64;
+        let by_frames = by_frames * numbers / free * frames / (frames - 1.0);
+        let by_points = inverse[(0, 0)] * squares / free;
+        by_frames.max(by_points).sqrt()
     }
 }
 
