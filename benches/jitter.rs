@@ -27,8 +27,8 @@ fn main() {
         let (mut ours, mut theirs) = (Vec::new(), Vec::new());
         for _ in 0..slices {
             let request = RealtimeRequest { priority: PRIORITY, cpu: None, lock_memory: false };
-            ours.extend(measure_each(f64::from(seconds), request).expect("our thread starts"));
-            theirs.extend(cyclictest(seconds));
+            ours.push(measure_each(f64::from(seconds), request).expect("our thread starts"));
+            theirs.push(cyclictest(seconds));
         }
         println!("{} ({} slices of {seconds} s each)", if load { "under load" } else { "idle" }, slices);
         print_comparison(ours, theirs);
@@ -66,21 +66,29 @@ fn cyclictest(seconds: u32) -> Vec<f64> {
     bars.into_iter().flat_map(|(us, count)| std::iter::repeat_n(f64::from(us), count as usize)).collect()
 }
 
-fn print_comparison(mut ours: Vec<f64>, mut theirs: Vec<f64>) {
-    ours.sort_by(f64::total_cmp);
-    theirs.sort_by(f64::total_cmp);
+/// Over all slices together, and the median of what the single slices show: one stall of a virtual machine decides the tail of
+/// the first, but not of the second.
+fn print_comparison(ours: Vec<Vec<f64>>, theirs: Vec<Vec<f64>>) {
+    let sorted = |mut v: Vec<f64>| {
+        v.sort_by(f64::total_cmp);
+        v
+    };
     let at = |v: &[f64], q: f64| v[((v.len() as f64 * q).ceil() as usize).clamp(1, v.len()) - 1];
+    let of_slices = |slices: &[Vec<f64>], q: f64| {
+        at(&sorted(slices.iter().map(|slice| at(&sorted(slice.clone()), q)).collect()), 0.5)
+    };
     for (name, q) in QUANTILES {
-        let own = at(&ours, q);
-        if theirs.is_empty() {
+        let (own, own_slices) = (at(&sorted(ours.concat()), q), of_slices(&ours, q));
+        if theirs.iter().any(Vec::is_empty) {
             println!(
                 "  {name:<6} ours {own:8.1} us   cyclictest: skipped: not installed (Debian package rt-tests)"
             );
         } else {
-            let peer = at(&theirs, q);
+            let (peer, peer_slices) = (at(&sorted(theirs.concat()), q), of_slices(&theirs, q));
             println!(
-                "  {name:<6} ours {own:8.1} us   cyclictest {peer:8.1} us   ratio {:.2}",
-                own / peer.max(1.0)
+                "  {name:<6} ours {own:8.1} us   cyclictest {peer:8.1} us   ratio {:.2}   median slice {own_slices:8.1} {peer_slices:8.1} us  {:.2}",
+                own / peer.max(1.0),
+                own_slices / peer_slices.max(1.0)
             );
         }
     }
