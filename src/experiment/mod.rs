@@ -3,6 +3,7 @@
 //! ```text
 //! cell, eye ──► simulate (25 Hz law, 1 ms arm) ──► Trajectory ──► CSV, Metrics, figures ──► Outcome ──► files
 //!                   ▲ servo::Law, the same as in the running loop
+//! system (the whole run in one process) ──► errors against truth ─────────────────────────────┘
 //! ```
 //! The simulations are pure; [`Outcome::write`] is the one place that touches files. Nothing here repeats an equation:
 //! laws come from `servo`, estimators from `pose`, the arm from `robot`.
@@ -16,11 +17,14 @@ mod examples;
 mod eye;
 mod gain_delay;
 mod metrics;
+mod moving_target;
 mod outcome;
 mod plot;
 mod retreat;
 mod schemes;
 mod simulate;
+mod system;
+mod system_gain;
 mod trajectory;
 
 pub use calibration::{Teaching, calibrations, run_miscalibrated};
@@ -31,11 +35,13 @@ pub use error::ExperimentError;
 pub use eye::{Eye, Miscalibration, RenderedEye};
 pub use gain_delay::{DELAYS_MS, Disturbance, Finding, Loop, errors_to_bear, study};
 pub use metrics::{FinalErrors, Goal, Metrics, SettlingTimes, settling_time, straightness};
+pub use moving_target::behind_a_moving_target;
 pub use outcome::{Figure, Outcome};
 pub use plot::{Mark, Panel, Series, figure};
 pub use retreat::{ROTATIONS_DEG, pure_rotation, retreat_of};
 pub use schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
 pub use simulate::{Frame, SPAN_S, STEP_S, STEPS_PER_FRAME, rigid_body_step, simulate, simulate_at};
+pub use system::{Moment, SystemRun, simulate_system};
 pub use trajectory::{End, HEADER, Row, Trajectory};
 
 use std::path::{Path, PathBuf};
@@ -158,6 +164,18 @@ pub const EXPERIMENTS: &[Experiment] = &[
         about: "Largest stable gain and best settling of schemes B and D against the delay, held and predicted.",
         renders: false,
         run: gain_delay::gain_delay,
+    },
+    Experiment {
+        name: "gain-system",
+        about: "Settling against the gain in the whole system, with rendered images and the arm's limits: frame, tick, predict.",
+        renders: true,
+        run: system_gain::system_gain,
+    },
+    Experiment {
+        name: "moving-target",
+        about: "Steady feature error behind a conveyor and a pendulum, with feed-forward of the estimated motion and without.",
+        renders: true,
+        run: moving_target::moving_target,
     },
     Experiment {
         name: "convergence",
