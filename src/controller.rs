@@ -152,7 +152,8 @@ impl<const N: usize> Controller<N> {
             Some(Wish::Velocity(qd)) => (qd, self.settings.servo.approach().copied()),
             Some(Wish::Torque(tau)) if self.settings.closed_loop => {
                 self.reference.reseat(&drive.q, &drive.qd);
-                if can_still_stop(&self.settings.limits, drive) {
+                // Where the arm could not stop within its range any more, a torque law has to wait.
+                if self.settings.limits.can_stop(&drive.q, &drive.qd) {
                     return self.direct_output(drive, tau, intake);
                 }
                 (SVector::zeros(), None)
@@ -205,15 +206,15 @@ impl<const N: usize> Controller<N> {
             }
             return intake;
         };
-        // Whatever its stamp says: that is what is to be found out.
-        let points = settings.servo.set_point().points();
+        let ControllerSettings { robot, servo, limits, .. } = &*settings;
+        let points = servo.set_point().points();
         if m.found() && m.features().len() == points.len() {
-            let mount = &settings.servo.settings().mount;
-            if let Some(reach) =
-                image_reach(&settings.robot, mount, camera, points, &settings.limits, &drive.q, m)
-            {
-                watch.good(now);
-                self.gentle.get_or_insert_with(|| GentleMotion::new(&drive.q, &reach, &settings.limits));
+            if self.gentle.is_none() {
+                let reach = image_reach(robot, &servo.settings().mount, camera, points, limits, &drive.q, m);
+                self.gentle = reach.map(|reach| GentleMotion::new(&drive.q, &reach, limits));
+            }
+            if self.gentle.is_some() {
+                watch.good(now); // whatever its stamp says: that is what is to be found out
             }
         }
         intake
@@ -259,7 +260,7 @@ impl<const N: usize> Controller<N> {
         };
         if confidence < 1.0 && approach.is_some() {
             wish *= confidence;
-            acting.add(Limit::View, all_joints::<N>());
+            (0..N).for_each(|i| acting.set(Limit::View, i));
         }
         let (_, J) = servo.settings().mount.camera(robot, q);
         let (wish, evading) = evade(robot, q, J.matrix(), &wish);
@@ -305,21 +306,4 @@ impl<const N: usize> Controller<N> {
             intake: None,
         }
     }
-}
-
-/// The mask of all joints.
-fn all_joints<const N: usize>() -> u8 {
-    (0..N).fold(0, |mask, i| mask | 1_u8.checked_shl(i as u32).unwrap_or(0))
-}
-
-/// Whether every joint is within its speed limit and can still stop within its range: else a torque law has to wait.
-fn can_still_stop<const N: usize>(limits: &MotionLimits<N>, drive: &DriveState<N>) -> bool {
-    (0..N).all(|i| {
-        let (q, qd) = (drive.q[i], drive.qd[i]);
-        let a = limits.acceleration[i];
-        // Braking at full acceleration, and the way until the jerk limit has let it come up.
-        let stop = q + qd * (qd.abs() / (2.0 * a) + a / (2.0 * limits.jerk[i]));
-        let ahead = if qd >= 0.0 { stop <= limits.upper[i] } else { stop >= limits.lower[i] };
-        qd.abs() <= limits.velocity[i] && ahead
-    })
 }

@@ -32,10 +32,7 @@ const FIXED: [&str; 6] = [
 const STEADY_FROM_S: f64 = 3.0;
 
 /// The feature error against truth behind a moving target, px, at each millisecond; and how the run went.
-///
-/// # Errors
-/// [`ExperimentError::Cell`].
-pub fn behind_a_moving_target(
+fn behind_a_moving_target(
     motion: &[&str],
     camera: &[&str],
     follows: bool,

@@ -40,6 +40,12 @@ pub struct MotionLimits<const N: usize> {
 }
 
 impl<const N: usize> MotionLimits<N> {
+    /// Whether an arm that moves like this is within its speed limits and can still stop within its range.
+    #[must_use]
+    pub fn can_stop(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> bool {
+        (0..N).all(|i| breach(Point { q: q[i], v: qd[i], a: 0.0 }, &self.bounds(i), q[i]).is_none())
+    }
+
     /// The limits of joint `i`, counted from 0.
     pub(super) fn bounds(&self, i: usize) -> Bounds {
         Bounds {
