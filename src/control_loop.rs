@@ -3,34 +3,39 @@
 //! The real-time thread, the lockstep loop and in-process simulations all call [`ControlLoop::tick`]. It does not
 //! allocate, log or fail.
 
+pub use crate::run_end::Finish;
+
 use crate::calibration::GentleMotion;
 use crate::controller::{ControlOutput, Controller};
 use crate::drive::{Drive, DriveCommand, DriveState};
 use crate::geometry::{Pose, rotation_angle};
-use crate::messages::{
-    ControlState, JointState, MAX_JOINTS, Measurement, Status, TargetStatus, frame_flag, joint_flag,
-};
+use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status, frame_flag, joint_flag};
 use crate::motion::ActingLimits;
+use crate::run_end::{self, NextStep, RunEnd};
 use crate::run_statistics::{Event, RunStatistics};
 use crate::safety::Fault;
 use crate::scene::SceneMotion;
 use crate::schedule::TICK;
-use crate::servo::View;
+use crate::servo::{Intake, View};
 use crate::summary::{FinalErrors, Outcome, SafetyReport};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector2};
 
 /// Ticks between two status records: 50 Hz.
 const STATUS_PERIOD: u64 = 20;
-/// A stopping arm that has not come to rest by then is left to its drive.
-const LONGEST_STOP: SpanNs = SpanNs(1_000_000_000);
-/// A reference slower than this is at rest, rad/s or m/s.
-const AT_REST: f64 = 1e-9;
 /// The end of a calibration that lost its target.
 const TARGET_LOST: Finish = Finish {
     outcome: Outcome::NotConverged,
     reason: "the target was lost while the arm moved: start with the target near the middle of the picture, and see to \
              its light",
+};
+
+/// The end of an open loop whose pictures are over.
+const LAST_FRAME: Finish = Finish { outcome: Outcome::Finished, reason: "the last frame was used" };
+/// The end of a closed loop whose camera has no more frames.
+const NO_MORE_FRAMES: Finish = Finish {
+    outcome: Outcome::NotConverged,
+    reason: "the camera said that its last frame has come, before the goal was reached",
 };
 
 /// What the loop is to reach, and when it ends without.
@@ -40,7 +45,7 @@ pub struct RunPlan {
     pub feature_error_px: f64,
     /// How long the goal must be held.
     pub hold: SpanNs,
-    /// Latest end; `None` ends with the last frame only.
+    /// When the arm is brought to rest at the latest; `None` ends with the last frame only.
     pub duration: Option<SpanNs>,
     /// Whether the loop is closed: without it there is no goal to reach.
     pub closed_loop: bool,
@@ -52,15 +57,6 @@ pub struct RunPlan {
     pub X_WO: Option<Pose>,
     /// How it moves from there.
     pub scene_motion: SceneMotion,
-}
-
-/// The end of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Finish {
-    /// How.
-    pub outcome: Outcome,
-    /// Why.
-    pub reason: &'static str,
 }
 
 /// What one tick leaves for the rest of the world.
@@ -86,7 +82,7 @@ pub struct ControlLoop<const N: usize> {
     state: ControlState,
     sensed: DriveState<N>,
     command: DriveCommand<N>,
-    ending: Option<(MonoNs, Finish)>,
+    end: RunEnd<N>,
     last_frame_seen: bool,
     uses_measurement: bool,
     /// Limits that acted since the last status.
@@ -109,7 +105,7 @@ impl<const N: usize> ControlLoop<N> {
             state: ControlState::Waiting,
             sensed: DriveState { q: zero, qd: zero, truth: None },
             command: DriveCommand { tau: zero, q_r: zero, qd_r: zero },
-            ending: None,
+            end: RunEnd::new(),
             last_frame_seen: false,
             uses_measurement: false,
             acted: ActingLimits::default(),
@@ -121,6 +117,7 @@ impl<const N: usize> ControlLoop<N> {
         self.first.get_or_insert(now);
         self.last = now;
         self.sensed = self.drive.read(now);
+        self.end.note(&self.sensed);
         self.statistics.hash_state(&self.sensed);
         if let Some(fault) = self.drive.health().fault {
             self.controller.fail(fault);
@@ -136,12 +133,12 @@ impl<const N: usize> ControlLoop<N> {
         measurement: Option<&Measurement>,
     ) -> (Option<Status>, Option<Finish>) {
         self.uses_measurement = measurement.is_some();
-        if let Some(m) = measurement {
-            self.count(now, m);
-        }
         let output = self.controller.step(now, &self.sensed, measurement);
         if let Some(intake) = output.intake {
             self.statistics.taken(now, intake);
+        }
+        if let Some(m) = measurement {
+            self.count(now, m, output.intake);
         }
         self.drive.write(&output.command);
         self.command = output.command;
@@ -181,8 +178,8 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Brings the arm to rest and ends the run with `reason`.
     pub fn stop(&mut self, now: MonoNs, reason: &'static str) {
-        if self.ending.is_none() {
-            self.ending = Some((now, Finish { outcome: Outcome::Stopped, reason }));
+        if self.end.decided().is_none() {
+            self.end.decide(Finish { outcome: Outcome::Stopped, reason });
             self.statistics.event(now, Event::Stopping);
             self.controller.stop();
         }
@@ -211,11 +208,16 @@ impl<const N: usize> ControlLoop<N> {
         &self.statistics
     }
 
-    fn count(&mut self, now: MonoNs, m: &Measurement) {
+    fn count(&mut self, now: MonoNs, m: &Measurement, intake: Option<Intake>) {
         self.last_frame_seen |= m.flags & frame_flag::LAST != 0;
         let set_point = self.controller.settings().servo.set_point();
-        let error_px = View::of(m).map_or(f64::NAN, |view| set_point.error_rms_px(&view, &self.plan.f_px));
+        // What the law refused says nothing about the goal: it is old, or of another target.
+        let view = View::of(m).filter(|_| intake != Some(Intake::OtherFeatures));
+        let error_px = view.map_or(f64::NAN, |view| set_point.error_rms_px(&view, &self.plan.f_px));
         self.statistics.count(now, m, error_px);
+        if intake.is_some_and(Intake::is_refused) {
+            return;
+        }
         if error_px.is_nan() || error_px > self.plan.feature_error_px {
             self.goal_since = None;
         } else {
@@ -236,25 +238,46 @@ impl<const N: usize> ControlLoop<N> {
             self.statistics.event(now, event);
             if event == Event::Holding && self.controller.is_calibrating() {
                 // What is lost of the motion would be missing in what is found.
-                self.ending.get_or_insert((now, TARGET_LOST));
+                self.end.decide(TARGET_LOST);
                 self.controller.stop();
             }
         }
         self.state = output.state;
         if let Some(fault) = output.fault {
-            self.ending.get_or_insert((now, Finish { outcome: Outcome::Fault, reason: fault.describe() }));
+            self.end.decide(Finish::fault(fault));
         }
     }
 
-    /// A stop or a fault ends the run when the arm is at rest; everything else at once.
-    fn finish(&self, now: MonoNs, output: &ControlOutput<N>) -> Option<Finish> {
-        if let Some((since, finish)) = self.ending {
-            let at_rest = output.command.qd_r.amax() < AT_REST;
-            return (at_rest || now - since > LONGEST_STOP).then_some(finish);
+    /// The end of the run, once the arm is at rest.
+    fn finish(&mut self, now: MonoNs, output: &ControlOutput<N>) -> Option<Finish> {
+        if self.end.decided().is_none()
+            && let Some(finish) = self.reached(now)
+        {
+            self.end.decide(finish);
         }
-        if self.controller.is_calibrating() {
-            let over = self.controller.gentle_motion().is_some_and(GentleMotion::is_over);
-            if over && output.command.qd_r.amax() < AT_REST {
+        let waits_for_arm = self.plan.closed_loop && !output.fault.is_some_and(Fault::blinds);
+        match self.end.next(now, self.controller.reference_rests(), waits_for_arm) {
+            NextStep::GoOn => None,
+            NextStep::Brake => {
+                if !self.controller.is_stopping() {
+                    self.statistics.event(now, Event::Braking);
+                    self.controller.stop();
+                }
+                None
+            }
+            NextStep::GiveUp => {
+                self.statistics.event(now, Event::Fault(Fault::NotAtRest));
+                Some(Finish::fault(Fault::NotAtRest))
+            }
+            NextStep::Over(finish) => Some(finish),
+        }
+    }
+
+    /// How the run ends by itself, if it does at this tick.
+    fn reached(&self, now: MonoNs) -> Option<Finish> {
+        let calibrates = self.controller.is_calibrating();
+        if calibrates {
+            if self.controller.gentle_motion().is_some_and(GentleMotion::is_over) {
                 return Some(Finish { outcome: Outcome::Finished, reason: "the calibration motion is over" });
             }
         } else if self.plan.closed_loop
@@ -264,54 +287,12 @@ impl<const N: usize> ControlLoop<N> {
             return Some(Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" });
         }
         if self.last_frame_seen {
-            return Some(Finish { outcome: Outcome::Finished, reason: "the last frame was used" });
+            return Some(if self.plan.closed_loop { NO_MORE_FRAMES } else { LAST_FRAME });
         }
         let time = now - self.first.unwrap_or(now);
-        if self.plan.duration.is_some_and(|duration| time >= duration) {
-            return Some(self.time_is_up());
-        }
-        None
-    }
-
-    fn time_is_up(&self) -> Finish {
-        let reason = match (self.plan.closed_loop, self.state, self.statistics.last_measurement()) {
-            (false, _, _) => {
-                return Finish { outcome: Outcome::Finished, reason: "run.duration_s is over" };
-            }
-            (_, _, None) => "run.duration_s is over: no measurement ever came",
-            (_, ControlState::Waiting, Some(m)) => match m.target_status() {
-                TargetStatus::NoContrast => "run.duration_s is over: the frames have no contrast",
-                TargetStatus::TooFewRegions => {
-                    "run.duration_s is over: the target was never seen, too few dark regions"
-                }
-                TargetStatus::Ambiguous => {
-                    "run.duration_s is over: the target's dots could not be told apart"
-                }
-                TargetStatus::WrongSize => {
-                    "run.duration_s is over: frames have another size than the camera's"
-                }
-                TargetStatus::NoMatch => "run.duration_s is over: the target was never found",
-                TargetStatus::Found => self.why_never_used(),
-            },
-            _ if self.controller.gentle_motion().is_some() => {
-                "run.duration_s is over before the calibration motion was: raise it to 15 or more"
-            }
-            (_, ControlState::Holding, _) => "run.duration_s is over: the target was lost",
-            _ => "run.duration_s is over before the goal was reached",
-        };
-        Finish { outcome: Outcome::NotConverged, reason }
-    }
-
-    /// The target is found, and yet nothing could be done about it.
-    fn why_never_used(&self) -> &'static str {
-        let intake = self.statistics.intake();
-        if intake.refused_from_future > 0 {
-            "run.duration_s is over: exposure stamps lie too far in the future to be used; set camera.stamp_offset_ms"
-        } else if intake.refused_too_old > 0 {
-            "run.duration_s is over: exposures are too old to be used; check camera.latency_ms and camera.stamp_offset_ms"
-        } else {
-            "run.duration_s is over: the target was found, but its place too uncertain (servo.object.max_uncertainty_m)"
-        }
+        let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
+        let has_motion = self.controller.gentle_motion().is_some();
+        time_is_up.then(|| run_end::time_is_up(self.plan.closed_loop, self.state, has_motion, &self.statistics))
     }
 
     /// The object in the camera in simulated truth, m.

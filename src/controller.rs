@@ -21,7 +21,7 @@ use crate::robot::Robot;
 use crate::safety::{Fault, MeasurementWatch, Vision};
 use crate::schedule::TICK;
 use crate::servo::{Approach, Intake, VisualServo, Wish};
-use crate::time::MonoNs;
+use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
 /// What a controller is made of.
@@ -116,6 +116,19 @@ impl<const N: usize> Controller<N> {
     /// From now on the arm slows down within its limits and stays where it comes to rest.
     pub fn stop(&mut self) {
         self.stopping = true;
+    }
+
+    /// Whether the arm is being brought to rest.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.stopping
+    }
+
+    /// Whether the reference stands still, or is so slow that a standstill at the next tick is within its limits: from
+    /// `v <= J T^2` braking takes at most two ticks `T`, and in one tick it changes the acceleration by at most `J T`.
+    #[must_use]
+    pub fn reference_rests(&self) -> bool {
+        self.reference.rests_within(SpanNs(2 * TICK.0))
     }
 
     /// Something outside has failed: the run ends. The first fault is the one that is told.

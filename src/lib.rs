@@ -25,6 +25,7 @@ pub mod messages;
 pub mod motion;
 pub mod pose;
 pub mod robot;
+pub mod run_end;
 pub mod run_statistics;
 pub mod safety;
 pub mod scene;

@@ -25,6 +25,8 @@ pub(crate) enum Event {
     Resumed,
     /// A stop was requested.
     Stopping,
+    /// The run ends while the arm still moves.
+    Braking,
     /// A fault.
     Fault(Fault),
     /// A limit that has acted for long.
@@ -136,6 +138,7 @@ impl RunStatistics {
             Intake::Used => &mut counts.used,
             Intake::UsedFromFuture => &mut counts.used_from_future,
             Intake::NoTarget => &mut counts.no_target,
+            Intake::OtherFeatures => &mut counts.refused_features,
             Intake::NotNewer => &mut counts.refused_not_newer,
             Intake::RefusedFromFuture => &mut counts.refused_from_future,
             Intake::TooOld => &mut counts.refused_too_old,
@@ -224,6 +227,7 @@ impl Event {
             Self::Holding => "measurements stopped or are too uncertain: the arm slows down and holds",
             Self::Resumed => "measurements are back: the arm goes on",
             Self::Stopping => "stop requested: the arm slows down",
+            Self::Braking => "the run ends: the arm slows down",
             Self::Fault(fault) => fault.describe(),
             Self::StampFromFuture => {
                 "an exposure stamp lies in the future: `vservo calibrate latency` finds camera.stamp_offset_ms"

@@ -87,6 +87,9 @@ pub struct IntakeCounts {
     pub used_from_future: u64,
     /// Without a target.
     pub no_target: u64,
+    /// Refused: another number of features than the set-point's.
+    #[serde(default)]
+    pub refused_features: u64,
     /// Refused: repeated, or overtaken by a newer one.
     pub refused_not_newer: u64,
     /// Refused: too far in the future.

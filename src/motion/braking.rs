@@ -65,6 +65,11 @@ fn phases(s: Point, b: &Bounds) -> [(f64, f64); 3] {
     [(-J * sign, ((a + p) / J).max(0.0)), (0.0, hold), (J * sign, p / J)]
 }
 
+/// How long braking takes.
+pub(super) fn braking_time_s(s: Point, b: &Bounds) -> f64 {
+    phases(s, b).iter().map(|(_, duration)| duration).sum()
+}
+
 /// Where braking for `t` seconds leads; at rest once it is over.
 pub(super) fn braked(s: Point, b: &Bounds, t: f64) -> Point {
     let (mut at, mut left) = (s, t);

@@ -9,7 +9,7 @@
 //! certain: a joint takes a step only if it can brake from there within all limits (`braking`); else it takes the
 //! part of the step that it can. Since it can always go on braking, no limit is ever passed, whatever is wished.
 
-use super::braking::{Bounds, Breach, Point, braked, breach};
+use super::braking::{Bounds, Breach, Point, braked, braking_time_s, breach};
 use super::limits::{ActingLimits, Limit};
 use crate::time::SpanNs;
 use nalgebra::SVector;
@@ -93,6 +93,15 @@ impl<const N: usize> Reference<N> {
     #[must_use]
     pub fn state(&self) -> &ReferenceState<N> {
         &self.state
+    }
+
+    /// Whether every joint of it can come to rest within `span`.
+    #[must_use]
+    pub fn rests_within(&self, span: SpanNs) -> bool {
+        (0..N).all(|i| {
+            let point = Point { q: self.state.q[i], v: self.state.qd[i], a: self.a[i] };
+            braking_time_s(point, &self.limits.bounds(i)) <= span.as_s()
+        })
     }
 
     /// Places the reference where the arm is, moving as it moves: for laws that command torques past it.

@@ -6,7 +6,10 @@
 //! | no good measurement for `measurement_timeout`, or a moving object too uncertain | reference slows down within its limits, arm holds, run goes on; the next good measurement resumes it |
 //! | drive reports NaN or infinity | command of the previous tick without motion, run ends as fault |
 //! | joint farther from its reference than `tracking_error` | reference slows down, arm holds, run ends as fault |
+//! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
+//! | the measured arm still moves 2 s after its reference came to rest | the run ends as fault, with the last command |
+//! | lockstep: a measurement does not come for 10 s | reference slows down, arm holds, run ends as fault |
 //! | external drive: states stop, plant leaves, hangs or answers out of step | as for NaN: nothing can be computed any more |
 
 use crate::time::{MonoNs, SpanNs};
@@ -30,13 +33,20 @@ pub enum Fault {
     DriveSilent,
     /// The external drive answered a command with a state of another tick or arm.
     DriveOutOfStep,
+    /// The measured arm did not come to rest although its reference did.
+    NotAtRest,
+    /// In lockstep: camera and vision owe a measurement and do not answer.
+    PeersSilent,
 }
 
 impl Fault {
     /// Whether there is no joint state any more to compute with.
     #[must_use]
     pub fn blinds(self) -> bool {
-        !matches!(self, Self::TrackingError | Self::DeadlinesMissed)
+        !matches!(
+            self,
+            Self::TrackingError | Self::DeadlinesMissed | Self::NotAtRest | Self::PeersSilent
+        )
     }
 
     /// What happened, for people.
@@ -57,6 +67,10 @@ impl Fault {
             }
             Self::DriveOutOfStep => {
                 "the external drive answered with a state of another tick or another number of joints"
+            }
+            Self::NotAtRest => "the arm still moves although it was brought to rest: see to its drive",
+            Self::PeersSilent => {
+                "a measurement did not come although the loop waited for it: the camera or the vision process hangs"
             }
         }
     }

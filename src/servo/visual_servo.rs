@@ -37,8 +37,10 @@ pub enum Intake {
     Used,
     /// Used, although its stamp lies in the future.
     UsedFromFuture,
-    /// It has no target, or not the set-point's features.
+    /// It has no target, or none that the law can work with.
     NoTarget,
+    /// It has another number of features than the set-point.
+    OtherFeatures,
     /// It is not newer than the last one: repeated, or overtaken.
     NotNewer,
     /// Its stamp lies too far in the future.
@@ -52,6 +54,12 @@ impl Intake {
     #[must_use]
     pub fn is_used(self) -> bool {
         matches!(self, Self::Used | Self::UsedFromFuture)
+    }
+
+    /// Whether its stamp alone spoke against it.
+    #[must_use]
+    pub fn is_refused(self) -> bool {
+        matches!(self, Self::NotNewer | Self::RefusedFromFuture | Self::TooOld)
     }
 }
 
@@ -186,10 +194,11 @@ impl<const N: usize> VisualServo<N> {
     /// Takes a measurement in.
     pub fn take(&mut self, now: MonoNs, measurement: &Measurement, robot: &Robot<N>) -> Intake {
         let exposure = measurement.exposure;
-        let Some(view) = View::of(measurement) else { return Intake::NoTarget };
-        if view.features().len() != self.settings.set_point.features().len() {
-            return Intake::NoTarget;
+        let expected = self.settings.set_point.features().len();
+        if measurement.found() && measurement.feature_count as usize != expected {
+            return Intake::OtherFeatures;
         }
+        let Some(view) = View::of(measurement) else { return Intake::NoTarget };
         if self.sighting.is_some_and(|last| exposure <= last.exposure) {
             return Intake::NotNewer;
         }
