@@ -50,6 +50,24 @@ pub fn q_start<const N: usize>(config: &Config) -> Result<SVector<f64, N>, Assem
     joint_vector("robot.q_start_rad_or_m", &config.q_start)
 }
 
+/// The limits of the joint reference: of the robot and of the configuration.
+///
+/// # Errors
+/// When a list has another length.
+pub fn motion_limits<const N: usize>(
+    config: &Config,
+    robot: &Robot<N>,
+) -> Result<MotionLimits<N>, AssembleError> {
+    let motion = &config.motion;
+    Ok(MotionLimits {
+        lower: SVector::from_fn(|i, _| robot.limits()[i].lower),
+        upper: SVector::from_fn(|i, _| robot.limits()[i].upper),
+        velocity: SVector::from_fn(|i, _| robot.limits()[i].velocity),
+        acceleration: joint_vector("motion.max_acceleration_rad_s2_or_m_s2", &motion.max_acceleration)?,
+        jerk: joint_vector("motion.max_jerk_rad_s3_or_m_s3", &motion.max_jerk)?,
+    })
+}
+
 /// The vision core of a configuration.
 #[must_use]
 pub fn vision(config: &Config) -> Vision {
@@ -123,16 +141,7 @@ pub fn control_loop_with<const N: usize>(
     drive: AnyDrive<N>,
 ) -> Result<ControlLoop<N>, AssembleError> {
     let q_start = q_start::<N>(config)?;
-    let limits = MotionLimits {
-        lower: SVector::from_fn(|i, _| robot.limits()[i].lower),
-        upper: SVector::from_fn(|i, _| robot.limits()[i].upper),
-        velocity: SVector::from_fn(|i, _| robot.limits()[i].velocity),
-        acceleration: joint_vector(
-            "motion.max_acceleration_rad_s2_or_m_s2",
-            &config.motion.max_acceleration,
-        )?,
-        jerk: joint_vector("motion.max_jerk_rad_s3_or_m_s3", &config.motion.max_jerk)?,
-    };
+    let limits = motion_limits(config, &robot)?;
     let closed_loop = config.closes_the_loop();
     let update = match config.servo.update {
         Update::Frame => UpdatePolicy::Frame,

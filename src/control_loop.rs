@@ -292,7 +292,8 @@ impl<const N: usize> ControlLoop<N> {
         let time = now - self.first.unwrap_or(now);
         let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
         let has_motion = self.controller.gentle_motion().is_some();
-        time_is_up.then(|| run_end::time_is_up(self.plan.closed_loop, self.state, has_motion, &self.statistics))
+        time_is_up
+            .then(|| run_end::time_is_up(self.plan.closed_loop, self.state, has_motion, &self.statistics))
     }
 
     /// The object in the camera in simulated truth, m.

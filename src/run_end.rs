@@ -196,7 +196,11 @@ fn why_not_used(statistics: &RunStatistics) -> Option<&'static str> {
              camera.stamp_offset_ms",
         ),
     ];
-    reasons.into_iter().filter(|(count, _)| *count > 0).max_by_key(|(count, _)| *count).map(|(_, reason)| reason)
+    reasons
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .max_by_key(|(count, _)| *count)
+        .map(|(_, reason)| reason)
 }
 
 #[cfg(test)]

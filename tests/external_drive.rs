@@ -286,7 +286,8 @@ fn a_stop_does_not_wait_for_a_plant_that_hangs() {
     kill(child.id() as i32, "INT");
     let output = child.wait_with_output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(text.contains("outcome       stopped"), "{text}");
+    // Whether the arm came to rest, nobody knows: that is no orderly stop.
+    assert!(text.contains("outcome       fault (the external drive did not answer"), "{text}");
     assert!(!Path::new(&format!("/proc/{plant}")).exists(), "the plant ends with the run");
     instance.assert_gone();
 }

@@ -2,29 +2,19 @@
 
 #![allow(non_snake_case, clippy::unwrap_used)] // helpers of tests are tests
 
+mod common;
+
+use common::seen;
 use nalgebra::SVector;
 use std::path::Path;
 use vservo::assemble;
 use vservo::config::Config;
 use vservo::control_loop::ControlLoop;
-use vservo::messages::{FeaturePoint, Measurement, TargetStatus};
 use vservo::robot::Robot;
 use vservo::time::MonoNs;
 
 const MS: i64 = 1_000_000;
 const LOST_AT: i64 = 600;
-
-fn seen<const N: usize>(config: &Config, robot: &Robot<N>, q: &SVector<f64, N>, k: i64) -> Measurement {
-    let X_CO = config.camera.mount.X_WC(&robot.forward(q)).inv_mul(&config.X_WO);
-    let mut m = Measurement { exposure: MonoNs(k * MS), feature_count: 4, ..Measurement::default() };
-    m.status = TargetStatus::Found as u32;
-    for (f, p_O) in m.features.iter_mut().zip(config.target.points_O()) {
-        let p = X_CO * p_O;
-        *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
-    }
-    m.set_pose(&X_CO);
-    m
-}
 
 /// Joint speed when the measurements stop, largest afterwards, and at the end.
 fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLoop<N>) -> [f64; 3] {

@@ -1,7 +1,5 @@
 //! The command line: arguments -> configuration -> run -> exit code. Results go to stdout, everything else to stderr.
 
-#![allow(clippy::print_stdout, clippy::print_stderr)]
-
 mod arguments;
 
 pub use arguments::{
@@ -13,10 +11,10 @@ use crate::config::Config;
 use crate::experiment;
 use crate::ipc::{Instance, Role};
 use crate::process::{self, ProcessError, StopFlag, supervisor};
-use crate::rt::doctor;
+use crate::rt::{Stderr, doctor, print, tell};
 use crate::summary::Outcome;
 use clap::{CommandFactory, Parser};
-use std::io::{IsTerminal, Write, stderr, stdout};
+use std::io::{IsTerminal, stderr};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -36,8 +34,9 @@ pub fn main() -> ExitCode {
         Some(Command::Check { config, set }) => check(&config, &set),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
         Some(Command::Completions { shell }) => {
-            clap_complete::generate(shell, &mut Cli::command(), "vservo", &mut stdout());
-            Ok(0)
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "vservo", &mut script);
+            Ok(shown(&String::from_utf8_lossy(&script), 0))
         }
     };
     exit_code(result)
@@ -56,11 +55,27 @@ fn exit_code(result: Result<u8, ProcessError>) -> ExitCode {
         Ok(code) => ExitCode::from(code),
         Err(error) => {
             for line in error.to_string().lines() {
-                eprintln!("vservo: {line}");
+                tell(format_args!("vservo: {line}"));
             }
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// Shows results on stdout; the exit code. Results that cannot be shown are those of a file that cannot be written.
+fn shown(text: &str, exit_code: u8) -> u8 {
+    match print(text) {
+        Ok(()) => exit_code,
+        Err(cause) => {
+            let error = ProcessError::Write { path: "stdout".into(), cause };
+            tell(format_args!("vservo: {error}"));
+            if exit_code == 0 { error.exit_code() } else { exit_code }
+        }
+    }
+}
+
+fn json(result: &impl serde::Serialize) -> String {
+    serde_json::to_string_pretty(result).unwrap_or_default() + "\n"
 }
 
 fn start_logging() {
@@ -68,7 +83,9 @@ fn start_logging() {
         EnvFilter::try_from_env("VSERVO_LOG").unwrap_or_else(|_| EnvFilter::new("vservo=info,error"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(stderr)
+        .with_writer(|| Stderr)
+        // Its word about a line that could not be written would panic where stderr is gone.
+        .log_internal_errors(false)
         .with_ansi(stderr().is_terminal())
         .without_time()
         .init();
@@ -78,45 +95,47 @@ fn start_logging() {
 /// Tells what is allowed in a run file but hardly meant.
 fn warn(config: &Config) {
     for warning in &config.warnings {
-        eprintln!("vservo: warning: {warning}");
+        tell(format_args!("vservo: warning: {warning}"));
     }
 }
 
 fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
+    // First of all: a request to stop that comes early is one too.
+    let stop = StopFlag::on_signals()?;
     let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
     warn(&config);
     let instance: Instance = arguments.instance.parse()?;
-    let stop = StopFlag::on_signals()?;
     let options = supervisor::RunOptions { summary: arguments.summary.clone() };
     let end = supervisor::run(&config, &instance, &options, &stop)?;
-    let _ = write!(stdout(), "{}", end.summary.to_text());
-    Ok(end.exit_code)
+    Ok(shown(&end.summary.to_text(), end.exit_code))
 }
 
 fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
+    let stop = StopFlag::on_signals()?;
     let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
     warn(&config);
     let instance: Instance = arguments.instance.parse()?;
     if let Some(path) = &arguments.out {
         supervisor::check_writable(path)?;
     }
-    let stop = StopFlag::on_signals()?;
     let end = supervisor::run(&config, &instance, &supervisor::RunOptions::default(), &stop)?;
+    let mut exit_code = end.exit_code;
     if arguments.json {
-        let _ = writeln!(stdout(), "{}", serde_json::to_string_pretty(&end.summary).unwrap_or_default());
+        exit_code = shown(&json(&end.summary), exit_code);
     }
     let Some(found) = end.summary.calibration.filter(|_| end.exit_code == 0) else {
-        eprintln!("vservo: no offset was found: {}", end.summary.reason);
-        return Ok(if end.exit_code == 0 { Outcome::NotConverged.exit_code() } else { end.exit_code });
+        tell(format_args!("vservo: no offset was found: {}", end.summary.reason));
+        return Ok(if exit_code == 0 { Outcome::NotConverged.exit_code() } else { exit_code });
     };
     if !arguments.json {
-        print!("{}\nput this into the run file:\n\n{}", found.describe(), found.to_toml());
+        let lines = format!("{}\nput this into the run file:\n\n{}", found.describe(), found.to_toml());
+        exit_code = shown(&lines, exit_code);
     }
     if let Some(path) = &arguments.out {
         let text = format!("# vservo calibrate latency: {}\n{}", found.describe(), found.to_toml());
         std::fs::write(path, text).map_err(|cause| ProcessError::Write { path: path.clone(), cause })?;
     }
-    Ok(end.exit_code)
+    Ok(exit_code)
 }
 
 fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
@@ -140,8 +159,7 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
             } else {
                 summary.to_text()
             };
-            let _ = write!(stdout(), "{text}");
-            Ok(summary.outcome.exit_code())
+            Ok(shown(&text, summary.outcome.exit_code()))
         }
     }
 }
@@ -150,8 +168,8 @@ fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
     let checked = Config::load(Some(config), set)?;
     warn(&checked);
     let i = checked.camera.model.intrinsics();
-    println!(
-        "{}: ok: {} on {}, {}x{} px at {} Hz, {}",
+    let line = format!(
+        "{}: ok: {} on {}, {}x{} px at {} Hz, {}\n",
         config.display(),
         checked.scheme_name(),
         checked.robot.name,
@@ -160,7 +178,7 @@ fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
         checked.camera.rate_hz,
         checked.clock_name()
     );
-    Ok(0)
+    Ok(shown(&line, 0))
 }
 
 fn doctor(json: bool, jitter_s: f64) -> u8 {
@@ -168,13 +186,8 @@ fn doctor(json: bool, jitter_s: f64) -> u8 {
     let request = crate::config::RealtimeRequest { priority: 80, cpu: None, lock_memory: false };
     let jitter = (jitter_s > 0.0).then(|| doctor::measure(jitter_s.min(3600.0), request)).flatten();
     let report = doctor::Report { checks, jitter };
-    let text = if json {
-        serde_json::to_string_pretty(&report).unwrap_or_default() + "\n"
-    } else {
-        report.to_text()
-    };
-    let _ = write!(stdout(), "{text}");
-    0
+    let text = if json { self::json(&report) } else { report.to_text() };
+    shown(&text, 0)
 }
 
 fn run_experiment(arguments: &ExperimentArguments) -> Result<u8, ProcessError> {
@@ -184,7 +197,7 @@ fn run_experiment(arguments: &ExperimentArguments) -> Result<u8, ProcessError> {
             CameraArgument::Rendered => experiment::CameraKind::Rendered,
         },
         count: arguments.count,
-        progress: &|what| eprintln!("{what}"),
+        progress: &|what| tell(what),
     };
     let mut text = String::new();
     for report in experiment::run(&arguments.name, &arguments.out, &options)? {
@@ -196,6 +209,5 @@ fn run_experiment(arguments: &ExperimentArguments) -> Result<u8, ProcessError> {
             text += &format!("  {}\n", file.display());
         }
     }
-    let _ = write!(stdout(), "{text}");
-    Ok(0)
+    Ok(shown(&text, 0))
 }

@@ -7,6 +7,8 @@
 //! A role is held by a lock on a file, which the kernel releases when the process dies in whatever way. Whoever
 //! leaves last removes everything.
 
+use super::pulse::{self, Pulse};
+use crate::time::MonoNs;
 use iceoryx2::prelude::*;
 use rustix::fs::{FlockOperation, Mode, OFlags, flock, fstat, open, stat};
 use rustix::io::Errno;
@@ -96,7 +98,15 @@ pub struct Instance {
 /// A held role; released when dropped or when the process dies.
 #[derive(Debug)]
 pub struct RoleLock {
-    _file: OwnedFd,
+    file: OwnedFd,
+}
+
+impl RoleLock {
+    /// The signs of life of the process that holds the role; `None` when it has no file descriptors left.
+    #[must_use]
+    pub fn pulse(&self) -> Option<Pulse> {
+        self.file.try_clone().ok().map(Pulse::new)
+    }
 }
 
 impl FromStr for Instance {
@@ -201,7 +211,7 @@ impl Instance {
             // The lock counts only if its file is still the one that the next process will find.
             let held = fstat(&file).map_err(place)?;
             if stat(&path).is_ok_and(|found| found.st_ino == held.st_ino && found.st_dev == held.st_dev) {
-                return Ok(RoleLock { _file: file });
+                return Ok(RoleLock { file });
             }
         }
     }
@@ -212,6 +222,15 @@ impl Instance {
         let path = self.directory().join(format!("{role}.lock"));
         open(&path, OFlags::RDWR | OFlags::CLOEXEC, Mode::empty())
             .is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK))
+    }
+
+    /// The last sign of life of the process that plays `role`; `None` before the first.
+    #[must_use]
+    pub fn last_pulse(&self, role: Role) -> Option<MonoNs> {
+        let path = self.directory().join(format!("{role}.lock"));
+        open(&path, OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::CLOEXEC, Mode::empty())
+            .ok()
+            .and_then(pulse::read)
     }
 
     /// Removes what dead processes of this instance left in shared memory, unless a living one plays any other role
@@ -284,6 +303,22 @@ mod tests {
         drop(other);
         i.remove_leftovers(None);
         assert!(!i.directory().exists());
+    }
+
+    #[test]
+    fn signs_of_life_are_seen_from_outside() {
+        let i = instance("pulse");
+        let lock = i.lock(Role::Vision).unwrap();
+        assert_eq!(i.last_pulse(Role::Vision), None, "not before the first");
+        let before = crate::rt::now();
+        let pulse = lock.pulse().unwrap();
+        let seen = i.last_pulse(Role::Vision).unwrap();
+        assert!(seen >= before && seen <= crate::rt::now());
+        pulse.beat();
+        assert!(i.last_pulse(Role::Vision).unwrap() >= seen);
+        assert_eq!(i.last_pulse(Role::Camera), None);
+        drop(lock);
+        i.remove_leftovers(None);
     }
 
     #[test]

@@ -15,9 +15,11 @@
 mod error;
 mod instance;
 mod ports;
+mod pulse;
 mod services;
 
 pub use error::IpcError;
 pub use instance::{Instance, InstanceError, Role, RoleLock};
 pub use ports::{Bell, BorrowedFrame, FrameReceiver, FrameSender, ReceivedFrame, Receiver, Sender, Waker};
+pub use pulse::Pulse;
 pub use services::{FrameShape, Peers, Services};

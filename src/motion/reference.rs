@@ -46,6 +46,15 @@ impl<const N: usize> MotionLimits<N> {
         (0..N).all(|i| breach(Point { q: q[i], v: qd[i], a: 0.0 }, &self.bounds(i), q[i]).is_none())
     }
 
+    /// Upper bound of the time in which every joint comes to rest from whatever motion within these limits, s.
+    #[must_use]
+    pub fn longest_braking_s(&self) -> f64 {
+        // From full speed at full acceleration: first that acceleration ends, then v / a + a / j, and some speed was won.
+        let joint =
+            |i: usize| self.velocity[i] / self.acceleration[i] + 3.0 * self.acceleration[i] / self.jerk[i];
+        (0..N).map(joint).fold(0.0, f64::max)
+    }
+
     /// The limits of joint `i`, counted from 0.
     pub(super) fn bounds(&self, i: usize) -> Bounds {
         Bounds {

@@ -25,7 +25,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
     let services = membership.services();
     let (arm, waker) = services.joint_state_receiver()?;
     let frames = services.frame_sender(frame_shape(config))?;
-    let mut camera = Camera { config, source, frames, arm, lost: 0 };
+    let mut camera = Camera { config, membership: &membership, source, frames, arm, lost: 0 };
     info!(rate_hz = config.camera.rate_hz, "camera runs");
     match config.clock {
         Clock::Realtime => camera.run_by_the_clock(stop),
@@ -35,6 +35,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
 
 struct Camera<'a> {
     config: &'a Config,
+    membership: &'a Membership,
     source: Box<dyn Source>,
     frames: FrameSender,
     arm: Receiver<JointState>,
@@ -61,7 +62,7 @@ impl Camera<'_> {
             let exposed = start + schedule.exposure(frame_id) + half;
             let next = pending.front().map(|p| p.due).into_iter().chain((!last).then_some(exposed)).min();
             let Some(next) = next else { return self.rest(stop) };
-            if !wait_until(next, stop) {
+            if !self.wait_until(next, stop) {
                 return Ok(());
             }
             while let Some(p) = pending.pop_front_if(|p| p.due <= now()) {
@@ -97,6 +98,7 @@ impl Camera<'_> {
     fn run_by_the_ticks(&mut self, waker: &Waker, stop: &StopFlag) -> Result<(), ProcessError> {
         let schedule = &self.config.camera.schedule;
         while !stop.is_requested() {
+            self.membership.beat();
             while let Some(state) = self.arm.receive()? {
                 self.source.arm(&state);
                 let Some(frame_id) = schedule.frame_at(state.tick) else { continue };
@@ -117,6 +119,7 @@ impl Camera<'_> {
 
     /// Exposes frame `frame_id` into shared memory.
     fn expose(&mut self, frame_id: u64, mid: MonoNs) -> Result<(BorrowedFrame, FrameHeader), ProcessError> {
+        self.membership.beat();
         let camera = &self.config.camera;
         let i = camera.model.intrinsics();
         let mut frame = self.frames.borrow(i.width_px as usize * i.height_px as usize)?;
@@ -140,22 +143,24 @@ impl Camera<'_> {
     fn rest(&self, stop: &StopFlag) -> Result<(), ProcessError> {
         info!("last frame sent");
         while !stop.is_requested() {
+            self.membership.beat();
             std::thread::sleep(Duration::from_millis(20));
         }
         Ok(())
     }
-}
 
-/// Waits for `time`; false when a stop is requested meanwhile.
-fn wait_until(time: MonoNs, stop: &StopFlag) -> bool {
-    let slice = SpanNs(LONGEST_WAIT.as_nanos() as i64);
-    while !stop.is_requested() {
-        let left = time - now();
-        if left <= slice {
-            sleep_until(time);
-            return true;
+    /// Waits for `time`; false when a stop is requested meanwhile.
+    fn wait_until(&self, time: MonoNs, stop: &StopFlag) -> bool {
+        let slice = SpanNs(LONGEST_WAIT.as_nanos() as i64);
+        while !stop.is_requested() {
+            self.membership.beat();
+            let left = time - now();
+            if left <= slice {
+                sleep_until(time);
+                return true;
+            }
+            sleep_until(now() + slice);
         }
-        sleep_until(now() + slice);
+        false
     }
-    false
 }

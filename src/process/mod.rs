@@ -5,6 +5,7 @@ pub mod camera;
 pub mod control;
 mod error;
 mod membership;
+mod silence;
 mod stop;
 pub mod supervisor;
 pub mod vision;

@@ -22,7 +22,9 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
         Worker { vision: crate::assemble::vision(config), counter: FrameCounter::default(), status: None };
     info!("vision runs");
     while !stop.is_requested() {
+        membership.beat();
         while let Some(frame) = frames.receive()? {
+            membership.beat();
             measurements.send(&worker.measure(&frame))?;
         }
         frames.wait(LONGEST_WAIT)?;

@@ -1,10 +1,13 @@
-//! The operating system's part in being punctual: clock, absolute sleep, scheduling, memory that is there.
+//! The operating system's part in being punctual: clock, absolute sleep, scheduling, memory that is there, and output that
+//! nobody waits for.
 
 mod clock;
 pub mod doctor;
+mod output;
 mod prefault;
 mod scheduling;
 
 pub use clock::{now, sleep_until};
+pub use output::{Stderr, print, tell};
 pub use prefault::{page_faults, prefault};
 pub use scheduling::{Awake, Obtained, SchedulingError, prepare_process, prepare_thread};

@@ -43,10 +43,7 @@ impl Fault {
     /// Whether there is no joint state any more to compute with.
     #[must_use]
     pub fn blinds(self) -> bool {
-        !matches!(
-            self,
-            Self::TrackingError | Self::DeadlinesMissed | Self::NotAtRest | Self::PeersSilent
-        )
+        !matches!(self, Self::TrackingError | Self::DeadlinesMissed | Self::NotAtRest | Self::PeersSilent)
     }
 
     /// What happened, for people.

@@ -1,8 +1,9 @@
 //! What the integration tests share: runs of the real program under names of their own, and waiting for conditions.
 
-#![allow(dead_code, unreachable_pub)] // each test binary uses a part
+#![allow(dead_code, unreachable_pub, non_snake_case)] // each test binary uses a part
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 
+use nalgebra::SVector;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -10,6 +11,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
+use vservo::config::Config;
+use vservo::messages::{FeaturePoint, Measurement, TargetStatus};
+use vservo::robot::Robot;
+use vservo::time::MonoNs;
 
 /// Waits are for conditions; this only bounds a test that has already failed.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -212,4 +217,17 @@ pub fn assert_accurate(run: &Run) {
     assert!(number(s, &["final", "orientation_error_rad"]).to_degrees() <= 0.1, "{s}");
     assert!(number(s, &["final", "feature_error"]) <= 0.1, "{s}");
     assert_eq!(run.output.status.code(), Some(0));
+}
+
+/// What a perfect camera that looks everywhere measures at `k` ms from an arm in `q`.
+pub fn seen<const N: usize>(config: &Config, robot: &Robot<N>, q: &SVector<f64, N>, k: i64) -> Measurement {
+    let X_CO = config.camera.mount.X_WC(&robot.forward(q)).inv_mul(&config.X_WO);
+    let mut m = Measurement { exposure: MonoNs(k * 1_000_000), feature_count: 4, ..Measurement::default() };
+    m.status = TargetStatus::Found as u32;
+    for (f, p_O) in m.features.iter_mut().zip(config.target.points_O()) {
+        let p = X_CO * p_O;
+        *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
+    }
+    m.set_pose(&X_CO);
+    m
 }

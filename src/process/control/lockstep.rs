@@ -9,26 +9,34 @@ use super::{Pace, Ports, STOP_REASON};
 use crate::calibration::Recording;
 use crate::config::Config;
 use crate::control_loop::ControlLoop;
-use crate::ipc::{FrameShape, Services};
+use crate::ipc::{FrameShape, Role};
 use crate::messages::{Measurement, frame_flag};
-use crate::process::{LONGEST_WAIT, ProcessError, StopFlag};
+use crate::process::silence::Silence;
+use crate::process::{LONGEST_WAIT, Membership, ProcessError, StopFlag};
+use crate::rt::now;
 use crate::safety::Fault;
 use crate::schedule::TICK;
 use crate::summary::TickTimes;
-use crate::time::MonoNs;
+use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
 use std::time::Duration;
-use tracing::info;
+use tracing::{info, warn};
+
+/// A wait for a measurement that takes so long is worth a line.
+const TELL_AFTER: SpanNs = SpanNs(2_000_000_000);
+/// A measurement that has not come by then will not come: camera or vision hangs.
+const PEERS_PATIENCE: SpanNs = SpanNs(10_000_000_000);
 
 /// Waits until camera and vision have joined: what is sent before would be lost to them.
 pub(super) fn wait_for_peers(
-    services: &Services,
+    membership: &Membership,
     frames: FrameShape,
     stop: &StopFlag,
 ) -> Result<(), ProcessError> {
     let mut told = false;
     while !stop.is_requested() {
-        let peers = services.peers(frames)?;
+        membership.beat();
+        let peers = membership.services().peers(frames)?;
         if peers.camera && peers.vision {
             return Ok(());
         }
@@ -45,13 +53,13 @@ pub(super) fn wait_for_peers(
 pub(super) fn run<const N: usize>(
     config: &Config,
     mut control: ControlLoop<N>,
-    ports: &Ports,
+    ports: &Ports<'_>,
     mut plant: Option<PlantPorts<'_>>,
     mut recording: Option<&mut Recording<N>>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, Pace), ProcessError> {
     let schedule = &config.camera.schedule;
-    let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None };
+    let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None, peers_hang: false };
     let mut next_frame = 0;
     let mut tick = 0;
     loop {
@@ -62,13 +70,10 @@ pub(super) fn run<const N: usize>(
         {
             match plant.wait_for_state(tick, stop)? {
                 Answer::Here => {}
-                Answer::Stopped => {
-                    control.stop(now, STOP_REASON);
-                    control.fail(Fault::DriveSilent);
-                }
                 Answer::Failed(fault) => control.fail(fault),
             }
         }
+        ports.membership.beat();
         let state = control.sense(tick, now);
         if let Some(recording) = &mut recording {
             recording.note_state(&state);
@@ -87,6 +92,9 @@ pub(super) fn run<const N: usize>(
                 measurement = inbox.measurement_of(next_frame, ports, stop)?.or(measurement);
             }
             next_frame += 1;
+        }
+        if inbox.peers_hang {
+            control.fail(Fault::PeersSilent);
         }
         if let (Some(recording), Some(m)) = (&mut recording, &measurement) {
             recording.note_measurement(m);
@@ -115,17 +123,20 @@ pub(super) fn run<const N: usize>(
 struct Inbox {
     waiting: VecDeque<Measurement>,
     last_frame: Option<u64>,
+    /// Camera and vision were waited for in vain, and are not waited for any more.
+    peers_hang: bool,
 }
 
 impl Inbox {
-    /// The measurement of frame `id`, as soon as it is there; `None` when a stop is requested meanwhile, or no such frame
-    /// will ever come.
+    /// The measurement of frame `id`, as soon as it is there; `None` when a stop is requested meanwhile, no such frame
+    /// will ever come, or camera and vision hang.
     fn measurement_of(
         &mut self,
         id: u64,
-        ports: &Ports,
+        ports: &Ports<'_>,
         stop: &StopFlag,
     ) -> Result<Option<Measurement>, ProcessError> {
+        let mut wait = None;
         loop {
             while let Some(m) = ports.measurements.receive()? {
                 if m.flags & frame_flag::LAST != 0 {
@@ -142,8 +153,43 @@ impl Inbox {
                 None if stop.is_requested() || self.last_frame.is_some_and(|last| id > last) => {
                     return Ok(None);
                 }
-                None => ports.waker.wait(LONGEST_WAIT)?,
+                None => {}
             }
+            self.peers_hang |= wait.get_or_insert_with(Wait::begin).is_over(id, ports.membership);
+            if self.peers_hang {
+                return Ok(None);
+            }
+            ports.membership.beat();
+            ports.waker.wait(LONGEST_WAIT)?;
         }
+    }
+}
+
+/// A wait for a measurement: after a while it is told what is waited for, and then it ends.
+struct Wait {
+    silence: Silence,
+    told: bool,
+}
+
+impl Wait {
+    fn begin() -> Self {
+        Self { silence: Silence::begin(now()), told: false }
+    }
+
+    fn is_over(&mut self, frame_id: u64, membership: &Membership) -> bool {
+        let time = now();
+        let waited = self.silence.look(time);
+        if waited > TELL_AFTER && !std::mem::replace(&mut self.told, true) {
+            let instance = membership.services().instance();
+            let hangs = |role| instance.last_pulse(role).is_none_or(|last| time - last > TELL_AFTER);
+            let hanging: Vec<_> =
+                [Role::Camera, Role::Vision].into_iter().filter(|r| hangs(*r)).map(Role::as_str).collect();
+            let who = if hanging.is_empty() { "none".into() } else { hanging.join(", ") };
+            warn!(
+                "waiting for camera and vision: the measurement of frame {frame_id} does not come (without a sign of life: \
+                 {who})"
+            );
+        }
+        waited > PEERS_PATIENCE
     }
 }

@@ -11,7 +11,7 @@ use crate::calibration::{Cell, Recording, stamp_offset};
 use crate::config::Config;
 use crate::config::raw::{Clock, Task};
 use crate::control_loop::{ControlLoop, Finish};
-use crate::ipc::{Instance, Receiver, Role, Sender, Services, Waker};
+use crate::ipc::{Instance, Receiver, Role, Sender, Waker};
 use crate::messages::{JointState, Measurement, Status};
 use crate::robot::Robot;
 use crate::rt::now;
@@ -32,18 +32,20 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<Summ
 }
 
 /// Control's ports.
-struct Ports {
+struct Ports<'a> {
+    membership: &'a Membership,
     measurements: Receiver<Measurement>,
     waker: Waker,
     joint_state: Sender<JointState>,
     status: Sender<Status>,
 }
 
-impl Ports {
-    fn open(services: &Services) -> Result<Self, ProcessError> {
+impl<'a> Ports<'a> {
+    fn open(membership: &'a Membership) -> Result<Self, ProcessError> {
+        let services = membership.services();
         let (measurements, waker) = services.measurement_receiver()?;
         let (joint_state, status) = (services.joint_state_sender()?, services.status_sender()?);
-        Ok(Self { measurements, waker, joint_state, status })
+        Ok(Self { membership, measurements, waker, joint_state, status })
     }
 }
 
@@ -63,15 +65,15 @@ fn run_robot<const N: usize>(
     stop: &StopFlag,
 ) -> Result<Summary, ProcessError> {
     let membership = Membership::join(instance, Role::Control)?;
-    let (control, mut plant) = match plant::open::<N>(config, membership.services())? {
+    let (control, mut plant) = match plant::open::<N>(config, &membership)? {
         Some((drive, ports)) => {
             (crate::assemble::control_loop_with(config, robot, Box::new(drive))?, Some(ports))
         }
         None => (crate::assemble::control_loop(config, robot)?, None),
     };
-    let ports = Ports::open(membership.services())?;
+    let ports = Ports::open(&membership)?;
     if config.clock == Clock::Lockstep {
-        lockstep::wait_for_peers(membership.services(), frame_shape(config), stop)?;
+        lockstep::wait_for_peers(&membership, frame_shape(config), stop)?;
     }
     if let Some(plant) = &mut plant {
         plant.connect(config, stop)?;

@@ -10,9 +10,9 @@
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
 use crate::drive::{CommandMode, ExternalDrive, PlantLink};
-use crate::ipc::{Receiver, Sender, Services, Waker};
+use crate::ipc::{Receiver, Sender, Waker};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
-use crate::process::{LONGEST_WAIT, ProcessError, StopFlag};
+use crate::process::{LONGEST_WAIT, Membership, ProcessError, StopFlag};
 use crate::rt::now;
 use crate::safety::Fault;
 use crate::time::SpanNs;
@@ -54,15 +54,13 @@ impl PlantLink for Rings {
 pub(super) enum Answer {
     /// It is there.
     Here,
-    /// A stop was requested and the plant did not answer in time.
-    Stopped,
     /// It will not come.
     Failed(Fault),
 }
 
 /// The process's end of the rings, and the ports.
 pub(super) struct PlantPorts<'a> {
-    services: &'a Services,
+    membership: &'a Membership,
     received: Producer<DriveStateMsg>,
     to_send: Consumer<DriveCommandMsg>,
     command: Sender<DriveCommandMsg>,
@@ -74,11 +72,12 @@ pub(super) struct PlantPorts<'a> {
 /// The drive core and the process's end of it, where the configuration wants an external drive.
 pub(super) fn open<'a, const N: usize>(
     config: &Config,
-    services: &'a Services,
+    membership: &'a Membership,
 ) -> Result<Option<(ExternalDrive<N>, PlantPorts<'a>)>, ProcessError> {
     if config.drive.kind != DriveKind::External {
         return Ok(None);
     }
+    let services = membership.services();
     let (received, states) = RingBuffer::new(STATES);
     let (commands, to_send) = RingBuffer::new(COMMANDS);
     let timeout = match config.clock {
@@ -91,7 +90,7 @@ pub(super) fn open<'a, const N: usize>(
     let (state, waker) = services.drive_state_receiver()?;
     let command = services.drive_command_sender()?;
     let answer_timeout = config.drive.external.answer_timeout;
-    Ok(Some((drive, PlantPorts { services, received, to_send, command, state, waker, answer_timeout })))
+    Ok(Some((drive, PlantPorts { membership, received, to_send, command, state, waker, answer_timeout })))
 }
 
 impl PlantPorts<'_> {
@@ -112,7 +111,8 @@ impl PlantPorts<'_> {
         let mut told = false;
         let mut asked = None;
         while !stop.is_requested() {
-            if !self.services.plant_is_there()? {
+            self.membership.beat();
+            if !self.membership.services().plant_is_there()? {
                 if !told {
                     info!("waiting for the external drive of this instance");
                     told = true;
@@ -121,7 +121,7 @@ impl PlantPorts<'_> {
                 continue;
             }
             if asked.is_none_or(|at| now() - at > ASK_AGAIN) {
-                self.services.remove_dead_peers();
+                self.membership.services().remove_dead_peers();
                 if config.clock == Clock::Realtime {
                     start.stamp = now();
                 }
@@ -162,6 +162,7 @@ impl PlantPorts<'_> {
         let mut looked = began;
         let mut stopped = None;
         loop {
+            self.membership.beat();
             while let Some(state) = self.state.receive()? {
                 if state.flags & drive_flag::INITIAL != 0 {
                     continue; // the answer to a start that was asked for twice
@@ -175,15 +176,15 @@ impl PlantPorts<'_> {
             }
             let time = now();
             if stop.is_requested() && time - *stopped.get_or_insert(time) > STOP_PATIENCE {
-                return Ok(Answer::Stopped);
+                return Ok(Answer::Failed(Fault::DriveSilent));
             }
             if time - began > self.answer_timeout {
                 return Ok(Answer::Failed(Fault::DriveSilent));
             }
             if time - looked > LOOK_AFTER {
                 looked = time;
-                self.services.remove_dead_peers();
-                if !self.services.plant_is_there()? {
+                self.membership.services().remove_dead_peers();
+                if !self.membership.services().plant_is_there()? {
                     return Ok(Answer::Failed(Fault::DriveLeft));
                 }
             }
@@ -209,7 +210,7 @@ pub(super) fn farewell(plant: Option<PlantPorts<'_>>) -> Result<(), ProcessError
     let Some(mut plant) = plant else { return Ok(()) };
     plant.send()?;
     let until = now() + FAREWELL;
-    while now() < until && plant.services.plant_is_there()? {
+    while now() < until && plant.membership.services().plant_is_there()? {
         std::thread::sleep(Duration::from_millis(2));
     }
     Ok(())

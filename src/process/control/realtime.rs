@@ -18,6 +18,7 @@ use crate::config::raw::RealtimePolicy;
 use crate::config::{Config, RealtimeRequest};
 use crate::control_loop::{ControlLoop, Finish, TickRecord};
 use crate::messages::Measurement;
+use crate::process::silence::Silence;
 use crate::process::{ProcessError, StopFlag};
 use crate::rt::{self, Awake, Obtained};
 use crate::safety::Fault;
@@ -36,6 +37,8 @@ const MEASUREMENTS: usize = 64;
 const COMPANION_PERIOD: Duration = Duration::from_millis(1);
 /// With an external drive its states wake the companion; nobody wakes it for a command, so it looks more often.
 const COMPANION_PERIOD_WITH_PLANT: Duration = Duration::from_micros(200);
+/// Measurements that stay away for so long are worth a line.
+const TELL_AFTER: SpanNs = SpanNs(3_000_000_000);
 /// From the start of the thread to its first tick.
 const LEAD: SpanNs = SpanNs(2_000_000);
 
@@ -43,7 +46,7 @@ const LEAD: SpanNs = SpanNs(2_000_000);
 pub(super) fn run<const N: usize>(
     config: &Config,
     control: ControlLoop<N>,
-    ports: &Ports,
+    ports: &Ports<'_>,
     mut plant: Option<PlantPorts<'_>>,
     recording: Option<&mut Recording<N>>,
     stop: &StopFlag,
@@ -86,9 +89,10 @@ pub(super) fn run<const N: usize>(
     }
     // Held to the end of the run; where the kernel refuses it, an idle machine wakes up later.
     let _awake = request.map(|_| Awake::keep().inspect_err(|e| debug!("deep idle states stay allowed: {e}")));
-    let mut companion = Companion { ports, received, to_send, recording, unsent: 0 };
+    let mut companion = Companion { ports, received, to_send, recording, unsent: 0, silence: None };
     let mut broken = None;
     while !thread.is_finished() {
+        ports.membership.beat();
         let carried = match &broken {
             None => companion.carry().and_then(|()| match &mut plant {
                 Some(plant) => plant.carry(COMPANION_PERIOD_WITH_PLANT),
@@ -129,17 +133,20 @@ fn report(request: Option<&RealtimeRequest>, obtained: &Obtained) {
 
 /// Carries messages between the ports and the rings.
 struct Companion<'a, const N: usize> {
-    ports: &'a Ports,
+    ports: &'a Ports<'a>,
     received: Producer<Measurement>,
     to_send: Consumer<TickRecord>,
     /// What a calibration is to remember: here, because it allocates.
     recording: Option<&'a mut Recording<N>>,
     unsent: u64,
+    /// Since the last measurement; `None` once its length was told.
+    silence: Option<Silence>,
 }
 
 impl<const N: usize> Companion<'_, N> {
     fn carry(&mut self) -> Result<(), ProcessError> {
         while let Some(measurement) = self.ports.measurements.receive()? {
+            self.silence = Some(Silence::begin(rt::now()));
             if let Some(recording) = &mut self.recording {
                 recording.note_measurement(&measurement);
             }
@@ -152,6 +159,13 @@ impl<const N: usize> Companion<'_, N> {
                 recording.note_state(&record.joint_state);
             }
             self.ports.joint_state.send_quietly(&record.joint_state)?;
+            if self.silence.as_mut().is_some_and(|silence| silence.look(rt::now()) > TELL_AFTER) {
+                warn!(
+                    "no measurement for {:.0} s: the arm holds; do camera and vision run?",
+                    TELL_AFTER.as_s()
+                );
+                self.silence = None;
+            }
             if let Some(status) = &record.status {
                 self.ports.status.send_quietly(status)?;
             }

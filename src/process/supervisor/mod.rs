@@ -2,32 +2,34 @@
 //!
 //! ```text
 //! lock ─► configuration into shared memory ─► camera, vision, control ─► watch ─┬─ control is done
-//!                                                                             ├─ a process died
+//!                                                                             ├─ a process died, or hangs (vigil)
 //!                                                                             └─ SIGINT, SIGTERM
-//!        remove leftovers ◄─ reap ◄─ kill what hangs ◄─ camera, vision end ◄─ control ends ◄┘
+//!        remove leftovers ◄─ reap ◄─ kill what hangs ◄─ the others end ◄─ control has brought the arm to rest ◄┘
 //! ```
 
 mod child;
+mod crew;
 mod progress;
 mod reap;
+mod vigil;
 
 use super::{ProcessError, StopFlag};
 use crate::config::Config;
-use crate::config::raw::DriveKind;
-use crate::ipc::{Instance, InstanceError, Role, Services};
+use crate::ipc::{Instance, InstanceError, Receiver, Role, Services};
+use crate::messages::Status;
 use crate::rt::now;
 use crate::summary::{Outcome, Summary};
-use crate::time::{MonoNs, SpanNs};
-use child::{Child, End};
+use crate::time::SpanNs;
+use child::End;
+use crew::Crew;
 use progress::Progress;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use tracing::{error, warn};
+use tracing::error;
+use vigil::Vigil;
 
-/// Time in which all processes must have ended; what still runs then is killed.
-const SHUTDOWN: SpanNs = SpanNs(1_800_000_000);
-/// Share of it for control alone, which brings the arm to rest first.
-const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(1_200_000_000);
+/// How long the children of a supervisor that was just killed may take to bring the arm to rest and end.
+const PREDECESSOR: SpanNs = SpanNs(5_000_000_000);
 /// From the orderly end of an external drive's program to that of control.
 const PLANT_LEAVES: SpanNs = SpanNs(2_000_000_000);
 const WATCH_PERIOD: Duration = Duration::from_millis(10);
@@ -81,7 +83,7 @@ impl Place {
     fn take(config: &Config, instance: &Instance) -> Result<Self, ProcessError> {
         let lock = instance.lock(Role::Supervisor)?;
         // Children of a supervisor that was just killed need a moment to end.
-        let deadline = now() + SHUTDOWN;
+        let deadline = now() + PREDECESSOR;
         let other = || Role::ALL.into_iter().find(|r| *r != Role::Supervisor && instance.is_running(*r));
         while let Some(role) = other() {
             if now() > deadline {
@@ -106,93 +108,107 @@ impl Drop for Place {
 
 fn supervise(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<RunEnd, ProcessError> {
     let start = now();
-    let mut control = Child::spawn(Role::Control, instance)?;
-    let mut others = vec![Child::spawn(Role::Vision, instance)?, Child::spawn(Role::Camera, instance)?];
-    if config.drive.kind == DriveKind::External {
-        others.extend(Child::spawn_plant(&config.drive.external, instance)?);
+    if stop.is_requested() {
+        return Ok(stopped_before_the_start(config, now() - start));
     }
-
-    let failure = watch(instance, &mut control, &mut others, stop);
-    let end = shut_down(&mut control, &mut others);
-    let summary = control.take_output().and_then(|text| serde_json::from_str::<Summary>(&text).ok());
-    let mut end = conclude(config, failure, end, summary, now() - start);
-    // All are waited for: what a process used is known only after its end.
-    for child in &mut others {
-        child.wait();
-    }
-    let children = others.iter().chain([&control]);
-    end.summary.processes = children.filter_map(|c| Some((c.role().to_string(), c.usage()?))).collect();
+    let mut crew = Crew::start(config, instance)?;
+    let (failure, end) = {
+        // Attached after the children were started: a process must not fork once it has joined the transport.
+        let services = Services::join(instance).ok();
+        let status = services.as_ref().and_then(|s| s.status_receiver().ok());
+        let mut watch =
+            Watch { status, progress: Progress::new(), vigil: Vigil::new(instance, config.clock, now()) };
+        let failure = watch.until_the_end(&mut crew, stop);
+        let end = crew.shut_down(Some(&mut watch));
+        if end.1.is_none() && stop.is_requested() && !watch.vigil.has_ticked() {
+            // A stop that came while control was still starting: nothing has moved yet.
+            return Ok(stopped_before_the_start(config, now() - start));
+        }
+        (failure, end)
+    };
+    let mut end = conclude(config, failure, end, now() - start);
+    end.summary.processes = crew.usages();
     Ok(end)
 }
 
-/// A process that ended before its time.
+fn stopped_before_the_start(config: &Config, wall: SpanNs) -> RunEnd {
+    let mut summary = Summary::without_control(config, wall);
+    summary.outcome = Outcome::Stopped;
+    summary.reason = "a stop was requested before the loop began".into();
+    RunEnd { exit_code: summary.outcome.exit_code(), summary }
+}
+
+/// A process that ended before its time, or hangs.
+#[derive(Debug)]
 struct Failure {
-    role: Role,
-    end: End,
+    how: String,
+    exit_code: Option<u8>,
 }
 
-/// Waits until control is done, another process dies, or a stop is requested.
-fn watch(instance: &Instance, control: &mut Child, others: &mut [Child], stop: &StopFlag) -> Option<Failure> {
-    // Attached after the children were started: a process must not fork once it has joined the transport.
-    let services = Services::join(instance).ok();
-    let status = services.as_ref().and_then(|s| s.status_receiver().ok());
-    let mut progress = Progress::new();
-    let mut plant_left = None;
-    loop {
-        if let Some(Ok(Some(status))) = status.as_ref().map(|s| s.receive_newest()) {
-            progress.show(&status);
-        }
-        if control.poll().is_some() {
-            progress.end();
-            return None;
-        }
-        let ended = others.iter_mut().filter_map(|c| c.poll().map(|end| (c.role(), end)));
-        // A plant may leave as soon as it was told that the run is over; control has yet to say how it went.
-        let mut ended = ended.filter(|(role, end)| {
-            let leaves = *role == Role::Drive && end.exit_code() == Some(0);
-            !leaves || now() - *plant_left.get_or_insert_with(now) > PLANT_LEAVES
-        });
-        if let Some((role, end)) = ended.next() {
-            progress.end();
-            error!("the {role} process ended in the middle of the run: {end}");
-            return Some(Failure { role, end });
-        }
-        if stop.is_requested() {
-            progress.end();
-            return None;
-        }
-        std::thread::sleep(WATCH_PERIOD);
+impl Failure {
+    fn ended(role: Role, end: End) -> Self {
+        let how = format!("the {role} process ended in the middle of the run: {end}");
+        Self { how, exit_code: end.exit_code() }
+    }
+
+    fn hangs(role: Role, silent: SpanNs) -> Self {
+        let how = format!("the {role} process hangs: no sign of life for {:.0} s", silent.as_s());
+        Self { how, exit_code: None }
     }
 }
 
-/// Ends control, which brings the arm to rest, then the others; kills what does not end in time. Control's end.
-fn shut_down(control: &mut Child, others: &mut [Child]) -> End {
-    let start = now();
-    control.terminate();
-    wait_for(std::slice::from_mut(control), start + SHUTDOWN_OF_CONTROL);
-    others.iter_mut().for_each(Child::terminate);
-    wait_for(others, start + SHUTDOWN);
-    for child in others.iter_mut().chain([&mut *control]) {
-        if child.poll().is_none() {
-            warn!("the {} process does not end and is killed", child.role());
-            child.kill();
+/// What is seen of a run while it goes on.
+struct Watch {
+    status: Option<Receiver<Status>>,
+    progress: Progress,
+    vigil: Vigil,
+}
+
+impl Watch {
+    /// Takes what control says and looks at everybody's signs of life; who has been silent for too long.
+    fn look(&mut self) -> Option<(Role, SpanNs)> {
+        if let Some(Ok(Some(status))) = self.status.as_ref().map(Receiver::receive_newest) {
+            self.progress.show(&status);
+            self.vigil.note(&status, now());
         }
+        self.vigil.look(now())
     }
-    control.wait()
+
+    /// Waits until control is done, another process dies, one hangs, or a stop is requested.
+    fn until_the_end(&mut self, crew: &mut Crew, stop: &StopFlag) -> Option<Failure> {
+        let mut plant_left = None;
+        let failure = loop {
+            let silent = self.look();
+            if crew.control.poll().is_some() || stop.is_requested() {
+                break None;
+            }
+            let ended = crew.others.iter_mut().filter_map(|c| c.poll().map(|end| (c.role(), end)));
+            // A plant may leave as soon as it was told that the run is over; control has yet to say how it went.
+            let mut ended = ended.filter(|(role, end)| {
+                let leaves = *role == Role::Drive && end.exit_code() == Some(0);
+                !leaves || now() - *plant_left.get_or_insert_with(now) > PLANT_LEAVES
+            });
+            if let Some((role, end)) = ended.next() {
+                break Some(Failure::ended(role, end));
+            }
+            if let Some((role, silent)) = silent {
+                break Some(Failure::hangs(role, silent));
+            }
+            std::thread::sleep(WATCH_PERIOD);
+        };
+        self.progress.end();
+        if let Some(failure) = &failure {
+            error!("{}", failure.how);
+        }
+        failure
+    }
 }
 
-fn wait_for(children: &mut [Child], deadline: MonoNs) {
-    while children.iter_mut().any(|c| c.poll().is_none()) && now() < deadline {
-        std::thread::sleep(Duration::from_millis(2));
-    }
-}
-
-/// What the run came to, given what control says and what went wrong around it.
+/// What the run came to, given how control ended, what it says, and what went wrong around it.
 fn conclude(
     config: &Config,
     failure: Option<Failure>,
-    control: End,
-    summary: Option<Summary>,
+    control: (End, Option<Summary>),
     wall: SpanNs,
 ) -> RunEnd {
     let broken = |reason: String, exit_code: u8, summary: Option<Summary>| {
@@ -201,16 +217,15 @@ fn conclude(
         summary.reason = reason;
         RunEnd { summary, exit_code }
     };
-    match (failure, summary) {
-        (Some(Failure { role, end }), summary) => {
-            let exit_code =
-                end.exit_code().filter(|c| *c == 3 || *c == 1).unwrap_or(Outcome::Fault.exit_code());
-            broken(format!("the {role} process ended in the middle of the run: {end}"), exit_code, summary)
+    match (failure, control) {
+        (Some(Failure { how, exit_code, .. }), (_, summary)) => {
+            let exit_code = exit_code.filter(|c| *c == 3 || *c == 1).unwrap_or(Outcome::Fault.exit_code());
+            broken(how, exit_code, summary)
         }
-        (None, Some(summary)) => RunEnd { exit_code: summary.outcome.exit_code(), summary },
-        (None, None) => {
-            let exit_code = control.exit_code().filter(|c| *c != 0).unwrap_or(Outcome::Fault.exit_code());
-            broken(format!("the control process ended without a result: {control}"), exit_code, None)
+        (None, (_, Some(summary))) => RunEnd { exit_code: summary.outcome.exit_code(), summary },
+        (None, (end, None)) => {
+            let exit_code = end.exit_code().filter(|c| *c != 0).unwrap_or(Outcome::Fault.exit_code());
+            broken(format!("the control process ended without a result: {end}"), exit_code, None)
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The line that shows how a run goes: rewritten in place on a terminal, one line a second elsewhere.
 
 use crate::messages::{ControlState, Status, TargetStatus};
-use crate::rt::now;
+use crate::rt::{Stderr, now};
 use crate::time::{MonoNs, SpanNs};
 use std::io::{IsTerminal, Write, stderr};
 
@@ -25,7 +25,7 @@ impl Progress {
         }
         self.next = now() + if self.terminal { ON_TERMINAL } else { ELSEWHERE };
         let line = line(status);
-        let mut out = stderr().lock();
+        let mut out = Stderr;
         let _ = if self.terminal { write!(out, "\r\x1b[2K{line}") } else { writeln!(out, "{line}") };
         let _ = out.flush();
         self.open_line = self.terminal;
@@ -33,7 +33,7 @@ impl Progress {
 
     pub(super) fn end(&mut self) {
         if std::mem::take(&mut self.open_line) {
-            let _ = writeln!(stderr().lock());
+            let _ = writeln!(Stderr);
         }
     }
 }

@@ -1,0 +1,42 @@
+//! Signs of life: each process leaves the time of its last one in the file of its role's lock, where the others can read it.
+//!
+//! A process that hangs still holds its lock, its node and its ports: only that its main loop comes round shows that it lives.
+
+use crate::rt::now;
+use crate::time::{MonoNs, SpanNs};
+use rustix::io::{pread, pwrite};
+use std::cell::Cell;
+use std::os::fd::{AsFd, OwnedFd};
+
+/// Signs of life come no more often than this.
+const PERIOD: SpanNs = SpanNs(100_000_000);
+
+/// The signs of life of this process. Costs a look at the clock, and ten times a second a system call.
+#[derive(Debug)]
+pub struct Pulse {
+    file: OwnedFd,
+    last: Cell<MonoNs>,
+}
+
+impl Pulse {
+    pub(super) fn new(file: OwnedFd) -> Self {
+        let pulse = Self { file, last: Cell::new(MonoNs::ZERO) };
+        pulse.beat();
+        pulse
+    }
+
+    /// The main loop has come round.
+    pub fn beat(&self) {
+        let time = now();
+        if time - self.last.get() >= PERIOD {
+            self.last.set(time);
+            let _ = pwrite(&self.file, &time.0.to_le_bytes(), 0);
+        }
+    }
+}
+
+/// The last sign of life in the file of a role's lock.
+pub(super) fn read(file: impl AsFd) -> Option<MonoNs> {
+    let mut bytes = [0; 8];
+    (pread(file, &mut bytes, 0) == Ok(bytes.len())).then(|| MonoNs(i64::from_le_bytes(bytes)))
+}

@@ -1,0 +1,129 @@
+//! The processes of a run, which end in order however the supervisor ends: control first, because it brings the arm to rest,
+//! then the others.
+
+use super::Watch;
+use super::child::{Child, End};
+use crate::config::Config;
+use crate::config::raw::{Clock, DriveKind};
+use crate::ipc::{Instance, Role};
+use crate::process::ProcessError;
+use crate::rt::{now, tell};
+use crate::summary::{ProcessUsage, Summary};
+use crate::time::{MonoNs, SpanNs};
+use std::collections::BTreeMap;
+use std::time::Duration;
+use tracing::warn;
+
+/// What control takes beside braking: the measured arm comes to rest, the plant hears of it, the summary is made.
+const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(8_000_000_000);
+/// In lockstep a plant may be slower than the clock.
+const SLOWEST_PLANT: f64 = 10.0;
+/// Time in which the others end.
+const SHUTDOWN_OF_OTHERS: SpanNs = SpanNs(600_000_000);
+/// A stop that takes so long is worth a line.
+const TELL_EVERY: SpanNs = SpanNs(2_000_000_000);
+
+/// Control and the processes around it.
+pub(super) struct Crew {
+    pub(super) control: Child,
+    pub(super) others: Vec<Child>,
+    longest_stop: SpanNs,
+    is_down: bool,
+}
+
+impl Crew {
+    /// Starts the processes of a run.
+    pub(super) fn start(config: &Config, instance: &Instance) -> Result<Self, ProcessError> {
+        let longest_stop = longest_stop(config);
+        let control = Child::spawn(Role::Control, instance)?;
+        // From here on whatever fails ends what was started in order.
+        let mut crew = Self { control, others: Vec::new(), longest_stop, is_down: false };
+        crew.others.push(Child::spawn(Role::Vision, instance)?);
+        crew.others.push(Child::spawn(Role::Camera, instance)?);
+        if config.drive.kind == DriveKind::External {
+            crew.others.extend(Child::spawn_plant(&config.drive.external, instance)?);
+        }
+        Ok(crew)
+    }
+
+    /// Ends control, which brings the arm to rest as long as that takes, then the others; kills what does not end in time.
+    /// Control's end, and its summary.
+    pub(super) fn shut_down(&mut self, watch: Option<&mut Watch>) -> (End, Option<Summary>) {
+        self.is_down = true;
+        self.control.terminate();
+        self.wait_for_rest(watch);
+        if self.control.poll().is_none() {
+            warn!("the control process does not end and is killed");
+            self.control.kill();
+        }
+        self.others.iter_mut().for_each(Child::terminate);
+        let deadline = now() + SHUTDOWN_OF_OTHERS;
+        while self.others.iter_mut().any(|c| c.poll().is_none()) && now() < deadline {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        for child in &mut self.others {
+            if child.poll().is_none() {
+                warn!("the {} process does not end and is killed", child.role());
+                child.kill();
+            }
+            // All are waited for: what a process used is known only after its end.
+            child.wait();
+        }
+        let end = self.control.wait();
+        (end, self.control.take_output().and_then(|text| serde_json::from_str(&text).ok()))
+    }
+
+    /// Waits until control has ended, as long as it shows signs of life.
+    fn wait_for_rest(&mut self, mut watch: Option<&mut Watch>) {
+        let start = now();
+        let mut told: MonoNs = start;
+        while self.control.poll().is_none() {
+            let time = now();
+            if time - start > self.longest_stop {
+                return;
+            }
+            if let Some(watch) = &mut watch
+                && let Some((Role::Control, _)) = watch.look()
+            {
+                return;
+            }
+            if time - told > TELL_EVERY {
+                told = time;
+                tell(format_args!(
+                    "stopping: waiting for the arm to come to rest, for {:.0} s now",
+                    (time - start).as_s()
+                ));
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// What each process used; known after the shut-down.
+    pub(super) fn usages(&self) -> BTreeMap<String, ProcessUsage> {
+        let all = self.others.iter().chain([&self.control]);
+        all.filter_map(|c| Some((c.role().to_string(), c.usage()?))).collect()
+    }
+}
+
+impl Drop for Crew {
+    /// On an error or a panic: the arm comes to rest first, as always.
+    fn drop(&mut self) {
+        if !self.is_down {
+            let _ = self.shut_down(None);
+        }
+    }
+}
+
+/// How long control may take to end when it is asked to.
+fn longest_stop(config: &Config) -> SpanNs {
+    let braking_s =
+        crate::dispatch_robot!(config.robot, |robot| crate::assemble::motion_limits(config, &robot)
+            .map_or(0.0, |limits| limits.longest_braking_s()))
+        .unwrap_or(0.0);
+    let slowest = if config.clock == Clock::Lockstep { SLOWEST_PLANT } else { 1.0 };
+    let braking = SpanNs::from_s((braking_s * slowest).min(MAX_BRAKING_S));
+    SpanNs(SHUTDOWN_OF_CONTROL.0 + braking.0)
+}
+
+/// An hour: whatever the limits say.
+const MAX_BRAKING_S: f64 = 3600.0;

@@ -1,0 +1,137 @@
+//! Watches that the processes of a run not only exist but live: a process that hangs never ends, and never says a word.
+//!
+//! | sign of life | of | by |
+//! | --- | --- | --- |
+//! | its pulse, in the file of its role's lock | camera, vision, control | its main loop |
+//! | `control/status` goes on | control's real-time thread | its ticks, once they have begun |
+
+use crate::config::raw::Clock;
+use crate::ipc::{Instance, Role};
+use crate::messages::Status;
+use crate::process::silence::Silence;
+use crate::time::{MonoNs, SpanNs};
+use tracing::warn;
+
+/// Looks at the signs of life lie so far apart.
+const PERIOD: SpanNs = SpanNs(100_000_000);
+/// A silence that is worth a line.
+const TELL_AFTER: SpanNs = SpanNs(2_000_000_000);
+/// A silence that ends the run.
+const GIVE_UP_AFTER: SpanNs = SpanNs(6_000_000_000);
+/// From the start of a process to its first sign: a busy machine may take its time.
+const START_UP: SpanNs = SpanNs(20_000_000_000);
+
+/// The signs of life of a run's processes.
+pub(super) struct Vigil {
+    instance: Instance,
+    clock: Clock,
+    next_look: MonoNs,
+    pulses: [Sign; 3],
+    ticks: Sign,
+}
+
+/// The roles that show pulses.
+const ROLES: [Role; 3] = [Role::Control, Role::Vision, Role::Camera];
+
+impl Vigil {
+    pub(super) fn new(instance: &Instance, clock: Clock, now: MonoNs) -> Self {
+        let sign = Sign::new(now);
+        Self { instance: instance.clone(), clock, next_look: now, pulses: [sign; 3], ticks: sign }
+    }
+
+    /// Control said where the run stands.
+    pub(super) fn note(&mut self, status: &Status, now: MonoNs) {
+        self.ticks.seen(status.tick as i64, now);
+    }
+
+    /// Whether control has ticked at all.
+    pub(super) fn has_ticked(&self) -> bool {
+        self.ticks.last.is_some()
+    }
+
+    /// Looks at `now`; the process that has been silent for too long, and how long.
+    pub(super) fn look(&mut self, now: MonoNs) -> Option<(Role, SpanNs)> {
+        if now < self.next_look {
+            return None;
+        }
+        self.next_look = now + PERIOD;
+        let mut hangs = None;
+        for (sign, role) in self.pulses.iter_mut().zip(ROLES) {
+            if let Some(pulse) = self.instance.last_pulse(role) {
+                sign.seen(pulse.0, now);
+            }
+            hangs = sign.judge(role, "shows no sign of life", now).or(hangs);
+        }
+        // In lockstep control's ticks wait for camera and vision; then its pulse alone is a sign.
+        if self.clock == Clock::Realtime && self.ticks.last.is_some() {
+            hangs = self.ticks.judge(Role::Control, "does not tick", now).or(hangs);
+        }
+        hangs
+    }
+}
+
+/// A value that changes while its process lives.
+#[derive(Debug, Clone, Copy)]
+struct Sign {
+    last: Option<i64>,
+    silence: Silence,
+    told: bool,
+}
+
+impl Sign {
+    fn new(now: MonoNs) -> Self {
+        Self { last: None, silence: Silence::begin(now), told: false }
+    }
+
+    fn seen(&mut self, value: i64, now: MonoNs) {
+        if self.last != Some(value) {
+            *self = Self { last: Some(value), ..Self::new(now) };
+        }
+    }
+
+    fn judge(&mut self, role: Role, what: &str, now: MonoNs) -> Option<(Role, SpanNs)> {
+        let silent = self.silence.look(now);
+        let patience = if self.last.is_some() { GIVE_UP_AFTER } else { START_UP };
+        if silent > TELL_AFTER && !std::mem::replace(&mut self.told, true) {
+            warn!(
+                "the {role} process {what} for {:.0} s; the run ends after {:.0} s",
+                silent.as_s(),
+                patience.as_s()
+            );
+        }
+        (silent > patience).then_some((role, silent))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sign_that_does_not_change_is_told_then_given_up() {
+        let at = |ms: i64| MonoNs(ms * 1_000_000);
+        let mut sign = Sign::new(at(0));
+        let mut given_up = None;
+        for ms in (0..40_000).step_by(100) {
+            if ms < 3_000 {
+                sign.seen(ms, at(ms));
+            }
+            if sign.judge(Role::Vision, "is silent", at(ms)).is_some() {
+                given_up.get_or_insert(ms);
+            } else {
+                assert_eq!(given_up, None);
+            }
+            assert_eq!(sign.told, ms > 2_900 + 2_000, "{ms}");
+        }
+        assert_eq!(given_up, Some(2_900 + 6_100));
+    }
+
+    #[test]
+    fn a_start_may_take_longer() {
+        let mut sign = Sign::new(MonoNs(0));
+        let first = (0..400)
+            .map(|k| k * 100)
+            .find(|ms| sign.judge(Role::Camera, "is silent", MonoNs(ms * 1_000_000)).is_some());
+        assert_eq!(first, Some(20_100));
+    }
+}

@@ -1,0 +1,52 @@
+//! What goes to stdout and stderr. Nothing here panics, and nothing that is told on the way of a run waits: a full disk, a
+//! closed terminal or a reader that stopped reading must never reach the arm.
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::stdio;
+use std::io::{self, Write};
+
+/// A write of so many bytes to a pipe that is ready does not block (PIPE_BUF).
+const WITHOUT_WAITING: usize = 4096;
+
+/// stderr, for lines that matter less than the run: what cannot be written at once is lost.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Stderr;
+
+impl Write for Stderr {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        for part in bytes.chunks(WITHOUT_WAITING) {
+            if !is_ready() || rustix::io::write(stdio::stderr(), part) != Ok(part.len()) {
+                break;
+            }
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Whether stderr takes bytes without a wait.
+fn is_ready() -> bool {
+    let mut fds = [PollFd::from_borrowed_fd(stdio::stderr(), PollFlags::OUT)];
+    let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+    matches!(poll(&mut fds, Some(&at_once)), Ok(1..))
+}
+
+/// A line on stderr.
+pub fn tell(line: impl std::fmt::Display) {
+    let _ = Stderr.write_all(format!("{line}\n").as_bytes());
+}
+
+/// Results, on stdout. A reader that has enough (`| head`) is no error.
+///
+/// # Errors
+/// When stdout cannot be written: the results are lost.
+pub fn print(text: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        result => result,
+    }
+}
