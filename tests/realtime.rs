@@ -8,6 +8,7 @@ use common::{
     BusyCores, Instance, assert_accurate, assert_deadlines_are_honest, kill, number, run, vservo,
     wait_for_line, wait_for_process, wait_until,
 };
+use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, Stdio};
 
 fn start(instance: &Instance, extra: &[&str]) -> Child {
@@ -92,6 +93,35 @@ fn signals_end_the_run_in_order() {
             "{signal}: all children are reaped before the supervisor ends"
         );
         assert!(instance.leftovers().is_empty(), "{signal}: {:?}", instance.leftovers());
+    }
+}
+
+/// From the first moment on: while processes start, join and connect.
+#[test]
+fn an_early_signal_is_a_stop_like_any_other() {
+    for clock in ["realtime", "lockstep"] {
+        for ms in (6..66).step_by(4) {
+            let instance = Instance::new("early");
+            let child = start(&instance, &["--clock", clock]);
+            std::thread::sleep(std::time::Duration::from_millis(ms));
+            kill(child.id() as i32, "INT");
+            let output = child.wait_with_output().unwrap();
+            let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+            let (out, err) = (text(&output.stdout), text(&output.stderr));
+            // A signal that comes before anything of the program runs ends it as the system does.
+            if output.status.signal() != Some(2) {
+                assert_eq!(output.status.code(), Some(0), "{clock} {ms} ms: {out}{err}");
+                assert!(
+                    out.contains("outcome       stopped (a stop was requested"),
+                    "{clock} {ms} ms: {out}{err}"
+                );
+                assert!(
+                    !err.lines().any(|l| l.starts_with("vservo:") || l.contains("ERROR")),
+                    "{clock} {ms} ms: {err}"
+                );
+            }
+            instance.assert_gone();
+        }
     }
 }
 

@@ -16,6 +16,7 @@ use crate::summary::Outcome;
 use clap::{CommandFactory, Parser};
 use std::io::{IsTerminal, stderr};
 use std::process::ExitCode;
+use std::time::Duration;
 use tracing_subscriber::EnvFilter;
 
 /// `vservo`: everything, by sub-command.
@@ -138,6 +139,9 @@ fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     Ok(exit_code)
 }
 
+/// From the interruption of a call by a signal to the flag that says so.
+const SIGNAL_DELIVERY: Duration = Duration::from_millis(100);
+
 fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
     let config = Config::load(arguments.config.as_deref(), &arguments.set)?;
@@ -146,11 +150,22 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
         None => warn(&config),
     }
     let instance: Instance = arguments.instance.parse()?;
-    match role {
-        Role::Camera => process::camera::run(&config, &instance, &stop).map(|()| 0),
-        Role::Vision => process::vision::run(&config, &instance, &stop).map(|()| 0),
+    let ended = match role {
+        Role::Camera => process::camera::run(&config, &instance, &stop).map(|()| None),
+        Role::Vision => process::vision::run(&config, &instance, &stop).map(|()| None),
         Role::Control | Role::Supervisor | Role::Drive => {
-            let summary = process::control::run(&config, &instance, &stop)?;
+            process::control::run(&config, &instance, &stop).map(Some)
+        }
+    };
+    match ended {
+        Ok(None) => Ok(0),
+        // The signal that asks for the stop interrupts the transport where it joins: that is the stop, not a failure.
+        Err(ProcessError::Ipc(error)) if stop.is_requested_within(SIGNAL_DELIVERY) => {
+            tracing::debug!("stopped while joining: {error}");
+            Ok(0)
+        }
+        Err(error) => Err(error),
+        Ok(Some(summary)) => {
             if let Some(path) = &arguments.summary {
                 supervisor::write_summary(path, &summary)?;
             }

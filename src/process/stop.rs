@@ -1,9 +1,12 @@
 //! Requests to stop: SIGINT, SIGTERM, SIGHUP, and the death of the supervisor.
 
 use super::ProcessError;
+use crate::rt::now;
+use crate::time::SpanNs;
 use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 /// Set once a stop is requested; shared by all threads of a process.
 #[derive(Debug, Clone, Default)]
@@ -26,6 +29,17 @@ impl StopFlag {
     /// Asks for the stop.
     pub fn request(&self) {
         self.requested.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether a stop was asked for, or is within `longest`. A signal interrupts the calls of a thread before the thread that
+    /// handles it has set the flag.
+    #[must_use]
+    pub fn is_requested_within(&self, longest: Duration) -> bool {
+        let deadline = now() + SpanNs::from_s(longest.as_secs_f64());
+        while !self.is_requested() && now() < deadline {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        self.is_requested()
     }
 
     /// Whether a stop was asked for.

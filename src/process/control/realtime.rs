@@ -59,7 +59,9 @@ pub(super) fn run<const N: usize>(
     let enforce = realtime.policy == RealtimePolicy::Enforce;
     let memory = request.as_ref().and_then(rt::prepare_process);
     let max_missed_in_a_row = config.safety.max_missed_in_a_row;
-    let worker = RealtimeThread { control, measurements, records, stop: stop.clone(), max_missed_in_a_row };
+    let halt = StopFlag::default();
+    let stops = [stop.clone(), halt.clone()];
+    let worker = RealtimeThread { control, measurements, records, stops, max_missed_in_a_row };
     let thread = std::thread::Builder::new()
         .name("control-rt".into())
         .spawn(move || {
@@ -106,7 +108,7 @@ pub(super) fn run<const N: usize>(
         // Without messages the run cannot go on; but the arm comes to rest first, and only then the process ends.
         if let Err(error) = carried {
             error!("{error}: the arm is stopped");
-            stop.request();
+            halt.request();
             broken = Some(error);
         }
     }
@@ -178,7 +180,8 @@ struct RealtimeThread<const N: usize> {
     control: ControlLoop<N>,
     measurements: Consumer<Measurement>,
     records: Producer<TickRecord>,
-    stop: StopFlag,
+    /// A request from outside, and the companion's own when it cannot go on.
+    stops: [StopFlag; 2],
     max_missed_in_a_row: u64,
 }
 
@@ -193,7 +196,7 @@ impl<const N: usize> RealtimeThread<N> {
             if deadlines.missed_in_a_row() > self.max_missed_in_a_row {
                 self.control.fail(Fault::DeadlinesMissed);
             }
-            if self.stop.is_requested() {
+            if self.stops.iter().any(StopFlag::is_requested) {
                 self.control.stop(time, STOP_REASON);
             }
             let mut newest: Option<Measurement> = None;
