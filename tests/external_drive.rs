@@ -52,6 +52,12 @@ impl Plant {
     }
 
     fn obey(&mut self, c: &DriveCommandMsg) {
+        if let Some(path) = std::env::var_os("VSERVO_TEST_LOG") {
+            use std::io::Write;
+            let fastest = c.qd_r[..N].iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            let mut log = std::fs::OpenOptions::new().create(true).append(true).open(path).unwrap();
+            writeln!(log, "{fastest}").unwrap();
+        }
         self.drive.write(&DriveCommand { tau: vector(&c.tau), q_r: vector(&c.q_r), qd_r: vector(&c.qd_r) });
     }
 
@@ -156,7 +162,13 @@ fn plant_of(instance: &Instance) -> i32 {
 }
 
 fn start(instance: &Instance, behaviour: &str, extra: &[&str]) -> Child {
+    start_logged(instance, behaviour, extra, None)
+}
+
+/// As [`start`]; the plant writes the largest speed of every command into `log`.
+fn start_logged(instance: &Instance, behaviour: &str, extra: &[&str], log: Option<&Path>) -> Child {
     vservo()
+        .envs(log.map(|path| ("VSERVO_TEST_LOG", path)))
         .args([
             "run",
             "--instance",
@@ -261,6 +273,36 @@ fn a_killed_plant_ends_the_run() {
     }
 }
 
+/// However the supervisor goes down, the arm is braked by control to the end, with a drive that is still there.
+#[test]
+fn an_arm_whose_supervisor_is_killed_comes_to_rest() {
+    for clock in ["realtime", "lockstep"] {
+        let instance = Instance::new("restless");
+        let folder = tempfile::tempdir().unwrap();
+        let log = folder.path().join("speeds");
+        let speeds = || -> Vec<f64> {
+            let text = std::fs::read_to_string(&log).unwrap_or_default();
+            text.lines().filter_map(|l| l.parse().ok()).collect()
+        };
+        // Quick at the start, and late to brake: at a jerk of 4 that takes more than half a second.
+        let set = ["--set", "servo.gain_1_s=10", "--set", "motion.max_jerk_rad_s3_or_m_s3=[4.0,4.0,4.0,4.0]"];
+        let timeout =
+            ["--set", "safety.drive_timeout_ms=2000", "--set", "safety.max_tracking_error_rad_or_m=10"];
+        let extra = [&["--clock", clock], &set[..], &timeout].concat();
+        let mut child = start_logged(&instance, "", &extra, Some(&log));
+        wait_until("a moving arm", || speeds().last().is_some_and(|v| *v > 0.2));
+        kill(child.id() as i32, "KILL");
+        child.wait().unwrap();
+        instance.assert_gone();
+        let speeds = speeds();
+        let fastest = speeds.iter().copied().fold(0.0, f64::max);
+        assert!(fastest > 0.2, "{clock}: {fastest}");
+        assert!(speeds.last().is_some_and(|v| *v < 0.02), "{clock}: the last command is {:?}", speeds.last());
+        let steps = speeds.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+        assert!(steps < 0.02, "{clock}: the speed jumps by {steps}");
+    }
+}
+
 #[test]
 fn in_real_time_it_converges() {
     let r = external("rtplant", "", &["--set", "safety.drive_timeout_ms=1000"]);
@@ -280,8 +322,12 @@ fn in_real_time_a_stale_state_stops_the_arm() {
 #[test]
 fn a_stop_does_not_wait_for_a_plant_that_hangs() {
     let instance = Instance::new("stopsilent");
-    let mut child = start(&instance, "silent@200", &LOCKSTEP);
-    wait_for_line(&mut child, "waiting");
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("speeds");
+    let child = start_logged(&instance, "silent@200", &LOCKSTEP, Some(&log));
+    wait_until("the plant's silence", || {
+        std::fs::read_to_string(&log).is_ok_and(|text| text.lines().count() >= 200)
+    });
     let plant = plant_of(&instance);
     kill(child.id() as i32, "INT");
     let output = child.wait_with_output().unwrap();

@@ -54,6 +54,19 @@ pub enum Command {
         #[arg(long, value_name = "S", default_value_t = 10.0)]
         jitter_s: f64,
     },
+    /// Between the supervisor and the program of an external drive
+    #[command(hide = true)]
+    DriveGuard {
+        /// Name of the run
+        #[arg(long)]
+        instance: String,
+        /// Process id of the supervisor
+        #[arg(long)]
+        supervised_by: i32,
+        /// The program and its arguments
+        #[arg(last = true)]
+        command: Vec<String>,
+    },
     /// Print a completion script for a shell
     Completions {
         /// Shell

@@ -34,6 +34,9 @@ pub fn main() -> ExitCode {
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
         Some(Command::Check { config, set }) => check(&config, &set),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
+        Some(Command::DriveGuard { instance, supervised_by, command }) => {
+            guard_drive(&command, &instance, supervised_by)
+        }
         Some(Command::Completions { shell }) => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "vservo", &mut script);
@@ -177,6 +180,11 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
             Ok(shown(&text, summary.outcome.exit_code()))
         }
     }
+}
+
+fn guard_drive(command: &[String], instance: &str, supervisor: i32) -> Result<u8, ProcessError> {
+    let stop = StopFlag::on_signals()?;
+    process::drive_guard::run(command, &instance.parse()?, supervisor, &stop)
 }
 
 fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {

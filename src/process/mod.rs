@@ -3,6 +3,7 @@
 
 pub mod camera;
 pub mod control;
+pub mod drive_guard;
 mod error;
 mod membership;
 mod silence;

@@ -7,7 +7,7 @@ use crate::process::ProcessError;
 use crate::rt::now;
 use crate::summary::ProcessUsage;
 use crate::time::MonoNs;
-use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
+use rustix::process::{Pid, Signal, kill_process};
 use std::fmt;
 use std::io::Read;
 use std::os::fd::AsFd;
@@ -82,24 +82,25 @@ impl Child {
         Ok(Self { role, process, started, end: None, usage: None, output })
     }
 
-    /// Starts the program of an external drive. It ends with the supervisor, whatever ends that.
+    /// Starts the program of an external drive, behind its guard: it ends when the supervisor has, but not before control.
     pub(super) fn spawn_plant(
         plant: &ExternalPlant,
         instance: &Instance,
     ) -> Result<Option<Self>, ProcessError> {
-        let [program, arguments @ ..] = plant.command.as_slice() else { return Ok(None) };
+        let [program, ..] = plant.command.as_slice() else { return Ok(None) };
         let failed =
             |cause| ProcessError::Plant { program: program.clone(), folder: plant.folder.clone(), cause };
-        let mut command = Command::new(program);
+        let mut command = Command::new(std::env::current_exe().map_err(failed)?);
         command
-            .args(arguments)
+            .args(["drive-guard", "--instance", &instance.to_string()])
+            .args(["--supervised-by", &std::process::id().to_string(), "--"])
+            .args(&plant.command)
             .current_dir(&plant.folder)
             .envs(instance.environment())
             .stdin(Stdio::null())
             // stdout belongs to the results of the run.
             .stdout(std::io::stderr().as_fd().try_clone_to_owned().map_err(failed)?)
             .process_group(0);
-        end_with_parent(&mut command);
         let started = now();
         let process = command.spawn().map_err(failed)?;
         Ok(Some(Self { role: Role::Drive, process, started, end: None, usage: None, output: None }))
@@ -159,14 +160,6 @@ impl Child {
     pub(super) fn take_output(&mut self) -> Option<String> {
         self.output.take()?.join().ok()
     }
-}
-
-/// Makes the kernel end the process with SIGTERM when the supervisor dies.
-#[allow(unsafe_code)]
-fn end_with_parent(command: &mut Command) {
-    let armed = || set_parent_process_death_signal(Some(Signal::TERM)).map_err(std::io::Error::from);
-    // SAFETY: between fork and exec the closure makes one system call and neither allocates nor takes a lock.
-    unsafe { command.pre_exec(armed) };
 }
 
 impl Drop for Child {

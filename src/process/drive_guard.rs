@@ -1,0 +1,82 @@
+//! Between the supervisor and the program of an external drive: the program must not end before the arm is at rest, also when
+//! the supervisor is killed.
+//!
+//! ```text
+//! supervisor ─ starts ─► guard ─ starts ─► program
+//!     dies, or asks for the end ─► guard waits until control has ended ─► TERM, and after a while KILL ─► program
+//! ```
+
+use super::{ProcessError, StopFlag, follow_parent};
+use crate::ipc::{Instance, Role};
+use crate::rt::now;
+use crate::time::SpanNs;
+use rustix::process::{Pid, Signal, getpid, kill_process, set_parent_process_death_signal};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::process::{Command, ExitStatus};
+use std::time::Duration;
+
+/// Time in which the program ends by itself when it is asked to.
+const GRACE: SpanNs = SpanNs(400_000_000);
+const PERIOD: Duration = Duration::from_millis(5);
+
+/// Runs `command` in this process's folder until it ends, or until a stop is requested and control has ended; its exit code.
+///
+/// # Errors
+/// When the program cannot be started.
+pub fn run(
+    command: &[String],
+    instance: &Instance,
+    parent: i32,
+    stop: &StopFlag,
+) -> Result<u8, ProcessError> {
+    follow_parent(parent, stop);
+    let [program, arguments @ ..] = command else { return Ok(0) };
+    let folder = std::env::current_dir().unwrap_or_default();
+    let failed = |cause| ProcessError::Plant { program: program.clone(), folder, cause };
+    let mut command = Command::new(program);
+    command.args(arguments);
+    end_with_parent(&mut command);
+    let mut child = command.spawn().map_err(failed)?;
+    let mut asked = None;
+    loop {
+        if let Ok(Some(status)) = child.try_wait() {
+            // Without a supervisor whoever leaves last cleans up.
+            instance.remove_leftovers(None);
+            return Ok(like(status));
+        }
+        // Control comes to rest by itself when the supervisor dies; whoever ends the drive before ends the arm's brake.
+        if stop.is_requested() && !instance.is_running(Role::Control) {
+            let pid = Pid::from_child(&child);
+            match asked {
+                None => {
+                    asked = Some(now());
+                    let _ = kill_process(pid, Signal::TERM);
+                }
+                Some(at) if now() - at > GRACE => {
+                    let _ = kill_process(pid, Signal::KILL);
+                }
+                Some(_) => {}
+            }
+        }
+        std::thread::sleep(PERIOD);
+    }
+}
+
+/// Ends as the program did, so that the supervisor tells the truth about it.
+fn like(status: ExitStatus) -> u8 {
+    if let Some(signal) = status.signal() {
+        if signal == Signal::KILL.as_raw() {
+            let _ = kill_process(getpid(), Signal::KILL);
+        }
+        return u8::try_from(128 + signal).unwrap_or(1);
+    }
+    status.code().and_then(|code| u8::try_from(code).ok()).unwrap_or(1)
+}
+
+/// Makes the kernel end the program when this process dies.
+#[allow(unsafe_code)]
+fn end_with_parent(command: &mut Command) {
+    let armed = || set_parent_process_death_signal(Some(Signal::KILL)).map_err(std::io::Error::from);
+    // SAFETY: between fork and exec the closure makes one system call and neither allocates nor takes a lock.
+    unsafe { command.pre_exec(armed) };
+}
