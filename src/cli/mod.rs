@@ -12,6 +12,7 @@ pub use arguments::{
 use crate::config::Config;
 use crate::experiment;
 use crate::ipc::{Instance, Role};
+use crate::printable::printable;
 use crate::process::{self, ProcessError, StopFlag, supervisor};
 use crate::rt::doctor;
 use crate::summary::Outcome;
@@ -55,7 +56,7 @@ fn exit_code(result: Result<u8, ProcessError>) -> ExitCode {
     match result {
         Ok(code) => ExitCode::from(code),
         Err(error) => {
-            for line in error.to_string().lines() {
+            for line in error.lines() {
                 eprintln!("vservo: {line}");
             }
             ExitCode::from(error.exit_code())
@@ -78,7 +79,7 @@ fn start_logging() {
 /// Tells what is allowed in a run file but hardly meant.
 fn warn(config: &Config) {
     for warning in &config.warnings {
-        eprintln!("vservo: warning: {warning}");
+        eprintln!("vservo: warning: {}", printable(&warning.to_string()));
     }
 }
 
