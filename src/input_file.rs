@@ -22,7 +22,8 @@ pub fn read(path: &Path, largest: u64) -> Result<String> {
     // Looked at before it is opened, because opening alone may wait (a pipe) or act (a device); and once more behind the
     // descriptor, because the file may have been exchanged in between.
     regular(std::fs::metadata(path)?)?;
-    let file: File = OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY).open(path)?;
+    let file: File =
+        OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY).open(path)?;
     regular(file.metadata()?)?;
     let mut bytes = Vec::new();
     file.take(largest + 1).read_to_end(&mut bytes)?;

@@ -39,6 +39,13 @@ fn is_hidden(c: char) -> bool {
     c.is_control() || matches!(c, '\u{2028}' | '\u{2029}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
+/// A number as people write it: without the hundreds of digits that a huge or tiny one has.
+#[must_use]
+pub fn number(value: f64) -> String {
+    let size = value.abs();
+    if size >= 1e12 || (size > 0.0 && size < 1e-6) { format!("{value:e}") } else { value.to_string() }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -51,6 +58,12 @@ mod tests {
         assert_eq!(printable(&"x".repeat(LONGEST)), "x".repeat(LONGEST));
         let long = "a".repeat(LONGEST) + &"z".repeat(END);
         assert_eq!(printable(&long), "a".repeat(LONGEST - END) + " ... " + &"z".repeat(END));
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let written = [1e308, -1e-308, 0.0, -1.0, 1e9, 0.001, f64::NAN, f64::NEG_INFINITY].map(number);
+        assert_eq!(written, ["1e308", "-1e-308", "0", "-1", "1000000000", "0.001", "NaN", "-inf"]);
     }
 
     proptest! {

@@ -154,7 +154,8 @@ fn only_regular_files_of_a_sane_size_are_read() {
     let message = checked_with(
         |path| {
             std::fs::write(path, "[robot]\nmodel = \"arm.toml\"\n").unwrap();
-            std::fs::write(path.with_file_name("arm.toml"), "name = 'a'\n[urdf]\nfile = 'arm.urdf'\n").unwrap();
+            std::fs::write(path.with_file_name("arm.toml"), "name = 'a'\n[urdf]\nfile = 'arm.urdf'\n")
+                .unwrap();
             fifo(&path.with_file_name("arm.urdf"));
         },
         &[],
@@ -187,7 +188,8 @@ fn control_characters_of_the_input_are_escaped() {
 fn robot_tables_without_end() {
     let row = "[[dh.joint]]\nname = 'j'\ntype = 'revolute'\nlimits = { lower_rad = -1, upper_rad = 1, velocity_rad_s = 1, \
                effort_n_m = 1 }\nlink = { mass_kg = 1, inertia_kg_m2 = { xx = 1, yy = 1, zz = 1 } }\n";
-    let message = robot("arm.toml", &format!("name = 'a'\n[dh]\nconvention = 'standard'\n{}", row.repeat(4_000)));
+    let message =
+        robot("arm.toml", &format!("name = 'a'\n[dh]\nconvention = 'standard'\n{}", row.repeat(4_000)));
     assert!(message.contains("4000 moving joints"), "{message}");
     robot("arm.toml", &list(50_000, |i| format!("k{i} = {i}"), "\n"));
     robot("arm.toml", &format!("name = 'a'\ngravity_m_s2 = [{}]\n", list(100_000, |_| "1".into(), ",")));
@@ -197,7 +199,10 @@ fn robot_tables_without_end() {
 
 #[test]
 fn urdfs_deep_long_and_wide() {
-    let message = robot("arm.urdf", &format!("<robot name='r'>{}{}</robot>", "<a>".repeat(12_000), "</a>".repeat(12_000)));
+    let message = robot(
+        "arm.urdf",
+        &format!("<robot name='r'>{}{}</robot>", "<a>".repeat(12_000), "</a>".repeat(12_000)),
+    );
     assert!(message.contains("arm.urdf:1: ") && message.contains("nested more than"), "{message}");
     let message = robot("arm.urdf", &"<robot>\n".repeat(500_000));
     assert!(message.contains("nested more than"), "{message}");

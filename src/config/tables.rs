@@ -73,9 +73,9 @@ fn set_unknown_aside(
 }
 
 fn inner_table<'a>(root: &'a mut Table, path: &str) -> Option<&'a mut Table> {
-    path.split('.').filter(|segment| !segment.is_empty()).try_fold(root, |table, segment| {
-        table.get_mut(segment)?.as_table_mut()
-    })
+    path.split('.')
+        .filter(|segment| !segment.is_empty())
+        .try_fold(root, |table, segment| table.get_mut(segment)?.as_table_mut())
 }
 
 /// Takes out lists that no key could take, before anything walks through them entry by entry.
@@ -97,7 +97,9 @@ fn set_long_lists_aside(document: &mut Document, problems: &mut Vec<Problem>) ->
     }
     let (told, more) = first(found, |(path, _)| document.offset(path));
     for (path, length) in told {
-        problems.push(document.problem(&path, format!("has {length} entries, at most {LONGEST_LIST} are allowed")));
+        problems.push(
+            document.problem(&path, format!("has {length} entries, at most {LONGEST_LIST} are allowed")),
+        );
     }
     more
 }
