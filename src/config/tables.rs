@@ -6,6 +6,7 @@
 use super::problem::{Problem, first};
 use super::raw::RawConfig;
 use super::source::Document;
+use crate::printable::number;
 use toml::{Table, Value};
 
 /// Longest list that any key takes.
@@ -21,7 +22,7 @@ pub(super) fn read(document: &mut Document, problems: &mut Vec<Problem>) -> (Raw
             Err(error) => error,
         };
         let path = error.path().to_string();
-        let message = error.inner().message().trim().to_string();
+        let message = with_short_numbers(error.inner().message().trim());
         if let Some((field, expected)) = unknown_field(&message) {
             let table = if path == "." || path == field { "" } else { path.as_str() };
             let table = table.strip_suffix(&format!(".{field}")).unwrap_or(table);
@@ -35,6 +36,16 @@ pub(super) fn read(document: &mut Document, problems: &mut Vec<Problem>) -> (Raw
             return (RawConfig::default(), more); // nothing left to set aside: the problem itself is reported
         }
     }
+}
+
+/// The message with a floating point number as people write it.
+fn with_short_numbers(message: &str) -> String {
+    const FOUND: &str = "invalid type: floating point `";
+    let short = message.strip_prefix(FOUND).and_then(|rest| {
+        let (value, rest) = rest.split_once('`')?;
+        Some(format!("{FOUND}{}`{rest}", number(value.parse().ok()?)))
+    });
+    short.unwrap_or_else(|| message.to_string())
 }
 
 /// The field, and the words behind `expected` in the message.
