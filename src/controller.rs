@@ -146,6 +146,8 @@ impl<const N: usize> Controller<N> {
     ) -> ControlOutput<N> {
         if !drive.q.iter().chain(drive.qd.iter()).all(|x| x.is_finite()) {
             self.fail(Fault::DriveStateNotFinite);
+        } else if !self.settings.limits.is_plausible(&drive.q, &drive.qd) {
+            self.fail(Fault::DriveStateImplausible);
         }
         if self.fault.is_some_and(Fault::blinds) {
             return self.blind_output();

@@ -5,8 +5,8 @@
 use std::path::{Path, PathBuf};
 
 const OS: [&str; 6] = ["cli", "experiment", "ipc", "process", "rt", "source"];
-/// Reading files at start is the business of these two.
-const LOADERS: [&str; 2] = ["config", "robot"];
+/// Reading files at start is the business of these.
+const LOADERS: [&str; 3] = ["config", "input_file", "robot"];
 
 fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).unwrap().flatten() {

@@ -9,13 +9,13 @@ use std::path::Path;
 use vservo::assemble;
 use vservo::config::Config;
 use vservo::control_loop::ControlLoop;
-use vservo::controller::{Controller, ControllerSettings};
+use vservo::controller::{ControlOutput, Controller, ControllerSettings};
 use vservo::drive::DriveState;
 use vservo::geometry::Pose;
 use vservo::messages::{ControlState, FeaturePoint, JointState, Measurement, TargetStatus};
 use vservo::motion::{InverseDynamicsControl, JointController, Limit, MotionLimits};
 use vservo::robot::{Robot, load};
-use vservo::safety::MeasurementWatch;
+use vservo::safety::{Fault, MeasurementWatch};
 use vservo::scene::DotTarget;
 use vservo::servo::{
     DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint, UpdatePolicy,
@@ -155,6 +155,52 @@ proptest! {
     #[test]
     fn the_pan_tilt_head_stays_within_its_limits(wild in wild()) {
         stays_within_limits::<2>("pan_tilt", &wild)?;
+    }
+}
+
+/// Steps a controller on one state that is `value` in place `joint` of the velocities, or of the positions.
+fn stepped_on(law: &str, joint: usize, moving: bool, value: f64) -> Vec<ControlOutput<4>> {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(law);
+    let config = Config::load(Some(&file), &[]).unwrap();
+    let robot = config.robot.build::<4>().unwrap();
+    let q: SVector<f64, 4> = assemble::q_start(&config).unwrap();
+    let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO);
+    let mut controller = assemble::control_loop(&config, robot).unwrap().controller().clone();
+    let mut state = DriveState { q, qd: SVector::zeros(), truth: None };
+    (0..6)
+        .map(|k| {
+            if k == 3 {
+                (if moving { &mut state.qd } else { &mut state.q })[joint] = value;
+            }
+            controller.step(MonoNs(k * MS), &state, if k == 0 { seen(0, &X_CO) } else { None }.as_ref())
+        })
+        .collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    /// Whatever finite state a drive reports, no command is NaN; and what no arm does is a fault of the drive.
+    #[test]
+    fn absurd_states_of_a_drive_are_a_fault_and_make_no_nan(
+        joint in 0..4usize, moving in any::<bool>(), negative in any::<bool>(), exponent in 0.0..308.0f64,
+        law in prop::sample::select(vec!["scara-a.toml", "scara-b.toml", "scara-c.toml", "scara-d.toml"])
+    ) {
+        let value = 10_f64.powf(exponent) * if negative { -1.0 } else { 1.0 };
+        for (k, out) in stepped_on(law, joint, moving, value).iter().enumerate() {
+            let c = &out.command;
+            let finite = c.q_r.iter().chain(&c.qd_r).chain(&c.tau).all(|x| x.is_finite());
+            prop_assert!(finite, "{law} {k} {value}: {out:?}");
+            // The fastest joint has 8 rad/s, the longest range is 12.6 rad.
+            let absurd = value.abs() > 2000.0;
+            if k < 3 {
+                prop_assert_eq!(out.fault, None);
+            } else if absurd {
+                prop_assert_eq!(out.fault, Some(Fault::DriveStateImplausible), "{} {}", law, value);
+            } else if value.abs() < 80.0 {
+                prop_assert_ne!(out.fault, Some(Fault::DriveStateImplausible), "{} {}", law, value);
+            }
+        }
     }
 }
 

@@ -57,9 +57,17 @@ fn malformed_xml() {
         "izz=\"0.01\"/>",
         &[".urdf:7:", "`</link>` stands where `<inertial>` should be closed"],
     );
-    refused("<mass value=\"1\"/>", "<mass value=\"heavy\"/>", &[".urdf:8:", "link \"fore\"", "float"]);
-    refused("type=\"revolute\"", "type=\"springy\"", &[".urdf:11:", "joint \"shoulder\"", "springy"]);
-    refused("<mass value=\"1\"/>", "", &[".urdf:8:", "link \"fore\"", "mass"]);
+    refused(
+        "<mass value=\"1\"/>",
+        "<mass value=\"heavy\"/>",
+        &[".urdf:9:", "link \"fore\"", "`heavy`; it must be a number"],
+    );
+    refused(
+        "type=\"revolute\"",
+        "type=\"springy\"",
+        &[".urdf:11:", "joint \"shoulder\"", "`springy`; it must be one of revolute"],
+    );
+    refused("<mass value=\"1\"/>", "", &[".urdf:9:", "link \"fore\"", "`<inertial>` holds no `<mass>`"]);
     refused_text("", ".urdf", &["no `<robot>`"]);
     refused_text("<html><body/></html>", ".urdf", &["no <link>"]);
     refused_text("<html><link/></html>", ".urdf", &["`<html>`"]);
@@ -139,8 +147,8 @@ fn branches_that_are_not_named() {
 fn inertias() {
     refused(FORE_INERTIAL, "", &["link \"fore\"", "no <inertial>"]);
     refused("<mass value=\"1\"/>", "<mass value=\"0\"/>", &["link \"fore\"", "mass 0 kg"]);
-    refused("<mass value=\"1\"/>", "<mass value=\"-1\"/>", &["link \"fore\"", "mass -1 kg"]);
-    refused("<mass value=\"1\"/>", "<mass value=\"nan\"/>", &["link \"fore\"", "not finite"]);
+    refused("<mass value=\"1\"/>", "<mass value=\"-1\"/>", &["link \"fore\"", "mass: -1 is out of range"]);
+    refused("<mass value=\"1\"/>", "<mass value=\"nan\"/>", &["link \"fore\"", "mass: NaN is out of range"]);
     refused("izz=\"0.01\"", "izz=\"-0.01\"", &["link \"upper\"", "not positive definite"]);
     refused("ixy=\"0\"", "ixy=\"0.03\"", &["link \"upper\"", "not positive definite"]);
     refused("izz=\"0.01\"", "izz=\"0.05\"", &["link \"upper\"", "triangle"]);
@@ -152,10 +160,135 @@ fn limits() {
         refused(SHOULDER_LIMIT, to, &[&["joint \"shoulder\""], parts].concat());
     };
     limit(r#"<limit lower="1" upper="-1" velocity="2" effort="9"/>"#, &["reversed"]);
-    limit(r#"<limit velocity="2" effort="9"/>"#, &["reversed or empty"]);
+    limit(r#"<limit velocity="2" effort="9"/>"#, &["`<limit>` has no `lower`"]);
+    limit(r#"<limit lower="0" velocity="2" effort="9"/>"#, &["`<limit>` has no `upper`"]);
+    limit(r#"<limit lower="-1" upper="1" velocity="2"/>"#, &["`<limit>` has no `effort`"]);
+    limit(r#"<limit lower="-1" upper="1" effort="9"/>"#, &["`<limit>` has no `velocity`"]);
+    limit(r#"<limit lower="-1" upper="1" velocity="2" effort="0"/>"#, &["effort limit is 0"]);
     limit("", &["needs position limits"]);
     limit(r#"<limit lower="-1" upper="1" velocity="0" effort="9"/>"#, &["velocity limit is 0"]);
-    limit(r#"<limit lower="-1" upper="1" velocity="2" effort="-9"/>"#, &["effort limit is -9"]);
+    limit(r#"<limit lower="-1" upper="1" velocity="2" effort="-9"/>"#, &["limit effort: -9 is out of range"]);
+}
+
+/// A rail without limits cannot turn without end.
+#[test]
+fn a_sliding_joint_is_not_told_to_turn() {
+    let text = GOOD.replacen("type=\"revolute\"", "type=\"prismatic\"", 1).replacen(SHOULDER_LIMIT, "", 1);
+    let message = load_text(&text, ".urdf").unwrap_err().to_string();
+    assert!(message.contains("a prismatic joint needs position limits"), "{message}");
+    assert!(!message.contains("continuous"), "{message}");
+    refused(SHOULDER_LIMIT, "", &["a revolute joint needs position limits; use type continuous"]);
+}
+
+/// `#TIP` before a gripper: its joints are held where they are nearest to zero, and weigh on the arm.
+#[test]
+fn a_gripper_behind_the_tip_is_held() {
+    let finger = |name: &str, joint: &str, rest: &str| {
+        format!(
+            "<link name=\"{name}\">{FORE_INERTIAL}</link><joint name=\"{name}_joint\" {joint}><parent link=\"fore\"/>\
+             <child link=\"{name}\"/><axis xyz=\"0 0 1\"/>{rest}</joint>"
+        )
+    };
+    let limit = |lower: f64, upper: f64| {
+        format!("<limit lower=\"{lower}\" upper=\"{upper}\" velocity=\"1\" effort=\"1\"/>")
+    };
+    let arm = |fingers: String| {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("two.urdf");
+        std::fs::write(&file, GOOD.replace("</robot>", &(fingers + "</robot>"))).unwrap();
+        load(&format!("{}#fore", file.display())).unwrap().build::<2>().unwrap()
+    };
+    let q = nalgebra::Vector2::new(0.4, 0.9);
+    let at = |z: f64| {
+        let place = format!("<origin xyz=\"0 0 {z}\"/>");
+        arm(finger("a", "type=\"fixed\"", &place)).mass_matrix(&q)
+    };
+    let sliding = |lower, upper| arm(finger("a", "type=\"prismatic\"", &limit(lower, upper))).mass_matrix(&q);
+    assert_eq!(sliding(-0.1, 0.1), at(0.0));
+    assert!((sliding(0.2, 0.3) - at(0.2)).norm() < 1e-14);
+    assert!((sliding(0.2, 0.3) - at(0.0)).norm() > 1e-3, "the place counts");
+    let mimic = "<mimic joint=\"a_joint\"/>".to_owned() + &limit(-0.1, 0.1);
+    let two =
+        finger("a", "type=\"prismatic\"", &limit(-0.1, 0.1)) + &finger("b", "type=\"revolute\"", &mimic);
+    let two_fixed = finger("a", "type=\"fixed\"", "") + &finger("b", "type=\"fixed\"", "");
+    assert_eq!(arm(two).mass_matrix(&q), arm(two_fixed).mass_matrix(&q));
+
+    // A joint that moves beside the chain has no place that the arm could know: the message shows how to give it one.
+    let text = GOOD.replace("</robot>", &(finger("a", "type=\"revolute\"", &limit(-1.0, 1.0)) + "</robot>"));
+    let text = text.replace("<parent link=\"fore\"/>", "<parent link=\"upper\"/>");
+    let file = tempfile::Builder::new().suffix(".urdf").tempfile().unwrap();
+    std::fs::write(file.path(), text).unwrap();
+    let message = load(&format!("{}#fore", file.path().display())).unwrap_err().to_string();
+    assert!(message.contains("a robot file in TOML") && message.contains("fixed_joints = {"), "{message}");
+}
+
+/// What is welded to the base does not move: its inertia is nobody's business, whatever it is.
+#[test]
+fn links_on_the_base_may_have_any_inertia() {
+    let sound: Robot<2> = load_from(GOOD);
+    let bad = "<inertial><mass value=\"-1\"/><inertia ixx=\"nan\" ixy=\"0\" ixz=\"0\" iyy=\"-1\" iyz=\"0\" izz=\"1e308\"/></inertial>";
+    let text = GOOD.replace(
+        "<link name=\"base\"/>",
+        &format!("<link name=\"base\">{bad}</link><link name=\"foot\">{bad}</link>"),
+    );
+    let weld =
+        "<joint name=\"weld\" type=\"fixed\"><parent link=\"base\"/><child link=\"foot\"/></joint></robot>";
+    let arm: Robot<2> = load_from(&format!("{}#fore", text.replace("</robot>", weld)));
+    let q = nalgebra::Vector2::new(0.4, 0.9);
+    assert_eq!(arm.mass_matrix(&q), sound.mass_matrix(&q));
+}
+
+fn load_from(text: &str) -> Robot<2> {
+    let (text, tip) = text.rsplit_once('#').map_or((text, ""), |(text, _)| (text, "#fore"));
+    let file = tempfile::Builder::new().suffix(".urdf").tempfile().unwrap();
+    std::fs::write(file.path(), text).unwrap();
+    load(&format!("{}{tip}", file.path().display())).unwrap().build().unwrap()
+}
+
+/// Whatever is wrong with a tag, the words of the parsers behind stay inside.
+#[test]
+fn no_words_of_the_parsers() {
+    for (from, to) in [
+        ("<mass value=\"1\"/>", "<mass/>"),
+        ("<mass value=\"1\"/>", "<mass value=\"\"/>"),
+        ("<mass value=\"1\"/>", "<mass value=\"1\"/><mass value=\"1\"/>"),
+        ("<mass value=\"1\"/>", "<mass><value><x/></value></mass>"),
+        ("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0\"/>"),
+        ("<axis xyz=\"0 0 1\"/>", "<axis/>"),
+        ("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 1\"/><axis xyz=\"0 0 1\"/>"),
+        ("<parent link=\"base\"/>", ""),
+        ("<parent link=\"base\"/>", "<parent/>"),
+        ("<child link=\"upper\"/>", "<child>upper</child>"),
+        ("<link name=\"base\"/>", "<link/>"),
+        ("name=\"shoulder\" ", ""),
+        ("name=\"shoulder\" type=\"revolute\"", "name=\"shoulder\""),
+        (SHOULDER_LIMIT, "<limit lower=\"x\" upper=\"1\" velocity=\"2\" effort=\"9\"/>"),
+        (SHOULDER_LIMIT, "<limit lower=\"-1\" upper=\"1\" effort=\"9\"/>"),
+        (SHOULDER_LIMIT, "<dynamics damping=\"much\"/>"),
+        ("<mesh filename=\"package://nowhere/upper.dae\"/>", "<mesh/>"),
+        ("<mesh filename=\"package://nowhere/upper.dae\"/>", "<ball/>"),
+        ("<geometry>", "<geometry>text &nonsense; "),
+        ("<robot name=\"two\">", "<robot name=\"two\" version=\"1.2\"><link name=\"x\" name=\"y\"/>"),
+        ("<robot name=\"two\">", "<robot name=\"two\"><joint name=\"x\"/>"),
+        ("effort=\"9\"", "effort=9"),
+    ] {
+        assert!(GOOD.contains(from), "{from}");
+        let message = load_text(&GOOD.replacen(from, to, 1), ".urdf").expect_err(to).to_string();
+        println!("{message}");
+        for word in [
+            "custom",
+            "field",
+            "XmlEvent",
+            "Expected token",
+            "Syntax",
+            "invalid float",
+            "Parse",
+            "Error",
+            "ParseFloat",
+        ] {
+            assert!(!message.contains(word), "{to}: `{word}` in: {message}");
+        }
+    }
 }
 
 #[test]
@@ -195,8 +328,12 @@ fn tables() {
     refused("velocity_rad_s = 5.0, ", "", &["joint \"joint_1\"", "velocity_rad_s", "missing"]);
     refused("type = \"revolute\"", "type = \"continuous\"", &["joint \"joint_1\"", "continuous"]);
     refused("lower_m = -0.5", "lower_m = 5.0", &["joint \"joint_3\"", "reversed"]);
-    refused("inertia_kg_m2 = 0.01", "inertia_kg_m2 = -0.01", &["joint \"joint_1\"", "motor inertia"]);
-    refused("zz = 10.0", "zz = nan", &["link \"link of joint_1\"", "not finite"]);
+    refused(
+        "inertia_kg_m2 = 0.01",
+        "inertia_kg_m2 = -0.01",
+        &["joint \"joint_1\"", "motor.inertia_kg_m2: -0.01"],
+    );
+    refused("zz = 10.0", "zz = nan", &["link \"link of joint_1\"", "inertia_kg_m2.zz: NaN"]);
     // The last link idealised to nothing: joint 4 would move nothing.
     refused("zz = 1.0", "zz = 0.0", &["B(q)"]);
     refused("idealised = true", "idealised = false", &["link \"link of joint_3\"", "not positive definite"]);

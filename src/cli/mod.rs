@@ -10,6 +10,7 @@ pub use arguments::{
 use crate::config::Config;
 use crate::experiment;
 use crate::ipc::{Instance, Role};
+use crate::printable::printable;
 use crate::process::{self, ProcessError, StopFlag, supervisor};
 use crate::rt::{Stderr, doctor, print, tell};
 use crate::summary::Outcome;
@@ -58,7 +59,7 @@ fn exit_code(result: Result<u8, ProcessError>) -> ExitCode {
     match result {
         Ok(code) => ExitCode::from(code),
         Err(error) => {
-            for line in error.to_string().lines() {
+            for line in error.lines() {
                 tell(format_args!("vservo: {line}"));
             }
             ExitCode::from(error.exit_code())
@@ -99,7 +100,7 @@ fn start_logging() {
 /// Tells what is allowed in a run file but hardly meant.
 fn warn(config: &Config) {
     for warning in &config.warnings {
-        tell(format_args!("vservo: warning: {warning}"));
+        tell(format_args!("vservo: warning: {}", printable(&warning.to_string())));
     }
 }
 

@@ -5,23 +5,26 @@
 //!        └── syntax ──┴── types, unknown keys ──┴── ranges, consistency ──► all Problems of a step at once
 //! ```
 
+mod problem;
 pub mod raw;
 mod servo;
 mod source;
+mod tables;
 mod validate;
 
-pub use source::{Document, Problem};
+pub use problem::{ConfigError, Problem};
+pub use source::Document;
 
 use crate::camera_model::CameraModel;
 use crate::drive::{CommandMode, InnerServo, Payload};
 use crate::geometry::Pose;
+use crate::input_file;
 use crate::robot::RobotDescription;
 use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
 use crate::schedule::FrameSchedule;
 use crate::servo::{Law, Mount, ObjectDynamics, SetPoint};
 use crate::time::{MonoNs, SpanNs};
 use raw::{Clock, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Task, Update};
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// The configuration that runs when none is named.
@@ -253,27 +256,6 @@ pub struct RealtimeRequest {
     pub lock_memory: bool,
 }
 
-/// Everything that is wrong with a configuration.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ConfigError {
-    /// In the order of the file; never empty.
-    pub problems: Vec<Problem>,
-}
-
-impl fmt::Display for ConfigError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, problem) in self.problems.iter().enumerate() {
-            if i > 0 {
-                writeln!(f)?;
-            }
-            write!(f, "{problem}")?;
-        }
-        Ok(())
-    }
-}
-
-impl std::error::Error for ConfigError {}
-
 impl Config {
     /// Reads a run file, or the embedded default where `path` is `None`, and applies `--set` arguments.
     ///
@@ -283,11 +265,13 @@ impl Config {
         let Some(path) = path else {
             return Self::parse("embedded default configuration", DEFAULT_TOML, Path::new("."), set);
         };
-        let text = std::fs::read_to_string(path).map_err(|e| ConfigError {
-            problems: vec![Problem::of_file(&path.display().to_string(), format!("cannot be read: {e}"))],
+        let name = path.display().to_string();
+        let text = input_file::read(path, input_file::LARGEST_TOML).map_err(|e| {
+            ConfigError::new(vec![Problem::of_file(&name, format!("cannot be read: {e}"))], 0)
         })?;
-        let folder = path.parent().unwrap_or(Path::new("."));
-        Self::parse(&path.display().to_string(), &text, folder, set)
+        // A file that is named without a folder has an empty parent: it stands in the working directory.
+        let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Self::parse(&name, &text, folder, set)
     }
 
     /// Reads a run file from `text`. Relative paths in it count from `folder`; those in `--set` from the working
@@ -296,17 +280,14 @@ impl Config {
     /// # Errors
     /// As for [`Config::load`].
     pub fn parse(name: &str, text: &str, folder: &Path, set: &[String]) -> Result<Self, ConfigError> {
-        let mut document = Document::parse(name, text).map_err(|problems| ConfigError { problems })?;
+        let mut document = Document::parse(name, text)?;
         let mut problems: Vec<Problem> = set.iter().filter_map(|s| document.set(s).err()).collect();
-        let mut raw = read_tables(&mut document, &mut problems);
+        let (mut raw, more) = tables::read(&mut document, &mut problems);
         resolve_paths(&mut raw, &document, folder);
         let config = validate::validate(raw, &document, &mut problems);
         match config {
             Some(config) if problems.is_empty() => Ok(config),
-            _ => {
-                source::sort(&mut problems);
-                Err(ConfigError { problems })
-            }
+            _ => Err(ConfigError::new(problems, more)),
         }
     }
 
@@ -344,33 +325,6 @@ impl Config {
     pub fn closes_the_loop(&self) -> bool {
         matches!(self.camera.source, Source::Synthetic { .. })
     }
-}
-
-/// Reads the tables, setting aside every key that cannot be read, until the rest of the file can.
-fn read_tables(document: &mut Document, problems: &mut Vec<Problem>) -> RawConfig {
-    loop {
-        let value = toml::Value::Table(document.table.clone());
-        let error = match serde_path_to_error::deserialize::<_, RawConfig>(value) {
-            Ok(raw) => return raw,
-            Err(error) => error,
-        };
-        let path = error.path().to_string();
-        let message = error.inner().message().trim().to_string();
-        let key = match unknown_field(&message) {
-            Some(field) if path == "." => field,
-            Some(field) if path.split('.').next_back() != Some(field.as_str()) => format!("{path}.{field}"),
-            _ => path,
-        };
-        problems.push(document.problem(&key, message));
-        if !document.remove(&key) {
-            return RawConfig::default(); // nothing left to set aside: the problem itself is reported
-        }
-    }
-}
-
-fn unknown_field(message: &str) -> Option<String> {
-    let rest = message.strip_prefix("unknown field `")?;
-    Some(rest.split('`').next()?.to_string())
 }
 
 fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {

@@ -36,6 +36,7 @@ pub(super) fn servo(
     let law = law(s, check);
     let points = target.points_O();
     let selection = selection(s, points.len(), check);
+    features_in_view(s, check);
     let set_point = match s.set_point.kind {
         SetPointKind::Pose | SetPointKind::Taught => SetPoint::from_pose(X_DO, &points),
         SetPointKind::Features => {
@@ -55,12 +56,8 @@ pub(super) fn servo(
             found
         }
     };
-    let teach = match s.set_point.kind {
-        SetPointKind::Taught => {
-            check.count("servo.set_point.measurements", s.set_point.measurements, 1..=10_000)
-        }
-        _ => 0,
-    };
+    let measurements = check.count("servo.set_point.measurements", s.set_point.measurements, 1..=10_000);
+    let teach = if s.set_point.kind == SetPointKind::Taught { measurements } else { 0 };
     if s.dimension == 4 && tilted(X_DO) && uses_dimension(s.scheme) {
         check.wrong("servo.dimension", "is 4, which needs servo.desired to be turned about z only");
     }
@@ -94,6 +91,15 @@ pub(super) fn servo(
         limit_avoidance_1_s: (avoid > 0.0).then_some(avoid),
         object,
     })
+}
+
+/// Normalized coordinates are tangents: those of a camera that sees farther to the side than 89 degrees are beyond 57.
+fn features_in_view(s: &RawServo, check: &mut Check<'_>) {
+    for (i, feature) in s.set_point.features.iter().enumerate() {
+        for (j, coordinate) in feature.iter().enumerate() {
+            check.range(&format!("servo.set_point.features[{i}][{j}]"), *coordinate, -57.0..=57.0);
+        }
+    }
 }
 
 fn object(s: &RawServo, check: &mut Check<'_>) -> Option<ObjectDynamics> {
@@ -140,6 +146,9 @@ fn law(s: &RawServo, check: &mut Check<'_>) -> Law {
             OperationalSpace::Six
         }
     };
+    let constant_depth_m = check.range("servo.constant_depth_m", s.constant_depth_m, 1e-3..=1e3);
+    let pd = pd_gains(s, check);
+    let (K, gain) = velocity_gains(s, check);
     let interaction = Interaction {
         at: match s.interaction {
             At::Current => InteractionAt::Current,
@@ -150,55 +159,64 @@ fn law(s: &RawServo, check: &mut Check<'_>) -> Law {
             Depth::Desired => DepthSource::Desired,
             Depth::Estimated => DepthSource::Estimated,
             Depth::Known => DepthSource::Known,
-            Depth::Constant => {
-                DepthSource::Constant(check.range("servo.constant_depth_m", s.constant_depth_m, 1e-3..=1e3))
-            }
+            Depth::Constant => DepthSource::Constant(constant_depth_m),
         },
     };
     match s.scheme {
         SchemeKind::PositionPd => {
-            let pd = &s.pd;
-            let K_P = pose_gains(
-                check,
-                ("servo.pd.position_stiffness_n_m", &pd.position_stiffness_n_m),
-                ("servo.pd.orientation_stiffness_nm_rad", &pd.orientation_stiffness_nm_rad),
-            );
-            let K_D = pose_gains(
-                check,
-                ("servo.pd.position_damping_ns_m", &pd.position_damping_ns_m),
-                ("servo.pd.orientation_damping_nms_rad", &pd.orientation_damping_nms_rad),
-            );
-            let damping = match pd.damping {
-                DampingOn::Task => Damping::Task(K_D),
-                DampingOn::Joints => Damping::Joints(joint_damping(s, check)),
-            };
-            Law::PositionTorque { K_P, damping, orientation, space }
-        }
-        SchemeKind::PositionResolvedVelocity => {
-            let (K, gain) = velocity_gains(s, check);
-            Law::PositionVelocity { K, gain, orientation, space }
-        }
-        SchemeKind::ImagePd => {
-            let k_P = check.range("servo.pd.feature_stiffness_nm", s.pd.feature_stiffness_nm, PD_GAIN);
-            let k_D = check.range("servo.pd.feature_damping_nms", s.pd.feature_damping_nms, PD_GAIN);
             let damping = match s.pd.damping {
-                DampingOn::Task => Damping::Task(k_D),
-                DampingOn::Joints => Damping::Joints(joint_damping(s, check)),
+                DampingOn::Task => Damping::Task(pd.K_D),
+                DampingOn::Joints => Damping::Joints(pd.joints),
             };
-            Law::ImageTorque { k_P, damping, interaction }
+            Law::PositionTorque { K_P: pd.K_P, damping, orientation, space }
+        }
+        SchemeKind::PositionResolvedVelocity => Law::PositionVelocity { K, gain, orientation, space },
+        SchemeKind::ImagePd => {
+            let damping = match s.pd.damping {
+                DampingOn::Task => Damping::Task(pd.k_D),
+                DampingOn::Joints => Damping::Joints(pd.joints),
+            };
+            Law::ImageTorque { k_P: pd.k_P, damping, interaction }
         }
         SchemeKind::ImageResolvedVelocity => {
             if matches!(s.gain_1_s, Gains::Each(_)) {
                 check.wrong("servo.gain_1_s", "image_resolved_velocity takes one gain; see servo.weights");
             }
-            let (K, gain) = velocity_gains(s, check);
             Law::ImageVelocity { gain: scaled(gain, K[0]), interaction }
         }
         SchemeKind::Hybrid => {
-            let (K, gain) = velocity_gains(s, check);
             let gains = HybridGains { K_p: K.fixed_rows::<3>(0).into(), K_o: K.fixed_rows::<3>(3).into() };
             Law::Hybrid { gains, gain, orientation, space }
         }
+    }
+}
+
+/// Gains of the torque laws A and C.
+struct PdGains {
+    K_P: PoseGains,
+    K_D: PoseGains,
+    k_P: f64,
+    k_D: f64,
+    joints: [f64; MAX_JOINTS],
+}
+
+/// All of them, whichever law is used: a number that is wrong is told before it is needed.
+fn pd_gains(s: &RawServo, check: &mut Check<'_>) -> PdGains {
+    let pd = &s.pd;
+    PdGains {
+        K_P: pose_gains(
+            check,
+            ("servo.pd.position_stiffness_n_m", &pd.position_stiffness_n_m),
+            ("servo.pd.orientation_stiffness_nm_rad", &pd.orientation_stiffness_nm_rad),
+        ),
+        K_D: pose_gains(
+            check,
+            ("servo.pd.position_damping_ns_m", &pd.position_damping_ns_m),
+            ("servo.pd.orientation_damping_nms_rad", &pd.orientation_damping_nms_rad),
+        ),
+        k_P: check.range("servo.pd.feature_stiffness_nm", pd.feature_stiffness_nm, PD_GAIN),
+        k_D: check.range("servo.pd.feature_damping_nms", pd.feature_damping_nms, PD_GAIN),
+        joints: joint_damping(s, check),
     }
 }
 

@@ -1,45 +1,14 @@
 //! Where each value of a configuration stands: file, line and column, or the `--set` argument it came from.
 
+use super::problem::{ConfigError, Problem, first};
 use std::collections::HashMap;
-use std::fmt;
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
 
-/// One thing that is wrong, and where.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Problem {
-    /// `file:line:column`, or `--set key`, or the file alone.
-    pub place: String,
-    /// Dotted path of the key; empty for the file as a whole.
-    pub key: String,
-    /// What is wrong and what is allowed.
-    pub message: String,
-    /// Position in the file, for sorting.
-    order: (usize, String),
-}
-
-impl fmt::Display for Problem {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: ", self.place)?;
-        if !self.key.is_empty() {
-            write!(f, "{}: ", self.key)?;
-        }
-        f.write_str(&self.message)
-    }
-}
-
-impl Problem {
-    /// A problem with the file as a whole.
-    #[must_use]
-    pub fn of_file(name: &str, message: String) -> Self {
-        Self { place: name.into(), key: String::new(), message, order: (0, String::new()) }
-    }
-}
-
-/// Sorts problems into the order of the file.
-pub(super) fn sort(problems: &mut [Problem]) {
-    problems.sort_by(|a, b| a.order.cmp(&b.order));
-}
+/// Most parts that a key of `--set` may have: far more than any key has, and no depth that a walk could not take.
+const DEEPEST_KEY: usize = 16;
+/// Entries of a list whose places are remembered; behind them the list's own place is told.
+const PLACED_ENTRIES: usize = 64;
 
 /// A parsed document that remembers where each key stands.
 #[derive(Debug, Clone)]
@@ -47,12 +16,13 @@ pub struct Document {
     /// The values.
     pub table: Table,
     name: String,
+    lines: Lines,
     places: HashMap<String, Place>,
 }
 
 #[derive(Debug, Clone)]
 enum Place {
-    File { line: usize, column: usize, offset: usize },
+    File { offset: usize },
     Argument(String),
 }
 
@@ -60,25 +30,25 @@ impl Document {
     /// Parses `text`; `name` is the file's name in messages.
     ///
     /// # Errors
-    /// All syntax errors that the parser can tell apart.
-    pub fn parse(name: &str, text: &str) -> Result<Self, Vec<Problem>> {
+    /// The syntax errors that the parser can tell apart.
+    pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
+        let lines = Lines::new(text);
         let (root, errors) = DeTable::parse_recoverable(text);
         if !errors.is_empty() {
+            let offset = |e: &toml::de::Error| e.span().map_or(0, |s| s.start);
+            let (errors, more) = first(errors, offset);
             let problems = errors.iter().map(|e| {
-                let offset = e.span().map_or(0, |s| s.start);
-                let (line, column) = line_and_column(text, offset);
-                let place = format!("{name}:{line}:{column}");
+                let place = format!("{name}:{}", lines.place(offset(e)));
                 let message = format!("not valid TOML: {}", e.message().replace('\n', ", "));
-                Problem { place, key: String::new(), message, order: (offset, String::new()) }
+                Problem { place, key: String::new(), message, order: (offset(e), String::new()) }
             });
-            let mut problems: Vec<Problem> = problems.collect();
-            sort(&mut problems);
-            return Err(problems);
+            return Err(ConfigError::new(problems.collect(), more));
         }
         let mut places = HashMap::new();
-        walk("", root.get_ref(), text, &mut places);
-        let table = text.parse::<Table>().map_err(|e| vec![Problem::of_file(name, e.to_string())])?;
-        Ok(Self { table, name: name.into(), places })
+        walk("", root.get_ref(), &mut places);
+        let whole = |e: toml::de::Error| ConfigError::new(vec![Problem::of_file(name, e.to_string())], 0);
+        let table = text.parse::<Table>().map_err(whole)?;
+        Ok(Self { table, name: name.into(), lines, places })
     }
 
     /// Applies `--set key.path=value`. A value that is not TOML counts as text, so that paths and words need no quotes.
@@ -99,6 +69,9 @@ impl Document {
         let segments: Vec<&str> = key.split('.').collect();
         if segments.iter().any(|s| s.is_empty()) {
             return Err(wrong(key, "a key is empty; expected key.path=value, for example servo.gain_1_s=3"));
+        }
+        if segments.len() > DEEPEST_KEY {
+            return Err(wrong("", &format!("a key has at most {DEEPEST_KEY} parts")));
         }
         let value = format!("value = {}", text.trim())
             .parse::<Table>()
@@ -133,7 +106,7 @@ impl Document {
             }
         };
         let (place, offset) = match place {
-            Some(Place::File { line, column, offset }) => (format!("{}:{line}:{column}", self.name), *offset),
+            Some(Place::File { offset }) => (format!("{}:{}", self.name, self.lines.place(*offset)), *offset),
             Some(Place::Argument(argument)) => (format!("--set {argument}"), usize::MAX),
             None => (self.name.clone(), 0),
         };
@@ -168,6 +141,15 @@ impl Document {
         removed
     }
 
+    /// Where the value at `key` stands in the order of problems.
+    pub(super) fn offset(&self, key: &str) -> usize {
+        match self.places.get(key) {
+            Some(Place::File { offset }) => *offset,
+            Some(Place::Argument(_)) => usize::MAX,
+            None => 0,
+        }
+    }
+
     /// Whether a `--set` argument gave the value at `key`.
     #[must_use]
     pub fn is_argument(&self, key: &str) -> bool {
@@ -175,39 +157,49 @@ impl Document {
     }
 }
 
-fn walk(prefix: &str, table: &DeTable<'_>, text: &str, places: &mut HashMap<String, Place>) {
+fn walk(prefix: &str, table: &DeTable<'_>, places: &mut HashMap<String, Place>) {
     for (key, value) in table {
         let path =
             if prefix.is_empty() { key.get_ref().to_string() } else { format!("{prefix}.{}", key.get_ref()) };
-        remember(path.clone(), key.span().start, text, places);
-        walk_value(&path, value, text, places);
+        places.insert(path.clone(), Place::File { offset: key.span().start });
+        walk_value(&path, value, places);
     }
 }
 
-fn walk_value(path: &str, value: &Spanned<DeValue<'_>>, text: &str, places: &mut HashMap<String, Place>) {
+fn walk_value(path: &str, value: &Spanned<DeValue<'_>>, places: &mut HashMap<String, Place>) {
     match value.get_ref() {
-        DeValue::Table(inner) => walk(path, inner, text, places),
+        DeValue::Table(inner) => walk(path, inner, places),
         DeValue::Array(entries) => {
-            for (i, entry) in entries.iter().enumerate() {
+            for (i, entry) in entries.iter().enumerate().take(PLACED_ENTRIES) {
                 let path = format!("{path}[{i}]");
-                remember(path.clone(), entry.span().start, text, places);
-                walk_value(&path, entry, text, places);
+                places.insert(path.clone(), Place::File { offset: entry.span().start });
+                walk_value(&path, entry, places);
             }
         }
         _ => {}
     }
 }
 
-fn remember(path: String, offset: usize, text: &str, places: &mut HashMap<String, Place>) {
-    let (line, column) = line_and_column(text, offset);
-    places.insert(path, Place::File { line, column, offset });
+/// A text with the beginnings of its lines, so that no place is counted from the text's beginning.
+#[derive(Debug, Clone)]
+struct Lines {
+    text: String,
+    starts: Vec<usize>,
 }
 
-/// Line and column, both from 1, of a byte offset; columns count characters.
-fn line_and_column(text: &str, offset: usize) -> (usize, usize) {
-    let before = text.get(..offset).unwrap_or(text);
-    let line_start = before.rfind('\n').map_or(0, |i| i + 1);
-    (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
+impl Lines {
+    fn new(text: &str) -> Self {
+        let starts = std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect();
+        Self { text: text.into(), starts }
+    }
+
+    /// `line:column`, both from 1, of a byte offset; columns count characters.
+    fn place(&self, offset: usize) -> String {
+        let line = self.starts.partition_point(|start| *start <= offset);
+        let start = self.starts.get(line.wrapping_sub(1)).copied().unwrap_or(0);
+        let before = self.text.get(start..offset).unwrap_or("");
+        format!("{line}:{}", before.chars().count() + 1)
+    }
 }
 
 #[cfg(test)]
@@ -245,7 +237,7 @@ mod tests {
 
     #[test]
     fn syntax_errors_are_all_found() {
-        let problems = Document::parse("a.toml", "a = \nb = 1\nc = [1\n").unwrap_err();
+        let problems = Document::parse("a.toml", "a = \nb = 1\nc = [1\n").unwrap_err().problems;
         assert!(problems.len() >= 2, "{problems:?}");
         assert!(problems[0].place.starts_with("a.toml:1:"));
     }

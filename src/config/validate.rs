@@ -2,24 +2,29 @@
 
 mod drive;
 mod motion;
+mod start;
 
 use super::raw::{
     Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SourceKind, TargetKind, Task,
 };
-use super::servo::{servo, tilted, uses_dimension};
+use super::servo::servo;
 use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Source};
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
-use crate::robot::{self, RobotDescription};
-use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
+use crate::printable::number;
+use crate::scene::{DotTarget, LARGEST_SIDE_PX, SceneLook, SceneMotion, SensorModel};
 use crate::schedule::{FrameSchedule, Irregularity};
 use crate::servo::Mount;
 use crate::time::SpanNs;
-use nalgebra::{SVector, Translation3, UnitQuaternion};
+use nalgebra::{Translation3, UnitQuaternion};
 use std::ops::RangeInclusive;
 
 /// Frames that may be on their way at once: bounds the shared memory that a lockstep run takes.
 const MAX_FRAME_BYTES_IN_FLIGHT: f64 = 512e6;
+
+const MEASUREMENT_TIMEOUT_MS: RangeInclusive<f64> = 1.0..=60_000.0;
+/// Cores that the kernel's set of them has places for.
+const MOST_CPUS: u32 = 1024;
 
 pub(super) struct Check<'a> {
     document: &'a Document,
@@ -41,12 +46,12 @@ impl Check<'_> {
         self.warnings.push(self.document.problem(key, message));
     }
 
+    /// The one bound of a number: every key goes through here or through [`Self::count`]. The ranges are those that no
+    /// real cell leaves, so that no computation on them leaves the finite numbers.
     pub(super) fn range(&mut self, key: &str, value: f64, allowed: RangeInclusive<f64>) -> f64 {
         if !allowed.contains(&value) {
-            self.wrong(
-                key,
-                format!("{value} is out of range, allowed is {} to {}", allowed.start(), allowed.end()),
-            );
+            let (low, high) = (number(*allowed.start()), number(*allowed.end()));
+            self.wrong(key, format!("{} is out of range, allowed is {low} to {high}", number(value)));
         }
         value
     }
@@ -122,7 +127,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         measurement_timeout: check.span_ms(
             "safety.measurement_timeout_ms",
             raw.safety.measurement_timeout_ms,
-            1.0..=60_000.0,
+            MEASUREMENT_TIMEOUT_MS,
         ),
         slow_down_from: check.range("safety.slow_down_from", raw.safety.slow_down_from, 0.0..=1.0),
         max_missed_in_a_row: check
@@ -139,18 +144,21 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
             1e-4..=10.0,
         ),
     };
+    if let Some(cpu) = raw.realtime.cpu {
+        check.count("realtime.cpu", cpu, 0..=MOST_CPUS - 1);
+    }
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
     let before_arm = check.problems.len();
-    let robot = arm(&raw, check);
+    let robot = start::arm(&raw, check);
     let drive = drive::drive(&raw, robot.as_ref(), check);
     let motion = motion::motion(&raw, drive.mode, robot.as_ref(), check);
     let arm_is_good = check.problems.len() == before_arm;
     if let (Some(target), Some(camera)) = (&target, &camera) {
-        if let Some((dot, why)) = hidden_dot(target, camera, &X_DO) {
+        if let Some((dot, why)) = start::hidden_dot(target, camera, &X_DO) {
             check.wrong("servo.desired", format!("dot {dot} would lie {why} in the desired view"));
         }
         if let (Some(robot), Source::Synthetic { .. }, true) = (&robot, &camera.source, arm_is_good) {
-            start_view(&raw, robot, target, camera, &X_WO, check);
+            start::view(&raw, robot, target, camera, &X_WO, check);
         }
         timing(&raw, camera, check);
     }
@@ -188,8 +196,8 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
 fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
     let (c, lens, synthetic) = (&raw.camera, &raw.camera.lens, &raw.camera.synthetic);
     let before = check.problems.len();
-    let width_px = check.count("camera.width_px", c.width_px, 16..=4096);
-    let height_px = check.count("camera.height_px", c.height_px, 16..=4096);
+    let width_px = check.count("camera.width_px", c.width_px, 16..=LARGEST_SIDE_PX);
+    let height_px = check.count("camera.height_px", c.height_px, 16..=LARGEST_SIDE_PX);
     let rate_hz = check.range("camera.rate_hz", c.rate_hz, 0.1..=1000.0);
     let exposure = check.span_ms("camera.exposure_ms", c.exposure_ms, 0.0..=1000.0);
     let latency = check.span_ms("camera.latency_ms", c.latency_ms, 0.0..=500.0);
@@ -204,15 +212,20 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
     let intrinsics = Intrinsics {
         fx_px: check.range("camera.lens.fx_px", lens.fx_px, 1.0..=1e6),
         fy_px: check.range("camera.lens.fy_px", lens.fy_px, 1.0..=1e6),
-        cx_px: lens.cx_px.unwrap_or(0.5 * (f64::from(width_px) - 1.0)),
-        cy_px: lens.cy_px.unwrap_or(0.5 * (f64::from(height_px) - 1.0)),
+        // The principal point of a cropped picture may lie outside of it.
+        cx_px: lens
+            .cx_px
+            .map_or(0.5 * (f64::from(width_px) - 1.0), |c| check.range("camera.lens.cx_px", c, -1e5..=1e5)),
+        cy_px: lens
+            .cy_px
+            .map_or(0.5 * (f64::from(height_px) - 1.0), |c| check.range("camera.lens.cy_px", c, -1e5..=1e5)),
         width_px,
         height_px,
     };
     let look = SceneLook {
-        background: check.range("scene.background_level", raw.scene.background_level, 0.0..=255.0),
-        plate: check.range("scene.plate_level", raw.scene.plate_level, 0.0..=255.0),
-        dots: check.range("scene.dot_level", raw.scene.dot_level, 0.0..=255.0),
+        background: check.range("scene.background_level", raw.scene.background_level, SceneLook::LEVEL),
+        plate: check.range("scene.plate_level", raw.scene.plate_level, SceneLook::LEVEL),
+        dots: check.range("scene.dot_level", raw.scene.dot_level, SceneLook::LEVEL),
     };
     if look.plate <= look.dots {
         check.wrong(
@@ -224,10 +237,10 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
         noise_sd_levels: check.range(
             "camera.synthetic.noise_sd_levels",
             synthetic.noise_sd_levels,
-            0.0..=50.0,
+            SensorModel::NOISE_SD_LEVELS,
         ),
-        blur_sd_px: check.range("camera.synthetic.blur_sd_px", synthetic.blur_sd_px, 0.0..=20.0),
-        vignetting: check.range("camera.synthetic.vignetting", synthetic.vignetting, 0.0..=0.9),
+        blur_sd_px: check.range("camera.synthetic.blur_sd_px", synthetic.blur_sd_px, SensorModel::BLUR_SD_PX),
+        vignetting: check.range("camera.synthetic.vignetting", synthetic.vignetting, SensorModel::VIGNETTING),
         seed: raw.run.seed,
     };
     let source = match c.source {
@@ -241,6 +254,14 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
             }
             Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
         }
+    };
+    // Long lenses see small radii only: their higher factors are large.
+    let distortion = Distortion {
+        k1: check.range("camera.lens.k1", lens.k1, -1e3..=1e3),
+        k2: check.range("camera.lens.k2", lens.k2, -1e4..=1e4),
+        p1: check.range("camera.lens.p1", lens.p1, -10.0..=10.0),
+        p2: check.range("camera.lens.p2", lens.p2, -10.0..=10.0),
+        k3: check.range("camera.lens.k3", lens.k3, -1e6..=1e6),
     };
     let irregularity = Irregularity {
         jitter: check.span_ms("camera.synthetic.latency_jitter_ms", synthetic.latency_jitter_ms, 0.0..=500.0),
@@ -256,7 +277,6 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
         SourceKind::Replay => (Irregularity::default(), SpanNs(0)),
     };
     let schedule = FrameSchedule::new(rate_hz, latency, irregularity);
-    let distortion = Distortion { k1: lens.k1, k2: lens.k2, p1: lens.p1, p2: lens.p2, k3: lens.k3 };
     match CameraModel::new(intrinsics, distortion) {
         Ok(model) => Some(Camera {
             source,
@@ -295,75 +315,30 @@ fn scene_motion(raw: &RawConfig, check: &mut Check<'_>) -> SceneMotion {
 
 fn target(raw: &RawConfig, check: &mut Check<'_>) -> Option<DotTarget> {
     let t = &raw.target;
+    let before = check.problems.len();
+    for (key, length_m) in [
+        ("target.side_m", t.side_m),
+        ("target.radius_m", t.radius_m),
+        ("target.radius_p1_m", t.radius_p1_m),
+        ("target.margin_m", t.margin_m),
+    ] {
+        check.range(key, length_m, 1e-6..=100.0);
+    }
+    if check.problems.len() > before {
+        return None;
+    }
     let made = match t.kind {
         TargetKind::FourDots => DotTarget::new(t.side_m, t.radius_p1_m, t.radius_m, t.margin_m),
     };
     made.map_err(|e| check.wrong("target", e.to_string())).ok()
 }
 
-/// The robot, with a start inside its limits.
-fn arm(raw: &RawConfig, check: &mut Check<'_>) -> Option<RobotDescription> {
-    let robot = match robot::load(&raw.robot.model) {
-        Ok(robot) => robot,
-        Err(e) => {
-            check.wrong("robot.model", e.to_string());
-            return None;
-        }
-    };
-    let joints = robot.joint_count();
-    let q = &raw.robot.q_start_rad_or_m;
-    if q.len() == joints {
-        for (i, (q, joint)) in q.iter().zip(&robot.joints).enumerate() {
-            check.range(&format!("robot.q_start_rad_or_m[{i}]"), *q, joint.limits.lower..=joint.limits.upper);
-        }
-    } else {
-        check.wrong(
-            "robot.q_start_rad_or_m",
-            format!("has {} entries, {} has {joints} joints", q.len(), robot.name),
-        );
-    }
-    Some(robot)
-}
-
-/// The first dot (from 1) that the camera does not see when the target lies at `X_CO`, and why.
-fn hidden_dot(target: &DotTarget, camera: &Camera, X_CO: &Pose) -> Option<(usize, &'static str)> {
-    target.points_O().iter().enumerate().find_map(|(i, p_O)| match camera.model.project(&(X_CO * p_O)) {
-        None => Some((i + 1, "behind the camera")),
-        Some(px) if !camera.model.contains(&px, 0.0) => Some((i + 1, "outside the image")),
-        Some(_) => None,
-    })
-}
-
-fn start_view(
-    raw: &RawConfig,
-    robot: &RobotDescription,
-    target: &DotTarget,
-    camera: &Camera,
-    X_WO: &Pose,
-    check: &mut Check<'_>,
-) {
-    let q = &raw.robot.q_start_rad_or_m;
-    match crate::dispatch_robot!(robot, |arm| arm.forward(&SVector::from_column_slice(q))) {
-        Ok(X_BE) => {
-            let X_CO = camera.mount.X_WC(&X_BE).inv_mul(X_WO);
-            if raw.servo.dimension == 4 && uses_dimension(raw.servo.scheme) && tilted(&X_CO) {
-                let message = "is 4, but the target is tilted against the image at the start";
-                check.wrong("servo.dimension", message);
-            }
-            if let Some((dot, why)) = hidden_dot(target, camera, &X_CO) {
-                let message = format!(
-                    "dot {dot} of the target lies {why} at the start; move scene.object or the start position"
-                );
-                check.wrong("robot.q_start_rad_or_m", message);
-            }
-        }
-        Err(e) => check.wrong("robot.model", e.to_string()),
-    }
-}
-
 fn timing(raw: &RawConfig, camera: &Camera, check: &mut Check<'_>) {
     let period_s = 1.0 / camera.rate_hz;
     let (timeout_ms, key) = (raw.safety.measurement_timeout_ms, "safety.measurement_timeout_ms");
+    if !MEASUREMENT_TIMEOUT_MS.contains(&timeout_ms) {
+        return; // which has been told
+    }
     // Between two measurements the newest view grows this old; one lost frame adds a period.
     let age_ms = (period_s + camera.latency.as_s()) * 1e3;
     let age_after_loss_ms = age_ms + (period_s + camera.schedule.jitter().as_s()) * 1e3;

@@ -3,7 +3,7 @@
 use super::DriveCommand;
 
 /// Longest delay, ticks.
-pub(super) const MAX_DELAY: usize = 50;
+pub const MAX_DELAY: usize = 50;
 
 /// A delay line.
 #[derive(Debug, Clone)]

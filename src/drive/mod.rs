@@ -21,6 +21,7 @@ mod mode;
 mod simulated;
 mod standstill;
 
+pub use delay::MAX_DELAY;
 pub use encoder::EncoderModel;
 pub use external::{ExternalDrive, PlantLink};
 pub use ideal::IdealDrive;

@@ -21,6 +21,11 @@ const LAST_GAIN: f64 = 0.343;
 /// Velocity errors (rad/s or m/s) and accelerations that are no longer worked off.
 const VELOCITY_DUST: f64 = 1e-12;
 const ACCELERATION_DUST: f64 = 1e-9;
+/// Times its limit that nothing about a joint is, however wrong.
+const ABSURD: f64 = 100.0;
+/// What stands for a range or a speed limit that there is not, rad or m, rad/s or m/s.
+const LONGEST_RANGE: f64 = 1e6;
+const FASTEST: f64 = 1e3;
 /// Halvings in search of the largest part of a step from which a joint can brake.
 const HALVINGS: u32 = 6;
 
@@ -53,6 +58,23 @@ impl<const N: usize> MotionLimits<N> {
         let joint =
             |i: usize| self.velocity[i] / self.acceleration[i] + 3.0 * self.acceleration[i] / self.jerk[i];
         (0..N).map(joint).fold(0.0, f64::max)
+    }
+
+    /// Whether an arm can be like this at all: no joint a hundred times faster than its limit, or a hundred ranges away
+    /// from its range. Far beyond everything that a fault of the arm or noisy encoders bring about (where a limit is small,
+    /// a hundred rad/s, rad, or m count), and far below the numbers whose squares are infinite.
+    #[must_use]
+    pub fn is_plausible(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> bool {
+        let within = |value: f64, largest: f64| value.abs() <= ABSURD * largest.max(1.0);
+        (0..N).all(|i| {
+            let (lower, upper) = (self.lower[i], self.upper[i]);
+            let is_near = if (upper - lower).is_finite() {
+                within((q[i] - upper).max(lower - q[i]).max(0.0), upper - lower)
+            } else {
+                within(q[i], LONGEST_RANGE)
+            };
+            is_near && within(qd[i], self.velocity[i].min(FASTEST))
+        })
     }
 
     /// The limits of joint `i`, counted from 0.

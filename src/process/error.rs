@@ -4,6 +4,7 @@ use crate::assemble::AssembleError;
 use crate::config::ConfigError;
 use crate::experiment::ExperimentError;
 use crate::ipc::{InstanceError, IpcError};
+use crate::printable::printable;
 use crate::robot::RobotError;
 use crate::rt::SchedulingError;
 use crate::source::SourceError;
@@ -93,6 +94,15 @@ pub enum ProcessError {
 }
 
 impl ProcessError {
+    /// What people are told, line by line, whatever stands in names and files that they gave.
+    #[must_use]
+    pub fn lines(&self) -> Vec<String> {
+        match self {
+            Self::Config(error) => error.lines().map(|line| printable(&line)).collect(),
+            other => vec![printable(&other.to_string())],
+        }
+    }
+
     /// The exit code: 3 for configuration and input files, 1 for everything else.
     #[must_use]
     pub fn exit_code(&self) -> u8 {

@@ -8,6 +8,9 @@ use super::small::cholesky;
 use crate::geometry::{Pose, rotation_x};
 use nalgebra::{Matrix3, SVector, UnitQuaternion, UnitVector3, Vector3};
 
+/// Least inertia that a joint moves while the others are free, kg m^2 or kg: what is less accelerates without bounds.
+const LEAST_INERTIA: f64 = 1e-12;
+
 impl RobotDescription {
     /// The arm, ready to compute.
     ///
@@ -60,7 +63,8 @@ impl RobotDescription {
         // over the turn leave no room for a zero that depends on the posture.
         for k in 0..5 {
             let q = SVector::from_fn(|i, _| f64::from(k) * (0.7 + 0.31 * i as f64));
-            if cholesky(&robot.mass_matrix(&q)).is_none() {
+            let L = cholesky(&robot.mass_matrix(&q));
+            if !L.is_some_and(|L| L.diagonal().min() >= LEAST_INERTIA.sqrt()) {
                 return Err(self.error(format!("robot \"{}\"", self.name), Problem::MassMatrix));
             }
         }

@@ -4,6 +4,7 @@
 //! Modified: `A_i = Rx(alpha) Tx(a) Rz(theta) Tz(d)`, link frame i on the joint's axis.
 //! The joint's position is added to theta of a turning joint, to d of a sliding one.
 
+use super::bounds::{self, all_within, within};
 use super::description::{JointDescription, Motor, RobotDescription};
 use super::error::{Problem, RobotError};
 use super::inertia::Inertia;
@@ -11,6 +12,7 @@ use super::model::{Friction, JointKind, JointLimits};
 use crate::geometry::{Pose, rotation_x, rotation_z};
 use nalgebra::{Matrix3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
+use std::ops::RangeInclusive;
 
 /// The `[dh]` table of a robot's file.
 #[derive(Debug, Deserialize)]
@@ -89,9 +91,14 @@ pub(super) struct MotorRecord {
     gear_ratio: f64,
 }
 
-impl From<MotorRecord> for Motor {
-    fn from(record: MotorRecord) -> Self {
-        Self { mass: record.mass_kg, inertia: record.inertia_kg_m2, gear_ratio: record.gear_ratio }
+impl MotorRecord {
+    /// The motor, if its numbers can be one's.
+    pub(super) fn motor(&self) -> Result<Motor, Problem> {
+        Ok(Motor {
+            mass: bounds::mass("motor.mass_kg", self.mass_kg)?,
+            inertia: within("motor.inertia_kg_m2", self.inertia_kg_m2, &bounds::ROTOR)?,
+            gear_ratio: within("motor.gear_ratio", self.gear_ratio, &bounds::GEAR_RATIO)?,
+        })
     }
 }
 
@@ -121,6 +128,20 @@ struct Moments {
     yz: f64,
 }
 
+impl Link {
+    fn inertia(&self) -> Result<Inertia, Problem> {
+        let Moments { xx, yy, zz, xy, xz, yz } = self.inertia_kg_m2;
+        for (key, moment) in [("xx", xx), ("yy", yy), ("zz", zz), ("xy", xy), ("xz", xz), ("yz", yz)] {
+            within(&format!("inertia_kg_m2.{key}"), moment, &bounds::MOMENT_KG_M2)?;
+        }
+        Ok(Inertia {
+            mass: bounds::mass("mass_kg", self.mass_kg)?,
+            com: all_within("com_m", self.com_m, &bounds::LENGTH_M)?,
+            about_com: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
+        })
+    }
+}
+
 /// Picks the value in the unit that fits the joint's type; one in the other unit is an error.
 struct Units(JointKind);
 
@@ -129,6 +150,7 @@ impl Units {
         &self,
         (turning_key, turning): (&'static str, Option<f64>),
         (sliding_key, sliding): (&'static str, Option<f64>),
+        allowed: &RangeInclusive<f64>,
     ) -> Result<Option<f64>, Problem> {
         let kind = self.0;
         let (value, (wrong_key, wrong), instead) = if kind == JointKind::Prismatic {
@@ -138,7 +160,7 @@ impl Units {
         };
         match wrong {
             Some(_) => Err(Problem::WrongUnit { key: wrong_key, kind, instead }),
-            None => Ok(value),
+            None => value.map(|value| within(instead, value, allowed)).transpose(),
         }
     }
 
@@ -152,8 +174,12 @@ impl DhTable {
     pub(super) fn add_to(self, description: &mut RobotDescription) -> Result<(), RobotError> {
         let convention = self.convention;
         for record in self.joint {
-            let element = format!("joint \"{}\"", record.name);
-            let joint = record.joint(convention).map_err(|problem| description.error(element, problem))?;
+            let (joint, link) = (format!("joint \"{}\"", record.name), record.link_name());
+            let inertia = record.link.inertia();
+            let inertia =
+                inertia.map_err(|problem| description.error(format!("link \"{link}\""), problem))?;
+            let joint =
+                record.joint(convention, inertia).map_err(|problem| description.error(joint, problem))?;
             description.joints.push(joint);
         }
         Ok(())
@@ -161,47 +187,52 @@ impl DhTable {
 }
 
 impl DhJoint {
-    fn joint(self, convention: Convention) -> Result<JointDescription, Problem> {
+    fn link_name(&self) -> String {
+        format!("link of {}", self.name)
+    }
+
+    fn joint(self, convention: Convention, inertia: Inertia) -> Result<JointDescription, Problem> {
         let kind = match self.kind {
             Kind::Revolute => JointKind::Revolute,
             Kind::Continuous => JointKind::Continuous,
             Kind::Prismatic => JointKind::Prismatic,
         };
-        let screw_z = pose_of(rotation_z(self.theta_rad), Vector3::new(0.0, 0.0, self.d_m));
-        let screw_x = pose_of(rotation_x(self.alpha_rad), Vector3::new(self.a_m, 0.0, 0.0));
+        let length = |key, value| within(key, value, &bounds::LENGTH_M);
+        let angle = |key, value| within(key, value, &bounds::ANGLE_RAD);
+        let screw_z = pose_of(
+            rotation_z(angle("theta_rad", self.theta_rad)?),
+            Vector3::new(0.0, 0.0, length("d_m", self.d_m)?),
+        );
+        let screw_x = pose_of(
+            rotation_x(angle("alpha_rad", self.alpha_rad)?),
+            Vector3::new(length("a_m", self.a_m)?, 0.0, 0.0),
+        );
         let (X_PJ, X_JL) = match convention {
             Convention::Standard => (screw_z, screw_x),
             Convention::Modified => (screw_x * screw_z, Pose::identity()),
         };
-        let Moments { xx, yy, zz, xy, xz, yz } = self.link.inertia_kg_m2;
         let units = Units(kind);
+        let friction = |turning, sliding| Ok(units.pick(turning, sliding, &bounds::FRICTION)?.unwrap_or(0.0));
+        let FrictionRecord { viscous_n_m_s_rad, coulomb_n_m, viscous_n_s_m, coulomb_n } = self.friction;
+        let (armature_kg_m2, armature_kg) =
+            (("armature_kg_m2", self.armature_kg_m2), ("armature_kg", self.armature_kg));
         Ok(JointDescription {
-            link: format!("link of {}", self.name),
+            link: self.link_name(),
             kind,
             X_PJ,
             axis: Vector3::z_axis(),
             X_JL,
             limits: self.limits.limits(&units)?,
             friction: Friction {
-                viscous: units
-                    .pick(
-                        ("viscous_n_m_s_rad", self.friction.viscous_n_m_s_rad),
-                        ("viscous_n_s_m", self.friction.viscous_n_s_m),
-                    )?
-                    .unwrap_or(0.0),
-                coulomb: units
-                    .pick(("coulomb_n_m", self.friction.coulomb_n_m), ("coulomb_n", self.friction.coulomb_n))?
-                    .unwrap_or(0.0),
+                viscous: friction(
+                    ("viscous_n_m_s_rad", viscous_n_m_s_rad),
+                    ("viscous_n_s_m", viscous_n_s_m),
+                )?,
+                coulomb: friction(("coulomb_n_m", coulomb_n_m), ("coulomb_n", coulomb_n))?,
             },
-            motor: self.motor.map(Motor::from),
-            armature: units
-                .pick(("armature_kg_m2", self.armature_kg_m2), ("armature_kg", self.armature_kg))?
-                .unwrap_or(0.0),
-            inertia: Inertia {
-                mass: self.link.mass_kg,
-                com: Vector3::from(self.link.com_m),
-                about_com: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
-            },
+            motor: self.motor.map(|motor| motor.motor()).transpose()?,
+            armature: units.pick(armature_kg_m2, armature_kg, &bounds::ROTOR)?.unwrap_or(0.0),
+            inertia,
             idealised: self.link.idealised,
             name: self.name,
         })
@@ -210,13 +241,19 @@ impl DhJoint {
 
 impl Limits {
     fn limits(&self, units: &Units) -> Result<JointLimits, Problem> {
-        let lower = units.pick(("lower_rad", self.lower_rad), ("lower_m", self.lower_m))?;
-        let upper = units.pick(("upper_rad", self.upper_rad), ("upper_m", self.upper_m))?;
+        let lower =
+            units.pick(("lower_rad", self.lower_rad), ("lower_m", self.lower_m), &bounds::POSITION)?;
+        let upper =
+            units.pick(("upper_rad", self.upper_rad), ("upper_m", self.upper_m), &bounds::POSITION)?;
         let velocity = units
-            .pick(("velocity_rad_s", self.velocity_rad_s), ("velocity_m_s", self.velocity_m_s))?
+            .pick(
+                ("velocity_rad_s", self.velocity_rad_s),
+                ("velocity_m_s", self.velocity_m_s),
+                &bounds::VELOCITY,
+            )?
             .ok_or(Problem::MissingKey { key: units.key("velocity_rad_s", "velocity_m_s") })?;
         let effort = units
-            .pick(("effort_n_m", self.effort_n_m), ("effort_n", self.effort_n))?
+            .pick(("effort_n_m", self.effort_n_m), ("effort_n", self.effort_n), &bounds::EFFORT)?
             .ok_or(Problem::MissingKey { key: units.key("effort_n_m", "effort_n") })?;
         // A position limit that is not there is infinite; the check of the joint's type decides whether it may be.
         Ok(JointLimits {

@@ -1,6 +1,11 @@
 //! What is wrong with a robot's file: which file, which element, what, and what to do.
 
 use super::model::JointKind;
+use crate::printable::number;
+
+/// How a joint of a URDF is held: URDF itself has no place for it.
+const HOLD: &str = "hold it: a robot file in TOML, with `[urdf]`, `file = \"ARM.urdf\"`, `tip = \"LINK\"` and \
+                    `fixed_joints = { JOINT = 0.0 }`, as robot.model";
 
 /// Why a robot could not be loaded.
 #[derive(Debug, thiserror::Error)]
@@ -59,6 +64,24 @@ pub enum Problem {
     /// A number is NaN or infinite.
     #[error("a number is not finite; every length, mass and moment must be")]
     NotFinite,
+    /// A number that no real arm has.
+    #[error("{what}: {} is out of range, allowed is {} to {}", number(*value), number(*low), number(*high))]
+    OutOfRange {
+        /// Its key, or element and attribute.
+        what: String,
+        /// The value that was read.
+        value: f64,
+        /// The least that is allowed.
+        low: f64,
+        /// The greatest that is allowed.
+        high: f64,
+    },
+    /// An attribute of `<limit>` is needed that is not there (URDF).
+    #[error("`<limit>` has no `{attribute}`; give lower, upper, velocity and effort")]
+    MissingLimit {
+        /// The attribute.
+        attribute: &'static str,
+    },
     /// A moving link without `<inertial>` (URDF).
     #[error("the link moves but has no <inertial>, or an empty one; give its mass and inertia")]
     MissingInertia,
@@ -96,7 +119,7 @@ pub enum Problem {
         upper: f64,
     },
     /// A revolute or prismatic joint without position limits.
-    #[error("a {kind} joint needs position limits; use type continuous for one that turns without end")]
+    #[error("a {kind} joint needs position limits{}", if *kind == JointKind::Revolute { "; use type continuous for one that turns without end" } else { "" })]
     LimitsMissing {
         /// The joint's type.
         kind: JointKind,
@@ -191,10 +214,10 @@ pub enum Problem {
         tip: String,
     },
     /// A joint beside the chain moves: its link has no definite place.
-    #[error("moves beside the chain from base to tip; hold it with `fixed_joints`, or make it type fixed")]
+    #[error("moves beside the chain from base to tip; make it type fixed, or {HOLD}")]
     MovesBesideChain,
     /// A joint that copies another one's motion.
-    #[error("mimic joints are not supported; hold it with `fixed_joints`, or make it type fixed")]
+    #[error("mimic joints are not supported; make it type fixed, or {HOLD}")]
     Mimic,
     /// A joint type with several degrees of freedom.
     #[error("joint type `{kind}` is not supported; use revolute, continuous, prismatic or fixed")]

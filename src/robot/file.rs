@@ -1,6 +1,7 @@
 //! A robot's file: TOML with a Denavit-Hartenberg table or with a reference to a URDF, or a URDF alone.
 
-use super::description::{Motor, RobotDescription};
+use super::bounds::{self, all_within, within};
+use super::description::RobotDescription;
 use super::dh::{DhTable, MotorRecord};
 use super::error::{Problem, RobotError};
 use super::model::STANDARD_GRAVITY;
@@ -75,8 +76,10 @@ pub(super) fn parse_toml(
     let record: RobotFile = serde_path_to_error::deserialize(deserializer)
         .map_err(|e| syntax(format!("{}: ", e.path()), e.inner()))?;
     let mut description = empty(&record.name, file);
+    let wrong = |element: &str, problem| empty(&record.name, file).error(element.to_owned(), problem);
     if let Some(gravity) = record.gravity_m_s2 {
-        description.gravity_B = Vector3::from(gravity);
+        description.gravity_B = all_within("gravity_m_s2", gravity, &bounds::GRAVITY_M_S2)
+            .map_err(|problem| wrong("robot", problem))?;
     }
     match (record.dh, record.urdf) {
         (Some(table), None) => table.add_to(&mut description)?,
@@ -84,14 +87,20 @@ pub(super) fn parse_toml(
         _ => return Err(description.error("robot".to_owned(), Problem::OneSource)),
     }
     if let Some(tool) = record.tool {
-        let [roll, pitch, yaw] = tool.rpy_rad;
-        description.X_LE *= Pose::from_parts(
-            Translation3::from(Vector3::from(tool.position_m)),
-            UnitQuaternion::from_euler_angles(roll, pitch, yaw),
-        );
+        description.X_LE *= tool.pose().map_err(|problem| wrong("tool", problem))?;
     }
     description.check()?;
     Ok(description)
+}
+
+impl ToolRecord {
+    fn pose(&self) -> Result<Pose, Problem> {
+        let rpy = all_within("rpy_rad", self.rpy_rad, &bounds::ANGLE_RAD)?;
+        Ok(Pose::from_parts(
+            Translation3::from(all_within("position_m", self.position_m, &bounds::LENGTH_M)?),
+            UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z),
+        ))
+    }
 }
 
 /// Keys of `[urdf]` that choose the chain; what is wrong with them is the TOML file's fault.
@@ -127,6 +136,10 @@ impl UrdfRecord {
         description: &mut RobotDescription,
         open: impl FnOnce(&str) -> Result<(String, String), RobotError>,
     ) -> Result<(), RobotError> {
+        for (joint, position) in &self.fixed_joints {
+            within(joint, *position, &bounds::POSITION)
+                .map_err(|problem| description.error("urdf.fixed_joints".to_owned(), problem))?;
+        }
         let (urdf_file, text) = open(&self.file)?;
         // Links and joints are elements of the URDF; names given here are checked against it below.
         let toml_file = std::mem::replace(&mut description.file, urdf_file);
@@ -144,8 +157,16 @@ impl UrdfRecord {
                 description.file = toml_file;
                 return Err(description.error(format!("urdf.joint \"{}\"", record.name), problem));
             };
-            joint.motor = record.motor.map(Motor::from);
-            joint.armature = record.armature_kg_m2;
+            let numbers = record.motor.map(|motor| motor.motor()).transpose().and_then(|motor| {
+                Ok((motor, within("armature_kg_m2", record.armature_kg_m2, &bounds::ROTOR)?))
+            });
+            (joint.motor, joint.armature) = match numbers {
+                Ok(numbers) => numbers,
+                Err(problem) => {
+                    description.file = toml_file;
+                    return Err(description.error(format!("urdf.joint \"{}\"", record.name), problem));
+                }
+            };
         }
         Ok(())
     }

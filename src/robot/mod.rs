@@ -13,6 +13,7 @@
 //! [`load`] takes the name of a shipped robot or a path; [`crate::dispatch_robot`] turns the number of joints
 //! that a file states into the const generic `N`, once, at start.
 
+mod bounds;
 mod build;
 mod conditioning;
 mod description;
@@ -32,7 +33,11 @@ mod small;
 mod trig;
 mod urdf;
 mod xml_fault;
+mod xml_schema;
+mod xml_size;
+mod xml_tags;
 
+pub use bounds::POSITION_RAD_OR_M;
 pub use conditioning::singular_values;
 pub use description::{JointDescription, Motor, RobotDescription};
 pub use error::{Problem, RobotError};

@@ -3,6 +3,7 @@
 use super::description::RobotDescription;
 use super::error::RobotError;
 use super::file::{parse_toml, parse_urdf};
+use crate::input_file::{self, LARGEST_TOML, LARGEST_URDF};
 use std::path::Path;
 
 /// Names of the robots whose files are part of the program.
@@ -51,19 +52,19 @@ pub fn load(name_or_path: &str) -> Result<RobotDescription, RobotError> {
     };
     let path = Path::new(file);
     match path.extension().and_then(|extension| extension.to_str()) {
-        Some("toml") => parse_toml(&read(path)?, file, |urdf| {
+        Some("toml") => parse_toml(&read(path, LARGEST_TOML)?, file, |urdf| {
             let urdf = path.with_file_name(urdf);
-            Ok((urdf.display().to_string(), read(&urdf)?))
+            Ok((urdf.display().to_string(), read(&urdf, LARGEST_URDF)?))
         }),
         Some("urdf") => {
             let name = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("robot");
-            parse_urdf(&read(path)?, name, file, tip)
+            parse_urdf(&read(path, LARGEST_URDF)?, name, file, tip)
         }
         _ => Err(unknown()),
     }
 }
 
-fn read(path: &Path) -> Result<String, RobotError> {
-    std::fs::read_to_string(path)
+fn read(path: &Path, largest: u64) -> Result<String, RobotError> {
+    input_file::read(path, largest)
         .map_err(|source| RobotError::Read { file: path.display().to_string(), source })
 }

@@ -3,14 +3,17 @@
 //! Links behind fixed joints, on the path or beside it, become part of the moving link that carries them, with mass
 //! and inertia. Visual and collision elements, and the meshes they name, are not looked at.
 
+use super::bounds::{self, all_within, within};
 use super::description::{JointDescription, RobotDescription};
 use super::error::{Problem, RobotError};
 use super::inertia::Inertia;
 use super::model::{Friction, JointKind, JointLimits};
-use super::xml_fault::{XmlFault, locate};
+use super::xml_fault::{XmlFault, lacks, locate};
+use super::xml_size::excess;
 use crate::geometry::Pose;
 use nalgebra::{Matrix3, Translation3, UnitQuaternion, UnitVector3, Vector3};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::ops::RangeInclusive;
 use urdf_rs::{Joint, JointLimit, JointType, Link};
 
 /// Which part of a URDF is the arm.
@@ -30,10 +33,15 @@ pub(super) fn read(
     selection: &Selection,
     description: &mut RobotDescription,
 ) -> Result<(), RobotError> {
-    let robot = urdf_rs::read_from_string(text).map_err(|error| {
-        let XmlFault { line, message } = locate(text, &error.to_string());
-        RobotError::Syntax { place: format!("{}:{line}", description.file), message }
-    })?;
+    let syntax = |XmlFault { line, message }, file: &str| RobotError::Syntax {
+        place: format!("{file}:{line}"),
+        message,
+    };
+    if let Some(fault) = excess(text) {
+        return Err(syntax(fault, &description.file));
+    }
+    let robot = urdf_rs::read_from_string(text)
+        .map_err(|error| syntax(locate(text, &error.to_string()), &description.file))?;
     if robot.links.is_empty() {
         let message = "there is no <link> in it; is it a URDF robot?".to_owned();
         return Err(RobotError::Syntax { place: description.file.clone(), message });
@@ -41,6 +49,9 @@ pub(super) fn read(
     let fail = |(element, problem): Fault| description.error(element, problem);
     let tree = Tree::new(&robot, selection).map_err(fail)?;
     let (joints, X_LE) = tree.chain().map_err(fail)?;
+    for joint in &joints {
+        missing_limit(text, joint).map_err(|problem| fail((joint_element(&joint.name), problem)))?;
+    }
     description.joints = joints;
     description.X_LE = X_LE;
     Ok(())
@@ -102,10 +113,8 @@ impl<'a> Tree<'a> {
             }
         }
         let mut tree = Self { links, joint_to, joints_from, held: &selection.held, base: "", tip: "" };
-        for link in &robot.links {
-            if tree.path_to(&link.name).count() > robot.joints.len() {
-                return Err((link_element(&link.name), Problem::Loop { link: link.name.clone() }));
-            }
+        if let Some(link) = tree.in_a_loop(robot) {
+            return Err((link_element(&link.name), Problem::Loop { link: link.name.clone() }));
         }
         tree.base = match &selection.base {
             Some(name) => tree.existing("base", name)?,
@@ -123,6 +132,18 @@ impl<'a> Tree<'a> {
             Some(link) => Ok(&link.name),
             None => Err((key.to_owned(), Problem::NoSuchLink { link: name.to_owned() })),
         }
+    }
+
+    /// A link that no root leads to: with one parent each, it can only be in a loop, or behind one.
+    fn in_a_loop(&self, robot: &'a urdf_rs::Robot) -> Option<&'a Link> {
+        let names = robot.links.iter().map(|link| link.name.as_str());
+        let mut waiting: Vec<&str> = names.filter(|name| !self.joint_to.contains_key(name)).collect();
+        let mut reached: HashSet<&str> = waiting.iter().copied().collect();
+        while let Some(link) = waiting.pop() {
+            let children = self.joints_from.get(link).into_iter().flatten().map(|j| j.child.link.as_str());
+            waiting.extend(children.filter(|child| reached.insert(child)));
+        }
+        robot.links.iter().find(|link| !reached.contains(link.name.as_str()))
     }
 
     /// The joints from `link` towards the root; endless in a loop.
@@ -178,8 +199,15 @@ impl<'a> Tree<'a> {
 
     /// The child link's frame in the parent link's, at position zero, or where the joint is held.
     fn place(&self, joint: &Joint) -> Result<Pose, Problem> {
-        let X = pose(&joint.origin);
-        let Some(&position) = self.held.get(&joint.name) else { return Ok(X) };
+        match self.held.get(&joint.name) {
+            Some(&position) => Self::place_at(joint, position),
+            None => pose(&joint.origin),
+        }
+    }
+
+    /// That frame with the joint at `position`, rad or m.
+    fn place_at(joint: &Joint, position: f64) -> Result<Pose, Problem> {
+        let X = pose(&joint.origin)?;
         let motion = match joint.joint_type {
             JointType::Revolute | JointType::Continuous => Pose::from_parts(
                 Translation3::identity(),
@@ -212,10 +240,9 @@ impl<'a> Tree<'a> {
         }
         path.reverse();
 
+        // What hangs on the base, welded to it or moving beside the arm, has no part in the arm's motion.
         let mut joints = Vec::new();
         let mut X_before = Pose::identity();
-        // What hangs on the base does not move, but a joint there that does would have no place.
-        self.weld(self.base, &Pose::identity(), &path)?;
         for joint in &path {
             let fault = |problem| (joint_element(&joint.name), problem);
             let X = X_before * self.place(joint).map_err(fault)?;
@@ -236,11 +263,8 @@ impl<'a> Tree<'a> {
                 X_PJ: X,
                 axis: axis(joint).map_err(fault)?,
                 X_JL: Pose::identity(),
-                limits: limits(&joint.limit, kind),
-                friction: joint.dynamics.as_ref().map_or_else(Friction::default, |dynamics| Friction {
-                    viscous: dynamics.damping,
-                    coulomb: dynamics.friction,
-                }),
+                limits: limits(&joint.limit, kind).map_err(fault)?,
+                friction: friction(joint).map_err(fault)?,
                 motor: None,
                 armature: 0.0,
                 inertia,
@@ -250,62 +274,115 @@ impl<'a> Tree<'a> {
         Ok((joints, X_before))
     }
 
-    /// The inertia of `link` and of all that is fixed to it, in the frame in which `link` lies at `X`.
+    /// The inertia of `link` and of all that is fixed to it, in the frame in which `link` lies at `X`. What hangs on the
+    /// tip, a gripper, counts as fixed: its joints are held.
     fn weld(&self, link: &str, X: &Pose, path: &[&Joint]) -> Result<Inertia, Fault> {
+        self.weld_from(link, X, path, link == self.tip)
+    }
+
+    fn weld_from(&self, link: &str, X: &Pose, path: &[&Joint], behind_tip: bool) -> Result<Inertia, Fault> {
         let mut sum = Inertia::ZERO;
         if let Some(link) = self.links.get(link) {
-            let own = inertia(link);
-            own.check_part().map_err(|problem| (link_element(&link.name), problem))?;
-            sum = own.in_frame(X);
+            let own = inertia(link).and_then(|own| own.check_part().map(|()| own));
+            sum = own.map_err(|problem| (link_element(&link.name), problem))?.in_frame(X);
         }
         for joint in self.joints_from.get(link).into_iter().flatten() {
             let fault = |problem| (joint_element(&joint.name), problem);
-            let on_path = path.iter().any(|other| other.name == joint.name);
-            match self.kind(joint).map_err(fault)? {
-                None => {
-                    let X = X * self.place(joint).map_err(fault)?;
-                    sum = sum.plus(&self.weld(&joint.child.link, &X, path)?);
-                }
-                Some(_) if on_path => {}
-                Some(_) => return Err(fault(Problem::MovesBesideChain)),
-            }
+            let place = match self.kind(joint) {
+                Ok(None) => self.place(joint),
+                _ if behind_tip => held_at_rest(joint),
+                Ok(Some(_)) if path.iter().any(|other| std::ptr::eq(*other, *joint)) => continue,
+                Ok(Some(_)) => Err(Problem::MovesBesideChain),
+                Err(problem) => Err(problem),
+            };
+            let X = X * place.map_err(fault)?;
+            let child = joint.child.link.as_str();
+            sum = sum.plus(&self.weld_from(child, &X, path, behind_tip || child == self.tip)?);
         }
         Ok(sum)
     }
 }
 
-fn pose(origin: &urdf_rs::Pose) -> Pose {
-    let [roll, pitch, yaw] = origin.rpy.0;
-    Pose::from_parts(
-        Translation3::from(Vector3::from(origin.xyz.0)),
-        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
-    )
+/// The place of a joint behind the tip that nobody named: at zero, or at the end of its range that is nearest to it.
+fn held_at_rest(joint: &Joint) -> Result<Pose, Problem> {
+    let JointLimit { lower, upper, .. } = joint.limit;
+    match joint.joint_type {
+        JointType::Revolute | JointType::Prismatic if lower <= upper => {
+            Tree::place_at(joint, within("limit", 0.0_f64.clamp(lower, upper), &bounds::POSITION)?)
+        }
+        _ => pose(&joint.origin),
+    }
+}
+
+fn pose(origin: &urdf_rs::Pose) -> Result<Pose, Problem> {
+    let xyz = all_within("origin xyz", origin.xyz.0, &bounds::LENGTH_M)?;
+    let rpy = all_within("origin rpy", origin.rpy.0, &bounds::ANGLE_RAD)?;
+    Ok(Pose::from_parts(Translation3::from(xyz), UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z)))
 }
 
 fn axis(joint: &Joint) -> Result<UnitVector3<f64>, Problem> {
-    UnitVector3::try_new(Vector3::from(joint.axis.xyz.0), 1e-9).ok_or(Problem::ZeroAxis)
+    let direction = all_within("axis xyz", joint.axis.xyz.0, &bounds::DIRECTION)?;
+    UnitVector3::try_new(direction, 1e-9).ok_or(Problem::ZeroAxis)
 }
 
 /// The inertia in the link's frame; a link without `<inertial>` reads as all zeros.
-fn inertia(link: &Link) -> Inertia {
+fn inertia(link: &Link) -> Result<Inertia, Problem> {
     let record = &link.inertial;
     let urdf_rs::Inertia { ixx, ixy, ixz, iyy, iyz, izz } = record.inertia;
-    let about_com = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
-    if record.mass.value == 0.0 && about_com == Matrix3::zeros() {
-        return Inertia::ZERO;
+    for (key, moment) in [("ixx", ixx), ("ixy", ixy), ("ixz", ixz), ("iyy", iyy), ("iyz", iyz), ("izz", izz)]
+    {
+        within(&format!("inertia {key}"), moment, &bounds::MOMENT_KG_M2)?;
     }
-    Inertia { mass: record.mass.value, com: Vector3::zeros(), about_com }.in_frame(&pose(&record.origin))
+    let mass = bounds::mass("mass", record.mass.value)?;
+    let about_com = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
+    if mass == 0.0 && about_com == Matrix3::zeros() {
+        return Ok(Inertia::ZERO);
+    }
+    Ok(Inertia { mass, com: Vector3::zeros(), about_com }.in_frame(&pose(&record.origin)?))
 }
 
-fn limits(limit: &JointLimit, kind: JointKind) -> JointLimits {
-    let endless = kind == JointKind::Continuous;
+fn friction(joint: &Joint) -> Result<Friction, Problem> {
+    let Some(dynamics) = &joint.dynamics else { return Ok(Friction::default()) };
+    Ok(Friction {
+        viscous: within("dynamics damping", dynamics.damping, &bounds::FRICTION)?,
+        coulomb: within("dynamics friction", dynamics.friction, &bounds::FRICTION)?,
+    })
+}
+
+fn limits(limit: &JointLimit, kind: JointKind) -> Result<JointLimits, Problem> {
     // A joint without <limit> reads as all zeros.
     let missing = *limit == JointLimit::default();
-    let or_infinite = |value: f64, is_infinite: bool| if is_infinite { f64::INFINITY } else { value };
-    JointLimits {
-        lower: -or_infinite(-limit.lower, endless || missing),
-        upper: or_infinite(limit.upper, endless || missing),
-        velocity: or_infinite(limit.velocity, missing),
-        effort: or_infinite(limit.effort, missing),
+    let endless = missing || kind == JointKind::Continuous;
+    let position = |key, value: f64, end: f64| {
+        // From version 1.2 on an attribute that is missing is infinite.
+        if endless || value == end { Ok(end) } else { within(key, value, &bounds::POSITION) }
+    };
+    // Where there is no limit, the greatest that any joint has.
+    let greatest = |key, value: f64, allowed: &RangeInclusive<f64>| match value {
+        _ if missing => Ok(*allowed.end()),
+        f64::INFINITY => Ok(*allowed.end()),
+        0.0 => Ok(0.0), // missing, or wrong: told apart behind
+        value => within(key, value, allowed),
+    };
+    Ok(JointLimits {
+        lower: position("limit lower", limit.lower, f64::NEG_INFINITY)?,
+        upper: position("limit upper", limit.upper, f64::INFINITY)?,
+        velocity: greatest("limit velocity", limit.velocity, &bounds::VELOCITY)?,
+        effort: greatest("limit effort", limit.effort, &bounds::EFFORT)?,
+    })
+}
+
+/// Attributes of `<limit>` that are missing read as zero: an effort of zero and a range without width may come from there.
+fn missing_limit(text: &str, joint: &JointDescription) -> Result<(), Problem> {
+    let JointLimits { lower, upper, effort, .. } = joint.limits;
+    let suspects: &[&str] = match () {
+        () if effort == 0.0 => &["effort"],
+        () if lower >= upper => &["lower", "upper"],
+        () => &[],
+    };
+    let element = joint_element(&joint.name);
+    match suspects.iter().find(|attribute| lacks(text, &element, "limit", attribute)) {
+        Some(attribute) => Err(Problem::MissingLimit { attribute }),
+        None => Ok(()),
     }
 }

@@ -3,6 +3,9 @@
 //! Tags are matched by hand, which finds text that is not well-formed. If they match, links and joints are parsed one
 //! by one until one fails.
 
+use super::xml_schema;
+use super::xml_tags::{Tag, tags};
+
 /// A fault in a URDF: the line it is on, counted from one, and what is wrong.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct XmlFault {
@@ -27,35 +30,68 @@ pub(super) fn locate(text: &str, refusal: &str) -> XmlFault {
     for (open, end) in parts {
         let Some(element) = text.get(open.start..end) else { continue };
         if let Err(error) = urdf_rs::read_from_string(&format!("<robot name=\"part\">{element}</robot>")) {
-            return XmlFault { line: line_of(open.start), message: format!("{}: {error}", open.label) };
+            // The element's own line, or that of the tag in it which is wrong.
+            let (at, reason) =
+                xml_schema::fault(element).unwrap_or_else(|| (0, in_words(&error.to_string())));
+            return XmlFault { line: line_of(open.start + at), message: format!("{}: {reason}", open.label) };
         }
     }
-    XmlFault { line: 1, message: format!("not a URDF robot: {refusal}") }
+    XmlFault { line: 1, message: format!("not a URDF robot: {}", in_words(refusal)) }
 }
+
+/// Whether the element `label` of a `text` that parses, such as `joint "elbow"`, holds the element `inner` without
+/// `attribute`, for attributes that the parser takes as zero where they are missing.
+pub(super) fn lacks(text: &str, label: &str, inner: &str, attribute: &str) -> bool {
+    let parts = elements(text).unwrap_or_default();
+    let part = parts.iter().find(|(open, _)| open.label == label);
+    let Some(element) = part.and_then(|(open, end)| text.get(open.start..*end)) else { return false };
+    tags(element).flatten().any(|tag| tag.name() == inner && tag.attribute(attribute).is_none())
+}
+
+/// The parser's refusal without its inner words.
+fn in_words(refusal: &str) -> String {
+    let refusal = refusal.strip_prefix("custom: ").unwrap_or(refusal).trim_matches('\'').trim();
+    let quoted = |prefix: &str| refusal.strip_prefix(prefix)?.strip_suffix('`');
+    if let Some(field) = quoted("missing field `") {
+        return format!("`{field}` is missing");
+    }
+    if let Some(field) = quoted("duplicate field `") {
+        return format!("`{field}` is given twice");
+    }
+    if refusal.is_empty() || FOREIGN.iter().any(|word| refusal.contains(word)) {
+        return "its elements or attributes are not those of a URDF".to_owned();
+    }
+    refusal.to_owned()
+}
+
+/// Words of the parsers that say nothing to people who write URDFs.
+const FOREIGN: [&str; 8] = [
+    "Expected token",
+    "XmlEvent",
+    "Syntax",
+    "Parse",
+    "unsupported operation",
+    "invalid",
+    "float",
+    "expected",
+];
 
 /// The children of the root element with the offset behind each, or the offset and reason of the first wrong tag.
 fn elements(text: &str) -> Result<Vec<(Open<'_>, usize)>, (usize, String)> {
     let mut stack: Vec<Open> = Vec::new();
     let mut children = Vec::new();
     let mut roots = 0;
-    let mut at = 0;
-    while let Some(offset) = text.get(at..).and_then(|rest| rest.find('<')) {
-        let start = at + offset;
-        let rest = text.get(start..).unwrap_or("");
-        let Some(length) = tag_length(rest) else {
-            return Err((start, "`<` opens a tag that has no end".to_owned()));
-        };
-        at = start + length;
-        let Some(tag) = rest.get(1..length - 1) else { continue };
-        if tag.starts_with(['!', '?']) {
+    for tag in tags(text) {
+        let tag = tag.map_err(|start| (start, "`<` opens a tag that has no end".to_owned()))?;
+        let (start, name) = (tag.start, tag.name());
+        if tag.is_no_element() {
             continue;
         }
-        if let Some(name) = tag.strip_prefix('/') {
-            let name = name.trim();
+        if let Some(name) = name.strip_prefix('/') {
             match stack.pop() {
                 Some(open) if open.tag == name => {
                     if stack.len() == 1 {
-                        children.push((open, at));
+                        children.push((open, tag.end));
                     }
                 }
                 Some(open) => {
@@ -65,9 +101,8 @@ fn elements(text: &str) -> Result<Vec<(Open<'_>, usize)>, (usize, String)> {
             }
             continue;
         }
-        let name = tag.split(|c: char| c.is_whitespace() || c == '/').next().unwrap_or("");
-        if name.is_empty() || tag.contains('<') {
-            return Err((start, format!("`<{}` is not a tag", tag.lines().next().unwrap_or(""))));
+        if name.is_empty() || tag.inside.contains('<') {
+            return Err((start, format!("`<{}` is not a tag", tag.inside.lines().next().unwrap_or(""))));
         }
         if stack.is_empty() {
             roots += 1;
@@ -75,11 +110,11 @@ fn elements(text: &str) -> Result<Vec<(Open<'_>, usize)>, (usize, String)> {
                 return Err((start, format!("the root element is `<{name}>`; a URDF has one, `<robot>`")));
             }
         }
-        let open = Open { tag: name, label: label(name, tag), start };
-        if !tag.ends_with('/') {
+        let open = Open { tag: name, label: label(&tag), start };
+        if !tag.is_empty_element() {
             stack.push(open);
         } else if stack.len() == 1 {
-            children.push((open, at));
+            children.push((open, tag.end));
         }
     }
     match stack.pop() {
@@ -90,31 +125,9 @@ fn elements(text: &str) -> Result<Vec<(Open<'_>, usize)>, (usize, String)> {
 }
 
 /// `link "forearm"`, or the tag alone when it has no name.
-fn label(name: &str, tag: &str) -> String {
-    let quoted = tag.split_once("name=").and_then(|(_, rest)| {
-        let quote = rest.chars().next().filter(|c| matches!(c, '"' | '\''))?;
-        rest.get(1..)?.split(quote).next()
-    });
-    quoted.map_or_else(|| format!("`<{name}>`"), |value| format!("{name} \"{value}\""))
-}
-
-/// The length of the tag, comment or declaration at the beginning of `rest`, with its brackets.
-fn tag_length(rest: &str) -> Option<usize> {
-    for (opening, closing) in [("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>")] {
-        if rest.starts_with(opening) {
-            return rest.find(closing).map(|end| end + closing.len());
-        }
-    }
-    let mut quote = None;
-    for (index, c) in rest.char_indices().skip(1) {
-        match (quote, c) {
-            (None, '>') => return Some(index + 1),
-            (None, '"' | '\'') => quote = Some(c),
-            (Some(open), c) if c == open => quote = None,
-            _ => {}
-        }
-    }
-    None
+fn label(tag: &Tag<'_>) -> String {
+    let name = tag.name();
+    tag.attribute("name").map_or_else(|| format!("`<{name}>`"), |value| format!("{name} \"{value}\""))
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 //! | --- | --- |
 //! | the last good measurement grows old, from `slow_down_from` of `measurement_timeout` on | the wish fades: the arm slows down |
 //! | no good measurement for `measurement_timeout`, or a moving object too uncertain | reference slows down within its limits, arm holds, run goes on; the next good measurement resumes it |
-//! | drive reports NaN or infinity | command of the previous tick without motion, run ends as fault |
+//! | drive reports NaN, infinity, or what no arm does (100 times the speed limit, 100 ranges away) | command of the previous tick without motion, run ends as fault |
 //! | joint farther from its reference than `tracking_error` | reference slows down, arm holds, run ends as fault |
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
@@ -21,6 +21,8 @@ use serde::Serialize;
 pub enum Fault {
     /// The drive reported a joint state that is not finite.
     DriveStateNotFinite,
+    /// The drive reported a joint state that no arm has.
+    DriveStateImplausible,
     /// A joint is too far from its reference.
     TrackingError,
     /// Too many deadlines in a row were missed.
@@ -51,6 +53,10 @@ impl Fault {
     pub fn describe(self) -> &'static str {
         match self {
             Self::DriveStateNotFinite => "the drive reported a joint state that is not finite",
+            Self::DriveStateImplausible => {
+                "the drive reported a joint state that no arm has: a speed of more than 100 times the joint's limit, or a \
+                 position more than 100 ranges away from its range"
+            }
             Self::TrackingError => {
                 "a joint is farther from its reference than safety.max_tracking_error_rad_or_m"
             }

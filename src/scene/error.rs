@@ -1,5 +1,6 @@
 //! Why a scene is refused.
 
+use std::ops::RangeInclusive;
 use thiserror::Error;
 
 /// A look or sensor that cannot be rendered.
@@ -27,7 +28,12 @@ pub enum SceneError {
     },
 }
 
-/// Checks that `value` lies in `low..=high`.
-pub(super) fn in_range(name: &'static str, value: f64, low: f64, high: f64) -> Result<(), SceneError> {
-    if (low..=high).contains(&value) { Ok(()) } else { Err(SceneError::Range { name, value, low, high }) }
+/// Checks that `value` is one of the `allowed` ones.
+pub(super) fn in_range(
+    name: &'static str,
+    value: f64,
+    allowed: &RangeInclusive<f64>,
+) -> Result<(), SceneError> {
+    let (low, high) = (*allowed.start(), *allowed.end());
+    if allowed.contains(&value) { Ok(()) } else { Err(SceneError::Range { name, value, low, high }) }
 }

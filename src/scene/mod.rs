@@ -18,6 +18,6 @@ mod view;
 
 pub use error::SceneError;
 pub use motion::SceneMotion;
-pub use renderer::{Renderer, SceneLook};
+pub use renderer::{LARGEST_SIDE_PX, Renderer, SceneLook};
 pub use sensor::SensorModel;
 pub use target::{DotTarget, TargetError};

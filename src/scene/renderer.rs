@@ -10,6 +10,10 @@ use super::view::View;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
 use nalgebra::Vector2;
+use std::ops::RangeInclusive;
+
+/// Longest side of a picture that can be rendered, px.
+pub const LARGEST_SIDE_PX: u32 = 4096;
 
 /// Grey levels of the scene's surfaces in the middle of the image, 0..=255.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,6 +24,11 @@ pub struct SceneLook {
     pub plate: f64,
     /// Level of the dots.
     pub dots: f64,
+}
+
+impl SceneLook {
+    /// What each level may be.
+    pub const LEVEL: RangeInclusive<f64> = 0.0..=255.0;
 }
 
 impl Default for SceneLook {
@@ -56,12 +65,12 @@ impl Renderer {
         look: SceneLook,
         sensor: SensorModel,
     ) -> Result<Self, SceneError> {
-        in_range("background", look.background, 0.0, 255.0)?;
-        in_range("plate", look.plate, 0.0, 255.0)?;
-        in_range("dots", look.dots, 0.0, 255.0)?;
+        in_range("background", look.background, &SceneLook::LEVEL)?;
+        in_range("plate", look.plate, &SceneLook::LEVEL)?;
+        in_range("dots", look.dots, &SceneLook::LEVEL)?;
         sensor.check()?;
         let (width_px, height_px) = (camera.intrinsics().width_px, camera.intrinsics().height_px);
-        if width_px > 4096 || height_px > 4096 {
+        if width_px > LARGEST_SIDE_PX || height_px > LARGEST_SIDE_PX {
             return Err(SceneError::ImageSize { width_px, height_px });
         }
         let (width, height) = (width_px as usize, height_px as usize);

@@ -8,6 +8,7 @@
 //! machine, whichever instructions are used.
 
 use super::error::{SceneError, in_range};
+use std::ops::RangeInclusive;
 
 /// Fraction bits of a grey level.
 pub(super) const LEVEL_BITS: u32 = 7;
@@ -18,11 +19,11 @@ const LONGEST_ROW: usize = 4096;
 /// What the sensor and the optics add to an ideal picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorModel {
-    /// Standard deviation of the additive noise of each pixel, grey levels, 0..=64.
+    /// Standard deviation of the additive noise of each pixel, grey levels, [`Self::NOISE_SD_LEVELS`].
     pub noise_sd_levels: f64,
-    /// Standard deviation of the optics' Gaussian blur, px, 0..=8.
+    /// Standard deviation of the optics' Gaussian blur, px, [`Self::BLUR_SD_PX`].
     pub blur_sd_px: f64,
-    /// How much darker the corners are than the centre, 0..=1.
+    /// How much darker the corners are than the centre, [`Self::VIGNETTING`].
     pub vignetting: f64,
     /// Noise of different seeds is independent.
     pub seed: u64,
@@ -36,6 +37,13 @@ impl Default for SensorModel {
 }
 
 impl SensorModel {
+    /// What [`Self::noise_sd_levels`] may be.
+    pub const NOISE_SD_LEVELS: RangeInclusive<f64> = 0.0..=64.0;
+    /// What [`Self::blur_sd_px`] may be.
+    pub const BLUR_SD_PX: RangeInclusive<f64> = 0.0..=8.0;
+    /// What [`Self::vignetting`] may be.
+    pub const VIGNETTING: RangeInclusive<f64> = 0.0..=1.0;
+
     /// Neither noise, nor blur, nor vignetting.
     #[must_use]
     pub fn ideal() -> Self {
@@ -43,9 +51,9 @@ impl SensorModel {
     }
 
     pub(super) fn check(&self) -> Result<(), SceneError> {
-        in_range("noise_sd_levels", self.noise_sd_levels, 0.0, 64.0)?;
-        in_range("blur_sd_px", self.blur_sd_px, 0.0, 8.0)?;
-        in_range("vignetting", self.vignetting, 0.0, 1.0)
+        in_range("noise_sd_levels", self.noise_sd_levels, &Self::NOISE_SD_LEVELS)?;
+        in_range("blur_sd_px", self.blur_sd_px, &Self::BLUR_SD_PX)?;
+        in_range("vignetting", self.vignetting, &Self::VIGNETTING)
     }
 }
 

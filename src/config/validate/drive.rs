@@ -3,7 +3,7 @@
 use super::Check;
 use crate::config::raw::{DriveKind, RawConfig, SourceKind};
 use crate::config::{Drive, ExternalPlant, SimulatedArm};
-use crate::drive::{CommandMode, InnerServo, Payload};
+use crate::drive::{CommandMode, InnerServo, MAX_DELAY, Payload};
 use crate::robot::RobotDescription;
 use crate::time::SpanNs;
 use nalgebra::Vector3;
@@ -16,8 +16,11 @@ pub(super) fn drive(raw: &RawConfig, robot: Option<&RobotDescription>, check: &m
         substeps: check.count("drive.simulated.substeps", s.substeps, 1..=100),
         friction: s.friction,
         effort_limits: s.effort_limits,
-        command_delay_ticks: check.count("drive.simulated.command_delay_ticks", s.command_delay_ticks, 0..=50)
-            as usize,
+        command_delay_ticks: check.count(
+            "drive.simulated.command_delay_ticks",
+            s.command_delay_ticks,
+            0..=MAX_DELAY as u32,
+        ) as usize,
         encoder_step: list("drive.simulated.encoder_step_rad_or_m", &s.encoder_step_rad_or_m, joints, check),
         encoder_noise_sd: list(
             "drive.simulated.encoder_noise_sd_rad_or_m",

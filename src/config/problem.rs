@@ -1,0 +1,87 @@
+//! What is wrong with a configuration, and where.
+
+use std::fmt;
+
+/// More than these nobody reads: they are told, the others counted.
+const TOLD: usize = 20;
+
+/// One thing that is wrong, and where.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Problem {
+    /// `file:line:column`, or `--set key`, or the file alone.
+    pub place: String,
+    /// Dotted path of the key; empty for the file as a whole.
+    pub key: String,
+    /// What is wrong and what is allowed.
+    pub message: String,
+    /// Position in the file, for sorting.
+    pub(super) order: (usize, String),
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: ", self.place)?;
+        if !self.key.is_empty() {
+            write!(f, "{}: ", self.key)?;
+        }
+        f.write_str(&self.message)
+    }
+}
+
+impl Problem {
+    /// A problem with the file as a whole.
+    #[must_use]
+    pub fn of_file(name: &str, message: String) -> Self {
+        Self { place: name.into(), key: String::new(), message, order: (0, String::new()) }
+    }
+}
+
+/// What is wrong with a configuration: the first twenty problems, and how many more there are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigError {
+    /// In the order of the file; never empty.
+    pub problems: Vec<Problem>,
+    /// Problems behind these.
+    pub more: usize,
+}
+
+impl ConfigError {
+    /// Of all `problems`, and `more` behind them that were only counted.
+    pub(super) fn new(mut problems: Vec<Problem>, more: usize) -> Self {
+        problems.sort_by(|a, b| a.order.cmp(&b.order));
+        let more = more + problems.len().saturating_sub(TOLD);
+        problems.truncate(TOLD);
+        Self { problems, more }
+    }
+
+    /// What people are told, line by line.
+    pub fn lines(&self) -> impl Iterator<Item = String> {
+        let more = (self.more > 0).then(|| {
+            let problems = if self.more == 1 { "problem" } else { "problems" };
+            format!("and {} more {problems}; mend those above first", self.more)
+        });
+        self.problems.iter().map(Problem::to_string).chain(more)
+    }
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, line) in self.lines().enumerate() {
+            if i > 0 {
+                writeln!(f)?;
+            }
+            f.write_str(&line)?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for ConfigError {}
+
+/// The first of `found` in the order of `offset`, as many as may be told, and how many are left.
+pub(super) fn first<T>(mut found: Vec<T>, offset: impl Fn(&T) -> usize) -> (Vec<T>, usize) {
+    found.sort_by_key(offset);
+    let more = found.len().saturating_sub(TOLD);
+    found.truncate(TOLD);
+    (found, more)
+}

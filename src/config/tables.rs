@@ -1,0 +1,116 @@
+//! From a document to its tables: what cannot be read is told and set aside, so that the rest of the file can be.
+//!
+//! Each pass through the document sets aside all unknown keys of a table, or a known key whose value is wrong. There are few
+//! tables and few known keys, so the number of passes does not grow with the file.
+
+use super::problem::{Problem, first};
+use super::raw::RawConfig;
+use super::source::Document;
+use crate::printable::number;
+use toml::{Table, Value};
+
+/// Longest list that any key takes.
+const LONGEST_LIST: usize = 256;
+
+/// Reads the tables; adds what is wrong to `problems`. Gives how many unknown keys there are beside those.
+pub(super) fn read(document: &mut Document, problems: &mut Vec<Problem>) -> (RawConfig, usize) {
+    let mut more = set_long_lists_aside(document, problems);
+    loop {
+        let value = Value::Table(document.table.clone());
+        let error = match serde_path_to_error::deserialize::<_, RawConfig>(value) {
+            Ok(raw) => return (raw, more),
+            Err(error) => error,
+        };
+        let path = error.path().to_string();
+        let message = with_short_numbers(error.inner().message().trim());
+        if let Some((field, expected)) = unknown_field(&message) {
+            let table = if path == "." || path == field { "" } else { path.as_str() };
+            let table = table.strip_suffix(&format!(".{field}")).unwrap_or(table);
+            if let Some(untold) = set_unknown_aside(document, table, expected, problems) {
+                more += untold;
+                continue;
+            }
+        }
+        problems.push(document.problem(&path, message));
+        if !document.remove(&path) {
+            return (RawConfig::default(), more); // nothing left to set aside: the problem itself is reported
+        }
+    }
+}
+
+/// The message with a floating point number as people write it.
+fn with_short_numbers(message: &str) -> String {
+    const FOUND: &str = "invalid type: floating point `";
+    let short = message.strip_prefix(FOUND).and_then(|rest| {
+        let (value, rest) = rest.split_once('`')?;
+        Some(format!("{FOUND}{}`{rest}", number(value.parse().ok()?)))
+    });
+    short.unwrap_or_else(|| message.to_string())
+}
+
+/// The field, and the words behind `expected` in the message.
+fn unknown_field(message: &str) -> Option<(&str, &str)> {
+    let rest = message.strip_prefix("unknown field `")?;
+    rest.rsplit_once("`, expected ") // the last one is serde's, whatever stands in the file
+}
+
+/// Takes every key out of `table` (empty: the root) that is not among the `expected` ones, which stand in backticks there.
+/// Gives how many there are beside those that were added to `problems`; `None` where there is nothing to take.
+fn set_unknown_aside(
+    document: &mut Document,
+    table: &str,
+    expected: &str,
+    problems: &mut Vec<Problem>,
+) -> Option<usize> {
+    let known: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();
+    let entries = inner_table(&mut document.table, table)?;
+    let mut unknown = Vec::new();
+    entries.retain(|key, _| {
+        let is_known = known.contains(&key);
+        if !is_known {
+            unknown.push(key.to_string());
+        }
+        is_known
+    });
+    if unknown.is_empty() {
+        return None;
+    }
+    let path = |field: &String| if table.is_empty() { field.clone() } else { format!("{table}.{field}") };
+    let (told, more) = first(unknown, |field| document.offset(&path(field)));
+    problems.extend(told.iter().map(|field| {
+        document.problem(&path(field), format!("unknown field `{field}`, expected {expected}"))
+    }));
+    Some(more)
+}
+
+fn inner_table<'a>(root: &'a mut Table, path: &str) -> Option<&'a mut Table> {
+    path.split('.')
+        .filter(|segment| !segment.is_empty())
+        .try_fold(root, |table, segment| table.get_mut(segment)?.as_table_mut())
+}
+
+/// Takes out lists that no key could take, before anything walks through them entry by entry.
+fn set_long_lists_aside(document: &mut Document, problems: &mut Vec<Problem>) -> usize {
+    fn find(table: &Table, prefix: &str, found: &mut Vec<(String, usize)>) {
+        for (key, value) in table {
+            let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+            match value {
+                Value::Table(inner) => find(inner, &path, found),
+                Value::Array(list) if list.len() > LONGEST_LIST => found.push((path, list.len())),
+                _ => {}
+            }
+        }
+    }
+    let mut found = Vec::new();
+    find(&document.table, "", &mut found);
+    for (path, _) in &found {
+        document.remove(path);
+    }
+    let (told, more) = first(found, |(path, _)| document.offset(path));
+    for (path, length) in told {
+        problems.push(
+            document.problem(&path, format!("has {length} entries, at most {LONGEST_LIST} are allowed")),
+        );
+    }
+    more
+}

@@ -1,0 +1,475 @@
+//! Every number of run files and robot files has bounds: set to something huge it is refused by its key, set to something
+//! tiny it is refused or does no harm. The keys are taken from the files themselves, so that a new one cannot be forgotten.
+
+#![allow(non_snake_case, clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+
+use std::collections::{BTreeSet, VecDeque};
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+use vservo::assemble;
+use vservo::config::Config;
+use vservo::control_loop::ControlLoop;
+use vservo::imaging::ImageView;
+use vservo::messages::{FrameHeader, JointState, Measurement};
+use vservo::schedule::TICK;
+use vservo::source::{self, Exposure};
+use vservo::time::MonoNs;
+use vservo::vision::{Frame, Prior};
+
+/// Long enough for measurements that control uses.
+const TICKS: u64 = 90;
+/// Numbers that nobody can mean; beyond every bound of every key.
+const HUGE: [f64; 2] = [1e308, -1e308];
+/// Numbers on which divisions and roots fail.
+const TINY: [f64; 3] = [1e-308, -1e-308, 0.0];
+
+/// What every optional key is set to, so that no number is missing from the effective configuration.
+const OPTIONAL: &str = "
+    camera.lens = { cx_px = 319.5, cy_px = 239.5 }
+    servo.adaptive_gain = {}
+    servo.points = [1, 2, 3, 4]
+    servo.segments = [[1, 2]]
+    servo.weights = [1.0, 1.0, 1.0, 1.0, 1.0]
+    servo.set_point.features = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]
+    motion.controller = 'pd_gravity'
+    motion.stiffness_n_m_rad_or_n_m = [4000.0]
+    motion.damping_n_m_s_rad_or_n_s_m = [400.0]
+    drive.mode = 'torque'
+    realtime.cpu = 0
+";
+
+fn shipped(file: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file)
+}
+
+/// The place of a number: keys and list entries from the root on.
+type Place = Vec<Step>;
+
+#[derive(Debug, Clone, PartialEq)]
+enum Step {
+    Key(String),
+    Entry(usize),
+}
+
+fn numbers(value: &Value, place: &mut Place, found: &mut Vec<Place>) {
+    let mut within = |step: Step, inner: &Value| {
+        place.push(step);
+        numbers(inner, place, found);
+        place.pop();
+    };
+    match value {
+        Value::Table(table) => table.iter().for_each(|(key, inner)| within(Step::Key(key.clone()), inner)),
+        Value::Array(list) => list.iter().enumerate().for_each(|(i, inner)| within(Step::Entry(i), inner)),
+        Value::Integer(_) | Value::Float(_) => found.push(place.clone()),
+        _ => {}
+    }
+}
+
+fn all_numbers(table: &Table) -> Vec<Place> {
+    let mut found = Vec::new();
+    numbers(&Value::Table(table.clone()), &mut Vec::new(), &mut found);
+    found
+}
+
+fn at<'a>(mut value: &'a mut Value, place: &[Step]) -> &'a mut Value {
+    for step in place {
+        value = match step {
+            Step::Key(key) => &mut value[key.as_str()],
+            Step::Entry(i) => &mut value[*i],
+        };
+    }
+    value
+}
+
+/// The table with another number at `place`; whole numbers stay whole as far as they can.
+fn with(table: &Table, place: &[Step], number: f64) -> Table {
+    let mut value = Value::Table(table.clone());
+    let old = at(&mut value, place);
+    let whole = old.is_integer() && (number == 0.0 || number.abs() < 1e-300);
+    *old = if whole { Value::Integer(0) } else { Value::Float(number) };
+    match value {
+        Value::Table(table) => table,
+        _ => unreachable!(),
+    }
+}
+
+fn written(place: &[Step]) -> String {
+    let mut text = String::new();
+    for step in place {
+        match step {
+            Step::Key(key) if text.is_empty() => text += key,
+            Step::Key(key) => text += &format!(".{key}"),
+            Step::Entry(i) => text += &format!("[{i}]"),
+        }
+    }
+    text
+}
+
+/// The last key of a place, without list entries.
+fn last_key(place: &[Step]) -> &str {
+    place.iter().rev().find_map(|s| if let Step::Key(key) = s { Some(key.as_str()) } else { None }).unwrap()
+}
+
+fn parse(table: &Table, folder: &Path) -> Result<Config, String> {
+    Config::parse("run.toml", &table.to_string(), folder, &[]).map_err(|e| e.to_string())
+}
+
+/// Runs the first ticks of a configuration in this process; every command must be finite.
+fn run(config: &Config) -> Result<(), String> {
+    vservo::dispatch_robot!(config.robot, |robot| {
+        let control = assemble::control_loop(config, robot).map_err(|e| e.to_string())?;
+        commands_are_finite(config, control)
+    })
+    .map_err(|e| e.to_string())?
+}
+
+fn commands_are_finite<const N: usize>(config: &Config, mut control: ControlLoop<N>) -> Result<(), String> {
+    let mut vision = assemble::vision(config);
+    let mut source = source::open(config).map_err(|e| e.to_string())?;
+    let i = *config.camera.model.intrinsics();
+    let mut pixels = vec![0; i.width_px as usize * i.height_px as usize];
+    let mut on_their_way: VecDeque<(u64, Measurement)> = VecDeque::new();
+    for tick in 0..TICKS {
+        let now = MonoNs(TICK.0 * tick as i64);
+        let state: JointState = control.sense(tick, now);
+        let commanded = state.tau.iter().chain(&state.q_r).chain(&state.qd_r);
+        if !commanded.clone().all(|x| x.is_finite()) {
+            return Err(format!("tick {tick}: {:?}", commanded.collect::<Vec<_>>()));
+        }
+        source.arm(&state);
+        let schedule = &config.camera.schedule;
+        if let Some(frame_id) = schedule.frame_at(tick).filter(|id| !schedule.is_lost(*id)) {
+            let exposure = Exposure { frame_id, mid: now, span: config.camera.exposure };
+            source.expose(&exposure, &mut pixels).map_err(|e| e.to_string())?;
+            let image = ImageView::new(&pixels, i.width_px as usize, i.height_px as usize).unwrap();
+            let header = FrameHeader {
+                frame_id,
+                exposure: config.camera.stamp(now),
+                width_px: i.width_px,
+                height_px: i.height_px,
+                ..FrameHeader::default()
+            };
+            let m = vision.process(&Frame { header, image }, &Prior::default());
+            on_their_way.push_back((schedule.usable_tick(frame_id), m));
+        }
+        let mut measurement = None;
+        while let Some((_, m)) = on_their_way.pop_front_if(|(usable, _)| *usable <= tick) {
+            measurement = Some(m);
+        }
+        if control.act(tick, now, measurement.as_ref()).1.is_some() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// The effective configuration of a run file, with small pictures so that many runs are quick.
+fn effective(file: &str, extra: &str) -> Table {
+    let text = std::fs::read_to_string(shipped(file)).unwrap();
+    let mut table: Table = text.parse().unwrap();
+    merge(&mut table, extra.parse().unwrap());
+    let config = parse(&table, shipped(file).parent().unwrap()).unwrap();
+    config.to_toml().unwrap().parse().unwrap()
+}
+
+fn merge(table: &mut Table, other: Table) {
+    for (key, value) in other {
+        match (table.get_mut(&key), value) {
+            (Some(Value::Table(inner)), Value::Table(value)) => merge(inner, value),
+            (_, value) => drop(table.insert(key, value)),
+        }
+    }
+}
+
+/// Sets every number of `table` to huge and tiny ones; `load` makes a configuration of the changed table.
+fn every_number(table: &Table, label: &str, load: &dyn Fn(&Table) -> Result<Config, String>) -> usize {
+    run(&load(table).unwrap()).unwrap();
+    let places = all_numbers(table);
+    let mut wrong = Vec::new();
+    for place in &places {
+        let key = written(place);
+        if key == "run.seed" {
+            continue; // any whole number is a seed
+        }
+        for number in HUGE {
+            match load(&with(table, place, number)) {
+                Ok(_) => wrong.push(format!("{label}: {key} = {number:e} is accepted")),
+                Err(message) if message.contains(last_key(place)) && !message.contains("00000000000000") => {}
+                Err(message) => wrong.push(format!("{label}: {key} = {number:e}: {message}")),
+            }
+        }
+        for number in TINY {
+            match load(&with(table, place, number)) {
+                Ok(config) => {
+                    if let Err(what) = run(&config) {
+                        wrong.push(format!("{label}: {key} = {number:e}: {what}"));
+                    }
+                }
+                Err(message) => {
+                    let named = message.contains(last_key(place)) || of_the_whole(&message);
+                    if !named {
+                        wrong.push(format!("{label}: {key} = {number:e}: {message}"));
+                    }
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), places.len(), wrong.join("\n"));
+    places.len()
+}
+
+/// Refusals of small numbers that only the whole can tell: a target out of view, a link without a possible inertia.
+fn of_the_whole(message: &str) -> bool {
+    [
+        // of run files
+        "dot ",
+        "target: ",
+        "is tilted",
+        "no pose of the target",
+        "needs servo.desired",
+        "longer than a frame",
+        "robot.q_start_rad_or_m[",
+        // of robots
+        "B(q)",
+        "positive definite",
+        "triangle",
+        "a positive mass",
+        "reversed",
+        "axis is zero",
+    ]
+    .iter()
+    .any(|words| message.contains(words))
+}
+
+#[test]
+fn every_number_of_a_run_file() {
+    let folder = shipped("");
+    let load = |table: &Table| parse(table, &folder);
+    let quick = "goal.hold_s = 0.01\n";
+    for (file, extra) in [
+        ("default.toml", OPTIONAL),
+        ("default.toml", quick),
+        (
+            "default.toml",
+            "drive.mode = 'velocity'\nservo.smooth_start_1_s = 3.0\nservo.limit_avoidance_1_s = 0.1\n",
+        ),
+        ("default.toml", "servo.object.moves = true\nscene.motion.kind = 'pendulum'\n"),
+        (
+            "default.toml",
+            "servo.adaptive_gain = {}\nservo.depth = 'constant'\nservo.set_point.kind = 'taught'\n",
+        ),
+        (
+            "default.toml",
+            "scene.motion.kind = 'conveyor'\ncamera.synthetic = { latency_jitter_ms = 3.0, frame_loss = 0.1 }\n",
+        ),
+        (
+            "default.toml",
+            "drive.simulated = { encoder_step_rad_or_m = [1e-5], encoder_noise_sd_rad_or_m = [1e-5], payload_kg = 1.0, \
+             substeps = 2, command_delay_ticks = 1 }\n",
+        ),
+        ("scara-a.toml", ""),
+        ("scara-a.toml", "servo.pd.damping = 'joints'\n"),
+        ("scara-b.toml", ""),
+        ("scara-c.toml", ""),
+        ("scara-hybrid.toml", ""),
+        ("scara-eye-to-hand.toml", ""),
+        ("ur5.toml", "motion.controller = 'pd_gravity'\n"),
+        ("panda.toml", ""),
+    ] {
+        let table = effective(file, extra);
+        let count =
+            every_number(&table, &format!("{file} {}", extra.trim().lines().next().unwrap_or("-")), &load);
+        assert!(count > 100, "{count} numbers");
+    }
+}
+
+/// The optional keys above are all that there are: what the reader of each table expects stands in the effective file.
+#[test]
+fn no_optional_key_is_forgotten() {
+    fn tables(table: &Table, path: &str, found: &mut Vec<(String, BTreeSet<String>)>) {
+        found.push((path.into(), table.keys().cloned().collect()));
+        for (key, value) in table {
+            if let Value::Table(inner) = value {
+                tables(inner, &if path.is_empty() { key.clone() } else { format!("{path}.{key}") }, found);
+            }
+        }
+    }
+    let mut found = Vec::new();
+    tables(&effective("default.toml", OPTIONAL), "", &mut found);
+    assert!(found.len() > 20, "{}", found.len());
+    for (path, written) in found {
+        let set = format!("{path}{}nonsense=1", if path.is_empty() { "" } else { "." });
+        let error = Config::load(None, &[set]).unwrap_err().to_string();
+        let expected = error.split_once(", expected ").unwrap().1;
+        let expected: BTreeSet<String> = expected.split('`').skip(1).step_by(2).map(String::from).collect();
+        assert_eq!(written, expected, "[{path}]");
+    }
+}
+
+/// A table that names every number a DH file may hold, on an arm in front of which the default target lies.
+fn arm_of_rows() -> Table {
+    let text = std::fs::read_to_string(shipped("robot/scara.toml")).unwrap();
+    let mut table: Table = text.parse().unwrap();
+    table.insert(
+        "tool".into(),
+        Value::Table("position_m = [0.0, 0.0, 0.0]\nrpy_rad = [0.0, 0.0, 0.0]".parse().unwrap()),
+    );
+    for (i, joint) in table["dh"]["joint"].as_array_mut().unwrap().iter_mut().enumerate() {
+        let sliding = joint["type"].as_str() == Some("prismatic");
+        let joint = joint.as_table_mut().unwrap();
+        for key in ["a_m", "alpha_rad", "d_m", "theta_rad"] {
+            joint.entry(key).or_insert(Value::Float(0.0));
+        }
+        let (friction, armature) = if sliding {
+            ("viscous_n_s_m = 1.0\ncoulomb_n = 1.0", "armature_kg")
+        } else {
+            ("viscous_n_m_s_rad = 1.0\ncoulomb_n_m = 1.0", "armature_kg_m2")
+        };
+        joint.insert("friction".into(), Value::Table(friction.parse().unwrap()));
+        joint.insert(armature.into(), Value::Float(0.1));
+        let motor = "mass_kg = 1.0\ninertia_kg_m2 = 0.001\ngear_ratio = 50.0";
+        joint.insert("motor".into(), Value::Table(motor.parse().unwrap()));
+        let inertia = joint["link"]["inertia_kg_m2"].as_table_mut().unwrap();
+        for key in ["xy", "xz", "yz"] {
+            inertia.insert(key.into(), Value::Float(0.0));
+        }
+        joint["link"]
+            .as_table_mut()
+            .unwrap()
+            .entry("com_m")
+            .or_insert(Value::Array(vec![Value::Float(0.0); 3]));
+        joint["name"] = Value::String(format!("j{i}"));
+    }
+    table
+}
+
+#[test]
+fn every_number_of_a_robot_in_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let load = |table: &Table| {
+        std::fs::write(folder.path().join("arm.toml"), table.to_string()).unwrap();
+        parse(&"robot.model = 'arm.toml'".parse().unwrap(), folder.path())
+    };
+    for convention in ["standard", "modified"] {
+        let mut table = arm_of_rows();
+        if convention == "modified" {
+            // The same arm: each row's a belongs to the next one.
+            table["dh"]["convention"] = Value::String(convention.into());
+            let mut before = Value::Float(0.0);
+            for joint in table["dh"]["joint"].as_array_mut().unwrap() {
+                std::mem::swap(&mut joint.as_table_mut().unwrap()["a_m"], &mut before);
+            }
+        }
+        let count = every_number(&table, convention, &load);
+        assert!(count > 100, "{count} numbers");
+    }
+    // Nothing is left out of the table above.
+    let text =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("src/robot/dh.rs")).unwrap();
+    let known: BTreeSet<String> =
+        all_numbers(&arm_of_rows()).iter().map(|p| last_key(p).to_owned()).collect();
+    for line in text
+        .lines()
+        .filter(|l| l.contains(": f64,") || l.contains(": Option<f64>,") || l.contains(": [f64; 3],"))
+    {
+        let field = line.trim().split(':').next().unwrap().trim_start_matches("pub(super) ");
+        if field.ends_with(char::is_alphanumeric) && !field.contains(' ') {
+            assert!(known.contains(field), "{field} of dh.rs is not tried");
+        }
+    }
+}
+
+/// Every number within quotation marks of a URDF, on the UR5 in front of its target; the ones of shapes are not looked at.
+#[test]
+fn every_number_of_a_urdf() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = std::fs::read_to_string(shipped("robot/ur5.urdf")).unwrap();
+    let robot = std::fs::read_to_string(shipped("robot/ur5.toml")).unwrap();
+    let mut run_file: Table = std::fs::read_to_string(shipped("ur5.toml")).unwrap().parse().unwrap();
+    run_file["robot"]["model"] = Value::String("arm.toml".into());
+    let load = |urdf: &str| {
+        std::fs::write(folder.path().join("ur5.urdf"), urdf).unwrap();
+        std::fs::write(folder.path().join("arm.toml"), &robot).unwrap();
+        parse(&run_file, folder.path())
+    };
+    let sound = load(&text).unwrap();
+    run(&sound).unwrap();
+    let mut tried = 0;
+    let mut wrong = Vec::new();
+    // From quotation mark to quotation mark: every second part is an attribute's value.
+    let parts: Vec<&str> = text.split('"').collect();
+    for (i, part) in parts.iter().enumerate().skip(1).step_by(2) {
+        let words: Vec<&str> = part.split_whitespace().collect();
+        if words.is_empty() || words.iter().any(|w| w.parse::<f64>().is_err()) {
+            continue;
+        }
+        let attribute = parts[i - 1].trim_end_matches('=').split_whitespace().last().unwrap();
+        for j in 0..words.len() {
+            for number in HUGE.into_iter().chain(TINY) {
+                let mut words: Vec<String> = words.iter().map(|w| w.to_string()).collect();
+                words[j] = format!("{number:e}");
+                let value = words.join(" ");
+                let mut parts = parts.clone();
+                parts[i] = &value;
+                tried += 1;
+                let label = format!("part {i} {attribute}=\"{value}\"");
+                match load(&parts.join("\"")) {
+                    // What is no part of the arm, beside or before its base, may be anything.
+                    Ok(config) if number.abs() > 1.0 && config.robot != sound.robot => {
+                        wrong.push(format!("{label} is accepted"));
+                    }
+                    Ok(config) => wrong.extend(run(&config).err().map(|what| format!("{label}: {what}"))),
+                    Err(e) if e.contains(attribute) || (attribute == "value" && e.contains("mass")) => {}
+                    Err(e) if number.abs() < 1.0 && of_the_whole(&e) => {}
+                    Err(e) => wrong.push(format!("{label}: {e}")),
+                }
+            }
+        }
+    }
+    assert!(tried > 500, "{tried}");
+    assert!(wrong.is_empty(), "{} of {tried}:\n{}", wrong.len(), wrong.join("\n"));
+}
+
+/// What URDF has no place for stands in the TOML file beside it.
+#[test]
+fn every_number_beside_a_urdf() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(shipped("robot/panda.urdf"), folder.path().join("panda.urdf")).unwrap();
+    let text = std::fs::read_to_string(shipped("robot/panda.toml")).unwrap();
+    let mut table: Table = text.parse().unwrap();
+    let more = "gravity_m_s2 = [0.0, 0.0, -9.81]\n[tool]\nposition_m = [0.0, 0.0, 0.0]\nrpy_rad = [0.0, 0.0, 0.0]\n\
+                [[urdf.joint]]\nname = \"panda_joint1\"\narmature_kg_m2 = 0.01\n\
+                motor = { mass_kg = 1.0, inertia_kg_m2 = 1e-4, gear_ratio = 100.0 }\n";
+    merge(&mut table, more.parse().unwrap());
+    let mut run_file: Table = std::fs::read_to_string(shipped("panda.toml")).unwrap().parse().unwrap();
+    run_file["robot"]["model"] = Value::String("arm.toml".into());
+    let load = |table: &Table| {
+        std::fs::write(folder.path().join("arm.toml"), table.to_string()).unwrap();
+        parse(&run_file, folder.path())
+    };
+    assert!(every_number(&table, "beside", &load) >= 15);
+}
+
+/// `check` and `run` have one set of bounds: what `check` takes can be built, at both ends of every range.
+#[test]
+fn what_passes_the_check_can_be_run_at_both_ends_of_every_range() {
+    let folder = shipped("");
+    let table = effective("default.toml", "");
+    let mut tried = 0;
+    for place in all_numbers(&table) {
+        let key = written(&place);
+        let Err(message) = parse(&with(&table, &place, 1e308), &folder) else { continue };
+        let Some((_, allowed)) = message.split_once("allowed is ") else { continue };
+        for end in allowed.lines().next().unwrap().split(" to ") {
+            let end: f64 = end.parse().unwrap();
+            let mut changed = Value::Table(table.clone());
+            let old = at(&mut changed, &place);
+            *old = if old.is_integer() { Value::Integer(end as i64) } else { Value::Float(end) };
+            if let Ok(config) = parse(changed.as_table().unwrap(), &folder) {
+                tried += 1;
+                run(&config).unwrap_or_else(|what| panic!("{key} = {end}: {what}"));
+            }
+        }
+    }
+    assert!(tried > 100, "{tried}");
+}
