@@ -14,9 +14,13 @@ use crate::experiment;
 use crate::ipc::{Instance, Role};
 use crate::process::{self, ProcessError, StopFlag, supervisor};
 use crate::rt::doctor;
-use crate::summary::Outcome;
+use crate::summary::{Outcome, Summary};
 use clap::{CommandFactory, Parser};
-use std::io::{IsTerminal, Write, stderr, stdout};
+use std::fs::File;
+use std::io::{IsTerminal, Write, stderr, stdin, stdout};
+use std::os::fd::AsFd;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -87,10 +91,32 @@ fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
     warn(&config);
     let instance: Instance = arguments.instance.parse()?;
     let stop = StopFlag::on_signals()?;
-    let options = supervisor::RunOptions { summary: arguments.summary.clone() };
-    let end = supervisor::run(&config, &instance, &options, &stop)?;
+    if let Some(path) = &arguments.summary {
+        check_writable(path)?;
+    }
+    let end = supervisor::run(&config, &instance, &stop)?;
     let _ = write!(stdout(), "{}", end.summary.to_text());
-    Ok(end.exit_code)
+    Ok(write_summary(arguments.summary.as_deref(), &end.summary, end.exit_code))
+}
+
+fn check_writable(path: &Path) -> Result<(), ProcessError> {
+    process::check_writable(path).map_err(|cause| ProcessError::Write { path: path.into(), cause })
+}
+
+/// Writes what is also on stdout into a file. When that fails it is told, and is the exit code, unless there was a graver
+/// one already.
+fn write_result(path: &Path, text: &str, exit_code: u8) -> u8 {
+    let Err(cause) = process::write_file(path, text) else { return exit_code };
+    let error = ProcessError::Write { path: path.into(), cause };
+    let _ = writeln!(stderr(), "vservo: {error}");
+    if exit_code == 0 { error.exit_code() } else { exit_code }
+}
+
+/// The summary as JSON, where a file was named for it. The exit code.
+fn write_summary(path: Option<&Path>, summary: &Summary, exit_code: u8) -> u8 {
+    let Some(path) = path else { return exit_code };
+    let text = serde_json::to_string_pretty(summary).unwrap_or_default() + "\n";
+    write_result(path, &text, exit_code)
 }
 
 fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
@@ -98,10 +124,10 @@ fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     warn(&config);
     let instance: Instance = arguments.instance.parse()?;
     if let Some(path) = &arguments.out {
-        supervisor::check_writable(path)?;
+        check_writable(path)?;
     }
     let stop = StopFlag::on_signals()?;
-    let end = supervisor::run(&config, &instance, &supervisor::RunOptions::default(), &stop)?;
+    let end = supervisor::run(&config, &instance, &stop)?;
     if arguments.json {
         let _ = writeln!(stdout(), "{}", serde_json::to_string_pretty(&end.summary).unwrap_or_default());
     }
@@ -114,14 +140,17 @@ fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     }
     if let Some(path) = &arguments.out {
         let text = format!("# vservo calibrate latency: {}\n{}", found.describe(), found.to_toml());
-        std::fs::write(path, text).map_err(|cause| ProcessError::Write { path: path.clone(), cause })?;
+        return Ok(write_result(path, &text, end.exit_code));
     }
     Ok(end.exit_code)
 }
 
 fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
-    let config = Config::load(arguments.config.as_deref(), &arguments.set)?;
+    let config = match &arguments.config {
+        Some(name) if arguments.config_on_stdin => config_on_stdin(name, &arguments.set)?,
+        config => Config::load(config.as_deref(), &arguments.set)?,
+    };
     match arguments.supervised_by {
         Some(supervisor) => process::follow_parent(supervisor, &stop), // which has warned
         None => warn(&config),
@@ -131,19 +160,32 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
         Role::Camera => process::camera::run(&config, &instance, &stop).map(|()| 0),
         Role::Vision => process::vision::run(&config, &instance, &stop).map(|()| 0),
         Role::Control | Role::Supervisor | Role::Drive => {
-            let summary = process::control::run(&config, &instance, &stop)?;
             if let Some(path) = &arguments.summary {
-                supervisor::write_summary(path, &summary)?;
+                check_writable(path)?;
             }
+            let summary = process::control::run(&config, &instance, &stop)?;
             let text = if arguments.json {
                 serde_json::to_string(&summary).unwrap_or_default() + "\n"
             } else {
                 summary.to_text()
             };
             let _ = write!(stdout(), "{text}");
-            Ok(summary.outcome.exit_code())
+            Ok(write_summary(arguments.summary.as_deref(), &summary, summary.outcome.exit_code()))
         }
     }
+}
+
+/// The run file that a supervisor has open on this process's stdin. All its children have the same file, so that each
+/// reads from its beginning, wherever the others are.
+fn config_on_stdin(name: &Path, set: &[String]) -> Result<Config, ProcessError> {
+    let read = || {
+        let file = File::from(stdin().as_fd().try_clone_to_owned()?);
+        let mut text = vec![0; usize::try_from(file.metadata()?.len()).unwrap_or_default()];
+        file.read_exact_at(&mut text, 0)?;
+        String::from_utf8(text).map_err(|e| std::io::Error::new(std::io::ErrorKind::InvalidData, e))
+    };
+    let text = read().map_err(|cause| ProcessError::Start { what: "with the run file on stdin", cause })?;
+    Ok(Config::parse(&name.display().to_string(), &text, Path::new("."), set)?)
 }
 
 fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {

@@ -20,7 +20,7 @@ use crate::summary::{Outcome, Summary};
 use crate::time::{MonoNs, SpanNs};
 use child::{Child, End};
 use progress::Progress;
-use std::path::{Path, PathBuf};
+use std::fs::File;
 use std::time::Duration;
 use tracing::{error, warn};
 
@@ -31,13 +31,6 @@ const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(1_200_000_000);
 /// From the orderly end of an external drive's program to that of control.
 const PLANT_LEAVES: SpanNs = SpanNs(2_000_000_000);
 const WATCH_PERIOD: Duration = Duration::from_millis(10);
-
-/// What a run is to leave, and where.
-#[derive(Debug, Clone, Default)]
-pub struct RunOptions {
-    /// File for the summary.
-    pub summary: Option<PathBuf>,
-}
 
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,24 +44,10 @@ pub struct RunEnd {
 /// Runs camera, vision and control to the end of the run.
 ///
 /// # Errors
-/// When the run cannot be started, or its summary not be written.
-pub fn run(
-    config: &Config,
-    instance: &Instance,
-    options: &RunOptions,
-    stop: &StopFlag,
-) -> Result<RunEnd, ProcessError> {
-    if let Some(path) = &options.summary {
-        check_writable(path)?;
-    }
-    let place = Place::take(config, instance)?;
-    let end = supervise(config, instance, stop);
-    drop(place);
-    let end = end?;
-    if let Some(path) = &options.summary {
-        write_summary(path, &end.summary)?;
-    }
-    Ok(end)
+/// When the run cannot be started.
+pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<RunEnd, ProcessError> {
+    let (_place, written) = Place::take(config, instance)?;
+    supervise(config, &written, instance, stop)
 }
 
 /// The instance's place in shared memory, cleaned up when dropped.
@@ -78,7 +57,8 @@ struct Place {
 }
 
 impl Place {
-    fn take(config: &Config, instance: &Instance) -> Result<Self, ProcessError> {
+    /// With the effective configuration, as it was written.
+    fn take(config: &Config, instance: &Instance) -> Result<(Self, File), ProcessError> {
         let lock = instance.lock(Role::Supervisor)?;
         // Children of a supervisor that was just killed need a moment to end.
         let deadline = now() + SHUTDOWN;
@@ -91,9 +71,8 @@ impl Place {
         }
         let place = Self { instance: instance.clone(), lock: Some(lock) };
         instance.remove_leftovers(Some(Role::Supervisor));
-        let path = instance.config_path();
-        std::fs::write(&path, config.to_toml()?).map_err(|cause| ProcessError::Write { path, cause })?;
-        Ok(place)
+        let written = instance.write_config(&config.to_toml()?)?;
+        Ok((place, written))
     }
 }
 
@@ -104,10 +83,16 @@ impl Drop for Place {
     }
 }
 
-fn supervise(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<RunEnd, ProcessError> {
+fn supervise(
+    config: &Config,
+    written: &File,
+    instance: &Instance,
+    stop: &StopFlag,
+) -> Result<RunEnd, ProcessError> {
     let start = now();
-    let mut control = Child::spawn(Role::Control, instance)?;
-    let mut others = vec![Child::spawn(Role::Vision, instance)?, Child::spawn(Role::Camera, instance)?];
+    let spawn = |role| Child::spawn(role, instance, written);
+    let mut control = spawn(Role::Control)?;
+    let mut others = vec![spawn(Role::Vision)?, spawn(Role::Camera)?];
     if config.drive.kind == DriveKind::External {
         others.extend(Child::spawn_plant(&config.drive.external, instance)?);
     }
@@ -213,32 +198,4 @@ fn conclude(
             broken(format!("the control process ended without a result: {control}"), exit_code, None)
         }
     }
-}
-
-/// Finds out before the run whether a file can be written after it, and leaves no trace of the attempt.
-///
-/// # Errors
-/// When it cannot.
-pub fn check_writable(path: &Path) -> Result<(), ProcessError> {
-    let existed = path.exists();
-    std::fs::OpenOptions::new()
-        .create(true)
-        .append(true)
-        .open(path)
-        .map_err(|cause| ProcessError::Write { path: path.into(), cause })?;
-    if !existed {
-        let _ = std::fs::remove_file(path);
-    }
-    Ok(())
-}
-
-/// Writes the summary as JSON.
-///
-/// # Errors
-/// When the file cannot be written.
-pub fn write_summary(path: &Path, summary: &Summary) -> Result<(), ProcessError> {
-    let failed = |cause| ProcessError::Write { path: path.into(), cause };
-    let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
-    text.push('\n');
-    std::fs::write(path, text).map_err(failed)
 }
