@@ -45,12 +45,15 @@ impl Place {
         let directory = match openat(&shared_memory, name, flags, Mode::empty()) {
             Ok(directory) => directory,
             Err(Errno::NOENT) => return Ok(None),
-            Err(cause) => return Err(refusal(shared_memory.as_fd(), name, &path, FileType::Directory, cause)),
+            Err(cause) => {
+                return Err(refusal(shared_memory.as_fd(), name, &path, FileType::Directory, cause));
+            }
         };
         let stat = fstat(&directory).map_err(|cause| InstanceError::Place { path: path.clone(), cause })?;
         judge(&path, &stat, FileType::Directory)?;
         if stat.st_mode & OTHERS_WRITE != 0 {
-            let what = format!("a directory in which other users may write (mode {:o})", stat.st_mode & 0o7777);
+            let what =
+                format!("a directory in which other users may write (mode {:o})", stat.st_mode & 0o7777);
             return Err(InstanceError::NotOurs { path, what });
         }
         if stat.st_mode & OTHERS != 0 {
@@ -135,8 +138,10 @@ impl Place {
 
     /// Removes the directory, if it is empty: whoever has come meanwhile keeps it.
     pub(super) fn remove_directory(self) {
-        if same(fstat(&self.directory), statat(&self.shared_memory, self.name.as_str(), AtFlags::SYMLINK_NOFOLLOW))
-        {
+        if same(
+            fstat(&self.directory),
+            statat(&self.shared_memory, self.name.as_str(), AtFlags::SYMLINK_NOFOLLOW),
+        ) {
             let _ = unlinkat(&self.shared_memory, self.name.as_str(), AtFlags::REMOVEDIR);
         }
     }
@@ -201,13 +206,7 @@ fn open_shared_memory() -> Result<OwnedFd, InstanceError> {
 }
 
 /// Why `name` could not be opened: what lies there says more than the system's word.
-fn refusal(
-    folder: impl AsFd,
-    name: &str,
-    path: &Path,
-    expected: FileType,
-    cause: Errno,
-) -> InstanceError {
+fn refusal(folder: impl AsFd, name: &str, path: &Path, expected: FileType, cause: Errno) -> InstanceError {
     let judged = statat(folder, name, AtFlags::SYMLINK_NOFOLLOW).map(|stat| judge(path, &stat, expected));
     match judged {
         Ok(Err(error)) => error,

@@ -4,8 +4,8 @@ use super::services::{Node, PubSub};
 use crate::messages::{DriveCommandMsg, DriveStateMsg};
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;
-use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Settings;
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
+use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Settings;
 
 /// Our own programs begin with this.
 const OWN_PROGRAMS: &str = "vservo";

@@ -120,11 +120,7 @@ impl ProcessError {
             | Self::Plant { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
             Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),
-            Self::Ipc(_)
-            | Self::Start { .. }
-            | Self::Panicked(_)
-            | Self::Signals(_)
-            | Self::Toml(_) => 1,
+            Self::Ipc(_) | Self::Start { .. } | Self::Panicked(_) | Self::Signals(_) | Self::Toml(_) => 1,
         }
     }
 }

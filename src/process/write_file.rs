@@ -222,8 +222,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let there = folder.path().join("there");
         let opened = File::create(&there).unwrap();
-        let by_descriptor =
-            format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&opened));
+        let by_descriptor = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&opened));
         write_file(Path::new(&by_descriptor), "x").unwrap();
         assert_eq!(opened.metadata().unwrap().len(), 1, "the very file that is open");
         assert!(check_writable(folder.path()).is_err() && write_file(folder.path(), "x").is_err());
@@ -239,7 +238,8 @@ mod tests {
     fn a_pipe_without_reader_is_an_error_and_not_a_wait() {
         let folder = tempfile::tempdir().unwrap();
         let pipe = folder.path().join("pipe");
-        rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+        rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)
+            .unwrap();
         check_writable(&pipe).unwrap();
         assert!(write_file(&pipe, "x").is_err());
         let reader =

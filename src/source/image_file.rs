@@ -184,7 +184,8 @@ fn png_is_whole(bytes: &[u8]) -> bool {
     while let Some(head) = bytes.get(at..at + 8) {
         let (length, kind) = head.split_at(4);
         let length = length.iter().fold(0, |n, b| n << 8 | usize::from(*b));
-        let Some(next) = at.checked_add(length + LENGTH_TYPE_AND_SUM).filter(|next| *next <= bytes.len()) else {
+        let Some(next) = at.checked_add(length + LENGTH_TYPE_AND_SUM).filter(|next| *next <= bytes.len())
+        else {
             return false;
         };
         if kind == b"IEND" {

@@ -149,7 +149,8 @@ mod tests {
             play().unwrap();
             for kept in [whole.len() / 2, whole.len() * 9 / 10, whole.len() - 1] {
                 std::fs::write(&path, &whole[..kept]).unwrap();
-                let error = play().expect_err(&format!("{name}: {kept} of {} bytes", whole.len())).to_string();
+                let error =
+                    play().expect_err(&format!("{name}: {kept} of {} bytes", whole.len())).to_string();
                 assert!(error.contains(name), "{error}");
             }
         }

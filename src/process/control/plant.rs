@@ -99,7 +99,10 @@ pub(super) fn open<'a, const N: usize>(
     let command = services.drive_command_sender()?;
     let answer_timeout = config.drive.external.answer_timeout;
     let presence = services.plant_presence()?;
-    Ok(Some((drive, PlantPorts { services, presence, received, to_send, command, state, waker, answer_timeout })))
+    Ok(Some((
+        drive,
+        PlantPorts { services, presence, received, to_send, command, state, waker, answer_timeout },
+    )))
 }
 
 impl PlantPorts<'_> {
@@ -250,7 +253,11 @@ impl Wait {
             }
             None => self.told = Some(time),
             Some(told) if time - told > TELL && (asked || !there) => {
-                warn!("still waiting for the external drive, for {:.0} s now: {}", (time - self.began).as_s(), state());
+                warn!(
+                    "still waiting for the external drive, for {:.0} s now: {}",
+                    (time - self.began).as_s(),
+                    state()
+                );
                 self.told = Some(time);
             }
             Some(_) => {}
