@@ -228,16 +228,17 @@ fn run_experiment(arguments: &ExperimentArguments) -> Result<u8, ProcessError> {
         count: arguments.count,
         progress: &|what| eprintln!("{what}"),
     };
-    let mut text = String::new();
+    let (mut text, mut unwritten) = (String::new(), None);
     for report in experiment::run(&arguments.name, &arguments.out, &options)? {
         text += &format!("{}\n", report.name);
         for line in &report.lines {
             text += &format!("  {line}\n");
         }
-        for file in &report.files {
-            text += &format!("  {}\n", file.display());
+        match report.files {
+            Ok(files) => files.iter().for_each(|file| text += &format!("  {}\n", file.display())),
+            Err(error) => unwritten = Some(error),
         }
     }
     let _ = write!(stdout(), "{text}");
-    Ok(0)
+    unwritten.map_or(Ok(0), |error| Err(error.into()))
 }

@@ -8,7 +8,7 @@
 //! leaves last removes everything.
 
 use super::place::{self, Place, SHARED_MEMORY};
-use super::scarcity::remedy;
+use super::scarcity::{Scarcity, remedy};
 use iceoryx2::prelude::*;
 use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
@@ -63,6 +63,14 @@ pub enum InstanceError {
         path = .0.display()
     )]
     NotSticky(PathBuf),
+    /// There is too little of something to begin with.
+    #[error("instance `{instance}` cannot be used: {scarcity}")]
+    Scarce {
+        /// The instance.
+        instance: String,
+        /// What there is too little of.
+        scarcity: Scarcity,
+    },
     /// Shared memory cannot be used.
     #[error("cannot use {path}: {cause}; {remedy}", path = path.display(), remedy = remedy(*cause))]
     Place {
@@ -79,7 +87,7 @@ impl InstanceError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Name(_) | Self::Taken { .. } | Self::NotOurs { .. } => 3,
-            Self::NotSticky(_) | Self::Place { .. } => 1,
+            Self::NotSticky(_) | Self::Scarce { .. } | Self::Place { .. } => 1,
         }
     }
 }
@@ -229,8 +237,10 @@ impl Instance {
     /// Takes a role of this instance.
     ///
     /// # Errors
-    /// [`InstanceError::Taken`] when a living process has it; [`InstanceError::Place`] when shared memory is not usable.
+    /// [`InstanceError::Taken`] when a living process has it; [`InstanceError::Scarce`] before anything is made that could
+    /// not be removed again; [`InstanceError::NotOurs`] and [`InstanceError::Place`] when shared memory is not usable.
     pub fn lock(&self, role: Role) -> Result<RoleLock, InstanceError> {
+        self.refuse(Scarcity::found())?;
         // A process that cleans up holds all roles for a moment: one refusal is not yet a rival.
         for _ in 0..LOCK_ATTEMPTS {
             match self.try_lock(role) {
@@ -239,6 +249,21 @@ impl Instance {
             }
         }
         self.try_lock(role)
+    }
+
+    /// Refuses a run that needs more room in shared memory than there is.
+    ///
+    /// # Errors
+    /// [`InstanceError::Scarce`].
+    pub fn require_space(&self, needed_bytes: u64) -> Result<(), InstanceError> {
+        self.refuse(Scarcity::of_space(needed_bytes))
+    }
+
+    fn refuse(&self, scarcity: Option<Scarcity>) -> Result<(), InstanceError> {
+        match scarcity {
+            Some(scarcity) => Err(InstanceError::Scarce { instance: self.name.clone(), scarcity }),
+            None => Ok(()),
+        }
     }
 
     fn try_lock(&self, role: Role) -> Result<RoleLock, InstanceError> {

@@ -32,10 +32,12 @@ pub enum Scarcity {
         /// How many it still could.
         free: u64,
     },
-    /// Shared memory is full.
+    /// Shared memory is full, or nearly so.
     Space {
         /// What is left, bytes.
         free_bytes: u64,
+        /// What is needed at least, bytes.
+        needed_bytes: u64,
     },
 }
 
@@ -43,7 +45,13 @@ impl Scarcity {
     /// What this process, or the machine, has run out of; `None` when there is enough of everything.
     #[must_use]
     pub fn found() -> Option<Self> {
-        Self::of_descriptors().or_else(Self::of_shared_memory)
+        Self::of_descriptors().or_else(|| Self::of_shared_memory(SPACE_BYTES))
+    }
+
+    /// Whether shared memory lacks the room for `needed_bytes`.
+    #[must_use]
+    pub fn of_space(needed_bytes: u64) -> Option<Self> {
+        Self::of_shared_memory(needed_bytes)
     }
 
     /// What an error code of the system says has run out.
@@ -53,7 +61,8 @@ impl Scarcity {
             Errno::MFILE => Some(Self::Descriptors { limit: getrlimit(Resource::Nofile).current }),
             Errno::NFILE => Some(Self::SystemDescriptors),
             // The system has one word for both.
-            Errno::NOSPC | Errno::DQUOT => Self::of_shared_memory().or(Some(Self::Space { free_bytes: 0 })),
+            Errno::NOSPC | Errno::DQUOT => Self::of_shared_memory(SPACE_BYTES)
+                .or(Some(Self::Space { free_bytes: 0, needed_bytes: SPACE_BYTES })),
             _ => None,
         }
     }
@@ -67,14 +76,14 @@ impl Scarcity {
         }
     }
 
-    fn of_shared_memory() -> Option<Self> {
+    fn of_shared_memory(needed_bytes: u64) -> Option<Self> {
         let s = statvfs(SHARED_MEMORY).ok()?;
         let free_bytes = s.f_bavail.saturating_mul(s.f_frsize);
         // A file system without limit says 0 of 0.
         if s.f_files > 0 && s.f_favail < INODES {
             Some(Self::Inodes { free: s.f_favail })
-        } else if s.f_blocks > 0 && free_bytes < SPACE_BYTES {
-            Some(Self::Space { free_bytes })
+        } else if s.f_blocks > 0 && free_bytes < needed_bytes {
+            Some(Self::Space { free_bytes, needed_bytes })
         } else {
             None
         }
@@ -100,10 +109,12 @@ impl fmt::Display for Scarcity {
                 "{SHARED_MEMORY} can take only {free} more files: df -i {SHARED_MEMORY}; remove some there, or as \
                  root: mount -o remount,nr_inodes=100k {SHARED_MEMORY}"
             ),
-            Self::Space { free_bytes } => write!(
+            Self::Space { free_bytes, needed_bytes } => write!(
                 f,
-                "{SHARED_MEMORY} is full ({} KiB left): df {SHARED_MEMORY}; free some space there",
-                free_bytes / 1024
+                "{SHARED_MEMORY} is full ({} KiB left, at least {} KiB are needed): df {SHARED_MEMORY}; free some \
+                 space there",
+                free_bytes / 1024,
+                needed_bytes / 1024
             ),
         }
     }

@@ -30,11 +30,11 @@ const ASK_AGAIN: SpanNs = SpanNs(500_000_000);
 /// A plant that does not answer for so long is looked for.
 const LOOK_AFTER: SpanNs = SpanNs(500_000_000);
 /// A wait for the plant is told so often.
-const TELL: SpanNs = SpanNs(4_000_000_000);
+pub(super) const TELL: SpanNs = SpanNs(4_000_000_000);
 /// A plant that is about to come is met at once; one that stays away is looked for now and then.
-const LOOK_FIRST: Duration = Duration::from_millis(2);
-const LOOK_LATER: Duration = Duration::from_millis(20);
-const HURRY: SpanNs = SpanNs(500_000_000);
+pub(super) const LOOK_FIRST: Duration = Duration::from_millis(2);
+pub(super) const LOOK_LATER: Duration = Duration::from_millis(20);
+pub(super) const HURRY: SpanNs = SpanNs(500_000_000);
 /// How long a plant has to hear that the run is over.
 const FAREWELL: SpanNs = SpanNs(200_000_000);
 /// How long a run that is to stop still waits for the plant.

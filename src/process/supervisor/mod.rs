@@ -11,7 +11,7 @@ mod child;
 mod progress;
 mod reap;
 
-use super::{ProcessError, StopFlag};
+use super::{ProcessError, StopFlag, frame_shape};
 use crate::config::Config;
 use crate::config::raw::DriveKind;
 use crate::ipc::{Instance, InstanceError, Role, Services};
@@ -30,6 +30,8 @@ const SHUTDOWN: SpanNs = SpanNs(1_800_000_000);
 const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(1_200_000_000);
 /// From the orderly end of an external drive's program to that of control.
 const PLANT_LEAVES: SpanNs = SpanNs(2_000_000_000);
+/// What all that is not a frame takes in shared memory from the first second on, bytes.
+const LEAST_SPACE_BESIDE_FRAMES: u64 = 256 * 1024;
 const WATCH_PERIOD: Duration = Duration::from_millis(10);
 
 /// How a run ended.
@@ -71,6 +73,8 @@ impl Place {
         }
         let place = Self { instance: instance.clone(), lock: Some(lock) };
         instance.remove_leftovers(Some(Role::Supervisor));
+        // The kernel has no milder way than SIGBUS to say later that there is none.
+        instance.require_space(frame_shape(config).bytes as u64 + LEAST_SPACE_BESIDE_FRAMES)?;
         let written = instance.write_config(&config.to_toml()?)?;
         Ok((place, written))
     }
