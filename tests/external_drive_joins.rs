@@ -8,6 +8,7 @@ mod common;
 mod plant;
 
 use common::{Instance, number, run, vservo, wait_until};
+use iceoryx2::prelude::ZeroCopySend;
 use plant::{command, plant_by_hand};
 use std::process::Stdio;
 use std::time::Duration;
@@ -15,7 +16,7 @@ use vservo::ipc::Instance as Place;
 
 /// States of a later version of this program, and a command that has grown without a new name.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, iceoryx2::prelude::ZeroCopySend)]
+#[derive(Debug, Clone, Copy, ZeroCopySend)]
 #[type_name("vservo.DriveState.v2")]
 struct LaterState {
     tick: u64,
@@ -23,7 +24,7 @@ struct LaterState {
 }
 
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, iceoryx2::prelude::ZeroCopySend)]
+#[derive(Debug, Clone, Copy, ZeroCopySend)]
 #[type_name("vservo.DriveCommand.v1")]
 struct GrownCommand {
     tick: u64,

@@ -240,7 +240,7 @@ impl Instance {
     /// [`InstanceError::Taken`] when a living process has it; [`InstanceError::Scarce`] before anything is made that could
     /// not be removed again; [`InstanceError::NotOurs`] and [`InstanceError::Place`] when shared memory is not usable.
     pub fn lock(&self, role: Role) -> Result<RoleLock, InstanceError> {
-        self.refuse(Scarcity::found())?;
+        self.require_room()?;
         // A process that cleans up holds all roles for a moment: one refusal is not yet a rival.
         for _ in 0..LOCK_ATTEMPTS {
             match self.try_lock(role) {
@@ -257,6 +257,10 @@ impl Instance {
     /// [`InstanceError::Scarce`].
     pub fn require_space(&self, needed_bytes: u64) -> Result<(), InstanceError> {
         self.refuse(Scarcity::of_space(needed_bytes))
+    }
+
+    pub(super) fn require_room(&self) -> Result<(), InstanceError> {
+        self.refuse(Scarcity::found())
     }
 
     fn refuse(&self, scarcity: Option<Scarcity>) -> Result<(), InstanceError> {

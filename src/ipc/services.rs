@@ -216,6 +216,15 @@ impl Services {
         Ok(Peers { camera, vision: measurements.dynamic_config().number_of_publishers() > 0 })
     }
 
+    /// Refuses to go on where there is too little left for the connections to the other processes. The transport makes
+    /// them while it sends and receives, and says nothing when it cannot: a message would be waited for in vain.
+    ///
+    /// # Errors
+    /// [`InstanceError::Scarce`].
+    pub fn require_room_for_peers(&self) -> Result<(), IpcError> {
+        Ok(self.instance.require_room()?)
+    }
+
     /// Frees what killed processes held in this instance's services.
     pub fn remove_dead_peers(&self) {
         let _ = self.node.try_cleanup_dead_nodes();
