@@ -1,148 +1,17 @@
-//! A drive in another process. The plant of these tests is the crate's own simulated arm behind the services, in a
-//! process of its own: this test binary, started again by `vservo run` as `drive.external.command`.
+//! A drive in another process: the same as the built-in one, and what becomes of a run when it fails.
 
 #![allow(clippy::unwrap_used)]
 
 mod common;
+#[path = "common/plant.rs"]
+mod plant;
 
 use common::{
     Instance, Run, assert_accurate, kill, number, read_summary, run, vservo, wait_for_line, wait_until,
 };
-use nalgebra::SVector;
+use plant::{command, external};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
-use vservo::config::Config;
-use vservo::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
-use vservo::ipc::{Instance as Place, Sender, Services};
-use vservo::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
-use vservo::rt;
-use vservo::schedule::TICK;
-use vservo::time::{MonoNs, SpanNs};
-
-/// The arm of the tests.
-const N: usize = 4;
-
-/// How a plant misbehaves, and from which tick on: `VSERVO_TEST_PLANT=what@tick`.
-struct Behaviour {
-    what: String,
-    tick: u64,
-}
-
-struct Plant {
-    drive: SimulatedDrive<N>,
-    states: Sender<DriveStateMsg>,
-    behaviour: Behaviour,
-}
-
-fn vector(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
-    SVector::from_column_slice(&v[..N])
-}
-
-impl Plant {
-    fn new(states: Sender<DriveStateMsg>, behaviour: Behaviour, config: &Config) -> Self {
-        let robot = config.robot.build::<N>().unwrap();
-        let q = vservo::assemble::q_start(config).unwrap();
-        let settings = vservo::assemble::simulated_settings(config).unwrap();
-        Self { drive: SimulatedDrive::new(robot, q, settings).unwrap(), states, behaviour }
-    }
-
-    fn misbehaves(&self, what: &str, tick: u64) -> bool {
-        self.behaviour.what == what && tick >= self.behaviour.tick
-    }
-
-    fn obey(&mut self, c: &DriveCommandMsg) {
-        if let Some(path) = std::env::var_os("VSERVO_TEST_LOG") {
-            use std::io::Write;
-            let fastest = c.qd_r[..N].iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-            let mut log = std::fs::OpenOptions::new().create(true).append(true).open(path).unwrap();
-            writeln!(log, "{fastest}").unwrap();
-        }
-        self.drive.write(&DriveCommand { tau: vector(&c.tau), q_r: vector(&c.q_r), qd_r: vector(&c.qd_r) });
-    }
-
-    fn send(&mut self, tick: u64, stamp: MonoNs, flags: u32) {
-        let state = self.drive.read(stamp);
-        if self.misbehaves("silent", tick) {
-            return;
-        }
-        let tick = if self.misbehaves("wrong_tick", tick) { tick + 1 } else { tick };
-        let mut m =
-            DriveStateMsg { tick, stamp, joints: N as u32, modes: 0b111, flags, ..Default::default() };
-        m.q[..N].copy_from_slice(state.q.as_slice());
-        m.qd[..N].copy_from_slice(state.qd.as_slice());
-        if let (Some((q, qd)), false) = (state.truth, self.misbehaves("no_truth", tick)) {
-            m.flags |= drive_flag::TRUTH;
-            m.q_true[..N].copy_from_slice(q.as_slice());
-            m.qd_true[..N].copy_from_slice(qd.as_slice());
-        }
-        match self.behaviour.what.as_str() {
-            "position_only" => m.modes = CommandMode::Position.bit(),
-            "three_joints" => m.joints = 3,
-            _ => {}
-        }
-        self.states.send(&m).unwrap();
-    }
-}
-
-/// Not a test: the plant's process, which `vservo run` starts.
-#[test]
-#[ignore = "the plant of the other tests"]
-fn plant_process() {
-    let place: Place = std::env::var("VSERVO_INSTANCE").unwrap().parse().unwrap();
-    let config = Config::load(Some(Path::new(&std::env::var("VSERVO_CONFIG").unwrap())), &[]).unwrap();
-    let behaviour = std::env::var("VSERVO_TEST_PLANT").unwrap_or_default();
-    let (what, tick) = behaviour.split_once('@').unwrap_or((&behaviour, "0"));
-    let behaviour = Behaviour { what: what.into(), tick: tick.parse().unwrap() };
-    serve(&place, &config, behaviour);
-    place.remove_leftovers(None);
-}
-
-fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
-    let services = Services::join(place).unwrap();
-    let (commands, waker) = services.drive_command_receiver().unwrap();
-    let mut plant = Plant::new(services.drive_state_sender().unwrap(), behaviour, config);
-    let mut by_the_clock = false;
-    let (mut next, mut count) = (rt::now(), 0);
-    loop {
-        while let Some(c) = commands.receive().unwrap() {
-            if c.flags & drive_flag::LAST != 0 || plant.misbehaves("leave", c.tick) {
-                return;
-            }
-            if c.flags & drive_flag::START != 0 {
-                assert_eq!(c.q_r[..N], config.q_start[..]);
-                by_the_clock = c.flags & drive_flag::LOCKSTEP == 0;
-                next = rt::now();
-                plant.send(0, if by_the_clock { next } else { c.stamp }, drive_flag::INITIAL);
-                continue;
-            }
-            plant.obey(&c);
-            if !by_the_clock {
-                plant.send(c.tick + 1, c.stamp + TICK, 0);
-            }
-        }
-        if by_the_clock {
-            next = next.max(rt::now() - SpanNs(10 * TICK.0)) + TICK;
-            rt::sleep_until(next);
-            count += 1;
-            plant.send(count, rt::now(), 0);
-        } else {
-            waker.wait(Duration::from_millis(50)).unwrap();
-        }
-    }
-}
-
-/// `drive.external.command=[...]` that starts this binary as a plant which behaves so.
-fn command(behaviour: &str) -> String {
-    let own = std::env::current_exe().unwrap();
-    let argv =
-        ["env", &format!("VSERVO_TEST_PLANT={behaviour}"), own.to_str().unwrap(), "--ignored", "--exact"];
-    format!("drive.external.command={:?}", [&argv[..], &["plant_process"]].concat())
-}
-
-fn external(test: &str, behaviour: &str, extra: &[&str]) -> Run {
-    run(test, &[&["--set", "drive.kind=external", "--set", &command(behaviour)], extra].concat())
-}
 
 fn plant_of(instance: &Instance) -> i32 {
     let wanted = format!("VSERVO_INSTANCE={}", instance.name);
@@ -154,7 +23,7 @@ fn plant_of(instance: &Instance) -> i32 {
                 let bytes = std::fs::read(entry.path().join(file)).unwrap_or_default();
                 bytes.split(|b| *b == 0).any(|part| part == text.as_bytes())
             };
-            (own("cmdline", "plant_process") && own("environ", &wanted)).then_some(pid)
+            (own("cmdline", "plant::plant_process") && own("environ", &wanted)).then_some(pid)
         });
         found.is_some()
     });
@@ -374,7 +243,7 @@ fn a_plant_that_was_started_by_hand_is_found_and_missed() {
     wait_for_line(&mut child, "waiting for the external drive");
     let config = format!("/dev/shm/vservo-{}/config.toml", instance.name);
     let mut plant = Command::new(std::env::current_exe().unwrap())
-        .args(["--ignored", "--exact", "plant_process"])
+        .args(["--ignored", "--exact", "plant::plant_process"])
         .envs([("VSERVO_INSTANCE", &instance.name), ("VSERVO_CONFIG", &config)])
         .stdout(Stdio::null())
         .spawn()

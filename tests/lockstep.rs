@@ -4,7 +4,8 @@
 
 mod common;
 
-use common::{BusyCores, Run, assert_accurate, number, run};
+use common::{BusyCores, Instance, Lines, Run, assert_accurate, kill, number, run, vservo};
+use std::process::Stdio;
 
 fn lockstep(test: &str, extra: &[&str]) -> Run {
     run(test, &[&["--clock", "lockstep"], extra].concat())
@@ -153,4 +154,30 @@ fn an_irregular_camera_repeats_and_converges() {
     let exposures = number(&a.summary, &["duration_s"]) * 25.0;
     assert!(frames < 0.95 * exposures && frames > 0.7 * exposures, "{frames} of {exposures}");
     assert_eq!(a.summary["frames_dropped"], 0, "the camera lost them, vision did not");
+}
+
+/// A control process by hand that is left alone says so, again and again, and who is missing.
+#[test]
+fn missing_peers_are_named() {
+    let instance = Instance::new("alone");
+    let mut control = vservo()
+        .args(["control", "--instance", &instance.name, "--set", "run.clock=lockstep"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = Lines::of(&mut control);
+    lines.wait_for("camera and vision have not joined");
+    let mut vision = vservo()
+        .args(["vision", "--instance", &instance.name, "--set", "run.clock=lockstep"])
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    lines.wait_for("the camera has not joined");
+    for child in [&control, &vision] {
+        kill(child.id() as i32, "INT");
+    }
+    control.wait().unwrap();
+    vision.wait().unwrap();
+    instance.assert_gone();
 }

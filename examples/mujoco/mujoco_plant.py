@@ -109,23 +109,25 @@ class Ports:
         iox2.set_log_level(iox2.LogLevel.Fatal)
         builder = iox2.NodeBuilder.new().config(config)
         self.node = builder.signal_handling_mode(iox2.SignalHandlingMode.Disabled).create(iox2.ServiceType.Ipc)
-        service = lambda name: self.node.service_builder(iox2.ServiceName.new(name))
-        patiently = lambda open_: self.patiently(open_)
-        commands = patiently(lambda: service("drive/command").publish_subscribe(DriveCommand).open())
-        bell = patiently(lambda: service("drive/command").event().open())
-        states = patiently(lambda: service("drive/state").publish_subscribe(DriveState).open())
-        state_bell = patiently(lambda: service("drive/state").event().open())
+        commands = self.patiently("drive/command", lambda s: s.publish_subscribe(DriveCommand).open())
+        bell = self.patiently("drive/command", lambda s: s.event().open())
+        states = self.patiently("drive/state", lambda s: s.publish_subscribe(DriveState).open())
+        state_bell = self.patiently("drive/state", lambda s: s.event().open())
         self.listener = bell.listener_builder().create()
         self.notifier = state_bell.notifier_builder().create()
         self.commands = commands.subscriber_builder().create()
         self.states = states.publisher_builder().create()  # last: with both, the plant counts as present
 
-    @staticmethod
-    def patiently(open_):
+    def patiently(self, name, open_):
+        """Opens a service as soon as it is there: control makes it when it starts. Says why it cannot, now and then."""
+        said = time.monotonic()
         while True:
             try:
-                return open_()
-            except Exception:  # not there yet: control makes the services when it starts
+                return open_(self.node.service_builder(iox2.ServiceName.new(name)))
+            except Exception as e:
+                if time.monotonic() - said > 4.0:
+                    said = time.monotonic()
+                    print(f"mujoco plant: cannot open {name} yet: {e}", file=sys.stderr)
                 time.sleep(0.01)
 
     def receive(self, longest_ms):

@@ -194,6 +194,9 @@ pub struct RoleArguments {
     /// Process id of the supervisor: this process ends when that one dies
     #[arg(long, hide = true)]
     pub supervised_by: Option<i32>,
+    /// The run file is open on stdin; CONFIG is only its name
+    #[arg(long, hide = true)]
+    pub config_on_stdin: bool,
 }
 
 /// Of `vservo experiment`.

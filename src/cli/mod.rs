@@ -13,9 +13,13 @@ use crate::ipc::{Instance, Role};
 use crate::printable::printable;
 use crate::process::{self, ProcessError, StopFlag, supervisor};
 use crate::rt::{Stderr, doctor, print, tell};
-use crate::summary::Outcome;
+use crate::summary::{Outcome, Summary};
 use clap::{CommandFactory, Parser};
-use std::io::{IsTerminal, stderr};
+use std::fs::File;
+use std::io::{IsTerminal, stderr, stdin};
+use std::os::fd::AsFd;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 use tracing_subscriber::EnvFilter;
@@ -71,11 +75,7 @@ fn exit_code(result: Result<u8, ProcessError>) -> ExitCode {
 fn shown(text: &str, exit_code: u8) -> u8 {
     match print(text) {
         Ok(()) => exit_code,
-        Err(cause) => {
-            let error = ProcessError::Write { path: "stdout".into(), cause };
-            tell(format_args!("vservo: {error}"));
-            if exit_code == 0 { error.exit_code() } else { exit_code }
-        }
+        Err(cause) => lost(Path::new("stdout"), cause, exit_code),
     }
 }
 
@@ -110,9 +110,35 @@ fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
     let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
     warn(&config);
     let instance: Instance = arguments.instance.parse()?;
-    let options = supervisor::RunOptions { summary: arguments.summary.clone() };
-    let end = supervisor::run(&config, &instance, &options, &stop)?;
-    Ok(shown(&end.summary.to_text(), end.exit_code))
+    if let Some(path) = &arguments.summary {
+        check_writable(path)?;
+    }
+    let end = supervisor::run(&config, &instance, &stop)?;
+    let exit_code = shown(&end.summary.to_text(), end.exit_code);
+    Ok(write_summary(arguments.summary.as_deref(), &end.summary, exit_code))
+}
+
+fn check_writable(path: &Path) -> Result<(), ProcessError> {
+    process::check_writable(path).map_err(|cause| ProcessError::Write { path: path.into(), cause })
+}
+
+/// Writes what is also on stdout into a file. When that fails it is told, and is the exit code, unless there was a graver
+/// one already.
+fn write_result(path: &Path, text: &str, exit_code: u8) -> u8 {
+    let Err(cause) = process::write_file(path, text) else { return exit_code };
+    lost(path, cause, exit_code)
+}
+
+/// Tells that results could not be written; the exit code.
+fn lost(path: &Path, cause: std::io::Error, exit_code: u8) -> u8 {
+    let error = ProcessError::Write { path: path.into(), cause };
+    tell(format_args!("vservo: {error}"));
+    if exit_code == 0 { error.exit_code() } else { exit_code }
+}
+
+/// The summary as JSON, where a file was named for it. The exit code.
+fn write_summary(path: Option<&Path>, summary: &Summary, exit_code: u8) -> u8 {
+    path.map_or(exit_code, |path| write_result(path, &json(summary), exit_code))
 }
 
 fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
@@ -121,9 +147,9 @@ fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     warn(&config);
     let instance: Instance = arguments.instance.parse()?;
     if let Some(path) = &arguments.out {
-        supervisor::check_writable(path)?;
+        check_writable(path)?;
     }
-    let end = supervisor::run(&config, &instance, &supervisor::RunOptions::default(), &stop)?;
+    let end = supervisor::run(&config, &instance, &stop)?;
     let mut exit_code = end.exit_code;
     if arguments.json {
         exit_code = shown(&json(&end.summary), exit_code);
@@ -138,7 +164,7 @@ fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     }
     if let Some(path) = &arguments.out {
         let text = format!("# vservo calibrate latency: {}\n{}", found.describe(), found.to_toml());
-        std::fs::write(path, text).map_err(|cause| ProcessError::Write { path: path.clone(), cause })?;
+        return Ok(write_result(path, &text, exit_code));
     }
     Ok(exit_code)
 }
@@ -148,12 +174,18 @@ const SIGNAL_DELIVERY: Duration = Duration::from_millis(100);
 
 fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
-    let config = Config::load(arguments.config.as_deref(), &arguments.set)?;
+    let config = match &arguments.config {
+        Some(name) if arguments.config_on_stdin => config_on_stdin(name, &arguments.set)?,
+        config => Config::load(config.as_deref(), &arguments.set)?,
+    };
     match arguments.supervised_by {
         Some(supervisor) => process::follow_parent(supervisor, &stop), // which has warned
         None => warn(&config),
     }
     let instance: Instance = arguments.instance.parse()?;
+    if let Some(path) = &arguments.summary {
+        check_writable(path)?;
+    }
     let ended = match role {
         Role::Camera => process::camera::run(&config, &instance, &stop).map(|()| None),
         Role::Vision => process::vision::run(&config, &instance, &stop).map(|()| None),
@@ -170,15 +202,13 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
         }
         Err(error) => Err(error),
         Ok(Some(summary)) => {
-            if let Some(path) = &arguments.summary {
-                supervisor::write_summary(path, &summary)?;
-            }
             let text = if arguments.json {
                 serde_json::to_string(&summary).unwrap_or_default() + "\n"
             } else {
                 summary.to_text()
             };
-            Ok(shown(&text, summary.outcome.exit_code()))
+            let exit_code = shown(&text, summary.outcome.exit_code());
+            Ok(write_summary(arguments.summary.as_deref(), &summary, exit_code))
         }
     }
 }
@@ -186,6 +216,19 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
 fn guard_drive(command: &[String], instance: &str, supervisor: i32) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
     process::drive_guard::run(command, &instance.parse()?, supervisor, &stop)
+}
+
+/// The run file that a supervisor has open on this process's stdin. All its children have the same file, so that each
+/// reads from its beginning, wherever the others are.
+fn config_on_stdin(name: &Path, set: &[String]) -> Result<Config, ProcessError> {
+    let read = || {
+        let file = File::from(stdin().as_fd().try_clone_to_owned()?);
+        let mut text = vec![0; usize::try_from(file.metadata()?.len()).unwrap_or_default()];
+        file.read_exact_at(&mut text, 0)?;
+        String::from_utf8(text).map_err(|e| std::io::Error::new(std::io::ErrorKind::InvalidData, e))
+    };
+    let text = read().map_err(|cause| ProcessError::Start { what: "with the run file on stdin", cause })?;
+    Ok(Config::parse(&name.display().to_string(), &text, Path::new("."), set)?)
 }
 
 fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
@@ -223,15 +266,17 @@ fn run_experiment(arguments: &ExperimentArguments) -> Result<u8, ProcessError> {
         count: arguments.count,
         progress: &|what| tell(what),
     };
-    let mut text = String::new();
+    let (mut text, mut unwritten) = (String::new(), None);
     for report in experiment::run(&arguments.name, &arguments.out, &options)? {
         text += &format!("{}\n", report.name);
         for line in &report.lines {
             text += &format!("  {line}\n");
         }
-        for file in &report.files {
-            text += &format!("  {}\n", file.display());
+        match report.files {
+            Ok(files) => files.iter().for_each(|file| text += &format!("  {}\n", file.display())),
+            Err(error) => unwritten = Some(error),
         }
     }
-    Ok(shown(&text, 0))
+    let exit_code = shown(&text, 0);
+    unwritten.map_or(Ok(exit_code), |error| Err(error.into()))
 }

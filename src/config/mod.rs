@@ -219,6 +219,8 @@ pub struct ExternalPlant {
     pub folder: PathBuf,
     /// Longest wait for an answer in lockstep.
     pub answer_timeout: SpanNs,
+    /// Longest wait for a drive that the run has started itself, and for any drive's answer to the start.
+    pub connect_timeout: SpanNs,
 }
 
 /// Reactions to faults.

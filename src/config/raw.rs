@@ -365,6 +365,8 @@ table! {
         folder: PathBuf = PathBuf::new(),
         /// In lockstep: a drive that has not answered a command for so long has hung, s.
         answer_timeout_s: f64 = 10.0,
+        /// A drive that the run has started must have joined by then, and any drive have answered the start, s.
+        connect_timeout_s: f64 = 30.0,
     }
 }
 

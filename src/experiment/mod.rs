@@ -210,19 +210,20 @@ impl Experiment {
 }
 
 /// What was written, and what people want to know of it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug)]
 pub struct Report {
     /// The experiment.
     pub name: &'static str,
     /// Its results in a few lines.
     pub lines: Vec<String>,
-    /// Its files.
-    pub files: Vec<PathBuf>,
+    /// Its files; or why they could not be written, which does not take the results away.
+    pub files: Result<Vec<PathBuf>, ExperimentError>,
 }
 
 /// Runs the experiment `name` into `out`, or `all` of them into folders of their own under it, with an index page.
 ///
-/// `all` leaves experiments that know only projected points on those, whatever `options.camera` says.
+/// `all` leaves experiments that know only projected points on those, whatever `options.camera` says, and ends with the
+/// first whose files cannot be written.
 ///
 /// # Errors
 /// [`ExperimentError`].
@@ -232,7 +233,7 @@ pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>,
         outcome::make_folder(out)?; // before the work, not after it
         (options.progress)(&format!("{name}: {}", experiment.about));
         let outcome = experiment.run(options)?;
-        let files = outcome.write(out)?;
+        let files = outcome.write(out);
         return Ok(vec![Report { name: experiment.name, lines: outcome.lines, files }]);
     }
     outcome::make_folder(out)?;
@@ -247,12 +248,16 @@ pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>,
         ));
         let camera = if experiment.renders { options.camera } else { CameraKind::Ideal };
         let outcome = experiment.run(&Options { camera, ..*options })?;
-        let files = outcome.write(&out.join(experiment.name))?;
+        let files = outcome.write(&out.join(experiment.name));
+        let failed = files.is_err();
         reports.push(Report { name: experiment.name, lines: outcome.lines.clone(), files });
+        if failed {
+            return Ok(reports);
+        }
         done.push((experiment.name, experiment.about, outcome));
     }
     let index = out.join("index.html");
-    outcome::write_file(&index, &outcome::index_page(&done))?;
-    reports.push(Report { name: "all", lines: Vec::new(), files: vec![index] });
+    let written = outcome::write_file(&index, &outcome::index_page(&done));
+    reports.push(Report { name: "all", lines: Vec::new(), files: written.map(|()| vec![index]) });
     Ok(reports)
 }

@@ -72,12 +72,13 @@ pub(super) fn make_folder(folder: &Path) -> Result<(), ExperimentError> {
     std::fs::create_dir_all(folder).map_err(|cause| ExperimentError::Write { path: folder.into(), cause })
 }
 
-/// Writes a text file.
+/// Writes a text file, whole or not at all.
 ///
 /// # Errors
 /// [`ExperimentError::Write`].
 pub(super) fn write_file(path: &Path, text: &str) -> Result<(), ExperimentError> {
-    std::fs::write(path, text).map_err(|cause| ExperimentError::Write { path: path.into(), cause })
+    crate::process::write_file(path, text)
+        .map_err(|cause| ExperimentError::Write { path: path.into(), cause })
 }
 
 /// The page that shows every figure of `all`.

@@ -1,10 +1,37 @@
 //! What can fail between processes.
 
+use super::{InstanceError, Scarcity};
 use thiserror::Error;
 
 /// A shared-memory operation failed.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum IpcError {
+    /// The instance's place is not usable.
+    #[error(transparent)]
+    Place(#[from] InstanceError),
+    /// Something has run out.
+    #[error("{action} failed: {scarcity} (the transport says: {cause})")]
+    Scarce {
+        /// What was tried.
+        action: String,
+        /// What has run out.
+        scarcity: Scarcity,
+        /// The transport's word for it.
+        cause: String,
+    },
+    /// A service carries records of another type.
+    #[error(
+        "service `{service}` carries {found}, this program expects {expected}: the process that made it is of another \
+         version; build both from the same source"
+    )]
+    Type {
+        /// The service.
+        service: String,
+        /// What it carries.
+        found: String,
+        /// What it should.
+        expected: String,
+    },
     /// The process could not join the instance.
     #[error(
         "cannot join instance `{instance}` in shared memory: {cause}; is /dev/shm writable and not full?"
@@ -44,4 +71,14 @@ pub enum IpcError {
         /// The transport's word for it.
         cause: String,
     },
+}
+
+impl IpcError {
+    /// What was tried and did not succeed, told by what has run out, where something has.
+    pub(super) fn scarce_or(action: impl FnOnce() -> String, cause: &str, otherwise: Self) -> Self {
+        match Scarcity::found() {
+            Some(scarcity) => Self::Scarce { action: action(), scarcity, cause: cause.into() },
+            None => otherwise,
+        }
+    }
 }

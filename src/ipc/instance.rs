@@ -7,12 +7,16 @@
 //! A role is held by a lock on a file, which the kernel releases when the process dies in whatever way. Whoever
 //! leaves last removes everything.
 
+use super::place::{self, Place, SHARED_MEMORY};
 use super::pulse::{self, Pulse};
+use super::scarcity::{Scarcity, remedy};
 use crate::time::MonoNs;
 use iceoryx2::prelude::*;
-use rustix::fs::{FlockOperation, Mode, OFlags, flock, fstat, open, stat};
+use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
 use std::fmt;
+use std::fs::File;
+use std::io::Write;
 use std::os::fd::OwnedFd;
 use std::path::{Path as FsPath, PathBuf};
 use std::str::FromStr;
@@ -20,7 +24,8 @@ use thiserror::Error;
 
 /// Socket paths end at 107 characters; the transport appends its own names to the root path.
 const LONGEST_NAME: usize = 32;
-const SHARED_MEMORY: &str = "/dev/shm";
+const CONFIG: &str = "config.toml";
+const LOCK_ENDING: &str = ".lock";
 const LOCK_ATTEMPTS: u32 = 10;
 const LOCK_PAUSE: std::time::Duration = std::time::Duration::from_millis(20);
 
@@ -41,14 +46,52 @@ pub enum InstanceError {
         /// The role.
         role: Role,
     },
+    /// Something lies under the instance's names that is not this user's, or that others may write in.
+    #[error(
+        "{path} is {what}: nothing of a run may lie there; have it removed (rm -r {path}), or give this run a name \
+         of its own: --instance NAME",
+        path = path.display()
+    )]
+    NotOurs {
+        /// Where.
+        path: PathBuf,
+        /// What it is, and whose.
+        what: String,
+    },
+    /// Anybody may exchange anybody's files in shared memory.
+    #[error(
+        "{path} is writable for other users and has no sticky bit: anybody could exchange the files of a run there; \
+         as root: chmod 1777 {path}",
+        path = .0.display()
+    )]
+    NotSticky(PathBuf),
+    /// There is too little of something to begin with.
+    #[error("instance `{instance}` cannot be used: {scarcity}")]
+    Scarce {
+        /// The instance.
+        instance: String,
+        /// What there is too little of.
+        scarcity: Scarcity,
+    },
     /// Shared memory cannot be used.
-    #[error("cannot use {path}: {cause}; is /dev/shm mounted, writable for you and not full?")]
+    #[error("cannot use {path}: {cause}; {remedy}", path = path.display(), remedy = remedy(*cause))]
     Place {
         /// What could not be used.
         path: PathBuf,
         /// The system's word for it.
         cause: Errno,
     },
+}
+
+impl InstanceError {
+    /// The exit code: 1 when the system refuses shared memory, 3 when another name helps.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Name(_) | Self::Taken { .. } | Self::NotOurs { .. } => 3,
+            Self::NotSticky(_) | Self::Scarce { .. } | Self::Place { .. } => 1,
+        }
+    }
 }
 
 /// The part that a process plays.
@@ -87,6 +130,10 @@ impl fmt::Display for Role {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.as_str())
     }
+}
+
+fn lock_name(role: Role) -> String {
+    format!("{role}{LOCK_ENDING}")
 }
 
 /// A run's name and its places in shared memory.
@@ -131,13 +178,39 @@ impl Instance {
     /// The instance's directory.
     #[must_use]
     pub fn directory(&self) -> PathBuf {
-        FsPath::new(SHARED_MEMORY).join(format!("vservo-{}", self.name))
+        FsPath::new(SHARED_MEMORY).join(self.directory_name())
     }
 
-    /// Where the supervisor leaves the effective configuration for its children.
+    fn directory_name(&self) -> String {
+        format!("vservo-{}", self.name)
+    }
+
+    /// Where the supervisor leaves the effective configuration for people and for the program of an external drive.
     #[must_use]
     pub fn config_path(&self) -> PathBuf {
-        self.directory().join("config.toml")
+        self.directory().join(CONFIG)
+    }
+
+    /// Writes the effective configuration into a new file, and gives that very file, open for reading and writing.
+    ///
+    /// # Errors
+    /// [`InstanceError`] when the place is not usable.
+    pub fn write_config(&self, text: &str) -> Result<File, InstanceError> {
+        let mut file = File::from(Place::open_or_create(&self.directory_name())?.new_file(CONFIG)?);
+        file.write_all(text.as_bytes()).map_err(|e| InstanceError::Place {
+            path: self.config_path(),
+            cause: Errno::from_io_error(&e).unwrap_or(Errno::IO),
+        })?;
+        Ok(file)
+    }
+
+    /// Makes sure that the instance's directory is there, ours alone, and that all segments under its prefix are ours.
+    ///
+    /// # Errors
+    /// [`InstanceError::NotOurs`] for what is not; [`InstanceError::Place`] when shared memory is not usable.
+    pub fn check_place(&self) -> Result<(), InstanceError> {
+        Place::open_or_create(&self.directory_name())?;
+        place::check_segments(&self.prefix())
     }
 
     /// What a program that is no part of this one needs to join: name, prefix, root path, run file.
@@ -174,8 +247,10 @@ impl Instance {
     /// Takes a role of this instance.
     ///
     /// # Errors
-    /// [`InstanceError::Taken`] when a living process has it; [`InstanceError::Place`] when shared memory is not usable.
+    /// [`InstanceError::Taken`] when a living process has it; [`InstanceError::Scarce`] before anything is made that could
+    /// not be removed again; [`InstanceError::NotOurs`] and [`InstanceError::Place`] when shared memory is not usable.
     pub fn lock(&self, role: Role) -> Result<RoleLock, InstanceError> {
+        self.require_room()?;
         // A process that cleans up holds all roles for a moment: one refusal is not yet a rival.
         for _ in 0..LOCK_ATTEMPTS {
             match self.try_lock(role) {
@@ -186,31 +261,43 @@ impl Instance {
         self.try_lock(role)
     }
 
+    /// Refuses a run that needs more room in shared memory than there is.
+    ///
+    /// # Errors
+    /// [`InstanceError::Scarce`].
+    pub fn require_space(&self, needed_bytes: u64) -> Result<(), InstanceError> {
+        self.refuse(Scarcity::of_space(needed_bytes))
+    }
+
+    pub(super) fn require_room(&self) -> Result<(), InstanceError> {
+        self.refuse(Scarcity::found())
+    }
+
+    fn refuse(&self, scarcity: Option<Scarcity>) -> Result<(), InstanceError> {
+        match scarcity {
+            Some(scarcity) => Err(InstanceError::Scarce { instance: self.name.clone(), scarcity }),
+            None => Ok(()),
+        }
+    }
+
     fn try_lock(&self, role: Role) -> Result<RoleLock, InstanceError> {
-        let directory = self.directory();
-        let path = directory.join(format!("{role}.lock"));
-        let place = |cause| InstanceError::Place { path: path.clone(), cause };
+        let name = lock_name(role);
         loop {
-            match rustix::fs::mkdir(&directory, Mode::RWXU) {
-                Ok(()) | Err(Errno::EXIST) => {}
-                Err(cause) => return Err(InstanceError::Place { path: directory, cause }),
-            }
-            let file =
-                match open(&path, OFlags::CREATE | OFlags::RDWR | OFlags::CLOEXEC, Mode::RUSR | Mode::WUSR) {
-                    Ok(file) => file,
-                    Err(Errno::NOENT) => continue, // a clean-up removed the directory in between
-                    Err(cause) => return Err(place(cause)),
-                };
+            let place = Place::open_or_create(&self.directory_name())?;
+            let Some(file) = place.open_file(&name, OFlags::CREATE | OFlags::RDWR)? else {
+                continue; // a clean-up removed the directory in between
+            };
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
                 Ok(()) => {}
                 Err(Errno::WOULDBLOCK) => {
                     return Err(InstanceError::Taken { instance: self.name.clone(), role });
                 }
-                Err(cause) => return Err(place(cause)),
+                Err(cause) => {
+                    return Err(InstanceError::Place { path: self.directory().join(name), cause });
+                }
             }
             // The lock counts only if its file is still the one that the next process will find.
-            let held = fstat(&file).map_err(place)?;
-            if stat(&path).is_ok_and(|found| found.st_ino == held.st_ino && found.st_dev == held.st_dev) {
+            if place.holds(&name, &file) {
                 return Ok(RoleLock { file });
             }
         }
@@ -219,47 +306,38 @@ impl Instance {
     /// Whether a living process holds `role`.
     #[must_use]
     pub fn is_running(&self, role: Role) -> bool {
-        let path = self.directory().join(format!("{role}.lock"));
-        open(&path, OFlags::RDWR | OFlags::CLOEXEC, Mode::empty())
-            .is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK))
+        let Ok(Some(place)) = Place::open(&self.directory_name()) else { return false };
+        let Ok(Some(file)) = place.open_file(&lock_name(role), OFlags::RDWR) else { return false };
+        flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK)
     }
 
     /// The last sign of life of the process that plays `role`; `None` before the first.
     #[must_use]
     pub fn last_pulse(&self, role: Role) -> Option<MonoNs> {
-        let path = self.directory().join(format!("{role}.lock"));
-        open(&path, OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::CLOEXEC, Mode::empty())
-            .ok()
-            .and_then(pulse::read)
+        let place = Place::open(&self.directory_name()).ok()??;
+        place.open_file(&lock_name(role), OFlags::RDONLY).ok()?.and_then(pulse::read)
     }
 
     /// Removes what dead processes of this instance left in shared memory, unless a living one plays any other role
     /// or has joined the transport. To be called at the start by whoever holds a role, and at the end by everybody.
     pub fn remove_leftovers(&self, own: Option<Role>) {
         // All other roles are held meanwhile: nobody can start in a directory that is about to vanish.
-        let others = Role::ALL.iter().filter(|role| Some(**role) != own);
-        let Ok(_locks) = others.map(|role| self.try_lock(*role)).collect::<Result<Vec<_>, _>>() else {
+        let others = || Role::ALL.into_iter().filter(|role| Some(*role) != own);
+        let Ok(locks) = others().map(|role| self.try_lock(role)).collect::<Result<Vec<_>, _>>() else {
             return;
         };
         if self.has_living_node() {
             return;
         }
-        let prefix = self.prefix();
-        if let Ok(entries) = std::fs::read_dir(SHARED_MEMORY) {
-            for entry in entries.flatten() {
-                if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                    let _ = std::fs::remove_file(entry.path());
-                }
-            }
-        }
+        let Ok(Some(place)) = Place::open(&self.directory_name()) else { return };
+        place::remove_segments(&self.prefix());
+        place.clear(|name| name.ends_with(LOCK_ENDING));
         if own.is_none() {
-            let _ = std::fs::remove_dir_all(self.directory());
-        } else if let Ok(entries) = std::fs::read_dir(self.directory()) {
-            for entry in entries.flatten().filter(|e| !e.file_name().to_string_lossy().ends_with(".lock")) {
-                let path = entry.path();
-                let _ =
-                    if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+            // The locks go last, and no others: whoever comes now finds them gone, and makes its own.
+            for (role, lock) in others().zip(&locks) {
+                place.remove(&lock_name(role), &lock.file);
             }
+            place.remove_directory();
         }
     }
 

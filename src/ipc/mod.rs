@@ -14,12 +14,17 @@
 
 mod error;
 mod instance;
+mod place;
 mod ports;
+mod presence;
 mod pulse;
+mod scarcity;
 mod services;
 
 pub use error::IpcError;
 pub use instance::{Instance, InstanceError, Role, RoleLock};
 pub use ports::{Bell, BorrowedFrame, FrameReceiver, FrameSender, ReceivedFrame, Receiver, Sender, Waker};
+pub use presence::{PlantPresence, type_of};
 pub use pulse::Pulse;
+pub use scarcity::Scarcity;
 pub use services::{FrameShape, Peers, Services};

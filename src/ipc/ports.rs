@@ -238,5 +238,7 @@ impl FrameReceiver {
 }
 
 fn transfer(action: &'static str, service: &'static str, cause: impl Debug) -> IpcError {
-    IpcError::Transfer { action, service, cause: format!("{cause:?}") }
+    let cause = format!("{cause:?}");
+    let otherwise = IpcError::Transfer { action, service, cause: cause.clone() };
+    IpcError::scarce_or(|| format!("{action} on `{service}`"), &cause, otherwise)
 }

@@ -2,12 +2,16 @@
 //! open it, and all must ask for the same.
 
 use super::ports::{Bell, FrameReceiver, FrameSender, Receiver, Sender, Waker};
+use super::presence::{PlantPresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Status};
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::*;
-use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PubSub;
+use iceoryx2::service::builder::publish_subscribe::{
+    PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
+};
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PubSubFactory;
 use std::fmt::Debug;
 
 /// Readers of a service: the next process, a recorder, a view, one to spare.
@@ -42,7 +46,8 @@ pub struct Peers {
     pub vision: bool,
 }
 
-type Node = iceoryx2::node::Node<ipc::Service>;
+pub(super) type Node = iceoryx2::node::Node<ipc::Service>;
+pub(super) type PubSub<T, H = ()> = PubSubFactory<ipc::Service, T, H>;
 
 /// A process's membership in an instance. Its ports belong to the thread that made them.
 #[derive(Debug)]
@@ -57,13 +62,20 @@ impl Services {
     /// # Errors
     /// When the name is refused or shared memory is not usable.
     pub fn join(instance: &Instance) -> Result<Self, IpcError> {
-        let failed = |cause: String| IpcError::Node { instance: instance.to_string(), cause };
+        let failed = |cause: String| {
+            let action = || format!("joining instance `{instance}`");
+            let node = IpcError::Node { instance: instance.to_string(), cause: cause.clone() };
+            IpcError::scarce_or(action, &cause, node)
+        };
         let config = instance.transport_config().map_err(|e: InstanceError| failed(e.to_string()))?;
+        // Before, so that nothing foreign is opened; after, for what came in between.
+        instance.check_place()?;
         let node = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|e| failed(e.to_string()))?;
+        instance.check_place()?;
         Ok(Self { node, instance: instance.clone() })
     }
 
@@ -183,15 +195,14 @@ impl Services {
         Ok((receiver, self.waker("drive/state")?))
     }
 
-    /// Whether an external drive has joined: it hears commands and sends states.
+    /// The look-out for an external drive.
     ///
     /// # Errors
     /// When a service cannot be opened.
-    pub fn plant_is_there(&self) -> Result<bool, IpcError> {
+    pub fn plant_presence(&self) -> Result<PlantPresence, IpcError> {
         let states = self.publish_subscribe::<DriveStateMsg>("drive/state", DRIVE_BUFFER)?;
         let commands = self.publish_subscribe::<DriveCommandMsg>("drive/command", DRIVE_BUFFER)?;
-        Ok(states.dynamic_config().number_of_publishers() > 0
-            && commands.dynamic_config().number_of_subscribers() > 0)
+        Ok(PlantPresence::new(states, commands, self.node.config().clone()))
     }
 
     /// Which peers have joined; their ports, once made, miss nothing that is sent afterwards.
@@ -205,12 +216,21 @@ impl Services {
         Ok(Peers { camera, vision: measurements.dynamic_config().number_of_publishers() > 0 })
     }
 
+    /// Refuses to go on where there is too little left for the connections to the other processes. The transport makes
+    /// them while it sends and receives, and says nothing when it cannot: a message would be waited for in vain.
+    ///
+    /// # Errors
+    /// [`InstanceError::Scarce`].
+    pub fn require_room_for_peers(&self) -> Result<(), IpcError> {
+        Ok(self.instance.require_room()?)
+    }
+
     /// Frees what killed processes held in this instance's services.
     pub fn remove_dead_peers(&self) {
         let _ = self.node.try_cleanup_dead_nodes();
     }
 
-    fn frames(&self, shape: FrameShape) -> Result<PubSub<ipc::Service, [u8], FrameHeader>, IpcError> {
+    fn frames(&self, shape: FrameShape) -> Result<PubSub<[u8], FrameHeader>, IpcError> {
         self.node
             .service_builder(&name("camera/0/frame")?)
             .publish_subscribe::<[u8]>()
@@ -230,7 +250,7 @@ impl Services {
         &self,
         service: &'static str,
         buffer: usize,
-    ) -> Result<PubSub<ipc::Service, T, ()>, IpcError> {
+    ) -> Result<PubSub<T>, IpcError> {
         self.node
             .service_builder(&name(service)?)
             .publish_subscribe::<T>()
@@ -242,7 +262,22 @@ impl Services {
             .max_subscribers(MAX_READERS)
             .max_nodes(MAX_NODES)
             .open_or_create()
-            .map_err(|e| service_error(service, e))
+            .map_err(|e| self.open_error::<T>(service, e))
+    }
+
+    /// Why a service could not be opened; where its records are of another type, which.
+    fn open_error<T: ZeroCopySend>(
+        &self,
+        service: &'static str,
+        cause: PublishSubscribeOpenOrCreateError,
+    ) -> IpcError {
+        use PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError as Open;
+        if !matches!(cause, Open(PublishSubscribeOpenError::IncompatibleTypes)) {
+            return service_error(service, cause);
+        }
+        let found = name(service).ok().and_then(|name| type_of_service(&name, self.node.config()));
+        let found = found.unwrap_or_else(|| "records of another type".into());
+        IpcError::Type { service: service.into(), found, expected: type_of::<T>() }
     }
 
     fn sender<T: ZeroCopySend + Debug + Copy>(
@@ -312,9 +347,13 @@ fn name(service: &str) -> Result<ServiceName, IpcError> {
 }
 
 fn service_error(service: &str, cause: impl Debug) -> IpcError {
-    IpcError::Service { service: service.into(), cause: format!("{cause:?}") }
+    let cause = format!("{cause:?}");
+    let otherwise = IpcError::Service { service: service.into(), cause: cause.clone() };
+    IpcError::scarce_or(|| format!("opening service `{service}`"), &cause, otherwise)
 }
 
 fn port_error(service: &str, cause: impl Debug) -> IpcError {
-    IpcError::Port { service: service.into(), cause: format!("{cause:?}") }
+    let cause = format!("{cause:?}");
+    let otherwise = IpcError::Port { service: service.into(), cause: cause.clone() };
+    IpcError::scarce_or(|| format!("attaching to service `{service}`"), &cause, otherwise)
 }

@@ -25,6 +25,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
     let services = membership.services();
     let (arm, waker) = services.joint_state_receiver()?;
     let frames = services.frame_sender(frame_shape(config))?;
+    services.require_room_for_peers()?;
     let mut camera = Camera { config, membership: &membership, source, frames, arm, lost: 0 };
     info!(rate_hz = config.camera.rate_hz, "camera runs");
     match config.clock {

@@ -56,6 +56,16 @@ pub enum ProcessError {
         /// What it takes.
         takes: String,
     },
+    /// The external drive did not come, or came and did not answer.
+    #[error(
+        "the external drive did not connect within {waited_s:.1} s (drive.external.connect_timeout_s): {state}"
+    )]
+    PlantAbsent {
+        /// How long it was waited for.
+        waited_s: f64,
+        /// What there was of it.
+        state: String,
+    },
     /// The program of the external drive cannot be started.
     #[error("drive.external.command: cannot start `{program}` in {folder}: {cause}", folder = folder.display())]
     Plant {
@@ -116,14 +126,11 @@ impl ProcessError {
             | Self::Write { .. }
             | Self::PlantJoints { .. }
             | Self::PlantMode { .. }
+            | Self::PlantAbsent { .. }
             | Self::Plant { .. }
-            | Self::Instance(InstanceError::Name(_) | InstanceError::Taken { .. }) => 3,
-            Self::Instance(InstanceError::Place { .. })
-            | Self::Ipc(_)
-            | Self::Start { .. }
-            | Self::Panicked(_)
-            | Self::Signals(_)
-            | Self::Toml(_) => 1,
+            | Self::Ipc(IpcError::Type { .. }) => 3,
+            Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),
+            Self::Ipc(_) | Self::Start { .. } | Self::Panicked(_) | Self::Signals(_) | Self::Toml(_) => 1,
         }
     }
 }

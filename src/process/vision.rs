@@ -18,6 +18,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
     let services = membership.services();
     let frames = services.frame_receiver(frame_shape(config))?;
     let measurements = services.measurement_sender()?;
+    services.require_room_for_peers()?;
     let mut worker =
         Worker { vision: crate::assemble::vision(config), counter: FrameCounter::default(), status: None };
     info!("vision runs");

@@ -6,6 +6,7 @@
 //! ```
 
 mod arm_history;
+mod image_file;
 mod replay;
 mod synthetic;
 
@@ -19,7 +20,7 @@ use crate::messages::JointState;
 use crate::robot::RobotError;
 use crate::scene::SceneError;
 use crate::time::{MonoNs, SpanNs};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// One exposure that is due.
@@ -64,6 +65,30 @@ pub enum SourceError {
         /// The decoder's word for it.
         cause: image::ImageError,
     },
+    /// A file ends before its image does.
+    #[error("{}: cannot be decoded: it ends before its image does; repair or remove the file", .0.display())]
+    Damaged(PathBuf),
+    /// Something with the name of an image is no file.
+    #[error("{file}: is {kind}, not a file; remove it from the folder", file = file.display())]
+    NotAFile {
+        /// Its path.
+        file: PathBuf,
+        /// What it is.
+        kind: &'static str,
+    },
+    /// A file is larger than an image of the camera's size can be.
+    #[error(
+        "{file}: has {mib} MiB, an image of the camera's size at most {largest_mib} MiB; remove the file",
+        file = file.display()
+    )]
+    TooLarge {
+        /// The file.
+        file: PathBuf,
+        /// Its size.
+        mib: u64,
+        /// What is allowed.
+        largest_mib: u64,
+    },
     /// A file has another size than the camera.
     #[error(
         "{file}: is {found_width}x{found_height} px, the camera is {width}x{height} px; set camera.width_px and \
@@ -91,6 +116,12 @@ pub enum SourceError {
     /// The renderer refuses the scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
+}
+
+impl SourceError {
+    fn image(file: &Path, cause: image::ImageError) -> Self {
+        Self::Image { file: file.into(), cause }
+    }
 }
 
 /// A producer of frames.

@@ -1,5 +1,6 @@
 //! A folder of images as camera: PNG, PGM or JPEG files in the order of their names.
 
+use super::image_file::{self, Size};
 use super::{Exposure, Position, Source, SourceError};
 use crate::messages::JointState;
 use std::path::{Path, PathBuf};
@@ -11,8 +12,7 @@ const ENDINGS: [&str; 4] = ["png", "pgm", "jpg", "jpeg"];
 pub struct Replay {
     files: Vec<PathBuf>,
     next: usize,
-    width: u32,
-    height: u32,
+    size: Size,
     repeat: bool,
 }
 
@@ -20,8 +20,8 @@ impl Replay {
     /// Lists `folder` and looks at the size of every image in it.
     ///
     /// # Errors
-    /// [`SourceError`] when the folder cannot be read or holds no image, or an image has another size than the camera
-    /// or no readable head.
+    /// [`SourceError`] when the folder cannot be read or holds no image, or something with the name of an image is no
+    /// plain file, too large, of another size than the camera, or has no readable head.
     pub fn open(folder: &Path, width: u32, height: u32, repeat: bool) -> Result<Self, SourceError> {
         let failed = |cause| SourceError::Folder { folder: folder.into(), cause };
         let mut files = Vec::new();
@@ -36,13 +36,11 @@ impl Replay {
             return Err(SourceError::NoImages(folder.into()));
         }
         files.sort();
-        let replay = Self { files, next: 0, width, height, repeat };
-        for file in &replay.files {
-            let size = image::image_dimensions(file)
-                .map_err(|cause| SourceError::Image { file: file.clone(), cause })?;
-            replay.check_size(file, size)?;
+        let size = Size { width, height };
+        for file in &files {
+            image_file::check(file, size)?;
         }
-        Ok(replay)
+        Ok(Self { files, next: 0, size, repeat })
     }
 
     /// How many images a round has.
@@ -56,14 +54,6 @@ impl Replay {
     pub fn is_empty(&self) -> bool {
         self.files.is_empty()
     }
-
-    fn check_size(&self, file: &Path, (found_width, found_height): (u32, u32)) -> Result<(), SourceError> {
-        let (width, height) = (self.width, self.height);
-        if (found_width, found_height) == (width, height) {
-            return Ok(());
-        }
-        Err(SourceError::Size { file: file.into(), found_width, found_height, width, height })
-    }
 }
 
 impl Source for Replay {
@@ -71,9 +61,7 @@ impl Source for Replay {
 
     fn expose(&mut self, _exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
         let Some(file) = self.files.get(self.next) else { return Ok(Position::Last) };
-        let grey =
-            image::open(file).map_err(|cause| SourceError::Image { file: file.clone(), cause })?.into_luma8();
-        self.check_size(file, grey.dimensions())?;
+        let grey = image_file::load(file, self.size)?;
         if out.len() == grey.len() {
             out.copy_from_slice(&grey);
         }
@@ -143,5 +131,60 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(error.contains("a.png: cannot be decoded"), "{error}");
+    }
+
+    /// Each half of a file, and a file that lacks its last bytes, is told by name; the whole one plays.
+    #[test]
+    fn an_image_that_is_cut_is_told_in_every_format() {
+        let picture = GrayImage::from_fn(64, 48, |x, y| Luma([(x * 3 + y * 5) as u8]));
+        for name in ["a.png", "a.pgm", "a.jpg", "a.jpeg"] {
+            let dir = tempfile::tempdir().unwrap();
+            let path = dir.path().join(name);
+            picture.save(&path).unwrap();
+            let whole = std::fs::read(&path).unwrap();
+            let play = || {
+                Replay::open(dir.path(), 64, 48, false)
+                    .and_then(|mut r| r.expose(&EXPOSURE, &mut [0; 64 * 48]).map(|_| ()))
+            };
+            play().unwrap();
+            for kept in [whole.len() / 2, whole.len() * 9 / 10, whole.len() - 1] {
+                std::fs::write(&path, &whole[..kept]).unwrap();
+                let error =
+                    play().expect_err(&format!("{name}: {kept} of {} bytes", whole.len())).to_string();
+                assert!(error.contains(name), "{error}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_plain_file_is_refused_without_a_wait() {
+        use rustix::fs::{CWD, FileType, Mode, mknodat};
+        let dir = folder();
+        let refused = |name: &str, words: &str| {
+            let error = Replay::open(dir.path(), 8, 4, false).unwrap_err().to_string();
+            assert!(error.contains(name) && error.contains(words), "{error}");
+            let path = dir.path().join(name);
+            std::fs::remove_file(&path).or_else(|_| std::fs::remove_dir(&path)).unwrap();
+        };
+        mknodat(CWD, dir.path().join("0.png"), FileType::Fifo, Mode::RWXU, 0).unwrap();
+        refused("0.png", "is a pipe, not a file");
+        std::os::unix::fs::symlink("/dev/zero", dir.path().join("0.pgm")).unwrap();
+        refused("0.pgm", "is a device, not a file");
+        std::fs::create_dir(dir.path().join("0.jpg")).unwrap();
+        refused("0.jpg", "is a folder, not a file");
+        let large = std::fs::File::create(dir.path().join("0.jpg")).unwrap();
+        large.set_len(1 << 40).unwrap();
+        refused("0.jpg", "has 1048576 MiB");
+        std::os::unix::fs::symlink("a.png", dir.path().join("0.png")).unwrap();
+        assert_eq!(Replay::open(dir.path(), 8, 4, false).unwrap().len(), 4, "a link to an image is one");
+    }
+
+    /// A head that promises more pixels than the camera has is refused before anything is allocated for them.
+    #[test]
+    fn a_head_that_lies_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("a.pgm"), "P5 1000000 1000000 255\n").unwrap();
+        let error = Replay::open(dir.path(), 8, 4, false).unwrap_err().to_string();
+        assert!(error.contains("a.pgm: is 1000000x1000000 px"), "{error}");
     }
 }

@@ -118,6 +118,34 @@ pub fn wait_for_line(child: &mut Child, text: &str) {
     std::thread::Builder::new().name("drain".into()).spawn(move || lines.for_each(drop)).unwrap();
 }
 
+/// What a child says on stderr, line by line.
+pub struct Lines(Box<dyn Iterator<Item = String> + Send>);
+
+impl Lines {
+    pub fn of(child: &mut Child) -> Self {
+        use std::io::{BufRead, BufReader};
+        let lines = BufReader::new(child.stderr.take().expect("stderr is piped")).lines();
+        Self(Box::new(lines.map_while(Result::ok)))
+    }
+
+    /// The next line that contains `text`.
+    pub fn wait_for(&mut self, text: &str) -> String {
+        let mut said = Vec::new();
+        for line in self.0.by_ref() {
+            if line.contains(text) {
+                return line;
+            }
+            said.push(line);
+        }
+        panic!("the process ended without saying `{text}`, but {said:#?}")
+    }
+
+    /// Takes the rest, to the end of the process.
+    pub fn drain(self) {
+        std::thread::Builder::new().name("drain".into()).spawn(move || self.0.for_each(drop)).unwrap();
+    }
+}
+
 /// Sends a signal by name.
 pub fn kill(pid: i32, signal: &str) {
     let _ =

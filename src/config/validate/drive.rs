@@ -50,6 +50,8 @@ pub(super) fn drive(raw: &RawConfig, robot: Option<&RobotDescription>, check: &m
     };
     let answer_timeout_s =
         check.range("drive.external.answer_timeout_s", d.external.answer_timeout_s, 0.1..=3600.0);
+    let connect_timeout_s =
+        check.range("drive.external.connect_timeout_s", d.external.connect_timeout_s, 0.1..=3600.0);
     if d.kind == DriveKind::External {
         if d.external.command.first().is_some_and(String::is_empty) {
             check.wrong("drive.external.command", "the program's name is empty");
@@ -67,6 +69,7 @@ pub(super) fn drive(raw: &RawConfig, robot: Option<&RobotDescription>, check: &m
         command: d.external.command.clone(),
         folder: d.external.folder.clone(),
         answer_timeout: SpanNs::from_s(answer_timeout_s),
+        connect_timeout: SpanNs::from_s(connect_timeout_s),
     };
     Drive { kind: d.kind, mode: mode(raw, check), simulated, external }
 }

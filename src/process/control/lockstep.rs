@@ -4,7 +4,7 @@
 //! exactly `latency` later, and the loop waits there until it has come. Nothing else decides: not the machine's load, not
 //! the order in which processes run.
 
-use super::plant::{self, Answer, PlantPorts};
+use super::plant::{self, Answer, HURRY, LOOK_FIRST, LOOK_LATER, PlantPorts, TELL};
 use super::{Pace, Ports, STOP_REASON};
 use crate::calibration::Recording;
 use crate::config::Config;
@@ -19,7 +19,6 @@ use crate::schedule::TICK;
 use crate::summary::TickTimes;
 use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
-use std::time::Duration;
 use tracing::{info, warn};
 
 /// A wait for a measurement that takes so long is worth a line.
@@ -33,18 +32,29 @@ pub(super) fn wait_for_peers(
     frames: FrameShape,
     stop: &StopFlag,
 ) -> Result<(), ProcessError> {
-    let mut told = false;
+    let began = now();
+    let mut told = None;
     while !stop.is_requested() {
         membership.beat();
         let peers = membership.services().peers(frames)?;
         if peers.camera && peers.vision {
             return Ok(());
         }
-        if !told {
+        let time = now();
+        if told.is_none() {
             info!("waiting for the camera and vision processes of this instance");
-            told = true;
+            told = Some(time);
+        } else if told.is_some_and(|told| time - told > TELL) {
+            let missing = match (peers.camera, peers.vision) {
+                (false, false) => "camera and vision have",
+                (false, true) => "the camera has",
+                _ => "vision has",
+            };
+            warn!("{missing} not joined for {:.0} s", (time - began).as_s());
+            told = Some(time);
         }
-        std::thread::sleep(Duration::from_millis(2));
+        // To look costs a part of a millisecond.
+        std::thread::sleep(if time - began < HURRY { LOOK_FIRST } else { LOOK_LATER });
     }
     Ok(())
 }

@@ -75,6 +75,7 @@ fn run_robot<const N: usize>(
     if config.clock == Clock::Lockstep {
         lockstep::wait_for_peers(&membership, frame_shape(config), stop)?;
     }
+    membership.services().require_room_for_peers()?;
     if let Some(plant) = &mut plant {
         plant.connect(config, stop)?;
     }

@@ -10,12 +10,12 @@
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
 use crate::drive::{CommandMode, ExternalDrive, PlantLink};
-use crate::ipc::{Receiver, Sender, Waker};
+use crate::ipc::{PlantPresence, Receiver, Sender, Waker};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::process::{LONGEST_WAIT, Membership, ProcessError, StopFlag};
 use crate::rt::now;
 use crate::safety::Fault;
-use crate::time::SpanNs;
+use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::time::Duration;
@@ -29,6 +29,12 @@ const COMMANDS: usize = 256;
 const ASK_AGAIN: SpanNs = SpanNs(500_000_000);
 /// A plant that does not answer for so long is looked for.
 const LOOK_AFTER: SpanNs = SpanNs(500_000_000);
+/// A wait for the plant is told so often.
+pub(super) const TELL: SpanNs = SpanNs(4_000_000_000);
+/// A plant that is about to come is met at once; one that stays away is looked for now and then.
+pub(super) const LOOK_FIRST: Duration = Duration::from_millis(2);
+pub(super) const LOOK_LATER: Duration = Duration::from_millis(20);
+pub(super) const HURRY: SpanNs = SpanNs(500_000_000);
 /// How long a plant has to hear that the run is over.
 const FAREWELL: SpanNs = SpanNs(200_000_000);
 /// How long a run that is to stop still waits for the plant.
@@ -61,6 +67,7 @@ pub(super) enum Answer {
 /// The process's end of the rings, and the ports.
 pub(super) struct PlantPorts<'a> {
     membership: &'a Membership,
+    presence: PlantPresence,
     received: Producer<DriveStateMsg>,
     to_send: Consumer<DriveCommandMsg>,
     command: Sender<DriveCommandMsg>,
@@ -90,7 +97,11 @@ pub(super) fn open<'a, const N: usize>(
     let (state, waker) = services.drive_state_receiver()?;
     let command = services.drive_command_sender()?;
     let answer_timeout = config.drive.external.answer_timeout;
-    Ok(Some((drive, PlantPorts { membership, received, to_send, command, state, waker, answer_timeout })))
+    let presence = services.plant_presence()?;
+    Ok(Some((
+        drive,
+        PlantPorts { membership, presence, received, to_send, command, state, waker, answer_timeout },
+    )))
 }
 
 impl PlantPorts<'_> {
@@ -108,16 +119,13 @@ impl PlantPorts<'_> {
         for (to, from) in start.q_r.iter_mut().zip(&config.q_start).take(MAX_JOINTS) {
             *to = *from;
         }
-        let mut told = false;
+        let mut wait = Wait::new(config);
         let mut asked = None;
         while !stop.is_requested() {
             self.membership.beat();
-            if !self.membership.services().plant_is_there()? {
-                if !told {
-                    info!("waiting for the external drive of this instance");
-                    told = true;
-                }
-                std::thread::sleep(Duration::from_millis(2));
+            wait.look(&self.presence, asked.is_some())?;
+            if !self.presence.is_there() {
+                std::thread::sleep(wait.pause());
                 continue;
             }
             if asked.is_none_or(|at| now() - at > ASK_AGAIN) {
@@ -184,7 +192,7 @@ impl PlantPorts<'_> {
             if time - looked > LOOK_AFTER {
                 looked = time;
                 self.membership.services().remove_dead_peers();
-                if !self.membership.services().plant_is_there()? {
+                if !self.presence.is_there() {
                     return Ok(Answer::Failed(Fault::DriveLeft));
                 }
             }
@@ -205,12 +213,70 @@ impl PlantPorts<'_> {
     }
 }
 
+/// The wait for a plant: told from time to time, and not without end.
+struct Wait {
+    began: MonoNs,
+    told: Option<MonoNs>,
+    /// The run has started the plant itself; people may take their time to start theirs, but then it is to answer.
+    supervised: bool,
+    there_since: Option<MonoNs>,
+    timeout: SpanNs,
+}
+
+impl Wait {
+    fn new(config: &Config) -> Self {
+        let external = &config.drive.external;
+        Self {
+            began: now(),
+            told: None,
+            supervised: !external.command.is_empty(),
+            there_since: None,
+            timeout: external.connect_timeout,
+        }
+    }
+
+    /// To be called again and again until the plant has answered.
+    fn look(&mut self, presence: &PlantPresence, asked: bool) -> Result<(), ProcessError> {
+        let time = now();
+        let there = presence.is_there();
+        self.there_since = if there { self.there_since.or(Some(time)) } else { None };
+        let since = if self.supervised { Some(self.began) } else { self.there_since };
+        let state = || {
+            if there { "it is there, but does not answer START".into() } else { presence.describe() }
+        };
+        if since.is_some_and(|since| time - since > self.timeout) {
+            return Err(ProcessError::PlantAbsent { waited_s: (time - self.began).as_s(), state: state() });
+        }
+        match self.told {
+            None if !there => {
+                info!("waiting for the external drive of this instance");
+                self.told = Some(time);
+            }
+            None => self.told = Some(time),
+            Some(told) if time - told > TELL && (asked || !there) => {
+                warn!(
+                    "still waiting for the external drive, for {:.0} s now: {}",
+                    (time - self.began).as_s(),
+                    state()
+                );
+                self.told = Some(time);
+            }
+            Some(_) => {}
+        }
+        Ok(())
+    }
+
+    fn pause(&self) -> Duration {
+        if now() - self.began < HURRY { LOOK_FIRST } else { LOOK_LATER }
+    }
+}
+
 /// Messages vanish with their sender: after the last command, gives the plant the time to hear it and leave.
 pub(super) fn farewell(plant: Option<PlantPorts<'_>>) -> Result<(), ProcessError> {
     let Some(mut plant) = plant else { return Ok(()) };
     plant.send()?;
     let until = now() + FAREWELL;
-    while now() < until && plant.membership.services().plant_is_there()? {
+    while now() < until && plant.presence.is_there() {
         std::thread::sleep(Duration::from_millis(2));
     }
     Ok(())

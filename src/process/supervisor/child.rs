@@ -9,6 +9,7 @@ use crate::summary::ProcessUsage;
 use crate::time::MonoNs;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fmt;
+use std::fs::File;
 use std::io::Read;
 use std::os::fd::AsFd;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -54,16 +55,17 @@ pub(super) struct Child {
 }
 
 impl Child {
-    /// Starts `role` of `instance` with the configuration that lies in its place.
-    pub(super) fn spawn(role: Role, instance: &Instance) -> Result<Self, ProcessError> {
+    /// Starts `role` of `instance`. It reads its configuration from the very file that was written, not from a path
+    /// under which another could lie.
+    pub(super) fn spawn(role: Role, instance: &Instance, config: &File) -> Result<Self, ProcessError> {
         let failed = |cause| ProcessError::Start { what: role.as_str(), cause };
         let mut command = Command::new(std::env::current_exe().map_err(failed)?);
         command
             .arg(role.as_str())
             .arg(instance.config_path())
             .args(["--instance", &instance.to_string()])
-            .args(["--supervised-by", &std::process::id().to_string()])
-            .stdin(Stdio::null())
+            .args(["--supervised-by", &std::process::id().to_string(), "--config-on-stdin"])
+            .stdin(config.try_clone().map_err(failed)?)
             // A group of its own: Ctrl-C reaches the supervisor alone, which ends its children in order.
             .process_group(0);
         if role == Role::Control {

@@ -11,6 +11,7 @@ use crate::rt::{now, tell};
 use crate::summary::{ProcessUsage, Summary};
 use crate::time::{MonoNs, SpanNs};
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::time::Duration;
 use tracing::warn;
 
@@ -32,14 +33,14 @@ pub(super) struct Crew {
 }
 
 impl Crew {
-    /// Starts the processes of a run.
-    pub(super) fn start(config: &Config, instance: &Instance) -> Result<Self, ProcessError> {
+    /// Starts the processes of a run, which read the effective configuration from the file `written`.
+    pub(super) fn start(config: &Config, instance: &Instance, written: &File) -> Result<Self, ProcessError> {
         let longest_stop = longest_stop(config);
-        let control = Child::spawn(Role::Control, instance)?;
+        let control = Child::spawn(Role::Control, instance, written)?;
         // From here on whatever fails ends what was started in order.
         let mut crew = Self { control, others: Vec::new(), longest_stop, is_down: false };
-        crew.others.push(Child::spawn(Role::Vision, instance)?);
-        crew.others.push(Child::spawn(Role::Camera, instance)?);
+        crew.others.push(Child::spawn(Role::Vision, instance, written)?);
+        crew.others.push(Child::spawn(Role::Camera, instance, written)?);
         if config.drive.kind == DriveKind::External {
             crew.others.extend(Child::spawn_plant(&config.drive.external, instance)?);
         }

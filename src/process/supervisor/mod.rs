@@ -13,7 +13,7 @@ mod progress;
 mod reap;
 mod vigil;
 
-use super::{ProcessError, StopFlag};
+use super::{ProcessError, StopFlag, frame_shape};
 use crate::config::Config;
 use crate::ipc::{Instance, InstanceError, Receiver, Role, Services};
 use crate::messages::Status;
@@ -23,7 +23,7 @@ use crate::time::SpanNs;
 use child::End;
 use crew::Crew;
 use progress::Progress;
-use std::path::{Path, PathBuf};
+use std::fs::File;
 use std::time::Duration;
 use tracing::error;
 use vigil::Vigil;
@@ -32,14 +32,9 @@ use vigil::Vigil;
 const PREDECESSOR: SpanNs = SpanNs(5_000_000_000);
 /// From the orderly end of an external drive's program to that of control.
 const PLANT_LEAVES: SpanNs = SpanNs(2_000_000_000);
+/// What all that is not a frame takes in shared memory from the first second on, bytes.
+const LEAST_SPACE_BESIDE_FRAMES: u64 = 256 * 1024;
 const WATCH_PERIOD: Duration = Duration::from_millis(10);
-
-/// What a run is to leave, and where.
-#[derive(Debug, Clone, Default)]
-pub struct RunOptions {
-    /// File for the summary.
-    pub summary: Option<PathBuf>,
-}
 
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,24 +48,10 @@ pub struct RunEnd {
 /// Runs camera, vision and control to the end of the run.
 ///
 /// # Errors
-/// When the run cannot be started, or its summary not be written.
-pub fn run(
-    config: &Config,
-    instance: &Instance,
-    options: &RunOptions,
-    stop: &StopFlag,
-) -> Result<RunEnd, ProcessError> {
-    if let Some(path) = &options.summary {
-        check_writable(path)?;
-    }
-    let place = Place::take(config, instance)?;
-    let end = supervise(config, instance, stop);
-    drop(place);
-    let end = end?;
-    if let Some(path) = &options.summary {
-        write_summary(path, &end.summary)?;
-    }
-    Ok(end)
+/// When the run cannot be started.
+pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<RunEnd, ProcessError> {
+    let (_place, written) = Place::take(config, instance)?;
+    supervise(config, &written, instance, stop)
 }
 
 /// The instance's place in shared memory, cleaned up when dropped.
@@ -80,7 +61,8 @@ struct Place {
 }
 
 impl Place {
-    fn take(config: &Config, instance: &Instance) -> Result<Self, ProcessError> {
+    /// With the effective configuration, as it was written.
+    fn take(config: &Config, instance: &Instance) -> Result<(Self, File), ProcessError> {
         let lock = instance.lock(Role::Supervisor)?;
         // Children of a supervisor that was just killed need a moment to end.
         let deadline = now() + PREDECESSOR;
@@ -93,9 +75,10 @@ impl Place {
         }
         let place = Self { instance: instance.clone(), lock: Some(lock) };
         instance.remove_leftovers(Some(Role::Supervisor));
-        let path = instance.config_path();
-        std::fs::write(&path, config.to_toml()?).map_err(|cause| ProcessError::Write { path, cause })?;
-        Ok(place)
+        // The kernel has no milder way than SIGBUS to say later that there is none.
+        instance.require_space(frame_shape(config).bytes as u64 + LEAST_SPACE_BESIDE_FRAMES)?;
+        let written = instance.write_config(&config.to_toml()?)?;
+        Ok((place, written))
     }
 }
 
@@ -106,12 +89,17 @@ impl Drop for Place {
     }
 }
 
-fn supervise(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<RunEnd, ProcessError> {
+fn supervise(
+    config: &Config,
+    written: &File,
+    instance: &Instance,
+    stop: &StopFlag,
+) -> Result<RunEnd, ProcessError> {
     let start = now();
     if stop.is_requested() {
         return Ok(stopped_before_the_start(config, now() - start));
     }
-    let mut crew = Crew::start(config, instance)?;
+    let mut crew = Crew::start(config, instance, written)?;
     let (failure, end) = {
         // Attached after the children were started: a process must not fork once it has joined the transport.
         let services = Services::join(instance).ok();
@@ -228,32 +216,4 @@ fn conclude(
             broken(format!("the control process ended without a result: {end}"), exit_code, None)
         }
     }
-}
-
-/// Finds out before the run whether a file can be written after it, and leaves no trace of the attempt.
-///
-/// # Errors
-/// When it cannot.
-pub fn check_writable(path: &Path) -> Result<(), ProcessError> {
-    let existed = path.exists();
-    std::fs::OpenOptions::new()
-        .create(true)
-        .append(true)
-        .open(path)
-        .map_err(|cause| ProcessError::Write { path: path.into(), cause })?;
-    if !existed {
-        let _ = std::fs::remove_file(path);
-    }
-    Ok(())
-}
-
-/// Writes the summary as JSON.
-///
-/// # Errors
-/// When the file cannot be written.
-pub fn write_summary(path: &Path, summary: &Summary) -> Result<(), ProcessError> {
-    let failed = |cause| ProcessError::Write { path: path.into(), cause };
-    let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
-    text.push('\n');
-    std::fs::write(path, text).map_err(failed)
 }

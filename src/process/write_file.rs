@@ -1,0 +1,250 @@
+//! Writing results: a file is there whole, or not at all.
+//!
+//! ```text
+//! plain file   ─► temporary file beside it ─► fsync ─► rename      a failure leaves what was there before
+//! anything else (/dev/stdout, a pipe) ─────► written directly
+//! ```
+//! A link stays and what it leads to is replaced. Where a file may be written but nothing beside it, it is written in place.
+
+use rustix::fs::{AtFlags, Mode, OFlags, fchmod, fchown, fstat, open, statat};
+use std::fs::{File, OpenOptions};
+use std::io::{self, ErrorKind, Write};
+use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+const LONGEST_CHAIN: usize = 40;
+
+/// How a path is to be written.
+enum Way {
+    /// Beside the file, then renamed.
+    Beside(PathBuf),
+    /// As it is.
+    Directly(PathBuf),
+}
+
+/// Writes `text` to `path`.
+///
+/// # Errors
+/// When it cannot be written; what was there before is then still there.
+pub fn write_file(path: &Path, text: &str) -> io::Result<()> {
+    match way(path)? {
+        Way::Directly(path) => write_directly(&path, text),
+        Way::Beside(target) => match Temporary::beside(&target) {
+            Ok(temporary) => temporary.write(text)?.replace(&target, text),
+            Err(e) if in_place_only(&e) && target.exists() => write_in_place(&target, text),
+            Err(e) => Err(e),
+        },
+    }
+}
+
+/// Finds out before the work whether `path` can be written after it, and leaves no trace of the attempt.
+///
+/// # Errors
+/// When it cannot.
+pub fn check_writable(path: &Path) -> io::Result<()> {
+    match way(path)? {
+        // A pipe may get its reader later; opening it may wait for one.
+        Way::Directly(path) if std::fs::metadata(&path)?.file_type().is_fifo() => Ok(()),
+        Way::Directly(path) => open_directly(&path).map(drop),
+        Way::Beside(target) => {
+            if target.exists() {
+                OpenOptions::new().append(true).open(&target)?;
+            }
+            match Temporary::beside(&target) {
+                Ok(_) => Ok(()),
+                Err(e) if in_place_only(&e) && target.exists() => Ok(()),
+                Err(e) => Err(e),
+            }
+        }
+    }
+}
+
+fn way(path: &Path) -> io::Result<Way> {
+    let target = resolve(path)?;
+    match std::fs::metadata(&target) {
+        Ok(found) if found.is_dir() => Err(ErrorKind::IsADirectory.into()),
+        // A plain file that is our stdout or stderr is not exchanged: the rest of the output goes there.
+        Ok(found) if !found.is_file() || is_output(found.dev(), found.ino()) => Ok(Way::Directly(target)),
+        Ok(_) if is_descriptor(&target) => Ok(Way::Directly(target)),
+        Ok(_) => Ok(Way::Beside(target)),
+        Err(e) if e.kind() == ErrorKind::NotFound && !is_descriptor(&target) => Ok(Way::Beside(target)),
+        Err(e) => Err(e),
+    }
+}
+
+/// Follows links of the last part of a path, so that what they lead to can be replaced. Those of open descriptors are no
+/// names of files and stay.
+fn resolve(path: &Path) -> io::Result<PathBuf> {
+    let mut path = path.to_path_buf();
+    for _ in 0..LONGEST_CHAIN {
+        if is_descriptor(&path) || !path.is_symlink() {
+            return Ok(path);
+        }
+        let link = std::fs::read_link(&path)?;
+        path = path.parent().unwrap_or(Path::new("")).join(link);
+    }
+    Err(rustix::io::Errno::LOOP.into())
+}
+
+/// `/dev/stdout`, `/dev/fd/3`, `/proc/self/fd/3`.
+fn is_descriptor(path: &Path) -> bool {
+    path.starts_with("/dev") || path.starts_with("/proc")
+}
+
+fn is_output(device: u64, inode: u64) -> bool {
+    let same = |stat: rustix::io::Result<rustix::fs::Stat>| {
+        stat.is_ok_and(|s| s.st_dev == device && s.st_ino == inode)
+    };
+    same(fstat(io::stdout())) || same(fstat(io::stderr()))
+}
+
+fn in_place_only(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem)
+}
+
+fn open_directly(path: &Path) -> io::Result<File> {
+    // Appended, because a file behind /dev/stdout holds what was printed before. Nobody at the other end of a pipe is an
+    // error, not a reason to wait.
+    let flags = OFlags::NONBLOCK.bits() as i32;
+    OpenOptions::new().append(true).custom_flags(flags).open(path)
+}
+
+fn write_directly(path: &Path, text: &str) -> io::Result<()> {
+    let mut file = open_directly(path)?;
+    let flags = rustix::fs::fcntl_getfl(&file)?;
+    rustix::fs::fcntl_setfl(&file, flags - OFlags::NONBLOCK)?;
+    file.write_all(text.as_bytes())
+}
+
+fn write_in_place(path: &Path, text: &str) -> io::Result<()> {
+    let mut file = OpenOptions::new().write(true).truncate(true).open(path)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()
+}
+
+/// A file of its own name; removed when dropped.
+struct Temporary {
+    path: PathBuf,
+    file: File,
+}
+
+impl Temporary {
+    fn beside(target: &Path) -> io::Result<Self> {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let name = target.file_name().ok_or(ErrorKind::InvalidInput)?.to_string_lossy();
+        // Names may be up to 255 bytes long.
+        let name: String = name.chars().take(40).collect();
+        loop {
+            let count = COUNT.fetch_add(1, Ordering::Relaxed);
+            let path = target.with_file_name(format!(".{name}.{}-{count}.tmp", std::process::id()));
+            let flags = OFlags::WRONLY | OFlags::CREATE | OFlags::EXCL | OFlags::NOFOLLOW | OFlags::CLOEXEC;
+            match open(&path, flags, Mode::from_raw_mode(0o666)) {
+                Ok(file) => return Ok(Self { path, file: file.into() }),
+                Err(rustix::io::Errno::EXIST) => {} // of a process that was killed
+                Err(e) => return Err(e.into()),
+            }
+        }
+    }
+
+    fn write(mut self, text: &str) -> io::Result<Self> {
+        self.file.write_all(text.as_bytes())?;
+        Ok(self)
+    }
+
+    fn replace(self, target: &Path, text: &str) -> io::Result<()> {
+        if let Ok(old) = statat(rustix::fs::CWD, target, AtFlags::SYMLINK_NOFOLLOW) {
+            let own = fstat(&self.file)?;
+            if (own.st_uid, own.st_gid) != (old.st_uid, old.st_gid) {
+                let owner = rustix::fs::Uid::from_raw(old.st_uid);
+                let group = rustix::fs::Gid::from_raw(old.st_gid);
+                let _ = fchown(&self.file, Some(owner), Some(group));
+            }
+            let _ = fchmod(&self.file, Mode::from_raw_mode(old.st_mode & 0o777));
+        }
+        self.file.sync_all()?;
+        match std::fs::rename(&self.path, target) {
+            Ok(()) => {}
+            // A file that is mounted by itself can be written but not exchanged.
+            Err(e) if e.kind() == ErrorKind::ResourceBusy => return write_in_place(target, text),
+            Err(e) => return Err(e),
+        }
+        // The name is on disk only when its folder is; where that cannot be asked for, the file is whole nevertheless.
+        let folder = target.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let _ = File::open(folder).and_then(|folder| folder.sync_all());
+        Ok(())
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.path);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::{PermissionsExt, symlink};
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<_> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_file_is_replaced_whole_and_keeps_its_mode_and_its_links() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, link) = (folder.path().join("a.json"), folder.path().join("latest"));
+        check_writable(&file).unwrap();
+        assert!(names(folder.path()).is_empty(), "the attempt leaves no trace");
+        write_file(&file, "one").unwrap();
+        std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o640)).unwrap();
+        symlink("a.json", &link).unwrap();
+        let reader = File::open(&file).unwrap();
+        check_writable(&link).unwrap();
+        write_file(&link, "two").unwrap();
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "two");
+        assert_eq!(io::read_to_string(reader).unwrap(), "one", "whoever reads the old file reads it whole");
+        assert_eq!(std::fs::metadata(&file).unwrap().permissions().mode() & 0o777, 0o640);
+        assert!(link.is_symlink());
+        assert_eq!(names(folder.path()), ["a.json", "latest"]);
+    }
+
+    #[test]
+    fn what_is_no_plain_file_is_written_directly_or_refused() {
+        assert_eq!(write_file(Path::new("/dev/full"), "x").unwrap_err().kind(), ErrorKind::StorageFull);
+        write_file(Path::new("/dev/null"), "x").unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let there = folder.path().join("there");
+        let opened = File::create(&there).unwrap();
+        let by_descriptor = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&opened));
+        write_file(Path::new(&by_descriptor), "x").unwrap();
+        assert_eq!(opened.metadata().unwrap().len(), 1, "the very file that is open");
+        assert!(check_writable(folder.path()).is_err() && write_file(folder.path(), "x").is_err());
+        symlink("loop", folder.path().join("loop")).unwrap();
+        assert!(check_writable(&folder.path().join("loop")).is_err());
+        assert!(check_writable(&folder.path().join("absent/a")).is_err());
+        symlink("new", folder.path().join("dangling")).unwrap();
+        write_file(&folder.path().join("dangling"), "y").unwrap();
+        assert_eq!(std::fs::read_to_string(folder.path().join("new")).unwrap(), "y");
+    }
+
+    #[test]
+    fn a_pipe_without_reader_is_an_error_and_not_a_wait() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)
+            .unwrap();
+        check_writable(&pipe).unwrap();
+        assert!(write_file(&pipe, "x").is_err());
+        let reader =
+            OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits() as i32).open(&pipe).unwrap();
+        write_file(&pipe, "x").unwrap();
+        assert_eq!(io::read_to_string(reader).unwrap(), "x");
+    }
+}

@@ -1,0 +1,197 @@
+//! One image file, read with care: only plain files, bounded in size before anything is decoded, and whole.
+//!
+//! Decoders forgive: a JPEG that ends early is filled up with grey. So the end of a file is looked for here: `EOI` of a
+//! JPEG, `IEND` of a PNG. The samples of a PGM are counted by its decoder.
+
+use super::SourceError;
+use image::{DynamicImage, GrayImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use rustix::fs::OFlags;
+use std::fs::{File, FileType, OpenOptions};
+use std::io::{BufReader, Cursor, Read, Seek};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::path::Path;
+
+/// Text PGM needs at most 6 bytes a pixel, PNG with four channels of 16 bits 8.
+const BYTES_PER_PIXEL: u64 = 16;
+/// For everything else in a file: comments, profiles, thumbnails.
+const BYTES_BESIDE: u64 = 16 << 20;
+/// What a decoder may allocate beside that: lines and tables.
+const DECODER_BYTES: u64 = 64 << 20;
+
+/// Columns and rows that files must have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Size {
+    pub(super) width: u32,
+    pub(super) height: u32,
+}
+
+impl Size {
+    fn largest_file(self) -> u64 {
+        u64::from(self.width) * u64::from(self.height) * BYTES_PER_PIXEL + BYTES_BESIDE
+    }
+
+    fn limits(self) -> Limits {
+        let mut limits = Limits::default();
+        limits.max_image_width = Some(self.width);
+        limits.max_image_height = Some(self.height);
+        limits.max_alloc = Some(self.largest_file() + DECODER_BYTES);
+        limits
+    }
+}
+
+/// Looks at the head of `path`: a plain file of at most the size that such an image can have, with the right columns
+/// and rows.
+///
+/// # Errors
+/// [`SourceError`] names the file.
+pub(super) fn check(path: &Path, size: Size) -> Result<(), SourceError> {
+    let file = open(path, size)?;
+    let mut reader = BufReader::new(file);
+    let failed = |cause: std::io::Error| SourceError::image(path, cause.into());
+    let mut start = Vec::new();
+    reader.by_ref().take(16).read_to_end(&mut start).map_err(failed)?;
+    reader.rewind().map_err(failed)?;
+    if format(path, &start)? == ImageFormat::Jpeg {
+        // Its head can be of any length: the decoder reads all of the file, so it gets no more than there may be.
+        let bytes = read(path, reader.into_inner(), size)?;
+        return check_size(path, decoder(path, Cursor::new(bytes.as_slice()), &start)?.dimensions(), size);
+    }
+    check_size(path, decoder(path, reader, &start)?.dimensions(), size)
+}
+
+/// Reads the image.
+///
+/// # Errors
+/// [`SourceError`] names the file, and what is wrong with it.
+pub(super) fn load(path: &Path, size: Size) -> Result<GrayImage, SourceError> {
+    let bytes = read(path, open(path, size)?, size)?;
+    let whole = match format(path, &bytes)? {
+        ImageFormat::Jpeg => jpeg_is_whole(&bytes),
+        ImageFormat::Png => png_is_whole(&bytes),
+        _ => true,
+    };
+    if !whole {
+        return Err(SourceError::Damaged(path.into()));
+    }
+    let mut decoder = decoder(path, Cursor::new(bytes.as_slice()), &bytes)?;
+    check_size(path, decoder.dimensions(), size)?;
+    let failed = |cause| SourceError::image(path, cause);
+    decoder.set_limits(size.limits()).map_err(failed)?;
+    Ok(DynamicImage::from_decoder(decoder).map_err(failed)?.into_luma8())
+}
+
+/// Opens a plain file, or a link to one; never waits for the other end of a pipe, and does not touch devices.
+fn open(path: &Path, size: Size) -> Result<File, SourceError> {
+    let failed = |cause: std::io::Error| SourceError::image(path, cause.into());
+    plain(path, std::fs::metadata(path).map_err(failed)?.file_type())?;
+    let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32;
+    let file = OpenOptions::new().read(true).custom_flags(flags).open(path).map_err(failed)?;
+    let found = file.metadata().map_err(failed)?;
+    plain(path, found.file_type())?; // another may have come to this path in between
+    check_length(path, found.len(), size)?;
+    Ok(file)
+}
+
+fn plain(path: &Path, found: FileType) -> Result<(), SourceError> {
+    let kind = if found.is_file() {
+        return Ok(());
+    } else if found.is_dir() {
+        "a folder"
+    } else if found.is_fifo() {
+        "a pipe"
+    } else if found.is_socket() {
+        "a socket"
+    } else {
+        "a device"
+    };
+    Err(SourceError::NotAFile { file: path.into(), kind })
+}
+
+fn check_length(path: &Path, bytes: u64, size: Size) -> Result<(), SourceError> {
+    let largest = size.largest_file();
+    if bytes <= largest {
+        return Ok(());
+    }
+    Err(SourceError::TooLarge { file: path.into(), mib: bytes >> 20, largest_mib: largest >> 20 })
+}
+
+/// All bytes, at most as many as there may be: a file can be longer than it says.
+fn read(path: &Path, file: File, size: Size) -> Result<Vec<u8>, SourceError> {
+    let mut bytes = Vec::new();
+    let most = size.largest_file() + 1;
+    file.take(most).read_to_end(&mut bytes).map_err(|e| SourceError::image(path, e.into()))?;
+    check_length(path, bytes.len() as u64, size)?;
+    Ok(bytes)
+}
+
+fn format(path: &Path, start: &[u8]) -> Result<ImageFormat, SourceError> {
+    image::guess_format(start).map_err(|cause| SourceError::image(path, cause))
+}
+
+fn decoder<'a>(
+    path: &Path,
+    reader: impl std::io::BufRead + Seek + 'a,
+    start: &[u8],
+) -> Result<impl ImageDecoder + 'a, SourceError> {
+    let mut reader = ImageReader::with_format(reader, format(path, start)?);
+    reader.limits(Limits::default());
+    reader.into_decoder().map_err(|cause| SourceError::image(path, cause))
+}
+
+fn check_size(path: &Path, (width, height): (u32, u32), size: Size) -> Result<(), SourceError> {
+    if (Size { width, height }) == size {
+        return Ok(());
+    }
+    Err(SourceError::Size {
+        file: path.into(),
+        found_width: width,
+        found_height: height,
+        width: size.width,
+        height: size.height,
+    })
+}
+
+/// Whether a JPEG has its end: walks its segments, and the coded data between them, to `EOI` behind at least one scan.
+fn jpeg_is_whole(bytes: &[u8]) -> bool {
+    const START: u8 = 0xD8;
+    const END: u8 = 0xD9;
+    const SCAN: u8 = 0xDA;
+    let mut scanned = false;
+    let mut at = 0;
+    // Everything up to the next marker is coded data, or filling.
+    while let Some(found) = bytes.get(at..).and_then(|rest| rest.iter().position(|b| *b == 0xFF)) {
+        at += found + 1;
+        match bytes.get(at).copied() {
+            None => return false,
+            // A coded 0xFF, filling, restart markers, and others without length.
+            Some(0x00 | 0xFF | 0x01 | 0xD0..=0xD7 | START) => {}
+            Some(END) => return scanned,
+            Some(marker) => {
+                scanned |= marker == SCAN;
+                let Some([high, low]) = bytes.get(at + 1..at + 3) else { return false };
+                at += usize::from(u16::from_be_bytes([*high, *low]));
+            }
+        }
+    }
+    false
+}
+
+/// Whether a PNG has its end: walks its chunks to `IEND`.
+fn png_is_whole(bytes: &[u8]) -> bool {
+    const SIGNATURE: usize = 8;
+    const LENGTH_TYPE_AND_SUM: usize = 12;
+    let mut at = SIGNATURE;
+    while let Some(head) = bytes.get(at..at + 8) {
+        let (length, kind) = head.split_at(4);
+        let length = length.iter().fold(0, |n, b| n << 8 | usize::from(*b));
+        let Some(next) = at.checked_add(length + LENGTH_TYPE_AND_SUM).filter(|next| *next <= bytes.len())
+        else {
+            return false;
+        };
+        if kind == b"IEND" {
+            return true;
+        }
+        at = next;
+    }
+    false
+}
