@@ -16,8 +16,10 @@ mod error;
 mod instance;
 mod ports;
 mod services;
+mod spin;
 
 pub use error::IpcError;
 pub use instance::{Instance, InstanceError, Role, RoleLock};
 pub use ports::{Bell, BorrowedFrame, FrameReceiver, FrameSender, ReceivedFrame, Receiver, Sender, Waker};
 pub use services::{FrameShape, Peers, Services};
+pub use spin::Spin;

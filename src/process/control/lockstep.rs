@@ -9,9 +9,9 @@ use super::{Pace, Ports, STOP_REASON};
 use crate::calibration::Recording;
 use crate::config::Config;
 use crate::control_loop::ControlLoop;
-use crate::ipc::{FrameShape, Services};
+use crate::ipc::{FrameShape, Services, Spin};
 use crate::messages::{Measurement, frame_flag};
-use crate::process::{LONGEST_WAIT, ProcessError, StopFlag};
+use crate::process::{LONGEST_SPIN, LONGEST_WAIT, ProcessError, StopFlag, WAKE_AHEAD};
 use crate::safety::Fault;
 use crate::schedule::TICK;
 use crate::summary::TickTimes;
@@ -51,7 +51,8 @@ pub(super) fn run<const N: usize>(
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, Pace), ProcessError> {
     let schedule = &config.camera.schedule;
-    let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None };
+    let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None, spin: Spin::new(LONGEST_SPIN) };
+    let mut next_exposure = schedule.next_exposure_tick(0);
     let mut next_frame = 0;
     let mut tick = 0;
     loop {
@@ -74,6 +75,7 @@ pub(super) fn run<const N: usize>(
             recording.note_state(&state);
         }
         if schedule.frame_at(tick).is_some() {
+            next_exposure = schedule.next_exposure_tick(tick);
             ports.joint_state.send(&state)?;
         } else {
             ports.joint_state.send_quietly(&state)?;
@@ -81,12 +83,17 @@ pub(super) fn run<const N: usize>(
         if stop.is_requested() {
             control.stop(now, STOP_REASON);
         }
-        let mut measurement = None;
+        let (mut measurement, before) = (None, next_frame);
         while schedule.usable_tick(next_frame) == tick {
             if !schedule.is_lost(next_frame) {
                 measurement = inbox.measurement_of(next_frame, ports, stop)?.or(measurement);
             }
             next_frame += 1;
+        }
+        // From here to the next frame nothing is waited for: the camera may wake up meanwhile.
+        let ahead = next_exposure - tick;
+        if ahead == WAKE_AHEAD || (ahead < WAKE_AHEAD && next_frame > before) {
+            ports.joint_state.ring()?;
         }
         if let (Some(recording), Some(m)) = (&mut recording, &measurement) {
             recording.note_measurement(m);
@@ -115,6 +122,7 @@ pub(super) fn run<const N: usize>(
 struct Inbox {
     waiting: VecDeque<Measurement>,
     last_frame: Option<u64>,
+    spin: Spin,
 }
 
 impl Inbox {
@@ -142,7 +150,10 @@ impl Inbox {
                 None if stop.is_requested() || self.last_frame.is_some_and(|last| id > last) => {
                     return Ok(None);
                 }
-                None => ports.waker.wait(LONGEST_WAIT)?,
+                None => {
+                    let here = || ports.measurements.is_waiting();
+                    ports.waker.wait_spinning(LONGEST_WAIT, &mut self.spin, here)?;
+                }
             }
         }
     }

@@ -10,9 +10,9 @@
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
 use crate::drive::{CommandMode, ExternalDrive, PlantLink};
-use crate::ipc::{Receiver, Sender, Services, Waker};
+use crate::ipc::{Receiver, Sender, Services, Spin, Waker};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
-use crate::process::{LONGEST_WAIT, ProcessError, StopFlag};
+use crate::process::{LONGEST_SPIN, LONGEST_WAIT, ProcessError, StopFlag};
 use crate::rt::now;
 use crate::safety::Fault;
 use crate::time::SpanNs;
@@ -69,6 +69,7 @@ pub(super) struct PlantPorts<'a> {
     state: Receiver<DriveStateMsg>,
     waker: Waker,
     answer_timeout: SpanNs,
+    spin: Spin,
 }
 
 /// The drive core and the process's end of it, where the configuration wants an external drive.
@@ -91,7 +92,9 @@ pub(super) fn open<'a, const N: usize>(
     let (state, waker) = services.drive_state_receiver()?;
     let command = services.drive_command_sender()?;
     let answer_timeout = config.drive.external.answer_timeout;
-    Ok(Some((drive, PlantPorts { services, received, to_send, command, state, waker, answer_timeout })))
+    let spin = Spin::new(LONGEST_SPIN);
+    let ports = PlantPorts { services, received, to_send, command, state, waker, answer_timeout, spin };
+    Ok(Some((drive, ports)))
 }
 
 impl PlantPorts<'_> {
@@ -187,7 +190,7 @@ impl PlantPorts<'_> {
                     return Ok(Answer::Failed(Fault::DriveLeft));
                 }
             }
-            self.waker.wait(LONGEST_WAIT)?;
+            self.waker.wait_spinning(LONGEST_WAIT, &mut self.spin, || self.state.is_waiting())?;
         }
     }
 
