@@ -240,6 +240,8 @@ pub struct Realtime {
     pub policy: RealtimePolicy,
     /// What is asked for.
     pub request: RealtimeRequest,
+    /// How long the control thread spins before each deadline; `None`: as suits what it obtains.
+    pub spin: Option<SpanNs>,
 }
 
 /// What is asked of the operating system.
@@ -416,6 +418,18 @@ mod tests {
         assert!(
             load(&["camera.rate_hz=1", "safety.measurement_timeout_ms=2100"]).unwrap().warnings.is_empty()
         );
+    }
+
+    #[test]
+    fn the_spin_is_short_and_may_be_left_to_what_is_obtained() {
+        let spin = |set: &str| Config::load(None, &[set.to_string()]).map(|c| c.realtime.spin);
+        assert_eq!(Config::load(None, &[]).unwrap().realtime.spin, None);
+        assert_eq!(spin("realtime.spin_us=0").unwrap(), Some(SpanNs::ZERO));
+        assert_eq!(spin("realtime.spin_us=12.5").unwrap(), Some(SpanNs(12_500)));
+        for wrong in ["realtime.spin_us=501", "realtime.spin_us=-1", "realtime.spin_us=nan"] {
+            let error = spin(wrong).unwrap_err().to_string();
+            assert!(error.contains("realtime.spin_us: ") && error.contains("allowed is 0 to 500"), "{error}");
+        }
     }
 
     #[test]

@@ -1,10 +1,14 @@
 //! The operating system's part in being punctual: clock, absolute sleep, scheduling, memory that is there.
 
 mod clock;
+mod deadline_wait;
 pub mod doctor;
 mod prefault;
 mod scheduling;
 
 pub use clock::{now, sleep_until};
+pub use deadline_wait::DeadlineWait;
 pub use prefault::{page_faults, prefault};
-pub use scheduling::{Awake, Obtained, SchedulingError, prepare_process, prepare_thread};
+pub use scheduling::{
+    Awake, Obtained, SchedulingError, USUAL_SPIN, prepare_process, prepare_thread, spin_before_deadlines,
+};
