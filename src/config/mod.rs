@@ -421,18 +421,6 @@ mod tests {
     }
 
     #[test]
-    fn the_spin_is_short_and_may_be_left_to_what_is_obtained() {
-        let spin = |set: &str| Config::load(None, &[set.to_string()]).map(|c| c.realtime.spin);
-        assert_eq!(Config::load(None, &[]).unwrap().realtime.spin, None);
-        assert_eq!(spin("realtime.spin_us=0").unwrap(), Some(SpanNs::ZERO));
-        assert_eq!(spin("realtime.spin_us=12.5").unwrap(), Some(SpanNs(12_500)));
-        for wrong in ["realtime.spin_us=501", "realtime.spin_us=-1", "realtime.spin_us=nan"] {
-            let error = spin(wrong).unwrap_err().to_string();
-            assert!(error.contains("realtime.spin_us: ") && error.contains("allowed is 0 to 500"), "{error}");
-        }
-    }
-
-    #[test]
     fn shipped_run_files_give_no_warning() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
         let files = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
