@@ -149,11 +149,11 @@ impl Renderer {
             let flat = views.iter().all(|view| view.bands().row(y).is_empty());
             if count > 0 && !(flat && fresh) {
                 if let ([view], Some(memory)) = (views, self.memories.first_mut()) {
-                    fill_row(view, memory, y, &paint, &mut self.directions, &mut self.levels);
+                    fill_row(view, memory, y, &paint, &mut self.directions, &mut self.levels, true);
                 } else {
                     self.sums.fill(0);
                     for (view, memory) in views.iter().zip(&mut self.memories) {
-                        fill_row(view, memory, y, &paint, &mut self.directions, &mut self.levels);
+                        fill_row(view, memory, y, &paint, &mut self.directions, &mut self.levels, false);
                         for (sum, &level) in self.sums.iter_mut().zip(&self.levels) {
                             *sum += u32::from(level);
                         }
@@ -227,7 +227,8 @@ struct Memory {
     spans: [Span; PER_ROW + 1],
 }
 
-/// Exact levels of one row: flat spans between the bands are filled with the level at their middle.
+/// Exact levels of one row: flat spans between the bands are filled with the level at their middle. `kept`: the levels still
+/// hold the row that the memory is of.
 #[inline(always)]
 fn fill_row(
     view: &View,
@@ -236,6 +237,7 @@ fn fill_row(
     paint: &Paint<'_>,
     directions: &mut RowOfRays,
     levels: &mut [u16],
+    kept: bool,
 ) {
     let v = y as f64;
     let follows = memory.row + 1 == y;
@@ -259,7 +261,18 @@ fn fill_row(
             } else {
                 fixed(view.flat_level(0.5 * (from + to - 1) as f64, v, paint))
             };
-            span.fill(level);
+            // What stands above it on the same surface stands there already, where the row above is still in the buffer.
+            let (start, end) = if kept && follows && above.level == level {
+                (above.from.clamp(from, to) - from, above.to.clamp(from, to) - from)
+            } else {
+                (0, 0)
+            };
+            if let Some((left, rest)) = span.split_at_mut_checked(start) {
+                left.fill(level);
+                if let Some(right) = rest.get_mut(end.saturating_sub(start)..) {
+                    right.fill(level);
+                }
+            }
             *above = Span { from, to, level };
         } else {
             *above = Span::default();
