@@ -10,9 +10,9 @@
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use vservo::summary::{Outcome, Summary};
+use vservo::summary::{Outcome, Summary, spin_text};
 
-/// Largest share of a core, %.
+/// Largest share of a core, %; that of control beside its spin.
 const GOALS: [(&str, f64); 2] = [("control", 5.0), ("vision", 2.0)];
 
 fn main() -> ExitCode {
@@ -69,14 +69,21 @@ fn print(s: &Summary) {
     for (role, used) in &s.processes {
         let goal = GOALS.iter().find(|(name, _)| name == role);
         let goal = goal.map_or(String::new(), |(_, percent)| format!(", goal {percent:.0} %"));
+        let spin_share = s.realtime.as_ref().filter(|_| role == "control").map_or(0.0, |r| r.spin_share);
+        let spin = if spin_share > 0.0 {
+            format!(" beside {:.2} % of spinning", spin_share * 100.0)
+        } else {
+            String::new()
+        };
         println!(
-            "  {role:<9}  {:.2} % of a core{goal}, {:.1} MB",
-            used.cpu_share * 100.0,
+            "  {role:<9}  {:.2} % of a core{spin}{goal}, {:.1} MB",
+            (used.cpu_share - spin_share) * 100.0,
             used.max_resident_mb
         );
     }
     if let Some(realtime) = &s.realtime {
-        println!("  real time  {}, {} page faults", realtime.scheduling, realtime.page_faults);
+        let spin = spin_text(realtime.spin_us, realtime.spin_share);
+        println!("  real time  {}{spin}, {} page faults", realtime.scheduling, realtime.page_faults);
     }
     println!("  frames     {}, {} dropped, target lost {} times", s.frames, s.frames_dropped, s.target_lost);
     let final_px = s.final_errors.feature_error.map_or("unknown".into(), |e| format!("{e:.4} px"));

@@ -71,6 +71,14 @@ impl FrameSchedule {
         (near.saturating_sub(1)..=near + 1).find(|id| self.exposure_tick(*id) == tick)
     }
 
+    /// The first tick after `tick` to which a frame belongs.
+    #[must_use]
+    pub fn next_exposure_tick(&self, tick: u64) -> u64 {
+        let near = (tick as f64 * TICK.0 as f64 / self.period_ns).floor() as u64;
+        let mut ticks = (near..).map(|id| self.exposure_tick(id));
+        ticks.find(|exposure| *exposure > tick).unwrap_or(u64::MAX)
+    }
+
     /// The first tick that may use the measurement of frame `id`. Frames do not overtake one another.
     #[must_use]
     pub fn usable_tick(&self, id: u64) -> u64 {
@@ -110,6 +118,13 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn the_next_exposure_is_the_next_tick_with_a_frame(rate_hz in 0.5..1000.0f64, tick in 0u64..100_000) {
+            let s = regular(rate_hz);
+            let next = s.next_exposure_tick(tick);
+            prop_assert_eq!((tick + 1..).find(|t| s.frame_at(*t).is_some()), Some(next));
+        }
+
         #[test]
         fn every_frame_has_one_tick(rate_hz in 0.1..1000.0f64, id in 0u64..5_000) {
             let s = regular(rate_hz);

@@ -130,6 +130,12 @@ pub struct RealtimeReport {
     pub scheduling: String,
     /// Pages of memory that its ticks had to fetch.
     pub page_faults: u64,
+    /// How long it was to spin before each deadline, us; 0 where it only slept.
+    #[serde(default)]
+    pub spin_us: f64,
+    /// What that cost: the time that it spun, as a share of the run.
+    #[serde(default)]
+    pub spin_share: f64,
 }
 
 /// What one of the run's processes used, from its start to its end.
@@ -346,8 +352,12 @@ impl Summary {
             );
         }
         if let Some(realtime) = &self.realtime {
-            let _ =
-                writeln!(t, "real time     {}, {} page faults", realtime.scheduling, realtime.page_faults);
+            let spin = spin_text(realtime.spin_us, realtime.spin_share);
+            let _ = writeln!(
+                t,
+                "real time     {}{spin}, {} page faults",
+                realtime.scheduling, realtime.page_faults
+            );
         }
         for (i, (name, used)) in self.processes.iter().enumerate() {
             let _ = writeln!(
@@ -372,6 +382,15 @@ impl Summary {
     }
 }
 
+/// How a spin and its cost are told, behind what scheduling was obtained; nothing where there is none.
+#[must_use]
+pub fn spin_text(spin_us: f64, share: f64) -> String {
+    if spin_us <= 0.0 {
+        return String::new();
+    }
+    format!(", spins the last {spin_us} us ({:.1} % of a core)", share * 100.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -386,5 +405,15 @@ mod tests {
         assert!(!text.contains("latency") && !text.contains("tick  ") && !text.contains("hash"), "{text}");
         summary.latency_us.exposure_to_command.max = 20_000.0;
         assert!(summary.to_text().contains("latency       exposure to command"));
+        let mut realtime = RealtimeReport { scheduling: "SCHED_FIFO 80".into(), ..RealtimeReport::default() };
+        summary.realtime = Some(realtime.clone());
+        assert!(summary.to_text().contains("SCHED_FIFO 80, 0 page faults"));
+        (realtime.spin_us, realtime.spin_share) = (50.0, 0.0371);
+        summary.realtime = Some(realtime);
+        let text = summary.to_text();
+        assert!(
+            text.contains("SCHED_FIFO 80, spins the last 50 us (3.7 % of a core), 0 page faults"),
+            "{text}"
+        );
     }
 }

@@ -148,3 +148,15 @@ fn truncate(path: &Path) {
     let bytes = std::fs::read(path).unwrap();
     std::fs::write(path, &bytes[..bytes.len() / 2]).unwrap();
 }
+
+#[test]
+fn the_spin_is_short_and_may_be_left_to_what_is_obtained() {
+    let spin = |set: &str| vservo::config::Config::load(None, &[set.to_string()]).map(|c| c.realtime.spin);
+    assert_eq!(vservo::config::Config::load(None, &[]).unwrap().realtime.spin, None);
+    assert_eq!(spin("realtime.spin_us=0").unwrap(), Some(vservo::time::SpanNs::ZERO));
+    assert_eq!(spin("realtime.spin_us=12.5").unwrap(), Some(vservo::time::SpanNs(12_500)));
+    for wrong in ["realtime.spin_us=501", "realtime.spin_us=-1", "realtime.spin_us=nan"] {
+        let error = spin(wrong).unwrap_err().to_string();
+        assert!(error.contains("realtime.spin_us: ") && error.contains("allowed is 0 to 500"), "{error}");
+    }
+}

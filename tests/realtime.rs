@@ -41,6 +41,32 @@ fn the_default_run_converges() {
 }
 
 #[test]
+fn a_spin_before_the_deadlines_is_told_with_its_cost() {
+    for (setting, wanted) in
+        [(None, None), (Some("realtime.spin_us=120"), Some(120.0)), (Some("realtime.spin_us=0"), Some(0.0))]
+    {
+        let set: Vec<&str> = setting.iter().flat_map(|s| ["--set", *s]).collect();
+        let r = run("spin", &[&["--duration-s", "1"][..], &set].concat());
+        let s = &r.summary;
+        let scheduling = s["realtime"]["scheduling"].as_str().unwrap();
+        // By itself only under SCHED_FIFO, which not every machine grants.
+        let usual = if scheduling.starts_with("SCHED_FIFO") { 50.0 } else { 0.0 };
+        let spin_us = wanted.unwrap_or(usual);
+        assert_eq!(number(s, &["realtime", "spin_us"]), spin_us, "{s}");
+        let share = number(s, &["realtime", "spin_share"]);
+        // No more than that part of each millisecond; a machine whose timers are always too late spins nothing.
+        assert!((0.0..=spin_us * 1e-3 + 0.01).contains(&share), "{s}");
+        assert!(spin_us > 0.0 || share == 0.0, "{s}");
+        let (line, summary) = (&r.output.stderr, &r.output.stdout);
+        for text in [line, summary].map(|t| String::from_utf8_lossy(t)) {
+            let told = text.contains(&format!("spins the last {spin_us} us ("));
+            assert_eq!(told, spin_us > 0.0, "{text}");
+        }
+        assert_deadlines_are_honest(s);
+    }
+}
+
+#[test]
 fn what_each_process_used_is_told() {
     for clock in ["realtime", "lockstep"] {
         let r = run("used", &["--clock", clock, "--duration-s", "2"]);

@@ -251,8 +251,9 @@ fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
 fn doctor(json: bool, jitter_s: f64) -> u8 {
     let checks = doctor::examine();
     let request = crate::config::RealtimeRequest { priority: 80, cpu: None, lock_memory: false };
-    let jitter = (jitter_s > 0.0).then(|| doctor::measure(jitter_s.min(3600.0), request)).flatten();
-    let report = doctor::Report { checks, jitter };
+    let measured = (jitter_s > 0.0).then(|| doctor::measure(jitter_s.min(3600.0), request)).flatten();
+    let (jitter, jitter_with_spin) = measured.map(|m| (m.sleeping, m.spinning)).unzip();
+    let report = doctor::Report { checks, jitter, jitter_with_spin };
     let text = if json { self::json(&report) } else { report.to_text() };
     shown(&text, 0)
 }

@@ -245,6 +245,8 @@ pub struct Realtime {
     pub policy: RealtimePolicy,
     /// What is asked for.
     pub request: RealtimeRequest,
+    /// How long the control thread spins before each deadline; `None`: as suits what it obtains.
+    pub spin: Option<SpanNs>,
 }
 
 /// What is asked of the operating system.

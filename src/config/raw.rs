@@ -409,5 +409,8 @@ table! {
         cpu: Option<u32> = None,
         /// Locks all memory of the control process.
         lock_memory: bool = true,
+        /// The control thread sleeps to so long before each deadline and spins the rest, us. Left out: 50 where SCHED_FIFO
+        /// was obtained, 0 where not.
+        spin_us: Option<f64> = None,
     }
 }

@@ -148,6 +148,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         check.count("realtime.cpu", cpu, 0..=MOST_CPUS - 1);
     }
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
+    let spin_us = raw.realtime.spin_us.map(|us| check.range("realtime.spin_us", us, 0.0..=500.0));
     let before_arm = check.problems.len();
     let robot = start::arm(&raw, check);
     let drive = drive::drive(&raw, robot.as_ref(), check);
@@ -187,6 +188,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
                 cpu: raw.realtime.cpu,
                 lock_memory: raw.realtime.lock_memory && raw.realtime.policy != RealtimePolicy::Off,
             },
+            spin: spin_us.map(|us| SpanNs::from_s(us * 1e-6)),
         },
         warnings: std::mem::take(&mut check.warnings),
         effective: raw,

@@ -20,6 +20,7 @@ mod presence;
 mod pulse;
 mod scarcity;
 mod services;
+mod spin;
 
 pub use error::IpcError;
 pub use instance::{Instance, InstanceError, Role, RoleLock};
@@ -28,3 +29,4 @@ pub use presence::{PlantPresence, type_of};
 pub use pulse::Pulse;
 pub use scarcity::Scarcity;
 pub use services::{FrameShape, Peers, Services};
+pub use spin::Spin;

@@ -1,7 +1,7 @@
 //! The few kinds of ports that processes use. A sender with readers rings their bell; a reader waits for it at most
 //! as long as it says, and then takes everything there is: an event is not a sample.
 
-use super::IpcError;
+use super::{IpcError, Spin};
 use crate::messages::FrameHeader;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
@@ -59,6 +59,27 @@ impl Waker {
             Err(e) => Err(transfer("waiting", self.service, e)),
         }
     }
+
+    /// Waits until `ready`, or until the bell rings, or for `longest`; spins first, as far as `spin` allows.
+    ///
+    /// # Errors
+    /// When the transport fails, or that of `ready`.
+    pub fn wait_spinning(
+        &self,
+        longest: Duration,
+        spin: &mut Spin,
+        ready: impl FnMut() -> Result<bool, IpcError>,
+    ) -> Result<(), IpcError> {
+        if !spin.until(ready)? {
+            return self.wait(longest);
+        }
+        // Bells that nobody hears would fill their queue. What is sent meanwhile is found with the rest: messages go
+        // out before their bell.
+        match self.port.try_wait(|_| {}) {
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
+            Err(e) => Err(transfer("waiting", self.service, e)),
+        }
+    }
 }
 
 /// Sends records.
@@ -80,6 +101,14 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
     /// When the transport fails.
     pub fn send_quietly(&self, message: &T) -> Result<(), IpcError> {
         self.port.send_copy(*message).map(|_| ()).map_err(|e| transfer("sending", self.service, e))
+    }
+
+    /// Wakes the readers, for what was sent or is about to be.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn ring(&self) -> Result<(), IpcError> {
+        self.bell.ring()
     }
 
     /// Sends, and wakes the readers.
@@ -111,6 +140,14 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Receiver<T> {
     pub fn receive(&self) -> Result<Option<T>, IpcError> {
         let sample = self.port.receive().map_err(|e| transfer("receiving", self.service, e))?;
         Ok(sample.map(|s| *s))
+    }
+
+    /// Whether a record waits. Makes no system call.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn is_waiting(&self) -> Result<bool, IpcError> {
+        self.port.has_samples().map_err(|e| transfer("receiving", self.service, e))
     }
 
     /// The newest record; older ones are thrown away.

@@ -1,9 +1,9 @@
 //! The camera process: exposes on schedule, straight into shared memory.
 
-use super::{LONGEST_WAIT, Membership, ProcessError, StopFlag, frame_shape};
+use super::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD, frame_shape};
 use crate::config::Config;
 use crate::config::raw::Clock;
-use crate::ipc::{BorrowedFrame, FrameSender, Instance, Receiver, Role, Waker};
+use crate::ipc::{BorrowedFrame, FrameSender, Instance, Receiver, Role, Spin, Waker};
 use crate::messages::{FrameHeader, JointState, frame_flag};
 use crate::rt::{now, sleep_until};
 use crate::source::{self, Exposure, Position, Source};
@@ -98,10 +98,13 @@ impl Camera<'_> {
     /// Exposes at the ticks of a lockstep control, and hands over at once: control knows when to use what.
     fn run_by_the_ticks(&mut self, waker: &Waker, stop: &StopFlag) -> Result<(), ProcessError> {
         let schedule = &self.config.camera.schedule;
+        let mut spin = Spin::new(LONGEST_SPIN);
+        let mut newest = None;
         while !stop.is_requested() {
             self.membership.beat();
             while let Some(state) = self.arm.receive()? {
                 self.source.arm(&state);
+                newest = Some(state.tick);
                 let Some(frame_id) = schedule.frame_at(state.tick) else { continue };
                 if schedule.is_lost(frame_id) {
                     self.lost += 1;
@@ -113,7 +116,12 @@ impl Camera<'_> {
                     return self.rest(stop);
                 }
             }
-            waker.wait(LONGEST_WAIT)?;
+            // Right after a frame the core is vision's; shortly before the next one control is on its way to it.
+            if newest.is_some_and(|tick| schedule.next_exposure_tick(tick) - tick <= WAKE_AHEAD) {
+                waker.wait_spinning(LONGEST_WAIT, &mut spin, || self.arm.is_waiting())?;
+            } else {
+                waker.wait(LONGEST_WAIT)?;
+            }
         }
         Ok(())
     }

@@ -20,10 +20,19 @@ pub use write_file::{check_writable, write_file};
 use crate::config::Config;
 use crate::config::raw::Clock;
 use crate::ipc::FrameShape;
+use crate::time::SpanNs;
 use std::time::Duration;
 
 /// Longest wait for a message: how late a request to stop may be noticed.
 const LONGEST_WAIT: Duration = Duration::from_millis(50);
+
+/// How long a lockstep process spins before it waits for another one, where a core is free: about what a frame takes from its
+/// exposure to its measurement.
+const LONGEST_SPIN: SpanNs = SpanNs(250_000);
+
+/// So many ticks before that of a frame a lockstep control wakes the camera: what it takes to wake up, the camera then has
+/// behind it when the frame's state comes.
+const WAKE_AHEAD: u64 = 16;
 
 /// Size and number of the frames of a run: the newest alone in real time, all that are on their way in lockstep.
 #[must_use]

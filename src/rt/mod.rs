@@ -2,12 +2,16 @@
 //! nobody waits for.
 
 mod clock;
+mod deadline_wait;
 pub mod doctor;
 mod output;
 mod prefault;
 mod scheduling;
 
 pub use clock::{now, sleep_until};
+pub use deadline_wait::DeadlineWait;
 pub use output::{Stderr, print, tell};
 pub use prefault::{page_faults, prefault};
-pub use scheduling::{Awake, Obtained, SchedulingError, prepare_process, prepare_thread};
+pub use scheduling::{
+    Awake, Obtained, SchedulingError, USUAL_SPIN, prepare_process, prepare_thread, spin_before_deadlines,
+};

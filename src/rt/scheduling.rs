@@ -2,6 +2,7 @@
 //! what was obtained and what the system refused.
 
 use crate::config::RealtimeRequest;
+use crate::time::SpanNs;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 use std::fmt;
@@ -20,6 +21,10 @@ pub struct Obtained {
     /// All memory locked.
     pub memory: Option<Result<(), String>>,
 }
+
+/// How long a real-time thread spins before its deadlines where nobody says otherwise: about twice the time that a kernel
+/// takes to wake it. More brings nothing, a full spin runs into the kernel's throttling of real-time threads.
+pub const USUAL_SPIN: SpanNs = SpanNs(50_000);
 
 /// Something that was asked for under policy `enforce` was refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -119,6 +124,16 @@ pub fn prepare_thread(request: &RealtimeRequest) -> Obtained {
     }
 }
 
+/// How long a thread that obtained `obtained` spins before its deadlines: as long as `asked`, else [`USUAL_SPIN`] under
+/// SCHED_FIFO. Without, other threads would get in between as they do in a sleep.
+///
+/// Also where there is one core only: what else wants to run waits 50 us in each millisecond.
+#[must_use]
+pub fn spin_before_deadlines(asked: Option<SpanNs>, obtained: &Obtained) -> SpanNs {
+    let fifo = matches!(obtained.fifo, Some(Ok(_)));
+    asked.unwrap_or(if fifo { USUAL_SPIN } else { SpanNs::ZERO })
+}
+
 #[allow(unsafe_code)]
 fn set_fifo(priority: u32) -> Result<(), String> {
     let parameter = libc::sched_param { sched_priority: i32::try_from(priority).map_err(|e| e.to_string())? };
@@ -140,6 +155,22 @@ mod tests {
         assert_eq!(none.to_string(), "normal priority (SCHED_FIFO: no), any core, memory not locked (full)");
         let message = none.require_all().unwrap_err().to_string();
         assert!(message.contains("SCHED_FIFO: no; locked memory: full"), "{message}");
+    }
+
+    #[test]
+    fn threads_spin_as_asked_and_else_where_it_helps() {
+        let with = |fifo| Obtained { fifo, ..Obtained::default() };
+        let (fifo, refused, off) = (with(Some(Ok(80))), with(Some(Err("no".into()))), with(None));
+        assert_eq!(
+            [&fifo, &refused, &off].map(|o| spin_before_deadlines(None, o)),
+            [USUAL_SPIN, SpanNs::ZERO, SpanNs::ZERO]
+        );
+        for asked in [SpanNs::ZERO, SpanNs(7_000)] {
+            assert_eq!(
+                [&fifo, &refused, &off].map(|o| spin_before_deadlines(Some(asked), o)),
+                [asked, asked, asked]
+            );
+        }
     }
 
     #[test]

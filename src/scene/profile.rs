@@ -85,7 +85,7 @@ impl EdgeProfile {
 /// The integer part of `x`, kept in `0..=limit`; 0 for NaN.
 #[inline(always)]
 #[allow(unsafe_code)]
-fn cast(x: f32, limit: f32) -> i32 {
+pub(super) fn cast(x: f32, limit: f32) -> i32 {
     let x = if x > 0.0 { x } else { 0.0 };
     let x = if x < limit { x } else { limit };
     // SAFETY: x lies in 0..=limit, and is no NaN: a comparison with NaN is false, so it became 0. All limits are small.

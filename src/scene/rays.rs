@@ -20,6 +20,50 @@ pub(super) struct Ray {
     pub(super) m22: f64,
 }
 
+/// Directions of some pixels of one row, worked out side by side: each part of [`Ray`] for all of them.
+#[derive(Debug, Clone, Default)]
+pub(super) struct RowOfRays {
+    u: Vec<f64>,
+    x: Vec<f64>,
+    y: Vec<f64>,
+    m11: Vec<f64>,
+    m12: Vec<f64>,
+    m21: Vec<f64>,
+    m22: Vec<f64>,
+    count: usize,
+}
+
+impl RowOfRays {
+    /// Room for `most` pixels.
+    pub(super) fn new(most: usize) -> Self {
+        let room = || vec![0.0; most];
+        Self { u: room(), x: room(), y: room(), m11: room(), m12: room(), m21: room(), m22: room(), count: 0 }
+    }
+
+    /// Forgets all pixels.
+    #[inline(always)]
+    pub(super) fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    /// Adds the pixel in column `u`; none beyond the room there is.
+    #[inline(always)]
+    pub(super) fn push(&mut self, u: f64) {
+        if let Some(place) = self.u.get_mut(self.count) {
+            *place = u;
+            self.count += 1;
+        }
+    }
+
+    /// Directions of the pixels, in the order in which they were added.
+    #[inline(always)]
+    pub(super) fn iter(&self) -> impl Iterator<Item = Ray> {
+        let (x, y) = (self.x.iter().take(self.count), self.y.iter());
+        let m = self.m11.iter().zip(&self.m12).zip(self.m21.iter().zip(&self.m22));
+        x.zip(y).zip(m).map(|((&x, &y), ((&m11, &m12), (&m21, &m22)))| Ray { x, y, m11, m12, m21, m22 })
+    }
+}
+
 /// Directions of all pixels of one camera.
 #[derive(Debug, Clone)]
 pub(super) struct Rays {
@@ -79,6 +123,36 @@ impl Rays {
             return Ray { x: dx, y: dy, m11: self.inv_fx, m12: 0.0, m21: 0.0, m22: self.inv_fy };
         }
         let s = self.start(u, v).unwrap_or_else(|| Vector2::new(dx, dy));
+        self.improve(s, dx, dy)
+    }
+
+    /// [`Self::at`] of each pixel of a row, to the bit, under a lens that distorts.
+    #[inline(always)]
+    pub(super) fn at_each(&self, row: &mut RowOfRays, v: f64) {
+        let n = row.count;
+        let (Some(u), Some(x), Some(y)) = (row.u.get(..n), row.x.get_mut(..n), row.y.get_mut(..n)) else {
+            return;
+        };
+        let dy = (v - self.cy) * self.inv_fy;
+        for ((&u, x), y) in u.iter().zip(&mut *x).zip(&mut *y) {
+            let s = self.start(u, v).unwrap_or_else(|| Vector2::new((u - self.cx) * self.inv_fx, dy));
+            (*x, *y) = (s.x, s.y);
+        }
+        let (Some(m11), Some(m12), Some(m21), Some(m22)) =
+            (row.m11.get_mut(..n), row.m12.get_mut(..n), row.m21.get_mut(..n), row.m22.get_mut(..n))
+        else {
+            return;
+        };
+        let m = m11.iter_mut().zip(m12).zip(m21.iter_mut().zip(m22));
+        for (((&u, x), y), ((m11, m12), (m21, m22))) in u.iter().zip(x).zip(y).zip(m) {
+            let ray = self.improve(Vector2::new(*x, *y), (u - self.cx) * self.inv_fx, dy);
+            (*x, *y, *m11, *m12, *m21, *m22) = (ray.x, ray.y, ray.m11, ray.m12, ray.m21, ray.m22);
+        }
+    }
+
+    /// One Newton step from `s` towards the direction whose distorted one is `(dx, dy)`.
+    #[inline(always)]
+    fn improve(&self, s: Vector2<f64>, dx: f64, dy: f64) -> Ray {
         let rest = self.distortion.apply(&s) - Vector2::new(dx, dy);
         let J = self.distortion.jacobian(&s);
         let inverse = 1.0 / (J.m11 * J.m22 - J.m12 * J.m21);
@@ -130,6 +204,19 @@ mod tests {
         ] {
             let camera = CameraModel::new(intrinsics, distortion).unwrap();
             let rays = Rays::new(&camera);
+            // side by side they are the same to the bit
+            let mut row = RowOfRays::new(7);
+            for v in [0.0, 200.0, 479.0] {
+                row.clear();
+                let columns = [1.5, 5.5, 9.5, 320.5, 639.5, 641.5, 17.25];
+                columns.into_iter().chain([3.0]).for_each(|u| row.push(u));
+                rays.at_each(&mut row, v);
+                let bits = |r: Ray| [r.x, r.y, r.m11, r.m12, r.m21, r.m22].map(f64::to_bits);
+                let alone: Vec<_> = columns.iter().map(|u| bits(rays.at(*u, v))).collect();
+                let together: Vec<_> = row.iter().map(bits).collect();
+                assert!(rays.ideal() || together == alone, "row {v}");
+                assert_eq!(together.len(), 7, "no more than there is room for");
+            }
             for (u, v) in
                 [(0.0, 0.0), (639.0, 479.0), (639.0, 0.0), (13.0, 400.0), (320.0, 240.0), (500.5, 77.25)]
             {

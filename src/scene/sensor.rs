@@ -101,7 +101,8 @@ impl Sensor {
     }
 }
 
-fn wide_available() -> bool {
+/// Whether the processor has AVX2.
+pub(super) fn wide_available() -> bool {
     #[cfg(target_arch = "x86_64")]
     {
         std::arch::is_x86_feature_detected!("avx2")

@@ -7,8 +7,8 @@
 //! a closed form; the distortion is taken as affine within one pixel.
 
 use super::bands::Bands;
-use super::profile::{EdgeProfile, LANES};
-use super::rays::Ray;
+use super::profile::{EdgeProfile, LANES, cast};
+use super::rays::{Ray, RowOfRays};
 use super::renderer::Paint;
 use super::sensor::LEVEL_BITS;
 use super::target::DotTarget;
@@ -23,6 +23,8 @@ const DOT_SHIFT: u32 = 4;
 /// Pixels evaluated together, and their columns from the middle one.
 const CENTRE_LANE: f64 = 1.5;
 const FROM_CENTRE: [f32; LANES] = [-1.5, -0.5, 0.5, 1.5];
+/// No level is larger.
+const LARGEST_LEVEL: f32 = 65535.0;
 
 /// A linear form of the pixel (ideal camera) or of the normalized direction: `x a + y b + c`.
 type Form = Vector3<f64>;
@@ -119,38 +121,70 @@ impl View {
     }
 
     /// Exact grey levels of the pixels `u0..` of row `v`, all near the edges in `mask`, in the sensor's fixed point.
-    /// Four pixels at a time, in which the lens is taken as affine.
-    #[inline]
-    pub(super) fn edge_levels(&self, u0: usize, v: f64, mask: u8, paint: &Paint<'_>, levels: &mut [u16]) {
+    /// Four pixels at a time, in which the lens is taken as affine: the directions of their middles come from `directions`, see
+    /// [`Self::add_middles`].
+    #[inline(always)]
+    pub(super) fn edge_levels(
+        &self,
+        u0: usize,
+        v: f64,
+        mask: u8,
+        paint: &Paint<'_>,
+        directions: &mut impl Iterator<Item = Ray>,
+        levels: &mut [u16],
+    ) {
         let Paint { rays, profile, look } = paint;
         let (background, plate, dots) = (look.background as f32, look.plate as f32, look.dots as f32);
         let scale = f32::from(1u16 << LEVEL_BITS);
         for (chunk, levels) in levels.chunks_mut(LANES).enumerate() {
-            let u = (u0 + chunk * LANES) as f64 + CENTRE_LANE;
-            let place = if rays.ideal() { Place::Ideal(u, v) } else { Place::Ray(rays.at(u, v)) };
+            let u = middle(u0, chunk);
+            let place = if rays.ideal() {
+                Place::Ideal(u, v)
+            } else {
+                Place::Ray(directions.next().unwrap_or_else(|| rays.at(u, v)))
+            };
             let mut cover = [1.0f32; LANES];
-            if mask & EDGES != 0 {
-                for (bit, edge) in self.edges.iter().enumerate() {
-                    if mask & (1 << bit) != 0 {
-                        let part = line_coverage(place.apply(edge), profile);
-                        cover.iter_mut().zip(part).for_each(|(c, p)| *c *= p);
-                    }
-                }
+            for edge in chosen(&self.edges, mask & EDGES) {
+                let part = line_coverage(place.apply(edge), profile);
+                cover.iter_mut().zip(part).for_each(|(c, p)| *c *= p);
             }
             let mut sum = cover.map(|c| background + (plate - background) * c);
-            if mask & !EDGES != 0 {
-                for (bit, dot) in self.dots.iter().enumerate() {
-                    if mask & (1 << (bit as u32 + DOT_SHIFT)) != 0 {
-                        let part = dot_coverage(&place, dot, profile);
-                        sum.iter_mut().zip(part).for_each(|(s, p)| *s += (dots - plate) * p);
-                    }
-                }
+            for dot in chosen(&self.dots, mask >> DOT_SHIFT) {
+                let part = dot_coverage(&place, dot, profile);
+                sum.iter_mut().zip(part).for_each(|(s, p)| *s += (dots - plate) * p);
             }
-            for (level, sum) in levels.iter_mut().zip(sum) {
-                *level = (sum * scale + 0.5) as u16;
+            let exact = sum.map(|s| cast(s * scale + 0.5, LARGEST_LEVEL) as u16);
+            if let [a, b, c, d] = levels {
+                [*a, *b, *c, *d] = exact;
+            } else {
+                levels.iter_mut().zip(exact).for_each(|(level, exact)| *level = exact);
             }
         }
     }
+
+    /// Adds the pixels at which [`Self::edge_levels`] wants directions for the pixels `from..to`.
+    #[inline(always)]
+    pub(super) fn add_middles(from: usize, to: usize, directions: &mut RowOfRays) {
+        for chunk in 0..to.saturating_sub(from).div_ceil(LANES) {
+            directions.push(middle(from, chunk));
+        }
+    }
+}
+
+/// Column of the middle of a chunk of pixels from column `u0` on.
+#[inline(always)]
+fn middle(u0: usize, chunk: usize) -> f64 {
+    (u0 + chunk * LANES) as f64 + CENTRE_LANE
+}
+
+/// The entries whose bits are set, in their order.
+#[inline(always)]
+fn chosen<T>(all: &[T; 4], mut mask: u8) -> impl Iterator<Item = &T> {
+    std::iter::from_fn(move || {
+        let next = all.get(mask.trailing_zeros() as usize)?;
+        mask &= mask.wrapping_sub(1);
+        Some(next)
+    })
 }
 
 /// Row of `H^-1` as a form of the pixel, or of the direction when the lens distorts.

@@ -9,10 +9,10 @@ use super::{Pace, Ports, STOP_REASON};
 use crate::calibration::Recording;
 use crate::config::Config;
 use crate::control_loop::ControlLoop;
-use crate::ipc::{FrameShape, Role};
+use crate::ipc::{FrameShape, Role, Spin};
 use crate::messages::{Measurement, frame_flag};
 use crate::process::silence::Silence;
-use crate::process::{LONGEST_WAIT, Membership, ProcessError, StopFlag};
+use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD};
 use crate::rt::now;
 use crate::safety::Fault;
 use crate::schedule::TICK;
@@ -69,7 +69,9 @@ pub(super) fn run<const N: usize>(
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, Pace), ProcessError> {
     let schedule = &config.camera.schedule;
-    let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None, peers_hang: false };
+    let spin = Spin::new(LONGEST_SPIN);
+    let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None, peers_hang: false, spin };
+    let mut next_exposure = schedule.next_exposure_tick(0);
     let mut next_frame = 0;
     let mut tick = 0;
     loop {
@@ -89,6 +91,7 @@ pub(super) fn run<const N: usize>(
             recording.note_state(&state);
         }
         if schedule.frame_at(tick).is_some() {
+            next_exposure = schedule.next_exposure_tick(tick);
             ports.joint_state.send(&state)?;
         } else {
             ports.joint_state.send_quietly(&state)?;
@@ -96,7 +99,7 @@ pub(super) fn run<const N: usize>(
         if stop.is_requested() {
             control.stop(now, STOP_REASON);
         }
-        let mut measurement = None;
+        let (mut measurement, before) = (None, next_frame);
         while schedule.usable_tick(next_frame) == tick {
             if !schedule.is_lost(next_frame) {
                 measurement = inbox.measurement_of(next_frame, ports, stop)?.or(measurement);
@@ -105,6 +108,11 @@ pub(super) fn run<const N: usize>(
         }
         if inbox.peers_hang {
             control.fail(Fault::PeersSilent);
+        }
+        // From here to the next frame nothing is waited for: the camera may wake up meanwhile.
+        let ahead = next_exposure - tick;
+        if ahead == WAKE_AHEAD || (ahead < WAKE_AHEAD && next_frame > before) {
+            ports.joint_state.ring()?;
         }
         if let (Some(recording), Some(m)) = (&mut recording, &measurement) {
             recording.note_measurement(m);
@@ -135,6 +143,7 @@ struct Inbox {
     last_frame: Option<u64>,
     /// Camera and vision were waited for in vain, and are not waited for any more.
     peers_hang: bool,
+    spin: Spin,
 }
 
 impl Inbox {
@@ -170,7 +179,8 @@ impl Inbox {
                 return Ok(None);
             }
             ports.membership.beat();
-            ports.waker.wait(LONGEST_WAIT)?;
+            let here = || ports.measurements.is_waiting();
+            ports.waker.wait_spinning(LONGEST_WAIT, &mut self.spin, here)?;
         }
     }
 }

@@ -10,9 +10,9 @@
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
 use crate::drive::{CommandMode, ExternalDrive, PlantLink};
-use crate::ipc::{PlantPresence, Receiver, Sender, Waker};
+use crate::ipc::{PlantPresence, Receiver, Sender, Spin, Waker};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
-use crate::process::{LONGEST_WAIT, Membership, ProcessError, StopFlag};
+use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag};
 use crate::rt::now;
 use crate::safety::Fault;
 use crate::time::{MonoNs, SpanNs};
@@ -74,6 +74,7 @@ pub(super) struct PlantPorts<'a> {
     state: Receiver<DriveStateMsg>,
     waker: Waker,
     answer_timeout: SpanNs,
+    spin: Spin,
 }
 
 /// The drive core and the process's end of it, where the configuration wants an external drive.
@@ -98,10 +99,10 @@ pub(super) fn open<'a, const N: usize>(
     let command = services.drive_command_sender()?;
     let answer_timeout = config.drive.external.answer_timeout;
     let presence = services.plant_presence()?;
-    Ok(Some((
-        drive,
-        PlantPorts { membership, presence, received, to_send, command, state, waker, answer_timeout },
-    )))
+    let spin = Spin::new(LONGEST_SPIN);
+    let ports =
+        PlantPorts { membership, presence, received, to_send, command, state, waker, answer_timeout, spin };
+    Ok(Some((drive, ports)))
 }
 
 impl PlantPorts<'_> {
@@ -196,7 +197,7 @@ impl PlantPorts<'_> {
                     return Ok(Answer::Failed(Fault::DriveLeft));
                 }
             }
-            self.waker.wait(LONGEST_WAIT)?;
+            self.waker.wait_spinning(LONGEST_WAIT, &mut self.spin, || self.state.is_waiting())?;
         }
     }
 

@@ -20,9 +20,10 @@ use crate::control_loop::{ControlLoop, Finish, TickRecord};
 use crate::messages::Measurement;
 use crate::process::silence::Silence;
 use crate::process::{ProcessError, StopFlag};
-use crate::rt::{self, Awake, Obtained};
+use crate::rt::{self, Awake, DeadlineWait, Obtained};
 use crate::safety::Fault;
-use crate::summary::RealtimeReport;
+use crate::schedule::TICK;
+use crate::summary::{RealtimeReport, spin_text};
 use crate::time::SpanNs;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::mpsc;
@@ -56,6 +57,7 @@ pub(super) fn run<const N: usize>(
     let (tell, obtained) = mpsc::channel();
     let Config { realtime, .. } = config;
     let request = (realtime.policy != RealtimePolicy::Off).then_some(realtime.request);
+    let asked_spin = realtime.spin;
     let enforce = realtime.policy == RealtimePolicy::Enforce;
     let memory = request.as_ref().and_then(rt::prepare_process);
     let max_missed_in_a_row = config.safety.max_missed_in_a_row;
@@ -68,12 +70,13 @@ pub(super) fn run<const N: usize>(
             let obtained = Obtained { memory, ..request.map(|r| rt::prepare_thread(&r)).unwrap_or_default() };
             let refused = enforce && obtained.require_all().is_err();
             let scheduling = obtained.to_string();
-            let _ = tell.send(obtained);
-            (!refused).then(|| worker.run(scheduling))
+            let spin = rt::spin_before_deadlines(asked_spin, &obtained);
+            let _ = tell.send((obtained, spin));
+            (!refused).then(|| worker.run(scheduling, spin))
         })
         .map_err(|cause| ProcessError::Start { what: "the real-time thread", cause })?;
-    if let Ok(obtained) = obtained.recv() {
-        report(request.as_ref(), &obtained);
+    if let Ok((obtained, spin)) = obtained.recv() {
+        report(request.as_ref(), &obtained, spin);
         if enforce {
             obtained.require_all()?;
         }
@@ -126,10 +129,11 @@ pub(super) fn run<const N: usize>(
     }
 }
 
-fn report(request: Option<&RealtimeRequest>, obtained: &Obtained) {
+fn report(request: Option<&RealtimeRequest>, obtained: &Obtained, spin: SpanNs) {
+    let spin = spin_text(spin.as_us(), spin.as_us() / TICK.as_us());
     match request {
-        Some(_) => info!("real-time scheduling: {obtained}"),
-        None => info!("real-time scheduling: off"),
+        Some(_) => info!("real-time scheduling: {obtained}{spin}"),
+        None => info!("real-time scheduling: off{spin}"),
     }
 }
 
@@ -186,13 +190,15 @@ struct RealtimeThread<const N: usize> {
 }
 
 impl<const N: usize> RealtimeThread<N> {
-    fn run(mut self, scheduling: String) -> (ControlLoop<N>, Pace) {
+    fn run(mut self, scheduling: String, spin: SpanNs) -> (ControlLoop<N>, Pace) {
         rt::prefault();
         let faults_before = rt::page_faults();
-        let mut deadlines = Deadlines::new(rt::now() + LEAD);
+        let start = rt::now();
+        let mut deadlines = Deadlines::new(start + LEAD);
+        let mut wait = DeadlineWait::new(spin);
         let finish: Finish = loop {
-            rt::sleep_until(deadlines.next());
-            let (tick, time) = deadlines.woken(rt::now());
+            let woken = wait.until(deadlines.next());
+            let (tick, time) = deadlines.woken(woken);
             if deadlines.missed_in_a_row() > self.max_missed_in_a_row {
                 self.control.fail(Fault::DeadlinesMissed);
             }
@@ -220,7 +226,12 @@ impl<const N: usize> RealtimeThread<N> {
         let page_faults = rt::page_faults() - faults_before;
         let pace = Pace {
             finish,
-            realtime: Some(RealtimeReport { scheduling, page_faults }),
+            realtime: Some(RealtimeReport {
+                scheduling,
+                page_faults,
+                spin_us: spin.as_us(),
+                spin_share: wait.spun().as_s() / (rt::now() - start).as_s(),
+            }),
             missed_deadlines: deadlines.missed(),
             skipped_ticks: deadlines.skipped(),
             tick_us: deadlines.times(),

@@ -3,8 +3,10 @@
 
 mod checks;
 mod jitter;
+mod slices;
 
-pub use jitter::{Bar, Jitter, measure, measure_each};
+pub use jitter::{Bar, Jitter, Measured, measure, measure_each};
+pub use slices::{Median, Verdict, compare, median_slice};
 
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -27,8 +29,10 @@ pub struct Check {
 pub struct Report {
     /// Settings of kernel, limits and clock.
     pub checks: Vec<Check>,
-    /// Lateness of a 1 kHz thread; `null` when it was not measured.
+    /// Lateness of a 1 kHz thread that sleeps all the way to its deadlines; `null` when it was not measured.
     pub jitter: Option<Jitter>,
+    /// Likewise, of one that spins the last part, as a run under SCHED_FIFO does (`realtime.spin_us`).
+    pub jitter_with_spin: Option<Jitter>,
 }
 
 /// Looks at everything but the jitter.
@@ -48,7 +52,7 @@ impl Report {
                 let _ = writeln!(t, "{:27} -> {remedy}", "");
             }
         }
-        if let Some(jitter) = &self.jitter {
+        for jitter in self.jitter.iter().chain(&self.jitter_with_spin) {
             t += &jitter.to_text();
         }
         t
