@@ -290,11 +290,18 @@ impl<const N: usize> ControlLoop<N> {
                 TargetStatus::WrongSize => {
                     "run.duration_s is over: frames have another size than the camera's"
                 }
+                TargetStatus::Inconsistent => {
+                    "run.duration_s is over: the target's dots never fitted one pose; look for a shadow, glare or \
+                     something in front, check [camera.lens] and [target], or allow for more (vision.model_sd_px)"
+                }
                 TargetStatus::NoMatch => "run.duration_s is over: the target was never found",
                 TargetStatus::Found => self.why_never_used(),
             },
             _ if self.controller.gentle_motion().is_some() => {
                 "run.duration_s is over before the calibration motion was: raise it to 15 or more"
+            }
+            (_, ControlState::Holding, Some(m)) if m.target_status() == TargetStatus::Inconsistent => {
+                "run.duration_s is over: the target's dots fit no pose any more; look for a shadow, glare or something in front"
             }
             (_, ControlState::Holding, _) => "run.duration_s is over: the target was lost",
             _ => "run.duration_s is over before the goal was reached",

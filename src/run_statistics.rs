@@ -31,6 +31,8 @@ pub(crate) enum Event {
     Limit(LongActing),
     /// The first stamp that lay in the future.
     StampFromFuture,
+    /// The first measurement whose dots did not fit one pose.
+    Inconsistent,
 }
 
 /// What was counted during a run.
@@ -132,16 +134,21 @@ impl RunStatistics {
     pub(crate) fn taken(&mut self, now: MonoNs, intake: Intake) {
         let counts = &mut self.intake;
         let first_from_future = counts.used_from_future + counts.refused_from_future == 0;
+        let first_inconsistent = counts.refused_inconsistent == 0;
         *match intake {
             Intake::Used => &mut counts.used,
             Intake::UsedFromFuture => &mut counts.used_from_future,
             Intake::NoTarget => &mut counts.no_target,
+            Intake::Inconsistent => &mut counts.refused_inconsistent,
             Intake::NotNewer => &mut counts.refused_not_newer,
             Intake::RefusedFromFuture => &mut counts.refused_from_future,
             Intake::TooOld => &mut counts.refused_too_old,
         } += 1;
         if first_from_future && matches!(intake, Intake::UsedFromFuture | Intake::RefusedFromFuture) {
             self.event(now, Event::StampFromFuture);
+        }
+        if first_inconsistent && intake == Intake::Inconsistent {
+            self.event(now, Event::Inconsistent);
         }
     }
 
@@ -227,6 +234,9 @@ impl Event {
             Self::Fault(fault) => fault.describe(),
             Self::StampFromFuture => {
                 "an exposure stamp lies in the future: `vservo calibrate latency` finds camera.stamp_offset_ms"
+            }
+            Self::Inconsistent => {
+                "a measurement was refused, its dots do not fit one pose: shadow, glare, something in front?"
             }
             Self::Limit(long) => return long.describe(),
         };

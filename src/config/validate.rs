@@ -15,6 +15,7 @@ use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
 use crate::schedule::{FrameSchedule, Irregularity};
 use crate::servo::Mount;
 use crate::time::SpanNs;
+use crate::vision::VisionSettings;
 use nalgebra::{SVector, Translation3, UnitQuaternion};
 use std::ops::RangeInclusive;
 
@@ -139,6 +140,11 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
             1e-4..=10.0,
         ),
     };
+    let vision = VisionSettings {
+        track: raw.vision.track,
+        model_sd_px: check.range("vision.model_sd_px", raw.vision.model_sd_px, 0.0..=10.0),
+        ..VisionSettings::default()
+    };
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
     let before_arm = check.problems.len();
     let robot = arm(&raw, check);
@@ -167,7 +173,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         target: target?,
         X_WO,
         scene_motion,
-        track: raw.vision.track,
+        vision,
         servo: servo?,
         motion,
         drive,

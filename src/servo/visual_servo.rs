@@ -11,7 +11,7 @@ use super::{
 };
 use crate::geometry::{Pose, rotate_twist};
 use crate::joint_history::JointHistory;
-use crate::messages::Measurement;
+use crate::messages::{Measurement, TargetStatus};
 use crate::robot::Robot;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{Matrix6, SVector};
@@ -39,6 +39,8 @@ pub enum Intake {
     UsedFromFuture,
     /// It has no target, or not the set-point's features.
     NoTarget,
+    /// Vision found the target and does not believe it: see [`TargetStatus::Inconsistent`].
+    Inconsistent,
     /// It is not newer than the last one: repeated, or overtaken.
     NotNewer,
     /// Its stamp lies too far in the future.
@@ -186,7 +188,10 @@ impl<const N: usize> VisualServo<N> {
     /// Takes a measurement in.
     pub fn take(&mut self, now: MonoNs, measurement: &Measurement, robot: &Robot<N>) -> Intake {
         let exposure = measurement.exposure;
-        let Some(view) = View::of(measurement) else { return Intake::NoTarget };
+        let Some(view) = View::of(measurement) else {
+            let disturbed = measurement.target_status() == TargetStatus::Inconsistent;
+            return if disturbed { Intake::Inconsistent } else { Intake::NoTarget };
+        };
         if view.features().len() != self.settings.set_point.features().len() {
             return Intake::NoTarget;
         }
