@@ -243,3 +243,22 @@ impl Event {
         text.into()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refused_measurements_are_counted_and_told_once() {
+        let mut statistics = RunStatistics::new();
+        for ms in 1..=3 {
+            statistics.taken(MonoNs(ms * 1_000_000), Intake::Inconsistent);
+        }
+        statistics.taken(MonoNs(4_000_000), Intake::NoTarget);
+        let counts = IntakeCounts { no_target: 1, refused_inconsistent: 3, ..IntakeCounts::default() };
+        assert_eq!(*statistics.intake(), counts);
+        let report = statistics.safety_report(ControlState::Servoing, MonoNs(0));
+        assert_eq!(report.events.len(), 1, "{:?}", report.events);
+        assert!(report.events[0].event.contains("do not fit one pose"), "{:?}", report.events);
+    }
+}

@@ -22,7 +22,7 @@ const SMALL_OFFSET_PX: f64 = 0.05;
 
 /// Largest misfit of a good measurement: `T = 4 rms^2 / sigma^2`, the sum of squares of the 8 reprojection errors over
 /// the mean variance of a coordinate. With 6 parameters of the pose it has a chi-square distribution with 2 degrees of
-/// freedom, 20 of one in 22 000; the stated variances are up to a few times too small in strong blur.
+/// freedom, which exceeds 20 once in 22 000 times; in strong blur the stated variances are a few times too small.
 const LARGEST_MISFIT: f64 = 50.0;
 /// Largest shift of one dot by what is dark beside it, px: two dots at a shadow's edge may move as a pose would move them.
 const LARGEST_DISTURBANCE_PX: f64 = 0.5;

@@ -157,7 +157,7 @@ fn a_disturbed_target_is_refused() {
             for i in 0..120 {
                 let (noise, blur) = ([0.0, 1.0, 2.0, 4.0][i % 4], [0.3, 0.5, 1.0][i % 3]);
                 let mut bench = Bench::new([0.0, -0.2][i % 2], sensor(blur, noise, i as u64));
-                let X_CO = random.pose(&bench.renderer, 3.0);
+                let X_CO = random.pose(&bench.renderer, 4.0);
                 bench.render(&X_CO);
                 if tracked {
                     assert!(bench.process(&Prior::default()).found());
@@ -185,7 +185,8 @@ fn a_disturbed_target_is_refused() {
         }
     }
     println!("{refused} refused, {believed:.3?} px believed");
-    // Two of the dots' eight coordinates are beyond what a pose explains: what hides in the other six is rare, and small.
+    // A pose explains six of the dots' eight coordinates: what hides there, or in the stated deviation of a dot of few
+    // pixels, is rare and small.
     assert!(believed.iter().all(|error| *error < 0.3), "{believed:?}");
     assert!(100 * believed.len() as u32 <= 2 * refused, "{} of {refused}", believed.len());
 }
@@ -200,8 +201,8 @@ fn a_passing_disturbance_is_no_loss() {
     }
     for k in 5..15 {
         bench.render(&X_CO(k));
-        let at = bench.renderer.truth(&X_CO(k))[2] + Vector2::new(9.0, 0.0);
-        paint(&mut bench.image, |d, level| if (d - at).norm() < 4.0 { 220.0 } else { level });
+        let at = bench.renderer.truth(&X_CO(k))[2] + Vector2::new(11.0, 0.0);
+        paint(&mut bench.image, |d, level| if (d - at).norm() < 2.5 { 220.0 } else { level });
         let m = bench.process(&Prior::default());
         assert_eq!(m.target_status(), TargetStatus::Inconsistent, "frame {k}");
         assert!(m.reprojection_rms_px > 0.05, "{}", m.reprojection_rms_px);
@@ -220,9 +221,9 @@ fn a_crooked_target_needs_its_allowance() {
     let described = DotTarget::new(0.0998, 0.015, 0.010, 0.030).unwrap();
     bench.render(&pose(0.0, 0.0, 0.3, 0.3, 0.9, 0.0));
     let camera = *bench.renderer.camera();
-    // pixels higher than wide by a few thousandths: no pose makes a square of that
+    // pixels higher than wide by a fiftieth: no pose makes a square of that
     let i = camera.intrinsics();
-    let skewed = vservo::camera_model::Intrinsics { fy_px: i.fy_px * 1.004, ..*i };
+    let skewed = vservo::camera_model::Intrinsics { fy_px: i.fy_px * 1.02, ..*i };
     let camera = CameraModel::new(skewed, *camera.distortion()).unwrap();
     for (model_sd_px, wanted) in [(0.0, TargetStatus::Inconsistent), (0.3, TargetStatus::Found)] {
         let settings = VisionSettings { model_sd_px, ..VisionSettings::default() };
