@@ -12,7 +12,7 @@ use crate::motion::{InverseDynamicsControl, JointController, MotionLimits, PdGra
 use crate::robot::Robot;
 use crate::safety::MeasurementWatch;
 use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
-use crate::vision::{Vision, VisionSettings};
+use crate::vision::Vision;
 use nalgebra::{SVector, Vector2};
 use thiserror::Error;
 
@@ -71,8 +71,7 @@ pub fn motion_limits<const N: usize>(
 /// The vision core of a configuration.
 #[must_use]
 pub fn vision(config: &Config) -> Vision {
-    let settings = VisionSettings { track: config.track, ..VisionSettings::default() };
-    Vision::new(config.camera.model, config.target, settings)
+    Vision::new(config.camera.model, config.target, config.vision)
 }
 
 /// The drive of a configuration; an open loop has one that stands still.

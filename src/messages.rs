@@ -81,6 +81,8 @@ pub enum TargetStatus {
     Ambiguous = 4,
     /// The frame does not have the size of the configured camera.
     WrongSize = 5,
+    /// The features were found, but are disturbed: no pose explains them within their stated deviations. Refused.
+    Inconsistent = 6,
 }
 
 impl TargetStatus {
@@ -94,6 +96,7 @@ impl TargetStatus {
             2 => Self::TooFewRegions,
             4 => Self::Ambiguous,
             5 => Self::WrongSize,
+            6 => Self::Inconsistent,
             _ => Self::NoMatch,
         }
     }
@@ -108,6 +111,7 @@ impl TargetStatus {
             Self::NoMatch => "no regions with the target's geometry",
             Self::Ambiguous => "dots cannot be told apart",
             Self::WrongSize => "frame of another size than the camera's",
+            Self::Inconsistent => "dots do not fit one pose: shadow, glare, something in front?",
         }
     }
 }
@@ -164,7 +168,7 @@ pub struct Measurement {
     pub pose: [f64; 7],
     /// Covariance of the pose, row by row: m and rad, as twist `[v; w]` of O expressed in C.
     pub pose_covariance: [f64; 36],
-    /// Root mean square distance between seen features and those of `pose`, px.
+    /// Root mean square distance between seen features and those of the best pose, px; also of a refused measurement.
     pub reprojection_rms_px: f64,
 }
 
@@ -401,7 +405,7 @@ mod tests {
     fn codes_survive_the_message() {
         for code in 0..8 {
             let status = TargetStatus::from_code(code);
-            assert!(status as u32 == code || (status == TargetStatus::NoMatch && code > 5));
+            assert!(status as u32 == code || (status == TargetStatus::NoMatch && code > 6));
             let state = ControlState::from_code(code);
             assert!(state as u32 == code || (state == ControlState::Fault && code > 5));
         }

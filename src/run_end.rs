@@ -159,6 +159,10 @@ pub(crate) fn time_is_up(
             }
             TargetStatus::Ambiguous => "run.duration_s is over: the target's dots could not be told apart",
             TargetStatus::WrongSize => "run.duration_s is over: frames have another size than the camera's",
+            TargetStatus::Inconsistent => {
+                "run.duration_s is over: the target's dots never fitted one pose; look for a shadow, glare or something in \
+                 front, check [camera.lens] and [target], or allow for more (vision.model_sd_px)"
+            }
             TargetStatus::NoMatch => "run.duration_s is over: the target was never found",
             TargetStatus::Found => why_not_used(statistics).unwrap_or(
                 "run.duration_s is over: the target was found, but its place too uncertain \
@@ -170,6 +174,9 @@ pub(crate) fn time_is_up(
         }
         (_, ControlState::Holding, Some(m)) if m.found() => {
             why_not_used(statistics).unwrap_or("run.duration_s is over: the target was lost")
+        }
+        (_, ControlState::Holding, Some(m)) if m.target_status() == TargetStatus::Inconsistent => {
+            "run.duration_s is over: the target's dots fit no pose any more; look for a shadow, glare or something in front"
         }
         (_, ControlState::Holding, _) => "run.duration_s is over: the target was lost",
         _ => "run.duration_s is over before the goal was reached",

@@ -33,6 +33,8 @@ pub(crate) enum Event {
     Limit(LongActing),
     /// The first stamp that lay in the future.
     StampFromFuture,
+    /// The first measurement whose dots did not fit one pose.
+    Inconsistent,
 }
 
 /// What was counted during a run.
@@ -134,17 +136,22 @@ impl RunStatistics {
     pub(crate) fn taken(&mut self, now: MonoNs, intake: Intake) {
         let counts = &mut self.intake;
         let first_from_future = counts.used_from_future + counts.refused_from_future == 0;
+        let first_inconsistent = counts.refused_inconsistent == 0;
         *match intake {
             Intake::Used => &mut counts.used,
             Intake::UsedFromFuture => &mut counts.used_from_future,
             Intake::NoTarget => &mut counts.no_target,
             Intake::OtherFeatures => &mut counts.refused_features,
+            Intake::Inconsistent => &mut counts.refused_inconsistent,
             Intake::NotNewer => &mut counts.refused_not_newer,
             Intake::RefusedFromFuture => &mut counts.refused_from_future,
             Intake::TooOld => &mut counts.refused_too_old,
         } += 1;
         if first_from_future && matches!(intake, Intake::UsedFromFuture | Intake::RefusedFromFuture) {
             self.event(now, Event::StampFromFuture);
+        }
+        if first_inconsistent && intake == Intake::Inconsistent {
+            self.event(now, Event::Inconsistent);
         }
     }
 
@@ -232,8 +239,30 @@ impl Event {
             Self::StampFromFuture => {
                 "an exposure stamp lies in the future: `vservo calibrate latency` finds camera.stamp_offset_ms"
             }
+            Self::Inconsistent => {
+                "a measurement was refused, its dots do not fit one pose: shadow, glare, something in front?"
+            }
             Self::Limit(long) => return long.describe(),
         };
         text.into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refused_measurements_are_counted_and_told_once() {
+        let mut statistics = RunStatistics::new();
+        for ms in 1..=3 {
+            statistics.taken(MonoNs(ms * 1_000_000), Intake::Inconsistent);
+        }
+        statistics.taken(MonoNs(4_000_000), Intake::NoTarget);
+        let counts = IntakeCounts { no_target: 1, refused_inconsistent: 3, ..IntakeCounts::default() };
+        assert_eq!(*statistics.intake(), counts);
+        let report = statistics.safety_report(ControlState::Servoing, MonoNs(0));
+        assert_eq!(report.events.len(), 1, "{:?}", report.events);
+        assert!(report.events[0].event.contains("do not fit one pose"), "{:?}", report.events);
     }
 }

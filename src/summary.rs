@@ -90,6 +90,9 @@ pub struct IntakeCounts {
     /// Refused: another number of features than the set-point's.
     #[serde(default)]
     pub refused_features: u64,
+    /// Refused by vision: the dots do not fit one pose.
+    #[serde(default)]
+    pub refused_inconsistent: u64,
     /// Refused: repeated, or overtaken by a newer one.
     pub refused_not_newer: u64,
     /// Refused: too far in the future.
@@ -310,6 +313,13 @@ impl Summary {
                 t,
                 "stamps        {} used from the future; refused: {} from the future, {} not newer, {} too old",
                 i.used_from_future, i.refused_from_future, i.refused_not_newer, i.refused_too_old
+            );
+        }
+        if i.refused_inconsistent > 0 {
+            let _ = writeln!(
+                t,
+                "refused       {} measurements whose dots do not fit one pose",
+                i.refused_inconsistent
             );
         }
         let _ = writeln!(

@@ -3,97 +3,16 @@
 #![allow(non_snake_case)]
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests; numbers for people
 
-use nalgebra::{Translation3, UnitQuaternion, Vector2, Vector3};
+mod rendered;
+
+use nalgebra::{Vector2, Vector3};
 use proptest::prelude::*;
-use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
+use rendered::{Bench, HEIGHT, WIDTH, fill, noisy, pose, process, ring};
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
-use vservo::messages::{FrameHeader, Measurement, TargetStatus, measurement_flag};
-use vservo::scene::{DotTarget, Renderer, SceneLook, SensorModel};
-use vservo::time::MonoNs;
+use vservo::messages::{FrameHeader, TargetStatus, measurement_flag};
+use vservo::scene::DotTarget;
 use vservo::vision::{Frame, Prior, Vision, VisionSettings};
-
-const WIDTH: usize = 640;
-const HEIGHT: usize = 480;
-
-fn camera(k1: f64) -> CameraModel {
-    let intrinsics =
-        Intrinsics { fx_px: 600.0, fy_px: 602.0, cx_px: 322.0, cy_px: 238.5, width_px: 640, height_px: 480 };
-    CameraModel::new(intrinsics, Distortion { k1, ..Distortion::default() }).unwrap()
-}
-
-fn noisy(noise_sd_levels: f64, seed: u64) -> SensorModel {
-    SensorModel { noise_sd_levels, blur_sd_px: 0.5, vignetting: 0.15, seed }
-}
-
-/// The middle of the square at (x, y, z); tilted by `tilt` about the axis at the angle `about` in its plane, after a
-/// turn about the optical axis.
-fn pose(x: f64, y: f64, z: f64, turn: f64, tilt: f64, about: f64) -> Pose {
-    let axis = nalgebra::Unit::new_normalize(Vector3::new(about.cos(), about.sin(), 0.0));
-    let R = UnitQuaternion::from_axis_angle(&axis, tilt)
-        * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn);
-    Pose::from_parts(Translation3::new(x, y, z), R) * Translation3::new(-0.05, -0.05, 0.0)
-}
-
-struct Bench {
-    renderer: Renderer,
-    vision: Vision,
-    image: Vec<u8>,
-    frame_id: u64,
-}
-
-impl Bench {
-    fn new(k1: f64, sensor: SensorModel) -> Self {
-        let (camera, target) = (camera(k1), DotTarget::default());
-        Self {
-            renderer: Renderer::new(camera, target, SceneLook::default(), sensor).unwrap(),
-            vision: Vision::new(camera, target, VisionSettings::default()),
-            image: vec![0; WIDTH * HEIGHT],
-            frame_id: 0,
-        }
-    }
-
-    fn render(&mut self, X_CO: &Pose) {
-        self.frame_id += 1;
-        self.renderer.render(&[*X_CO], self.frame_id, &mut self.image);
-    }
-
-    fn process(&mut self, prior: &Prior) -> Measurement {
-        process(&mut self.vision, &self.image, self.frame_id, prior)
-    }
-
-    fn see(&mut self, X_CO: &Pose) -> Measurement {
-        self.render(X_CO);
-        self.process(&Prior::default())
-    }
-
-    /// A search of the whole frame, whatever was seen before.
-    fn search(&mut self, X_CO: &Pose) -> Measurement {
-        let settings = VisionSettings { track: false, ..VisionSettings::default() };
-        self.vision = Vision::new(*self.vision.camera(), *self.vision.target(), settings);
-        self.see(X_CO)
-    }
-
-    /// Offsets of the measured points from the truth, px.
-    fn errors(&self, X_CO: &Pose, m: &Measurement) -> [Vector2<f64>; 4] {
-        let mut errors = self.renderer.truth(X_CO);
-        for (error, feature) in errors.iter_mut().zip(m.features()) {
-            *error = Vector2::new(feature.u_px, feature.v_px) - *error;
-        }
-        errors
-    }
-}
-
-fn process(vision: &mut Vision, image: &[u8], frame_id: u64, prior: &Prior) -> Measurement {
-    let header = FrameHeader {
-        frame_id,
-        exposure: MonoNs(frame_id as i64 * 40_000_000),
-        width_px: WIDTH as u32,
-        height_px: HEIGHT as u32,
-        ..FrameHeader::default()
-    };
-    vision.process(&Frame { header, image: ImageView::new(image, WIDTH, HEIGHT).unwrap() }, prior)
-}
 
 /// Poses with all dots in view: distances 0.3..1.5 m, turns over the circle, tilts to 50 degrees.
 fn poses() -> Vec<Pose> {
@@ -259,27 +178,6 @@ fn bad_frames_get_their_reason() {
     assert_eq!(m.target_status(), TargetStatus::WrongSize);
     // and back to normal
     assert!(bench.see(&X_CO).found());
-}
-
-fn fill(image: &mut [u8], centre: Vector2<f64>, half: f64, level: u8) {
-    for y in 0..HEIGHT {
-        for x in 0..WIDTH {
-            if (x as f64 - centre.x).abs() < half && (y as f64 - centre.y).abs() < half {
-                image[y * WIDTH + x] = level;
-            }
-        }
-    }
-}
-
-fn ring(image: &mut [u8], centre: Vector2<f64>, from: f64, to: f64, level: u8) {
-    for y in 0..HEIGHT {
-        for x in 0..WIDTH {
-            let d = (x as f64 - centre.x).hypot(y as f64 - centre.y);
-            if d >= from && d < to {
-                image[y * WIDTH + x] = level;
-            }
-        }
-    }
 }
 
 #[test]

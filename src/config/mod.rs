@@ -24,6 +24,7 @@ use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
 use crate::schedule::FrameSchedule;
 use crate::servo::{Law, Mount, ObjectDynamics, SetPoint};
 use crate::time::{MonoNs, SpanNs};
+use crate::vision::VisionSettings;
 use raw::{Clock, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Task, Update};
 use std::path::{Path, PathBuf};
 
@@ -55,8 +56,8 @@ pub struct Config {
     pub X_WO: Pose,
     /// How it moves there.
     pub scene_motion: SceneMotion,
-    /// Whether vision tracks.
-    pub track: bool,
+    /// How vision works.
+    pub vision: VisionSettings,
     /// The servo law.
     pub servo: Servo,
     /// Joint reference and joint controller.

@@ -301,6 +301,9 @@ table! {
     RawVision {
         /// Searches predicted windows first; without it the whole frame every time.
         track: bool = true,
+        /// How far the real lens and dots are from their description, one standard deviation, px; a measurement is
+        /// refused when its dots do not fit one pose.
+        model_sd_px: f64 = 0.0,
     }
 }
 

@@ -16,6 +16,7 @@ use crate::scene::{DotTarget, LARGEST_SIDE_PX, SceneLook, SceneMotion, SensorMod
 use crate::schedule::{FrameSchedule, Irregularity};
 use crate::servo::Mount;
 use crate::time::SpanNs;
+use crate::vision::VisionSettings;
 use nalgebra::{Translation3, UnitQuaternion};
 use std::ops::RangeInclusive;
 
@@ -147,6 +148,11 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     if let Some(cpu) = raw.realtime.cpu {
         check.count("realtime.cpu", cpu, 0..=MOST_CPUS - 1);
     }
+    let vision = VisionSettings {
+        track: raw.vision.track,
+        model_sd_px: check.range("vision.model_sd_px", raw.vision.model_sd_px, 0.0..=10.0),
+        ..VisionSettings::default()
+    };
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
     let spin_us = raw.realtime.spin_us.map(|us| check.range("realtime.spin_us", us, 0.0..=500.0));
     let before_arm = check.problems.len();
@@ -176,7 +182,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         target: target?,
         X_WO,
         scene_motion,
-        track: raw.vision.track,
+        vision,
         servo: servo?,
         motion,
         drive,

@@ -11,6 +11,8 @@ use nalgebra::Vector2;
 
 /// Most regions among which the target is looked for: 1820 choices of four.
 const MOST_CANDIDATES: usize = 16;
+/// Choices that may fit; more of them are no clear picture.
+const MOST_FITS: usize = 64;
 /// Rows that the histogram samples.
 const SAMPLED_ROWS: usize = 120;
 /// Least difference between the classes of a threshold, grey levels.
@@ -146,26 +148,37 @@ impl Detector {
         if candidates.len() < 4 {
             return Err(TargetStatus::TooFewRegions);
         }
-        let mut best: Option<Fit> = None;
+        let mut best: Option<(Fit, u32)> = None;
         let mut second = f64::INFINITY;
-        let mut ambiguous = false;
+        let mut unclear = f64::INFINITY;
+        let (mut fits, mut fit_count) = ([0u32; MOST_FITS], 0);
         for (i, (_, a)) in candidates.iter().enumerate() {
             for (j, (_, b)) in candidates.iter().enumerate().skip(i + 1) {
                 for (k, (_, c)) in candidates.iter().enumerate().skip(j + 1) {
-                    for (_, d) in candidates.iter().skip(k + 1) {
+                    for (l, (_, d)) in candidates.iter().enumerate().skip(k + 1) {
                         // areas are sorted; no tilt makes one dot 40 times another
                         if d.area * 40.0 < a.area {
                             break;
                         }
+                        let which = 1 << i | 1 << j | 1 << k | 1 << l;
                         match self.identity.choose(&[*a, *b, *c, *d]) {
-                            Choice::Fits(fit) => match best {
-                                Some(known) if fit.error >= known.error => second = second.min(fit.error),
-                                _ => {
-                                    second = best.map_or(second, |known| second.min(known.error));
-                                    best = Some(fit);
+                            Choice::Fits(fit) => {
+                                match best {
+                                    Some((known, _)) if fit.error >= known.error => {
+                                        second = second.min(fit.error)
+                                    }
+                                    _ => {
+                                        second = best.map_or(second, |(known, _)| second.min(known.error));
+                                        best = Some((fit, which));
+                                    }
                                 }
-                            },
-                            Choice::Ambiguous => ambiguous = true,
+                                let Some(slot) = fits.get_mut(fit_count) else {
+                                    return Err(TargetStatus::Ambiguous);
+                                };
+                                *slot = which;
+                                fit_count += 1;
+                            }
+                            Choice::Ambiguous(error) => unclear = unclear.min(error),
                             Choice::No => {}
                         }
                     }
@@ -174,9 +187,13 @@ impl Detector {
         }
         match best {
             // two targets in view, or clutter that passes for one
-            Some(fit) if second < 1.5 * fit.error + 0.05 => Err(TargetStatus::Ambiguous),
-            Some(fit) => Ok(fit),
-            None if ambiguous => Err(TargetStatus::Ambiguous),
+            Some((fit, _)) if second.min(unclear) < 1.5 * fit.error + 0.05 => Err(TargetStatus::Ambiguous),
+            // however different in size and sharpness: no dot of the one belongs to the other
+            Some((_, which)) if fits.iter().take(fit_count).any(|other| other & which == 0) => {
+                Err(TargetStatus::Ambiguous)
+            }
+            Some((fit, _)) => Ok(fit),
+            None if unclear.is_finite() => Err(TargetStatus::Ambiguous),
             None => Err(TargetStatus::NoMatch),
         }
     }

@@ -15,8 +15,14 @@ const REACH_PX: f64 = 3.0;
 const LEAST_CONTRAST: f64 = 12.0;
 /// Points of the plate that are sampled around a dot.
 const RING: usize = 24;
+/// Sine and cosine of the angle between two of them, 15 degrees.
+const TURN: (f64, f64) = (0.258_819_045_102_520_74, 0.965_925_826_289_068_3);
 /// What remains without noise: pixels are squares, levels are rounded (px, for a rim of 1 px of length).
 const FLOOR_PX: f64 = 0.02;
+/// A dot whose roughness (squared difference of neighbours) exceeds that of the others so many times, and by so much, does
+/// not show the camera's noise: something lies on it.
+const ROUGH_TIMES: f64 = 5.0;
+const ROUGH_LEVELS2: f64 = 1.0;
 /// Light that changes across the dot moves the centroid: by this part of its half axis, under a tenth of vignetting.
 const UNEVEN: f64 = 4e-4;
 
@@ -35,6 +41,9 @@ pub struct Dot {
     pub dark_level: f64,
     /// Grey level of the plate around it.
     pub plate_level: f64,
+    /// How far what is dark on the plate around it, on one side more than on the other, may have moved `px`: a shadow's
+    /// edge, a neighbour; px.
+    pub disturbance_px: f64,
 }
 
 /// Levels around one dot.
@@ -45,6 +54,17 @@ struct Levels {
     /// Sum of squared differences of neighbours inside the dot, and their number.
     rough: u32,
     pairs: u32,
+    /// The plate around the dot, in turn; 255 outside of the picture.
+    ring: [u8; RING],
+    /// The darkest of it.
+    ring_least: u8,
+}
+
+impl Levels {
+    /// Mean squared difference of neighbours.
+    fn roughness(&self) -> f64 {
+        f64::from(self.rough) / f64::from(self.pairs.max(1))
+    }
 }
 
 /// Measures dots.
@@ -62,14 +82,10 @@ impl DotMeter {
     /// Measures four dots near the given ellipses. `None` when one has no contrast to its surroundings.
     pub(super) fn measure(&self, image: &ImageView<'_>, blobs: &[Blob; 4]) -> Option<[Dot; 4]> {
         let mut levels = [Levels::default(); 4];
-        let (mut rough, mut pairs) = (0, 0);
         for (level, blob) in levels.iter_mut().zip(blobs) {
             *level = self.levels(image, blob)?;
-            rough += level.rough;
-            pairs += level.pairs;
         }
-        // neighbours differ by twice the noise's variance
-        let noise = (f64::from(rough) / (2.0 * f64::from(pairs.max(1)))).sqrt();
+        let noise = noise_of(&levels);
         let mut dots = [None; 4];
         for ((dot, blob), level) in dots.iter_mut().zip(blobs).zip(&levels) {
             *dot = self.dot(image, blob, level, noise);
@@ -78,11 +94,16 @@ impl DotMeter {
         Some([a, b, c, d])
     }
 
+    /// How far the plate is looked at beyond the end of an axis, px.
+    fn reach(&self, axis: f64) -> f64 {
+        REACH_PX.min(0.75 * self.gap * axis)
+    }
+
     /// Ellipse about a blob, its axes longer by at most [`REACH_PX`] and by three quarters of the free distance.
     fn around(&self, blob: &Blob) -> [f64; 3] {
         let [xx, xy, yy] = blob.covariance;
         let (major, minor) = blob.axes();
-        let longer = |axis: f64| (axis + REACH_PX.min(0.75 * self.gap * axis)).powi(2);
+        let longer = |axis: f64| (axis + self.reach(axis)).powi(2);
         let (big, small) = (longer(major), longer(minor));
         // S = p I + q C has C's directions and the wanted axes
         let (c_big, c_small) = (0.25 * major * major, 0.25 * minor * minor);
@@ -104,12 +125,11 @@ impl DotMeter {
         let l11 = xx.max(0.0).sqrt();
         let l21 = if l11 > 0.0 { xy / l11 } else { 0.0 };
         let l22 = (yy - l21 * l21).max(0.0).sqrt();
-        let mut ring = [0u8; RING];
+        let (mut around, mut ring) = ([255u8; RING], [0u8; RING]);
         let mut used = 0;
-        // 15 degrees
-        let (turn_sin, turn_cos) = (0.258_819_045_102_520_74, 0.965_925_826_289_068_3);
+        let (turn_sin, turn_cos) = TURN;
         let (mut cos, mut sin) = (1.0f64, 0.0f64);
-        for _ in 0..RING {
+        for seen in &mut around {
             // rounded by a cast: `round` is a call on the baseline processor
             let (x, y) = (blob.x + l11 * cos + 0.5, blob.y + l21 * cos + l22 * sin + 0.5);
             (cos, sin) = (cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin);
@@ -118,7 +138,7 @@ impl DotMeter {
                 && let Some(&p) = image.row(y as u32 as usize).get(x as u32 as usize)
                 && let Some(slot) = ring.get_mut(used)
             {
-                *slot = p;
+                (*slot, *seen) = (p, p);
                 used += 1;
             }
         }
@@ -128,7 +148,15 @@ impl DotMeter {
         let middle = ring.get(used / 4..used - used / 4)?;
         let plate = middle.iter().map(|&p| f64::from(p)).sum::<f64>() / middle.len().max(1) as f64;
         let dark = f64::from(sum) / f64::from(count);
-        (plate - dark >= LEAST_CONTRAST).then_some(Levels { dark, plate, rough, pairs })
+        let ring_least = ring.first().copied().unwrap_or_default();
+        (plate - dark >= LEAST_CONTRAST).then_some(Levels {
+            dark,
+            plate,
+            rough,
+            pairs,
+            ring: around,
+            ring_least,
+        })
     }
 
     fn dot(&self, image: &ImageView<'_>, blob: &Blob, levels: &Levels, noise: f64) -> Option<Dot> {
@@ -159,6 +187,40 @@ impl DotMeter {
             covariance_px2: blob.covariance.map(|c| c * scale),
             dark_level: levels.dark,
             plate_level: levels.plate,
+            disturbance_px: self.disturbance_px(blob, levels, hi, span),
         })
     }
+
+    /// What counts as dark between rim and ring, as the ring's points have it, moves the centroid towards it: by
+    /// `2 g mean(w u)` for a circle and a gap of `g` px, with the weight `w` of the point in the direction `u`. Blur, of
+    /// optics or motion, is the same on opposite sides.
+    fn disturbance_px(&self, blob: &Blob, levels: &Levels, hi: f64, span: f64) -> f64 {
+        if f64::from(levels.ring_least) >= hi {
+            return 0.0;
+        }
+        let (turn_sin, turn_cos) = TURN;
+        let (mut cos, mut sin) = (1.0f64, 0.0f64);
+        let mut sum = Vector2::zeros();
+        for &p in &levels.ring {
+            let w = ((hi - f64::from(p)) / span).clamp(0.0, 1.0);
+            sum += Vector2::new(cos, sin) * w;
+            (cos, sin) = (cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin);
+        }
+        let (major, _) = blob.axes();
+        2.0 * self.reach(major) * sum.norm() / RING as f64
+    }
+}
+
+/// Standard deviation of the pixels' noise, grey levels: neighbours differ by twice its variance. Dots on which something
+/// lies are left out.
+fn noise_of(levels: &[Levels; 4]) -> f64 {
+    let mut sorted = levels.map(|l| l.roughness());
+    sorted.sort_unstable_by(f64::total_cmp);
+    let most = ROUGH_TIMES * sorted[1] + ROUGH_LEVELS2;
+    let (mut rough, mut pairs) = (0, 0);
+    for level in levels.iter().filter(|l| l.roughness() <= most) {
+        rough += level.rough;
+        pairs += level.pairs;
+    }
+    (f64::from(rough) / (2.0 * f64::from(pairs.max(1)))).sqrt()
 }

@@ -2,7 +2,8 @@
 //!
 //! Four regions in convex order can be P1..P4 in four ways: the picture is never mirrored. Each way gives a
 //! homography of the square (closed form), and that predicts every dot's ellipse, in pixels, without any free scale.
-//! The way whose prediction fits is taken. A true pose's homography has orthogonal first columns of equal length,
+//! The way that fits best is taken: it must fit at every dot, and clearly better than each other way, whether that fits or
+//! not. A true pose's homography has orthogonal first columns of equal length,
 //! which most chance quadrilaterals have not.
 
 use super::blob::Blob;
@@ -31,8 +32,8 @@ pub(super) struct Fit {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Choice {
     Fits(Fit),
-    /// Forms the square, but more than one corner may be P1.
-    Ambiguous,
+    /// Forms the square, but more than one corner may be P1; with the error of the best way.
+    Ambiguous(f64),
     No,
 }
 
@@ -58,26 +59,35 @@ impl Identity {
     pub(super) fn choose(&self, blobs: &[Blob; 4]) -> Choice {
         let Some(blobs) = convex_order(blobs) else { return Choice::No };
         let s = blobs.map(|b| self.camera.normalized_of(&Vector2::new(b.x, b.y)));
-        let mut best: Option<Fit> = None;
-        let mut second = f64::INFINITY;
-        for first in 0..4 {
+        if !UnitSquare::to(&s).is_some_and(|H| H.is_view_of_a_square()) {
+            return Choice::No;
+        }
+        let ways = [0, 1, 2, 3].map(|first| {
             let (mut turned, mut points) = (blobs, s);
             turned.rotate_left(first);
             points.rotate_left(first);
-            let Some(error) = self.error(&turned, &points, 0.0) else { continue };
+            (turned, points)
+        });
+        // most choices end here: a square of dots without a larger one among them fits loosely
+        if !ways.iter().any(|(blobs, s)| self.misfit(blobs, s, 5.0 * self.margin).is_some()) {
+            return Choice::No;
+        }
+        let mut best: Option<Fit> = None;
+        let (mut second, mut best_fits) = (f64::INFINITY, false);
+        for (blobs, s) in &ways {
+            let Some(misfit) = self.misfit(blobs, s, f64::INFINITY) else { continue };
             match best {
-                Some(fit) if error >= fit.error => second = second.min(error),
+                Some(fit) if misfit.mean >= fit.error => second = second.min(misfit.mean),
                 _ => {
-                    second = best.map_or(second, |fit| second.min(fit.error));
-                    best = Some(Fit { blobs: turned, error });
+                    second = best.map_or(second, |fit| fit.error);
+                    best = Some(Fit { blobs: *blobs, error: misfit.mean });
+                    best_fits = misfit.beyond < 0.0;
                 }
             }
         }
         match best {
-            Some(fit) if second > fit.error + self.margin => Choice::Fits(fit),
-            Some(_) => Choice::Ambiguous,
-            // a square of dots without a larger one among them
-            None if self.error(&blobs, &s, 5.0 * self.margin).is_some() => Choice::Ambiguous,
+            Some(fit) if best_fits && second > fit.error + self.margin => Choice::Fits(fit),
+            Some(fit) => Choice::Ambiguous(fit.error),
             None => Choice::No,
         }
     }
@@ -85,16 +95,14 @@ impl Identity {
     /// Whether regions that are said to be P1..P4 fit that order.
     pub(super) fn confirm(&self, blobs: &[Blob; 4]) -> bool {
         let s = blobs.map(|b| self.camera.normalized_of(&Vector2::new(b.x, b.y)));
-        self.error(blobs, &s, 0.0).is_some()
+        UnitSquare::to(&s).is_some_and(|H| H.is_view_of_a_square()) && self.misfit(blobs, &s, 0.0).is_some()
     }
 
-    /// Mean error of this order, or `None` when a dot does not fit. `loose` is added to the tolerance of areas.
-    fn error(&self, blobs: &[Blob; 4], s: &[Vector2<f64>; 4], loose: f64) -> Option<f64> {
+    /// How far regions in this order are from the dots that it predicts; `None` when one is so far that it cannot be that
+    /// dot. `loose` is added to the tolerance of areas.
+    fn misfit(&self, blobs: &[Blob; 4], s: &[Vector2<f64>; 4], loose: f64) -> Option<Misfit> {
         let H = UnitSquare::to(s)?;
-        if !H.is_view_of_a_square() {
-            return None;
-        }
-        let mut sum = 0.0;
+        let mut out = Misfit { mean: 0.0, beyond: f64::NEG_INFINITY };
         let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
         for (((blob, s), corner), radius) in blobs.iter().zip(s).zip(corners).zip(self.radii) {
             let A = self.camera.pixel_jacobian(s) * H.jacobian(s, corner)? / self.side;
@@ -108,13 +116,23 @@ impl Identity {
             let minor = (blob.area / std::f64::consts::PI).sqrt().min(blob.axes().1);
             let tolerance = TOLERANCE + TOLERANCE_SMALL_PX / minor.max(1.0);
             // NaN does not fit
-            if !(area_error < tolerance + loose && shape_error < tolerance) {
+            if !(area_error < tolerance + loose && (shape_error < tolerance || loose.is_infinite())) {
                 return None;
             }
-            sum += area_error + 0.5 * shape_error;
+            out.beyond = out.beyond.max(area_error.max(shape_error) - tolerance);
+            out.mean += 0.25 * (area_error + 0.5 * shape_error);
         }
-        Some(0.25 * sum)
+        Some(out)
     }
+}
+
+/// How far four regions in one order are from the dots that it predicts.
+#[derive(Debug, Clone, Copy)]
+struct Misfit {
+    /// Mean error of area and shape.
+    mean: f64,
+    /// The greatest error, of an area or a shape, less what is tolerated: below 0 every dot fits.
+    beyond: f64,
 }
 
 /// Homography of the unit square (0,0), (1,0), (1,1), (0,1) to a convex quadrilateral:

@@ -65,6 +65,9 @@ impl Worker {
         }
         if status == TargetStatus::Found {
             info!(frame = measurement.frame_id, "target found");
+        } else if status == TargetStatus::Inconsistent {
+            let rms_px = measurement.reprojection_rms_px;
+            warn!(frame = measurement.frame_id, rms_px, "measurement refused: {}", status.as_str());
         } else {
             warn!(frame = measurement.frame_id, "no target: {}", status.as_str());
         }

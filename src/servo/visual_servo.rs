@@ -11,7 +11,7 @@ use super::{
 };
 use crate::geometry::{Pose, rotate_twist};
 use crate::joint_history::JointHistory;
-use crate::messages::Measurement;
+use crate::messages::{Measurement, TargetStatus};
 use crate::robot::Robot;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{Matrix6, SVector};
@@ -41,6 +41,8 @@ pub enum Intake {
     NoTarget,
     /// It has another number of features than the set-point.
     OtherFeatures,
+    /// Vision found the target and does not believe it: see [`TargetStatus::Inconsistent`].
+    Inconsistent,
     /// It is not newer than the last one: repeated, or overtaken.
     NotNewer,
     /// Its stamp lies too far in the future.
@@ -197,6 +199,9 @@ impl<const N: usize> VisualServo<N> {
         let expected = self.settings.set_point.features().len();
         if measurement.found() && measurement.feature_count as usize != expected {
             return Intake::OtherFeatures;
+        }
+        if measurement.target_status() == TargetStatus::Inconsistent {
+            return Intake::Inconsistent;
         }
         let Some(view) = View::of(measurement) else { return Intake::NoTarget };
         if self.sighting.is_some_and(|last| exposure <= last.exposure) {

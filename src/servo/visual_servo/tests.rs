@@ -119,6 +119,9 @@ fn stamps_decide_what_is_used() {
     assert_eq!(s.take(now, &seen_at(1120), &robot), Intake::UsedFromFuture);
     let lost = Measurement { exposure: MonoNs(1130 * MS), ..Measurement::default() };
     assert_eq!(s.take(now, &lost, &robot), Intake::NoTarget);
+    // whatever else a refused measurement carries
+    let refused = Measurement { status: TargetStatus::Inconsistent as u32, ..seen_at(1130) };
+    assert_eq!(s.take(now, &refused, &robot), Intake::Inconsistent);
 }
 
 #[test]

@@ -1,0 +1,170 @@
+//! Which dots are the target: none where there is none, no choice between two, and no good view lost.
+
+#![allow(non_snake_case)]
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests; numbers for people
+
+mod rendered;
+
+use nalgebra::{Translation3, Unit, UnitQuaternion, Vector2, Vector3};
+use rendered::{Bench, HEIGHT, Random, WIDTH, camera, pose};
+use std::path::Path;
+use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
+use vservo::detect::{Detector, Dot};
+use vservo::geometry::Pose;
+use vservo::imaging::ImageView;
+use vservo::messages::TargetStatus;
+use vservo::scene::{DotTarget, SensorModel};
+
+fn search(camera: CameraModel, image: &[u8]) -> Result<[Dot; 4], TargetStatus> {
+    let i = camera.intrinsics();
+    let view = ImageView::new(image, i.width_px as usize, i.height_px as usize).unwrap();
+    Detector::new(camera, &DotTarget::default()).search(&view)
+}
+
+/// A plate with `n` by `n` equal dots, every pixel the mean of nine samples.
+fn render_grid(camera: &CameraModel, X_CO: &Pose, n: usize, pitch_m: f64, radius_m: f64, image: &mut [u8]) {
+    let X_OC = X_CO.inverse();
+    let (origin, last) = (X_OC.translation.vector, (n - 1) as f64);
+    let level = |px: Vector2<f64>| {
+        let s = camera.normalized_of(&px);
+        let ray = X_OC.rotation * Vector3::new(s.x, s.y, 1.0);
+        let r = (origin - ray * (origin.z / ray.z)).xy() / pitch_m;
+        let nearest = r.map(|x| x.round().clamp(0.0, last));
+        let on_plate = r.iter().all(|x| (-1.0..last + 1.0).contains(x));
+        match on_plate {
+            _ if (r - nearest).norm() * pitch_m < radius_m => 30.0,
+            true => 220.0,
+            false => 90.0,
+        }
+    };
+    for (i, p) in image.iter_mut().enumerate() {
+        let (x, y) = ((i % WIDTH) as f64, (i / WIDTH) as f64);
+        let samples =
+            (0..9).map(|k| Vector2::new(x + f64::from(k % 3 - 1) / 3.0, y + f64::from(k / 3 - 1) / 3.0));
+        *p = (samples.map(level).sum::<f64>() / 9.0) as u8;
+    }
+}
+
+#[test]
+fn grids_of_equal_dots_hold_no_target() {
+    let camera = camera(0.0);
+    let (mut random, mut noise) = (Random(5), Random(9));
+    let mut image = vec![0; WIDTH * HEIGHT];
+    let mut wrong = Vec::new();
+    for n in 3..=7 {
+        for k in 0..16 {
+            // spacing and size of the target's dots, and others
+            let pitch_m = [0.1, 0.05][k % 2];
+            let radius_m = pitch_m * [0.1, 0.15, 0.25, 0.35][k / 2 % 4];
+            let middle_m = 0.5 * pitch_m * (n - 1) as f64;
+            let z = random.within(1.1, 3.0) * pitch_m * (n + 1) as f64 * 1.3;
+            let axis = Vector3::new(random.within(-1.0, 1.0), random.within(-1.0, 1.0), 0.0);
+            let R = UnitQuaternion::from_axis_angle(&Unit::new_normalize(axis), random.within(0.0, 1.0))
+                * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), random.within(0.0, 1.5));
+            let X_CO = Pose::from_parts(Translation3::new(0.0, 0.0, z), R)
+                * Translation3::new(-middle_m, -middle_m, 0.0);
+            render_grid(&camera, &X_CO, n, pitch_m, radius_m, &mut image);
+            image.iter_mut().for_each(|p| *p = (f64::from(*p) + noise.within(-3.0, 3.0)) as u8);
+            if let Ok(dots) = search(camera, &image) {
+                wrong.push(format!("{n}x{n} grid {k}: {:?}", dots.map(|d| (d.px.x, d.px.y))));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{} of 80: {wrong:#?}", wrong.len());
+}
+
+#[test]
+fn two_targets_of_any_size_are_ambiguous() {
+    let mut random = Random(4);
+    let sensor = SensorModel { noise_sd_levels: 2.0, blur_sd_px: 0.5, vignetting: 0.1, seed: 3 };
+    let mut bench = Bench::new(0.0, sensor);
+    let camera = *bench.renderer.camera();
+    let mut half = |bench: &Bench, side: f64| loop {
+        let z = random.within(0.4, 1.3);
+        let (x, y) = (side * 0.27 * z, random.within(-0.2, 0.2) * z);
+        let (turn, tilt, about) =
+            (random.within(-3.2, 3.2), random.within(0.0, 0.9), random.within(-3.2, 3.2));
+        let X_CO = pose(x, y, z, turn, tilt, about);
+        let truth = bench.renderer.truth(&X_CO);
+        if truth.iter().all(|p| (p.x - 320.0) * side > 30.0 && camera.contains(p, 30.0)) {
+            return X_CO;
+        }
+    };
+    for k in 0..100 {
+        let (left, right) = (half(&bench, -1.0), half(&bench, 1.0));
+        bench.render(&left);
+        let picture = bench.image.clone();
+        bench.render(&right);
+        for (row, left) in bench.image.chunks_exact_mut(WIDTH).zip(picture.chunks_exact(WIDTH)) {
+            row[..WIDTH / 2].copy_from_slice(&left[..WIDTH / 2]);
+        }
+        assert_eq!(
+            search(camera, &bench.image).err(),
+            Some(TargetStatus::Ambiguous),
+            "pair {k}: {left} {right}"
+        );
+    }
+}
+
+/// Small, flat, blurred and noisy ones too.
+#[test]
+fn views_of_the_target_are_found() {
+    let mut random = Random(2);
+    let (mut found, mut count) = (0, 0);
+    for k in 0..8 {
+        let sensor = SensorModel {
+            noise_sd_levels: [1.0, 3.0, 8.0, 3.0][k % 4],
+            blur_sd_px: [0.3, 0.5, 1.0, 1.5][k / 2],
+            vignetting: 0.15,
+            seed: k as u64,
+        };
+        let mut bench = Bench::new([0.0, -0.2][k % 2], sensor);
+        let camera = *bench.renderer.camera();
+        for _ in 0..50 {
+            let X_CO = random.pose(&bench.renderer, 1.8);
+            bench.render(&X_CO);
+            count += 1;
+            if let Ok(dots) = search(camera, &bench.image) {
+                found += 1;
+                for (dot, truth) in dots.iter().zip(bench.renderer.truth(&X_CO)) {
+                    assert!((dot.px - truth).norm() < 3.0, "a corner taken for another at {X_CO}");
+                }
+            }
+        }
+    }
+    println!("{found} of {count} found");
+    assert!(100 * found >= 99 * count, "{found} of {count}");
+}
+
+/// Photographs without a target: chessboards, tags, grids of dots, landscapes.
+#[test]
+fn photographs_hold_no_target() {
+    let data = Path::new("../shared/data");
+    let Ok(sets) = data.read_dir() else {
+        println!("skipped: no ../shared");
+        return;
+    };
+    let mut files: Vec<_> =
+        sets.flatten().filter_map(|set| set.path().read_dir().ok()).flatten().flatten().collect();
+    files.sort_by_key(std::fs::DirEntry::path);
+    let (mut count, mut found) = (0, Vec::new());
+    for file in files {
+        let Ok(image) = image::open(file.path()) else { continue };
+        let image = image.into_luma8();
+        let (width_px, height_px) = image.dimensions();
+        for (focal, k1) in [(0.84, 0.0), (0.84, -0.2), (0.6, 0.0), (1.5, 0.0)] {
+            let f_px = focal * f64::from(width_px);
+            let (cx_px, cy_px) = (0.5 * f64::from(width_px), 0.5 * f64::from(height_px));
+            let intrinsics = Intrinsics { fx_px: f_px, fy_px: f_px, cx_px, cy_px, width_px, height_px };
+            let distortion = Distortion { k1, ..Distortion::default() };
+            let Ok(camera) = CameraModel::new(intrinsics, distortion) else { continue };
+            count += 1;
+            if search(camera, image.as_raw()).is_ok() {
+                found.push(format!("{} at f = {f_px} px, k1 = {k1}", file.path().display()));
+            }
+        }
+    }
+    println!("{} of {count} searches found something: {found:#?}", found.len());
+    assert!(count > 100, "{count} photographs in {}", data.display());
+    assert!(found.is_empty(), "{found:#?}");
+}
