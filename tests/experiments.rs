@@ -8,12 +8,11 @@ mod common;
 use common::vservo;
 use nalgebra::{Rotation2, Vector2, Vector4};
 use serde_json::Value;
-use std::collections::BTreeSet;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_3};
 use std::path::Path;
 use vservo::experiment::{
     CameraKind, Cell, Disturbance, End, Eye, FLIERS, Fate, Loop, Metrics, Options, Outcome, Pilot,
-    RenderedEye, SCHEMES, Scheme, Trajectory, errors_to_bear, fates, find, path_deviation, pure_rotation,
+    RenderedEye, SCHEMES, Scheme, Trajectory, errors_to_bear, find, flights, path_deviation, pure_rotation,
     run_scheme, simulate_at, study,
 };
 use vservo::servo::{DepthSource, UpdatePolicy};
@@ -242,30 +241,39 @@ fn predict_settles_sooner_and_bears_wrong_stamps_wrong_depths_and_lost_frames() 
 
 #[test]
 fn random_starts_end_with_a_reason() {
-    for flier in &FLIERS {
-        let fates = fates(flier, 60).unwrap();
-        assert_eq!(fates, fates_again(flier), "the same on every run");
-        assert!(fates.iter().all(|(_, time_s)| time_s.is_finite()));
-        let share = fates.iter().filter(|(fate, _)| *fate == Fate::Converged).count();
-        let kinds: BTreeSet<_> = fates.iter().map(|(fate, _)| *fate).collect();
-        assert!(
-            !kinds.contains(&Fate::NoAnswer) && !kinds.contains(&Fate::Diverged),
-            "{} {kinds:?}",
-            flier.name
-        );
-        match flier.name {
-            "A" => assert!(share >= 50),
-            "B" => assert!(share >= 35),
-            // The transposed Jacobian is as slow as the square's image is ill-conditioned.
-            "C" => assert!(kinds.is_subset(&[Fate::TooSlow, Fate::ImageOnly, Fate::Converged].into())),
-            "D" | "D-true-depth" => assert!(share >= 40),
-            _ => assert_eq!(share, 60, "{kinds:?}"),
+    // Of sixty starts: home, out of the image, out of sight. The rest of C is on its way.
+    for (flier, home, left, lost) in [
+        ("A", 58, 2, 0),
+        ("B", 44, 16, 0),
+        ("C", 0, 0, 0),
+        ("D", 47, 10, 3),
+        ("D-true-depth", 60, 0, 0),
+        ("hybrid", 60, 0, 0),
+    ] {
+        let flier = FLIERS.iter().find(|f| f.name == flier).unwrap();
+        let flown = flights(flier, 60).unwrap();
+        let count = |fate| flown.iter().filter(|f| f.fate == fate).count() as i32;
+        let got = [Fate::Converged, Fate::LeftImage, Fate::LostSight].map(count);
+        // One may lie on the edge of a picture, where the last bit of another machine decides.
+        let near = got.iter().zip([home, left, lost]).all(|(got, expected)| (got - expected).abs() <= 1);
+        assert!(near, "{}: {got:?}, expected {:?}", flier.name, [home, left, lost]);
+        let mut image: Vec<f64> = flown.iter().map(|f| f.last_error_px / f.first_error_px).collect();
+        image.sort_by(f64::total_cmp);
+        let (median, worst) = (image[30], image[59]);
+        if flier.name == "C" {
+            // The transposed Jacobian is as slow as the square's image is ill-conditioned: nobody is home after 120 s, but
+            // the image is on its way there from every start, and half of them have less than 4 % of the error left.
+            assert_eq!(count(Fate::TooSlow) + count(Fate::ImageOnly), 60, "none stands, none leaves");
+            assert!(median < 0.045 && worst < 0.55, "C: error left in the image {median}, at worst {worst}");
+        } else {
+            assert_eq!(got.iter().sum::<i32>(), 60, "{}: none diverges, none stands elsewhere", flier.name);
+            assert!(median < 0.005, "{}: error left in the image {median}", flier.name);
+        }
+        // Other shares of the work for each core: every start is its own.
+        for (a, b) in flights(flier, 7).unwrap().iter().zip(&flown) {
+            assert_eq!((a.fate, a.time_s), (b.fate, b.time_s), "the same on every run");
         }
     }
-}
-
-fn fates_again(flier: &vservo::experiment::Flier) -> Vec<(Fate, f64)> {
-    fates(flier, 60).unwrap()
 }
 
 #[test]

@@ -30,7 +30,7 @@ mod trajectory;
 pub use calibration::{Teaching, calibrations, run_miscalibrated};
 pub use cell::{Cell, POINTS, desired_object, pose_of, project};
 pub use comparison::run_scheme;
-pub use convergence::{FLIERS, Fate, Flier, fates, fly, start};
+pub use convergence::{FLIERS, Fate, Flier, Flight, flights, fly, start};
 pub use error::ExperimentError;
 pub use eye::{Eye, Miscalibration, RenderedEye};
 pub use gain_delay::{DELAYS_MS, Disturbance, Finding, Loop, errors_to_bear, study};
