@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{assert_accurate, assert_deadlines_are_honest, number, run};
+use common::{Run, assert_accurate, assert_deadlines_are_honest, number, run};
 
 #[test]
 fn every_rate_converges_with_latency_jitter_and_loss() {
@@ -40,6 +40,13 @@ fn every_rate_converges_with_latency_jitter_and_loss() {
     }
 }
 
+/// The accuracy that a converged run owes, of a run that was kept from ending.
+fn assert_near(r: &Run) {
+    let error = |key| number(&r.summary, &["final", key]);
+    assert!(error("position_error_m") <= 0.5e-3 && error("feature_error") <= 0.1, "{}", r.summary);
+    assert!(error("orientation_error_rad").to_degrees() <= 0.1, "{}", r.summary);
+}
+
 #[test]
 fn in_real_time_a_thousand_small_frames_a_second_do_no_harm() {
     let settings = [
@@ -57,9 +64,13 @@ fn in_real_time_a_thousand_small_frames_a_second_do_no_harm() {
     let r = run("khz", &arguments);
     assert_eq!(r.summary["outcome"], "not_converged", "{}", r.text());
     assert_deadlines_are_honest(&r.summary);
-    // Under load vision may skip frames; it works on the newest.
-    assert!(number(&r.summary, &["measurements"]) > 100.0, "{}", r.summary);
-    assert!(number(&r.summary, &["final", "position_error_m"]) < 0.05, "{}", r.summary);
+    let count = |key| number(&r.summary, &[key]);
+    // Of 5000; with a load of ten on two cores 4350 and 3440 were obtained. Vision may skip frames, as it works on the
+    // newest, and of measurements that come together control takes the newest. A process that sleeps through its bell comes
+    // to a hundred.
+    assert!(count("frames") > 2000.0 && count("measurements") > 1000.0, "{}", r.summary);
+    assert_eq!(count("target_lost"), 0.0, "{}", r.summary);
+    assert_near(&r);
 }
 
 #[test]
@@ -70,8 +81,9 @@ fn in_real_time_two_frames_a_second_are_enough() {
     let r = run("slow", &arguments);
     assert_eq!(r.summary["outcome"], "not_converged", "{}", r.text());
     assert_deadlines_are_honest(&r.summary);
-    assert!(number(&r.summary, &["measurements"]) >= 5.0, "{}", r.summary);
-    assert!(number(&r.summary, &["final", "position_error_m"]) < 0.05, "{}", r.summary);
+    // Exposures at 0, 0.5, ... 4.5 s, perhaps 5 s; a late camera leaves one out.
+    assert!((9.0..=11.0).contains(&number(&r.summary, &["measurements"])), "{}", r.summary);
+    assert_near(&r);
 }
 
 #[test]
