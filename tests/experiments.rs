@@ -312,9 +312,10 @@ fn rendered_images_bring_the_same_runs() {
         let rendered = run_scheme(&cell, scheme, &mut eye).unwrap();
         assert_eq!(rendered.end, End::Finished);
         let errors = Metrics::of(&rendered, &goal).unwrap().final_errors;
-        assert!(errors.position_m < 0.5e-3 && errors.orientation_rad < 0.1f64.to_radians(), "{errors:?}");
+        assert!(errors.position_m < 0.25e-3 && errors.orientation_rad < 0.5e-3, "{errors:?}");
         let apart = rendered.rows.iter().zip(run(scheme).rows).map(|(a, b)| (a.x_c - b.x_c).norm());
-        assert!(apart.fold(0.0, f64::max) < 5e-3);
+        let apart = apart.fold(0.0, f64::max);
+        assert!(apart < 0.1e-3, "{}: {apart}", scheme.name()); // 0.03e-3 m and rad are obtained
     }
 }
 
