@@ -261,7 +261,7 @@ fn an_arm_that_cannot_reach_stretches_slowly_and_says_so() {
     let out = perfect_run(Some("ur5.toml"), &set, 20);
     assert!(out.events.iter().any(|e| e.contains("singular")), "{:?}", out.events);
     assert_ne!(out.limits & Limit::Singularity.bit(), 0);
-    assert!(out.fastest_late < 0.5, "{} rad/s", out.fastest_late);
+    assert!(out.fastest_late < 0.06, "{} rad/s", out.fastest_late);
 }
 
 /// The goal lies behind the end of the third joint's range.
@@ -272,8 +272,8 @@ fn a_joint_stops_at_the_end_of_its_range_and_says_so() {
     let told = out.events.iter().any(|e| e == "the end of the range holds back joint 3 for 1 s now");
     assert!(told, "{:?} {:?}", out.events, out.last);
     assert_ne!(out.limits & Limit::Position.bit(), 0);
-    assert!(out.last.q_true[2] > 1.95, "{:?}", out.last.q_true);
-    assert!(out.fastest_late < 0.05, "{}", out.fastest_late);
+    assert!(out.last.q_true[2] > 2.0 - 1e-6, "{:?}", out.last.q_true);
+    assert!(out.fastest_late < 1e-6, "{}", out.fastest_late);
 }
 
 /// In the run files' own range nothing is slowed down for long.
@@ -308,7 +308,7 @@ fn an_old_view_slows_the_arm_down_before_it_holds() {
         (q, qd) = (out.command.q_r, out.command.qd_r);
         speed.push(qd.amax());
     }
-    assert!(speed[550] > 0.05, "well under way: {}", speed[550]);
+    assert!(speed[550] > 0.3, "well under way: {}", speed[550]);
     assert!(speed[590] < 0.6 * speed[550], "{} {}", speed[550], speed[590]);
     assert!(speed[799] < 1e-9 && speed[999] > 0.02, "{} {}", speed[799], speed[999]);
 }

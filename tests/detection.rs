@@ -37,7 +37,6 @@ fn rms_error_px(k1: f64, noise: f64) -> (f64, f64, f64) {
             let m = bench.search(&X_CO);
             assert_eq!(m.target_status(), TargetStatus::Found, "{X_CO}");
             for (error, feature) in bench.errors(&X_CO, &m).iter().zip(m.features()) {
-                assert!(error.norm() < 0.5, "{error} at {X_CO}");
                 sum += error.norm_squared() / 2.0;
                 normalized += error.norm_squared() / 2.0 / feature.sigma_px.powi(2);
                 worst = worst.max(error.norm());
@@ -50,14 +49,15 @@ fn rms_error_px(k1: f64, noise: f64) -> (f64, f64, f64) {
 
 #[test]
 fn centroids_are_true_to_a_twentieth_of_a_pixel() {
-    for (k1, noise, limit) in [(0.0, 0.0, 0.01), (-0.2, 0.0, 0.01), (0.0, 4.0, 0.05), (-0.2, 4.0, 0.05)] {
+    for (k1, noise, limit) in [(0.0, 0.0, 0.01), (-0.2, 0.0, 0.01), (0.0, 4.0, 0.012), (-0.2, 4.0, 0.012)] {
         let (rms, worst, normalized) = rms_error_px(k1, noise);
         println!(
             "k1 {k1}, noise {noise}: rms {rms:.4} px, worst {worst:.4} px, {normalized:.2} of the stated sigma"
         );
         assert!(rms < limit, "k1 {k1}, noise {noise}: {rms} px");
-        // the stated deviation is honest: neither half nor three times the true one
-        assert!(noise == 0.0 || (0.5..1.6).contains(&normalized), "{normalized}");
+        assert!(worst < 0.05, "k1 {k1}, noise {noise}: {worst} px");
+        // the stated deviation is honest, and a little careful: of 3840 coordinates
+        assert!((0.75..1.0).contains(&normalized), "k1 {k1}, noise {noise}: {normalized}");
     }
 }
 
@@ -78,11 +78,25 @@ fn pose_and_its_covariance_fit_the_truth() {
         let P = nalgebra::Matrix6::from_row_slice(&m.pose_covariance);
         distance += e.dot(&(P.try_inverse().unwrap() * e));
         n += 1.0;
-        assert!(m.reprojection_rms_px < 0.3, "{}", m.reprojection_rms_px);
+        assert!(m.reprojection_rms_px < 0.02, "{}", m.reprojection_rms_px);
     }
     let mean = distance / n;
     println!("mean squared Mahalanobis distance {mean:.2} of 6 over {n} poses");
-    assert!(n > 100.0 && (2.0..12.0).contains(&mean), "{mean} {n}");
+    // 6 for an honest covariance, by chi-square with a deviation of sqrt(2 * 6 / n) = 0.27; less, as centroids are stated a
+    // little too carefully (0.88^2 * 6 = 4.7).
+    assert!(n > 150.0 && (4.0..6.5).contains(&mean), "{mean} {n}");
+}
+
+/// Places in the picture all along the rims of the dots. From a tilted camera those on the near side bulge far out.
+fn rims(camera: &CameraModel, X_CO: &Pose) -> impl Iterator<Item = Option<Vector2<f64>>> {
+    let (camera, X_CO) = (*camera, *X_CO);
+    let target = DotTarget::default();
+    target.points_O().into_iter().flat_map(move |p| {
+        (0..24).map(move |k| {
+            let (sin, cos) = (f64::from(k) * 15.0f64.to_radians()).sin_cos();
+            camera.project(&(X_CO * (p + Vector3::new(cos, sin, 0.0) * 0.015)))
+        })
+    })
 }
 
 proptest! {
@@ -97,13 +111,17 @@ proptest! {
         let mut bench = Bench::new(if bent { -0.2 } else { 0.0 }, noisy(3.0, seed));
         // the smallest dot wholly in view, and of 3 px at least in its flat direction
         prop_assume!(600.0 * 0.01 / z * tilt.cos() > 3.0);
-        let margin = 600.0 * 0.015 / z * 1.3 + 3.0;
+        // beside the optical axis the plate is seen flatter than it is tilted: dots of an axis ratio below 0.2 are none
+        prop_assume!(DotTarget::default().points_O().into_iter().all(|p| {
+            let ray = (X_CO * p).coords.normalize();
+            (X_CO.rotation * Vector3::z()).dot(&ray) > 0.3
+        }));
         let camera = *bench.renderer.camera();
-        prop_assume!(bench.renderer.truth(&X_CO).iter().all(|px| camera.contains(px, margin)));
+        prop_assume!(rims(&camera, &X_CO).all(|px| px.is_some_and(|px| camera.contains(&px, 3.0))));
         let m = bench.search(&X_CO);
         prop_assert_eq!(m.target_status(), TargetStatus::Found);
         for error in bench.errors(&X_CO, &m) {
-            prop_assert!(error.norm() < 0.6, "{}", error);
+            prop_assert!(error.norm() < 0.15, "{}", error);
         }
     }
 
@@ -218,7 +236,7 @@ fn clutter_does_not_confuse() {
         let m = bench.process(&Prior::default());
         assert_eq!(m.target_status(), TargetStatus::Found, "seed {seed}");
         for error in bench.errors(&X_CO, &m) {
-            assert!(error.norm() < 0.3, "seed {seed}: {error}");
+            assert!(error.norm() < 0.03, "seed {seed}: {error}");
         }
     }
 }
@@ -244,7 +262,7 @@ fn uneven_light_is_no_hindrance() {
         let m = bench.process(&Prior::default());
         assert_eq!(m.target_status(), TargetStatus::Found, "direction {k}");
         for error in bench.errors(&X_CO, &m) {
-            assert!(error.norm() < 0.3, "direction {k}: {error}");
+            assert!(error.norm() < 0.1, "direction {k}: {error}");
         }
     }
 }
@@ -280,7 +298,7 @@ fn tracking_equals_searching() {
         }
         println!("prior {with_prior}: {tracked} of 100 frames tracked, worst difference {worst:.5} px");
         assert!(tracked >= 99, "{tracked}");
-        assert!(worst < 0.01, "{worst}");
+        assert!(worst < 0.004, "{worst}");
     }
 }
 

@@ -6,15 +6,14 @@
 mod common;
 
 use common::vservo;
-use nalgebra::{Vector2, Vector4};
+use nalgebra::{Rotation2, Vector2, Vector4};
 use serde_json::Value;
-use std::collections::BTreeSet;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_3};
 use std::path::Path;
 use vservo::experiment::{
     CameraKind, Cell, Disturbance, End, Eye, FLIERS, Fate, Loop, Metrics, Options, Outcome, Pilot,
-    RenderedEye, SCHEMES, Scheme, Trajectory, errors_to_bear, fates, find, pure_rotation, run_scheme,
-    simulate_at, straightness, study,
+    RenderedEye, SCHEMES, Scheme, Trajectory, errors_to_bear, find, flights, path_deviation, pure_rotation,
+    run_scheme, simulate_at, study,
 };
 use vservo::servo::{DepthSource, UpdatePolicy};
 
@@ -151,13 +150,13 @@ fn statements_on_the_camera_paths() {
     for (scheme, m) in &of {
         let (z, path) = (m.z_overshoot_percent, m.camera_path_deviation);
         match scheme {
-            Scheme::A => assert!(z < 1.0 && path < 0.12, "no retreat, almost straight: {z} {path}"),
+            Scheme::A => assert!(z < 0.1 && path < 0.1, "no retreat, almost straight: {z} {path}"),
             Scheme::B => assert!(z < 0.1 && path < 1e-3, "no retreat, straight: {z} {path}"),
             Scheme::C => {
-                assert!((250.0..400.0).contains(&z) && path > 1.0, "retreats by several times: {z} {path}")
+                assert!((270.0..276.0).contains(&z) && path > 1.3, "retreats by several times: {z} {path}")
             }
-            Scheme::D => assert!((45.0..55.0).contains(&z) && path > 0.3, "retreats by half: {z} {path}"),
-            Scheme::Hybrid => assert!(z < 0.1 && path < 0.2, "between B and D: {z} {path}"),
+            Scheme::D => assert!((48.0..50.0).contains(&z) && path > 0.45, "retreats by half: {z} {path}"),
+            Scheme::Hybrid => assert!(z < 0.1 && path < 0.13, "between B and D: {z} {path}"),
         }
     }
 }
@@ -173,15 +172,18 @@ fn statements_on_the_image_paths() {
     let mut pilot = Pilot::textbook(&cell, Scheme::Hybrid).unwrap();
     let fine = simulate_at(1, &cell, "hybrid", &mut Eye::Ideal, 8.0, |frame| pilot.control(frame));
     let path: Vec<Vector2<f64>> = fine.rows.iter().map(|row| row.s[0]).collect();
-    assert!(straightness(&path) < 1e-3, "P1 straight at 1 kHz: {}", straightness(&path));
+    let deviation = path_deviation(&path, &cell.goal().unwrap().s[0]);
+    assert!(deviation < 1e-3, "P1 straight at 1 kHz: {deviation}");
     assert!(hybrid[1] > 0.02, "the others not: {hybrid:?}");
     let b = chosen(Scheme::B);
     assert!(b[1] > d[1] || b[0] > d[0], "{b:?}");
     // With the true depth and a fine step D's paths are straight.
     let exact = pure_rotation(1.0, DepthSource::Known).unwrap();
-    for i in 0..4 {
+    for (i, corner) in [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)].into_iter().enumerate() {
         let path: Vec<Vector2<f64>> = exact.rows.iter().map(|row| row.s[i]).collect();
-        assert!(straightness(&path) < 2e-3, "{}", straightness(&path));
+        let goal = Rotation2::new(1.0) * Vector2::new(corner.0, corner.1);
+        let deviation = path_deviation(&path, &goal);
+        assert!(deviation < 2e-3, "{deviation}");
     }
 }
 
@@ -239,30 +241,39 @@ fn predict_settles_sooner_and_bears_wrong_stamps_wrong_depths_and_lost_frames() 
 
 #[test]
 fn random_starts_end_with_a_reason() {
-    for flier in &FLIERS {
-        let fates = fates(flier, 60).unwrap();
-        assert_eq!(fates, fates_again(flier), "the same on every run");
-        assert!(fates.iter().all(|(_, time_s)| time_s.is_finite()));
-        let share = fates.iter().filter(|(fate, _)| *fate == Fate::Converged).count();
-        let kinds: BTreeSet<_> = fates.iter().map(|(fate, _)| *fate).collect();
-        assert!(
-            !kinds.contains(&Fate::NoAnswer) && !kinds.contains(&Fate::Diverged),
-            "{} {kinds:?}",
-            flier.name
-        );
-        match flier.name {
-            "A" => assert!(share >= 50),
-            "B" => assert!(share >= 35),
-            // The transposed Jacobian is as slow as the square's image is ill-conditioned.
-            "C" => assert!(kinds.is_subset(&[Fate::TooSlow, Fate::ImageOnly, Fate::Converged].into())),
-            "D" | "D-true-depth" => assert!(share >= 40),
-            _ => assert_eq!(share, 60, "{kinds:?}"),
+    // Of sixty starts: home, out of the image, out of sight. The rest of C is on its way.
+    for (flier, home, left, lost) in [
+        ("A", 58, 2, 0),
+        ("B", 44, 16, 0),
+        ("C", 0, 0, 0),
+        ("D", 47, 10, 3),
+        ("D-true-depth", 60, 0, 0),
+        ("hybrid", 60, 0, 0),
+    ] {
+        let flier = FLIERS.iter().find(|f| f.name == flier).unwrap();
+        let flown = flights(flier, 60).unwrap();
+        let count = |fate| flown.iter().filter(|f| f.fate == fate).count() as i32;
+        let got = [Fate::Converged, Fate::LeftImage, Fate::LostSight].map(count);
+        // One may lie on the edge of a picture, where the last bit of another machine decides.
+        let near = got.iter().zip([home, left, lost]).all(|(got, expected)| (got - expected).abs() <= 1);
+        assert!(near, "{}: {got:?}, expected {:?}", flier.name, [home, left, lost]);
+        let mut image: Vec<f64> = flown.iter().map(|f| f.last_error_px / f.first_error_px).collect();
+        image.sort_by(f64::total_cmp);
+        let (median, worst) = (image[30], image[59]);
+        if flier.name == "C" {
+            // The transposed Jacobian is as slow as the square's image is ill-conditioned: nobody is home after 120 s, but
+            // the image is on its way there from every start, and half of them have less than 4 % of the error left.
+            assert_eq!(count(Fate::TooSlow) + count(Fate::ImageOnly), 60, "none stands, none leaves");
+            assert!(median < 0.045 && worst < 0.55, "C: error left in the image {median}, at worst {worst}");
+        } else {
+            assert_eq!(got.iter().sum::<i32>(), 60, "{}: none diverges, none stands elsewhere", flier.name);
+            assert!(median < 0.005, "{}: error left in the image {median}", flier.name);
+        }
+        // Other shares of the work for each core: every start is its own.
+        for (a, b) in flights(flier, 7).unwrap().iter().zip(&flown) {
+            assert_eq!((a.fate, a.time_s), (b.fate, b.time_s), "the same on every run");
         }
     }
-}
-
-fn fates_again(flier: &vservo::experiment::Flier) -> Vec<(Fate, f64)> {
-    fates(flier, 60).unwrap()
 }
 
 #[test]
@@ -273,16 +284,21 @@ fn problems_10_8_to_10_11_beside_the_points() {
         let m = outcome(name).metrics;
         let (segment, points) = (&m[&format!("{scheme}-segment")], &m[scheme]);
         assert_eq!(segment["end"], "finished");
-        let z = segment["z_overshoot_percent"].as_f64().unwrap();
+        let [z, of_points] =
+            [segment, points].map(|metrics| metrics["z_overshoot_percent"].as_f64().unwrap());
         // The segment's length holds the camera's height under B and D; under a torque law it lags behind the angle.
-        let most = if scheme == "C" { 120.0 } else { 5.0 };
-        assert!(z < most && z <= points["z_overshoot_percent"].as_f64().unwrap() + 1e-9, "{name}: {z}");
+        match scheme {
+            "C" => assert!((90.0..95.0).contains(&z) && of_points > 270.0, "{name}: {z} {of_points}"),
+            "D" => assert!(z < 0.1 && of_points > 45.0, "{name}: {z} {of_points}"),
+            _ => assert!(z < 0.1 && (z - of_points).abs() < 1e-4, "{name}: {z} {of_points}"),
+        }
         if matches!(scheme, "A" | "B") {
             // The same law on the same pose: only the way of estimating it differs.
             let settled = |m: &Value| m["settling_time_s"]["position"].as_f64().unwrap();
-            assert!((settled(segment) - settled(points)).abs() < 0.05);
+            assert!((settled(segment) - settled(points)).abs() < 0.002);
         } else {
-            assert!(segment["final_errors"]["position_m"].as_f64().unwrap() < 1e-3, "{segment}");
+            // Obtained: 0.15 mm and 0.06 mm; the points alone end 20 mm and 0.1 mm off after these eight seconds.
+            assert!(segment["final_errors"]["position_m"].as_f64().unwrap() < 0.3e-3, "{segment}");
         }
     }
 }
@@ -296,9 +312,10 @@ fn rendered_images_bring_the_same_runs() {
         let rendered = run_scheme(&cell, scheme, &mut eye).unwrap();
         assert_eq!(rendered.end, End::Finished);
         let errors = Metrics::of(&rendered, &goal).unwrap().final_errors;
-        assert!(errors.position_m < 0.5e-3 && errors.orientation_rad < 0.1f64.to_radians(), "{errors:?}");
+        assert!(errors.position_m < 0.25e-3 && errors.orientation_rad < 0.5e-3, "{errors:?}");
         let apart = rendered.rows.iter().zip(run(scheme).rows).map(|(a, b)| (a.x_c - b.x_c).norm());
-        assert!(apart.fold(0.0, f64::max) < 5e-3);
+        let apart = apart.fold(0.0, f64::max);
+        assert!(apart < 0.1e-3, "{}: {apart}", scheme.name()); // 0.03e-3 m and rad are obtained
     }
 }
 

@@ -38,15 +38,16 @@ fn feed_forward_keeps_up_with_a_conveyor() {
     println!(
         "feature error behind a conveyor of 0.2 m/s: {with:.3} px with feed-forward, {without:.1} px without"
     );
-    assert!(with <= 1.0, "{with} px");
-    // The camera lags by the target's speed over the gain; the target runs out of the picture.
-    assert!(without > 20.0 * with, "{without} px without shows what it is good for");
+    assert!(with < 0.25, "{with} px, 0.14 px is obtained");
+    // The camera lags by the target's speed over the gain, 0.05 m or 60 px and more; then the target is out of the picture.
+    assert!(without > 60.0, "{without} px without shows what it is good for");
 }
 
 #[test]
 fn lost_and_late_frames_do_not_matter_behind_a_conveyor() {
     let error = error_behind(CONVEYOR, IRREGULAR, true);
-    assert!(error <= 1.0, "{error} px");
+    println!("feature error behind a conveyor with lost and late frames: {error:.3} px");
+    assert!(error < 0.4, "{error} px");
 }
 
 #[test]
@@ -55,5 +56,6 @@ fn feed_forward_follows_a_pendulum() {
     println!(
         "feature error behind a pendulum of 0.05 m, 0.2 Hz: {with:.2} px with feed-forward, {without:.1} px without"
     );
-    assert!(with < 0.25 * without, "{with} px, {without} px without");
+    assert!(with < 1.2, "{with} px, 0.67 px is obtained");
+    assert!(without > 15.0, "{without} px without shows what it is good for");
 }

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{assert_accurate, assert_deadlines_are_honest, number, run};
+use common::{Run, assert_accurate, assert_deadlines_are_honest, number, run};
 
 #[test]
 fn every_rate_converges_with_latency_jitter_and_loss() {
@@ -28,16 +28,31 @@ fn every_rate_converges_with_latency_jitter_and_loss() {
         let s = &r.summary;
         assert!(!r.text().contains("warning"), "{rate_hz} Hz: {}", r.text());
         assert_eq!(s["safety"]["events"].as_array().unwrap().len(), 0, "{rate_hz} Hz: {s}");
-        assert!(number(s, &["settling_time_s"]) > 0.0, "{rate_hz} Hz: {s}");
+        // The gain is 2 1/s: 2 % after 1.96 s, and as late as the first frames come.
+        let settled_s = number(s, &["settling_time_s"]);
+        assert!(settled_s > 1.9 && settled_s < 2.3 + 1.2 / rate_hz, "{rate_hz} Hz: {s}");
         let exposures = number(s, &["duration_s"]) * rate_hz;
         let frames = number(s, &["frames"]);
-        assert!(frames <= exposures + 1.0 && frames >= 0.6 * exposures - 2.0, "{rate_hz} Hz: {s}");
+        // A tenth is lost, to within four deviations, and the last ones are still on their way.
+        let (expected, sd) = (0.9 * exposures, (0.09 * exposures).sqrt());
+        let under_way = (30.0 + jitter_ms) * 1e-3 * rate_hz;
+        assert!(
+            frames <= expected + 4.0 * sd + 1.0 && frames >= expected - under_way - 4.0 * sd - 1.0,
+            "{rate_hz} Hz: {s}"
+        );
         let latency_us = |q| number(s, &["latency_us", "exposure_to_command", q]);
         assert!(
             latency_us("p50") >= 30e3 && latency_us("max") <= (32.0 + jitter_ms) * 1e3,
             "{rate_hz} Hz: {s}"
         );
     }
+}
+
+/// The accuracy that a converged run owes, of a run that was kept from ending.
+fn assert_near(r: &Run) {
+    let error = |key| number(&r.summary, &["final", key]);
+    assert!(error("position_error_m") <= 0.5e-3 && error("feature_error") <= 0.1, "{}", r.summary);
+    assert!(error("orientation_error_rad").to_degrees() <= 0.1, "{}", r.summary);
 }
 
 #[test]
@@ -57,9 +72,13 @@ fn in_real_time_a_thousand_small_frames_a_second_do_no_harm() {
     let r = run("khz", &arguments);
     assert_eq!(r.summary["outcome"], "not_converged", "{}", r.text());
     assert_deadlines_are_honest(&r.summary);
-    // Under load vision may skip frames; it works on the newest.
-    assert!(number(&r.summary, &["measurements"]) > 100.0, "{}", r.summary);
-    assert!(number(&r.summary, &["final", "position_error_m"]) < 0.05, "{}", r.summary);
+    let count = |key| number(&r.summary, &[key]);
+    // Of 5000; with a load of ten on two cores 4350 and 3440 were obtained. Vision may skip frames, as it works on the
+    // newest, and of measurements that come together control takes the newest. A process that sleeps through its bell comes
+    // to a hundred.
+    assert!(count("frames") > 2000.0 && count("measurements") > 1000.0, "{}", r.summary);
+    assert_eq!(count("target_lost"), 0.0, "{}", r.summary);
+    assert_near(&r);
 }
 
 #[test]
@@ -70,8 +89,9 @@ fn in_real_time_two_frames_a_second_are_enough() {
     let r = run("slow", &arguments);
     assert_eq!(r.summary["outcome"], "not_converged", "{}", r.text());
     assert_deadlines_are_honest(&r.summary);
-    assert!(number(&r.summary, &["measurements"]) >= 5.0, "{}", r.summary);
-    assert!(number(&r.summary, &["final", "position_error_m"]) < 0.05, "{}", r.summary);
+    // Exposures at 0, 0.5, ... 4.5 s, perhaps 5 s; a late camera leaves one out.
+    assert!((9.0..=11.0).contains(&number(&r.summary, &["measurements"])), "{}", r.summary);
+    assert_near(&r);
 }
 
 #[test]

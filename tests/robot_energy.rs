@@ -59,7 +59,9 @@ fn shipped_robots_conserve_energy() {
         })
         .unwrap();
         println!("{name}: {drift:.1e}");
-        assert!(drift < 1e-8, "{name}: energy drifts by {drift:e}");
+        // Obtained: 2.5e-9 for the xArm, whose light wrists turn fast, 4e-11 for the Panda, 2e-12 and less for the others.
+        let most = if *name == "xarm7" { 1e-8 } else { 2e-10 };
+        assert!(drift < most, "{name}: energy drifts by {drift:e}");
     }
 }
 
@@ -68,5 +70,6 @@ fn motors_and_gears_conserve_energy() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/robot/chain_5_motors.toml");
     let robot: Robot<5> = load(path).unwrap().build().unwrap();
     let drift = drift(&robot);
-    assert!(drift < 1e-8, "energy drifts by {drift:e}");
+    println!("motors: {drift:.1e}");
+    assert!(drift < 1e-12, "energy drifts by {drift:e}");
 }

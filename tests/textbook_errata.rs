@@ -6,7 +6,7 @@
 use nalgebra::{Matrix6, Vector3, Vector6};
 use std::path::Path;
 use vservo::experiment::{
-    Cell, End, Eye, Metrics, POINTS, Pilot, ROTATIONS_DEG, SCHEMES, Scheme, Teaching, Trajectory,
+    Cell, End, Eye, Metrics, POINTS, Pilot, ROTATIONS_DEG, Row, SCHEMES, Scheme, Teaching, Trajectory,
     calibrations, project, pure_rotation, retreat_of, run_miscalibrated, segment_selection, set_point,
     simulate,
 };
@@ -45,10 +45,15 @@ fn scheme_c_is_close_to_its_limit() {
     let ends_elsewhere = |run: &Trajectory| run.end != End::Finished || away(run) > 1.0;
     let printed = fly(1.0, DepthSource::Desired);
     assert!(away(&printed) < 1e-6 && !ends_elsewhere(&fly(1.1, DepthSource::Desired)));
-    assert!(ends_elsewhere(&fly(1.2, DepthSource::Desired)), "a fifth more is too much");
+    assert!(ends_elsewhere(&fly(1.15, DepthSource::Desired)), "a seventh more is too much");
     let highest = |run: &Trajectory| run.rows.iter().map(|row| row.x_c.z).fold(f64::INFINITY, f64::min);
     let known = fly(1.0, DepthSource::Known);
-    assert!(highest(&printed) > 0.1 && highest(&known) < -1.0, "the true depth makes the retreat worse");
+    let (printed, known) = (highest(&printed), highest(&known));
+    // 0.4 m is the goal; the start is at 0.5 m.
+    assert!(
+        (printed - 0.127).abs() < 0.001 && known < 0.5 - 2.0,
+        "the true depth is worse: {printed} {known}"
+    );
 }
 
 #[test]
@@ -164,15 +169,18 @@ fn taught_set_points_remove_the_error_of_calibration() {
             let run = run_miscalibrated(&cell, scheme, &wrong, teaching).unwrap();
             Metrics::of(&run, &goal).unwrap().final_errors
         };
-        let reference = error(Scheme::B, Teaching::Computed);
-        assert!(reference.position_m > 0.01, "{name}: {reference:?}");
+        // The image is right at f' z' = f z and, beside the axis, at f x = z times the shift in px: z = 0.6 m, f = 800 px.
+        let by_hand_m = match name {
+            "focal +10 %" => 0.6 * (1.0 - 1.0 / 1.1),
+            "focal -10 %" => 0.6 * (1.0 / 0.9 - 1.0),
+            _ => 0.6 * 20.0 / 800.0,
+        };
         for scheme in SCHEMES {
-            // C is at its sampled-data limit: a tenth more loop gain makes it unstable.
-            if scheme == Scheme::C && name == "focal -10 %" {
-                continue;
-            }
             let computed = error(scheme, Teaching::Computed);
-            assert!((computed.position_m - reference.position_m).abs() < 1e-5, "{name} {}", scheme.name());
+            assert!((computed.position_m - by_hand_m).abs() < 1e-6, "{name} {}: {computed:?}", scheme.name());
+            if scheme == Scheme::C && name == "focal -10 %" {
+                continue; // it diverges: the next test
+            }
             let taught = error(scheme, Teaching::Taught);
             assert!(
                 taught.position_m < 1e-6 && taught.orientation_rad < 1e-6,
@@ -181,4 +189,30 @@ fn taught_set_points_remove_the_error_of_calibration() {
             );
         }
     }
+}
+
+/// The exception to the statement above. After ten seconds it looks as if the camera had arrived, but its sampled loop is
+/// unstable: features are 1/0.9 of the true ones, and in the rows of L_s for z and rotation this enters squared.
+#[test]
+fn scheme_c_taught_at_a_short_focal_length_diverges() {
+    let cell = Cell::textbook().unwrap();
+    let goal = cell.goal().unwrap();
+    let away = |row: &Row| (row.x_c - goal.x_c).xyz().norm();
+    let (_, wrong) = calibrations().unwrap().into_iter().find(|(name, _)| *name == "focal -10 %").unwrap();
+    let run = run_miscalibrated(&cell, Scheme::C, &wrong, Teaching::Taught).unwrap();
+    assert!(away(&run.rows[10_000]) < 1e-3, "{} m after 10 s", away(&run.rows[10_000]));
+    let greatest = |from: usize, to: usize| run.rows[from..to].iter().map(away).fold(0.0, f64::max);
+    assert!(greatest(10_000, 12_000) > 1.0, "{} m between 10 s and 12 s", greatest(10_000, 12_000));
+    let End::Stopped { time_s, reason } = &run.end else { panic!("it goes on for ever") };
+    assert!((20.0..23.0).contains(time_s) && reason.contains("diverges"), "{time_s} s: {reason}");
+    // The law with gains of nine tenths, on the same wrong features: so it is the gain.
+    let seen = project(&cell.X_DO).unwrap().map(|s| wrong.believed(&s));
+    let taught = SetPoint::from_features(&seen, &POINTS, cell.X_DO.translation.z).unwrap();
+    let taught = taught.with_selection(Scheme::C.selection()).unwrap();
+    let (k_P, damping) = (270.0, Damping::Task(297.0));
+    let law = Law::ImageTorque { k_P, damping, interaction: Interaction::TEXTBOOK };
+    let mut pilot = Pilot::new(&cell, law, taught, None);
+    let run = simulate(&cell, "C", &mut Eye::Miscalibrated(wrong), 30.0, |frame| pilot.control(frame));
+    let last = away(run.rows.last().unwrap());
+    assert!(run.end == End::Finished && last < 1e-6, "{:?}, {last} m", run.end);
 }

@@ -16,9 +16,10 @@ use vservo::time::MonoNs;
 const MS: i64 = 1_000_000;
 const LOST_AT: i64 = 600;
 
-/// Joint speed when the measurements stop, largest afterwards, and at the end.
-fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLoop<N>) -> [f64; 3] {
-    let (mut at_loss, mut largest, mut last) = (0.0_f64, 0.0_f64, 0.0_f64);
+/// Joint speed when the measurements stop, largest until the law has to give up and the arm has braked (200 ms after the last
+/// measurement), largest after that, and at the end.
+fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLoop<N>) -> [f64; 4] {
+    let (mut at_loss, mut until, mut after, mut last) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
     for k in 0..2500_i64 {
         let joint = control.sense(k as u64, MonoNs(k * MS));
         let q = SVector::<f64, N>::from_fn(|i, _| joint.q[i]);
@@ -27,13 +28,15 @@ fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLo
             at_loss = last;
         }
         if k > LOST_AT + 250 {
-            largest = largest.max(last);
+            after = after.max(last);
+        } else if k > LOST_AT {
+            until = until.max(last);
         }
         let m = (k % 40 == 0 && k < LOST_AT).then(|| seen(config, robot, &q, k));
         let (_, finish) = control.act(k as u64, MonoNs(k * MS), m.as_ref());
         assert!(finish.is_none(), "{k} {finish:?}");
     }
-    [at_loss, largest, last]
+    [at_loss, until, after, last]
 }
 
 #[test]
@@ -42,14 +45,15 @@ fn without_measurements_the_arm_brakes_and_holds() {
         for update in ["frame", "tick", "predict"] {
             let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
             let config = Config::load(Some(&path), &[format!("servo.update={update}")]).unwrap();
-            let [at_loss, largest, last] = vservo::dispatch_robot!(config.robot, |robot| {
+            let [at_loss, until, after, last] = vservo::dispatch_robot!(config.robot, |robot| {
                 let copy = robot.clone();
                 run(&config, &copy, assemble::control_loop(&config, robot).unwrap())
             })
             .unwrap();
-            assert!(at_loss > 0.02, "{file} {update}: the arm moved at {at_loss}");
-            assert!(largest < 2.0 * at_loss, "{file} {update}: {at_loss} -> {largest}");
-            assert!(last < 1e-3, "{file} {update}: at rest, not {last}");
+            assert!(at_loss > 0.5, "{file} {update}: the arm moved at {at_loss}");
+            assert!(until < 1.01 * at_loss, "{file} {update}: {at_loss} -> {until}");
+            assert!(after < 0.02 * at_loss, "{file} {update}: {at_loss} -> {after}, 0.0085 is obtained");
+            assert!(last < 1e-9, "{file} {update}: at rest, not {last}");
         }
     }
 }

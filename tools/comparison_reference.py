@@ -102,6 +102,25 @@ def interaction(s, z):
     return np.array(rows)
 
 
+def camera_at_goal():
+    """x_c from which the object is seen at x_d,o: T_c^b = T_o^b (T_o^d)^-1."""
+    alpha = X_OBJECT[3] - X_DO[3]
+    return np.append(np.append(X_OBJECT[:2] - rot(alpha) @ X_DO[:2], X_OBJECT[2] - X_DO[2]), alpha)
+
+
+def overshoot_percent(z):
+    """How far the camera draws back beyond the goal's height (not beyond that of the last sample)."""
+    z_d = camera_at_goal()[2]
+    return 100.0 * (z_d - z.min()) / abs(z_d - z[0])
+
+
+def path_deviation(p):
+    """Greatest distance of the points p from the line start - goal, over the distance of start and goal."""
+    line = camera_at_goal()[:3] - p[0]
+    length = np.linalg.norm(line)
+    return np.linalg.norm(np.cross(p - p[0], line), axis=1).max() / length**2
+
+
 def gamma(p):
     """Gamma of (10.18) for the motions x, y, z and about z."""
     Gm = -np.eye(4)
@@ -222,9 +241,10 @@ def main():
     for name in ["A", "B", "C", "D", "hybrid"]:
         rows = simulate(name, arguments.substeps)[:: arguments.step_ms]
         np.savetxt(arguments.out / f"{name}.csv", rows, "%.10g", ",", header=HEADER, comments="")
-        z = rows[:, 3]
-        overshoot = 100 * (z[-1] - z.min()) / abs(z[-1] - z[0])
-        print(f"{name}: final {rows[-1, 1:5]}, z overshoot {overshoot:.1f} %, largest u {abs(rows[:, 17:]).max():.4g}")
+        print(
+            f"{name}: final {rows[-1, 1:5]}, z overshoot {overshoot_percent(rows[:, 3]):.1f} %, "
+            f"camera path {path_deviation(rows[:, 1:4]):.4f} off its line, largest u {abs(rows[:, 17:]).max():.4g}"
+        )
 
 
 if __name__ == "__main__":

@@ -137,7 +137,7 @@ mod tests {
             mean += seen / 2000.0;
         }
         assert!((seen - qd).amax() < 0.2, "{seen}");
-        assert!((mean - qd).amax() < 0.01, "{mean}");
+        assert!((mean - qd).amax() < 2e-4, "{mean}"); // the noise of one reading is 0.1
     }
 
     #[test]

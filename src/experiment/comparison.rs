@@ -96,7 +96,7 @@ fn report(runs: &[Trajectory], goal: &Goal) -> Result<Outcome, ExperimentError> 
             "{:10} {:9} z overshoot {:6.1} %, camera path {:5.3} off its line, settled after {} s / {} s / {} s",
             run.name,
             metrics.end,
-            metrics.z_overshoot_percent,
+            (10.0 * metrics.z_overshoot_percent).round() / 10.0 + 0.0, // no -0.0
             metrics.camera_path_deviation,
             seconds(metrics.settling_time_s.position),
             seconds(metrics.settling_time_s.orientation),
@@ -113,7 +113,7 @@ fn report(runs: &[Trajectory], goal: &Goal) -> Result<Outcome, ExperimentError> 
         out.figure(
             &format!("{}-features", run.name),
             format!(
-                "Features over time and paths in the image, {about}; dashed: desired (Figs. 10.19 to 10.28)."
+                "Features over time and paths in the image, {about}; dashed and circles: desired (Figs. 10.19 to 10.28)."
             ),
             feature_figure(run, goal)?,
         );
@@ -154,14 +154,9 @@ fn feature_figure(run: &Trajectory, goal: &Goal) -> Result<String, ExperimentErr
     for i in 0..goal.s.len() {
         paths.push(Series::line(i, run.rows.iter().map(|row| of(row, i))).label(format!("P{}", i + 1)));
     }
-    let ends = |row: Option<&super::Row>| {
-        (0..goal.s.len()).filter_map(|i| row.map(|r| of(r, i))).collect::<Vec<_>>()
-    };
-    let paths = paths.with(Series::new(Mark::Cross, 6, ends(run.rows.first()))).with(Series::new(
-        Mark::Circle,
-        6,
-        ends(run.rows.last()),
-    ));
+    let start: Vec<_> = (0..goal.s.len()).filter_map(|i| run.rows.first().map(|row| of(row, i))).collect();
+    let desired: Vec<_> = goal.s.iter().map(|s| (s.x, s.y)).collect();
+    let paths = paths.with(Series::new(Mark::Cross, 6, start)).with(Series::new(Mark::Circle, 6, desired));
     figure(&run.name, 2, &[over_time, paths])
 }
 

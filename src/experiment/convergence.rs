@@ -77,6 +77,19 @@ impl Fate {
     }
 }
 
+/// One run: what became of it, and how far the image was from the desired one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flight {
+    /// What became of it.
+    pub fate: Fate,
+    /// When, s.
+    pub time_s: f64,
+    /// Root mean square over the points at the start, px.
+    pub first_error_px: f64,
+    /// The same at the end, px; NaN where a point is behind the camera.
+    pub last_error_px: f64,
+}
+
 /// The desired pose: the square centred, 0.6 m ahead, parallel to the image.
 #[must_use]
 pub(super) fn goal() -> Pose {
@@ -191,11 +204,21 @@ pub fn start(camera: &CameraModel, n: usize) -> Pose {
     }
 }
 
-/// One run from start to fate, and how long it took, s.
+/// One run from start to fate.
 #[must_use]
-pub fn fly(camera: &CameraModel, flier: &Flier, set_point: &SetPoint, X_CO_start: &Pose) -> (Fate, f64) {
+pub fn fly(camera: &CameraModel, flier: &Flier, set_point: &SetPoint, X_CO_start: &Pose) -> Flight {
+    let error_px = |X_CO: &Pose| set_point.error_rms_px_at(X_CO, &Vector2::repeat(camera.intrinsics().fx_px));
+    let mut X_CO = *X_CO_start;
+    let (fate, time_s) = course(camera, flier, set_point, &mut X_CO);
+    let last_error_px = error_px(&X_CO);
+    let fate = if fate == Fate::TooSlow && last_error_px <= NEAR_PX { Fate::ImageOnly } else { fate };
+    Flight { fate, time_s, first_error_px: error_px(X_CO_start), last_error_px }
+}
+
+/// Moves the object in the camera until the end of the run: fate and time, s.
+fn course(camera: &CameraModel, flier: &Flier, set_point: &SetPoint, X_CO: &mut Pose) -> (Fate, f64) {
     let law = law(flier);
-    let (mut X_CO, mut V) = (*X_CO_start, Twist::zeros());
+    let mut V = Twist::zeros();
     let mut estimate: Option<Pose> = None;
     let frames = (SPAN_S / FRAME_S) as usize;
     for k in 0..frames {
@@ -209,8 +232,8 @@ pub fn fly(camera: &CameraModel, flier: &Flier, set_point: &SetPoint, X_CO_start
         if !(away < FAR_M) {
             return (Fate::Diverged, time_s);
         }
-        let Some(s) = project(&X_CO).filter(|_| faces(&X_CO)) else { return (Fate::LostSight, time_s) };
-        if !in_view(camera, &X_CO) {
+        let Some(s) = project(X_CO).filter(|_| faces(X_CO)) else { return (Fate::LostSight, time_s) };
+        if !in_view(camera, X_CO) {
             return (Fate::LeftImage, time_s);
         }
         if flier.scheme.is_position_based() {
@@ -222,17 +245,17 @@ pub fn fly(camera: &CameraModel, flier: &Flier, set_point: &SetPoint, X_CO_start
         let J = CameraJacobian::of_moving_camera(Matrix6::identity());
         let arm = Arm { J, qd: V, gravity: Vector6::zeros(), secondary: None };
         let wish = View::new(s.into_iter(), estimate)
-            .and_then(|view| law.task(set_point, &view.with_known(Some(X_CO))))
+            .and_then(|view| law.task(set_point, &view.with_known(Some(*X_CO))))
             .and_then(|task| law.wish(&task, &arm));
         let still = match wish {
             None => return (Fate::NoAnswer, time_s),
             Some(Wish::Velocity(twist)) => {
                 V = twist;
-                X_CO = integrate_body_twist(&Pose::identity(), &V, FRAME_S).inverse() * X_CO;
+                *X_CO = integrate_body_twist(&Pose::identity(), &V, FRAME_S).inverse() * *X_CO;
                 V.norm() < STILL
             }
             Some(Wish::Torque(wrench)) => {
-                (X_CO, V) = ball(&X_CO, &V, &wrench);
+                (*X_CO, V) = ball(X_CO, &V, &wrench);
                 V.norm() < STILL && wrench.norm() < STILL
             }
         };
@@ -240,8 +263,7 @@ pub fn fly(camera: &CameraModel, flier: &Flier, set_point: &SetPoint, X_CO_start
             return (Fate::LocalMinimum, time_s);
         }
     }
-    let error_px = set_point.error_rms_px_at(&X_CO, &Vector2::repeat(camera.intrinsics().fx_px));
-    (if error_px <= NEAR_PX { Fate::ImageOnly } else { Fate::TooSlow }, SPAN_S)
+    (Fate::TooSlow, SPAN_S)
 }
 
 /// Pose from the four points; of two solutions the one nearer to that of the frame before.
@@ -274,16 +296,18 @@ fn ball(X_CO: &Pose, V: &Twist, wrench: &Vector6<f64>) -> (Pose, Twist) {
     (X_CO, V)
 }
 
-/// The fates of starts `0..count` of one flier, computed on every core.
+/// Starts `0..count` of one flier, flown on every core.
 ///
 /// # Errors
 /// [`ExperimentError::Cell`], [`ExperimentError::Worker`].
-pub fn fates(flier: &Flier, count: usize) -> Result<Vec<(Fate, f64)>, ExperimentError> {
+pub fn flights(flier: &Flier, count: usize) -> Result<Vec<Flight>, ExperimentError> {
     let camera = camera()?;
     let goal = set_point(&goal(), Selection::all_points(POINTS.len()))?;
     let workers = std::thread::available_parallelism().map_or(1, usize::from).min(count.max(1));
     let worker = |cause: String| ExperimentError::Worker { cause };
-    let mut all = vec![(Fate::TooSlow, f64::NAN); count];
+    let not_flown =
+        Flight { fate: Fate::TooSlow, time_s: f64::NAN, first_error_px: f64::NAN, last_error_px: f64::NAN };
+    let mut all = vec![not_flown; count];
     let share = count.div_ceil(workers).max(1);
     std::thread::scope(|scope| {
         let mut handles = Vec::new();
@@ -311,9 +335,9 @@ pub(super) fn convergence(options: &Options<'_>) -> Result<Outcome, ExperimentEr
     let mut panel = Panel::new("converged within t", "t [s]", "share of the starts [%]").y_range(0.0, 100.0);
     for (i, flier) in FLIERS.iter().enumerate() {
         (options.progress)(&format!("scheme {}: {} starts", flier.name, options.count));
-        let fates = fates(flier, options.count)?;
+        let flights = flights(flier, options.count)?;
         let mut counts = BTreeMap::new();
-        fates.iter().for_each(|(fate, _)| *counts.entry(*fate).or_insert(0usize) += 1);
+        flights.iter().for_each(|flight| *counts.entry(flight.fate).or_insert(0usize) += 1);
         let home = counts.get(&Fate::Converged).copied().unwrap_or(0);
         let percent = 100.0 * home as f64 / options.count.max(1) as f64;
         let in_image = home + counts.get(&Fate::ImageOnly).copied().unwrap_or(0);
@@ -332,21 +356,22 @@ pub(super) fn convergence(options: &Options<'_>) -> Result<Outcome, ExperimentEr
                     "converged_in_image_percent": in_image_percent, "fates": reasons }),
         );
         let mut times: Vec<f64> =
-            fates.iter().filter(|(fate, _)| *fate == Fate::Converged).map(|(_, t)| *t).collect();
+            flights.iter().filter(|f| f.fate == Fate::Converged).map(|f| f.time_s).collect();
         times.sort_by(f64::total_cmp);
         let share =
             times.iter().enumerate().map(|(n, t)| (*t, 100.0 * (n + 1) as f64 / options.count as f64));
         panel.push(Series::line(i, share.collect::<Vec<_>>()).label(flier.name));
-        let _ = write!(table, ",{0},{0}_time_s", flier.name);
-        columns.push(fates);
+        let _ = write!(table, ",{0},{0}_time_s,{0}_error_px", flier.name);
+        columns.push(flights);
     }
     table.push('\n');
     for n in 0..options.count {
         let X_DC = goal() * start(&camera, n).inverse();
         let angle = rotation_angle(&X_DC.rotation.to_rotation_matrix());
         let _ = write!(table, "{n},{angle:.6},{:.6}", X_DC.translation.vector.norm());
-        for (fate, time_s) in columns.iter().filter_map(|column| column.get(n)) {
-            let _ = write!(table, ",{},{time_s:.2}", fate.name());
+        for flight in columns.iter().filter_map(|column| column.get(n)) {
+            let Flight { fate, time_s, last_error_px, .. } = flight;
+            let _ = write!(table, ",{},{time_s:.2},{last_error_px:.4}", fate.name());
         }
         table.push('\n');
     }

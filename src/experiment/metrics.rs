@@ -1,4 +1,7 @@
 //! The figures of merit of a run: final errors, settling times, overshoot, straightness, largest control.
+//!
+//! All are taken against the goal, never against the last sample: a run that is still on its way when it ends must not be
+//! judged by where it happened to be.
 
 use super::{End, ExperimentError, Row, Trajectory};
 use crate::features::wrap_rad;
@@ -28,7 +31,7 @@ pub struct FinalErrors {
     pub features: f64,
 }
 
-/// From when on the error stays within 2 % of the first one; nothing where it does not.
+/// From when on the error stays within 2 % of the first one; nothing where it does not, or where the run broke off.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SettlingTimes {
     /// Of the camera's position.
@@ -50,9 +53,10 @@ pub struct Metrics {
     pub final_errors: FinalErrors,
     /// 2 % settling times.
     pub settling_time_s: SettlingTimes,
-    /// `100 (z_end - min z) / |z_end - z_start|`: how far the camera retreats beyond its last height.
+    /// `100 (z_d - min z) / |z_d - z_start|`: how far the camera retreats beyond the goal's height. Negative where it never
+    /// comes to that height.
     pub z_overshoot_percent: f64,
-    /// Largest distance of the camera's path from the straight line between its ends, over the line's length.
+    /// Largest distance of the camera's path from the straight line from start to goal, over the distance of these.
     pub camera_path_deviation: f64,
     /// The same for the paths of P1 ... P4 in the image.
     pub image_path_deviation: [f64; 4],
@@ -76,7 +80,7 @@ impl Metrics {
         let camera: Vec<Vector3<f64>> = run.rows.iter().map(|row| row.x_c.xyz()).collect();
         let image = |i: usize| {
             let path: Vec<_> = run.rows.iter().filter_map(|row| row.s.get(i).copied()).collect();
-            straightness(&path)
+            goal.s.get(i).map_or(f64::NAN, |s_d| path_deviation(&path, s_d))
         };
         let control = |i: usize| run.rows.iter().map(|row| row.u[i].abs()).fold(0.0, f64::max);
         Ok(Self {
@@ -95,17 +99,20 @@ impl Metrics {
                 orientation: settling_time(run, orientation),
                 features: settling_time(run, features),
             },
-            z_overshoot_percent: 100.0 * (last.x_c.z - z_min) / (last.x_c.z - first.x_c.z).abs(),
-            camera_path_deviation: straightness(&camera),
+            z_overshoot_percent: 100.0 * (goal.x_c.z - z_min) / (goal.x_c.z - first.x_c.z).abs(),
+            camera_path_deviation: path_deviation(&camera, &goal.x_c.xyz()),
             image_path_deviation: std::array::from_fn(image),
             largest_control: std::array::from_fn(control),
         })
     }
 }
 
-/// The time from which on `error` stays within 2 % of its first value.
+/// The time from which on `error` stays within 2 % of its first value; `None` where it does not, or where `run` broke off.
 #[must_use]
 pub fn settling_time(run: &Trajectory, error: impl Fn(&Row) -> f64) -> Option<f64> {
+    if run.end != End::Finished {
+        return None;
+    }
     let first = run.rows.first()?;
     let band = SETTLED * error(first);
     let inside = |row: &&Row| error(row) <= band; // false for NaN
@@ -113,11 +120,12 @@ pub fn settling_time(run: &Trajectory, error: impl Fn(&Row) -> f64) -> Option<f6
     Some(settled.time_s - first.time_s)
 }
 
-/// Largest distance of `path` from the straight line between its ends, over that line's length; NaN when it has none.
+/// Largest distance of `path` from the straight line through its start and `goal`, over the distance of these; NaN when they
+/// coincide.
 #[must_use]
-pub fn straightness<const D: usize>(path: &[SVector<f64, D>]) -> f64 {
-    let (Some(first), Some(last)) = (path.first(), path.last()) else { return f64::NAN };
-    let line = last - first;
+pub fn path_deviation<const D: usize>(path: &[SVector<f64, D>], goal: &SVector<f64, D>) -> f64 {
+    let Some(first) = path.first() else { return f64::NAN };
+    let line = goal - first;
     let length = line.norm();
     let along = line / length;
     let away = |p: &SVector<f64, D>| {
@@ -156,19 +164,34 @@ mod tests {
         assert_eq!(Metrics::of(&run(&[1.0, f64::NAN]), &goal()).unwrap().settling_time_s.position, None);
     }
 
+    /// Goal at 0, start at 0.5, the last sample still at -0.1: what counts is how far the camera went beyond the goal.
     #[test]
-    fn overshoot_and_largest_control() {
+    fn overshoot_is_taken_from_the_goal() {
+        let m = Metrics::of(&run(&[0.5, -0.15, -0.1]), &goal()).unwrap();
+        assert!((m.z_overshoot_percent - 30.0).abs() < 1e-9, "{}", m.z_overshoot_percent);
         let m = Metrics::of(&run(&[0.5, 0.35, 0.4]), &goal()).unwrap();
-        assert!((m.z_overshoot_percent - 50.0).abs() < 1e-9);
+        assert!((m.z_overshoot_percent + 70.0).abs() < 1e-9, "{}", m.z_overshoot_percent);
         assert_eq!(m.largest_control, [0.5; 4]);
         assert!(matches!(Metrics::of(&run(&[]), &goal()), Err(ExperimentError::Empty { .. })));
     }
 
     #[test]
+    fn a_run_that_broke_off_has_not_settled() {
+        let mut broken = run(&[1.0, 0.01, 0.001]);
+        assert!(Metrics::of(&broken, &goal()).unwrap().settling_time_s.position.is_some());
+        broken.end = End::Stopped { time_s: 0.002, reason: "no target".into() };
+        assert_eq!(Metrics::of(&broken, &goal()).unwrap().settling_time_s.position, None);
+    }
+
+    #[test]
     fn straight_and_bent_paths() {
         let v = |x, y| Vector2::new(x, y);
-        assert!(straightness(&[v(0.0, 0.0), v(0.5, 0.5), v(1.0, 1.0)]) < 1e-15);
-        assert!((straightness(&[v(0.0, 0.0), v(1.0, 0.5), v(2.0, 0.0)]) - 0.25).abs() < 1e-15);
-        assert!(straightness(&[v(1.0, 0.0), v(1.0, 0.5), v(1.0, 0.0)]).is_nan());
+        let goal = v(2.0, 0.0);
+        assert!(path_deviation(&[v(0.0, 0.0), v(0.5, 0.0), v(1.0, 0.0)], &goal) < 1e-15);
+        assert!((path_deviation(&[v(0.0, 0.0), v(1.0, 0.5), v(2.0, 0.0)], &goal) - 0.25).abs() < 1e-15);
+        // Straight, but elsewhere: the line that counts leads to the goal.
+        assert!((path_deviation(&[v(0.0, 0.0), v(0.5, 0.5), v(1.0, 1.0)], &goal) - 0.5).abs() < 1e-15);
+        assert!(path_deviation(&[v(2.0, 0.0), v(1.0, 0.5)], &goal).is_nan());
+        assert!(path_deviation(&[], &goal).is_nan());
     }
 }

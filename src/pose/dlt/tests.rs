@@ -28,8 +28,8 @@ fn noise_leaves_a_start_that_refines() {
         let points = see_3d(&X, &cloud(20, seed), || 1e-4 * noise());
         let start = dlt_pose(&points).unwrap();
         let end = refine_3d(&start, &points, 1e-4).unwrap();
-        assert!(gap(&end.X_CO, &X) < 0.02, "{}", gap(&end.X_CO, &X));
-        assert!(gap(&start, &X) < 0.3);
+        assert!(gap(&end.X_CO, &X) < 0.004, "{}", gap(&end.X_CO, &X));
+        assert!(gap(&start, &X) < 0.03, "{}", gap(&start, &X));
     }
 }
 

@@ -66,7 +66,9 @@ fn tilts_up_to_80_degrees() {
             assert!(gap(&exact.best.X_CO, &X) < 1e-9, "{tilt_deg} deg: {exact:?}");
             // 0.03 px at f = 800 px.
             let seen = planar_pose(&see(&X, &grid(2), || 4e-5 * noise())).unwrap();
-            assert!(gap(&seen.best.X_CO, &X) < 0.05, "{tilt_deg} deg: {}", gap(&seen.best.X_CO, &X));
+            // Seen from the front a tilt hardly shows.
+            let most = if tilt_deg < 15 { 0.01 } else { 0.004 };
+            assert!(gap(&seen.best.X_CO, &X) < most, "{tilt_deg} deg: {}", gap(&seen.best.X_CO, &X));
         }
     }
 }
@@ -90,7 +92,7 @@ fn both_planar_solutions_ranked_right_at_low_noise() {
         let X = tilted([0.02, 0.03, 0.6], f64::from(k), tilt, 0.2);
         let points = see(&X, &grid(2), || 2e-5 * noise());
         let solved = planar_pose(&points).unwrap();
-        assert!(solved.best.X_CO.rotation.angle_to(&X.rotation) < 0.03);
+        assert!(solved.best.X_CO.rotation.angle_to(&X.rotation) < 2e-3);
         if let Some(other) = solved.other {
             pairs += 1;
             assert!(other.rms > solved.best.rms);
@@ -108,7 +110,7 @@ fn both_planar_solutions_ranked_right_at_low_noise() {
             assert!(side(a).dot(&side(b)) < 0.0);
         }
     }
-    assert!(pairs > 150, "{pairs}");
+    assert!(pairs > 195, "{pairs}");
 }
 
 #[test]
