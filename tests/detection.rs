@@ -8,6 +8,7 @@ mod rendered;
 use nalgebra::{Vector2, Vector3};
 use proptest::prelude::*;
 use rendered::{Bench, HEIGHT, WIDTH, fill, noisy, pose, process, ring};
+use vservo::camera_model::CameraModel;
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, TargetStatus, measurement_flag};
