@@ -185,6 +185,20 @@ fn control_characters_of_the_input_are_escaped() {
 }
 
 #[test]
+fn the_name_of_a_sound_robot_is_escaped_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let scara = include_str!("../config/robot/scara.toml");
+    let arm = scara.replace("name = \"scara\"", "name = \"\\u001b[31m\\nscara\"");
+    std::fs::write(folder.path().join("arm.toml"), arm).unwrap();
+    let path = folder.path().join("run\u{1b}.toml");
+    std::fs::write(&path, "robot.model = \"arm.toml\"\n").unwrap();
+    let output = vservo().arg("check").arg(&path).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success() && text.lines().count() == 1, "{text:?}");
+    assert!(text.contains("run\\u{1b}.toml: ok:") && text.contains("on \\u{1b}[31m\\nscara"), "{text:?}");
+}
+
+#[test]
 fn robot_tables_without_end() {
     let row = "[[dh.joint]]\nname = 'j'\ntype = 'revolute'\nlimits = { lower_rad = -1, upper_rad = 1, velocity_rad_s = 1, \
                effort_n_m = 1 }\nlink = { mass_kg = 1, inertia_kg_m2 = { xx = 1, yy = 1, zz = 1 } }\n";
@@ -204,6 +218,9 @@ fn urdfs_deep_long_and_wide() {
         &format!("<robot name='r'>{}{}</robot>", "<a>".repeat(12_000), "</a>".repeat(12_000)),
     );
     assert!(message.contains("arm.urdf:1: ") && message.contains("nested more than"), "{message}");
+    let visual = "<visual>".repeat(12_000) + &"</visual>".repeat(12_000);
+    let message = robot("arm.urdf", &format!("<robot name='r'>\n<link name='a'>{visual}</link></robot>"));
+    assert!(message.contains("arm.urdf:2: ") && message.contains("nested more than"), "{message}");
     let message = robot("arm.urdf", &"<robot>\n".repeat(500_000));
     assert!(message.contains("nested more than"), "{message}");
 

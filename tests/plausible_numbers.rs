@@ -17,7 +17,7 @@ use vservo::time::MonoNs;
 use vservo::vision::{Frame, Prior};
 
 /// Long enough for measurements that control uses.
-const TICKS: u64 = 90;
+const TICKS: u64 = 45;
 /// Numbers that nobody can mean; beyond every bound of every key.
 const HUGE: [f64; 2] = [1e308, -1e308];
 /// Numbers on which divisions and roots fail.
@@ -36,6 +36,7 @@ const OPTIONAL: &str = "
     motion.damping_n_m_s_rad_or_n_s_m = [400.0]
     drive.mode = 'torque'
     realtime.cpu = 0
+    realtime.spin_us = 50.0
 ";
 
 fn shipped(file: &str) -> PathBuf {

@@ -237,9 +237,9 @@ fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
     let i = checked.camera.model.intrinsics();
     let line = format!(
         "{}: ok: {} on {}, {}x{} px at {} Hz, {}\n",
-        config.display(),
+        printable(&config.display().to_string()),
         checked.scheme_name(),
-        checked.robot.name,
+        printable(&checked.robot.name),
         i.width_px,
         i.height_px,
         checked.camera.rate_hz,
