@@ -9,7 +9,7 @@ use iceoryx2::prelude::*;
 use std::sync::mpsc;
 use std::time::Duration;
 use vservo::config::RealtimeRequest;
-use vservo::histogram::Histogram;
+use vservo::report::histogram::Histogram;
 use vservo::ipc::{FrameShape, Instance, Services};
 use vservo::messages::FrameHeader;
 use vservo::rt::{Awake, now, prepare_thread, sleep_until};

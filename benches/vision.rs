@@ -6,7 +6,8 @@ use divan::Bencher;
 use nalgebra::{Translation3, UnitQuaternion};
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
 use vservo::geometry::Pose;
-use vservo::scene::{DotTarget, Renderer, SceneLook, SensorModel};
+use vservo::scene::{Renderer, SceneLook, SensorModel};
+use vservo::target::DotTarget;
 
 fn main() {
     divan::main();

@@ -11,7 +11,7 @@
 
 use std::path::PathBuf;
 use vservo::config::Config;
-use vservo::experiment::{Moment, simulate_system};
+use vservo::sim::{Moment, simulate_system};
 
 type AnyError = Box<dyn std::error::Error>;
 

@@ -7,33 +7,26 @@
 
 #![allow(non_snake_case)] // monogram notation, see `geometry`
 
-pub mod assemble;
 pub mod calibration;
 pub mod camera_model;
 pub mod config;
-pub mod control_loop;
-pub mod controller;
+pub mod control;
 pub mod detect;
 pub mod drive;
 pub mod features;
 pub mod geometry;
-pub mod histogram;
 pub mod imaging;
-pub mod input_file;
-pub mod joint_history;
-pub mod latency;
+pub mod input;
+pub(crate) mod linalg;
 pub mod messages;
 pub mod motion;
 pub mod pose;
-pub mod printable;
+pub mod report;
 pub mod robot;
-pub mod run_end;
-pub mod run_statistics;
-pub mod safety;
 pub mod scene;
-pub mod schedule;
 pub mod servo;
-pub mod summary;
+pub mod sim;
+pub mod target;
 pub mod time;
 pub mod vision;
 

@@ -17,6 +17,9 @@ pub struct MonoNs(pub i64);
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, ZeroCopySend)]
 pub struct SpanNs(pub i64);
 
+/// Length of a control tick: 1 kHz.
+pub const TICK: SpanNs = SpanNs::MILLISECOND;
+
 impl MonoNs {
     /// The clock's origin; as a stamp it means "never".
     pub const ZERO: Self = Self(0);
@@ -25,7 +28,7 @@ impl MonoNs {
 impl SpanNs {
     /// No time at all.
     pub const ZERO: Self = Self(0);
-    /// One control tick at 1 kHz.
+    /// A thousandth of a second.
     pub const MILLISECOND: Self = Self(1_000_000);
 
     /// The nearest span to `seconds`; saturates at the ends of the range.

@@ -6,17 +6,17 @@
 use nalgebra::SVector;
 use proptest::prelude::*;
 use std::path::Path;
-use vservo::assemble;
+use vservo::config::assemble;
 use vservo::config::Config;
-use vservo::control_loop::ControlLoop;
-use vservo::controller::{ControlOutput, Controller, ControllerSettings};
+use vservo::control::control_loop::ControlLoop;
+use vservo::control::controller::{ControlOutput, Controller, ControllerSettings};
 use vservo::drive::DriveState;
 use vservo::geometry::Pose;
 use vservo::messages::{ControlState, FeaturePoint, JointState, Measurement, TargetStatus};
 use vservo::motion::{InverseDynamicsControl, JointController, Limit, MotionLimits};
 use vservo::robot::{Robot, load};
-use vservo::safety::{Fault, MeasurementWatch};
-use vservo::scene::DotTarget;
+use vservo::control::safety::{Fault, MeasurementWatch};
+use vservo::target::DotTarget;
 use vservo::servo::{
     DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint, UpdatePolicy,
     VisualServo,

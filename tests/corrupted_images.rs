@@ -11,7 +11,8 @@ use rendered::{Bench, HEIGHT, Random, WIDTH, pose, process};
 use vservo::camera_model::CameraModel;
 use vservo::geometry::Pose;
 use vservo::messages::{Measurement, TargetStatus, measurement_flag};
-use vservo::scene::{DotTarget, SensorModel};
+use vservo::scene::SensorModel;
+use vservo::target::DotTarget;
 use vservo::vision::{Prior, Vision, VisionSettings};
 
 fn sensor(blur_sd_px: f64, noise_sd_levels: f64, seed: u64) -> SensorModel {

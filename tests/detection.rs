@@ -12,7 +12,7 @@ use vservo::camera_model::CameraModel;
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, TargetStatus, measurement_flag};
-use vservo::scene::DotTarget;
+use vservo::target::DotTarget;
 use vservo::vision::{Frame, Prior, Vision, VisionSettings};
 
 /// Poses with all dots in view: distances 0.3..1.5 m, turns over the circle, tilts to 50 degrees.

@@ -13,7 +13,8 @@ use vservo::detect::{Detector, Dot};
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::TargetStatus;
-use vservo::scene::{DotTarget, SensorModel};
+use vservo::scene::SensorModel;
+use vservo::target::DotTarget;
 
 fn search(camera: CameraModel, image: &[u8]) -> Result<[Dot; 4], TargetStatus> {
     let i = camera.intrinsics();

@@ -5,9 +5,9 @@
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use nalgebra::SVector;
 use std::path::Path;
-use vservo::assemble;
+use vservo::config::assemble;
 use vservo::config::Config;
-use vservo::control_loop::ControlLoop;
+use vservo::control::control_loop::ControlLoop;
 use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState};
 use vservo::geometry::Pose;
 use vservo::messages::{FeaturePoint, Measurement, TargetStatus};

@@ -6,12 +6,12 @@
 use std::collections::{BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
-use vservo::assemble;
+use vservo::config::assemble;
 use vservo::config::Config;
-use vservo::control_loop::ControlLoop;
+use vservo::control::control_loop::ControlLoop;
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, JointState, Measurement};
-use vservo::schedule::TICK;
+use vservo::time::TICK;
 use vservo::source::{self, Exposure};
 use vservo::time::MonoNs;
 use vservo::vision::{Frame, Prior};

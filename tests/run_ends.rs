@@ -8,12 +8,12 @@ mod common;
 use common::seen;
 use nalgebra::SVector;
 use std::path::Path;
-use vservo::assemble;
+use vservo::config::assemble;
 use vservo::config::Config;
-use vservo::control_loop::{ControlLoop, Finish};
+use vservo::control::control_loop::{ControlLoop, Finish};
 use vservo::messages::frame_flag;
-use vservo::safety::Fault;
-use vservo::summary::Outcome;
+use vservo::control::safety::Fault;
+use vservo::report::summary::Outcome;
 use vservo::time::MonoNs;
 
 const MS: i64 = 1_000_000;

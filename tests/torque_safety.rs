@@ -7,9 +7,9 @@ mod common;
 use common::seen;
 use nalgebra::SVector;
 use std::path::Path;
-use vservo::assemble;
+use vservo::config::assemble;
 use vservo::config::Config;
-use vservo::control_loop::ControlLoop;
+use vservo::control::control_loop::ControlLoop;
 use vservo::robot::Robot;
 use vservo::time::MonoNs;
 

@@ -8,7 +8,8 @@ use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, measurement_flag};
-use vservo::scene::{DotTarget, Renderer, SceneLook, SensorModel};
+use vservo::scene::{Renderer, SceneLook, SensorModel};
+use vservo::target::DotTarget;
 use vservo::time::MonoNs;
 use vservo::vision::{Frame, Prior, Vision, VisionSettings};
 

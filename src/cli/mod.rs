@@ -10,10 +10,10 @@ pub use arguments::{
 use crate::config::Config;
 use crate::experiment;
 use crate::ipc::{Instance, Role};
-use crate::printable::printable;
+use crate::input::printable;
 use crate::process::{self, ProcessError, StopFlag, supervisor};
 use crate::rt::{Stderr, doctor, print, tell};
-use crate::summary::{Outcome, Summary};
+use crate::report::summary::{Outcome, Summary};
 use clap::{CommandFactory, Parser};
 use std::fs::File;
 use std::io::{IsTerminal, stderr, stdin};

@@ -5,6 +5,7 @@
 //!        └── syntax ──┴── types, unknown keys ──┴── ranges, consistency ──► all Problems of a step at once
 //! ```
 
+pub mod assemble;
 mod problem;
 pub mod raw;
 mod servo;
@@ -18,10 +19,11 @@ pub use source::Document;
 use crate::camera_model::CameraModel;
 use crate::drive::{CommandMode, InnerServo, Payload};
 use crate::geometry::Pose;
-use crate::input_file;
+use crate::input::file;
 use crate::robot::RobotDescription;
-use crate::scene::{DotTarget, SceneLook, SceneMotion, SensorModel};
-use crate::schedule::FrameSchedule;
+use crate::scene::{SceneLook, SceneMotion, SensorModel};
+use crate::target::DotTarget;
+use crate::scene::FrameSchedule;
 use crate::servo::{Law, Mount, ObjectDynamics, SetPoint};
 use crate::time::{MonoNs, SpanNs};
 use crate::vision::VisionSettings;
@@ -271,7 +273,7 @@ impl Config {
             return Self::parse("embedded default configuration", DEFAULT_TOML, Path::new("."), set);
         };
         let name = path.display().to_string();
-        let text = input_file::read(path, input_file::LARGEST_TOML).map_err(|e| {
+        let text = file::read(path, file::LARGEST_TOML).map_err(|e| {
             ConfigError::new(vec![Problem::of_file(&name, format!("cannot be read: {e}"))], 0)
         })?;
         // A file that is named without a folder has an empty parent: it stands in the working directory.

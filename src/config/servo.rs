@@ -9,7 +9,7 @@ use super::validate::Check;
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
 use crate::messages::MAX_JOINTS;
-use crate::scene::DotTarget;
+use crate::target::DotTarget;
 use crate::servo::{
     Damping, DepthSource, FeatureKind, Gain, HybridGains, Interaction, InteractionAt, Law, ObjectDynamics,
     OperationalSpace, OrientationError, PoseGains, Selection, SetPoint,

@@ -6,7 +6,7 @@
 use super::problem::{Problem, first};
 use super::raw::RawConfig;
 use super::source::Document;
-use crate::printable::number;
+use crate::input::number;
 use toml::{Table, Value};
 
 /// Longest list that any key takes.

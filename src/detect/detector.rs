@@ -6,7 +6,7 @@ use super::identity::{Choice, Fit, Identity};
 use crate::camera_model::CameraModel;
 use crate::imaging::{Components, Connectivity, Histogram, ImageView, LocalThreshold, Runs, Window};
 use crate::messages::TargetStatus;
-use crate::scene::DotTarget;
+use crate::target::DotTarget;
 use nalgebra::Vector2;
 
 /// Most regions among which the target is looked for: 1820 choices of four.

@@ -9,7 +9,7 @@
 use super::blob::Blob;
 use super::offset::disc_moments;
 use crate::camera_model::CameraModel;
-use crate::scene::DotTarget;
+use crate::target::DotTarget;
 use nalgebra::{Matrix2, Vector2};
 
 /// Greatest error of shape, or of the area's logarithm, at which a dot still fits.

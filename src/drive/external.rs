@@ -8,8 +8,8 @@
 
 use super::{CommandMode, Drive, DriveCommand, DriveHealth, DriveState};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
-use crate::safety::Fault;
-use crate::schedule::TICK;
+use crate::control::safety::Fault;
+use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 

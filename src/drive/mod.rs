@@ -30,7 +30,7 @@ pub use mode::CommandMode;
 pub use simulated::{Payload, SimulatedDrive, SimulatedDriveError, SimulatedDriveSettings};
 pub use standstill::StandstillDrive;
 
-use crate::safety::Fault;
+use crate::control::safety::Fault;
 use crate::time::MonoNs;
 use nalgebra::SVector;
 

@@ -1,5 +1,6 @@
 //! Why an experiment gave nothing.
 
+use crate::sim::SimError;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -54,6 +55,9 @@ pub enum ExperimentError {
         /// Those that can.
         with: String,
     },
+    /// A run of the whole system cannot be simulated.
+    #[error("experiment: {0}")]
+    System(#[from] SimError),
     /// A part of the simulated cell cannot be built.
     #[error("experiment: the simulated cell cannot be built: {cause}")]
     Cell {
@@ -78,6 +82,7 @@ impl ExperimentError {
             Self::Draw { .. }
             | Self::Computation { .. }
             | Self::Empty { .. }
+            | Self::System(_)
             | Self::Cell { .. }
             | Self::Worker { .. } => 1,
         }

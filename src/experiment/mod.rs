@@ -23,7 +23,6 @@ mod plot;
 mod retreat;
 mod schemes;
 mod simulate;
-mod system;
 mod system_gain;
 mod trajectory;
 
@@ -40,7 +39,6 @@ pub use plot::{Mark, Panel, Series, figure};
 pub use retreat::{ROTATIONS_DEG, pure_rotation, retreat_of};
 pub use schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
 pub use simulate::{Frame, SPAN_S, STEP_S, STEPS_PER_FRAME, rigid_body_step, simulate, simulate_at};
-pub use system::{Moment, SystemRun, simulate_system};
 pub use trajectory::{End, HEADER, Row, Trajectory};
 
 use std::path::{Path, PathBuf};

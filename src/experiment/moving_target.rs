@@ -3,7 +3,7 @@
 
 use super::outcome::Outcome;
 use super::plot::{Mark, Panel, Series, figure};
-use super::system::{Moment, SystemRun, simulate_system};
+use crate::sim::{Moment, SystemRun, simulate_system};
 use super::{ExperimentError, Options};
 use crate::config::Config;
 use serde_json::json;

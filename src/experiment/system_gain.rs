@@ -3,10 +3,10 @@
 
 use super::outcome::Outcome;
 use super::plot::{Panel, Series, figure};
-use super::system::simulate_system;
+use crate::sim::simulate_system;
 use super::{ExperimentError, Options};
 use crate::config::Config;
-use crate::summary;
+use crate::report::summary;
 use serde_json::json;
 
 const LATENCIES_MS: [u32; 2] = [40, 80];

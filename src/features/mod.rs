@@ -4,7 +4,6 @@
 //! depths in m, twists ordered `[v; w]`.
 
 mod jacobian;
-mod ldlt;
 mod normal_equations;
 mod point;
 mod segment;
@@ -15,7 +14,6 @@ mod tests;
 pub use jacobian::{
     analytical_image_jacobian, analytical_image_jacobian_4, euler_zyx_rate, image_jacobian, planar_columns,
 };
-pub(crate) use ldlt::Ldlt;
 pub use normal_equations::{NormalEquations, TwistSolution};
 pub use point::{PointFeature, point_image_jacobian, point_rows};
 pub use segment::{SegmentFeature, segment_ends, segment_features, segment_rows, wrap_rad};

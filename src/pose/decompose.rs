@@ -4,7 +4,7 @@
 //! normal n_2 and the distance d_2 > 0 in frame 2, and `p_1 = H p_2` for its points. Lengths come out in units of d_2.
 
 use super::PoseError;
-use super::symmetric_eigen::symmetric_eigen;
+use crate::linalg::symmetric_eigen;
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 
 /// One reading of a homography.

@@ -17,12 +17,10 @@ mod algorithmic;
 mod decompose;
 mod dlt;
 mod homography;
-mod lanes;
 mod linear;
 mod planar;
 mod points;
 mod refine;
-mod symmetric_eigen;
 #[cfg(test)]
 mod testing;
 

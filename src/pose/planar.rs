@@ -4,7 +4,7 @@
 //! tells its derivative at the centroid, and that derivative fits exactly two rotations. Both are refined on the
 //! reprojection error and ranked by it.
 
-use super::lanes::F2;
+use crate::linalg::F2;
 use super::points::centroid;
 use super::refine::{End, State, minimise};
 use super::{Correspondence, PoseError, homography, pose_from_homography};

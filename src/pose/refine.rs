@@ -3,7 +3,7 @@
 //! The unknown is the twist `[v; w]` of the object's centroid relative to the camera, expressed in C, so that
 //! the Jacobian is the image Jacobian (10.21) of a point with `r_o_C = R_CO r`. Units: m, rad, normalized image.
 
-use super::lanes::{F2, Lanes};
+use crate::linalg::{F2, Lanes};
 use super::points::{centroid, check};
 use super::{Correspondence, Correspondence3, PointSource, PoseError};
 use crate::features::Ldlt;

@@ -1,10 +1,10 @@
 //! What can end a process before its time, and the exit code that says so.
 
-use crate::assemble::AssembleError;
+use crate::config::assemble::AssembleError;
 use crate::config::ConfigError;
 use crate::experiment::ExperimentError;
 use crate::ipc::{InstanceError, IpcError};
-use crate::printable::printable;
+use crate::input::printable;
 use crate::robot::RobotError;
 use crate::rt::SchedulingError;
 use crate::source::SourceError;

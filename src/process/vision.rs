@@ -20,7 +20,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
     let measurements = services.measurement_sender()?;
     services.require_room_for_peers()?;
     let mut worker =
-        Worker { vision: crate::assemble::vision(config), counter: FrameCounter::default(), status: None };
+        Worker { vision: crate::config::assemble::vision(config), counter: FrameCounter::default(), status: None };
     info!("vision runs");
     while !stop.is_requested() {
         membership.beat();

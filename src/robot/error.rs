@@ -1,7 +1,7 @@
 //! What is wrong with a robot's file: which file, which element, what, and what to do.
 
 use super::model::JointKind;
-use crate::printable::number;
+use crate::input::number;
 
 /// How a joint of a URDF is held: URDF itself has no place for it.
 const HOLD: &str = "hold it: a robot file in TOML, with `[urdf]`, `file = \"ARM.urdf\"`, `tip = \"LINK\"` and \

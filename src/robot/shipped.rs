@@ -3,7 +3,7 @@
 use super::description::RobotDescription;
 use super::error::RobotError;
 use super::file::{parse_toml, parse_urdf};
-use crate::input_file::{self, LARGEST_TOML, LARGEST_URDF};
+use crate::input::file::{self, LARGEST_TOML, LARGEST_URDF};
 use std::path::Path;
 
 /// Names of the robots whose files are part of the program.
@@ -65,6 +65,6 @@ pub fn load(name_or_path: &str) -> Result<RobotDescription, RobotError> {
 }
 
 fn read(path: &Path, largest: u64) -> Result<String, RobotError> {
-    input_file::read(path, largest)
+    file::read(path, largest)
         .map_err(|source| RobotError::Read { file: path.display().to_string(), source })
 }

@@ -6,18 +6,22 @@
 //! levels x vignetting + noise --> bytes
 //! ```
 
+mod arm_history;
 mod bands;
 mod error;
 mod motion;
 mod profile;
 mod rays;
 mod renderer;
+mod schedule;
 mod sensor;
-mod target;
+mod synthetic_camera;
 mod view;
 
+pub use arm_history::ArmHistory;
 pub use error::SceneError;
 pub use motion::SceneMotion;
 pub use renderer::{LARGEST_SIDE_PX, Renderer, SceneLook};
+pub use schedule::{FrameSchedule, Irregularity};
 pub use sensor::SensorModel;
-pub use target::{DotTarget, TargetError};
+pub use synthetic_camera::{Exposure, SyntheticCamera};

@@ -11,7 +11,7 @@ use super::profile::{EdgeProfile, LANES, cast};
 use super::rays::{Ray, RowOfRays};
 use super::renderer::Paint;
 use super::sensor::LEVEL_BITS;
-use super::target::DotTarget;
+use crate::target::DotTarget;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
 use nalgebra::{Matrix3, Point3, Vector2, Vector3};

@@ -10,7 +10,7 @@ use super::{
     Wish, away_from_limits, joint_velocity, lesson::Lesson,
 };
 use crate::geometry::{Pose, rotate_twist};
-use crate::joint_history::JointHistory;
+use crate::servo::JointHistory;
 use crate::messages::{Measurement, TargetStatus};
 use crate::robot::Robot;
 use crate::time::{MonoNs, SpanNs};

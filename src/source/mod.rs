@@ -5,34 +5,19 @@
 //! folder of images   ─► replay    ─┴─► expose(frame, buffer in shared memory)
 //! ```
 
-mod arm_history;
 mod image_file;
 mod replay;
-mod synthetic;
 
-pub use arm_history::ArmHistory;
+pub use crate::scene::Exposure;
 pub use replay::Replay;
-pub use synthetic::Synthetic;
 
-use crate::assemble::AssembleError;
+use crate::config::assemble::AssembleError;
 use crate::config::{self, Config};
 use crate::messages::JointState;
 use crate::robot::RobotError;
-use crate::scene::SceneError;
-use crate::time::{MonoNs, SpanNs};
+use crate::scene::SyntheticCamera;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-
-/// One exposure that is due.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Exposure {
-    /// Number of the frame.
-    pub frame_id: u64,
-    /// Middle of the exposure.
-    pub mid: MonoNs,
-    /// Length of the exposure.
-    pub span: SpanNs,
-}
 
 /// Whether more frames follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -113,9 +98,6 @@ pub enum SourceError {
     /// The configuration does not fit the arm.
     #[error(transparent)]
     Assemble(#[from] AssembleError),
-    /// The renderer refuses the scene.
-    #[error(transparent)]
-    Scene(#[from] SceneError),
 }
 
 impl SourceError {
@@ -142,25 +124,23 @@ pub trait Source {
 /// [`SourceError`] when it cannot start; files are looked at now, not in the middle of the run.
 pub fn open(config: &Config) -> Result<Box<dyn Source>, SourceError> {
     match &config.camera.source {
-        config::Source::Synthetic { look, sensor, motion_blur } => {
-            crate::dispatch_robot!(config.robot, |robot| {
-                let q_start = crate::assemble::q_start(config)?;
-                let history = ArmHistory::new(robot, q_start);
-                let renderer =
-                    crate::scene::Renderer::new(config.camera.model, config.target, *look, *sensor)?;
-                Ok(Box::new(Synthetic::new(
-                    history,
-                    renderer,
-                    config.camera.mount,
-                    config.X_WO,
-                    config.scene_motion,
-                    *motion_blur,
-                )) as _)
-            })?
-        }
+        config::Source::Synthetic { .. } => crate::dispatch_robot!(config.robot, |robot| {
+            Ok(Box::new(crate::config::assemble::synthetic_camera(config, robot)?) as _)
+        })?,
         config::Source::Replay { folder, repeat } => {
             let i = config.camera.model.intrinsics();
             Ok(Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat)?))
         }
+    }
+}
+
+impl<const N: usize> Source for SyntheticCamera<N> {
+    fn arm(&mut self, state: &JointState) {
+        Self::arm(self, state);
+    }
+
+    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
+        Self::expose(self, exposure, out);
+        Ok(Position::Running)
     }
 }

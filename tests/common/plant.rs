@@ -14,7 +14,7 @@ use vservo::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
 use vservo::ipc::{Instance as Place, Sender, Services};
 use vservo::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use vservo::rt;
-use vservo::schedule::TICK;
+use vservo::time::TICK;
 use vservo::time::{MonoNs, SpanNs};
 
 /// The arm of the tests.
@@ -39,8 +39,8 @@ fn vector(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
 impl Plant {
     fn new(states: Sender<DriveStateMsg>, behaviour: Behaviour, config: &Config) -> Self {
         let robot = config.robot.build::<N>().unwrap();
-        let q = vservo::assemble::q_start(config).unwrap();
-        let settings = vservo::assemble::simulated_settings(config).unwrap();
+        let q = vservo::config::assemble::q_start(config).unwrap();
+        let settings = vservo::config::assemble::simulated_settings(config).unwrap();
         Self { drive: SimulatedDrive::new(robot, q, settings).unwrap(), states, behaviour }
     }
 

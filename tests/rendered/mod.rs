@@ -9,7 +9,8 @@ use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, Measurement};
-use vservo::scene::{DotTarget, Renderer, SceneLook, SensorModel};
+use vservo::scene::{Renderer, SceneLook, SensorModel};
+use vservo::target::DotTarget;
 use vservo::time::MonoNs;
 use vservo::vision::{Frame, Prior, Vision, VisionSettings};
 

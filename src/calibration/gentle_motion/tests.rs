@@ -2,7 +2,7 @@ use super::*;
 use crate::config::Config;
 use crate::messages::{FeaturePoint, TargetStatus};
 use crate::motion::Reference;
-use crate::schedule::TICK;
+use crate::time::TICK;
 use nalgebra::{Vector3, Vector4};
 use proptest::prelude::*;
 use std::path::Path;
@@ -86,7 +86,7 @@ fn motion_px<const N: usize>(file: &str, shift: &Vector3<f64>) -> Option<f64> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
     let config = Config::load(Some(&path), &[]).unwrap();
     let robot = config.robot.build::<N>().unwrap();
-    let mut q = crate::assemble::q_start::<N>(&config).unwrap();
+    let mut q = crate::config::assemble::q_start::<N>(&config).unwrap();
     let X_CO_at = |q: &SVector<f64, N>| {
         let mut X_WO = config.X_WO;
         X_WO.translation.vector += shift;
@@ -138,7 +138,7 @@ fn the_target_moves_clearly_and_stays_in_the_picture() {
 fn without_a_pose_nothing_is_known_of_the_reach() {
     let config = Config::load(None, &[]).unwrap();
     let robot = config.robot.build::<4>().unwrap();
-    let q = crate::assemble::q_start::<4>(&config).unwrap();
+    let q = crate::config::assemble::q_start::<4>(&config).unwrap();
     let m = Measurement { feature_count: 4, ..Measurement::default() };
     let points = config.target.points_O();
     let reach = |m: &Measurement| {

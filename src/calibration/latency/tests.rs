@@ -51,7 +51,7 @@ impl<const N: usize> Scene<N> {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
         let config = Config::load(Some(&path), &[]).unwrap();
         let robot = config.robot.build::<N>().unwrap();
-        let q = crate::assemble::q_start::<N>(&config).unwrap();
+        let q = crate::config::assemble::q_start::<N>(&config).unwrap();
         let mut scene = Self { config, robot, q, amplitude: SVector::zeros() };
         let seen = scene.seen(&q, MonoNs(0), &mut |_| 0.0);
         let camera = &scene.config.camera;

@@ -6,7 +6,7 @@ use crate::config::raw::RawConfig;
 use crate::config::servo::{tilted, uses_dimension};
 use crate::geometry::Pose;
 use crate::robot::{self, POSITION_RAD_OR_M, RobotDescription};
-use crate::scene::DotTarget;
+use crate::target::DotTarget;
 use nalgebra::SVector;
 
 /// The robot, with a start inside its limits.

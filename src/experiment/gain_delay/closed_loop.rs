@@ -5,7 +5,7 @@ use crate::experiment::schemes::Scheme;
 use crate::experiment::{Cell, ExperimentError};
 use crate::geometry::{Pose, rotation_angle};
 use crate::messages::{FeaturePoint, Measurement, TargetStatus};
-use crate::schedule::{FrameSchedule, Irregularity};
+use crate::scene::{FrameSchedule, Irregularity};
 use crate::servo::{
     Gain, Interaction, Law, Mount, OperationalSpace, OrientationError, ServoSettings, SetPoint, UpdatePolicy,
     VisualServo, Wish, pose_gains_4,

@@ -11,9 +11,9 @@
 //!    └──────────────────── total ───────────────────┘      missed: total >= 1 tick
 //! ```
 
-use crate::histogram::Histogram;
-use crate::schedule::TICK;
-use crate::summary::TickTimes;
+use crate::report::histogram::Histogram;
+use crate::time::TICK;
+use crate::report::summary::TickTimes;
 use crate::time::{MonoNs, SpanNs};
 
 /// Deadlines at whole ticks after a start.

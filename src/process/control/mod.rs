@@ -10,12 +10,12 @@ use super::{Membership, ProcessError, StopFlag, frame_shape};
 use crate::calibration::{Cell, Recording, stamp_offset};
 use crate::config::Config;
 use crate::config::raw::{Clock, Task};
-use crate::control_loop::{ControlLoop, Finish};
+use crate::control::control_loop::{ControlLoop, Finish};
 use crate::ipc::{Instance, Receiver, Role, Sender, Waker};
 use crate::messages::{JointState, Measurement, Status};
 use crate::robot::Robot;
 use crate::rt::now;
-use crate::summary::{Outcome, RealtimeReport, StampCalibration, Summary, TickTimes};
+use crate::report::summary::{Outcome, RealtimeReport, StampCalibration, Summary, TickTimes};
 use crate::time::SpanNs;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
@@ -67,9 +67,9 @@ fn run_robot<const N: usize>(
     let membership = Membership::join(instance, Role::Control)?;
     let (control, mut plant) = match plant::open::<N>(config, &membership)? {
         Some((drive, ports)) => {
-            (crate::assemble::control_loop_with(config, robot, Box::new(drive))?, Some(ports))
+            (crate::config::assemble::control_loop_with(config, robot, Box::new(drive))?, Some(ports))
         }
-        None => (crate::assemble::control_loop(config, robot)?, None),
+        None => (crate::config::assemble::control_loop(config, robot)?, None),
     };
     let ports = Ports::open(&membership)?;
     if config.clock == Clock::Lockstep {

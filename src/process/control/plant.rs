@@ -14,7 +14,7 @@ use crate::ipc::{PlantPresence, Receiver, Sender, Spin, Waker};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag};
 use crate::rt::now;
-use crate::safety::Fault;
+use crate::control::safety::Fault;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -92,7 +92,7 @@ pub(super) fn open<'a, const N: usize>(
         Clock::Realtime => config.safety.drive_timeout,
         Clock::Lockstep => SpanNs(i64::MAX), // simulated time stands still while control waits
     };
-    let q_start: SVector<f64, N> = crate::assemble::q_start(config)?;
+    let q_start: SVector<f64, N> = crate::config::assemble::q_start(config)?;
     let link = Box::new(Rings { states, commands });
     let drive = ExternalDrive::new(link, config.drive.mode, timeout, q_start);
     let (state, waker) = services.drive_state_receiver()?;

@@ -5,7 +5,7 @@ use crate::config::ExternalPlant;
 use crate::ipc::{Instance, Role};
 use crate::process::ProcessError;
 use crate::rt::now;
-use crate::summary::ProcessUsage;
+use crate::report::summary::ProcessUsage;
 use crate::time::MonoNs;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fmt;

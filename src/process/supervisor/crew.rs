@@ -8,7 +8,7 @@ use crate::config::raw::{Clock, DriveKind};
 use crate::ipc::{Instance, Role};
 use crate::process::ProcessError;
 use crate::rt::{now, tell};
-use crate::summary::{ProcessUsage, Summary};
+use crate::report::summary::{ProcessUsage, Summary};
 use crate::time::{MonoNs, SpanNs};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -118,7 +118,7 @@ impl Drop for Crew {
 /// How long control may take to end when it is asked to.
 fn longest_stop(config: &Config) -> SpanNs {
     let braking_s =
-        crate::dispatch_robot!(config.robot, |robot| crate::assemble::motion_limits(config, &robot)
+        crate::dispatch_robot!(config.robot, |robot| crate::config::assemble::motion_limits(config, &robot)
             .map_or(0.0, |limits| limits.longest_braking_s()))
         .unwrap_or(0.0);
     let slowest = if config.clock == Clock::Lockstep { SLOWEST_PLANT } else { 1.0 };

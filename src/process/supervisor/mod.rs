@@ -18,7 +18,7 @@ use crate::config::Config;
 use crate::ipc::{Instance, InstanceError, Receiver, Role, Services};
 use crate::messages::Status;
 use crate::rt::now;
-use crate::summary::{Outcome, Summary};
+use crate::report::summary::{Outcome, Summary};
 use crate::time::SpanNs;
 use child::End;
 use crew::Crew;

@@ -1,6 +1,6 @@
 //! The end of a child process, and what it used: the kernel tells both in one call, and only once.
 
-use crate::summary::ProcessUsage;
+use crate::report::summary::ProcessUsage;
 use crate::time::SpanNs;
 use rustix::process::Pid;
 use std::os::unix::process::ExitStatusExt;

@@ -2,9 +2,9 @@
 //! deadlines, and spinning the last part of it.
 
 use crate::config::RealtimeRequest;
-use crate::histogram::{Histogram, Quantiles};
+use crate::report::histogram::{Histogram, Quantiles};
 use crate::rt::{Awake, DeadlineWait, USUAL_SPIN, now, prepare_thread};
-use crate::summary::spin_text;
+use crate::report::summary::spin_text;
 use crate::time::SpanNs;
 use serde::Serialize;
 use std::fmt::Write as _;

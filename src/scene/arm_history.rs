@@ -1,7 +1,7 @@
 //! Where the arm that carries a synthetic camera was, told by its joint states.
 
 use crate::geometry::Pose;
-use crate::joint_history::JointHistory;
+use crate::servo::JointHistory;
 use crate::messages::{JointState, joint_flag};
 use crate::robot::Robot;
 use crate::time::MonoNs;

@@ -5,17 +5,33 @@
 //! sense ─► joint state ─► source ─► pixels ─► Vision ─► Measurement ─ one latency later ─► act ─► drive
 //! ```
 
-use super::ExperimentError;
 use crate::config::Config;
-use crate::control_loop::{ControlLoop, Finish};
-use crate::imaging::ImageView;
+use crate::config::assemble::{self, AssembleError};
+use crate::control::control_loop::{ControlLoop, Finish};
+use crate::imaging::{ImageSizeError, ImageView};
 use crate::messages::{FrameHeader, Measurement};
-use crate::schedule::TICK;
-use crate::source::{self, Exposure, Source};
-use crate::summary::FinalErrors;
+use crate::time::TICK;
+use crate::report::summary::FinalErrors;
 use crate::time::MonoNs;
 use crate::vision::{Frame, Prior, Vision};
+use crate::robot::RobotError;
+use crate::scene::{Exposure, SyntheticCamera};
 use std::collections::VecDeque;
+use thiserror::Error;
+
+/// Why a run cannot be simulated.
+#[derive(Debug, Error)]
+pub enum SimError {
+    /// A part of it cannot be built.
+    #[error(transparent)]
+    Assemble(#[from] AssembleError),
+    /// The arm cannot.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// The camera has no pixels.
+    #[error(transparent)]
+    Image(#[from] ImageSizeError),
+}
 
 /// A simulated run that has come to its end.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,16 +60,16 @@ pub enum Moment<'a> {
 /// Runs `config` in simulated time, whatever its clock, and tells `watch` what happens.
 ///
 /// # Errors
-/// [`ExperimentError::Cell`] when a part of the configuration cannot be built, or the source of frames fails.
+/// [`SimError`] when a part of the configuration cannot be built.
 pub fn simulate_system(
     config: &Config,
     watch: &mut dyn FnMut(&Moment<'_>),
-) -> Result<SystemRun, ExperimentError> {
-    let mut vision = crate::assemble::vision(config);
-    let mut source = source::open(config).map_err(broken)?;
+) -> Result<SystemRun, SimError> {
+    let mut vision = assemble::vision(config);
     crate::dispatch_robot!(config.robot, |robot| {
-        let mut control = crate::assemble::control_loop(config, robot).map_err(broken)?;
-        let finish = run(config, &mut control, &mut vision, source.as_mut(), watch)?;
+        let mut camera = assemble::synthetic_camera(config, robot.clone())?;
+        let mut control = assemble::control_loop(config, robot)?;
+        let finish = run(config, &mut control, &mut vision, &mut camera, watch)?;
         let statistics = control.statistics();
         Ok(SystemRun {
             finish,
@@ -62,21 +78,16 @@ pub fn simulate_system(
             target_lost: statistics.last_measurement().map_or(0, |m| m.target_lost),
             state_hash: statistics.state_hash(),
         })
-    })
-    .map_err(broken)?
-}
-
-fn broken(cause: impl ToString) -> ExperimentError {
-    ExperimentError::Cell { cause: cause.to_string() }
+    })?
 }
 
 fn run<const N: usize>(
     config: &Config,
     control: &mut ControlLoop<N>,
     vision: &mut Vision,
-    source: &mut dyn Source,
+    camera: &mut SyntheticCamera<N>,
     watch: &mut dyn FnMut(&Moment<'_>),
-) -> Result<Finish, ExperimentError> {
+) -> Result<Finish, SimError> {
     let schedule = &config.camera.schedule;
     let i = *config.camera.model.intrinsics();
     let mut pixels = vec![0; i.width_px as usize * i.height_px as usize];
@@ -84,11 +95,11 @@ fn run<const N: usize>(
     let mut tick = 0;
     loop {
         let now = MonoNs(TICK.0 * tick as i64);
-        source.arm(&control.sense(tick, now));
+        camera.arm(&control.sense(tick, now));
         if let Some(frame_id) = schedule.frame_at(tick).filter(|id| !schedule.is_lost(*id)) {
             let exposure = Exposure { frame_id, mid: now, span: config.camera.exposure };
-            source.expose(&exposure, &mut pixels).map_err(broken)?;
-            let image = ImageView::new(&pixels, i.width_px as usize, i.height_px as usize).map_err(broken)?;
+            camera.expose(&exposure, &mut pixels);
+            let image = ImageView::new(&pixels, i.width_px as usize, i.height_px as usize)?;
             watch(&Moment::Frame(frame_id, &image));
             let header = FrameHeader {
                 frame_id,

@@ -13,7 +13,7 @@ use crate::geometry::{Pose, rotation_angle};
 use crate::imaging::ImageView;
 use crate::messages::{FeaturePoint, FrameHeader, Measurement, TargetStatus, frame_flag, measurement_flag};
 use crate::pose::{Correspondence, PoseSolution, RefinedPose, planar_pose, refine};
-use crate::scene::DotTarget;
+use crate::target::DotTarget;
 use crate::time::MonoNs;
 use nalgebra::Vector2;
 

@@ -8,9 +8,9 @@
 //! In lockstep exposure and command have stamps of the simulated clock, the stages between of the machine's: only spans
 //! within one clock are counted.
 
-use crate::histogram::Histogram;
+use crate::report::histogram::Histogram;
 use crate::messages::Measurement;
-use crate::summary::Latencies;
+use crate::report::summary::Latencies;
 use crate::time::{MonoNs, SpanNs};
 
 /// Spans of the newest measurement that was commanded; `None` where its stamps belong to two clocks.

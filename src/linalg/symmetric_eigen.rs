@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 ///
 /// `None` when `a` is not finite.
 #[must_use]
-pub(super) fn symmetric_eigen(a: &Matrix3<f64>) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+pub(crate) fn symmetric_eigen(a: &Matrix3<f64>) -> Option<(Vector3<f64>, Matrix3<f64>)> {
     let size = a.norm_squared();
     if !size.is_finite() {
         return None;

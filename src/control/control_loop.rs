@@ -3,21 +3,21 @@
 //! The real-time thread, the lockstep loop and in-process simulations all call [`ControlLoop::tick`]. It does not
 //! allocate, log or fail.
 
-pub use crate::run_end::Finish;
+pub use crate::control::run_end::Finish;
 
 use crate::calibration::GentleMotion;
-use crate::controller::{ControlOutput, Controller};
+use crate::control::controller::{ControlOutput, Controller};
 use crate::drive::{Drive, DriveCommand, DriveState};
 use crate::geometry::{Pose, rotation_angle};
 use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status, frame_flag, joint_flag};
 use crate::motion::ActingLimits;
-use crate::run_end::{self, NextStep, RunEnd};
-use crate::run_statistics::{Event, RunStatistics};
-use crate::safety::Fault;
+use crate::control::run_end::{self, NextStep, RunEnd};
+use crate::report::statistics::{Event, RunStatistics};
+use crate::control::safety::Fault;
 use crate::scene::SceneMotion;
-use crate::schedule::TICK;
+use crate::time::TICK;
 use crate::servo::{Intake, View};
-use crate::summary::{FinalErrors, Outcome, SafetyReport};
+use crate::report::summary::{FinalErrors, Outcome, SafetyReport};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector2};
 

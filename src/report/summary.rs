@@ -4,8 +4,8 @@ mod stamp_calibration;
 
 pub use stamp_calibration::StampCalibration;
 
-use crate::histogram::Quantiles;
-use crate::schedule::TICK;
+use crate::report::histogram::Quantiles;
+use crate::time::TICK;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -9,10 +9,10 @@
 
 use crate::drive::DriveState;
 use crate::messages::{ControlState, TargetStatus};
-use crate::run_statistics::RunStatistics;
-use crate::safety::Fault;
-use crate::schedule::TICK;
-use crate::summary::Outcome;
+use crate::report::statistics::RunStatistics;
+use crate::control::safety::Fault;
+use crate::time::TICK;
+use crate::report::summary::Outcome;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 

@@ -2,22 +2,23 @@
 
 use crate::config::raw::{Clock, DriveKind, JointControl, Task, Update};
 use crate::config::{Config, Source};
-use crate::control_loop::{ControlLoop, RunPlan};
-use crate::controller::{Controller, ControllerSettings};
+use crate::control::control_loop::{ControlLoop, RunPlan};
+use crate::control::controller::{Controller, ControllerSettings};
 use crate::drive::{
     CommandMode, Drive, EncoderModel, IdealDrive, SimulatedDrive, SimulatedDriveSettings, StandstillDrive,
 };
 use crate::messages::MAX_JOINTS;
 use crate::motion::{InverseDynamicsControl, JointController, MotionLimits, PdGravityControl};
 use crate::robot::Robot;
-use crate::safety::MeasurementWatch;
+use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
+use crate::control::safety::MeasurementWatch;
 use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
 use crate::vision::Vision;
 use nalgebra::{SVector, Vector2};
 use thiserror::Error;
 
 /// A configuration that is valid in itself does not make a working whole.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[derive(Debug, Clone, PartialEq, Error)]
 pub enum AssembleError {
     /// A list does not have one entry for each joint.
     #[error("{key}: has {found} entries, the robot has {wanted} joints")]
@@ -32,6 +33,12 @@ pub enum AssembleError {
     /// The drive refuses its settings.
     #[error(transparent)]
     Drive(#[from] crate::drive::SimulatedDriveError),
+    /// The renderer refuses the scene.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// Only a synthetic camera can be simulated.
+    #[error("camera.source: a replay needs the processes of `vservo run`; in one process use synthetic")]
+    Replay,
     /// An external drive lives in another process: only the control process can make its end.
     #[error(
         "drive.kind: an external drive needs the processes of `vservo run`; in one process use simulated or ideal"
@@ -72,6 +79,23 @@ pub fn motion_limits<const N: usize>(
 #[must_use]
 pub fn vision(config: &Config) -> Vision {
     Vision::new(config.camera.model, config.target, config.vision)
+}
+
+/// The synthetic camera of a configuration, before an arm that rests at its start.
+///
+/// # Errors
+/// [`AssembleError`], also for a configuration with another source of frames.
+pub fn synthetic_camera<const N: usize>(
+    config: &Config,
+    robot: Robot<N>,
+) -> Result<SyntheticCamera<N>, AssembleError> {
+    let Source::Synthetic { look, sensor, motion_blur } = &config.camera.source else {
+        return Err(AssembleError::Replay);
+    };
+    let history = ArmHistory::new(robot, q_start(config)?);
+    let renderer = Renderer::new(config.camera.model, config.target, *look, *sensor)?;
+    let (mount, X_WO, motion) = (config.camera.mount, config.X_WO, config.scene_motion);
+    Ok(SyntheticCamera::new(history, renderer, mount, X_WO, motion, *motion_blur))
 }
 
 /// The drive of a configuration; an open loop has one that stands still.

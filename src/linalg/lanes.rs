@@ -5,7 +5,7 @@
 use std::ops::{Add, Div, Mul, Sub};
 
 /// Arithmetic lane by lane.
-pub(super) trait Lanes:
+pub(crate) trait Lanes:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
     /// From the two lanes.
@@ -28,7 +28,7 @@ pub(super) trait Lanes:
 /// The lanes without processor-specific instructions.
 #[derive(Debug, Clone, Copy)]
 #[cfg_attr(all(target_arch = "x86_64", not(test)), allow(dead_code))]
-pub(super) struct Portable([f64; 2]);
+pub(crate) struct Portable([f64; 2]);
 
 impl Lanes for Portable {
     #[inline(always)]
@@ -95,10 +95,10 @@ mod sse2 {
 
 /// The fastest lanes that every processor of this architecture has.
 #[cfg(target_arch = "x86_64")]
-pub(super) type F2 = sse2::Sse2;
+pub(crate) type F2 = sse2::Sse2;
 /// The fastest lanes that every processor of this architecture has.
 #[cfg(not(target_arch = "x86_64"))]
-pub(super) type F2 = Portable;
+pub(crate) type F2 = Portable;
 
 #[cfg(test)]
 mod tests {

@@ -1,11 +1,8 @@
 //! Which frame is exposed when, and when its measurement may be used: the one rule that the camera and a lockstep
 //! control share. Irregular cameras are part of it, so that even lost and late frames repeat.
 
-use crate::time::SpanNs;
+use crate::time::{SpanNs, TICK};
 use xxhash_rust::xxh3::xxh3_64_with_seed;
-
-/// Length of a control tick.
-pub const TICK: SpanNs = SpanNs::MILLISECOND;
 
 /// How irregular a simulated camera is.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -63,7 +63,7 @@ impl StampCalibration {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::summary::Summary;
+    use crate::report::summary::Summary;
     use crate::time::SpanNs;
 
     #[test]

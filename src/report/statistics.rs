@@ -2,12 +2,12 @@
 //! Nothing here allocates until the summary is made.
 
 use crate::drive::DriveState;
-use crate::latency::{LatencyStages, LatencyTable};
+use crate::report::latency::{LatencyStages, LatencyTable};
 use crate::messages::{ControlState, Measurement};
 use crate::motion::{ActingLimits, Limit, LimitWatch, LongActing};
-use crate::safety::Fault;
+use crate::control::safety::Fault;
 use crate::servo::Intake;
-use crate::summary::{IntakeCounts, Latencies, LimitedTicks, SafetyEvent, SafetyReport};
+use crate::report::summary::{IntakeCounts, Latencies, LimitedTicks, SafetyEvent, SafetyReport};
 use crate::time::MonoNs;
 use xxhash_rust::xxh3::Xxh3;
 

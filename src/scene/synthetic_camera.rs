@@ -1,20 +1,29 @@
 //! The synthetic camera: what a camera in the arm's hand, or beside the arm, would see, rendered from the arm's true motion.
 
-use super::{ArmHistory, Exposure, Position, Source, SourceError};
+use super::{ArmHistory, Renderer, SceneMotion};
 use crate::geometry::Pose;
 use crate::messages::JointState;
-use crate::scene::{Renderer, SceneMotion};
-use crate::schedule::TICK;
 use crate::servo::Mount;
-use crate::time::{MonoNs, SpanNs};
+use crate::time::{MonoNs, SpanNs, TICK};
 
 /// Most sub-exposures of one frame.
 const MAX_SUB_EXPOSURES: usize = 16;
 /// A sub-exposure for so many pixels of motion: edges then differ by less than the blur of a good lens.
 const PX_PER_SUB_EXPOSURE: f64 = 0.5;
 
+/// One exposure that is due.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Exposure {
+    /// Counts exposures from 0.
+    pub frame_id: u64,
+    /// Its middle.
+    pub mid: MonoNs,
+    /// Its length.
+    pub span: SpanNs,
+}
+
 /// Renders frames.
-pub struct Synthetic<const N: usize> {
+pub struct SyntheticCamera<const N: usize> {
     history: ArmHistory<N>,
     renderer: Renderer,
     mount: Mount,
@@ -26,7 +35,7 @@ pub struct Synthetic<const N: usize> {
     views: Vec<Pose>,
 }
 
-impl<const N: usize> Synthetic<N> {
+impl<const N: usize> SyntheticCamera<N> {
     /// A camera at `mount` and the arm of `history`; the target rests at `X_WO` in the base or, seen from beside the arm,
     /// on the flange.
     #[must_use]
@@ -56,15 +65,15 @@ impl<const N: usize> Synthetic<N> {
         let travel = |p_O| Some((camera.project(&(after * p_O))? - camera.project(&(before * p_O))?).norm());
         self.renderer.target().points_O().iter().filter_map(|p_O| travel(*p_O)).fold(0.0, f64::max)
     }
-}
 
-impl<const N: usize> Source for Synthetic<N> {
-    fn arm(&mut self, state: &JointState) {
+    /// Takes a state of the arm that carries the camera, or the target.
+    pub fn arm(&mut self, state: &JointState) {
         self.origin = Some(state.stamp - SpanNs(TICK.0.saturating_mul(state.tick as i64)));
         self.history.push(state);
     }
 
-    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
+    /// Renders `exposure` into `out`, one byte a pixel, row by row.
+    pub fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) {
         let count = if self.motion_blur && exposure.span.0 > 0 {
             ((self.motion_px(exposure) / PX_PER_SUB_EXPOSURE).ceil() as usize).clamp(1, MAX_SUB_EXPOSURES)
         } else {
@@ -79,6 +88,5 @@ impl<const N: usize> Source for Synthetic<N> {
             self.views.push(view);
         }
         self.renderer.render(&self.views, exposure.frame_id, out);
-        Ok(Position::Running)
     }
 }

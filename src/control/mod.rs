@@ -1,0 +1,12 @@
+//! Control: from a measurement and the arm's state to the command of a tick, and how a run ends.
+//!
+//! ```text
+//! [`control_loop`] one run: drive, controller, goal, what is counted      [`run_end`] every end is an arm at rest
+//! [`controller`]   one tick: watch ─► servo law ─► reference ─► joint control ─► command
+//! [`safety`]       faults and reactions, the watch over the measurements
+//! ```
+
+pub mod control_loop;
+pub mod controller;
+pub mod run_end;
+pub mod safety;

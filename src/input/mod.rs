@@ -1,0 +1,6 @@
+//! Text from outside: how files are read, and how what stands in them is shown to people.
+
+pub mod file;
+mod printable;
+
+pub use printable::{number, printable};

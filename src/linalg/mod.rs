@@ -1,0 +1,9 @@
+//! Linear algebra of fixed sizes that stays on the stack: factorisation, eigenvectors, two numbers at a time.
+
+mod lanes;
+mod ldlt;
+mod symmetric_eigen;
+
+pub(crate) use lanes::Lanes;
+pub(crate) use ldlt::Ldlt;
+pub(crate) use symmetric_eigen::symmetric_eigen;
