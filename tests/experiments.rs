@@ -259,12 +259,15 @@ fn random_starts_end_with_a_reason() {
         assert!(near, "{}: {got:?}, expected {:?}", flier.name, [home, left, lost]);
         let mut image: Vec<f64> = flown.iter().map(|f| f.last_error_px / f.first_error_px).collect();
         image.sort_by(f64::total_cmp);
-        let (median, worst) = (image[30], image[59]);
+        let (quarter, median, worst) = (image[15], image[30], image[59]);
         if flier.name == "C" {
             // The transposed Jacobian is as slow as the square's image is ill-conditioned: nobody is home after 120 s, but
-            // the image is on its way there from every start, and half of them have less than 4 % of the error left.
+            // the image is on its way there from every start. What is left of its error lies in the directions that hardly
+            // move; with half of the stiffness it would be 3 % more.
             assert_eq!(count(Fate::TooSlow) + count(Fate::ImageOnly), 60, "none stands, none leaves");
-            assert!(median < 0.045 && worst < 0.55, "C: error left in the image {median}, at worst {worst}");
+            assert!(worst < 0.5, "C: error left in the image {worst} at worst");
+            let obtained = [quarter / 0.01083, median / 0.03745];
+            assert!(obtained.iter().all(|r| (r - 1.0).abs() < 0.01), "C: error left {quarter} {median}");
         } else {
             assert_eq!(got.iter().sum::<i32>(), 60, "{}: none diverges, none stands elsewhere", flier.name);
             assert!(median < 0.005, "{}: error left in the image {median}", flier.name);
