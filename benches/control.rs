@@ -6,12 +6,12 @@
 use divan::{Bencher, black_box};
 use nalgebra::{Matrix6, Point3, SVector, Vector2, Vector6};
 use vservo::control::controller::{ControlOutput, Controller, ControllerSettings};
+use vservo::control::safety::MeasurementWatch;
 use vservo::drive::DriveState;
 use vservo::geometry::Pose;
 use vservo::messages::{FeaturePoint, Measurement, TargetStatus};
 use vservo::motion::{InverseDynamicsControl, JointController, MotionLimits, Reference, evade};
 use vservo::robot::{ExpressedIn, load};
-use vservo::control::safety::MeasurementWatch;
 use vservo::servo::{
     CameraJacobian, DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint,
     UpdatePolicy, View, VisualServo, image_task, joint_velocity,

@@ -9,9 +9,9 @@ use iceoryx2::prelude::*;
 use std::sync::mpsc;
 use std::time::Duration;
 use vservo::config::RealtimeRequest;
-use vservo::report::histogram::Histogram;
 use vservo::ipc::{FrameShape, Instance, Services};
 use vservo::messages::FrameHeader;
+use vservo::report::histogram::Histogram;
 use vservo::rt::{Awake, now, prepare_thread, sleep_until};
 use vservo::time::{MonoNs, SpanNs};
 

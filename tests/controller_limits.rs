@@ -6,21 +6,21 @@
 use nalgebra::SVector;
 use proptest::prelude::*;
 use std::path::Path;
-use vservo::config::assemble;
 use vservo::config::Config;
+use vservo::config::assemble;
 use vservo::control::control_loop::ControlLoop;
 use vservo::control::controller::{ControlOutput, Controller, ControllerSettings};
+use vservo::control::safety::{Fault, MeasurementWatch};
 use vservo::drive::DriveState;
 use vservo::geometry::Pose;
 use vservo::messages::{ControlState, FeaturePoint, JointState, Measurement, TargetStatus};
 use vservo::motion::{InverseDynamicsControl, JointController, Limit, MotionLimits};
 use vservo::robot::{Robot, load};
-use vservo::control::safety::{Fault, MeasurementWatch};
-use vservo::target::DotTarget;
 use vservo::servo::{
     DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint, UpdatePolicy,
     VisualServo,
 };
+use vservo::target::DotTarget;
 use vservo::time::{MonoNs, SpanNs};
 
 const MS: i64 = 1_000_000;

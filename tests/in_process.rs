@@ -7,8 +7,8 @@ mod common;
 use std::collections::BTreeSet;
 use std::path::Path;
 use vservo::config::Config;
-use vservo::sim::simulate_system;
 use vservo::report::summary::Outcome;
+use vservo::sim::simulate_system;
 
 /// Runs one file both ways, compares every joint state, and gives their hash.
 fn agree(file: &str, settings: &[&str]) -> String {

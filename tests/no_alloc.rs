@@ -5,8 +5,8 @@
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use nalgebra::SVector;
 use std::path::Path;
-use vservo::config::assemble;
 use vservo::config::Config;
+use vservo::config::assemble;
 use vservo::control::control_loop::ControlLoop;
 use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState};
 use vservo::geometry::Pose;

@@ -6,14 +6,14 @@
 use std::collections::{BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
-use vservo::config::assemble;
 use vservo::config::Config;
+use vservo::config::assemble;
 use vservo::control::control_loop::ControlLoop;
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, JointState, Measurement};
-use vservo::time::TICK;
 use vservo::source::{self, Exposure};
 use vservo::time::MonoNs;
+use vservo::time::TICK;
 use vservo::vision::{Frame, Prior};
 
 /// Long enough for measurements that control uses.

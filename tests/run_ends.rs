@@ -8,11 +8,11 @@ mod common;
 use common::seen;
 use nalgebra::SVector;
 use std::path::Path;
-use vservo::config::assemble;
 use vservo::config::Config;
+use vservo::config::assemble;
 use vservo::control::control_loop::{ControlLoop, Finish};
-use vservo::messages::frame_flag;
 use vservo::control::safety::Fault;
+use vservo::messages::frame_flag;
 use vservo::report::summary::Outcome;
 use vservo::time::MonoNs;
 

@@ -9,11 +9,11 @@ pub use arguments::{
 
 use crate::config::Config;
 use crate::experiment;
-use crate::ipc::{Instance, Role};
 use crate::input::printable;
+use crate::ipc::{Instance, Role};
 use crate::process::{self, ProcessError, StopFlag, supervisor};
-use crate::rt::{Stderr, doctor, print, tell};
 use crate::report::summary::{Outcome, Summary};
+use crate::rt::{Stderr, doctor, print, tell};
 use clap::{CommandFactory, Parser};
 use std::fs::File;
 use std::io::{IsTerminal, stderr, stdin};

@@ -4,6 +4,7 @@ use crate::config::raw::{Clock, DriveKind, JointControl, Task, Update};
 use crate::config::{Config, Source};
 use crate::control::control_loop::{ControlLoop, RunPlan};
 use crate::control::controller::{Controller, ControllerSettings};
+use crate::control::safety::MeasurementWatch;
 use crate::drive::{
     CommandMode, Drive, EncoderModel, IdealDrive, SimulatedDrive, SimulatedDriveSettings, StandstillDrive,
 };
@@ -11,7 +12,6 @@ use crate::messages::MAX_JOINTS;
 use crate::motion::{InverseDynamicsControl, JointController, MotionLimits, PdGravityControl};
 use crate::robot::Robot;
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
-use crate::control::safety::MeasurementWatch;
 use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
 use crate::vision::Vision;
 use nalgebra::{SVector, Vector2};

@@ -9,11 +9,11 @@ use super::validate::Check;
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
 use crate::messages::MAX_JOINTS;
-use crate::target::DotTarget;
 use crate::servo::{
     Damping, DepthSource, FeatureKind, Gain, HybridGains, Interaction, InteractionAt, Law, ObjectDynamics,
     OperationalSpace, OrientationError, PoseGains, Selection, SetPoint,
 };
+use crate::target::DotTarget;
 use crate::time::SpanNs;
 use nalgebra::{Vector2, Vector3};
 use std::ops::RangeInclusive;

@@ -12,10 +12,10 @@ use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, 
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
 use crate::input::number;
-use crate::scene::{LARGEST_SIDE_PX, SceneLook, SceneMotion, SensorModel};
-use crate::target::DotTarget;
 use crate::scene::{FrameSchedule, Irregularity};
+use crate::scene::{LARGEST_SIDE_PX, SceneLook, SceneMotion, SensorModel};
 use crate::servo::Mount;
+use crate::target::DotTarget;
 use crate::time::SpanNs;
 use crate::vision::VisionSettings;
 use nalgebra::{Translation3, UnitQuaternion};

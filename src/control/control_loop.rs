@@ -7,17 +7,17 @@ pub use crate::control::run_end::Finish;
 
 use crate::calibration::GentleMotion;
 use crate::control::controller::{ControlOutput, Controller};
+use crate::control::run_end::{self, NextStep, RunEnd};
+use crate::control::safety::Fault;
 use crate::drive::{Drive, DriveCommand, DriveState};
 use crate::geometry::{Pose, rotation_angle};
 use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status, frame_flag, joint_flag};
 use crate::motion::ActingLimits;
-use crate::control::run_end::{self, NextStep, RunEnd};
 use crate::report::statistics::{Event, RunStatistics};
-use crate::control::safety::Fault;
-use crate::scene::SceneMotion;
-use crate::time::TICK;
-use crate::servo::{Intake, View};
 use crate::report::summary::{FinalErrors, Outcome, SafetyReport};
+use crate::scene::SceneMotion;
+use crate::servo::{Intake, View};
+use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector2};
 

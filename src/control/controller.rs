@@ -14,13 +14,13 @@
 
 use crate::calibration::{GentleMotion, image_reach};
 use crate::camera_model::CameraModel;
+use crate::control::safety::{Fault, MeasurementWatch, Vision};
 use crate::drive::{DriveCommand, DriveState};
 use crate::messages::{ControlState, Measurement};
 use crate::motion::{ActingLimits, JointController, Limit, MotionLimits, Reference, brakeable, evade};
 use crate::robot::Robot;
-use crate::control::safety::{Fault, MeasurementWatch, Vision};
-use crate::time::TICK;
 use crate::servo::{Approach, Intake, VisualServo, Wish};
+use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 

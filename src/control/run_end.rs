@@ -7,12 +7,12 @@
 //! Rest is the measured arm's: over [`WINDOW`] ticks no joint moves faster than [`REST_SPEED`], by its positions and by the
 //! mean of its measured velocities. Steps and noise of encoders do not count as motion that way, a swinging arm does.
 
+use crate::control::safety::Fault;
 use crate::drive::DriveState;
 use crate::messages::{ControlState, TargetStatus};
 use crate::report::statistics::RunStatistics;
-use crate::control::safety::Fault;
-use crate::time::TICK;
 use crate::report::summary::Outcome;
+use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 

@@ -7,8 +7,8 @@
 //! How messages travel is the link's matter; nothing here waits or allocates.
 
 use super::{CommandMode, Drive, DriveCommand, DriveHealth, DriveState};
-use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::control::safety::Fault;
+use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;

@@ -3,9 +3,9 @@
 
 use super::outcome::Outcome;
 use super::plot::{Mark, Panel, Series, figure};
-use crate::sim::{Moment, SystemRun, simulate_system};
 use super::{ExperimentError, Options};
 use crate::config::Config;
+use crate::sim::{Moment, SystemRun, simulate_system};
 use serde_json::json;
 
 /// Motions: name, and the settings of `[scene.motion]`.

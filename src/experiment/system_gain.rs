@@ -3,10 +3,10 @@
 
 use super::outcome::Outcome;
 use super::plot::{Panel, Series, figure};
-use crate::sim::simulate_system;
 use super::{ExperimentError, Options};
 use crate::config::Config;
 use crate::report::summary;
+use crate::sim::simulate_system;
 use serde_json::json;
 
 const LATENCIES_MS: [u32; 2] = [40, 80];

@@ -5,7 +5,7 @@
 
 #![allow(clippy::needless_range_loop)] // matrix indices read better
 
-use super::Ldlt;
+use crate::linalg::Ldlt;
 use nalgebra::{SMatrix, SVector, Vector2};
 
 /// The accumulated `L^T W L` and `L^T W K e`.

@@ -71,7 +71,7 @@ mod sse2 {
 
     /// The lanes in one SSE2 register.
     #[derive(Debug, Clone, Copy)]
-    pub(in super::super) struct Sse2(__m128d);
+    pub(crate) struct Sse2(__m128d);
 
     impl Lanes for Sse2 {
         #[inline(always)]

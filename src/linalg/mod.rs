@@ -4,6 +4,8 @@ mod lanes;
 mod ldlt;
 mod symmetric_eigen;
 
-pub(crate) use lanes::Lanes;
+#[cfg(test)]
+pub(crate) use lanes::Portable;
+pub(crate) use lanes::{F2, Lanes};
 pub(crate) use ldlt::Ldlt;
 pub(crate) use symmetric_eigen::symmetric_eigen;

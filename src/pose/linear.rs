@@ -8,7 +8,7 @@
 #![allow(clippy::needless_range_loop)] // matrix indices read better
 
 use super::PoseError;
-use crate::features::Ldlt;
+use crate::linalg::Ldlt;
 
 /// Second-smallest pivot, relative to the mean eigenvalue, below which p3 is not unique.
 const UNIQUE: f64 = 1e-10;

@@ -4,11 +4,11 @@
 //! tells its derivative at the centroid, and that derivative fits exactly two rotations. Both are refined on the
 //! reprojection error and ranked by it.
 
-use crate::linalg::F2;
 use super::points::centroid;
 use super::refine::{End, State, minimise};
 use super::{Correspondence, PoseError, homography, pose_from_homography};
 use crate::geometry::Pose;
+use crate::linalg::F2;
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// Two rotations nearer than this (rad) are one solution.

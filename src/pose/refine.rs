@@ -3,11 +3,11 @@
 //! The unknown is the twist `[v; w]` of the object's centroid relative to the camera, expressed in C, so that
 //! the Jacobian is the image Jacobian (10.21) of a point with `r_o_C = R_CO r`. Units: m, rad, normalized image.
 
-use crate::linalg::{F2, Lanes};
 use super::points::{centroid, check};
 use super::{Correspondence, Correspondence3, PointSource, PoseError};
-use crate::features::Ldlt;
 use crate::geometry::{Pose, skew};
+use crate::linalg::Ldlt;
+use crate::linalg::{F2, Lanes};
 use nalgebra::{Matrix3, Matrix6, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 /// Steps (rad, and relative to the distance) below 1e-7 are the last: convergence is quadratic or nearly so.

@@ -1,10 +1,10 @@
 //! What can end a process before its time, and the exit code that says so.
 
-use crate::config::assemble::AssembleError;
 use crate::config::ConfigError;
+use crate::config::assemble::AssembleError;
 use crate::experiment::ExperimentError;
-use crate::ipc::{InstanceError, IpcError};
 use crate::input::printable;
+use crate::ipc::{InstanceError, IpcError};
 use crate::robot::RobotError;
 use crate::rt::SchedulingError;
 use crate::source::SourceError;

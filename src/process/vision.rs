@@ -19,8 +19,11 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
     let frames = services.frame_receiver(frame_shape(config))?;
     let measurements = services.measurement_sender()?;
     services.require_room_for_peers()?;
-    let mut worker =
-        Worker { vision: crate::config::assemble::vision(config), counter: FrameCounter::default(), status: None };
+    let mut worker = Worker {
+        vision: crate::config::assemble::vision(config),
+        counter: FrameCounter::default(),
+        status: None,
+    };
     info!("vision runs");
     while !stop.is_requested() {
         membership.beat();

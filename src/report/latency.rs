@@ -8,8 +8,8 @@
 //! In lockstep exposure and command have stamps of the simulated clock, the stages between of the machine's: only spans
 //! within one clock are counted.
 
-use crate::report::histogram::Histogram;
 use crate::messages::Measurement;
+use crate::report::histogram::Histogram;
 use crate::report::summary::Latencies;
 use crate::time::{MonoNs, SpanNs};
 

@@ -1,13 +1,13 @@
 //! What is counted during a run: measurements, latencies, errors, safety events, and the hash over all joint states.
 //! Nothing here allocates until the summary is made.
 
+use crate::control::safety::Fault;
 use crate::drive::DriveState;
-use crate::report::latency::{LatencyStages, LatencyTable};
 use crate::messages::{ControlState, Measurement};
 use crate::motion::{ActingLimits, Limit, LimitWatch, LongActing};
-use crate::control::safety::Fault;
-use crate::servo::Intake;
+use crate::report::latency::{LatencyStages, LatencyTable};
 use crate::report::summary::{IntakeCounts, Latencies, LimitedTicks, SafetyEvent, SafetyReport};
+use crate::servo::Intake;
 use crate::time::MonoNs;
 use xxhash_rust::xxh3::Xxh3;
 

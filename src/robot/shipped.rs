@@ -65,6 +65,5 @@ pub fn load(name_or_path: &str) -> Result<RobotDescription, RobotError> {
 }
 
 fn read(path: &Path, largest: u64) -> Result<String, RobotError> {
-    file::read(path, largest)
-        .map_err(|source| RobotError::Read { file: path.display().to_string(), source })
+    file::read(path, largest).map_err(|source| RobotError::Read { file: path.display().to_string(), source })
 }

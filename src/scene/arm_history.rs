@@ -1,9 +1,9 @@
 //! Where the arm that carries a synthetic camera was, told by its joint states.
 
 use crate::geometry::Pose;
-use crate::servo::JointHistory;
 use crate::messages::{JointState, joint_flag};
 use crate::robot::Robot;
+use crate::servo::JointHistory;
 use crate::time::MonoNs;
 use nalgebra::SVector;
 

@@ -5,10 +5,10 @@ use super::error::{SceneError, in_range};
 use super::profile::{EdgeProfile, LANES};
 use super::rays::{Rays, RowOfRays};
 use super::sensor::{LEVEL_BITS, Sensor, SensorModel, wide_available};
-use crate::target::DotTarget;
 use super::view::View;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
+use crate::target::DotTarget;
 use nalgebra::Vector2;
 use std::ops::RangeInclusive;
 

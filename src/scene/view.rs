@@ -11,9 +11,9 @@ use super::profile::{EdgeProfile, LANES, cast};
 use super::rays::{Ray, RowOfRays};
 use super::renderer::Paint;
 use super::sensor::LEVEL_BITS;
-use crate::target::DotTarget;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
+use crate::target::DotTarget;
 use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 
 /// Bits of the four plate edges in a band's mask; the dots follow.

@@ -10,9 +10,9 @@ use super::{
     Wish, away_from_limits, joint_velocity, lesson::Lesson,
 };
 use crate::geometry::{Pose, rotate_twist};
-use crate::servo::JointHistory;
 use crate::messages::{Measurement, TargetStatus};
 use crate::robot::Robot;
+use crate::servo::JointHistory;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{Matrix6, SVector};
 

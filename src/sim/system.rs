@@ -10,12 +10,12 @@ use crate::config::assemble::{self, AssembleError};
 use crate::control::control_loop::{ControlLoop, Finish};
 use crate::imaging::{ImageSizeError, ImageView};
 use crate::messages::{FrameHeader, Measurement};
-use crate::time::TICK;
 use crate::report::summary::FinalErrors;
-use crate::time::MonoNs;
-use crate::vision::{Frame, Prior, Vision};
 use crate::robot::RobotError;
 use crate::scene::{Exposure, SyntheticCamera};
+use crate::time::MonoNs;
+use crate::time::TICK;
+use crate::vision::{Frame, Prior, Vision};
 use std::collections::VecDeque;
 use thiserror::Error;
 
@@ -61,10 +61,7 @@ pub enum Moment<'a> {
 ///
 /// # Errors
 /// [`SimError`] when a part of the configuration cannot be built.
-pub fn simulate_system(
-    config: &Config,
-    watch: &mut dyn FnMut(&Moment<'_>),
-) -> Result<SystemRun, SimError> {
+pub fn simulate_system(config: &Config, watch: &mut dyn FnMut(&Moment<'_>)) -> Result<SystemRun, SimError> {
     let mut vision = assemble::vision(config);
     crate::dispatch_robot!(config.robot, |robot| {
         let mut camera = assemble::synthetic_camera(config, robot.clone())?;

@@ -116,7 +116,7 @@ pub fn study(cell: &Cell, scheme: Scheme, lag_s: f64, delay_ms: usize) -> Result
             Ok(all && settled.is_some_and(|t| t <= WRONG_MAY_TAKE * frame_best.settling_time_s))
         })
     })?;
-    let settling = |disturbance| {
+    let settling = |disturbance| -> Result<f64, ExperimentError> {
         Ok(predict.disturbed(disturbance).settling_time(cell, best.gain_1_s)?.unwrap_or(f64::INFINITY))
     };
     let mut irregular = 0.0;

@@ -1,8 +1,8 @@
-use super::super::lanes::Portable;
 use super::super::testing::{SQUARE, gap, gauss, grid, poses, see, see_3d, tilted};
 use super::super::{refine_3d, reprojection_rms};
 use super::*;
 use crate::geometry::Twist;
+use crate::linalg::Portable;
 use nalgebra::{Isometry3, Vector6};
 use proptest::prelude::*;
 

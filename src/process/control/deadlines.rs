@@ -12,8 +12,8 @@
 //! ```
 
 use crate::report::histogram::Histogram;
-use crate::time::TICK;
 use crate::report::summary::TickTimes;
+use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 
 /// Deadlines at whole ticks after a start.

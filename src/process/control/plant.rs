@@ -9,12 +9,12 @@
 
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
+use crate::control::safety::Fault;
 use crate::drive::{CommandMode, ExternalDrive, PlantLink};
 use crate::ipc::{PlantPresence, Receiver, Sender, Spin, Waker};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag};
 use crate::rt::now;
-use crate::control::safety::Fault;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 use rtrb::{Consumer, Producer, RingBuffer};

@@ -3,8 +3,8 @@
 
 use crate::config::RealtimeRequest;
 use crate::report::histogram::{Histogram, Quantiles};
-use crate::rt::{Awake, DeadlineWait, USUAL_SPIN, now, prepare_thread};
 use crate::report::summary::spin_text;
+use crate::rt::{Awake, DeadlineWait, USUAL_SPIN, now, prepare_thread};
 use crate::time::SpanNs;
 use serde::Serialize;
 use std::fmt::Write as _;
