@@ -156,7 +156,7 @@ fn in_real_time_a_stale_state_stops_the_arm() {
 fn a_stop_does_not_wait_for_a_plant_that_hangs() {
     let instance = Instance::new("stopsilent");
     let mut child = start(&instance, "silent@200", &LOCKSTEP);
-    wait_for_line(&mut child, "waiting");
+    wait_for_line(&mut child, "external drive connected");
     let plant = plant_of(&instance);
     kill(child.id() as i32, "INT");
     let output = child.wait_with_output().unwrap();
