@@ -270,7 +270,9 @@ impl<const N: usize> ControlLoop<N> {
             }
             NextStep::GiveUp => {
                 self.statistics.event(now, Event::Fault(Fault::NotAtRest));
-                Some(Finish::fault(Fault::NotAtRest))
+                // The fault that came first is the reason, this one its consequence.
+                self.end.decide(Finish::fault(Fault::NotAtRest));
+                self.end.decided()
             }
             NextStep::Over(finish) => Some(finish),
         }
