@@ -93,7 +93,7 @@ fn a_plant_of_another_version_that_comes_later_is_told_and_one_that_fits_is_take
     let mut lines = common::Lines::of(&mut child);
     lines.wait_for("waiting for the external drive");
     let mut wrong = plant_by_hand(&instance, "plant_of_another_version");
-    let line = lines.wait_for("yet there is `external_drive-");
+    let line = lines.wait_for("yet there is `external_drive_joins-");
     assert!(line.contains(&format!("(process {})", wrong.id())), "{line}");
     assert!(line.contains("drive/state` carries vservo.DriveState.v1 of 312 bytes"), "{line}");
     assert!(line.contains("drive/command` vservo.DriveCommand.v1 of 200 bytes"), "{line}");

@@ -93,7 +93,9 @@ fn time_over_before_the_goal_is_exit_code_5() {
     let r = lockstep("short", &["--duration-s", "0.3"]);
     assert_eq!(r.output.status.code(), Some(5));
     assert_eq!(r.summary["outcome"], "not_converged");
-    assert!((number(&r.summary, &["duration_s"]) - 0.301).abs() < 1e-9, "{}", r.summary);
+    // From then on the arm brakes, which takes a while: its acceleration is at most 10 rad/s2.
+    let duration_s = number(&r.summary, &["duration_s"]);
+    assert!((0.301..1.0).contains(&duration_s), "{}", r.summary);
 }
 
 #[test]
@@ -134,7 +136,9 @@ fn a_thousand_frames_a_second_repeat_too() {
         )
     };
     let (a, b) = (fast().summary, fast().summary);
-    assert_eq!(number(&a, &["measurements"]), 181.0, "201 ticks less the latency of 20: {a}");
+    let frames = number(&a, &["ticks"]) - 20.0;
+    assert!(frames > 180.0, "{a}");
+    assert_eq!(number(&a, &["measurements"]), frames, "a frame a tick, less the latency of 20: {a}");
     assert_eq!(a["state_hash"], b["state_hash"]);
 }
 

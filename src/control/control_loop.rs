@@ -83,6 +83,7 @@ pub struct ControlLoop<const N: usize> {
     sensed: DriveState<N>,
     command: DriveCommand<N>,
     end: RunEnd<N>,
+    errors_at_end: Option<FinalErrors>,
     last_frame_seen: bool,
     uses_measurement: bool,
     /// Limits that acted since the last status.
@@ -106,6 +107,7 @@ impl<const N: usize> ControlLoop<N> {
             sensed: DriveState { q: zero, qd: zero, truth: None },
             command: DriveCommand { tau: zero, q_r: zero, qd_r: zero },
             end: RunEnd::new(),
+            errors_at_end: None,
             last_frame_seen: false,
             uses_measurement: false,
             acted: ActingLimits::default(),
@@ -211,8 +213,9 @@ impl<const N: usize> ControlLoop<N> {
     fn count(&mut self, now: MonoNs, m: &Measurement, intake: Option<Intake>) {
         self.last_frame_seen |= m.flags & frame_flag::LAST != 0;
         let set_point = self.controller.settings().servo.set_point();
-        // What the law refused says nothing about the goal: it is old, or of another target.
-        let view = View::of(m).filter(|_| intake != Some(Intake::OtherFeatures));
+        // What the law refused says nothing about the goal: it is old, or of another target. Nor does braking at the end.
+        let has_ended = self.end.decided().is_some();
+        let view = View::of(m).filter(|_| intake != Some(Intake::OtherFeatures) && !has_ended);
         let error_px = view.map_or(f64::NAN, |view| set_point.error_rms_px(&view, &self.plan.f_px));
         self.statistics.count(now, m, error_px);
         if intake.is_some_and(Intake::is_refused) {
@@ -255,19 +258,21 @@ impl<const N: usize> ControlLoop<N> {
         {
             self.end.decide(finish);
         }
+        if self.end.decided().is_some() && self.errors_at_end.is_none() {
+            self.errors_at_end = Some(self.errors());
+        }
         let waits_for_arm = self.plan.closed_loop && !output.fault.is_some_and(Fault::blinds);
         match self.end.next(now, self.controller.reference_rests(), waits_for_arm) {
             NextStep::GoOn => None,
             NextStep::Brake => {
-                if !self.controller.is_stopping() {
-                    self.statistics.event(now, Event::Braking);
-                    self.controller.stop();
-                }
+                self.controller.stop();
                 None
             }
             NextStep::GiveUp => {
                 self.statistics.event(now, Event::Fault(Fault::NotAtRest));
-                Some(Finish::fault(Fault::NotAtRest))
+                // The fault that came first is the reason, this one its consequence.
+                self.end.decide(Finish::fault(Fault::NotAtRest));
+                self.end.decided()
             }
             NextStep::Over(finish) => Some(finish),
         }
@@ -312,9 +317,14 @@ impl<const N: usize> ControlLoop<N> {
         Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
     }
 
-    /// Errors now: against simulated truth where there is one, else from the last measurement.
+    /// Errors when the end of the run was decided, or now: braking at the end is no part of what was reached.
     #[must_use]
     pub fn final_errors(&self) -> FinalErrors {
+        self.errors_at_end.unwrap_or_else(|| self.errors())
+    }
+
+    /// Errors now: against simulated truth where there is one, else from the last measurement.
+    fn errors(&self) -> FinalErrors {
         let set_point = &self.controller.settings().servo.set_point();
         let feature_error = match self.true_view() {
             Some(X_CO) => set_point.error_rms_px_at(&X_CO, &self.plan.f_px),

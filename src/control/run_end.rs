@@ -274,14 +274,20 @@ mod tests {
         for moving in [|t: f64| (0.01 * (30.0 * t).sin(), 0.0), |_| (0.0, 0.3)] {
             let mut end = RunEnd::new();
             end.decide(DONE);
-            for k in 0..=2001 {
+            let mut begin = None;
+            for k in 0..=2100 {
                 let (q, qd) = moving(f64::from(k) * 1e-3);
                 end.note(&state(q, qd));
                 let step = end.next(MonoNs(i64::from(k) * MS), true, true);
-                if k > WINDOW as i32 {
-                    assert_eq!(step, if k <= 2000 { NextStep::Brake } else { NextStep::GiveUp }, "{k}");
+                if step == NextStep::Brake {
+                    begin.get_or_insert(k);
+                }
+                if let Some(begin) = begin {
+                    let over = k - begin > 2000;
+                    assert_eq!(step, if over { NextStep::GiveUp } else { NextStep::Brake }, "{k} since {begin}");
                 }
             }
+            assert!(begin.is_some_and(|k| k < WINDOW as i32), "{begin:?}");
             assert_eq!(end.next(MonoNs(0), false, false), NextStep::Over(DONE), "an arm that cannot be seen");
         }
     }

@@ -25,8 +25,6 @@ pub(crate) enum Event {
     Resumed,
     /// A stop was requested.
     Stopping,
-    /// The run ends while the arm still moves.
-    Braking,
     /// A fault.
     Fault(Fault),
     /// A limit that has acted for long.
@@ -234,7 +232,6 @@ impl Event {
             Self::Holding => "measurements stopped or are too uncertain: the arm slows down and holds",
             Self::Resumed => "measurements are back: the arm goes on",
             Self::Stopping => "stop requested: the arm slows down",
-            Self::Braking => "the run ends: the arm slows down",
             Self::Fault(fault) => fault.describe(),
             Self::StampFromFuture => {
                 "an exposure stamp lies in the future: `vservo calibrate latency` finds camera.stamp_offset_ms"
