@@ -284,7 +284,11 @@ mod tests {
                 }
                 if let Some(begin) = begin {
                     let over = k - begin > 2000;
-                    assert_eq!(step, if over { NextStep::GiveUp } else { NextStep::Brake }, "{k} since {begin}");
+                    assert_eq!(
+                        step,
+                        if over { NextStep::GiveUp } else { NextStep::Brake },
+                        "{k} since {begin}"
+                    );
                 }
             }
             assert!(begin.is_some_and(|k| k < WINDOW as i32), "{begin:?}");
