@@ -395,7 +395,7 @@ mod tests {
         pulse.beat();
         assert!(i.last_pulse(Role::Vision).unwrap() >= seen);
         assert_eq!(i.last_pulse(Role::Camera), None);
-        drop(lock);
+        drop((pulse, lock)); // both hold the role: they share its file
         i.remove_leftovers(None);
     }
 

@@ -11,7 +11,7 @@ use std::os::fd::{AsFd, OwnedFd};
 /// Signs of life come no more often than this.
 const PERIOD: SpanNs = SpanNs(100_000_000);
 
-/// The signs of life of this process. Costs a look at the clock, and ten times a second a system call.
+/// The signs of life of this process; it holds the role as the lock does, because they share its file. Costs a look at the clock, and ten times a second a system call.
 #[derive(Debug)]
 pub struct Pulse {
     file: OwnedFd,
