@@ -10,7 +10,8 @@
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use vservo::report::summary::{Outcome, Summary, spin_text};
+use vservo::control::outcome::Outcome;
+use vservo::report::summary::{Summary, spin_text};
 
 /// Largest share of a core, %; that of control beside its spin.
 const GOALS: [(&str, f64); 2] = [("control", 5.0), ("vision", 2.0)];

@@ -15,6 +15,7 @@ use vservo::drive::DriveState;
 use vservo::geometry::Pose;
 use vservo::messages::{ControlState, FeaturePoint, JointState, Measurement, TargetStatus};
 use vservo::motion::{InverseDynamicsControl, JointController, Limit, MotionLimits};
+use vservo::report::statistics::RunStatistics;
 use vservo::robot::{Robot, load};
 use vservo::servo::{
     DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint, UpdatePolicy,
@@ -231,6 +232,7 @@ fn perfect_loop<const N: usize>(
 ) -> Outcome {
     let mut outcome =
         Outcome { events: Vec::new(), limits: 0, last: JointState::default(), fastest_late: 0.0 };
+    let mut statistics = RunStatistics::new();
     for k in 0..seconds * 1000 {
         let now = MonoNs(k * MS);
         let state = control.sense(k as u64, now);
@@ -238,8 +240,10 @@ fn perfect_loop<const N: usize>(
         assert_eq!(robot.outside_limits(&q), None, "{k}: {q}");
         let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO);
         let m = if k % 40 == 0 { seen(k, &X_CO) } else { None };
-        let (status, finish) = control.act(k as u64, now, m.as_ref());
-        if let Some(status) = status {
+        let trace = control.act(k as u64, now, m.as_ref());
+        statistics.note(&trace);
+        let finish = trace.finish;
+        if let Some(status) = trace.status {
             outcome.limits |= status.limits;
             assert_ne!(status.state, ControlState::Fault as u32, "{k}");
         }
@@ -249,7 +253,7 @@ fn perfect_loop<const N: usize>(
         outcome.last = state;
         assert!(finish.is_none(), "{finish:?}");
     }
-    outcome.events = control.safety_report().events.into_iter().map(|e| e.event).collect();
+    outcome.events = statistics.safety_report(control.state()).events.into_iter().map(|e| e.event).collect();
     outcome
 }
 

@@ -7,7 +7,7 @@ mod common;
 use std::collections::BTreeSet;
 use std::path::Path;
 use vservo::config::Config;
-use vservo::report::summary::Outcome;
+use vservo::control::outcome::Outcome;
 use vservo::sim::simulate_system;
 
 /// Runs one file both ways, compares every joint state, and gives their hash.

@@ -43,7 +43,7 @@ fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLo
             _ => None,
         };
         if k == 1500 {
-            control.stop(MonoNs(k * MS), "the test asks for it");
+            control.stop("the test asks for it");
         }
         assert_no_alloc(|| control.tick(k as u64, MonoNs(k * MS), m.as_ref()));
     }

@@ -157,7 +157,7 @@ fn commands_are_finite<const N: usize>(config: &Config, mut control: ControlLoop
         while let Some((_, m)) = on_their_way.pop_front_if(|(usable, _)| *usable <= tick) {
             measurement = Some(m);
         }
-        if control.act(tick, now, measurement.as_ref()).1.is_some() {
+        if control.act(tick, now, measurement.as_ref()).finish.is_some() {
             break;
         }
     }

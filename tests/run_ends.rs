@@ -11,9 +11,10 @@ use std::path::Path;
 use vservo::config::Config;
 use vservo::config::assemble;
 use vservo::control::control_loop::{ControlLoop, Finish};
+use vservo::control::outcome::Outcome;
 use vservo::control::safety::Fault;
 use vservo::messages::frame_flag;
-use vservo::report::summary::Outcome;
+use vservo::report::statistics::RunStatistics;
 use vservo::time::MonoNs;
 
 const MS: i64 = 1_000_000;
@@ -52,6 +53,7 @@ fn run<const N: usize>(
 ) -> End {
     let limits = assemble::motion_limits(config, robot).unwrap();
     let (mut speed, mut acceleration, mut before) = ([0.0, 0.0], 0.0_f64, SVector::<f64, N>::zeros());
+    let mut statistics = RunStatistics::new();
     for k in 0..60_000_i64 {
         let now = MonoNs(k * MS);
         let joint = control.sense(k as u64, now);
@@ -66,7 +68,7 @@ fn run<const N: usize>(
         acceleration = if ending { acceleration.max(share) } else { 0.0 };
         before = qd;
         match cause {
-            Cause::Request if k == END_AT => control.stop(now, "asked for"),
+            Cause::Request if k == END_AT => control.stop("asked for"),
             Cause::Deadlines if k == END_AT => control.fail(Fault::DeadlinesMissed),
             _ => {}
         }
@@ -74,14 +76,16 @@ fn run<const N: usize>(
         if let Some(m) = m.as_mut().filter(|_| cause == Cause::LastFrame && k == END_AT) {
             m.flags |= frame_flag::LAST;
         }
-        let (_, finish) = control.act(k as u64, now, m.as_ref());
-        if let Some(finish) = finish {
+        let trace = control.act(k as u64, now, m.as_ref());
+        statistics.note(&trace);
+        if let Some(finish) = trace.finish {
             // What the drive makes of the end itself.
             let joint = control.sense(k as u64 + 1, MonoNs((k + 1) * MS));
             let after = SVector::<f64, N>::from_fn(|i, _| joint.qd_true[i]);
             let share = ((after - before) / 1e-3).component_div(&limits.acceleration).amax();
             acceleration = acceleration.max(share);
-            let events = control.safety_report().events.into_iter().map(|e| e.event).collect();
+            let events =
+                statistics.safety_report(control.state()).events.into_iter().map(|e| e.event).collect();
             return End { finish, tick: k, speed, acceleration, events };
         }
     }

@@ -33,7 +33,7 @@ fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLo
             until = until.max(last);
         }
         let m = (k % 40 == 0 && k < LOST_AT).then(|| seen(config, robot, &q, k));
-        let (_, finish) = control.act(k as u64, MonoNs(k * MS), m.as_ref());
+        let finish = control.act(k as u64, MonoNs(k * MS), m.as_ref()).finish;
         assert!(finish.is_none(), "{k} {finish:?}");
     }
     [at_loss, until, after, last]

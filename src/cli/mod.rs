@@ -8,11 +8,12 @@ pub use arguments::{
 };
 
 use crate::config::Config;
+use crate::control::outcome::Outcome;
 use crate::experiment;
 use crate::input::printable;
 use crate::ipc::{Instance, Role};
 use crate::process::{self, ProcessError, StopFlag, supervisor};
-use crate::report::summary::{Outcome, Summary};
+use crate::report::summary::Summary;
 use crate::rt::{Stderr, doctor, print, tell};
 use clap::{CommandFactory, Parser};
 use std::fs::File;

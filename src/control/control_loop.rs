@@ -7,14 +7,15 @@ pub use crate::control::run_end::Finish;
 
 use crate::calibration::GentleMotion;
 use crate::control::controller::{ControlOutput, Controller};
+use crate::control::outcome::{FinalErrors, Outcome};
 use crate::control::run_end::{self, NextStep, RunEnd};
 use crate::control::safety::Fault;
+use crate::control::sightings::Sightings;
+use crate::control::trace::{Event, Events, LatencyStages, Sighting, Trace};
 use crate::drive::{Drive, DriveCommand, DriveState};
 use crate::geometry::{Pose, rotation_angle};
 use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status, frame_flag, joint_flag};
 use crate::motion::ActingLimits;
-use crate::report::statistics::{Event, RunStatistics};
-use crate::report::summary::{FinalErrors, Outcome, SafetyReport};
 use crate::scene::SceneMotion;
 use crate::servo::{Intake, View};
 use crate::time::TICK;
@@ -59,23 +60,13 @@ pub struct RunPlan {
     pub scene_motion: SceneMotion,
 }
 
-/// What one tick leaves for the rest of the world.
-#[derive(Debug, Clone, Copy)]
-pub struct TickRecord {
-    /// The arm at the tick's time, and the command of the tick before.
-    pub joint_state: JointState,
-    /// The run after the tick, every 20 ms.
-    pub status: Option<Status>,
-    /// Set at the tick that ends the run.
-    pub finish: Option<Finish>,
-}
-
 /// The loop of one run.
 pub struct ControlLoop<const N: usize> {
     controller: Controller<N>,
     drive: Box<dyn Drive<N> + Send>,
     plan: RunPlan,
-    statistics: RunStatistics,
+    sightings: Sightings,
+    ticks: u64,
     first: Option<MonoNs>,
     last: MonoNs,
     goal_since: Option<MonoNs>,
@@ -85,7 +76,10 @@ pub struct ControlLoop<const N: usize> {
     end: RunEnd<N>,
     errors_at_end: Option<FinalErrors>,
     last_frame_seen: bool,
-    uses_measurement: bool,
+    /// The measurement that this tick's command uses.
+    used: Option<Measurement>,
+    joint_state: JointState,
+    events: Events,
     /// Limits that acted since the last status.
     acted: ActingLimits,
 }
@@ -99,7 +93,8 @@ impl<const N: usize> ControlLoop<N> {
             controller,
             drive,
             plan,
-            statistics: RunStatistics::new(),
+            sightings: Sightings::new(),
+            ticks: 0,
             first: None,
             last: MonoNs::ZERO,
             goal_since: None,
@@ -109,7 +104,9 @@ impl<const N: usize> ControlLoop<N> {
             end: RunEnd::new(),
             errors_at_end: None,
             last_frame_seen: false,
-            uses_measurement: false,
+            used: None,
+            joint_state: JointState::default(),
+            events: Events::default(),
             acted: ActingLimits::default(),
         }
     }
@@ -120,33 +117,22 @@ impl<const N: usize> ControlLoop<N> {
         self.last = now;
         self.sensed = self.drive.read(now);
         self.end.note(&self.sensed);
-        self.statistics.hash_state(&self.sensed);
         if let Some(fault) = self.drive.health().fault {
-            self.controller.fail(fault);
+            self.controller.fail(Fault::Drive(fault));
         }
-        joint_state(tick, now, &self.sensed, &self.command)
+        self.joint_state = joint_state(tick, now, &self.sensed, &self.command);
+        self.joint_state
     }
 
     /// Second half: steps the controller on that state and writes the drive. A finish ends the run.
-    pub fn act(
-        &mut self,
-        tick: u64,
-        now: MonoNs,
-        measurement: Option<&Measurement>,
-    ) -> (Option<Status>, Option<Finish>) {
-        self.uses_measurement = measurement.is_some();
+    pub fn act(&mut self, tick: u64, now: MonoNs, measurement: Option<&Measurement>) -> Trace {
+        self.used = measurement.copied();
         let output = self.controller.step(now, &self.sensed, measurement);
-        if let Some(intake) = output.intake {
-            self.statistics.taken(now, intake);
-        }
-        if let Some(m) = measurement {
-            self.count(now, m, output.intake);
-        }
+        let sighting = measurement.map(|m| self.count(now, m, output.intake));
         self.drive.write(&output.command);
         self.command = output.command;
-        self.statistics.ticked();
-        self.note_state(now, &output);
-        self.statistics.limited(now, &output.limits);
+        self.ticks += 1;
+        self.note_state(&output);
         self.acted = self.acted.with(&output.limits);
         let finish = self.finish(now, &output);
         if let Some(finish) = finish {
@@ -161,28 +147,31 @@ impl<const N: usize> ControlLoop<N> {
         if status.is_some() {
             self.acted = ActingLimits::default();
         }
-        (status, finish)
+        let events = std::mem::take(&mut self.events);
+        let joint_state = self.joint_state;
+        Trace { time: now, joint_state, status, sighting, limits: output.limits, events, finish }
     }
 
     /// A whole tick.
-    pub fn tick(&mut self, tick: u64, now: MonoNs, measurement: Option<&Measurement>) -> TickRecord {
-        let joint_state = self.sense(tick, now);
-        let (status, finish) = self.act(tick, now, measurement);
-        TickRecord { joint_state, status, finish }
+    pub fn tick(&mut self, tick: u64, now: MonoNs, measurement: Option<&Measurement>) -> Trace {
+        self.sense(tick, now);
+        self.act(tick, now, measurement)
     }
 
-    /// Tells when the command of this tick was written; closes the latency of the measurement that it used.
-    pub fn commanded(&mut self, at: MonoNs) {
-        if std::mem::take(&mut self.uses_measurement) {
-            self.statistics.commanded(at, self.plan.one_clock);
+    /// Tells when the command of the tick of `trace` was written, which closes the latency of the measurement that it used.
+    pub fn commanded(&mut self, at: MonoNs, trace: &mut Trace) {
+        if let (Some(m), Some(sighting)) = (self.used.take(), &mut trace.sighting) {
+            let latency = LatencyStages::of(&m, at, self.plan.one_clock);
+            self.sightings.commanded(latency);
+            sighting.latency = Some(latency);
         }
     }
 
     /// Brings the arm to rest and ends the run with `reason`.
-    pub fn stop(&mut self, now: MonoNs, reason: &'static str) {
+    pub fn stop(&mut self, reason: &'static str) {
         if self.end.decided().is_none() {
             self.end.decide(Finish { outcome: Outcome::Stopped, reason });
-            self.statistics.event(now, Event::Stopping);
+            self.events.push(Event::Stopping);
             self.controller.stop();
         }
     }
@@ -204,31 +193,44 @@ impl<const N: usize> ControlLoop<N> {
         &self.controller
     }
 
-    /// What was counted.
+    /// Ticks done.
     #[must_use]
-    pub fn statistics(&self) -> &RunStatistics {
-        &self.statistics
+    pub fn ticks(&self) -> u64 {
+        self.ticks
     }
 
-    fn count(&mut self, now: MonoNs, m: &Measurement, intake: Option<Intake>) {
+    /// What the loop does, or did last.
+    #[must_use]
+    pub fn state(&self) -> ControlState {
+        self.state
+    }
+
+    /// What control remembers of the measurements.
+    pub(crate) fn sightings(&self) -> &Sightings {
+        &self.sightings
+    }
+
+    fn count(&mut self, now: MonoNs, m: &Measurement, intake: Option<Intake>) -> Sighting {
         self.last_frame_seen |= m.flags & frame_flag::LAST != 0;
         let set_point = self.controller.settings().servo.set_point();
         // What the law refused says nothing about the goal: it is old, or of another target. Nor does braking at the end.
         let has_ended = self.end.decided().is_some();
         let view = View::of(m).filter(|_| intake != Some(Intake::OtherFeatures) && !has_ended);
         let error_px = view.map_or(f64::NAN, |view| set_point.error_rms_px(&view, &self.plan.f_px));
-        self.statistics.count(now, m, error_px);
+        self.sightings.note(m, intake, error_px, &mut self.events);
+        let sighting = Sighting { intake, error_px, latency: None };
         if intake.is_some_and(Intake::is_refused) {
-            return;
+            return sighting;
         }
         if error_px.is_nan() || error_px > self.plan.feature_error_px {
             self.goal_since = None;
         } else {
             self.goal_since.get_or_insert(now);
         }
+        sighting
     }
 
-    fn note_state(&mut self, now: MonoNs, output: &ControlOutput<N>) {
+    fn note_state(&mut self, output: &ControlOutput<N>) {
         let event = match (self.state, output.state, output.fault) {
             (before, ControlState::Fault, Some(fault)) if before != ControlState::Fault => {
                 Some(Event::Fault(fault))
@@ -238,7 +240,7 @@ impl<const N: usize> ControlLoop<N> {
             _ => None,
         };
         if let Some(event) = event {
-            self.statistics.event(now, event);
+            self.events.push(event);
             if event == Event::Holding && self.controller.is_calibrating() {
                 // What is lost of the motion would be missing in what is found.
                 self.end.decide(TARGET_LOST);
@@ -269,7 +271,7 @@ impl<const N: usize> ControlLoop<N> {
                 None
             }
             NextStep::GiveUp => {
-                self.statistics.event(now, Event::Fault(Fault::NotAtRest));
+                self.events.push(Event::Fault(Fault::NotAtRest));
                 // The fault that came first is the reason, this one its consequence.
                 self.end.decide(Finish::fault(Fault::NotAtRest));
                 self.end.decided()
@@ -298,7 +300,7 @@ impl<const N: usize> ControlLoop<N> {
         let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
         let has_motion = self.controller.gentle_motion().is_some();
         time_is_up
-            .then(|| run_end::time_is_up(self.plan.closed_loop, self.state, has_motion, &self.statistics))
+            .then(|| run_end::time_is_up(self.plan.closed_loop, self.state, has_motion, &self.sightings))
     }
 
     /// The object in the camera in simulated truth, m.
@@ -312,7 +314,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Position and orientation of the camera relative to the desired one, from truth or else from the last pose.
     fn pose_errors(&self) -> Option<(f64, f64)> {
-        let X_CO = self.true_view().or_else(|| self.statistics.last_found()?.pose())?;
+        let X_CO = self.true_view().or_else(|| self.sightings.last_found()?.pose())?;
         let X_DC = self.controller.settings().servo.set_point().X_DO()? * X_CO.inverse();
         Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
     }
@@ -328,7 +330,7 @@ impl<const N: usize> ControlLoop<N> {
         let set_point = &self.controller.settings().servo.set_point();
         let feature_error = match self.true_view() {
             Some(X_CO) => set_point.error_rms_px_at(&X_CO, &self.plan.f_px),
-            None => self.statistics.feature_error_px(),
+            None => self.sightings.error_px(),
         };
         let pose = self.pose_errors();
         FinalErrors {
@@ -340,14 +342,14 @@ impl<const N: usize> ControlLoop<N> {
 
     fn status(&self, tick: u64, now: MonoNs) -> Status {
         let (position_error_m, orientation_error_rad) = self.pose_errors().unwrap_or((f64::NAN, f64::NAN));
-        let m = self.statistics.last_measurement().copied().unwrap_or_default();
-        let latency = self.statistics.newest_latency();
+        let m = self.sightings.last().copied().unwrap_or_default();
+        let latency = self.sightings.latency();
         let us = |span: Option<SpanNs>| span.map_or(f64::NAN, SpanNs::as_us);
         Status {
             tick,
             stamp: now,
             time_s: self.duration_s(),
-            feature_error_px: self.statistics.feature_error_px(),
+            feature_error_px: self.sightings.error_px(),
             position_error_m,
             orientation_error_rad,
             exposure_to_command_us: us(latency.exposure_to_command),
@@ -355,7 +357,7 @@ impl<const N: usize> ControlLoop<N> {
             frame_to_vision_us: us(latency.frame_to_vision),
             vision_us: us(latency.vision),
             measurement_to_command_us: us(latency.measurement_to_command),
-            measurements: self.statistics.measurements(),
+            measurements: self.sightings.count(),
             frames: m.frames_received,
             frames_dropped: m.frames_dropped,
             target_lost: m.target_lost,
@@ -371,18 +373,6 @@ impl<const N: usize> ControlLoop<N> {
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.first.map_or(0.0, |first| (self.last + TICK - first).as_s())
-    }
-
-    /// When the feature error came below 2 % of its first value for good, s.
-    #[must_use]
-    pub fn settling_time_s(&self) -> Option<f64> {
-        self.statistics.settling_time_s(self.first?)
-    }
-
-    /// What safety saw.
-    #[must_use]
-    pub fn safety_report(&self) -> SafetyReport {
-        self.statistics.safety_report(self.state, self.first.unwrap_or(MonoNs::ZERO))
     }
 }
 

@@ -14,7 +14,7 @@
 
 use crate::calibration::{GentleMotion, image_reach};
 use crate::camera_model::CameraModel;
-use crate::control::safety::{Fault, MeasurementWatch, Vision};
+use crate::control::safety::{Fault, Freshness, MeasurementWatch};
 use crate::drive::{DriveCommand, DriveState};
 use crate::messages::{ControlState, Measurement};
 use crate::motion::{ActingLimits, JointController, Limit, MotionLimits, Reference, brakeable, evade};
@@ -154,8 +154,8 @@ impl<const N: usize> Controller<N> {
         }
         self.settings.servo.note_arm(now, &drive.q, &drive.qd);
         let intake = measurement.map(|m| self.take(now, drive, m));
-        let (vision, confidence) = self.trust(now);
-        let answer = if self.fault.is_none() && vision == Vision::Fresh && !self.stopping {
+        let (freshness, confidence) = self.trust(now);
+        let answer = if self.fault.is_none() && freshness == Freshness::Fresh && !self.stopping {
             self.has_servoed = true;
             self.answer(drive)
         } else {
@@ -197,12 +197,12 @@ impl<const N: usize> Controller<N> {
         limits.add(Limit::Effort, torque.saturated);
         ControlOutput {
             command: DriveCommand { tau: torque.tau, q_r: reference.q, qd_r: reference.qd },
-            state: match (self.fault, vision) {
+            state: match (self.fault, freshness) {
                 (Some(_), _) => ControlState::Fault,
                 (None, _) if self.stopping => ControlState::Stopped,
-                (None, Vision::Never) => ControlState::Waiting,
-                (None, Vision::Fresh) => ControlState::Servoing,
-                (None, Vision::Stale) => ControlState::Holding,
+                (None, Freshness::Never) => ControlState::Waiting,
+                (None, Freshness::Fresh) => ControlState::Servoing,
+                (None, Freshness::Stale) => ControlState::Holding,
             },
             fault: self.fault,
             wish,
@@ -236,18 +236,18 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Whether there is a view to go by, and the share of the wished velocity that it justifies, 0 to 1.
-    fn trust(&self, now: MonoNs) -> (Vision, f64) {
+    fn trust(&self, now: MonoNs) -> (Freshness, f64) {
         let mut confidence = self.watch.confidence(now);
         if !self.is_calibrating() {
             confidence = confidence.min(self.settings.servo.confidence(now));
         }
-        let vision = match self.watch.check(now) {
-            Vision::Fresh if confidence > 0.0 => Vision::Fresh,
-            Vision::Fresh if !self.has_servoed => Vision::Never,
-            Vision::Fresh | Vision::Stale => Vision::Stale,
-            Vision::Never => Vision::Never,
+        let freshness = match self.watch.check(now) {
+            Freshness::Fresh if confidence > 0.0 => Freshness::Fresh,
+            Freshness::Fresh if !self.has_servoed => Freshness::Never,
+            Freshness::Fresh | Freshness::Stale => Freshness::Stale,
+            Freshness::Never => Freshness::Never,
         };
-        (vision, confidence)
+        (freshness, confidence)
     }
 
     fn answer(&mut self, drive: &DriveState<N>) -> Option<Wish<N>> {

@@ -3,10 +3,14 @@
 //! ```text
 //! [`control_loop`] one run: drive, controller, goal, what is counted      [`run_end`] every end is an arm at rest
 //! [`controller`]   one tick: watch ─► servo law ─► reference ─► joint control ─► command
+//! [`trace`]        what a tick leaves: the report reads it, control does not know the report
 //! [`safety`]       faults and reactions, the watch over the measurements
 //! ```
 
 pub mod control_loop;
 pub mod controller;
+pub mod outcome;
 pub mod run_end;
 pub mod safety;
+pub mod sightings;
+pub mod trace;

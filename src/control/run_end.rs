@@ -7,11 +7,11 @@
 //! Rest is the measured arm's: over [`WINDOW`] ticks no joint moves faster than [`REST_SPEED`], by its positions and by the
 //! mean of its measured velocities. Steps and noise of encoders do not count as motion that way, a swinging arm does.
 
+use crate::control::outcome::Outcome;
 use crate::control::safety::Fault;
+use crate::control::sightings::Sightings;
 use crate::drive::DriveState;
 use crate::messages::{ControlState, TargetStatus};
-use crate::report::statistics::RunStatistics;
-use crate::report::summary::Outcome;
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
@@ -145,9 +145,9 @@ pub(crate) fn time_is_up(
     closed_loop: bool,
     state: ControlState,
     has_calibration_motion: bool,
-    statistics: &RunStatistics,
+    sightings: &Sightings,
 ) -> Finish {
-    let reason = match (closed_loop, state, statistics.last_measurement()) {
+    let reason = match (closed_loop, state, sightings.last()) {
         (false, _, _) => {
             return Finish { outcome: Outcome::Finished, reason: "run.duration_s is over" };
         }
@@ -164,7 +164,7 @@ pub(crate) fn time_is_up(
                  front, check [camera.lens] and [target], or allow for more (vision.model_sd_px)"
             }
             TargetStatus::NoMatch => "run.duration_s is over: the target was never found",
-            TargetStatus::Found => why_not_used(statistics).unwrap_or(
+            TargetStatus::Found => why_not_used(sightings).unwrap_or(
                 "run.duration_s is over: the target was found, but its place too uncertain \
                  (servo.object.max_uncertainty_m)",
             ),
@@ -173,7 +173,7 @@ pub(crate) fn time_is_up(
             "run.duration_s is over before the calibration motion was: raise it to 15 or more"
         }
         (_, ControlState::Holding, Some(m)) if m.found() => {
-            why_not_used(statistics).unwrap_or("run.duration_s is over: the target was lost")
+            why_not_used(sightings).unwrap_or("run.duration_s is over: the target was lost")
         }
         (_, ControlState::Holding, Some(m)) if m.target_status() == TargetStatus::Inconsistent => {
             "run.duration_s is over: the target's dots fit no pose any more; look for a shadow, glare or something in front"
@@ -185,8 +185,8 @@ pub(crate) fn time_is_up(
 }
 
 /// The target is found, and yet nothing could be done about it: what most measurements were refused for, where they were.
-fn why_not_used(statistics: &RunStatistics) -> Option<&'static str> {
-    let intake = statistics.intake();
+fn why_not_used(sightings: &Sightings) -> Option<&'static str> {
+    let intake = sightings.intake();
     let reasons = [
         (
             intake.refused_features,
@@ -229,7 +229,7 @@ mod tests {
         end.decide(Finish { outcome: Outcome::Converged, reason: "too late" });
         assert_eq!(end.decided(), Some(DONE));
         end.decide(Finish::fault(Fault::TrackingError));
-        end.decide(Finish::fault(Fault::DriveLeft));
+        end.decide(Finish::fault(Fault::DeadlinesMissed));
         assert_eq!(end.decided(), Some(Finish::fault(Fault::TrackingError)));
     }
 

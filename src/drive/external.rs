@@ -6,8 +6,7 @@
 //! ```
 //! How messages travel is the link's matter; nothing here waits or allocates.
 
-use super::{CommandMode, Drive, DriveCommand, DriveHealth, DriveState};
-use crate::control::safety::Fault;
+use super::{CommandMode, Drive, DriveCommand, DriveFault, DriveHealth, DriveState};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
@@ -59,7 +58,7 @@ impl<const N: usize> ExternalDrive<N> {
 
     fn take(&mut self, m: &DriveStateMsg) {
         if m.joints as usize != N {
-            self.health.fault.get_or_insert(Fault::DriveOutOfStep);
+            self.health.fault.get_or_insert(DriveFault::OutOfStep);
             return;
         }
         let truth = m.flags & drive_flag::TRUTH != 0;
@@ -88,7 +87,7 @@ impl<const N: usize> Drive<N> for ExternalDrive<N> {
         }
         // Before the first tick the arm is held by the plant: the wait for the loop to start does not count.
         if now - self.stamp.max(first) > self.timeout {
-            self.health.fault.get_or_insert(Fault::DriveStale);
+            self.health.fault.get_or_insert(DriveFault::Stale);
         }
         self.state
     }

@@ -30,7 +30,6 @@ pub use mode::CommandMode;
 pub use simulated::{Payload, SimulatedDrive, SimulatedDriveError, SimulatedDriveSettings};
 pub use standstill::StandstillDrive;
 
-use crate::control::safety::Fault;
 use crate::time::MonoNs;
 use nalgebra::SVector;
 
@@ -56,13 +55,43 @@ pub struct DriveCommand<const N: usize> {
     pub qd_r: SVector<f64, N>,
 }
 
+/// Why a drive's states cannot be used any more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DriveFault {
+    /// The external drive's newest state is too old.
+    Stale,
+    /// The external drive has left the instance.
+    Left,
+    /// The external drive did not answer a command.
+    Silent,
+    /// The external drive answered a command with a state of another tick or arm.
+    OutOfStep,
+}
+
+impl DriveFault {
+    /// What happened, for people.
+    #[must_use]
+    pub fn describe(self) -> &'static str {
+        match self {
+            Self::Stale => "the external drive's states stopped for longer than safety.drive_timeout_ms",
+            Self::Left => "the external drive has left",
+            Self::Silent => {
+                "the external drive did not answer a command within drive.external.answer_timeout_s"
+            }
+            Self::OutOfStep => {
+                "the external drive answered with a state of another tick or another number of joints"
+            }
+        }
+    }
+}
+
 /// How a drive fares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DriveHealth {
     /// Ticks that found no new state in time.
     pub late_states: u64,
     /// Why its states cannot be used any more.
-    pub fault: Option<Fault>,
+    pub fault: Option<DriveFault>,
 }
 
 /// An arm.

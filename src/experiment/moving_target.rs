@@ -6,6 +6,7 @@ use super::plot::{Mark, Panel, Series, figure};
 use super::{ExperimentError, Options};
 use crate::config::Config;
 use crate::sim::{Moment, SystemRun, simulate_system};
+use crate::time::MonoNs;
 use serde_json::json;
 
 /// Motions: name, and the settings of `[scene.motion]`.
@@ -43,8 +44,8 @@ fn behind_a_moving_target(
         .map_err(|e| ExperimentError::Cell { cause: e.to_string() })?;
     let mut errors = Vec::new();
     let run = simulate_system(&config, &mut |moment| {
-        if let Moment::Tick(time_s, errors_now) = moment {
-            errors.push((*time_s, errors_now.feature_error.unwrap_or(f64::NAN)));
+        if let Moment::Tick(trace, errors_now) = moment {
+            errors.push(((trace.time - MonoNs::ZERO).as_s(), errors_now.feature_error.unwrap_or(f64::NAN)));
         }
     })?;
     Ok((errors, run))

@@ -5,7 +5,7 @@ use super::outcome::Outcome;
 use super::plot::{Panel, Series, figure};
 use super::{ExperimentError, Options};
 use crate::config::Config;
-use crate::report::summary;
+use crate::control::outcome;
 use crate::sim::simulate_system;
 use serde_json::json;
 
@@ -24,7 +24,7 @@ fn settling_time_s(latency_ms: u32, update: &str, gain_1_s: f64) -> Result<Optio
     ];
     let config = Config::load(None, &settings).map_err(|e| ExperimentError::Cell { cause: e.to_string() })?;
     let run = simulate_system(&config, &mut |_| {})?;
-    Ok(run.settling_time_s.filter(|_| run.finish.outcome == summary::Outcome::Converged))
+    Ok(run.settling_time_s.filter(|_| run.finish.outcome == outcome::Outcome::Converged))
 }
 
 pub(super) fn system_gain(options: &Options<'_>) -> Result<Outcome, ExperimentError> {

@@ -1,46 +1,9 @@
-//! Where the time goes from light to command: each stage of the newest measurement, and histograms of all.
-//!
-//! ```text
-//! exposure ──► frame sent ──► vision starts ──► measurement ──► command
-//!    exposure_to_frame   frame_to_vision     vision     measurement_to_command
-//!    └───────────────────────── exposure_to_command ─────────────────────────┘
-//! ```
-//! In lockstep exposure and command have stamps of the simulated clock, the stages between of the machine's: only spans
-//! within one clock are counted.
+//! Where the time goes from light to command: histograms of the stages of all measurements.
 
-use crate::messages::Measurement;
+use crate::control::trace::LatencyStages;
 use crate::report::histogram::Histogram;
 use crate::report::summary::Latencies;
-use crate::time::{MonoNs, SpanNs};
-
-/// Spans of the newest measurement that was commanded; `None` where its stamps belong to two clocks.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct LatencyStages {
-    /// Middle of the exposure to hand-over.
-    pub exposure_to_frame: Option<SpanNs>,
-    /// Hand-over to the start of vision's work.
-    pub frame_to_vision: Option<SpanNs>,
-    /// Vision's work.
-    pub vision: Option<SpanNs>,
-    /// Finished measurement to the command that used it.
-    pub measurement_to_command: Option<SpanNs>,
-    /// Middle of the exposure to that command.
-    pub exposure_to_command: Option<SpanNs>,
-}
-
-impl LatencyStages {
-    /// The stages of `m`, whose command was written at `command`. `one_clock`: all stamps are of the same clock.
-    #[must_use]
-    pub fn of(m: &Measurement, command: MonoNs, one_clock: bool) -> Self {
-        Self {
-            exposure_to_frame: one_clock.then(|| m.frame_sent - m.exposure),
-            frame_to_vision: Some(m.vision_start - m.frame_sent),
-            vision: Some(m.vision_end - m.vision_start),
-            measurement_to_command: one_clock.then(|| command - m.vision_end),
-            exposure_to_command: Some(command - m.exposure),
-        }
-    }
-}
+use crate::time::SpanNs;
 
 /// Histograms of all stages of a run.
 #[derive(Debug, Clone, Default)]
@@ -51,7 +14,6 @@ pub struct LatencyTable {
     frame_to_measurement: Histogram,
     measurement_to_command: Histogram,
     exposure_to_command: Histogram,
-    newest: LatencyStages,
 }
 
 impl LatencyTable {
@@ -70,13 +32,6 @@ impl LatencyTable {
                 histogram.record(span);
             }
         }
-        self.newest = *stages;
-    }
-
-    /// The stages of the newest measurement.
-    #[must_use]
-    pub fn newest(&self) -> &LatencyStages {
-        &self.newest
     }
 
     /// Quantiles of all stages, us.
@@ -96,6 +51,8 @@ impl LatencyTable {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::messages::Measurement;
+    use crate::time::MonoNs;
 
     fn measurement() -> Measurement {
         Measurement {
@@ -117,7 +74,6 @@ mod tests {
         table.record(&s);
         let q = table.quantiles_us();
         assert_eq!((q.exposure_to_command.max, q.frame_to_measurement.max), (39.0, 10.0));
-        assert_eq!(table.newest(), &s);
     }
 
     #[test]

@@ -4,62 +4,13 @@ mod stamp_calibration;
 
 pub use stamp_calibration::StampCalibration;
 
+use crate::control::outcome::{FinalErrors, Outcome};
+use crate::control::sightings::IntakeCounts;
 use crate::report::histogram::Quantiles;
 use crate::time::TICK;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-
-/// How a run ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Outcome {
-    /// The goal was reached and held.
-    Converged,
-    /// The time was over before.
-    NotConverged,
-    /// An open-loop run, or the motion of a calibration, came to its end.
-    Finished,
-    /// Somebody asked for the end.
-    Stopped,
-    /// Something failed.
-    Fault,
-}
-
-impl Outcome {
-    /// The word of the summary.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Converged => "converged",
-            Self::NotConverged => "not_converged",
-            Self::Finished => "finished",
-            Self::Stopped => "stopped",
-            Self::Fault => "fault",
-        }
-    }
-
-    /// The exit code of a run that ended like this.
-    #[must_use]
-    pub fn exit_code(self) -> u8 {
-        match self {
-            Self::Converged | Self::Finished | Self::Stopped => 0,
-            Self::Fault => 4,
-            Self::NotConverged => 5,
-        }
-    }
-}
-
-/// Errors at the end of the run; `null` where unknown.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct FinalErrors {
-    /// Root mean square, px.
-    pub feature_error: Option<f64>,
-    /// Distance of the camera from its desired place, m.
-    pub position_error_m: Option<f64>,
-    /// Angle of the camera from its desired orientation, rad.
-    pub orientation_error_rad: Option<f64>,
-}
 
 /// Latencies of the measurements, us.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -76,29 +27,6 @@ pub struct Latencies {
     pub frame_to_vision: Quantiles,
     /// Finished measurement to the command that used it; zero in lockstep.
     pub measurement_to_command: Quantiles,
-}
-
-/// What became of the measurements that reached control, by their exposure stamps.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct IntakeCounts {
-    /// The servo law worked with them.
-    pub used: u64,
-    /// Likewise, although their stamps lay in the future.
-    pub used_from_future: u64,
-    /// Without a target.
-    pub no_target: u64,
-    /// Refused: another number of features than the set-point's.
-    #[serde(default)]
-    pub refused_features: u64,
-    /// Refused by vision: the dots do not fit one pose.
-    #[serde(default)]
-    pub refused_inconsistent: u64,
-    /// Refused: repeated, or overtaken by a newer one.
-    pub refused_not_newer: u64,
-    /// Refused: too far in the future.
-    pub refused_from_future: u64,
-    /// Refused: from before all that is known of the arm.
-    pub refused_too_old: u64,
 }
 
 /// Times of the control tick, us; all zero in lockstep, where ticks have no deadline.
@@ -243,6 +171,9 @@ pub struct Summary {
     pub processes: BTreeMap<String, ProcessUsage>,
     /// What safety saw.
     pub safety: SafetyReport,
+    /// Ticks of a realtime run that are missing in latencies, settling and events, because their record was lost.
+    #[serde(default)]
+    pub lost_traces: u64,
     /// Over every joint state of a lockstep run, hexadecimal; `null` in real time.
     pub state_hash: Option<String>,
     /// What a calibration run found; left out in other runs.
@@ -278,6 +209,7 @@ impl Summary {
             realtime: None,
             processes: BTreeMap::new(),
             safety: SafetyReport { state: "fault".into(), ..SafetyReport::default() },
+            lost_traces: 0,
             state_hash: None,
             calibration: None,
         }

@@ -8,9 +8,11 @@
 use crate::config::Config;
 use crate::config::assemble::{self, AssembleError};
 use crate::control::control_loop::{ControlLoop, Finish};
+use crate::control::outcome::FinalErrors;
+use crate::control::trace::Trace;
 use crate::imaging::{ImageSizeError, ImageView};
 use crate::messages::{FrameHeader, Measurement};
-use crate::report::summary::FinalErrors;
+use crate::report::statistics::RunStatistics;
 use crate::robot::RobotError;
 use crate::scene::{Exposure, SyntheticCamera};
 use crate::time::MonoNs;
@@ -53,8 +55,8 @@ pub struct SystemRun {
 pub enum Moment<'a> {
     /// A frame was exposed: its number and its pixels.
     Frame(u64, &'a ImageView<'a>),
-    /// A tick is over: its time from the first one in s, and the errors against truth.
-    Tick(f64, &'a FinalErrors),
+    /// A tick is over: what it left, and the errors against truth.
+    Tick(&'a Trace, &'a FinalErrors),
 }
 
 /// Runs `config` in simulated time, whatever its clock, and tells `watch` what happens.
@@ -66,13 +68,18 @@ pub fn simulate_system(config: &Config, watch: &mut dyn FnMut(&Moment<'_>)) -> R
     crate::dispatch_robot!(config.robot, |robot| {
         let mut camera = assemble::synthetic_camera(config, robot.clone())?;
         let mut control = assemble::control_loop(config, robot)?;
-        let finish = run(config, &mut control, &mut vision, &mut camera, watch)?;
-        let statistics = control.statistics();
+        let mut statistics = RunStatistics::new();
+        let finish = run(config, &mut control, &mut vision, &mut camera, &mut |moment| {
+            if let Moment::Tick(trace, _) = moment {
+                statistics.note(trace);
+            }
+            watch(moment);
+        })?;
         Ok(SystemRun {
             finish,
             errors: control.final_errors(),
-            settling_time_s: control.settling_time_s(),
-            target_lost: statistics.last_measurement().map_or(0, |m| m.target_lost),
+            settling_time_s: statistics.settling_time_s(),
+            target_lost: control.sightings().last().map_or(0, |m| m.target_lost),
             state_hash: statistics.state_hash(),
         })
     })?
@@ -113,9 +120,9 @@ fn run<const N: usize>(
         while let Some((_, m)) = on_their_way.pop_front_if(|(usable, _)| *usable <= tick) {
             measurement = Some(m);
         }
-        let (_, finish) = control.act(tick, now, measurement.as_ref());
-        watch(&Moment::Tick((now - MonoNs::ZERO).as_s(), &control.final_errors()));
-        if let Some(finish) = finish {
+        let trace = control.act(tick, now, measurement.as_ref());
+        watch(&Moment::Tick(&trace, &control.final_errors()));
+        if let Some(finish) = trace.finish {
             return Ok(finish);
         }
         tick += 1;

@@ -12,12 +12,11 @@
 //! | lockstep: a measurement does not come for 10 s | reference slows down, arm holds, run ends as fault |
 //! | external drive: states stop, plant leaves, hangs or answers out of step | as for NaN: nothing can be computed any more |
 
+use crate::drive::DriveFault;
 use crate::time::{MonoNs, SpanNs};
-use serde::Serialize;
 
 /// Why a run ended in a fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
     /// The drive reported a joint state that is not finite.
     DriveStateNotFinite,
@@ -27,14 +26,8 @@ pub enum Fault {
     TrackingError,
     /// Too many deadlines in a row were missed.
     DeadlinesMissed,
-    /// The external drive's newest state is too old.
-    DriveStale,
-    /// The external drive has left the instance.
-    DriveLeft,
-    /// The external drive did not answer a command.
-    DriveSilent,
-    /// The external drive answered a command with a state of another tick or arm.
-    DriveOutOfStep,
+    /// The drive's states cannot be used any more.
+    Drive(DriveFault),
     /// The measured arm did not come to rest although its reference did.
     NotAtRest,
     /// In lockstep: camera and vision owe a measurement and do not answer.
@@ -63,14 +56,7 @@ impl Fault {
             Self::DeadlinesMissed => {
                 "more deadlines in a row were missed than safety.max_missed_deadlines_in_a_row"
             }
-            Self::DriveStale => "the external drive's states stopped for longer than safety.drive_timeout_ms",
-            Self::DriveLeft => "the external drive has left",
-            Self::DriveSilent => {
-                "the external drive did not answer a command within drive.external.answer_timeout_s"
-            }
-            Self::DriveOutOfStep => {
-                "the external drive answered with a state of another tick or another number of joints"
-            }
+            Self::Drive(fault) => fault.describe(),
             Self::NotAtRest => "the arm still moves although it was brought to rest: see to its drive",
             Self::PeersSilent => {
                 "a measurement did not come although the loop waited for it: the camera or the vision process hangs"
@@ -87,9 +73,9 @@ pub struct MeasurementWatch {
     last: Option<MonoNs>,
 }
 
-/// What the watch says.
+/// How old the last good measurement is, as the watch says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Vision {
+pub enum Freshness {
     /// There has been no good measurement yet.
     Never,
     /// The last good one is young enough.
@@ -125,11 +111,11 @@ impl MeasurementWatch {
 
     /// How things stand at `now`.
     #[must_use]
-    pub fn check(&self, now: MonoNs) -> Vision {
+    pub fn check(&self, now: MonoNs) -> Freshness {
         match self.last {
-            None => Vision::Never,
-            Some(last) if now - last <= self.timeout => Vision::Fresh,
-            Some(_) => Vision::Stale,
+            None => Freshness::Never,
+            Some(last) if now - last <= self.timeout => Freshness::Fresh,
+            Some(_) => Freshness::Stale,
         }
     }
 }
@@ -141,14 +127,14 @@ mod tests {
     #[test]
     fn measurements_grow_stale_and_recover() {
         let mut w = MeasurementWatch::new(SpanNs(100), 0.75);
-        assert_eq!(w.check(MonoNs(1_000)), Vision::Never);
+        assert_eq!(w.check(MonoNs(1_000)), Freshness::Never);
         w.good(MonoNs(950));
-        assert_eq!(w.check(MonoNs(1_050)), Vision::Fresh);
-        assert_eq!(w.check(MonoNs(1_051)), Vision::Stale);
+        assert_eq!(w.check(MonoNs(1_050)), Freshness::Fresh);
+        assert_eq!(w.check(MonoNs(1_051)), Freshness::Stale);
         w.good(MonoNs(900));
-        assert_eq!(w.check(MonoNs(1_051)), Vision::Stale, "an older measurement does not refresh");
+        assert_eq!(w.check(MonoNs(1_051)), Freshness::Stale, "an older measurement does not refresh");
         w.good(MonoNs(1_040));
-        assert_eq!(w.check(MonoNs(1_051)), Vision::Fresh);
+        assert_eq!(w.check(MonoNs(1_051)), Freshness::Fresh);
     }
 
     #[test]

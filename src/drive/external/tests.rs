@@ -67,10 +67,10 @@ fn late_states_are_counted_and_stale_ones_are_a_fault() {
     d.read(at(138));
     assert_eq!(d.health().fault, None);
     d.read(at(139));
-    assert_eq!(d.health().fault, Some(Fault::DriveStale));
+    assert_eq!(d.health().fault, Some(DriveFault::Stale));
     wire.state(139, 0.2, 0);
     d.read(at(140));
-    assert_eq!(d.health().fault, Some(Fault::DriveStale), "a fault stays");
+    assert_eq!(d.health().fault, Some(DriveFault::Stale), "a fault stays");
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn before_the_first_tick_nothing_grows_stale() {
     d.read(at(1000));
     assert_eq!(d.health().fault, None);
     d.read(at(1021));
-    assert_eq!(d.health().fault, Some(Fault::DriveStale));
+    assert_eq!(d.health().fault, Some(DriveFault::Stale));
 }
 
 #[test]
@@ -121,5 +121,5 @@ fn a_state_of_another_arm_is_a_fault() {
     wire.state(0, 0.1, 0);
     wire.0.lock().unwrap().0[0].joints = 3;
     assert_eq!(d.read(at(0)).q, Vector2::new(7.0, 7.0));
-    assert_eq!(d.health().fault, Some(Fault::DriveOutOfStep));
+    assert_eq!(d.health().fault, Some(DriveFault::OutOfStep));
 }

@@ -14,7 +14,7 @@ use crate::ipc::{FrameShape, Role, Spin};
 use crate::messages::{Measurement, frame_flag};
 use crate::process::silence::Silence;
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD};
-use crate::report::summary::TickTimes;
+use crate::report::statistics::RunStatistics;
 use crate::rt::now;
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
@@ -67,11 +67,12 @@ pub(super) fn run<const N: usize>(
     mut plant: Option<PlantPorts<'_>>,
     mut recording: Option<&mut Recording<N>>,
     stop: &StopFlag,
-) -> Result<(ControlLoop<N>, Pace), ProcessError> {
+) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
     let schedule = &config.camera.schedule;
     let spin = Spin::new(LONGEST_SPIN);
     let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None, peers_hang: false, spin };
     let mut next_exposure = schedule.next_exposure_tick(0);
+    let mut statistics = RunStatistics::new();
     let mut next_frame = 0;
     let mut tick = 0;
     loop {
@@ -82,7 +83,7 @@ pub(super) fn run<const N: usize>(
         {
             match plant.wait_for_state(tick, stop)? {
                 Answer::Here => {}
-                Answer::Failed(fault) => control.fail(fault),
+                Answer::Failed(fault) => control.fail(Fault::Drive(fault)),
             }
         }
         ports.membership.beat();
@@ -97,7 +98,7 @@ pub(super) fn run<const N: usize>(
             ports.joint_state.send_quietly(&state)?;
         }
         if stop.is_requested() {
-            control.stop(now, STOP_REASON);
+            control.stop(STOP_REASON);
         }
         let (mut measurement, before) = (None, next_frame);
         while schedule.usable_tick(next_frame) == tick {
@@ -117,21 +118,18 @@ pub(super) fn run<const N: usize>(
         if let (Some(recording), Some(m)) = (&mut recording, &measurement) {
             recording.note_measurement(m);
         }
-        let (status, finish) = control.act(tick, now, measurement.as_ref());
-        control.commanded(now);
+        let mut trace = control.act(tick, now, measurement.as_ref());
+        control.commanded(now, &mut trace);
+        statistics.note(&trace);
         if let Some(plant) = &mut plant {
             plant.send()?;
         }
-        if let Some(status) = status {
-            ports.status.send_quietly(&status)?;
+        if let Some(status) = &trace.status {
+            ports.status.send_quietly(status)?;
         }
-        if let Some(finish) = finish {
+        if let Some(finish) = trace.finish {
             plant::farewell(plant)?;
-            let tick_us = TickTimes::default();
-            return Ok((
-                control,
-                Pace { finish, missed_deadlines: 0, skipped_ticks: 0, tick_us, realtime: None },
-            ));
+            return Ok((control, statistics, Pace::without_deadlines(finish)));
         }
         tick += 1;
     }

@@ -11,9 +11,11 @@ use crate::calibration::{Cell, Recording, stamp_offset};
 use crate::config::Config;
 use crate::config::raw::{Clock, Task};
 use crate::control::control_loop::{ControlLoop, Finish};
+use crate::control::outcome::Outcome;
 use crate::ipc::{Instance, Receiver, Role, Sender, Waker};
 use crate::messages::{JointState, Measurement, Status};
-use crate::report::summary::{Outcome, RealtimeReport, StampCalibration, Summary, TickTimes};
+use crate::report::statistics::RunStatistics;
+use crate::report::summary::{RealtimeReport, StampCalibration, Summary, TickTimes};
 use crate::robot::Robot;
 use crate::rt::now;
 use crate::time::SpanNs;
@@ -56,6 +58,22 @@ struct Pace {
     skipped_ticks: u64,
     tick_us: TickTimes,
     realtime: Option<RealtimeReport>,
+    /// Ticks that the report did not see, because the companion did not come round.
+    lost_traces: u64,
+}
+
+impl Pace {
+    /// Of a run in simulated time.
+    fn without_deadlines(finish: Finish) -> Self {
+        Self {
+            finish,
+            missed_deadlines: 0,
+            skipped_ticks: 0,
+            tick_us: TickTimes::default(),
+            realtime: None,
+            lost_traces: 0,
+        }
+    }
 }
 
 fn run_robot<const N: usize>(
@@ -81,11 +99,11 @@ fn run_robot<const N: usize>(
     }
     let start = now();
     let mut recording = (config.task == Task::CalibrateLatency).then(Recording::default);
-    let (control, pace) = match config.clock {
+    let (control, statistics, pace) = match config.clock {
         Clock::Realtime => realtime::run(config, control, &ports, plant, recording.as_mut(), stop)?,
         Clock::Lockstep => lockstep::run(config, control, &ports, plant, recording.as_mut(), stop)?,
     };
-    let mut summary = summary(config, &control, pace, now() - start);
+    let mut summary = summary(config, &control, &statistics, pace, now() - start);
     if let Some(recording) = recording.filter(|_| summary.outcome == Outcome::Finished) {
         calibrate(config, &control, &recording, &mut summary);
     }
@@ -119,9 +137,15 @@ fn calibrate<const N: usize>(
     }
 }
 
-fn summary<const N: usize>(config: &Config, control: &ControlLoop<N>, pace: Pace, wall: SpanNs) -> Summary {
-    let statistics = control.statistics();
-    let m = statistics.last_measurement().copied().unwrap_or_default();
+fn summary<const N: usize>(
+    config: &Config,
+    control: &ControlLoop<N>,
+    statistics: &RunStatistics,
+    pace: Pace,
+    wall: SpanNs,
+) -> Summary {
+    let sightings = control.sightings();
+    let m = sightings.last().copied().unwrap_or_default();
     let lockstep = config.clock == Clock::Lockstep;
     Summary {
         outcome: pace.finish.outcome,
@@ -131,22 +155,23 @@ fn summary<const N: usize>(config: &Config, control: &ControlLoop<N>, pace: Pace
         seed: config.seed,
         duration_s: control.duration_s(),
         wall_s: wall.as_s(),
-        ticks: statistics.ticks(),
+        ticks: control.ticks(),
         missed_deadlines: pace.missed_deadlines,
         skipped_ticks: pace.skipped_ticks,
         frames: m.frames_received,
-        measurements: statistics.measurements(),
-        intake: *statistics.intake(),
+        measurements: sightings.count(),
+        intake: *sightings.intake(),
         frames_dropped: m.frames_dropped,
         target_lost: m.target_lost,
         late_drive_states: control.late_drive_states(),
-        settling_time_s: control.settling_time_s(),
+        settling_time_s: statistics.settling_time_s(),
         final_errors: control.final_errors(),
         latency_us: statistics.latencies(),
         tick_us: pace.tick_us,
         realtime: pace.realtime,
         processes: BTreeMap::new(),
-        safety: control.safety_report(),
+        safety: statistics.safety_report(control.state()),
+        lost_traces: pace.lost_traces,
         state_hash: lockstep.then(|| statistics.state_hash()),
         calibration: None,
     }

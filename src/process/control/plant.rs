@@ -9,8 +9,7 @@
 
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
-use crate::control::safety::Fault;
-use crate::drive::{CommandMode, ExternalDrive, PlantLink};
+use crate::drive::{CommandMode, DriveFault, ExternalDrive, PlantLink};
 use crate::ipc::{PlantPresence, Receiver, Sender, Spin, Waker};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag};
@@ -61,7 +60,7 @@ pub(super) enum Answer {
     /// It is there.
     Here,
     /// It will not come.
-    Failed(Fault),
+    Failed(DriveFault),
 }
 
 /// The process's end of the rings, and the ports.
@@ -178,23 +177,23 @@ impl PlantPorts<'_> {
                 }
                 if state.tick != tick {
                     warn!(wanted = tick, got = state.tick, "the external drive is out of step");
-                    return Ok(Answer::Failed(Fault::DriveOutOfStep));
+                    return Ok(Answer::Failed(DriveFault::OutOfStep));
                 }
                 let _ = self.received.push(state);
                 return Ok(Answer::Here);
             }
             let time = now();
             if stop.is_requested() && time - *stopped.get_or_insert(time) > STOP_PATIENCE {
-                return Ok(Answer::Failed(Fault::DriveSilent));
+                return Ok(Answer::Failed(DriveFault::Silent));
             }
             if time - began > self.answer_timeout {
-                return Ok(Answer::Failed(Fault::DriveSilent));
+                return Ok(Answer::Failed(DriveFault::Silent));
             }
             if time - looked > LOOK_AFTER {
                 looked = time;
                 self.membership.services().remove_dead_peers();
                 if !self.presence.is_there() {
-                    return Ok(Answer::Failed(Fault::DriveLeft));
+                    return Ok(Answer::Failed(DriveFault::Left));
                 }
             }
             self.waker.wait_spinning(LONGEST_WAIT, &mut self.spin, || self.state.is_waiting())?;

@@ -16,11 +16,13 @@ use super::{Pace, Ports, STOP_REASON};
 use crate::calibration::Recording;
 use crate::config::raw::RealtimePolicy;
 use crate::config::{Config, RealtimeRequest};
-use crate::control::control_loop::{ControlLoop, Finish, TickRecord};
+use crate::control::control_loop::{ControlLoop, Finish};
 use crate::control::safety::Fault;
+use crate::control::trace::Trace;
 use crate::messages::Measurement;
 use crate::process::silence::Silence;
 use crate::process::{ProcessError, StopFlag};
+use crate::report::statistics::RunStatistics;
 use crate::report::summary::{RealtimeReport, spin_text};
 use crate::rt::{self, Awake, DeadlineWait, Obtained};
 use crate::time::SpanNs;
@@ -51,7 +53,7 @@ pub(super) fn run<const N: usize>(
     mut plant: Option<PlantPorts<'_>>,
     recording: Option<&mut Recording<N>>,
     stop: &StopFlag,
-) -> Result<(ControlLoop<N>, Pace), ProcessError> {
+) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
     let (records, to_send) = RingBuffer::new(RECORDS);
     let (received, measurements) = RingBuffer::new(MEASUREMENTS);
     let (tell, obtained) = mpsc::channel();
@@ -94,7 +96,9 @@ pub(super) fn run<const N: usize>(
     }
     // Held to the end of the run; where the kernel refuses it, an idle machine wakes up later.
     let _awake = request.map(|_| Awake::keep().inspect_err(|e| debug!("deep idle states stay allowed: {e}")));
-    let mut companion = Companion { ports, received, to_send, recording, unsent: 0, silence: None };
+    let statistics = RunStatistics::new();
+    let mut companion =
+        Companion { ports, received, to_send, recording, statistics, unsent: 0, silence: None };
     let mut broken = None;
     while !thread.is_finished() {
         ports.membership.beat();
@@ -124,7 +128,7 @@ pub(super) fn run<const N: usize>(
         warn!(count = companion.unsent, "measurements came faster than control took them");
     }
     match thread.join() {
-        Ok(Some(result)) => Ok(result),
+        Ok(Some((control, pace))) => Ok((control, companion.statistics, pace)),
         Ok(None) | Err(_) => Err(ProcessError::Panicked("real-time")),
     }
 }
@@ -141,9 +145,10 @@ fn report(request: Option<&RealtimeRequest>, obtained: &Obtained, spin: SpanNs) 
 struct Companion<'a, const N: usize> {
     ports: &'a Ports<'a>,
     received: Producer<Measurement>,
-    to_send: Consumer<TickRecord>,
+    to_send: Consumer<Trace>,
     /// What a calibration is to remember: here, because it allocates.
     recording: Option<&'a mut Recording<N>>,
+    statistics: RunStatistics,
     unsent: u64,
     /// Since the last measurement; `None` once its length was told.
     silence: Option<Silence>,
@@ -161,6 +166,7 @@ impl<const N: usize> Companion<'_, N> {
             }
         }
         while let Ok(record) = self.to_send.pop() {
+            self.statistics.note(&record);
             if let Some(recording) = &mut self.recording {
                 recording.note_state(&record.joint_state);
             }
@@ -183,7 +189,7 @@ impl<const N: usize> Companion<'_, N> {
 struct RealtimeThread<const N: usize> {
     control: ControlLoop<N>,
     measurements: Consumer<Measurement>,
-    records: Producer<TickRecord>,
+    records: Producer<Trace>,
     /// A request from outside, and the companion's own when it cannot go on.
     stops: [StopFlag; 2],
     max_missed_in_a_row: u64,
@@ -196,6 +202,7 @@ impl<const N: usize> RealtimeThread<N> {
         let start = rt::now();
         let mut deadlines = Deadlines::new(start + LEAD);
         let mut wait = DeadlineWait::new(spin);
+        let mut lost_traces = 0;
         let finish: Finish = loop {
             let woken = wait.until(deadlines.next());
             let (tick, time) = deadlines.woken(woken);
@@ -203,7 +210,7 @@ impl<const N: usize> RealtimeThread<N> {
                 self.control.fail(Fault::DeadlinesMissed);
             }
             if self.stops.iter().any(StopFlag::is_requested) {
-                self.control.stop(time, STOP_REASON);
+                self.control.stop(STOP_REASON);
             }
             let mut newest: Option<Measurement> = None;
             while let Ok(m) = self.measurements.pop() {
@@ -211,15 +218,16 @@ impl<const N: usize> RealtimeThread<N> {
                     newest = Some(m);
                 }
             }
-            let mut record = self.control.tick(tick, time, newest.as_ref());
+            let mut trace = self.control.tick(tick, time, newest.as_ref());
             let done = rt::now();
-            self.control.commanded(done);
+            self.control.commanded(done, &mut trace);
             deadlines.done(done);
-            if let Some(status) = &mut record.status {
+            if let Some(status) = &mut trace.status {
                 status.missed_deadlines = deadlines.missed();
             }
-            let _ = self.records.push(record); // full only when the companion hangs; control goes on
-            if let Some(finish) = record.finish {
+            // Full only when the companion hangs; control goes on.
+            lost_traces += u64::from(self.records.push(trace).is_err());
+            if let Some(finish) = trace.finish {
                 break finish;
             }
         };
@@ -235,6 +243,7 @@ impl<const N: usize> RealtimeThread<N> {
             missed_deadlines: deadlines.missed(),
             skipped_ticks: deadlines.skipped(),
             tick_us: deadlines.times(),
+            lost_traces,
         };
         (self.control, pace)
     }

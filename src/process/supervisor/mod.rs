@@ -15,9 +15,10 @@ mod vigil;
 
 use super::{ProcessError, StopFlag, frame_shape};
 use crate::config::Config;
+use crate::control::outcome::Outcome;
 use crate::ipc::{Instance, InstanceError, Receiver, Role, Services};
 use crate::messages::Status;
-use crate::report::summary::{Outcome, Summary};
+use crate::report::summary::Summary;
 use crate::rt::now;
 use crate::time::SpanNs;
 use child::End;

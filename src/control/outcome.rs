@@ -1,0 +1,54 @@
+//! How a run ended, and how near to its goal.
+
+use serde::{Deserialize, Serialize};
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// The goal was reached and held.
+    Converged,
+    /// The time was over before.
+    NotConverged,
+    /// An open-loop run, or the motion of a calibration, came to its end.
+    Finished,
+    /// Somebody asked for the end.
+    Stopped,
+    /// Something failed.
+    Fault,
+}
+
+impl Outcome {
+    /// The word of the summary.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Converged => "converged",
+            Self::NotConverged => "not_converged",
+            Self::Finished => "finished",
+            Self::Stopped => "stopped",
+            Self::Fault => "fault",
+        }
+    }
+
+    /// The exit code of a run that ended like this.
+    #[must_use]
+    pub fn exit_code(self) -> u8 {
+        match self {
+            Self::Converged | Self::Finished | Self::Stopped => 0,
+            Self::Fault => 4,
+            Self::NotConverged => 5,
+        }
+    }
+}
+
+/// Errors at the end of the run; `null` where unknown.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct FinalErrors {
+    /// Root mean square, px.
+    pub feature_error: Option<f64>,
+    /// Distance of the camera from its desired place, m.
+    pub position_error_m: Option<f64>,
+    /// Angle of the camera from its desired orientation, rad.
+    pub orientation_error_rad: Option<f64>,
+}

@@ -1,0 +1,145 @@
+//! What control remembers of the measurements that reached it, for the goal, the status and the reason of an end.
+
+use super::trace::{Event, Events, LatencyStages};
+use crate::messages::Measurement;
+use crate::servo::Intake;
+use serde::{Deserialize, Serialize};
+
+/// What became of the measurements that reached control, by their exposure stamps.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct IntakeCounts {
+    /// The servo law worked with them.
+    pub used: u64,
+    /// Likewise, although their stamps lay in the future.
+    pub used_from_future: u64,
+    /// Without a target.
+    pub no_target: u64,
+    /// Refused: another number of features than the set-point's.
+    #[serde(default)]
+    pub refused_features: u64,
+    /// Refused by vision: the dots do not fit one pose.
+    #[serde(default)]
+    pub refused_inconsistent: u64,
+    /// Refused: repeated, or overtaken by a newer one.
+    pub refused_not_newer: u64,
+    /// Refused: too far in the future.
+    pub refused_from_future: u64,
+    /// Refused: from before all that is known of the arm.
+    pub refused_too_old: u64,
+}
+
+/// The measurements of a run.
+#[derive(Debug, Clone)]
+pub(crate) struct Sightings {
+    count: u64,
+    intake: IntakeCounts,
+    last: Option<Measurement>,
+    last_found: Option<Measurement>,
+    error_px: f64,
+    latency: LatencyStages,
+}
+
+impl Sightings {
+    pub(super) fn new() -> Self {
+        Self {
+            count: 0,
+            intake: IntakeCounts::default(),
+            last: None,
+            last_found: None,
+            error_px: f64::NAN,
+            latency: LatencyStages::default(),
+        }
+    }
+
+    /// Takes a measurement in; `error_px` is its feature error, or NaN where it says nothing about the goal.
+    pub(super) fn note(
+        &mut self,
+        m: &Measurement,
+        intake: Option<Intake>,
+        error_px: f64,
+        events: &mut Events,
+    ) {
+        self.count += 1;
+        self.last = Some(*m);
+        if !error_px.is_nan() {
+            self.last_found = Some(*m);
+            self.error_px = error_px;
+        }
+        if let Some(intake) = intake {
+            self.taken(intake, events);
+        }
+    }
+
+    fn taken(&mut self, intake: Intake, events: &mut Events) {
+        let counts = &mut self.intake;
+        let first_from_future = counts.used_from_future + counts.refused_from_future == 0;
+        let first_inconsistent = counts.refused_inconsistent == 0;
+        *match intake {
+            Intake::Used => &mut counts.used,
+            Intake::UsedFromFuture => &mut counts.used_from_future,
+            Intake::NoTarget => &mut counts.no_target,
+            Intake::OtherFeatures => &mut counts.refused_features,
+            Intake::Inconsistent => &mut counts.refused_inconsistent,
+            Intake::NotNewer => &mut counts.refused_not_newer,
+            Intake::RefusedFromFuture => &mut counts.refused_from_future,
+            Intake::TooOld => &mut counts.refused_too_old,
+        } += 1;
+        if first_from_future && matches!(intake, Intake::UsedFromFuture | Intake::RefusedFromFuture) {
+            events.push(Event::StampFromFuture);
+        }
+        if first_inconsistent && intake == Intake::Inconsistent {
+            events.push(Event::Inconsistent);
+        }
+    }
+
+    pub(super) fn commanded(&mut self, latency: LatencyStages) {
+        self.latency = latency;
+    }
+
+    /// Good and bad measurements that reached control.
+    pub(crate) fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// What became of them.
+    pub(crate) fn intake(&self) -> &IntakeCounts {
+        &self.intake
+    }
+
+    /// The newest one.
+    pub(crate) fn last(&self) -> Option<&Measurement> {
+        self.last.as_ref()
+    }
+
+    /// The newest one that says something about the goal.
+    pub(super) fn last_found(&self) -> Option<&Measurement> {
+        self.last_found.as_ref()
+    }
+
+    /// Root mean square feature error of that one, px; NaN before the first.
+    pub(super) fn error_px(&self) -> f64 {
+        self.error_px
+    }
+
+    /// The stages of the newest measurement that was commanded.
+    pub(super) fn latency(&self) -> &LatencyStages {
+        &self.latency
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refused_measurements_are_counted_and_told_once() {
+        let mut sightings = Sightings::new();
+        let mut events = Events::default();
+        for intake in [Intake::Inconsistent, Intake::Inconsistent, Intake::Inconsistent, Intake::NoTarget] {
+            sightings.note(&Measurement::default(), Some(intake), f64::NAN, &mut events);
+        }
+        let counts = IntakeCounts { no_target: 1, refused_inconsistent: 3, ..IntakeCounts::default() };
+        assert_eq!(*sightings.intake(), counts);
+        assert_eq!(events.iter().collect::<Vec<_>>(), [Event::Inconsistent]);
+    }
+}

@@ -1,0 +1,118 @@
+//! What one tick leaves behind: what goes out, and everything that the report counts. The report reads it; control does not
+//! know the report.
+
+use super::run_end::Finish;
+use super::safety::Fault;
+use crate::messages::{JointState, Measurement, Status};
+use crate::motion::ActingLimits;
+use crate::servo::Intake;
+use crate::time::{MonoNs, SpanNs};
+
+/// Most events of one tick.
+const MAX_EVENTS: usize = 4;
+
+/// One tick.
+#[derive(Debug, Clone, Copy)]
+pub struct Trace {
+    /// The tick's time.
+    pub time: MonoNs,
+    /// The arm at that time, and the command of the tick before.
+    pub joint_state: JointState,
+    /// The run after the tick, every 20 ms.
+    pub status: Option<Status>,
+    /// The measurement that came, and what became of it.
+    pub sighting: Option<Sighting>,
+    /// The limits that acted.
+    pub limits: ActingLimits,
+    /// What happened.
+    pub events: Events,
+    /// Set at the tick that ends the run.
+    pub finish: Option<Finish>,
+}
+
+/// A measurement that reached control.
+#[derive(Debug, Clone, Copy)]
+pub struct Sighting {
+    /// What became of it; `None` where the controller could not look at it.
+    pub intake: Option<Intake>,
+    /// Root mean square feature error, px; NaN where it says nothing about the goal.
+    pub error_px: f64,
+    /// Where its time went, once its command was written.
+    pub latency: Option<LatencyStages>,
+}
+
+/// Kinds of events.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// Measurements stopped.
+    Holding,
+    /// Measurements are back.
+    Resumed,
+    /// A stop was requested.
+    Stopping,
+    /// A fault.
+    Fault(Fault),
+    /// The first stamp that lay in the future.
+    StampFromFuture,
+    /// The first measurement whose dots fit no pose.
+    Inconsistent,
+}
+
+/// The events of one tick, in their order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Events {
+    list: [Option<Event>; MAX_EVENTS],
+    count: usize,
+}
+
+impl Events {
+    /// Notes an event; past [`MAX_EVENTS`] of one tick nothing new can have happened.
+    pub(super) fn push(&mut self, event: Event) {
+        if let Some(place) = self.list.get_mut(self.count) {
+            *place = Some(event);
+            self.count += 1;
+        }
+    }
+
+    /// The events.
+    pub fn iter(&self) -> impl Iterator<Item = Event> {
+        self.list.into_iter().flatten()
+    }
+}
+
+/// Spans of a measurement from light to command; `None` where its stamps belong to two clocks.
+///
+/// ```text
+/// exposure ──► frame sent ──► vision starts ──► measurement ──► command
+///    exposure_to_frame   frame_to_vision     vision     measurement_to_command
+///    └───────────────────────── exposure_to_command ─────────────────────────┘
+/// ```
+/// In lockstep exposure and command have stamps of the simulated clock, the stages between of the machine's: only spans
+/// within one clock are known.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LatencyStages {
+    /// Middle of the exposure to hand-over.
+    pub exposure_to_frame: Option<SpanNs>,
+    /// Hand-over to the start of vision's work.
+    pub frame_to_vision: Option<SpanNs>,
+    /// Vision's work.
+    pub vision: Option<SpanNs>,
+    /// Finished measurement to the command that used it.
+    pub measurement_to_command: Option<SpanNs>,
+    /// Middle of the exposure to that command.
+    pub exposure_to_command: Option<SpanNs>,
+}
+
+impl LatencyStages {
+    /// The stages of `m`, whose command was written at `command`. `one_clock`: all stamps are of the same clock.
+    #[must_use]
+    pub fn of(m: &Measurement, command: MonoNs, one_clock: bool) -> Self {
+        Self {
+            exposure_to_frame: one_clock.then(|| m.frame_sent - m.exposure),
+            frame_to_vision: Some(m.vision_start - m.frame_sent),
+            vision: Some(m.vision_end - m.vision_start),
+            measurement_to_command: one_clock.then(|| command - m.vision_end),
+            exposure_to_command: Some(command - m.exposure),
+        }
+    }
+}
