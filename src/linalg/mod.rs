@@ -1,8 +1,9 @@
-//! Linear algebra of fixed sizes that stays on the stack: factorisation, eigenvectors, two numbers at a time; and random
-//! numbers.
+//! Linear algebra of fixed sizes that stays on the stack: products, factorisation, eigenvectors, two numbers at a time; and
+//! random numbers.
 
 mod lanes;
 mod ldlt;
+pub(crate) mod products3;
 mod random;
 mod symmetric_eigen;
 
