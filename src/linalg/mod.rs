@@ -9,7 +9,7 @@ mod symmetric_eigen;
 
 #[cfg(test)]
 pub(crate) use lanes::Portable;
-pub(crate) use lanes::{F2, Lanes};
+pub(crate) use lanes::{F2, Lanes, Number};
 pub(crate) use ldlt::Ldlt;
 pub use random::Random;
 pub(crate) use symmetric_eigen::symmetric_eigen;
