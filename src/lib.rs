@@ -17,7 +17,7 @@ pub mod features;
 pub mod geometry;
 pub mod imaging;
 pub mod input;
-pub(crate) mod linalg;
+pub mod linalg;
 pub mod messages;
 pub mod motion;
 pub mod pose;

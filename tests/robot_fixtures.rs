@@ -6,26 +6,14 @@
 
 use nalgebra::{Rotation3, SMatrix, SVector};
 use vservo::dispatch_robot;
+use vservo::linalg::Random;
 use vservo::robot::{Robot, SHIPPED, load};
 
 /// Largest deviation, relative to the largest entry of the quantity in that state; 1e-12 is what there is.
 const TOLERANCE: f64 = 1e-11;
 
-/// Numbers in [0, 1): the splitmix64 sequence seeded with 1, as in the script.
-struct Uniforms(u64);
-
-impl Uniforms {
-    fn vector<const N: usize>(&mut self, bound: f64) -> SVector<f64, N> {
-        SVector::from_fn(|_, _| (2.0 * self.next() - 1.0) * bound)
-    }
-
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 * 2f64.powi(-53)
-    }
+fn vector<const N: usize>(random: &mut Random, bound: f64) -> SVector<f64, N> {
+    SVector::from_fn(|_, _| (2.0 * random.uniform() - 1.0) * bound)
 }
 
 fn table(name: &str) -> Vec<f64> {
@@ -39,9 +27,10 @@ fn compare<const N: usize>(robot: &Robot<N>, table: &[f64], states: usize) -> [f
     let columns = 12 + 6 * N + N + N * (N + 1) / 2 + N;
     assert_eq!(table.len(), columns * states, "{}: rows in the table", robot.name());
     let mut worst = [0.0f64; 6];
-    let mut source = Uniforms(1);
+    let mut random = Random::new(1); // as in the script
     for row in table.chunks_exact(columns) {
-        let [q, qd, qdd, tau]: [SVector<f64, N>; 4] = [3.0, 2.0, 5.0, 20.0].map(|bound| source.vector(bound));
+        let [q, qd, qdd, tau]: [SVector<f64, N>; 4] =
+            [3.0, 2.0, 5.0, 20.0].map(|bound| vector(&mut random, bound));
         let (X, J) = robot.forward_and_jacobian(&q);
         let R = Rotation3::from(X.rotation);
         let B = robot.mass_matrix(&q);

@@ -1,6 +1,7 @@
 //! What a joint's encoder makes of its true position: steps, noise, and a velocity that is only the filtered
 //! difference of positions. All noise comes from the seed.
 
+use crate::linalg::Random;
 use nalgebra::SVector;
 use std::f64::consts::TAU;
 
@@ -34,13 +35,13 @@ impl<const N: usize> EncoderModel<N> {
 pub(super) struct Encoder<const N: usize> {
     model: EncoderModel<N>,
     exact: bool,
-    random: u64,
+    random: Random,
     reading: Option<(SVector<f64, N>, SVector<f64, N>)>,
 }
 
 impl<const N: usize> Encoder<N> {
     pub(super) fn new(model: EncoderModel<N>) -> Self {
-        let (exact, random) = (model.is_exact(), model.seed);
+        let (exact, random) = (model.is_exact(), Random::new(model.seed));
         Self { model, exact, random, reading: None }
     }
 
@@ -61,7 +62,7 @@ impl<const N: usize> Encoder<N> {
         }
         let mut seen = *q;
         for i in 0..N {
-            seen[i] += self.model.noise_sd[i] * self.gaussian();
+            seen[i] += self.model.noise_sd[i] * self.random.gaussian();
             let step = self.model.step[i];
             if step > 0.0 {
                 seen[i] = (seen[i] / step).round() * step;
@@ -76,22 +77,6 @@ impl<const N: usize> Encoder<N> {
         };
         self.reading = Some((seen, velocity));
         (seen, velocity)
-    }
-
-    /// Zero mean, standard deviation 1, by the sum of twelve uniform numbers: no function whose last bit depends on a
-    /// library.
-    fn gaussian(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
-    }
-
-    /// SplitMix64: from 0 to 1.
-    fn uniform(&mut self) -> f64 {
-        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.random;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^= z >> 31;
-        (z >> 11) as f64 / (1_u64 << 53) as f64
     }
 }
 

@@ -11,6 +11,7 @@ use super::schemes::{Scheme, set_point};
 use super::{ExperimentError, Options};
 use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, Twist, integrate_body_twist, rotation_angle};
+use crate::linalg::Random;
 use crate::pose::{Correspondence, planar_pose};
 use crate::servo::{
     Arm, CameraJacobian, Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, Law,
@@ -155,23 +156,6 @@ fn law(flier: &Flier) -> Law {
     }
 }
 
-/// Uniform numbers in [0, 1) from a counter (SplitMix64): start `n` is the same on every machine, by any thread.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.next()
-    }
-}
-
 fn in_view(camera: &CameraModel, X_CO: &Pose) -> bool {
     POINTS.iter().all(|p| camera.project(&(X_CO * p)).is_some_and(|px| camera.contains(&px, 0.0)))
 }
@@ -185,7 +169,8 @@ fn faces(X_CO: &Pose) -> bool {
 /// Start number `n`: any axis, up to 60 degrees, 0.3 to 1.2 m away, the whole square in view.
 #[must_use]
 pub fn start(camera: &CameraModel, n: usize) -> Pose {
-    let mut random = Random((n as u64).wrapping_mul(0xD1B5_4A32_D192_ED03));
+    // By its number, so that any thread may fly it.
+    let mut random = Random::new((n as u64).wrapping_mul(0xD1B5_4A32_D192_ED03));
     loop {
         let axis = Vector3::from_fn(|_, _| random.between(-1.0, 1.0));
         let length = axis.norm();

@@ -15,6 +15,7 @@ pub use jacobian::{
     analytical_image_jacobian, analytical_image_jacobian_4, euler_zyx_rate, image_jacobian, planar_columns,
 };
 pub use normal_equations::{NormalEquations, TwistSolution};
+pub(crate) use point::PointRows;
 pub use point::{PointFeature, point_image_jacobian, point_rows};
 pub use segment::{SegmentFeature, segment_ends, segment_features, segment_rows, wrap_rad};
 pub use stack::{FeatureStack, StackError, StackRow, solve_planar_twist, solve_twist};

@@ -5,6 +5,7 @@
 
 #![allow(clippy::needless_range_loop)] // matrix indices read better
 
+use super::PointRows;
 use crate::linalg::Ldlt;
 use nalgebra::{SMatrix, SVector, Vector2};
 
@@ -96,26 +97,22 @@ impl<const M: usize> NormalEquations<M> {
 }
 
 impl NormalEquations<6> {
-    /// Adds the two rows (10.27) of a point at `s` (normalized) and depth `z_m`, without forming them.
+    /// Adds the two rows (10.27) of a point at `s` (normalized) and depth `z_m`, without their zeros.
     #[inline(always)]
     pub fn add_point(&mut self, s: &Vector2<f64>, z_m: f64, rate: &Vector2<f64>, weight: f64) {
-        let (X, Y, a) = (s.x, s.y, 1.0 / z_m);
-        let XY = X * Y;
-        // Columns 2..6; before them stand [-a, 0] and [0, -a].
-        let jx = [a * X, XY, -(1.0 + X * X), Y];
-        let jy = [a * Y, 1.0 + Y * Y, -XY, -X];
-        let wa = weight * a;
-        self.matrix[0][0] += wa * a;
-        self.matrix[1][1] += wa * a;
-        self.vector[0] -= wa * rate.x;
-        self.vector[1] -= wa * rate.y;
+        let PointRows { d, x, y } = PointRows::interaction([s.x, s.y], 1.0 / z_m);
+        let wd = weight * d;
+        self.matrix[0][0] += wd * d;
+        self.matrix[1][1] += wd * d;
+        self.vector[0] += wd * rate.x;
+        self.vector[1] += wd * rate.y;
         for i in 0..4 {
-            let (wx, wy) = (weight * jx[i], weight * jy[i]);
-            self.matrix[2 + i][0] -= wa * jx[i];
-            self.matrix[2 + i][1] -= wa * jy[i];
+            let (wx, wy) = (weight * x[i], weight * y[i]);
+            self.matrix[2 + i][0] += wd * x[i];
+            self.matrix[2 + i][1] += wd * y[i];
             self.vector[2 + i] += wx * rate.x + wy * rate.y;
             for j in 0..=i {
-                self.matrix[2 + i][2 + j] += wx * jx[j] + wy * jy[j];
+                self.matrix[2 + i][2 + j] += wx * x[j] + wy * y[j];
             }
         }
         self.rows += 2;
@@ -126,8 +123,9 @@ impl NormalEquations<4> {
     /// Adds the rows of a point for the motions `[v_x v_y v_z w_z]`.
     #[inline(always)]
     pub fn add_point(&mut self, s: &Vector2<f64>, z_m: f64, rate: &Vector2<f64>, weight: f64) {
-        let a = 1.0 / z_m;
-        self.add_row(&[-a, 0.0, a * s.x, s.y], rate.x, weight);
-        self.add_row(&[0.0, -a, a * s.y, -s.x], rate.y, weight);
+        let PointRows { d, x: [x_z, .., x_wz], y: [y_z, .., y_wz] } =
+            PointRows::interaction([s.x, s.y], 1.0 / z_m);
+        self.add_row(&[d, 0.0, x_z, x_wz], rate.x, weight);
+        self.add_row(&[0.0, d, y_z, y_wz], rate.y, weight);
     }
 }

@@ -1,22 +1,31 @@
-//! Two f64 side by side: SSE2 on x86-64 (part of its baseline), a plain array elsewhere.
+//! Numbers that formulas are written for once: f64, and two f64 side by side, SSE2 on x86-64 (part of its baseline), a
+//! plain array elsewhere.
 //!
-//! Both do the same IEEE operations in the same order, hence give the same bits.
+//! Both kinds of lanes do the same IEEE operations in the same order, hence give the same bits.
 
-use std::ops::{Add, Div, Mul, Sub};
+use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// Arithmetic lane by lane.
-pub(crate) trait Lanes:
-    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
+/// What formulas compute with: f64, or lanes of them.
+pub(crate) trait Number:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
 {
+    /// The same value in all lanes.
+    fn splat(x: f64) -> Self;
+}
+
+impl Number for f64 {
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        x
+    }
+}
+
+/// Two numbers, with arithmetic lane by lane.
+pub(crate) trait Lanes: Number {
     /// From the two lanes.
     fn new(a: f64, b: f64) -> Self;
     /// The two lanes.
     fn get(self) -> [f64; 2];
-    /// The same value in both lanes.
-    #[inline(always)]
-    fn splat(x: f64) -> Self {
-        Self::new(x, x)
-    }
     /// Sum of the two lanes.
     #[inline(always)]
     fn sum(self) -> f64 {
@@ -59,14 +68,30 @@ operator!(Portable, Sub, sub, |a, b| [a[0] - b[0], a[1] - b[1]]);
 operator!(Portable, Mul, mul, |a, b| [a[0] * b[0], a[1] * b[1]]);
 operator!(Portable, Div, div, |a, b| [a[0] / b[0], a[1] / b[1]]);
 
+impl Neg for Portable {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0.map(|x| -x))
+    }
+}
+
+impl Number for Portable {
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        Self([x; 2])
+    }
+}
+
 // SAFETY of all blocks in this module: the intrinsics ask for SSE2 alone, which every x86-64 processor has, and touch
 // registers only.
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
 mod sse2 {
-    use super::{Add, Div, Lanes, Mul, Sub};
+    use super::{Add, Div, Lanes, Mul, Neg, Number, Sub};
     use std::arch::x86_64::{
-        __m128d, _mm_add_pd, _mm_cvtsd_f64, _mm_div_pd, _mm_mul_pd, _mm_set_pd, _mm_sub_pd, _mm_unpackhi_pd,
+        __m128d, _mm_add_pd, _mm_cvtsd_f64, _mm_div_pd, _mm_mul_pd, _mm_set_pd, _mm_set1_pd, _mm_sub_pd,
+        _mm_unpackhi_pd, _mm_xor_pd,
     };
 
     /// The lanes in one SSE2 register.
@@ -91,6 +116,23 @@ mod sse2 {
     operator!(Sse2, Sub, sub, |a, b| unsafe { _mm_sub_pd(a, b) });
     operator!(Sse2, Mul, mul, |a, b| unsafe { _mm_mul_pd(a, b) });
     operator!(Sse2, Div, div, |a, b| unsafe { _mm_div_pd(a, b) });
+
+    impl Neg for Sse2 {
+        type Output = Self;
+        #[inline(always)]
+        fn neg(self) -> Self {
+            // SAFETY: SSE2, see above.
+            Self(unsafe { _mm_xor_pd(self.0, _mm_set1_pd(-0.0)) })
+        }
+    }
+
+    impl Number for Sse2 {
+        #[inline(always)]
+        fn splat(x: f64) -> Self {
+            // SAFETY: SSE2, see above.
+            Self(unsafe { _mm_set1_pd(x) })
+        }
+    }
 }
 
 /// The fastest lanes that every processor of this architecture has.
@@ -108,9 +150,9 @@ mod tests {
     proptest! {
         #[test]
         fn native_and_portable_agree_to_the_bit(x in prop::array::uniform4(-1e3..1e3f64)) {
-            fn all<L: Lanes>(x: [f64; 4]) -> [[u64; 2]; 4] {
+            fn all<L: Lanes>(x: [f64; 4]) -> [[u64; 2]; 5] {
                 let (a, b) = (L::new(x[0], x[1]), L::new(x[2], x[3]));
-                [a + b, a - b, a * b, a / b].map(|l| l.get().map(f64::to_bits))
+                [a + b, a - b, a * b, a / b, -a].map(|l| l.get().map(f64::to_bits))
             }
             prop_assert_eq!(all::<F2>(x), all::<Portable>(x));
             prop_assert_eq!(F2::new(x[0], x[1]).sum(), x[0] + x[1]);

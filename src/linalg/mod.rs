@@ -1,11 +1,15 @@
-//! Linear algebra of fixed sizes that stays on the stack: factorisation, eigenvectors, two numbers at a time.
+//! Linear algebra of fixed sizes that stays on the stack: products, factorisation, eigenvectors, two numbers at a time; and
+//! random numbers.
 
 mod lanes;
 mod ldlt;
+pub(crate) mod products3;
+mod random;
 mod symmetric_eigen;
 
 #[cfg(test)]
 pub(crate) use lanes::Portable;
-pub(crate) use lanes::{F2, Lanes};
+pub(crate) use lanes::{F2, Lanes, Number};
 pub(crate) use ldlt::Ldlt;
+pub use random::Random;
 pub(crate) use symmetric_eigen::symmetric_eigen;

@@ -100,7 +100,8 @@ fn readings(H: &Matrix3<f64>) -> Result<(HomographySolution, HomographySolution)
     let (d, V) = symmetric_eigen(&(H.transpose() * H)).ok_or(PoseError::Degenerate)?;
     let H = H * (det.signum() / d.y.sqrt());
     let (s1, s3) = (d.x / d.y, d.z / d.y); // squares of the singular values around 1
-    let (v1, v2, v3) = (V.column(0).into_owned(), V.column(1).into_owned(), V.column(2).into_owned());
+    let (v1, v2) = (V.column(0).into_owned(), V.column(1).into_owned());
+    let v3 = v1.cross(&v2); // right-handed
     // H keeps the length of vectors in two planes through v2. Each is orthogonal to one of the normals.
     let spread = s1 - s3;
     let (a, b) = if spread > 1e-14 {

@@ -5,9 +5,9 @@
 
 use super::points::{centroid, check};
 use super::{Correspondence, Correspondence3, PointSource, PoseError};
+use crate::features::PointRows;
 use crate::geometry::{Pose, skew};
-use crate::linalg::Ldlt;
-use crate::linalg::{F2, Lanes};
+use crate::linalg::{F2, Lanes, Ldlt};
 use nalgebra::{Matrix3, Matrix6, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 /// Steps (rad, and relative to the distance) below 1e-7 are the last: convergence is quadratic or nearly so.
@@ -193,11 +193,9 @@ impl Normal {
             let inverse = L::splat(1.0) / depth;
             let (X, Y) = ((x + p[0]) * inverse, (y + p[1]) * inverse);
             let (ex, ey) = ((L::new(aX, bX) - X) * weight, (L::new(aY, bY) - Y) * weight);
-            // The rows of J are [a, 0, jx...] and [0, a, jy...], all with the factor 1/z_c.
-            let a = inverse * weight;
-            let (aX, aY, az) = (zero - a * X, zero - a * Y, a * z);
-            let jx = [aX, aX * y, az - aX * x, zero - a * y];
-            let jy = [aY, aY * y - az, zero - aY * x, a * x];
+            // All entries have the factor 1/z_c, which takes the weight along.
+            let PointRows { d: a, x: jx, y: jy } =
+                PointRows::image_jacobian([X, Y], inverse * weight, [x, y, z]);
             aa = aa + a * a;
             cost = cost + (ex * ex + ey * ey);
             gradient[0] = gradient[0] + a * ex;

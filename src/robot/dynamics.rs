@@ -5,9 +5,10 @@
 //! that link. Its mass and its inertia at rest belong to that link; what is left is the angular momentum
 //! `k_r I_m qd z`, which turns with the link, and the joint's own share `k_r I_m (z . dw/dt + k_r qdd)`.
 
+use super::joint_axis::{turn_about_z, z_axis};
 use super::kinematics::Trig;
 use super::model::Robot;
-use super::small::{cross, dot, mul, tr_mul, turn_about_z, z_axis};
+use crate::linalg::products3::{cross, dot, mul, tr_mul};
 use nalgebra::{Matrix3, SVector, Vector3};
 
 impl<const N: usize> Robot<N> {

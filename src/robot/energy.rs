@@ -1,7 +1,7 @@
 //! Kinetic and potential energy: what an arm without torque and friction must conserve.
 
 use super::model::Robot;
-use super::small::{dot, mul};
+use crate::linalg::products3::{dot, mul};
 use nalgebra::SVector;
 
 impl<const N: usize> Robot<N> {

@@ -2,6 +2,7 @@
 
 use super::error::Problem;
 use crate::geometry::Pose;
+use crate::linalg::symmetric_eigen;
 use nalgebra::{Matrix3, Vector3};
 
 /// The inertia of a rigid body, expressed in a frame fixed to it.
@@ -65,7 +66,7 @@ impl Inertia {
         if self.mass == 0.0 {
             return Err(Problem::Mass { mass_kg: 0.0 });
         }
-        let [small, middle, large] = self.principal_moments();
+        let [large, middle, small] = self.principal_moments()?;
         if small <= 0.0 {
             return Err(Problem::NotPositiveDefinite { least_kg_m2: small });
         }
@@ -90,7 +91,7 @@ impl Inertia {
         if self.mass < 0.0 || (self.mass == 0.0 && self.about_com != ZERO3) {
             return Err(Problem::Mass { mass_kg: self.mass });
         }
-        let [small, _, large] = self.principal_moments();
+        let [large, _, small] = self.principal_moments()?;
         // A few units in the last place may come from the eigenvalues themselves.
         if small < -1e-12 * large.abs() {
             return Err(Problem::NotPositiveDefinite { least_kg_m2: small });
@@ -98,11 +99,10 @@ impl Inertia {
         Ok(())
     }
 
-    /// In increasing order, kg m^2.
-    fn principal_moments(&self) -> [f64; 3] {
-        let mut moments: [f64; 3] = self.about_com.symmetric_eigenvalues().into();
-        moments.sort_by(f64::total_cmp);
-        moments
+    /// In decreasing order, kg m^2.
+    fn principal_moments(&self) -> Result<[f64; 3], Problem> {
+        let (moments, _) = symmetric_eigen(&self.about_com).ok_or(Problem::NotFinite)?;
+        Ok(moments.into())
     }
 }
 

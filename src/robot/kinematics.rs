@@ -1,9 +1,10 @@
 //! Forward kinematics and the geometric Jacobian, in the order `[v; w]` of (10.16).
 
+use super::joint_axis::{turn_about_z, z_axis};
 use super::model::Robot;
-use super::small::{cross, mul, mul_mat, turn_about_z, z_axis};
 use super::trig::sines_and_cosines;
 use crate::geometry::{Pose, Twist};
+use crate::linalg::products3::{cross, mul, mul_mat};
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
 /// The frame in which the columns of a Jacobian are expressed.

@@ -1,8 +1,10 @@
 //! The inertia matrix B(q) by composite rigid bodies, and forward dynamics with its Cholesky factor.
 
+use super::joint_axis::z_axis;
 use super::kinematics::Trig;
 use super::model::Robot;
-use super::small::{cholesky, cholesky_solve, cross, dot, mul, z_axis};
+use super::small::{cholesky, cholesky_solve};
+use crate::linalg::products3::{cross, dot, mul};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// A symmetric 3x3 matrix: xx, yy, zz, xy, xz, yz.

@@ -25,6 +25,7 @@ mod error;
 mod file;
 mod inertia;
 mod inverse;
+mod joint_axis;
 mod kinematics;
 mod mass_matrix;
 mod model;

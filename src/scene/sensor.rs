@@ -8,6 +8,7 @@
 //! machine, whichever instructions are used.
 
 use super::error::{SceneError, in_range};
+use crate::linalg::Random;
 use std::ops::RangeInclusive;
 
 /// Fraction bits of a grey level.
@@ -138,7 +139,7 @@ fn expose_row(gain: u16, loss: &[u16], levels: &[u16], noise: &[i16], out: &mut 
 /// Gaussian samples (Box-Muller) in fixed point, with the half that makes the final shift round.
 fn noise_table(sd_levels: f64, seed: u64) -> Vec<i16> {
     let scale = f64::from(1 << LEVEL_BITS);
-    let unit = |i: u64| (hash(seed.wrapping_add(i)) >> 11) as f64 / (1u64 << 53) as f64;
+    let unit = |i: u64| Random::new(seed.wrapping_add(i)).uniform();
     let mut table = Vec::with_capacity(TABLE + LONGEST_ROW);
     for i in 0..(TABLE / 2) as u64 {
         let radius = (-2.0 * (1.0 - unit(2 * i)).ln()).sqrt() * sd_levels;
@@ -151,12 +152,9 @@ fn noise_table(sd_levels: f64, seed: u64) -> Vec<i16> {
     table
 }
 
-/// Well-mixed bits of `x` (the finalizer of SplitMix64).
+/// Well-mixed bits of `x`.
 fn hash(x: u64) -> u64 {
-    let mut z = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    z ^ (z >> 31)
+    Random::new(x).bits()
 }
 
 #[cfg(test)]

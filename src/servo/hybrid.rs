@@ -5,11 +5,11 @@
 //! follow, and `-ln(rho_z)` in e_p, without which it does not fit J_p and J_o.
 
 use super::{OperationalSpace, OrientationError, SetPoint, TwistTask, View, fit_similarity};
-use crate::features::NormalEquations;
+use crate::features::{NormalEquations, point_rows};
 use crate::geometry::rotation_z;
 use crate::messages::MAX_FEATURES;
 use crate::pose::{Correspondence, decompose_homography_seen, homography};
-use nalgebra::{Matrix3, Rotation3, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, Rotation3, RowVector6, SMatrix, Vector2, Vector3, Vector6};
 
 /// Gains of the hybrid law, 1/s: K_p for the image point and its depth, K_o for the orientation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,17 +83,24 @@ impl Displacement {
     }
 }
 
+/// `[J_p J_o]` of (10.96): the rows of the point, and that of `ln z_c`.
+#[inline]
+fn extended_rows(s: &Vector2<f64>, z_m: f64) -> SMatrix<f64, 3, 6> {
+    let L = point_rows(s, z_m);
+    let depth = RowVector6::new(0.0, 0.0, -1.0 / z_m, -s.y, s.x, 0.0);
+    SMatrix::from_rows(&[L.row(0).into_owned(), L.row(1).into_owned(), depth])
+}
+
 /// J_p of (10.96) for a point seen at `s` in the depth `z_m`.
 #[must_use]
 pub fn J_p(s: &Vector2<f64>, z_m: f64) -> Matrix3<f64> {
-    Matrix3::new(-1.0, 0.0, s.x, 0.0, -1.0, s.y, 0.0, 0.0, -1.0) / z_m
+    extended_rows(s, z_m).fixed_columns::<3>(0).into_owned()
 }
 
 /// J_o of (10.96).
 #[must_use]
 pub fn J_o(s: &Vector2<f64>) -> Matrix3<f64> {
-    let (X, Y) = (s.x, s.y);
-    Matrix3::new(X * Y, -1.0 - X * X, Y, 1.0 + Y * Y, -X * Y, -X, -Y, X, 0.0)
+    extended_rows(s, 1.0).fixed_columns::<3>(3).into_owned()
 }
 
 /// The rows `J_p v + J_o w = K_p e_p`, `w = T K_o phi_cd` as a task: solved for the twist they are (10.92), (10.97). The first
@@ -116,10 +123,10 @@ pub fn hybrid_task(
     let phi = orientation.of(&displacement.R_CD);
     let w = orientation.rate(&phi) * gains.K_o.component_mul(&phi);
     let rate = gains.K_p.component_mul(&e_p);
-    let (P, O) = (J_p(s, z_d * rho), J_o(s));
+    let rows = extended_rows(s, z_d * rho);
     let mut equations = NormalEquations::<6>::new();
     for k in 0..3 {
-        let row = [P[(k, 0)], P[(k, 1)], P[(k, 2)], O[(k, 0)], O[(k, 1)], O[(k, 2)]];
+        let row = std::array::from_fn(|j| rows[(k, j)]);
         equations.add_row(&row, rate[k], 1.0);
         let mut row = [0.0; 6];
         row[3 + k] = 1.0;
