@@ -118,12 +118,6 @@ impl<const N: usize> Controller<N> {
         self.stopping = true;
     }
 
-    /// Whether the arm is being brought to rest.
-    #[must_use]
-    pub fn is_stopping(&self) -> bool {
-        self.stopping
-    }
-
     /// Whether the reference stands still, or is so slow that a standstill at the next tick is within its limits: from
     /// `v <= J T^2` braking takes at most two ticks `T`, and in one tick it changes the acceleration by at most `J T`.
     #[must_use]
