@@ -5,7 +5,7 @@
 //!                                                                    └─ still moving PATIENCE later: a fault ─► over
 //! ```
 //! Rest is the measured arm's: over [`WINDOW`] ticks no joint moves faster than [`REST_SPEED`], by its positions and by the
-//! mean of its measured velocities. Steps and noise of encoders do not count as motion that way, a swinging arm does.
+//! mean of its measured velocities, beyond what the noise of the encoders explains. A swinging arm is not at rest.
 
 use crate::control::outcome::Outcome;
 use crate::control::safety::Fault;
@@ -20,6 +20,8 @@ use nalgebra::SVector;
 const REST_SPEED: f64 = 0.02;
 /// Ticks over which its speed is judged.
 const WINDOW: usize = 50;
+/// Readings of a noisy encoder that stands lie so many standard deviations apart.
+const NOISE_SPREAD: f64 = 6.0;
 /// How long an arm whose reference rests may go on moving.
 const PATIENCE: SpanNs = SpanNs(2_000_000_000);
 
@@ -135,8 +137,19 @@ impl<const N: usize> RestWatch<N> {
             for (q, qd) in self.q.iter().zip(&self.qd) {
                 (least, most, sum) = (least.min(q[i]), most.max(q[i]), sum + qd[i]);
             }
-            most - least <= REST_SPEED * window_s && (sum / WINDOW as f64).abs() <= REST_SPEED
+            let noise = NOISE_SPREAD * self.noise_sd(i);
+            most - least <= REST_SPEED * window_s + noise
+                && (sum / WINDOW as f64).abs() <= REST_SPEED + noise / window_s
         })
+    }
+
+    /// Standard deviation of the noise of joint `i`'s encoder, from the second differences of its positions: those of the
+    /// motion of an arm are far smaller, `qdd T^2`.
+    fn noise_sd(&self, i: usize) -> f64 {
+        let oldest = self.next.unwrap_or(0);
+        let q = |k: usize| self.q.get((oldest + k) % WINDOW).map_or(0.0, |q| q[i]);
+        let squares: f64 = (2..WINDOW).map(|k| (q(k) - 2.0 * q(k - 1) + q(k - 2)).powi(2)).sum();
+        (squares / (6.0 * (WINDOW - 2) as f64)).sqrt()
     }
 }
 
@@ -213,6 +226,7 @@ fn why_not_used(sightings: &Sightings) -> Option<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linalg::Random;
     use nalgebra::Vector2;
 
     const MS: i64 = 1_000_000;
@@ -267,6 +281,21 @@ mod tests {
             end.note(&state(if flips { 0.0 } else { 5e-4 }, if flips { 0.2 } else { -0.2 }));
         }
         assert_eq!(end.next(MonoNs(0), true, true), NextStep::Over(DONE));
+    }
+
+    #[test]
+    fn a_noisy_encoder_does_not_hide_a_motion_nor_make_one() {
+        for (speed, rests) in [(0.0, true), (0.1, false)] {
+            let mut random = Random::new(7);
+            let mut end = RunEnd::new();
+            end.decide(DONE);
+            for k in 0..WINDOW * 4 {
+                let noise = 1e-3 * random.gaussian();
+                end.note(&state(speed * 1e-3 * k as f64 + noise, speed + 300.0 * noise));
+            }
+            let step = end.next(MonoNs(0), true, true);
+            assert_eq!(step == NextStep::Over(DONE), rests, "{speed}: {step:?}");
+        }
     }
 
     #[test]
