@@ -1,9 +1,8 @@
 //! vservo: visual servoing in real time over shared memory.
 //!
 //! A frame travels through the folders in this order: `source` (camera process) fills shared memory, `detect` and
-//! `pose` (vision process, assembled by [`vision`]) turn it into a measurement, `servo`, `motion` and `safety` (control
-//! process, assembled by [`controller`] and [`control_loop`]) turn that into a command, and `drive` takes it.
-//! ARCHITECTURE.md tells more.
+//! `pose` (vision process, assembled by [`vision`]) turn it into a measurement, `servo`, `motion` and [`control`] (control
+//! process) turn that into a command, and `drive` takes it. ARCHITECTURE.md tells more.
 
 #![allow(non_snake_case)] // monogram notation, see `geometry`
 

@@ -4,7 +4,7 @@
 //! decided (goal, time, request, fault, last frame) ─► the arm brakes within its limits ─► measured arm at rest ─► over
 //!                                                                    └─ still moving PATIENCE later: a fault ─► over
 //! ```
-//! Rest is the measured arm's: over [`WINDOW`] ticks no joint moves faster than [`REST_SPEED`], by its positions and by the
+//! Rest is the measured arm's: over `WINDOW` ticks no joint moves faster than `REST_SPEED`, by its positions and by the
 //! mean of its measured velocities, beyond what the noise of the encoders explains. A swinging arm is not at rest.
 
 use crate::control::outcome::Outcome;
