@@ -11,7 +11,7 @@
 
 use super::InstanceError;
 use rustix::fs::{AtFlags, Dir, FileType, Mode, OFlags, Stat};
-use rustix::fs::{fchmod, fstat, mkdirat, open, openat, statat, unlinkat};
+use rustix::fs::{fchmod, fstat, mkdirat, open, openat, renameat, statat, unlinkat};
 use rustix::io::Errno;
 use rustix::process::geteuid;
 use std::ffi::CStr;
@@ -101,18 +101,23 @@ impl Place {
         Ok(Some(file))
     }
 
-    /// A new file `name`; what lay there before is removed, not written.
+    /// A new file `name`; what lay there before is replaced, not written. It is made beside and renamed, so that
+    /// nobody who puts a file under that name at this moment makes it fail.
     ///
     /// # Errors
     /// As for [`Place::open`].
     pub(super) fn new_file(&self, name: &str) -> Result<OwnedFd, InstanceError> {
-        let path = || Path::new(SHARED_MEMORY).join(&self.name).join(name);
-        match unlinkat(&self.directory, name, AtFlags::empty()) {
+        let beside = format!("{name}.{}.new", std::process::id());
+        let fault = |cause| InstanceError::Place { path: Path::new(SHARED_MEMORY).join(&self.name).join(name), cause };
+        match unlinkat(&self.directory, &beside, AtFlags::empty()) {
             Ok(()) | Err(Errno::NOENT) => {}
-            Err(cause) => return Err(InstanceError::Place { path: path(), cause }),
+            Err(cause) => return Err(fault(cause)),
         }
-        self.open_file(name, OFlags::RDWR | OFlags::CREATE | OFlags::EXCL)?
-            .ok_or_else(|| InstanceError::Place { path: path(), cause: Errno::NOENT })
+        let file = self
+            .open_file(&beside, OFlags::RDWR | OFlags::CREATE | OFlags::EXCL)?
+            .ok_or_else(|| fault(Errno::NOENT))?;
+        renameat(&self.directory, &beside, &self.directory, name).map_err(fault)?;
+        Ok(file)
     }
 
     /// Whether `file` is what the next process will find under `name`, in the directory that it will find.
