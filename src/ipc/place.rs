@@ -108,7 +108,10 @@ impl Place {
     /// As for [`Place::open`].
     pub(super) fn new_file(&self, name: &str) -> Result<OwnedFd, InstanceError> {
         let beside = format!("{name}.{}.new", std::process::id());
-        let fault = |cause| InstanceError::Place { path: Path::new(SHARED_MEMORY).join(&self.name).join(name), cause };
+        let fault = |cause| InstanceError::Place {
+            path: Path::new(SHARED_MEMORY).join(&self.name).join(name),
+            cause,
+        };
         match unlinkat(&self.directory, &beside, AtFlags::empty()) {
             Ok(()) | Err(Errno::NOENT) => {}
             Err(cause) => return Err(fault(cause)),

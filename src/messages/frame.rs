@@ -1,0 +1,35 @@
+//! What a camera sends with each picture: `camera/N/frame`.
+
+use crate::time::MonoNs;
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Stamps and shape of a grey frame; travels as user header of a `[u8]` payload.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[type_name("vservo.FrameHeader.v1")]
+pub struct FrameHeader {
+    /// Counts the camera's exposures from 0; a gap is a frame that the camera itself lost.
+    pub frame_id: u64,
+    /// Middle of the exposure.
+    pub exposure: MonoNs,
+    /// When the frame was handed over.
+    pub sent: MonoNs,
+    /// Length of the exposure, ns.
+    pub exposure_span_ns: u64,
+    /// Exposures since the start that the camera itself lost.
+    pub lost: u64,
+    /// Which camera.
+    pub camera: u32,
+    /// Columns, px.
+    pub width_px: u32,
+    /// Rows, px.
+    pub height_px: u32,
+    /// Bits of [`frame_flag`].
+    pub flags: u32,
+}
+
+/// Bits of [`FrameHeader::flags`] and [`super::Measurement::flags`].
+pub mod frame_flag {
+    /// The source ends with this frame (replay, played once).
+    pub const LAST: u32 = 1;
+}

@@ -1,0 +1,40 @@
+//! The arm at each tick: `control/joint_state`.
+
+use super::MAX_JOINTS;
+use crate::time::MonoNs;
+use iceoryx2::prelude::ZeroCopySend;
+
+/// The arm at one tick.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[type_name("vservo.JointState.v1")]
+pub struct JointState {
+    /// Number of the control tick.
+    pub tick: u64,
+    /// When the drive was read.
+    pub stamp: MonoNs,
+    /// Joints in use.
+    pub joints: u32,
+    /// Bits of [`joint_flag`].
+    pub flags: u32,
+    /// Measured positions, rad or m.
+    pub q: [f64; MAX_JOINTS],
+    /// Measured velocities, rad/s or m/s.
+    pub qd: [f64; MAX_JOINTS],
+    /// Torques or forces applied at the previous tick, N m or N.
+    pub tau: [f64; MAX_JOINTS],
+    /// Reference positions.
+    pub q_r: [f64; MAX_JOINTS],
+    /// Reference velocities.
+    pub qd_r: [f64; MAX_JOINTS],
+    /// True positions of a simulated arm; what a synthetic camera renders.
+    pub q_true: [f64; MAX_JOINTS],
+    /// True velocities of a simulated arm.
+    pub qd_true: [f64; MAX_JOINTS],
+}
+
+/// Bits of [`JointState::flags`].
+pub mod joint_flag {
+    /// `q_true` and `qd_true` are valid.
+    pub const TRUTH: u32 = 1;
+}

@@ -1,0 +1,186 @@
+//! What vision saw in one frame: `vision/N/measurement`.
+
+use super::MAX_FEATURES;
+use crate::time::MonoNs;
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Bits of [`Measurement::flags`] beside those of [`super::frame_flag`].
+pub mod measurement_flag {
+    /// `pose` and `pose_covariance` are valid.
+    pub const POSE: u32 = 1 << 8;
+    /// Found in predicted windows; without this bit the whole frame was searched.
+    pub const TRACKED: u32 = 1 << 9;
+    /// A second pose explains the picture almost as well (planar ambiguity).
+    pub const AMBIGUOUS: u32 = 1 << 10;
+}
+
+/// What became of the target in one frame.
+#[repr(u32)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+pub enum TargetStatus {
+    /// All features were found and told apart.
+    Found = 0,
+    /// The frame has no contrast: covered lens, no light, over-exposed.
+    #[default]
+    NoContrast = 1,
+    /// There are fewer candidate regions than features.
+    TooFewRegions = 2,
+    /// There are enough regions, but no choice of them has the target's geometry.
+    NoMatch = 3,
+    /// The geometry fits in more than one way: features cannot be told apart.
+    Ambiguous = 4,
+    /// The frame does not have the size of the configured camera.
+    WrongSize = 5,
+    /// The features were found, but are disturbed: no pose explains them within their stated deviations. Refused.
+    Inconsistent = 6,
+}
+
+impl TargetStatus {
+    /// The status of a code in a message. A code that this version does not know counts as [`Self::NoMatch`]:
+    /// shared memory may hold anything.
+    #[must_use]
+    pub fn from_code(code: u32) -> Self {
+        match code {
+            0 => Self::Found,
+            1 => Self::NoContrast,
+            2 => Self::TooFewRegions,
+            4 => Self::Ambiguous,
+            5 => Self::WrongSize,
+            6 => Self::Inconsistent,
+            _ => Self::NoMatch,
+        }
+    }
+
+    /// A short clause for people.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Found => "found",
+            Self::NoContrast => "no contrast in the frame",
+            Self::TooFewRegions => "fewer dark regions than dots",
+            Self::NoMatch => "no regions with the target's geometry",
+            Self::Ambiguous => "dots cannot be told apart",
+            Self::WrongSize => "frame of another size than the camera's",
+            Self::Inconsistent => "dots do not fit one pose: shadow, glare, something in front?",
+        }
+    }
+}
+
+/// One feature point.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[type_name("vservo.FeaturePoint.v1")]
+pub struct FeaturePoint {
+    /// Column of the feature in the frame (distorted), px; pixel centres are integers.
+    pub u_px: f64,
+    /// Row of the feature in the frame, px.
+    pub v_px: f64,
+    /// X of the feature in normalized coordinates, undistorted (10.3).
+    pub x: f64,
+    /// Y of the feature in normalized coordinates.
+    pub y: f64,
+    /// One standard deviation of `u_px` and `v_px`, px.
+    pub sigma_px: f64,
+}
+
+/// What vision saw in one frame.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+#[type_name("vservo.Measurement.v1")]
+pub struct Measurement {
+    /// The frame it was taken from.
+    pub frame_id: u64,
+    /// Middle of that frame's exposure.
+    pub exposure: MonoNs,
+    /// When the camera handed the frame over.
+    pub frame_sent: MonoNs,
+    /// When vision began to work on it.
+    pub vision_start: MonoNs,
+    /// When vision was done.
+    pub vision_end: MonoNs,
+    /// Frames that vision has received since its start.
+    pub frames_received: u64,
+    /// Frames that the camera sent and vision never worked on.
+    pub frames_dropped: u64,
+    /// How often a target that had been found was lost.
+    pub target_lost: u64,
+    /// Which camera.
+    pub camera: u32,
+    /// Code of a [`TargetStatus`].
+    pub status: u32,
+    /// Bits of [`super::frame_flag`] and [`measurement_flag`].
+    pub flags: u32,
+    /// How many entries of `features` are valid, in the order of the target's points.
+    pub feature_count: u32,
+    /// The features.
+    pub features: [FeaturePoint; MAX_FEATURES],
+    /// `X_CO` as position in m and quaternion `x y z w`.
+    pub pose: [f64; 7],
+    /// Covariance of the pose, row by row: m and rad, as twist `[v; w]` of O expressed in C.
+    pub pose_covariance: [f64; 36],
+    /// Root mean square distance between seen features and those of the best pose, px; also of a refused measurement.
+    pub reprojection_rms_px: f64,
+}
+
+impl Default for Measurement {
+    fn default() -> Self {
+        Self {
+            frame_id: 0,
+            exposure: MonoNs::ZERO,
+            frame_sent: MonoNs::ZERO,
+            vision_start: MonoNs::ZERO,
+            vision_end: MonoNs::ZERO,
+            frames_received: 0,
+            frames_dropped: 0,
+            target_lost: 0,
+            camera: 0,
+            status: TargetStatus::default() as u32,
+            flags: 0,
+            feature_count: 0,
+            features: [FeaturePoint::default(); MAX_FEATURES],
+            pose: [0.0; 7],
+            pose_covariance: [0.0; 36],
+            reprojection_rms_px: 0.0,
+        }
+    }
+}
+
+impl Measurement {
+    /// The valid features.
+    #[must_use]
+    pub fn features(&self) -> &[FeaturePoint] {
+        self.features.get(..self.feature_count as usize).unwrap_or(&self.features)
+    }
+
+    /// Whether the target was found.
+    #[must_use]
+    pub fn found(&self) -> bool {
+        self.target_status() == TargetStatus::Found
+    }
+
+    /// Whether the target was found, else why not.
+    #[must_use]
+    pub fn target_status(&self) -> TargetStatus {
+        TargetStatus::from_code(self.status)
+    }
+
+    /// The pose `X_CO`, where one was found.
+    #[must_use]
+    pub fn pose(&self) -> Option<crate::geometry::Pose> {
+        if self.flags & measurement_flag::POSE == 0 {
+            return None;
+        }
+        let [x, y, z, i, j, k, w] = self.pose;
+        Some(crate::geometry::Pose::from_parts(
+            nalgebra::Translation3::new(x, y, z),
+            nalgebra::UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(w, i, j, k)),
+        ))
+    }
+
+    /// Stores `X_CO` and says so in the flags.
+    pub fn set_pose(&mut self, X_CO: &crate::geometry::Pose) {
+        let (p, r) = (&X_CO.translation, &X_CO.rotation);
+        self.pose = [p.x, p.y, p.z, r.i, r.j, r.k, r.w];
+        self.flags |= measurement_flag::POSE;
+    }
+}

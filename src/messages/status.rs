@@ -1,0 +1,98 @@
+//! Where the run stands: `control/status`.
+
+use crate::time::MonoNs;
+use iceoryx2::prelude::ZeroCopySend;
+
+/// What the control process is doing.
+#[repr(u32)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+pub enum ControlState {
+    /// No measurement yet: the arm holds its place.
+    #[default]
+    Waiting = 0,
+    /// The servo law moves the arm.
+    Servoing = 1,
+    /// Measurements stopped: the arm slows down and holds.
+    Holding = 2,
+    /// The goal has been reached and held.
+    Converged = 3,
+    /// The run is over.
+    Stopped = 4,
+    /// A fault: the arm slows down and the run ends.
+    Fault = 5,
+}
+
+impl ControlState {
+    /// The state of a code in a message; an unknown one counts as [`Self::Fault`].
+    #[must_use]
+    pub fn from_code(code: u32) -> Self {
+        match code {
+            0 => Self::Waiting,
+            1 => Self::Servoing,
+            2 => Self::Holding,
+            3 => Self::Converged,
+            4 => Self::Stopped,
+            _ => Self::Fault,
+        }
+    }
+
+    /// A word for people.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Waiting => "waiting",
+            Self::Servoing => "servoing",
+            Self::Holding => "holding",
+            Self::Converged => "converged",
+            Self::Stopped => "stopped",
+            Self::Fault => "fault",
+        }
+    }
+}
+
+/// Where the run stands; flat, so that plotting tools can show every field.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[type_name("vservo.Status.v1")]
+pub struct Status {
+    /// Number of the control tick.
+    pub tick: u64,
+    /// Time of that tick.
+    pub stamp: MonoNs,
+    /// Time since the first tick, s.
+    pub time_s: f64,
+    /// Root mean square feature error in the image, px; NaN before the first measurement.
+    pub feature_error_px: f64,
+    /// Distance of the camera from its desired place, m; NaN where unknown.
+    pub position_error_m: f64,
+    /// Angle of the camera from its desired orientation, rad; NaN where unknown.
+    pub orientation_error_rad: f64,
+    /// Exposure to command of the newest measurement, us; NaN before the first.
+    pub exposure_to_command_us: f64,
+    /// Exposure to hand-over of its frame, us; NaN where the two have different clocks (lockstep).
+    pub exposure_to_frame_us: f64,
+    /// Hand-over to the start of vision's work on it, us.
+    pub frame_to_vision_us: f64,
+    /// Vision's work on it, us.
+    pub vision_us: f64,
+    /// Finished measurement to the command that used it, us; NaN in lockstep.
+    pub measurement_to_command_us: f64,
+    /// Measurements used.
+    pub measurements: u64,
+    /// Frames that vision received.
+    pub frames: u64,
+    /// Frames that vision skipped.
+    pub frames_dropped: u64,
+    /// How often the target was lost.
+    pub target_lost: u64,
+    /// Deadlines missed.
+    pub missed_deadlines: u64,
+    /// Code of a [`ControlState`]: what control does.
+    pub state: u32,
+    /// Code of a [`super::TargetStatus`]: what vision said last.
+    pub target: u32,
+    /// The limits that acted since the last status: bits of [`crate::motion::Limit`].
+    pub limits: u32,
+    /// The joints on which they acted: bit 0 is the first.
+    pub limited_joints: u32,
+}
