@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 const OS: [&str; 6] = ["cli", "experiment", "ipc", "process", "rt", "source"];
@@ -70,6 +71,90 @@ fn pure_modules_do_not_touch_the_operating_system() {
     }
     assert!(pure > 30);
     assert!(violations.is_empty(), "{violations:#?}");
+}
+
+/// Paths of modules, `["servo", "view"]`, with their code.
+fn modules() -> Vec<(Vec<String>, String)> {
+    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut found = Vec::new();
+    files(&src, &mut found);
+    let name = |path: &Path| -> Vec<String> {
+        let parts = path.strip_prefix(&src).unwrap().with_extension("");
+        let parts = parts.iter().map(|p| p.to_string_lossy().into_owned());
+        parts.filter(|p| p != "mod" && p != "lib").collect()
+    };
+    let found = found.iter().map(|path| (name(path), code(&std::fs::read_to_string(path).unwrap())));
+    found.filter(|(name, _)| !name.iter().any(|part| part == "tests" || part == "testing")).collect()
+}
+
+/// What `text`, which follows `prefix::`, names: `a::{b, c::d}` is a::b and a::c::d.
+fn named(prefix: &[String], text: &str, all: &mut Vec<Vec<String>>) {
+    let end = text.find(|c: char| !(c.is_alphanumeric() || c == '_' || c == ':')).unwrap_or(text.len());
+    let (path, rest) = text.split_at(end);
+    let parts = path.split("::").filter(|part| !part.is_empty()).map(String::from);
+    let whole: Vec<String> = prefix.iter().cloned().chain(parts).collect();
+    let Some(group) = rest.strip_prefix('{').filter(|_| path.ends_with("::")) else {
+        return all.push(whole);
+    };
+    let (mut depth, mut from) = (0, 0);
+    for (at, c) in group.char_indices() {
+        match c {
+            '{' => depth += 1,
+            '}' | ',' if depth == 0 => {
+                named(&whole, group[from..at].trim_start(), all);
+                from = at + 1;
+                if c == '}' {
+                    return;
+                }
+            }
+            '}' => depth -= 1,
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn neighbours_do_not_go_in_circles() {
+    let modules = modules();
+    let known: BTreeSet<&[String]> = modules.iter().map(|(name, _)| name.as_slice()).collect();
+    // (folder, module in it) -> modules of the same folder that it uses
+    let mut uses: BTreeMap<(&[String], &str), BTreeSet<&str>> = BTreeMap::new();
+    for (module, code) in &modules {
+        let mut paths = Vec::new();
+        for (word, base) in [("crate::", 0), ("super::", module.len().saturating_sub(1))] {
+            for (at, _) in code.match_indices(word) {
+                let before = code[..at].chars().next_back();
+                if before.is_none_or(|c| !(c.is_alphanumeric() || c == '_' || c == ':')) {
+                    let climbs =
+                        code[at + word.len()..].split("super::").take_while(|s| s.is_empty()).count();
+                    let base = if word == "super::" { base.saturating_sub(climbs) } else { 0 };
+                    let rest = &code[at + word.len() + climbs * "super::".len()..];
+                    named(&module[..base], rest, &mut paths);
+                }
+            }
+        }
+        for path in paths {
+            let other = (0..=path.len()).rev().find_map(|n| known.get(&path[..n])).unwrap();
+            let common = module.iter().zip(other.iter()).take_while(|(a, b)| a == b).count();
+            if common < module.len() && common < other.len() {
+                uses.entry((&module[..common], &module[common])).or_default().insert(&other[common]);
+            }
+        }
+    }
+    let edges: usize = uses.values().map(BTreeSet::len).sum();
+    assert!(edges > 200, "the paths were understood: {edges}");
+    let mut circles = Vec::new();
+    for (folder, module) in uses.keys() {
+        let (mut reached, mut next) = (BTreeSet::new(), vec![*module]);
+        while let Some(m) = next.pop() {
+            let further = uses.get(&(*folder, m)).into_iter().flatten();
+            next.extend(further.filter(|other| reached.insert(**other)));
+        }
+        if reached.contains(module) {
+            circles.push(format!("{}::{module}", folder.join("::")));
+        }
+    }
+    assert!(circles.is_empty(), "modules that need themselves by way of a neighbour: {circles:?}");
 }
 
 #[test]

@@ -14,7 +14,7 @@ use crate::input::printable;
 use crate::ipc::{Instance, Role};
 use crate::process::{self, ProcessError, StopFlag, supervisor};
 use crate::report::summary::Summary;
-use crate::rt::{Stderr, doctor, print, tell};
+use crate::rt::{self, Stderr, doctor, print, tell};
 use clap::{CommandFactory, Parser};
 use std::fs::File;
 use std::io::{IsTerminal, stderr, stdin};
@@ -120,13 +120,13 @@ fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
 }
 
 fn check_writable(path: &Path) -> Result<(), ProcessError> {
-    process::check_writable(path).map_err(|cause| ProcessError::Write { path: path.into(), cause })
+    rt::check_writable(path).map_err(|cause| ProcessError::Write { path: path.into(), cause })
 }
 
 /// Writes what is also on stdout into a file. When that fails it is told, and is the exit code, unless there was a graver
 /// one already.
 fn write_result(path: &Path, text: &str, exit_code: u8) -> u8 {
-    let Err(cause) = process::write_file(path, text) else { return exit_code };
+    let Err(cause) = rt::write_file(path, text) else { return exit_code };
     lost(path, cause, exit_code)
 }
 

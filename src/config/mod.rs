@@ -6,6 +6,7 @@
 //! ```
 
 pub mod assemble;
+mod check;
 mod problem;
 pub mod raw;
 mod servo;

@@ -1,11 +1,11 @@
 //! `[servo]`: from words and lists to a law and its goal.
 
 use super::Servo;
+use super::check::Check;
 use super::raw::{
     At, DampingOn, Depth, DriveKind, Gains, Orientation, RawConfig, RawServo, SceneMotionKind, SchemeKind,
     SetPointKind, SourceKind, Update,
 };
-use super::validate::Check;
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
 use crate::messages::MAX_JOINTS;

@@ -4,21 +4,19 @@ mod drive;
 mod motion;
 mod start;
 
+use super::check::Check;
 use super::raw::{
     Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SourceKind, TargetKind, Task,
 };
 use super::servo::servo;
 use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Source};
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
-use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
-use crate::input::number;
 use crate::scene::{FrameSchedule, Irregularity};
 use crate::scene::{LARGEST_SIDE_PX, SceneLook, SceneMotion, SensorModel};
 use crate::servo::Mount;
 use crate::target::DotTarget;
 use crate::time::SpanNs;
 use crate::vision::VisionSettings;
-use nalgebra::{Translation3, UnitQuaternion};
 use std::ops::RangeInclusive;
 
 /// Frames that may be on their way at once: bounds the shared memory that a lockstep run takes.
@@ -28,67 +26,9 @@ const MEASUREMENT_TIMEOUT_MS: RangeInclusive<f64> = 1.0..=60_000.0;
 /// Cores that the kernel's set of them has places for.
 const MOST_CPUS: u32 = 1024;
 
-pub(super) struct Check<'a> {
-    document: &'a Document,
-    problems: &'a mut Vec<Problem>,
-    warnings: Vec<Problem>,
-}
-
-impl Check<'_> {
-    pub(super) fn count_problems(&self) -> usize {
-        self.problems.len()
-    }
-
-    pub(super) fn wrong(&mut self, key: &str, message: impl Into<String>) {
-        self.problems.push(self.document.problem(key, message));
-    }
-
-    /// Allowed, but hardly what is meant.
-    pub(super) fn doubtful(&mut self, key: &str, message: impl Into<String>) {
-        self.warnings.push(self.document.problem(key, message));
-    }
-
-    /// The one bound of a number: every key goes through here or through [`Self::count`]. The ranges are those that no
-    /// real cell leaves, so that no computation on them leaves the finite numbers.
-    pub(super) fn range(&mut self, key: &str, value: f64, allowed: RangeInclusive<f64>) -> f64 {
-        if !allowed.contains(&value) {
-            let (low, high) = (number(*allowed.start()), number(*allowed.end()));
-            self.wrong(key, format!("{} is out of range, allowed is {low} to {high}", number(value)));
-        }
-        value
-    }
-
-    pub(super) fn count(&mut self, key: &str, value: u32, allowed: RangeInclusive<u32>) -> u32 {
-        if !allowed.contains(&value) {
-            self.wrong(
-                key,
-                format!("{value} is out of range, allowed is {} to {}", allowed.start(), allowed.end()),
-            );
-        }
-        value
-    }
-
-    fn span_ms(&mut self, key: &str, value_ms: f64, allowed: RangeInclusive<f64>) -> SpanNs {
-        SpanNs::from_s(self.range(key, value_ms, allowed) * 1e-3)
-    }
-
-    fn pose(&mut self, key: &str, position_m: [f64; 3], rotation_rpy_rad: [f64; 3]) -> Pose {
-        for (i, v) in position_m.iter().enumerate() {
-            self.range(&format!("{key}.position_m[{i}]"), *v, -100.0..=100.0);
-        }
-        for (i, v) in rotation_rpy_rad.iter().enumerate() {
-            self.range(&format!("{key}.rotation_rpy_rad[{i}]"), *v, -6.3..=6.3);
-        }
-        let [roll, pitch, yaw] = rotation_rpy_rad;
-        let [x, y, z] = position_m;
-        let R = rotation_z(yaw) * rotation_y(pitch) * rotation_x(roll);
-        Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_rotation_matrix(&R))
-    }
-}
-
 /// Checks everything; `None` only where something is so wrong that a part cannot be built.
 pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<Problem>) -> Option<Config> {
-    let mut check = Check { document, problems, warnings: Vec::new() };
+    let mut check = Check::new(document, problems);
     let check = &mut check;
 
     let duration = SpanNs::from_s(check.range("run.duration_s", raw.run.duration_s, 0.01..=86_400.0));
@@ -156,11 +96,11 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     };
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
     let spin_us = raw.realtime.spin_us.map(|us| check.range("realtime.spin_us", us, 0.0..=500.0));
-    let before_arm = check.problems.len();
+    let before_arm = check.count_problems();
     let robot = start::arm(&raw, check);
     let drive = drive::drive(&raw, robot.as_ref(), check);
     let motion = motion::motion(&raw, drive.mode, robot.as_ref(), check);
-    let arm_is_good = check.problems.len() == before_arm;
+    let arm_is_good = check.count_problems() == before_arm;
     if let (Some(target), Some(camera)) = (&target, &camera) {
         if let Some((dot, why)) = start::hidden_dot(target, camera, &X_DO) {
             check.wrong("servo.desired", format!("dot {dot} would lie {why} in the desired view"));
@@ -197,14 +137,14 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
             },
             spin: spin_us.map(|us| SpanNs::from_s(us * 1e-6)),
         },
-        warnings: std::mem::take(&mut check.warnings),
+        warnings: check.take_warnings(),
         effective: raw,
     })
 }
 
 fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
     let (c, lens, synthetic) = (&raw.camera, &raw.camera.lens, &raw.camera.synthetic);
-    let before = check.problems.len();
+    let before = check.count_problems();
     let width_px = check.count("camera.width_px", c.width_px, 16..=LARGEST_SIDE_PX);
     let height_px = check.count("camera.height_px", c.height_px, 16..=LARGEST_SIDE_PX);
     let rate_hz = check.range("camera.rate_hz", c.rate_hz, 0.1..=1000.0);
@@ -277,7 +217,7 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
         loss: check.range("camera.synthetic.frame_loss", synthetic.frame_loss, 0.0..=0.99),
         seed: raw.run.seed,
     };
-    if check.problems.len() > before {
+    if check.count_problems() > before {
         return None;
     }
     // Files come as they are: only a simulated camera is irregular by intent.
@@ -324,7 +264,7 @@ fn scene_motion(raw: &RawConfig, check: &mut Check<'_>) -> SceneMotion {
 
 fn target(raw: &RawConfig, check: &mut Check<'_>) -> Option<DotTarget> {
     let t = &raw.target;
-    let before = check.problems.len();
+    let before = check.count_problems();
     for (key, length_m) in [
         ("target.side_m", t.side_m),
         ("target.radius_m", t.radius_m),
@@ -333,7 +273,7 @@ fn target(raw: &RawConfig, check: &mut Check<'_>) -> Option<DotTarget> {
     ] {
         check.range(key, length_m, 1e-6..=100.0);
     }
-    if check.problems.len() > before {
+    if check.count_problems() > before {
         return None;
     }
     let made = match t.kind {

@@ -3,7 +3,7 @@
 //! The real-time thread, the lockstep loop and in-process simulations all call [`ControlLoop::tick`]. It does not
 //! allocate, log or fail.
 
-pub use crate::control::run_end::Finish;
+pub use crate::control::outcome::Finish;
 
 use crate::calibration::GentleMotion;
 use crate::control::controller::{ControlOutput, Controller};

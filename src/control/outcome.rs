@@ -1,5 +1,6 @@
 //! How a run ended, and how near to its goal.
 
+use super::safety::Fault;
 use serde::{Deserialize, Serialize};
 
 /// How a run ended.
@@ -39,6 +40,23 @@ impl Outcome {
             Self::Fault => 4,
             Self::NotConverged => 5,
         }
+    }
+}
+
+/// The end of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Finish {
+    /// How.
+    pub outcome: Outcome,
+    /// Why.
+    pub reason: &'static str,
+}
+
+impl Finish {
+    /// A run that ends because of `fault`.
+    #[must_use]
+    pub fn fault(fault: Fault) -> Self {
+        Self { outcome: Outcome::Fault, reason: fault.describe() }
     }
 }
 

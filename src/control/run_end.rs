@@ -7,8 +7,7 @@
 //! Rest is the measured arm's: over `WINDOW` ticks no joint moves faster than `REST_SPEED`, by its positions and by the
 //! mean of its measured velocities, beyond what the noise of the encoders explains. A swinging arm is not at rest.
 
-use crate::control::outcome::Outcome;
-use crate::control::safety::Fault;
+use crate::control::outcome::{Finish, Outcome};
 use crate::control::sightings::Sightings;
 use crate::drive::DriveState;
 use crate::messages::{ControlState, TargetStatus};
@@ -24,23 +23,6 @@ const WINDOW: usize = 50;
 const NOISE_SPREAD: f64 = 6.0;
 /// How long an arm whose reference rests may go on moving.
 const PATIENCE: SpanNs = SpanNs(2_000_000_000);
-
-/// The end of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Finish {
-    /// How.
-    pub outcome: Outcome,
-    /// Why.
-    pub reason: &'static str,
-}
-
-impl Finish {
-    /// A run that ends because of `fault`.
-    #[must_use]
-    pub fn fault(fault: Fault) -> Self {
-        Self { outcome: Outcome::Fault, reason: fault.describe() }
-    }
-}
 
 /// The end that was decided, and the way there.
 #[derive(Debug, Clone)]
@@ -226,6 +208,7 @@ fn why_not_used(sightings: &Sightings) -> Option<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::safety::Fault;
     use crate::linalg::Random;
     use nalgebra::Vector2;
 

@@ -1,7 +1,7 @@
 //! What one tick leaves behind: what goes out, and everything that the report counts. The report reads it; control does not
 //! know the report.
 
-use super::run_end::Finish;
+use super::outcome::Finish;
 use super::safety::Fault;
 use crate::messages::{JointState, Measurement, Status};
 use crate::motion::ActingLimits;

@@ -77,8 +77,7 @@ pub(super) fn make_folder(folder: &Path) -> Result<(), ExperimentError> {
 /// # Errors
 /// [`ExperimentError::Write`].
 pub(super) fn write_file(path: &Path, text: &str) -> Result<(), ExperimentError> {
-    crate::process::write_file(path, text)
-        .map_err(|cause| ExperimentError::Write { path: path.into(), cause })
+    crate::rt::write_file(path, text).map_err(|cause| ExperimentError::Write { path: path.into(), cause })
 }
 
 /// The page that shows every figure of `all`.

@@ -30,3 +30,7 @@ pub use pulse::Pulse;
 pub use scarcity::Scarcity;
 pub use services::{FrameShape, Peers, Services};
 pub use spin::Spin;
+
+type Node = iceoryx2::node::Node<iceoryx2::prelude::ipc::Service>;
+type PubSub<T, H = ()> =
+    iceoryx2::service::port_factory::publish_subscribe::PortFactory<iceoryx2::prelude::ipc::Service, T, H>;

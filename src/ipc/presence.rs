@@ -1,6 +1,6 @@
 //! Who is there, and what a service carries: to say what differs where two programs do not find each other.
 
-use super::services::{Node, PubSub};
+use super::{Node, PubSub};
 use crate::messages::{DriveCommandMsg, DriveStateMsg};
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;

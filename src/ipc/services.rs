@@ -3,7 +3,7 @@
 
 use super::ports::{Bell, FrameReceiver, FrameSender, Receiver, Sender, Waker};
 use super::presence::{PlantPresence, type_of, type_of_service};
-use super::{Instance, InstanceError, IpcError};
+use super::{Instance, InstanceError, IpcError, Node, PubSub};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Status};
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
@@ -11,7 +11,6 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
-use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PubSubFactory;
 use std::fmt::Debug;
 
 /// Readers of a service: the next process, a recorder, a view, one to spare.
@@ -45,9 +44,6 @@ pub struct Peers {
     /// Vision publishes measurements.
     pub vision: bool,
 }
-
-pub(super) type Node = iceoryx2::node::Node<ipc::Service>;
-pub(super) type PubSub<T, H = ()> = PubSubFactory<ipc::Service, T, H>;
 
 /// A process's membership in an instance. Its ports belong to the thread that made them.
 #[derive(Debug)]

@@ -10,12 +10,10 @@ mod silence;
 mod stop;
 pub mod supervisor;
 pub mod vision;
-mod write_file;
 
 pub use error::ProcessError;
 pub use membership::Membership;
 pub use stop::{StopFlag, follow_parent};
-pub use write_file::{check_writable, write_file};
 
 use crate::config::Config;
 use crate::config::raw::Clock;

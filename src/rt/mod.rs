@@ -1,5 +1,5 @@
-//! The operating system's part in being punctual: clock, absolute sleep, scheduling, memory that is there, and output that
-//! nobody waits for.
+//! The operating system's part in being punctual: clock, absolute sleep, scheduling, memory that is there, output that
+//! nobody waits for, and results that are written whole.
 
 mod clock;
 mod deadline_wait;
@@ -7,6 +7,7 @@ pub mod doctor;
 mod output;
 mod prefault;
 mod scheduling;
+mod write_file;
 
 pub use clock::{now, sleep_until};
 pub use deadline_wait::DeadlineWait;
@@ -15,3 +16,4 @@ pub use prefault::{page_faults, prefault};
 pub use scheduling::{
     Awake, Obtained, SchedulingError, USUAL_SPIN, prepare_process, prepare_thread, spin_before_deadlines,
 };
+pub use write_file::{check_writable, write_file};

@@ -9,6 +9,7 @@
 mod arm_history;
 mod bands;
 mod error;
+mod look;
 mod motion;
 mod profile;
 mod rays;
@@ -20,8 +21,9 @@ mod view;
 
 pub use arm_history::ArmHistory;
 pub use error::SceneError;
+pub use look::SceneLook;
 pub use motion::SceneMotion;
-pub use renderer::{LARGEST_SIDE_PX, Renderer, SceneLook};
+pub use renderer::{LARGEST_SIDE_PX, Renderer};
 pub use schedule::{FrameSchedule, Irregularity};
 pub use sensor::SensorModel;
 pub use synthetic_camera::{Exposure, SyntheticCamera};

@@ -2,6 +2,7 @@
 
 use super::bands::PER_ROW;
 use super::error::{SceneError, in_range};
+use super::look::{Paint, SceneLook};
 use super::profile::{EdgeProfile, LANES};
 use super::rays::{Rays, RowOfRays};
 use super::sensor::{LEVEL_BITS, Sensor, SensorModel, wide_available};
@@ -10,32 +11,9 @@ use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
 use crate::target::DotTarget;
 use nalgebra::Vector2;
-use std::ops::RangeInclusive;
 
 /// Longest side of a picture that can be rendered, px.
 pub const LARGEST_SIDE_PX: u32 = 4096;
-
-/// Grey levels of the scene's surfaces in the middle of the image, 0..=255.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SceneLook {
-    /// Level of everything around the plate.
-    pub background: f64,
-    /// Level of the plate.
-    pub plate: f64,
-    /// Level of the dots.
-    pub dots: f64,
-}
-
-impl SceneLook {
-    /// What each level may be.
-    pub const LEVEL: RangeInclusive<f64> = 0.0..=255.0;
-}
-
-impl Default for SceneLook {
-    fn default() -> Self {
-        Self { background: 90.0, plate: 220.0, dots: 30.0 }
-    }
-}
 
 /// Renders the target as the camera sees it: perspective, lens, edges to a hundredth of a pixel's coverage,
 /// motion blur, vignetting, noise. The same poses, frame number and seed give the same bytes.
@@ -210,14 +188,6 @@ impl Mean {
 /// A grey level in the sensor's fixed point.
 fn fixed(level: f64) -> u16 {
     (level * f64::from(1 << LEVEL_BITS) + 0.5) as u16
-}
-
-/// What a row is painted with.
-#[derive(Clone, Copy)]
-pub(super) struct Paint<'a> {
-    pub(super) rays: &'a Rays,
-    pub(super) profile: &'a EdgeProfile,
-    pub(super) look: &'a SceneLook,
 }
 
 /// A flat span `from..to` of a row, and its level.

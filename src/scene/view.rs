@@ -7,9 +7,9 @@
 //! a closed form; the distortion is taken as affine within one pixel.
 
 use super::bands::Bands;
+use super::look::Paint;
 use super::profile::{EdgeProfile, LANES, cast};
 use super::rays::{Ray, RowOfRays};
-use super::renderer::Paint;
 use super::sensor::LEVEL_BITS;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;

@@ -1,6 +1,6 @@
 //! The tables of the drive.
 
-use super::Check;
+use crate::config::check::Check;
 use crate::config::raw::{DriveKind, RawConfig, SourceKind};
 use crate::config::{Drive, ExternalPlant, SimulatedArm};
 use crate::drive::{CommandMode, InnerServo, MAX_DELAY, Payload};

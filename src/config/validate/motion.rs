@@ -1,7 +1,7 @@
 //! `[motion]`: limits and gains, one for all joints or one each, and a controller that fits the drive.
 
-use super::Check;
 use crate::config::Motion;
+use crate::config::check::Check;
 use crate::config::raw::{JointControl, RawConfig};
 use crate::drive::CommandMode;
 use crate::robot::RobotDescription;

@@ -1,7 +1,7 @@
 //! Where the arm starts, and what the camera sees from there.
 
-use super::Check;
 use crate::config::Camera;
+use crate::config::check::Check;
 use crate::config::raw::RawConfig;
 use crate::config::servo::{tilted, uses_dimension};
 use crate::geometry::Pose;

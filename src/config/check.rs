@@ -1,0 +1,75 @@
+//! The bounds of single values, and the list of what is wrong: every key of a run file passes here.
+
+use super::{Document, Problem};
+use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
+use crate::input::number;
+use crate::time::SpanNs;
+use nalgebra::{Translation3, UnitQuaternion};
+use std::ops::RangeInclusive;
+
+/// What was found so far, each with its place in the document.
+pub(super) struct Check<'a> {
+    document: &'a Document,
+    problems: &'a mut Vec<Problem>,
+    warnings: Vec<Problem>,
+}
+
+impl<'a> Check<'a> {
+    pub(super) fn new(document: &'a Document, problems: &'a mut Vec<Problem>) -> Self {
+        Self { document, problems, warnings: Vec::new() }
+    }
+
+    pub(super) fn take_warnings(&mut self) -> Vec<Problem> {
+        std::mem::take(&mut self.warnings)
+    }
+
+    pub(super) fn count_problems(&self) -> usize {
+        self.problems.len()
+    }
+
+    pub(super) fn wrong(&mut self, key: &str, message: impl Into<String>) {
+        self.problems.push(self.document.problem(key, message));
+    }
+
+    /// Allowed, but hardly what is meant.
+    pub(super) fn doubtful(&mut self, key: &str, message: impl Into<String>) {
+        self.warnings.push(self.document.problem(key, message));
+    }
+
+    /// The one bound of a number: every key goes through here or through [`Self::count`]. The ranges are those that no
+    /// real cell leaves, so that no computation on them leaves the finite numbers.
+    pub(super) fn range(&mut self, key: &str, value: f64, allowed: RangeInclusive<f64>) -> f64 {
+        if !allowed.contains(&value) {
+            let (low, high) = (number(*allowed.start()), number(*allowed.end()));
+            self.wrong(key, format!("{} is out of range, allowed is {low} to {high}", number(value)));
+        }
+        value
+    }
+
+    pub(super) fn count(&mut self, key: &str, value: u32, allowed: RangeInclusive<u32>) -> u32 {
+        if !allowed.contains(&value) {
+            self.wrong(
+                key,
+                format!("{value} is out of range, allowed is {} to {}", allowed.start(), allowed.end()),
+            );
+        }
+        value
+    }
+
+    pub(super) fn span_ms(&mut self, key: &str, value_ms: f64, allowed: RangeInclusive<f64>) -> SpanNs {
+        SpanNs::from_s(self.range(key, value_ms, allowed) * 1e-3)
+    }
+
+    pub(super) fn pose(&mut self, key: &str, position_m: [f64; 3], rotation_rpy_rad: [f64; 3]) -> Pose {
+        for (i, v) in position_m.iter().enumerate() {
+            self.range(&format!("{key}.position_m[{i}]"), *v, -100.0..=100.0);
+        }
+        for (i, v) in rotation_rpy_rad.iter().enumerate() {
+            self.range(&format!("{key}.rotation_rpy_rad[{i}]"), *v, -6.3..=6.3);
+        }
+        let [roll, pitch, yaw] = rotation_rpy_rad;
+        let [x, y, z] = position_m;
+        let R = rotation_z(yaw) * rotation_y(pitch) * rotation_x(roll);
+        Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_rotation_matrix(&R))
+    }
+}

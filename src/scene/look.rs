@@ -1,0 +1,35 @@
+//! Grey levels of the scene, and what else a row is painted with.
+
+use super::profile::EdgeProfile;
+use super::rays::Rays;
+use std::ops::RangeInclusive;
+
+/// Grey levels of the scene's surfaces in the middle of the image, 0..=255.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SceneLook {
+    /// Level of everything around the plate.
+    pub background: f64,
+    /// Level of the plate.
+    pub plate: f64,
+    /// Level of the dots.
+    pub dots: f64,
+}
+
+impl SceneLook {
+    /// What each level may be.
+    pub const LEVEL: RangeInclusive<f64> = 0.0..=255.0;
+}
+
+impl Default for SceneLook {
+    fn default() -> Self {
+        Self { background: 90.0, plate: 220.0, dots: 30.0 }
+    }
+}
+
+/// What a row is painted with.
+#[derive(Clone, Copy)]
+pub(super) struct Paint<'a> {
+    pub(super) rays: &'a Rays,
+    pub(super) profile: &'a EdgeProfile,
+    pub(super) look: &'a SceneLook,
+}
