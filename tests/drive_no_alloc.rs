@@ -5,7 +5,7 @@
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use nalgebra::SVector;
 use vservo::drive::{
-    CommandMode, Drive, DriveCommand, EncoderModel, ExternalDrive, IdealDrive, PlantLink, SimulatedDrive,
+    CommandMode, Drive, DriveCommand, DriveLink, EncoderModel, ExternalDrive, IdealDrive, SimulatedDrive,
     SimulatedDriveSettings,
 };
 use vservo::messages::{DriveCommandMsg, DriveStateMsg};
@@ -16,7 +16,7 @@ static ALLOCATOR: AllocDisabler = AllocDisabler;
 
 struct Echo(DriveStateMsg);
 
-impl PlantLink for Echo {
+impl DriveLink for Echo {
     fn receive(&mut self) -> Option<DriveStateMsg> {
         (self.0.tick == 0).then(|| {
             self.0.tick = 1;

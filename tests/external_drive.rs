@@ -3,27 +3,27 @@
 #![allow(clippy::unwrap_used)]
 
 mod common;
-#[path = "common/plant.rs"]
-mod plant;
+#[path = "common/drive.rs"]
+mod drive;
 
 use common::{
     Instance, Run, assert_accurate, kill, number, read_summary, run, vservo, wait_for_line, wait_until,
 };
-use plant::{command, external};
+use drive::{command, external};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-fn plant_of(instance: &Instance) -> i32 {
+fn drive_of(instance: &Instance) -> i32 {
     let wanted = format!("VSERVO_INSTANCE={}", instance.name);
     let mut found = None;
-    wait_until("the plant", || {
+    wait_until("the drive", || {
         found = std::fs::read_dir("/proc").unwrap().flatten().find_map(|entry| {
             let pid = entry.file_name().to_string_lossy().parse::<i32>().ok()?;
             let own = |file: &str, text: &str| {
                 let bytes = std::fs::read(entry.path().join(file)).unwrap_or_default();
                 bytes.split(|b| *b == 0).any(|part| part == text.as_bytes())
             };
-            (own("cmdline", "plant::plant_process") && own("environ", &wanted)).then_some(pid)
+            (own("cmdline", "drive::drive_process") && own("environ", &wanted)).then_some(pid)
         });
         found.is_some()
     });
@@ -34,7 +34,7 @@ fn start(instance: &Instance, behaviour: &str, extra: &[&str]) -> Child {
     start_logged(instance, behaviour, extra, None)
 }
 
-/// As [`start`]; the plant writes the largest speed of every command into `log`.
+/// As [`start`]; the drive writes the largest speed of every command into `log`.
 fn start_logged(instance: &Instance, behaviour: &str, extra: &[&str], log: Option<&Path>) -> Child {
     vservo()
         .envs(log.map(|path| ("VSERVO_TEST_LOG", path)))
@@ -116,7 +116,7 @@ fn assert_fault(r: &Run, reason: &str, event: &str) {
 }
 
 #[test]
-fn a_plant_that_is_out_of_step_hangs_or_leaves_ends_the_run() {
+fn a_drive_that_is_out_of_step_hangs_or_leaves_ends_the_run() {
     let patience = ["--set", "drive.external.answer_timeout_s=0.4"];
     let lockstep = [&LOCKSTEP[..], &patience].concat();
     let r = external("wrong", "wrong_tick@100", &lockstep);
@@ -127,13 +127,13 @@ fn a_plant_that_is_out_of_step_hangs_or_leaves_ends_the_run() {
 }
 
 #[test]
-fn a_killed_plant_ends_the_run() {
+fn a_killed_drive_ends_the_run() {
     for clock in ["lockstep", "realtime"] {
-        let instance = Instance::new("killedplant");
+        let instance = Instance::new("killeddrive");
         let goal = ["--clock", clock, "--set", "safety.drive_timeout_ms=500"];
         let mut child = start(&instance, "", &goal);
         wait_for_line(&mut child, "servoing");
-        kill(plant_of(&instance), "KILL");
+        kill(drive_of(&instance), "KILL");
         let output = child.wait_with_output().unwrap();
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert_eq!(output.status.code(), Some(4), "{text}");
@@ -174,7 +174,7 @@ fn an_arm_whose_supervisor_is_killed_comes_to_rest() {
 
 #[test]
 fn in_real_time_it_converges() {
-    let r = external("rtplant", "", &["--set", "safety.drive_timeout_ms=1000"]);
+    let r = external("rtdrive", "", &["--set", "safety.drive_timeout_ms=1000"]);
     assert_accurate(&r);
     assert!(r.summary["late_drive_states"].is_u64());
 }
@@ -189,26 +189,26 @@ fn in_real_time_a_stale_state_stops_the_arm() {
 }
 
 #[test]
-fn a_stop_does_not_wait_for_a_plant_that_hangs() {
+fn a_stop_does_not_wait_for_a_drive_that_hangs() {
     let instance = Instance::new("stopsilent");
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("speeds");
     let child = start_logged(&instance, "silent@200", &LOCKSTEP, Some(&log));
-    wait_until("the plant's silence", || {
+    wait_until("the drive's silence", || {
         std::fs::read_to_string(&log).is_ok_and(|text| text.lines().count() >= 200)
     });
-    let plant = plant_of(&instance);
+    let drive = drive_of(&instance);
     kill(child.id() as i32, "INT");
     let output = child.wait_with_output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     // Whether the arm came to rest, nobody knows: that is no orderly stop.
     assert!(text.contains("outcome       fault (the external drive did not answer"), "{text}");
-    assert!(!Path::new(&format!("/proc/{plant}")).exists(), "the plant ends with the run");
+    assert!(!Path::new(&format!("/proc/{drive}")).exists(), "the drive ends with the run");
     instance.assert_gone();
 }
 
 #[test]
-fn a_plant_that_does_not_fit_is_refused_before_anything_moves() {
+fn a_drive_that_does_not_fit_is_refused_before_anything_moves() {
     for (behaviour, message) in [
         ("position_only", "does not take torque commands; it takes: position"),
         ("three_joints", "has 3 joints, the robot of the run file 4"),
@@ -217,10 +217,10 @@ fn a_plant_that_does_not_fit_is_refused_before_anything_moves() {
         assert_eq!(r.output.status.code(), Some(3), "{}", r.text());
         assert!(r.text().contains(message), "{}", r.text());
     }
-    let missing = ["--set", "drive.kind=external", "--set", "drive.external.command=[\"no-such-plant\"]"];
+    let missing = ["--set", "drive.kind=external", "--set", "drive.external.command=[\"no-such-drive\"]"];
     let r = run("missing", &[&LOCKSTEP[..], &missing].concat());
     assert_eq!(r.output.status.code(), Some(3), "{}", r.text());
-    assert!(r.text().contains("drive.external.command: cannot start `no-such-plant`"), "{}", r.text());
+    assert!(r.text().contains("drive.external.command: cannot start `no-such-drive`"), "{}", r.text());
     let ideal = ["--set", "drive.kind=ideal", "--set", "drive.mode=torque"];
     let r = run("idealtorque", &[&LOCKSTEP[..], &ideal].concat());
     assert_eq!(r.output.status.code(), Some(3), "{}", r.text());
@@ -228,8 +228,8 @@ fn a_plant_that_does_not_fit_is_refused_before_anything_moves() {
 }
 
 #[test]
-fn a_plant_that_was_started_by_hand_is_found_and_missed() {
-    let instance = Instance::new("plantbyhand");
+fn a_drive_that_was_started_by_hand_is_found_and_missed() {
+    let instance = Instance::new("drivebyhand");
     let folder = tempfile::tempdir().unwrap();
     let summary = folder.path().join("summary.json");
     let mut child = vservo()
@@ -242,8 +242,8 @@ fn a_plant_that_was_started_by_hand_is_found_and_missed() {
         .unwrap();
     wait_for_line(&mut child, "waiting for the external drive");
     let config = format!("/dev/shm/vservo-{}/config.toml", instance.name);
-    let mut plant = Command::new(std::env::current_exe().unwrap())
-        .args(["--ignored", "--exact", "plant::plant_process"])
+    let mut drive = Command::new(std::env::current_exe().unwrap())
+        .args(["--ignored", "--exact", "drive::drive_process"])
         .envs([("VSERVO_INSTANCE", &instance.name), ("VSERVO_CONFIG", &config)])
         .stdout(Stdio::null())
         .spawn()
@@ -251,12 +251,12 @@ fn a_plant_that_was_started_by_hand_is_found_and_missed() {
     let status = |child: &mut Child| child.try_wait().unwrap();
     wait_until("the first frames", || {
         assert_eq!(status(&mut child), None);
-        // The plant is at work when it has used some processor time.
-        let stat = std::fs::read_to_string(format!("/proc/{}/stat", plant.id())).unwrap_or_default();
+        // The drive is at work when it has used some processor time.
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", drive.id())).unwrap_or_default();
         stat.rsplit(')').next().and_then(|s| s.split_whitespace().nth(11)?.parse::<u64>().ok()) > Some(2)
     });
-    plant.kill().unwrap();
-    plant.wait().unwrap();
+    drive.kill().unwrap();
+    drive.wait().unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(4));
     let summary = read_summary(&summary);
     assert_eq!(summary["reason"], "the external drive has left", "{summary}");

@@ -4,12 +4,12 @@
 #![allow(clippy::unwrap_used)]
 
 mod common;
-#[path = "common/plant.rs"]
-mod plant;
+#[path = "common/drive.rs"]
+mod drive;
 
 use common::{Instance, number, run, vservo, wait_until};
+use drive::{command, drive_by_hand};
 use iceoryx2::prelude::ZeroCopySend;
-use plant::{command, plant_by_hand};
 use std::process::Stdio;
 use std::time::Duration;
 use vservo::ipc::Instance as Place;
@@ -31,10 +31,10 @@ struct GrownCommand {
     q_r: [f64; 40],
 }
 
-/// Not a test: a plant of another version, which makes its services if it comes first, and else tries to open them.
+/// Not a test: a drive of another version, which makes its services if it comes first, and else tries to open them.
 #[test]
-#[ignore = "the plant of the other tests"]
-fn plant_of_another_version() {
+#[ignore = "the drive of the other tests"]
+fn drive_of_another_version() {
     use iceoryx2::prelude::*;
     let place: Place = std::env::var("VSERVO_INSTANCE").unwrap().parse().unwrap();
     let config = place.transport_config().unwrap();
@@ -59,11 +59,11 @@ fn plant_of_another_version() {
 }
 
 #[test]
-fn a_plant_of_another_version_that_came_first_is_refused_with_what_differs() {
+fn a_drive_of_another_version_that_came_first_is_refused_with_what_differs() {
     let instance = Instance::new("firstother");
-    let mut plant = plant_by_hand(&instance, "plant_of_another_version");
+    let mut drive = drive_by_hand(&instance, "drive_of_another_version");
     let services = format!("/dev/shm/vservo-{}/services", instance.name);
-    wait_until("the plant's services", || {
+    wait_until("the drive's services", || {
         std::fs::read_dir(&services).is_ok_and(|entries| entries.count() >= 2)
     });
     let output = vservo()
@@ -71,8 +71,8 @@ fn a_plant_of_another_version_that_came_first_is_refused_with_what_differs() {
         .output()
         .unwrap();
     let text = String::from_utf8_lossy(&output.stderr).into_owned();
-    plant.kill().unwrap();
-    plant.wait().unwrap();
+    drive.kill().unwrap();
+    drive.wait().unwrap();
     assert_eq!(output.status.code(), Some(3), "{text}");
     assert!(text.contains("service `drive/state` carries vservo.DriveState.v2 of 408 bytes"), "{text}");
     assert!(text.contains("expects vservo.DriveState.v1 of 312 bytes"), "{text}");
@@ -82,7 +82,7 @@ fn a_plant_of_another_version_that_came_first_is_refused_with_what_differs() {
 
 /// By hand there is no end to the wait; but it is told, with what is there and what is expected.
 #[test]
-fn a_plant_of_another_version_that_comes_later_is_told_and_one_that_fits_is_taken() {
+fn a_drive_of_another_version_that_comes_later_is_told_and_one_that_fits_is_taken() {
     let instance = Instance::new("laterother");
     let mut child = vservo()
         .args(["run", "--clock", "lockstep", "--instance", &instance.name, "--set", "drive.kind=external"])
@@ -92,7 +92,7 @@ fn a_plant_of_another_version_that_comes_later_is_told_and_one_that_fits_is_take
         .unwrap();
     let mut lines = common::Lines::of(&mut child);
     lines.wait_for("waiting for the external drive");
-    let mut wrong = plant_by_hand(&instance, "plant_of_another_version");
+    let mut wrong = drive_by_hand(&instance, "drive_of_another_version");
     let line = lines.wait_for("yet there is `external_drive_joins-");
     assert!(line.contains(&format!("(process {})", wrong.id())), "{line}");
     assert!(line.contains("drive/state` carries vservo.DriveState.v1 of 312 bytes"), "{line}");
@@ -101,18 +101,18 @@ fn a_plant_of_another_version_that_comes_later_is_told_and_one_that_fits_is_take
     wrong.wait().unwrap();
     let line = lines.wait_for("no other program has joined");
     assert!(line.contains("still waiting for the external drive"), "{line}");
-    let mut plant = plant_by_hand(&instance, "plant::plant_process");
+    let mut drive = drive_by_hand(&instance, "drive::drive_process");
     lines.drain();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stdout));
-    plant.wait().unwrap();
+    drive.wait().unwrap();
     instance.assert_gone();
 }
 
 #[test]
-fn a_program_that_never_becomes_a_plant_ends_the_run_and_costs_nothing_meanwhile() {
+fn a_program_that_never_becomes_a_drive_ends_the_run_and_costs_nothing_meanwhile() {
     let own = std::env::current_exe().unwrap();
-    let other = format!("{:?}", [own.to_str().unwrap(), "--ignored", "--exact", "plant_of_another_version"]);
+    let other = format!("{:?}", [own.to_str().unwrap(), "--ignored", "--exact", "drive_of_another_version"]);
     let mute = command("mute");
     for (command, words) in [
         ("drive.external.command=[\"sleep\", \"600\"]", "no other program has joined this instance"),

@@ -23,15 +23,15 @@ fn python() -> Option<PathBuf> {
     None
 }
 
-/// The shipped run file, with that Python and further arguments of the plant.
-fn mujoco(python: &Path, arm: &str, plant: &[&str], extra: &[&str]) -> Run {
+/// The shipped run file, with that Python and further arguments of the drive.
+fn mujoco(python: &Path, arm: &str, drive: &[&str], extra: &[&str]) -> Run {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let file = root.join(format!("config/{arm}-mujoco.toml"));
     let config = vservo::config::Config::load(Some(&file), &[]).unwrap();
     let mut command = config.drive.external.command;
     assert_eq!(command[0], "python3");
     command[0] = python.to_str().unwrap().into();
-    command.extend(plant.iter().map(|a| (*a).to_string()));
+    command.extend(drive.iter().map(|a| (*a).to_string()));
     let set = format!("drive.external.command={command:?}");
     run("mujoco", &[&[file.to_str().unwrap(), "--set", &set], extra].concat())
 }
@@ -43,10 +43,10 @@ fn both_arms_converge_with_and_without_an_unknown_load_and_repeat_to_the_last_bi
     let Some(python) = python() else { return };
     for arm in ["ur5", "panda"] {
         let mut hashes = Vec::new();
-        for plant in [&[][..], &["--payload-kg", "1"][..]] {
-            let (a, b) = (mujoco(&python, arm, plant, &LOCKSTEP), mujoco(&python, arm, plant, &LOCKSTEP));
+        for drive in [&[][..], &["--payload-kg", "1"][..]] {
+            let (a, b) = (mujoco(&python, arm, drive, &LOCKSTEP), mujoco(&python, arm, drive, &LOCKSTEP));
             assert_accurate(&a);
-            assert_eq!(a.summary["state_hash"], b.summary["state_hash"], "{arm} {plant:?}");
+            assert_eq!(a.summary["state_hash"], b.summary["state_hash"], "{arm} {drive:?}");
             assert!(a.text().contains("external drive connected"), "{}", a.text());
             hashes.push(a.summary["state_hash"].clone());
         }

@@ -188,7 +188,7 @@ pub struct Drive {
     /// Imperfections of the simulated arm.
     pub simulated: SimulatedArm,
     /// A drive in another process.
-    pub external: ExternalPlant,
+    pub external: DriveProgram,
 }
 
 /// Imperfections of the simulated arm.
@@ -216,7 +216,7 @@ pub struct SimulatedArm {
 
 /// A drive in another process.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ExternalPlant {
+pub struct DriveProgram {
     /// Program and arguments; empty where somebody else starts it.
     pub command: Vec<String>,
     /// Where it is started.
@@ -343,8 +343,8 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {
     if !raw.camera.replay.folder.as_os_str().is_empty() {
         raw.camera.replay.folder = absolute("camera.replay.folder", &raw.camera.replay.folder);
     }
-    let plant = &raw.drive.external.folder;
-    raw.drive.external.folder = absolute("drive.external.folder", plant);
+    let folder = &raw.drive.external.folder;
+    raw.drive.external.folder = absolute("drive.external.folder", folder);
     // A word without ending or folder is a name; `robot::load` says which names there are.
     if raw.robot.model.contains(['.', '/']) {
         raw.robot.model = absolute("robot.model", Path::new(&raw.robot.model)).display().to_string();

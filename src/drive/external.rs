@@ -1,8 +1,8 @@
 //! An arm in another process: a simulator, or the driver of a real robot, behind messages.
 //!
 //! ```text
-//! PlantLink::receive ─► newest DriveStateMsg ─► read    (late? too old?)
-//! PlantLink::send    ◄─ DriveCommandMsg      ◄─ write
+//! DriveLink::receive ─► newest DriveStateMsg ─► read    (late? too old?)
+//! DriveLink::send    ◄─ DriveCommandMsg      ◄─ write
 //! ```
 //! How messages travel is the link's matter; nothing here waits or allocates.
 
@@ -15,8 +15,8 @@ use nalgebra::SVector;
 /// A state older than this is late even if it is new: sampled in the tick before the last one.
 const LATE: SpanNs = SpanNs(2 * TICK.0);
 
-/// Carries messages to and from a plant; never waits.
-pub trait PlantLink: Send {
+/// Carries messages to and from a drive; never waits.
+pub trait DriveLink: Send {
     /// The next state that has come, oldest first.
     fn receive(&mut self) -> Option<DriveStateMsg>;
 
@@ -24,9 +24,9 @@ pub trait PlantLink: Send {
     fn send(&mut self, command: &DriveCommandMsg);
 }
 
-/// The controller's end of an external plant.
+/// The controller's end of an external drive.
 pub struct ExternalDrive<const N: usize> {
-    link: Box<dyn PlantLink>,
+    link: Box<dyn DriveLink>,
     mode: CommandMode,
     timeout: SpanNs,
     state: DriveState<N>,
@@ -39,10 +39,10 @@ pub struct ExternalDrive<const N: usize> {
 }
 
 impl<const N: usize> ExternalDrive<N> {
-    /// A plant behind `link`, commanded by `mode`, whose states may be no older than `timeout`; its arm is thought to
+    /// A drive behind `link`, commanded by `mode`, whose states may be no older than `timeout`; its arm is thought to
     /// rest in `q` until it says otherwise.
     #[must_use]
-    pub fn new(link: Box<dyn PlantLink>, mode: CommandMode, timeout: SpanNs, q: SVector<f64, N>) -> Self {
+    pub fn new(link: Box<dyn DriveLink>, mode: CommandMode, timeout: SpanNs, q: SVector<f64, N>) -> Self {
         Self {
             link,
             mode,
@@ -85,7 +85,7 @@ impl<const N: usize> Drive<N> for ExternalDrive<N> {
         if !fresh || now - self.stamp > LATE {
             self.health.late_states += 1;
         }
-        // Before the first tick the arm is held by the plant: the wait for the loop to start does not count.
+        // Before the first tick the arm is held by the drive: the wait for the loop to start does not count.
         if now - self.stamp.max(first) > self.timeout {
             self.health.fault.get_or_insert(DriveFault::Stale);
         }
@@ -108,7 +108,7 @@ impl<const N: usize> Drive<N> for ExternalDrive<N> {
         self.last_command = Some(message);
     }
 
-    /// What the plant takes is asked when it is connected, before the first tick.
+    /// What the drive takes is asked when it is connected, before the first tick.
     fn modes(&self) -> &'static [CommandMode] {
         &CommandMode::ALL
     }

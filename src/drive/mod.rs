@@ -8,7 +8,7 @@
 //! | --- | --- | --- |
 //! | [`SimulatedDrive`] | torque, velocity, position | rigid body with friction, limits, encoders, delay |
 //! | [`IdealDrive`] | velocity, position | joints that follow the reference exactly |
-//! | [`ExternalDrive`] | what its plant says | another process, over a [`PlantLink`] |
+//! | [`ExternalDrive`] | what the process behind it says | another process, over a [`DriveLink`] |
 //! | [`StandstillDrive`] | everything | an arm that does not move: replayed pictures |
 
 mod delay;
@@ -23,7 +23,7 @@ mod standstill;
 
 pub use delay::MAX_DELAY;
 pub use encoder::EncoderModel;
-pub use external::{ExternalDrive, PlantLink};
+pub use external::{DriveLink, ExternalDrive};
 pub use ideal::IdealDrive;
 pub use inner_servo::InnerServo;
 pub use mode::CommandMode;

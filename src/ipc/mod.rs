@@ -25,7 +25,7 @@ mod spin;
 pub use error::IpcError;
 pub use instance::{Instance, InstanceError, Role, RoleLock};
 pub use ports::{Bell, BorrowedFrame, FrameReceiver, FrameSender, ReceivedFrame, Receiver, Sender, Waker};
-pub use presence::{PlantPresence, type_of};
+pub use presence::{DrivePresence, type_of};
 pub use pulse::Pulse;
 pub use scarcity::Scarcity;
 pub use services::{FrameShape, Peers, Services};

@@ -12,13 +12,13 @@ const OWN_PROGRAMS: &str = "vservo";
 
 /// Looks for the external drive without opening anything anew.
 #[derive(Debug)]
-pub struct PlantPresence {
+pub struct DrivePresence {
     states: PubSub<DriveStateMsg>,
     commands: PubSub<DriveCommandMsg>,
     config: Config,
 }
 
-impl PlantPresence {
+impl DrivePresence {
     pub(super) fn new(
         states: PubSub<DriveStateMsg>,
         commands: PubSub<DriveCommandMsg>,

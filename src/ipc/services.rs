@@ -2,7 +2,7 @@
 //! open it, and all must ask for the same.
 
 use super::ports::{Bell, FrameReceiver, FrameSender, Receiver, Sender, Waker};
-use super::presence::{PlantPresence, type_of, type_of_service};
+use super::presence::{DrivePresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError, Node, PubSub};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Status};
 use iceoryx2::port::listener::Listener;
@@ -195,10 +195,10 @@ impl Services {
     ///
     /// # Errors
     /// When a service cannot be opened.
-    pub fn plant_presence(&self) -> Result<PlantPresence, IpcError> {
+    pub fn drive_presence(&self) -> Result<DrivePresence, IpcError> {
         let states = self.publish_subscribe::<DriveStateMsg>("drive/state", DRIVE_BUFFER)?;
         let commands = self.publish_subscribe::<DriveCommandMsg>("drive/command", DRIVE_BUFFER)?;
-        Ok(PlantPresence::new(states, commands, self.node.config().clone()))
+        Ok(DrivePresence::new(states, commands, self.node.config().clone()))
     }
 
     /// Which peers have joined; their ports, once made, miss nothing that is sent afterwards.

@@ -32,7 +32,7 @@ pub fn run(
     follow_parent(parent, stop);
     let [program, arguments @ ..] = command else { return Ok(0) };
     let folder = std::env::current_dir().unwrap_or_default();
-    let failed = |cause| ProcessError::Plant { program: program.clone(), folder, cause };
+    let failed = |cause| ProcessError::DriveProgram { program: program.clone(), folder, cause };
     let mut command = Command::new(program);
     command.args(arguments);
     end_with_parent(&mut command);

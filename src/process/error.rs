@@ -40,17 +40,17 @@ pub enum ProcessError {
     Scheduling(#[from] SchedulingError),
     /// The external drive has another number of joints.
     #[error(
-        "the external drive has {plant} joints, the robot of the run file {robot}: start it with the same robot"
+        "the external drive has {drive} joints, the robot of the run file {robot}: start it with the same robot"
     )]
-    PlantJoints {
+    DriveJoints {
         /// The drive's.
-        plant: u32,
+        drive: u32,
         /// The robot's.
         robot: u32,
     },
     /// The external drive does not take the commands that it is to be given.
     #[error("drive.mode: the external drive does not take {mode} commands; it takes: {takes}")]
-    PlantMode {
+    DriveMode {
         /// What was asked for.
         mode: crate::drive::CommandMode,
         /// What it takes.
@@ -60,7 +60,7 @@ pub enum ProcessError {
     #[error(
         "the external drive did not connect within {waited_s:.1} s (drive.external.connect_timeout_s): {state}"
     )]
-    PlantAbsent {
+    DriveAbsent {
         /// How long it was waited for.
         waited_s: f64,
         /// What there was of it.
@@ -68,7 +68,7 @@ pub enum ProcessError {
     },
     /// The program of the external drive cannot be started.
     #[error("drive.external.command: cannot start `{program}` in {folder}: {cause}", folder = folder.display())]
-    Plant {
+    DriveProgram {
         /// The program.
         program: String,
         /// Where it was to be started.
@@ -124,10 +124,10 @@ impl ProcessError {
             | Self::Assemble(_)
             | Self::Scheduling(_)
             | Self::Write { .. }
-            | Self::PlantJoints { .. }
-            | Self::PlantMode { .. }
-            | Self::PlantAbsent { .. }
-            | Self::Plant { .. }
+            | Self::DriveJoints { .. }
+            | Self::DriveMode { .. }
+            | Self::DriveAbsent { .. }
+            | Self::DriveProgram { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
             Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),
             Self::Ipc(_) | Self::Start { .. } | Self::Panicked(_) | Self::Signals(_) | Self::Toml(_) => 1,

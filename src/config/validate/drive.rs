@@ -2,7 +2,7 @@
 
 use crate::config::check::Check;
 use crate::config::raw::{DriveKind, RawConfig, SourceKind};
-use crate::config::{Drive, ExternalPlant, SimulatedArm};
+use crate::config::{Drive, DriveProgram, SimulatedArm};
 use crate::drive::{CommandMode, InnerServo, MAX_DELAY, Payload};
 use crate::robot::RobotDescription;
 use crate::time::SpanNs;
@@ -65,7 +65,7 @@ pub(super) fn drive(raw: &RawConfig, robot: Option<&RobotDescription>, check: &m
                 .wrong("drive.kind", "replayed pictures do not show the arm: no external drive can be moved");
         }
     }
-    let external = ExternalPlant {
+    let external = DriveProgram {
         command: d.external.command.clone(),
         folder: d.external.folder.clone(),
         answer_timeout: SpanNs::from_s(answer_timeout_s),

@@ -10,7 +10,7 @@
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
 //! | the measured arm still moves 2 s after its reference came to rest | the run ends as fault, with the last command |
 //! | lockstep: a measurement does not come for 10 s | reference slows down, arm holds, run ends as fault |
-//! | external drive: states stop, plant leaves, hangs or answers out of step | as for NaN: nothing can be computed any more |
+//! | external drive: states stop, drive leaves, hangs or answers out of step | as for NaN: nothing can be computed any more |
 
 use crate::drive::DriveFault;
 use crate::time::{MonoNs, SpanNs};

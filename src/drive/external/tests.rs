@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 #[derive(Clone, Default)]
 struct Wire(Arc<Mutex<(VecDeque<DriveStateMsg>, Vec<DriveCommandMsg>)>>);
 
-impl PlantLink for Wire {
+impl DriveLink for Wire {
     fn receive(&mut self) -> Option<DriveStateMsg> {
         self.0.lock().unwrap().0.pop_front()
     }

@@ -4,7 +4,7 @@
 //! exactly `latency` later, and the loop waits there until it has come. Nothing else decides: not the machine's load, not
 //! the order in which processes run.
 
-use super::plant::{self, Answer, HURRY, LOOK_FIRST, LOOK_LATER, PlantPorts, TELL};
+use super::external_drive::{self, Answer, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL};
 use super::{Pace, Ports, STOP_REASON};
 use crate::calibration::Recording;
 use crate::config::Config;
@@ -64,7 +64,7 @@ pub(super) fn run<const N: usize>(
     config: &Config,
     mut control: ControlLoop<N>,
     ports: &Ports<'_>,
-    mut plant: Option<PlantPorts<'_>>,
+    mut drive: Option<DrivePorts<'_>>,
     mut recording: Option<&mut Recording<N>>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
@@ -77,11 +77,11 @@ pub(super) fn run<const N: usize>(
     let mut tick = 0;
     loop {
         let now = MonoNs(TICK.0 * tick as i64);
-        // The first state came when the plant was connected.
-        if let Some(plant) = &mut plant
+        // The first state came when the drive was connected.
+        if let Some(drive) = &mut drive
             && tick > 0
         {
-            match plant.wait_for_state(tick, stop)? {
+            match drive.wait_for_state(tick, stop)? {
                 Answer::Here => {}
                 Answer::Failed(fault) => control.fail(Fault::Drive(fault)),
             }
@@ -121,14 +121,14 @@ pub(super) fn run<const N: usize>(
         let mut trace = control.act(tick, now, measurement.as_ref());
         control.commanded(now, &mut trace);
         statistics.note(&trace);
-        if let Some(plant) = &mut plant {
-            plant.send()?;
+        if let Some(drive) = &mut drive {
+            drive.send()?;
         }
         if let Some(status) = &trace.status {
             ports.status.send_quietly(status)?;
         }
         if let Some(finish) = trace.finish {
-            plant::farewell(plant)?;
+            external_drive::farewell(drive)?;
             return Ok((control, statistics, Pace::without_deadlines(finish)));
         }
         tick += 1;

@@ -2,8 +2,8 @@
 //! carries measurements in and records out; in lockstep one thread does both, because its time is simulated.
 
 mod deadlines;
+mod external_drive;
 mod lockstep;
-mod plant;
 mod realtime;
 
 use super::{Membership, ProcessError, StopFlag, frame_shape};
@@ -83,7 +83,7 @@ fn run_robot<const N: usize>(
     stop: &StopFlag,
 ) -> Result<Summary, ProcessError> {
     let membership = Membership::join(instance, Role::Control)?;
-    let (control, mut plant) = match plant::open::<N>(config, &membership)? {
+    let (control, mut drive) = match external_drive::open::<N>(config, &membership)? {
         Some((drive, ports)) => {
             (crate::config::assemble::control_loop_with(config, robot, Box::new(drive))?, Some(ports))
         }
@@ -94,14 +94,14 @@ fn run_robot<const N: usize>(
         lockstep::wait_for_peers(&membership, frame_shape(config), stop)?;
     }
     membership.services().require_room_for_peers()?;
-    if let Some(plant) = &mut plant {
-        plant.connect(config, stop)?;
+    if let Some(drive) = &mut drive {
+        drive.connect(config, stop)?;
     }
     let start = now();
     let mut recording = (config.task == Task::CalibrateLatency).then(Recording::default);
     let (control, statistics, pace) = match config.clock {
-        Clock::Realtime => realtime::run(config, control, &ports, plant, recording.as_mut(), stop)?,
-        Clock::Lockstep => lockstep::run(config, control, &ports, plant, recording.as_mut(), stop)?,
+        Clock::Realtime => realtime::run(config, control, &ports, drive, recording.as_mut(), stop)?,
+        Clock::Lockstep => lockstep::run(config, control, &ports, drive, recording.as_mut(), stop)?,
     };
     let mut summary = summary(config, &control, &statistics, pace, now() - start);
     if let Some(recording) = recording.filter(|_| summary.outcome == Outcome::Finished) {

@@ -11,7 +11,7 @@
 //! have passed are skipped, never caught up.
 
 use super::deadlines::Deadlines;
-use super::plant::{self, PlantPorts};
+use super::external_drive::{self, DrivePorts};
 use super::{Pace, Ports, STOP_REASON};
 use crate::calibration::Recording;
 use crate::config::raw::RealtimePolicy;
@@ -39,7 +39,7 @@ const MEASUREMENTS: usize = 64;
 /// The companion looks after the rings at least so often.
 const COMPANION_PERIOD: Duration = Duration::from_millis(1);
 /// With an external drive its states wake the companion; nobody wakes it for a command, so it looks more often.
-const COMPANION_PERIOD_WITH_PLANT: Duration = Duration::from_micros(200);
+const COMPANION_PERIOD_WITH_DRIVE: Duration = Duration::from_micros(200);
 /// Measurements that stay away for so long are worth a line.
 const TELL_AFTER: SpanNs = SpanNs(3_000_000_000);
 /// From the start of the thread to its first tick.
@@ -50,7 +50,7 @@ pub(super) fn run<const N: usize>(
     config: &Config,
     control: ControlLoop<N>,
     ports: &Ports<'_>,
-    mut plant: Option<PlantPorts<'_>>,
+    mut drive: Option<DrivePorts<'_>>,
     recording: Option<&mut Recording<N>>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
@@ -83,7 +83,7 @@ pub(super) fn run<const N: usize>(
             obtained.require_all()?;
         }
     }
-    if plant.is_some()
+    if drive.is_some()
         && let Some(request) = request
     {
         // Joint states pass through this thread: whatever else the machine does, they come before it.
@@ -103,8 +103,8 @@ pub(super) fn run<const N: usize>(
     while !thread.is_finished() {
         ports.membership.beat();
         let carried = match &broken {
-            None => companion.carry().and_then(|()| match &mut plant {
-                Some(plant) => plant.carry(COMPANION_PERIOD_WITH_PLANT),
+            None => companion.carry().and_then(|()| match &mut drive {
+                Some(drive) => drive.carry(COMPANION_PERIOD_WITH_DRIVE),
                 None => Ok(ports.waker.wait(COMPANION_PERIOD)?),
             }),
             Some(_) => {
@@ -123,7 +123,7 @@ pub(super) fn run<const N: usize>(
         return Err(error);
     }
     companion.carry()?;
-    plant::farewell(plant)?;
+    external_drive::farewell(drive)?;
     if companion.unsent > 0 {
         warn!(count = companion.unsent, "measurements came faster than control took them");
     }

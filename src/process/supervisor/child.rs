@@ -1,7 +1,7 @@
 //! A process that the supervisor started: this same executable in another role.
 
 use super::reap::{Found, Used, reap};
-use crate::config::ExternalPlant;
+use crate::config::DriveProgram;
 use crate::ipc::{Instance, Role};
 use crate::process::ProcessError;
 use crate::report::summary::ProcessUsage;
@@ -85,19 +85,22 @@ impl Child {
     }
 
     /// Starts the program of an external drive, behind its guard: it ends when the supervisor has, but not before control.
-    pub(super) fn spawn_plant(
-        plant: &ExternalPlant,
+    pub(super) fn spawn_drive(
+        drive: &DriveProgram,
         instance: &Instance,
     ) -> Result<Option<Self>, ProcessError> {
-        let [program, ..] = plant.command.as_slice() else { return Ok(None) };
-        let failed =
-            |cause| ProcessError::Plant { program: program.clone(), folder: plant.folder.clone(), cause };
+        let [program, ..] = drive.command.as_slice() else { return Ok(None) };
+        let failed = |cause| ProcessError::DriveProgram {
+            program: program.clone(),
+            folder: drive.folder.clone(),
+            cause,
+        };
         let mut command = Command::new(std::env::current_exe().map_err(failed)?);
         command
             .args(["drive-guard", "--instance", &instance.to_string()])
             .args(["--supervised-by", &std::process::id().to_string(), "--"])
-            .args(&plant.command)
-            .current_dir(&plant.folder)
+            .args(&drive.command)
+            .current_dir(&drive.folder)
             .envs(instance.environment())
             .stdin(Stdio::null())
             // stdout belongs to the results of the run.

@@ -15,10 +15,10 @@ use std::fs::File;
 use std::time::Duration;
 use tracing::warn;
 
-/// What control takes beside braking: the measured arm comes to rest, the plant hears of it, the summary is made.
+/// What control takes beside braking: the measured arm comes to rest, the drive hears of it, the summary is made.
 const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(8_000_000_000);
-/// In lockstep a plant may be slower than the clock.
-const SLOWEST_PLANT: f64 = 10.0;
+/// In lockstep a drive may be slower than the clock.
+const SLOWEST_DRIVE: f64 = 10.0;
 /// Time in which the others end.
 const SHUTDOWN_OF_OTHERS: SpanNs = SpanNs(600_000_000);
 /// A stop that takes so long is worth a line.
@@ -42,7 +42,7 @@ impl Crew {
         crew.others.push(Child::spawn(Role::Vision, instance, written)?);
         crew.others.push(Child::spawn(Role::Camera, instance, written)?);
         if config.drive.kind == DriveKind::External {
-            crew.others.extend(Child::spawn_plant(&config.drive.external, instance)?);
+            crew.others.extend(Child::spawn_drive(&config.drive.external, instance)?);
         }
         Ok(crew)
     }
@@ -121,7 +121,7 @@ fn longest_stop(config: &Config) -> SpanNs {
         crate::dispatch_robot!(config.robot, |robot| crate::config::assemble::motion_limits(config, &robot)
             .map_or(0.0, |limits| limits.longest_braking_s()))
         .unwrap_or(0.0);
-    let slowest = if config.clock == Clock::Lockstep { SLOWEST_PLANT } else { 1.0 };
+    let slowest = if config.clock == Clock::Lockstep { SLOWEST_DRIVE } else { 1.0 };
     let braking = SpanNs::from_s((braking_s * slowest).min(MAX_BRAKING_S));
     SpanNs(SHUTDOWN_OF_CONTROL.0 + braking.0)
 }

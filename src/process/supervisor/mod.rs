@@ -32,7 +32,7 @@ use vigil::Vigil;
 /// How long the children of a supervisor that was just killed may take to bring the arm to rest and end.
 const PREDECESSOR: SpanNs = SpanNs(5_000_000_000);
 /// From the orderly end of an external drive's program to that of control.
-const PLANT_LEAVES: SpanNs = SpanNs(2_000_000_000);
+const DRIVE_LEAVES: SpanNs = SpanNs(2_000_000_000);
 /// What all that is not a frame takes in shared memory from the first second on, bytes.
 const LEAST_SPACE_BESIDE_FRAMES: u64 = 256 * 1024;
 const WATCH_PERIOD: Duration = Duration::from_millis(10);
@@ -165,17 +165,17 @@ impl Watch {
 
     /// Waits until control is done, another process dies, one hangs, or a stop is requested.
     fn until_the_end(&mut self, crew: &mut Crew, stop: &StopFlag) -> Option<Failure> {
-        let mut plant_left = None;
+        let mut drive_left = None;
         let failure = loop {
             let silent = self.look();
             if crew.control.poll().is_some() || stop.is_requested() {
                 break None;
             }
             let ended = crew.others.iter_mut().filter_map(|c| c.poll().map(|end| (c.role(), end)));
-            // A plant may leave as soon as it was told that the run is over; control has yet to say how it went.
+            // A drive may leave as soon as it was told that the run is over; control has yet to say how it went.
             let mut ended = ended.filter(|(role, end)| {
                 let leaves = *role == Role::Drive && end.exit_code() == Some(0);
-                !leaves || now() - *plant_left.get_or_insert_with(now) > PLANT_LEAVES
+                !leaves || now() - *drive_left.get_or_insert_with(now) > DRIVE_LEAVES
             });
             if let Some((role, end)) = ended.next() {
                 break Some(Failure::ended(role, end));

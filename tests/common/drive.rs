@@ -1,4 +1,4 @@
-//! A plant for tests, in a process of its own: the crate's own simulated arm behind the services. It is the test binary
+//! A drive for tests, in a process of its own: the crate's own simulated arm behind the services. It is the test binary
 //! itself, started again by `vservo run` as `drive.external.command`, or by hand.
 
 #![allow(dead_code, unreachable_pub)] // each test binary uses a part
@@ -20,13 +20,13 @@ use vservo::time::{MonoNs, SpanNs};
 /// The arm of the tests.
 const N: usize = 4;
 
-/// How a plant misbehaves, and from which tick on: `VSERVO_TEST_PLANT=what@tick`.
+/// How a drive misbehaves, and from which tick on: `VSERVO_TEST_DRIVE=what@tick`.
 struct Behaviour {
     what: String,
     tick: u64,
 }
 
-struct Plant {
+struct TestDrive {
     drive: SimulatedDrive<N>,
     states: Sender<DriveStateMsg>,
     behaviour: Behaviour,
@@ -36,7 +36,7 @@ fn vector(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
     SVector::from_column_slice(&v[..N])
 }
 
-impl Plant {
+impl TestDrive {
     fn new(states: Sender<DriveStateMsg>, behaviour: Behaviour, config: &Config) -> Self {
         let robot = config.robot.build::<N>().unwrap();
         let q = vservo::config::assemble::q_start(config).unwrap();
@@ -82,13 +82,13 @@ impl Plant {
     }
 }
 
-/// Not a test: the plant's process, which `vservo run` starts.
+/// Not a test: the drive's process, which `vservo run` starts.
 #[test]
-#[ignore = "the plant of the other tests"]
-fn plant_process() {
+#[ignore = "the drive of the other tests"]
+fn drive_process() {
     let place: Place = std::env::var("VSERVO_INSTANCE").unwrap().parse().unwrap();
     let config = Config::load(Some(Path::new(&std::env::var("VSERVO_CONFIG").unwrap())), &[]).unwrap();
-    let behaviour = std::env::var("VSERVO_TEST_PLANT").unwrap_or_default();
+    let behaviour = std::env::var("VSERVO_TEST_DRIVE").unwrap_or_default();
     let (what, tick) = behaviour.split_once('@').unwrap_or((&behaviour, "0"));
     let behaviour = Behaviour { what: what.into(), tick: tick.parse().unwrap() };
     serve(&place, &config, behaviour);
@@ -102,54 +102,54 @@ fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
         let _states = services.drive_state_sender().unwrap();
         std::thread::sleep(Duration::from_secs(600));
     }
-    let mut plant = Plant::new(services.drive_state_sender().unwrap(), behaviour, config);
+    let mut drive = TestDrive::new(services.drive_state_sender().unwrap(), behaviour, config);
     let mut by_the_clock = false;
     let (mut next, mut count) = (rt::now(), 0);
     loop {
         while let Some(c) = commands.receive().unwrap() {
-            if c.flags & drive_flag::LAST != 0 || plant.misbehaves("leave", c.tick) {
+            if c.flags & drive_flag::LAST != 0 || drive.misbehaves("leave", c.tick) {
                 return;
             }
             if c.flags & drive_flag::START != 0 {
                 assert_eq!(c.q_r[..N], config.q_start[..]);
                 by_the_clock = c.flags & drive_flag::LOCKSTEP == 0;
                 next = rt::now();
-                plant.send(0, if by_the_clock { next } else { c.stamp }, drive_flag::INITIAL);
+                drive.send(0, if by_the_clock { next } else { c.stamp }, drive_flag::INITIAL);
                 continue;
             }
-            plant.obey(&c);
+            drive.obey(&c);
             if !by_the_clock {
-                plant.send(c.tick + 1, c.stamp + TICK, 0);
+                drive.send(c.tick + 1, c.stamp + TICK, 0);
             }
         }
         if by_the_clock {
             next = next.max(rt::now() - SpanNs(10 * TICK.0)) + TICK;
             rt::sleep_until(next);
             count += 1;
-            plant.send(count, rt::now(), 0);
+            drive.send(count, rt::now(), 0);
         } else {
             waker.wait(Duration::from_millis(50)).unwrap();
         }
     }
 }
 
-/// `drive.external.command=[...]` that starts this binary as a plant which behaves so.
+/// `drive.external.command=[...]` that starts this binary as a drive which behaves so.
 pub fn command(behaviour: &str) -> String {
     let own = std::env::current_exe().unwrap();
     let argv =
-        ["env", &format!("VSERVO_TEST_PLANT={behaviour}"), own.to_str().unwrap(), "--ignored", "--exact"];
-    format!("drive.external.command={:?}", [&argv[..], &["plant::plant_process"]].concat())
+        ["env", &format!("VSERVO_TEST_DRIVE={behaviour}"), own.to_str().unwrap(), "--ignored", "--exact"];
+    format!("drive.external.command={:?}", [&argv[..], &["drive::drive_process"]].concat())
 }
 
 pub fn external(test: &str, behaviour: &str, extra: &[&str]) -> Run {
     run(test, &[&["--set", "drive.kind=external", "--set", &command(behaviour)], extra].concat())
 }
 
-/// The plant alone, under the name of an instance; `plant` is the name of its test.
-pub fn plant_by_hand(instance: &Instance, plant: &str) -> Child {
+/// The drive alone, under the name of an instance; `drive` is the name of its test.
+pub fn drive_by_hand(instance: &Instance, drive: &str) -> Child {
     let config = format!("/dev/shm/vservo-{}/config.toml", instance.name);
     Command::new(std::env::current_exe().unwrap())
-        .args(["--ignored", "--exact", plant])
+        .args(["--ignored", "--exact", drive])
         .envs([("VSERVO_INSTANCE", &instance.name), ("VSERVO_CONFIG", &config)])
         .stdout(Stdio::null())
         .stderr(Stdio::null())

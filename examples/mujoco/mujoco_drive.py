@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """An arm in MuJoCo behind vservo's external drive, in lockstep or in real time. See README.md beside this file.
 
-    mujoco_plant.py ROBOT.urdf [--tip LINK] [--lock JOINT]... [--payload-kg M] [--instance NAME]
+    mujoco_drive.py ROBOT.urdf [--tip LINK] [--lock JOINT]... [--payload-kg M] [--instance NAME]
 """
 import argparse
 import ctypes
@@ -116,7 +116,7 @@ class Ports:
         self.listener = bell.listener_builder().create()
         self.notifier = state_bell.notifier_builder().create()
         self.commands = commands.subscriber_builder().create()
-        self.states = states.publisher_builder().create()  # last: with both, the plant counts as present
+        self.states = states.publisher_builder().create()  # last: with both, the drive counts as present
 
     def patiently(self, name, open_):
         """Opens a service as soon as it is there: control makes it when it starts. Says why it cannot, now and then."""
@@ -127,7 +127,7 @@ class Ports:
             except Exception as e:
                 if time.monotonic() - said > 4.0:
                     said = time.monotonic()
-                    print(f"mujoco plant: cannot open {name} yet: {e}", file=sys.stderr)
+                    print(f"mujoco drive: cannot open {name} yet: {e}", file=sys.stderr)
                 time.sleep(0.01)
 
     def receive(self, longest_ms):
@@ -181,7 +181,7 @@ def main():
     p.add_argument("--instance", default=os.environ.get("VSERVO_INSTANCE", "default"))
     a = p.parse_args()
     arm = Arm(a.urdf, a.lock, a.payload_kg, a.payload_com_m, a.tip)
-    print(f"mujoco plant: {arm.model.nv} joints, instance {a.instance}", file=sys.stderr)
+    print(f"mujoco drive: {arm.model.nv} joints, instance {a.instance}", file=sys.stderr)
     run(arm, Ports(a.instance))
 
 

@@ -1,16 +1,16 @@
-//! Control's connection to an external drive: messages between shared memory and the [`PlantLink`] of the drive core.
+//! Control's connection to an external drive: messages between shared memory and the [`DriveLink`] of the drive core.
 //!
 //! ```text
-//! drive/state   ──► PlantPorts ──ring──► Rings (PlantLink) ──► ExternalDrive::read
-//! drive/command ◄── PlantPorts ◄─ring─── Rings (PlantLink) ◄── ExternalDrive::write
+//! drive/state   ──► DrivePorts ──ring──► Rings (DriveLink) ──► ExternalDrive::read
+//! drive/command ◄── DrivePorts ◄─ring─── Rings (DriveLink) ◄── ExternalDrive::write
 //! ```
 //! In real time the ports belong to the companion thread and the rings cross to the real-time thread. In lockstep both
 //! ends are on one thread, which waits for the answer to every command.
 
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
-use crate::drive::{CommandMode, DriveFault, ExternalDrive, PlantLink};
-use crate::ipc::{PlantPresence, Receiver, Sender, Spin, Waker};
+use crate::drive::{CommandMode, DriveFault, DriveLink, ExternalDrive};
+use crate::ipc::{DrivePresence, Receiver, Sender, Spin, Waker};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag};
 use crate::rt::now;
@@ -26,17 +26,17 @@ const STATES: usize = 64;
 const COMMANDS: usize = 256;
 /// A start that was not answered is asked for again.
 const ASK_AGAIN: SpanNs = SpanNs(500_000_000);
-/// A plant that does not answer for so long is looked for.
+/// A drive that does not answer for so long is looked for.
 const LOOK_AFTER: SpanNs = SpanNs(500_000_000);
-/// A wait for the plant is told so often.
+/// A wait for the drive is told so often.
 pub(super) const TELL: SpanNs = SpanNs(4_000_000_000);
-/// A plant that is about to come is met at once; one that stays away is looked for now and then.
+/// A drive that is about to come is met at once; one that stays away is looked for now and then.
 pub(super) const LOOK_FIRST: Duration = Duration::from_millis(2);
 pub(super) const LOOK_LATER: Duration = Duration::from_millis(20);
 pub(super) const HURRY: SpanNs = SpanNs(500_000_000);
-/// How long a plant has to hear that the run is over.
+/// How long a drive has to hear that the run is over.
 const FAREWELL: SpanNs = SpanNs(200_000_000);
-/// How long a run that is to stop still waits for the plant.
+/// How long a run that is to stop still waits for the drive.
 const STOP_PATIENCE: SpanNs = SpanNs(300_000_000);
 
 /// The drive core's end of the rings.
@@ -45,13 +45,13 @@ struct Rings {
     commands: Producer<DriveCommandMsg>,
 }
 
-impl PlantLink for Rings {
+impl DriveLink for Rings {
     fn receive(&mut self) -> Option<DriveStateMsg> {
         self.states.pop().ok()
     }
 
     fn send(&mut self, command: &DriveCommandMsg) {
-        let _ = self.commands.push(*command); // full only when the companion hangs: the plant then stops by itself
+        let _ = self.commands.push(*command); // full only when the companion hangs: the drive then stops by itself
     }
 }
 
@@ -64,9 +64,9 @@ pub(super) enum Answer {
 }
 
 /// The process's end of the rings, and the ports.
-pub(super) struct PlantPorts<'a> {
+pub(super) struct DrivePorts<'a> {
     membership: &'a Membership,
-    presence: PlantPresence,
+    presence: DrivePresence,
     received: Producer<DriveStateMsg>,
     to_send: Consumer<DriveCommandMsg>,
     command: Sender<DriveCommandMsg>,
@@ -80,7 +80,7 @@ pub(super) struct PlantPorts<'a> {
 pub(super) fn open<'a, const N: usize>(
     config: &Config,
     membership: &'a Membership,
-) -> Result<Option<(ExternalDrive<N>, PlantPorts<'a>)>, ProcessError> {
+) -> Result<Option<(ExternalDrive<N>, DrivePorts<'a>)>, ProcessError> {
     if config.drive.kind != DriveKind::External {
         return Ok(None);
     }
@@ -97,15 +97,15 @@ pub(super) fn open<'a, const N: usize>(
     let (state, waker) = services.drive_state_receiver()?;
     let command = services.drive_command_sender()?;
     let answer_timeout = config.drive.external.answer_timeout;
-    let presence = services.plant_presence()?;
+    let presence = services.drive_presence()?;
     let spin = Spin::new(LONGEST_SPIN);
     let ports =
-        PlantPorts { membership, presence, received, to_send, command, state, waker, answer_timeout, spin };
+        DrivePorts { membership, presence, received, to_send, command, state, waker, answer_timeout, spin };
     Ok(Some((drive, ports)))
 }
 
-impl PlantPorts<'_> {
-    /// Waits for a plant, starts it and takes its first state; without one when a stop is requested meanwhile.
+impl DrivePorts<'_> {
+    /// Waits for a drive, starts it and takes its first state; without one when a stop is requested meanwhile.
     pub(super) fn connect(&mut self, config: &Config, stop: &StopFlag) -> Result<(), ProcessError> {
         let mut start = DriveCommandMsg {
             joints: config.q_start.len() as u32,
@@ -205,7 +205,7 @@ impl PlantPorts<'_> {
         self.send()?;
         self.waker.wait(longest)?;
         while let Some(mut state) = self.state.receive()? {
-            // A plant whose clock runs ahead must not look fresh for ever.
+            // A drive whose clock runs ahead must not look fresh for ever.
             state.stamp = state.stamp.min(now());
             let _ = self.received.push(state); // full only when the real-time thread has ended
         }
@@ -213,11 +213,11 @@ impl PlantPorts<'_> {
     }
 }
 
-/// The wait for a plant: told from time to time, and not without end.
+/// The wait for a drive: told from time to time, and not without end.
 struct Wait {
     began: MonoNs,
     told: Option<MonoNs>,
-    /// The run has started the plant itself; people may take their time to start theirs, but then it is to answer.
+    /// The run has started the drive itself; people may take their time to start theirs, but then it is to answer.
     supervised: bool,
     there_since: Option<MonoNs>,
     timeout: SpanNs,
@@ -235,8 +235,8 @@ impl Wait {
         }
     }
 
-    /// To be called again and again until the plant has answered.
-    fn look(&mut self, presence: &PlantPresence, asked: bool) -> Result<(), ProcessError> {
+    /// To be called again and again until the drive has answered.
+    fn look(&mut self, presence: &DrivePresence, asked: bool) -> Result<(), ProcessError> {
         let time = now();
         let there = presence.is_there();
         self.there_since = if there { self.there_since.or(Some(time)) } else { None };
@@ -245,7 +245,7 @@ impl Wait {
             if there { "it is there, but does not answer START".into() } else { presence.describe() }
         };
         if since.is_some_and(|since| time - since > self.timeout) {
-            return Err(ProcessError::PlantAbsent { waited_s: (time - self.began).as_s(), state: state() });
+            return Err(ProcessError::DriveAbsent { waited_s: (time - self.began).as_s(), state: state() });
         }
         match self.told {
             None if !there => {
@@ -271,12 +271,12 @@ impl Wait {
     }
 }
 
-/// Messages vanish with their sender: after the last command, gives the plant the time to hear it and leave.
-pub(super) fn farewell(plant: Option<PlantPorts<'_>>) -> Result<(), ProcessError> {
-    let Some(mut plant) = plant else { return Ok(()) };
-    plant.send()?;
+/// Messages vanish with their sender: after the last command, gives the drive the time to hear it and leave.
+pub(super) fn farewell(drive: Option<DrivePorts<'_>>) -> Result<(), ProcessError> {
+    let Some(mut drive) = drive else { return Ok(()) };
+    drive.send()?;
     let until = now() + FAREWELL;
-    while now() < until && plant.presence.is_there() {
+    while now() < until && drive.presence.is_there() {
         std::thread::sleep(Duration::from_millis(2));
     }
     Ok(())
@@ -284,12 +284,12 @@ pub(super) fn farewell(plant: Option<PlantPorts<'_>>) -> Result<(), ProcessError
 
 fn check(state: &DriveStateMsg, start: &DriveCommandMsg, mode: CommandMode) -> Result<(), ProcessError> {
     if state.joints != start.joints {
-        return Err(ProcessError::PlantJoints { plant: state.joints, robot: start.joints });
+        return Err(ProcessError::DriveJoints { drive: state.joints, robot: start.joints });
     }
     if state.modes & mode.bit() == 0 {
         let takes = CommandMode::ALL.into_iter().filter(|m| state.modes & m.bit() != 0);
         let takes = takes.map(CommandMode::as_str).collect::<Vec<_>>().join(", ");
-        return Err(ProcessError::PlantMode { mode, takes });
+        return Err(ProcessError::DriveMode { mode, takes });
     }
     Ok(())
 }
