@@ -11,7 +11,7 @@ use std::time::Duration;
 use vservo::config::RealtimeRequest;
 use vservo::ipc::{FrameShape, Instance, Services};
 use vservo::messages::FrameHeader;
-use vservo::report::histogram::Histogram;
+use vservo::report::histogram::SpanHistogram;
 use vservo::rt::{Awake, now, prepare_thread, sleep_until};
 use vservo::time::{MonoNs, SpanNs};
 
@@ -22,7 +22,7 @@ const SLICES: usize = 4;
 fn main() {
     let rounds = std::env::args().skip(1).find_map(|a| a.parse::<usize>().ok()).unwrap_or(2000);
     let instance: Instance = format!("bench-ipc-{}", std::process::id()).parse().unwrap();
-    let (mut ours, mut bare) = (Histogram::default(), Histogram::default());
+    let (mut ours, mut bare) = (SpanHistogram::default(), SpanHistogram::default());
     let _ = prepare_thread(&on_core(0, 40));
     let _awake = Awake::keep();
     for _ in 0..SLICES {
@@ -48,7 +48,7 @@ type Stamps = mpsc::Sender<SpanNs>;
 fn run(
     instance: &Instance,
     rounds: usize,
-    histogram: &mut Histogram,
+    histogram: &mut SpanHistogram,
     send: fn(&Instance, usize),
     receive: fn(&Instance, usize, &mpsc::Sender<()>, &Stamps),
 ) {

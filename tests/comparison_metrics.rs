@@ -6,11 +6,11 @@
 use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::path::Path;
-use vservo::experiment::{CameraKind, Cell, End, Eye, Metrics, Options, Outcome, Scheme, find, run_scheme};
+use vservo::experiment::{CameraKind, Cell, End, Eye, Findings, Metrics, Options, Scheme, find, run_scheme};
 
 const SCHEMES: [&str; 5] = ["A", "B", "C", "D", "hybrid"];
 
-fn comparison() -> Outcome {
+fn comparison() -> Findings {
     let options = Options { camera: CameraKind::Ideal, count: 0, progress: &|_| {} };
     find("comparison").unwrap().run(&options).unwrap()
 }

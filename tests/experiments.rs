@@ -11,13 +11,13 @@ use serde_json::Value;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_3};
 use std::path::Path;
 use vservo::experiment::{
-    CameraKind, Cell, Disturbance, End, Eye, FLIERS, Fate, Loop, Metrics, Options, Outcome, Pilot,
+    CameraKind, Cell, Disturbance, End, Eye, FLIERS, Fate, Findings, Loop, Metrics, Options, Pilot,
     RenderedEye, SCHEMES, Scheme, Trajectory, errors_to_bear, find, flights, path_deviation, pure_rotation,
     run_scheme, simulate_at, study,
 };
 use vservo::servo::{DepthSource, UpdatePolicy};
 
-fn outcome(name: &str) -> Outcome {
+fn findings(name: &str) -> Findings {
     let options = Options { camera: CameraKind::Ideal, count: 20, progress: &|_| {} };
     find(name).unwrap().run(&options).unwrap()
 }
@@ -48,7 +48,7 @@ fn metrics(scheme: Scheme) -> Metrics {
 
 #[test]
 fn example_10_1_in_closed_form_and_in_print() {
-    let m = outcome("example-10-1").metrics;
+    let m = findings("example-10-1").metrics;
     let r = 0.1 * FRAC_1_SQRT_2;
     let (X, Y) = (r / (0.5 - r), 0.1 / (0.5 - r));
     assert_close(&m["s"], &[0.0, 0.0, X, 0.0, X, Y, 0.0, 0.2], 1e-9);
@@ -66,7 +66,7 @@ fn example_10_1_in_closed_form_and_in_print() {
 
 #[test]
 fn example_10_4_converges_in_about_thirty_steps() {
-    let m = outcome("example-10-4").metrics;
+    let m = findings("example-10-4").metrics;
     assert_close(&m["x_final"], &[0.0, 0.0, 0.5, 0.0, FRAC_PI_3 * 0.75, 0.0], 1e-9);
     assert!(m["error_after_30_steps"].as_f64().unwrap() < 0.01);
     // With the printed step the error rises once, then falls by 1 - 160 * 0.001 a step.
@@ -77,7 +77,7 @@ fn example_10_4_converges_in_about_thirty_steps() {
 
 #[test]
 fn example_10_5_in_closed_form_and_in_print() {
-    let m = outcome("example-10-5").metrics;
+    let m = findings("example-10-5").metrics;
     let (s, c) = (FRAC_PI_3.sin(), FRAC_PI_3.cos());
     // o_1,2 = o_1 - R_2^1 o_2 with the object 0.5 m and 0.6 m away, over d_2 = 0.6 m.
     let o = [(0.1 * c + 0.1 * s) / 0.6, (0.1 * s - 0.1 * c) / 0.6, (0.5 - 0.6) / 0.6];
@@ -101,7 +101,7 @@ fn problems_10_4_and_10_5_find_the_desired_pose() {
     let (s, c) = (FRAC_PI_3.sin(), FRAC_PI_3.cos());
     let T = [c, s, 0.0, -0.1, -s, c, 0.0, 0.1, 0.0, 0.0, 1.0, 0.6, 0.0, 0.0, 0.0, 1.0];
     for name in ["problem-10-4", "problem-10-5"] {
-        let m = outcome(name).metrics;
+        let m = findings(name).metrics;
         assert_close(&m["T_co"], &T, 1e-9);
         assert_close(&m["T_co_from_printed_digits"], &T, 2e-3); // four digits of an image 0.17 wide
     }
@@ -284,7 +284,7 @@ fn problems_10_8_to_10_11_beside_the_points() {
     for (name, scheme) in
         [("problem-10-8", "A"), ("problem-10-9", "B"), ("problem-10-10", "C"), ("problem-10-11", "D")]
     {
-        let m = outcome(name).metrics;
+        let m = findings(name).metrics;
         let (segment, points) = (&m[&format!("{scheme}-segment")], &m[scheme]);
         assert_eq!(segment["end"], "finished");
         let [z, of_points] =

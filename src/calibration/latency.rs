@@ -35,7 +35,7 @@ const COARSE_ITERATIONS: u32 = 8;
 
 /// What is known of the cell.
 #[derive(Debug, Clone, Copy)]
-pub struct Cell<'a, const N: usize> {
+pub struct KnownCell<'a, const N: usize> {
     /// The arm.
     pub robot: &'a Robot<N>,
     /// Where the camera sits.
@@ -124,7 +124,7 @@ pub enum LatencyError {
 /// # Errors
 /// [`LatencyError`], each with what helps.
 pub fn stamp_offset<const N: usize>(
-    cell: &Cell<'_, N>,
+    cell: &KnownCell<'_, N>,
     recording: &Recording<N>,
 ) -> Result<StampOffset, LatencyError> {
     let fit = Fit::new(cell, recording);

@@ -13,5 +13,5 @@ mod recording;
 
 pub use gentle_motion::{GentleMotion, image_reach};
 pub use joint_track::JointTrack;
-pub use latency::{Cell, LatencyError, StampOffset, stamp_offset};
-pub use recording::{Recording, Sighting};
+pub use latency::{KnownCell, LatencyError, StampOffset, stamp_offset};
+pub use recording::{Recording, SeenTarget};

@@ -11,7 +11,7 @@ const STATES_BEFORE: usize = 2000;
 
 /// The target in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
+pub struct SeenTarget {
     /// What the camera says of the middle of the exposure.
     pub stamp: MonoNs,
     /// The object's pose, where vision found it.
@@ -29,7 +29,7 @@ pub struct SeenPoint {
     pub sigma_px: f64,
 }
 
-impl Sighting {
+impl SeenTarget {
     /// The target of a measurement; `None` where there is none, or not a finite one.
     #[must_use]
     pub fn of(m: &Measurement) -> Option<Self> {
@@ -62,7 +62,7 @@ pub struct Recording<const N: usize> {
     /// The joints.
     pub track: JointTrack<N>,
     /// The target, in the order in which measurements came.
-    pub sightings: Vec<Sighting>,
+    pub sightings: Vec<SeenTarget>,
 }
 
 impl<const N: usize> Recording<N> {
@@ -77,7 +77,7 @@ impl<const N: usize> Recording<N> {
 
     /// Takes in what the camera saw.
     pub fn note_measurement(&mut self, m: &Measurement) {
-        self.sightings.extend(Sighting::of(m));
+        self.sightings.extend(SeenTarget::of(m));
     }
 }
 
@@ -95,12 +95,12 @@ mod tests {
 
     #[test]
     fn only_a_finite_target_is_a_sighting() {
-        assert_eq!(Sighting::of(&found()).unwrap().points().len(), 4);
-        assert_eq!(Sighting::of(&found()).unwrap().points()[1].s.x, 0.25);
-        assert!(Sighting::of(&Measurement { feature_count: 4, ..Measurement::default() }).is_none());
+        assert_eq!(SeenTarget::of(&found()).unwrap().points().len(), 4);
+        assert_eq!(SeenTarget::of(&found()).unwrap().points()[1].s.x, 0.25);
+        assert!(SeenTarget::of(&Measurement { feature_count: 4, ..Measurement::default() }).is_none());
         let mut broken = found();
         broken.features[3].y = f64::NAN;
-        assert!(Sighting::of(&broken).is_none());
+        assert!(SeenTarget::of(&broken).is_none());
     }
 
     #[test]

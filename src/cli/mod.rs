@@ -254,7 +254,7 @@ fn doctor(json: bool, jitter_s: f64) -> u8 {
     let request = crate::config::RealtimeRequest { priority: 80, cpu: None, lock_memory: false };
     let measured = (jitter_s > 0.0).then(|| doctor::measure(jitter_s.min(3600.0), request)).flatten();
     let (jitter, jitter_with_spin) = measured.map(|m| (m.sleeping, m.spinning)).unzip();
-    let report = doctor::Report { checks, jitter, jitter_with_spin };
+    let report = doctor::Examination { checks, jitter, jitter_with_spin };
     let text = if json { self::json(&report) } else { report.to_text() };
     shown(&text, 0)
 }

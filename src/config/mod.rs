@@ -66,7 +66,7 @@ pub struct Config {
     /// Joint reference and joint controller.
     pub motion: Motion,
     /// The drive.
-    pub drive: Drive,
+    pub drive: DriveSettings,
     /// Reactions to faults.
     pub safety: Safety,
     /// Scheduling of the control thread.
@@ -180,7 +180,7 @@ pub struct Motion {
 
 /// The drive.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Drive {
+pub struct DriveSettings {
     /// Kind of drive.
     pub kind: DriveKind,
     /// What it is commanded by.

@@ -6,7 +6,7 @@
 
 use super::cell::{POINTS, pose_of, project};
 use super::eye::{Eye, Miscalibration, camera};
-use super::outcome::Outcome;
+use super::findings::Findings;
 use super::plot::{Mark, Panel, Series, figure};
 use super::schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, set_point};
 use super::simulate::simulate;
@@ -85,11 +85,11 @@ fn taught(cell: &Cell, scheme: Scheme, wrong: &Miscalibration) -> Result<SetPoin
         .ok_or_else(|| fail("the taught features are refused".into()))
 }
 
-pub(super) fn sensitivity(options: &Options<'_>) -> Result<Outcome, ExperimentError> {
+pub(super) fn sensitivity(options: &Options<'_>) -> Result<Findings, ExperimentError> {
     let cell = Cell::textbook()?;
     let goal = cell.goal()?;
     let calibrations = calibrations()?;
-    let mut out = Outcome::default();
+    let mut out = Findings::default();
     let mut table = String::from("calibration,set_point,scheme,position_error_m,orientation_error_rad,end\n");
     let mut entries = Vec::new();
     let mut panels = Vec::new();

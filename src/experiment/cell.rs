@@ -3,7 +3,7 @@
 //! Base z, camera z and object z point down; angles are right-handed about down.
 
 use super::ExperimentError;
-use super::metrics::Goal;
+use super::metrics::CellGoal;
 use crate::geometry::Pose;
 use crate::robot::{self, Robot};
 use nalgebra::{Point3, Vector2, Vector4};
@@ -96,7 +96,7 @@ impl Cell {
     ///
     /// # Errors
     /// [`ExperimentError::Cell`] when the desired pose does not show all points.
-    pub fn goal(&self) -> Result<Goal, ExperimentError> {
+    pub fn goal(&self) -> Result<CellGoal, ExperimentError> {
         let X_BD = self.X_BO * self.X_DO.inverse();
         let start = self.camera(&self.q_start).w;
         let turn = X_BD.rotation.euler_angles().2 - start;
@@ -105,7 +105,7 @@ impl Cell {
         let s = project(&self.X_DO).ok_or_else(|| ExperimentError::Cell {
             cause: "a point lies behind the desired camera".into(),
         })?;
-        Ok(Goal { x_c: Vector4::new(p.x, p.y, p.z, alpha), s })
+        Ok(CellGoal { x_c: Vector4::new(p.x, p.y, p.z, alpha), s })
     }
 }
 

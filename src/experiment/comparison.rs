@@ -1,11 +1,11 @@
 //! The comparison of Sect. 10.9 with Example 10.6, and Problems 10.8 to 10.11 in the same operating conditions.
 
+use super::findings::Findings;
 use super::metrics::Metrics;
-use super::outcome::Outcome;
 use super::plot::{Mark, Panel, Series, figure};
 use super::schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
 use super::simulate::{SPAN_S, simulate};
-use super::{CameraKind, Cell, ExperimentError, Eye, Goal, Options, RenderedEye, Trajectory};
+use super::{CameraKind, Cell, CellGoal, ExperimentError, Eye, Options, RenderedEye, Trajectory};
 use crate::servo::{Damping, Interaction, Law};
 
 /// K_Ps = k_P I of Problem 10.10, for which the text gives no gains.
@@ -34,16 +34,16 @@ pub fn run_scheme(cell: &Cell, scheme: Scheme, eye: &mut Eye) -> Result<Trajecto
 }
 
 /// A, B, C, D and hybrid in one set.
-pub(super) fn comparison(options: &Options<'_>) -> Result<Outcome, ExperimentError> {
+pub(super) fn comparison(options: &Options<'_>) -> Result<Findings, ExperimentError> {
     schemes(options, &SCHEMES)
 }
 
 /// The hybrid scheme alone.
-pub(super) fn example_10_6(options: &Options<'_>) -> Result<Outcome, ExperimentError> {
+pub(super) fn example_10_6(options: &Options<'_>) -> Result<Findings, ExperimentError> {
     schemes(options, &[Scheme::Hybrid])
 }
 
-fn schemes(options: &Options<'_>, schemes: &[Scheme]) -> Result<Outcome, ExperimentError> {
+fn schemes(options: &Options<'_>, schemes: &[Scheme]) -> Result<Findings, ExperimentError> {
     let cell = Cell::textbook()?;
     let mut runs = Vec::new();
     for scheme in schemes {
@@ -54,7 +54,7 @@ fn schemes(options: &Options<'_>, schemes: &[Scheme]) -> Result<Outcome, Experim
 }
 
 /// Problem 10.8 to 10.11 beside the scheme that they vary.
-pub(super) fn segment_problem(options: &Options<'_>, scheme: Scheme) -> Result<Outcome, ExperimentError> {
+pub(super) fn segment_problem(options: &Options<'_>, scheme: Scheme) -> Result<Findings, ExperimentError> {
     let cell = Cell::textbook()?;
     (options.progress)(&format!("scheme {} on the points, then on the segment", scheme.name()));
     let points = run_scheme(&cell, scheme, &mut eye(options)?)?;
@@ -87,8 +87,8 @@ fn segment_pilot(cell: &Cell, scheme: Scheme) -> Result<Pilot<'_>, ExperimentErr
 }
 
 /// Tables, metrics and the figures of Sect. 10.9 for some runs.
-fn report(runs: &[Trajectory], goal: &Goal) -> Result<Outcome, ExperimentError> {
-    let mut out = Outcome::default();
+fn report(runs: &[Trajectory], goal: &CellGoal) -> Result<Findings, ExperimentError> {
+    let mut out = Findings::default();
     for run in runs {
         let metrics = Metrics::of(run, goal)?;
         let seconds = |t: Option<f64>| t.map_or("-".into(), |t| format!("{t:.2}"));
@@ -126,7 +126,7 @@ fn report(runs: &[Trajectory], goal: &Goal) -> Result<Outcome, ExperimentError> 
     Ok(out)
 }
 
-fn pose_figure(run: &Trajectory, goal: &Goal) -> Result<String, ExperimentError> {
+fn pose_figure(run: &Trajectory, goal: &CellGoal) -> Result<String, ExperimentError> {
     let end = run.rows.last().map_or(0.0, |row| row.time_s);
     let mut position = Panel::new("camera position", "t [s]", "position [m]");
     for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
@@ -139,7 +139,7 @@ fn pose_figure(run: &Trajectory, goal: &Goal) -> Result<String, ExperimentError>
     figure(&run.name, 2, &[position, orientation])
 }
 
-fn feature_figure(run: &Trajectory, goal: &Goal) -> Result<String, ExperimentError> {
+fn feature_figure(run: &Trajectory, goal: &CellGoal) -> Result<String, ExperimentError> {
     let end = run.rows.last().map_or(0.0, |row| row.time_s);
     let mut over_time = Panel::new("feature parameters", "t [s]", "X, Y [-]");
     let mut paths = Panel::new("paths in the image plane", "X [-]", "Y [-]").equal_scales();
@@ -160,7 +160,7 @@ fn feature_figure(run: &Trajectory, goal: &Goal) -> Result<String, ExperimentErr
     figure(&run.name, 2, &[over_time, paths])
 }
 
-fn path_figure(runs: &[Trajectory], goal: &Goal) -> Result<String, ExperimentError> {
+fn path_figure(runs: &[Trajectory], goal: &CellGoal) -> Result<String, ExperimentError> {
     let mut above = Panel::new("from above", "x [m]", "y [m]").equal_scales();
     let mut side = Panel::new("from the side", "x [m]", "z [m], down").equal_scales();
     for (i, run) in runs.iter().enumerate() {

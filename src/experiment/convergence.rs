@@ -5,7 +5,7 @@
 
 use super::cell::{POINTS, project};
 use super::eye::camera;
-use super::outcome::Outcome;
+use super::findings::Findings;
 use super::plot::{Panel, Series, figure};
 use super::schemes::{Scheme, set_point};
 use super::{ExperimentError, Options};
@@ -312,9 +312,9 @@ pub fn flights(flier: &Flier, count: usize) -> Result<Vec<Flight>, ExperimentErr
     Ok(all)
 }
 
-pub(super) fn convergence(options: &Options<'_>) -> Result<Outcome, ExperimentError> {
+pub(super) fn convergence(options: &Options<'_>) -> Result<Findings, ExperimentError> {
     let camera = camera()?;
-    let mut out = Outcome::default();
+    let mut out = Findings::default();
     let mut table = String::from("start,rotation_rad,distance_m");
     let mut columns = Vec::new();
     let mut panel = Panel::new("converged within t", "t [s]", "share of the starts [%]").y_range(0.0, 100.0);

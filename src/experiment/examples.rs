@@ -2,7 +2,7 @@
 
 use super::ExperimentError;
 use super::cell::{POINTS, desired_object, pose_of, project};
-use super::outcome::Outcome;
+use super::findings::Findings;
 use super::plot::{Mark, Panel, Series, figure};
 use crate::features::segment_features;
 use crate::geometry::{Pose, rotation_angle, rotation_y};
@@ -65,7 +65,7 @@ fn image_panel(title: &str, from: &[Vector2<f64>], to: &[Vector2<f64>]) -> Panel
 ///
 /// # Errors
 /// [`ExperimentError::Computation`], [`ExperimentError::Draw`].
-pub(super) fn example_10_1() -> Result<Outcome, ExperimentError> {
+pub(super) fn example_10_1() -> Result<Findings, ExperimentError> {
     let fail = fail("example-10-1");
     let truth = example_pose();
     let s = project(&truth).ok_or_else(|| fail(&"a point lies behind the camera"))?;
@@ -74,7 +74,7 @@ pub(super) fn example_10_1() -> Result<Outcome, ExperimentError> {
     let X_CO = pose_from_homography(&H).ok_or_else(|| fail(&"the homography is degenerate"))?;
     let planar = planar_pose(&points).map_err(|e| fail(&e))?;
     let error = |X: &Pose| (X.to_homogeneous() - truth.to_homogeneous()).norm();
-    let mut out = Outcome::default();
+    let mut out = Findings::default();
     out.metric("s", flat(&s));
     out.metric("H", rows(&H));
     out.metric("zeta", 1.0 / H.column(0).norm());
@@ -132,7 +132,7 @@ fn estimate<const M: usize, E: std::fmt::Display>(
 
 /// Figures 10.8 and 10.9: error, image paths, position and orientation over time.
 fn estimation_figures<const M: usize>(
-    out: &mut Outcome,
+    out: &mut Findings,
     run: &Estimation<M>,
     truth: &SVector<f64, M>,
     seen: impl Fn(&SVector<f64, M>) -> Option<Vec<Vector2<f64>>>,
@@ -193,7 +193,7 @@ fn estimation_table<const M: usize>(run: &Estimation<M>, names: &[&str]) -> Stri
 ///
 /// # Errors
 /// [`ExperimentError::Computation`], [`ExperimentError::Draw`].
-pub(super) fn example_10_4() -> Result<Outcome, ExperimentError> {
+pub(super) fn example_10_4() -> Result<Findings, ExperimentError> {
     let fail = fail("example-10-4");
     let truth = Vector6::new(0.0, 0.0, 0.5, 0.0, FRAC_PI_4, 0.0);
     let s = project(&example_pose()).ok_or_else(|| fail(&"a point lies behind the camera"))?;
@@ -209,7 +209,7 @@ pub(super) fn example_10_4() -> Result<Outcome, ExperimentError> {
         );
         project(&X).map(|s| s.to_vec())
     };
-    let mut out = Outcome::default();
+    let mut out = Findings::default();
     let error = |k: usize| run.x.get(k).map_or(f64::NAN, |x| (x - truth).norm());
     out.metric("x_final", run.x.last().map(|x| x.as_slice().to_vec()));
     out.metric("error_after_30_steps", error(30));
@@ -228,7 +228,7 @@ pub(super) fn example_10_4() -> Result<Outcome, ExperimentError> {
 ///
 /// # Errors
 /// [`ExperimentError::Computation`], [`ExperimentError::Draw`].
-pub(super) fn example_10_5() -> Result<Outcome, ExperimentError> {
+pub(super) fn example_10_5() -> Result<Findings, ExperimentError> {
     let fail = fail("example-10-5");
     let behind = || fail(&"a point lies behind the camera");
     let s1 = project(&Pose::translation(0.0, 0.0, 0.5)).ok_or_else(behind)?;
@@ -244,7 +244,7 @@ pub(super) fn example_10_5() -> Result<Outcome, ExperimentError> {
     // The general decomposition, without either assumption.
     let solutions = decompose_homography_seen(&zeta_H, &s2).map_err(|e| fail(&e))?;
     let general = solutions.nearest_normal(&Vector3::z());
-    let mut out = Outcome::default();
+    let mut out = Findings::default();
     out.metric("s1", flat(&s1));
     out.metric("s2", flat(&s2));
     out.metric("zeta_H", rows(&zeta_H));
@@ -272,7 +272,7 @@ pub(super) fn example_10_5() -> Result<Outcome, ExperimentError> {
 ///
 /// # Errors
 /// [`ExperimentError::Computation`], [`ExperimentError::Draw`].
-pub(super) fn problem_10_4() -> Result<Outcome, ExperimentError> {
+pub(super) fn problem_10_4() -> Result<Findings, ExperimentError> {
     let fail = fail("problem-10-4");
     two_point_problem(&fail, |x, points| {
         algorithmic_step_4(x, points, GAIN_1_S, STEP_S).map_err(|e| e.to_string())
@@ -283,7 +283,7 @@ pub(super) fn problem_10_4() -> Result<Outcome, ExperimentError> {
 ///
 /// # Errors
 /// [`ExperimentError::Computation`], [`ExperimentError::Draw`].
-pub(super) fn problem_10_5() -> Result<Outcome, ExperimentError> {
+pub(super) fn problem_10_5() -> Result<Findings, ExperimentError> {
     let fail = fail("problem-10-5");
     two_point_problem(&fail, |x, [p, r]| {
         let s = segment_features(&[p.s, r.s]);
@@ -295,7 +295,7 @@ pub(super) fn problem_10_5() -> Result<Outcome, ExperimentError> {
 fn two_point_problem(
     fail: &dyn Fn(&dyn std::fmt::Display) -> ExperimentError,
     step: impl Fn(&Vector4<f64>, &[Correspondence; 2]) -> Result<crate::pose::AlgorithmicStep<4>, String>,
-) -> Result<Outcome, ExperimentError> {
+) -> Result<Findings, ExperimentError> {
     let truth = desired_object();
     let X_DO = pose_of(&truth);
     let [a, b, _, _] =
@@ -309,7 +309,7 @@ fn two_point_problem(
     let (Some(x), Some(y)) = (run.x.last(), from_digits.x.last()) else {
         return Err(fail(&"no step was made"));
     };
-    let mut out = Outcome::default();
+    let mut out = Findings::default();
     out.metric("x_final", x.as_slice());
     out.metric("T_co", transform(&pose_of(x)));
     out.metric("error", (x - truth).norm());

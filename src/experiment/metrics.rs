@@ -13,7 +13,7 @@ const SETTLED: f64 = 0.02;
 
 /// The goal of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Goal {
+pub struct CellGoal {
     /// Desired camera pose in the base: m, m, m, rad.
     pub x_c: Vector4<f64>,
     /// What an ideal camera sees there, normalized.
@@ -22,7 +22,7 @@ pub struct Goal {
 
 /// What is left at the end.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct FinalErrors {
+pub struct RemainingErrors {
     /// Distance of the camera from its goal.
     pub position_m: f64,
     /// Angle to its goal.
@@ -50,7 +50,7 @@ pub struct Metrics {
     /// Length of the run.
     pub duration_s: f64,
     /// Errors at its end.
-    pub final_errors: FinalErrors,
+    pub final_errors: RemainingErrors,
     /// 2 % settling times.
     pub settling_time_s: SettlingTimes,
     /// `100 (z_d - min z) / |z_d - z_start|`: how far the camera retreats beyond the goal's height. Negative where it never
@@ -69,7 +69,7 @@ impl Metrics {
     ///
     /// # Errors
     /// [`ExperimentError::Empty`] for a run without rows.
-    pub fn of(run: &Trajectory, goal: &Goal) -> Result<Self, ExperimentError> {
+    pub fn of(run: &Trajectory, goal: &CellGoal) -> Result<Self, ExperimentError> {
         let (first, last) = run.ends()?;
         let position = |row: &Row| (row.x_c - goal.x_c).xyz().norm();
         let orientation = |row: &Row| wrap_rad(row.x_c.w - goal.x_c.w).abs();
@@ -89,7 +89,7 @@ impl Metrics {
                 End::Stopped { time_s, reason } => format!("stopped at {time_s:.3} s: {reason}"),
             },
             duration_s: last.time_s - first.time_s,
-            final_errors: FinalErrors {
+            final_errors: RemainingErrors {
                 position_m: position(last),
                 orientation_rad: orientation(last),
                 features: features(last),
@@ -150,8 +150,8 @@ mod tests {
         Trajectory { name: "t".into(), rows: z.iter().enumerate().map(row).collect(), end: End::Finished }
     }
 
-    fn goal() -> Goal {
-        Goal { x_c: Vector4::zeros(), s: [Vector2::zeros(); 4] }
+    fn goal() -> CellGoal {
+        CellGoal { x_c: Vector4::zeros(), s: [Vector2::zeros(); 4] }
     }
 
     #[test]

@@ -1,11 +1,11 @@
 //! The textbook's examples, problems and comparison, and studies that go beyond them: `vservo experiment NAME --out DIR`.
 //!
 //! ```text
-//! cell, eye ──► simulate (25 Hz law, 1 ms arm) ──► Trajectory ──► CSV, Metrics, figures ──► Outcome ──► files
+//! cell, eye ──► simulate (25 Hz law, 1 ms arm) ──► Trajectory ──► CSV, Metrics, figures ──► Findings ──► files
 //!                   ▲ servo::Law, the same as in the running loop
 //! system (the whole run in one process) ──► errors against truth ─────────────────────────────┘
 //! ```
-//! The simulations are pure; [`Outcome::write`] is the one place that touches files. Nothing here repeats an equation:
+//! The simulations are pure; [`Findings::write`] is the one place that touches files. Nothing here repeats an equation:
 //! laws come from `servo`, estimators from `pose`, the arm from `robot`.
 
 mod calibration;
@@ -15,10 +15,10 @@ mod convergence;
 mod error;
 mod examples;
 mod eye;
+mod findings;
 mod gain_delay;
 mod metrics;
 mod moving_target;
-mod outcome;
 mod plot;
 mod retreat;
 mod schemes;
@@ -32,13 +32,13 @@ pub use comparison::run_scheme;
 pub use convergence::{FLIERS, Fate, Flier, Flight, flights, fly, start};
 pub use error::ExperimentError;
 pub use eye::{Eye, Miscalibration, RenderedEye};
+pub use findings::{Figure, Findings};
 pub use gain_delay::{DELAYS_MS, Disturbance, Finding, Loop, errors_to_bear, study};
-pub use metrics::{FinalErrors, Goal, Metrics, SettlingTimes, path_deviation, settling_time};
-pub use outcome::{Figure, Outcome};
+pub use metrics::{CellGoal, Metrics, RemainingErrors, SettlingTimes, path_deviation, settling_time};
 pub use plot::{Mark, Panel, Series, figure};
 pub use retreat::{ROTATIONS_DEG, pure_rotation, retreat_of};
 pub use schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
-pub use simulate::{Frame, SPAN_S, STEP_S, STEPS_PER_FRAME, rigid_body_step, simulate, simulate_at};
+pub use simulate::{LawInput, SPAN_S, STEP_S, STEPS_PER_FRAME, rigid_body_step, simulate, simulate_at};
 pub use trajectory::{End, HEADER, Row, Trajectory};
 
 use std::path::{Path, PathBuf};
@@ -73,7 +73,7 @@ pub struct Experiment {
     pub about: &'static str,
     /// Whether it can use rendered images.
     pub renders: bool,
-    run: fn(&Options<'_>) -> Result<Outcome, ExperimentError>,
+    run: fn(&Options<'_>) -> Result<Findings, ExperimentError>,
 }
 
 /// Every experiment, in the order of the textbook.
@@ -198,7 +198,7 @@ impl Experiment {
     ///
     /// # Errors
     /// [`ExperimentError`].
-    pub fn run(&self, options: &Options<'_>) -> Result<Outcome, ExperimentError> {
+    pub fn run(&self, options: &Options<'_>) -> Result<Findings, ExperimentError> {
         if options.camera == CameraKind::Rendered && !self.renders {
             let with: Vec<_> = EXPERIMENTS.iter().filter(|e| e.renders).map(|e| e.name).collect();
             return Err(ExperimentError::IdealOnly { experiment: self.name, with: with.join(", ") });
@@ -228,13 +228,13 @@ pub struct Report {
 pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>, ExperimentError> {
     if name != "all" {
         let experiment = find(name)?;
-        outcome::make_folder(out)?; // before the work, not after it
+        findings::make_folder(out)?; // before the work, not after it
         (options.progress)(&format!("{name}: {}", experiment.about));
-        let outcome = experiment.run(options)?;
-        let files = outcome.write(out);
-        return Ok(vec![Report { name: experiment.name, lines: outcome.lines, files }]);
+        let findings = experiment.run(options)?;
+        let files = findings.write(out);
+        return Ok(vec![Report { name: experiment.name, lines: findings.lines, files }]);
     }
-    outcome::make_folder(out)?;
+    findings::make_folder(out)?;
     let (mut done, mut reports) = (Vec::new(), Vec::new());
     for (i, experiment) in EXPERIMENTS.iter().enumerate() {
         (options.progress)(&format!(
@@ -245,17 +245,17 @@ pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>,
             experiment.about
         ));
         let camera = if experiment.renders { options.camera } else { CameraKind::Ideal };
-        let outcome = experiment.run(&Options { camera, ..*options })?;
-        let files = outcome.write(&out.join(experiment.name));
+        let findings = experiment.run(&Options { camera, ..*options })?;
+        let files = findings.write(&out.join(experiment.name));
         let failed = files.is_err();
-        reports.push(Report { name: experiment.name, lines: outcome.lines.clone(), files });
+        reports.push(Report { name: experiment.name, lines: findings.lines.clone(), files });
         if failed {
             return Ok(reports);
         }
-        done.push((experiment.name, experiment.about, outcome));
+        done.push((experiment.name, experiment.about, findings));
     }
     let index = out.join("index.html");
-    let written = outcome::write_file(&index, &outcome::index_page(&done));
+    let written = findings::write_file(&index, &findings::index_page(&done));
     reports.push(Report { name: "all", lines: Vec::new(), files: written.map(|()| vec![index]) });
     Ok(reports)
 }

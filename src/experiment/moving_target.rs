@@ -1,7 +1,7 @@
 //! A target that moves by itself, followed with the feed-forward of its estimated velocity and without: the whole system,
 //! rendered images, 25 Hz, 40 ms from exposure to use.
 
-use super::outcome::Outcome;
+use super::findings::Findings;
 use super::plot::{Mark, Panel, Series, figure};
 use super::{ExperimentError, Options};
 use crate::config::Config;
@@ -51,8 +51,8 @@ fn behind_a_moving_target(
     Ok((errors, run))
 }
 
-pub(super) fn moving_target(options: &Options<'_>) -> Result<Outcome, ExperimentError> {
-    let mut out = Outcome::default();
+pub(super) fn moving_target(options: &Options<'_>) -> Result<Findings, ExperimentError> {
+    let mut out = Findings::default();
     let mut table = String::from("motion,camera,feed_forward,steady_rms_px,steady_max_px,target_lost\n");
     let (mut entries, mut panels) = (Vec::new(), Vec::new());
     for (motion, settings) in MOTIONS {

@@ -4,7 +4,7 @@
 //! `cos(theta/2)` of what it was, so that with the true depth in the interaction matrix the camera must draw back to
 //! `z / z_0 = 1 / cos(theta/2)`. The law is computed at every millisecond: the effect is the law's, not the sampling's.
 
-use super::outcome::Outcome;
+use super::findings::Findings;
 use super::plot::{Mark, Panel, Series, figure};
 use super::schemes::{Pilot, set_point};
 use super::simulate::{STEP_S, simulate_at};
@@ -45,8 +45,8 @@ pub fn retreat_of(run: &Trajectory) -> f64 {
     run.rows.iter().map(|row| (DISTANCE_M + z_start - row.x_c.z) / DISTANCE_M).fold(1.0, f64::max)
 }
 
-pub(super) fn retreat(options: &Options<'_>) -> Result<Outcome, ExperimentError> {
-    let mut out = Outcome::default();
+pub(super) fn retreat(options: &Options<'_>) -> Result<Findings, ExperimentError> {
+    let mut out = Findings::default();
     let mut table = String::from("rotation_deg,z_ratio_desired_depth,z_ratio_true_depth,one_over_cos_half\n");
     let mut peaks = [Vec::new(), Vec::new()];
     let mut panels = Vec::new();

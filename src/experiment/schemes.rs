@@ -1,7 +1,7 @@
 //! The schemes of Sect. 10.9 and Example 10.6 with their gains, and the pose estimation that A and B need.
 
 use super::cell::{POINTS, desired_object, pose_of};
-use super::{Cell, ExperimentError, Frame};
+use super::{Cell, ExperimentError, LawInput};
 use crate::features::segment_features;
 use crate::geometry::Pose;
 use crate::pose::{Correspondence, algorithmic_step_4, algorithmic_step_segment};
@@ -179,7 +179,7 @@ impl<'a> Pilot<'a> {
     ///
     /// # Errors
     /// Why the law has no answer.
-    pub fn control(&mut self, frame: &Frame) -> Result<Wish<4>, String> {
+    pub fn control(&mut self, frame: &LawInput) -> Result<Wish<4>, String> {
         let X_CO = match &mut self.estimator {
             Some(estimator) => Some(pose_of(&estimator.run(&frame.seen)?)),
             None => None,

@@ -23,7 +23,7 @@ const FAR: f64 = 1e3;
 
 /// What a law is given at each frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Frame {
+pub struct LawInput {
     /// Number of the frame, from 0.
     pub index: usize,
     /// Joint positions at the exposure, rad and m.
@@ -42,7 +42,7 @@ pub fn simulate(
     name: &str,
     eye: &mut Eye,
     span_s: f64,
-    law: impl FnMut(&Frame) -> Result<Wish<4>, String>,
+    law: impl FnMut(&LawInput) -> Result<Wish<4>, String>,
 ) -> Trajectory {
     simulate_at(STEPS_PER_FRAME, cell, name, eye, span_s, law)
 }
@@ -57,7 +57,7 @@ pub fn simulate_at(
     name: &str,
     eye: &mut Eye,
     span_s: f64,
-    mut law: impl FnMut(&Frame) -> Result<Wish<4>, String>,
+    mut law: impl FnMut(&LawInput) -> Result<Wish<4>, String>,
 ) -> Trajectory {
     let steps = (span_s / STEP_S).round() as usize;
     let mut rows = Vec::with_capacity(steps + 1);
@@ -72,7 +72,7 @@ pub fn simulate_at(
         };
         if k % steps_per_frame == 0 {
             let index = k / steps_per_frame;
-            let answer = eye.look(&X_CO, &s, index).and_then(|seen| law(&Frame { index, q, qd, seen }));
+            let answer = eye.look(&X_CO, &s, index).and_then(|seen| law(&LawInput { index, q, qd, seen }));
             match answer {
                 Ok(new) => (wish, q_frame) = (new, q),
                 Err(reason) => {

@@ -1,7 +1,7 @@
 //! Gain and delay in the whole system: what `gain-delay` studies near the goal with a bare arm, from the start of the
 //! default run, with rendered images, the arm's dynamics and its limits.
 
-use super::outcome::Outcome;
+use super::findings::Findings;
 use super::plot::{Panel, Series, figure};
 use super::{ExperimentError, Options};
 use crate::config::Config;
@@ -27,8 +27,8 @@ fn settling_time_s(latency_ms: u32, update: &str, gain_1_s: f64) -> Result<Optio
     Ok(run.settling_time_s.filter(|_| run.finish.outcome == outcome::Outcome::Converged))
 }
 
-pub(super) fn system_gain(options: &Options<'_>) -> Result<Outcome, ExperimentError> {
-    let mut out = Outcome::default();
+pub(super) fn system_gain(options: &Options<'_>) -> Result<Findings, ExperimentError> {
+    let mut out = Findings::default();
     let mut table = String::from("latency_ms,update,gain_1_s,settling_time_s\n");
     let (mut entries, mut panels) = (Vec::new(), Vec::new());
     for latency_ms in LATENCIES_MS {

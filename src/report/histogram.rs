@@ -21,7 +21,7 @@ const LONGEST_NS: u64 = 1 << 40;
 
 /// Counts durations in log-linear buckets. Negative durations count as zero.
 #[derive(Debug, Clone)]
-pub struct Histogram {
+pub struct SpanHistogram {
     counts: [u32; BUCKETS],
     total: u64,
     max_ns: u64,
@@ -40,13 +40,13 @@ pub struct Quantiles {
     pub max: f64,
 }
 
-impl Default for Histogram {
+impl Default for SpanHistogram {
     fn default() -> Self {
         Self { counts: [0; BUCKETS], total: 0, max_ns: 0 }
     }
 }
 
-impl Histogram {
+impl SpanHistogram {
     /// Counts one duration.
     pub fn record(&mut self, span: SpanNs) {
         self.record_series(span, SpanNs(0), 1);
@@ -146,7 +146,7 @@ mod tests {
     proptest! {
         #[test]
         fn quantiles_are_within_a_bucket_of_the_truth(mut spans in prop::collection::vec(0i64..40_000_000_000, 1..300)) {
-            let mut h = Histogram::default();
+            let mut h = SpanHistogram::default();
             for s in &spans {
                 h.record(SpanNs(*s));
             }
@@ -162,7 +162,7 @@ mod tests {
     proptest! {
         #[test]
         fn a_series_counts_like_its_members(first in -5_000i64..3_000_000_000, step in 0i64..2_000_000_000, count in 0u64..200) {
-            let (mut series, mut members) = (Histogram::default(), Histogram::default());
+            let (mut series, mut members) = (SpanHistogram::default(), SpanHistogram::default());
             series.record_series(SpanNs(first), SpanNs(step), count);
             (0..count as i64).for_each(|k| members.record(SpanNs(first.max(0) + k * step)));
             prop_assert_eq!(series.counts, members.counts);
@@ -179,7 +179,7 @@ mod tests {
 
     #[test]
     fn a_millisecond_is_an_edge() {
-        let mut h = Histogram::default();
+        let mut h = SpanHistogram::default();
         for ns in [999_999, 1_000_000, 1_000_001] {
             h.record(SpanNs(ns));
         }
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn a_series_as_long_as_a_day_takes_no_time() {
-        let mut h = Histogram::default();
+        let mut h = SpanHistogram::default();
         h.record_series(SpanNs(500), SpanNs::MILLISECOND, 86_400_000);
         assert_eq!(h.count(), 86_400_000);
         assert_eq!(h.quantile_ns(1.0), 500 + 86_399_999 * 1_000_000);
@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn empty_and_negative() {
-        let mut h = Histogram::default();
+        let mut h = SpanHistogram::default();
         assert_eq!(h.quantiles_us(), Quantiles::default());
         h.record(SpanNs(-5));
         assert_eq!((h.count(), h.quantile_ns(1.0)), (1, 0));
@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn longer_than_the_range_is_kept_as_maximum() {
-        let mut h = Histogram::default();
+        let mut h = SpanHistogram::default();
         h.record(SpanNs(100_000_000_000));
         assert_eq!(h.quantile_ns(0.5), 100_000_000_000);
     }

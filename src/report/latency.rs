@@ -1,19 +1,19 @@
 //! Where the time goes from light to command: histograms of the stages of all measurements.
 
 use crate::control::trace::LatencyStages;
-use crate::report::histogram::Histogram;
+use crate::report::histogram::SpanHistogram;
 use crate::report::summary::Latencies;
 use crate::time::SpanNs;
 
 /// Histograms of all stages of a run.
 #[derive(Debug, Clone, Default)]
 pub struct LatencyTable {
-    exposure_to_frame: Histogram,
-    frame_to_vision: Histogram,
-    vision: Histogram,
-    frame_to_measurement: Histogram,
-    measurement_to_command: Histogram,
-    exposure_to_command: Histogram,
+    exposure_to_frame: SpanHistogram,
+    frame_to_vision: SpanHistogram,
+    vision: SpanHistogram,
+    frame_to_measurement: SpanHistogram,
+    measurement_to_command: SpanHistogram,
+    exposure_to_command: SpanHistogram,
 }
 
 impl LatencyTable {

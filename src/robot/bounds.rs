@@ -1,7 +1,7 @@
 //! What a number in a robot's file may be: ranges that no real arm leaves, wide enough for a crane and for a fingertip,
 //! and so narrow that no computation on them leaves the finite numbers.
 
-use super::error::Problem;
+use super::error::Defect;
 use nalgebra::Vector3;
 use std::ops::RangeInclusive;
 
@@ -38,23 +38,23 @@ pub(super) const GRAVITY_M_S2: RangeInclusive<f64> = -100.0..=100.0;
 /// The `value` of `key`, where it is allowed.
 ///
 /// # Errors
-/// [`Problem::OutOfRange`].
-pub(super) fn within(key: &str, value: f64, allowed: &RangeInclusive<f64>) -> Result<f64, Problem> {
+/// [`Defect::OutOfRange`].
+pub(super) fn within(key: &str, value: f64, allowed: &RangeInclusive<f64>) -> Result<f64, Defect> {
     if allowed.contains(&value) {
         return Ok(value);
     }
-    Err(Problem::OutOfRange { what: key.to_owned(), value, low: *allowed.start(), high: *allowed.end() })
+    Err(Defect::OutOfRange { what: key.to_owned(), value, low: *allowed.start(), high: *allowed.end() })
 }
 
 /// Three numbers of one key.
 ///
 /// # Errors
-/// [`Problem::OutOfRange`] for the first that is.
+/// [`Defect::OutOfRange`] for the first that is.
 pub(super) fn all_within(
     key: &str,
     values: [f64; 3],
     allowed: &RangeInclusive<f64>,
-) -> Result<Vector3<f64>, Problem> {
+) -> Result<Vector3<f64>, Defect> {
     for (i, value) in values.into_iter().enumerate() {
         within(&format!("{key}[{i}]"), value, allowed)?;
     }
@@ -64,8 +64,8 @@ pub(super) fn all_within(
 /// A mass in kg, none or a real one.
 ///
 /// # Errors
-/// [`Problem::OutOfRange`].
-pub(super) fn mass(key: &str, mass_kg: f64) -> Result<f64, Problem> {
+/// [`Defect::OutOfRange`].
+pub(super) fn mass(key: &str, mass_kg: f64) -> Result<f64, Defect> {
     within(key, mass_kg, &MASS_KG)?;
     if mass_kg == 0.0 { Ok(mass_kg) } else { within(key, mass_kg, &(LEAST_MASS_KG..=*MASS_KG.end())) }
 }

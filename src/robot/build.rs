@@ -1,7 +1,7 @@
 //! From a description to the chain that computes: link frames turned so that z is the joint's axis, motors put in.
 
 use super::description::RobotDescription;
-use super::error::{Problem, RobotError};
+use super::error::{Defect, RobotError};
 use super::inertia::Inertia;
 use super::model::{Body, Robot};
 use super::small::cholesky;
@@ -16,7 +16,7 @@ impl RobotDescription {
     ///
     /// # Errors
     /// Those of [`Self::check`]; [`RobotError::WrongBuild`] when the arm has not `N` joints; and
-    /// [`Problem::MassMatrix`] when some joint moves neither mass nor inertia.
+    /// [`Defect::MassMatrix`] when some joint moves neither mass nor inertia.
     pub fn build<const N: usize>(&self) -> Result<Robot<N>, RobotError> {
         self.check()?;
         let wrong = || RobotError::WrongBuild { file: self.file.clone(), found: self.joints.len(), asked: N };
@@ -65,7 +65,7 @@ impl RobotDescription {
             let q = SVector::from_fn(|i, _| f64::from(k) * (0.7 + 0.31 * i as f64));
             let L = cholesky(&robot.mass_matrix(&q));
             if !L.is_some_and(|L| L.diagonal().min() >= LEAST_INERTIA.sqrt()) {
-                return Err(self.error(format!("robot \"{}\"", self.name), Problem::MassMatrix));
+                return Err(self.error(format!("robot \"{}\"", self.name), Defect::MassMatrix));
             }
         }
         Ok(robot)

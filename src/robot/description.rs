@@ -1,6 +1,6 @@
 //! A serial arm as a file describes it: any number of joints, link frames as the file places them.
 
-use super::error::{Problem, RobotError};
+use super::error::{Defect, RobotError};
 use super::inertia::Inertia;
 use super::model::{Friction, JointKind, JointLimits};
 use crate::geometry::Pose;
@@ -70,7 +70,7 @@ impl RobotDescription {
     }
 
     /// An error that names this file and `element`.
-    pub(super) fn error(&self, element: String, problem: Problem) -> RobotError {
+    pub(super) fn error(&self, element: String, problem: Defect) -> RobotError {
         RobotError::Element { file: self.file.clone(), element, problem }
     }
 
@@ -82,19 +82,19 @@ impl RobotDescription {
         let count = self.joints.len();
         if !(2..=7).contains(&count) {
             let element = format!("robot \"{}\"", self.name);
-            return Err(self.error(element, Problem::JointCount { found: count }));
+            return Err(self.error(element, Defect::JointCount { found: count }));
         }
         let finite = |X: &Pose| X.to_homogeneous().iter().all(|x| x.is_finite());
         if !finite(&self.X_LE) || !self.gravity_B.iter().all(|x| x.is_finite()) {
-            return Err(self.error(format!("robot \"{}\"", self.name), Problem::NotFinite));
+            return Err(self.error(format!("robot \"{}\"", self.name), Defect::NotFinite));
         }
         for (i, joint) in self.joints.iter().enumerate() {
             let fail = |problem| self.error(format!("joint \"{}\"", joint.name), problem);
             if self.joints[..i].iter().any(|other| other.name == joint.name) {
-                return Err(fail(Problem::DuplicateName));
+                return Err(fail(Defect::DuplicateName));
             }
             if !finite(&joint.X_PJ) || !finite(&joint.X_JL) {
-                return Err(fail(Problem::NotFinite));
+                return Err(fail(Defect::NotFinite));
             }
             check_joint(joint).map_err(fail)?;
             if !joint.idealised {
@@ -105,20 +105,20 @@ impl RobotDescription {
     }
 }
 
-fn check_joint(joint: &JointDescription) -> Result<(), Problem> {
+fn check_joint(joint: &JointDescription) -> Result<(), Defect> {
     let JointLimits { lower, upper, velocity, effort } = joint.limits;
     match joint.kind {
         JointKind::Continuous if lower.is_finite() || upper.is_finite() => {
-            return Err(Problem::LimitsOnContinuous);
+            return Err(Defect::LimitsOnContinuous);
         }
         JointKind::Continuous => {}
-        kind if !lower.is_finite() || !upper.is_finite() => return Err(Problem::LimitsMissing { kind }),
-        _ if lower >= upper => return Err(Problem::LimitsReversed { lower, upper }),
+        kind if !lower.is_finite() || !upper.is_finite() => return Err(Defect::LimitsMissing { kind }),
+        _ if lower >= upper => return Err(Defect::LimitsReversed { lower, upper }),
         _ => {}
     }
     for (what, value) in [("velocity", velocity), ("effort", effort)] {
         if value.is_nan() || value <= 0.0 {
-            return Err(Problem::LimitNotPositive { what, value });
+            return Err(Defect::LimitNotPositive { what, value });
         }
     }
     let motor = joint.motor.unwrap_or(Motor { mass: 0.0, inertia: 0.0, gear_ratio: 0.0 });
@@ -130,12 +130,12 @@ fn check_joint(joint: &JointDescription) -> Result<(), Problem> {
         ("motor inertia", motor.inertia),
     ] {
         if !value.is_finite() {
-            return Err(Problem::NotFinite);
+            return Err(Defect::NotFinite);
         }
         if value < 0.0 {
-            return Err(Problem::Negative { what, value });
+            return Err(Defect::Negative { what, value });
         }
     }
     // The sign of a gear ratio is free: some gears turn backwards.
-    if motor.gear_ratio.is_finite() { Ok(()) } else { Err(Problem::NotFinite) }
+    if motor.gear_ratio.is_finite() { Ok(()) } else { Err(Defect::NotFinite) }
 }

@@ -6,7 +6,7 @@
 
 use super::bounds::{self, all_within, within};
 use super::description::{JointDescription, Motor, RobotDescription};
-use super::error::{Problem, RobotError};
+use super::error::{Defect, RobotError};
 use super::inertia::Inertia;
 use super::model::{Friction, JointKind, JointLimits};
 use crate::geometry::{Pose, rotation_x, rotation_z};
@@ -93,7 +93,7 @@ pub(super) struct MotorRecord {
 
 impl MotorRecord {
     /// The motor, if its numbers can be one's.
-    pub(super) fn motor(&self) -> Result<Motor, Problem> {
+    pub(super) fn motor(&self) -> Result<Motor, Defect> {
         Ok(Motor {
             mass: bounds::mass("motor.mass_kg", self.mass_kg)?,
             inertia: within("motor.inertia_kg_m2", self.inertia_kg_m2, &bounds::ROTOR)?,
@@ -129,7 +129,7 @@ struct Moments {
 }
 
 impl Link {
-    fn inertia(&self) -> Result<Inertia, Problem> {
+    fn inertia(&self) -> Result<Inertia, Defect> {
         let Moments { xx, yy, zz, xy, xz, yz } = self.inertia_kg_m2;
         for (key, moment) in [("xx", xx), ("yy", yy), ("zz", zz), ("xy", xy), ("xz", xz), ("yz", yz)] {
             within(&format!("inertia_kg_m2.{key}"), moment, &bounds::MOMENT_KG_M2)?;
@@ -151,7 +151,7 @@ impl Units {
         (turning_key, turning): (&'static str, Option<f64>),
         (sliding_key, sliding): (&'static str, Option<f64>),
         allowed: &RangeInclusive<f64>,
-    ) -> Result<Option<f64>, Problem> {
+    ) -> Result<Option<f64>, Defect> {
         let kind = self.0;
         let (value, (wrong_key, wrong), instead) = if kind == JointKind::Prismatic {
             (sliding, (turning_key, turning), sliding_key)
@@ -159,7 +159,7 @@ impl Units {
             (turning, (sliding_key, sliding), turning_key)
         };
         match wrong {
-            Some(_) => Err(Problem::WrongUnit { key: wrong_key, kind, instead }),
+            Some(_) => Err(Defect::WrongUnit { key: wrong_key, kind, instead }),
             None => value.map(|value| within(instead, value, allowed)).transpose(),
         }
     }
@@ -191,7 +191,7 @@ impl DhJoint {
         format!("link of {}", self.name)
     }
 
-    fn joint(self, convention: Convention, inertia: Inertia) -> Result<JointDescription, Problem> {
+    fn joint(self, convention: Convention, inertia: Inertia) -> Result<JointDescription, Defect> {
         let kind = match self.kind {
             Kind::Revolute => JointKind::Revolute,
             Kind::Continuous => JointKind::Continuous,
@@ -240,7 +240,7 @@ impl DhJoint {
 }
 
 impl Limits {
-    fn limits(&self, units: &Units) -> Result<JointLimits, Problem> {
+    fn limits(&self, units: &Units) -> Result<JointLimits, Defect> {
         let lower =
             units.pick(("lower_rad", self.lower_rad), ("lower_m", self.lower_m), &bounds::POSITION)?;
         let upper =
@@ -251,10 +251,10 @@ impl Limits {
                 ("velocity_m_s", self.velocity_m_s),
                 &bounds::VELOCITY,
             )?
-            .ok_or(Problem::MissingKey { key: units.key("velocity_rad_s", "velocity_m_s") })?;
+            .ok_or(Defect::MissingKey { key: units.key("velocity_rad_s", "velocity_m_s") })?;
         let effort = units
             .pick(("effort_n_m", self.effort_n_m), ("effort_n", self.effort_n), &bounds::EFFORT)?
-            .ok_or(Problem::MissingKey { key: units.key("effort_n_m", "effort_n") })?;
+            .ok_or(Defect::MissingKey { key: units.key("effort_n_m", "effort_n") })?;
         // A position limit that is not there is infinite; the check of the joint's type decides whether it may be.
         Ok(JointLimits {
             lower: lower.unwrap_or(f64::NEG_INFINITY),

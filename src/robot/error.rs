@@ -44,7 +44,7 @@ pub enum RobotError {
         /// The element, such as `joint "elbow"` or `link "forearm"`.
         element: String,
         /// What is wrong with it.
-        problem: Problem,
+        problem: Defect,
     },
     /// `build::<N>` was called with another `N` than the file states.
     #[error("{file}: the arm has {found} joints, the program asked for {asked}; use dispatch_robot!")]
@@ -60,7 +60,7 @@ pub enum RobotError {
 
 /// What can be wrong with one element of a robot's file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Problem {
+pub enum Defect {
     /// A number is NaN or infinite.
     #[error("a number is not finite; every length, mass and moment must be")]
     NotFinite,

@@ -3,7 +3,7 @@
 use super::bounds::{self, all_within, within};
 use super::description::RobotDescription;
 use super::dh::{DhTable, MotorRecord};
-use super::error::{Problem, RobotError};
+use super::error::{Defect, RobotError};
 use super::model::STANDARD_GRAVITY;
 use super::urdf::{self, Selection};
 use crate::geometry::Pose;
@@ -84,7 +84,7 @@ pub(super) fn parse_toml(
     match (record.dh, record.urdf) {
         (Some(table), None) => table.add_to(&mut description)?,
         (None, Some(urdf)) => urdf.add_to(&mut description, open)?,
-        _ => return Err(description.error("robot".to_owned(), Problem::OneSource)),
+        _ => return Err(description.error("robot".to_owned(), Defect::OneSource)),
     }
     if let Some(tool) = record.tool {
         description.X_LE *= tool.pose().map_err(|problem| wrong("tool", problem))?;
@@ -94,7 +94,7 @@ pub(super) fn parse_toml(
 }
 
 impl ToolRecord {
-    fn pose(&self) -> Result<Pose, Problem> {
+    fn pose(&self) -> Result<Pose, Defect> {
         let rpy = all_within("rpy_rad", self.rpy_rad, &bounds::ANGLE_RAD)?;
         Ok(Pose::from_parts(
             Translation3::from(all_within("position_m", self.position_m, &bounds::LENGTH_M)?),
@@ -153,7 +153,7 @@ impl UrdfRecord {
         for record in self.joint {
             let known = description.joints.iter().map(|j| j.name.as_str()).collect::<Vec<_>>().join(", ");
             let Some(joint) = description.joints.iter_mut().find(|joint| joint.name == record.name) else {
-                let problem = Problem::NoSuchJoint { joint: record.name.clone(), known };
+                let problem = Defect::NoSuchJoint { joint: record.name.clone(), known };
                 description.file = toml_file;
                 return Err(description.error(format!("urdf.joint \"{}\"", record.name), problem));
             };

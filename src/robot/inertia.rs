@@ -1,6 +1,6 @@
 //! Mass, centre of mass and moments of inertia of a rigid body, in one of its frames.
 
-use super::error::Problem;
+use super::error::Defect;
 use crate::geometry::Pose;
 use crate::linalg::symmetric_eigen;
 use nalgebra::{Matrix3, Vector3};
@@ -60,19 +60,19 @@ impl Inertia {
     /// the sum of the other two.
     ///
     /// # Errors
-    /// The [`Problem`] that a file's reader reports with its file and element.
-    pub fn check(&self) -> Result<(), Problem> {
+    /// The [`Defect`] that a file's reader reports with its file and element.
+    pub fn check(&self) -> Result<(), Defect> {
         self.check_part()?;
         if self.mass == 0.0 {
-            return Err(Problem::Mass { mass_kg: 0.0 });
+            return Err(Defect::Mass { mass_kg: 0.0 });
         }
         let [large, middle, small] = self.principal_moments()?;
         if small <= 0.0 {
-            return Err(Problem::NotPositiveDefinite { least_kg_m2: small });
+            return Err(Defect::NotPositiveDefinite { least_kg_m2: small });
         }
         // Published inertias are rounded to a few digits: thin bodies may miss equality by that much.
         if large > (small + middle) * (1.0 + TRIANGLE_SLACK) {
-            return Err(Problem::Triangle { moments_kg_m2: [small, middle, large] });
+            return Err(Defect::Triangle { moments_kg_m2: [small, middle, large] });
         }
         Ok(())
     }
@@ -81,27 +81,27 @@ impl Inertia {
     ///
     /// # Errors
     /// As [`Self::check`].
-    pub fn check_part(&self) -> Result<(), Problem> {
+    pub fn check_part(&self) -> Result<(), Defect> {
         let finite = self.mass.is_finite()
             && self.com.iter().all(|x| x.is_finite())
             && self.about_com.iter().all(|x| x.is_finite());
         if !finite {
-            return Err(Problem::NotFinite);
+            return Err(Defect::NotFinite);
         }
         if self.mass < 0.0 || (self.mass == 0.0 && self.about_com != ZERO3) {
-            return Err(Problem::Mass { mass_kg: self.mass });
+            return Err(Defect::Mass { mass_kg: self.mass });
         }
         let [large, _, small] = self.principal_moments()?;
         // A few units in the last place may come from the eigenvalues themselves.
         if small < -1e-12 * large.abs() {
-            return Err(Problem::NotPositiveDefinite { least_kg_m2: small });
+            return Err(Defect::NotPositiveDefinite { least_kg_m2: small });
         }
         Ok(())
     }
 
     /// In decreasing order, kg m^2.
-    fn principal_moments(&self) -> Result<[f64; 3], Problem> {
-        let (moments, _) = symmetric_eigen(&self.about_com).ok_or(Problem::NotFinite)?;
+    fn principal_moments(&self) -> Result<[f64; 3], Defect> {
+        let (moments, _) = symmetric_eigen(&self.about_com).ok_or(Defect::NotFinite)?;
         Ok(moments.into())
     }
 }
@@ -155,9 +155,9 @@ mod tests {
             com: Vector3::zeros(),
             about_com: Matrix3::from_diagonal(&Vector3::new(x, y, z)),
         };
-        assert!(matches!(with(0.0, 1.0, 1.0, 1.0).check(), Err(Problem::Mass { .. })));
-        assert!(matches!(with(1.0, 1.0, 1.0, -1.0).check(), Err(Problem::NotPositiveDefinite { .. })));
-        assert!(matches!(with(1.0, 1.0, 1.0, 2.1).check(), Err(Problem::Triangle { .. })));
-        assert!(matches!(with(1.0, f64::NAN, 1.0, 1.0).check(), Err(Problem::NotFinite)));
+        assert!(matches!(with(0.0, 1.0, 1.0, 1.0).check(), Err(Defect::Mass { .. })));
+        assert!(matches!(with(1.0, 1.0, 1.0, -1.0).check(), Err(Defect::NotPositiveDefinite { .. })));
+        assert!(matches!(with(1.0, 1.0, 1.0, 2.1).check(), Err(Defect::Triangle { .. })));
+        assert!(matches!(with(1.0, f64::NAN, 1.0, 1.0).check(), Err(Defect::NotFinite)));
     }
 }

@@ -41,7 +41,7 @@ mod xml_tags;
 pub use bounds::POSITION_RAD_OR_M;
 pub use conditioning::singular_values;
 pub use description::{JointDescription, Motor, RobotDescription};
-pub use error::{Problem, RobotError};
+pub use error::{Defect, RobotError};
 pub use inertia::Inertia;
 pub use inverse::{InverseOptions, JointVelocity};
 pub use kinematics::ExpressedIn;

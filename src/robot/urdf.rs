@@ -5,7 +5,7 @@
 
 use super::bounds::{self, all_within, within};
 use super::description::{JointDescription, RobotDescription};
-use super::error::{Problem, RobotError};
+use super::error::{Defect, RobotError};
 use super::inertia::Inertia;
 use super::model::{Friction, JointKind, JointLimits};
 use super::xml_fault::{XmlFault, lacks, locate};
@@ -58,7 +58,7 @@ pub(super) fn read(
 }
 
 /// An element and what is wrong with it.
-type Fault = (String, Problem);
+type Fault = (String, Defect);
 
 fn link_element(name: &str) -> String {
     format!("link \"{name}\"")
@@ -84,7 +84,7 @@ impl<'a> Tree<'a> {
         let mut links = HashMap::new();
         for link in &robot.links {
             if links.insert(link.name.as_str(), link).is_some() {
-                return Err((link_element(&link.name), Problem::DuplicateName));
+                return Err((link_element(&link.name), Defect::DuplicateName));
             }
         }
         let mut names = HashMap::new();
@@ -92,29 +92,29 @@ impl<'a> Tree<'a> {
         for joint in &robot.joints {
             let fault = |problem| Err((joint_element(&joint.name), problem));
             if names.insert(joint.name.as_str(), ()).is_some() {
-                return fault(Problem::DuplicateName);
+                return fault(Defect::DuplicateName);
             }
             let (parent, child) = (joint.parent.link.as_str(), joint.child.link.as_str());
             for link in [parent, child] {
                 if !links.contains_key(link) {
-                    return fault(Problem::NoSuchLink { link: link.to_owned() });
+                    return fault(Defect::NoSuchLink { link: link.to_owned() });
                 }
             }
             if joint_to.insert(child, joint).is_some() {
-                return fault(Problem::Loop { link: child.to_owned() });
+                return fault(Defect::Loop { link: child.to_owned() });
             }
             joints_from.entry(parent).or_default().push(joint);
         }
         for name in selection.held.keys() {
             if !names.contains_key(name.as_str()) {
                 let known = robot.joints.iter().map(|j| j.name.as_str()).collect::<Vec<_>>().join(", ");
-                let problem = Problem::NoSuchJoint { joint: name.clone(), known };
+                let problem = Defect::NoSuchJoint { joint: name.clone(), known };
                 return Err(("fixed_joints".to_owned(), problem));
             }
         }
         let mut tree = Self { links, joint_to, joints_from, held: &selection.held, base: "", tip: "" };
         if let Some(link) = tree.in_a_loop(robot) {
-            return Err((link_element(&link.name), Problem::Loop { link: link.name.clone() }));
+            return Err((link_element(&link.name), Defect::Loop { link: link.name.clone() }));
         }
         tree.base = match &selection.base {
             Some(name) => tree.existing("base", name)?,
@@ -130,7 +130,7 @@ impl<'a> Tree<'a> {
     fn existing(&self, key: &str, name: &'a str) -> Result<&'a str, Fault> {
         match self.links.get(name) {
             Some(link) => Ok(&link.name),
-            None => Err((key.to_owned(), Problem::NoSuchLink { link: name.to_owned() })),
+            None => Err((key.to_owned(), Defect::NoSuchLink { link: name.to_owned() })),
         }
     }
 
@@ -164,7 +164,7 @@ impl<'a> Tree<'a> {
             .collect();
         match roots[..] {
             [root] => Ok(root),
-            _ => Err(("robot".to_owned(), Problem::Roots { found: roots.len(), links: roots.join(", ") })),
+            _ => Err(("robot".to_owned(), Defect::Roots { found: roots.len(), links: roots.join(", ") })),
         }
     }
 
@@ -178,12 +178,12 @@ impl<'a> Tree<'a> {
             .collect();
         match leaves[..] {
             [leaf] => Ok(leaf),
-            _ => Err(("tip".to_owned(), Problem::UnnamedBranch { tips: leaves.join(", ") })),
+            _ => Err(("tip".to_owned(), Defect::UnnamedBranch { tips: leaves.join(", ") })),
         }
     }
 
     /// What a joint does, `None` for one that is fixed or held.
-    fn kind(&self, joint: &Joint) -> Result<Option<JointKind>, Problem> {
+    fn kind(&self, joint: &Joint) -> Result<Option<JointKind>, Defect> {
         if self.held.contains_key(&joint.name) {
             return Ok(None);
         }
@@ -192,13 +192,13 @@ impl<'a> Tree<'a> {
             JointType::Revolute => JointKind::Revolute,
             JointType::Continuous => JointKind::Continuous,
             JointType::Prismatic => JointKind::Prismatic,
-            ref other => return Err(Problem::JointType { kind: format!("{other:?}").to_lowercase() }),
+            ref other => return Err(Defect::JointType { kind: format!("{other:?}").to_lowercase() }),
         };
-        if joint.mimic.is_some() { Err(Problem::Mimic) } else { Ok(Some(kind)) }
+        if joint.mimic.is_some() { Err(Defect::Mimic) } else { Ok(Some(kind)) }
     }
 
     /// The child link's frame in the parent link's, at position zero, or where the joint is held.
-    fn place(&self, joint: &Joint) -> Result<Pose, Problem> {
+    fn place(&self, joint: &Joint) -> Result<Pose, Defect> {
         match self.held.get(&joint.name) {
             Some(&position) => Self::place_at(joint, position),
             None => pose(&joint.origin),
@@ -206,7 +206,7 @@ impl<'a> Tree<'a> {
     }
 
     /// That frame with the joint at `position`, rad or m.
-    fn place_at(joint: &Joint, position: f64) -> Result<Pose, Problem> {
+    fn place_at(joint: &Joint, position: f64) -> Result<Pose, Defect> {
         let X = pose(&joint.origin)?;
         let motion = match joint.joint_type {
             JointType::Revolute | JointType::Continuous => Pose::from_parts(
@@ -218,7 +218,7 @@ impl<'a> Tree<'a> {
                 UnitQuaternion::identity(),
             ),
             JointType::Fixed => Pose::identity(),
-            ref other => return Err(Problem::JointType { kind: format!("{other:?}").to_lowercase() }),
+            ref other => return Err(Defect::JointType { kind: format!("{other:?}").to_lowercase() }),
         };
         Ok(X * motion)
     }
@@ -235,7 +235,7 @@ impl<'a> Tree<'a> {
             }
         }
         if path.last().is_some_and(|joint| joint.parent.link != self.base) || path.is_empty() {
-            let problem = Problem::NotAChain { base: self.base.to_owned(), tip: self.tip.to_owned() };
+            let problem = Defect::NotAChain { base: self.base.to_owned(), tip: self.tip.to_owned() };
             return Err(("tip".to_owned(), problem));
         }
         path.reverse();
@@ -254,7 +254,7 @@ impl<'a> Tree<'a> {
             let link = joint.child.link.as_str();
             let inertia = self.weld(link, &Pose::identity(), &path)?;
             if inertia == Inertia::ZERO {
-                return Err((link_element(link), Problem::MissingInertia));
+                return Err((link_element(link), Defect::MissingInertia));
             }
             joints.push(JointDescription {
                 name: joint.name.clone(),
@@ -292,7 +292,7 @@ impl<'a> Tree<'a> {
                 Ok(None) => self.place(joint),
                 _ if behind_tip => held_at_rest(joint),
                 Ok(Some(_)) if path.iter().any(|other| std::ptr::eq(*other, *joint)) => continue,
-                Ok(Some(_)) => Err(Problem::MovesBesideChain),
+                Ok(Some(_)) => Err(Defect::MovesBesideChain),
                 Err(problem) => Err(problem),
             };
             let X = X * place.map_err(fault)?;
@@ -304,7 +304,7 @@ impl<'a> Tree<'a> {
 }
 
 /// The place of a joint behind the tip that nobody named: at zero, or at the end of its range that is nearest to it.
-fn held_at_rest(joint: &Joint) -> Result<Pose, Problem> {
+fn held_at_rest(joint: &Joint) -> Result<Pose, Defect> {
     let JointLimit { lower, upper, .. } = joint.limit;
     match joint.joint_type {
         JointType::Revolute | JointType::Prismatic if lower <= upper => {
@@ -314,19 +314,19 @@ fn held_at_rest(joint: &Joint) -> Result<Pose, Problem> {
     }
 }
 
-fn pose(origin: &urdf_rs::Pose) -> Result<Pose, Problem> {
+fn pose(origin: &urdf_rs::Pose) -> Result<Pose, Defect> {
     let xyz = all_within("origin xyz", origin.xyz.0, &bounds::LENGTH_M)?;
     let rpy = all_within("origin rpy", origin.rpy.0, &bounds::ANGLE_RAD)?;
     Ok(Pose::from_parts(Translation3::from(xyz), UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z)))
 }
 
-fn axis(joint: &Joint) -> Result<UnitVector3<f64>, Problem> {
+fn axis(joint: &Joint) -> Result<UnitVector3<f64>, Defect> {
     let direction = all_within("axis xyz", joint.axis.xyz.0, &bounds::DIRECTION)?;
-    UnitVector3::try_new(direction, 1e-9).ok_or(Problem::ZeroAxis)
+    UnitVector3::try_new(direction, 1e-9).ok_or(Defect::ZeroAxis)
 }
 
 /// The inertia in the link's frame; a link without `<inertial>` reads as all zeros.
-fn inertia(link: &Link) -> Result<Inertia, Problem> {
+fn inertia(link: &Link) -> Result<Inertia, Defect> {
     let record = &link.inertial;
     let urdf_rs::Inertia { ixx, ixy, ixz, iyy, iyz, izz } = record.inertia;
     for (key, moment) in [("ixx", ixx), ("ixy", ixy), ("ixz", ixz), ("iyy", iyy), ("iyz", iyz), ("izz", izz)]
@@ -341,7 +341,7 @@ fn inertia(link: &Link) -> Result<Inertia, Problem> {
     Ok(Inertia { mass, com: Vector3::zeros(), about_com }.in_frame(&pose(&record.origin)?))
 }
 
-fn friction(joint: &Joint) -> Result<Friction, Problem> {
+fn friction(joint: &Joint) -> Result<Friction, Defect> {
     let Some(dynamics) = &joint.dynamics else { return Ok(Friction::default()) };
     Ok(Friction {
         viscous: within("dynamics damping", dynamics.damping, &bounds::FRICTION)?,
@@ -349,7 +349,7 @@ fn friction(joint: &Joint) -> Result<Friction, Problem> {
     })
 }
 
-fn limits(limit: &JointLimit, kind: JointKind) -> Result<JointLimits, Problem> {
+fn limits(limit: &JointLimit, kind: JointKind) -> Result<JointLimits, Defect> {
     // A joint without <limit> reads as all zeros.
     let missing = *limit == JointLimit::default();
     let endless = missing || kind == JointKind::Continuous;
@@ -373,7 +373,7 @@ fn limits(limit: &JointLimit, kind: JointKind) -> Result<JointLimits, Problem> {
 }
 
 /// Attributes of `<limit>` that are missing read as zero: an effort of zero and a range without width may come from there.
-fn missing_limit(text: &str, joint: &JointDescription) -> Result<(), Problem> {
+fn missing_limit(text: &str, joint: &JointDescription) -> Result<(), Defect> {
     let JointLimits { lower, upper, effort, .. } = joint.limits;
     let suspects: &[&str] = match () {
         () if effort == 0.0 => &["effort"],
@@ -382,7 +382,7 @@ fn missing_limit(text: &str, joint: &JointDescription) -> Result<(), Problem> {
     };
     let element = joint_element(&joint.name);
     match suspects.iter().find(|attribute| lacks(text, &element, "limit", attribute)) {
-        Some(attribute) => Err(Problem::MissingLimit { attribute }),
+        Some(attribute) => Err(Defect::MissingLimit { attribute }),
         None => Ok(()),
     }
 }

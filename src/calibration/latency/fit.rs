@@ -12,8 +12,8 @@
 //! error of a stamp moves all points of its frame together; it is at least the one that takes each point as a draw,
 //! because a sandwich of few frames is thin.
 
-use super::Cell;
-use crate::calibration::{Recording, Sighting};
+use super::KnownCell;
+use crate::calibration::{Recording, SeenTarget};
 use crate::features::{point_image_jacobian, point_rows};
 use crate::geometry::{Pose, Twist, integrate_body_twist};
 use crate::servo::Mount;
@@ -100,14 +100,14 @@ struct Residual {
 /// The problem.
 #[derive(Clone, Copy)]
 pub(super) struct Fit<'a, const N: usize> {
-    cell: &'a Cell<'a, N>,
+    cell: &'a KnownCell<'a, N>,
     recording: &'a Recording<N>,
     /// Takes every n-th frame.
     stride: usize,
 }
 
 impl<'a, const N: usize> Fit<'a, N> {
-    pub(super) fn new(cell: &'a Cell<'a, N>, recording: &'a Recording<N>) -> Self {
+    pub(super) fn new(cell: &'a KnownCell<'a, N>, recording: &'a Recording<N>) -> Self {
         Self { cell, recording, stride: 1 }
     }
 
@@ -121,7 +121,7 @@ impl<'a, const N: usize> Fit<'a, N> {
         self.sightings().count()
     }
 
-    fn sightings(&self) -> impl Iterator<Item = &Sighting> {
+    fn sightings(&self) -> impl Iterator<Item = &SeenTarget> {
         let points = self.cell.points.len();
         self.recording.sightings.iter().filter(move |s| s.points().len() == points).step_by(self.stride)
     }
@@ -130,7 +130,7 @@ impl<'a, const N: usize> Fit<'a, N> {
     pub(super) fn motion_px(&self) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for j in 0..self.cell.points.len() {
-            let px = |s: &Sighting| Some(s.points().get(j)?.s.component_mul(&self.cell.f_px));
+            let px = |s: &SeenTarget| Some(s.points().get(j)?.s.component_mul(&self.cell.f_px));
             let frames = self.frames() as f64;
             let mean = self.sightings().filter_map(px).sum::<Vector2<f64>>() / frames;
             sum += self.sightings().filter_map(px).map(|p| (p - mean).norm_squared()).sum::<f64>();
@@ -148,8 +148,8 @@ impl<'a, const N: usize> Fit<'a, N> {
     }
 
     /// The residuals of one frame; none of a point that would lie behind the camera.
-    fn residuals(&self, sighting: &Sighting, at: &State, mut each: impl FnMut(&Residual)) {
-        let Cell { robot, mount, f_px, points } = self.cell;
+    fn residuals(&self, sighting: &SeenTarget, at: &State, mut each: impl FnMut(&Residual)) {
+        let KnownCell { robot, mount, f_px, points } = self.cell;
         let Some((q, qd)) = self.recording.track.at(sighting.stamp, at.tau_s) else { return };
         let (X_WC, J_C) = at.mount(mount).camera(robot, &q);
         let V_WC_C: Twist = J_C.matrix() * qd;

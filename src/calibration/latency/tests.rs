@@ -127,10 +127,15 @@ impl<const N: usize> Scene<N> {
         recording
     }
 
-    fn cell_with<R>(&self, mount: &Mount, use_cell: impl FnOnce(&Cell<'_, N>) -> R) -> R {
+    fn cell_with<R>(&self, mount: &Mount, use_cell: impl FnOnce(&KnownCell<'_, N>) -> R) -> R {
         let i = self.config.camera.model.intrinsics();
         let points = self.config.target.points_O();
-        use_cell(&Cell { robot: &self.robot, mount, f_px: Vector2::new(i.fx_px, i.fy_px), points: &points })
+        use_cell(&KnownCell {
+            robot: &self.robot,
+            mount,
+            f_px: Vector2::new(i.fx_px, i.fy_px),
+            points: &points,
+        })
     }
 
     fn found(&self, recording: &Recording<N>) -> Result<StampOffset, LatencyError> {

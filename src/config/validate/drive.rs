@@ -2,14 +2,18 @@
 
 use crate::config::check::Check;
 use crate::config::raw::{DriveKind, RawConfig, SourceKind};
-use crate::config::{Drive, DriveProgram, SimulatedArm};
+use crate::config::{DriveProgram, DriveSettings, SimulatedArm};
 use crate::drive::{CommandMode, InnerServo, MAX_DELAY, Payload};
 use crate::robot::RobotDescription;
 use crate::time::SpanNs;
 use nalgebra::Vector3;
 
 /// Checks `[drive]`; where the robot is not known, lists are not expanded to its joints.
-pub(super) fn drive(raw: &RawConfig, robot: Option<&RobotDescription>, check: &mut Check<'_>) -> Drive {
+pub(super) fn drive(
+    raw: &RawConfig,
+    robot: Option<&RobotDescription>,
+    check: &mut Check<'_>,
+) -> DriveSettings {
     let (d, s) = (&raw.drive, &raw.drive.simulated);
     let joints = robot.map(RobotDescription::joint_count);
     let simulated = SimulatedArm {
@@ -71,7 +75,7 @@ pub(super) fn drive(raw: &RawConfig, robot: Option<&RobotDescription>, check: &m
         answer_timeout: SpanNs::from_s(answer_timeout_s),
         connect_timeout: SpanNs::from_s(connect_timeout_s),
     };
-    Drive { kind: d.kind, mode: mode(raw, check), simulated, external }
+    DriveSettings { kind: d.kind, mode: mode(raw, check), simulated, external }
 }
 
 /// The mode that is asked for, if the kind of drive takes it. What an external drive takes is its own to say, when

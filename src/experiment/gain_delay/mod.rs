@@ -11,7 +11,7 @@ mod closed_loop;
 
 pub use closed_loop::{Disturbance, Loop};
 
-use super::outcome::Outcome;
+use super::findings::Findings;
 use super::plot::{Mark, Panel, Series, figure};
 use super::schemes::Scheme;
 use super::{Cell, ExperimentError, Options};
@@ -148,9 +148,9 @@ struct Entry {
     finding: Finding,
 }
 
-pub(super) fn gain_delay(options: &Options<'_>) -> Result<Outcome, ExperimentError> {
+pub(super) fn gain_delay(options: &Options<'_>) -> Result<Findings, ExperimentError> {
     let cell = Cell::textbook()?;
-    let mut out = Outcome::default();
+    let mut out = Findings::default();
     let mut table = String::from(
         "arm,scheme,delay_ms,frame_largest_stable_gain_1_s,frame_best_gain_1_s,frame_settling_time_s,\
          predict_largest_stable_gain_1_s,predict_gain_1_s,predict_settling_time_s,speed_up,\

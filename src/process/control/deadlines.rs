@@ -11,7 +11,7 @@
 //!    └──────────────────── total ───────────────────┘      missed: total >= 1 tick
 //! ```
 
-use crate::report::histogram::Histogram;
+use crate::report::histogram::SpanHistogram;
 use crate::report::summary::TickTimes;
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
@@ -27,9 +27,9 @@ pub(super) struct Deadlines {
     skipped: u64,
     /// Ticks that were skipped since the last command.
     just_skipped: u64,
-    wake: Histogram,
-    step: Histogram,
-    total: Histogram,
+    wake: SpanHistogram,
+    step: SpanHistogram,
+    total: SpanHistogram,
 }
 
 impl Deadlines {
@@ -43,9 +43,9 @@ impl Deadlines {
             in_a_row: 0,
             skipped: 0,
             just_skipped: 0,
-            wake: Histogram::default(),
-            step: Histogram::default(),
-            total: Histogram::default(),
+            wake: SpanHistogram::default(),
+            step: SpanHistogram::default(),
+            total: SpanHistogram::default(),
         }
     }
 

@@ -7,7 +7,7 @@ mod lockstep;
 mod realtime;
 
 use super::{Membership, ProcessError, StopFlag, frame_shape};
-use crate::calibration::{Cell, Recording, stamp_offset};
+use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
 use crate::config::raw::{Clock, Task};
 use crate::control::control_loop::{ControlLoop, Finish};
@@ -119,7 +119,7 @@ fn calibrate<const N: usize>(
 ) {
     let settings = control.controller().settings();
     let i = config.camera.model.intrinsics();
-    let cell = Cell {
+    let cell = KnownCell {
         robot: &settings.robot,
         mount: &config.camera.mount,
         f_px: Vector2::new(i.fx_px, i.fy_px),

@@ -39,7 +39,7 @@ const WATCH_PERIOD: Duration = Duration::from_millis(10);
 
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RunEnd {
+pub struct FinishedRun {
     /// What there is to tell.
     pub summary: Summary,
     /// The exit code that says it.
@@ -50,7 +50,7 @@ pub struct RunEnd {
 ///
 /// # Errors
 /// When the run cannot be started.
-pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<RunEnd, ProcessError> {
+pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<FinishedRun, ProcessError> {
     let (_place, written) = Place::take(config, instance)?;
     supervise(config, &written, instance, stop)
 }
@@ -95,7 +95,7 @@ fn supervise(
     written: &File,
     instance: &Instance,
     stop: &StopFlag,
-) -> Result<RunEnd, ProcessError> {
+) -> Result<FinishedRun, ProcessError> {
     let start = now();
     if stop.is_requested() {
         return Ok(stopped_before_the_start(config, now() - start));
@@ -120,11 +120,11 @@ fn supervise(
     Ok(end)
 }
 
-fn stopped_before_the_start(config: &Config, wall: SpanNs) -> RunEnd {
+fn stopped_before_the_start(config: &Config, wall: SpanNs) -> FinishedRun {
     let mut summary = Summary::without_control(config, wall);
     summary.outcome = Outcome::Stopped;
     summary.reason = "a stop was requested before the loop began".into();
-    RunEnd { exit_code: summary.outcome.exit_code(), summary }
+    FinishedRun { exit_code: summary.outcome.exit_code(), summary }
 }
 
 /// A process that ended before its time, or hangs.
@@ -199,19 +199,19 @@ fn conclude(
     failure: Option<Failure>,
     control: (End, Option<Summary>),
     wall: SpanNs,
-) -> RunEnd {
+) -> FinishedRun {
     let broken = |reason: String, exit_code: u8, summary: Option<Summary>| {
         let mut summary = summary.unwrap_or_else(|| Summary::without_control(config, wall));
         summary.outcome = Outcome::Fault;
         summary.reason = reason;
-        RunEnd { summary, exit_code }
+        FinishedRun { summary, exit_code }
     };
     match (failure, control) {
         (Some(Failure { how, exit_code, .. }), (_, summary)) => {
             let exit_code = exit_code.filter(|c| *c == 3 || *c == 1).unwrap_or(Outcome::Fault.exit_code());
             broken(how, exit_code, summary)
         }
-        (None, (_, Some(summary))) => RunEnd { exit_code: summary.outcome.exit_code(), summary },
+        (None, (_, Some(summary))) => FinishedRun { exit_code: summary.outcome.exit_code(), summary },
         (None, (end, None)) => {
             let exit_code = end.exit_code().filter(|c| *c != 0).unwrap_or(Outcome::Fault.exit_code());
             broken(format!("the control process ended without a result: {end}"), exit_code, None)

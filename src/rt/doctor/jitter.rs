@@ -2,7 +2,7 @@
 //! deadlines, and spinning the last part of it.
 
 use crate::config::RealtimeRequest;
-use crate::report::histogram::{Histogram, Quantiles};
+use crate::report::histogram::{Quantiles, SpanHistogram};
 use crate::report::summary::spin_text;
 use crate::rt::{Awake, DeadlineWait, USUAL_SPIN, now, prepare_thread};
 use crate::time::SpanNs;
@@ -108,7 +108,7 @@ struct Way {
     wait: DeadlineWait,
     wakes: u64,
     took: SpanNs,
-    histogram: Histogram,
+    histogram: SpanHistogram,
     bars: Vec<Bar>,
 }
 
@@ -116,7 +116,7 @@ impl Way {
     fn new(spin: SpanNs) -> Self {
         let mut bars = EDGES_US.map(|edge| Bar { up_to_us: Some(edge), count: 0 }).to_vec();
         bars.push(Bar { up_to_us: None, count: 0 });
-        let (wait, histogram) = (DeadlineWait::new(spin), Histogram::default());
+        let (wait, histogram) = (DeadlineWait::new(spin), SpanHistogram::default());
         Self { spin, wait, wakes: 0, took: SpanNs::ZERO, histogram, bars }
     }
 

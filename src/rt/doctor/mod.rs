@@ -26,7 +26,7 @@ pub struct Check {
 
 /// The whole examination.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Report {
+pub struct Examination {
     /// Settings of kernel, limits and clock.
     pub checks: Vec<Check>,
     /// Lateness of a 1 kHz thread that sleeps all the way to its deadlines; `null` when it was not measured.
@@ -41,7 +41,7 @@ pub fn examine() -> Vec<Check> {
     checks::all()
 }
 
-impl Report {
+impl Examination {
     /// Lines for people.
     #[must_use]
     pub fn to_text(&self) -> String {

@@ -17,7 +17,7 @@ pub struct Figure {
 
 /// All that one experiment gives.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Outcome {
+pub struct Findings {
     /// CSV files: name and text.
     pub tables: Vec<(String, String)>,
     /// Figures in reading order.
@@ -28,7 +28,7 @@ pub struct Outcome {
     pub lines: Vec<String>,
 }
 
-impl Outcome {
+impl Findings {
     /// Adds a table.
     pub fn table(&mut self, name: &str, text: String) {
         self.tables.push((format!("{name}.csv"), text));
@@ -82,7 +82,7 @@ pub(super) fn write_file(path: &Path, text: &str) -> Result<(), ExperimentError>
 
 /// The page that shows every figure of `all`.
 #[must_use]
-pub(super) fn index_page(outcomes: &[(&'static str, &'static str, Outcome)]) -> String {
+pub(super) fn index_page(all: &[(&'static str, &'static str, Findings)]) -> String {
     let escape = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let mut html = String::from(concat!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n",
@@ -92,16 +92,16 @@ pub(super) fn index_page(outcomes: &[(&'static str, &'static str, Outcome)]) -> 
         "pre{background:#f6f6f4;padding:.8rem;overflow-x:auto}nav a{margin-right:1rem}\n</style>\n</head>\n<body>\n",
         "<h1>Experiments</h1>\n<nav>\n",
     ));
-    for (name, _, _) in outcomes {
+    for (name, _, _) in all {
         html += &format!("<a href=\"#{name}\">{name}</a>\n");
     }
     html += "</nav>\n";
-    for (name, about, outcome) in outcomes {
+    for (name, about, findings) in all {
         html += &format!("<section id=\"{name}\">\n<h2>{name}</h2>\n<p>{}</p>\n", escape(about));
-        if !outcome.lines.is_empty() {
-            html += &format!("<pre>{}</pre>\n", escape(&outcome.lines.join("\n")));
+        if !findings.lines.is_empty() {
+            html += &format!("<pre>{}</pre>\n", escape(&findings.lines.join("\n")));
         }
-        for figure in &outcome.figures {
+        for figure in &findings.figures {
             let caption = escape(&figure.caption);
             html += &format!(
                 "<figure><img src=\"{name}/{}\" alt=\"{caption}\"><figcaption>{caption}</figcaption></figure>\n",
@@ -109,7 +109,7 @@ pub(super) fn index_page(outcomes: &[(&'static str, &'static str, Outcome)]) -> 
             );
         }
         html += "<p>Files: ";
-        for (file, _) in &outcome.tables {
+        for (file, _) in &findings.tables {
             html += &format!("<a href=\"{name}/{file}\">{file}</a> ");
         }
         html += &format!("<a href=\"{name}/metrics.json\">metrics.json</a></p>\n</section>\n");
@@ -124,17 +124,17 @@ mod tests {
 
     #[test]
     fn numbers_that_are_none_become_null() {
-        let mut outcome = Outcome::default();
-        outcome.metric("x", f64::NAN);
-        assert_eq!(serde_json::to_string(&outcome.metrics).unwrap(), "{\"x\":null}");
+        let mut findings = Findings::default();
+        findings.metric("x", f64::NAN);
+        assert_eq!(serde_json::to_string(&findings.metrics).unwrap(), "{\"x\":null}");
     }
 
     #[test]
     fn the_index_shows_every_figure() {
-        let mut outcome = Outcome::default();
-        outcome.figure("paths", "a < b", "<svg/>".into());
-        outcome.table("A", String::new());
-        let html = index_page(&[("one", "about", outcome)]);
+        let mut findings = Findings::default();
+        findings.figure("paths", "a < b", "<svg/>".into());
+        findings.table("A", String::new());
+        let html = index_page(&[("one", "about", findings)]);
         for text in ["src=\"one/paths.svg\"", "a &lt; b", "href=\"one/A.csv\"", "href=\"#one\""] {
             assert!(html.contains(text), "{text}");
         }
