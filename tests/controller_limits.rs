@@ -21,7 +21,7 @@ use vservo::servo::{
     DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint, UpdatePolicy,
     VisualServo,
 };
-use vservo::target::DotTarget;
+use vservo::target::FourDots;
 use vservo::time::{MonoNs, SpanNs};
 
 const MS: i64 = 1_000_000;
@@ -34,7 +34,7 @@ fn robot<const N: usize>(name: &str) -> Robot<N> {
 fn settings<const N: usize>(name: &str, update: UpdatePolicy, gain_1_s: f64) -> ControllerSettings<N> {
     let robot = robot::<N>(name);
     let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0, 0.0, 0.3].into());
-    let set_point = SetPoint::from_pose(&goal, &DotTarget::default().points_O()).unwrap();
+    let set_point = SetPoint::from_pose(&goal, &FourDots::default().points_O()).unwrap();
     let law = Law::ImageVelocity {
         gain: Gain::Constant(gain_1_s),
         interaction: Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated },
@@ -63,7 +63,7 @@ fn settings<const N: usize>(name: &str, update: UpdatePolicy, gain_1_s: f64) -> 
 fn seen(k: i64, X_CO: &Pose) -> Option<Measurement> {
     let mut m = Measurement { exposure: MonoNs(k * MS), feature_count: 4, ..Measurement::default() };
     m.status = TargetStatus::Found as u32;
-    for (f, p_O) in m.features.iter_mut().zip(DotTarget::default().points_O()) {
+    for (f, p_O) in m.features.iter_mut().zip(FourDots::default().points_O()) {
         let p = X_CO * p_O;
         if p.z < 1e-3 {
             return None;

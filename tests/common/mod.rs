@@ -250,11 +250,12 @@ pub fn assert_accurate(run: &Run) {
 /// What a perfect camera that looks everywhere measures at `k` ms from an arm in `q`.
 pub fn seen<const N: usize>(config: &Config, robot: &Robot<N>, q: &SVector<f64, N>, k: i64) -> Measurement {
     let X_CO = config.camera.mount.X_WC(&robot.forward(q)).inv_mul(&config.X_WO);
-    let mut m = Measurement { exposure: MonoNs(k * 1_000_000), feature_count: 4, ..Measurement::default() };
+    let mut m = Measurement { exposure: MonoNs(k * 1_000_000), ..Measurement::default() };
     m.status = TargetStatus::Found as u32;
-    for (f, p_O) in m.features.iter_mut().zip(config.target.points_O()) {
-        let p = X_CO * p_O;
-        *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
+    for (f, point) in m.features.iter_mut().zip(config.target.features()) {
+        let p = X_CO * point.p_O;
+        *f = FeaturePoint { id: point.id.into(), x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
+        m.feature_count += 1;
     }
     m.set_pose(&X_CO);
     m
