@@ -9,13 +9,14 @@ use vservo::control::controller::{ControlOutput, Controller, ControllerSettings}
 use vservo::control::safety::MeasurementWatch;
 use vservo::drive::DriveState;
 use vservo::geometry::Pose;
-use vservo::messages::{FeaturePoint, Measurement, TargetStatus};
+use vservo::messages::Measurement;
 use vservo::motion::{InverseDynamicsControl, JointController, MotionLimits, Reference, evade};
 use vservo::robot::{ExpressedIn, load};
 use vservo::servo::{
     CameraJacobian, DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint,
     UpdatePolicy, View, VisualServo, image_task, joint_velocity,
 };
+use vservo::sim::perfect_measurement;
 use vservo::time::{MonoNs, SpanNs};
 
 const MS: i64 = 1_000_000;
@@ -102,15 +103,7 @@ impl<const N: usize> Running<N> {
         let settings = self.controller.settings();
         let mount = settings.servo.settings().mount;
         let X_CO = mount.X_WC(&settings.robot.forward(&self.q)).inv_mul(&self.X_BO);
-        let mut m =
-            Measurement { exposure: MonoNs(self.tick * MS), feature_count: 4, ..Measurement::default() };
-        m.status = TargetStatus::Found as u32;
-        for (f, p) in m.features.iter_mut().zip(points(4)) {
-            let p = X_CO * p;
-            *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
-        }
-        m.set_pose(&X_CO);
-        Some(m)
+        perfect_measurement(&points(4), &X_CO, MonoNs(self.tick * MS))
     }
 
     fn step(&mut self, m: Option<&Measurement>) -> ControlOutput<N> {

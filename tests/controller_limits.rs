@@ -13,7 +13,7 @@ use vservo::control::controller::{ControlOutput, Controller, ControllerSettings}
 use vservo::control::safety::{Fault, MeasurementWatch};
 use vservo::drive::DriveState;
 use vservo::geometry::Pose;
-use vservo::messages::{ControlState, FeaturePoint, JointState, Measurement, TargetStatus};
+use vservo::messages::{ControlState, JointState, Measurement};
 use vservo::motion::{InverseDynamicsControl, JointController, Limit, MotionLimits};
 use vservo::report::statistics::RunStatistics;
 use vservo::robot::{Robot, load};
@@ -21,6 +21,7 @@ use vservo::servo::{
     DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint, UpdatePolicy,
     VisualServo,
 };
+use vservo::sim::perfect_measurement;
 use vservo::target::FourDots;
 use vservo::time::{MonoNs, SpanNs};
 
@@ -61,17 +62,7 @@ fn settings<const N: usize>(name: &str, update: UpdatePolicy, gain_1_s: f64) -> 
 
 /// A measurement of a target at `X_CO`; `None` where a dot is not in front of the camera.
 fn seen(k: i64, X_CO: &Pose) -> Option<Measurement> {
-    let mut m = Measurement { exposure: MonoNs(k * MS), feature_count: 4, ..Measurement::default() };
-    m.status = TargetStatus::Found as u32;
-    for (f, p_O) in m.features.iter_mut().zip(FourDots::default().points_O()) {
-        let p = X_CO * p_O;
-        if p.z < 1e-3 {
-            return None;
-        }
-        *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
-    }
-    m.set_pose(X_CO);
-    Some(m)
+    perfect_measurement(&FourDots::default().points_O(), X_CO, MonoNs(k * MS))
 }
 
 #[derive(Debug, Clone)]

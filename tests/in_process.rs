@@ -5,6 +5,7 @@
 mod common;
 
 use std::collections::BTreeSet;
+use std::ops::ControlFlow;
 use std::path::Path;
 use vservo::config::Config;
 use vservo::control::outcome::Outcome;
@@ -15,7 +16,7 @@ fn agree(file: &str, settings: &[&str]) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
     let owned: Vec<String> = settings.iter().map(ToString::to_string).collect();
     let config = Config::load(Some(&path), &owned).unwrap();
-    let alone = simulate_system(&config, &mut |_| {}).unwrap();
+    let alone = simulate_system(&config, &mut |_| ControlFlow::Continue(())).unwrap();
     assert_eq!(alone.finish.outcome, Outcome::Converged, "{file} {settings:?}: {}", alone.finish.reason);
     assert!(alone.errors.position_error_m.unwrap() < 0.5e-3, "{file} {settings:?}: {:?}", alone.errors);
 

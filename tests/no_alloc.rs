@@ -10,8 +10,9 @@ use vservo::config::assemble;
 use vservo::control::control_loop::ControlLoop;
 use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState};
 use vservo::geometry::Pose;
-use vservo::messages::{FeaturePoint, Measurement, TargetStatus};
+use vservo::messages::Measurement;
 use vservo::robot::Robot;
+use vservo::sim::perfect_measurement;
 use vservo::time::MonoNs;
 
 #[global_allocator]
@@ -20,14 +21,12 @@ static ALLOCATOR: AllocDisabler = AllocDisabler;
 const MS: i64 = 1_000_000;
 
 fn seen(config: &Config, k: i64, X_CO: &Pose) -> Measurement {
-    let mut m = Measurement { exposure: MonoNs(k * MS), feature_count: 4, ..Measurement::default() };
-    m.status = TargetStatus::Found as u32;
-    for (f, p_O) in m.features.iter_mut().zip(config.target.points_O()) {
-        let p = X_CO * p_O;
-        *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
-    }
-    m.set_pose(X_CO);
-    m
+    perfect_measurement(
+        &config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>(),
+        X_CO,
+        MonoNs(k * MS),
+    )
+    .unwrap()
 }
 
 fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLoop<N>) {

@@ -3,18 +3,13 @@
 
 #![allow(non_snake_case, clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::BTreeSet;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 use vservo::config::Config;
-use vservo::config::assemble;
-use vservo::control::control_loop::ControlLoop;
-use vservo::imaging::ImageView;
-use vservo::messages::{FrameHeader, JointState, Measurement};
-use vservo::source::{self, Exposure};
-use vservo::time::MonoNs;
-use vservo::time::TICK;
-use vservo::vision::{Frame, Prior};
+use vservo::control::trace::Trace;
+use vservo::sim::{Moment, simulate_system};
 
 /// Long enough for measurements that control uses.
 const TICKS: u64 = 45;
@@ -117,51 +112,21 @@ fn parse(table: &Table, folder: &Path) -> Result<Config, String> {
 
 /// Runs the first ticks of a configuration in this process; every command must be finite.
 fn run(config: &Config) -> Result<(), String> {
-    vservo::dispatch_robot!(config.robot, |robot| {
-        let control = assemble::control_loop(config, robot).map_err(|e| e.to_string())?;
-        commands_are_finite(config, control)
-    })
-    .map_err(|e| e.to_string())?
-}
-
-fn commands_are_finite<const N: usize>(config: &Config, mut control: ControlLoop<N>) -> Result<(), String> {
-    let mut vision = assemble::vision(config);
-    let mut source = source::open(config).map_err(|e| e.to_string())?;
-    let i = *config.camera.model.intrinsics();
-    let mut pixels = vec![0; i.width_px as usize * i.height_px as usize];
-    let mut on_their_way: VecDeque<(u64, Measurement)> = VecDeque::new();
-    for tick in 0..TICKS {
-        let now = MonoNs(TICK.0 * tick as i64);
-        let state: JointState = control.sense(tick, now);
-        let commanded = state.tau.iter().chain(&state.q_r).chain(&state.qd_r);
+    let mut wrong = Ok(());
+    simulate_system(config, &mut |moment| {
+        let Moment::Tick(Trace { joint_state, .. }, _) = moment else { return ControlFlow::Continue(()) };
+        let commanded = joint_state.tau.iter().chain(&joint_state.q_r).chain(&joint_state.qd_r);
         if !commanded.clone().all(|x| x.is_finite()) {
-            return Err(format!("tick {tick}: {:?}", commanded.collect::<Vec<_>>()));
+            wrong = Err(format!("tick {}: {:?}", joint_state.tick, commanded.collect::<Vec<_>>()));
         }
-        source.arm(&state);
-        let schedule = &config.camera.schedule;
-        if let Some(frame_id) = schedule.frame_at(tick).filter(|id| !schedule.is_lost(*id)) {
-            let exposure = Exposure { frame_id, mid: now, span: config.camera.exposure };
-            source.expose(&exposure, &mut pixels).map_err(|e| e.to_string())?;
-            let image = ImageView::new(&pixels, i.width_px as usize, i.height_px as usize).unwrap();
-            let header = FrameHeader {
-                frame_id,
-                exposure: config.camera.stamp(now),
-                width_px: i.width_px,
-                height_px: i.height_px,
-                ..FrameHeader::default()
-            };
-            let m = vision.process(&Frame { header, image }, &Prior::default());
-            on_their_way.push_back((schedule.usable_tick(frame_id), m));
+        if wrong.is_ok() && joint_state.tick + 1 < TICKS {
+            ControlFlow::Continue(())
+        } else {
+            ControlFlow::Break(())
         }
-        let mut measurement = None;
-        while let Some((_, m)) = on_their_way.pop_front_if(|(usable, _)| *usable <= tick) {
-            measurement = Some(m);
-        }
-        if control.act(tick, now, measurement.as_ref()).finish.is_some() {
-            break;
-        }
-    }
-    Ok(())
+    })
+    .map_err(|e| e.to_string())?;
+    wrong
 }
 
 /// The effective configuration of a run file, with small pictures so that many runs are quick.

@@ -9,28 +9,6 @@ use vservo::robot::{Robot, SHIPPED, load};
 const STEP_S: f64 = 1e-4;
 const STEPS: usize = 80_000;
 
-fn acceleration<const N: usize>(
-    robot: &Robot<N>,
-    q: &SVector<f64, N>,
-    qd: &SVector<f64, N>,
-) -> SVector<f64, N> {
-    robot.forward_dynamics(q, qd, &SVector::zeros())
-}
-
-/// The classical fourth-order rule.
-fn step<const N: usize>(robot: &Robot<N>, q: &mut SVector<f64, N>, qd: &mut SVector<f64, N>) {
-    let h = STEP_S;
-    let (v1, a1) = (*qd, acceleration(robot, q, qd));
-    let (q2, v2) = (*q + v1 * (h / 2.0), *qd + a1 * (h / 2.0));
-    let a2 = acceleration(robot, &q2, &v2);
-    let (q3, v3) = (*q + v2 * (h / 2.0), *qd + a2 * (h / 2.0));
-    let a3 = acceleration(robot, &q3, &v3);
-    let (q4, v4) = (*q + v3 * h, *qd + a3 * h);
-    let a4 = acceleration(robot, &q4, &v4);
-    *q += (v1 + v2 * 2.0 + v3 * 2.0 + v4) * (h / 6.0);
-    *qd += (a1 + a2 * 2.0 + a3 * 2.0 + a4) * (h / 6.0);
-}
-
 /// Drift of the total energy over the greatest kinetic energy on the way.
 fn drift<const N: usize>(robot: &Robot<N>) -> f64 {
     let mut q = SVector::<f64, N>::from_fn(|i, _| 0.3 + 0.4 * i as f64);
@@ -38,7 +16,7 @@ fn drift<const N: usize>(robot: &Robot<N>) -> f64 {
     let start = robot.kinetic_energy(&q, &qd) + robot.potential_energy(&q);
     let (mut worst, mut scale) = (0.0f64, 0.0f64);
     for k in 0..STEPS {
-        step(robot, &mut q, &mut qd);
+        (q, qd) = robot.integrate(&q, &qd, &SVector::zeros(), STEP_S);
         if k % 50 == 0 || k + 1 == STEPS {
             let kinetic = robot.kinetic_energy(&q, &qd);
             scale = scale.max(kinetic);

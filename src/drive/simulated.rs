@@ -156,20 +156,11 @@ impl<const N: usize> SimulatedDrive<N> {
 
     fn integrate(&mut self, h: f64) {
         let Some(tau) = self.torque(h) else { return };
-        let (q, v) = (self.q, self.qd);
+        let v = self.qd;
         // The friction of the step's beginning acts throughout; what it changes by is settled at the end.
         let friction = if self.friction { self.robot.friction_torque(&v) } else { SVector::zeros() };
         let tau = tau - friction;
-        let f = |q: &SVector<f64, N>, qd: &SVector<f64, N>| self.robot.forward_dynamics(q, qd, &tau);
-        let a1 = f(&q, &v);
-        let (q2, v2) = (q + v * (h / 2.0), v + a1 * (h / 2.0));
-        let a2 = f(&q2, &v2);
-        let (q3, v3) = (q + v2 * (h / 2.0), v + a2 * (h / 2.0));
-        let a3 = f(&q3, &v3);
-        let (q4, v4) = (q + v3 * h, v + a3 * h);
-        let a4 = f(&q4, &v4);
-        self.q = q + (v + v2 * 2.0 + v3 * 2.0 + v4) * (h / 6.0);
-        self.qd = v + (a1 + a2 * 2.0 + a3 * 2.0 + a4) * (h / 6.0);
+        (self.q, self.qd) = self.robot.integrate(&self.q, &v, &tau, h);
         if self.friction {
             let smooth = self.qd;
             self.qd = after_friction(&self.robot, &self.q, v, (&smooth, &(friction * h)), h);

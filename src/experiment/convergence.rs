@@ -17,10 +17,12 @@ use crate::servo::{
     Arm, CameraJacobian, Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, Law,
     OperationalSpace, OrientationError, Selection, SetPoint, View, Wish,
 };
+use crate::sim::{ClosedLoop, frame_every, run};
 use nalgebra::{Matrix6, Rotation3, Unit, Vector2, Vector3, Vector6};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::ops::ControlFlow::{self, Break, Continue};
 
 /// Largest rotation between start and goal, rad.
 const ROTATION_RAD: f64 = std::f64::consts::FRAC_PI_3;
@@ -28,6 +30,7 @@ const FRAME_S: f64 = 0.04;
 const SUBSTEPS: usize = 10;
 /// A run is over after this time.
 const SPAN_S: f64 = 120.0;
+const FRAMES: u64 = (SPAN_S / FRAME_S) as u64;
 /// Converged: so near to the goal.
 const NEAR: (f64, f64) = (0.5e-3, 0.1 * std::f64::consts::PI / 180.0);
 /// Right in the image: root mean square over the points, px.
@@ -193,62 +196,90 @@ pub fn start(camera: &CameraModel, n: usize) -> Pose {
 #[must_use]
 pub fn fly(camera: &CameraModel, flier: &Flier, set_point: &SetPoint, X_CO_start: &Pose) -> Flight {
     let error_px = |X_CO: &Pose| set_point.error_rms_px_at(X_CO, &Vector2::repeat(camera.intrinsics().fx_px));
-    let mut X_CO = *X_CO_start;
-    let (fate, time_s) = course(camera, flier, set_point, &mut X_CO);
-    let last_error_px = error_px(&X_CO);
+    let mut course = Course {
+        camera,
+        set_point,
+        locates: flier.scheme.is_position_based(),
+        law: law(flier),
+        X_CO: *X_CO_start,
+        V: Twist::zeros(),
+        estimate: None,
+    };
+    let (fate, time_s) = run(&frame_every(1), &mut course);
+    let last_error_px = error_px(&course.X_CO);
     let fate = if fate == Fate::TooSlow && last_error_px <= NEAR_PX { Fate::ImageOnly } else { fate };
     Flight { fate, time_s, first_error_px: error_px(X_CO_start), last_error_px }
 }
 
-/// Moves the object in the camera until the end of the run: fate and time, s.
-fn course(camera: &CameraModel, flier: &Flier, set_point: &SetPoint, X_CO: &mut Pose) -> (Fate, f64) {
-    let law = law(flier);
-    let mut V = Twist::zeros();
-    let mut estimate: Option<Pose> = None;
-    let frames = (SPAN_S / FRAME_S) as usize;
-    for k in 0..frames {
-        let time_s = k as f64 * FRAME_S;
-        let X_DC = goal() * X_CO.inverse();
+/// A flight; its ticks are frames. It ends with its fate and time, s.
+struct Course<'a> {
+    camera: &'a CameraModel,
+    set_point: &'a SetPoint,
+    locates: bool,
+    law: Law,
+    X_CO: Pose,
+    V: Twist,
+    estimate: Option<Pose>,
+}
+
+impl ClosedLoop for Course<'_> {
+    type Seen = [Vector2<f64>; 4];
+    type End = (Fate, f64);
+
+    fn sense(&mut self, frame: u64) -> ControlFlow<Self::End> {
+        if frame >= FRAMES {
+            return Break((Fate::TooSlow, SPAN_S));
+        }
+        let X_DC = goal() * self.X_CO.inverse();
         let away = X_DC.translation.vector.norm();
         let angle = rotation_angle(&X_DC.rotation.to_rotation_matrix());
-        if away <= NEAR.0 && angle <= NEAR.1 && V.norm() < 0.1 {
-            return (Fate::Converged, time_s);
+        if away <= NEAR.0 && angle <= NEAR.1 && self.V.norm() < 0.1 {
+            return Break((Fate::Converged, time_s(frame)));
         }
-        if !(away < FAR_M) {
-            return (Fate::Diverged, time_s);
+        if away < FAR_M { Continue(()) } else { Break((Fate::Diverged, time_s(frame))) }
+    }
+
+    fn see(&mut self, frame: u64, _: u64) -> ControlFlow<Self::End, Self::Seen> {
+        let Some(s) = project(&self.X_CO).filter(|_| faces(&self.X_CO)) else {
+            return Break((Fate::LostSight, time_s(frame)));
+        };
+        if !in_view(self.camera, &self.X_CO) {
+            return Break((Fate::LeftImage, time_s(frame)));
         }
-        let Some(s) = project(X_CO).filter(|_| faces(X_CO)) else { return (Fate::LostSight, time_s) };
-        if !in_view(camera, X_CO) {
-            return (Fate::LeftImage, time_s);
-        }
-        if flier.scheme.is_position_based() {
-            estimate = locate(&s, estimate.as_ref());
-            if estimate.is_none() {
-                return (Fate::NoAnswer, time_s);
+        if self.locates {
+            self.estimate = locate(&s, self.estimate.as_ref());
+            if self.estimate.is_none() {
+                return Break((Fate::NoAnswer, time_s(frame)));
             }
         }
+        Continue(s)
+    }
+
+    fn act(&mut self, frame: u64, seen: Option<Self::Seen>) -> ControlFlow<Self::End> {
         let J = CameraJacobian::of_moving_camera(Matrix6::identity());
-        let arm = Arm { J, qd: V, gravity: Vector6::zeros(), secondary: None };
-        let wish = View::new(s.into_iter(), estimate)
-            .and_then(|view| law.task(set_point, &view.with_known(Some(*X_CO))))
-            .and_then(|task| law.wish(&task, &arm));
+        let arm = Arm { J, qd: self.V, gravity: Vector6::zeros(), secondary: None };
+        let wish = seen
+            .and_then(|s| View::new(s.into_iter(), self.estimate))
+            .and_then(|view| self.law.task(self.set_point, &view.with_known(Some(self.X_CO))))
+            .and_then(|task| self.law.wish(&task, &arm));
         let still = match wish {
-            None => return (Fate::NoAnswer, time_s),
+            None => return Break((Fate::NoAnswer, time_s(frame))),
             Some(Wish::Velocity(twist)) => {
-                V = twist;
-                *X_CO = integrate_body_twist(&Pose::identity(), &V, FRAME_S).inverse() * *X_CO;
-                V.norm() < STILL
+                self.V = twist;
+                self.X_CO = integrate_body_twist(&Pose::identity(), &twist, FRAME_S).inverse() * self.X_CO;
+                twist.norm() < STILL
             }
             Some(Wish::Torque(wrench)) => {
-                (*X_CO, V) = ball(X_CO, &V, &wrench);
-                V.norm() < STILL && wrench.norm() < STILL
+                (self.X_CO, self.V) = ball(&self.X_CO, &self.V, &wrench);
+                self.V.norm() < STILL && wrench.norm() < STILL
             }
         };
-        if still {
-            return (Fate::LocalMinimum, time_s);
-        }
+        if still { Break((Fate::LocalMinimum, time_s(frame))) } else { Continue(()) }
     }
-    (Fate::TooSlow, SPAN_S)
+}
+
+fn time_s(frame: u64) -> f64 {
+    frame as f64 * FRAME_S
 }
 
 /// Pose from the four points; of two solutions the one nearer to that of the frame before.

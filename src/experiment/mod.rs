@@ -38,7 +38,7 @@ pub use metrics::{CellGoal, Metrics, RemainingErrors, SettlingTimes, path_deviat
 pub use plot::{Mark, Panel, Series, figure};
 pub use retreat::{ROTATIONS_DEG, pure_rotation, retreat_of};
 pub use schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
-pub use simulate::{LawInput, SPAN_S, STEP_S, STEPS_PER_FRAME, rigid_body_step, simulate, simulate_at};
+pub use simulate::{LawInput, SPAN_S, STEP_S, STEPS_PER_FRAME, simulate, simulate_at};
 pub use trajectory::{End, HEADER, Row, Trajectory};
 
 use std::path::{Path, PathBuf};

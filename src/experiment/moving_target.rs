@@ -8,6 +8,7 @@ use crate::config::Config;
 use crate::sim::{Moment, SystemRun, simulate_system};
 use crate::time::MonoNs;
 use serde_json::json;
+use std::ops::ControlFlow;
 
 /// Motions: name, and the settings of `[scene.motion]`.
 const MOTIONS: [(&str, [&str; 2]); 2] = [
@@ -47,6 +48,7 @@ fn behind_a_moving_target(
         if let Moment::Tick(trace, errors_now) = moment {
             errors.push(((trace.time - MonoNs::ZERO).as_s(), errors_now.feature_error.unwrap_or(f64::NAN)));
         }
+        ControlFlow::Continue(())
     })?;
     Ok((errors, run))
 }

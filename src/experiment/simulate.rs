@@ -7,14 +7,16 @@
 use super::cell::{Cell, project};
 use super::eye::Eye;
 use super::trajectory::{End, Row, Trajectory};
-use crate::robot::Robot;
+use crate::geometry::Pose;
 use crate::servo::Wish;
-use nalgebra::{SVector, Vector2, Vector4};
+use crate::sim::{ClosedLoop, frame_every, run};
+use nalgebra::{Vector2, Vector4};
+use std::ops::ControlFlow::{self, Break, Continue};
 
 /// Grid of the trajectories, s.
 pub const STEP_S: f64 = 1e-3;
 /// Steps from frame to frame: 25 Hz.
-pub const STEPS_PER_FRAME: usize = 40;
+pub const STEPS_PER_FRAME: u32 = 40;
 /// Length of the textbook's runs, s.
 pub const SPAN_S: f64 = 8.0;
 
@@ -52,73 +54,94 @@ pub fn simulate(
 /// The run breaks off with its reason when a point gets behind the camera, when the law has no answer, or when the
 /// motion diverges.
 pub fn simulate_at(
-    steps_per_frame: usize,
+    steps_per_frame: u32,
     cell: &Cell,
     name: &str,
     eye: &mut Eye,
     span_s: f64,
-    mut law: impl FnMut(&LawInput) -> Result<Wish<4>, String>,
+    law: impl FnMut(&LawInput) -> Result<Wish<4>, String>,
 ) -> Trajectory {
-    let steps = (span_s / STEP_S).round() as usize;
-    let mut rows = Vec::with_capacity(steps + 1);
-    let (mut q, mut qd) = (cell.q_start, Vector4::zeros());
-    let (mut wish, mut q_frame) = (Wish::Velocity(Vector4::zeros()), q);
-    let mut stop = None;
-    for k in 0..=steps {
-        let X_CO = cell.X_CO(&q);
-        let Some(s) = project(&X_CO) else {
-            stop = Some("a point of the object is no longer in front of the camera".to_string());
-            break;
-        };
-        if k % steps_per_frame == 0 {
-            let index = k / steps_per_frame;
-            let answer = eye.look(&X_CO, &s, index).and_then(|seen| law(&LawInput { index, q, qd, seen }));
-            match answer {
-                Ok(new) => (wish, q_frame) = (new, q),
-                Err(reason) => {
-                    stop = Some(reason);
-                    break;
-                }
-            }
-        }
-        let u = match wish {
-            Wish::Torque(u) | Wish::Velocity(u) => u,
-        };
-        rows.push(Row { time_s: k as f64 * STEP_S, x_c: cell.camera(&q), s, q, u });
-        match wish {
-            Wish::Torque(tau) => (q, qd) = rigid_body_step(&cell.arm, &q, &qd, &tau, STEP_S),
-            Wish::Velocity(rate) => {
-                qd = rate;
-                q = q_frame + rate * ((k % steps_per_frame + 1) as f64 * STEP_S);
-            }
-        }
-        // The comparisons also catch NaN.
-        if !(q.amax() < FAR && qd.amax() < f64::INFINITY) {
-            stop = Some("the motion diverges".to_string());
-            break;
-        }
-    }
+    let steps = (span_s / STEP_S).round() as u64;
+    let mut textbook = Textbook {
+        cell,
+        eye,
+        law,
+        steps,
+        q: cell.q_start,
+        qd: Vector4::zeros(),
+        X_CO: cell.X_DO,
+        s: [Vector2::zeros(); 4],
+        wish: Wish::Velocity(Vector4::zeros()),
+        at_frame: (0, cell.q_start),
+        rows: Vec::with_capacity(steps as usize + 1),
+    };
+    let stop = run(&frame_every(steps_per_frame), &mut textbook);
+    let rows = textbook.rows;
     let time_s = rows.last().map_or(0.0, |row: &Row| row.time_s);
     let end = stop.map_or(End::Finished, |reason| End::Stopped { time_s, reason });
     Trajectory { name: name.into(), rows, end }
 }
 
-/// One Runge-Kutta step of fourth order under constant torque.
-#[must_use]
-pub fn rigid_body_step<const N: usize>(
-    arm: &Robot<N>,
-    q: &SVector<f64, N>,
-    qd: &SVector<f64, N>,
-    tau: &SVector<f64, N>,
-    h: f64,
-) -> (SVector<f64, N>, SVector<f64, N>) {
-    let acceleration = |q: &SVector<f64, N>, qd: &SVector<f64, N>| arm.forward_dynamics(q, qd, tau);
-    let a1 = acceleration(q, qd);
-    let qd2 = qd + a1 * (h / 2.0);
-    let a2 = acceleration(&(q + qd * (h / 2.0)), &qd2);
-    let qd3 = qd + a2 * (h / 2.0);
-    let a3 = acceleration(&(q + qd2 * (h / 2.0)), &qd3);
-    let qd4 = qd + a3 * h;
-    let a4 = acceleration(&(q + qd3 * h), &qd4);
-    (q + (qd + qd2 * 2.0 + qd3 * 2.0 + qd4) * (h / 6.0), qd + (a1 + a2 * 2.0 + a3 * 2.0 + a4) * (h / 6.0))
+/// The loop of the text; it ends with the reason why it broke off, if it did.
+struct Textbook<'a, F> {
+    cell: &'a Cell,
+    eye: &'a mut Eye,
+    law: F,
+    steps: u64,
+    q: Vector4<f64>,
+    qd: Vector4<f64>,
+    /// The object in the camera at this step, and its points there.
+    X_CO: Pose,
+    s: [Vector2<f64>; 4],
+    wish: Wish<4>,
+    /// The step of the last frame, and the joint positions there.
+    at_frame: (u64, Vector4<f64>),
+    rows: Vec<Row>,
+}
+
+impl<F: FnMut(&LawInput) -> Result<Wish<4>, String>> ClosedLoop for Textbook<'_, F> {
+    type Seen = LawInput;
+    type End = Option<String>;
+
+    fn sense(&mut self, _: u64) -> ControlFlow<Self::End> {
+        self.X_CO = self.cell.X_CO(&self.q);
+        let Some(s) = project(&self.X_CO) else {
+            return Break(Some("a point of the object is no longer in front of the camera".to_string()));
+        };
+        self.s = s;
+        Continue(())
+    }
+
+    fn see(&mut self, _: u64, frame_id: u64) -> ControlFlow<Self::End, LawInput> {
+        let index = frame_id as usize;
+        match self.eye.look(&self.X_CO, &self.s, index) {
+            Ok(seen) => Continue(LawInput { index, q: self.q, qd: self.qd, seen }),
+            Err(reason) => Break(Some(reason)),
+        }
+    }
+
+    fn act(&mut self, step: u64, seen: Option<LawInput>) -> ControlFlow<Self::End> {
+        if let Some(input) = seen {
+            match (self.law)(&input) {
+                Ok(wish) => (self.wish, self.at_frame) = (wish, (step, self.q)),
+                Err(reason) => return Break(Some(reason)),
+            }
+        }
+        let (Wish::Torque(u) | Wish::Velocity(u)) = self.wish;
+        let (time_s, x_c) = (step as f64 * STEP_S, self.cell.camera(&self.q));
+        self.rows.push(Row { time_s, x_c, s: self.s, q: self.q, u });
+        match self.wish {
+            Wish::Torque(tau) => (self.q, self.qd) = self.cell.arm.integrate(&self.q, &self.qd, &tau, STEP_S),
+            Wish::Velocity(rate) => {
+                let (frame, q) = self.at_frame;
+                self.qd = rate;
+                self.q = q + rate * ((step - frame + 1) as f64 * STEP_S);
+            }
+        }
+        // The comparisons also catch NaN.
+        if !(self.q.amax() < FAR && self.qd.amax() < f64::INFINITY) {
+            return Break(Some("the motion diverges".to_string()));
+        }
+        if step == self.steps { Break(None) } else { Continue(()) }
+    }
 }

@@ -8,6 +8,7 @@ use crate::config::Config;
 use crate::control::outcome;
 use crate::sim::simulate_system;
 use serde_json::json;
+use std::ops::ControlFlow;
 
 const LATENCIES_MS: [u32; 2] = [40, 80];
 const UPDATES: [&str; 3] = ["frame", "tick", "predict"];
@@ -23,7 +24,7 @@ fn settling_time_s(latency_ms: u32, update: &str, gain_1_s: f64) -> Result<Optio
         format!("servo.gain_1_s={gain_1_s}"),
     ];
     let config = Config::load(None, &settings).map_err(|e| ExperimentError::Cell { cause: e.to_string() })?;
-    let run = simulate_system(&config, &mut |_| {})?;
+    let run = simulate_system(&config, &mut |_| ControlFlow::Continue(()))?;
     Ok(run.settling_time_s.filter(|_| run.finish.outcome == outcome::Outcome::Converged))
 }
 

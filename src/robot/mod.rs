@@ -24,6 +24,7 @@ mod energy;
 mod error;
 mod file;
 mod inertia;
+mod integrate;
 mod inverse;
 mod joint_axis;
 mod kinematics;

@@ -1,5 +1,9 @@
-//! A whole run in one process and in simulated time.
+//! Simulated time: the loop over ticks that every simulation shares, and a whole run in one process.
 
+mod closed_loop;
+mod perfect_camera;
 mod system;
 
+pub use closed_loop::{ClosedLoop, frame_every, run};
+pub use perfect_camera::perfect_measurement;
 pub use system::{Moment, SimError, SystemRun, simulate_system};

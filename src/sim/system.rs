@@ -5,10 +5,11 @@
 //! sense ─► joint state ─► source ─► pixels ─► Vision ─► Measurement ─ one latency later ─► act ─► drive
 //! ```
 
+use super::closed_loop::{self, ClosedLoop};
 use crate::config::Config;
 use crate::config::assemble::{self, AssembleError};
-use crate::control::control_loop::{ControlLoop, Finish};
-use crate::control::outcome::FinalErrors;
+use crate::control::control_loop::ControlLoop;
+use crate::control::outcome::{FinalErrors, Finish, Outcome};
 use crate::control::trace::Trace;
 use crate::imaging::{ImageSizeError, ImageView};
 use crate::messages::{FrameHeader, Measurement};
@@ -18,7 +19,7 @@ use crate::scene::{Exposure, SyntheticCamera};
 use crate::time::MonoNs;
 use crate::time::TICK;
 use crate::vision::{Frame, Prior, Vision};
-use std::collections::VecDeque;
+use std::ops::ControlFlow::{self, Break, Continue};
 use thiserror::Error;
 
 /// Why a run cannot be simulated.
@@ -59,72 +60,89 @@ pub enum Moment<'a> {
     Tick(&'a Trace, &'a FinalErrors),
 }
 
-/// Runs `config` in simulated time, whatever its clock, and tells `watch` what happens.
+/// Runs `config` in simulated time, whatever its clock, and tells `watch` what happens; a break of `watch` ends the run as
+/// [`Outcome::Stopped`], wherever the arm is then.
 ///
 /// # Errors
 /// [`SimError`] when a part of the configuration cannot be built.
-pub fn simulate_system(config: &Config, watch: &mut dyn FnMut(&Moment<'_>)) -> Result<SystemRun, SimError> {
-    let mut vision = assemble::vision(config);
+pub fn simulate_system(
+    config: &Config,
+    watch: &mut dyn FnMut(&Moment<'_>) -> ControlFlow<()>,
+) -> Result<SystemRun, SimError> {
+    let vision = assemble::vision(config);
     crate::dispatch_robot!(config.robot, |robot| {
-        let mut camera = assemble::synthetic_camera(config, robot.clone())?;
-        let mut control = assemble::control_loop(config, robot)?;
-        let mut statistics = RunStatistics::new();
-        let finish = run(config, &mut control, &mut vision, &mut camera, &mut |moment| {
-            if let Moment::Tick(trace, _) = moment {
-                statistics.note(trace);
-            }
-            watch(moment);
-        })?;
+        let camera = assemble::synthetic_camera(config, robot.clone())?;
+        let control = assemble::control_loop(config, robot)?;
+        let i = config.camera.model.intrinsics();
+        let pixels = vec![0; i.width_px as usize * i.height_px as usize];
+        let mut system =
+            System { config, control, vision, camera, pixels, statistics: RunStatistics::new(), watch };
+        let finish = closed_loop::run(&config.camera.schedule, &mut system)?;
         Ok(SystemRun {
             finish,
-            errors: control.final_errors(),
-            settling_time_s: statistics.settling_time_s(),
-            target_lost: control.sightings().last().map_or(0, |m| m.target_lost),
-            state_hash: statistics.state_hash(),
+            errors: system.control.final_errors(),
+            settling_time_s: system.statistics.settling_time_s(),
+            target_lost: system.control.sightings().last().map_or(0, |m| m.target_lost),
+            state_hash: system.statistics.state_hash(),
         })
     })?
 }
 
-fn run<const N: usize>(
-    config: &Config,
-    control: &mut ControlLoop<N>,
-    vision: &mut Vision,
-    camera: &mut SyntheticCamera<N>,
-    watch: &mut dyn FnMut(&Moment<'_>),
-) -> Result<Finish, SimError> {
-    let schedule = &config.camera.schedule;
-    let i = *config.camera.model.intrinsics();
-    let mut pixels = vec![0; i.width_px as usize * i.height_px as usize];
-    let mut on_their_way: VecDeque<(u64, Measurement)> = VecDeque::new();
-    let mut tick = 0;
-    loop {
-        let now = MonoNs(TICK.0 * tick as i64);
-        camera.arm(&control.sense(tick, now));
-        if let Some(frame_id) = schedule.frame_at(tick).filter(|id| !schedule.is_lost(*id)) {
-            let exposure = Exposure { frame_id, mid: now, span: config.camera.exposure };
-            camera.expose(&exposure, &mut pixels);
-            let image = ImageView::new(&pixels, i.width_px as usize, i.height_px as usize)?;
-            watch(&Moment::Frame(frame_id, &image));
-            let header = FrameHeader {
-                frame_id,
-                exposure: config.camera.stamp(now),
-                width_px: i.width_px,
-                height_px: i.height_px,
-                ..FrameHeader::default()
-            };
-            let measurement = vision.process(&Frame { header, image }, &Prior::default());
-            on_their_way.push_back((schedule.usable_tick(frame_id), measurement));
+/// The cores of the three processes.
+struct System<'a, const N: usize> {
+    config: &'a Config,
+    control: ControlLoop<N>,
+    vision: Vision,
+    camera: SyntheticCamera<N>,
+    pixels: Vec<u8>,
+    statistics: RunStatistics,
+    watch: &'a mut dyn FnMut(&Moment<'_>) -> ControlFlow<()>,
+}
+
+const WATCHED_ENOUGH: Finish = Finish { outcome: Outcome::Stopped, reason: "who watched has seen enough" };
+
+fn time(tick: u64) -> MonoNs {
+    MonoNs(TICK.0 * tick as i64)
+}
+
+impl<const N: usize> ClosedLoop for System<'_, N> {
+    type Seen = Measurement;
+    type End = Result<Finish, SimError>;
+
+    fn sense(&mut self, tick: u64) -> ControlFlow<Self::End> {
+        self.camera.arm(&self.control.sense(tick, time(tick)));
+        Continue(())
+    }
+
+    fn see(&mut self, tick: u64, frame_id: u64) -> ControlFlow<Self::End, Measurement> {
+        let camera = &self.config.camera;
+        let i = camera.model.intrinsics();
+        let exposure = Exposure { frame_id, mid: time(tick), span: camera.exposure };
+        self.camera.expose(&exposure, &mut self.pixels);
+        let image = match ImageView::new(&self.pixels, i.width_px as usize, i.height_px as usize) {
+            Ok(image) => image,
+            Err(e) => return Break(Err(e.into())),
+        };
+        if (self.watch)(&Moment::Frame(frame_id, &image)).is_break() {
+            return Break(Ok(WATCHED_ENOUGH));
         }
-        // A measurement reaches control one latency after the middle of its exposure.
-        let mut measurement = None;
-        while let Some((_, m)) = on_their_way.pop_front_if(|(usable, _)| *usable <= tick) {
-            measurement = Some(m);
+        let header = FrameHeader {
+            frame_id,
+            exposure: camera.stamp(exposure.mid),
+            width_px: i.width_px,
+            height_px: i.height_px,
+            ..FrameHeader::default()
+        };
+        Continue(self.vision.process(&Frame { header, image }, &Prior::default()))
+    }
+
+    fn act(&mut self, tick: u64, seen: Option<Measurement>) -> ControlFlow<Self::End> {
+        let trace = self.control.act(tick, time(tick), seen.as_ref());
+        self.statistics.note(&trace);
+        let watched = (self.watch)(&Moment::Tick(&trace, &self.control.final_errors()));
+        match trace.finish.or(watched.is_break().then_some(WATCHED_ENOUGH)) {
+            Some(finish) => Break(Ok(finish)),
+            None => Continue(()),
         }
-        let trace = control.act(tick, now, measurement.as_ref());
-        watch(&Moment::Tick(&trace, &control.final_errors()));
-        if let Some(finish) = trace.finish {
-            return Ok(finish);
-        }
-        tick += 1;
     }
 }

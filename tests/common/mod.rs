@@ -12,8 +12,9 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use vservo::config::Config;
-use vservo::messages::{FeaturePoint, Measurement, TargetStatus};
+use vservo::messages::Measurement;
 use vservo::robot::Robot;
+use vservo::sim::perfect_measurement;
 use vservo::time::MonoNs;
 
 /// Waits are for conditions; this only bounds a test that has already failed.
@@ -250,13 +251,6 @@ pub fn assert_accurate(run: &Run) {
 /// What a perfect camera that looks everywhere measures at `k` ms from an arm in `q`.
 pub fn seen<const N: usize>(config: &Config, robot: &Robot<N>, q: &SVector<f64, N>, k: i64) -> Measurement {
     let X_CO = config.camera.mount.X_WC(&robot.forward(q)).inv_mul(&config.X_WO);
-    let mut m = Measurement { exposure: MonoNs(k * 1_000_000), ..Measurement::default() };
-    m.status = TargetStatus::Found as u32;
-    for (f, point) in m.features.iter_mut().zip(config.target.features()) {
-        let p = X_CO * point.p_O;
-        *f = FeaturePoint { id: point.id.into(), x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
-        m.feature_count += 1;
-    }
-    m.set_pose(&X_CO);
-    m
+    let points_O: Vec<_> = config.target.points().iter().map(|point| point.p_O).collect();
+    perfect_measurement(&points_O, &X_CO, MonoNs(k * 1_000_000)).unwrap()
 }

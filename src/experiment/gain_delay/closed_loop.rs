@@ -1,18 +1,19 @@
 //! One loop of the study: an arm that obeys at once or lags, vision that is late, lost, wrongly stamped or wrong in depth.
 
-use crate::experiment::cell::{POINTS, project};
+use crate::experiment::cell::POINTS;
 use crate::experiment::schemes::Scheme;
 use crate::experiment::{Cell, ExperimentError};
 use crate::geometry::{Pose, rotation_angle};
-use crate::messages::{FeaturePoint, Measurement, TargetStatus};
+use crate::messages::Measurement;
 use crate::scene::{FrameSchedule, Irregularity};
 use crate::servo::{
     Gain, Interaction, Law, Mount, OperationalSpace, OrientationError, ServoSettings, SetPoint, UpdatePolicy,
     VisualServo, Wish, pose_gains_4,
 };
-use crate::time::{MonoNs, SpanNs};
+use crate::sim::{self, ClosedLoop, perfect_measurement};
+use crate::time::{MonoNs, SpanNs, TICK};
 use nalgebra::{Point3, Vector4};
-use std::collections::VecDeque;
+use std::ops::ControlFlow::{self, Break, Continue};
 
 /// Gains looked at, 1/s.
 pub(super) const GAINS_1_S: (f64, f64) = (0.5, 4000.0);
@@ -107,57 +108,22 @@ impl Loop {
         Ok(VisualServo::new(settings))
     }
 
-    fn measure(&self, cell: &Cell, q: &Vector4<f64>, now: MonoNs) -> Option<Measurement> {
-        let X_CO = cell.X_CO(q);
-        let s = project(&X_CO)?;
-        let exposure = now + SpanNs(self.disturbance.stamp_error_ms * 1_000_000);
-        let mut m = Measurement { exposure, feature_count: 4, ..Measurement::default() };
-        m.status = TargetStatus::Found as u32;
-        for (f, s) in m.features.iter_mut().zip(s) {
-            *f = FeaturePoint { x: s.x, y: s.y, ..FeaturePoint::default() };
-        }
-        m.set_pose(&scaled(&X_CO, self.disturbance.depth_scale));
-        Some(m)
-    }
-
     /// The error (distance in m plus angle in rad) at every tick; it ends early when the run does.
     ///
     /// # Errors
     /// [`ExperimentError::Cell`].
     pub fn run(&self, cell: &Cell, gain_1_s: f64) -> Result<Vec<f64>, ExperimentError> {
-        let schedule = self.schedule();
-        let mut servo = self.servo(cell, gain_1_s)?;
-        let mut q = cell.joints(&cell.goal()?.x_c)? + Vector4::repeat(OFFSET);
-        let mut qd = Vector4::zeros();
-        let follow = if self.lag_s > 0.0 { 1.0 - (-TICK_S / self.lag_s).exp() } else { 1.0 };
-        let mut under_way = VecDeque::new();
-        let mut errors = Vec::with_capacity(TICKS);
-        for k in 0..TICKS as u64 {
-            let now = MonoNs(k as i64 * 1_000_000);
-            let X_DC = cell.X_DO * cell.X_CO(&q).inverse();
-            let e = X_DC.translation.vector.norm() + rotation_angle(&X_DC.rotation.to_rotation_matrix());
-            errors.push(e);
-            if !(e < 1.0) {
-                break; // far out: unstable
-            }
-            servo.note_arm(now, &q, &qd);
-            if let Some(frame) = schedule.frame_at(k).filter(|id| !schedule.is_lost(*id)) {
-                match self.measure(cell, &q, now) {
-                    Some(m) => under_way.push_back((schedule.usable_tick(frame), m)),
-                    None => break,
-                }
-            }
-            while let Some((_, m)) = under_way.pop_front_if(|(due, _)| *due <= k) {
-                servo.take(now, &m, &cell.arm);
-            }
-            let reference = match servo.wish(&q, &qd, &cell.arm) {
-                Some(Wish::Velocity(reference)) => reference,
-                Some(Wish::Torque(_)) | None => Vector4::zeros(),
-            };
-            qd += (reference - qd) * follow;
-            q += qd * TICK_S;
-        }
-        Ok(errors)
+        let mut at_work = AtWork {
+            cell,
+            disturbance: self.disturbance,
+            servo: self.servo(cell, gain_1_s)?,
+            q: cell.joints(&cell.goal()?.x_c)? + Vector4::repeat(OFFSET),
+            qd: Vector4::zeros(),
+            follow: if self.lag_s > 0.0 { 1.0 - (-TICK_S / self.lag_s).exp() } else { 1.0 },
+            errors: Vec::with_capacity(TICKS),
+        };
+        sim::run(&self.schedule(), &mut at_work);
+        Ok(at_work.errors)
     }
 
     /// Whether errors die out at this gain.
@@ -197,6 +163,58 @@ impl Loop {
     /// [`ExperimentError::Cell`].
     pub fn settling_time(&self, cell: &Cell, gain_1_s: f64) -> Result<Option<f64>, ExperimentError> {
         Ok(settling_time(&self.run(cell, gain_1_s)?))
+    }
+}
+
+/// The loop while it runs, until it is far out.
+struct AtWork<'a> {
+    cell: &'a Cell,
+    disturbance: Disturbance,
+    servo: VisualServo<4>,
+    q: Vector4<f64>,
+    qd: Vector4<f64>,
+    /// Share of the way to its reference rate that a joint goes in a tick.
+    follow: f64,
+    errors: Vec<f64>,
+}
+
+fn time(tick: u64) -> MonoNs {
+    MonoNs(TICK.0 * tick as i64)
+}
+
+impl ClosedLoop for AtWork<'_> {
+    type Seen = Measurement;
+    type End = ();
+
+    fn sense(&mut self, tick: u64) -> ControlFlow<()> {
+        let X_DC = self.cell.X_DO * self.cell.X_CO(&self.q).inverse();
+        let e = X_DC.translation.vector.norm() + rotation_angle(&X_DC.rotation.to_rotation_matrix());
+        self.errors.push(e);
+        self.servo.note_arm(time(tick), &self.q, &self.qd);
+        // Far out is unstable; the comparison also catches NaN.
+        if e < 1.0 { Continue(()) } else { Break(()) }
+    }
+
+    fn see(&mut self, tick: u64, _: u64) -> ControlFlow<(), Measurement> {
+        let Disturbance { stamp_error_ms, depth_scale, .. } = self.disturbance;
+        let exposure = time(tick) + SpanNs(stamp_error_ms * 1_000_000);
+        let X_CO = self.cell.X_CO(&self.q);
+        let Some(mut m) = perfect_measurement(&POINTS, &X_CO, exposure) else { return Break(()) };
+        m.set_pose(&scaled(&X_CO, depth_scale));
+        Continue(m)
+    }
+
+    fn act(&mut self, tick: u64, seen: Option<Measurement>) -> ControlFlow<()> {
+        if let Some(m) = seen {
+            self.servo.take(time(tick), &m, &self.cell.arm);
+        }
+        let reference = match self.servo.wish(&self.q, &self.qd, &self.cell.arm) {
+            Some(Wish::Velocity(reference)) => reference,
+            Some(Wish::Torque(_)) | None => Vector4::zeros(),
+        };
+        self.qd += (reference - self.qd) * self.follow;
+        self.q += self.qd * TICK_S;
+        if self.errors.len() == TICKS { Break(()) } else { Continue(()) }
     }
 }
 

@@ -2,9 +2,10 @@
 
 use super::square;
 use crate::geometry::Pose;
-use crate::messages::{FeaturePoint, Measurement, TargetStatus};
+use crate::messages::Measurement;
 use crate::robot::Robot;
 use crate::servo::*;
+use crate::sim::perfect_measurement;
 use crate::time::MonoNs;
 use nalgebra::{SVector, Vector3, Vector4, Vector6};
 use proptest::prelude::*;
@@ -66,16 +67,7 @@ impl<const N: usize> Loop<N> {
     }
 
     fn look(&self) -> Measurement {
-        let mut m =
-            Measurement { exposure: MonoNs(self.tick * MS), feature_count: 4, ..Measurement::default() };
-        m.status = TargetStatus::Found as u32;
-        let X_CO = self.X_CO();
-        for (f, p) in m.features.iter_mut().zip(square()) {
-            let p = X_CO * p;
-            *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
-        }
-        m.set_pose(&X_CO);
-        m
+        perfect_measurement(&square(), &self.X_CO(), MonoNs(self.tick * MS)).unwrap()
     }
 
     fn step(&mut self) -> SVector<f64, N> {
