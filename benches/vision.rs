@@ -7,7 +7,7 @@ use nalgebra::{Translation3, UnitQuaternion};
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
 use vservo::geometry::Pose;
 use vservo::scene::{Renderer, SceneLook, SensorModel};
-use vservo::target::DotTarget;
+use vservo::target::FourDots;
 
 fn main() {
     divan::main();
@@ -31,7 +31,7 @@ fn pose(z: f64) -> Pose {
 
 fn renderer(camera: CameraModel, blur_sd_px: f64) -> Renderer {
     let sensor = SensorModel { noise_sd_levels: 2.0, blur_sd_px, vignetting: 0.1, seed: 1 };
-    Renderer::new(camera, DotTarget::default(), SceneLook::default(), sensor).unwrap()
+    Renderer::new(camera, FourDots::default(), SceneLook::default(), sensor).unwrap()
 }
 
 mod render {
@@ -83,7 +83,7 @@ mod render {
 
 mod detect {
     use super::*;
-    use vservo::detect::{Detector, Expected};
+    use vservo::detect::{Expected, Finder};
     use vservo::imaging::{Components, Connectivity, Histogram, ImageView, PairCounter, Runs, Window};
     use vservo::messages::FrameHeader;
     use vservo::time::MonoNs;
@@ -104,7 +104,7 @@ mod detect {
         let pixels = image(camera);
         let i = *camera.intrinsics();
         let mut vision =
-            Vision::new(camera, DotTarget::default(), VisionSettings { track, ..VisionSettings::default() });
+            Vision::new(camera, FourDots::default(), VisionSettings { track, ..VisionSettings::default() });
         let image = ImageView::new(&pixels, i.width_px as usize, i.height_px as usize).unwrap();
         let mut frame_id = 0;
         let mut next = || {
@@ -141,15 +141,22 @@ mod detect {
         let camera = vga(-0.2);
         let pixels = image(camera);
         let image = ImageView::new(&pixels, 640, 480).unwrap();
-        let mut detector = Detector::new(camera, &DotTarget::default());
-        let expected = detector.search(&image).unwrap().map(|dot| Expected {
-            px: dot.px,
-            covariance_px2: dot.covariance_px2,
-            area_px2: dot.area_px2,
-            slack_px: 3.0,
-            threshold: 125,
-        });
-        bencher.bench_local(|| detector.track(&image, &expected).unwrap());
+        let mut finder = Finder::new(camera, &FourDots::default().into());
+        let mut found = Vec::new();
+        finder.search(&image, &mut found).unwrap();
+        let expected: Vec<_> = found
+            .iter()
+            .map(|dot| Expected {
+                id: dot.id,
+                px: dot.px,
+                covariance_px2: dot.covariance_px2,
+                area_px2: dot.area_px2,
+                slack_px: 3.0,
+                threshold: 125,
+            })
+            .collect();
+        assert!(finder.track(&image, &expected, &mut found));
+        bencher.bench_local(|| finder.track(&image, &expected, &mut found));
     }
 
     #[divan::bench]

@@ -22,7 +22,7 @@ use vservo::servo::{
     VisualServo,
 };
 use vservo::sim::perfect_measurement;
-use vservo::target::DotTarget;
+use vservo::target::FourDots;
 use vservo::time::{MonoNs, SpanNs};
 
 const MS: i64 = 1_000_000;
@@ -35,7 +35,7 @@ fn robot<const N: usize>(name: &str) -> Robot<N> {
 fn settings<const N: usize>(name: &str, update: UpdatePolicy, gain_1_s: f64) -> ControllerSettings<N> {
     let robot = robot::<N>(name);
     let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0, 0.0, 0.3].into());
-    let set_point = SetPoint::from_pose(&goal, &DotTarget::default().points_O()).unwrap();
+    let set_point = SetPoint::from_pose(&goal, &FourDots::default().points_O()).unwrap();
     let law = Law::ImageVelocity {
         gain: Gain::Constant(gain_1_s),
         interaction: Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated },
@@ -62,7 +62,7 @@ fn settings<const N: usize>(name: &str, update: UpdatePolicy, gain_1_s: f64) -> 
 
 /// A measurement of a target at `X_CO`; `None` where a dot is not in front of the camera.
 fn seen(k: i64, X_CO: &Pose) -> Option<Measurement> {
-    perfect_measurement(&DotTarget::default().points_O(), X_CO, MonoNs(k * MS))
+    perfect_measurement(&FourDots::default().points_O(), X_CO, MonoNs(k * MS))
 }
 
 #[derive(Debug, Clone)]

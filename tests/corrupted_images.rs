@@ -12,7 +12,7 @@ use vservo::camera_model::CameraModel;
 use vservo::geometry::Pose;
 use vservo::messages::{Measurement, TargetStatus, measurement_flag};
 use vservo::scene::SensorModel;
-use vservo::target::DotTarget;
+use vservo::target::FourDots;
 use vservo::vision::{Prior, Vision, VisionSettings};
 
 fn sensor(blur_sd_px: f64, noise_sd_levels: f64, seed: u64) -> SensorModel {
@@ -52,7 +52,7 @@ fn good_pictures_raise_no_alarm() {
                 for _ in 0..8 {
                     let X_CO = random.pose(&bench.renderer, 3.0);
                     let settings = VisionSettings { track: false, ..VisionSettings::default() };
-                    bench.vision = Vision::new(*bench.renderer.camera(), DotTarget::default(), settings);
+                    bench.vision = Vision::new(*bench.renderer.camera(), FourDots::default(), settings);
                     bench.frame_id += 1;
                     let poses = exposure(&X_CO, smear_px, &mut random);
                     bench.renderer.render(&poses, bench.frame_id, &mut bench.image);
@@ -94,10 +94,10 @@ enum Harm {
 }
 
 fn harm(kind: Harm, random: &mut Random, image: &mut [u8], X_CO: &Pose, camera: &CameraModel) {
-    let target = DotTarget::default();
+    let target = FourDots::default();
     let project = |x: f64, y: f64| camera.project(&(X_CO * Point3::new(x, y, 0.0))).unwrap();
     let which = random.one_of(4);
-    let (c, radius_m) = (target.points()[which], target.radii_m()[which]);
+    let (c, radius_m) = (target.marks()[which].centre_m, target.marks()[which].radius_m);
     let (sin, cos) = random.within(0.0, std::f64::consts::TAU).sin_cos();
     let (rim, centre) = (project(c.x + radius_m * cos, c.y + radius_m * sin), project(c.x, c.y));
     let radius = (rim - centre).norm();
@@ -219,7 +219,7 @@ fn a_passing_disturbance_is_no_loss() {
 #[test]
 fn a_crooked_target_needs_its_allowance() {
     let mut bench = Bench::new(0.0, sensor(0.5, 2.0, 1));
-    let described = DotTarget::new(0.0998, 0.015, 0.010, 0.030).unwrap();
+    let described = FourDots::new(0.0998, 0.015, 0.010, 0.030).unwrap();
     bench.render(&pose(0.0, 0.0, 0.3, 0.3, 0.9, 0.0));
     let camera = *bench.renderer.camera();
     // pixels higher than wide by a fiftieth: no pose makes a square of that

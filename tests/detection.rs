@@ -12,7 +12,7 @@ use vservo::camera_model::CameraModel;
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, TargetStatus, measurement_flag};
-use vservo::target::DotTarget;
+use vservo::target::FourDots;
 use vservo::vision::{Frame, Prior, Vision, VisionSettings};
 
 /// Poses with all dots in view: distances 0.3..1.5 m, turns over the circle, tilts to 50 degrees.
@@ -91,7 +91,7 @@ fn pose_and_its_covariance_fit_the_truth() {
 /// Places in the picture all along the rims of the dots. From a tilted camera those on the near side bulge far out.
 fn rims(camera: &CameraModel, X_CO: &Pose) -> impl Iterator<Item = Option<Vector2<f64>>> {
     let (camera, X_CO) = (*camera, *X_CO);
-    let target = DotTarget::default();
+    let target = FourDots::default();
     target.points_O().into_iter().flat_map(move |p| {
         (0..24).map(move |k| {
             let (sin, cos) = (f64::from(k) * 15.0f64.to_radians()).sin_cos();
@@ -113,7 +113,7 @@ proptest! {
         // the smallest dot wholly in view, and of 3 px at least in its flat direction
         prop_assume!(600.0 * 0.01 / z * tilt.cos() > 3.0);
         // beside the optical axis the plate is seen flatter than it is tilted: dots of an axis ratio below 0.2 are none
-        prop_assume!(DotTarget::default().points_O().into_iter().all(|p| {
+        prop_assume!(FourDots::default().points_O().into_iter().all(|p| {
             let ray = (X_CO * p).coords.normalize();
             (X_CO.rotation * Vector3::z()).dot(&ray) > 0.3
         }));
@@ -259,7 +259,7 @@ fn uneven_light_is_no_hindrance() {
             }
         }
         let settings = VisionSettings { track: false, ..VisionSettings::default() };
-        bench.vision = Vision::new(*bench.renderer.camera(), DotTarget::default(), settings);
+        bench.vision = Vision::new(*bench.renderer.camera(), FourDots::default(), settings);
         let m = bench.process(&Prior::default());
         assert_eq!(m.target_status(), TargetStatus::Found, "direction {k}");
         for error in bench.errors(&X_CO, &m) {
@@ -274,7 +274,7 @@ fn tracking_equals_searching() {
     for with_prior in [false, true] {
         let mut bench = Bench::new(-0.2, noisy(3.0, 6));
         let settings = VisionSettings { track: false, ..VisionSettings::default() };
-        let mut searching = Vision::new(*bench.renderer.camera(), DotTarget::default(), settings);
+        let mut searching = Vision::new(*bench.renderer.camera(), FourDots::default(), settings);
         let (mut tracked, mut worst) = (0, 0.0f64);
         for k in 0..100 {
             let t = f64::from(k) * 0.04;

@@ -9,17 +9,18 @@ use nalgebra::{Translation3, Unit, UnitQuaternion, Vector2, Vector3};
 use rendered::{Bench, HEIGHT, Random, WIDTH, camera, pose};
 use std::path::Path;
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
-use vservo::detect::{Detector, Dot};
+use vservo::detect::{Finder, Found};
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::TargetStatus;
 use vservo::scene::SensorModel;
-use vservo::target::DotTarget;
+use vservo::target::FourDots;
 
-fn search(camera: CameraModel, image: &[u8]) -> Result<[Dot; 4], TargetStatus> {
+fn search(camera: CameraModel, image: &[u8]) -> Result<Vec<Found>, TargetStatus> {
     let i = camera.intrinsics();
     let view = ImageView::new(image, i.width_px as usize, i.height_px as usize).unwrap();
-    Detector::new(camera, &DotTarget::default()).search(&view)
+    let mut found = Vec::new();
+    Finder::new(camera, &FourDots::default().into()).search(&view, &mut found).map(|()| found)
 }
 
 /// A plate with `n` by `n` equal dots, every pixel the mean of nine samples.
@@ -67,7 +68,10 @@ fn grids_of_equal_dots_hold_no_target() {
             render_grid(&camera, &X_CO, n, pitch_m, radius_m, &mut image);
             image.iter_mut().for_each(|p| *p = (f64::from(*p) + noise.within(-3.0, 3.0)) as u8);
             if let Ok(dots) = search(camera, &image) {
-                wrong.push(format!("{n}x{n} grid {k}: {:?}", dots.map(|d| (d.px.x, d.px.y))));
+                wrong.push(format!(
+                    "{n}x{n} grid {k}: {:?}",
+                    dots.iter().map(|d| (d.px.x, d.px.y)).collect::<Vec<_>>()
+                ));
             }
         }
     }

@@ -21,7 +21,12 @@ static ALLOCATOR: AllocDisabler = AllocDisabler;
 const MS: i64 = 1_000_000;
 
 fn seen(config: &Config, k: i64, X_CO: &Pose) -> Measurement {
-    perfect_measurement(&config.target.points_O(), X_CO, MonoNs(k * MS)).unwrap()
+    perfect_measurement(
+        &config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>(),
+        X_CO,
+        MonoNs(k * MS),
+    )
+    .unwrap()
 }
 
 fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLoop<N>) {

@@ -9,7 +9,7 @@ use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, measurement_flag};
 use vservo::scene::{Renderer, SceneLook, SensorModel};
-use vservo::target::DotTarget;
+use vservo::target::FourDots;
 use vservo::time::MonoNs;
 use vservo::vision::{Frame, Prior, Vision, VisionSettings};
 
@@ -21,7 +21,7 @@ fn nothing_is_allocated_per_frame() {
     let intrinsics =
         Intrinsics { fx_px: 600.0, fy_px: 600.0, cx_px: 319.5, cy_px: 239.5, width_px: 640, height_px: 480 };
     let camera = CameraModel::new(intrinsics, Distortion { k1: -0.2, ..Distortion::default() }).unwrap();
-    let target = DotTarget::default();
+    let target = FourDots::default();
     let mut renderer = Renderer::new(camera, target, SceneLook::default(), SensorModel::default()).unwrap();
     let mut vision = Vision::new(camera, target, VisionSettings::default());
     let mut image = vec![0; 640 * 480];

@@ -78,7 +78,7 @@ pub fn motion_limits<const N: usize>(
 /// The vision core of a configuration.
 #[must_use]
 pub fn vision(config: &Config) -> Vision {
-    Vision::new(config.camera.model, config.target, config.vision)
+    Vision::new(config.camera.model, config.target.clone(), config.vision)
 }
 
 /// The synthetic camera of a configuration, before an arm that rests at its start.
@@ -93,9 +93,9 @@ pub fn synthetic_camera<const N: usize>(
         return Err(AssembleError::Replay);
     };
     let history = ArmHistory::new(robot, q_start(config)?);
-    let renderer = Renderer::new(config.camera.model, config.target, *look, *sensor)?;
+    let renderer = Renderer::new(config.camera.model, config.target.clone(), *look, *sensor)?;
     let (mount, X_WO, motion) = (config.camera.mount, config.X_WO, config.scene_motion);
-    Ok(SyntheticCamera::new(history, renderer, mount, X_WO, motion, *motion_blur))
+    Ok(SyntheticCamera::new(history, renderer, mount, X_WO, motion, config.occluder, *motion_blur))
 }
 
 /// The drive of a configuration; an open loop has one that stands still.

@@ -12,6 +12,7 @@ pub mod raw;
 mod servo;
 mod source;
 mod tables;
+mod target;
 mod validate;
 
 pub use problem::{ConfigError, Problem};
@@ -23,9 +24,9 @@ use crate::geometry::Pose;
 use crate::input::file;
 use crate::robot::RobotDescription;
 use crate::scene::FrameSchedule;
-use crate::scene::{SceneLook, SceneMotion, SensorModel};
+use crate::scene::{Occluder, SceneLook, SceneMotion, SensorModel};
 use crate::servo::{Law, Mount, ObjectDynamics, SetPoint};
-use crate::target::DotTarget;
+use crate::target::Target;
 use crate::time::{MonoNs, SpanNs};
 use crate::vision::VisionSettings;
 use raw::{Clock, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Task, Update};
@@ -54,11 +55,13 @@ pub struct Config {
     /// The camera.
     pub camera: Camera,
     /// The target.
-    pub target: DotTarget,
+    pub target: Target,
     /// Where the target is in a simulated scene: in the base frame, or on the flange with a camera beside the arm.
     pub X_WO: Pose,
     /// How it moves there.
     pub scene_motion: SceneMotion,
+    /// What comes between it and the camera there.
+    pub occluder: Option<Occluder>,
     /// How vision works.
     pub vision: VisionSettings,
     /// The servo law.

@@ -2,6 +2,7 @@
 //!
 //! Each table denies unknown keys. What the values must fulfil stands in `validate`.
 
+use super::target::RawTarget;
 use crate::drive::CommandMode;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -22,6 +23,8 @@ macro_rules! table {
     };
 }
 
+pub(super) use table;
+
 /// Declares a choice that is written as a word in lower case.
 macro_rules! word {
     ($(#[$doc:meta])* $name:ident { $( $(#[$variant_doc:meta])* $variant:ident, )* }) => {
@@ -32,12 +35,14 @@ macro_rules! word {
     };
 }
 
+pub(super) use word;
+
 mod motion;
 mod place;
 mod servo;
 
 pub use motion::{JointControl, RawMotion};
-pub use place::{Carrier, MountKind, RawMount, RawObject};
+pub use place::{Carrier, MountKind, RawMount, RawObject, RawOccluder};
 pub use servo::{
     At, DampingOn, Depth, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint, SchemeKind,
     SetPointKind, Update,
@@ -230,30 +235,6 @@ table! {
     }
 }
 
-word! {
-    /// What the camera looks at.
-    TargetKind {
-        /// Four dark dots on a light plate, the first one larger.
-        FourDots,
-    }
-}
-
-table! {
-    /// The target's geometry.
-    RawTarget {
-        /// Kind of target.
-        kind: TargetKind = TargetKind::FourDots,
-        /// Side of the square of dots, m.
-        side_m: f64 = 0.1,
-        /// Radius of dots 2 to 4, m.
-        radius_m: f64 = 0.010,
-        /// Radius of dot 1, m.
-        radius_p1_m: f64 = 0.015,
-        /// Light margin of the plate around the square, m.
-        margin_m: f64 = 0.030,
-    }
-}
-
 table! {
     /// Where the target is, and how bright things are, in a simulated scene.
     RawScene {
@@ -261,6 +242,8 @@ table! {
         object: RawObject = RawObject::default(),
         /// `[scene.motion]`
         motion: RawSceneMotion = RawSceneMotion::default(),
+        /// `[scene.occluder]`
+        occluder: RawOccluder = RawOccluder::default(),
         /// Grey level of the background.
         background_level: f64 = 90.0,
         /// Grey level of the plate.

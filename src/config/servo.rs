@@ -13,7 +13,7 @@ use crate::servo::{
     Damping, DepthSource, FeatureKind, Gain, HybridGains, Interaction, InteractionAt, Law, ObjectDynamics,
     OperationalSpace, OrientationError, PoseGains, Selection, SetPoint,
 };
-use crate::target::DotTarget;
+use crate::target::Target;
 use crate::time::SpanNs;
 use nalgebra::{Vector2, Vector3};
 use std::ops::RangeInclusive;
@@ -25,16 +25,11 @@ const PD_GAIN: RangeInclusive<f64> = 0.0..=1e6;
 const TILT: f64 = 1e-6;
 
 /// The law and the goal; `None` when they cannot be built.
-pub(super) fn servo(
-    raw: &RawConfig,
-    target: &DotTarget,
-    X_DO: &Pose,
-    check: &mut Check<'_>,
-) -> Option<Servo> {
+pub(super) fn servo(raw: &RawConfig, target: &Target, X_DO: &Pose, check: &mut Check<'_>) -> Option<Servo> {
     let s = &raw.servo;
     let before = check.count_problems();
     let law = law(s, check);
-    let points = target.points_O();
+    let (points, ids): (Vec<_>, Vec<_>) = target.features().map(|point| (point.p_O, point.id)).unzip();
     let selection = selection(s, points.len(), check);
     features_in_view(s, check);
     let set_point = match s.set_point.kind {
@@ -84,7 +79,7 @@ pub(super) fn servo(
     Some(Servo {
         update: s.update,
         law,
-        set_point: set_point?.with_selection(selection?)?,
+        set_point: set_point?.with_ids(&ids)?.with_selection(selection?)?,
         teach,
         smooth_start_1_s: (smooth > 0.0).then_some(smooth),
         lead: SpanNs::from_s(lead_ms * 1e-3),

@@ -6,17 +6,18 @@ mod start;
 
 use super::check::Check;
 use super::raw::{
-    Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SourceKind, TargetKind, Task,
+    Carrier, Clock, MountKind, RawConfig, RawOccluder, RealtimePolicy, SceneMotionKind, SourceKind, Task,
 };
 use super::servo::servo;
+use super::target::target;
 use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Source};
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::scene::{FrameSchedule, Irregularity};
-use crate::scene::{LARGEST_SIDE_PX, SceneLook, SceneMotion, SensorModel};
+use crate::scene::{LARGEST_SIDE_PX, Occluder, SceneLook, SceneMotion, SensorModel};
 use crate::servo::Mount;
-use crate::target::DotTarget;
 use crate::time::SpanNs;
 use crate::vision::VisionSettings;
+use nalgebra::Vector2;
 use std::ops::RangeInclusive;
 
 /// Frames that may be on their way at once: bounds the shared memory that a lockstep run takes.
@@ -37,7 +38,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         hold: SpanNs::from_s(check.range("goal.hold_s", raw.goal.hold_s, 0.0..=60.0)),
     };
     let camera = camera(&raw, check);
-    let target = target(&raw, check);
+    let target = target(&raw.target, check);
     let object = &raw.scene.object;
     let X_WO = check.pose("scene.object", object.position_m, object.rotation_rpy_rad);
     let carrier = match raw.camera.mount.kind {
@@ -94,6 +95,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         model_sd_px: check.range("vision.model_sd_px", raw.vision.model_sd_px, 0.0..=10.0),
         ..VisionSettings::default()
     };
+    let occluder = occluder(&raw.scene.occluder, check);
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
     let spin_us = raw.realtime.spin_us.map(|us| check.range("realtime.spin_us", us, 0.0..=500.0));
     let before_arm = check.count_problems();
@@ -123,6 +125,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         target: target?,
         X_WO,
         scene_motion,
+        occluder,
         vision,
         servo: servo?,
         motion,
@@ -262,24 +265,24 @@ fn scene_motion(raw: &RawConfig, check: &mut Check<'_>) -> SceneMotion {
     }
 }
 
-fn target(raw: &RawConfig, check: &mut Check<'_>) -> Option<DotTarget> {
-    let t = &raw.target;
-    let before = check.count_problems();
-    for (key, length_m) in [
-        ("target.side_m", t.side_m),
-        ("target.radius_m", t.radius_m),
-        ("target.radius_p1_m", t.radius_p1_m),
-        ("target.margin_m", t.margin_m),
-    ] {
-        check.range(key, length_m, 1e-6..=100.0);
-    }
-    if check.count_problems() > before {
-        return None;
-    }
-    let made = match t.kind {
-        TargetKind::FourDots => DotTarget::new(t.side_m, t.radius_p1_m, t.radius_m, t.margin_m),
+fn occluder(raw: &RawOccluder, check: &mut Check<'_>) -> Option<Occluder> {
+    let [from_s, until_s] = [("from_s", raw.from_s), ("until_s", raw.until_s)]
+        .map(|(key, s)| check.range(&format!("scene.occluder.{key}"), s, 0.0..=1e6));
+    let pair = |key: &str, values: [f64; 2], least: f64, check: &mut Check<'_>| {
+        for (i, m) in values.iter().enumerate() {
+            check.range(&format!("scene.occluder.{key}[{i}]"), *m, least..=100.0);
+        }
+        Vector2::from(values)
     };
-    made.map_err(|e| check.wrong("target", e.to_string())).ok()
+    let occluder = Occluder {
+        centre_m: pair("center_m", raw.center_m, -100.0, check),
+        size_m: pair("size_m", raw.size_m, 1e-6, check),
+        height_m: check.range("scene.occluder.height_m", raw.height_m, 0.0..=100.0),
+        level: check.range("scene.occluder.level", raw.level, SceneLook::LEVEL),
+        from: SpanNs::from_s(from_s),
+        until: SpanNs::from_s(until_s),
+    };
+    (until_s > from_s).then_some(occluder)
 }
 
 fn timing(raw: &RawConfig, camera: &Camera, check: &mut Check<'_>) {

@@ -185,8 +185,12 @@ fn why_not_used(sightings: &Sightings) -> Option<&'static str> {
     let reasons = [
         (
             intake.refused_features,
-            "run.duration_s is over: measurements carry another number of features than the set-point: camera, vision and \
-             control need the same run file",
+            "run.duration_s is over: measurements carry other features than the set-point: camera, vision and control need the \
+             same run file",
+        ),
+        (
+            intake.refused_too_few,
+            "run.duration_s is over: too much of the target was hidden for the law to go on",
         ),
         (
             intake.refused_from_future,

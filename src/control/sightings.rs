@@ -14,9 +14,15 @@ pub struct IntakeCounts {
     pub used_from_future: u64,
     /// Without a target.
     pub no_target: u64,
-    /// Refused: another number of features than the set-point's.
+    /// Of those that the servo law worked with: a part of the target was hidden.
+    #[serde(default)]
+    pub degraded: u64,
+    /// Refused: none of the set-point's features.
     #[serde(default)]
     pub refused_features: u64,
+    /// Refused: so much of the target was hidden that the law had no answer.
+    #[serde(default)]
+    pub refused_too_few: u64,
     /// Refused by vision: the dots do not fit one pose.
     #[serde(default)]
     pub refused_inconsistent: u64,
@@ -37,6 +43,7 @@ pub(crate) struct Sightings {
     last_found: Option<Measurement>,
     error_px: f64,
     latency: LatencyStages,
+    degraded: bool,
 }
 
 impl Sightings {
@@ -48,6 +55,7 @@ impl Sightings {
             last_found: None,
             error_px: f64::NAN,
             latency: LatencyStages::default(),
+            degraded: false,
         }
     }
 
@@ -79,6 +87,7 @@ impl Sightings {
             Intake::UsedFromFuture => &mut counts.used_from_future,
             Intake::NoTarget => &mut counts.no_target,
             Intake::OtherFeatures => &mut counts.refused_features,
+            Intake::TooFewFeatures => &mut counts.refused_too_few,
             Intake::Inconsistent => &mut counts.refused_inconsistent,
             Intake::NotNewer => &mut counts.refused_not_newer,
             Intake::RefusedFromFuture => &mut counts.refused_from_future,
@@ -89,6 +98,15 @@ impl Sightings {
         }
         if first_inconsistent && intake == Intake::Inconsistent {
             events.push(Event::Inconsistent);
+        }
+    }
+
+    /// Whether a part of the target was hidden in a measurement that was used.
+    pub(super) fn note_degraded(&mut self, degraded: bool, events: &mut Events) {
+        self.intake.degraded += u64::from(degraded);
+        if degraded != self.degraded {
+            self.degraded = degraded;
+            events.push(if degraded { Event::Degraded } else { Event::WholeAgain });
         }
     }
 

@@ -56,6 +56,10 @@ pub enum Event {
     StampFromFuture,
     /// The first measurement whose dots fit no pose.
     Inconsistent,
+    /// A part of the target is hidden: the law goes on with the rest.
+    Degraded,
+    /// The whole target is seen again.
+    WholeAgain,
 }
 
 /// The events of one tick, in their order.

@@ -26,10 +26,12 @@ const ROUGH_LEVELS2: f64 = 1.0;
 /// Light that changes across the dot moves the centroid: by this part of its half axis, under a tenth of vignetting.
 const UNEVEN: f64 = 4e-4;
 
-/// One dot, measured.
+/// One point of the target, found and measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Dot {
-    /// Centroid in the distorted image, px.
+pub struct Found {
+    /// Which point.
+    pub id: u32,
+    /// Centroid of its dot in the distorted image, px.
     pub px: Vector2<f64>,
     /// One standard deviation of each coordinate of `px`, px.
     pub sigma_px: f64,
@@ -47,7 +49,7 @@ pub struct Dot {
 }
 
 /// Levels around one dot.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Levels {
     dark: f64,
     plate: f64,
@@ -67,31 +69,32 @@ impl Levels {
     }
 }
 
-/// Measures dots.
-#[derive(Debug, Clone, Copy)]
+/// Measures dots. Owns its buffers.
+#[derive(Debug, Clone)]
 pub(super) struct DotMeter {
     /// Least free distance around a dot, in its radii.
     gap: f64,
+    levels: Vec<Option<Levels>>,
+    roughness: Vec<f64>,
 }
 
 impl DotMeter {
-    pub(super) fn new(gap: f64) -> Self {
-        Self { gap }
+    /// For up to `most` dots at a time, with `gap` radii of free plate about each.
+    pub(super) fn new(gap: f64, most: usize) -> Self {
+        Self { gap, levels: Vec::with_capacity(most), roughness: Vec::with_capacity(most) }
     }
 
-    /// Measures four dots near the given ellipses. `None` when one has no contrast to its surroundings.
-    pub(super) fn measure(&self, image: &ImageView<'_>, blobs: &[Blob; 4]) -> Option<[Dot; 4]> {
-        let mut levels = [Levels::default(); 4];
-        for (level, blob) in levels.iter_mut().zip(blobs) {
-            *level = self.levels(image, blob)?;
+    /// Measures dots near the given ellipses into `found`. Those without contrast to their surroundings are left out.
+    pub(super) fn measure(&mut self, image: &ImageView<'_>, blobs: &[(u32, Blob)], found: &mut Vec<Found>) {
+        found.clear();
+        let mut levels = std::mem::take(&mut self.levels);
+        levels.clear();
+        levels.extend(blobs.iter().map(|(_, blob)| self.levels(image, blob)));
+        let noise = noise_of(&levels, &mut self.roughness);
+        for ((id, blob), level) in blobs.iter().zip(&levels) {
+            found.extend(level.as_ref().and_then(|level| self.dot(*id, image, blob, level, noise)));
         }
-        let noise = noise_of(&levels);
-        let mut dots = [None; 4];
-        for ((dot, blob), level) in dots.iter_mut().zip(blobs).zip(&levels) {
-            *dot = self.dot(image, blob, level, noise);
-        }
-        let [Some(a), Some(b), Some(c), Some(d)] = dots else { return None };
-        Some([a, b, c, d])
+        self.levels = levels;
     }
 
     /// How far the plate is looked at beyond the end of an axis, px.
@@ -159,7 +162,7 @@ impl DotMeter {
         })
     }
 
-    fn dot(&self, image: &ImageView<'_>, blob: &Blob, levels: &Levels, noise: f64) -> Option<Dot> {
+    fn dot(&self, id: u32, image: &ImageView<'_>, blob: &Blob, levels: &Levels, noise: f64) -> Option<Found> {
         let contrast = levels.plate - levels.dark;
         let dead = (3.2 * noise + 1.0).min(0.3 * contrast);
         let (lo, hi) = ((levels.dark + dead).round(), (levels.plate - dead).round());
@@ -180,7 +183,8 @@ impl DotMeter {
         let from_noise = noise.max(0.3) / span * rim2.sqrt() / area;
         let floor = FLOOR_PX / f64::from(sums.rim.max(1)).sqrt();
         let scale = area / blob.area;
-        Some(Dot {
+        Some(Found {
+            id,
             px,
             sigma_px: from_noise.hypot(floor).hypot(UNEVEN * blob.axes().0),
             area_px2: area,
@@ -212,13 +216,15 @@ impl DotMeter {
 }
 
 /// Standard deviation of the pixels' noise, grey levels: neighbours differ by twice its variance. Dots on which something
-/// lies are left out.
-fn noise_of(levels: &[Levels; 4]) -> f64 {
-    let mut sorted = levels.map(|l| l.roughness());
-    sorted.sort_unstable_by(f64::total_cmp);
-    let most = ROUGH_TIMES * sorted[1] + ROUGH_LEVELS2;
+/// lies are left out: the smoothest quarter tells what is rough.
+fn noise_of(levels: &[Option<Levels>], roughness: &mut Vec<f64>) -> f64 {
+    roughness.clear();
+    roughness.extend(levels.iter().flatten().map(Levels::roughness));
+    roughness.sort_unstable_by(f64::total_cmp);
+    let Some(quarter) = roughness.get(roughness.len() / 4) else { return 0.0 };
+    let most = ROUGH_TIMES * quarter + ROUGH_LEVELS2;
     let (mut rough, mut pairs) = (0, 0);
-    for level in levels.iter().filter(|l| l.roughness() <= most) {
+    for level in levels.iter().flatten().filter(|l| l.roughness() <= most) {
         rough += level.rough;
         pairs += level.pairs;
     }

@@ -1,7 +1,7 @@
-//! From a grey frame to the four dots of the target, each with its identity.
+//! From a grey frame to the points of the target, each with its identity.
 //!
 //! ```text
-//! whole frame:  threshold -> regions -> ellipses with contrast -> four that form the target, P1 the larger
+//! whole frame:  threshold -> regions -> ellipses with contrast -> those that form the target: four_dots, dot_grid
 //! tracking:     windows around the expected dots -> regions -> the same check
 //! both:         grey-level centroids, with their standard deviation
 //! ```
@@ -9,12 +9,13 @@
 //! lies from the image of its centre.
 
 mod blob;
-mod detector;
 mod dot;
-mod identity;
+mod dot_grid;
+mod finder;
+mod four_dots;
 mod offset;
 mod sums;
 
-pub use detector::{Detector, Expected};
-pub use dot::Dot;
+pub use dot::Found;
+pub use finder::{Expected, Finder};
 pub use offset::{centre_offset, dot_covariance_px2};

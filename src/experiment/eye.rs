@@ -6,7 +6,7 @@ use crate::geometry::Pose;
 use crate::imaging::ImageView;
 use crate::messages::FrameHeader;
 use crate::scene::{Renderer, SceneLook, SensorModel};
-use crate::target::DotTarget;
+use crate::target::FourDots;
 use crate::time::MonoNs;
 use crate::vision::{Frame, Prior, Vision, VisionSettings};
 use nalgebra::Vector2;
@@ -73,7 +73,7 @@ impl RenderedEye {
     /// [`ExperimentError::Cell`] when a part refuses its constants.
     pub fn new(seed: u64) -> Result<Self, ExperimentError> {
         let camera = camera()?;
-        let target = DotTarget::new(0.1, 0.015, 0.010, 0.030).map_err(cell)?;
+        let target = FourDots::new(0.1, 0.015, 0.010, 0.030).map_err(cell)?;
         let sensor = SensorModel { seed, ..SensorModel::default() };
         let renderer = Renderer::new(camera, target, SceneLook::default(), sensor).map_err(cell)?;
         let vision = Vision::new(camera, target, VisionSettings::default());

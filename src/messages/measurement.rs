@@ -12,13 +12,15 @@ pub mod measurement_flag {
     pub const TRACKED: u32 = 1 << 9;
     /// A second pose explains the picture almost as well (planar ambiguity).
     pub const AMBIGUOUS: u32 = 1 << 10;
+    /// Some of the target's points are hidden, or were left out because they are disturbed.
+    pub const PARTIAL: u32 = 1 << 11;
 }
 
 /// What became of the target in one frame.
 #[repr(u32)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub enum TargetStatus {
-    /// All features were found and told apart.
+    /// Found, and its points told apart; whole, or as much of it as is needed ([`measurement_flag::PARTIAL`]).
     Found = 0,
     /// The frame has no contrast: covered lens, no light, over-exposed.
     #[default]
@@ -69,8 +71,10 @@ impl TargetStatus {
 /// One feature point.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.FeaturePoint.v1")]
+#[type_name("vservo.FeaturePoint.v2")]
 pub struct FeaturePoint {
+    /// Which point of the target.
+    pub id: u64,
     /// Column of the feature in the frame (distorted), px; pixel centres are integers.
     pub u_px: f64,
     /// Row of the feature in the frame, px.
@@ -86,7 +90,7 @@ pub struct FeaturePoint {
 /// What vision saw in one frame.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("vservo.Measurement.v1")]
+#[type_name("vservo.Measurement.v2")]
 pub struct Measurement {
     /// The frame it was taken from.
     pub frame_id: u64,
@@ -110,7 +114,7 @@ pub struct Measurement {
     pub status: u32,
     /// Bits of [`super::frame_flag`] and [`measurement_flag`].
     pub flags: u32,
-    /// How many entries of `features` are valid, in the order of the target's points.
+    /// How many entries of `features` are valid; their ids rise.
     pub feature_count: u32,
     /// The features.
     pub features: [FeaturePoint; MAX_FEATURES],

@@ -28,4 +28,4 @@ pub use status::{ControlState, Status};
 pub const MAX_JOINTS: usize = 7;
 
 /// Most features that one measurement carries.
-pub const MAX_FEATURES: usize = 16;
+pub const MAX_FEATURES: usize = 64;

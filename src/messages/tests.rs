@@ -7,12 +7,12 @@ use std::mem::{align_of, offset_of, size_of};
 fn layouts_are_fixed() {
     assert_eq!((size_of::<FrameHeader>(), align_of::<FrameHeader>()), (56, 8));
     assert_eq!(offset_of!(FrameHeader, flags), 52);
-    assert_eq!(size_of::<FeaturePoint>(), 40);
-    assert_eq!((size_of::<Measurement>(), align_of::<Measurement>()), (1072, 8));
+    assert_eq!(size_of::<FeaturePoint>(), 48);
+    assert_eq!((size_of::<Measurement>(), align_of::<Measurement>()), (3504, 8));
     assert_eq!(offset_of!(Measurement, camera), 64);
     assert_eq!(offset_of!(Measurement, features), 80);
-    assert_eq!(offset_of!(Measurement, pose), 720);
-    assert_eq!(offset_of!(Measurement, reprojection_rms_px), 1064);
+    assert_eq!(offset_of!(Measurement, pose), 3152);
+    assert_eq!(offset_of!(Measurement, reprojection_rms_px), 3496);
     assert_eq!((size_of::<JointState>(), align_of::<JointState>()), (416, 8));
     assert_eq!(offset_of!(JointState, q), 24);
     assert_eq!(offset_of!(JointState, q_true), 304);
@@ -27,7 +27,7 @@ fn type_names_carry_their_version() {
     // SAFETY: the names are only read.
     for (name, wanted) in [
         (unsafe { FrameHeader::type_name() }, "vservo.FrameHeader.v1"),
-        (unsafe { Measurement::type_name() }, "vservo.Measurement.v1"),
+        (unsafe { Measurement::type_name() }, "vservo.Measurement.v2"),
         (unsafe { JointState::type_name() }, "vservo.JointState.v1"),
         (unsafe { Status::type_name() }, "vservo.Status.v1"),
     ] {

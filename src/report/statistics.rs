@@ -148,6 +148,8 @@ fn describe(event: Event) -> String {
         Event::StampFromFuture => {
             "an exposure stamp lies in the future: `vservo calibrate latency` finds camera.stamp_offset_ms"
         }
+        Event::Degraded => "a part of the target is hidden: degraded, the law goes on with the rest",
+        Event::WholeAgain => "the whole target is seen again",
         Event::Inconsistent => {
             "a measurement was refused, its dots do not fit one pose: shadow, glare, something in front?"
         }

@@ -247,6 +247,13 @@ impl Summary {
                 i.used_from_future, i.refused_from_future, i.refused_not_newer, i.refused_too_old
             );
         }
+        if i.degraded > 0 {
+            let _ = writeln!(
+                t,
+                "degraded      {} measurements in which a part of the target was hidden",
+                i.degraded
+            );
+        }
         if i.refused_inconsistent > 0 {
             let _ = writeln!(
                 t,

@@ -3,14 +3,14 @@
 //! Pixels outside of all bands see one flat surface, so only the bands are evaluated one by one.
 
 /// Most intervals that a row keeps; further ones widen the first (slower, never wrong).
-pub(super) const PER_ROW: usize = 12;
+pub(super) const PER_ROW: usize = 24;
 
 /// Columns `first..=last` of one row that lie near the edges in `mask`.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Band {
     pub(super) first: i32,
     pub(super) last: i32,
-    pub(super) mask: u8,
+    pub(super) mask: u64,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -44,7 +44,7 @@ impl Bands {
     }
 
     /// Adds all pixels within `margin` px of the segment from `a` to `b`, and some about its ends.
-    pub(super) fn add_segment(&mut self, a: [f64; 2], b: [f64; 2], margin: f64, mask: u8) {
+    pub(super) fn add_segment(&mut self, a: [f64; 2], b: [f64; 2], margin: f64, mask: u64) {
         if !(a[0] + a[1] + b[0] + b[1]).is_finite() {
             return;
         }
@@ -77,7 +77,7 @@ impl Bands {
         self.bottom = self.bottom.max(last + 1);
     }
 
-    fn push(&mut self, y: usize, x0: f64, x1: f64, mask: u8) {
+    fn push(&mut self, y: usize, x0: f64, x1: f64, mask: u64) {
         let limit = f64::from(self.width - 1);
         if x1 < 0.0 || x0 > limit {
             return;

@@ -1,7 +1,7 @@
-//! What a synthetic camera sees: the target of Fig. 10.6 and a renderer of its grey image.
+//! What a synthetic camera sees: a target, what may lie in front of it, and a renderer of their grey image.
 //!
 //! ```text
-//! X_CO, DotTarget --> View: lines of the plate, conics of the dots, bands of pixels near an edge
+//! X_CO, Target --> View: lines of the plate and the occluder, conics of the dots, bands of pixels near an edge
 //! View, Rays, EdgeProfile --> levels of one row (flat spans are filled, edge pixels are evaluated)
 //! levels x vignetting + noise --> bytes
 //! ```
@@ -11,6 +11,7 @@ mod bands;
 mod error;
 mod look;
 mod motion;
+mod occluder;
 mod profile;
 mod rays;
 mod renderer;
@@ -23,6 +24,7 @@ pub use arm_history::ArmHistory;
 pub use error::SceneError;
 pub use look::SceneLook;
 pub use motion::SceneMotion;
+pub use occluder::Occluder;
 pub use renderer::{LARGEST_SIDE_PX, Renderer};
 pub use schedule::{FrameSchedule, Irregularity};
 pub use sensor::SensorModel;

@@ -3,13 +3,14 @@
 use super::bands::PER_ROW;
 use super::error::{SceneError, in_range};
 use super::look::{Paint, SceneLook};
+use super::occluder::Occluder;
 use super::profile::{EdgeProfile, LANES};
 use super::rays::{Rays, RowOfRays};
 use super::sensor::{LEVEL_BITS, Sensor, SensorModel, wide_available};
 use super::view::View;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
-use crate::target::DotTarget;
+use crate::target::Target;
 use nalgebra::Vector2;
 
 /// Longest side of a picture that can be rendered, px.
@@ -20,7 +21,8 @@ pub const LARGEST_SIDE_PX: u32 = 4096;
 #[derive(Debug, Clone)]
 pub struct Renderer {
     camera: CameraModel,
-    target: DotTarget,
+    target: Target,
+    occluder: Option<Occluder>,
     look: SceneLook,
     rays: Rays,
     profile: EdgeProfile,
@@ -42,7 +44,7 @@ impl Renderer {
     /// 4096x4096 px.
     pub fn new(
         camera: CameraModel,
-        target: DotTarget,
+        target: impl Into<Target>,
         look: SceneLook,
         sensor: SensorModel,
     ) -> Result<Self, SceneError> {
@@ -55,14 +57,16 @@ impl Renderer {
             return Err(SceneError::ImageSize { width_px, height_px });
         }
         let (width, height) = (width_px as usize, height_px as usize);
+        let target = target.into();
         Ok(Self {
             camera,
-            target,
+            occluder: None,
             look,
             rays: Rays::new(&camera),
             profile: EdgeProfile::new(sensor.blur_sd_px),
             sensor: Sensor::new(&sensor, width, height),
-            views: vec![View::new(width, height)],
+            views: vec![View::new(width, height, target.marks().len())],
+            target,
             memories: vec![Memory::default()],
             levels: vec![0; width],
             sums: vec![0; width],
@@ -80,8 +84,13 @@ impl Renderer {
 
     /// Target in the scene.
     #[must_use]
-    pub fn target(&self) -> &DotTarget {
+    pub fn target(&self) -> &Target {
         &self.target
+    }
+
+    /// From now on pictures show `occluder` in front of the target, or nothing.
+    pub fn occlude(&mut self, occluder: Option<Occluder>) {
+        self.occluder = occluder;
     }
 
     /// Fills `out` (`width * height` bytes; rows that do not fit are left out) with the frame `frame_id`: the mean
@@ -92,12 +101,12 @@ impl Renderer {
         let i = self.camera.intrinsics();
         let (width, height) = (i.width_px as usize, i.height_px as usize);
         while self.views.len() < X_CO_over_exposure.len() {
-            self.views.push(View::new(width, height));
+            self.views.push(View::new(width, height, self.target.marks().len()));
             self.memories.push(Memory::default());
         }
         self.memories.fill(Memory::default());
         for (view, X_CO) in self.views.iter_mut().zip(X_CO_over_exposure) {
-            view.set(X_CO, &self.camera, &self.target, self.profile.half_px());
+            view.set(X_CO, &self.camera, &self.target, self.occluder.as_ref(), self.profile.half_px());
         }
         let count = X_CO_over_exposure.len();
         if count == 0 {
@@ -155,13 +164,11 @@ impl Renderer {
         }
     }
 
-    /// True pixels of the dot centres P1..P4: the projections of the centre points. NaN for a point that the
-    /// camera cannot see from any pixel (behind it).
+    /// True pixel of each of the target's points. NaN for a point that the camera cannot see from any pixel (behind it).
     #[must_use]
-    pub fn truth(&self, X_CO: &Pose) -> [Vector2<f64>; 4] {
-        self.target
-            .points_O()
-            .map(|p| self.camera.project(&(X_CO * p)).unwrap_or_else(|| Vector2::repeat(f64::NAN)))
+    pub fn truth(&self, X_CO: &Pose) -> Vec<Vector2<f64>> {
+        let pixel = |p_O| self.camera.project(&(X_CO * p_O)).unwrap_or_else(|| Vector2::repeat(f64::NAN));
+        self.target.points().iter().map(|point| pixel(point.p_O)).collect()
     }
 }
 

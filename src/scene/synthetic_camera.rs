@@ -1,6 +1,6 @@
 //! The synthetic camera: what a camera in the arm's hand, or beside the arm, would see, rendered from the arm's true motion.
 
-use super::{ArmHistory, Renderer, SceneMotion};
+use super::{ArmHistory, Occluder, Renderer, SceneMotion};
 use crate::geometry::Pose;
 use crate::messages::JointState;
 use crate::servo::Mount;
@@ -29,6 +29,7 @@ pub struct SyntheticCamera<const N: usize> {
     mount: Mount,
     X_WO: Pose,
     motion: SceneMotion,
+    occluder: Option<Occluder>,
     /// Time of tick 0: what the scene's motion counts from.
     origin: Option<MonoNs>,
     motion_blur: bool,
@@ -45,16 +46,22 @@ impl<const N: usize> SyntheticCamera<N> {
         mount: Mount,
         X_WO: Pose,
         motion: SceneMotion,
+        occluder: Option<Occluder>,
         motion_blur: bool,
     ) -> Self {
         let views = Vec::with_capacity(MAX_SUB_EXPOSURES);
-        Self { history, renderer, mount, X_WO, motion, origin: None, motion_blur, views }
+        Self { history, renderer, mount, X_WO, motion, occluder, origin: None, motion_blur, views }
     }
 
     fn view(&self, exposure: &Exposure, offset: SpanNs) -> Pose {
         let time = exposure.mid + offset;
-        let since = self.origin.map_or(SpanNs(0), |origin| SpanNs((time - origin).0.max(0)));
+        let since = self.since(time);
         self.mount.X_WC(&self.history.flange(time)).inv_mul(&self.motion.object_at(&self.X_WO, since))
+    }
+
+    /// Since tick 0.
+    fn since(&self, time: MonoNs) -> SpanNs {
+        self.origin.map_or(SpanNs(0), |origin| SpanNs((time - origin).0.max(0)))
     }
 
     /// How far the target moves in the picture during the exposure, px; 0 where a part of it is not in front.
@@ -63,7 +70,7 @@ impl<const N: usize> SyntheticCamera<N> {
         let (before, after) = (self.view(exposure, SpanNs(-half.0)), self.view(exposure, half));
         let camera = self.renderer.camera();
         let travel = |p_O| Some((camera.project(&(after * p_O))? - camera.project(&(before * p_O))?).norm());
-        self.renderer.target().points_O().iter().filter_map(|p_O| travel(*p_O)).fold(0.0, f64::max)
+        self.renderer.target().points().iter().filter_map(|point| travel(point.p_O)).fold(0.0, f64::max)
     }
 
     /// Takes a state of the arm that carries the camera, or the target.
@@ -87,6 +94,8 @@ impl<const N: usize> SyntheticCamera<N> {
             let view = self.view(exposure, offset);
             self.views.push(view);
         }
+        let since = self.since(exposure.mid);
+        self.renderer.occlude(self.occluder.filter(|occluder| occluder.is_there(since)));
         self.renderer.render(&self.views, exposure.frame_id, out);
     }
 }

@@ -8,17 +8,21 @@
 
 use super::bands::Bands;
 use super::look::Paint;
+use super::occluder::Occluder;
 use super::profile::{EdgeProfile, LANES, cast};
 use super::rays::{Ray, RowOfRays};
 use super::sensor::LEVEL_BITS;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
-use crate::target::DotTarget;
+use crate::target::Target;
 use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 
-/// Bits of the four plate edges in a band's mask; the dots follow.
-const EDGES: u8 = 0x0f;
+/// Bits of the four plate edges in a band's mask; the dots follow, of many several to a bit; the last bit is the occluder's.
+const EDGES: u64 = 0x0f;
 const DOT_SHIFT: u32 = 4;
+const DOT_BITS: usize = 59;
+const OCCLUDER: u64 = 1 << 63;
+const ALL: u64 = u64::MAX;
 
 /// Pixels evaluated together, and their columns from the middle one.
 const CENTRE_LANE: f64 = 1.5;
@@ -37,18 +41,22 @@ pub(super) struct View {
     front: bool,
     depth: Form,
     edges: [Form; 4],
-    dots: [[Form; 3]; 4],
+    dots: Vec<[Form; 3]>,
+    /// Edges of the occluder, and its level.
+    cover: Option<([Form; 4], f64)>,
     bands: Bands,
 }
 
 impl View {
-    pub(super) fn new(width: usize, height: usize) -> Self {
+    /// A view for pictures of this size and `dots` dots.
+    pub(super) fn new(width: usize, height: usize, dots: usize) -> Self {
         Self {
             visible: false,
             front: false,
             depth: Form::zeros(),
             edges: [Form::zeros(); 4],
-            dots: [[Form::zeros(); 3]; 4],
+            dots: Vec::with_capacity(dots),
+            cover: None,
             bands: Bands::new(width, height),
         }
     }
@@ -59,45 +67,51 @@ impl View {
     }
 
     /// Sets the view up for the pose `X_CO`. `half_px`: reach of an edge.
-    pub(super) fn set(&mut self, X_CO: &Pose, camera: &CameraModel, target: &DotTarget, half_px: f64) {
+    pub(super) fn set(
+        &mut self,
+        X_CO: &Pose,
+        camera: &CameraModel,
+        target: &Target,
+        occluder: Option<&Occluder>,
+        half_px: f64,
+    ) {
         self.bands.clear();
+        self.dots.clear();
         self.visible = false;
+        self.cover = None;
         let R = X_CO.rotation.to_rotation_matrix();
         let p = X_CO.translation.vector;
-        let H = Matrix3::from_columns(&[R.matrix().column(0).into(), R.matrix().column(1).into(), p]);
         let facing = R.matrix().column(2).dot(&p);
         // edge-on the plate is a line without width
         if !facing.is_finite() || facing.abs() < 1e-9 {
             return;
         }
-        let Some(inverse) = H.try_inverse() else { return };
+        let Some([a, b, w]) = forms(X_CO, 0.0, camera) else { return };
         self.visible = true;
         self.front = facing > 0.0;
-        let form = |row: usize| self_form(&inverse, row, camera);
-        let (a, b, w) = (form(0), form(1), form(2));
-        let (low, high) = target.plate_range_m();
+        let plate = target.plate();
         self.depth = w;
-        self.edges = [a - w * low, w * high - a, b - w * low, w * high - b];
-        let radii = target.radii_m();
-        for ((dot, centre), radius) in self.dots.iter_mut().zip(target.points()).zip(radii) {
-            *dot = [a - w * centre.x, b - w * centre.y, w * radius];
-        }
+        self.edges = rectangle(&[a, b, w], &plate.low_m, &plate.high_m);
+        self.dots.extend(
+            target
+                .marks()
+                .iter()
+                .map(|mark| [a - w * mark.centre_m.x, b - w * mark.centre_m.y, w * mark.radius_m]),
+        );
         let outline = Outline::new(X_CO, camera, half_px + 0.5);
-        let corners = [
-            Point3::new(low, low, 0.0),
-            Point3::new(low, high, 0.0),
-            Point3::new(high, low, 0.0),
-            Point3::new(high, high, 0.0),
-        ];
-        for (bit, [i, j]) in [[0, 1], [2, 3], [0, 2], [1, 3]].into_iter().enumerate() {
-            if let (Some(from), Some(to)) = (corners.get(i), corners.get(j)) {
-                outline.line(from, to, 1 << bit, &mut self.bands);
+        outline.rectangle(&plate.low_m, &plate.high_m, 0.0, [1, 2, 4, 8], &mut self.bands);
+        if self.front {
+            for (i, mark) in target.marks().iter().enumerate() {
+                let centre = Point3::new(mark.centre_m.x, mark.centre_m.y, 0.0);
+                outline.circle(&centre, mark.radius_m, dot_bit(i), &mut self.bands);
             }
         }
-        if self.front {
-            for (i, (centre, radius)) in target.points_O().iter().zip(radii).enumerate() {
-                outline.circle(centre, radius, 1 << (i as u32 + DOT_SHIFT), &mut self.bands);
-            }
+        if let Some(occluder) = occluder
+            && let Some(forms) = forms(X_CO, occluder.height_m, camera)
+        {
+            let (low, high) = occluder.corners_m();
+            self.cover = Some((rectangle(&forms, &low, &high), occluder.level));
+            outline.rectangle(&low, &high, -occluder.height_m, [OCCLUDER; 4], &mut self.bands);
         }
         self.bands.finish();
     }
@@ -110,6 +124,11 @@ impl View {
         let ray = rays.at(u, v);
         let (x, y) = if rays.ideal() { (u, v) } else { (ray.x, ray.y) };
         let value = |form: &Form| form.x * x + form.y * y + form.z;
+        if let Some((edges, level)) = &self.cover
+            && edges.iter().all(|edge| value(edge) >= 0.0)
+        {
+            return *level;
+        }
         if value(&self.depth) <= 0.0 || self.edges.iter().any(|edge| value(edge) < 0.0) {
             return look.background;
         }
@@ -128,7 +147,7 @@ impl View {
         &self,
         u0: usize,
         v: f64,
-        mask: u8,
+        mask: u64,
         paint: &Paint<'_>,
         directions: &mut impl Iterator<Item = Ray>,
         levels: &mut [u16],
@@ -136,6 +155,8 @@ impl View {
         let Paint { rays, profile, look } = paint;
         let (background, plate, dots) = (look.background as f32, look.plate as f32, look.dots as f32);
         let scale = f32::from(1u16 << LEVEL_BITS);
+        // at the rim of what lies in front of it all, the surface behind may be any
+        let mask = if mask & OCCLUDER == 0 { mask } else { ALL };
         for (chunk, levels) in levels.chunks_mut(LANES).enumerate() {
             let u = middle(u0, chunk);
             let place = if rays.ideal() {
@@ -149,9 +170,19 @@ impl View {
                 cover.iter_mut().zip(part).for_each(|(c, p)| *c *= p);
             }
             let mut sum = cover.map(|c| background + (plate - background) * c);
-            for dot in chosen(&self.dots, mask >> DOT_SHIFT) {
-                let part = dot_coverage(&place, dot, profile);
-                sum.iter_mut().zip(part).for_each(|(s, p)| *s += (dots - plate) * p);
+            if self.front {
+                for dot in sharing(&self.dots, (mask & !OCCLUDER) >> DOT_SHIFT) {
+                    let part = dot_coverage(&place, dot, profile);
+                    sum.iter_mut().zip(part).for_each(|(s, p)| *s += (dots - plate) * p);
+                }
+            }
+            if let Some((edges, level)) = &self.cover {
+                let mut cover = [1.0f32; LANES];
+                for edge in edges {
+                    let part = line_coverage(place.apply(edge), profile);
+                    cover.iter_mut().zip(part).for_each(|(c, p)| *c *= p);
+                }
+                sum.iter_mut().zip(cover).for_each(|(s, c)| *s += (*level as f32 - *s) * c);
             }
             let exact = sum.map(|s| cast(s * scale + 0.5, LARGEST_LEVEL) as u16);
             if let [a, b, c, d] = levels {
@@ -179,7 +210,7 @@ fn middle(u0: usize, chunk: usize) -> f64 {
 
 /// The entries whose bits are set, in their order.
 #[inline(always)]
-fn chosen<T>(all: &[T; 4], mut mask: u8) -> impl Iterator<Item = &T> {
+fn chosen<T>(all: &[T; 4], mut mask: u64) -> impl Iterator<Item = &T> {
     std::iter::from_fn(move || {
         let next = all.get(mask.trailing_zeros() as usize)?;
         mask &= mask.wrapping_sub(1);
@@ -187,15 +218,51 @@ fn chosen<T>(all: &[T; 4], mut mask: u8) -> impl Iterator<Item = &T> {
     })
 }
 
-/// Row of `H^-1` as a form of the pixel, or of the direction when the lens distorts.
-fn self_form(inverse: &Matrix3<f64>, row: usize, camera: &CameraModel) -> Form {
-    let f = Vector3::new(inverse[(row, 0)], inverse[(row, 1)], inverse[(row, 2)]);
-    if !camera.distortion().is_none() {
-        return f;
-    }
-    let i = camera.intrinsics();
-    let (x, y) = (f.x / i.fx_px, f.y / i.fy_px);
-    Vector3::new(x, y, f.z - x * i.cx_px - y * i.cy_px)
+/// The dots whose bits are set: bit `i` stands for dot `i` and for each [`DOT_BITS`] later.
+#[inline(always)]
+fn sharing<T>(all: &[T], mut mask: u64) -> impl Iterator<Item = &T> {
+    let mut next = usize::MAX;
+    std::iter::from_fn(move || {
+        loop {
+            if let Some(dot) = all.get(next) {
+                next += DOT_BITS;
+                return Some(dot);
+            }
+            if mask == 0 {
+                return None;
+            }
+            next = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+        }
+    })
+}
+
+/// The bit of a dot.
+fn dot_bit(i: usize) -> u64 {
+    1 << ((i % DOT_BITS) as u32 + DOT_SHIFT)
+}
+
+/// The rows of `H^-1` as forms of the pixel, or of the direction when the lens distorts; `H = [r1 r2 p]` of the plane
+/// `height_m` above the object's, towards the side that shows the dots. `None` where the camera lies in that plane.
+fn forms(X_CO: &Pose, height_m: f64, camera: &CameraModel) -> Option<[Form; 3]> {
+    let R = X_CO.rotation.to_rotation_matrix();
+    let (m, p) = (R.matrix(), X_CO.translation.vector);
+    let p = if height_m == 0.0 { p } else { p - m.column(2) * height_m };
+    let inverse = Matrix3::from_columns(&[m.column(0).into(), m.column(1).into(), p]).try_inverse()?;
+    Some([0, 1, 2].map(|row| {
+        let f = Vector3::new(inverse[(row, 0)], inverse[(row, 1)], inverse[(row, 2)]);
+        if !camera.distortion().is_none() {
+            return f;
+        }
+        let i = camera.intrinsics();
+        let (x, y) = (f.x / i.fx_px, f.y / i.fy_px);
+        Vector3::new(x, y, f.z - x * i.cx_px - y * i.cy_px)
+    }))
+}
+
+/// Forms that are positive inside of a rectangle along the plane's axes; nowhere behind the camera.
+fn rectangle([a, b, w]: &[Form; 3], low: &Vector2<f64>, high: &Vector2<f64>) -> [Form; 4] {
+    [a - w * low.x, w * high.x - a, b - w * low.y, w * high.y - b]
 }
 
 /// Where forms are evaluated.
@@ -311,7 +378,7 @@ impl<'a> Outline<'a> {
     }
 
     /// A straight edge between two points of the object frame.
-    fn line(&self, from: &Point3<f64>, to: &Point3<f64>, mask: u8, bands: &mut Bands) {
+    fn line(&self, from: &Point3<f64>, to: &Point3<f64>, mask: u64, bands: &mut Bands) {
         let Some([a, b]) = self.in_front(from, to) else { return };
         // the part within the circle of radius `reach`: |a + t d|^2 = reach^2
         let d = b - a;
@@ -346,9 +413,28 @@ impl<'a> Outline<'a> {
         }
     }
 
+    /// The rim of a rectangle at `z_m` over the object's plane; bits of its sides at least and greatest x, at least and greatest y.
+    fn rectangle(
+        &self,
+        low: &Vector2<f64>,
+        high: &Vector2<f64>,
+        z_m: f64,
+        bits: [u64; 4],
+        bands: &mut Bands,
+    ) {
+        let corner = |x: f64, y: f64| Point3::new(x, y, z_m);
+        let corners =
+            [corner(low.x, low.y), corner(low.x, high.y), corner(high.x, low.y), corner(high.x, high.y)];
+        for (bit, [i, j]) in bits.into_iter().zip([[0, 1], [2, 3], [0, 2], [1, 3]]) {
+            if let (Some(from), Some(to)) = (corners.get(i), corners.get(j)) {
+                self.line(from, to, bit, bands);
+            }
+        }
+    }
+
     /// The rim of a dot: 8 arcs, each halved until its middle lies within half a px of its chord; the two chords to
     /// the middle are then four times as close.
-    fn circle(&self, centre: &Point3<f64>, radius: f64, mask: u8, bands: &mut Bands) {
+    fn circle(&self, centre: &Point3<f64>, radius: f64, mask: u64, bands: &mut Bands) {
         const ARCS: u32 = 8;
         let at = |i: u32| 2.0 * std::f64::consts::PI * f64::from(i) / f64::from(ARCS);
         let rim = |angle: f64| centre + nalgebra::Vector3::new(angle.cos(), angle.sin(), 0.0) * radius;
@@ -366,7 +452,7 @@ impl<'a> Outline<'a> {
         from: (f64, Point3<f64>),
         to: (f64, Point3<f64>),
         depth: u32,
-        mask: u8,
+        mask: u64,
         bands: &mut Bands,
     ) {
         let angle = 0.5 * (from.0 + to.0);

@@ -42,7 +42,7 @@ impl Displacement {
         if view.features().len() != set_point.features().len() {
             return None;
         }
-        let pair = |i: usize| Some((*set_point.features().get(i)?, *view.features().get(i)?));
+        let pair = |i: usize| Some((*set_point.features().get(i)?, *view.feature(i)?));
         let pairs = set_point.selection().points().filter_map(pair);
         match space {
             OperationalSpace::Four => {
@@ -104,9 +104,9 @@ pub fn J_o(s: &Vector2<f64>) -> Matrix3<f64> {
 }
 
 /// The rows `J_p v + J_o w = K_p e_p`, `w = T K_o phi_cd` as a task: solved for the twist they are (10.92), (10.97). The first
-/// point of the selection is the one of e_p, its desired depth stands for z_d.
+/// point of the selection that is seen is the one of e_p, its desired depth stands for z_d.
 ///
-/// `None` when there is no homography or the view does not have the set-point's features.
+/// `None` when there is no homography or the view is of other features.
 #[must_use]
 pub fn hybrid_task(
     set_point: &SetPoint,
@@ -116,8 +116,8 @@ pub fn hybrid_task(
     space: OperationalSpace,
 ) -> Option<TwistTask> {
     let displacement = Displacement::new(set_point, view, space)?;
-    let i = set_point.selection().points().next()?;
-    let (s, s_d, z_d) = (view.features().get(i)?, set_point.features().get(i)?, set_point.depths_m().get(i)?);
+    let i = set_point.selection().points().find(|i| view.feature(*i).is_some())?;
+    let (s, s_d, z_d) = (view.feature(i)?, set_point.features().get(i)?, set_point.depths_m().get(i)?);
     let rho = displacement.depth_ratio(s, s_d)?;
     let e_p = Vector3::new(s_d.x - s.x, s_d.y - s.y, -rho.ln());
     let phi = orientation.of(&displacement.R_CD);

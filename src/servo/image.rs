@@ -5,7 +5,11 @@
 
 use super::{DepthSource, FeatureKind, Interaction, InteractionAt, SetPoint, TwistTask, View, WrenchTask};
 use crate::features::{Feature, NormalEquations, PointFeature, SegmentFeature};
+use crate::messages::MAX_FEATURES;
 use nalgebra::{SMatrix, SVector, Vector2};
+
+/// Most numbers of an error: segments have four.
+const MOST_NUMBERS: usize = 4 * MAX_FEATURES;
 
 /// Image points with their depths, current or desired.
 #[derive(Clone, Copy)]
@@ -46,7 +50,7 @@ impl Side<'_> {
 
 /// Normal equations of the selected features for unit gain: `L_s^T W L_s` and `L_s^T W e_s`, e_s of (10.79).
 ///
-/// `None` when the view does not have the set-point's features, or one of them has no interaction matrix.
+/// Hidden features are left out. `None` when the view is of other features, or one of them has no interaction matrix.
 #[must_use]
 pub fn image_task(set_point: &SetPoint, view: &View, interaction: Interaction) -> Option<TwistTask> {
     if view.features().len() != set_point.features().len() {
@@ -74,7 +78,8 @@ pub fn image_task(set_point: &SetPoint, view: &View, interaction: Interaction) -
         match kind {
             FeatureKind::Point(i) => {
                 let s_d = set_point.features().get(i)?;
-                let e = s_d - view.features().get(i)?;
+                let Some(s) = view.feature(i) else { continue };
+                let e = s_d - s;
                 error2 += e.norm_squared();
                 match interaction.at {
                     InteractionAt::Current => {
@@ -92,6 +97,9 @@ pub fn image_task(set_point: &SetPoint, view: &View, interaction: Interaction) -
                 }
             }
             FeatureKind::Segment(i, j) => {
+                if view.feature(i).is_none() || view.feature(j).is_none() {
+                    continue;
+                }
                 let (a, b) = (now.segment(i, j)?, goal.segment(i, j)?);
                 let e = a.error(&b.value());
                 error2 += e.norm_squared();
@@ -121,10 +129,10 @@ pub fn image_wrench(task: &TwistTask, k_P: f64, k_D: f64) -> WrenchTask {
     WrenchTask { wrench: task.vector * k_P, damping: task.matrix * k_D }
 }
 
-/// The stacked error e_s of the selected features, and how many numbers it has; for plots and checks.
+/// The stacked error e_s of the selected features, and how many numbers it has; for plots and checks. NaN for hidden ones.
 #[must_use]
-pub fn image_error(set_point: &SetPoint, view: &View) -> Option<(SVector<f64, 64>, usize)> {
-    let mut e = SVector::<f64, 64>::zeros();
+pub fn image_error(set_point: &SetPoint, view: &View) -> Option<(SVector<f64, MOST_NUMBERS>, usize)> {
+    let mut e = SVector::<f64, MOST_NUMBERS>::zeros();
     let mut count = 0;
     let unit = Depths::Same(1.0);
     let (now, goal) =

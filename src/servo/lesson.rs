@@ -18,12 +18,13 @@ impl Lesson {
         Self { wanted: measurements, left: measurements, sum: [Vector2::zeros(); MAX_FEATURES] }
     }
 
-    /// Takes a view in; the last one completes the set-point, which keeps the selection and, where the new features
+    /// Takes a view in, unless a feature is hidden and cannot be told from the pose; the last one completes the set-point, which keeps the selection and, where the new features
     /// give no pose, the mean depth of `before`.
     pub(super) fn hear(&mut self, view: &View, before: &SetPoint) -> Option<SetPoint> {
         if self.left == 0 {
             return None;
         }
+        let view = view.completed(before)?;
         for (sum, s) in self.sum.iter_mut().zip(view.features()) {
             *sum += s;
         }
@@ -38,6 +39,7 @@ impl Lesson {
         let depths_m = before.depths_m();
         let z_d_m = depths_m.iter().sum::<f64>() / depths_m.len() as f64;
         SetPoint::from_features(s_d.get(..view.features().len())?, before.points(), z_d_m)?
+            .with_ids(before.ids())?
             .with_selection(*before.selection())
     }
 }

@@ -103,16 +103,15 @@ pub fn operational_pose(set_point: &SetPoint, view: &View, space: OperationalSpa
     }
 }
 
-/// `X_CO` with `R_CO = Rz(alpha)` from the points of the selection, which must have one height over O.
+/// `X_CO` with `R_CO = Rz(alpha)` from the points of the selection that are seen, which must have one height over O.
 fn planar_pose_4(set_point: &SetPoint, view: &View) -> Option<Pose> {
-    let point = |i: usize| Some((*set_point.points().get(i)?, *view.features().get(i)?));
-    let first = set_point.selection().points().next()?;
-    let height_m = point(first)?.0.z;
-    let level = |i: usize| point(i).is_some_and(|(p, _)| (p.z - height_m).abs() <= 1e-9);
-    if !set_point.selection().points().all(level) {
+    let point = |i: usize| Some((*set_point.points().get(i)?, *view.feature(i)?));
+    let seen = set_point.selection().points().filter_map(point);
+    let height_m = seen.clone().next()?.0.z;
+    if !seen.clone().all(|(p, _)| (p.z - height_m).abs() <= 1e-9) {
         return None;
     }
-    let pairs = set_point.selection().points().filter_map(|i| point(i).map(|(p, s)| (p.coords.xy(), s)));
+    let pairs = seen.map(|(p, s)| (p.coords.xy(), s));
     let fit = fit_similarity(pairs)?;
     let z_m = 1.0 / fit.scale;
     Some(Pose::from_parts(

@@ -1,5 +1,6 @@
 //! The goal: desired features of (10.78), from a desired pose, given, or taught from what the camera sees.
 
+use super::view::is_there;
 use super::{Selection, View};
 use crate::geometry::Pose;
 use crate::messages::MAX_FEATURES;
@@ -13,6 +14,7 @@ pub struct SetPoint {
     s_d: [Vector2<f64>; MAX_FEATURES],
     z_d_m: [f64; MAX_FEATURES],
     p_O: [Point3<f64>; MAX_FEATURES],
+    ids: [u32; MAX_FEATURES],
     count: usize,
     selection: Selection,
     n_D: Vector3<f64>,
@@ -81,6 +83,7 @@ impl SetPoint {
             s_d: [Vector2::zeros(); MAX_FEATURES],
             z_d_m: [0.0; MAX_FEATURES],
             p_O,
+            ids: std::array::from_fn(|i| i as u32),
             count: points.len(),
             selection: Selection::all_points(points.len()),
             n_D: Vector3::z(),
@@ -91,6 +94,20 @@ impl SetPoint {
     #[must_use]
     pub fn with_selection(self, selection: Selection) -> Option<Self> {
         selection.fits(self.count).then_some(Self { selection, ..self })
+    }
+
+    /// The same goal for points with these ids, which rise. `None` when they are not as many as the points.
+    #[must_use]
+    pub fn with_ids(mut self, ids: &[u32]) -> Option<Self> {
+        let good = ids.len() == self.count && ids.is_sorted_by(|a, b| a < b);
+        self.ids.get_mut(..self.count).filter(|_| good)?.copy_from_slice(ids);
+        Some(self)
+    }
+
+    /// The points' ids: what measurements are joined by.
+    #[must_use]
+    pub fn ids(&self) -> &[u32] {
+        self.ids.get(..self.count).unwrap_or(&self.ids)
     }
 
     /// The pose of the object in the desired camera frame, where it is known.
@@ -130,29 +147,33 @@ impl SetPoint {
     }
 
     /// Root mean square distance between seen and desired features, in pixels of a camera with focal lengths
-    /// `f_px`; NaN when the view does not have the set-point's features.
+    /// `f_px`, over those that the view has; NaN when it is of other features, or has none.
     #[must_use]
     pub fn error_rms_px(&self, seen: &View, f_px: &Vector2<f64>) -> f64 {
-        self.rms_px(seen.features().iter().copied(), f_px)
+        if seen.features().len() != self.count {
+            return f64::NAN;
+        }
+        let pairs = seen.features().iter().copied().zip(self.features());
+        Self::rms_px(pairs.filter(|(s, _)| is_there(s)), f_px)
     }
 
-    /// The same for the view from a true pose `X_CO`; NaN when a point lies behind the camera.
+    /// The same for the view from a true pose `X_CO`, NaN when a point lies behind the camera.
     #[must_use]
     pub fn error_rms_px_at(&self, X_CO: &Pose, f_px: &Vector2<f64>) -> f64 {
         let view = self.points().iter().map(|p_O| {
             let p_C = X_CO * p_O;
             if p_C.z > 0.0 { p_C.coords.xy() / p_C.z } else { Vector2::repeat(f64::NAN) }
         });
-        self.rms_px(view, f_px)
+        Self::rms_px(view.zip(self.features()), f_px)
     }
 
-    fn rms_px(&self, seen: impl ExactSizeIterator<Item = Vector2<f64>>, f_px: &Vector2<f64>) -> f64 {
-        if seen.len() != self.count {
-            return f64::NAN;
+    fn rms_px<'a>(pairs: impl Iterator<Item = (Vector2<f64>, &'a Vector2<f64>)>, f_px: &Vector2<f64>) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (s, s_d) in pairs {
+            sum += (s_d - s).component_mul(f_px).norm_squared();
+            count += 1.0;
         }
-        let sum: f64 =
-            seen.zip(self.features()).map(|(s, s_d)| (s_d - s).component_mul(f_px).norm_squared()).sum();
-        (sum / self.count as f64).sqrt()
+        f64::sqrt(sum / count)
     }
 }
 

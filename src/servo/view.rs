@@ -1,10 +1,15 @@
 //! What the camera sees at one instant: measured, or carried from its exposure to another time by the camera's known
-//! motion.
+//! motion. Some of the features may be hidden: their places hold NaN, so that a law which overlooks that has no finite answer.
 
 use super::SetPoint;
 use crate::geometry::Pose;
 use crate::messages::{MAX_FEATURES, Measurement};
+use crate::pose::{Correspondence3, refine_3d};
 use nalgebra::{Point3, Vector2};
+
+/// So many points fix a camera's place without doubt: of fewer, the pose tells where the hidden ones are.
+const ENOUGH: usize = 4;
+const HIDDEN: Vector2<f64> = Vector2::new(f64::NAN, f64::NAN);
 
 /// Feature points, in normalized coordinates, and where known the object's pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,14 +20,42 @@ pub struct View {
     X_CO_known: Option<Pose>,
 }
 
+/// Whether a feature is in the view.
+#[inline(always)]
+pub(super) fn is_there(s: &Vector2<f64>) -> bool {
+    !s.x.is_nan()
+}
+
 impl View {
-    /// The view of a measurement; `None` when the target was not found or a feature is not finite.
+    /// What a measurement shows of the set-point's features. `None` when the target was not found, none of its points is one of the
+    /// set-point's, or one that is seen is not finite.
     #[must_use]
-    pub fn of(measurement: &Measurement) -> Option<Self> {
+    pub fn of(measurement: &Measurement, set_point: &SetPoint) -> Option<Self> {
         if !measurement.found() {
             return None;
         }
-        Self::new(measurement.features().iter().map(|f| Vector2::new(f.x, f.y)), measurement.pose())
+        let ids = set_point.ids();
+        let (X_CO, count) = (measurement.pose(), ids.len());
+        let mut view = Self { s: [HIDDEN; MAX_FEATURES], count, X_CO, X_CO_known: None };
+        let mut seen = 0;
+        // ids rise on both sides, and mostly none is missing
+        let mut next = 0;
+        for f in measurement.features() {
+            if ids.get(next).is_none_or(|id| u64::from(*id) != f.id) {
+                match ids.binary_search_by_key(&f.id, |id| u64::from(*id)) {
+                    Ok(found) => next = found,
+                    Err(_) => continue,
+                }
+            }
+            if !(f.x.is_finite() && f.y.is_finite()) {
+                return None;
+            }
+            if let Some(place) = view.s.get_mut(next) {
+                *place = Vector2::new(f.x, f.y);
+                (seen, next) = (seen + 1, next + 1);
+            }
+        }
+        (seen > 0).then_some(view)
     }
 
     /// A view of feature points `s`; `None` when there are none, too many, or one is not finite.
@@ -32,7 +65,7 @@ impl View {
         if count == 0 || count > MAX_FEATURES {
             return None;
         }
-        let mut view = Self { s: [Vector2::zeros(); MAX_FEATURES], count, X_CO, X_CO_known: None };
+        let mut view = Self { s: [HIDDEN; MAX_FEATURES], count, X_CO, X_CO_known: None };
         for (place, s) in view.s.iter_mut().zip(s) {
             if !(s.x.is_finite() && s.y.is_finite()) {
                 return None;
@@ -42,10 +75,45 @@ impl View {
         Some(view)
     }
 
-    /// The feature points.
+    /// The feature points in the order of the set-point's; those that are hidden are NaN.
     #[must_use]
     pub fn features(&self) -> &[Vector2<f64>] {
         self.s.get(..self.count).unwrap_or(&self.s)
+    }
+
+    /// Feature `i`, unless it is hidden.
+    #[must_use]
+    #[inline(always)]
+    pub fn feature(&self, i: usize) -> Option<&Vector2<f64>> {
+        self.s.get(i).filter(|s| is_there(s))
+    }
+
+    /// Whether some features are hidden.
+    #[must_use]
+    pub fn is_partial(&self) -> bool {
+        !self.features().iter().all(is_there)
+    }
+
+    /// A view with which the laws can go on where features are hidden: as it is, if enough of those that the set-point selects are
+    /// seen; otherwise the hidden ones are put where the pose has them. `None` where that is unknown.
+    #[must_use]
+    pub fn sufficient(self, set_point: &SetPoint) -> Option<Self> {
+        let selected = set_point.selection().points();
+        let seen = selected.clone().filter(|i| self.feature(*i).is_some()).count();
+        if seen >= ENOUGH.min(selected.count()) { Some(self) } else { self.completed(set_point) }
+    }
+
+    /// The view with its hidden features where the pose has them. `None` where that is unknown.
+    #[must_use]
+    pub fn completed(mut self, set_point: &SetPoint) -> Option<Self> {
+        for (s, p_O) in self.s.iter_mut().zip(set_point.points()).filter(|(s, _)| !is_there(s)) {
+            let p_C = self.X_CO? * p_O;
+            if !(p_C.z > 0.0) {
+                return None;
+            }
+            *s = p_C.coords.xy() / p_C.z;
+        }
+        Some(self)
     }
 
     /// The object's pose in the camera, where vision found it.
@@ -58,6 +126,30 @@ impl View {
     #[must_use]
     pub fn X_CO_known(&self) -> Option<&Pose> {
         self.X_CO_known.as_ref()
+    }
+
+    /// This view with its hidden features and its pose from a `guess` of the same instant, the pose put right by the features that
+    /// are seen. `None` when these lie farther than `largest` (root mean square, normalized) from the guess.
+    pub(super) fn with_hidden_of(mut self, guess: &Self, set_point: &SetPoint, largest: f64) -> Option<Self> {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (s, g) in self.s.iter_mut().take(guess.count).zip(&guess.s) {
+            if is_there(s) {
+                sum += (*s - g).norm_squared();
+                count += 1.0;
+            } else {
+                *s = *g;
+            }
+        }
+        if !(sum <= count * largest * largest) {
+            return None;
+        }
+        let mut pairs = [Correspondence3 { r: Point3::origin(), s: Vector2::zeros() }; MAX_FEATURES];
+        for (pair, (r, s)) in pairs.iter_mut().zip(set_point.points().iter().zip(self.features())) {
+            *pair = Correspondence3 { r: *r, s: *s };
+        }
+        let refined = refine_3d(guess.X_CO()?, pairs.get(..self.count)?, 0.0);
+        self.X_CO = refined.map_or(guess.X_CO, |refined| Some(refined.X_CO));
+        Some(self)
     }
 
     /// The same view with the object's pose that a simulation knows.
@@ -78,7 +170,7 @@ impl View {
     pub fn carried(&self, X_DC: &Pose, set_point: &SetPoint) -> Option<Self> {
         let mut there = *self;
         let known = set_point.points().iter().zip(set_point.depths_m());
-        for (s, (p_O, z_d)) in there.s.iter_mut().take(self.count).zip(known) {
+        for (s, (p_O, z_d)) in there.s.iter_mut().take(self.count).zip(known).filter(|(s, _)| is_there(s)) {
             let z = self.depth_m(p_O, *z_d);
             let p_D = X_DC * Point3::new(s.x * z, s.y * z, z);
             if p_D.z <= 0.0 || !p_D.coords.iter().all(|c| c.is_finite()) {
@@ -94,7 +186,9 @@ impl View {
 
 #[cfg(test)]
 mod tests {
+    use super::super::{FeatureKind, Selection};
     use super::*;
+    use crate::messages::TargetStatus;
     use proptest::prelude::*;
 
     fn square() -> [Point3<f64>; 4] {
@@ -134,10 +228,42 @@ mod tests {
     }
 
     #[test]
+    fn hidden_features_stay_hidden_or_follow_from_the_pose() {
+        let X_CO = Pose::new([-0.04, -0.05, 0.5].into(), [0.2, -0.1, 0.4].into());
+        let set_point = SetPoint::from_pose(&Pose::translation(-0.05, -0.05, 0.6), &square())
+            .unwrap()
+            .with_ids(&[2, 5, 9, 70])
+            .unwrap();
+        let whole = seen_from(&X_CO);
+        let mut m =
+            Measurement { status: TargetStatus::Found as u32, feature_count: 4, ..Measurement::default() };
+        // 4 and 71 are no points of the set-point, 5 is hidden
+        for (f, (id, i)) in m.features.iter_mut().zip([(2, 0), (4, 0), (9, 2), (70, 3)]) {
+            let s = whole.features()[i];
+            (f.id, f.x, f.y) = (id, s.x, s.y);
+        }
+        let view = View::of(&m, &set_point).unwrap();
+        assert!(view.is_partial() && view.feature(1).is_none() && view.feature(4).is_none());
+        assert_eq!([0, 2, 3].map(|i| view.feature(i)), [0, 2, 3].map(|i| Some(&whole.features()[i])));
+        assert!(view.sufficient(&set_point).is_none(), "three points and no pose");
+        m.set_pose(&X_CO);
+        let view = View::of(&m, &set_point).unwrap().sufficient(&set_point).unwrap();
+        assert!(!view.is_partial());
+        assert!(view.features().iter().zip(whole.features()).all(|(a, b)| (a - b).norm() < 1e-12));
+        // where the law needs none of what is hidden, nothing is made up
+        let two = Selection::new([(FeatureKind::Point(0), 1.0), (FeatureKind::Point(2), 1.0)]).unwrap();
+        let set_point = set_point.with_selection(two).unwrap();
+        assert!(View::of(&m, &set_point).unwrap().sufficient(&set_point).unwrap().is_partial());
+        m.feature_count = 0;
+        assert!(View::of(&m, &set_point).is_none());
+    }
+
+    #[test]
     fn unusable_points_are_refused() {
         assert!(View::new([].into_iter(), None).is_none());
         assert!(View::new([Vector2::new(f64::NAN, 0.0)].into_iter(), None).is_none());
         assert!(View::new([Vector2::zeros(); MAX_FEATURES + 1].into_iter(), None).is_none());
-        assert!(View::of(&Measurement::default()).is_none());
+        let set_point = SetPoint::from_pose(&Pose::translation(0.0, 0.0, 0.5), &square()).unwrap();
+        assert!(View::of(&Measurement::default(), &set_point).is_none());
     }
 }

@@ -19,6 +19,12 @@ use nalgebra::{Matrix6, SVector};
 /// How far an exposure stamp may lie in the future: some drivers stamp the planned end of a frame.
 const LONGEST_FUTURE: SpanNs = SpanNs(50_000_000);
 
+/// How long hidden features are taken to be where the arm's motion has brought them.
+const LONGEST_GUESS: SpanNs = SpanNs(3_000_000_000);
+/// Root mean square distance, normalized, of features that are seen from where that motion has them, beyond which the object has
+/// moved, or the camera's mount is not what it is believed to be.
+const LARGEST_CONTRADICTION: f64 = 0.03;
+
 /// When the servo law is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UpdatePolicy {
@@ -39,8 +45,10 @@ pub enum Intake {
     UsedFromFuture,
     /// It has no target, or none that the law can work with.
     NoTarget,
-    /// It has another number of features than the set-point.
+    /// None of its features is one of the set-point's, or one of them is not finite.
     OtherFeatures,
+    /// So much of the target is hidden that the law has no answer.
+    TooFewFeatures,
     /// Vision found the target and does not believe it: see [`TargetStatus::Inconsistent`].
     Inconsistent,
     /// It is not newer than the last one: repeated, or overtaken.
@@ -73,6 +81,8 @@ struct Sighting {
     task: Task,
     /// Where the camera was at the exposure, in the frame of the object.
     X_WC: Pose,
+    /// Whether features were hidden.
+    partial: bool,
 }
 
 /// What visual servoing is made of.
@@ -133,6 +143,8 @@ pub struct VisualServo<const N: usize> {
     settings: ServoSettings,
     history: JointHistory<N>,
     sighting: Option<Sighting>,
+    /// The last one without hidden features, and with a pose.
+    whole: Option<Sighting>,
     held: Option<Answer<N>>,
     fresh: bool,
     /// First wished velocity, and when: what a smooth start takes off.
@@ -151,6 +163,7 @@ impl<const N: usize> VisualServo<N> {
             settings,
             history: JointHistory::new(),
             sighting: None,
+            whole: None,
             held: None,
             fresh: false,
             start: None,
@@ -183,6 +196,12 @@ impl<const N: usize> VisualServo<N> {
         self.lesson.left > 0
     }
 
+    /// Whether the law works with a view in which features are hidden.
+    #[must_use]
+    pub fn is_degraded(&self) -> bool {
+        self.sighting.as_ref().is_some_and(|sighting| sighting.partial)
+    }
+
     /// The next wish starts smoothly again, as the first one did; after a stop or a hold.
     pub fn restart(&mut self) {
         self.start = None;
@@ -196,14 +215,13 @@ impl<const N: usize> VisualServo<N> {
     /// Takes a measurement in.
     pub fn take(&mut self, now: MonoNs, measurement: &Measurement, robot: &Robot<N>) -> Intake {
         let exposure = measurement.exposure;
-        let expected = self.settings.set_point.features().len();
-        if measurement.found() && measurement.feature_count as usize != expected {
-            return Intake::OtherFeatures;
-        }
         if measurement.target_status() == TargetStatus::Inconsistent {
             return Intake::Inconsistent;
         }
-        let Some(view) = View::of(measurement) else { return Intake::NoTarget };
+        let set_point = &self.settings.set_point;
+        let Some(seen) = View::of(measurement, set_point) else {
+            return if measurement.found() { Intake::OtherFeatures } else { Intake::NoTarget };
+        };
         if self.sighting.is_some_and(|last| exposure <= last.exposure) {
             return Intake::NotNewer;
         }
@@ -216,10 +234,19 @@ impl<const N: usize> VisualServo<N> {
         let Some(q) = self.history.joints(exposure).filter(|_| full || standing_start) else {
             return Intake::TooOld;
         };
-        if let Some(taught) = self.lesson.hear(&view, &self.settings.set_point) {
+        if let Some(taught) = self.lesson.hear(&seen, &self.settings.set_point) {
             self.settings.set_point = taught;
         }
         let X_WC = self.settings.mount.X_WC(&robot.forward(&q));
+        let partial = seen.is_partial();
+        let by_motion = if partial && seen.X_CO().is_none() {
+            self.completed_by_motion(&seen, exposure, &X_WC)
+        } else {
+            None
+        };
+        let Some(view) = by_motion.or_else(|| seen.sufficient(&self.settings.set_point)) else {
+            return Intake::TooFewFeatures;
+        };
         let view = view.with_known(self.settings.X_WO.map(|X_WO| X_WC.inv_mul(&X_WO)));
         let Some(task) = self.settings.law.task(&self.settings.set_point, &view) else {
             return Intake::NoTarget;
@@ -227,9 +254,25 @@ impl<const N: usize> VisualServo<N> {
         if let (Some(object), Some(X_CO)) = (&mut self.object, view.X_CO()) {
             object.observe(exposure, &(X_WC * X_CO), &covariance_in(&X_WC, &measurement.pose_covariance));
         }
-        self.sighting = Some(Sighting { exposure, view, task, X_WC });
+        let sighting = Sighting { exposure, view, task, X_WC, partial };
+        if !partial && view.X_CO().is_some() {
+            self.whole = Some(sighting);
+        }
+        self.sighting = Some(sighting);
         self.fresh = true;
         if exposure > now { Intake::UsedFromFuture } else { Intake::Used }
+    }
+
+    /// A view in which so much is hidden that it has no pose: the hidden features are where the last whole view has them, carried
+    /// to this exposure by the arm's known motion (and the object's, where that is estimated); the pose is that of least
+    /// reprojection error for them all. `None` when there is no such view that is young enough, or the two contradict each other.
+    fn completed_by_motion(&self, seen: &View, exposure: MonoNs, X_WC: &Pose) -> Option<View> {
+        let set_point = &self.settings.set_point;
+        let whole = self.whole.as_ref().filter(|whole| exposure - whole.exposure <= LONGEST_GUESS)?;
+        let moved = self.object.as_ref().map(|object| object.displacement(whole.exposure, exposure));
+        let X_WC_then = moved.map_or(whole.X_WC, |moved| moved * whole.X_WC);
+        let guess = whole.view.carried(&X_WC.inv_mul(&X_WC_then), set_point)?;
+        seen.with_hidden_of(&guess, set_point, LARGEST_CONTRADICTION)
     }
 
     /// What the joints shall do at this tick, at which they stand in `q` and move with `qd`. `None` before the first

@@ -8,6 +8,7 @@
 //!   P4 (0,a)   P3 (a,a)     a = 0.1 m
 //! ```
 
+use super::{Mark, Plate, TargetPoint};
 use nalgebra::{Point3, Vector2};
 use thiserror::Error;
 
@@ -45,6 +46,26 @@ pub enum TargetError {
         /// Radius of the others.
         radius_m: f64,
     },
+    /// Neighbouring dots of a grid touch.
+    #[error(
+        "target: dots of {radius_m} m and {mark_radius_m} m touch at a pitch of {pitch_m} m; make them smaller"
+    )]
+    Pitch {
+        /// Distance of neighbours.
+        pitch_m: f64,
+        /// Radius of the small dots.
+        radius_m: f64,
+        /// Radius of the large dots.
+        mark_radius_m: f64,
+    },
+    /// A grid is too small to be told apart, or too large.
+    #[error("target: {columns} x {rows} dots; give 3 to 32 columns and rows")]
+    Count {
+        /// Dots in a row.
+        columns: usize,
+        /// Dots in a column.
+        rows: usize,
+    },
     /// P1 reaches over the plate's edge.
     #[error("target: the plate's margin {margin_m} m must exceed P1's radius {first_radius_m} m")]
     Margin {
@@ -57,21 +78,23 @@ pub enum TargetError {
 
 /// The plate with its four dots, in the object frame (m).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DotTarget {
+pub struct FourDots {
     side_m: f64,
     first_radius_m: f64,
     radius_m: f64,
     margin_m: f64,
+    points: [TargetPoint; 4],
+    marks: [Mark; 4],
 }
 
-impl Default for DotTarget {
+impl Default for FourDots {
     /// The textbook's square of 0.1 m; radii 15 mm and 10 mm, margin 30 mm.
     fn default() -> Self {
-        Self { side_m: 0.1, first_radius_m: 0.015, radius_m: 0.010, margin_m: 0.030 }
+        Self::of(0.1, 0.015, 0.010, 0.030)
     }
 }
 
-impl DotTarget {
+impl FourDots {
     /// A target of another size, in m: side of the square between dot centres, radius of P1, radius of the
     /// other dots, and the plate's margin around the square.
     ///
@@ -98,7 +121,37 @@ impl DotTarget {
         if first_radius_m >= margin_m {
             return Err(TargetError::Margin { margin_m, first_radius_m });
         }
-        Ok(Self { side_m, first_radius_m, radius_m, margin_m })
+        Ok(Self::of(side_m, first_radius_m, radius_m, margin_m))
+    }
+
+    fn of(side_m: f64, first_radius_m: f64, radius_m: f64, margin_m: f64) -> Self {
+        let a = side_m;
+        let places = [(0, 0.0, 0.0), (1, a, 0.0), (2, a, a), (3, 0.0, a)];
+        let points = places.map(|(id, x, y)| TargetPoint { id, p_O: Point3::new(x, y, 0.0) });
+        let marks = points.map(|point| Mark {
+            centre_m: point.p_O.coords.xy(),
+            radius_m: if point.id == 0 { first_radius_m } else { radius_m },
+        });
+        Self { side_m, first_radius_m, radius_m, margin_m, points, marks }
+    }
+
+    /// The dot centres P1..P4, ids 0 to 3.
+    #[must_use]
+    pub fn points(&self) -> &[TargetPoint] {
+        &self.points
+    }
+
+    /// The dots.
+    #[must_use]
+    pub fn marks(&self) -> &[Mark] {
+        &self.marks
+    }
+
+    /// The plate.
+    #[must_use]
+    pub fn plate(&self) -> Plate {
+        let (low, high) = (-self.margin_m, self.side_m + self.margin_m);
+        Plate { low_m: Vector2::new(low, low), high_m: Vector2::new(high, high) }
     }
 
     /// Side of the square between dot centres, m.
@@ -119,23 +172,10 @@ impl DotTarget {
         [self.first_radius_m, self.radius_m, self.radius_m, self.radius_m]
     }
 
-    /// Dot centres P1..P4 in the object plane (x_o, y_o), m.
-    #[must_use]
-    pub fn points(&self) -> [Vector2<f64>; 4] {
-        let a = self.side_m;
-        [Vector2::new(0.0, 0.0), Vector2::new(a, 0.0), Vector2::new(a, a), Vector2::new(0.0, a)]
-    }
-
     /// Dot centres P1..P4 in the object frame, m.
     #[must_use]
     pub fn points_O(&self) -> [Point3<f64>; 4] {
-        self.points().map(|r| Point3::new(r.x, r.y, 0.0))
-    }
-
-    /// Least and greatest coordinate of the plate along x_o and y_o alike, m.
-    #[must_use]
-    pub fn plate_range_m(&self) -> (f64, f64) {
-        (-self.margin_m, self.side_m + self.margin_m)
+        self.points.map(|point| point.p_O)
     }
 }
 
@@ -145,8 +185,8 @@ mod tests {
 
     #[test]
     fn default_is_valid_and_the_textbooks_square() {
-        let t = DotTarget::default();
-        assert_eq!(DotTarget::new(0.1, 0.015, 0.010, 0.030), Ok(t));
+        let t = FourDots::default();
+        assert_eq!(FourDots::new(0.1, 0.015, 0.010, 0.030), Ok(t));
         assert_eq!(t.points_O()[2], Point3::new(0.1, 0.1, 0.0));
         assert_eq!(t.radii_m()[0], 0.015);
     }
@@ -154,12 +194,12 @@ mod tests {
     #[test]
     fn impossible_targets_are_refused() {
         assert!(matches!(
-            DotTarget::new(0.0, 0.015, 0.01, 0.03),
+            FourDots::new(0.0, 0.015, 0.01, 0.03),
             Err(TargetError::Length { name: "side_m", .. })
         ));
-        assert!(matches!(DotTarget::new(0.1, f64::NAN, 0.01, 0.03), Err(TargetError::Length { .. })));
-        assert!(matches!(DotTarget::new(0.1, 0.011, 0.01, 0.03), Err(TargetError::Radii { .. })));
-        assert!(matches!(DotTarget::new(0.1, 0.07, 0.04, 0.08), Err(TargetError::Overlap { .. })));
-        assert!(matches!(DotTarget::new(0.1, 0.03, 0.01, 0.02), Err(TargetError::Margin { .. })));
+        assert!(matches!(FourDots::new(0.1, f64::NAN, 0.01, 0.03), Err(TargetError::Length { .. })));
+        assert!(matches!(FourDots::new(0.1, 0.011, 0.01, 0.03), Err(TargetError::Radii { .. })));
+        assert!(matches!(FourDots::new(0.1, 0.07, 0.04, 0.08), Err(TargetError::Overlap { .. })));
+        assert!(matches!(FourDots::new(0.1, 0.03, 0.01, 0.02), Err(TargetError::Margin { .. })));
     }
 }

@@ -1,31 +1,27 @@
 //! The vision core: a frame in, a [`Measurement`] out.
 //!
 //! ```text
-//! Frame --> Detector (windows, else whole frame) --> centroids --> pose --> centre offsets --> features, pose, covariance
-//!              ^ expected dots: from Prior, else constant velocity of the last two measurements
+//! Frame --> Finder (windows, else whole frame) --> centroids --> pose --> centre offsets --> features, pose, covariance
+//!             ^ expected dots: from Prior, else constant velocity of the last two measurements
 //! ```
 //! No clock, no allocation, no error: what goes wrong is a [`TargetStatus`]. What was found is believed only where one
-//! pose explains it, see [`VisionSettings::model_sd_px`].
+//! pose explains it, see [`VisionSettings::model_sd_px`]. A target that is partly hidden is tracked on as long as what is left of
+//! it fixes its pose: three dots of four, as many of a grid as tell where in it they are.
+
+mod expectation;
+mod sight;
 
 use crate::camera_model::CameraModel;
-use crate::detect::{Detector, Dot, Expected, centre_offset, dot_covariance_px2};
-use crate::geometry::{Pose, rotation_angle};
+use crate::detect::{Expected, Finder};
+use crate::geometry::Pose;
 use crate::imaging::ImageView;
-use crate::messages::{FeaturePoint, FrameHeader, Measurement, TargetStatus, frame_flag, measurement_flag};
-use crate::pose::{Correspondence, PoseSolution, RefinedPose, planar_pose, refine};
-use crate::target::DotTarget;
+use crate::messages::{FrameHeader, Measurement, TargetStatus, frame_flag};
+use crate::target::Target;
 use crate::time::MonoNs;
-use nalgebra::Vector2;
+use sight::{Eye, Sight};
 
-/// Centre offsets below this need no second turn, px.
-const SMALL_OFFSET_PX: f64 = 0.05;
-
-/// Largest misfit of a good measurement: `T = 4 rms^2 / sigma^2`, the sum of squares of the 8 reprojection errors over
-/// the mean variance of a coordinate. With 6 parameters of the pose it has a chi-square distribution with 2 degrees of
-/// freedom, which exceeds 20 once in 22 000 times; in strong blur the stated variances are a few times too small.
-const LARGEST_MISFIT: f64 = 50.0;
-/// Largest shift of one dot by what is dark beside it, px: two dots at a shadow's edge may move as a pose would move them.
-const LARGEST_DISTURBANCE_PX: f64 = 0.5;
+/// While a part of the target is hidden the whole frame is searched in every so manieth frame.
+const SEARCH_AGAIN: u32 = 5;
 
 /// A frame as the camera published it.
 #[derive(Debug, Clone, Copy)]
@@ -64,58 +60,63 @@ impl Default for VisionSettings {
     }
 }
 
-/// The dots of one frame that was measured.
-#[derive(Debug, Clone, Copy)]
+/// A sight that was believed, and when it was.
+#[derive(Debug, Clone)]
 struct Seen {
     exposure: MonoNs,
-    dots: [Dot; 4],
-    X_CO: Option<Pose>,
-}
-
-/// The dots of one frame, and what they say.
-#[derive(Debug, Clone, Copy)]
-struct Sight {
-    dots: [Dot; 4],
-    /// Whether the windows were enough.
-    tracked: bool,
-    /// Images of the centres, px, and normalized.
-    centres: [(Vector2<f64>, Vector2<f64>); 4],
-    pose: Option<RefinedPose>,
-    ambiguous: bool,
-    /// Reprojection error of the pose; infinite without one.
-    rms_px: f64,
+    sight: Sight,
 }
 
 /// Measures the target in frame after frame.
 #[derive(Debug, Clone)]
 pub struct Vision {
-    camera: CameraModel,
-    target: DotTarget,
-    settings: VisionSettings,
-    detector: Detector,
+    eye: Eye,
+    finder: Finder,
+    /// Sights of the present frame: in windows, and in the whole frame.
+    tracked: Sight,
+    searched: Sight,
+    /// The last sight that was believed, and the one before it, as long as the target was not lost since.
     last: Option<Seen>,
     before: Option<Seen>,
+    /// Buffers of sights that nobody holds.
+    spare: Vec<Sight>,
+    expected: Vec<Expected>,
+    /// Frames since a part of the target is hidden.
+    hidden_for: u32,
     lost: u64,
 }
 
 impl Vision {
     /// Prepares all buffers for one camera and target.
     #[must_use]
-    pub fn new(camera: CameraModel, target: DotTarget, settings: VisionSettings) -> Self {
-        let detector = Detector::new(camera, &target);
-        Self { camera, target, settings, detector, last: None, before: None, lost: 0 }
+    pub fn new(camera: CameraModel, target: impl Into<Target>, settings: VisionSettings) -> Self {
+        let target = target.into();
+        let count = target.points().len();
+        let sight = || Sight::with_room_for(count);
+        Self {
+            finder: Finder::new(camera, &target),
+            tracked: sight(),
+            searched: sight(),
+            last: None,
+            before: None,
+            spare: vec![sight(), sight()],
+            expected: Vec::with_capacity(count),
+            hidden_for: 0,
+            lost: 0,
+            eye: Eye::new(camera, target, settings),
+        }
     }
 
     /// The camera that frames are taken to come from.
     #[must_use]
     pub fn camera(&self) -> &CameraModel {
-        &self.camera
+        &self.eye.camera
     }
 
     /// The target that is looked for.
     #[must_use]
-    pub fn target(&self) -> &DotTarget {
-        &self.target
+    pub fn target(&self) -> &Target {
+        &self.eye.target
     }
 
     /// Measures one frame. All fields of the measurement are filled except `vision_start`, `vision_end`,
@@ -131,185 +132,70 @@ impl Vision {
             ..Measurement::default()
         };
         match self.find(frame, prior) {
-            Ok(sight) if self.is_consistent(&sight) => {
-                sight.fill(&mut m);
-                let X_CO = sight.pose.map(|pose| pose.X_CO);
-                self.before = self.last;
-                self.last = Some(Seen { exposure: header.exposure, dots: sight.dots, X_CO });
-            }
-            // The target is there, only not to be believed: the last good sight predicts the next one.
-            Ok(sight) => {
-                m.status = TargetStatus::Inconsistent as u32;
-                m.reprojection_rms_px = sight.rms_px;
+            Ok(whole) => {
+                let sight = if whole { &mut self.searched } else { &mut self.tracked };
+                if self.eye.believes(sight) {
+                    self.eye.fill(sight, !whole, &mut m);
+                    self.keep(header.exposure, whole);
+                } else {
+                    // The target is there, only not to be believed: the last good sight predicts the next one.
+                    m.status = TargetStatus::Inconsistent as u32;
+                    m.reprojection_rms_px = sight.rms_px;
+                }
             }
             Err(status) => {
                 m.status = status as u32;
                 self.lost += u64::from(self.last.is_some());
-                (self.last, self.before) = (None, None);
+                self.spare.extend(self.last.take().map(|seen| seen.sight));
+                self.spare.extend(self.before.take().map(|seen| seen.sight));
             }
         }
         m.target_lost = self.lost;
         m
     }
 
-    /// The dots: those in the windows where they can be believed, else those of the whole frame.
-    fn find(&mut self, frame: &Frame<'_>, prior: &Prior) -> Result<Sight, TargetStatus> {
-        let i = self.camera.intrinsics();
-        let size = (frame.image.width(), frame.image.height());
-        if size != (i.width_px as usize, i.height_px as usize) {
+    /// Looks in the windows where the target should be, and, where that does not show as much of it as before, in the whole frame.
+    /// Whether it is the latter's sight that counts.
+    fn find(&mut self, frame: &Frame<'_>, prior: &Prior) -> Result<bool, TargetStatus> {
+        let i = self.eye.camera.intrinsics();
+        if (frame.image.width(), frame.image.height()) != (i.width_px as usize, i.height_px as usize) {
             return Err(TargetStatus::WrongSize);
         }
-        let mut refused = None;
-        if self.settings.track
-            && let Some(expected) = self.expected(frame.header.exposure, prior)
-            && let Some(dots) = self.detector.track(&frame.image, &expected)
-        {
-            let sight = self.describe(dots, true, prior);
-            if self.is_consistent(&sight) {
-                return Ok(sight);
-            }
-            refused = Some(sight); // perhaps something else was in the windows
-        }
-        match (self.detector.search(&frame.image), refused) {
-            (Ok(dots), _) => Ok(self.describe(dots, false, prior)),
-            (Err(_), Some(sight)) => Ok(sight),
-            (Err(status), None) => Err(status),
-        }
-    }
-
-    /// Whether the dots can be believed: one pose explains them, and nothing dark lies beside one.
-    fn is_consistent(&self, sight: &Sight) -> bool {
-        let stated = sight.dots.iter().map(|d| d.sigma_px * d.sigma_px).sum::<f64>() / 4.0;
-        let variance = stated + self.settings.model_sd_px * self.settings.model_sd_px;
-        sight.pose.is_some()
-            && 4.0 * sight.rms_px * sight.rms_px <= LARGEST_MISFIT * variance
-            && sight.dots.iter().all(|d| d.disturbance_px <= LARGEST_DISTURBANCE_PX)
-    }
-
-    /// Where the dots should be. Needs a measurement before: how dark is dark is taken from there.
-    fn expected(&self, exposure: MonoNs, prior: &Prior) -> Option<[Expected; 4]> {
-        let last = self.last.as_ref()?;
-        let slack_px = self.settings.slack_px;
-        let threshold = |dot: &Dot| (0.5 * (dot.dark_level + dot.plate_level)).clamp(0.0, 255.0) as u8;
-        let mut out = last.dots.map(|dot| Expected {
-            px: dot.px,
-            covariance_px2: dot.covariance_px2,
-            area_px2: dot.area_px2,
-            slack_px,
-            threshold: threshold(&dot),
-        });
-        if let Some(X_CO) = &prior.predicted_X_CO {
-            let (points, radii) = (self.target.points(), self.target.radii_m());
-            for (((dot, r), p), radius) in out.iter_mut().zip(&points).zip(self.target.points_O()).zip(radii)
-            {
-                dot.px = self.camera.project(&(X_CO * p))?;
-                let (covariance, area) = dot_covariance_px2(X_CO, &self.camera, r, radius)?;
-                (dot.covariance_px2, dot.area_px2) = (covariance.map(|c| c + 1.0 / 12.0), area);
-            }
-        } else if let Some(before) = &self.before {
-            // one step ahead at the last velocity; over a gap at most three steps
-            let step = (last.exposure - before.exposure).as_s();
-            let ahead = (exposure - last.exposure).as_s();
-            let ratio = if step > 0.0 && ahead > 0.0 { (ahead / step).min(3.0) } else { 0.0 };
-            for ((dot, new), old) in out.iter_mut().zip(&last.dots).zip(&before.dots) {
-                let motion = (new.px - old.px) * ratio;
-                dot.px += motion;
-                dot.slack_px += 0.3 * motion.norm();
-            }
-        }
-        Some(out)
-    }
-
-    /// Features and pose from the dots' centroids.
-    fn describe(&self, dots: [Dot; 4], tracked: bool, prior: &Prior) -> Sight {
-        let (r, radii) = (self.target.points(), self.target.radii_m());
-        let mut px = dots.map(|dot| dot.px);
-        let mut points = [Correspondence { r: Vector2::zeros(), s: Vector2::zeros() }; 4];
-        let set = |points: &mut [Correspondence; 4], px: &[Vector2<f64>; 4]| {
-            for ((point, r), px) in points.iter_mut().zip(&r).zip(px) {
-                *point = Correspondence { r: *r, s: self.camera.normalized_of(px) };
-            }
-        };
-        set(&mut points, &px);
-        let i = self.camera.intrinsics();
-        let f = (i.fx_px * i.fy_px).sqrt();
-        let sigma_px = (dots.iter().map(|d| d.sigma_px * d.sigma_px).sum::<f64>() / 4.0).sqrt();
-        let (mut pose, mut ambiguous): (Option<RefinedPose>, bool) = (None, false);
-        if let Ok(both) = planar_pose(&points) {
-            let chosen;
-            (chosen, ambiguous) = self.choose(&both.best, both.other.as_ref(), prior, sigma_px / f);
-            // the offsets depend on the pose, and it on them: each turn leaves a few hundredths of what was wrong
-            let mut X_CO = chosen;
-            for _ in 0..2 {
-                let mut greatest = 0.0f64;
-                for ((px, dot), (r, radius)) in px.iter_mut().zip(&dots).zip(r.iter().zip(radii)) {
-                    let offset = centre_offset(&X_CO, &self.camera, r, radius);
-                    *px = dot.px - offset;
-                    greatest = greatest.max(offset.norm_squared());
-                }
-                set(&mut points, &px);
-                let Ok(refined) = refine(&X_CO, &points, sigma_px / f) else { break };
-                X_CO = refined.X_CO;
-                pose = Some(refined);
-                if greatest < SMALL_OFFSET_PX * SMALL_OFFSET_PX {
-                    break;
+        let (mut in_windows, mut believed) = (false, false);
+        if self.eye.settings.track && self.expect(frame.header.exposure, prior) {
+            let last = self.last.as_ref().map(|seen| &seen.sight);
+            in_windows = self.finder.track(&frame.image, &self.expected, &mut self.tracked.dots);
+            if in_windows {
+                self.eye.describe(&mut self.tracked, &self.finder, prior, last, &self.expected);
+                believed = self.eye.believes(&self.tracked);
+                let (seen, all) = (self.tracked.dots.len(), self.eye.target.points().len());
+                self.hidden_for = if seen < all { self.hidden_for.saturating_add(1) } else { 0 };
+                let as_before = seen >= last.map_or(0, |last| last.dots.len());
+                let search_again = seen < all && (seen <= 3 || self.hidden_for % SEARCH_AGAIN == 0);
+                if believed && as_before && !search_again {
+                    return Ok(false);
                 }
             }
         }
-        let rms_px = pose.as_ref().map_or(f64::INFINITY, |pose| {
-            let squares = self.target.points_O().into_iter().zip(&px).map(|(p, px)| {
-                let seen = self.camera.project(&(pose.X_CO * p));
-                seen.map_or(f64::INFINITY, |seen| (seen - px).norm_squared())
-            });
-            (squares.sum::<f64>() / 4.0).sqrt()
-        });
-        let mut centres = px.map(|px| (px, px));
-        centres.iter_mut().zip(&points).for_each(|((_, s), point)| *s = point.s);
-        Sight { dots, tracked, centres, pose, ambiguous, rms_px }
+        match self.finder.search(&frame.image, &mut self.searched.dots) {
+            Ok(()) => {
+                let last = self.last.as_ref().map(|seen| &seen.sight);
+                self.eye.describe(&mut self.searched, &self.finder, prior, last, &[]);
+                let better = self.searched.dots.len() > self.tracked.dots.len();
+                Ok(!believed || better && self.eye.believes(&self.searched))
+            }
+            // perhaps something else was in the windows, or a part of the target is hidden
+            Err(_) if in_windows => Ok(false),
+            Err(status) => Err(status),
+        }
     }
 
-    /// Of two poses that explain the picture almost equally well, the one nearer to what was expected; and whether there
-    /// are two.
-    fn choose(
-        &self,
-        best: &PoseSolution,
-        other: Option<&PoseSolution>,
-        prior: &Prior,
-        sigma: f64,
-    ) -> (Pose, bool) {
-        let Some(other) = other else { return (best.X_CO, false) };
-        // rms over four points: their sum of squares grows by the square of the limit
-        let limit = self.settings.ambiguity_sigmas * sigma;
-        if 4.0 * (other.rms * other.rms - best.rms * best.rms) > limit * limit {
-            return (best.X_CO, false);
-        }
-        let known = prior.predicted_X_CO.or_else(|| self.last.as_ref().and_then(|seen| seen.X_CO));
-        let Some(known) = known else { return (best.X_CO, true) };
-        let away =
-            |X_CO: &Pose| rotation_angle(&(known.rotation.inverse() * X_CO.rotation).to_rotation_matrix());
-        (if away(&other.X_CO) < away(&best.X_CO) { other.X_CO } else { best.X_CO }, true)
-    }
-}
-
-impl Sight {
-    /// Tells it.
-    fn fill(&self, m: &mut Measurement) {
-        m.status = TargetStatus::Found as u32;
-        m.feature_count = 4;
-        for ((feature, dot), (px, s)) in m.features.iter_mut().zip(&self.dots).zip(&self.centres) {
-            *feature = FeaturePoint { u_px: px.x, v_px: px.y, x: s.x, y: s.y, sigma_px: dot.sigma_px };
-        }
-        if self.tracked {
-            m.flags |= measurement_flag::TRACKED;
-        }
-        if self.ambiguous {
-            m.flags |= measurement_flag::AMBIGUOUS;
-        }
-        let Some(pose) = &self.pose else { return };
-        m.set_pose(&pose.X_CO);
-        for (row, values) in m.pose_covariance.chunks_exact_mut(6).zip(pose.covariance.row_iter()) {
-            row.iter_mut().zip(values.iter()).for_each(|(slot, value)| *slot = *value);
-        }
-        m.reprojection_rms_px = self.rms_px;
+    /// The sight of the present frame becomes the last one.
+    fn keep(&mut self, exposure: MonoNs, whole: bool) {
+        self.spare.extend(self.before.take().map(|seen| seen.sight));
+        self.before = self.last.take();
+        let mut sight = self.spare.pop().unwrap_or_default();
+        std::mem::swap(&mut sight, if whole { &mut self.searched } else { &mut self.tracked });
+        self.last = Some(Seen { exposure, sight });
     }
 }

@@ -10,7 +10,7 @@ use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, Measurement};
 use vservo::scene::{Renderer, SceneLook, SensorModel};
-use vservo::target::DotTarget;
+use vservo::target::FourDots;
 use vservo::time::MonoNs;
 use vservo::vision::{Frame, Prior, Vision, VisionSettings};
 
@@ -45,7 +45,7 @@ pub struct Bench {
 
 impl Bench {
     pub fn new(k1: f64, sensor: SensorModel) -> Self {
-        let (camera, target) = (camera(k1), DotTarget::default());
+        let (camera, target) = (camera(k1), FourDots::default());
         Self {
             renderer: Renderer::new(camera, target, SceneLook::default(), sensor).unwrap(),
             vision: Vision::new(camera, target, VisionSettings::default()),
@@ -71,12 +71,12 @@ impl Bench {
     /// A search of the whole frame, whatever was seen before.
     pub fn search(&mut self, X_CO: &Pose) -> Measurement {
         let settings = VisionSettings { track: false, ..VisionSettings::default() };
-        self.vision = Vision::new(*self.vision.camera(), *self.vision.target(), settings);
+        self.vision = Vision::new(*self.vision.camera(), self.vision.target().clone(), settings);
         self.see(X_CO)
     }
 
     /// Offsets of the measured points from the truth, px.
-    pub fn errors(&self, X_CO: &Pose, m: &Measurement) -> [Vector2<f64>; 4] {
+    pub fn errors(&self, X_CO: &Pose, m: &Measurement) -> Vec<Vector2<f64>> {
         let mut errors = self.renderer.truth(X_CO);
         for (error, feature) in errors.iter_mut().zip(m.features()) {
             *error = Vector2::new(feature.u_px, feature.v_px) - *error;

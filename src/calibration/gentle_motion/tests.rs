@@ -71,10 +71,10 @@ fn a_joint_at_the_end_of_its_range_stays() {
 fn seen(config: &Config, X_CO: &crate::geometry::Pose) -> Option<Measurement> {
     let mut m =
         Measurement { status: TargetStatus::Found as u32, feature_count: 4, ..Measurement::default() };
-    for (f, p_O) in m.features.iter_mut().zip(config.target.points_O()) {
-        let p = X_CO * p_O;
+    for (f, point) in m.features.iter_mut().zip(config.target.points()) {
+        let (i, p) = (point.id, X_CO * point.p_O);
         let px = config.camera.model.project(&p).filter(|px| config.camera.model.contains(px, 0.0))?;
-        *f = FeaturePoint { u_px: px.x, v_px: px.y, x: p.x / p.z, y: p.y / p.z, sigma_px: 0.0 };
+        *f = FeaturePoint { id: i as u64, u_px: px.x, v_px: px.y, x: p.x / p.z, y: p.y / p.z, sigma_px: 0.0 };
     }
     m.set_pose(X_CO);
     Some(m)
@@ -94,7 +94,7 @@ fn motion_px<const N: usize>(file: &str, shift: &Vector3<f64>) -> Option<f64> {
     };
     let first = seen(&config, &X_CO_at(&q))?;
     let limits = limits(&robot);
-    let points = config.target.points_O();
+    let points = config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>();
     let mount = &config.camera.mount;
     let reach = image_reach(&robot, mount, &config.camera.model, &points, &limits, &q, &first).unwrap();
     let mut motion = GentleMotion::new(&q, &reach, &limits);
@@ -140,7 +140,7 @@ fn without_a_pose_nothing_is_known_of_the_reach() {
     let robot = config.robot.build::<4>().unwrap();
     let q = crate::config::assemble::q_start::<4>(&config).unwrap();
     let m = Measurement { feature_count: 4, ..Measurement::default() };
-    let points = config.target.points_O();
+    let points = config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>();
     let reach = |m: &Measurement| {
         image_reach(&robot, &config.camera.mount, &config.camera.model, &points, &limits(&robot), &q, m)
     };

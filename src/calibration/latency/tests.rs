@@ -56,7 +56,7 @@ impl<const N: usize> Scene<N> {
         let seen = scene.seen(&q, MonoNs(0), &mut |_| 0.0);
         let camera = &scene.config.camera;
         let limits = limits(&scene.robot);
-        let points = scene.config.target.points_O();
+        let points = scene.config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>();
         let reach =
             image_reach(&scene.robot, &camera.mount, &camera.model, &points, &limits, &q, &seen).unwrap();
         scene.amplitude = *GentleMotion::new(&q, &reach, &limits).amplitude();
@@ -87,7 +87,7 @@ impl<const N: usize> Scene<N> {
     ) -> Measurement {
         let camera = &self.config.camera;
         let X_CO = camera.mount.X_WC(&self.robot.forward(q)).inv_mul(&self.config.X_WO);
-        let points = self.config.target.points_O();
+        let points = self.config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>();
         let mut m = Measurement { exposure, feature_count: points.len() as u32, ..Measurement::default() };
         m.status = TargetStatus::Found as u32;
         for (i, (f, p_O)) in m.features.iter_mut().zip(points).enumerate() {
@@ -96,7 +96,7 @@ impl<const N: usize> Scene<N> {
             let i_px = camera.model.intrinsics();
             let (dx, dy) = (noise(2 * i) / i_px.fx_px, noise(2 * i + 1) / i_px.fy_px);
             let (x, y) = (p.x / p.z + dx, p.y / p.z + dy);
-            *f = FeaturePoint { u_px: px.x, v_px: px.y, x, y, sigma_px: 0.05 };
+            *f = FeaturePoint { id: i as u64, u_px: px.x, v_px: px.y, x, y, sigma_px: 0.05 };
         }
         m.set_pose(&X_CO);
         m
@@ -129,7 +129,7 @@ impl<const N: usize> Scene<N> {
 
     fn cell_with<R>(&self, mount: &Mount, use_cell: impl FnOnce(&KnownCell<'_, N>) -> R) -> R {
         let i = self.config.camera.model.intrinsics();
-        let points = self.config.target.points_O();
+        let points = self.config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>();
         use_cell(&KnownCell {
             robot: &self.robot,
             mount,

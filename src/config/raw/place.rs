@@ -45,3 +45,21 @@ table! {
         rotation_rpy_rad: [f64; 3] = [0.0, 0.0, std::f64::consts::FRAC_PI_4],
     }
 }
+
+table! {
+    /// Something in front of the target for a while, in a simulated scene: a sheet parallel to its plane.
+    RawOccluder {
+        /// When it comes, s.
+        from_s: f64 = 0.0,
+        /// When it goes, s; never there where that is not later.
+        until_s: f64 = 0.0,
+        /// Its middle along the target's x and y, m.
+        center_m: [f64; 2] = [0.0, 0.0],
+        /// Its sides along the target's x and y, m.
+        size_m: [f64; 2] = [0.05, 0.05],
+        /// How far in front of the target's plane it lies, m.
+        height_m: f64 = 0.01,
+        /// Its grey level.
+        level: f64 = 140.0,
+    }
+}

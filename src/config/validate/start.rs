@@ -6,7 +6,7 @@ use crate::config::raw::RawConfig;
 use crate::config::servo::{tilted, uses_dimension};
 use crate::geometry::Pose;
 use crate::robot::{self, POSITION_RAD_OR_M, RobotDescription};
-use crate::target::DotTarget;
+use crate::target::Target;
 use nalgebra::SVector;
 
 /// The robot, with a start inside its limits.
@@ -35,20 +35,27 @@ pub(super) fn arm(raw: &RawConfig, check: &mut Check<'_>) -> Option<RobotDescrip
     Some(robot)
 }
 
-/// The first dot (from 1) that the camera does not see when the target lies at `X_CO`, and why.
-pub(super) fn hidden_dot(target: &DotTarget, camera: &Camera, X_CO: &Pose) -> Option<(usize, &'static str)> {
-    target.points_O().iter().enumerate().find_map(|(i, p_O)| match camera.model.project(&(X_CO * p_O)) {
-        None => Some((i + 1, "behind the camera")),
-        Some(px) if !camera.model.contains(&px, 0.0) => Some((i + 1, "outside the image")),
+/// The first dot (from 1) that the camera does not see when the target lies at `X_CO`, and why; where so many are hidden that the
+/// target cannot be found.
+pub(super) fn hidden_dot(target: &Target, camera: &Camera, X_CO: &Pose) -> Option<(usize, &'static str)> {
+    let hidden = |p_O| match camera.model.project(&(X_CO * p_O)) {
+        None => Some("behind the camera"),
+        Some(px) if !camera.model.contains(&px, 0.0) => Some("outside the image"),
         Some(_) => None,
-    })
+    };
+    let all = target.points();
+    let seen = all.iter().filter(|point| hidden(point.p_O).is_none()).count();
+    if seen >= target.least_to_find() {
+        return None;
+    }
+    all.iter().enumerate().find_map(|(i, point)| Some((i + 1, hidden(point.p_O)?)))
 }
 
 /// What the camera sees before the arm moves.
 pub(super) fn view(
     raw: &RawConfig,
     robot: &RobotDescription,
-    target: &DotTarget,
+    target: &Target,
     camera: &Camera,
     X_WO: &Pose,
     check: &mut Check<'_>,

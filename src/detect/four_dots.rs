@@ -9,9 +9,14 @@
 use super::blob::Blob;
 use super::offset::disc_moments;
 use crate::camera_model::CameraModel;
-use crate::target::DotTarget;
+use crate::messages::TargetStatus;
+use crate::target::FourDots;
 use nalgebra::{Matrix2, Vector2};
 
+/// Most regions among which the target is looked for: 1820 choices of four.
+pub(super) const MOST_CANDIDATES: usize = 16;
+/// Choices that may fit; more of them are no clear picture.
+const MOST_FITS: usize = 64;
 /// Greatest error of shape, or of the area's logarithm, at which a dot still fits.
 const TOLERANCE: f64 = 0.35;
 /// What a rim that is ragged or thresholded off its middle may add, for a dot of 1 px radius.
@@ -21,16 +26,16 @@ const ORTHOGONALITY: f64 = 0.35;
 
 /// Four regions taken for P1..P4.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Fit {
+struct Fit {
     /// Regions in the order P1..P4.
-    pub(super) blobs: [Blob; 4],
+    blobs: [Blob; 4],
     /// Mean error of area and shape; 0 is perfect.
-    pub(super) error: f64,
+    error: f64,
 }
 
 /// What a choice of four regions is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Choice {
+enum Choice {
     Fits(Fit),
     /// Forms the square, but more than one corner may be P1; with the error of the best way.
     Ambiguous(f64),
@@ -39,7 +44,7 @@ pub(super) enum Choice {
 
 /// Tells targets from other quadrilaterals.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Identity {
+pub(super) struct Square {
     camera: CameraModel,
     side: f64,
     radii: [f64; 4],
@@ -47,16 +52,95 @@ pub(super) struct Identity {
     margin: f64,
 }
 
-impl Identity {
-    pub(super) fn new(camera: CameraModel, target: &DotTarget) -> Self {
+impl Square {
+    pub(super) fn new(camera: CameraModel, target: &FourDots) -> Self {
         let radii = target.radii_m();
         // the wrong corner is off by ln (R1/R)^2 at two of four dots
         let margin = 0.4 * (radii[0] / radii[1]).ln();
         Self { camera, side: target.side_m(), radii, margin }
     }
 
+    /// The four regions that are the target, with their ids: the best of all choices of four candidates.
+    ///
+    /// # Errors
+    /// The status that says why there is no target.
+    pub(super) fn find(
+        &self,
+        candidates: &[(f64, Blob)],
+        chosen: &mut Vec<(u32, Blob)>,
+    ) -> Result<(), TargetStatus> {
+        let fit = self.best_choice(candidates)?;
+        chosen.clear();
+        chosen.extend((0..).zip(fit.blobs));
+        Ok(())
+    }
+
+    /// Whether regions that were found where the dots were expected can be those: all four must fit each other; three say too
+    /// little about each other, so that they only need to be there.
+    pub(super) fn confirm(&self, found: &[(u32, Blob)]) -> bool {
+        match found {
+            [(_, a), (_, b), (_, c), (_, d)] => self.fits(&[*a, *b, *c, *d]),
+            _ => found.len() == 3,
+        }
+    }
+
+    /// The best of all choices of four candidates.
+    fn best_choice(&self, candidates: &[(f64, Blob)]) -> Result<Fit, TargetStatus> {
+        if candidates.len() < 4 {
+            return Err(TargetStatus::TooFewRegions);
+        }
+        let mut best: Option<(Fit, u32)> = None;
+        let mut second = f64::INFINITY;
+        let mut unclear = f64::INFINITY;
+        let (mut fits, mut fit_count) = ([0u32; MOST_FITS], 0);
+        for (i, (_, a)) in candidates.iter().enumerate() {
+            for (j, (_, b)) in candidates.iter().enumerate().skip(i + 1) {
+                for (k, (_, c)) in candidates.iter().enumerate().skip(j + 1) {
+                    for (l, (_, d)) in candidates.iter().enumerate().skip(k + 1) {
+                        // areas are sorted; no tilt makes one dot 40 times another
+                        if d.area * 40.0 < a.area {
+                            break;
+                        }
+                        let which = 1 << i | 1 << j | 1 << k | 1 << l;
+                        match self.choose(&[*a, *b, *c, *d]) {
+                            Choice::Fits(fit) => {
+                                match best {
+                                    Some((known, _)) if fit.error >= known.error => {
+                                        second = second.min(fit.error)
+                                    }
+                                    _ => {
+                                        second = best.map_or(second, |(known, _)| second.min(known.error));
+                                        best = Some((fit, which));
+                                    }
+                                }
+                                let Some(slot) = fits.get_mut(fit_count) else {
+                                    return Err(TargetStatus::Ambiguous);
+                                };
+                                *slot = which;
+                                fit_count += 1;
+                            }
+                            Choice::Ambiguous(error) => unclear = unclear.min(error),
+                            Choice::No => {}
+                        }
+                    }
+                }
+            }
+        }
+        match best {
+            // two targets in view, or clutter that passes for one
+            Some((fit, _)) if second.min(unclear) < 1.5 * fit.error + 0.05 => Err(TargetStatus::Ambiguous),
+            // however different in size and sharpness: no dot of the one belongs to the other
+            Some((_, which)) if fits.iter().take(fit_count).any(|other| other & which == 0) => {
+                Err(TargetStatus::Ambiguous)
+            }
+            Some((fit, _)) => Ok(fit),
+            None if unclear.is_finite() => Err(TargetStatus::Ambiguous),
+            None => Err(TargetStatus::NoMatch),
+        }
+    }
+
     /// Looks for P1..P4 in four regions of any order.
-    pub(super) fn choose(&self, blobs: &[Blob; 4]) -> Choice {
+    fn choose(&self, blobs: &[Blob; 4]) -> Choice {
         let Some(blobs) = convex_order(blobs) else { return Choice::No };
         let s = blobs.map(|b| self.camera.normalized_of(&Vector2::new(b.x, b.y)));
         if !UnitSquare::to(&s).is_some_and(|H| H.is_view_of_a_square()) {
@@ -93,7 +177,7 @@ impl Identity {
     }
 
     /// Whether regions that are said to be P1..P4 fit that order.
-    pub(super) fn confirm(&self, blobs: &[Blob; 4]) -> bool {
+    fn fits(&self, blobs: &[Blob; 4]) -> bool {
         let s = blobs.map(|b| self.camera.normalized_of(&Vector2::new(b.x, b.y)));
         UnitSquare::to(&s).is_some_and(|H| H.is_view_of_a_square()) && self.misfit(blobs, &s, 0.0).is_some()
     }

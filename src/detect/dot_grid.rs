@@ -1,0 +1,356 @@
+//! Which regions are which dots of a grid, also where a part of it is hidden.
+//!
+//! ```text
+//! regions ─► lattice: from a seed along two steps, cell by cell ─► homography of the cells ─► large or small
+//!         ─► of all ways to lay what is seen into the grid the one in which all sizes agree
+//! ```
+//! Steps that are short in the picture need not be the grid's own: a tilted grid may be walked along a diagonal. That is
+//! put right when sizes are compared. The picture is never mirrored.
+
+use super::blob::Blob;
+use crate::camera_model::CameraModel;
+use crate::messages::TargetStatus;
+use crate::pose::{Correspondence, homography};
+use crate::target::DotGrid;
+use nalgebra::{Matrix2, Matrix3, Vector2};
+
+/// Cells on each side of the seed.
+const REACH: i32 = 40;
+const SIDE: usize = 2 * REACH as usize + 1;
+/// Seeds that are tried.
+const SEEDS: usize = 8;
+/// Neighbours of a seed among which its steps are chosen.
+const NEIGHBOURS: usize = 8;
+/// Least sine of the angle between two steps.
+const LEAST_SINE: f64 = 0.3;
+/// How far a dot may lie from where the lattice goes on, in steps.
+const OFF_LATTICE: f64 = 0.28;
+/// Greatest logarithm of a dot's area over that which its cell calls for.
+const AREA_TOLERANCE: f64 = 0.42;
+/// Share of the dots seen that may disagree with the grid: dots at something's edge, dots of something else.
+const WRONG_SHARE: f64 = 0.1;
+/// By how many dots the second-best way must be worse, where the best one is not without fault.
+const CLEARLY_WORSE: usize = 3;
+/// The grid's own steps in terms of those walked: turns follow by rotation.
+const SHEARS: [[i32; 4]; 5] = [[1, 0, 0, 1], [1, 1, 0, 1], [1, -1, 0, 1], [1, 0, 1, 1], [1, 0, -1, 1]];
+
+/// A dot seen in a cell of the lattice.
+#[derive(Debug, Clone, Copy)]
+struct Cell {
+    at: [i32; 2],
+    candidate: usize,
+    /// The steps at this place, px of the undistorted picture.
+    steps: [Vector2<f64>; 2],
+    large: bool,
+    /// Whether its size is that of a dot at all.
+    clear: bool,
+}
+
+/// A way to lay the cells into the grid: `at' = M at + shift`.
+#[derive(Debug, Clone, Copy)]
+struct Way {
+    M: [i32; 4],
+    shift: [i32; 2],
+    wrong: usize,
+}
+
+impl Way {
+    fn place(&self, [i, j]: [i32; 2]) -> [i32; 2] {
+        let [a, b, c, d] = self.M;
+        [a * i + b * j + self.shift[0], c * i + d * j + self.shift[1]]
+    }
+}
+
+/// Tells the dots of one grid. Owns its buffers.
+#[derive(Debug, Clone)]
+pub(super) struct Lattice {
+    camera: CameraModel,
+    grid: DotGrid,
+    /// Mean focal length, px.
+    focal_px: f64,
+    /// Candidates in the undistorted picture, px.
+    points: Vec<Vector2<f64>>,
+    taken: Vec<bool>,
+    cells: Vec<Cell>,
+    best: Vec<Cell>,
+    /// Index in `cells` + 1 of the dot in each cell.
+    map: Vec<u32>,
+    pairs: Vec<Correspondence>,
+    present: Vec<bool>,
+}
+
+impl Lattice {
+    /// For at most `most` candidates.
+    pub(super) fn new(camera: CameraModel, grid: &DotGrid, most: usize) -> Self {
+        let i = camera.intrinsics();
+        Self {
+            camera,
+            grid: grid.clone(),
+            focal_px: (i.fx_px * i.fy_px).sqrt(),
+            points: Vec::with_capacity(most),
+            taken: Vec::with_capacity(most),
+            cells: Vec::with_capacity(most),
+            best: Vec::with_capacity(most),
+            map: vec![0; SIDE * SIDE],
+            pairs: Vec::with_capacity(most),
+            present: vec![false; grid.points().len()],
+        }
+    }
+
+    /// Fewest dots that tell which part of the grid they are.
+    pub(super) fn least(&self) -> usize {
+        self.grid.window() * self.grid.window()
+    }
+
+    /// Whether dots found where they were expected can be the grid: enough of them, not all in one row or column.
+    pub(super) fn confirm(&self, found: &[(u32, Blob)]) -> bool {
+        let place = |id: u32| (id as usize % self.grid.columns(), id as usize / self.grid.columns());
+        let Some(first) = found.first().map(|(id, _)| place(*id)) else { return false };
+        let others =
+            |axis: fn((usize, usize)) -> usize| found.iter().any(|(id, _)| axis(place(*id)) != axis(first));
+        found.len() >= 5 && others(|p| p.0) && others(|p| p.1)
+    }
+
+    /// The regions that are dots of the grid, with their ids, rising.
+    pub(super) fn find(
+        &mut self,
+        candidates: &[(f64, Blob)],
+        chosen: &mut Vec<(u32, Blob)>,
+    ) -> Result<(), TargetStatus> {
+        chosen.clear();
+        self.points.clear();
+        let undistorted = |b: &Blob| self.camera.normalized_of(&Vector2::new(b.x, b.y)) * self.focal_px;
+        self.points.extend(candidates.iter().map(|(_, blob)| undistorted(blob)));
+        self.walk();
+        if self.best.len() < self.least() {
+            return Err(TargetStatus::NoMatch);
+        }
+        if !self.tell_sizes(candidates) {
+            return Err(TargetStatus::NoMatch);
+        }
+        let way = self.lay()?;
+        self.present.fill(false);
+        for cell in &self.best {
+            if let Some(id) = self.fits(&way, cell)
+                && let Some((_, blob)) = candidates.get(cell.candidate)
+            {
+                chosen.push((id, *blob));
+                if let Some(present) = self.present.get_mut(id as usize) {
+                    *present = true;
+                }
+            }
+        }
+        chosen.sort_unstable_by_key(|(id, _)| *id);
+        if self.has_window() { Ok(()) } else { Err(TargetStatus::NoMatch) }
+    }
+
+    /// Walks the lattice from several seeds; the longest walk is in `best`.
+    fn walk(&mut self) {
+        self.best.clear();
+        self.taken.clear();
+        self.taken.resize(self.points.len(), false);
+        let mut tried = 0;
+        for seed in 0..self.points.len() {
+            let enough = 2 * self.best.len() > self.points.len();
+            if tried == SEEDS || enough {
+                break;
+            }
+            if self.taken.get(seed).copied().unwrap_or(true) {
+                continue;
+            }
+            tried += 1;
+            if let Some(steps) = self.steps_at(seed) {
+                self.walk_from(seed, steps);
+                if self.cells.len() > self.best.len() {
+                    std::mem::swap(&mut self.cells, &mut self.best);
+                }
+            }
+        }
+    }
+
+    /// The two shortest steps from a candidate to neighbours in different directions, the second one clockwise of the first as y_o
+    /// is of x_o.
+    fn steps_at(&self, seed: usize) -> Option<[Vector2<f64>; 2]> {
+        let from = self.points.get(seed)?;
+        let mut nearest = [(f64::INFINITY, Vector2::zeros()); NEIGHBOURS];
+        for (i, point) in self.points.iter().enumerate() {
+            let step = point - from;
+            let (length, last) = (step.norm_squared(), NEIGHBOURS - 1);
+            if i != seed && length < nearest.get(last)?.0 {
+                let at = nearest.partition_point(|(known, _)| *known <= length);
+                nearest.get_mut(at..)?.rotate_right(1);
+                *nearest.get_mut(at)? = (length, step);
+            }
+        }
+        let (length, first) = *nearest.first().filter(|(length, _)| length.is_finite())?;
+        let (_, second) = nearest.iter().skip(1).find(|(other, step)| {
+            other.is_finite() && first.perp(step).abs() > LEAST_SINE * (length * other).sqrt()
+        })?;
+        Some(if first.perp(second) > 0.0 { [first, *second] } else { [*second, first] })
+    }
+
+    /// Takes cell by cell what lies where the lattice goes on.
+    fn walk_from(&mut self, seed: usize, steps: [Vector2<f64>; 2]) {
+        self.cells.clear();
+        self.map.fill(0);
+        self.put(Cell { at: [0, 0], candidate: seed, steps, large: false, clear: false });
+        let mut next = 0;
+        while let Some(cell) = self.cells.get(next).copied() {
+            next += 1;
+            let Some(from) = self.points.get(cell.candidate).copied() else { break };
+            for (axis, sign) in [(0, 1), (0, -1), (1, 1), (1, -1)] {
+                let mut at = cell.at;
+                at[axis] += sign;
+                if slot(at).is_none() || self.at(at).is_some() {
+                    continue;
+                }
+                let step = cell.steps[axis] * f64::from(sign);
+                let limit = OFF_LATTICE * step.norm().min(cell.steps[1 - axis].norm());
+                let Some((candidate, point)) = self.nearest(&(from + step), limit) else { continue };
+                let mut steps = cell.steps;
+                steps[axis] = (point - from) * f64::from(sign);
+                // the other step where its neighbour is known already: perspective bends both
+                let mut beside = cell.at;
+                beside[1 - axis] += 1;
+                let mut corner = at;
+                corner[1 - axis] += 1;
+                if let (Some(_), Some(corner)) = (self.at(beside), self.at(corner))
+                    && let Some(other) = self.points.get(corner.candidate)
+                {
+                    steps[1 - axis] = other - point;
+                }
+                self.put(Cell { at, candidate, steps, large: false, clear: false });
+            }
+        }
+    }
+
+    fn put(&mut self, cell: Cell) {
+        if let Some(place) = slot(cell.at).and_then(|i| self.map.get_mut(i))
+            && self.cells.len() < self.cells.capacity()
+        {
+            self.cells.push(cell);
+            *place = self.cells.len() as u32;
+            if let Some(taken) = self.taken.get_mut(cell.candidate) {
+                *taken = true;
+            }
+        }
+    }
+
+    fn at(&self, at: [i32; 2]) -> Option<&Cell> {
+        let index = *self.map.get(slot(at)?)?;
+        self.cells.get((index as usize).checked_sub(1)?)
+    }
+
+    fn nearest(&self, wanted: &Vector2<f64>, limit: f64) -> Option<(usize, Vector2<f64>)> {
+        let distance = |p: &Vector2<f64>| (p - wanted).norm_squared();
+        let nearest = self.points.iter().enumerate().min_by(|a, b| distance(a.1).total_cmp(&distance(b.1)));
+        let (i, point) = nearest.filter(|(_, p)| distance(p) < limit * limit)?;
+        // a region is one dot, and stands in one cell
+        let free = self.cells.iter().all(|cell| cell.candidate != i);
+        free.then_some((i, *point))
+    }
+
+    /// Large or small: areas against those of the cells.
+    fn tell_sizes(&mut self, candidates: &[(f64, Blob)]) -> bool {
+        self.pairs.clear();
+        for cell in &self.best {
+            if let Some(s) = self.points.get(cell.candidate) {
+                let r = Vector2::new(f64::from(cell.at[0]), f64::from(cell.at[1]));
+                self.pairs.push(Correspondence { r, s: s / self.focal_px });
+            }
+        }
+        let Ok(H) = homography(&self.pairs) else { return false };
+        let area = |radius_m: f64| std::f64::consts::PI * (radius_m / self.grid.pitch_m()).powi(2);
+        let (small, large) = (area(self.grid.radius_m()).ln(), area(self.grid.large_radius_m()).ln());
+        for (cell, pair) in self.best.iter_mut().zip(&self.pairs) {
+            let Some((area, _)) = candidates.get(cell.candidate) else { return false };
+            let scale = area_scale(&H, &pair.r) * self.camera.pixel_jacobian(&pair.s).determinant().abs();
+            let log = (area / scale).ln();
+            cell.large = log > 0.5 * (small + large);
+            cell.clear = (log - if cell.large { large } else { small }).abs() < AREA_TOLERANCE;
+        }
+        true
+    }
+
+    /// The one way in which the cells are part of the grid.
+    fn lay(&self) -> Result<Way, TargetStatus> {
+        let (columns, rows) = (self.grid.columns() as i32, self.grid.rows() as i32);
+        let (mut best, mut second) = (None::<Way>, usize::MAX);
+        let most_wrong = (WRONG_SHARE * self.best.len() as f64) as usize;
+        for [a, b, c, d] in SHEARS {
+            for M in [[a, b, c, d], [-c, -d, a, b], [-a, -b, -c, -d], [c, d, -a, -b]] {
+                let (mut low, mut high) = ([i32::MAX; 2], [i32::MIN; 2]);
+                for cell in &self.best {
+                    let place = Way { M, shift: [0, 0], wrong: 0 }.place(cell.at);
+                    for k in 0..2 {
+                        low[k] = low[k].min(place[k]);
+                        high[k] = high[k].max(place[k]);
+                    }
+                }
+                // a few cells may belong to something beside the grid
+                let slack = 2;
+                for y in -low[1] - slack..rows - high[1] + slack {
+                    for x in -low[0] - slack..columns - high[0] + slack {
+                        let way = Way { M, shift: [x, y], wrong: 0 };
+                        let limit =
+                            best.map_or(most_wrong, |known| known.wrong + CLEARLY_WORSE).max(most_wrong);
+                        let mut wrong = 0;
+                        for cell in &self.best {
+                            wrong += usize::from(self.fits(&way, cell).is_none());
+                            if wrong > limit {
+                                break;
+                            }
+                        }
+                        let way = Way { wrong, ..way };
+                        match best {
+                            Some(known) if wrong >= known.wrong => second = second.min(wrong),
+                            _ => {
+                                second = best.map_or(second, |known| second.min(known.wrong));
+                                best = Some(way);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        match best {
+            Some(way) if way.wrong > most_wrong => Err(TargetStatus::NoMatch),
+            // no two windows are alike, so that without a disagreement one way alone is without
+            Some(way) if second < way.wrong + if way.wrong == 0 { 1 } else { CLEARLY_WORSE } => {
+                Err(TargetStatus::Ambiguous)
+            }
+            Some(way) => Ok(way),
+            None => Err(TargetStatus::NoMatch),
+        }
+    }
+
+    /// The id of a cell, if its dot has the size that the grid has there.
+    fn fits(&self, way: &Way, cell: &Cell) -> Option<u32> {
+        let [x, y] = way.place(cell.at);
+        let (column, row) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
+        let large = self.grid.is_large(column, row)?;
+        (cell.clear && large == cell.large).then_some((row * self.grid.columns() + column) as u32)
+    }
+
+    /// Whether a whole window is among the dots that were told: only that is unlike all others.
+    fn has_window(&self) -> bool {
+        let (columns, rows, w) = (self.grid.columns(), self.grid.rows(), self.grid.window());
+        let there = |x: usize, y: usize| self.present.get(y * columns + x).copied().unwrap_or(false);
+        (0..=rows - w).any(|y| (0..=columns - w).any(|x| (0..w * w).all(|i| there(x + i % w, y + i / w))))
+    }
+}
+
+/// Index of a cell in the map, if it has one.
+fn slot([i, j]: [i32; 2]) -> Option<usize> {
+    let inside = i.abs() <= REACH && j.abs() <= REACH;
+    inside.then(|| (j + REACH) as usize * SIDE + (i + REACH) as usize)
+}
+
+/// By how much a homography enlarges areas at `r`.
+fn area_scale(H: &Matrix3<f64>, r: &Vector2<f64>) -> f64 {
+    let h = H * r.push(1.0);
+    let s = h.xy() / h.z;
+    let J = Matrix2::new(H.m11 - s.x * H.m31, H.m12 - s.x * H.m32, H.m21 - s.y * H.m31, H.m22 - s.y * H.m32)
+        / h.z;
+    J.determinant().abs()
+}

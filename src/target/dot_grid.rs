@@ -1,0 +1,274 @@
+//! Dots in rows and columns on a light plate; large ones among them tell where in the grid one looks.
+//!
+//! ```text
+//!   0   1   2   3      --> x_o      id = row x columns + column. Point 0 is the origin.
+//!   o   O   o   o      |            Which dots are large is drawn from repeatable random numbers, such that no two
+//!   O   o   o   O      v y_o        windows of w x w dots look alike, however they are turned: whoever sees
+//!   o   O   O   o                   one such window knows which it is. w is 3 for grids up to about 7 x 7.
+//! ```
+
+use super::{Mark, Plate, TargetError, TargetPoint};
+use crate::linalg::Random;
+use nalgebra::{Point3, Vector2};
+use std::ops::RangeInclusive;
+
+/// Smallest window that tells its place.
+const LEAST_WINDOW: usize = 3;
+/// Patterns that are tried for each size of window.
+const TRIALS: u64 = 2000;
+/// Most features of a measurement, as [`crate::messages::MAX_FEATURES`].
+const MOST_FEATURES: usize = crate::messages::MAX_FEATURES;
+
+/// A grid of dots, in the object frame (m).
+#[derive(Debug, Clone, PartialEq)]
+pub struct DotGrid {
+    columns: usize,
+    rows: usize,
+    pitch_m: f64,
+    radius_m: f64,
+    large_radius_m: f64,
+    margin_m: f64,
+    window: usize,
+    large: Box<[bool]>,
+    points: Box<[TargetPoint]>,
+    marks: Box<[Mark]>,
+}
+
+impl DotGrid {
+    /// How many columns and rows there may be.
+    pub const COUNT: RangeInclusive<u32> = LEAST_WINDOW as u32..=32;
+    /// Radii of small and large dots, and the plate's margin about the outer centres, in pitches, where nothing else is said.
+    pub const RADIUS: f64 = 0.2;
+    /// See [`Self::RADIUS`].
+    pub const LARGE_RADIUS: f64 = 0.32;
+    /// See [`Self::RADIUS`].
+    pub const MARGIN: f64 = 0.75;
+
+    /// A grid with the usual radii and margin.
+    ///
+    /// # Errors
+    /// As for [`Self::new`].
+    pub fn with_pitch(columns: usize, rows: usize, pitch_m: f64) -> Result<Self, TargetError> {
+        let of = |share: f64| share * pitch_m;
+        Self::new(columns, rows, pitch_m, of(Self::RADIUS), of(Self::LARGE_RADIUS), of(Self::MARGIN))
+    }
+
+    /// A grid of `columns` x `rows` dots, their centres `pitch_m` apart; radii of the small and of the large dots; the plate's margin
+    /// about the outer centres. Lengths in m.
+    ///
+    /// # Errors
+    /// [`TargetError`] when there are too few dots or too many, lengths are not positive, dots touch each other or the plate's
+    /// edge, or large and small ones are too much alike.
+    pub fn new(
+        columns: usize,
+        rows: usize,
+        pitch_m: f64,
+        radius_m: f64,
+        large_radius_m: f64,
+        margin_m: f64,
+    ) -> Result<Self, TargetError> {
+        let sizes = *Self::COUNT.start() as usize..=*Self::COUNT.end() as usize;
+        if !sizes.contains(&columns) || !sizes.contains(&rows) {
+            return Err(TargetError::Count { columns, rows });
+        }
+        for (name, value_m) in [
+            ("pitch_m", pitch_m),
+            ("radius_m", radius_m),
+            ("large_radius_m", large_radius_m),
+            ("margin_m", margin_m),
+        ] {
+            if !value_m.is_finite() || value_m <= 0.0 {
+                return Err(TargetError::Length { name, value_m });
+            }
+        }
+        if large_radius_m < 1.3 * radius_m {
+            return Err(TargetError::Radii { first_radius_m: large_radius_m, radius_m });
+        }
+        if 2.2 * large_radius_m > pitch_m {
+            return Err(TargetError::Pitch { pitch_m, radius_m, mark_radius_m: large_radius_m });
+        }
+        if large_radius_m >= margin_m {
+            return Err(TargetError::Margin { margin_m, first_radius_m: large_radius_m });
+        }
+        let (window, large) = pattern(columns, rows);
+        let place = |i: usize| Vector2::new((i % columns) as f64, (i / columns) as f64) * pitch_m;
+        let points = (0..columns * rows)
+            .map(|i| TargetPoint { id: i as u32, p_O: Point3::new(place(i).x, place(i).y, 0.0) })
+            .collect();
+        let marks = large
+            .iter()
+            .enumerate()
+            .map(|(i, large)| Mark {
+                centre_m: place(i),
+                radius_m: if *large { large_radius_m } else { radius_m },
+            })
+            .collect();
+        Ok(Self { columns, rows, pitch_m, radius_m, large_radius_m, margin_m, window, large, points, marks })
+    }
+
+    /// Dots in a row.
+    #[must_use]
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Dots in a column.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Distance of neighbouring centres, m.
+    #[must_use]
+    pub fn pitch_m(&self) -> f64 {
+        self.pitch_m
+    }
+
+    /// Radius of the small dots, m.
+    #[must_use]
+    pub fn radius_m(&self) -> f64 {
+        self.radius_m
+    }
+
+    /// Radius of the large dots, m.
+    #[must_use]
+    pub fn large_radius_m(&self) -> f64 {
+        self.large_radius_m
+    }
+
+    /// Whether the dot in `row` and `column` is a large one; `None` outside of the grid.
+    #[must_use]
+    pub fn is_large(&self, column: usize, row: usize) -> Option<bool> {
+        let inside = column < self.columns && row < self.rows;
+        self.large.get(row * self.columns + column).copied().filter(|_| inside)
+    }
+
+    /// Side, in dots, of the windows of which no two look alike.
+    #[must_use]
+    pub fn window(&self) -> usize {
+        self.window
+    }
+
+    /// The dots' centres, row by row.
+    #[must_use]
+    pub fn points(&self) -> &[TargetPoint] {
+        &self.points
+    }
+
+    /// The dots.
+    #[must_use]
+    pub fn marks(&self) -> &[Mark] {
+        &self.marks
+    }
+
+    /// The plate.
+    #[must_use]
+    pub fn plate(&self) -> Plate {
+        let end = |count: usize| (count - 1) as f64 * self.pitch_m + self.margin_m;
+        Plate {
+            low_m: Vector2::new(-self.margin_m, -self.margin_m),
+            high_m: Vector2::new(end(self.columns), end(self.rows)),
+        }
+    }
+
+    /// Every how many columns and rows a dot serves as feature, so that a measurement carries them all.
+    pub(super) fn feature_stride(&self) -> usize {
+        let count = |stride: usize| self.columns.div_ceil(stride) * self.rows.div_ceil(stride);
+        (1..).find(|stride| count(*stride) <= MOST_FEATURES).unwrap_or(1)
+    }
+}
+
+/// Which dots are large, and the side of the windows that tell their place.
+fn pattern(columns: usize, rows: usize) -> (usize, Box<[bool]>) {
+    let mut window = LEAST_WINDOW;
+    loop {
+        for seed in 0..TRIALS {
+            let mut random = Random::new(seed);
+            let large: Box<[bool]> = (0..columns * rows).map(|_| random.uniform() < 0.5).collect();
+            // the last size is the whole grid: if that is symmetric, the next draw is not
+            if all_windows_differ(&large, columns, rows, window) {
+                return (window, large);
+            }
+        }
+        window = (window + 1).min(columns.min(rows));
+    }
+}
+
+/// Whether no two windows (of at most 64 dots) look alike, in any of their four turns, and none looks like itself turned.
+fn all_windows_differ(large: &[bool], columns: usize, rows: usize, window: usize) -> bool {
+    let last = window - 1;
+    let mut seen = std::collections::HashSet::new();
+    for row in 0..=rows - window {
+        for column in 0..=columns - window {
+            let bit =
+                |x: usize, y: usize| large.get((row + y) * columns + column + x).copied().unwrap_or(false);
+            for turn in 0..4 {
+                let bits = (0..window * window).map(|i| (i % window, i / window)).map(|(x, y)| match turn {
+                    0 => bit(x, y),
+                    1 => bit(last - y, x),
+                    2 => bit(last - x, last - y),
+                    _ => bit(y, last - x),
+                });
+                if !seen.insert(bits.fold(0u64, |code, bit| code << 1 | u64::from(bit))) {
+                    return false;
+                }
+            }
+        }
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn grids_of_any_size_have_a_pattern_that_tells_the_place() {
+        for (columns, rows, most) in
+            [(3, 3, 3), (4, 3, 3), (7, 5, 3), (6, 6, 3), (9, 6, 4), (12, 12, 4), (32, 32, 6)]
+        {
+            let grid = DotGrid::with_pitch(columns, rows, 0.03).unwrap();
+            assert!(grid.window() <= most, "{columns} x {rows}: {}", grid.window());
+            assert_eq!(grid.points().len(), columns * rows);
+            let large = grid.large.iter().filter(|large| **large).count();
+            assert!(large * 5 > columns * rows && large * 5 < 4 * columns * rows, "{large}");
+            // derived anew: two windows, one of them turned by matrices of signs
+            let w = grid.window() as i64;
+            let at = |x: i64, y: i64| grid.is_large(x as usize, y as usize).unwrap();
+            for (x0, y0) in [(0, 0), ((columns as i64 - w), 0), (0, (rows as i64 - w))] {
+                for (cos, sin) in [(0, 1), (-1, 0), (0, -1)] {
+                    let turned = |x: i64, y: i64| {
+                        let (u, v) = (2 * x - (w - 1), 2 * y - (w - 1));
+                        ((cos * u - sin * v + w - 1) / 2, (sin * u + cos * v + w - 1) / 2)
+                    };
+                    let alike = (0..w * w).all(|i| {
+                        let (x, y) = turned(i % w, i / w);
+                        at(x0 + x, y0 + y) == at(i % w, i / w)
+                    });
+                    assert!(!alike, "{columns} x {rows}");
+                }
+            }
+        }
+        assert_eq!(DotGrid::with_pitch(7, 5, 0.03).unwrap(), DotGrid::with_pitch(7, 5, 0.03).unwrap());
+    }
+
+    #[test]
+    fn impossible_grids_are_refused() {
+        assert!(matches!(DotGrid::with_pitch(2, 5, 0.03), Err(TargetError::Count { .. })));
+        assert!(matches!(DotGrid::with_pitch(5, 33, 0.03), Err(TargetError::Count { .. })));
+        assert!(matches!(DotGrid::with_pitch(5, 5, f64::NAN), Err(TargetError::Length { .. })));
+        assert!(matches!(DotGrid::new(5, 5, 0.03, 0.006, 0.007, 0.02), Err(TargetError::Radii { .. })));
+        assert!(matches!(DotGrid::new(5, 5, 0.03, 0.006, 0.014, 0.02), Err(TargetError::Pitch { .. })));
+        assert!(matches!(DotGrid::new(5, 5, 0.03, 0.006, 0.01, 0.009), Err(TargetError::Margin { .. })));
+    }
+
+    #[test]
+    fn a_measurement_carries_the_features_of_large_grids() {
+        for (columns, rows, features) in [(8, 8, 64), (9, 8, 20), (7, 5, 35), (32, 32, 49)] {
+            let target = crate::target::Target::from(DotGrid::with_pitch(columns, rows, 0.01).unwrap());
+            let ids: Vec<_> = target.features().map(|point| point.id).collect();
+            assert_eq!(ids.len(), features, "{columns} x {rows}");
+            assert!(ids.is_sorted());
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! Where the target's points should be in the next frame.
+
+use super::{Prior, Vision};
+use crate::detect::{Expected, Found, dot_covariance_px2};
+use crate::geometry::Pose;
+use crate::time::MonoNs;
+use nalgebra::Vector2;
+
+/// What of a motion may be wrong when it goes on.
+const SHARE_OF_MOTION: f64 = 0.3;
+
+impl Vision {
+    /// Fills `expected`, ids rising. Whether anything is expected: how dark is dark is taken from the last sight.
+    ///
+    /// With a predicted pose each point lies where that puts it. Otherwise the points seen last go on with their velocity, and hidden
+    /// ones with theirs from where the last pose puts them.
+    pub(super) fn expect(&mut self, exposure: MonoNs, prior: &Prior) -> bool {
+        self.expected.clear();
+        let Some(last) = &self.last else { return false };
+        let (dots, eye) = (&last.sight.dots, &self.eye);
+        let slack_px = eye.settings.slack_px;
+        let mean = dots.iter().map(|d| d.dark_level + d.plate_level).sum::<f64>() / dots.len().max(1) as f64;
+        let level = |sum: f64| (0.5 * sum).clamp(0.0, 255.0) as u8;
+        // one step ahead at the last velocity; over a gap at most three steps
+        let before = self.before.as_ref();
+        let ratio = before.map_or(0.0, |before| {
+            let step = (last.exposure - before.exposure).as_s();
+            let ahead = (exposure - last.exposure).as_s();
+            if step > 0.0 && ahead > 0.0 { (ahead / step).min(3.0) } else { 0.0 }
+        });
+        let motion = |dot: &Found| {
+            let old = before.and_then(|before| find(&before.sight.dots, dot.id));
+            old.map_or(Vector2::zeros(), |old| (dot.px - old.px) * ratio)
+        };
+        let common = dots.iter().map(motion).sum::<Vector2<f64>>() / dots.len().max(1) as f64;
+        // three dots tell the affine motion of the plane
+        let plane = |id: u32| eye.target.points().get(id as usize).map(|point| point.p_O.coords.xy());
+        let hidden_motion = |id: u32| match dots.as_slice() {
+            [a, b, c] => {
+                let weights = barycentric(&plane(id)?, &plane(a.id)?, &plane(b.id)?, &plane(c.id)?)?;
+                Some(motion(a) * weights[0] + motion(b) * weights[1] + motion(c) * weights[2])
+            }
+            _ => Some(common),
+        };
+        let placed = |i: usize, X_CO: &Pose| {
+            let (point, mark) = (eye.target.points().get(i)?, eye.target.marks().get(i)?);
+            let px = eye.camera.project(&(X_CO * point.p_O))?;
+            let (covariance, area_px2) =
+                dot_covariance_px2(X_CO, &eye.camera, &mark.centre_m, mark.radius_m)?;
+            Some((px, covariance.map(|c| c + 1.0 / 12.0), area_px2))
+        };
+        for (i, point) in eye.target.points().iter().enumerate() {
+            let seen = find(dots, point.id);
+            let threshold = level(seen.map_or(mean, |dot| dot.dark_level + dot.plate_level));
+            let expected = if let Some(X_CO) = &prior.predicted_X_CO {
+                placed(i, X_CO).map(|(px, covariance_px2, area_px2)| Expected {
+                    id: point.id,
+                    px,
+                    covariance_px2,
+                    area_px2,
+                    slack_px,
+                    threshold,
+                })
+            } else if let Some(dot) = seen {
+                let motion = motion(dot);
+                Some(Expected {
+                    id: point.id,
+                    px: dot.px + motion,
+                    covariance_px2: dot.covariance_px2,
+                    area_px2: dot.area_px2,
+                    slack_px: slack_px + SHARE_OF_MOTION * motion.norm(),
+                    threshold,
+                })
+            } else {
+                let motion = hidden_motion(point.id).unwrap_or(common);
+                last.sight.pose.and_then(|pose| placed(i, &pose.X_CO)).map(
+                    |(px, covariance_px2, area_px2)| Expected {
+                        id: point.id,
+                        px: px + motion,
+                        covariance_px2,
+                        area_px2,
+                        slack_px: slack_px + SHARE_OF_MOTION * motion.norm(),
+                        threshold,
+                    },
+                )
+            };
+            self.expected.extend(expected);
+        }
+        true
+    }
+}
+
+/// Weights, of sum 1, with which three points make up `p`; `None` when they lie in line.
+fn barycentric(p: &Vector2<f64>, a: &Vector2<f64>, b: &Vector2<f64>, c: &Vector2<f64>) -> Option<[f64; 3]> {
+    let (u, v, w) = (b - a, c - a, p - a);
+    let area = u.perp(&v);
+    let (second, third) = (w.perp(&v) / area, u.perp(&w) / area);
+    (area != 0.0).then_some([1.0 - second - third, second, third])
+}
+
+/// The dot of point `id`, among dots whose ids rise.
+pub(super) fn find(dots: &[Found], id: u32) -> Option<&Found> {
+    dots.binary_search_by_key(&id, |dot| dot.id).ok().and_then(|i| dots.get(i))
+}

@@ -1,0 +1,282 @@
+//! What the dots of one frame say: features, pose, and whether they can be believed.
+
+use super::expectation::find;
+use super::{Prior, VisionSettings};
+use crate::camera_model::CameraModel;
+use crate::detect::{Expected, Finder, Found};
+use crate::geometry::Pose;
+use crate::messages::{FeaturePoint, MAX_FEATURES, Measurement, TargetStatus, measurement_flag};
+use crate::pose::{Correspondence, PlanarPose, RefinedPose, planar_pose, refine};
+use crate::target::Target;
+use nalgebra::{Matrix6, Point3, Vector2};
+
+/// Centre offsets below this need no second turn, px.
+const SMALL_OFFSET_PX: f64 = 0.05;
+/// Largest misfit of four good dots: `T = 4 rms^2 / sigma^2`, the sum of squares of the 8 reprojection errors over
+/// the mean variance of a coordinate. With 6 parameters of the pose it has a chi-square distribution with 2 degrees of
+/// freedom, which exceeds 20 once in 22 000 times; in strong blur the stated variances are a few times too small.
+const LARGEST_MISFIT: f64 = 50.0;
+/// The normal deviate of that probability.
+const MISFIT_DEVIATE: f64 = 3.91;
+/// Largest shift of one dot by what is dark beside it, px: two dots at a shadow's edge may move as a pose would move them.
+const LARGEST_DISTURBANCE_PX: f64 = 0.5;
+/// From so many dots on disturbed ones are left out, up to a third of them.
+const ENOUGH_TO_CHOOSE: usize = 6;
+
+/// Three dots cannot contradict each other: what lies beside them may shift them no more than this, px,
+const LONE_DISTURBANCE_PX: f64 = 0.1;
+/// and their contrast is that of the last frame within this share.
+const LONE_CONTRAST: f64 = 0.2;
+
+/// The dots of one frame, and what they say.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Sight {
+    /// Ids rise.
+    pub(super) dots: Vec<Found>,
+    /// Images of the points, px, likewise.
+    px: Vec<Vector2<f64>>,
+    /// The points in the object's plane and in the image, likewise.
+    pairs: Vec<Correspondence>,
+    /// Of three dots only a guess, with which their centres are put right: they leave up to four poses.
+    pub(super) pose: Option<RefinedPose>,
+    ambiguous: bool,
+    /// Reprojection error of the pose; infinite without one.
+    pub(super) rms_px: f64,
+    /// Whether dots that cannot contradict each other are as they should be.
+    plausible: bool,
+}
+
+impl Sight {
+    pub(super) fn with_room_for(count: usize) -> Self {
+        // one more: a hidden dot may be assumed for a first guess
+        Self {
+            dots: Vec::with_capacity(count),
+            px: Vec::with_capacity(count),
+            pairs: Vec::with_capacity(count + 1),
+            ..Self::default()
+        }
+    }
+}
+
+/// Camera, target and settings: all that a frame's dots are judged by.
+#[derive(Debug, Clone)]
+pub(super) struct Eye {
+    pub(super) camera: CameraModel,
+    pub(super) target: Target,
+    pub(super) settings: VisionSettings,
+    /// Points that serve as features, by id.
+    serves: Box<[bool]>,
+}
+
+impl Eye {
+    pub(super) fn new(camera: CameraModel, target: Target, settings: VisionSettings) -> Self {
+        let mut serves: Box<[bool]> = target.points().iter().map(|_| false).collect();
+        for point in target.features() {
+            if let Some(serves) = serves.get_mut(point.id as usize) {
+                *serves = true;
+            }
+        }
+        Self { camera, target, settings, serves }
+    }
+
+    /// Features and pose from the dots' centroids. `last` is the sight before, `expected` where dots were looked for.
+    pub(super) fn describe(
+        &self,
+        sight: &mut Sight,
+        finder: &Finder,
+        prior: &Prior,
+        last: Option<&Sight>,
+        expected: &[Expected],
+    ) {
+        if sight.dots.len() >= ENOUGH_TO_CHOOSE {
+            let (count, dots) = (sight.dots.len(), &mut sight.dots);
+            let good = |d: &Found| d.disturbance_px <= LARGEST_DISTURBANCE_PX;
+            if dots.iter().filter(|d| good(d)).count() >= (2 * count).div_ceil(3) {
+                dots.retain(good);
+            }
+        }
+        let most = sight.dots.len() / 3;
+        for _ in 0..=most {
+            self.solve(sight, finder, prior, last, expected);
+            if sight.dots.len() < ENOUGH_TO_CHOOSE || self.believes(sight) {
+                break;
+            }
+            // the one that fits least goes
+            let Some(pose) = &sight.pose else { break };
+            let misfit = |(i, dot): (usize, &Found)| {
+                let (pair, px) = (sight.pairs.get(i)?, sight.px.get(i)?);
+                let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)))?;
+                Some((seen - px).norm() / dot.sigma_px.max(1e-6))
+            };
+            let of = |entry: &(usize, &Found)| misfit(*entry).unwrap_or(f64::INFINITY);
+            let worst = sight.dots.iter().enumerate().max_by(|a, b| of(a).total_cmp(&of(b))).map(|(i, _)| i);
+            let Some(worst) = worst else { break };
+            sight.dots.remove(worst);
+        }
+    }
+
+    fn solve(
+        &self,
+        sight: &mut Sight,
+        finder: &Finder,
+        prior: &Prior,
+        last: Option<&Sight>,
+        expected: &[Expected],
+    ) {
+        let Sight { dots, px, pairs, pose, ambiguous, rms_px, plausible } = sight;
+        (*pose, *ambiguous, *rms_px, *plausible) = (None, false, f64::INFINITY, true);
+        px.clear();
+        px.extend(dots.iter().map(|dot| dot.px));
+        pairs.clear();
+        let place = |id: u32| self.target.points().get(id as usize).map(|point| point.p_O.coords.xy());
+        let pair = |id: u32, px: &Vector2<f64>| {
+            Some(Correspondence { r: place(id)?, s: self.camera.normalized_of(px) })
+        };
+        pairs.extend(dots.iter().filter_map(|dot| pair(dot.id, &dot.px)));
+        if pairs.len() != dots.len() || dots.is_empty() {
+            return; // no point of this target
+        }
+        let i = self.camera.intrinsics();
+        let f = (i.fx_px * i.fy_px).sqrt();
+        let count = dots.len() as f64;
+        let sigma_px = (dots.iter().map(|d| d.sigma_px * d.sigma_px).sum::<f64>() / count).sqrt();
+        let known = prior.predicted_X_CO.or_else(|| last?.pose.map(|pose| pose.X_CO));
+        // three dots leave up to four poses: a guess takes the hidden one to be where it was expected
+        let hidden = expected.iter().find(|e| dots.len() == 3 && find(dots, e.id).is_none());
+        pairs.extend(hidden.and_then(|hidden| pair(hidden.id, &hidden.px)));
+        let both = planar_pose(pairs);
+        pairs.truncate(dots.len());
+        let Ok(both) = both else { return };
+        let mut X_CO = if hidden.is_some() {
+            known.map_or(both.best.X_CO, |known| both.nearest(&known).X_CO)
+        } else {
+            let chosen;
+            (chosen, *ambiguous) = self.choose(&both, known.as_ref(), count, sigma_px / f);
+            chosen
+        };
+        // the offsets depend on the pose, and it on them: each turn leaves a few hundredths of what was wrong
+        for _ in 0..2 {
+            let mut greatest = 0.0f64;
+            for ((px, pair), dot) in px.iter_mut().zip(pairs.iter_mut()).zip(dots.iter()) {
+                let offset = finder.bias_px(dot.id, &X_CO);
+                *px = dot.px - offset;
+                pair.s = self.camera.normalized_of(px);
+                greatest = greatest.max(offset.norm_squared());
+            }
+            let refined = if hidden.is_some() {
+                Ok(RefinedPose { X_CO, rms: 0.0, covariance: Matrix6::zeros(), iterations: 0 })
+            } else {
+                refine(&X_CO, pairs, sigma_px / f)
+            };
+            let Ok(refined) = refined else { break };
+            X_CO = refined.X_CO;
+            *pose = Some(refined);
+            if greatest < SMALL_OFFSET_PX * SMALL_OFFSET_PX {
+                break;
+            }
+        }
+        let Some(pose) = pose else { return };
+        let squares = pairs.iter().zip(px.iter()).map(|(pair, px)| {
+            let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)));
+            seen.map_or(f64::INFINITY, |seen| (seen - px).norm_squared())
+        });
+        *rms_px = (squares.sum::<f64>() / count).sqrt();
+        if dots.len() < 4 {
+            *plausible = Self::is_plausible(dots, last);
+        }
+    }
+
+    /// Whether dots that cannot contradict each other look as they did.
+    fn is_plausible(dots: &[Found], last: Option<&Sight>) -> bool {
+        let contrast = |dot: &Found| dot.plate_level - dot.dark_level;
+        let alike = |dot: &Found| {
+            // a dot that was hidden has nothing to be compared with but the others of then
+            let before = last.and_then(|last| find(&last.dots, dot.id).or(last.dots.first()));
+            dot.disturbance_px <= LONE_DISTURBANCE_PX
+                && before.is_some_and(|old| (contrast(dot) / contrast(old) - 1.0).abs() <= LONE_CONTRAST)
+        };
+        dots.len() == 3 && dots.iter().all(alike)
+    }
+
+    /// Whether the dots can be believed: one pose explains them, and nothing dark lies beside one.
+    pub(super) fn believes(&self, sight: &Sight) -> bool {
+        let count = sight.dots.len() as f64;
+        let stated = sight.dots.iter().map(|d| d.sigma_px * d.sigma_px).sum::<f64>() / count;
+        let variance = stated + self.settings.model_sd_px * self.settings.model_sd_px;
+        sight.pose.is_some()
+            && sight.plausible
+            && (count < 4.0
+                || count * sight.rms_px * sight.rms_px <= largest_misfit(sight.dots.len()) * variance)
+            && sight.dots.iter().all(|d| d.disturbance_px <= LARGEST_DISTURBANCE_PX)
+    }
+
+    /// Of two poses that explain the picture of `count` points almost equally well, the one nearer to the `known` one; and
+    /// whether there are two.
+    fn choose(&self, both: &PlanarPose, known: Option<&Pose>, count: f64, sigma: f64) -> (Pose, bool) {
+        let PlanarPose { best, other } = both;
+        let Some(other) = other else { return (best.X_CO, false) };
+        // rms over the points: their sum of squares grows by the square of the limit
+        let limit = self.settings.ambiguity_sigmas * sigma;
+        if count * (other.rms * other.rms - best.rms * best.rms) > limit * limit {
+            return (best.X_CO, false);
+        }
+        (known.map_or(best.X_CO, |known| both.nearest(known).X_CO), true)
+    }
+
+    /// Tells it.
+    pub(super) fn fill(&self, sight: &Sight, tracked: bool, m: &mut Measurement) {
+        m.status = TargetStatus::Found as u32;
+        let seen = sight.dots.iter().zip(&sight.px).zip(&sight.pairs);
+        let features = seen.filter(|((dot, _), _)| self.serves.get(dot.id as usize) == Some(&true));
+        let mut count = 0;
+        for (place, ((dot, px), pair)) in m.features.iter_mut().zip(features) {
+            let (id, sigma_px) = (u64::from(dot.id), dot.sigma_px);
+            *place = FeaturePoint { id, u_px: px.x, v_px: px.y, x: pair.s.x, y: pair.s.y, sigma_px };
+            count += 1;
+        }
+        m.feature_count = count.min(MAX_FEATURES as u32);
+        let mut say = |flag: u32, so: bool| m.flags |= if so { flag } else { 0 };
+        say(measurement_flag::TRACKED, tracked);
+        say(measurement_flag::AMBIGUOUS, sight.ambiguous);
+        say(measurement_flag::PARTIAL, sight.dots.len() < self.target.points().len());
+        let Some(pose) = sight.pose.as_ref().filter(|_| sight.dots.len() > 3) else { return };
+        m.set_pose(&pose.X_CO);
+        for (row, values) in m.pose_covariance.chunks_exact_mut(6).zip(pose.covariance.row_iter()) {
+            row.iter_mut().zip(values.iter()).for_each(|(slot, value)| *slot = *value);
+        }
+        m.reprojection_rms_px = sight.rms_px;
+    }
+}
+
+/// A point of the object's plane.
+fn in_plane(r: &Vector2<f64>) -> Point3<f64> {
+    Point3::new(r.x, r.y, 0.0)
+}
+
+/// Largest misfit of `count` dots, four or more: the quantile of the chi-square distribution with `2 count - 6` degrees of freedom
+/// (Wilson and Hilferty's approximation) that is as improbable as that of four, and as much room above it.
+fn largest_misfit(count: usize) -> f64 {
+    let quantile = |freedom: f64| {
+        let spread = 2.0 / (9.0 * freedom);
+        freedom * (1.0 - spread + MISFIT_DEVIATE * spread.sqrt()).powi(3)
+    };
+    if count <= 4 {
+        LARGEST_MISFIT
+    } else {
+        LARGEST_MISFIT * quantile(2.0 * count as f64 - 6.0) / quantile(2.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_limit_of_the_misfit_grows_with_the_degrees_of_freedom() {
+        // 1 - 1/22000 quantiles from tables of chi-square, 2, 10 and 64 degrees of freedom: 20.0, 37.5, 118.1
+        for (count, quantile) in [(4, 20.0), (8, 37.5), (35, 118.1)] {
+            let ratio = largest_misfit(count) / quantile;
+            assert!((2.2..2.8).contains(&ratio), "{count}: {ratio}");
+        }
+    }
+}
