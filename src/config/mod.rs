@@ -9,21 +9,22 @@ pub mod assemble;
 mod check;
 mod problem;
 pub mod raw;
+mod scene;
 mod servo;
 mod source;
 mod tables;
 mod validate;
 
 pub use problem::{ConfigError, Problem};
+pub use scene::Scene;
 pub use source::Document;
 
 use crate::camera_model::CameraModel;
 use crate::drive::{CommandMode, InnerServo, Payload};
-use crate::geometry::Pose;
 use crate::input::file;
 use crate::robot::RobotDescription;
 use crate::scene::FrameSchedule;
-use crate::scene::{SceneLook, SceneMotion, SensorModel};
+use crate::scene::{SceneLook, SensorModel};
 use crate::servo::{Law, Mount, ObjectDynamics, SetPoint};
 use crate::target::DotTarget;
 use crate::time::{MonoNs, SpanNs};
@@ -55,10 +56,8 @@ pub struct Config {
     pub camera: Camera,
     /// The target.
     pub target: DotTarget,
-    /// Where the target is in a simulated scene: in the base frame, or on the flange with a camera beside the arm.
-    pub X_WO: Pose,
-    /// How it moves there.
-    pub scene_motion: SceneMotion,
+    /// What is true, where the cell is simulated.
+    pub scene: Option<Scene>,
     /// How vision works.
     pub vision: VisionSettings,
     /// The servo law.
@@ -346,8 +345,14 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {
     let folder = &raw.drive.external.folder;
     raw.drive.external.folder = absolute("drive.external.folder", folder);
     // A word without ending or folder is a name; `robot::load` says which names there are.
-    if raw.robot.model.contains(['.', '/']) {
-        raw.robot.model = absolute("robot.model", Path::new(&raw.robot.model)).display().to_string();
+    let model = |key: &str, model: &mut String| {
+        if model.contains(['.', '/']) {
+            *model = absolute(key, Path::new(model)).display().to_string();
+        }
+    };
+    model("robot.model", &mut raw.robot.model);
+    if let Some(true_model) = &mut raw.scene.arm.model {
+        model("scene.arm.model", true_model);
     }
 }
 

@@ -35,6 +35,7 @@ macro_rules! word {
 mod motion;
 mod place;
 mod servo;
+mod truth;
 
 pub use motion::{JointControl, RawMotion};
 pub use place::{Carrier, MountKind, RawMount, RawObject};
@@ -42,6 +43,7 @@ pub use servo::{
     At, DampingOn, Depth, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint, SchemeKind,
     SetPointKind, Update,
 };
+pub use truth::{RawTrueArm, RawTrueCamera, RawTrueLens, RawTrueMount, RawTrueTarget};
 
 table! {
     /// A whole run file.
@@ -255,12 +257,18 @@ table! {
 }
 
 table! {
-    /// Where the target is, and how bright things are, in a simulated scene.
+    /// A simulated scene: where the target is, how bright things are, and what is not as the controller believes.
     RawScene {
         /// `[scene.object]`
         object: RawObject = RawObject::default(),
         /// `[scene.motion]`
         motion: RawSceneMotion = RawSceneMotion::default(),
+        /// `[scene.camera]`
+        camera: RawTrueCamera = RawTrueCamera::default(),
+        /// `[scene.target]`
+        target: RawTrueTarget = RawTrueTarget::default(),
+        /// `[scene.arm]`
+        arm: RawTrueArm = RawTrueArm::default(),
         /// Grey level of the background.
         background_level: f64 = 90.0,
         /// Grey level of the plate.

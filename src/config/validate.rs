@@ -1,20 +1,20 @@
 //! What the values of a run file must fulfil, alone and together; every violation is reported, not the first one.
 
 mod drive;
+mod lens;
 mod motion;
 mod start;
+mod target;
+mod truth;
 
 use super::check::Check;
-use super::raw::{
-    Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SourceKind, TargetKind, Task,
-};
+use super::raw::{Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SourceKind, Task};
 use super::servo::servo;
 use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Source};
-use crate::camera_model::{CameraModel, Distortion, Intrinsics};
+use crate::camera_model::CameraModel;
 use crate::scene::{FrameSchedule, Irregularity};
 use crate::scene::{LARGEST_SIDE_PX, SceneLook, SceneMotion, SensorModel};
 use crate::servo::Mount;
-use crate::target::DotTarget;
 use crate::time::SpanNs;
 use crate::vision::VisionSettings;
 use std::ops::RangeInclusive;
@@ -37,9 +37,8 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         hold: SpanNs::from_s(check.range("goal.hold_s", raw.goal.hold_s, 0.0..=60.0)),
     };
     let camera = camera(&raw, check);
-    let target = target(&raw, check);
+    let target = target::target(&raw, check);
     let object = &raw.scene.object;
-    let X_WO = check.pose("scene.object", object.position_m, object.rotation_rpy_rad);
     let carrier = match raw.camera.mount.kind {
         MountKind::EyeInHand => Carrier::Base,
         MountKind::EyeToHand => Carrier::Flange,
@@ -101,12 +100,13 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     let drive = drive::drive(&raw, robot.as_ref(), check);
     let motion = motion::motion(&raw, drive.mode, robot.as_ref(), check);
     let arm_is_good = check.count_problems() == before_arm;
+    let scene = truth::scene(&raw, (camera.as_ref(), target.as_ref(), robot.as_ref()), scene_motion, check);
     if let (Some(target), Some(camera)) = (&target, &camera) {
-        if let Some((dot, why)) = start::hidden_dot(target, camera, &X_DO) {
+        if let Some((dot, why)) = start::hidden_dot(target, &camera.model, &X_DO) {
             check.wrong("servo.desired", format!("dot {dot} would lie {why} in the desired view"));
         }
-        if let (Some(robot), Source::Synthetic { .. }, true) = (&robot, &camera.source, arm_is_good) {
-            start::view(&raw, robot, target, camera, &X_WO, check);
+        if let (Some(robot), Some(scene), true) = (&robot, &scene, arm_is_good) {
+            start::view(&raw, robot, camera, scene, check);
         }
         timing(&raw, camera, check);
     }
@@ -121,8 +121,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         q_start: raw.robot.q_start_rad_or_m.clone(),
         camera: camera?,
         target: target?,
-        X_WO,
-        scene_motion,
+        scene,
         vision,
         servo: servo?,
         motion,
@@ -158,19 +157,6 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
         MountKind::EyeInHand => Mount::EyeInHand { X_EC: X },
         MountKind::EyeToHand => Mount::EyeToHand { X_BC: X },
     };
-    let intrinsics = Intrinsics {
-        fx_px: check.range("camera.lens.fx_px", lens.fx_px, 1.0..=1e6),
-        fy_px: check.range("camera.lens.fy_px", lens.fy_px, 1.0..=1e6),
-        // The principal point of a cropped picture may lie outside of it.
-        cx_px: lens
-            .cx_px
-            .map_or(0.5 * (f64::from(width_px) - 1.0), |c| check.range("camera.lens.cx_px", c, -1e5..=1e5)),
-        cy_px: lens
-            .cy_px
-            .map_or(0.5 * (f64::from(height_px) - 1.0), |c| check.range("camera.lens.cy_px", c, -1e5..=1e5)),
-        width_px,
-        height_px,
-    };
     let look = SceneLook {
         background: check.range("scene.background_level", raw.scene.background_level, SceneLook::LEVEL),
         plate: check.range("scene.plate_level", raw.scene.plate_level, SceneLook::LEVEL),
@@ -204,14 +190,7 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
             Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
         }
     };
-    // Long lenses see small radii only: their higher factors are large.
-    let distortion = Distortion {
-        k1: check.range("camera.lens.k1", lens.k1, -1e3..=1e3),
-        k2: check.range("camera.lens.k2", lens.k2, -1e4..=1e4),
-        p1: check.range("camera.lens.p1", lens.p1, -10.0..=10.0),
-        p2: check.range("camera.lens.p2", lens.p2, -10.0..=10.0),
-        k3: check.range("camera.lens.k3", lens.k3, -1e6..=1e6),
-    };
+    let (intrinsics, distortion) = lens::believed(lens, (width_px, height_px), check);
     let irregularity = Irregularity {
         jitter: check.span_ms("camera.synthetic.latency_jitter_ms", synthetic.latency_jitter_ms, 0.0..=500.0),
         loss: check.range("camera.synthetic.frame_loss", synthetic.frame_loss, 0.0..=0.99),
@@ -260,26 +239,6 @@ fn scene_motion(raw: &RawConfig, check: &mut Check<'_>) -> SceneMotion {
             SceneMotion::Pendulum { amplitude_m: motion.amplitude_m.into(), frequency_hz }
         }
     }
-}
-
-fn target(raw: &RawConfig, check: &mut Check<'_>) -> Option<DotTarget> {
-    let t = &raw.target;
-    let before = check.count_problems();
-    for (key, length_m) in [
-        ("target.side_m", t.side_m),
-        ("target.radius_m", t.radius_m),
-        ("target.radius_p1_m", t.radius_p1_m),
-        ("target.margin_m", t.margin_m),
-    ] {
-        check.range(key, length_m, 1e-6..=100.0);
-    }
-    if check.count_problems() > before {
-        return None;
-    }
-    let made = match t.kind {
-        TargetKind::FourDots => DotTarget::new(t.side_m, t.radius_p1_m, t.radius_m, t.margin_m),
-    };
-    made.map_err(|e| check.wrong("target", e.to_string())).ok()
 }
 
 fn timing(raw: &RawConfig, camera: &Camera, check: &mut Check<'_>) {

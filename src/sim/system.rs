@@ -66,7 +66,7 @@ pub enum Moment<'a> {
 pub fn simulate_system(config: &Config, watch: &mut dyn FnMut(&Moment<'_>)) -> Result<SystemRun, SimError> {
     let mut vision = assemble::vision(config);
     crate::dispatch_robot!(config.robot, |robot| {
-        let mut camera = assemble::synthetic_camera(config, robot.clone())?;
+        let mut camera = assemble::synthetic_camera(config)?;
         let mut control = assemble::control_loop(config, robot)?;
         let mut statistics = RunStatistics::new();
         let finish = run(config, &mut control, &mut vision, &mut camera, &mut |moment| {

@@ -11,10 +11,10 @@ mod replay;
 pub use crate::scene::Exposure;
 pub use replay::Replay;
 
-use crate::config::assemble::AssembleError;
+use crate::config::assemble::{self, AssembleError};
 use crate::config::{self, Config};
 use crate::messages::JointState;
-use crate::robot::RobotError;
+use crate::robot::{Robot, RobotError};
 use crate::scene::SyntheticCamera;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -125,13 +125,21 @@ pub trait Source {
 pub fn open(config: &Config) -> Result<Box<dyn Source>, SourceError> {
     match &config.camera.source {
         config::Source::Synthetic { .. } => crate::dispatch_robot!(config.robot, |robot| {
-            Ok(Box::new(crate::config::assemble::synthetic_camera(config, robot)?) as _)
+            Ok(Box::new(synthetic_camera_of(&robot, config)?) as _)
         })?,
         config::Source::Replay { folder, repeat } => {
             let i = config.camera.model.intrinsics();
             Ok(Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat)?))
         }
     }
+}
+
+/// The synthetic camera of a configuration whose arm has as many joints as `_robot`.
+fn synthetic_camera_of<const N: usize>(
+    _robot: &Robot<N>,
+    config: &Config,
+) -> Result<SyntheticCamera<N>, AssembleError> {
+    assemble::synthetic_camera(config)
 }
 
 impl<const N: usize> Source for SyntheticCamera<N> {

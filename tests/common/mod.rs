@@ -249,7 +249,7 @@ pub fn assert_accurate(run: &Run) {
 
 /// What a perfect camera that looks everywhere measures at `k` ms from an arm in `q`.
 pub fn seen<const N: usize>(config: &Config, robot: &Robot<N>, q: &SVector<f64, N>, k: i64) -> Measurement {
-    let X_CO = config.camera.mount.X_WC(&robot.forward(q)).inv_mul(&config.X_WO);
+    let X_CO = config.camera.mount.X_WC(&robot.forward(q)).inv_mul(&config.X_WO().unwrap());
     let mut m = Measurement { exposure: MonoNs(k * 1_000_000), feature_count: 4, ..Measurement::default() };
     m.status = TargetStatus::Found as u32;
     for (f, p_O) in m.features.iter_mut().zip(config.target.points_O()) {
