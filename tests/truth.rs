@@ -2,10 +2,16 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 
+use std::collections::VecDeque;
 use std::path::Path;
-use vservo::config::Config;
+use vservo::config::{Config, assemble};
 use vservo::control::outcome::{FinalErrors, Outcome};
+use vservo::imaging::ImageView;
+use vservo::messages::FrameHeader;
+use vservo::scene::Exposure;
 use vservo::sim::{SystemRun, simulate_system};
+use vservo::time::{MonoNs, TICK};
+use vservo::vision::{Frame, Prior};
 
 fn config(file: &str, set: &[&str]) -> Config {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
@@ -151,4 +157,41 @@ fn a_truth_that_cannot_be_is_refused_with_its_key() {
         &["scene.camera.mount.position_m=[0.5, 0.0, 0.0]"],
         &["of the target lies outside the image at the start"],
     );
+}
+
+/// A run whose control knows of no truth, as before a real camera: the loop is closed all the same, and errors are those of
+/// the last measurement.
+#[test]
+fn a_loop_that_knows_no_truth_closes_too() {
+    let real =
+        config("scara-d.toml", &["goal.hold_s=0.2", "scene.camera.mount.position_m=[0.005, 0.0, 0.0]"]);
+    let mut known = real.clone();
+    known.scene = None;
+    assert!(known.closes_the_loop() && known.X_WO().is_none());
+    let vision = &mut assemble::vision(&known);
+    let mut camera = assemble::synthetic_camera::<4>(&real).unwrap();
+    let mut control = assemble::control_loop::<4>(&known, real.robot.build().unwrap()).unwrap();
+    let i = *known.camera.model.intrinsics();
+    let (mut pixels, mut on_its_way) = (vec![0; i.width_px as usize * i.height_px as usize], VecDeque::new());
+    let schedule = &known.camera.schedule;
+    let finish = (0..20_000).find_map(|tick| {
+        let now = MonoNs(TICK.0 * tick as i64);
+        camera.arm(&control.sense(tick, now));
+        if let Some(frame_id) = schedule.frame_at(tick) {
+            camera.expose(&Exposure { frame_id, mid: now, span: known.camera.exposure }, &mut pixels);
+            let (width_px, height_px) = (i.width_px, i.height_px);
+            let header =
+                FrameHeader { frame_id, exposure: now, width_px, height_px, ..FrameHeader::default() };
+            let image = ImageView::new(&pixels, width_px as usize, height_px as usize).unwrap();
+            let measurement = vision.process(&Frame { header, image }, &Prior::default());
+            on_its_way.push_back((schedule.usable_tick(frame_id), measurement));
+        }
+        let arrived = on_its_way.pop_front_if(|(usable, _)| *usable <= tick).map(|(_, m)| m);
+        control.act(tick, now, arrived.as_ref()).finish
+    });
+    assert_eq!(finish.unwrap().outcome, Outcome::Converged, "{finish:?}");
+    let errors = control.final_errors();
+    assert!(errors.position_error_m.is_some());
+    assert_eq!(errors.position_error_m, errors.believed.position_error_m);
+    assert_eq!(errors.feature_error, errors.believed.feature_error);
 }

@@ -40,9 +40,11 @@ pub enum AssembleError {
     /// The arm as it really is cannot be built.
     #[error(transparent)]
     Arm(#[from] RobotError),
-    /// Only a synthetic camera can be simulated.
-    #[error("camera.source: a replay needs the processes of `vservo run`; in one process use synthetic")]
-    Replay,
+    /// The pictures do not come from a simulated scene.
+    #[error(
+        "camera.source: only `synthetic` can be simulated in one process; other sources need `vservo run`"
+    )]
+    NoScene,
     /// An external drive lives in another process: only the control process can make its end.
     #[error(
         "drive.kind: an external drive needs the processes of `vservo run`; in one process use simulated or ideal"
@@ -93,7 +95,7 @@ pub fn synthetic_camera<const N: usize>(config: &Config) -> Result<SyntheticCame
     let (Source::Synthetic { look, sensor, motion_blur }, Some(scene)) =
         (&config.camera.source, &config.scene)
     else {
-        return Err(AssembleError::Replay);
+        return Err(AssembleError::NoScene);
     };
     let q_start = q_start(config)? + q_offset(scene)?;
     let history = ArmHistory::new(scene.arm.build()?, q_start);

@@ -6,6 +6,7 @@
 //! ```
 
 pub mod assemble;
+mod camera;
 mod check;
 mod problem;
 pub mod raw;
@@ -15,19 +16,17 @@ mod source;
 mod tables;
 mod validate;
 
+pub use camera::{Camera, Source};
 pub use problem::{ConfigError, Problem};
 pub use scene::Scene;
 pub use source::Document;
 
-use crate::camera_model::CameraModel;
 use crate::drive::{CommandMode, InnerServo, Payload};
 use crate::input::file;
 use crate::robot::RobotDescription;
-use crate::scene::FrameSchedule;
-use crate::scene::{SceneLook, SensorModel};
-use crate::servo::{Law, Mount, ObjectDynamics, SetPoint};
+use crate::servo::{Law, ObjectDynamics, SetPoint};
 use crate::target::DotTarget;
-use crate::time::{MonoNs, SpanNs};
+use crate::time::SpanNs;
 use crate::vision::VisionSettings;
 use raw::{Clock, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Task, Update};
 use std::path::{Path, PathBuf};
@@ -83,58 +82,6 @@ pub struct Goal {
     pub feature_error_px: f64,
     /// How long it must stay below.
     pub hold: SpanNs,
-}
-
-/// Producer of frames.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Source {
-    /// Rendered.
-    Synthetic {
-        /// Grey levels of the scene.
-        look: SceneLook,
-        /// Imperfections of the sensor.
-        sensor: SensorModel,
-        /// Whether motion during the exposure blurs the picture.
-        motion_blur: bool,
-    },
-    /// Image files.
-    Replay {
-        /// Their folder.
-        folder: PathBuf,
-        /// Starts again after the last one.
-        repeat: bool,
-    },
-}
-
-/// The camera.
-#[derive(Debug, Clone)]
-pub struct Camera {
-    /// Producer of frames.
-    pub source: Source,
-    /// Intrinsic parameters and size.
-    pub model: CameraModel,
-    /// Where it sits.
-    pub mount: Mount,
-    /// Frames per second.
-    pub rate_hz: f64,
-    /// Length of the exposure.
-    pub exposure: SpanNs,
-    /// Middle of the exposure to hand-over.
-    pub latency: SpanNs,
-    /// Which frame is exposed when.
-    pub schedule: FrameSchedule,
-    /// Added to every stamp that the camera gives: what calibration found.
-    pub stamp_offset: SpanNs,
-    /// How wrong the stamps of a simulated camera are; positive: late.
-    pub stamp_error: SpanNs,
-}
-
-impl Camera {
-    /// The stamp of a frame whose exposure has its middle at `mid`: what the camera says, put right by calibration.
-    #[must_use]
-    pub fn stamp(&self, mid: MonoNs) -> MonoNs {
-        mid + self.stamp_error + self.stamp_offset
-    }
 }
 
 /// The servo law and its goal.
@@ -325,12 +272,6 @@ impl Config {
     /// When a value has no TOML form.
     pub fn to_toml(&self) -> Result<String, toml::ser::Error> {
         toml::to_string(&self.effective)
-    }
-
-    /// Whether the arm moves what the camera sees; without that (replay) the loop is open.
-    #[must_use]
-    pub fn closes_the_loop(&self) -> bool {
-        matches!(self.camera.source, Source::Synthetic { .. })
     }
 }
 

@@ -43,7 +43,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         MountKind::EyeInHand => Carrier::Base,
         MountKind::EyeToHand => Carrier::Flange,
     };
-    if raw.camera.source == SourceKind::Synthetic && object.on != carrier {
+    if raw.camera.source.is_simulated() && object.on != carrier {
         check.wrong(
             "scene.object.on",
             "eye_in_hand needs a target on the `base`, eye_to_hand one on the `flange`: otherwise the arm would run away",
@@ -51,7 +51,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     }
     let scene_motion = scene_motion(&raw, check);
     if raw.run.task == Task::CalibrateLatency {
-        if raw.camera.source == SourceKind::Replay {
+        if !raw.camera.source.closes_the_loop() {
             check.wrong(
                 "camera.source",
                 "is `replay`: to calibrate the latency the camera must see the arm's own motion",
@@ -199,10 +199,11 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
     if check.count_problems() > before {
         return None;
     }
-    // Files come as they are: only a simulated camera is irregular by intent.
-    let (irregularity, stamp_error) = match c.source {
-        SourceKind::Synthetic => (irregularity, stamp_error),
-        SourceKind::Replay => (Irregularity::default(), SpanNs(0)),
+    // Other frames come as they are: only a simulated camera is irregular by intent.
+    let (irregularity, stamp_error) = if c.source.is_simulated() {
+        (irregularity, stamp_error)
+    } else {
+        (Irregularity::default(), SpanNs(0))
     };
     let schedule = FrameSchedule::new(rate_hz, latency, irregularity);
     match CameraModel::new(intrinsics, distortion) {

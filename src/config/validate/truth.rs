@@ -4,7 +4,7 @@ use super::{lens, target};
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::config::check::{Check, pose};
 use crate::config::raw::{DriveKind, MountKind, RawConfig, RawTarget};
-use crate::config::{Camera, Scene, Source};
+use crate::config::{Camera, Scene};
 use crate::robot::{self, RobotDescription};
 use crate::scene::SceneMotion;
 use crate::servo::Mount;
@@ -31,7 +31,7 @@ pub(super) fn scene(
     let target = true_target(raw, believed_target, check);
     let arm = true_arm(raw, robot, check);
     let q_offset = q_offset(raw, robot, check);
-    let Source::Synthetic { .. } = camera?.source else { return None };
+    camera.filter(|c| c.source.kind().is_simulated())?;
     Some(Scene { camera: lens?, mount, target: target?, X_WO, motion, arm: arm?, q_offset: q_offset? })
 }
 
