@@ -11,7 +11,7 @@ use vservo::config::assemble;
 use vservo::control::control_loop::ControlLoop;
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, JointState, Measurement};
-use vservo::source::{self, Exposure};
+use vservo::source::{self, AnySource, Exposure};
 use vservo::time::MonoNs;
 use vservo::time::TICK;
 use vservo::vision::{Frame, Prior};
@@ -131,7 +131,9 @@ fn run(config: &Config) -> Result<(), String> {
 
 fn commands_are_finite<const N: usize>(config: &Config, mut control: ControlLoop<N>) -> Result<(), String> {
     let mut vision = assemble::vision(config);
-    let mut source = source::open(config).map_err(|e| e.to_string())?;
+    let AnySource::Scheduled(mut source) = source::open(config).map_err(|e| e.to_string())? else {
+        return Err("a source that is not told when to expose".into());
+    };
     let i = *config.camera.model.intrinsics();
     let mut pixels = vec![0; i.width_px as usize * i.height_px as usize];
     let mut on_their_way: VecDeque<(u64, Measurement)> = VecDeque::new();

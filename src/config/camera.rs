@@ -4,21 +4,49 @@
 //! told; one that *closes the loop* shows what the arm does, so that there is a goal to reach:
 //!
 //! ```text
-//!                   simulated    closes the loop
-//! synthetic            yes             yes
-//! a real camera         no             yes
-//! replay                no              no
+//!                   simulated    closes the loop    timing
+//! synthetic            yes             yes          scheduled
+//! a real camera         no             yes          free-running
+//! replay                no              no          scheduled
 //! ```
 
 use super::Config;
-use super::raw::SourceKind;
+use super::raw::{Clock, SourceKind};
 use crate::camera_model::CameraModel;
 use crate::scene::{FrameSchedule, SceneLook, SensorModel};
 use crate::servo::Mount;
 use crate::time::{MonoNs, SpanNs};
 use std::path::PathBuf;
 
+/// Who says when a source exposes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Timing {
+    /// Whoever asks it for a frame.
+    Scheduled,
+    /// The source itself; it tells when it did.
+    FreeRunning,
+}
+
+impl Timing {
+    /// Why such a source cannot be used under `clock`, and what to do; `None` where it can.
+    #[must_use]
+    pub fn refusal(self, clock: Clock) -> Option<&'static str> {
+        (self == Self::FreeRunning && clock == Clock::Lockstep).then_some(
+            "is `lockstep`, where simulated time says when a frame is exposed; this camera.source exposes by its own \
+             clock: use `realtime`",
+        )
+    }
+}
+
 impl SourceKind {
+    /// Who says when it exposes.
+    #[must_use]
+    pub fn timing(self) -> Timing {
+        match self {
+            Self::Synthetic | Self::Replay => Timing::Scheduled,
+        }
+    }
+
     /// Whether its pictures are of a simulated scene, so that the truth is known.
     #[must_use]
     pub fn is_simulated(self) -> bool {
@@ -106,5 +134,21 @@ impl Camera {
     #[must_use]
     pub fn stamp(&self, mid: MonoNs) -> MonoNs {
         mid + self.stamp_error + self.stamp_offset
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_real_time_takes_a_source_that_runs_by_itself() {
+        assert!(Timing::FreeRunning.refusal(Clock::Lockstep).unwrap().contains("use `realtime`"));
+        assert_eq!(Timing::FreeRunning.refusal(Clock::Realtime), None);
+        for clock in [Clock::Realtime, Clock::Lockstep] {
+            for kind in [SourceKind::Synthetic, SourceKind::Replay] {
+                assert_eq!(kind.timing().refusal(clock), None);
+            }
+        }
     }
 }

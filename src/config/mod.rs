@@ -16,7 +16,7 @@ mod source;
 mod tables;
 mod validate;
 
-pub use camera::{Camera, Source};
+pub use camera::{Camera, Source, Timing};
 pub use problem::{ConfigError, Problem};
 pub use scene::Scene;
 pub use source::Document;

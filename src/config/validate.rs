@@ -49,6 +49,9 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
             "eye_in_hand needs a target on the `base`, eye_to_hand one on the `flange`: otherwise the arm would run away",
         );
     }
+    if let Some(why) = raw.camera.source.timing().refusal(raw.run.clock) {
+        check.wrong("run.clock", why);
+    }
     let scene_motion = scene_motion(&raw, check);
     if raw.run.task == Task::CalibrateLatency {
         if !raw.camera.source.closes_the_loop() {
