@@ -156,7 +156,7 @@ fn stepped_on(law: &str, joint: usize, moving: bool, value: f64) -> Vec<ControlO
     let config = Config::load(Some(&file), &[]).unwrap();
     let robot = config.robot.build::<4>().unwrap();
     let q: SVector<f64, 4> = assemble::q_start(&config).unwrap();
-    let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO);
+    let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO().unwrap());
     let mut controller = assemble::control_loop(&config, robot).unwrap().controller().clone();
     let mut state = DriveState { q, qd: SVector::zeros(), truth: None };
     (0..6)
@@ -229,7 +229,7 @@ fn perfect_loop<const N: usize>(
         let state = control.sense(k as u64, now);
         let q = SVector::<f64, N>::from_fn(|i, _| state.q_true[i]);
         assert_eq!(robot.outside_limits(&q), None, "{k}: {q}");
-        let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO);
+        let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO().unwrap());
         let m = if k % 40 == 0 { seen(k, &X_CO) } else { None };
         let trace = control.act(k as u64, now, m.as_ref());
         statistics.note(&trace);

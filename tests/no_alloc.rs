@@ -33,7 +33,7 @@ fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLo
     for k in 0..2000_i64 {
         let joint = control.sense(k as u64, MonoNs(k * MS));
         let q = SVector::<f64, N>::from_fn(|i, _| joint.q[i]);
-        let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO);
+        let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO().unwrap());
         let m = match k % 80 {
             0 => Some(seen(config, k, &X_CO)),
             40 if k < 500 => Some(Measurement { exposure: MonoNs(k * MS), ..Measurement::default() }),

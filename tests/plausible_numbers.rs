@@ -21,6 +21,11 @@ const TINY: [f64; 3] = [1e-308, -1e-308, 0.0];
 /// What every optional key is set to, so that no number is missing from the effective configuration.
 const OPTIONAL: &str = "
     camera.lens = { cx_px = 319.5, cy_px = 239.5 }
+    scene.camera.lens = { fx_px = 801.0, fy_px = 801.0, cx_px = 319.0, cy_px = 239.0, k1 = -0.1, k2 = 0.0, p1 = 0.0, \
+    p2 = 0.0, k3 = 0.0 }
+    scene.camera.mount = { position_m = [0.001, 0.0, 0.0], rotation_rpy_rad = [0.0, 0.0, 0.001] }
+    scene.target = { scale = 1.01, side_m = 0.101, radius_m = 0.0101, radius_p1_m = 0.0151, margin_m = 0.0301 }
+    scene.arm = { model = 'scara', mass_scale = 1.01, friction_scale = 1.01, q_offset_rad_or_m = [1e-4] }
     servo.adaptive_gain = {}
     servo.points = [1, 2, 3, 4]
     servo.segments = [[1, 2]]

@@ -1,16 +1,17 @@
 //! From a validated configuration to the cores that it describes.
 
 use crate::config::raw::{Clock, DriveKind, JointControl, Task, Update};
-use crate::config::{Config, Source};
+use crate::config::{Config, Scene, Source};
 use crate::control::control_loop::{ControlLoop, RunPlan};
 use crate::control::controller::{Controller, ControllerSettings};
 use crate::control::safety::MeasurementWatch;
+use crate::control::truth::Truth;
 use crate::drive::{
     CommandMode, Drive, EncoderModel, IdealDrive, SimulatedDrive, SimulatedDriveSettings, StandstillDrive,
 };
 use crate::messages::MAX_JOINTS;
 use crate::motion::{InverseDynamicsControl, JointController, MotionLimits, PdGravityControl};
-use crate::robot::Robot;
+use crate::robot::{Robot, RobotError};
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
 use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
 use crate::vision::Vision;
@@ -18,7 +19,7 @@ use nalgebra::{SVector, Vector2};
 use thiserror::Error;
 
 /// A configuration that is valid in itself does not make a working whole.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Error)]
 pub enum AssembleError {
     /// A list does not have one entry for each joint.
     #[error("{key}: has {found} entries, the robot has {wanted} joints")]
@@ -36,9 +37,14 @@ pub enum AssembleError {
     /// The renderer refuses the scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// Only a synthetic camera can be simulated.
-    #[error("camera.source: a replay needs the processes of `vservo run`; in one process use synthetic")]
-    Replay,
+    /// The arm as it really is cannot be built.
+    #[error(transparent)]
+    Arm(#[from] RobotError),
+    /// The pictures do not come from a simulated scene.
+    #[error(
+        "camera.source: only `synthetic` can be simulated in one process; other sources need `vservo run`"
+    )]
+    NoScene,
     /// An external drive lives in another process: only the control process can make its end.
     #[error(
         "drive.kind: an external drive needs the processes of `vservo run`; in one process use simulated or ideal"
@@ -81,21 +87,32 @@ pub fn vision(config: &Config) -> Vision {
     Vision::new(config.camera.model, config.target.clone(), config.vision)
 }
 
-/// The synthetic camera of a configuration, before an arm that rests at its start.
+/// The synthetic camera of a configuration, as it really is, before an arm that rests at its start.
 ///
 /// # Errors
-/// [`AssembleError`], also for a configuration with another source of frames.
-pub fn synthetic_camera<const N: usize>(
-    config: &Config,
-    robot: Robot<N>,
-) -> Result<SyntheticCamera<N>, AssembleError> {
-    let Source::Synthetic { look, sensor, motion_blur } = &config.camera.source else {
-        return Err(AssembleError::Replay);
+/// [`AssembleError`], also for a configuration without a simulated scene.
+pub fn synthetic_camera<const N: usize>(config: &Config) -> Result<SyntheticCamera<N>, AssembleError> {
+    let (Source::Synthetic { look, sensor, motion_blur }, Some(scene)) =
+        (&config.camera.source, &config.scene)
+    else {
+        return Err(AssembleError::NoScene);
     };
-    let history = ArmHistory::new(robot, q_start(config)?);
-    let renderer = Renderer::new(config.camera.model, config.target.clone(), *look, *sensor)?;
-    let (mount, X_WO, motion) = (config.camera.mount, config.X_WO, config.scene_motion);
-    Ok(SyntheticCamera::new(history, renderer, mount, X_WO, motion, config.occluder, *motion_blur))
+    let q_start = q_start(config)? + q_offset(scene)?;
+    let history = ArmHistory::new(scene.arm.build()?, q_start);
+    let renderer = Renderer::new(scene.camera, scene.target.clone(), *look, *sensor)?;
+    Ok(SyntheticCamera::new(
+        history,
+        renderer,
+        scene.mount,
+        scene.X_WO,
+        scene.motion,
+        scene.occluder,
+        *motion_blur,
+    ))
+}
+
+fn q_offset<const N: usize>(scene: &Scene) -> Result<SVector<f64, N>, AssembleError> {
+    joint_vector("scene.arm.q_offset_rad_or_m", &scene.q_offset)
 }
 
 /// The drive of a configuration; an open loop has one that stands still.
@@ -107,7 +124,7 @@ pub fn drive<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<AnyDri
     Ok(match (config.closes_the_loop(), config.drive.kind) {
         (false, _) => Box::new(StandstillDrive::new(q_start)),
         (true, DriveKind::Ideal) => {
-            let ideal = IdealDrive::new(q_start);
+            let ideal = IdealDrive::new(q_start).with_offset(true_offset(config)?);
             Box::new(if config.drive.mode == CommandMode::Velocity { ideal.by_velocity() } else { ideal })
         }
         (true, DriveKind::Simulated) => {
@@ -115,6 +132,11 @@ pub fn drive<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<AnyDri
         }
         (true, DriveKind::External) => return Err(AssembleError::ExternalDrive),
     })
+}
+
+/// True joint positions less what the encoders read; zero where nothing is simulated.
+fn true_offset<const N: usize>(config: &Config) -> Result<SVector<f64, N>, AssembleError> {
+    config.scene.as_ref().map_or(Ok(SVector::zeros()), q_offset)
 }
 
 /// The settings of the simulated arm of a configuration.
@@ -131,6 +153,8 @@ pub fn simulated_settings<const N: usize>(
         friction: arm.friction,
         effort_limits: arm.effort_limits,
         command_delay_ticks: arm.command_delay_ticks,
+        arm: config.scene.as_ref().map(|scene| scene.arm.build()).transpose()?,
+        q_offset: true_offset(config)?,
         payload: arm.payload,
         encoder: EncoderModel {
             step: joint_vector("drive.simulated.encoder_step_rad_or_m", &arm.encoder_step)?,
@@ -179,7 +203,7 @@ pub fn control_loop_with<const N: usize>(
             set_point: config.servo.set_point.clone(),
             update,
             mount: config.camera.mount,
-            X_WO: closed_loop.then_some(config.X_WO),
+            X_WO: config.X_WO(),
             smooth_start_1_s: config.servo.smooth_start_1_s,
             lead: config.servo.lead,
             limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
@@ -202,10 +226,13 @@ pub fn control_loop_with<const N: usize>(
         closed_loop,
         one_clock: config.clock == Clock::Realtime,
         f_px: Vector2::new(i.fx_px, i.fy_px),
-        X_WO: closed_loop.then_some(config.X_WO),
-        scene_motion: config.scene_motion,
     };
-    Ok(ControlLoop::new(Controller::new(settings, q_start), drive, plan))
+    let truth = config.scene.as_ref().map(truth).transpose()?;
+    Ok(ControlLoop::new(Controller::new(settings, q_start), drive, plan, truth))
+}
+
+fn truth<const N: usize>(scene: &Scene) -> Result<Truth<N>, AssembleError> {
+    Ok(Truth { robot: scene.arm.build()?, mount: scene.mount, X_WO: scene.X_WO, motion: scene.motion })
 }
 
 fn joint_controller<const N: usize>(

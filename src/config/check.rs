@@ -67,9 +67,12 @@ impl<'a> Check<'a> {
         for (i, v) in rotation_rpy_rad.iter().enumerate() {
             self.range(&format!("{key}.rotation_rpy_rad[{i}]"), *v, -6.3..=6.3);
         }
-        let [roll, pitch, yaw] = rotation_rpy_rad;
-        let [x, y, z] = position_m;
-        let R = rotation_z(yaw) * rotation_y(pitch) * rotation_x(roll);
-        Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_rotation_matrix(&R))
+        pose(position_m, rotation_rpy_rad)
     }
+}
+
+/// The pose of a position, m, and roll, pitch, yaw, rad.
+pub(super) fn pose(position_m: [f64; 3], [roll, pitch, yaw]: [f64; 3]) -> Pose {
+    let R = rotation_z(yaw) * rotation_y(pitch) * rotation_x(roll);
+    Pose::from_parts(Translation3::from(position_m), UnitQuaternion::from_rotation_matrix(&R))
 }

@@ -6,28 +6,28 @@
 //! ```
 
 pub mod assemble;
+mod camera;
 mod check;
 mod problem;
 pub mod raw;
+mod scene;
 mod servo;
 mod source;
 mod tables;
 mod target;
 mod validate;
 
+pub use camera::{Camera, Source, Timing};
 pub use problem::{ConfigError, Problem};
+pub use scene::Scene;
 pub use source::Document;
 
-use crate::camera_model::CameraModel;
 use crate::drive::{CommandMode, InnerServo, Payload};
-use crate::geometry::Pose;
 use crate::input::file;
 use crate::robot::RobotDescription;
-use crate::scene::FrameSchedule;
-use crate::scene::{Occluder, SceneLook, SceneMotion, SensorModel};
-use crate::servo::{Law, Mount, ObjectDynamics, SetPoint};
+use crate::servo::{Law, ObjectDynamics, SetPoint};
 use crate::target::Target;
-use crate::time::{MonoNs, SpanNs};
+use crate::time::SpanNs;
 use crate::vision::VisionSettings;
 use raw::{Clock, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Task, Update};
 use std::path::{Path, PathBuf};
@@ -56,12 +56,8 @@ pub struct Config {
     pub camera: Camera,
     /// The target.
     pub target: Target,
-    /// Where the target is in a simulated scene: in the base frame, or on the flange with a camera beside the arm.
-    pub X_WO: Pose,
-    /// How it moves there.
-    pub scene_motion: SceneMotion,
-    /// What comes between it and the camera there.
-    pub occluder: Option<Occluder>,
+    /// What is true, where the cell is simulated.
+    pub scene: Option<Scene>,
     /// How vision works.
     pub vision: VisionSettings,
     /// The servo law.
@@ -87,58 +83,6 @@ pub struct Goal {
     pub feature_error_px: f64,
     /// How long it must stay below.
     pub hold: SpanNs,
-}
-
-/// Producer of frames.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Source {
-    /// Rendered.
-    Synthetic {
-        /// Grey levels of the scene.
-        look: SceneLook,
-        /// Imperfections of the sensor.
-        sensor: SensorModel,
-        /// Whether motion during the exposure blurs the picture.
-        motion_blur: bool,
-    },
-    /// Image files.
-    Replay {
-        /// Their folder.
-        folder: PathBuf,
-        /// Starts again after the last one.
-        repeat: bool,
-    },
-}
-
-/// The camera.
-#[derive(Debug, Clone)]
-pub struct Camera {
-    /// Producer of frames.
-    pub source: Source,
-    /// Intrinsic parameters and size.
-    pub model: CameraModel,
-    /// Where it sits.
-    pub mount: Mount,
-    /// Frames per second.
-    pub rate_hz: f64,
-    /// Length of the exposure.
-    pub exposure: SpanNs,
-    /// Middle of the exposure to hand-over.
-    pub latency: SpanNs,
-    /// Which frame is exposed when.
-    pub schedule: FrameSchedule,
-    /// Added to every stamp that the camera gives: what calibration found.
-    pub stamp_offset: SpanNs,
-    /// How wrong the stamps of a simulated camera are; positive: late.
-    pub stamp_error: SpanNs,
-}
-
-impl Camera {
-    /// The stamp of a frame whose exposure has its middle at `mid`: what the camera says, put right by calibration.
-    #[must_use]
-    pub fn stamp(&self, mid: MonoNs) -> MonoNs {
-        mid + self.stamp_error + self.stamp_offset
-    }
 }
 
 /// The servo law and its goal.
@@ -330,12 +274,6 @@ impl Config {
     pub fn to_toml(&self) -> Result<String, toml::ser::Error> {
         toml::to_string(&self.effective)
     }
-
-    /// Whether the arm moves what the camera sees; without that (replay) the loop is open.
-    #[must_use]
-    pub fn closes_the_loop(&self) -> bool {
-        matches!(self.camera.source, Source::Synthetic { .. })
-    }
 }
 
 fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {
@@ -349,8 +287,14 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {
     let folder = &raw.drive.external.folder;
     raw.drive.external.folder = absolute("drive.external.folder", folder);
     // A word without ending or folder is a name; `robot::load` says which names there are.
-    if raw.robot.model.contains(['.', '/']) {
-        raw.robot.model = absolute("robot.model", Path::new(&raw.robot.model)).display().to_string();
+    let model = |key: &str, model: &mut String| {
+        if model.contains(['.', '/']) {
+            *model = absolute(key, Path::new(model)).display().to_string();
+        }
+    };
+    model("robot.model", &mut raw.robot.model);
+    if let Some(true_model) = &mut raw.scene.arm.model {
+        model("scene.arm.model", true_model);
     }
 }
 

@@ -40,6 +40,7 @@ pub(super) use word;
 mod motion;
 mod place;
 mod servo;
+mod truth;
 
 pub use motion::{JointControl, RawMotion};
 pub use place::{Carrier, MountKind, RawMount, RawObject, RawOccluder};
@@ -47,6 +48,7 @@ pub use servo::{
     At, DampingOn, Depth, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint, SchemeKind,
     SetPointKind, Update,
 };
+pub use truth::{RawTrueArm, RawTrueCamera, RawTrueLens, RawTrueMount, RawTrueTarget};
 
 table! {
     /// A whole run file.
@@ -236,7 +238,7 @@ table! {
 }
 
 table! {
-    /// Where the target is, and how bright things are, in a simulated scene.
+    /// A simulated scene: where the target is, how bright things are, and what is not as the controller believes.
     RawScene {
         /// `[scene.object]`
         object: RawObject = RawObject::default(),
@@ -244,6 +246,12 @@ table! {
         motion: RawSceneMotion = RawSceneMotion::default(),
         /// `[scene.occluder]`
         occluder: RawOccluder = RawOccluder::default(),
+        /// `[scene.camera]`
+        camera: RawTrueCamera = RawTrueCamera::default(),
+        /// `[scene.target]`
+        target: RawTrueTarget = RawTrueTarget::default(),
+        /// `[scene.arm]`
+        arm: RawTrueArm = RawTrueArm::default(),
         /// Grey level of the background.
         background_level: f64 = 90.0,
         /// Grey level of the plate.

@@ -4,7 +4,7 @@ use super::Servo;
 use super::check::Check;
 use super::raw::{
     At, DampingOn, Depth, DriveKind, Gains, Orientation, RawConfig, RawServo, SceneMotionKind, SchemeKind,
-    SetPointKind, SourceKind, Update,
+    SetPointKind, Update,
 };
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
@@ -64,8 +64,7 @@ pub(super) fn servo(raw: &RawConfig, target: &Target, X_DO: &Pose, check: &mut C
             "position_pd and image_pd command torques: they need drive.mode = \"torque\"",
         );
     }
-    let scene_is_known =
-        raw.camera.source == SourceKind::Synthetic && raw.scene.motion.kind == SceneMotionKind::Still;
+    let scene_is_known = raw.camera.source.is_simulated() && raw.scene.motion.kind == SceneMotionKind::Still;
     if s.depth == Depth::Known && !scene_is_known {
         check.wrong("servo.depth", "`known` needs a simulated scene with a target at rest");
     }

@@ -4,6 +4,9 @@ use super::check::Check;
 use super::raw::{table, word};
 use crate::target::{DotGrid, FourDots, Target};
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
+
+pub(super) const LENGTH_M: RangeInclusive<f64> = 1e-6..=100.0;
 
 word! {
     /// What the camera looks at.
@@ -54,38 +57,70 @@ table! {
 /// The target, where nothing is wrong with it.
 pub(super) fn target(raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
     let before = check.count_problems();
-    let length = 1e-6..=100.0;
-    for (key, length_m) in [
-        ("target.side_m", raw.side_m),
-        ("target.radius_m", raw.radius_m),
-        ("target.radius_p1_m", raw.radius_p1_m),
-        ("target.margin_m", raw.margin_m),
-        ("target.dot_grid.pitch_m", raw.dot_grid.pitch_m),
-    ] {
-        check.range(key, length_m, length.clone());
-    }
     let grid = &raw.dot_grid;
-    let columns = check.count("target.dot_grid.columns", grid.columns, DotGrid::COUNT);
-    let rows = check.count("target.dot_grid.rows", grid.rows, DotGrid::COUNT);
-    let mut or = |key: &str, given: Option<f64>, share: f64| {
-        given.map_or(share * grid.pitch_m, |m| {
-            check.range(&format!("target.dot_grid.{key}"), m, length.clone())
-        })
-    };
-    let radius_m = or("radius_m", grid.radius_m, DotGrid::RADIUS);
-    let large_radius_m = or("large_radius_m", grid.large_radius_m, DotGrid::LARGE_RADIUS);
-    let margin_m = or("margin_m", grid.margin_m, DotGrid::MARGIN);
+    for (key, length_m) in [
+        ("target.side_m", Some(raw.side_m)),
+        ("target.radius_m", Some(raw.radius_m)),
+        ("target.radius_p1_m", Some(raw.radius_p1_m)),
+        ("target.margin_m", Some(raw.margin_m)),
+        ("target.dot_grid.pitch_m", Some(grid.pitch_m)),
+        ("target.dot_grid.radius_m", grid.radius_m),
+        ("target.dot_grid.large_radius_m", grid.large_radius_m),
+        ("target.dot_grid.margin_m", grid.margin_m),
+    ] {
+        if let Some(length_m) = length_m {
+            check.range(key, length_m, LENGTH_M);
+        }
+    }
+    check.count("target.dot_grid.columns", grid.columns, DotGrid::COUNT);
+    check.count("target.dot_grid.rows", grid.rows, DotGrid::COUNT);
     if check.count_problems() > before {
         return None;
     }
+    made("target", raw, check)
+}
+
+/// The target that lengths within their ranges make; what they do not make is told at `key`.
+pub(super) fn made(key: &str, raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
     let made = match raw.kind {
         TargetKind::FourDots => {
             FourDots::new(raw.side_m, raw.radius_p1_m, raw.radius_m, raw.margin_m).map(Target::from)
         }
         TargetKind::DotGrid => {
-            let (columns, rows) = (columns as usize, rows as usize);
-            DotGrid::new(columns, rows, grid.pitch_m, radius_m, large_radius_m, margin_m).map(Target::from)
+            let grid = &raw.dot_grid;
+            let or = |given: Option<f64>, share: f64| given.unwrap_or(share * grid.pitch_m);
+            DotGrid::new(
+                grid.columns as usize,
+                grid.rows as usize,
+                grid.pitch_m,
+                or(grid.radius_m, DotGrid::RADIUS),
+                or(grid.large_radius_m, DotGrid::LARGE_RADIUS),
+                or(grid.margin_m, DotGrid::MARGIN),
+            )
+            .map(Target::from)
         }
     };
-    made.map_err(|e| check.wrong("target", e.to_string())).ok()
+    made.map_err(|e| check.wrong(key, e.to_string())).ok()
+}
+
+impl RawTarget {
+    /// The same target with all lengths times `scale`.
+    pub(super) fn scaled(&self, scale: f64) -> Self {
+        let grid = &self.dot_grid;
+        let times = |given: Option<f64>| given.map(|m| m * scale);
+        Self {
+            side_m: self.side_m * scale,
+            radius_m: self.radius_m * scale,
+            radius_p1_m: self.radius_p1_m * scale,
+            margin_m: self.margin_m * scale,
+            dot_grid: RawDotGrid {
+                pitch_m: grid.pitch_m * scale,
+                radius_m: times(grid.radius_m),
+                large_radius_m: times(grid.large_radius_m),
+                margin_m: times(grid.margin_m),
+                ..grid.clone()
+            },
+            ..self.clone()
+        }
+    }
 }

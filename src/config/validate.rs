@@ -1,23 +1,22 @@
 //! What the values of a run file must fulfil, alone and together; every violation is reported, not the first one.
 
 mod drive;
+mod lens;
 mod motion;
 mod start;
+mod truth;
 
 use super::check::Check;
-use super::raw::{
-    Carrier, Clock, MountKind, RawConfig, RawOccluder, RealtimePolicy, SceneMotionKind, SourceKind, Task,
-};
+use super::raw::{Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SourceKind, Task};
 use super::servo::servo;
 use super::target::target;
 use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Source};
-use crate::camera_model::{CameraModel, Distortion, Intrinsics};
+use crate::camera_model::CameraModel;
 use crate::scene::{FrameSchedule, Irregularity};
-use crate::scene::{LARGEST_SIDE_PX, Occluder, SceneLook, SceneMotion, SensorModel};
+use crate::scene::{LARGEST_SIDE_PX, SceneLook, SceneMotion, SensorModel};
 use crate::servo::Mount;
 use crate::time::SpanNs;
 use crate::vision::VisionSettings;
-use nalgebra::Vector2;
 use std::ops::RangeInclusive;
 
 /// Frames that may be on their way at once: bounds the shared memory that a lockstep run takes.
@@ -40,20 +39,22 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     let camera = camera(&raw, check);
     let target = target(&raw.target, check);
     let object = &raw.scene.object;
-    let X_WO = check.pose("scene.object", object.position_m, object.rotation_rpy_rad);
     let carrier = match raw.camera.mount.kind {
         MountKind::EyeInHand => Carrier::Base,
         MountKind::EyeToHand => Carrier::Flange,
     };
-    if raw.camera.source == SourceKind::Synthetic && object.on != carrier {
+    if raw.camera.source.is_simulated() && object.on != carrier {
         check.wrong(
             "scene.object.on",
             "eye_in_hand needs a target on the `base`, eye_to_hand one on the `flange`: otherwise the arm would run away",
         );
     }
+    if let Some(why) = raw.camera.source.timing().refusal(raw.run.clock) {
+        check.wrong("run.clock", why);
+    }
     let scene_motion = scene_motion(&raw, check);
     if raw.run.task == Task::CalibrateLatency {
-        if raw.camera.source == SourceKind::Replay {
+        if !raw.camera.source.closes_the_loop() {
             check.wrong(
                 "camera.source",
                 "is `replay`: to calibrate the latency the camera must see the arm's own motion",
@@ -95,7 +96,6 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         model_sd_px: check.range("vision.model_sd_px", raw.vision.model_sd_px, 0.0..=10.0),
         ..VisionSettings::default()
     };
-    let occluder = occluder(&raw.scene.occluder, check);
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
     let spin_us = raw.realtime.spin_us.map(|us| check.range("realtime.spin_us", us, 0.0..=500.0));
     let before_arm = check.count_problems();
@@ -103,12 +103,13 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
     let drive = drive::drive(&raw, robot.as_ref(), check);
     let motion = motion::motion(&raw, drive.mode, robot.as_ref(), check);
     let arm_is_good = check.count_problems() == before_arm;
+    let scene = truth::scene(&raw, (camera.as_ref(), target.as_ref(), robot.as_ref()), scene_motion, check);
     if let (Some(target), Some(camera)) = (&target, &camera) {
-        if let Some((dot, why)) = start::hidden_dot(target, camera, &X_DO) {
+        if let Some((dot, why)) = start::hidden_dot(target, &camera.model, &X_DO) {
             check.wrong("servo.desired", format!("dot {dot} would lie {why} in the desired view"));
         }
-        if let (Some(robot), Source::Synthetic { .. }, true) = (&robot, &camera.source, arm_is_good) {
-            start::view(&raw, robot, target, camera, &X_WO, check);
+        if let (Some(robot), Some(scene), true) = (&robot, &scene, arm_is_good) {
+            start::view(&raw, robot, camera, scene, check);
         }
         timing(&raw, camera, check);
     }
@@ -123,9 +124,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         q_start: raw.robot.q_start_rad_or_m.clone(),
         camera: camera?,
         target: target?,
-        X_WO,
-        scene_motion,
-        occluder,
+        scene,
         vision,
         servo: servo?,
         motion,
@@ -161,19 +160,6 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
         MountKind::EyeInHand => Mount::EyeInHand { X_EC: X },
         MountKind::EyeToHand => Mount::EyeToHand { X_BC: X },
     };
-    let intrinsics = Intrinsics {
-        fx_px: check.range("camera.lens.fx_px", lens.fx_px, 1.0..=1e6),
-        fy_px: check.range("camera.lens.fy_px", lens.fy_px, 1.0..=1e6),
-        // The principal point of a cropped picture may lie outside of it.
-        cx_px: lens
-            .cx_px
-            .map_or(0.5 * (f64::from(width_px) - 1.0), |c| check.range("camera.lens.cx_px", c, -1e5..=1e5)),
-        cy_px: lens
-            .cy_px
-            .map_or(0.5 * (f64::from(height_px) - 1.0), |c| check.range("camera.lens.cy_px", c, -1e5..=1e5)),
-        width_px,
-        height_px,
-    };
     let look = SceneLook {
         background: check.range("scene.background_level", raw.scene.background_level, SceneLook::LEVEL),
         plate: check.range("scene.plate_level", raw.scene.plate_level, SceneLook::LEVEL),
@@ -207,14 +193,7 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
             Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
         }
     };
-    // Long lenses see small radii only: their higher factors are large.
-    let distortion = Distortion {
-        k1: check.range("camera.lens.k1", lens.k1, -1e3..=1e3),
-        k2: check.range("camera.lens.k2", lens.k2, -1e4..=1e4),
-        p1: check.range("camera.lens.p1", lens.p1, -10.0..=10.0),
-        p2: check.range("camera.lens.p2", lens.p2, -10.0..=10.0),
-        k3: check.range("camera.lens.k3", lens.k3, -1e6..=1e6),
-    };
+    let (intrinsics, distortion) = lens::believed(lens, (width_px, height_px), check);
     let irregularity = Irregularity {
         jitter: check.span_ms("camera.synthetic.latency_jitter_ms", synthetic.latency_jitter_ms, 0.0..=500.0),
         loss: check.range("camera.synthetic.frame_loss", synthetic.frame_loss, 0.0..=0.99),
@@ -223,10 +202,11 @@ fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
     if check.count_problems() > before {
         return None;
     }
-    // Files come as they are: only a simulated camera is irregular by intent.
-    let (irregularity, stamp_error) = match c.source {
-        SourceKind::Synthetic => (irregularity, stamp_error),
-        SourceKind::Replay => (Irregularity::default(), SpanNs(0)),
+    // Other frames come as they are: only a simulated camera is irregular by intent.
+    let (irregularity, stamp_error) = if c.source.is_simulated() {
+        (irregularity, stamp_error)
+    } else {
+        (Irregularity::default(), SpanNs(0))
     };
     let schedule = FrameSchedule::new(rate_hz, latency, irregularity);
     match CameraModel::new(intrinsics, distortion) {
@@ -263,26 +243,6 @@ fn scene_motion(raw: &RawConfig, check: &mut Check<'_>) -> SceneMotion {
             SceneMotion::Pendulum { amplitude_m: motion.amplitude_m.into(), frequency_hz }
         }
     }
-}
-
-fn occluder(raw: &RawOccluder, check: &mut Check<'_>) -> Option<Occluder> {
-    let [from_s, until_s] = [("from_s", raw.from_s), ("until_s", raw.until_s)]
-        .map(|(key, s)| check.range(&format!("scene.occluder.{key}"), s, 0.0..=1e6));
-    let pair = |key: &str, values: [f64; 2], least: f64, check: &mut Check<'_>| {
-        for (i, m) in values.iter().enumerate() {
-            check.range(&format!("scene.occluder.{key}[{i}]"), *m, least..=100.0);
-        }
-        Vector2::from(values)
-    };
-    let occluder = Occluder {
-        centre_m: pair("center_m", raw.center_m, -100.0, check),
-        size_m: pair("size_m", raw.size_m, 1e-6, check),
-        height_m: check.range("scene.occluder.height_m", raw.height_m, 0.0..=100.0),
-        level: check.range("scene.occluder.level", raw.level, SceneLook::LEVEL),
-        from: SpanNs::from_s(from_s),
-        until: SpanNs::from_s(until_s),
-    };
-    (until_s > from_s).then_some(occluder)
 }
 
 fn timing(raw: &RawConfig, camera: &Camera, check: &mut Check<'_>) {

@@ -7,16 +7,16 @@ pub use crate::control::outcome::Finish;
 
 use crate::calibration::GentleMotion;
 use crate::control::controller::{ControlOutput, Controller};
-use crate::control::outcome::{FinalErrors, Outcome};
+use crate::control::outcome::{FinalErrors, MeasuredErrors, Outcome};
 use crate::control::run_end::{self, NextStep, RunEnd};
 use crate::control::safety::Fault;
 use crate::control::sightings::Sightings;
 use crate::control::trace::{Event, Events, LatencyStages, Sighting, Trace};
+use crate::control::truth::Truth;
 use crate::drive::{Drive, DriveCommand, DriveState};
 use crate::geometry::{Pose, rotation_angle};
 use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status, frame_flag, joint_flag};
 use crate::motion::ActingLimits;
-use crate::scene::SceneMotion;
 use crate::servo::{Intake, View};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
@@ -54,10 +54,6 @@ pub struct RunPlan {
     pub one_clock: bool,
     /// Focal lengths that turn normalized errors into pixels.
     pub f_px: Vector2<f64>,
-    /// Where the object is in a simulated scene at the first tick, in the frame in which it rests.
-    pub X_WO: Option<Pose>,
-    /// How it moves from there.
-    pub scene_motion: SceneMotion,
 }
 
 /// The loop of one run.
@@ -65,6 +61,7 @@ pub struct ControlLoop<const N: usize> {
     controller: Controller<N>,
     drive: Box<dyn Drive<N> + Send>,
     plan: RunPlan,
+    truth: Option<Truth<N>>,
     sightings: Sightings,
     ticks: u64,
     first: Option<MonoNs>,
@@ -85,14 +82,20 @@ pub struct ControlLoop<const N: usize> {
 }
 
 impl<const N: usize> ControlLoop<N> {
-    /// A loop that has not ticked yet.
+    /// A loop that has not ticked yet; `truth` is that of a simulated cell.
     #[must_use]
-    pub fn new(controller: Controller<N>, drive: Box<dyn Drive<N> + Send>, plan: RunPlan) -> Self {
+    pub fn new(
+        controller: Controller<N>,
+        drive: Box<dyn Drive<N> + Send>,
+        plan: RunPlan,
+        truth: Option<Truth<N>>,
+    ) -> Self {
         let zero = SVector::zeros();
         Self {
             controller,
             drive,
             plan,
+            truth,
             sightings: Sightings::new(),
             ticks: 0,
             first: None,
@@ -311,15 +314,22 @@ impl<const N: usize> ControlLoop<N> {
     /// The object in the camera in simulated truth, m.
     fn true_view(&self) -> Option<Pose> {
         let (q, _) = self.sensed.truth?;
-        let settings = self.controller.settings();
-        let X_WC = settings.servo.settings().mount.X_WC(&settings.robot.forward(&q));
-        let time = self.last - self.first.unwrap_or(self.last);
-        Some(X_WC.inv_mul(&self.plan.scene_motion.object_at(&self.plan.X_WO?, time)))
+        Some(self.truth.as_ref()?.X_CO(&q, self.last - self.first.unwrap_or(self.last)))
     }
 
     /// Position and orientation of the camera relative to the desired one, from truth or else from the last pose.
     fn pose_errors(&self) -> Option<(f64, f64)> {
-        let X_CO = self.true_view().or_else(|| self.sightings.last_found()?.pose())?;
+        let X_CO = self.true_view().or_else(|| self.measured_view())?;
+        self.off_goal(&X_CO)
+    }
+
+    /// The object in the camera by the last measurement, m.
+    fn measured_view(&self) -> Option<Pose> {
+        self.sightings.last_found()?.pose()
+    }
+
+    /// Distance, m, and angle, rad, of the camera from the desired one when it sees the object at `X_CO`.
+    fn off_goal(&self, X_CO: &Pose) -> Option<(f64, f64)> {
         let X_DC = self.controller.settings().servo.set_point().X_DO()? * X_CO.inverse();
         Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
     }
@@ -333,15 +343,22 @@ impl<const N: usize> ControlLoop<N> {
     /// Errors now: against simulated truth where there is one, else from the last measurement.
     fn errors(&self) -> FinalErrors {
         let set_point = &self.controller.settings().servo.set_point();
-        let feature_error = match self.true_view() {
-            Some(X_CO) => set_point.error_rms_px_at(&X_CO, &self.plan.f_px),
-            None => self.sightings.error_px(),
+        let believed = MeasuredErrors::new(
+            self.sightings.error_px(),
+            self.measured_view().and_then(|X_CO| self.off_goal(&X_CO)),
+        );
+        let errors = match self.true_view() {
+            Some(X_CO) => {
+                let feature_error = set_point.error_rms_px_at(&X_CO, &self.plan.f_px);
+                MeasuredErrors::new(feature_error, self.off_goal(&X_CO))
+            }
+            None => believed,
         };
-        let pose = self.pose_errors();
         FinalErrors {
-            feature_error: Some(feature_error).filter(|e| e.is_finite()),
-            position_error_m: pose.map(|(p, _)| p),
-            orientation_error_rad: pose.map(|(_, o)| o),
+            feature_error: errors.feature_error,
+            position_error_m: errors.position_error_m,
+            orientation_error_rad: errors.orientation_error_rad,
+            believed,
         }
     }
 

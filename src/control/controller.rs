@@ -39,7 +39,7 @@ pub struct ControllerSettings<const N: usize> {
     pub watch: MeasurementWatch,
     /// Largest distance of a joint from its reference, rad or m.
     pub max_tracking_error: f64,
-    /// Without it (replay) the law is computed but the reference stays where the arm is.
+    /// Without it (pictures that do not show this arm) the law is computed but the reference stays where the arm is.
     pub closed_loop: bool,
     /// Calibration of the latency: the camera before which the arm moves gently, instead of servoing.
     pub calibrates: Option<CameraModel>,

@@ -14,3 +14,4 @@ pub mod run_end;
 pub mod safety;
 pub mod sightings;
 pub mod trace;
+pub mod truth;

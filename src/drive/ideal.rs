@@ -8,8 +8,10 @@ use nalgebra::SVector;
 /// Joints that follow the reference exactly.
 #[derive(Debug, Clone)]
 pub struct IdealDrive<const N: usize> {
+    /// As the encoders read.
     q: SVector<f64, N>,
     qd: SVector<f64, N>,
+    q_offset: SVector<f64, N>,
     velocity: bool,
     time: Option<MonoNs>,
 }
@@ -18,13 +20,19 @@ impl<const N: usize> IdealDrive<N> {
     /// An arm at rest in `q`, commanded by position.
     #[must_use]
     pub fn new(q: SVector<f64, N>) -> Self {
-        Self { q, qd: SVector::zeros(), velocity: false, time: None }
+        Self { q, qd: SVector::zeros(), q_offset: SVector::zeros(), velocity: false, time: None }
     }
 
     /// The same arm commanded by velocity.
     #[must_use]
     pub fn by_velocity(self) -> Self {
         Self { velocity: true, ..self }
+    }
+
+    /// The same arm with true positions that differ from the encoders' by `q_offset`, rad or m.
+    #[must_use]
+    pub fn with_offset(self, q_offset: SVector<f64, N>) -> Self {
+        Self { q_offset, ..self }
     }
 }
 
@@ -35,7 +43,7 @@ impl<const N: usize> Drive<N> for IdealDrive<N> {
         if self.velocity {
             self.q += self.qd * passed_s;
         }
-        DriveState { q: self.q, qd: self.qd, truth: Some((self.q, self.qd)) }
+        DriveState { q: self.q, qd: self.qd, truth: Some((self.q + self.q_offset, self.qd)) }
     }
 
     fn write(&mut self, command: &DriveCommand<N>) {

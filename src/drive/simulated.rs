@@ -42,7 +42,7 @@ pub struct Payload {
 }
 
 /// What a simulated arm is made of, beside its rigid bodies.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct SimulatedDriveSettings<const N: usize> {
     /// What it obeys.
     pub mode: CommandMode,
@@ -54,6 +54,10 @@ pub struct SimulatedDriveSettings<const N: usize> {
     pub effort_limits: bool,
     /// Commands between the one that is written and the one that acts.
     pub command_delay_ticks: usize,
+    /// The arm as it is, where that is not what controller and inner servo believe.
+    pub arm: Option<Robot<N>>,
+    /// True joint positions less what the encoders read, rad or m.
+    pub q_offset: SVector<f64, N>,
     /// A load that neither controller nor inner servo knows.
     pub payload: Payload,
     /// Encoders.
@@ -71,6 +75,8 @@ impl<const N: usize> Default for SimulatedDriveSettings<N> {
             friction: true,
             effort_limits: true,
             command_delay_ticks: 0,
+            arm: None,
+            q_offset: SVector::zeros(),
             payload: Payload { mass_kg: 0.0, com_E: Vector3::zeros() },
             encoder: EncoderModel::exact(),
             servo: InnerServo { natural_frequency_rad_s: 60.0 },
@@ -85,8 +91,10 @@ pub struct SimulatedDrive<const N: usize> {
     nominal: Robot<N>,
     /// As it is.
     robot: Robot<N>,
+    /// True positions.
     q: SVector<f64, N>,
     qd: SVector<f64, N>,
+    q_offset: SVector<f64, N>,
     time: Option<MonoNs>,
     step_ns: i64,
     mode: CommandMode,
@@ -98,7 +106,7 @@ pub struct SimulatedDrive<const N: usize> {
 }
 
 impl<const N: usize> SimulatedDrive<N> {
-    /// An arm at rest in `q`.
+    /// An arm at rest where its encoders read `q`.
     ///
     /// # Errors
     /// When there are no sub-steps, or the delay is too long.
@@ -114,14 +122,16 @@ impl<const N: usize> SimulatedDrive<N> {
             return Err(SimulatedDriveError::Delay(settings.command_delay_ticks));
         }
         let payload = settings.payload;
+        let arm = settings.arm.unwrap_or_else(|| robot.clone());
         Ok(Self {
-            q,
+            q: q + settings.q_offset,
+            q_offset: settings.q_offset,
             qd: SVector::zeros(),
             time: None,
             step_ns: (LONGEST_STEP_NS / i64::from(settings.substeps)).max(1),
             mode: settings.mode,
-            friction: settings.friction && has_friction(&robot),
-            robot: robot.clone().with_payload(payload.mass_kg, &payload.com_E),
+            friction: settings.friction && has_friction(&arm),
+            robot: arm.with_payload(payload.mass_kg, &payload.com_E),
             nominal: robot,
             effort_limits: settings.effort_limits,
             commands: Delay::new(settings.command_delay_ticks),
@@ -145,7 +155,8 @@ impl<const N: usize> SimulatedDrive<N> {
     /// The torque that acts for the next `h` seconds; `None` while the brakes hold.
     fn torque(&mut self, h: f64) -> Option<SVector<f64, N>> {
         let command = self.commands.arrived()?;
-        let mut tau = self.servo.torque(&self.nominal, self.mode, command, (&self.q, &self.qd), h);
+        let read = self.q - self.q_offset;
+        let mut tau = self.servo.torque(&self.nominal, self.mode, command, (&read, &self.qd), h);
         if self.effort_limits {
             for (tau, limit) in tau.iter_mut().zip(self.robot.limits()) {
                 *tau = tau.clamp(-limit.effort, limit.effort);
@@ -179,7 +190,7 @@ impl<const N: usize> Drive<N> for SimulatedDrive<N> {
             time.0 += step_ns;
         }
         self.time = Some(time);
-        let (q, qd) = self.encoder.read(&self.q, &self.qd, (time - before).as_s());
+        let (q, qd) = self.encoder.read(&(self.q - self.q_offset), &self.qd, (time - before).as_s());
         DriveState { q, qd, truth: Some((self.q, self.qd)) }
     }
 

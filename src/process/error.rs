@@ -26,6 +26,9 @@ pub enum ProcessError {
     /// The source of frames failed.
     #[error(transparent)]
     Source(#[from] SourceError),
+    /// A camera that runs by itself gives no frames any more.
+    #[error("the camera has given no frame for {0:.1} s: is it connected, and does it run?")]
+    SourceSilent(f64),
     /// The robot file is wrong.
     #[error(transparent)]
     Robot(#[from] RobotError),
@@ -130,7 +133,12 @@ impl ProcessError {
             | Self::DriveProgram { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
             Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),
-            Self::Ipc(_) | Self::Start { .. } | Self::Panicked(_) | Self::Signals(_) | Self::Toml(_) => 1,
+            Self::Ipc(_)
+            | Self::SourceSilent(_)
+            | Self::Start { .. }
+            | Self::Panicked(_)
+            | Self::Signals(_)
+            | Self::Toml(_) => 1,
         }
     }
 }

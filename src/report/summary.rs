@@ -268,6 +268,16 @@ impl Summary {
             or_unknown(f.position_error_m, 1e3, "mm"),
             or_unknown(f.orientation_error_rad, 180.0 / std::f64::consts::PI, "deg"),
         );
+        if f.is_not_as_believed() {
+            let b = &f.believed;
+            let _ = writeln!(
+                t,
+                "as measured   features {}, position {}, orientation {}",
+                or_unknown(b.feature_error, 1.0, "px"),
+                or_unknown(b.position_error_m, 1e3, "mm"),
+                or_unknown(b.orientation_error_rad, 180.0 / std::f64::consts::PI, "deg"),
+            );
+        }
         if self.late_drive_states > 0 {
             let _ = writeln!(t, "drive         {} ticks without a new state in time", self.late_drive_states);
         }

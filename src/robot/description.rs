@@ -69,6 +69,19 @@ impl RobotDescription {
         self.joints.len()
     }
 
+    /// The same arm with `mass` times the masses and inertias of its links, and `friction` times the friction of its joints;
+    /// motors stay as they are.
+    #[must_use]
+    pub fn scaled(mut self, mass: f64, friction: f64) -> Self {
+        for joint in &mut self.joints {
+            joint.inertia.mass *= mass;
+            joint.inertia.about_com *= mass;
+            joint.friction.viscous *= friction;
+            joint.friction.coulomb *= friction;
+        }
+        self
+    }
+
     /// An error that names this file and `element`.
     pub(super) fn error(&self, element: String, problem: Defect) -> RobotError {
         RobotError::Element { file: self.file.clone(), element, problem }

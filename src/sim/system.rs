@@ -71,7 +71,7 @@ pub fn simulate_system(
 ) -> Result<SystemRun, SimError> {
     let vision = assemble::vision(config);
     crate::dispatch_robot!(config.robot, |robot| {
-        let camera = assemble::synthetic_camera(config, robot.clone())?;
+        let camera = assemble::synthetic_camera(config)?;
         let control = assemble::control_loop(config, robot)?;
         let i = config.camera.model.intrinsics();
         let pixels = vec![0; i.width_px as usize * i.height_px as usize];

@@ -1,8 +1,10 @@
-//! Producers of frames, each behind the same trait: whoever replaces one changes nothing behind it.
+//! Producers of frames, each behind one of two traits: whoever replaces one changes nothing behind it.
 //!
 //! ```text
-//! arm states (1 kHz) ─► synthetic ─┐
-//! folder of images   ─► replay    ─┴─► expose(frame, buffer in shared memory)
+//! arm states (1 kHz) ─► synthetic ─┐  scheduled: told when to expose
+//! folder of images   ─► replay    ─┴─► expose(exposure, buffer in shared memory)
+//!                                      free-running: tells when it did
+//! a real camera      ────────────────► wait() ─► Captured { mid, span, sequence, lost }, fill(buffer in shared memory)
 //! ```
 
 mod image_file;
@@ -11,12 +13,14 @@ mod replay;
 pub use crate::scene::Exposure;
 pub use replay::Replay;
 
-use crate::config::assemble::AssembleError;
+use crate::config::assemble::{self, AssembleError};
 use crate::config::{self, Config};
 use crate::messages::JointState;
-use crate::robot::RobotError;
+use crate::robot::{Robot, RobotError};
 use crate::scene::SyntheticCamera;
+use crate::time::{MonoNs, SpanNs};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use thiserror::Error;
 
 /// Whether more frames follow.
@@ -106,8 +110,8 @@ impl SourceError {
     }
 }
 
-/// A producer of frames.
-pub trait Source {
+/// A producer of frames that exposes when it is told to.
+pub trait ScheduledSource {
     /// Tells where the arm is; in the order of time.
     fn arm(&mut self, state: &JointState);
 
@@ -118,23 +122,69 @@ pub trait Source {
     fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError>;
 }
 
+/// A frame that a free-running source has exposed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Captured {
+    /// Middle of its exposure.
+    pub mid: MonoNs,
+    /// Length of its exposure.
+    pub span: SpanNs,
+    /// Counts the source's exposures; a gap is as many frames that it lost.
+    pub sequence: u64,
+    /// Frames since the start that the source lost beside those gaps: damaged ones, for instance.
+    pub lost: u64,
+}
+
+/// A producer of frames that exposes by its own clock and says when it did.
+pub trait FreeRunningSource {
+    /// Waits for the next frame, at most for `longest`; `None` when none came. Frames that came meanwhile and are older
+    /// than it are lost.
+    ///
+    /// # Errors
+    /// [`SourceError`]; the source cannot go on after it.
+    fn wait(&mut self, longest: Duration) -> Result<Option<Captured>, SourceError>;
+
+    /// Fills `out` (columns times rows of the camera, row by row) with the grey levels of the frame that
+    /// [`Self::wait`] gave last, from wherever and in whatever form the source has it.
+    ///
+    /// # Errors
+    /// [`SourceError`]; the source cannot go on after it.
+    fn fill(&mut self, out: &mut [u8]) -> Result<(), SourceError>;
+}
+
+/// A source of either kind.
+pub enum AnySource {
+    /// Told when to expose.
+    Scheduled(Box<dyn ScheduledSource>),
+    /// Tells when it did.
+    FreeRunning(Box<dyn FreeRunningSource>),
+}
+
 /// The source that a configuration names.
 ///
 /// # Errors
 /// [`SourceError`] when it cannot start; files are looked at now, not in the middle of the run.
-pub fn open(config: &Config) -> Result<Box<dyn Source>, SourceError> {
-    match &config.camera.source {
+pub fn open(config: &Config) -> Result<AnySource, SourceError> {
+    Ok(AnySource::Scheduled(match &config.camera.source {
         config::Source::Synthetic { .. } => crate::dispatch_robot!(config.robot, |robot| {
-            Ok(Box::new(crate::config::assemble::synthetic_camera(config, robot)?) as _)
-        })?,
+            synthetic_camera_of(&robot, config).map(|camera| Box::new(camera) as Box<dyn ScheduledSource>)
+        })??,
         config::Source::Replay { folder, repeat } => {
             let i = config.camera.model.intrinsics();
-            Ok(Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat)?))
+            Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat)?)
         }
-    }
+    }))
 }
 
-impl<const N: usize> Source for SyntheticCamera<N> {
+/// The synthetic camera of a configuration whose arm has as many joints as `_robot`.
+fn synthetic_camera_of<const N: usize>(
+    _robot: &Robot<N>,
+    config: &Config,
+) -> Result<SyntheticCamera<N>, AssembleError> {
+    assemble::synthetic_camera(config)
+}
+
+impl<const N: usize> ScheduledSource for SyntheticCamera<N> {
     fn arm(&mut self, state: &JointState) {
         Self::arm(self, state);
     }

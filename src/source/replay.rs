@@ -1,7 +1,7 @@
 //! A folder of images as camera: PNG, PGM or JPEG files in the order of their names.
 
 use super::image_file::{self, Size};
-use super::{Exposure, Position, Source, SourceError};
+use super::{Exposure, Position, ScheduledSource, SourceError};
 use crate::messages::JointState;
 use std::path::{Path, PathBuf};
 
@@ -56,7 +56,7 @@ impl Replay {
     }
 }
 
-impl Source for Replay {
+impl ScheduledSource for Replay {
     fn arm(&mut self, _state: &JointState) {}
 
     fn expose(&mut self, _exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {

@@ -88,7 +88,7 @@ fn motion_px<const N: usize>(file: &str, shift: &Vector3<f64>) -> Option<f64> {
     let robot = config.robot.build::<N>().unwrap();
     let mut q = crate::config::assemble::q_start::<N>(&config).unwrap();
     let X_CO_at = |q: &SVector<f64, N>| {
-        let mut X_WO = config.X_WO;
+        let mut X_WO = config.X_WO().unwrap();
         X_WO.translation.vector += shift;
         config.camera.mount.X_WC(&robot.forward(q)).inv_mul(&X_WO)
     };

@@ -1,7 +1,7 @@
 //! The tables of the drive.
 
 use crate::config::check::Check;
-use crate::config::raw::{DriveKind, RawConfig, SourceKind};
+use crate::config::raw::{DriveKind, RawConfig};
 use crate::config::{DriveProgram, DriveSettings, SimulatedArm};
 use crate::drive::{CommandMode, InnerServo, MAX_DELAY, Payload};
 use crate::robot::RobotDescription;
@@ -64,7 +64,7 @@ pub(super) fn drive(
             let message = format!("{} is not a folder", d.external.folder.display());
             check.wrong("drive.external.folder", message);
         }
-        if raw.camera.source == SourceKind::Replay {
+        if !raw.camera.source.closes_the_loop() {
             check
                 .wrong("drive.kind", "replayed pictures do not show the arm: no external drive can be moved");
         }

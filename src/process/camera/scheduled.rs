@@ -1,12 +1,13 @@
-//! The camera process: exposes on schedule, straight into shared memory.
+//! The loops of a source that is told when to expose: by the machine's clock, or by the ticks of a lockstep control.
 
-use super::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD, frame_shape};
+use super::Shot;
 use crate::config::Config;
 use crate::config::raw::Clock;
-use crate::ipc::{BorrowedFrame, FrameSender, Instance, Receiver, Role, Spin, Waker};
+use crate::ipc::{BorrowedFrame, FrameSender, Receiver, Spin, Waker};
 use crate::messages::{FrameHeader, JointState, frame_flag};
+use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD};
 use crate::rt::{now, sleep_until};
-use crate::source::{self, Exposure, Position, Source};
+use crate::source::{Exposure, Position, ScheduledSource};
 use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -15,29 +16,11 @@ use tracing::info;
 /// From the start to the first exposure: the other processes have joined by then.
 const LEAD: SpanNs = SpanNs(50_000_000);
 
-/// Runs the camera until a stop is requested or the source ends.
-///
-/// # Errors
-/// When the source, shared memory or the instance fails.
-pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), ProcessError> {
-    let source = source::open(config)?;
-    let membership = Membership::join(instance, Role::Camera)?;
-    let services = membership.services();
-    let (arm, waker) = services.joint_state_receiver()?;
-    let frames = services.frame_sender(frame_shape(config))?;
-    services.require_room_for_peers()?;
-    let mut camera = Camera { config, membership: &membership, source, frames, arm, lost: 0 };
-    info!(rate_hz = config.camera.rate_hz, "camera runs");
-    match config.clock {
-        Clock::Realtime => camera.run_by_the_clock(stop),
-        Clock::Lockstep => camera.run_by_the_ticks(&waker, stop),
-    }
-}
-
-struct Camera<'a> {
+/// A camera whose source is told when to expose.
+pub(super) struct Camera<'a> {
     config: &'a Config,
     membership: &'a Membership,
-    source: Box<dyn Source>,
+    source: Box<dyn ScheduledSource>,
     frames: FrameSender,
     arm: Receiver<JointState>,
     lost: u64,
@@ -50,7 +33,25 @@ struct Pending {
     header: FrameHeader,
 }
 
-impl Camera<'_> {
+impl<'a> Camera<'a> {
+    pub(super) fn new(
+        config: &'a Config,
+        membership: &'a Membership,
+        source: Box<dyn ScheduledSource>,
+        frames: FrameSender,
+        arm: Receiver<JointState>,
+    ) -> Self {
+        Self { config, membership, source, frames, arm, lost: 0 }
+    }
+
+    /// Runs until a stop is requested or the source ends; `waker` rings with the arm's states.
+    pub(super) fn run(mut self, waker: &Waker, stop: &StopFlag) -> Result<(), ProcessError> {
+        match self.config.clock {
+            Clock::Realtime => self.run_by_the_clock(stop),
+            Clock::Lockstep => self.run_by_the_ticks(waker, stop),
+        }
+    }
+
     /// Exposes by the machine's clock. Frames whose latency is longer than the period wait in a queue, as they do in the
     /// pipeline of a real camera.
     fn run_by_the_clock(&mut self, stop: &StopFlag) -> Result<(), ProcessError> {
@@ -134,17 +135,9 @@ impl Camera<'_> {
         let mut frame = self.frames.borrow(i.width_px as usize * i.height_px as usize)?;
         let exposure = Exposure { frame_id, mid, span: camera.exposure };
         let position = self.source.expose(&exposure, frame.pixels_mut())?;
-        let header = FrameHeader {
-            frame_id,
-            exposure: camera.stamp(mid),
-            sent: MonoNs::ZERO,
-            exposure_span_ns: exposure.span.0.max(0).unsigned_abs(),
-            lost: self.lost,
-            camera: 0,
-            width_px: i.width_px,
-            height_px: i.height_px,
-            flags: if position == Position::Last { frame_flag::LAST } else { 0 },
-        };
+        let last = position == Position::Last;
+        let shot = Shot { frame_id, mid, span: exposure.span, lost: self.lost, last };
+        let header = shot.header(camera);
         Ok((frame, header))
     }
 

@@ -1,0 +1,154 @@
+//! The camera of a validated run file.
+//!
+//! Two facts about it are apart from one another. A source that is *simulated* has a [`super::Scene`], against which errors are
+//! told; one that *closes the loop* shows what the arm does, so that there is a goal to reach:
+//!
+//! ```text
+//!                   simulated    closes the loop    timing
+//! synthetic            yes             yes          scheduled
+//! a real camera         no             yes          free-running
+//! replay                no              no          scheduled
+//! ```
+
+use super::Config;
+use super::raw::{Clock, SourceKind};
+use crate::camera_model::CameraModel;
+use crate::scene::{FrameSchedule, SceneLook, SensorModel};
+use crate::servo::Mount;
+use crate::time::{MonoNs, SpanNs};
+use std::path::PathBuf;
+
+/// Who says when a source exposes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Timing {
+    /// Whoever asks it for a frame.
+    Scheduled,
+    /// The source itself; it tells when it did.
+    FreeRunning,
+}
+
+impl Timing {
+    /// Why such a source cannot be used under `clock`, and what to do; `None` where it can.
+    #[must_use]
+    pub fn refusal(self, clock: Clock) -> Option<&'static str> {
+        (self == Self::FreeRunning && clock == Clock::Lockstep).then_some(
+            "is `lockstep`, where simulated time says when a frame is exposed; this camera.source exposes by its own \
+             clock: use `realtime`",
+        )
+    }
+}
+
+impl SourceKind {
+    /// Who says when it exposes.
+    #[must_use]
+    pub fn timing(self) -> Timing {
+        match self {
+            Self::Synthetic | Self::Replay => Timing::Scheduled,
+        }
+    }
+
+    /// Whether its pictures are of a simulated scene, so that the truth is known.
+    #[must_use]
+    pub fn is_simulated(self) -> bool {
+        match self {
+            Self::Synthetic => true,
+            Self::Replay => false,
+        }
+    }
+
+    /// Whether its pictures show what the arm does; without that the loop is open, and the arm does not move.
+    #[must_use]
+    pub fn closes_the_loop(self) -> bool {
+        match self {
+            Self::Synthetic => true,
+            Self::Replay => false,
+        }
+    }
+}
+
+impl Config {
+    /// Whether the arm moves what the camera sees.
+    #[must_use]
+    pub fn closes_the_loop(&self) -> bool {
+        self.camera.source.kind().closes_the_loop()
+    }
+}
+
+/// Producer of frames.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Source {
+    /// Rendered.
+    Synthetic {
+        /// Grey levels of the scene.
+        look: SceneLook,
+        /// Imperfections of the sensor.
+        sensor: SensorModel,
+        /// Whether motion during the exposure blurs the picture.
+        motion_blur: bool,
+    },
+    /// Image files.
+    Replay {
+        /// Their folder.
+        folder: PathBuf,
+        /// Starts again after the last one.
+        repeat: bool,
+    },
+}
+
+impl Source {
+    /// The word that names it.
+    #[must_use]
+    pub fn kind(&self) -> SourceKind {
+        match self {
+            Self::Synthetic { .. } => SourceKind::Synthetic,
+            Self::Replay { .. } => SourceKind::Replay,
+        }
+    }
+}
+
+/// The camera.
+#[derive(Debug, Clone)]
+pub struct Camera {
+    /// Producer of frames.
+    pub source: Source,
+    /// Intrinsic parameters and size.
+    pub model: CameraModel,
+    /// Where it sits.
+    pub mount: Mount,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Length of the exposure.
+    pub exposure: SpanNs,
+    /// Middle of the exposure to hand-over.
+    pub latency: SpanNs,
+    /// Which frame is exposed when.
+    pub schedule: FrameSchedule,
+    /// Added to every stamp that the camera gives: what calibration found.
+    pub stamp_offset: SpanNs,
+    /// How wrong the stamps of a simulated camera are; positive: late.
+    pub stamp_error: SpanNs,
+}
+
+impl Camera {
+    /// The stamp of a frame whose exposure has its middle at `mid`: what the camera says, put right by calibration.
+    #[must_use]
+    pub fn stamp(&self, mid: MonoNs) -> MonoNs {
+        mid + self.stamp_error + self.stamp_offset
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_real_time_takes_a_source_that_runs_by_itself() {
+        assert!(Timing::FreeRunning.refusal(Clock::Lockstep).unwrap().contains("use `realtime`"));
+        assert_eq!(Timing::FreeRunning.refusal(Clock::Realtime), None);
+        for clock in [Clock::Realtime, Clock::Lockstep] {
+            for kind in [SourceKind::Synthetic, SourceKind::Replay] {
+                assert_eq!(kind.timing().refusal(clock), None);
+            }
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! What a simulated cell really is where it differs from what the controller believes: `[scene.camera]`, `[scene.target]`,
+//! `[scene.arm]`. Each key has the name of the believed one; left out, what is believed is true.
+
+use serde::{Deserialize, Serialize};
+
+table! {
+    /// The simulated camera where it is not as `[camera]` says.
+    RawTrueCamera {
+        /// `[scene.camera.lens]`
+        lens: RawTrueLens = RawTrueLens::default(),
+        /// `[scene.camera.mount]`
+        mount: RawTrueMount = RawTrueMount::default(),
+    }
+}
+
+table! {
+    /// The lens that the simulated camera really has; left out: as in `[camera.lens]`.
+    RawTrueLens {
+        /// Focal length times horizontal scale, px.
+        fx_px: Option<f64> = None,
+        /// Focal length times vertical scale, px.
+        fy_px: Option<f64> = None,
+        /// Column of the principal point, px.
+        cx_px: Option<f64> = None,
+        /// Row of the principal point, px.
+        cy_px: Option<f64> = None,
+        /// Radial distortion of second order.
+        k1: Option<f64> = None,
+        /// Radial distortion of fourth order.
+        k2: Option<f64> = None,
+        /// Tangential distortion.
+        p1: Option<f64> = None,
+        /// Tangential distortion.
+        p2: Option<f64> = None,
+        /// Radial distortion of sixth order.
+        k3: Option<f64> = None,
+    }
+}
+
+table! {
+    /// Where the simulated camera really sits, in the frame of `[camera.mount]`; left out: as there.
+    RawTrueMount {
+        /// Position, m.
+        position_m: Option<[f64; 3]> = None,
+        /// Roll, pitch, yaw, rad.
+        rotation_rpy_rad: Option<[f64; 3]> = None,
+    }
+}
+
+table! {
+    /// How large the simulated target really is; left out: as `[target]` says, times `scale`.
+    RawTrueTarget {
+        /// Factor on every length of `[target]` that is not given here.
+        scale: Option<f64> = None,
+        /// Side of the square of dots, m.
+        side_m: Option<f64> = None,
+        /// Radius of dots 2 to 4, m.
+        radius_m: Option<f64> = None,
+        /// Radius of dot 1, m.
+        radius_p1_m: Option<f64> = None,
+        /// Light margin of the plate around the square, m.
+        margin_m: Option<f64> = None,
+    }
+}
+
+table! {
+    /// What the simulated arm really is; what its drive is like stands in `[drive.simulated]`.
+    RawTrueArm {
+        /// Name of a shipped robot, or path of a robot file: lengths, masses and friction. Left out: `robot.model`.
+        model: Option<String> = None,
+        /// Factor on the masses and inertias of the links.
+        mass_scale: Option<f64> = None,
+        /// Factor on the joints' friction.
+        friction_scale: Option<f64> = None,
+        /// True position of each joint less what its encoder reads, rad or m; one value stands for all joints, none for 0.
+        q_offset_rad_or_m: Vec<f64> = Vec::new(),
+    }
+}

@@ -1,0 +1,194 @@
+//! `[scene]`: what is true in a simulated cell, from what is believed and what the file says is otherwise.
+
+use super::lens;
+use crate::camera_model::{CameraModel, Distortion, Intrinsics};
+use crate::config::check::{Check, pose};
+use crate::config::raw::{DriveKind, MountKind, RawConfig, RawOccluder};
+use crate::config::target::{LENGTH_M, RawTarget, made};
+use crate::config::{Camera, Scene};
+use crate::robot::{self, RobotDescription};
+use crate::scene::{Occluder, SceneLook, SceneMotion};
+use crate::servo::Mount;
+use crate::target::Target;
+use crate::time::SpanNs;
+use nalgebra::Vector2;
+use std::ops::RangeInclusive;
+
+const SCALE: RangeInclusive<f64> = 0.01..=100.0;
+const MASS_SCALE: RangeInclusive<f64> = 0.1..=10.0;
+const FRICTION_SCALE: RangeInclusive<f64> = 0.0..=10.0;
+/// Farther off no joint is that has ever been referenced, rad or m.
+const OFFSET_RAD_OR_M: RangeInclusive<f64> = -1.0..=1.0;
+
+/// Checks all of `[scene]`; the scene of a run whose pictures are rendered, where camera, target and robot are good.
+pub(super) fn scene(
+    raw: &RawConfig,
+    (camera, believed_target, robot): (Option<&Camera>, Option<&Target>, Option<&RobotDescription>),
+    motion: SceneMotion,
+    check: &mut Check<'_>,
+) -> Option<Scene> {
+    let object = &raw.scene.object;
+    let X_WO = check.pose("scene.object", object.position_m, object.rotation_rpy_rad);
+    let lens = true_lens(raw, camera, check);
+    let mount = true_mount(raw, check);
+    let target = true_target(raw, believed_target, check);
+    let arm = true_arm(raw, robot, check);
+    let q_offset = q_offset(raw, robot, check);
+    let occluder = occluder(&raw.scene.occluder, check);
+    camera.filter(|c| c.source.kind().is_simulated())?;
+    Some(Scene {
+        camera: lens?,
+        mount,
+        target: target?,
+        X_WO,
+        motion,
+        occluder,
+        arm: arm?,
+        q_offset: q_offset?,
+    })
+}
+
+fn true_lens(raw: &RawConfig, camera: Option<&Camera>, check: &mut Check<'_>) -> Option<CameraModel> {
+    let before = check.count_problems();
+    let believed = camera.map(|c| (*c.model.intrinsics(), *c.model.distortion()));
+    // Without a believed lens its numbers do not matter: those that are given are checked all the same.
+    let nothing = Intrinsics { fx_px: 1.0, fy_px: 1.0, cx_px: 0.0, cy_px: 0.0, width_px: 16, height_px: 16 };
+    let instead = believed.unwrap_or((nothing, Distortion::default()));
+    let (intrinsics, distortion) = lens::true_one(&raw.scene.camera.lens, instead, check);
+    if believed.is_none() || check.count_problems() > before {
+        return None;
+    }
+    let made = CameraModel::new(intrinsics, distortion);
+    made.map_err(|e| check.wrong("scene.camera.lens", e.to_string())).ok()
+}
+
+fn true_mount(raw: &RawConfig, check: &mut Check<'_>) -> Mount {
+    let (mount, believed) = (&raw.scene.camera.mount, &raw.camera.mount);
+    // Only what is given here is this table's to answer for.
+    let given = |list: Option<[f64; 3]>| list.unwrap_or_default();
+    check.pose("scene.camera.mount", given(mount.position_m), given(mount.rotation_rpy_rad));
+    let X = pose(
+        mount.position_m.unwrap_or(believed.position_m),
+        mount.rotation_rpy_rad.unwrap_or(believed.rotation_rpy_rad),
+    );
+    match believed.kind {
+        MountKind::EyeInHand => Mount::EyeInHand { X_EC: X },
+        MountKind::EyeToHand => Mount::EyeToHand { X_BC: X },
+    }
+}
+
+fn true_target(raw: &RawConfig, believed: Option<&Target>, check: &mut Check<'_>) -> Option<Target> {
+    let (t, b) = (&raw.scene.target, &raw.target);
+    let before = check.count_problems();
+    let scale = t.scale.map_or(1.0, |scale| check.range("scene.target.scale", scale, SCALE));
+    for (key, given) in [
+        ("side_m", t.side_m),
+        ("radius_m", t.radius_m),
+        ("radius_p1_m", t.radius_p1_m),
+        ("margin_m", t.margin_m),
+    ] {
+        if let Some(length_m) = given {
+            check.range(&format!("scene.target.{key}"), length_m, LENGTH_M);
+        }
+    }
+    believed?;
+    if check.count_problems() > before {
+        return None;
+    }
+    let all = b.scaled(scale);
+    let truth = RawTarget {
+        side_m: t.side_m.unwrap_or(all.side_m),
+        radius_m: t.radius_m.unwrap_or(all.radius_m),
+        radius_p1_m: t.radius_p1_m.unwrap_or(all.radius_p1_m),
+        margin_m: t.margin_m.unwrap_or(all.margin_m),
+        ..all
+    };
+    made("scene.target", &truth, check)
+}
+
+/// `[scene.occluder]`.
+fn occluder(raw: &RawOccluder, check: &mut Check<'_>) -> Option<Occluder> {
+    let [from_s, until_s] = [("from_s", raw.from_s), ("until_s", raw.until_s)]
+        .map(|(key, s)| check.range(&format!("scene.occluder.{key}"), s, 0.0..=1e6));
+    let pair = |key: &str, values: [f64; 2], least: f64, check: &mut Check<'_>| {
+        for (i, m) in values.iter().enumerate() {
+            check.range(&format!("scene.occluder.{key}[{i}]"), *m, least..=100.0);
+        }
+        Vector2::from(values)
+    };
+    let occluder = Occluder {
+        centre_m: pair("center_m", raw.center_m, -100.0, check),
+        size_m: pair("size_m", raw.size_m, 1e-6, check),
+        height_m: check.range("scene.occluder.height_m", raw.height_m, 0.0..=100.0),
+        level: check.range("scene.occluder.level", raw.level, SceneLook::LEVEL),
+        from: SpanNs::from_s(from_s),
+        until: SpanNs::from_s(until_s),
+    };
+    (until_s > from_s).then_some(occluder)
+}
+
+fn true_arm(
+    raw: &RawConfig,
+    believed: Option<&RobotDescription>,
+    check: &mut Check<'_>,
+) -> Option<RobotDescription> {
+    let arm = &raw.scene.arm;
+    if raw.drive.kind == DriveKind::External {
+        for (key, given) in [
+            ("scene.arm.model", arm.model.is_some()),
+            ("scene.arm.mass_scale", arm.mass_scale.is_some()),
+            ("scene.arm.friction_scale", arm.friction_scale.is_some()),
+            ("scene.arm.q_offset_rad_or_m", !arm.q_offset_rad_or_m.is_empty()),
+        ] {
+            if given {
+                check.wrong(key, "the arm of an external drive is the drive's own: change it there");
+            }
+        }
+    }
+    let mass = arm.mass_scale.map_or(1.0, |s| check.range("scene.arm.mass_scale", s, MASS_SCALE));
+    let friction =
+        arm.friction_scale.map_or(1.0, |s| check.range("scene.arm.friction_scale", s, FRICTION_SCALE));
+    let other = match &arm.model {
+        None => None,
+        Some(model) => match robot::load(model) {
+            Ok(robot) => Some(robot),
+            Err(e) => {
+                check.wrong("scene.arm.model", e.to_string());
+                return None;
+            }
+        },
+    };
+    let believed = believed?;
+    if let Some(other) = &other {
+        let kinds = |robot: &RobotDescription| robot.joints.iter().map(|j| j.kind).collect::<Vec<_>>();
+        if kinds(other) != kinds(believed) {
+            let message = format!(
+                "{} has {} joints that are not of the same kinds as the {} of {}: an arm with small differences is meant",
+                other.name,
+                other.joint_count(),
+                believed.joint_count(),
+                believed.name
+            );
+            check.wrong("scene.arm.model", message);
+            return None;
+        }
+    }
+    Some(other.unwrap_or_else(|| believed.clone()).scaled(mass, friction))
+}
+
+fn q_offset(raw: &RawConfig, robot: Option<&RobotDescription>, check: &mut Check<'_>) -> Option<Vec<f64>> {
+    let (key, list) = ("scene.arm.q_offset_rad_or_m", &raw.scene.arm.q_offset_rad_or_m);
+    for (i, offset) in list.iter().enumerate() {
+        check.range(&format!("{key}[{i}]"), *offset, OFFSET_RAD_OR_M);
+    }
+    let joints = robot?.joint_count();
+    match list.as_slice() {
+        [] => Some(vec![0.0; joints]),
+        [one] => Some(vec![*one; joints]),
+        list if list.len() != joints => {
+            check.wrong(key, format!("has {} entries, needs 1 or {joints}", list.len()));
+            None
+        }
+        list => Some(list.to_vec()),
+    }
+}

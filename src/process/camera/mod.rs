@@ -1,0 +1,116 @@
+//! The camera process: frames, straight into shared memory. One loop for sources that are told when to expose, one for those
+//! that tell when they did.
+
+mod free_running;
+mod scheduled;
+
+use super::{Membership, ProcessError, StopFlag, frame_shape};
+use crate::config::{self, Config};
+use crate::ipc::{FrameSender, Instance, Role};
+use crate::messages::{FrameHeader, frame_flag};
+use crate::rt::now;
+use crate::source::{self, AnySource, SourceError};
+use crate::time::{MonoNs, SpanNs};
+use tracing::info;
+
+/// Runs the camera until a stop is requested or the source ends.
+///
+/// # Errors
+/// When the source, shared memory or the instance fails.
+pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), ProcessError> {
+    let source = source::open(config)?;
+    let membership = Membership::join(instance, Role::Camera)?;
+    let services = membership.services();
+    match source {
+        AnySource::Scheduled(source) => {
+            // Control begins when it sees who sends frames: from then on no state of the arm may be missed.
+            let (arm, waker) = services.joint_state_receiver()?;
+            let frames = services.frame_sender(frame_shape(config))?;
+            services.require_room_for_peers()?;
+            info!(rate_hz = config.camera.rate_hz, "camera runs");
+            let camera = scheduled::Camera::new(config, &membership, source, frames, arm);
+            camera.run(&waker, stop)
+        }
+        AnySource::FreeRunning(mut source) => {
+            let frames = services.frame_sender(frame_shape(config))?;
+            services.require_room_for_peers()?;
+            info!("camera runs by its own clock");
+            let mut outlet = SharedMemory { camera: &config.camera, membership: &membership, frames };
+            let patience = free_running::Patience::with(config.camera.rate_hz);
+            free_running::run(source.as_mut(), &mut outlet, patience, stop)
+        }
+    }
+}
+
+/// One exposed frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Shot {
+    /// Counts exposures from 0.
+    frame_id: u64,
+    /// Middle of the exposure.
+    mid: MonoNs,
+    /// Its length.
+    span: SpanNs,
+    /// Frames lost since the start.
+    lost: u64,
+    /// Whether no frame follows.
+    last: bool,
+}
+
+impl Shot {
+    /// What travels with its pixels, before it is sent.
+    fn header(&self, camera: &config::Camera) -> FrameHeader {
+        let i = camera.model.intrinsics();
+        FrameHeader {
+            frame_id: self.frame_id,
+            exposure: camera.stamp(self.mid),
+            sent: MonoNs::ZERO,
+            exposure_span_ns: self.span.0.max(0).unsigned_abs(),
+            lost: self.lost,
+            camera: 0,
+            width_px: i.width_px,
+            height_px: i.height_px,
+            flags: if self.last { frame_flag::LAST } else { 0 },
+        }
+    }
+}
+
+/// Fills a frame's pixels.
+type Fill<'a> = dyn FnMut(&mut [u8]) -> Result<(), SourceError> + 'a;
+
+/// Where the frames of a free-running source go.
+trait Outlet {
+    /// The machine's monotonic clock.
+    fn now(&self) -> MonoNs;
+
+    /// The loop has come round.
+    fn beat(&mut self);
+
+    /// Hands over `shot`, whose pixels `fill` writes.
+    fn publish(&mut self, shot: &Shot, fill: &mut Fill<'_>) -> Result<(), ProcessError>;
+}
+
+/// Frames for the other processes.
+struct SharedMemory<'a> {
+    camera: &'a config::Camera,
+    membership: &'a Membership,
+    frames: FrameSender,
+}
+
+impl Outlet for SharedMemory<'_> {
+    fn now(&self) -> MonoNs {
+        now()
+    }
+
+    fn beat(&mut self) {
+        self.membership.beat();
+    }
+
+    fn publish(&mut self, shot: &Shot, fill: &mut Fill<'_>) -> Result<(), ProcessError> {
+        let header = shot.header(self.camera);
+        let mut frame = self.frames.borrow(header.width_px as usize * header.height_px as usize)?;
+        fill(frame.pixels_mut())?;
+        self.frames.send(frame, FrameHeader { sent: now(), ..header })?;
+        Ok(())
+    }
+}
