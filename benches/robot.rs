@@ -50,11 +50,6 @@ fn forward(bencher: Bencher) {
 }
 
 #[divan::bench]
-fn forward_and_jacobian(bencher: Bencher) {
-    Bench::new().run(bencher, |robot, [q, ..]| robot.forward_and_jacobian(q));
-}
-
-#[divan::bench]
 fn forward_and_jacobian_of_camera(bencher: Bencher) {
     let X_EC = Pose::new(Vector3::new(0.05, 0.0, 0.08), Vector3::new(0.1, 0.2, 1.5));
     Bench::new()
@@ -64,11 +59,6 @@ fn forward_and_jacobian_of_camera(bencher: Bencher) {
 #[divan::bench]
 fn inverse_dynamics(bencher: Bencher) {
     Bench::new().run(bencher, |robot, [q, qd, qdd]| robot.inverse_dynamics(q, qd, qdd));
-}
-
-#[divan::bench]
-fn bias(bencher: Bencher) {
-    Bench::new().run(bencher, |robot, [q, qd, _]| robot.bias(q, qd));
 }
 
 #[divan::bench]
@@ -93,9 +83,4 @@ fn damped_velocity(bencher: Bencher) {
         let J = robot.jacobian(q);
         robot.damped_velocity(q, &J, &Twist::from(V * 0.1), &(qd * 0.0), &options)
     });
-}
-
-#[divan::bench]
-fn condition_number(bencher: Bencher) {
-    Bench::new().run(bencher, |robot, [q, ..]| robot.condition_number(q));
 }

@@ -27,9 +27,6 @@ fn jacobians<const N: usize>(robot: &Robot<N>, a: &Numbers, b: &Numbers) {
     assert!((ahead - behind - predicted).amax() / (2.0 * h) < 1e-8, "{}", robot.name());
     let in_base = robot.jacobian_of_frame(&q, &X_EC, ExpressedIn::Base) * qd;
     assert!((rotate_twist(&X.rotation.to_rotation_matrix(), &V) - in_base).amax() < 1e-12);
-
-    let J_dot = (robot.jacobian(&(q + qd * h)) - robot.jacobian(&(q - qd * h))) / (2.0 * h);
-    assert!((robot.jacobian_dot_qd(&q, &qd) - J_dot * qd).amax() < 1e-8, "{}", robot.name());
 }
 
 fn dynamics<const N: usize>(robot: &Robot<N>, a: &Numbers, b: &Numbers, c: &Numbers) {
@@ -37,7 +34,7 @@ fn dynamics<const N: usize>(robot: &Robot<N>, a: &Numbers, b: &Numbers, c: &Numb
         (vector(a, 3.0), vector(b, 2.0), vector(c, 5.0));
     let tau = robot.inverse_dynamics(&q, &qd, &qdd);
     let scale = tau.amax().max(1.0);
-    let sum = robot.mass_matrix(&q) * qdd + robot.bias(&q, &qd);
+    let sum = robot.mass_matrix(&q) * qdd + robot.inverse_dynamics(&q, &qd, &SVector::zeros());
     assert!((tau - sum).amax() < 1e-12 * scale, "{}", robot.name());
     assert!((robot.forward_dynamics(&q, &qd, &tau) - qdd).amax() < 1e-10 * qdd.amax().max(1.0));
     // g(q) is the slope of the potential energy, and the power of tau goes into the energy.
@@ -59,6 +56,8 @@ fn dynamics<const N: usize>(robot: &Robot<N>, a: &Numbers, b: &Numbers, c: &Numb
 fn payload<const N: usize>(robot: &Robot<N>, a: &Numbers, b: &Numbers) {
     let (q, qd): (SVector<f64, N>, SVector<f64, N>) = (vector(a, 3.0), vector(b, 2.0));
     let (mass, com_E) = (1.3, Vector3::new(b[4], b[5], b[6]) * 0.3);
+    let g_B = Vector3::new(1.0, -2.0, -9.0);
+    let robot = robot.clone().with_gravity(g_B);
     let loaded = robot.clone().with_payload(mass, &com_E);
     let X_EP = Pose::translation(com_E.x, com_E.y, com_E.z);
     let (X_BP, J) = robot.forward_and_jacobian_of_frame(&q, &X_EP, ExpressedIn::Base);
@@ -66,7 +65,7 @@ fn payload<const N: usize>(robot: &Robot<N>, a: &Numbers, b: &Numbers) {
     let kinetic = loaded.kinetic_energy(&q, &qd) - robot.kinetic_energy(&q, &qd);
     assert!((kinetic - 0.5 * mass * v.norm_squared()).abs() < 1e-10 * (1.0 + robot.kinetic_energy(&q, &qd)));
     let potential = loaded.potential_energy(&q) - robot.potential_energy(&q);
-    assert!((potential + mass * robot.gravity_vector().dot(&X_BP.translation.vector)).abs() < 1e-10);
+    assert!((potential + mass * g_B.dot(&X_BP.translation.vector)).abs() < 1e-10);
 }
 
 /// Follows one wanted twist for a second from a posture inside the limits: whatever it is, the limits hold, and
@@ -145,9 +144,6 @@ fn a_modified_table_gives_the_same_arm_as_the_urdf() {
     for k in 0..20 {
         let q = SVector::<f64, 7>::from_fn(|i, _| (f64::from(k) * 1.7 + i as f64 * 0.9).sin() * 3.0);
         assert!((table.jacobian(&q) - urdf.jacobian(&q)).amax() < 1e-12);
-        for (a, b) in table.link_poses(&q).iter().zip(&urdf.link_poses(&q)) {
-            assert!((a.to_homogeneous() - b.to_homogeneous()).amax() < 1e-12);
-        }
         assert!((table.forward(&q).to_homogeneous() - urdf.forward(&q).to_homogeneous()).amax() < 1e-12);
     }
 }

@@ -21,17 +21,6 @@ pub fn rotate_twist(R_AB: &Rotation3<f64>, V_B: &Twist) -> Twist {
     Twist::new(v.x, v.y, v.z, w.x, w.y, w.z)
 }
 
-/// The twist of frame B from that of frame A, both fixed to one rigid body; input expressed in A, result in B.
-#[must_use]
-pub fn transform_twist(X_AB: &Pose, V_A: &Twist) -> Twist {
-    let w_A: Vector3<f64> = V_A.fixed_rows::<3>(3).into();
-    let v_A: Vector3<f64> = V_A.fixed_rows::<3>(0).into();
-    let R_BA = X_AB.rotation.inverse();
-    let v = R_BA * (v_A + w_A.cross(&X_AB.translation.vector));
-    let w = R_BA * w_A;
-    Twist::new(v.x, v.y, v.z, w.x, w.y, w.z)
-}
-
 /// The pose reached after `dt_s` seconds at the constant body twist `V_BC_C` (exponential map on SE(3)).
 #[must_use]
 pub fn integrate_body_twist(X_BC: &Pose, V_BC_C: &Twist, dt_s: f64) -> Pose {
@@ -80,13 +69,6 @@ mod tests {
             let relative = gamma(&at(0.0)) * V;
             prop_assert!((relative.fixed_rows::<3>(0) - p_dot).norm() < 1e-6);
             prop_assert!((relative.fixed_rows::<3>(3) + V.fixed_rows::<3>(3)).norm() < 1e-12);
-        }
-
-        #[test]
-        fn transformed_twist_moves_the_attached_frame(X_BC in pose(), X_CE in pose(), V in twist()) {
-            let moved_c = integrate_body_twist(&X_BC, &V, 0.1) * X_CE;
-            let moved_e = integrate_body_twist(&(X_BC * X_CE), &transform_twist(&X_CE, &V), 0.1);
-            prop_assert!((moved_c.to_homogeneous() - moved_e.to_homogeneous()).norm() < 1e-9);
         }
 
         #[test]

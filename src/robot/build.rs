@@ -54,7 +54,6 @@ impl RobotDescription {
             bodies,
             limits: joints.map(|joint| joint.limits),
             friction: joints.map(|joint| joint.friction),
-            X_link,
             R_flange: *X_flange.rotation.to_rotation_matrix().matrix(),
             p_flange: X_flange.translation.vector,
             gravity_B: self.gravity_B,

@@ -23,12 +23,6 @@ impl<const N: usize> Robot<N> {
         self.newton_euler(&self.trig(q), q, qd, qdd)
     }
 
-    /// `C(q, qd) qd + g(q)`: the torques that leave the arm at its velocity.
-    #[must_use]
-    pub fn bias(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> SVector<f64, N> {
-        self.newton_euler(&self.trig(q), q, qd, &SVector::zeros())
-    }
-
     /// `g(q)`: the torques that hold the arm still.
     #[must_use]
     pub fn gravity(&self, q: &SVector<f64, N>) -> SVector<f64, N> {

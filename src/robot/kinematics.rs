@@ -91,13 +91,6 @@ impl<const N: usize> Robot<N> {
         pose(&R, &p)
     }
 
-    /// The pose in B of every link's frame, as the robot's description places it.
-    #[must_use]
-    pub fn link_poses(&self, q: &SVector<f64, N>) -> [Pose; N] {
-        let frames = self.frames(q, &self.trig(q));
-        std::array::from_fn(|i| pose(&frames.R[i], &frames.p[i]) * self.X_link[i])
-    }
-
     /// The geometric Jacobian of the flange's origin, 6 x N, expressed in B: `V_BE_B = J qd`.
     #[must_use]
     pub fn jacobian(&self, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
@@ -107,14 +100,6 @@ impl<const N: usize> Robot<N> {
             _ => self.p_flange,
         };
         self.columns(&frames, &p)
-    }
-
-    /// [`Self::forward`] and [`Self::jacobian`] in one pass.
-    #[must_use]
-    pub fn forward_and_jacobian(&self, q: &SVector<f64, N>) -> (Pose, SMatrix<f64, 6, N>) {
-        let frames = self.frames(q, &self.trig(q));
-        let (R, p) = self.flange(&frames);
-        (pose(&R, &p), self.columns(&frames, &p))
     }
 
     /// Pose `X_BC` and Jacobian of a camera or tool frame that sits at `X_EC` on the flange, in one pass.
@@ -151,30 +136,6 @@ impl<const N: usize> Robot<N> {
         expressed_in: ExpressedIn,
     ) -> SMatrix<f64, 6, N> {
         self.forward_and_jacobian_of_frame(q, X_EC, expressed_in).1
-    }
-
-    /// `dJ/dt qd` of the flange, expressed in B, `[m/s^2; rad/s^2]`: its acceleration while `qdd` is zero.
-    #[must_use]
-    pub fn jacobian_dot_qd(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> Twist {
-        let frames = self.frames(q, &self.trig(q));
-        let (_, p_E) = self.flange(&frames);
-        let (mut w, mut w_dot, mut a) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
-        let mut p = Vector3::zeros();
-        for i in 0..N {
-            let z = z_axis(&frames.R[i]);
-            let r = frames.p[i] - p;
-            p = frames.p[i];
-            a += cross(&w_dot, &r) + cross(&w, &cross(&w, &r));
-            if self.bodies[i].prismatic {
-                a += cross(&w, &z) * (2.0 * qd[i]);
-            } else {
-                w_dot += cross(&w, &z) * qd[i];
-                w += z * qd[i];
-            }
-        }
-        let r = p_E - p;
-        a += cross(&w_dot, &r) + cross(&w, &cross(&w, &r));
-        Twist::new(a.x, a.y, a.z, w_dot.x, w_dot.y, w_dot.z)
     }
 }
 

@@ -120,15 +120,4 @@ impl<const N: usize> Robot<N> {
         Ldlt::of(&self.composite_bodies(&trig, q))
             .map_or_else(|| SVector::repeat(f64::NAN), |factors| factors.solve(&rest.into()).into())
     }
-
-    /// [`Self::forward_dynamics`] with the arm's own friction taken from `tau`.
-    #[must_use]
-    pub fn forward_dynamics_with_friction(
-        &self,
-        q: &SVector<f64, N>,
-        qd: &SVector<f64, N>,
-        tau: &SVector<f64, N>,
-    ) -> SVector<f64, N> {
-        self.forward_dynamics(q, qd, &(tau - self.friction_torque(qd)))
-    }
 }

@@ -15,7 +15,6 @@
 
 mod bounds;
 mod build;
-mod conditioning;
 mod description;
 mod dh;
 mod dispatch;
@@ -39,7 +38,6 @@ mod xml_size;
 mod xml_tags;
 
 pub use bounds::POSITION_RAD_OR_M;
-pub use conditioning::singular_values;
 pub use description::{JointDescription, Motor, RobotDescription};
 pub use error::{Defect, RobotError};
 pub use inertia::Inertia;

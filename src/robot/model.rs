@@ -1,7 +1,6 @@
 //! The chain as the recursions use it: constants of every joint and link, limits, friction, gravity.
 
-use crate::geometry::Pose;
-use nalgebra::{Matrix3, Rotation3, SVector, Vector3};
+use nalgebra::{Matrix3, SVector, Vector3};
 
 /// What a joint does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,8 +70,6 @@ pub struct Robot<const N: usize> {
     pub(super) bodies: [Body; N],
     pub(super) limits: [JointLimits; N],
     pub(super) friction: [Friction; N],
-    /// The link frames of the description in the frames of `bodies`.
-    pub(super) X_link: [Pose; N],
     /// The flange in the last body's frame.
     pub(super) R_flange: Matrix3<f64>,
     pub(super) p_flange: Vector3<f64>,
@@ -105,33 +102,11 @@ impl<const N: usize> Robot<N> {
         self.limits.iter().zip(q.iter()).position(|(limit, &q)| !(q >= limit.lower && q <= limit.upper))
     }
 
-    /// `q` moved to the nearest position inside the limits.
-    #[must_use]
-    pub fn clamp_to_limits(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
-        let mut clamped = *q;
-        for (q, limit) in clamped.iter_mut().zip(&self.limits) {
-            *q = q.max(limit.lower).min(limit.upper);
-        }
-        clamped
-    }
-
-    /// Gravity in B, m/s^2.
-    #[must_use]
-    pub fn gravity_vector(&self) -> Vector3<f64> {
-        self.gravity_B
-    }
-
     /// The same arm with another gravity vector `g_B` (m/s^2, expressed in B).
     #[must_use]
     pub fn with_gravity(mut self, g_B: Vector3<f64>) -> Self {
         self.gravity_B = g_B;
         self
-    }
-
-    /// The same arm with its base standing at `R_WB` in a world whose z points up: gravity follows.
-    #[must_use]
-    pub fn with_base_orientation(self, R_WB: &Rotation3<f64>) -> Self {
-        self.with_gravity(R_WB.inverse() * Vector3::new(0.0, 0.0, -STANDARD_GRAVITY))
     }
 
     /// The same arm carrying a point of `mass` kg at `com_E` (m, in the flange's frame): a load, or a model error.

@@ -61,7 +61,7 @@ proptest! {
             })
             .collect();
         let robot = scara().with_gravity(Vector3::zeros());
-        let bias = robot.bias(&q, &qd);
+        let bias = robot.inverse_dynamics(&q, &qd, &Vector4::zeros());
         for i in 0..4 {
             let mut c = 0.0;
             for j in 0..4 {
@@ -93,9 +93,6 @@ fn a_stretched_arm_is_damped() {
     let result =
         robot.damped_velocity(&q, &robot.jacobian(&q), &V, &Vector4::zeros(), &InverseOptions::default());
     assert!(result.damping > 0.04 && result.qd.norm() < 1e-9, "{result:?}");
-    assert!(robot.condition_number(&q) > 1e12 && robot.manipulability(&q) < 1e-12);
-    let bent = Vector4::new(0.0, 1.5, 0.4, 0.0);
-    assert!(robot.condition_number(&bent) < 20.0 && robot.manipulability(&bent) > 0.5);
 }
 
 #[test]
@@ -121,24 +118,6 @@ fn input_that_is_not_finite_gives_no_motion() {
 }
 
 #[test]
-fn gravity_follows_the_base() {
-    // The textbook's base has z down: an arm that hangs from a rotated standard base feels the same.
-    let robot = scara();
-    let turned = scara().with_base_orientation(&crate::geometry::rotation_x(std::f64::consts::PI));
-    assert!((robot.gravity_vector() - turned.gravity_vector()).norm() < 1e-14);
-}
-
-#[test]
-fn links_are_where_the_table_puts_them() {
-    let robot = scara();
-    let q = Vector4::new(0.3, -0.8, 0.2, 1.1);
-    let links = robot.link_poses(&q);
-    let elbow = Vector3::new(q[0].cos(), q[0].sin(), 0.0);
-    assert!((links[0].translation.vector - elbow).norm() < 1e-14);
-    assert!((links[3].to_homogeneous() - robot.forward(&q).to_homogeneous()).norm() < 1e-14);
-}
-
-#[test]
 fn friction_slope_is_the_derivative() {
     let robot = scara().with_friction([Friction { viscous: 2.0, coulomb: 1.0 }; 4]);
     for scale in [0.0, 2e-4, 1e-3, 0.3] {
@@ -155,7 +134,7 @@ fn friction_opposes_motion() {
     let qd = Vector4::new(0.5, -0.5, 0.0, 2.0);
     assert!((robot.friction_torque(&qd) - Vector4::new(2.0, -2.0, 0.0, 5.0)).norm() < 1e-12);
     let (q, tau) = (Vector4::new(0.1, 0.9, 0.2, 0.0), Vector4::new(1.0, 2.0, 3.0, 4.0));
-    let with = robot.forward_dynamics_with_friction(&q, &qd, &tau);
+    let with = robot.forward_dynamics(&q, &qd, &(tau - robot.friction_torque(&qd)));
     assert!((robot.inverse_dynamics(&q, &qd, &with) + robot.friction_torque(&qd) - tau).norm() < 1e-10);
 }
 

@@ -112,7 +112,7 @@ fn implicit_friction_agrees_with_the_model() {
     d.write(&free());
     d.read(MonoNs(1_000));
     let measured = (d.qd - qd) * 1e6;
-    let wanted = robot.forward_dynamics_with_friction(&posture(), &qd, &Vector4::zeros());
+    let wanted = robot.forward_dynamics(&posture(), &qd, &-robot.friction_torque(&qd));
     assert!((measured - wanted).norm() < 1e-3 * wanted.norm(), "{measured} {wanted}");
 }
 
