@@ -5,6 +5,9 @@
 //!        └── syntax ──┴── types, unknown keys ──┴── ranges, consistency ──► all Problems of a step at once
 //! ```
 
+#[macro_use]
+mod keys;
+
 pub mod assemble;
 mod camera;
 mod check;

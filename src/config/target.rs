@@ -1,7 +1,6 @@
 //! `[target]`: what the camera looks at. Keys and bounds of all kinds in one place.
 
 use super::check::Check;
-use super::raw::{table, word};
 use crate::target::{DotGrid, FourDots, Target};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;

@@ -7,7 +7,7 @@
 use super::cell::{POINTS, pose_of, project};
 use super::eye::{Eye, Miscalibration, camera};
 use super::findings::Findings;
-use super::plot::{Mark, Panel, Series, figure};
+use super::plot::{Panel, Series, Symbol, figure};
 use super::schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, set_point};
 use super::simulate::simulate;
 use super::{Cell, End, ExperimentError, Metrics, Options, Trajectory};
@@ -126,7 +126,7 @@ pub(super) fn sensitivity(options: &Options<'_>) -> Result<Findings, ExperimentE
         }
         for (i, (scheme, points)) in SCHEMES.iter().zip(points).enumerate() {
             let beside = points.into_iter().map(|(k, e): (f64, f64)| (k + 0.12 * (i as f64 - 2.0), e));
-            panel.push(Series::new(Mark::Circle, i, beside).label(scheme.name()));
+            panel.push(Series::new(Symbol::Circle, i, beside).label(scheme.name()));
         }
         panels.push(panel);
     }

@@ -2,7 +2,7 @@
 
 use super::findings::Findings;
 use super::metrics::Metrics;
-use super::plot::{Mark, Panel, Series, figure};
+use super::plot::{Panel, Series, Symbol, figure};
 use super::schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
 use super::simulate::{SPAN_S, simulate};
 use super::{CameraKind, Cell, CellGoal, ExperimentError, Eye, Options, RenderedEye, Trajectory};
@@ -131,11 +131,11 @@ fn pose_figure(run: &Trajectory, goal: &CellGoal) -> Result<String, ExperimentEr
     let mut position = Panel::new("camera position", "t [s]", "position [m]");
     for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
         position.push(Series::line(i, run.series(|row| row.x_c[i])).label(name));
-        position.push(Series::new(Mark::Dashed, i, [(0.0, goal.x_c[i]), (end, goal.x_c[i])]));
+        position.push(Series::new(Symbol::Dashed, i, [(0.0, goal.x_c[i]), (end, goal.x_c[i])]));
     }
     let orientation = Panel::new("camera orientation", "t [s]", "alpha [rad]")
         .with(Series::line(3, run.series(|row| row.x_c.w)).label("alpha"))
-        .with(Series::new(Mark::Dashed, 3, [(0.0, goal.x_c.w), (end, goal.x_c.w)]));
+        .with(Series::new(Symbol::Dashed, 3, [(0.0, goal.x_c.w), (end, goal.x_c.w)]));
     figure(&run.name, 2, &[position, orientation])
 }
 
@@ -147,16 +147,17 @@ fn feature_figure(run: &Trajectory, goal: &CellGoal) -> Result<String, Experimen
     for i in 0..2 {
         let s_d = goal.s.get(i).map_or((f64::NAN, f64::NAN), |s| (s.x, s.y));
         over_time.push(Series::line(2 * i, run.series(|row| of(row, i).0)).label(format!("X{}", i + 1)));
-        over_time.push(Series::new(Mark::Dashed, 2 * i, [(0.0, s_d.0), (end, s_d.0)]));
+        over_time.push(Series::new(Symbol::Dashed, 2 * i, [(0.0, s_d.0), (end, s_d.0)]));
         over_time.push(Series::line(2 * i + 1, run.series(|row| of(row, i).1)).label(format!("Y{}", i + 1)));
-        over_time.push(Series::new(Mark::Dashed, 2 * i + 1, [(0.0, s_d.1), (end, s_d.1)]));
+        over_time.push(Series::new(Symbol::Dashed, 2 * i + 1, [(0.0, s_d.1), (end, s_d.1)]));
     }
     for i in 0..goal.s.len() {
         paths.push(Series::line(i, run.rows.iter().map(|row| of(row, i))).label(format!("P{}", i + 1)));
     }
     let start: Vec<_> = (0..goal.s.len()).filter_map(|i| run.rows.first().map(|row| of(row, i))).collect();
     let desired: Vec<_> = goal.s.iter().map(|s| (s.x, s.y)).collect();
-    let paths = paths.with(Series::new(Mark::Cross, 6, start)).with(Series::new(Mark::Circle, 6, desired));
+    let paths =
+        paths.with(Series::new(Symbol::Cross, 6, start)).with(Series::new(Symbol::Circle, 6, desired));
     figure(&run.name, 2, &[over_time, paths])
 }
 
@@ -168,8 +169,8 @@ fn path_figure(runs: &[Trajectory], goal: &CellGoal) -> Result<String, Experimen
         side.push(Series::line(i, run.rows.iter().map(|r| (r.x_c.x, r.x_c.z))).label(&run.name));
     }
     let start = runs.iter().find_map(|run| run.rows.first()).map(|row| row.x_c);
-    let cross = |a: usize, b: usize| Series::new(Mark::Cross, 6, start.map(|x| (x[a], x[b])));
-    let circle = |a: usize, b: usize| Series::new(Mark::Circle, 6, [(goal.x_c[a], goal.x_c[b])]);
+    let cross = |a: usize, b: usize| Series::new(Symbol::Cross, 6, start.map(|x| (x[a], x[b])));
+    let circle = |a: usize, b: usize| Series::new(Symbol::Circle, 6, [(goal.x_c[a], goal.x_c[b])]);
     let panels = [above.with(cross(0, 1)).with(circle(0, 1)), side.with(cross(0, 2)).with(circle(0, 2))];
     figure("camera-paths", 2, &panels)
 }

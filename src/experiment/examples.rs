@@ -3,7 +3,7 @@
 use super::ExperimentError;
 use super::cell::{POINTS, desired_object, pose_of, project};
 use super::findings::Findings;
-use super::plot::{Mark, Panel, Series, figure};
+use super::plot::{Panel, Series, Symbol, figure};
 use crate::features::segment_features;
 use crate::geometry::{Pose, rotation_angle, rotation_y};
 use crate::pose::{
@@ -57,8 +57,8 @@ fn image_panel(title: &str, from: &[Vector2<f64>], to: &[Vector2<f64>]) -> Panel
     let xy = |s: &[Vector2<f64>]| s.iter().map(|s| (s.x, s.y)).collect::<Vec<_>>();
     Panel::new(title, "X [-]", "Y [-]")
         .equal_scales()
-        .with(Series::new(Mark::Cross, 6, xy(from)).label("start"))
-        .with(Series::new(Mark::Circle, 6, xy(to)).label("end"))
+        .with(Series::new(Symbol::Cross, 6, xy(from)).label("start"))
+        .with(Series::new(Symbol::Circle, 6, xy(to)).label("end"))
 }
 
 /// Example 10.1: features of the square, homography, pose.
@@ -94,7 +94,7 @@ pub(super) fn example_10_1() -> Result<Findings, ExperimentError> {
         Panel::new(title, x, y)
             .equal_scales()
             .with(Series::line(0, corner(p)))
-            .with(Series::new(Mark::Circle, 1, p.iter().map(|p| (p.x, p.y))).label("P1 ... P4"))
+            .with(Series::new(Symbol::Circle, 1, p.iter().map(|p| (p.x, p.y))).label("P1 ... P4"))
     };
     let panels = [
         panel("object", "x_o [m]", "y_o [m]", &square),
@@ -157,7 +157,7 @@ fn estimation_figures<const M: usize>(
     let end = time(shown - 1);
     for i in 0..M {
         let path = run.x.iter().take(shown).enumerate().map(|(k, x)| (time(k), x[i]));
-        let goal = Series::new(Mark::Dashed, i, [(0.0, truth[i]), (end, truth[i])]);
+        let goal = Series::new(Symbol::Dashed, i, [(0.0, truth[i]), (end, truth[i])]);
         let (panel, name) = match AXES.get(i) {
             Some(axis) => (&mut position, *axis),
             None => (&mut orientation, angles.get(i - 3).copied().unwrap_or("angle")),

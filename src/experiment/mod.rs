@@ -35,7 +35,7 @@ pub use eye::{Eye, Miscalibration, RenderedEye};
 pub use findings::{Figure, Findings};
 pub use gain_delay::{DELAYS_MS, Disturbance, Finding, Loop, errors_to_bear, study};
 pub use metrics::{CellGoal, Metrics, RemainingErrors, SettlingTimes, path_deviation, settling_time};
-pub use plot::{Mark, Panel, Series, figure};
+pub use plot::{Panel, Series, Symbol, figure};
 pub use retreat::{ROTATIONS_DEG, pure_rotation, retreat_of};
 pub use schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
 pub use simulate::{LawInput, SPAN_S, STEP_S, STEPS_PER_FRAME, simulate, simulate_at};

@@ -2,7 +2,7 @@
 //! rendered images, 25 Hz, 40 ms from exposure to use.
 
 use super::findings::Findings;
-use super::plot::{Mark, Panel, Series, figure};
+use super::plot::{Panel, Series, Symbol, figure};
 use super::{ExperimentError, Options};
 use crate::config::Config;
 use crate::sim::{Moment, SystemRun, simulate_system};
@@ -78,7 +78,7 @@ pub(super) fn moving_target(options: &Options<'_>) -> Result<Findings, Experimen
                     "motion": motion, "camera": camera, "feed_forward": follows,
                     "steady_rms_px": rms, "steady_max_px": max, "target_lost": run.target_lost,
                 }));
-                let mark = if follows { Mark::Line } else { Mark::Dashed };
+                let mark = if follows { Symbol::Line } else { Symbol::Dashed };
                 let every_10_ms = errors.into_iter().step_by(10);
                 panel.push(Series::new(mark, i, every_10_ms).label(format!("{with}, {camera}")));
             }

@@ -33,7 +33,7 @@ fn font(shown: u32) -> (&'static str, u32) {
 
 /// How a series is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mark {
+pub enum Symbol {
     /// A line through the points.
     Line,
     /// A dashed line: goals.
@@ -49,20 +49,20 @@ pub enum Mark {
 pub struct Series {
     label: Option<String>,
     points: Vec<(f64, f64)>,
-    mark: Mark,
+    mark: Symbol,
     colour: usize,
 }
 
 impl Series {
     /// A series in the colour of this number, without a label.
-    pub fn new(mark: Mark, colour: usize, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
+    pub fn new(mark: Symbol, colour: usize, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
         let points = points.into_iter().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
         Self { label: None, points, mark, colour }
     }
 
     /// A line.
     pub fn line(colour: usize, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
-        Self::new(Mark::Line, colour, points)
+        Self::new(Symbol::Line, colour, points)
     }
 
     /// Its line, and that of a dashed one.
@@ -228,10 +228,10 @@ impl Panel {
             let (style, thin) = series.styles();
             let points = || thinned(&series.points);
             match series.mark {
-                Mark::Line => chart.draw_series(LineSeries::new(points(), style))?,
-                Mark::Dashed => chart.draw_series(DashedLineSeries::new(points(), px(6), px(4), thin))?,
-                Mark::Cross => chart.draw_series(points().map(|p| Cross::new(p, px(5), style)))?,
-                Mark::Circle => chart.draw_series(points().map(|p| Circle::new(p, px(5), style)))?,
+                Symbol::Line => chart.draw_series(LineSeries::new(points(), style))?,
+                Symbol::Dashed => chart.draw_series(DashedLineSeries::new(points(), px(6), px(4), thin))?,
+                Symbol::Cross => chart.draw_series(points().map(|p| Cross::new(p, px(5), style)))?,
+                Symbol::Circle => chart.draw_series(points().map(|p| Circle::new(p, px(5), style)))?,
             };
         }
         Ok(())
@@ -252,13 +252,13 @@ impl Panel {
             let at = |x: u32, y: u32| (px(x) as i32, (px(44 + 18 * i as u32 + y)) as i32);
             let (style, thin) = series.styles();
             match series.mark {
-                Mark::Line => side.draw(&PathElement::new(vec![at(0, 0), at(18, 0)], style))?,
-                Mark::Dashed => {
+                Symbol::Line => side.draw(&PathElement::new(vec![at(0, 0), at(18, 0)], style))?,
+                Symbol::Dashed => {
                     side.draw(&PathElement::new(vec![at(0, 0), at(7, 0)], thin))?;
                     side.draw(&PathElement::new(vec![at(11, 0), at(18, 0)], thin))?;
                 }
-                Mark::Cross => side.draw(&Cross::new(at(9, 0), px(4), style))?,
-                Mark::Circle => side.draw(&Circle::new(at(9, 0), px(4), style))?,
+                Symbol::Cross => side.draw(&Cross::new(at(9, 0), px(4), style))?,
+                Symbol::Circle => side.draw(&Circle::new(at(9, 0), px(4), style))?,
             }
             let (x, y) = at(24, 0);
             side.draw(&Text::new(label.as_str(), (x, y - px(6) as i32), font(12).into_font()))?;
@@ -328,8 +328,8 @@ mod tests {
     fn a_figure_has_its_labels_and_survives_bad_numbers() {
         let panel = Panel::new("title", "t [s]", "x [m]")
             .with(Series::line(0, (0..5000).map(|i| (f64::from(i), 0.5))).label("name"))
-            .with(Series::new(Mark::Cross, 1, [(0.0, f64::NAN)]))
-            .with(Series::new(Mark::Dashed, 8, [(0.0, 1.0), (9.0, 1.0)]).label("goal"));
+            .with(Series::new(Symbol::Cross, 1, [(0.0, f64::NAN)]))
+            .with(Series::new(Symbol::Dashed, 8, [(0.0, 1.0), (9.0, 1.0)]).label("goal"));
         let log = Panel::new("error", "n", "e").log_y().with(Series::line(0, [(0.0, 1.0), (1.0, 1e-9)]));
         let empty = Panel::new("nothing", "X", "Y").equal_scales();
         let svg = figure("f", 2, &[panel, log, empty]).unwrap();

@@ -5,7 +5,7 @@
 //! `z / z_0 = 1 / cos(theta/2)`. The law is computed at every millisecond: the effect is the law's, not the sampling's.
 
 use super::findings::Findings;
-use super::plot::{Mark, Panel, Series, figure};
+use super::plot::{Panel, Series, Symbol, figure};
 use super::schemes::{Pilot, set_point};
 use super::simulate::{STEP_S, simulate_at};
 use super::{Cell, End, ExperimentError, Eye, Options, Trajectory};
@@ -92,7 +92,7 @@ pub(super) fn retreat(options: &Options<'_>) -> Result<Findings, ExperimentError
             .log_y()
             .with(line(0, &desired).label("z_d"))
             .with(line(1, &known).label("true z"))
-            .with(Series::new(Mark::Dashed, 6, theory).label("1/cos(theta/2)")),
+            .with(Series::new(Symbol::Dashed, 6, theory).label("1/cos(theta/2)")),
     );
     let svg = figure("retreat", 3, &panels)?;
     out.figure(

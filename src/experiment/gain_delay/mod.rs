@@ -12,7 +12,7 @@ mod closed_loop;
 pub use closed_loop::{Disturbance, Loop};
 
 use super::findings::Findings;
-use super::plot::{Mark, Panel, Series, figure};
+use super::plot::{Panel, Series, Symbol, figure};
 use super::schemes::Scheme;
 use super::{Cell, ExperimentError, Options};
 use crate::servo::UpdatePolicy;
@@ -160,7 +160,7 @@ pub(super) fn gain_delay(options: &Options<'_>) -> Result<Findings, ExperimentEr
     let mut limits = Panel::new("largest stable gain", "delay [ms]", "K [1/s]").log_y();
     let mut times = Panel::new("settling time", "delay [ms]", "t [s]").log_y();
     let mut responses = Panel::new("scheme D, lagged arm", "t [s]", "error [m + rad]");
-    for (arm, lag_s, mark) in [("ideal", 0.0, Mark::Dashed), ("lag 20 ms", LAG_S, Mark::Line)] {
+    for (arm, lag_s, mark) in [("ideal", 0.0, Symbol::Dashed), ("lag 20 ms", LAG_S, Symbol::Line)] {
         for (i, scheme) in [Scheme::B, Scheme::D].into_iter().enumerate() {
             let mut curves = [const { Vec::new() }; 4];
             for (k, delay_ms) in DELAYS_MS.into_iter().enumerate() {
@@ -180,8 +180,8 @@ pub(super) fn gain_delay(options: &Options<'_>) -> Result<Findings, ExperimentEr
                 }
                 if lag_s > 0.0 && scheme == Scheme::D {
                     for (update, best, mark, name) in [
-                        (UpdatePolicy::Frame, f.frame, Mark::Dashed, "frame"),
-                        (UpdatePolicy::Predict, f.predict, Mark::Line, "predict"),
+                        (UpdatePolicy::Frame, f.frame, Symbol::Dashed, "frame"),
+                        (UpdatePolicy::Predict, f.predict, Symbol::Line, "predict"),
                     ] {
                         let studied =
                             Loop { scheme, update, delay_ms, lag_s, disturbance: Disturbance::NONE };
