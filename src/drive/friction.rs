@@ -9,6 +9,7 @@
 //! `impulse`. The left side is the gradient of
 //! a convex function of `v'`, so Newton's method with a line search finds the one solution from anywhere.
 
+use crate::linalg::Ldlt;
 use crate::robot::Robot;
 use nalgebra::SVector;
 
@@ -32,13 +33,9 @@ pub(super) fn after_friction<const N: usize>(
     let gradient = |v: &SVector<f64, N>| B * v + robot.friction_torque(v) * h - p;
     for _ in 0..MOST_STEPS {
         let slope = robot.friction_slope(&v);
-        let mut A = B;
-        for i in 0..N {
-            A[(i, i)] += h * slope[i];
-        }
         // Positive definite, as the mass matrix is.
-        let Some(factor) = nalgebra::Cholesky::new(A) else { return v };
-        let step = -factor.solve(&gradient(&v));
+        let Some(factors) = Ldlt::new(&B.data.0, &(slope * h).into()) else { return v };
+        let step = -SVector::from(factors.solve(&gradient(&v).into()));
         let downhill = |t: f64| gradient(&(v + step * t)).dot(&step) <= 0.0;
         let t = if downhill(1.0) {
             1.0

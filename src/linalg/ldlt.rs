@@ -5,6 +5,8 @@
 
 #![allow(clippy::needless_range_loop)] // matrix indices read better
 
+use nalgebra::SMatrix;
+
 /// Smallest `d_i / a_ii` that still counts as full rank: singular values in a ratio of about 1e-6.
 pub(crate) const RANK_TOLERANCE: f64 = 1e-12;
 
@@ -54,6 +56,17 @@ impl<const N: usize> Ldlt<N> {
         regular.then_some(Self { lower, inverse_pivots, least_ratio })
     }
 
+    /// Factors the symmetric matrix `A`; `None` as [`Self::new`].
+    #[inline(always)]
+    pub(crate) fn of(A: &SMatrix<f64, N, N>) -> Option<Self> {
+        Self::new(&A.data.0, &[0.0; N])
+    }
+
+    /// The least pivot, in the units of `A`.
+    pub(crate) fn least_pivot(&self) -> f64 {
+        self.inverse_pivots.iter().copied().fold(0.0, f64::max).recip()
+    }
+
     /// The least `d_i / a_ii`, in (0, 1].
     #[inline]
     pub(crate) fn least_ratio(&self) -> f64 {
@@ -83,18 +96,8 @@ impl<const N: usize> Ldlt<N> {
     /// The inverse of `A`, symmetric to the last bit.
     #[inline]
     pub(crate) fn inverse(&self) -> [[f64; N]; N] {
-        // A^-1 = M^T D^-1 M with M = L^-1, unit lower triangular.
-        let mut m = [[0.0; N]; N];
-        for j in 0..N {
-            m[j][j] = 1.0;
-            for i in j + 1..N {
-                let mut x = -self.lower[i][j];
-                for k in j + 1..i {
-                    x -= self.lower[i][k] * m[k][j];
-                }
-                m[i][j] = x;
-            }
-        }
+        // A^-1 = M^T D^-1 M with M = L^-1.
+        let m = self.inverse_of_lower();
         let mut inverse = [[0.0; N]; N];
         for i in 0..N {
             for j in 0..=i {
@@ -107,6 +110,38 @@ impl<const N: usize> Ldlt<N> {
             }
         }
         inverse
+    }
+
+    /// The trace of the inverse of `A`.
+    #[inline]
+    pub(crate) fn inverse_trace(&self) -> f64 {
+        let m = self.inverse_of_lower();
+        let mut trace = 0.0;
+        for k in 0..N {
+            let mut squares = 0.0;
+            for j in 0..=k {
+                squares += m[k][j] * m[k][j];
+            }
+            trace += self.inverse_pivots[k] * squares;
+        }
+        trace
+    }
+
+    /// L^-1, unit lower triangular.
+    #[inline(always)]
+    fn inverse_of_lower(&self) -> [[f64; N]; N] {
+        let mut m = [[0.0; N]; N];
+        for j in 0..N {
+            m[j][j] = 1.0;
+            for i in j + 1..N {
+                let mut x = -self.lower[i][j];
+                for k in j + 1..i {
+                    x -= self.lower[i][k] * m[k][j];
+                }
+                m[i][j] = x;
+            }
+        }
+        m
     }
 }
 
@@ -127,6 +162,9 @@ mod tests {
             prop_assert!((A * x - SVector::from(b)).norm() < 1e-9);
             let inverse = SMatrix::<f64, 4, 4>::from_fn(|i, j| factors.inverse()[i][j]);
             prop_assert!((A * inverse - SMatrix::<f64, 4, 4>::identity()).norm() < 1e-8);
+            prop_assert!((factors.inverse_trace() - inverse.trace()).abs() < 1e-9 * inverse.trace());
+            let D = SVector::<f64, 4>::from(factors.inverse_pivots).map(f64::recip);
+            prop_assert!((D.product() - A.determinant()).abs() < 1e-9 * D.product() && factors.least_pivot() == D.min());
             prop_assert!(factors.least_ratio() > 0.0 && factors.least_ratio() <= 1.0);
         }
     }

@@ -10,6 +10,7 @@
 //! not chatter about zero as a measured one does. Without it a light wrist with much friction would lag far behind.
 
 use super::ReferenceState;
+use crate::linalg::Ldlt;
 use crate::robot::Robot;
 use nalgebra::SVector;
 
@@ -105,7 +106,10 @@ impl<const N: usize> PdGravityControl<N> {
     #[must_use]
     pub fn for_posture(robot: &Robot<N>, q: &SVector<f64, N>, omega_rad_s: f64, zeta: f64) -> Self {
         let B = robot.mass_matrix(q);
-        let free = B.cholesky().map_or(B.diagonal(), |L| L.inverse().diagonal().map(f64::recip));
+        let free = Ldlt::of(&B).map_or(B.diagonal(), |factors| {
+            let inverse = factors.inverse();
+            SVector::from_fn(|i, _| inverse[i][i].recip())
+        });
         Self { stiffness: free * (omega_rad_s * omega_rad_s), damping: free * (2.0 * zeta * omega_rad_s) }
     }
 

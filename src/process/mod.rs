@@ -6,6 +6,7 @@ pub mod control;
 pub mod drive_guard;
 mod error;
 mod membership;
+mod signals;
 mod silence;
 mod stop;
 pub mod supervisor;
@@ -13,7 +14,9 @@ pub mod vision;
 
 pub use error::ProcessError;
 pub use membership::Membership;
-pub use stop::{StopFlag, follow_parent};
+pub use signals::follow_parent;
+use stop::STOP_REASON;
+pub use stop::StopFlag;
 
 use crate::config::Config;
 use crate::config::raw::Clock;

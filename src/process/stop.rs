@@ -1,12 +1,13 @@
-//! Requests to stop: SIGINT, SIGTERM, SIGHUP, and the death of the supervisor.
+//! Requests to stop, for all threads of a process.
 
-use super::ProcessError;
 use crate::rt::now;
 use crate::time::SpanNs;
-use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+
+/// Why a run ends on request.
+pub(super) const STOP_REASON: &str = "a stop was requested";
 
 /// Set once a stop is requested; shared by all threads of a process.
 #[derive(Debug, Clone, Default)]
@@ -15,17 +16,6 @@ pub struct StopFlag {
 }
 
 impl StopFlag {
-    /// A flag that the signals of this process set.
-    ///
-    /// # Errors
-    /// When the handler cannot be installed.
-    pub fn on_signals() -> Result<Self, ProcessError> {
-        let flag = Self::default();
-        let handle = flag.clone();
-        ctrlc::set_handler(move || handle.request())?;
-        Ok(flag)
-    }
-
     /// Asks for the stop.
     pub fn request(&self) {
         self.requested.store(true, Ordering::Relaxed);
@@ -46,14 +36,5 @@ impl StopFlag {
     #[must_use]
     pub fn is_requested(&self) -> bool {
         self.requested.load(Ordering::Relaxed)
-    }
-}
-
-/// Makes the kernel send this process a SIGTERM when its supervisor, `parent`, dies in whatever way.
-pub fn follow_parent(parent: i32, stop: &StopFlag) {
-    let armed = set_parent_process_death_signal(Some(Signal::TERM));
-    // It may have died before: then this process has another parent by now.
-    if armed.is_err() || getppid().map(Pid::as_raw_pid) != Some(parent) {
-        stop.request();
     }
 }

@@ -4,8 +4,8 @@ use super::description::RobotDescription;
 use super::error::{Defect, RobotError};
 use super::inertia::Inertia;
 use super::model::{Body, Robot};
-use super::small::cholesky;
 use crate::geometry::{Pose, rotation_x};
+use crate::linalg::Ldlt;
 use nalgebra::{Matrix3, SVector, UnitQuaternion, UnitVector3, Vector3};
 
 /// Least inertia that a joint moves while the others are free, kg m^2 or kg: what is less accelerates without bounds.
@@ -63,8 +63,8 @@ impl RobotDescription {
         // over the turn leave no room for a zero that depends on the posture.
         for k in 0..5 {
             let q = SVector::from_fn(|i, _| f64::from(k) * (0.7 + 0.31 * i as f64));
-            let L = cholesky(&robot.mass_matrix(&q));
-            if !L.is_some_and(|L| L.diagonal().min() >= LEAST_INERTIA.sqrt()) {
+            let factors = Ldlt::of(&robot.mass_matrix(&q));
+            if !factors.is_some_and(|factors| factors.least_pivot() >= LEAST_INERTIA) {
                 return Err(self.error(format!("robot \"{}\"", self.name), Defect::MassMatrix));
             }
         }

@@ -3,11 +3,11 @@
 //! `qd = qd_p + argmin |V - J qd|^2 + lambda^2 |qd - qd_p|^2`, where `qd_p` is a preferred velocity, felt only where
 //! the twist leaves the arm free. The damping rises as the arm nears a singular posture, by
 //! `s = tr((J J^T)^-1)^(-1/2)`, which lies between the least singular value over sqrt(6) and that value, and costs
-//! one small Cholesky factor: `lambda^2 = lambda_max^2 (1 - (s/s_0)^2)` for `s < s_0`, else zero.
+//! one small factorisation: `lambda^2 = lambda_max^2 (1 - (s/s_0)^2)` for `s < s_0`, else zero.
 
 use super::model::Robot;
-use super::small::{cholesky, cholesky_solve, inverse_trace};
 use crate::geometry::Twist;
+use crate::linalg::Ldlt;
 use nalgebra::{Matrix6, SMatrix, SVector};
 
 /// How [`Robot::damped_velocity`] treats singular postures and limits.
@@ -158,18 +158,18 @@ fn damped_solve<const M: usize>(
     ones: usize,
     options: &InverseOptions,
 ) -> (SVector<f64, M>, f64, f64) {
-    let L = cholesky(G);
-    let trace = L.as_ref().map_or(f64::INFINITY, inverse_trace) - ones as f64;
+    let factors = Ldlt::of(G);
+    let trace = factors.as_ref().map_or(f64::INFINITY, Ldlt::inverse_trace) - ones as f64;
     let s = if trace > 0.0 { trace.sqrt().recip() } else { f64::INFINITY };
     let ratio = s / options.singular_below;
     if ratio >= 1.0
-        && let Some(L) = L
+        && let Some(factors) = factors
     {
-        return (cholesky_solve(&L, b), s, 0.0);
+        return (factors.solve(&(*b).into()).into(), s, 0.0);
     }
     let damping2 = options.damping_max * options.damping_max * (1.0 - ratio * ratio).max(0.0);
-    let damped = G + SMatrix::<f64, M, M>::identity() * damping2;
     // With no damping allowed in a singular posture there is no answer: stand still.
-    let x = cholesky(&damped).map_or_else(SVector::zeros, |L| cholesky_solve(&L, b));
+    let damped = Ldlt::new(&G.data.0, &[damping2; M]);
+    let x = damped.map_or_else(SVector::zeros, |factors| factors.solve(&(*b).into()).into());
     (x, s, damping2.sqrt())
 }

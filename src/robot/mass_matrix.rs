@@ -1,9 +1,9 @@
-//! The inertia matrix B(q) by composite rigid bodies, and forward dynamics with its Cholesky factor.
+//! The inertia matrix B(q) by composite rigid bodies, and forward dynamics with its factors.
 
 use super::joint_axis::z_axis;
 use super::kinematics::Trig;
 use super::model::Robot;
-use super::small::{cholesky, cholesky_solve};
+use crate::linalg::Ldlt;
 use crate::linalg::products3::{cross, dot, mul};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -117,8 +117,8 @@ impl<const N: usize> Robot<N> {
         let trig = self.trig(q);
         let rest = tau - self.newton_euler(&trig, q, qd, &SVector::zeros());
         // B(q) of an arm that passed the checks at loading is positive definite at every finite q.
-        cholesky(&self.composite_bodies(&trig, q))
-            .map_or_else(|| SVector::repeat(f64::NAN), |L| cholesky_solve(&L, &rest))
+        Ldlt::of(&self.composite_bodies(&trig, q))
+            .map_or_else(|| SVector::repeat(f64::NAN), |factors| factors.solve(&rest.into()).into())
     }
 
     /// [`Self::forward_dynamics`] with the arm's own friction taken from `tau`.

@@ -31,7 +31,6 @@ mod kinematics;
 mod mass_matrix;
 mod model;
 mod shipped;
-mod small;
 mod trig;
 mod urdf;
 mod xml_fault;

@@ -16,6 +16,7 @@ use super::KnownCell;
 use crate::calibration::{Recording, SeenTarget};
 use crate::features::{point_image_jacobian, point_rows};
 use crate::geometry::{Pose, Twist, integrate_body_twist};
+use crate::linalg::Ldlt;
 use crate::servo::Mount;
 use nalgebra::{Point3, SMatrix, SVector, Vector2, Vector3};
 
@@ -310,9 +311,7 @@ fn huber_weight(e: &Residual, spread: f64) -> f64 {
     (HUBER * spread / e.r.norm().max(f64::MIN_POSITIVE)).min(1.0)
 }
 
-/// The inverse of a positive definite matrix; metres and radians are brought to one scale before.
+/// The inverse of a positive definite matrix.
 fn inverse(H: &Hessian) -> Option<Hessian> {
-    let scale = H.diagonal().map(|d| d.sqrt().recip());
-    let D = Hessian::from_diagonal(&scale);
-    Some(D * (D * H * D).cholesky()?.inverse() * D)
+    Some(Ldlt::of(H)?.inverse().into())
 }

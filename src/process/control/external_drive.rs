@@ -1,4 +1,5 @@
-//! Control's connection to an external drive: messages between shared memory and the [`DriveLink`] of the drive core.
+//! Control's connection to an external drive: messages between shared memory and the [`DriveLink`](crate::drive::DriveLink) of the
+//! drive core.
 //!
 //! ```text
 //! drive/state   ──► DrivePorts ──ring──► Rings (DriveLink) ──► ExternalDrive::read
@@ -7,9 +8,10 @@
 //! In real time the ports belong to the companion thread and the rings cross to the real-time thread. In lockstep both
 //! ends are on one thread, which waits for the answer to every command.
 
+use super::drive_rings::Rings;
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
-use crate::drive::{CommandMode, DriveFault, DriveLink, ExternalDrive};
+use crate::drive::{CommandMode, DriveFault, ExternalDrive};
 use crate::ipc::{DrivePresence, Receiver, Sender, Spin, Waker};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag};
@@ -38,22 +40,6 @@ pub(super) const HURRY: SpanNs = SpanNs(500_000_000);
 const FAREWELL: SpanNs = SpanNs(200_000_000);
 /// How long a run that is to stop still waits for the drive.
 const STOP_PATIENCE: SpanNs = SpanNs(300_000_000);
-
-/// The drive core's end of the rings.
-struct Rings {
-    states: Consumer<DriveStateMsg>,
-    commands: Producer<DriveCommandMsg>,
-}
-
-impl DriveLink for Rings {
-    fn receive(&mut self) -> Option<DriveStateMsg> {
-        self.states.pop().ok()
-    }
-
-    fn send(&mut self, command: &DriveCommandMsg) {
-        let _ = self.commands.push(*command); // full only when the companion hangs: the drive then stops by itself
-    }
-}
 
 /// What became of the wait for a state.
 pub(super) enum Answer {

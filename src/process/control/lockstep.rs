@@ -5,13 +5,14 @@
 //! the order in which processes run.
 
 use super::external_drive::{self, Answer, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL};
-use super::{Pace, Ports, STOP_REASON};
+use super::{Pace, Ports};
 use crate::calibration::Recording;
 use crate::config::Config;
 use crate::control::control_loop::ControlLoop;
 use crate::control::safety::Fault;
 use crate::ipc::{FrameShape, Role, Spin};
 use crate::messages::{Measurement, frame_flag};
+use crate::process::STOP_REASON;
 use crate::process::silence::Silence;
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD};
 use crate::report::statistics::RunStatistics;

@@ -2,9 +2,11 @@
 //! carries measurements in and records out; in lockstep one thread does both, because its time is simulated.
 
 mod deadlines;
+mod drive_rings;
 mod external_drive;
 mod lockstep;
 mod realtime;
+mod realtime_thread;
 
 use super::{Membership, ProcessError, StopFlag, frame_shape};
 use crate::calibration::{KnownCell, Recording, stamp_offset};
@@ -21,9 +23,6 @@ use crate::rt::now;
 use crate::time::SpanNs;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
-
-/// Why a run ends on request.
-const STOP_REASON: &str = "a stop was requested";
 
 /// Runs control to the end of the run.
 ///

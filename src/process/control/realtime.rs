@@ -7,24 +7,21 @@
 //! drive/state, drive/command ◄─rings─────────────► ExternalDrive, where there is one
 //! ```
 //! With an external drive the companion runs at the priority below.
-//! The real-time thread makes no system call but its sleep, and does not allocate. A late tick is counted; ticks that
-//! have passed are skipped, never caught up.
 
-use super::deadlines::Deadlines;
 use super::external_drive::{self, DrivePorts};
-use super::{Pace, Ports, STOP_REASON};
+use super::realtime_thread::{AtEnd, RealtimeThread};
+use super::{Pace, Ports};
 use crate::calibration::Recording;
 use crate::config::raw::RealtimePolicy;
 use crate::config::{Config, RealtimeRequest};
-use crate::control::control_loop::{ControlLoop, Finish};
-use crate::control::safety::Fault;
+use crate::control::control_loop::ControlLoop;
 use crate::control::trace::Trace;
 use crate::messages::Measurement;
 use crate::process::silence::Silence;
 use crate::process::{ProcessError, StopFlag};
 use crate::report::statistics::RunStatistics;
 use crate::report::summary::{RealtimeReport, spin_text};
-use crate::rt::{self, Awake, DeadlineWait, Obtained};
+use crate::rt::{self, Awake, Obtained};
 use crate::time::SpanNs;
 use crate::time::TICK;
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -42,8 +39,6 @@ const COMPANION_PERIOD: Duration = Duration::from_millis(1);
 const COMPANION_PERIOD_WITH_DRIVE: Duration = Duration::from_micros(200);
 /// Measurements that stay away for so long are worth a line.
 const TELL_AFTER: SpanNs = SpanNs(3_000_000_000);
-/// From the start of the thread to its first tick.
-const LEAD: SpanNs = SpanNs(2_000_000);
 
 /// Ticks to the end of the run.
 pub(super) fn run<const N: usize>(
@@ -74,7 +69,7 @@ pub(super) fn run<const N: usize>(
             let scheduling = obtained.to_string();
             let spin = rt::spin_before_deadlines(asked_spin, &obtained);
             let _ = tell.send((obtained, spin));
-            (!refused).then(|| worker.run(scheduling, spin))
+            (!refused).then(|| (worker.run(spin), scheduling, spin))
         })
         .map_err(|cause| ProcessError::Start { what: "the real-time thread", cause })?;
     if let Ok((obtained, spin)) = obtained.recv() {
@@ -128,7 +123,10 @@ pub(super) fn run<const N: usize>(
         warn!(count = companion.unsent, "measurements came faster than control took them");
     }
     match thread.join() {
-        Ok(Some((control, pace))) => Ok((control, companion.statistics, pace)),
+        Ok(Some((at_end, scheduling, spin))) => {
+            let (control, pace) = pace(at_end, scheduling, spin);
+            Ok((control, companion.statistics, pace))
+        }
         Ok(None) | Err(_) => Err(ProcessError::Panicked("real-time")),
     }
 }
@@ -139,6 +137,19 @@ fn report(request: Option<&RealtimeRequest>, obtained: &Obtained, spin: SpanNs) 
         Some(_) => info!("real-time scheduling: {obtained}{spin}"),
         None => info!("real-time scheduling: off{spin}"),
     }
+}
+
+fn pace<const N: usize>(at_end: AtEnd<N>, scheduling: String, spin: SpanNs) -> (ControlLoop<N>, Pace) {
+    let AtEnd { control, finish, deadlines, lost_traces, page_faults, spin_share } = at_end;
+    let pace = Pace {
+        finish,
+        realtime: Some(RealtimeReport { scheduling, page_faults, spin_us: spin.as_us(), spin_share }),
+        missed_deadlines: deadlines.missed(),
+        skipped_ticks: deadlines.skipped(),
+        tick_us: deadlines.times(),
+        lost_traces,
+    };
+    (control, pace)
 }
 
 /// Carries messages between the ports and the rings.
@@ -183,68 +194,5 @@ impl<const N: usize> Companion<'_, N> {
             }
         }
         Ok(())
-    }
-}
-
-struct RealtimeThread<const N: usize> {
-    control: ControlLoop<N>,
-    measurements: Consumer<Measurement>,
-    records: Producer<Trace>,
-    /// A request from outside, and the companion's own when it cannot go on.
-    stops: [StopFlag; 2],
-    max_missed_in_a_row: u64,
-}
-
-impl<const N: usize> RealtimeThread<N> {
-    fn run(mut self, scheduling: String, spin: SpanNs) -> (ControlLoop<N>, Pace) {
-        rt::prefault();
-        let faults_before = rt::page_faults();
-        let start = rt::now();
-        let mut deadlines = Deadlines::new(start + LEAD);
-        let mut wait = DeadlineWait::new(spin);
-        let mut lost_traces = 0;
-        let finish: Finish = loop {
-            let woken = wait.until(deadlines.next());
-            let (tick, time) = deadlines.woken(woken);
-            if deadlines.missed_in_a_row() > self.max_missed_in_a_row {
-                self.control.fail(Fault::DeadlinesMissed);
-            }
-            if self.stops.iter().any(StopFlag::is_requested) {
-                self.control.stop(STOP_REASON);
-            }
-            let mut newest: Option<Measurement> = None;
-            while let Ok(m) = self.measurements.pop() {
-                if newest.is_none_or(|kept| m.exposure >= kept.exposure) {
-                    newest = Some(m);
-                }
-            }
-            let mut trace = self.control.tick(tick, time, newest.as_ref());
-            let done = rt::now();
-            self.control.commanded(done, &mut trace);
-            deadlines.done(done);
-            if let Some(status) = &mut trace.status {
-                status.missed_deadlines = deadlines.missed();
-            }
-            // Full only when the companion hangs; control goes on.
-            lost_traces += u64::from(self.records.push(trace).is_err());
-            if let Some(finish) = trace.finish {
-                break finish;
-            }
-        };
-        let page_faults = rt::page_faults() - faults_before;
-        let pace = Pace {
-            finish,
-            realtime: Some(RealtimeReport {
-                scheduling,
-                page_faults,
-                spin_us: spin.as_us(),
-                spin_share: wait.spun().as_s() / (rt::now() - start).as_s(),
-            }),
-            missed_deadlines: deadlines.missed(),
-            skipped_ticks: deadlines.skipped(),
-            tick_us: deadlines.times(),
-            lost_traces,
-        };
-        (self.control, pace)
     }
 }
