@@ -48,6 +48,8 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
 struct Shot {
     /// Counts exposures from 0.
     frame_id: u64,
+    /// The source's own number of it.
+    sequence: u64,
     /// Middle of the exposure.
     mid: MonoNs,
     /// Its length.
@@ -64,6 +66,7 @@ impl Shot {
         let i = camera.model.intrinsics();
         FrameHeader {
             frame_id: self.frame_id,
+            sequence: self.sequence,
             exposure: camera.stamp(self.mid),
             sent: MonoNs::ZERO,
             exposure_span_ns: self.span.0.max(0).unsigned_abs(),
