@@ -10,7 +10,7 @@ use std::sync::mpsc;
 use std::time::Duration;
 use vservo::config::RealtimeRequest;
 use vservo::ipc::{FrameShape, Instance, Services};
-use vservo::messages::FrameHeader;
+use vservo::messages::{CameraId, FrameHeader};
 use vservo::report::histogram::SpanHistogram;
 use vservo::rt::{Awake, now, prepare_thread, sleep_until};
 use vservo::time::{MonoNs, SpanNs};
@@ -81,7 +81,7 @@ fn paced(rounds: usize, mut send: impl FnMut()) {
 
 fn through_our_ports(instance: &Instance, rounds: usize) {
     let services = Services::join(instance).unwrap();
-    let sender = services.frame_sender(shape()).unwrap();
+    let sender = services.frame_sender(CameraId::FIRST, shape()).unwrap();
     paced(rounds, || {
         let mut frame = sender.borrow(BYTES).unwrap();
         frame.pixels_mut()[0] = 1;
@@ -92,7 +92,7 @@ fn through_our_ports(instance: &Instance, rounds: usize) {
 
 fn receive_through_our_ports(instance: &Instance, rounds: usize, ready: &mpsc::Sender<()>, stamps: &Stamps) {
     let services = Services::join(instance).unwrap();
-    let receiver = services.frame_receiver(shape()).unwrap();
+    let receiver = services.frame_receiver(CameraId::FIRST, shape()).unwrap();
     ready.send(()).unwrap();
     let mut idle = 0;
     for _ in 0..10 * rounds {

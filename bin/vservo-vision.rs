@@ -1,5 +1,5 @@
 //! The vision process as a binary of its own, so that rights can be given to it alone.
 
 fn main() -> std::process::ExitCode {
-    vservo::cli::role_main(vservo::ipc::Role::Vision)
+    vservo::cli::role_main(vservo::ipc::Role::Vision(vservo::messages::CameraId::FIRST))
 }

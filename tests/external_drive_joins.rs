@@ -17,7 +17,7 @@ use vservo::ipc::Instance as Place;
 /// States of a later version of this program, and a command that has grown without a new name.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, ZeroCopySend)]
-#[type_name("vservo.DriveState.v2")]
+#[type_name("vservo.DriveState.v3")]
 struct LaterState {
     tick: u64,
     q: [f64; 50],
@@ -25,7 +25,7 @@ struct LaterState {
 
 #[repr(C)]
 #[derive(Debug, Clone, Copy, ZeroCopySend)]
-#[type_name("vservo.DriveCommand.v1")]
+#[type_name("vservo.DriveCommand.v2")]
 struct GrownCommand {
     tick: u64,
     q_r: [f64; 40],
@@ -74,8 +74,8 @@ fn a_drive_of_another_version_that_came_first_is_refused_with_what_differs() {
     drive.kill().unwrap();
     drive.wait().unwrap();
     assert_eq!(output.status.code(), Some(3), "{text}");
-    assert!(text.contains("service `drive/state` carries vservo.DriveState.v2 of 408 bytes"), "{text}");
-    assert!(text.contains("expects vservo.DriveState.v1 of 312 bytes"), "{text}");
+    assert!(text.contains("service `drive/state` carries vservo.DriveState.v3 of 408 bytes"), "{text}");
+    assert!(text.contains("expects vservo.DriveState.v2 of 320 bytes"), "{text}");
     instance.name.parse::<Place>().unwrap().remove_leftovers(None);
     instance.assert_gone();
 }
@@ -95,8 +95,8 @@ fn a_drive_of_another_version_that_comes_later_is_told_and_one_that_fits_is_take
     let mut wrong = drive_by_hand(&instance, "drive_of_another_version");
     let line = lines.wait_for("yet there is `external_drive_joins-");
     assert!(line.contains(&format!("(process {})", wrong.id())), "{line}");
-    assert!(line.contains("drive/state` carries vservo.DriveState.v1 of 312 bytes"), "{line}");
-    assert!(line.contains("drive/command` vservo.DriveCommand.v1 of 200 bytes"), "{line}");
+    assert!(line.contains("drive/state` carries vservo.DriveState.v2 of 320 bytes"), "{line}");
+    assert!(line.contains("drive/command` vservo.DriveCommand.v2 of 208 bytes"), "{line}");
     wrong.kill().unwrap();
     wrong.wait().unwrap();
     let line = lines.wait_for("no other program has joined");
@@ -116,7 +116,7 @@ fn a_program_that_never_becomes_a_drive_ends_the_run_and_costs_nothing_meanwhile
     let mute = command("mute");
     for (command, words) in [
         ("drive.external.command=[\"sleep\", \"600\"]", "no other program has joined this instance"),
-        (&format!("drive.external.command={other}"), "DriveState.v1 of 312 bytes"),
+        (&format!("drive.external.command={other}"), "DriveState.v2 of 320 bytes"),
         (&mute, "it is there, but does not answer START"),
     ] {
         for clock in ["lockstep", "realtime"] {

@@ -5,8 +5,8 @@
 
 mod rendered;
 
-use nalgebra::{Translation3, Unit, UnitQuaternion, Vector2, Vector3};
-use rendered::{Bench, HEIGHT, Random, WIDTH, camera, pose};
+use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
+use rendered::{Bench, HEIGHT, Random, WIDTH, camera, equal_dots, pose};
 use std::path::Path;
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
 use vservo::detect::{Finder, Found};
@@ -21,30 +21,6 @@ fn search(camera: CameraModel, image: &[u8]) -> Result<Vec<Found>, TargetStatus>
     let view = ImageView::new(image, i.width_px as usize, i.height_px as usize).unwrap();
     let mut found = Vec::new();
     Finder::new(camera, &FourDots::default().into()).search(&view, &mut found).map(|()| found)
-}
-
-/// A plate with `n` by `n` equal dots, every pixel the mean of nine samples.
-fn render_grid(camera: &CameraModel, X_CO: &Pose, n: usize, pitch_m: f64, radius_m: f64, image: &mut [u8]) {
-    let X_OC = X_CO.inverse();
-    let (origin, last) = (X_OC.translation.vector, (n - 1) as f64);
-    let level = |px: Vector2<f64>| {
-        let s = camera.normalized_of(&px);
-        let ray = X_OC.rotation * Vector3::new(s.x, s.y, 1.0);
-        let r = (origin - ray * (origin.z / ray.z)).xy() / pitch_m;
-        let nearest = r.map(|x| x.round().clamp(0.0, last));
-        let on_plate = r.iter().all(|x| (-1.0..last + 1.0).contains(x));
-        match on_plate {
-            _ if (r - nearest).norm() * pitch_m < radius_m => 30.0,
-            true => 220.0,
-            false => 90.0,
-        }
-    };
-    for (i, p) in image.iter_mut().enumerate() {
-        let (x, y) = ((i % WIDTH) as f64, (i / WIDTH) as f64);
-        let samples =
-            (0..9).map(|k| Vector2::new(x + f64::from(k % 3 - 1) / 3.0, y + f64::from(k / 3 - 1) / 3.0));
-        *p = (samples.map(level).sum::<f64>() / 9.0) as u8;
-    }
 }
 
 #[test]
@@ -65,7 +41,7 @@ fn grids_of_equal_dots_hold_no_target() {
                 * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), random.within(0.0, 1.5));
             let X_CO = Pose::from_parts(Translation3::new(0.0, 0.0, z), R)
                 * Translation3::new(-middle_m, -middle_m, 0.0);
-            render_grid(&camera, &X_CO, n, pitch_m, radius_m, &mut image);
+            equal_dots(&camera, &X_CO, n, pitch_m, radius_m, &mut image);
             image.iter_mut().for_each(|p| *p = (f64::from(*p) + noise.within(-3.0, 3.0)) as u8);
             if let Ok(dots) = search(camera, &image) {
                 wrong.push(format!(

@@ -22,23 +22,23 @@ Joints = ctypes.c_double * JOINTS
 
 
 class DriveCommand(ctypes.Structure):
-    _fields_ = [("tick", ctypes.c_uint64), ("stamp", ctypes.c_int64), ("joints", ctypes.c_uint32),
-                ("mode", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("reserved", ctypes.c_uint32),
+    _fields_ = [("tick", ctypes.c_uint64), ("sequence", ctypes.c_uint64), ("stamp", ctypes.c_int64),
+                ("joints", ctypes.c_uint32), ("mode", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("arm", ctypes.c_uint32),
                 ("q_r", Joints), ("qd_r", Joints), ("tau", Joints)]
 
     @staticmethod
     def type_name():
-        return "vservo.DriveCommand.v1"
+        return "vservo.DriveCommand.v2"
 
 
 class DriveState(ctypes.Structure):
-    _fields_ = [("tick", ctypes.c_uint64), ("stamp", ctypes.c_int64), ("joints", ctypes.c_uint32),
-                ("modes", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("reserved", ctypes.c_uint32),
+    _fields_ = [("tick", ctypes.c_uint64), ("sequence", ctypes.c_uint64), ("stamp", ctypes.c_int64),
+                ("joints", ctypes.c_uint32), ("modes", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("arm", ctypes.c_uint32),
                 ("q", Joints), ("qd", Joints), ("tau", Joints), ("q_true", Joints), ("qd_true", Joints)]
 
     @staticmethod
     def type_name():
-        return "vservo.DriveState.v1"
+        return "vservo.DriveState.v2"
 
 
 class Arm:
@@ -116,6 +116,7 @@ class Ports:
         self.listener = bell.listener_builder().create()
         self.notifier = state_bell.notifier_builder().create()
         self.commands = commands.subscriber_builder().create()
+        self.sent = 0
         self.states = states.publisher_builder().create()  # last: with both, the drive counts as present
 
     def patiently(self, name, open_):
@@ -140,6 +141,7 @@ class Ports:
             yield command
 
     def send(self, state):
+        state.sequence, self.sent = self.sent, self.sent + 1
         self.states.send_copy(state)
         self.notifier.notify()
 

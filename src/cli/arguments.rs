@@ -185,6 +185,9 @@ pub struct RoleArguments {
     /// Change one value of the run file; must be the same for all processes
     #[arg(long, value_name = "key.path=value")]
     pub set: Vec<String>,
+    /// camera, vision: for which camera, by its place in `[[cameras]]`, from 0
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub camera: u8,
     /// control: write the summary to this file as JSON
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,

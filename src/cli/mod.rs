@@ -8,10 +8,12 @@ pub use arguments::{
 };
 
 use crate::config::Config;
+use crate::config::assemble::require_one_camera;
 use crate::control::outcome::Outcome;
 use crate::experiment;
 use crate::input::printable;
 use crate::ipc::{Instance, Role};
+use crate::messages::CameraId;
 use crate::process::{self, ProcessError, StopFlag, supervisor};
 use crate::report::summary::Summary;
 use crate::rt::{self, Stderr, doctor, print, tell};
@@ -33,8 +35,8 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         None => run(&cli.run),
         Some(Command::Run(arguments)) => run(&arguments),
-        Some(Command::Camera(arguments)) => role(Role::Camera, &arguments),
-        Some(Command::Vision(arguments)) => role(Role::Vision, &arguments),
+        Some(Command::Camera(arguments)) => role(Role::Camera(CameraId::FIRST), &arguments),
+        Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Calibrate { what: Calibration::Latency(arguments) }) => calibrate_latency(&arguments),
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
@@ -109,6 +111,7 @@ fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
     // First of all: a request to stop that comes early is one too.
     let stop = StopFlag::on_signals()?;
     let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
+    require_one_camera(&config)?;
     warn(&config);
     let instance: Instance = arguments.instance.parse()?;
     if let Some(path) = &arguments.summary {
@@ -145,6 +148,7 @@ fn write_summary(path: Option<&Path>, summary: &Summary, exit_code: u8) -> u8 {
 fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
     let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
+    require_one_camera(&config)?;
     warn(&config);
     let instance: Instance = arguments.instance.parse()?;
     if let Some(path) = &arguments.out {
@@ -188,8 +192,12 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
         check_writable(path)?;
     }
     let ended = match role {
-        Role::Camera => process::camera::run(&config, &instance, &stop).map(|()| None),
-        Role::Vision => process::vision::run(&config, &instance, &stop).map(|()| None),
+        Role::Camera(_) => {
+            process::camera::run(&seen_by(arguments, config)?, &instance, &stop).map(|()| None)
+        }
+        Role::Vision(_) => {
+            process::vision::run(&seen_by(arguments, config)?, &instance, &stop).map(|()| None)
+        }
         Role::Control | Role::Supervisor | Role::Drive => {
             process::control::run(&config, &instance, &stop).map(Some)
         }
@@ -214,6 +222,12 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
     }
 }
 
+/// The configuration as the process of one camera has it: `camera` is that camera.
+fn seen_by(arguments: &RoleArguments, config: Config) -> Result<Config, ProcessError> {
+    let (camera, cameras) = (arguments.camera, config.cameras().count());
+    config.seen_by(CameraId(camera)).ok_or(ProcessError::NoSuchCamera { camera, cameras })
+}
+
 fn guard_drive(command: &[String], instance: &str, supervisor: i32) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
     process::drive_guard::run(command, &instance.parse()?, supervisor, &stop)
@@ -234,6 +248,7 @@ fn config_on_stdin(name: &Path, set: &[String]) -> Result<Config, ProcessError> 
 
 fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
     let checked = Config::load(Some(config), set)?;
+    require_one_camera(&checked)?;
     warn(&checked);
     let i = checked.camera.model.intrinsics();
     let line = format!(

@@ -37,6 +37,12 @@ pub enum AssembleError {
     /// The renderer refuses the scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// Several cameras, and one control.
+    #[error(
+        "[[cameras]]: {0} cameras: control by several cameras is not built yet; leave one (processes of each may be started \
+         by hand: `vservo camera CONFIG --camera N`)"
+    )]
+    SeveralCameras(usize),
     /// The arm as it really is cannot be built.
     #[error(transparent)]
     Arm(#[from] RobotError),
@@ -79,6 +85,17 @@ pub fn motion_limits<const N: usize>(
         acceleration: joint_vector("motion.max_acceleration_rad_s2_or_m_s2", &motion.max_acceleration)?,
         jerk: joint_vector("motion.max_jerk_rad_s3_or_m_s3", &motion.max_jerk)?,
     })
+}
+
+/// Refuses what control cannot do yet: to go by several cameras.
+///
+/// # Errors
+/// [`AssembleError::SeveralCameras`].
+pub fn require_one_camera(config: &Config) -> Result<(), AssembleError> {
+    match config.cameras().count() {
+        0 | 1 => Ok(()),
+        several => Err(AssembleError::SeveralCameras(several)),
+    }
 }
 
 /// The vision core of a configuration.
@@ -187,6 +204,7 @@ pub fn control_loop_with<const N: usize>(
     robot: Robot<N>,
     drive: AnyDrive<N>,
 ) -> Result<ControlLoop<N>, AssembleError> {
+    require_one_camera(config)?;
     let q_start = q_start::<N>(config)?;
     let limits = motion_limits(config, &robot)?;
     let closed_loop = config.closes_the_loop();

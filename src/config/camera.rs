@@ -13,6 +13,7 @@
 use super::Config;
 use super::raw::{Clock, SourceKind};
 use crate::camera_model::CameraModel;
+use crate::messages::CameraId;
 use crate::scene::{FrameSchedule, SceneLook, SensorModel};
 use crate::servo::Mount;
 use crate::time::{MonoNs, SpanNs};
@@ -67,6 +68,26 @@ impl SourceKind {
 }
 
 impl Config {
+    /// All cameras, in the order of their numbers.
+    pub fn cameras(&self) -> impl Iterator<Item = &Camera> {
+        std::iter::once(&self.camera).chain(&self.further_cameras)
+    }
+
+    /// The configuration as the processes of camera `id` have it: `camera` is that one. What `[scene.camera]` says is of the
+    /// first camera; the others are in truth what they are believed to be. `None` where there is no such camera.
+    #[must_use]
+    pub fn seen_by(mut self, id: CameraId) -> Option<Self> {
+        let camera = self.cameras().find(|camera| camera.id == id)?.clone();
+        if id != self.camera.id
+            && let Some(scene) = &mut self.scene
+        {
+            (scene.camera, scene.mount) = (camera.model, camera.mount);
+        }
+        self.further_cameras.clear();
+        self.camera = camera;
+        Some(self)
+    }
+
     /// Whether the arm moves what the camera sees.
     #[must_use]
     pub fn closes_the_loop(&self) -> bool {
@@ -109,6 +130,10 @@ impl Source {
 /// The camera.
 #[derive(Debug, Clone)]
 pub struct Camera {
+    /// Its number, which is in the names of its services.
+    pub id: CameraId,
+    /// What people call it; its number where it has no name.
+    pub name: String,
     /// Producer of frames.
     pub source: Source,
     /// Intrinsic parameters and size.

@@ -55,8 +55,10 @@ pub struct Config {
     pub robot: RobotDescription,
     /// Joint positions at the start, rad or m; as many as the robot has joints.
     pub q_start: Vec<f64>,
-    /// The camera.
+    /// The camera that control goes by.
     pub camera: Camera,
+    /// The cameras beside it, which have processes but no say yet.
+    pub further_cameras: Vec<Camera>,
     /// The target.
     pub target: Target,
     /// What is true, where the cell is simulated.
@@ -275,7 +277,11 @@ impl Config {
     /// # Errors
     /// When a value has no TOML form.
     pub fn to_toml(&self) -> Result<String, toml::ser::Error> {
-        toml::to_string(&self.effective)
+        let mut table = toml::Table::try_from(&self.effective)?;
+        if !self.effective.cameras.is_empty() {
+            table.remove("camera"); // which is the first of the list
+        }
+        toml::to_string(&table)
     }
 }
 
@@ -284,8 +290,14 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {
         let base = if document.is_argument(key) { Path::new(".") } else { folder };
         std::path::absolute(base.join(path)).unwrap_or_else(|_| base.join(path))
     };
-    if !raw.camera.replay.folder.as_os_str().is_empty() {
-        raw.camera.replay.folder = absolute("camera.replay.folder", &raw.camera.replay.folder);
+    let images = |key: &str, folder: &mut PathBuf| {
+        if !folder.as_os_str().is_empty() {
+            *folder = absolute(key, folder);
+        }
+    };
+    images("camera.replay.folder", &mut raw.camera.replay.folder);
+    for (i, camera) in raw.cameras.iter_mut().enumerate() {
+        images(&format!("cameras[{i}].replay.folder"), &mut camera.replay.folder);
     }
     let folder = &raw.drive.external.folder;
     raw.drive.external.folder = absolute("drive.external.folder", folder);

@@ -31,6 +31,9 @@ table! {
         robot: RawRobot = RawRobot::default(),
         /// `[camera]`
         camera: RawCamera = RawCamera::default(),
+        /// `[[cameras]]`, instead of `[camera]`
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        cameras: Vec<RawCamera> = Vec::new(),
         /// `[target]`
         target: RawTarget = RawTarget::default(),
         /// `[scene]`
@@ -117,6 +120,8 @@ word! {
 table! {
     /// The camera, its rate and its optics.
     RawCamera {
+        /// What people call it.
+        name: Option<String> = None,
         /// Producer of frames.
         source: SourceKind = SourceKind::Synthetic,
         /// Columns, px.

@@ -1,5 +1,6 @@
 //! What the values of a run file must fulfil, alone and together; every violation is reported, not the first one.
 
+mod camera;
 mod drive;
 mod lens;
 mod motion;
@@ -7,14 +8,11 @@ mod start;
 mod truth;
 
 use super::check::Check;
-use super::raw::{Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SourceKind, Task};
+use super::raw::{Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, Task};
 use super::servo::servo;
 use super::target::target;
-use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Source};
-use crate::camera_model::CameraModel;
-use crate::scene::{FrameSchedule, Irregularity};
-use crate::scene::{LARGEST_SIDE_PX, SceneLook, SceneMotion, SensorModel};
-use crate::servo::Mount;
+use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety};
+use crate::scene::SceneMotion;
 use crate::time::SpanNs;
 use crate::vision::VisionSettings;
 use std::ops::RangeInclusive;
@@ -27,7 +25,11 @@ const MEASUREMENT_TIMEOUT_MS: RangeInclusive<f64> = 1.0..=60_000.0;
 const MOST_CPUS: u32 = 1024;
 
 /// Checks everything; `None` only where something is so wrong that a part cannot be built.
-pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<Problem>) -> Option<Config> {
+pub(super) fn validate(
+    mut raw: RawConfig,
+    document: &Document,
+    problems: &mut Vec<Problem>,
+) -> Option<Config> {
     let mut check = Check::new(document, problems);
     let check = &mut check;
 
@@ -36,7 +38,8 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         feature_error_px: check.range("goal.feature_error_px", raw.goal.feature_error_px, 1e-6..=100.0),
         hold: SpanNs::from_s(check.range("goal.hold_s", raw.goal.hold_s, 0.0..=60.0)),
     };
-    let camera = camera(&raw, check);
+    let (camera, further_cameras) = camera::cameras(&mut raw, document, check)
+        .map_or((None, Vec::new()), |(first, rest)| (Some(first), rest));
     let target = target(&raw.target, check);
     let object = &raw.scene.object;
     let carrier = match raw.camera.mount.kind {
@@ -123,6 +126,7 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         robot: robot?,
         q_start: raw.robot.q_start_rad_or_m.clone(),
         camera: camera?,
+        further_cameras,
         target: target?,
         scene,
         vision,
@@ -142,90 +146,6 @@ pub(super) fn validate(raw: RawConfig, document: &Document, problems: &mut Vec<P
         warnings: check.take_warnings(),
         effective: raw,
     })
-}
-
-fn camera(raw: &RawConfig, check: &mut Check<'_>) -> Option<Camera> {
-    let (c, lens, synthetic) = (&raw.camera, &raw.camera.lens, &raw.camera.synthetic);
-    let before = check.count_problems();
-    let width_px = check.count("camera.width_px", c.width_px, 16..=LARGEST_SIDE_PX);
-    let height_px = check.count("camera.height_px", c.height_px, 16..=LARGEST_SIDE_PX);
-    let rate_hz = check.range("camera.rate_hz", c.rate_hz, 0.1..=1000.0);
-    let exposure = check.span_ms("camera.exposure_ms", c.exposure_ms, 0.0..=1000.0);
-    let latency = check.span_ms("camera.latency_ms", c.latency_ms, 0.0..=500.0);
-    let stamp_offset = check.span_ms("camera.stamp_offset_ms", c.stamp_offset_ms, -500.0..=500.0);
-    let stamp_error =
-        check.span_ms("camera.synthetic.stamp_error_ms", synthetic.stamp_error_ms, -500.0..=500.0);
-    let X = check.pose("camera.mount", c.mount.position_m, c.mount.rotation_rpy_rad);
-    let mount = match c.mount.kind {
-        MountKind::EyeInHand => Mount::EyeInHand { X_EC: X },
-        MountKind::EyeToHand => Mount::EyeToHand { X_BC: X },
-    };
-    let look = SceneLook {
-        background: check.range("scene.background_level", raw.scene.background_level, SceneLook::LEVEL),
-        plate: check.range("scene.plate_level", raw.scene.plate_level, SceneLook::LEVEL),
-        dots: check.range("scene.dot_level", raw.scene.dot_level, SceneLook::LEVEL),
-    };
-    if look.plate <= look.dots {
-        check.wrong(
-            "scene.plate_level",
-            "must be brighter than scene.dot_level: the dots are dark on a light plate",
-        );
-    }
-    let sensor = SensorModel {
-        noise_sd_levels: check.range(
-            "camera.synthetic.noise_sd_levels",
-            synthetic.noise_sd_levels,
-            SensorModel::NOISE_SD_LEVELS,
-        ),
-        blur_sd_px: check.range("camera.synthetic.blur_sd_px", synthetic.blur_sd_px, SensorModel::BLUR_SD_PX),
-        vignetting: check.range("camera.synthetic.vignetting", synthetic.vignetting, SensorModel::VIGNETTING),
-        seed: raw.run.seed,
-    };
-    let source = match c.source {
-        SourceKind::Synthetic => Source::Synthetic { look, sensor, motion_blur: synthetic.motion_blur },
-        SourceKind::Replay => {
-            let folder = &c.replay.folder;
-            if folder.as_os_str().is_empty() {
-                check.wrong("camera.replay.folder", "is missing: name the folder of images to replay");
-            } else if !folder.is_dir() {
-                check.wrong("camera.replay.folder", format!("{} is not a folder", folder.display()));
-            }
-            Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
-        }
-    };
-    let (intrinsics, distortion) = lens::believed(lens, (width_px, height_px), check);
-    let irregularity = Irregularity {
-        jitter: check.span_ms("camera.synthetic.latency_jitter_ms", synthetic.latency_jitter_ms, 0.0..=500.0),
-        loss: check.range("camera.synthetic.frame_loss", synthetic.frame_loss, 0.0..=0.99),
-        seed: raw.run.seed,
-    };
-    if check.count_problems() > before {
-        return None;
-    }
-    // Other frames come as they are: only a simulated camera is irregular by intent.
-    let (irregularity, stamp_error) = if c.source.is_simulated() {
-        (irregularity, stamp_error)
-    } else {
-        (Irregularity::default(), SpanNs(0))
-    };
-    let schedule = FrameSchedule::new(rate_hz, latency, irregularity);
-    match CameraModel::new(intrinsics, distortion) {
-        Ok(model) => Some(Camera {
-            source,
-            model,
-            mount,
-            rate_hz,
-            exposure,
-            latency,
-            schedule,
-            stamp_offset,
-            stamp_error,
-        }),
-        Err(e) => {
-            check.wrong("camera.lens", e.to_string());
-            None
-        }
-    }
 }
 
 fn scene_motion(raw: &RawConfig, check: &mut Check<'_>) -> SceneMotion {

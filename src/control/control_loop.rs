@@ -64,6 +64,7 @@ pub struct ControlLoop<const N: usize> {
     truth: Option<Truth<N>>,
     sightings: Sightings,
     ticks: u64,
+    statuses: u64,
     first: Option<MonoNs>,
     last: MonoNs,
     goal_since: Option<MonoNs>,
@@ -98,6 +99,7 @@ impl<const N: usize> ControlLoop<N> {
             truth,
             sightings: Sightings::new(),
             ticks: 0,
+            statuses: 0,
             first: None,
             last: MonoNs::ZERO,
             goal_since: None,
@@ -123,7 +125,7 @@ impl<const N: usize> ControlLoop<N> {
         if let Some(fault) = self.drive.health().fault {
             self.controller.fail(Fault::Drive(fault));
         }
-        self.joint_state = joint_state(tick, now, &self.sensed, &self.command);
+        self.joint_state = joint_state(tick, self.ticks, now, &self.sensed, &self.command);
         self.joint_state
     }
 
@@ -148,6 +150,7 @@ impl<const N: usize> ControlLoop<N> {
         }
         let status = (tick.is_multiple_of(STATUS_PERIOD) || finish.is_some()).then(|| self.status(tick, now));
         if status.is_some() {
+            self.statuses += 1;
             self.acted = ActingLimits::default();
         }
         let events = std::mem::take(&mut self.events);
@@ -369,6 +372,7 @@ impl<const N: usize> ControlLoop<N> {
         let us = |span: Option<SpanNs>| span.map_or(f64::NAN, SpanNs::as_us);
         Status {
             tick,
+            sequence: self.statuses,
             stamp: now,
             time_s: self.duration_s(),
             feature_error_px: self.sightings.error_px(),
@@ -388,6 +392,8 @@ impl<const N: usize> ControlLoop<N> {
             target: m.status,
             limits: self.acted.kinds(),
             limited_joints: u32::from(self.acted.all_joints()),
+            arm: 0,
+            reserved: 0,
         }
     }
 
@@ -400,6 +406,7 @@ impl<const N: usize> ControlLoop<N> {
 
 fn joint_state<const N: usize>(
     tick: u64,
+    sequence: u64,
     now: MonoNs,
     state: &DriveState<N>,
     command: &DriveCommand<N>,
@@ -407,9 +414,12 @@ fn joint_state<const N: usize>(
     let (q_true, qd_true) = state.truth.unwrap_or((SVector::zeros(), SVector::zeros()));
     JointState {
         tick,
+        sequence,
         stamp: now,
         joints: N as u32,
         flags: if state.truth.is_some() { joint_flag::TRUTH } else { 0 },
+        arm: 0,
+        reserved: 0,
         q: padded(&state.q),
         qd: padded(&state.qd),
         tau: padded(&command.tau),

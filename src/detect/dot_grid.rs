@@ -24,13 +24,17 @@ const NEIGHBOURS: usize = 8;
 /// Least sine of the angle between two steps.
 const LEAST_SINE: f64 = 0.3;
 /// How far a dot may lie from where the lattice goes on, in steps.
-const OFF_LATTICE: f64 = 0.28;
+const OFF_LATTICE: f64 = 0.35;
 /// Greatest logarithm of a dot's area over that which its cell calls for.
 const AREA_TOLERANCE: f64 = 0.42;
-/// Share of the dots seen that may disagree with the grid: dots at something's edge, dots of something else.
-const WRONG_SHARE: f64 = 0.1;
+/// Share of the dots seen beyond the first few that may disagree with the grid: dots at something's edge, dots of something else.
+/// Chance then agrees less than once in a thousand views of a foreign grid.
+const WRONG_SHARE: f64 = 0.2;
+const NONE_WRONG: usize = 12;
 /// By how many dots the second-best way must be worse, where the best one is not without fault.
 const CLEARLY_WORSE: usize = 3;
+/// So many more dots than those of a window tell the place also where they do not form one.
+const MORE: usize = 3;
 /// The grid's own steps in terms of those walked: turns follow by rotation.
 const SHEARS: [[i32; 4]; 5] = [[1, 0, 0, 1], [1, 1, 0, 1], [1, -1, 0, 1], [1, 0, 1, 1], [1, 0, -1, 1]];
 
@@ -128,20 +132,26 @@ impl Lattice {
         if !self.tell_sizes(candidates) {
             return Err(TargetStatus::NoMatch);
         }
-        let way = self.lay()?;
+        let (way, margin) = self.lay()?;
+        let mut large = 0;
         self.present.fill(false);
         for cell in &self.best {
             if let Some(id) = self.fits(&way, cell)
                 && let Some((_, blob)) = candidates.get(cell.candidate)
             {
                 chosen.push((id, *blob));
+                large += usize::from(cell.large);
                 if let Some(present) = self.present.get_mut(id as usize) {
                     *present = true;
                 }
             }
         }
         chosen.sort_unstable_by_key(|(id, _)| *id);
-        if self.has_window() { Ok(()) } else { Err(TargetStatus::NoMatch) }
+        // Without a whole window the place must follow from more dots, and more than one must speak against any other; dots
+        // of one size could be any grid's.
+        let small = chosen.len() - large;
+        let tells = chosen.len() >= self.least() + MORE && margin >= 2 && large.min(small) >= 2;
+        if self.has_window() || tells { Ok(()) } else { Err(TargetStatus::NoMatch) }
     }
 
     /// Walks the lattice from several seeds; the longest walk is in `best`.
@@ -272,11 +282,13 @@ impl Lattice {
         true
     }
 
-    /// The one way in which the cells are part of the grid.
-    fn lay(&self) -> Result<Way, TargetStatus> {
+    /// The one way in which the cells are part of the grid, and by how many dots any other is worse.
+    fn lay(&self) -> Result<(Way, usize), TargetStatus> {
         let (columns, rows) = (self.grid.columns() as i32, self.grid.rows() as i32);
         let (mut best, mut second) = (None::<Way>, usize::MAX);
-        let most_wrong = (WRONG_SHARE * self.best.len() as f64) as usize;
+        let most_wrong = (WRONG_SHARE * self.best.len().saturating_sub(NONE_WRONG) as f64) as usize;
+        // who counts more is neither the best way nor one that makes it doubtful
+        let hopeless = most_wrong + CLEARLY_WORSE;
         for [a, b, c, d] in SHEARS {
             for M in [[a, b, c, d], [-c, -d, a, b], [-a, -b, -c, -d], [c, d, -a, -b]] {
                 let (mut low, mut high) = ([i32::MAX; 2], [i32::MIN; 2]);
@@ -292,12 +304,10 @@ impl Lattice {
                 for y in -low[1] - slack..rows - high[1] + slack {
                     for x in -low[0] - slack..columns - high[0] + slack {
                         let way = Way { M, shift: [x, y], wrong: 0 };
-                        let limit =
-                            best.map_or(most_wrong, |known| known.wrong + CLEARLY_WORSE).max(most_wrong);
                         let mut wrong = 0;
                         for cell in &self.best {
                             wrong += usize::from(self.fits(&way, cell).is_none());
-                            if wrong > limit {
+                            if wrong > hopeless {
                                 break;
                             }
                         }
@@ -319,7 +329,7 @@ impl Lattice {
             Some(way) if second < way.wrong + if way.wrong == 0 { 1 } else { CLEARLY_WORSE } => {
                 Err(TargetStatus::Ambiguous)
             }
-            Some(way) => Ok(way),
+            Some(way) => Ok((way, second - way.wrong)),
             None => Err(TargetStatus::NoMatch),
         }
     }
@@ -332,7 +342,7 @@ impl Lattice {
         (cell.clear && large == cell.large).then_some((row * self.grid.columns() + column) as u32)
     }
 
-    /// Whether a whole window is among the dots that were told: only that is unlike all others.
+    /// Whether a whole window is among the dots that were told: no two of these are alike.
     fn has_window(&self) -> bool {
         let (columns, rows, w) = (self.grid.columns(), self.grid.rows(), self.grid.window());
         let there = |x: usize, y: usize| self.present.get(y * columns + x).copied().unwrap_or(false);

@@ -95,11 +95,12 @@ impl<const N: usize> Drive<N> for ExternalDrive<N> {
     fn write(&mut self, command: &DriveCommand<N>) {
         let message = DriveCommandMsg {
             tick: ((self.now - self.first.unwrap_or(self.now)).0 / TICK.0).max(0).unsigned_abs(),
+            sequence: 0, // whoever sends it counts
             stamp: self.now,
             joints: N as u32,
             mode: self.mode as u32,
             flags: 0,
-            reserved: 0,
+            arm: 0,
             q_r: padded(&command.q_r),
             qd_r: padded(&command.qd_r),
             tau: padded(&command.tau),

@@ -67,7 +67,7 @@ pub enum IpcError {
         /// What was tried.
         action: &'static str,
         /// The service's name.
-        service: &'static str,
+        service: String,
         /// The transport's word for it.
         cause: String,
     },

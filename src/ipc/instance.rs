@@ -9,6 +9,7 @@
 
 use super::place::{self, Place, SHARED_MEMORY};
 use super::pulse::{self, Pulse};
+use super::role::Role;
 use super::scarcity::{Scarcity, remedy};
 use crate::time::MonoNs;
 use iceoryx2::prelude::*;
@@ -91,44 +92,6 @@ impl InstanceError {
             Self::Name(_) | Self::Taken { .. } | Self::NotOurs { .. } => 3,
             Self::NotSticky(_) | Self::Scarce { .. } | Self::Place { .. } => 1,
         }
-    }
-}
-
-/// The part that a process plays.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Role {
-    /// Starts and ends the others.
-    Supervisor,
-    /// Produces frames.
-    Camera,
-    /// Measures in them.
-    Vision,
-    /// Moves the arm.
-    Control,
-    /// Stands for the arm: the program of an external drive.
-    Drive,
-}
-
-impl Role {
-    /// All roles.
-    pub const ALL: [Self; 5] = [Self::Supervisor, Self::Camera, Self::Vision, Self::Control, Self::Drive];
-
-    /// The role's name: that of its sub-command and its lock.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Supervisor => "supervisor",
-            Self::Camera => "camera",
-            Self::Vision => "vision",
-            Self::Control => "control",
-            Self::Drive => "drive",
-        }
-    }
-}
-
-impl fmt::Display for Role {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
     }
 }
 
@@ -322,7 +285,7 @@ impl Instance {
     /// or has joined the transport. To be called at the start by whoever holds a role, and at the end by everybody.
     pub fn remove_leftovers(&self, own: Option<Role>) {
         // All other roles are held meanwhile: nobody can start in a directory that is about to vanish.
-        let others = || Role::ALL.into_iter().filter(|role| Some(*role) != own);
+        let others = || Role::all().filter(|role| Some(*role) != own);
         let Ok(locks) = others().map(|role| self.try_lock(role)).collect::<Result<Vec<_>, _>>() else {
             return;
         };
@@ -355,6 +318,10 @@ impl Instance {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::messages::CameraId;
+
+    const CAMERA: Role = Role::Camera(CameraId::FIRST);
+    const VISION: Role = Role::Vision(CameraId::FIRST);
 
     fn instance(test: &str) -> Instance {
         format!("unit-{test}-{}", std::process::id()).parse().unwrap()
@@ -371,11 +338,14 @@ mod tests {
     #[test]
     fn a_role_is_held_once_and_leaves_nothing_behind() {
         let i = instance("roles");
-        let lock = i.lock(Role::Camera).unwrap();
-        assert!(i.is_running(Role::Camera));
-        assert!(matches!(i.lock(Role::Camera), Err(InstanceError::Taken { role: Role::Camera, .. })));
-        let other = i.lock(Role::Vision).unwrap();
-        drop(lock);
+        let lock = i.lock(CAMERA).unwrap();
+        assert!(i.is_running(CAMERA));
+        assert!(matches!(i.lock(CAMERA), Err(InstanceError::Taken { role: CAMERA, .. })));
+        let other = i.lock(VISION).unwrap();
+        let second = i.lock(Role::Camera(CameraId(1))).unwrap();
+        i.remove_leftovers(Some(Role::Supervisor));
+        assert!(i.is_running(Role::Camera(CameraId(1))), "the second camera is one of its own");
+        drop((lock, second));
         i.remove_leftovers(None);
         assert!(i.directory().exists(), "vision still runs");
         drop(other);
@@ -386,15 +356,15 @@ mod tests {
     #[test]
     fn signs_of_life_are_seen_from_outside() {
         let i = instance("pulse");
-        let lock = i.lock(Role::Vision).unwrap();
-        assert_eq!(i.last_pulse(Role::Vision), None, "not before the first");
+        let lock = i.lock(VISION).unwrap();
+        assert_eq!(i.last_pulse(VISION), None, "not before the first");
         let before = crate::rt::now();
         let pulse = lock.pulse().unwrap();
-        let seen = i.last_pulse(Role::Vision).unwrap();
+        let seen = i.last_pulse(VISION).unwrap();
         assert!(seen >= before && seen <= crate::rt::now());
         pulse.beat();
-        assert!(i.last_pulse(Role::Vision).unwrap() >= seen);
-        assert_eq!(i.last_pulse(Role::Camera), None);
+        assert!(i.last_pulse(VISION).unwrap() >= seen);
+        assert_eq!(i.last_pulse(CAMERA), None);
         drop((pulse, lock)); // both hold the role: they share its file
         i.remove_leftovers(None);
     }

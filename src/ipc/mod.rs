@@ -3,8 +3,8 @@
 //!
 //! ```text
 //! service                    payload                    rate      made by    read by
-//! camera/0/frame             [u8] + FrameHeader         camera's  camera     vision
-//! vision/0/measurement       Measurement                camera's  vision     control
+//! camera/N/frame             [u8] + FrameHeader         camera's  camera     vision
+//! vision/N/measurement       Measurement                camera's  vision     control
 //! control/joint_state        JointState                 1 kHz     control    camera
 //! control/status             Status                     50 Hz     control    supervisor, views
 //! drive/command              DriveCommandMsg            1 kHz     control    external drive
@@ -12,21 +12,25 @@
 //! ```
 //! All but the status have an event of the same name beside them that wakes the reader.
 
+mod channel;
 mod error;
 mod instance;
 mod place;
 mod ports;
 mod presence;
 mod pulse;
+mod role;
 mod scarcity;
 mod services;
 mod spin;
 
+pub use channel::Channel;
 pub use error::IpcError;
-pub use instance::{Instance, InstanceError, Role, RoleLock};
+pub use instance::{Instance, InstanceError, RoleLock};
 pub use ports::{Bell, BorrowedFrame, FrameReceiver, FrameSender, ReceivedFrame, Receiver, Sender, Waker};
 pub use presence::{DrivePresence, type_of};
 pub use pulse::Pulse;
+pub use role::Role;
 pub use scarcity::Scarcity;
 pub use services::{FrameShape, Peers, Services};
 pub use spin::Spin;

@@ -1,6 +1,7 @@
 //! The few kinds of ports that processes use. A sender with readers rings their bell; a reader waits for it at most
 //! as long as it says, and then takes everything there is: an event is not a sample.
 
+use super::channel::Channel;
 use super::{IpcError, Spin};
 use crate::messages::FrameHeader;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
@@ -18,12 +19,12 @@ type Ipc = ipc::Service;
 /// Wakes readers.
 #[derive(Debug)]
 pub struct Bell {
-    service: &'static str,
+    service: Channel,
     port: Notifier<Ipc>,
 }
 
 impl Bell {
-    pub(super) fn new(service: &'static str, port: Notifier<Ipc>) -> Self {
+    pub(super) fn new(service: Channel, port: Notifier<Ipc>) -> Self {
         Self { service, port }
     }
 
@@ -39,12 +40,12 @@ impl Bell {
 /// Is woken by a [`Bell`].
 #[derive(Debug)]
 pub struct Waker {
-    service: &'static str,
+    service: Channel,
     port: Listener<Ipc>,
 }
 
 impl Waker {
-    pub(super) fn new(service: &'static str, port: Listener<Ipc>) -> Self {
+    pub(super) fn new(service: Channel, port: Listener<Ipc>) -> Self {
         Self { service, port }
     }
 
@@ -85,13 +86,13 @@ impl Waker {
 /// Sends records.
 #[derive(Debug)]
 pub struct Sender<T: ZeroCopySend + Debug + Copy + 'static> {
-    service: &'static str,
+    service: Channel,
     port: Publisher<Ipc, T, ()>,
     bell: Bell,
 }
 
 impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
-    pub(super) fn new(service: &'static str, port: Publisher<Ipc, T, ()>, bell: Bell) -> Self {
+    pub(super) fn new(service: Channel, port: Publisher<Ipc, T, ()>, bell: Bell) -> Self {
         Self { service, port, bell }
     }
 
@@ -124,12 +125,12 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
 /// Receives records.
 #[derive(Debug)]
 pub struct Receiver<T: ZeroCopySend + Debug + Copy + 'static> {
-    service: &'static str,
+    service: Channel,
     port: Subscriber<Ipc, T, ()>,
 }
 
 impl<T: ZeroCopySend + Debug + Copy + 'static> Receiver<T> {
-    pub(super) fn new(service: &'static str, port: Subscriber<Ipc, T, ()>) -> Self {
+    pub(super) fn new(service: Channel, port: Subscriber<Ipc, T, ()>) -> Self {
         Self { service, port }
     }
 
@@ -163,18 +164,17 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Receiver<T> {
     }
 }
 
-const FRAMES: &str = "camera/0/frame";
-
 /// Sends frames that were filled where they lie.
 #[derive(Debug)]
 pub struct FrameSender {
+    service: Channel,
     port: Publisher<Ipc, [u8], FrameHeader>,
     bell: Bell,
 }
 
 impl FrameSender {
-    pub(super) fn new(port: Publisher<Ipc, [u8], FrameHeader>, bell: Bell) -> Self {
-        Self { port, bell }
+    pub(super) fn new(service: Channel, port: Publisher<Ipc, [u8], FrameHeader>, bell: Bell) -> Self {
+        Self { service, port, bell }
     }
 
     /// Borrows a frame of `bytes` in shared memory, to be filled where it lies.
@@ -183,7 +183,7 @@ impl FrameSender {
     /// When the transport fails: as many frames are out as the service's shape allows.
     pub fn borrow(&self, bytes: usize) -> Result<BorrowedFrame, IpcError> {
         let loan =
-            self.port.loan_slice_uninit(bytes).map_err(|e| transfer("borrowing a frame", FRAMES, e))?;
+            self.port.loan_slice_uninit(bytes).map_err(|e| transfer("borrowing a frame", self.service, e))?;
         Ok(BorrowedFrame { sample: zeroed(loan) })
     }
 
@@ -194,7 +194,7 @@ impl FrameSender {
     pub fn send(&self, frame: BorrowedFrame, header: FrameHeader) -> Result<(), IpcError> {
         let mut sample = frame.sample;
         *sample.user_header_mut() = header;
-        sample.send().map_err(|e| transfer("sending", FRAMES, e))?;
+        sample.send().map_err(|e| transfer("sending", self.service, e))?;
         self.bell.ring()
     }
 }
@@ -247,13 +247,14 @@ impl ReceivedFrame {
 /// Receives frames.
 #[derive(Debug)]
 pub struct FrameReceiver {
+    service: Channel,
     port: Subscriber<Ipc, [u8], FrameHeader>,
     waker: Waker,
 }
 
 impl FrameReceiver {
-    pub(super) fn new(port: Subscriber<Ipc, [u8], FrameHeader>, waker: Waker) -> Self {
-        Self { port, waker }
+    pub(super) fn new(service: Channel, port: Subscriber<Ipc, [u8], FrameHeader>, waker: Waker) -> Self {
+        Self { service, port, waker }
     }
 
     /// Waits until a frame may be there, or for `longest`.
@@ -269,13 +270,13 @@ impl FrameReceiver {
     /// # Errors
     /// When the transport fails.
     pub fn receive(&self) -> Result<Option<ReceivedFrame>, IpcError> {
-        let sample = self.port.receive().map_err(|e| transfer("receiving", FRAMES, e))?;
+        let sample = self.port.receive().map_err(|e| transfer("receiving", self.service, e))?;
         Ok(sample.map(|sample| ReceivedFrame { sample }))
     }
 }
 
-fn transfer(action: &'static str, service: &'static str, cause: impl Debug) -> IpcError {
+fn transfer(action: &'static str, service: Channel, cause: impl Debug) -> IpcError {
     let cause = format!("{cause:?}");
-    let otherwise = IpcError::Transfer { action, service, cause: cause.clone() };
+    let otherwise = IpcError::Transfer { action, service: service.to_string(), cause: cause.clone() };
     IpcError::scarce_or(|| format!("{action} on `{service}`"), &cause, otherwise)
 }

@@ -7,11 +7,12 @@ use rustix::process::{Resource, getrlimit};
 use std::fmt;
 
 use super::place::SHARED_MEMORY;
+use crate::messages::MAX_CAMERAS;
 
-/// One step of the transport opens fewer descriptors than this, and gives them back when it fails.
-const DESCRIPTORS: usize = 12;
-/// One step of the transport makes fewer files than this, and removes them when it fails.
-const INODES: u64 = 12;
+/// A clean-up holds the locks of all roles; one step of the transport opens fewer descriptors, and gives them back when it fails.
+const DESCRIPTORS: usize = 10 + 2 * MAX_CAMERAS;
+/// Likewise for the files that it makes.
+const INODES: u64 = DESCRIPTORS as u64;
 /// The smallest segments need a page or two each.
 const SPACE_BYTES: u64 = 64 * 1024;
 /// What is always enough: a process of a run holds 30 to 60.

@@ -1,10 +1,13 @@
 //! Every service of an instance, with its limits, in one place: the process that comes first creates it, the others
 //! open it, and all must ask for the same.
 
+use super::channel::Channel;
 use super::ports::{Bell, FrameReceiver, FrameSender, Receiver, Sender, Waker};
 use super::presence::{DrivePresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError, Node, PubSub};
-use crate::messages::{DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Status};
+use crate::messages::{
+    CameraId, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Status,
+};
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::*;
@@ -75,52 +78,55 @@ impl Services {
         Ok(Self { node, instance: instance.clone() })
     }
 
-    /// The camera's end of `camera/0/frame`.
+    /// The camera's end of `camera/N/frame`.
     ///
     /// # Errors
     /// When the service or the port cannot be made.
-    pub fn frame_sender(&self, shape: FrameShape) -> Result<FrameSender, IpcError> {
+    pub fn frame_sender(&self, camera: CameraId, shape: FrameShape) -> Result<FrameSender, IpcError> {
+        let service = Channel::Frame(camera);
         let port = self
-            .frames(shape)?
+            .frames(camera, shape)?
             .publisher_builder()
             .initial_max_slice_len(shape.bytes)
             .allocation_strategy(AllocationStrategy::Static)
             .max_loaned_samples(shape.held_back)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
-            .map_err(|e| port_error("camera/0/frame", e))?;
-        Ok(FrameSender::new(port, self.bell("camera/0/frame")?))
+            .map_err(|e| port_error(service, e))?;
+        Ok(FrameSender::new(service, port, self.bell(service)?))
     }
 
-    /// Vision's end of `camera/0/frame`.
+    /// Vision's end of `camera/N/frame`.
     ///
     /// # Errors
     /// When the service or the port cannot be made.
-    pub fn frame_receiver(&self, shape: FrameShape) -> Result<FrameReceiver, IpcError> {
+    pub fn frame_receiver(&self, camera: CameraId, shape: FrameShape) -> Result<FrameReceiver, IpcError> {
+        let service = Channel::Frame(camera);
         let port = self
-            .frames(shape)?
+            .frames(camera, shape)?
             .subscriber_builder()
             .buffer_size(shape.in_flight)
             .create()
-            .map_err(|e| port_error("camera/0/frame", e))?;
-        Ok(FrameReceiver::new(port, self.waker("camera/0/frame")?))
+            .map_err(|e| port_error(service, e))?;
+        Ok(FrameReceiver::new(service, port, self.waker(service)?))
     }
 
-    /// Vision's end of `vision/0/measurement`.
+    /// Vision's end of `vision/N/measurement`.
     ///
     /// # Errors
     /// When the service or the port cannot be made.
-    pub fn measurement_sender(&self) -> Result<Sender<Measurement>, IpcError> {
-        self.sender("vision/0/measurement", MEASUREMENT_BUFFER)
+    pub fn measurement_sender(&self, camera: CameraId) -> Result<Sender<Measurement>, IpcError> {
+        self.sender(Channel::Measurement(camera), MEASUREMENT_BUFFER)
     }
 
-    /// Control's end of `vision/0/measurement`, and the waker that rings with it.
+    /// Control's end of `vision/N/measurement`, and the waker that rings with it.
     ///
     /// # Errors
     /// When the service or the port cannot be made.
-    pub fn measurement_receiver(&self) -> Result<(Receiver<Measurement>, Waker), IpcError> {
-        let receiver = self.receiver("vision/0/measurement", MEASUREMENT_BUFFER, MEASUREMENT_BUFFER)?;
-        Ok((receiver, self.waker("vision/0/measurement")?))
+    pub fn measurement_receiver(&self, camera: CameraId) -> Result<(Receiver<Measurement>, Waker), IpcError> {
+        let service = Channel::Measurement(camera);
+        let receiver = self.receiver(service, MEASUREMENT_BUFFER, MEASUREMENT_BUFFER)?;
+        Ok((receiver, self.waker(service)?))
     }
 
     /// Control's end of `control/joint_state`.
@@ -128,7 +134,7 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn joint_state_sender(&self) -> Result<Sender<JointState>, IpcError> {
-        self.sender("control/joint_state", JOINT_STATE_BUFFER)
+        self.sender(Channel::JointState, JOINT_STATE_BUFFER)
     }
 
     /// The camera's end of `control/joint_state`, and the waker that rings with it.
@@ -136,8 +142,8 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn joint_state_receiver(&self) -> Result<(Receiver<JointState>, Waker), IpcError> {
-        let receiver = self.receiver("control/joint_state", JOINT_STATE_BUFFER, JOINT_STATE_BUFFER)?;
-        Ok((receiver, self.waker("control/joint_state")?))
+        let receiver = self.receiver(Channel::JointState, JOINT_STATE_BUFFER, JOINT_STATE_BUFFER)?;
+        Ok((receiver, self.waker(Channel::JointState)?))
     }
 
     /// Control's end of `control/status`.
@@ -145,7 +151,7 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn status_sender(&self) -> Result<Sender<Status>, IpcError> {
-        self.sender("control/status", 1)
+        self.sender(Channel::Status, 1)
     }
 
     /// A view's end of `control/status`: the newest only.
@@ -153,7 +159,7 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn status_receiver(&self) -> Result<Receiver<Status>, IpcError> {
-        self.receiver("control/status", 1, 1)
+        self.receiver(Channel::Status, 1, 1)
     }
 
     /// Control's end of `drive/command`.
@@ -161,7 +167,7 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn drive_command_sender(&self) -> Result<Sender<DriveCommandMsg>, IpcError> {
-        self.sender("drive/command", DRIVE_BUFFER)
+        self.sender(Channel::DriveCommand, DRIVE_BUFFER)
     }
 
     /// An external drive's end of `drive/command`, and the waker that rings with it. To be made before that of
@@ -170,8 +176,8 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn drive_command_receiver(&self) -> Result<(Receiver<DriveCommandMsg>, Waker), IpcError> {
-        let receiver = self.receiver("drive/command", DRIVE_BUFFER, DRIVE_BUFFER)?;
-        Ok((receiver, self.waker("drive/command")?))
+        let receiver = self.receiver(Channel::DriveCommand, DRIVE_BUFFER, DRIVE_BUFFER)?;
+        Ok((receiver, self.waker(Channel::DriveCommand)?))
     }
 
     /// An external drive's end of `drive/state`.
@@ -179,7 +185,7 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn drive_state_sender(&self) -> Result<Sender<DriveStateMsg>, IpcError> {
-        self.sender("drive/state", DRIVE_BUFFER)
+        self.sender(Channel::DriveState, DRIVE_BUFFER)
     }
 
     /// Control's end of `drive/state`, and the waker that rings with it.
@@ -187,8 +193,8 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn drive_state_receiver(&self) -> Result<(Receiver<DriveStateMsg>, Waker), IpcError> {
-        let receiver = self.receiver("drive/state", DRIVE_BUFFER, DRIVE_BUFFER)?;
-        Ok((receiver, self.waker("drive/state")?))
+        let receiver = self.receiver(Channel::DriveState, DRIVE_BUFFER, DRIVE_BUFFER)?;
+        Ok((receiver, self.waker(Channel::DriveState)?))
     }
 
     /// The look-out for an external drive.
@@ -196,8 +202,8 @@ impl Services {
     /// # Errors
     /// When a service cannot be opened.
     pub fn drive_presence(&self) -> Result<DrivePresence, IpcError> {
-        let states = self.publish_subscribe::<DriveStateMsg>("drive/state", DRIVE_BUFFER)?;
-        let commands = self.publish_subscribe::<DriveCommandMsg>("drive/command", DRIVE_BUFFER)?;
+        let states = self.publish_subscribe::<DriveStateMsg>(Channel::DriveState, DRIVE_BUFFER)?;
+        let commands = self.publish_subscribe::<DriveCommandMsg>(Channel::DriveCommand, DRIVE_BUFFER)?;
         Ok(DrivePresence::new(states, commands, self.node.config().clone()))
     }
 
@@ -205,10 +211,10 @@ impl Services {
     ///
     /// # Errors
     /// When a service cannot be opened.
-    pub fn peers(&self, shape: FrameShape) -> Result<Peers, IpcError> {
-        let camera = self.frames(shape)?.dynamic_config().number_of_publishers() > 0;
+    pub fn peers(&self, id: CameraId, shape: FrameShape) -> Result<Peers, IpcError> {
+        let camera = self.frames(id, shape)?.dynamic_config().number_of_publishers() > 0;
         let measurements =
-            self.publish_subscribe::<Measurement>("vision/0/measurement", MEASUREMENT_BUFFER)?;
+            self.publish_subscribe::<Measurement>(Channel::Measurement(id), MEASUREMENT_BUFFER)?;
         Ok(Peers { camera, vision: measurements.dynamic_config().number_of_publishers() > 0 })
     }
 
@@ -226,9 +232,10 @@ impl Services {
         let _ = self.node.try_cleanup_dead_nodes();
     }
 
-    fn frames(&self, shape: FrameShape) -> Result<PubSub<[u8], FrameHeader>, IpcError> {
+    fn frames(&self, camera: CameraId, shape: FrameShape) -> Result<PubSub<[u8], FrameHeader>, IpcError> {
+        let service = Channel::Frame(camera);
         self.node
-            .service_builder(&name("camera/0/frame")?)
+            .service_builder(&name(service)?)
             .publish_subscribe::<[u8]>()
             .user_header::<FrameHeader>()
             .enable_safe_overflow(true)
@@ -239,12 +246,12 @@ impl Services {
             .max_subscribers(MAX_READERS)
             .max_nodes(MAX_NODES)
             .open_or_create()
-            .map_err(|e| service_error("camera/0/frame", e))
+            .map_err(|e| service_error(service, e))
     }
 
     fn publish_subscribe<T: ZeroCopySend + Debug>(
         &self,
-        service: &'static str,
+        service: Channel,
         buffer: usize,
     ) -> Result<PubSub<T>, IpcError> {
         self.node
@@ -264,7 +271,7 @@ impl Services {
     /// Why a service could not be opened; where its records are of another type, which.
     fn open_error<T: ZeroCopySend>(
         &self,
-        service: &'static str,
+        service: Channel,
         cause: PublishSubscribeOpenOrCreateError,
     ) -> IpcError {
         use PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError as Open;
@@ -273,12 +280,12 @@ impl Services {
         }
         let found = name(service).ok().and_then(|name| type_of_service(&name, self.node.config()));
         let found = found.unwrap_or_else(|| "records of another type".into());
-        IpcError::Type { service: service.into(), found, expected: type_of::<T>() }
+        IpcError::Type { service: service.to_string(), found, expected: type_of::<T>() }
     }
 
     fn sender<T: ZeroCopySend + Debug + Copy>(
         &self,
-        service: &'static str,
+        service: Channel,
         buffer: usize,
     ) -> Result<Sender<T>, IpcError> {
         let port = self
@@ -292,7 +299,7 @@ impl Services {
 
     fn receiver<T: ZeroCopySend + Debug + Copy>(
         &self,
-        service: &'static str,
+        service: Channel,
         limit: usize,
         buffer: usize,
     ) -> Result<Receiver<T>, IpcError> {
@@ -305,13 +312,13 @@ impl Services {
         Ok(Receiver::new(service, port))
     }
 
-    fn bell(&self, service: &'static str) -> Result<Bell, IpcError> {
+    fn bell(&self, service: Channel) -> Result<Bell, IpcError> {
         let port: Notifier<ipc::Service> =
             self.event(service)?.notifier_builder().create().map_err(|e| port_error(service, e))?;
         Ok(Bell::new(service, port))
     }
 
-    fn waker(&self, service: &'static str) -> Result<Waker, IpcError> {
+    fn waker(&self, service: Channel) -> Result<Waker, IpcError> {
         let port: Listener<ipc::Service> =
             self.event(service)?.listener_builder().create().map_err(|e| port_error(service, e))?;
         Ok(Waker::new(service, port))
@@ -319,7 +326,7 @@ impl Services {
 
     fn event(
         &self,
-        service: &'static str,
+        service: Channel,
     ) -> Result<iceoryx2::service::port_factory::event::PortFactory<ipc::Service>, IpcError> {
         self.node
             .service_builder(&name(service)?)
@@ -338,18 +345,18 @@ impl Services {
     }
 }
 
-fn name(service: &str) -> Result<ServiceName, IpcError> {
-    service.try_into().map_err(|e| service_error(service, e))
+fn name(service: Channel) -> Result<ServiceName, IpcError> {
+    service.to_string().as_str().try_into().map_err(|e| service_error(service, e))
 }
 
-fn service_error(service: &str, cause: impl Debug) -> IpcError {
+fn service_error(service: Channel, cause: impl Debug) -> IpcError {
     let cause = format!("{cause:?}");
-    let otherwise = IpcError::Service { service: service.into(), cause: cause.clone() };
+    let otherwise = IpcError::Service { service: service.to_string(), cause: cause.clone() };
     IpcError::scarce_or(|| format!("opening service `{service}`"), &cause, otherwise)
 }
 
-fn port_error(service: &str, cause: impl Debug) -> IpcError {
+fn port_error(service: Channel, cause: impl Debug) -> IpcError {
     let cause = format!("{cause:?}");
-    let otherwise = IpcError::Port { service: service.into(), cause: cause.clone() };
+    let otherwise = IpcError::Port { service: service.to_string(), cause: cause.clone() };
     IpcError::scarce_or(|| format!("attaching to service `{service}`"), &cause, otherwise)
 }

@@ -16,10 +16,12 @@ use iceoryx2::prelude::ZeroCopySend;
 /// A command to an external drive.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.DriveCommand.v1")]
+#[type_name("vservo.DriveCommand.v2")]
 pub struct DriveCommandMsg {
     /// Number of the control tick, counted in whole milliseconds from the first.
     pub tick: u64,
+    /// Counts what control has sent, `START` included, from 0: a gap is a command that was lost on the way.
+    pub sequence: u64,
     /// Time of that tick.
     pub stamp: MonoNs,
     /// Joints in use.
@@ -28,8 +30,8 @@ pub struct DriveCommandMsg {
     pub mode: u32,
     /// Bits of [`drive_flag`].
     pub flags: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// Which arm: 0.
+    pub arm: u32,
     /// Reference positions, rad or m; with `START` the start position.
     pub q_r: [f64; MAX_JOINTS],
     /// Reference velocities.
@@ -41,10 +43,12 @@ pub struct DriveCommandMsg {
 /// A state of an external drive.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.DriveState.v1")]
+#[type_name("vservo.DriveState.v2")]
 pub struct DriveStateMsg {
     /// Lockstep: the tick of the command that led here, plus one. Real time: counts the states.
     pub tick: u64,
+    /// Counts what the drive has sent since it joined, from 0.
+    pub sequence: u64,
     /// When it was sampled. Lockstep: the stamp of the command that led here, plus 1 ms. Real time: `CLOCK_MONOTONIC`.
     pub stamp: MonoNs,
     /// Joints in use.
@@ -53,8 +57,8 @@ pub struct DriveStateMsg {
     pub modes: u32,
     /// Bits of [`drive_flag`].
     pub flags: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// Which arm: 0.
+    pub arm: u32,
     /// Measured positions, rad or m.
     pub q: [f64; MAX_JOINTS],
     /// Measured velocities.
@@ -89,14 +93,14 @@ mod tests {
 
     #[test]
     fn layouts_are_fixed() {
-        assert_eq!((size_of::<DriveCommandMsg>(), align_of::<DriveCommandMsg>()), (200, 8));
-        assert_eq!(offset_of!(DriveCommandMsg, joints), 16);
-        assert_eq!(offset_of!(DriveCommandMsg, q_r), 32);
-        assert_eq!(offset_of!(DriveCommandMsg, tau), 144);
-        assert_eq!((size_of::<DriveStateMsg>(), align_of::<DriveStateMsg>()), (312, 8));
-        assert_eq!(offset_of!(DriveStateMsg, modes), 20);
-        assert_eq!(offset_of!(DriveStateMsg, q), 32);
-        assert_eq!(offset_of!(DriveStateMsg, q_true), 200);
+        assert_eq!((size_of::<DriveCommandMsg>(), align_of::<DriveCommandMsg>()), (208, 8));
+        assert_eq!(offset_of!(DriveCommandMsg, joints), 24);
+        assert_eq!(offset_of!(DriveCommandMsg, q_r), 40);
+        assert_eq!(offset_of!(DriveCommandMsg, tau), 152);
+        assert_eq!((size_of::<DriveStateMsg>(), align_of::<DriveStateMsg>()), (320, 8));
+        assert_eq!(offset_of!(DriveStateMsg, modes), 28);
+        assert_eq!(offset_of!(DriveStateMsg, q), 40);
+        assert_eq!(offset_of!(DriveStateMsg, q_true), 208);
     }
 
     #[test]
@@ -104,6 +108,6 @@ mod tests {
     fn type_names_carry_their_version() {
         // SAFETY: the names are only read.
         let names = unsafe { (DriveCommandMsg::type_name(), DriveStateMsg::type_name()) };
-        assert_eq!(names, ("vservo.DriveCommand.v1", "vservo.DriveState.v1"));
+        assert_eq!(names, ("vservo.DriveCommand.v2", "vservo.DriveState.v2"));
     }
 }

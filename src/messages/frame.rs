@@ -6,10 +6,12 @@ use iceoryx2::prelude::ZeroCopySend;
 /// Stamps and shape of a grey frame; travels as user header of a `[u8]` payload.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.FrameHeader.v1")]
+#[type_name("vservo.FrameHeader.v2")]
 pub struct FrameHeader {
     /// Counts the camera's exposures from 0; a gap is a frame that the camera itself lost.
     pub frame_id: u64,
+    /// The source's own number of the exposure; `frame_id` where it has none.
+    pub sequence: u64,
     /// Middle of the exposure.
     pub exposure: MonoNs,
     /// When the frame was handed over.

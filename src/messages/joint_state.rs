@@ -7,16 +7,22 @@ use iceoryx2::prelude::ZeroCopySend;
 /// The arm at one tick.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.JointState.v1")]
+#[type_name("vservo.JointState.v2")]
 pub struct JointState {
     /// Number of the control tick.
     pub tick: u64,
+    /// Counts what its sender has sent, from 0: a gap is a record that was lost on the way.
+    pub sequence: u64,
     /// When the drive was read.
     pub stamp: MonoNs,
     /// Joints in use.
     pub joints: u32,
     /// Bits of [`joint_flag`].
     pub flags: u32,
+    /// Which arm.
+    pub arm: u32,
+    /// Zero.
+    pub reserved: u32,
     /// Measured positions, rad or m.
     pub q: [f64; MAX_JOINTS],
     /// Measured velocities, rad/s or m/s.

@@ -10,6 +10,7 @@
 //!                                                        └-DriveCommandMsg--> external drive --DriveStateMsg--> control
 //! ```
 
+mod camera_id;
 mod drive;
 mod frame;
 mod joint_state;
@@ -18,6 +19,7 @@ mod status;
 #[cfg(test)]
 mod tests;
 
+pub use camera_id::CameraId;
 pub use drive::{DriveCommandMsg, DriveStateMsg, drive_flag};
 pub use frame::{FrameHeader, frame_flag};
 pub use joint_state::{JointState, joint_flag};
@@ -26,6 +28,9 @@ pub use status::{ControlState, Status};
 
 /// Most joints that an arm may have.
 pub const MAX_JOINTS: usize = 7;
+
+/// Most cameras that a cell may have.
+pub const MAX_CAMERAS: usize = 4;
 
 /// Most features that one measurement carries.
 pub const MAX_FEATURES: usize = 64;

@@ -53,10 +53,12 @@ impl ControlState {
 /// Where the run stands; flat, so that plotting tools can show every field.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.Status.v1")]
+#[type_name("vservo.Status.v2")]
 pub struct Status {
     /// Number of the control tick.
     pub tick: u64,
+    /// Counts what its sender has sent, from 0: a gap is a record that was lost on the way.
+    pub sequence: u64,
     /// Time of that tick.
     pub stamp: MonoNs,
     /// Time since the first tick, s.
@@ -95,4 +97,8 @@ pub struct Status {
     pub limits: u32,
     /// The joints on which they acted: bit 0 is the first.
     pub limited_joints: u32,
+    /// Which arm.
+    pub arm: u32,
+    /// Zero.
+    pub reserved: u32,
 }

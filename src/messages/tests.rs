@@ -5,19 +5,19 @@ use std::mem::{align_of, offset_of, size_of};
 
 #[test]
 fn layouts_are_fixed() {
-    assert_eq!((size_of::<FrameHeader>(), align_of::<FrameHeader>()), (56, 8));
-    assert_eq!(offset_of!(FrameHeader, flags), 52);
+    assert_eq!((size_of::<FrameHeader>(), align_of::<FrameHeader>()), (64, 8));
+    assert_eq!(offset_of!(FrameHeader, flags), 60);
     assert_eq!(size_of::<FeaturePoint>(), 48);
     assert_eq!((size_of::<Measurement>(), align_of::<Measurement>()), (3504, 8));
     assert_eq!(offset_of!(Measurement, camera), 64);
     assert_eq!(offset_of!(Measurement, features), 80);
     assert_eq!(offset_of!(Measurement, pose), 3152);
     assert_eq!(offset_of!(Measurement, reprojection_rms_px), 3496);
-    assert_eq!((size_of::<JointState>(), align_of::<JointState>()), (416, 8));
-    assert_eq!(offset_of!(JointState, q), 24);
-    assert_eq!(offset_of!(JointState, q_true), 304);
-    assert_eq!((size_of::<Status>(), align_of::<Status>()), (144, 8));
-    assert_eq!(offset_of!(Status, state), 128);
+    assert_eq!((size_of::<JointState>(), align_of::<JointState>()), (432, 8));
+    assert_eq!(offset_of!(JointState, q), 40);
+    assert_eq!(offset_of!(JointState, q_true), 320);
+    assert_eq!((size_of::<Status>(), align_of::<Status>()), (160, 8));
+    assert_eq!(offset_of!(Status, state), 136);
 }
 
 #[test]
@@ -26,10 +26,10 @@ fn type_names_carry_their_version() {
     use iceoryx2::prelude::ZeroCopySend;
     // SAFETY: the names are only read.
     for (name, wanted) in [
-        (unsafe { FrameHeader::type_name() }, "vservo.FrameHeader.v1"),
+        (unsafe { FrameHeader::type_name() }, "vservo.FrameHeader.v2"),
         (unsafe { Measurement::type_name() }, "vservo.Measurement.v2"),
-        (unsafe { JointState::type_name() }, "vservo.JointState.v1"),
-        (unsafe { Status::type_name() }, "vservo.Status.v1"),
+        (unsafe { JointState::type_name() }, "vservo.JointState.v2"),
+        (unsafe { Status::type_name() }, "vservo.Status.v2"),
     ] {
         assert_eq!(name, wanted);
     }

@@ -29,6 +29,14 @@ pub enum ProcessError {
     /// A camera that runs by itself gives no frames any more.
     #[error("the camera has given no frame for {0:.1} s: is it connected, and does it run?")]
     SourceSilent(f64),
+    /// A process of a camera that the run file does not have.
+    #[error("--camera {camera}: the run file has {cameras} camera(s), counted from 0")]
+    NoSuchCamera {
+        /// Which was asked for.
+        camera: u8,
+        /// How many there are.
+        cameras: usize,
+    },
     /// The robot file is wrong.
     #[error(transparent)]
     Robot(#[from] RobotError),
@@ -123,6 +131,7 @@ impl ProcessError {
             Self::Experiment(error) => error.exit_code(),
             Self::Config(_)
             | Self::Source(_)
+            | Self::NoSuchCamera { .. }
             | Self::Robot(_)
             | Self::Assemble(_)
             | Self::Scheduling(_)

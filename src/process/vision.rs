@@ -9,15 +9,16 @@ use crate::rt::now;
 use crate::vision::{Frame, Prior, Vision};
 use tracing::{info, warn};
 
-/// Runs vision until a stop is requested.
+/// Runs vision for the camera of `config` until a stop is requested.
 ///
 /// # Errors
 /// When shared memory or the instance fails.
 pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), ProcessError> {
-    let membership = Membership::join(instance, Role::Vision)?;
+    let id = config.camera.id;
+    let membership = Membership::join(instance, Role::Vision(id))?;
     let services = membership.services();
-    let frames = services.frame_receiver(frame_shape(config))?;
-    let measurements = services.measurement_sender()?;
+    let frames = services.frame_receiver(id, frame_shape(config))?;
+    let measurements = services.measurement_sender(id)?;
     services.require_room_for_peers()?;
     let mut worker = Worker {
         vision: crate::config::assemble::vision(config),

@@ -30,6 +30,7 @@ struct TestDrive {
     drive: SimulatedDrive<N>,
     states: Sender<DriveStateMsg>,
     behaviour: Behaviour,
+    sent: u64,
 }
 
 fn vector(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
@@ -41,7 +42,7 @@ impl TestDrive {
         let robot = config.robot.build::<N>().unwrap();
         let q = vservo::config::assemble::q_start(config).unwrap();
         let settings = vservo::config::assemble::simulated_settings(config).unwrap();
-        Self { drive: SimulatedDrive::new(robot, q, settings).unwrap(), states, behaviour }
+        Self { drive: SimulatedDrive::new(robot, q, settings).unwrap(), states, behaviour, sent: 0 }
     }
 
     fn misbehaves(&self, what: &str, tick: u64) -> bool {
@@ -64,8 +65,15 @@ impl TestDrive {
             return;
         }
         let tick = if self.misbehaves("wrong_tick", tick) { tick + 1 } else { tick };
-        let mut m =
-            DriveStateMsg { tick, stamp, joints: N as u32, modes: 0b111, flags, ..Default::default() };
+        let mut m = DriveStateMsg {
+            tick,
+            sequence: self.sent,
+            stamp,
+            joints: N as u32,
+            modes: 0b111,
+            flags,
+            ..Default::default()
+        };
         m.q[..N].copy_from_slice(state.q.as_slice());
         m.qd[..N].copy_from_slice(state.qd.as_slice());
         if let (Some((q, qd)), false) = (state.truth, self.misbehaves("no_truth", tick)) {
@@ -79,6 +87,7 @@ impl TestDrive {
             _ => {}
         }
         self.states.send(&m).unwrap();
+        self.sent += 1;
     }
 }
 

@@ -148,3 +148,34 @@ impl Random {
         }
     }
 }
+
+/// A plate with `n` by `n` equal dots, every pixel the mean of nine samples.
+pub fn equal_dots(
+    camera: &CameraModel,
+    X_CO: &Pose,
+    n: usize,
+    pitch_m: f64,
+    radius_m: f64,
+    image: &mut [u8],
+) {
+    let X_OC = X_CO.inverse();
+    let (origin, last) = (X_OC.translation.vector, (n - 1) as f64);
+    let level = |px: Vector2<f64>| {
+        let s = camera.normalized_of(&px);
+        let ray = X_OC.rotation * Vector3::new(s.x, s.y, 1.0);
+        let r = (origin - ray * (origin.z / ray.z)).xy() / pitch_m;
+        let nearest = r.map(|x| x.round().clamp(0.0, last));
+        let on_plate = r.iter().all(|x| (-1.0..last + 1.0).contains(x));
+        match on_plate {
+            _ if (r - nearest).norm() * pitch_m < radius_m => 30.0,
+            true => 220.0,
+            false => 90.0,
+        }
+    };
+    for (i, p) in image.iter_mut().enumerate() {
+        let (x, y) = ((i % WIDTH) as f64, (i / WIDTH) as f64);
+        let samples =
+            (0..9).map(|k| Vector2::new(x + f64::from(k % 3 - 1) / 3.0, y + f64::from(k / 3 - 1) / 3.0));
+        *p = (samples.map(level).sum::<f64>() / 9.0) as u8;
+    }
+}

@@ -14,15 +14,16 @@ const K2: RangeInclusive<f64> = -1e4..=1e4;
 const K3: RangeInclusive<f64> = -1e6..=1e6;
 const TANGENTIAL: RangeInclusive<f64> = -10.0..=10.0;
 
-/// `[camera.lens]` before an image of `(width_px, height_px)`.
+/// The lens of the camera at key `at`, before an image of `(width_px, height_px)`.
 pub(super) fn believed(
+    at: &str,
     lens: &RawLens,
     (width_px, height_px): (u32, u32),
     check: &mut Check<'_>,
 ) -> (Intrinsics, Distortion) {
     let middle = |side_px: u32| 0.5 * (f64::from(side_px) - 1.0);
     let mut number =
-        |key: &str, value: f64, allowed| check.range(&format!("camera.lens.{key}"), value, allowed);
+        |key: &str, value: f64, allowed| check.range(&format!("{at}.lens.{key}"), value, allowed);
     let intrinsics = Intrinsics {
         fx_px: number("fx_px", lens.fx_px, FOCAL_PX),
         fy_px: number("fy_px", lens.fy_px, FOCAL_PX),

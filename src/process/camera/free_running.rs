@@ -82,7 +82,8 @@ impl Numbers {
         self.gaps += frame_id - self.before.map_or(frame_id, |(_, id)| id + 1);
         self.before = Some((captured.sequence, frame_id));
         let lost = self.gaps + captured.lost;
-        Shot { frame_id, mid: captured.mid, span: captured.span, lost, last: false }
+        let Captured { mid, span, sequence, .. } = *captured;
+        Shot { frame_id, sequence, mid, span, lost, last: false }
     }
 }
 

@@ -13,26 +13,27 @@ use crate::source::{self, AnySource, SourceError};
 use crate::time::{MonoNs, SpanNs};
 use tracing::info;
 
-/// Runs the camera until a stop is requested or the source ends.
+/// Runs the camera of `config` until a stop is requested or the source ends.
 ///
 /// # Errors
 /// When the source, shared memory or the instance fails.
 pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), ProcessError> {
+    let id = config.camera.id;
     let source = source::open(config)?;
-    let membership = Membership::join(instance, Role::Camera)?;
+    let membership = Membership::join(instance, Role::Camera(id))?;
     let services = membership.services();
     match source {
         AnySource::Scheduled(source) => {
             // Control begins when it sees who sends frames: from then on no state of the arm may be missed.
             let (arm, waker) = services.joint_state_receiver()?;
-            let frames = services.frame_sender(frame_shape(config))?;
+            let frames = services.frame_sender(id, frame_shape(config))?;
             services.require_room_for_peers()?;
             info!(rate_hz = config.camera.rate_hz, "camera runs");
             let camera = scheduled::Camera::new(config, &membership, source, frames, arm);
             camera.run(&waker, stop)
         }
         AnySource::FreeRunning(mut source) => {
-            let frames = services.frame_sender(frame_shape(config))?;
+            let frames = services.frame_sender(id, frame_shape(config))?;
             services.require_room_for_peers()?;
             info!("camera runs by its own clock");
             let mut outlet = SharedMemory { camera: &config.camera, membership: &membership, frames };
@@ -47,6 +48,8 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
 struct Shot {
     /// Counts exposures from 0.
     frame_id: u64,
+    /// The source's own number of it.
+    sequence: u64,
     /// Middle of the exposure.
     mid: MonoNs,
     /// Its length.
@@ -63,11 +66,12 @@ impl Shot {
         let i = camera.model.intrinsics();
         FrameHeader {
             frame_id: self.frame_id,
+            sequence: self.sequence,
             exposure: camera.stamp(self.mid),
             sent: MonoNs::ZERO,
             exposure_span_ns: self.span.0.max(0).unsigned_abs(),
             lost: self.lost,
-            camera: 0,
+            camera: camera.id.into(),
             width_px: i.width_px,
             height_px: i.height_px,
             flags: if self.last { frame_flag::LAST } else { 0 },

@@ -136,7 +136,7 @@ impl<'a> Camera<'a> {
         let exposure = Exposure { frame_id, mid, span: camera.exposure };
         let position = self.source.expose(&exposure, frame.pixels_mut())?;
         let last = position == Position::Last;
-        let shot = Shot { frame_id, mid, span: exposure.span, lost: self.lost, last };
+        let shot = Shot { frame_id, sequence: frame_id, mid, span: exposure.span, lost: self.lost, last };
         let header = shot.header(camera);
         Ok((frame, header))
     }

@@ -56,6 +56,8 @@ pub(super) struct DrivePorts<'a> {
     received: Producer<DriveStateMsg>,
     to_send: Consumer<DriveCommandMsg>,
     command: Sender<DriveCommandMsg>,
+    /// Commands sent.
+    sent: u64,
     state: Receiver<DriveStateMsg>,
     waker: Waker,
     answer_timeout: SpanNs,
@@ -85,8 +87,18 @@ pub(super) fn open<'a, const N: usize>(
     let answer_timeout = config.drive.external.answer_timeout;
     let presence = services.drive_presence()?;
     let spin = Spin::new(LONGEST_SPIN);
-    let ports =
-        DrivePorts { membership, presence, received, to_send, command, state, waker, answer_timeout, spin };
+    let ports = DrivePorts {
+        membership,
+        presence,
+        received,
+        to_send,
+        command,
+        sent: 0,
+        state,
+        waker,
+        answer_timeout,
+        spin,
+    };
     Ok(Some((drive, ports)))
 }
 
@@ -119,7 +131,7 @@ impl DrivePorts<'_> {
                 if config.clock == Clock::Realtime {
                     start.stamp = now();
                 }
-                self.command.send(&start)?;
+                self.send_counted(start)?;
                 asked = Some(now());
             }
             self.waker.wait(LONGEST_WAIT)?;
@@ -145,8 +157,14 @@ impl DrivePorts<'_> {
     /// Lockstep: sends what the drive core wants sent.
     pub(super) fn send(&mut self) -> Result<(), ProcessError> {
         while let Ok(command) = self.to_send.pop() {
-            self.command.send(&command)?;
+            self.send_counted(command)?;
         }
+        Ok(())
+    }
+
+    fn send_counted(&mut self, command: DriveCommandMsg) -> Result<(), ProcessError> {
+        self.command.send(&DriveCommandMsg { sequence: self.sent, ..command })?;
+        self.sent += 1;
         Ok(())
     }
 

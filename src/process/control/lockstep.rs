@@ -11,7 +11,7 @@ use crate::config::Config;
 use crate::control::control_loop::ControlLoop;
 use crate::control::safety::Fault;
 use crate::ipc::{FrameShape, Role, Spin};
-use crate::messages::{Measurement, frame_flag};
+use crate::messages::{CameraId, Measurement, frame_flag};
 use crate::process::STOP_REASON;
 use crate::process::silence::Silence;
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD};
@@ -30,6 +30,7 @@ const PEERS_PATIENCE: SpanNs = SpanNs(10_000_000_000);
 /// Waits until camera and vision have joined: what is sent before would be lost to them.
 pub(super) fn wait_for_peers(
     membership: &Membership,
+    camera: CameraId,
     frames: FrameShape,
     stop: &StopFlag,
 ) -> Result<(), ProcessError> {
@@ -37,7 +38,7 @@ pub(super) fn wait_for_peers(
     let mut told = None;
     while !stop.is_requested() {
         membership.beat();
-        let peers = membership.services().peers(frames)?;
+        let peers = membership.services().peers(camera, frames)?;
         if peers.camera && peers.vision {
             return Ok(());
         }
@@ -201,8 +202,9 @@ impl Wait {
         if waited > TELL_AFTER && !std::mem::replace(&mut self.told, true) {
             let instance = membership.services().instance();
             let hangs = |role| instance.last_pulse(role).is_none_or(|last| time - last > TELL_AFTER);
-            let hanging: Vec<_> =
-                [Role::Camera, Role::Vision].into_iter().filter(|r| hangs(*r)).map(Role::as_str).collect();
+            let camera = CameraId::FIRST;
+            let peers = [Role::Camera(camera), Role::Vision(camera)];
+            let hanging: Vec<_> = peers.into_iter().filter(|r| hangs(*r)).map(|r| r.to_string()).collect();
             let who = if hanging.is_empty() { "none".into() } else { hanging.join(", ") };
             warn!(
                 "waiting for camera and vision: the measurement of frame {frame_id} does not come (without a sign of life: \

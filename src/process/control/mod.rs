@@ -15,7 +15,7 @@ use crate::config::raw::{Clock, Task};
 use crate::control::control_loop::{ControlLoop, Finish};
 use crate::control::outcome::Outcome;
 use crate::ipc::{Instance, Receiver, Role, Sender, Waker};
-use crate::messages::{JointState, Measurement, Status};
+use crate::messages::{CameraId, JointState, Measurement, Status};
 use crate::report::statistics::RunStatistics;
 use crate::report::summary::{RealtimeReport, StampCalibration, Summary, TickTimes};
 use crate::robot::Robot;
@@ -42,9 +42,9 @@ struct Ports<'a> {
 }
 
 impl<'a> Ports<'a> {
-    fn open(membership: &'a Membership) -> Result<Self, ProcessError> {
+    fn open(membership: &'a Membership, camera: CameraId) -> Result<Self, ProcessError> {
         let services = membership.services();
-        let (measurements, waker) = services.measurement_receiver()?;
+        let (measurements, waker) = services.measurement_receiver(camera)?;
         let (joint_state, status) = (services.joint_state_sender()?, services.status_sender()?);
         Ok(Self { membership, measurements, waker, joint_state, status })
     }
@@ -88,9 +88,9 @@ fn run_robot<const N: usize>(
         }
         None => (crate::config::assemble::control_loop(config, robot)?, None),
     };
-    let ports = Ports::open(&membership)?;
+    let ports = Ports::open(&membership, config.camera.id)?;
     if config.clock == Clock::Lockstep {
-        lockstep::wait_for_peers(&membership, frame_shape(config), stop)?;
+        lockstep::wait_for_peers(&membership, config.camera.id, frame_shape(config), stop)?;
     }
     membership.services().require_room_for_peers()?;
     if let Some(drive) = &mut drive {

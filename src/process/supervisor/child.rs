@@ -58,16 +58,19 @@ impl Child {
     /// Starts `role` of `instance`. It reads its configuration from the very file that was written, not from a path
     /// under which another could lie.
     pub(super) fn spawn(role: Role, instance: &Instance, config: &File) -> Result<Self, ProcessError> {
-        let failed = |cause| ProcessError::Start { what: role.as_str(), cause };
+        let failed = |cause| ProcessError::Start { what: role.command(), cause };
         let mut command = Command::new(std::env::current_exe().map_err(failed)?);
         command
-            .arg(role.as_str())
+            .arg(role.command())
             .arg(instance.config_path())
             .args(["--instance", &instance.to_string()])
             .args(["--supervised-by", &std::process::id().to_string(), "--config-on-stdin"])
             .stdin(config.try_clone().map_err(failed)?)
             // A group of its own: Ctrl-C reaches the supervisor alone, which ends its children in order.
             .process_group(0);
+        if let Some(camera) = role.camera() {
+            command.args(["--camera", &camera.to_string()]);
+        }
         if role == Role::Control {
             command.arg("--json").stdout(Stdio::piped());
         }

@@ -39,8 +39,8 @@ impl Crew {
         let control = Child::spawn(Role::Control, instance, written)?;
         // From here on whatever fails ends what was started in order.
         let mut crew = Self { control, others: Vec::new(), longest_stop, is_down: false };
-        crew.others.push(Child::spawn(Role::Vision, instance, written)?);
-        crew.others.push(Child::spawn(Role::Camera, instance, written)?);
+        crew.others.push(Child::spawn(Role::Vision(config.camera.id), instance, written)?);
+        crew.others.push(Child::spawn(Role::Camera(config.camera.id), instance, written)?);
         if config.drive.kind == DriveKind::External {
             crew.others.extend(Child::spawn_drive(&config.drive.external, instance)?);
         }

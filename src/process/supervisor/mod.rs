@@ -67,7 +67,7 @@ impl Place {
         let lock = instance.lock(Role::Supervisor)?;
         // Children of a supervisor that was just killed need a moment to end.
         let deadline = now() + PREDECESSOR;
-        let other = || Role::ALL.into_iter().find(|r| *r != Role::Supervisor && instance.is_running(*r));
+        let other = || Role::all().find(|r| *r != Role::Supervisor && instance.is_running(*r));
         while let Some(role) = other() {
             if now() > deadline {
                 return Err(InstanceError::Taken { instance: instance.to_string(), role }.into());

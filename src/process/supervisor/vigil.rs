@@ -7,7 +7,7 @@
 
 use crate::config::raw::Clock;
 use crate::ipc::{Instance, Role};
-use crate::messages::Status;
+use crate::messages::{CameraId, Status};
 use crate::process::silence::Silence;
 use crate::time::{MonoNs, SpanNs};
 use tracing::warn;
@@ -31,7 +31,7 @@ pub(super) struct Vigil {
 }
 
 /// The roles that show pulses.
-const ROLES: [Role; 3] = [Role::Control, Role::Vision, Role::Camera];
+const ROLES: [Role; 3] = [Role::Control, Role::Vision(CameraId::FIRST), Role::Camera(CameraId::FIRST)];
 
 impl Vigil {
     pub(super) fn new(instance: &Instance, clock: Clock, now: MonoNs) -> Self {
@@ -116,7 +116,7 @@ mod tests {
             if ms < 3_000 {
                 sign.seen(ms, at(ms));
             }
-            if sign.judge(Role::Vision, "is silent", at(ms)).is_some() {
+            if sign.judge(Role::Vision(CameraId::FIRST), "is silent", at(ms)).is_some() {
                 given_up.get_or_insert(ms);
             } else {
                 assert_eq!(given_up, None);
@@ -129,9 +129,9 @@ mod tests {
     #[test]
     fn a_start_may_take_longer() {
         let mut sign = Sign::new(MonoNs(0));
-        let first = (0..400)
-            .map(|k| k * 100)
-            .find(|ms| sign.judge(Role::Camera, "is silent", MonoNs(ms * 1_000_000)).is_some());
+        let first = (0..400).map(|k| k * 100).find(|ms| {
+            sign.judge(Role::Camera(CameraId::FIRST), "is silent", MonoNs(ms * 1_000_000)).is_some()
+        });
         assert_eq!(first, Some(20_100));
     }
 }

@@ -1,0 +1,136 @@
+//! `[camera]`, or each entry of `[[cameras]]`.
+
+use super::lens;
+use crate::camera_model::CameraModel;
+use crate::config::check::Check;
+use crate::config::raw::{MountKind, RawCamera, RawConfig, SourceKind};
+use crate::config::{Camera, Document, Source};
+use crate::messages::{CameraId, MAX_CAMERAS};
+use crate::scene::{FrameSchedule, Irregularity, LARGEST_SIDE_PX, SceneLook, SensorModel};
+use crate::servo::Mount;
+use crate::time::SpanNs;
+
+/// The first camera and the others. A list of one is the same as `[camera]`; from here on `raw.camera` is the first.
+pub(super) fn cameras(
+    raw: &mut RawConfig,
+    document: &Document,
+    check: &mut Check<'_>,
+) -> Option<(Camera, Vec<Camera>)> {
+    let list = std::mem::take(&mut raw.cameras);
+    if list.is_empty() {
+        return Some((camera(raw, (&raw.camera, CameraId::FIRST, "camera"), check)?, Vec::new()));
+    }
+    if document.table.contains_key("camera") {
+        check.wrong("cameras", "[camera] and [[cameras]] are both given: move all of [camera] into the list");
+        return None;
+    }
+    if list.len() > MAX_CAMERAS {
+        check.wrong("cameras", format!("has {} entries, at most {MAX_CAMERAS} are possible", list.len()));
+        return None;
+    }
+    let mut made = Vec::new();
+    for (id, c) in (0..).zip(&list) {
+        let at = format!("cameras[{id}]");
+        made.push(camera(raw, (c, CameraId(id), &at), check));
+        if list.first().is_some_and(|first| first.source != c.source) {
+            check.wrong(&format!("{at}.source"), "must be that of the first camera: all are of one cell");
+        }
+    }
+    raw.camera = list.first()?.clone();
+    if list.len() > 1 {
+        raw.cameras = list;
+    }
+    let mut made = made.into_iter().collect::<Option<Vec<_>>>()?.into_iter();
+    Some((made.next()?, made.collect()))
+}
+
+fn camera(
+    raw: &RawConfig,
+    (c, id, at): (&RawCamera, CameraId, &str),
+    check: &mut Check<'_>,
+) -> Option<Camera> {
+    let (lens, synthetic) = (&c.lens, &c.synthetic);
+    let key = |name: &str| format!("{at}.{name}");
+    let before = check.count_problems();
+    let width_px = check.count(&key("width_px"), c.width_px, 16..=LARGEST_SIDE_PX);
+    let height_px = check.count(&key("height_px"), c.height_px, 16..=LARGEST_SIDE_PX);
+    let rate_hz = check.range(&key("rate_hz"), c.rate_hz, 0.1..=1000.0);
+    let exposure = check.span_ms(&key("exposure_ms"), c.exposure_ms, 0.0..=1000.0);
+    let latency = check.span_ms(&key("latency_ms"), c.latency_ms, 0.0..=500.0);
+    let stamp_offset = check.span_ms(&key("stamp_offset_ms"), c.stamp_offset_ms, -500.0..=500.0);
+    let stamp_error =
+        check.span_ms(&key("synthetic.stamp_error_ms"), synthetic.stamp_error_ms, -500.0..=500.0);
+    let X = check.pose(&key("mount"), c.mount.position_m, c.mount.rotation_rpy_rad);
+    let mount = match c.mount.kind {
+        MountKind::EyeInHand => Mount::EyeInHand { X_EC: X },
+        MountKind::EyeToHand => Mount::EyeToHand { X_BC: X },
+    };
+    let look = SceneLook {
+        background: check.range("scene.background_level", raw.scene.background_level, SceneLook::LEVEL),
+        plate: check.range("scene.plate_level", raw.scene.plate_level, SceneLook::LEVEL),
+        dots: check.range("scene.dot_level", raw.scene.dot_level, SceneLook::LEVEL),
+    };
+    if look.plate <= look.dots {
+        check.wrong(
+            "scene.plate_level",
+            "must be brighter than scene.dot_level: the dots are dark on a light plate",
+        );
+    }
+    let sensor = SensorModel {
+        noise_sd_levels: check.range(
+            &key("synthetic.noise_sd_levels"),
+            synthetic.noise_sd_levels,
+            SensorModel::NOISE_SD_LEVELS,
+        ),
+        blur_sd_px: check.range(&key("synthetic.blur_sd_px"), synthetic.blur_sd_px, SensorModel::BLUR_SD_PX),
+        vignetting: check.range(&key("synthetic.vignetting"), synthetic.vignetting, SensorModel::VIGNETTING),
+        seed: raw.run.seed,
+    };
+    let source = match c.source {
+        SourceKind::Synthetic => Source::Synthetic { look, sensor, motion_blur: synthetic.motion_blur },
+        SourceKind::Replay => {
+            let folder = &c.replay.folder;
+            if folder.as_os_str().is_empty() {
+                check.wrong(&key("replay.folder"), "is missing: name the folder of images to replay");
+            } else if !folder.is_dir() {
+                check.wrong(&key("replay.folder"), format!("{} is not a folder", folder.display()));
+            }
+            Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
+        }
+    };
+    let (intrinsics, distortion) = lens::believed(at, lens, (width_px, height_px), check);
+    let irregularity = Irregularity {
+        jitter: check.span_ms(&key("synthetic.latency_jitter_ms"), synthetic.latency_jitter_ms, 0.0..=500.0),
+        loss: check.range(&key("synthetic.frame_loss"), synthetic.frame_loss, 0.0..=0.99),
+        seed: raw.run.seed,
+    };
+    if check.count_problems() > before {
+        return None;
+    }
+    // Other frames come as they are: only a simulated camera is irregular by intent.
+    let (irregularity, stamp_error) = if c.source.is_simulated() {
+        (irregularity, stamp_error)
+    } else {
+        (Irregularity::default(), SpanNs(0))
+    };
+    let schedule = FrameSchedule::new(rate_hz, latency, irregularity);
+    match CameraModel::new(intrinsics, distortion) {
+        Ok(model) => Some(Camera {
+            id,
+            name: c.name.clone().unwrap_or_else(|| id.to_string()),
+            source,
+            model,
+            mount,
+            rate_hz,
+            exposure,
+            latency,
+            schedule,
+            stamp_offset,
+            stamp_error,
+        }),
+        Err(e) => {
+            check.wrong(&key("lens"), e.to_string());
+            None
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! The names of the services, each from this one place.
+
+use crate::messages::CameraId;
+use std::fmt;
+
+/// A service of an instance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Channel {
+    /// A camera's frames.
+    Frame(CameraId),
+    /// What vision measured in them.
+    Measurement(CameraId),
+    /// The arm at each tick.
+    JointState,
+    /// Where the run stands.
+    Status,
+    /// Commands to an external drive.
+    DriveCommand,
+    /// States of an external drive.
+    DriveState,
+}
+
+/// The service's name.
+impl fmt::Display for Channel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Frame(id) => write!(f, "camera/{id}/frame"),
+            Self::Measurement(id) => write!(f, "vision/{id}/measurement"),
+            Self::JointState => f.write_str("control/joint_state"),
+            Self::Status => f.write_str("control/status"),
+            Self::DriveCommand => f.write_str("drive/command"),
+            Self::DriveState => f.write_str("drive/state"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_carry_the_camera() {
+        assert_eq!(Channel::Frame(CameraId::FIRST).to_string(), "camera/0/frame");
+        assert_eq!(Channel::Measurement(CameraId(3)).to_string(), "vision/3/measurement");
+    }
+}

@@ -1,0 +1,143 @@
+//! A target that is partly hidden: a covered dot costs one feature and not the target, two stop the arm for as long as
+//! they are covered, and of a grid half is enough.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+
+use std::ops::ControlFlow;
+use std::path::Path;
+use vservo::config::Config;
+use vservo::control::outcome::Outcome;
+use vservo::control::trace::Event;
+use vservo::sim::{Moment, SystemRun, simulate_system};
+
+/// Each law, for m = 4 and m = 6.
+const EVERY_SCHEME: [&str; 8] = [
+    "scara-a.toml",
+    "scara-b.toml",
+    "scara-c.toml",
+    "scara-d.toml",
+    "scara-hybrid.toml",
+    "default.toml",
+    "ur5-b.toml",
+    "ur5-hybrid.toml",
+];
+
+struct Watched {
+    run: SystemRun,
+    events: Vec<(f64, Event)>,
+    /// Greatest measured joint speed from 1.4 s to 1.5 s, rad/s or m/s.
+    speed_at_the_end_of_cover: f64,
+}
+
+fn watch(file: &str, set: &[String]) -> Watched {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
+    let set = [&["goal.hold_s=0.2".to_owned()], set].concat();
+    let config = Config::load(Some(&path), &set).unwrap_or_else(|e| panic!("{file}: {e}"));
+    let (mut events, mut speed) = (Vec::new(), 0.0f64);
+    let run = simulate_system(&config, &mut |moment| {
+        if let Moment::Tick(trace, _) = moment {
+            let time_s = trace.joint_state.tick as f64 * 1e-3;
+            events.extend(trace.events.iter().map(|event| (time_s, event)));
+            if (1.4..1.5).contains(&time_s) {
+                speed = trace.joint_state.qd.iter().fold(speed, |most, qd| most.max(qd.abs()));
+            }
+        }
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    Watched { run, events, speed_at_the_end_of_cover: speed }
+}
+
+/// Something of `size` m before the target's place `center`, from `from` s to `until` s.
+fn cover(center: [f64; 2], size: [f64; 2], from: f64, until: f64) -> Vec<String> {
+    vec![format!(
+        "scene.occluder={{from_s={from}, until_s={until}, center_m={center:?}, size_m={size:?}, height_m=0.0}}"
+    )]
+}
+
+fn assert_there(what: &str, Watched { run, events, .. }: &Watched) {
+    assert_eq!(run.finish.outcome, Outcome::Converged, "{what}: {run:?} {events:?}");
+    let (position_m, angle) =
+        (run.errors.position_error_m.unwrap(), run.errors.orientation_error_rad.unwrap());
+    assert!(position_m < 1e-3 && angle < 2e-3, "{what}: {position_m} m, {angle} rad");
+}
+
+#[test]
+fn any_dot_of_four_may_be_covered_for_a_second_in_any_scheme() {
+    for file in EVERY_SCHEME {
+        for center in [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]] {
+            let what = format!("{file} without the dot at {center:?}");
+            let watched = watch(file, &cover(center, [0.04, 0.04], 0.5, 1.5));
+            assert_there(&what, &watched);
+            let told: Vec<_> = watched.events.iter().map(|(_, event)| *event).collect();
+            assert_eq!(told, [Event::Degraded, Event::WholeAgain], "{what}");
+            assert!(watched.events[0].0 >= 0.5 && watched.events[1].0 < 1.7, "{what}: {:?}", watched.events);
+        }
+    }
+}
+
+#[test]
+fn with_two_dots_covered_the_arm_slows_down_and_holds_and_then_goes_on() {
+    for file in EVERY_SCHEME {
+        for (center, size) in [([0.05, 0.0], [0.15, 0.04]), ([0.1, 0.05], [0.04, 0.15])] {
+            let what = format!("{file}, two dots about {center:?}");
+            let watched = watch(file, &cover(center, size, 0.5, 1.5));
+            assert_there(&what, &watched);
+            let told: Vec<_> = watched.events.iter().map(|(_, event)| *event).collect();
+            assert_eq!(told, [Event::Holding, Event::Resumed], "{what}");
+            assert!(
+                watched.speed_at_the_end_of_cover < 0.02,
+                "{what}: {}",
+                watched.speed_at_the_end_of_cover
+            );
+            assert!(watched.run.target_lost > 0, "{what}");
+        }
+    }
+}
+
+/// Covered while the arm is on its way, uncovered where it is not expected any more: nothing is taken for something else.
+#[test]
+fn one_dot_after_the_other() {
+    for file in ["default.toml", "ur5-b.toml"] {
+        for center in [[0.0, 0.0], [0.1, 0.1]] {
+            // from the first frame on nothing can be told apart; the arm stands
+            let late = watch(file, &cover(center, [0.04, 0.04], 0.0, 0.6));
+            assert_there(file, &late);
+            // for good: the goal is reached by three dots and the arm's own motion, or the arm holds
+            let ever = watch(
+                file,
+                &[cover(center, [0.04, 0.04], 0.5, 100.0), vec!["run.duration_s=8.0".into()]].concat(),
+            );
+            let truth_m = ever.run.errors.position_error_m.unwrap();
+            assert!(truth_m < 0.5, "{file}: {truth_m}");
+            if ever.run.finish.outcome == Outcome::Converged {
+                assert_there(file, &ever);
+            }
+        }
+    }
+}
+
+fn grid(pitch_m: f64) -> Vec<String> {
+    // laws that compare named points: the grid's corners
+    vec!["target.kind='dot_grid'".into(), format!("target.dot_grid={{columns=7, rows=5, pitch_m={pitch_m}}}")]
+}
+
+#[test]
+fn half_a_grid_is_enough() {
+    for file in EVERY_SCHEME {
+        let mut set = grid(0.02);
+        if file == "scara-c.toml" {
+            set.push("servo.points=[1, 7, 29, 35]".into());
+        }
+        let whole = watch(file, &set);
+        assert_there(&format!("{file}, a grid"), &whole);
+        assert!(whole.events.is_empty(), "{file}: {:?}", whole.events);
+        // columns 0 to 3 of 7 are hidden, or the lower half; all the time
+        for (center, size) in [([0.03, 0.04], [0.075, 0.12]), ([0.06, 0.07], [0.16, 0.07])] {
+            let what = format!("{file}, a grid hidden about {center:?}");
+            let half = watch(file, &[set.clone(), cover(center, size, 0.0, 100.0)].concat());
+            assert_there(&what, &half);
+            assert!(matches!(half.events.as_slice(), [(_, Event::Degraded)]), "{what}: {:?}", half.events);
+        }
+    }
+}
