@@ -26,6 +26,7 @@ const OPTIONAL: &str = "
     p2 = 0.0, k3 = 0.0 }
     scene.camera.mount = { position_m = [0.001, 0.0, 0.0], rotation_rpy_rad = [0.0, 0.0, 0.001] }
     scene.target = { scale = 1.01, side_m = 0.101, radius_m = 0.0101, radius_p1_m = 0.0151, margin_m = 0.0301 }
+    target.dot_grid = { radius_m = 0.006, large_radius_m = 0.0096, margin_m = 0.0225 }
     scene.arm = { model = 'scara', mass_scale = 1.01, friction_scale = 1.01, q_offset_rad_or_m = [1e-4] }
     servo.adaptive_gain = {}
     servo.points = [1, 2, 3, 4]
@@ -221,6 +222,10 @@ fn every_number_of_a_run_file() {
     for (file, extra) in [
         ("default.toml", OPTIONAL),
         ("default.toml", quick),
+        (
+            "default.toml",
+            "target.kind = 'dot_grid'\ntarget.dot_grid.pitch_m = 0.015\nscene.occluder = { until_s = 1.0, center_m = [0.03, 0.03] }\n",
+        ),
         (
             "default.toml",
             "drive.mode = 'velocity'\nservo.smooth_start_1_s = 3.0\nservo.limit_avoidance_1_s = 0.1\n",

@@ -15,7 +15,9 @@ use crate::control::trace::{CommandTrace, Event, Events, FrameStamps, LatencySta
 use crate::control::truth::Truth;
 use crate::drive::{Drive, DriveCommand, DriveState};
 use crate::geometry::{Pose, rotation_angle};
-use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status, frame_flag, joint_flag};
+use crate::messages::{
+    ControlState, JointState, MAX_JOINTS, Measurement, Status, frame_flag, joint_flag, status_flag,
+};
 use crate::motion::ActingLimits;
 use crate::servo::{Intake, View};
 use crate::time::TICK;
@@ -413,7 +415,7 @@ impl<const N: usize> ControlLoop<N> {
             limits: self.acted.kinds(),
             limited_joints: u32::from(self.acted.all_joints()),
             arm: 0,
-            reserved: 0,
+            flags: if self.sightings.is_degraded() { status_flag::DEGRADED } else { 0 },
         }
     }
 

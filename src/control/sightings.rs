@@ -110,6 +110,11 @@ impl Sightings {
         }
     }
 
+    /// Whether features were hidden in the last one that was used.
+    pub(super) fn is_degraded(&self) -> bool {
+        self.degraded
+    }
+
     pub(super) fn commanded(&mut self, latency: LatencyStages) {
         self.latency = latency;
     }

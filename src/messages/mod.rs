@@ -26,7 +26,7 @@ pub use drive::{DriveCommandMsg, DriveStateMsg, drive_flag};
 pub use frame::{FrameHeader, frame_flag};
 pub use joint_state::{JointState, joint_flag};
 pub use measurement::{FeaturePoint, Measurement, TargetStatus, measurement_flag};
-pub use status::{ControlState, Status};
+pub use status::{ControlState, Status, status_flag};
 pub use trace::{TRACE_LIMITS, TraceMsg, trace_flag};
 
 /// Most joints that an arm may have.

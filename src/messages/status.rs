@@ -50,6 +50,12 @@ impl ControlState {
     }
 }
 
+/// Bits of [`Status::flags`].
+pub mod status_flag {
+    /// The law works with a part of its features: others are hidden.
+    pub const DEGRADED: u32 = 1;
+}
+
 /// Where the run stands; flat, so that plotting tools can show every field.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
@@ -99,6 +105,6 @@ pub struct Status {
     pub limited_joints: u32,
     /// Which arm.
     pub arm: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// Bits of [`status_flag`].
+    pub flags: u32,
 }

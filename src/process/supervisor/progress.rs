@@ -1,6 +1,6 @@
 //! The line that shows how a run goes: rewritten in place on a terminal, one line a second elsewhere.
 
-use crate::messages::{ControlState, Status, TargetStatus};
+use crate::messages::{ControlState, Status, TargetStatus, status_flag};
 use crate::rt::{Stderr, now};
 use crate::time::{MonoNs, SpanNs};
 use std::io::{IsTerminal, Write, stderr};
@@ -51,6 +51,8 @@ fn line(s: &Status) -> String {
     }
     if target != TargetStatus::Found && s.measurements > 0 {
         line += &format!("  ({})", target.as_str());
+    } else if s.flags & status_flag::DEGRADED != 0 {
+        line += "  (degraded: a part of the target is hidden)";
     }
     line
 }
@@ -73,5 +75,8 @@ mod tests {
         s.target = TargetStatus::NoContrast as u32;
         s.feature_error_px = f64::NAN;
         assert_eq!(line(&s), "    1.50 s  servoing   (no contrast in the frame)");
+        s.target = TargetStatus::Found as u32;
+        s.flags = status_flag::DEGRADED;
+        assert_eq!(line(&s), "    1.50 s  servoing   (degraded: a part of the target is hidden)");
     }
 }
