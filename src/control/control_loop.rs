@@ -11,7 +11,7 @@ use crate::control::outcome::{FinalErrors, MeasuredErrors, Outcome};
 use crate::control::run_end::{self, NextStep, RunEnd};
 use crate::control::safety::Fault;
 use crate::control::sightings::Sightings;
-use crate::control::trace::{Event, Events, LatencyStages, Sighting, Trace};
+use crate::control::trace::{CommandTrace, Event, Events, FrameStamps, LatencyStages, Sighting, Trace};
 use crate::control::truth::Truth;
 use crate::drive::{Drive, DriveCommand, DriveState};
 use crate::geometry::{Pose, rotation_angle};
@@ -155,7 +155,26 @@ impl<const N: usize> ControlLoop<N> {
         }
         let events = std::mem::take(&mut self.events);
         let joint_state = self.joint_state;
-        Trace { time: now, joint_state, status, sighting, limits: output.limits, events, finish }
+        let command = CommandTrace {
+            wish: padded(&output.wish),
+            tau: padded(&output.command.tau),
+            q_r: padded(&output.command.q_r),
+            qd_r: padded(&output.command.qd_r),
+        };
+        Trace {
+            time: now,
+            joint_state,
+            command,
+            commanded: now,
+            state: self.state,
+            fault: output.fault,
+            lost: 0,
+            status,
+            sighting,
+            limits: output.limits,
+            events,
+            finish,
+        }
     }
 
     /// A whole tick.
@@ -166,6 +185,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Tells when the command of the tick of `trace` was written, which closes the latency of the measurement that it used.
     pub fn commanded(&mut self, at: MonoNs, trace: &mut Trace) {
+        trace.commanded = at;
         if let (Some(m), Some(sighting)) = (self.used.take(), &mut trace.sighting) {
             let latency = LatencyStages::of(&m, at, self.plan.one_clock);
             self.sightings.commanded(latency);
@@ -229,7 +249,7 @@ impl<const N: usize> ControlLoop<N> {
             let degraded = self.controller.settings().servo.is_degraded();
             self.sightings.note_degraded(degraded, &mut self.events);
         }
-        let sighting = Sighting { intake, error_px, latency: None };
+        let sighting = Sighting { frame: FrameStamps::of(m), intake, error_px, latency: None };
         if intake.is_some_and(Intake::is_refused) {
             return sighting;
         }

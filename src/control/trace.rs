@@ -1,9 +1,11 @@
 //! What one tick leaves behind: what goes out, and everything that the report counts. The report reads it; control does not
 //! know the report.
 
+mod record;
+
 use super::outcome::Finish;
 use super::safety::Fault;
-use crate::messages::{JointState, Measurement, Status};
+use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status};
 use crate::motion::ActingLimits;
 use crate::servo::Intake;
 use crate::time::{MonoNs, SpanNs};
@@ -18,6 +20,16 @@ pub struct Trace {
     pub time: MonoNs,
     /// The arm at that time, and the command of the tick before.
     pub joint_state: JointState,
+    /// What this tick commanded.
+    pub command: CommandTrace,
+    /// When that command was written.
+    pub commanded: MonoNs,
+    /// What control does.
+    pub state: ControlState,
+    /// Why it does nothing more.
+    pub fault: Option<Fault>,
+    /// Traces before this one that were dropped because nobody took them in time.
+    pub lost: u64,
     /// The run after the tick, every 20 ms.
     pub status: Option<Status>,
     /// The measurement that came, and what became of it.
@@ -30,9 +42,56 @@ pub struct Trace {
     pub finish: Option<Finish>,
 }
 
+/// The command of a tick; entries beyond the arm's joints are zero.
+#[derive(Debug, Clone, Copy)]
+pub struct CommandTrace {
+    /// What the servo law wished, before limits, rad/s or m/s.
+    pub wish: [f64; MAX_JOINTS],
+    /// Torques or forces, N m or N.
+    pub tau: [f64; MAX_JOINTS],
+    /// Reference positions, rad or m.
+    pub q_r: [f64; MAX_JOINTS],
+    /// Reference velocities.
+    pub qd_r: [f64; MAX_JOINTS],
+}
+
+/// Where a measurement came from, and when.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameStamps {
+    /// Which frame.
+    pub frame_id: u64,
+    /// Of which camera.
+    pub camera: u32,
+    /// Middle of its exposure.
+    pub exposure: MonoNs,
+    /// When the camera handed it over.
+    pub sent: MonoNs,
+    /// When vision began to work on it.
+    pub vision_start: MonoNs,
+    /// When vision was done.
+    pub vision_end: MonoNs,
+}
+
+impl FrameStamps {
+    /// Those of `m`.
+    #[must_use]
+    pub fn of(m: &Measurement) -> Self {
+        Self {
+            frame_id: m.frame_id,
+            camera: m.camera,
+            exposure: m.exposure,
+            sent: m.frame_sent,
+            vision_start: m.vision_start,
+            vision_end: m.vision_end,
+        }
+    }
+}
+
 /// A measurement that reached control.
 #[derive(Debug, Clone, Copy)]
 pub struct Sighting {
+    /// Which one.
+    pub frame: FrameStamps,
     /// What became of it; `None` where the controller could not look at it.
     pub intake: Option<Intake>,
     /// Root mean square feature error, px; NaN where it says nothing about the goal.

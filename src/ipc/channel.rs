@@ -12,6 +12,8 @@ pub enum Channel {
     Measurement(CameraId),
     /// The arm at each tick.
     JointState,
+    /// Everything about each tick.
+    Trace,
     /// Where the run stands.
     Status,
     /// Commands to an external drive.
@@ -27,6 +29,7 @@ impl fmt::Display for Channel {
             Self::Frame(id) => write!(f, "camera/{id}/frame"),
             Self::Measurement(id) => write!(f, "vision/{id}/measurement"),
             Self::JointState => f.write_str("control/joint_state"),
+            Self::Trace => f.write_str("control/trace"),
             Self::Status => f.write_str("control/status"),
             Self::DriveCommand => f.write_str("drive/command"),
             Self::DriveState => f.write_str("drive/state"),

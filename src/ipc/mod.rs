@@ -6,11 +6,12 @@
 //! camera/N/frame             [u8] + FrameHeader         camera's  camera     vision
 //! vision/N/measurement       Measurement                camera's  vision     control
 //! control/joint_state        JointState                 1 kHz     control    camera
+//! control/trace              TraceMsg                    1 kHz     control    recorders
 //! control/status             Status                     50 Hz     control    supervisor, views
 //! drive/command              DriveCommandMsg            1 kHz     control    external drive
 //! drive/state                DriveStateMsg              1 kHz     ext. drive control
 //! ```
-//! All but the status have an event of the same name beside them that wakes the reader.
+//! All but status and trace have an event of the same name beside them that wakes the reader.
 
 mod channel;
 mod error;
@@ -27,7 +28,9 @@ mod spin;
 pub use channel::Channel;
 pub use error::IpcError;
 pub use instance::{Instance, InstanceError, RoleLock};
-pub use ports::{Bell, BorrowedFrame, FrameReceiver, FrameSender, ReceivedFrame, Receiver, Sender, Waker};
+pub use ports::{
+    Bell, BorrowedFrame, FrameReceiver, FrameSender, QuietSender, ReceivedFrame, Receiver, Sender, Waker,
+};
 pub use presence::{DrivePresence, type_of};
 pub use pulse::Pulse;
 pub use role::Role;

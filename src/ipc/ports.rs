@@ -10,11 +10,13 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PubSubFactory;
 
 use std::fmt::Debug;
 use std::time::Duration;
 
 type Ipc = ipc::Service;
+type PubSub<T> = PubSubFactory<Ipc, T, ()>;
 
 /// Wakes readers.
 #[derive(Debug)]
@@ -119,6 +121,37 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
     pub fn send(&self, message: &T) -> Result<(), IpcError> {
         self.send_quietly(message)?;
         self.bell.ring()
+    }
+}
+
+/// Sends records to whoever listens, and wakes nobody; where nobody listens, nothing is made.
+#[derive(Debug)]
+pub struct QuietSender<T: ZeroCopySend + Debug + Copy + 'static> {
+    service: Channel,
+    made: PubSub<T>,
+    port: Publisher<Ipc, T, ()>,
+}
+
+impl<T: ZeroCopySend + Debug + Copy + 'static> QuietSender<T> {
+    pub(super) fn new(service: Channel, made: PubSub<T>, port: Publisher<Ipc, T, ()>) -> Self {
+        Self { service, made, port }
+    }
+
+    /// Whether anybody listens. Makes no system call.
+    #[must_use]
+    pub fn is_heard(&self) -> bool {
+        self.made.dynamic_config().number_of_subscribers() > 0
+    }
+
+    /// Sends what `make` gives, where anybody listens.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn send(&self, make: impl FnOnce() -> T) -> Result<(), IpcError> {
+        if !self.is_heard() {
+            return Ok(());
+        }
+        self.port.send_copy(make()).map(|_| ()).map_err(|e| transfer("sending", self.service, e))
     }
 }
 

@@ -2,11 +2,11 @@
 //! open it, and all must ask for the same.
 
 use super::channel::Channel;
-use super::ports::{Bell, FrameReceiver, FrameSender, Receiver, Sender, Waker};
+use super::ports::{Bell, FrameReceiver, FrameSender, QuietSender, Receiver, Sender, Waker};
 use super::presence::{DrivePresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError, Node, PubSub};
 use crate::messages::{
-    CameraId, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Status,
+    CameraId, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Status, TraceMsg,
 };
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
@@ -22,6 +22,8 @@ const MAX_READERS: usize = 4;
 const MAX_NODES: usize = 8;
 /// Ticks of joint state that a reader may lag behind: the camera looks back by its exposure and its latency.
 const JOINT_STATE_BUFFER: usize = 1024;
+/// Ticks that a recorder may lag behind.
+const TRACE_BUFFER: usize = 1024;
 /// Measurements in flight in lockstep; more than any latency at any rate.
 const MEASUREMENT_BUFFER: usize = 1024;
 
@@ -144,6 +146,28 @@ impl Services {
     pub fn joint_state_receiver(&self) -> Result<(Receiver<JointState>, Waker), IpcError> {
         let receiver = self.receiver(Channel::JointState, JOINT_STATE_BUFFER, JOINT_STATE_BUFFER)?;
         Ok((receiver, self.waker(Channel::JointState)?))
+    }
+
+    /// Control's end of `control/trace`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn trace_sender(&self) -> Result<QuietSender<TraceMsg>, IpcError> {
+        let (service, made) = (Channel::Trace, self.publish_subscribe(Channel::Trace, TRACE_BUFFER)?);
+        let port = made
+            .publisher_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| port_error(service, e))?;
+        Ok(QuietSender::new(service, made, port))
+    }
+
+    /// A recorder's end of `control/trace`. Nothing rings: it is to look often enough for its buffer of 1024 ticks.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn trace_receiver(&self) -> Result<Receiver<TraceMsg>, IpcError> {
+        self.receiver(Channel::Trace, TRACE_BUFFER, TRACE_BUFFER)
     }
 
     /// Control's end of `control/status`.

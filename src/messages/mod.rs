@@ -6,7 +6,8 @@
 //!
 //! ```text
 //! camera --FrameHeader + [u8]--> vision --Measurement--> control --JointState--> camera
-//!                                                        │  └------Status--> supervisor, views
+//!                                                        │  ├------Status--> supervisor, views
+//!                                                        │  └----TraceMsg--> recorder
 //!                                                        └-DriveCommandMsg--> external drive --DriveStateMsg--> control
 //! ```
 
@@ -18,6 +19,7 @@ mod measurement;
 mod status;
 #[cfg(test)]
 mod tests;
+mod trace;
 
 pub use camera_id::CameraId;
 pub use drive::{DriveCommandMsg, DriveStateMsg, drive_flag};
@@ -25,6 +27,7 @@ pub use frame::{FrameHeader, frame_flag};
 pub use joint_state::{JointState, joint_flag};
 pub use measurement::{FeaturePoint, Measurement, TargetStatus, measurement_flag};
 pub use status::{ControlState, Status};
+pub use trace::{TRACE_LIMITS, TraceMsg, trace_flag};
 
 /// Most joints that an arm may have.
 pub const MAX_JOINTS: usize = 7;

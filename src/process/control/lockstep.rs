@@ -122,6 +122,7 @@ pub(super) fn run<const N: usize>(
         }
         let mut trace = control.act(tick, now, measurement.as_ref());
         control.commanded(now, &mut trace);
+        ports.trace.send(|| trace.record())?;
         statistics.note(&trace);
         if let Some(drive) = &mut drive {
             drive.send()?;

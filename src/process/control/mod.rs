@@ -14,8 +14,8 @@ use crate::config::Config;
 use crate::config::raw::{Clock, Task};
 use crate::control::control_loop::{ControlLoop, Finish};
 use crate::control::outcome::Outcome;
-use crate::ipc::{Instance, Receiver, Role, Sender, Waker};
-use crate::messages::{CameraId, JointState, Measurement, Status};
+use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, Waker};
+use crate::messages::{CameraId, JointState, Measurement, Status, TraceMsg};
 use crate::report::statistics::RunStatistics;
 use crate::report::summary::{RealtimeReport, StampCalibration, Summary, TickTimes};
 use crate::robot::Robot;
@@ -23,6 +23,10 @@ use crate::rt::now;
 use crate::time::SpanNs;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// How long recorders have to take the last records of a run.
+const TRACE_FAREWELL: Duration = Duration::from_millis(200);
 
 /// Runs control to the end of the run.
 ///
@@ -39,6 +43,7 @@ struct Ports<'a> {
     waker: Waker,
     joint_state: Sender<JointState>,
     status: Sender<Status>,
+    trace: QuietSender<TraceMsg>,
 }
 
 impl<'a> Ports<'a> {
@@ -46,7 +51,15 @@ impl<'a> Ports<'a> {
         let services = membership.services();
         let (measurements, waker) = services.measurement_receiver(camera)?;
         let (joint_state, status) = (services.joint_state_sender()?, services.status_sender()?);
-        Ok(Self { membership, measurements, waker, joint_state, status })
+        let trace = services.trace_sender()?;
+        Ok(Self { membership, measurements, waker, joint_state, status, trace })
+    }
+
+    /// Records vanish with their sender: gives whoever listens the time to take the last ones.
+    fn farewell(&self) {
+        if self.trace.is_heard() {
+            std::thread::sleep(TRACE_FAREWELL);
+        }
     }
 }
 
@@ -102,7 +115,9 @@ fn run_robot<const N: usize>(
         Clock::Realtime => realtime::run(config, control, &ports, drive, recording.as_mut(), stop)?,
         Clock::Lockstep => lockstep::run(config, control, &ports, drive, recording.as_mut(), stop)?,
     };
-    let mut summary = summary(config, &control, &statistics, pace, now() - start);
+    let wall = now() - start;
+    ports.farewell();
+    let mut summary = summary(config, &control, &statistics, pace, wall);
     if let Some(recording) = recording.filter(|_| summary.outcome == Outcome::Finished) {
         calibrate(config, &control, &recording, &mut summary);
     }

@@ -182,6 +182,7 @@ impl<const N: usize> Companion<'_, N> {
                 recording.note_state(&record.joint_state);
             }
             self.ports.joint_state.send_quietly(&record.joint_state)?;
+            self.ports.trace.send(|| record.record())?;
             if self.silence.as_mut().is_some_and(|silence| silence.look(rt::now()) > TELL_AFTER) {
                 warn!(
                     "no measurement for {:.0} s: the arm holds; do camera and vision run?",

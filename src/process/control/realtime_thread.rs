@@ -72,6 +72,7 @@ impl<const N: usize> RealtimeThread<N> {
             if let Some(status) = &mut trace.status {
                 status.missed_deadlines = deadlines.missed();
             }
+            trace.lost = lost_traces;
             // Full only when the companion hangs; control goes on.
             lost_traces += u64::from(self.records.push(trace).is_err());
             if let Some(finish) = trace.finish {

@@ -1,0 +1,118 @@
+//! A tick as it travels: flat, enumerations as codes.
+
+use super::{Event, Trace};
+use crate::control::outcome::Outcome;
+use crate::control::safety::Fault;
+use crate::drive::DriveFault;
+use crate::messages::{TRACE_LIMITS, TraceMsg, joint_flag, trace_flag};
+use crate::motion::Limit;
+use crate::servo::Intake;
+
+impl Trace {
+    /// The record of `control/trace`.
+    #[must_use]
+    pub fn record(&self) -> TraceMsg {
+        let (js, command) = (&self.joint_state, &self.command);
+        let mut limits = [0; TRACE_LIMITS];
+        for limit in Limit::ALL {
+            if let Some(joints) = limits.get_mut(limit as usize) {
+                *joints = self.limits.joints(limit);
+            }
+        }
+        let mut m = TraceMsg {
+            tick: js.tick,
+            sequence: js.sequence,
+            lost: self.lost,
+            stamp: self.time,
+            commanded: self.commanded,
+            feature_error_px: f64::NAN,
+            arm: js.arm,
+            joints: js.joints,
+            state: self.state as u32,
+            fault: self.fault.map_or(0, fault_code),
+            outcome: self.finish.map_or(0, |finish| outcome_code(finish.outcome)),
+            events: self.events.iter().fold(0, |bits, event| bits | 1 << event_number(event)),
+            limits,
+            q: js.q,
+            qd: js.qd,
+            q_true: js.q_true,
+            qd_true: js.qd_true,
+            wish: command.wish,
+            tau: command.tau,
+            q_r: command.q_r,
+            qd_r: command.qd_r,
+            ..TraceMsg::default()
+        };
+        if js.flags & joint_flag::TRUTH != 0 {
+            m.flags |= trace_flag::TRUTH;
+        }
+        if self.finish.is_some() {
+            m.flags |= trace_flag::LAST;
+        }
+        if let Some(s) = &self.sighting {
+            m.flags |= trace_flag::MEASUREMENT;
+            m.frame_id = s.frame.frame_id;
+            m.camera = s.frame.camera;
+            m.exposure = s.frame.exposure;
+            m.frame_sent = s.frame.sent;
+            m.vision_start = s.frame.vision_start;
+            m.vision_end = s.frame.vision_end;
+            m.feature_error_px = s.error_px;
+            m.intake = s.intake.map_or(0, intake_code);
+        }
+        m
+    }
+}
+
+fn intake_code(intake: Intake) -> u32 {
+    match intake {
+        Intake::Used => 1,
+        Intake::UsedFromFuture => 2,
+        Intake::NoTarget => 3,
+        Intake::OtherFeatures => 4,
+        Intake::TooFewFeatures => 5,
+        Intake::Inconsistent => 6,
+        Intake::NotNewer => 7,
+        Intake::RefusedFromFuture => 8,
+        Intake::TooOld => 9,
+    }
+}
+
+/// Those of a drive count from 17.
+fn fault_code(fault: Fault) -> u32 {
+    match fault {
+        Fault::DriveStateNotFinite => 1,
+        Fault::DriveStateImplausible => 2,
+        Fault::TrackingError => 3,
+        Fault::DeadlinesMissed => 4,
+        Fault::NotAtRest => 6,
+        Fault::PeersSilent => 7,
+        Fault::Drive(DriveFault::Stale) => 17,
+        Fault::Drive(DriveFault::Left) => 18,
+        Fault::Drive(DriveFault::Silent) => 19,
+        Fault::Drive(DriveFault::OutOfStep) => 20,
+    }
+}
+
+fn outcome_code(outcome: Outcome) -> u32 {
+    match outcome {
+        Outcome::Converged => 1,
+        Outcome::NotConverged => 2,
+        Outcome::Finished => 3,
+        Outcome::Stopped => 4,
+        Outcome::Fault => 5,
+    }
+}
+
+fn event_number(event: Event) -> u32 {
+    match event {
+        Event::Holding => 0,
+        Event::Resumed => 1,
+        Event::Stopping => 2,
+        Event::Fault(_) => 3,
+        Event::StampFromFuture => 4,
+        Event::Inconsistent => 5,
+        Event::Degraded => 6,
+        Event::WholeAgain => 7,
+    }
+}

@@ -1,0 +1,105 @@
+//! Everything about each tick of control: `control/trace`, 1 kHz.
+
+use super::MAX_JOINTS;
+use crate::time::MonoNs;
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Kinds of limits, in the order of [`TraceMsg::limits`].
+pub const TRACE_LIMITS: usize = 8;
+
+/// One tick: what control knew, what it did, and why. Codes are 0 where there is nothing to say; those of the enumerations of
+/// control count from 1 in the order in which their variants stand there.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[type_name("vservo.Trace.v1")]
+pub struct TraceMsg {
+    /// Number of the control tick; in real time a gap is a tick that was skipped.
+    pub tick: u64,
+    /// Counts the ticks that were served, from 0: a gap is a record that was lost on the way.
+    pub sequence: u64,
+    /// Records that control itself had to drop before this one.
+    pub lost: u64,
+    /// Time of the tick.
+    pub stamp: MonoNs,
+    /// When its command was written.
+    pub commanded: MonoNs,
+    /// Frame of the measurement that came; valid with [`trace_flag::MEASUREMENT`], like the next five.
+    pub frame_id: u64,
+    /// Middle of its exposure.
+    pub exposure: MonoNs,
+    /// When the camera handed it over.
+    pub frame_sent: MonoNs,
+    /// When vision began to work on it.
+    pub vision_start: MonoNs,
+    /// When vision was done.
+    pub vision_end: MonoNs,
+    /// Root mean square feature error, px; NaN where the measurement says nothing about the goal.
+    pub feature_error_px: f64,
+    /// Which arm.
+    pub arm: u32,
+    /// Which camera.
+    pub camera: u32,
+    /// Joints in use.
+    pub joints: u32,
+    /// Bits of [`trace_flag`].
+    pub flags: u32,
+    /// Code of a [`super::ControlState`], from 0: what control does.
+    pub state: u32,
+    /// What became of the measurement: code of a [`crate::servo::Intake`].
+    pub intake: u32,
+    /// Code of a [`crate::control::safety::Fault`]; those of an external drive from 17 on, in the order of
+    /// [`crate::drive::DriveFault`].
+    pub fault: u32,
+    /// With the last record, how the run ended: code of a [`crate::control::outcome::Outcome`].
+    pub outcome: u32,
+    /// What happened in the tick: bit n is the n-th of [`crate::control::trace::Event`], from 0.
+    pub events: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// The joints on which each [`crate::motion::Limit`] acted: bit 0 is the first joint.
+    pub limits: [u8; TRACE_LIMITS],
+    /// Measured positions, rad or m.
+    pub q: [f64; MAX_JOINTS],
+    /// Measured velocities, rad/s or m/s.
+    pub qd: [f64; MAX_JOINTS],
+    /// With [`trace_flag::TRUTH`], the true positions of a simulated arm.
+    pub q_true: [f64; MAX_JOINTS],
+    /// With [`trace_flag::TRUTH`], its true velocities.
+    pub qd_true: [f64; MAX_JOINTS],
+    /// What the servo law wished, before limits, rad/s or m/s.
+    pub wish: [f64; MAX_JOINTS],
+    /// The command of this tick: torques or forces, N m or N.
+    pub tau: [f64; MAX_JOINTS],
+    /// The command of this tick: reference positions.
+    pub q_r: [f64; MAX_JOINTS],
+    /// The command of this tick: reference velocities.
+    pub qd_r: [f64; MAX_JOINTS],
+}
+
+/// Bits of [`TraceMsg::flags`].
+pub mod trace_flag {
+    /// A measurement came with this tick.
+    pub const MEASUREMENT: u32 = 1;
+    /// `q_true` and `qd_true` are valid.
+    pub const TRUTH: u32 = 2;
+    /// The run is over: no record follows.
+    pub const LAST: u32 = 4;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::mem::{align_of, offset_of, size_of};
+
+    #[test]
+    #[allow(unsafe_code)]
+    fn the_layout_is_fixed_and_named() {
+        assert_eq!((size_of::<TraceMsg>(), align_of::<TraceMsg>()), (584, 8));
+        assert_eq!(offset_of!(TraceMsg, arm), 88);
+        assert_eq!(offset_of!(TraceMsg, limits), 128);
+        assert_eq!(offset_of!(TraceMsg, q), 136);
+        assert_eq!(offset_of!(TraceMsg, qd_r), 528);
+        // SAFETY: the name is only read.
+        assert_eq!(unsafe { TraceMsg::type_name() }, "vservo.Trace.v1");
+    }
+}
