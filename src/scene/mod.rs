@@ -12,6 +12,7 @@ mod error;
 mod look;
 mod motion;
 mod occluder;
+mod outline;
 mod profile;
 mod rays;
 mod renderer;
