@@ -1,13 +1,13 @@
 //! Commands to, and states from, an external drive: `drive/command` and `drive/state`.
 //!
 //! ```text
-//! control ── START (q_r: start position) ──► plant     the arm stands there, held by its brakes
-//! control ◄─ INITIAL, tick 0 ─────────────── plant     its joints and the modes it takes
-//! control ── command k ────────────────────► plant     lockstep: integrate 1 ms ...
-//! control ◄─ state k+1 ───────────────────── plant     ... and answer exactly once
-//! control ── LAST ─────────────────────────► plant     hold the arm; no command follows
+//! control ── START (q_r: start position) ──► drive     the arm stands there, held by its brakes
+//! control ◄─ INITIAL, tick 0 ─────────────── drive     its joints and the modes it takes
+//! control ── command k ────────────────────► drive     lockstep: integrate 1 ms ...
+//! control ◄─ state k+1 ───────────────────── drive     ... and answer exactly once
+//! control ── LAST ─────────────────────────► drive     hold the arm; no command follows
 //! ```
-//! In real time the plant sends states by its own clock, 1 kHz or faster, and obeys the newest command.
+//! In real time the drive sends states by its own clock, 1 kHz or faster, and obeys the newest command.
 
 use super::MAX_JOINTS;
 use crate::time::MonoNs;

@@ -171,7 +171,7 @@ impl Vision {
                 let (seen, all) = (self.tracked.dots.len(), self.eye.target.points().len());
                 self.hidden_for = if seen < all { self.hidden_for.saturating_add(1) } else { 0 };
                 let as_before = seen >= last.map_or(0, |last| last.dots.len());
-                let search_again = seen < all && (seen <= 3 || self.hidden_for % SEARCH_AGAIN == 0);
+                let search_again = seen < all && (seen <= 3 || self.hidden_for.is_multiple_of(SEARCH_AGAIN));
                 if believed && as_before && !search_again {
                     return Ok(false);
                 }

@@ -105,7 +105,9 @@ fn compare(camera: CameraModel, shown: &Shown, X_CO: &Pose) {
         assert!(error < if at_corner { 140.0 } else { 60.0 }, "{x} {y}: {got} instead of {want} at {X_CO}");
         off += usize::from(error > 7.0);
     }
-    assert!(off <= 16, "{off} pixels differ at {X_CO}");
+    // more rims, more pixels in which two of them meet
+    let most = 16 + target.marks().len() / 4;
+    assert!(off <= most, "{off} pixels differ at {X_CO}");
 }
 
 #[test]
