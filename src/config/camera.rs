@@ -1,32 +1,13 @@
 //! The camera of a validated run file.
-//!
-//! Two facts about it are apart from one another. A source that is *simulated* has a [`super::Scene`], against which errors are
-//! told; one that *closes the loop* shows what the arm does, so that there is a goal to reach:
-//!
-//! ```text
-//!                   simulated    closes the loop    timing
-//! synthetic            yes             yes          scheduled
-//! a real camera         no             yes          free-running
-//! replay                no              no          scheduled
-//! ```
 
 use super::Config;
-use super::raw::{Clock, SourceKind};
+use super::frame_source::{Source, Timing};
+use super::raw::Clock;
 use crate::camera_model::CameraModel;
 use crate::messages::CameraId;
-use crate::scene::{FrameSchedule, SceneLook, SensorModel};
+use crate::scene::FrameSchedule;
 use crate::servo::Mount;
 use crate::time::{MonoNs, SpanNs};
-use std::path::PathBuf;
-
-/// Who says when a source exposes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Timing {
-    /// Whoever asks it for a frame.
-    Scheduled,
-    /// The source itself; it tells when it did.
-    FreeRunning,
-}
 
 impl Timing {
     /// Why such a source cannot be used under `clock`, and what to do; `None` where it can.
@@ -36,34 +17,6 @@ impl Timing {
             "is `lockstep`, where simulated time says when a frame is exposed; this camera.source exposes by its own \
              clock: use `realtime`",
         )
-    }
-}
-
-impl SourceKind {
-    /// Who says when it exposes.
-    #[must_use]
-    pub fn timing(self) -> Timing {
-        match self {
-            Self::Synthetic | Self::Replay => Timing::Scheduled,
-        }
-    }
-
-    /// Whether its pictures are of a simulated scene, so that the truth is known.
-    #[must_use]
-    pub fn is_simulated(self) -> bool {
-        match self {
-            Self::Synthetic => true,
-            Self::Replay => false,
-        }
-    }
-
-    /// Whether its pictures show what the arm does; without that the loop is open, and the arm does not move.
-    #[must_use]
-    pub fn closes_the_loop(self) -> bool {
-        match self {
-            Self::Synthetic => true,
-            Self::Replay => false,
-        }
     }
 }
 
@@ -92,38 +45,6 @@ impl Config {
     #[must_use]
     pub fn closes_the_loop(&self) -> bool {
         self.camera.source.kind().closes_the_loop()
-    }
-}
-
-/// Producer of frames.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Source {
-    /// Rendered.
-    Synthetic {
-        /// Grey levels of the scene.
-        look: SceneLook,
-        /// Imperfections of the sensor.
-        sensor: SensorModel,
-        /// Whether motion during the exposure blurs the picture.
-        motion_blur: bool,
-    },
-    /// Image files.
-    Replay {
-        /// Their folder.
-        folder: PathBuf,
-        /// Starts again after the last one.
-        repeat: bool,
-    },
-}
-
-impl Source {
-    /// The word that names it.
-    #[must_use]
-    pub fn kind(&self) -> SourceKind {
-        match self {
-            Self::Synthetic { .. } => SourceKind::Synthetic,
-            Self::Replay { .. } => SourceKind::Replay,
-        }
     }
 }
 
@@ -164,6 +85,7 @@ impl Camera {
 
 #[cfg(test)]
 mod tests {
+    use super::super::frame_source::SourceKind;
     use super::*;
 
     #[test]

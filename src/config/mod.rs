@@ -11,6 +11,8 @@ mod keys;
 pub mod assemble;
 mod camera;
 mod check;
+mod frame_source;
+mod place;
 mod problem;
 pub mod raw;
 mod scene;
@@ -20,7 +22,8 @@ mod tables;
 mod target;
 mod validate;
 
-pub use camera::{Camera, Source, Timing};
+pub use camera::Camera;
+pub use frame_source::{Source, Timing};
 pub use problem::{ConfigError, Problem};
 pub use scene::Scene;
 pub use source::Document;

@@ -8,12 +8,12 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 mod motion;
-mod place;
 mod servo;
 mod truth;
 
+pub use super::frame_source::{RawCamera, RawLens, RawReplay, RawSynthetic, SourceKind};
+pub use super::place::{Carrier, MountKind, RawMount, RawObject, RawOccluder};
 pub use motion::{JointControl, RawMotion};
-pub use place::{Carrier, MountKind, RawMount, RawObject, RawOccluder};
 pub use servo::{
     At, DampingOn, Depth, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint, SchemeKind,
     SetPointKind, Update,
@@ -107,71 +107,6 @@ table! {
     }
 }
 
-word! {
-    /// Where frames come from.
-    SourceKind {
-        /// Rendered from the arm's pose.
-        Synthetic,
-        /// Read from image files.
-        Replay,
-    }
-}
-
-table! {
-    /// The camera, its rate and its optics.
-    RawCamera {
-        /// What people call it.
-        name: Option<String> = None,
-        /// Producer of frames.
-        source: SourceKind = SourceKind::Synthetic,
-        /// Columns, px.
-        width_px: u32 = 640,
-        /// Rows, px.
-        height_px: u32 = 480,
-        /// Frames per second.
-        rate_hz: f64 = 25.0,
-        /// Length of the exposure, ms.
-        exposure_ms: f64 = 4.0,
-        /// From the middle of the exposure to the hand-over of the frame, ms. In lockstep: to the first tick that
-        /// may use it.
-        latency_ms: f64 = 20.0,
-        /// Added to every exposure stamp that the camera gives, ms: what `vservo calibrate latency` found.
-        stamp_offset_ms: f64 = 0.0,
-        /// `[camera.lens]`
-        lens: RawLens = RawLens::default(),
-        /// `[camera.mount]`
-        mount: RawMount = RawMount::default(),
-        /// `[camera.synthetic]`
-        synthetic: RawSynthetic = RawSynthetic::default(),
-        /// `[camera.replay]`
-        replay: RawReplay = RawReplay::default(),
-    }
-}
-
-table! {
-    /// Intrinsic parameters, (5.41), and plumb-bob distortion.
-    RawLens {
-        /// Focal length times horizontal scale, px.
-        fx_px: f64 = 800.0,
-        /// Focal length times vertical scale, px.
-        fy_px: f64 = 800.0,
-        /// Column of the principal point, px; the image's centre where it is left out.
-        cx_px: Option<f64> = None,
-        /// Row of the principal point, px.
-        cy_px: Option<f64> = None,
-        /// Radial distortion of second order.
-        k1: f64 = -0.15,
-        /// Radial distortion of fourth order.
-        k2: f64 = 0.05,
-        /// Tangential distortion.
-        p1: f64 = 0.0,
-        /// Tangential distortion.
-        p2: f64 = 0.0,
-        /// Radial distortion of sixth order.
-        k3: f64 = 0.0,
-    }
-}
-
 table! {
     /// A pose: position and fixed-axis roll, pitch, yaw (`R = Rz(yaw) Ry(pitch) Rx(roll)`).
     RawPose {
@@ -179,36 +114,6 @@ table! {
         position_m: [f64; 3] = [0.0; 3],
         /// Roll, pitch, yaw, rad.
         rotation_rpy_rad: [f64; 3] = [0.0; 3],
-    }
-}
-
-table! {
-    /// Imperfections of the synthetic camera.
-    RawSynthetic {
-        /// Standard deviation of the noise, grey levels.
-        noise_sd_levels: f64 = 2.0,
-        /// Standard deviation of the optical blur, px.
-        blur_sd_px: f64 = 0.5,
-        /// Light lost in the corners, as share of that in the centre.
-        vignetting: f64 = 0.15,
-        /// Whether motion during the exposure blurs the picture.
-        motion_blur: bool = true,
-        /// Frames are late by up to this, evenly distributed, ms.
-        latency_jitter_ms: f64 = 0.0,
-        /// Share of the frames that are lost, 0 to 1.
-        frame_loss: f64 = 0.0,
-        /// How wrong the exposure stamps are, ms; positive: late.
-        stamp_error_ms: f64 = 0.0,
-    }
-}
-
-table! {
-    /// A folder of images as camera.
-    RawReplay {
-        /// Folder with PNG, PGM or JPEG files, played in the order of their names.
-        folder: PathBuf = PathBuf::new(),
-        /// Starts again after the last file instead of ending the run.
-        repeat: bool = false,
     }
 }
 

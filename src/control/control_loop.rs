@@ -8,16 +8,15 @@ pub use crate::control::outcome::Finish;
 use crate::calibration::GentleMotion;
 use crate::control::controller::{ControlOutput, Controller};
 use crate::control::outcome::{FinalErrors, MeasuredErrors, Outcome};
+use crate::control::records::{command_trace, joint_state};
 use crate::control::run_end::{self, NextStep, RunEnd};
 use crate::control::safety::Fault;
 use crate::control::sightings::Sightings;
-use crate::control::trace::{CommandTrace, Event, Events, FrameStamps, LatencyStages, Sighting, Trace};
+use crate::control::trace::{Event, Events, FrameStamps, LatencyStages, Sighting, Trace};
 use crate::control::truth::Truth;
 use crate::drive::{Drive, DriveCommand, DriveState};
 use crate::geometry::{Pose, rotation_angle};
-use crate::messages::{
-    ControlState, JointState, MAX_JOINTS, Measurement, Status, frame_flag, joint_flag, status_flag,
-};
+use crate::messages::{ControlState, JointState, Measurement, Status, frame_flag, status_flag};
 use crate::motion::ActingLimits;
 use crate::servo::{Intake, View};
 use crate::time::TICK;
@@ -157,12 +156,7 @@ impl<const N: usize> ControlLoop<N> {
         }
         let events = std::mem::take(&mut self.events);
         let joint_state = self.joint_state;
-        let command = CommandTrace {
-            wish: padded(&output.wish),
-            tau: padded(&output.command.tau),
-            q_r: padded(&output.command.q_r),
-            qd_r: padded(&output.command.qd_r),
-        };
+        let command = command_trace(&output);
         Trace {
             time: now,
             joint_state,
@@ -424,38 +418,4 @@ impl<const N: usize> ControlLoop<N> {
     pub fn duration_s(&self) -> f64 {
         self.first.map_or(0.0, |first| (self.last + TICK - first).as_s())
     }
-}
-
-fn joint_state<const N: usize>(
-    tick: u64,
-    sequence: u64,
-    now: MonoNs,
-    state: &DriveState<N>,
-    command: &DriveCommand<N>,
-) -> JointState {
-    let (q_true, qd_true) = state.truth.unwrap_or((SVector::zeros(), SVector::zeros()));
-    JointState {
-        tick,
-        sequence,
-        stamp: now,
-        joints: N as u32,
-        flags: if state.truth.is_some() { joint_flag::TRUTH } else { 0 },
-        arm: 0,
-        reserved: 0,
-        q: padded(&state.q),
-        qd: padded(&state.qd),
-        tau: padded(&command.tau),
-        q_r: padded(&command.q_r),
-        qd_r: padded(&command.qd_r),
-        q_true: padded(&q_true),
-        qd_true: padded(&qd_true),
-    }
-}
-
-fn padded<const N: usize>(v: &SVector<f64, N>) -> [f64; MAX_JOINTS] {
-    let mut out = [0.0; MAX_JOINTS];
-    for (to, from) in out.iter_mut().zip(v.iter()) {
-        *to = *from;
-    }
-    out
 }

@@ -10,6 +10,7 @@
 pub mod control_loop;
 pub mod controller;
 pub mod outcome;
+mod records;
 pub mod run_end;
 pub mod safety;
 pub mod sightings;

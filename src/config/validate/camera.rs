@@ -3,10 +3,11 @@
 use super::lens;
 use crate::camera_model::CameraModel;
 use crate::config::check::Check;
-use crate::config::raw::{MountKind, RawCamera, RawConfig, SourceKind};
-use crate::config::{Camera, Document, Source};
+use crate::config::frame_source;
+use crate::config::raw::{MountKind, RawCamera, RawConfig};
+use crate::config::{Camera, Document};
 use crate::messages::{CameraId, MAX_CAMERAS};
-use crate::scene::{FrameSchedule, Irregularity, LARGEST_SIDE_PX, SceneLook, SensorModel};
+use crate::scene::{FrameSchedule, Irregularity, LARGEST_SIDE_PX, SceneLook};
 use crate::servo::Mount;
 use crate::time::SpanNs;
 
@@ -76,28 +77,7 @@ fn camera(
             "must be brighter than scene.dot_level: the dots are dark on a light plate",
         );
     }
-    let sensor = SensorModel {
-        noise_sd_levels: check.range(
-            &key("synthetic.noise_sd_levels"),
-            synthetic.noise_sd_levels,
-            SensorModel::NOISE_SD_LEVELS,
-        ),
-        blur_sd_px: check.range(&key("synthetic.blur_sd_px"), synthetic.blur_sd_px, SensorModel::BLUR_SD_PX),
-        vignetting: check.range(&key("synthetic.vignetting"), synthetic.vignetting, SensorModel::VIGNETTING),
-        seed: raw.run.seed,
-    };
-    let source = match c.source {
-        SourceKind::Synthetic => Source::Synthetic { look, sensor, motion_blur: synthetic.motion_blur },
-        SourceKind::Replay => {
-            let folder = &c.replay.folder;
-            if folder.as_os_str().is_empty() {
-                check.wrong(&key("replay.folder"), "is missing: name the folder of images to replay");
-            } else if !folder.is_dir() {
-                check.wrong(&key("replay.folder"), format!("{} is not a folder", folder.display()));
-            }
-            Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
-        }
-    };
+    let source = frame_source::source(c, look, raw.run.seed, at, check);
     let (intrinsics, distortion) = lens::believed(at, lens, (width_px, height_px), check);
     let irregularity = Irregularity {
         jitter: check.span_ms(&key("synthetic.latency_jitter_ms"), synthetic.latency_jitter_ms, 0.0..=500.0),

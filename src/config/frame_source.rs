@@ -1,0 +1,209 @@
+//! Where frames come from: keys, bounds and facts of every kind of source in one place.
+//!
+//! Two facts about it are apart from one another. A source that is *simulated* has a [`super::Scene`], against which errors are
+//! told; one that *closes the loop* shows what the arm does, so that there is a goal to reach:
+//!
+//! ```text
+//!                   simulated    closes the loop    timing
+//! synthetic            yes             yes          scheduled
+//! a real camera         no             yes          free-running
+//! replay                no              no          scheduled
+//! ```
+
+use super::check::Check;
+use super::place::RawMount;
+use crate::scene::{SceneLook, SensorModel};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+word! {
+    /// Where frames come from.
+    SourceKind {
+        /// Rendered from the arm's pose.
+        Synthetic,
+        /// Read from image files.
+        Replay,
+    }
+}
+
+impl SourceKind {
+    /// Who says when it exposes.
+    #[must_use]
+    pub fn timing(self) -> Timing {
+        match self {
+            Self::Synthetic | Self::Replay => Timing::Scheduled,
+        }
+    }
+
+    /// Whether its pictures are of a simulated scene, so that the truth is known.
+    #[must_use]
+    pub fn is_simulated(self) -> bool {
+        match self {
+            Self::Synthetic => true,
+            Self::Replay => false,
+        }
+    }
+
+    /// Whether its pictures show what the arm does; without that the loop is open, and the arm does not move.
+    #[must_use]
+    pub fn closes_the_loop(self) -> bool {
+        match self {
+            Self::Synthetic => true,
+            Self::Replay => false,
+        }
+    }
+}
+
+/// Who says when a source exposes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Timing {
+    /// Whoever asks it for a frame.
+    Scheduled,
+    /// The source itself; it tells when it did.
+    FreeRunning,
+}
+
+table! {
+    /// The camera, its rate and its optics.
+    RawCamera {
+        /// What people call it.
+        name: Option<String> = None,
+        /// Producer of frames.
+        source: SourceKind = SourceKind::Synthetic,
+        /// Columns, px.
+        width_px: u32 = 640,
+        /// Rows, px.
+        height_px: u32 = 480,
+        /// Frames per second.
+        rate_hz: f64 = 25.0,
+        /// Length of the exposure, ms.
+        exposure_ms: f64 = 4.0,
+        /// From the middle of the exposure to the hand-over of the frame, ms. In lockstep: to the first tick that
+        /// may use it.
+        latency_ms: f64 = 20.0,
+        /// Added to every exposure stamp that the camera gives, ms: what `vservo calibrate latency` found.
+        stamp_offset_ms: f64 = 0.0,
+        /// `[camera.lens]`
+        lens: RawLens = RawLens::default(),
+        /// `[camera.mount]`
+        mount: RawMount = RawMount::default(),
+        /// `[camera.synthetic]`
+        synthetic: RawSynthetic = RawSynthetic::default(),
+        /// `[camera.replay]`
+        replay: RawReplay = RawReplay::default(),
+    }
+}
+
+table! {
+    /// Intrinsic parameters, (5.41), and plumb-bob distortion.
+    RawLens {
+        /// Focal length times horizontal scale, px.
+        fx_px: f64 = 800.0,
+        /// Focal length times vertical scale, px.
+        fy_px: f64 = 800.0,
+        /// Column of the principal point, px; the image's centre where it is left out.
+        cx_px: Option<f64> = None,
+        /// Row of the principal point, px.
+        cy_px: Option<f64> = None,
+        /// Radial distortion of second order.
+        k1: f64 = -0.15,
+        /// Radial distortion of fourth order.
+        k2: f64 = 0.05,
+        /// Tangential distortion.
+        p1: f64 = 0.0,
+        /// Tangential distortion.
+        p2: f64 = 0.0,
+        /// Radial distortion of sixth order.
+        k3: f64 = 0.0,
+    }
+}
+
+table! {
+    /// Imperfections of the synthetic camera.
+    RawSynthetic {
+        /// Standard deviation of the noise, grey levels.
+        noise_sd_levels: f64 = 2.0,
+        /// Standard deviation of the optical blur, px.
+        blur_sd_px: f64 = 0.5,
+        /// Light lost in the corners, as share of that in the centre.
+        vignetting: f64 = 0.15,
+        /// Whether motion during the exposure blurs the picture.
+        motion_blur: bool = true,
+        /// Frames are late by up to this, evenly distributed, ms.
+        latency_jitter_ms: f64 = 0.0,
+        /// Share of the frames that are lost, 0 to 1.
+        frame_loss: f64 = 0.0,
+        /// How wrong the exposure stamps are, ms; positive: late.
+        stamp_error_ms: f64 = 0.0,
+    }
+}
+
+table! {
+    /// A folder of images as camera.
+    RawReplay {
+        /// Folder with PNG, PGM or JPEG files, played in the order of their names.
+        folder: PathBuf = PathBuf::new(),
+        /// Starts again after the last file instead of ending the run.
+        repeat: bool = false,
+    }
+}
+
+/// Producer of frames.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Source {
+    /// Rendered.
+    Synthetic {
+        /// Grey levels of the scene.
+        look: SceneLook,
+        /// Imperfections of the sensor.
+        sensor: SensorModel,
+        /// Whether motion during the exposure blurs the picture.
+        motion_blur: bool,
+    },
+    /// Image files.
+    Replay {
+        /// Their folder.
+        folder: PathBuf,
+        /// Starts again after the last one.
+        repeat: bool,
+    },
+}
+
+impl Source {
+    /// The word that names it.
+    #[must_use]
+    pub fn kind(&self) -> SourceKind {
+        match self {
+            Self::Synthetic { .. } => SourceKind::Synthetic,
+            Self::Replay { .. } => SourceKind::Replay,
+        }
+    }
+}
+
+/// The source of a camera whose table is `at`. `look`: of the scene, where it is simulated.
+pub(super) fn source(c: &RawCamera, look: SceneLook, seed: u64, at: &str, check: &mut Check<'_>) -> Source {
+    let key = |name: &str| format!("{at}.{name}");
+    let synthetic = &c.synthetic;
+    let sensor = SensorModel {
+        noise_sd_levels: check.range(
+            &key("synthetic.noise_sd_levels"),
+            synthetic.noise_sd_levels,
+            SensorModel::NOISE_SD_LEVELS,
+        ),
+        blur_sd_px: check.range(&key("synthetic.blur_sd_px"), synthetic.blur_sd_px, SensorModel::BLUR_SD_PX),
+        vignetting: check.range(&key("synthetic.vignetting"), synthetic.vignetting, SensorModel::VIGNETTING),
+        seed,
+    };
+    match c.source {
+        SourceKind::Synthetic => Source::Synthetic { look, sensor, motion_blur: synthetic.motion_blur },
+        SourceKind::Replay => {
+            let folder = &c.replay.folder;
+            if folder.as_os_str().is_empty() {
+                check.wrong(&key("replay.folder"), "is missing: name the folder of images to replay");
+            } else if !folder.is_dir() {
+                check.wrong(&key("replay.folder"), format!("{} is not a folder", folder.display()));
+            }
+            Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
+        }
+    }
+}
