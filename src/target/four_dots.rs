@@ -76,6 +76,14 @@ pub enum TargetError {
     },
 }
 
+impl TargetError {
+    /// The first of some lengths, m, that is not positive and finite.
+    pub(super) fn if_not_positive(lengths: [(&'static str, f64); 4]) -> Result<(), Self> {
+        let wrong = lengths.into_iter().find(|(_, m)| !(*m > 0.0 && m.is_finite()));
+        wrong.map_or(Ok(()), |(name, value_m)| Err(Self::Length { name, value_m }))
+    }
+}
+
 /// The plate with its four dots, in the object frame (m).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FourDots {
@@ -102,16 +110,12 @@ impl FourDots {
     /// [`TargetError`] when lengths are not positive, or dots touch each other or the plate's edge, or P1 is
     /// not clearly the largest.
     pub fn new(side_m: f64, first_radius_m: f64, radius_m: f64, margin_m: f64) -> Result<Self, TargetError> {
-        for (name, value_m) in [
+        TargetError::if_not_positive([
             ("side_m", side_m),
             ("first_radius_m", first_radius_m),
             ("radius_m", radius_m),
             ("margin_m", margin_m),
-        ] {
-            if !value_m.is_finite() || value_m <= 0.0 {
-                return Err(TargetError::Length { name, value_m });
-            }
-        }
+        ])?;
         if first_radius_m < 1.2 * radius_m {
             return Err(TargetError::Radii { first_radius_m, radius_m });
         }

@@ -75,13 +75,10 @@ impl Bench {
         self.see(X_CO)
     }
 
-    /// Offsets of the measured points from the truth, px.
+    /// Offsets of the measured points from the truth, px; of those that were measured.
     pub fn errors(&self, X_CO: &Pose, m: &Measurement) -> Vec<Vector2<f64>> {
-        let mut errors = self.renderer.truth(X_CO);
-        for (error, feature) in errors.iter_mut().zip(m.features()) {
-            *error = Vector2::new(feature.u_px, feature.v_px) - *error;
-        }
-        errors
+        let truth = self.renderer.truth(X_CO);
+        m.features().iter().map(|f| Vector2::new(f.u_px, f.v_px) - truth[f.id as usize]).collect()
     }
 }
 
