@@ -141,3 +141,27 @@ fn half_a_grid_is_enough() {
         }
     }
 }
+
+/// The estimate of its motion lives on three dots and what is known of the fourth: neither arm nor windows lose the target.
+#[test]
+fn a_target_that_moves_is_followed_with_one_dot_covered() {
+    let moving = [
+        "scene.motion.kind='conveyor'",
+        "scene.motion.velocity_m_s=[-0.05, -0.05, 0.0]",
+        "servo.object.moves=true",
+        "servo.depth='estimated'",
+        "run.duration_s=5.0",
+    ];
+    for center in [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]] {
+        for from in [0.5, 2.5] {
+            let set =
+                [moving.map(String::from).to_vec(), cover(center, [0.04, 0.04], from, from + 1.0)].concat();
+            let Watched { run, events, .. } = watch("default.toml", &set);
+            let told: Vec<_> = events.iter().map(|(_, event)| *event).collect();
+            assert_eq!(told, [Event::Degraded, Event::WholeAgain], "{center:?} from {from} s");
+            assert_eq!(run.target_lost, 0);
+            let error_px = run.errors.feature_error.unwrap();
+            assert!(error_px < 0.3, "{center:?} from {from} s: {error_px} px behind it at the end");
+        }
+    }
+}

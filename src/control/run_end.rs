@@ -159,6 +159,9 @@ pub(crate) fn time_is_up(
                  front, check [camera.lens] and [target], or allow for more (vision.model_sd_px)"
             }
             TargetStatus::NoMatch => "run.duration_s is over: the target was never found",
+            TargetStatus::Found if sightings.is_degraded() => {
+                "run.duration_s is over: a part of the target was hidden all the time, and all of it is needed"
+            }
             TargetStatus::Found => why_not_used(sightings).unwrap_or(
                 "run.duration_s is over: the target was found, but its place too uncertain \
                  (servo.object.max_uncertainty_m)",

@@ -5,7 +5,7 @@ use super::SetPoint;
 use crate::geometry::Pose;
 use crate::messages::{MAX_FEATURES, Measurement};
 use crate::pose::{Correspondence3, refine_3d};
-use nalgebra::{Point3, Vector2};
+use nalgebra::{Matrix6, Point3, Vector2};
 
 /// So many points fix a camera's place without doubt: of fewer, the pose tells where the hidden ones are.
 const ENOUGH: usize = 4;
@@ -129,8 +129,14 @@ impl View {
     }
 
     /// This view with its hidden features and its pose from a `guess` of the same instant, the pose put right by the features that
-    /// are seen. `None` when these lie farther than `largest` (root mean square, normalized) from the guess.
-    pub(super) fn with_hidden_of(mut self, guess: &Self, set_point: &SetPoint, largest: f64) -> Option<Self> {
+    /// are seen; and the covariance of that pose, as twist `[v; w]` in C, for features of `sigma`. `None` when these lie farther
+    /// than `largest` from the guess, root mean square. Normalized units.
+    pub(super) fn with_hidden_of(
+        mut self,
+        guess: &Self,
+        set_point: &SetPoint,
+        (largest, sigma): (f64, f64),
+    ) -> Option<(Self, Matrix6<f64>)> {
         let (mut sum, mut count) = (0.0, 0.0);
         for (s, g) in self.s.iter_mut().take(guess.count).zip(&guess.s) {
             if is_there(s) {
@@ -147,9 +153,9 @@ impl View {
         for (pair, (r, s)) in pairs.iter_mut().zip(set_point.points().iter().zip(self.features())) {
             *pair = Correspondence3 { r: *r, s: *s };
         }
-        let refined = refine_3d(guess.X_CO()?, pairs.get(..self.count)?, 0.0);
-        self.X_CO = refined.map_or(guess.X_CO, |refined| Some(refined.X_CO));
-        Some(self)
+        let refined = refine_3d(guess.X_CO()?, pairs.get(..self.count)?, sigma).ok()?;
+        self.X_CO = Some(refined.X_CO);
+        Some((self, refined.covariance))
     }
 
     /// The same view with the object's pose that a simulation knows.

@@ -24,6 +24,8 @@ const LONGEST_GUESS: SpanNs = SpanNs(3_000_000_000);
 /// Root mean square distance, normalized, of features that are seen from where that motion has them, beyond which the object has
 /// moved, or the camera's mount is not what it is believed to be.
 const LARGEST_CONTRADICTION: f64 = 0.03;
+/// Standard deviation of features of which some are taken to be there, normalized: half a pixel of a usual lens.
+const SIGMA_OF_A_GUESS: f64 = 6e-4;
 
 /// When the servo law is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -244,7 +246,9 @@ impl<const N: usize> VisualServo<N> {
         } else {
             None
         };
-        let Some(view) = by_motion.or_else(|| seen.sufficient(&self.settings.set_point)) else {
+        let stated =
+            || seen.sufficient(&self.settings.set_point).map(|view| (view, stated_covariance(measurement)));
+        let Some((view, covariance)) = by_motion.or_else(stated) else {
             return Intake::TooFewFeatures;
         };
         let view = view.with_known(self.settings.X_WO.map(|X_WO| X_WC.inv_mul(&X_WO)));
@@ -252,7 +256,7 @@ impl<const N: usize> VisualServo<N> {
             return Intake::NoTarget;
         };
         if let (Some(object), Some(X_CO)) = (&mut self.object, view.X_CO()) {
-            object.observe(exposure, &(X_WC * X_CO), &covariance_in(&X_WC, &measurement.pose_covariance));
+            object.observe(exposure, &(X_WC * X_CO), &covariance_in(&X_WC, &covariance));
         }
         let sighting = Sighting { exposure, view, task, X_WC, partial };
         if !partial && view.X_CO().is_some() {
@@ -266,13 +270,21 @@ impl<const N: usize> VisualServo<N> {
     /// A view in which so much is hidden that it has no pose: the hidden features are where the last whole view has them, carried
     /// to this exposure by the arm's known motion (and the object's, where that is estimated); the pose is that of least
     /// reprojection error for them all. `None` when there is no such view that is young enough, or the two contradict each other.
-    fn completed_by_motion(&self, seen: &View, exposure: MonoNs, X_WC: &Pose) -> Option<View> {
+    fn completed_by_motion(
+        &self,
+        seen: &View,
+        exposure: MonoNs,
+        X_WC: &Pose,
+    ) -> Option<(View, Matrix6<f64>)> {
         let set_point = &self.settings.set_point;
         let whole = self.whole.as_ref().filter(|whole| exposure - whole.exposure <= LONGEST_GUESS)?;
-        let moved = self.object.as_ref().map(|object| object.displacement(whole.exposure, exposure));
-        let X_WC_then = moved.map_or(whole.X_WC, |moved| moved * whole.X_WC);
-        let guess = whole.view.carried(&X_WC.inv_mul(&X_WC_then), set_point)?;
-        seen.with_hidden_of(&guess, set_point, LARGEST_CONTRADICTION)
+        // An object at rest is where it was when it was seen whole; one that moves is carried from frame to frame, so that what
+        // is wrong with its estimated speed does not add up before it is put right.
+        let from = if self.object.is_some() { self.sighting.as_ref()? } else { whole };
+        let moved = self.object.as_ref().map(|object| object.displacement(from.exposure, exposure));
+        let X_WC_then = moved.map_or(from.X_WC, |moved| moved * from.X_WC);
+        let guess = from.view.carried(&X_WC.inv_mul(&X_WC_then), set_point)?;
+        seen.with_hidden_of(&guess, set_point, (LARGEST_CONTRADICTION, SIGMA_OF_A_GUESS))
     }
 
     /// What the joints shall do at this tick, at which they stand in `q` and move with `qd`. `None` before the first
@@ -373,13 +385,18 @@ fn follow<const N: usize>(
     joint_velocity(&task, 1.0, J).unwrap_or_else(SVector::zeros)
 }
 
-/// A covariance of a twist `[v; w]` expressed in C, row by row, expressed in W.
-fn covariance_in(X_WC: &Pose, rows: &[f64; 36]) -> Matrix6<f64> {
+/// What vision states of its pose: of the twist `[v; w]` expressed in C.
+fn stated_covariance(measurement: &Measurement) -> Matrix6<f64> {
+    Matrix6::from_row_slice(&measurement.pose_covariance)
+}
+
+/// A covariance of a twist `[v; w]` expressed in C, expressed in W.
+fn covariance_in(X_WC: &Pose, covariance: &Matrix6<f64>) -> Matrix6<f64> {
     let R = X_WC.rotation.to_rotation_matrix();
     let mut both = Matrix6::zeros();
     both.fixed_view_mut::<3, 3>(0, 0).copy_from(R.matrix());
     both.fixed_view_mut::<3, 3>(3, 3).copy_from(R.matrix());
-    both * Matrix6::from_row_slice(rows) * both.transpose()
+    both * covariance * both.transpose()
 }
 
 #[cfg(test)]
