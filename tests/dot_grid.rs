@@ -192,7 +192,6 @@ fn nothing_is_found_where_there_is_none() {
         look_for(grid(8, 6)),
         look_for(grid(4, 4)),
         look_for(Target::from(FourDots::default())),
-        // the same places, and all sizes exchanged: no dot is what it should be
         look_for(grid(5, 7)),
     ];
     for _ in 0..60 {

@@ -28,10 +28,14 @@ pub(super) fn is_there(s: &Vector2<f64>) -> bool {
 
 impl View {
     /// What a measurement shows of the set-point's features. `None` when the target was not found, none of its points is one of the
-    /// set-point's, or one that is seen is not finite.
+    /// set-point's, one that is seen is not finite, or the list is none that vision makes: too long, or without rising ids.
     #[must_use]
     pub fn of(measurement: &Measurement, set_point: &SetPoint) -> Option<Self> {
-        if !measurement.found() {
+        let list = measurement.features();
+        if !measurement.found()
+            || measurement.feature_count as usize > MAX_FEATURES
+            || !list.is_sorted_by(|a, b| a.id < b.id)
+        {
             return None;
         }
         let ids = set_point.ids();
@@ -40,7 +44,7 @@ impl View {
         let mut seen = 0;
         // ids rise on both sides, and mostly none is missing
         let mut next = 0;
-        for f in measurement.features() {
+        for f in list {
             if ids.get(next).is_none_or(|id| u64::from(*id) != f.id) {
                 match ids.binary_search_by_key(&f.id, |id| u64::from(*id)) {
                     Ok(found) => next = found,
@@ -260,7 +264,10 @@ mod tests {
         let two = Selection::new([(FeatureKind::Point(0), 1.0), (FeatureKind::Point(2), 1.0)]).unwrap();
         let set_point = set_point.with_selection(two).unwrap();
         assert!(View::of(&m, &set_point).unwrap().sufficient(&set_point).unwrap().is_partial());
-        m.feature_count = 0;
+        for wrong_count in [0, MAX_FEATURES as u32 + 1, u32::MAX] {
+            assert!(View::of(&Measurement { feature_count: wrong_count, ..m }, &set_point).is_none());
+        }
+        m.features[1].id = 9; // twice
         assert!(View::of(&m, &set_point).is_none());
     }
 

@@ -1,6 +1,6 @@
 use super::*;
-use crate::messages::{FeaturePoint, TargetStatus};
 use crate::servo::{DepthSource, Gain, Interaction, InteractionAt};
+use crate::sim::perfect_measurement;
 use nalgebra::{Point3, Vector4};
 
 const MS: i64 = 1_000_000;
@@ -30,14 +30,7 @@ fn q_at(ms: i64) -> Vector4<f64> {
 fn seen_at(ms: i64) -> Measurement {
     let X_BO = Pose::new([1.0, 1.0, 1.1].into(), [0.0, 0.0, 0.7].into());
     let X_CO = scara().forward(&q_at(ms)).inverse() * X_BO;
-    let mut m = Measurement { exposure: MonoNs(ms * MS), feature_count: 4, ..Measurement::default() };
-    m.status = TargetStatus::Found as u32;
-    for (f, p) in m.features.iter_mut().zip(square()) {
-        let p = X_CO * p;
-        *f = FeaturePoint { x: p.x / p.z, y: p.y / p.z, ..FeaturePoint::default() };
-    }
-    m.set_pose(&X_CO);
-    m
+    perfect_measurement(&square(), &X_CO, MonoNs(ms * MS)).unwrap()
 }
 
 fn moved_to(servo: &mut VisualServo<4>, ms: std::ops::RangeInclusive<i64>) {
