@@ -5,9 +5,11 @@
 
 use divan::{Bencher, black_box};
 use nalgebra::{Matrix6, Point3, SVector, Vector2, Vector6};
+use vservo::control::behaviour::{ArmModel, Servoing};
 use vservo::control::controller::{ControlOutput, Controller, ControllerSettings};
+use vservo::control::lifecycle::Request;
 use vservo::control::safety::MeasurementWatch;
-use vservo::drive::DriveState;
+use vservo::drive::{CommandMode, DriveState};
 use vservo::geometry::Pose;
 use vservo::messages::Measurement;
 use vservo::motion::{InverseDynamicsControl, JointController, MotionLimits, Reference, evade};
@@ -35,6 +37,10 @@ fn points(count: usize) -> Vec<Point3<f64>> {
 
 fn goal() -> Pose {
     Pose::new([-0.05, -0.05, 0.4].into(), [0.0, 0.0, 0.3].into())
+}
+
+fn X_EC() -> Pose {
+    Pose::translation(0.0, 0.0, 0.05)
 }
 
 fn view(X_CO: &Pose, points: &[Point3<f64>]) -> View {
@@ -69,30 +75,21 @@ struct Running<const N: usize> {
 impl<const N: usize> Running<N> {
     fn new(name: &str, q: SVector<f64, N>, update: UpdatePolicy) -> Self {
         let robot = load(name).unwrap().build::<N>().unwrap();
-        let X_EC = Pose::translation(0.0, 0.0, 0.05);
+        let X_EC = X_EC();
         let near = Pose::new([0.02, -0.01, 0.05].into(), [0.05, -0.05, 0.2].into()) * goal();
         let X_BO = robot.forward(&q) * X_EC * near;
-        let limits = MotionLimits {
-            lower: SVector::from_fn(|i, _| robot.limits()[i].lower),
-            upper: SVector::from_fn(|i, _| robot.limits()[i].upper),
-            velocity: SVector::from_fn(|i, _| robot.limits()[i].velocity),
-            acceleration: SVector::repeat(10.0),
-            jerk: SVector::repeat(500.0),
-        };
+        let limits = MotionLimits::of(&robot, SVector::repeat(10.0), SVector::repeat(500.0));
         let set_point = SetPoint::from_pose(&goal(), &points(4)).unwrap();
         let law = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: ESTIMATED };
         let mount = Mount::EyeInHand { X_EC };
-        let settings = ControllerSettings {
-            servo: VisualServo::new(ServoSettings::new(law, set_point, update, mount)),
-            robot,
-            limits: limits.clone(),
-            joint_control: JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
-            watch: MeasurementWatch::new(SpanNs(200 * MS), 0.75),
-            max_tracking_error: 0.1,
-            closed_loop: true,
-            calibrates: None,
-        };
-        Self { controller: Controller::new(settings, q), limits, q, qd: SVector::zeros(), X_BO, tick: 0 }
+        let servo = VisualServo::new(ServoSettings::new(law, set_point, update, mount));
+        let watch = MeasurementWatch::new(SpanNs(200 * MS), 0.75);
+        let joint_control = JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
+        let arm = ArmModel { robot, limits: limits.clone() };
+        let settings = ControllerSettings::new(arm, joint_control, CommandMode::Torque, q);
+        let mut controller = Controller::new(settings, Box::new(Servoing::new(servo, watch, 10)));
+        controller.request(Request::Start).unwrap();
+        Self { controller, limits, q, qd: SVector::zeros(), X_BO, tick: 0 }
     }
 
     /// The measurement of this tick, where there is one.
@@ -100,9 +97,8 @@ impl<const N: usize> Running<N> {
         if self.tick % 40 != 0 {
             return None;
         }
-        let settings = self.controller.settings();
-        let mount = settings.servo.settings().mount;
-        let X_CO = mount.X_WC(&settings.robot.forward(&self.q)).inv_mul(&self.X_BO);
+        let X_WC = self.controller.arm().robot.forward(&self.q) * X_EC();
+        let X_CO = X_WC.inv_mul(&self.X_BO);
         perfect_measurement(&points(4), &X_CO, MonoNs(self.tick * MS))
     }
 
@@ -168,7 +164,7 @@ fn reference_7_joints(bencher: Bencher, speed: f64) {
 #[divan::bench]
 fn evade_6_joints(bencher: Bencher) {
     let ur5 = ur5(UpdatePolicy::Tick);
-    let robot = ur5.controller.settings().robot.clone();
+    let robot = ur5.controller.arm().robot.clone();
     let X_EC = Pose::translation(0.0, 0.0, 0.05);
     let J_C = robot.jacobian_of_frame(&ur5.q, &X_EC, ExpressedIn::Moving);
     let wish = Vector6::repeat(0.1);

@@ -72,7 +72,7 @@ fn the_start_is_far_from_the_goal() {
     for arm in SIX_DOF {
         let c = Config::load(Some(&file(arm)), &[]).unwrap();
         let X_BE = vservo::dispatch_robot!(c.robot, |robot| {
-            robot.forward(&nalgebra::SVector::from_column_slice(&c.q_start))
+            robot.forward(&nalgebra::SVector::from_column_slice(&c.start.q))
         })
         .unwrap();
         // X_DC = X_DO X_OB X_BC

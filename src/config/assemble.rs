@@ -2,7 +2,8 @@
 
 use crate::config::raw::{Clock, DriveKind, JointControl, Task, Update};
 use crate::config::{Config, Scene, Source};
-use crate::control::control_loop::{ControlLoop, RunPlan};
+use crate::control::behaviour::{ArmModel, Behaviour, Gentle, Servoing};
+use crate::control::control_loop::{ControlLoop, RunPlan, Service};
 use crate::control::controller::{Controller, ControllerSettings};
 use crate::control::safety::MeasurementWatch;
 use crate::control::truth::Truth;
@@ -66,7 +67,7 @@ pub type AnyDrive<const N: usize> = Box<dyn Drive<N> + Send>;
 /// # Errors
 /// When the list has another length.
 pub fn q_start<const N: usize>(config: &Config) -> Result<SVector<f64, N>, AssembleError> {
-    joint_vector("robot.q_start_rad_or_m", &config.q_start)
+    joint_vector("robot.q_start_rad_or_m", &config.start.q)
 }
 
 /// The limits of the joint reference: of the robot and of the configuration.
@@ -78,13 +79,11 @@ pub fn motion_limits<const N: usize>(
     robot: &Robot<N>,
 ) -> Result<MotionLimits<N>, AssembleError> {
     let motion = &config.motion;
-    Ok(MotionLimits {
-        lower: SVector::from_fn(|i, _| robot.limits()[i].lower),
-        upper: SVector::from_fn(|i, _| robot.limits()[i].upper),
-        velocity: SVector::from_fn(|i, _| robot.limits()[i].velocity),
-        acceleration: joint_vector("motion.max_acceleration_rad_s2_or_m_s2", &motion.max_acceleration)?,
-        jerk: joint_vector("motion.max_jerk_rad_s3_or_m_s3", &motion.max_jerk)?,
-    })
+    Ok(MotionLimits::of(
+        robot,
+        joint_vector("motion.max_acceleration_rad_s2_or_m_s2", &motion.max_acceleration)?,
+        joint_vector("motion.max_jerk_rad_s3_or_m_s3", &motion.max_jerk)?,
+    ))
 }
 
 /// Refuses what control cannot do yet: to go by several cameras.
@@ -214,30 +213,41 @@ pub fn control_loop_with<const N: usize>(
         Update::Predict => UpdatePolicy::Predict,
     };
     let joint_control = joint_controller(config, &robot, &q_start)?;
+    let servo = VisualServo::new(ServoSettings {
+        law: config.servo.law,
+        set_point: config.servo.set_point.clone(),
+        update,
+        mount: config.camera.mount,
+        X_WO: config.X_WO(),
+        smooth_start_1_s: config.servo.smooth_start_1_s,
+        lead: config.servo.lead,
+        limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
+        teach: 0, // when the lifecycle says so
+        object: config.servo.object,
+    });
+    let watch = MeasurementWatch::new(config.safety.measurement_timeout, config.safety.slow_down_from);
+    let lesson = config.effective.servo.set_point.measurements;
+    let behaviour: Box<dyn Behaviour<N>> = match (config.task, closed_loop) {
+        (Task::CalibrateLatency, _) => Box::new(Gentle::new(servo, config.camera.model, watch)),
+        (Task::Servo, true) => Box::new(Servoing::new(servo, watch, lesson)),
+        (Task::Servo, false) => Box::new(Servoing::new(servo, watch, lesson).dry()),
+    };
     let settings = ControllerSettings {
-        robot,
-        servo: VisualServo::new(ServoSettings {
-            law: config.servo.law,
-            set_point: config.servo.set_point.clone(),
-            update,
-            mount: config.camera.mount,
-            X_WO: config.X_WO(),
-            smooth_start_1_s: config.servo.smooth_start_1_s,
-            lead: config.servo.lead,
-            limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
-            teach: config.servo.teach,
-            object: config.servo.object,
-        }),
-        limits,
-        joint_control,
-        watch: MeasurementWatch::new(config.safety.measurement_timeout, config.safety.slow_down_from),
+        effort_rise: config.motion.effort_rise,
+        start_tolerance: config.start.tolerance,
+        may_start_elsewhere: config.start.elsewhere,
         max_tracking_error: config.safety.max_tracking_error,
-        closed_loop,
-        calibrates: (config.task == Task::CalibrateLatency).then_some(config.camera.model),
+        ..ControllerSettings::new(ArmModel { robot, limits }, joint_control, config.drive.mode, q_start)
     };
     let plays_once = matches!(config.camera.source, Source::Replay { repeat: false, .. });
     let i = config.camera.model.intrinsics();
+    let service = if config.serve {
+        Service::Served
+    } else {
+        Service::OneShot { teaches: config.task == Task::Servo && config.servo.teach > 0 }
+    };
     let plan = RunPlan {
+        service,
         feature_error_px: config.goal.feature_error_px,
         hold: config.goal.hold,
         duration: (!plays_once).then_some(config.duration),
@@ -246,7 +256,7 @@ pub fn control_loop_with<const N: usize>(
         f_px: Vector2::new(i.fx_px, i.fy_px),
     };
     let truth = config.scene.as_ref().map(truth).transpose()?;
-    Ok(ControlLoop::new(Controller::new(settings, q_start), drive, plan, truth))
+    Ok(ControlLoop::new(Controller::new(settings, behaviour), drive, plan, truth))
 }
 
 fn truth<const N: usize>(scene: &Scene) -> Result<Truth<N>, AssembleError> {

@@ -56,8 +56,10 @@ pub struct Config {
     pub goal: Goal,
     /// The arm.
     pub robot: RobotDescription,
-    /// Joint positions at the start, rad or m; as many as the robot has joints.
-    pub q_start: Vec<f64>,
+    /// Whether the run does what it is told, until it is told to end.
+    pub serve: bool,
+    /// Where the arm starts.
+    pub start: Start,
     /// The camera that control goes by.
     pub camera: Camera,
     /// The cameras beside it, which have processes but no say yet.
@@ -82,6 +84,17 @@ pub struct Config {
     pub warnings: Vec<Problem>,
     /// The file as read, with all defaults and absolute paths: what another process needs to run the same.
     pub effective: RawConfig,
+}
+
+/// Where the arm starts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Start {
+    /// Joint positions, rad or m; as many as the robot has joints.
+    pub q: Vec<f64>,
+    /// Distance of a joint from there that is none, rad or m.
+    pub tolerance: f64,
+    /// Whether it may start elsewhere.
+    pub elsewhere: bool,
 }
 
 /// When the run counts as converged.
@@ -123,6 +136,8 @@ pub struct Motion {
     pub max_jerk: Vec<f64>,
     /// Joint controller.
     pub controller: JointControl,
+    /// Time in which the effort of a joint may rise from zero to its largest.
+    pub effort_rise: SpanNs,
     /// Natural frequency of the joint controller, rad/s.
     pub natural_frequency_rad_s: f64,
     /// Damping ratio of the joint controller.

@@ -84,6 +84,8 @@ table! {
         duration_s: f64 = 30.0,
         /// Seed of every random number in the run.
         seed: u64 = 1,
+        /// The run does what `vservo ctl` tells it, and ends when it is told; `vservo serve` sets it.
+        serve: bool = false,
     }
 }
 
@@ -104,6 +106,10 @@ table! {
         model: String = "scara".into(),
         /// Joint positions at the start, rad or m.
         q_start_rad_or_m: Vec<f64> = vec![0.0, std::f64::consts::FRAC_PI_2, 0.5, -std::f64::consts::FRAC_PI_4],
+        /// Distance of a joint from there up to which the arm starts there, rad or m.
+        start_tolerance_rad_or_m: f64 = 0.02,
+        /// Whether the arm may start elsewhere.
+        start_elsewhere: bool = false,
     }
 }
 

@@ -11,7 +11,7 @@ use super::check::Check;
 use super::raw::{Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, Task};
 use super::servo::servo;
 use super::target::target;
-use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety};
+use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Start};
 use crate::scene::SceneMotion;
 use crate::time::SpanNs;
 use crate::vision::VisionSettings;
@@ -56,6 +56,12 @@ pub(super) fn validate(
         check.wrong("run.clock", why);
     }
     let scene_motion = scene_motion(&raw, check);
+    if raw.run.serve && raw.run.task != Task::Servo {
+        check.wrong("run.serve", "needs run.task = \"servo\"");
+    }
+    if raw.run.serve && !raw.camera.source.closes_the_loop() {
+        check.wrong("run.serve", "needs a camera that sees the arm's own motion: camera.source is `replay`");
+    }
     if raw.run.task == Task::CalibrateLatency {
         if !raw.camera.source.closes_the_loop() {
             check.wrong(
@@ -101,6 +107,8 @@ pub(super) fn validate(
     };
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
     let spin_us = raw.realtime.spin_us.map(|us| check.range("realtime.spin_us", us, 0.0..=500.0));
+    let start_tolerance =
+        check.range("robot.start_tolerance_rad_or_m", raw.robot.start_tolerance_rad_or_m, 1e-6..=10.0);
     let before_arm = check.count_problems();
     let robot = start::arm(&raw, check);
     let drive = drive::drive(&raw, robot.as_ref(), check);
@@ -124,7 +132,12 @@ pub(super) fn validate(
         seed: raw.run.seed,
         goal,
         robot: robot?,
-        q_start: raw.robot.q_start_rad_or_m.clone(),
+        serve: raw.run.serve,
+        start: Start {
+            q: raw.robot.q_start_rad_or_m.clone(),
+            tolerance: start_tolerance,
+            elsewhere: raw.robot.start_elsewhere,
+        },
         camera: camera?,
         further_cameras,
         target: target?,

@@ -5,8 +5,8 @@
 
 pub use crate::control::outcome::Finish;
 
-use crate::calibration::GentleMotion;
 use crate::control::controller::{ControlOutput, Controller};
+use crate::control::lifecycle::{Refusal, Request, State};
 use crate::control::outcome::{FinalErrors, MeasuredErrors, Outcome};
 use crate::control::records::{command_trace, joint_state};
 use crate::control::run_end::{self, NextStep, RunEnd};
@@ -25,13 +25,6 @@ use nalgebra::{SVector, Vector2};
 
 /// Ticks between two status records: 50 Hz.
 const STATUS_PERIOD: u64 = 20;
-/// The end of a calibration that lost its target.
-const TARGET_LOST: Finish = Finish {
-    outcome: Outcome::NotConverged,
-    reason: "the target was lost while the arm moved: start with the target near the middle of the picture, and see to \
-             its light",
-};
-
 /// The end of an open loop whose pictures are over.
 const LAST_FRAME: Finish = Finish { outcome: Outcome::Finished, reason: "the last frame was used" };
 /// The end of a closed loop whose camera has no more frames.
@@ -40,9 +33,26 @@ const NO_MORE_FRAMES: Finish = Finish {
     reason: "the camera said that its last frame has come, before the goal was reached",
 };
 
+/// The end of a served run that somebody asked for.
+const SHUT_DOWN: Finish = Finish { outcome: Outcome::Stopped, reason: "a shutdown was requested" };
+
+/// What makes a run begin, and end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Service {
+    /// It starts by itself, after a lesson where the goal is taught, and ends when it is done.
+    OneShot {
+        /// Whether the goal is taught first.
+        teaches: bool,
+    },
+    /// It does what it is told, and ends when it is told.
+    Served,
+}
+
 /// What the loop is to reach, and when it ends without.
 #[derive(Debug, Clone, Copy)]
 pub struct RunPlan {
+    /// What makes the run begin, and end.
+    pub service: Service,
     /// Largest root mean square feature error, px; the goal.
     pub feature_error_px: f64,
     /// How long the goal must be held.
@@ -69,10 +79,12 @@ pub struct ControlLoop<const N: usize> {
     first: Option<MonoNs>,
     last: MonoNs,
     goal_since: Option<MonoNs>,
+    /// Whether it was told that the goal was held.
+    goal_told: bool,
     state: ControlState,
     sensed: DriveState<N>,
     command: DriveCommand<N>,
-    end: RunEnd<N>,
+    end: RunEnd,
     errors_at_end: Option<FinalErrors>,
     last_frame_seen: bool,
     /// The measurement that this tick's command uses.
@@ -104,10 +116,11 @@ impl<const N: usize> ControlLoop<N> {
             first: None,
             last: MonoNs::ZERO,
             goal_since: None,
+            goal_told: false,
             state: ControlState::Waiting,
             sensed: DriveState { q: zero, qd: zero, truth: None },
             command: DriveCommand { tau: zero, q_r: zero, qd_r: zero },
-            end: RunEnd::new(),
+            end: RunEnd::default(),
             errors_at_end: None,
             last_frame_seen: false,
             used: None,
@@ -119,10 +132,12 @@ impl<const N: usize> ControlLoop<N> {
 
     /// First half of a tick: reads the drive at the tick's time.
     pub fn sense(&mut self, tick: u64, now: MonoNs) -> JointState {
-        self.first.get_or_insert(now);
+        if self.first.is_none() {
+            self.first = Some(now);
+            self.begin();
+        }
         self.last = now;
         self.sensed = self.drive.read(now);
-        self.end.note(&self.sensed);
         if let Some(fault) = self.drive.health().fault {
             self.controller.fail(Fault::Drive(fault));
         }
@@ -194,7 +209,34 @@ impl<const N: usize> ControlLoop<N> {
         if self.end.decided().is_none() {
             self.end.decide(Finish { outcome: Outcome::Stopped, reason });
             self.events.push(Event::Stopping);
-            self.controller.stop();
+            let _ = self.controller.request(Request::Shutdown); // nothing refuses it
+        }
+    }
+
+    /// Does what somebody wants.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn request(&mut self, request: Request) -> Result<(), Refusal> {
+        if self.end.decided().is_some() {
+            return Err(Refusal::Ending);
+        }
+        self.controller.request(request)?;
+        self.events.push(Event::Requested(request));
+        match request {
+            Request::Shutdown => self.end.decide(SHUT_DOWN),
+            Request::Reset => self.drive.reset(),
+            Request::Start => (self.goal_since, self.goal_told) = (None, false),
+            Request::Hold | Request::Teach | Request::Stop => {}
+        }
+        Ok(())
+    }
+
+    /// A run that is not told what to do starts by itself.
+    fn begin(&mut self) {
+        if let Service::OneShot { teaches } = self.plan.service {
+            let first = if teaches { Request::Teach } else { Request::Start };
+            let _ = self.controller.request(first); // it is idle, and takes both
         }
     }
 
@@ -234,7 +276,7 @@ impl<const N: usize> ControlLoop<N> {
 
     fn count(&mut self, now: MonoNs, m: &Measurement, intake: Option<Intake>) -> Sighting {
         self.last_frame_seen |= m.flags & frame_flag::LAST != 0;
-        let set_point = self.controller.settings().servo.set_point();
+        let set_point = self.controller.behaviour().set_point();
         // What the law refused says nothing about the goal: it is old, or of another target. Nor does braking at the end.
         let has_ended = self.end.decided().is_some();
         let judged = intake != Some(Intake::TooFewFeatures) && !has_ended;
@@ -242,7 +284,7 @@ impl<const N: usize> ControlLoop<N> {
         let error_px = view.map_or(f64::NAN, |view| set_point.error_rms_px(&view, &self.plan.f_px));
         self.sightings.note(m, intake, error_px, &mut self.events);
         if intake.is_some_and(Intake::is_used) {
-            let degraded = self.controller.settings().servo.is_degraded();
+            let degraded = self.controller.behaviour().is_degraded();
             self.sightings.note_degraded(degraded, &mut self.events);
         }
         let sighting = Sighting { frame: FrameStamps::of(m), intake, error_px, latency: None };
@@ -258,25 +300,23 @@ impl<const N: usize> ControlLoop<N> {
     }
 
     fn note_state(&mut self, output: &ControlOutput<N>) {
-        let event = match (self.state, output.state, output.fault) {
-            (before, ControlState::Fault, Some(fault)) if before != ControlState::Fault => {
-                Some(Event::Fault(fault))
-            }
-            (ControlState::Servoing, ControlState::Holding, _) => Some(Event::Holding),
-            (ControlState::Holding, ControlState::Servoing, _) => Some(Event::Resumed),
-            _ => None,
-        };
-        if let Some(event) = event {
+        for event in output.events.iter() {
             self.events.push(event);
-            if event == Event::Holding && self.controller.is_calibrating() {
-                // What is lost of the motion would be missing in what is found.
-                self.end.decide(TARGET_LOST);
-                self.controller.stop();
+            if event == Event::Holding
+                && let Some(finish) = self.controller.behaviour().when_lost()
+            {
+                self.end.decide(finish);
             }
         }
-        self.state = output.state;
+        self.state = output.state.told();
+        if self.plan.service == Service::Served {
+            return;
+        }
         if let Some(fault) = output.fault {
             self.end.decide(Finish::fault(fault));
+        }
+        if output.state == State::Held && self.end.decided().is_none() {
+            let _ = self.controller.request(Request::Start); // the goal is taught
         }
     }
 
@@ -290,11 +330,13 @@ impl<const N: usize> ControlLoop<N> {
         if self.end.decided().is_some() && self.errors_at_end.is_none() {
             self.errors_at_end = Some(self.errors());
         }
-        let waits_for_arm = self.plan.closed_loop && !output.fault.is_some_and(Fault::blinds);
-        match self.end.next(now, self.controller.reference_rests(), waits_for_arm) {
+        // In lockstep no state comes any more where the drive does not answer.
+        let drive_is_gone = !self.plan.one_clock && matches!(output.fault, Some(Fault::Drive(_)));
+        let waits_for_arm = self.plan.closed_loop && !drive_is_gone;
+        match self.end.next(self.controller.rest(), waits_for_arm) {
             NextStep::GoOn => None,
             NextStep::Brake => {
-                self.controller.stop();
+                let _ = self.controller.request(Request::Shutdown); // nothing refuses it
                 None
             }
             NextStep::GiveUp => {
@@ -308,16 +350,21 @@ impl<const N: usize> ControlLoop<N> {
     }
 
     /// How the run ends by itself, if it does at this tick.
-    fn reached(&self, now: MonoNs) -> Option<Finish> {
-        let calibrates = self.controller.is_calibrating();
-        if calibrates {
-            if self.controller.gentle_motion().is_some_and(GentleMotion::is_over) {
-                return Some(Finish { outcome: Outcome::Finished, reason: "the calibration motion is over" });
+    fn reached(&mut self, now: MonoNs) -> Option<Finish> {
+        let behaviour = self.controller.behaviour();
+        let held = self.state == ControlState::Servoing
+            && behaviour.has_goal()
+            && self.goal_since.is_some_and(|since| now - since >= self.plan.hold);
+        if self.plan.service == Service::Served {
+            if held && !std::mem::replace(&mut self.goal_told, true) {
+                self.events.push(Event::GoalReached);
             }
-        } else if self.plan.closed_loop
-            && self.state == ControlState::Servoing
-            && self.goal_since.is_some_and(|since| now - since >= self.plan.hold)
-        {
+            return None;
+        }
+        if let Some(finish) = behaviour.finished() {
+            return Some(finish);
+        }
+        if held {
             return Some(Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" });
         }
         if self.last_frame_seen {
@@ -325,9 +372,9 @@ impl<const N: usize> ControlLoop<N> {
         }
         let time = now - self.first.unwrap_or(now);
         let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
-        let has_motion = self.controller.gentle_motion().is_some();
+        let when_late = behaviour.when_late();
         time_is_up
-            .then(|| run_end::time_is_up(self.plan.closed_loop, self.state, has_motion, &self.sightings))
+            .then(|| run_end::time_is_up(self.plan.closed_loop, self.state, when_late, &self.sightings))
     }
 
     /// The object in the camera in simulated truth, m.
@@ -349,7 +396,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Distance, m, and angle, rad, of the camera from the desired one when it sees the object at `X_CO`.
     fn off_goal(&self, X_CO: &Pose) -> Option<(f64, f64)> {
-        let X_DC = self.controller.settings().servo.set_point().X_DO()? * X_CO.inverse();
+        let X_DC = self.controller.behaviour().set_point().X_DO()? * X_CO.inverse();
         Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
     }
 
@@ -361,7 +408,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Errors now: against simulated truth where there is one, else from the last measurement.
     fn errors(&self) -> FinalErrors {
-        let set_point = &self.controller.settings().servo.set_point();
+        let set_point = self.controller.behaviour().set_point();
         let believed = MeasuredErrors::new(
             self.sightings.error_px(),
             self.measured_view().and_then(|X_CO| self.off_goal(&X_CO)),

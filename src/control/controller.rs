@@ -1,48 +1,85 @@
-//! The controller: servo law + motion + safety, one step a tick.
+//! The controller: lifecycle, behaviour, motion and gate, one step a tick.
 //!
 //! ```text
-//! DriveState ──────────────┬────────────────────────┐
-//! Measurement ─► watch ─► servo law ─► reference ─► joint controller ─► DriveCommand
-//!                  │         (qd wish)    (limits)      (torque)
-//!                  │         (torque wish) ──── effort limits ─────────►   schemes A and C
-//!                  │         (qd of a gentle motion instead of the law, while the latency is calibrated)
-//!                  └─ Waiting ─► Servoing ⇄ Holding;  Fault from any
+//! DriveState ─► watch ─► lifecycle ─► behaviour's intent, or rest ─► reference ─► joint controller ─► gate ─► DriveCommand
+//! Measurement ──────────► behaviour                                   (limits)      (torque)
 //! ```
-//! Under a torque law the reference stays on the arm, so that a stop, a hold, a fault or a joint that comes too near its
-//! limits brakes from the motion of that moment.
+//! Each entry into motion, and each fault, puts the reference on the measured arm where it is not there already. A joint
+//! controller gets the reference of this tick and its acceleration from here on, and is in step with the state that it acts
+//! upon; a law that wishes torques moves the reference by the acceleration that they would bring about.
 //! `step` is total: it does not allocate, log, fail or look at a clock.
 
-use crate::calibration::{GentleMotion, image_reach};
-use crate::camera_model::CameraModel;
-use crate::control::safety::{Fault, Freshness, MeasurementWatch};
-use crate::drive::{DriveCommand, DriveState};
-use crate::messages::{ControlState, Measurement};
-use crate::motion::{ActingLimits, JointController, Limit, MotionLimits, Reference, brakeable, evade};
-use crate::robot::Robot;
-use crate::servo::{Approach, Intake, VisualServo, Wish};
+use crate::control::behaviour::{ArmModel, Behaviour, Intent};
+use crate::control::gate::{Gate, GateSettings, Passed};
+use crate::control::lifecycle::{Cue, Refusal, Request, State, Step};
+use crate::control::safety::{ArmWatch, Fault, RestWatch};
+use crate::control::trace::{Event, Events};
+use crate::drive::{CommandMode, DriveCommand, DriveState};
+use crate::messages::Measurement;
+use crate::motion::{
+    ActingLimits, JointController, Limit, Reference, ReferenceState, brakeable, evade,
+};
+use crate::servo::{Approach, Intake};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
+/// A reference so near to the measured arm (rad or m; rad/s or m/s) is on it.
+const ON_THE_ARM: (f64, f64) = (2e-3, 0.1);
+/// Share of the largest tracking error beyond which a braking reference is put back on the arm.
+const ASTRAY: f64 = 0.3;
+/// Rate at which an arm under a torque law is braked where its view is not to be trusted, 1/s.
+const BRAKE_1_S: f64 = 8.0;
+/// How long an arm whose reference rests may go on moving.
+const PATIENCE: SpanNs = SpanNs(2_000_000_000);
+
 /// What a controller is made of.
 #[derive(Debug, Clone)]
 pub struct ControllerSettings<const N: usize> {
-    /// The arm's model.
-    pub robot: Robot<N>,
-    /// From what the camera sees to what the joints shall do.
-    pub servo: VisualServo<N>,
-    /// Limits of the reference.
-    pub limits: MotionLimits<N>,
+    /// The arm.
+    pub arm: ArmModel<N>,
     /// Joint controller.
     pub joint_control: JointController<N>,
-    /// Watch over the measurements.
-    pub watch: MeasurementWatch,
+    /// What the drive obeys.
+    pub mode: CommandMode,
+    /// Time in which the effort of a joint may rise from zero to its largest.
+    pub effort_rise: SpanNs,
+    /// Where the run file has the arm start, rad or m.
+    pub q_start: SVector<f64, N>,
+    /// Distance of a joint from there beyond which the arm is not where the run file says.
+    pub start_tolerance: f64,
+    /// Whether it may start elsewhere.
+    pub may_start_elsewhere: bool,
     /// Largest distance of a joint from its reference, rad or m.
     pub max_tracking_error: f64,
-    /// Without it (pictures that do not show this arm) the law is computed but the reference stays where the arm is.
-    pub closed_loop: bool,
-    /// Calibration of the latency: the camera before which the arm moves gently, instead of servoing.
-    pub calibrates: Option<CameraModel>,
+}
+
+impl<const N: usize> ControllerSettings<N> {
+    /// A controller of `arm` that starts in `q_start` before a drive which obeys `mode`; the rest as in the default run.
+    #[must_use]
+    pub fn new(
+        arm: ArmModel<N>,
+        joint_control: JointController<N>,
+        mode: CommandMode,
+        q_start: SVector<f64, N>,
+    ) -> Self {
+        Self {
+            arm,
+            joint_control,
+            mode,
+            effort_rise: SpanNs(10_000_000),
+            q_start,
+            start_tolerance: 0.02,
+            may_start_elsewhere: false,
+            max_tracking_error: 0.1,
+        }
+    }
+
+    fn gate(&self) -> GateSettings<N> {
+        let limits = self.arm.robot.limits();
+        let effort = SVector::from_fn(|i, _| limits[i].effort);
+        GateSettings { effort, effort_rate: effort / self.effort_rise.as_s(), mode: self.mode }
+    }
 }
 
 /// What a step leads to.
@@ -51,83 +88,159 @@ pub struct ControlOutput<const N: usize> {
     /// For the drive.
     pub command: DriveCommand<N>,
     /// What the controller does.
-    pub state: ControlState,
-    /// Why it does nothing more, in state `Fault`.
+    pub state: State,
+    /// Why it does nothing more, in fault.
     pub fault: Option<Fault>,
-    /// The joint velocity that the servo law asks for, before limits; rad/s or m/s.
+    /// The joint velocity that the behaviour asks for, before limits; rad/s or m/s.
     pub wish: SVector<f64, N>,
     /// The limits that acted, and on which joints.
     pub limits: ActingLimits,
     /// What became of the measurement, if there was one.
     pub intake: Option<Intake>,
+    /// What happened.
+    pub events: Events,
+}
+
+/// Whether the arm stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rest {
+    /// Reference or measured arm move.
+    Moving,
+    /// Both stand.
+    AtRest,
+    /// The arm goes on moving although its reference has rested for 2 s.
+    Restless,
+    /// The reference stands; the arm cannot be seen.
+    Unknown,
 }
 
 /// The controller of one arm with `N` joints.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Controller<const N: usize> {
-    settings: ControllerSettings<N>,
+    arm: ArmModel<N>,
+    behaviour: Box<dyn Behaviour<N>>,
+    joint_control: JointController<N>,
+    gate: Gate<N>,
+    start: Start<N>,
+    max_tracking_error: f64,
+    mode: CommandMode,
     reference: Reference<N>,
-    watch: MeasurementWatch,
+    state: State,
     fault: Option<Fault>,
-    stopping: bool,
-    has_servoed: bool,
-    last_tau: SVector<f64, N>,
-    /// The motion of a calibration, from the first good measurement on.
-    gentle: Option<GentleMotion<N>>,
+    /// A fault from outside that the next step takes in.
+    failure: Option<Fault>,
+    watch: ArmWatch<N>,
+    rest_watch: RestWatch<N>,
+    rest: Rest,
+    rests_since: Option<MonoNs>,
+    events: Events,
+}
+
+/// Where the arm starts.
+#[derive(Debug, Clone, Copy)]
+struct Start<const N: usize> {
+    q: SVector<f64, N>,
+    tolerance: f64,
+    elsewhere: bool,
+    is_checked: bool,
+}
+
+/// What a tick wants of the joints, within the limits.
+struct Motion<const N: usize> {
+    /// Where the reference is at the time of the state, and its acceleration from there on.
+    now: ReferenceState<N>,
+    /// Limits that acted.
+    limits: ActingLimits,
+    /// The joint controller follows a reference; else the acceleration of a law that wishes torques.
+    follows: bool,
 }
 
 impl<const N: usize> Controller<N> {
-    /// A controller whose reference rests in `q_start`.
+    /// A controller of an arm that stands, and moves for `behaviour` once it is started.
     #[must_use]
-    pub fn new(settings: ControllerSettings<N>, q_start: SVector<f64, N>) -> Self {
-        let reference = Reference::new(settings.limits.clone(), q_start);
-        let watch = settings.watch;
-        let zero = SVector::zeros();
+    pub fn new(settings: ControllerSettings<N>, behaviour: Box<dyn Behaviour<N>>) -> Self {
+        let gate = settings.gate();
+        let ControllerSettings { arm, joint_control, mode, q_start, .. } = settings;
+        let limits = arm.limits.clone();
         Self {
-            settings,
-            reference,
-            watch,
+            mode,
+            gate: Gate::new(gate, limits.clone(), q_start),
+            reference: Reference::new(limits, q_start),
+            arm,
+            behaviour,
+            joint_control,
+            start: Start {
+                q: q_start,
+                tolerance: settings.start_tolerance,
+                elsewhere: settings.may_start_elsewhere,
+                is_checked: false,
+            },
+            max_tracking_error: settings.max_tracking_error,
+            state: State::Idle,
             fault: None,
-            stopping: false,
-            has_servoed: false,
-            last_tau: zero,
-            gentle: None,
+            failure: None,
+            watch: ArmWatch::default(),
+            rest_watch: RestWatch::default(),
+            rest: Rest::Moving,
+            rests_since: None,
+            events: Events::default(),
         }
     }
 
-    /// The settings.
+    /// The arm as control knows it.
     #[must_use]
-    pub fn settings(&self) -> &ControllerSettings<N> {
-        &self.settings
+    pub fn arm(&self) -> &ArmModel<N> {
+        &self.arm
     }
 
-    /// Whether this controller calibrates instead of servoing.
+    /// What the arm moves for.
     #[must_use]
-    pub fn is_calibrating(&self) -> bool {
-        self.settings.calibrates.is_some()
+    pub fn behaviour(&self) -> &dyn Behaviour<N> {
+        self.behaviour.as_ref()
     }
 
-    /// The motion of a calibration, once it has begun.
+    /// What the controller does.
     #[must_use]
-    pub fn gentle_motion(&self) -> Option<&GentleMotion<N>> {
-        self.gentle.as_ref()
+    pub fn state(&self) -> State {
+        self.state
     }
 
-    /// From now on the arm slows down within its limits and stays where it comes to rest.
-    pub fn stop(&mut self) {
-        self.stopping = true;
-    }
-
-    /// Whether the reference stands still, or is so slow that a standstill at the next tick is within its limits: from
-    /// `v <= J T^2` braking takes at most two ticks `T`, and in one tick it changes the acceleration by at most `J T`.
+    /// Whether the arm stands.
     #[must_use]
-    pub fn reference_rests(&self) -> bool {
-        self.reference.rests_within(SpanNs(2 * TICK.0))
+    pub fn rest(&self) -> Rest {
+        self.rest
     }
 
-    /// Something outside has failed: the run ends. The first fault is the one that is told.
+    /// Commands that the gate had to change.
+    #[must_use]
+    pub fn gated(&self) -> u64 {
+        self.gate.changed()
+    }
+
+    /// Somebody wants something; it is so from the next step on.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn request(&mut self, request: Request) -> Result<(), Refusal> {
+        match self.state.next(Cue::Request(request)) {
+            Step::Refuse(refusal) => Err(refusal),
+            Step::Stay => Ok(()),
+            Step::To(next) => {
+                if request == Request::Reset {
+                    (self.fault, self.failure) = (None, None);
+                }
+                if request == Request::Teach {
+                    self.behaviour.teach();
+                }
+                self.state = next;
+                Ok(())
+            }
+        }
+    }
+
+    /// Something outside has failed. The first fault is the one that is told.
     pub fn fail(&mut self, fault: Fault) {
-        self.fault.get_or_insert(fault);
+        self.failure.get_or_insert(fault);
     }
 
     /// One tick: takes the drive's state and a measurement, if a new one has come, and gives the command for the
@@ -138,119 +251,167 @@ impl<const N: usize> Controller<N> {
         drive: &DriveState<N>,
         measurement: Option<&Measurement>,
     ) -> ControlOutput<N> {
-        if !drive.q.iter().chain(drive.qd.iter()).all(|x| x.is_finite()) {
-            self.fail(Fault::DriveStateNotFinite);
-        } else if !self.settings.limits.is_plausible(&drive.q, &drive.qd) {
-            self.fail(Fault::DriveStateImplausible);
+        let state = self.sense(now, drive);
+        let (mut intake, mut confidence) = (None, 0.0);
+        if let Some(state) = &state {
+            self.behaviour.note_arm(now, state);
+            intake = measurement.map(|m| self.behaviour.take(now, &state.q, m, &self.arm));
+            confidence = self.behaviour.confidence(now);
         }
-        if self.fault.is_some_and(Fault::blinds) {
-            return self.blind_output();
-        }
-        self.settings.servo.note_arm(now, &drive.q, &drive.qd);
-        let intake = measurement.map(|m| self.take(now, drive, m));
-        let (freshness, confidence) = self.trust(now);
-        let answer = if self.fault.is_none() && freshness == Freshness::Fresh && !self.stopping {
-            self.has_servoed = true;
-            self.answer(drive)
-        } else {
-            self.settings.servo.restart();
-            None
-        };
-        let mut limits = ActingLimits::default();
-        let (wish, approach) = match answer {
-            Some(Wish::Velocity(qd)) => (qd, self.settings.servo.approach().copied()),
-            Some(Wish::Torque(tau)) if self.settings.closed_loop => {
-                self.reference.reseat(&drive.q, &drive.qd);
-                // Where the arm could not stop within its range any more, a torque law has to wait.
-                if self.settings.limits.can_stop(&drive.q, &drive.qd) {
-                    return self.direct_output(drive, tau, intake);
-                }
-                (SVector::zeros(), None)
+        self.live(state.as_ref(), confidence);
+        let intent = match (&state, self.state.moves()) {
+            (Some(state), true) => self.behaviour.intent(state, &self.arm.robot),
+            _ => {
+                self.behaviour.pause();
+                Intent::Stand
             }
-            // At a singularity of task or arm there may be nothing to follow: the arm slows down.
-            Some(Wish::Torque(_)) | None => (SVector::zeros(), None),
         };
-        let reference = if self.settings.closed_loop {
-            // A gentle motion is one of joints: no singular posture is in its way, and it keeps within their ranges.
-            let (qd, acting) = match self.gentle {
-                Some(_) => (wish, ActingLimits::default()),
-                None => self.held_back(&drive.q, &wish, approach.as_ref(), confidence),
-            };
-            let reference = *self.reference.advance(&qd, TICK);
-            limits = acting.with(&reference.limits);
-            reference
-        } else {
-            *self.reference.state()
-        };
-        if (reference.q - drive.q).amax() > self.settings.max_tracking_error {
-            self.fault = self.fault.or(Some(Fault::TrackingError));
+        // A state that is none: the arm is thought to be where its reference is.
+        let seen = state.is_some();
+        let state = state.unwrap_or_else(|| self.believed());
+        let motion = self.motion(&state, &intent, confidence);
+        let mut limits = motion.limits;
+        let tau = self.torque(&state, &motion, seen, &mut limits);
+        let Passed { command, cut, fault } = self.gate.pass(self.reference.state(), &tau);
+        limits.add(Limit::Effort, cut);
+        if let Some(fault) = fault.or_else(|| self.astray(&state, &motion, seen)) {
+            self.fail(fault);
         }
-        let torque =
-            self.settings.joint_control.torque(&self.settings.robot, &drive.q, &drive.qd, &reference);
-        self.last_tau = torque.tau;
-        limits.add(Limit::Effort, torque.saturated);
+        self.note_rest(now, seen);
         ControlOutput {
-            command: DriveCommand { tau: torque.tau, q_r: reference.q, qd_r: reference.qd },
-            state: match (self.fault, freshness) {
-                (Some(_), _) => ControlState::Fault,
-                (None, _) if self.stopping => ControlState::Stopped,
-                (None, Freshness::Never) => ControlState::Waiting,
-                (None, Freshness::Fresh) => ControlState::Servoing,
-                (None, Freshness::Stale) => ControlState::Holding,
-            },
+            command,
+            state: self.state,
             fault: self.fault,
-            wish,
+            wish: intent.velocity(),
             limits,
             intake,
+            events: std::mem::take(&mut self.events),
         }
     }
 
-    /// Takes a measurement in; what became of it.
-    fn take(&mut self, now: MonoNs, drive: &DriveState<N>, m: &Measurement) -> Intake {
-        let Self { settings, watch, .. } = self;
-        let intake = settings.servo.take(now, m, &settings.robot);
-        let Some(camera) = &settings.calibrates else {
-            if intake.is_used() {
-                watch.good(m.exposure);
+    /// The drive's state, if it can be one of this arm.
+    fn sense(&mut self, now: MonoNs, drive: &DriveState<N>) -> Option<DriveState<N>> {
+        let wrong = self.watch.note(now, drive, &self.arm.limits);
+        if let Some(fault) = wrong {
+            self.fail(fault);
+        }
+        if wrong.is_some_and(Fault::blinds) || self.failure.is_some_and(Fault::blinds) {
+            return None;
+        }
+        self.rest_watch.note(drive);
+        if !std::mem::replace(&mut self.start.is_checked, true) {
+            if (drive.q - self.start.q).amax() > self.start.tolerance {
+                self.events.push(Event::StartsElsewhere);
+                if !self.start.elsewhere {
+                    self.fail(Fault::StartsElsewhere);
+                }
             }
-            return intake;
+            self.seat(drive, true);
+        }
+        Some(*drive)
+    }
+
+    /// Where the lifecycle goes by what is seen.
+    fn live(&mut self, state: Option<&DriveState<N>>, confidence: f64) {
+        let moved = self.state.moves();
+        if let Some(fault) = self.failure.take() {
+            self.fault.get_or_insert(fault);
+            self.cue(Cue::Failed);
+            if let Some(state) = state {
+                self.seat(state, self.rest == Rest::AtRest);
+            }
+        }
+        if self.rest == Rest::AtRest || (self.rest == Rest::Unknown && self.fault.is_some()) {
+            self.cue(Cue::AtRest);
+        }
+        if self.state == State::Teaching && !self.behaviour.is_teaching() {
+            self.cue(Cue::Taught);
+        }
+        self.cue(if confidence > 0.0 && state.is_some() { Cue::InView } else { Cue::OutOfView });
+        if let Some(state) = state.filter(|_| self.state.moves() && !moved) {
+            // What stands, stands: the velocity of a noisy encoder is none.
+            self.seat(state, self.rest == Rest::AtRest);
+            self.watch.restart();
+        }
+    }
+
+    fn cue(&mut self, cue: Cue) {
+        if let Step::To(next) = self.state.next(cue) {
+            let event = match (self.state, next) {
+                (_, State::Failing) => self.fault.map(Event::Fault),
+                (State::Servoing, State::Holding) => Some(Event::Holding),
+                (State::Holding, State::Servoing) => Some(Event::Resumed),
+                (State::Teaching, State::Held) => Some(Event::Taught),
+                _ => None,
+            };
+            event.into_iter().for_each(|event| self.events.push(event));
+            self.state = next;
+        }
+    }
+
+    /// Puts the reference on the measured arm, where it is not there already.
+    fn seat(&mut self, state: &DriveState<N>, stands: bool) {
+        let qd = if stands { SVector::zeros() } else { state.qd };
+        let r = self.reference.state();
+        if (r.q - state.q).amax() <= ON_THE_ARM.0 && (r.qd - qd).amax() <= ON_THE_ARM.1 {
+            return;
+        }
+        self.reference.seat(&state.q, &qd);
+        self.gate.seat(&state.q, &qd);
+    }
+
+    /// The arm where its reference is.
+    fn believed(&self) -> DriveState<N> {
+        let r = self.reference.state();
+        DriveState { q: r.q, qd: r.qd, truth: None }
+    }
+
+    /// The reference of this tick, and on to that of the next one.
+    fn motion(&mut self, state: &DriveState<N>, intent: &Intent<N>, confidence: f64) -> Motion<N> {
+        let mut limits = ActingLimits::default();
+        let wish = match intent {
+            Intent::Torque(tau) => return self.pushed(state, tau, confidence),
+            Intent::Stand | Intent::Look(_) => SVector::zeros(),
+            Intent::Joints(qd) => *qd,
+            Intent::Velocity(qd, approach) => {
+                let (qd, acting) = self.held_back(&state.q, qd, approach, confidence);
+                limits = acting;
+                qd
+            }
         };
-        let ControllerSettings { robot, servo, limits, .. } = &*settings;
-        let points = servo.set_point().points();
-        if m.found() && m.features().len() == points.len() {
-            if self.gentle.is_none() {
-                let reach = image_reach(robot, &servo.settings().mount, camera, points, limits, &drive.q, m);
-                self.gentle = reach.map(|reach| GentleMotion::new(&drive.q, &reach, limits));
-            }
-            if self.gentle.is_some() {
-                watch.good(now); // whatever its stamp says: that is what is to be found out
-            }
+        if self.mode == CommandMode::Velocity {
+            // The drive obeys velocities alone: positions that were summed up from them would drift away from the arm.
+            let qd = self.reference.state().qd;
+            self.reference.place(&state.q, &qd);
+            self.gate.place(&state.q, &qd);
         }
-        intake
+        let before = *self.reference.state();
+        let after = self.reference.advance(&wish, TICK);
+        let now = ReferenceState { q: before.q, qd: before.qd, ..*after };
+        Motion { now, limits: limits.with(&after.limits), follows: true }
     }
 
-    /// Whether there is a view to go by, and the share of the wished velocity that it justifies, 0 to 1.
-    fn trust(&self, now: MonoNs) -> (Freshness, f64) {
-        let mut confidence = self.watch.confidence(now);
-        if !self.is_calibrating() {
-            confidence = confidence.min(self.settings.servo.confidence(now));
+    /// A law that wishes torques: the reference goes on from the arm with the acceleration that they bring about.
+    fn pushed(&mut self, state: &DriveState<N>, tau: &SVector<f64, N>, confidence: f64) -> Motion<N> {
+        let robot = &self.arm.robot;
+        let within = SVector::from_fn(|i, _| {
+            let effort = robot.limits().get(i).map_or(0.0, |limit| limit.effort);
+            tau[i].clamp(-effort, effort)
+        });
+        let friction = robot.friction_torque(&state.qd);
+        let qdd = robot.forward_dynamics(&state.q, &state.qd, &(within - friction));
+        let trusted = qdd * confidence - state.qd * (BRAKE_1_S * (1.0 - confidence));
+        self.reference.place(&state.q, &state.qd);
+        self.gate.place(&state.q, &state.qd);
+        let after = *self.reference.accelerate(&trusted, TICK);
+        let mut limits = after.limits;
+        if confidence < 1.0 {
+            (0..N).for_each(|i| limits.set(Limit::View, i));
         }
-        let freshness = match self.watch.check(now) {
-            Freshness::Fresh if confidence > 0.0 => Freshness::Fresh,
-            Freshness::Fresh if !self.has_servoed => Freshness::Never,
-            Freshness::Fresh | Freshness::Stale => Freshness::Stale,
-            Freshness::Never => Freshness::Never,
-        };
-        (freshness, confidence)
-    }
-
-    fn answer(&mut self, drive: &DriveState<N>) -> Option<Wish<N>> {
-        let Self { settings, gentle, .. } = self;
-        match gentle {
-            Some(motion) => Some(Wish::Velocity(motion.advance(TICK))),
-            None if settings.calibrates.is_some() => None,
-            None => settings.servo.wish(&drive.q, &drive.qd, &settings.robot),
+        for i in (0..N).filter(|i| within[*i] != tau[*i]) {
+            limits.set(Limit::Effort, i);
         }
+        Motion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false }
     }
 
     /// The wish, slowed down so that the arm can brake at the goal, where the view is old or uncertain, and ahead of
@@ -259,60 +420,73 @@ impl<const N: usize> Controller<N> {
         &self,
         q: &SVector<f64, N>,
         wish: &SVector<f64, N>,
-        approach: Option<&Approach<N>>,
+        approach: &Approach<N>,
         confidence: f64,
     ) -> (SVector<f64, N>, ActingLimits) {
-        let ControllerSettings { robot, servo, limits, .. } = &self.settings;
-        let (mut wish, mut acting) = match approach {
-            Some(approach) => brakeable(wish, approach, self.reference.state(), limits),
-            None => (*wish, ActingLimits::default()),
-        };
-        if confidence < 1.0 && approach.is_some() {
+        let ArmModel { robot, limits } = &self.arm;
+        let (mut wish, mut acting) = brakeable(wish, approach, self.reference.state(), limits);
+        if confidence < 1.0 {
             wish *= confidence;
             (0..N).for_each(|i| acting.set(Limit::View, i));
         }
-        let (_, J) = servo.settings().mount.camera(robot, q);
-        let (wish, evading) = evade(robot, q, J.matrix(), &wish);
+        let J_C = self.behaviour.camera_jacobian(robot, q);
+        let (wish, evading) = evade(robot, q, &J_C, &wish);
         (wish, acting.with(&evading))
     }
 
-    /// A torque law speaks to the drive itself, within the effort limits.
-    fn direct_output(
+    /// The torque for the time until the next tick, N m or N.
+    fn torque(
         &mut self,
-        drive: &DriveState<N>,
-        wanted: SVector<f64, N>,
-        intake: Option<Intake>,
-    ) -> ControlOutput<N> {
-        let mut tau = wanted;
-        let mut limits = ActingLimits::default();
-        for (i, limit) in self.settings.robot.limits().iter().enumerate() {
-            tau[i] = wanted[i].clamp(-limit.effort, limit.effort);
-            if tau[i] != wanted[i] {
-                limits.set(Limit::Effort, i);
-            }
-        }
-        self.last_tau = tau;
-        ControlOutput {
-            command: DriveCommand { tau, q_r: drive.q, qd_r: drive.qd },
-            state: ControlState::Servoing,
-            fault: None,
-            wish: SVector::zeros(),
-            limits,
-            intake,
-        }
+        state: &DriveState<N>,
+        motion: &Motion<N>,
+        seen: bool,
+        limits: &mut ActingLimits,
+    ) -> SVector<f64, N> {
+        let robot = &self.arm.robot;
+        let torque = match (seen, motion.follows) {
+            (false, _) => self.joint_control.blind_torque(robot, &motion.now),
+            (true, true) => self.joint_control.torque(robot, &state.q, &state.qd, &motion.now),
+            (true, false) => self.joint_control.torque_for(robot, &state.q, &state.qd, &motion.now.qdd),
+        };
+        limits.add(Limit::Effort, torque.saturated);
+        torque.tau
     }
 
-    /// Without a usable joint state nothing can be computed: the last reference without motion and the last torque,
-    /// which at low speed balances gravity. The run ends.
-    fn blind_output(&self) -> ControlOutput<N> {
-        let reference = self.reference.state();
-        ControlOutput {
-            command: DriveCommand { tau: self.last_tau, q_r: reference.q, qd_r: SVector::zeros() },
-            state: ControlState::Fault,
-            fault: self.fault,
-            wish: SVector::zeros(),
-            limits: ActingLimits::default(),
-            intake: None,
+    /// What the arm does against its reference that it may not do. A reference that brakes is put back on the arm.
+    fn astray(&mut self, state: &DriveState<N>, motion: &Motion<N>, seen: bool) -> Option<Fault> {
+        if !seen {
+            return None;
         }
+        let distance = (motion.now.q - state.q).amax();
+        if self.fault.is_some() {
+            if distance > ASTRAY * self.max_tracking_error {
+                self.reference.seat(&state.q, &state.qd);
+                self.gate.seat(&state.q, &state.qd);
+            }
+            return None;
+        }
+        let way = motion.now.qd * TICK.as_s();
+        let behind = self.watch.follow(&state.q, &way);
+        if distance > self.max_tracking_error { Some(Fault::TrackingError) } else { behind }
+    }
+
+    fn note_rest(&mut self, now: MonoNs, seen: bool) {
+        // From `v <= J T^2` braking takes at most two ticks `T`, and in one tick it changes the acceleration by at most
+        // `J T`: a standstill at the next one is within the limits.
+        if self.state.moves() || !self.reference.rests_within(SpanNs(2 * TICK.0)) {
+            self.rests_since = None;
+            self.rest = Rest::Moving;
+            return;
+        }
+        let since = *self.rests_since.get_or_insert(now);
+        self.rest = if !seen {
+            Rest::Unknown
+        } else if self.rest_watch.is_at_rest() {
+            Rest::AtRest
+        } else if now - since > PATIENCE {
+            Rest::Restless
+        } else {
+            Rest::Moving
+        };
     }
 }

@@ -2,13 +2,18 @@
 //!
 //! ```text
 //! [`control_loop`] one run: drive, controller, goal, what is counted      [`run_end`] every end is an arm at rest
-//! [`controller`]   one tick: watch ─► servo law ─► reference ─► joint control ─► command
+//! [`controller`]   one tick: watch ─► lifecycle ─► behaviour ─► reference ─► joint control ─► gate
+//! [`lifecycle`]    what the run is doing: a table                         [`behaviour`] why the arm moves
+//! [`gate`]         the last thing before the drive
 //! [`trace`]        what a tick leaves: the report reads it, control does not know the report
-//! [`safety`]       faults and reactions, the watch over the measurements
+//! [`safety`]       faults and reactions, the watches over measurements and measured arm
 //! ```
 
+pub mod behaviour;
 pub mod control_loop;
 pub mod controller;
+pub mod gate;
+pub mod lifecycle;
 pub mod outcome;
 mod records;
 pub mod run_end;

@@ -4,6 +4,7 @@
 mod record;
 
 use super::outcome::Finish;
+use super::lifecycle::Request;
 use super::safety::Fault;
 use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status};
 use crate::motion::ActingLimits;
@@ -119,6 +120,14 @@ pub enum Event {
     Degraded,
     /// The whole target is seen again.
     WholeAgain,
+    /// The arm does not start where the run file says.
+    StartsElsewhere,
+    /// The goal is taught.
+    Taught,
+    /// Somebody wanted something, and it is so.
+    Requested(Request),
+    /// The goal was reached and held, and the run goes on.
+    GoalReached,
 }
 
 /// The events of one tick, in their order.

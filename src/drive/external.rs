@@ -118,6 +118,10 @@ impl<const N: usize> Drive<N> for ExternalDrive<N> {
         self.health
     }
 
+    fn reset(&mut self) {
+        self.health.fault = None;
+    }
+
     fn end(&mut self) {
         if let Some(last) = self.last_command.take() {
             let flags = drive_flag::LAST;

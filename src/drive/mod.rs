@@ -110,6 +110,9 @@ pub trait Drive<const N: usize> {
         DriveHealth::default()
     }
 
+    /// Forgets why its states could not be used: somebody has seen to it.
+    fn reset(&mut self) {}
+
     /// No command follows: the arm stays where it is by its own means.
     fn end(&mut self) {}
 }

@@ -18,8 +18,16 @@ pub enum ControlState {
     Converged = 3,
     /// The run is over.
     Stopped = 4,
-    /// A fault: the arm slows down and the run ends.
+    /// A fault: the arm slows down and the run ends, or waits for a reset.
     Fault = 5,
+    /// Nothing was started: the arm stands.
+    Idle = 6,
+    /// What the camera sees becomes the goal: the arm stands.
+    Teaching = 7,
+    /// The arm slows down because somebody said so, or because the run ends.
+    Stopping = 8,
+    /// Held on request: the arm slows down and stands.
+    Held = 9,
 }
 
 impl ControlState {
@@ -32,6 +40,10 @@ impl ControlState {
             2 => Self::Holding,
             3 => Self::Converged,
             4 => Self::Stopped,
+            6 => Self::Idle,
+            7 => Self::Teaching,
+            8 => Self::Stopping,
+            9 => Self::Held,
             _ => Self::Fault,
         }
     }
@@ -46,6 +58,10 @@ impl ControlState {
             Self::Converged => "converged",
             Self::Stopped => "stopped",
             Self::Fault => "fault",
+            Self::Idle => "idle",
+            Self::Teaching => "teaching",
+            Self::Stopping => "stopping",
+            Self::Held => "held",
         }
     }
 }

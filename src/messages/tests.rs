@@ -37,11 +37,11 @@ fn type_names_carry_their_version() {
 
 #[test]
 fn codes_survive_the_message() {
-    for code in 0..8 {
+    for code in 0..12 {
         let status = TargetStatus::from_code(code);
         assert!(status as u32 == code || (status == TargetStatus::NoMatch && code > 6));
         let state = ControlState::from_code(code);
-        assert!(state as u32 == code || (state == ControlState::Fault && code > 5));
+        assert!(state as u32 == code || (state == ControlState::Fault && code > 9));
     }
 }
 

@@ -51,6 +51,26 @@ pub struct JointTorque<const N: usize> {
 }
 
 impl<const N: usize> JointController<N> {
+    /// The torque that gives an arm in (q, qd) the acceleration `qdd`, friction included, cut at the effort limits; zero from
+    /// the pass-through.
+    #[must_use]
+    pub fn torque_for(
+        &self,
+        robot: &Robot<N>,
+        q: &SVector<f64, N>,
+        qd: &SVector<f64, N>,
+        qdd: &SVector<f64, N>,
+    ) -> JointTorque<N> {
+        let _ = self;
+        within_effort(robot, robot.inverse_dynamics(q, qd, qdd) + robot.friction_torque(qd))
+    }
+
+    /// The torque that keeps an arm which cannot be seen on its reference.
+    #[must_use]
+    pub fn blind_torque(&self, robot: &Robot<N>, reference: &ReferenceState<N>) -> JointTorque<N> {
+        self.torque_for(robot, &reference.q, &reference.qd, &reference.qdd)
+    }
+
     /// The torque of a controller that gives one, cut at the effort limits; zero from the pass-through.
     #[must_use]
     pub fn torque(
@@ -60,21 +80,25 @@ impl<const N: usize> JointController<N> {
         qd: &SVector<f64, N>,
         reference: &ReferenceState<N>,
     ) -> JointTorque<N> {
-        let mut tau = match self {
+        let tau = match self {
             Self::InverseDynamics(control) => control.torque(robot, q, qd, reference),
             Self::PdGravity(control) => control.torque(robot, q, qd, reference),
             Self::PassThrough => SVector::zeros(),
         };
-        let mut saturated = 0;
-        for (i, (tau, limit)) in tau.iter_mut().zip(robot.limits()).enumerate() {
-            let cut = tau.clamp(-limit.effort, limit.effort);
-            if cut != *tau {
-                saturated |= 1 << i;
-            }
-            *tau = cut;
-        }
-        JointTorque { tau, saturated }
+        within_effort(robot, tau)
     }
+}
+
+fn within_effort<const N: usize>(robot: &Robot<N>, mut tau: SVector<f64, N>) -> JointTorque<N> {
+    let mut saturated = 0;
+    for (i, (tau, limit)) in tau.iter_mut().zip(robot.limits()).enumerate() {
+        let cut = tau.clamp(-limit.effort, limit.effort);
+        if cut != *tau {
+            saturated |= 1 << i;
+        }
+        *tau = cut;
+    }
+    JointTorque { tau, saturated }
 }
 
 impl InverseDynamicsControl {
@@ -136,7 +160,7 @@ mod tests {
 
     fn at_rest(q: Vector6<f64>) -> ReferenceState<6> {
         let zero = Vector6::zeros();
-        ReferenceState { q, qd: zero, qdd: zero, limits: ActingLimits::default() }
+        ReferenceState { q, qd: zero, qdd: zero, a: zero, limits: ActingLimits::default() }
     }
 
     fn ur5() -> Robot<6> {

@@ -11,6 +11,7 @@
 
 use super::braking::{Bounds, Breach, Point, braked, braking_time_s, breach};
 use super::limits::{ActingLimits, Limit};
+use crate::robot::Robot;
 use crate::time::SpanNs;
 use nalgebra::SVector;
 
@@ -21,11 +22,11 @@ const LAST_GAIN: f64 = 0.343;
 /// Velocity errors (rad/s or m/s) and accelerations that are no longer worked off.
 const VELOCITY_DUST: f64 = 1e-12;
 const ACCELERATION_DUST: f64 = 1e-9;
-/// Times its limit that nothing about a joint is, however wrong.
-const ABSURD: f64 = 100.0;
 /// What stands for a range or a speed limit that there is not, rad or m, rad/s or m/s.
 const LONGEST_RANGE: f64 = 1e6;
 const FASTEST: f64 = 1e3;
+/// Rounding that is no passing of a limit.
+const ROUNDING: f64 = 1e-6;
 /// Halvings in search of the largest part of a step from which a joint can brake.
 const HALVINGS: u32 = 6;
 
@@ -45,6 +46,19 @@ pub struct MotionLimits<const N: usize> {
 }
 
 impl<const N: usize> MotionLimits<N> {
+    /// The ranges and speeds of `robot`, with these accelerations and jerks, rad/s^2, rad/s^3 or m/s^2, m/s^3.
+    #[must_use]
+    pub fn of(robot: &Robot<N>, acceleration: SVector<f64, N>, jerk: SVector<f64, N>) -> Self {
+        let limits = robot.limits();
+        Self {
+            lower: SVector::from_fn(|i, _| limits[i].lower),
+            upper: SVector::from_fn(|i, _| limits[i].upper),
+            velocity: SVector::from_fn(|i, _| limits[i].velocity),
+            acceleration,
+            jerk,
+        }
+    }
+
     /// Whether an arm that moves like this is within its speed limits and can still stop within its range.
     #[must_use]
     pub fn can_stop(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> bool {
@@ -60,21 +74,26 @@ impl<const N: usize> MotionLimits<N> {
         (0..N).map(joint).fold(0.0, f64::max)
     }
 
-    /// Whether an arm can be like this at all: no joint a hundred times faster than its limit, or a hundred ranges away
-    /// from its range. Far beyond everything that a fault of the arm or noisy encoders bring about (where a limit is small,
-    /// a hundred rad/s, rad, or m count), and far below the numbers whose squares are infinite.
+    /// Whether an arm can be like this at all: no joint `times` faster than its limit, or a whole range away from its
+    /// range. Beyond everything that a fault of the arm or noisy encoders bring about (where a limit is small, one rad/s,
+    /// rad, or m counts), and far below the numbers whose squares are infinite.
     #[must_use]
-    pub fn is_plausible(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> bool {
-        let within = |value: f64, largest: f64| value.abs() <= ABSURD * largest.max(1.0);
+    pub fn is_plausible(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>, times: f64) -> bool {
         (0..N).all(|i| {
             let (lower, upper) = (self.lower[i], self.upper[i]);
             let is_near = if (upper - lower).is_finite() {
-                within((q[i] - upper).max(lower - q[i]).max(0.0), upper - lower)
+                (q[i] - upper).max(lower - q[i]) <= (upper - lower).max(1.0)
             } else {
-                within(q[i], LONGEST_RANGE)
+                q[i].abs() <= LONGEST_RANGE
             };
-            is_near && within(qd[i], self.velocity[i].min(FASTEST))
+            is_near && qd[i].abs() <= times * self.speed(i)
         })
+    }
+
+    /// The velocity limit of joint `i`, counted from 0, in judging what can be: never less than 1, and never absurd.
+    #[must_use]
+    pub fn speed(&self, i: usize) -> f64 {
+        self.velocity[i].clamp(1.0, FASTEST)
     }
 
     /// The limits of joint `i`, counted from 0.
@@ -98,6 +117,8 @@ pub struct ReferenceState<const N: usize> {
     pub qd: SVector<f64, N>,
     /// Mean acceleration since the previous point.
     pub qdd: SVector<f64, N>,
+    /// Acceleration at the point.
+    pub a: SVector<f64, N>,
     /// The limits that held the wish back.
     pub limits: ActingLimits,
 }
@@ -107,8 +128,6 @@ pub struct ReferenceState<const N: usize> {
 pub struct Reference<const N: usize> {
     limits: MotionLimits<N>,
     state: ReferenceState<N>,
-    /// Acceleration at the point.
-    a: SVector<f64, N>,
 }
 
 impl<const N: usize> Reference<N> {
@@ -116,8 +135,8 @@ impl<const N: usize> Reference<N> {
     #[must_use]
     pub fn new(limits: MotionLimits<N>, q: SVector<f64, N>) -> Self {
         let zero = SVector::zeros();
-        let state = ReferenceState { q, qd: zero, qdd: zero, limits: ActingLimits::default() };
-        Self { limits, state, a: zero }
+        let state = ReferenceState { q, qd: zero, qdd: zero, a: zero, limits: ActingLimits::default() };
+        Self { limits, state }
     }
 
     /// The current point.
@@ -130,16 +149,83 @@ impl<const N: usize> Reference<N> {
     #[must_use]
     pub fn rests_within(&self, span: SpanNs) -> bool {
         (0..N).all(|i| {
-            let point = Point { q: self.state.q[i], v: self.state.qd[i], a: self.a[i] };
+            let point = Point { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
             braking_time_s(point, &self.limits.bounds(i)) <= span.as_s()
         })
     }
 
-    /// Places the reference where the arm is, moving as it moves: for laws that command torques past it.
-    pub fn reseat(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
+    /// Places the reference where the arm is, moving as it moves, as far as the velocity limits let it.
+    pub fn seat(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         let limits = ActingLimits::default();
-        self.state = ReferenceState { q: *q, qd: *qd, qdd: SVector::zeros(), limits };
-        self.a = SVector::zeros();
+        let qd = SVector::from_fn(|i, _| qd[i].clamp(-self.limits.velocity[i], self.limits.velocity[i]));
+        let zero = SVector::zeros();
+        self.state = ReferenceState { q: *q, qd, qdd: zero, a: zero, limits };
+    }
+
+    /// Places the reference where the arm is, moving as it moves, and accelerating as before: under laws that wish
+    /// accelerations.
+    pub fn place(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
+        let a = self.state.a;
+        self.seat(q, qd);
+        self.state.a = a;
+    }
+
+    /// Advances by `dt` with the acceleration `qdd` (rad/s^2 or m/s^2), the same throughout, as far as the limits let it. One
+    /// that is not finite counts as none.
+    pub fn accelerate(&mut self, qdd: &SVector<f64, N>, dt: SpanNs) -> &ReferenceState<N> {
+        let dt_s = dt.as_s();
+        if dt_s <= 0.0 {
+            return &self.state;
+        }
+        let mut acting = ActingLimits::default();
+        for i in 0..N {
+            let bounds = self.limits.bounds(i);
+            let now = Point { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
+            let wanted = if qdd[i].is_finite() { qdd[i] } else { 0.0 };
+            let held = wanted.clamp(-bounds.acceleration, bounds.acceleration);
+            if held != wanted {
+                acting.set(Limit::Acceleration, i);
+            }
+            let most = bounds.jerk * dt_s;
+            let change = (held - now.a).clamp(-most, most);
+            if change != held - now.a {
+                acting.set(Limit::Jerk, i);
+            }
+            let a = now.a + change;
+            let step = Point { q: now.q + dt_s * (now.v + dt_s * a / 2.0), v: now.v + dt_s * a, a };
+            let taken = self.take(i, step, dt_s, &mut acting);
+            self.state.qdd[i] = (taken.v - now.v) / dt_s;
+        }
+        self.state.limits = acting;
+        &self.state
+    }
+
+    /// Whether `next`, whoever made it, is a point to which the reference may go within `dt`, and from which it can still
+    /// brake; goes there if it is.
+    pub fn admit(&mut self, next: &ReferenceState<N>, dt: SpanNs) -> bool {
+        let dt_s = dt.as_s();
+        let admits = (0..N).all(|i| {
+            let b = self.limits.bounds(i);
+            let now = Point { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
+            let then = Point { q: next.q[i], v: next.qd[i], a: next.a[i] };
+            let loose = Bounds {
+                lower: b.lower - ROUNDING,
+                upper: b.upper + ROUNDING,
+                velocity: b.velocity * (1.0 + ROUNDING),
+                ..b
+            };
+            let change = b.jerk * dt_s;
+            // Every comparison fails for what is no number.
+            then.a.abs() <= b.acceleration * (1.0 + ROUNDING)
+                && (then.a - now.a).abs() <= change * (1.0 + ROUNDING) + ROUNDING
+                && (then.v - now.v - dt_s * (now.a + then.a) / 2.0).abs() <= dt_s * (change / 2.0 + ROUNDING)
+                && (then.q - now.q - dt_s * (now.v + then.v) / 2.0).abs() <= dt_s * dt_s * change + ROUNDING * dt_s
+                && breach(then, &loose, now.q).is_none()
+        });
+        if admits {
+            self.state = *next;
+        }
+        admits
     }
 
     /// Advances by `dt` towards the velocity `wish` (rad/s or m/s). A wish that is not finite counts as standstill.
@@ -152,22 +238,26 @@ impl<const N: usize> Reference<N> {
         let wanted = self.wanted_acceleration(wish, dt_s, &mut acting);
         let previous = self.state.qd;
         for i in 0..N {
-            let bounds = self.limits.bounds(i);
-            let now = Point { q: self.state.q[i], v: previous[i], a: self.a[i] };
+            let now = Point { q: self.state.q[i], v: previous[i], a: self.state.a[i] };
             let step = now.after((wanted[i] - now.a) / dt_s, dt_s);
-            let (taken, breach) = admissible(now, step, &bounds, dt_s);
-            match breach {
-                Some(Breach::Position) => acting.set(Limit::Position, i),
-                Some(Breach::Velocity) => acting.set(Limit::Velocity, i),
-                None => {}
-            }
-            self.state.q[i] = taken.q;
-            self.state.qd[i] = taken.v;
-            self.a[i] = taken.a;
+            self.take(i, step, dt_s, &mut acting);
         }
         self.state.qdd = (self.state.qd - previous) / dt_s;
         self.state.limits = acting;
         &self.state
+    }
+
+    /// Joint `i` takes `step`, or what of it lets it brake; where it then is.
+    fn take(&mut self, i: usize, step: Point, dt_s: f64, acting: &mut ActingLimits) -> Point {
+        let now = Point { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
+        let (taken, breach) = admissible(now, step, &self.limits.bounds(i), dt_s);
+        match breach {
+            Some(Breach::Position) => acting.set(Limit::Position, i),
+            Some(Breach::Velocity) => acting.set(Limit::Velocity, i),
+            None => {}
+        }
+        (self.state.q[i], self.state.qd[i], self.state.a[i]) = (taken.q, taken.v, taken.a);
+        taken
     }
 
     /// The acceleration at the end of the step that leads towards the wish, within acceleration and jerk limits.
@@ -181,7 +271,7 @@ impl<const N: usize> Reference<N> {
         let mut wish = if wish.iter().all(|v| v.is_finite()) { *wish } else { SVector::zeros() };
         wish *= shrink(&wish, &limits.velocity, Limit::Velocity, acting);
         let error = wish - self.state.qd;
-        if error.amax() < VELOCITY_DUST && self.a.amax() < ACCELERATION_DUST {
+        if error.amax() < VELOCITY_DUST && self.state.a.amax() < ACCELERATION_DUST {
             return SVector::zeros();
         }
         let mut gain = LAST_GAIN / dt_s;
@@ -201,8 +291,8 @@ impl<const N: usize> Reference<N> {
         if let Some((limit, i)) = slowest {
             acting.set(limit, i);
         }
-        let change = error * gain - self.a;
-        self.a + change * shrink(&change, &(limits.jerk * dt_s), Limit::Jerk, acting)
+        let change = error * gain - self.state.a;
+        self.state.a + change * shrink(&change, &(limits.jerk * dt_s), Limit::Jerk, acting)
     }
 }
 

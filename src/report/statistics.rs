@@ -150,6 +150,10 @@ fn describe(event: Event) -> String {
         }
         Event::Degraded => "a part of the target is hidden: degraded, the law goes on with the rest",
         Event::WholeAgain => "the whole target is seen again",
+        Event::StartsElsewhere => "the arm does not start where robot.q_start_rad_or_m says",
+        Event::Taught => "the goal is taught",
+        Event::Requested(request) => return format!("{} on request", request.as_str()),
+        Event::GoalReached => "the goal was reached and held",
         Event::Inconsistent => {
             "a measurement was refused, its dots do not fit one pose: shadow, glare, something in front?"
         }

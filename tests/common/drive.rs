@@ -120,7 +120,7 @@ fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
                 return;
             }
             if c.flags & drive_flag::START != 0 {
-                assert_eq!(c.q_r[..N], config.q_start[..]);
+                assert_eq!(c.q_r[..N], config.start.q[..]);
                 by_the_clock = c.flags & drive_flag::LOCKSTEP == 0;
                 next = rt::now();
                 drive.send(0, if by_the_clock { next } else { c.stamp }, drive_flag::INITIAL);

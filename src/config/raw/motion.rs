@@ -23,6 +23,8 @@ table! {
         max_acceleration_rad_s2_or_m_s2: Vec<f64> = vec![10.0],
         /// Largest jerk of each joint, rad/s^3 or m/s^3; one value stands for all.
         max_jerk_rad_s3_or_m_s3: Vec<f64> = vec![500.0],
+        /// Time in which the torque or force of a joint may rise from zero to its largest, ms.
+        effort_rise_ms: f64 = 10.0,
         /// Natural frequency of the joint controller, rad/s.
         natural_frequency_rad_s: f64 = 40.0,
         /// Damping ratio of the joint controller.

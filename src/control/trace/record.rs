@@ -87,6 +87,10 @@ fn fault_code(fault: Fault) -> u32 {
         Fault::DeadlinesMissed => 4,
         Fault::NotAtRest => 6,
         Fault::PeersSilent => 7,
+        Fault::StartsElsewhere => 8,
+        Fault::TooFast => 9,
+        Fault::DoesNotFollow => 10,
+        Fault::CommandsRefused => 11,
         Fault::Drive(DriveFault::Stale) => 17,
         Fault::Drive(DriveFault::Left) => 18,
         Fault::Drive(DriveFault::Silent) => 19,
@@ -114,5 +118,9 @@ fn event_number(event: Event) -> u32 {
         Event::Inconsistent => 5,
         Event::Degraded => 6,
         Event::WholeAgain => 7,
+        Event::StartsElsewhere => 8,
+        Event::Taught => 9,
+        Event::Requested(_) => 10,
+        Event::GoalReached => 11,
     }
 }

@@ -106,7 +106,7 @@ impl DrivePorts<'_> {
     /// Waits for a drive, starts it and takes its first state; without one when a stop is requested meanwhile.
     pub(super) fn connect(&mut self, config: &Config, stop: &StopFlag) -> Result<(), ProcessError> {
         let mut start = DriveCommandMsg {
-            joints: config.q_start.len() as u32,
+            joints: config.start.q.len() as u32,
             mode: config.drive.mode as u32,
             flags: drive_flag::START,
             ..DriveCommandMsg::default()
@@ -114,7 +114,7 @@ impl DrivePorts<'_> {
         if config.clock == Clock::Lockstep {
             start.flags |= drive_flag::LOCKSTEP;
         }
-        for (to, from) in start.q_r.iter_mut().zip(&config.q_start).take(MAX_JOINTS) {
+        for (to, from) in start.q_r.iter_mut().zip(&config.start.q).take(MAX_JOINTS) {
             *to = *from;
         }
         let mut wait = Wait::new(config);

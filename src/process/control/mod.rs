@@ -131,13 +131,13 @@ fn calibrate<const N: usize>(
     recording: &Recording<N>,
     summary: &mut Summary,
 ) {
-    let settings = control.controller().settings();
+    let controller = control.controller();
     let i = config.camera.model.intrinsics();
     let cell = KnownCell {
-        robot: &settings.robot,
+        robot: &controller.arm().robot,
         mount: &config.camera.mount,
         f_px: Vector2::new(i.fx_px, i.fy_px),
-        points: settings.servo.set_point().points(),
+        points: controller.behaviour().set_point().points(),
     };
     match stamp_offset(&cell, recording) {
         Ok(found) => {

@@ -1,0 +1,115 @@
+//! Why the arm moves: what there is to go by, and what is wished at a tick. The controller does not know it.
+//!
+//! | behaviour | goes by | wishes |
+//! | --- | --- | --- |
+//! | [`Servoing`] | views of the target | what the servo law says |
+//! | [`Servoing::dry`] | the same, before pictures of another arm | nothing, and tells what the law says |
+//! | [`Gentle`] | measurements, whatever their stamps say | a gentle motion of the joints, to calibrate by |
+//! | standing, braking | nothing | rest: what the controller does where no behaviour moves the arm |
+
+mod gentle;
+mod servoing;
+
+pub use gentle::Gentle;
+pub use servoing::Servoing;
+
+use super::outcome::Finish;
+use crate::drive::DriveState;
+use crate::messages::Measurement;
+use crate::motion::MotionLimits;
+use crate::robot::Robot;
+use crate::servo::{Approach, Intake, SetPoint};
+use crate::time::MonoNs;
+use nalgebra::SVector;
+
+/// The arm as control knows it.
+#[derive(Debug, Clone)]
+pub struct ArmModel<const N: usize> {
+    /// Kinematics and dynamics.
+    pub robot: Robot<N>,
+    /// What its reference is held to.
+    pub limits: MotionLimits<N>,
+}
+
+/// What the joints shall do in a tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Intent<const N: usize> {
+    /// Stand.
+    Stand,
+    /// Stand, although a law that is only looked at wishes this velocity, rad/s or m/s.
+    Look(SVector<f64, N>),
+    /// Move like this, rad/s or m/s, whatever the camera's posture: a motion of joints.
+    Joints(SVector<f64, N>),
+    /// Move like this, rad/s or m/s, on the way to a goal.
+    Velocity(SVector<f64, N>, Approach<N>),
+    /// Push like this, N m or N, gravity included.
+    Torque(SVector<f64, N>),
+}
+
+impl<const N: usize> Intent<N> {
+    /// The velocity that it names, rad/s or m/s.
+    #[must_use]
+    pub fn velocity(&self) -> SVector<f64, N> {
+        match self {
+            Self::Look(qd) | Self::Joints(qd) | Self::Velocity(qd, _) => *qd,
+            Self::Stand | Self::Torque(_) => SVector::zeros(),
+        }
+    }
+}
+
+/// Something to move for.
+pub trait Behaviour<const N: usize>: Send + std::fmt::Debug {
+    /// Notes where the arm is; at every tick, before anything else.
+    fn note_arm(&mut self, now: MonoNs, state: &DriveState<N>);
+
+    /// Takes a measurement in; the arm stands in `q`.
+    fn take(&mut self, now: MonoNs, q: &SVector<f64, N>, m: &Measurement, arm: &ArmModel<N>) -> Intake;
+
+    /// Share of a wished velocity that what is known at `now` justifies, 0 to 1; at 0 there is nothing to go by.
+    fn confidence(&self, now: MonoNs) -> f64;
+
+    /// What the joints shall do at this tick.
+    fn intent(&mut self, state: &DriveState<N>, robot: &Robot<N>) -> Intent<N>;
+
+    /// The arm does not move by this behaviour in this tick.
+    fn pause(&mut self);
+
+    /// Where the camera moves with the joints: for what holds an arm back near singular postures.
+    fn camera_jacobian(&self, robot: &Robot<N>, q: &SVector<f64, N>) -> nalgebra::SMatrix<f64, 6, N>;
+
+    /// The goal.
+    fn set_point(&self) -> &SetPoint;
+
+    /// Makes what the camera sees the goal.
+    fn teach(&mut self);
+
+    /// Whether the goal is still being taught.
+    fn is_teaching(&self) -> bool {
+        false
+    }
+
+    /// Whether a part of the target is hidden.
+    fn is_degraded(&self) -> bool {
+        false
+    }
+
+    /// The end of the run, where the behaviour has come to its own.
+    fn finished(&self) -> Option<Finish> {
+        None
+    }
+
+    /// Whether the run goes by a goal to be reached and held.
+    fn has_goal(&self) -> bool {
+        true
+    }
+
+    /// The end of a run that loses its view, where that cannot be made good.
+    fn when_lost(&self) -> Option<Finish> {
+        None
+    }
+
+    /// Why the time of the run was too short, where the behaviour knows.
+    fn when_late(&self) -> Option<&'static str> {
+        None
+    }
+}

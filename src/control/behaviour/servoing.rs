@@ -1,0 +1,97 @@
+//! Servoing to the goal by what the camera sees.
+
+use super::{ArmModel, Behaviour, Intent};
+use crate::control::safety::{Freshness, MeasurementWatch};
+use crate::drive::DriveState;
+use crate::messages::Measurement;
+use crate::robot::Robot;
+use crate::servo::{Approach, Intake, SetPoint, VisualServo, Wish};
+use crate::time::MonoNs;
+use nalgebra::{SMatrix, SVector};
+
+/// A servo law and the watch over what it goes by.
+#[derive(Debug)]
+pub struct Servoing<const N: usize> {
+    servo: VisualServo<N>,
+    watch: MeasurementWatch,
+    /// Measurements that a lesson takes, where one is asked for.
+    lesson: u32,
+    /// Whether the law is only looked at.
+    dry: bool,
+}
+
+impl<const N: usize> Servoing<N> {
+    /// Servoing as `servo` does while `watch` trusts its measurements; `lesson` measurements teach a goal.
+    #[must_use]
+    pub fn new(servo: VisualServo<N>, watch: MeasurementWatch, lesson: u32) -> Self {
+        Self { servo, watch, lesson, dry: false }
+    }
+
+    /// The same with an arm that does not move: the pictures show another one.
+    #[must_use]
+    pub fn dry(self) -> Self {
+        Self { dry: true, ..self }
+    }
+}
+
+impl<const N: usize> Behaviour<N> for Servoing<N> {
+    fn note_arm(&mut self, now: MonoNs, state: &DriveState<N>) {
+        self.servo.note_arm(now, &state.q, &state.qd);
+    }
+
+    fn take(&mut self, now: MonoNs, _q: &SVector<f64, N>, m: &Measurement, arm: &ArmModel<N>) -> Intake {
+        let intake = self.servo.take(now, m, &arm.robot);
+        if intake.is_used() {
+            self.watch.good(m.exposure);
+        }
+        intake
+    }
+
+    fn confidence(&self, now: MonoNs) -> f64 {
+        match self.watch.check(now) {
+            Freshness::Fresh => self.watch.confidence(now).min(self.servo.confidence(now)),
+            Freshness::Never | Freshness::Stale => 0.0,
+        }
+    }
+
+    fn intent(&mut self, state: &DriveState<N>, robot: &Robot<N>) -> Intent<N> {
+        let wish = self.servo.wish(&state.q, &state.qd, robot);
+        match wish {
+            Some(Wish::Velocity(qd)) if self.dry => Intent::Look(qd),
+            Some(Wish::Velocity(qd)) => {
+                Intent::Velocity(qd, self.servo.approach().copied().unwrap_or(Approach::at(0.0)))
+            }
+            Some(Wish::Torque(tau)) if !self.dry => Intent::Torque(tau),
+            // At a singularity of task or arm there may be nothing to follow.
+            Some(Wish::Torque(_)) | None => Intent::Stand,
+        }
+    }
+
+    fn pause(&mut self) {
+        self.servo.restart();
+    }
+
+    fn camera_jacobian(&self, robot: &Robot<N>, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
+        *self.servo.settings().mount.camera(robot, q).1.matrix()
+    }
+
+    fn set_point(&self) -> &SetPoint {
+        self.servo.set_point()
+    }
+
+    fn teach(&mut self) {
+        self.servo.teach(self.lesson);
+    }
+
+    fn is_teaching(&self) -> bool {
+        self.servo.is_teaching()
+    }
+
+    fn is_degraded(&self) -> bool {
+        self.servo.is_degraded()
+    }
+
+    fn has_goal(&self) -> bool {
+        !self.dry
+    }
+}

@@ -1,0 +1,252 @@
+//! What a run is doing, and what makes it do something else: one table, pure and total.
+//!
+//! ```text
+//!                     start                in view                 out of view
+//!            Idle ───────────► Waiting ──────────► Servoing ◄──────────────────► Holding
+//!             │ ▲                 ▲                   │              in view        │
+//!       teach │ │ at rest         │ start             │ hold                        │ hold
+//!             ▼ │                 │                   ▼                             ▼
+//!      Teaching │ Stopping       Held ◄─────────────────────────────────────────────┘
+//!             └─┼─────────────────▲
+//!               │ taught, hold    stop: from everywhere to Stopping; failed: from everywhere to Failing
+//!               └──── reset ──── Fault ◄── at rest ── Failing
+//! ```
+//! The arm moves by itself in `Servoing` alone. Everywhere else it stands, or slows down until it does.
+
+use crate::messages::ControlState;
+
+/// What a run is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum State {
+    /// Nothing: the arm stands until somebody says `start`.
+    Idle,
+    /// Started, and no view to go by yet: the arm stands.
+    Waiting,
+    /// The arm stands, and what the camera sees becomes the goal.
+    Teaching,
+    /// The law moves the arm.
+    Servoing,
+    /// The view was lost: the arm slows down and stands, and goes on by itself when the view is back.
+    Holding,
+    /// Held on request: the arm slows down and stands until somebody says `start`.
+    Held,
+    /// The arm slows down, and is idle when it stands.
+    Stopping,
+    /// Something failed: the arm slows down.
+    Failing,
+    /// Something failed, and the arm stands until somebody says `reset`.
+    Fault,
+}
+
+/// What somebody wants of a run.
+#[repr(u32)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Request {
+    /// Go for the goal.
+    Start = 1,
+    /// Stand, until the next start.
+    Hold = 2,
+    /// Make what the camera sees the goal.
+    Teach = 3,
+    /// Forget the fault.
+    Reset = 4,
+    /// Stand, and be idle.
+    Stop = 5,
+    /// Stop, and end the run.
+    Shutdown = 6,
+}
+
+/// What happens to a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Cue {
+    /// Somebody wants something.
+    Request(Request),
+    /// There is a view to go by.
+    InView,
+    /// There is none, or none any more.
+    OutOfView,
+    /// The goal is taught.
+    Taught,
+    /// The measured arm stands.
+    AtRest,
+    /// Something failed.
+    Failed,
+}
+
+/// What a cue leads to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Step {
+    /// Everything goes on.
+    Stay,
+    /// From now on this.
+    To(State),
+    /// Not now.
+    Refuse(Refusal),
+}
+
+/// Why a request is not met.
+#[repr(u32)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Refusal {
+    /// There is a fault.
+    InFault = 1,
+    /// There is no fault that could be reset.
+    NoFault = 2,
+    /// The arm still moves.
+    StillMoving = 3,
+    /// It was started before.
+    AlreadyStarted = 4,
+    /// Nothing was started that could be held.
+    NotStarted = 5,
+    /// The goal is being taught.
+    Teaching = 6,
+    /// The run ends.
+    Ending = 7,
+}
+
+impl Request {
+    /// All requests.
+    pub const ALL: [Self; 6] =
+        [Self::Start, Self::Hold, Self::Teach, Self::Reset, Self::Stop, Self::Shutdown];
+
+    /// The word of `vservo ctl`.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Start => "start",
+            Self::Hold => "hold",
+            Self::Teach => "teach",
+            Self::Reset => "reset",
+            Self::Stop => "stop",
+            Self::Shutdown => "shutdown",
+        }
+    }
+
+    /// The request of a code in a message.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|request| *request as u32 == code)
+    }
+}
+
+impl Refusal {
+    /// All reasons.
+    pub const ALL: [Self; 7] = [
+        Self::InFault,
+        Self::NoFault,
+        Self::StillMoving,
+        Self::AlreadyStarted,
+        Self::NotStarted,
+        Self::Teaching,
+        Self::Ending,
+    ];
+
+    /// Why, and what to do, for people.
+    #[must_use]
+    pub fn describe(self) -> &'static str {
+        match self {
+            Self::InFault => "there is a fault: see to its cause, then `reset`",
+            Self::NoFault => "there is no fault",
+            Self::StillMoving => "the arm still moves: wait until it stands",
+            Self::AlreadyStarted => "it was started already: `hold` or `stop` first",
+            Self::NotStarted => "nothing was started that could be held",
+            Self::Teaching => "the goal is being taught: wait, or `hold` to give that up",
+            Self::Ending => "the run is ending",
+        }
+    }
+
+    /// The reason of a code in a message.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|refusal| *refusal as u32 == code)
+    }
+}
+
+impl State {
+    /// All states.
+    pub const ALL: [Self; 9] = [
+        Self::Idle,
+        Self::Waiting,
+        Self::Teaching,
+        Self::Servoing,
+        Self::Holding,
+        Self::Held,
+        Self::Stopping,
+        Self::Failing,
+        Self::Fault,
+    ];
+
+    /// Whether the arm moves by itself.
+    #[must_use]
+    pub fn moves(self) -> bool {
+        self == Self::Servoing
+    }
+
+    /// How it is told.
+    #[must_use]
+    pub fn told(self) -> ControlState {
+        match self {
+            Self::Idle => ControlState::Idle,
+            Self::Waiting => ControlState::Waiting,
+            Self::Teaching => ControlState::Teaching,
+            Self::Servoing => ControlState::Servoing,
+            Self::Holding => ControlState::Holding,
+            Self::Held => ControlState::Held,
+            Self::Stopping => ControlState::Stopping,
+            Self::Failing | Self::Fault => ControlState::Fault,
+        }
+    }
+
+    /// The table.
+    #[must_use]
+    pub fn next(self, cue: Cue) -> Step {
+        use Refusal::{AlreadyStarted, InFault, NoFault, NotStarted, StillMoving};
+        use State::{Failing, Fault, Held, Holding, Idle, Servoing, Stopping, Teaching, Waiting};
+        use Step::{Refuse, Stay, To};
+        match cue {
+            Cue::Request(request) => match (self, request) {
+                (Fault, Request::Reset) => To(Idle),
+                (Failing, Request::Reset) => Refuse(StillMoving),
+                // The arm stands or slows down already, and stays in fault.
+                (Fault | Failing, Request::Stop | Request::Shutdown) => Stay,
+                (Fault | Failing, _) => Refuse(InFault),
+                (_, Request::Reset) => Refuse(NoFault),
+                (Idle | Stopping, Request::Stop) | (Stopping, Request::Shutdown) => Stay,
+                (_, Request::Stop | Request::Shutdown) => To(Stopping),
+                (Stopping, _) => Refuse(StillMoving),
+                (Idle | Held, Request::Start) => To(Waiting),
+                (Teaching, Request::Start) => Refuse(Refusal::Teaching),
+                (Waiting | Servoing | Holding, Request::Start | Request::Teach) => Refuse(AlreadyStarted),
+                (Idle | Held, Request::Teach) => To(Teaching),
+                (Teaching, Request::Teach) => Stay,
+                (Idle, Request::Hold) => Refuse(NotStarted),
+                (Held, Request::Hold) => Stay,
+                (Waiting | Teaching | Servoing | Holding, Request::Hold) => To(Held),
+            },
+            Cue::Failed => match self {
+                Failing | Fault => Stay,
+                _ => To(Failing),
+            },
+            Cue::InView => match self {
+                Waiting | Holding => To(Servoing),
+                _ => Stay,
+            },
+            Cue::OutOfView => match self {
+                Servoing => To(Holding),
+                _ => Stay,
+            },
+            Cue::Taught => match self {
+                Teaching => To(Held),
+                _ => Stay,
+            },
+            Cue::AtRest => match self {
+                Stopping => To(Idle),
+                Failing => To(Fault),
+                _ => Stay,
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

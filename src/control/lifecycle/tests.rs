@@ -1,0 +1,113 @@
+//! The whole table, written down anew.
+
+use super::*;
+use std::collections::{HashMap, HashSet};
+
+const CUES: [Cue; 11] = [
+    Cue::Request(Request::Start),
+    Cue::Request(Request::Hold),
+    Cue::Request(Request::Teach),
+    Cue::Request(Request::Reset),
+    Cue::Request(Request::Stop),
+    Cue::Request(Request::Shutdown),
+    Cue::InView,
+    Cue::OutOfView,
+    Cue::Taught,
+    Cue::AtRest,
+    Cue::Failed,
+];
+
+/// One row a state, one column a cue. `.` nothing; a state by its first letters; a refusal in capitals.
+const TABLE: &str = "
+           start    hold     teach    reset    stop     shutdown in_view  no_view  taught   at_rest  failed
+Idle       Waiting  NOSTART  Teaching NOFAULT  .        Stopping .        .        .        .        Failing
+Waiting    STARTED  Held     STARTED  NOFAULT  Stopping Stopping Servoing .        .        .        Failing
+Teaching   TEACHING Held     .        NOFAULT  Stopping Stopping .        .        Held     .        Failing
+Servoing   STARTED  Held     STARTED  NOFAULT  Stopping Stopping .        Holding  .        .        Failing
+Holding    STARTED  Held     STARTED  NOFAULT  Stopping Stopping Servoing .        .        .        Failing
+Held       Waiting  .        Teaching NOFAULT  Stopping Stopping .        .        .        .        Failing
+Stopping   MOVING   MOVING   MOVING   NOFAULT  .        .        .        .        .        Idle     Failing
+Failing    INFAULT  INFAULT  INFAULT  MOVING   .        .        .        .        .        Fault    .
+Fault      INFAULT  INFAULT  INFAULT  Idle     .        .        .        .        .        .        .
+";
+
+fn step_of(word: &str) -> Step {
+    let state = State::ALL.into_iter().find(|state| format!("{state:?}") == word);
+    match (word, state) {
+        (_, Some(state)) => Step::To(state),
+        (".", _) => Step::Stay,
+        ("NOSTART", _) => Step::Refuse(Refusal::NotStarted),
+        ("NOFAULT", _) => Step::Refuse(Refusal::NoFault),
+        ("STARTED", _) => Step::Refuse(Refusal::AlreadyStarted),
+        ("TEACHING", _) => Step::Refuse(Refusal::Teaching),
+        ("MOVING", _) => Step::Refuse(Refusal::StillMoving),
+        ("INFAULT", _) => Step::Refuse(Refusal::InFault),
+        _ => panic!("{word}"),
+    }
+}
+
+#[test]
+fn the_table_is_this_one() {
+    let mut cells = 0;
+    for row in TABLE.lines().filter(|row| !row.trim().is_empty()).skip(1) {
+        let mut words = row.split_whitespace();
+        let name = words.next().unwrap();
+        let state = State::ALL.into_iter().find(|state| format!("{state:?}") == name).unwrap();
+        for (cue, word) in CUES.into_iter().zip(words) {
+            assert_eq!(state.next(cue), step_of(word), "{state:?} {cue:?}");
+            cells += 1;
+        }
+    }
+    assert_eq!(cells, State::ALL.len() * CUES.len());
+}
+
+#[test]
+fn the_arm_comes_to_move_by_a_view_after_a_start_and_never_out_of_a_fault() {
+    for state in State::ALL {
+        for cue in CUES {
+            if state.next(cue) == Step::To(State::Servoing) {
+                assert_eq!(cue, Cue::InView);
+            }
+        }
+    }
+    // Without a start and without a reset nothing moves, whatever else happens.
+    for from in [State::Idle, State::Fault, State::Failing, State::Stopping, State::Held, State::Teaching] {
+        let (mut seen, mut open) = (HashSet::from([from]), vec![from]);
+        while let Some(state) = open.pop() {
+            for cue in CUES.into_iter().filter(|cue| *cue != Cue::Request(Request::Start)) {
+                if let Step::To(next) = state.next(cue)
+                    && seen.insert(next)
+                {
+                    open.push(next);
+                }
+            }
+        }
+        assert!(!seen.contains(&State::Servoing), "{from:?}: {seen:?}");
+    }
+}
+
+#[test]
+fn every_state_is_reached_and_left() {
+    let mut reached: HashMap<State, usize> = HashMap::new();
+    for state in State::ALL {
+        let leads: Vec<_> = CUES.into_iter().filter(|cue| matches!(state.next(*cue), Step::To(_))).collect();
+        assert!(!leads.is_empty(), "{state:?}");
+        for cue in leads {
+            if let Step::To(next) = state.next(cue) {
+                *reached.entry(next).or_default() += 1;
+            }
+        }
+    }
+    assert_eq!(reached.len(), State::ALL.len());
+}
+
+#[test]
+fn codes_come_back() {
+    for request in Request::ALL {
+        assert_eq!(Request::from_code(request as u32), Some(request));
+    }
+    for refusal in Refusal::ALL {
+        assert_eq!(Refusal::from_code(refusal as u32), Some(refusal));
+    }
+    assert_eq!((Request::from_code(0), Refusal::from_code(0)), (None, None));
+}

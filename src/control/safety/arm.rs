@@ -1,0 +1,245 @@
+//! What the measured arm does that it may not do, or does not do that it should.
+//!
+//! | fault | by |
+//! | --- | --- |
+//! | the state is not finite | its numbers |
+//! | the state is none that an arm has | positions and speeds far beyond range and limit; a jump that no speed explains |
+//! | a joint is too fast | its displacement over some ticks, against its velocity limit |
+//! | a joint does not follow | its displacement over some ticks, against that of its reference |
+//!
+//! Speeds are those of displacements: encoders in steps, or noisy ones, report velocities that nothing has.
+
+use super::Fault;
+use crate::drive::DriveState;
+use crate::motion::MotionLimits;
+use crate::time::TICK;
+use crate::time::{MonoNs, SpanNs};
+use nalgebra::SVector;
+
+/// Ticks over which the speed of a joint is judged.
+const SPEED_WINDOW: usize = 20;
+/// Positions that stay the same for longer, of a joint that moves, come late.
+const LATE: SpanNs = SpanNs(2 * TICK.0);
+/// Times its velocity limit that a joint may have: an arm that is a little late catches up.
+const FASTEST: f64 = 1.2;
+/// Times its velocity limit beyond which a single reading is no joint's.
+const ABSURD_SPEED: f64 = 10.0;
+/// Displacements below this are encoder noise, rad or m.
+const JITTER: f64 = 5e-3;
+/// Ticks over which a joint is to follow its reference, in so many parts.
+const FOLLOW_PART: usize = 100;
+const FOLLOW_PARTS: usize = 4;
+/// Way of the reference in that time from which on a joint has to follow, rad or m.
+const FOLLOW_WAY: f64 = 8e-3;
+/// Share of that way that is following.
+const FOLLOWS: f64 = 0.2;
+
+/// Watches the measured arm.
+#[derive(Debug, Clone)]
+pub struct ArmWatch<const N: usize> {
+    /// The last positions that were new, and when they came.
+    last: Option<(MonoNs, SVector<f64, N>)>,
+    /// The last positions and their times, the oldest at `next`.
+    recent: [(MonoNs, SVector<f64, N>); SPEED_WINDOW],
+    next: usize,
+    follow: Follow<N>,
+}
+
+impl<const N: usize> Default for ArmWatch<N> {
+    fn default() -> Self {
+        let recent = [(MonoNs::ZERO, SVector::zeros()); SPEED_WINDOW];
+        Self { last: None, recent, next: 0, follow: Follow::default() }
+    }
+}
+
+impl<const N: usize> ArmWatch<N> {
+    /// Takes the drive's state at `now` in; what is wrong with it. A state that cannot be one is not remembered.
+    pub fn note(&mut self, now: MonoNs, state: &DriveState<N>, limits: &MotionLimits<N>) -> Option<Fault> {
+        if !state.q.iter().chain(state.qd.iter()).all(|x| x.is_finite()) {
+            return Some(Fault::DriveStateNotFinite);
+        }
+        if !limits.is_plausible(&state.q, &state.qd, ABSURD_SPEED) {
+            return Some(Fault::DriveStateImplausible);
+        }
+        let Some((since, last)) = self.last else {
+            self.last = Some((now, state.q));
+            self.recent = [(now, state.q); SPEED_WINDOW];
+            return None;
+        };
+        let passed = (now - since).max(TICK);
+        let farthest = |i: usize| ABSURD_SPEED * limits.speed(i) * passed.as_s() + JITTER;
+        if (0..N).any(|i| (state.q[i] - last[i]).abs() > farthest(i)) {
+            return Some(Fault::DriveStateImplausible);
+        }
+        if state.q != last {
+            self.last = Some((now, state.q));
+            if passed > LATE {
+                // What came late made its way before: it is no speed.
+                self.recent = [(now, state.q); SPEED_WINDOW];
+            }
+        }
+        let place = self.recent.get_mut(self.next)?;
+        let (then, oldest) = std::mem::replace(place, (now, state.q));
+        self.next = (self.next + 1) % SPEED_WINDOW;
+        let window_s = (now - then).as_s();
+        let farthest = |i: usize| FASTEST * limits.velocity[i] * window_s + JITTER;
+        (0..N).any(|i| (state.q[i] - oldest[i]).abs() > farthest(i)).then_some(Fault::TooFast)
+    }
+
+    /// Takes in where the joints are and how far their reference went in this tick, rad or m; `Some` when one does not follow.
+    pub fn follow(&mut self, q: &SVector<f64, N>, way: &SVector<f64, N>) -> Option<Fault> {
+        self.follow.note(q, way).then_some(Fault::DoesNotFollow)
+    }
+
+    /// The arm is followed anew: it begins to move, or its reference was put elsewhere.
+    pub fn restart(&mut self) {
+        self.follow = Follow::default();
+    }
+}
+
+/// Whether joints follow their reference, by parts of the last 400 ms.
+#[derive(Debug, Clone)]
+struct Follow<const N: usize> {
+    /// Ways of reference and joints in each part, the oldest at `part`.
+    done: [Option<(SVector<f64, N>, SVector<f64, N>)>; FOLLOW_PARTS],
+    part: usize,
+    ticks: usize,
+    /// Where the joints were when this part began, and how far the reference went since.
+    now: Option<(SVector<f64, N>, SVector<f64, N>)>,
+}
+
+impl<const N: usize> Default for Follow<N> {
+    fn default() -> Self {
+        Self { done: [None; FOLLOW_PARTS], part: 0, ticks: 0, now: None }
+    }
+}
+
+impl<const N: usize> Follow<N> {
+    /// Whether a joint has not followed. Ways are summed whatever their direction: one that lags behind a reference which turns
+    /// goes the other way for a while.
+    fn note(&mut self, q: &SVector<f64, N>, way: &SVector<f64, N>) -> bool {
+        let (_, gone) = self.now.get_or_insert((*q, SVector::zeros()));
+        *gone += way;
+        self.ticks += 1;
+        if self.ticks < FOLLOW_PART {
+            return false;
+        }
+        self.ticks = 0;
+        let ways = self.now.take().map(|(from, gone)| (gone.abs(), (q - from).abs()));
+        if let Some(place) = self.done.get_mut(self.part) {
+            *place = ways;
+        }
+        self.part = (self.part + 1) % FOLLOW_PARTS;
+        if !self.done.iter().all(Option::is_some) {
+            return false;
+        }
+        let zero = (SVector::<f64, N>::zeros(), SVector::<f64, N>::zeros());
+        let ways = self.done.iter().flatten().fold(zero, |sum, part| (sum.0 + part.0, sum.1 + part.1));
+        (0..N).any(|i| ways.0[i] > FOLLOW_WAY && ways.1[i] < FOLLOWS * ways.0[i])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::linalg::Random;
+    use nalgebra::Vector2;
+
+    fn limits() -> MotionLimits<2> {
+        MotionLimits {
+            lower: Vector2::repeat(-3.0),
+            upper: Vector2::repeat(3.0),
+            velocity: Vector2::new(2.0, 3.0),
+            acceleration: Vector2::repeat(10.0),
+            jerk: Vector2::repeat(500.0),
+        }
+    }
+
+    fn at(ms: i32) -> MonoNs {
+        MonoNs(i64::from(ms) * 1_000_000)
+    }
+
+    fn state(q: f64, qd: f64) -> DriveState<2> {
+        DriveState { q: Vector2::new(q, 0.0), qd: Vector2::new(qd, 0.0), truth: None }
+    }
+
+    #[test]
+    fn what_no_arm_does_is_told_at_once() {
+        for (q, qd, fault) in [
+            (f64::NAN, 0.0, Fault::DriveStateNotFinite),
+            (0.0, f64::INFINITY, Fault::DriveStateNotFinite),
+            (0.0, 1e200, Fault::DriveStateImplausible),
+            (0.0, 25.0, Fault::DriveStateImplausible),
+            (0.5, 0.0, Fault::DriveStateImplausible),
+        ] {
+            let mut watch = ArmWatch::default();
+            assert_eq!(watch.note(at(0), &state(0.0, 0.0), &limits()), None);
+            assert_eq!(watch.note(at(1), &state(q, qd), &limits()), Some(fault), "{q} {qd}");
+            assert_eq!(watch.note(at(2), &state(0.0, 0.0), &limits()), None, "a state that was refused is forgotten");
+        }
+    }
+
+    #[test]
+    fn a_joint_beyond_its_speed_is_told_within_its_window_and_one_at_its_limit_is_not() {
+        for (speed, within) in [(2.0, None), (2.3, None), (3.2, Some(24)), (5.0, Some(20))] {
+            let mut watch = ArmWatch::default();
+            let told = (0..400).find(|k| {
+                let q = speed * 1e-3 * f64::from(*k) - 0.5;
+                watch.note(at(*k), &state(q, speed), &limits()) == Some(Fault::TooFast)
+            });
+            assert_eq!(told.is_some(), within.is_some(), "{speed}");
+            assert!(told.unwrap_or(0) <= within.unwrap_or(0), "{speed}: {told:?}");
+        }
+    }
+
+    #[test]
+    fn positions_that_come_late_are_no_speed() {
+        let mut watch = ArmWatch::default();
+        for k in 0..400 {
+            let q = 2.0 * 1e-3 * f64::from(k / 15 * 15);
+            assert_eq!(watch.note(at(k), &state(q, 2.0), &limits()), None, "{k}");
+        }
+    }
+
+    #[test]
+    fn coarse_and_noisy_encoders_are_no_speed() {
+        let mut watch = ArmWatch::default();
+        let mut random = Random::new(3);
+        for k in 0..5000 {
+            let q = 1.9 * (f64::from(k) * 1e-3).sin() + 3e-4 * random.gaussian();
+            let steps = (q / 1e-3).round() * 1e-3;
+            let state = state(steps, 1.9 + 2.0 * random.gaussian());
+            assert_eq!(watch.note(at(k), &state, &limits()), None);
+        }
+    }
+
+    #[test]
+    fn a_joint_that_stands_while_its_reference_goes_is_told_within_a_second() {
+        for speed in [0.03, 0.3, 2.0] {
+            let mut watch = ArmWatch::<2>::default();
+            let mut told = None;
+            for k in 0..3000 {
+                let q = if k < 1000 { speed * 1e-3 * f64::from(k) } else { speed };
+                let moving = Vector2::new(q, 0.0);
+                if watch.follow(&moving, &Vector2::new(speed * 1e-3, 0.0)).is_some() {
+                    told.get_or_insert(k);
+                }
+            }
+            let after = told.unwrap() - 1000;
+            assert!((0..=600).contains(&after), "{speed}: {after}");
+        }
+    }
+
+    #[test]
+    fn a_joint_that_lags_or_creeps_follows() {
+        let mut watch = ArmWatch::<2>::default();
+        let mut q = 0.0;
+        for k in 0..5000 {
+            let r = 0.3 * (f64::from(k) * 2e-3).sin();
+            let r_next = 0.3 * (f64::from(k + 1) * 2e-3).sin();
+            q += (r - q) * 0.02;
+            let told = watch.follow(&Vector2::new(q, 0.0), &Vector2::new(r_next - r, 1e-5));
+            assert_eq!(told, None, "{k}");
+        }
+    }
+}

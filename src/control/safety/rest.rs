@@ -1,0 +1,122 @@
+//! Whether the measured arm stands: over some ticks no joint moves faster than a little, by its positions and by the mean of
+//! its measured velocities, beyond what the noise of the encoders explains. A swinging arm is not at rest.
+
+use crate::drive::DriveState;
+use crate::time::TICK;
+use nalgebra::SVector;
+
+/// An arm slower than this is at rest, rad/s or m/s.
+const REST_SPEED: f64 = 0.02;
+/// Ticks over which its speed is judged.
+const WINDOW: usize = 50;
+/// Readings of a noisy encoder that stands lie so many standard deviations apart.
+const NOISE_SPREAD: f64 = 6.0;
+
+/// The last joint states, and whether the arm moved in them.
+#[derive(Debug, Clone)]
+pub struct RestWatch<const N: usize> {
+    q: [SVector<f64, N>; WINDOW],
+    qd: [SVector<f64, N>; WINDOW],
+    /// Where the next state goes; `None` before the first.
+    next: Option<usize>,
+}
+
+impl<const N: usize> Default for RestWatch<N> {
+    fn default() -> Self {
+        Self { q: [SVector::zeros(); WINDOW], qd: [SVector::zeros(); WINDOW], next: None }
+    }
+}
+
+impl<const N: usize> RestWatch<N> {
+    /// Takes the measured state of a tick.
+    pub fn note(&mut self, state: &DriveState<N>) {
+        // Before the first state the arm is thought to have been as in that one.
+        let Some(next) = self.next else {
+            (self.q, self.qd, self.next) = ([state.q; WINDOW], [state.qd; WINDOW], Some(1));
+            return;
+        };
+        if let (Some(q), Some(qd)) = (self.q.get_mut(next), self.qd.get_mut(next)) {
+            (*q, *qd) = (state.q, state.qd);
+        }
+        self.next = Some((next + 1) % WINDOW);
+    }
+
+    /// Whether the arm has stood for 50 ms.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        let window_s = WINDOW as f64 * TICK.as_s();
+        (0..N).all(|i| {
+            let (mut least, mut most, mut sum) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
+            for (q, qd) in self.q.iter().zip(&self.qd) {
+                (least, most, sum) = (least.min(q[i]), most.max(q[i]), sum + qd[i]);
+            }
+            let noise = NOISE_SPREAD * self.noise_sd(i);
+            most - least <= REST_SPEED * window_s + noise
+                && (sum / WINDOW as f64).abs() <= REST_SPEED + noise / window_s
+        })
+    }
+
+    /// Standard deviation of the noise of joint `i`'s encoder, from the second differences of its positions: those of the
+    /// motion of an arm are far smaller, `qdd T^2`.
+    fn noise_sd(&self, i: usize) -> f64 {
+        let oldest = self.next.unwrap_or(0);
+        let q = |k: usize| self.q.get((oldest + k) % WINDOW).map_or(0.0, |q| q[i]);
+        let squares: f64 = (2..WINDOW).map(|k| (q(k) - 2.0 * q(k - 1) + q(k - 2)).powi(2)).sum();
+        (squares / (6.0 * (WINDOW - 2) as f64)).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::linalg::Random;
+    use nalgebra::Vector2;
+
+    fn state(q: f64, qd: f64) -> DriveState<2> {
+        DriveState { q: Vector2::new(q, 0.5), qd: Vector2::new(qd, 0.0), truth: None }
+    }
+
+    /// Whether the arm stands after the states of `states`.
+    fn rests(states: impl Iterator<Item = DriveState<2>>) -> bool {
+        let mut watch = RestWatch::default();
+        states.for_each(|state| watch.note(&state));
+        watch.is_at_rest()
+    }
+
+    #[test]
+    fn an_arm_that_stood_from_the_first_state_on_is_at_rest_at_once() {
+        assert!(rests([state(0.1, 0.0)].into_iter()));
+    }
+
+    #[test]
+    fn a_moving_arm_is_at_rest_a_window_after_it_has_come_to_a_stand() {
+        // Moves at 0.3 rad/s for 100 ticks, then stands.
+        let at = |k: i32| state(0.1 + 0.3e-3 * f64::from(k.min(100)), if k < 100 { 0.3 } else { 0.0 });
+        let first = (10..500).find(|last| rests((0..*last).map(at))).unwrap();
+        assert!((100..=100 + WINDOW as i32 + 1).contains(&first), "{first}");
+    }
+
+    #[test]
+    fn steps_and_noise_of_encoders_are_no_motion() {
+        let flips = |k: usize| if k % 2 == 0 { state(0.0, 0.2) } else { state(5e-4, -0.2) };
+        assert!(rests((0..2 * WINDOW).map(flips)));
+    }
+
+    #[test]
+    fn a_noisy_encoder_does_not_hide_a_motion_nor_make_one() {
+        for (speed, at_rest) in [(0.0, true), (0.1, false)] {
+            let mut random = Random::new(7);
+            let noisy = (0..4 * WINDOW).map(|k| {
+                let noise = 1e-3 * random.gaussian();
+                state(speed * 1e-3 * k as f64 + noise, speed + 300.0 * noise)
+            });
+            assert_eq!(rests(noisy), at_rest, "{speed}");
+        }
+    }
+
+    #[test]
+    fn an_arm_that_swings_or_reports_a_velocity_is_not_at_rest() {
+        assert!(!rests((0..2100).map(|k| state(0.01 * (30.0 * f64::from(k) * 1e-3).sin(), 0.0))));
+        assert!(!rests((0..2100).map(|_| state(0.0, 0.3))));
+    }
+}
