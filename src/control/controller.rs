@@ -30,6 +30,10 @@ const ON_THE_ARM: (f64, f64) = (2e-3, 0.1);
 const ASTRAY: f64 = 0.3;
 /// Rate at which an arm under a torque law is braked where its view is not to be trusted, 1/s.
 const BRAKE_1_S: f64 = 8.0;
+/// A joint that moves has all its Coulomb friction, rad/s or m/s.
+const MOVES: f64 = 0.05;
+/// Mean time for which a joint under a torque law is taken to have accelerated, where it has to move.
+const START_S: f64 = 0.2;
 /// How long an arm whose reference rests may go on moving.
 const PATIENCE: SpanNs = SpanNs(2_000_000_000);
 
@@ -153,6 +157,8 @@ struct Motion<const N: usize> {
     limits: ActingLimits,
     /// The joint controller follows a reference; else the acceleration of a law that wishes torques.
     follows: bool,
+    /// How far each joint should go in this tick, rad or m.
+    way: SVector<f64, N>,
 }
 
 impl<const N: usize> Controller<N> {
@@ -388,7 +394,8 @@ impl<const N: usize> Controller<N> {
         let before = *self.reference.state();
         let after = self.reference.advance(&wish, TICK);
         let now = ReferenceState { q: before.q, qd: before.qd, ..*after };
-        Motion { now, limits: limits.with(&after.limits), follows: true }
+        let way = now.qd * TICK.as_s();
+        Motion { now, limits: limits.with(&after.limits), follows: true, way }
     }
 
     /// A law that wishes torques: the reference goes on from the arm with the acceleration that they bring about.
@@ -411,7 +418,11 @@ impl<const N: usize> Controller<N> {
         for i in (0..N).filter(|i| within[*i] != tau[*i]) {
             limits.set(Limit::Effort, i);
         }
-        Motion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false }
+        // A joint that stands is pushed through twice its friction before it has to move.
+        let stiction = robot.friction_torque(&qdd.map(|a| MOVES * a.signum())) * 2.0;
+        let loose = robot.forward_dynamics(&state.q, &state.qd, &(within - stiction));
+        let way = SVector::from_fn(|i, _| if loose[i] * qdd[i] > 0.0 { loose[i] * START_S * TICK.as_s() } else { 0.0 });
+        Motion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
     }
 
     /// The wish, slowed down so that the arm can brake at the goal, where the view is old or uncertain, and ahead of
@@ -465,8 +476,7 @@ impl<const N: usize> Controller<N> {
             }
             return None;
         }
-        let way = motion.now.qd * TICK.as_s();
-        let behind = self.watch.follow(&state.q, &way);
+        let behind = self.watch.follow(&state.q, &motion.way);
         if distance > self.max_tracking_error { Some(Fault::TrackingError) } else { behind }
     }
 
