@@ -23,6 +23,10 @@ pub struct Cli {
 pub enum Command {
     /// Start camera, vision and control, watch them, and tell how it went
     Run(RunArguments),
+    /// The daemon: start camera, vision and control, and do what `vservo ctl` says until it says shutdown
+    Serve(ServeArguments),
+    /// Tell a running instance what to do, or ask how it stands
+    Ctl(CtlArguments),
     /// The camera process alone
     Camera(RoleArguments),
     /// The vision process alone
@@ -171,6 +175,71 @@ impl RunArguments {
         set.extend(self.seed.map(|seed| format!("run.seed={seed}")));
         set
     }
+}
+
+/// Arguments of `vservo serve`.
+#[derive(Debug, Args)]
+pub struct ServeArguments {
+    /// Run file (TOML); the embedded default where it is left out
+    pub config: Option<PathBuf>,
+    /// Pace of the control loop (run.clock)
+    #[arg(long)]
+    pub clock: Option<ClockArgument>,
+    /// Change one value of the run file; may be repeated
+    #[arg(long, value_name = "key.path=value")]
+    pub set: Vec<String>,
+    /// Seed of every random number (run.seed)
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Write the summary to this file as JSON, at the end
+    #[arg(long, value_name = "FILE.json")]
+    pub summary: Option<PathBuf>,
+    /// Name of this run: runs with different names do not see each other
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+}
+
+impl From<ServeArguments> for RunArguments {
+    fn from(serve: ServeArguments) -> Self {
+        let ServeArguments { config, clock, mut set, seed, summary, instance } = serve;
+        set.push("run.serve=true".into());
+        Self { config, clock, duration_s: None, set, seed, summary, instance }
+    }
+}
+
+/// Arguments of `vservo ctl`.
+#[derive(Debug, Args)]
+pub struct CtlArguments {
+    /// What to do
+    pub what: Order,
+    /// Name of the run
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+    /// Print the answer as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// How long to wait for the answer, s
+    #[arg(long, value_name = "S", default_value_t = 5.0)]
+    pub timeout_s: f64,
+}
+
+/// What control can be told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Order {
+    /// Say how it stands
+    Status,
+    /// Go for the goal
+    Start,
+    /// Stand until the next start
+    Hold,
+    /// Make what the camera sees the goal; the arm stands
+    Teach,
+    /// Forget the fault
+    Reset,
+    /// Stand, and be idle
+    Stop,
+    /// Stop, and end the run
+    Shutdown,
 }
 
 /// Arguments of a single process.

@@ -1,10 +1,11 @@
 //! The command line: arguments -> configuration -> run -> exit code. Results go to stdout, everything else to stderr.
 
 mod arguments;
+mod ctl;
 
 pub use arguments::{
-    Calibration, CameraArgument, Cli, Command, ExperimentArguments, LatencyArguments, RoleArguments,
-    RunArguments,
+    Calibration, CameraArgument, Cli, Command, CtlArguments, ExperimentArguments, LatencyArguments, Order,
+    RoleArguments, RunArguments, ServeArguments,
 };
 
 use crate::config::Config;
@@ -35,6 +36,8 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         None => run(&cli.run),
         Some(Command::Run(arguments)) => run(&arguments),
+        Some(Command::Serve(arguments)) => run(&arguments.into()),
+        Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
         Some(Command::Camera(arguments)) => role(Role::Camera(CameraId::FIRST), &arguments),
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),

@@ -250,7 +250,7 @@ pub fn control_loop_with<const N: usize>(
         service,
         feature_error_px: config.goal.feature_error_px,
         hold: config.goal.hold,
-        duration: (!plays_once).then_some(config.duration),
+        duration: (!plays_once && !config.serve).then_some(config.duration),
         closed_loop,
         one_clock: config.clock == Clock::Realtime,
         f_px: Vector2::new(i.fx_px, i.fy_px),

@@ -6,7 +6,7 @@
 pub use crate::control::outcome::Finish;
 
 use crate::control::controller::{ControlOutput, Controller};
-use crate::control::lifecycle::{Refusal, Request, State};
+use crate::control::lifecycle::{Refusal, Request};
 use crate::control::outcome::{FinalErrors, MeasuredErrors, Outcome};
 use crate::control::records::{command_trace, joint_state};
 use crate::control::run_end::{self, NextStep, RunEnd};
@@ -33,8 +33,8 @@ const NO_MORE_FRAMES: Finish = Finish {
     reason: "the camera said that its last frame has come, before the goal was reached",
 };
 
-/// The end of a served run that somebody asked for.
-const SHUT_DOWN: Finish = Finish { outcome: Outcome::Stopped, reason: "a shutdown was requested" };
+/// The end of a run that somebody asked for.
+const SHUT_DOWN: Finish = Finish { outcome: Outcome::Stopped, reason: "somebody asked for the end" };
 
 /// What makes a run begin, and end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -225,6 +225,8 @@ impl<const N: usize> ControlLoop<N> {
         self.events.push(Event::Requested(request));
         match request {
             Request::Shutdown => self.end.decide(SHUT_DOWN),
+            // Idle is what a run that is not served never is.
+            Request::Stop if self.plan.service != Service::Served => self.end.decide(SHUT_DOWN),
             Request::Reset => self.drive.reset(),
             Request::Start => (self.goal_since, self.goal_told) = (None, false),
             Request::Hold | Request::Teach | Request::Stop => {}
@@ -315,8 +317,9 @@ impl<const N: usize> ControlLoop<N> {
         if let Some(fault) = output.fault {
             self.end.decide(Finish::fault(fault));
         }
-        if output.state == State::Held && self.end.decided().is_none() {
-            let _ = self.controller.request(Request::Start); // the goal is taught
+        let begins = matches!(self.plan.service, Service::OneShot { teaches: true });
+        if begins && output.events.iter().any(|event| event == Event::Taught) {
+            let _ = self.controller.request(Request::Start); // refused where somebody wants something else
         }
     }
 

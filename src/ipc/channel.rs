@@ -16,6 +16,8 @@ pub enum Channel {
     Trace,
     /// Where the run stands.
     Status,
+    /// What somebody wants of control.
+    Command,
     /// Commands to an external drive.
     DriveCommand,
     /// States of an external drive.
@@ -31,6 +33,7 @@ impl fmt::Display for Channel {
             Self::JointState => f.write_str("control/joint_state"),
             Self::Trace => f.write_str("control/trace"),
             Self::Status => f.write_str("control/status"),
+            Self::Command => f.write_str("control/command"),
             Self::DriveCommand => f.write_str("drive/command"),
             Self::DriveState => f.write_str("drive/state"),
         }

@@ -8,12 +8,14 @@
 //! control/joint_state        JointState                 1 kHz     control    camera
 //! control/trace              TraceMsg                    1 kHz     control    recorders
 //! control/status             Status                     50 Hz     control    supervisor, views
+//! control/command            ControlCommand, -Answer    on demand ctl        control, which answers
 //! drive/command              DriveCommandMsg            1 kHz     control    external drive
 //! drive/state                DriveStateMsg              1 kHz     ext. drive control
 //! ```
-//! All but status and trace have an event of the same name beside them that wakes the reader.
+//! All but status, trace and command have an event of the same name beside them that wakes the reader.
 
 mod channel;
+mod command;
 mod error;
 mod instance;
 mod place;
@@ -26,6 +28,7 @@ mod services;
 mod spin;
 
 pub use channel::Channel;
+pub use command::{Asked, CommandClient, CommandServer};
 pub use error::IpcError;
 pub use instance::{Instance, InstanceError, RoleLock};
 pub use ports::{
@@ -38,6 +41,7 @@ pub use scarcity::Scarcity;
 pub use services::{FrameShape, Peers, Services};
 pub use spin::Spin;
 
+type Service = iceoryx2::prelude::ipc::Service;
 type Node = iceoryx2::node::Node<iceoryx2::prelude::ipc::Service>;
 type PubSub<T, H = ()> =
     iceoryx2::service::port_factory::publish_subscribe::PortFactory<iceoryx2::prelude::ipc::Service, T, H>;

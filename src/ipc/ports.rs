@@ -308,7 +308,7 @@ impl FrameReceiver {
     }
 }
 
-fn transfer(action: &'static str, service: Channel, cause: impl Debug) -> IpcError {
+pub(super) fn transfer(action: &'static str, service: Channel, cause: impl Debug) -> IpcError {
     let cause = format!("{cause:?}");
     let otherwise = IpcError::Transfer { action, service: service.to_string(), cause: cause.clone() };
     IpcError::scarce_or(|| format!("{action} on `{service}`"), &cause, otherwise)

@@ -2,11 +2,12 @@
 //! open it, and all must ask for the same.
 
 use super::channel::Channel;
+use super::command::{CommandClient, CommandServer};
 use super::ports::{Bell, FrameReceiver, FrameSender, QuietSender, Receiver, Sender, Waker};
 use super::presence::{DrivePresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError, Node, PubSub};
 use crate::messages::{
-    CameraId, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Status, TraceMsg,
+    CameraId, ControlAnswer, ControlCommand, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Status, TraceMsg,
 };
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
@@ -19,7 +20,9 @@ use std::fmt::Debug;
 /// Readers of a service: the next process, a recorder, a view, one to spare.
 const MAX_READERS: usize = 4;
 /// Processes that may open a service.
-const MAX_NODES: usize = 8;
+const MAX_NODES: usize = 16;
+/// Who may want something of control at once.
+const MAX_CLIENTS: usize = 8;
 /// Ticks of joint state that a reader may lag behind: the camera looks back by its exposure and its latency.
 const JOINT_STATE_BUFFER: usize = 1024;
 /// Ticks that a recorder may lag behind.
@@ -29,6 +32,14 @@ const MEASUREMENT_BUFFER: usize = 1024;
 
 /// Commands and states of an external drive that wait for their reader.
 const DRIVE_BUFFER: usize = 64;
+
+type Commands = iceoryx2::service::port_factory::request_response::PortFactory<
+    ipc::Service,
+    ControlCommand,
+    (),
+    ControlAnswer,
+    (),
+>;
 
 /// How large frames are, and how many of them may be in flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -186,6 +197,24 @@ impl Services {
         self.receiver(Channel::Status, 1, 1)
     }
 
+    /// Control's end of `control/command`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn command_server(&self) -> Result<CommandServer, IpcError> {
+        let port = self.commands()?.server_builder().create();
+        Ok(CommandServer::new(port.map_err(|e| port_error(Channel::Command, e))?))
+    }
+
+    /// The end of `control/command` of whoever wants something.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn command_client(&self) -> Result<CommandClient, IpcError> {
+        let port = self.commands()?.client_builder().create();
+        Ok(CommandClient::new(port.map_err(|e| port_error(Channel::Command, e))?))
+    }
+
     /// Control's end of `drive/command`.
     ///
     /// # Errors
@@ -271,6 +300,19 @@ impl Services {
             .max_nodes(MAX_NODES)
             .open_or_create()
             .map_err(|e| service_error(service, e))
+    }
+
+    fn commands(&self) -> Result<Commands, IpcError> {
+        self.node
+            .service_builder(&name(Channel::Command)?)
+            .request_response::<ControlCommand, ControlAnswer>()
+            .max_servers(1)
+            .max_clients(MAX_CLIENTS)
+            .max_active_requests_per_client(1)
+            .max_response_buffer_size(1)
+            .max_nodes(MAX_NODES)
+            .open_or_create()
+            .map_err(|e| service_error(Channel::Command, e))
     }
 
     fn publish_subscribe<T: ZeroCopySend + Debug>(

@@ -12,6 +12,7 @@
 //! ```
 
 mod camera_id;
+mod command;
 mod drive;
 mod frame;
 mod joint_state;
@@ -22,6 +23,7 @@ mod tests;
 mod trace;
 
 pub use camera_id::CameraId;
+pub use command::{ControlAnswer, ControlCommand, answer_flag};
 pub use drive::{DriveCommandMsg, DriveStateMsg, drive_flag};
 pub use frame::{FrameHeader, frame_flag};
 pub use joint_state::{JointState, joint_flag};

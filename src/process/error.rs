@@ -87,6 +87,22 @@ pub enum ProcessError {
         /// The system's word for it.
         cause: std::io::Error,
     },
+    /// There is no run to be told something.
+    #[error("no run of instance `{0}` is there: start one with `vservo serve`, or name another with --instance")]
+    NobodyThere(String),
+    /// Control did not answer.
+    #[error(
+        "instance `{instance}` did not answer within {waited_s} s: it still starts, waits for its camera or drive, or hangs"
+    )]
+    NoAnswer {
+        /// Which.
+        instance: String,
+        /// How long it was waited for.
+        waited_s: f64,
+    },
+    /// A wait that nobody can mean.
+    #[error("--timeout-s {0}: must be more than 0 and at most 3600")]
+    Timeout(f64),
     /// A file cannot be written.
     #[error("{path}: cannot be written: {cause}; choose another place or free some space", path = path.display())]
     Write {
@@ -124,7 +140,7 @@ impl ProcessError {
         }
     }
 
-    /// The exit code: 3 for configuration and input files, 1 for everything else.
+    /// The exit code: 3 for configuration and input files, 5 where nobody answers, 1 for everything else.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
@@ -141,6 +157,8 @@ impl ProcessError {
             | Self::DriveAbsent { .. }
             | Self::DriveProgram { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
+            Self::Timeout(_) => 2,
+            Self::NobodyThere(_) | Self::NoAnswer { .. } => 5,
             Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),
             Self::Ipc(_)
             | Self::SourceSilent(_)

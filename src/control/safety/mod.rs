@@ -55,6 +55,36 @@ pub enum Fault {
 }
 
 impl Fault {
+    /// All faults, with their codes in messages; those of a drive count from 17.
+    const CODES: [(Self, u32); 14] = [
+        (Self::DriveStateNotFinite, 1),
+        (Self::DriveStateImplausible, 2),
+        (Self::TrackingError, 3),
+        (Self::DeadlinesMissed, 4),
+        (Self::NotAtRest, 6),
+        (Self::PeersSilent, 7),
+        (Self::StartsElsewhere, 8),
+        (Self::TooFast, 9),
+        (Self::DoesNotFollow, 10),
+        (Self::CommandsRefused, 11),
+        (Self::Drive(DriveFault::Stale), 17),
+        (Self::Drive(DriveFault::Left), 18),
+        (Self::Drive(DriveFault::Silent), 19),
+        (Self::Drive(DriveFault::OutOfStep), 20),
+    ];
+
+    /// Its code in a message, never 0.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        Self::CODES.iter().find(|(fault, _)| *fault == self).map_or(u32::MAX, |(_, code)| *code)
+    }
+
+    /// The fault of a code in a message; `None` for 0 and unknown ones.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Self> {
+        Self::CODES.iter().find(|(_, known)| *known == code).map(|(fault, _)| *fault)
+    }
+
     /// Whether there is no joint state any more to compute with.
     #[must_use]
     pub fn blinds(self) -> bool {
@@ -96,5 +126,20 @@ impl Fault {
                 "commands to the drive would have passed the limits, or were no numbers, and were held back"
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    #[test]
+    fn codes_come_back_and_are_no_two_the_same() {
+        for (fault, code) in Fault::CODES {
+            assert_eq!((fault.code(), Fault::from_code(code)), (code, Some(fault)));
+        }
+        assert_eq!(Fault::CODES.iter().map(|(_, code)| *code).collect::<HashSet<_>>().len(), Fault::CODES.len());
+        assert_eq!(Fault::from_code(0), None);
     }
 }

@@ -3,7 +3,6 @@
 use super::{Event, Trace};
 use crate::control::outcome::Outcome;
 use crate::control::safety::Fault;
-use crate::drive::DriveFault;
 use crate::messages::{TRACE_LIMITS, TraceMsg, joint_flag, trace_flag};
 use crate::motion::Limit;
 use crate::servo::Intake;
@@ -29,7 +28,7 @@ impl Trace {
             arm: js.arm,
             joints: js.joints,
             state: self.state as u32,
-            fault: self.fault.map_or(0, fault_code),
+            fault: self.fault.map_or(0, Fault::code),
             outcome: self.finish.map_or(0, |finish| outcome_code(finish.outcome)),
             events: self.events.iter().fold(0, |bits, event| bits | 1 << event_number(event)),
             limits,
@@ -75,26 +74,6 @@ fn intake_code(intake: Intake) -> u32 {
         Intake::NotNewer => 7,
         Intake::RefusedFromFuture => 8,
         Intake::TooOld => 9,
-    }
-}
-
-/// Those of a drive count from 17.
-fn fault_code(fault: Fault) -> u32 {
-    match fault {
-        Fault::DriveStateNotFinite => 1,
-        Fault::DriveStateImplausible => 2,
-        Fault::TrackingError => 3,
-        Fault::DeadlinesMissed => 4,
-        Fault::NotAtRest => 6,
-        Fault::PeersSilent => 7,
-        Fault::StartsElsewhere => 8,
-        Fault::TooFast => 9,
-        Fault::DoesNotFollow => 10,
-        Fault::CommandsRefused => 11,
-        Fault::Drive(DriveFault::Stale) => 17,
-        Fault::Drive(DriveFault::Left) => 18,
-        Fault::Drive(DriveFault::Silent) => 19,
-        Fault::Drive(DriveFault::OutOfStep) => 20,
     }
 }
 

@@ -4,6 +4,7 @@
 //! exactly `latency` later, and the loop waits there until it has come. Nothing else decides: not the machine's load, not
 //! the order in which processes run.
 
+use super::commands::{Answered, Commands, Numbered};
 use super::external_drive::{self, Answer, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL};
 use super::{Pace, Ports};
 use crate::calibration::Recording;
@@ -66,7 +67,7 @@ pub(super) fn run<const N: usize>(
     config: &Config,
     mut control: ControlLoop<N>,
     ports: &Ports<'_>,
-    mut drive: Option<DrivePorts<'_>>,
+    (mut drive, mut commands): (Option<DrivePorts<'_>>, Commands),
     mut recording: Option<&mut Recording<N>>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
@@ -102,6 +103,10 @@ pub(super) fn run<const N: usize>(
         if stop.is_requested() {
             control.stop(STOP_REASON);
         }
+        while let Some(Numbered { number, request }) = commands.next()? {
+            let refusal = control.request(request).err();
+            commands.answer(&Answered { number, refusal, state: control.controller().state().told() });
+        }
         let (mut measurement, before) = (None, next_frame);
         while schedule.usable_tick(next_frame) == tick {
             if !schedule.is_lost(next_frame) {
@@ -124,6 +129,7 @@ pub(super) fn run<const N: usize>(
         control.commanded(now, &mut trace);
         ports.trace.send(|| trace.record())?;
         statistics.note(&trace);
+        commands.note(&trace);
         if let Some(drive) = &mut drive {
             drive.send()?;
         }

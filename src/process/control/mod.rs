@@ -1,6 +1,7 @@
 //! The control process. In real time a FIFO thread ticks and never touches shared memory, while a companion thread
 //! carries measurements in and records out; in lockstep one thread does both, because its time is simulated.
 
+mod commands;
 mod deadlines;
 mod drive_rings;
 mod external_drive;
@@ -21,6 +22,7 @@ use crate::report::summary::{RealtimeReport, StampCalibration, Summary, TickTime
 use crate::robot::Robot;
 use crate::rt::now;
 use crate::time::SpanNs;
+use commands::Commands;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -109,11 +111,12 @@ fn run_robot<const N: usize>(
     if let Some(drive) = &mut drive {
         drive.connect(config, stop)?;
     }
+    let commands = Commands::new(membership.services().command_server()?, config.serve);
     let start = now();
     let mut recording = (config.task == Task::CalibrateLatency).then(Recording::default);
     let (control, statistics, pace) = match config.clock {
-        Clock::Realtime => realtime::run(config, control, &ports, drive, recording.as_mut(), stop)?,
-        Clock::Lockstep => lockstep::run(config, control, &ports, drive, recording.as_mut(), stop)?,
+        Clock::Realtime => realtime::run(config, control, &ports, (drive, commands), recording.as_mut(), stop)?,
+        Clock::Lockstep => lockstep::run(config, control, &ports, (drive, commands), recording.as_mut(), stop)?,
     };
     let wall = now() - start;
     ports.farewell();

@@ -8,6 +8,7 @@
 //! ```
 //! With an external drive the companion runs at the priority below.
 
+use super::commands::{Answered, Commands, Numbered};
 use super::external_drive::{self, DrivePorts};
 use super::realtime_thread::{AtEnd, RealtimeThread};
 use super::{Pace, Ports};
@@ -33,6 +34,8 @@ use tracing::{debug, error, info, warn};
 const RECORDS: usize = 1024;
 /// Measurements that wait for a tick.
 const MEASUREMENTS: usize = 64;
+/// Requests that wait for a tick.
+const REQUESTS: usize = 16;
 /// The companion looks after the rings at least so often.
 const COMPANION_PERIOD: Duration = Duration::from_millis(1);
 /// With an external drive its states wake the companion; nobody wakes it for a command, so it looks more often.
@@ -45,12 +48,14 @@ pub(super) fn run<const N: usize>(
     config: &Config,
     control: ControlLoop<N>,
     ports: &Ports<'_>,
-    mut drive: Option<DrivePorts<'_>>,
+    (mut drive, commands): (Option<DrivePorts<'_>>, Commands),
     recording: Option<&mut Recording<N>>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
     let (records, to_send) = RingBuffer::new(RECORDS);
     let (received, measurements) = RingBuffer::new(MEASUREMENTS);
+    let (asked, requests) = RingBuffer::new(REQUESTS);
+    let (answers, answered) = RingBuffer::new(REQUESTS);
     let (tell, obtained) = mpsc::channel();
     let Config { realtime, .. } = config;
     let request = (realtime.policy != RealtimePolicy::Off).then_some(realtime.request);
@@ -60,7 +65,15 @@ pub(super) fn run<const N: usize>(
     let max_missed_in_a_row = config.safety.max_missed_in_a_row;
     let halt = StopFlag::default();
     let stops = [stop.clone(), halt.clone()];
-    let worker = RealtimeThread { control, measurements, records, stops, max_missed_in_a_row };
+    let worker = RealtimeThread {
+        control,
+        measurements,
+        records,
+        requests,
+        answers,
+        stops,
+        max_missed_in_a_row,
+    };
     let thread = std::thread::Builder::new()
         .name("control-rt".into())
         .spawn(move || {
@@ -92,8 +105,18 @@ pub(super) fn run<const N: usize>(
     // Held to the end of the run; where the kernel refuses it, an idle machine wakes up later.
     let _awake = request.map(|_| Awake::keep().inspect_err(|e| debug!("deep idle states stay allowed: {e}")));
     let statistics = RunStatistics::new();
-    let mut companion =
-        Companion { ports, received, to_send, recording, statistics, unsent: 0, silence: None };
+    let mut companion = Companion {
+        ports,
+        received,
+        to_send,
+        commands,
+        asked,
+        answered,
+        recording,
+        statistics,
+        unsent: 0,
+        silence: None,
+    };
     let mut broken = None;
     while !thread.is_finished() {
         ports.membership.beat();
@@ -157,6 +180,9 @@ struct Companion<'a, const N: usize> {
     ports: &'a Ports<'a>,
     received: Producer<Measurement>,
     to_send: Consumer<Trace>,
+    commands: Commands,
+    asked: Producer<Numbered>,
+    answered: Consumer<Answered>,
     /// What a calibration is to remember: here, because it allocates.
     recording: Option<&'a mut Recording<N>>,
     statistics: RunStatistics,
@@ -178,6 +204,7 @@ impl<const N: usize> Companion<'_, N> {
         }
         while let Ok(record) = self.to_send.pop() {
             self.statistics.note(&record);
+            self.commands.note(&record);
             if let Some(recording) = &mut self.recording {
                 recording.note_state(&record.joint_state);
             }
@@ -193,6 +220,14 @@ impl<const N: usize> Companion<'_, N> {
             if let Some(status) = &record.status {
                 self.ports.status.send_quietly(status)?;
             }
+        }
+        while let Ok(answered) = self.answered.pop() {
+            self.commands.answer(&answered);
+        }
+        while self.asked.slots() > 0
+            && let Some(request) = self.commands.next()?
+        {
+            let _ = self.asked.push(request); // there is room
         }
         Ok(())
     }

@@ -6,6 +6,7 @@
 //! It makes no system call but its sleep, and does not allocate. A late tick is counted; ticks that have passed are
 //! skipped, never caught up.
 
+use super::commands::{Answered, Numbered};
 use super::deadlines::Deadlines;
 use crate::control::control_loop::{ControlLoop, Finish};
 use crate::control::safety::Fault;
@@ -24,6 +25,9 @@ pub(super) struct RealtimeThread<const N: usize> {
     pub(super) control: ControlLoop<N>,
     pub(super) measurements: Consumer<Measurement>,
     pub(super) records: Producer<Trace>,
+    /// What somebody wants of the loop, and what it says to that.
+    pub(super) requests: Consumer<Numbered>,
+    pub(super) answers: Producer<Answered>,
     /// A request from outside, and the companion's own when it cannot go on.
     pub(super) stops: [StopFlag; 2],
     pub(super) max_missed_in_a_row: u64,
@@ -58,6 +62,12 @@ impl<const N: usize> RealtimeThread<N> {
             }
             if self.stops.iter().any(StopFlag::is_requested) {
                 self.control.stop(STOP_REASON);
+            }
+            while let Ok(Numbered { number, request }) = self.requests.pop() {
+                let refusal = self.control.request(request).err();
+                let state = self.control.controller().state().told();
+                // There is room for as many answers as for requests.
+                let _ = self.answers.push(Answered { number, refusal, state });
             }
             let mut newest: Option<Measurement> = None;
             while let Ok(m) = self.measurements.pop() {

@@ -10,17 +10,25 @@ const ELSEWHERE: SpanNs = SpanNs(1_000_000_000);
 
 pub(super) struct Progress {
     terminal: bool,
+    /// A daemon's log has a line for each change alone.
+    served: bool,
+    state: Option<u32>,
     next: MonoNs,
     open_line: bool,
 }
 
 impl Progress {
-    pub(super) fn new() -> Self {
-        Self { terminal: stderr().is_terminal(), next: MonoNs::ZERO, open_line: false }
+    pub(super) fn new(served: bool) -> Self {
+        Self { terminal: stderr().is_terminal(), served, state: None, next: MonoNs::ZERO, open_line: false }
     }
 
     pub(super) fn show(&mut self, status: &Status) {
-        if now() < self.next {
+        let changed = self.state.replace(status.state) != Some(status.state);
+        if self.served && !self.terminal {
+            if !changed {
+                return;
+            }
+        } else if now() < self.next {
             return;
         }
         self.next = now() + if self.terminal { ON_TERMINAL } else { ELSEWHERE };

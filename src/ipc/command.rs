@@ -1,0 +1,80 @@
+//! Requests to control and its answers: the two ends of `control/command`.
+
+use super::channel::Channel;
+use super::ports::transfer;
+use super::{IpcError, Service};
+use crate::messages::{ControlAnswer, ControlCommand};
+use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::port::client::Client;
+use iceoryx2::port::server::Server;
+use crate::rt::now;
+use crate::time::SpanNs;
+use std::time::Duration;
+
+/// Looks for an answer lie so far apart.
+const LOOK: Duration = Duration::from_millis(2);
+
+/// Control's end.
+#[derive(Debug)]
+pub struct CommandServer(Server<Service, ControlCommand, (), ControlAnswer, ()>);
+
+/// A command that waits for its answer.
+#[derive(Debug)]
+pub struct Asked(ActiveRequest<Service, ControlCommand, (), ControlAnswer, ()>);
+
+/// The end of whoever wants something.
+#[derive(Debug)]
+pub struct CommandClient(Client<Service, ControlCommand, (), ControlAnswer, ()>);
+
+impl CommandServer {
+    pub(super) fn new(port: Server<Service, ControlCommand, (), ControlAnswer, ()>) -> Self {
+        Self(port)
+    }
+
+    /// The next command; `None` when there is none.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn receive(&self) -> Result<Option<Asked>, IpcError> {
+        Ok(self.0.receive().map_err(|e| transfer("receiving", Channel::Command, e))?.map(Asked))
+    }
+}
+
+impl Asked {
+    /// What is asked.
+    #[must_use]
+    pub fn command(&self) -> ControlCommand {
+        *self.0.payload()
+    }
+
+    /// Answers. Whoever asked may have gone: then nobody hears it.
+    pub fn answer(self, answer: &ControlAnswer) {
+        let _ = self.0.send_copy(*answer);
+    }
+}
+
+impl CommandClient {
+    pub(super) fn new(port: Client<Service, ControlCommand, (), ControlAnswer, ()>) -> Self {
+        Self(port)
+    }
+
+    /// Asks, and waits for the answer at most `longest`; `None` when there is none by then.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn ask(&self, command: ControlCommand, longest: Duration) -> Result<Option<ControlAnswer>, IpcError> {
+        let until = now() + SpanNs::from_s(longest.as_secs_f64());
+        let pending = self.0.send_copy(command).map_err(|e| transfer("sending", Channel::Command, e))?;
+        loop {
+            if let Some(answer) =
+                pending.receive().map_err(|e| transfer("receiving", Channel::Command, e))?
+            {
+                return Ok(Some(*answer));
+            }
+            if now() > until {
+                return Ok(None);
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! What somebody wants of control, and what it says to that: `control/command`.
+
+use super::MAX_JOINTS;
+use iceoryx2::prelude::ZeroCopySend;
+
+/// A request.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
+#[type_name("vservo.ControlCommand.v1")]
+pub struct ControlCommand {
+    /// Code of a [`crate::control::lifecycle::Request`]; 0 asks for the answer alone.
+    pub request: u32,
+    /// Which arm: 0.
+    pub arm: u32,
+}
+
+/// What became of it, and how things stand.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[type_name("vservo.ControlAnswer.v1")]
+pub struct ControlAnswer {
+    /// The request that this answers.
+    pub request: u32,
+    /// Code of a [`crate::control::lifecycle::Refusal`]; 0: it is done.
+    pub refusal: u32,
+    /// Code of a [`super::ControlState`]: what control does.
+    pub state: u32,
+    /// Code of a [`crate::control::safety::Fault`]; 0: none.
+    pub fault: u32,
+    /// Code of a [`super::TargetStatus`]: what vision said last.
+    pub target: u32,
+    /// Joints in use.
+    pub joints: u32,
+    /// Bits of [`answer_flag`].
+    pub flags: u32,
+    /// Which arm.
+    pub arm: u32,
+    /// Number of the control tick.
+    pub tick: u64,
+    /// Time since the first tick, s.
+    pub time_s: f64,
+    /// Root mean square feature error, px; NaN before the first measurement.
+    pub feature_error_px: f64,
+    /// Distance of the camera from its desired place, m; NaN where unknown.
+    pub position_error_m: f64,
+    /// Angle of the camera from its desired orientation, rad; NaN where unknown.
+    pub orientation_error_rad: f64,
+    /// Measured joint positions, rad or m.
+    pub q: [f64; MAX_JOINTS],
+    /// Measured joint velocities, rad/s or m/s.
+    pub qd: [f64; MAX_JOINTS],
+}
+
+/// Bits of [`ControlAnswer::flags`].
+pub mod answer_flag {
+    /// The run does what it is told, and ends when it is told.
+    pub const SERVED: u32 = 1;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::mem::{align_of, offset_of, size_of};
+
+    #[test]
+    #[allow(unsafe_code)]
+    fn layouts_are_fixed_and_named() {
+        assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (8, 4));
+        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (184, 8));
+        assert_eq!(offset_of!(ControlAnswer, tick), 32);
+        assert_eq!(offset_of!(ControlAnswer, q), 72);
+        // SAFETY: the names are only read.
+        let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
+        assert_eq!(names, ("vservo.ControlCommand.v1", "vservo.ControlAnswer.v1"));
+    }
+}
