@@ -10,7 +10,9 @@ use vservo::control::safety::MeasurementWatch;
 use vservo::drive::DriveState;
 use vservo::geometry::Pose;
 use vservo::messages::Measurement;
-use vservo::motion::{InverseDynamicsControl, JointController, MotionLimits, Reference, evade};
+use vservo::motion::{
+    InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, Reference, evade,
+};
 use vservo::robot::{ExpressedIn, load};
 use vservo::servo::{
     CameraJacobian, DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint,
@@ -86,7 +88,10 @@ impl<const N: usize> Running<N> {
             servo: VisualServo::new(ServoSettings::new(law, set_point, update, mount)),
             robot,
             limits: limits.clone(),
-            joint_control: JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
+            joint_control: JointController::new(
+                JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
+                ObserverSettings::none(),
+            ),
             watch: MeasurementWatch::new(SpanNs(200 * MS), 0.75),
             max_tracking_error: 0.1,
             closed_loop: true,

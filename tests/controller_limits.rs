@@ -14,7 +14,9 @@ use vservo::control::safety::{Fault, MeasurementWatch};
 use vservo::drive::DriveState;
 use vservo::geometry::Pose;
 use vservo::messages::{ControlState, JointState, Measurement};
-use vservo::motion::{InverseDynamicsControl, JointController, Limit, MotionLimits};
+use vservo::motion::{
+    InverseDynamicsControl, JointController, JointLaw, Limit, MotionLimits, ObserverSettings,
+};
 use vservo::report::statistics::RunStatistics;
 use vservo::robot::{Robot, load};
 use vservo::servo::{
@@ -52,7 +54,10 @@ fn settings<const N: usize>(name: &str, update: UpdatePolicy, gain_1_s: f64) -> 
         servo: VisualServo::new(ServoSettings::new(law, set_point, update, mount)),
         robot,
         limits,
-        joint_control: JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
+        joint_control: JointController::new(
+            JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
+            ObserverSettings::none(),
+        ),
         watch: MeasurementWatch::new(SpanNs(200 * MS), 0.75),
         max_tracking_error: 0.1,
         closed_loop: true,

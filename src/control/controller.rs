@@ -17,7 +17,9 @@ use crate::camera_model::CameraModel;
 use crate::control::safety::{Fault, Freshness, MeasurementWatch};
 use crate::drive::{DriveCommand, DriveState};
 use crate::messages::{ControlState, Measurement};
-use crate::motion::{ActingLimits, JointController, Limit, MotionLimits, Reference, brakeable, evade};
+use crate::motion::{
+    ActingLimits, JointController, Limit, MotionLimits, Reference, ReferenceState, brakeable, evade,
+};
 use crate::robot::Robot;
 use crate::servo::{Approach, Intake, VisualServo, Wish};
 use crate::time::TICK;
@@ -170,23 +172,26 @@ impl<const N: usize> Controller<N> {
             // At a singularity of task or arm there may be nothing to follow: the arm slows down.
             Some(Wish::Torque(_)) | None => (SVector::zeros(), None),
         };
+        // Where the reference is now, and how it accelerates from here.
+        let mut at_start = ReferenceState { qdd: SVector::zeros(), ..*self.reference.state() };
         let reference = if self.settings.closed_loop {
             // A gentle motion is one of joints: no singular posture is in its way, and it keeps within their ranges.
             let (qd, acting) = match self.gentle {
                 Some(_) => (wish, ActingLimits::default()),
                 None => self.held_back(&drive.q, &wish, approach.as_ref(), confidence),
             };
-            let reference = *self.reference.advance(&qd, TICK);
-            limits = acting.with(&reference.limits);
-            reference
+            let before = *self.reference.state();
+            let after = *self.reference.advance(&qd, TICK);
+            limits = acting.with(&after.limits);
+            at_start = ReferenceState { q: before.q, qd: before.qd, ..after };
+            after
         } else {
             *self.reference.state()
         };
         if (reference.q - drive.q).amax() > self.settings.max_tracking_error {
             self.fault = self.fault.or(Some(Fault::TrackingError));
         }
-        let torque =
-            self.settings.joint_control.torque(&self.settings.robot, &drive.q, &drive.qd, &reference);
+        let torque = self.settings.joint_control.torque(&self.settings.robot, &drive.q, &drive.qd, &at_start);
         self.last_tau = torque.tau;
         limits.add(Limit::Effort, torque.saturated);
         ControlOutput {
@@ -283,14 +288,19 @@ impl<const N: usize> Controller<N> {
         wanted: SVector<f64, N>,
         intake: Option<Intake>,
     ) -> ControlOutput<N> {
+        let ControllerSettings { robot, joint_control, .. } = &mut self.settings;
         let mut tau = wanted;
         let mut limits = ActingLimits::default();
-        for (i, limit) in self.settings.robot.limits().iter().enumerate() {
+        for (i, limit) in robot.limits().iter().enumerate() {
             tau[i] = wanted[i].clamp(-limit.effort, limit.effort);
             if tau[i] != wanted[i] {
                 limits.set(Limit::Effort, i);
             }
         }
+        let qdd = robot.forward_dynamics(&drive.q, &drive.qd, &tau);
+        let torque = joint_control.torque_for(robot, &drive.q, &drive.qd, &qdd);
+        limits.add(Limit::Effort, torque.saturated);
+        let tau = torque.tau;
         self.last_tau = tau;
         ControlOutput {
             command: DriveCommand { tau, q_r: drive.q, qd_r: drive.qd },
