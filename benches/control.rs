@@ -12,7 +12,9 @@ use vservo::control::safety::MeasurementWatch;
 use vservo::drive::{CommandMode, DriveState};
 use vservo::geometry::Pose;
 use vservo::messages::Measurement;
-use vservo::motion::{InverseDynamicsControl, JointController, MotionLimits, Reference, evade};
+use vservo::motion::{
+    InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, Reference, evade,
+};
 use vservo::robot::{ExpressedIn, load};
 use vservo::servo::{
     CameraJacobian, DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint,
@@ -84,7 +86,10 @@ impl<const N: usize> Running<N> {
         let mount = Mount::EyeInHand { X_EC };
         let servo = VisualServo::new(ServoSettings::new(law, set_point, update, mount));
         let watch = MeasurementWatch::new(SpanNs(200 * MS), 0.75);
-        let joint_control = JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
+        let joint_control = JointController::new(
+            JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
+            ObserverSettings::none(),
+        );
         let arm = ArmModel { robot, limits: limits.clone() };
         let settings = ControllerSettings::new(arm, joint_control, CommandMode::Torque, q);
         let mut controller = Controller::new(settings, Box::new(Servoing::new(servo, watch, 10)));

@@ -17,7 +17,9 @@ use vservo::control::trace::Trace;
 use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState};
 use vservo::geometry::Pose;
 use vservo::messages::{ControlState, JointState, Measurement};
-use vservo::motion::{InverseDynamicsControl, JointController, Limit, MotionLimits};
+use vservo::motion::{
+    InverseDynamicsControl, JointController, JointLaw, Limit, MotionLimits, ObserverSettings,
+};
 use vservo::report::statistics::RunStatistics;
 use vservo::robot::{Robot, load};
 use vservo::servo::{
@@ -53,7 +55,10 @@ fn started<const N: usize>(
     let limits = MotionLimits::of(&robot, SVector::repeat(10.0), SVector::repeat(500.0));
     let servo = VisualServo::new(ServoSettings::new(law, set_point, update, mount));
     let watch = MeasurementWatch::new(SpanNs(200 * MS), 0.75);
-    let joint_control = JointController::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
+    let joint_control = JointController::new(
+            JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
+            ObserverSettings::none(),
+        );
     let arm = ArmModel { robot, limits };
     let settings = ControllerSettings::new(arm, joint_control, CommandMode::Torque, q);
     let mut controller = Controller::new(settings, Box::new(Servoing::new(servo, watch, 10)));

@@ -11,7 +11,9 @@ use crate::drive::{
     CommandMode, Drive, EncoderModel, IdealDrive, SimulatedDrive, SimulatedDriveSettings, StandstillDrive,
 };
 use crate::messages::MAX_JOINTS;
-use crate::motion::{InverseDynamicsControl, JointController, MotionLimits, PdGravityControl};
+use crate::motion::{
+    InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, PdGravityControl,
+};
 use crate::robot::{Robot, RobotError};
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
 use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
@@ -270,9 +272,9 @@ fn joint_controller<const N: usize>(
 ) -> Result<JointController<N>, AssembleError> {
     let motion = &config.motion;
     let (omega_rad_s, zeta) = (motion.natural_frequency_rad_s, motion.damping_ratio);
-    Ok(match motion.controller {
+    let law = match motion.controller {
         JointControl::InverseDynamics => {
-            JointController::InverseDynamics(InverseDynamicsControl::new(omega_rad_s, zeta))
+            JointLaw::InverseDynamics(InverseDynamicsControl::new(omega_rad_s, zeta))
         }
         JointControl::PdGravity => {
             let mut control = PdGravityControl::for_posture(robot, q_start, omega_rad_s, zeta);
@@ -282,10 +284,19 @@ fn joint_controller<const N: usize>(
             if !motion.damping.is_empty() {
                 control.damping = joint_vector("motion.damping_n_m_s_rad_or_n_s_m", &motion.damping)?;
             }
-            JointController::PdGravity(control)
+            JointLaw::PdGravity(control)
         }
-        JointControl::PassThrough => JointController::PassThrough,
-    })
+        JointControl::PassThrough => JointLaw::PassThrough,
+    };
+    // A drive that closes its own loop makes up for its disturbances itself: torques do nothing there.
+    let obeys_torque = config.drive.mode == CommandMode::Torque;
+    let observer = ObserverSettings {
+        disturbance_rad_s: if obeys_torque { motion.disturbance_rad_s } else { 0.0 },
+        velocity_rad_s: if obeys_torque { motion.velocity_observer_rad_s } else { 0.0 },
+        encoder_step: joint_vector("motion.encoder_step_rad_or_m", &motion.encoder_step)?,
+        most_acceleration: ObserverSettings::bound(robot, q_start),
+    };
+    Ok(JointController::new(law, observer))
 }
 
 fn joint_vector<const N: usize>(key: &'static str, list: &[f64]) -> Result<SVector<f64, N>, AssembleError> {

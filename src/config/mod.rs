@@ -146,6 +146,12 @@ pub struct Motion {
     pub stiffness: Vec<f64>,
     /// Damping of each joint under PD control, N m s/rad or N s/m; empty: from the damping ratio.
     pub damping: Vec<f64>,
+    /// Rate at which a disturbance is learnt, rad/s; 0: not at all.
+    pub disturbance_rad_s: f64,
+    /// Bandwidth of the velocity observer, rad/s; 0: velocities are those that the drive reports.
+    pub velocity_observer_rad_s: f64,
+    /// Step of each encoder, rad or m.
+    pub encoder_step: Vec<f64>,
 }
 
 /// The drive.

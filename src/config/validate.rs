@@ -112,7 +112,7 @@ pub(super) fn validate(
     let before_arm = check.count_problems();
     let robot = start::arm(&raw, check);
     let drive = drive::drive(&raw, robot.as_ref(), check);
-    let motion = motion::motion(&raw, drive.mode, robot.as_ref(), check);
+    let motion = motion::motion(&raw, (drive.mode, &drive.simulated), robot.as_ref(), check);
     let arm_is_good = check.count_problems() == before_arm;
     let scene = truth::scene(&raw, (camera.as_ref(), target.as_ref(), robot.as_ref()), scene_motion, check);
     if let (Some(target), Some(camera)) = (&target, &camera) {

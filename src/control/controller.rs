@@ -30,6 +30,8 @@ const ON_THE_ARM: (f64, f64) = (2e-3, 0.1);
 const ASTRAY: f64 = 0.3;
 /// Rate at which an arm under a torque law is braked where its view is not to be trusted, 1/s.
 const BRAKE_1_S: f64 = 8.0;
+/// Difference of a joint's velocity from that of its reference up to which it is what is expected, rad/s or m/s.
+const EXPECTED_SPEED: f64 = 1.0;
 /// A joint that moves has all its Coulomb friction, rad/s or m/s.
 const MOVES: f64 = 0.05;
 /// Mean time for which a joint under a torque law is taken to have accelerated, where it has to move.
@@ -272,6 +274,7 @@ impl<const N: usize> Controller<N> {
                 Intent::Stand
             }
         };
+        self.joint_control.soften(self.fault.is_some());
         // A state that is none: the arm is thought to be where its reference is.
         let seen = state.is_some();
         let state = state.unwrap_or_else(|| self.believed());
@@ -303,6 +306,13 @@ impl<const N: usize> Controller<N> {
         }
         if wrong.is_some_and(Fault::blinds) || self.failure.is_some_and(Fault::blinds) {
             return None;
+        }
+        if self.fault.is_some_and(Fault::blinds) {
+            // A drive that has reported what cannot be is believed again where it reports what is expected.
+            let r = self.reference.state();
+            if (drive.q - r.q).amax() > self.max_tracking_error || (drive.qd - r.qd).amax() > EXPECTED_SPEED {
+                return None;
+            }
         }
         self.rest_watch.note(drive);
         if !std::mem::replace(&mut self.start.is_checked, true) {
@@ -364,6 +374,7 @@ impl<const N: usize> Controller<N> {
         }
         self.reference.seat(&state.q, &qd);
         self.gate.seat(&state.q, &qd);
+        self.joint_control.seat(&state.q, &qd);
     }
 
     /// The arm where its reference is.
@@ -405,8 +416,8 @@ impl<const N: usize> Controller<N> {
             let effort = robot.limits().get(i).map_or(0.0, |limit| limit.effort);
             tau[i].clamp(-effort, effort)
         });
-        let friction = robot.friction_torque(&state.qd);
-        let qdd = robot.forward_dynamics(&state.q, &state.qd, &(within - friction));
+        // Friction is made up for, as the laws have it, which know of none.
+        let qdd = robot.forward_dynamics(&state.q, &state.qd, &within);
         let trusted = qdd * confidence - state.qd * (BRAKE_1_S * (1.0 - confidence));
         self.reference.place(&state.q, &state.qd);
         self.gate.place(&state.q, &state.qd);

@@ -10,11 +10,13 @@ mod approach;
 mod braking;
 mod evasion;
 mod joint_control;
+mod joint_observer;
 mod limits;
 mod reference;
 
 pub use approach::brakeable;
 pub use evasion::evade;
-pub use joint_control::{InverseDynamicsControl, JointController, JointTorque, PdGravityControl};
+pub use joint_control::{InverseDynamicsControl, JointController, JointLaw, JointTorque, PdGravityControl};
+pub use joint_observer::ObserverSettings;
 pub use limits::{ActingLimits, Limit, LimitWatch, LongActing};
 pub use reference::{MotionLimits, Reference, ReferenceState};

@@ -1,16 +1,20 @@
 //! `[motion]`: limits and gains, one for all joints or one each, and a controller that fits the drive.
 
-use crate::config::Motion;
 use crate::config::check::Check;
-use crate::config::raw::{JointControl, RawConfig};
+use crate::config::raw::{DriveKind, JointControl, RawConfig};
+use crate::config::{Motion, SimulatedArm};
 use crate::drive::CommandMode;
 use crate::robot::RobotDescription;
 use std::ops::RangeInclusive;
 
-/// The table `[motion]` for the joints of `robot`, where there is one, and a drive that obeys `mode`.
+/// Bandwidth of the velocity observer where encoders have steps or noise.
+const VELOCITY_OBSERVER_RAD_S: f64 = 150.0;
+
+/// The table `[motion]` for the joints of `robot`, where there is one, and a drive that obeys `mode`, of which
+/// `arm` is what it is like where it is simulated.
 pub(super) fn motion(
     raw: &RawConfig,
-    mode: CommandMode,
+    (mode, arm): (CommandMode, &SimulatedArm),
     robot: Option<&RobotDescription>,
     check: &mut Check<'_>,
 ) -> Motion {
@@ -32,12 +36,33 @@ pub(super) fn motion(
             check.wrong(key, "is a gain of motion.controller = \"pd_gravity\" alone");
         }
     }
-    let mut gains = |key: &str, list: &[f64]| {
-        if list.is_empty() { Vec::new() } else { joint_list(key, list, joints, 0.0..=1e7, check) }
+    let mut optional = |key: &str, list: &[f64], most: f64| {
+        if list.is_empty() { Vec::new() } else { joint_list(key, list, joints, 0.0..=most, check) }
     };
+    let stiffness = optional("motion.stiffness_n_m_rad_or_n_m", &m.stiffness_n_m_rad_or_n_m, 1e7);
+    let damping = optional("motion.damping_n_m_s_rad_or_n_s_m", &m.damping_n_m_s_rad_or_n_s_m, 1e7);
+    let told = optional("motion.encoder_step_rad_or_m", &m.encoder_step_rad_or_m, 0.1);
+    // What is simulated is known, if nothing else was said.
+    let simulated = raw.drive.kind == DriveKind::Simulated;
+    let encoder_step = match (told.is_empty(), joints) {
+        (true, Some(_)) if simulated => {
+            arm.encoder_step.iter().zip(&arm.encoder_noise_sd).map(|(step, sd)| step + 2.0 * sd).collect()
+        }
+        (true, Some(joints)) => vec![0.0; joints],
+        _ => told,
+    };
+    let has_coarse_encoders = simulated
+        && (arm.encoder_step.iter().any(|step| *step > 0.0)
+            || arm.encoder_noise_sd.iter().any(|sd| *sd > 0.0));
+    let observer_rad_s = if has_coarse_encoders { VELOCITY_OBSERVER_RAD_S } else { 0.0 };
     Motion {
-        stiffness: gains("motion.stiffness_n_m_rad_or_n_m", &m.stiffness_n_m_rad_or_n_m),
-        damping: gains("motion.damping_n_m_s_rad_or_n_s_m", &m.damping_n_m_s_rad_or_n_s_m),
+        stiffness,
+        damping,
+        disturbance_rad_s: check.range("motion.disturbance_rad_s", m.disturbance_rad_s, 0.0..=300.0),
+        velocity_observer_rad_s: m.velocity_observer_rad_s.map_or(observer_rad_s, |bandwidth| {
+            check.range("motion.velocity_observer_rad_s", bandwidth, 0.0..=400.0)
+        }),
+        encoder_step,
         max_acceleration: joint_list(
             "motion.max_acceleration_rad_s2_or_m_s2",
             &m.max_acceleration_rad_s2_or_m_s2,

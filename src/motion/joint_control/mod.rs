@@ -1,0 +1,200 @@
+//! From the reference to what a drive obeys.
+//!
+//! | law | gives | closed loop, with `e = q_r - q` |
+//! | --- | --- | --- |
+//! | inverse dynamics | torque | `u = qdd_r + K_D e' + K_P e`: the arm behaves as double integrators, `e'' + 2 zeta omega e' + omega^2 e = 0` |
+//! | PD with gravity compensation | torque | `u = qdd_r`, `f = K_P e + K_D e'` |
+//! | pass-through | no torque | `q_r`, `qd_r` as they are, for drives that close their own loop |
+//!
+//! ```text
+//! tau = B(q) (u - p) + C(q, qd) qd + g(q) + F(qd_r) + D rate e + f - t
+//! ```
+//! The friction that the robot file states, `F`, is that of the reference's velocity, which does not chatter about zero as
+//! a measured one does; its viscous part `D` also that of the velocity `rate e` at which an error shall go: a light wrist
+//! with much friction has to be pushed through its friction, not through its inertia. `B p + t` is the disturbance that
+//! the [observer](super::joint_observer) has learnt. The model is evaluated where the arm is in the middle of the step.
+
+mod law;
+
+pub use law::{InverseDynamicsControl, JointLaw, PdGravityControl};
+
+use super::ReferenceState;
+use super::joint_observer::{Commanded, JointObserver, ObserverSettings};
+use crate::linalg::Ldlt;
+use crate::robot::Robot;
+use crate::time::TICK;
+use law::Feedback;
+use nalgebra::SVector;
+
+/// Rate at which the velocity for which a torque law's friction is made up follows the measured one, 1/s.
+const FOLLOWS_1_S: f64 = 10.0;
+
+/// Share of its natural frequency that a soft controller has.
+const SOFT_SHARE: f64 = 0.2;
+
+/// A joint controller.
+#[derive(Debug, Clone)]
+pub struct JointController<const N: usize> {
+    law: JointLaw<N>,
+    observer: JointObserver<N>,
+    /// The velocity at the end of the step that a wished acceleration leads to, while accelerations are what is wished.
+    wished_velocity: Option<SVector<f64, N>>,
+    /// Whether errors are worked off gently.
+    soft: bool,
+}
+
+/// Torques or forces, N m or N.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointTorque<const N: usize> {
+    /// What to apply.
+    pub tau: SVector<f64, N>,
+    /// The joints whose effort limit cut it, as a mask.
+    pub saturated: u8,
+}
+
+impl<const N: usize> JointController<N> {
+    /// A controller that knows of no disturbance yet.
+    #[must_use]
+    pub fn new(law: JointLaw<N>, observer: ObserverSettings<N>) -> Self {
+        Self { law, observer: JointObserver::new(observer), wished_velocity: None, soft: false }
+    }
+
+    /// Begins anew on an arm that moves like this; what was learnt of its disturbance stays.
+    pub fn seat(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
+        self.observer.seat(q, qd);
+        self.wished_velocity = None;
+    }
+
+    /// From now on errors are worked off gently, and no disturbance is learnt: what made an arm thrash (a delay, a load, a
+    /// model that is another's) makes a stiff controller thrash on. Or no more so.
+    pub fn soften(&mut self, soft: bool) {
+        if soft != self.soft {
+            self.soft = soft;
+            self.observer.settle(soft);
+        }
+    }
+
+    /// The torque that follows the reference, cut at the effort limits; zero from the pass-through. Of the reference, `q`
+    /// and `qd` are those of the measured state's instant, `qdd` is the mean of the step that follows.
+    pub fn torque(
+        &mut self,
+        robot: &Robot<N>,
+        q: &SVector<f64, N>,
+        qd: &SVector<f64, N>,
+        reference: &ReferenceState<N>,
+    ) -> JointTorque<N> {
+        if self.law == JointLaw::PassThrough {
+            return JointTorque { tau: SVector::zeros(), saturated: 0 };
+        }
+        self.wished_velocity = None;
+        let (q, qd) = self.observer.observe(robot, q, qd);
+        let share = if self.soft { SOFT_SHARE } else { 1.0 };
+        let (e, ed) = ((reference.q - q) * (share * share), (reference.qd - qd) * share);
+        let feedback = self.law.feedback(&e, &ed, reference);
+        self.compensated(robot, &q, &qd, &feedback)
+    }
+
+    /// The torque that gives the arm the acceleration `qdd` (rad/s^2 or m/s^2), friction and disturbance made up for, cut
+    /// at the effort limits; zero from the pass-through.
+    pub fn torque_for(
+        &mut self,
+        robot: &Robot<N>,
+        q: &SVector<f64, N>,
+        qd: &SVector<f64, N>,
+        qdd: &SVector<f64, N>,
+    ) -> JointTorque<N> {
+        if self.law == JointLaw::PassThrough {
+            return JointTorque { tau: SVector::zeros(), saturated: 0 };
+        }
+        let h = TICK.as_s();
+        let (q, qd) = self.observer.observe(robot, q, qd);
+        // Friction made up for at a measured velocity drives an arm that has less of it than believed.
+        let before = self.wished_velocity.unwrap_or(qd);
+        let after = before + (qdd + (qd - before) * FOLLOWS_1_S) * h;
+        self.wished_velocity = Some(after);
+        let zero = SVector::zeros();
+        let feedback = Feedback { u: *qdd, torque: zero, velocity: after, slip: zero };
+        self.compensated(robot, &q, &qd, &feedback)
+    }
+
+    /// The torque for an arm that is thought to be on the reference, with the last estimate of its disturbance: for
+    /// braking without a usable state.
+    #[must_use]
+    pub fn blind_torque(&self, robot: &Robot<N>, reference: &ReferenceState<N>) -> JointTorque<N> {
+        if self.law == JointLaw::PassThrough {
+            return JointTorque { tau: SVector::zeros(), saturated: 0 };
+        }
+        let zero = SVector::zeros();
+        let feedback = self.law.feedback(&zero, &zero, reference);
+        cut(robot, &self.wanted(robot, &reference.q, &reference.qd, &feedback))
+    }
+
+    /// What is thought to disturb the joints: as accelerations, rad/s^2 or m/s^2, and beside them as torques, N m or N.
+    #[must_use]
+    pub fn disturbance(&self) -> (&SVector<f64, N>, &SVector<f64, N>) {
+        self.observer.disturbance()
+    }
+
+    /// The torque of a feedback, cut, and noted as what acts until the next tick.
+    fn compensated(
+        &mut self,
+        robot: &Robot<N>,
+        q: &SVector<f64, N>,
+        qd: &SVector<f64, N>,
+        feedback: &Feedback<N>,
+    ) -> JointTorque<N> {
+        let wanted = self.wanted(robot, q, qd, feedback);
+        let torque = cut(robot, &wanted);
+        let missing = if torque.saturated == 0 {
+            SVector::zeros()
+        } else {
+            let B = robot.mass_matrix(q);
+            Ldlt::of(&B)
+                .map_or(SVector::zeros(), |factors| factors.solve(&(torque.tau - wanted).into()).into())
+        };
+        self.observer.command(Commanded {
+            u: feedback.u + missing,
+            w: feedback.velocity + feedback.slip - feedback.u * (0.5 * TICK.as_s()),
+            velocity: feedback.velocity,
+            feedback: feedback.torque,
+        });
+        torque
+    }
+
+    fn wanted(
+        &self,
+        robot: &Robot<N>,
+        q: &SVector<f64, N>,
+        qd: &SVector<f64, N>,
+        feedback: &Feedback<N>,
+    ) -> SVector<f64, N> {
+        let half = 0.5 * TICK.as_s();
+        let (p, t) = self.observer.disturbance();
+        let qd_mid = qd + feedback.u * half;
+        let q_mid = q + (qd + qd_mid) * (0.5 * half);
+        let mut tau = robot.inverse_dynamics(&q_mid, &qd_mid, &(feedback.u - p))
+            + robot.friction_torque(&feedback.velocity)
+            + feedback.torque
+            - t;
+        for (i, friction) in robot.friction().iter().enumerate() {
+            tau[i] += friction.viscous * feedback.slip[i];
+        }
+        tau
+    }
+}
+
+/// Cuts torques at the effort limits.
+fn cut<const N: usize>(robot: &Robot<N>, wanted: &SVector<f64, N>) -> JointTorque<N> {
+    let (mut tau, mut saturated) = (*wanted, 0);
+    for (i, (tau, limit)) in tau.iter_mut().zip(robot.limits()).enumerate() {
+        let within = tau.clamp(-limit.effort, limit.effort);
+        if within != *tau {
+            saturated |= 1 << i;
+        }
+        *tau = within;
+    }
+    JointTorque { tau, saturated }
+}
+
+#[cfg(test)]
+mod tests;
