@@ -272,7 +272,8 @@ impl<const N: usize> Controller<N> {
             (0..N).for_each(|i| acting.set(Limit::View, i));
         }
         let (_, J) = servo.settings().mount.camera(robot, q);
-        let (wish, evading) = evade(robot, q, J.matrix(), &wish);
+        let free = approach.map_or_else(SVector::zeros, |approach| approach.free);
+        let (wish, evading) = evade(robot, q, J.matrix(), &wish, &free);
         (wish, acting.with(&evading))
     }
 

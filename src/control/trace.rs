@@ -115,6 +115,8 @@ pub enum Event {
     StampFromFuture,
     /// The first measurement whose dots fit no pose.
     Inconsistent,
+    /// The first measurement with a pose that no object before a camera has.
+    ImpossiblePose,
     /// A part of the target is hidden: the law goes on with the rest.
     Degraded,
     /// The whole target is seen again.

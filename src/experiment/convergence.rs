@@ -257,7 +257,7 @@ impl ClosedLoop for Course<'_> {
 
     fn act(&mut self, frame: u64, seen: Option<Self::Seen>) -> ControlFlow<Self::End> {
         let J = CameraJacobian::of_moving_camera(Matrix6::identity());
-        let arm = Arm { J, qd: self.V, gravity: Vector6::zeros(), secondary: None };
+        let arm = Arm { J, qd: self.V, gravity: Vector6::zeros() };
         let wish = seen
             .and_then(|s| View::new(s.into_iter(), self.estimate))
             .and_then(|view| self.law.task(self.set_point, &view.with_known(Some(self.X_CO))))

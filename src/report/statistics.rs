@@ -150,6 +150,9 @@ fn describe(event: Event) -> String {
         }
         Event::Degraded => "a part of the target is hidden: degraded, the law goes on with the rest",
         Event::WholeAgain => "the whole target is seen again",
+        Event::ImpossiblePose => {
+            "a measurement was refused, its pose is none that an object before a camera has: see to the vision process"
+        }
         Event::Inconsistent => {
             "a measurement was refused, its dots do not fit one pose: shadow, glare, something in front?"
         }

@@ -3,7 +3,7 @@
 use super::{
     CameraJacobian, Gain, HybridGains, Interaction, OperationalSpace, OrientationError, PoseError, PoseGains,
     SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task, image_wrench, joint_torque,
-    joint_velocity, operational_pose, seek_null_motion,
+    joint_velocity, operational_pose,
 };
 use crate::messages::MAX_JOINTS;
 use nalgebra::SVector;
@@ -17,8 +17,6 @@ pub struct Arm<const N: usize> {
     pub qd: SVector<f64, N>,
     /// g(q), N m or N; read by torque laws only.
     pub gravity: SVector<f64, N>,
-    /// Joint velocity that motions without effect on the task shall follow, rad/s or m/s.
-    pub secondary: Option<SVector<f64, N>>,
 }
 
 /// Damping of a torque law.
@@ -102,6 +100,15 @@ pub enum Wish<const N: usize> {
     Torque(SVector<f64, N>),
 }
 
+impl<const N: usize> Wish<N> {
+    /// Whether all of its numbers are.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let (Self::Velocity(numbers) | Self::Torque(numbers)) = self;
+        numbers.iter().all(|x| x.is_finite())
+    }
+}
+
 impl Law {
     /// Whether it asks for torques, so that the drive must take them.
     #[must_use]
@@ -168,11 +175,7 @@ impl Law {
                 | Self::ImageVelocity { gain, .. }
                 | Self::Hybrid { gain, .. },
                 Task::Twist(task),
-            ) => {
-                let qd = joint_velocity(task, gain.at(task.error), &arm.J)?;
-                let null = arm.secondary.and_then(|wanted| seek_null_motion(task, &arm.J, &wanted));
-                Some(Wish::Velocity(null.map_or(qd, |null| qd + null)))
-            }
+            ) => joint_velocity(task, gain.at(task.error), &arm.J).map(Wish::Velocity),
             (Self::PositionTorque { damping, .. }, Task::Wrench(task)) => torque(task, damping, arm),
             (Self::ImageTorque { damping, .. }, Task::Wrench(task)) => torque(task, damping, arm),
             _ => None, // a task of another kind of law

@@ -6,8 +6,8 @@
 //! of an object that moves is estimated, where that is asked for.
 
 use super::{
-    Approach, Arm, CameraJacobian, Law, Mount, ObjectDynamics, ObjectMotion, SetPoint, Task, TwistTask, View,
-    Wish, away_from_limits, joint_velocity, lesson::Lesson,
+    Approach, Arm, CameraJacobian, Intake, Law, Mount, ObjectDynamics, ObjectMotion, SetPoint, Task,
+    TwistTask, View, Wish, away_from_limits, joint_velocity, lesson::Lesson, seek_null_motion,
 };
 use crate::geometry::{Pose, rotate_twist};
 use crate::messages::{Measurement, TargetStatus};
@@ -36,43 +36,6 @@ pub enum UpdatePolicy {
     Tick,
     /// At every tick for the view of that tick, carried there from the last exposure by the arm's own motion.
     Predict,
-}
-
-/// What became of a measurement.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Intake {
-    /// The servo law works with it.
-    Used,
-    /// Used, although its stamp lies in the future.
-    UsedFromFuture,
-    /// It has no target, or none that the law can work with.
-    NoTarget,
-    /// None of its features is one of the set-point's, or one of them is not finite.
-    OtherFeatures,
-    /// So much of the target is hidden that the law has no answer.
-    TooFewFeatures,
-    /// Vision found the target and does not believe it: see [`TargetStatus::Inconsistent`].
-    Inconsistent,
-    /// It is not newer than the last one: repeated, or overtaken.
-    NotNewer,
-    /// Its stamp lies too far in the future.
-    RefusedFromFuture,
-    /// Its exposure lies before everything that is known of the arm.
-    TooOld,
-}
-
-impl Intake {
-    /// Whether the servo law works with it.
-    #[must_use]
-    pub fn is_used(self) -> bool {
-        matches!(self, Self::Used | Self::UsedFromFuture)
-    }
-
-    /// Whether its stamp alone spoke against it.
-    #[must_use]
-    pub fn is_refused(self) -> bool {
-        matches!(self, Self::NotNewer | Self::RefusedFromFuture | Self::TooOld)
-    }
 }
 
 /// The last measurement in use.
@@ -224,6 +187,9 @@ impl<const N: usize> VisualServo<N> {
         let Some(seen) = View::of(measurement, set_point) else {
             return if measurement.found() { Intake::OtherFeatures } else { Intake::NoTarget };
         };
+        if !seen.is_possible(set_point, &stated_covariance(measurement)) {
+            return Intake::ImpossiblePose;
+        }
         if self.sighting.is_some_and(|last| exposure <= last.exposure) {
             return Intake::NotNewer;
         }
@@ -299,7 +265,7 @@ impl<const N: usize> VisualServo<N> {
             self.held = self.settings.wish(sighting, object, q, qd, robot);
         }
         let Answer { wish, .. } = self.held?;
-        Some(self.started(wish))
+        Some(self.started(wish)).filter(Wish::is_finite)
     }
 
     /// Share of the wished velocity that is justified by what is known of the object's motion at `now`, 0 to 1: less and
@@ -341,10 +307,10 @@ impl ServoSettings {
             J,
             qd: *qd,
             gravity: if self.law.is_torque() { robot.gravity(q) } else { SVector::zeros() },
-            secondary: self.limit_avoidance_1_s.map(|gain| away_from_limits(q, robot.limits(), gain)),
         };
+        let secondary = self.limit_avoidance_1_s.map(|gain| away_from_limits(q, robot.limits(), gain));
         if self.update != UpdatePolicy::Predict {
-            return self.answer(&sighting.task, &arm);
+            return self.answer(&sighting.task, &arm, secondary.as_ref());
         }
         // With a first-order lag T the arm, told to stand, would come to rest in q + T qd: the error there is what can
         // still be acted upon, and the lag drops out of the loop.
@@ -357,7 +323,7 @@ impl ServoSettings {
         let moved = object.map(|(object, then)| object.displacement(sighting.exposure, then));
         let X_WC_then = moved.map_or(sighting.X_WC, |moved| moved * sighting.X_WC);
         let view = sighting.view.carried(&X_WC.inv_mul(&X_WC_then), &self.set_point)?;
-        let mut answer = self.answer(&self.law.task(&self.set_point, &view)?, &arm)?;
+        let mut answer = self.answer(&self.law.task(&self.set_point, &view)?, &arm, secondary.as_ref())?;
         if let (Wish::Velocity(qd), Some((object, then))) = (&mut answer.wish, object) {
             answer.approach.follow = follow(object, then, &X_WC, &J);
             *qd += answer.approach.follow;
@@ -365,9 +331,22 @@ impl ServoSettings {
         Some(answer)
     }
 
-    fn answer<const N: usize>(&self, task: &Task, arm: &Arm<N>) -> Option<Answer<N>> {
-        let wish = self.law.wish(task, arm)?;
-        Some(Answer { wish, approach: Approach::at(self.law.rate_1_s(task)) })
+    /// What the law asks for, and of the `secondary` motion as much as `task` does not feel.
+    fn answer<const N: usize>(
+        &self,
+        task: &Task,
+        arm: &Arm<N>,
+        secondary: Option<&SVector<f64, N>>,
+    ) -> Option<Answer<N>> {
+        let mut answer =
+            Answer { wish: self.law.wish(task, arm)?, approach: Approach::at(self.law.rate_1_s(task)) };
+        if let (Wish::Velocity(qd), Task::Twist(task), Some(wanted)) = (&mut answer.wish, task, secondary)
+            && let Some(free) = seek_null_motion(task, &arm.J, wanted)
+        {
+            answer.approach.free = free;
+            *qd += free;
+        }
+        Some(answer)
     }
 }
 

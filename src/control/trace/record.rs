@@ -75,6 +75,7 @@ fn intake_code(intake: Intake) -> u32 {
         Intake::NotNewer => 7,
         Intake::RefusedFromFuture => 8,
         Intake::TooOld => 9,
+        Intake::ImpossiblePose => 10,
     }
 }
 
@@ -114,5 +115,6 @@ fn event_number(event: Event) -> u32 {
         Event::Inconsistent => 5,
         Event::Degraded => 6,
         Event::WholeAgain => 7,
+        Event::ImpossiblePose => 8,
     }
 }
