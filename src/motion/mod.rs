@@ -12,9 +12,11 @@ mod evasion;
 mod joint_control;
 mod limits;
 mod reference;
+mod time_optimal;
 
 pub use approach::brakeable;
 pub use evasion::evade;
 pub use joint_control::{InverseDynamicsControl, JointController, JointTorque, PdGravityControl};
 pub use limits::{ActingLimits, Limit, LimitWatch, LongActing};
 pub use reference::{MotionLimits, Reference, ReferenceState};
+pub use time_optimal::least_time_s;
