@@ -14,6 +14,7 @@ use crate::motion::{InverseDynamicsControl, JointController, MotionLimits, PdGra
 use crate::robot::{Robot, RobotError};
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
 use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
+use crate::time::SpanNs;
 use crate::vision::Vision;
 use nalgebra::{SVector, Vector2};
 use thiserror::Error;
@@ -225,6 +226,8 @@ pub fn control_loop_with<const N: usize>(
             smooth_start_1_s: config.servo.smooth_start_1_s,
             lead: config.servo.lead,
             limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
+            visibility: config.servo.visibility,
+            held_lag: SpanNs::from_s(config.camera.latency.as_s() + 0.75 / config.camera.rate_hz),
             teach: config.servo.teach,
             object: config.servo.object,
         }),

@@ -42,12 +42,13 @@ mod similarity;
 #[cfg(test)]
 mod tests;
 mod view;
+mod visibility;
 mod visual_servo;
 
 pub use approach::Approach;
 pub use gain::Gain;
 pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
-pub use image::{image_error, image_task, image_wrench};
+pub use image::{FeatureGains, image_error, image_task, image_wrench, preconditioned_wrench};
 pub use intake::Intake;
 pub use interaction::{DepthSource, Interaction, InteractionAt};
 pub use joint_history::JointHistory;
@@ -62,4 +63,5 @@ pub use selection::{FeatureKind, Selection};
 pub use set_point::SetPoint;
 use similarity::fit_similarity;
 pub use view::View;
+pub use visibility::VisibilityGuard;
 pub use visual_servo::{ServoSettings, UpdatePolicy, VisualServo};

@@ -7,7 +7,8 @@
 
 use super::{
     Approach, Arm, CameraJacobian, Intake, Law, Mount, ObjectDynamics, ObjectMotion, SetPoint, Task,
-    TwistTask, View, Wish, away_from_limits, joint_velocity, lesson::Lesson, seek_null_motion,
+    TwistTask, View, VisibilityGuard, Wish, away_from_limits, joint_velocity, lesson::Lesson,
+    seek_null_motion,
 };
 use crate::geometry::{Pose, rotate_twist};
 use crate::messages::{Measurement, TargetStatus};
@@ -26,6 +27,9 @@ const LONGEST_GUESS: SpanNs = SpanNs(3_000_000_000);
 const LARGEST_CONTRADICTION: f64 = 0.03;
 /// Standard deviation of features of which some are taken to be there, normalized: half a pixel of a usual lens.
 const SIGMA_OF_A_GUESS: f64 = 6e-4;
+
+/// Gain times age from which on a held law is not kept up with.
+const LARGEST_HELD: f64 = 0.2;
 
 /// When the servo law is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,11 +71,16 @@ pub struct ServoSettings {
     pub smooth_start_1_s: Option<f64>,
     /// Secondary task: gain of the motion away from joint limits, 1/s.
     pub limit_avoidance_1_s: Option<f64>,
+    /// Keeps features in the picture.
+    pub visibility: Option<VisibilityGuard>,
     /// Teaches the set-point from so many measurements before anything moves; 0 for none.
     pub teach: u32,
     /// Estimates the object's own motion: `predict` then carries views by it too, and velocity laws follow it. `None`
     /// for an object at rest.
     pub object: Option<ObjectDynamics>,
+    /// Age of what the law would work with if it were held between measurements: latency and, in the mean, half of a frame's
+    /// period, at most a whole one. What `predict` asks for is quicker by so much as such a law would be for it.
+    pub held_lag: SpanNs,
     /// How much later the arm moves as it is told: the lag of a drive. `predict` looks so far ahead.
     pub lead: SpanNs,
 }
@@ -88,8 +97,10 @@ impl ServoSettings {
             X_WO: None,
             smooth_start_1_s: None,
             limit_avoidance_1_s: None,
+            visibility: None,
             teach: 0,
             object: None,
+            held_lag: SpanNs::ZERO,
             lead: SpanNs::ZERO,
         }
     }
@@ -310,7 +321,7 @@ impl ServoSettings {
         };
         let secondary = self.limit_avoidance_1_s.map(|gain| away_from_limits(q, robot.limits(), gain));
         if self.update != UpdatePolicy::Predict {
-            return self.answer(&sighting.task, &arm, secondary.as_ref());
+            return self.answer((&sighting.view, &sighting.task), &arm, secondary.as_ref());
         }
         // With a first-order lag T the arm, told to stand, would come to rest in q + T qd: the error there is what can
         // still be acted upon, and the lag drops out of the loop.
@@ -323,7 +334,8 @@ impl ServoSettings {
         let moved = object.map(|(object, then)| object.displacement(sighting.exposure, then));
         let X_WC_then = moved.map_or(sighting.X_WC, |moved| moved * sighting.X_WC);
         let view = sighting.view.carried(&X_WC.inv_mul(&X_WC_then), &self.set_point)?;
-        let mut answer = self.answer(&self.law.task(&self.set_point, &view)?, &arm, secondary.as_ref())?;
+        let task = self.law.task(&self.set_point, &view)?;
+        let mut answer = self.answer((&view, &task), &arm, secondary.as_ref())?;
         if let (Wish::Velocity(qd), Some((object, then))) = (&mut answer.wish, object) {
             answer.approach.follow = follow(object, then, &X_WC, &J);
             *qd += answer.approach.follow;
@@ -331,15 +343,26 @@ impl ServoSettings {
         Some(answer)
     }
 
-    /// What the law asks for, and of the `secondary` motion as much as `task` does not feel.
+    /// What the law asks for as far as the target stays in the picture, and of the `secondary` motion as much as `task` does not
+    /// feel.
     fn answer<const N: usize>(
         &self,
-        task: &Task,
+        (view, task): (&View, &Task),
         arm: &Arm<N>,
         secondary: Option<&SVector<f64, N>>,
     ) -> Option<Answer<N>> {
-        let mut answer =
-            Answer { wish: self.law.wish(task, arm)?, approach: Approach::at(self.law.rate_1_s(task)) };
+        let mut wish = self.law.wish(task, arm)?;
+        let mut rate_1_s = self.law.rate_1_s(task);
+        if let (Wish::Velocity(qd), UpdatePolicy::Predict) = (&mut wish, self.update) {
+            let factor = as_quick_as_held(rate_1_s * self.held_lag.as_s());
+            *qd *= factor;
+            rate_1_s *= factor;
+        }
+        let wish = match &self.visibility {
+            Some(guard) => guard.hold(&self.set_point, view, (task, &self.law.joint_damping()), arm, wish),
+            None => wish,
+        };
+        let mut answer = Answer { wish, approach: Approach::at(rate_1_s) };
         if let (Wish::Velocity(qd), Task::Twist(task), Some(wanted)) = (&mut answer.wish, task, secondary)
             && let Some(free) = seek_null_motion(task, &arm.J, wanted)
         {
@@ -348,6 +371,15 @@ impl ServoSettings {
         }
         Some(answer)
     }
+}
+
+/// How much quicker than `exp(-lambda t)` the error falls under a law of gain lambda that works with errors of age T: the larger
+/// they are, the more it asks for. `e' = -lambda e(t - T)` falls with the rate `s = lambda x`, `x = exp(x lambda T)`, here as its
+/// series. Held laws of higher gains begin to swing; there is nothing to keep up with.
+fn as_quick_as_held(lambda_T: f64) -> f64 {
+    let r = lambda_T.clamp(0.0, LARGEST_HELD);
+    let x = 1.0 + r * (1.0 + r * (1.5 + r * (8.0 / 3.0 + r * 125.0 / 24.0)));
+    if lambda_T > r { (x * r / lambda_T).max(1.0) } else { x }
 }
 
 /// The joint velocity with which the camera keeps its place relative to a moving object: the feed-forward. None where

@@ -280,3 +280,14 @@ proptest! {
         }
     }
 }
+
+/// What `predict` asks for falls with the rate of the held law that it keeps up with, and never asks for less at a higher gain.
+#[test]
+fn low_gains_are_as_quick_as_held_ones_and_high_ones_what_they_are() {
+    for lambda_T in [0.0, 0.01, 0.05, 0.1, 0.2] {
+        let x = as_quick_as_held(lambda_T);
+        assert!((x - (x * lambda_T).exp()).abs() < 1e-2, "{lambda_T}: {x}");
+    }
+    let rates: Vec<f64> = (0..100).map(|i| 0.01 * f64::from(i)).map(|r| r * as_quick_as_held(r)).collect();
+    assert!(rates.is_sorted() && (as_quick_as_held(0.4) - 1.0).abs() < 1e-12);
+}
