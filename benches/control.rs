@@ -173,7 +173,9 @@ fn evade_6_joints(bencher: Bencher) {
     let X_EC = Pose::translation(0.0, 0.0, 0.05);
     let J_C = robot.jacobian_of_frame(&ur5.q, &X_EC, ExpressedIn::Moving);
     let wish = Vector6::repeat(0.1);
-    bencher.bench_local(|| evade(black_box(&robot), &ur5.q, black_box(&J_C), black_box(&wish)));
+    bencher.bench_local(|| {
+        evade(black_box(&robot), &ur5.q, black_box(&J_C), black_box(&wish), &Vector6::zeros())
+    });
 }
 
 /// Single steps, timed one by one: p50 and p99 are what a control cycle sees. The clock's own cost is in them.

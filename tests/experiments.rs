@@ -249,6 +249,12 @@ fn random_starts_end_with_a_reason() {
         ("D", 47, 10, 3),
         ("D-true-depth", 60, 0, 0),
         ("hybrid", 60, 0, 0),
+        ("C-preconditioned", 60, 0, 0),
+        ("A-guarded", 60, 0, 0),
+        ("B-guarded", 60, 0, 0),
+        ("C-guarded", 60, 0, 0),
+        ("D-guarded", 60, 0, 0),
+        ("hybrid-guarded", 60, 0, 0),
     ] {
         let flier = FLIERS.iter().find(|f| f.name == flier).unwrap();
         let flown = flights(flier, 60).unwrap();

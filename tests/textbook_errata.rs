@@ -87,7 +87,6 @@ fn an_estimated_depth_scales_the_hybrid_error_equation() {
         J: CameraJacobian::of_moving_camera(Matrix6::identity()),
         qd: Vector6::zeros(),
         gravity: Vector6::zeros(),
-        secondary: None,
     };
     let Some(Wish::Velocity(V)) = law.task(&goal, &view).and_then(|task| law.wish(&task, &arm)) else {
         panic!("no velocity");

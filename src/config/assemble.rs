@@ -17,6 +17,7 @@ use crate::motion::{
 use crate::robot::{Robot, RobotError};
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
 use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
+use crate::time::SpanNs;
 use crate::vision::Vision;
 use nalgebra::{SVector, Vector2};
 use thiserror::Error;
@@ -224,6 +225,8 @@ pub fn control_loop_with<const N: usize>(
         smooth_start_1_s: config.servo.smooth_start_1_s,
         lead: config.servo.lead,
         limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
+        visibility: config.servo.visibility,
+        held_lag: SpanNs::from_s(config.camera.latency.as_s() + 0.75 / config.camera.rate_hz),
         teach: 0, // when the lifecycle says so
         object: config.servo.object,
     });

@@ -31,7 +31,7 @@ pub use source::Document;
 use crate::drive::{CommandMode, InnerServo, Payload};
 use crate::input::file;
 use crate::robot::RobotDescription;
-use crate::servo::{Law, ObjectDynamics, SetPoint};
+use crate::servo::{Law, ObjectDynamics, SetPoint, VisibilityGuard};
 use crate::target::Target;
 use crate::time::SpanNs;
 use crate::vision::VisionSettings;
@@ -123,6 +123,8 @@ pub struct Servo {
     pub lead: SpanNs,
     /// Gain of the motion away from joint limits in the null space, 1/s.
     pub limit_avoidance_1_s: Option<f64>,
+    /// Keeps the target in the picture; `None` where the law is to go its own way.
+    pub visibility: Option<VisibilityGuard>,
     /// How the target's own motion is estimated; `None` for a target at rest.
     pub object: Option<ObjectDynamics>,
 }

@@ -15,8 +15,8 @@ pub use super::frame_source::{RawCamera, RawLens, RawReplay, RawSynthetic, Sourc
 pub use super::place::{Carrier, MountKind, RawMount, RawObject, RawOccluder};
 pub use motion::{JointControl, RawMotion};
 pub use servo::{
-    At, DampingOn, Depth, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint, SchemeKind,
-    SetPointKind, Update,
+    At, DampingOn, Depth, FeatureGain, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint,
+    SchemeKind, SetPointKind, Update,
 };
 pub use truth::{RawTrueArm, RawTrueCamera, RawTrueLens, RawTrueMount, RawTrueTarget};
 

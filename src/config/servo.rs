@@ -3,15 +3,16 @@
 use super::Servo;
 use super::check::Check;
 use super::raw::{
-    At, DampingOn, Depth, DriveKind, Gains, Orientation, RawConfig, RawServo, SceneMotionKind, SchemeKind,
-    SetPointKind, Update,
+    At, DampingOn, Depth, DriveKind, FeatureGain, Gains, Orientation, RawConfig, RawServo, SceneMotionKind,
+    SchemeKind, SetPointKind, Update,
 };
+use crate::camera_model::CameraModel;
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
 use crate::messages::MAX_JOINTS;
 use crate::servo::{
-    Damping, DepthSource, FeatureKind, Gain, HybridGains, Interaction, InteractionAt, Law, ObjectDynamics,
-    OperationalSpace, OrientationError, PoseGains, Selection, SetPoint,
+    Damping, DepthSource, FeatureGains, FeatureKind, Gain, HybridGains, Interaction, InteractionAt, Law,
+    ObjectDynamics, OperationalSpace, OrientationError, PoseGains, Selection, SetPoint, VisibilityGuard,
 };
 use crate::target::Target;
 use crate::time::SpanNs;
@@ -25,7 +26,12 @@ const PD_GAIN: RangeInclusive<f64> = 0.0..=1e6;
 const TILT: f64 = 1e-6;
 
 /// The law and the goal; `None` when they cannot be built.
-pub(super) fn servo(raw: &RawConfig, target: &Target, X_DO: &Pose, check: &mut Check<'_>) -> Option<Servo> {
+pub(super) fn servo(
+    raw: &RawConfig,
+    (target, camera): (&Target, &CameraModel),
+    X_DO: &Pose,
+    check: &mut Check<'_>,
+) -> Option<Servo> {
     let s = &raw.servo;
     let before = check.count_problems();
     let law = law(s, check);
@@ -72,6 +78,7 @@ pub(super) fn servo(raw: &RawConfig, target: &Target, X_DO: &Pose, check: &mut C
     let smooth = check.range("servo.smooth_start_1_s", s.smooth_start_1_s, 0.0..=1000.0);
     let avoid = check.range("servo.limit_avoidance_1_s", s.limit_avoidance_1_s, 0.0..=100.0);
     let object = object(s, check);
+    let visibility = visibility(s, target, camera, check);
     if check.count_problems() > before {
         return None;
     }
@@ -83,6 +90,7 @@ pub(super) fn servo(raw: &RawConfig, target: &Target, X_DO: &Pose, check: &mut C
         smooth_start_1_s: (smooth > 0.0).then_some(smooth),
         lead: SpanNs::from_s(lead_ms * 1e-3),
         limit_avoidance_1_s: (avoid > 0.0).then_some(avoid),
+        visibility,
         object,
     })
 }
@@ -94,6 +102,21 @@ fn features_in_view(s: &RawServo, check: &mut Check<'_>) {
             check.range(&format!("servo.set_point.features[{i}][{j}]"), *coordinate, -57.0..=57.0);
         }
     }
+}
+
+fn visibility(
+    s: &RawServo,
+    target: &Target,
+    camera: &CameraModel,
+    check: &mut Check<'_>,
+) -> Option<VisibilityGuard> {
+    let guard = VisibilityGuard {
+        camera: *camera,
+        margin_px: check.range("servo.visibility.margin_px", s.visibility.margin_px, 0.0..=1000.0),
+        mark_radius_m: target.marks().iter().map(|mark| mark.radius_m).fold(0.0, f64::max),
+        rate_1_s: check.range("servo.visibility.rate_1_s", s.visibility.rate_1_s, 0.1..=100.0),
+    };
+    s.visibility.guard.then_some(guard)
 }
 
 fn object(s: &RawServo, check: &mut Check<'_>) -> Option<ObjectDynamics> {
@@ -165,6 +188,14 @@ fn law(s: &RawServo, check: &mut Check<'_>) -> Law {
             Law::PositionTorque { K_P: pd.K_P, damping, orientation, space }
         }
         SchemeKind::PositionResolvedVelocity => Law::PositionVelocity { K, gain, orientation, space },
+        SchemeKind::ImagePd if s.pd.feature_gain == FeatureGain::Preconditioned => {
+            let damping = match s.pd.damping {
+                DampingOn::Task => Damping::Task(pd.K_D),
+                DampingOn::Joints => Damping::Joints(pd.joints),
+            };
+            let K_Ps = FeatureGains { K_P: pd.K_P, rest: pd.k_P };
+            Law::PreconditionedTorque { K_Ps, damping, interaction }
+        }
         SchemeKind::ImagePd => {
             let damping = match s.pd.damping {
                 DampingOn::Task => Damping::Task(pd.k_D),

@@ -281,7 +281,8 @@ impl<const N: usize> ControlLoop<N> {
         let set_point = self.controller.behaviour().set_point();
         // What the law refused says nothing about the goal: it is old, or of another target. Nor does braking at the end.
         let has_ended = self.end.decided().is_some();
-        let judged = intake != Some(Intake::TooFewFeatures) && !has_ended;
+        let is_of_goal = !matches!(intake, Some(Intake::TooFewFeatures | Intake::ImpossiblePose));
+        let judged = is_of_goal && !has_ended;
         let view = View::of(m, set_point).filter(|_| judged);
         let error_px = view.map_or(f64::NAN, |view| set_point.error_rms_px(&view, &self.plan.f_px));
         self.sightings.note(m, intake, error_px, &mut self.events);

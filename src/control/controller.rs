@@ -452,7 +452,7 @@ impl<const N: usize> Controller<N> {
             (0..N).for_each(|i| acting.set(Limit::View, i));
         }
         let J_C = self.behaviour.camera_jacobian(robot, q);
-        let (wish, evading) = evade(robot, q, &J_C, &wish);
+        let (wish, evading) = evade(robot, q, &J_C, &wish, &approach.free);
         (wish, acting.with(&evading))
     }
 

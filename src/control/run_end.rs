@@ -117,6 +117,10 @@ fn why_not_used(sightings: &Sightings) -> Option<&'static str> {
             "run.duration_s is over: too much of the target was hidden for the law to go on",
         ),
         (
+            intake.refused_pose,
+            "run.duration_s is over: measurements carry poses that no object before a camera has: see to the vision process",
+        ),
+        (
             intake.refused_from_future,
             "run.duration_s is over: exposure stamps lie too far in the future to be used; set camera.stamp_offset_ms",
         ),

@@ -23,6 +23,9 @@ pub struct IntakeCounts {
     /// Refused: so much of the target was hidden that the law had no answer.
     #[serde(default)]
     pub refused_too_few: u64,
+    /// Refused: a pose that no object before a camera has.
+    #[serde(default)]
+    pub refused_pose: u64,
     /// Refused by vision: the dots do not fit one pose.
     #[serde(default)]
     pub refused_inconsistent: u64,
@@ -81,6 +84,7 @@ impl Sightings {
     fn taken(&mut self, intake: Intake, events: &mut Events) {
         let counts = &mut self.intake;
         let first_from_future = counts.used_from_future + counts.refused_from_future == 0;
+        let first_impossible = counts.refused_pose == 0;
         let first_inconsistent = counts.refused_inconsistent == 0;
         *match intake {
             Intake::Used => &mut counts.used,
@@ -88,6 +92,7 @@ impl Sightings {
             Intake::NoTarget => &mut counts.no_target,
             Intake::OtherFeatures => &mut counts.refused_features,
             Intake::TooFewFeatures => &mut counts.refused_too_few,
+            Intake::ImpossiblePose => &mut counts.refused_pose,
             Intake::Inconsistent => &mut counts.refused_inconsistent,
             Intake::NotNewer => &mut counts.refused_not_newer,
             Intake::RefusedFromFuture => &mut counts.refused_from_future,
@@ -95,6 +100,9 @@ impl Sightings {
         } += 1;
         if first_from_future && matches!(intake, Intake::UsedFromFuture | Intake::RefusedFromFuture) {
             events.push(Event::StampFromFuture);
+        }
+        if first_impossible && intake == Intake::ImpossiblePose {
+            events.push(Event::ImpossiblePose);
         }
         if first_inconsistent && intake == Intake::Inconsistent {
             events.push(Event::Inconsistent);
@@ -158,11 +166,17 @@ mod tests {
     fn refused_measurements_are_counted_and_told_once() {
         let mut sightings = Sightings::new();
         let mut events = Events::default();
-        for intake in [Intake::Inconsistent, Intake::Inconsistent, Intake::Inconsistent, Intake::NoTarget] {
+        let (inconsistent, pose) = (Intake::Inconsistent, Intake::ImpossiblePose);
+        for intake in [inconsistent, inconsistent, pose, inconsistent, Intake::NoTarget, pose] {
             sightings.note(&Measurement::default(), Some(intake), f64::NAN, &mut events);
         }
-        let counts = IntakeCounts { no_target: 1, refused_inconsistent: 3, ..IntakeCounts::default() };
+        let counts = IntakeCounts {
+            no_target: 1,
+            refused_pose: 2,
+            refused_inconsistent: 3,
+            ..IntakeCounts::default()
+        };
         assert_eq!(*sightings.intake(), counts);
-        assert_eq!(events.iter().collect::<Vec<_>>(), [Event::Inconsistent]);
+        assert_eq!(events.iter().collect::<Vec<_>>(), [Event::Inconsistent, Event::ImpossiblePose]);
     }
 }

@@ -128,6 +128,8 @@ pub enum Event {
     Requested(Request),
     /// The goal was reached and held, and the run goes on.
     GoalReached,
+    /// The first measurement with a pose that no object before a camera has.
+    ImpossiblePose,
 }
 
 /// The events of one tick, in their order.

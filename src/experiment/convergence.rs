@@ -14,8 +14,8 @@ use crate::geometry::{Pose, Twist, integrate_body_twist, rotation_angle};
 use crate::linalg::Random;
 use crate::pose::{Correspondence, planar_pose};
 use crate::servo::{
-    Arm, CameraJacobian, Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, Law,
-    OperationalSpace, OrientationError, Selection, SetPoint, View, Wish,
+    Arm, CameraJacobian, Damping, DepthSource, FeatureGains, Gain, HybridGains, Interaction, InteractionAt,
+    Law, OperationalSpace, OrientationError, Selection, SetPoint, View, VisibilityGuard, Wish,
 };
 use crate::sim::{ClosedLoop, frame_every, run};
 use nalgebra::{Matrix6, Rotation3, Unit, Vector2, Vector3, Vector6};
@@ -100,27 +100,39 @@ pub(super) fn goal() -> Pose {
     Pose::translation(-0.05, -0.05, 0.6)
 }
 
-/// What is flown: the schemes of the comparison, and D with the depths of the true pose.
+/// What is flown: the schemes of the comparison as the text has them, D with the depths of the true pose, C with a
+/// preconditioned K_Ps; and all of them with estimated depths and the target kept in the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flier {
     /// For files.
     pub name: &'static str,
     scheme: Scheme,
     depth: DepthSource,
+    /// Whether features are kept in the picture.
+    guarded: bool,
 }
 
 /// All fliers.
-pub const FLIERS: [Flier; 6] = {
+pub const FLIERS: [Flier; 12] = {
     const fn with_desired_depth(name: &'static str, scheme: Scheme) -> Flier {
-        Flier { name, scheme, depth: DepthSource::Desired }
+        Flier { name, scheme, depth: DepthSource::Desired, guarded: false }
+    }
+    const fn guarded(name: &'static str, scheme: Scheme) -> Flier {
+        Flier { name, scheme, depth: DepthSource::Estimated, guarded: true }
     }
     [
         with_desired_depth("A", Scheme::A),
         with_desired_depth("B", Scheme::B),
         with_desired_depth("C", Scheme::C),
         with_desired_depth("D", Scheme::D),
-        Flier { name: "D-true-depth", scheme: Scheme::D, depth: DepthSource::Known },
+        Flier { name: "D-true-depth", scheme: Scheme::D, depth: DepthSource::Known, guarded: false },
         with_desired_depth("hybrid", Scheme::Hybrid),
+        Flier { name: "C-preconditioned", scheme: Scheme::C, depth: DepthSource::Estimated, guarded: false },
+        guarded("A-guarded", Scheme::A),
+        guarded("B-guarded", Scheme::B),
+        guarded("C-guarded", Scheme::C),
+        guarded("D-guarded", Scheme::D),
+        guarded("hybrid-guarded", Scheme::Hybrid),
     ]
 };
 
@@ -142,6 +154,12 @@ fn law(flier: &Flier) -> Law {
             orientation,
             space,
         },
+        // K_P and K_D of A; L_s at the goal too, which with such gains is quicker than at the current features.
+        Scheme::C if flier.depth != DepthSource::Desired => Law::PreconditionedTorque {
+            K_Ps: FeatureGains { K_P: inertia * 4.0, rest: 10.0 },
+            damping: Damping::Task(inertia * 4.0),
+            interaction: Interaction { at: InteractionAt::Desired, ..interaction },
+        },
         // Damped on the camera's twist: damping in the image leaves the weak directions to swing. A transposed Jacobian
         // is as slow in them as L_s is ill-conditioned; the strong ones take no more at 25 Hz.
         Scheme::C => Law::ImageTorque {
@@ -157,6 +175,11 @@ fn law(flier: &Flier) -> Law {
             space,
         },
     }
+}
+
+/// The guard of the fliers: points have no size here.
+fn guard(camera: &CameraModel) -> VisibilityGuard {
+    VisibilityGuard { camera: *camera, margin_px: 10.0, mark_radius_m: 0.0, rate_1_s: 4.0 }
 }
 
 fn in_view(camera: &CameraModel, X_CO: &Pose) -> bool {
@@ -199,7 +222,8 @@ pub fn fly(camera: &CameraModel, flier: &Flier, set_point: &SetPoint, X_CO_start
     let mut course = Course {
         camera,
         set_point,
-        locates: flier.scheme.is_position_based(),
+        locates: flier.scheme.is_position_based() || flier.depth == DepthSource::Estimated,
+        guard: flier.guarded.then(|| guard(camera)),
         law: law(flier),
         X_CO: *X_CO_start,
         V: Twist::zeros(),
@@ -216,6 +240,7 @@ struct Course<'a> {
     camera: &'a CameraModel,
     set_point: &'a SetPoint,
     locates: bool,
+    guard: Option<VisibilityGuard>,
     law: Law,
     X_CO: Pose,
     V: Twist,
@@ -257,11 +282,16 @@ impl ClosedLoop for Course<'_> {
 
     fn act(&mut self, frame: u64, seen: Option<Self::Seen>) -> ControlFlow<Self::End> {
         let J = CameraJacobian::of_moving_camera(Matrix6::identity());
-        let arm = Arm { J, qd: self.V, gravity: Vector6::zeros(), secondary: None };
+        let arm = Arm { J, qd: self.V, gravity: Vector6::zeros() };
         let wish = seen
             .and_then(|s| View::new(s.into_iter(), self.estimate))
-            .and_then(|view| self.law.task(self.set_point, &view.with_known(Some(self.X_CO))))
-            .and_then(|task| self.law.wish(&task, &arm));
+            .map(|view| view.with_known(Some(self.X_CO)))
+            .and_then(|view| {
+                let task = self.law.task(self.set_point, &view)?;
+                let wish = self.law.wish(&task, &arm)?;
+                let Some(guard) = &self.guard else { return Some(wish) };
+                Some(guard.hold(self.set_point, &view, (&task, &self.law.joint_damping()), &arm, wish))
+            });
         let still = match wish {
             None => return Break((Fate::NoAnswer, time_s(frame))),
             Some(Wish::Velocity(twist)) => {

@@ -196,7 +196,6 @@ impl<'a> Pilot<'a> {
             )),
             qd: frame.qd,
             gravity: self.cell.arm.gravity(&frame.q),
-            secondary: None,
         };
         self.law.wish(&task, &arm).ok_or_else(|| "the law has no finite answer".into())
     }

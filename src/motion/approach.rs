@@ -23,13 +23,14 @@ pub fn brakeable<const N: usize>(
     limits: &MotionLimits<N>,
 ) -> (SVector<f64, N>, ActingLimits) {
     let mut acting = ActingLimits::default();
-    let towards = wish - approach.follow;
+    let kept = approach.follow + approach.free;
+    let towards = wish - kept;
     let (mut factor, mut slowest) = (1.0_f64, None);
     for i in 0..N {
         let speed = towards[i].abs();
         let now = Point {
             q: speed / approach.rate_1_s,
-            v: (state.qd[i] - approach.follow[i]) * towards[i].signum(),
+            v: (state.qd[i] - kept[i]) * towards[i].signum(),
             a: state.qdd[i] * towards[i].signum(),
         };
         let largest = braking_speed(now, &limits.bounds(i));
@@ -40,7 +41,7 @@ pub fn brakeable<const N: usize>(
     if let Some(joint) = slowest {
         acting.set(Limit::Acceleration, joint);
     }
-    (approach.follow + towards * factor, acting)
+    (kept + towards * factor, acting)
 }
 
 /// The speed towards a goal at the distance `now.q` (not negative) from which braking ends there at rest. Without
@@ -103,7 +104,7 @@ mod tests {
             let (v, follow) = (Vector2::from(v), Vector2::from(follow));
             let limits = limits::<2>(10.0, 500.0);
             let r = Reference::new(limits.clone(), Vector2::zeros());
-            let (cut, acting) = brakeable(&v, &Approach { rate_1_s, follow }, r.state(), &limits);
+            let (cut, acting) = brakeable(&v, &Approach { rate_1_s, follow, free: SVector::zeros() }, r.state(), &limits);
             let (before, after) = (v - follow, cut - follow);
             prop_assert!(after.norm() <= before.norm() * (1.0 + 1e-12));
             prop_assert!((after.normalize() - before.normalize()).norm() < 1e-9);

@@ -3,7 +3,8 @@
 //! The camera twist `V = J_C qd` of a wish is brought back into joint space by damped least squares
 //! (`Robot::damped_velocity`). Away from singular postures and ends of ranges that gives the wish itself: with six
 //! joints there is no other solution, with fewer the least-squares one has no other, with more the one of least
-//! motion is the law's own. Near a singular posture the damping bounds the joints' speed and the arm slows down; near
+//! motion is the law's own; a motion that only joints feel, such as the one away from ends of ranges, is the preferred
+//! velocity `qd_p` of the least squares and so kept beside it. Near a singular posture the damping bounds the joints' speed and the arm slows down; near
 //! the end of a range a joint is held to the speed it may still have, and the others take over what they can.
 
 use super::limits::{ActingLimits, Limit};
@@ -11,17 +12,18 @@ use crate::robot::{InverseOptions, Robot};
 use nalgebra::{SMatrix, SVector};
 
 /// The wish `qd` (rad/s or m/s) as the arm can follow it at the posture `q`, and what held it back. `J_C` is the
-/// camera's Jacobian there.
+/// camera's Jacobian there; `free` is the part of the wish that moves joints and not the camera.
 #[must_use]
 pub fn evade<const N: usize>(
     robot: &Robot<N>,
     q: &SVector<f64, N>,
     J_C: &SMatrix<f64, 6, N>,
     qd: &SVector<f64, N>,
+    free: &SVector<f64, N>,
 ) -> (SVector<f64, N>, ActingLimits) {
     let mut acting = ActingLimits::default();
     let V = J_C * qd;
-    let out = robot.damped_velocity(q, J_C, &V, &SVector::zeros(), &InverseOptions::default());
+    let out = robot.damped_velocity(q, J_C, &V, free, &InverseOptions::default());
     for (joint, held) in out.at_limit.iter().enumerate() {
         if *held {
             acting.set(Limit::Position, joint);
@@ -57,7 +59,7 @@ mod tests {
         fn an_easy_wish_is_left_alone(qd in prop::array::uniform6(-0.3..0.3f64)) {
             let robot = load("ur5").unwrap().build::<6>().unwrap();
             let q = Vector6::new(0.4, -1.7, 1.5, -1.3, -1.8, 0.9);
-            let (got, acting) = evade(&robot, &q, &camera_jacobian(&robot, &q), &Vector6::from(qd));
+            let (got, acting) = evade(&robot, &q, &camera_jacobian(&robot, &q), &Vector6::from(qd), &Vector6::zeros());
             prop_assert!((got - Vector6::from(qd)).amax() < 1e-9, "{got}");
             prop_assert!(!acting.any());
         }
@@ -66,10 +68,25 @@ mod tests {
         fn fewer_joints_keep_their_least_squares(qd in prop::array::uniform4(-0.5..0.5f64)) {
             let robot = load("scara").unwrap().build::<4>().unwrap();
             let q = Vector4::new(0.0, 1.5, 0.5, -0.8);
-            let (got, acting) = evade(&robot, &q, &camera_jacobian(&robot, &q), &Vector4::from(qd));
+            let (got, acting) = evade(&robot, &q, &camera_jacobian(&robot, &q), &Vector4::from(qd), &Vector4::zeros());
             prop_assert!((got - Vector4::from(qd)).amax() < 1e-9, "{got}");
             prop_assert!(!acting.any());
         }
+    }
+
+    /// The motion that the camera does not feel stays in the wish of an arm with more joints than the task needs.
+    #[test]
+    fn a_seventh_joint_keeps_the_motion_that_only_joints_feel() {
+        let robot = load("panda").unwrap().build::<7>().unwrap();
+        let q = SVector::<f64, 7>::from([-0.16, -0.52, -0.14, -2.11, 0.09, 1.79, 0.21]);
+        let J = camera_jacobian(&robot, &q);
+        let least = J.transpose() * (J * J.transpose()).try_inverse().unwrap();
+        let any = SVector::<f64, 7>::from([0.1, -0.2, 0.3, 0.1, -0.1, 0.2, -0.3]);
+        let free = any - least * (J * any);
+        assert!(free.norm() > 0.05);
+        let task = least * Vector6::new(0.05, -0.02, 0.03, 0.1, 0.0, -0.1);
+        let (got, acting) = evade(&robot, &q, &J, &(task + free), &free);
+        assert!((got - task - free).amax() < 1e-9 && !acting.any(), "{got}");
     }
 
     #[test]
@@ -80,7 +97,7 @@ mod tests {
         // Straight along the arm: only the elbow could do it, faster and faster.
         let V = crate::geometry::Twist::new(0.0, 0.05, 0.05, 0.0, 0.0, 0.0);
         let wish = J.lu().solve(&V).unwrap();
-        let (got, acting) = evade(&robot, &q, &J, &wish);
+        let (got, acting) = evade(&robot, &q, &J, &wish, &Vector6::zeros());
         assert!(wish.amax() > 100.0 && got.amax() < 3.0, "{wish} {got}");
         assert_eq!(acting.joints(Limit::Singularity), 0b11_1111);
     }

@@ -13,6 +13,7 @@ mod joint_control;
 mod joint_observer;
 mod limits;
 mod reference;
+mod time_optimal;
 
 pub use approach::brakeable;
 pub use evasion::evade;
@@ -20,3 +21,4 @@ pub use joint_control::{InverseDynamicsControl, JointController, JointLaw, Joint
 pub use joint_observer::ObserverSettings;
 pub use limits::{ActingLimits, Limit, LimitWatch, LongActing};
 pub use reference::{MotionLimits, Reference, ReferenceState};
+pub use time_optimal::least_time_s;

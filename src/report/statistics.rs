@@ -154,6 +154,9 @@ fn describe(event: Event) -> String {
         Event::Taught => "the goal is taught",
         Event::Requested(request) => return format!("{} on request", request.as_str()),
         Event::GoalReached => "the goal was reached and held",
+        Event::ImpossiblePose => {
+            "a measurement was refused, its pose is none that an object before a camera has: see to the vision process"
+        }
         Event::Inconsistent => {
             "a measurement was refused, its dots do not fit one pose: shadow, glare, something in front?"
         }

@@ -9,12 +9,14 @@ pub struct Approach<const N: usize> {
     pub rate_1_s: f64,
     /// The part of the wish that follows a goal in motion, rad/s or m/s: what remains when the goal is reached.
     pub follow: SVector<f64, N>,
+    /// The part of the wish that the task does not feel: a secondary motion of joints, which has no goal, rad/s or m/s.
+    pub free: SVector<f64, N>,
 }
 
 impl<const N: usize> Approach<N> {
     /// To a goal at rest.
     #[must_use]
     pub fn at(rate_1_s: f64) -> Self {
-        Self { rate_1_s, follow: SVector::zeros() }
+        Self { rate_1_s, follow: SVector::zeros(), free: SVector::zeros() }
     }
 }

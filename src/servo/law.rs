@@ -1,9 +1,9 @@
 //! The family of servo laws behind one interface: a view becomes a task, a task and the arm become a wish.
 
 use super::{
-    CameraJacobian, Gain, HybridGains, Interaction, OperationalSpace, OrientationError, PoseError, PoseGains,
-    SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task, image_wrench, joint_torque,
-    joint_velocity, operational_pose, seek_null_motion,
+    CameraJacobian, FeatureGains, Gain, HybridGains, Interaction, OperationalSpace, OrientationError,
+    PoseError, PoseGains, SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task, image_wrench,
+    joint_torque, joint_velocity, operational_pose, preconditioned_wrench,
 };
 use crate::messages::MAX_JOINTS;
 use nalgebra::SVector;
@@ -17,8 +17,6 @@ pub struct Arm<const N: usize> {
     pub qd: SVector<f64, N>,
     /// g(q), N m or N; read by torque laws only.
     pub gravity: SVector<f64, N>,
-    /// Joint velocity that motions without effect on the task shall follow, rad/s or m/s.
-    pub secondary: Option<SVector<f64, N>>,
 }
 
 /// Damping of a torque law.
@@ -28,6 +26,15 @@ pub enum Damping<K> {
     Task(K),
     /// On qd: the diagonal of K_D for the joints, N m s/rad or N s/m.
     Joints([f64; MAX_JOINTS]),
+}
+
+impl<K> Damping<K> {
+    fn on_joints<const N: usize>(&self) -> SVector<f64, N> {
+        match self {
+            Self::Task(_) => SVector::zeros(),
+            Self::Joints(K_D) => SVector::from_fn(|i, _| K_D.get(i).copied().unwrap_or(0.0)),
+        }
+    }
 }
 
 /// A servo law with its gains.
@@ -61,6 +68,15 @@ pub enum Law {
         k_P: f64,
         /// K_Ds = k_D W, N m s, or damping on the joints.
         damping: Damping<f64>,
+        /// L_s.
+        interaction: Interaction,
+    },
+    /// Scheme C, (10.84), with a constant matrix K_Ps that makes all motions of the camera alike at the goal.
+    PreconditionedTorque {
+        /// K_Ps, with stiffnesses of the camera's motions at the goal, N/m and N m/rad.
+        K_Ps: FeatureGains,
+        /// K_Ds, with dampings of those motions, N s/m and N m s/rad; or damping on the joints.
+        damping: Damping<PoseGains>,
         /// L_s.
         interaction: Interaction,
     },
@@ -102,11 +118,37 @@ pub enum Wish<const N: usize> {
     Torque(SVector<f64, N>),
 }
 
+impl<const N: usize> Wish<N> {
+    /// Whether all of its numbers are.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let (Self::Velocity(numbers) | Self::Torque(numbers)) = self;
+        numbers.iter().all(|x| x.is_finite())
+    }
+}
+
 impl Law {
     /// Whether it asks for torques, so that the drive must take them.
     #[must_use]
     pub fn is_torque(&self) -> bool {
-        matches!(self, Self::PositionTorque { .. } | Self::ImageTorque { .. })
+        matches!(
+            self,
+            Self::PositionTorque { .. } | Self::ImageTorque { .. } | Self::PreconditionedTorque { .. }
+        )
+    }
+
+    /// The diagonal of K_D for damping on qd, N m s/rad or N s/m; zero for damping in the task space and for velocity laws.
+    #[must_use]
+    pub fn joint_damping<const N: usize>(&self) -> SVector<f64, N> {
+        match self {
+            Self::PositionTorque { damping, .. } | Self::PreconditionedTorque { damping, .. } => {
+                damping.on_joints()
+            }
+            Self::ImageTorque { damping, .. } => damping.on_joints(),
+            Self::PositionVelocity { .. } | Self::ImageVelocity { .. } | Self::Hybrid { .. } => {
+                SVector::zeros()
+            }
+        }
     }
 
     /// The task that `view` poses. `None` when the view does not have what the law needs.
@@ -135,6 +177,13 @@ impl Law {
                 let task = image_task(set_point, view, *interaction)?;
                 Some(Task::Wrench(image_wrench(&task, *k_P, k_D)))
             }
+            Self::PreconditionedTorque { K_Ps, damping, interaction } => {
+                let K_D = match damping {
+                    Damping::Task(K_D) => *K_D,
+                    Damping::Joints(_) => PoseGains::zeros(),
+                };
+                preconditioned_wrench(set_point, view, K_Ps, &K_D, *interaction).map(Task::Wrench)
+            }
             Self::ImageVelocity { interaction, .. } => {
                 image_task(set_point, view, *interaction).map(Task::Twist)
             }
@@ -151,7 +200,9 @@ impl Law {
             Self::PositionVelocity { gain, K, .. } => (gain, K.max()),
             Self::ImageVelocity { gain, .. } => (gain, 1.0),
             Self::Hybrid { gain, gains, .. } => (gain, gains.K_p.max().max(gains.K_o.max())),
-            Self::PositionTorque { .. } | Self::ImageTorque { .. } => return 0.0,
+            Self::PositionTorque { .. } | Self::ImageTorque { .. } | Self::PreconditionedTorque { .. } => {
+                return 0.0;
+            }
         };
         match task {
             Task::Twist(task) => gain.at(task.error) * quickest,
@@ -168,22 +219,15 @@ impl Law {
                 | Self::ImageVelocity { gain, .. }
                 | Self::Hybrid { gain, .. },
                 Task::Twist(task),
-            ) => {
-                let qd = joint_velocity(task, gain.at(task.error), &arm.J)?;
-                let null = arm.secondary.and_then(|wanted| seek_null_motion(task, &arm.J, &wanted));
-                Some(Wish::Velocity(null.map_or(qd, |null| qd + null)))
-            }
+            ) => joint_velocity(task, gain.at(task.error), &arm.J).map(Wish::Velocity),
             (Self::PositionTorque { damping, .. }, Task::Wrench(task)) => torque(task, damping, arm),
             (Self::ImageTorque { damping, .. }, Task::Wrench(task)) => torque(task, damping, arm),
+            (Self::PreconditionedTorque { damping, .. }, Task::Wrench(task)) => torque(task, damping, arm),
             _ => None, // a task of another kind of law
         }
     }
 }
 
 fn torque<const N: usize, K>(task: &WrenchTask, damping: &Damping<K>, arm: &Arm<N>) -> Option<Wish<N>> {
-    let on_joints = match damping {
-        Damping::Task(_) => SVector::zeros(),
-        Damping::Joints(K_D) => SVector::from_fn(|i, _| K_D.get(i).copied().unwrap_or(0.0)),
-    };
-    joint_torque(task, &on_joints, &arm.J, &arm.qd, &arm.gravity).map(Wish::Torque)
+    joint_torque(task, &damping.on_joints(), &arm.J, &arm.qd, &arm.gravity).map(Wish::Torque)
 }

@@ -117,18 +117,22 @@ fn lower(m: &Matrix6<f64>) -> [[f64; 6]; 6] {
 
 /// Solves with the lower triangle of a symmetric matrix; the nearer it is to singular, the more it is damped.
 fn solve_damped<const M: usize>(matrix: &[[f64; M]; M], b: &[f64; M]) -> Option<[f64; M]> {
+    let x = damped_factors(matrix)?.solve(b);
+    x.iter().all(|x| x.is_finite()).then_some(x)
+}
+
+/// The factors for that.
+pub(super) fn damped_factors<const M: usize>(matrix: &[[f64; M]; M]) -> Option<Ldlt<M>> {
     let diagonal = || matrix.iter().enumerate().filter_map(|(i, row)| row.get(i));
     let largest = diagonal().copied().fold(0.0, f64::max);
     let scale = diagonal().copied().fold(f64::INFINITY, f64::min) / largest;
     let plain = Ldlt::new(matrix, &[0.0; M]);
     let conditioning = plain.as_ref().map_or(0.0, Ldlt::least_ratio).min(scale);
-    let factors = match plain {
-        Some(factors) if conditioning >= WEAKEST_DIRECTION => factors,
+    match plain {
+        Some(factors) if conditioning >= WEAKEST_DIRECTION => Some(factors),
         _ => {
             let distance = 1.0 - conditioning.max(0.0) / WEAKEST_DIRECTION;
-            Ldlt::new(matrix, &[DAMPING * largest * distance * distance; M])?
+            Ldlt::new(matrix, &[DAMPING * largest * distance * distance; M])
         }
-    };
-    let x = factors.solve(b);
-    x.iter().all(|x| x.is_finite()).then_some(x)
+    }
 }

@@ -9,6 +9,13 @@ use nalgebra::{Matrix6, Point3, Vector2};
 
 /// So many points fix a camera's place without doubt: of fewer, the pose tells where the hidden ones are.
 const ENOUGH: usize = 4;
+/// No object is farther away than this, m; no feature farther to the side (89.9 degrees), normalized.
+const FARTHEST_M: f64 = 1e3;
+const FARTHEST_ASIDE: f64 = 573.0;
+/// Variances of a pose are less than this, m^2 and rad^2.
+const LARGEST_VARIANCE: f64 = 1e6;
+/// How far the norm of a rotation's quaternion may be from 1.
+const ROTATION_SLACK: f64 = 1e-6;
 const HIDDEN: Vector2<f64> = Vector2::new(f64::NAN, f64::NAN);
 
 /// Feature points, in normalized coordinates, and where known the object's pose.
@@ -28,7 +35,7 @@ pub(super) fn is_there(s: &Vector2<f64>) -> bool {
 
 impl View {
     /// What a measurement shows of the set-point's features. `None` when the target was not found, none of its points is one of the
-    /// set-point's, one that is seen is not finite, or the list is none that vision makes: too long, or without rising ids.
+    /// set-point's, one that is seen is nowhere a camera looks, or the list is none that vision makes: too long, or without rising ids.
     #[must_use]
     pub fn of(measurement: &Measurement, set_point: &SetPoint) -> Option<Self> {
         let list = measurement.features();
@@ -51,7 +58,7 @@ impl View {
                     Err(_) => continue,
                 }
             }
-            if !(f.x.is_finite() && f.y.is_finite()) {
+            if !(f.x.abs() <= FARTHEST_ASIDE && f.y.abs() <= FARTHEST_ASIDE) {
                 return None;
             }
             if let Some(place) = view.s.get_mut(next) {
@@ -60,6 +67,23 @@ impl View {
             }
         }
         (seen > 0).then_some(view)
+    }
+
+    /// Whether the pose, where there is one, is that of an object which can be seen like this, with a `covariance` that one can
+    /// have: a rotation, and no seen point behind the camera or a kilometre away.
+    #[must_use]
+    pub fn is_possible(&self, set_point: &SetPoint, covariance: &Matrix6<f64>) -> bool {
+        let Some(X_CO) = &self.X_CO else { return true };
+        let is_rotation = (X_CO.rotation.as_ref().norm() - 1.0).abs() <= ROTATION_SLACK;
+        let is_near = X_CO.translation.vector.iter().all(|x| x.abs() <= FARTHEST_M);
+        is_rotation
+            && is_near
+            && covariance.iter().all(|x| x.abs() <= LARGEST_VARIANCE)
+            && covariance.diagonal().iter().all(|x| *x >= 0.0)
+            && self.features().iter().zip(set_point.points()).all(|(s, p_O)| {
+                let z_m = (X_CO * p_O).z;
+                !is_there(s) || (z_m > 0.0 && z_m <= FARTHEST_M)
+            })
     }
 
     /// A view of feature points `s`; `None` when there are none, too many, or one is not finite.

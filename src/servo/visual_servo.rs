@@ -6,8 +6,9 @@
 //! of an object that moves is estimated, where that is asked for.
 
 use super::{
-    Approach, Arm, CameraJacobian, Law, Mount, ObjectDynamics, ObjectMotion, SetPoint, Task, TwistTask, View,
-    Wish, away_from_limits, joint_velocity, lesson::Lesson,
+    Approach, Arm, CameraJacobian, Intake, Law, Mount, ObjectDynamics, ObjectMotion, SetPoint, Task,
+    TwistTask, View, VisibilityGuard, Wish, away_from_limits, joint_velocity, lesson::Lesson,
+    seek_null_motion,
 };
 use crate::geometry::{Pose, rotate_twist};
 use crate::messages::{Measurement, TargetStatus};
@@ -27,6 +28,9 @@ const LARGEST_CONTRADICTION: f64 = 0.03;
 /// Standard deviation of features of which some are taken to be there, normalized: half a pixel of a usual lens.
 const SIGMA_OF_A_GUESS: f64 = 6e-4;
 
+/// Gain times age from which on a held law is not kept up with.
+const LARGEST_HELD: f64 = 0.2;
+
 /// When the servo law is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UpdatePolicy {
@@ -36,43 +40,6 @@ pub enum UpdatePolicy {
     Tick,
     /// At every tick for the view of that tick, carried there from the last exposure by the arm's own motion.
     Predict,
-}
-
-/// What became of a measurement.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Intake {
-    /// The servo law works with it.
-    Used,
-    /// Used, although its stamp lies in the future.
-    UsedFromFuture,
-    /// It has no target, or none that the law can work with.
-    NoTarget,
-    /// None of its features is one of the set-point's, or one of them is not finite.
-    OtherFeatures,
-    /// So much of the target is hidden that the law has no answer.
-    TooFewFeatures,
-    /// Vision found the target and does not believe it: see [`TargetStatus::Inconsistent`].
-    Inconsistent,
-    /// It is not newer than the last one: repeated, or overtaken.
-    NotNewer,
-    /// Its stamp lies too far in the future.
-    RefusedFromFuture,
-    /// Its exposure lies before everything that is known of the arm.
-    TooOld,
-}
-
-impl Intake {
-    /// Whether the servo law works with it.
-    #[must_use]
-    pub fn is_used(self) -> bool {
-        matches!(self, Self::Used | Self::UsedFromFuture)
-    }
-
-    /// Whether its stamp alone spoke against it.
-    #[must_use]
-    pub fn is_refused(self) -> bool {
-        matches!(self, Self::NotNewer | Self::RefusedFromFuture | Self::TooOld)
-    }
 }
 
 /// The last measurement in use.
@@ -104,11 +71,16 @@ pub struct ServoSettings {
     pub smooth_start_1_s: Option<f64>,
     /// Secondary task: gain of the motion away from joint limits, 1/s.
     pub limit_avoidance_1_s: Option<f64>,
+    /// Keeps features in the picture.
+    pub visibility: Option<VisibilityGuard>,
     /// Teaches the set-point from so many measurements before anything moves; 0 for none.
     pub teach: u32,
     /// Estimates the object's own motion: `predict` then carries views by it too, and velocity laws follow it. `None`
     /// for an object at rest.
     pub object: Option<ObjectDynamics>,
+    /// Age of what the law would work with if it were held between measurements: latency and, in the mean, half of a frame's
+    /// period, at most a whole one. What `predict` asks for is quicker by so much as such a law would be for it.
+    pub held_lag: SpanNs,
     /// How much later the arm moves as it is told: the lag of a drive. `predict` looks so far ahead.
     pub lead: SpanNs,
 }
@@ -125,8 +97,10 @@ impl ServoSettings {
             X_WO: None,
             smooth_start_1_s: None,
             limit_avoidance_1_s: None,
+            visibility: None,
             teach: 0,
             object: None,
+            held_lag: SpanNs::ZERO,
             lead: SpanNs::ZERO,
         }
     }
@@ -224,6 +198,9 @@ impl<const N: usize> VisualServo<N> {
         let Some(seen) = View::of(measurement, set_point) else {
             return if measurement.found() { Intake::OtherFeatures } else { Intake::NoTarget };
         };
+        if !seen.is_possible(set_point, &stated_covariance(measurement)) {
+            return Intake::ImpossiblePose;
+        }
         if self.sighting.is_some_and(|last| exposure <= last.exposure) {
             return Intake::NotNewer;
         }
@@ -299,7 +276,7 @@ impl<const N: usize> VisualServo<N> {
             self.held = self.settings.wish(sighting, object, q, qd, robot);
         }
         let Answer { wish, .. } = self.held?;
-        Some(self.started(wish))
+        Some(self.started(wish)).filter(Wish::is_finite)
     }
 
     /// Share of the wished velocity that is justified by what is known of the object's motion at `now`, 0 to 1: less and
@@ -341,10 +318,10 @@ impl ServoSettings {
             J,
             qd: *qd,
             gravity: if self.law.is_torque() { robot.gravity(q) } else { SVector::zeros() },
-            secondary: self.limit_avoidance_1_s.map(|gain| away_from_limits(q, robot.limits(), gain)),
         };
+        let secondary = self.limit_avoidance_1_s.map(|gain| away_from_limits(q, robot.limits(), gain));
         if self.update != UpdatePolicy::Predict {
-            return self.answer(&sighting.task, &arm);
+            return self.answer((&sighting.view, &sighting.task), &arm, secondary.as_ref());
         }
         // With a first-order lag T the arm, told to stand, would come to rest in q + T qd: the error there is what can
         // still be acted upon, and the lag drops out of the loop.
@@ -357,7 +334,8 @@ impl ServoSettings {
         let moved = object.map(|(object, then)| object.displacement(sighting.exposure, then));
         let X_WC_then = moved.map_or(sighting.X_WC, |moved| moved * sighting.X_WC);
         let view = sighting.view.carried(&X_WC.inv_mul(&X_WC_then), &self.set_point)?;
-        let mut answer = self.answer(&self.law.task(&self.set_point, &view)?, &arm)?;
+        let task = self.law.task(&self.set_point, &view)?;
+        let mut answer = self.answer((&view, &task), &arm, secondary.as_ref())?;
         if let (Wish::Velocity(qd), Some((object, then))) = (&mut answer.wish, object) {
             answer.approach.follow = follow(object, then, &X_WC, &J);
             *qd += answer.approach.follow;
@@ -365,10 +343,43 @@ impl ServoSettings {
         Some(answer)
     }
 
-    fn answer<const N: usize>(&self, task: &Task, arm: &Arm<N>) -> Option<Answer<N>> {
-        let wish = self.law.wish(task, arm)?;
-        Some(Answer { wish, approach: Approach::at(self.law.rate_1_s(task)) })
+    /// What the law asks for as far as the target stays in the picture, and of the `secondary` motion as much as `task` does not
+    /// feel.
+    fn answer<const N: usize>(
+        &self,
+        (view, task): (&View, &Task),
+        arm: &Arm<N>,
+        secondary: Option<&SVector<f64, N>>,
+    ) -> Option<Answer<N>> {
+        let mut wish = self.law.wish(task, arm)?;
+        let mut rate_1_s = self.law.rate_1_s(task);
+        if let (Wish::Velocity(qd), UpdatePolicy::Predict) = (&mut wish, self.update) {
+            let factor = as_quick_as_held(rate_1_s * self.held_lag.as_s());
+            *qd *= factor;
+            rate_1_s *= factor;
+        }
+        let wish = match &self.visibility {
+            Some(guard) => guard.hold(&self.set_point, view, (task, &self.law.joint_damping()), arm, wish),
+            None => wish,
+        };
+        let mut answer = Answer { wish, approach: Approach::at(rate_1_s) };
+        if let (Wish::Velocity(qd), Task::Twist(task), Some(wanted)) = (&mut answer.wish, task, secondary)
+            && let Some(free) = seek_null_motion(task, &arm.J, wanted)
+        {
+            answer.approach.free = free;
+            *qd += free;
+        }
+        Some(answer)
     }
+}
+
+/// How much quicker than `exp(-lambda t)` the error falls under a law of gain lambda that works with errors of age T: the larger
+/// they are, the more it asks for. `e' = -lambda e(t - T)` falls with the rate `s = lambda x`, `x = exp(x lambda T)`, here as its
+/// series. Held laws of higher gains begin to swing; there is nothing to keep up with.
+fn as_quick_as_held(lambda_T: f64) -> f64 {
+    let r = lambda_T.clamp(0.0, LARGEST_HELD);
+    let x = 1.0 + r * (1.0 + r * (1.5 + r * (8.0 / 3.0 + r * 125.0 / 24.0)));
+    if lambda_T > r { (x * r / lambda_T).max(1.0) } else { x }
 }
 
 /// The joint velocity with which the camera keeps its place relative to a moving object: the feed-forward. None where

@@ -71,6 +71,16 @@ word! {
 }
 
 word! {
+    /// The matrix K_Ps of scheme C.
+    FeatureGain {
+        /// k I (the textbook's choice): as unlike along the camera's motions as L_s is ill-conditioned.
+        Scalar,
+        /// A constant matrix from L_s at the goal, there as stiff along the camera's motions as scheme A.
+        Preconditioned,
+    }
+}
+
+word! {
     /// On what a torque law damps.
     DampingOn {
         /// Errors of the task, as in (10.74), (10.84).
@@ -147,7 +157,7 @@ table! {
         /// When it is computed.
         update: Update = Update::Predict,
         /// Gain of the resolved-velocity laws, 1/s. B and hybrid also take four (x, y, z, rotation) or six.
-        gain_1_s: Gains = Gains::One(2.0),
+        gain_1_s: Gains = Gains::One(15.0),
         /// `[servo.adaptive_gain]`: factor on the gain that grows as the error shrinks.
         adaptive_gain: Option<RawAdaptive> = None,
         /// `[servo.pd]`: gains of the torque laws.
@@ -155,7 +165,7 @@ table! {
         /// 6, or 4 for a camera whose axis stays normal to the target (SCARA): x, y, z and rotation.
         dimension: u32 = 6,
         /// Depth in the interaction matrix.
-        depth: Depth = Depth::Desired,
+        depth: Depth = Depth::Estimated,
         /// That depth, m, where it is constant.
         constant_depth_m: f64 = 0.6,
         /// Features of the interaction matrix.
@@ -174,6 +184,8 @@ table! {
         lead_ms: f64 = 0.0,
         /// Gain of the motion away from joint limits where the task leaves joints free, 1/s; 0 for none.
         limit_avoidance_1_s: f64 = 0.0,
+        /// `[servo.visibility]`: keeps the target in the picture.
+        visibility: RawVisibility = RawVisibility::default(),
         /// `[servo.object]`: estimate the target's own motion, carry views by it and follow it.
         object: RawObject = RawObject::default(),
         /// `[servo.set_point]`
@@ -181,6 +193,18 @@ table! {
         /// `X_DO`: the target in the desired camera frame.
         desired: RawPose =
             RawPose { position_m: [-0.1, 0.1, 0.6], rotation_rpy_rad: [0.0, 0.0, -std::f64::consts::FRAC_PI_3] },
+    }
+}
+
+table! {
+    /// Keeps the target in the picture: features near its border slow and bend the motion.
+    RawVisibility {
+        /// Whether it does.
+        guard: bool = true,
+        /// Distance from the border that the target's marks keep, px; less where the goal itself is nearer.
+        margin_px: f64 = 10.0,
+        /// Share of the distance to that margin that a feature may cover in a second, 1/s.
+        rate_1_s: f64 = 4.0,
     }
 }
 
@@ -221,6 +245,8 @@ table! {
         position_damping_ns_m: Gains = Gains::Each(vec![500.0, 500.0, 10.0]),
         /// A: K_D of the orientation, N m s/rad.
         orientation_damping_nms_rad: Gains = Gains::One(10.0),
+        /// C: whether K_Ps is a number, or made so that the stiffnesses and dampings of A hold at the goal.
+        feature_gain: FeatureGain = FeatureGain::Preconditioned,
         /// C: K_Ps per squared feature unit (normalized), N m.
         feature_stiffness_nm: f64 = 300.0,
         /// C: K_Ds, N m s.

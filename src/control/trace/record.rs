@@ -74,6 +74,7 @@ fn intake_code(intake: Intake) -> u32 {
         Intake::NotNewer => 7,
         Intake::RefusedFromFuture => 8,
         Intake::TooOld => 9,
+        Intake::ImpossiblePose => 10,
     }
 }
 
@@ -101,5 +102,6 @@ fn event_number(event: Event) -> u32 {
         Event::Taught => 9,
         Event::Requested(_) => 10,
         Event::GoalReached => 11,
+        Event::ImpossiblePose => 12,
     }
 }

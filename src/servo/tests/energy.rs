@@ -30,7 +30,7 @@ fn falls(
     let accelerate = |q: &Vector4<f64>, qd: &Vector4<f64>| {
         let X_CO = view_at(q);
         let view = seen(&X_CO, &square()).with_known(Some(X_CO));
-        let arm = Arm { J: mount.camera(&robot, q).1, qd: *qd, gravity: robot.gravity(q), secondary: None };
+        let arm = Arm { J: mount.camera(&robot, q).1, qd: *qd, gravity: robot.gravity(q) };
         match law.wish(&law.task(&set_point, &view).unwrap(), &arm) {
             Some(Wish::Torque(tau)) => robot.forward_dynamics(q, qd, &tau),
             other => panic!("{other:?}"),
@@ -95,7 +95,7 @@ proptest! {
         let now = Pose::new([d[0] * 0.3, d[1] * 0.3, d[2] * 0.3].into(), [d[3], d[4], d[5]].into()) * X_DO;
         prop_assume!(Vector3::new(d[0], d[1], d[2]).norm() > 0.03);
         let camera = CameraJacobian::of_moving_camera(Matrix6::identity());
-        let arm = Arm { J: camera, qd: Vector6::zeros(), gravity: Vector6::zeros(), secondary: None };
+        let arm = Arm { J: camera, qd: Vector6::zeros(), gravity: Vector6::zeros() };
         let set_point = goal(&X_DO);
         let gain = Gain::Constant(1.0);
         let gains = HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(1.0) };

@@ -15,7 +15,7 @@ fn scara() -> Robot<4> {
 }
 
 fn arm<const N: usize>(J: SMatrix<f64, 6, N>, qd: SVector<f64, N>, gravity: SVector<f64, N>) -> Arm<N> {
-    Arm { J: CameraJacobian::of_moving_camera(J), qd, gravity, secondary: None }
+    Arm { J: CameraJacobian::of_moving_camera(J), qd, gravity }
 }
 
 fn velocity<const N: usize>(law: &Law, set_point: &SetPoint, view: &View, arm: &Arm<N>) -> SVector<f64, N> {
@@ -254,7 +254,7 @@ proptest! {
         let robot = scara();
         let q = Vector4::new(q[0], 1.2 + q[1], q[2], q[3]);
         let (mount, qd) = (Mount::EyeInHand { X_EC: Pose::identity() }, Vector4::from(qd));
-        let arm = Arm { J: mount.camera(&robot, &q).1, qd, gravity: robot.gravity(&q), secondary: None };
+        let arm = Arm { J: mount.camera(&robot, &q).1, qd, gravity: robot.gravity(&q) };
         let rows = |J: &SMatrix<f64, 6, 4>| Matrix4::from_rows(&[J.row(0), J.row(1), J.row(2), J.row(5)]);
         let J4 = rows(arm.J.matrix());
 

@@ -1,7 +1,10 @@
 use super::*;
-use crate::servo::{DepthSource, Gain, Interaction, InteractionAt};
+use crate::servo::{
+    Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, OperationalSpace, OrientationError,
+};
 use crate::sim::perfect_measurement;
-use nalgebra::{Point3, Vector4};
+use nalgebra::{Point3, Vector3, Vector4};
+use proptest::prelude::*;
 
 const MS: i64 = 1_000_000;
 
@@ -128,4 +131,163 @@ fn a_frame_from_before_the_first_tick_shows_the_arm_at_rest() {
     restarted.take(MonoNs(1001 * MS), &seen_at(1000), &robot);
     restarted.note_arm(MonoNs(5 * MS), &q_at(5), &Vector4::zeros());
     assert_eq!(restarted.take(MonoNs(2000 * MS), &seen_at(1001), &robot), Intake::Used);
+}
+
+#[test]
+fn poses_that_no_object_before_a_camera_has_are_refused() {
+    let robot = scara();
+    let good = seen_at(10);
+    let pose = |change: &dyn Fn(&mut [f64; 7])| {
+        let mut m = good;
+        change(&mut m.pose);
+        m
+    };
+    let mut wild = good;
+    wild.pose_covariance[7] = f64::NAN;
+    let mut negative = good;
+    negative.pose_covariance[7] = -1e-6;
+    for (what, m) in [
+        ("not finite", pose(&|p| p[1] = f64::NAN)),
+        ("infinite", pose(&|p| p[0] = f64::INFINITY)),
+        ("no rotation", pose(&|p| p[3..].fill(0.0))),
+        ("longer than a rotation", pose(&|p| p[3..].iter_mut().for_each(|x| *x *= 1.001))),
+        ("behind the camera", pose(&|p| p[2] = -p[2])),
+        ("two kilometres away", pose(&|p| p[2] = 2e3)),
+        ("two kilometres aside", pose(&|p| p[0] = 2e3)),
+        ("covariance that is not finite", wild),
+        ("negative variance", negative),
+    ] {
+        let mut s = servo(UpdatePolicy::Predict);
+        moved_to(&mut s, 0..=20);
+        let intake = s.take(MonoNs(20 * MS), &m, &robot);
+        assert_eq!(intake, Intake::ImpossiblePose, "{what}");
+        assert!(!intake.is_used() && s.wish(&q_at(20), &Vector4::zeros(), &robot).is_none(), "{what}");
+        // Without the flag there is no pose that could be wrong.
+        let unposed = Measurement { flags: 0, ..m };
+        assert_eq!(s.take(MonoNs(20 * MS), &unposed, &robot), Intake::Used, "{what}");
+    }
+}
+
+/// Every law, with everything on that looks at a measurement.
+fn every_law() -> Vec<VisualServo<4>> {
+    let gain = Gain::Constant(1.0);
+    let (orientation, K) = (OrientationError::AngleAxis, nalgebra::Vector6::repeat(1.0));
+    let mut all = Vec::new();
+    for space in [OperationalSpace::Four, OperationalSpace::Six] {
+        let gains = HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(1.0) };
+        all.push(Law::PositionVelocity { K, gain, orientation, space });
+        all.push(Law::PositionTorque { K_P: K, damping: Damping::Task(K), orientation, space });
+        all.push(Law::Hybrid { gains, gain, orientation, space });
+    }
+    for (at, depth) in [
+        (InteractionAt::Current, DepthSource::Estimated),
+        (InteractionAt::Mean, DepthSource::Estimated),
+        (InteractionAt::Desired, DepthSource::Desired),
+    ] {
+        let interaction = Interaction { at, depth };
+        all.push(Law::ImageVelocity { gain, interaction });
+        all.push(Law::ImageTorque { k_P: 1.0, damping: Damping::Task(1.0), interaction });
+    }
+    let of = |(i, law)| {
+        let mut settings = servo(UpdatePolicy::Predict).settings().clone();
+        settings.law = law;
+        settings.update = [UpdatePolicy::Predict, UpdatePolicy::Tick, UpdatePolicy::Frame][i % 3];
+        settings.limit_avoidance_1_s = Some(1.0);
+        settings.object = (i % 2 == 0).then_some(ObjectDynamics {
+            acceleration_m_s2: 0.3,
+            acceleration_rad_s2: 0.3,
+            largest_sd_m: 0.05,
+        });
+        VisualServo::new(settings)
+    };
+    all.into_iter().enumerate().map(of).collect()
+}
+
+/// Any bits, and those at the ends of what numbers mean.
+fn bits() -> impl Strategy<Value = u64> {
+    prop_oneof![
+        any::<u64>(),
+        any::<f64>().prop_map(f64::to_bits),
+        prop::sample::select(vec![
+            0,
+            1,
+            u64::MAX,
+            i64::MAX as u64,
+            i64::MIN as u64,
+            f64::NAN.to_bits(),
+            f64::INFINITY.to_bits(),
+            f64::NEG_INFINITY.to_bits(),
+            f64::MAX.to_bits(),
+            f64::MIN_POSITIVE.to_bits(),
+            1e300f64.to_bits(),
+            (-1.0f64).to_bits(),
+        ]),
+    ]
+}
+
+/// Puts `bits` into field `which` of a measurement.
+fn spoil(m: &mut Measurement, which: usize, at: usize, bits: u64) {
+    let number = f64::from_bits(bits);
+    let feature = at % m.features.len().min(5);
+    match which {
+        0 => m.frame_id = bits,
+        1 => m.exposure = MonoNs(bits as i64),
+        2 => m.frame_sent = MonoNs(bits as i64),
+        3 => m.vision_start = MonoNs(bits as i64),
+        4 => m.vision_end = MonoNs(bits as i64),
+        5 => (m.frames_received, m.frames_dropped, m.target_lost) = (bits, bits, bits),
+        6 => m.camera = bits as u32,
+        7 => m.status = bits as u32,
+        8 => m.flags = bits as u32,
+        9 => m.feature_count = bits as u32,
+        10 => m.features[feature].id = bits,
+        11 => (m.features[feature].u_px, m.features[feature].v_px) = (number, number),
+        12 => m.features[feature].x = number,
+        13 => m.features[feature].y = number,
+        14 => m.features[feature].sigma_px = number,
+        15 | 16 => m.pose[at % 7] = number,
+        17 => m.pose_covariance[at % 36] = number,
+        18 => m.pose_covariance = [number; 36],
+        _ => m.reprojection_rms_px = number,
+    }
+}
+
+proptest! {
+    /// Shared memory may hold anything: a measurement is refused, or what is wished for is finite.
+    #[test]
+    fn whatever_a_measurement_holds_nothing_panics_and_every_wish_is_finite(
+        spoilt in prop::collection::vec((0usize..20, 0usize..36, bits()), 1..4),
+        clock in prop::sample::select(vec![i64::MIN, -5, 0, 1_000_000_000, i64::MAX - 400 * MS]),
+    ) {
+        let robot = scara();
+        let at = |ms: i64| MonoNs(clock.saturating_add(ms * MS));
+        for mut s in every_law() {
+            for k in 0..=100 {
+                s.note_arm(at(k), &q_at(k), &Vector4::new(0.2, 0.0, 0.1, 0.0));
+            }
+            let shifted = |ms: i64| Measurement { exposure: at(ms), ..seen_at(ms) };
+            let mut bad = shifted(60);
+            for (which, place, bits) in &spoilt {
+                spoil(&mut bad, *which, *place, *bits);
+            }
+            for m in [shifted(40), bad, shifted(80), bad] {
+                s.take(at(100), &m, &robot);
+                if let Some(wish) = s.wish(&q_at(100), &Vector4::new(0.2, 0.0, 0.1, 0.0), &robot) {
+                    prop_assert!(wish.is_finite(), "{:?}: {wish:?}", s.settings().law);
+                }
+                prop_assert!(s.confidence(at(100)) <= 1.0);
+            }
+        }
+    }
+}
+
+/// What `predict` asks for falls with the rate of the held law that it keeps up with, and never asks for less at a higher gain.
+#[test]
+fn low_gains_are_as_quick_as_held_ones_and_high_ones_what_they_are() {
+    for lambda_T in [0.0, 0.01, 0.05, 0.1, 0.2] {
+        let x = as_quick_as_held(lambda_T);
+        assert!((x - (x * lambda_T).exp()).abs() < 1e-2, "{lambda_T}: {x}");
+    }
+    let rates: Vec<f64> = (0..100).map(|i| 0.01 * f64::from(i)).map(|r| r * as_quick_as_held(r)).collect();
+    assert!(rates.is_sorted() && (as_quick_as_held(0.4) - 1.0).abs() < 1e-12);
 }

@@ -1,0 +1,438 @@
+//! Keeps features in the picture: bends and slows a wished motion that would carry them over its border.
+//!
+//! Each seen feature at the pixel u may move outward no faster than the distance d that is left to a margin before the
+//! border allows: a velocity damper, `n . u_dot <= k max(d, 0)` with n the outward normal of a side and
+//! `u_dot = (du/ds) L_s V`. The camera twist V of the wish is replaced by the nearest one that fulfils this for every
+//! feature and side,
+//!
+//! ```text
+//! V' = argmin |V' - V|^2_W   subject to   a_j V' <= b_j,        b_j >= 0
+//! ```
+//!
+//! among the twists that the arm can make. Standing still fulfils everything, so there always is a solution; it is found
+//! by Gauss-Seidel on the multipliers (Hildreth), a bounded number of sweeps without memory of its own. Wishes that carry
+//! nothing out are left as they are, to the last bit.
+//!
+//! A torque law `u = g + J^T (h - D J qd) - K_D qd` moves the arm, if nothing else does, with
+//! `(J^T D J + K_D) qd* = J^T h`. It is that velocity which is held back, and an arm that is already too fast is braked.
+
+use super::{Arm, CameraJacobian, SetPoint, Task, TwistTask, View, Wish, WrenchTask, joint_velocity};
+use crate::camera_model::CameraModel;
+use crate::features::point_rows;
+use crate::linalg::Ldlt;
+use crate::messages::MAX_FEATURES;
+use nalgebra::{Matrix2x6, Matrix6, RowVector6, SMatrix, SVector, Vector2, Vector6};
+
+/// Of the distance between a desired feature and the border, the share that the margin leaves to it: a goal near the border
+/// can be reached.
+const GOAL_SHARE: f64 = 0.5;
+/// Most sweeps over all features and sides.
+const SWEEPS: usize = 60;
+/// Outward speed beyond what is allowed that is let pass, px/s.
+const SLACK_PX_S: f64 = 1e-3;
+/// How much a turn of 1 rad counts, m: what it moves the picture of a target as far away.
+const TURN_M: f64 = 0.5;
+/// How much more than its own damping an arm under a torque law is braked when it is too fast towards a border.
+const BRAKING: f64 = 4.0;
+/// Damping in the solution for a torque law's velocity, as share of the largest diagonal entry.
+const DAMPING: f64 = 1e-9;
+
+/// What is kept in the picture, and how.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VisibilityGuard {
+    /// The camera that sees the features.
+    pub camera: CameraModel,
+    /// Distance from the border that the target's marks keep, px.
+    pub margin_px: f64,
+    /// Radius of the largest mark, m: what of the target lies beyond a feature's centre.
+    pub mark_radius_m: f64,
+    /// Share of the distance to the margin that a feature may cover in a second, 1/s.
+    pub rate_1_s: f64,
+}
+
+/// What a feature's motion may be: `rows V` is its velocity in the picture, `growth V` that of the radius of a mark about it,
+/// px/s.
+#[derive(Clone, Copy)]
+struct Bound {
+    rows: Matrix2x6<f64>,
+    growth: RowVector6<f64>,
+    /// Distance to the margins, px: at the left and right, above and below; infinite where there is no bound.
+    left_px: [[f64; 2]; 2],
+    /// Multipliers of the four sides.
+    multiplier: [[f64; 2]; 2],
+}
+
+impl VisibilityGuard {
+    /// `wish` about `task`, so that no feature of `view` is carried out of the picture.
+    #[must_use]
+    pub fn hold<const N: usize>(
+        &self,
+        set_point: &SetPoint,
+        view: &View,
+        (task, joint_damping): (&Task, &SVector<f64, N>),
+        arm: &Arm<N>,
+        wish: Wish<N>,
+    ) -> Wish<N> {
+        let held = match (wish, task) {
+            (Wish::Velocity(qd), _) => self.held_back(set_point, view, arm, &qd, 0.0).map(Wish::Velocity),
+            (Wish::Torque(tau), Task::Wrench(task)) => {
+                self.held_torque(set_point, view, task, joint_damping, arm, &tau).map(Wish::Torque)
+            }
+            (Wish::Torque(_), Task::Twist(_)) => None,
+        };
+        held.filter(Wish::is_finite).unwrap_or(wish)
+    }
+
+    fn held_torque<const N: usize>(
+        &self,
+        set_point: &SetPoint,
+        view: &View,
+        task: &WrenchTask,
+        joint_damping: &SVector<f64, N>,
+        arm: &Arm<N>,
+        tau: &SVector<f64, N>,
+    ) -> Option<SVector<f64, N>> {
+        let J = arm.J.matrix();
+        let mut damping = J.tr_mul(&(task.damping * J));
+        for (i, own) in joint_damping.iter().enumerate() {
+            damping[(i, i)] += own;
+        }
+        let largest = damping.diagonal().max();
+        let factors = Ldlt::new(&damping.data.0, &[DAMPING * largest; N])?;
+        let qd = SVector::from(factors.solve(&J.tr_mul(&task.wrench).into()));
+        let held = self.held_back(set_point, view, arm, &qd, BRAKING)?;
+        Some(tau + damping * (held - qd))
+    }
+
+    /// The joint velocity nearest to `qd` that carries nothing out; `None` where that is `qd` itself. `braking`: how much slower
+    /// than allowed a feature shall be for each px/s by which it is too fast now.
+    fn held_back<const N: usize>(
+        &self,
+        set_point: &SetPoint,
+        view: &View,
+        arm: &Arm<N>,
+        qd: &SVector<f64, N>,
+        braking: f64,
+    ) -> Option<SVector<f64, N>> {
+        let wanted = arm.J.matrix() * qd;
+        let now = arm.J.matrix() * arm.qd;
+        let bounds = || self.bounds(set_point, view);
+        if bounds().all(|bound| bound.admits(&wanted, self, &now, braking)) {
+            return None;
+        }
+        let none = Bound {
+            rows: Matrix2x6::zeros(),
+            growth: RowVector6::zeros(),
+            left_px: [[f64::INFINITY; 2]; 2],
+            multiplier: [[0.0; 2]; 2],
+        };
+        let mut list = [none; MAX_FEATURES];
+        let mut count = 0;
+        for (place, bound) in list.iter_mut().zip(bounds()) {
+            *place = bound;
+            count += 1;
+        }
+        let list = list.get_mut(..count)?;
+        let mobility = mobility(&arm.J)?;
+        let mut V = wanted;
+        for _ in 0..SWEEPS {
+            let mut worst = 0.0_f64;
+            for bound in list.iter_mut() {
+                worst = worst.max(bound.project(&mut V, &mobility, self, &now, braking));
+            }
+            if worst <= SLACK_PX_S {
+                break;
+            }
+        }
+        let change = V - wanted;
+        let task = TwistTask { matrix: Matrix6::identity(), vector: change, error: change.norm() };
+        Some(qd + joint_velocity(&task, 1.0, &arm.J)?)
+    }
+
+    /// The bounds of the features that are seen.
+    fn bounds<'a>(&'a self, set_point: &'a SetPoint, view: &'a View) -> impl Iterator<Item = Bound> + 'a {
+        let seen = (0..view.features().len()).filter_map(|i| view.feature(i).map(|s| (i, *s)));
+        seen.filter_map(move |(i, s)| {
+            let (s_d, z_d_m) = (set_point.features().get(i)?, *set_point.depths_m().get(i)?);
+            let z_m = view.depth_m(set_point.points().get(i)?, z_d_m);
+            let rows = self.camera.pixel_jacobian(&s) * point_rows(&s, z_m);
+            let (now, goal) = (self.distances_px(&s, z_m), self.distances_px(s_d, z_d_m));
+            let mut left_px = [[f64::INFINITY; 2]; 2];
+            for ((left, now), goal) in
+                left_px.iter_mut().flatten().zip(now.iter().flatten()).zip(goal.iter().flatten())
+            {
+                // (to the border, the margin)
+                let margin = now.1.min((1.0 - GOAL_SHARE) * goal.0);
+                if goal.0 > 0.0 {
+                    *left = (now.0 - margin).max(0.0);
+                }
+            }
+            // r f / z with z_dot = -(v_z + z (y w_x - x w_y)).
+            let growth = RowVector6::new(0.0, 0.0, 1.0 / z_m, s.y, -s.x, 0.0)
+                * (self.mark_radius_m * self.camera.intrinsics().fx_px / z_m);
+            Some(Bound { rows, growth, left_px, multiplier: [[0.0; 2]; 2] })
+        })
+    }
+
+    /// How far a feature is from each border, and how far it should be, px.
+    fn distances_px(&self, s: &Vector2<f64>, z_m: f64) -> [[(f64, f64); 2]; 2] {
+        let i = self.camera.intrinsics();
+        let px = self.camera.pixel_of(s);
+        let of = |x: f64, size: u32, f_px: f64| {
+            let margin = self.margin_px + self.mark_radius_m * f_px / z_m;
+            [(x + 0.5, margin), (f64::from(size) - 0.5 - x, margin)]
+        };
+        [of(px.x, i.width_px, i.fx_px), of(px.y, i.height_px, i.fy_px)]
+    }
+
+    /// Largest outward speed, px/s, of a feature that has `left_px` to go and moves outward with `now_px_s`.
+    fn largest_px_s(&self, left_px: f64, now_px_s: f64, braking: f64) -> f64 {
+        let allowed = self.rate_1_s * left_px;
+        allowed - braking * (now_px_s - allowed).max(0.0)
+    }
+}
+
+/// Left and right, above and below.
+const SIDES: [f64; 2] = [-1.0, 1.0];
+
+impl Bound {
+    /// `row V` is the speed of a mark towards the border at one `side` of an `axis`, px/s.
+    fn outward(&self, axis: usize, side: f64) -> RowVector6<f64> {
+        self.rows.row(axis) * side + self.growth
+    }
+
+    fn admits(&self, V: &Vector6<f64>, guard: &VisibilityGuard, now: &Vector6<f64>, braking: f64) -> bool {
+        let (wanted, growing) = (self.rows * V, (self.growth * V).x);
+        let (moving, grows) = (self.rows * now, (self.growth * now).x);
+        self.left_px.iter().enumerate().all(|(axis, sides)| {
+            sides.iter().zip(SIDES).all(|(left, side)| {
+                let largest = guard.largest_px_s(*left, side * moving[axis] + grows, braking);
+                side * wanted[axis] + growing <= largest
+            })
+        })
+    }
+
+    /// Takes from V what breaks the bound, or gives back what was taken too much; by how much it was broken, px/s.
+    fn project(
+        &mut self,
+        V: &mut Vector6<f64>,
+        mobility: &Matrix6<f64>,
+        guard: &VisibilityGuard,
+        now: &Vector6<f64>,
+        braking: f64,
+    ) -> f64 {
+        let mut worst = 0.0_f64;
+        for axis in 0..2 {
+            for (k, side) in SIDES.into_iter().enumerate() {
+                let row = self.outward(axis, side);
+                let (left, multiplier) = (self.left_px[axis][k], &mut self.multiplier[axis][k]);
+                let over = (row * *V).x - guard.largest_px_s(left, (row * now).x, braking);
+                if !left.is_finite() || (over <= 0.0 && *multiplier == 0.0) {
+                    continue;
+                }
+                let direction = mobility * row.transpose();
+                let change = (over / (row * direction).x).max(-*multiplier);
+                if change.is_finite() && change != 0.0 {
+                    *multiplier += change;
+                    *V -= direction * change;
+                    worst = worst.max(over.abs());
+                }
+            }
+        }
+        worst
+    }
+}
+
+/// How a twist gives way: the inverse of the weights W, of the motions that the arm can make.
+fn mobility<const N: usize>(J: &CameraJacobian<N>) -> Option<Matrix6<f64>> {
+    let turn = 1.0 / (TURN_M * TURN_M);
+    let all = Vector6::new(1.0, 1.0, 1.0, turn, turn, turn);
+    if N >= 6 {
+        return Some(Matrix6::from_diagonal(&all));
+    }
+    let J = J.matrix();
+    let weighted = SMatrix::<f64, 6, N>::from_fn(|i, j| J[(i, j)] / all[i]);
+    let normal = J.tr_mul(&weighted);
+    let factors = Ldlt::new(&normal.data.0, &[DAMPING * normal.diagonal().max(); N])?;
+    let mut out = Matrix6::zeros();
+    for i in 0..6 {
+        let row: [f64; N] = std::array::from_fn(|j| J[(i, j)]);
+        out.set_column(i, &(J * SVector::from(factors.solve(&row))));
+    }
+    Some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera_model::{Distortion, Intrinsics};
+    use crate::geometry::Pose;
+    use crate::servo::{Gain, Interaction, Law, PoseGains};
+    use nalgebra::{Point3, Vector4};
+    use proptest::prelude::*;
+
+    fn square() -> [Point3<f64>; 4] {
+        [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1)].map(|(x, y)| Point3::new(x, y, 0.0))
+    }
+
+    fn guard() -> VisibilityGuard {
+        let lens = Intrinsics {
+            fx_px: 800.0,
+            fy_px: 800.0,
+            cx_px: 319.5,
+            cy_px: 239.5,
+            width_px: 640,
+            height_px: 480,
+        };
+        let distortion = Distortion { k1: -0.15, k2: 0.05, ..Distortion::default() };
+        let camera = CameraModel::new(lens, distortion).unwrap();
+        VisibilityGuard { camera, margin_px: 10.0, mark_radius_m: 0.01, rate_1_s: 4.0 }
+    }
+
+    fn goal() -> SetPoint {
+        SetPoint::from_pose(&Pose::translation(-0.05, -0.05, 0.6), &square()).unwrap()
+    }
+
+    fn seen(X_CO: &Pose) -> View {
+        View::new(square().iter().map(|p| (X_CO * p).coords).map(|p| p.xy() / p.z), Some(*X_CO)).unwrap()
+    }
+
+    fn law() -> Law {
+        Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: Interaction::TEXTBOOK }
+    }
+
+    /// Pixel distances of the four points from the nearest borders, less their radius in the picture.
+    fn nearest_px(X_CO: &Pose) -> f64 {
+        let guard = guard();
+        let i = guard.camera.intrinsics();
+        let of = |p: &Point3<f64>| {
+            let p = X_CO * p;
+            let px = guard.camera.pixel_of(&(p.coords.xy() / p.z));
+            let sides = [px.x + 0.5, 639.5 - px.x, px.y + 0.5, 479.5 - px.y];
+            sides.into_iter().fold(f64::INFINITY, f64::min) - guard.mark_radius_m * i.fx_px / p.z
+        };
+        square().iter().map(of).fold(f64::INFINITY, f64::min)
+    }
+
+    fn hold<const N: usize>(X_CO: &Pose, arm: &Arm<N>, qd: &SVector<f64, N>) -> SVector<f64, N> {
+        let (set_point, view, law) = (goal(), seen(X_CO), law());
+        let task = law.task(&set_point, &view).unwrap();
+        let wish = Wish::Velocity(*qd);
+        match guard().hold(&set_point, &view, (&task, &law.joint_damping()), arm, wish) {
+            Wish::Velocity(qd) => qd,
+            Wish::Torque(_) => panic!("a velocity"),
+        }
+    }
+
+    fn flier(qd: Vector6<f64>) -> Arm<6> {
+        Arm { J: CameraJacobian::of_moving_camera(Matrix6::identity()), qd, gravity: Vector6::zeros() }
+    }
+
+    fn anywhere() -> impl Strategy<Value = Pose> {
+        (prop::array::uniform3(-0.5..0.5f64), -0.4..0.4f64, -0.3..0.3f64, 0.3..1.2f64)
+            .prop_map(|(turn, x, y, z)| {
+                Pose::new([x, y, z].into(), turn.into()) * Pose::translation(-0.05, -0.05, 0.0)
+            })
+            .prop_filter("in the picture", |X_CO| nearest_px(X_CO) > 0.0)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        /// Whatever is wished, no mark comes nearer to the border than the margin, and what is within it no nearer.
+        #[test]
+        fn nothing_is_carried_out(start in anywhere(), V in prop::array::uniform6(-1.0..1.0f64)) {
+            let V = Vector6::from(V);
+            let kept = nearest_px(&start).min(10.0);
+            let mut X_CO = start;
+            for _ in 0..800 {
+                let held = hold(&X_CO, &flier(Vector6::zeros()), &V);
+                prop_assert!(held.iter().all(|x| x.is_finite()));
+                X_CO = crate::geometry::integrate_body_twist(&Pose::identity(), &held, 1e-3).inverse() * X_CO;
+                let least = square().iter().map(|p| (X_CO * p).z).fold(f64::INFINITY, f64::min);
+                if !(least > 0.02 && least < 50.0) { break; }
+                // What a step of 1 ms bends is not in the bound.
+                prop_assert!(nearest_px(&X_CO) > kept - 3.0, "{} of {kept} px: {held}", nearest_px(&X_CO));
+            }
+        }
+
+        #[test]
+        fn what_carries_nothing_out_is_left_alone_and_nothing_is_made_quicker(
+            X_CO in anywhere(), V in prop::array::uniform6(-1.0..1.0f64)
+        ) {
+            let V = Vector6::from(V);
+            let slow = V * 1e-9;
+            if nearest_px(&X_CO) > 11.0 {
+                prop_assert_eq!(hold(&X_CO, &flier(Vector6::zeros()), &slow), slow);
+            }
+            let weigh = |V: &Vector6<f64>| V.fixed_rows::<3>(0).norm_squared() + (TURN_M * V.fixed_rows::<3>(3)).norm_squared();
+            let held = hold(&X_CO, &flier(Vector6::zeros()), &V);
+            prop_assert!(weigh(&held) <= weigh(&V) * (1.0 + 1e-6));
+        }
+    }
+
+    #[test]
+    fn arms_with_fewer_joints_bend_within_their_motions() {
+        let robot = crate::robot::load("scara").unwrap().build::<4>().unwrap();
+        let q = Vector4::new(0.0, 1.57, 0.5, -0.79);
+        let J = robot.jacobian_of_frame(&q, &Pose::identity(), crate::robot::ExpressedIn::Moving);
+        let arm =
+            Arm { J: CameraJacobian::of_moving_camera(J), qd: Vector4::zeros(), gravity: Vector4::zeros() };
+        // The square is near the right border, and the camera shall move to the left.
+        let X_CO = Pose::translation(0.1, -0.05, 0.6);
+        let view = seen(&X_CO);
+        let qd = joint_velocity(
+            &TwistTask {
+                matrix: Matrix6::identity(),
+                vector: Vector6::new(-1.0, 0.1, 0.0, 0.0, 0.0, 0.0),
+                error: 1.0,
+            },
+            1.0,
+            &arm.J,
+        )
+        .unwrap();
+        let held = hold(&X_CO, &arm, &qd);
+        // The two points at the right.
+        let outward = |qd: &Vector4<f64>| {
+            [1, 2].map(|i| (point_rows(view.feature(i).unwrap(), 0.6) * (J * qd)).x * 800.0)
+        };
+        let to_go = 4.0 * (nearest_px(&X_CO) - 10.0);
+        assert!(outward(&qd).iter().all(|v| *v > 3.0 * to_go), "{:?} {to_go}", outward(&qd));
+        assert!(outward(&held).iter().all(|v| *v < 1.1 * to_go), "{:?} {to_go}", outward(&held));
+        assert!(held.norm() > 0.01, "it goes on where it can: {held}");
+    }
+
+    #[test]
+    fn a_torque_law_is_held_as_a_velocity_and_braked_when_it_is_too_fast() {
+        let K = PoseGains::repeat(4.0);
+        let law = Law::PositionTorque {
+            K_P: K,
+            damping: crate::servo::Damping::Task(K),
+            orientation: crate::servo::OrientationError::AngleAxis,
+            space: crate::servo::OperationalSpace::Six,
+        };
+        let away = Pose::translation(-0.6, -0.05, 0.6); // a goal far to the side
+        let set_point = SetPoint::from_pose(&away, &square()).unwrap();
+        let X_CO = Pose::translation(-0.2, -0.05, 0.6);
+        let view = seen(&X_CO);
+        let task = law.task(&set_point, &view).unwrap();
+        // What the law wants and what is left of it, as speeds towards the left border of the nearest points, px/s: the
+        // terminal velocity of a wrench is a quarter of it.
+        let speeds = |V: Vector6<f64>| {
+            let arm = flier(V);
+            let wish = law.wish(&task, &arm).unwrap();
+            let held = guard().hold(&goal(), &view, (&task, &law.joint_damping()), &arm, wish);
+            [wish, held].map(|wish| {
+                let Wish::Torque(wrench) = wish else { panic!("a torque law") };
+                let of =
+                    |i: usize| -(point_rows(view.feature(i).unwrap(), 0.6) * (wrench / 4.0 + V)).x * 800.0;
+                of(0).max(of(3))
+            })
+        };
+        let to_go = 4.0 * (nearest_px(&X_CO) - 10.0);
+        let [wished, held] = speeds(Vector6::zeros());
+        assert!(wished > 2.0 * to_go && held < 1.1 * to_go, "{wished} {held} {to_go}");
+        let [_, braked] = speeds(Vector6::x() * 0.3);
+        assert!(braked < held - 200.0, "{braked} {held} {to_go}");
+    }
+}
