@@ -36,6 +36,8 @@ const EXPECTED_SPEED: f64 = 1.0;
 const MOVES: f64 = 0.05;
 /// Mean time for which a joint under a torque law is taken to have accelerated, where it has to move.
 const START_S: f64 = 0.2;
+/// Rate at which a reference that a drive obeys goes back to an arm that has not followed it, 1/s.
+const BACK_1_S: f64 = 5.0;
 /// How long an arm whose reference rests may go on moving.
 const PATIENCE: SpanNs = SpanNs(2_000_000_000);
 
@@ -138,7 +140,11 @@ pub struct Controller<const N: usize> {
     watch: ArmWatch<N>,
     rest_watch: RestWatch<N>,
     rest: Rest,
+    /// Since when the reference rests while the arm is to stand, and since when it is braked.
     rests_since: Option<MonoNs>,
+    brakes_since: Option<MonoNs>,
+    /// From whatever motion to rest, with some patience.
+    longest_braking: SpanNs,
     events: Events,
 }
 
@@ -170,6 +176,8 @@ impl<const N: usize> Controller<N> {
         let gate = settings.gate();
         let ControllerSettings { arm, joint_control, mode, q_start, .. } = settings;
         let limits = arm.limits.clone();
+        let braking = SpanNs::from_s(limits.longest_braking_s());
+        let longest_braking = SpanNs(PATIENCE.0.saturating_add(braking.0));
         Self {
             mode,
             gate: Gate::new(gate, limits.clone(), q_start),
@@ -191,6 +199,8 @@ impl<const N: usize> Controller<N> {
             rest_watch: RestWatch::default(),
             rest: Rest::Moving,
             rests_since: None,
+            brakes_since: None,
+            longest_braking,
             events: Events::default(),
         }
     }
@@ -369,6 +379,10 @@ impl<const N: usize> Controller<N> {
     fn seat(&mut self, state: &DriveState<N>, stands: bool) {
         let qd = if stands { SVector::zeros() } else { state.qd };
         let r = self.reference.state();
+        // What a drive obeys goes on from what it was told: there the way back to the arm is one within the limits.
+        if self.mode != CommandMode::Torque && self.gate.is_open() {
+            return;
+        }
         if (r.q - state.q).amax() <= ON_THE_ARM.0 && (r.qd - qd).amax() <= ON_THE_ARM.1 {
             return;
         }
@@ -388,6 +402,9 @@ impl<const N: usize> Controller<N> {
         let mut limits = ActingLimits::default();
         let wish = match intent {
             Intent::Torque(tau) => return self.pushed(state, tau, confidence),
+            Intent::Stand | Intent::Look(_) if self.mode == CommandMode::Position && self.fault.is_some() => {
+                (state.q - self.reference.state().q) * BACK_1_S
+            }
             Intent::Stand | Intent::Look(_) => SVector::zeros(),
             Intent::Joints(qd) => *qd,
             Intent::Velocity(qd, approach) => {
@@ -481,7 +498,7 @@ impl<const N: usize> Controller<N> {
         }
         let distance = (motion.now.q - state.q).amax();
         if self.fault.is_some() {
-            if distance > ASTRAY * self.max_tracking_error {
+            if self.mode == CommandMode::Torque && distance > ASTRAY * self.max_tracking_error {
                 self.reference.seat(&state.q, &state.qd);
                 self.gate.seat(&state.q, &state.qd);
             }
@@ -492,19 +509,18 @@ impl<const N: usize> Controller<N> {
     }
 
     fn note_rest(&mut self, now: MonoNs, seen: bool) {
+        let brakes = matches!(self.state, State::Stopping | State::Failing | State::Fault);
+        let since = *self.brakes_since.get_or_insert(now);
+        self.brakes_since = brakes.then_some(since);
         // From `v <= J T^2` braking takes at most two ticks `T`, and in one tick it changes the acceleration by at most
         // `J T`: a standstill at the next one is within the limits.
-        if self.state.moves() || !self.reference.rests_within(SpanNs(2 * TICK.0)) {
-            self.rests_since = None;
-            self.rest = Rest::Moving;
-            return;
-        }
+        let reference_rests = self.reference.rests_within(SpanNs(2 * TICK.0));
         let since = *self.rests_since.get_or_insert(now);
-        self.rest = if !seen {
-            Rest::Unknown
-        } else if self.rest_watch.is_at_rest() {
-            Rest::AtRest
-        } else if now - since > PATIENCE {
+        self.rests_since = (reference_rests && !self.state.moves()).then_some(since);
+        let is_over = |since: Option<MonoNs>, patience| since.is_some_and(|since| now - since > patience);
+        self.rest = if self.rests_since.is_some() && (!seen || self.rest_watch.is_at_rest()) {
+            if seen { Rest::AtRest } else { Rest::Unknown }
+        } else if is_over(self.rests_since, PATIENCE) || (brakes && is_over(self.brakes_since, self.longest_braking)) {
             Rest::Restless
         } else {
             Rest::Moving

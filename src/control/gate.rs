@@ -65,6 +65,12 @@ impl<const N: usize> Gate<N> {
         self.changed
     }
 
+    /// Whether anything has passed.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        self.tau.is_some()
+    }
+
     /// The arm was found elsewhere, and is followed from there. The torque goes on from the last one.
     pub fn seat(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         self.reference.seat(q, qd);

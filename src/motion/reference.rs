@@ -167,7 +167,13 @@ impl<const N: usize> Reference<N> {
     pub fn place(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         let a = self.state.a;
         self.seat(q, qd);
-        self.state.a = a;
+        let limits = &self.limits;
+        self.state.a = SVector::from_fn(|i, _| {
+            // No more than can be taken back before the velocity limit.
+            let room = (limits.velocity[i] - self.state.qd[i] * a[i].signum()).max(0.0);
+            let most = (2.0 * limits.jerk[i] * room).sqrt();
+            a[i].clamp(-most, most)
+        });
     }
 
     /// Advances by `dt` with the acceleration `qdd` (rad/s^2 or m/s^2), the same throughout, as far as the limits let it. One

@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | the state is not finite | its numbers |
 //! | the state is none that an arm has | positions and speeds far beyond range and limit; a jump that no speed explains |
+//! | positions and velocities contradict each other: one of them is frozen | their ways over some ticks |
 //! | a joint is too fast | its displacement over some ticks, against its velocity limit |
 //! | a joint does not follow | its displacement over some ticks, against that of its reference |
 //!
@@ -26,6 +27,11 @@ const FASTEST: f64 = 1.2;
 const ABSURD_SPEED: f64 = 10.0;
 /// Displacements below this are encoder noise, rad or m.
 const JITTER: f64 = 5e-3;
+/// Ticks over which positions and velocities are compared.
+const GLIDE: usize = 300;
+/// Difference of their ways from which on they contradict each other, rad or m, and share of the way beside it.
+const CONTRADICTION: f64 = 0.015;
+const CONTRADICTING_SHARE: f64 = 0.4;
 /// Ticks over which a joint is to follow its reference, in so many parts.
 const FOLLOW_PART: usize = 100;
 const FOLLOW_PARTS: usize = 4;
@@ -42,13 +48,16 @@ pub struct ArmWatch<const N: usize> {
     /// The last positions and their times, the oldest at `next`.
     recent: [(MonoNs, SVector<f64, N>); SPEED_WINDOW],
     next: usize,
+    /// What the velocities say of the way.
+    glide: Glide<N>,
     follow: Follow<N>,
 }
 
 impl<const N: usize> Default for ArmWatch<N> {
     fn default() -> Self {
         let recent = [(MonoNs::ZERO, SVector::zeros()); SPEED_WINDOW];
-        Self { last: None, recent, next: 0, follow: Follow::default() }
+        let glide = Glide { way: SVector::zeros(), ticks: 0, from: SVector::zeros(), until: MonoNs::ZERO };
+        Self { last: None, recent, next: 0, glide, follow: Follow::default() }
     }
 }
 
@@ -64,6 +73,7 @@ impl<const N: usize> ArmWatch<N> {
         let Some((since, last)) = self.last else {
             self.last = Some((now, state.q));
             self.recent = [(now, state.q); SPEED_WINDOW];
+            (self.glide.from, self.glide.until) = (state.q, now);
             return None;
         };
         let passed = (now - since).max(TICK);
@@ -77,6 +87,9 @@ impl<const N: usize> ArmWatch<N> {
                 // What came late made its way before: it is no speed.
                 self.recent = [(now, state.q); SPEED_WINDOW];
             }
+        }
+        if self.glide.contradicts(now, state) {
+            return Some(Fault::DriveStateImplausible);
         }
         let place = self.recent.get_mut(self.next)?;
         let (then, oldest) = std::mem::replace(place, (now, state.q));
@@ -94,6 +107,36 @@ impl<const N: usize> ArmWatch<N> {
     /// The arm is followed anew: it begins to move, or its reference was put elsewhere.
     pub fn restart(&mut self) {
         self.follow = Follow::default();
+    }
+}
+
+/// The way that velocities tell of.
+#[derive(Debug, Clone)]
+struct Glide<const N: usize> {
+    /// So far, rad or m.
+    way: SVector<f64, N>,
+    ticks: usize,
+    /// Where it began.
+    from: SVector<f64, N>,
+    /// When it was last added to.
+    until: MonoNs,
+}
+
+impl<const N: usize> Glide<N> {
+    /// Whether positions went another way than velocities say: one of them stands still in the drive.
+    fn contradicts(&mut self, now: MonoNs, state: &DriveState<N>) -> bool {
+        self.way += state.qd * (now - self.until).as_s();
+        self.until = now;
+        self.ticks += 1;
+        if self.ticks < GLIDE {
+            return false;
+        }
+        let (told, gone) = (self.way, state.q - self.from);
+        *self = Self { way: SVector::zeros(), ticks: 0, from: state.q, until: now };
+        (0..N).any(|i| {
+            let way = gone[i].abs().max(told[i].abs());
+            (gone[i] - told[i]).abs() > CONTRADICTION + CONTRADICTING_SHARE * way
+        })
     }
 }
 
@@ -197,8 +240,18 @@ mod tests {
         let mut watch = ArmWatch::default();
         for k in 0..400 {
             let q = 2.0 * 1e-3 * f64::from(k / 15 * 15);
-            assert_eq!(watch.note(at(k), &state(q, 2.0), &limits()), None, "{k}");
+            assert_eq!(watch.note(at(k), &state(q, 1.9), &limits()), None, "{k}");
         }
+    }
+
+    #[test]
+    fn a_position_that_stands_while_the_joint_reports_a_velocity_is_none() {
+        let mut watch = ArmWatch::default();
+        let told = (0..1000).find(|k| {
+            let q = 0.2e-3 * f64::from((*k).min(300));
+            watch.note(at(*k), &state(q, 0.2), &limits()) == Some(Fault::DriveStateImplausible)
+        });
+        assert!((400..=900).contains(&told.unwrap()), "{told:?}");
     }
 
     #[test]
@@ -206,9 +259,10 @@ mod tests {
         let mut watch = ArmWatch::default();
         let mut random = Random::new(3);
         for k in 0..5000 {
-            let q = 1.9 * (f64::from(k) * 1e-3).sin() + 3e-4 * random.gaussian();
+            let t = f64::from(k) * 1e-3;
+            let q = 1.9 * t.sin() + 3e-4 * random.gaussian();
             let steps = (q / 1e-3).round() * 1e-3;
-            let state = state(steps, 1.9 + 2.0 * random.gaussian());
+            let state = state(steps, 1.9 * t.cos() + 0.3 * random.gaussian());
             assert_eq!(watch.note(at(k), &state, &limits()), None);
         }
     }

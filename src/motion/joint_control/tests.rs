@@ -10,7 +10,7 @@ type Arm<const N: usize> = SimulatedDriveSettings<N>;
 
 fn at_rest<const N: usize>(q: SVector<f64, N>) -> ReferenceState<N> {
     let zero = SVector::zeros();
-    ReferenceState { q, qd: zero, qdd: zero, limits: ActingLimits::default() }
+    ReferenceState { q, qd: zero, qdd: zero, a: zero, limits: ActingLimits::default() }
 }
 
 fn robot<const N: usize>(name: &str) -> Robot<N> {

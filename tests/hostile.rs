@@ -1,0 +1,180 @@
+//! A hostile drive and hostile measurements: whatever they report, no command passes a limit, none is no number, and every run
+//! ends with a reason.
+//!
+//! `VSERVO_CAMPAIGN=10000 cargo test --release --test hostile` runs so many seeds of each; without it some.
+
+#![allow(non_snake_case, clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+
+#[path = "common/plant.rs"]
+mod plant;
+
+use nalgebra::SVector;
+use plant::{MS, Over, Plant, Report, config, run};
+use vservo::config::Config;
+use vservo::control::outcome::Outcome;
+use vservo::drive::DriveState;
+use vservo::linalg::Random;
+use vservo::messages::{FeaturePoint, MAX_FEATURES, Measurement};
+use vservo::robot::Robot;
+use vservo::time::MonoNs;
+
+const FILES: [&str; 8] = [
+    "default.toml",
+    "scara-a.toml",
+    "scara-b.toml",
+    "scara-c.toml",
+    "ur5.toml",
+    "ur5-hybrid.toml",
+    "panda.toml",
+    "pan_tilt.toml",
+];
+const MODES: [&str; 3] = ["torque", "velocity", "position"];
+
+fn seeds() -> u64 {
+    std::env::var("VSERVO_CAMPAIGN").ok().and_then(|n| n.parse().ok()).unwrap_or(160)
+}
+
+/// A number of any bits, or one that is only a little wrong.
+fn any(random: &mut Random) -> f64 {
+    match random.bits() % 8 {
+        0 => f64::NAN,
+        1 => f64::INFINITY,
+        2 => -1e200,
+        3 => 1e6,
+        4 | 5 => f64::from_bits(random.bits()),
+        _ => random.between(-10.0, 10.0),
+    }
+}
+
+/// A drive that from some tick on, for ever or for a while, reports something else than the truth.
+fn mischief<const N: usize>(seed: u64) -> Report<N> {
+    let mut random = Random::new(seed);
+    let kind = random.bits() % 9;
+    let from = (random.bits() % 1200) as i64;
+    let until = if random.bits() % 2 == 0 { i64::MAX } else { from + 1 + (random.bits() % 300) as i64 };
+    let joint = (random.bits() % N as u64) as usize;
+    let size = 10_f64.powf(random.between(-4.0, 1.0));
+    let mut frozen: Option<DriveState<N>> = None;
+    let mut queue = std::collections::VecDeque::new();
+    Box::new(move |tick, mut state| {
+        queue.push_back(state);
+        let before = if queue.len() > 40 { queue.pop_front() } else { None };
+        if tick < from || tick >= until {
+            return state;
+        }
+        match kind {
+            0 => state.q[joint] = any(&mut random),
+            1 => state.qd[joint] = any(&mut random),
+            2 => {
+                state.q = SVector::from_fn(|_, _| any(&mut random));
+                state.qd = SVector::from_fn(|_, _| any(&mut random));
+            }
+            3 => state = *frozen.get_or_insert(state),
+            4 => state = before.unwrap_or(state),
+            5 => state.q[joint] += size,
+            6 => state.q = SVector::from_fn(|i, _| state.q[i] + size.min(1e-3) * random.gaussian()),
+            7 => (state.q, state.qd) = (-state.q, -state.qd),
+            _ => state.qd[joint] = size * if tick % 2 == 0 { 10.0 } else { -10.0 },
+        }
+        state
+    })
+}
+
+/// Checks every command against the limits, by itself.
+fn judge<const N: usize>(what: &str, over: &Over<N>, config: &Config, robot: &Robot<N>) {
+    let (a_max, j_max) = (&config.motion.max_acceleration, &config.motion.max_jerk);
+    let position_mode = config.drive.mode != vservo::drive::CommandMode::Torque;
+    let mut a_before = SVector::<f64, N>::zeros();
+    for (k, tick) in over.ticks.iter().enumerate() {
+        let c = &tick.command;
+        for (i, limit) in robot.limits().iter().enumerate() {
+            let at = || format!("{what}, tick {k}, joint {i}: {c:?}");
+            assert!(c.tau[i].abs() <= limit.effort, "{}", at());
+            assert!(c.q_r[i].is_finite() && c.qd_r[i].abs() <= limit.velocity * (1.0 + 1e-5), "{}", at());
+            if let (true, Some(before)) = (position_mode, k.checked_sub(1).and_then(|k| over.ticks.get(k))) {
+                let a = (c.qd_r[i] - before.command.qd_r[i]) / 1e-3;
+                assert!(a.abs() <= a_max[i] * (1.0 + 1e-4), "{} {a}", at());
+                let jerk = (a - a_before[i]) / 1e-3;
+                // Of means over a tick in which the acceleration changes evenly.
+                assert!(jerk.abs() <= 1.51 * j_max[i], "{} {jerk}", at());
+                a_before[i] = a;
+            }
+        }
+    }
+}
+
+fn one<const N: usize>(config: &Config, robot: &Robot<N>, what: &str, seed: u64, see: bool) {
+    let mut plant = Plant::new(config, robot, SVector::zeros());
+    if !see {
+        plant.report = mischief(seed);
+    }
+    let mut random = Random::new(seed ^ 0x5eed);
+    let mut last = None;
+    let over = run(config, robot, plant, 12_000, &mut |k, m| if see { tampered(&mut random, &mut last, k, m) } else { m });
+    judge(what, &over, config, robot);
+    let finish = over.finish.unwrap_or_else(|| panic!("{what}: does not end, {:?}", over.events));
+    assert!(!finish.reason.is_empty());
+    if !see && finish.outcome != Outcome::Fault {
+        // What was not told did no harm.
+        assert!(over.ticks.last().unwrap().qd.amax() < 0.05, "{what}: {finish:?}");
+    }
+}
+
+/// A measurement that is not what a camera saw.
+fn tampered(
+    random: &mut Random,
+    last: &mut Option<Measurement>,
+    k: i64,
+    m: Option<Measurement>,
+) -> Option<Measurement> {
+    let mut m = m?;
+    match random.bits() % 14 {
+        0 => m.features[(random.bits() % 4) as usize].x = any(random),
+        1 => {
+            for f in &mut m.features {
+                *f = FeaturePoint { id: random.bits() % 8, x: any(random), y: any(random), ..*f };
+            }
+        }
+        2 => m.feature_count = random.bits() as u32,
+        3 => m.feature_count = (random.bits() % (2 * MAX_FEATURES as u64)) as u32,
+        4 => m.status = random.bits() as u32,
+        5 => m.flags = random.bits() as u32,
+        6 => m.exposure = MonoNs(random.bits() as i64),
+        7 => m.exposure = MonoNs([i64::MIN, i64::MAX, 0, k * MS + 1][(random.bits() % 4) as usize]),
+        8 => m.pose = std::array::from_fn(|_| any(random)),
+        9 => m.pose[(random.bits() % 7) as usize] = any(random),
+        10 => m.pose_covariance = std::array::from_fn(|_| any(random)),
+        11 => return None,
+        12 => return *last,
+        _ => {}
+    }
+    *last = Some(m);
+    Some(m)
+}
+
+fn campaign(see: bool) {
+    for seed in 0..seeds() {
+        let file = FILES[(seed % FILES.len() as u64) as usize];
+        let mode = MODES[(seed / FILES.len() as u64 % 3) as usize];
+        // Laws that wish torques need a drive that obeys them.
+        let mode = if file == "scara-a.toml" || file == "scara-c.toml" { "torque" } else { mode };
+        let mut set = vec![format!("drive.mode={mode}"), "run.duration_s=4.0".into()];
+        if mode != "torque" {
+            set.push("motion.controller=pass_through".into());
+        }
+        let set: Vec<_> = set.iter().map(String::as_str).collect();
+        let config = config(file, &set);
+        let what = format!("{file} {mode} seed {seed}");
+        vservo::dispatch_robot!(config.robot, |robot| one(&config, &robot, &what, seed, see)).unwrap();
+    }
+}
+
+#[test]
+fn a_hostile_drive_gets_no_command_beyond_the_limits_and_the_run_ends_with_a_reason() {
+    campaign(false);
+}
+
+#[test]
+fn hostile_measurements_make_no_command_beyond_the_limits_and_the_run_ends_with_a_reason() {
+    campaign(true);
+}
