@@ -32,7 +32,7 @@ const BANDWIDTH_AT_REST: f64 = 0.2;
 /// Steps a second from which on a disturbance is learnt at the full rate.
 const STEPS_TO_LEARN_1_S: f64 = 100.0;
 /// Share of that rate that is kept at rest.
-const RATE_AT_REST: f64 = 0.05;
+const RATE_AT_REST: f64 = 0.02;
 
 /// What the observer goes by.
 #[derive(Debug, Clone, Copy, PartialEq)]
