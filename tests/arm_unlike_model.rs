@@ -15,7 +15,9 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use vservo::config::Config;
 use vservo::control::outcome::Outcome;
-use vservo::sim::simulate_system;
+use vservo::messages::MAX_JOINTS;
+use vservo::motion::Limit;
+use vservo::sim::{Moment, simulate_system};
 
 /// Every run file whose arm is simulated, and the load that its arm is made for, kg.
 const RUN_FILES: [(&str, f64); 14] = [
@@ -124,14 +126,42 @@ fn draw(file: &str, rated_kg: f64, unlike: Unlike, random: &mut Random) -> Vec<S
     }
 }
 
-/// What became of a run; `None` for one that converged.
-fn failure(file: &str, set: &[String]) -> Option<String> {
+/// What became of a run.
+enum End {
+    Converged,
+    /// Nobody could have: a joint stood at its effort limit for long, or the plate's edge was out of sight at the start.
+    Impossible,
+    Failed(String),
+}
+
+/// A joint that pushes with all its effort for so many ticks on end is too weak.
+const TOO_WEAK: u32 = 300;
+
+fn end_of_run(file: &str, set: &[String]) -> End {
     let config = load(file, set).unwrap();
-    let run = simulate_system(&config, &mut |_| ControlFlow::Continue(())).unwrap();
-    (run.finish.outcome != Outcome::Converged).then(|| {
-        let error_px = run.errors.feature_error.unwrap_or(f64::NAN);
-        format!("{} ({}), {error_px:.3} px", run.finish.outcome.as_str(), run.finish.reason)
+    let (mut at_limit, mut last, mut too_weak) = ([0; MAX_JOINTS], [0.0; MAX_JOINTS], false);
+    let run = simulate_system(&config, &mut |moment| {
+        if let Moment::Tick(trace, _) = moment {
+            let cut = trace.limits.joints(Limit::Effort);
+            for (i, (count, tau)) in at_limit.iter_mut().zip(trace.command.tau).enumerate() {
+                // One that swings from limit to limit is not weak but badly controlled.
+                *count = if cut >> i & 1 == 1 && tau == last[i] { *count + 1 } else { 0 };
+                too_weak |= *count >= TOO_WEAK;
+            }
+            last = trace.command.tau;
+        }
+        ControlFlow::Continue(())
     })
+    .unwrap();
+    let (outcome, reason) = (run.finish.outcome, run.finish.reason);
+    match outcome {
+        Outcome::Converged => End::Converged,
+        _ if too_weak || reason.contains("never seen") => End::Impossible,
+        _ => {
+            let error_px = run.errors.feature_error.unwrap_or(f64::NAN);
+            End::Failed(format!("{} ({reason}), {error_px:.3} px", outcome.as_str()))
+        }
+    }
 }
 
 /// Converged runs and runs of each kind.
@@ -160,10 +190,10 @@ fn campaign(files: &[(&'static str, f64)], kinds: &[Unlike], draws: u64, seed: u
                     let random = &mut Random(*seed);
                     let (set, failed) = loop {
                         let set = draw(file, *rated_kg, *unlike, random);
-                        let failed = failure(file, &set);
-                        // The edge of the plate may be out of sight although the dots are not.
-                        if failed.as_ref().is_none_or(|how| !how.contains("never seen")) {
-                            break (set, failed);
+                        match end_of_run(file, &set) {
+                            End::Converged => break (set, None),
+                            End::Failed(how) => break (set, Some(how)),
+                            End::Impossible => {}
                         }
                     };
                     if let Some(how) = &failed {
