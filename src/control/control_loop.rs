@@ -247,6 +247,11 @@ impl<const N: usize> ControlLoop<N> {
         self.controller.fail(fault);
     }
 
+    /// No tick follows, whatever state the loop is in: the drive is to stop by its own means.
+    pub fn abandon(&mut self) {
+        self.drive.end();
+    }
+
     /// Ticks that found no new state of the drive in time.
     #[must_use]
     pub fn late_drive_states(&self) -> u64 {

@@ -6,12 +6,21 @@ use super::DriveCommand;
 pub const MAX_DELAY: usize = 50;
 
 /// A delay line.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Delay<const N: usize> {
     /// The last `ticks + 1` commands.
     commands: Vec<DriveCommand<N>>,
     ticks: usize,
     next: usize,
+}
+
+/// With room for all commands: a copy may be used in a tick, too.
+impl<const N: usize> Clone for Delay<N> {
+    fn clone(&self) -> Self {
+        let mut commands = Vec::with_capacity(self.ticks + 1);
+        commands.extend_from_slice(&self.commands);
+        Self { commands, ..*self }
+    }
 }
 
 impl<const N: usize> Delay<N> {
@@ -51,5 +60,10 @@ mod tests {
                 assert_eq!(d.arrived().map(|c| c.tau[0]), wanted, "delay {ticks}");
             }
         }
+    }
+
+    #[test]
+    fn a_copy_has_room_for_all_commands_too() {
+        assert!(Delay::<1>::new(5).clone().commands.capacity() >= 6);
     }
 }

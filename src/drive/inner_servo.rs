@@ -2,12 +2,16 @@
 //! maker's model (without the payload), with integral action that takes up what that model does not know.
 //!
 //! ```text
-//! position: y = 3 w^2 e + 3 w e' + w^3 int e,   e = q_r - q    (triple pole at -w)
-//! velocity: y = 2 w e' + w^2 int e',            e' = qd_r - qd (double pole at -w)
+//! position: y = qdd_r + 3 w^2 e + 3 w e' + w^3 int e,   e = q_r - q    (triple pole at -w)
+//! velocity: y = qdd_r + 2 w e' + w^2 int e',            e' = qd_r - qd (double pole at -w)
 //! ```
+//! A command says where and how fast the arm shall be one tick after it takes effect. On the way there the servo
+//! interpolates, as drives in cyclic modes do: between the velocities linearly, which gives `qdd_r`. Without that the
+//! servo's zeros would overshoot what the commands accelerate with by `e^-2`, 13.5 %.
 
 use super::{CommandMode, DriveCommand};
 use crate::robot::Robot;
+use crate::time::TICK;
 use nalgebra::SVector;
 
 /// Settings of the inner servo.
@@ -22,11 +26,24 @@ pub struct InnerServo {
 pub(super) struct Loop<const N: usize> {
     omega_rad_s: f64,
     integral: SVector<f64, N>,
+    /// The velocity at which the command that acts took over, and how long ago that was, s.
+    from: SVector<f64, N>,
+    elapsed_s: f64,
+    target: Option<SVector<f64, N>>,
 }
 
 impl<const N: usize> Loop<N> {
     pub(super) fn new(settings: InnerServo) -> Self {
-        Self { omega_rad_s: settings.natural_frequency_rad_s, integral: SVector::zeros() }
+        let zero = SVector::zeros();
+        let omega_rad_s = settings.natural_frequency_rad_s;
+        Self { omega_rad_s, integral: zero, from: zero, elapsed_s: 0.0, target: None }
+    }
+
+    /// From now on `command` acts; the first one finds the arm moving with `qd`.
+    pub(super) fn take(&mut self, command: &DriveCommand<N>, qd: &SVector<f64, N>) {
+        self.from = self.target.unwrap_or(*qd);
+        self.target = Some(command.qd_r);
+        self.elapsed_s = 0.0;
     }
 
     /// The torque for the next `h` seconds, within the effort limits.
@@ -38,14 +55,28 @@ impl<const N: usize> Loop<N> {
         (q, qd): (&SVector<f64, N>, &SVector<f64, N>),
         h: f64,
     ) -> SVector<f64, N> {
+        if mode == CommandMode::Torque {
+            return command.tau;
+        }
         let w = self.omega_rad_s;
-        let (e, e_dot) = (command.q_r - q, command.qd_r - qd);
-        let (y, integrand) = match mode {
-            CommandMode::Torque => return command.tau,
+        // A command that is not followed by another one holds.
+        let left_s = (TICK.as_s() - self.elapsed_s).max(0.0);
+        let qdd_r = if left_s > 0.0 { (command.qd_r - self.from) / TICK.as_s() } else { SVector::zeros() };
+        let qd_r = command.qd_r - qdd_r * left_s;
+        let q_r = command.q_r - (command.qd_r + qd_r) * (0.5 * left_s);
+        self.elapsed_s += h;
+        let (e, e_dot) = (q_r - q, qd_r - qd);
+        let (feedback, integrand) = match mode {
             CommandMode::Velocity => (e_dot * (2.0 * w) + self.integral * (w * w), e_dot),
-            CommandMode::Position => (e * (3.0 * w * w) + e_dot * (3.0 * w) + self.integral * (w * w * w), e),
+            CommandMode::Torque | CommandMode::Position => {
+                (e * (3.0 * w * w) + e_dot * (3.0 * w) + self.integral * (w * w * w), e)
+            }
         };
-        let tau = robot.inverse_dynamics(q, qd, &y) + robot.friction_torque(&command.qd_r);
+        // The middle of the step stands for all of it; friction is that of its end.
+        let y = qdd_r + feedback;
+        let qd_mid = qd + y * (0.5 * h);
+        let q_mid = q + (qd + qd_mid) * (0.25 * h);
+        let tau = robot.inverse_dynamics(&q_mid, &qd_mid, &y) + robot.friction_torque(&(qd_r + qdd_r * h));
         for i in 0..N {
             // A joint at its effort limit does not integrate: its integral would only grow.
             if tau[i].abs() < robot.limits()[i].effort {

@@ -196,6 +196,9 @@ impl<const N: usize> Drive<N> for SimulatedDrive<N> {
 
     fn write(&mut self, command: &DriveCommand<N>) {
         self.commands.push(command);
+        if let Some(command) = self.commands.arrived() {
+            self.servo.take(command, &self.qd);
+        }
     }
 
     fn modes(&self) -> &'static [CommandMode] {

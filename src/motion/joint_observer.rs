@@ -34,7 +34,7 @@ const STEPS_TO_LEARN_1_S: f64 = 100.0;
 /// Ticks over which the mean of a disturbance is taken: longer than it takes to tell that an arm is jammed or swings.
 const MEAN_TICKS: u32 = 1000;
 /// Share of that rate that is kept at rest.
-const RATE_AT_REST: f64 = 0.05;
+const RATE_AT_REST: f64 = 0.02;
 
 /// What the observer goes by.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,6 +6,7 @@ pub mod control;
 pub mod drive_guard;
 mod error;
 mod membership;
+mod priority;
 mod signals;
 mod silence;
 mod stop;

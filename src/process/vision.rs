@@ -1,5 +1,6 @@
 //! The vision process: from frames, where they lie in shared memory, to measurements.
 
+use super::priority::{self, Rank};
 use super::{LONGEST_WAIT, Membership, ProcessError, StopFlag, frame_shape};
 use crate::config::Config;
 use crate::imaging::ImageView;
@@ -25,6 +26,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
         counter: FrameCounter::default(),
         status: None,
     };
+    priority::take(config, Rank::Vision)?;
     info!("vision runs");
     while !stop.is_requested() {
         membership.beat();

@@ -7,12 +7,13 @@ use crate::control::trace::{Event, Trace};
 use crate::messages::{ControlState, JointState};
 use crate::motion::{Limit, LimitWatch};
 use crate::time::MonoNs;
+use std::collections::VecDeque;
 use xxhash_rust::xxh3::Xxh3;
 
 /// Share of the first feature error below which the run counts as settled.
 const SETTLED_SHARE: f64 = 0.02;
-/// Events that are kept.
-const MAX_EVENTS: usize = 64;
+/// Events that are kept from the beginning of a run, and from its end.
+const KEPT_EVENTS: usize = 32;
 
 /// What was counted during a run.
 #[derive(Clone)]
@@ -24,7 +25,30 @@ pub struct RunStatistics {
     last_unsettled: Option<MonoNs>,
     hash: Xxh3,
     limits: LimitWatch,
-    events: Vec<(MonoNs, String)>,
+    events: EventLog,
+}
+
+/// The first events and the last ones: a fault comes last, and what led to it may have come first.
+#[derive(Debug, Clone, Default)]
+struct EventLog {
+    first: Vec<(MonoNs, String)>,
+    last: VecDeque<(MonoNs, String)>,
+    /// How many came between them.
+    left_out: u64,
+}
+
+impl EventLog {
+    fn push(&mut self, at: MonoNs, event: String) {
+        if self.first.len() < KEPT_EVENTS {
+            self.first.push((at, event));
+            return;
+        }
+        if self.last.len() == KEPT_EVENTS {
+            self.last.pop_front();
+            self.left_out += 1;
+        }
+        self.last.push_back((at, event));
+    }
 }
 
 impl Default for RunStatistics {
@@ -45,7 +69,7 @@ impl RunStatistics {
             last_unsettled: None,
             hash: Xxh3::new(),
             limits: LimitWatch::default(),
-            events: Vec::new(),
+            events: EventLog::default(),
         }
     }
 
@@ -92,7 +116,8 @@ impl RunStatistics {
         let ticks = |limit| self.limits.ticks(limit);
         SafetyReport {
             state: state.as_str().into(),
-            events: self.events.iter().map(described).collect(),
+            events: self.events.first.iter().chain(&self.events.last).map(described).collect(),
+            events_left_out: self.events.left_out,
             limited_ticks: LimitedTicks {
                 position: ticks(Limit::Position),
                 velocity: ticks(Limit::Velocity),
@@ -132,9 +157,7 @@ impl RunStatistics {
     }
 
     fn event(&mut self, at: MonoNs, event: String) {
-        if self.events.len() < MAX_EVENTS {
-            self.events.push((at, event));
-        }
+        self.events.push(at, event);
     }
 }
 
@@ -162,4 +185,23 @@ fn describe(event: Event) -> String {
         }
     };
     text.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_late_event_is_told_however_much_happened_before() {
+        let mut statistics = RunStatistics::new();
+        for ms in 0..=1000 {
+            statistics.event(MonoNs(ms * 1_000_000), format!("event {ms}"));
+        }
+        let report = statistics.safety_report(ControlState::Fault);
+        let told: Vec<_> = report.events.iter().map(|e| e.event.clone()).collect();
+        let wanted: Vec<_> = (0..32).chain(969..=1000).map(|ms| format!("event {ms}")).collect();
+        assert_eq!(told, wanted);
+        assert_eq!(report.gap(), Some((32, "937 events are left out here".to_owned())));
+        assert_eq!(RunStatistics::new().safety_report(ControlState::Waiting).gap(), None);
+    }
 }

@@ -94,10 +94,22 @@ pub struct SafetyEvent {
 pub struct SafetyReport {
     /// Last state of the controller.
     pub state: String,
-    /// In the order of time.
+    /// In the order of time: the first ones and the last ones.
     pub events: Vec<SafetyEvent>,
+    /// How many came between those.
+    #[serde(default)]
+    pub events_left_out: u64,
     /// How often limits acted.
     pub limited_ticks: LimitedTicks,
+}
+
+impl SafetyReport {
+    /// Before which event some are left out, and a word about them.
+    #[must_use]
+    pub fn gap(&self) -> Option<(usize, String)> {
+        let text = || format!("{} events are left out here", self.events_left_out);
+        (self.events_left_out > 0).then(|| (self.events.len() / 2, text()))
+    }
 }
 
 /// Ticks in which a limit held a joint back.
@@ -174,6 +186,9 @@ pub struct Summary {
     /// Ticks of a realtime run that are missing in latencies, settling and events, because their record was lost.
     #[serde(default)]
     pub lost_traces: u64,
+    /// Commands of a realtime run that never reached the external drive, because control's second thread did not come round.
+    #[serde(default)]
+    pub lost_commands: u64,
     /// Over every joint state of a lockstep run, hexadecimal; `null` in real time.
     pub state_hash: Option<String>,
     /// What a calibration run found; left out in other runs.
@@ -210,6 +225,7 @@ impl Summary {
             processes: BTreeMap::new(),
             safety: SafetyReport { state: "fault".into(), ..SafetyReport::default() },
             lost_traces: 0,
+            lost_commands: 0,
             state_hash: None,
             calibration: None,
         }
@@ -328,7 +344,11 @@ impl Summary {
                 used.max_resident_mb
             );
         }
-        for e in &self.safety.events {
+        let gap = self.safety.gap();
+        for (i, e) in self.safety.events.iter().enumerate() {
+            if let Some((_, text)) = gap.as_ref().filter(|(at, _)| *at == i) {
+                let _ = writeln!(t, "safety        {text}");
+            }
             let _ = writeln!(t, "safety        {:.3} s: {}", e.time_s, e.event);
         }
         if let Some(hash) = &self.state_hash {

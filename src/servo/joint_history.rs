@@ -9,7 +9,7 @@ const CAPACITY: usize = 1024;
 const LONGEST_EXTRAPOLATION: SpanNs = SpanNs(20_000_000);
 
 /// The last states of `N` joints. Memory is taken once, at the start.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct JointHistory<const N: usize> {
     /// Ring: the oldest state stands at `next` once the ring is full.
     states: Vec<State<N>>,
@@ -26,6 +26,15 @@ struct State<const N: usize> {
 impl<const N: usize> Default for JointHistory<N> {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// With room for all states: a copy may be used in a tick, too.
+impl<const N: usize> Clone for JointHistory<N> {
+    fn clone(&self) -> Self {
+        let mut states = Vec::with_capacity(CAPACITY);
+        states.extend_from_slice(&self.states);
+        Self { states, next: self.next }
     }
 }
 
@@ -150,5 +159,14 @@ mod tests {
         h.push(MonoNs(5), &Vector2::new(7.0, 0.0), &Vector2::zeros());
         assert_eq!((h.oldest(), h.newest()), (Some(MonoNs(5)), Some(MonoNs(5))));
         assert_eq!(h.joints(MonoNs(5)).unwrap()[0], 7.0);
+    }
+
+    #[test]
+    fn a_copy_has_room_for_all_states_too() {
+        let mut h = JointHistory::<2>::new();
+        h.push(MonoNs(5), &Vector2::new(7.0, 0.0), &Vector2::zeros());
+        let copy = h.clone();
+        assert_eq!(copy.joints(MonoNs(5)), h.joints(MonoNs(5)));
+        assert!(copy.states.capacity() >= CAPACITY);
     }
 }

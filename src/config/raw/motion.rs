@@ -35,7 +35,7 @@ table! {
         /// Of `pd_gravity`: damping of each joint, N m s/rad or N s/m; likewise.
         damping_n_m_s_rad_or_n_s_m: Vec<f64> = Vec::new(),
         /// Of torques: rate at which what the model does not know (load, friction, masses) is learnt, rad/s; 0: not at all.
-        disturbance_rad_s: f64 = 20.0,
+        disturbance_rad_s: f64 = 10.0,
         /// Of torques: bandwidth of the observer that takes velocities from positions, rad/s; 0: they are taken as the drive
         /// reports them. Left out: 150 where the simulated encoders have steps or noise, else 0.
         velocity_observer_rad_s: Option<f64> = None,

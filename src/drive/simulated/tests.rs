@@ -164,6 +164,42 @@ fn the_inner_servo_follows_positions_and_velocities_and_carries_an_unknown_load(
     }
 }
 
+/// What the commands keep to, the arm keeps to: a servo that lags and catches up would accelerate by 13.5 % more.
+#[test]
+fn the_inner_servo_accelerates_as_its_commands_do() {
+    for mode in [CommandMode::Velocity, CommandMode::Position] {
+        for substeps in [1, 4] {
+            let settings = Settings { mode, substeps, ..Settings::default() };
+            let q = SVector::<f64, 6>::from_column_slice(&[0.0, -1.2, 1.4, -0.3, 0.5, 0.2]);
+            let mut drive = SimulatedDrive::new(arm("ur5"), q, settings).unwrap();
+            let (mut q_r, mut qd_r, mut a_r) = (q, SVector::<f64, 6>::zeros(), 0.0);
+            let (mut qd, mut a) = (SVector::<f64, 6>::zeros(), SVector::<f64, 6>::zeros());
+            let (mut most, mut most_jerk) = (0.0_f64, 0.0_f64);
+            drive.read(at(0));
+            for ms in 1..600_i32 {
+                // Jerk 500, acceleration 10.
+                let j = [(1, 21, 500.0), (41, 61, -500.0), (301, 321, -500.0), (341, 361, 500.0)];
+                let j = j.iter().find(|(from, to, _)| (*from..*to).contains(&ms)).map_or(0.0, |(_, _, j)| *j);
+                let before = qd_r;
+                qd_r = before.add_scalar((a_r + 0.5e-3 * j) * 1e-3);
+                q_r += (before + qd_r) * 0.5e-3;
+                a_r += j * 1e-3;
+                drive.write(&command(SVector::zeros(), q_r, qd_r));
+                let state = drive.read(at(ms.into()));
+                let acceleration = (state.qd - qd) * 1e3;
+                most = most.max(acceleration.amax());
+                most_jerk = most_jerk.max(((acceleration - a) * 1e3_f64).amax());
+                (qd, a) = (state.qd, acceleration);
+                assert!((state.q - q_r).amax() < 1e-5, "{mode}, {ms} ms: {}", state.q - q_r);
+            }
+            assert!(
+                most < 1.005 * 10.0 && most_jerk < 1.02 * 500.0,
+                "{mode}, {substeps}: {most} {most_jerk}"
+            );
+        }
+    }
+}
+
 #[test]
 fn bad_settings_are_refused() {
     let make = |settings| SimulatedDrive::new(arm::<4>("scara"), posture(), settings).map(|_| ());

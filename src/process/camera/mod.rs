@@ -4,6 +4,7 @@
 mod free_running;
 mod scheduled;
 
+use super::priority::{self, Rank};
 use super::{Membership, ProcessError, StopFlag, frame_shape};
 use crate::config::{self, Config};
 use crate::ipc::{FrameSender, Instance, Role};
@@ -28,6 +29,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
             let (arm, waker) = services.joint_state_receiver()?;
             let frames = services.frame_sender(id, frame_shape(config))?;
             services.require_room_for_peers()?;
+            priority::take(config, Rank::Camera)?;
             info!(rate_hz = config.camera.rate_hz, "camera runs");
             let camera = scheduled::Camera::new(config, &membership, source, frames, arm);
             camera.run(&waker, stop)
@@ -35,6 +37,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
         AnySource::FreeRunning(mut source) => {
             let frames = services.frame_sender(id, frame_shape(config))?;
             services.require_room_for_peers()?;
+            priority::take(config, Rank::Camera)?;
             info!("camera runs by its own clock");
             let mut outlet = SharedMemory { camera: &config.camera, membership: &membership, frames };
             let patience = free_running::Patience::with(config.camera.rate_hz);

@@ -8,7 +8,7 @@
 //! In real time the ports belong to the companion thread and the rings cross to the real-time thread. In lockstep both
 //! ends are on one thread, which waits for the answer to every command.
 
-use super::drive_rings::Rings;
+use super::drive_rings::{Lost, Rings};
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
 use crate::drive::{CommandMode, DriveFault, ExternalDrive};
@@ -55,6 +55,10 @@ pub(super) struct DrivePorts<'a> {
     presence: DrivePresence,
     received: Producer<DriveStateMsg>,
     to_send: Consumer<DriveCommandMsg>,
+    /// Commands that found no room in the ring.
+    lost_commands: Lost,
+    /// States that found none.
+    lost_states: u64,
     command: Sender<DriveCommandMsg>,
     /// Commands sent.
     sent: u64,
@@ -80,7 +84,8 @@ pub(super) fn open<'a, const N: usize>(
         Clock::Lockstep => SpanNs(i64::MAX), // simulated time stands still while control waits
     };
     let q_start: SVector<f64, N> = crate::config::assemble::q_start(config)?;
-    let link = Box::new(Rings { states, commands });
+    let lost_commands = Lost::default();
+    let link = Box::new(Rings { states, commands, lost_commands: lost_commands.clone() });
     let drive = ExternalDrive::new(link, config.drive.mode, timeout, q_start);
     let (state, waker) = services.drive_state_receiver()?;
     let command = services.drive_command_sender()?;
@@ -92,6 +97,8 @@ pub(super) fn open<'a, const N: usize>(
         presence,
         received,
         to_send,
+        lost_commands,
+        lost_states: 0,
         command,
         sent: 0,
         state,
@@ -211,7 +218,8 @@ impl DrivePorts<'_> {
         while let Some(mut state) = self.state.receive()? {
             // A drive whose clock runs ahead must not look fresh for ever.
             state.stamp = state.stamp.min(now());
-            let _ = self.received.push(state); // full only when the real-time thread has ended
+            // Full only when the real-time thread has ended or stalls: it takes the newest anyway.
+            self.lost_states += u64::from(self.received.push(state).is_err());
         }
         self.send()
     }
@@ -275,15 +283,24 @@ impl Wait {
     }
 }
 
-/// Messages vanish with their sender: after the last command, gives the drive the time to hear it and leave.
-pub(super) fn farewell(drive: Option<DrivePorts<'_>>) -> Result<(), ProcessError> {
-    let Some(mut drive) = drive else { return Ok(()) };
+/// Messages vanish with their sender: after the last command, gives the drive the time to hear it and leave. Gives the number
+/// of commands that were lost on their way here.
+pub(super) fn farewell(drive: Option<DrivePorts<'_>>) -> Result<u64, ProcessError> {
+    let Some(mut drive) = drive else { return Ok(0) };
     drive.send()?;
+    let lost_commands = drive.lost_commands.count();
+    if lost_commands > 0 || drive.lost_states > 0 {
+        warn!(
+            commands = lost_commands,
+            states = drive.lost_states,
+            "messages of the external drive found no room between control's threads"
+        );
+    }
     let until = now() + FAREWELL;
     while now() < until && drive.presence.is_there() {
         std::thread::sleep(Duration::from_millis(2));
     }
-    Ok(())
+    Ok(lost_commands)
 }
 
 fn check(state: &DriveStateMsg, start: &DriveCommandMsg, mode: CommandMode) -> Result<(), ProcessError> {

@@ -74,6 +74,8 @@ struct Pace {
     realtime: Option<RealtimeReport>,
     /// Ticks that the report did not see, because the companion did not come round.
     lost_traces: u64,
+    /// Commands that the companion could not take.
+    lost_commands: u64,
 }
 
 impl Pace {
@@ -86,6 +88,7 @@ impl Pace {
             tick_us: TickTimes::default(),
             realtime: None,
             lost_traces: 0,
+            lost_commands: 0,
         }
     }
 }
@@ -189,6 +192,7 @@ fn summary<const N: usize>(
         processes: BTreeMap::new(),
         safety: statistics.safety_report(control.state()),
         lost_traces: pace.lost_traces,
+        lost_commands: pace.lost_commands,
         state_hash: lockstep.then(|| statistics.state_hash()),
         calibration: None,
     }

@@ -10,7 +10,7 @@
 
 use super::commands::{Answered, Commands, Numbered};
 use super::external_drive::{self, DrivePorts};
-use super::realtime_thread::{AtEnd, RealtimeThread};
+use super::realtime_thread::{AtEnd, Panic, RealtimeThread};
 use super::{Pace, Ports};
 use crate::calibration::Recording;
 use crate::config::raw::RealtimePolicy;
@@ -18,6 +18,7 @@ use crate::config::{Config, RealtimeRequest};
 use crate::control::control_loop::ControlLoop;
 use crate::control::trace::Trace;
 use crate::messages::Measurement;
+use crate::process::priority::Rank;
 use crate::process::silence::Silence;
 use crate::process::{ProcessError, StopFlag};
 use crate::report::statistics::RunStatistics;
@@ -95,8 +96,7 @@ pub(super) fn run<const N: usize>(
         && let Some(request) = request
     {
         // Joint states pass through this thread: whatever else the machine does, they come before it.
-        let behind = RealtimeRequest { priority: (request.priority - 1).max(1), cpu: None, ..request };
-        let obtained = rt::prepare_thread(&behind);
+        let obtained = rt::prepare_thread(&Rank::Companion.request(&request));
         match obtained.fifo {
             Some(Ok(priority)) => info!("companion of the external drive: SCHED_FIFO {priority}"),
             _ => info!("companion of the external drive: normal priority"),
@@ -141,14 +141,18 @@ pub(super) fn run<const N: usize>(
         return Err(error);
     }
     companion.carry()?;
-    external_drive::farewell(drive)?;
+    let lost_commands = external_drive::farewell(drive)?;
     if companion.unsent > 0 {
         warn!(count = companion.unsent, "measurements came faster than control took them");
     }
     match thread.join() {
-        Ok(Some((at_end, scheduling, spin))) => {
+        Ok(Some((Ok(at_end), scheduling, spin))) => {
             let (control, pace) = pace(at_end, scheduling, spin);
-            Ok((control, companion.statistics, pace))
+            Ok((control, companion.statistics, Pace { lost_commands, ..pace }))
+        }
+        Ok(Some((Err(Panic(reason)), ..))) => {
+            error!("the real-time thread panicked, the drive was told that no command follows: {reason}");
+            Err(ProcessError::Panicked("real-time"))
         }
         Ok(None) | Err(_) => Err(ProcessError::Panicked("real-time")),
     }
@@ -171,6 +175,7 @@ fn pace<const N: usize>(at_end: AtEnd<N>, scheduling: String, spin: SpanNs) -> (
         skipped_ticks: deadlines.skipped(),
         tick_us: deadlines.times(),
         lost_traces,
+        lost_commands: 0,
     };
     (control, pace)
 }

@@ -16,6 +16,8 @@ use crate::process::stop::{STOP_REASON, StopFlag};
 use crate::rt::{self, DeadlineWait};
 use crate::time::SpanNs;
 use rtrb::{Consumer, Producer};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// From the start of the thread to its first tick.
 const LEAD: SpanNs = SpanNs(2_000_000);
@@ -33,6 +35,22 @@ pub(super) struct RealtimeThread<const N: usize> {
     pub(super) max_missed_in_a_row: u64,
 }
 
+/// How its ticks went.
+struct Ticked {
+    finish: Finish,
+    deadlines: Deadlines,
+    lost_traces: u64,
+    page_faults: u64,
+    spin_share: f64,
+}
+
+impl Ticked {
+    fn with<const N: usize>(self, control: ControlLoop<N>) -> AtEnd<N> {
+        let Self { finish, deadlines, lost_traces, page_faults, spin_share } = self;
+        AtEnd { control, finish, deadlines, lost_traces, page_faults, spin_share }
+    }
+}
+
 /// What it leaves at its end.
 pub(super) struct AtEnd<const N: usize> {
     pub(super) control: ControlLoop<N>,
@@ -45,9 +63,25 @@ pub(super) struct AtEnd<const N: usize> {
     pub(super) spin_share: f64,
 }
 
+/// The thread panicked, with these words.
+#[derive(Debug)]
+pub(super) struct Panic(pub(super) String);
+
 impl<const N: usize> RealtimeThread<N> {
-    /// Ticks to the end of the run; spins for `spin` before each deadline.
-    pub(super) fn run(mut self, spin: SpanNs) -> AtEnd<N> {
+    /// Ticks to the end of the run; spins for `spin` before each deadline. After a panic nothing of the control loop can be
+    /// trusted but its drive: that is told that no command follows, and stops by its own means.
+    pub(super) fn run(mut self, spin: SpanNs) -> Result<AtEnd<N>, Panic> {
+        let ticked = catch_unwind(AssertUnwindSafe(|| self.tick_to_the_end(spin)));
+        match ticked {
+            Ok(end) => Ok(end.with(self.control)),
+            Err(cause) => {
+                self.control.abandon();
+                Err(Panic(words_of(cause.as_ref())))
+            }
+        }
+    }
+
+    fn tick_to_the_end(&mut self, spin: SpanNs) -> Ticked {
         rt::prefault();
         let faults_before = rt::page_faults();
         let start = rt::now();
@@ -89,13 +123,74 @@ impl<const N: usize> RealtimeThread<N> {
                 break finish;
             }
         };
-        AtEnd {
-            control: self.control,
+        Ticked {
             finish,
             deadlines,
             lost_traces,
             page_faults: rt::page_faults() - faults_before,
             spin_share: wait.spun().as_s() / (rt::now() - start).as_s(),
         }
+    }
+}
+
+/// What a panic says.
+fn words_of(cause: &(dyn Any + Send)) -> String {
+    let text = cause.downcast_ref::<&str>().copied();
+    text.or_else(|| cause.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("no reason given")
+        .to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Config, assemble};
+    use crate::drive::{CommandMode, Drive, DriveCommand, DriveState};
+    use crate::time::MonoNs;
+    use nalgebra::SVector;
+    use rtrb::RingBuffer;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    /// An arm whose code has a defect.
+    struct Defective<const N: usize> {
+        q: SVector<f64, N>,
+        reads: u32,
+        was_ended: Arc<AtomicBool>,
+    }
+
+    impl<const N: usize> Drive<N> for Defective<N> {
+        fn read(&mut self, _now: MonoNs) -> DriveState<N> {
+            self.reads += 1;
+            assert!(self.reads < 5, "index {} out of range", self.reads);
+            DriveState { q: self.q, qd: SVector::zeros(), truth: None }
+        }
+
+        fn write(&mut self, _command: &DriveCommand<N>) {}
+
+        fn modes(&self) -> &'static [CommandMode] {
+            &CommandMode::ALL
+        }
+
+        fn end(&mut self) {
+            self.was_ended.store(true, Ordering::Relaxed);
+        }
+    }
+
+    #[test]
+    fn a_panic_ends_the_drive_and_is_told() {
+        let config = Config::load(None, &[]).unwrap();
+        let was_ended = Arc::new(AtomicBool::new(false));
+        let q = assemble::q_start::<4>(&config).unwrap();
+        let drive = Box::new(Defective { q, reads: 0, was_ended: was_ended.clone() });
+        let control =
+            assemble::control_loop_with::<4>(&config, config.robot.build().unwrap(), drive).unwrap();
+        let (records, _kept) = RingBuffer::new(16);
+        let (_kept, measurements) = RingBuffer::new(1);
+        let stops = [StopFlag::default(), StopFlag::default()];
+        let worker = RealtimeThread { control, measurements, records, stops, max_missed_in_a_row: 1_000_000 };
+        let Err(Panic(reason)) = worker.run(SpanNs::ZERO) else { panic!("it ran to its end") };
+        assert_eq!(reason, "index 5 out of range");
+        assert!(was_ended.load(Ordering::Relaxed), "the drive knows that no command follows");
     }
 }

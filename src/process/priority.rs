@@ -1,0 +1,83 @@
+//! Real-time priorities of the processes beside control: what they do late, control misses.
+//!
+//! | thread | SCHED_FIFO priority |
+//! | --- | --- |
+//! | control's real-time thread | `realtime.priority` |
+//! | control's companion, where it carries an external drive's messages | 1 below |
+//! | camera: exposes at its time | 9 below |
+//! | vision: measures what was exposed | 10 below |
+
+use super::ProcessError;
+use crate::config::raw::{Clock, RealtimePolicy};
+use crate::config::{Config, RealtimeRequest};
+use crate::rt;
+use tracing::info;
+
+/// How far below control the others are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Rank {
+    /// Control's companion.
+    Companion,
+    /// A camera.
+    Camera,
+    /// Vision.
+    Vision,
+}
+
+impl Rank {
+    fn below(self) -> u32 {
+        match self {
+            Self::Companion => 1,
+            Self::Camera => 9,
+            Self::Vision => 10,
+        }
+    }
+
+    /// What a thread of this rank asks for where control asks for `control`.
+    pub(super) fn request(self, control: &RealtimeRequest) -> RealtimeRequest {
+        let priority = control.priority.saturating_sub(self.below()).max(1);
+        RealtimeRequest { priority, cpu: None, lock_memory: false }
+    }
+}
+
+/// Asks for the priority of `rank` for this thread, in real time and as `realtime.policy` says; what came of it is told.
+///
+/// # Errors
+/// Under policy `enforce`, when it is refused.
+pub(super) fn take(config: &Config, rank: Rank) -> Result<(), ProcessError> {
+    if config.clock != Clock::Realtime || config.realtime.policy == RealtimePolicy::Off {
+        return Ok(());
+    }
+    let obtained = rt::prepare_thread(&rank.request(&config.realtime.request));
+    if config.realtime.policy == RealtimePolicy::Enforce {
+        obtained.require_all()?;
+    }
+    match obtained.fifo {
+        Some(Ok(priority)) => info!("real-time scheduling: SCHED_FIFO {priority}"),
+        Some(Err(refusal)) => info!("real-time scheduling: normal priority (SCHED_FIFO: {refusal})"),
+        None => {}
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn everybody_is_below_control_and_above_nothing() {
+        for control in [1, 5, 80, 98] {
+            let request = RealtimeRequest { priority: control, cpu: Some(1), lock_memory: true };
+            let of = |rank: Rank| rank.request(&request).priority;
+            let (companion, camera, vision) = (of(Rank::Companion), of(Rank::Camera), of(Rank::Vision));
+            assert!(companion >= camera && camera >= vision && vision >= 1, "{control}");
+            assert!(companion < control || control == 1);
+            assert_eq!(Rank::Vision.request(&request).cpu, None, "the core is control's");
+        }
+        let usual = RealtimeRequest { priority: 80, cpu: None, lock_memory: false };
+        assert_eq!(
+            [Rank::Companion, Rank::Camera, Rank::Vision].map(|r| r.request(&usual).priority),
+            [79, 71, 70]
+        );
+    }
+}
