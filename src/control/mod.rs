@@ -4,6 +4,7 @@
 //! [`control_loop`] one run: drive, controller, goal, what is counted      [`run_end`] every end is an arm at rest
 //! [`controller`]   one tick: watch ─► servo law ─► reference ─► joint control ─► command
 //! [`trace`]        what a tick leaves: the report reads it, control does not know the report
+//! [`residual`]     an arm that stands before an error which stays
 //! [`safety`]       faults and reactions, the watch over the measurements
 //! ```
 
@@ -11,6 +12,7 @@ pub mod control_loop;
 pub mod controller;
 pub mod outcome;
 mod records;
+pub mod residual;
 pub mod run_end;
 pub mod safety;
 pub mod sightings;
