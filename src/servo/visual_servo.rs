@@ -381,11 +381,15 @@ impl ServoSettings {
             *qd *= factor;
             rate_1_s *= factor;
         }
+        let mut approach = Approach::at(rate_1_s);
+        if let Wish::Velocity(qd) = &wish {
+            approach.to_go = qd / rate_1_s;
+        }
         let wish = match &self.visibility {
             Some(guard) => guard.hold(&self.set_point, view, (task, &self.law.joint_damping()), arm, wish),
             None => wish,
         };
-        let mut answer = Answer { wish, approach: Approach::at(rate_1_s) };
+        let mut answer = Answer { wish, approach };
         if let (Wish::Velocity(qd), Task::Twist(task), Some(wanted)) = (&mut answer.wish, task, secondary)
             && let Some(free) = seek_null_motion(task, &arm.J, wanted)
         {

@@ -206,7 +206,7 @@ table! {
         /// Distance from the border that the target's marks keep, px; less where the goal itself is nearer.
         margin_px: f64 = 10.0,
         /// Share of the distance to that margin that a feature may cover in a second, 1/s.
-        rate_1_s: f64 = 4.0,
+        rate_1_s: f64 = 5.0,
     }
 }
 
