@@ -123,6 +123,8 @@ pub struct Servo {
     pub lead: SpanNs,
     /// Gain of the motion away from joint limits in the null space, 1/s.
     pub limit_avoidance_1_s: Option<f64>,
+    /// Whether the arm goes back to where it saw the whole target last when it has lost it.
+    pub returns: bool,
     /// Keeps the target in the picture; `None` where the law is to go its own way.
     pub visibility: Option<VisibilityGuard>,
     /// How the target's own motion is estimated; `None` for a target at rest.

@@ -90,6 +90,7 @@ pub(super) fn servo(
         smooth_start_1_s: (smooth > 0.0).then_some(smooth),
         lead: SpanNs::from_s(lead_ms * 1e-3),
         limit_avoidance_1_s: (avoid > 0.0).then_some(avoid),
+        returns: s.return_to_last_seen,
         visibility,
         object,
     })

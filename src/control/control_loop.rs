@@ -9,6 +9,7 @@ use crate::control::controller::{ControlOutput, Controller};
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::outcome::{FinalErrors, MeasuredErrors, Outcome};
 use crate::control::records::{command_trace, joint_state};
+use crate::control::residual::{OUT_OF_REACH, ResidualWatch};
 use crate::control::run_end::{self, NextStep, RunEnd};
 use crate::control::safety::Fault;
 use crate::control::sightings::Sightings;
@@ -79,6 +80,7 @@ pub struct ControlLoop<const N: usize> {
     first: Option<MonoNs>,
     last: MonoNs,
     goal_since: Option<MonoNs>,
+    residual: ResidualWatch,
     /// Whether it was told that the goal was held.
     goal_told: bool,
     state: ControlState,
@@ -116,6 +118,7 @@ impl<const N: usize> ControlLoop<N> {
             first: None,
             last: MonoNs::ZERO,
             goal_since: None,
+            residual: ResidualWatch::default(),
             goal_told: false,
             state: ControlState::Waiting,
             sensed: DriveState { q: zero, qd: zero, truth: None },
@@ -155,6 +158,9 @@ impl<const N: usize> ControlLoop<N> {
         self.ticks += 1;
         self.note_state(&output);
         self.acted = self.acted.with(&output.limits);
+        if tick.is_multiple_of(STATUS_PERIOD) {
+            self.residual.note_arm(now, self.controller.arm_stands());
+        }
         let finish = self.finish(now, &output);
         if let Some(finish) = finish {
             self.drive.end();
@@ -299,6 +305,7 @@ impl<const N: usize> ControlLoop<N> {
         if intake.is_some_and(Intake::is_refused) {
             return sighting;
         }
+        self.residual.note_error(now, error_px);
         if error_px.is_nan() || error_px > self.plan.feature_error_px {
             self.goal_since = None;
         } else {
@@ -381,7 +388,8 @@ impl<const N: usize> ControlLoop<N> {
         }
         let time = now - self.first.unwrap_or(now);
         let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
-        let when_late = behaviour.when_late();
+        let stays = || self.residual.constant_px(self.plan.feature_error_px).map(|_| OUT_OF_REACH);
+        let when_late = behaviour.when_late().or_else(|| stays().filter(|_| self.state == ControlState::Servoing));
         time_is_up
             .then(|| run_end::time_is_up(self.plan.closed_loop, self.state, when_late, &self.sightings))
     }

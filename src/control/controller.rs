@@ -229,6 +229,12 @@ impl<const N: usize> Controller<N> {
         self.rest
     }
 
+    /// Whether the measured arm has stood for 50 ms, whatever it is to do.
+    #[must_use]
+    pub fn arm_stands(&self) -> bool {
+        self.rest_watch.is_at_rest()
+    }
+
     /// Commands that the gate had to change.
     #[must_use]
     pub fn gated(&self) -> u64 {
@@ -279,10 +285,18 @@ impl<const N: usize> Controller<N> {
         self.live(state.as_ref(), confidence);
         let intent = match (&state, self.state.moves()) {
             (Some(state), true) => self.behaviour.intent(state, &self.arm.robot),
-            _ => {
+            (state, false) => {
                 self.behaviour.pause();
-                Intent::Stand
+                let lost = state.as_ref().filter(|_| self.state == State::Holding);
+                if let Some(back) = lost.and_then(|state| self.behaviour.way_back(&state.q)) {
+                    // It goes by where the arm was, not by a view.
+                    confidence = 1.0;
+                    back
+                } else {
+                    Intent::Stand
+                }
             }
+            (None, true) => Intent::Stand,
         };
         self.joint_control.soften(self.fault.is_some());
         // A state that is none: the arm is thought to be where its reference is.

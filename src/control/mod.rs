@@ -6,6 +6,7 @@
 //! [`lifecycle`]    what the run is doing: a table                         [`behaviour`] why the arm moves
 //! [`gate`]         the last thing before the drive
 //! [`trace`]        what a tick leaves: the report reads it, control does not know the report
+//! [`residual`]     an arm that stands before an error which stays
 //! [`safety`]       faults and reactions, the watches over measurements and measured arm
 //! ```
 
@@ -16,6 +17,7 @@ pub mod gate;
 pub mod lifecycle;
 pub mod outcome;
 mod records;
+pub mod residual;
 pub mod run_end;
 pub mod safety;
 pub mod sightings;

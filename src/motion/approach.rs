@@ -29,7 +29,7 @@ pub fn brakeable<const N: usize>(
     for i in 0..N {
         let speed = towards[i].abs();
         let now = Point {
-            q: speed / approach.rate_1_s,
+            q: (speed / approach.rate_1_s).max(approach.to_go[i] * towards[i].signum()),
             v: (state.qd[i] - kept[i]) * towards[i].signum(),
             a: state.qdd[i] * towards[i].signum(),
         };
@@ -104,12 +104,23 @@ mod tests {
             let (v, follow) = (Vector2::from(v), Vector2::from(follow));
             let limits = limits::<2>(10.0, 500.0);
             let r = Reference::new(limits.clone(), Vector2::zeros());
-            let (cut, acting) = brakeable(&v, &Approach { rate_1_s, follow, free: SVector::zeros() }, r.state(), &limits);
+            let (cut, acting) = brakeable(&v, &Approach { follow, ..Approach::at(rate_1_s) }, r.state(), &limits);
             let (before, after) = (v - follow, cut - follow);
             prop_assert!(after.norm() <= before.norm() * (1.0 + 1e-12));
             prop_assert!((after.normalize() - before.normalize()).norm() < 1e-9);
             prop_assert_eq!(acting == ActingLimits::default(), after.norm() >= before.norm() * (1.0 - 1e-12));
         }
+    }
+
+    /// A wish that was slowed down for another reason is not taken for one that is nearly there.
+    #[test]
+    fn a_wish_that_was_slowed_down_is_as_far_from_its_goal_as_before() {
+        let limits = limits::<2>(10.0, 500.0);
+        let r = Reference::new(limits.clone(), Vector2::zeros());
+        let slowed = Vector2::new(0.5, -0.25);
+        let approach = Approach { to_go: Vector2::new(0.4, -0.2), ..Approach::at(100.0) };
+        assert_eq!(brakeable(&slowed, &approach, r.state(), &limits).0, slowed);
+        assert!(brakeable(&slowed, &Approach::at(100.0), r.state(), &limits).0.norm() < 0.9 * slowed.norm());
     }
 
     #[test]

@@ -7,6 +7,9 @@ use nalgebra::SVector;
 pub struct Approach<const N: usize> {
     /// Rate at which the distance to the goal shrinks if the wish is obeyed, 1/s.
     pub rate_1_s: f64,
+    /// How far each joint is from the goal as the law has it, rad or m, where the wish was slowed down or bent since; zero where it
+    /// was not.
+    pub to_go: SVector<f64, N>,
     /// The part of the wish that follows a goal in motion, rad/s or m/s: what remains when the goal is reached.
     pub follow: SVector<f64, N>,
     /// The part of the wish that the task does not feel: a secondary motion of joints, which has no goal, rad/s or m/s.
@@ -17,6 +20,6 @@ impl<const N: usize> Approach<N> {
     /// To a goal at rest.
     #[must_use]
     pub fn at(rate_1_s: f64) -> Self {
-        Self { rate_1_s, follow: SVector::zeros(), free: SVector::zeros() }
+        Self { rate_1_s, to_go: SVector::zeros(), follow: SVector::zeros(), free: SVector::zeros() }
     }
 }

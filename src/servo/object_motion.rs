@@ -4,6 +4,11 @@
 //! Everything is expressed in the frame W in which an object without motion of its own would rest. The state of each
 //! half is a 3-vector error and its rate; the pose itself lives outside of the covariance, so that orientation needs no
 //! angles (error-state filter).
+//!
+//! Two such filters run side by side. The agile one allows for the accelerations that the object may have, and so its
+//! speed is a noisy one. The quiet one allows for hardly any: it is believed as long as what is measured fits it (the mean
+//! of its normalized squared innovations, 1 where it is right), and of its speed only what stands out of its covariance
+//! counts, so that an object at rest rests. Between the two the speed goes over evenly.
 
 use crate::geometry::{Pose, Twist};
 use crate::time::MonoNs;
@@ -16,6 +21,16 @@ const LEAST_PLACE_SD_M: f64 = 5e-5;
 const LEAST_ORIENTATION_SD_RAD: f64 = 2e-4;
 /// Between measurements farther apart than this the old estimate is worth nothing.
 const LONGEST_GAP_S: f64 = 1.0;
+
+/// Share of the accelerations that the quiet filter allows for.
+const QUIET_SHARE: f64 = 0.03;
+/// Of the mean of so many innovations it is judged.
+const JUDGED: f64 = 8.0;
+/// It is believed up to the first, and not at all from the second mean on.
+const FITS: (f64, f64) = (1.6, 2.6);
+/// Squared speed in units of its covariance, three degrees of freedom: noise up to the first (99.5 %), all of it counts from the
+/// second on.
+const SIGNIFICANT: (f64, f64) = (13.0, 30.0);
 
 /// How quickly an object may change its motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,7 +47,13 @@ pub struct ObjectDynamics {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObjectMotion {
     dynamics: ObjectDynamics,
+    /// The agile filter.
     estimate: Option<Estimate>,
+    quiet: Option<Estimate>,
+    /// Mean normalized squared innovation of the quiet filter: place, orientation.
+    misfit: [f64; 2],
+    /// The agile one's pose with the speeds that are believed.
+    believed: Option<Estimate>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,29 +94,44 @@ impl Half {
         self.P = F * self.P * F.transpose() + Q;
     }
 
-    /// The corrections of the three values and of their rates for an innovation with covariance `R`.
+    /// The corrections of the three values and of their rates for an innovation with covariance `R`, and its square in units of
+    /// what was expected, by degree of freedom.
     fn correct(
         &mut self,
         innovation: &Vector3<f64>,
         R: &Matrix3<f64>,
-    ) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    ) -> Option<(Vector3<f64>, Vector3<f64>, f64)> {
         let S: Matrix3<f64> = self.P.fixed_view::<3, 3>(0, 0) + R;
-        let K: Matrix6x3<f64> = self.P.fixed_columns::<3>(0) * S.try_inverse()?;
+        let S_inverse = S.try_inverse()?;
+        let square = innovation.dot(&(S_inverse * innovation)) / 3.0;
+        let K: Matrix6x3<f64> = self.P.fixed_columns::<3>(0) * S_inverse;
         let mut I_KH = Matrix6::identity();
         let mut left = I_KH.fixed_columns_mut::<3>(0);
         left -= K;
         // Joseph's form stays symmetric and positive.
         self.P = I_KH * self.P * I_KH.transpose() + K * R * K.transpose();
         let x = K * innovation;
-        Some((x.fixed_rows::<3>(0).into(), x.fixed_rows::<3>(3).into()))
+        Some((x.fixed_rows::<3>(0).into(), x.fixed_rows::<3>(3).into(), square))
     }
+
+    /// As much of a `rate` as stands out of its covariance.
+    fn significant(&self, rate: &Vector3<f64>) -> Vector3<f64> {
+        let P: Matrix3<f64> = self.P.fixed_view::<3, 3>(3, 3).into();
+        let square = P.try_inverse().map_or(0.0, |inverse| rate.dot(&(inverse * rate)));
+        rate * share(square, SIGNIFICANT)
+    }
+}
+
+/// 0 up to the first of `ends`, 1 from the second on.
+fn share(x: f64, ends: (f64, f64)) -> f64 {
+    ((x - ends.0) / (ends.1 - ends.0)).clamp(0.0, 1.0)
 }
 
 impl ObjectMotion {
     /// Nothing seen yet.
     #[must_use]
     pub fn new(dynamics: ObjectDynamics) -> Self {
-        Self { dynamics, estimate: None }
+        Self { dynamics, estimate: None, quiet: None, misfit: [1.0; 2], believed: None }
     }
 
     /// Takes a pose `X_WO` measured at `stamp`, with the covariance of its twist `[v; w]` expressed in W (m, rad).
@@ -114,9 +150,17 @@ impl ObjectMotion {
             Some(e) if stamp <= e.stamp => {}
             Some(e) if (stamp - e.stamp).as_s() <= LONGEST_GAP_S => {
                 e.update(stamp, X_WO, &R_place, &R_orientation, self.dynamics);
+                let agile = *e;
+                if let Some(quiet) = &mut self.quiet {
+                    let squares = quiet.update(stamp, X_WO, &R_place, &R_orientation, self.dynamics.quiet());
+                    for (misfit, square) in self.misfit.iter_mut().zip(squares) {
+                        *misfit += (square.min(JUDGED * FITS.1) - *misfit) / JUDGED;
+                    }
+                }
+                self.believe(agile);
             }
             _ => {
-                self.estimate = Some(Estimate {
+                let first = Some(Estimate {
                     stamp,
                     X_WO: *X_WO,
                     v: Vector3::zeros(),
@@ -125,20 +169,42 @@ impl ObjectMotion {
                     orientation: Half::first(&R_orientation),
                     speed_is_seen: false,
                 });
+                (self.estimate, self.quiet, self.believed) = (first, first, first);
+                self.misfit = [1.0; 2];
             }
         }
+    }
+
+    /// Speeds of the quiet filter as far as it fits, of the agile one as far as it does not; where it does not fit at all, it
+    /// starts anew from the agile one.
+    fn believe(&mut self, agile: Estimate) {
+        let Some(quiet) = &mut self.quiet else { return };
+        let mut believed = agile;
+        let [place, orientation] = self.misfit.map(|misfit| share(misfit, FITS));
+        let at_rest = (quiet.place.significant(&quiet.v), quiet.orientation.significant(&quiet.w));
+        believed.v = at_rest.0 + (agile.v - at_rest.0) * place;
+        believed.w = at_rest.1 + (agile.w - at_rest.1) * orientation;
+        if place >= 1.0 {
+            (quiet.v, quiet.place) = (agile.v, agile.place);
+            quiet.X_WO.translation = agile.X_WO.translation;
+        }
+        if orientation >= 1.0 {
+            (quiet.w, quiet.orientation) = (agile.w, agile.orientation);
+            quiet.X_WO.rotation = agile.X_WO.rotation;
+        }
+        self.believed = Some(believed);
     }
 
     /// The object's displacement in W from `from` to `to`: it brings where the object's points were to where they will be.
     #[must_use]
     pub fn displacement(&self, from: MonoNs, to: MonoNs) -> Pose {
-        self.estimate.as_ref().map_or_else(Pose::identity, |e| e.at(to) * e.at(from).inverse())
+        self.believed.as_ref().map_or_else(Pose::identity, |e| e.at(to) * e.at(from).inverse())
     }
 
     /// The object's twist in W, taken at the place `p_W`: that of a point which moves as if it were fixed to the object.
     #[must_use]
     pub fn twist_at(&self, time: MonoNs, p_W: &Vector3<f64>) -> Twist {
-        let Some(e) = &self.estimate else { return Twist::zeros() };
+        let Some(e) = &self.believed else { return Twist::zeros() };
         let v = e.v + e.w.cross(&(p_W - e.at(time).translation.vector));
         Twist::new(v.x, v.y, v.z, e.w.x, e.w.y, e.w.z)
     }
@@ -175,6 +241,16 @@ impl ObjectMotion {
     }
 }
 
+impl ObjectDynamics {
+    fn quiet(&self) -> Self {
+        Self {
+            acceleration_m_s2: QUIET_SHARE * self.acceleration_m_s2,
+            acceleration_rad_s2: QUIET_SHARE * self.acceleration_rad_s2,
+            ..*self
+        }
+    }
+}
+
 impl Estimate {
     fn at(&self, time: MonoNs) -> Pose {
         let dt = (time - self.stamp).as_s();
@@ -184,6 +260,7 @@ impl Estimate {
         )
     }
 
+    /// Takes a measured pose in; the squares of its innovations as [`Half::correct`] gives them, place and orientation.
     fn update(
         &mut self,
         stamp: MonoNs,
@@ -191,7 +268,7 @@ impl Estimate {
         R_place: &Matrix3<f64>,
         R_orientation: &Matrix3<f64>,
         dynamics: ObjectDynamics,
-    ) {
+    ) -> [f64; 2] {
         let dt = (stamp - self.stamp).as_s();
         let predicted = self.at(stamp);
         self.place.predict(dt, dynamics.acceleration_m_s2);
@@ -200,14 +277,18 @@ impl Estimate {
         let turn = (measured.rotation * predicted.rotation.inverse()).scaled_axis();
         (self.stamp, self.X_WO) = (stamp, predicted);
         self.speed_is_seen = true;
-        if let Some((p, v)) = self.place.correct(&off, R_place) {
+        let mut squares = [0.0; 2];
+        if let Some((p, v, square)) = self.place.correct(&off, R_place) {
             self.X_WO.translation.vector += p;
             self.v += v;
+            squares[0] = square;
         }
-        if let Some((angle, w)) = self.orientation.correct(&turn, R_orientation) {
+        if let Some((angle, w, square)) = self.orientation.correct(&turn, R_orientation) {
             self.X_WO.rotation = UnitQuaternion::from_scaled_axis(angle) * self.X_WO.rotation;
             self.w += w;
+            squares[1] = square;
         }
+        squares
     }
 }
 

@@ -28,6 +28,9 @@ const LARGEST_CONTRADICTION: f64 = 0.03;
 /// Standard deviation of features of which some are taken to be there, normalized: half a pixel of a usual lens.
 const SIGMA_OF_A_GUESS: f64 = 6e-4;
 
+/// Gain of the way back to where the target was seen, 1/s, and how near to it is there, rad or m.
+const RETURN_RATE_1_S: f64 = 2.0;
+const RETURNED: f64 = 1e-3;
 /// Gain times age from which on a held law is not kept up with.
 const LARGEST_HELD: f64 = 0.2;
 
@@ -81,6 +84,8 @@ pub struct ServoSettings {
     /// Age of what the law would work with if it were held between measurements: latency and, in the mean, half of a frame's
     /// period, at most a whole one. What `predict` asks for is quicker by so much as such a law would be for it.
     pub held_lag: SpanNs,
+    /// Goes back to where the whole target was seen last when it is lost.
+    pub returns: bool,
     /// How much later the arm moves as it is told: the lag of a drive. `predict` looks so far ahead.
     pub lead: SpanNs,
 }
@@ -101,6 +106,7 @@ impl ServoSettings {
             teach: 0,
             object: None,
             held_lag: SpanNs::ZERO,
+            returns: false,
             lead: SpanNs::ZERO,
         }
     }
@@ -121,6 +127,8 @@ pub struct VisualServo<const N: usize> {
     sighting: Option<Sighting>,
     /// The last one without hidden features, and with a pose.
     whole: Option<Sighting>,
+    /// The arm's posture at the last exposure that showed the whole target, rad or m.
+    q_whole: Option<SVector<f64, N>>,
     held: Option<Answer<N>>,
     fresh: bool,
     /// First wished velocity, and when: what a smooth start takes off.
@@ -140,6 +148,7 @@ impl<const N: usize> VisualServo<N> {
             history: JointHistory::new(),
             sighting: None,
             whole: None,
+            q_whole: None,
             held: None,
             fresh: false,
             start: None,
@@ -235,6 +244,9 @@ impl<const N: usize> VisualServo<N> {
         if let (Some(object), Some(X_CO)) = (&mut self.object, view.X_CO()) {
             object.observe(exposure, &(X_WC * X_CO), &covariance_in(&X_WC, &covariance));
         }
+        if !partial {
+            self.q_whole = Some(q);
+        }
         let sighting = Sighting { exposure, view, task, X_WC, partial };
         if !partial && view.X_CO().is_some() {
             self.whole = Some(sighting);
@@ -284,6 +296,17 @@ impl<const N: usize> VisualServo<N> {
     #[must_use]
     pub fn confidence(&self, now: MonoNs) -> f64 {
         self.object.as_ref().map_or(1.0, |object| object.confidence(now + self.settings.lead))
+    }
+
+    /// Back to the posture in which the arm saw the whole target last, for an arm in `q` that has lost it and holds: the joint
+    /// velocity, rad/s or m/s, and how it leads there. `None` where that is not wished for
+    /// ([`ServoSettings::returns`]), nothing was ever seen, or the arm is there already.
+    #[must_use]
+    pub fn way_back(&self, q: &SVector<f64, N>) -> Option<(SVector<f64, N>, Approach<N>)> {
+        let to_go = self.q_whole.filter(|_| self.settings.returns)? - q;
+        let is_finite = to_go.iter().all(|x| x.is_finite());
+        (is_finite && to_go.amax() > RETURNED)
+            .then(|| (to_go * RETURN_RATE_1_S, Approach::at(RETURN_RATE_1_S)))
     }
 
     /// How the last wished velocity leads to its goal; `None` without one.
@@ -358,11 +381,15 @@ impl ServoSettings {
             *qd *= factor;
             rate_1_s *= factor;
         }
+        let mut approach = Approach::at(rate_1_s);
+        if let Wish::Velocity(qd) = &wish {
+            approach.to_go = qd / rate_1_s;
+        }
         let wish = match &self.visibility {
             Some(guard) => guard.hold(&self.set_point, view, (task, &self.law.joint_damping()), arm, wish),
             None => wish,
         };
-        let mut answer = Answer { wish, approach: Approach::at(rate_1_s) };
+        let mut answer = Answer { wish, approach };
         if let (Wish::Velocity(qd), Task::Twist(task), Some(wanted)) = (&mut answer.wish, task, secondary)
             && let Some(free) = seek_null_motion(task, &arm.J, wanted)
         {

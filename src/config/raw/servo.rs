@@ -184,6 +184,8 @@ table! {
         lead_ms: f64 = 0.0,
         /// Gain of the motion away from joint limits where the task leaves joints free, 1/s; 0 for none.
         limit_avoidance_1_s: f64 = 0.0,
+        /// Whether the arm goes back to where it saw the whole target last when it has lost it.
+        return_to_last_seen: bool = false,
         /// `[servo.visibility]`: keeps the target in the picture.
         visibility: RawVisibility = RawVisibility::default(),
         /// `[servo.object]`: estimate the target's own motion, carry views by it and follow it.
@@ -204,7 +206,7 @@ table! {
         /// Distance from the border that the target's marks keep, px; less where the goal itself is nearer.
         margin_px: f64 = 10.0,
         /// Share of the distance to that margin that a feature may cover in a second, 1/s.
-        rate_1_s: f64 = 4.0,
+        rate_1_s: f64 = 5.0,
     }
 }
 

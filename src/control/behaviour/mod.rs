@@ -74,6 +74,11 @@ pub trait Behaviour<const N: usize>: Send + std::fmt::Debug {
     /// The arm does not move by this behaviour in this tick.
     fn pause(&mut self);
 
+    /// What an arm in `q` that has lost its view may do to find it again; `None`: it stands.
+    fn way_back(&self, _q: &SVector<f64, N>) -> Option<Intent<N>> {
+        None
+    }
+
     /// Where the camera moves with the joints: for what holds an arm back near singular postures.
     fn camera_jacobian(&self, robot: &Robot<N>, q: &SVector<f64, N>) -> nalgebra::SMatrix<f64, 6, N>;
 

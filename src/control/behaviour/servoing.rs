@@ -71,6 +71,10 @@ impl<const N: usize> Behaviour<N> for Servoing<N> {
         self.servo.restart();
     }
 
+    fn way_back(&self, q: &SVector<f64, N>) -> Option<Intent<N>> {
+        self.servo.way_back(q).filter(|_| !self.dry).map(|(qd, approach)| Intent::Velocity(qd, approach))
+    }
+
     fn camera_jacobian(&self, robot: &Robot<N>, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
         *self.servo.settings().mount.camera(robot, q).1.matrix()
     }

@@ -89,8 +89,7 @@ fn the_stated_uncertainty_is_that_of_the_errors() {
             for seed in 0..RUNS {
                 let (truth, motion) = observed(1.0, seed, sd, frames);
                 let [a, b] = truth.normalized_errors_squared(&motion);
-                let v = motion.twist_at(motion.estimate.unwrap().stamp, &truth.X_WO.translation.vector);
-                let off = (v.fixed_rows::<3>(0) - truth.v) / motion.speed_sd_m_s();
+                let off = (motion.estimate.unwrap().v - truth.v) / motion.speed_sd_m_s();
                 place += a / RUNS as f64;
                 orientation += b / RUNS as f64;
                 speed += off.norm_squared() / 3.0 / RUNS as f64;
@@ -143,26 +142,51 @@ fn a_steady_motion_is_learnt_and_carried_on() {
             let off = carried.rotation.angle_to(&truth.X_WO.rotation);
             assert!(off < 3.5 * stated, "{sd}, {seed}: {off} of {stated} rad");
         }
-        assert!((0.2..0.6).contains(&mean), "{sd}: {mean}");
+        assert!(mean < 0.3, "{sd}: {mean}"); // the agile filter alone has 0.2 to 0.6
     }
 }
 
 #[test]
 fn an_object_at_rest_is_not_set_in_motion_by_noise() {
-    let slow = ObjectDynamics { acceleration_m_s2: 0.05, acceleration_rad_s2: 0.1, ..DYNAMICS };
     let R = Matrix6::from_diagonal(&nalgebra::Vector6::repeat(1e-8));
-    let mut largest = 0.0_f64;
+    let (mut moved, mut largest) = (0, 0.0_f64);
     for seed in 0..200 {
-        let mut motion = ObjectMotion::new(slow);
+        let mut motion = ObjectMotion::new(DYNAMICS);
         for k in 0..100 {
             let mut X = Pose::identity();
-            X.translation.vector += noise(seed * 100 + k, 1e-4);
+            X.translation.vector += noise(seed * 200 + 2 * k, 1e-4);
+            X.rotation = UnitQuaternion::from_scaled_axis(noise(seed * 200 + 2 * k + 1, 1e-4));
             motion.observe(MonoNs(k as i64 * FRAME.0), &X, &R);
+            let V = motion.twist_at(MonoNs(k as i64 * FRAME.0), &Vector3::zeros());
+            if k >= 20 {
+                moved += u32::from(V != Twist::zeros());
+                largest = largest.max(V.norm());
+            }
         }
-        let V = motion.twist_at(MonoNs(99 * FRAME.0), &Vector3::zeros());
-        largest = largest.max(V.fixed_rows::<3>(0).norm());
     }
-    assert!(largest < 6e-3, "{largest} m/s"); // obtained: 4.9 mm/s
+    assert!(moved < 200 * 80 / 50, "in {moved} of {} frames", 200 * 80);
+    assert!(largest < 5e-3, "{largest} m/s and rad/s");
+}
+
+/// One that starts to move is followed after a few frames, and rests again when it stands.
+#[test]
+fn a_start_and_a_stop_are_noticed() {
+    let mut motion = ObjectMotion::new(DYNAMICS);
+    let R = Matrix6::from_diagonal(&nalgebra::Vector6::repeat(1e-8));
+    let mut x = 0.0;
+    for k in 0..150_u64 {
+        let speed = if (50..100).contains(&k) { 0.1 } else { 0.0 };
+        let mut X = Pose::translation(x, 0.0, 0.0);
+        X.translation.vector += noise(k, 1e-4);
+        motion.observe(MonoNs(k as i64 * FRAME.0), &X, &R);
+        x += speed * FRAME.as_s();
+        let v = motion.twist_at(MonoNs(k as i64 * FRAME.0), &Vector3::zeros()).x;
+        if (60..100).contains(&k) {
+            assert!((v - 0.1).abs() < 0.02, "{k}: {v}");
+        } else if (30..=50).contains(&k) || k > 125 {
+            assert!(v.abs() < 3e-3, "{k}: {v}");
+        }
+    }
 }
 
 #[test]

@@ -168,6 +168,27 @@ fn poses_that_no_object_before_a_camera_has_are_refused() {
     }
 }
 
+#[test]
+fn the_way_back_leads_to_where_the_whole_target_was_seen() {
+    let robot = scara();
+    let mut s = servo(UpdatePolicy::Predict);
+    moved_to(&mut s, 0..=100);
+    s.take(MonoNs(100 * MS), &seen_at(40), &robot);
+    assert!(s.way_back(&q_at(100)).is_none(), "not wished for");
+    s.settings.returns = true;
+    let (qd, approach) = s.way_back(&q_at(100)).unwrap();
+    assert!((q_at(100) + qd / approach.rate_1_s - q_at(40)).norm() < 1e-9, "{qd}");
+    assert!(s.way_back(&q_at(40)).is_none(), "there already");
+    // A part of the target is not the whole of it.
+    let mut partial = seen_at(80);
+    partial.feature_count = 3;
+    assert!(s.take(MonoNs(100 * MS), &partial, &robot).is_used());
+    assert_eq!(s.way_back(&q_at(100)).unwrap().0, qd);
+    let mut blind = servo(UpdatePolicy::Predict);
+    blind.settings.returns = true;
+    assert!(blind.way_back(&q_at(0)).is_none(), "nothing was seen");
+}
+
 /// Every law, with everything on that looks at a measurement.
 fn every_law() -> Vec<VisualServo<4>> {
     let gain = Gain::Constant(1.0);

@@ -1,0 +1,101 @@
+//! Tells an arm that stands before an error which stays from one that is still on its way.
+//!
+//! A law whose arm cannot do what it asks for, because lens, mount or target are not as believed or because the arm has too few
+//! joints, comes to rest where the error has no part that it could act upon. Nothing is wrong there but that the goal is out of
+//! reach, and waiting does not help.
+
+use crate::time::{MonoNs, SpanNs};
+
+/// For so long the arm has stood and the error has stayed.
+const LONG: SpanNs = SpanNs(2_000_000_000);
+/// By so many measurements at least.
+const FEWEST: u32 = 5;
+/// An error stays that changes no more than this share of it, or this much, px: noise.
+const STEADY_SHARE: f64 = 0.05;
+const STEADY_PX: f64 = 0.05;
+
+/// What is told at the end of a run whose goal cannot be reached.
+pub const OUT_OF_REACH: &str = "the arm stands and the error stays: the goal cannot be reached with this lens, mount or number of \
+                                       joints; compare [camera.lens], [camera.mount] and [target] with what is there, or teach the \
+                                       goal (servo.set_point.kind = \"taught\")";
+
+/// Watches the feature error of an arm at rest. Feed it at every tick with the arm's state and at every measurement that says
+/// something about the goal with its error.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ResidualWatch {
+    /// Since when the error is what it is, and what it was then.
+    since: Option<(MonoNs, f64)>,
+    now: MonoNs,
+    measurements: u32,
+}
+
+impl ResidualWatch {
+    /// A tick at `now`: whether the arm is at rest.
+    pub fn note_arm(&mut self, now: MonoNs, at_rest: bool) {
+        self.now = now;
+        if !at_rest {
+            self.since = None;
+        }
+    }
+
+    /// A measurement at `now` whose feature error is `error_px`; NaN where it says nothing about the goal.
+    pub fn note_error(&mut self, now: MonoNs, error_px: f64) {
+        self.now = now;
+        match self.since {
+            Some((_, first)) if (error_px - first).abs() <= (STEADY_SHARE * first).max(STEADY_PX) => {
+                self.measurements = self.measurements.saturating_add(1);
+            }
+            _ => {
+                self.since = error_px.is_finite().then_some((now, error_px));
+                self.measurements = 1;
+            }
+        }
+    }
+
+    /// The error, px, before which the arm has stood for long; `None` where it moves, or the error does, or is within `goal_px`.
+    pub fn constant_px(&self, goal_px: f64) -> Option<f64> {
+        let (since, error_px) = self.since?;
+        let long = self.now - since >= LONG && self.measurements >= FEWEST;
+        (long && error_px > goal_px).then_some(error_px)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: i64 = 1_000_000;
+
+    /// Errors at 25 Hz for three seconds, of an arm that moves as long as `moves` says.
+    fn watched(error_px: impl Fn(i64) -> f64, moves: impl Fn(i64) -> bool) -> Option<f64> {
+        let mut watch = ResidualWatch::default();
+        for k in 0..3000 {
+            watch.note_arm(MonoNs(k * MS), !moves(k));
+            if k % 40 == 0 {
+                watch.note_error(MonoNs(k * MS), error_px(k));
+            }
+        }
+        watch.constant_px(0.05)
+    }
+
+    #[test]
+    fn an_arm_that_stands_before_an_error_is_told() {
+        let noisy = |k: i64| 3.0 + if k % 80 == 0 { 0.1 } else { 0.0 };
+        assert_eq!(watched(noisy, |_| false), Some(3.1));
+        assert!(watched(|_| 3.0, |k| k < 500).is_some(), "it has come to rest in time");
+    }
+
+    #[test]
+    fn whatever_is_on_its_way_or_at_the_goal_is_not() {
+        assert_eq!(watched(|_| 3.0, |k| k < 1500), None, "not at rest for long");
+        assert_eq!(watched(|_| 3.0, |k| k == 2000), None, "it moved");
+        assert_eq!(watched(|k| 3.0 * (-1e-3 * k as f64).exp(), |_| false), None, "the error falls");
+        assert_eq!(watched(|_| 0.04, |_| false), None, "this is the goal");
+        assert_eq!(watched(|k| if k > 2000 { f64::NAN } else { 3.0 }, |_| false), None, "the target is lost");
+        let mut rare = ResidualWatch::default();
+        rare.note_error(MonoNs(0), 3.0);
+        rare.note_arm(MonoNs(5000 * MS), true);
+        assert_eq!(rare.constant_px(0.05), None, "one measurement tells nothing");
+        assert_eq!(ResidualWatch::default().constant_px(0.05), None);
+    }
+}
