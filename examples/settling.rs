@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let bound_s = vservo::dispatch_robot!(config.robot, |robot| {
             assemble::motion_limits(&config, &robot).map(|limits| {
                 let end = SVector::from_fn(|i, _| q_end[i]);
-                least_time_s(&limits, &SVector::from_column_slice(&config.q_start), &end)
+                least_time_s(&limits, &SVector::from_column_slice(&config.start.q), &end)
             })
         })??;
         let settled_s = run.settling_time_s.unwrap_or(f64::NAN);

@@ -188,7 +188,17 @@ mod tests {
         let (records, _kept) = RingBuffer::new(16);
         let (_kept, measurements) = RingBuffer::new(1);
         let stops = [StopFlag::default(), StopFlag::default()];
-        let worker = RealtimeThread { control, measurements, records, stops, max_missed_in_a_row: 1_000_000 };
+        let (_kept, requests) = RingBuffer::new(1);
+        let (answers, _kept) = RingBuffer::new(1);
+        let worker = RealtimeThread {
+            control,
+            measurements,
+            records,
+            requests,
+            answers,
+            stops,
+            max_missed_in_a_row: 1_000_000,
+        };
         let Err(Panic(reason)) = worker.run(SpanNs::ZERO) else { panic!("it ran to its end") };
         assert_eq!(reason, "index 5 out of range");
         assert!(was_ended.load(Ordering::Relaxed), "the drive knows that no command follows");
