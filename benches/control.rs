@@ -84,13 +84,19 @@ impl<const N: usize> Running<N> {
         let set_point = SetPoint::from_pose(&goal(), &points(4)).unwrap();
         let law = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: ESTIMATED };
         let mount = Mount::EyeInHand { X_EC };
+        let observer = ObserverSettings {
+            disturbance_rad_s: 10.0,
+            velocity_rad_s: 150.0,
+            encoder_step: SVector::repeat(1e-5),
+            most_acceleration: ObserverSettings::bound(&robot, &q),
+        };
         let settings = ControllerSettings {
             servo: VisualServo::new(ServoSettings::new(law, set_point, update, mount)),
             robot,
             limits: limits.clone(),
             joint_control: JointController::new(
                 JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
-                ObserverSettings::none(),
+                observer,
             ),
             watch: MeasurementWatch::new(SpanNs(200 * MS), 0.75),
             max_tracking_error: 0.1,
