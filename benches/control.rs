@@ -86,9 +86,15 @@ impl<const N: usize> Running<N> {
         let mount = Mount::EyeInHand { X_EC };
         let servo = VisualServo::new(ServoSettings::new(law, set_point, update, mount));
         let watch = MeasurementWatch::new(SpanNs(200 * MS), 0.75);
+        let observer = ObserverSettings {
+            disturbance_rad_s: 10.0,
+            velocity_rad_s: 150.0,
+            encoder_step: SVector::repeat(1e-5),
+            most_acceleration: ObserverSettings::bound(&robot, &q),
+        };
         let joint_control = JointController::new(
             JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
-            ObserverSettings::none(),
+            observer,
         );
         let arm = ArmModel { robot, limits: limits.clone() };
         let settings = ControllerSettings::new(arm, joint_control, CommandMode::Torque, q);
