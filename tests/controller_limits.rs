@@ -274,7 +274,7 @@ fn a_joint_stops_at_the_end_of_its_range_and_says_so() {
 /// In the run files' own range nothing is slowed down for long.
 #[test]
 fn an_easy_run_has_no_events() {
-    let out = perfect_run(Some("panda.toml"), &["goal.feature_error_px=0.00001"], 5);
+    let out = perfect_run(Some("panda.toml"), &["goal.feature_error_px=0.00001", "goal.hold_s=60"], 5);
     assert!(out.events.is_empty(), "{:?}", out.events);
     assert_eq!(out.limits & (Limit::Singularity.bit() | Limit::Position.bit()), 0);
 }
