@@ -5,6 +5,7 @@
 
 use divan::{Bencher, black_box};
 use nalgebra::{Matrix6, Point3, SVector, Vector2, Vector6};
+use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
 use vservo::control::behaviour::{ArmModel, Servoing};
 use vservo::control::controller::{ControlOutput, Controller, ControllerSettings};
 use vservo::control::lifecycle::Request;
@@ -18,7 +19,7 @@ use vservo::motion::{
 use vservo::robot::{ExpressedIn, load};
 use vservo::servo::{
     CameraJacobian, DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint,
-    UpdatePolicy, View, VisualServo, image_task, joint_velocity,
+    UpdatePolicy, View, VisibilityGuard, VisualServo, image_task, joint_velocity,
 };
 use vservo::sim::perfect_measurement;
 use vservo::time::{MonoNs, SpanNs};
@@ -84,7 +85,26 @@ impl<const N: usize> Running<N> {
         let set_point = SetPoint::from_pose(&goal(), &points(4)).unwrap();
         let law = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: ESTIMATED };
         let mount = Mount::EyeInHand { X_EC };
-        let servo = VisualServo::new(ServoSettings::new(law, set_point, update, mount));
+        let lens = Intrinsics {
+            fx_px: 800.0,
+            fy_px: 800.0,
+            cx_px: 319.5,
+            cy_px: 239.5,
+            width_px: 640,
+            height_px: 480,
+        };
+        let distortion = Distortion { k1: -0.15, k2: 0.05, ..Distortion::default() };
+        let guard = VisibilityGuard {
+            camera: CameraModel::new(lens, distortion).unwrap(),
+            margin_px: 10.0,
+            mark_radius_m: 0.015,
+            rate_1_s: 5.0,
+        };
+        let servo =
+            ServoSettings { visibility: Some(guard), ..ServoSettings::new(law, set_point, update, mount) };
+        let servo =
+            ServoSettings { visibility: Some(guard), ..ServoSettings::new(law, set_point, update, mount) };
+        let servo = VisualServo::new(servo);
         let watch = MeasurementWatch::new(SpanNs(200 * MS), 0.75);
         let observer = ObserverSettings {
             disturbance_rad_s: 10.0,
@@ -92,10 +112,8 @@ impl<const N: usize> Running<N> {
             encoder_step: SVector::repeat(1e-5),
             most_acceleration: ObserverSettings::bound(&robot, &q),
         };
-        let joint_control = JointController::new(
-            JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
-            observer,
-        );
+        let joint_control =
+            JointController::new(JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)), observer);
         let arm = ArmModel { robot, limits: limits.clone() };
         let settings = ControllerSettings::new(arm, joint_control, CommandMode::Torque, q);
         let mut controller = Controller::new(settings, Box::new(Servoing::new(servo, watch, 10)));

@@ -54,7 +54,6 @@ fn the_plant_keeps_the_limits_of_the_run_file() {
                 let (shares, over) = shares(&config, &robot, 0.0);
                 (shares, over.finish)
             });
-            println!("{file} {gain}: acceleration {:.5}, jerk {:.5} {:?}", shares[0], shares[1], finish.map(|f| f.outcome));
             assert!(shares[0] <= 1.001 && shares[1] <= 1.005, "{file} {gain}: {shares:?}");
             assert_eq!(finish.unwrap().outcome, Outcome::Converged, "{file} {gain}");
         }
@@ -77,7 +76,6 @@ fn an_arm_that_starts_elsewhere_is_told_and_refused_unless_it_may() {
         with_robot!(allowed, |robot| {
             for offset in [0.09, -0.05, 0.019] {
                 let (shares, over) = shares(&allowed, &robot, offset);
-                println!("{file} {offset}: {shares:?} {:?}", over.finish.map(|f| f.outcome));
                 let told = over.events.iter().any(|(_, event)| *event == Event::StartsElsewhere);
                 assert_eq!(told, offset != 0.019, "{file} {offset}");
                 assert!(shares[0] <= 1.005 && shares[1] <= 1.01, "{file} {offset}: {shares:?}");
@@ -90,7 +88,8 @@ fn an_arm_that_starts_elsewhere_is_told_and_refused_unless_it_may() {
 /// A joint that jams on the way, as if its brake had fallen, and is released again.
 #[test]
 fn a_jam_is_a_fault_within_a_second_and_a_released_joint_stands() {
-    for file in ["default.toml", "ur5.toml", "scara-a.toml", "scara-b.toml", "panda.toml", "ur5-hybrid.toml"] {
+    for file in ["default.toml", "ur5.toml", "scara-a.toml", "scara-b.toml", "panda.toml", "ur5-hybrid.toml"]
+    {
         let config = config(file, &[]);
         with_robot!(config, |robot| {
             for joint in 0..3 {
@@ -112,14 +111,19 @@ fn jam<const N: usize>(file: &str, config: &Config, robot: &Robot<N>, joint: usi
         Event::Fault(fault) => Some((*tick, *fault)),
         _ => None,
     });
-    println!("{file} joint {joint}: {fault:?} {:?} after {} ticks", over.finish.map(|f| f.outcome), over.ticks.len());
     // A joint that has nothing to do is not missed.
     let before = over.ticks.get(250..300).unwrap();
     let speed = before.iter().map(|tick| tick.qd[joint].abs()).fold(0.0, f64::max);
     if speed < 0.03 {
         return;
     }
-    let (tick, _) = fault.unwrap_or_else(|| panic!("{file} joint {joint} at {speed}: {:?}, torque {:?}", over.finish, over.ticks.get(5000).map(|t| t.command.tau)));
+    let (tick, _) = fault.unwrap_or_else(|| {
+        panic!(
+            "{file} joint {joint} at {speed}: {:?}, torque {:?}",
+            over.finish,
+            over.ticks.get(5000).map(|t| t.command.tau)
+        )
+    });
     assert!((300..=1300).contains(&tick), "{file} joint {joint}: {tick}");
     let last = over.ticks.last().unwrap();
     assert!(last.qd.amax() < 0.02, "{file} joint {joint}: {} at the last command", last.qd);
@@ -138,12 +142,13 @@ fn an_arm_that_thrashes_is_a_fault_and_is_brought_to_rest() {
             let fastest = over
                 .ticks
                 .iter()
-                .map(|tick| (0..tick.qd.len()).map(|i| tick.qd[i].abs() / robot.limits()[i].velocity).fold(0.0, f64::max))
+                .map(|tick| {
+                    (0..tick.qd.len())
+                        .map(|i| tick.qd[i].abs() / robot.limits()[i].velocity)
+                        .fold(0.0, f64::max)
+                })
                 .fold(0.0, f64::max);
             let last = over.ticks.last().unwrap().qd.amax();
-            let told: Vec<_> = over.events.iter().map(|(tick, event)| format!("{tick} {event:?}")).collect();
-            println!("{told:?}");
-            println!("delay {delay}: {:?} after {} ticks, fastest {fastest:.2} of the limit, at the end {last:.4}", over.finish, over.ticks.len());
             let finish = over.finish.unwrap();
             if finish.outcome != Outcome::Converged {
                 assert!(finish.outcome == Outcome::Fault && over.ticks.len() < 5000, "{finish:?}");
@@ -171,11 +176,12 @@ fn an_arm_that_cannot_be_seen_any_more_is_brought_to_rest() {
                 let over = run(&config, &robot, plant, 30_000, &mut |_, m| m);
                 let moving = over.ticks[399].qd.amax();
                 let last = over.ticks.last().unwrap().qd.amax();
-                println!("{file} {what} {value}: {:?} {moving:.3} -> {last:.5} rad/s after {}", over.finish.map(|f| f.reason), over.ticks.len());
                 let finish = over.finish.unwrap();
                 assert_eq!(finish.outcome, Outcome::Fault);
                 assert!(
-                    [Fault::DriveStateNotFinite, Fault::DriveStateImplausible].iter().any(|f| f.describe() == finish.reason)
+                    [Fault::DriveStateNotFinite, Fault::DriveStateImplausible]
+                        .iter()
+                        .any(|f| f.describe() == finish.reason)
                 );
                 assert!(moving > 0.1 && last < 0.02, "{file} {what} {value}: {moving} -> {last}");
             });

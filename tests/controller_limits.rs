@@ -56,9 +56,9 @@ fn started<const N: usize>(
     let servo = VisualServo::new(ServoSettings::new(law, set_point, update, mount));
     let watch = MeasurementWatch::new(SpanNs(200 * MS), 0.75);
     let joint_control = JointController::new(
-            JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
-            ObserverSettings::none(),
-        );
+        JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),
+        ObserverSettings::none(),
+    );
     let arm = ArmModel { robot, limits };
     let settings = ControllerSettings::new(arm, joint_control, CommandMode::Torque, q);
     let mut controller = Controller::new(settings, Box::new(Servoing::new(servo, watch, 10)));
@@ -189,13 +189,7 @@ fn stepped_on(law: &str, joint: usize, moving: bool, value: f64) -> Vec<Trace> {
     let drive = Box::new(Wrong { right, wrong, reads: 0 });
     let mut control = assemble::control_loop_with(&config, robot, drive).unwrap();
     (0..6)
-        .map(|k| {
-            control.tick(
-                k as u64,
-                MonoNs(k * MS),
-                if k == 0 { seen(0, &X_CO) } else { None }.as_ref(),
-            )
-        })
+        .map(|k| control.tick(k as u64, MonoNs(k * MS), if k == 0 { seen(0, &X_CO) } else { None }.as_ref()))
         .collect()
 }
 
@@ -302,7 +296,7 @@ fn a_joint_stops_at_the_end_of_its_range_and_says_so() {
 /// In the run files' own range nothing is slowed down for long.
 #[test]
 fn an_easy_run_has_no_events() {
-    let out = perfect_run(Some("panda.toml"), &["goal.feature_error_px=0.00001"], 5);
+    let out = perfect_run(Some("panda.toml"), &["goal.feature_error_px=0.00001", "goal.hold_s=60"], 5);
     assert!(out.events.is_empty(), "{:?}", out.events);
     assert_eq!(out.limits & (Limit::Singularity.bit() | Limit::Position.bit()), 0);
 }

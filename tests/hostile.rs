@@ -51,7 +51,8 @@ fn mischief<const N: usize>(seed: u64) -> Report<N> {
     let mut random = Random::new(seed);
     let kind = random.bits() % 9;
     let from = (random.bits() % 1200) as i64;
-    let until = if random.bits() % 2 == 0 { i64::MAX } else { from + 1 + (random.bits() % 300) as i64 };
+    let until =
+        if random.bits().is_multiple_of(2) { i64::MAX } else { from + 1 + (random.bits() % 300) as i64 };
     let joint = (random.bits() % N as u64) as usize;
     let size = 10_f64.powf(random.between(-4.0, 1.0));
     let mut frozen: Option<DriveState<N>> = None;
@@ -110,7 +111,9 @@ fn one<const N: usize>(config: &Config, robot: &Robot<N>, what: &str, seed: u64,
     }
     let mut random = Random::new(seed ^ 0x5eed);
     let mut last = None;
-    let over = run(config, robot, plant, 12_000, &mut |k, m| if see { tampered(&mut random, &mut last, k, m) } else { m });
+    let over = run(config, robot, plant, 12_000, &mut |k, m| {
+        if see { tampered(&mut random, &mut last, k, m) } else { m }
+    });
     judge(what, &over, config, robot);
     let finish = over.finish.unwrap_or_else(|| panic!("{what}: does not end, {:?}", over.events));
     assert!(!finish.reason.is_empty());

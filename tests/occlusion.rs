@@ -31,7 +31,11 @@ struct Watched {
 
 fn watch(file: &str, set: &[String]) -> Watched {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
-    let set = [&["goal.hold_s=0.2".to_owned()], set].concat();
+    let mut set = [&["goal.hold_s=0.2".to_owned()], set].concat();
+    // Slow enough that the arm is on its way while something is covered.
+    if !file.starts_with("scara-") {
+        set.push(format!("servo.gain_1_s={}", if file == "default.toml" { 2.0 } else { 1.0 }));
+    }
     let config = Config::load(Some(&path), &set).unwrap_or_else(|e| panic!("{file}: {e}"));
     let (mut events, mut speed) = (Vec::new(), 0.0f64);
     let run = simulate_system(&config, &mut |moment| {

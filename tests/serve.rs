@@ -120,11 +120,8 @@ fn what_the_camera_sees_is_taught_on_request_and_the_arm_stands_meanwhile() {
 #[test]
 fn a_fault_stays_until_it_is_reset() {
     let set = |key: &str| ["--set".to_string(), key.to_string()];
-    let wrong = [
-        set("scene.arm.friction_scale=6.0"),
-        set("safety.max_tracking_error_rad_or_m=0.0002"),
-    ]
-    .concat();
+    let wrong =
+        [set("scene.arm.friction_scale=6.0"), set("safety.max_tracking_error_rad_or_m=0.0002")].concat();
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/config/pan_tilt.toml");
     let mut arguments = vec![file, "--clock", "lockstep"];
     arguments.extend(wrong.iter().map(String::as_str));

@@ -389,9 +389,9 @@ impl<const N: usize> ControlLoop<N> {
         let time = now - self.first.unwrap_or(now);
         let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
         let stays = || self.residual.constant_px(self.plan.feature_error_px).map(|_| OUT_OF_REACH);
-        let when_late = behaviour.when_late().or_else(|| stays().filter(|_| self.state == ControlState::Servoing));
-        time_is_up
-            .then(|| run_end::time_is_up(self.plan.closed_loop, self.state, when_late, &self.sightings))
+        let when_late =
+            behaviour.when_late().or_else(|| stays().filter(|_| self.state == ControlState::Servoing));
+        time_is_up.then(|| run_end::time_is_up(self.plan.closed_loop, self.state, when_late, &self.sightings))
     }
 
     /// The object in the camera in simulated truth, m.

@@ -16,9 +16,7 @@ use crate::control::safety::{ArmWatch, Fault, RestWatch};
 use crate::control::trace::{Event, Events};
 use crate::drive::{CommandMode, DriveCommand, DriveState};
 use crate::messages::Measurement;
-use crate::motion::{
-    ActingLimits, JointController, Limit, Reference, ReferenceState, brakeable, evade,
-};
+use crate::motion::{ActingLimits, JointController, Limit, Reference, ReferenceState, brakeable, evade};
 use crate::servo::{Approach, Intake};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
@@ -463,7 +461,10 @@ impl<const N: usize> Controller<N> {
         // A joint that stands is pushed through twice its friction before it has to move.
         let stiction = robot.friction_torque(&qdd.map(|a| MOVES * a.signum())) * 2.0;
         let loose = robot.forward_dynamics(&state.q, &state.qd, &(within - stiction));
-        let way = SVector::from_fn(|i, _| if loose[i] * qdd[i] > 0.0 { loose[i] * START_S * TICK.as_s() } else { 0.0 });
+        let way =
+            SVector::from_fn(
+                |i, _| if loose[i] * qdd[i] > 0.0 { loose[i] * START_S * TICK.as_s() } else { 0.0 },
+            );
         Motion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
     }
 
@@ -534,7 +535,9 @@ impl<const N: usize> Controller<N> {
         let is_over = |since: Option<MonoNs>, patience| since.is_some_and(|since| now - since > patience);
         self.rest = if self.rests_since.is_some() && (!seen || self.rest_watch.is_at_rest()) {
             if seen { Rest::AtRest } else { Rest::Unknown }
-        } else if is_over(self.rests_since, PATIENCE) || (brakes && is_over(self.brakes_since, self.longest_braking)) {
+        } else if is_over(self.rests_since, PATIENCE)
+            || (brakes && is_over(self.brakes_since, self.longest_braking))
+        {
             Rest::Restless
         } else {
             Rest::Moving

@@ -146,7 +146,11 @@ mod tests {
         fn judge(&mut self, c: &DriveCommand<2>) -> Result<(), TestCaseError> {
             let (l, s) = (limits(), settings(CommandMode::Torque));
             for i in 0..2 {
-                prop_assert!(c.q_r[i] >= l.lower[i] - 1e-5 && c.q_r[i] <= l.upper[i] + 1e-5, "position {}", c.q_r);
+                prop_assert!(
+                    c.q_r[i] >= l.lower[i] - 1e-5 && c.q_r[i] <= l.upper[i] + 1e-5,
+                    "position {}",
+                    c.q_r
+                );
                 prop_assert!(c.qd_r[i].abs() <= l.velocity[i] * (1.0 + 1e-5), "velocity {}", c.qd_r);
                 prop_assert!(c.tau[i].abs() <= s.effort[i], "effort {}", c.tau);
             }

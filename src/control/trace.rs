@@ -3,8 +3,8 @@
 
 mod record;
 
-use super::outcome::Finish;
 use super::lifecycle::Request;
+use super::outcome::Finish;
 use super::safety::Fault;
 use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status};
 use crate::motion::ActingLimits;

@@ -4,11 +4,11 @@ use super::channel::Channel;
 use super::ports::transfer;
 use super::{IpcError, Service};
 use crate::messages::{ControlAnswer, ControlCommand};
+use crate::rt::now;
+use crate::time::SpanNs;
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::server::Server;
-use crate::rt::now;
-use crate::time::SpanNs;
 use std::time::Duration;
 
 /// Looks for an answer lie so far apart.
@@ -66,9 +66,7 @@ impl CommandClient {
         let until = now() + SpanNs::from_s(longest.as_secs_f64());
         let pending = self.0.send_copy(command).map_err(|e| transfer("sending", Channel::Command, e))?;
         loop {
-            if let Some(answer) =
-                pending.receive().map_err(|e| transfer("receiving", Channel::Command, e))?
-            {
+            if let Some(answer) = pending.receive().map_err(|e| transfer("receiving", Channel::Command, e))? {
                 return Ok(Some(*answer));
             }
             if now() > until {

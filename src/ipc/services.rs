@@ -7,7 +7,8 @@ use super::ports::{Bell, FrameReceiver, FrameSender, QuietSender, Receiver, Send
 use super::presence::{DrivePresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError, Node, PubSub};
 use crate::messages::{
-    CameraId, ControlAnswer, ControlCommand, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Status, TraceMsg,
+    CameraId, ControlAnswer, ControlCommand, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState,
+    Measurement, Status, TraceMsg,
 };
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;

@@ -100,7 +100,15 @@ pub(super) struct JointObserver<const N: usize> {
 impl<const N: usize> JointObserver<N> {
     pub(super) fn new(settings: ObserverSettings<N>) -> Self {
         let zero = SVector::zeros();
-        Self { settings, state: None, commanded: None, p: zero, t: zero, past: Past::default(), settled: false }
+        Self {
+            settings,
+            state: None,
+            commanded: None,
+            p: zero,
+            t: zero,
+            past: Past::default(),
+            settled: false,
+        }
     }
 
     /// The disturbance: what of it is known as an acceleration, and what as a torque.

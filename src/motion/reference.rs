@@ -225,7 +225,8 @@ impl<const N: usize> Reference<N> {
             then.a.abs() <= b.acceleration * (1.0 + ROUNDING)
                 && (then.a - now.a).abs() <= change * (1.0 + ROUNDING) + ROUNDING
                 && (then.v - now.v - dt_s * (now.a + then.a) / 2.0).abs() <= dt_s * (change / 2.0 + ROUNDING)
-                && (then.q - now.q - dt_s * (now.v + then.v) / 2.0).abs() <= dt_s * dt_s * change + ROUNDING * dt_s
+                && (then.q - now.q - dt_s * (now.v + then.v) / 2.0).abs()
+                    <= dt_s * dt_s * change + ROUNDING * dt_s
                 && breach(then, &loose, now.q).is_none()
         });
         if admits {

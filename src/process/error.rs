@@ -88,7 +88,9 @@ pub enum ProcessError {
         cause: std::io::Error,
     },
     /// There is no run to be told something.
-    #[error("no run of instance `{0}` is there: start one with `vservo serve`, or name another with --instance")]
+    #[error(
+        "no run of instance `{0}` is there: start one with `vservo serve`, or name another with --instance"
+    )]
     NobodyThere(String),
     /// Control did not answer.
     #[error(

@@ -143,11 +143,7 @@ impl<const N: usize> Over<N> {
             for w in speeds.windows(3) {
                 let (before, after) = ((w[1][i] - w[0][i]) / 1e-3, (w[2][i] - w[1][i]) / 1e-3);
                 shares[0] = shares[0].max(after.abs() / acceleration[i]);
-                let j = (after - before).abs() / 1e-3 / jerk[i];
-                if j > shares[1] && j > 1.01 {
-                    println!("joint {i} speeds {w:?} jerk {j}", w = w.iter().map(|w| w[i]).collect::<Vec<_>>());
-                }
-                shares[1] = shares[1].max(j);
+                shares[1] = shares[1].max((after - before).abs() / 1e-3 / jerk[i]);
             }
         }
         shares

@@ -218,7 +218,11 @@ mod tests {
             let mut watch = ArmWatch::default();
             assert_eq!(watch.note(at(0), &state(0.0, 0.0), &limits()), None);
             assert_eq!(watch.note(at(1), &state(q, qd), &limits()), Some(fault), "{q} {qd}");
-            assert_eq!(watch.note(at(2), &state(0.0, 0.0), &limits()), None, "a state that was refused is forgotten");
+            assert_eq!(
+                watch.note(at(2), &state(0.0, 0.0), &limits()),
+                None,
+                "a state that was refused is forgotten"
+            );
         }
     }
 

@@ -139,7 +139,10 @@ mod tests {
         for (fault, code) in Fault::CODES {
             assert_eq!((fault.code(), Fault::from_code(code)), (code, Some(fault)));
         }
-        assert_eq!(Fault::CODES.iter().map(|(_, code)| *code).collect::<HashSet<_>>().len(), Fault::CODES.len());
+        assert_eq!(
+            Fault::CODES.iter().map(|(_, code)| *code).collect::<HashSet<_>>().len(),
+            Fault::CODES.len()
+        );
         assert_eq!(Fault::from_code(0), None);
     }
 }

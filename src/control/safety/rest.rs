@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn steps_and_noise_of_encoders_are_no_motion() {
-        let flips = |k: usize| if k % 2 == 0 { state(0.0, 0.2) } else { state(5e-4, -0.2) };
+        let flips = |k: usize| if k.is_multiple_of(2) { state(0.0, 0.2) } else { state(5e-4, -0.2) };
         assert!(rests((0..2 * WINDOW).map(flips)));
     }
 

@@ -19,9 +19,16 @@ fn check(r: &mut Reference<2>, wish: &Vector2<f64>) -> Result<(), TestCaseError>
     for i in 0..2 {
         prop_assert!(s.q[i] >= l.lower[i] - 1e-9 && s.q[i] <= l.upper[i] + 1e-9, "position {}", s.q);
         prop_assert!(s.qd[i].abs() <= l.velocity[i] * (1.0 + 1e-9), "velocity {}", s.qd);
-        prop_assert!(r.state().a[i].abs() <= l.acceleration[i] * (1.0 + 1e-9), "acceleration {}", r.state().a);
+        prop_assert!(
+            r.state().a[i].abs() <= l.acceleration[i] * (1.0 + 1e-9),
+            "acceleration {}",
+            r.state().a
+        );
         prop_assert!(s.qdd[i].abs() <= l.acceleration[i] * (1.0 + 1e-9), "mean acceleration {}", s.qdd);
-        prop_assert!((r.state().a[i] - a_before[i]).abs() <= l.jerk[i] * dt_s * (1.0 + 1e-9), "jerk of joint {i}");
+        prop_assert!(
+            (r.state().a[i] - a_before[i]).abs() <= l.jerk[i] * dt_s * (1.0 + 1e-9),
+            "jerk of joint {i}"
+        );
         prop_assert!((s.qdd[i] - before.qdd[i]).abs() <= l.jerk[i] * dt_s * (1.0 + 1e-6) + 1e-9);
         prop_assert!(
             (s.q[i] - before.q[i] - before.qd[i] * dt_s).abs() <= 0.5 * l.acceleration[i] * 1e-6 + 1e-12

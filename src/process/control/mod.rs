@@ -118,8 +118,12 @@ fn run_robot<const N: usize>(
     let start = now();
     let mut recording = (config.task == Task::CalibrateLatency).then(Recording::default);
     let (control, statistics, pace) = match config.clock {
-        Clock::Realtime => realtime::run(config, control, &ports, (drive, commands), recording.as_mut(), stop)?,
-        Clock::Lockstep => lockstep::run(config, control, &ports, (drive, commands), recording.as_mut(), stop)?,
+        Clock::Realtime => {
+            realtime::run(config, control, &ports, (drive, commands), recording.as_mut(), stop)?
+        }
+        Clock::Lockstep => {
+            lockstep::run(config, control, &ports, (drive, commands), recording.as_mut(), stop)?
+        }
     };
     let wall = now() - start;
     ports.farewell();

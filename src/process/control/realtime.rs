@@ -66,15 +66,8 @@ pub(super) fn run<const N: usize>(
     let max_missed_in_a_row = config.safety.max_missed_in_a_row;
     let halt = StopFlag::default();
     let stops = [stop.clone(), halt.clone()];
-    let worker = RealtimeThread {
-        control,
-        measurements,
-        records,
-        requests,
-        answers,
-        stops,
-        max_missed_in_a_row,
-    };
+    let worker =
+        RealtimeThread { control, measurements, records, requests, answers, stops, max_missed_in_a_row };
     let thread = std::thread::Builder::new()
         .name("control-rt".into())
         .spawn(move || {

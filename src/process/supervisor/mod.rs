@@ -105,8 +105,11 @@ fn supervise(
         // Attached after the children were started: a process must not fork once it has joined the transport.
         let services = Services::join(instance).ok();
         let status = services.as_ref().and_then(|s| s.status_receiver().ok());
-        let mut watch =
-            Watch { status, progress: Progress::new(config.serve), vigil: Vigil::new(instance, config.clock, now()) };
+        let mut watch = Watch {
+            status,
+            progress: Progress::new(config.serve),
+            vigil: Vigil::new(instance, config.clock, now()),
+        };
         let failure = watch.until_the_end(&mut crew, stop);
         let end = crew.shut_down(Some(&mut watch));
         if end.1.is_none() && stop.is_requested() && !watch.vigil.has_ticked() {

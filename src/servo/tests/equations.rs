@@ -322,6 +322,26 @@ proptest! {
     }
 }
 
+/// K_Ps of the preconditioned scheme C: near the goal its wrench is that of scheme A with the same stiffnesses.
+#[test]
+fn a_preconditioned_scheme_c_is_scheme_a_near_its_goal() {
+    let X_DO = Pose::new([-0.04, -0.05, 0.6].into(), [0.2, -0.1, 0.3].into());
+    let near = Pose::new([1e-5, -2e-5, 1e-5].into(), [1e-5, 2e-5, -1e-5].into()) * X_DO;
+    let K = Vector6::new(500.0, 400.0, 300.0, 20.0, 10.0, 30.0);
+    let (set_point, view) = (goal(&X_DO), seen(&near, &square()));
+    let K_Ps = FeatureGains { K_P: K, rest: 300.0 };
+    let wrench = |at| {
+        let interaction = Interaction { at, depth: DepthSource::Estimated };
+        preconditioned_wrench(&set_point, &view, &K_Ps, &K, interaction).unwrap()
+    };
+    let a = PoseError::new(&X_DO, &near, OrientationError::AngleAxis).wrench(&K, &K).unwrap();
+    for at in [InteractionAt::Current, InteractionAt::Desired, InteractionAt::Mean] {
+        let c = wrench(at);
+        assert!((c.wrench - a.wrench).norm() < 1e-3 * a.wrench.norm(), "{at:?}: {} {}", c.wrench, a.wrench);
+        assert_eq!(c.damping, Matrix6::from_diagonal(&K));
+    }
+}
+
 /// The start of the comparison: the error of (10.69) is that of Sect. 10.9.
 #[test]
 fn start_of_the_comparison() {
