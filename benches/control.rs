@@ -102,8 +102,6 @@ impl<const N: usize> Running<N> {
         };
         let servo =
             ServoSettings { visibility: Some(guard), ..ServoSettings::new(law, set_point, update, mount) };
-        let servo =
-            ServoSettings { visibility: Some(guard), ..ServoSettings::new(law, set_point, update, mount) };
         let servo = VisualServo::new(servo);
         let watch = MeasurementWatch::new(SpanNs(200 * MS), 0.75);
         let observer = ObserverSettings {

@@ -89,7 +89,7 @@ fn load(file: &str, set: &[String]) -> Result<Config, String> {
 /// The settings of one arm; one whose target is out of sight at its start is drawn anew.
 fn draw(file: &str, rated_kg: f64, unlike: Unlike, random: &mut Random) -> Vec<String> {
     let is = |what| unlike == what || unlike == Unlike::Everything;
-    let q_start = load(file, &[]).unwrap().q_start;
+    let q_start = load(file, &[]).unwrap().start.q;
     loop {
         let mut set = Vec::new();
         if is(Unlike::Friction) {

@@ -70,7 +70,7 @@ fn a_spin_before_the_deadlines_is_told_with_its_cost() {
 fn what_each_process_used_is_told() {
     for clock in ["realtime", "lockstep"] {
         let start = vservo::rt::now();
-        let r = run("used", &["--clock", clock, "--duration-s", "2"]);
+        let r = run("used", &["--clock", clock, "--duration-s", "2", "--set", "goal.hold_s=60"]);
         let all_s = (vservo::rt::now() - start).as_s();
         let used = |role, what| number(&r.summary, &["processes", role, what]);
         for role in ["camera", "vision", "control"] {

@@ -227,6 +227,7 @@ pub fn control_loop_with<const N: usize>(
         limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
         visibility: config.servo.visibility,
         returns: config.servo.returns,
+        calm_gain_1_s: config.servo.calm_gain_1_s,
         held_lag: SpanNs::from_s(config.camera.latency.as_s() + 0.75 / config.camera.rate_hz),
         teach: 0, // when the lifecycle says so
         object: config.servo.object,

@@ -117,6 +117,8 @@ pub struct Servo {
     pub set_point: SetPoint,
     /// Measurements from which the goal is taught; 0 for a goal that is given.
     pub teach: u32,
+    /// Gain to which a higher one falls near the goal, 1/s.
+    pub calm_gain_1_s: f64,
     /// Rate at which the first velocity is let in, 1/s.
     pub smooth_start_1_s: Option<f64>,
     /// How much later the arm moves as it is told.

@@ -28,7 +28,7 @@ const TILT: f64 = 1e-6;
 /// The law and the goal; `None` when they cannot be built.
 pub(super) fn servo(
     raw: &RawConfig,
-    (target, camera): (&Target, &CameraModel),
+    (target, camera): (&Target, Option<&CameraModel>),
     X_DO: &Pose,
     check: &mut Check<'_>,
 ) -> Option<Servo> {
@@ -79,6 +79,7 @@ pub(super) fn servo(
     let avoid = check.range("servo.limit_avoidance_1_s", s.limit_avoidance_1_s, 0.0..=100.0);
     let object = object(s, check);
     let visibility = visibility(s, target, camera, check);
+    let calm = check.range("servo.calm_gain_1_s", s.calm_gain_1_s, GAIN_1_S);
     if check.count_problems() > before {
         return None;
     }
@@ -87,6 +88,7 @@ pub(super) fn servo(
         law,
         set_point: set_point?.with_ids(&ids)?.with_selection(selection?)?,
         teach,
+        calm_gain_1_s: calm,
         smooth_start_1_s: (smooth > 0.0).then_some(smooth),
         lead: SpanNs::from_s(lead_ms * 1e-3),
         limit_avoidance_1_s: (avoid > 0.0).then_some(avoid),
@@ -108,14 +110,18 @@ fn features_in_view(s: &RawServo, check: &mut Check<'_>) {
 fn visibility(
     s: &RawServo,
     target: &Target,
-    camera: &CameraModel,
+    camera: Option<&CameraModel>,
     check: &mut Check<'_>,
 ) -> Option<VisibilityGuard> {
+    let (margin_px, rate_1_s) = (
+        check.range("servo.visibility.margin_px", s.visibility.margin_px, 0.0..=1000.0),
+        check.range("servo.visibility.rate_1_s", s.visibility.rate_1_s, 0.1..=100.0),
+    );
     let guard = VisibilityGuard {
-        camera: *camera,
-        margin_px: check.range("servo.visibility.margin_px", s.visibility.margin_px, 0.0..=1000.0),
+        camera: *camera?,
+        margin_px,
         mark_radius_m: target.marks().iter().map(|mark| mark.radius_m).fold(0.0, f64::max),
-        rate_1_s: check.range("servo.visibility.rate_1_s", s.visibility.rate_1_s, 0.1..=100.0),
+        rate_1_s,
     };
     s.visibility.guard.then_some(guard)
 }

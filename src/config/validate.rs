@@ -75,8 +75,8 @@ pub(super) fn validate(
     }
     let desired = &raw.servo.desired;
     let X_DO = check.pose("servo.desired", desired.position_m, desired.rotation_rpy_rad);
-    let seen = target.as_ref().zip(camera.as_ref().map(|camera| &camera.model));
-    let servo = seen.and_then(|seen| servo(&raw, seen, &X_DO, check));
+    let lens = camera.as_ref().map(|camera| &camera.model);
+    let servo = target.as_ref().and_then(|target| servo(&raw, (target, lens), &X_DO, check));
     let safety = Safety {
         measurement_timeout: check.span_ms(
             "safety.measurement_timeout_ms",

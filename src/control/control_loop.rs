@@ -3,11 +3,13 @@
 //! The real-time thread, the lockstep loop and in-process simulations all call [`ControlLoop::tick`]. It does not
 //! allocate, log or fail.
 
+mod told;
+
 pub use crate::control::outcome::Finish;
 
 use crate::control::controller::{ControlOutput, Controller};
 use crate::control::lifecycle::{Refusal, Request};
-use crate::control::outcome::{FinalErrors, MeasuredErrors, Outcome};
+use crate::control::outcome::{FinalErrors, Outcome};
 use crate::control::records::{command_trace, joint_state};
 use crate::control::residual::{OUT_OF_REACH, ResidualWatch};
 use crate::control::run_end::{self, NextStep, RunEnd};
@@ -16,8 +18,7 @@ use crate::control::sightings::Sightings;
 use crate::control::trace::{Event, Events, FrameStamps, LatencyStages, Sighting, Trace};
 use crate::control::truth::Truth;
 use crate::drive::{Drive, DriveCommand, DriveState};
-use crate::geometry::{Pose, rotation_angle};
-use crate::messages::{ControlState, JointState, Measurement, Status, frame_flag, status_flag};
+use crate::messages::{ControlState, JointState, Measurement, frame_flag};
 use crate::motion::ActingLimits;
 use crate::servo::{Intake, View};
 use crate::time::TICK;
@@ -140,7 +141,11 @@ impl<const N: usize> ControlLoop<N> {
             self.begin();
         }
         self.last = now;
+        let late = self.drive.health().late_states;
         self.sensed = self.drive.read(now);
+        if self.drive.health().late_states > late {
+            self.controller.follow_anew();
+        }
         if let Some(fault) = self.drive.health().fault {
             self.controller.fail(Fault::Drive(fault));
         }
@@ -392,89 +397,6 @@ impl<const N: usize> ControlLoop<N> {
         let when_late =
             behaviour.when_late().or_else(|| stays().filter(|_| self.state == ControlState::Servoing));
         time_is_up.then(|| run_end::time_is_up(self.plan.closed_loop, self.state, when_late, &self.sightings))
-    }
-
-    /// The object in the camera in simulated truth, m.
-    fn true_view(&self) -> Option<Pose> {
-        let (q, _) = self.sensed.truth?;
-        Some(self.truth.as_ref()?.X_CO(&q, self.last - self.first.unwrap_or(self.last)))
-    }
-
-    /// Position and orientation of the camera relative to the desired one, from truth or else from the last pose.
-    fn pose_errors(&self) -> Option<(f64, f64)> {
-        let X_CO = self.true_view().or_else(|| self.measured_view())?;
-        self.off_goal(&X_CO)
-    }
-
-    /// The object in the camera by the last measurement, m.
-    fn measured_view(&self) -> Option<Pose> {
-        self.sightings.last_found()?.pose()
-    }
-
-    /// Distance, m, and angle, rad, of the camera from the desired one when it sees the object at `X_CO`.
-    fn off_goal(&self, X_CO: &Pose) -> Option<(f64, f64)> {
-        let X_DC = self.controller.behaviour().set_point().X_DO()? * X_CO.inverse();
-        Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
-    }
-
-    /// Errors when the end of the run was decided, or now: braking at the end is no part of what was reached.
-    #[must_use]
-    pub fn final_errors(&self) -> FinalErrors {
-        self.errors_at_end.unwrap_or_else(|| self.errors())
-    }
-
-    /// Errors now: against simulated truth where there is one, else from the last measurement.
-    fn errors(&self) -> FinalErrors {
-        let set_point = self.controller.behaviour().set_point();
-        let believed = MeasuredErrors::new(
-            self.sightings.error_px(),
-            self.measured_view().and_then(|X_CO| self.off_goal(&X_CO)),
-        );
-        let errors = match self.true_view() {
-            Some(X_CO) => {
-                let feature_error = set_point.error_rms_px_at(&X_CO, &self.plan.f_px);
-                MeasuredErrors::new(feature_error, self.off_goal(&X_CO))
-            }
-            None => believed,
-        };
-        FinalErrors {
-            feature_error: errors.feature_error,
-            position_error_m: errors.position_error_m,
-            orientation_error_rad: errors.orientation_error_rad,
-            believed,
-        }
-    }
-
-    fn status(&self, tick: u64, now: MonoNs) -> Status {
-        let (position_error_m, orientation_error_rad) = self.pose_errors().unwrap_or((f64::NAN, f64::NAN));
-        let m = self.sightings.last().copied().unwrap_or_default();
-        let latency = self.sightings.latency();
-        let us = |span: Option<SpanNs>| span.map_or(f64::NAN, SpanNs::as_us);
-        Status {
-            tick,
-            sequence: self.statuses,
-            stamp: now,
-            time_s: self.duration_s(),
-            feature_error_px: self.sightings.error_px(),
-            position_error_m,
-            orientation_error_rad,
-            exposure_to_command_us: us(latency.exposure_to_command),
-            exposure_to_frame_us: us(latency.exposure_to_frame),
-            frame_to_vision_us: us(latency.frame_to_vision),
-            vision_us: us(latency.vision),
-            measurement_to_command_us: us(latency.measurement_to_command),
-            measurements: self.sightings.count(),
-            frames: m.frames_received,
-            frames_dropped: m.frames_dropped,
-            target_lost: m.target_lost,
-            missed_deadlines: 0,
-            state: self.state as u32,
-            target: m.status,
-            limits: self.acted.kinds(),
-            limited_joints: u32::from(self.acted.all_joints()),
-            arm: 0,
-            flags: if self.sightings.is_degraded() { status_flag::DEGRADED } else { 0 },
-        }
     }
 
     /// Time from the first tick to the last one, that one included, s.

@@ -15,7 +15,7 @@ use crate::messages::{Measurement, TargetStatus};
 use crate::robot::Robot;
 use crate::servo::JointHistory;
 use crate::time::{MonoNs, SpanNs};
-use nalgebra::{Matrix6, SVector};
+use nalgebra::{Matrix6, SVector, Vector2};
 
 /// How far an exposure stamp may lie in the future: some drivers stamp the planned end of a frame.
 const LONGEST_FUTURE: SpanNs = SpanNs(50_000_000);
@@ -28,6 +28,8 @@ const LARGEST_CONTRADICTION: f64 = 0.03;
 /// Standard deviation of features of which some are taken to be there, normalized: half a pixel of a usual lens.
 const SIGMA_OF_A_GUESS: f64 = 6e-4;
 
+/// Feature error at which a gain has fallen half-way to the calm one, root mean square, normalized: a pixel of a usual lens.
+const CALM_ERROR: f64 = 1.25e-3;
 /// Gain of the way back to where the target was seen, 1/s, and how near to it is there, rad or m.
 const RETURN_RATE_1_S: f64 = 2.0;
 const RETURNED: f64 = 1e-3;
@@ -84,6 +86,8 @@ pub struct ServoSettings {
     /// Age of what the law would work with if it were held between measurements: latency and, in the mean, half of a frame's
     /// period, at most a whole one. What `predict` asks for is quicker by so much as such a law would be for it.
     pub held_lag: SpanNs,
+    /// Gain to which a higher one falls near the goal, where encoders and noise would make the arm tremble, 1/s.
+    pub calm_gain_1_s: f64,
     /// Goes back to where the whole target was seen last when it is lost.
     pub returns: bool,
     /// How much later the arm moves as it is told: the lag of a drive. `predict` looks so far ahead.
@@ -106,6 +110,7 @@ impl ServoSettings {
             teach: 0,
             object: None,
             held_lag: SpanNs::ZERO,
+            calm_gain_1_s: f64::INFINITY,
             returns: false,
             lead: SpanNs::ZERO,
         }
@@ -376,6 +381,13 @@ impl ServoSettings {
     ) -> Option<Answer<N>> {
         let mut wish = self.law.wish(task, arm)?;
         let mut rate_1_s = self.law.rate_1_s(task);
+        if let Wish::Velocity(qd) = &mut wish
+            && self.object.is_none()
+        {
+            let share = self.calmed(rate_1_s, view);
+            *qd *= share;
+            rate_1_s *= share;
+        }
         if let (Wish::Velocity(qd), UpdatePolicy::Predict) = (&mut wish, self.update) {
             let factor = as_quick_as_held(rate_1_s * self.held_lag.as_s());
             *qd *= factor;
@@ -397,6 +409,18 @@ impl ServoSettings {
             *qd += free;
         }
         Some(answer)
+    }
+
+    /// Share of a law's rate that is left near the goal: it falls towards `calm_gain_1_s` where `view` is within about a pixel.
+    fn calmed(&self, rate_1_s: f64, view: &View) -> f64 {
+        if !(rate_1_s > self.calm_gain_1_s) {
+            return 1.0;
+        }
+        let error = self.set_point.error_rms_px(view, &Vector2::repeat(1.0));
+        let far = error * error / (error * error + CALM_ERROR * CALM_ERROR);
+        // No error can be told: nothing speaks for calm.
+        let far = if far.is_nan() { 1.0 } else { far };
+        (self.calm_gain_1_s + (rate_1_s - self.calm_gain_1_s) * far) / rate_1_s
     }
 }
 

@@ -9,116 +9,32 @@
 //! upon; a law that wishes torques moves the reference by the acceleration that they would bring about.
 //! `step` is total: it does not allocate, log, fail or look at a clock.
 
+mod motion;
+mod settings;
+
+pub use settings::{ControlOutput, ControllerSettings, Rest};
+
 use crate::control::behaviour::{ArmModel, Behaviour, Intent};
-use crate::control::gate::{Gate, GateSettings, Passed};
+use crate::control::gate::{Gate, Passed};
 use crate::control::lifecycle::{Cue, Refusal, Request, State, Step};
 use crate::control::safety::{ArmWatch, Fault, RestWatch};
 use crate::control::trace::{Event, Events};
-use crate::drive::{CommandMode, DriveCommand, DriveState};
+use crate::drive::{CommandMode, DriveState};
 use crate::messages::Measurement;
-use crate::motion::{ActingLimits, JointController, Limit, Reference, ReferenceState, brakeable, evade};
-use crate::servo::{Approach, Intake};
+use crate::motion::{JointController, Limit, Reference};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
+use motion::Motion;
 use nalgebra::SVector;
 
 /// A reference so near to the measured arm (rad or m; rad/s or m/s) is on it.
 const ON_THE_ARM: (f64, f64) = (2e-3, 0.1);
 /// Share of the largest tracking error beyond which a braking reference is put back on the arm.
 const ASTRAY: f64 = 0.3;
-/// Rate at which an arm under a torque law is braked where its view is not to be trusted, 1/s.
-const BRAKE_1_S: f64 = 8.0;
 /// Difference of a joint's velocity from that of its reference up to which it is what is expected, rad/s or m/s.
 const EXPECTED_SPEED: f64 = 1.0;
-/// A joint that moves has all its Coulomb friction, rad/s or m/s.
-const MOVES: f64 = 0.05;
-/// Mean time for which a joint under a torque law is taken to have accelerated, where it has to move.
-const START_S: f64 = 0.2;
-/// Rate at which a reference that a drive obeys goes back to an arm that has not followed it, 1/s.
-const BACK_1_S: f64 = 5.0;
 /// How long an arm whose reference rests may go on moving.
 const PATIENCE: SpanNs = SpanNs(2_000_000_000);
-
-/// What a controller is made of.
-#[derive(Debug, Clone)]
-pub struct ControllerSettings<const N: usize> {
-    /// The arm.
-    pub arm: ArmModel<N>,
-    /// Joint controller.
-    pub joint_control: JointController<N>,
-    /// What the drive obeys.
-    pub mode: CommandMode,
-    /// Time in which the effort of a joint may rise from zero to its largest.
-    pub effort_rise: SpanNs,
-    /// Where the run file has the arm start, rad or m.
-    pub q_start: SVector<f64, N>,
-    /// Distance of a joint from there beyond which the arm is not where the run file says.
-    pub start_tolerance: f64,
-    /// Whether it may start elsewhere.
-    pub may_start_elsewhere: bool,
-    /// Largest distance of a joint from its reference, rad or m.
-    pub max_tracking_error: f64,
-}
-
-impl<const N: usize> ControllerSettings<N> {
-    /// A controller of `arm` that starts in `q_start` before a drive which obeys `mode`; the rest as in the default run.
-    #[must_use]
-    pub fn new(
-        arm: ArmModel<N>,
-        joint_control: JointController<N>,
-        mode: CommandMode,
-        q_start: SVector<f64, N>,
-    ) -> Self {
-        Self {
-            arm,
-            joint_control,
-            mode,
-            effort_rise: SpanNs(10_000_000),
-            q_start,
-            start_tolerance: 0.02,
-            may_start_elsewhere: false,
-            max_tracking_error: 0.1,
-        }
-    }
-
-    fn gate(&self) -> GateSettings<N> {
-        let limits = self.arm.robot.limits();
-        let effort = SVector::from_fn(|i, _| limits[i].effort);
-        GateSettings { effort, effort_rate: effort / self.effort_rise.as_s(), mode: self.mode }
-    }
-}
-
-/// What a step leads to.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ControlOutput<const N: usize> {
-    /// For the drive.
-    pub command: DriveCommand<N>,
-    /// What the controller does.
-    pub state: State,
-    /// Why it does nothing more, in fault.
-    pub fault: Option<Fault>,
-    /// The joint velocity that the behaviour asks for, before limits; rad/s or m/s.
-    pub wish: SVector<f64, N>,
-    /// The limits that acted, and on which joints.
-    pub limits: ActingLimits,
-    /// What became of the measurement, if there was one.
-    pub intake: Option<Intake>,
-    /// What happened.
-    pub events: Events,
-}
-
-/// Whether the arm stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Rest {
-    /// Reference or measured arm move.
-    Moving,
-    /// Both stand.
-    AtRest,
-    /// The arm goes on moving although its reference has rested for 2 s.
-    Restless,
-    /// The reference stands; the arm cannot be seen.
-    Unknown,
-}
 
 /// The controller of one arm with `N` joints.
 #[derive(Debug)]
@@ -153,18 +69,6 @@ struct Start<const N: usize> {
     tolerance: f64,
     elsewhere: bool,
     is_checked: bool,
-}
-
-/// What a tick wants of the joints, within the limits.
-struct Motion<const N: usize> {
-    /// Where the reference is at the time of the state, and its acceleration from there on.
-    now: ReferenceState<N>,
-    /// Limits that acted.
-    limits: ActingLimits,
-    /// The joint controller follows a reference; else the acceleration of a law that wishes torques.
-    follows: bool,
-    /// How far each joint should go in this tick, rad or m.
-    way: SVector<f64, N>,
 }
 
 impl<const N: usize> Controller<N> {
@@ -263,6 +167,11 @@ impl<const N: usize> Controller<N> {
     /// Something outside has failed. The first fault is the one that is told.
     pub fn fail(&mut self, fault: Fault) {
         self.failure.get_or_insert(fault);
+    }
+
+    /// The drive's state is an old one: that the arm stands in it does not say that it does not follow.
+    pub fn follow_anew(&mut self) {
+        self.watch.restart();
     }
 
     /// One tick: takes the drive's state and a measurement, if a new one has come, and gives the command for the
@@ -407,103 +316,6 @@ impl<const N: usize> Controller<N> {
     fn believed(&self) -> DriveState<N> {
         let r = self.reference.state();
         DriveState { q: r.q, qd: r.qd, truth: None }
-    }
-
-    /// The reference of this tick, and on to that of the next one.
-    fn motion(&mut self, state: &DriveState<N>, intent: &Intent<N>, confidence: f64) -> Motion<N> {
-        let mut limits = ActingLimits::default();
-        let wish = match intent {
-            Intent::Torque(tau) => return self.pushed(state, tau, confidence),
-            Intent::Stand | Intent::Look(_) if self.mode == CommandMode::Position && self.fault.is_some() => {
-                (state.q - self.reference.state().q) * BACK_1_S
-            }
-            Intent::Stand | Intent::Look(_) => SVector::zeros(),
-            Intent::Joints(qd) => *qd,
-            Intent::Velocity(qd, approach) => {
-                let (qd, acting) = self.held_back(&state.q, qd, approach, confidence);
-                limits = acting;
-                qd
-            }
-        };
-        if self.mode == CommandMode::Velocity {
-            // The drive obeys velocities alone: positions that were summed up from them would drift away from the arm.
-            let qd = self.reference.state().qd;
-            self.reference.place(&state.q, &qd);
-            self.gate.place(&state.q, &qd);
-        }
-        let before = *self.reference.state();
-        let after = self.reference.advance(&wish, TICK);
-        let now = ReferenceState { q: before.q, qd: before.qd, ..*after };
-        let way = now.qd * TICK.as_s();
-        Motion { now, limits: limits.with(&after.limits), follows: true, way }
-    }
-
-    /// A law that wishes torques: the reference goes on from the arm with the acceleration that they bring about.
-    fn pushed(&mut self, state: &DriveState<N>, tau: &SVector<f64, N>, confidence: f64) -> Motion<N> {
-        let robot = &self.arm.robot;
-        let within = SVector::from_fn(|i, _| {
-            let effort = robot.limits().get(i).map_or(0.0, |limit| limit.effort);
-            tau[i].clamp(-effort, effort)
-        });
-        // Friction is made up for, as the laws have it, which know of none.
-        let qdd = robot.forward_dynamics(&state.q, &state.qd, &within);
-        let trusted = qdd * confidence - state.qd * (BRAKE_1_S * (1.0 - confidence));
-        self.reference.place(&state.q, &state.qd);
-        self.gate.place(&state.q, &state.qd);
-        let after = *self.reference.accelerate(&trusted, TICK);
-        let mut limits = after.limits;
-        if confidence < 1.0 {
-            (0..N).for_each(|i| limits.set(Limit::View, i));
-        }
-        for i in (0..N).filter(|i| within[*i] != tau[*i]) {
-            limits.set(Limit::Effort, i);
-        }
-        // A joint that stands is pushed through twice its friction before it has to move.
-        let stiction = robot.friction_torque(&qdd.map(|a| MOVES * a.signum())) * 2.0;
-        let loose = robot.forward_dynamics(&state.q, &state.qd, &(within - stiction));
-        let way =
-            SVector::from_fn(
-                |i, _| if loose[i] * qdd[i] > 0.0 { loose[i] * START_S * TICK.as_s() } else { 0.0 },
-            );
-        Motion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
-    }
-
-    /// The wish, slowed down so that the arm can brake at the goal, where the view is old or uncertain, and ahead of
-    /// singular postures and ends of ranges.
-    fn held_back(
-        &self,
-        q: &SVector<f64, N>,
-        wish: &SVector<f64, N>,
-        approach: &Approach<N>,
-        confidence: f64,
-    ) -> (SVector<f64, N>, ActingLimits) {
-        let ArmModel { robot, limits } = &self.arm;
-        let (mut wish, mut acting) = brakeable(wish, approach, self.reference.state(), limits);
-        if confidence < 1.0 {
-            wish *= confidence;
-            (0..N).for_each(|i| acting.set(Limit::View, i));
-        }
-        let J_C = self.behaviour.camera_jacobian(robot, q);
-        let (wish, evading) = evade(robot, q, &J_C, &wish, &approach.free);
-        (wish, acting.with(&evading))
-    }
-
-    /// The torque for the time until the next tick, N m or N.
-    fn torque(
-        &mut self,
-        state: &DriveState<N>,
-        motion: &Motion<N>,
-        seen: bool,
-        limits: &mut ActingLimits,
-    ) -> SVector<f64, N> {
-        let robot = &self.arm.robot;
-        let torque = match (seen, motion.follows) {
-            (false, _) => self.joint_control.blind_torque(robot, &motion.now),
-            (true, true) => self.joint_control.torque(robot, &state.q, &state.qd, &motion.now),
-            (true, false) => self.joint_control.torque_for(robot, &state.q, &state.qd, &motion.now.qdd),
-        };
-        limits.add(Limit::Effort, torque.saturated);
-        torque.tau
     }
 
     /// What the arm does against its reference that it may not do. A reference that brakes is put back on the arm.

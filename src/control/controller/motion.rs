@@ -1,0 +1,129 @@
+//! From an intent to a reference within the limits, and to the torque that follows it.
+
+use super::Controller;
+use crate::control::behaviour::{ArmModel, Intent};
+use crate::drive::{CommandMode, DriveState};
+use crate::motion::{ActingLimits, Limit, ReferenceState, brakeable, evade};
+use crate::servo::Approach;
+use crate::time::TICK;
+use nalgebra::SVector;
+
+/// Rate at which an arm under a torque law is braked where its view is not to be trusted, 1/s.
+const BRAKE_1_S: f64 = 8.0;
+/// A joint that moves has all its Coulomb friction, rad/s or m/s.
+const MOVES: f64 = 0.05;
+/// Mean time for which a joint under a torque law is taken to have accelerated, where it has to move.
+const START_S: f64 = 0.2;
+/// Rate at which a reference that a drive obeys goes back to an arm that has not followed it, 1/s.
+const BACK_1_S: f64 = 5.0;
+
+/// What a tick wants of the joints, within the limits.
+pub(super) struct Motion<const N: usize> {
+    /// Where the reference is at the time of the state, and its acceleration from there on.
+    pub(super) now: ReferenceState<N>,
+    /// Limits that acted.
+    pub(super) limits: ActingLimits,
+    /// The joint controller follows a reference; else the acceleration of a law that wishes torques.
+    pub(super) follows: bool,
+    /// How far each joint should go in this tick, rad or m.
+    pub(super) way: SVector<f64, N>,
+}
+
+impl<const N: usize> Controller<N> {
+    /// The reference of this tick, and on to that of the next one.
+    pub(super) fn motion(&mut self, state: &DriveState<N>, intent: &Intent<N>, confidence: f64) -> Motion<N> {
+        let mut limits = ActingLimits::default();
+        let wish = match intent {
+            Intent::Torque(tau) => return self.pushed(state, tau, confidence),
+            Intent::Stand | Intent::Look(_) if self.mode == CommandMode::Position && self.fault.is_some() => {
+                (state.q - self.reference.state().q) * BACK_1_S
+            }
+            Intent::Stand | Intent::Look(_) => SVector::zeros(),
+            Intent::Joints(qd) => *qd,
+            Intent::Velocity(qd, approach) => {
+                let (qd, acting) = self.held_back(&state.q, qd, approach, confidence);
+                limits = acting;
+                qd
+            }
+        };
+        if self.mode == CommandMode::Velocity {
+            // The drive obeys velocities alone: positions that were summed up from them would drift away from the arm.
+            let qd = self.reference.state().qd;
+            self.reference.place(&state.q, &qd);
+            self.gate.place(&state.q, &qd);
+        }
+        let before = *self.reference.state();
+        let after = self.reference.advance(&wish, TICK);
+        let now = ReferenceState { q: before.q, qd: before.qd, ..*after };
+        let way = now.qd * TICK.as_s();
+        Motion { now, limits: limits.with(&after.limits), follows: true, way }
+    }
+
+    /// A law that wishes torques: the reference goes on from the arm with the acceleration that they bring about.
+    fn pushed(&mut self, state: &DriveState<N>, tau: &SVector<f64, N>, confidence: f64) -> Motion<N> {
+        let robot = &self.arm.robot;
+        let within = SVector::from_fn(|i, _| {
+            let effort = robot.limits().get(i).map_or(0.0, |limit| limit.effort);
+            tau[i].clamp(-effort, effort)
+        });
+        // Friction is made up for, as the laws have it, which know of none.
+        let qdd = robot.forward_dynamics(&state.q, &state.qd, &within);
+        let trusted = qdd * confidence - state.qd * (BRAKE_1_S * (1.0 - confidence));
+        self.reference.place(&state.q, &state.qd);
+        self.gate.place(&state.q, &state.qd);
+        let after = *self.reference.accelerate(&trusted, TICK);
+        let mut limits = after.limits;
+        if confidence < 1.0 {
+            (0..N).for_each(|i| limits.set(Limit::View, i));
+        }
+        for i in (0..N).filter(|i| within[*i] != tau[*i]) {
+            limits.set(Limit::Effort, i);
+        }
+        // A joint that stands is pushed through twice its friction before it has to move.
+        let stiction = robot.friction_torque(&qdd.map(|a| MOVES * a.signum())) * 2.0;
+        let loose = robot.forward_dynamics(&state.q, &state.qd, &(within - stiction));
+        let way =
+            SVector::from_fn(
+                |i, _| if loose[i] * qdd[i] > 0.0 { loose[i] * START_S * TICK.as_s() } else { 0.0 },
+            );
+        Motion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
+    }
+
+    /// The wish, slowed down so that the arm can brake at the goal, where the view is old or uncertain, and ahead of
+    /// singular postures and ends of ranges.
+    fn held_back(
+        &self,
+        q: &SVector<f64, N>,
+        wish: &SVector<f64, N>,
+        approach: &Approach<N>,
+        confidence: f64,
+    ) -> (SVector<f64, N>, ActingLimits) {
+        let ArmModel { robot, limits } = &self.arm;
+        let (mut wish, mut acting) = brakeable(wish, approach, self.reference.state(), limits);
+        if confidence < 1.0 {
+            wish *= confidence;
+            (0..N).for_each(|i| acting.set(Limit::View, i));
+        }
+        let J_C = self.behaviour.camera_jacobian(robot, q);
+        let (wish, evading) = evade(robot, q, &J_C, &wish, &approach.free);
+        (wish, acting.with(&evading))
+    }
+
+    /// The torque for the time until the next tick, N m or N.
+    pub(super) fn torque(
+        &mut self,
+        state: &DriveState<N>,
+        motion: &Motion<N>,
+        seen: bool,
+        limits: &mut ActingLimits,
+    ) -> SVector<f64, N> {
+        let robot = &self.arm.robot;
+        let torque = match (seen, motion.follows) {
+            (false, _) => self.joint_control.blind_torque(robot, &motion.now),
+            (true, true) => self.joint_control.torque(robot, &state.q, &state.qd, &motion.now),
+            (true, false) => self.joint_control.torque_for(robot, &state.q, &state.qd, &motion.now.qdd),
+        };
+        limits.add(Limit::Effort, torque.saturated);
+        torque.tau
+    }
+}
