@@ -38,6 +38,7 @@ mod position;
 mod resolve;
 mod selection;
 mod set_point;
+mod settings;
 mod similarity;
 #[cfg(test)]
 mod tests;
@@ -61,7 +62,8 @@ pub use position::{OperationalSpace, PoseError, PoseGains, operational_pose, pos
 pub use resolve::{TwistTask, WrenchTask, joint_torque, joint_velocity};
 pub use selection::{FeatureKind, Selection};
 pub use set_point::SetPoint;
+pub use settings::{ServoSettings, UpdatePolicy};
 use similarity::fit_similarity;
 pub use view::View;
 pub use visibility::VisibilityGuard;
-pub use visual_servo::{ServoSettings, UpdatePolicy, VisualServo};
+pub use visual_servo::VisualServo;

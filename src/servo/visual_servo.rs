@@ -6,9 +6,8 @@
 //! of an object that moves is estimated, where that is asked for.
 
 use super::{
-    Approach, Arm, CameraJacobian, Intake, Law, Mount, ObjectDynamics, ObjectMotion, SetPoint, Task,
-    TwistTask, View, VisibilityGuard, Wish, away_from_limits, joint_velocity, lesson::Lesson,
-    seek_null_motion,
+    Approach, Arm, CameraJacobian, Intake, ObjectMotion, ServoSettings, SetPoint, Task, TwistTask,
+    UpdatePolicy, View, Wish, away_from_limits, joint_velocity, lesson::Lesson, seek_null_motion,
 };
 use crate::geometry::{Pose, rotate_twist};
 use crate::messages::{Measurement, TargetStatus};
@@ -36,17 +35,6 @@ const RETURNED: f64 = 1e-3;
 /// Gain times age from which on a held law is not kept up with.
 const LARGEST_HELD: f64 = 0.2;
 
-/// When the servo law is computed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum UpdatePolicy {
-    /// Once for each measurement; the wish is held.
-    Frame,
-    /// At every tick with the newest joint positions; the feature error is held.
-    Tick,
-    /// At every tick for the view of that tick, carried there from the last exposure by the arm's own motion.
-    Predict,
-}
-
 /// The last measurement in use.
 #[derive(Debug, Clone, Copy)]
 struct Sighting {
@@ -57,64 +45,6 @@ struct Sighting {
     X_WC: Pose,
     /// Whether features were hidden.
     partial: bool,
-}
-
-/// What visual servoing is made of.
-#[derive(Debug, Clone)]
-pub struct ServoSettings {
-    /// Law and gains.
-    pub law: Law,
-    /// Goal.
-    pub set_point: SetPoint,
-    /// When the law is computed.
-    pub update: UpdatePolicy,
-    /// Where the camera sits.
-    pub mount: Mount,
-    /// The object in the frame W in which it rests, where a simulation knows it; for the true depth only.
-    pub X_WO: Option<Pose>,
-    /// Smooth start: rate at which the first velocity is let in, 1/s; `None` starts at once.
-    pub smooth_start_1_s: Option<f64>,
-    /// Secondary task: gain of the motion away from joint limits, 1/s.
-    pub limit_avoidance_1_s: Option<f64>,
-    /// Keeps features in the picture.
-    pub visibility: Option<VisibilityGuard>,
-    /// Teaches the set-point from so many measurements before anything moves; 0 for none.
-    pub teach: u32,
-    /// Estimates the object's own motion: `predict` then carries views by it too, and velocity laws follow it. `None`
-    /// for an object at rest.
-    pub object: Option<ObjectDynamics>,
-    /// Age of what the law would work with if it were held between measurements: latency and, in the mean, half of a frame's
-    /// period, at most a whole one. What `predict` asks for is quicker by so much as such a law would be for it.
-    pub held_lag: SpanNs,
-    /// Gain to which a higher one falls near the goal, where encoders and noise would make the arm tremble, 1/s.
-    pub calm_gain_1_s: f64,
-    /// Goes back to where the whole target was seen last when it is lost.
-    pub returns: bool,
-    /// How much later the arm moves as it is told: the lag of a drive. `predict` looks so far ahead.
-    pub lead: SpanNs,
-}
-
-impl ServoSettings {
-    /// Settings without smooth start, secondary task and teaching.
-    #[must_use]
-    pub fn new(law: Law, set_point: SetPoint, update: UpdatePolicy, mount: Mount) -> Self {
-        Self {
-            law,
-            set_point,
-            update,
-            mount,
-            X_WO: None,
-            smooth_start_1_s: None,
-            limit_avoidance_1_s: None,
-            visibility: None,
-            teach: 0,
-            object: None,
-            held_lag: SpanNs::ZERO,
-            calm_gain_1_s: f64::INFINITY,
-            returns: false,
-            lead: SpanNs::ZERO,
-        }
-    }
 }
 
 /// What the law says, and how that leads to the goal.

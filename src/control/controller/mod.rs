@@ -190,7 +190,13 @@ impl<const N: usize> Controller<N> {
             confidence = self.behaviour.confidence(now);
         }
         self.live(state.as_ref(), confidence);
-        let intent = match (&state, self.state.moves()) {
+        let observed = state.map(|state| {
+            let (q, qd) = self.joint_control.observe(&self.arm.robot, &state.q, &state.qd);
+            DriveState { q, qd, ..state }
+        });
+        // Views are carried by positions as they are measured, at the exposure and now.
+        let moving = state.zip(observed).map(|(state, observed)| DriveState { qd: observed.qd, ..state });
+        let intent = match (&moving, self.state.moves()) {
             (Some(state), true) => self.behaviour.intent(state, &self.arm.robot),
             (state, false) => {
                 self.behaviour.pause();
@@ -208,13 +214,14 @@ impl<const N: usize> Controller<N> {
         self.joint_control.soften(self.fault.is_some());
         // A state that is none: the arm is thought to be where its reference is.
         let seen = state.is_some();
-        let state = state.unwrap_or_else(|| self.believed());
+        let measured = state.unwrap_or_else(|| self.believed());
+        let state = observed.unwrap_or(measured);
         let motion = self.motion(&state, &intent, confidence);
         let mut limits = motion.limits;
         let tau = self.torque(&state, &motion, seen, &mut limits);
         let Passed { command, cut, fault } = self.gate.pass(self.reference.state(), &tau);
         limits.add(Limit::Effort, cut);
-        if let Some(fault) = fault.or_else(|| self.astray(&state, &motion, seen)) {
+        if let Some(fault) = fault.or_else(|| self.astray(&measured, &motion, seen)) {
             self.fail(fault);
         }
         self.note_rest(now, seen);

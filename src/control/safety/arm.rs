@@ -36,7 +36,7 @@ const CONTRADICTING_SHARE: f64 = 0.4;
 const FOLLOW_PART: usize = 100;
 const FOLLOW_PARTS: usize = 4;
 /// Way of the reference in that time from which on a joint has to follow, rad or m.
-const FOLLOW_WAY: f64 = 8e-3;
+const FOLLOW_WAY: f64 = 0.02;
 /// Share of that way that is following.
 const FOLLOWS: f64 = 0.2;
 
@@ -273,7 +273,7 @@ mod tests {
 
     #[test]
     fn a_joint_that_stands_while_its_reference_goes_is_told_within_a_second() {
-        for speed in [0.03, 0.3, 2.0] {
+        for speed in [0.06, 0.3, 2.0] {
             let mut watch = ArmWatch::<2>::default();
             let mut told = None;
             for k in 0..3000 {

@@ -9,6 +9,8 @@ use nalgebra::SVector;
 const REST_SPEED: f64 = 0.02;
 /// Ticks over which its speed is judged.
 const WINDOW: usize = 50;
+/// Ticks at its end that are judged by themselves.
+const LAST: usize = 4;
 /// Readings of a noisy encoder that stands lie so many standard deviations apart.
 const NOISE_SPREAD: f64 = 6.0;
 
@@ -51,16 +53,24 @@ impl<const N: usize> RestWatch<N> {
                 (least, most, sum) = (least.min(q[i]), most.max(q[i]), sum + qd[i]);
             }
             let noise = NOISE_SPREAD * self.noise_sd(i);
+            // One that swings is slow where it turns: it must also be so at the end.
+            let end: f64 = (WINDOW - LAST..WINDOW).map(|k| self.at(&self.qd, k)[i]).sum();
+            let end_s = LAST as f64 * TICK.as_s();
             most - least <= REST_SPEED * window_s + noise
                 && (sum / WINDOW as f64).abs() <= REST_SPEED + noise / window_s
+                && (end / LAST as f64).abs() <= REST_SPEED + noise / end_s
         })
+    }
+
+    /// The `k`-th of the window's states, the oldest first.
+    fn at(&self, states: &[SVector<f64, N>; WINDOW], k: usize) -> SVector<f64, N> {
+        states.get((self.next.unwrap_or(0) + k) % WINDOW).copied().unwrap_or_else(SVector::zeros)
     }
 
     /// Standard deviation of the noise of joint `i`'s encoder, from the second differences of its positions: those of the
     /// motion of an arm are far smaller, `qdd T^2`.
     fn noise_sd(&self, i: usize) -> f64 {
-        let oldest = self.next.unwrap_or(0);
-        let q = |k: usize| self.q.get((oldest + k) % WINDOW).map_or(0.0, |q| q[i]);
+        let q = |k: usize| self.at(&self.q, k)[i];
         let squares: f64 = (2..WINDOW).map(|k| (q(k) - 2.0 * q(k - 1) + q(k - 2)).powi(2)).sum();
         (squares / (6.0 * (WINDOW - 2) as f64)).sqrt()
     }

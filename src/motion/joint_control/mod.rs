@@ -74,6 +74,16 @@ impl<const N: usize> JointController<N> {
         }
     }
 
+    /// Position and velocity of the joints at this tick as far as the encoders tell, once a tick and before its torque.
+    pub fn observe(
+        &mut self,
+        robot: &Robot<N>,
+        q: &SVector<f64, N>,
+        qd: &SVector<f64, N>,
+    ) -> (SVector<f64, N>, SVector<f64, N>) {
+        if self.law == JointLaw::PassThrough { (*q, *qd) } else { self.observer.observe(robot, q, qd) }
+    }
+
     /// The torque that follows the reference, cut at the effort limits; zero from the pass-through. Of the reference, `q`
     /// and `qd` are those of the measured state's instant, `qdd` is the mean of the step that follows.
     pub fn torque(
@@ -87,11 +97,10 @@ impl<const N: usize> JointController<N> {
             return JointTorque { tau: SVector::zeros(), saturated: 0 };
         }
         self.wished_velocity = None;
-        let (q, qd) = self.observer.observe(robot, q, qd);
         let share = if self.soft { SOFT_SHARE } else { 1.0 };
         let (e, ed) = ((reference.q - q) * (share * share), (reference.qd - qd) * share);
         let feedback = self.law.feedback(&e, &ed, reference);
-        self.compensated(robot, &q, &qd, &feedback)
+        self.compensated(robot, q, qd, &feedback)
     }
 
     /// The torque that gives the arm the acceleration `qdd` (rad/s^2 or m/s^2), friction and disturbance made up for, cut
@@ -107,14 +116,13 @@ impl<const N: usize> JointController<N> {
             return JointTorque { tau: SVector::zeros(), saturated: 0 };
         }
         let h = TICK.as_s();
-        let (q, qd) = self.observer.observe(robot, q, qd);
         // Friction made up for at a measured velocity drives an arm that has less of it than believed.
-        let before = self.wished_velocity.unwrap_or(qd);
+        let before = self.wished_velocity.unwrap_or(*qd);
         let after = before + (qdd + (qd - before) * FOLLOWS_1_S) * h;
         self.wished_velocity = Some(after);
         let zero = SVector::zeros();
         let feedback = Feedback { u: *qdd, torque: zero, velocity: after, slip: zero };
-        self.compensated(robot, &q, &qd, &feedback)
+        self.compensated(robot, q, qd, &feedback)
     }
 
     /// The torque for an arm that is thought to be on the reference, with the last estimate of its disturbance: for

@@ -75,7 +75,8 @@ fn follow<const N: usize>(
         let before = *reference.state();
         let after = *reference.advance(&SVector::repeat(speed), TICK);
         let now = ReferenceState { q: before.q, qd: before.qd, ..after };
-        let torque = control.torque(robot, &state.q, &state.qd, &now);
+        let (q, qd) = control.observe(robot, &state.q, &state.qd);
+        let torque = control.torque(robot, &q, &qd, &now);
         drive.write(&DriveCommand { tau: torque.tau, q_r: after.q, qd_r: after.qd });
         let (q, qd) = state.truth.unwrap();
         see(&Tick { ms, q, qd, reference: &now, control: &control });

@@ -2,6 +2,7 @@ use super::*;
 use crate::servo::{
     Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, OperationalSpace, OrientationError,
 };
+use crate::servo::{Law, Mount, ObjectDynamics};
 use crate::sim::perfect_measurement;
 use nalgebra::{Point3, Vector3, Vector4};
 use proptest::prelude::*;
