@@ -59,12 +59,6 @@ impl<const N: usize> MotionLimits<N> {
         }
     }
 
-    /// Whether an arm that moves like this is within its speed limits and can still stop within its range.
-    #[must_use]
-    pub fn can_stop(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> bool {
-        (0..N).all(|i| breach(Point { q: q[i], v: qd[i], a: 0.0 }, &self.bounds(i), q[i]).is_none())
-    }
-
     /// Upper bound of the time in which every joint comes to rest from whatever motion within these limits, s.
     #[must_use]
     pub fn longest_braking_s(&self) -> f64 {

@@ -189,6 +189,9 @@ pub struct Summary {
     /// Commands of a realtime run that never reached the external drive, because control's second thread did not come round.
     #[serde(default)]
     pub lost_commands: u64,
+    /// Commands that the gate before the drive had to change.
+    #[serde(default)]
+    pub gated_commands: u64,
     /// Over every joint state of a lockstep run, hexadecimal; `null` in real time.
     pub state_hash: Option<String>,
     /// What a calibration run found; left out in other runs.
@@ -226,6 +229,7 @@ impl Summary {
             safety: SafetyReport { state: "fault".into(), ..SafetyReport::default() },
             lost_traces: 0,
             lost_commands: 0,
+            gated_commands: 0,
             state_hash: None,
             calibration: None,
         }

@@ -22,7 +22,7 @@ const SPEED_WINDOW: usize = 20;
 /// Positions that stay the same for longer, of a joint that moves, come late.
 const LATE: SpanNs = SpanNs(2 * TICK.0);
 /// Times its velocity limit that a joint may have: an arm that is a little late catches up.
-const FASTEST: f64 = 1.2;
+const FASTEST: f64 = 1.5;
 /// Times its velocity limit beyond which a single reading is no joint's.
 const ABSURD_SPEED: f64 = 10.0;
 /// Displacements below this are encoder noise, rad or m.
@@ -48,6 +48,8 @@ pub struct ArmWatch<const N: usize> {
     /// The last positions and their times, the oldest at `next`.
     recent: [(MonoNs, SVector<f64, N>); SPEED_WINDOW],
     next: usize,
+    /// How many of them there are since the watch began anew.
+    filled: usize,
     /// What the velocities say of the way.
     glide: Glide<N>,
     follow: Follow<N>,
@@ -57,7 +59,7 @@ impl<const N: usize> Default for ArmWatch<N> {
     fn default() -> Self {
         let recent = [(MonoNs::ZERO, SVector::zeros()); SPEED_WINDOW];
         let glide = Glide { way: SVector::zeros(), ticks: 0, from: SVector::zeros(), until: MonoNs::ZERO };
-        Self { last: None, recent, next: 0, glide, follow: Follow::default() }
+        Self { last: None, recent, next: 0, filled: 0, glide, follow: Follow::default() }
     }
 }
 
@@ -85,7 +87,7 @@ impl<const N: usize> ArmWatch<N> {
             self.last = Some((now, state.q));
             if passed > LATE {
                 // What came late made its way before: it is no speed.
-                self.recent = [(now, state.q); SPEED_WINDOW];
+                self.filled = 0;
             }
         }
         if self.glide.contradicts(now, state) {
@@ -94,6 +96,10 @@ impl<const N: usize> ArmWatch<N> {
         let place = self.recent.get_mut(self.next)?;
         let (then, oldest) = std::mem::replace(place, (now, state.q));
         self.next = (self.next + 1) % SPEED_WINDOW;
+        self.filled = (self.filled + 1).min(SPEED_WINDOW + 1);
+        if self.filled <= SPEED_WINDOW {
+            return None;
+        }
         let window_s = (now - then).as_s();
         let farthest = |i: usize| FASTEST * limits.velocity[i] * window_s + JITTER;
         (0..N).any(|i| (state.q[i] - oldest[i]).abs() > farthest(i)).then_some(Fault::TooFast)
@@ -104,9 +110,10 @@ impl<const N: usize> ArmWatch<N> {
         self.follow.note(q, way).then_some(Fault::DoesNotFollow)
     }
 
-    /// The arm is followed anew: it begins to move, or its reference was put elsewhere.
+    /// The arm is watched anew: it begins to move, its reference was put elsewhere, or its states come late.
     pub fn restart(&mut self) {
         self.follow = Follow::default();
+        self.filled = 0;
     }
 }
 
@@ -228,7 +235,7 @@ mod tests {
 
     #[test]
     fn a_joint_beyond_its_speed_is_told_within_its_window_and_one_at_its_limit_is_not() {
-        for (speed, within) in [(2.0, None), (2.3, None), (3.2, Some(24)), (5.0, Some(20))] {
+        for (speed, within) in [(2.0, None), (2.9, None), (3.6, Some(24)), (5.0, Some(22))] {
             let mut watch = ArmWatch::default();
             let told = (0..400).find(|k| {
                 let q = speed * 1e-3 * f64::from(*k) - 0.5;

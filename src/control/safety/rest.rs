@@ -9,6 +9,8 @@ use nalgebra::SVector;
 const REST_SPEED: f64 = 0.02;
 /// Ticks over which its speed is judged.
 const WINDOW: usize = 50;
+/// Share of that speed that it may have in the end: it may gain some until the last command acts.
+const SLOWING_SHARE: f64 = 0.5;
 /// Ticks at its end that are judged by themselves.
 const LAST: usize = 4;
 /// Readings of a noisy encoder that stands lie so many standard deviations apart.
@@ -58,7 +60,7 @@ impl<const N: usize> RestWatch<N> {
             let end_s = LAST as f64 * TICK.as_s();
             most - least <= REST_SPEED * window_s + noise
                 && (sum / WINDOW as f64).abs() <= REST_SPEED + noise / window_s
-                && (end / LAST as f64).abs() <= REST_SPEED + noise / end_s
+                && (end / LAST as f64).abs() <= SLOWING_SHARE * REST_SPEED + noise / end_s
         })
     }
 

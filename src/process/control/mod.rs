@@ -197,6 +197,7 @@ fn summary<const N: usize>(
         safety: statistics.safety_report(control.state()),
         lost_traces: pace.lost_traces,
         lost_commands: pace.lost_commands,
+        gated_commands: control.controller().gated(),
         state_hash: lockstep.then(|| statistics.state_hash()),
         calibration: None,
     }
