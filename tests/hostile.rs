@@ -91,6 +91,11 @@ fn judge<const N: usize>(what: &str, over: &Over<N>, config: &Config, robot: &Ro
         for (i, limit) in robot.limits().iter().enumerate() {
             let at = || format!("{what}, tick {k}, joint {i}: {c:?}");
             assert!(c.tau[i].abs() <= limit.effort, "{}", at());
+            if let Some(before) = k.checked_sub(1).and_then(|k| over.ticks.get(k)) {
+                // From nothing to all in 10 ms, motion.effort_rise_ms: a tenth in a tick.
+                let rise = (c.tau[i] - before.command.tau[i]).abs();
+                assert!(rise <= 0.1 * limit.effort * (1.0 + 1e-9), "{}: {rise}", at());
+            }
             assert!(c.q_r[i].is_finite() && c.qd_r[i].abs() <= limit.velocity * (1.0 + 1e-5), "{}", at());
             if let (true, Some(before)) = (position_mode, k.checked_sub(1).and_then(|k| over.ticks.get(k))) {
                 let a = (c.qd_r[i] - before.command.qd_r[i]) / 1e-3;

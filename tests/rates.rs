@@ -28,7 +28,7 @@ fn every_rate_converges_with_latency_jitter_and_loss() {
         let s = &r.summary;
         assert!(!r.text().contains("warning"), "{rate_hz} Hz: {}", r.text());
         assert_eq!(s["safety"]["events"].as_array().unwrap().len(), 0, "{rate_hz} Hz: {s}");
-        // The gain is 2 1/s: 2 % after 1.96 s, and as late as the first frames come.
+        // No arm with these limits is there before 0.69 s, to 2 % a little sooner; and as late as the first frames come.
         let settled_s = number(s, &["settling_time_s"]);
         assert!(settled_s > 0.6 && settled_s < 1.04 + 3.0 / rate_hz, "{rate_hz} Hz: {s}");
         let exposures = number(s, &["duration_s"]) * rate_hz;

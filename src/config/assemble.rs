@@ -229,7 +229,6 @@ pub fn control_loop_with<const N: usize>(
         returns: config.servo.returns,
         calm_gain_1_s: config.servo.calm_gain_1_s,
         held_lag: SpanNs::from_s(config.camera.latency.as_s() + 0.75 / config.camera.rate_hz),
-        teach: 0, // when the lifecycle says so
         object: config.servo.object,
     });
     let watch = MeasurementWatch::new(config.safety.measurement_timeout, config.safety.slow_down_from);

@@ -34,8 +34,6 @@ pub struct ServoSettings {
     pub limit_avoidance_1_s: Option<f64>,
     /// Keeps features in the picture.
     pub visibility: Option<VisibilityGuard>,
-    /// Teaches the set-point from so many measurements before anything moves; 0 for none.
-    pub teach: u32,
     /// Estimates the object's own motion: `predict` then carries views by it too, and velocity laws follow it. `None`
     /// for an object at rest.
     pub object: Option<ObjectDynamics>,
@@ -51,7 +49,7 @@ pub struct ServoSettings {
 }
 
 impl ServoSettings {
-    /// Settings without smooth start, secondary task and teaching.
+    /// Settings without smooth start and secondary task.
     #[must_use]
     pub fn new(law: Law, set_point: SetPoint, update: UpdatePolicy, mount: Mount) -> Self {
         Self {
@@ -63,7 +61,6 @@ impl ServoSettings {
             smooth_start_1_s: None,
             limit_avoidance_1_s: None,
             visibility: None,
-            teach: 0,
             object: None,
             held_lag: SpanNs::ZERO,
             calm_gain_1_s: f64::INFINITY,

@@ -76,7 +76,6 @@ impl<const N: usize> VisualServo<N> {
     /// Servoing as `settings` say.
     #[must_use]
     pub fn new(settings: ServoSettings) -> Self {
-        let lesson = Lesson::new(settings.teach);
         let object = settings.object.map(ObjectMotion::new);
         Self {
             settings,
@@ -87,7 +86,7 @@ impl<const N: usize> VisualServo<N> {
             held: None,
             fresh: false,
             start: None,
-            lesson,
+            lesson: Lesson::new(0),
             object,
         }
     }

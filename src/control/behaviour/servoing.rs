@@ -5,7 +5,7 @@ use crate::control::safety::{Freshness, MeasurementWatch};
 use crate::drive::DriveState;
 use crate::messages::Measurement;
 use crate::robot::Robot;
-use crate::servo::{Approach, Intake, SetPoint, VisualServo, Wish};
+use crate::servo::{Intake, SetPoint, VisualServo, Wish};
 use crate::time::MonoNs;
 use nalgebra::{SMatrix, SVector};
 
@@ -55,15 +55,12 @@ impl<const N: usize> Behaviour<N> for Servoing<N> {
     }
 
     fn intent(&mut self, state: &DriveState<N>, robot: &Robot<N>) -> Intent<N> {
-        let wish = self.servo.wish(&state.q, &state.qd, robot);
-        match wish {
-            Some(Wish::Velocity(qd)) if self.dry => Intent::Look(qd),
-            Some(Wish::Velocity(qd)) => {
-                Intent::Velocity(qd, self.servo.approach().copied().unwrap_or(Approach::at(0.0)))
-            }
-            Some(Wish::Torque(tau)) if !self.dry => Intent::Torque(tau),
+        match (self.servo.wish(&state.q, &state.qd, robot), self.servo.approach()) {
+            (Some(Wish::Velocity(qd)), _) if self.dry => Intent::Look(qd),
+            (Some(Wish::Velocity(qd)), Some(approach)) => Intent::Velocity(qd, *approach),
+            (Some(Wish::Torque(tau)), _) if !self.dry => Intent::Torque(tau),
             // At a singularity of task or arm there may be nothing to follow.
-            Some(Wish::Torque(_)) | None => Intent::Stand,
+            _ => Intent::Stand,
         }
     }
 

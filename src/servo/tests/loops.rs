@@ -189,7 +189,8 @@ fn an_adaptive_gain_ends_faster() {
 
 #[test]
 fn a_taught_goal_is_what_was_seen() {
-    let mut run = scara().with(|s| s.teach = 5);
+    let mut run = scara();
+    run.servo.teach(5);
     let seen = run.X_CO();
     assert!(run.servo.is_teaching());
     for _ in 0..400 {
