@@ -18,23 +18,28 @@
 //! q^' = v^ + 2 l e      v^' = u + l^2 e      e = dead zone of (q - q^)
 //! ```
 //! Steps tell of a motion only as often as they come. So `l` and `r` fall with the speed of the reference, and rise when the
-//! arm is found a step away: at rest the estimate stands, and no step shakes the arm.
+//! arm is found a step away: at rest the estimate stands, and no step shakes the arm. Within a step it is the camera that tells
+//! of a motion ([`Drift`]): what the joints did between two exposures beyond what was believed is an error of `v^`.
+
+mod seen;
 
 use crate::linalg::Ldlt;
 use crate::robot::Robot;
-use crate::time::TICK;
+use crate::servo::Drift;
+use crate::time::{MonoNs, TICK};
 use nalgebra::SVector;
+use seen::Seen;
 
 /// Corrections of the velocity for each step that comes by.
 const CORRECTIONS: f64 = 2.0;
 /// Share of its bandwidth that the velocity observer keeps at rest.
-const BANDWIDTH_AT_REST: f64 = 0.2;
+const BANDWIDTH_AT_REST: f64 = 0.1;
 /// Steps a second from which on a disturbance is learnt at the full rate.
 const STEPS_TO_LEARN_1_S: f64 = 100.0;
 /// Ticks over which the mean of a disturbance is taken: longer than it takes to tell that an arm is jammed or swings.
 const MEAN_TICKS: u32 = 1000;
 /// Share of that rate that is kept at rest.
-const RATE_AT_REST: f64 = 0.02;
+const RATE_AT_REST: f64 = 0.05;
 
 /// What the observer goes by.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,6 +100,8 @@ pub(super) struct JointObserver<const N: usize> {
     past: Past<N>,
     /// Whether the mean is taken for it, and nothing is learnt.
     settled: bool,
+    /// What the camera has told.
+    seen: Seen<N>,
 }
 
 impl<const N: usize> JointObserver<N> {
@@ -108,6 +115,7 @@ impl<const N: usize> JointObserver<N> {
             t: zero,
             past: Past::default(),
             settled: false,
+            seen: Seen::default(),
         }
     }
 
@@ -128,6 +136,18 @@ impl<const N: usize> JointObserver<N> {
         self.settled = settled;
         if settled {
             (self.p, self.t) = self.past.before;
+        }
+    }
+
+    /// Takes in, at `now`, what a camera saw of the joints beyond what was believed.
+    pub(super) fn learn(&mut self, drift: &Drift<N>, now: MonoNs) {
+        let (true, Some((_, v))) = (self.settings.velocity_rad_s > 0.0, &mut self.state) else { return };
+        let velocity = self.commanded.map_or(SVector::zeros(), |commanded| commanded.velocity);
+        let dv = self.seen.correction(drift, now, &self.settings.encoder_step, &velocity);
+        *v += dv;
+        if !self.settled && self.settings.disturbance_rad_s > 0.0 {
+            let most = &self.settings.most_acceleration;
+            self.p = (self.p + dv * seen::RATE_1_S).zip_map(most, |p, most| p.clamp(-most, most));
         }
     }
 
