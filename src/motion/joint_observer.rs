@@ -32,14 +32,15 @@ use seen::Seen;
 
 /// Corrections of the velocity for each step that comes by.
 const CORRECTIONS: f64 = 2.0;
-/// Share of its bandwidth that the velocity observer keeps at rest.
-const BANDWIDTH_AT_REST: f64 = 0.1;
+/// Share of its bandwidth that the velocity observer keeps at rest, and how much of that it leaves to a camera.
+const BANDWIDTH_AT_REST: f64 = 0.2;
+const LEFT_TO_A_CAMERA: f64 = 0.5;
 /// Steps a second from which on a disturbance is learnt at the full rate.
 const STEPS_TO_LEARN_1_S: f64 = 100.0;
 /// Ticks over which the mean of a disturbance is taken: longer than it takes to tell that an arm is jammed or swings.
 const MEAN_TICKS: u32 = 1000;
 /// Share of that rate that is kept at rest.
-const RATE_AT_REST: f64 = 0.05;
+const RATE_AT_REST: f64 = 0.02;
 
 /// What the observer goes by.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -170,6 +171,7 @@ impl<const N: usize> JointObserver<N> {
             return if settings.velocity_rad_s > 0.0 { state } else { (*q, *qd) };
         };
         let (mut q_now, mut v_now) = (*q, *qd);
+        let trust = self.seen.trust();
         for i in 0..N {
             let mut rate = if self.settled { 0.0 } else { settings.disturbance_rad_s };
             if settings.velocity_rad_s > 0.0 {
@@ -180,7 +182,8 @@ impl<const N: usize> JointObserver<N> {
                 let mut l = settings.velocity_rad_s;
                 if step > 0.0 {
                     let (steps_1_s, steps_off) = (commanded.velocity[i].abs() / step, e.abs() / step);
-                    l *= (CORRECTIONS * steps_1_s / l).max(steps_off - 0.5).clamp(BANDWIDTH_AT_REST, 1.0);
+                    let least = BANDWIDTH_AT_REST * (1.0 - LEFT_TO_A_CAMERA * trust[i]);
+                    l *= (CORRECTIONS * steps_1_s / l).max(steps_off - 0.5).clamp(least, 1.0);
                     rate *= (steps_1_s / STEPS_TO_LEARN_1_S).max(steps_off - 0.5).clamp(RATE_AT_REST, 1.0);
                 }
                 q_now[i] = predicted + (2.0 * l * h).min(1.0) * e;

@@ -2,7 +2,7 @@
 //! noise allow, and less what later corrections have put right since those exposures.
 
 use crate::servo::Drift;
-use crate::time::{MonoNs, SpanNs};
+use crate::time::{MonoNs, SpanNs, TICK};
 use nalgebra::SVector;
 
 /// Time within which an error of the velocity is put right, beside that between the exposures, s.
@@ -10,6 +10,9 @@ const TIME_S: f64 = 0.01;
 /// Rate at which a correction of the velocity is also one of the disturbance, 1/s: far below that of the velocity, so that the two
 /// do not swing.
 pub(super) const RATE_1_S: f64 = 1.25;
+/// Share by which each drift that is used brings trust in the camera nearer to one, and the time in which trust decays without, s.
+const GAIN_OF_TRUST: f64 = 0.3;
+const TRUST_LASTS_S: f64 = 1.0;
 /// Corrections that are remembered: as many as come within the longest latency of a camera at 100 Hz.
 const REMEMBERED: usize = 16;
 
@@ -18,11 +21,14 @@ const REMEMBERED: usize = 16;
 pub(super) struct Seen<const N: usize> {
     corrections: [(MonoNs, SVector<f64, N>); REMEMBERED],
     next: usize,
+    /// How much it is the camera that tells of each joint's motion, 0 to 1.
+    trust: SVector<f64, N>,
 }
 
 impl<const N: usize> Default for Seen<N> {
     fn default() -> Self {
-        Self { corrections: [(MonoNs::ZERO, SVector::zeros()); REMEMBERED], next: 0 }
+        let none = (MonoNs::ZERO, SVector::zeros());
+        Self { corrections: [none; REMEMBERED], next: 0, trust: SVector::zeros() }
     }
 }
 
@@ -46,11 +52,21 @@ impl<const N: usize> Seen<N> {
             let (dq, step) = (drift.dq[i], step[i]);
             let slow = 1.0 - velocity[i].abs() * span_s / step;
             // The comparison also leaves joints without steps alone, and NaN.
-            if dq.abs() < step && slow > 0.0 { gain * slow * (dq / span_s - since[i]) } else { 0.0 }
+            if !(dq.abs() < step && slow > 0.0) {
+                return 0.0;
+            }
+            self.trust[i] += (1.0 - self.trust[i]) * GAIN_OF_TRUST * slow;
+            gain * slow * (dq / span_s - since[i])
         });
         self.corrections[self.next % REMEMBERED] = (now, dv);
         self.next += 1;
         dv
+    }
+
+    /// A tick has passed: how much it is the camera that tells of each joint's motion, 0 to 1.
+    pub(super) fn trust(&mut self) -> &SVector<f64, N> {
+        self.trust *= 1.0 - TICK.as_s() / TRUST_LASTS_S;
+        &self.trust
     }
 
     /// What the velocities are corrected by since the exposures of `drift`, in the mean over the time between them.
