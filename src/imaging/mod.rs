@@ -4,7 +4,6 @@
 //! ImageView --> Histogram --> Otsu threshold --> dark runs of each row --> components with moments
 //! ```
 mod components;
-pub mod grey;
 mod histogram;
 mod mask;
 mod runs;
