@@ -58,6 +58,12 @@ fn line(s: &Status) -> String {
         let degrees = s.orientation_error_rad.to_degrees();
         line += &format!("  camera {:8.2} mm {degrees:7.3} deg from the goal", s.position_error_m * 1e3);
     }
+    if s.V_C.iter().all(|x| x.is_finite()) && s.measurements > 0 {
+        let [vx, vy, vz] = [s.V_C[0], s.V_C[1], s.V_C[2]].map(|v| v * 1e3);
+        let [wx, wy, wz] = [s.V_C[3], s.V_C[4], s.V_C[5]].map(f64::to_degrees);
+        line +=
+            &format!("  camera v {vx:+7.1} {vy:+7.1} {vz:+7.1} mm/s  w {wx:+6.1} {wy:+6.1} {wz:+6.1} deg/s");
+    }
     let camera = CameraState::from_code(s.camera_state);
     if camera.is_away() {
         line += &format!("  (camera {} for {:.1} s)", camera.as_str(), s.camera_state_s);
