@@ -1,0 +1,12 @@
+//! Cameras through real kernel drivers: in the virtual machine of `tests/vm`, with vivid and with an emulated USB camera.
+//!
+//! Outside it every test is ignored; where one is asked for there by `--ignored` it fails and says how to run it.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)] // helpers of tests are tests
+#![allow(unreachable_pub)]
+
+#[path = "../common/mod.rs"]
+mod common;
+mod guest;
+mod rig;
+mod usb_camera;
