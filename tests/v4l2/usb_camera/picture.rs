@@ -39,21 +39,33 @@ impl Marks {
 
 /// Grey levels of a picture.
 pub fn draw(marks: Marks, width: usize, height: usize) -> Vec<u8> {
+    let mut grey = background(width, height);
+    mark(&mut grey, 1, width, marks);
+    grey
+}
+
+/// A picture without marks.
+pub fn background(width: usize, height: usize) -> Vec<u8> {
     let mut grey = Vec::with_capacity(width * height);
     for y in 0..height {
         let down = 40 + y * 40 / height;
         grey.extend((0..width).map(|x| (down + x * 150 / width) as u8));
     }
+    grey
+}
+
+/// Writes `marks` into a picture whose pixels have so many bytes each, the first of which is the grey level.
+pub fn mark(picture: &mut [u8], pixel_bytes: usize, width: usize, marks: Marks) {
     for (row, value) in marks.rows().into_iter().enumerate() {
         for bit in 0..DATA_BITS + CHECK_BITS {
             let level = if squares(value) >> bit & 1 == 1 { WHITE } else { BLACK };
             for y in row * SQUARE..(row + 1) * SQUARE {
-                let start = y * width + bit * SQUARE;
-                grey[start..start + SQUARE].fill(level);
+                let start = (y * width + bit * SQUARE) * pixel_bytes;
+                let line = &mut picture[start..start + SQUARE * pixel_bytes];
+                line.iter_mut().step_by(pixel_bytes).for_each(|grey| *grey = level);
             }
         }
     }
-    grey
 }
 
 /// What is written in a picture; `None` where a square is neither black nor white, or the check does not hold.

@@ -4,7 +4,6 @@ use super::descriptors::{Format, PAYLOAD, Stream};
 use super::picture::{self, Marks};
 use super::usbip::Answers;
 use super::{Device, Fault};
-use std::collections::HashMap;
 use std::time::Duration;
 use vservo::rt;
 use vservo::time::SpanNs;
@@ -20,10 +19,13 @@ pub const JPEGS: u64 = 16;
 
 /// Streams while the host wants it, until the plug is pulled.
 pub(super) fn run(device: &Device, answers: &Answers) {
-    let mut pictures = Pictures::default();
+    let mut made: Option<(Stream, Pictures)> = None;
     let mut parity = 0;
     while let Some((session, stream)) = wait_for_stream(device) {
-        pictures.prepare(&stream);
+        let (_, pictures) = match made.take_if(|(of, _)| *of == stream) {
+            Some(same) => made.insert(same),
+            None => made.insert((stream, Pictures::of(&stream))),
+        };
         let mut due = rt::now();
         while device.goes_on(session) {
             due = due + SpanNs(i64::from(stream.interval) * 100);
@@ -33,7 +35,7 @@ pub(super) fn run(device: &Device, answers: &Answers) {
                 state.exposed += 1;
                 (state.exposed, rt::now())
             };
-            let bytes = pictures.draw(&stream, Marks::new(number, exposed));
+            let bytes = pictures.draw(Marks::new(number, exposed));
             rt::sleep_until(due);
             let fault = device.state().faults.pop_front();
             let mut bytes = bytes.as_slice();
@@ -92,31 +94,36 @@ fn send(device: &Device, answers: &Answers, session: u64, picture: &[u8], header
     }
 }
 
-/// Pictures in the form of a stream.
-#[derive(Default)]
-struct Pictures {
-    jpegs: HashMap<(u16, u16), Vec<Vec<u8>>>,
+/// Pictures in the form of a stream; what takes too long to make between two frames is made beforehand.
+enum Pictures {
+    /// A picture without marks, its columns, and the bytes of a pixel.
+    Raw { background: Vec<u8>, width: usize, pixel_bytes: usize },
+    /// One for each number.
+    Jpeg(Vec<Vec<u8>>),
 }
 
 impl Pictures {
-    /// Makes what takes too long to make between two frames.
-    fn prepare(&mut self, stream: &Stream) {
-        if stream.format == Format::Mjpg {
-            let (width, height) = (usize::from(stream.size.0), usize::from(stream.size.1));
-            self.jpegs.entry(stream.size).or_insert_with(|| {
+    fn of(stream: &Stream) -> Self {
+        let (width, height) = (usize::from(stream.size.0), usize::from(stream.size.1));
+        let grey = picture::background(width, height);
+        match stream.format {
+            Format::Grey => Self::Raw { background: grey, width, pixel_bytes: 1 },
+            Format::Yuyv => Self::Raw { background: picture::yuyv(&grey), width, pixel_bytes: 2 },
+            Format::Mjpg => {
                 let grey = |number| picture::draw(jpeg_marks(number), width, height);
-                (0..JPEGS).map(|number| picture::jpeg(&grey(number), width, height)).collect()
-            });
+                Self::Jpeg((0..JPEGS).map(|number| picture::jpeg(&grey(number), width, height)).collect())
+            }
         }
     }
 
-    fn draw(&self, stream: &Stream, marks: Marks) -> Vec<u8> {
-        let (width, height) = (usize::from(stream.size.0), usize::from(stream.size.1));
-        let grey = || picture::draw(marks, width, height);
-        match stream.format {
-            Format::Grey => grey(),
-            Format::Yuyv => picture::yuyv(&grey()),
-            Format::Mjpg => self.jpegs[&stream.size][(u64::from(marks.number) % JPEGS) as usize].clone(),
+    fn draw(&self, marks: Marks) -> Vec<u8> {
+        match self {
+            Self::Raw { background, width, pixel_bytes } => {
+                let mut picture = background.clone();
+                picture::mark(&mut picture, *pixel_bytes, *width, marks);
+                picture
+            }
+            Self::Jpeg(all) => all[(u64::from(marks.number) % JPEGS) as usize].clone(),
         }
     }
 }
