@@ -150,6 +150,7 @@ pub fn drive<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<AnyDri
             Box::new(SimulatedDrive::new(robot.clone(), q_start, simulated_settings(config)?)?)
         }
         (true, DriveKind::External) => return Err(AssembleError::ExternalDrive),
+        (true, DriveKind::None) => Box::new(StandstillDrive::new(q_start)),
     })
 }
 

@@ -75,7 +75,7 @@ pub mod status_flag {
 /// Where the run stands; flat, so that plotting tools can show every field.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.Status.v2")]
+#[type_name("vservo.Status.v3")]
 pub struct Status {
     /// Number of the control tick.
     pub tick: u64,
@@ -101,6 +101,9 @@ pub struct Status {
     pub vision_us: f64,
     /// Finished measurement to the command that used it, us; NaN in lockstep.
     pub measurement_to_command_us: f64,
+    /// The twist `[v; w]` that the law wishes of a camera which no arm moves (`drive.kind = "none"`, replayed pictures), in the
+    /// camera's frame, m/s and rad/s; NaN where an arm moves it, and without a view.
+    pub V_C: [f64; 6],
     /// Measurements used.
     pub measurements: u64,
     /// Frames that vision received.

@@ -14,7 +14,7 @@ use crate::messages::{Measurement, TargetStatus};
 use crate::robot::Robot;
 use crate::servo::JointHistory;
 use crate::time::{MonoNs, SpanNs};
-use nalgebra::{Matrix6, SVector, Vector2};
+use nalgebra::{Matrix6, SVector, Vector2, Vector6};
 
 /// How far an exposure stamp may lie in the future: some drivers stamp the planned end of a frame.
 const LONGEST_FUTURE: SpanNs = SpanNs(50_000_000);
@@ -241,6 +241,19 @@ impl<const N: usize> VisualServo<N> {
         let is_finite = to_go.iter().all(|x| x.is_finite());
         (is_finite && to_go.amax() > RETURNED)
             .then(|| (to_go * RETURN_RATE_1_S, Approach::at(RETURN_RATE_1_S)))
+    }
+
+    /// The twist that the law wishes of a camera which moves freely, `V_WC_C`, m/s and rad/s, for the last view as it was at its
+    /// exposure. `None` where [`wish`](Self::wish) has none, and for a torque law.
+    #[must_use]
+    pub fn camera_wish(&self) -> Option<Vector6<f64>> {
+        let sighting = self.sighting.as_ref().filter(|_| self.lesson.left == 0)?;
+        let J = CameraJacobian::of_moving_camera(Matrix6::identity());
+        let camera = Arm { J, qd: Vector6::zeros(), gravity: Vector6::zeros() };
+        match self.settings.answer((&sighting.view, &sighting.task), &camera, None)?.wish {
+            Wish::Velocity(V_C) => Some(V_C).filter(|V_C| V_C.iter().all(|x| x.is_finite())),
+            Wish::Torque(_) => None,
+        }
     }
 
     /// How the last wished velocity leads to its goal; `None` without one.

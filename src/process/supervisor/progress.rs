@@ -57,6 +57,12 @@ fn line(s: &Status) -> String {
         let degrees = s.orientation_error_rad.to_degrees();
         line += &format!("  camera {:8.2} mm {degrees:7.3} deg from the goal", s.position_error_m * 1e3);
     }
+    if s.V_C.iter().all(|x| x.is_finite()) && s.measurements > 0 {
+        let [vx, vy, vz] = [s.V_C[0], s.V_C[1], s.V_C[2]].map(|v| v * 1e3);
+        let [wx, wy, wz] = [s.V_C[3], s.V_C[4], s.V_C[5]].map(f64::to_degrees);
+        line +=
+            &format!("  camera v {vx:+7.1} {vy:+7.1} {vz:+7.1} mm/s  w {wx:+6.1} {wy:+6.1} {wz:+6.1} deg/s");
+    }
     if target != TargetStatus::Found && s.measurements > 0 {
         line += &format!("  ({})", target.as_str());
     } else if s.flags & status_flag::DEGRADED != 0 {
