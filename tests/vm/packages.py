@@ -136,7 +136,6 @@ class Apt:
             "Debug::NoLocking": "1",
             "APT::Install-Recommends": "false",
             "APT::Sandbox::User": "root",
-            "APT::Update::Post-Invoke": "",
             "Acquire::Retries": "2",
             "Acquire::http::Timeout": "30",
             "Dir::State::lists": f"{folder}/lists",
