@@ -154,3 +154,39 @@ fn the_servo_converges_on_pictures_of_a_driver() {
 
 /// From the rendering of a picture to the stamp of its capture: it waits for the tool, in a buffer, and for its turn; negative.
 const OFFSET_MS: f64 = -50.0;
+
+/// What is played is what is captured, to the last bit and in its order.
+#[test]
+#[ignore = "runs in the virtual machine: tests/vm/run.py"]
+fn the_cable_carries_pictures() {
+    let vivid = cable();
+    let mut player = Player::new(&vivid.output());
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let mut played = Vec::new();
+    let mut capture: Option<Child> = None;
+    loop {
+        player.play(None);
+        played.push(player.picture.clone());
+        if played.len() == 5 {
+            sh(&format!("v4l2-ctl -d {} --set-fmt-video=pixelformat=GREY", vivid.capture().display()));
+            let child = Command::new("v4l2-ctl")
+                .args(["--stream-mmap", "--stream-count=30", "--stream-to"])
+                .arg(file.path())
+                .arg("-d")
+                .arg(vivid.capture())
+                .stderr(Stdio::null())
+                .spawn();
+            capture = Some(child.unwrap());
+        }
+        if capture.as_mut().is_some_and(|c| c.try_wait().unwrap().is_some()) {
+            break;
+        }
+    }
+    let captured = std::fs::read(file.path()).unwrap();
+    assert_eq!(captured.len(), 30 * 640 * 480);
+    let number = |picture: &[u8]| played.iter().position(|p| p == picture).expect("a picture that was played");
+    let numbers: Vec<usize> = captured.chunks(640 * 480).map(number).collect();
+    // Each is taken twice by the output; input and output do not keep step with one another.
+    assert!(numbers.windows(2).all(|w| w[1] == w[0] || w[1] == w[0] + 1), "{numbers:?}");
+    assert!((14..=17).contains(&(numbers[29] - numbers[0])), "{numbers:?}");
+}
