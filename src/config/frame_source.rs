@@ -6,12 +6,13 @@
 //! ```text
 //!                   simulated    closes the loop    timing
 //! synthetic            yes             yes          scheduled
-//! a real camera         no             yes          free-running
+//! v4l2 (a real one)     no             yes          free-running
 //! replay                no              no          scheduled
 //! ```
 
 use super::check::Check;
 use super::place::RawMount;
+use super::v4l2::{self, RawV4l2, V4l2Settings};
 use crate::scene::{SceneLook, SensorModel};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -23,6 +24,8 @@ word! {
         Synthetic,
         /// Read from image files.
         Replay,
+        /// A camera of the kernel's video interface.
+        V4l2,
     }
 }
 
@@ -32,6 +35,7 @@ impl SourceKind {
     pub fn timing(self) -> Timing {
         match self {
             Self::Synthetic | Self::Replay => Timing::Scheduled,
+            Self::V4l2 => Timing::FreeRunning,
         }
     }
 
@@ -40,7 +44,7 @@ impl SourceKind {
     pub fn is_simulated(self) -> bool {
         match self {
             Self::Synthetic => true,
-            Self::Replay => false,
+            Self::Replay | Self::V4l2 => false,
         }
     }
 
@@ -48,7 +52,7 @@ impl SourceKind {
     #[must_use]
     pub fn closes_the_loop(self) -> bool {
         match self {
-            Self::Synthetic => true,
+            Self::Synthetic | Self::V4l2 => true,
             Self::Replay => false,
         }
     }
@@ -91,6 +95,8 @@ table! {
         synthetic: RawSynthetic = RawSynthetic::default(),
         /// `[camera.replay]`
         replay: RawReplay = RawReplay::default(),
+        /// `[camera.v4l2]`
+        v4l2: RawV4l2 = RawV4l2::default(),
     }
 }
 
@@ -167,6 +173,8 @@ pub enum Source {
         /// Starts again after the last one.
         repeat: bool,
     },
+    /// A camera of the kernel's video interface.
+    V4l2(V4l2Settings),
 }
 
 impl Source {
@@ -176,6 +184,7 @@ impl Source {
         match self {
             Self::Synthetic { .. } => SourceKind::Synthetic,
             Self::Replay { .. } => SourceKind::Replay,
+            Self::V4l2(_) => SourceKind::V4l2,
         }
     }
 }
@@ -205,5 +214,6 @@ pub(super) fn source(c: &RawCamera, look: SceneLook, seed: u64, at: &str, check:
             }
             Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
         }
+        SourceKind::V4l2 => Source::V4l2(v4l2::settings(&c.v4l2, at, check)),
     }
 }

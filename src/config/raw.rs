@@ -13,6 +13,7 @@ mod truth;
 
 pub use super::frame_source::{RawCamera, RawLens, RawReplay, RawSynthetic, SourceKind};
 pub use super::place::{Carrier, MountKind, RawMount, RawObject, RawOccluder};
+pub use super::v4l2::RawV4l2;
 pub use motion::{JointControl, RawMotion};
 pub use servo::{
     At, DampingOn, Depth, FeatureGain, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint,

@@ -4,6 +4,7 @@
 //! ImageView --> Histogram --> Otsu threshold --> dark runs of each row --> components with moments
 //! ```
 mod components;
+pub mod grey;
 mod histogram;
 mod mask;
 mod runs;

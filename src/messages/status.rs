@@ -114,6 +114,8 @@ pub struct Status {
     pub target_lost: u64,
     /// Deadlines missed.
     pub missed_deadlines: u64,
+    /// For how long the camera has been in its state, s; NaN where nobody says.
+    pub camera_state_s: f64,
     /// Code of a [`ControlState`]: what control does.
     pub state: u32,
     /// Code of a [`super::TargetStatus`]: what vision said last.
@@ -126,4 +128,8 @@ pub struct Status {
     pub arm: u32,
     /// Bits of [`status_flag`].
     pub flags: u32,
+    /// Code of a [`super::CameraState`]: how a real camera stands.
+    pub camera_state: u32,
+    /// For later; zero.
+    pub reserved: u32,
 }

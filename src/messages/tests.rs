@@ -16,8 +16,8 @@ fn layouts_are_fixed() {
     assert_eq!((size_of::<JointState>(), align_of::<JointState>()), (432, 8));
     assert_eq!(offset_of!(JointState, q), 40);
     assert_eq!(offset_of!(JointState, q_true), 320);
-    assert_eq!((size_of::<Status>(), align_of::<Status>()), (208, 8));
-    assert_eq!(offset_of!(Status, state), 184);
+    assert_eq!((size_of::<Status>(), align_of::<Status>()), (224, 8));
+    assert_eq!(offset_of!(Status, state), 192);
 }
 
 #[test]

@@ -29,6 +29,16 @@ pub enum ProcessError {
     /// A camera that runs by itself gives no frames any more.
     #[error("the camera has given no frame for {0:.1} s: is it connected, and does it run?")]
     SourceSilent(f64),
+    /// A camera that was away for longer than it may be.
+    #[error(
+        "the camera is {state}: no frame for {lasted_s:.1} s (camera.v4l2.give_up_s); see to its cable and power"
+    )]
+    CameraAway {
+        /// What is wrong with it.
+        state: &'static str,
+        /// How long.
+        lasted_s: f64,
+    },
     /// A process of a camera that the run file does not have.
     #[error("--camera {camera}: the run file has {cameras} camera(s), counted from 0")]
     NoSuchCamera {
@@ -142,11 +152,13 @@ impl ProcessError {
         }
     }
 
-    /// The exit code: 3 for configuration and input files, 5 where nobody answers, 1 for everything else.
+    /// The exit code: 3 for configuration and input files, 4 for a camera that stays away, 5 where nobody answers, 1 for everything else.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Experiment(error) => error.exit_code(),
+            Self::Source(error) if error.is_internal() => 1,
+            Self::CameraAway { .. } => 4,
             Self::Config(_)
             | Self::Source(_)
             | Self::NoSuchCamera { .. }

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 use vservo::config::Config;
 use vservo::rt;
-use vservo::source::{self, AnySource, Captured, FreeRunningSource, SourceError};
+use vservo::source::{self, AnySource, Captured, Filled, FreeRunningSource, SourceError, SourceHealth};
 use vservo::time::{MonoNs, SpanNs};
 
 /// Longest wait for a frame that must come, guest time: longer than any pause between attempts to reopen a camera.
@@ -63,8 +63,9 @@ impl Capture {
     pub fn within(&mut self, longest: SpanNs) -> Option<Captured> {
         let end = rt::now() + longest;
         while rt::now() < end {
-            if let Some(captured) = self.source.wait(Duration::from_millis(50)).unwrap() {
-                self.source.fill(&mut self.grey).unwrap();
+            if let Some(captured) = self.source.wait(Duration::from_millis(50)).unwrap()
+                && self.source.fill(&mut self.grey).unwrap() == Filled::Picture
+            {
                 return Some(captured);
             }
         }
@@ -80,6 +81,11 @@ impl Capture {
     pub fn next_marked(&mut self) -> (Captured, Marks) {
         let captured = self.next();
         (captured, picture::read(&self.grey, self.width).expect("a whole picture"))
+    }
+
+    /// How the camera stands.
+    pub fn health(&self) -> SourceHealth {
+        self.source.health()
     }
 
     /// Takes frames for so long.

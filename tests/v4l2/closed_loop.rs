@@ -184,7 +184,8 @@ fn the_cable_carries_pictures() {
     }
     let captured = std::fs::read(file.path()).unwrap();
     assert_eq!(captured.len(), 30 * 640 * 480);
-    let number = |picture: &[u8]| played.iter().position(|p| p == picture).expect("a picture that was played");
+    let number =
+        |picture: &[u8]| played.iter().position(|p| p == picture).expect("a picture that was played");
     let numbers: Vec<usize> = captured.chunks(640 * 480).map(number).collect();
     // Each is taken twice by the output; input and output do not keep step with one another.
     assert!(numbers.windows(2).all(|w| w[1] == w[0] || w[1] == w[0] + 1), "{numbers:?}");

@@ -9,9 +9,8 @@ const FORMATS: [&str; 7] = ["GREY", "Y10", "Y12", "Y16", "YUYV", "UYVY", "NV12"]
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
 fn every_format_gives_the_same_picture() {
     for multiplanar in [1, 2] {
-        let vivid = Vivid::load(&format!(
-            "node_types=0x1 num_inputs=1 input_types=0 multiplanar={multiplanar}"
-        ));
+        let vivid =
+            Vivid::load(&format!("node_types=0x1 num_inputs=1 input_types=0 multiplanar={multiplanar}"));
         let has = sh(&format!("v4l2-ctl -d {} --list-formats", vivid.capture().display()));
         for format in FORMATS {
             assert!(has.contains(&format!("'{format:<4}'")), "{format}: {has}");
@@ -30,7 +29,11 @@ fn every_format_gives_the_same_picture() {
             capture.grey
         };
         let grey = ramp("GREY");
-        assert!(grey[..640].windows(2).all(|w| w[0] <= w[1]) && grey[639] - grey[0] > 200, "{:?}", &grey[..640]);
+        assert!(
+            grey[..640].windows(2).all(|w| w[0] <= w[1]) && grey[639] - grey[0] > 200,
+            "{:?}",
+            &grey[..640]
+        );
         for format in &FORMATS[1..] {
             let other = ramp(*format);
             let off = grey.iter().zip(&other).map(|(a, b)| a.abs_diff(*b)).max().unwrap();

@@ -5,9 +5,16 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)] // helpers of tests are tests
 #![allow(unreachable_pub, dead_code, non_snake_case)]
 
+mod capture;
+mod closed_loop;
 #[path = "../common/mod.rs"]
 mod common;
-mod closed_loop;
+mod formats;
 mod guest;
+mod handles;
+mod rates;
 mod rig;
 mod usb_camera;
+mod usb_faults;
+mod vivid_faults;
+mod whole_path;

@@ -101,7 +101,8 @@ fn requests_that_fail_while_it_streams_are_survived() {
     vivid.set("inject_vidioc_qbuf_error=1");
     assert_streams(&mut capture, 25);
     // What only a new stream asks for fails there: after a stream error, and after a device that vanished.
-    for request in ["inject_vidioc_streamon_error", "inject_vidioc_reqbufs_error", "inject_vidioc_qbuf_error"] {
+    for request in ["inject_vidioc_streamon_error", "inject_vidioc_reqbufs_error", "inject_vidioc_qbuf_error"]
+    {
         for cause in ["inject_fatal_streaming_error", "disconnect"] {
             vivid.set(&format!("{request}=1"));
             vivid.set(&format!("{cause}=1"));

@@ -30,8 +30,7 @@ fn the_camera_process_hands_over_every_frame() {
     let file = written(&folder, &text);
     let config = Config::load(Some(&file), &[]).unwrap();
     let instance = Instance::new("camera");
-    let mut process =
-        vservo().arg("camera").arg(&file).args(["--instance", &instance.name]).spawn().unwrap();
+    let mut process = vservo().arg("camera").arg(&file).args(["--instance", &instance.name]).spawn().unwrap();
     {
         let services = Services::join(&instance.name.parse().unwrap()).unwrap();
         let frames = services.frame_receiver(CameraId::FIRST, frame_shape(&config)).unwrap();

@@ -82,12 +82,15 @@ impl<const N: usize> ControlLoop<N> {
             frames_dropped: m.frames_dropped,
             target_lost: m.target_lost,
             missed_deadlines: 0,
+            camera_state_s: f64::NAN,
             state: self.state as u32,
             target: m.status,
             limits: self.acted.kinds(),
             limited_joints: u32::from(self.acted.all_joints()),
             arm: 0,
             flags: if self.sightings.is_degraded() { status_flag::DEGRADED } else { 0 },
+            camera_state: 0, // which its companion knows
+            reserved: 0,
         }
     }
 }

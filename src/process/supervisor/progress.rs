@@ -1,6 +1,6 @@
 //! The line that shows how a run goes: rewritten in place on a terminal, one line a second elsewhere.
 
-use crate::messages::{ControlState, Status, TargetStatus, status_flag};
+use crate::messages::{CameraState, ControlState, Status, TargetStatus, status_flag};
 use crate::rt::{Stderr, now};
 use crate::time::{MonoNs, SpanNs};
 use std::io::{IsTerminal, Write, stderr};
@@ -12,7 +12,7 @@ pub(super) struct Progress {
     terminal: bool,
     /// A daemon's log has a line for each change alone.
     served: bool,
-    state: Option<u32>,
+    state: Option<(u32, u32)>,
     next: MonoNs,
     open_line: bool,
 }
@@ -23,7 +23,8 @@ impl Progress {
     }
 
     pub(super) fn show(&mut self, status: &Status) {
-        let changed = self.state.replace(status.state) != Some(status.state);
+        let changed = self.state.replace((status.state, status.camera_state));
+        let changed = changed != Some((status.state, status.camera_state));
         if self.served && !self.terminal {
             if !changed {
                 return;
@@ -63,7 +64,10 @@ fn line(s: &Status) -> String {
         line +=
             &format!("  camera v {vx:+7.1} {vy:+7.1} {vz:+7.1} mm/s  w {wx:+6.1} {wy:+6.1} {wz:+6.1} deg/s");
     }
-    if target != TargetStatus::Found && s.measurements > 0 {
+    let camera = CameraState::from_code(s.camera_state);
+    if camera.is_away() {
+        line += &format!("  (camera {} for {:.1} s)", camera.as_str(), s.camera_state_s);
+    } else if target != TargetStatus::Found && s.measurements > 0 {
         line += &format!("  ({})", target.as_str());
     } else if s.flags & status_flag::DEGRADED != 0 {
         line += "  (degraded: a part of the target is hidden)";
@@ -92,5 +96,7 @@ mod tests {
         s.target = TargetStatus::Found as u32;
         s.flags = status_flag::DEGRADED;
         assert_eq!(line(&s), "    1.50 s  servoing   (degraded: a part of the target is hidden)");
+        (s.camera_state, s.camera_state_s) = (CameraState::Gone as u32, 3.24);
+        assert_eq!(line(&s), "    1.50 s  servoing   (camera unplugged for 3.2 s)");
     }
 }

@@ -1,0 +1,1 @@
+//! A camera against a scripted device.
