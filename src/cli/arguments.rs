@@ -1,5 +1,6 @@
 //! The arguments, as clap reads them.
 
+pub use super::camera_arguments::CameraArguments;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use std::path::PathBuf;
@@ -27,8 +28,8 @@ pub enum Command {
     Serve(ServeArguments),
     /// Tell a running instance what to do, or ask how it stands
     Ctl(CtlArguments),
-    /// The camera process alone
-    Camera(RoleArguments),
+    /// The camera process alone; --list, --probe and --snapshot look at the cameras of this machine
+    Camera(CameraArguments),
     /// The vision process alone
     Vision(RoleArguments),
     /// The control process alone
@@ -269,6 +270,13 @@ pub struct RoleArguments {
     /// The run file is open on stdin; CONFIG is only its name
     #[arg(long, hide = true)]
     pub config_on_stdin: bool,
+}
+
+impl From<CameraArguments> for RoleArguments {
+    fn from(a: CameraArguments) -> Self {
+        let CameraArguments { config, instance, set, camera, supervised_by, config_on_stdin, .. } = a;
+        Self { config, instance, set, camera, summary: None, json: false, supervised_by, config_on_stdin }
+    }
 }
 
 /// Of `vservo experiment`.

@@ -1,12 +1,15 @@
 //! The command line: arguments -> configuration -> run -> exit code. Results go to stdout, everything else to stderr.
 
 mod arguments;
+mod camera;
+mod camera_arguments;
 mod ctl;
 
 pub use arguments::{
-    Calibration, CameraArgument, Cli, Command, CtlArguments, ExperimentArguments, LatencyArguments, Order,
-    RoleArguments, RunArguments, ServeArguments,
+    Calibration, CameraArgument, CameraArguments, Cli, Command, CtlArguments, ExperimentArguments,
+    LatencyArguments, Order, RoleArguments, RunArguments, ServeArguments,
 };
+pub use camera_arguments::{FormatArgument, SizeArgument};
 
 use crate::config::Config;
 use crate::config::assemble::require_one_camera;
@@ -38,7 +41,10 @@ pub fn main() -> ExitCode {
         Some(Command::Run(arguments)) => run(&arguments),
         Some(Command::Serve(arguments)) => run(&arguments.into()),
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
-        Some(Command::Camera(arguments)) => role(Role::Camera(CameraId::FIRST), &arguments),
+        Some(Command::Camera(arguments)) => match camera::look(&arguments) {
+            Some(result) => result,
+            None => role(Role::Camera(CameraId::FIRST), &arguments.into()),
+        },
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Calibrate { what: Calibration::Latency(arguments) }) => calibrate_latency(&arguments),
@@ -196,10 +202,10 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
     }
     let ended = match role {
         Role::Camera(_) => {
-            process::camera::run(&seen_by(arguments, config)?, &instance, &stop).map(|()| None)
+            process::camera::run(&seen_by(arguments.camera, config)?, &instance, &stop).map(|()| None)
         }
         Role::Vision(_) => {
-            process::vision::run(&seen_by(arguments, config)?, &instance, &stop).map(|()| None)
+            process::vision::run(&seen_by(arguments.camera, config)?, &instance, &stop).map(|()| None)
         }
         Role::Control | Role::Supervisor | Role::Drive => {
             process::control::run(&config, &instance, &stop).map(Some)
@@ -226,8 +232,8 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
 }
 
 /// The configuration as the process of one camera has it: `camera` is that camera.
-fn seen_by(arguments: &RoleArguments, config: Config) -> Result<Config, ProcessError> {
-    let (camera, cameras) = (arguments.camera, config.cameras().count());
+fn seen_by(camera: u8, config: Config) -> Result<Config, ProcessError> {
+    let cameras = config.cameras().count();
     config.seen_by(CameraId(camera)).ok_or(ProcessError::NoSuchCamera { camera, cameras })
 }
 

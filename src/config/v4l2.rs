@@ -167,6 +167,26 @@ pub struct V4l2Settings {
     pub controls: BTreeMap<String, ControlValue>,
 }
 
+impl V4l2Settings {
+    /// What the defaults make of a device.
+    #[must_use]
+    pub fn of_device(device: &str, format: Option<PixelFormat>) -> Self {
+        let raw = RawV4l2::default();
+        Self {
+            device: device.into(),
+            format,
+            input: raw.input,
+            buffers: raw.buffers,
+            set_exposure: raw.set_exposure,
+            shutter: raw.shutter,
+            readout: SpanNs::from_s(raw.readout_ms * 1e-3),
+            strict_rate: raw.strict_rate,
+            give_up: SpanNs::from_s(raw.give_up_s),
+            controls: raw.controls,
+        }
+    }
+}
+
 /// The settings of a camera whose table is `at`.
 pub(super) fn settings(raw: &RawV4l2, at: &str, check: &mut Check<'_>) -> V4l2Settings {
     let key = |name: &str| format!("{at}.v4l2.{name}");

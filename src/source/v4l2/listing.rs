@@ -2,10 +2,11 @@
 
 use super::controls;
 use super::fault::V4l2Error;
-use super::format::{OfferedFormat, offered};
+use super::format::{OfferedFormat, known, offered};
 use super::host::{ThisMachine, links_to};
-use super::name::open_error;
-use super::node::{CameraHost, ControlKind, ControlOffer, NodeInfo, NodeKind};
+use super::name::{self, open_error};
+use super::node::{CameraHost, ControlKind, ControlOffer, FourCc, NodeInfo, NodeKind, SizeOffer, VideoNode};
+use crate::imaging::grey::PixelFormat;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -78,6 +79,55 @@ pub(super) fn list_of(host: &dyn CameraHost) -> Vec<ListedNode> {
         listed
     });
     nodes.collect()
+}
+
+/// Size and rate that suit most purposes, among those that a device offers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UsualCapture {
+    /// Columns, px.
+    pub width: u32,
+    /// Rows, px.
+    pub height: u32,
+    /// Frames per second.
+    pub rate_hz: f64,
+}
+
+/// What a device is tried with where nobody says: VGA at 30 Hz, or what is nearest to that.
+///
+/// # Errors
+/// [`V4l2Error`] when the device cannot be opened.
+pub fn usual(
+    device: &str,
+    format: Option<PixelFormat>,
+    size: Option<(u32, u32)>,
+) -> Result<UsualCapture, V4l2Error> {
+    let found = name::resolve(&ThisMachine, device)?;
+    Ok(usual_of(found.node.as_ref(), format, size))
+}
+
+fn usual_of(node: &dyn VideoNode, format: Option<PixelFormat>, size: Option<(u32, u32)>) -> UsualCapture {
+    const VGA: (u32, u32) = (640, 480);
+    const USUAL_HZ: f64 = 30.0;
+    let is_wanted =
+        |fourcc: FourCc| known(fourcc).is_some_and(|found| format.is_none_or(|wanted| wanted == found));
+    let formats: Vec<FourCc> = node.formats().iter().map(|f| f.fourcc).filter(|f| is_wanted(*f)).collect();
+    let pixels = |(width, height): (u32, u32)| i64::from(width) * i64::from(height);
+    let nearest = || {
+        let sizes = formats.iter().flat_map(|fourcc| node.sizes(*fourcc));
+        let sizes = sizes.map(|offer| match offer {
+            SizeOffer::Discrete { width, height } => (width, height),
+            range if range.has(VGA.0, VGA.1) => VGA,
+            SizeOffer::Stepwise { largest: [width, height], .. } => (width, height),
+        });
+        // The best is the usual one, then the one with as many pixels.
+        sizes.min_by_key(|size| (pixels(*size) - pixels(VGA)).abs())
+    };
+    let (width, height) = size.or_else(nearest).unwrap_or(VGA);
+    let rates: Vec<_> = formats.iter().flat_map(|fourcc| node.rates(*fourcc, width, height)).collect();
+    let fastest = rates.iter().map(|rate| rate.highest_hz()).fold(0.0, f64::max);
+    let has_usual = rates.is_empty() || rates.iter().any(|rate| rate.has(USUAL_HZ));
+    let rate_hz = if has_usual || fastest <= 0.0 { USUAL_HZ } else { fastest.min(1000.0) };
+    UsualCapture { width, height, rate_hz }
 }
 
 impl OfferedControl {
