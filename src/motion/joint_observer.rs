@@ -15,8 +15,11 @@
 //! correct it, as far as they lie outside of the step in which it is.
 //!
 //! ```text
-//! q^' = v^ + 2 l e      v^' = u + l^2 e      e = dead zone of (q - q^)
+//! q^' = v^ + (2 + m) l e      v^' = u + a + (1 + 2 m) l^2 e      a' = m l^3 e - f a      e = dead zone of (q - q^)
 //! ```
+//! `a` is what the arm does beside the command while it moves (`m` = 1): without it a load that makes a wrist five times as heavy as
+//! believed would make the velocity wrong by so much that the arm swings. At rest `m` is 0.
+//!
 //! Steps tell of a motion only as often as they come. So `l` and `r` fall with the speed of the reference, and rise when the
 //! arm is found a step away: at rest the estimate stands, and no step shakes the arm. Within a step it is the camera that tells
 //! of a motion ([`Drift`]): what the joints did between two exposures beyond what was believed is an error of `v^`.
@@ -30,6 +33,9 @@ use crate::time::{MonoNs, TICK};
 use nalgebra::SVector;
 use seen::Seen;
 
+/// Share of the full bandwidth from which on what accelerates the arm is estimated, and the rate at which that is forgotten, rad/s.
+const QUICK_FROM: f64 = 0.6;
+const FORGET_RAD_S: f64 = 30.0;
 /// Corrections of the velocity for each step that comes by.
 const CORRECTIONS: f64 = 2.0;
 /// Share of its bandwidth that the velocity observer keeps at rest, and how much of that it leaves to a camera.
@@ -99,6 +105,8 @@ pub(super) struct JointObserver<const N: usize> {
     t: SVector<f64, N>,
     /// What it was in the mean of some time ago.
     past: Past<N>,
+    /// What accelerates the joints beside what was commanded just now, rad/s^2 or m/s^2: for their velocity alone.
+    a: SVector<f64, N>,
     /// Whether the mean is taken for it, and nothing is learnt.
     settled: bool,
     /// What the camera has told.
@@ -116,6 +124,7 @@ impl<const N: usize> JointObserver<N> {
             t: zero,
             past: Past::default(),
             settled: false,
+            a: zero,
             seen: Seen::default(),
         }
     }
@@ -129,6 +138,7 @@ impl<const N: usize> JointObserver<N> {
     pub(super) fn seat(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         self.state = Some((*q, *qd));
         self.commanded = None;
+        self.a = SVector::zeros();
     }
 
     /// From now on the disturbance is what it was in the mean of some time ago, and nothing is learnt: what was learnt from an
@@ -175,7 +185,7 @@ impl<const N: usize> JointObserver<N> {
         for i in 0..N {
             let mut rate = if self.settled { 0.0 } else { settings.disturbance_rad_s };
             if settings.velocity_rad_s > 0.0 {
-                let v = v_before[i] + h * commanded.u[i];
+                let v = v_before[i] + h * (commanded.u[i] + self.a[i]);
                 let predicted = q_before[i] + 0.5 * h * (v_before[i] + v);
                 let step = settings.encoder_step[i];
                 let e = outside(q[i] - predicted, 0.5 * step);
@@ -186,8 +196,11 @@ impl<const N: usize> JointObserver<N> {
                     l *= (CORRECTIONS * steps_1_s / l).max(steps_off - 0.5).clamp(least, 1.0);
                     rate *= (steps_1_s / STEPS_TO_LEARN_1_S).max(steps_off - 0.5).clamp(RATE_AT_REST, 1.0);
                 }
-                q_now[i] = predicted + (2.0 * l * h).min(1.0) * e;
-                v_now[i] = v + l * l * h * e;
+                let m = ((l / settings.velocity_rad_s - QUICK_FROM) / (1.0 - QUICK_FROM)).max(0.0);
+                let (k_q, k_v, k_a) = ((2.0 + m) * l, (1.0 + 2.0 * m) * l * l, m * l * l * l);
+                q_now[i] = predicted + (k_q * h).min(1.0) * e;
+                v_now[i] = v + k_v * h * e;
+                self.a[i] += h * (k_a * e - FORGET_RAD_S * self.a[i]);
             }
             if rate > 0.0 {
                 let most = settings.most_acceleration[i];
