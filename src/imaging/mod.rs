@@ -1,10 +1,13 @@
-//! Image processing of Sect. 10.2 on 8-bit grey images.
+//! Image processing of Sect. 10.2 on 8-bit grey images, and the way to grey from what cameras deliver.
 //!
 //! ```text
+//! a camera's buffer --grey, jpeg--> ImageView
 //! ImageView --> Histogram --> Otsu threshold --> dark runs of each row --> components with moments
 //! ```
 mod components;
+pub mod grey;
 mod histogram;
+pub mod jpeg;
 mod mask;
 mod runs;
 mod view;
