@@ -116,7 +116,9 @@ impl Entry {
     pub(super) fn value(self, window: u64) -> i32 {
         let size = self.0 >> 8 & 0xFF;
         let raw = (window << (self.0 >> 24) >> 1 >> (63 - size)) as i32;
-        if raw < (1 << size) >> 1 { raw + 1 - (1 << size) } else { raw }
+        // its sign is as good as random: no branch that would have to be foreseen
+        let low = (raw - ((1 << size) >> 1)) >> 31;
+        raw + (low & (1 - (1 << size)))
     }
 }
 
