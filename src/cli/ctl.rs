@@ -7,7 +7,7 @@ use crate::control::outcome::Outcome;
 use crate::control::safety::Fault;
 use crate::input::printable;
 use crate::ipc::{Instance, Role, Services};
-use crate::messages::{ControlAnswer, ControlCommand, ControlState, TargetStatus, answer_flag};
+use crate::messages::{CameraState, ControlAnswer, ControlCommand, ControlState, TargetStatus, answer_flag};
 use crate::process::ProcessError;
 use crate::rt::tell;
 use serde::Serialize;
@@ -27,6 +27,8 @@ struct Answer {
     state: &'static str,
     fault: Option<&'static str>,
     target: &'static str,
+    camera: Option<&'static str>,
+    camera_state_s: Option<f64>,
     served: bool,
     tick: u64,
     time_s: f64,
@@ -94,6 +96,10 @@ fn told(instance: &Instance, request: Option<Request>, a: &ControlAnswer) -> Ans
         state: ControlState::from_code(a.state).as_str(),
         fault: Fault::from_code(a.fault).map(Fault::describe),
         target: TargetStatus::from_code(a.target).as_str(),
+        camera: Some(CameraState::from_code(a.camera_state))
+            .filter(|state| *state != CameraState::Unknown)
+            .map(CameraState::as_str),
+        camera_state_s: known(a.camera_state_s),
         served: a.flags & answer_flag::SERVED != 0,
         tick: a.tick,
         time_s: a.time_s,
@@ -112,6 +118,9 @@ impl Answer {
             let _ = write!(line, " ({fault}; see to its cause, then `vservo ctl reset`)");
         }
         let _ = write!(line, ", {:.1} s", self.time_s);
+        if let Some((camera, s)) = self.camera.zip(self.camera_state_s) {
+            let _ = write!(line, ", camera {camera} for {s:.1} s");
+        }
         if let Some(error) = self.feature_error_px {
             let _ = write!(line, ", feature error {error:.3} px");
         }

@@ -1,12 +1,15 @@
 //! The command line: arguments -> configuration -> run -> exit code. Results go to stdout, everything else to stderr.
 
 mod arguments;
+mod camera;
+mod camera_arguments;
 mod ctl;
 
 pub use arguments::{
-    Calibration, CameraArgument, Cli, Command, CtlArguments, ExperimentArguments, LatencyArguments, Order,
-    RoleArguments, RunArguments, ServeArguments,
+    Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments,
+    ExperimentArguments, LatencyArguments, Order, RoleArguments, RunArguments, ServeArguments,
 };
+pub use camera_arguments::{FormatArgument, SizeArgument};
 
 use crate::config::Config;
 use crate::config::assemble::require_one_camera;
@@ -34,11 +37,16 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     start_logging();
     let result = match cli.command {
-        None => run(&cli.run),
-        Some(Command::Run(arguments)) => run(&arguments),
-        Some(Command::Serve(arguments)) => run(&arguments.into()),
+        None => run_command(&cli.run),
+        Some(Command::Run(arguments)) => run_command(&arguments),
+        Some(Command::Serve(arguments)) => {
+            run(&arguments.cell, Some("run.serve=true".into()), arguments.summary.as_deref())
+        }
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
-        Some(Command::Camera(arguments)) => role(Role::Camera(CameraId::FIRST), &arguments),
+        Some(Command::Camera(arguments)) => match camera::look(&arguments) {
+            Some(result) => result,
+            None => role(Role::Camera(CameraId::FIRST), &arguments.into()),
+        },
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Calibrate { what: Calibration::Latency(arguments) }) => calibrate_latency(&arguments),
@@ -110,19 +118,30 @@ fn warn(config: &Config) {
     }
 }
 
-fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
+fn run_command(arguments: &RunArguments) -> Result<u8, ProcessError> {
+    let duration = arguments.duration_s.map(|s| format!("run.duration_s={s:?}"));
+    run(&arguments.cell, duration, arguments.summary.as_deref())
+}
+
+/// Runs a cell with a setting of the command; the summary also goes to the file `summary`.
+fn run(cell: &CellArguments, setting: Option<String>, summary: Option<&Path>) -> Result<u8, ProcessError> {
     // First of all: a request to stop that comes early is one too.
     let stop = StopFlag::on_signals()?;
-    let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
-    require_one_camera(&config)?;
-    warn(&config);
-    let instance: Instance = arguments.instance.parse()?;
-    if let Some(path) = &arguments.summary {
+    let (config, instance) = prepare(cell, setting)?;
+    if let Some(path) = summary {
         check_writable(path)?;
     }
     let end = supervisor::run(&config, &instance, &stop)?;
     let exit_code = shown(&end.summary.to_text(), end.exit_code);
-    Ok(write_summary(arguments.summary.as_deref(), &end.summary, exit_code))
+    Ok(write_summary(summary, &end.summary, exit_code))
+}
+
+/// The cell that a supervisor is to run, and its name.
+fn prepare(cell: &CellArguments, setting: Option<String>) -> Result<(Config, Instance), ProcessError> {
+    let config = Config::load(cell.config.as_deref(), &cell.settings(setting))?;
+    require_one_camera(&config)?;
+    warn(&config);
+    Ok((config, cell.instance.parse()?))
 }
 
 fn check_writable(path: &Path) -> Result<(), ProcessError> {
@@ -150,10 +169,7 @@ fn write_summary(path: Option<&Path>, summary: &Summary, exit_code: u8) -> u8 {
 
 fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
-    let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
-    require_one_camera(&config)?;
-    warn(&config);
-    let instance: Instance = arguments.instance.parse()?;
+    let (config, instance) = prepare(&arguments.cell, Some("run.task=calibrate_latency".into()))?;
     if let Some(path) = &arguments.out {
         check_writable(path)?;
     }
@@ -196,10 +212,10 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
     }
     let ended = match role {
         Role::Camera(_) => {
-            process::camera::run(&seen_by(arguments, config)?, &instance, &stop).map(|()| None)
+            process::camera::run(&seen_by(arguments.camera, config)?, &instance, &stop).map(|()| None)
         }
         Role::Vision(_) => {
-            process::vision::run(&seen_by(arguments, config)?, &instance, &stop).map(|()| None)
+            process::vision::run(&seen_by(arguments.camera, config)?, &instance, &stop).map(|()| None)
         }
         Role::Control | Role::Supervisor | Role::Drive => {
             process::control::run(&config, &instance, &stop).map(Some)
@@ -226,8 +242,8 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
 }
 
 /// The configuration as the process of one camera has it: `camera` is that camera.
-fn seen_by(arguments: &RoleArguments, config: Config) -> Result<Config, ProcessError> {
-    let (camera, cameras) = (arguments.camera, config.cameras().count());
+fn seen_by(camera: u8, config: Config) -> Result<Config, ProcessError> {
+    let cameras = config.cameras().count();
     config.seen_by(CameraId(camera)).ok_or(ProcessError::NoSuchCamera { camera, cameras })
 }
 

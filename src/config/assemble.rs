@@ -150,6 +150,7 @@ pub fn drive<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<AnyDri
             Box::new(SimulatedDrive::new(robot.clone(), q_start, simulated_settings(config)?)?)
         }
         (true, DriveKind::External) => return Err(AssembleError::ExternalDrive),
+        (true, DriveKind::None) => Box::new(StandstillDrive::new(q_start)),
     })
 }
 
@@ -227,6 +228,7 @@ pub fn control_loop_with<const N: usize>(
         limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
         visibility: config.servo.visibility,
         returns: config.servo.returns,
+        watches_drift: config.motion.encoder_step.iter().any(|step| *step > 0.0),
         calm_gain_1_s: config.servo.calm_gain_1_s,
         held_lag: SpanNs::from_s(config.camera.latency.as_s() + 0.75 / config.camera.rate_hz),
         object: config.servo.object,

@@ -2,7 +2,7 @@
 
 use super::Config;
 use super::frame_source::{Source, Timing};
-use super::raw::Clock;
+use super::raw::{Clock, DriveKind};
 use crate::camera_model::{CameraModel, Region};
 use crate::messages::CameraId;
 use crate::scene::FrameSchedule;
@@ -41,10 +41,10 @@ impl Config {
         Some(self)
     }
 
-    /// Whether the arm moves what the camera sees.
+    /// Whether the arm moves what the camera sees: its pictures show what an arm does, and there is an arm.
     #[must_use]
     pub fn closes_the_loop(&self) -> bool {
-        self.camera.source.kind().closes_the_loop()
+        self.camera.source.kind().closes_the_loop() && self.drive.kind != DriveKind::None
     }
 }
 

@@ -6,12 +6,13 @@
 //! ```text
 //!                   simulated    closes the loop    timing
 //! synthetic            yes             yes          scheduled
-//! a real camera         no             yes          free-running
+//! v4l2 (a real one)     no             yes          free-running
 //! replay                no              no          scheduled
 //! ```
 
 use super::check::Check;
 use super::place::RawMount;
+use super::v4l2::{self, RawV4l2, V4l2Settings};
 use crate::camera_model::LensModel;
 use crate::scene::{SceneLook, SensorModel};
 use serde::{Deserialize, Serialize};
@@ -24,6 +25,8 @@ word! {
         Synthetic,
         /// Read from image files.
         Replay,
+        /// A camera of the kernel's video interface.
+        V4l2,
     }
 }
 
@@ -33,6 +36,7 @@ impl SourceKind {
     pub fn timing(self) -> Timing {
         match self {
             Self::Synthetic | Self::Replay => Timing::Scheduled,
+            Self::V4l2 => Timing::FreeRunning,
         }
     }
 
@@ -41,7 +45,7 @@ impl SourceKind {
     pub fn is_simulated(self) -> bool {
         match self {
             Self::Synthetic => true,
-            Self::Replay => false,
+            Self::Replay | Self::V4l2 => false,
         }
     }
 
@@ -49,7 +53,7 @@ impl SourceKind {
     #[must_use]
     pub fn closes_the_loop(self) -> bool {
         match self {
-            Self::Synthetic => true,
+            Self::Synthetic | Self::V4l2 => true,
             Self::Replay => false,
         }
     }
@@ -94,6 +98,8 @@ table! {
         synthetic: RawSynthetic = RawSynthetic::default(),
         /// `[camera.replay]`
         replay: RawReplay = RawReplay::default(),
+        /// `[camera.v4l2]`
+        v4l2: RawV4l2 = RawV4l2::default(),
     }
 }
 
@@ -256,6 +262,8 @@ pub enum Source {
         /// Starts again after the last one.
         repeat: bool,
     },
+    /// A camera of the kernel's video interface.
+    V4l2(V4l2Settings),
 }
 
 impl Source {
@@ -265,6 +273,7 @@ impl Source {
         match self {
             Self::Synthetic { .. } => SourceKind::Synthetic,
             Self::Replay { .. } => SourceKind::Replay,
+            Self::V4l2(_) => SourceKind::V4l2,
         }
     }
 }
@@ -294,5 +303,6 @@ pub(super) fn source(c: &RawCamera, look: SceneLook, seed: u64, at: &str, check:
             }
             Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
         }
+        SourceKind::V4l2 => Source::V4l2(v4l2::settings(&c.v4l2, at, check)),
     }
 }

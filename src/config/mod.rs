@@ -21,6 +21,7 @@ mod servo;
 mod source;
 mod tables;
 mod target;
+mod v4l2;
 mod validate;
 
 pub use camera::Camera;
@@ -28,6 +29,7 @@ pub use frame_source::{Source, Timing};
 pub use problem::{ConfigError, Problem};
 pub use scene::Scene;
 pub use source::Document;
+pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 
 use crate::drive::{CommandMode, InnerServo, Payload};
 use crate::input::file;

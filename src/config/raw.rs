@@ -13,6 +13,7 @@ mod truth;
 
 pub use super::frame_source::{LensWord, RawCamera, RawLens, RawReplay, RawRoi, RawSynthetic, SourceKind};
 pub use super::place::{Carrier, MountKind, RawMount, RawObject, RawOccluder};
+pub use super::v4l2::RawV4l2;
 pub use motion::{JointControl, RawMotion};
 pub use servo::{
     At, DampingOn, Depth, FeatureGain, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint,
@@ -193,6 +194,8 @@ word! {
         Ideal,
         /// Another process: a simulator, or the driver of a robot.
         External,
+        /// No arm: nothing moves, and the run shows the velocity that the law wishes of the camera.
+        None,
     }
 }
 

@@ -8,7 +8,7 @@ mod start;
 mod truth;
 
 use super::check::Check;
-use super::raw::{Carrier, Clock, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, Task};
+use super::raw::{Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, Task};
 use super::servo::servo;
 use super::target::target;
 use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Start};
@@ -61,6 +61,9 @@ pub(super) fn validate(
     }
     if raw.run.serve && !raw.camera.source.closes_the_loop() {
         check.wrong("run.serve", "needs a camera that sees the arm's own motion: camera.source is `replay`");
+    }
+    if raw.drive.kind == DriveKind::None {
+        drive::without_arm(&raw, check);
     }
     if raw.run.task == Task::CalibrateLatency {
         if !raw.camera.source.closes_the_loop() {

@@ -8,6 +8,8 @@ use std::fmt;
 pub enum Channel {
     /// A camera's frames.
     Frame(CameraId),
+    /// How a real camera stands.
+    Health(CameraId),
     /// What vision measured in them.
     Measurement(CameraId),
     /// The arm at each tick.
@@ -29,6 +31,7 @@ impl fmt::Display for Channel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Frame(id) => write!(f, "camera/{id}/frame"),
+            Self::Health(id) => write!(f, "camera/{id}/health"),
             Self::Measurement(id) => write!(f, "vision/{id}/measurement"),
             Self::JointState => f.write_str("control/joint_state"),
             Self::Trace => f.write_str("control/trace"),
@@ -47,6 +50,7 @@ mod tests {
     #[test]
     fn names_carry_the_camera() {
         assert_eq!(Channel::Frame(CameraId::FIRST).to_string(), "camera/0/frame");
+        assert_eq!(Channel::Health(CameraId(2)).to_string(), "camera/2/health");
         assert_eq!(Channel::Measurement(CameraId(3)).to_string(), "vision/3/measurement");
     }
 }

@@ -4,6 +4,7 @@
 //! ```text
 //! service                    payload                    rate      made by    read by
 //! camera/N/frame             [u8] + FrameHeader         camera's  camera     vision
+//! camera/N/health            CameraHealth               5 Hz      camera     control
 //! vision/N/measurement       Measurement                camera's  vision     control
 //! control/joint_state        JointState                 1 kHz     control    camera
 //! control/trace              TraceMsg                    1 kHz     control    recorders
@@ -12,7 +13,7 @@
 //! drive/command              DriveCommandMsg            1 kHz     control    external drive
 //! drive/state                DriveStateMsg              1 kHz     ext. drive control
 //! ```
-//! All but status, trace and command have an event of the same name beside them that wakes the reader.
+//! All but health, status, trace and command have an event of the same name beside them that wakes the reader.
 
 mod channel;
 mod command;

@@ -7,8 +7,8 @@ use super::ports::{Bell, FrameReceiver, FrameSender, QuietSender, Receiver, Send
 use super::presence::{DrivePresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError, Node, PubSub};
 use crate::messages::{
-    CameraId, ControlAnswer, ControlCommand, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState,
-    Measurement, Status, TraceMsg,
+    CameraHealth, CameraId, ControlAnswer, ControlCommand, DriveCommandMsg, DriveStateMsg, FrameHeader,
+    JointState, Measurement, Status, TraceMsg,
 };
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
@@ -31,6 +31,8 @@ const TRACE_BUFFER: usize = 1024;
 /// Measurements in flight in lockstep; more than any latency at any rate.
 const MEASUREMENT_BUFFER: usize = 1024;
 
+/// Changes of a camera's health that wait for their reader.
+const HEALTH_BUFFER: usize = 16;
 /// Commands and states of an external drive that wait for their reader.
 const DRIVE_BUFFER: usize = 64;
 
@@ -123,6 +125,22 @@ impl Services {
             .create()
             .map_err(|e| port_error(service, e))?;
         Ok(FrameReceiver::new(service, port, self.waker(service)?))
+    }
+
+    /// A real camera's end of `camera/N/health`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn health_sender(&self, camera: CameraId) -> Result<Sender<CameraHealth>, IpcError> {
+        self.sender(Channel::Health(camera), HEALTH_BUFFER)
+    }
+
+    /// Control's end of `camera/N/health`. Nothing rings.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn health_receiver(&self, camera: CameraId) -> Result<Receiver<CameraHealth>, IpcError> {
+        self.receiver(Channel::Health(camera), HEALTH_BUFFER, HEALTH_BUFFER)
     }
 
     /// Vision's end of `vision/N/measurement`.

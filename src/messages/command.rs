@@ -17,7 +17,7 @@ pub struct ControlCommand {
 /// What became of it, and how things stand.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.ControlAnswer.v1")]
+#[type_name("vservo.ControlAnswer.v2")]
 pub struct ControlAnswer {
     /// The request that this answers.
     pub request: u32,
@@ -35,6 +35,10 @@ pub struct ControlAnswer {
     pub flags: u32,
     /// Which arm.
     pub arm: u32,
+    /// Code of a [`super::CameraState`]: how a real camera stands.
+    pub camera_state: u32,
+    /// For later; zero.
+    pub reserved: u32,
     /// Number of the control tick.
     pub tick: u64,
     /// Time since the first tick, s.
@@ -45,6 +49,8 @@ pub struct ControlAnswer {
     pub position_error_m: f64,
     /// Angle of the camera from its desired orientation, rad; NaN where unknown.
     pub orientation_error_rad: f64,
+    /// For how long the camera has been in its state, s; NaN where nobody says.
+    pub camera_state_s: f64,
     /// Measured joint positions, rad or m.
     pub q: [f64; MAX_JOINTS],
     /// Measured joint velocities, rad/s or m/s.
@@ -66,11 +72,11 @@ mod tests {
     #[allow(unsafe_code)]
     fn layouts_are_fixed_and_named() {
         assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (8, 4));
-        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (184, 8));
-        assert_eq!(offset_of!(ControlAnswer, tick), 32);
-        assert_eq!(offset_of!(ControlAnswer, q), 72);
+        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (200, 8));
+        assert_eq!(offset_of!(ControlAnswer, tick), 40);
+        assert_eq!(offset_of!(ControlAnswer, q), 88);
         // SAFETY: the names are only read.
         let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
-        assert_eq!(names, ("vservo.ControlCommand.v1", "vservo.ControlAnswer.v1"));
+        assert_eq!(names, ("vservo.ControlCommand.v1", "vservo.ControlAnswer.v2"));
     }
 }

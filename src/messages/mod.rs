@@ -6,11 +6,12 @@
 //!
 //! ```text
 //! camera --FrameHeader + [u8]--> vision --Measurement--> control --JointState--> camera
-//!                                                        │  ├------Status--> supervisor, views
+//! camera --CameraHealth--> control                       │  ├------Status--> supervisor, views
 //!                                                        │  └----TraceMsg--> recorder
 //!                                                        └-DriveCommandMsg--> external drive --DriveStateMsg--> control
 //! ```
 
+mod camera_health;
 mod camera_id;
 mod command;
 mod drive;
@@ -22,6 +23,7 @@ mod status;
 mod tests;
 mod trace;
 
+pub use camera_health::{CameraHealth, CameraState, health_flag};
 pub use camera_id::CameraId;
 pub use command::{ControlAnswer, ControlCommand, answer_flag};
 pub use drive::{DriveCommandMsg, DriveStateMsg, drive_flag};

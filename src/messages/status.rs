@@ -75,7 +75,7 @@ pub mod status_flag {
 /// Where the run stands; flat, so that plotting tools can show every field.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.Status.v2")]
+#[type_name("vservo.Status.v3")]
 pub struct Status {
     /// Number of the control tick.
     pub tick: u64,
@@ -101,6 +101,9 @@ pub struct Status {
     pub vision_us: f64,
     /// Finished measurement to the command that used it, us; NaN in lockstep.
     pub measurement_to_command_us: f64,
+    /// The twist `[v; w]` that the law wishes of a camera which no arm moves (`drive.kind = "none"`, replayed pictures), in the
+    /// camera's frame, m/s and rad/s; NaN where an arm moves it, and without a view.
+    pub V_C: [f64; 6],
     /// Measurements used.
     pub measurements: u64,
     /// Frames that vision received.
@@ -111,6 +114,8 @@ pub struct Status {
     pub target_lost: u64,
     /// Deadlines missed.
     pub missed_deadlines: u64,
+    /// For how long the camera has been in its state, s; NaN where nobody says.
+    pub camera_state_s: f64,
     /// Code of a [`ControlState`]: what control does.
     pub state: u32,
     /// Code of a [`super::TargetStatus`]: what vision said last.
@@ -123,4 +128,8 @@ pub struct Status {
     pub arm: u32,
     /// Bits of [`status_flag`].
     pub flags: u32,
+    /// Code of a [`super::CameraState`]: how a real camera stands.
+    pub camera_state: u32,
+    /// For later; zero.
+    pub reserved: u32,
 }

@@ -29,6 +29,32 @@ pub enum ProcessError {
     /// A camera that runs by itself gives no frames any more.
     #[error("the camera has given no frame for {0:.1} s: is it connected, and does it run?")]
     SourceSilent(f64),
+    /// A camera that was away for longer than it may be.
+    #[error(
+        "the camera is {state}: no frame for {lasted_s:.1} s (camera.v4l2.give_up_s); see to its cable and power"
+    )]
+    CameraAway {
+        /// What is wrong with it.
+        state: &'static str,
+        /// How long.
+        lasted_s: f64,
+    },
+    /// A camera that was to be looked at gave nothing.
+    #[error(
+        "{device}: no frame within {waited_s:.1} s; is it triggered from outside, or covered by another program?"
+    )]
+    NoFrame {
+        /// The device.
+        device: String,
+        /// How long it was waited for.
+        waited_s: f64,
+    },
+    /// A run file without a camera that could be looked at.
+    #[error("camera.source: is no camera of this machine: set it to \"v4l2\", or name one with --device")]
+    NoRealCamera,
+    /// A measurement that nobody can mean.
+    #[error("--duration-s {0}: must be more than 0 and at most 600")]
+    ProbeDuration(f64),
     /// A process of a camera that the run file does not have.
     #[error("--camera {camera}: the run file has {cameras} camera(s), counted from 0")]
     NoSuchCamera {
@@ -142,14 +168,17 @@ impl ProcessError {
         }
     }
 
-    /// The exit code: 3 for configuration and input files, 5 where nobody answers, 1 for everything else.
+    /// The exit code: 3 for configuration and input files, 4 for a camera that stays away, 5 where nobody answers, 1 for everything else.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Experiment(error) => error.exit_code(),
+            Self::Source(error) if error.is_internal() => 1,
+            Self::CameraAway { .. } => 4,
             Self::Config(_)
             | Self::Source(_)
             | Self::NoSuchCamera { .. }
+            | Self::NoRealCamera
             | Self::Robot(_)
             | Self::Assemble(_)
             | Self::Scheduling(_)
@@ -159,8 +188,8 @@ impl ProcessError {
             | Self::DriveAbsent { .. }
             | Self::DriveProgram { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
-            Self::Timeout(_) => 2,
-            Self::NobodyThere(_) | Self::NoAnswer { .. } => 5,
+            Self::Timeout(_) | Self::ProbeDuration(_) => 2,
+            Self::NoFrame { .. } | Self::NobodyThere(_) | Self::NoAnswer { .. } => 5,
             Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),
             Self::Ipc(_)
             | Self::SourceSilent(_)

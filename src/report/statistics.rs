@@ -91,6 +91,11 @@ impl RunStatistics {
         self.limits = watch;
     }
 
+    /// Takes in what the trace does not tell: an event around the loop.
+    pub fn note_event(&mut self, at: MonoNs, event: String) {
+        self.event(at, event);
+    }
+
     /// The latencies, us.
     #[must_use]
     pub fn latencies(&self) -> Latencies {

@@ -23,11 +23,12 @@ enum Way {
     Directly(PathBuf),
 }
 
-/// Writes `text` to `path`.
+/// Writes `contents` to `path`.
 ///
 /// # Errors
 /// When it cannot be written; what was there before is then still there.
-pub fn write_file(path: &Path, text: &str) -> io::Result<()> {
+pub fn write_file(path: &Path, contents: impl AsRef<[u8]>) -> io::Result<()> {
+    let text = contents.as_ref();
     match way(path)? {
         Way::Directly(path) => write_directly(&path, text),
         Way::Beside(target) => match Temporary::beside(&target) {
@@ -110,16 +111,16 @@ fn open_directly(path: &Path) -> io::Result<File> {
     OpenOptions::new().append(true).custom_flags(flags).open(path)
 }
 
-fn write_directly(path: &Path, text: &str) -> io::Result<()> {
+fn write_directly(path: &Path, text: &[u8]) -> io::Result<()> {
     let mut file = open_directly(path)?;
     let flags = rustix::fs::fcntl_getfl(&file)?;
     rustix::fs::fcntl_setfl(&file, flags - OFlags::NONBLOCK)?;
-    file.write_all(text.as_bytes())
+    file.write_all(text)
 }
 
-fn write_in_place(path: &Path, text: &str) -> io::Result<()> {
+fn write_in_place(path: &Path, text: &[u8]) -> io::Result<()> {
     let mut file = OpenOptions::new().write(true).truncate(true).open(path)?;
-    file.write_all(text.as_bytes())?;
+    file.write_all(text)?;
     file.sync_all()
 }
 
@@ -147,12 +148,12 @@ impl Temporary {
         }
     }
 
-    fn write(mut self, text: &str) -> io::Result<Self> {
-        self.file.write_all(text.as_bytes())?;
+    fn write(mut self, text: &[u8]) -> io::Result<Self> {
+        self.file.write_all(text)?;
         Ok(self)
     }
 
-    fn replace(self, target: &Path, text: &str) -> io::Result<()> {
+    fn replace(self, target: &Path, text: &[u8]) -> io::Result<()> {
         if let Ok(old) = statat(rustix::fs::CWD, target, AtFlags::SYMLINK_NOFOLLOW) {
             let own = fstat(&self.file)?;
             if (own.st_uid, own.st_gid) != (old.st_uid, old.st_gid) {

@@ -9,13 +9,15 @@
 
 mod image_file;
 mod replay;
+pub mod v4l2;
 
 pub use crate::scene::Exposure;
 pub use replay::Replay;
+use v4l2::{CaptureWish, V4l2Error};
 
 use crate::config::assemble::{self, AssembleError};
 use crate::config::{self, Config};
-use crate::messages::JointState;
+use crate::messages::{CameraState, JointState};
 use crate::robot::{Robot, RobotError};
 use crate::scene::SyntheticCamera;
 use crate::time::{MonoNs, SpanNs};
@@ -96,6 +98,9 @@ pub enum SourceError {
         /// The camera's rows.
         height: u32,
     },
+    /// A camera cannot be used.
+    #[error(transparent)]
+    V4l2(#[from] V4l2Error),
     /// The arm that carries the camera cannot be built.
     #[error(transparent)]
     Robot(#[from] RobotError),
@@ -105,6 +110,12 @@ pub enum SourceError {
 }
 
 impl SourceError {
+    /// Whether no change of a file would help.
+    #[must_use]
+    pub fn is_internal(&self) -> bool {
+        matches!(self, Self::V4l2(error) if error.is_internal())
+    }
+
     fn image(file: &Path, cause: image::ImageError) -> Self {
         Self::Image { file: file.into(), cause }
     }
@@ -135,21 +146,78 @@ pub struct Captured {
     pub lost: u64,
 }
 
+/// What became of a frame that was to be filled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Filled {
+    /// The picture is there.
+    Picture,
+    /// It turned out to be damaged: it is lost.
+    Damaged,
+}
+
+/// How a free-running source stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SourceHealth {
+    /// What it is doing.
+    pub state: CameraState,
+    /// Since when.
+    pub since: MonoNs,
+    /// Damaged frames.
+    pub corrupt: u64,
+    /// Frames that were older than another one that was there too.
+    pub superseded: u64,
+    /// Frames of unknown time.
+    pub undated: u64,
+    /// How often it was opened anew.
+    pub reopened: u64,
+    /// How often its stream was begun anew.
+    pub restarted: u64,
+    /// Frames whose stamps lay in the future.
+    pub stamps_clamped: u64,
+    /// Frames per second that it really exposes; `None` while unknown.
+    pub rate_hz: Option<f64>,
+    /// Whether frames are dated by their arrival, because the device's stamps are not believed.
+    pub stamps_are_doubted: bool,
+    /// Whether it gives fewer frames than it was asked for.
+    pub rate_is_missed: bool,
+}
+
+impl Default for SourceHealth {
+    fn default() -> Self {
+        Self {
+            state: CameraState::Unknown,
+            since: MonoNs::ZERO,
+            corrupt: 0,
+            superseded: 0,
+            undated: 0,
+            reopened: 0,
+            restarted: 0,
+            stamps_clamped: 0,
+            rate_hz: None,
+            stamps_are_doubted: false,
+            rate_is_missed: false,
+        }
+    }
+}
+
 /// A producer of frames that exposes by its own clock and says when it did.
 pub trait FreeRunningSource {
     /// Waits for the next frame, at most for `longest`; `None` when none came. Frames that came meanwhile and are older
-    /// than it are lost.
+    /// than it are lost. A source that can find its device again gives none meanwhile, and says so in [`Self::health`].
     ///
     /// # Errors
     /// [`SourceError`]; the source cannot go on after it.
     fn wait(&mut self, longest: Duration) -> Result<Option<Captured>, SourceError>;
 
     /// Fills `out` (columns times rows of the camera, row by row) with the grey levels of the frame that
-    /// [`Self::wait`] gave last, from wherever and in whatever form the source has it.
+    /// [`Self::wait`] gave last, from wherever and in whatever form the source has it. A damaged one is not to be used.
     ///
     /// # Errors
     /// [`SourceError`]; the source cannot go on after it.
-    fn fill(&mut self, out: &mut [u8]) -> Result<(), SourceError>;
+    fn fill(&mut self, out: &mut [u8]) -> Result<Filled, SourceError>;
+
+    /// How it stands.
+    fn health(&self) -> SourceHealth;
 }
 
 /// A source of either kind.
@@ -165,15 +233,19 @@ pub enum AnySource {
 /// # Errors
 /// [`SourceError`] when it cannot start; files are looked at now, not in the middle of the run.
 pub fn open(config: &Config) -> Result<AnySource, SourceError> {
-    Ok(AnySource::Scheduled(match &config.camera.source {
-        config::Source::Synthetic { .. } => crate::dispatch_robot!(config.robot, |robot| {
+    let scheduled = |source| AnySource::Scheduled(source);
+    Ok(match &config.camera.source {
+        config::Source::Synthetic { .. } => scheduled(crate::dispatch_robot!(config.robot, |robot| {
             synthetic_camera_of(&robot, config).map(|camera| Box::new(camera) as Box<dyn ScheduledSource>)
-        })??,
+        })??),
         config::Source::Replay { folder, repeat } => {
             let i = config.camera.model.intrinsics();
-            Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat)?)
+            scheduled(Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat)?))
         }
-    }))
+        config::Source::V4l2(settings) => {
+            AnySource::FreeRunning(Box::new(v4l2::open(CaptureWish::of(&config.camera, settings))?))
+        }
+    })
 }
 
 /// The synthetic camera of a configuration whose arm has as many joints as `_robot`.

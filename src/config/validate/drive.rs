@@ -1,7 +1,7 @@
 //! The tables of the drive.
 
 use crate::config::check::Check;
-use crate::config::raw::{DriveKind, RawConfig};
+use crate::config::raw::{DriveKind, RawConfig, SchemeKind, Task};
 use crate::config::{DriveProgram, DriveSettings, SimulatedArm};
 use crate::drive::{CommandMode, InnerServo, MAX_DELAY, Payload};
 use crate::robot::RobotDescription;
@@ -76,6 +76,23 @@ pub(super) fn drive(
         connect_timeout: SpanNs::from_s(connect_timeout_s),
     };
     DriveSettings { kind: d.kind, mode: mode(raw, check), simulated, external }
+}
+
+/// What cannot be had where `drive.kind` is `none`.
+pub(super) fn without_arm(raw: &RawConfig, check: &mut Check<'_>) {
+    if raw.run.serve {
+        check.wrong("run.serve", "has nothing to tell an arm: drive.kind is `none`; use vservo run");
+    }
+    if raw.run.task == Task::CalibrateLatency {
+        check.wrong("drive.kind", "is `none`: to calibrate the latency an arm must move");
+    }
+    if matches!(raw.servo.scheme, SchemeKind::PositionPd | SchemeKind::ImagePd) {
+        check.wrong(
+            "servo.scheme",
+            "commands torques, which say nothing without an arm: with drive.kind = \"none\" use \
+             position_resolved_velocity, image_resolved_velocity or hybrid",
+        );
+    }
 }
 
 /// The mode that is asked for, if the kind of drive takes it. What an external drive takes is its own to say, when

@@ -3,7 +3,7 @@
 //! | behaviour | goes by | wishes |
 //! | --- | --- | --- |
 //! | [`Servoing`] | views of the target | what the servo law says |
-//! | [`Servoing::dry`] | the same, before pictures of another arm | nothing, and tells what the law says |
+//! | [`Servoing::dry`] | the same without an arm, or before pictures of another one | nothing, and tells what the law says |
 //! | [`Gentle`] | measurements, whatever their stamps say | a gentle motion of the joints, to calibrate by |
 //! | standing, braking | nothing | rest: what the controller does where no behaviour moves the arm |
 
@@ -18,9 +18,9 @@ use crate::drive::DriveState;
 use crate::messages::Measurement;
 use crate::motion::MotionLimits;
 use crate::robot::Robot;
-use crate::servo::{Approach, Intake, SetPoint};
+use crate::servo::{Approach, Drift, Intake, SetPoint};
 use crate::time::MonoNs;
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector6};
 
 /// The arm as control knows it.
 #[derive(Debug, Clone)]
@@ -81,6 +81,17 @@ pub trait Behaviour<const N: usize>: Send + std::fmt::Debug {
 
     /// Where the camera moves with the joints: for what holds an arm back near singular postures.
     fn camera_jacobian(&self, robot: &Robot<N>, q: &SVector<f64, N>) -> nalgebra::SMatrix<f64, 6, N>;
+
+    /// The twist of the camera that is wished at `now` of one that no arm holds, `V_WC_C`, m/s and rad/s; `None` where an arm moves it,
+    /// and where there is nothing to go by.
+    fn camera_wish(&self, _now: MonoNs) -> Option<Vector6<f64>> {
+        None
+    }
+
+    /// What the measurement that was taken in told of the joints' motion beyond their encoders, once.
+    fn take_drift(&mut self) -> Option<Drift<N>> {
+        None
+    }
 
     /// The goal.
     fn set_point(&self) -> &SetPoint;

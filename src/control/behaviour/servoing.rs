@@ -5,9 +5,9 @@ use crate::control::safety::{Freshness, MeasurementWatch};
 use crate::drive::DriveState;
 use crate::messages::Measurement;
 use crate::robot::Robot;
-use crate::servo::{Intake, SetPoint, VisualServo, Wish};
+use crate::servo::{Drift, Intake, SetPoint, VisualServo, Wish};
 use crate::time::MonoNs;
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{SMatrix, SVector, Vector6};
 
 /// A servo law and the watch over what it goes by.
 #[derive(Debug)]
@@ -27,7 +27,7 @@ impl<const N: usize> Servoing<N> {
         Self { servo, watch, lesson, dry: false }
     }
 
-    /// The same with an arm that does not move: the pictures show another one.
+    /// The same with an arm that does not move: there is none, or the pictures show another one.
     #[must_use]
     pub fn dry(self) -> Self {
         Self { dry: true, ..self }
@@ -74,6 +74,15 @@ impl<const N: usize> Behaviour<N> for Servoing<N> {
 
     fn camera_jacobian(&self, robot: &Robot<N>, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
         *self.servo.settings().mount.camera(robot, q).1.matrix()
+    }
+
+    fn camera_wish(&self, now: MonoNs) -> Option<Vector6<f64>> {
+        let goes = self.dry && matches!(self.watch.check(now), Freshness::Fresh);
+        goes.then(|| self.servo.camera_wish()).flatten()
+    }
+
+    fn take_drift(&mut self) -> Option<Drift<N>> {
+        self.servo.take_drift()
     }
 
     fn set_point(&self) -> &SetPoint {

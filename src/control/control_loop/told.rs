@@ -76,17 +76,21 @@ impl<const N: usize> ControlLoop<N> {
             frame_to_vision_us: us(latency.frame_to_vision),
             vision_us: us(latency.vision),
             measurement_to_command_us: us(latency.measurement_to_command),
+            V_C: self.controller.behaviour().camera_wish(now).map_or([f64::NAN; 6], Into::into),
             measurements: self.sightings.count(),
             frames: m.frames_received,
             frames_dropped: m.frames_dropped,
             target_lost: m.target_lost,
             missed_deadlines: 0,
+            camera_state_s: f64::NAN,
             state: self.state as u32,
             target: m.status,
             limits: self.acted.kinds(),
             limited_joints: u32::from(self.acted.all_joints()),
             arm: 0,
             flags: if self.sightings.is_degraded() { status_flag::DEGRADED } else { 0 },
+            camera_state: 0, // which its companion knows
+            reserved: 0,
         }
     }
 }

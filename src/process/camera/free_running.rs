@@ -5,13 +5,15 @@
 //! frame_id                 0   1        3   4     5   6
 //! lost                     0   0        1   1     1   1        and what the source itself says it lost
 //! ```
-//! A source that falls silent is told of, and then ends the process: nobody waits for a camera that was unplugged.
+//! A source that falls silent is told of, and then ends the process. One that knows that its camera is away, and looks for it, is
+//! waited for longer (`camera.v4l2.give_up_s`). What it says of itself goes out at each change, and five times a second.
 
 use super::{Outlet, Shot};
+use crate::messages::{CameraHealth, CameraState, health_flag};
 use crate::process::silence::Silence;
 use crate::process::{LONGEST_WAIT, ProcessError, StopFlag};
-use crate::source::{Captured, FreeRunningSource};
-use crate::time::SpanNs;
+use crate::source::{Captured, Filled, FreeRunningSource, SourceHealth};
+use crate::time::{MonoNs, SpanNs};
 use tracing::{info, warn};
 
 /// How long a source may be silent.
@@ -21,13 +23,21 @@ pub(super) struct Patience {
     tell: SpanNs,
     /// One that is the end.
     end: SpanNs,
+    /// One that is the end while the source says that its camera is away.
+    away: SpanNs,
 }
 
 impl Patience {
-    /// For a source that is to give so many frames a second.
-    pub(super) fn with(rate_hz: f64) -> Self {
+    /// For a source that is to give so many frames a second, and whose camera may be away for so long.
+    pub(super) fn with(rate_hz: f64, away: SpanNs) -> Self {
         let period_s = 1.0 / rate_hz;
-        Self { tell: SpanNs::from_s(2.0 + period_s), end: SpanNs::from_s(6.0 + 3.0 * period_s) }
+        let end = SpanNs::from_s(6.0 + 3.0 * period_s);
+        Self { tell: SpanNs::from_s(2.0 + period_s), end, away }
+    }
+
+    /// How long a source in such a state is waited for.
+    fn of(&self, state: CameraState) -> SpanNs {
+        if state.is_away() { self.away } else { self.end }
     }
 }
 
@@ -41,14 +51,22 @@ pub(super) fn run(
     let mut numbers = Numbers::default();
     let mut silence = Silence::begin(outlet.now());
     let mut told = false;
+    let mut bulletin = Bulletin::default();
     while !stop.is_requested() {
         outlet.beat();
-        let Some(captured) = source.wait(LONGEST_WAIT)? else {
-            let lasted = silence.look(outlet.now());
-            if lasted > patience.end {
-                return Err(ProcessError::SourceSilent(lasted.as_s()));
+        let waited = source.wait(LONGEST_WAIT)?;
+        if let Some(health) = bulletin.due(&source.health(), &numbers, outlet.now()) {
+            outlet.tell(&health)?;
+        }
+        let Some(captured) = waited else {
+            let (lasted, state) = (silence.look(outlet.now()), source.health().state);
+            if lasted > patience.of(state) {
+                return Err(match state.is_away() {
+                    true => ProcessError::CameraAway { state: state.as_str(), lasted_s: lasted.as_s() },
+                    false => ProcessError::SourceSilent(lasted.as_s()),
+                });
             }
-            if lasted > patience.tell && !told {
+            if lasted > patience.tell && !told && !state.is_away() {
                 warn!("no frame for {:.1} s: is the camera connected, and does it run?", lasted.as_s());
                 told = true;
             }
@@ -59,7 +77,10 @@ pub(super) fn run(
         }
         (silence, told) = (Silence::begin(outlet.now()), false);
         let shot = numbers.shot(&captured);
-        outlet.publish(&shot, &mut |out| source.fill(out))?;
+        match outlet.publish(&shot, &mut |out| source.fill(out))? {
+            Filled::Picture => numbers.published += 1,
+            Filled::Damaged => numbers.gaps += 1,
+        }
     }
     Ok(())
 }
@@ -70,6 +91,8 @@ struct Numbers {
     /// Of the frame before: the source's number and ours.
     before: Option<(u64, u64)>,
     gaps: u64,
+    lost: u64,
+    published: u64,
 }
 
 impl Numbers {
@@ -82,8 +105,57 @@ impl Numbers {
         self.gaps += frame_id - self.before.map_or(frame_id, |(_, id)| id + 1);
         self.before = Some((captured.sequence, frame_id));
         let lost = self.gaps + captured.lost;
+        self.lost = captured.lost;
         let Captured { mid, span, sequence, .. } = *captured;
         Shot { frame_id, sequence, mid, span, lost, last: false }
+    }
+}
+
+/// When what a source says of itself goes out.
+#[derive(Debug, Default, Clone, Copy)]
+struct Bulletin {
+    state: CameraState,
+    next: MonoNs,
+    sent: u64,
+}
+
+impl Bulletin {
+    const PERIOD: SpanNs = SpanNs(200_000_000);
+
+    /// The record that is to be sent at `now`, if one is. A source that says nothing of itself has none.
+    fn due(&mut self, health: &SourceHealth, numbers: &Numbers, now: MonoNs) -> Option<CameraHealth> {
+        let is_new = std::mem::replace(&mut self.state, health.state) != health.state;
+        if health.state == CameraState::Unknown || !(is_new || now >= self.next) {
+            return None;
+        }
+        self.next = now + Self::PERIOD;
+        let mut flags = 0;
+        for (is_set, flag) in [
+            (health.stamps_are_doubted, health_flag::STAMPS_DOUBTED),
+            (health.rate_is_missed, health_flag::RATE_MISSED),
+        ] {
+            flags |= if is_set { flag } else { 0 };
+        }
+        let record = CameraHealth {
+            sequence: self.sent,
+            stamp: now,
+            since: health.since,
+            frames: numbers.published,
+            lost: numbers.gaps + numbers.lost,
+            corrupt: health.corrupt,
+            superseded: health.superseded,
+            undated: health.undated,
+            reopened: health.reopened,
+            restarted: health.restarted,
+            stamps_clamped: health.stamps_clamped,
+            rate_hz: health.rate_hz.unwrap_or(f64::NAN),
+            state: health.state as u32,
+            camera: 0,
+            flags,
+            reserved: 0,
+        };
+        self.sent += 1;
+        Some(record)
     }
 }
 

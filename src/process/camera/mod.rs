@@ -7,10 +7,10 @@ mod scheduled;
 use super::priority::{self, Rank};
 use super::{Membership, ProcessError, StopFlag, frame_shape};
 use crate::config::{self, Config};
-use crate::ipc::{FrameSender, Instance, Role};
-use crate::messages::{FrameHeader, frame_flag};
+use crate::ipc::{FrameSender, Instance, Role, Sender};
+use crate::messages::{CameraHealth, FrameHeader, frame_flag};
 use crate::rt::now;
-use crate::source::{self, AnySource, SourceError};
+use crate::source::{self, AnySource, Filled, SourceError};
 use crate::time::{MonoNs, SpanNs};
 use tracing::info;
 
@@ -36,13 +36,23 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
         }
         AnySource::FreeRunning(mut source) => {
             let frames = services.frame_sender(id, frame_shape(config))?;
+            let health = services.health_sender(id)?;
             services.require_room_for_peers()?;
             priority::take(config, Rank::Camera)?;
             info!("camera runs by its own clock");
-            let mut outlet = SharedMemory { camera: &config.camera, membership: &membership, frames };
-            let patience = free_running::Patience::with(config.camera.rate_hz);
+            let mut outlet = SharedMemory { camera: &config.camera, membership: &membership, frames, health };
+            let patience =
+                free_running::Patience::with(config.camera.rate_hz, give_up(&config.camera.source));
             free_running::run(source.as_mut(), &mut outlet, patience, stop)
         }
+    }
+}
+
+/// How long a camera that is known to be away is waited for.
+fn give_up(source: &config::Source) -> SpanNs {
+    match source {
+        config::Source::V4l2(settings) => settings.give_up,
+        config::Source::Synthetic { .. } | config::Source::Replay { .. } => SpanNs::ZERO,
     }
 }
 
@@ -83,7 +93,7 @@ impl Shot {
 }
 
 /// Fills a frame's pixels.
-type Fill<'a> = dyn FnMut(&mut [u8]) -> Result<(), SourceError> + 'a;
+type Fill<'a> = dyn FnMut(&mut [u8]) -> Result<Filled, SourceError> + 'a;
 
 /// Where the frames of a free-running source go.
 trait Outlet {
@@ -93,8 +103,11 @@ trait Outlet {
     /// The loop has come round.
     fn beat(&mut self);
 
-    /// Hands over `shot`, whose pixels `fill` writes.
-    fn publish(&mut self, shot: &Shot, fill: &mut Fill<'_>) -> Result<(), ProcessError>;
+    /// Hands over `shot`, whose pixels `fill` writes; a damaged one stays here.
+    fn publish(&mut self, shot: &Shot, fill: &mut Fill<'_>) -> Result<Filled, ProcessError>;
+
+    /// Says how the camera stands.
+    fn tell(&mut self, health: &CameraHealth) -> Result<(), ProcessError>;
 }
 
 /// Frames for the other processes.
@@ -102,6 +115,7 @@ struct SharedMemory<'a> {
     camera: &'a config::Camera,
     membership: &'a Membership,
     frames: FrameSender,
+    health: Sender<CameraHealth>,
 }
 
 impl Outlet for SharedMemory<'_> {
@@ -113,11 +127,17 @@ impl Outlet for SharedMemory<'_> {
         self.membership.beat();
     }
 
-    fn publish(&mut self, shot: &Shot, fill: &mut Fill<'_>) -> Result<(), ProcessError> {
+    fn publish(&mut self, shot: &Shot, fill: &mut Fill<'_>) -> Result<Filled, ProcessError> {
         let header = shot.header(self.camera);
         let mut frame = self.frames.borrow(header.width_px as usize * header.height_px as usize)?;
-        fill(frame.pixels_mut())?;
-        self.frames.send(frame, FrameHeader { sent: now(), ..header })?;
-        Ok(())
+        let filled = fill(frame.pixels_mut())?;
+        if filled == Filled::Picture {
+            self.frames.send(frame, FrameHeader { sent: now(), ..header })?;
+        }
+        Ok(filled)
+    }
+
+    fn tell(&mut self, health: &CameraHealth) -> Result<(), ProcessError> {
+        Ok(self.health.send_quietly(&CameraHealth { camera: self.camera.id.into(), ..*health })?)
     }
 }

@@ -9,7 +9,7 @@
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::trace::Trace;
 use crate::ipc::{Asked, CommandServer, IpcError};
-use crate::messages::{ControlAnswer, ControlState, MAX_JOINTS, answer_flag};
+use crate::messages::{ControlAnswer, ControlState, MAX_JOINTS, Status, answer_flag};
 use std::collections::VecDeque;
 use tracing::info;
 
@@ -42,6 +42,7 @@ impl Commands {
             feature_error_px: f64::NAN,
             position_error_m: f64::NAN,
             orientation_error_rad: f64::NAN,
+            camera_state_s: f64::NAN,
             flags: if served { answer_flag::SERVED } else { 0 },
             ..ControlAnswer::default()
         };
@@ -63,6 +64,12 @@ impl Commands {
             standing.position_error_m = status.position_error_m;
             standing.orientation_error_rad = status.orientation_error_rad;
         }
+    }
+
+    /// Takes in how the camera stands.
+    pub(super) fn note_camera(&mut self, status: &Status) {
+        (self.standing.camera_state, self.standing.camera_state_s) =
+            (status.camera_state, status.camera_state_s);
     }
 
     /// The next request for the loop; everything else that has come is answered.

@@ -1,6 +1,7 @@
 //! The control process. In real time a FIFO thread ticks and never touches shared memory, while a companion thread
 //! carries measurements in and records out; in lockstep one thread does both, because its time is simulated.
 
+mod camera_watch;
 mod commands;
 mod deadlines;
 mod drive_rings;
@@ -22,6 +23,7 @@ use crate::report::summary::{RealtimeReport, StampCalibration, Summary, TickTime
 use crate::robot::Robot;
 use crate::rt::now;
 use crate::time::SpanNs;
+use camera_watch::CameraWatch;
 use commands::Commands;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
@@ -76,6 +78,8 @@ struct Pace {
     lost_traces: u64,
     /// Commands that the companion could not take.
     lost_commands: u64,
+    /// Why no frames come, where the camera is away at the end.
+    camera_is_away: Option<String>,
 }
 
 impl Pace {
@@ -89,6 +93,7 @@ impl Pace {
             realtime: None,
             lost_traces: 0,
             lost_commands: 0,
+            camera_is_away: None,
         }
     }
 }
@@ -119,7 +124,9 @@ fn run_robot<const N: usize>(
     let mut recording = (config.task == Task::CalibrateLatency).then(Recording::default);
     let (control, statistics, pace) = match config.clock {
         Clock::Realtime => {
-            realtime::run(config, control, &ports, (drive, commands), recording.as_mut(), stop)?
+            let camera = CameraWatch::open(membership.services(), &config.camera)?;
+            let messages = (drive, commands, camera);
+            realtime::run(config, control, &ports, messages, recording.as_mut(), stop)?
         }
         Clock::Lockstep => {
             lockstep::run(config, control, &ports, (drive, commands), recording.as_mut(), stop)?
@@ -171,9 +178,15 @@ fn summary<const N: usize>(
     let sightings = control.sightings();
     let m = sightings.last().copied().unwrap_or_default();
     let lockstep = config.clock == Clock::Lockstep;
+    let reason = match pace.camera_is_away {
+        Some(away) if pace.finish.outcome == Outcome::NotConverged => {
+            format!("run.duration_s is over: {away}")
+        }
+        _ => pace.finish.reason.into(),
+    };
     Summary {
         outcome: pace.finish.outcome,
-        reason: pace.finish.reason.into(),
+        reason,
         clock: config.clock_name().into(),
         scheme: config.scheme_name().into(),
         seed: config.seed,

@@ -8,6 +8,7 @@
 //! ```
 //! With an external drive the companion runs at the priority below.
 
+use super::camera_watch::CameraWatch;
 use super::commands::{Answered, Commands, Numbered};
 use super::external_drive::{self, DrivePorts};
 use super::realtime_thread::{AtEnd, Panic, RealtimeThread};
@@ -49,7 +50,7 @@ pub(super) fn run<const N: usize>(
     config: &Config,
     control: ControlLoop<N>,
     ports: &Ports<'_>,
-    (mut drive, commands): (Option<DrivePorts<'_>>, Commands),
+    (mut drive, commands, camera): (Option<DrivePorts<'_>>, Commands, CameraWatch),
     recording: Option<&mut Recording<N>>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
@@ -103,6 +104,7 @@ pub(super) fn run<const N: usize>(
         received,
         to_send,
         commands,
+        camera,
         asked,
         answered,
         recording,
@@ -141,7 +143,8 @@ pub(super) fn run<const N: usize>(
     match thread.join() {
         Ok(Some((Ok(at_end), scheduling, spin))) => {
             let (control, pace) = pace(at_end, scheduling, spin);
-            Ok((control, companion.statistics, Pace { lost_commands, ..pace }))
+            let camera_is_away = companion.camera.why_away(rt::now());
+            Ok((control, companion.statistics, Pace { lost_commands, camera_is_away, ..pace }))
         }
         Ok(Some((Err(Panic(reason)), ..))) => {
             error!("the real-time thread panicked, the drive was told that no command follows: {reason}");
@@ -169,6 +172,7 @@ fn pace<const N: usize>(at_end: AtEnd<N>, scheduling: String, spin: SpanNs) -> (
         tick_us: deadlines.times(),
         lost_traces,
         lost_commands: 0,
+        camera_is_away: None,
     };
     (control, pace)
 }
@@ -179,6 +183,7 @@ struct Companion<'a, const N: usize> {
     received: Producer<Measurement>,
     to_send: Consumer<Trace>,
     commands: Commands,
+    camera: CameraWatch,
     asked: Producer<Numbered>,
     answered: Consumer<Answered>,
     /// What a calibration is to remember: here, because it allocates.
@@ -200,6 +205,9 @@ impl<const N: usize> Companion<'_, N> {
                 self.unsent += 1;
             }
         }
+        if let Some(event) = self.camera.look()? {
+            self.statistics.note_event(rt::now(), event);
+        }
         while let Ok(record) = self.to_send.pop() {
             self.statistics.note(&record);
             self.commands.note(&record);
@@ -216,7 +224,9 @@ impl<const N: usize> Companion<'_, N> {
                 self.silence = None;
             }
             if let Some(status) = &record.status {
-                self.ports.status.send_quietly(status)?;
+                let status = self.camera.added_to(status);
+                self.commands.note_camera(&status);
+                self.ports.status.send_quietly(&status)?;
             }
         }
         while let Ok(answered) = self.answered.pop() {

@@ -226,3 +226,31 @@ fn joints_leave_their_limits_where_the_task_lets_them() {
     let free = end(start().with(|s| s.limit_avoidance_1_s = Some(1.0)));
     assert!(free < end(start()) - 0.02, "{free}");
 }
+
+/// Without an arm the law speaks to whoever holds the camera: obeyed, that brings it to its goal.
+#[test]
+fn a_hand_that_obeys_the_camera_wish_reaches_the_goal() {
+    let law_of_a_hand = |law: &Law| {
+        !matches!(law, Law::ImageVelocity { interaction: Interaction { depth: DepthSource::Known, .. }, .. })
+    };
+    for law in laws().into_iter().filter(law_of_a_hand) {
+        let Loop { servo, robot, q, .. } = scara();
+        let mut servo = VisualServo::new(ServoSettings { law, X_WO: None, ..servo.settings().clone() });
+        assert_eq!(servo.camera_wish(), None, "nothing was seen");
+        let mut X_CO = Pose::new([-0.05, 0.08, 0.75].into(), [0.1, -0.15, -0.6].into());
+        let error = |X_CO: &Pose, servo: &VisualServo<4>| {
+            servo.set_point().error_rms_px_at(X_CO, &nalgebra::Vector2::new(1.0, 1.0))
+        };
+        let start = error(&X_CO, &servo);
+        for frame in 1..300 {
+            let now = MonoNs(frame * FRAME_TICKS * MS);
+            servo.note_arm(now, &q, &Vector4::zeros());
+            let seen = perfect_measurement(&square(), &X_CO, now).unwrap();
+            assert!(servo.take(now, &seen, &robot).is_used());
+            let step = servo.camera_wish().unwrap() * (FRAME_TICKS as f64 * 1e-3);
+            let moved = Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into());
+            X_CO = moved.inv_mul(&X_CO);
+        }
+        assert!(error(&X_CO, &servo) < 1e-4 * start, "{law:?}: {start} -> {}", error(&X_CO, &servo));
+    }
+}

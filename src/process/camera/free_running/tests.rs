@@ -20,6 +20,10 @@ struct Metronome {
     given: Option<u64>,
     /// Asked to stop when the last frame was given.
     stop: Option<StopFlag>,
+    /// A frame that turns out to be damaged.
+    damaged: Option<u64>,
+    /// What it says of itself.
+    state: CameraState,
 }
 
 impl FreeRunningSource for Metronome {
@@ -39,9 +43,14 @@ impl FreeRunningSource for Metronome {
         Ok(Some(Captured { mid, span: SpanNs(4 * MS), sequence, lost: self.lost }))
     }
 
-    fn fill(&mut self, out: &mut [u8]) -> Result<(), SourceError> {
-        out.fill(self.given.expect("a frame was given") as u8);
-        Ok(())
+    fn fill(&mut self, out: &mut [u8]) -> Result<Filled, SourceError> {
+        let given = self.given.expect("a frame was given");
+        out.fill(given as u8);
+        Ok(if self.damaged == Some(given) { Filled::Damaged } else { Filled::Picture })
+    }
+
+    fn health(&self) -> SourceHealth {
+        SourceHealth { state: self.state, ..SourceHealth::default() }
     }
 }
 
@@ -50,6 +59,7 @@ struct Kept {
     time: Rc<Cell<MonoNs>>,
     beats: usize,
     shots: Vec<(Shot, u8)>,
+    told: Vec<CameraHealth>,
 }
 
 impl Outlet for Kept {
@@ -61,16 +71,33 @@ impl Outlet for Kept {
         self.beats += 1;
     }
 
-    fn publish(&mut self, shot: &Shot, fill: &mut Fill<'_>) -> Result<(), ProcessError> {
+    fn publish(&mut self, shot: &Shot, fill: &mut Fill<'_>) -> Result<Filled, ProcessError> {
         let mut pixels = [0; 4];
-        fill(&mut pixels)?;
-        self.shots.push((*shot, pixels[3]));
+        let filled = fill(&mut pixels)?;
+        if filled == Filled::Picture {
+            self.shots.push((*shot, pixels[3]));
+        }
+        Ok(filled)
+    }
+
+    fn tell(&mut self, health: &CameraHealth) -> Result<(), ProcessError> {
+        self.told.push(*health);
         Ok(())
     }
 }
 
 /// Frames at `(ms, sequence)`; what came out, and how it ended.
 fn play(frames: &[(i64, u64)], lost: u64, ends: bool) -> (Kept, Result<(), ProcessError>) {
+    play_as(frames, lost, ends, (None, CameraState::Unknown))
+}
+
+/// The same of a source with a damaged frame, which says of itself to be in a state.
+fn play_as(
+    frames: &[(i64, u64)],
+    lost: u64,
+    ends: bool,
+    (damaged, state): (Option<u64>, CameraState),
+) -> (Kept, Result<(), ProcessError>) {
     let time = Rc::new(Cell::new(MonoNs(0)));
     let stop = StopFlag::default();
     let mut source = Metronome {
@@ -79,9 +106,12 @@ fn play(frames: &[(i64, u64)], lost: u64, ends: bool) -> (Kept, Result<(), Proce
         lost,
         given: None,
         stop: ends.then(|| stop.clone()),
+        damaged,
+        state,
     };
-    let mut kept = Kept { time, beats: 0, shots: Vec::new() };
-    let end = run(&mut source, &mut kept, Patience::with(25.0), &stop);
+    let mut kept = Kept { time, beats: 0, shots: Vec::new(), told: Vec::new() };
+    let away = SpanNs::from_s(60.0);
+    let end = run(&mut source, &mut kept, Patience::with(25.0, away), &stop);
     (kept, end)
 }
 
@@ -113,4 +143,37 @@ fn a_silent_source_is_the_end_but_a_pause_is_not() {
     assert!(matches!(error, ProcessError::SourceSilent(s) if (6.0..7.0).contains(&s)), "{error}");
     let (kept, end) = play(&[], 0, false);
     assert!(kept.shots.is_empty() && end.is_err(), "nor is one waited for that never began");
+}
+
+#[test]
+fn a_camera_that_is_known_to_be_away_is_waited_for_longer() {
+    let (kept, end) = play_as(&[(0, 0), (30_000, 1)], 0, false, (None, CameraState::Gone));
+    assert_eq!(kept.shots.len(), 2, "half a minute is not the end");
+    let error = end.unwrap_err();
+    assert!(
+        matches!(error, ProcessError::CameraAway { lasted_s, .. } if (60.0..61.0).contains(&lasted_s)),
+        "{error}"
+    );
+    assert!(error.to_string().contains("unplugged") && error.exit_code() == 4);
+}
+
+#[test]
+fn a_damaged_frame_stays_here_and_is_lost() {
+    let frames = [(0, 0), (40, 1), (80, 2), (120, 3)];
+    let (kept, end) = play_as(&frames, 0, true, (Some(2), CameraState::Streaming));
+    end.unwrap();
+    let seen: Vec<_> = kept.shots.iter().map(|(s, _)| (s.frame_id, s.lost)).collect();
+    assert_eq!(seen, [(0, 0), (1, 0), (3, 1)]);
+}
+
+#[test]
+fn what_a_source_says_of_itself_goes_out_regularly_and_one_that_says_nothing_is_left_alone() {
+    let frames: Vec<_> = (0..100).map(|k| (40 * k, k as u64)).collect();
+    let (kept, end) = play_as(&frames, 3, true, (Some(50), CameraState::Streaming));
+    end.unwrap();
+    assert!((18..=22).contains(&kept.told.len()), "4 s at 5 Hz: {}", kept.told.len());
+    let last = kept.told.last().unwrap();
+    assert!(last.frames > 90 && last.lost == 4 && last.state == CameraState::Streaming as u32, "{last:?}");
+    assert!(kept.told.iter().zip(0..).all(|(health, n)| health.sequence == n));
+    assert!(play(&frames, 3, true).0.told.is_empty());
 }

@@ -1,0 +1,206 @@
+//! `vservo camera --list`, `--probe`, `--snapshot`: looking at cameras without a run.
+
+use super::camera_arguments::CameraArguments;
+use super::{json, lost, shown};
+use crate::config::{Config, PixelFormatName, Source, V4l2Settings};
+use crate::input::printable;
+use crate::process::{ProcessError, StopFlag};
+use crate::rt::{now, write_file};
+use crate::source::SourceError;
+use crate::source::v4l2::{self, CaptureWish, Probe, V4l2Camera};
+use crate::time::SpanNs;
+use std::fmt::Write as _;
+use std::path::Path;
+
+mod suggestion;
+
+/// Before a measurement: automatic exposures settle, and the first frames of a stream are old.
+const WARM_UP: SpanNs = SpanNs(500_000_000);
+/// Longest wait for the first frame.
+const FIRST_FRAME: SpanNs = SpanNs(5_000_000_000);
+/// Longest measurement, s.
+const LONGEST_PROBE_S: f64 = 600.0;
+
+/// Does what was asked for, if anything was beside the process.
+pub(super) fn look(arguments: &CameraArguments) -> Option<Result<u8, ProcessError>> {
+    if arguments.list {
+        return Some(Ok(list(arguments.json)));
+    }
+    if let Some(device) = &arguments.probe {
+        return Some(probe(arguments, device));
+    }
+    arguments.snapshot.as_ref().map(|out| snapshot(arguments, out))
+}
+
+fn list(as_json: bool) -> u8 {
+    let nodes = v4l2::list();
+    if as_json {
+        return shown(&json(&nodes), 0);
+    }
+    if nodes.is_empty() {
+        return shown("no video device: is a camera plugged in, and its driver loaded?\n", 0);
+    }
+    shown(&nodes.iter().map(described).collect::<String>(), 0)
+}
+
+fn described(node: &v4l2::ListedNode) -> String {
+    let mut text = node.path.display().to_string();
+    match (&node.info, &node.error) {
+        (Some(info), _) => {
+            let _ = write!(
+                text,
+                ": {} ({}, {}), {}",
+                info.card,
+                info.driver,
+                info.bus_info,
+                info.kind.describe()
+            );
+            if info.planar {
+                text += ", in planes";
+            }
+        }
+        (None, Some(error)) => text = error.clone(),
+        (None, None) => {}
+    }
+    let mut lines = vec![text];
+    lines.extend(node.links.iter().map(|link| format!("  {}", link.display())));
+    for offer in &node.formats {
+        let unusable = if offer.usable { "" } else { ", not used here" };
+        lines.push(format!("  {} ({}{unusable})", offer.format.fourcc, offer.format.description));
+        for size in &offer.sizes {
+            let rates = v4l2::rates_line(&size.rates);
+            let rates = if rates.is_empty() { String::new() } else { format!(" at {rates} Hz") };
+            lines.push(format!("    {}{rates}", size.size));
+        }
+    }
+    if !node.controls.is_empty() {
+        lines.push("  [camera.v4l2.controls]".into());
+        lines.extend(node.controls.iter().map(|control| format!("    {}", control.line())));
+    }
+    lines.iter().map(|line| printable(line) + "\n").collect()
+}
+
+/// What is wanted of a device that is named on the command line.
+fn wish(arguments: &CameraArguments, device: &str) -> Result<CaptureWish, ProcessError> {
+    let format = arguments.format.map(|format| PixelFormatName::from(format).into());
+    let settings = V4l2Settings::of_device(device, format);
+    let usual = match (arguments.size, arguments.rate) {
+        (Some(_), Some(_)) => None,
+        _ => {
+            let size = arguments.size.map(|size| (size.width, size.height));
+            Some(v4l2::usual(device, settings.format, size).map_err(SourceError::from)?)
+        }
+    };
+    let (width, height) = match (arguments.size, usual) {
+        (Some(size), _) => (size.width, size.height),
+        (None, usual) => usual.map_or((640, 480), |usual| (usual.width, usual.height)),
+    };
+    let rate_hz = arguments.rate.or(usual.map(|usual| usual.rate_hz)).unwrap_or(30.0);
+    let exposure = SpanNs::from_s(0.004);
+    Ok(CaptureWish { settings, width, height, region: None, rate_hz, exposure })
+}
+
+/// Opens a camera and lets it settle.
+fn warmed_up(wish: CaptureWish, stop: &StopFlag) -> Result<V4l2Camera, ProcessError> {
+    let (pixels, device, rate_hz) =
+        (wish.width as usize * wish.height as usize, wish.settings.device.clone(), wish.rate_hz);
+    let mut camera = v4l2::open(wish).map_err(SourceError::from)?;
+    let mut settling = Probe::new(rate_hz, pixels, now());
+    let begin = now();
+    while !stop.is_requested() {
+        let _ = settling.take(&mut camera, &mut now)?;
+        let past = now() - begin;
+        if settling.frames() > 0 && past >= WARM_UP {
+            break;
+        }
+        if settling.frames() == 0 && past > FIRST_FRAME {
+            return Err(ProcessError::NoFrame { device, waited_s: past.as_s() });
+        }
+    }
+    Ok(camera)
+}
+
+fn probe(arguments: &CameraArguments, device: &str) -> Result<u8, ProcessError> {
+    let duration_s = arguments.duration_s;
+    if !(duration_s > 0.0 && duration_s <= LONGEST_PROBE_S) {
+        return Err(ProcessError::ProbeDuration(duration_s));
+    }
+    let stop = StopFlag::on_signals()?;
+    let wish = wish(arguments, device)?;
+    let (pixels, rate_hz) = (wish.width as usize * wish.height as usize, wish.rate_hz);
+    let mut camera = warmed_up(wish, &stop)?;
+    let mut probe = Probe::new(rate_hz, pixels, now());
+    let (begin, duration) = (now(), SpanNs::from_s(duration_s));
+    while now() - begin < duration && !stop.is_requested() {
+        probe.take(&mut camera, &mut now)?;
+    }
+    let none = || ProcessError::NoFrame { device: device.into(), waited_s: duration_s };
+    let report = probe.report(&camera, now()).ok_or_else(none)?;
+    let toml = suggestion::table(device, &report);
+    Ok(if arguments.json {
+        shown(&json(&suggestion::Probed { report, suggestion: toml }), 0)
+    } else {
+        let lines: String = suggestion::lines(&report).iter().map(|line| printable(line) + "\n").collect();
+        shown(&format!("{lines}\nput this into the run file:\n\n{toml}"), 0)
+    })
+}
+
+fn snapshot(arguments: &CameraArguments, out: &Path) -> Result<u8, ProcessError> {
+    let stop = StopFlag::on_signals()?;
+    super::check_writable(out)?;
+    let wish = match &arguments.device {
+        Some(device) => wish(arguments, device)?,
+        None => {
+            let config = Config::load(arguments.config.as_deref(), &arguments.set)?;
+            let config = super::seen_by(arguments.camera, config)?;
+            match &config.camera.source {
+                Source::V4l2(settings) => CaptureWish::of(&config.camera, settings),
+                Source::Synthetic { .. } | Source::Replay { .. } => return Err(ProcessError::NoRealCamera),
+            }
+        }
+    };
+    let device = wish.settings.device.clone();
+    let (width, height) =
+        wish.region.map_or((wish.width, wish.height), |region| (region.width, region.height));
+    let (pixels, rate_hz) = (width as usize * height as usize, wish.rate_hz);
+    let mut camera = warmed_up(wish, &stop)?;
+    let mut probe = Probe::new(rate_hz, pixels, now());
+    let begin = now();
+    let png = loop {
+        if stop.is_requested() || now() - begin > FIRST_FRAME {
+            return Err(ProcessError::NoFrame { device, waited_s: (now() - begin).as_s() });
+        }
+        if let Some(grey) = probe.take(&mut camera, &mut now)? {
+            break encoded(grey, (width, height));
+        }
+    };
+    let written = png.map_err(std::io::Error::other).and_then(|png| write_file(out, png));
+    match written {
+        Ok(()) => Ok(shown(&format!("{}: {width}x{height} px\n", printable(&out.display().to_string())), 0)),
+        Err(cause) => Ok(lost(out, cause, 0)),
+    }
+}
+
+fn encoded(grey: &[u8], (width, height): (u32, u32)) -> Result<Vec<u8>, image::ImageError> {
+    use image::ImageEncoder;
+    let mut png = Vec::new();
+    image::codecs::png::PngEncoder::new(&mut png).write_image(
+        grey,
+        width,
+        height,
+        image::ExtendedColorType::L8,
+    )?;
+    Ok(png)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_snapshot_is_a_png_of_its_grey_levels() {
+        let png = encoded(&[0, 50, 100, 150, 200, 250], (3, 2)).unwrap();
+        let read = image::load_from_memory(&png).unwrap().into_luma8();
+        assert_eq!((read.width(), read.height(), read.as_raw()[4]), (3, 2, 200));
+    }
+}

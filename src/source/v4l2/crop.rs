@@ -1,0 +1,99 @@
+//! A region of the picture: cut by the device where it can, else while the frame is turned into grey.
+
+use super::fault::refused;
+use super::node::{SensorArea, VideoNode};
+use super::{CaptureWish, V4l2Error};
+use crate::imaging::grey::{NotGrey, ToGrey};
+use rustix::io::Errno;
+
+/// What is captured and what of it is kept, px.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Cut {
+    /// Columns and rows that the device gives.
+    pub(super) captured: (u32, u32),
+    /// Columns and rows that are kept.
+    pub(super) kept: (u32, u32),
+    /// First column that is kept.
+    pub(super) left: u32,
+    /// First row.
+    pub(super) top: u32,
+    /// A whole picture, where only whole ones can be decoded.
+    whole: Vec<u8>,
+}
+
+impl Cut {
+    fn new(captured: (u32, u32), (left, top): (u32, u32), kept: (u32, u32)) -> Self {
+        Self { captured, kept, left, top, whole: Vec::new() }
+    }
+}
+
+fn text(area: &SensorArea) -> String {
+    let SensorArea { left, top, width, height } = area;
+    format!("{width}x{height} at column {left}, row {top}")
+}
+
+/// Cuts as the run file says.
+pub(super) fn cut(
+    node: &mut dyn VideoNode,
+    wish: &CaptureWish,
+    news: &mut Vec<String>,
+) -> Result<Cut, V4l2Error> {
+    let full = (wish.width, wish.height);
+    let Some(region) = wish.region else {
+        // What somebody cut before stays with the device.
+        if let (Ok(whole), Ok(now)) = (node.whole_area(), node.area())
+            && whole != now
+        {
+            let _ = node.set_crop(whole);
+        }
+        return Ok(Cut::new(full, (0, 0), full));
+    };
+    let kept = (region.width, region.height);
+    let here = Cut::new(full, (region.left.cast_unsigned(), region.top.cast_unsigned()), kept);
+    // Where the sensor has another size than the picture, a region of one is not a region of the other: cut here.
+    match node.whole_area() {
+        Ok(bounds) if (bounds.width, bounds.height) == full => {
+            let asked =
+                SensorArea { left: bounds.left + region.left, top: bounds.top + region.top, ..region };
+            match node.set_crop(asked) {
+                Ok(taken) if taken == asked => return Ok(Cut::new(kept, (0, 0), kept)),
+                Ok(taken) => {
+                    let taken =
+                        SensorArea { left: taken.left - bounds.left, top: taken.top - bounds.top, ..taken };
+                    return Err(V4l2Error::Region { asked: text(&region), taken: text(&taken) });
+                }
+                Err(Errno::NOTTY | Errno::INVAL) => {}
+                Err(e) => return Err(refused("the region".into(), e)),
+            }
+        }
+        Ok(_) | Err(_) => {}
+    }
+    news.push(format!(
+        "camera.roi: the device cannot cut {} by itself: whole frames are captured, and cut when they are turned into grey",
+        text(&region)
+    ));
+    Ok(here)
+}
+
+/// Turns a picture into grey that can only be decoded as a whole, and keeps the region.
+pub(super) fn convert_whole(
+    grey: &mut ToGrey,
+    raw: &[u8],
+    cut: &mut Cut,
+    out: &mut [u8],
+) -> Result<(), NotGrey> {
+    if cut.captured == cut.kept {
+        return grey.convert(raw, 0, out);
+    }
+    let (width, height) = (cut.captured.0 as usize, cut.captured.1 as usize);
+    cut.whole.resize(width * height, 0);
+    grey.convert(raw, 0, &mut cut.whole)?;
+    let rows = cut.whole.chunks_exact(width.max(1)).skip(cut.top as usize);
+    let (left, kept) = (cut.left as usize, cut.kept.0 as usize);
+    for (to, from) in out.chunks_exact_mut(kept.max(1)).zip(rows) {
+        if let Some(from) = from.get(left..left + kept) {
+            to.copy_from_slice(from);
+        }
+    }
+    Ok(())
+}

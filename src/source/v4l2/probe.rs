@@ -1,0 +1,181 @@
+//! How well a camera does: rate, jitter of stamps, gaps, latency and cost, from what its source gives; and the table for a run file.
+
+use super::node::{NodeInfo, StampClock};
+use super::{CaptureFacts, FourCc, V4l2Camera};
+use crate::source::{Captured, Filled, FreeRunningSource, SourceError};
+use crate::time::{MonoNs, SpanNs};
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Longest single wait.
+const SLICE: Duration = Duration::from_millis(50);
+
+/// Quantiles of some times, ms.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Spread {
+    /// Half of them are shorter.
+    pub p50_ms: f64,
+    /// 99 of a hundred are shorter.
+    pub p99_ms: f64,
+    /// The longest.
+    pub max_ms: f64,
+}
+
+impl Spread {
+    /// Of any spans; zeroes where there are none.
+    fn of(mut spans: Vec<SpanNs>) -> Self {
+        spans.sort();
+        let at = |share: f64| {
+            let place = (share * spans.len().saturating_sub(1) as f64).round() as usize;
+            spans.get(place).map_or(0.0, |span| span.as_s() * 1e3)
+        };
+        Self { p50_ms: at(0.5), p99_ms: at(0.99), max_ms: at(1.0) }
+    }
+}
+
+/// What a probe found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ProbeReport {
+    /// The node.
+    pub path: PathBuf,
+    /// What it says of itself.
+    #[serde(flatten)]
+    pub info: NodeInfo,
+    /// Pixel format.
+    pub format: FourCc,
+    /// Columns, px.
+    pub width: u32,
+    /// Rows, px.
+    pub height: u32,
+    /// Frames per second that were asked for.
+    pub asked_hz: f64,
+    /// That the device says to keep.
+    pub said_hz: Option<f64>,
+    /// That it really exposed, by its stamps and its count.
+    pub obtained_hz: f64,
+    /// Frames that came.
+    pub frames: u64,
+    /// Frames that did not, by the device's count.
+    pub lost: u64,
+    /// Among these: damaged ones.
+    pub corrupt: u64,
+    /// Among these: such as came together with a newer one.
+    pub superseded: u64,
+    /// How long the measurement took, s.
+    pub duration_s: f64,
+    /// Distance of neighbouring frames less the mean distance, its size.
+    pub jitter: Spread,
+    /// From the middle of the exposure to where the frame can be read.
+    pub latency: Spread,
+    /// Conversion into grey of a frame.
+    pub conversion: Spread,
+    /// Length of the exposure, ms.
+    pub exposure_ms: f64,
+    /// Whether that is the device's word; else it was assumed.
+    pub exposure_is_read: bool,
+    /// Whether the device changes it by itself.
+    pub exposure_is_automatic: bool,
+    /// By what clock the device stamps.
+    pub stamp_clock: Option<StampClock>,
+    /// Whether stamps are of the start of the exposure; else of the frame's end.
+    pub stamp_at_start: bool,
+    /// Frames whose stamps lay in the future.
+    pub stamps_clamped: u64,
+    /// Why the stamps are not believed.
+    pub stamps_doubted: Option<&'static str>,
+}
+
+/// A measurement that goes on.
+#[derive(Debug)]
+pub struct Probe {
+    asked_hz: f64,
+    begin: MonoNs,
+    mids: Vec<(MonoNs, u64)>,
+    latencies: Vec<SpanNs>,
+    conversions: Vec<SpanNs>,
+    out: Vec<u8>,
+}
+
+impl Probe {
+    /// Frames that are measured at most.
+    const MOST: usize = 1_000_000;
+
+    /// Of a camera whose pictures have so many pixels.
+    #[must_use]
+    pub fn new(asked_hz: f64, pixels: usize, now: MonoNs) -> Self {
+        let (mids, latencies, conversions) = (Vec::new(), Vec::new(), Vec::new());
+        Self { asked_hz, begin: now, mids, latencies, conversions, out: vec![0; pixels] }
+    }
+
+    /// Takes one frame, if one comes soon; its grey levels.
+    ///
+    /// # Errors
+    /// [`SourceError`].
+    pub fn take(
+        &mut self,
+        camera: &mut V4l2Camera,
+        now: &mut dyn FnMut() -> MonoNs,
+    ) -> Result<Option<&[u8]>, SourceError> {
+        let Some(Captured { mid, sequence, .. }) = camera.wait(SLICE)? else { return Ok(None) };
+        let begin = now();
+        if camera.fill(&mut self.out)? == Filled::Damaged {
+            return Ok(None);
+        }
+        let end = now();
+        if self.mids.len() < Self::MOST {
+            self.mids.push((mid, sequence));
+            self.latencies.push(end - mid);
+            self.conversions.push(end - begin);
+        }
+        Ok(Some(&self.out))
+    }
+
+    /// Frames so far.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.mids.len()
+    }
+
+    /// What was found; `None` where no frame came, or the camera is away.
+    #[must_use]
+    pub fn report(self, camera: &V4l2Camera, now: MonoNs) -> Option<ProbeReport> {
+        let facts = camera.facts()?;
+        let health = camera.health();
+        let ((first, from), (last, to)) = (*self.mids.first()?, *self.mids.last()?);
+        let exposures = to - from;
+        let mean = (last - first).as_s() / exposures.max(1) as f64;
+        let steps = self.mids.iter().zip(self.mids.iter().skip(1));
+        let jitter = steps.map(|((a, m), (b, n))| {
+            let off_s = (*b - *a).as_s() - mean * (n - m) as f64;
+            SpanNs::from_s(off_s.abs())
+        });
+        let frames = self.mids.len() as u64;
+        let CaptureFacts { path, info, format, width, height, rate_hz, exposure, .. } = facts;
+        Some(ProbeReport {
+            path,
+            info,
+            format,
+            width,
+            height,
+            asked_hz: self.asked_hz,
+            said_hz: rate_hz,
+            obtained_hz: if mean > 0.0 { 1.0 / mean } else { 0.0 },
+            frames,
+            lost: (exposures + 1).saturating_sub(frames),
+            corrupt: health.corrupt,
+            superseded: health.superseded,
+            duration_s: (now - self.begin).as_s(),
+            jitter: Spread::of(jitter.collect()),
+            latency: Spread::of(self.latencies),
+            conversion: Spread::of(self.conversions),
+            exposure_ms: exposure.as_s() * 1e3,
+            exposure_is_read: facts.exposure_is_read,
+            exposure_is_automatic: facts.exposure_is_automatic,
+            stamp_clock: facts.stamp_clock,
+            stamp_at_start: facts.stamp_at_start,
+            stamps_clamped: health.stamps_clamped,
+            stamps_doubted: facts.stamp_doubt.map(super::StampDoubt::describe),
+        })
+    }
+}
