@@ -282,7 +282,7 @@ fn what_cannot_be_opened_is_told_with_what_there_is() {
     substituted.0.borrow_mut().substitutes = Some((32, 32));
     let error = open_as(&substituted, wish("/dev/video0")).unwrap_err().to_string();
     assert!(
-        error.contains("GREY 16x16 became GREY 32x32") && error.contains("GREY (16x16 at 25 Hz)"),
+        error.contains("GREY 16x16 became GREY 32x32") && error.contains("it offers GREY in 16x16"),
         "{error}"
     );
 }
