@@ -226,7 +226,7 @@ fn a_crooked_target_needs_its_allowance() {
     // pixels higher than wide by a fiftieth: no pose makes a square of that
     let i = camera.intrinsics();
     let skewed = vservo::camera_model::Intrinsics { fy_px: i.fy_px * 1.02, ..*i };
-    let camera = CameraModel::new(skewed, *camera.distortion()).unwrap();
+    let camera = CameraModel::new(skewed, *camera.lens()).unwrap();
     for (model_sd_px, wanted) in [(0.0, TargetStatus::Inconsistent), (0.3, TargetStatus::Found)] {
         let settings = VisionSettings { model_sd_px, ..VisionSettings::default() };
         let mut vision = Vision::new(camera, described, settings);

@@ -1,5 +1,6 @@
 //! The `plumb_bob` distortion polynomial and its derivative, in normalized coordinates.
 
+use super::roots::first_not_positive;
 use nalgebra::{Matrix2, Vector2};
 
 /// Radial (`k1`, `k2`, `k3`) and tangential (`p1`, `p2`) lens distortion of ROS and OpenCV; no units.
@@ -67,36 +68,9 @@ impl Distortion {
         1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + r2 * 7.0 * self.k3))
     }
 
-    /// The first radius at which the radial part stops growing, or infinity. The slope is a cubic in r^2:
-    /// its roots are bracketed between its own turning points and bisected.
+    /// The first radius at which the radial part stops growing, or infinity.
     pub(super) fn fold_radius(&self) -> f64 {
-        // slope(t) = 1 + a t + b t^2 + c t^3 with t = r^2; turning points where a + 2 b t + 3 c t^2 = 0
-        let (a, b, c) = (3.0 * self.k1, 5.0 * self.k2, 7.0 * self.k3);
-        let slope = |t: f64| 1.0 + t * (a + t * (b + t * c));
-        let far = 1e6;
-        let mut marks = [0.0, far, far, far];
-        if c != 0.0 {
-            let root = b * b - 3.0 * a * c;
-            if root >= 0.0 {
-                let t0 = (-b - root.sqrt()) / (3.0 * c);
-                let t1 = (-b + root.sqrt()) / (3.0 * c);
-                marks[1] = t0.min(t1).clamp(0.0, far);
-                marks[2] = t0.max(t1).clamp(0.0, far);
-            }
-        } else if b != 0.0 {
-            marks[1] = (-a / (2.0 * b)).clamp(0.0, far);
-        }
-        for pair in marks.windows(2) {
-            let [mut low, mut high] = [pair[0], pair[1]];
-            if slope(high) > 0.0 {
-                continue;
-            }
-            for _ in 0..200 {
-                let middle = 0.5 * (low + high);
-                if slope(middle) > 0.0 { low = middle } else { high = middle }
-            }
-            return low.sqrt();
-        }
-        f64::INFINITY
+        let slope = [1.0, 3.0 * self.k1, 5.0 * self.k2, 7.0 * self.k3];
+        first_not_positive(&slope).map_or(f64::INFINITY, f64::sqrt)
     }
 }

@@ -1,5 +1,6 @@
 //! Why a set of camera parameters is refused.
 
+use super::Region;
 use thiserror::Error;
 
 /// Camera parameters that describe no usable camera.
@@ -32,7 +33,7 @@ pub enum CameraModelError {
     /// The distortion folds inside the image: two directions share one pixel, and no inverse exists.
     #[error(
         "camera: the lens distortion cannot be inverted at pixel ({u_px:.1}, {v_px:.1}): it folds at the distorted \
-         normalized radius {fold_radius:.4}, the pixel lies at {radius:.4}; check the signs and the order k1 k2 p1 p2 k3"
+         normalized radius {fold_radius:.4}, the pixel lies at {radius:.4}; check the signs, the model and the order of the coefficients"
     )]
     Folded {
         /// Column of the first pixel found without an inverse.
@@ -44,5 +45,18 @@ pub enum CameraModelError {
         /// Distorted normalized radius at which the radial part turns back; infinite when only the
         /// tangential part folds.
         fold_radius: f64,
+    },
+    /// A region that is no part of the image.
+    #[error(
+        "camera: the region {region} is not inside the image of {width_px}x{height_px} px; give it at least one pixel, and none \
+         outside"
+    )]
+    Region {
+        /// The region.
+        region: Region,
+        /// Columns of the image.
+        width_px: u32,
+        /// Rows of the image.
+        height_px: u32,
     },
 }

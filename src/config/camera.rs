@@ -3,7 +3,7 @@
 use super::Config;
 use super::frame_source::{Source, Timing};
 use super::raw::{Clock, DriveKind};
-use crate::camera_model::CameraModel;
+use crate::camera_model::{CameraModel, Region};
 use crate::messages::CameraId;
 use crate::scene::FrameSchedule;
 use crate::servo::Mount;
@@ -57,7 +57,7 @@ pub struct Camera {
     pub name: String,
     /// Producer of frames.
     pub source: Source,
-    /// Intrinsic parameters and size.
+    /// Lens and size of what is read; the whole image and the region of it are in there.
     pub model: CameraModel,
     /// Where it sits.
     pub mount: Mount,
@@ -76,6 +76,19 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// Columns and rows of the whole image, px; frames have those of [`Self::roi`], where there is one.
+    #[must_use]
+    pub fn full_size_px(&self) -> (u32, u32) {
+        self.model.full_size_px()
+    }
+
+    /// The part of the whole image that is read; `None`: all of it.
+    #[must_use]
+    pub fn roi(&self) -> Option<Region> {
+        let (width_px, height_px) = self.full_size_px();
+        Some(*self.model.region()).filter(|region| *region != Region::whole(width_px, height_px))
+    }
+
     /// The stamp of a frame whose exposure has its middle at `mid`: what the camera says, put right by calibration.
     #[must_use]
     pub fn stamp(&self, mid: MonoNs) -> MonoNs {

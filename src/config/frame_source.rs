@@ -13,6 +13,7 @@
 use super::check::Check;
 use super::place::RawMount;
 use super::v4l2::{self, RawV4l2, V4l2Settings};
+use crate::camera_model::LensModel;
 use crate::scene::{SceneLook, SensorModel};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -74,9 +75,9 @@ table! {
         name: Option<String> = None,
         /// Producer of frames.
         source: SourceKind = SourceKind::Synthetic,
-        /// Columns, px.
+        /// Columns of the whole image, px.
         width_px: u32 = 640,
-        /// Rows, px.
+        /// Rows of the whole image, px.
         height_px: u32 = 480,
         /// Frames per second.
         rate_hz: f64 = 25.0,
@@ -87,6 +88,8 @@ table! {
         latency_ms: f64 = 20.0,
         /// Added to every exposure stamp that the camera gives, ms: what `vservo calibrate latency` found.
         stamp_offset_ms: f64 = 0.0,
+        /// `[camera.roi]`; left out: all of the sensor.
+        roi: Option<RawRoi> = None,
         /// `[camera.lens]`
         lens: RawLens = RawLens::default(),
         /// `[camera.mount]`
@@ -101,8 +104,12 @@ table! {
 }
 
 table! {
-    /// Intrinsic parameters, (5.41), and plumb-bob distortion.
+    /// Intrinsic parameters, (5.41), and how the lens bends directions.
     RawLens {
+        /// Calibration file of ROS (`camera_info`), which has all that follows; only where it is read.
+        file: Option<PathBuf> = None,
+        /// Which formula the coefficients are of.
+        model: LensWord = LensWord::PlumbBob,
         /// Focal length times horizontal scale, px.
         fx_px: f64 = 800.0,
         /// Focal length times vertical scale, px.
@@ -121,6 +128,88 @@ table! {
         p2: f64 = 0.0,
         /// Radial distortion of sixth order.
         k3: f64 = 0.0,
+        /// Fourth radial coefficient of `rational_polynomial` and `equidistant`.
+        k4: f64 = 0.0,
+        /// Fifth radial coefficient of `rational_polynomial`.
+        k5: f64 = 0.0,
+        /// Sixth radial coefficient of `rational_polynomial`.
+        k6: f64 = 0.0,
+    }
+}
+
+word! {
+    /// Models of lenses, as ROS names them.
+    LensWord {
+        /// Radial polynomial and tangential part.
+        PlumbBob,
+        /// Radial fraction of polynomials and tangential part.
+        RationalPolynomial,
+        /// Polynomial of the angle from the axis.
+        Equidistant,
+    }
+}
+
+impl From<LensWord> for LensModel {
+    fn from(word: LensWord) -> Self {
+        match word {
+            LensWord::PlumbBob => Self::PlumbBob,
+            LensWord::RationalPolynomial => Self::RationalPolynomial,
+            LensWord::Equidistant => Self::Equidistant,
+        }
+    }
+}
+
+impl From<LensModel> for LensWord {
+    fn from(model: LensModel) -> Self {
+        match model {
+            LensModel::PlumbBob => Self::PlumbBob,
+            LensModel::RationalPolynomial => Self::RationalPolynomial,
+            LensModel::Equidistant => Self::Equidistant,
+        }
+    }
+}
+
+impl RawLens {
+    /// All coefficients by their names.
+    #[must_use]
+    pub fn coefficients(&self) -> [(&'static str, f64); 8] {
+        let Self { k1, k2, p1, p2, k3, k4, k5, k6, .. } = *self;
+        [("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2), ("k3", k3), ("k4", k4), ("k5", k5), ("k6", k6)]
+    }
+
+    /// The coefficient of this name, 0 where there is none.
+    #[must_use]
+    pub fn coefficient(&self, name: &str) -> f64 {
+        self.coefficients().iter().find(|(n, _)| *n == name).map_or(0.0, |(_, value)| *value)
+    }
+
+    /// The place of the coefficient of this name.
+    pub(super) fn coefficient_mut(&mut self, name: &str) -> Option<&mut f64> {
+        Some(match name {
+            "k1" => &mut self.k1,
+            "k2" => &mut self.k2,
+            "p1" => &mut self.p1,
+            "p2" => &mut self.p2,
+            "k3" => &mut self.k3,
+            "k4" => &mut self.k4,
+            "k5" => &mut self.k5,
+            "k6" => &mut self.k6,
+            _ => return None,
+        })
+    }
+}
+
+table! {
+    /// The part of the sensor that is read.
+    RawRoi {
+        /// First column, px.
+        x_px: u32 = 0,
+        /// First row, px.
+        y_px: u32 = 0,
+        /// Columns, px.
+        width_px: u32 = 0,
+        /// Rows, px.
+        height_px: u32 = 0,
     }
 }
 

@@ -12,6 +12,7 @@ pub mod assemble;
 mod camera;
 mod check;
 mod frame_source;
+mod lens_file;
 mod place;
 mod problem;
 pub mod raw;
@@ -275,7 +276,7 @@ impl Config {
         let mut document = Document::parse(name, text)?;
         let mut problems: Vec<Problem> = set.iter().filter_map(|s| document.set(s).err()).collect();
         let (mut raw, more) = tables::read(&mut document, &mut problems);
-        resolve_paths(&mut raw, &document, folder);
+        resolve_paths(&mut raw, &document, folder, &mut problems);
         let config = validate::validate(raw, &document, &mut problems);
         match config {
             Some(config) if problems.is_empty() => Ok(config),
@@ -317,7 +318,7 @@ impl Config {
     }
 }
 
-fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {
+fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, problems: &mut Vec<Problem>) {
     let absolute = |key: &str, path: &Path| {
         let base = if document.is_argument(key) { Path::new(".") } else { folder };
         std::path::absolute(base.join(path)).unwrap_or_else(|_| base.join(path))
@@ -327,6 +328,7 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path) {
             *folder = absolute(key, folder);
         }
     };
+    lens_file::resolve(raw, document, absolute, problems);
     images("camera.replay.folder", &mut raw.camera.replay.folder);
     for (i, camera) in raw.cameras.iter_mut().enumerate() {
         images(&format!("cameras[{i}].replay.folder"), &mut camera.replay.folder);

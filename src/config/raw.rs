@@ -11,7 +11,7 @@ mod motion;
 mod servo;
 mod truth;
 
-pub use super::frame_source::{RawCamera, RawLens, RawReplay, RawSynthetic, SourceKind};
+pub use super::frame_source::{LensWord, RawCamera, RawLens, RawReplay, RawRoi, RawSynthetic, SourceKind};
 pub use super::place::{Carrier, MountKind, RawMount, RawObject, RawOccluder};
 pub use super::v4l2::RawV4l2;
 pub use motion::{JointControl, RawMotion};

@@ -48,7 +48,7 @@ pub fn centre_offset(
 
 #[inline]
 fn weight(camera: &CameraModel, s: &Vector2<f64>, z: f64) -> f64 {
-    let area = if camera.distortion().is_none() { 1.0 } else { camera.pixel_jacobian(s).determinant() };
+    let area = if camera.lens().is_ideal() { 1.0 } else { camera.pixel_jacobian(s).determinant() };
     area / (z * z * z)
 }
 

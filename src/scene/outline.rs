@@ -24,7 +24,7 @@ impl<'a> Outline<'a> {
         for (u, v) in [(-0.5, -0.5), (w, -0.5), (-0.5, h), (w, h)] {
             reach = reach.max(camera.normalized_of(&Vector2::new(u, v)).norm());
         }
-        let ideal = camera.distortion().is_none();
+        let ideal = camera.lens().is_ideal();
         let reach = reach + (margin_px + 4.0) / i.fx_px.min(i.fy_px);
         Self { X_CO, camera, margin_px, reach, focal_px: i.fx_px.max(i.fy_px), ideal }
     }

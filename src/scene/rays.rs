@@ -2,10 +2,11 @@
 //! pixel of a frame.
 //!
 //! A coarse grid of exact directions gives a start within a tenth of a pixel; one Newton step on the distortion
-//! polynomial, whose derivative is needed anyway, makes it exact (error below 1e-5 px).
+//! polynomial, whose derivative is needed anyway, makes it exact (error below 1e-5 px). Rational lenses, which bend more, get two;
+//! for equidistant ones, whose normalized coordinates are far from even, the camera's own inverse is taken.
 
-use crate::camera_model::{CameraModel, Distortion};
-use nalgebra::Vector2;
+use crate::camera_model::{CameraModel, Distortion, Lens, RationalPolynomial};
+use nalgebra::{Matrix2, Vector2};
 
 const CELL_PX: f64 = 16.0;
 
@@ -64,10 +65,34 @@ impl RowOfRays {
     }
 }
 
+/// A lens that bends normalized coordinates by a formula without branches.
+trait Bends {
+    fn bend(&self, s: &Vector2<f64>) -> Vector2<f64>;
+    fn bend_slope(&self, s: &Vector2<f64>) -> Matrix2<f64>;
+}
+
+macro_rules! bends {
+    ($lens:ty) => {
+        impl Bends for $lens {
+            #[inline(always)]
+            fn bend(&self, s: &Vector2<f64>) -> Vector2<f64> {
+                self.apply(s)
+            }
+            #[inline(always)]
+            fn bend_slope(&self, s: &Vector2<f64>) -> Matrix2<f64> {
+                self.jacobian(s)
+            }
+        }
+    };
+}
+
+bends!(Distortion);
+bends!(RationalPolynomial);
+
 /// Directions of all pixels of one camera.
 #[derive(Debug, Clone)]
 pub(super) struct Rays {
-    distortion: Distortion,
+    camera: CameraModel,
     ideal: bool,
     inv_fx: f64,
     inv_fy: f64,
@@ -86,7 +111,7 @@ impl Rays {
         let (w, h) = (f64::from(i.width_px - 1).max(1.0), f64::from(i.height_px - 1).max(1.0));
         let (columns, rows) = ((w / CELL_PX).ceil() as usize, (h / CELL_PX).ceil() as usize);
         let (step_x, step_y) = (w / columns as f64, h / rows as f64);
-        let ideal = camera.distortion().is_none();
+        let ideal = camera.lens().is_ideal();
         let mut nodes = Vec::new();
         if !ideal {
             for y in 0..=rows {
@@ -96,7 +121,7 @@ impl Rays {
             }
         }
         Self {
-            distortion: *camera.distortion(),
+            camera: *camera,
             ideal,
             inv_fx: 1.0 / i.fx_px,
             inv_fy: 1.0 / i.fy_px,
@@ -123,7 +148,11 @@ impl Rays {
             return Ray { x: dx, y: dy, m11: self.inv_fx, m12: 0.0, m21: 0.0, m22: self.inv_fy };
         }
         let s = self.start(u, v).unwrap_or_else(|| Vector2::new(dx, dy));
-        self.improve(s, dx, dy)
+        match self.camera.lens() {
+            Lens::PlumbBob(lens) => self.improve(lens, s, dx, dy),
+            Lens::RationalPolynomial(lens) => self.improve_twice(lens, s, dx, dy),
+            Lens::Equidistant(_) => self.exact(u, v),
+        }
     }
 
     /// [`Self::at`] of each pixel of a row, to the bit, under a lens that distorts.
@@ -144,17 +173,58 @@ impl Rays {
             return;
         };
         let m = m11.iter_mut().zip(m12).zip(m21.iter_mut().zip(m22));
-        for (((&u, x), y), ((m11, m12), (m21, m22))) in u.iter().zip(x).zip(y).zip(m) {
-            let ray = self.improve(Vector2::new(*x, *y), (u - self.cx) * self.inv_fx, dy);
+        let pixels = u.iter().zip(x).zip(y).zip(m);
+        let fill = |ray: Ray, x: &mut f64, y: &mut f64, m: [&mut f64; 4]| {
+            let [m11, m12, m21, m22] = m;
             (*x, *y, *m11, *m12, *m21, *m22) = (ray.x, ray.y, ray.m11, ray.m12, ray.m21, ray.m22);
+        };
+        match self.camera.lens() {
+            Lens::PlumbBob(lens) => {
+                for (((&u, x), y), ((m11, m12), (m21, m22))) in pixels {
+                    let ray = self.improve(lens, Vector2::new(*x, *y), (u - self.cx) * self.inv_fx, dy);
+                    fill(ray, x, y, [m11, m12, m21, m22]);
+                }
+            }
+            Lens::RationalPolynomial(lens) => {
+                for (((&u, x), y), ((m11, m12), (m21, m22))) in pixels {
+                    let ray = self.improve_twice(lens, Vector2::new(*x, *y), (u - self.cx) * self.inv_fx, dy);
+                    fill(ray, x, y, [m11, m12, m21, m22]);
+                }
+            }
+            Lens::Equidistant(_) => {
+                for (((&u, x), y), ((m11, m12), (m21, m22))) in pixels {
+                    fill(self.exact(u, v), x, y, [m11, m12, m21, m22]);
+                }
+            }
         }
+    }
+
+    /// By the camera's own inverse.
+    fn exact(&self, u: f64, v: f64) -> Ray {
+        let s = self.camera.normalized_of(&Vector2::new(u, v));
+        let J = self.camera.pixel_jacobian(&s);
+        let inverse = 1.0 / (J.m11 * J.m22 - J.m12 * J.m21);
+        Ray {
+            x: s.x,
+            y: s.y,
+            m11: J.m22 * inverse,
+            m12: -J.m12 * inverse,
+            m21: -J.m21 * inverse,
+            m22: J.m11 * inverse,
+        }
+    }
+
+    #[inline(always)]
+    fn improve_twice(&self, lens: &impl Bends, s: Vector2<f64>, dx: f64, dy: f64) -> Ray {
+        let ray = self.improve(lens, s, dx, dy);
+        self.improve(lens, Vector2::new(ray.x, ray.y), dx, dy)
     }
 
     /// One Newton step from `s` towards the direction whose distorted one is `(dx, dy)`.
     #[inline(always)]
-    fn improve(&self, s: Vector2<f64>, dx: f64, dy: f64) -> Ray {
-        let rest = self.distortion.apply(&s) - Vector2::new(dx, dy);
-        let J = self.distortion.jacobian(&s);
+    fn improve(&self, lens: &impl Bends, s: Vector2<f64>, dx: f64, dy: f64) -> Ray {
+        let rest = lens.bend(&s) - Vector2::new(dx, dy);
+        let J = lens.bend_slope(&s);
         let inverse = 1.0 / (J.m11 * J.m22 - J.m12 * J.m21);
         let (i11, i12, i21, i22) = (J.m22 * inverse, -J.m12 * inverse, -J.m21 * inverse, J.m11 * inverse);
         Ray {
@@ -185,7 +255,7 @@ impl Rays {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera_model::Intrinsics;
+    use crate::camera_model::{Equidistant, Intrinsics};
 
     #[test]
     fn rays_are_the_cameras_inverse() {
@@ -197,12 +267,15 @@ mod tests {
             width_px: 640,
             height_px: 480,
         };
-        for distortion in [
-            Distortion::default(),
-            Distortion { k1: -0.2, k2: 0.05, p1: 0.002, p2: -0.001, k3: 0.0 },
-            Distortion { k1: 0.1, ..Distortion::default() },
+        let rational = RationalPolynomial { k1: 0.5, k2: 0.02, p1: 0.002, k4: 0.6, k5: 0.01, ..Default::default() };
+        for lens in [
+            Lens::default(),
+            Distortion { k1: -0.2, k2: 0.05, p1: 0.002, p2: -0.001, k3: 0.0 }.into(),
+            Distortion { k1: 0.1, ..Distortion::default() }.into(),
+            rational.into(),
+            Equidistant { k1: -0.02, k2: 0.005, ..Equidistant::default() }.into(),
         ] {
-            let camera = CameraModel::new(intrinsics, distortion).unwrap();
+            let camera = CameraModel::new(intrinsics, lens).unwrap();
             let rays = Rays::new(&camera);
             // side by side they are the same to the bit
             let mut row = RowOfRays::new(7);

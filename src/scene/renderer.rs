@@ -64,7 +64,7 @@ impl Renderer {
             look,
             rays: Rays::new(&camera),
             profile: EdgeProfile::new(sensor.blur_sd_px),
-            sensor: Sensor::new(&sensor, width, height),
+            sensor: Sensor::new(&sensor, camera.full_size_px(), camera.region()),
             views: vec![View::new(width, height, target.marks().len())],
             target,
             memories: vec![Memory::default()],

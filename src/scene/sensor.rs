@@ -8,6 +8,7 @@
 //! machine, whichever instructions are used.
 
 use super::error::{SceneError, in_range};
+use crate::camera_model::Region;
 use crate::linalg::Random;
 use std::ops::RangeInclusive;
 
@@ -70,16 +71,17 @@ pub(super) struct Sensor {
 }
 
 impl Sensor {
-    pub(super) fn new(model: &SensorModel, width: usize, height: usize) -> Self {
-        let (cx, cy) = (0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0));
+    /// Of a whole image, `(columns, rows)`, of which the part `read` is read: light is lost about the middle of the whole.
+    pub(super) fn new(model: &SensorModel, (width, height): (u32, u32), read: &Region) -> Self {
+        let (cx, cy) = (0.5 * (f64::from(width) - 1.0), 0.5 * (f64::from(height) - 1.0));
         let corner2 = (cx * cx + cy * cy).max(1.0);
         // rounded down: the two losses of a corner must not exceed the whole
         let loss = |d: f64| (model.vignetting * d * d / corner2 * 65535.0).floor() as u16;
         Self {
             seed: model.seed,
             noise: noise_table(model.noise_sd_levels, model.seed),
-            row_gain: (0..height).map(|y| 65535 - loss(y as f64 - cy)).collect(),
-            column_loss: (0..width).map(|x| loss(x as f64 - cx)).collect(),
+            row_gain: (0..read.height_px).map(|y| 65535 - loss(f64::from(y + read.y_px) - cy)).collect(),
+            column_loss: (0..read.width_px).map(|x| loss(f64::from(x + read.x_px) - cx)).collect(),
             wide: wide_available(),
         }
     }
@@ -165,7 +167,7 @@ mod tests {
     #[test]
     fn noise_has_the_asked_deviation_and_no_bias() {
         let model = SensorModel { noise_sd_levels: 4.0, blur_sd_px: 0.0, vignetting: 0.0, seed: 7 };
-        let sensor = Sensor::new(&model, 640, 480);
+        let sensor = Sensor::new(&model, (640, 480), &Region::whole(640, 480));
         let levels = vec![120 << LEVEL_BITS; 640];
         let (mut sum, mut sum2, mut neighbours) = (0.0, 0.0, 0.0);
         let mut row = vec![0; 640];
@@ -187,7 +189,8 @@ mod tests {
 
     #[test]
     fn rows_and_frames_differ_and_repeat() {
-        let sensor = Sensor::new(&SensorModel { noise_sd_levels: 3.0, ..SensorModel::default() }, 64, 64);
+        let model = SensorModel { noise_sd_levels: 3.0, ..SensorModel::default() };
+        let sensor = Sensor::new(&model, (64, 64), &Region::whole(64, 64));
         let levels = vec![100 << LEVEL_BITS; 64];
         let row = |frame, y| {
             let mut out = vec![0; 64];
@@ -202,7 +205,7 @@ mod tests {
     #[test]
     fn corners_are_darker_by_the_vignetting() {
         let model = SensorModel { noise_sd_levels: 0.0, blur_sd_px: 0.0, vignetting: 0.5, seed: 0 };
-        let sensor = Sensor::new(&model, 101, 81);
+        let sensor = Sensor::new(&model, (101, 81), &Region::whole(101, 81));
         let levels = vec![200 << LEVEL_BITS; 101];
         let mut row = vec![0; 101];
         sensor.expose(0, 0, &levels, &mut row);

@@ -252,7 +252,7 @@ fn forms(X_CO: &Pose, height_m: f64, camera: &CameraModel) -> Option<[Form; 3]> 
     let inverse = Matrix3::from_columns(&[m.column(0).into(), m.column(1).into(), p]).try_inverse()?;
     Some([0, 1, 2].map(|row| {
         let f = Vector3::new(inverse[(row, 0)], inverse[(row, 1)], inverse[(row, 2)]);
-        if !camera.distortion().is_none() {
+        if !camera.lens().is_ideal() {
             return f;
         }
         let i = camera.intrinsics();

@@ -1,6 +1,7 @@
 //! What a simulated cell really is where it differs from what the controller believes: `[scene.camera]`, `[scene.target]`,
 //! `[scene.arm]`. Each key has the name of the believed one; left out, what is believed is true.
 
+use super::LensWord;
 use serde::{Deserialize, Serialize};
 
 table! {
@@ -16,6 +17,8 @@ table! {
 table! {
     /// The lens that the simulated camera really has; left out: as in `[camera.lens]`.
     RawTrueLens {
+        /// Which formula the coefficients are of; another one than that of `[camera.lens]` has none of its coefficients.
+        model: Option<LensWord> = None,
         /// Focal length times horizontal scale, px.
         fx_px: Option<f64> = None,
         /// Focal length times vertical scale, px.
@@ -34,6 +37,21 @@ table! {
         p2: Option<f64> = None,
         /// Radial distortion of sixth order.
         k3: Option<f64> = None,
+        /// Fourth radial coefficient of `rational_polynomial` and `equidistant`.
+        k4: Option<f64> = None,
+        /// Fifth radial coefficient of `rational_polynomial`.
+        k5: Option<f64> = None,
+        /// Sixth radial coefficient of `rational_polynomial`.
+        k6: Option<f64> = None,
+    }
+}
+
+impl RawTrueLens {
+    /// All coefficients by their names.
+    #[must_use]
+    pub fn coefficients(&self) -> [(&'static str, Option<f64>); 8] {
+        let Self { k1, k2, p1, p2, k3, k4, k5, k6, .. } = *self;
+        [("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2), ("k3", k3), ("k4", k4), ("k5", k5), ("k6", k6)]
     }
 }
 

@@ -1,15 +1,18 @@
 //! `[camera]`, or each entry of `[[cameras]]`.
 
 use super::lens;
-use crate::camera_model::CameraModel;
+use crate::camera_model::{CameraModel, Region};
 use crate::config::check::Check;
 use crate::config::frame_source;
-use crate::config::raw::{MountKind, RawCamera, RawConfig};
+use crate::config::raw::{MountKind, RawCamera, RawConfig, RawRoi};
 use crate::config::{Camera, Document};
 use crate::messages::{CameraId, MAX_CAMERAS};
 use crate::scene::{FrameSchedule, Irregularity, LARGEST_SIDE_PX, SceneLook};
 use crate::servo::Mount;
 use crate::time::SpanNs;
+
+/// Least columns and rows of an image.
+const LEAST_SIDE_PX: u32 = 16;
 
 /// The first camera and the others. A list of one is the same as `[camera]`; from here on `raw.camera` is the first.
 pub(super) fn cameras(
@@ -53,8 +56,8 @@ fn camera(
     let (lens, synthetic) = (&c.lens, &c.synthetic);
     let key = |name: &str| format!("{at}.{name}");
     let before = check.count_problems();
-    let width_px = check.count(&key("width_px"), c.width_px, 16..=LARGEST_SIDE_PX);
-    let height_px = check.count(&key("height_px"), c.height_px, 16..=LARGEST_SIDE_PX);
+    let width_px = check.count(&key("width_px"), c.width_px, LEAST_SIDE_PX..=LARGEST_SIDE_PX);
+    let height_px = check.count(&key("height_px"), c.height_px, LEAST_SIDE_PX..=LARGEST_SIDE_PX);
     let rate_hz = check.range(&key("rate_hz"), c.rate_hz, 0.1..=1000.0);
     let exposure = check.span_ms(&key("exposure_ms"), c.exposure_ms, 0.0..=1000.0);
     let latency = check.span_ms(&key("latency_ms"), c.latency_ms, 0.0..=500.0);
@@ -78,7 +81,8 @@ fn camera(
         );
     }
     let source = frame_source::source(c, look, raw.run.seed, at, check);
-    let (intrinsics, distortion) = lens::believed(at, lens, (width_px, height_px), check);
+    let (intrinsics, bends) = lens::believed(at, lens, (width_px, height_px), check);
+    let region = region(c, at, check);
     let irregularity = Irregularity {
         jitter: check.span_ms(&key("synthetic.latency_jitter_ms"), synthetic.latency_jitter_ms, 0.0..=500.0),
         loss: check.range(&key("synthetic.frame_loss"), synthetic.frame_loss, 0.0..=0.99),
@@ -94,7 +98,8 @@ fn camera(
         (Irregularity::default(), SpanNs(0))
     };
     let schedule = FrameSchedule::new(rate_hz, latency, irregularity);
-    match CameraModel::new(intrinsics, distortion) {
+    let model = CameraModel::new(intrinsics, bends);
+    match model.and_then(|whole| region.map_or(Ok(whole), |region| whole.cropped(&region))) {
         Ok(model) => Some(Camera {
             id,
             name: c.name.clone().unwrap_or_else(|| id.to_string()),
@@ -113,4 +118,34 @@ fn camera(
             None
         }
     }
+}
+
+/// `[camera.roi]`: the part of the image that is read.
+fn region(c: &RawCamera, at: &str, check: &mut Check<'_>) -> Option<Region> {
+    let roi = c.roi.as_ref()?;
+    let key = |name: &str| format!("{at}.roi.{name}");
+    let sides = [
+        ("x_px", roi.x_px, "width_px", roi.width_px, c.width_px),
+        ("y_px", roi.y_px, "height_px", roi.height_px, c.height_px),
+    ];
+    for (from_name, from, length_name, length, side) in sides {
+        let whole = format!("{at}.{length_name} is {side}");
+        if length < LEAST_SIDE_PX {
+            check.wrong(
+                &key(length_name),
+                format!("is {length}: give the region a size, at least {LEAST_SIDE_PX} px a side"),
+            );
+        } else if from.checked_add(length).is_none_or(|to| to > side) {
+            check.wrong(
+                &key(length_name),
+                format!(
+                    "the region ends outside of the image, at {from} + {length} px where {whole}: make {length_name} at most {}, \
+                     or {from_name} smaller",
+                    side.saturating_sub(from)
+                ),
+            );
+        }
+    }
+    let &RawRoi { x_px, y_px, width_px, height_px } = roi;
+    Some(Region { x_px, y_px, width_px, height_px })
 }

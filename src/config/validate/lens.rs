@@ -1,6 +1,6 @@
 //! The numbers of a lens, whoever says them: `[camera.lens]` and, where it is not as believed, `[scene.camera.lens]`.
 
-use crate::camera_model::{Distortion, Intrinsics};
+use crate::camera_model::{Intrinsics, Lens, LensModel};
 use crate::config::check::Check;
 use crate::config::raw::{RawLens, RawTrueLens};
 use std::ops::RangeInclusive;
@@ -8,19 +8,25 @@ use std::ops::RangeInclusive;
 const FOCAL_PX: RangeInclusive<f64> = 1.0..=1e6;
 /// The principal point of a cropped picture may lie outside of it.
 const CENTRE_PX: RangeInclusive<f64> = -1e5..=1e5;
-/// Long lenses see small radii only: their higher factors are large.
-const K1: RangeInclusive<f64> = -1e3..=1e3;
-const K2: RangeInclusive<f64> = -1e4..=1e4;
-const K3: RangeInclusive<f64> = -1e6..=1e6;
-const TANGENTIAL: RangeInclusive<f64> = -10.0..=10.0;
 
-/// The lens of the camera at key `at`, before an image of `(width_px, height_px)`.
+/// Long lenses see small radii only: their higher factors are large.
+fn allowed(coefficient: &str) -> RangeInclusive<f64> {
+    let most = match coefficient {
+        "k1" | "k4" => 1e3,
+        "k2" | "k5" => 1e4,
+        "k3" | "k6" => 1e6,
+        _ => 10.0,
+    };
+    -most..=most
+}
+
+/// The lens of the camera at key `at`, before a whole image of `(width_px, height_px)`.
 pub(super) fn believed(
     at: &str,
     lens: &RawLens,
     (width_px, height_px): (u32, u32),
     check: &mut Check<'_>,
-) -> (Intrinsics, Distortion) {
+) -> (Intrinsics, Lens) {
     let middle = |side_px: u32| 0.5 * (f64::from(side_px) - 1.0);
     let mut number =
         |key: &str, value: f64, allowed| check.range(&format!("{at}.lens.{key}"), value, allowed);
@@ -32,22 +38,25 @@ pub(super) fn believed(
         width_px,
         height_px,
     };
-    let distortion = Distortion {
-        k1: number("k1", lens.k1, K1),
-        k2: number("k2", lens.k2, K2),
-        p1: number("p1", lens.p1, TANGENTIAL),
-        p2: number("p2", lens.p2, TANGENTIAL),
-        k3: number("k3", lens.k3, K3),
-    };
-    (intrinsics, distortion)
+    let model = lens.model.into();
+    for (name, value) in lens.coefficients() {
+        number(name, value, allowed(name));
+    }
+    for (name, value) in lens.coefficients() {
+        if value != 0.0 {
+            unused(&format!("{at}.lens.{name}"), name, model, check);
+        }
+    }
+    (intrinsics, Lens::of(model, |name| lens.coefficient(name)))
 }
 
-/// `[scene.camera.lens]`: the believed lens but for what is given.
+/// `[scene.camera.lens]`: the believed lens but for what is given. With another model only what is given counts.
 pub(super) fn true_one(
     lens: &RawTrueLens,
-    (i, d): (Intrinsics, Distortion),
+    (i, d): (Intrinsics, Lens),
     check: &mut Check<'_>,
-) -> (Intrinsics, Distortion) {
+) -> (Intrinsics, Lens) {
+    let model = lens.model.map_or(d.model(), LensModel::from);
     let mut number = |key: &str, given: Option<f64>, believed: f64, allowed| {
         given.map_or(believed, |value| check.range(&format!("scene.camera.lens.{key}"), value, allowed))
     };
@@ -58,12 +67,33 @@ pub(super) fn true_one(
         cy_px: number("cy_px", lens.cy_px, i.cy_px, CENTRE_PX),
         ..i
     };
-    let distortion = Distortion {
-        k1: number("k1", lens.k1, d.k1, K1),
-        k2: number("k2", lens.k2, d.k2, K2),
-        p1: number("p1", lens.p1, d.p1, TANGENTIAL),
-        p2: number("p2", lens.p2, d.p2, TANGENTIAL),
-        k3: number("k3", lens.k3, d.k3, K3),
-    };
-    (intrinsics, distortion)
+    let believed = if model == d.model() { d.coefficients() } else { Vec::new() };
+    let believed = |name: &str| believed.iter().find(|(n, _)| *n == name).map_or(0.0, |(_, value)| *value);
+    for (name, given) in lens.coefficients() {
+        number(name, given, 0.0, allowed(name));
+    }
+    for (name, given) in lens.coefficients() {
+        if given.is_some_and(|value| value != 0.0) {
+            unused(&format!("scene.camera.lens.{name}"), name, model, check);
+        }
+    }
+    let given = lens.coefficients();
+    let made = Lens::of(model, |name| {
+        given.iter().find(|(n, _)| *n == name).and_then(|(_, value)| *value).unwrap_or_else(|| believed(name))
+    });
+    (intrinsics, made)
+}
+
+/// A coefficient that is given, and that the model does not have, is hardly meant to be without effect.
+fn unused(key: &str, name: &str, model: LensModel, check: &mut Check<'_>) {
+    if model.coefficients().contains(&name) {
+        return;
+    }
+    let has = model.coefficients().join(", ");
+    let other = LensModel::ALL.into_iter().find(|other| other.coefficients().contains(&name));
+    let instead = other.map_or_else(String::new, |m| format!(", or choose model = \"{}\"", m.name()));
+    check.wrong(
+        key,
+        format!("is no coefficient of a {} lens, which has {has}: leave it out{instead}", model.name()),
+    );
 }

@@ -1,7 +1,7 @@
 //! `[scene]`: what is true in a simulated cell, from what is believed and what the file says is otherwise.
 
 use super::lens;
-use crate::camera_model::{CameraModel, Distortion, Intrinsics};
+use crate::camera_model::{CameraModel, Intrinsics, Lens};
 use crate::config::check::{Check, pose};
 use crate::config::raw::{DriveKind, MountKind, RawConfig, RawOccluder};
 use crate::config::target::{LENGTH_M, RawTarget, made};
@@ -50,15 +50,17 @@ pub(super) fn scene(
 
 fn true_lens(raw: &RawConfig, camera: Option<&Camera>, check: &mut Check<'_>) -> Option<CameraModel> {
     let before = check.count_problems();
-    let believed = camera.map(|c| (*c.model.intrinsics(), *c.model.distortion()));
+    let believed = camera.map(|c| (c.model.full_intrinsics(), *c.model.lens()));
     // Without a believed lens its numbers do not matter: those that are given are checked all the same.
     let nothing = Intrinsics { fx_px: 1.0, fy_px: 1.0, cx_px: 0.0, cy_px: 0.0, width_px: 16, height_px: 16 };
-    let instead = believed.unwrap_or((nothing, Distortion::default()));
-    let (intrinsics, distortion) = lens::true_one(&raw.scene.camera.lens, instead, check);
+    let instead = believed.unwrap_or((nothing, Lens::default()));
+    let (intrinsics, true_lens) = lens::true_one(&raw.scene.camera.lens, instead, check);
     if believed.is_none() || check.count_problems() > before {
         return None;
     }
-    let made = CameraModel::new(intrinsics, distortion);
+    let read = camera.map(|c| *c.model.region());
+    let made = CameraModel::new(intrinsics, true_lens);
+    let made = made.and_then(|whole| read.map_or(Ok(whole), |region| whole.cropped(&region)));
     made.map_err(|e| check.wrong("scene.camera.lens", e.to_string())).ok()
 }
 

@@ -60,19 +60,13 @@ impl Coded {
     }
 }
 
-/// Where the first byte 0xFF is: words without one, then the bytes of the word that has it.
+/// Where the first byte 0xFF is: pieces without one, then the bytes of the piece that has it.
 #[inline(always)]
 fn find_ff(bytes: &[u8]) -> Option<usize> {
-    let (words, _) = bytes.as_chunks::<8>();
-    let from = 8 * words.iter().take_while(|word| !has_ff(u64::from_ne_bytes(**word))).count();
+    let (pieces, _) = bytes.as_chunks::<32>();
+    let plain = |piece: &&[u8; 32]| piece.iter().fold(0, |any, b| any | u8::from(*b == 0xFF)) == 0;
+    let from = 32 * pieces.iter().take_while(plain).count();
     bytes.get(from..)?.iter().position(|b| *b == 0xFF).map(|found| from + found)
-}
-
-/// Whether one of the eight bytes is 0xFF: its complement is zero, and only a zero borrows from its upper bit.
-#[inline(always)]
-fn has_ff(word: u64) -> bool {
-    let inverse = !word;
-    inverse.wrapping_sub(0x0101_0101_0101_0101) & !inverse & 0x8080_8080_8080_8080 != 0
 }
 
 /// A reader of bits, the first one uppermost. Behind the end there are zeros without end.
@@ -97,18 +91,10 @@ impl Bits<'_> {
         if let Some(next) = self.bytes.get(self.at..).and_then(|rest| rest.first_chunk::<8>()) {
             self.window |= u64::from_be_bytes(*next) >> self.count;
         } else {
-            self.window |= self.last_bytes() >> self.count;
+            self.window |= last_bytes(self.bytes, self.at) >> self.count;
         }
         self.at += (63 - self.count) as usize >> 3;
         self.count |= 56;
-    }
-
-    /// The bytes at the end, and zeros behind them.
-    #[cold]
-    fn last_bytes(&self) -> u64 {
-        let mut last = [0; 8];
-        last.iter_mut().zip(self.bytes.get(self.at..).unwrap_or(&[])).for_each(|(a, b)| *a = *b);
-        u64::from_be_bytes(last)
     }
 
     /// Goes on by `bits`, together at most 56 between two refills.
@@ -129,6 +115,15 @@ impl Bits<'_> {
             Some(_) => Err(Rest::Left),
         }
     }
+}
+
+/// The bytes from `at` on, of which there are less than eight, and zeros behind them.
+#[cold]
+#[inline(never)]
+fn last_bytes(bytes: &[u8], at: usize) -> u64 {
+    let mut last = [0; 8];
+    last.iter_mut().zip(bytes.get(at..).unwrap_or(&[])).for_each(|(a, b)| *a = *b);
+    u64::from_be_bytes(last)
 }
 
 /// Coded data that does not fit the image.

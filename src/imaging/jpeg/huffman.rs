@@ -9,6 +9,8 @@ use super::bits::Bits;
 const LOOK: u32 = 11;
 /// Bits of the longest code.
 const LONGEST: usize = 16;
+/// Lengths of codes beyond those that are looked at.
+const LONG: usize = LONGEST - LOOK as usize;
 /// Most bits of a value: of a difference of means, and of any other coefficient of an 8-bit image.
 const DC_VALUE_BITS: u8 = 11;
 const AC_VALUE_BITS: u8 = 10;
@@ -114,7 +116,9 @@ impl Entry {
     pub(super) fn value(self, window: u64) -> i32 {
         let size = self.0 >> 8 & 0xFF;
         let raw = (window << (self.0 >> 24) >> 1 >> (63 - size)) as i32;
-        if raw < (1 << size) >> 1 { raw + 1 - (1 << size) } else { raw }
+        // its sign is as good as random: no branch that would have to be foreseen
+        let low = (raw - ((1 << size) >> 1)) >> 31;
+        raw + (low & (1 - (1 << size)))
     }
 }
 
@@ -123,11 +127,21 @@ pub(super) struct Table {
     kind: Kind,
     code: Code,
     lookup: [Entry; 1 << LOOK],
+    /// For the longest length that is looked up, and each that is not: the first 16 bits behind its codes.
+    limits: [u32; LONG + 1],
+    /// For each of these: what leads from a code to the place of its symbol.
+    firsts: [u32; LONG],
 }
 
 impl Table {
     pub(super) fn new(kind: Kind, code: &Code) -> Box<Self> {
-        let mut table = Box::new(Self { kind, code: *code, lookup: [Entry::NONE; 1 << LOOK] });
+        let mut table = Box::new(Self {
+            kind,
+            code: *code,
+            lookup: [Entry::NONE; 1 << LOOK],
+            limits: [0; LONG + 1],
+            firsts: [0; LONG],
+        });
         table.fill();
         table
     }
@@ -141,6 +155,18 @@ impl Table {
     }
 
     fn fill(&mut self) {
+        let (mut next, mut place) = (0u32, 0u32);
+        for (length, &count) in (1..).zip(&self.code.counts) {
+            next *= 2;
+            if let Some(limit) = self.limits.get_mut((length as usize).wrapping_sub(LOOK as usize)) {
+                *limit = (next + u32::from(count)) << (LONGEST as u32 - length);
+            }
+            if let Some(first) = self.firsts.get_mut((length as usize).wrapping_sub(LOOK as usize + 1)) {
+                *first = place.wrapping_sub(next);
+            }
+            next += u32::from(count);
+            place += u32::from(count);
+        }
         self.lookup.fill(Entry::NONE);
         let (kind, lookup) = (self.kind, &mut self.lookup);
         self.code.each(|code, length, symbol| {
@@ -160,16 +186,17 @@ impl Table {
         if entry != Entry::NONE { Some(entry) } else { self.long(bits.window()) }
     }
 
-    /// A code of more bits than are looked at.
-    #[cold]
+    /// A code of more bits than are looked at. Codes of one length are consecutive numbers, and all of them, filled up with
+    /// zeros, are smaller than those of the next length: the limits that are not above the next 16 bits give the length.
+    #[inline(never)]
     fn long(&self, window: u64) -> Option<Entry> {
-        let mut found = Entry::NONE;
-        self.code.each(|code, length, symbol| {
-            if length > LOOK && window >> (64 - length) == u64::from(code) {
-                found = Entry::new(self.kind, symbol, length);
-            }
-        });
-        (found != Entry::NONE).then_some(found)
+        let next = (window >> 48) as u32;
+        let longer: u32 = self.limits.iter().map(|limit| u32::from(next >= *limit)).sum();
+        let length = LOOK + longer;
+        let first = self.firsts.get((longer as usize).wrapping_sub(1))?;
+        let at = (next >> (LONGEST as u32 - length)).wrapping_add(*first);
+        let entry = Entry::new(self.kind, *self.code.symbols.get(at as usize)?, length);
+        (entry != Entry::NONE).then_some(entry)
     }
 }
 

@@ -135,14 +135,16 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
     #[test]
     fn agrees_with_another_decoder(way in way(), width in 17usize..150, height in 17usize..90, seed in any::<u64>()) {
-        // The other decoder leaves the last rows of some images out.
-        let height = height.next_multiple_of(32);
         let scene = scene(width, height, seed);
-        let jpeg = encode(Way { own_codes: false, ..way }, &scene, width, height);
-        let luma = decode(&jpeg, width, height);
+        let same = |jpeg: Way| decode(&encode(jpeg, &scene, width, height), width, height);
+        // The other decoder makes mistakes with restarts, rare samplings and scans of their own: it is asked about plain
+        // images. Luma does not depend on those.
+        let sampling = way.sampling.map(|_| SamplingFactor::R_4_4_4);
+        let plain = Way { sampling, restart_every: 0, own_codes: false, ..way };
+        let luma = same(plain);
         prop_assert!(luma.is_ok(), "{:?}", luma);
-        // With own codes the encoder gives each component its scan, and of those the other decoder makes another image.
-        prop_assert_eq!(&decode(&encode(way, &scene, width, height), width, height), &luma);
+        prop_assert_eq!(&same(way), &luma);
+        let jpeg = encode(plain, &scene, width, height);
         prop_assert!(largest_difference(&luma.unwrap(), &reference(&jpeg, width, height)) <= 1);
     }
 
