@@ -267,7 +267,8 @@ mod tests {
             width_px: 640,
             height_px: 480,
         };
-        let rational = RationalPolynomial { k1: 0.5, k2: 0.02, p1: 0.002, k4: 0.6, k5: 0.01, ..Default::default() };
+        let rational =
+            RationalPolynomial { k1: 0.5, k2: 0.02, p1: 0.002, k4: 0.6, k5: 0.01, ..Default::default() };
         for lens in [
             Lens::default(),
             Distortion { k1: -0.2, k2: 0.05, p1: 0.002, p2: -0.001, k3: 0.0 }.into(),

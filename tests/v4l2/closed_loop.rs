@@ -1,0 +1,193 @@
+//! The loop closed over a real driver: what the default cell's camera would see is rendered from the arm's true motion and played into a
+//! video output, a cable of vivid leads from there to its capture device, and from there on everything is as in a real cell.
+//!
+//! ```text
+//!        joint states ◄──────────────────────────────── control ◄── vision ◄── camera, source = "v4l2"
+//!             │                                                                    ▲
+//! the test:   └─► renderer ─► v4l2-ctl ─► /dev/video (HDMI output) ═ vivid ═ /dev/video (HDMI input)
+//! ```
+//! The output takes a frame at every period of 60 Hz and nothing holds more than one of ours in waiting: the picture that is captured
+//! is a constant time old, which `camera.stamp_offset_ms` is told.
+
+use crate::common::{Instance, read_summary, vservo, wait_until};
+use crate::guest::{Vivid, sh};
+use nalgebra::{Isometry3, SVector, Translation3, UnitQuaternion, Vector3};
+use std::io::Write;
+use std::path::Path;
+use std::process::{Child, ChildStdin, Command, Stdio};
+use vservo::config::{Config, assemble};
+use vservo::ipc::{Receiver, Services};
+use vservo::messages::{JointState, joint_flag};
+use vservo::rt::now;
+use vservo::scene::{Exposure, SyntheticCamera};
+
+/// Frames that the output takes for one that is rendered.
+const REPEATED: usize = 2;
+/// HDMI at 640x480 has 59.94 Hz.
+const RATE_HZ: &str = "59.94";
+
+/// vivid with its output led to its input, grey pictures of 640x480.
+fn cable() -> Vivid {
+    let vivid = Vivid::load("node_types=0x101 num_inputs=1 input_types=3 num_outputs=1 output_types=1");
+    for device in [vivid.output(), vivid.capture()] {
+        sh(&format!("v4l2-ctl -d {} --set-dv-bt-timings index=0", device.display()));
+    }
+    sh(&format!("v4l2-ctl -d {} --set-fmt-video-out=pixelformat=GREY", vivid.output().display()));
+    vivid.set("loop_video=1,osd_text_mode=2");
+    vivid
+}
+
+/// Renders the default cell and plays it.
+struct Player {
+    camera: SyntheticCamera<4>,
+    picture: Vec<u8>,
+    frames: u64,
+    tool: Child,
+    screen: ChildStdin,
+    newest: Option<JointState>,
+}
+
+impl Player {
+    fn new(output: &Path) -> Self {
+        let config = Config::load(None, &[]).unwrap();
+        let camera = assemble::synthetic_camera(&config).unwrap();
+        let mut tool = Command::new("v4l2-ctl")
+            .args(["--stream-out-mmap=2", "--stream-from=-", "-d"])
+            .arg(output)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let screen = tool.stdin.take().unwrap();
+        Self { camera, picture: vec![0; 640 * 480], frames: 0, tool, screen, newest: None }
+    }
+
+    /// Plays what is seen now; takes as long as the output takes for it.
+    fn play(&mut self, arm: Option<&Receiver<JointState>>) {
+        while let Some(state) = arm.and_then(|arm| arm.receive().unwrap()) {
+            self.camera.arm(&state);
+            self.newest = Some(state);
+        }
+        let exposure = Exposure { frame_id: self.frames, mid: now(), span: vservo::time::SpanNs::ZERO };
+        self.camera.expose(&exposure, &mut self.picture);
+        self.frames += 1;
+        for _ in 0..REPEATED {
+            self.screen.write_all(&self.picture).unwrap();
+        }
+    }
+}
+
+impl Drop for Player {
+    fn drop(&mut self) {
+        let _ = self.tool.kill();
+        let _ = self.tool.wait();
+    }
+}
+
+/// Distance and angle of the camera from where it is to be, for an arm that stands at `q`: the cell of the default run.
+fn error_at(q: &[f64]) -> (f64, f64) {
+    let pose = |position: [f64; 3], yaw: f64| {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
+        Isometry3::from_parts(Translation3::from(position), turn)
+    };
+    let robot = vservo::robot::load("scara").unwrap().build::<4>().unwrap();
+    let X_BC = robot.forward(&SVector::from_column_slice(&q[..4]));
+    let X_BC = Isometry3::from_parts(X_BC.translation, X_BC.rotation);
+    let X_BO = pose([1.0, 1.0, 1.0], std::f64::consts::FRAC_PI_4);
+    let X_DO = pose([-0.1, 0.1, 0.6], -std::f64::consts::FRAC_PI_3);
+    let X_DC = X_DO * (X_BC.inverse() * X_BO).inverse();
+    (X_DC.translation.vector.norm(), X_DC.rotation.angle())
+}
+
+#[test]
+#[ignore = "runs in the virtual machine: tests/vm/run.py"]
+fn the_servo_converges_on_pictures_of_a_driver() {
+    let vivid = cable();
+    let instance = Instance::new("cable");
+    let folder = tempfile::tempdir().unwrap();
+    let summary = folder.path().join("summary.json");
+    let mut player = Player::new(&vivid.output());
+    for _ in 0..3 {
+        player.play(None);
+    }
+    let sets = [
+        "camera.source=v4l2".into(),
+        format!("camera.v4l2.device={:?}", vivid.capture().to_str().unwrap()),
+        format!("camera.rate_hz={RATE_HZ}"),
+        format!("camera.stamp_offset_ms={OFFSET_MS:?}"),
+        "camera.v4l2.format=GREY".into(),
+        "goal.feature_error_px=0.2".into(),
+    ];
+    let mut run = vservo();
+    run.args(["run", "--duration-s", "20", "--instance", &instance.name, "--summary"]).arg(&summary);
+    for set in &sets {
+        run.args(["--set", set]);
+    }
+    let mut run = run.stdout(Stdio::piped()).spawn().unwrap();
+    let place = Path::new("/dev/shm").join(format!("vservo-{}/config.toml", instance.name));
+    wait_until("the instance", || place.exists());
+    {
+        let services = Services::join(&instance.name.parse().unwrap()).unwrap();
+        let (arm, _bell) = services.joint_state_receiver().unwrap();
+        while run.try_wait().unwrap().is_none() {
+            player.play(Some(&arm));
+        }
+        player.play(Some(&arm));
+    }
+    instance.name.parse::<vservo::ipc::Instance>().unwrap().remove_leftovers(None);
+    let output = run.wait_with_output().unwrap();
+    let told = String::from_utf8_lossy(&output.stdout);
+    let s = read_summary(&summary);
+    assert_eq!(s["outcome"], "converged", "{told}{s}");
+    let last = player.newest.expect("joint states");
+    assert_ne!(last.flags & joint_flag::TRUTH, 0);
+    let (start_m, _) = error_at(&[0.0, std::f64::consts::FRAC_PI_2, 0.5, -std::f64::consts::FRAC_PI_4]);
+    let (distance_m, angle_rad) = error_at(&last.q_true);
+    println!("{told}\ntrue error {:.3} mm, {:.4} deg", distance_m * 1e3, angle_rad.to_degrees());
+    assert!(start_m > 0.1 && distance_m < 1e-3 && angle_rad < 2e-3, "{start_m} {distance_m} {angle_rad}");
+    // The control loop mostly held its pace on the guest's one slow processor.
+    let count = |key: &str| s[key].as_f64().unwrap();
+    assert!(count("missed_deadlines") < 0.02 * count("ticks"), "{told}");
+    instance.assert_gone();
+}
+
+/// From the rendering of a picture to the stamp of its capture: it waits for the tool, in a buffer, and for its turn; negative.
+const OFFSET_MS: f64 = -50.0;
+
+/// What is played is what is captured, to the last bit and in its order.
+#[test]
+#[ignore = "runs in the virtual machine: tests/vm/run.py"]
+fn the_cable_carries_pictures() {
+    let vivid = cable();
+    let mut player = Player::new(&vivid.output());
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let mut played = Vec::new();
+    let mut capture: Option<Child> = None;
+    loop {
+        player.play(None);
+        played.push(player.picture.clone());
+        if played.len() == 5 {
+            sh(&format!("v4l2-ctl -d {} --set-fmt-video=pixelformat=GREY", vivid.capture().display()));
+            let child = Command::new("v4l2-ctl")
+                .args(["--stream-mmap", "--stream-count=30", "--stream-to"])
+                .arg(file.path())
+                .arg("-d")
+                .arg(vivid.capture())
+                .stderr(Stdio::null())
+                .spawn();
+            capture = Some(child.unwrap());
+        }
+        if capture.as_mut().is_some_and(|c| c.try_wait().unwrap().is_some()) {
+            break;
+        }
+    }
+    let captured = std::fs::read(file.path()).unwrap();
+    assert_eq!(captured.len(), 30 * 640 * 480);
+    let number =
+        |picture: &[u8]| played.iter().position(|p| p == picture).expect("a picture that was played");
+    let numbers: Vec<usize> = captured.chunks(640 * 480).map(number).collect();
+    // Each is taken twice by the output; input and output do not keep step with one another.
+    assert!(numbers.windows(2).all(|w| w[1] == w[0] || w[1] == w[0] + 1), "{numbers:?}");
+    assert!((14..=17).contains(&(numbers[29] - numbers[0])), "{numbers:?}");
+}
