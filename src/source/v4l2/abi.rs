@@ -373,7 +373,7 @@ mod tests {
             (QUERY_EXT_CTRL, 0xc0e8_5667),
         ];
         for (ours, kernel) in known {
-            assert_eq!(ours as u32, kernel, "{kernel:#x}");
+            assert_eq!(ours, kernel, "{kernel:#x}");
         }
     }
 

@@ -97,3 +97,33 @@ pub(super) fn convert_whole(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::grey::PixelFormat;
+    use image::codecs::jpeg::JpegEncoder;
+
+    /// A picture of a slope: the grey level says where a pixel was.
+    #[test]
+    fn a_region_of_a_jpeg_is_that_of_the_whole_picture() {
+        const W: u32 = 32;
+        const H: u32 = 16;
+        let slope: Vec<u8> = (0..H).flat_map(|y| (0..W).map(move |x| (4 * x + 6 * y) as u8)).collect();
+        let mut jpeg = Vec::new();
+        JpegEncoder::new_with_quality(&mut jpeg, 95)
+            .encode(&slope, W, H, image::ExtendedColorType::L8)
+            .unwrap();
+        let mut grey = ToGrey::new(PixelFormat::Mjpg, W, H);
+        let mut cut = Cut::new((W, H), (5, 3), (20, 10));
+        let mut out = vec![0; 200];
+        convert_whole(&mut grey, &jpeg, &mut cut, &mut out).unwrap();
+        for (i, level) in (0_u32..).zip(&out) {
+            let wanted = 4 * (5 + i % 20) + 6 * (3 + i / 20);
+            assert!(u32::from(*level).abs_diff(wanted) <= 6, "{i}: {level} {wanted}");
+        }
+        let mut whole = vec![0; (W * H) as usize];
+        convert_whole(&mut grey, &jpeg, &mut Cut::new((W, H), (0, 0), (W, H)), &mut whole).unwrap();
+        assert!(whole[0] <= 6 && whole[(W * H - 1) as usize] >= 208);
+    }
+}

@@ -330,7 +330,9 @@ impl VideoNode for Device {
         }
         let mut c = AbiControl { id, value: 0 };
         update::<G_CTRL, _>(&self.fd, &mut c)?;
-        Ok(i64::from(c.value))
+        // Bits use the sign too.
+        let is_bits = kind == ControlKind::Bitmask;
+        Ok(if is_bits { i64::from(c.value.cast_unsigned()) } else { i64::from(c.value) })
     }
 
     fn set_control(&mut self, id: u32, kind: ControlKind, value: i64) -> Result<(), Errno> {

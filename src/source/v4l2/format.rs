@@ -43,28 +43,6 @@ pub struct OfferedFormat {
     pub sizes: Vec<OfferedSize>,
 }
 
-impl OfferedFormat {
-    /// Its line in a message: `YUYV (640x480 at 30, 15 Hz; 1280x720 at 10 Hz)`.
-    fn line(&self) -> String {
-        const TOLD: usize = 12;
-        let sizes: Vec<_> = self.sizes.iter().take(TOLD).map(OfferedSize::line).collect();
-        let more = if self.sizes.len() > TOLD { "; ..." } else { "" };
-        match sizes.is_empty() {
-            true => self.format.fourcc.to_string(),
-            false => format!("{} ({}{more})", self.format.fourcc, sizes.join("; ")),
-        }
-    }
-}
-
-impl OfferedSize {
-    fn line(&self) -> String {
-        match rates_line(&self.rates) {
-            rates if rates.is_empty() => self.size.to_string(),
-            rates => format!("{} at {rates} Hz", self.size),
-        }
-    }
-}
-
 /// `30, 15, 5`; empty where the device does not say.
 #[must_use]
 pub fn rates_line(rates: &[RateOffer]) -> String {
@@ -98,9 +76,33 @@ pub(super) fn offered(node: &dyn VideoNode) -> Vec<OfferedFormat> {
         .collect()
 }
 
-fn lines(offers: &[OfferedFormat]) -> String {
-    let all: Vec<_> = offers.iter().map(OfferedFormat::line).collect();
-    if all.is_empty() { "nothing".into() } else { all.join(", ") }
+/// So many things are told in a line; `vservo camera --list` shows the others.
+const TOLD: usize = 24;
+
+fn told(mut all: Vec<String>) -> String {
+    let mut seen = Vec::new();
+    all.retain(|one| {
+        !seen.contains(one) && {
+            seen.push(one.clone());
+            true
+        }
+    });
+    if all.is_empty() {
+        return "nothing".into();
+    }
+    let more = if all.len() > TOLD { ", and more (`vservo camera --list`)" } else { "" };
+    all.truncate(TOLD);
+    all.join(", ") + more
+}
+
+/// The letters of all formats.
+fn formats_line<'a>(offers: impl IntoIterator<Item = &'a OfferedFormat>) -> String {
+    told(offers.into_iter().map(|offer| offer.format.fourcc.to_string()).collect())
+}
+
+/// The sizes of all formats.
+fn sizes_line<'a>(offers: impl IntoIterator<Item = &'a OfferedFormat>) -> String {
+    told(offers.into_iter().flat_map(|offer| &offer.sizes).map(|size| size.size.to_string()).collect())
 }
 
 /// What is wanted of a device.
@@ -133,7 +135,7 @@ pub(super) fn candidates(
             || format!("any of {}, which are those that can be turned into grey", known.join(", ")),
             |format| letters(format).to_string(),
         );
-        return Err(V4l2Error::NoFormat { wished, offered: lines(offers) });
+        return Err(V4l2Error::NoFormat { wished, offered: formats_line(offers) });
     }
     let has_size = |offer: &OfferedFormat| {
         offer.sizes.is_empty() || offer.sizes.iter().any(|s| s.size.has(width, height))
@@ -152,8 +154,8 @@ pub(super) fn candidates(
         .collect();
     if ranked.is_empty() {
         let format = wish.format.map_or(String::new(), |format| format!(" in {}", letters(format)));
-        let offers: Vec<_> = has_format.iter().map(|(_, offer)| (*offer).clone()).collect();
-        return Err(V4l2Error::NoSize { width, height, format, offered: lines(&offers) });
+        let offered = sizes_line(has_format.iter().map(|(_, offer)| *offer));
+        return Err(V4l2Error::NoSize { width, height, format, offered });
     }
     ranked.sort_by(|(a, _), (b, _)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
     Ok(ranked.into_iter().map(|(_, candidate)| candidate).collect())
@@ -212,7 +214,8 @@ pub(super) fn negotiate(
         let news = rate_news(wish.rate_hz, interval, &rates(node, fourcc), strict_rate)?;
         return Ok((Agreed { format, layout, interval }, news));
     }
-    Err(V4l2Error::Substituted { tried: tried.join("; "), offered: lines(&offers) })
+    let offered = format!("{} in {}", formats_line(&offers), sizes_line(&offers));
+    Err(V4l2Error::Substituted { tried: tried.join("; "), offered })
 }
 
 fn check_layout(format: PixelFormat, layout: &Layout) -> Result<(), V4l2Error> {

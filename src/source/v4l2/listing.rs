@@ -139,6 +139,7 @@ impl OfferedControl {
             (ControlKind::Button, _) => "a button: true presses it".into(),
             (ControlKind::Compound, _) => "not a single number".into(),
             (ControlKind::Boolean, Some(n)) => (n != 0).to_string(),
+            (ControlKind::Bitmask, Some(n)) => format!("{n:#x}"),
             (_, Some(n)) => n.to_string(),
             (_, None) => "cannot be read".into(),
         };
@@ -147,7 +148,7 @@ impl OfferedControl {
                 format!(" ({} to {} in steps of {}, at first {})", c.minimum, c.maximum, c.step, c.default)
             }
             ControlKind::Bitmask => {
-                format!(" (bits of {:#x}, at first {:#x})", c.maximum & 0xffff_ffff, c.default)
+                format!(" (bits of {:#x}, at first {:#x})", c.maximum & 0xffff_ffff, c.default & 0xffff_ffff)
             }
             ControlKind::Boolean => format!(" (at first {})", c.default != 0),
             ControlKind::Menu | ControlKind::IntegerMenu => {

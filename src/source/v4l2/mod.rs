@@ -70,12 +70,18 @@ impl CaptureWish {
     /// Of a camera of a run file.
     #[must_use]
     pub fn of(camera: &config::Camera, settings: &V4l2Settings) -> Self {
-        let i = camera.model.intrinsics();
+        let (width, height) = camera.full_size_px();
+        let region = camera.roi().map(|r| SensorArea {
+            left: r.x_px.cast_signed(),
+            top: r.y_px.cast_signed(),
+            width: r.width_px,
+            height: r.height_px,
+        });
         Self {
             settings: settings.clone(),
-            width: i.width_px,
-            height: i.height_px,
-            region: None,
+            width,
+            height,
+            region,
             rate_hz: camera.rate_hz,
             exposure: camera.exposure,
         }

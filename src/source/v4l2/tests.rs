@@ -92,7 +92,7 @@ fn the_newest_frame_wins_and_the_older_ones_are_lost() {
         seen.iter().all(|(captured, _)| captured.mid.0 > 11_900 * MS),
         "nothing older than the pause: {seen:?}"
     );
-    assert_eq!(camera.health().stamps_are_doubted, false);
+    assert!(!camera.health().stamps_are_doubted);
 }
 
 #[test]
@@ -282,7 +282,7 @@ fn what_cannot_be_opened_is_told_with_what_there_is() {
     substituted.0.borrow_mut().substitutes = Some((32, 32));
     let error = open_as(&substituted, wish("/dev/video0")).unwrap_err().to_string();
     assert!(
-        error.contains("GREY 16x16 became GREY 32x32") && error.contains("GREY (16x16 at 25 Hz)"),
+        error.contains("GREY 16x16 became GREY 32x32") && error.contains("it offers GREY in 8x8 to 16x16"),
         "{error}"
     );
 }
@@ -322,6 +322,33 @@ fn a_driver_that_says_no_clock_is_dated_by_arrival() {
     assert_eq!(seen[0].0.mid, MonoNs(10_040 * MS - 5 * MS));
     assert!(camera.health().stamps_are_doubted);
     assert_eq!(camera.facts().unwrap().stamp_doubt, Some(StampDoubt::UnknownClock));
+}
+
+const REGION: SensorArea = SensorArea { left: 2, top: 4, width: 10, height: 8 };
+
+/// The first frame of a camera with [`REGION`], whose device cuts in such steps, if it does.
+fn cut(bench: &Bench, cuts: Option<u32>) -> Result<Vec<u8>, V4l2Error> {
+    (bench.0.borrow_mut().cuts, bench.0.borrow_mut().numbered) = (cuts, true);
+    let mut camera = open_as(bench, CaptureWish { region: Some(REGION), ..wish("/dev/video0") })?;
+    camera.wait(SLICE).unwrap().unwrap();
+    let mut out = vec![0; (REGION.width * REGION.height) as usize];
+    assert_eq!(camera.fill(&mut out).unwrap(), Filled::Picture);
+    Ok(out)
+}
+
+#[test]
+fn a_region_is_cut_by_the_device_or_while_frames_are_turned_into_grey() {
+    let bench = Bench::new();
+    let here = cut(&bench, None).unwrap();
+    let wanted: Vec<u8> = (4..12).flat_map(|row| (2..12).map(move |column| row * 16 + column)).collect();
+    assert_eq!(here, wanted);
+    let there = cut(&bench, Some(2)).unwrap();
+    assert_eq!((there, bench.0.borrow().area), ((0..80).collect(), REGION), "rows of its own");
+    let error = cut(&bench, Some(4)).unwrap_err().to_string();
+    assert!(error.contains("10x8 at column 0, row 4 instead of 10x8 at column 2, row 4"), "{error}");
+    // What one run cut is not left to the next.
+    drop(open(&bench));
+    assert_eq!(bench.0.borrow().area, WHOLE);
 }
 
 fn mishap() -> impl Strategy<Value = Mishap> {

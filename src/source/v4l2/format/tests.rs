@@ -55,12 +55,12 @@ fn a_dearer_format_that_has_the_rate_comes_before_a_cheap_one_that_has_not() {
 fn what_is_not_offered_is_told_with_what_is() {
     let offers = [offer(b"YUYV", &[(320, 240), (1280, 720)], &[30, 15]), offer(b"RGB3", &VGA, &[30])];
     let size = asked(&offers, &WISH).unwrap_err().to_string();
-    assert!(size.contains("640x480") && size.contains("YUYV (320x240 at 30, 15 Hz; 1280x720"), "{size}");
+    assert!(size.contains("640x480") && size.ends_with("it offers 320x240, 1280x720"), "{size}");
     let wish = FormatWish { format: Some(PixelFormat::Grey), ..WISH };
     let format = asked(&offers, &wish).unwrap_err().to_string();
-    assert!(format.contains("does not offer GREY") && format.contains("RGB3"), "{format}");
+    assert!(format.contains("does not offer GREY") && format.ends_with("YUYV, RGB3"), "{format}");
     let none = asked(&offers[1..], &WISH).unwrap_err().to_string();
-    assert!(none.contains("any of GREY, NV12") && none.contains("RGB3 (640x480"), "{none}");
+    assert!(none.contains("any of GREY, NV12") && none.ends_with("it offers RGB3"), "{none}");
 }
 
 #[test]

@@ -17,6 +17,9 @@ pub(super) const HEIGHT: u32 = 16;
 pub(super) const PERIOD: SpanNs = SpanNs(40_000_000);
 pub(super) const MS: i64 = 1_000_000;
 
+/// All of the sensor.
+pub(super) const WHOLE: SensorArea = SensorArea { left: 0, top: 0, width: WIDTH, height: HEIGHT };
+
 /// What happens instead of a good frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mishap {
@@ -59,6 +62,11 @@ pub(super) struct World {
     pub(super) set_controls: Vec<(u32, i64)>,
     /// What the driver makes of a size.
     pub(super) substitutes: Option<(u32, u32)>,
+    /// Whether the device can cut, and in which steps it does.
+    pub(super) cuts: Option<u32>,
+    pub(super) area: SensorArea,
+    /// Pixels that differ: each has its number.
+    pub(super) numbered: bool,
 }
 
 /// A camera that may be plugged in.
@@ -111,6 +119,9 @@ impl Bench {
             exposure_units: 100,
             set_controls: Vec::new(),
             substitutes: None,
+            cuts: None,
+            area: WHOLE,
+            numbered: false,
         })))
     }
 
@@ -208,7 +219,7 @@ impl FakeNode {
             let mut buffer = FilledBuffer {
                 index: 0,
                 offset: 0,
-                length: (WIDTH * HEIGHT) as usize,
+                length: self.layout.size as usize,
                 stamp: end,
                 clock: world.clock,
                 at_start: world.at_start,
@@ -246,7 +257,11 @@ impl FakeNode {
             // A driver without an empty buffer drops the frame.
             if let Some(index) = self.given.pop_front() {
                 buffer.index = index;
-                self.pixels[index as usize].fill(exposed as u8);
+                let pixels = &mut self.pixels[index as usize];
+                pixels.fill(exposed as u8);
+                if world.numbered {
+                    pixels.iter_mut().zip(0..=u8::MAX).for_each(|(pixel, n)| *pixel = n);
+                }
                 self.filled.push_back(buffer);
             }
         }
@@ -277,7 +292,7 @@ impl VideoNode for FakeNode {
         vec![FormatName { fourcc: FourCc(*b"GREY"), description: "8-bit".into() }]
     }
     fn sizes(&self, _fourcc: FourCc) -> Vec<SizeOffer> {
-        vec![SizeOffer::Discrete { width: WIDTH, height: HEIGHT }]
+        vec![SizeOffer::Stepwise { smallest: [8, 8], largest: [WIDTH, HEIGHT], step: [2, 2] }]
     }
     fn rates(&self, _fourcc: FourCc, _width: u32, _height: u32) -> Vec<RateOffer> {
         vec![RateOffer::Discrete(Interval { numerator: 1, denominator: 25 })]
@@ -285,7 +300,7 @@ impl VideoNode for FakeNode {
     fn set_format(&mut self, fourcc: FourCc, width: u32, height: u32) -> Result<Layout, Errno> {
         self.require_presence()?;
         let (width, height) = self.bench.0.borrow().substitutes.unwrap_or((width, height));
-        self.layout = Layout { fourcc, width, height, ..self.layout };
+        self.layout = Layout { fourcc, width, height, stride: width, size: width * height, ..self.layout };
         Ok(self.layout)
     }
     fn layout(&mut self) -> Result<Layout, Errno> {
@@ -328,13 +343,17 @@ impl VideoNode for FakeNode {
         Ok(())
     }
     fn whole_area(&self) -> Result<SensorArea, Errno> {
-        Err(Errno::NOTTY)
+        self.bench.0.borrow().cuts.map(|_| WHOLE).ok_or(Errno::NOTTY)
     }
     fn area(&self) -> Result<SensorArea, Errno> {
-        Err(Errno::NOTTY)
+        self.whole_area().map(|_| self.bench.0.borrow().area)
     }
-    fn set_crop(&mut self, _area: SensorArea) -> Result<SensorArea, Errno> {
-        Err(Errno::NOTTY)
+    fn set_crop(&mut self, area: SensorArea) -> Result<SensorArea, Errno> {
+        let mut world = self.bench.0.borrow_mut();
+        let step = world.cuts.ok_or(Errno::NOTTY)?;
+        let down = |x: i32| x - x % step.cast_signed();
+        world.area = SensorArea { left: down(area.left), top: down(area.top), ..area };
+        Ok(world.area)
     }
     fn allocate(&mut self, count: u32) -> Result<u32, Errno> {
         self.require_presence()?;
