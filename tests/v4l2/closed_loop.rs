@@ -6,25 +6,30 @@
 //!             │                                                                    ▲
 //! the test:   └─► renderer ─► v4l2-ctl ─► /dev/video (HDMI output) ═ vivid ═ /dev/video (HDMI input)
 //! ```
-//! The output takes a frame at every period of 60 Hz and nothing holds more than one of ours in waiting: the picture that is captured
-//! is a constant time old, which `camera.stamp_offset_ms` is told.
+//! The output takes a frame at every period of 60 Hz and blocks the player meanwhile: the picture that is captured is a constant time old.
+//! How old is measured first, with pictures that say when they were drawn, and given to the run as `camera.stamp_offset_ms`.
 
+use crate::capture::{self, Capture, Wish};
 use crate::common::{Instance, read_summary, vservo, wait_until};
 use crate::guest::{Vivid, sh};
+use crate::usb_camera::picture::{self, Marks};
 use nalgebra::{Isometry3, SVector, Translation3, UnitQuaternion, Vector3};
 use std::io::Write;
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::Builder;
 use vservo::config::{Config, assemble};
 use vservo::ipc::{Receiver, Services};
 use vservo::messages::{JointState, joint_flag};
 use vservo::rt::now;
 use vservo::scene::{Exposure, SyntheticCamera};
+use vservo::time::SpanNs;
 
 /// Frames that the output takes for one that is rendered.
 const REPEATED: usize = 2;
 /// HDMI at 640x480 has 59.94 Hz.
-const RATE_HZ: &str = "59.94";
+const RATE_HZ: f64 = 59.94;
 
 /// vivid with its output led to its input, grey pictures of 640x480.
 fn cable() -> Vivid {
@@ -63,14 +68,49 @@ impl Player {
         Self { camera, picture: vec![0; 640 * 480], frames: 0, tool, screen, newest: None }
     }
 
+    /// Plays pictures that say when they were drawn, and captures them: the mean of how much later the stamps of the captures are.
+    fn age_at_capture(&mut self, device: &Path) -> SpanNs {
+        let wish = Wish { rate_hz: RATE_HZ, ..Wish::VGA };
+        let config = capture::config(device, wish, "");
+        let done = AtomicBool::new(false);
+        let ages_us: Vec<i32> = std::thread::scope(|scope| {
+            let measure = || {
+                let mut capture = Capture::with(&config).unwrap();
+                let mut ages = Vec::new();
+                while ages.len() < 60 {
+                    let captured = capture.next();
+                    if let Some(marks) = picture::read(&capture.grey, capture.width) {
+                        ages.push(((captured.mid.0 / 1000) as u32).wrapping_sub(marks.exposed_us) as i32);
+                    }
+                }
+                done.store(true, Ordering::Relaxed);
+                ages
+            };
+            let measuring = Builder::new().name("measure".into()).spawn_scoped(scope, measure).unwrap();
+            while !done.load(Ordering::Relaxed) {
+                self.picture = picture::draw(Marks::new(self.frames, now()), 640, 480);
+                self.show();
+            }
+            measuring.join().unwrap()
+        });
+        let mean_us = ages_us.iter().map(|age| i64::from(*age)).sum::<i64>() / ages_us.len() as i64;
+        println!("a picture is {mean_us} us old: {ages_us:?}");
+        assert!((0..150_000).contains(&mean_us), "{ages_us:?}");
+        SpanNs(1000 * mean_us)
+    }
+
     /// Plays what is seen now; takes as long as the output takes for it.
     fn play(&mut self, arm: Option<&Receiver<JointState>>) {
         while let Some(state) = arm.and_then(|arm| arm.receive().unwrap()) {
             self.camera.arm(&state);
             self.newest = Some(state);
         }
-        let exposure = Exposure { frame_id: self.frames, mid: now(), span: vservo::time::SpanNs::ZERO };
+        let exposure = Exposure { frame_id: self.frames, mid: now(), span: SpanNs::ZERO };
         self.camera.expose(&exposure, &mut self.picture);
+        self.show();
+    }
+
+    fn show(&mut self) {
         self.frames += 1;
         for _ in 0..REPEATED {
             self.screen.write_all(&self.picture).unwrap();
@@ -108,14 +148,12 @@ fn the_servo_converges_on_pictures_of_a_driver() {
     let folder = tempfile::tempdir().unwrap();
     let summary = folder.path().join("summary.json");
     let mut player = Player::new(&vivid.output());
-    for _ in 0..3 {
-        player.play(None);
-    }
+    let offset_ms = -1e3 * player.age_at_capture(&vivid.capture()).as_s();
     let sets = [
         "camera.source=v4l2".into(),
         format!("camera.v4l2.device={:?}", vivid.capture().to_str().unwrap()),
-        format!("camera.rate_hz={RATE_HZ}"),
-        format!("camera.stamp_offset_ms={OFFSET_MS:?}"),
+        format!("camera.rate_hz={RATE_HZ:?}"),
+        format!("camera.stamp_offset_ms={offset_ms:?}"),
         "camera.v4l2.format=GREY".into(),
         "goal.feature_error_px=0.2".into(),
     ];
@@ -151,9 +189,6 @@ fn the_servo_converges_on_pictures_of_a_driver() {
     assert!(count("missed_deadlines") < 0.02 * count("ticks"), "{told}");
     instance.assert_gone();
 }
-
-/// From the rendering of a picture to the stamp of its capture: it waits for the tool, in a buffer, and for its turn; negative.
-const OFFSET_MS: f64 = -50.0;
 
 /// What is played is what is captured, to the last bit and in its order.
 #[test]

@@ -12,6 +12,7 @@ mod common;
 mod formats;
 mod guest;
 mod handles;
+mod program;
 mod rates;
 mod rig;
 mod usb_camera;
