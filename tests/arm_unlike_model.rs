@@ -37,9 +37,6 @@ const RUN_FILES: [(&str, f64); 14] = [
     ("xarm7", 5.0),
 ];
 
-/// What a joint's motion does to the picture at most: an arm of 1.5 m, 0.6 m before the target, with a lens of 800 px.
-const PX_PER_RAD: f64 = 2000.0;
-
 /// What an arm is drawn to differ in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Unlike {
@@ -108,9 +105,6 @@ fn draw(file: &str, rated_kg: f64, unlike: Unlike, random: &mut Random) -> Vec<S
             set.push(format!("drive.simulated.encoder_step_rad_or_m=[{step:.7}]"));
             let noise_sd = random.within(-0.3, 0.3).max(0.0) * step;
             set.push(format!("drive.simulated.encoder_noise_sd_rad_or_m=[{noise_sd:.7}]"));
-            // An arm without friction rests nowhere within a step of its encoders but where it drifts to.
-            let half_step_px = PX_PER_RAD * (0.5 * step + noise_sd);
-            set.push(format!("goal.feature_error_px={:.3}", half_step_px.max(0.05)));
         }
         if is(Unlike::Delay) {
             set.push(format!("drive.simulated.command_delay_ticks={}", 1 + random.next() % 5));

@@ -228,6 +228,7 @@ pub fn control_loop_with<const N: usize>(
         limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
         visibility: config.servo.visibility,
         returns: config.servo.returns,
+        watches_drift: config.motion.encoder_step.iter().any(|step| *step > 0.0),
         calm_gain_1_s: config.servo.calm_gain_1_s,
         held_lag: SpanNs::from_s(config.camera.latency.as_s() + 0.75 / config.camera.rate_hz),
         object: config.servo.object,

@@ -18,17 +18,23 @@
 //! q^' = v^ + 2 l e      v^' = u + l^2 e      e = dead zone of (q - q^)
 //! ```
 //! Steps tell of a motion only as often as they come. So `l` and `r` fall with the speed of the reference, and rise when the
-//! arm is found a step away: at rest the estimate stands, and no step shakes the arm.
+//! arm is found a step away: at rest the estimate stands, and no step shakes the arm. Within a step it is the camera that tells
+//! of a motion ([`Drift`]): what the joints did between two exposures beyond what was believed is an error of `v^`.
+
+mod seen;
 
 use crate::linalg::Ldlt;
 use crate::robot::Robot;
-use crate::time::TICK;
+use crate::servo::Drift;
+use crate::time::{MonoNs, TICK};
 use nalgebra::SVector;
+use seen::Seen;
 
 /// Corrections of the velocity for each step that comes by.
 const CORRECTIONS: f64 = 2.0;
-/// Share of its bandwidth that the velocity observer keeps at rest.
+/// Share of its bandwidth that the velocity observer keeps at rest, and how much of that it leaves to a camera.
 const BANDWIDTH_AT_REST: f64 = 0.2;
+const LEFT_TO_A_CAMERA: f64 = 0.5;
 /// Steps a second from which on a disturbance is learnt at the full rate.
 const STEPS_TO_LEARN_1_S: f64 = 100.0;
 /// Ticks over which the mean of a disturbance is taken: longer than it takes to tell that an arm is jammed or swings.
@@ -95,6 +101,8 @@ pub(super) struct JointObserver<const N: usize> {
     past: Past<N>,
     /// Whether the mean is taken for it, and nothing is learnt.
     settled: bool,
+    /// What the camera has told.
+    seen: Seen<N>,
 }
 
 impl<const N: usize> JointObserver<N> {
@@ -108,6 +116,7 @@ impl<const N: usize> JointObserver<N> {
             t: zero,
             past: Past::default(),
             settled: false,
+            seen: Seen::default(),
         }
     }
 
@@ -131,6 +140,18 @@ impl<const N: usize> JointObserver<N> {
         }
     }
 
+    /// Takes in, at `now`, what a camera saw of the joints beyond what was believed.
+    pub(super) fn learn(&mut self, drift: &Drift<N>, now: MonoNs) {
+        let (true, Some((_, v))) = (self.settings.velocity_rad_s > 0.0, &mut self.state) else { return };
+        let velocity = self.commanded.map_or(SVector::zeros(), |commanded| commanded.velocity);
+        let dv = self.seen.correction(drift, now, &self.settings.encoder_step, &velocity);
+        *v += dv;
+        if !self.settled && self.settings.disturbance_rad_s > 0.0 {
+            let most = &self.settings.most_acceleration;
+            self.p = (self.p + dv * seen::RATE_1_S).zip_map(most, |p, most| p.clamp(-most, most));
+        }
+    }
+
     /// What acts until the next tick.
     pub(super) fn command(&mut self, commanded: Commanded<N>) {
         self.commanded = Some(commanded);
@@ -150,6 +171,7 @@ impl<const N: usize> JointObserver<N> {
             return if settings.velocity_rad_s > 0.0 { state } else { (*q, *qd) };
         };
         let (mut q_now, mut v_now) = (*q, *qd);
+        let trust = self.seen.trust();
         for i in 0..N {
             let mut rate = if self.settled { 0.0 } else { settings.disturbance_rad_s };
             if settings.velocity_rad_s > 0.0 {
@@ -160,7 +182,8 @@ impl<const N: usize> JointObserver<N> {
                 let mut l = settings.velocity_rad_s;
                 if step > 0.0 {
                     let (steps_1_s, steps_off) = (commanded.velocity[i].abs() / step, e.abs() / step);
-                    l *= (CORRECTIONS * steps_1_s / l).max(steps_off - 0.5).clamp(BANDWIDTH_AT_REST, 1.0);
+                    let least = BANDWIDTH_AT_REST * (1.0 - LEFT_TO_A_CAMERA * trust[i]);
+                    l *= (CORRECTIONS * steps_1_s / l).max(steps_off - 0.5).clamp(least, 1.0);
                     rate *= (steps_1_s / STEPS_TO_LEARN_1_S).max(steps_off - 0.5).clamp(RATE_AT_REST, 1.0);
                 }
                 q_now[i] = predicted + (2.0 * l * h).min(1.0) * e;

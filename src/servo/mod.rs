@@ -22,6 +22,7 @@
 //! features (and pose), [`Law::task`], and [`Law::wish`] with an [`Arm`].
 
 mod approach;
+mod drift;
 mod gain;
 mod hybrid;
 mod image;
@@ -47,6 +48,7 @@ mod visibility;
 mod visual_servo;
 
 pub use approach::Approach;
+pub use drift::Drift;
 pub use gain::Gain;
 pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
 pub use image::{FeatureGains, image_error, image_task, image_wrench, preconditioned_wrench};

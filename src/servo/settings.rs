@@ -44,6 +44,8 @@ pub struct ServoSettings {
     pub calm_gain_1_s: f64,
     /// Goes back to where the whole target was seen last when it is lost.
     pub returns: bool,
+    /// Whether views are compared for motion that coarse encoders do not tell ([`super::Drift`]).
+    pub watches_drift: bool,
     /// How much later the arm moves as it is told: the lag of a drive. `predict` looks so far ahead.
     pub lead: SpanNs,
 }
@@ -65,6 +67,7 @@ impl ServoSettings {
             held_lag: SpanNs::ZERO,
             calm_gain_1_s: f64::INFINITY,
             returns: false,
+            watches_drift: false,
             lead: SpanNs::ZERO,
         }
     }

@@ -5,8 +5,9 @@
 //! known from the joint history, so that for an object at rest the view now is exact, whatever the latency. The own motion
 //! of an object that moves is estimated, where that is asked for.
 
+use super::drift::{LONGEST_SPAN, unbelieved_motion};
 use super::{
-    Approach, Arm, CameraJacobian, Intake, ObjectMotion, ServoSettings, SetPoint, Task, TwistTask,
+    Approach, Arm, CameraJacobian, Drift, Intake, ObjectMotion, ServoSettings, SetPoint, Task, TwistTask,
     UpdatePolicy, View, Wish, away_from_limits, joint_velocity, lesson::Lesson, seek_null_motion,
 };
 use crate::geometry::{Pose, rotate_twist};
@@ -70,6 +71,8 @@ pub struct VisualServo<const N: usize> {
     start: Option<(MonoNs, SVector<f64, N>)>,
     lesson: Lesson,
     object: Option<ObjectMotion>,
+    /// What the last measurement told of the joints.
+    drift: Option<Drift<N>>,
 }
 
 impl<const N: usize> VisualServo<N> {
@@ -88,6 +91,7 @@ impl<const N: usize> VisualServo<N> {
             start: None,
             lesson: Lesson::new(0),
             object,
+            drift: None,
         }
     }
 
@@ -182,12 +186,33 @@ impl<const N: usize> VisualServo<N> {
             self.q_whole = Some(q);
         }
         let sighting = Sighting { exposure, view, task, X_WC, partial };
+        self.drift = self.drift_to(&sighting, &q, robot);
         if !partial && view.X_CO().is_some() {
             self.whole = Some(sighting);
         }
         self.sighting = Some(sighting);
         self.fresh = true;
         if exposure > now { Intake::UsedFromFuture } else { Intake::Used }
+    }
+
+    /// How much the joints, in `q` at this sighting, moved since the last one beyond what the history says.
+    fn drift_to(&self, now: &Sighting, q: &SVector<f64, N>, robot: &Robot<N>) -> Option<Drift<N>> {
+        let before = self.sighting.as_ref()?;
+        let (from, span) = (before.exposure, now.exposure - before.exposure);
+        let at_rest = self.settings.watches_drift && self.object.is_none();
+        if !at_rest || before.partial || now.partial || span > LONGEST_SPAN {
+            return None;
+        }
+        let set_point = &self.settings.set_point;
+        let carried = before.view.carried(&now.X_WC.inv_mul(&before.X_WC), set_point)?;
+        let (_, J) = self.settings.mount.camera(robot, q);
+        let dq = unbelieved_motion(set_point, &carried, &now.view, &J)?;
+        Some(Drift { dq, from, span })
+    }
+
+    /// What the last measurement told of the joints, once.
+    pub fn take_drift(&mut self) -> Option<Drift<N>> {
+        self.drift.take()
     }
 
     /// A view in which so much is hidden that it has no pose: the hidden features are where the last whole view has them, carried

@@ -18,7 +18,7 @@ use crate::drive::DriveState;
 use crate::messages::Measurement;
 use crate::motion::MotionLimits;
 use crate::robot::Robot;
-use crate::servo::{Approach, Intake, SetPoint};
+use crate::servo::{Approach, Drift, Intake, SetPoint};
 use crate::time::MonoNs;
 use nalgebra::{SVector, Vector6};
 
@@ -85,6 +85,11 @@ pub trait Behaviour<const N: usize>: Send + std::fmt::Debug {
     /// The twist of the camera that is wished at `now` of one that no arm holds, `V_WC_C`, m/s and rad/s; `None` where an arm moves it,
     /// and where there is nothing to go by.
     fn camera_wish(&self, _now: MonoNs) -> Option<Vector6<f64>> {
+        None
+    }
+
+    /// What the measurement that was taken in told of the joints' motion beyond their encoders, once.
+    fn take_drift(&mut self) -> Option<Drift<N>> {
         None
     }
 

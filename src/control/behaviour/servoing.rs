@@ -5,7 +5,7 @@ use crate::control::safety::{Freshness, MeasurementWatch};
 use crate::drive::DriveState;
 use crate::messages::Measurement;
 use crate::robot::Robot;
-use crate::servo::{Intake, SetPoint, VisualServo, Wish};
+use crate::servo::{Drift, Intake, SetPoint, VisualServo, Wish};
 use crate::time::MonoNs;
 use nalgebra::{SMatrix, SVector, Vector6};
 
@@ -79,6 +79,10 @@ impl<const N: usize> Behaviour<N> for Servoing<N> {
     fn camera_wish(&self, now: MonoNs) -> Option<Vector6<f64>> {
         let goes = self.dry && matches!(self.watch.check(now), Freshness::Fresh);
         goes.then(|| self.servo.camera_wish()).flatten()
+    }
+
+    fn take_drift(&mut self) -> Option<Drift<N>> {
+        self.servo.take_drift()
     }
 
     fn set_point(&self) -> &SetPoint {

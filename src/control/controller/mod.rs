@@ -184,19 +184,20 @@ impl<const N: usize> Controller<N> {
     ) -> ControlOutput<N> {
         let state = self.sense(now, drive);
         let (mut intake, mut confidence) = (None, 0.0);
-        if let Some(state) = &state {
-            self.behaviour.note_arm(now, state);
-            intake = measurement.map(|m| self.behaviour.take(now, &state.q, m, &self.arm));
-            confidence = self.behaviour.confidence(now);
-        }
-        self.live(state.as_ref(), confidence);
         let observed = state.map(|state| {
             let (q, qd) = self.joint_control.observe(&self.arm.robot, &state.q, &state.qd);
             DriveState { q, qd, ..state }
         });
-        // Views are carried by positions as they are measured, at the exposure and now.
-        let moving = state.zip(observed).map(|(state, observed)| DriveState { qd: observed.qd, ..state });
-        let intent = match (&moving, self.state.moves()) {
+        if let Some(observed) = &observed {
+            self.behaviour.note_arm(now, observed);
+            intake = measurement.map(|m| self.behaviour.take(now, &observed.q, m, &self.arm));
+            confidence = self.behaviour.confidence(now);
+            if let Some(drift) = self.behaviour.take_drift() {
+                self.joint_control.learn(&drift, now);
+            }
+        }
+        self.live(state.as_ref(), confidence);
+        let intent = match (&observed, self.state.moves()) {
             (Some(state), true) => self.behaviour.intent(state, &self.arm.robot),
             (state, false) => {
                 self.behaviour.pause();

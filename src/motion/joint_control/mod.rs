@@ -22,7 +22,8 @@ use super::ReferenceState;
 use super::joint_observer::{Commanded, JointObserver, ObserverSettings};
 use crate::linalg::Ldlt;
 use crate::robot::Robot;
-use crate::time::TICK;
+use crate::servo::Drift;
+use crate::time::{MonoNs, TICK};
 use law::Feedback;
 use nalgebra::SVector;
 
@@ -82,6 +83,11 @@ impl<const N: usize> JointController<N> {
         qd: &SVector<f64, N>,
     ) -> (SVector<f64, N>, SVector<f64, N>) {
         if self.law == JointLaw::PassThrough { (*q, *qd) } else { self.observer.observe(robot, q, qd) }
+    }
+
+    /// Learns from `drift`, at `now`, what coarse encoders do not tell.
+    pub fn learn(&mut self, drift: &Drift<N>, now: MonoNs) {
+        self.observer.learn(drift, now);
     }
 
     /// The torque that follows the reference, cut at the effort limits; zero from the pass-through. Of the reference, `q`

@@ -85,11 +85,18 @@ mod tests {
             time_s: 1.5,
             state: ControlState::Servoing as u32,
             measurements: 3,
+            V_C: [f64::NAN; 6],
             ..Status::default()
         };
         s.feature_error_px = 12.0;
         s.position_error_m = f64::NAN;
         assert_eq!(line(&s), "    1.50 s  servoing   feature error    12.000 px");
+        s.V_C = [0.1, -0.02, 0.0, 0.0, 0.0, -std::f64::consts::PI];
+        assert_eq!(
+            line(&s),
+            "    1.50 s  servoing   feature error    12.000 px  camera v  +100.0   -20.0    +0.0 mm/s  w   +0.0   +0.0 -180.0 deg/s"
+        );
+        s.V_C = [f64::NAN; 6];
         s.target = TargetStatus::NoContrast as u32;
         s.feature_error_px = f64::NAN;
         assert_eq!(line(&s), "    1.50 s  servoing   (no contrast in the frame)");

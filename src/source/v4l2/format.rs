@@ -12,42 +12,14 @@ use rustix::io::Errno;
 use serde::Serialize;
 use std::path::Path;
 
-/// Formats that are turned into grey, the cheapest first; each with its letters.
-const KNOWN: [(PixelFormat, FourCc); 9] = [
-    (PixelFormat::Grey, FourCc(*b"GREY")),
-    (PixelFormat::Nv12, FourCc(*b"NV12")),
-    (PixelFormat::Yuyv, FourCc(*b"YUYV")),
-    (PixelFormat::Uyvy, FourCc(*b"UYVY")),
-    (PixelFormat::Y16, FourCc(*b"Y16 ")),
-    (PixelFormat::Y10, FourCc(*b"Y10 ")),
-    (PixelFormat::Y12, FourCc(*b"Y12 ")),
-    (PixelFormat::Mjpg, FourCc(*b"MJPG")),
-    (PixelFormat::Mjpg, FourCc(*b"JPEG")),
-];
-
 /// The format of these letters, where it can be turned into grey.
-#[must_use]
 pub(super) fn known(fourcc: FourCc) -> Option<PixelFormat> {
-    KNOWN.iter().find(|(_, letters)| *letters == fourcc).map(|(format, _)| *format)
+    PixelFormat::from_fourcc(fourcc.0)
 }
 
 /// The letters of a format.
-#[must_use]
-pub fn letters(format: PixelFormat) -> FourCc {
-    KNOWN.iter().find(|(known, _)| *known == format).map_or(FourCc(*b"    "), |(_, letters)| *letters)
-}
-
-/// Bytes of a row of `width` pixels in the plane that grey is taken from; 0 where there are no rows.
-#[must_use]
-pub(super) fn row_bytes(format: PixelFormat, width: u32) -> usize {
-    let width = width as usize;
-    match format {
-        PixelFormat::Grey | PixelFormat::Nv12 => width,
-        PixelFormat::Y10 | PixelFormat::Y12 | PixelFormat::Y16 | PixelFormat::Yuyv | PixelFormat::Uyvy => {
-            2 * width
-        }
-        PixelFormat::Mjpg => 0,
-    }
+fn letters(format: PixelFormat) -> FourCc {
+    FourCc(format.fourcc())
 }
 
 /// A size that is offered, and its rates.
@@ -149,13 +121,14 @@ pub(super) fn candidates(
 ) -> Result<Vec<(PixelFormat, FourCc)>, V4l2Error> {
     let FormatWish { width, height, .. } = *wish;
     let wanted = |format: PixelFormat| wish.format.is_none_or(|only| only == format);
-    let has_format: Vec<_> = KNOWN
+    let offer_of = |format| offers.iter().find(|offer| known(offer.format.fourcc) == Some(format));
+    let has_format: Vec<_> = PixelFormat::ALL
         .into_iter()
-        .filter(|(format, _)| wanted(*format))
-        .filter_map(|(format, fourcc)| Some((format, offers.iter().find(|o| o.format.fourcc == fourcc)?)))
+        .filter(|format| wanted(*format))
+        .filter_map(|format| Some((format, offer_of(format)?)))
         .collect();
     if has_format.is_empty() {
-        let known: Vec<_> = KNOWN.iter().map(|(_, letters)| letters.to_string()).collect();
+        let known: Vec<_> = PixelFormat::ALL.iter().map(|format| letters(*format).to_string()).collect();
         let wished = wish.format.map_or_else(
             || format!("any of {}, which are those that can be turned into grey", known.join(", ")),
             |format| letters(format).to_string(),
@@ -243,9 +216,9 @@ pub(super) fn negotiate(
 }
 
 fn check_layout(format: PixelFormat, layout: &Layout) -> Result<(), V4l2Error> {
-    let (row, stride) = (row_bytes(format, layout.width), layout.stride as usize);
-    let rows = (layout.height as usize).saturating_sub(1);
-    if row > 0 && (stride < row || rows.saturating_mul(stride) + row > layout.size as usize) {
+    let (row, stride) = (format.least_stride_bytes(layout.width), layout.stride as usize);
+    let least = format.least_payload_bytes(layout.width, layout.height, stride);
+    if stride < row || least > layout.size as usize {
         return Err(V4l2Error::Layout(format!(
             "the driver says {} bytes from row to row and {} in a picture of {} {}x{}, whose rows have {row}",
             stride, layout.size, layout.fourcc, layout.width, layout.height

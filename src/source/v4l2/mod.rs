@@ -36,7 +36,7 @@ mod tests;
 
 pub use camera::V4l2Camera;
 pub use fault::V4l2Error;
-pub use format::{OfferedFormat, OfferedSize, letters, rates_line};
+pub use format::{OfferedFormat, OfferedSize, rates_line};
 pub use listing::{ListedNode, OfferedControl, UsualCapture, list, usual};
 pub use node::{
     ControlKind, ControlOffer, FormatName, FourCc, Interval, NodeInfo, NodeKind, RateOffer, SensorArea,

@@ -12,7 +12,7 @@ use super::V4l2Error;
 use super::controls::{self, ExposureControls};
 use super::crop::{self, Cut};
 use super::fault::{is_gone, refused};
-use super::format::{self, Agreed, FormatWish, row_bytes};
+use super::format::{self, Agreed, FormatWish};
 use super::node::{FIELD_NONE, FilledBuffer, VideoNode};
 use crate::imaging::grey::{NotGrey, PixelFormat, ToGrey};
 use crate::time::SpanNs;
@@ -23,8 +23,6 @@ use super::CaptureWish;
 
 /// Fewest buffers with which one can be converted while another is filled.
 const FEWEST_BUFFERS: u32 = 2;
-/// Bytes of the shortest JPEG file.
-const LEAST_JPEG: usize = 100;
 
 /// What happened to the frames that were not used.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -166,13 +164,7 @@ impl Session {
     /// Bytes without which a picture is not whole.
     fn least_bytes(&self) -> usize {
         let layout = &self.agreed.layout;
-        match self.agreed.format {
-            PixelFormat::Mjpg => LEAST_JPEG,
-            format => {
-                let rows = (layout.height as usize).saturating_sub(1);
-                rows * layout.stride as usize + row_bytes(format, layout.width)
-            }
-        }
+        self.agreed.format.least_payload_bytes(layout.width, layout.height, layout.stride as usize)
     }
 
     /// Converts the taken buffer, where it lies, into `out`. The one pass over a frame's pixels.
@@ -183,7 +175,8 @@ impl Session {
         if format == PixelFormat::Mjpg {
             return crop::convert_whole(&mut self.grey, payload, &mut self.cut, out);
         }
-        let from = self.cut.top as usize * stride + row_bytes(format, self.cut.left);
+        let bytes_per_pixel = format.least_stride_bytes(2) / 2;
+        let from = self.cut.top as usize * stride + bytes_per_pixel * self.cut.left as usize;
         self.grey.convert(payload.get(from..).unwrap_or_default(), stride, out)
     }
 

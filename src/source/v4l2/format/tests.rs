@@ -37,7 +37,7 @@ fn the_cheapest_format_comes_first() {
     let all = [b"MJPG", b"Y12 ", b"UYVY", b"YUYV", b"RGB3", b"Y10 ", b"NV12", b"GREY", b"Y16 "];
     let offers = all.map(|fourcc| offer(fourcc, &VGA, &[30]));
     let order = asked(&offers, &WISH).unwrap();
-    assert_eq!(order, ["GREY", "NV12", "YUYV", "UYVY", "Y16", "Y10", "Y12", "MJPG"]);
+    assert_eq!(order, ["GREY", "NV12", "YUYV", "UYVY", "Y16", "Y12", "Y10", "MJPG"]);
     let only = FormatWish { format: Some(PixelFormat::Mjpg), ..WISH };
     assert_eq!(asked(&offers, &only).unwrap(), ["MJPG"]);
 }

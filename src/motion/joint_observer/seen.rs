@@ -1,0 +1,142 @@
+//! From the drift of joints between two exposures to a correction of their velocities: with the gain that a camera's rate and
+//! noise allow, and less what later corrections have put right since those exposures.
+
+use crate::servo::Drift;
+use crate::time::{MonoNs, SpanNs, TICK};
+use nalgebra::SVector;
+
+/// Time within which an error of the velocity is put right, beside that between the exposures, s.
+const TIME_S: f64 = 0.01;
+/// Rate at which a correction of the velocity is also one of the disturbance, 1/s: far below that of the velocity, so that the two
+/// do not swing.
+pub(super) const RATE_1_S: f64 = 1.25;
+/// Share by which each drift that is used brings trust in the camera nearer to one, and the time in which trust decays without, s.
+const GAIN_OF_TRUST: f64 = 0.3;
+const TRUST_LASTS_S: f64 = 1.0;
+/// Corrections that are remembered: as many as come within the longest latency of a camera at 100 Hz.
+const REMEMBERED: usize = 16;
+
+/// The last corrections, each with its time.
+#[derive(Debug, Clone)]
+pub(super) struct Seen<const N: usize> {
+    corrections: [(MonoNs, SVector<f64, N>); REMEMBERED],
+    next: usize,
+    /// How much it is the camera that tells of each joint's motion, 0 to 1.
+    trust: SVector<f64, N>,
+}
+
+impl<const N: usize> Default for Seen<N> {
+    fn default() -> Self {
+        let none = (MonoNs::ZERO, SVector::zeros());
+        Self { corrections: [none; REMEMBERED], next: 0, trust: SVector::zeros() }
+    }
+}
+
+impl<const N: usize> Seen<N> {
+    /// The correction of the velocities, rad/s or m/s, that `drift` asks for at `now`. More than a step is nothing that encoders of
+    /// `step` would not tell, and while the reference moves with `velocity` steps come by often enough: both are left alone.
+    pub(super) fn correction(
+        &mut self,
+        drift: &Drift<N>,
+        now: MonoNs,
+        step: &SVector<f64, N>,
+        velocity: &SVector<f64, N>,
+    ) -> SVector<f64, N> {
+        let span_s = drift.span.as_s();
+        if !(drift.span > SpanNs::ZERO) {
+            return SVector::zeros();
+        }
+        let since = self.since(drift);
+        let gain = span_s / (span_s + TIME_S);
+        let dv = SVector::from_fn(|i, _| {
+            let (dq, step) = (drift.dq[i], step[i]);
+            let slow = 1.0 - velocity[i].abs() * span_s / step;
+            // The comparison also leaves joints without steps alone, and NaN.
+            if !(dq.abs() < step && slow > 0.0) {
+                return 0.0;
+            }
+            self.trust[i] += (1.0 - self.trust[i]) * GAIN_OF_TRUST * slow;
+            gain * slow * (dq / span_s - since[i])
+        });
+        self.corrections[self.next % REMEMBERED] = (now, dv);
+        self.next += 1;
+        dv
+    }
+
+    /// A tick has passed: how much it is the camera that tells of each joint's motion, 0 to 1.
+    pub(super) fn trust(&mut self) -> &SVector<f64, N> {
+        self.trust *= 1.0 - TICK.as_s() / TRUST_LASTS_S;
+        &self.trust
+    }
+
+    /// What the velocities are corrected by since the exposures of `drift`, in the mean over the time between them.
+    fn since(&self, drift: &Drift<N>) -> SVector<f64, N> {
+        self.corrections.iter().fold(SVector::zeros(), |sum, (at, dv)| {
+            let share = (*at - drift.from).as_s() / drift.span.as_s();
+            sum + dv * share.clamp(0.0, 1.0)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector1;
+    use std::collections::VecDeque;
+
+    const MS: i64 = 1_000_000;
+
+    /// An arm that drifts by 1 mrad/s is believed to stand; what is left of that after `frames`, whose measurements come `latency` ms
+    /// after their exposures, every `period` ms.
+    fn left_after(frames: i64, period: i64, latency: i64) -> Vec<f64> {
+        let mut seen = Seen::<1>::default();
+        let (mut error, mut errors) = (1e-3, vec![]);
+        let mut history = vec![error];
+        let mut under_way: VecDeque<(i64, Drift<1>)> = VecDeque::new();
+        for ms in 1..frames * period {
+            history.push(error);
+            if ms % period == 0 {
+                let from = ms - period;
+                let dq: f64 = history[from as usize..ms as usize].iter().sum::<f64>() * 1e-3;
+                let drift =
+                    Drift { dq: Vector1::new(dq), from: MonoNs(from * MS), span: SpanNs(period * MS) };
+                under_way.push_back((ms + latency, drift));
+            }
+            while let Some((_, drift)) = under_way.pop_front_if(|(at, _)| *at <= ms) {
+                let (step, rest) = (Vector1::new(5e-4), Vector1::zeros());
+                error -= seen.correction(&drift, MonoNs(ms * MS), &step, &rest)[0];
+                errors.push(error);
+            }
+        }
+        errors
+    }
+
+    #[test]
+    fn a_drift_dies_out_without_swinging_whatever_the_latency() {
+        for period in [2, 10, 40, 100] {
+            for latency in [1, 20, 80, 150] {
+                if latency / period >= REMEMBERED as i64 {
+                    continue;
+                }
+                let errors = left_after(60, period, latency);
+                assert!(errors.iter().all(|e| (-5e-5..=1e-3).contains(e)), "{period} {latency}: {errors:?}");
+                assert!(errors.last().unwrap().abs() < 2e-5, "{period} {latency}: {errors:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn exact_encoders_moving_joints_and_leaps_are_left_alone() {
+        let drift = Drift { dq: Vector1::new(1e-4), from: MonoNs::ZERO, span: SpanNs(40 * MS) };
+        let ask = |drift: Drift<1>, step: f64, velocity: f64| {
+            let (step, velocity) = (Vector1::new(step), Vector1::new(velocity));
+            Seen::default().correction(&drift, MonoNs(60 * MS), &step, &velocity)[0]
+        };
+        assert!(ask(drift, 5e-4, 0.0) > 1e-3);
+        assert_eq!(ask(drift, 0.0, 0.0), 0.0);
+        assert_eq!(ask(drift, 5e-4, 0.02), 0.0);
+        assert_eq!(ask(drift, 1e-5, 0.0), 0.0);
+        assert_eq!(ask(Drift { dq: Vector1::new(f64::NAN), ..drift }, 5e-4, 0.0), 0.0);
+        assert_eq!(ask(Drift { span: SpanNs::ZERO, ..drift }, 5e-4, 0.0), 0.0);
+    }
+}

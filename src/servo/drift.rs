@@ -1,0 +1,101 @@
+//! What a camera knows of the joints that coarse encoders do not: how much they moved between two views beyond what was believed.
+//!
+//! For an object at rest the view of one exposure, carried to the next by the joints' believed motion, is what is seen then. What
+//! differs is motion that nobody believed, `s - s_carried = L J dq`, and in the sense of least squares, weak directions damped,
+//!
+//! ```text
+//! dq = (J^T L^T L J + lambda 1)^-1 J^T L^T (s - s_carried)
+//! ```
+
+use super::{CameraJacobian, SetPoint, View};
+use crate::features::NormalEquations;
+use crate::linalg::Ldlt;
+use crate::time::{MonoNs, SpanNs};
+use nalgebra::SVector;
+
+/// Lambda, as share of the largest diagonal entry: motions that are seen a hundred times less than others are believed half.
+const DAMPING: f64 = 1e-4;
+
+/// Exposures farther apart than this say nothing of a velocity.
+pub(super) const LONGEST_SPAN: SpanNs = SpanNs(150_000_000);
+
+/// How much the joints moved between two exposures beyond what was believed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Drift<const N: usize> {
+    /// The motion, rad or m.
+    pub dq: SVector<f64, N>,
+    /// The first exposure.
+    pub from: MonoNs,
+    /// From it to the second.
+    pub span: SpanNs,
+}
+
+/// The motion `dq` of the joints, rad or m, that makes of the `carried` view the `seen` one; `None` where that cannot be told.
+pub(super) fn unbelieved_motion<const N: usize>(
+    set_point: &SetPoint,
+    carried: &View,
+    seen: &View,
+    J: &CameraJacobian<N>,
+) -> Option<SVector<f64, N>> {
+    let X_CO = seen.X_CO()?;
+    let mut equations = NormalEquations::<6>::new();
+    for (i, p_O) in set_point.points().iter().enumerate() {
+        if let (Some(s), Some(believed)) = (seen.feature(i), carried.feature(i)) {
+            equations.add_point(&s, (X_CO * p_O).z, &(s - believed), 1.0);
+        }
+    }
+    let J = J.matrix();
+    let b = J.tr_mul(&equations.vector());
+    let normal = J.tr_mul(&(equations.matrix() * J));
+    let largest = normal.diagonal().amax();
+    let matrix: [[f64; N]; N] = std::array::from_fn(|i| std::array::from_fn(|j| normal[(i, j)]));
+    let dq = SVector::from(Ldlt::new(&matrix, &[DAMPING * largest; N])?.solve(&b.into()));
+    dq.iter().all(|x| x.is_finite()).then_some(dq)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+    use crate::servo::Mount;
+    use crate::sim::perfect_measurement;
+    use nalgebra::{Point3, Vector6};
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+        #[test]
+        fn what_nobody_believed_is_found(
+            dq in prop::array::uniform6(-3e-4..3e-4f64), believed in prop::array::uniform6(-0.02..0.02f64), hand in any::<bool>()
+        ) {
+            let robot = crate::robot::load("ur5").unwrap().build::<6>().unwrap();
+            let points = [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1)].map(|(x, y)| Point3::new(x, y, 0.0));
+            let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.1, -0.2, 0.0].into());
+            let set_point = SetPoint::from_pose(&goal, &points).unwrap();
+            let q = Vector6::new(0.0, -1.6, 1.9, -1.9, -1.57, 0.0);
+            let mount = if hand {
+                Mount::EyeInHand { X_EC: Pose::identity() }
+            } else {
+                Mount::EyeToHand { X_BC: robot.forward(&q) * Pose::new([0.0, 0.0, 0.4].into(), [3.0, 0.1, 0.0].into()) }
+            };
+            let X_WC = |q: &Vector6<f64>| mount.X_WC(&robot.forward(q));
+            let X_WO = X_WC(&q) * goal;
+            let view_at = |q: &Vector6<f64>| {
+                let seen = perfect_measurement(&points, &X_WC(q).inv_mul(&X_WO), MonoNs::ZERO).unwrap();
+                View::of(&seen, &set_point).unwrap()
+            };
+            let dq = Vector6::from(dq);
+            let q_now = q + Vector6::from(believed);
+            let carried = view_at(&q).carried(&X_WC(&q_now).inv_mul(&X_WC(&q)), &set_point).unwrap();
+            let seen = view_at(&(q_now + dq));
+            let (_, J) = mount.camera(&robot, &q_now);
+            let found = unbelieved_motion(&set_point, &carried, &seen, &J).unwrap();
+            // What is left is not to be seen, or damped.
+            let left = view_at(&(q_now + dq - found));
+            let off = |a: &View, b: &View| -> f64 {
+                a.features().iter().zip(b.features()).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+            };
+            prop_assert!(off(&left, &carried) < 0.1 * off(&seen, &carried) + 1e-7, "{dq} {found}");
+        }
+    }
+}
