@@ -89,38 +89,15 @@ pub enum Calibration {
 /// Arguments of `vservo calibrate latency`.
 #[derive(Debug, Args)]
 pub struct LatencyArguments {
-    /// Run file (TOML); the embedded default where it is left out
-    pub config: Option<PathBuf>,
-    /// Pace of the control loop (run.clock)
-    #[arg(long)]
-    pub clock: Option<ClockArgument>,
-    /// Change one value of the run file; may be repeated
-    #[arg(long, value_name = "key.path=value")]
-    pub set: Vec<String>,
-    /// Seed of every random number (run.seed)
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// Name of this run: runs with different names do not see each other
-    #[arg(long, value_name = "NAME", default_value = "default")]
-    pub instance: String,
+    /// What runs
+    #[command(flatten)]
+    pub cell: CellArguments,
     /// Write the lines for the run file to this file
     #[arg(long, value_name = "FILE.toml")]
     pub out: Option<PathBuf>,
     /// Print the summary of the run as JSON, with what was found in `calibration`
     #[arg(long)]
     pub json: bool,
-}
-
-impl LatencyArguments {
-    /// All changes to the run file, the named options last.
-    #[must_use]
-    pub fn settings(&self) -> Vec<String> {
-        let mut set = self.set.clone();
-        set.extend(self.clock.map(ClockArgument::setting));
-        set.extend(self.seed.map(|seed| format!("run.seed={seed}")));
-        set.push("run.task=calibrate_latency".into());
-        set
-    }
 }
 
 /// Pace of the control loop.
@@ -141,71 +118,60 @@ impl ClockArgument {
     }
 }
 
-/// Arguments of `vservo run`.
+/// Which run file, with which changes, under which name: what every command that starts a run takes.
 #[derive(Debug, Args)]
-pub struct RunArguments {
+pub struct CellArguments {
     /// Run file (TOML); the embedded default where it is left out
     pub config: Option<PathBuf>,
     /// Pace of the control loop (run.clock)
     #[arg(long)]
     pub clock: Option<ClockArgument>,
-    /// Latest end of the run, s (run.duration_s)
-    #[arg(long, value_name = "S")]
-    pub duration_s: Option<f64>,
     /// Change one value of the run file; may be repeated
     #[arg(long, value_name = "key.path=value")]
     pub set: Vec<String>,
     /// Seed of every random number (run.seed)
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Write the summary to this file as JSON
-    #[arg(long, value_name = "FILE.json")]
-    pub summary: Option<PathBuf>,
     /// Name of this run: runs with different names do not see each other
     #[arg(long, value_name = "NAME", default_value = "default")]
     pub instance: String,
 }
 
-impl RunArguments {
-    /// All changes to the run file, the named options last.
+impl CellArguments {
+    /// All changes to the run file: `--set`, then the named options, then what the command itself sets.
     #[must_use]
-    pub fn settings(&self) -> Vec<String> {
+    pub fn settings(&self, of_the_command: Option<String>) -> Vec<String> {
         let mut set = self.set.clone();
         set.extend(self.clock.map(ClockArgument::setting));
-        set.extend(self.duration_s.map(|s| format!("run.duration_s={s:?}")));
         set.extend(self.seed.map(|seed| format!("run.seed={seed}")));
+        set.extend(of_the_command);
         set
     }
+}
+
+/// Arguments of `vservo run`.
+#[derive(Debug, Args)]
+pub struct RunArguments {
+    /// What runs
+    #[command(flatten)]
+    pub cell: CellArguments,
+    /// Latest end of the run, s (run.duration_s)
+    #[arg(long, value_name = "S")]
+    pub duration_s: Option<f64>,
+    /// Write the summary to this file as JSON
+    #[arg(long, value_name = "FILE.json")]
+    pub summary: Option<PathBuf>,
 }
 
 /// Arguments of `vservo serve`.
 #[derive(Debug, Args)]
 pub struct ServeArguments {
-    /// Run file (TOML); the embedded default where it is left out
-    pub config: Option<PathBuf>,
-    /// Pace of the control loop (run.clock)
-    #[arg(long)]
-    pub clock: Option<ClockArgument>,
-    /// Change one value of the run file; may be repeated
-    #[arg(long, value_name = "key.path=value")]
-    pub set: Vec<String>,
-    /// Seed of every random number (run.seed)
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
+    /// What runs
+    #[command(flatten)]
+    pub cell: CellArguments,
     /// Write the summary to this file as JSON, at the end
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,
-    /// Name of this run: runs with different names do not see each other
-    #[arg(long, value_name = "NAME", default_value = "default")]
-    pub instance: String,
-}
-
-impl From<ServeArguments> for RunArguments {
-    fn from(serve: ServeArguments) -> Self {
-        let ServeArguments { config, clock, mut set, seed, summary, instance } = serve;
-        set.push("run.serve=true".into());
-        Self { config, clock, duration_s: None, set, seed, summary, instance }
-    }
 }
 
 /// Arguments of `vservo ctl`.

@@ -6,8 +6,8 @@ mod camera_arguments;
 mod ctl;
 
 pub use arguments::{
-    Calibration, CameraArgument, CameraArguments, Cli, Command, CtlArguments, ExperimentArguments,
-    LatencyArguments, Order, RoleArguments, RunArguments, ServeArguments,
+    Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments,
+    ExperimentArguments, LatencyArguments, Order, RoleArguments, RunArguments, ServeArguments,
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 
@@ -37,9 +37,11 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     start_logging();
     let result = match cli.command {
-        None => run(&cli.run),
-        Some(Command::Run(arguments)) => run(&arguments),
-        Some(Command::Serve(arguments)) => run(&arguments.into()),
+        None => run_command(&cli.run),
+        Some(Command::Run(arguments)) => run_command(&arguments),
+        Some(Command::Serve(arguments)) => {
+            run(&arguments.cell, Some("run.serve=true".into()), arguments.summary.as_deref())
+        }
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
         Some(Command::Camera(arguments)) => match camera::look(&arguments) {
             Some(result) => result,
@@ -116,19 +118,30 @@ fn warn(config: &Config) {
     }
 }
 
-fn run(arguments: &RunArguments) -> Result<u8, ProcessError> {
+fn run_command(arguments: &RunArguments) -> Result<u8, ProcessError> {
+    let duration = arguments.duration_s.map(|s| format!("run.duration_s={s:?}"));
+    run(&arguments.cell, duration, arguments.summary.as_deref())
+}
+
+/// Runs a cell with a setting of the command; the summary also goes to the file `summary`.
+fn run(cell: &CellArguments, setting: Option<String>, summary: Option<&Path>) -> Result<u8, ProcessError> {
     // First of all: a request to stop that comes early is one too.
     let stop = StopFlag::on_signals()?;
-    let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
-    require_one_camera(&config)?;
-    warn(&config);
-    let instance: Instance = arguments.instance.parse()?;
-    if let Some(path) = &arguments.summary {
+    let (config, instance) = prepare(cell, setting)?;
+    if let Some(path) = summary {
         check_writable(path)?;
     }
     let end = supervisor::run(&config, &instance, &stop)?;
     let exit_code = shown(&end.summary.to_text(), end.exit_code);
-    Ok(write_summary(arguments.summary.as_deref(), &end.summary, exit_code))
+    Ok(write_summary(summary, &end.summary, exit_code))
+}
+
+/// The cell that a supervisor is to run, and its name.
+fn prepare(cell: &CellArguments, setting: Option<String>) -> Result<(Config, Instance), ProcessError> {
+    let config = Config::load(cell.config.as_deref(), &cell.settings(setting))?;
+    require_one_camera(&config)?;
+    warn(&config);
+    Ok((config, cell.instance.parse()?))
 }
 
 fn check_writable(path: &Path) -> Result<(), ProcessError> {
@@ -156,10 +169,7 @@ fn write_summary(path: Option<&Path>, summary: &Summary, exit_code: u8) -> u8 {
 
 fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
-    let config = Config::load(arguments.config.as_deref(), &arguments.settings())?;
-    require_one_camera(&config)?;
-    warn(&config);
-    let instance: Instance = arguments.instance.parse()?;
+    let (config, instance) = prepare(&arguments.cell, Some("run.task=calibrate_latency".into()))?;
     if let Some(path) = &arguments.out {
         check_writable(path)?;
     }
