@@ -33,7 +33,9 @@ pub struct Vivid(());
 impl Vivid {
     /// `node_types=0x1` is a capture device alone, `input_types=0` a webcam, `3` HDMI.
     pub fn load(parameters: &str) -> Self {
-        sh(&format!("rmmod vivid 2>/dev/null; mods vivid n_devs=1 no_error_inj=0 {parameters}"));
+        // One that is there already would keep its own parameters.
+        let rid = "if [ -d /sys/module/vivid ]; then rmmod vivid; fi";
+        sh(&format!("{rid} && mods vivid n_devs=1 no_error_inj=0 {parameters}"));
         let vivid = Self(());
         wait_until("vivid's device", || node_called("vivid-000-vid-cap").is_some());
         vivid
@@ -60,7 +62,7 @@ impl Vivid {
 
 impl Drop for Vivid {
     fn drop(&mut self) {
-        let _ = Command::new("rmmod").arg("vivid").status();
+        let _ = Command::new("rmmod").arg("vivid").output();
     }
 }
 

@@ -3,7 +3,7 @@
 //! Outside it every test is ignored; where one is asked for there by `--ignored` it fails and says how to run it.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)] // helpers of tests are tests
-#![allow(unreachable_pub, dead_code, non_snake_case)]
+#![allow(unreachable_pub, dead_code, non_snake_case, clippy::print_stdout)]
 
 mod capture;
 mod closed_loop;
@@ -12,6 +12,7 @@ mod common;
 mod formats;
 mod guest;
 mod handles;
+mod program;
 mod rates;
 mod rig;
 mod usb_camera;

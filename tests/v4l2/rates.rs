@@ -58,6 +58,10 @@ fn stamps_keep_step_with_the_exposures() {
     guest::load_usb();
     let camera = UsbCamera::plug(&Model::default());
     let mut capture = Capture::open(&camera.node(), Wish { rate_hz: 30.0, ..Wish::VGA });
+    // The first frames find camera and driver still at their start.
+    for _ in 0..5 {
+        capture.next();
+    }
     let lags_us: Vec<i32> = (0..60)
         .map(|_| {
             let (captured, marks) = capture.next_marked();
@@ -65,6 +69,6 @@ fn stamps_keep_step_with_the_exposures() {
         })
         .collect();
     let (least, most) = (lags_us.iter().min().unwrap(), lags_us.iter().max().unwrap());
-    assert!(most - least < 3000, "{lags_us:?}");
+    assert!(most - least < 500, "{lags_us:?}");
     assert!(*least > 0 && *most < 100_000, "{lags_us:?}");
 }

@@ -7,6 +7,7 @@ use crate::usb_camera::{Fault, Model, UsbCamera};
 use std::path::Path;
 use std::time::Duration;
 use vservo::config::Config;
+use vservo::messages::CameraState;
 use vservo::time::SpanNs;
 
 const SECOND: SpanNs = SpanNs(1_000_000_000);
@@ -35,12 +36,14 @@ fn unplugged_and_plugged_in_again_it_goes_on() {
             camera.unplug();
             while capture.within(SpanNs(SECOND.0 / 2)).is_some() {}
             assert_eq!(capture.within(SECOND), None);
+            assert_eq!(capture.health().state, CameraState::Gone);
             camera = UsbCamera::plug(&Model::default());
             let next = capture.next();
             assert!(next.sequence > last.sequence && next.mid > last.mid, "{last:?}, {next:?}");
             last = next;
             assert_streams(&mut capture, 5);
         }
+        assert_eq!((capture.health().reopened, capture.health().state), (2, CameraState::Streaming));
     }
 }
 

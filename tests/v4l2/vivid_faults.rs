@@ -2,6 +2,7 @@
 
 use crate::capture::{CHECKERS, Capture, Taken, Wish, assert_checkers, config};
 use crate::guest::Vivid;
+use vservo::messages::CameraState;
 use vservo::time::SpanNs;
 
 const SECOND: SpanNs = SpanNs(1_000_000_000);
@@ -53,8 +54,10 @@ fn a_stall_passes() {
     vivid.set("percentage_of_dropped_buffers=100");
     capture.within(SpanNs(SECOND.0 / 4));
     assert_eq!(capture.within(SpanNs(2 * SECOND.0)), None);
+    assert_eq!(capture.health().state, CameraState::Stalled);
     vivid.set("percentage_of_dropped_buffers=0");
     assert_streams(&mut capture, 10);
+    assert_eq!(capture.health().state, CameraState::Streaming);
 }
 
 #[test]
@@ -68,6 +71,7 @@ fn a_buffer_with_the_error_flag_is_not_shown() {
     let all = Taken { frames: [before.frames, after.frames].concat(), lost: after.lost };
     // Once: as a gap of the count, or beside it.
     assert_eq!(all.gaps() + all.lost - before.lost, 1, "{all:?}");
+    assert_eq!(capture.health().corrupt, 1);
 }
 
 #[test]
@@ -80,6 +84,8 @@ fn a_stream_error_is_started_over() {
         vivid.set("inject_fatal_streaming_error=1");
         assert_streams(&mut capture, 10);
     }
+    let health = capture.health();
+    assert_eq!((health.restarted, health.reopened, health.state), (3, 0, CameraState::Streaming));
 }
 
 #[test]
@@ -90,6 +96,7 @@ fn a_device_that_disconnects_is_opened_again() {
     assert_streams(&mut capture, 5);
     vivid.set("disconnect=1");
     assert_streams(&mut capture, 25);
+    assert_eq!((capture.health().reopened, capture.health().state), (1, CameraState::Streaming));
 }
 
 #[test]
@@ -158,5 +165,6 @@ fn stamps_that_wrap_are_not_believed() {
         }
         taken.assert_stamps_grow();
         assert_eq!(taken.gaps(), 0);
+        assert!(capture.health().stamps_are_doubted);
     }
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 use tempfile::TempDir;
 use vservo::config::Config;
 use vservo::ipc::Services;
-use vservo::messages::CameraId;
+use vservo::messages::{CameraId, CameraState};
 use vservo::process::frame_shape;
 use vservo::time::SpanNs;
 
@@ -76,6 +76,7 @@ fn a_test_picture_goes_through_all_processes_to_the_end_of_the_run() {
         .args(["run", "--instance", &instance.name, "--summary"])
         .args([&summary, &file])
         .stdout(Stdio::null())
+        .stderr(Stdio::null())
         .spawn()
         .unwrap();
     let place = PathBuf::from("/dev/shm").join(format!("vservo-{}/config.toml", instance.name));
@@ -108,5 +109,56 @@ fn a_test_picture_goes_through_all_processes_to_the_end_of_the_run() {
     assert!((130..=155).contains(&seen), "{seen} frames");
     assert!((250..=305).contains(&statuses), "{statuses} statuses");
     assert!(newest.unwrap().frames >= 130, "{newest:?}");
+    instance.assert_gone();
+}
+
+/// The camera is pulled out of a run in the middle, and put back.
+#[test]
+#[ignore = "runs in the virtual machine: tests/vm/run.py"]
+fn a_run_holds_while_its_camera_is_away() {
+    guest::load_usb();
+    let model = Model::default();
+    let mut camera = Some(UsbCamera::plug(&model));
+    let folder = tempfile::tempdir().unwrap();
+    let text = format!(
+        "[run]\nduration_s = 12.0\n[drive]\nkind = \"none\"\n{}",
+        run_file("Emulated Camera", Wish { rate_hz: 30.0, ..Wish::VGA }, "")
+    );
+    let file = written(&folder, &text);
+    let summary = folder.path().join("summary.json");
+    let instance = Instance::new("away");
+    let mut run = vservo();
+    run.args(["run", "--instance", &instance.name, "--summary"]).args([&summary, &file]);
+    let mut run = run.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let place = PathBuf::from("/dev/shm").join(format!("vservo-{}/config.toml", instance.name));
+    crate::common::wait_until("the instance", || place.exists());
+    let mut in_status = Vec::new();
+    {
+        let services = Services::join(&instance.name.parse().unwrap()).unwrap();
+        let status = services.status_receiver().unwrap();
+        while run.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(10));
+            let Some(s) = status.receive().unwrap() else { continue };
+            let state = CameraState::from_code(s.camera_state);
+            if in_status.last() != Some(&state) {
+                in_status.push(state);
+            }
+            if s.time_s > 3.0 && s.time_s < 6.0 {
+                camera.take().into_iter().for_each(UsbCamera::unplug);
+            } else if s.time_s >= 6.0 && camera.is_none() {
+                camera = Some(UsbCamera::plug(&model));
+            }
+        }
+    }
+    instance.name.parse::<vservo::ipc::Instance>().unwrap().remove_leftovers(None);
+    let s = read_summary(&summary);
+    assert_eq!((run.wait().unwrap().code(), &s["outcome"]), (Some(0), &"finished".into()), "{s}");
+    let (gone, streams) = (CameraState::Gone, CameraState::Streaming);
+    let before = in_status.iter().position(|s| *s == streams).expect("it streams");
+    let away = before + in_status[before..].iter().position(|s| *s == gone).expect("it is away");
+    assert_eq!(in_status.last(), Some(&streams), "{in_status:?}");
+    assert!(away < in_status.len() - 1, "{in_status:?}");
+    let events = s["safety"]["events"].to_string();
+    assert!(events.contains("camera unplugged") && events.contains("camera streaming again"), "{events}");
     instance.assert_gone();
 }

@@ -68,7 +68,7 @@ impl Model {
 
     /// The configuration with everything below it.
     pub fn configuration(&self) -> Vec<u8> {
-        let association = descriptor(0x0b, &[&[0, 2, 0x0e, 3, 0, 2]]);
+        let association = descriptor(0x0b, &[&[0, 2, 0x0e, 3, 0, 0]]);
         let control = descriptor(4, &[&[0, 0, 0, 0x0e, 1, 0, 2]]);
         let streaming = descriptor(4, &[&[1, 0, 1, 0x0e, 2, 0, 0]]);
         let endpoint = descriptor(5, &[&[ENDPOINT, 2, 0, 2, 0]]);
