@@ -41,7 +41,7 @@ pub(super) fn unbelieved_motion<const N: usize>(
     let mut equations = NormalEquations::<6>::new();
     for (i, p_O) in set_point.points().iter().enumerate() {
         if let (Some(s), Some(believed)) = (seen.feature(i), carried.feature(i)) {
-            equations.add_point(&s, (X_CO * p_O).z, &(s - believed), 1.0);
+            equations.add_point(s, (X_CO * p_O).z, &(s - believed), 1.0);
         }
     }
     let J = J.matrix();

@@ -43,7 +43,7 @@ impl<const N: usize> Seen<N> {
         velocity: &SVector<f64, N>,
     ) -> SVector<f64, N> {
         let span_s = drift.span.as_s();
-        if !(drift.span > SpanNs::ZERO) {
+        if drift.span <= SpanNs::ZERO {
             return SVector::zeros();
         }
         let since = self.since(drift);
