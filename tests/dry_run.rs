@@ -98,3 +98,18 @@ fn what_needs_an_arm_is_refused() {
         config(&[&format!("servo.scheme={scheme}")]).unwrap();
     }
 }
+
+#[test]
+fn the_run_files_of_real_cameras_are_accepted() {
+    let load = |name: &str| {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("config/{name}.toml"));
+        Config::load(Some(&path), &[]).unwrap()
+    };
+    let (hand, cell) = (load("hand-held"), load("real-cell"));
+    for config in [&hand, &cell] {
+        assert!(config.scene.is_none() && config.warnings.is_empty(), "{:?}", config.warnings);
+        assert_eq!(config.camera.model.intrinsics().fx_px, 612.4, "from the calibration file");
+    }
+    assert!(!hand.closes_the_loop());
+    assert!(cell.closes_the_loop());
+}
