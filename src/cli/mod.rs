@@ -269,14 +269,14 @@ fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
     let checked = Config::load(Some(config), set)?;
     require_one_camera(&checked)?;
     warn(&checked);
-    let i = checked.camera.model.intrinsics();
+    let (width_px, height_px) = checked.camera.full_size_px();
+    let of_whole = |region| format!("{region} of ");
     let line = format!(
-        "{}: ok: {} on {}, {}x{} px at {} Hz, {}\n",
+        "{}: ok: {} on {}, {}{width_px}x{height_px} px at {} Hz, {}\n",
         printable(&config.display().to_string()),
         checked.scheme_name(),
         printable(&checked.robot.name),
-        i.width_px,
-        i.height_px,
+        checked.camera.roi().map_or_else(String::new, of_whole),
         checked.camera.rate_hz,
         checked.clock_name()
     );

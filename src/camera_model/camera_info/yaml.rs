@@ -28,6 +28,9 @@ enum Value {
     Table,
 }
 
+/// Rows and columns of a matrix, and its numbers row by row.
+type Matrix = ((usize, usize), Vec<f64>);
+
 /// What a file says, key by key.
 #[derive(Debug)]
 pub(super) struct Entries {
@@ -228,7 +231,7 @@ impl Entries {
     }
 
     /// Rows, columns and numbers of the matrix at `key`, as many as rows and columns say.
-    fn sized(&self, key: &str) -> Result<Option<((usize, usize), Vec<f64>)>, CameraInfoError> {
+    fn sized(&self, key: &str) -> Result<Option<Matrix>, CameraInfoError> {
         let Some(entry) = self.find(key) else { return Ok(None) };
         if !matches!(entry.value, Value::Table) {
             return Err(self.wrong(key, "must have rows, cols and data"));
