@@ -21,9 +21,11 @@ const TINY: [f64; 3] = [1e-308, -1e-308, 0.0];
 /// What every optional key is set to, so that no number is missing from the effective configuration.
 const OPTIONAL: &str = "
     camera.name = 'eye'
+    camera.roi = { width_px = 640, height_px = 480 }
+    camera.v4l2 = { format = 'GREY', input = 0 }
     camera.lens = { cx_px = 319.5, cy_px = 239.5 }
-    scene.camera.lens = { fx_px = 801.0, fy_px = 801.0, cx_px = 319.0, cy_px = 239.0, k1 = -0.1, k2 = 0.0, p1 = 0.0, \
-    p2 = 0.0, k3 = 0.0 }
+    scene.camera.lens = { model = 'plumb_bob', fx_px = 801.0, fy_px = 801.0, cx_px = 319.0, cy_px = 239.0, k1 = -0.1, k2 = 0.0, p1 = 0.0, \
+    p2 = 0.0, k3 = 0.0, k4 = 0.0, k5 = 0.0, k6 = 0.0 }
     scene.camera.mount = { position_m = [0.001, 0.0, 0.0], rotation_rpy_rad = [0.0, 0.0, 0.001] }
     scene.target = { scale = 1.01, side_m = 0.101, radius_m = 0.0101, radius_p1_m = 0.0151, margin_m = 0.0301 }
     target.dot_grid = { radius_m = 0.006, large_radius_m = 0.0096, margin_m = 0.0225 }
@@ -282,6 +284,12 @@ fn no_optional_key_is_forgotten() {
         let expected = error.split_once(", expected ").unwrap().1;
         let mut expected: BTreeSet<String> =
             expected.split('`').skip(1).step_by(2).map(String::from).collect();
+        if path == "camera.v4l2" {
+            expected.remove("controls"); // whose names are the device's
+        }
+        if path == "camera.lens" {
+            expected.remove("file"); // which stands for all the others
+        }
         expected.remove("cameras"); // a list of what [camera] is, which is there
         assert_eq!(written, expected, "[{path}]");
     }

@@ -292,6 +292,7 @@ pub(super) fn source(c: &RawCamera, look: SceneLook, seed: u64, at: &str, check:
         vignetting: check.range(&key("synthetic.vignetting"), synthetic.vignetting, SensorModel::VIGNETTING),
         seed,
     };
+    let v4l2 = v4l2::settings(&c.v4l2, at, c.source == SourceKind::V4l2, check);
     match c.source {
         SourceKind::Synthetic => Source::Synthetic { look, sensor, motion_blur: synthetic.motion_blur },
         SourceKind::Replay => {
@@ -303,6 +304,6 @@ pub(super) fn source(c: &RawCamera, look: SceneLook, seed: u64, at: &str, check:
             }
             Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
         }
-        SourceKind::V4l2 => Source::V4l2(v4l2::settings(&c.v4l2, at, check)),
+        SourceKind::V4l2 => Source::V4l2(v4l2),
     }
 }

@@ -187,10 +187,10 @@ impl V4l2Settings {
     }
 }
 
-/// The settings of a camera whose table is `at`.
-pub(super) fn settings(raw: &RawV4l2, at: &str, check: &mut Check<'_>) -> V4l2Settings {
+/// The settings of a camera whose table is `at`; bounds hold whether it is used or not, a device is `needed` where it is.
+pub(super) fn settings(raw: &RawV4l2, at: &str, needed: bool, check: &mut Check<'_>) -> V4l2Settings {
     let key = |name: &str| format!("{at}.v4l2.{name}");
-    if raw.device.trim().is_empty() {
+    if needed && raw.device.trim().is_empty() {
         check.wrong(
             &key("device"),
             "is missing: give the path, the name or the bus of the camera; `vservo camera --list` shows what there is",

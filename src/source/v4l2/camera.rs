@@ -14,12 +14,12 @@
 //! A frame's way: taken from the driver, dated, converted once into shared memory, given back. Nothing here waits longer than it was told,
 //! but for the driver's own opening and starting.
 
-use super::count::{Backoff, RateMeter, ReadingPlan, SequenceCount};
+use super::count::Backoff;
 use super::fault::is_gone;
 use super::name::{self, Found, Identity};
-use super::node::{CameraHost, FilledBuffer, Waited, is_rate};
+use super::node::{CameraHost, Waited};
 use super::session::{Losses, Session};
-use super::stamp::{Dated, DriverStamp, Stamps};
+use super::track::Track;
 use super::{CaptureFacts, CaptureWish, V4l2Error};
 use crate::messages::CameraState;
 use crate::source::{Captured, Filled, FreeRunningSource, SourceError, SourceHealth};
@@ -31,11 +31,15 @@ use tracing::{info, warn};
 
 /// Attempts at the start of a stream, before the process gives it up.
 const ATTEMPTS: u32 = 5;
+/// Wake-ups in a row for nothing, after which the stream counts as broken.
+const IDLE_WAKES: u32 = 10;
 /// Attempts at beginning a stream anew, before the device is opened anew.
 const RESTARTS: u32 = 3;
 /// Periods without a frame after which a camera counts as stalled, and the least time.
 const STALLED_PERIODS: f64 = 5.0;
 const STALLED: SpanNs = SpanNs(500_000_000);
+/// The least time from the start of a stream: a sensor may have to wake up.
+const STALLED_AT_START: SpanNs = SpanNs(3_000_000_000);
 /// A stall after which the stream is begun anew; the pauses between such attempts grow.
 const RESTART_STALLED: SpanNs = SpanNs(5_000_000_000);
 /// Different notes that are told of a device.
@@ -59,31 +63,21 @@ pub struct V4l2Camera {
     wish: CaptureWish,
     identity: Identity,
     link: Link,
-    sequence: SequenceCount,
-    stamps: Stamps,
-    rate: RateMeter,
-    reading: ReadingPlan,
-    /// From frame to frame, as the device says, or as it was asked for.
-    period: SpanNs,
-    /// Of the device, where it says; else as configured.
-    exposure: SpanNs,
-    exposure_is_read: bool,
-    automatic: bool,
+    track: Track,
     backoff: Backoff,
     /// Restarts since the last frame.
     restarts: u32,
     last_frame: MonoNs,
     next_restart: SpanNs,
     losses: Losses,
+    idle_wakes: u32,
     damaged_in_conversion: u64,
-    undated: u64,
     conversions: u64,
     state: CameraState,
     since: MonoNs,
     reopened: u64,
     restarted: u64,
     told: BTreeSet<String>,
-    last_buffer: Option<FilledBuffer>,
 }
 
 impl V4l2Camera {
@@ -104,32 +98,24 @@ impl V4l2Camera {
         };
         let now = host.now();
         let mut camera = Self {
-            stamps: Stamps::new(wish.settings.shutter, wish.settings.readout, session.buffers()),
-            period: SpanNs::from_s(1.0 / wish.rate_hz),
-            exposure: wish.exposure,
-            exposure_is_read: false,
-            automatic: false,
+            track: Track::new(&wish, session.buffers()),
             host,
             wish,
             identity,
             link: Link::Closed(now),
-            sequence: SequenceCount::default(),
-            rate: RateMeter::default(),
-            reading: ReadingPlan::new(),
             backoff: Backoff::new(),
             restarts: 0,
             last_frame: now,
             next_restart: RESTART_STALLED,
             losses: Losses::default(),
+            idle_wakes: 0,
             damaged_in_conversion: 0,
-            undated: 0,
             conversions: 0,
             state: CameraState::Starting,
             since: now,
             reopened: 0,
             restarted: 0,
             told: BTreeSet::new(),
-            last_buffer: None,
         };
         camera.adopt(session, news);
         Ok(camera)
@@ -148,38 +134,25 @@ impl V4l2Camera {
 
     /// Goes on with a session that streams.
     fn adopt(&mut self, session: Session, news: Vec<String>) {
-        let (read, automatic) = session.exposure();
+        let exposure = self.track.adopt(&session);
         let agreed = session.agreed();
         info!(
-            "{}: {} {}x{}{}, exposure {}",
+            "{}: {} {}x{}{}, exposure {exposure}",
             session.path().display(),
             agreed.layout.fourcc,
             agreed.layout.width,
             agreed.layout.height,
             agreed.interval.map_or(String::new(), |i| format!(" at {:.3} Hz", i.rate_hz())),
-            match (read, automatic) {
-                (Some(span), true) => format!("automatic, now {:.1} ms", span.as_s() * 1e3),
-                (Some(span), false) => format!("{:.1} ms", span.as_s() * 1e3),
-                (None, _) => format!(
-                    "taken as camera.exposure_ms, {:.1} ms: the device does not say",
-                    self.wish.exposure.as_s() * 1e3
-                ),
-            }
         );
-        let said_hz = agreed.interval.map(|i| i.rate_hz()).filter(|hz| *hz > 0.0);
-        self.period = SpanNs::from_s(1.0 / said_hz.unwrap_or(self.wish.rate_hz));
         self.link = Link::Streams(session);
-        (self.automatic, self.exposure_is_read) = (automatic, read.is_some());
-        self.set_exposure(read);
         self.begin_count();
         news.into_iter().for_each(|line| self.tell(line));
     }
 
     /// A stream begins: its numbers and stamps have nothing to do with those before.
     fn begin_count(&mut self) {
-        self.sequence.restart();
-        self.stamps.restart();
-        self.rate.restart();
+        self.track.begin();
+        self.idle_wakes = 0;
         self.last_frame = self.host.now();
         self.next_restart = RESTART_STALLED;
     }
@@ -198,16 +171,6 @@ impl V4l2Camera {
         }
     }
 
-    fn set_exposure(&mut self, read: Option<SpanNs>) {
-        let Some(read) = read else { return self.exposure = self.wish.exposure };
-        // Some devices say what they would like: no exposure is longer than the time between frames.
-        let longest = match self.rate.measured_hz() {
-            Some(hz) => self.period.max(SpanNs::from_s(1.0 / hz)),
-            None => self.period,
-        };
-        self.exposure = read.min(longest);
-    }
-
     /// Waits for a frame of a device that streams.
     fn wait_for_frame(
         &mut self,
@@ -215,58 +178,28 @@ impl V4l2Camera {
         longest: Duration,
     ) -> Result<Option<Captured>, Errno> {
         session.give_back()?;
-        if self.automatic && self.exposure_is_read && self.reading.is_due() {
-            let begin = self.host.now();
-            let (read, automatic) = session.exposure();
-            self.automatic = automatic;
-            self.set_exposure(read.or(Some(self.exposure)));
-            self.reading.took(self.host.now() - begin, self.period);
-        }
+        self.track.follow_exposure(session, self.host.as_ref());
         let waited = session.node().wait(longest)?;
         if waited == Waited::TimeIsUp {
             return Ok(None);
         }
-        let taken = session.take_newest(&mut self.losses)?;
-        let Some(buffer) = taken else {
-            // Trouble that nobody gives a reason for, and that no time passes with.
-            return if waited == Waited::Troubled { Err(Errno::IO) } else { Ok(None) };
+        let losses = self.losses;
+        let Some(buffer) = session.take_newest(&mut self.losses)? else {
+            // Trouble that nobody gives a reason for, or wake-ups for nothing: no time passes with either.
+            self.idle_wakes = if self.losses == losses { self.idle_wakes + 1 } else { 0 };
+            let is_futile = waited == Waited::Troubled || self.idle_wakes > IDLE_WAKES;
+            return if is_futile { Err(Errno::IO) } else { Ok(None) };
         };
+        self.idle_wakes = 0;
         let arrival = self.host.now();
-        let number = self.sequence.number(buffer.sequence);
-        let driver =
-            DriverStamp { stamp: buffer.stamp, clock: buffer.clock, at_start: buffer.at_start, arrival };
-        let believed = self.stamps.doubt().is_none();
-        let dated = self.stamps.date(&driver, self.exposure);
-        if believed && let Some(doubt) = self.stamps.doubt() {
-            self.tell(format!(
-                "{}: frames are dated by their arrival; `vservo calibrate latency` finds by how much that is late \
-                 (camera.stamp_offset_ms)",
-                doubt.describe()
-            ));
+        let mut news = Vec::new();
+        let captured = self.track.frame(&buffer, arrival, &mut |line| news.push(line));
+        news.into_iter().for_each(|line| self.tell(line));
+        match captured {
+            Some(_) => self.last_frame = arrival,
+            None => session.give_back()?,
         }
-        self.last_buffer = Some(buffer);
-        let Dated::Mid(mid) = dated else {
-            self.undated += 1;
-            session.give_back()?;
-            return Ok(None);
-        };
-        self.last_frame = arrival;
-        if self.rate.note(mid, number) {
-            self.judge_rate();
-        }
-        Ok(Some(Captured { mid, span: self.exposure, sequence: number, lost: 0 }))
-    }
-
-    fn judge_rate(&mut self) {
-        let wished = self.wish.rate_hz;
-        if let Some(hz) = self.rate.measured_hz()
-            && hz < 0.9 * wished
-        {
-            self.tell(format!(
-                "it exposes at {hz:.0} Hz, {wished} Hz were asked for: in the dark an automatic exposure takes longer than a frame; \
-                 set the exposure, or controls exposure_dynamic_framerate = 0"
-            ));
-        }
+        Ok(captured)
     }
 
     /// The device failed.
@@ -340,7 +273,8 @@ impl V4l2Camera {
     /// No frame came within a wait.
     fn look_at_silence(&mut self) {
         let silent = self.host.now() - self.last_frame;
-        let limit = STALLED.max(SpanNs::from_s(STALLED_PERIODS * self.period.as_s()));
+        let least = if self.state == CameraState::Starting { STALLED_AT_START } else { STALLED };
+        let limit = least.max(SpanNs::from_s(STALLED_PERIODS * self.track.period().as_s()));
         if silent < limit {
             return;
         }
@@ -355,11 +289,9 @@ impl V4l2Camera {
         if silent > self.next_restart && matches!(self.link, Link::Streams(_)) {
             let next = SpanNs(self.next_restart.0.saturating_mul(2));
             if let Link::Streams(session) = std::mem::replace(&mut self.link, Link::Closed(MonoNs::ZERO)) {
-                let (last_frame, sequence) = (self.last_frame, self.sequence);
+                let last_frame = self.last_frame;
                 self.restart(session);
-                // The silence goes on, and so does the count: nothing is known to be lost.
-                (self.last_frame, self.sequence, self.next_restart) = (last_frame, sequence, next);
-                self.sequence.restart();
+                (self.last_frame, self.next_restart) = (last_frame, next); // the silence goes on
             }
         }
     }
@@ -377,23 +309,7 @@ impl V4l2Camera {
     #[must_use]
     pub fn facts(&self) -> Option<CaptureFacts> {
         let Link::Streams(session) = &self.link else { return None };
-        let agreed = session.agreed();
-        Some(CaptureFacts {
-            path: session.path().into(),
-            info: session.node().info().clone(),
-            format: agreed.layout.fourcc,
-            width: agreed.layout.width,
-            height: agreed.layout.height,
-            rate_hz: agreed.interval.map(|i| i.rate_hz()),
-            buffers: session.buffers(),
-            exposure: self.exposure,
-            exposure_is_read: self.exposure_is_read,
-            exposure_is_automatic: self.automatic,
-            stamp_clock: self.last_buffer.map(|b| b.clock),
-            stamp_at_start: self.last_buffer.is_some_and(|b| b.at_start),
-            stamp_doubt: self.stamps.doubt(),
-            conversions: self.conversions,
-        })
+        Some(self.track.facts(session, self.conversions))
     }
 }
 
@@ -466,20 +382,14 @@ impl FreeRunningSource for V4l2Camera {
     }
 
     fn health(&self) -> SourceHealth {
-        let rate_hz = self.rate.measured_hz();
-        SourceHealth {
+        self.track.health(SourceHealth {
             state: self.state,
             since: self.since,
             corrupt: self.losses.damaged + self.damaged_in_conversion,
             superseded: self.losses.superseded,
-            undated: self.undated,
             reopened: self.reopened,
             restarted: self.restarted,
-            stamps_clamped: self.stamps.clamped(),
-            rate_hz,
-            stamps_are_doubted: self.stamps.doubt().is_some(),
-            rate_is_missed: rate_hz
-                .is_some_and(|hz| !is_rate(hz, self.wish.rate_hz) && hz < 0.95 * self.wish.rate_hz),
-        }
+            ..SourceHealth::default()
+        })
     }
 }

@@ -4,6 +4,7 @@
 
 use super::abi::{self, *};
 use super::controls;
+use super::mapped::Mapped;
 use super::node::{
     ControlKind, ControlOffer, FilledBuffer, FormatName, FourCc, Interval, Layout, NodeInfo, NodeKind,
     RateOffer, SensorArea, SizeOffer, StampClock, VideoNode, Waited,
@@ -14,7 +15,6 @@ use rustix::fd::OwnedFd;
 use rustix::fs::{Mode, OFlags};
 use rustix::io::{Errno, retry_on_intr};
 use rustix::ioctl::{Getter, Opcode, Setter, Updater, ioctl};
-use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use std::path::Path;
 use std::time::Duration;
 
@@ -34,35 +34,6 @@ fn update<const REQUEST: Opcode, T>(fd: &OwnedFd, record: &mut T) -> Result<(), 
     // SAFETY: each request is called with the record whose size is a part of its number, see `abi.rs`; the kernel writes to
     // no other memory, but for those with addresses in them, which are `planes` and `control` below.
     retry_on_intr(|| unsafe { ioctl(fd, Updater::<REQUEST, T>::new(record)) })
-}
-
-/// A mapped buffer.
-#[derive(Debug)]
-struct Mapped {
-    start: *mut u8,
-    length: usize,
-}
-
-impl Mapped {
-    fn new(fd: &OwnedFd, length: usize, offset: u64) -> Result<Self, Errno> {
-        // SAFETY: a new mapping at an address of the kernel's choice; nothing of ours lies there.
-        let start =
-            unsafe { mmap(std::ptr::null_mut(), length, ProtFlags::READ, MapFlags::SHARED, fd, offset) }?;
-        Ok(Self { start: start.cast(), length })
-    }
-
-    fn bytes(&self) -> &[u8] {
-        // SAFETY: mapped for reading as long as `self` lives. The driver writes to a buffer only while it has it, and what
-        // it has is not read: see `Device::payload`.
-        unsafe { std::slice::from_raw_parts(self.start, self.length) }
-    }
-}
-
-impl Drop for Mapped {
-    fn drop(&mut self) {
-        // SAFETY: our own mapping, which nobody borrows any more.
-        let _ = unsafe { munmap(self.start.cast(), self.length) };
-    }
 }
 
 /// An open node. Dropped, it stops streaming and gives everything back; after an unplugging those requests fail, and that is fine.

@@ -7,6 +7,7 @@
 //! controls
 //! session.rs            one opening: buffers, the newest good frame, its one conversion
 //! stamp.rs, count.rs    pure: when a frame was exposed, how many were lost, how long to pause
+//! track.rs              numbers, times and rate of a stream's frames
 //! camera.rs             the source: goes on, whatever happens to the device
 //! listing.rs, probe.rs  what there is, and how well it does: `vservo camera --list`, `--probe`
 //! ```
@@ -26,6 +27,7 @@ mod fault;
 mod format;
 mod host;
 mod listing;
+mod mapped;
 mod name;
 mod node;
 mod probe;
@@ -33,6 +35,7 @@ mod session;
 mod stamp;
 #[cfg(test)]
 mod tests;
+mod track;
 
 pub use camera::V4l2Camera;
 pub use fault::V4l2Error;
