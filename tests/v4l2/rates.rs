@@ -68,7 +68,11 @@ fn stamps_keep_step_with_the_exposures() {
             ((captured.mid.0 / 1000) as u32).wrapping_sub(marks.exposed_us) as i32
         })
         .collect();
-    let (least, most) = (lags_us.iter().min().unwrap(), lags_us.iter().max().unwrap());
-    assert!(most - least < 500, "{lags_us:?}");
-    assert!(*least > 0 && *most < 100_000, "{lags_us:?}");
+    let mut sorted = lags_us.clone();
+    sorted.sort_unstable();
+    let median = sorted[sorted.len() / 2];
+    assert!((0..100_000).contains(&median), "{lags_us:?}");
+    // A transfer may be late once; never early.
+    let near = lags_us.iter().filter(|lag| (*lag - median).abs() < 500).count();
+    assert!(near >= 54 && sorted[0] > median - 500, "{lags_us:?}");
 }
