@@ -2,6 +2,7 @@
 
 use crate::capture::{CHECKERS, Capture, Wish, assert_checkers, assert_picture, number_after};
 use crate::guest::{self, Vivid};
+use crate::usb_camera::picture;
 use crate::usb_camera::{Model, UsbCamera};
 use vservo::time::SpanNs;
 
@@ -42,7 +43,11 @@ fn the_usb_camera_at_25_and_30_frames_a_second() {
             let (_, first) = capture.next_marked();
             let mut number = first.number;
             let taken = capture.run(TEN_SECONDS, |_, grey| {
-                let marks = assert_picture(grey, wish.size, is_jpeg);
+                // Each is there and the next one; of some, every pixel is looked at.
+                let marks = match number % 8 {
+                    0 => assert_picture(grey, wish.size, is_jpeg),
+                    _ => picture::read(grey, wish.size.0).expect("a whole picture"),
+                };
                 assert_eq!(marks.number, number_after(number, is_jpeg), "{wish:?}");
                 number = marks.number;
             });
