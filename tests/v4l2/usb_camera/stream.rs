@@ -28,12 +28,13 @@ pub(super) fn run(device: &Device, answers: &Answers) {
         };
         let mut due = rt::now();
         while device.goes_on(session) {
+            // It is exposed as its interval begins, and sent when that is over.
+            let exposed = due;
             due = due + SpanNs(i64::from(stream.interval) * 100);
-            // The begin of the exposure is when the picture is drawn; sent it is when its interval is over.
-            let (number, exposed) = {
+            let number = {
                 let mut state = device.state();
                 state.exposed += 1;
-                (state.exposed, rt::now())
+                state.exposed
             };
             let bytes = pictures.draw(Marks::new(number, exposed));
             rt::sleep_until(due);
