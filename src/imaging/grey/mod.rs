@@ -187,11 +187,15 @@ impl ToGrey {
             Way::Jpeg(decoder) => return Ok(decoder.decode(raw, out)?),
             Way::Lines(kernel) => kernel,
         };
-        let line = self.format.least_stride_bytes(width_px);
+        // Of a part of a wider frame that ends with a pixel of a pair, the other one is not needed.
+        let line = match self.format {
+            PixelFormat::Yuyv | PixelFormat::Uyvy => (width_px as usize).saturating_mul(2),
+            _ => self.format.least_stride_bytes(width_px),
+        };
         if stride_bytes < line {
             return Err(NotGrey::Stride { stride_bytes, needed: line });
         }
-        let needed = self.format.lines(width_px, height_px as usize, stride_bytes);
+        let needed = (height_px as usize - 1).saturating_mul(stride_bytes).saturating_add(line);
         if raw.len() < needed {
             return Err(NotGrey::Short { len: raw.len(), needed });
         }

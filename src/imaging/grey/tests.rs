@@ -49,6 +49,12 @@ fn what_does_not_fit_is_an_error() {
     assert_eq!(grey.convert(&[1; 16], 7, &mut out), Err(NotGrey::Stride { stride_bytes: 7, needed: 8 }));
     assert!(matches!(grey.convert(&[1; 16], 8, &mut out[..7]), Err(NotGrey::OutLength { len: 7, .. })));
     assert!(matches!(grey.convert(&[1; 16], usize::MAX, &mut out), Err(NotGrey::Short { .. })));
+    // A part of a wider frame, up to its last column: the partner of the last pixel lies outside.
+    for format in [PixelFormat::Yuyv, PixelFormat::Uyvy] {
+        let mut odd = ToGrey::new(format, 3, 2);
+        assert_eq!(odd.convert(&[1; 14], 8, &mut out[..6]), Ok(()));
+        assert_eq!(odd.convert(&[1; 13], 8, &mut out[..6]), Err(NotGrey::Short { len: 13, needed: 14 }));
+    }
     let mut jpeg = ToGrey::new(PixelFormat::Mjpg, 4, 2);
     assert_eq!(jpeg.convert(&[1; 16], 0, &mut out), Err(NotGrey::Jpeg(JpegError::NotJpeg)));
     assert_eq!(ToGrey::new(PixelFormat::Grey, 0, 0).convert(&[], 0, &mut []), Ok(()));

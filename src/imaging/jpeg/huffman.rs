@@ -122,11 +122,47 @@ impl Entry {
     }
 }
 
+/// One symbol with its value, packed into a number: the value, steps to the coefficient, bits of both.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Whole(u32);
+
+impl Whole {
+    pub(super) const NONE: Self = Self(0);
+
+    fn of(entry: Entry, window: u64) -> Self {
+        if entry == Entry::NONE || entry.bits() > LOOK {
+            return Self::NONE;
+        }
+        let value = entry.value(window) as i16 as u16;
+        Self(u32::from(value) << 16 | (entry.steps() as u32) << 8 | entry.bits())
+    }
+
+    /// Bits of code and value.
+    #[inline(always)]
+    pub(super) fn bits(self) -> u32 {
+        self.0 & 0xFF
+    }
+
+    /// How many coefficients further the value belongs.
+    #[inline(always)]
+    pub(super) fn steps(self) -> usize {
+        (self.0 >> 8 & 0xFF) as usize
+    }
+
+    /// The value.
+    #[inline(always)]
+    pub(super) fn value(self) -> i32 {
+        self.0 as i32 >> 16
+    }
+}
+
 /// A code, ready to be looked up.
 pub(super) struct Table {
     kind: Kind,
     code: Code,
     lookup: [Entry; 1 << LOOK],
+    /// The same where the value lies within the bits too.
+    whole: [Whole; 1 << LOOK],
     /// For the longest length that is looked up, and each that is not: the first 16 bits behind its codes.
     limits: [u32; LONG + 1],
     /// For each of these: what leads from a code to the place of its symbol.
@@ -139,6 +175,7 @@ impl Table {
             kind,
             code: *code,
             lookup: [Entry::NONE; 1 << LOOK],
+            whole: [Whole::NONE; 1 << LOOK],
             limits: [0; LONG + 1],
             firsts: [0; LONG],
         });
@@ -177,6 +214,15 @@ impl Table {
                 }
             }
         });
+        for ((next, entry), whole) in (0u64..).zip(lookup.iter()).zip(&mut self.whole) {
+            *whole = Whole::of(*entry, next << (64 - LOOK));
+        }
+    }
+
+    /// The symbol that comes next with its value, where both lie within the bits that are looked at; else [`Whole::NONE`].
+    #[inline(always)]
+    pub(super) fn whole(&self, bits: &Bits<'_>) -> Whole {
+        self.whole[(bits.window() >> (64 - LOOK)) as usize]
     }
 
     /// The symbol that comes next; `None` when there is none with these bits.

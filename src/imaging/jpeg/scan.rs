@@ -2,7 +2,7 @@
 
 use super::bits::{Bits, Coded, End, Rest};
 use super::header::{COMPONENTS, Header, Scan};
-use super::huffman::{END_OF_BLOCK, Kind, SkipTable, Table};
+use super::huffman::{END_OF_BLOCK, Kind, SkipTable, Table, Whole};
 use super::idct::{self, Block, PLACES, Tile};
 use super::{JpegError, standard};
 
@@ -49,6 +49,13 @@ struct Layout {
     restart_every: usize,
 }
 
+/// Of a coefficient, in the order of the file: by how much it is multiplied, and where it lies in a [`Block`].
+#[derive(Clone, Copy)]
+struct Step {
+    step: u16,
+    place: u16,
+}
+
 /// Where the grey levels go.
 struct Picture<'a> {
     out: &'a mut [u8],
@@ -87,6 +94,7 @@ impl Scanner {
         let luma = header.components[0].quantization;
         let steps = header.steps.get(luma).copied().flatten();
         let steps = steps.ok_or(JpegError::Damaged("the luma's quantization table is missing"))?;
+        let steps = std::array::from_fn(|k| Step { step: steps[k], place: PLACES[k].into() });
         let mut picture = Picture { out, width: header.width as usize, height: header.height as usize };
         #[cfg(target_arch = "x86_64")]
         if self.wide {
@@ -149,7 +157,7 @@ impl Scanner {
     fn run_wide(
         &mut self,
         layout: &Layout,
-        steps: &[u16; 64],
+        steps: &[Step; 64],
         bytes: &[u8],
         from: usize,
         picture: &mut Picture<'_>,
@@ -161,7 +169,7 @@ impl Scanner {
     fn run(
         &mut self,
         layout: &Layout,
-        steps: &[u16; 64],
+        steps: &[Step; 64],
         bytes: &[u8],
         from: usize,
         picture: &mut Picture<'_>,
@@ -223,7 +231,7 @@ impl Scanner {
     fn luma_block(
         &self,
         bits: &mut Bits<'_>,
-        steps: &[u16; 64],
+        steps: &[Step; 64],
         mean: &mut i32,
         transform: &impl Fn(&Block) -> Tile,
     ) -> Result<Tile, JpegError> {
@@ -233,22 +241,35 @@ impl Scanner {
         *mean = mean.wrapping_add(entry.value(bits.window()));
         bits.skip(entry.bits());
         // Damaged files can have any values: what is too large for a coefficient wraps around.
-        let scaled = mean.wrapping_mul(i32::from(steps[0])) as i16;
-        block.0[usize::from(PLACES[0])] = scaled;
+        let scaled = mean.wrapping_mul(i32::from(steps[0].step)) as i16;
+        block.0[usize::from(steps[0].place & 63)] = scaled;
         let mut k = 0;
         let mut plain = true;
+        // Two symbols, each of at most 26 bits, between refills.
+        let mut is_full = false;
         while k < 63 {
-            bits.refill();
-            let entry = self.luma_ac.next(bits).ok_or(BAD_CODE)?;
-            let value = entry.value(bits.window());
-            bits.skip(entry.bits());
-            k += entry.steps();
+            if !is_full {
+                bits.refill();
+            }
+            is_full = !is_full;
+            let whole = self.luma_ac.whole(bits);
+            let value = if whole != Whole::NONE {
+                bits.skip(whole.bits());
+                k += whole.steps();
+                whole.value()
+            } else {
+                let entry = self.luma_ac.next(bits).ok_or(BAD_CODE)?;
+                let value = entry.value(bits.window());
+                bits.skip(entry.bits());
+                k += entry.steps();
+                value
+            };
             if k > 63 {
                 end_of_block(k)?;
                 break;
             }
-            let scaled = value.wrapping_mul(i32::from(steps[k & 63]));
-            block.0[usize::from(PLACES[k & 63] & 63)] = scaled as i16;
+            let Step { step, place } = steps[k & 63];
+            block.0[usize::from(place & 63)] = value.wrapping_mul(i32::from(step)) as i16;
             plain = false;
         }
         Ok(if plain { [idct::flat(scaled); 64] } else { transform(&block) })
