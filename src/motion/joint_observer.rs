@@ -35,7 +35,7 @@ use seen::Seen;
 
 /// Share of the full bandwidth from which on what accelerates the arm is estimated, and the rate at which that is forgotten, rad/s.
 const QUICK_FROM: f64 = 0.6;
-const FORGET_RAD_S: f64 = 30.0;
+const FORGET_RAD_S: f64 = 100.0;
 /// Corrections of the velocity for each step that comes by.
 const CORRECTIONS: f64 = 2.0;
 /// Share of its bandwidth that the velocity observer keeps at rest, and how much of that it leaves to a camera.

@@ -14,6 +14,7 @@ mod guest;
 mod handles;
 mod program;
 mod rates;
+mod regions;
 mod rig;
 mod usb_camera;
 mod usb_faults;
