@@ -109,6 +109,7 @@ impl<const N: usize> Running<N> {
             velocity_rad_s: 150.0,
             encoder_step: SVector::repeat(1e-5),
             most_acceleration: ObserverSettings::bound(&robot, &q),
+            inertia: ObserverSettings::free_inertia(&robot, &q),
         };
         let joint_control =
             JointController::new(JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)), observer);

@@ -34,7 +34,7 @@ const RUN_FILES: [(&str, f64); 14] = [
     ("ur5", 5.0),
     ("ur5-b", 5.0),
     ("ur5-hybrid", 5.0),
-    ("xarm7", 5.0),
+    ("xarm7", 3.5),
 ];
 
 /// What an arm is drawn to differ in.
@@ -134,6 +134,7 @@ const TOO_WEAK: u32 = 60;
 fn end_of_run(file: &str, set: &[String]) -> End {
     let config = load(file, set).unwrap();
     let (mut at_limit, mut last, mut too_weak) = ([0; MAX_JOINTS], [0.0; MAX_JOINTS], false);
+    let mut fastest = 0.0;
     let run = simulate_system(&config, &mut |moment| {
         if let Moment::Tick(trace, _) = moment {
             let cut = trace.limits.joints(Limit::Effort);
@@ -143,12 +144,16 @@ fn end_of_run(file: &str, set: &[String]) -> End {
                 too_weak |= *count >= TOO_WEAK;
             }
             last = trace.command.tau;
+            fastest = trace.joint_state.qd_true.iter().fold(0.0f64, |most, qd| most.max(qd.abs()));
         }
         ControlFlow::Continue(())
     })
     .unwrap();
     let (outcome, reason) = (run.finish.outcome, run.finish.reason);
+    // However it ended, and whatever the arm can bear.
+    let ends_moving = fastest > 0.02;
     match outcome {
+        _ if ends_moving => End::Failed(format!("{} ({reason}), moving at {fastest:.3}", outcome.as_str())),
         Outcome::Converged => End::Converged,
         _ if too_weak || reason.contains("never seen") => End::Impossible,
         _ => {
@@ -228,10 +233,10 @@ fn long_campaign() {
     assert!(share >= 0.99, "{share}");
 }
 
-/// Two arms with everything in every run file, the hardest kind, to the default goal. Of these draws 24 of 28 converge. The others
+/// Two arms with everything in every run file, the hardest kind, to the default goal. Of these draws 25 of 28 converge. The others
 /// have coarse encoders, a load and late commands together, or wrists with much friction, and swing by 0.1 to 3 px.
 #[test]
 fn short_campaign() {
     let share = tell(&campaign(&RUN_FILES, &[Unlike::Everything], 2, 7));
-    assert!(share >= 0.82, "{share}");
+    assert!(share >= 0.85, "{share}");
 }

@@ -40,6 +40,21 @@ fn six_degrees_of_freedom_converge() {
     }
 }
 
+/// Other targets than dots: a chessboard of which a corner is hidden for a while, a tag among other tags and clutter, a free
+/// shape.
+#[test]
+fn chessboards_tags_and_shapes_are_servoed_on() {
+    for target in ["chessboard", "tag", "shape"] {
+        let output = vservo().arg("check").arg(file(target)).output().unwrap();
+        assert!(output.status.success(), "{target}: {}", String::from_utf8_lossy(&output.stderr));
+        let r = lockstep(target, &[]);
+        assert_eq!(r.summary["outcome"], "converged", "{target}: {}", r.summary);
+        assert_eq!(number(&r.summary, &["target_lost"]), 0.0, "{target}: {}", r.summary);
+        let off_m = number(&r.summary, &["final", "position_error_m"]);
+        assert!(off_m < 0.002, "{target}: {off_m}");
+    }
+}
+
 #[test]
 fn the_ideal_drive_and_the_depth_of_the_goal_converge_too() {
     for arm in SIX_DOF {

@@ -7,11 +7,13 @@ mod plant;
 
 use nalgebra::SVector;
 use plant::{Over, Plant, config, run};
+use std::ops::ControlFlow;
 use vservo::config::Config;
 use vservo::control::outcome::Outcome;
 use vservo::control::safety::Fault;
 use vservo::control::trace::Event;
 use vservo::robot::Robot;
+use vservo::sim::{Moment, simulate_system};
 
 const FILES: [&str; 14] = [
     "default.toml",
@@ -160,6 +162,39 @@ fn an_arm_that_thrashes_is_a_fault_and_is_brought_to_rest() {
 }
 
 /// Readings that cannot be: the arm brakes unseen, and stands at the last command.
+/// Loads beyond what the arms are made for, which their models do not know: whatever comes of it, the arm stands in the end.
+#[test]
+fn an_overloaded_arm_is_brought_to_rest() {
+    let mut faults = 0;
+    for (file, load_kg) in [
+        ("xarm7.toml", 5.0),
+        ("xarm7.toml", 8.0),
+        ("xarm7.toml", 12.0),
+        ("panda.toml", 8.0),
+        ("ur5.toml", 15.0),
+    ] {
+        for friction in [0.7, 1.0, 1.3] {
+            let set = [
+                format!("drive.simulated.payload_kg={load_kg}"),
+                format!("scene.arm.friction_scale={friction}"),
+            ];
+            let config = config(file, &set.each_ref().map(String::as_str));
+            let mut last = None;
+            let run = simulate_system(&config, &mut |moment| {
+                if let Moment::Tick(trace, _) = moment {
+                    last = Some(trace.joint_state.qd_true);
+                }
+                ControlFlow::Continue(())
+            })
+            .unwrap();
+            let speed = last.unwrap().iter().fold(0.0f64, |most, qd| most.max(qd.abs()));
+            assert!(speed < 0.02, "{file} {set:?}: {} rad/s after {:?}", speed, run.finish);
+            faults += u32::from(run.finish.outcome == Outcome::Fault);
+        }
+    }
+    assert!(faults >= 6, "these loads are too much for some: {faults}");
+}
+
 #[test]
 fn an_arm_that_cannot_be_seen_any_more_is_brought_to_rest() {
     for file in ["default.toml", "ur5.toml", "scara-a.toml", "scara-c.toml", "panda.toml"] {

@@ -98,7 +98,7 @@ fn harm(kind: Harm, random: &mut Random, image: &mut [u8], X_CO: &Pose, camera: 
     let target = FourDots::default();
     let project = |x: f64, y: f64| camera.project(&(X_CO * Point3::new(x, y, 0.0))).unwrap();
     let which = random.one_of(4);
-    let (c, radius_m) = (target.marks()[which].centre_m, target.marks()[which].radius_m);
+    let (c, radius_m) = (target.discs()[which].centre_m, target.discs()[which].radius_m);
     let (sin, cos) = random.within(0.0, std::f64::consts::TAU).sin_cos();
     let (rim, centre) = (project(c.x + radius_m * cos, c.y + radius_m * sin), project(c.x, c.y));
     let radius = (rim - centre).norm();

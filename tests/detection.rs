@@ -57,8 +57,9 @@ fn centroids_are_true_to_a_twentieth_of_a_pixel() {
         );
         assert!(rms < limit, "k1 {k1}, noise {noise}: {rms} px");
         assert!(worst < 0.05, "k1 {k1}, noise {noise}: {worst} px");
-        // the stated deviation is honest, and a little careful: of 3840 coordinates
-        assert!((0.75..1.0).contains(&normalized), "k1 {k1}, noise {noise}: {normalized}");
+        // the stated deviation is honest, of 3840 coordinates; without noise what is left is more than real pixels allow to state
+        let honest = if noise > 0.0 { 0.89..1.12 } else { 0.6..1.12 };
+        assert!(honest.contains(&normalized), "k1 {k1}, noise {noise}: {normalized}");
     }
 }
 
@@ -83,9 +84,8 @@ fn pose_and_its_covariance_fit_the_truth() {
     }
     let mean = distance / n;
     println!("mean squared Mahalanobis distance {mean:.2} of 6 over {n} poses");
-    // 6 for an honest covariance, by chi-square with a deviation of sqrt(2 * 6 / n) = 0.27; less, as centroids are stated a
-    // little too carefully (0.88^2 * 6 = 4.7).
-    assert!(n > 150.0 && (4.0..6.5).contains(&mean), "{mean} {n}");
+    // 6 for an honest covariance, by chi-square with a deviation of sqrt(2 * 6 / n) = 0.27: between 0.8 and 1.25 times that
+    assert!(n > 150.0 && (4.8..7.5).contains(&mean), "{mean} {n}");
 }
 
 /// Places in the picture all along the rims of the dots. From a tilted camera those on the near side bulge far out.
@@ -287,7 +287,7 @@ fn tracking_equals_searching() {
                 0.3,
             );
             bench.render(&X_CO);
-            let prior = Prior { predicted_X_CO: with_prior.then_some(X_CO) };
+            let prior = Prior { predicted_X_CO: with_prior.then_some(X_CO), ..Prior::default() };
             let a = bench.process(&prior);
             let b = process(&mut searching, &bench.image, bench.frame_id, &Prior::default());
             assert!(a.found() && b.found());
@@ -303,6 +303,39 @@ fn tracking_equals_searching() {
     }
 }
 
+/// The camera leaps to and fro by more than 150 px a frame, as no velocity of the last frames tells; its arm tells. An object that moves
+/// beside that is followed too.
+#[test]
+fn windows_follow_the_motion_of_the_arm() {
+    for object_m in [0.0, 2e-3] {
+        let mut tracked = [0, 0];
+        for with_arm in [false, true] {
+            let mut bench = Bench::new(-0.2, noisy(3.0, 6));
+            let (mut before, mut leaps) = (None::<f64>, 0);
+            for k in 0..60 {
+                let x = [-0.11, 0.10, -0.06, 0.11, -0.10, 0.08][k as usize % 6] + 1e-3 * f64::from(k % 7);
+                let X_WC = pose(x, 0.03 * (1.7 * x).sin(), -0.6, 0.4 * x, 0.1 * x, 0.0);
+                let X_WO = Pose::translation(object_m * f64::from(k % 20) - 0.05, -0.05, 0.0);
+                let X_CO = X_WC.inverse() * X_WO;
+                bench.render(&X_CO);
+                let X_WC = with_arm.then_some(X_WC);
+                let m = bench.process(&Prior { X_WC, ..Prior::default() });
+                if !m.found() {
+                    continue;
+                }
+                tracked[usize::from(with_arm)] += u32::from(m.flags & measurement_flag::TRACKED != 0);
+                let u = m.features()[0].u_px;
+                leaps += u32::from(before.is_some_and(|before| (u - before).abs() > 150.0));
+                before = Some(u);
+            }
+            println!("{leaps} leaps");
+            assert!(leaps >= 50, "{leaps}");
+        }
+        println!("object {object_m} m a frame: {tracked:?} of 60 tracked");
+        assert!(tracked[0] < 20 && tracked[1] >= 50, "{object_m}: {tracked:?}");
+    }
+}
+
 #[test]
 fn a_jump_is_found_in_the_same_call_and_loss_is_counted() {
     let mut bench = Bench::new(0.0, noisy(2.0, 7));
@@ -313,11 +346,15 @@ fn a_jump_is_found_in_the_same_call_and_loss_is_counted() {
     assert!(m.found() && m.flags & measurement_flag::TRACKED == 0);
     assert_eq!(m.target_lost, 0);
     // a prior that is plainly wrong costs time, not the target
-    let wrong = Prior { predicted_X_CO: Some(here) };
+    let wrong = Prior { predicted_X_CO: Some(here), ..Prior::default() };
     bench.render(&there);
     assert!(bench.process(&wrong).found());
     bench.render(&there);
-    assert!(bench.process(&Prior { predicted_X_CO: Some(Pose::translation(0.0, 0.0, -1.0)) }).found());
+    assert!(
+        bench
+            .process(&Prior { predicted_X_CO: Some(Pose::translation(0.0, 0.0, -1.0)), ..Prior::default() })
+            .found()
+    );
     for _ in 0..3 {
         bench.image.fill(90);
         assert_eq!(bench.process(&Prior::default()).target_lost, 1);

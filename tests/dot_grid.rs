@@ -113,7 +113,7 @@ fn what_is_left_of_a_hidden_grid_bears_the_right_numbers() {
         bench.render(&X_CO);
         let m = process(&mut vision, &bench.image, bench.frame_id, &Prior::default());
         // dots that nothing touches
-        let clear = bench.target.marks().iter().filter(|mark| {
+        let clear = bench.target.discs().iter().filter(|mark| {
             let gap = (mark.centre_m - centre_m).abs() - size_m / 2.0;
             gap.x.max(gap.y) > mark.radius_m + 0.002
         });

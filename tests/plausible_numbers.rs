@@ -29,6 +29,9 @@ const OPTIONAL: &str = "
     scene.camera.mount = { position_m = [0.001, 0.0, 0.0], rotation_rpy_rad = [0.0, 0.0, 0.001] }
     scene.target = { scale = 1.01, side_m = 0.101, radius_m = 0.0101, radius_p1_m = 0.0151, margin_m = 0.0301 }
     target.dot_grid = { radius_m = 0.006, large_radius_m = 0.0096, margin_m = 0.0225 }
+    target.chessboard = { margin_m = 0.01 }
+    target.tags = { margin_m = 0.02 }
+    target.shape = { semi_axes_m = [0.04, 0.02] }
     scene.arm = { model = 'scara', mass_scale = 1.01, friction_scale = 1.01, q_offset_rad_or_m = [1e-4] }
     servo.adaptive_gain = {}
     servo.points = [1, 2, 3, 4]
@@ -199,7 +202,7 @@ fn every_number(table: &Table, label: &str, load: &dyn Fn(&Table) -> Result<Conf
 fn of_the_whole(message: &str) -> bool {
     [
         // of run files
-        "dot ",
+        "point ",
         "target: ",
         "is tilted",
         "no pose of the target",
@@ -248,6 +251,15 @@ fn every_number_of_a_run_file() {
             "drive.simulated = { encoder_step_rad_or_m = [1e-5], encoder_noise_sd_rad_or_m = [1e-5], payload_kg = 1.0, \
              substeps = 2, command_delay_ticks = 1 }\n",
         ),
+        (
+            "default.toml",
+            "scene.backdrop = { texture_levels = 20.0, clutter = 5 }\nscene.occluders = [{ until_s = 1.0, center_m = [0.2, 0.2] }]\n\
+             scene.bystanders = [{ target = 'dots:4x3:0.01' }]\n",
+        ),
+        (
+            "default.toml",
+            "target.kind = 'tags'\ntarget.tags.places = [{ id = 3, position_m = [0.03, 0.03] }]\ntarget.tags.size_m = 0.08\n",
+        ),
         ("scara-a.toml", ""),
         ("scara-a.toml", "servo.pd.damping = 'joints'\n"),
         ("scara-b.toml", ""),
@@ -291,6 +303,9 @@ fn no_optional_key_is_forgotten() {
             expected.remove("file"); // which stands for all the others
         }
         expected.remove("cameras"); // a list of what [camera] is, which is there
+        for list in ["occluders", "bystanders", "places"] {
+            expected.remove(list); // of tables, in which every_number_of_a_run_file sets each number
+        }
         assert_eq!(written, expected, "[{path}]");
     }
 }

@@ -1,4 +1,5 @@
 //! The arguments, as clap reads them.
+#![allow(rustdoc::broken_intra_doc_links)] // the words of commands have brackets
 
 pub use super::camera_arguments::CameraArguments;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -42,6 +43,10 @@ pub enum Command {
     },
     /// Repeat the textbook's examples, comparison and problems: CSV files, figures, metrics.json
     Experiment(ExperimentArguments),
+    /// Find a target in image files
+    Detect(DetectArguments),
+    /// Make a target to print, in true size
+    Target(TargetArguments),
     /// Check a run file and report everything that is wrong with it
     Check {
         /// Run file (TOML)
@@ -259,6 +264,38 @@ pub struct ExperimentArguments {
     /// Random starts of `convergence`
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     pub count: usize,
+}
+
+/// Arguments of `vservo detect`.
+#[derive(Debug, Args)]
+pub struct DetectArguments {
+    /// PNG, PNM or JPEG files
+    #[arg(required = true, value_name = "IMAGE")]
+    pub images: Vec<PathBuf>,
+    /// What to look for: four_dots[:SIDE_M], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners),
+    /// tag:FAMILY:SIZE_M[:ID] (without an id all tags of the family), polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes)
+    #[arg(long, value_name = "KIND")]
+    pub target: String,
+    /// Calibration file of ROS (YAML): with it the pose is told too
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// Print JSON, one object a line and image
+    #[arg(long)]
+    pub json: bool,
+    /// Write the image with what was found drawn over it
+    #[arg(long, value_name = "OUT.png")]
+    pub overlay: Option<PathBuf>,
+}
+
+/// Arguments of `vservo target`.
+#[derive(Debug, Args)]
+pub struct TargetArguments {
+    /// Which: four_dots[:SIDE_M], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners), tag:FAMILY:SIZE_M[:ID],
+    /// polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes, m)
+    pub kind: String,
+    /// File to write: .svg, .pdf or .png
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
 }
 
 /// Camera of an experiment.

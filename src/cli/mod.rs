@@ -4,10 +4,13 @@ mod arguments;
 mod camera;
 mod camera_arguments;
 mod ctl;
+mod detect;
+mod target;
 
 pub use arguments::{
-    Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments,
+    Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
     ExperimentArguments, LatencyArguments, Order, RoleArguments, RunArguments, ServeArguments,
+    TargetArguments,
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 
@@ -51,6 +54,8 @@ pub fn main() -> ExitCode {
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Calibrate { what: Calibration::Latency(arguments) }) => calibrate_latency(&arguments),
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
+        Some(Command::Detect(arguments)) => detect::detect(&arguments),
+        Some(Command::Target(arguments)) => target::target(&arguments),
         Some(Command::Check { config, set }) => check(&config, &set),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
         Some(Command::DriveGuard { instance, supervised_by, command }) => {
@@ -150,7 +155,7 @@ fn check_writable(path: &Path) -> Result<(), ProcessError> {
 
 /// Writes what is also on stdout into a file. When that fails it is told, and is the exit code, unless there was a graver
 /// one already.
-fn write_result(path: &Path, text: &str, exit_code: u8) -> u8 {
+fn write_result(path: &Path, text: impl AsRef<[u8]>, exit_code: u8) -> u8 {
     let Err(cause) = rt::write_file(path, text) else { return exit_code };
     lost(path, cause, exit_code)
 }
@@ -164,7 +169,7 @@ fn lost(path: &Path, cause: std::io::Error, exit_code: u8) -> u8 {
 
 /// The summary as JSON, where a file was named for it. The exit code.
 fn write_summary(path: Option<&Path>, summary: &Summary, exit_code: u8) -> u8 {
-    path.map_or(exit_code, |path| write_result(path, &json(summary), exit_code))
+    path.map_or(exit_code, |path| write_result(path, json(summary), exit_code))
 }
 
 fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
@@ -188,7 +193,7 @@ fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     }
     if let Some(path) = &arguments.out {
         let text = format!("# vservo calibrate latency: {}\n{}", found.describe(), found.to_toml());
-        return Ok(write_result(path, &text, exit_code));
+        return Ok(write_result(path, text, exit_code));
     }
     Ok(exit_code)
 }

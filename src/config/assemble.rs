@@ -18,7 +18,7 @@ use crate::robot::{Robot, RobotError};
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
 use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
 use crate::time::SpanNs;
-use crate::vision::Vision;
+use crate::vision::{ArmCarrier, Carrier, Vision};
 use nalgebra::{SVector, Vector2};
 use thiserror::Error;
 
@@ -106,6 +106,16 @@ pub fn vision(config: &Config) -> Vision {
     Vision::new(config.camera.model, config.target.clone(), config.vision)
 }
 
+/// The arm of a configuration as vision goes by it.
+///
+/// # Errors
+/// When the robot cannot be built.
+pub fn carrier(config: &Config) -> Result<Box<dyn Carrier>, RobotError> {
+    crate::dispatch_robot!(config.robot, |robot| {
+        Box::new(ArmCarrier::new(robot, config.camera.mount)) as Box<dyn Carrier>
+    })
+}
+
 /// The synthetic camera of a configuration, as it really is, before an arm that rests at its start.
 ///
 /// # Errors
@@ -118,14 +128,16 @@ pub fn synthetic_camera<const N: usize>(config: &Config) -> Result<SyntheticCame
     };
     let q_start = q_start(config)? + q_offset(scene)?;
     let history = ArmHistory::new(scene.arm.build()?, q_start);
-    let renderer = Renderer::new(scene.camera, scene.target.clone(), *look, *sensor)?;
+    let renderer = Renderer::new(scene.camera, scene.target.clone(), *look, *sensor)?
+        .with_backdrop(scene.backdrop)?
+        .with_bystanders(&scene.bystanders);
     Ok(SyntheticCamera::new(
         history,
         renderer,
         scene.mount,
         scene.X_WO,
         scene.motion,
-        scene.occluder,
+        scene.occluders.clone(),
         *motion_blur,
     ))
 }
@@ -301,6 +313,7 @@ fn joint_controller<const N: usize>(
         velocity_rad_s: if obeys_torque { motion.velocity_observer_rad_s } else { 0.0 },
         encoder_step: joint_vector("motion.encoder_step_rad_or_m", &motion.encoder_step)?,
         most_acceleration: ObserverSettings::bound(robot, q_start),
+        inertia: ObserverSettings::free_inertia(robot, q_start),
     };
     Ok(JointController::new(law, observer))
 }

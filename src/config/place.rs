@@ -63,3 +63,31 @@ table! {
         level: f64 = 140.0,
     }
 }
+
+table! {
+    /// What lies in the target's plane around its plate, in a simulated scene.
+    RawBackdrop {
+        /// Largest deviation of a mottled surface from `background_level`, grey levels; 0: plain.
+        texture_levels: f64 = 0.0,
+        /// Size of its largest spots, m.
+        texture_size_m: f64 = 0.05,
+        /// How many shapes lie about that are no targets.
+        clutter: u32 = 0,
+        /// Their size, m.
+        clutter_size_m: f64 = 0.02,
+        /// How far from the plate's edge they may lie, m.
+        clutter_reach_m: f64 = 0.3,
+    }
+}
+
+table! {
+    /// Another target beside the one that is looked for, in a simulated scene.
+    RawBystander {
+        /// What it is, as `--target` of the commands takes it.
+        target: String = "four_dots".into(),
+        /// Its origin along the target's x and y, m.
+        position_m: [f64; 2] = [0.2, 0.0],
+        /// From the target's x towards its y to its own x, rad.
+        turn_rad: f64 = 0.0,
+    }
+}

@@ -12,7 +12,7 @@ mod servo;
 mod truth;
 
 pub use super::frame_source::{LensWord, RawCamera, RawLens, RawReplay, RawRoi, RawSynthetic, SourceKind};
-pub use super::place::{Carrier, MountKind, RawMount, RawObject, RawOccluder};
+pub use super::place::{Carrier, MountKind, RawBackdrop, RawBystander, RawMount, RawObject, RawOccluder};
 pub use super::v4l2::RawV4l2;
 pub use motion::{JointControl, RawMotion};
 pub use servo::{
@@ -133,6 +133,14 @@ table! {
         motion: RawSceneMotion = RawSceneMotion::default(),
         /// `[scene.occluder]`
         occluder: RawOccluder = RawOccluder::default(),
+        /// `[[scene.occluders]]`: more of them
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        occluders: Vec<RawOccluder> = Vec::new(),
+        /// `[scene.backdrop]`
+        backdrop: RawBackdrop = RawBackdrop::default(),
+        /// `[[scene.bystanders]]`
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        bystanders: Vec<RawBystander> = Vec::new(),
         /// `[scene.camera]`
         camera: RawTrueCamera = RawTrueCamera::default(),
         /// `[scene.target]`
@@ -141,9 +149,9 @@ table! {
         arm: RawTrueArm = RawTrueArm::default(),
         /// Grey level of the background.
         background_level: f64 = 90.0,
-        /// Grey level of the plate.
+        /// Grey level of the plate, and of all that is light.
         plate_level: f64 = 220.0,
-        /// Grey level of the dots.
+        /// Grey level of the dots, and of all other marks.
         dot_level: f64 = 30.0,
     }
 }

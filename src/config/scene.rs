@@ -4,7 +4,7 @@ use super::Config;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
 use crate::robot::RobotDescription;
-use crate::scene::{Occluder, SceneMotion};
+use crate::scene::{Backdrop, Bystander, Occluder, SceneMotion};
 use crate::servo::Mount;
 use crate::target::Target;
 
@@ -22,8 +22,12 @@ pub struct Scene {
     pub X_WO: Pose,
     /// How it moves there.
     pub motion: SceneMotion,
-    /// What comes between it and the camera.
-    pub occluder: Option<Occluder>,
+    /// What comes between it and the camera, each over those before it.
+    pub occluders: Vec<Occluder>,
+    /// What lies around its plate.
+    pub backdrop: Backdrop,
+    /// Other targets beside it, which are not looked for.
+    pub bystanders: Vec<Bystander>,
     /// The arm.
     pub arm: RobotDescription,
     /// True joint positions less what the encoders read, rad or m; as many as the robot has joints.

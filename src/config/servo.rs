@@ -120,7 +120,7 @@ fn visibility(
     let guard = VisibilityGuard {
         camera: *camera?,
         margin_px,
-        mark_radius_m: target.marks().iter().map(|mark| mark.radius_m).fold(0.0, f64::max),
+        mark_radius_m: target.discs().iter().map(|disc| disc.radius_m).fold(0.0, f64::max),
         rate_1_s,
     };
     s.visibility.guard.then_some(guard)

@@ -1,9 +1,14 @@
 //! `[target]`: what the camera looks at. Keys and bounds of all kinds in one place.
 
 use super::check::Check;
-use crate::target::{DotGrid, FourDots, Target};
+use crate::target::{Chessboard, DotGrid, FourDots, Shape, TagFamily, TagPlace, Tags, Target, TargetError};
+use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
+
+/// Tags in a row or column, and their ids.
+const TAGS: RangeInclusive<u32> = 1..=Tags::MOST as u32;
+const TAG_ID: RangeInclusive<u32> = 0..=586;
 
 pub(super) const LENGTH_M: RangeInclusive<f64> = 1e-6..=100.0;
 
@@ -14,6 +19,12 @@ word! {
         FourDots,
         /// Dark dots in rows and columns, some of them larger.
         DotGrid,
+        /// Dark and light squares by turns.
+        Chessboard,
+        /// AprilTags.
+        Tags,
+        /// A free outline.
+        Shape,
     }
 }
 
@@ -30,8 +41,88 @@ table! {
         radius_p1_m: f64 = 0.015,
         /// Light margin of the plate around the square, m.
         margin_m: f64 = 0.030,
+        /// Of dots and shapes: light on a dark plate.
+        light_on_dark: bool = false,
         /// `[target.dot_grid]`
         dot_grid: RawDotGrid = RawDotGrid::default(),
+        /// `[target.chessboard]`
+        chessboard: RawChessboard = RawChessboard::default(),
+        /// `[target.tags]`
+        tags: RawTags = RawTags::default(),
+        /// `[target.shape]`
+        shape: RawShape = RawShape::default(),
+    }
+}
+
+table! {
+    /// A polygon, or an ellipse.
+    RawShape {
+        /// Corners, m, in either order.
+        outline_m: Vec<[f64; 2]> = ARROW.into(),
+        /// Instead of corners: half the axes of an ellipse, m.
+        semi_axes_m: Option<[f64; 2]> = None,
+        /// Margin of the plate about it, m.
+        margin_m: f64 = 0.03,
+    }
+}
+
+/// An arrow whose head is lopsided.
+const ARROW: [[f64; 2]; 7] = [
+    [-0.05, -0.012],
+    [0.01, -0.012],
+    [0.01, -0.03],
+    [0.05, 0.0],
+    [0.01, 0.036],
+    [0.01, 0.012],
+    [-0.05, 0.012],
+];
+
+table! {
+    /// A chessboard.
+    RawChessboard {
+        /// Inner corners in a row.
+        columns: u32 = 9,
+        /// Inner corners in a column.
+        rows: u32 = 6,
+        /// Side of a square, m.
+        square_m: f64 = 0.025,
+        /// Light margin about the outer squares, m; left out: half a square.
+        margin_m: Option<f64> = None,
+    }
+}
+
+table! {
+    /// Tags in rows and columns, or where they are said to be.
+    RawTags {
+        /// Family: 36h11, 25h9 or 16h5.
+        family: String = "36h11".into(),
+        /// Side of a tag's black square, m.
+        size_m: f64 = 0.1,
+        /// Tags in a row.
+        columns: u32 = 1,
+        /// Tags in a column.
+        rows: u32 = 1,
+        /// Distance of neighbouring tags' centres, m.
+        pitch_m: f64 = 0.15,
+        /// Id of the first tag; the others follow row by row.
+        first_id: u32 = 0,
+        /// Light margin about the black squares, m; left out: two cells.
+        margin_m: Option<f64> = None,
+        /// `[[target.tags.places]]`: instead of rows and columns
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        places: Vec<RawTagPlace> = Vec::new(),
+    }
+}
+
+table! {
+    /// One tag.
+    RawTagPlace {
+        /// Its id.
+        id: u32 = 0,
+        /// Its centre, m.
+        position_m: [f64; 2] = [0.0, 0.0],
+        /// From x towards y to its own x, rad.
+        turn_rad: f64 = 0.0,
     }
 }
 
@@ -56,7 +147,7 @@ table! {
 /// The target, where nothing is wrong with it.
 pub(super) fn target(raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
     let before = check.count_problems();
-    let grid = &raw.dot_grid;
+    let (grid, board, tags) = (&raw.dot_grid, &raw.chessboard, &raw.tags);
     for (key, length_m) in [
         ("target.side_m", Some(raw.side_m)),
         ("target.radius_m", Some(raw.radius_m)),
@@ -66,6 +157,12 @@ pub(super) fn target(raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
         ("target.dot_grid.radius_m", grid.radius_m),
         ("target.dot_grid.large_radius_m", grid.large_radius_m),
         ("target.dot_grid.margin_m", grid.margin_m),
+        ("target.chessboard.square_m", Some(board.square_m)),
+        ("target.chessboard.margin_m", board.margin_m),
+        ("target.tags.size_m", Some(tags.size_m)),
+        ("target.tags.pitch_m", Some(tags.pitch_m)),
+        ("target.tags.margin_m", tags.margin_m),
+        ("target.shape.margin_m", Some(raw.shape.margin_m)),
     ] {
         if let Some(length_m) = length_m {
             check.range(key, length_m, LENGTH_M);
@@ -73,6 +170,31 @@ pub(super) fn target(raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
     }
     check.count("target.dot_grid.columns", grid.columns, DotGrid::COUNT);
     check.count("target.dot_grid.rows", grid.rows, DotGrid::COUNT);
+    check.count("target.chessboard.columns", board.columns, Chessboard::COUNT);
+    check.count("target.chessboard.rows", board.rows, Chessboard::COUNT);
+    check.count("target.tags.columns", tags.columns, TAGS);
+    check.count("target.tags.rows", tags.rows, TAGS);
+    check.count("target.tags.first_id", tags.first_id, TAG_ID);
+    for (i, place) in tags.places.iter().enumerate() {
+        let at = format!("target.tags.places[{i}]");
+        check.count(&format!("{at}.id"), place.id, TAG_ID);
+        for (k, m) in place.position_m.iter().enumerate() {
+            check.range(&format!("{at}.position_m[{k}]"), *m, -100.0..=100.0);
+        }
+        check.range(&format!("{at}.turn_rad"), place.turn_rad, -6.3..=6.3);
+    }
+    let axes = raw.shape.semi_axes_m.iter().flatten().enumerate();
+    for (k, m) in axes {
+        check.range(&format!("target.shape.semi_axes_m[{k}]"), *m, LENGTH_M);
+    }
+    for (i, corner) in raw.shape.outline_m.iter().enumerate() {
+        for (k, m) in corner.iter().enumerate() {
+            check.range(&format!("target.shape.outline_m[{i}][{k}]"), *m, -100.0..=100.0);
+        }
+    }
+    if let Err(e) = tags.family.parse::<TagFamily>() {
+        check.wrong("target.tags.family", e.to_string());
+    }
     if check.count_problems() > before {
         return None;
     }
@@ -82,9 +204,8 @@ pub(super) fn target(raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
 /// The target that lengths within their ranges make; what they do not make is told at `key`.
 pub(super) fn made(key: &str, raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
     let made = match raw.kind {
-        TargetKind::FourDots => {
-            FourDots::new(raw.side_m, raw.radius_p1_m, raw.radius_m, raw.margin_m).map(Target::from)
-        }
+        TargetKind::FourDots => FourDots::new(raw.side_m, raw.radius_p1_m, raw.radius_m, raw.margin_m)
+            .map(|dots| dots.light_on_dark(raw.light_on_dark).into()),
         TargetKind::DotGrid => {
             let grid = &raw.dot_grid;
             let or = |given: Option<f64>, share: f64| given.unwrap_or(share * grid.pitch_m);
@@ -96,10 +217,47 @@ pub(super) fn made(key: &str, raw: &RawTarget, check: &mut Check<'_>) -> Option<
                 or(grid.large_radius_m, DotGrid::LARGE_RADIUS),
                 or(grid.margin_m, DotGrid::MARGIN),
             )
-            .map(Target::from)
+            .map(|grid| grid.light_on_dark(raw.light_on_dark).into())
         }
+        TargetKind::Chessboard => {
+            let board = &raw.chessboard;
+            let margin_m = board.margin_m.unwrap_or(Chessboard::MARGIN * board.square_m);
+            Chessboard::new(board.columns as usize, board.rows as usize, board.square_m, margin_m)
+                .map(Target::from)
+        }
+        TargetKind::Tags => tags(&raw.tags).map(Target::from),
+        TargetKind::Shape => shape(&raw.shape).and_then(|shape| {
+            shape.check_distinct()?;
+            Ok(shape.light_on_dark(raw.light_on_dark).into())
+        }),
     };
     made.map_err(|e| check.wrong(key, e.to_string())).ok()
+}
+
+fn shape(raw: &RawShape) -> Result<Shape, TargetError> {
+    match raw.semi_axes_m {
+        Some(semi_axes_m) => Shape::ellipse(semi_axes_m, 0.0, raw.margin_m),
+        None => {
+            let corners: Vec<_> = raw.outline_m.iter().map(|c| Vector2::from(*c)).collect();
+            Shape::polygon(&corners, raw.margin_m)
+        }
+    }
+}
+
+fn tags(raw: &RawTags) -> Result<Tags, TargetError> {
+    // which was looked at before
+    let family = raw.family.parse().unwrap_or(TagFamily::Tag36h11);
+    let cell_m = raw.size_m / f64::from(family.cells_per_side());
+    let margin_m = raw.margin_m.unwrap_or(Tags::MARGIN_CELLS * cell_m);
+    let place =
+        |p: &RawTagPlace| TagPlace { id: p.id, centre_m: Vector2::from(p.position_m), turn_rad: p.turn_rad };
+    if raw.places.is_empty() {
+        let count = (raw.columns as usize, raw.rows as usize);
+        let grid = Tags::grid(family, raw.size_m, count, raw.pitch_m, raw.first_id)?;
+        Tags::new(family, raw.size_m, margin_m, grid.tags())
+    } else {
+        Tags::new(family, raw.size_m, margin_m, &raw.places.iter().map(place).collect::<Vec<_>>())
+    }
 }
 
 impl RawTarget {
@@ -118,6 +276,31 @@ impl RawTarget {
                 large_radius_m: times(grid.large_radius_m),
                 margin_m: times(grid.margin_m),
                 ..grid.clone()
+            },
+            chessboard: RawChessboard {
+                square_m: self.chessboard.square_m * scale,
+                margin_m: times(self.chessboard.margin_m),
+                ..self.chessboard.clone()
+            },
+            tags: RawTags {
+                size_m: self.tags.size_m * scale,
+                pitch_m: self.tags.pitch_m * scale,
+                margin_m: times(self.tags.margin_m),
+                places: self
+                    .tags
+                    .places
+                    .iter()
+                    .map(|place| RawTagPlace {
+                        position_m: place.position_m.map(|m| m * scale),
+                        ..place.clone()
+                    })
+                    .collect(),
+                ..self.tags.clone()
+            },
+            shape: RawShape {
+                outline_m: self.shape.outline_m.iter().map(|c| c.map(|m| m * scale)).collect(),
+                semi_axes_m: self.shape.semi_axes_m.map(|axes| axes.map(|m| m * scale)),
+                margin_m: self.shape.margin_m * scale,
             },
             ..self.clone()
         }

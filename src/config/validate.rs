@@ -121,7 +121,7 @@ pub(super) fn validate(
     let scene = truth::scene(&raw, (camera.as_ref(), target.as_ref(), robot.as_ref()), scene_motion, check);
     if let (Some(target), Some(camera)) = (&target, &camera) {
         if let Some((dot, why)) = start::hidden_dot(target, &camera.model, &X_DO) {
-            check.wrong("servo.desired", format!("dot {dot} would lie {why} in the desired view"));
+            check.wrong("servo.desired", format!("point {dot} would lie {why} in the desired view"));
         }
         if let (Some(robot), Some(scene), true) = (&robot, &scene, arm_is_good) {
             start::view(&raw, robot, camera, scene, check);

@@ -11,7 +11,7 @@ use crate::control::controller::{ControlOutput, Controller};
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::outcome::{FinalErrors, Outcome};
 use crate::control::records::{command_trace, joint_state};
-use crate::control::residual::{OUT_OF_REACH, ResidualWatch};
+use crate::control::residual::{NO_NEARER, OUT_OF_REACH, ResidualWatch};
 use crate::control::run_end::{self, NextStep, RunEnd};
 use crate::control::safety::Fault;
 use crate::control::sightings::Sightings;
@@ -393,7 +393,9 @@ impl<const N: usize> ControlLoop<N> {
         }
         let time = now - self.first.unwrap_or(now);
         let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
-        let stays = || self.residual.constant_px(self.plan.feature_error_px).map(|_| OUT_OF_REACH);
+        let goal_px = self.plan.feature_error_px;
+        let no_nearer = || self.residual.is_no_nearer(goal_px).then_some(NO_NEARER);
+        let stays = || self.residual.constant_px(goal_px).map(|_| OUT_OF_REACH).or_else(no_nearer);
         let when_late =
             behaviour.when_late().or_else(|| stays().filter(|_| self.state == ControlState::Servoing));
         time_is_up.then(|| run_end::time_is_up(self.plan.closed_loop, self.state, when_late, &self.sightings))

@@ -1,4 +1,4 @@
-//! Tells an arm that stands before an error which stays from one that is still on its way.
+//! Tells an arm that stands before an error which stays, or moves about a goal that it does not reach, from one that is still on its way.
 //!
 //! A law whose arm cannot do what it asks for, because lens, mount or target are not as believed or because the arm has too few
 //! joints, comes to rest where the error has no part that it could act upon. Nothing is wrong there but that the goal is out of
@@ -19,6 +19,15 @@ pub const OUT_OF_REACH: &str = "the arm stands and the error stays: the goal can
                                        joints; compare [camera.lens], [camera.mount] and [target] with what is there, or teach the \
                                        goal (servo.set_point.kind = \"taught\")";
 
+/// What is told at the end of a run whose arm moves and gets no nearer.
+pub const NO_NEARER: &str = "the arm moves on and the error does not fall: lower servo.gain_1_s; see whether load, friction and delay of \
+                             the arm are far from its model, its encoders coarser than motion.encoder_step_rad_or_m says, or the object \
+                             moves (servo.object.moves)";
+
+/// The error's mean over so long is compared with that before; one that falls by less than this share is no nearer.
+const SPELL: SpanNs = SpanNs(2_000_000_000);
+const NEARER_SHARE: f64 = 0.2;
+
 /// Watches the feature error of an arm at rest. Feed it at every tick with the arm's state and at every measurement that says
 /// something about the goal with its error.
 #[derive(Debug, Clone, Copy, Default)]
@@ -27,6 +36,10 @@ pub struct ResidualWatch {
     since: Option<(MonoNs, f64)>,
     now: MonoNs,
     measurements: u32,
+    /// The mean error of the last two spells that are complete, the older one first, px.
+    means: [Option<f64>; 2],
+    /// The spell that goes on: its begin, the sum of its errors, px, and their number.
+    spell: Option<(MonoNs, f64, u32)>,
 }
 
 impl ResidualWatch {
@@ -41,6 +54,7 @@ impl ResidualWatch {
     /// A measurement at `now` whose feature error is `error_px`; NaN where it says nothing about the goal.
     pub fn note_error(&mut self, now: MonoNs, error_px: f64) {
         self.now = now;
+        self.note_spell(now, error_px);
         match self.since {
             Some((_, first)) if (error_px - first).abs() <= (STEADY_SHARE * first).max(STEADY_PX) => {
                 self.measurements = self.measurements.saturating_add(1);
@@ -50,6 +64,25 @@ impl ResidualWatch {
                 self.measurements = 1;
             }
         }
+    }
+
+    /// The spells begin anew where the target is lost: what comes then is another way to the goal.
+    fn note_spell(&mut self, now: MonoNs, error_px: f64) {
+        if error_px.is_nan() {
+            (self.means, self.spell) = ([None; 2], None);
+            return;
+        }
+        let (since, sum, count) = self.spell.get_or_insert((now, 0.0, 0));
+        (*sum, *count) = (*sum + error_px, *count + 1);
+        if now - *since >= SPELL && *count >= FEWEST {
+            self.means = [self.means[1], Some(*sum / f64::from(*count))];
+            self.spell = None;
+        }
+    }
+
+    /// Whether the error, beyond `goal_px`, does not fall.
+    pub fn is_no_nearer(&self, goal_px: f64) -> bool {
+        matches!(self.means, [Some(before), Some(after)] if after > goal_px && after > (1.0 - NEARER_SHARE) * before)
     }
 
     /// The error, px, before which the arm has stood for long; `None` where it moves, or the error does, or is within `goal_px`.
@@ -76,6 +109,22 @@ mod tests {
             }
         }
         watch.constant_px(0.05)
+    }
+
+    #[test]
+    fn an_error_that_does_not_fall_is_told_from_one_that_does() {
+        let no_nearer = |error_px: &dyn Fn(f64) -> f64| {
+            let mut watch = ResidualWatch::default();
+            for k in 0..150 {
+                watch.note_error(MonoNs(k * 40 * MS), error_px(0.04 * k as f64));
+            }
+            watch.is_no_nearer(0.05)
+        };
+        assert!(no_nearer(&|t| 2.0 + 1.5 * (7.0 * t).sin()), "it swings");
+        assert!(no_nearer(&|t| 2.0 + t), "it goes away");
+        assert!(!no_nearer(&|t| 100.0 * (-0.5 * t).exp()), "it falls");
+        assert!(!no_nearer(&|_| 0.03), "this is the goal");
+        assert!(!no_nearer(&|t| if t > 3.0 { f64::NAN } else { 2.0 }), "it is lost");
     }
 
     #[test]

@@ -1,21 +1,25 @@
 //! From a grey frame to the points of the target, each with its identity.
 //!
 //! ```text
-//! whole frame:  threshold -> regions -> ellipses with contrast -> those that form the target: four_dots, dot_grid
-//! tracking:     windows around the expected dots -> regions -> the same check
-//! both:         grey-level centroids, with their standard deviation
+//! frame ─► Finder: search of the whole frame, or tracking where points are Expected ─► Found, by id
+//!            ├ dots: four dots, grids of dots
+//!            ├ chessboard: corners of squares, also of a part
+//!            ├ tags: corners of tags
+//!            └ shape: the outline of a polygon or an ellipse
 //! ```
-//! All positions are pixels of the distorted image. [`centre_offset`] tells how far the centroid of a dot's image
-//! lies from the image of its centre.
+//! [`segments`] and [`ellipse`] find straight edges and ellipses by their rims, without a target.
+//!
+//! All positions are pixels of the distorted image.
 
-mod blob;
-mod dot;
-mod dot_grid;
+pub mod chessboard;
+mod dots;
+pub mod ellipse;
 mod finder;
-mod four_dots;
-mod offset;
-mod sums;
+mod found;
+pub mod segments;
+pub mod shape;
+pub mod tags;
 
-pub use dot::Found;
-pub use finder::{Expected, Finder};
-pub use offset::{centre_offset, dot_covariance_px2};
+pub use dots::{DotFinder, centre_offset, dot_covariance_px2};
+pub use finder::Finder;
+pub use found::{Expected, Found};

@@ -3,7 +3,10 @@
 //! Sign convention, that of (10.19): `s_dot = L_s V_BC_C` for an object at rest. Image coordinates are normalized,
 //! depths in m, twists ordered `[v; w]`.
 
+mod ellipse;
+mod flow;
 mod jacobian;
+mod moments;
 mod normal_equations;
 mod point;
 mod segment;
@@ -11,9 +14,11 @@ mod stack;
 #[cfg(test)]
 mod tests;
 
+pub use ellipse::EllipseFeature;
 pub use jacobian::{
     analytical_image_jacobian, analytical_image_jacobian_4, euler_zyx_rate, image_jacobian, planar_columns,
 };
+pub use moments::{AreaFeature, ImageMoments, MomentFeature};
 pub use normal_equations::{NormalEquations, TwistSolution};
 pub(crate) use point::PointRows;
 pub use point::{PointFeature, point_image_jacobian, point_rows};

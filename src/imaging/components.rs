@@ -1,11 +1,13 @@
 //! Connected regions of dark runs, with their moments.
 //!
 //! ```text
-//! m_rs = sum of x^r y^s over the region's pixels                              (10.1)
-//! mu_rs = sum of (x - x_c)^r (y - y_c)^s,  x_c = m10 / m00, y_c = m01 / m00   (10.2)
+//! m_rs = sum of x^r y^s over the region's pixels, r + s <= 3                  (10.1)
 //! ```
-//! All sums are exact integers, of whole runs at a time.
+//! All sums are exact integers, of whole runs at a time; exact for images of up to 2^20 columns and rows.
 
+mod labels;
+
+use super::moments::{MomentSums, Moments, power_sums};
 use super::{Run, Runs, Window};
 
 /// Which neighbours belong together.
@@ -32,6 +34,14 @@ pub struct Component {
     pub m11: u64,
     /// Sum of squared rows, px^4.
     pub m02: u64,
+    /// Sum of the third powers of columns, px^5.
+    pub m30: u128,
+    /// Sum of squared columns times rows, px^5.
+    pub m21: u128,
+    /// Sum of columns times squared rows, px^5.
+    pub m12: u128,
+    /// Sum of the third powers of rows, px^5.
+    pub m03: u128,
     /// First column.
     pub x0: u32,
     /// Column behind the last.
@@ -90,29 +100,57 @@ impl Component {
         }
     }
 
-    #[inline(always)]
-    fn of_run(run: &Run, window: &Window) -> Self {
-        let (x0, x1, y) = (u64::from(run.x0), u64::from(run.x1), u64::from(run.y));
-        let n = x1 - x0;
-        let sum = n * (x0 + x1 - 1) / 2;
-        // sum of squares below k is (k - 1) k (2 k - 1) / 6
-        let squares = |k: u64| (k.wrapping_sub(1)).wrapping_mul(k).wrapping_mul((2 * k).wrapping_sub(1)) / 6;
-        Self {
-            m00: n,
-            m10: sum,
-            m01: n * y,
-            m20: squares(x1) - if x0 == 0 { 0 } else { squares(x0) },
-            m11: sum * y,
-            m02: n * y * y,
-            x0: run.x0,
-            x1: run.x1,
-            y0: run.y,
-            y1: run.y + 1,
-            touches_border: run.x0 as usize == window.x0
-                || run.x1 as usize == window.x1
-                || run.y as usize == window.y0
-                || run.y as usize + 1 == window.y1,
+    /// The moments as sums that can be added to others and shifted.
+    #[must_use]
+    pub fn sums(&self) -> MomentSums {
+        MomentSums {
+            m00: self.m00.into(),
+            m10: self.m10.into(),
+            m01: self.m01.into(),
+            m20: self.m20.into(),
+            m11: self.m11.into(),
+            m02: self.m02.into(),
+            m30: self.m30 as i128,
+            m21: self.m21 as i128,
+            m12: self.m12 as i128,
+            m03: self.m03 as i128,
         }
+    }
+
+    /// Centroid and central moments to third order; `None` for an empty region.
+    #[must_use]
+    pub fn moments(&self) -> Option<Moments> {
+        self.sums().central()
+    }
+
+    /// A region of one run, as far as is known without the window: not whether it touches its border.
+    #[inline(always)]
+    fn of_run(run: &Run) -> Self {
+        let mut part = Self { x0: run.x0, y0: run.y, ..Self::default() };
+        part.add_run(run);
+        part
+    }
+
+    /// Adds a run; runs come row by row.
+    /// Adds the pixels of a run, which lies below those of before or beside them.
+    #[inline(always)]
+    pub(crate) fn add_run(&mut self, run: &Run) {
+        let (y, (n, sum, squares, cubes)) = (u64::from(run.y), power_sums(run.x0, run.x1));
+        let (ny, y2) = (n.wrapping_mul(y), y.wrapping_mul(y));
+        let product = |a: u64, b: u64| u128::from(a) * u128::from(b);
+        self.m00 += n;
+        self.m10 = self.m10.wrapping_add(sum);
+        self.m01 = self.m01.wrapping_add(ny);
+        self.m20 = self.m20.wrapping_add(squares);
+        self.m11 = self.m11.wrapping_add(sum.wrapping_mul(y));
+        self.m02 = self.m02.wrapping_add(n.wrapping_mul(y2));
+        self.m30 = self.m30.wrapping_add(cubes);
+        self.m21 = self.m21.wrapping_add(product(squares, y));
+        self.m12 = self.m12.wrapping_add(product(sum, y2));
+        self.m03 = self.m03.wrapping_add(product(ny, y2));
+        self.x0 = self.x0.min(run.x0);
+        self.x1 = self.x1.max(run.x1);
+        self.y1 = run.y + 1;
     }
 
     #[inline(always)]
@@ -120,14 +158,17 @@ impl Component {
         self.m00 += other.m00;
         self.m10 += other.m10;
         self.m01 += other.m01;
-        self.m20 += other.m20;
-        self.m11 += other.m11;
-        self.m02 += other.m02;
+        self.m20 = self.m20.wrapping_add(other.m20);
+        self.m11 = self.m11.wrapping_add(other.m11);
+        self.m02 = self.m02.wrapping_add(other.m02);
+        self.m30 = self.m30.wrapping_add(other.m30);
+        self.m21 = self.m21.wrapping_add(other.m21);
+        self.m12 = self.m12.wrapping_add(other.m12);
+        self.m03 = self.m03.wrapping_add(other.m03);
         self.x0 = self.x0.min(other.x0);
         self.x1 = self.x1.max(other.x1);
         self.y0 = self.y0.min(other.y0);
         self.y1 = self.y1.max(other.y1);
-        self.touches_border |= other.touches_border;
     }
 }
 
@@ -138,6 +179,9 @@ pub struct Components {
     parents: Vec<u32>,
     parts: Vec<Component>,
     list: Vec<Component>,
+    /// Region of each part, and of each run, when they were asked for.
+    indices: Vec<u32>,
+    of_runs: Vec<u32>,
 }
 
 impl Components {
@@ -149,6 +193,8 @@ impl Components {
             parents: Vec::with_capacity(limit),
             parts: Vec::with_capacity(limit),
             list: Vec::with_capacity(limit),
+            indices: Vec::with_capacity(limit),
+            of_runs: Vec::with_capacity(limit),
         }
     }
 
@@ -192,21 +238,20 @@ impl Components {
                 }
                 above += 1;
             }
-            let part = Component::of_run(run, window);
             if let Some(known) = self.parts.get_mut(label as usize) {
-                known.add(&part);
+                known.add_run(run);
             } else {
                 label = self.parts.len() as u32;
-                self.parts.push(part);
+                self.parts.push(Component::of_run(run));
                 self.parents.push(label);
             }
             self.labels.push(label);
         }
-        self.gather();
+        self.gather(window);
     }
 
     /// Adds each part to its root; parents are always smaller, so one pass from behind is enough.
-    fn gather(&mut self) {
+    fn gather(&mut self, window: &Window) {
         for i in (0..self.parts.len()).rev() {
             let (Some(&parent), Some(&part)) = (self.parents.get(i), self.parts.get(i)) else { continue };
             if parent as usize != i
@@ -217,7 +262,12 @@ impl Components {
         }
         for (i, (&parent, part)) in self.parents.iter().zip(&self.parts).enumerate() {
             if parent as usize == i {
-                self.list.push(*part);
+                // some pixel lies on the border where the box reaches it
+                let touches_border = part.x0 as usize == window.x0
+                    || part.x1 as usize == window.x1
+                    || part.y0 as usize == window.y0
+                    || part.y1 as usize == window.y1;
+                self.list.push(Component { touches_border, ..*part });
             }
         }
     }
@@ -248,104 +298,4 @@ impl Components {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::imaging::ImageView;
-    use proptest::prelude::*;
-
-    fn find(pixels: &[u8], width: usize, connectivity: Connectivity) -> Vec<Component> {
-        let image = ImageView::new(pixels, width, pixels.len() / width).unwrap();
-        let window = Window::whole(&image);
-        let mut runs = Runs::with_limit(10_000);
-        runs.find(&image, &window, 100);
-        let mut components = Components::with_limit(10_000);
-        components.find(&runs, &window, connectivity);
-        components.as_slice().to_vec()
-    }
-
-    /// Flood fill, pixel by pixel.
-    fn slow(pixels: &[u8], width: usize, connectivity: Connectivity) -> Vec<Component> {
-        let height = pixels.len() / width;
-        let mut seen = vec![false; pixels.len()];
-        let mut out = Vec::new();
-        for start in 0..pixels.len() {
-            if seen[start] || pixels[start] > 100 {
-                continue;
-            }
-            let mut c = Component { x0: u32::MAX, y0: u32::MAX, ..Component::default() };
-            let mut stack = vec![start];
-            seen[start] = true;
-            while let Some(at) = stack.pop() {
-                let (x, y) = ((at % width) as u64, (at / width) as u64);
-                c.m00 += 1;
-                c.m10 += x;
-                c.m01 += y;
-                c.m20 += x * x;
-                c.m11 += x * y;
-                c.m02 += y * y;
-                c.x0 = c.x0.min(x as u32);
-                c.x1 = c.x1.max(x as u32 + 1);
-                c.y0 = c.y0.min(y as u32);
-                c.y1 = c.y1.max(y as u32 + 1);
-                c.touches_border |= x == 0 || y == 0 || x as usize + 1 == width || y as usize + 1 == height;
-                for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)] {
-                    if connectivity == Connectivity::Four && dx != 0 && dy != 0 {
-                        continue;
-                    }
-                    let (nx, ny) = (x as i64 + dx, y as i64 + dy);
-                    if nx < 0 || ny < 0 || nx >= width as i64 || ny >= height as i64 {
-                        continue;
-                    }
-                    let next = ny as usize * width + nx as usize;
-                    if !seen[next] && pixels[next] <= 100 {
-                        seen[next] = true;
-                        stack.push(next);
-                    }
-                }
-            }
-            out.push(c);
-        }
-        out
-    }
-
-    proptest! {
-        #[test]
-        fn components_are_those_of_flood_fill(
-            width in 1usize..80, height in 1usize..40, seed in any::<u64>(), density in 1u64..255,
-        ) {
-            let mut state = seed;
-            let pixels: Vec<u8> = (0..width * height).map(|_| {
-                state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-                if state >> 56 < density { 0 } else { 255 }
-            }).collect();
-            for connectivity in [Connectivity::Four, Connectivity::Eight] {
-                let (mut got, mut wanted) = (find(&pixels, width, connectivity), slow(&pixels, width, connectivity));
-                got.sort_by_key(|c| (c.y0, c.x0, c.m10, c.m01, c.m00));
-                wanted.sort_by_key(|c| (c.y0, c.x0, c.m10, c.m01, c.m00));
-                prop_assert_eq!(got, wanted);
-            }
-        }
-    }
-
-    #[test]
-    fn axes_of_an_ellipse() {
-        let (a, b, angle) = (40.0f64, 25.0, 0.5f64);
-        let mut pixels = vec![255; 200 * 150];
-        for y in 0..150 {
-            for x in 0..200 {
-                let (dx, dy) = (f64::from(x) - 100.3, f64::from(y) - 70.8);
-                let (u, v) = (dx * angle.cos() + dy * angle.sin(), dy * angle.cos() - dx * angle.sin());
-                if (u / a).powi(2) + (v / b).powi(2) < 1.0 {
-                    pixels[(y * 200 + x) as usize] = 0;
-                }
-            }
-        }
-        let found = find(&pixels, 200, Connectivity::Eight);
-        assert_eq!(found.len(), 1);
-        let axes = found[0].principal_axes();
-        assert!((axes.major_px - a).abs() < 0.1 && (axes.minor_px - b).abs() < 0.1, "{axes:?}");
-        assert!((axes.angle_rad - angle).abs() < 0.01);
-        let (x, y) = found[0].centroid();
-        assert!((x - 100.3).abs() < 0.05 && (y - 70.8).abs() < 0.05);
-    }
-}
+mod tests;

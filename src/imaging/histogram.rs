@@ -32,7 +32,7 @@ impl Histogram {
     #[must_use]
     pub fn of(image: &ImageView<'_>) -> Self {
         let mut counts = Counts::new();
-        counts.add(image.pixels());
+        image.pieces().for_each(|piece| counts.add(piece));
         counts.sum()
     }
 
@@ -120,24 +120,32 @@ impl PairCounter {
     pub fn count(&mut self, image: &ImageView<'_>) -> Histogram {
         let mut bins = [0u32; 256];
         let Some(pairs) = self.pairs.first_chunk_mut::<{ 1 << 16 }>() else { return Histogram { bins } };
-        let (words, rest) = image.pixels().as_chunks::<8>();
-        for word in words {
-            let word = u64::from_le_bytes(*word);
-            pairs[usize::from(word as u16)] += 1;
-            pairs[usize::from((word >> 16) as u16)] += 1;
-            pairs[usize::from((word >> 32) as u16)] += 1;
-            pairs[usize::from((word >> 48) as u16)] += 1;
-        }
-        for &p in rest {
-            bins[usize::from(p)] += 1;
+        for piece in image.pieces() {
+            let (words, rest) = piece.as_chunks::<8>();
+            for word in words {
+                let word = u64::from_le_bytes(*word);
+                pairs[usize::from(word as u16)] += 1;
+                pairs[usize::from((word >> 16) as u16)] += 1;
+                pairs[usize::from((word >> 32) as u16)] += 1;
+                pairs[usize::from((word >> 48) as u16)] += 1;
+            }
+            for &p in rest {
+                bins[usize::from(p)] += 1;
+            }
         }
         // sums of rows and of columns; the table is left empty for the next image
         for (second, row) in pairs.as_chunks_mut::<256>().0.iter_mut().enumerate() {
             let mut sum = 0;
-            for (bin, pair) in bins.iter_mut().zip(row) {
-                sum += *pair;
-                *bin += *pair;
-                *pair = 0;
+            for (bins, row) in bins.as_chunks_mut::<32>().0.iter_mut().zip(row.as_chunks_mut::<32>().0) {
+                // most pairs of levels never meet: what is empty is read, not written
+                if row.iter().fold(0, |any, &pair| any | pair) == 0 {
+                    continue;
+                }
+                for (bin, pair) in bins.iter_mut().zip(row) {
+                    sum += *pair;
+                    *bin += *pair;
+                    *pair = 0;
+                }
             }
             bins[second] += sum;
         }

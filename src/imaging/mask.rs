@@ -17,6 +17,16 @@ pub(super) fn dark_mask_portable(pixels: &[u8; 64], threshold: u8) -> Mask {
 /// Kernel with per-pixel thresholds.
 #[inline(always)]
 pub(super) fn dark_mask_each(pixels: &[u8; 64], thresholds: &[u8; 64]) -> Mask {
+    #[cfg(target_arch = "x86_64")]
+    return x86::dark_mask_each_sse2(pixels, thresholds);
+    #[cfg(not(target_arch = "x86_64"))]
+    dark_mask_each_portable(pixels, thresholds)
+}
+
+/// Portable kernel with per-pixel thresholds.
+#[cfg(any(test, not(target_arch = "x86_64")))]
+#[inline(always)]
+fn dark_mask_each_portable(pixels: &[u8; 64], thresholds: &[u8; 64]) -> Mask {
     let mut mask = 0;
     for (i, (&p, &t)) in (0u32..).zip(pixels.iter().zip(thresholds)) {
         mask |= u64::from(p <= t) << i;
@@ -42,6 +52,24 @@ pub(super) mod x86 {
             let bits = unsafe {
                 let p = _mm_loadu_si128(part.as_ptr().cast::<__m128i>());
                 let least = _mm_min_epu8(p, _mm_set1_epi8(threshold as i8));
+                _mm_movemask_epi8(_mm_cmpeq_epi8(least, p)) as u32
+            };
+            mask |= u64::from(bits) << (16 * i);
+        }
+        mask
+    }
+
+    /// SSE2 kernel with per-pixel thresholds.
+    #[inline(always)]
+    pub(in super::super) fn dark_mask_each_sse2(pixels: &[u8; 64], thresholds: &[u8; 64]) -> Mask {
+        let mut mask = 0;
+        let parts = pixels.as_chunks::<16>().0.iter().zip(thresholds.as_chunks::<16>().0);
+        for (i, (part, levels)) in (0u32..).zip(parts) {
+            // SAFETY: SSE2 belongs to the x86-64 baseline; both hold the 16 bytes that an unaligned load reads.
+            #[allow(unsafe_code)]
+            let bits = unsafe {
+                let p = _mm_loadu_si128(part.as_ptr().cast::<__m128i>());
+                let least = _mm_min_epu8(p, _mm_loadu_si128(levels.as_ptr().cast::<__m128i>()));
                 _mm_movemask_epi8(_mm_cmpeq_epi8(least, p)) as u32
             };
             mask |= u64::from(bits) << (16 * i);
@@ -81,6 +109,9 @@ mod tests {
             }
             prop_assert_eq!(x86::dark_mask_sse2(pixels, threshold), wanted);
             prop_assert_eq!(dark_mask_each(pixels, &[threshold; 64]), wanted);
+            let mut levels = *pixels;
+            levels.rotate_left(usize::from(threshold % 64));
+            prop_assert_eq!(dark_mask_each(pixels, &levels), dark_mask_each_portable(pixels, &levels));
             if std::arch::is_x86_feature_detected!("avx2") {
                 // SAFETY: the feature was just detected.
                 #[allow(unsafe_code)]

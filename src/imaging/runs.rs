@@ -1,18 +1,28 @@
-//! Binarisation: the dark pixels of an image or of a window as runs, row by row.
+//! Binarisation: the dark, or the light, pixels of an image or of a window as runs, row by row.
 
-use super::ImageView;
 use super::mask::dark_mask_each;
 #[cfg(any(test, not(target_arch = "x86_64")))]
 use super::mask::dark_mask_portable;
+use super::{ImageView, LocalMean};
 
-/// Dark pixels `x0..x1` of row `y`.
+/// Which side of a threshold the objects are on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Polarity {
+    /// Dark objects on a light background: at most the threshold.
+    #[default]
+    Dark,
+    /// Light objects on a dark background: above the threshold.
+    Light,
+}
+
+/// Pixels `x0..x1` of row `y`, all on one side of the threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Run {
     /// Row, px.
     pub y: u32,
-    /// First dark column, px.
+    /// First column, px.
     pub x0: u32,
-    /// Column behind the last dark one, px.
+    /// Column behind the last, px.
     pub x1: u32,
 }
 
@@ -55,6 +65,8 @@ pub struct LocalThreshold {
     low: Vec<u8>,
     high: Vec<u8>,
     tiles: Vec<u8>,
+    /// Least and greatest level about each tile; the other way round where they differ too little.
+    extremes: Vec<(u8, u8)>,
     row: Vec<u8>,
 }
 
@@ -67,43 +79,61 @@ impl LocalThreshold {
     pub fn with_size(width: usize, height: usize) -> Self {
         let tiles = width.div_ceil(Self::TILE) * height.div_ceil(Self::TILE);
         let buffer = || Vec::with_capacity(tiles);
-        Self { low: buffer(), high: buffer(), tiles: buffer(), row: Vec::with_capacity(width) }
+        let extremes = Vec::with_capacity(tiles);
+        Self { low: buffer(), high: buffer(), tiles: buffer(), extremes, row: Vec::with_capacity(width) }
     }
 
     /// Half-way between the least and the greatest level of each tile and its eight neighbours; `otherwise` where
-    /// they differ by less than `contrast`.
-    pub fn set(&mut self, image: &ImageView<'_>, contrast: u8, otherwise: u8) {
+    /// they differ by less than `contrast`. The greatest difference anywhere.
+    pub fn set(&mut self, image: &ImageView<'_>, contrast: u8, otherwise: u8) -> u8 {
         let (columns, rows) = (image.width().div_ceil(Self::TILE), image.height().div_ceil(Self::TILE));
         for (buffer, value) in [(&mut self.low, 255), (&mut self.high, 0), (&mut self.tiles, otherwise)] {
             buffer.clear();
             buffer.resize(columns * rows, value);
         }
+        self.extremes.clear();
+        self.extremes.resize(columns * rows, (255, 0));
         self.row.clear();
         self.row.resize(image.width(), otherwise);
         for y in 0..image.height() {
             let from = y / Self::TILE * columns;
             let (Some(low), Some(high)) = (self.low.get_mut(from..), self.high.get_mut(from..)) else {
-                return;
+                return 0;
             };
             for ((part, low), high) in image.row(y).chunks(Self::TILE).zip(low).zip(high) {
                 *low = part.iter().fold(*low, |a, &p| a.min(p));
                 *high = part.iter().fold(*high, |a, &p| a.max(p));
             }
         }
+        let mut greatest = 0;
         for ty in 0..rows {
             for tx in 0..columns {
-                let (mut low, mut high) = (255, 0);
+                let (mut low, mut high) = (255u8, 0u8);
                 for ny in ty.saturating_sub(1)..(ty + 2).min(rows) {
                     for nx in tx.saturating_sub(1)..(tx + 2).min(columns) {
                         low = self.low.get(ny * columns + nx).map_or(low, |&v| v.min(low));
                         high = self.high.get(ny * columns + nx).map_or(high, |&v| v.max(high));
                     }
                 }
+                greatest = greatest.max(high.saturating_sub(low));
                 if high.saturating_sub(low) >= contrast
                     && let Some(tile) = self.tiles.get_mut(ty * columns + tx)
+                    && let Some(extremes) = self.extremes.get_mut(ty * columns + tx)
                 {
+                    *extremes = (low, high);
                     *tile = ((u16::from(low) + u16::from(high)) / 2) as u8;
                 }
+            }
+        }
+        greatest
+    }
+
+    /// Moves the thresholds that were [`set`](Self::set) to another `share` of the way from the least level to the greatest, in
+    /// 256ths.
+    pub fn move_to(&mut self, share: u8) {
+        for (tile, &(low, high)) in self.tiles.iter_mut().zip(&self.extremes) {
+            if high >= low {
+                *tile = (u16::from(low) + ((u16::from(high - low) * u16::from(share)) >> 8)) as u8;
             }
         }
     }
@@ -157,78 +187,138 @@ impl Runs {
 
     /// Finds the pixels of a window that are at most `threshold`.
     pub fn find(&mut self, image: &ImageView<'_>, window: &Window, threshold: u8) {
+        self.binarize(image, window, threshold, Polarity::Dark);
+    }
+
+    /// Finds the pixels of a window that are at most `threshold`, or those that are above it.
+    pub fn binarize(&mut self, image: &ImageView<'_>, window: &Window, threshold: u8, polarity: Polarity) {
         self.runs.clear();
         self.full = false;
-        #[cfg(target_arch = "x86_64")]
-        if self.wide {
-            // SAFETY: `wide` is set only where the processor has AVX2.
-            #[allow(unsafe_code)]
-            unsafe {
-                self.find_avx2(image, window, threshold);
-            }
-            return;
+        // a kernel for each polarity: the choice is made once
+        match polarity {
+            Polarity::Dark => self.find_threshold::<false>(image, window, threshold),
+            Polarity::Light => self.find_threshold::<true>(image, window, threshold),
         }
-        #[cfg(target_arch = "x86_64")]
-        self.find_with(image, window, |p| super::mask::x86::dark_mask_sse2(p, threshold), threshold);
-        #[cfg(not(target_arch = "x86_64"))]
-        self.find_with(image, window, |p| dark_mask_portable(p, threshold), threshold);
     }
 
     /// Finds the pixels of the whole image that are at most their local threshold.
     pub fn find_local(&mut self, image: &ImageView<'_>, thresholds: &mut LocalThreshold) {
+        self.binarize_local(image, thresholds, Polarity::Dark);
+    }
+
+    /// Finds the pixels of the whole image that are at most their local threshold, or those that are above it.
+    pub fn binarize_local(
+        &mut self,
+        image: &ImageView<'_>,
+        thresholds: &mut LocalThreshold,
+        polarity: Polarity,
+    ) {
         self.runs.clear();
         self.full = false;
+        let flip = if polarity == Polarity::Light { u64::MAX } else { 0 };
         for y in 0..image.height() {
             let mut row = RowScan::new(y, 0);
             let (chunks, rest) = image.row(y).as_chunks::<64>();
             let (levels, rest_levels) = thresholds.row(y).as_chunks::<64>();
             for (chunk, levels) in chunks.iter().zip(levels) {
-                row.add(dark_mask_each(chunk, levels), 64, self);
+                row.add(dark_mask_each(chunk, levels) ^ flip, 64, self);
             }
-            let (mut last, mut last_levels) = ([255; 64], [0; 64]);
-            last.iter_mut().zip(rest).for_each(|(a, b)| *a = *b);
-            last_levels.iter_mut().zip(rest_levels).for_each(|(a, b)| *a = *b);
-            row.add(dark_mask_each(&last, &last_levels), rest.len() as u32, self);
+            if !rest.is_empty() {
+                let (mut last, mut last_levels) = ([255; 64], [0; 64]);
+                last.iter_mut().zip(rest).for_each(|(a, b)| *a = *b);
+                last_levels.iter_mut().zip(rest_levels).for_each(|(a, b)| *a = *b);
+                row.add((dark_mask_each(&last, &last_levels) ^ flip) & valid(rest), rest.len() as u32, self);
+            }
             row.end(self);
             if self.full {
                 return;
             }
         }
+    }
+
+    /// Finds the pixels of the whole image that are at most their threshold by the mean of their surroundings, or those that are
+    /// above it.
+    pub fn binarize_mean(&mut self, image: &ImageView<'_>, thresholds: &mut LocalMean, polarity: Polarity) {
+        self.runs.clear();
+        self.full = false;
+        thresholds.start(image);
+        for y in 0..image.height() {
+            let sides = thresholds.row(image, y);
+            match polarity {
+                Polarity::Dark => self.find_row::<false>(y, sides),
+                Polarity::Light => self.find_row::<true>(y, sides),
+            }
+            if self.full {
+                return;
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn find_threshold<const LIGHT: bool>(&mut self, image: &ImageView<'_>, window: &Window, threshold: u8) {
+        #[cfg(target_arch = "x86_64")]
+        if self.wide {
+            // SAFETY: `wide` is set only where the processor has AVX2.
+            #[allow(unsafe_code)]
+            unsafe {
+                self.find_avx2::<LIGHT>(image, window, threshold);
+            }
+            return;
+        }
+        #[cfg(target_arch = "x86_64")]
+        self.find_with::<LIGHT>(image, window, |p| super::mask::x86::dark_mask_sse2(p, threshold));
+        #[cfg(not(target_arch = "x86_64"))]
+        self.find_with::<LIGHT>(image, window, |p| dark_mask_portable(p, threshold));
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt")]
-    fn find_avx2(&mut self, image: &ImageView<'_>, window: &Window, threshold: u8) {
-        self.find_with(image, window, |p| super::mask::x86::dark_mask_avx2(p, threshold), threshold);
+    fn find_avx2<const LIGHT: bool>(&mut self, image: &ImageView<'_>, window: &Window, threshold: u8) {
+        self.find_with::<LIGHT>(image, window, |p| super::mask::x86::dark_mask_avx2(p, threshold));
     }
 
     #[inline(always)]
-    fn find_with(
+    fn find_with<const LIGHT: bool>(
         &mut self,
         image: &ImageView<'_>,
         window: &Window,
         kernel: impl Fn(&[u8; 64]) -> u64,
-        threshold: u8,
     ) {
         for y in window.y0..window.y1 {
-            let mut row = RowScan::new(y, window.x0);
             let Some(pixels) = image.row(y).get(window.x0..window.x1) else { return };
-            let (chunks, rest) = pixels.as_chunks::<64>();
-            for chunk in chunks {
-                row.add(kernel(chunk), 64, self);
-            }
-            if !rest.is_empty() {
-                let mut last = [255; 64];
-                last.iter_mut().zip(rest).for_each(|(a, b)| *a = *b);
-                let valid = u64::MAX >> (64 - rest.len());
-                let mask = if threshold == 255 { u64::MAX } else { kernel(&last) } & valid;
-                row.add(mask, rest.len() as u32, self);
-            }
-            row.end(self);
+            self.add_row::<LIGHT>(RowScan::new(y, window.x0), pixels, &kernel);
             if self.full {
                 return;
             }
         }
+    }
+
+    /// Row `y` of bytes that are 0 where a pixel is dark.
+    fn find_row<const LIGHT: bool>(&mut self, y: usize, sides: &[u8]) {
+        #[cfg(target_arch = "x86_64")]
+        self.add_row::<LIGHT>(RowScan::new(y, 0), sides, &|p| super::mask::x86::dark_mask_sse2(p, 0));
+        #[cfg(not(target_arch = "x86_64"))]
+        self.add_row::<LIGHT>(RowScan::new(y, 0), sides, &|p| dark_mask_portable(p, 0));
+    }
+
+    #[inline(always)]
+    fn add_row<const LIGHT: bool>(
+        &mut self,
+        mut row: RowScan,
+        pixels: &[u8],
+        kernel: &impl Fn(&[u8; 64]) -> u64,
+    ) {
+        let flip = if LIGHT { u64::MAX } else { 0 };
+        let (chunks, rest) = pixels.as_chunks::<64>();
+        for chunk in chunks {
+            row.add(kernel(chunk) ^ flip, 64, self);
+        }
+        if !rest.is_empty() {
+            let mut last = [255; 64];
+            last.iter_mut().zip(rest).for_each(|(a, b)| *a = *b);
+            row.add((kernel(&last) ^ flip) & valid(rest), rest.len() as u32, self);
+        }
+        row.end(self);
     }
 
     #[inline(always)]
@@ -239,6 +329,12 @@ impl Runs {
             self.full = true;
         }
     }
+}
+
+/// Bits of the pixels of a last, shorter part of a row: 1 to 64.
+#[inline(always)]
+fn valid(rest: &[u8]) -> u64 {
+    u64::MAX >> (64 - rest.len().clamp(1, 64))
 }
 
 /// Scans the bits of one row for changes.
@@ -286,71 +382,4 @@ impl RowScan {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn slow(image: &ImageView<'_>, w: &Window, dark: impl Fn(usize, usize) -> bool) -> Vec<Run> {
-        let mut out = Vec::new();
-        for y in w.y0..w.y1 {
-            let mut x = w.x0;
-            while x < w.x1 {
-                let x0 = x;
-                while x < w.x1 && dark(x, y) {
-                    x += 1;
-                }
-                if x > x0 {
-                    out.push(Run { y: y as u32, x0: x0 as u32, x1: x as u32 });
-                }
-                x += usize::from(x == x0);
-            }
-        }
-        assert!(w.x1 <= image.width());
-        out
-    }
-
-    proptest! {
-        #[test]
-        fn runs_are_the_dark_pixels(
-            width in 1usize..200, height in 1usize..6, seed in any::<u64>(), threshold in any::<u8>(),
-            a in 0usize..200, b in 0usize..200,
-        ) {
-            let mut state = seed;
-            let pixels: Vec<u8> = (0..width * height).map(|_| {
-                state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-                (state >> 56) as u8 & if state >> 40 & 1 == 1 { 0xff } else { 0xf0 }
-            }).collect();
-            let image = ImageView::new(&pixels, width, height).unwrap();
-            let (x0, x1) = (a.min(b).min(width), a.max(b).min(width));
-            for window in [Window::whole(&image), Window { x0, x1, y0: height / 2, y1: height }] {
-                let wanted = slow(&image, &window, |x, y| image.row(y)[x] <= threshold);
-                let mut runs = Runs::with_limit(4000);
-                runs.find(&image, &window, threshold);
-                prop_assert_eq!(runs.as_slice(), &wanted[..]);
-                runs.wide = false;
-                runs.find(&image, &window, threshold);
-                prop_assert_eq!(runs.as_slice(), &wanted[..]);
-                runs.find_with(&image, &window, |p| dark_mask_portable(p, threshold), threshold);
-            }
-            let mut local = LocalThreshold::default();
-            local.set(&image, 255, 100);
-            let mut runs = Runs::with_limit(4000);
-            runs.find_local(&image, &mut local);
-            let whole = Window::whole(&image);
-            let levels = local.tiles.clone();
-            let columns = width.div_ceil(32);
-            let wanted = slow(&image, &whole, |x, y| image.row(y)[x] <= levels[y / 32 * columns + x / 32]);
-            prop_assert_eq!(runs.as_slice(), &wanted[..]);
-        }
-    }
-
-    #[test]
-    fn overflow_is_told() {
-        let pixels: Vec<u8> = (0..100).map(|i| if i % 2 == 0 { 0 } else { 255 }).collect();
-        let image = ImageView::new(&pixels, 100, 1).unwrap();
-        let mut runs = Runs::with_limit(10);
-        runs.find(&image, &Window::whole(&image), 128);
-        assert!(runs.overflowed());
-        assert_eq!(runs.as_slice().len(), 10);
-    }
-}
+mod tests;

@@ -1,5 +1,6 @@
 //! A borrowed grey image: rows of bytes in memory that somebody else owns (usually a shared-memory sample).
 
+use super::Window;
 use thiserror::Error;
 
 /// The buffer does not hold `width x height` bytes.
@@ -16,12 +17,14 @@ pub struct ImageSizeError {
     pub len: usize,
 }
 
-/// An 8-bit grey image without padding between rows. Pixel centres lie on integer coordinates.
+/// An 8-bit grey image, possibly with other bytes between its rows. Pixel centres lie on integer coordinates.
 #[derive(Debug, Clone, Copy)]
 pub struct ImageView<'a> {
     pixels: &'a [u8],
     width: usize,
     height: usize,
+    /// Bytes from the start of a row to that of the next, at least `width`.
+    stride: usize,
 }
 
 impl<'a> ImageView<'a> {
@@ -34,7 +37,36 @@ impl<'a> ImageView<'a> {
         if needed == 0 || pixels.len() != needed {
             return Err(ImageSizeError { width, height, needed, len: pixels.len() });
         }
-        Ok(Self { pixels, width, height })
+        Ok(Self { pixels, width, height, stride: width })
+    }
+
+    /// Borrows `pixels` as image of which each row starts `stride` bytes behind the one above.
+    ///
+    /// # Errors
+    /// [`ImageSizeError`] when rows overlap, the buffer ends before the last row does, or either size is zero.
+    pub fn with_stride(
+        pixels: &'a [u8],
+        width: usize,
+        height: usize,
+        stride: usize,
+    ) -> Result<Self, ImageSizeError> {
+        let needed = stride.saturating_mul(height.saturating_sub(1)).saturating_add(width);
+        if width == 0 || height == 0 || stride < width || pixels.len() < needed {
+            return Err(ImageSizeError { width, height, needed, len: pixels.len() });
+        }
+        Ok(Self { pixels: pixels.get(..needed).unwrap_or(&[]), width, height, stride })
+    }
+
+    /// The part of the image within the window, without a copy: its pixel (0, 0) is the window's corner. `None` where the window
+    /// is empty or reaches beyond the image.
+    #[must_use]
+    pub fn part(&self, window: &Window) -> Option<Self> {
+        let Window { x0, y0, x1, y1 } = *window;
+        if x1 > self.width || y1 > self.height || x0 >= x1 || y0 >= y1 {
+            return None;
+        }
+        let pixels = self.pixels.get(y0 * self.stride + x0..(y1 - 1) * self.stride + x1)?;
+        Some(Self { pixels, width: x1 - x0, height: y1 - y0, stride: self.stride })
     }
 
     /// Columns, px.
@@ -49,16 +81,28 @@ impl<'a> ImageView<'a> {
         self.height
     }
 
-    /// All pixels, row by row.
+    /// All pixels, row by row, with what lies between the rows.
     #[must_use]
     pub fn pixels(&self) -> &'a [u8] {
         self.pixels
     }
 
+    /// All pixels and nothing else, in order, in the fewest pieces: one where rows follow each other without a gap, else the rows.
+    pub fn pieces(&self) -> impl Iterator<Item = &'a [u8]> {
+        let (size, count) =
+            if self.stride == self.width { (self.pixels.len(), 1) } else { (self.width, self.height) };
+        let Self { pixels, stride, .. } = *self;
+        (0..count).map(move |i| pixels.get(i * stride..i * stride + size).unwrap_or(&[]))
+    }
+
     /// Row `y`; empty when `y` is outside the image.
     #[must_use]
     pub fn row(&self, y: usize) -> &'a [u8] {
-        self.pixels.get(y * self.width..(y + 1) * self.width).unwrap_or(&[])
+        if y >= self.height {
+            return &[];
+        }
+        let start = y * self.stride;
+        self.pixels.get(start..start + self.width).unwrap_or(&[])
     }
 }
 
@@ -73,5 +117,27 @@ mod tests {
         assert!(ImageView::new(&[], 0, 0).is_err());
         assert_eq!(ImageView::new(&[1, 2, 3, 4], 2, 2).unwrap().row(1), &[3, 4]);
         assert!(ImageView::new(&[1, 2, 3, 4], 2, 2).unwrap().row(2).is_empty());
+    }
+    #[test]
+    fn rows_of_parts_are_those_of_the_whole() {
+        let bytes: Vec<u8> = (0..35).collect();
+        let image = ImageView::with_stride(&bytes, 5, 5, 7).unwrap();
+        assert_eq!(image.row(2), &[14, 15, 16, 17, 18]);
+        assert!(image.row(5).is_empty());
+        let pieces: Vec<&[u8]> = image.pieces().collect();
+        assert_eq!(pieces, (0..5).map(|y| image.row(y)).collect::<Vec<_>>());
+        assert_eq!(ImageView::new(&bytes, 7, 5).unwrap().pieces().collect::<Vec<_>>(), [&bytes[..]]);
+        let part = image.part(&Window { x0: 1, y0: 1, x1: 4, y1: 3 }).unwrap();
+        assert_eq!((part.width(), part.height()), (3, 2));
+        assert_eq!((part.row(0), part.row(1)), (&[8, 9, 10][..], &[15, 16, 17][..]));
+        assert!(part.row(2).is_empty());
+        assert!(image.part(&Window { x0: 1, y0: 1, x1: 6, y1: 3 }).is_none());
+        assert!(image.part(&Window { x0: 3, y0: 1, x1: 3, y1: 3 }).is_none());
+        assert!(ImageView::with_stride(&bytes, 5, 5, 4).is_err());
+        assert!(ImageView::with_stride(&bytes, 5, 6, 7).is_err());
+        assert!(ImageView::with_stride(&bytes, 0, 5, 7).is_err());
+        assert!(ImageView::with_stride(&[0; 3], usize::MAX, usize::MAX, usize::MAX).is_err());
+        // the last row needs no padding behind it
+        assert!(ImageView::with_stride(&bytes[..33], 5, 5, 7).is_ok());
     }
 }

@@ -1,12 +1,15 @@
 //! Linear algebra of fixed sizes that stays on the stack: products, factorisation, eigenvectors, two numbers at a time; and
 //! random numbers.
 
+mod cubic;
 mod lanes;
 mod ldlt;
 pub(crate) mod products3;
 mod random;
+pub(crate) mod sampling;
 mod symmetric_eigen;
 
+pub(crate) use cubic::cubic_roots;
 #[cfg(test)]
 pub(crate) use lanes::Portable;
 pub(crate) use lanes::{F2, Lanes, Number};

@@ -5,11 +5,12 @@
 //! joint torques `f` of its feedback, less the disturbance. A disturbance `d` then shows in
 //!
 //! ```text
-//! d - (B p + t) = B (v' - u) + D (v - w) - f        D viscous friction
-//! p' = r (v' - u)        t' = r (D (v - w) - f)     estimate of d: B p + t, learnt at the rate r, rad/s
+//! d - (B p + t) = B (v' - u) + F(v) - F(w) - f
+//! p' = r (v' - u)        t' = r (F(v) - F(w) - f)     estimate of d: B p + t, learnt at the rate r, rad/s
 //! ```
 //! What is moved by inertia is learnt as acceleration, what is held by friction as torque, so that neither asks for the
-//! mass matrix. What the effort limits cut is no disturbance: `u` is the acceleration that was really commanded.
+//! mass matrix. That `F` is all of the friction is what frees a joint that sticks: there a small velocity is a large torque. What
+//! turns about with the motion is learnt as a [share of the model's friction](friction). What the effort limits cut is no disturbance: `u` is the acceleration that was really commanded.
 //!
 //! Where positions come in steps or with noise, velocities are those of an observer: the command moves it, the positions
 //! correct it, as far as they lie outside of the step in which it is.
@@ -24,12 +25,14 @@
 //! arm is found a step away: at rest the estimate stands, and no step shakes the arm. Within a step it is the camera that tells
 //! of a motion ([`Drift`]): what the joints did between two exposures beyond what was believed is an error of `v^`.
 
+mod friction;
 mod seen;
 
 use crate::linalg::Ldlt;
 use crate::robot::Robot;
 use crate::servo::Drift;
 use crate::time::{MonoNs, TICK};
+use friction::{FrictionShare, Residual};
 use nalgebra::SVector;
 use seen::Seen;
 
@@ -43,6 +46,8 @@ const BANDWIDTH_AT_REST: f64 = 0.2;
 const LEFT_TO_A_CAMERA: f64 = 0.5;
 /// Steps a second from which on a disturbance is learnt at the full rate.
 const STEPS_TO_LEARN_1_S: f64 = 100.0;
+/// Steps a second up to which a velocity is not told from a standstill, in judging by friction.
+const STEPS_WIDE_1_S: f64 = 200.0;
 /// Ticks over which the mean of a disturbance is taken: longer than it takes to tell that an arm is jammed or swings.
 const MEAN_TICKS: u32 = 1000;
 /// Share of that rate that is kept at rest.
@@ -59,6 +64,8 @@ pub struct ObserverSettings<const N: usize> {
     pub encoder_step: SVector<f64, N>,
     /// Largest disturbance of each joint, rad/s^2 or m/s^2.
     pub most_acceleration: SVector<f64, N>,
+    /// Inertia of each joint while the others are free, about, kg m^2 or kg.
+    pub inertia: SVector<f64, N>,
 }
 
 impl<const N: usize> ObserverSettings<N> {
@@ -72,11 +79,26 @@ impl<const N: usize> ObserverSettings<N> {
         })
     }
 
+    /// The inertia of each joint while the others are free, in the posture `q`.
+    #[must_use]
+    pub fn free_inertia(robot: &Robot<N>, q: &SVector<f64, N>) -> SVector<f64, N> {
+        Ldlt::of(&robot.mass_matrix(q)).map_or(SVector::zeros(), |factors| {
+            let inverse = factors.inverse();
+            SVector::from_fn(|i, _| inverse[i][i].recip())
+        })
+    }
+
     /// No disturbance, velocities as they are measured.
     #[must_use]
     pub fn none() -> Self {
         let zero = SVector::zeros();
-        Self { disturbance_rad_s: 0.0, velocity_rad_s: 0.0, encoder_step: zero, most_acceleration: zero }
+        Self {
+            disturbance_rad_s: 0.0,
+            velocity_rad_s: 0.0,
+            encoder_step: zero,
+            most_acceleration: zero,
+            inertia: zero,
+        }
     }
 }
 
@@ -91,6 +113,8 @@ pub(super) struct Commanded<const N: usize> {
     pub(super) velocity: SVector<f64, N>,
     /// Torque of the feedback.
     pub(super) feedback: SVector<f64, N>,
+    /// Friction that was made up for, by the model.
+    pub(super) friction: SVector<f64, N>,
 }
 
 /// Velocities and disturbances of the joints.
@@ -107,10 +131,12 @@ pub(super) struct JointObserver<const N: usize> {
     past: Past<N>,
     /// What accelerates the joints beside what was commanded just now, rad/s^2 or m/s^2: for their velocity alone.
     a: SVector<f64, N>,
-    /// Whether the mean is taken for it, and nothing is learnt.
+    /// Whether nothing is learnt.
     settled: bool,
     /// What the camera has told.
     seen: Seen<N>,
+    /// What is known of friction.
+    friction: FrictionShare<N>,
 }
 
 impl<const N: usize> JointObserver<N> {
@@ -126,12 +152,18 @@ impl<const N: usize> JointObserver<N> {
             settled: false,
             a: zero,
             seen: Seen::default(),
+            friction: FrictionShare::default(),
         }
     }
 
     /// The disturbance: what of it is known as an acceleration, and what as a torque.
     pub(super) fn disturbance(&self) -> (&SVector<f64, N>, &SVector<f64, N>) {
         (&self.p, &self.t)
+    }
+
+    /// Friction beyond the model's, as a share of it.
+    pub(super) fn friction_share(&self) -> &SVector<f64, N> {
+        self.friction.share()
     }
 
     /// Forgets how the arm moves, not what disturbs it.
@@ -148,6 +180,11 @@ impl<const N: usize> JointObserver<N> {
         if settled {
             (self.p, self.t) = self.past.before;
         }
+    }
+
+    /// From now on nothing is learnt, and what was learnt stays. Or no more so.
+    pub(super) fn pause(&mut self, paused: bool) {
+        self.settled = paused;
     }
 
     /// Takes in, at `now`, what a camera saw of the joints beyond what was believed.
@@ -203,13 +240,24 @@ impl<const N: usize> JointObserver<N> {
                 self.a[i] += h * (k_a * e - FORGET_RAD_S * self.a[i]);
             }
             if rate > 0.0 {
+                let friction = &robot.friction()[i];
+                let accelerated = v_now[i] - v_before[i] - h * commanded.u[i];
+                // As it is made up for: viscous friction for the mean of the step, Coulomb friction for its end.
+                let width = STEPS_WIDE_1_S * settings.encoder_step[i];
+                let rubbed = friction.viscous * ((q_now[i] - q_before[i]) / h - commanded.w[i])
+                    + friction.coulomb_part(v_now[i], width)
+                    - friction.coulomb_part(commanded.velocity[i], width);
+                let residual = Residual {
+                    rho: settings.inertia[i] * accelerated / h + rubbed - commanded.feedback[i],
+                    friction: commanded.friction[i],
+                    inertial: settings.inertia[i] * commanded.u[i],
+                    gain: rate * h,
+                };
+                self.friction.learn(i, friction, &residual, h);
                 let most = settings.most_acceleration[i];
-                let p = self.p[i] + rate * (v_now[i] - v_before[i] - h * commanded.u[i]);
-                self.p[i] = p.clamp(-most, most);
-                let slip = q_now[i] - q_before[i] - h * commanded.w[i];
-                let learnt = robot.friction()[i].viscous * slip - h * commanded.feedback[i];
+                self.p[i] = (self.p[i] + rate * accelerated).clamp(-most, most);
                 let most = robot.limits()[i].effort;
-                self.t[i] = (self.t[i] + rate * learnt).clamp(-most, most);
+                self.t[i] = (self.t[i] + rate * h * (rubbed - commanded.feedback[i])).clamp(-most, most);
             }
         }
         if !self.settled {

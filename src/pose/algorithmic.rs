@@ -44,14 +44,17 @@ pub fn algorithmic_step<P: PointSource>(
     check(points, 3)?;
     let phi = Vector3::new(x[3], x[4], x[5]);
     let (V, error) = relative_twist::<P, 6>(&euler_zyx_rotation(&phi), x, points, gain_1_s, |J| *J)?;
-    // (10.41): phi_dot = T(phi)^-1 w.
-    let T: Matrix3<f64> = euler_zyx_rate(&phi);
+    Ok(AlgorithmicStep { x: x + pose_rate(&phi, &V)? * dt_s, error })
+}
+
+/// The rate of x for the twist of O relative to C, (10.41): `phi_dot = T(phi)^-1 w`.
+pub(super) fn pose_rate(phi: &Vector3<f64>, V: &Vector6<f64>) -> Result<Vector6<f64>, PoseError> {
+    let T: Matrix3<f64> = euler_zyx_rate(phi);
     let phi_dot = match T.try_inverse() {
         Some(inverse) if T.determinant().abs() > 1e-9 => inverse * V.fixed_rows::<3>(3),
         _ => return Err(PoseError::Degenerate),
     };
-    let rate = Vector6::new(V[0], V[1], V[2], phi_dot.x, phi_dot.y, phi_dot.z);
-    Ok(AlgorithmicStep { x: x + rate * dt_s, error })
+    Ok(Vector6::new(V[0], V[1], V[2], phi_dot.x, phi_dot.y, phi_dot.z))
 }
 
 /// One Euler step for m = 4, (10.33): object and image planes parallel, T_A = I. At least two points.

@@ -6,23 +6,39 @@
 //! | [`pose_from_homography`] | (10.8), (10.11), (10.12) | one pose from a homography |
 //! | [`planar_pose`] | (10.8)-(10.12) and beyond | both planar solutions, refined and ranked |
 //! | [`dlt_pose`] | (10.13) | six or more points that are not coplanar |
+//! | [`p3p`] | (10.6) | three points, all solutions |
+//! | [`pnp`] | (10.6) | any three points or more: the global minimum, and others that are close |
+//! | [`PoseConsensus`] | (10.6) | points of which some are wrong |
 //! | [`refine`], [`refine_3d`] | least squares on (10.36) | a near guess to the optimum, with covariance |
+//! | [`refine_pixels`] | least squares on (10.36) | the same in pixels: lens, covariances of points, outliers |
+//! | [`object_in_base`], [`object_in_effector`] | (10.14), (10.15) | beyond the camera |
 //! | [`algorithmic_step`], [`algorithmic_step_4`], [`algorithmic_step_segment`] | (10.28), (10.33)-(10.42) | the textbook's integration |
+//! | [`virtual_servoing`], [`virtual_servoing_4`] | (10.40)-(10.42) | the same from points and segments, to the end |
 //! | [`decompose_homography`] | (10.58)-(10.61) | displacement of a camera from two images of a plane |
 //!
-//! Image coordinates are normalized and free of distortion; lengths are metres. Nothing here allocates, and
-//! the results are the same to the last bit on every machine with IEEE arithmetic.
+//! Image coordinates are normalized and free of distortion; lengths are metres. Nothing here allocates up
+//! to 64 points ([`PoseConsensus`] once), and the results are the same to the last bit on every machine with IEEE arithmetic
+//! (but for the logarithm of [`Loss::Cauchy`]).
 
 mod algorithmic;
 mod decompose;
 mod dlt;
+mod frames;
 mod homography;
 mod linear;
+mod minima;
+mod p3p;
 mod planar;
+mod pnp;
 mod points;
+mod ransac;
 mod refine;
+mod refine_pixels;
+mod rotation_form;
+mod rotation_grid;
 #[cfg(test)]
 mod testing;
+mod virtual_servoing;
 
 pub use algorithmic::{
     AlgorithmicStep, algorithmic_step, algorithmic_step_4, algorithmic_step_segment, euler_zyx_rotation,
@@ -31,10 +47,20 @@ pub use decompose::{
     HomographySolution, HomographySolutions, decompose_homography, decompose_homography_seen,
 };
 pub use dlt::dlt_pose;
+pub use frames::{chained_covariance, object_in_base, object_in_effector};
 pub use homography::{homography, pose_from_homography};
-pub use planar::{PlanarPose, PoseSolution, planar_pose};
-pub use points::{Correspondence, Correspondence3, PointSource, reprojection_rms};
+pub use minima::PnpPoses;
+pub use p3p::{P3pPoses, p3p};
+pub use planar::{PlanarPose, planar_pose};
+pub use pnp::pnp;
+pub use points::{Correspondence, Correspondence3, PointSource, PoseSolution, reprojection_rms};
+pub use ransac::{ConsensusPose, ConsensusSettings, PoseConsensus};
 pub use refine::{RefinedPose, refine, refine_3d};
+pub use refine_pixels::{Loss, PixelCorrespondence, RefinedPixelPose, normalized_error, refine_pixels};
+pub use virtual_servoing::{
+    ObjectFeature, VirtualPose, VirtualServoing, virtual_servoing, virtual_servoing_4, virtual_step,
+    virtual_step_4,
+};
 
 use thiserror::Error;
 

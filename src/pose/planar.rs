@@ -4,24 +4,16 @@
 //! tells its derivative at the centroid, and that derivative fits exactly two rotations. Both are refined on the
 //! reprojection error and ranked by it.
 
+use super::minima::{axes, everywhere};
 use super::points::centroid;
 use super::refine::{End, State, minimise};
-use super::{Correspondence, PoseError, homography, pose_from_homography};
+use super::{Correspondence, PoseError, PoseSolution, homography, pose_from_homography};
 use crate::geometry::Pose;
 use crate::linalg::F2;
-use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// Two rotations nearer than this (rad) are one solution.
 const SAME_RAD: f64 = 1e-4;
-
-/// One pose and how well it explains the image.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PoseSolution {
-    /// Pose of the object in the camera.
-    pub X_CO: Pose,
-    /// Root mean square over the points of the reprojection error, normalized units.
-    pub rms: f64,
-}
 
 /// The solutions of the planar problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,7 +61,11 @@ impl PlanarPose {
 /// # Errors
 /// Those of [`homography`]; [`PoseError::Degenerate`] or [`PoseError::BehindCamera`] when no start can be refined.
 pub fn planar_pose(points: &[Correspondence]) -> Result<PlanarPose, PoseError> {
-    let H = homography(points)?;
+    let H = match homography(points) {
+        // Noise can bring a point of the fitted homography behind the camera; a pose has its points in front.
+        Err(PoseError::BehindCamera) => return from_all_rotations(points),
+        other => other?,
+    };
     let center = centroid(points);
     let solution =
         |end: &End| PoseSolution { X_CO: end.state.pose(&center), rms: end.normal.rms(points.len()) };
@@ -87,16 +83,40 @@ pub fn planar_pose(points: &[Correspondence]) -> Result<PlanarPose, PoseError> {
     if tilts.is_frontal() {
         return first.map(|end| PlanarPose { best: solution(&end), other: None });
     }
-    match (first, refined(tilts.rotation(-1.0))) {
-        (Ok(a), Ok(b)) => {
-            let (best, other) = if a.normal.cost <= b.normal.cost { (a, b) } else { (b, a) };
-            let (best, other) = (solution(&best), solution(&other));
-            let apart = best.X_CO.rotation.angle_to(&other.X_CO.rotation) > SAME_RAD;
-            Ok(PlanarPose { best, other: apart.then_some(other) })
+    let apart = |a: &End, b: &End| solution(a).X_CO.rotation.angle_to(&solution(b).X_CO.rotation) > SAME_RAD;
+    let (a, b) = match (first, refined(tilts.rotation(-1.0))) {
+        (Ok(a), Ok(b)) if apart(&a, &b) => (a, Some(b)),
+        // Both starts have come to one end, or one of them to none: the other minimum, if there is one, lies about where
+        // that end's plane is tilted to the other side.
+        (Ok(only), _) | (Err(_), Ok(only)) => {
+            let mirrored = refined(mirrored(&solution(&only).X_CO, &center)).ok();
+            (only, mirrored.filter(|other| apart(&only, other)))
         }
-        (Ok(only), Err(_)) | (Err(_), Ok(only)) => Ok(PlanarPose { best: solution(&only), other: None }),
-        (Err(reason), Err(_)) => Err(reason),
+        (Err(_), Err(_)) => return from_all_rotations(points),
+    };
+    match b {
+        Some(b) if b.normal.cost < a.normal.cost => {
+            Ok(PlanarPose { best: solution(&b), other: Some(solution(&a)) })
+        }
+        b => Ok(PlanarPose { best: solution(&a), other: b.as_ref().map(solution) }),
     }
+}
+
+/// Where the homography is of no use: the two best of all minima.
+#[cold]
+fn from_all_rotations(points: &[Correspondence]) -> Result<PlanarPose, PoseError> {
+    let (axes, flat) = axes(points)?;
+    let found = everywhere(points, &axes, flat)?;
+    Ok(PlanarPose { best: found.best(), other: found.as_slice().get(1).copied() })
+}
+
+/// The rotation of the plane that looks the same from far away: mirrored at the plane normal to the centroid's ray.
+fn mirrored(X_CO: &Pose, center: &[f64; 3]) -> Rotation3<f64> {
+    let ray = (X_CO * Point3::from(*center)).coords.normalize();
+    let R = X_CO.rotation.to_rotation_matrix();
+    let turned = R.matrix() - ray * (ray.transpose() * R.matrix()) * 2.0;
+    let columns = [turned.column(0).into_owned(), turned.column(1).into_owned(), -turned.column(2)];
+    Rotation3::from_matrix_unchecked(Matrix3::from_columns(&columns))
 }
 
 /// The two rotations that fit a homography's derivative at the centroid.

@@ -22,6 +22,22 @@ pub struct Correspondence3 {
     pub s: Vector2<f64>,
 }
 
+/// One pose and how well it explains the image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseSolution {
+    /// Pose of the object in the camera.
+    pub X_CO: Pose,
+    /// Root mean square over the points of the reprojection error, normalized units.
+    pub rms: f64,
+}
+
+impl PoseSolution {
+    /// What fills places without a solution.
+    pub(super) fn none() -> Self {
+        Self { X_CO: Pose::identity(), rms: f64::INFINITY }
+    }
+}
+
 /// What the solvers need to know of one correspondence.
 pub trait PointSource: Copy {
     /// Position in the object frame, m.

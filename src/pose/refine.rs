@@ -100,8 +100,18 @@ impl State {
         Pose::from_parts(Translation3::from(p), UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)))
     }
 
+    /// Depth of the centroid, m.
+    pub(super) fn depth(&self) -> f64 {
+        self.p[2]
+    }
+
+    /// Position of the centroid, m.
+    pub(super) fn position(&self) -> Vector3<f64> {
+        Vector3::from(self.p)
+    }
+
     #[inline(always)]
-    fn rotation(&self) -> Matrix3<f64> {
+    pub(super) fn rotation(&self) -> Matrix3<f64> {
         let [w, x, y, z] = self.q;
         let (x2, y2, z2) = (x + x, y + y, z + z);
         let (xx, yy, zz, xy, xz, yz) = (x * x2, y * y2, z * z2, x * y2, x * z2, y * z2);
@@ -121,7 +131,7 @@ impl State {
 
     /// The pose after the step `[v; w]`; to first order the exponential map, and always a rotation.
     #[inline(always)]
-    fn moved(&self, step: &[f64; 6]) -> Self {
+    pub(super) fn moved(&self, step: &[f64; 6]) -> Self {
         let [vx, vy, vz, wx, wy, wz] = *step;
         let (a, b, c) = (0.5 * wx, 0.5 * wy, 0.5 * wz);
         let [w, x, y, z] = self.q;

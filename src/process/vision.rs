@@ -2,13 +2,20 @@
 
 use super::priority::{self, Rank};
 use super::{LONGEST_WAIT, Membership, ProcessError, StopFlag, frame_shape};
-use crate::config::Config;
+use crate::config::raw::Clock;
+use crate::config::{Config, assemble};
+use crate::geometry::Pose;
 use crate::imaging::ImageView;
-use crate::ipc::{Instance, ReceivedFrame, Role};
-use crate::messages::{FrameHeader, Measurement, TargetStatus};
+use crate::ipc::{Instance, ReceivedFrame, Receiver, Role};
+use crate::messages::{FrameHeader, JointState, Measurement, TargetStatus};
 use crate::rt::now;
-use crate::vision::{Frame, Prior, Vision};
+use crate::scene::FrameSchedule;
+use crate::time::{MonoNs, SpanNs, TICK};
+use crate::vision::{Carrier, Frame, Prior, Vision};
 use tracing::{info, warn};
+
+/// In lockstep, the longest wait for the joint state that the camera had already: sending it to two takes microseconds.
+const LONGEST_FOR_STATE: SpanNs = SpanNs(50_000_000);
 
 /// Runs vision for the camera of `config` until a stop is requested.
 ///
@@ -19,10 +26,12 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
     let membership = Membership::join(instance, Role::Vision(id))?;
     let services = membership.services();
     let frames = services.frame_receiver(id, frame_shape(config))?;
+    let (states, _) = services.joint_state_receiver()?;
     let measurements = services.measurement_sender(id)?;
     services.require_room_for_peers()?;
     let mut worker = Worker {
-        vision: crate::config::assemble::vision(config),
+        arm: Arm { carrier: assemble::carrier(config)?, states, schedule: lockstep_schedule(config) },
+        vision: assemble::vision(config),
         counter: FrameCounter::default(),
         status: None,
     };
@@ -32,27 +41,63 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
         membership.beat();
         while let Some(frame) = frames.receive()? {
             membership.beat();
-            measurements.send(&worker.measure(&frame))?;
+            measurements.send(&worker.measure(&frame)?)?;
         }
         frames.wait(LONGEST_WAIT)?;
     }
     Ok(())
 }
 
+/// The schedule of a simulated clock's camera: there it is known which joint state belongs to a frame.
+fn lockstep_schedule(config: &Config) -> Option<FrameSchedule> {
+    (config.clock == Clock::Lockstep).then_some(config.camera.schedule)
+}
+
+/// The arm, by its joint states.
+struct Arm {
+    carrier: Box<dyn Carrier>,
+    states: Receiver<JointState>,
+    schedule: Option<FrameSchedule>,
+}
+
+impl Arm {
+    /// Where the camera is at the exposure of a frame. In lockstep the state of the frame's tick is under way at least, as the camera
+    /// had it, and none after it counts: the answer is the same on any load.
+    fn X_WC(&mut self, header: &FrameHeader) -> Result<Option<Pose>, ProcessError> {
+        let tick = self.schedule.map(|schedule| schedule.exposure_tick(header.frame_id));
+        let exposed = tick.map(|tick| MonoNs(TICK.0.saturating_mul(tick as i64)));
+        let give_up = now() + LONGEST_FOR_STATE;
+        loop {
+            while let Some(state) = self.states.receive()? {
+                self.carrier.note(&state);
+            }
+            let missing =
+                exposed.is_some_and(|exposed| self.carrier.newest().is_none_or(|newest| newest < exposed));
+            if !missing || now() > give_up {
+                break;
+            }
+            std::thread::yield_now();
+        }
+        Ok(self.carrier.X_WC(exposed.map_or(header.exposure, |exposed| exposed.min(header.exposure))))
+    }
+}
+
 struct Worker {
+    arm: Arm,
     vision: Vision,
     counter: FrameCounter,
     status: Option<TargetStatus>,
 }
 
 impl Worker {
-    fn measure(&mut self, frame: &ReceivedFrame) -> Measurement {
+    fn measure(&mut self, frame: &ReceivedFrame) -> Result<Measurement, ProcessError> {
         let vision_start = now();
         let header = frame.header();
         self.counter.count(&header);
+        let prior = Prior { X_WC: self.arm.X_WC(&header)?, ..Prior::default() };
         let view = ImageView::new(frame.pixels(), header.width_px as usize, header.height_px as usize);
         let mut measurement = match view {
-            Ok(image) => self.vision.process(&Frame { header, image }, &Prior::default()),
+            Ok(image) => self.vision.process(&Frame { header, image }, &prior),
             Err(_) => unusable(&header),
         };
         measurement.vision_start = vision_start;
@@ -60,7 +105,7 @@ impl Worker {
         measurement.frames_received = self.counter.received;
         measurement.frames_dropped = self.counter.dropped;
         self.report(&measurement);
-        measurement
+        Ok(measurement)
     }
 
     /// One line whenever the target is found or lost, or the reason changes.

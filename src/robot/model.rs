@@ -35,6 +35,20 @@ pub struct Friction {
     pub coulomb: f64,
 }
 
+impl Friction {
+    /// The torque or force that opposes the speed `qd`, rad/s or m/s.
+    #[must_use]
+    pub fn torque(&self, qd: f64) -> f64 {
+        self.viscous * qd + self.coulomb_part(qd, 0.0)
+    }
+
+    /// The Coulomb part of it; it changes sign over the speed `width`, and at least over that of the model.
+    #[must_use]
+    pub fn coulomb_part(&self, qd: f64, width: f64) -> f64 {
+        if self.coulomb == 0.0 { 0.0 } else { self.coulomb * (qd / width.max(COULOMB_WIDTH)).tanh() }
+    }
+}
+
 /// Speed (rad/s or m/s) over which Coulomb friction changes its sign: a jump would make an integrator chatter at rest.
 const COULOMB_WIDTH: f64 = 1e-3;
 
@@ -151,7 +165,7 @@ impl<const N: usize> Robot<N> {
     pub fn friction_torque(&self, qd: &SVector<f64, N>) -> SVector<f64, N> {
         let mut tau = SVector::<f64, N>::zeros();
         for ((tau, friction), &qd) in tau.iter_mut().zip(&self.friction).zip(qd.iter()) {
-            *tau = friction.viscous * qd + friction.coulomb * (qd / COULOMB_WIDTH).tanh();
+            *tau = friction.torque(qd);
         }
         tau
     }

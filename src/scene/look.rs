@@ -2,6 +2,7 @@
 
 use super::profile::EdgeProfile;
 use super::rays::Rays;
+use crate::target::Plate;
 use std::ops::RangeInclusive;
 
 /// Grey levels of the scene's surfaces in the middle of the image, 0..=255.
@@ -9,13 +10,18 @@ use std::ops::RangeInclusive;
 pub struct SceneLook {
     /// Level of everything around the plate.
     pub background: f64,
-    /// Level of the plate.
+    /// Level of what is light: the plate; of light dots on a dark plate the dots.
     pub plate: f64,
-    /// Level of the dots.
+    /// Level of what is dark: the dots, and all other marks.
     pub dots: f64,
 }
 
 impl SceneLook {
+    /// The levels of a plate and its marks.
+    pub(super) fn of(&self, plate: &Plate) -> (f64, f64) {
+        if plate.light { (self.plate, self.dots) } else { (self.dots, self.plate) }
+    }
+
     /// What each level may be.
     pub const LEVEL: RangeInclusive<f64> = 0.0..=255.0;
 }

@@ -1,14 +1,21 @@
 //! What a synthetic camera sees: a target, what may lie in front of it, and a renderer of their grey image.
 //!
 //! ```text
-//! X_CO, Target --> View: lines of the plate and the occluder, conics of the dots, bands of pixels near an edge
-//! View, Rays, EdgeProfile --> levels of one row (flat spans are filled, edge pixels are evaluated)
-//! levels x vignetting + noise --> bytes
+//! dots on a plain background, one sheet before them:
+//!   X_CO, Target --> View: lines of the plate and the occluder, conics of the dots, bands of pixels near an edge
+//!   View, Rays, EdgeProfile --> levels of one row (flat spans are filled, edge pixels are evaluated)
+//! any other scene:
+//!   X_CO, Scenery --> Layers: outlines as edges of the picture, layer by layer; Backdrop: texture and clutter
+//!   Layers, Kernel --> Ink: coverage of a row --> levels of one row, painted from the background to the front
+//! both: levels x vignetting + noise --> bytes
 //! ```
 
 mod arm_history;
+mod backdrop;
 mod bands;
 mod error;
+mod ink;
+mod layers;
 mod look;
 mod motion;
 mod occluder;
@@ -16,17 +23,21 @@ mod outline;
 mod profile;
 mod rays;
 mod renderer;
+mod scenery;
 mod schedule;
 mod sensor;
 mod synthetic_camera;
 mod view;
 
 pub use arm_history::ArmHistory;
+pub use backdrop::Backdrop;
 pub use error::SceneError;
+pub(crate) use ink::{Edge, Ink, Kernel};
 pub use look::SceneLook;
 pub use motion::SceneMotion;
 pub use occluder::Occluder;
 pub use renderer::{LARGEST_SIDE_PX, Renderer};
+pub use scenery::Bystander;
 pub use schedule::{FrameSchedule, Irregularity};
 pub use sensor::SensorModel;
 pub use synthetic_camera::{Exposure, SyntheticCamera};

@@ -93,7 +93,7 @@ pub(super) fn cast(x: f32, limit: f32) -> i32 {
 }
 
 /// Mean over the unit square of the blurred step, `a >= b >= 0`.
-fn coverage(d: f64, a: f64, b: f64, sigma: f64) -> f64 {
+pub(super) fn coverage(d: f64, a: f64, b: f64, sigma: f64) -> f64 {
     const STEPS: u32 = 32;
     let ramp = |d: f64| {
         if sigma <= 0.0 {

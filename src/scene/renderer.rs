@@ -1,11 +1,13 @@
 //! The synthetic camera's picture: every pixel of every row, in place.
 
+use super::backdrop::Backdrop;
 use super::bands::PER_ROW;
 use super::error::{SceneError, in_range};
 use super::look::{Paint, SceneLook};
 use super::occluder::Occluder;
 use super::profile::{EdgeProfile, LANES};
 use super::rays::{Rays, RowOfRays};
+use super::scenery::{Bystander, Scenery};
 use super::sensor::{LEVEL_BITS, Sensor, SensorModel, wide_available};
 use super::view::View;
 use crate::camera_model::CameraModel;
@@ -16,7 +18,7 @@ use nalgebra::Vector2;
 /// Longest side of a picture that can be rendered, px.
 pub const LARGEST_SIDE_PX: u32 = 4096;
 
-/// Renders the target as the camera sees it: perspective, lens, edges to a hundredth of a pixel's coverage,
+/// Renders the target, and what lies around it, as the camera sees it: perspective, lens, edges to a hundredth of a pixel's coverage,
 /// motion blur, vignetting, noise. The same poses, frame number and seed give the same bytes.
 #[derive(Debug, Clone)]
 pub struct Renderer {
@@ -24,6 +26,8 @@ pub struct Renderer {
     target: Target,
     occluder: Option<Occluder>,
     look: SceneLook,
+    /// Of a scene that is more than dots, on a plain background, behind one sheet.
+    scenery: Scenery,
     rays: Rays,
     profile: EdgeProfile,
     sensor: Sensor,
@@ -58,14 +62,17 @@ impl Renderer {
         }
         let (width, height) = (width_px as usize, height_px as usize);
         let target = target.into();
+        // as the target's dots and plate are
+        let (plate, dots) = look.of(&target.plate());
         Ok(Self {
             camera,
             occluder: None,
-            look,
+            scenery: Scenery::new(&camera, &target, &look, sensor.blur_sd_px),
+            look: SceneLook { plate, dots, ..look },
             rays: Rays::new(&camera),
             profile: EdgeProfile::new(sensor.blur_sd_px),
             sensor: Sensor::new(&sensor, camera.full_size_px(), camera.region()),
-            views: vec![View::new(width, height, target.marks().len())],
+            views: vec![View::new(width, height, target.discs().len())],
             target,
             memories: vec![Memory::default()],
             levels: vec![0; width],
@@ -88,9 +95,28 @@ impl Renderer {
         &self.target
     }
 
-    /// From now on pictures show `occluder` in front of the target, or nothing.
-    pub fn occlude(&mut self, occluder: Option<Occluder>) {
-        self.occluder = occluder;
+    /// The same, with something about the plate.
+    ///
+    /// # Errors
+    /// [`SceneError`] when a property of the backdrop is out of range.
+    pub fn with_backdrop(mut self, backdrop: Backdrop) -> Result<Self, SceneError> {
+        backdrop.check()?;
+        self.scenery.set_backdrop(backdrop, &self.target);
+        Ok(self)
+    }
+
+    /// The same, with other targets beside the one that is looked for.
+    #[must_use]
+    pub fn with_bystanders(mut self, bystanders: &[Bystander]) -> Self {
+        self.scenery.set_bystanders(bystanders);
+        self
+    }
+
+    /// From now on pictures show `occluders` in front of the target, each over those before it, or nothing.
+    pub fn occlude(&mut self, occluders: impl IntoIterator<Item = Occluder>) {
+        let mut occluders = occluders.into_iter();
+        self.occluder = occluders.next();
+        self.scenery.occlude(self.occluder.iter().copied().chain(occluders));
     }
 
     /// Fills `out` (`width * height` bytes; rows that do not fit are left out) with the frame `frame_id`: the mean
@@ -100,8 +126,13 @@ impl Renderer {
     pub fn render(&mut self, X_CO_over_exposure: &[Pose], frame_id: u64, out: &mut [u8]) {
         let i = self.camera.intrinsics();
         let (width, height) = (i.width_px as usize, i.height_px as usize);
+        if !self.scenery.is_simple(X_CO_over_exposure) {
+            self.scenery.set(X_CO_over_exposure, &self.camera);
+            self.fill_layers(X_CO_over_exposure.len(), frame_id, out);
+            return;
+        }
         while self.views.len() < X_CO_over_exposure.len() {
-            self.views.push(View::new(width, height, self.target.marks().len()));
+            self.views.push(View::new(width, height, self.target.discs().len()));
             self.memories.push(Memory::default());
         }
         self.memories.fill(Memory::default());
@@ -122,6 +153,30 @@ impl Renderer {
             return;
         }
         self.fill(count, frame_id, out);
+    }
+
+    /// All rows of the mean of the first `count` views of a scene in layers.
+    fn fill_layers(&mut self, count: usize, frame_id: u64, out: &mut [u8]) {
+        let i = self.camera.intrinsics();
+        let (width, height) = (i.width_px as usize, i.height_px as usize);
+        let mean = Mean::of(count);
+        for (y, row) in out.chunks_exact_mut(width).take(height).enumerate() {
+            if count < 2 {
+                self.scenery.paint(0, y, &self.rays, &mut self.levels);
+            } else {
+                self.sums.fill(0);
+                for view in 0..count {
+                    self.scenery.paint(view, y, &self.rays, &mut self.levels);
+                    for (sum, &level) in self.sums.iter_mut().zip(&self.levels) {
+                        *sum += u32::from(level);
+                    }
+                }
+                for (level, &sum) in self.levels.iter_mut().zip(&self.sums) {
+                    *level = mean.rounded(sum);
+                }
+            }
+            self.sensor.expose(frame_id, y, &self.levels, row);
+        }
     }
 
     #[cfg(target_arch = "x86_64")]

@@ -29,7 +29,7 @@ pub struct SyntheticCamera<const N: usize> {
     mount: Mount,
     X_WO: Pose,
     motion: SceneMotion,
-    occluder: Option<Occluder>,
+    occluders: Vec<Occluder>,
     /// Time of tick 0: what the scene's motion counts from.
     origin: Option<MonoNs>,
     motion_blur: bool,
@@ -46,11 +46,11 @@ impl<const N: usize> SyntheticCamera<N> {
         mount: Mount,
         X_WO: Pose,
         motion: SceneMotion,
-        occluder: Option<Occluder>,
+        occluders: Vec<Occluder>,
         motion_blur: bool,
     ) -> Self {
         let views = Vec::with_capacity(MAX_SUB_EXPOSURES);
-        Self { history, renderer, mount, X_WO, motion, occluder, origin: None, motion_blur, views }
+        Self { history, renderer, mount, X_WO, motion, occluders, origin: None, motion_blur, views }
     }
 
     fn view(&self, exposure: &Exposure, offset: SpanNs) -> Pose {
@@ -95,7 +95,7 @@ impl<const N: usize> SyntheticCamera<N> {
             self.views.push(view);
         }
         let since = self.since(exposure.mid);
-        self.renderer.occlude(self.occluder.filter(|occluder| occluder.is_there(since)));
+        self.renderer.occlude(self.occluders.iter().filter(|occluder| occluder.is_there(since)).copied());
         self.renderer.render(&self.views, exposure.frame_id, out);
     }
 }

@@ -95,14 +95,14 @@ impl View {
         self.edges = rectangle(&[a, b, w], &plate.low_m, &plate.high_m);
         self.dots.extend(
             target
-                .marks()
+                .discs()
                 .iter()
                 .map(|mark| [a - w * mark.centre_m.x, b - w * mark.centre_m.y, w * mark.radius_m]),
         );
         let outline = Outline::new(X_CO, camera, half_px + 0.5);
         outline.rectangle(&plate.low_m, &plate.high_m, 0.0, [1, 2, 4, 8], &mut self.bands);
         if self.front {
-            for (i, mark) in target.marks().iter().enumerate() {
+            for (i, mark) in target.discs().iter().enumerate() {
                 let centre = Point3::new(mark.centre_m.x, mark.centre_m.y, 0.0);
                 outline.circle(&centre, mark.radius_m, dot_bit(i), &mut self.bands);
             }

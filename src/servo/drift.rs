@@ -13,8 +13,8 @@ use crate::linalg::Ldlt;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
-/// Lambda, as share of the largest diagonal entry: motions that are seen a hundred times less than others are believed half.
-const DAMPING: f64 = 1e-4;
+/// Lambda, as share of the largest diagonal entry: motions that are seen thirty times less than others are believed half.
+const DAMPING: f64 = 1e-3;
 
 /// Exposures farther apart than this say nothing of a velocity.
 pub(super) const LONGEST_SPAN: SpanNs = SpanNs(150_000_000);

@@ -46,6 +46,8 @@ struct Sighting {
     X_WC: Pose,
     /// Whether features were hidden.
     partial: bool,
+    /// Features of it are where the arm's motion has them, not where they were seen.
+    supposed: bool,
 }
 
 /// What the law says, and how that leads to the goal.
@@ -170,6 +172,7 @@ impl<const N: usize> VisualServo<N> {
         } else {
             None
         };
+        let supposed = by_motion.is_some();
         let stated =
             || seen.sufficient(&self.settings.set_point).map(|view| (view, stated_covariance(measurement)));
         let Some((view, covariance)) = by_motion.or_else(stated) else {
@@ -185,7 +188,7 @@ impl<const N: usize> VisualServo<N> {
         if !partial {
             self.q_whole = Some(q);
         }
-        let sighting = Sighting { exposure, view, task, X_WC, partial };
+        let sighting = Sighting { exposure, view, task, X_WC, partial, supposed };
         self.drift = self.drift_to(&sighting, &q, robot);
         if !partial && view.X_CO().is_some() {
             self.whole = Some(sighting);
@@ -200,7 +203,7 @@ impl<const N: usize> VisualServo<N> {
         let before = self.sighting.as_ref()?;
         let (from, span) = (before.exposure, now.exposure - before.exposure);
         let at_rest = self.settings.watches_drift && self.object.is_none();
-        if !at_rest || before.partial || now.partial || span > LONGEST_SPAN {
+        if !at_rest || before.supposed || now.supposed || span > LONGEST_SPAN {
             return None;
         }
         let set_point = &self.settings.set_point;

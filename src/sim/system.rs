@@ -18,7 +18,7 @@ use crate::robot::RobotError;
 use crate::scene::{Exposure, SyntheticCamera};
 use crate::time::MonoNs;
 use crate::time::TICK;
-use crate::vision::{Frame, Prior, Vision};
+use crate::vision::{Carrier, Frame, Prior, Vision};
 use std::ops::ControlFlow::{self, Break, Continue};
 use thiserror::Error;
 
@@ -70,13 +70,22 @@ pub fn simulate_system(
     watch: &mut dyn FnMut(&Moment<'_>) -> ControlFlow<()>,
 ) -> Result<SystemRun, SimError> {
     let vision = assemble::vision(config);
+    let carrier = assemble::carrier(config)?;
     crate::dispatch_robot!(config.robot, |robot| {
         let camera = assemble::synthetic_camera(config)?;
         let control = assemble::control_loop(config, robot)?;
         let i = config.camera.model.intrinsics();
         let pixels = vec![0; i.width_px as usize * i.height_px as usize];
-        let mut system =
-            System { config, control, vision, camera, pixels, statistics: RunStatistics::new(), watch };
+        let mut system = System {
+            config,
+            control,
+            vision,
+            carrier,
+            camera,
+            pixels,
+            statistics: RunStatistics::new(),
+            watch,
+        };
         let finish = closed_loop::run(&config.camera.schedule, &mut system)?;
         Ok(SystemRun {
             finish,
@@ -93,6 +102,7 @@ struct System<'a, const N: usize> {
     config: &'a Config,
     control: ControlLoop<N>,
     vision: Vision,
+    carrier: Box<dyn Carrier>,
     camera: SyntheticCamera<N>,
     pixels: Vec<u8>,
     statistics: RunStatistics,
@@ -110,7 +120,9 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
     type End = Result<Finish, SimError>;
 
     fn sense(&mut self, tick: u64) -> ControlFlow<Self::End> {
-        self.camera.arm(&self.control.sense(tick, time(tick)));
+        let state = self.control.sense(tick, time(tick));
+        self.camera.arm(&state);
+        self.carrier.note(&state);
         Continue(())
     }
 
@@ -133,7 +145,8 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
             height_px: i.height_px,
             ..FrameHeader::default()
         };
-        Continue(self.vision.process(&Frame { header, image }, &Prior::default()))
+        let X_WC = self.carrier.X_WC(exposure.mid.min(header.exposure));
+        Continue(self.vision.process(&Frame { header, image }, &Prior { X_WC, ..Prior::default() }))
     }
 
     fn act(&mut self, tick: u64, seen: Option<Measurement>) -> ControlFlow<Self::End> {

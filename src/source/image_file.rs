@@ -65,19 +65,43 @@ pub(super) fn check(path: &Path, size: Size) -> Result<(), SourceError> {
 /// [`SourceError`] names the file, and what is wrong with it.
 pub(super) fn load(path: &Path, size: Size) -> Result<GrayImage, SourceError> {
     let bytes = read(path, open(path, size)?, size)?;
-    let whole = match format(path, &bytes)? {
-        ImageFormat::Jpeg => jpeg_is_whole(&bytes),
-        ImageFormat::Png => png_is_whole(&bytes),
+    decode(path, &bytes, |found| check_size(path, found, size).map(|()| size))
+}
+
+/// The image in `bytes`, as far as `allowed` lets its size pass.
+fn decode(
+    path: &Path,
+    bytes: &[u8],
+    allowed: impl Fn((u32, u32)) -> Result<Size, SourceError>,
+) -> Result<GrayImage, SourceError> {
+    let whole = match format(path, bytes)? {
+        ImageFormat::Jpeg => jpeg_is_whole(bytes),
+        ImageFormat::Png => png_is_whole(bytes),
         _ => true,
     };
     if !whole {
         return Err(SourceError::Damaged(path.into()));
     }
-    let mut decoder = decoder(path, Cursor::new(bytes.as_slice()), &bytes)?;
-    check_size(path, decoder.dimensions(), size)?;
+    let mut decoder = decoder(path, Cursor::new(bytes), bytes)?;
+    let size = allowed(decoder.dimensions())?;
     let failed = |cause| SourceError::image(path, cause);
     decoder.set_limits(size.limits()).map_err(failed)?;
     Ok(DynamicImage::from_decoder(decoder).map_err(failed)?.into_luma8())
+}
+
+/// Largest image of any camera, px.
+const LARGEST: Size = Size { width: 8192, height: 8192 };
+
+/// Reads an image of any size up to 8192 x 8192 px, any depth and colour, as grey levels.
+///
+/// # Errors
+/// [`SourceError`] names the file, and what is wrong with it.
+pub fn load_any(path: &Path) -> Result<GrayImage, SourceError> {
+    let bytes = read(path, open(path, LARGEST)?, LARGEST)?;
+    decode(path, &bytes, |found| {
+        let fits = found.0 <= LARGEST.width && found.1 <= LARGEST.height;
+        if fits { Ok(LARGEST) } else { check_size(path, found, LARGEST).map(|()| LARGEST) }
+    })
 }
 
 /// Opens a plain file, or a link to one; never waits for the other end of a pipe, and does not touch devices.

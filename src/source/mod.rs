@@ -12,6 +12,7 @@ mod replay;
 pub mod v4l2;
 
 pub use crate::scene::Exposure;
+pub use image_file::load_any as load_image;
 pub use replay::Replay;
 use v4l2::{CaptureWish, V4l2Error};
 

@@ -7,7 +7,7 @@
 //!   o   O   O   o                   one such window knows which it is. w is 3 for grids up to about 7 x 7.
 //! ```
 
-use super::{Mark, Plate, TargetError, TargetPoint};
+use super::{Disc, Plate, Symmetry, TargetError, TargetPoint};
 use crate::linalg::Random;
 use nalgebra::{Point3, Vector2};
 use std::ops::RangeInclusive;
@@ -16,8 +16,6 @@ use std::ops::RangeInclusive;
 const LEAST_WINDOW: usize = 3;
 /// Patterns that are tried for each size of window.
 const TRIALS: u64 = 2000;
-/// Most features of a measurement, as [`crate::messages::MAX_FEATURES`].
-const MOST_FEATURES: usize = crate::messages::MAX_FEATURES;
 
 /// A grid of dots, in the object frame (m).
 #[derive(Debug, Clone, PartialEq)]
@@ -31,7 +29,8 @@ pub struct DotGrid {
     window: usize,
     large: Box<[bool]>,
     points: Box<[TargetPoint]>,
-    marks: Box<[Mark]>,
+    discs: Box<[Disc]>,
+    light_on_dark: bool,
 }
 
 impl DotGrid {
@@ -91,15 +90,27 @@ impl DotGrid {
         let points = (0..columns * rows)
             .map(|i| TargetPoint { id: i as u32, p_O: Point3::new(place(i).x, place(i).y, 0.0) })
             .collect();
-        let marks = large
+        let discs = large
             .iter()
             .enumerate()
-            .map(|(i, large)| Mark {
+            .map(|(i, large)| Disc {
                 centre_m: place(i),
                 radius_m: if *large { large_radius_m } else { radius_m },
             })
             .collect();
-        Ok(Self { columns, rows, pitch_m, radius_m, large_radius_m, margin_m, window, large, points, marks })
+        Ok(Self {
+            columns,
+            rows,
+            pitch_m,
+            radius_m,
+            large_radius_m,
+            margin_m,
+            window,
+            large,
+            points,
+            discs,
+            light_on_dark: false,
+        })
     }
 
     /// Dots in a row.
@@ -151,10 +162,33 @@ impl DotGrid {
         &self.points
     }
 
+    /// The same grid with light dots on a dark plate, or not.
+    #[must_use]
+    pub fn light_on_dark(self, light_on_dark: bool) -> Self {
+        Self { light_on_dark, ..self }
+    }
+
     /// The dots.
     #[must_use]
-    pub fn marks(&self) -> &[Mark] {
-        &self.marks
+    pub fn discs(&self) -> &[Disc] {
+        &self.discs
+    }
+
+    /// Which turns and mirror images of the grid look like it: no turn, because no two windows look alike.
+    #[must_use]
+    pub fn symmetry(&self) -> Symmetry {
+        let (columns, rows) = (self.columns, self.rows);
+        let same = |place: &dyn Fn(usize, usize) -> (usize, usize)| {
+            (0..columns * rows).all(|i| {
+                let (x, y) = (i % columns, i / columns);
+                let (u, v) = place(x, y);
+                self.is_large(x, y) == self.is_large(u, v)
+            })
+        };
+        let mirrored = same(&|x, y| (columns - 1 - x, y))
+            || same(&|x, y| (x, rows - 1 - y))
+            || columns == rows && (same(&|x, y| (y, x)) || same(&|x, y| (rows - 1 - y, columns - 1 - x)));
+        Symmetry { turns: 1, mirrored }
     }
 
     /// The plate.
@@ -164,13 +198,13 @@ impl DotGrid {
         Plate {
             low_m: Vector2::new(-self.margin_m, -self.margin_m),
             high_m: Vector2::new(end(self.columns), end(self.rows)),
+            light: !self.light_on_dark,
         }
     }
 
     /// Every how many columns and rows a dot serves as feature, so that a measurement carries them all.
     pub(super) fn feature_stride(&self) -> usize {
-        let count = |stride: usize| self.columns.div_ceil(stride) * self.rows.div_ceil(stride);
-        (1..).find(|stride| count(*stride) <= MOST_FEATURES).unwrap_or(1)
+        super::stride(self.columns, self.rows)
     }
 }
 

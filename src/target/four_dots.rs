@@ -8,81 +8,8 @@
 //!   P4 (0,a)   P3 (a,a)     a = 0.1 m
 //! ```
 
-use super::{Mark, Plate, TargetPoint};
+use super::{Disc, Plate, Symmetry, TargetError, TargetPoint};
 use nalgebra::{Point3, Vector2};
-use thiserror::Error;
-
-/// A target that cannot be built, or whose corners cannot be told apart.
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
-pub enum TargetError {
-    /// A length is not a positive, finite number.
-    #[error("target: {name} is {value_m} m; give a length greater than zero")]
-    Length {
-        /// Which length.
-        name: &'static str,
-        /// Its value.
-        value_m: f64,
-    },
-    /// P1 must be larger than the other dots by a fifth, or identity is lost in noise.
-    #[error(
-        "target: P1's radius {first_radius_m} m must be at least 1.2 times the other radius {radius_m} m, \
-         else the corners cannot be told apart"
-    )]
-    Radii {
-        /// Radius of P1.
-        first_radius_m: f64,
-        /// Radius of the others.
-        radius_m: f64,
-    },
-    /// Neighbouring dots touch.
-    #[error(
-        "target: dots of {first_radius_m} m and {radius_m} m touch on a side of {side_m} m; make them smaller"
-    )]
-    Overlap {
-        /// Side of the square.
-        side_m: f64,
-        /// Radius of P1.
-        first_radius_m: f64,
-        /// Radius of the others.
-        radius_m: f64,
-    },
-    /// Neighbouring dots of a grid touch.
-    #[error(
-        "target: dots of {radius_m} m and {mark_radius_m} m touch at a pitch of {pitch_m} m; make them smaller"
-    )]
-    Pitch {
-        /// Distance of neighbours.
-        pitch_m: f64,
-        /// Radius of the small dots.
-        radius_m: f64,
-        /// Radius of the large dots.
-        mark_radius_m: f64,
-    },
-    /// A grid is too small to be told apart, or too large.
-    #[error("target: {columns} x {rows} dots; give 3 to 32 columns and rows")]
-    Count {
-        /// Dots in a row.
-        columns: usize,
-        /// Dots in a column.
-        rows: usize,
-    },
-    /// P1 reaches over the plate's edge.
-    #[error("target: the plate's margin {margin_m} m must exceed P1's radius {first_radius_m} m")]
-    Margin {
-        /// Margin around the square.
-        margin_m: f64,
-        /// Radius of P1.
-        first_radius_m: f64,
-    },
-}
-
-impl TargetError {
-    /// The first of some lengths, m, that is not positive and finite.
-    pub(super) fn if_not_positive(lengths: [(&'static str, f64); 4]) -> Result<(), Self> {
-        let wrong = lengths.into_iter().find(|(_, m)| !(*m > 0.0 && m.is_finite()));
-        wrong.map_or(Ok(()), |(name, value_m)| Err(Self::Length { name, value_m }))
-    }
-}
 
 /// The plate with its four dots, in the object frame (m).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,7 +19,8 @@ pub struct FourDots {
     radius_m: f64,
     margin_m: f64,
     points: [TargetPoint; 4],
-    marks: [Mark; 4],
+    discs: [Disc; 4],
+    light_on_dark: bool,
 }
 
 impl Default for FourDots {
@@ -132,11 +60,11 @@ impl FourDots {
         let a = side_m;
         let places = [(0, 0.0, 0.0), (1, a, 0.0), (2, a, a), (3, 0.0, a)];
         let points = places.map(|(id, x, y)| TargetPoint { id, p_O: Point3::new(x, y, 0.0) });
-        let marks = points.map(|point| Mark {
+        let discs = points.map(|point| Disc {
             centre_m: point.p_O.coords.xy(),
             radius_m: if point.id == 0 { first_radius_m } else { radius_m },
         });
-        Self { side_m, first_radius_m, radius_m, margin_m, points, marks }
+        Self { side_m, first_radius_m, radius_m, margin_m, points, discs, light_on_dark: false }
     }
 
     /// The dot centres P1..P4, ids 0 to 3.
@@ -145,17 +73,29 @@ impl FourDots {
         &self.points
     }
 
+    /// The same target with light dots on a dark plate, or not.
+    #[must_use]
+    pub fn light_on_dark(self, light_on_dark: bool) -> Self {
+        Self { light_on_dark, ..self }
+    }
+
     /// The dots.
     #[must_use]
-    pub fn marks(&self) -> &[Mark] {
-        &self.marks
+    pub fn discs(&self) -> &[Disc] {
+        &self.discs
+    }
+
+    /// Which turns and mirror images of the target look like it: the diagonal through P1 mirrors it.
+    #[must_use]
+    pub fn symmetry(&self) -> Symmetry {
+        Symmetry { turns: 1, mirrored: true }
     }
 
     /// The plate.
     #[must_use]
     pub fn plate(&self) -> Plate {
         let (low, high) = (-self.margin_m, self.side_m + self.margin_m);
-        Plate { low_m: Vector2::new(low, low), high_m: Vector2::new(high, high) }
+        Plate { low_m: Vector2::new(low, low), high_m: Vector2::new(high, high), light: !self.light_on_dark }
     }
 
     /// Side of the square between dot centres, m.

@@ -3,18 +3,32 @@
 //! ```text
 //!          points (id, p_O) ──► detect, vision, set-points: everything joins by id
 //! Target ──┤
-//!          marks, plate ──────► scene: what the synthetic camera draws
+//!          marks, plate ──────► scene: what the synthetic camera draws; print: a sheet in true size
 //! ```
 //! All targets of today are plates: their points lie in z_O = 0, and z_O points away from the camera that looks at them.
 
+mod chessboard;
 mod dot_grid;
+mod error;
 mod four_dots;
+mod kind;
+mod mark;
+mod shape;
+mod tag_family;
+mod tags;
 
+pub use chessboard::Chessboard;
 pub use dot_grid::DotGrid;
-pub use four_dots::{FourDots, TargetError};
+pub use error::TargetError;
+pub use four_dots::FourDots;
+pub use kind::{Kind, KindError};
+pub use mark::{ClosedOutline, Disc, Mark, Plate};
+pub use shape::Shape;
+pub use tag_family::{TagCell, TagFamily, UnknownTagFamily};
+pub use tags::{TagPlace, Tags};
 
 use crate::messages::MAX_FEATURES;
-use nalgebra::{Point3, Vector2};
+use nalgebra::Point3;
 
 /// One point of a target.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,22 +39,13 @@ pub struct TargetPoint {
     pub p_O: Point3<f64>,
 }
 
-/// A dark disc on the plate, drawn about a point.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mark {
-    /// Centre in the object's plane, m.
-    pub centre_m: Vector2<f64>,
-    /// Radius, m.
-    pub radius_m: f64,
-}
-
-/// The light plate: a rectangle along x_o and y_o.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Plate {
-    /// Least x_o and y_o, m.
-    pub low_m: Vector2<f64>,
-    /// Greatest x_o and y_o, m.
-    pub high_m: Vector2<f64>,
+/// How a target may be turned or mirrored without looking different.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Symmetry {
+    /// Turns about its normal, within a full one, after which it looks the same; 1: none but the full one, `u32::MAX`: all.
+    pub turns: u32,
+    /// It looks like a mirror image of itself: seen in a mirror it is taken for what it is not.
+    pub mirrored: bool,
 }
 
 /// The kinds of targets.
@@ -50,34 +55,67 @@ pub enum Target {
     FourDots(FourDots),
     /// Dots in rows and columns, told apart by the large ones among them; serves also where it is partly hidden.
     DotGrid(DotGrid),
+    /// Dark and light squares by turns.
+    Chessboard(Chessboard),
+    /// AprilTags.
+    Tags(Tags),
+    /// A free outline.
+    Shape(Shape),
+}
+
+/// Calls a method that all kinds have.
+macro_rules! each {
+    ($target:expr, $name:ident => $call:expr) => {
+        match $target {
+            Target::FourDots($name) => $call,
+            Target::DotGrid($name) => $call,
+            Target::Chessboard($name) => $call,
+            Target::Tags($name) => $call,
+            Target::Shape($name) => $call,
+        }
+    };
 }
 
 impl Target {
     /// Its points, ids rising.
     #[must_use]
     pub fn points(&self) -> &[TargetPoint] {
+        each!(self, target => target.points())
+    }
+
+    /// What is drawn; of dots, mark `i` about point `i`.
+    #[must_use]
+    pub fn marks(&self) -> Vec<Mark> {
+        let drawn = |discs: &[Disc]| discs.iter().copied().map(Mark::Disc).collect();
         match self {
-            Self::FourDots(target) => target.points(),
-            Self::DotGrid(target) => target.points(),
+            Self::FourDots(target) => drawn(target.discs()),
+            Self::DotGrid(target) => drawn(target.discs()),
+            Self::Chessboard(target) => target.marks(),
+            Self::Tags(target) => target.marks(),
+            Self::Shape(target) => vec![target.mark().clone()],
         }
     }
 
-    /// What is drawn, mark `i` about point `i`.
+    /// The dots of a target that is made of dots, disc `i` about point `i`; empty for others.
     #[must_use]
-    pub fn marks(&self) -> &[Mark] {
+    pub fn discs(&self) -> &[Disc] {
         match self {
-            Self::FourDots(target) => target.marks(),
-            Self::DotGrid(target) => target.marks(),
+            Self::FourDots(target) => target.discs(),
+            Self::DotGrid(target) => target.discs(),
+            Self::Chessboard(_) | Self::Tags(_) | Self::Shape(_) => &[],
         }
     }
 
     /// What it is drawn on.
     #[must_use]
     pub fn plate(&self) -> Plate {
-        match self {
-            Self::FourDots(target) => target.plate(),
-            Self::DotGrid(target) => target.plate(),
-        }
+        each!(self, target => target.plate())
+    }
+
+    /// How it may be turned or mirrored without looking different.
+    #[must_use]
+    pub fn symmetry(&self) -> Symmetry {
+        each!(self, target => target.symmetry())
     }
 
     /// Fewest points by which it can be found in a whole frame.
@@ -86,6 +124,9 @@ impl Target {
         match self {
             Self::FourDots(_) => 4,
             Self::DotGrid(grid) => grid.window() * grid.window(),
+            Self::Chessboard(_) => 9,
+            Self::Tags(_) => 4,
+            Self::Shape(shape) => shape.points().len(),
         }
     }
 
@@ -93,24 +134,34 @@ impl Target {
     /// and column, so that a measurement carries them.
     pub fn features(&self) -> impl Iterator<Item = &TargetPoint> + Clone {
         let (columns, stride) = match self {
-            Self::FourDots(_) => (MAX_FEATURES, 1),
+            // of every so manieth tag all corners
+            Self::Tags(target) => (4, (target.points().len()).div_ceil(MAX_FEATURES)),
+            Self::FourDots(_) | Self::Shape(_) => (MAX_FEATURES, 1),
             Self::DotGrid(grid) => (grid.columns(), grid.feature_stride()),
+            Self::Chessboard(board) => (board.columns(), board.feature_stride()),
         };
+        let all_of_a_row = matches!(self, Self::Tags(_));
         let serves = move |(i, _): &(usize, &TargetPoint)| {
-            (i / columns).is_multiple_of(stride) && (i % columns).is_multiple_of(stride)
+            (i / columns).is_multiple_of(stride) && (all_of_a_row || (i % columns).is_multiple_of(stride))
         };
         self.points().iter().enumerate().filter(serves).map(|(_, point)| point)
     }
 }
 
-impl From<FourDots> for Target {
-    fn from(target: FourDots) -> Self {
-        Self::FourDots(target)
-    }
+/// Every how many of `columns` and `rows` a point serves as feature, so that a measurement carries them all.
+fn stride(columns: usize, rows: usize) -> usize {
+    let count = |stride: usize| columns.div_ceil(stride) * rows.div_ceil(stride);
+    (1..).find(|stride| count(*stride) <= MAX_FEATURES).unwrap_or(1)
 }
 
-impl From<DotGrid> for Target {
-    fn from(target: DotGrid) -> Self {
-        Self::DotGrid(target)
-    }
+macro_rules! from {
+    ($($kind:ident),*) => {$(
+        impl From<$kind> for Target {
+            fn from(target: $kind) -> Self {
+                Self::$kind(target)
+            }
+        }
+    )*};
 }
+
+from!(FourDots, DotGrid, Chessboard, Tags, Shape);

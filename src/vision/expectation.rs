@@ -12,7 +12,7 @@ const SHARE_OF_MOTION: f64 = 0.3;
 impl Vision {
     /// Fills `expected`, ids rising. Whether anything is expected: how dark is dark is taken from the last sight.
     ///
-    /// With a predicted pose each point lies where that puts it. Otherwise the points seen last go on with their velocity, and hidden
+    /// With a predicted pose each point lies where that puts it, and where the object's own motion of late brings it. Otherwise the points seen last go on with their velocity, and hidden
     /// ones with theirs from where the last pose puts them.
     pub(super) fn expect(&mut self, exposure: MonoNs, prior: &Prior) -> bool {
         self.expected.clear();
@@ -45,22 +45,30 @@ impl Vision {
             _ => Some(common),
         };
         let placed = |i: usize, X_CO: &Pose| {
-            let (point, mark) = (eye.target.points().get(i)?, eye.target.marks().get(i)?);
-            let px = eye.camera.project(&(X_CO * point.p_O))?;
+            let px = eye.camera.project(&(X_CO * eye.target.points().get(i)?.p_O))?;
+            let Some(disc) = eye.target.discs().get(i) else { return Some((px, [0.0; 3], 0.0)) };
             let (covariance, area_px2) =
-                dot_covariance_px2(X_CO, &eye.camera, &mark.centre_m, mark.radius_m)?;
+                dot_covariance_px2(X_CO, &eye.camera, &disc.centre_m, disc.radius_m)?;
             Some((px, covariance.map(|c| c + 1.0 / 12.0), area_px2))
         };
+        // What the object did beside the camera's motion when it was seen last goes on.
+        let surprise = || {
+            let X_CO = before?.carried(last.X_WC.as_ref())?;
+            let off = |dot: &Found| Some(dot.px - placed(dot.id as usize, &X_CO)?.0);
+            let sum = dots.iter().map(off).sum::<Option<Vector2<f64>>>()?;
+            Some(sum * (ratio / dots.len().max(1) as f64))
+        };
+        let surprise = surprise().unwrap_or_default();
         for (i, point) in eye.target.points().iter().enumerate() {
             let seen = find(dots, point.id);
             let threshold = level(seen.map_or(mean, |dot| dot.dark_level + dot.plate_level));
             let expected = if let Some(X_CO) = &prior.predicted_X_CO {
                 placed(i, X_CO).map(|(px, covariance_px2, area_px2)| Expected {
                     id: point.id,
-                    px,
+                    px: px + surprise,
                     covariance_px2,
                     area_px2,
-                    slack_px,
+                    slack_px: slack_px + SHARE_OF_MOTION * surprise.norm(),
                     threshold,
                 })
             } else if let Some(dot) = seen {

@@ -2,14 +2,16 @@
 //!
 //! ```text
 //! Frame --> Finder (windows, else whole frame) --> centroids --> pose --> centre offsets --> features, pose, covariance
-//!             ^ expected dots: from Prior, else constant velocity of the last two measurements
+//!             ^ expected points: carried by the arm's known motion, else constant velocity of the last two measurements
 //! ```
 //! No clock, no allocation, no error: what goes wrong is a [`TargetStatus`]. What was found is believed only where one
 //! pose explains it, see [`VisionSettings::model_sd_px`]. A target that is partly hidden is tracked on as long as what is left of
 //! it fixes its pose: three dots of four, as many of a grid as tell where in it they are.
 
+mod carrier;
 mod expectation;
 mod sight;
+mod still;
 
 use crate::camera_model::CameraModel;
 use crate::detect::{Expected, Finder};
@@ -18,7 +20,9 @@ use crate::imaging::ImageView;
 use crate::messages::{FrameHeader, Measurement, TargetStatus, frame_flag};
 use crate::target::Target;
 use crate::time::MonoNs;
+pub use carrier::{ArmCarrier, Carrier};
 use sight::{Eye, Sight};
+pub use still::Still;
 
 /// While a part of the target is hidden the whole frame is searched in every so manieth frame.
 const SEARCH_AGAIN: u32 = 5;
@@ -35,8 +39,11 @@ pub struct Frame<'a> {
 /// What is known about the scene before the frame is looked at.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Prior {
-    /// Where the object should be at the frame's exposure. `None`: the last two measurements are extrapolated.
+    /// Where the object should be at the frame's exposure. `None`: it is where the camera's motion brings it.
     pub predicted_X_CO: Option<Pose>,
+    /// Where the camera is at the frame's exposure, in a frame in which the object hardly moves ([`Carrier`]). `None`: the last two
+    /// measurements are extrapolated.
+    pub X_WC: Option<Pose>,
 }
 
 /// How vision works.
@@ -64,7 +71,16 @@ impl Default for VisionSettings {
 #[derive(Debug, Clone)]
 struct Seen {
     exposure: MonoNs,
+    /// Where the camera was.
+    X_WC: Option<Pose>,
     sight: Sight,
+}
+
+impl Seen {
+    /// Where the object of this sight is before a camera at `X_WC`, if it rests.
+    fn carried(&self, X_WC: Option<&Pose>) -> Option<Pose> {
+        Some(X_WC?.inv_mul(&self.X_WC?) * self.sight.pose.as_ref()?.X_CO)
+    }
 }
 
 /// Measures the target in frame after frame.
@@ -123,6 +139,8 @@ impl Vision {
     /// `frames_received` and `frames_dropped`, which belong to the process around.
     pub fn process(&mut self, frame: &Frame<'_>, prior: &Prior) -> Measurement {
         let header = &frame.header;
+        let carried = || self.last.as_ref()?.carried(prior.X_WC.as_ref());
+        let prior = &Prior { predicted_X_CO: prior.predicted_X_CO.or_else(carried), ..*prior };
         let mut m = Measurement {
             frame_id: header.frame_id,
             exposure: header.exposure,
@@ -136,7 +154,7 @@ impl Vision {
                 let sight = if whole { &mut self.searched } else { &mut self.tracked };
                 if self.eye.believes(sight) {
                     self.eye.fill(sight, !whole, &mut m);
-                    self.keep(header.exposure, whole);
+                    self.keep(header.exposure, prior.X_WC, whole);
                 } else {
                     // The target is there, only not to be believed: the last good sight predicts the next one.
                     m.status = TargetStatus::Inconsistent as u32;
@@ -191,11 +209,11 @@ impl Vision {
     }
 
     /// The sight of the present frame becomes the last one.
-    fn keep(&mut self, exposure: MonoNs, whole: bool) {
+    fn keep(&mut self, exposure: MonoNs, X_WC: Option<Pose>, whole: bool) {
         self.spare.extend(self.before.take().map(|seen| seen.sight));
         self.before = self.last.take();
         let mut sight = self.spare.pop().unwrap_or_default();
         std::mem::swap(&mut sight, if whole { &mut self.searched } else { &mut self.tracked });
-        self.last = Some(Seen { exposure, sight });
+        self.last = Some(Seen { exposure, X_WC, sight });
     }
 }

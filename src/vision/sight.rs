@@ -34,12 +34,15 @@ pub(super) struct Sight {
     /// Ids rise.
     pub(super) dots: Vec<Found>,
     /// Images of the points, px, likewise.
-    px: Vec<Vector2<f64>>,
+    pub(super) px: Vec<Vector2<f64>>,
     /// The points in the object's plane and in the image, likewise.
     pairs: Vec<Correspondence>,
     /// Of three dots only a guess, with which their centres are put right: they leave up to four poses.
     pub(super) pose: Option<RefinedPose>,
-    ambiguous: bool,
+    pub(super) ambiguous: bool,
+    /// Of an ambiguous one: the other pose that explains the picture, and how much less likely it is, the logarithm of the ratio of the
+    /// likelihoods.
+    pub(super) other: Option<(RefinedPose, f64)>,
     /// Reprojection error of the pose; infinite without one.
     pub(super) rms_px: f64,
     /// Whether dots that cannot contradict each other are as they should be.
@@ -123,8 +126,9 @@ impl Eye {
         last: Option<&Sight>,
         expected: &[Expected],
     ) {
-        let Sight { dots, px, pairs, pose, ambiguous, rms_px, plausible } = sight;
+        let Sight { dots, px, pairs, pose, ambiguous, other, rms_px, plausible } = sight;
         (*pose, *ambiguous, *rms_px, *plausible) = (None, false, f64::INFINITY, true);
+        *other = None;
         px.clear();
         px.extend(dots.iter().map(|dot| dot.px));
         pairs.clear();
@@ -176,6 +180,17 @@ impl Eye {
             }
         }
         let Some(pose) = pose else { return };
+        if *ambiguous && let Some(second) = both.other {
+            // whichever of the two was not taken
+            let apart = |X: &Pose| X.rotation.angle_to(&pose.X_CO.rotation);
+            let start =
+                if apart(&second.X_CO) > apart(&both.best.X_CO) { second.X_CO } else { both.best.X_CO };
+            let sigma = sigma_px / f;
+            *other = refine(&start, pairs, sigma).ok().map(|second| {
+                let squares = count * (second.rms * second.rms - pose.rms * pose.rms);
+                (second, 0.5 * squares / (sigma * sigma).max(1e-30))
+            });
+        }
         let squares = pairs.iter().zip(px.iter()).map(|(pair, px)| {
             let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)));
             seen.map_or(f64::INFINITY, |seen| (seen - px).norm_squared())

@@ -76,7 +76,7 @@ pub(super) fn view(
             let seen = scene.mount.X_WC(&true_X_BE).inv_mul(&scene.X_WO);
             if let Some((dot, why)) = hidden_dot(&scene.target, &scene.camera, &seen) {
                 let message = format!(
-                    "dot {dot} of the target lies {why} at the start; move scene.object or the start position"
+                    "point {dot} of the target lies {why} at the start; move scene.object or the start position"
                 );
                 check.wrong("robot.q_start_rad_or_m", message);
             }

@@ -3,13 +3,13 @@
 use super::lens;
 use crate::camera_model::{CameraModel, Intrinsics, Lens};
 use crate::config::check::{Check, pose};
-use crate::config::raw::{DriveKind, MountKind, RawConfig, RawOccluder};
+use crate::config::raw::{DriveKind, MountKind, RawBackdrop, RawBystander, RawConfig, RawOccluder, RawScene};
 use crate::config::target::{LENGTH_M, RawTarget, made};
 use crate::config::{Camera, Scene};
 use crate::robot::{self, RobotDescription};
-use crate::scene::{Occluder, SceneLook, SceneMotion};
+use crate::scene::{Backdrop, Bystander, Occluder, SceneLook, SceneMotion};
 use crate::servo::Mount;
-use crate::target::Target;
+use crate::target::{Kind, Target};
 use crate::time::SpanNs;
 use nalgebra::Vector2;
 use std::ops::RangeInclusive;
@@ -34,7 +34,9 @@ pub(super) fn scene(
     let target = true_target(raw, believed_target, check);
     let arm = true_arm(raw, robot, check);
     let q_offset = q_offset(raw, robot, check);
-    let occluder = occluder(&raw.scene.occluder, check);
+    let occluders = occluders(&raw.scene, check);
+    let backdrop = backdrop(&raw.scene.backdrop, raw.run.seed, check);
+    let bystanders = bystanders(&raw.scene.bystanders, check);
     camera.filter(|c| c.source.kind().is_simulated())?;
     Some(Scene {
         camera: lens?,
@@ -42,7 +44,9 @@ pub(super) fn scene(
         target: target?,
         X_WO,
         motion,
-        occluder,
+        occluders,
+        backdrop,
+        bystanders: bystanders?,
         arm: arm?,
         q_offset: q_offset?,
     })
@@ -108,21 +112,62 @@ fn true_target(raw: &RawConfig, believed: Option<&Target>, check: &mut Check<'_>
     made("scene.target", &truth, check)
 }
 
-/// `[scene.occluder]`.
-fn occluder(raw: &RawOccluder, check: &mut Check<'_>) -> Option<Occluder> {
+/// `[scene.occluder]`, then `[[scene.occluders]]`.
+fn occluders(raw: &RawScene, check: &mut Check<'_>) -> Vec<Occluder> {
+    let first = occluder("scene.occluder", &raw.occluder, check);
+    let others: Vec<_> = (0..)
+        .zip(&raw.occluders)
+        .filter_map(|(i, raw): (usize, _)| occluder(&format!("scene.occluders[{i}]"), raw, check))
+        .collect();
+    first.into_iter().chain(others).collect()
+}
+
+/// `[scene.backdrop]`.
+fn backdrop(raw: &RawBackdrop, seed: u64, check: &mut Check<'_>) -> Backdrop {
+    let mut range = |key: &str, value, allowed| check.range(&format!("scene.backdrop.{key}"), value, allowed);
+    let (texture_levels, texture_size_m, clutter_size_m, clutter_reach_m) = (
+        range("texture_levels", raw.texture_levels, Backdrop::TEXTURE_LEVELS),
+        range("texture_size_m", raw.texture_size_m, Backdrop::SIZE_M),
+        range("clutter_size_m", raw.clutter_size_m, Backdrop::SIZE_M),
+        range("clutter_reach_m", raw.clutter_reach_m, Backdrop::SIZE_M),
+    );
+    let clutter = check.count("scene.backdrop.clutter", raw.clutter, 0..=Backdrop::MOST_CLUTTER);
+    Backdrop { texture_levels, texture_size_m, clutter, clutter_size_m, clutter_reach_m, seed }
+}
+
+/// `[[scene.bystanders]]`.
+fn bystanders(raw: &[RawBystander], check: &mut Check<'_>) -> Option<Vec<Bystander>> {
+    let mut all = Vec::new();
+    for (i, one) in raw.iter().enumerate() {
+        let at = format!("scene.bystanders[{i}]");
+        for (k, m) in one.position_m.iter().enumerate() {
+            check.range(&format!("{at}.position_m[{k}]"), *m, -100.0..=100.0);
+        }
+        let turn_rad = check.range(&format!("{at}.turn_rad"), one.turn_rad, -6.3..=6.3);
+        match one.target.parse::<Kind>() {
+            Ok(Kind { target, .. }) => {
+                all.push(Bystander { target, position_m: one.position_m.into(), turn_rad });
+            }
+            Err(e) => check.wrong(&format!("{at}.target"), e.to_string()),
+        }
+    }
+    (all.len() == raw.len()).then_some(all)
+}
+
+fn occluder(at: &str, raw: &RawOccluder, check: &mut Check<'_>) -> Option<Occluder> {
     let [from_s, until_s] = [("from_s", raw.from_s), ("until_s", raw.until_s)]
-        .map(|(key, s)| check.range(&format!("scene.occluder.{key}"), s, 0.0..=1e6));
+        .map(|(key, s)| check.range(&format!("{at}.{key}"), s, 0.0..=1e6));
     let pair = |key: &str, values: [f64; 2], least: f64, check: &mut Check<'_>| {
         for (i, m) in values.iter().enumerate() {
-            check.range(&format!("scene.occluder.{key}[{i}]"), *m, least..=100.0);
+            check.range(&format!("{at}.{key}[{i}]"), *m, least..=100.0);
         }
         Vector2::from(values)
     };
     let occluder = Occluder {
         centre_m: pair("center_m", raw.center_m, -100.0, check),
         size_m: pair("size_m", raw.size_m, 1e-6, check),
-        height_m: check.range("scene.occluder.height_m", raw.height_m, 0.0..=100.0),
-        level: check.range("scene.occluder.level", raw.level, SceneLook::LEVEL),
+        height_m: check.range(&format!("{at}.height_m"), raw.height_m, 0.0..=100.0),
+        level: check.range(&format!("{at}.level"), raw.level, SceneLook::LEVEL),
         from: SpanNs::from_s(from_s),
         until: SpanNs::from_s(until_s),
     };

@@ -31,6 +31,8 @@ use nalgebra::SVector;
 const ON_THE_ARM: (f64, f64) = (2e-3, 0.1);
 /// Share of the largest tracking error beyond which a braking reference is put back on the arm.
 const ASTRAY: f64 = 0.3;
+/// Speed below which an arm whose motion was taken away is held again, rad/s or m/s.
+const SLOW: f64 = 0.1;
 /// Difference of a joint's velocity from that of its reference up to which it is what is expected, rad/s or m/s.
 const EXPECTED_SPEED: f64 = 1.0;
 /// How long an arm whose reference rests may go on moving.
@@ -333,9 +335,12 @@ impl<const N: usize> Controller<N> {
         }
         let distance = (motion.now.q - state.q).amax();
         if self.fault.is_some() {
-            if self.mode == CommandMode::Torque && distance > ASTRAY * self.max_tracking_error {
+            // One that does not brake as told is not as believed: motion is taken away from it until it has hardly any.
+            let astray = distance > ASTRAY * self.max_tracking_error || self.joint_control.damps();
+            if self.mode == CommandMode::Torque && astray {
                 self.reference.seat(&state.q, &state.qd);
                 self.gate.seat(&state.q, &state.qd);
+                self.joint_control.damp(state.qd.amax() > SLOW);
             }
             return None;
         }

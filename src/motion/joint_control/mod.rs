@@ -18,8 +18,8 @@ mod law;
 
 pub use law::{InverseDynamicsControl, JointLaw, PdGravityControl};
 
-use super::ReferenceState;
 use super::joint_observer::{Commanded, JointObserver, ObserverSettings};
+use super::{ActingLimits, ReferenceState};
 use crate::linalg::Ldlt;
 use crate::robot::Robot;
 use crate::servo::Drift;
@@ -42,6 +42,8 @@ pub struct JointController<const N: usize> {
     wished_velocity: Option<SVector<f64, N>>,
     /// Whether errors are worked off gently.
     soft: bool,
+    /// Whether nothing is done but to take motion away.
+    damps: bool,
 }
 
 /// Torques or forces, N m or N.
@@ -57,7 +59,7 @@ impl<const N: usize> JointController<N> {
     /// A controller that knows of no disturbance yet.
     #[must_use]
     pub fn new(law: JointLaw<N>, observer: ObserverSettings<N>) -> Self {
-        Self { law, observer: JointObserver::new(observer), wished_velocity: None, soft: false }
+        Self { law, observer: JointObserver::new(observer), wished_velocity: None, soft: false, damps: false }
     }
 
     /// Begins anew on an arm that moves like this; what was learnt of its disturbance stays.
@@ -71,8 +73,24 @@ impl<const N: usize> JointController<N> {
     pub fn soften(&mut self, soft: bool) {
         if soft != self.soft {
             self.soft = soft;
+            self.damps = false;
             self.observer.settle(soft);
         }
+    }
+
+    /// While soft: from now on weight is carried and motion taken away, whatever the reference; what the model says of inertia in
+    /// motion and of friction is left out, as it may drive an arm that is another's. Or no more so.
+    pub fn damp(&mut self, damps: bool) {
+        self.damps = damps && self.soft;
+        if self.soft {
+            self.observer.pause(!self.damps);
+        }
+    }
+
+    /// Whether motion is taken away, whatever the reference.
+    #[must_use]
+    pub fn damps(&self) -> bool {
+        self.damps
     }
 
     /// Position and velocity of the joints at this tick as far as the encoders tell, once a tick and before its torque.
@@ -103,6 +121,9 @@ impl<const N: usize> JointController<N> {
             return JointTorque { tau: SVector::zeros(), saturated: 0 };
         }
         self.wished_velocity = None;
+        if self.damps {
+            return self.damped(robot, q, qd);
+        }
         let share = if self.soft { SOFT_SHARE } else { 1.0 };
         let (e, ed) = ((reference.q - q) * (share * share), (reference.qd - qd) * share);
         let feedback = self.law.feedback(&e, &ed, reference);
@@ -158,7 +179,31 @@ impl<const N: usize> JointController<N> {
         feedback: &Feedback<N>,
     ) -> JointTorque<N> {
         let wanted = self.wanted(robot, q, qd, feedback);
-        let torque = cut(robot, &wanted);
+        self.commanded(robot, q, &wanted, feedback, self.friction(robot, feedback))
+    }
+
+    /// The weight of the arm, what is known to disturb it, and `-c B qd` or the damping of the PD law: whatever its inertia, the arm
+    /// loses energy by it.
+    fn damped(&mut self, robot: &Robot<N>, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> JointTorque<N> {
+        let zero = SVector::zeros();
+        let (p, t) = self.observer.disturbance();
+        let rest = ReferenceState { q: *q, qd: zero, qdd: zero, a: zero, limits: ActingLimits::default() };
+        let feedback = self.law.feedback(&zero, &(-qd * SOFT_SHARE), &rest);
+        let wanted = robot.inverse_dynamics(q, &zero, &(feedback.u - p)) + feedback.torque - t;
+        let unheld = Feedback { velocity: feedback.u * (0.5 * TICK.as_s()), ..feedback };
+        self.commanded(robot, q, &wanted, &unheld, zero)
+    }
+
+    /// Cuts the torque that is wanted, and notes what acts until the next tick.
+    fn commanded(
+        &mut self,
+        robot: &Robot<N>,
+        q: &SVector<f64, N>,
+        wanted: &SVector<f64, N>,
+        feedback: &Feedback<N>,
+        friction: SVector<f64, N>,
+    ) -> JointTorque<N> {
+        let torque = cut(robot, wanted);
         let missing = if torque.saturated == 0 {
             SVector::zeros()
         } else {
@@ -171,6 +216,7 @@ impl<const N: usize> JointController<N> {
             w: feedback.velocity + feedback.slip - feedback.u * (0.5 * TICK.as_s()),
             velocity: feedback.velocity,
             feedback: feedback.torque,
+            friction,
         });
         torque
     }
@@ -186,10 +232,16 @@ impl<const N: usize> JointController<N> {
         let (p, t) = self.observer.disturbance();
         let qd_mid = qd + feedback.u * half;
         let q_mid = q + (qd + qd_mid) * (0.5 * half);
-        let mut tau = robot.inverse_dynamics(&q_mid, &qd_mid, &(feedback.u - p))
-            + robot.friction_torque(&feedback.velocity)
+        let share = self.observer.friction_share().add_scalar(1.0);
+        robot.inverse_dynamics(&q_mid, &qd_mid, &(feedback.u - p))
+            + self.friction(robot, feedback).component_mul(&share)
             + feedback.torque
-            - t;
+            - t
+    }
+
+    /// The friction that the model expects, that of the errors' way included.
+    fn friction(&self, robot: &Robot<N>, feedback: &Feedback<N>) -> SVector<f64, N> {
+        let mut tau = robot.friction_torque(&feedback.velocity);
         for (i, friction) in robot.friction().iter().enumerate() {
             tau[i] += friction.viscous * feedback.slip[i];
         }

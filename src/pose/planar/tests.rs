@@ -150,3 +150,33 @@ fn nine_points_with_collinear_triplets_are_fine() {
     let solved = planar_pose(&see(&X, &grid(3), || 0.0)).unwrap();
     assert!(gap(&solved.best.X_CO, &X) < 1e-10);
 }
+
+#[test]
+fn every_minimum_near_a_frontal_view_is_one_of_the_two() {
+    let (mut pairs, mut tried) = (0, 0);
+    for (n, distance) in [(2, 0.5), (2, 1.0), (3, 0.5)] {
+        for k in 0..120 {
+            let mut noise = gauss(100 + k);
+            let X = tilted([0.03, -0.02, distance], k as f64, 0.002 * k as f64, 0.5 * k as f64);
+            let points = see(&X, &grid(n), || 6e-4 * noise());
+            let solved = planar_pose(&points).unwrap();
+            let known =
+                |P: &Pose| [Some(solved.best), solved.other].iter().flatten().any(|s| gap(&s.X_CO, P) < 2e-3);
+            for j in 0..16 {
+                // Tilts all around, up to half a right angle.
+                let start = tilted(X.translation.vector.into(), j as f64, 0.05 * j as f64, 0.0);
+                let q = start.rotation * UnitQuaternion::from_euler_angles(0.0, 0.0, 0.5 * k as f64);
+                let start = Pose::from_parts(X.translation, q);
+                let Ok(end) = refine(&start, &points, 1e-4) else { continue };
+                // Ridges between two minima are no minima: a start that ends there is pushed off.
+                let pushed = tilted([0.0; 3], j as f64, 0.01, 0.0);
+                let pushed = Pose::from_parts(end.X_CO.translation, pushed.rotation * end.X_CO.rotation);
+                let Ok(end) = refine(&pushed, &points, 1e-4) else { continue };
+                tried += 1;
+                assert!(known(&end.X_CO), "{n} {distance} {k}: {solved:?} and {end:?}");
+            }
+            pairs += i32::from(solved.other.is_some());
+        }
+    }
+    assert!(pairs > 20 && tried > 4000, "{pairs} {tried}");
+}

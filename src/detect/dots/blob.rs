@@ -4,6 +4,8 @@ use crate::imaging::Component;
 
 /// Least area that is measured, px^2: a dot of 3 px radius, tilted by 60 degrees, has 14.
 const LEAST_AREA_PX2: f64 = 9.0;
+/// Least area of a region whose holes are filled, px^2.
+const LEAST_HOLED_AREA_PX2: f64 = 25.0;
 /// Flattest ellipse that is taken for a dot (78 degrees of tilt).
 const LEAST_AXIS_RATIO: f64 = 0.2;
 
@@ -44,6 +46,13 @@ impl Blob {
         good.then_some(blob)
     }
 
+    /// Whether filling a region's holes may make an ellipse of it: large enough, whole, and not full already.
+    pub(super) fn may_have_holes(component: &Component) -> bool {
+        let box_area = f64::from(component.x1 - component.x0) * f64::from(component.y1 - component.y0);
+        let area = component.m00 as f64;
+        !component.touches_border && area >= LEAST_HOLED_AREA_PX2 && area < box_area
+    }
+
     /// Whether the ellipse touches the region's box on all four sides: a dot that is partly covered does not.
     fn fills(&self, c: &Component) -> bool {
         let side = |centre: f64, variance: f64, low: u32, high: u32| {
@@ -53,6 +62,18 @@ impl Blob {
                 && (centre + half - (f64::from(high) - 0.5)).abs() < tolerance
         };
         side(self.x, self.covariance[0], c.x0, c.x1) && side(self.y, self.covariance[2], c.y0, c.y1)
+    }
+
+    /// The ellipse `d^T S^-1 d = 1` in the same directions, with other half axes.
+    pub(super) fn with_axes(&self, other: impl Fn(f64) -> f64) -> [f64; 3] {
+        let [xx, xy, yy] = self.covariance;
+        let (major, minor) = self.axes();
+        let (big, small) = (other(major).powi(2), other(minor).powi(2));
+        // S = p I + q C has C's directions and the wanted axes
+        let (c_big, c_small) = (0.25 * major * major, 0.25 * minor * minor);
+        let q = if c_big - c_small > 1e-9 * c_big { (big - small) / (c_big - c_small) } else { 0.0 };
+        let p = big - q * c_big;
+        [p + q * xx, q * xy, p + q * yy]
     }
 
     /// Half axes of the ellipse, px.

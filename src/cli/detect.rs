@@ -1,0 +1,384 @@
+//! `vservo detect`: a target in image files.
+
+mod overlay;
+mod picture;
+
+use super::{DetectArguments, check_writable, shown, write_result};
+use crate::camera_model::camera_info::CameraInfo;
+use crate::camera_model::{CameraModel, Distortion, Intrinsics};
+use crate::detect::Found;
+use crate::detect::tags::{TagFinder, TagFound};
+use crate::imaging::ImageView;
+use crate::input::{file, printable};
+use crate::messages::TargetStatus;
+use crate::pose::RefinedPose;
+use crate::process::ProcessError;
+use crate::rt::{now, tell};
+use crate::target::{Kind, Tags, Target};
+use crate::vision::{Vision, VisionSettings};
+use image::GrayImage;
+use nalgebra::Vector2;
+use serde::Serialize;
+use std::path::Path;
+
+/// Longest calibration file, bytes: real ones have a thousand.
+const LARGEST_CALIBRATION: u64 = 1 << 20;
+/// Real lenses and targets are no nearer to their description, px.
+const MODEL_SD_PX: f64 = 0.2;
+
+/// What was found in one image.
+#[derive(Debug, Clone, Serialize)]
+struct Answer {
+    image: String,
+    status: &'static str,
+    reason: Option<String>,
+    features: Vec<Feature>,
+    pose: Option<PoseOut>,
+    /// Where two poses explain the picture almost equally well: the less likely one.
+    other_pose: Option<OtherPose>,
+    reprojection_rms_px: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tags: Option<Vec<TagOut>>,
+    time_us: f64,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Feature {
+    id: u32,
+    u_px: f64,
+    v_px: f64,
+    sigma_px: f64,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct PoseOut {
+    position_m: [f64; 3],
+    rotation_xyzw: [f64; 4],
+    covariance: Vec<f64>,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct OtherPose {
+    #[serde(flatten)]
+    pose: PoseOut,
+    /// How many times less likely it is.
+    likelihood_ratio: f64,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct TagOut {
+    id: u32,
+    corners_px: [[f64; 2]; 4],
+    hamming: u32,
+}
+
+impl From<&RefinedPose> for PoseOut {
+    fn from(pose: &RefinedPose) -> Self {
+        let (p, q) = (pose.X_CO.translation.vector, pose.X_CO.rotation.coords);
+        Self {
+            position_m: p.into(),
+            rotation_xyzw: [q.x, q.y, q.z, q.w],
+            // symmetric: by rows is by columns
+            covariance: pose.covariance.iter().copied().collect(),
+        }
+    }
+}
+
+impl From<&TagFound> for TagOut {
+    fn from(tag: &TagFound) -> Self {
+        Self { id: tag.id, corners_px: tag.corners_px.map(Into::into), hamming: tag.hamming }
+    }
+}
+
+/// What one image shows, before it is told.
+struct Seen {
+    found: Vec<Found>,
+    px: Vec<Vector2<f64>>,
+    pose: Option<RefinedPose>,
+    other: Option<(RefinedPose, f64)>,
+    rms_px: Option<f64>,
+    inconsistent: bool,
+    tags: Vec<TagFound>,
+}
+
+/// A miss, by its status, and why.
+struct Missed(TargetStatus, String);
+
+impl From<TargetStatus> for Missed {
+    fn from(status: TargetStatus) -> Self {
+        Self(status, status.as_str().into())
+    }
+}
+
+/// Everything that is made once for images of one size.
+struct Bench {
+    size: (u32, u32),
+    /// Known by a calibration.
+    calibrated: bool,
+    camera: CameraModel,
+    finder: Finder,
+}
+
+enum Finder {
+    Target(Box<Vision>),
+    /// Any tag of a family, of this size.
+    AnyTag(Box<TagFinder>, f64),
+}
+
+impl Bench {
+    fn new(kind: &Kind, size: (u32, u32), calibration: Option<CameraModel>) -> Self {
+        let camera = calibration.unwrap_or_else(|| nominal(size));
+        let finder = match (&kind.target, kind.any_tag) {
+            (Target::Tags(tags), true) => {
+                let finder = TagFinder::new(tags.family(), size.0 as usize, size.1 as usize);
+                Finder::AnyTag(Box::new(finder), tags.size_m())
+            }
+            (target, _) => Finder::Target(Box::new(vision(camera, target.clone()))),
+        };
+        Self { size, calibrated: calibration.is_some(), camera, finder }
+    }
+
+    fn look(&mut self, image: &ImageView<'_>) -> Result<Seen, Missed> {
+        match &mut self.finder {
+            Finder::Target(vision) => seen(vision, image, self.calibrated),
+            Finder::AnyTag(finder, size_m) => {
+                let mut tags = Vec::new();
+                finder.search(image, &mut tags).map_err(|miss| Missed(miss.into(), miss.to_string()))?;
+                // a single tag is a target
+                if let ([one], true) = (tags.as_slice(), self.calibrated)
+                    && let Ok(target) = Tags::one(finder.family(), *size_m, one.id)
+                {
+                    return seen(&mut vision(self.camera, target.into()), image, true);
+                }
+                let found: Vec<_> = tags.iter().flat_map(corners).collect();
+                let px = found.iter().map(|point| point.px).collect();
+                Ok(Seen { px, found, pose: None, other: None, rms_px: None, inconsistent: false, tags })
+            }
+        }
+    }
+}
+
+fn vision(camera: CameraModel, target: Target) -> Vision {
+    let settings = VisionSettings { model_sd_px: MODEL_SD_PX, track: false, ..VisionSettings::default() };
+    Vision::new(camera, target, settings)
+}
+
+fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<Seen, Missed> {
+    let still = if calibrated { vision.still(image)? } else { vision.points_of(image)? };
+    Ok(Seen {
+        found: still.found.to_vec(),
+        px: still.px.to_vec(),
+        pose: still.pose.copied(),
+        other: still.other.copied(),
+        rms_px: Some(still.rms_px).filter(|rms| calibrated && rms.is_finite()),
+        inconsistent: !still.consistent,
+        tags: still.tags.to_vec(),
+    })
+}
+
+/// The corners of a tag, numbered as if the tags of the family were listed by their ids.
+fn corners(tag: &TagFound) -> [Found; 4] {
+    [0, 1, 2, 3].map(|corner| Found {
+        id: 4 * tag.id + corner as u32,
+        px: tag.corners_px.get(corner).copied().unwrap_or_default(),
+        sigma_px: tag.sigma_px(corner),
+        area_px2: 0.0,
+        covariance_px2: [0.0; 3],
+        dark_level: tag.dark_level,
+        plate_level: tag.light_level,
+        disturbance_px: 0.0,
+    })
+}
+
+/// A camera without distortion that sees some 45 degrees: where nothing is known, good enough to tell points apart.
+fn nominal((width_px, height_px): (u32, u32)) -> CameraModel {
+    let f = 1.2 * f64::from(width_px.max(height_px));
+    let (cx_px, cy_px) = (0.5 * (f64::from(width_px) - 1.0), 0.5 * (f64::from(height_px) - 1.0));
+    let intrinsics = Intrinsics { fx_px: f, fy_px: f, cx_px, cy_px, width_px, height_px };
+    // whatever size an image may have is one that a camera may have
+    CameraModel::new(intrinsics, Distortion::default()).unwrap_or_else(|_| smallest())
+}
+
+fn smallest() -> CameraModel {
+    let intrinsics =
+        Intrinsics { fx_px: 16.0, fy_px: 16.0, cx_px: 7.5, cy_px: 7.5, width_px: 16, height_px: 16 };
+    #[allow(clippy::expect_used)] // constants
+    CameraModel::new(intrinsics, Distortion::default()).expect("a camera of constants")
+}
+
+pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
+    let kind: Kind = match arguments.target.parse() {
+        Ok(kind) => kind,
+        Err(e) => return Ok(refused(&format!("--target: {e}"), 2)),
+    };
+    if arguments.overlay.is_some() && arguments.images.len() > 1 {
+        return Ok(refused("--overlay takes one image: its picture would be overwritten by the next", 2));
+    }
+    let calibration = match arguments.camera.as_deref().map(calibration).transpose() {
+        Ok(calibration) => calibration,
+        Err(e) => return Ok(refused(&format!("--camera: {e}"), 3)),
+    };
+    if let Some(path) = &arguments.overlay {
+        check_writable(path)?;
+    }
+    let (mut unreadable, mut any, mut lost) = (false, false, 0);
+    let mut bench: Option<Bench> = None;
+    for path in &arguments.images {
+        let name = path.display().to_string();
+        let (answer, picture) = match picture::load(path) {
+            Err(reason) => {
+                unreadable = true;
+                tell(format_args!("vservo: {}: {}", printable(&name), printable(&reason)));
+                (Answer::nothing(name, "unreadable", reason), None)
+            }
+            Ok(picture) => {
+                let size = picture.dimensions();
+                if bench.as_ref().is_none_or(|bench| bench.size != size) {
+                    bench = Some(Bench::new(&kind, size, calibration));
+                }
+                let answer = bench.as_mut().map(|bench| one(bench, name, &picture));
+                (answer.unwrap_or_else(Answer::empty), Some(picture))
+            }
+        };
+        any |= answer.status == "found";
+        unreadable |= answer.status == "wrong_size";
+        let text = if arguments.json {
+            serde_json::to_string(&answer).unwrap_or_default() + "\n"
+        } else {
+            answer.line()
+        };
+        if lost == 0 {
+            lost = shown(&text, 0);
+        }
+        if let (Some(path), Some(picture), Some(bench)) = (&arguments.overlay, picture, &bench) {
+            let drawn = overlay::draw(&picture, &answer, &kind, &bench.camera);
+            lost = drawn.map_or(1, |bytes| write_result(path, bytes, lost));
+        }
+    }
+    Ok(match (unreadable, any) {
+        _ if lost != 0 => lost,
+        (true, _) => 3,
+        (false, false) => 5,
+        (false, true) => 0,
+    })
+}
+
+/// Tells why nothing is done; the exit code.
+fn refused(message: &str, exit_code: u8) -> u8 {
+    tell(format_args!("vservo: {}", printable(message)));
+    exit_code
+}
+
+fn calibration(path: &Path) -> Result<CameraModel, String> {
+    let named = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
+    let text = file::read(path, LARGEST_CALIBRATION).map_err(|e| named(&e))?;
+    CameraInfo::read(&text).map_err(|e| named(&e))?.camera().map_err(|e| named(&e))
+}
+
+/// What one picture shows.
+fn one(bench: &mut Bench, name: String, picture: &GrayImage) -> Answer {
+    let (width, height) = picture.dimensions();
+    let Ok(view) = ImageView::new(picture.as_raw(), width as usize, height as usize) else {
+        return Answer::nothing(name, "no_contrast", "the image has no pixels".into());
+    };
+    let i = bench.camera.intrinsics();
+    if (i.width_px, i.height_px) != (width, height) {
+        let reason = format!("the image is {width}x{height} px, the camera {}x{}", i.width_px, i.height_px);
+        return Answer::nothing(name, "wrong_size", reason);
+    }
+    let start = now();
+    let result = bench.look(&view);
+    let time_us = (now() - start).as_s() * 1e6;
+    match result {
+        Ok(seen) => Answer::of(name, &seen, time_us),
+        Err(Missed(status, reason)) => Answer { time_us, ..Answer::nothing(name, word(status), reason) },
+    }
+}
+
+/// A status as a word for programs.
+fn word(status: TargetStatus) -> &'static str {
+    match status {
+        TargetStatus::Found => "found",
+        TargetStatus::NoContrast => "no_contrast",
+        TargetStatus::TooFewRegions => "too_few_regions",
+        TargetStatus::NoMatch => "no_match",
+        TargetStatus::Ambiguous => "ambiguous",
+        TargetStatus::WrongSize => "wrong_size",
+        TargetStatus::Inconsistent => "inconsistent",
+    }
+}
+
+impl Answer {
+    fn empty() -> Self {
+        Self::nothing(String::new(), "no_match", String::new())
+    }
+
+    fn nothing(image: String, status: &'static str, reason: String) -> Self {
+        Self {
+            image,
+            status,
+            reason: Some(reason),
+            features: Vec::new(),
+            pose: None,
+            other_pose: None,
+            reprojection_rms_px: None,
+            tags: None,
+            time_us: 0.0,
+        }
+    }
+
+    fn of(image: String, seen: &Seen, time_us: f64) -> Self {
+        let feature = |(found, px): (&Found, &Vector2<f64>)| Feature {
+            id: found.id,
+            u_px: px.x,
+            v_px: px.y,
+            sigma_px: found.sigma_px,
+        };
+        let other = seen.other.as_ref().map(|(pose, log_ratio)| OtherPose {
+            pose: pose.into(),
+            likelihood_ratio: log_ratio.min(700.0).exp(),
+        });
+        // points that no pose explains are told all the same: whoever asks by hand may know why
+        let reason = seen.inconsistent.then(|| {
+            format!("{}; or the camera file is another camera's", TargetStatus::Inconsistent.as_str())
+        });
+        Self {
+            image,
+            status: if seen.inconsistent { word(TargetStatus::Inconsistent) } else { "found" },
+            reason,
+            features: seen.found.iter().zip(&seen.px).map(feature).collect(),
+            pose: seen.pose.as_ref().map(Into::into),
+            other_pose: other,
+            reprojection_rms_px: seen.rms_px,
+            tags: (!seen.tags.is_empty()).then(|| seen.tags.iter().map(Into::into).collect()),
+            time_us,
+        }
+    }
+
+    /// For people.
+    fn line(&self) -> String {
+        let mut line = format!("{}: ", printable(&self.image));
+        match &self.reason {
+            None => line += &format!("{} points", self.features.len()),
+            Some(reason) => line += &format!("{}: {}", self.status, printable(reason)),
+        }
+        if let Some(tags) = &self.tags {
+            let ids: Vec<_> = tags.iter().map(|tag| tag.id.to_string()).collect();
+            line += &format!(", tags {}", ids.join(" "));
+        }
+        if let Some(pose) = &self.pose {
+            let [x, y, z] = pose.position_m;
+            line += &format!(", at ({x:.4}, {y:.4}, {z:.4}) m");
+        }
+        if let Some(rms_px) = self.reprojection_rms_px {
+            line += &format!(", rms {rms_px:.3} px");
+        }
+        if let Some(other) = &self.other_pose {
+            line += &format!(", another pose is {:.1} times less likely", other.likelihood_ratio);
+        }
+        if self.time_us > 0.0 {
+            line += &format!(", {:.0} us", self.time_us);
+        }
+        line + "\n"
+    }
+}

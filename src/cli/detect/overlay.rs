@@ -1,0 +1,83 @@
+//! What was found, drawn over the picture.
+
+use super::Answer;
+use crate::camera_model::CameraModel;
+use crate::print::letters;
+use crate::target::Kind;
+use image::{ExtendedColorType, GrayImage, ImageEncoder, Rgb, RgbImage, codecs::png::PngEncoder};
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector2};
+
+const POINT: Rgb<u8> = Rgb([0, 255, 64]);
+const TAG: Rgb<u8> = Rgb([255, 64, 255]);
+const AXES: [Rgb<u8>; 3] = [Rgb([255, 48, 48]), Rgb([48, 255, 48]), Rgb([80, 120, 255])];
+
+/// PNG bytes; `None` where they cannot be made.
+pub(super) fn draw(
+    picture: &GrayImage,
+    answer: &Answer,
+    kind: &Kind,
+    camera: &CameraModel,
+) -> Option<Vec<u8>> {
+    let mut out = RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
+        let [level] = picture.get_pixel(x, y).0;
+        Rgb([level; 3])
+    });
+    for tag in answer.tags.iter().flatten() {
+        for (from, to) in tag.corners_px.iter().zip(tag.corners_px.iter().cycle().skip(1)) {
+            line(&mut out, Vector2::from(*from), Vector2::from(*to), TAG);
+        }
+        let middle = tag.corners_px.iter().fold(Vector2::zeros(), |sum, c| sum + Vector2::from(*c) / 4.0);
+        text(&mut out, middle, &tag.id.to_string(), TAG);
+    }
+    for feature in &answer.features {
+        let p = Vector2::new(feature.u_px, feature.v_px);
+        line(&mut out, p - Vector2::x() * 4.0, p + Vector2::x() * 4.0, POINT);
+        line(&mut out, p - Vector2::y() * 4.0, p + Vector2::y() * 4.0, POINT);
+        text(&mut out, p + Vector2::new(3.0, -9.0), &feature.id.to_string(), POINT);
+    }
+    if let Some(pose) = &answer.pose {
+        let [x, y, z, w] = pose.rotation_xyzw;
+        let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        let X_CO = Isometry3::from_parts(Translation3::from(pose.position_m), rotation);
+        let plate = kind.target.plate();
+        let length_m = 0.3 * (plate.high_m - plate.low_m).amin();
+        // towards the camera: z_o points away from it
+        let ends = [[length_m, 0.0, 0.0], [0.0, length_m, 0.0], [0.0, 0.0, -length_m]];
+        for (end, colour) in ends.into_iter().zip(AXES) {
+            let of = |p: Point3<f64>| camera.project(&(X_CO * p));
+            if let (Some(from), Some(to)) = (of(Point3::origin()), of(Point3::from(end))) {
+                for offset in [Vector2::zeros(), Vector2::x(), Vector2::y()] {
+                    line(&mut out, from + offset, to + offset, colour);
+                }
+            }
+        }
+    }
+    let mut bytes = Vec::new();
+    let encoder = PngEncoder::new(&mut bytes);
+    encoder.write_image(out.as_raw(), out.width(), out.height(), ExtendedColorType::Rgb8).ok()?;
+    Some(bytes)
+}
+
+fn dot(out: &mut RgbImage, p: Vector2<f64>, colour: Rgb<u8>) {
+    let (x, y) = (p.x.round(), p.y.round());
+    if x >= 0.0 && y >= 0.0 && x < f64::from(out.width()) && y < f64::from(out.height()) {
+        out.put_pixel(x as u32, y as u32, colour);
+    }
+}
+
+fn line(out: &mut RgbImage, from: Vector2<f64>, to: Vector2<f64>, colour: Rgb<u8>) {
+    let length = (to - from).amax();
+    if !(length < 1e5) {
+        return;
+    }
+    let steps = length.ceil().max(1.0);
+    for i in 0..=steps as u32 {
+        dot(out, from + (to - from) * (f64::from(i) / steps), colour);
+    }
+}
+
+fn text(out: &mut RgbImage, at: Vector2<f64>, text: &str, colour: Rgb<u8>) {
+    for (x, y) in letters(text) {
+        dot(out, at + Vector2::new(f64::from(x), f64::from(y)), colour);
+    }
+}

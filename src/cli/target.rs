@@ -1,0 +1,38 @@
+//! `vservo target`: a target to print, in true size.
+
+use super::{TargetArguments, check_writable, shown, write_result};
+use crate::input::printable;
+use crate::print::{Format, describe, print};
+use crate::process::ProcessError;
+use crate::rt::tell;
+use crate::target::Kind;
+
+pub(super) fn target(arguments: &TargetArguments) -> Result<u8, ProcessError> {
+    let refused = |message: &str| {
+        tell(format_args!("vservo: {}", printable(message)));
+        Ok(2)
+    };
+    let kind: Kind = match arguments.kind.parse() {
+        Ok(kind) => kind,
+        Err(e) => return refused(&e.to_string()),
+    };
+    let extension = arguments.out.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    let Some(format) = Format::of_extension(extension) else {
+        return refused("--out: the name must end in .svg, .pdf or .png");
+    };
+    let bytes = match print(&kind.target, format) {
+        Ok(bytes) => bytes,
+        Err(e) => return refused(&e.to_string()),
+    };
+    check_writable(&arguments.out)?;
+    let code = write_result(&arguments.out, bytes, 0);
+    if code != 0 {
+        return Ok(code);
+    }
+    let line = format!(
+        "{}: {}; print it at 100 % and check the bar with a ruler\n",
+        printable(&arguments.out.display().to_string()),
+        describe(&kind.target)
+    );
+    Ok(shown(&line, 0))
+}

@@ -1,0 +1,167 @@
+//! Whether the board is seen to end beyond a side of a lattice.
+//!
+//! That no corner follows proves nothing: something may lie on the board. Its end is seen where the outer dark squares all stop
+//! at one line along the side, and the light squares between them go on past that line into the light margin; on a board that goes
+//! on they would meet dark squares there.
+//!
+//! ```text
+//!   corner ──── outer dark square ──┤ light margin          0 ... t ... t + step:   dark, dark | light
+//!   corner ──── outer light square ─┤ light margin          0 ... t ... t + step:   light, light, light
+//! ```
+
+use crate::imaging::ImageView;
+use nalgebra::Vector2;
+
+/// How far outwards is looked, in squares.
+const REACH: f64 = 1.5;
+/// Between samples, in squares.
+const STEP: f64 = 0.05;
+/// Where dark outer squares may end, in squares: some boards cut them short.
+const CUTS: std::ops::RangeInclusive<f64> = 0.35..=1.15;
+/// Where whole ones end.
+const WHOLE: std::ops::RangeInclusive<f64> = 0.88..=1.12;
+/// How far the ends of the dark squares may lie from their line: in squares, and in pixels.
+const LINE: f64 = 0.03;
+const LINE_PX: f64 = 0.4;
+/// How far past the line the light squares must go on: in squares, and in pixels.
+const PAST: f64 = 0.065;
+const PAST_PX: f64 = 1.2;
+/// How far the ends of the light squares may lie from each other where squares are cut short, in squares.
+const EVEN: f64 = 0.1;
+/// Least number of dark and of light squares that must agree.
+const LEAST_DARK: usize = 2;
+const LEAST_LIGHT: usize = 1;
+/// Share of the squares that must agree.
+const SHARE: f64 = 0.7;
+const SHARE_PAPER: f64 = 0.6;
+/// Most squares along a side that are looked at.
+const MOST: usize = 64;
+
+/// One outer square: between two neighbours on the lattice's rim, and the next two inwards.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Outer {
+    /// Corners on the rim.
+    pub(super) rim: [Vector2<f64>; 2],
+    /// Corners one step inwards of them.
+    pub(super) inner: [Vector2<f64>; 2],
+    /// Whether the outer square is light.
+    pub(super) light: bool,
+}
+
+/// What one outer square shows.
+#[derive(Debug, Clone, Copy, Default)]
+struct Seen {
+    /// Levels outwards, from 0 to [`REACH`].
+    middle: f64,
+    end: f64,
+    /// For light squares: how far they stay light.
+    light: bool,
+}
+
+/// What the outer squares of one side show of the board's end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum End {
+    /// Nothing.
+    Unseen,
+    /// One dark square and its neighbours look like it: enough only where the other side does too, and the size between is right.
+    Likely,
+    /// It is there.
+    Seen,
+}
+
+/// Whether the outer squares of one side show the board's end.
+pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -> End {
+    let mut seen = [Seen::default(); MOST];
+    let mut count = 0;
+    let mut least_px = f64::INFINITY;
+    for (square, slot) in squares.zip(&mut seen) {
+        let Some(s) = look(image, &square) else { continue };
+        let step = 0.5 * (square.rim[0] + square.rim[1] - square.inner[0] - square.inner[1]);
+        least_px = least_px.min(step.norm());
+        *slot = s;
+        count += 1;
+    }
+    let mut kept = [Seen::default(); MOST];
+    let mut n = 0;
+    for (slot, s) in kept.iter_mut().zip(seen.iter().filter(|s| s.middle > 0.0)) {
+        *slot = *s;
+        n += 1;
+    }
+    let Some(seen) = kept.get(..n.min(count)) else { return End::Unseen };
+    let dark = || seen.iter().filter(|s| !s.light);
+    let all = dark().count();
+    // the line that most dark squares end at
+    let near = |a: &Seen, b: &Seen| (a.end - b.end).abs() < LINE + LINE_PX / least_px;
+    let mut best: (usize, Option<&Seen>) = (0, None);
+    for a in dark().filter(|a| CUTS.contains(&a.end)) {
+        let agree = dark().filter(|b| near(a, b)).count();
+        if agree > best.0 {
+            best = (agree, Some(a));
+        }
+    }
+    let (agree, Some(line)) = best else { return End::Unseen };
+    if (agree as f64) < SHARE * all as f64 {
+        return End::Unseen;
+    }
+    let line = dark().filter(|b| near(line, b)).map(|b| b.end).sum::<f64>() / agree as f64;
+    let past = PAST.max(PAST_PX / least_px);
+    let light = || seen.iter().filter(|s| s.light);
+    let far = light().count();
+    let go_on = light().filter(|s| s.end > line + past).count();
+    if go_on < LEAST_LIGHT || (go_on as f64) < SHARE * far as f64 {
+        return End::Unseen;
+    }
+    // where squares are cut short, a light thing that lies on the board would look the same: but paper ends
+    let even = |a: &Seen| light().filter(|s| (s.end - a.end).abs() < EVEN && s.end < REACH).count();
+    let paper = light().map(even).max().unwrap_or(0) as f64 >= SHARE_PAPER * far as f64;
+    match (agree >= LEAST_DARK, WHOLE.contains(&line), paper) {
+        (true, true, _) | (true, _, true) => End::Seen,
+        (false, true, _) | (false, _, true) => End::Likely,
+        _ => End::Unseen,
+    }
+}
+
+/// Follows one square outwards: where the dark square becomes light, or the light one dark. `None` out of the image and without contrast.
+fn look(image: &ImageView<'_>, square: &Outer) -> Option<Seen> {
+    let [a, b] = square.rim;
+    let outwards = 0.5 * (a + b - square.inner[0] - square.inner[1]);
+    let side = b - a;
+    let at = |t: f64| {
+        // three lines through the square
+        let mut sum = 0.0;
+        for part in [0.35, 0.5, 0.65] {
+            sum += level(image, a + side * part + outwards * t)?;
+        }
+        Some(sum / 3.0)
+    };
+    let (own, other) = (at(0.25)?, at(-0.5)?);
+    let middle = 0.5 * (own + other);
+    if (own > other) != square.light || (own - other).abs() < 8.0 {
+        return None;
+    }
+    let mut before = own;
+    let mut t = 0.25;
+    while t < REACH {
+        t += STEP;
+        let now = at(t)?;
+        if (now > middle) != square.light {
+            let part = ((before - middle) / (before - now)).clamp(0.0, 1.0);
+            let end = t - STEP * (1.0 - part);
+            return Some(Seen { middle: middle.max(1e-3), end, light: square.light });
+        }
+        before = now;
+    }
+    Some(Seen { middle: middle.max(1e-3), end: REACH, light: square.light })
+}
+
+/// Level between pixels.
+fn level(image: &ImageView<'_>, at: Vector2<f64>) -> Option<f64> {
+    if !(at.x >= 0.0 && at.y >= 0.0) {
+        return None;
+    }
+    let (x, y) = (at.x as usize, at.y as usize);
+    let (fx, fy) = (at.x - x as f64, at.y - y as f64);
+    let pair = |row: &[u8]| Some([f64::from(*row.get(x)?), f64::from(*row.get(x + 1)?)]);
+    let ([a, b], [c, d]) = (pair(image.row(y))?, pair(image.row(y + 1))?);
+    Some((a * (1.0 - fx) + b * fx) * (1.0 - fy) + (c * (1.0 - fx) + d * fx) * fy)
+}

@@ -1,0 +1,42 @@
+//! Why there is no chessboard.
+
+use crate::messages::TargetStatus;
+use thiserror::Error;
+
+/// Why a chessboard was not found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum ChessboardMiss {
+    /// The image does not have the size that the finder was made for.
+    #[error("the image does not have the size that the finder was made for")]
+    WrongSize,
+    /// Nowhere do four squares meet.
+    #[error("no corners of squares in the image")]
+    NoCorners,
+    /// Corners, but too few of them form a lattice.
+    #[error("too few corners that form a part of a chessboard")]
+    TooFewCorners,
+    /// A lattice with more corners than the board has: another board.
+    #[error("a chessboard with more squares than the one that is looked for")]
+    TooLarge,
+    /// Colours, size and ends contradict every place on the board.
+    #[error("a chessboard whose size or colours are not those of the one that is looked for")]
+    NoMatch,
+    /// A part whose place on the board cannot be told: too little of the border is seen.
+    #[error("a part of a chessboard without enough of its border to tell which part")]
+    NoBorder,
+    /// Two boards that look alike.
+    #[error("two chessboards that could both be the one that is looked for")]
+    Several,
+}
+
+impl From<ChessboardMiss> for TargetStatus {
+    fn from(miss: ChessboardMiss) -> Self {
+        match miss {
+            ChessboardMiss::WrongSize => Self::WrongSize,
+            ChessboardMiss::NoCorners => Self::NoContrast,
+            ChessboardMiss::TooFewCorners => Self::TooFewRegions,
+            ChessboardMiss::TooLarge | ChessboardMiss::NoMatch => Self::NoMatch,
+            ChessboardMiss::NoBorder | ChessboardMiss::Several => Self::Ambiguous,
+        }
+    }
+}

@@ -1,0 +1,409 @@
+//! Chessboards: the inner corners of a board of known size, each under its own id, also where only a part is seen.
+//!
+//! ```text
+//! image --halved--> ring corners --links--> lattices --ends, colours, size--> place on the board --fit--> corners with covariance
+//! ```
+//! Ids are `row x COLUMNS + column` of the inner corners. Rows and columns run so that x (along a row), y (along a column) and the
+//! normal away from the camera are right-handed, as OpenCV has them; a board in a mirror looks like one that is not, and is labelled
+//! the same way. Which corner is the first tells the table of `place`: for 9x6 the one at a dark corner square.
+//!
+//! A part of a board is found when its place can be told: by its size, its colours, and the ends of the board that are seen.
+//! Otherwise it is refused.
+
+mod board;
+mod border;
+mod lattice;
+mod miss;
+mod part;
+mod place;
+mod strongest;
+mod track;
+
+pub use miss::ChessboardMiss;
+
+use super::{Expected, Found};
+use crate::imaging::ImageView;
+use crate::imaging::corners::{RingDetector, halve};
+use crate::messages::TargetStatus;
+use board::{Board, sigma};
+use border::{End, Outer};
+use lattice::{Links, Placed};
+use nalgebra::Vector2;
+use part::{Affine, trimmed};
+use place::{Extent, Placement, placements};
+use track::Prediction;
+
+/// Least ring response of a corner, grey levels.
+const LEAST_RESPONSE: u8 = 6;
+/// Search begins at the first half that is at most so wide, px.
+const FIRST_WIDTH_PX: usize = 400;
+/// Least number of corners of a part, and least part of the board.
+const LEAST_CORNERS: usize = 6;
+const LEAST_PART: usize = 6;
+/// A second board this large, compared with the first, makes the choice ambiguous.
+const SECOND: f64 = 0.6;
+/// Blur before anything is known of it, px.
+const BLUR_PX: f64 = 1.0;
+/// Bounds of a board: inner corners along a side.
+const SIDE: std::ops::RangeInclusive<usize> = 2..=60;
+/// Links that are looked for first, in image widths.
+const SHORT: f32 = 0.15;
+/// Places about a part of a board into which it may grow.
+const ROOM: i16 = 3;
+/// Contradictory links of a lattice that is still looked at: one in so many corners.
+const CONTRADICTIONS: u16 = 12;
+
+/// Finds one chessboard. Owns all buffers: nothing is allocated after construction and the first frame.
+#[derive(Debug, Clone)]
+pub struct ChessboardFinder {
+    columns: i16,
+    rows: i16,
+    width: usize,
+    height: usize,
+    halves: Vec<(Vec<u8>, usize, usize)>,
+    detector: RingDetector,
+    links: Links,
+    order: Vec<(u16, u16)>,
+    placed: Vec<Placed>,
+    /// Positions of a lattice's corners, rows of [`Self::grid_side`].
+    grid: Vec<Option<Placed>>,
+    placements: Vec<Placement>,
+    /// A part of a board before its place is known.
+    part: Board,
+    board: Board,
+    predicted: Board,
+    blur_px: f64,
+}
+
+impl ChessboardFinder {
+    /// A finder for boards of `columns x rows` inner corners (each 2 to 60; others are clamped) in frames of the given size.
+    #[must_use]
+    pub fn new(columns: usize, rows: usize, width_px: usize, height_px: usize) -> Self {
+        let (columns, rows) =
+            (columns.clamp(*SIDE.start(), *SIDE.end()), rows.clamp(*SIDE.start(), *SIDE.end()));
+        let count = columns * rows;
+        let limit = (2 * count + 150).max(400);
+        let mut halves = Vec::new();
+        let (mut width, mut height) = (width_px, height_px);
+        while width > FIRST_WIDTH_PX && height > 60 {
+            (width, height) = (width / 2, height / 2);
+            halves.push((Vec::with_capacity(width * height), width, height));
+        }
+        let side = columns.max(rows) + 2 * ROOM as usize;
+        Self {
+            columns: columns as i16,
+            rows: rows as i16,
+            width: width_px,
+            height: height_px,
+            halves,
+            detector: RingDetector::new(width_px.saturating_mul(height_px), limit),
+            links: Links::new(limit),
+            order: Vec::with_capacity(limit),
+            placed: Vec::with_capacity(limit.max(side * side)),
+            grid: vec![None; side * side],
+            placements: Vec::with_capacity(4 * count),
+            part: Board::unbounded(side, side),
+            board: Board::new(columns, rows),
+            predicted: Board::new(columns, rows),
+            blur_px: BLUR_PX,
+        }
+    }
+
+    /// Searches the whole frame: fills `found` with the corners that are seen, ids rising.
+    ///
+    /// # Errors
+    /// The status that says why there is no board; [`Self::search_or_why`] tells more. `found` is then empty.
+    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+        self.search_or_why(image, found).map_err(TargetStatus::from)
+    }
+
+    /// As [`Self::search`].
+    ///
+    /// # Errors
+    /// Why there is no board. `found` is then empty.
+    pub fn search_or_why(
+        &mut self,
+        image: &ImageView<'_>,
+        found: &mut Vec<Found>,
+    ) -> Result<(), ChessboardMiss> {
+        found.clear();
+        if (image.width(), image.height()) != (self.width, self.height) {
+            return Err(ChessboardMiss::WrongSize);
+        }
+        let mut halves = std::mem::take(&mut self.halves);
+        let result = self.search_levels(image, &mut halves);
+        self.halves = halves;
+        result?;
+        self.report(found);
+        Ok(())
+    }
+
+    /// Looks for the corners where they are expected, ids rising: fills `found` with those that are there. Whether they are enough
+    /// to be the board; `found` is empty when not. A prediction that may be off by more than 0.6 squares is not followed.
+    pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
+        found.clear();
+        self.predicted.clear(false);
+        self.board.clear(false);
+        for e in expected {
+            if let Some((c, r)) = self.predicted.column_and_row(e.id) {
+                self.predicted.put(c as i16, r as i16, e.px);
+            }
+        }
+        let predictions = expected.iter().map(|e| Prediction { id: e.id, px: e.px, slack_px: e.slack_px });
+        track::track(image, predictions, &self.predicted, &mut self.board, self.blur_px);
+        if self.board.check() < 4 {
+            return false;
+        }
+        self.report(found);
+        true
+    }
+
+    /// Covariance `[xx, xy, yy]` of each corner found last, px^2, by rising id.
+    pub fn covariances_px2(&self) -> impl Iterator<Item = (u32, [f64; 3])> {
+        self.board.fitted().map(|(id, fit)| (id, fit.covariance_px2))
+    }
+
+    /// The board's blur in the last frame with a board: one deviation, pixel included, px.
+    #[must_use]
+    pub fn blur_px(&self) -> f64 {
+        self.blur_px
+    }
+
+    fn report(&mut self, found: &mut Vec<Found>) {
+        if let Some(blur) = self.board.blur_px() {
+            self.blur_px = blur;
+        }
+        for ((id, fit), [a, b]) in self.board.fitted().zip(self.board.all_steps()) {
+            let spread = (a * a.transpose() + b * b.transpose()) / 12.0;
+            found.push(Found {
+                id,
+                px: fit.px,
+                sigma_px: sigma(fit),
+                area_px2: (a.x * b.y - a.y * b.x).abs(),
+                covariance_px2: [spread.m11, spread.m12, spread.m22],
+                dark_level: fit.middle_level - fit.half_contrast.abs(),
+                plate_level: fit.middle_level + fit.half_contrast.abs(),
+                disturbance_px: 0.0,
+            });
+        }
+    }
+
+    /// From the smallest half to the image itself, until there is a board.
+    fn search_levels(
+        &mut self,
+        image: &ImageView<'_>,
+        halves: &mut [(Vec<u8>, usize, usize)],
+    ) -> Result<(), ChessboardMiss> {
+        for i in 0..halves.len() {
+            let (finer, rest) = halves.split_at_mut(i);
+            let Some((out, ..)) = rest.first_mut() else { break };
+            match finer.last() {
+                None => halve(image, out),
+                Some((pixels, width, height)) => match ImageView::new(pixels, *width, *height) {
+                    Ok(view) => halve(&view, out),
+                    Err(_) => break,
+                },
+            };
+        }
+        let mut why = ChessboardMiss::NoCorners;
+        for (i, (pixels, width, height)) in halves.iter().enumerate().rev() {
+            let Ok(view) = ImageView::new(pixels, *width, *height) else { continue };
+            let scale = f64::from(2u32.pow(i as u32 + 1));
+            match self.search_level(image, &view, scale) {
+                Ok(()) => return Ok(()),
+                Err(miss) => why = telling(why, miss),
+            }
+        }
+        self.search_level(image, image, 1.0).map_err(|miss| telling(why, miss))
+    }
+
+    /// Searches one level, a pixel of which is `scale` pixels of the image.
+    fn search_level(
+        &mut self,
+        image: &ImageView<'_>,
+        level: &ImageView<'_>,
+        scale: f64,
+    ) -> Result<(), ChessboardMiss> {
+        let corners = self.detector.find(level, LEAST_RESPONSE);
+        if corners.is_empty() {
+            return Err(ChessboardMiss::NoCorners);
+        }
+        let count = usize::from(self.columns.unsigned_abs()) * usize::from(self.rows.unsigned_abs());
+        let least = (count / LEAST_PART).max(LEAST_CORNERS).min(count);
+        // short links are looked for first: it takes less time, and squares are rarely larger
+        for longest_px in [SHORT * level.width() as f32, f32::INFINITY] {
+            self.links.find(level, corners, longest_px);
+            self.order.clear();
+            let sized = (0u16..).zip(self.links.components());
+            let good =
+                sized.filter(|(_, (n, against))| usize::from(*n) >= least && *against * CONTRADICTIONS <= *n);
+            self.order.extend(good.map(|(i, (n, _))| (*n, i)));
+            if !self.order.is_empty() {
+                break;
+            }
+        }
+        self.order.sort_unstable_by(|a, b| b.cmp(a));
+        let mut why = ChessboardMiss::TooFewCorners;
+        let order = std::mem::take(&mut self.order);
+        let mut first: Option<usize> = None;
+        for &(n, component) in &order {
+            if let Some(first) = first {
+                if f64::from(n) < SECOND * first as f64 {
+                    break;
+                }
+                self.links.component(component, &mut self.placed);
+                if self.elsewhere(scale) && self.place(image, scale).is_ok() {
+                    self.order = order;
+                    return Err(ChessboardMiss::Several);
+                }
+                continue;
+            }
+            self.links.component(component, &mut self.placed);
+            match self.place(image, scale) {
+                Ok(placement) => {
+                    self.board.clear(false);
+                    let side = self.grid_side() as u32;
+                    for (id, fit) in self.part.fitted() {
+                        let [column, row] = placement.corner([(id % side) as i16, (id / side) as i16]);
+                        self.board.take(column, row, fit);
+                    }
+                    let blur = self.part.blur_px().unwrap_or(BLUR_PX);
+                    let fitted = self.board.fit(image, blur);
+                    self.board.refit_small(image, blur);
+                    if fitted >= least {
+                        first = Some(usize::from(n));
+                    } else {
+                        why = telling(why, ChessboardMiss::TooFewCorners);
+                    }
+                }
+                Err(miss) => why = telling(why, miss),
+            }
+        }
+        self.order = order;
+        first.map(|_| ()).ok_or(why)
+    }
+
+    /// Whether the current lattice lies off the board that was fitted.
+    fn elsewhere(&self, scale: f64) -> bool {
+        let mut sum = Vector2::zeros();
+        for placed in &self.placed {
+            sum += Vector2::from(placed.px.map(|p| (f64::from(p) + 0.5) * scale - 0.5));
+        }
+        let middle = sum / self.placed.len().max(1) as f64;
+        // inside the outline when on the same side of all its edges
+        let (c, r) = (f64::from(self.columns), f64::from(self.rows));
+        let outline = [(-1.0, -1.0), (c, -1.0), (c, r), (-1.0, r)].map(|(x, y)| self.board.anywhere(x, y));
+        let mut sides = (0, 0);
+        for i in 0..4 {
+            let (Some(Some(a)), Some(Some(b))) = (outline.get(i), outline.get((i + 1) % 4)) else {
+                return true;
+            };
+            let (e, d) = (b - a, middle - a);
+            *(if e.x * d.y - e.y * d.x > 0.0 { &mut sides.0 } else { &mut sides.1 }) += 1;
+        }
+        sides.0 != 4 && sides.1 != 4
+    }
+
+    /// Where on the board the current lattice lies. Its corners are fitted on the way, into [`Self::part`], and lattice places are those
+    /// of that.
+    fn place(&mut self, image: &ImageView<'_>, scale: f64) -> Result<Placement, ChessboardMiss> {
+        let (low, high) = trimmed(&mut self.placed, self.columns, self.rows);
+        let most = self.columns.max(self.rows);
+        if high[0] - low[0] >= most || high[1] - low[1] >= most {
+            return Err(ChessboardMiss::TooLarge);
+        }
+        let Some(any) = self.placed.first() else { return Err(ChessboardMiss::TooFewCorners) };
+        let from = [low[0] - ROOM, low[1] - ROOM];
+        let even_light = any.light == ((any.at[0] - from[0] + any.at[1] - from[1]) % 2 == 0);
+        self.part.clear(even_light);
+        for placed in &self.placed {
+            let px = placed.px.map(|p| (f64::from(p) + 0.5) * scale - 0.5);
+            self.part.put(placed.at[0] - from[0], placed.at[1] - from[1], px.into());
+        }
+        self.part.fit(image, if scale > 1.5 { BLUR_PX } else { 0.8 * BLUR_PX });
+        // only what was fitted counts from here on
+        let side = self.grid_side();
+        self.placed.clear();
+        for (id, fit) in self.part.fitted() {
+            let at = [(id as usize % side) as i16, (id as usize / side) as i16];
+            let px = [fit.px.x as f32, fit.px.y as f32];
+            let contrast = 2.0 * fit.half_contrast.abs() as f32;
+            self.placed.push(Placed { at, px, light: fit.half_contrast > 0.0, contrast });
+        }
+        let (low, high) = trimmed(&mut self.placed, self.columns, self.rows);
+        if high[0] == low[0] || high[1] == low[1] {
+            return Err(ChessboardMiss::TooFewCorners);
+        }
+        self.grid.fill(None);
+        for placed in &self.placed {
+            let at = placed.at[1] as usize * side + placed.at[0] as usize;
+            if let Some(cell) = self.grid.get_mut(at) {
+                *cell = Some(*placed);
+            }
+        }
+        let mut seen = [End::Unseen; 4];
+        for (i, end) in (0u8..).zip(&mut seen) {
+            *end = border::end(image, self.outer(low, high, i));
+        }
+        let mut extent = Extent { low, high, ends: seen.map(|e| e == End::Seen), even_light };
+        for axis in 0..2 {
+            let span = high[axis] - low[axis] + 1;
+            let both = seen[2 * axis] != End::Unseen && seen[2 * axis + 1] != End::Unseen;
+            if both && (span == self.columns || span == self.rows) {
+                (extent.ends[2 * axis], extent.ends[2 * axis + 1]) = (true, true);
+            }
+        }
+        placements(&extent, self.columns, self.rows, &mut self.placements)?;
+        let affine = Affine::of(&self.placed);
+        let first = |p: &Placement| affine.corner_zero(p);
+        self.placements
+            .iter()
+            .copied()
+            .min_by(|a, b| first(a).total_cmp(&first(b)))
+            .ok_or(ChessboardMiss::NoMatch)
+    }
+
+    fn grid_side(&self) -> usize {
+        usize::from(self.columns.max(self.rows).unsigned_abs()) + 2 * ROOM as usize
+    }
+
+    /// The outer squares along a side of the lattice: 0 and 1 below and above in the first direction, 2 and 3 in the second.
+    fn outer(&self, low: [i16; 2], high: [i16; 2], side: u8) -> impl Iterator<Item = Outer> {
+        let across = usize::from(side / 2);
+        let along = 1 - across;
+        let (rim, inner) = if side.is_multiple_of(2) {
+            (low[across], low[across] + 1)
+        } else {
+            (high[across], high[across] - 1)
+        };
+        let row = self.grid_side() as i16;
+        let cell = move |across_at: i16, along_at: i16| {
+            let mut at = [0; 2];
+            (at[across], at[along]) = (across_at, along_at);
+            let at = at[1] * row + at[0];
+            usize::try_from(at).ok().and_then(|at| self.grid.get(at).copied().flatten())
+        };
+        let px = |p: Placed| Vector2::from(p.px.map(f64::from));
+        (low[along]..high[along]).filter_map(move |at| {
+            let (a, b) = (cell(rim, at)?, cell(rim, at + 1)?);
+            let (c, d) = (cell(inner, at)?, cell(inner, at + 1)?);
+            Some(Outer {
+                rim: [px(a), px(b)],
+                inner: [px(c), px(d)],
+                light: a.light != side.is_multiple_of(2),
+            })
+        })
+    }
+}
+
+/// Of two reasons the one that came further.
+fn telling(a: ChessboardMiss, b: ChessboardMiss) -> ChessboardMiss {
+    let rank = |m: &ChessboardMiss| match m {
+        ChessboardMiss::WrongSize | ChessboardMiss::NoCorners => 0,
+        ChessboardMiss::TooFewCorners => 1,
+        ChessboardMiss::TooLarge | ChessboardMiss::NoMatch => 2,
+        ChessboardMiss::NoBorder => 3,
+        ChessboardMiss::Several => 4,
+    };
+    if rank(&a) > rank(&b) { a } else { b }
+}

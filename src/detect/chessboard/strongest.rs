@@ -1,0 +1,57 @@
+//! Where in a small window the ring response is strongest.
+
+use crate::imaging::ImageView;
+use crate::imaging::corners::RING;
+use nalgebra::Vector2;
+
+/// Greatest radius of a window, px.
+const MOST_PX: f64 = 64.0;
+
+/// The strongest ring response above `least` within `radius` px of a point.
+pub(super) fn strongest(
+    image: &ImageView<'_>,
+    about: Vector2<f64>,
+    radius: f64,
+    least: f32,
+) -> Option<Vector2<f64>> {
+    let r = radius.min(MOST_PX).ceil() as i64;
+    if !(about.x.abs() < 1e6 && about.y.abs() < 1e6) {
+        return None;
+    }
+    let (mx, my) = (about.x.round() as i64, about.y.round() as i64);
+    let mut best = (least, None);
+    for y in my - r..=my + r {
+        for x in mx - r..=mx + r {
+            let at = Vector2::new(x as f64, y as f64);
+            if (at - about).norm() > radius {
+                continue;
+            }
+            if let Some(value) = response(image, x, y)
+                && value > best.0
+            {
+                best = (value, Some(at));
+            }
+        }
+    }
+    best.1
+}
+
+/// Ring response of one pixel, in real numbers: see [`crate::imaging::corners::RingResponse`].
+fn response(image: &ImageView<'_>, x: i64, y: i64) -> Option<f32> {
+    let level = |dx: i8, dy: i8| {
+        let (x, y) = (usize::try_from(x + i64::from(dx)).ok()?, usize::try_from(y + i64::from(dy)).ok()?);
+        image.row(y).get(x).map(|&p| f32::from(p))
+    };
+    let mut a = [0.0f32; 8];
+    let (mut edge, mut ring) = (0.0, 0.0);
+    for (mean, (&[ax, ay], &[bx, by])) in a.iter_mut().zip(RING.iter().zip(RING.iter().skip(8))) {
+        let (p, q) = (level(ax, ay)?, level(bx, by)?);
+        *mean = 0.5 * (p + q);
+        edge += (p - q).abs() / 8.0;
+        ring += 0.125 * *mean;
+    }
+    let [a0, a1, a2, a3, a4, a5, a6, a7] = a;
+    let crossing = ((a0 - a4).abs() + (a1 - a5).abs() + (a2 - a6).abs() + (a3 - a7).abs()) / 4.0;
+    let middle = 0.25 * (level(-1, 0)? + level(1, 0)? + level(0, -1)? + level(0, 1)?);
+    Some(crossing - edge - 2.0 * (ring - middle).abs())
+}

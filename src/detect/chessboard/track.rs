@@ -1,0 +1,62 @@
+//! A board that was seen a moment ago: corners where they are expected, nothing else.
+//!
+//! The first corners are looked for in the whole of their windows by the ring response; the others begin where their neighbours'
+//! displacement has them, and the fit alone finds them.
+
+use super::board::Board;
+use super::strongest::strongest;
+use crate::imaging::ImageView;
+use nalgebra::Vector2;
+
+/// Greatest part of a square that a prediction may be off: further away another corner is as near.
+const MOST_SLACK: f64 = 0.6;
+/// Greatest displacement that a fit alone takes in, px, and in squares.
+const FIT_PX: f64 = 1.5;
+/// Least ring response, grey levels.
+const LEAST_RESPONSE: f32 = 4.0;
+/// How far a corner may be from where its neighbours' displacement has it: part of the slack, added to [`FIT_PX`].
+const UNEVEN: f64 = 0.15;
+
+/// Where a corner is expected, px, and how far off that may be.
+pub(super) struct Prediction {
+    pub(super) id: u32,
+    pub(super) px: Vector2<f64>,
+    pub(super) slack_px: f64,
+}
+
+/// Fits expected corners into `board`. `predicted` holds their expected positions.
+pub(super) fn track(
+    image: &ImageView<'_>,
+    expected: impl Iterator<Item = Prediction>,
+    predicted: &Board,
+    board: &mut Board,
+    blur_px: f64,
+) {
+    for Prediction { id, px, slack_px } in expected {
+        let Some(steps) = predicted.steps(id) else { continue };
+        let Some((c, r)) = board.column_and_row(id) else { continue };
+        let slack = slack_px.max(0.0);
+        if !(slack < MOST_SLACK * steps[0].norm().min(steps[1].norm())) {
+            continue;
+        }
+        // displacement of those neighbours that were found just now
+        let (mut sum, mut n) = (Vector2::zeros(), 0.0);
+        for (dc, dr) in [(-1, 0), (0, -1), (1, -1), (-1, -1)] {
+            if let (Some(now), Some(then)) = (board.px(c + dc, r + dr), predicted.px(c + dc, r + dr)) {
+                sum += now - then;
+                n += 1.0;
+            }
+        }
+        let (begin, reach) = if n > 0.0 {
+            (px + sum / n, FIT_PX + UNEVEN * slack)
+        } else if slack > FIT_PX {
+            match strongest(image, px, slack + 1.0, LEAST_RESPONSE) {
+                Some(at) => (at, FIT_PX + 0.5),
+                None => continue,
+            }
+        } else {
+            (px, FIT_PX + slack)
+        };
+        board.follow(image, id, begin, steps, blur_px, reach);
+    }
+}

@@ -1,0 +1,427 @@
+//! Sub-pixel centroids from grey levels.
+//!
+//! ```text
+//! levels inside ─► dot's level, noise          rings on the plate ─► plate's level, light, its noise
+//! weight of a pixel: 0 on the plate, 1 in the dot, between them by its level under the light of the centre
+//! centroid: of the weights in an ellipse a little larger than the dot
+//! ```
+//! Levels within what noise may reach count as those of plate or dot, so that only the rim is weighed. Blur widens the rim:
+//! where it is found wider than the ellipse allows for, all is measured again in a larger one.
+
+use super::blob::Blob;
+use super::ellipse::Ellipse;
+use super::light::{Light, Sample};
+use super::ring::{RING, Ring, directions};
+use super::sums::{Scale, Sums, inner_sums, weighted_sums};
+use crate::detect::Found;
+use crate::imaging::ImageView;
+use nalgebra::Vector2;
+
+/// How far the plate is sampled beyond the rim where pictures are sharp, px, and at most.
+const REACH_PX: f64 = 3.0;
+const LARGEST_REACH_PX: f64 = 10.0;
+/// Shortest half axis of what counts whole within a dot, px.
+const LEAST_INNER_PX: f64 = 1.5;
+/// Least difference between plate and dot, grey levels.
+const LEAST_CONTRAST: f64 = 12.0;
+/// Standard deviation of rounding to whole levels, and a little for what neighbouring pixels have in common of it.
+const ROUNDING: f64 = 0.32;
+/// A normal deviate that is cut off at 0 has the variance of one that counts from here on and not below, wherever its mean lies.
+const FREE_SIGMAS: f64 = 0.38;
+/// What a pixel on the rim may be off, as a share of the contrast: none is a perfect square.
+const PIXEL_SHARE: f64 = 0.0032;
+/// Below this deviation of an edge, pixels included, centroids depend on where pixels lie: so much more for each px.
+const SHARP_PX: f64 = 0.57;
+const SHARPNESS: f64 = 12.0;
+/// A dot whose roughness (squared difference of neighbours) exceeds that of the others so many times, and by so much, does
+/// not show the camera's noise: something lies on it.
+const ROUGH_TIMES: f64 = 5.0;
+const ROUGH_LEVELS2: f64 = 1.0;
+/// Light that goes around the dots once counts from so many times that which noise makes.
+const UNEVEN_TIMES: f64 = 2.2;
+/// From this half axis on there is room for several pixels at each point of a ring, px.
+const CLUSTERS_FROM_PX: f64 = 8.0;
+/// Points of a ring, of all of them, that must be lighter than the dot by this share of its contrast.
+const LEAST_PLAIN: usize = 20;
+const LEAST_SHARE: f64 = 0.4;
+/// The blur may reach so many times as far as the plate is looked at, before its foot passes for uneven light.
+const MOST_SHORT: f64 = 1.3;
+/// Variance inside dots over that on the plate, at most: more is blur.
+const MOST_INSIDE: f64 = 1.15;
+/// Standard deviation that uneven light may account for, as a part of the half axis: beyond that dots are to contradict each other.
+const MOST_UNEVEN: f64 = 4e-4;
+/// Most samples that the light is fitted to.
+const MOST_SAMPLES: usize = 768;
+
+/// What is seen of one dot before it is weighed.
+#[derive(Debug, Clone, Copy)]
+struct Levels {
+    dot: f64,
+    plate: f64,
+    /// Sum of squared differences of neighbours inside the dot, and their number.
+    rough: u32,
+    pairs: u32,
+    ring: Ring,
+}
+
+impl Levels {
+    /// Mean squared difference of neighbours.
+    fn roughness(&self) -> f64 {
+        f64::from(self.rough) / f64::from(self.pairs.max(1))
+    }
+
+    fn contrast(&self) -> f64 {
+        (self.plate - self.dot).abs()
+    }
+}
+
+/// One dot, weighed.
+#[derive(Debug, Clone, Copy)]
+struct Weighed {
+    sums: Sums,
+    scale: Scale,
+    /// Its levels within so many of the plate's and the dot's own count as these.
+    dead: f64,
+}
+
+/// Measures dots. Owns its buffers.
+#[derive(Debug, Clone)]
+pub(super) struct DotMeter {
+    /// Free distance around the dot of each id, in its radii.
+    gaps: Box<[f64]>,
+    least_gap: f64,
+    /// Whether dots are lighter than the plate.
+    light_on_dark: bool,
+    levels: Vec<Option<Levels>>,
+    weighed: Vec<Option<Weighed>>,
+    roughness: Vec<f64>,
+    dots: Vec<Sample>,
+    samples: Vec<Sample>,
+}
+
+impl DotMeter {
+    /// With `gaps` radii of free plate about the dot of each id.
+    pub(super) fn new(gaps: Box<[f64]>, light_on_dark: bool) -> Self {
+        let most = gaps.len();
+        Self {
+            least_gap: gaps.iter().copied().fold(3.0, f64::min),
+            gaps,
+            light_on_dark,
+            levels: Vec::with_capacity(most),
+            weighed: Vec::with_capacity(most),
+            roughness: Vec::with_capacity(most),
+            dots: Vec::with_capacity(most),
+            samples: Vec::with_capacity(MOST_SAMPLES.max(most)),
+        }
+    }
+
+    /// Level half-way between a dot and the plate around it; `None` without contrast.
+    pub(super) fn middle(&self, image: &ImageView<'_>, blob: &Blob) -> Option<f64> {
+        let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.least_gap * axis));
+        let inner = Ellipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
+        let (sum, count, ..) = inner_sums(image, &inner);
+        let plate = Ring::of(image, (blob.x, blob.y), &around, false).level()?;
+        let dot = f64::from(sum) / f64::from(count);
+        let contrast = if self.light_on_dark { dot - plate } else { plate - dot };
+        // NaN, of no pixels, is no contrast
+        (contrast >= LEAST_CONTRAST).then_some(0.5 * (dot + plate))
+    }
+
+    /// Whether a region is of another level than nearly all that is around it: clutter mostly is not. Costs less than to look for the
+    /// target among whatever is round.
+    pub(super) fn stands_out(&self, image: &ImageView<'_>, blob: &Blob) -> bool {
+        let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.least_gap * axis));
+        let ring = Ring::of(image, (blob.x, blob.y), &around, false);
+        let inner = Ellipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
+        let (sum, count, ..) = inner_sums(image, &inner);
+        let (Some(plate), true) = (ring.level(), count > 0) else { return false };
+        let dot = f64::from(sum) / f64::from(count);
+        let sign = if self.light_on_dark { -1.0 } else { 1.0 };
+        let contrast = sign * (plate - dot);
+        let plain = ring.samples().filter(|s| sign * (s.level - dot) > LEAST_SHARE * contrast).count();
+        contrast >= LEAST_CONTRAST && plain * RING >= LEAST_PLAIN * ring.samples().count()
+    }
+
+    /// Measures dots near the given ellipses into `found`. Those without contrast to their surroundings are left out.
+    pub(super) fn measure(&mut self, image: &ImageView<'_>, blobs: &[(u32, Blob)], found: &mut Vec<Found>) {
+        found.clear();
+        let mut reach = REACH_PX;
+        // blur is told by the rim; a wider ellipse shows more of it
+        for _ in 0..4 {
+            let measured = self.measure_within(image, blobs, reach, found);
+            let wanted = (measured + 0.2).min(LARGEST_REACH_PX);
+            // NaN is no reason
+            if !(wanted > reach + 0.5) {
+                break;
+            }
+            reach = wanted;
+        }
+    }
+
+    /// Measures with a given reach beyond the rim; the reach that the blur calls for.
+    fn measure_within(
+        &mut self,
+        image: &ImageView<'_>,
+        blobs: &[(u32, Blob)],
+        reach: f64,
+        found: &mut Vec<Found>,
+    ) -> f64 {
+        let mut levels = std::mem::take(&mut self.levels);
+        levels.clear();
+        levels.extend(blobs.iter().map(|(id, blob)| self.levels(image, *id, blob, reach)));
+        let (inside, most) = noise_of(&levels, &mut self.roughness);
+        let light = self.light(image, blobs, &levels, inside);
+        let noise = common_noise(inside, &levels, &light).max(ROUNDING);
+        self.weighed.clear();
+        let (mut rim, mut length, mut share, mut free) = (0.0, 0.0, 0.0, 0.0);
+        for ((id, blob), levels) in blobs.iter().zip(&levels) {
+            let weighed = levels.as_ref().and_then(|l| {
+                self.weigh(image, (*id, blob), l, (&light, noise), reach, l.roughness() > most)
+            });
+            if let (Some(weighed), Some(levels)) = (&weighed, levels) {
+                let (major, minor) = blob.axes();
+                rim += f64::from(weighed.sums.rim);
+                let around = perimeter(major, minor);
+                length += around;
+                share += weighed.dead / levels.contrast() * around;
+                free += self.reach(*id, minor, reach) * around;
+            }
+            self.weighed.push(weighed);
+        }
+        // standard deviation of the edge, from how wide it is between the dead zones
+        let width = rim / length;
+        let blur = width / (2.0 * deviate(share / length));
+        // in the blur's own foot nothing is said about light
+        let wanted = 3.0 * blur + 0.5;
+        let clear = wanted < MOST_SHORT * free / length;
+        let uneven = if clear { self.unevenness(&levels, &light, noise) } else { 0.0 };
+        let uneven = uneven.hypot(light.deviation);
+        let share = PIXEL_SHARE * (1.0 + SHARPNESS * (SHARP_PX - blur).max(0.0));
+        found.clear();
+        for (((id, blob), levels), weighed) in blobs.iter().zip(&levels).zip(&self.weighed) {
+            let (Some(levels), Some(weighed)) = (levels, weighed) else { continue };
+            // light moves the level of half-way along the edge's slope
+            let (dot, plate) = (levels.dot, levels.plate);
+            let per_level = 0.5 * (dot + plate) / (levels.contrast() * plate.max(dot)) * 2.5 * blur;
+            let light_px = (uneven * per_level).min(MOST_UNEVEN * blob.axes().0);
+            found.extend(self.dot(*id, blob, levels, weighed, (noise, share), light_px, reach));
+        }
+        self.levels = levels;
+        wanted
+    }
+
+    /// How far the plate is looked at beyond the end of an axis, px: three quarters of the free distance, and not beyond its middle where
+    /// blur calls for much, which the neighbour has too.
+    fn reach(&self, id: u32, axis: f64, reach: f64) -> f64 {
+        let free = self.gaps.get(id as usize).copied().unwrap_or(0.1) * axis;
+        reach.min((0.5 * free).max(REACH_PX.min(0.75 * free)))
+    }
+
+    /// Ellipse about a blob, its axes longer by at most `reach` and by what is free.
+    fn around(&self, id: u32, blob: &Blob, reach: f64) -> [f64; 3] {
+        blob.with_axes(|axis| axis + self.reach(id, axis, reach))
+    }
+
+    /// Grey levels inside and around the dot.
+    fn levels(&self, image: &ImageView<'_>, id: u32, blob: &Blob, reach: f64) -> Option<Levels> {
+        // the inner 36 % of the area: free of blur
+        let inner = blob.covariance.map(|c| 4.0 * 0.36 * c);
+        let (sum, count, rough, pairs) = inner_sums(image, &Ellipse::new(blob.x, blob.y, inner));
+        if count == 0 {
+            return None;
+        }
+        let clustered = blob.axes().1 >= CLUSTERS_FROM_PX;
+        // a point's inner pixels lie where those of a smaller one would
+        let reach = if clustered { reach + 1.0 } else { reach };
+        let ring = Ring::of(image, (blob.x, blob.y), &self.around(id, blob, reach), clustered);
+        let dot = f64::from(sum) / f64::from(count);
+        let plate = ring.level()?;
+        let contrast = if self.light_on_dark { dot - plate } else { plate - dot };
+        (contrast >= LEAST_CONTRAST).then_some(Levels { dot, plate, rough, pairs, ring })
+    }
+
+    /// The light over the lighter of plate and dots.
+    fn light(
+        &mut self,
+        image: &ImageView<'_>,
+        blobs: &[(u32, Blob)],
+        levels: &[Option<Levels>],
+        noise: f64,
+    ) -> Light {
+        self.dots.clear();
+        self.samples.clear();
+        let step = (blobs.len() * RING).div_ceil(MOST_SAMPLES).max(1);
+        let (mut largest, mut pixels) = (0.0f64, 0);
+        for ((_, blob), levels) in blobs.iter().zip(levels) {
+            let Some(levels) = levels else { continue };
+            largest = largest.max(blob.axes().0);
+            let level = if self.light_on_dark { levels.dot } else { levels.plate };
+            self.dots.push(Sample { x: blob.x, y: blob.y, level });
+            pixels += levels.ring.pixels;
+            if !self.light_on_dark {
+                self.samples.extend(levels.ring.samples().step_by(step));
+            }
+        }
+        let samples = if self.light_on_dark { &self.dots } else { &self.samples };
+        let largest = if self.light_on_dark { 0.0 } else { largest };
+        let half_diagonal = 0.5 * (image.width() as f64).hypot(image.height() as f64);
+        let pixels = (pixels as f64 / self.dots.len().max(1) as f64).max(1.0);
+        Light::fit(&self.dots, samples, pixels, noise.max(ROUNDING), largest, half_diagonal)
+    }
+
+    /// Weighs a dot that may be `covered` in part.
+    fn weigh(
+        &self,
+        image: &ImageView<'_>,
+        (id, blob): (u32, &Blob),
+        levels: &Levels,
+        (light, noise): (&Light, f64),
+        reach: f64,
+        covered: bool,
+    ) -> Option<Weighed> {
+        let contrast = levels.contrast();
+        let dead = (3.2 * noise + 1.0).min(0.3 * contrast);
+        let away = if self.light_on_dark { dead } else { -dead };
+        let edge = (16.0 * (levels.plate + away)).round();
+        let span = (16.0 * (contrast - 2.0 * dead)).round();
+        if span.is_nan() || span < 32.0 || edge.is_nan() {
+            return None;
+        }
+        let relative = light.relative(blob.x, blob.y, blob.axes().0 + reach);
+        let margin = (16.0 * FREE_SIGMAS * noise).round() as i16;
+        let scale =
+            Scale { edge: edge as i16, span: span as i16, margin, light: self.light_on_dark, relative };
+        let outer = Ellipse::new(blob.x, blob.y, self.around(id, blob, reach));
+        let rim = Ellipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * c));
+        // what lies well within a dot is the dot, also under glare
+        let hollow = covered && blob.axes().1 - reach > LEAST_INNER_PX;
+        let inner = hollow.then(|| Ellipse::new(blob.x, blob.y, blob.with_axes(|axis| axis - reach)));
+        let sums = weighted_sums(image, [&outer, &rim], inner.as_ref(), &scale);
+        (sums.w > 0).then_some(Weighed { sums, scale, dead })
+    }
+
+    fn dot(
+        &self,
+        id: u32,
+        blob: &Blob,
+        levels: &Levels,
+        weighed: &Weighed,
+        (noise, pixel_share): (f64, f64),
+        light_px: f64,
+        reach: f64,
+    ) -> Option<Found> {
+        let Weighed { sums, scale, .. } = weighed;
+        let (w, span) = (sums.w as f64, f64::from(scale.span));
+        let px = Vector2::new(blob.x.round() + sums.wx as f64 / w, blob.y.round() + sums.wy as f64 / w);
+        let area = w / span;
+        // each rim pixel moves the centroid by its distance from it times its weight's error over the area
+        let off = noise.hypot(pixel_share * levels.contrast());
+        let from_noise = 16.0 * off / span * (0.5 * sums.rim_px4).sqrt() / area;
+        let by_area = area / blob.area;
+        Some(Found {
+            id,
+            px,
+            sigma_px: from_noise.hypot(light_px),
+            area_px2: area,
+            covariance_px2: blob.covariance.map(|c| c * by_area),
+            dark_level: levels.dot,
+            plate_level: levels.plate,
+            disturbance_px: self.disturbance_px(id, blob, levels, weighed, reach),
+        })
+    }
+
+    /// What counts as dot between rim and ring, as the ring's points have it, moves the centroid towards it: by
+    /// `2 g mean(w u)` for a circle and a gap of `g` px, with the weight `w` of the point in the direction `u`. Blur, of
+    /// optics or motion, is the same on opposite sides.
+    fn disturbance_px(&self, id: u32, blob: &Blob, levels: &Levels, weighed: &Weighed, reach: f64) -> f64 {
+        let scale = &weighed.scale;
+        let [x, y, xx, xy, yy] = scale.relative;
+        let far = blob.axes().0 + reach;
+        let most = (x.abs() + y.abs() + (xx.abs() + xy.abs() + yy.abs()) * far) * far;
+        let (least, greatest) = levels.ring.range();
+        let edge = f64::from(scale.edge) / 16.0;
+        // nothing around looks like a dot, in whatever light there is
+        if if scale.light { greatest * (1.0 + most) <= edge } else { least * (1.0 - most) >= edge } {
+            return 0.0;
+        }
+        let mut sum = Vector2::zeros();
+        for (sample, u) in levels.ring.all().zip(directions()) {
+            let Some(sample) = sample else { continue };
+            let (dx, dy) = (sample.x - blob.x, sample.y - blob.y);
+            let level =
+                16.0 * sample.level * (1.0 + x * dx + y * dy + xx * dx * dx + xy * dx * dy + yy * dy * dy);
+            let away = f64::from(scale.edge) - level;
+            let w = (if scale.light { -away } else { away } / f64::from(scale.span)).clamp(0.0, 1.0);
+            sum += u * w;
+        }
+        let (major, _) = blob.axes();
+        2.0 * self.reach(id, major, reach) * sum.norm() / RING as f64
+    }
+
+    /// Standard deviation, per coordinate, of light that the fit does not follow and that goes around dots once, levels.
+    fn unevenness(&self, levels: &[Option<Levels>], light: &Light, noise: f64) -> f64 {
+        if self.light_on_dark {
+            return 0.0;
+        }
+        let (mut square, mut by_noise, mut count) = (0.0, 0.0, 0.0);
+        for levels in levels.iter().flatten() {
+            let (mut sum, mut n) = (Vector2::zeros(), 0.0);
+            for (sample, u) in levels.ring.all().zip(directions()) {
+                if let Some(sample) = sample.filter(|s| light.explains(s)) {
+                    sum += u * (sample.level - light.at(sample.x, sample.y));
+                    n += 1.0;
+                }
+            }
+            if n > 0.5 * RING as f64 {
+                square += (2.0 / n * sum).norm_squared();
+                by_noise += 4.0 * noise * noise / (n * levels.ring.pixels as f64);
+                count += 1.0;
+            }
+        }
+        if square > UNEVEN_TIMES * by_noise { (0.5 * (square - by_noise) / count).sqrt() } else { 0.0 }
+    }
+}
+
+/// Length of an ellipse's rim (Ramanujan), px.
+fn perimeter(a: f64, b: f64) -> f64 {
+    std::f64::consts::PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt())
+}
+
+/// Normal deviate of the probability `1 - p` (Tukey's lambda), for 0.002 to 0.4.
+fn deviate(p: f64) -> f64 {
+    let p = p.clamp(0.002, 0.4);
+    4.91 * ((1.0 - p).powf(0.14) - p.powf(0.14))
+}
+
+/// Noise of pixels on the rim, between those inside dots and on the plate. Blur makes small dots uneven inside; the plate may show
+/// more than the dots where light itself is noisy.
+fn common_noise(inside: f64, levels: &[Option<Levels>], light: &Light) -> f64 {
+    let (mut sum, mut count) = (0.0, 0);
+    for ring in levels.iter().flatten().map(|levels| &levels.ring).filter(|ring| ring.pixels > 1) {
+        for (sample, variance) in ring.samples().zip(ring.variances()) {
+            if light.explains(&sample) {
+                sum += variance;
+                count += 1;
+            }
+        }
+    }
+    let (a, b) = (inside * inside, if count > 0 { sum / f64::from(count) } else { light.variance });
+    let many = count as usize >= RING || light.samples >= RING;
+    if many { (0.5 * (a.min(MOST_INSIDE * b) + b)).sqrt() } else { inside }
+}
+
+/// Standard deviation of the pixels' noise, grey levels: neighbours differ by twice its variance. Dots on which something
+/// lies are left out: the smoothest quarter tells what is rough. With the roughness from which on a dot is such.
+fn noise_of(levels: &[Option<Levels>], roughness: &mut Vec<f64>) -> (f64, f64) {
+    roughness.clear();
+    roughness.extend(levels.iter().flatten().map(Levels::roughness));
+    roughness.sort_unstable_by(f64::total_cmp);
+    let Some(quarter) = roughness.get(roughness.len() / 4) else { return (0.0, f64::INFINITY) };
+    let most = ROUGH_TIMES * quarter + ROUGH_LEVELS2;
+    let (mut rough, mut pairs) = (0.0, 0.0);
+    for level in levels.iter().flatten().filter(|l| l.roughness() <= most) {
+        rough += f64::from(level.rough);
+        pairs += f64::from(level.pairs);
+    }
+    ((rough / (2.0 * pairs.max(1.0))).sqrt(), most)
+}

@@ -1,0 +1,312 @@
+//! From a grey frame to the points of a target made of dots: search of the whole frame, and tracking in windows.
+//!
+//! What all targets made of dots share stands here: regions, windows, centroids. Which regions are which dots is
+//! the business of each kind: [`Pattern`]. Thresholds: `search.rs`.
+//!
+//! A square of four dots looks the same in a mirror, but for the order of its corners: seen in one, its corners are taken for
+//! each other across the diagonal through P1. Who looks over mirrors needs a grid of dots, which is never taken for its mirror image.
+
+use super::blob::Blob;
+use super::dot::DotMeter;
+use super::dot_grid::Lattice;
+use super::fill::filled;
+use super::four_dots::{MOST_CANDIDATES, Square};
+use super::offset::centre_offset;
+use crate::camera_model::CameraModel;
+use crate::detect::{Expected, Found};
+use crate::geometry::Pose;
+use crate::imaging::{Components, Connectivity, ImageView, LocalThreshold, Runs, Window};
+use crate::messages::TargetStatus;
+use crate::target::{Disc, Target};
+use nalgebra::Vector2;
+
+/// A region may grow so many times by filling its holes.
+const MOST_FILLED: u64 = 3;
+/// Among more ellipses than these, those are looked for that stand out from what is around them.
+const FEW_CANDIDATES: usize = 8;
+/// Regions of a search whose holes are filled.
+const MOST_HOLED: usize = 64;
+
+/// What tells which region is which dot: one kind for each kind of target.
+#[derive(Debug, Clone)]
+enum Pattern {
+    FourDots(Square),
+    DotGrid(Box<Lattice>),
+    /// A target without dots.
+    None,
+}
+
+impl Pattern {
+    /// The regions that are the target's, with their ids, rising.
+    fn find(
+        &mut self,
+        candidates: &[(f64, Blob)],
+        chosen: &mut Vec<(u32, Blob)>,
+    ) -> Result<(), TargetStatus> {
+        match self {
+            Self::FourDots(square) => square.find(candidates, chosen),
+            Self::DotGrid(lattice) => lattice.find(candidates, chosen),
+            Self::None => Err(TargetStatus::NoMatch),
+        }
+    }
+
+    /// Whether regions found where they were expected can be the target's.
+    fn confirm(&self, chosen: &[(u32, Blob)]) -> bool {
+        match self {
+            Self::FourDots(square) => square.confirm(chosen),
+            Self::DotGrid(lattice) => lattice.confirm(chosen),
+            Self::None => false,
+        }
+    }
+
+    /// Whether `count` points of a search are enough, although others had no contrast.
+    fn serves_in_part(&self, count: usize) -> bool {
+        match self {
+            Self::FourDots(_) | Self::None => false,
+            Self::DotGrid(lattice) => count >= lattice.least(),
+        }
+    }
+}
+
+/// How closely the regions of a search are looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Look {
+    /// As they are.
+    Quick,
+    /// Those that stand out from their surroundings, each at its own threshold.
+    Careful,
+    /// Likewise, with their holes filled.
+    Filled,
+}
+
+/// Finds one target made of dots. Owns all buffers: nothing is allocated after construction.
+#[derive(Debug, Clone)]
+pub struct DotFinder {
+    camera: CameraModel,
+    discs: Box<[Disc]>,
+    pub(super) runs: Runs,
+    components: Components,
+    pub(super) local: LocalThreshold,
+    pattern: Pattern,
+    /// Fewer regions cannot be the target, and of more the largest are looked at.
+    least_candidates: usize,
+    most_candidates: usize,
+    meter: DotMeter,
+    candidates: Vec<(f64, Blob)>,
+    chosen: Vec<(u32, Blob)>,
+    /// The frame with its levels inverted; empty where dots are dark.
+    inverted: Vec<u8>,
+    light_on_dark: bool,
+}
+
+impl DotFinder {
+    /// A finder for frames of `camera` and one target, of dark dots on a light plate or the other way round.
+    #[must_use]
+    pub fn new(camera: CameraModel, target: &Target, light_on_dark: bool) -> Self {
+        let i = camera.intrinsics();
+        let pixels = i.width_px as usize * i.height_px as usize;
+        let limit = (pixels / 16).max(4096);
+        let count = target.points().len();
+        let (pattern, most_candidates) = match target {
+            Target::FourDots(dots) => (Pattern::FourDots(Square::new(camera, dots)), MOST_CANDIDATES),
+            Target::DotGrid(grid) => {
+                let most = 2 * count + 32;
+                (Pattern::DotGrid(Box::new(Lattice::new(camera, grid, most))), most)
+            }
+            Target::Chessboard(_) | Target::Tags(_) | Target::Shape(_) => (Pattern::None, 0),
+        };
+        Self {
+            camera,
+            discs: target.discs().into(),
+            runs: Runs::with_limit(limit),
+            components: Components::with_limit(limit),
+            local: LocalThreshold::with_size(i.width_px as usize, i.height_px as usize),
+            pattern,
+            least_candidates: target.least_to_find(),
+            most_candidates,
+            meter: DotMeter::new(free_distances(target), light_on_dark),
+            candidates: Vec::with_capacity(most_candidates + 1),
+            chosen: Vec::with_capacity(count),
+            inverted: vec![0; if light_on_dark { pixels } else { 0 }],
+            light_on_dark,
+        }
+    }
+
+    /// Searches the whole frame: fills `found` with the points that are seen, ids rising. A target of four dots is found whole
+    /// or not at all.
+    ///
+    /// # Errors
+    /// The status that says why there is no target; never [`TargetStatus::Found`] or `WrongSize`. `found` is then empty.
+    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+        let mut inverted = std::mem::take(&mut self.inverted);
+        let result = match invert(image, &Window::whole(image), &mut inverted) {
+            Some(dark) if self.light_on_dark => self.search_dark(&dark, image, found),
+            _ => self.search_dark(image, image, found),
+        };
+        self.inverted = inverted;
+        result
+    }
+
+    /// Looks for the points where they are expected, ids rising: fills `found` with those that are there alone and whole. Whether they
+    /// can be the target; `found` is empty when not.
+    pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
+        found.clear();
+        self.chosen.clear();
+        for dot in expected {
+            let margin = 3.5 + dot.slack_px;
+            let near = |b: &Blob| b.area > 0.5 * dot.area_px2 && b.area < 2.0 * dot.area_px2;
+            let blob = self.region(image, &dot.px, &dot.covariance_px2, margin, dot.threshold, near);
+            self.chosen.extend(blob.map(|blob| (dot.id, blob)));
+        }
+        if !self.pattern.confirm(&self.chosen) {
+            return false;
+        }
+        self.meter.measure(image, &self.chosen, found);
+        true
+    }
+
+    /// How far the centroid of the dot about point `id` lies from the image of the point, px, for the target at `X_CO`: the image
+    /// of a disc's centre is not the centre of its image.
+    #[must_use]
+    pub fn bias_px(&self, id: u32, X_CO: &Pose) -> Vector2<f64> {
+        let disc = self.discs.get(id as usize);
+        disc.map_or(Vector2::zeros(), |m| centre_offset(X_CO, &self.camera, &m.centre_m, m.radius_m))
+    }
+
+    /// The region nearest to a place in a window `margin` px larger than its ellipse, of those that are `alike`; dots are what lies on
+    /// their side of `threshold`.
+    fn region(
+        &mut self,
+        image: &ImageView<'_>,
+        px: &Vector2<f64>,
+        covariance: &[f64; 3],
+        margin: f64,
+        threshold: u8,
+        alike: impl Fn(&Blob) -> bool,
+    ) -> Option<Blob> {
+        let [xx, _, yy] = covariance;
+        let (half_x, half_y) = (2.0 * xx.max(0.0).sqrt() + margin, 2.0 * yy.max(0.0).sqrt() + margin);
+        let window = Window::around(px.x, px.y, half_x, half_y, image);
+        match invert(image, &window, &mut self.inverted) {
+            Some(dark) => self.runs.find(&dark, &window, 255 - threshold),
+            None => self.runs.find(image, &window, threshold),
+        }
+        self.components.find(&self.runs, &window, Connectivity::Eight);
+        let distance = |b: &Blob| (b.x - px.x).hypot(b.y - px.y);
+        let nearest = |a: &Blob, b: &Blob| distance(a).total_cmp(&distance(b));
+        let regions = self.components.as_slice().iter();
+        let whole = regions.clone().filter_map(Blob::of).filter(&alike).min_by(nearest);
+        let runs = self.runs.as_slice();
+        whole.or_else(|| regions.filter_map(|c| Blob::of(&filled(runs, c))).filter(alike).min_by(nearest))
+    }
+
+    /// Regions of the current runs, the ellipses among them, those that are the target, their centroids. A `careful` look takes
+    /// ellipses at their own threshold, and only those that stand out.
+    pub(super) fn search_runs(
+        &mut self,
+        image: &ImageView<'_>,
+        look: Look,
+        found: &mut Vec<Found>,
+    ) -> Result<(), TargetStatus> {
+        if self.runs.overflowed() {
+            return Err(TargetStatus::NoMatch);
+        }
+        self.components.find(&self.runs, &Window::whole(image), Connectivity::Eight);
+        let round = self.gather(image, look);
+        let cluttered =
+            look == Look::Quick && self.most_candidates == MOST_CANDIDATES && round > FEW_CANDIDATES;
+        if cluttered {
+            self.gather(image, Look::Careful);
+        }
+        if self.candidates.len() < self.least_candidates {
+            return Err(TargetStatus::TooFewRegions);
+        }
+        if look != Look::Quick {
+            let mut candidates = std::mem::take(&mut self.candidates);
+            for (area, blob) in &mut candidates {
+                *blob = self.settled(image, blob);
+                *area = blob.area;
+            }
+            candidates.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+            self.candidates = candidates;
+        }
+        self.pattern.find(&self.candidates, &mut self.chosen)?;
+        if look == Look::Quick {
+            let mut chosen = std::mem::take(&mut self.chosen);
+            chosen.iter_mut().for_each(|(_, blob)| *blob = self.settled(image, blob));
+            self.chosen = chosen;
+        }
+        self.meter.measure(image, &self.chosen, found);
+        // what has no contrast to its surroundings was no dot
+        if found.len() == self.chosen.len() || self.pattern.serves_in_part(found.len()) {
+            return Ok(());
+        }
+        found.clear();
+        Err(TargetStatus::NoMatch)
+    }
+
+    /// The ellipses among the regions, the largest first. How many there were.
+    fn gather(&mut self, image: &ImageView<'_>, look: Look) -> usize {
+        self.candidates.clear();
+        let (mut round, mut holed) = (0, 0);
+        for component in self.components.as_slice() {
+            let mut blob = Blob::of(component);
+            if blob.is_none() && look == Look::Filled && holed < MOST_HOLED && Blob::may_have_holes(component)
+            {
+                holed += 1;
+                let whole = filled(self.runs.as_slice(), component);
+                blob = Blob::of(&whole).filter(|_| whole.m00 < MOST_FILLED * component.m00);
+            }
+            let Some(blob) = blob else { continue };
+            round += 1;
+            // of too many the largest are kept: specks go first
+            let at = self.candidates.partition_point(|(area, _)| *area >= blob.area);
+            if at < self.most_candidates && (look == Look::Quick || self.meter.stands_out(image, &blob)) {
+                self.candidates.insert(at, (blob.area, blob));
+                self.candidates.truncate(self.most_candidates);
+            }
+        }
+        round
+    }
+
+    /// Whether the target is looked for at every threshold. Grids are not: who looks often among many dots finds some by chance.
+    pub(super) fn insists(&self) -> bool {
+        matches!(self.pattern, Pattern::FourDots(_))
+    }
+
+    /// A region as tracking would see it: at the level half-way between dot and plate.
+    fn settled(&mut self, image: &ImageView<'_>, blob: &Blob) -> Blob {
+        let Some(level) = self.meter.middle(image, blob) else { return *blob };
+        let near = |b: &Blob| b.area > 0.4 * blob.area && b.area < 2.5 * blob.area;
+        let place = Vector2::new(blob.x, blob.y);
+        self.region(image, &place, &blob.covariance, 4.0, level as u8, near).unwrap_or(*blob)
+    }
+}
+
+/// The pixels of a window with their levels inverted, in a buffer for the whole frame; `None` without such a buffer.
+fn invert<'a>(image: &ImageView<'_>, window: &Window, buffer: &'a mut [u8]) -> Option<ImageView<'a>> {
+    let width = image.width();
+    if buffer.len() != image.pixels().len() {
+        return None;
+    }
+    for y in window.y0..window.y1 {
+        let part = y * width + window.x0..y * width + window.x1;
+        let (Some(from), Some(to)) = (image.pixels().get(part.clone()), buffer.get_mut(part)) else { break };
+        from.iter().zip(to).for_each(|(from, to)| *to = 255 - from);
+    }
+    ImageView::new(buffer, width, image.height()).ok()
+}
+
+/// Least distance from each dot's rim to a neighbour's, or to the plate's edge, in the dot's radii.
+fn free_distances(target: &Target) -> Box<[f64]> {
+    let (marks, plate) = (target.discs(), target.plate());
+    let free = |(i, mark): (usize, &Disc)| {
+        let (a, b) = (mark.centre_m - plate.low_m, plate.high_m - mark.centre_m);
+        let mut least = a.x.min(a.y).min(b.x).min(b.y) - mark.radius_m;
+        for (_, other) in marks.iter().enumerate().filter(|(j, _)| *j != i) {
+            least = least.min((mark.centre_m - other.centre_m).norm() - mark.radius_m - other.radius_m);
+        }
+        (least / mark.radius_m).clamp(0.1, 3.0)
+    };
+    marks.iter().enumerate().map(free).collect()
+}

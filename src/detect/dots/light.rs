@@ -1,0 +1,295 @@
+//! The light over the plate: one quadric over what is sampled of it around all dots.
+//!
+//! ```text
+//! P(u, v) = c0 + c1 u + c2 v + c3 u^2 + c4 u v + c5 v^2      u, v: from the dots' middle, in units of their extent
+//! ```
+//! Of small dots a plane: its curvature moves no centroid. Samples far off (a neighbour, the plate's edge, a shadow) are left out. What
+//! is left over is the noise of the plate, and its part that goes around a dot once is light that the quadric does not follow.
+
+use crate::linalg::Ldlt;
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+/// From this half axis on the light's curvature matters, px.
+const QUADRIC_FROM_PX: f64 = 9.0;
+/// What light may leave over that is still followed: so many standard deviations of samples, and beside these, a share of its level.
+const SMOOTH_SIGMAS: f64 = 2.0;
+const SMOOTH_SHARE: f64 = 0.004;
+/// Greatest change of light from a dot's middle outwards, and along one pixel.
+const MOST_RELATIVE: f64 = 0.4;
+const STEEPEST: f64 = 0.02;
+/// Share of the light that may be lost in a picture's corners: what curvature is expected.
+const LOSS: f64 = 0.4;
+/// Samples that say something: their greatest distance from the first guess, as a share of the level.
+const FAR_SHARE: f64 = 0.1;
+/// Their greatest distance from the fit, in standard deviations, and beside these, levels.
+const FAR_SIGMAS: f64 = 3.5;
+const FAR_LEVELS: f64 = 1.0;
+/// Fewest samples for a plane and for a quadric.
+const LEAST_PLANE: usize = 12;
+const LEAST_QUADRIC: usize = 40;
+
+/// A level seen on the plate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sample {
+    pub(super) x: f64,
+    pub(super) y: f64,
+    pub(super) level: f64,
+}
+
+/// The light as fitted, in grey levels of the plate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Light {
+    middle: Vector2<f64>,
+    /// One over the extent, 1/px.
+    unit: f64,
+    c: [f64; 6],
+    /// Mean square of what is left over, levels^2, and the samples it is of.
+    pub(super) variance: f64,
+    pub(super) samples: usize,
+    /// Greatest distance from the fit of a sample that counts.
+    limit: f64,
+    /// Standard deviation of how much the fit rises from a dot's middle to its rim, levels.
+    pub(super) deviation: f64,
+}
+
+impl Light {
+    /// Even light.
+    pub(super) fn even(level: f64) -> Self {
+        let c = [level, 0.0, 0.0, 0.0, 0.0, 0.0];
+        Self {
+            middle: Vector2::zeros(),
+            unit: 1.0,
+            c,
+            variance: 0.0,
+            samples: 0,
+            limit: f64::INFINITY,
+            deviation: 0.0,
+        }
+    }
+
+    /// The light that fits samples about some dots, whose own places and levels give a first guess. Samples are means of `pixels`, each
+    /// with this `noise`. `largest_px`: half axis of the largest dot; `half_diagonal_px`: of the picture.
+    pub(super) fn fit(
+        dots: &[Sample],
+        samples: &[Sample],
+        pixels: f64,
+        noise: f64,
+        largest_px: f64,
+        half_diagonal_px: f64,
+    ) -> Self {
+        let n = dots.len() as f64;
+        let level = dots.iter().map(|d| d.level).sum::<f64>() / n;
+        if !level.is_finite() {
+            return Self::even(0.0);
+        }
+        let middle = dots.iter().map(|d| Vector2::new(d.x, d.y)).sum::<Vector2<f64>>() / n;
+        let extent =
+            dots.iter().map(|d| (d.x - middle.x).hypot(d.y - middle.y)).fold(largest_px.max(1.0), f64::max);
+        let mut light = Self { middle, unit: 1.0 / extent, ..Self::even(level) };
+        if dots.len() >= 3 {
+            light.take_plane(dots);
+        }
+        light.limit = (FAR_SHARE * level).max(FAR_SIGMAS * noise + FAR_LEVELS);
+        let quadric = largest_px >= QUADRIC_FROM_PX && dots.len() >= 3;
+        // curvature as a lens's loss of light towards the corners may make it; what samples say against that must outweigh their noise
+        let curvature = LOSS * level * (extent / half_diagonal_px).powi(2);
+        let variance = noise * noise / pixels;
+        let stiffness = variance / (curvature * curvature);
+        for _ in 0..3 {
+            let before = (light.samples, light.limit);
+            let known = light;
+            if quadric {
+                light.take_quadric(samples, stiffness)
+            } else {
+                light.take_plane(samples)
+            };
+            if light.c.iter().any(|c| !c.is_finite()) {
+                light = known;
+            }
+            // what is left over, of the samples that served
+            let (mut sum, mut count, mut greatest) = (0.0, 0, 0.0f64);
+            for sample in samples {
+                let off = (sample.level - light.at(sample.x, sample.y)).abs();
+                if off <= light.limit {
+                    sum += off * off;
+                    count += 1;
+                    greatest = greatest.max(off);
+                }
+            }
+            let free = count as f64 - if quadric { 6.0 } else { 3.0 };
+            (light.variance, light.samples) = (sum / free.max(1.0), count);
+            let limit = FAR_SIGMAS * light.variance.sqrt() + FAR_LEVELS;
+            light.limit = limit.min(light.limit);
+            if greatest <= light.limit || (count, light.limit) == before {
+                break;
+            }
+        }
+        // what no smooth light explains is a shadow, or another thing on the plate
+        let smooth = SMOOTH_SIGMAS * variance.sqrt() + SMOOTH_SHARE * level;
+        if light.variance > smooth * smooth {
+            return Self { variance: light.variance, samples: light.samples, ..Self::even(level) };
+        }
+        if quadric {
+            // four dots on a circle leave its curvature to what is seen around each of them, and to what was said of it before
+            let seen = 6.0 * variance / light.samples.max(1) as f64;
+            let known = 2.0 * (curvature * largest_px / extent).powi(2);
+            light.deviation = (seen * known / (seen + known)).sqrt();
+        }
+        light
+    }
+
+    /// The plate's level there.
+    #[inline]
+    pub(super) fn at(&self, x: f64, y: f64) -> f64 {
+        let (u, v) = ((x - self.middle.x) * self.unit, (y - self.middle.y) * self.unit);
+        let [c0, c1, c2, c3, c4, c5] = self.c;
+        c0 + u * (c1 + c3 * u + c4 * v) + v * (c2 + c5 * v)
+    }
+
+    /// Whether a sample is of the plate in this light.
+    #[inline]
+    pub(super) fn explains(&self, sample: &Sample) -> bool {
+        (sample.level - self.at(sample.x, sample.y)).abs() <= self.limit
+    }
+
+    /// Reciprocal of the light about a place, relative to it: `1 + [x, y, xx, xy, yy]`, to second order, for use within
+    /// `reach` px. Even where there is none, or where it changes more than light does.
+    pub(super) fn relative(&self, x: f64, y: f64, reach: f64) -> [f64; 5] {
+        let (u, v) = ((x - self.middle.x) * self.unit, (y - self.middle.y) * self.unit);
+        let [_, c1, c2, c3, c4, c5] = self.c;
+        let level = self.at(x, y);
+        if !(level > 1.0) {
+            return [0.0; 5];
+        }
+        let k = self.unit / level;
+        let (gx, gy) = (k * (c1 + 2.0 * c3 * u + c4 * v), k * (c2 + c4 * u + 2.0 * c5 * v));
+        let k = k * self.unit;
+        let relative = [-gx, -gy, gx * gx - k * c3, 2.0 * gx * gy - k * c4, gy * gy - k * c5];
+        let [x, y, xx, xy, yy] = relative.map(f64::abs);
+        // no lamp, but what the fit makes of something else
+        let steep = (x + y + (xx + xy + yy) * reach) * reach > MOST_RELATIVE || x > STEEPEST;
+        if steep { [0.0; 5] } else { relative }
+    }
+
+    fn take_plane(&mut self, samples: &[Sample]) {
+        let (mut A, mut b, mut count) = (Matrix3::zeros(), Vector3::zeros(), 0);
+        for sample in samples.iter().filter(|s| self.explains(s)) {
+            let row = Vector3::new(
+                1.0,
+                (sample.x - self.middle.x) * self.unit,
+                (sample.y - self.middle.y) * self.unit,
+            );
+            A += row * row.transpose();
+            b += row * sample.level;
+            count += 1;
+        }
+        // three dots make a plane; less than a few samples of many are chance
+        if count < LEAST_PLANE.min(samples.len()) {
+            return;
+        }
+        if let Some(c) = A.try_inverse().map(|inverse| inverse * b)
+            && A.determinant() > 1e-4 * A[(0, 0)].powi(3)
+        {
+            self.c = [c.x, c.y, c.z, 0.0, 0.0, 0.0];
+        }
+    }
+
+    fn take_quadric(&mut self, samples: &[Sample], stiffness: f64) {
+        // moments up to the fourth degree
+        let mut m = [[0.0; 5]; 5];
+        let (mut b, mut count) = ([0.0; 6], 0);
+        for sample in samples.iter().filter(|s| self.explains(s)) {
+            let (u, v) = ((sample.x - self.middle.x) * self.unit, (sample.y - self.middle.y) * self.unit);
+            let (uu, uv, vv) = (u * u, u * v, v * v);
+            let row = [1.0, u, v, uu, uv, vv];
+            for (b, r) in b.iter_mut().zip(row) {
+                *b += r * sample.level;
+            }
+            m[0][1] += v;
+            m[0][2] += vv;
+            m[0][3] += vv * v;
+            m[0][4] += vv * vv;
+            m[1][0] += u;
+            m[1][1] += uv;
+            m[1][2] += u * vv;
+            m[1][3] += uv * vv;
+            m[2][0] += uu;
+            m[2][1] += uu * v;
+            m[2][2] += uu * vv;
+            m[3][0] += uu * u;
+            m[3][1] += uu * uv;
+            m[4][0] += uu * uu;
+            count += 1;
+        }
+        if count < LEAST_QUADRIC {
+            return self.take_plane(samples);
+        }
+        m[0][0] = f64::from(count as u32);
+        const POWERS: [(usize, usize); 6] = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
+        let A = POWERS.map(|(a, b)| POWERS.map(|(c, d)| m[a + c][b + d]));
+        // what samples do not tell (rings that lie on one conic) stays small
+        let (small, stiff) = (1e-6 * m[0][0], 1e-6 * m[0][0] + stiffness);
+        match Ldlt::new(&A, &[small, small, small, stiff, stiff, stiff]) {
+            Some(ldlt) => self.c = ldlt.solve(&b),
+            None => self.take_plane(samples),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::linalg::Random;
+
+    /// Rings of 24 samples about four dots, under a light, with noise; some samples are of something else.
+    fn rings(light: impl Fn(f64, f64) -> f64, noise: f64, wrong: f64) -> (Vec<Sample>, Vec<Sample>) {
+        let mut random = Random::new(3);
+        let (mut dots, mut samples) = (Vec::new(), Vec::new());
+        for (x, y, r) in
+            [(200.0, 150.0, 30.0), (400.0, 170.0, 20.0), (390.0, 360.0, 20.0), (190.0, 350.0, 20.0)]
+        {
+            dots.push(Sample { x, y, level: light(x, y) });
+            for k in 0..24 {
+                let (sin, cos) = (f64::from(k) * 0.2618).sin_cos();
+                let (x, y) = (x + r * cos, y + r * sin);
+                let good = light(x, y) + noise * random.gaussian();
+                let level = if random.uniform() < wrong { 40.0 } else { good };
+                samples.push(Sample { x, y, level });
+            }
+        }
+        (dots, samples)
+    }
+
+    #[test]
+    fn a_quadric_is_found_among_what_is_not_the_plate() {
+        let light = |x: f64, y: f64| {
+            180.0 + 0.1 * (x - 300.0) - 0.05 * (y - 250.0) - 2e-4 * (x - 320.0) * (x - 300.0)
+        };
+        let (dots, samples) = rings(light, 0.0, 0.1);
+        let fit = Light::fit(&dots, &samples, 1.0, 0.5, 30.0, 400.0);
+        for (x, y) in [(170.0, 150.0), (300.0, 250.0), (410.0, 380.0)] {
+            assert!((fit.at(x, y) - light(x, y)).abs() < 0.05, "{} {}", fit.at(x, y), light(x, y));
+            let relative = fit.relative(x, y, 12.0);
+            for (dx, dy) in [(10.0, 0.0), (0.0, 10.0), (-7.0, 7.0)] {
+                let wanted = light(x, y) / light(x + dx, y + dy);
+                let [a, b, c, d, e] = relative;
+                let got = 1.0 + a * dx + b * dy + c * dx * dx + d * dx * dy + e * dy * dy;
+                assert!((got - wanted).abs() < 5e-5, "{got} {wanted}");
+            }
+        }
+        let (dots, samples) = rings(light, 3.0, 0.1);
+        let sd = Light::fit(&dots, &samples, 1.0, 3.0, 30.0, 400.0).variance.sqrt();
+        assert!((2.3..3.6).contains(&sd), "{sd}");
+    }
+
+    #[test]
+    fn few_or_no_samples_are_no_hindrance() {
+        assert_eq!(Light::fit(&[], &[], 1.0, 1.0, 10.0, 400.0).relative(3.0, 4.0, 9.0), [0.0; 5]);
+        let one = Sample { x: 5.0, y: 5.0, level: 100.0 };
+        let light = Light::fit(&[one], &[one], 1.0, 1.0, 10.0, 400.0);
+        assert!((light.at(9.0, 9.0) - 100.0).abs() < 1e-9);
+        // four dots in line
+        let dots = [0.0, 10.0, 20.0, 30.0].map(|x| Sample { x, y: 2.0 * x, level: 100.0 + x });
+        assert!(Light::fit(&dots, &dots, 1.0, 1.0, 4.0, 400.0).at(15.0, 30.0).is_finite());
+    }
+}

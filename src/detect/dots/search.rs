@@ -1,0 +1,179 @@
+//! The search of a whole frame: which threshold shows the target.
+//!
+//! ```text
+//! one for the frame (Otsu) ─► between local extremes: half-way, then nearer to either
+//!                         ─► a sweep over the frame's levels ─► the first two again, holes filled
+//! ```
+//! The first is enough for most frames; each of the others is tried only after all before it have failed.
+
+use super::finder::{DotFinder, Look};
+use crate::detect::Found;
+use crate::imaging::{Histogram, ImageView, Window};
+use crate::messages::TargetStatus;
+
+/// Rows that the histogram samples.
+const SAMPLED_ROWS: usize = 120;
+/// Rows whose neighbouring pixels tell the noise.
+const NOISE_ROWS: usize = 40;
+/// Least contrast of a part of the frame in which something may be dark: so many times the noise, within these levels.
+const CONTRAST_SIGMAS: f64 = 10.0;
+const CONTRAST_LEVELS: (f64, f64) = (12.0, 80.0);
+/// Noise and uneven light alone make no more contrast than this anywhere.
+const FLAT_SIGMAS: f64 = 10.5;
+const FLAT_LEVELS: f64 = 8.0;
+/// Thresholds of the sweep.
+const SWEEP: u32 = 21;
+/// Share of the pixels that may be darker, or lighter, than the sweep goes.
+const TAIL: f64 = 2e-4;
+/// Places of a threshold between the local extremes, in 256ths of their difference.
+const SHARES: [u8; 4] = [72, 184, 36, 220];
+
+impl DotFinder {
+    /// The search in `dark`, the frame in which dots are dark; they are measured in `image`.
+    pub(super) fn search_dark(
+        &mut self,
+        dark: &ImageView<'_>,
+        image: &ImageView<'_>,
+        found: &mut Vec<Found>,
+    ) -> Result<(), TargetStatus> {
+        found.clear();
+        let histogram = Histogram::of_rows(dark, dark.height() / SAMPLED_ROWS);
+        let Some(otsu) = histogram.otsu() else { return Err(TargetStatus::NoContrast) };
+        let window = Window::whole(dark);
+        self.runs.find(dark, &window, otsu.threshold);
+        let Err(quick) = self.search_runs(image, Look::Quick, found) else { return Ok(()) };
+        // where there are dots, but not what they should be, the threshold may have spoiled their sizes
+        let mut first = quick;
+        if quick != TargetStatus::TooFewRegions && !self.runs.overflowed() {
+            self.runs.find(dark, &window, otsu.threshold);
+            let Err(careful) = self.search_runs(image, Look::Careful, found) else { return Ok(()) };
+            first = careful;
+        }
+
+        // A threshold for the whole frame fails where light is uneven, and where the target is small: half-way between the local
+        // extremes instead, and nothing where these are noise.
+        let noise = noise(dark);
+        let (least, most) = CONTRAST_LEVELS;
+        let contrast = (CONTRAST_SIGMAS * noise).clamp(least, most);
+        let greatest = self.local.set(dark, contrast as u8, 0);
+        if f64::from(greatest) < (FLAT_SIGMAS * noise + FLAT_LEVELS).max(least) {
+            return Err(TargetStatus::NoContrast);
+        }
+        self.runs.find_local(dark, &mut self.local);
+        let Err(second) = self.search_runs(image, Look::Careful, found) else { return Ok(()) };
+        // two targets stay two, whatever else shows only one of them
+        if first == TargetStatus::Ambiguous || second == TargetStatus::Ambiguous {
+            return Err(TargetStatus::Ambiguous);
+        }
+
+        let reason = match (first, second) {
+            (TargetStatus::TooFewRegions, TargetStatus::TooFewRegions) => TargetStatus::TooFewRegions,
+            _ => TargetStatus::NoMatch,
+        };
+        if !self.insists() {
+            return Err(reason);
+        }
+
+        // Something brighter or darker than the plate spoils the local extremes.
+        for share in SHARES {
+            self.local.move_to(share);
+            self.runs.find_local(dark, &mut self.local);
+            match self.search_runs(image, Look::Careful, found) {
+                Err(TargetStatus::Ambiguous) => return Err(TargetStatus::Ambiguous),
+                Err(_) => {}
+                Ok(()) => return Ok(()),
+            }
+        }
+        let (low, high) = tails(&histogram);
+        // every other one first
+        for k in (1..=SWEEP).step_by(2).chain((2..=SWEEP).step_by(2)) {
+            let threshold = low + (high - low) * k / (SWEEP + 1);
+            self.runs.find(dark, &window, threshold as u8);
+            match self.search_runs(image, Look::Careful, found) {
+                Err(TargetStatus::Ambiguous) => return Err(TargetStatus::Ambiguous),
+                Err(_) => {}
+                Ok(()) => return Ok(()),
+            }
+        }
+
+        // Glare leaves holes in dots.
+        self.runs.find(dark, &window, otsu.threshold);
+        if self.search_runs(image, Look::Filled, found).is_ok() {
+            return Ok(());
+        }
+        self.local.move_to(128);
+        self.runs.find_local(dark, &mut self.local);
+        if self.search_runs(image, Look::Filled, found).is_ok() {
+            return Ok(());
+        }
+        Err(reason)
+    }
+}
+
+/// Standard deviation of the pixels' noise, levels: by the median of neighbours' differences, of which most are on even ground.
+fn noise(image: &ImageView<'_>) -> f64 {
+    let mut counts = [0u32; 256];
+    let step = (image.height() / NOISE_ROWS).max(1);
+    for y in (step / 2..image.height()).step_by(step) {
+        for pair in image.row(y).as_chunks::<2>().0 {
+            counts[usize::from(pair[0].abs_diff(pair[1]))] += 1;
+        }
+    }
+    let half = 0.5 * counts.iter().map(|&n| f64::from(n)).sum::<f64>();
+    let mut below = 0.0;
+    for (difference, &count) in (0u32..).zip(&counts) {
+        let count = f64::from(count);
+        if below + count > half {
+            // a difference of 0 is one of less than a half, one of d lies within a half of d
+            let (from, width) = if difference == 0 { (0.0, 0.5) } else { (f64::from(difference) - 0.5, 1.0) };
+            let median = from + width * (half - below) / count;
+            return median / (0.674_49 * std::f64::consts::SQRT_2);
+        }
+        below += count;
+    }
+    0.0
+}
+
+/// Levels below and above which few pixels lie.
+fn tails(histogram: &Histogram) -> (u32, u32) {
+    let bins = histogram.bins();
+    let few = TAIL * bins.iter().map(|&n| f64::from(n)).sum::<f64>();
+    let beyond = |sum: &mut f64, &n: &u32| {
+        *sum += f64::from(n);
+        Some(*sum)
+    };
+    let low = bins.iter().scan(0.0, beyond).take_while(|sum| *sum <= few).count();
+    let high = bins.iter().rev().scan(0.0, beyond).take_while(|sum| *sum <= few).count();
+    (low.min(255) as u32, 255_usize.saturating_sub(high).max(low.min(255)) as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::linalg::Random;
+
+    #[test]
+    fn noise_is_told_beside_edges() {
+        let mut random = Random::new(2);
+        for sd in [0.5, 1.0, 3.0, 8.0] {
+            let pixels: Vec<u8> = (0..320 * 240)
+                .map(|i| (if i / 20 % 2 == 0 { 60.0 } else { 190.0 } + sd * random.gaussian()).round() as u8)
+                .collect();
+            let got = noise(&ImageView::new(&pixels, 320, 240).unwrap());
+            assert!((got / sd - 1.0).abs() < 0.25, "{got} of {sd}");
+        }
+        assert!(noise(&ImageView::new(&[7; 100], 10, 10).unwrap()) < 0.5);
+        assert_eq!(noise(&ImageView::new(&[7], 1, 1).unwrap()), 0.0);
+    }
+
+    #[test]
+    fn tails_hold_few_pixels() {
+        let mut pixels = vec![100u8; 9998];
+        pixels.extend([3, 250]);
+        let (low, high) = tails(&Histogram::of(&ImageView::new(&pixels, 10_000, 1).unwrap()));
+        assert_eq!((low, high), (100, 100));
+        pixels.extend([50; 400]);
+        let (low, high) = tails(&Histogram::of(&ImageView::new(&pixels, 10_400, 1).unwrap()));
+        assert_eq!((low, high), (50, 100));
+    }
+}

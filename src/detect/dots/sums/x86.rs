@@ -1,0 +1,165 @@
+//! The sums with SSE2, part of every x86-64, and with AVX2.
+
+use super::{DotLight, RowLight, RowSums, Scale, Sums};
+use crate::detect::dots::ellipse::Ellipse;
+use crate::imaging::ImageView;
+use std::arch::x86_64::{
+    __m128i, _mm_add_epi16, _mm_add_epi32, _mm_and_si128, _mm_cmpgt_epi16, _mm_cvtsi128_si32,
+    _mm_loadu_si128, _mm_madd_epi16, _mm_min_epi16, _mm_mulhi_epu16, _mm_mullo_epi16, _mm_set1_epi16,
+    _mm_setr_epi16, _mm_setzero_si128, _mm_shuffle_epi32, _mm_srai_epi16, _mm_storeu_si128, _mm_sub_epi16,
+    _mm_subs_epu16, _mm_unpackhi_epi8, _mm_unpacklo_epi8, _mm256_add_epi16, _mm256_add_epi32,
+    _mm256_and_si256, _mm256_castsi256_si128, _mm256_cmpgt_epi16, _mm256_cvtepi8_epi16, _mm256_cvtepu8_epi16,
+    _mm256_extracti128_si256, _mm256_madd_epi16, _mm256_min_epi16, _mm256_movemask_epi8, _mm256_mulhi_epu16,
+    _mm256_mullo_epi16, _mm256_set1_epi16, _mm256_setr_epi16, _mm256_setzero_si256, _mm256_slli_epi16,
+    _mm256_srai_epi16, _mm256_sub_epi16, _mm256_subs_epu16,
+};
+
+const LANES: usize = 16;
+/// The window of 16 that starts at `16 - n` keeps the first `n` lanes.
+static KEEP: [u8; 2 * LANES] = {
+    let mut keep = [0; 2 * LANES];
+    let mut i = 0;
+    while i < LANES {
+        keep[i] = 255;
+        i += 1;
+    }
+    keep
+};
+
+#[inline(always)]
+fn load(bytes: &[u8; LANES]) -> __m128i {
+    // SAFETY: an unaligned load of the 16 bytes that `bytes` holds.
+    #[allow(unsafe_code)]
+    unsafe {
+        _mm_loadu_si128(bytes.as_ptr().cast::<__m128i>())
+    }
+}
+
+/// The 16 pixels at `at`; 0 where the image ends within them.
+#[inline(always)]
+fn pixels(row: &[u8], at: usize) -> __m128i {
+    if let Some(pixels) = row.get(at..at + LANES).and_then(|p| p.first_chunk()) {
+        return load(pixels);
+    }
+    let mut pixels = [0; LANES];
+    pixels.iter_mut().zip(row.get(at..).unwrap_or(&[])).for_each(|(a, b)| *a = *b);
+    load(&pixels)
+}
+
+/// Ones in the first `left` of 16 lanes.
+#[inline(always)]
+fn keep(left: usize) -> __m128i {
+    let none = [0; LANES];
+    load(KEEP.get(LANES.saturating_sub(left)..).and_then(|k| k.first_chunk()).unwrap_or(&none))
+}
+
+/// Largest half side of an ellipse whose sums fit 32 bits in each lane, px.
+const MOST_PX: f64 = 90.0;
+
+/// See [`super::weighted_sums`]; without an inner ellipse. `None` for ellipses that are too large.
+#[target_feature(enable = "avx2,popcnt")]
+pub(super) fn weighted_sums_avx2(
+    image: &ImageView<'_>,
+    [outer, rim]: [&Ellipse; 2],
+    scale: &Scale,
+) -> Option<Sums> {
+    if !(outer.height < MOST_PX && outer.width + outer.slope.abs() * outer.height < MOST_PX) {
+        return None;
+    }
+    let (cx, cy) = (outer.x.round() as i64, outer.y.round() as i64);
+    let lights = DotLight::about([outer.x - cx as f64, outer.y - cy as f64], &scale.relative);
+    let (edge, span) = (_mm256_set1_epi16(scale.edge), _mm256_set1_epi16(scale.span));
+    let (margin, ones) = (_mm256_set1_epi16(scale.margin), _mm256_set1_epi16(1));
+    let upper = _mm256_sub_epi16(span, margin);
+    let place = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    let mut totals = [_mm256_setzero_si256(); 3];
+    let mut sums = Sums::default();
+    for (y, x0, x1) in outer.rows(image.width(), image.height(), 1) {
+        let Some(row) = image.row(y).get(x0..) else { continue };
+        let (dx, dy, count) = (x0 as i64 - cx, y as i64 - cy, x1 - x0);
+        let light = lights.row(dx, dy);
+        let across = _mm256_set1_epi16(dy as i16);
+        let mut column = _mm256_add_epi16(place, _mm256_set1_epi16(dx as i16));
+        let (mut at, mut free) = (0, 0);
+        while at < count {
+            let (start, slope) = light.chord(at);
+            let rise = _mm256_srai_epi16::<4>(_mm256_mullo_epi16(place, _mm256_set1_epi16(slope)));
+            let lit = _mm256_add_epi16(_mm256_set1_epi16(start), rise);
+            let v = _mm256_mulhi_epu16(_mm256_slli_epi16::<8>(_mm256_cvtepu8_epi16(pixels(row, at))), lit);
+            let away = if scale.light { _mm256_subs_epu16(v, edge) } else { _mm256_subs_epu16(edge, v) };
+            let mut weight = _mm256_min_epi16(away, span);
+            if count - at < LANES {
+                weight = _mm256_and_si256(weight, _mm256_cvtepi8_epi16(keep(count - at)));
+            }
+            for (total, by) in totals.iter_mut().zip([ones, column, across]) {
+                *total = _mm256_add_epi32(*total, _mm256_madd_epi16(weight, by));
+            }
+            let between =
+                _mm256_and_si256(_mm256_cmpgt_epi16(weight, margin), _mm256_cmpgt_epi16(upper, weight));
+            // two bits a pixel
+            free += (_mm256_movemask_epi8(between) as u32).count_ones() / 2;
+            column = _mm256_add_epi16(column, _mm256_set1_epi16(LANES as i16));
+            at += LANES;
+        }
+        sums.add_rim(free, y, count, outer, rim);
+    }
+    let [w, wx, wy] = totals.map(|total| {
+        let sum = _mm_add_epi32(_mm256_castsi256_si128(total), _mm256_extracti128_si256::<1>(total));
+        let mut lanes = [0i32; 4];
+        // SAFETY: an unaligned store of 16 bytes to the 16 bytes of `lanes`.
+        #[allow(unsafe_code)]
+        unsafe {
+            _mm_storeu_si128(lanes.as_mut_ptr().cast::<__m128i>(), sum);
+        }
+        lanes.iter().map(|&lane| i64::from(lane)).sum::<i64>()
+    });
+    Some(Sums { w, wx, wy, ..sums })
+}
+
+/// With SSE2, which belongs to the x86-64 baseline. `count` is at most 512.
+#[inline(always)]
+pub(super) fn row_sums(row: &[u8], count: usize, scale: &Scale, light: &RowLight) -> RowSums {
+    let count = count.min(row.len());
+    // SAFETY: SSE2 belongs to the x86-64 baseline.
+    #[allow(unsafe_code, unused_unsafe)]
+    unsafe {
+        let (zero, ones) = (_mm_setzero_si128(), _mm_set1_epi16(1));
+        let (edge, span) = (_mm_set1_epi16(scale.edge), _mm_set1_epi16(scale.span));
+        let margin = _mm_set1_epi16(scale.margin);
+        let upper = _mm_sub_epi16(span, margin);
+        let (first, second) =
+            (_mm_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7), _mm_setr_epi16(8, 9, 10, 11, 12, 13, 14, 15));
+        let (mut low, mut high) = (first, second);
+        let (mut w, mut wx, mut rim) = (zero, zero, zero);
+        let mut at = 0;
+        while at < count {
+            let left = count - at;
+            let (pixels, keep) = (pixels(row, at), keep(left));
+            let (start, slope) = light.chord(at);
+            let (start, slope) = (_mm_set1_epi16(start), _mm_set1_epi16(slope));
+            let parts = [
+                (_mm_unpacklo_epi8(zero, pixels), _mm_unpacklo_epi8(keep, keep), first, low),
+                (_mm_unpackhi_epi8(zero, pixels), _mm_unpackhi_epi8(keep, keep), second, high),
+            ];
+            for (pixels, keep, place, column) in parts {
+                let lit = _mm_add_epi16(start, _mm_srai_epi16::<4>(_mm_mullo_epi16(place, slope)));
+                let v = _mm_mulhi_epu16(pixels, lit);
+                let away = if scale.light { _mm_subs_epu16(v, edge) } else { _mm_subs_epu16(edge, v) };
+                let weight = _mm_and_si128(_mm_min_epi16(away, span), keep);
+                w = _mm_add_epi32(w, _mm_madd_epi16(weight, ones));
+                wx = _mm_add_epi32(wx, _mm_madd_epi16(weight, column));
+                let free = _mm_and_si128(_mm_cmpgt_epi16(weight, margin), _mm_cmpgt_epi16(upper, weight));
+                // a lane of ones is -1
+                rim = _mm_sub_epi16(rim, free);
+            }
+            low = _mm_add_epi16(low, _mm_set1_epi16(LANES as i16));
+            high = _mm_add_epi16(high, _mm_set1_epi16(LANES as i16));
+            at += LANES;
+        }
+        let total = |sum: __m128i| {
+            let sum = _mm_add_epi32(sum, _mm_shuffle_epi32::<0b01_00_11_10>(sum));
+            _mm_cvtsi128_si32(_mm_add_epi32(sum, _mm_shuffle_epi32::<0b10_11_00_01>(sum)))
+        };
+        RowSums { w: total(w), wx: total(wx), rim: total(_mm_madd_epi16(rim, ones)) as u32 }
+    }
+}

@@ -1,0 +1,294 @@
+//! A free shape: a dark outline on a light plate, or a light one on a dark plate, found by its form alone.
+//!
+//! ```text
+//! thresholds ─► regions with moments ─► Candidate: whitened, turned, homography through the border's pixels
+//!                                          ─► Fitter: homography through sub-pixel edges all along the outline ─► images of the points
+//! ```
+//! The points of a polygon are its corners; each is where the fitted homography has it, with the covariance that follows from the edges',
+//! also where the corner itself is rounded or hidden. Of an ellipse the centre of its image is told, and the image itself. Positions
+//! are pixels of the distorted image.
+
+mod candidate;
+mod distinct;
+mod edge;
+mod fit;
+mod miss;
+mod outline;
+mod search;
+mod warp;
+
+pub use miss::ShapeMiss;
+
+use super::{Expected, Found};
+use crate::camera_model::CameraModel;
+use crate::imaging::{Components, Contours, ImageView, LocalThreshold, Moments, Runs};
+use crate::messages::TargetStatus;
+use crate::pose::Correspondence;
+use crate::target::{Mark, Shape};
+use candidate::{Candidate, by_points};
+use fit::{Fitted, Fitter};
+use nalgebra::{Matrix2, SMatrix, Vector2};
+use outline::Outline;
+use warp::{Oval, Projective, Warp};
+
+/// Most border pixels of all regions of a frame.
+const MOST_BORDER: usize = 1 << 20;
+/// A search reaches so far from the border pixels, px.
+const REACH_PX: f64 = 2.0;
+/// Least share of the outline that is seen, in a search and in tracking.
+const SEEN: f64 = 0.9;
+const SEEN_TRACKED: f64 = 0.6;
+/// Largest offset of the edges from the outline, root mean square: px, and share of the root of the area.
+const OFF_PX: f64 = 0.15;
+const OFF: f64 = 0.002;
+/// Largest ratio of the offsets' variance to what noise explains, beyond [`WELL_PX`].
+const MOST_CHI2: f64 = 15.0;
+const WELL_PX: f64 = 0.15;
+
+/// What was fitted last.
+#[derive(Debug, Clone, Copy)]
+#[allow(clippy::large_enum_variant)] // of values that live for a frame
+enum Seen {
+    Polygon(Fitted<8, Projective>),
+    Ellipse(Fitted<5, Oval>),
+}
+
+/// An ellipse in the image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EllipseSeen {
+    /// Centre, px.
+    pub centre_px: Vector2<f64>,
+    /// Half its axes, the longer first, px.
+    pub semi_axes_px: [f64; 2],
+    /// From the columns' axis towards the rows' to the longer one, in (-pi/2, pi/2], rad.
+    pub turn_rad: f64,
+}
+
+/// Finds one shape. Owns all buffers: nothing is allocated after construction.
+#[derive(Debug, Clone)]
+pub struct ShapeFinder {
+    camera: CameraModel,
+    outline: Outline,
+    ellipse: bool,
+    /// Places of the points in the object's plane, m.
+    points_m: Box<[Vector2<f64>]>,
+    light_on_dark: bool,
+    runs: Runs,
+    components: Components,
+    contours: Contours,
+    local: LocalThreshold,
+    /// Regions that may be the shape: area, index.
+    order: Vec<(u64, usize)>,
+    candidate: Candidate,
+    fitter: Fitter,
+    pairs: Vec<Correspondence>,
+    seen: Option<Seen>,
+    covariances: Vec<(u32, [f64; 3])>,
+}
+
+impl ShapeFinder {
+    /// A finder for frames of `camera` and one shape.
+    #[must_use]
+    pub fn new(camera: CameraModel, shape: &Shape) -> Self {
+        let i = camera.intrinsics();
+        let (width, height) = (i.width_px as usize, i.height_px as usize);
+        let pixels = width.saturating_mul(height);
+        let limit = (pixels / 16).clamp(4096, MOST_BORDER);
+        let count = shape.points().len();
+        Self {
+            camera,
+            outline: Outline::of(shape),
+            ellipse: !matches!(shape.mark(), Mark::Polygon(_)),
+            points_m: shape.points().iter().map(|p| p.p_O.coords.xy()).collect(),
+            light_on_dark: !shape.plate().light,
+            runs: Runs::with_limit(limit),
+            components: Components::with_limit(limit),
+            contours: Contours::with_limits(limit, (pixels / 4).clamp(4096, MOST_BORDER)),
+            local: LocalThreshold::with_size(width, height),
+            order: Vec::with_capacity(search::MOST_CANDIDATES + 1),
+            candidate: Candidate::new(),
+            fitter: Fitter::new(),
+            pairs: Vec::with_capacity(count),
+            seen: None,
+            covariances: Vec::with_capacity(count),
+        }
+    }
+
+    /// Searches the whole frame: fills `found` with the points that lie in it, ids rising.
+    ///
+    /// # Errors
+    /// The status that says why there is no shape; [`Self::search_or_why`] tells more. `found` is then empty.
+    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+        self.search_or_why(image, found).map_err(TargetStatus::from)
+    }
+
+    /// As [`Self::search`].
+    ///
+    /// # Errors
+    /// Why there is no shape. `found` is then empty.
+    pub fn search_or_why(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), ShapeMiss> {
+        found.clear();
+        self.seen = None;
+        let i = self.camera.intrinsics();
+        if (image.width(), image.height()) != (i.width_px as usize, i.height_px as usize) {
+            return Err(ShapeMiss::WrongSize);
+        }
+        self.seen = Some(self.search_thresholds(image)?);
+        self.report(found);
+        Ok(())
+    }
+
+    /// Looks for the outline where its points are expected, four or more (of an ellipse the last image moves with its centre): fills
+    /// `found` with the points that lie in the frame. Whether it is there; `found` is empty when not.
+    pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
+        found.clear();
+        let slack_px = expected.iter().map(|e| e.slack_px).fold(0.0, f64::max).clamp(0.0, 40.0) + 1.0;
+        let rise = self.rise();
+        let before = self.seen.take();
+        self.seen = if self.ellipse {
+            expected.first().and_then(|e| {
+                let Some(Seen::Ellipse(before)) = before else { return None };
+                let mut start = before.warp;
+                let centre = self.camera.normalized_of(&e.px);
+                start.0.fixed_rows_mut::<2>(0).copy_from(&centre);
+                let fitter = &mut self.fitter;
+                fitter.fit(image, &self.camera, &self.outline, start, slack_px, rise).map(Seen::Ellipse)
+            })
+        } else {
+            self.pairs.clear();
+            for e in expected {
+                let Some(place) = self.points_m.get(e.id as usize) else { continue };
+                let r = self.outline.of_plane(place);
+                self.pairs.push(Correspondence { r, s: self.camera.normalized_of(&e.px) });
+            }
+            by_points(&self.pairs).and_then(|start| {
+                let fitter = &mut self.fitter;
+                fitter.fit(image, &self.camera, &self.outline, start, slack_px, rise).map(Seen::Polygon)
+            })
+        };
+        self.seen = self.seen.filter(|seen| self.is_good(seen, SEEN_TRACKED));
+        if self.seen.is_none() {
+            return false;
+        }
+        self.report(found);
+        !found.is_empty()
+    }
+
+    /// Covariance `[xx, xy, yy]` of each point found last, px^2, ids rising. Those of one frame are not independent: all follow from
+    /// one homography.
+    #[must_use]
+    pub fn covariances_px2(&self) -> &[(u32, [f64; 3])] {
+        &self.covariances
+    }
+
+    /// Places along the outline found last, px: `count` of them.
+    pub fn outline_px(&self, count: usize) -> impl Iterator<Item = Vector2<f64>> {
+        let at = move |i: usize| {
+            let u = self.outline.at(self.outline.length() * i as f64 / count as f64).0;
+            self.seen.as_ref().map(|seen| self.image_of(seen, &u))
+        };
+        (0..count).filter_map(at)
+    }
+
+    /// The ellipse found last, where that is what is looked for; of a lens with distortion it is the ellipse that the image is about its
+    /// centre.
+    #[must_use]
+    pub fn ellipse(&self) -> Option<EllipseSeen> {
+        let seen = self.seen.as_ref().filter(|_| self.ellipse)?;
+        let a = self.about_centre(seen);
+        // [xx, xy, yy] of a point uniform in it is a quarter of the squared axes
+        let spread = a * a.transpose();
+        let m =
+            Moments { mu20: spread.m11, mu11: spread.m12, mu02: spread.m22, m00: 1.0, ..Moments::default() };
+        let p = m.principal();
+        Some(EllipseSeen {
+            centre_px: self.image_of(seen, &Vector2::zeros()),
+            semi_axes_px: [p.greater.sqrt(), p.smaller.sqrt()],
+            turn_rad: p.angle_rad,
+        })
+    }
+
+    /// The outline's blur in the last frame, one deviation with the pixel included, px.
+    #[must_use]
+    pub fn blur_px(&self) -> Option<f64> {
+        self.seen.as_ref().map(|seen| match seen {
+            Seen::Polygon(fitted) => fitted.blur_px,
+            Seen::Ellipse(fitted) => fitted.blur_px,
+        })
+    }
+
+    /// Whether what is around the shape is lighter, 1, or darker, -1.
+    fn rise(&self) -> f64 {
+        if self.light_on_dark { -1.0 } else { 1.0 }
+    }
+
+    fn image_of(&self, seen: &Seen, u: &Vector2<f64>) -> Vector2<f64> {
+        self.camera.pixel_of(&match seen {
+            Seen::Polygon(fitted) => fitted.warp.at(u),
+            Seen::Ellipse(fitted) => fitted.warp.at(u),
+        })
+    }
+
+    /// Derivative of the image by the outline's coordinates at its centroid, px.
+    fn about_centre(&self, seen: &Seen) -> Matrix2<f64> {
+        let small = 1e-4;
+        let along = |u: Vector2<f64>| {
+            (self.image_of(seen, &(u * small)) - self.image_of(seen, &(u * -small))) / (2.0 * small)
+        };
+        Matrix2::from_columns(&[along(Vector2::x()), along(Vector2::y())])
+    }
+
+    /// Whether a fit is one of the outline, of which at least `least` is seen.
+    fn is_good(&self, seen: &Seen, least: f64) -> bool {
+        let (share, rms_px, chi2) = match seen {
+            Seen::Polygon(f) => (f.share, f.rms_px, f.chi2),
+            Seen::Ellipse(f) => (f.share, f.rms_px, f.chi2),
+        };
+        let size_px = (self.outline.area * self.about_centre(seen).determinant().abs()).sqrt();
+        share >= least && rms_px <= OFF_PX + OFF * size_px && (rms_px < WELL_PX || chi2 < MOST_CHI2)
+    }
+
+    fn report(&mut self, found: &mut Vec<Found>) {
+        self.covariances.clear();
+        let Some(seen) = self.seen else { return };
+        let about = self.about_centre(&seen);
+        let [xx, xy, yy] = self.outline.spread;
+        let spread = about * Matrix2::new(xx, xy, xy, yy) * about.transpose();
+        let area_px2 = self.outline.area * about.determinant().abs();
+        let levels = match &seen {
+            Seen::Polygon(fitted) => fitted.levels,
+            Seen::Ellipse(fitted) => fitted.levels,
+        };
+        for (id, u) in (0..).zip(&self.outline.points) {
+            let (px, covariance) = match &seen {
+                Seen::Polygon(fitted) => self.point(fitted, u),
+                Seen::Ellipse(fitted) => self.point(fitted, u),
+            };
+            if !self.camera.contains(&px, 0.0) {
+                continue;
+            }
+            self.covariances.push((id, [covariance.m11, covariance.m12, covariance.m22]));
+            found.push(Found {
+                id,
+                px,
+                sigma_px: (0.5 * covariance.trace()).sqrt(),
+                area_px2,
+                covariance_px2: [spread.m11, spread.m12, spread.m22],
+                dark_level: levels[0].min(levels[1]),
+                plate_level: levels[0].max(levels[1]),
+                disturbance_px: 0.0,
+            });
+        }
+    }
+
+    /// Image of a point and its covariance, px^2.
+    fn point<const N: usize, W: Warp<N>>(
+        &self,
+        fitted: &Fitted<N, W>,
+        u: &Vector2<f64>,
+    ) -> (Vector2<f64>, Matrix2<f64>) {
+        let s = fitted.warp.at(u);
+        let row: SMatrix<f64, 2, N> = self.camera.pixel_jacobian(&s) * fitted.warp.derivative(u);
+        (self.camera.pixel_of(&s), row * fitted.covariance * row.transpose())
+    }
+}

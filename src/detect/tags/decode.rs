@@ -1,0 +1,232 @@
+//! What a quadrilateral shows: the bits of a tag, read with a model of the tag's own light.
+//!
+//! The black border and the white margin tell how light paper and ink are: a plane each over the tag. A bit is white where the middle of its
+//! cell is lighter than half-way between both.
+
+use super::codebook::{Codebook, Reading};
+use super::plane_map::PlaneMap;
+use super::quad::Quad;
+use super::shine::Inside;
+use crate::imaging::ImageView;
+use crate::target::TagFamily;
+use nalgebra::Vector2;
+
+/// Cells along a side of the largest family, with the margin.
+const MOST_CELLS: usize = 10;
+/// Least difference between paper and ink in the middle of the tag, grey levels.
+const LEAST_CONTRAST: f64 = 10.0;
+/// So many of the cells of border and margin may be nearer to the other colour.
+const WRONG_BORDER_SHARE: f64 = 0.08;
+const WRONG_MARGIN_SHARE: f64 = 0.2;
+/// A cell below this width is not seen by itself: its neighbours shine into it, px.
+const SHARP_CELL_PX: f64 = 4.0;
+/// What is given back of it.
+const SHARPENING: f64 = 0.25;
+/// Least mean distance of the bits from their threshold, in half contrasts: what is no tag shows greys.
+const LEAST_CLEARNESS: f64 = 0.35;
+
+/// Why a quadrilateral is no tag of the family.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum NoTag {
+    /// No black border in a white margin.
+    Border,
+    /// Neither black nor white inside.
+    Unclear,
+    /// The bits are no code of the family.
+    NoCode,
+}
+
+/// What was read.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Decoded {
+    pub(super) reading: Reading,
+    /// Mean distance of the bits from their threshold, of the white or of the black ones, whichever is less; grey levels.
+    pub(super) margin_levels: f64,
+    pub(super) light_level: f64,
+    pub(super) dark_level: f64,
+    /// What lies inside each side of the quadrilateral.
+    pub(super) inside: [Inside; 4],
+}
+
+/// A plane over the tag: level in its middle, and slopes per half side.
+#[derive(Debug, Clone, Copy, Default)]
+struct Light {
+    middle: f64,
+    along_x: f64,
+    along_y: f64,
+}
+
+impl Light {
+    fn at(&self, u: f64, v: f64) -> f64 {
+        self.middle + self.along_x * u + self.along_y * v
+    }
+}
+
+/// Grey level between pixels, by four of them; beyond the image as at its edge.
+pub(super) fn level_at(image: &ImageView<'_>, at: Vector2<f64>) -> f64 {
+    let (x, y) = (at.x.clamp(0.0, image.width() as f64 - 1.0), at.y.clamp(0.0, image.height() as f64 - 1.0));
+    let (x0, y0) = (x as usize, y as usize);
+    let (fx, fy) = (x - x0 as f64, y - y0 as f64);
+    let part = |row: &[u8]| {
+        let a = f64::from(row.get(x0).copied().unwrap_or(0));
+        let b = row.get(x0 + 1).map_or(a, |&b| f64::from(b));
+        a + fx * (b - a)
+    };
+    let above = part(image.row(y0));
+    let below = if y0 + 1 < image.height() { part(image.row(y0 + 1)) } else { above };
+    above + fy * (below - above)
+}
+
+/// Reads the tag that fills `quad`.
+pub(super) fn decode(
+    image: &ImageView<'_>,
+    quad: &Quad,
+    book: &Codebook,
+    family: TagFamily,
+    most_wrong: u32,
+) -> Result<Decoded, NoTag> {
+    let cells = family.cells_per_side() as usize;
+    let n = cells as f64;
+    let map = PlaneMap::of_square(quad, n).ok_or(NoTag::Border)?;
+    let level = |column: f64, row: f64| level_at(image, map.at(Vector2::new(column, row)));
+    // -1 to 1 over the black square
+    let unit = |x: f64| 2.0 * x / n - 1.0;
+
+    let mut border = [(0.0, 0.0, 0.0); 4 * MOST_CELLS];
+    let mut margin = [(0.0, 0.0, 0.0); 4 * MOST_CELLS];
+    let ring = |places: &mut [(f64, f64, f64)], low: f64, high: f64| {
+        let sides = places.chunks_mut(4).take(cells);
+        for (i, four) in sides.enumerate() {
+            let s = i as f64 + 0.5;
+            for (slot, (x, y)) in four.iter_mut().zip([(s, low), (s, high), (low, s), (high, s)]) {
+                *slot = (unit(x), unit(y), level(x, y));
+            }
+        }
+    };
+    ring(&mut border, 0.5, n - 0.5);
+    ring(&mut margin, -0.5, n + 0.5);
+    let border = border.get(..4 * cells).unwrap_or(&[]);
+    let margin = margin.get(..4 * cells).unwrap_or(&[]);
+    let (ink, paper) = (plane(border), plane(margin));
+    if !(paper.middle - ink.middle >= LEAST_CONTRAST) {
+        return Err(NoTag::Border);
+    }
+    let half =
+        |u: f64, v: f64| (0.5 * (paper.at(u, v) + ink.at(u, v)), 0.5 * (paper.at(u, v) - ink.at(u, v)));
+    let wrong = |places: &[(f64, f64, f64)], white: bool| {
+        places.iter().filter(|(u, v, p)| (*p > half(*u, *v).0) != white).count() as f64 / places.len() as f64
+    };
+    if wrong(border, false) > WRONG_BORDER_SHARE || wrong(margin, true) > WRONG_MARGIN_SHARE {
+        return Err(NoTag::Border);
+    }
+
+    // cells as deviations from their thresholds, in grey levels; black border around them
+    let mut values = [[0.0f64; MOST_CELLS]; MOST_CELLS];
+    let width_px = side_px(quad) / n;
+    for row in 0..cells {
+        for column in 0..cells {
+            let (x, y) = (column as f64 + 0.5, row as f64 + 0.5);
+            let (threshold, contrast) = half(unit(x), unit(y));
+            let inner = (1..cells - 1).contains(&row) && (1..cells - 1).contains(&column);
+            let value = if !inner {
+                -contrast
+            } else if width_px < SHARP_CELL_PX {
+                level(x, y) - threshold
+            } else {
+                let d = 0.2;
+                let around =
+                    level(x - d, y - d) + level(x + d, y - d) + level(x - d, y + d) + level(x + d, y + d);
+                0.25 * around - threshold
+            };
+            if let Some(slot) = values.get_mut(row).and_then(|r| r.get_mut(column)) {
+                *slot = value;
+            }
+        }
+    }
+    let value =
+        |column: usize, row: usize| values.get(row).and_then(|r| r.get(column)).copied().unwrap_or(0.0);
+    let (mut word, mut clearness) = (0u64, 0.0);
+    let (mut whites, mut blacks) = ((0.0, 0.0), (0.0, 0.0));
+    for bit in 0..family.bits() {
+        let (column, row) = family.place(bit);
+        let (column, row) = (column as usize, row as usize);
+        let mut v = value(column, row);
+        if width_px < SHARP_CELL_PX {
+            let around = value(column - 1, row)
+                + value(column + 1, row)
+                + value(column, row - 1)
+                + value(column, row + 1);
+            v += SHARPENING * (4.0 * v - around);
+        }
+        let (_, contrast) = half(unit(column as f64 + 0.5), unit(row as f64 + 0.5));
+        clearness += (v.abs() / contrast.max(1.0)).min(1.0);
+        let sums = if v > 0.0 { &mut whites } else { &mut blacks };
+        *sums = (sums.0 + v.abs(), sums.1 + 1.0);
+        word = word << 1 | u64::from(v > 0.0);
+    }
+    let bits = f64::from(family.bits());
+    if clearness / bits < LEAST_CLEARNESS {
+        return Err(NoTag::Unclear);
+    }
+    let reading = book.read(word, most_wrong).ok_or(NoTag::NoCode)?;
+    let mean = |(sum, count): (f64, f64)| if count > 0.0 { sum / count } else { f64::INFINITY };
+    let margin_levels = mean(whites).min(mean(blacks));
+    let inside = inside(family, &reading, &paper, 0.5 * side_px(quad));
+    Ok(Decoded { reading, margin_levels, light_level: paper.middle, dark_level: ink.middle, inside })
+}
+
+/// What the tag that was read holds inside of its sides, as the picture shows it.
+fn inside(family: TagFamily, reading: &Reading, paper: &Light, half_px: f64) -> [Inside; 4] {
+    let cells = family.cells_per_side() as usize;
+    let code = family.codes().get(reading.id as usize).copied().unwrap_or(0);
+    let word = family.turned(code, reading.turns);
+    let mut white = [[0.0; MOST_CELLS]; MOST_CELLS];
+    for bit in 0..family.bits() {
+        let (column, row) = family.place(bit);
+        if let Some(cell) = white.get_mut(row as usize).and_then(|r| r.get_mut(column as usize)) {
+            *cell = f64::from((word >> (family.bits() - 1 - bit) & 1) as u32);
+        }
+    }
+    let last = cells - 1;
+    let growth = [-paper.along_y, paper.along_x, paper.along_y, -paper.along_x];
+    let mut sides = [Inside { white: [[0.0; MOST_CELLS]; 2], cells, light_per_px: 0.0 }; 4];
+    for (i, (side, growth)) in sides.iter_mut().zip(growth).enumerate() {
+        side.light_per_px = growth / (paper.middle.max(1.0) * half_px.max(1.0));
+        for (depth, line) in side.white.iter_mut().enumerate() {
+            let depth = depth + 1;
+            for (k, slot) in line.iter_mut().enumerate().take(cells) {
+                let (column, row) = match i {
+                    0 => (k, depth),
+                    1 => (last - depth, k),
+                    2 => (last - k, last - depth),
+                    _ => (depth, last - k),
+                };
+                *slot = white.get(row).and_then(|r| r.get(column)).copied().unwrap_or(0.0);
+            }
+        }
+    }
+    sides
+}
+
+/// Mean length of the sides, px.
+pub(super) fn side_px(quad: &Quad) -> f64 {
+    let [a, b, c, d] = *quad;
+    0.25 * ((b - a).norm() + (c - b).norm() + (d - c).norm() + (a - d).norm())
+}
+
+/// Least squares plane through samples that lie evenly on the four sides of a square about the middle.
+fn plane(samples: &[(f64, f64, f64)]) -> Light {
+    let (mut n, mut sum, mut uu, mut vv, mut up, mut vp) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for &(u, v, p) in samples {
+        n += 1.0;
+        sum += p;
+        uu += u * u;
+        vv += v * v;
+        up += u * p;
+        vp += v * p;
+    }
+    if n < 1.0 {
+        return Light::default();
+    }
+    Light { middle: sum / n, along_x: up / uu, along_y: vp / vv }
+}

@@ -1,0 +1,178 @@
+//! The corners of a tag to a fraction of a pixel, with their covariance.
+//!
+//! Each side of the black square is measured row by row (column by column where it lies flat): the sum of grey levels in a window
+//! about the side tells how much of the window is light, and so where the edge crosses the row; a pixel is a square, blur is
+//! even, and neither moves that place. With `mid` and `C` half-way and contrast of paper and ink beside the window of half length `a`:
+//!
+//! ```text
+//!  delta = -(sum I - 2 a mid) / (C g)       g: what of the contrast the window's ends show, 1 where blur is short
+//! ```
+//! A straight line through all rows, moved until the windows lie evenly about it; corners are where lines meet. Deviations come from
+//! the rows' own scatter about the line and from that of the levels, so that they hold for any noise.
+
+use super::quad::{Line, Quad, is_sound};
+use super::shine::Inside;
+use super::side::{Fit, Row, Scan, Side};
+use crate::imaging::ImageView;
+use nalgebra::Vector2;
+
+/// Half length of a window across the edge, px; at most half a cell, and longer where blur asks for it.
+const HALF_PX: f64 = 2.5;
+const LEAST_HALF_PX: f64 = 1.0;
+const MOST_HALF_PX: f64 = 8.0;
+/// Below this share of the contrast at the ends windows grow.
+const ENOUGH_GAIN: f64 = 0.9;
+/// Rounds of moving the windows.
+const ROUNDS: usize = 4;
+/// A line that moves by less stands: what is left is a small part of it, px.
+const STILL_PX: f64 = 0.04;
+/// Rows of the first round, which brings the window near.
+const FIRST_ROWS: usize = 24;
+/// How far off the outline's own lines may be, px.
+const ROUGH_PX: f64 = 0.4;
+/// The noise that all sides show counts as much as so many rows.
+const SHARED_ROWS: f64 = 12.0;
+
+/// Corners, and the covariance `[xx, xy, yy]` of each, px^2.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Corners {
+    pub(super) px: Quad,
+    pub(super) covariance_px2: [[f64; 3]; 4],
+}
+
+/// Measures the sides of tags. Owns its buffer.
+#[derive(Debug, Clone)]
+pub(super) struct EdgeMeter {
+    rows: Vec<Row>,
+    /// Most rows of a side.
+    most_rows: usize,
+}
+
+impl EdgeMeter {
+    /// For images of at most this size.
+    pub(super) fn with_size(width: usize, height: usize) -> Self {
+        let most_rows = width.max(height);
+        Self { rows: Vec::with_capacity(most_rows), most_rows }
+    }
+
+    /// The corners of the black square near `quad`, whose sides have `cells` cells, with what is known to lie inside each side;
+    /// `None` when they form no quadrilateral.
+    pub(super) fn refine(
+        &mut self,
+        image: &ImageView<'_>,
+        quad: &Quad,
+        cells: u32,
+        inside: Option<&[Inside; 4]>,
+    ) -> Option<Corners> {
+        let mut sides = [Side::default(); 4];
+        for (i, side) in sides.iter_mut().enumerate() {
+            *side = self
+                .side(image, quad, i, f64::from(cells), inside.and_then(|s| s.get(i)))
+                .or_else(|| rough(quad, i))?;
+        }
+        share_noise(&mut sides);
+        let mut px = *quad;
+        let mut covariance_px2 = [[0.0; 3]; 4];
+        for (i, (corner, covariance)) in px.iter_mut().zip(&mut covariance_px2).enumerate() {
+            let (before, after) = (sides.get((i + 3) % 4)?, sides.get(i)?);
+            *corner = before.line().meet(&after.line())?;
+            let (a, b) = (before.normal, after.normal);
+            let det2 = a.perp(&b).powi(2);
+            let (va, vb) = (before.variance_at(*corner), after.variance_at(*corner));
+            // n_a . e = da, n_b . e = db
+            *covariance = [
+                (b.y * b.y * va + a.y * a.y * vb) / det2,
+                -(b.x * b.y * va + a.x * a.y * vb) / det2,
+                (b.x * b.x * va + a.x * a.x * vb) / det2,
+            ];
+        }
+        is_sound(&px).then_some(Corners { px, covariance_px2 })
+    }
+
+    fn side(
+        &mut self,
+        image: &ImageView<'_>,
+        quad: &Quad,
+        i: usize,
+        cells: f64,
+        inside: Option<&Inside>,
+    ) -> Option<Side> {
+        let corner = |k: usize| quad.get((i + k) % 4).copied().unwrap_or_default();
+        let (mut a, mut b) = (corner(0), corner(1));
+        let length = (b - a).norm();
+        // the narrower of both ends of the tag's depth: how wide a cell is across this side
+        let depth = (corner(3) - a)
+            .perp(&((b - a) / length))
+            .abs()
+            .min((corner(2) - b).perp(&((b - a) / length)).abs());
+        let cell = depth / cells;
+        let most_half = (0.5 * cell).clamp(LEAST_HALF_PX, MOST_HALF_PX);
+        let mut half = HALF_PX.min(most_half);
+        let neighbours = [(corner(3), corner(0)), (corner(1), corner(2))].map(|(p, q)| {
+            let along = (q - p).normalize();
+            let normal = Vector2::new(along.y, -along.x);
+            Line { normal, offset: normal.dot(&p) }
+        });
+        let mut blur = 0.0;
+        let mut last: Option<Side> = None;
+        for round in 0..ROUNDS {
+            let along = (b - a) / (b - a).norm();
+            // outward: the corners go clockwise on the screen
+            let normal = Vector2::new(along.y, -along.x);
+            let line = Line { normal, offset: normal.dot(&a) };
+            let scan = Scan { image, line, half, cell, neighbours, length, blur, from: a, to: b, inside };
+            let along_y = scan.read(&mut self.rows, if round == 0 { FIRST_ROWS } else { self.most_rows });
+            let Fit { side, gain, shift, blur: seen } = scan.fit(along_y, &mut self.rows)?;
+            let sharper = seen - blur;
+            blur = seen;
+            let move_to = |p: Vector2<f64>| p - side.normal * (side.normal.dot(&p) - side.offset);
+            (a, b) = (move_to(a), move_to(b));
+            last = Some(side);
+            let grow = gain < ENOUGH_GAIN && half < most_half;
+            if grow {
+                half = (1.6 * half).min(most_half);
+            } else if shift < STILL_PX && sharper < 0.1 && round > 0 {
+                break;
+            }
+        }
+        last
+    }
+}
+
+/// Few rows do not tell their scatter well: all sides see the same noise.
+fn share_noise(sides: &mut [Side; 4]) {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for side in sides.iter().filter(|s| s.per_noise > 0.0) {
+        sum += (side.n - 2.0) * side.variance / side.per_noise;
+        count += side.n - 2.0;
+    }
+    if count > 0.0 {
+        for side in sides.iter_mut().filter(|s| s.per_noise > 0.0) {
+            let (own, shared) = (side.n - 2.0, side.per_noise * sum / count);
+            side.variance = (own * side.variance + SHARED_ROWS * shared) / (own + SHARED_ROWS);
+        }
+    }
+}
+
+/// A side that cannot be measured, because its margin is too narrow or hidden: as the outline has it.
+fn rough(quad: &Quad, i: usize) -> Option<Side> {
+    let (a, b) = (*quad.get(i)?, *quad.get((i + 1) % 4)?);
+    let along = (b - a).try_normalize(1e-9)?;
+    let normal = Vector2::new(along.y, -along.x);
+    let along_y = normal.x.abs() >= normal.y.abs();
+    let (middle, length) =
+        if along_y { (0.5 * (a.y + b.y), b.y - a.y) } else { (0.5 * (a.x + b.x), b.x - a.x) };
+    // as if two places, a quarter from the ends, had been seen
+    let (n, ss) = (2.0, 0.125 * length * length);
+    Some(Side {
+        normal,
+        offset: normal.dot(&a),
+        along_y,
+        middle,
+        n,
+        ss,
+        variance: ROUGH_PX * ROUGH_PX,
+        common: 0.0,
+        per_noise: 0.0,
+    })
+}

@@ -1,0 +1,26 @@
+//! Tags of the AprilTag families in a frame: which, where, and how sure.
+//!
+//! ```text
+//! frame -> dark pixels by tiles -> regions -> outlines -> quadrilaterals -> bits -> tag -> sub-pixel corners
+//!          threshold               regions    outline     quad              decode, codebook  edges
+//! tracking: the same in windows about the expected tags
+//! ```
+//! All positions are pixels of the distorted image.
+
+mod codebook;
+mod decode;
+mod edges;
+mod finder;
+mod outline;
+mod plane_map;
+mod plate;
+mod points;
+mod quad;
+mod regions;
+mod shine;
+mod side;
+mod threshold;
+
+pub use finder::{MOST_TAGS, TagExpected, TagFinder, TagFound, TagMiss};
+pub use plate::TagPlateFinder;
+pub use points::TagPoints;

@@ -1,0 +1,87 @@
+//! A target made of tags, as points with ids: corner `c` of tag `i` of the list is point `4 i + c`.
+
+use super::finder::{MOST_TAGS, TagExpected, TagFinder, TagFound};
+use crate::detect::Found;
+use crate::imaging::ImageView;
+use crate::messages::TargetStatus;
+
+/// Finds the corners of listed tags. Owns its buffers.
+#[derive(Debug, Clone)]
+pub struct TagPoints {
+    finder: TagFinder,
+    /// Ids of the tags and their places in the list, ids rising.
+    tags: Box<[(u32, u32)]>,
+    seen: Vec<TagFound>,
+}
+
+impl TagPoints {
+    /// A finder of the tags `ids`; of an id that is listed twice the first place counts.
+    #[must_use]
+    pub fn new(finder: TagFinder, ids: &[u32]) -> Self {
+        let mut tags: Vec<(u32, u32)> = (0..).zip(ids).map(|(place, &id)| (id, place)).collect();
+        tags.sort_unstable();
+        tags.dedup_by_key(|(id, _)| *id);
+        Self { finder, tags: tags.into(), seen: Vec::with_capacity(MOST_TAGS) }
+    }
+
+    /// The tags seen last, listed or not.
+    #[must_use]
+    pub fn seen(&self) -> &[TagFound] {
+        &self.seen
+    }
+
+    /// Searches the whole frame: fills `found` with the corners of the listed tags, ids rising. A tag that is seen twice tells nothing and
+    /// is left out.
+    ///
+    /// # Errors
+    /// The status that says why there is none of them; `found` is then empty.
+    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+        found.clear();
+        self.finder.search(image, &mut self.seen).map_err(TargetStatus::from)?;
+        let twice = self.collect(found);
+        match (found.is_empty(), twice) {
+            (false, _) => Ok(()),
+            (true, true) => Err(TargetStatus::Ambiguous),
+            (true, false) => Err(TargetStatus::NoMatch),
+        }
+    }
+
+    /// Looks for tags where they are expected: fills `found` with the corners of those that are there, ids rising. Whether there is any.
+    pub fn track(&mut self, image: &ImageView<'_>, expected: &[TagExpected], found: &mut Vec<Found>) -> bool {
+        found.clear();
+        self.finder.track(image, expected, &mut self.seen);
+        self.collect(found);
+        !found.is_empty()
+    }
+
+    /// Corners of the listed tags that were seen once. Whether any was seen twice.
+    fn collect(&self, found: &mut Vec<Found>) -> bool {
+        let mut twice = false;
+        for (i, tag) in self.seen.iter().enumerate() {
+            let Ok(at) = self.tags.binary_search_by_key(&tag.id, |(id, _)| *id) else { continue };
+            // ids rise: equal ones stand together
+            let same = |j: Option<usize>| j.and_then(|j| self.seen.get(j)).is_some_and(|t| t.id == tag.id);
+            if same(i.checked_sub(1)) || same(Some(i + 1)) {
+                twice = true;
+                continue;
+            }
+            let Some(&(_, place)) = self.tags.get(at) else { continue };
+            let [a, b, c, d] = tag.corners_px;
+            let area_px2 = 0.5 * (c - a).perp(&(d - b)).abs();
+            for (corner, px) in tag.corners_px.iter().enumerate() {
+                found.push(Found {
+                    id: 4 * place + corner as u32,
+                    px: *px,
+                    sigma_px: tag.sigma_px(corner),
+                    area_px2,
+                    covariance_px2: tag.covariance_px2.get(corner).copied().unwrap_or_default(),
+                    dark_level: tag.dark_level,
+                    plate_level: tag.light_level,
+                    disturbance_px: 0.0,
+                });
+            }
+        }
+        found.sort_unstable_by_key(|f| f.id);
+        twice
+    }
+}

@@ -1,0 +1,239 @@
+//! From an outline to a convex quadrilateral: four corners, and a straight line through the points of each side.
+
+use super::outline::Point;
+use nalgebra::Vector2;
+
+/// Shortest side, px.
+pub(super) const LEAST_SIDE_PX: f64 = 6.0;
+/// Points of a side that are left out at each end: the share of the side, and at least so many px.
+const END_SHARE: f64 = 0.08;
+const END_PX: f64 = 1.5;
+/// Points may lie off their side by this on average (rms): px, and share of the side for curved ones.
+const OFF_PX: f64 = 0.75;
+const OFF_SHARE: f64 = 0.02;
+/// Sine of the least angle at a corner, 15 degrees.
+const LEAST_SINE: f64 = 0.26;
+
+/// Corners of a convex quadrilateral, px, clockwise on the screen.
+pub(super) type Quad = [Vector2<f64>; 4];
+
+/// A straight line: `normal . x = offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Line {
+    pub(super) normal: Vector2<f64>,
+    pub(super) offset: f64,
+}
+
+impl Line {
+    /// Where two lines meet; `None` when they are parallel.
+    pub(super) fn meet(&self, other: &Self) -> Option<Vector2<f64>> {
+        let (a, b) = (self.normal, other.normal);
+        let det = a.x * b.y - a.y * b.x;
+        if !(det.abs() > 1e-6) {
+            return None;
+        }
+        let (p, q) = (self.offset, other.offset);
+        Some(Vector2::new(p * b.y - q * a.y, a.x * q - b.x * p) / det)
+    }
+}
+
+/// Twice the area of the triangle `a b c`, positive where it goes clockwise on the screen.
+fn turn(a: Vector2<f64>, b: Vector2<f64>, c: Vector2<f64>) -> f64 {
+    (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
+}
+
+/// Whether corners go clockwise around a convex quadrilateral with sides and angles that a tag's image may have.
+pub(super) fn is_sound(quad: &Quad) -> bool {
+    let [a, b, c, d] = *quad;
+    [(d, a, b), (a, b, c), (b, c, d), (c, d, a)].into_iter().all(|(p, q, r)| {
+        let (one, two) = ((q - p).norm(), (r - q).norm());
+        one >= LEAST_SIDE_PX && turn(p, q, r) >= LEAST_SINE * one * two
+    })
+}
+
+/// The quadrilateral of a closed outline, px of the window; `None` when the outline is none.
+pub(super) fn of_outline(points: &[Point]) -> Option<Quad> {
+    let mut at = corners(points)?;
+    at.sort_unstable();
+    let mut lines = [Line { normal: Vector2::zeros(), offset: 0.0 }; 4];
+    for (i, line) in lines.iter_mut().enumerate() {
+        let (from, to) = (*at.get(i)?, *at.get((i + 1) % 4)?);
+        *line = side(points, from, to)?;
+    }
+    let [a, b, c, d] = lines;
+    let quad = [d.meet(&a)?, a.meet(&b)?, b.meet(&c)?, c.meet(&d)?];
+    is_sound(&quad).then_some(quad)
+}
+
+fn place(points: &[Point], i: usize) -> Vector2<f64> {
+    points.get(i).map_or_else(Vector2::zeros, |p| Vector2::new(f64::from(p[0]), f64::from(p[1])))
+}
+
+/// The point for which `measure` is greatest, by its index, and that measure.
+fn farthest(points: &[Point], measure: impl Fn(f32, f32) -> f32) -> (usize, f32) {
+    let mut best = (0, f32::MIN);
+    for (i, p) in points.iter().enumerate() {
+        let value = measure(p[0], p[1]);
+        if value > best.1 {
+            best = (i, value);
+        }
+    }
+    best
+}
+
+/// Indices of the four corners: of a convex outline the point that is farthest from any other is a corner, and each corner is the point
+/// farthest from the line through its neighbours.
+fn corners(points: &[Point]) -> Option<[usize; 4]> {
+    if points.len() < 16 {
+        return None;
+    }
+    let count = points.len() as f32;
+    let sum = points.iter().fold([0.0f32; 2], |s, p| [s[0] + p[0], s[1] + p[1]]);
+    let from = |c: [f32; 2]| move |x: f32, y: f32| (x - c[0]).powi(2) + (y - c[1]).powi(2);
+    let point = |i: usize| points.get(i).copied().unwrap_or_default();
+    let (a, _) = farthest(points, from([sum[0] / count, sum[1] / count]));
+    let (b, _) = farthest(points, from(point(a)));
+    // distances from the line through two points, to its right, times its length
+    let right_of = |i: usize, j: usize| {
+        let (p, q) = (point(i), point(j));
+        let (dx, dy) = (q[0] - p[0], q[1] - p[1]);
+        move |x: f32, y: f32| dx * (y - p[1]) - dy * (x - p[0])
+    };
+    let (c, to_c) = farthest(points, right_of(a, b));
+    let (d, to_d) = farthest(points, right_of(b, a));
+    // the outline goes clockwise: its order is the order of indices
+    let mut quad = if to_c.min(to_d) > 0.08 * to_c.max(to_d) {
+        [a, c, b, d]
+    } else {
+        // `a b` is a side: the fourth corner is farthest from the triangle's other sides
+        let e = if to_c > to_d { c } else { d };
+        let sides = if to_c > to_d { [(b, e), (e, a)] } else { [(a, e), (e, b)] };
+        let [(one, off_one), (two, off_two)] = sides.map(|(i, j)| farthest(points, right_of(j, i)));
+        let norm = |(i, j): (usize, usize)| (point(i)[0] - point(j)[0]).hypot(point(i)[1] - point(j)[1]);
+        let far = if off_one * norm(sides[1]) > off_two * norm(sides[0]) { one } else { two };
+        [a, b, e, far]
+    };
+    for _ in 0..2 {
+        quad.sort_unstable();
+        for i in 0..4 {
+            let (before, after) = (*quad.get((i + 3) % 4)?, *quad.get((i + 1) % 4)?);
+            // the corner lies left of the way from the one behind it back to the one before it
+            let (best, off) = farthest(points, right_of(after, before));
+            if off > 0.0
+                && let Some(corner) = quad.get_mut(i)
+            {
+                *corner = best;
+            }
+        }
+    }
+    quad.sort_unstable();
+    quad.windows(2).all(|w| w.first() != w.last()).then_some(quad)
+}
+
+/// The line through the points from index `from` on, to `to`, without its ends; fitted twice, the second time without what lies far off.
+fn side(points: &[Point], from: usize, to: usize) -> Option<Line> {
+    let (a, b) = (place(points, from), place(points, to));
+    let along = b - a;
+    let length = along.norm();
+    if length < LEAST_SIDE_PX {
+        return None;
+    }
+    let along = along / length;
+    let skip = (END_SHARE * length).max(END_PX);
+    let count = if to > from { to - from } else { to + points.len() - from };
+    let used = || {
+        (0..=count).map(|i| place(points, (from + i) % points.len())).filter(move |p| {
+            let s = (p - a).dot(&along);
+            s >= skip && s <= length - skip
+        })
+    };
+    let mut line = Line { normal: Vector2::new(along.y, -along.x), offset: 0.0 };
+    let mut most = f64::INFINITY;
+    for round in 0..3 {
+        let (mut n, mut sum, mut xx, mut xy, mut yy) = (0.0, Vector2::zeros(), 0.0, 0.0, 0.0);
+        for p in used() {
+            let r = p - a;
+            if (line.normal.dot(&p) - line.offset).abs() <= most {
+                n += 1.0;
+                sum += r;
+                xx += r.x * r.x;
+                xy += r.x * r.y;
+                yy += r.y * r.y;
+            }
+        }
+        if n < 4.0 {
+            return None;
+        }
+        let mean = sum / n;
+        let (xx, xy, yy) = (xx / n - mean.x * mean.x, xy / n - mean.x * mean.y, yy / n - mean.y * mean.y);
+        // direction of least spread
+        let root = (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();
+        let small = (0.5 * (xx + yy) - root).max(0.0);
+        let normal = if xx > yy { Vector2::new(-xy, xx - small) } else { Vector2::new(yy - small, -xy) };
+        let normal = normal.try_normalize(1e-12)?;
+        line = Line { normal, offset: normal.dot(&(mean + a)) };
+        let rms = small.sqrt();
+        most = (2.5 * rms).max(0.3);
+        if round == 2 && rms > OFF_PX + OFF_SHARE * length {
+            return None;
+        }
+        if round == 0 && rms > 3.0 * (OFF_PX + OFF_SHARE * length) {
+            return None;
+        }
+    }
+    Some(line)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points along the sides of a quadrilateral, about a pixel apart.
+    fn outline(quad: &Quad) -> Vec<Point> {
+        let mut points = Vec::new();
+        for i in 0..4 {
+            let (a, b) = (quad[i], quad[(i + 1) % 4]);
+            let n = (b - a).norm().ceil() as usize;
+            points.extend((0..n).map(|k| a.lerp(&b, k as f64 / n as f64)).map(|p| [p.x as f32, p.y as f32]));
+        }
+        points
+    }
+
+    #[test]
+    fn quadrilaterals_are_found_wherever_the_outline_begins() {
+        let v = Vector2::new;
+        for quad in [
+            [v(10.0, 10.0), v(50.0, 12.0), v(48.0, 55.0), v(8.0, 50.0)],
+            [v(10.0, 10.0), v(90.0, 30.0), v(92.0, 42.0), v(12.0, 25.0)],
+            [v(30.0, 10.0), v(60.0, 40.0), v(30.0, 70.0), v(0.0, 40.0)],
+            // a long side that is the longest distance
+            [v(0.0, 0.0), v(100.0, 0.0), v(70.0, 30.0), v(40.0, 30.0)],
+        ] {
+            let mut points = outline(&quad);
+            for _ in 0..7 {
+                points.rotate_left(9);
+                let found = of_outline(&points).unwrap();
+                for corner in &quad {
+                    let off = found.iter().map(|p| (p - corner).norm()).fold(f64::MAX, f64::min);
+                    assert!(off < 0.05, "{quad:?} {found:?}");
+                }
+                assert!(is_sound(&found));
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_quadrilateral_is_refused() {
+        let round: Vec<Point> = (0..100)
+            .map(|i| f64::from(i) * 0.0628)
+            .map(|t| [40.0 + 30.0 * t.cos() as f32, 40.0 + 30.0 * t.sin() as f32])
+            .collect();
+        assert_eq!(of_outline(&round), None);
+        assert_eq!(of_outline(&[[1.0, 1.0]; 50]), None);
+        assert_eq!(of_outline(&[]), None);
+        assert_eq!(of_outline(&[[f32::NAN; 2]; 50]), None);
+        let v = Vector2::new;
+        let triangle = outline(&[v(0.0, 0.0), v(60.0, 0.0), v(30.0, 50.0), v(15.0, 25.0)]);
+        assert_eq!(of_outline(&triangle), None);
+    }
+}

@@ -1,0 +1,371 @@
+//! One look at one side of a tag: what each row across it tells, and the straight line through all of them.
+
+use super::quad::Line;
+use super::shine::{Inside, Shine, Windows, blur_of};
+use crate::imaging::ImageView;
+use nalgebra::Vector2;
+
+/// Paper and ink are looked at this far beyond the window, over such a length, px.
+pub(super) const GAP_PX: f64 = 0.5;
+pub(super) const LEVEL_PX: f64 = 2.0;
+/// Least share of the contrast at the ends of a window.
+pub(super) const LEAST_GAIN: f64 = 0.35;
+/// Fewest rows of a side.
+pub(super) const LEAST_ROWS: usize = 4;
+/// What no scatter shows, px: levels are rounded, sides are not quite straight.
+const FLOOR_PX: f64 = 0.005;
+/// Rows of which levels differ from the side's by this share of the contrast are left out: something lies there.
+const LEVEL_SHARE: f64 = 0.35;
+/// Rows keep so many deviations of the blur away from the neighbouring sides.
+const CLEAR_BLURS: f64 = 2.4;
+/// What other cells shine into a side is reckoned to this share of the blur, which falls with the cell's width in blurs (measured on
+/// pictures of 2 to 15 px a cell, blur 0.3 to 2 px).
+const DOUBT: f64 = 1.2;
+const DOUBT_FALL: f64 = 1.1;
+/// How much of what uneven light moves may be reckoned wrongly.
+const GROWTH_DOUBT: f64 = 0.3;
+
+/// One side, measured.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Side {
+    /// Normal and offset.
+    pub(super) normal: Vector2<f64>,
+    pub(super) offset: f64,
+    /// Rows (along y) or columns.
+    pub(super) along_y: bool,
+    /// Middle of the rows used, px along the side's axis; their number; sum of squares about the middle.
+    pub(super) middle: f64,
+    pub(super) n: f64,
+    pub(super) ss: f64,
+    /// Variance of one row's crossing, px^2 along the row.
+    pub(super) variance: f64,
+    /// Variance of the whole line across itself, px^2.
+    pub(super) common: f64,
+    /// What `variance` is for one of a pixel's noise, (px/level)^2; 0 where it does not come from noise.
+    pub(super) per_noise: f64,
+}
+
+impl Side {
+    pub(super) fn line(&self) -> Line {
+        Line { normal: self.normal, offset: self.offset }
+    }
+
+    /// Variance of the line's place across itself at a point, px^2.
+    pub(super) fn variance_at(&self, p: Vector2<f64>) -> f64 {
+        let (s, across) = if self.along_y { (p.y, self.normal.x) } else { (p.x, self.normal.y) };
+        let lever = if self.ss > 0.0 { (s - self.middle).powi(2) / self.ss } else { 0.0 };
+        across * across * self.variance * (1.0 / self.n + lever) + self.common + FLOOR_PX * FLOOR_PX
+    }
+}
+
+/// What one row tells.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Row {
+    /// Along the side: the row's number from the side's middle.
+    s: f64,
+    /// Sum over the window.
+    sum: f64,
+    light: f64,
+    dark: f64,
+    /// Difference of the levels at the window's ends, light - dark.
+    ends: f64,
+    /// Difference of the pixels beside the edge, light - dark.
+    near: f64,
+    /// Level beyond the margin.
+    beyond: f64,
+    /// White behind the border, and one cell further.
+    white: [f64; 2],
+    used: bool,
+}
+
+/// A straight line `a + b s` with the scatter about it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Trend {
+    a: f64,
+    b: f64,
+    mean_s: f64,
+    n: f64,
+    ss: f64,
+    variance: f64,
+}
+
+impl Trend {
+    fn of(rows: &[Row], value: impl Fn(&Row) -> f64) -> Self {
+        let (mut n, mut s, mut v) = (0.0, 0.0, 0.0);
+        for row in rows.iter().filter(|r| r.used) {
+            n += 1.0;
+            s += row.s;
+            v += value(row);
+        }
+        if n < 1.0 {
+            return Self::default();
+        }
+        let (mean_s, a) = (s / n, v / n);
+        let (mut ss, mut sv, mut vv) = (0.0, 0.0, 0.0);
+        for row in rows.iter().filter(|r| r.used) {
+            let (ds, dv) = (row.s - mean_s, value(row) - a);
+            ss += ds * ds;
+            sv += ds * dv;
+            vv += dv * dv;
+        }
+        let b = if ss > 0.0 { sv / ss } else { 0.0 };
+        let variance = if n > 2.0 { ((vv - b * sv) / (n - 2.0)).max(0.0) } else { 0.0 };
+        Self { a, b, mean_s, n, ss, variance }
+    }
+
+    fn at(&self, s: f64) -> f64 {
+        self.a + self.b * (s - self.mean_s)
+    }
+}
+
+/// What a look has shown.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fit {
+    pub(super) side: Side,
+    /// What of the contrast the windows hold.
+    pub(super) gain: f64,
+    /// How far the line has moved, px.
+    pub(super) shift: f64,
+    /// Blur across the side, px; 0 where it was not asked for.
+    pub(super) blur: f64,
+}
+
+/// One look at one side.
+pub(super) struct Scan<'a> {
+    pub(super) image: &'a ImageView<'a>,
+    pub(super) line: Line,
+    /// Half length of the window across the side, width of a cell, length of the side, px.
+    pub(super) half: f64,
+    pub(super) cell: f64,
+    pub(super) length: f64,
+    /// Blur across the side as far as it is known, px.
+    pub(super) blur: f64,
+    /// The sides before and behind, normals outward.
+    pub(super) neighbours: [Line; 2],
+    /// The side's ends.
+    pub(super) from: Vector2<f64>,
+    pub(super) to: Vector2<f64>,
+    pub(super) inside: Option<&'a Inside>,
+}
+
+impl Scan<'_> {
+    /// Where levels are read: beyond the window, within the cell; across the side, px.
+    fn level_window(&self) -> (f64, f64) {
+        let near = (self.half + GAP_PX).min((0.5 * self.cell - 0.5).max(0.5 * self.half));
+        (near, (near + LEVEL_PX).min((0.7 * self.cell).max(near + 1.0)))
+    }
+
+    /// Fills `rows`, `most` at most, evenly; whether they are rows, not columns.
+    pub(super) fn read(&self, rows: &mut Vec<Row>, most: usize) -> bool {
+        rows.clear();
+        let (a, b) = (self.from, self.to);
+        let normal = self.line.normal;
+        let along_y = normal.x.abs() >= normal.y.abs();
+        let (across, other) = if along_y { (normal.x, normal.y) } else { (normal.y, normal.x) };
+        let (from, to) = if along_y { (a.y.min(b.y), a.y.max(b.y)) } else { (a.x.min(b.x), a.x.max(b.x)) };
+        let size = if along_y { self.image.height() } else { self.image.width() } as f64;
+        let (from, to) = (from.ceil().max(0.0), to.floor().min(size - 1.0));
+        if !(to >= from) {
+            return along_y;
+        }
+        let per = 1.0 / across.abs();
+        let sign = across.signum();
+        let (near, far) = self.level_window();
+        // what is white beyond the neighbouring sides shines in, too
+        let clear = (self.half + 0.5).max(CLEAR_BLURS * self.blur).clamp(1.5, (0.3 * self.length).max(1.5));
+        let reach = far * per;
+        let limit = if along_y { self.image.width() } else { self.image.height() } as f64 - 1.0;
+        let (from, to) = (from as usize, to as usize);
+        for k in (from..=to).step_by((to - from) / most.max(1) + 1) {
+            let s = k as f64;
+            let c = (self.line.offset - other * s) / across;
+            if !(c - reach > 0.5 && c + reach < limit - 0.5) {
+                continue;
+            }
+            // away from the neighbouring sides, with both ends
+            let inside = [c - sign * self.half * per, c].iter().all(|&x| {
+                let p = if along_y { Vector2::new(x, s) } else { Vector2::new(s, x) };
+                self.neighbours.iter().all(|n| n.offset - n.normal.dot(&p) >= clear)
+            });
+            if !inside {
+                continue;
+            }
+            let sum_of = |x0: f64, x1: f64| {
+                if along_y {
+                    sum_in_row(self.image.row(k), x0, x1)
+                } else {
+                    sum_in_column(self.image, k, x0, x1)
+                }
+            };
+            let h = self.half * per;
+            let mean = |u0: f64, u1: f64| {
+                let (x0, x1) = if sign > 0.0 { (c + u0, c + u1) } else { (c - u1, c - u0) };
+                sum_of(x0, x1) / (x1 - x0)
+            };
+            let light = mean(near * per, far * per);
+            let dark = mean(-far * per, -near * per);
+            let ends = mean(h - 0.5, h + 0.5) - mean(-h - 0.5, -h + 0.5);
+            let beside = mean(0.0, 1.0) - mean(-1.0, 0.0);
+            let (mut white, mut beyond) = ([0.0; 2], light);
+            if let Some(inside) = self.inside {
+                let p = if along_y { Vector2::new(c, s) } else { Vector2::new(s, c) };
+                white = inside.at((p - a).norm() / self.length, 0.7 / self.length);
+                let out = (1.3 * self.cell * per, (1.3 * self.cell + 1.5) * per);
+                if c - out.1 > 0.5 && c + out.1 < limit - 0.5 {
+                    beyond = mean(out.0, out.1);
+                }
+            }
+            rows.push(Row {
+                s,
+                sum: sum_of(c - h, c + h),
+                light,
+                dark,
+                ends,
+                near: beside,
+                beyond,
+                white,
+                used: light > dark,
+            });
+        }
+        along_y
+    }
+
+    /// The line through the rows.
+    pub(super) fn fit(&self, along_y: bool, rows: &mut [Row]) -> Option<Fit> {
+        let normal = self.line.normal;
+        let (across, other) = if along_y { (normal.x, normal.y) } else { (normal.y, normal.x) };
+        let (sign, window) = (across.signum(), 2.0 * self.half / across.abs());
+        let (mut light, mut dark) = (Trend::of(rows, |r| r.light), Trend::of(rows, |r| r.dark));
+        for row in rows.iter_mut().filter(|r| r.used) {
+            let most = LEVEL_SHARE * (light.at(row.s) - dark.at(row.s));
+            row.used =
+                (row.light - light.at(row.s)).abs() <= most && (row.dark - dark.at(row.s)).abs() <= most;
+        }
+        (light, dark) = (Trend::of(rows, |r| r.light), Trend::of(rows, |r| r.dark));
+        let mut contrast = light.a - dark.a;
+        if (light.n as usize) < LEAST_ROWS || !(contrast >= 5.0) {
+            return None;
+        }
+        let mut gain = (Trend::of(rows, |r| r.ends).a / contrast).clamp(LEAST_GAIN, 1.0);
+        let mut blur_px = 0.0;
+        if self.inside.is_some() {
+            let per = 1.0 / across.abs();
+            let (near, far) = self.level_window();
+            let windows =
+                Windows { half: self.half * per, near: near * per, far: far * per, cell: self.cell * per };
+            let blur = blur_of(Trend::of(rows, |r| r.near).a / contrast);
+            blur_px = blur;
+            let mut shine = Shine::new(&windows, blur);
+            if shine.matters() {
+                // contrast and blur once more without what others shine in
+                let full = contrast / (1.0 - 2.0 * shine.own).max(0.3);
+                let beside = Trend::of(rows, |r| r.near + shine.total(r, full, 2)).a;
+                let (l, d) = (
+                    Trend::of(rows, |r| r.light - shine.outside(r, full, 1)).a,
+                    Trend::of(rows, |r| r.dark - shine.within(r, full, 1)).a,
+                );
+                let full = (l - d) / (1.0 - 2.0 * shine.own).max(0.3);
+                blur_px = blur_of(beside / full);
+                shine = Shine::new(&windows, blur_px);
+                let full = (l - d) / (1.0 - 2.0 * shine.own).max(0.3);
+                for row in rows.iter_mut() {
+                    let (within, outside) = (shine.within(row, full, 0), shine.outside(row, full, 0));
+                    let level = (shine.within(row, full, 1), shine.outside(row, full, 1));
+                    row.sum -= within + outside;
+                    row.dark -= level.0;
+                    row.light -= level.1;
+                }
+                (light, dark) = (Trend::of(rows, |r| r.light), Trend::of(rows, |r| r.dark));
+            }
+            contrast = ((light.a - dark.a) / (1.0 - 2.0 * shine.own).max(0.3)).max(5.0);
+            gain = shine.gain.clamp(LEAST_GAIN, 1.0);
+        }
+        let own = contrast / (light.a - dark.a).max(1.0);
+        // light that grows across the side is read further out than the window reaches
+        let (near, far) = self.level_window();
+        let growth =
+            self.inside.map_or(0.0, |i| i.light_per_px) * self.half * (0.5 * self.half - 0.5 * (near + far));
+        let growth = sign * growth / across.abs();
+        let delta = |r: &Row| {
+            let (l, d) = (light.at(r.s), dark.at(r.s));
+            growth - sign * (r.sum - 0.5 * window * (l + d)) / ((own * (l - d)).max(0.25 * contrast) * gain)
+        };
+        let mut trend = Trend::of(rows, delta);
+        let most = (3.0 * trend.variance.sqrt()).max(0.1);
+        for row in rows.iter_mut().filter(|r| r.used) {
+            row.used = (delta(row) - trend.at(row.s)).abs() <= most;
+        }
+        trend = Trend::of(rows, delta);
+        if (trend.n as usize) < LEAST_ROWS {
+            return None;
+        }
+        // the rows' own levels in place of the side's: the same line, and the scatter of both
+        let scatter = Trend::of(rows, |r| {
+            let (l, d) = (light.at(r.s), dark.at(r.s));
+            let apart = r.light - l + r.dark - d;
+            delta(r) + sign * 0.5 * window * apart / ((own * (l - d)).max(0.25 * contrast) * gain)
+        });
+        // the line so far is `c = (offset - other s) / across`; the rows say `c + delta`
+        let slope = -other / across + trend.b;
+        let crossing = (self.line.offset - other * trend.mean_s) / across + trend.a;
+        let shift = (trend.a.abs() + trend.b.abs() * (trend.ss / trend.n).sqrt()) * across.abs();
+        let n = Vector2::new(sign, -sign * slope).normalize();
+        let normal = if along_y { n } else { Vector2::new(n.y, n.x) };
+        let at =
+            if along_y { Vector2::new(crossing, trend.mean_s) } else { Vector2::new(trend.mean_s, crossing) };
+        let blur = blur_px * across.abs();
+        let side = Side {
+            normal,
+            offset: normal.dot(&at),
+            along_y,
+            middle: trend.mean_s,
+            n: trend.n,
+            ss: trend.ss,
+            variance: scatter.variance.max(trend.variance),
+            common: (DOUBT * blur * (-DOUBT_FALL * self.cell / blur.max(0.1)).exp()).powi(2)
+                + (GROWTH_DOUBT * growth * across).powi(2),
+            per_noise: window / (contrast * gain).powi(2),
+        };
+        (shift < 2.0 * self.half).then_some(Fit { side, gain, shift, blur })
+    }
+}
+
+impl Shine {
+    /// What the cells within the border add to sum, dark level or difference (`what` 0 to 2) of a row.
+    fn within(&self, row: &Row, contrast: f64, what: usize) -> f64 {
+        let share = |i: usize| self.inner.get(i).and_then(|s| s.get(what)).copied().unwrap_or(0.0);
+        contrast * (row.white[0] * share(0) + (row.white[1] - row.white[0]) * share(1))
+    }
+
+    /// What lies beyond the margin adds to sum, light level or difference.
+    fn outside(&self, row: &Row, contrast: f64, what: usize) -> f64 {
+        // noise of one place is no ground for more than a full step
+        let step = (row.beyond - row.light).clamp(-contrast, contrast);
+        step * self.outer.get(what).copied().unwrap_or(0.0)
+    }
+
+    /// What both take from the difference beside the edge.
+    fn total(&self, row: &Row, contrast: f64, what: usize) -> f64 {
+        self.within(row, contrast, what) - self.outside(row, contrast, what)
+    }
+}
+
+/// Sum of levels from `x0` to `x1`, each pixel one wide about its centre. Both lie within the row.
+#[inline]
+fn sum_in_row(row: &[u8], x0: f64, x1: f64) -> f64 {
+    let (first, last) = ((x0 + 0.5) as usize, (x1 + 0.5) as usize);
+    let at = |k: usize| row.get(k).map_or(0.0, |&p| f64::from(p));
+    let inner: u32 = row.get(first..=last).unwrap_or(&[]).iter().map(|&p| u32::from(p)).sum();
+    f64::from(inner) - (x0 + 0.5 - first as f64) * at(first) - (last as f64 + 0.5 - x1) * at(last)
+}
+
+/// The same in column `x`.
+#[inline]
+fn sum_in_column(image: &ImageView<'_>, x: usize, y0: f64, y1: f64) -> f64 {
+    let (first, last) = ((y0 + 0.5) as usize, (y1 + 0.5) as usize);
+    let at = |k: usize| image.row(k).get(x).map_or(0, |&p| u32::from(p));
+    let inner: u32 = (first..=last).map(at).sum();
+    f64::from(inner)
+        - (y0 + 0.5 - first as f64) * f64::from(at(first))
+        - (last as f64 + 0.5 - y1) * f64::from(at(last))
+}

@@ -1,0 +1,187 @@
+//! All that lies in a scene in layers, and its pictures at the instants of one exposure.
+
+use super::backdrop::{Backdrop, Texture, rectangle};
+use super::ink::{Ink, Kernel};
+use super::layers::{Layers, Sheet};
+use super::look::SceneLook;
+use super::occluder::Occluder;
+use super::rays::Rays;
+use super::sensor::LEVEL_BITS;
+use crate::camera_model::CameraModel;
+use crate::geometry::Pose;
+use crate::target::{ClosedOutline, Disc, Target};
+use nalgebra::{Point3, Translation3, Vector2, Vector3};
+
+/// Corners of a curved outline are so close that it leaves them by no more than this share of its size.
+const SAG: f64 = 1e-4;
+
+/// Least radius of curvature of a dot's rim, px, of which `View` knows the coverage: within a pixel it takes the rim as a parabola.
+const LEAST_CURVE_PX: f64 = 0.5;
+
+/// A target that is not looked for, beside the one that is: it lies under that where they overlap.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bystander {
+    /// What it is.
+    pub target: Target,
+    /// Its origin in the plane of the target that is looked for, m.
+    pub position_m: Vector2<f64>,
+    /// From x_o towards y_o of that one to its own x, rad.
+    pub turn_rad: f64,
+}
+
+/// The scene in layers.
+#[derive(Debug, Clone)]
+pub(super) struct Scenery {
+    /// Whether it is no more than dots on a plain background and at most one sheet before them, which `View` draws.
+    dots: bool,
+    discs: Box<[Disc]>,
+    simple_front: bool,
+    look: SceneLook,
+    backdrop: Backdrop,
+    clutter: Vec<Sheet>,
+    bystanders: Vec<Sheet>,
+    target: Vec<Sheet>,
+    occluders: Vec<Sheet>,
+    kernel: Kernel,
+    ink: Ink,
+    views: Vec<Layers>,
+    /// The mottled surface in the middle of the exposure: its soft spots are not blurred by motion.
+    texture: Texture,
+    surface: Vec<u16>,
+    camera: CameraModel,
+    /// Instants of the present exposure.
+    count: usize,
+}
+
+impl Scenery {
+    pub(super) fn new(camera: &CameraModel, target: &Target, look: &SceneLook, blur_sd_px: f64) -> Self {
+        let kernel = Kernel::new(blur_sd_px);
+        Self {
+            dots: !target.discs().is_empty(),
+            discs: target.discs().into(),
+            simple_front: true,
+            look: *look,
+            backdrop: Backdrop::default(),
+            clutter: Vec::new(),
+            bystanders: Vec::new(),
+            target: sheets(target, Pose::identity(), look),
+            occluders: Vec::new(),
+            ink: Ink::new(camera.intrinsics().width_px as usize),
+            views: vec![Layers::new(camera, &kernel)],
+            texture: Texture::new(),
+            surface: vec![0; camera.intrinsics().width_px as usize],
+            kernel,
+            camera: *camera,
+            count: 0,
+        }
+    }
+
+    pub(super) fn set_backdrop(&mut self, backdrop: Backdrop, target: &Target) {
+        self.clutter = backdrop.sheets(&target.plate(), self.look.dots, self.look.plate);
+        self.backdrop = backdrop;
+    }
+
+    pub(super) fn set_bystanders(&mut self, bystanders: &[Bystander]) {
+        let of = |b: &Bystander| {
+            let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), b.turn_rad);
+            let X_OS = Pose::from_parts(Translation3::new(b.position_m.x, b.position_m.y, 0.0), turn);
+            sheets(&b.target, X_OS, &self.look)
+        };
+        self.bystanders = bystanders.iter().flat_map(of).collect();
+    }
+
+    pub(super) fn occlude(&mut self, occluders: impl Iterator<Item = Occluder>) {
+        self.occluders.clear();
+        for occluder in occluders {
+            let (low, high) = occluder.corners_m();
+            let X_OS = Pose::translation(0.0, 0.0, -occluder.height_m);
+            let loops = vec![rectangle(&low, &high)];
+            self.occluders.push(Sheet { X_OS, loops, level: occluder.level, both_sides: true });
+        }
+        self.simple_front = self.occluders.len() < 2;
+    }
+
+    /// Whether `View` can draw it at these poses: not where a dot is seen so aslant, or from so far, that its rim turns within a pixel.
+    pub(super) fn is_simple(&self, X_CO_over_exposure: &[Pose]) -> bool {
+        self.is_made_of_dots() && !X_CO_over_exposure.iter().any(|X_CO| self.has_thin_dots(X_CO))
+    }
+
+    /// An ellipse of half axes `a`, `b` is most curved at the ends of the longer one, with the radius `b^2 / a`. Seen under the angle of the
+    /// cosine `c` to the normal, a disc has `b = a c`.
+    fn has_thin_dots(&self, X_CO: &Pose) -> bool {
+        let i = self.camera.intrinsics();
+        let f_px = i.fx_px.min(i.fy_px);
+        let normal = X_CO.rotation * Vector3::z();
+        let thin = |disc: &Disc| {
+            let c = (X_CO * Point3::new(disc.centre_m.x, disc.centre_m.y, 0.0)).coords;
+            let slant = normal.dot(&c);
+            // behind the camera there is nothing to see
+            c.z > 0.0 && disc.radius_m * f_px * slant * slant < LEAST_CURVE_PX * c.z * c.norm_squared()
+        };
+        self.discs.iter().any(thin)
+    }
+
+    fn is_made_of_dots(&self) -> bool {
+        self.dots
+            && self.simple_front
+            && self.bystanders.is_empty()
+            && self.clutter.is_empty()
+            && self.backdrop.texture_levels == 0.0
+    }
+
+    /// Sets the pictures up for the poses of an exposure.
+    pub(super) fn set(&mut self, X_CO_over_exposure: &[Pose], camera: &CameraModel) {
+        self.count = X_CO_over_exposure.len();
+        while self.views.len() < self.count {
+            self.views.push(Layers::new(&self.camera, &self.kernel));
+        }
+        let all = [&self.clutter, &self.bystanders, &self.target, &self.occluders];
+        for (layers, X_CO) in self.views.iter_mut().zip(X_CO_over_exposure) {
+            layers.set(X_CO, camera, all.into_iter().flatten());
+        }
+        if let Some(X_CO) = X_CO_over_exposure.get(self.count / 2) {
+            self.texture.set(X_CO);
+        }
+    }
+
+    /// Exact levels of row `y` at instant `view`; rows of one instant from top to bottom.
+    pub(super) fn paint(&mut self, view: usize, y: usize, rays: &Rays, levels: &mut [u16]) {
+        let plain = (self.look.background * f64::from(1u32 << LEVEL_BITS) + 0.5) as u16;
+        let Some(layers) = self.views.get_mut(..self.count).and_then(|v| v.get_mut(view)) else {
+            levels.fill(plain);
+            return;
+        };
+        if self.backdrop.texture_levels > 0.0 {
+            if view == 0 {
+                self.texture.fill(&self.backdrop, self.look.background, rays, y as f64, &mut self.surface);
+            }
+            levels.iter_mut().zip(&self.surface).for_each(|(level, surface)| *level = *surface);
+        } else {
+            levels.fill(plain);
+        }
+        layers.paint(y, &self.kernel, &mut self.ink, levels);
+    }
+}
+
+/// A target's plate and its marks.
+fn sheets(target: &Target, X_OS: Pose, look: &SceneLook) -> Vec<Sheet> {
+    let plate = target.plate();
+    let (plate_level, level) = look.of(&plate);
+    let size_m = (plate.high_m - plate.low_m).amax();
+    let loops = |mark: &crate::target::Mark| -> Vec<ClosedOutline> {
+        let radius_m = match mark {
+            crate::target::Mark::Disc(disc) => disc.radius_m,
+            _ => size_m,
+        };
+        mark.loops(SAG * radius_m).into_vec()
+    };
+    vec![
+        Sheet {
+            X_OS,
+            loops: vec![rectangle(&plate.low_m, &plate.high_m)],
+            level: plate_level,
+            both_sides: true,
+        },
+        Sheet { X_OS, loops: target.marks().iter().flat_map(loops).collect(), level, both_sides: false },
+    ]
+}

@@ -1,0 +1,83 @@
+//! Where the arm has the camera at an exposure, by its joint states: vision then expects the target where the arm's own motion has
+//! brought it, also where that is hundreds of pixels from where it was seen last.
+
+use crate::geometry::Pose;
+use crate::messages::JointState;
+use crate::robot::Robot;
+use crate::servo::{JointHistory, Mount};
+use crate::time::MonoNs;
+use nalgebra::SVector;
+
+/// An arm of any number of joints, and the camera that it carries or stands before.
+pub trait Carrier: Send {
+    /// Takes a joint state in.
+    fn note(&mut self, state: &JointState);
+
+    /// Stamp of the newest state.
+    fn newest(&self) -> Option<MonoNs>;
+
+    /// The camera's pose in the frame of the object (the base, or the flange for a camera beside the arm) at `time`; `None` before
+    /// the first state.
+    fn X_WC(&self, time: MonoNs) -> Option<Pose>;
+}
+
+/// An arm of `N` joints, as the run file has it.
+#[derive(Debug, Clone)]
+pub struct ArmCarrier<const N: usize> {
+    robot: Robot<N>,
+    mount: Mount,
+    joints: JointHistory<N>,
+}
+
+impl<const N: usize> ArmCarrier<N> {
+    /// An arm of which no state is known yet.
+    #[must_use]
+    pub fn new(robot: Robot<N>, mount: Mount) -> Self {
+        Self { robot, mount, joints: JointHistory::new() }
+    }
+}
+
+impl<const N: usize> Carrier for ArmCarrier<N> {
+    fn note(&mut self, state: &JointState) {
+        let measured = |v: &[f64]| SVector::from_fn(|i, _| v.get(i).copied().unwrap_or(f64::NAN));
+        let (q, qd): (SVector<f64, N>, SVector<f64, N>) = (measured(&state.q), measured(&state.qd));
+        if state.joints as usize == N && q.iter().chain(&qd).all(|x| x.is_finite()) {
+            self.joints.push(state.stamp, &q, &qd);
+        }
+    }
+
+    fn newest(&self) -> Option<MonoNs> {
+        self.joints.newest()
+    }
+
+    fn X_WC(&self, time: MonoNs) -> Option<Pose> {
+        Some(self.mount.X_WC(&self.robot.forward(&self.joints.joints(time)?)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_camera_is_where_the_measured_joints_have_it_and_nonsense_moves_nothing() {
+        let robot = crate::robot::load("scara").unwrap().build::<4>().unwrap();
+        let X_EC = Pose::translation(0.0, 0.01, 0.05);
+        let mut carrier = ArmCarrier::new(robot.clone(), Mount::EyeInHand { X_EC });
+        assert!(carrier.X_WC(MonoNs(5)).is_none());
+        let state = |ms: i64, q0: f64, joints: u32| {
+            let mut state = JointState { stamp: MonoNs(ms * 1_000_000), joints, ..JointState::default() };
+            state.q[0] = q0;
+            state
+        };
+        carrier.note(&state(0, 0.0, 4));
+        carrier.note(&state(1, 0.002, 4));
+        carrier.note(&state(2, f64::NAN, 4));
+        carrier.note(&state(2, 0.5, 6));
+        assert_eq!(carrier.newest(), Some(MonoNs(1_000_000)));
+        let expected = robot.forward(&SVector::from_column_slice(&[0.001, 0.0, 0.0, 0.0])) * X_EC;
+        let found = carrier.X_WC(MonoNs(500_000)).unwrap();
+        assert!((found.translation.vector - expected.translation.vector).norm() < 1e-12);
+        assert!(found.rotation.angle_to(&expected.rotation) < 1e-12);
+    }
+}

@@ -1,0 +1,78 @@
+//! One picture by itself: what `vservo detect` asks.
+
+use super::{Prior, Vision};
+use crate::detect::Found;
+use crate::detect::tags::TagFound;
+use crate::imaging::ImageView;
+use crate::messages::TargetStatus;
+use crate::pose::RefinedPose;
+use nalgebra::Vector2;
+
+/// What one picture shows.
+#[derive(Debug, Clone, Copy)]
+pub struct Still<'a> {
+    /// The points of the target, ids rising.
+    pub found: &'a [Found],
+    /// Images of the points, px, likewise: of dots put right for perspective and lens.
+    pub px: &'a [Vector2<f64>],
+    /// Where the target is; `None` where the points do not fix it.
+    pub pose: Option<&'a RefinedPose>,
+    /// The other pose that explains the picture almost as well, and the logarithm of how many times less likely it is.
+    pub other: Option<&'a (RefinedPose, f64)>,
+    /// Distance of the points from those of the pose, root mean square, px.
+    pub rms_px: f64,
+    /// Whether one pose explains the points within their stated deviations.
+    pub consistent: bool,
+    /// All tags in the picture, where the target is made of tags.
+    pub tags: &'a [TagFound],
+}
+
+impl Vision {
+    /// Searches one picture by itself; what was seen before does not matter, and is not touched.
+    ///
+    /// # Errors
+    /// The status that says why there is no target.
+    pub fn still(&mut self, image: &ImageView<'_>) -> Result<Still<'_>, TargetStatus> {
+        self.search_alone(image)?;
+        let sight = &mut self.searched;
+        self.eye.describe(sight, &self.finder, &Prior::default(), None, &[]);
+        Ok(Still {
+            found: &sight.dots,
+            px: &sight.px,
+            pose: sight.pose.as_ref().filter(|_| sight.dots.len() > 3),
+            other: sight.other.as_ref(),
+            rms_px: sight.rms_px,
+            // one point alone, an ellipse's centre, contradicts nothing
+            consistent: self.eye.target.points().len() == 1 || self.eye.believes(sight),
+            tags: self.finder.tags(),
+        })
+    }
+
+    /// The same where nothing is known of the lens: the points alone, as they were measured.
+    ///
+    /// # Errors
+    /// As for [`Self::still`].
+    pub fn points_of(&mut self, image: &ImageView<'_>) -> Result<Still<'_>, TargetStatus> {
+        self.search_alone(image)?;
+        let sight = &mut self.searched;
+        sight.px.clear();
+        sight.px.extend(sight.dots.iter().map(|dot| dot.px));
+        Ok(Still {
+            found: &sight.dots,
+            px: &sight.px,
+            pose: None,
+            other: None,
+            rms_px: f64::NAN,
+            consistent: true,
+            tags: self.finder.tags(),
+        })
+    }
+
+    fn search_alone(&mut self, image: &ImageView<'_>) -> Result<(), TargetStatus> {
+        let i = self.eye.camera.intrinsics();
+        if (image.width(), image.height()) != (i.width_px as usize, i.height_px as usize) {
+            return Err(TargetStatus::WrongSize);
+        }
+        self.finder.search(image, &mut self.searched.dots)
+    }
+}
