@@ -8,6 +8,7 @@ mod supersampled;
 
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, Unit, UnitQuaternion, Vector3, Vector6};
 use std::collections::BTreeMap;
+use std::time::Instant;
 use supersampled::{Dice, Scene};
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
 use vservo::detect::{DotFinder, Expected, Finder, Found};
@@ -94,13 +95,17 @@ fn any_view_is_found_and_tracking_agrees() {
     let (count, mut found) = (200 * campaign(), 0);
     let mut misses: BTreeMap<String, usize> = BTreeMap::new();
     let (mut square, mut dots, mut greatest) = (0.0, 0.0, 0.0f64);
+    let mut times_us = Vec::new();
     for k in 0..count {
         let scene = any_view(&mut dice);
         let pixels = scene.render();
         let image = ImageView::new(&pixels, scene.width, scene.height).unwrap();
         let mut finder = Finder::new(camera(&scene), &target);
         let (mut searched, mut tracked) = (Vec::new(), Vec::new());
-        if let Err(status) = finder.search(&image, &mut searched) {
+        let start = Instant::now();
+        let result = finder.search(&image, &mut searched);
+        times_us.push(start.elapsed().as_micros());
+        if let Err(status) = result {
             *misses.entry(format!("{status:?}")).or_default() += 1;
             let clear = scene.plate_level - scene.dot_level > 80.0 || scene.noise_levels < 2.0;
             assert!(status != TargetStatus::NoContrast || !clear, "there is contrast in view {k}");
@@ -119,6 +124,9 @@ fn any_view_is_found_and_tracking_agrees() {
         }
     }
     let apart = f64::sqrt(square / dots);
+    times_us.sort_unstable();
+    let [p50, p90, p99] = [50, 90, 99].map(|percent| times_us[count * percent / 100]);
+    println!("search {p50} us p50, {p90} p90, {p99} p99");
     println!(
         "{found} of {count} found, misses {misses:?}; tracking off by {apart:.5} px rms, {greatest:.4} at most"
     );

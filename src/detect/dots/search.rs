@@ -85,10 +85,14 @@ impl DotFinder {
             }
         }
         let (low, high) = tails(&histogram);
+        let mut tried = Tried::new(&histogram, otsu.threshold);
         // every other one first
         for k in (1..=SWEEP).step_by(2).chain((2..=SWEEP).step_by(2)) {
-            let threshold = low + (high - low) * k / (SWEEP + 1);
-            self.runs.find(dark, &window, threshold as u8);
+            let threshold = (low + (high - low) * k / (SWEEP + 1)) as u8;
+            if !tried.shows_more(threshold) {
+                continue;
+            }
+            self.runs.find(dark, &window, threshold);
             match self.search_runs(image, Look::Careful, found) {
                 Err(TargetStatus::Ambiguous) => return Err(TargetStatus::Ambiguous),
                 Err(_) => {}
@@ -107,6 +111,39 @@ impl DotFinder {
             return Ok(());
         }
         Err(reason)
+    }
+}
+
+/// Thresholds that were tried, and what they left on either side.
+struct Tried<'a> {
+    histogram: &'a Histogram,
+    thresholds: [u8; SWEEP as usize + 1],
+    count: usize,
+    /// Pixels of the histogram between two thresholds that are too few to show anything else.
+    few: f64,
+}
+
+impl<'a> Tried<'a> {
+    fn new(histogram: &'a Histogram, first: u8) -> Self {
+        let all: f64 = histogram.bins().iter().map(|&n| f64::from(n)).sum();
+        Self { histogram, thresholds: [first; SWEEP as usize + 1], count: 1, few: TAIL * all }
+    }
+
+    /// Whether a threshold (pixels at most that level are dark) shows another picture than each of those before it; it is then one of those.
+    fn shows_more(&mut self, threshold: u8) -> bool {
+        let bins = self.histogram.bins();
+        let between = |other: u8| {
+            let (low, high) = (usize::from(other.min(threshold)), usize::from(other.max(threshold)));
+            bins.iter().take(high + 1).skip(low + 1).map(|&n| f64::from(n)).sum::<f64>()
+        };
+        if self.thresholds.iter().take(self.count).any(|&other| between(other) <= self.few) {
+            return false;
+        }
+        if let Some(slot) = self.thresholds.get_mut(self.count) {
+            *slot = threshold;
+            self.count += 1;
+        }
+        true
     }
 }
 
