@@ -224,7 +224,7 @@ impl<const N: usize> Controller<N> {
         let tau = self.torque(&state, &motion, seen, &mut limits);
         let Passed { command, cut, fault } = self.gate.pass(self.reference.state(), &tau);
         limits.add(Limit::Effort, cut);
-        if let Some(fault) = fault.or_else(|| self.astray(&measured, &motion, seen)) {
+        if let Some(fault) = fault.or_else(|| self.astray(&measured, &state.qd, &motion, seen)) {
             self.fail(fault);
         }
         self.note_rest(now, seen);
@@ -328,8 +328,15 @@ impl<const N: usize> Controller<N> {
         DriveState { q: r.q, qd: r.qd, truth: None }
     }
 
-    /// What the arm does against its reference that it may not do. A reference that brakes is put back on the arm.
-    fn astray(&mut self, state: &DriveState<N>, motion: &Motion<N>, seen: bool) -> Option<Fault> {
+    /// What the arm does against its reference that it may not do. A reference that brakes is put back on the arm, which moves at
+    /// `qd`: not what a coarse encoder says at a single tick.
+    fn astray(
+        &mut self,
+        state: &DriveState<N>,
+        qd: &SVector<f64, N>,
+        motion: &Motion<N>,
+        seen: bool,
+    ) -> Option<Fault> {
         if !seen {
             return None;
         }
@@ -338,9 +345,9 @@ impl<const N: usize> Controller<N> {
             // One that does not brake as told is not as believed: motion is taken away from it until it has hardly any.
             let astray = distance > ASTRAY * self.max_tracking_error || self.joint_control.damps();
             if self.mode == CommandMode::Torque && astray {
-                self.reference.seat(&state.q, &state.qd);
-                self.gate.seat(&state.q, &state.qd);
-                self.joint_control.damp(state.qd.amax() > SLOW);
+                self.reference.seat(&state.q, qd);
+                self.gate.seat(&state.q, qd);
+                self.joint_control.damp(qd.amax() > SLOW);
             }
             return None;
         }
