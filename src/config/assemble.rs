@@ -242,6 +242,7 @@ pub fn control_loop_with<const N: usize>(
         returns: config.servo.returns,
         watches_drift: config.motion.encoder_step.iter().any(|step| *step > 0.0),
         calm_gain_1_s: config.servo.calm_gain_1_s,
+        gain_share: 1.0,
         held_lag: SpanNs::from_s(config.camera.latency.as_s() + 0.75 / config.camera.rate_hz),
         object: config.servo.object,
     });

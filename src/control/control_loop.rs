@@ -165,6 +165,7 @@ impl<const N: usize> ControlLoop<N> {
         self.acted = self.acted.with(&output.limits);
         if tick.is_multiple_of(STATUS_PERIOD) {
             self.residual.note_arm(now, self.controller.arm_stands());
+            self.calm();
         }
         let finish = self.finish(now, &output);
         if let Some(finish) = finish {
@@ -399,6 +400,22 @@ impl<const N: usize> ControlLoop<N> {
         let when_late =
             behaviour.when_late().or_else(|| stays().filter(|_| self.state == ControlState::Servoing));
         time_is_up.then(|| run_end::time_is_up(self.plan.closed_loop, self.state, when_late, &self.sightings))
+    }
+
+    /// An arm that moves about a goal which it does not reach is slowed down; one that then sticks before it is not any more.
+    fn calm(&mut self) {
+        let goal_px = self.plan.feature_error_px;
+        if self.end.decided().is_some() {
+            return;
+        }
+        if self.residual.constant_px(goal_px).is_some() {
+            if self.controller.rouse() {
+                self.residual.begin_anew();
+            }
+        } else if self.residual.is_no_nearer(goal_px) && self.controller.calm() {
+            self.residual.begin_anew();
+            self.events.push(Event::Calmed);
+        }
     }
 
     /// Time from the first tick to the last one, that one included, s.

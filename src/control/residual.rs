@@ -80,6 +80,11 @@ impl ResidualWatch {
         }
     }
 
+    /// Something was changed: what was seen until now says nothing about what comes.
+    pub fn begin_anew(&mut self) {
+        *self = Self { now: self.now, ..Self::default() };
+    }
+
     /// Whether the error, beyond `goal_px`, does not fall.
     pub fn is_no_nearer(&self, goal_px: f64) -> bool {
         matches!(self.means, [Some(before), Some(after)] if after > goal_px && after > (1.0 - NEARER_SHARE) * before)

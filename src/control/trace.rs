@@ -130,6 +130,8 @@ pub enum Event {
     GoalReached,
     /// The first measurement with a pose that no object before a camera has.
     ImpossiblePose,
+    /// The arm swings about its goal: from now on it goes there, and learns, more slowly.
+    Calmed,
 }
 
 /// The events of one tick, in their order.

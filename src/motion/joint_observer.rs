@@ -133,6 +133,8 @@ pub(super) struct JointObserver<const N: usize> {
     a: SVector<f64, N>,
     /// Whether nothing is learnt.
     settled: bool,
+    /// Share of the rate of learning that is left to an arm that swings.
+    share: f64,
     /// What the camera has told.
     seen: Seen<N>,
     /// What is known of friction.
@@ -150,6 +152,7 @@ impl<const N: usize> JointObserver<N> {
             t: zero,
             past: Past::default(),
             settled: false,
+            share: 1.0,
             a: zero,
             seen: Seen::default(),
             friction: FrictionShare::default(),
@@ -187,6 +190,11 @@ impl<const N: usize> JointObserver<N> {
         self.settled = paused;
     }
 
+    /// From now on a disturbance is learnt at `share` of the rate.
+    pub(super) fn learn_at(&mut self, share: f64) {
+        self.share = share;
+    }
+
     /// Takes in, at `now`, what a camera saw of the joints beyond what was believed.
     pub(super) fn learn(&mut self, drift: &Drift<N>, now: MonoNs) {
         let (true, Some((_, v))) = (self.settings.velocity_rad_s > 0.0, &mut self.state) else { return };
@@ -220,7 +228,7 @@ impl<const N: usize> JointObserver<N> {
         let (mut q_now, mut v_now) = (*q, *qd);
         let trust = self.seen.trust();
         for i in 0..N {
-            let mut rate = if self.settled { 0.0 } else { settings.disturbance_rad_s };
+            let mut rate = if self.settled { 0.0 } else { settings.disturbance_rad_s * self.share };
             if settings.velocity_rad_s > 0.0 {
                 let v = v_before[i] + h * (commanded.u[i] + self.a[i]);
                 let predicted = q_before[i] + 0.5 * h * (v_before[i] + v);
@@ -242,11 +250,11 @@ impl<const N: usize> JointObserver<N> {
             if rate > 0.0 {
                 let friction = &robot.friction()[i];
                 let accelerated = v_now[i] - v_before[i] - h * commanded.u[i];
-                // As it is made up for: viscous friction for the mean of the step, Coulomb friction for its end.
+                // Over the step, like what was made up for: at its end a joint that turns about rubs the other way already.
                 let width = STEPS_WIDE_1_S * settings.encoder_step[i];
                 let rubbed = friction.viscous * ((q_now[i] - q_before[i]) / h - commanded.w[i])
-                    + friction.coulomb_part(v_now[i], width)
-                    - friction.coulomb_part(commanded.velocity[i], width);
+                    + friction.coulomb_part((q_now[i] - q_before[i]) / h, width)
+                    - friction.coulomb_part(commanded.w[i], width);
                 let residual = Residual {
                     rho: settings.inertia[i] * accelerated / h + rubbed - commanded.feedback[i],
                     friction: commanded.friction[i],

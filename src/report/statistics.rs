@@ -182,6 +182,7 @@ fn describe(event: Event) -> String {
         Event::Taught => "the goal is taught",
         Event::Requested(request) => return format!("{} on request", request.as_str()),
         Event::GoalReached => "the goal was reached and held",
+        Event::Calmed => "the arm moves about its goal and gets no nearer: gain and learning go down",
         Event::ImpossiblePose => {
             "a measurement was refused, its pose is none that an object before a camera has: see to the vision process"
         }

@@ -42,6 +42,8 @@ pub struct ServoSettings {
     pub held_lag: SpanNs,
     /// Gain to which a higher one falls near the goal, where encoders and noise would make the arm tremble, 1/s.
     pub calm_gain_1_s: f64,
+    /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
+    pub gain_share: f64,
     /// Goes back to where the whole target was seen last when it is lost.
     pub returns: bool,
     /// Whether views are compared for motion that coarse encoders do not tell ([`super::Drift`]).
@@ -66,6 +68,7 @@ impl ServoSettings {
             object: None,
             held_lag: SpanNs::ZERO,
             calm_gain_1_s: f64::INFINITY,
+            gain_share: 1.0,
             returns: false,
             watches_drift: false,
             lead: SpanNs::ZERO,

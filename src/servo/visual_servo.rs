@@ -30,6 +30,9 @@ const SIGMA_OF_A_GUESS: f64 = 6e-4;
 
 /// Feature error at which a gain has fallen half-way to the calm one, root mean square, normalized: a pixel of a usual lens.
 const CALM_ERROR: f64 = 1.25e-3;
+/// Rate that no swinging arm makes slower, 1/s, and the least share that it leaves of others.
+const SLOW_1_S: f64 = 1.0;
+const LEAST_SHARE: f64 = 0.3;
 /// Gain of the way back to where the target was seen, 1/s, and how near to it is there, rad or m.
 const RETURN_RATE_1_S: f64 = 2.0;
 const RETURNED: f64 = 1e-3;
@@ -125,6 +128,16 @@ impl<const N: usize> VisualServo<N> {
     #[must_use]
     pub fn is_degraded(&self) -> bool {
         self.sighting.as_ref().is_some_and(|sighting| sighting.partial)
+    }
+
+    /// From now on resolved velocities lead to the goal half as fast: an arm that is not its model swings less. Whether they do; a
+    /// moving object is not followed more slowly.
+    pub fn calm(&mut self) -> bool {
+        let calms = self.object.is_none() && self.settings.gain_share > LEAST_SHARE;
+        if calms {
+            self.settings.gain_share *= 0.5;
+        }
+        calms
     }
 
     /// The next wish starts smoothly again, as the first one did; after a stop or a hold.
@@ -381,16 +394,23 @@ impl ServoSettings {
         Some(answer)
     }
 
-    /// Share of a law's rate that is left near the goal: it falls towards `calm_gain_1_s` where `view` is within about a pixel.
+    /// Share of a law's rate that is left: of all that is above [`SLOW_1_S`] what [`Self::calm`] leaves, and near the goal it falls
+    /// towards `calm_gain_1_s` where `view` is within about a pixel.
     fn calmed(&self, rate_1_s: f64, view: &View) -> f64 {
-        if !(rate_1_s > self.calm_gain_1_s) {
+        let slower = if rate_1_s > SLOW_1_S { self.gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
+        slower * self.calmed_near(rate_1_s * slower, view)
+    }
+
+    fn calmed_near(&self, rate_1_s: f64, view: &View) -> f64 {
+        let calm_1_s = self.calm_gain_1_s * self.gain_share;
+        if !(rate_1_s > calm_1_s) {
             return 1.0;
         }
         let error = self.set_point.error_rms_px(view, &Vector2::repeat(1.0));
         let far = error * error / (error * error + CALM_ERROR * CALM_ERROR);
         // No error can be told: nothing speaks for calm.
         let far = if far.is_nan() { 1.0 } else { far };
-        (self.calm_gain_1_s + (rate_1_s - self.calm_gain_1_s) * far) / rate_1_s
+        (calm_1_s + (rate_1_s - calm_1_s) * far) / rate_1_s
     }
 }
 

@@ -104,6 +104,11 @@ pub trait Behaviour<const N: usize>: Send + std::fmt::Debug {
         false
     }
 
+    /// From now on the goal is sought more slowly. Whether it is.
+    fn calm(&mut self) -> bool {
+        false
+    }
+
     /// Whether a part of the target is hidden.
     fn is_degraded(&self) -> bool {
         false

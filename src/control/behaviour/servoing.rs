@@ -97,6 +97,10 @@ impl<const N: usize> Behaviour<N> for Servoing<N> {
         self.servo.is_teaching()
     }
 
+    fn calm(&mut self) -> bool {
+        !self.dry && self.servo.calm()
+    }
+
     fn is_degraded(&self) -> bool {
         self.servo.is_degraded()
     }

@@ -29,6 +29,8 @@ use nalgebra::SVector;
 
 /// A reference so near to the measured arm (rad or m; rad/s or m/s) is on it.
 const ON_THE_ARM: (f64, f64) = (2e-3, 0.1);
+/// Share of the rate of learning that is left to an arm that swings.
+const CALM_SHARE: f64 = 0.4;
 /// Share of the largest tracking error beyond which a braking reference is put back on the arm.
 const ASTRAY: f64 = 0.3;
 /// Speed below which an arm whose motion was taken away is held again, rad/s or m/s.
@@ -44,6 +46,8 @@ pub struct Controller<const N: usize> {
     arm: ArmModel<N>,
     behaviour: Box<dyn Behaviour<N>>,
     joint_control: JointController<N>,
+    /// Share of its rate at which it learns.
+    learning: f64,
     gate: Gate<N>,
     start: Start<N>,
     max_tracking_error: f64,
@@ -89,6 +93,7 @@ impl<const N: usize> Controller<N> {
             arm,
             behaviour,
             joint_control,
+            learning: 1.0,
             start: Start {
                 q: q_start,
                 tolerance: settings.start_tolerance,
@@ -169,6 +174,24 @@ impl<const N: usize> Controller<N> {
     /// Something outside has failed. The first fault is the one that is told.
     pub fn fail(&mut self, fault: Fault) {
         self.failure.get_or_insert(fault);
+    }
+
+    /// The arm moves about its goal and gets no nearer: from now on it goes there, and learns, more slowly. Whether it does.
+    pub fn calm(&mut self) -> bool {
+        let calms = self.state == State::Servoing && self.behaviour.calm();
+        if calms {
+            self.learning *= CALM_SHARE;
+            self.joint_control.learn_at(self.learning);
+        }
+        calms
+    }
+
+    /// The arm stands before its goal: what was slowed down learns at its full rate again, which frees a joint that sticks. Whether it does.
+    pub fn rouse(&mut self) -> bool {
+        let slow = self.learning < 1.0;
+        self.learning = 1.0;
+        self.joint_control.learn_at(1.0);
+        slow
     }
 
     /// The drive's state is an old one: that the arm stands in it does not say that it does not follow.

@@ -103,5 +103,6 @@ fn event_number(event: Event) -> u32 {
         Event::Requested(_) => 10,
         Event::GoalReached => 11,
         Event::ImpossiblePose => 12,
+        Event::Calmed => 13,
     }
 }

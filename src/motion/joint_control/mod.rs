@@ -78,6 +78,12 @@ impl<const N: usize> JointController<N> {
         }
     }
 
+    /// From now on what disturbs the joints is learnt at `share` of the rate: what is learnt of a load that makes a joint much
+    /// heavier than believed makes it swing.
+    pub fn learn_at(&mut self, share: f64) {
+        self.observer.learn_at(share);
+    }
+
     /// While soft: from now on weight is carried and motion taken away, whatever the reference; what the model says of inertia in
     /// motion and of friction is left out, as it may drive an arm that is another's. Or no more so.
     pub fn damp(&mut self, damps: bool) {

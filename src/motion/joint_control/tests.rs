@@ -175,7 +175,8 @@ fn an_exact_model_leaves_nothing_to_learn() {
             let (p, t) = tick.control.disturbance();
             learnt = learnt.max(p.amax()).max(t.amax());
         });
-        assert!(off < 2e-6 && learnt < 0.1, "{law:?}: {off:e} rad apart, {learnt:e} learnt");
+        // what is learnt where a joint turns about is forgotten on its way
+        assert!(off < 2e-5 && learnt < 0.1, "{law:?}: {off:e} rad apart, {learnt:e} learnt");
     }
 }
 
