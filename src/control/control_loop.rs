@@ -412,7 +412,7 @@ impl<const N: usize> ControlLoop<N> {
             if self.controller.rouse() {
                 self.residual.begin_anew();
             }
-        } else if self.residual.is_no_nearer(goal_px) && self.controller.calm() {
+        } else if self.residual.is_no_nearer(1.5 * goal_px) && self.controller.calm() {
             self.residual.begin_anew();
             self.events.push(Event::Calmed);
         }
