@@ -40,7 +40,7 @@ fn ways(path: &Path) -> [(&'static str, Moments); 4] {
     components.find(&runs, &window, Connectivity::Eight);
     let list = components.as_slice();
     let largest = (0..list.len()).max_by_key(|&i| list[i].m00).unwrap();
-    let region = list[largest].sums();
+    let region = components.sums(&runs, largest);
     let mut grey = Vec::new();
     components.grey_sums(&image, &runs, &mut grey);
     let mut contours = Contours::with_limits(10_000, 100_000);

@@ -1,13 +1,14 @@
 //! Connected regions of dark runs, with their moments.
 //!
 //! ```text
-//! m_rs = sum of x^r y^s over the region's pixels, r + s <= 3                  (10.1)
+//! m_rs = sum of x^r y^s over the region's pixels                                (10.1)
 //! ```
-//! All sums are exact integers, of whole runs at a time; exact for images of up to 2^20 columns and rows.
+//! r + s <= 2 with every region, to the third order when they are asked for ([`Components::sums`]). All sums are exact integers, of whole
+//! runs at a time; exact for images of up to 2^20 columns and rows.
 
 mod labels;
 
-use super::moments::{MomentSums, Moments, power_sums};
+use super::moments::power_sums;
 use super::{Run, Runs, Window};
 
 /// Which neighbours belong together.
@@ -34,14 +35,6 @@ pub struct Component {
     pub m11: u64,
     /// Sum of squared rows, px^4.
     pub m02: u64,
-    /// Sum of the third powers of columns, px^5.
-    pub m30: u128,
-    /// Sum of squared columns times rows, px^5.
-    pub m21: u128,
-    /// Sum of columns times squared rows, px^5.
-    pub m12: u128,
-    /// Sum of the third powers of rows, px^5.
-    pub m03: u128,
     /// First column.
     pub x0: u32,
     /// Column behind the last.
@@ -100,29 +93,6 @@ impl Component {
         }
     }
 
-    /// The moments as sums that can be added to others and shifted.
-    #[must_use]
-    pub fn sums(&self) -> MomentSums {
-        MomentSums {
-            m00: self.m00.into(),
-            m10: self.m10.into(),
-            m01: self.m01.into(),
-            m20: self.m20.into(),
-            m11: self.m11.into(),
-            m02: self.m02.into(),
-            m30: self.m30 as i128,
-            m21: self.m21 as i128,
-            m12: self.m12 as i128,
-            m03: self.m03 as i128,
-        }
-    }
-
-    /// Centroid and central moments to third order; `None` for an empty region.
-    #[must_use]
-    pub fn moments(&self) -> Option<Moments> {
-        self.sums().central()
-    }
-
     /// A region of one run, as far as is known without the window: not whether it touches its border.
     #[inline(always)]
     fn of_run(run: &Run) -> Self {
@@ -131,23 +101,17 @@ impl Component {
         part
     }
 
-    /// Adds a run; runs come row by row.
     /// Adds the pixels of a run, which lies below those of before or beside them.
     #[inline(always)]
     pub(crate) fn add_run(&mut self, run: &Run) {
-        let (y, (n, sum, squares, cubes)) = (u64::from(run.y), power_sums(run.x0, run.x1));
+        let (y, (n, sum, squares, _)) = (u64::from(run.y), power_sums(run.x0, run.x1));
         let (ny, y2) = (n.wrapping_mul(y), y.wrapping_mul(y));
-        let product = |a: u64, b: u64| u128::from(a) * u128::from(b);
         self.m00 += n;
         self.m10 = self.m10.wrapping_add(sum);
         self.m01 = self.m01.wrapping_add(ny);
         self.m20 = self.m20.wrapping_add(squares);
         self.m11 = self.m11.wrapping_add(sum.wrapping_mul(y));
         self.m02 = self.m02.wrapping_add(n.wrapping_mul(y2));
-        self.m30 = self.m30.wrapping_add(cubes);
-        self.m21 = self.m21.wrapping_add(product(squares, y));
-        self.m12 = self.m12.wrapping_add(product(sum, y2));
-        self.m03 = self.m03.wrapping_add(product(ny, y2));
         self.x0 = self.x0.min(run.x0);
         self.x1 = self.x1.max(run.x1);
         self.y1 = run.y + 1;
@@ -161,10 +125,6 @@ impl Component {
         self.m20 = self.m20.wrapping_add(other.m20);
         self.m11 = self.m11.wrapping_add(other.m11);
         self.m02 = self.m02.wrapping_add(other.m02);
-        self.m30 = self.m30.wrapping_add(other.m30);
-        self.m21 = self.m21.wrapping_add(other.m21);
-        self.m12 = self.m12.wrapping_add(other.m12);
-        self.m03 = self.m03.wrapping_add(other.m03);
         self.x0 = self.x0.min(other.x0);
         self.x1 = self.x1.max(other.x1);
         self.y0 = self.y0.min(other.y0);

@@ -142,7 +142,7 @@ impl ShapeFinder {
     /// The outline on one region; an error where it fits in two ways.
     fn region(&mut self, image: &ImageView<'_>, region: usize) -> Result<Option<Seen>, ()> {
         let Some(component) = self.components.as_slice().get(region).copied() else { return Ok(None) };
-        let Some(moments) = component.moments() else { return Ok(None) };
+        let Some(moments) = self.components.sums(&self.runs, region).central() else { return Ok(None) };
         if self.ellipse {
             return Ok(self.oval(image, &component, &moments));
         }

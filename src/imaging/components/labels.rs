@@ -33,6 +33,19 @@ impl Components {
         }
     }
 
+    /// Moments of one region to third order, each pixel of weight one. `runs` are those that [`Components::find`] was given, and `region`
+    /// an index in [`Components::as_slice`].
+    #[must_use]
+    pub fn sums(&mut self, runs: &Runs, region: usize) -> MomentSums {
+        let mut sums = MomentSums::default();
+        for (run, &of) in runs.as_slice().iter().zip(self.of_runs()) {
+            if of as usize == region {
+                sums += MomentSums::of_run(run);
+            }
+        }
+        sums
+    }
+
     /// Moments of each region, in the order of [`Components::as_slice`], with each pixel weighted with its level. `runs` are those
     /// that [`Components::find`] was given, and `image` that in which they were found.
     pub fn grey_sums(&mut self, image: &ImageView<'_>, runs: &Runs, sums: &mut Vec<MomentSums>) {
