@@ -138,7 +138,7 @@ impl<const N: usize> Controller<N> {
         self.rest
     }
 
-    /// Whether the measured arm has stood for 50 ms, whatever it is to do.
+    /// Whether the measured arm has stood for 100 ms, whatever it is to do.
     #[must_use]
     pub fn arm_stands(&self) -> bool {
         self.rest_watch.is_at_rest()

@@ -8,9 +8,14 @@ use nalgebra::SVector;
 /// An arm slower than this is at rest, rad/s or m/s.
 const REST_SPEED: f64 = 0.02;
 /// Ticks over which its speed is judged.
-const WINDOW: usize = 50;
+const WINDOW: usize = 100;
 /// Share of that speed that it may have in the end: it may gain some until the last command acts.
 const SLOWING_SHARE: f64 = 0.5;
+/// Share of that speed with which it may drift from the first part of the window to the last, over means that leave little of the noise.
+const DRIFT_SHARE: f64 = 0.6;
+const PART: usize = WINDOW / 3;
+/// Means of noise over such parts lie no more than so many standard deviations of theirs apart.
+const MEAN_SPREAD: f64 = 4.0;
 /// Ticks at its end that are judged by themselves.
 const LAST: usize = 4;
 /// Readings of a noisy encoder that stands lie so many standard deviations apart.
@@ -45,7 +50,7 @@ impl<const N: usize> RestWatch<N> {
         self.next = Some((next + 1) % WINDOW);
     }
 
-    /// Whether the arm has stood for 50 ms.
+    /// Whether the arm has stood for 100 ms.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let window_s = WINDOW as f64 * TICK.as_s();
@@ -54,11 +59,18 @@ impl<const N: usize> RestWatch<N> {
             for (q, qd) in self.q.iter().zip(&self.qd) {
                 (least, most, sum) = (least.min(q[i]), most.max(q[i]), sum + qd[i]);
             }
-            let noise = NOISE_SPREAD * self.noise_sd(i);
+            let sd = self.noise_sd(i);
+            let noise = NOISE_SPREAD * sd;
+            let mean =
+                |from: usize| (from..from + PART).map(|k| self.at(&self.q, k)[i]).sum::<f64>() / PART as f64;
+            let apart = (mean(WINDOW - PART) - mean(0)).abs();
+            let apart_s = (WINDOW - PART) as f64 * TICK.as_s();
+            let noise_of_means = MEAN_SPREAD * sd * (2.0 / PART as f64).sqrt();
             // One that swings is slow where it turns: it must also be so at the end.
             let end: f64 = (WINDOW - LAST..WINDOW).map(|k| self.at(&self.qd, k)[i]).sum();
             let end_s = LAST as f64 * TICK.as_s();
             most - least <= REST_SPEED * window_s + noise
+                && apart <= DRIFT_SHARE * REST_SPEED * apart_s + noise_of_means
                 && (sum / WINDOW as f64).abs() <= REST_SPEED + noise / window_s
                 && (end / LAST as f64).abs() <= SLOWING_SHARE * REST_SPEED + noise / end_s
         })
@@ -123,6 +135,18 @@ mod tests {
                 state(speed * 1e-3 * k as f64 + noise, speed + 300.0 * noise)
             });
             assert_eq!(rests(noisy), at_rest, "{speed}");
+        }
+    }
+
+    #[test]
+    fn a_coarse_encoder_does_not_hide_a_slow_motion() {
+        for (speed, at_rest) in [(0.0, true), (0.03, false), (0.05, false)] {
+            let mut random = Random::new(3);
+            let coarse = (0..4 * WINDOW).map(|k| {
+                let q = speed * 1e-3 * k as f64 + 8e-5 * random.gaussian();
+                state((q / 4.6e-4).round() * 4.6e-4, 0.0)
+            });
+            assert_eq!(rests(coarse), at_rest, "{speed}");
         }
     }
 
