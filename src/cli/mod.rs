@@ -220,7 +220,12 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
             process::camera::run(&seen_by(arguments.camera, config)?, &instance, &stop).map(|()| None)
         }
         Role::Vision(_) => {
-            process::vision::run(&seen_by(arguments.camera, config)?, &instance, &stop).map(|()| None)
+            let run = if config.stereo.is_some() {
+                process::stereo_vision::run(&pair_seen_by(arguments.camera, config)?, &instance, &stop)
+            } else {
+                process::vision::run(&seen_by(arguments.camera, config)?, &instance, &stop)
+            };
+            run.map(|()| None)
         }
         Role::Control | Role::Supervisor | Role::Drive => {
             process::control::run(&config, &instance, &stop).map(Some)
@@ -250,6 +255,14 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
 fn seen_by(camera: u8, config: Config) -> Result<Config, ProcessError> {
     let cameras = config.cameras().count();
     config.seen_by(CameraId(camera)).ok_or(ProcessError::NoSuchCamera { camera, cameras })
+}
+
+/// The configuration as the one vision process of a pair of cameras has it.
+fn pair_seen_by(camera: u8, config: Config) -> Result<Config, ProcessError> {
+    match camera {
+        0 => Ok(config),
+        camera => Err(ProcessError::OneVision { camera }),
+    }
 }
 
 fn guard_drive(command: &[String], instance: &str, supervisor: i32) -> Result<u8, ProcessError> {

@@ -13,6 +13,7 @@ mod truth;
 
 pub use super::frame_source::{LensWord, RawCamera, RawLens, RawReplay, RawRoi, RawSynthetic, SourceKind};
 pub use super::place::{Carrier, MountKind, RawBackdrop, RawBystander, RawMount, RawObject, RawOccluder};
+pub use super::stereo::{RawStereo, RawTaughtPoint, RawTaughtView};
 pub use super::v4l2::RawV4l2;
 pub use motion::{JointControl, RawMotion};
 pub use servo::{
@@ -35,6 +36,8 @@ table! {
         /// `[[cameras]]`, instead of `[camera]`
         #[serde(skip_serializing_if = "Vec::is_empty")]
         cameras: Vec<RawCamera> = Vec::new(),
+        /// `[stereo]`: the first two cameras as a pair
+        stereo: Option<RawStereo> = None,
         /// `[target]`
         target: RawTarget = RawTarget::default(),
         /// `[scene]`

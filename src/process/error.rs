@@ -63,6 +63,12 @@ pub enum ProcessError {
         /// How many there are.
         cameras: usize,
     },
+    /// A vision process for one camera of a pair.
+    #[error("--camera {camera}: one vision process serves both cameras of [stereo]: leave --camera out")]
+    OneVision {
+        /// Which was asked for.
+        camera: u8,
+    },
     /// The robot file is wrong.
     #[error(transparent)]
     Robot(#[from] RobotError),
@@ -178,6 +184,7 @@ impl ProcessError {
             Self::Config(_)
             | Self::Source(_)
             | Self::NoSuchCamera { .. }
+            | Self::OneVision { .. }
             | Self::NoRealCamera
             | Self::Robot(_)
             | Self::Assemble(_)
