@@ -6,16 +6,17 @@ mod camera_arguments;
 mod ctl;
 mod detect;
 mod target;
+mod teach_view;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
     ExperimentArguments, LatencyArguments, Order, RoleArguments, RunArguments, ServeArguments,
-    TargetArguments,
+    TargetArguments, TeachViewArguments,
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 
 use crate::config::Config;
-use crate::config::assemble::require_one_camera;
+use crate::config::assemble::require_controllable;
 use crate::control::outcome::Outcome;
 use crate::experiment;
 use crate::input::printable;
@@ -56,6 +57,7 @@ pub fn main() -> ExitCode {
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
         Some(Command::Detect(arguments)) => detect::detect(&arguments),
         Some(Command::Target(arguments)) => target::target(&arguments),
+        Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),
         Some(Command::Check { config, set }) => check(&config, &set),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
         Some(Command::DriveGuard { instance, supervised_by, command }) => {
@@ -144,7 +146,7 @@ fn run(cell: &CellArguments, setting: Option<String>, summary: Option<&Path>) ->
 /// The cell that a supervisor is to run, and its name.
 fn prepare(cell: &CellArguments, setting: Option<String>) -> Result<(Config, Instance), ProcessError> {
     let config = Config::load(cell.config.as_deref(), &cell.settings(setting))?;
-    require_one_camera(&config)?;
+    require_controllable(&config)?;
     warn(&config);
     Ok((config, cell.instance.parse()?))
 }
@@ -285,7 +287,7 @@ fn config_on_stdin(name: &Path, set: &[String]) -> Result<Config, ProcessError> 
 
 fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
     let checked = Config::load(Some(config), set)?;
-    require_one_camera(&checked)?;
+    require_controllable(&checked)?;
     warn(&checked);
     let (width_px, height_px) = checked.camera.full_size_px();
     let of_whole = |region| format!("{region} of ");

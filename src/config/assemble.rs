@@ -25,7 +25,7 @@ use thiserror::Error;
 
 mod stereo;
 
-pub use stereo::{stereo_set_point, stereo_vision, taught_view};
+pub use stereo::{stereo_set_point, stereo_vision, taught_points, taught_view};
 
 /// A configuration that is valid in itself does not make a working whole.
 #[derive(Debug, Error)]
@@ -63,9 +63,15 @@ pub enum AssembleError {
     /// There is no pair of cameras.
     #[error("stereo: the run file has no pair of cameras, or its goal lies behind them")]
     NoStereo,
+    /// A real pair has nothing to come back to.
+    #[error(
+        "stereo.taught_file: is missing: only a simulated pair can look from servo.desired by itself; make one with `vservo \
+         teach-view`"
+    )]
+    NotTaught,
     /// A simulated pair cannot be taught.
     #[error(
-        "servo.desired: the {side} camera of [stereo] does not see the target from there: {status}; move it, or give taught points"
+        "[stereo]: the {side} camera does not see the target in the desired view: {status}; see to servo.desired, or to the pictures"
     )]
     NotSeen {
         /// Which camera.
@@ -74,7 +80,7 @@ pub enum AssembleError {
         status: &'static str,
     },
     /// What a simulated pair was taught is no view.
-    #[error("servo.desired: what both cameras of [stereo] see from there {0}")]
+    #[error("[stereo]: what both cameras see in the desired view {0}")]
     Taught(#[from] TaughtViewError),
     /// A camera without pixels.
     #[error(transparent)]
@@ -113,11 +119,14 @@ pub fn motion_limits<const N: usize>(
     ))
 }
 
-/// Refuses what control cannot do yet: to go by several cameras that are no pair.
+/// Refuses what control cannot do: to go by several cameras that are no pair, or by a pair that has no goal.
 ///
 /// # Errors
-/// [`AssembleError::SeveralCameras`].
-pub fn require_one_camera(config: &Config) -> Result<(), AssembleError> {
+/// [`AssembleError::SeveralCameras`], [`AssembleError::NotTaught`].
+pub fn require_controllable(config: &Config) -> Result<(), AssembleError> {
+    if config.stereo.as_ref().is_some_and(|stereo| stereo.taught.is_none()) && config.scene.is_none() {
+        return Err(AssembleError::NotTaught);
+    }
     match config.cameras().count() {
         0 | 1 => Ok(()),
         2 if config.stereo.is_some() => Ok(()),
@@ -244,7 +253,7 @@ pub fn control_loop_with<const N: usize>(
     robot: Robot<N>,
     drive: AnyDrive<N>,
 ) -> Result<ControlLoop<N>, AssembleError> {
-    require_one_camera(config)?;
+    require_controllable(config)?;
     let q_start = q_start::<N>(config)?;
     let limits = motion_limits(config, &robot)?;
     let closed_loop = config.closes_the_loop();

@@ -30,7 +30,7 @@ pub use frame_source::{Source, Timing};
 pub use problem::{ConfigError, Problem};
 pub use scene::Scene;
 pub use source::Document;
-pub use stereo::Stereo;
+pub use stereo::{Stereo, taught_file};
 pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 
 use crate::drive::{CommandMode, InnerServo, Payload};

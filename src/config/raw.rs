@@ -9,17 +9,18 @@ use std::path::PathBuf;
 
 mod motion;
 mod servo;
+mod stereo;
 mod truth;
 
 pub use super::frame_source::{LensWord, RawCamera, RawLens, RawReplay, RawRoi, RawSynthetic, SourceKind};
 pub use super::place::{Carrier, MountKind, RawBackdrop, RawBystander, RawMount, RawObject, RawOccluder};
-pub use super::stereo::{RawStereo, RawTaughtPoint, RawTaughtView};
 pub use super::v4l2::RawV4l2;
 pub use motion::{JointControl, RawMotion};
 pub use servo::{
     At, DampingOn, Depth, FeatureGain, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint,
     SchemeKind, SetPointKind, Update,
 };
+pub use stereo::{RawStereo, RawTaughtPoint, RawTaughtView};
 pub use truth::{RawTrueArm, RawTrueCamera, RawTrueLens, RawTrueMount, RawTrueTarget};
 
 table! {

@@ -7,7 +7,7 @@
 //! | `stereo.taught_file`, `[[stereo.points]]` | the view to come back to; without it, what a simulated pair sees in `servo.desired` |
 
 use super::check::{Check, pose};
-use super::raw::{Clock, RawConfig, RawMount, RawPose, SetPointKind, Task};
+use super::raw::{Clock, RawConfig, RawMount, RawStereo, RawTaughtPoint, RawTaughtView, SetPointKind, Task};
 use super::servo::uses_dimension;
 use super::{Camera, Document, Problem};
 use crate::geometry::Pose;
@@ -18,48 +18,12 @@ use crate::target::Target;
 use crate::time::SpanNs;
 use crate::vision::{StereoRig, TaughtPoint, TaughtView};
 use nalgebra::{Matrix3, Point3};
-use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 const TOLERANCE_MS: RangeInclusive<f64> = 0.01..=100.0;
 const PLACE_M: RangeInclusive<f64> = -100.0..=100.0;
 const COVARIANCE_M2: RangeInclusive<f64> = -1.0..=1.0;
-
-table! {
-    /// Two cameras as one pair of eyes.
-    RawStereo {
-        /// Frames whose exposure stamps lie so far apart or less show one instant, ms.
-        pair_tolerance_ms: f64 = 2.0,
-        /// Pose of the right camera in the left one, as a calibration of the pair gives it; left out: as the mounts say.
-        right_in_left: Option<RawPose> = None,
-        /// File with the taught points; they take its place.
-        taught_file: Option<PathBuf> = None,
-        /// `[[stereo.points]]`
-        #[serde(skip_serializing_if = "Vec::is_empty")]
-        points: Vec<RawTaughtPoint> = Vec::new(),
-    }
-}
-
-table! {
-    /// A point of the taught view.
-    RawTaughtPoint {
-        /// Its id.
-        id: u32 = 0,
-        /// Where it was in the left camera, m.
-        position_m: [f64; 3] = [0.0; 3],
-        /// Covariance of that: xx, xy, xz, yy, yz, zz, m^2.
-        covariance_m2: [f64; 6] = [0.0; 6],
-    }
-}
-
-table! {
-    /// A file with a taught view.
-    RawTaughtView {
-        /// `[[points]]`
-        points: Vec<RawTaughtPoint> = Vec::new(),
-    }
-}
 
 /// Two cameras that measure together.
 #[derive(Debug, Clone)]
@@ -72,6 +36,20 @@ pub struct Stereo {
     pub tolerance: SpanNs,
     /// The view to come back to; `None`: what a simulated pair sees in the desired pose.
     pub taught: Option<TaughtView>,
+}
+
+/// Taught points as a file for `stereo.taught_file`.
+#[must_use]
+pub fn taught_file(points: &[TaughtPoint]) -> String {
+    let raw = |p: &TaughtPoint| {
+        let C = &p.covariance;
+        RawTaughtPoint {
+            id: p.id,
+            position_m: p.p_D.into(),
+            covariance_m2: [C.m11, C.m12, C.m13, C.m22, C.m23, C.m33],
+        }
+    };
+    toml::to_string(&RawTaughtView { points: points.iter().map(raw).collect() }).unwrap_or_default()
 }
 
 /// Puts the points of `stereo.taught_file` where they could have been written. `absolute` makes a path of the run file absolute.
@@ -148,12 +126,6 @@ pub(super) fn stereo(
     of_the_run(raw, check);
     let points = points(s, check)?;
     let taught = if points.is_empty() {
-        if !raw.camera.source.is_simulated() {
-            check.wrong(
-                "stereo.taught_file",
-                "is missing: only a simulated pair can look from servo.desired by itself; name a file of taught points",
-            );
-        }
         None
     } else {
         match TaughtView::new(&points, *X_DO) {

@@ -42,7 +42,7 @@ pub fn taught_view(config: &Config) -> Result<TaughtView, AssembleError> {
     if let Some(view) = &stereo.taught {
         return Ok(view.clone());
     }
-    let (scene, X_DO) = (config.scene.as_ref().ok_or(AssembleError::NoScene)?, stereo.X_DO);
+    let (scene, X_DO) = (config.scene.as_ref().ok_or(AssembleError::NotTaught)?, stereo.X_DO);
     let X_LR = between(&scene.mount, &right.mount).ok_or(AssembleError::NoStereo)?;
     let mut left = SimulatedEye::new(config, (&config.camera, scene.camera), X_DO, scene)?;
     let mut right = SimulatedEye::new(config, (right, right.model), X_LR.inv_mul(&X_DO), scene)?;
@@ -55,11 +55,12 @@ pub fn taught_view(config: &Config) -> Result<TaughtView, AssembleError> {
             status: status.as_str(),
         })?);
     }
-    Ok(TaughtView::new(&mean(&lessons), X_DO)?)
+    Ok(TaughtView::new(&taught_points(&lessons), X_DO)?)
 }
 
 /// The points that are in all lessons, each the mean of all.
-fn mean(lessons: &[Vec<SpacePoint>]) -> Vec<TaughtPoint> {
+#[must_use]
+pub fn taught_points(lessons: &[Vec<SpacePoint>]) -> Vec<TaughtPoint> {
     let (Some(first), over) = (lessons.first(), 1.0 / lessons.len() as f64) else { return Vec::new() };
     let of = |id: u32| {
         let each = lessons.iter().map(|lesson| {
