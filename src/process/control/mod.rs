@@ -124,7 +124,7 @@ fn run_robot<const N: usize>(
     let mut recording = (config.task == Task::CalibrateLatency).then(Recording::default);
     let (control, statistics, pace) = match config.clock {
         Clock::Realtime => {
-            let camera = CameraWatch::open(membership.services(), &config.camera)?;
+            let camera = CameraWatch::open(membership.services(), config)?;
             let messages = (drive, commands, camera);
             realtime::run(config, control, &ports, messages, recording.as_mut(), stop)?
         }
