@@ -24,7 +24,7 @@ struct Watched {
 impl CameraWatch {
     /// Of the camera of `config`, or of both of its pair; simulated ones have nothing to say.
     pub(super) fn open(services: &Services, config: &Config) -> Result<Self, IpcError> {
-        let watched = |name, camera: &Camera| {
+        let watched = |name, camera: &Camera| -> Result<Watched, IpcError> {
             let speaks = camera.source.kind().timing() == Timing::FreeRunning;
             let port = speaks.then(|| services.health_receiver(camera.id)).transpose()?;
             Ok(Watched { name, port, newest: None })

@@ -145,7 +145,6 @@ fn covariance_and_misfit_are_chi_square() {
         }
         let draws = DRAWS as f64;
         let (mean, variance) = (sum / draws, squares / draws - (sum / draws).powi(2));
-        println!("{count} {sigma_px:?}: {mean} {variance} {} {covered}", misfit / draws);
         assert!((mean / 6.0 - 1.0).abs() < tolerance, "{count}: {mean}");
         assert!((variance / 12.0 - 1.0).abs() < 4.0 * tolerance, "{count}: {variance}");
         assert!((misfit / draws - 1.0).abs() < tolerance, "{count}: {}", misfit / draws);
