@@ -6,7 +6,7 @@
 
 mod common;
 
-use common::{Instance, Lines, Run, kill, number, run, vservo};
+use common::{Instance, Lines, Run, kill, number, run, vservo, wait_until};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -238,4 +238,33 @@ fn a_vision_process_of_the_right_camera_alone_is_refused() {
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(3), "{text}");
     assert!(text.contains("one vision process serves both cameras"), "{text}");
+}
+
+/// `ctl teach` before a pair: the goal is where the arm stands, as a pose, although the points are no plane.
+#[test]
+fn a_pair_is_taught_on_request() {
+    let instance = Instance::new("stereo-teach");
+    let mut daemon = vservo()
+        .args(["serve", file().to_str().unwrap(), "--clock", "lockstep", "--instance", &instance.name])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let ctl = |what: &str| {
+        let output = vservo().args(["ctl", what, "--json", "--instance", &instance.name]).output().unwrap();
+        let answer: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        (output.status.code(), answer)
+    };
+    wait_until("the daemon to answer", || ctl("status").0 == Some(0));
+    let off_m = || ctl("status").1["position_error_m"].as_f64();
+    wait_until("a measurement", || off_m().is_some_and(|m| m > 0.1));
+    assert_eq!(ctl("teach").0, Some(0));
+    wait_until("the goal to be taught", || ctl("status").1["state"] == "held");
+    wait_until("a measurement of the new goal", || off_m().is_some_and(|m| m < 1e-3));
+    assert_eq!(ctl("start").0, Some(0));
+    wait_until("the arm to servo", || ctl("status").1["state"] == "servoing");
+    assert!(off_m().unwrap() < 1e-3);
+    assert_eq!(ctl("shutdown").0, Some(0));
+    assert_eq!(daemon.wait().unwrap().code(), Some(0));
+    instance.assert_gone();
 }
