@@ -163,6 +163,7 @@ pub(super) fn stereo(
     };
     match StereoRig::new(left.model, right.model, X_LR) {
         Ok(rig) => {
+            let rig = rig.with_model_sd_px(raw.vision.model_sd_px);
             in_view(&rig, (target?, X_DO), taught.as_ref(), check);
             Some(Stereo { rig, X_DO: *X_DO, tolerance, taught })
         }

@@ -29,7 +29,7 @@ fn pair(config: &Config) -> Result<(&Stereo, &Camera), AssembleError> {
 pub fn stereo_vision(config: &Config) -> Result<StereoVision, AssembleError> {
     let (stereo, _) = pair(config)?;
     let view = taught_view(config)?;
-    Ok(StereoVision::new(stereo.rig.clone(), &config.target, view, config.vision, stereo.tolerance))
+    Ok(StereoVision::new(stereo.rig.clone(), &config.target, view, stereo.tolerance))
 }
 
 /// The view to come back to: as the run file has it, or as a simulated pair sees the target in the desired pose. The same to the last

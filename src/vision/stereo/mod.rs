@@ -9,7 +9,7 @@
 //! A frame is looked at when it comes and is then done with: what waits for its mate are the points that were found, not the pixels.
 //! Where the target of the run file lies on the object, and how large it is, does not enter: its description only tells the finders how
 //! points get their ids. Centres are taken as they are measured, without the offsets that a known target allows for; these are the
-//! same in the taught view, so that they vanish where the arm is going ([`VisionSettings::model_sd_px`] allows for them on the way).
+//! same in the taught view, so that they vanish where the arm is going; [`StereoRig::with_model_sd_px`] allows for them on the way.
 
 mod pairing;
 mod rig;
@@ -21,7 +21,7 @@ pub use pairing::{Match, Pairing, PairingCounts, Side};
 pub use rig::{SpacePoint, StereoRig};
 pub use taught::{ObjectPose, TaughtPoint, TaughtView, TaughtViewError};
 
-use super::{Frame, VisionSettings, misfit};
+use super::{Frame, misfit};
 use crate::detect::{Finder, Found};
 use crate::imaging::ImageView;
 use crate::messages::{FeaturePoint, FrameHeader, MAX_FEATURES, Measurement, TargetStatus};
@@ -60,7 +60,6 @@ pub struct StereoVision {
     left: Finder,
     right: Finder,
     taught: TaughtView,
-    settings: VisionSettings,
     pairing: Pairing<Sighting>,
     /// Buffers of sightings that nobody holds.
     spare: Vec<Vec<Found>>,
@@ -74,20 +73,13 @@ pub struct StereoVision {
 impl StereoVision {
     /// Prepares all buffers. Frames whose stamps lie `tolerance` apart or less are a pair.
     #[must_use]
-    pub fn new(
-        rig: StereoRig,
-        target: &Target,
-        taught: TaughtView,
-        settings: VisionSettings,
-        tolerance: SpanNs,
-    ) -> Self {
+    pub fn new(rig: StereoRig, target: &Target, taught: TaughtView, tolerance: SpanNs) -> Self {
         let room = target.points().len();
         Self {
             left: Finder::new(*rig.left(), target),
             right: Finder::new(*rig.right(), target),
             rig,
             taught,
-            settings,
             pairing: Pairing::new(tolerance),
             spare: (0..4).map(|_| Vec::with_capacity(room)).collect(),
             room,
@@ -220,11 +212,6 @@ impl StereoVision {
 
     /// The pose that explains the points, without those that do not fit.
     fn orientation(&mut self) -> Result<ObjectPose, TargetStatus> {
-        // What lens and marks are not as described widens each error alike.
-        let allowed = |points: &[SpacePoint]| {
-            let stated = points.iter().map(|p| p.sigma_px * p.sigma_px).sum::<f64>() / points.len() as f64;
-            1.0 + self.settings.model_sd_px * self.settings.model_sd_px / stated
-        };
         let least = self.points.len() - self.points.len() / 3;
         loop {
             let pose = match self.taught.pose(&self.points, &mut self.pairs) {
@@ -232,8 +219,7 @@ impl StereoVision {
                 Err(StereoError::TooFewPoints { .. }) => return Err(TargetStatus::TooFewShared),
                 Err(_) => return Err(TargetStatus::Inconsistent),
             };
-            let factor = allowed(&self.points);
-            if pose.misfit <= misfit::largest(pose.freedom as f64) * factor {
+            if pose.misfit <= misfit::largest(pose.freedom as f64) {
                 return Ok(pose);
             }
             let count = self.points.len();

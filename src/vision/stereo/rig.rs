@@ -38,6 +38,7 @@ pub struct StereoRig {
     right: CameraModel,
     X_LR: Pose,
     triangulator: Triangulator,
+    model_sd_px: f64,
 }
 
 impl StereoRig {
@@ -46,7 +47,14 @@ impl StereoRig {
     /// # Errors
     /// [`StereoError::Degenerate`] for cameras in one place, [`StereoError::BadGuess`] for a pose that is not finite.
     pub fn new(left: CameraModel, right: CameraModel, X_LR: Pose) -> Result<Self, StereoError> {
-        Ok(Self { left, right, X_LR, triangulator: Triangulator::new(&X_LR)? })
+        Ok(Self { left, right, X_LR, triangulator: Triangulator::new(&X_LR)?, model_sd_px: 0.0 })
+    }
+
+    /// The same pair with lenses and marks that are so far from their description, one standard deviation of each coordinate, px. This
+    /// is part of all deviations that it states: nothing is known of the object by which offsets could be put right.
+    #[must_use]
+    pub fn with_model_sd_px(self, model_sd_px: f64) -> Self {
+        Self { model_sd_px, ..self }
     }
 
     /// The left camera.
@@ -94,7 +102,8 @@ impl StereoRig {
         // Pixels as a share of normalized coordinates, where the lens has them.
         let scale = |camera: &CameraModel, s: &Vector2<f64>| camera.pixel_jacobian(s).determinant().abs();
         let (at_left, at_right) = (scale(&self.left, &pair.s_1), scale(&self.right, &pair.s_2));
-        let square = |found: &Found, scale: f64| found.sigma_px * found.sigma_px / scale;
+        let model = self.model_sd_px * self.model_sd_px;
+        let square = |found: &Found, scale: f64| (found.sigma_px * found.sigma_px + model) / scale;
         // The optimum takes both pictures as equally sharp.
         let variance = 0.5 * (square(left, at_left) + square(right, at_right));
         let point = SpacePoint {

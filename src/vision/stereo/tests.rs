@@ -178,7 +178,7 @@ fn views_that_fix_no_pose_are_refused_by_name() {
 /// A vision with what the finders found put into its hands.
 fn vision(view: TaughtView) -> StereoVision {
     let target: Target = crate::target::FourDots::new(0.1, 0.015, 0.01, 0.03).unwrap().into();
-    StereoVision::new(rig(), &target, view, VisionSettings::default(), SpanNs(5_000_000))
+    StereoVision::new(rig(), &target, view, SpanNs(5_000_000))
 }
 
 fn file(vision: &mut StereoVision, lists: &[Vec<Found>; 2]) -> StereoMeasurement {
