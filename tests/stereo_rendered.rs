@@ -104,7 +104,6 @@ fn rendered_poses_are_as_exact_as_they_say() {
     }
     errors.sort_by(f64::total_cmp);
     let (mean, median) = (errors.iter().sum::<f64>() / VIEWS as f64, errors[VIEWS as usize / 2]);
-    println!("normalized errors: mean {mean:.2}, median {median:.2}; farthest {:.3} mm", worst_m * 1e3);
     // Offsets of lens and perspective are in `vision.model_sd_px` of the run file: docs/stereo.md.
     assert!((0.2..1.6).contains(&median) && (0.2..2.0).contains(&mean), "{median} {mean}");
     assert!(worst_m < 0.2e-3, "{worst_m} {median} {mean}");
