@@ -33,7 +33,10 @@ const LONGEST_WAIT: Duration = Duration::from_millis(50);
 fn seeing_roles(config: &Config) -> Vec<Role> {
     let id = config.camera.id;
     let pair = config.further_cameras.iter().filter(|_| config.stereo.is_some());
-    [Role::Vision(id), Role::Camera(id)].into_iter().chain(pair.map(|camera| Role::Camera(camera.id))).collect()
+    [Role::Vision(id), Role::Camera(id)]
+        .into_iter()
+        .chain(pair.map(|camera| Role::Camera(camera.id)))
+        .collect()
 }
 
 /// How long a lockstep process spins before it waits for another one, where a core is free: about what a frame takes from its

@@ -188,7 +188,8 @@ impl Inbox {
                 }
                 None => {}
             }
-            self.peers_hang |= wait.get_or_insert_with(Wait::begin).is_over(id, &self.seeing, ports.membership);
+            self.peers_hang |=
+                wait.get_or_insert_with(Wait::begin).is_over(id, &self.seeing, ports.membership);
             if self.peers_hang {
                 return Ok(None);
             }
