@@ -47,6 +47,8 @@ pub enum Command {
     Detect(DetectArguments),
     /// Make a target to print, in true size
     Target(TargetArguments),
+    /// Make the view that a pair of cameras is to come back to, from pictures of both in the desired pose
+    TeachView(TeachViewArguments),
     /// Check a run file and report everything that is wrong with it
     Check {
         /// Run file (TOML)
@@ -296,6 +298,22 @@ pub struct TargetArguments {
     /// File to write: .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+}
+
+/// Arguments of `vservo teach-view`.
+#[derive(Debug, Args)]
+pub struct TeachViewArguments {
+    /// Run file (TOML) with [stereo]
+    pub config: PathBuf,
+    /// Pictures: left, right, and so on by turns
+    #[arg(required = true, num_args = 2..)]
+    pub images: Vec<PathBuf>,
+    /// File to write, for `stereo.taught_file`; stdout where it is left out
+    #[arg(long, value_name = "FILE.toml")]
+    pub out: Option<PathBuf>,
+    /// Change one value first; may be repeated
+    #[arg(long, value_name = "key.path=value")]
+    pub set: Vec<String>,
 }
 
 /// Camera of an experiment.

@@ -305,6 +305,8 @@ fn word(status: TargetStatus) -> &'static str {
         TargetStatus::Ambiguous => "ambiguous",
         TargetStatus::WrongSize => "wrong_size",
         TargetStatus::Inconsistent => "inconsistent",
+        TargetStatus::NoPair => "no_pair",
+        TargetStatus::TooFewShared => "too_few_shared",
     }
 }
 

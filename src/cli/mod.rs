@@ -6,16 +6,17 @@ mod camera_arguments;
 mod ctl;
 mod detect;
 mod target;
+mod teach_view;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
     ExperimentArguments, LatencyArguments, Order, RoleArguments, RunArguments, ServeArguments,
-    TargetArguments,
+    TargetArguments, TeachViewArguments,
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 
 use crate::config::Config;
-use crate::config::assemble::require_one_camera;
+use crate::config::assemble::require_controllable;
 use crate::control::outcome::Outcome;
 use crate::experiment;
 use crate::input::printable;
@@ -56,6 +57,7 @@ pub fn main() -> ExitCode {
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
         Some(Command::Detect(arguments)) => detect::detect(&arguments),
         Some(Command::Target(arguments)) => target::target(&arguments),
+        Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),
         Some(Command::Check { config, set }) => check(&config, &set),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
         Some(Command::DriveGuard { instance, supervised_by, command }) => {
@@ -144,7 +146,7 @@ fn run(cell: &CellArguments, setting: Option<String>, summary: Option<&Path>) ->
 /// The cell that a supervisor is to run, and its name.
 fn prepare(cell: &CellArguments, setting: Option<String>) -> Result<(Config, Instance), ProcessError> {
     let config = Config::load(cell.config.as_deref(), &cell.settings(setting))?;
-    require_one_camera(&config)?;
+    require_controllable(&config)?;
     warn(&config);
     Ok((config, cell.instance.parse()?))
 }
@@ -220,7 +222,12 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
             process::camera::run(&seen_by(arguments.camera, config)?, &instance, &stop).map(|()| None)
         }
         Role::Vision(_) => {
-            process::vision::run(&seen_by(arguments.camera, config)?, &instance, &stop).map(|()| None)
+            let run = if config.stereo.is_some() {
+                process::stereo_vision::run(&pair_seen_by(arguments.camera, config)?, &instance, &stop)
+            } else {
+                process::vision::run(&seen_by(arguments.camera, config)?, &instance, &stop)
+            };
+            run.map(|()| None)
         }
         Role::Control | Role::Supervisor | Role::Drive => {
             process::control::run(&config, &instance, &stop).map(Some)
@@ -252,6 +259,14 @@ fn seen_by(camera: u8, config: Config) -> Result<Config, ProcessError> {
     config.seen_by(CameraId(camera)).ok_or(ProcessError::NoSuchCamera { camera, cameras })
 }
 
+/// The configuration as the one vision process of a pair of cameras has it.
+fn pair_seen_by(camera: u8, config: Config) -> Result<Config, ProcessError> {
+    match camera {
+        0 => Ok(config),
+        camera => Err(ProcessError::OneVision { camera }),
+    }
+}
+
 fn guard_drive(command: &[String], instance: &str, supervisor: i32) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
     process::drive_guard::run(command, &instance.parse()?, supervisor, &stop)
@@ -272,7 +287,7 @@ fn config_on_stdin(name: &Path, set: &[String]) -> Result<Config, ProcessError> 
 
 fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
     let checked = Config::load(Some(config), set)?;
-    require_one_camera(&checked)?;
+    require_controllable(&checked)?;
     warn(&checked);
     let (width_px, height_px) = checked.camera.full_size_px();
     let of_whole = |region| format!("{region} of ");

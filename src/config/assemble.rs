@@ -10,6 +10,7 @@ use crate::control::truth::Truth;
 use crate::drive::{
     CommandMode, Drive, EncoderModel, IdealDrive, SimulatedDrive, SimulatedDriveSettings, StandstillDrive,
 };
+use crate::imaging::ImageSizeError;
 use crate::messages::MAX_JOINTS;
 use crate::motion::{
     InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, PdGravityControl,
@@ -18,9 +19,13 @@ use crate::robot::{Robot, RobotError};
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
 use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
 use crate::time::SpanNs;
-use crate::vision::{ArmCarrier, Carrier, Vision};
+use crate::vision::{ArmCarrier, Carrier, TaughtViewError, Vision};
 use nalgebra::{SVector, Vector2};
 use thiserror::Error;
+
+mod stereo;
+
+pub use stereo::{stereo_set_point, stereo_vision, taught_points, taught_view};
 
 /// A configuration that is valid in itself does not make a working whole.
 #[derive(Debug, Error)]
@@ -43,8 +48,8 @@ pub enum AssembleError {
     Scene(#[from] SceneError),
     /// Several cameras, and one control.
     #[error(
-        "[[cameras]]: {0} cameras: control by several cameras is not built yet; leave one (processes of each may be started \
-         by hand: `vservo camera CONFIG --camera N`)"
+        "[[cameras]]: {0} cameras: control by several cameras is not built yet; leave one, or make two of them a pair by [stereo] \
+         (processes of each may be started by hand: `vservo camera CONFIG --camera N`)"
     )]
     SeveralCameras(usize),
     /// The arm as it really is cannot be built.
@@ -55,6 +60,31 @@ pub enum AssembleError {
         "camera.source: only `synthetic` can be simulated in one process; other sources need `vservo run`"
     )]
     NoScene,
+    /// There is no pair of cameras.
+    #[error("stereo: the run file has no pair of cameras, or its goal lies behind them")]
+    NoStereo,
+    /// A real pair has nothing to come back to.
+    #[error(
+        "stereo.taught_file: is missing: only a simulated pair can look from servo.desired by itself; make one with `vservo \
+         teach-view`"
+    )]
+    NotTaught,
+    /// A simulated pair cannot be taught.
+    #[error(
+        "[stereo]: the {side} camera does not see the target in the desired view: {status}; see to servo.desired, or to the pictures"
+    )]
+    NotSeen {
+        /// Which camera.
+        side: &'static str,
+        /// Why not.
+        status: &'static str,
+    },
+    /// What a simulated pair was taught is no view.
+    #[error("[stereo]: what both cameras see in the desired view {0}")]
+    Taught(#[from] TaughtViewError),
+    /// A camera without pixels.
+    #[error(transparent)]
+    Image(#[from] ImageSizeError),
     /// An external drive lives in another process: only the control process can make its end.
     #[error(
         "drive.kind: an external drive needs the processes of `vservo run`; in one process use simulated or ideal"
@@ -89,13 +119,17 @@ pub fn motion_limits<const N: usize>(
     ))
 }
 
-/// Refuses what control cannot do yet: to go by several cameras.
+/// Refuses what control cannot do: to go by several cameras that are no pair, or by a pair that has no goal.
 ///
 /// # Errors
-/// [`AssembleError::SeveralCameras`].
-pub fn require_one_camera(config: &Config) -> Result<(), AssembleError> {
+/// [`AssembleError::SeveralCameras`], [`AssembleError::NotTaught`].
+pub fn require_controllable(config: &Config) -> Result<(), AssembleError> {
+    if config.stereo.as_ref().is_some_and(|stereo| stereo.taught.is_none()) && config.scene.is_none() {
+        return Err(AssembleError::NotTaught);
+    }
     match config.cameras().count() {
         0 | 1 => Ok(()),
+        2 if config.stereo.is_some() => Ok(()),
         several => Err(AssembleError::SeveralCameras(several)),
     }
 }
@@ -219,7 +253,7 @@ pub fn control_loop_with<const N: usize>(
     robot: Robot<N>,
     drive: AnyDrive<N>,
 ) -> Result<ControlLoop<N>, AssembleError> {
-    require_one_camera(config)?;
+    require_controllable(config)?;
     let q_start = q_start::<N>(config)?;
     let limits = motion_limits(config, &robot)?;
     let closed_loop = config.closes_the_loop();
@@ -229,9 +263,13 @@ pub fn control_loop_with<const N: usize>(
         Update::Predict => UpdatePolicy::Predict,
     };
     let joint_control = joint_controller(config, &robot, &q_start)?;
+    let set_point = match &config.stereo {
+        Some(_) => stereo_set_point(config)?,
+        None => config.servo.set_point.clone(),
+    };
     let servo = VisualServo::new(ServoSettings {
         law: config.servo.law,
-        set_point: config.servo.set_point.clone(),
+        set_point,
         update,
         mount: config.camera.mount,
         X_WO: config.X_WO(),

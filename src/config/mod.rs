@@ -19,6 +19,7 @@ pub mod raw;
 mod scene;
 mod servo;
 mod source;
+mod stereo;
 mod tables;
 mod target;
 mod v4l2;
@@ -29,6 +30,7 @@ pub use frame_source::{Source, Timing};
 pub use problem::{ConfigError, Problem};
 pub use scene::Scene;
 pub use source::Document;
+pub use stereo::{Stereo, taught_file};
 pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 
 use crate::drive::{CommandMode, InnerServo, Payload};
@@ -65,8 +67,10 @@ pub struct Config {
     pub start: Start,
     /// The camera that control goes by.
     pub camera: Camera,
-    /// The cameras beside it, which have processes but no say yet.
+    /// The cameras beside it: the right one of a pair, or such as have processes but no say yet.
     pub further_cameras: Vec<Camera>,
+    /// Whether the first two cameras measure together.
+    pub stereo: Option<Stereo>,
     /// The target.
     pub target: Target,
     /// What is true, where the cell is simulated.
@@ -329,6 +333,7 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, proble
         }
     };
     lens_file::resolve(raw, document, absolute, problems);
+    stereo::resolve(raw, document, absolute, problems);
     images("camera.replay.folder", &mut raw.camera.replay.folder);
     for (i, camera) in raw.cameras.iter_mut().enumerate() {
         images(&format!("cameras[{i}].replay.folder"), &mut camera.replay.folder);

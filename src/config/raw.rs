@@ -9,6 +9,7 @@ use std::path::PathBuf;
 
 mod motion;
 mod servo;
+mod stereo;
 mod truth;
 
 pub use super::frame_source::{LensWord, RawCamera, RawLens, RawReplay, RawRoi, RawSynthetic, SourceKind};
@@ -19,6 +20,7 @@ pub use servo::{
     At, DampingOn, Depth, FeatureGain, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint,
     SchemeKind, SetPointKind, Update,
 };
+pub use stereo::{RawStereo, RawTaughtPoint, RawTaughtView};
 pub use truth::{RawTrueArm, RawTrueCamera, RawTrueLens, RawTrueMount, RawTrueTarget};
 
 table! {
@@ -35,6 +37,8 @@ table! {
         /// `[[cameras]]`, instead of `[camera]`
         #[serde(skip_serializing_if = "Vec::is_empty")]
         cameras: Vec<RawCamera> = Vec::new(),
+        /// `[stereo]`: the first two cameras as a pair
+        stereo: Option<RawStereo> = None,
         /// `[target]`
         target: RawTarget = RawTarget::default(),
         /// `[scene]`

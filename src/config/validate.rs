@@ -10,6 +10,7 @@ mod truth;
 use super::check::Check;
 use super::raw::{Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, Task};
 use super::servo::servo;
+use super::stereo::stereo;
 use super::target::target;
 use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Start};
 use crate::scene::SceneMotion;
@@ -78,6 +79,7 @@ pub(super) fn validate(
     }
     let desired = &raw.servo.desired;
     let X_DO = check.pose("servo.desired", desired.position_m, desired.rotation_rpy_rad);
+    let stereo = stereo(&raw, (camera.as_ref(), &further_cameras), (target.as_ref(), &X_DO), check);
     let lens = camera.as_ref().map(|camera| &camera.model);
     let servo = target.as_ref().and_then(|target| servo(&raw, (target, lens), &X_DO, check));
     let safety = Safety {
@@ -144,6 +146,7 @@ pub(super) fn validate(
         },
         camera: camera?,
         further_cameras,
+        stereo,
         target: target?,
         scene,
         vision,

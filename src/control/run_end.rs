@@ -69,6 +69,9 @@ pub(crate) fn time_is_up(
     Finish { outcome: Outcome::NotConverged, reason }
 }
 
+const NO_PAIR: &str = "run.duration_s is over: frames of the two cameras do not pair; see to both cameras and their trigger, or set \
+                       cameras[1].stamp_offset_ms and stereo.pair_tolerance_ms";
+
 fn why_late(state: ControlState, sightings: &Sightings) -> &'static str {
     match (state, sightings.last()) {
         (_, None) => "run.duration_s is over: no measurement ever came",
@@ -84,6 +87,10 @@ fn why_late(state: ControlState, sightings: &Sightings) -> &'static str {
                  front, check [camera.lens] and [target], or allow for more (vision.model_sd_px)"
             }
             TargetStatus::NoMatch => "run.duration_s is over: the target was never found",
+            TargetStatus::NoPair => NO_PAIR,
+            TargetStatus::TooFewShared => {
+                "run.duration_s is over: the two cameras never saw three taught points together"
+            }
             TargetStatus::Found if sightings.is_degraded() => {
                 "run.duration_s is over: a part of the target was hidden all the time, and all of it is needed"
             }
@@ -98,6 +105,7 @@ fn why_late(state: ControlState, sightings: &Sightings) -> &'static str {
         (ControlState::Holding, Some(m)) if m.target_status() == TargetStatus::Inconsistent => {
             "run.duration_s is over: the target's dots fit no pose any more; look for a shadow, glare or something in front"
         }
+        (ControlState::Holding, Some(m)) if m.target_status() == TargetStatus::NoPair => NO_PAIR,
         (ControlState::Holding, _) => "run.duration_s is over: the target was lost",
         _ => "run.duration_s is over before the goal was reached",
     }

@@ -35,6 +35,10 @@ pub enum TargetStatus {
     WrongSize = 5,
     /// The features were found, but are disturbed: no pose explains them within their stated deviations. Refused.
     Inconsistent = 6,
+    /// Of two cameras: the other one has no frame of the same instant.
+    NoPair = 7,
+    /// Of two cameras: fewer than three taught points are in both pictures.
+    TooFewShared = 8,
 }
 
 impl TargetStatus {
@@ -49,6 +53,8 @@ impl TargetStatus {
             4 => Self::Ambiguous,
             5 => Self::WrongSize,
             6 => Self::Inconsistent,
+            7 => Self::NoPair,
+            8 => Self::TooFewShared,
             _ => Self::NoMatch,
         }
     }
@@ -64,6 +70,8 @@ impl TargetStatus {
             Self::Ambiguous => "dots cannot be told apart",
             Self::WrongSize => "frame of another size than the camera's",
             Self::Inconsistent => "dots do not fit one pose: shadow, glare, something in front?",
+            Self::NoPair => "no frame of the other camera at this instant",
+            Self::TooFewShared => "fewer than three taught points in both pictures",
         }
     }
 }

@@ -39,7 +39,7 @@ fn type_names_carry_their_version() {
 fn codes_survive_the_message() {
     for code in 0..12 {
         let status = TargetStatus::from_code(code);
-        assert!(status as u32 == code || (status == TargetStatus::NoMatch && code > 6));
+        assert!(status as u32 == code || (status == TargetStatus::NoMatch && code > 8));
         let state = ControlState::from_code(code);
         assert!(state as u32 == code || (state == ControlState::Fault && code > 9));
     }

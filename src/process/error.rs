@@ -63,6 +63,15 @@ pub enum ProcessError {
         /// How many there are.
         cameras: usize,
     },
+    /// A vision process for one camera of a pair.
+    #[error("--camera {camera}: one vision process serves both cameras of [stereo]: leave --camera out")]
+    OneVision {
+        /// Which was asked for.
+        camera: u8,
+    },
+    /// Pictures of a pair of cameras that are no pairs.
+    #[error("{0} pictures: pairs are needed, left and right by turns")]
+    OddImages(usize),
     /// The robot file is wrong.
     #[error(transparent)]
     Robot(#[from] RobotError),
@@ -178,6 +187,7 @@ impl ProcessError {
             Self::Config(_)
             | Self::Source(_)
             | Self::NoSuchCamera { .. }
+            | Self::OneVision { .. }
             | Self::NoRealCamera
             | Self::Robot(_)
             | Self::Assemble(_)
@@ -188,7 +198,7 @@ impl ProcessError {
             | Self::DriveAbsent { .. }
             | Self::DriveProgram { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
-            Self::Timeout(_) | Self::ProbeDuration(_) => 2,
+            Self::Timeout(_) | Self::ProbeDuration(_) | Self::OddImages(_) => 2,
             Self::NoFrame { .. } | Self::NobodyThere(_) | Self::NoAnswer { .. } => 5,
             Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),
             Self::Ipc(_)

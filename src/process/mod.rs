@@ -9,6 +9,7 @@ mod membership;
 mod priority;
 mod signals;
 mod silence;
+pub mod stereo_vision;
 mod stop;
 pub mod supervisor;
 pub mod vision;
@@ -19,14 +20,24 @@ pub use signals::follow_parent;
 use stop::STOP_REASON;
 pub use stop::StopFlag;
 
-use crate::config::Config;
 use crate::config::raw::Clock;
-use crate::ipc::FrameShape;
+use crate::config::{Camera, Config};
+use crate::ipc::{FrameShape, Role};
 use crate::time::SpanNs;
 use std::time::Duration;
 
 /// Longest wait for a message: how late a request to stop may be noticed.
 const LONGEST_WAIT: Duration = Duration::from_millis(50);
+
+/// The processes beside control that see for it: vision first, then its cameras.
+fn seeing_roles(config: &Config) -> Vec<Role> {
+    let id = config.camera.id;
+    let pair = config.further_cameras.iter().filter(|_| config.stereo.is_some());
+    [Role::Vision(id), Role::Camera(id)]
+        .into_iter()
+        .chain(pair.map(|camera| Role::Camera(camera.id)))
+        .collect()
+}
 
 /// How long a lockstep process spins before it waits for another one, where a core is free: about what a frame takes from its
 /// exposure to its measurement.
@@ -39,9 +50,14 @@ const WAKE_AHEAD: u64 = 16;
 /// Size and number of the frames of a run: the newest alone in real time, all that are on their way in lockstep.
 #[must_use]
 pub fn frame_shape(config: &Config) -> FrameShape {
-    let i = config.camera.model.intrinsics();
-    let on_their_way = config.camera.schedule.in_flight();
-    let (in_flight, held_back) = match config.clock {
+    shape_of(&config.camera, config.clock)
+}
+
+/// The same of one of several cameras.
+fn shape_of(camera: &Camera, clock: Clock) -> FrameShape {
+    let i = camera.model.intrinsics();
+    let on_their_way = camera.schedule.in_flight();
+    let (in_flight, held_back) = match clock {
         Clock::Realtime => (1, on_their_way),
         Clock::Lockstep => (on_their_way, 1),
     };

@@ -141,14 +141,14 @@ fn unusable(header: &FrameHeader) -> Measurement {
 
 /// Tells the frames that vision skipped from those that the camera lost.
 #[derive(Debug, Default, Clone, Copy)]
-struct FrameCounter {
-    received: u64,
-    dropped: u64,
+pub(super) struct FrameCounter {
+    pub(super) received: u64,
+    pub(super) dropped: u64,
     last: Option<(u64, u64)>,
 }
 
 impl FrameCounter {
-    fn count(&mut self, header: &FrameHeader) {
+    pub(super) fn count(&mut self, header: &FrameHeader) {
         self.received += 1;
         if let Some((last_id, last_lost)) = self.last {
             let gap = header.frame_id.saturating_sub(last_id + 1);

@@ -19,7 +19,7 @@ impl Lesson {
     }
 
     /// Takes a view in, unless a feature is hidden and cannot be told from the pose; the last one completes the set-point, which keeps the selection and, where the new features
-    /// give no pose, the mean depth of `before`.
+    /// give no pose even with that of the view to start from, the mean depth of `before`.
     pub(super) fn hear(&mut self, view: &View, before: &SetPoint) -> Option<SetPoint> {
         if self.left == 0 {
             return None;
@@ -38,8 +38,9 @@ impl Lesson {
         }
         let depths_m = before.depths_m();
         let z_d_m = depths_m.iter().sum::<f64>() / depths_m.len() as f64;
-        SetPoint::from_features(s_d.get(..view.features().len())?, before.points(), z_d_m)?
-            .with_ids(before.ids())?
-            .with_selection(*before.selection())
+        let taught = SetPoint::from_features(s_d.get(..view.features().len())?, before.points(), z_d_m)?;
+        // Points that are no plane tell their pose from near it.
+        let posed = view.X_CO().filter(|_| taught.X_DO().is_none()).and_then(|X_CO| taught.posed_near(X_CO));
+        posed.unwrap_or(taught).with_ids(before.ids())?.with_selection(*before.selection())
     }
 }

@@ -4,7 +4,7 @@ use super::view::is_there;
 use super::{Selection, View};
 use crate::geometry::Pose;
 use crate::messages::MAX_FEATURES;
-use crate::pose::{Correspondence, planar_pose};
+use crate::pose::{Correspondence, Correspondence3, planar_pose, refine_3d};
 use nalgebra::{Point3, Vector2, Vector3};
 
 /// Desired feature points `s_d`, their depths in the desired pose, and which of them the law compares.
@@ -68,6 +68,19 @@ impl SetPoint {
             *place = *s;
         }
         Some(set_point)
+    }
+
+    /// The same features with the desired pose and the depths that explain them best, from a pose near it: for points that are no
+    /// plane. `None` where they fix none.
+    #[must_use]
+    pub(super) fn posed_near(&self, guess: &Pose) -> Option<Self> {
+        let mut seen = [Correspondence3 { r: Point3::origin(), s: Vector2::zeros() }; MAX_FEATURES];
+        for ((place, s), p) in seen.iter_mut().zip(self.features()).zip(self.points()) {
+            *place = Correspondence3 { r: *p, s: *s };
+        }
+        let found = refine_3d(guess, seen.get(..self.count)?, 1.0).ok()?;
+        let posed = Self::from_pose(&found.X_CO, self.points())?;
+        Some(Self { s_d: self.s_d, ids: self.ids, selection: self.selection, ..posed })
     }
 
     fn empty(points: &[Point3<f64>]) -> Option<Self> {
@@ -219,6 +232,25 @@ mod tests {
         assert!(SetPoint::from_pose(&X_DO, &[Point3::origin(); MAX_FEATURES + 1]).is_none());
         let other = Selection::new([(crate::servo::FeatureKind::Point(2), 1.0)]).unwrap();
         assert!(SetPoint::from_pose(&X_DO, &points).unwrap().with_selection(other).is_none());
+    }
+
+    #[test]
+    fn points_in_space_tell_their_pose_from_near_it() {
+        let X_DO = Pose::new([-0.05, 0.03, 0.6].into(), [0.3, -0.4, -1.0].into());
+        let points =
+            [[0.0, 0.0, 0.01], [0.1, 0.0, -0.02], [0.1, 0.1, 0.03], [0.0, 0.1, 0.0], [0.04, 0.07, -0.04]];
+        let points = points.map(Point3::from);
+        let posed = SetPoint::from_pose(&X_DO, &points).unwrap().with_ids(&[1, 2, 5, 8, 9]).unwrap();
+        let given = SetPoint::from_features(posed.features(), &points, 0.5).unwrap();
+        let given = given.with_ids(&[1, 2, 5, 8, 9]).unwrap();
+        assert!(given.X_DO().is_none());
+        let near = Pose::new([0.004, -0.003, 0.02].into(), [0.02, 0.01, -0.03].into()) * X_DO;
+        let found = given.posed_near(&near).unwrap();
+        assert!((found.X_DO().unwrap().to_homogeneous() - X_DO.to_homogeneous()).norm() < 1e-7);
+        assert!(found.depths_m().iter().zip(posed.depths_m()).all(|(a, b)| (a - b).abs() < 1e-7));
+        assert_eq!((found.features(), found.ids()), (posed.features(), posed.ids()));
+        let two = SetPoint::from_features(&posed.features()[..2], &points[..2], 0.7).unwrap();
+        assert!(two.posed_near(&near).is_none());
     }
 
     #[test]

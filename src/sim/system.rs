@@ -6,8 +6,8 @@
 //! ```
 
 use super::closed_loop::{self, ClosedLoop};
-use crate::config::Config;
 use crate::config::assemble::{self, AssembleError};
+use crate::config::{Camera, Config};
 use crate::control::control_loop::ControlLoop;
 use crate::control::outcome::{FinalErrors, Finish, Outcome};
 use crate::control::trace::Trace;
@@ -18,7 +18,7 @@ use crate::robot::RobotError;
 use crate::scene::{Exposure, SyntheticCamera};
 use crate::time::MonoNs;
 use crate::time::TICK;
-use crate::vision::{Carrier, Frame, Prior, Vision};
+use crate::vision::{Carrier, Frame, Prior, Side, StereoMeasurement, StereoVision, Vision};
 use std::ops::ControlFlow::{self, Break, Continue};
 use thiserror::Error;
 
@@ -69,19 +69,21 @@ pub fn simulate_system(
     config: &Config,
     watch: &mut dyn FnMut(&Moment<'_>) -> ControlFlow<()>,
 ) -> Result<SystemRun, SimError> {
-    let vision = assemble::vision(config);
+    let eyes = Eyes::of(config)?;
     let carrier = assemble::carrier(config)?;
     crate::dispatch_robot!(config.robot, |robot| {
         let camera = assemble::synthetic_camera(config)?;
+        let right = right_camera(config)?;
         let control = assemble::control_loop(config, robot)?;
         let i = config.camera.model.intrinsics();
         let pixels = vec![0; i.width_px as usize * i.height_px as usize];
         let mut system = System {
             config,
             control,
-            vision,
+            eyes,
             carrier,
             camera,
+            right,
             pixels,
             statistics: RunStatistics::new(),
             watch,
@@ -97,13 +99,67 @@ pub fn simulate_system(
     })?
 }
 
-/// The cores of the three processes.
+/// The vision of one camera or of two.
+#[allow(clippy::large_enum_variant)] // one in a run
+enum Eyes {
+    One(Vision),
+    Two(StereoVision),
+}
+
+impl Eyes {
+    fn of(config: &Config) -> Result<Self, AssembleError> {
+        Ok(match &config.stereo {
+            None => Self::One(assemble::vision(config)),
+            Some(_) => Self::Two(assemble::stereo_vision(config)?),
+        })
+    }
+}
+
+/// The right camera of a pair, and what is known of it.
+struct RightCamera<const N: usize> {
+    config: Config,
+    camera: SyntheticCamera<N>,
+    pixels: Vec<u8>,
+}
+
+fn right_camera<const N: usize>(config: &Config) -> Result<Option<RightCamera<N>>, AssembleError> {
+    let id = config.further_cameras.first().filter(|_| config.stereo.is_some()).map(|camera| camera.id);
+    let Some(config) = id.and_then(|id| config.clone().seen_by(id)) else { return Ok(None) };
+    let camera = assemble::synthetic_camera(&config)?;
+    let i = config.camera.model.intrinsics();
+    let pixels = vec![0; i.width_px as usize * i.height_px as usize];
+    Ok(Some(RightCamera { config, camera, pixels }))
+}
+
+/// Exposes `exposure`: the header of the frame, and its picture.
+fn exposed<'a, const N: usize>(
+    camera: &Camera,
+    source: &mut SyntheticCamera<N>,
+    exposure: &Exposure,
+    pixels: &'a mut [u8],
+) -> Result<Frame<'a>, ImageSizeError> {
+    source.expose(exposure, pixels);
+    let i = camera.model.intrinsics();
+    let image = ImageView::new(pixels, i.width_px as usize, i.height_px as usize)?;
+    let header = FrameHeader {
+        frame_id: exposure.frame_id,
+        exposure: camera.stamp(exposure.mid),
+        camera: camera.id.into(),
+        width_px: i.width_px,
+        height_px: i.height_px,
+        ..FrameHeader::default()
+    };
+    Ok(Frame { header, image })
+}
+
+/// The cores of the processes.
 struct System<'a, const N: usize> {
     config: &'a Config,
     control: ControlLoop<N>,
-    vision: Vision,
+    eyes: Eyes,
     carrier: Box<dyn Carrier>,
     camera: SyntheticCamera<N>,
+    right: Option<RightCamera<N>>,
     pixels: Vec<u8>,
     statistics: RunStatistics,
     watch: &'a mut dyn FnMut(&Moment<'_>) -> ControlFlow<()>,
@@ -122,31 +178,33 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
     fn sense(&mut self, tick: u64) -> ControlFlow<Self::End> {
         let state = self.control.sense(tick, time(tick));
         self.camera.arm(&state);
+        if let Some(right) = &mut self.right {
+            right.camera.arm(&state);
+        }
         self.carrier.note(&state);
         Continue(())
     }
 
     fn see(&mut self, tick: u64, frame_id: u64) -> ControlFlow<Self::End, Measurement> {
         let camera = &self.config.camera;
-        let i = camera.model.intrinsics();
         let exposure = Exposure { frame_id, mid: time(tick), span: camera.exposure };
-        self.camera.expose(&exposure, &mut self.pixels);
-        let image = match ImageView::new(&self.pixels, i.width_px as usize, i.height_px as usize) {
-            Ok(image) => image,
+        let frame = match exposed(camera, &mut self.camera, &exposure, &mut self.pixels) {
+            Ok(frame) => frame,
             Err(e) => return Break(Err(e.into())),
         };
-        if (self.watch)(&Moment::Frame(frame_id, &image)).is_break() {
+        if (self.watch)(&Moment::Frame(frame_id, &frame.image)).is_break() {
             return Break(Ok(WATCHED_ENOUGH));
         }
-        let header = FrameHeader {
-            frame_id,
-            exposure: camera.stamp(exposure.mid),
-            width_px: i.width_px,
-            height_px: i.height_px,
-            ..FrameHeader::default()
-        };
-        let X_WC = self.carrier.X_WC(exposure.mid.min(header.exposure));
-        Continue(self.vision.process(&Frame { header, image }, &Prior { X_WC, ..Prior::default() }))
+        match &mut self.eyes {
+            Eyes::One(vision) => {
+                let X_WC = self.carrier.X_WC(exposure.mid.min(frame.header.exposure));
+                Continue(vision.process(&frame, &Prior { X_WC, ..Prior::default() }))
+            }
+            Eyes::Two(vision) => match look_twice(vision, &frame, self.right.as_mut(), &exposure) {
+                Ok(measurement) => Continue(measurement),
+                Err(e) => Break(Err(e.into())),
+            },
+        }
     }
 
     fn act(&mut self, tick: u64, seen: Option<Measurement>) -> ControlFlow<Self::End> {
@@ -158,4 +216,28 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
             None => Continue(()),
         }
     }
+}
+
+/// Left frame and right frame of one number, as the process of two cameras takes them.
+fn look_twice<const N: usize>(
+    vision: &mut StereoVision,
+    left: &Frame<'_>,
+    right: Option<&mut RightCamera<N>>,
+    exposure: &Exposure,
+) -> Result<Measurement, ImageSizeError> {
+    vision.look(Side::Left, left);
+    if let Some(RightCamera { config, camera, pixels }) = right
+        && !config.camera.schedule.is_lost(exposure.frame_id)
+    {
+        let exposure = Exposure { span: config.camera.exposure, ..*exposure };
+        vision.look(Side::Right, &exposed(&config.camera, camera, &exposure, pixels)?);
+    }
+    vision.give_up(Side::Left, left.header.exposure);
+    let mut of_left = Measurement::default();
+    while let Some(StereoMeasurement { measurement, .. }) = vision.next_measurement() {
+        if measurement.camera == left.header.camera {
+            of_left = measurement;
+        }
+    }
+    Ok(of_left)
 }

@@ -40,18 +40,25 @@ pub struct MeasuredPair {
 pub fn absolute_orientation(
     pairs: &[(Point3<f64>, Point3<f64>)],
 ) -> Result<AbsoluteOrientation, StereoError> {
-    if pairs.len() < 3 {
-        return Err(StereoError::TooFewPoints { needed: 3, given: pairs.len() });
+    orientation_of(pairs.iter().copied())
+}
+
+fn orientation_of(
+    mut pairs: impl ExactSizeIterator<Item = (Point3<f64>, Point3<f64>)> + Clone,
+) -> Result<AbsoluteOrientation, StereoError> {
+    let all = pairs.clone();
+    if all.len() < 3 {
+        return Err(StereoError::TooFewPoints { needed: 3, given: all.len() });
     }
-    let bad = |(a, b): &(Point3<f64>, Point3<f64>)| !a.iter().chain(b.iter()).all(|x| x.is_finite());
-    if let Some(index) = pairs.iter().position(bad) {
+    let bad = |(a, b): (Point3<f64>, Point3<f64>)| !a.iter().chain(b.iter()).all(|x| x.is_finite());
+    if let Some(index) = pairs.position(bad) {
         return Err(StereoError::NotFinite { index });
     }
-    let over = 1.0 / pairs.len() as f64;
-    let mean = pairs.iter().map(|p| p.0.coords).sum::<Vector3<f64>>() * over;
-    let mean_prime = pairs.iter().map(|p| p.1.coords).sum::<Vector3<f64>>() * over;
+    let over = 1.0 / all.len() as f64;
+    let mean = all.clone().map(|p| p.0.coords).sum::<Vector3<f64>>() * over;
+    let mean_prime = all.clone().map(|p| p.1.coords).sum::<Vector3<f64>>() * over;
     let (mut K, mut scatter) = (Matrix3::zeros(), Matrix3::zeros());
-    for (p, p_prime) in pairs {
+    for (p, p_prime) in all.clone() {
         let (d, d_prime) = (p.coords - mean, p_prime.coords - mean_prime);
         K += d * d_prime.transpose();
         scatter += d_prime * d_prime.transpose();
@@ -67,7 +74,7 @@ pub fn absolute_orientation(
     let R = closest_rotation(&(K / K.norm())).ok_or(StereoError::Degenerate)?;
     let o = mean - R * mean_prime;
     let X = Pose::from_parts(Translation3::from(o), UnitQuaternion::from_rotation_matrix(&R));
-    let sum: f64 = pairs.iter().map(|(p, q)| (p - X * q).norm_squared()).sum();
+    let sum: f64 = all.map(|(p, q)| (p - X * q).norm_squared()).sum();
     Ok(AbsoluteOrientation { X, rms_m: (sum * over).sqrt() })
 }
 
@@ -83,8 +90,8 @@ pub fn absolute_orientation_weighted(
     pairs: &[MeasuredPair],
 ) -> Result<(AbsoluteOrientation, Matrix6<f64>), StereoError> {
     const MOST_STEPS: u32 = 50;
-    let plain: Vec<_> = pairs.iter().map(|pair| (pair.p, pair.p_prime)).collect();
-    let mut X = absolute_orientation(&plain)?.X;
+    let plain = pairs.iter().map(|pair| (pair.p, pair.p_prime));
+    let mut X = orientation_of(plain.clone())?.X;
     let mut covariance = Matrix6::zeros();
     for step in 0..MOST_STEPS {
         let mut normal = Matrix6::zeros();
@@ -112,8 +119,8 @@ pub fn absolute_orientation_weighted(
         );
         let size = 1.0 + X.translation.vector.norm();
         if d.norm() < 1e-11 * size {
-            let sum: f64 = plain.iter().map(|(p, q)| (p - X * q).norm_squared()).sum();
-            let rms_m = (sum / plain.len() as f64).sqrt();
+            let sum: f64 = plain.map(|(p, q)| (p - X * q).norm_squared()).sum();
+            let rms_m = (sum / pairs.len() as f64).sqrt();
             return Ok((AbsoluteOrientation { X, rms_m }, covariance));
         }
         if !d.norm().is_finite() || step + 1 == MOST_STEPS {

@@ -10,7 +10,9 @@
 
 mod carrier;
 mod expectation;
+mod misfit;
 mod sight;
+mod stereo;
 mod still;
 
 use crate::camera_model::CameraModel;
@@ -22,6 +24,10 @@ use crate::target::Target;
 use crate::time::MonoNs;
 pub use carrier::{ArmCarrier, Carrier};
 use sight::{Eye, Sight};
+pub use stereo::{
+    Match, ObjectPose, Pairing, PairingCounts, Side, SpacePoint, StereoMeasurement, StereoRig, StereoVision,
+    TaughtPoint, TaughtView, TaughtViewError,
+};
 pub use still::Still;
 
 /// While a part of the target is hidden the whole frame is searched in every so manieth frame.

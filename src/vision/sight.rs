@@ -1,6 +1,7 @@
 //! What the dots of one frame say: features, pose, and whether they can be believed.
 
 use super::expectation::find;
+use super::misfit::{self, LARGEST_MISFIT};
 use super::{Prior, VisionSettings};
 use crate::camera_model::CameraModel;
 use crate::detect::{Expected, Finder, Found};
@@ -12,12 +13,6 @@ use nalgebra::{Matrix6, Point3, Vector2};
 
 /// Centre offsets below this need no second turn, px.
 const SMALL_OFFSET_PX: f64 = 0.05;
-/// Largest misfit of four good dots: `T = 4 rms^2 / sigma^2`, the sum of squares of the 8 reprojection errors over
-/// the mean variance of a coordinate. With 6 parameters of the pose it has a chi-square distribution with 2 degrees of
-/// freedom, which exceeds 20 once in 22 000 times; in strong blur the stated variances are a few times too small.
-const LARGEST_MISFIT: f64 = 50.0;
-/// The normal deviate of that probability.
-const MISFIT_DEVIATE: f64 = 3.91;
 /// Largest shift of one dot by what is dark beside it, px: two dots at a shadow's edge may move as a pose would move them.
 const LARGEST_DISTURBANCE_PX: f64 = 0.5;
 /// From so many dots on disturbed ones are left out, up to a third of them.
@@ -268,18 +263,9 @@ fn in_plane(r: &Vector2<f64>) -> Point3<f64> {
     Point3::new(r.x, r.y, 0.0)
 }
 
-/// Largest misfit of `count` dots, four or more: the quantile of the chi-square distribution with `2 count - 6` degrees of freedom
-/// (Wilson and Hilferty's approximation) that is as improbable as that of four, and as much room above it.
+/// Largest misfit of `count` dots, four or more.
 fn largest_misfit(count: usize) -> f64 {
-    let quantile = |freedom: f64| {
-        let spread = 2.0 / (9.0 * freedom);
-        freedom * (1.0 - spread + MISFIT_DEVIATE * spread.sqrt()).powi(3)
-    };
-    if count <= 4 {
-        LARGEST_MISFIT
-    } else {
-        LARGEST_MISFIT * quantile(2.0 * count as f64 - 6.0) / quantile(2.0)
-    }
+    if count <= 4 { LARGEST_MISFIT } else { misfit::largest(2.0 * count as f64 - 6.0) }
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use crate::camera_model::{CameraModel, Region};
 use crate::config::check::Check;
 use crate::config::frame_source;
 use crate::config::raw::{MountKind, RawCamera, RawConfig, RawRoi};
+use crate::config::stereo::right_mount;
 use crate::config::{Camera, Document};
 use crate::messages::{CameraId, MAX_CAMERAS};
 use crate::scene::{FrameSchedule, Irregularity, LARGEST_SIDE_PX, SceneLook};
@@ -32,10 +33,14 @@ pub(super) fn cameras(
         check.wrong("cameras", format!("has {} entries, at most {MAX_CAMERAS} are possible", list.len()));
         return None;
     }
-    let mut made = Vec::new();
+    let mut made: Vec<Option<Camera>> = Vec::new();
     for (id, c) in (0..).zip(&list) {
         let at = format!("cameras[{id}]");
-        made.push(camera(raw, (c, CameraId(id), &at), check));
+        let mut one = camera(raw, (c, CameraId(id), &at), check);
+        if let (1, Some(Some(left)), Some(right)) = (id, made.first(), &mut one) {
+            right.mount = right_mount(raw, &c.mount, &left.mount, check).unwrap_or(right.mount);
+        }
+        made.push(one);
         if list.first().is_some_and(|first| first.source != c.source) {
             check.wrong(&format!("{at}.source"), "must be that of the first camera: all are of one cell");
         }
@@ -80,13 +85,15 @@ fn camera(
             "must be brighter than scene.dot_level: the dots are dark on a light plate",
         );
     }
-    let source = frame_source::source(c, look, raw.run.seed, at, check);
+    // Each camera has noise and losses of its own.
+    let seed = raw.run.seed ^ u64::from(id.0).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let source = frame_source::source(c, look, seed, at, check);
     let (intrinsics, bends) = lens::believed(at, lens, (width_px, height_px), check);
     let region = region(c, at, check);
     let irregularity = Irregularity {
         jitter: check.span_ms(&key("synthetic.latency_jitter_ms"), synthetic.latency_jitter_ms, 0.0..=500.0),
         loss: check.range(&key("synthetic.frame_loss"), synthetic.frame_loss, 0.0..=0.99),
-        seed: raw.run.seed,
+        seed,
     };
     if check.count_problems() > before {
         return None;

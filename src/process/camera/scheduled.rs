@@ -57,7 +57,7 @@ impl<'a> Camera<'a> {
     fn run_by_the_clock(&mut self, stop: &StopFlag) -> Result<(), ProcessError> {
         let schedule = &self.config.camera.schedule;
         let half = SpanNs(self.config.camera.exposure.0 / 2);
-        let start = now() + LEAD;
+        let start = self.first_exposure();
         let (mut frame_id, mut last, mut due) = (0, false, MonoNs::ZERO);
         let mut pending: VecDeque<Pending> = VecDeque::new();
         loop {
@@ -94,6 +94,15 @@ impl<'a> Camera<'a> {
                 self.lost += 1;
             }
         }
+    }
+
+    /// Cameras of a pair have one trigger: each begins at a whole number of periods of the machine's clock.
+    fn first_exposure(&self) -> MonoNs {
+        let (start, period) = (now() + LEAD, self.config.camera.schedule.exposure(1).0.max(1));
+        if self.config.stereo.is_none() {
+            return start;
+        }
+        start + SpanNs((-start.0).rem_euclid(period))
     }
 
     /// Exposes at the ticks of a lockstep control, and hands over at once: control knows when to use what.

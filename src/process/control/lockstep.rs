@@ -11,11 +11,12 @@ use crate::calibration::Recording;
 use crate::config::Config;
 use crate::control::control_loop::ControlLoop;
 use crate::control::safety::Fault;
-use crate::ipc::{FrameShape, Role, Spin};
-use crate::messages::{CameraId, Measurement, frame_flag};
+use crate::ipc::{Role, Spin};
+use crate::messages::{Measurement, frame_flag};
 use crate::process::STOP_REASON;
 use crate::process::silence::Silence;
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD};
+use crate::process::{frame_shape, seeing_roles, shape_of};
 use crate::report::statistics::RunStatistics;
 use crate::rt::now;
 use crate::time::TICK;
@@ -31,15 +32,18 @@ const PEERS_PATIENCE: SpanNs = SpanNs(10_000_000_000);
 /// Waits until camera and vision have joined: what is sent before would be lost to them.
 pub(super) fn wait_for_peers(
     membership: &Membership,
-    camera: CameraId,
-    frames: FrameShape,
+    config: &Config,
     stop: &StopFlag,
 ) -> Result<(), ProcessError> {
     let began = now();
     let mut told = None;
     while !stop.is_requested() {
         membership.beat();
-        let peers = membership.services().peers(camera, frames)?;
+        let mut peers = membership.services().peers(config.camera.id, frame_shape(config))?;
+        for camera in config.further_cameras.iter().filter(|_| config.stereo.is_some()) {
+            let shape = shape_of(camera, config.clock);
+            peers.camera &= membership.services().peers(camera.id, shape)?.camera;
+        }
         if peers.camera && peers.vision {
             return Ok(());
         }
@@ -73,7 +77,8 @@ pub(super) fn run<const N: usize>(
 ) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
     let schedule = &config.camera.schedule;
     let spin = Spin::new(LONGEST_SPIN);
-    let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None, peers_hang: false, spin };
+    let seeing = seeing_roles(config);
+    let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None, peers_hang: false, seeing, spin };
     let mut next_exposure = schedule.next_exposure_tick(0);
     let mut statistics = RunStatistics::new();
     let mut next_frame = 0;
@@ -150,6 +155,8 @@ struct Inbox {
     last_frame: Option<u64>,
     /// Camera and vision were waited for in vain, and are not waited for any more.
     peers_hang: bool,
+    /// Who is waited for.
+    seeing: Vec<Role>,
     spin: Spin,
 }
 
@@ -181,7 +188,8 @@ impl Inbox {
                 }
                 None => {}
             }
-            self.peers_hang |= wait.get_or_insert_with(Wait::begin).is_over(id, ports.membership);
+            self.peers_hang |=
+                wait.get_or_insert_with(Wait::begin).is_over(id, &self.seeing, ports.membership);
             if self.peers_hang {
                 return Ok(None);
             }
@@ -203,15 +211,13 @@ impl Wait {
         Self { silence: Silence::begin(now()), told: false }
     }
 
-    fn is_over(&mut self, frame_id: u64, membership: &Membership) -> bool {
+    fn is_over(&mut self, frame_id: u64, seeing: &[Role], membership: &Membership) -> bool {
         let time = now();
         let waited = self.silence.look(time);
         if waited > TELL_AFTER && !std::mem::replace(&mut self.told, true) {
             let instance = membership.services().instance();
             let hangs = |role| instance.last_pulse(role).is_none_or(|last| time - last > TELL_AFTER);
-            let camera = CameraId::FIRST;
-            let peers = [Role::Camera(camera), Role::Vision(camera)];
-            let hanging: Vec<_> = peers.into_iter().filter(|r| hangs(*r)).map(|r| r.to_string()).collect();
+            let hanging: Vec<_> = seeing.iter().filter(|r| hangs(**r)).map(ToString::to_string).collect();
             let who = if hanging.is_empty() { "none".into() } else { hanging.join(", ") };
             warn!(
                 "waiting for camera and vision: the measurement of frame {frame_id} does not come (without a sign of life: \

@@ -10,7 +10,7 @@ mod lockstep;
 mod realtime;
 mod realtime_thread;
 
-use super::{Membership, ProcessError, StopFlag, frame_shape};
+use super::{Membership, ProcessError, StopFlag};
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
 use crate::config::raw::{Clock, Task};
@@ -113,7 +113,7 @@ fn run_robot<const N: usize>(
     };
     let ports = Ports::open(&membership, config.camera.id)?;
     if config.clock == Clock::Lockstep {
-        lockstep::wait_for_peers(&membership, config.camera.id, frame_shape(config), stop)?;
+        lockstep::wait_for_peers(&membership, config, stop)?;
     }
     membership.services().require_room_for_peers()?;
     if let Some(drive) = &mut drive {
@@ -124,7 +124,7 @@ fn run_robot<const N: usize>(
     let mut recording = (config.task == Task::CalibrateLatency).then(Recording::default);
     let (control, statistics, pace) = match config.clock {
         Clock::Realtime => {
-            let camera = CameraWatch::open(membership.services(), &config.camera)?;
+            let camera = CameraWatch::open(membership.services(), config)?;
             let messages = (drive, commands, camera);
             realtime::run(config, control, &ports, messages, recording.as_mut(), stop)?
         }

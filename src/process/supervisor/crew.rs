@@ -6,7 +6,7 @@ use super::child::{Child, End};
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
 use crate::ipc::{Instance, Role};
-use crate::process::ProcessError;
+use crate::process::{ProcessError, seeing_roles};
 use crate::report::summary::{ProcessUsage, Summary};
 use crate::rt::{now, tell};
 use crate::time::{MonoNs, SpanNs};
@@ -39,8 +39,9 @@ impl Crew {
         let control = Child::spawn(Role::Control, instance, written)?;
         // From here on whatever fails ends what was started in order.
         let mut crew = Self { control, others: Vec::new(), longest_stop, is_down: false };
-        crew.others.push(Child::spawn(Role::Vision(config.camera.id), instance, written)?);
-        crew.others.push(Child::spawn(Role::Camera(config.camera.id), instance, written)?);
+        for role in seeing_roles(config) {
+            crew.others.push(Child::spawn(role, instance, written)?);
+        }
         if config.drive.kind == DriveKind::External {
             crew.others.extend(Child::spawn_drive(&config.drive.external, instance)?);
         }

@@ -13,7 +13,7 @@ mod progress;
 mod reap;
 mod vigil;
 
-use super::{ProcessError, StopFlag, frame_shape};
+use super::{ProcessError, StopFlag, seeing_roles, shape_of};
 use crate::config::Config;
 use crate::control::outcome::Outcome;
 use crate::ipc::{Instance, InstanceError, Receiver, Role, Services};
@@ -77,7 +77,8 @@ impl Place {
         let place = Self { instance: instance.clone(), lock: Some(lock) };
         instance.remove_leftovers(Some(Role::Supervisor));
         // The kernel has no milder way than SIGBUS to say later that there is none.
-        instance.require_space(frame_shape(config).bytes as u64 + LEAST_SPACE_BESIDE_FRAMES)?;
+        let one_each = config.cameras().map(|camera| shape_of(camera, config.clock).bytes as u64);
+        instance.require_space(one_each.sum::<u64>() + LEAST_SPACE_BESIDE_FRAMES)?;
         let written = instance.write_config(&config.to_toml()?)?;
         Ok((place, written))
     }
@@ -108,7 +109,7 @@ fn supervise(
         let mut watch = Watch {
             status,
             progress: Progress::new(config.serve),
-            vigil: Vigil::new(instance, config.clock, now()),
+            vigil: Vigil::new(instance, config.clock, seeing_roles(config), now()),
         };
         let failure = watch.until_the_end(&mut crew, stop);
         let end = crew.shut_down(Some(&mut watch));

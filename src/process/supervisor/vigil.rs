@@ -7,7 +7,7 @@
 
 use crate::config::raw::Clock;
 use crate::ipc::{Instance, Role};
-use crate::messages::{CameraId, Status};
+use crate::messages::Status;
 use crate::process::silence::Silence;
 use crate::time::{MonoNs, SpanNs};
 use tracing::warn;
@@ -26,17 +26,16 @@ pub(super) struct Vigil {
     instance: Instance,
     clock: Clock,
     next_look: MonoNs,
-    pulses: [Sign; 3],
+    pulses: Vec<(Role, Sign)>,
     ticks: Sign,
 }
 
-/// The roles that show pulses.
-const ROLES: [Role; 3] = [Role::Control, Role::Vision(CameraId::FIRST), Role::Camera(CameraId::FIRST)];
-
 impl Vigil {
-    pub(super) fn new(instance: &Instance, clock: Clock, now: MonoNs) -> Self {
+    /// Over control and those that see for it.
+    pub(super) fn new(instance: &Instance, clock: Clock, seeing: Vec<Role>, now: MonoNs) -> Self {
         let sign = Sign::new(now);
-        Self { instance: instance.clone(), clock, next_look: now, pulses: [sign; 3], ticks: sign }
+        let pulses = std::iter::once(Role::Control).chain(seeing).map(|role| (role, sign)).collect();
+        Self { instance: instance.clone(), clock, next_look: now, pulses, ticks: sign }
     }
 
     /// Control said where the run stands.
@@ -56,11 +55,11 @@ impl Vigil {
         }
         self.next_look = now + PERIOD;
         let mut hangs = None;
-        for (sign, role) in self.pulses.iter_mut().zip(ROLES) {
-            if let Some(pulse) = self.instance.last_pulse(role) {
+        for (role, sign) in &mut self.pulses {
+            if let Some(pulse) = self.instance.last_pulse(*role) {
                 sign.seen(pulse.0, now);
             }
-            hangs = sign.judge(role, "shows no sign of life", now).or(hangs);
+            hangs = sign.judge(*role, "shows no sign of life", now).or(hangs);
         }
         // In lockstep control's ticks wait for camera and vision; then its pulse alone is a sign.
         if self.clock == Clock::Realtime && self.ticks.last.is_some() {
@@ -106,6 +105,7 @@ impl Sign {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::messages::CameraId;
 
     #[test]
     fn a_sign_that_does_not_change_is_told_then_given_up() {

@@ -1,0 +1,128 @@
+//! Two cameras: the view that they are to come back to, the vision core that measures with them, and the goal of the law.
+
+use super::AssembleError;
+use crate::camera_model::CameraModel;
+use crate::config::stereo::between;
+use crate::config::{Camera, Config, Scene, Source, Stereo};
+use crate::detect::Finder;
+use crate::geometry::Pose;
+use crate::imaging::ImageView;
+use crate::scene::Renderer;
+use crate::servo::SetPoint;
+use crate::vision::{SpacePoint, StereoVision, TaughtPoint, TaughtView};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+/// Pairs of pictures from which a simulated pair is taught: its noise is then a quarter of that of one pair.
+const LESSONS: u64 = 16;
+/// Their number, which is that of no frame of a run.
+const FIRST_LESSON: u64 = 1 << 48;
+
+/// The pair of a configuration, and its right camera.
+fn pair(config: &Config) -> Result<(&Stereo, &Camera), AssembleError> {
+    config.stereo.as_ref().zip(config.further_cameras.first()).ok_or(AssembleError::NoStereo)
+}
+
+/// The vision core of two cameras.
+///
+/// # Errors
+/// [`AssembleError`], where a simulated pair does not see the target in the desired pose.
+pub fn stereo_vision(config: &Config) -> Result<StereoVision, AssembleError> {
+    let (stereo, _) = pair(config)?;
+    let view = taught_view(config)?;
+    Ok(StereoVision::new(stereo.rig.clone(), &config.target, view, stereo.tolerance))
+}
+
+/// The view to come back to: as the run file has it, or as a simulated pair sees the target in the desired pose. The same to the last
+/// bit to whoever asks.
+///
+/// # Errors
+/// As for [`stereo_vision`].
+pub fn taught_view(config: &Config) -> Result<TaughtView, AssembleError> {
+    let (stereo, right) = pair(config)?;
+    if let Some(view) = &stereo.taught {
+        return Ok(view.clone());
+    }
+    let (scene, X_DO) = (config.scene.as_ref().ok_or(AssembleError::NotTaught)?, stereo.X_DO);
+    let X_LR = between(&scene.mount, &right.mount).ok_or(AssembleError::NoStereo)?;
+    let mut left = SimulatedEye::new(config, (&config.camera, scene.camera), X_DO, scene)?;
+    let mut right = SimulatedEye::new(config, (right, right.model), X_LR.inv_mul(&X_DO), scene)?;
+    let mut lessons = Vec::new();
+    for lesson in FIRST_LESSON..FIRST_LESSON + LESSONS {
+        let (left, right) = (left.look(lesson)?, right.look(lesson)?);
+        let points = StereoVision::points_in(&stereo.rig, left, right);
+        lessons.push(points.map_err(|(side, status)| AssembleError::NotSeen {
+            side: side.as_str(),
+            status: status.as_str(),
+        })?);
+    }
+    Ok(TaughtView::new(&taught_points(&lessons), X_DO)?)
+}
+
+/// The points that are in all lessons, each the mean of all.
+#[must_use]
+pub fn taught_points(lessons: &[Vec<SpacePoint>]) -> Vec<TaughtPoint> {
+    let (Some(first), over) = (lessons.first(), 1.0 / lessons.len() as f64) else { return Vec::new() };
+    let of = |id: u32| {
+        let each = lessons.iter().map(|lesson| {
+            let at = lesson.binary_search_by_key(&id, |point| point.id).ok()?;
+            lesson.get(at).map(|point| (point.p_L.coords, point.covariance))
+        });
+        let sum = each.collect::<Option<Vec<_>>>()?.into_iter();
+        let (p, covariance) = sum.fold((Vector3::zeros(), Matrix3::zeros()), |s, e| (s.0 + e.0, s.1 + e.1));
+        Some(TaughtPoint { id, p_D: Point3::from(p * over), covariance: covariance * (over * over) })
+    };
+    first.iter().filter_map(|point| of(point.id)).collect()
+}
+
+/// The goal of a law before two cameras: the taught points, where they were taught.
+///
+/// # Errors
+/// As for [`stereo_vision`].
+pub fn stereo_set_point(config: &Config) -> Result<SetPoint, AssembleError> {
+    let view = taught_view(config)?;
+    let (ids, points): (Vec<u32>, Vec<Point3<f64>>) = view.points_O().unzip();
+    SetPoint::from_pose(view.X_DO(), &points)
+        .and_then(|goal| goal.with_ids(&ids))
+        .ok_or(AssembleError::NoStereo)
+}
+
+/// One camera of a simulated pair, at the desired pose.
+struct SimulatedEye {
+    renderer: Renderer,
+    finder: Finder,
+    X_CO: Pose,
+    size: (usize, usize),
+    pixels: Vec<u8>,
+}
+
+impl SimulatedEye {
+    /// `lens` is the true one, before an object that is truly at `X_CO`.
+    fn new(
+        config: &Config,
+        (camera, lens): (&Camera, CameraModel),
+        X_CO: Pose,
+        scene: &Scene,
+    ) -> Result<Self, AssembleError> {
+        let Source::Synthetic { look, sensor, .. } = &camera.source else {
+            return Err(AssembleError::NoScene);
+        };
+        let i = lens.intrinsics();
+        let size = (i.width_px as usize, i.height_px as usize);
+        Ok(Self {
+            renderer: Renderer::new(lens, scene.target.clone(), *look, *sensor)?
+                .with_backdrop(scene.backdrop)?
+                .with_bystanders(&scene.bystanders),
+            finder: Finder::new(camera.model, &config.target),
+            X_CO,
+            size,
+            pixels: vec![0; size.0 * size.1],
+        })
+    }
+
+    /// A picture, and who looks at it.
+    fn look(&mut self, lesson: u64) -> Result<(&mut Finder, ImageView<'_>), AssembleError> {
+        self.renderer.render(&[self.X_CO], lesson, &mut self.pixels);
+        let (width, height) = self.size;
+        Ok((&mut self.finder, ImageView::new(&self.pixels, width, height)?))
+    }
+}

@@ -1,0 +1,309 @@
+//! Which frame of the left camera shows the same instant as which one of the right: by their exposure stamps alone.
+//!
+//! ```text
+//! left   |--l0-----l1-----l2-----l3--►      l0 r0 and l3 r3 are pairs, |l - r| <= tolerance
+//! right  |--r0----------r2'------r3--►      l1 has no mate: r2' is later than l1 + tolerance; neither has r2'
+//! ```
+//! With a tolerance of at most half a period no stamp can belong to two pairs. What waits is bounded: a side that runs far ahead loses
+//! its oldest. Who files frames says when it expects no mate any more ([`Pairing::give_up`]): here is no clock.
+
+use crate::time::{MonoNs, SpanNs};
+use std::collections::VecDeque;
+
+/// Frames of one camera that may wait for those of the other.
+const MOST_WAITING: usize = 16;
+
+/// Which of the two cameras.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Side {
+    /// The first one, in whose frame positions are told.
+    Left,
+    /// The second one.
+    Right,
+}
+
+impl Side {
+    /// A word for people.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+
+    /// The other camera.
+    #[must_use]
+    pub fn other(self) -> Self {
+        match self {
+            Self::Left => Self::Right,
+            Self::Right => Self::Left,
+        }
+    }
+}
+
+/// What came of waiting.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Match<T> {
+    /// Both cameras at one instant.
+    Both {
+        /// What the left one saw.
+        left: T,
+        /// What the right one saw.
+        right: T,
+    },
+    /// Nothing of the other camera at this instant.
+    Alone(Side, T),
+}
+
+/// How often frames found their mates.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PairingCounts {
+    /// Pairs.
+    pub pairs: u64,
+    /// Frames of the left camera without one of the right.
+    pub left_alone: u64,
+    /// Frames of the right camera without one of the left.
+    pub right_alone: u64,
+    /// Right stamp less left stamp where the last frame found its neighbour too far away; `None` while none did.
+    pub last_miss: Option<SpanNs>,
+}
+
+/// Frames of two cameras on their way to each other; `T` is whatever was made of them.
+#[derive(Debug, Clone)]
+pub struct Pairing<T> {
+    tolerance: SpanNs,
+    left: VecDeque<(MonoNs, T)>,
+    right: VecDeque<(MonoNs, T)>,
+    /// Up to these exposures the frames of the other camera are not waited for.
+    left_given_up: Option<MonoNs>,
+    right_given_up: Option<MonoNs>,
+    counts: PairingCounts,
+}
+
+impl<T> Pairing<T> {
+    /// Pairs are frames whose stamps lie `tolerance` apart or less.
+    #[must_use]
+    pub fn new(tolerance: SpanNs) -> Self {
+        let queue = || VecDeque::with_capacity(MOST_WAITING + 1);
+        Self {
+            tolerance,
+            left: queue(),
+            right: queue(),
+            left_given_up: None,
+            right_given_up: None,
+            counts: PairingCounts::default(),
+        }
+    }
+
+    /// Files what `side` saw at `stamp`. [`Self::next_match`] is to be asked until it has nothing more.
+    pub fn file(&mut self, side: Side, stamp: MonoNs, what: T) {
+        self.queue(side).push_back((stamp, what));
+    }
+
+    /// What `side` has waiting with stamps up to `until` is not to wait any longer.
+    pub fn give_up(&mut self, side: Side, until: MonoNs) {
+        let place = match side {
+            Side::Left => &mut self.left_given_up,
+            Side::Right => &mut self.right_given_up,
+        };
+        *place = Some(until);
+    }
+
+    /// Stamp of the oldest frame of `side` that waits.
+    #[must_use]
+    pub fn waiting(&self, side: Side) -> Option<MonoNs> {
+        match side {
+            Side::Left => self.left.front(),
+            Side::Right => self.right.front(),
+        }
+        .map(|(stamp, _)| *stamp)
+    }
+
+    /// What the oldest frame of `side` that waits was made into.
+    #[must_use]
+    pub fn front(&self, side: Side) -> Option<&T> {
+        let queue = match side {
+            Side::Left => &self.left,
+            Side::Right => &self.right,
+        };
+        queue.front().map(|(_, what)| what)
+    }
+
+    /// The next pair, or frame without one, oldest first; `None` when all that is here has to wait.
+    pub fn next_match(&mut self) -> Option<Match<T>> {
+        let (left, right) = (self.waiting(Side::Left), self.waiting(Side::Right));
+        if let (Some(left), Some(right)) = (left, right) {
+            let apart = right - left;
+            if apart.0.unsigned_abs() <= self.tolerance.0.unsigned_abs() {
+                let (_, left) = self.left.pop_front()?;
+                let (_, right) = self.right.pop_front()?;
+                self.counts.pairs += 1;
+                return Some(Match::Both { left, right });
+            }
+            // The earlier one cannot have a mate any more: the other camera is past it.
+            self.counts.last_miss = Some(apart);
+            return self.alone(if apart.0 > 0 { Side::Left } else { Side::Right });
+        }
+        for (side, first) in [(Side::Left, left), (Side::Right, right)] {
+            let given_up = match side {
+                Side::Left => self.left_given_up,
+                Side::Right => self.right_given_up,
+            };
+            let overdue = first.zip(given_up).is_some_and(|(first, until)| first <= until);
+            if overdue || self.queue(side).len() > MOST_WAITING {
+                return self.alone(side);
+            }
+        }
+        None
+    }
+
+    /// How often frames found their mates.
+    #[must_use]
+    pub fn counts(&self) -> PairingCounts {
+        self.counts
+    }
+
+    fn alone(&mut self, side: Side) -> Option<Match<T>> {
+        let (_, what) = self.queue(side).pop_front()?;
+        match side {
+            Side::Left => self.counts.left_alone += 1,
+            Side::Right => self.counts.right_alone += 1,
+        }
+        Some(Match::Alone(side, what))
+    }
+
+    fn queue(&mut self, side: Side) -> &mut VecDeque<(MonoNs, T)> {
+        match side {
+            Side::Left => &mut self.left,
+            Side::Right => &mut self.right,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::BTreeSet;
+
+    const MS: i64 = 1_000_000;
+    const PERIOD: i64 = 40 * MS;
+
+    fn pairing() -> Pairing<u64> {
+        Pairing::new(SpanNs(5 * MS))
+    }
+
+    fn all(pairing: &mut Pairing<u64>) -> Vec<Match<u64>> {
+        std::iter::from_fn(|| pairing.next_match()).collect()
+    }
+
+    proptest! {
+        /// Whatever is lost and in whatever order the two streams come: the pairs are the instants that both cameras saw, and every
+        /// frame comes out once.
+        #[test]
+        fn pairs_are_the_instants_that_both_saw(
+            lost in prop::collection::vec((prop::bool::weighted(0.2), prop::bool::weighted(0.2)), 1..60),
+            jitter in prop::collection::vec(-2 * MS..=2 * MS, 120),
+            lead in prop::collection::vec(0..6_usize, 120),
+        ) {
+            let (mut pairing, lost) = (pairing(), &lost);
+            let stamp = |k: usize, side: usize| MonoNs(k as i64 * PERIOD + jitter[2 * k + side]);
+            let of = |side: usize| (0..lost.len()).filter(move |k| !if side == 0 { lost[*k].0 } else { lost[*k].1 });
+            let mut streams = [of(0).collect::<VecDeque<_>>(), of(1).collect::<VecDeque<_>>()];
+            let mut found = Vec::new();
+            // now one of the cameras is ahead, now the other
+            for turn in 0.. {
+                let side = turn % 2;
+                for _ in 0..lead[turn % lead.len()].max(1) {
+                    let Some(k) = streams[side].pop_front() else { break };
+                    let which = if side == 0 { Side::Left } else { Side::Right };
+                    pairing.file(which, stamp(k, side), k as u64);
+                    found.extend(all(&mut pairing));
+                    if streams[side].front().is_some_and(|next| {
+                        streams[1 - side].front().is_some_and(|other| *next > other + 10)
+                    }) {
+                        break; // no camera is ahead by more than what may wait
+                    }
+                }
+                if streams.iter().all(VecDeque::is_empty) {
+                    break;
+                }
+            }
+            for side in [Side::Left, Side::Right] {
+                pairing.give_up(side, MonoNs(i64::MAX));
+            }
+            found.extend(all(&mut pairing));
+            let (mut pairs, mut left, mut right) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
+            for one in &found {
+                let fresh = match one {
+                    Match::Both { left, right } => {
+                        prop_assert_eq!(left, right);
+                        pairs.insert(*left)
+                    }
+                    Match::Alone(Side::Left, k) => left.insert(*k),
+                    Match::Alone(Side::Right, k) => right.insert(*k),
+                };
+                prop_assert!(fresh, "{:?} comes twice", one);
+            }
+            let seen = |a: bool, b: bool| {
+                let like = move |(_, l): &(u64, &(bool, bool))| (!l.0, !l.1) == (a, b);
+                (0..).zip(lost).filter(like).map(|(k, _)| k).collect::<BTreeSet<u64>>()
+            };
+            prop_assert_eq!(&pairs, &seen(true, true));
+            prop_assert_eq!(&left, &seen(true, false));
+            prop_assert_eq!(&right, &seen(false, true));
+            let counts = pairing.counts();
+            let told = [counts.pairs, counts.left_alone, counts.right_alone];
+            prop_assert_eq!(told, [pairs.len(), left.len(), right.len()].map(|n| n as u64));
+        }
+    }
+
+    #[test]
+    fn stamps_that_are_always_apart_never_pair_and_say_by_how_much() {
+        let mut pairing = pairing();
+        let mut alone = 0;
+        for k in 0..50 {
+            pairing.file(Side::Left, MonoNs(k * PERIOD), k as u64);
+            pairing.file(Side::Right, MonoNs(k * PERIOD + 15 * MS), k as u64);
+            alone += all(&mut pairing).iter().filter(|m| matches!(m, Match::Alone(..))).count();
+        }
+        let counts = pairing.counts();
+        assert_eq!((counts.pairs, counts.left_alone, alone), (0, 50, 99));
+        let miss = counts.last_miss.unwrap().0;
+        assert!(miss == 15 * MS || miss == 15 * MS - PERIOD, "{miss}");
+    }
+
+    #[test]
+    fn a_camera_that_stays_away_costs_no_memory_and_no_frame_waits_for_ever() {
+        let mut pairing = pairing();
+        let mut out = 0;
+        for k in 0..1000 {
+            pairing.file(Side::Left, MonoNs(k * PERIOD), k as u64);
+            out += all(&mut pairing).len();
+        }
+        assert_eq!(out, 1000 - MOST_WAITING);
+        pairing.give_up(Side::Left, MonoNs(998 * PERIOD));
+        let rest = all(&mut pairing);
+        assert_eq!(rest.len(), MOST_WAITING - 1);
+        assert_eq!(pairing.waiting(Side::Left), Some(MonoNs(999 * PERIOD)), "the newest still waits");
+        assert_eq!(pairing.counts().last_miss, None, "there was nothing to miss");
+    }
+
+    #[test]
+    fn a_limit_is_inside_and_stamps_of_any_bits_do_no_harm() {
+        let mut pairing = pairing();
+        pairing.file(Side::Left, MonoNs(0), 1);
+        pairing.file(Side::Right, MonoNs(5 * MS), 2);
+        assert_eq!(all(&mut pairing), [Match::Both { left: 1, right: 2 }]);
+        pairing.file(Side::Left, MonoNs(0), 3);
+        pairing.file(Side::Right, MonoNs(5 * MS + 1), 4);
+        assert_eq!(all(&mut pairing), [Match::Alone(Side::Left, 3)]);
+        for k in 0..100 {
+            pairing.file(Side::Left, MonoNs(if k % 3 == 0 { i64::MIN / 2 } else { i64::MAX / 2 }), k);
+            pairing.file(Side::Right, MonoNs(k as i64), k);
+            all(&mut pairing);
+        }
+        assert!(pairing.left.len() <= MOST_WAITING && pairing.right.len() <= MOST_WAITING);
+    }
+}

@@ -1,0 +1,123 @@
+//! Two cameras that are fixed to each other: points that both see, by id, become points in space, (10.49)-(10.53).
+//!
+//! Nothing is known of the object but the names of its points.
+
+use crate::camera_model::CameraModel;
+use crate::detect::Found;
+use crate::geometry::Pose;
+use crate::stereo::{Conjugates, StereoError, Triangulator};
+use nalgebra::{Matrix3, Point3, Vector2};
+
+/// A point that both cameras see, in the frame of the left one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpacePoint {
+    /// Which point.
+    pub id: u32,
+    /// Where it is, m.
+    pub p_L: Point3<f64>,
+    /// Covariance of `p_L`, m^2.
+    pub covariance: Matrix3<f64>,
+    /// Squared distance of the two rays over its variance: chi-square with one degree of freedom.
+    pub misfit: f64,
+    /// What is called one standard deviation of a pixel's coordinate here, as normalized coordinate: the mean of both pictures.
+    pub sigma: f64,
+    /// The same, px of the left picture.
+    pub sigma_px: f64,
+    /// Image in the left camera, px.
+    pub left_px: Vector2<f64>,
+    /// Image in the right camera, px.
+    pub right_px: Vector2<f64>,
+    /// Image in the left camera, normalized coordinates.
+    pub left_s: Vector2<f64>,
+}
+
+/// Two cameras, and where the right one is in the left one.
+#[derive(Debug, Clone)]
+pub struct StereoRig {
+    left: CameraModel,
+    right: CameraModel,
+    X_LR: Pose,
+    triangulator: Triangulator,
+    model_sd_px: f64,
+}
+
+impl StereoRig {
+    /// Cameras with their lenses; the right one sits at `X_LR` in the left one.
+    ///
+    /// # Errors
+    /// [`StereoError::Degenerate`] for cameras in one place, [`StereoError::BadGuess`] for a pose that is not finite.
+    pub fn new(left: CameraModel, right: CameraModel, X_LR: Pose) -> Result<Self, StereoError> {
+        Ok(Self { left, right, X_LR, triangulator: Triangulator::new(&X_LR)?, model_sd_px: 0.0 })
+    }
+
+    /// The same pair with lenses and marks that are so far from their description, one standard deviation of each coordinate, px. This
+    /// is part of all deviations that it states: nothing is known of the object by which offsets could be put right.
+    #[must_use]
+    pub fn with_model_sd_px(self, model_sd_px: f64) -> Self {
+        Self { model_sd_px, ..self }
+    }
+
+    /// The left camera.
+    #[must_use]
+    pub fn left(&self) -> &CameraModel {
+        &self.left
+    }
+
+    /// The right camera.
+    #[must_use]
+    pub fn right(&self) -> &CameraModel {
+        &self.right
+    }
+
+    /// Pose of the right camera in the left one.
+    #[must_use]
+    pub fn X_LR(&self) -> &Pose {
+        &self.X_LR
+    }
+
+    /// Images of a point of the left frame in both pictures, px; `None` where one of the cameras cannot see it.
+    #[must_use]
+    pub fn project(&self, p_L: &Point3<f64>) -> Option<[Vector2<f64>; 2]> {
+        Some([self.left.project(p_L)?, self.right.project(&self.X_LR.inverse_transform_point(p_L))?])
+    }
+
+    /// Fills `points` with those that are in both lists, whose ids rise. One that lies nowhere before the cameras is left out.
+    pub fn triangulate(&self, left: &[Found], right: &[Found], points: &mut Vec<SpacePoint>) {
+        points.clear();
+        let mut others = right.iter().peekable();
+        for l in left {
+            while others.peek().is_some_and(|r| r.id < l.id) {
+                others.next();
+            }
+            if let Some(r) = others.peek().filter(|r| r.id == l.id) {
+                points.extend(self.point(l, r));
+            }
+        }
+    }
+
+    fn point(&self, left: &Found, right: &Found) -> Option<SpacePoint> {
+        let pair =
+            Conjugates { s_1: self.left.normalized_of(&left.px), s_2: self.right.normalized_of(&right.px) };
+        let found = self.triangulator.point(&pair).ok()?;
+        // Pixels as a share of normalized coordinates, where the lens has them.
+        let scale = |camera: &CameraModel, s: &Vector2<f64>| camera.pixel_jacobian(s).determinant().abs();
+        let (at_left, at_right) = (scale(&self.left, &pair.s_1), scale(&self.right, &pair.s_2));
+        let model = self.model_sd_px * self.model_sd_px;
+        let square = |found: &Found, scale: f64| (found.sigma_px * found.sigma_px + model) / scale;
+        // The optimum takes both pictures as equally sharp.
+        let variance = 0.5 * (square(left, at_left) + square(right, at_right));
+        let point = SpacePoint {
+            id: left.id,
+            p_L: found.p_1,
+            covariance: found.covariance * variance,
+            misfit: found.error2 / variance,
+            sigma: variance.sqrt(),
+            sigma_px: (variance * at_left).sqrt(),
+            left_px: left.px,
+            right_px: right.px,
+            left_s: pair.s_1,
+        };
+        let is_usable = point.misfit.is_finite() && point.covariance.iter().all(|c| c.is_finite());
+        (is_usable && variance > 0.0).then_some(point)
+    }
+}

@@ -1,0 +1,191 @@
+//! The view that the arm is to come back to, as points in space: taught once, by the same two cameras, in the desired pose.
+//!
+//! The object's frame O is a matter of agreement, since nobody knows the object: `X_DO` says where it is called to be in the taught view
+//! (D: the left camera there). All points are kept in O, so that the pose of the object before the cameras, `X_CO`, is by
+//! (10.54) the displacement between the points as they were taught and as they are now; at `X_CO = X_DO` the arm is there.
+
+use super::rig::SpacePoint;
+use crate::geometry::Pose;
+use crate::linalg::{Ldlt, symmetric_eigen};
+use crate::messages::MAX_FEATURES;
+use crate::stereo::{MeasuredPair, StereoError, absolute_orientation_weighted};
+use nalgebra::{Matrix3, Matrix6, Point3};
+use thiserror::Error;
+
+/// So many points fix a pose.
+const LEAST: usize = 3;
+/// A position is known no better than this, m: keeps covariances definite that are given as zero.
+const FLOOR_M: f64 = 1e-9;
+/// Width over length of the points below which they count as one line.
+const LINE: f64 = 1e-3;
+
+/// A point of the taught view.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TaughtPoint {
+    /// Which point.
+    pub id: u32,
+    /// Its place in the left camera in the desired pose, m.
+    pub p_D: Point3<f64>,
+    /// Covariance of `p_D`, m^2.
+    pub covariance: Matrix3<f64>,
+}
+
+/// Why points are no view that an arm could come back to.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum TaughtViewError {
+    /// Too few of them.
+    #[error("has {0} points: three at least fix a pose; teach with more of the object in both pictures")]
+    TooFew(usize),
+    /// More than a measurement carries.
+    #[error("has {0} points, at most 64 are possible; leave some out")]
+    TooMany(usize),
+    /// Ids do not rise.
+    #[error("point {0} comes twice, or out of order: ids must rise")]
+    Order(u32),
+    /// A number that no position or covariance is.
+    #[error("point {0}: its position must lie before the camera, its covariance be finite and not negative")]
+    Number(u32),
+    /// All in one line.
+    #[error("the points lie in one line, which fixes no pose; teach points beside it")]
+    InLine,
+}
+
+/// A taught point in the object's frame, m and m^2.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Known {
+    id: u32,
+    p_O: Point3<f64>,
+    covariance: Matrix3<f64>,
+}
+
+/// The taught view: points by id in the object's frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TaughtView {
+    points: Vec<Known>,
+    X_DO: Pose,
+}
+
+/// The object's pose, and how well it explains the points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ObjectPose {
+    /// Pose of O in the left camera.
+    pub X_CO: Pose,
+    /// Covariance as twist `[v; w]` of O in C, m and rad.
+    pub covariance: Matrix6<f64>,
+    /// Sum of the squared errors over their variances, of distances between rays and between points: chi-square.
+    pub misfit: f64,
+    /// Its degrees of freedom: 4 for each point less 6.
+    pub freedom: usize,
+}
+
+impl TaughtView {
+    /// Points as they were seen in the desired pose, ids rising; the object's frame is said to lie at `X_DO`.
+    ///
+    /// # Errors
+    /// [`TaughtViewError`].
+    pub fn new(points: &[TaughtPoint], X_DO: Pose) -> Result<Self, TaughtViewError> {
+        if points.len() < LEAST {
+            return Err(TaughtViewError::TooFew(points.len()));
+        }
+        if points.len() > MAX_FEATURES {
+            return Err(TaughtViewError::TooMany(points.len()));
+        }
+        let mut before = None;
+        for point in points {
+            if before.is_some_and(|before| point.id <= before) {
+                return Err(TaughtViewError::Order(point.id));
+            }
+            before = Some(point.id);
+            let eigen = symmetric_eigen(&point.covariance).map(|(values, _)| values);
+            let is_good = point.p_D.iter().all(|x| x.is_finite())
+                && point.p_D.z > 0.0
+                && eigen.is_some_and(|values| values.iter().all(|x| x.is_finite() && *x >= -1e-12));
+            if !is_good {
+                return Err(TaughtViewError::Number(point.id));
+            }
+        }
+        let count = points.len() as f64;
+        let mean = points.iter().map(|p| p.p_D.coords).sum::<nalgebra::Vector3<f64>>() / count;
+        let scatter: Matrix3<f64> =
+            points.iter().map(|p| p.p_D.coords - mean).map(|d| d * d.transpose()).sum();
+        let (extents, _) = symmetric_eigen(&scatter).ok_or(TaughtViewError::InLine)?;
+        if !(extents.y > LINE * LINE * extents.x) {
+            return Err(TaughtViewError::InLine);
+        }
+        let (X_OD, floor) = (X_DO.inverse(), Matrix3::identity() * (FLOOR_M * FLOOR_M));
+        let R = *X_OD.rotation.to_rotation_matrix().matrix();
+        let in_O = |p: &TaughtPoint| Known {
+            id: p.id,
+            p_O: X_OD * p.p_D,
+            covariance: R * p.covariance * R.transpose() + floor,
+        };
+        Ok(Self { points: points.iter().map(in_O).collect(), X_DO })
+    }
+
+    /// Ids and places of the points in the object's frame, m.
+    pub fn points_O(&self) -> impl Iterator<Item = (u32, Point3<f64>)> + Clone {
+        self.points.iter().map(|p| (p.id, p.p_O))
+    }
+
+    /// How many points it has.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Where the object's frame is called to be in the desired pose.
+    #[must_use]
+    pub fn X_DO(&self) -> &Pose {
+        &self.X_DO
+    }
+
+    /// The taught point of this id, in O.
+    fn point(&self, id: u32) -> Option<&Known> {
+        self.points.binary_search_by_key(&id, |p| p.id).ok().and_then(|i| self.points.get(i))
+    }
+
+    /// Place of the point in the object's frame, m.
+    #[must_use]
+    pub fn p_O(&self, id: u32) -> Option<Point3<f64>> {
+        self.point(id).map(|p| p.p_O)
+    }
+
+    /// The most likely pose of the object for what both cameras see of it now; `pairs` is a buffer. Points that were not taught do
+    /// not count.
+    ///
+    /// # Errors
+    /// [`StereoError::TooFewPoints`] for less than three, [`StereoError::Degenerate`] for points in one line,
+    /// [`StereoError::NotConverged`].
+    pub fn pose(
+        &self,
+        seen: &[SpacePoint],
+        pairs: &mut Vec<MeasuredPair>,
+    ) -> Result<ObjectPose, StereoError> {
+        pairs.clear();
+        let mut misfit = 0.0;
+        for now in seen {
+            let Some(then) = self.point(now.id) else { continue };
+            misfit += now.misfit;
+            pairs.push(MeasuredPair {
+                p: now.p_L,
+                p_prime: then.p_O,
+                covariance: now.covariance,
+                covariance_prime: then.covariance,
+            });
+        }
+        let (found, covariance) = absolute_orientation_weighted(pairs)?;
+        for pair in pairs.iter() {
+            misfit += mismatch(&found.X, pair).ok_or(StereoError::BadGuess)?;
+        }
+        Ok(ObjectPose { X_CO: found.X, covariance, misfit, freedom: 4 * pairs.len() - 6 })
+    }
+}
+
+/// Squared error of a pair over its variance.
+pub(super) fn mismatch(X: &Pose, pair: &MeasuredPair) -> Option<f64> {
+    let R = *X.rotation.to_rotation_matrix().matrix();
+    let C = pair.covariance + R * pair.covariance_prime * R.transpose();
+    let e = pair.p - X * pair.p_prime;
+    let solved = Ldlt::of(&C)?.solve(&e.into());
+    Some(e.dot(&nalgebra::Vector3::from(solved)))
+}
