@@ -8,10 +8,11 @@
 //! robot's maker or a measurement states. Gauss-Newton with Levenberg's damping; each view's correction is eliminated from the
 //! normal equations (Schur), so that time grows with the number of views and no more.
 
-use super::rows::{ArmAt, GLOBAL, State, ViewRows, correction, moved, moved_inside};
+use super::rows::{ALL, ArmAt, GLOBAL, State, TIME, ViewRows, correction, moved, moved_inside};
 use super::{EyePlace, HandEyeError, HandEyeView};
 use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, Twist};
+use crate::features::NormalEquations;
 use crate::linalg::Ldlt;
 use crate::pose::Loss;
 use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
@@ -178,7 +179,7 @@ impl State {
         Self {
             X_MC: moved(&self.X_MC, &step.global.fixed_rows::<6>(0).into_owned()),
             X_WO: moved(&self.X_WO, &step.global.fixed_rows::<6>(6).into_owned()),
-            offset_s: self.offset_s + step.global[12],
+            offset_s: self.offset_s + step.global[TIME],
             arm: self.arm.iter().zip(steps).map(|(X_BE, d)| moved_inside(X_BE, d)).collect(),
         }
     }
@@ -207,8 +208,7 @@ impl Problem<'_> {
         };
         for (view, X_BE) in self.views.iter().zip(&state.arm) {
             let rows = ViewRows::new(&state.X_MC, &state.X_WO, self.arm_at(view, X_BE), state.offset_s);
-            let mut part =
-                ViewSums { mixed: SMatrix::zeros(), own: Matrix6::zeros(), right: Vector6::zeros() };
+            let mut equations = NormalEquations::<ALL>::new();
             for corner in &view.corners {
                 let Some(at) = rows.rows(corner, self.camera) else {
                     return Err(HandEyeError::Behind { view: view.name.clone() });
@@ -217,22 +217,23 @@ impl Problem<'_> {
                 let e = corner.px - at.px;
                 let k2 = e.norm_squared() * weight;
                 let (rho, slope) = self.settings.loss.at(k2);
-                let w = weight * slope;
-                sums.matrix += at.global.transpose() * at.global * w;
-                sums.right += at.global.transpose() * e * w;
-                if !exact {
-                    part.mixed += at.global.transpose() * at.local * w;
-                    part.own += at.local.transpose() * at.local * w;
-                    part.right += at.local.transpose() * e * w;
-                }
+                equations.add_rows(&at.by, &e, weight * slope);
                 sums.loss += rho;
                 sums.chi_square[0] += k2;
                 sums.squares_px2 += e.norm_squared();
                 sums.corners += 1;
             }
+            let (matrix, right) = (equations.matrix(), equations.vector());
+            sums.matrix += matrix.fixed_view::<GLOBAL, GLOBAL>(0, 0);
+            sums.right += right.fixed_rows::<GLOBAL>(0);
             if exact {
                 continue;
             }
+            let mut part = ViewSums {
+                mixed: matrix.fixed_view::<GLOBAL, 6>(0, GLOBAL).into_owned(),
+                own: matrix.fixed_view::<6, 6>(GLOBAL, GLOBAL).into_owned(),
+                right: right.fixed_rows::<6>(GLOBAL).into_owned(),
+            };
             let (d, slope) = correction(&view.X_BE, X_BE);
             let weighted = Matrix6::from_diagonal(&prior);
             part.own += slope.transpose() * weighted * slope;
@@ -255,7 +256,7 @@ impl Problem<'_> {
             offset_s: state.offset_s,
             covariance_X_MC: covariance.fixed_view::<6, 6>(0, 0).into_owned(),
             covariance_X_WO: covariance.fixed_view::<6, 6>(6, 6).into_owned(),
-            offset_sd_s: free.then(|| covariance[(12, 12)].sqrt()),
+            offset_sd_s: free.then(|| covariance[(TIME, TIME)].sqrt()),
             corrections: self.views.iter().zip(&state.arm).map(|(v, X)| correction(&v.X_BE, X).0).collect(),
             arm: state.arm.clone(),
             chi_square: sums.chi_square,
@@ -283,9 +284,9 @@ impl Sums {
             own.push(factors);
         }
         if !time_offset {
-            left.fill_row(12, 0.0);
-            left.fill_column(12, 0.0);
-            left[(12, 12)] = 1.0;
+            left.fill_row(TIME, 0.0);
+            left.fill_column(TIME, 0.0);
+            left[(TIME, TIME)] = 1.0;
         }
         Some((own, Ldlt::of(&left)?))
     }
@@ -297,7 +298,7 @@ impl Sums {
             right -= view.mixed * Vector6::from(factors.solve(&view.right.into()));
         }
         if !time_offset {
-            right[12] = 0.0;
+            right[TIME] = 0.0;
         }
         let global = Global::from(left.solve(&right.into()));
         let of_view = |(view, factors): (&ViewSums, &Ldlt<6>)| {

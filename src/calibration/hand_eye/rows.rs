@@ -15,6 +15,10 @@ use nalgebra::{Matrix3, Matrix6, Point3, SMatrix, SVector, Translation3, UnitQua
 
 /// Unknowns of all views together: `X_MC`, `X_WO`, tau.
 pub(super) const GLOBAL: usize = 13;
+/// tau among them.
+pub(super) const TIME: usize = 12;
+/// With those of one view: the twist of its `X_BE'`.
+pub(super) const ALL: usize = GLOBAL + 6;
 
 /// Everything unknown.
 #[derive(Debug, Clone)]
@@ -88,27 +92,30 @@ pub(super) struct ViewRows {
     on_the_way: Pose,
     /// From W to M.
     X_MW: Pose,
+    R_CM: Matrix3<f64>,
+    R_MW: Matrix3<f64>,
+    /// What turns a twist of `X_BE'` into M.
+    R_ME: Matrix3<f64>,
 }
 
-/// A corner's predicted image, and its derivatives by the global unknowns and by the twist of `X_BE'`.
+/// A corner's predicted image, and its derivatives by the global unknowns and, behind them, by the twist of `X_BE'`.
 pub(super) struct CornerRows {
     pub px: Vector2<f64>,
-    pub global: SMatrix<f64, 2, GLOBAL>,
-    pub local: SMatrix<f64, 2, 6>,
+    pub by: SMatrix<f64, 2, ALL>,
 }
 
 impl ViewRows {
     pub(super) fn new(X_MC: &Pose, X_WO: &Pose, arm: ArmAt, offset_s: f64) -> Self {
         let on_the_way = integrate_body_twist(&Pose::identity(), &arm.V_BE_E, offset_s);
-        let X_WM = arm.place.X_WM(&(arm.X_BE * on_the_way));
-        Self {
-            arm,
-            X_WO: *X_WO,
-            X_CM: X_MC.inverse(),
-            p_MC_M: X_MC.translation.vector,
-            on_the_way,
-            X_MW: X_WM.inverse(),
-        }
+        let X_MW = arm.place.X_WM(&(arm.X_BE * on_the_way)).inverse();
+        let X_CM = X_MC.inverse();
+        let R = |X: &Pose| *X.rotation.to_rotation_matrix().matrix();
+        let R_ME = match arm.place {
+            EyePlace::InHand => R(&on_the_way).transpose(),
+            EyePlace::BesideArm => R(&arm.X_BE),
+        };
+        let (R_CM, R_MW, p_MC_M) = (R(&X_CM), R(&X_MW), X_MC.translation.vector);
+        Self { arm, X_WO: *X_WO, X_CM, p_MC_M, on_the_way, X_MW, R_CM, R_MW, R_ME }
     }
 
     /// The predicted image alone; `None` behind the camera, or beyond the lens's fold.
@@ -127,36 +134,34 @@ impl ViewRows {
         let plane = SMatrix::<f64, 2, 3>::new(1.0, 0.0, -s.x, 0.0, 1.0, -s.y) / P_C.z;
         // by P_C, by P_M and by P_W
         let by_C = camera.pixel_jacobian(&s) * plane;
-        let by_M = by_C * self.X_CM.rotation.to_rotation_matrix().matrix();
-        let by_W = by_M * self.X_MW.rotation.to_rotation_matrix().matrix();
-        let mut global = SMatrix::<f64, 2, GLOBAL>::zeros();
-        global.fixed_view_mut::<2, 3>(0, 0).copy_from(&-by_M);
-        global.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_M * skew(&(P_M.coords - self.p_MC_M))));
-        global.fixed_view_mut::<2, 3>(0, 6).copy_from(&by_W);
-        global.fixed_view_mut::<2, 3>(0, 9).copy_from(&(by_W * -skew(&turned_O)));
-        let V: (Vector3<f64>, Vector3<f64>) =
-            (self.arm.V_BE_E.fixed_rows::<3>(0).into(), self.arm.V_BE_E.fixed_rows::<3>(3).into());
-        let flow = |P: &Vector3<f64>| V.0 + V.1.cross(P);
-        let mut local = SMatrix::<f64, 2, 6>::zeros();
-        match self.arm.place {
+        let by_M = by_C * self.R_CM;
+        let by_W = by_M * self.R_MW;
+        let by_E = by_M * self.R_ME;
+        let mut by = SMatrix::<f64, 2, ALL>::zeros();
+        by.fixed_view_mut::<2, 3>(0, 0).copy_from(&-by_M);
+        by.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_M * skew(&(P_M.coords - self.p_MC_M))));
+        by.fixed_view_mut::<2, 3>(0, 6).copy_from(&by_W);
+        by.fixed_view_mut::<2, 3>(0, 9).copy_from(&(by_W * -skew(&turned_O)));
+        let V = &self.arm.V_BE_E;
+        let (v, w) = (Vector3::new(V[0], V[1], V[2]), Vector3::new(V[3], V[4], V[5]));
+        let flow = |P: &Vector3<f64>| v + w.cross(P);
+        // Q: the point in E at the robot's stamp
+        let (sign, Q) = match self.arm.place {
             EyePlace::InHand => {
                 // P_M = exp(V tau)^-1 Q, Q = X_BE'^-1 P_W
-                let Q = self.on_the_way * P_M;
-                let by_Q = by_M * self.on_the_way.rotation.inverse().to_rotation_matrix().matrix();
-                local.fixed_view_mut::<2, 3>(0, 0).copy_from(&-by_Q);
-                local.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_Q * skew(&Q.coords)));
-                global.set_column(12, &(by_M * -flow(&P_M.coords)));
+                by.set_column(TIME, &(by_M * -flow(&P_M.coords)));
+                (-1.0, self.on_the_way * P_M)
             }
             EyePlace::BesideArm => {
                 // P_M = X_BE' Q, Q = exp(V tau) P_W
                 let Q = self.on_the_way * P_W;
-                let by_Q = by_M * self.arm.X_BE.rotation.to_rotation_matrix().matrix();
-                local.fixed_view_mut::<2, 3>(0, 0).copy_from(&by_Q);
-                local.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_Q * -skew(&Q.coords)));
-                global.set_column(12, &(by_Q * flow(&Q.coords)));
+                by.set_column(TIME, &(by_E * flow(&Q.coords)));
+                (1.0, Q)
             }
-        }
-        Some(CornerRows { px, global, local })
+        };
+        by.fixed_view_mut::<2, 3>(0, GLOBAL).copy_from(&(by_E * sign));
+        by.fixed_view_mut::<2, 3>(0, GLOBAL + 3).copy_from(&(by_E * skew(&Q.coords) * -sign));
+        Some(CornerRows { px, by })
     }
 }
 
@@ -197,12 +202,12 @@ mod tests {
                     let arm = ArmAt { X_BE: moved_inside(&X_BE, &d(a)), ..arm };
                     image(&X, &Z, &arm, offset_s, &corner.p_O)
                 });
-                prop_assert!((rows.global.column(k) - by_X).norm() < 1e-4 * (1.0 + by_X.norm()), "X {k}");
-                prop_assert!((rows.global.column(6 + k) - by_Z).norm() < 1e-4 * (1.0 + by_Z.norm()), "Z {k}");
-                prop_assert!((rows.local.column(k) - by_arm).norm() < 1e-4 * (1.0 + by_arm.norm()), "arm {k}");
+                prop_assert!((rows.by.column(k) - by_X).norm() < 1e-4 * (1.0 + by_X.norm()), "X {k}");
+                prop_assert!((rows.by.column(6 + k) - by_Z).norm() < 1e-4 * (1.0 + by_Z.norm()), "Z {k}");
+                prop_assert!((rows.by.column(GLOBAL + k) - by_arm).norm() < 1e-4 * (1.0 + by_arm.norm()), "arm {k}");
             }
             let by_time = both(&|a| image(&X, &Z, &arm, offset_s + a, &corner.p_O));
-            prop_assert!((rows.global.column(12) - by_time).norm() < 1e-4 * (1.0 + by_time.norm()), "tau");
+            prop_assert!((rows.by.column(TIME) - by_time).norm() < 1e-4 * (1.0 + by_time.norm()), "tau");
         }
 
         #[test]

@@ -5,12 +5,19 @@ use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::geometry::{Pose, Twist, integrate_body_twist};
 use crate::linalg::Random;
 use nalgebra::{Point3, SVector, Vector2, Vector3};
+use std::sync::LazyLock;
 
 pub(super) fn pose(a: [f64; 6]) -> Pose {
     Pose::new(Vector3::new(a[0], a[1], a[2]), Vector3::new(a[3], a[4], a[5]))
 }
 
+/// A camera with a lens; checked once.
 pub(super) fn camera() -> CameraModel {
+    static CAMERA: LazyLock<CameraModel> = LazyLock::new(new_camera);
+    *CAMERA
+}
+
+fn new_camera() -> CameraModel {
     let intrinsics =
         Intrinsics { fx_px: 610.0, fy_px: 605.0, cx_px: 322.0, cy_px: 239.0, width_px: 640, height_px: 480 };
     let lens = Distortion { k1: -0.1, k2: 0.02, p1: 5e-4, p2: -3e-4, k3: 0.0 };
