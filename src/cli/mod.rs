@@ -1,6 +1,7 @@
 //! The command line: arguments -> configuration -> run -> exit code. Results go to stdout, everything else to stderr.
 
 mod arguments;
+mod calibrate;
 mod camera;
 mod camera_arguments;
 mod ctl;
@@ -9,7 +10,7 @@ mod target;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
-    ExperimentArguments, LatencyArguments, Order, RoleArguments, RunArguments, ServeArguments,
+    ExperimentArguments, HandEyeArguments, LatencyArguments, Order, RoleArguments, RunArguments, ServeArguments,
     TargetArguments,
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
@@ -53,6 +54,7 @@ pub fn main() -> ExitCode {
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Calibrate { what: Calibration::Latency(arguments) }) => calibrate_latency(&arguments),
+        Some(Command::Calibrate { what: Calibration::HandEye(arguments) }) => calibrate::hand_eye(&arguments),
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
         Some(Command::Detect(arguments)) => detect::detect(&arguments),
         Some(Command::Target(arguments)) => target::target(&arguments),

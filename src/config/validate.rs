@@ -65,15 +65,12 @@ pub(super) fn validate(
     if raw.drive.kind == DriveKind::None {
         drive::without_arm(&raw, check);
     }
-    if raw.run.task == Task::CalibrateLatency {
+    if raw.run.task != Task::Servo {
         if !raw.camera.source.closes_the_loop() {
-            check.wrong(
-                "camera.source",
-                "is `replay`: to calibrate the latency the camera must see the arm's own motion",
-            );
+            check.wrong("camera.source", "is `replay`: to calibrate, the camera must see the arm's own motion");
         }
         if scene_motion != SceneMotion::Still {
-            check.wrong("scene.motion.kind", "must be `still` while the latency is calibrated");
+            check.wrong("scene.motion.kind", "must be `still` during a calibration");
         }
     }
     let desired = &raw.servo.desired;

@@ -58,7 +58,9 @@ pub fn calibrate_hand_eye(
         view.check()?;
     }
     if settings.time_offset && views.iter().all(|view| view.V_BE_E.is_none()) {
-        return Err(HandEyeError::Setting { what: "the velocity of at least one view, where the time offset is sought," });
+        return Err(HandEyeError::Setting {
+            what: "the velocity of at least one view, where the time offset is sought,",
+        });
     }
     let mut residuals = Vec::with_capacity(views.len());
     let (mut used, mut samples) = (Vec::new(), Vec::new());

@@ -8,7 +8,9 @@ use thiserror::Error;
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum HandEyeError {
     /// Two motions are the least.
-    #[error("hand-eye: {given} usable views, at least {LEAST_VIEWS} are needed (better 10 to 20): take more pictures")]
+    #[error(
+        "hand-eye: {given} usable views, at least {LEAST_VIEWS} are needed (better 10 to 20): take more pictures"
+    )]
     TooFewViews {
         /// How many there are.
         given: usize,
@@ -74,7 +76,9 @@ pub enum HandEyeError {
         difference_deg: f64,
     },
     /// A closed form has no solution.
-    #[error("hand-eye: the views contradict each other so much that no start is found: check the pairing of poses and images")]
+    #[error(
+        "hand-eye: the views contradict each other so much that no start is found: check the pairing of poses and images"
+    )]
     NoStart,
     /// The other place of the eye explains the views far better.
     #[error(
@@ -101,7 +105,9 @@ pub enum HandEyeError {
         view: String,
     },
     /// The normal equations have no solution.
-    #[error("hand-eye: the views do not determine {what}: add views with other rotations and, for the time offset, velocities")]
+    #[error(
+        "hand-eye: the views do not determine {what}: add views with other rotations and, for the time offset, velocities"
+    )]
     Undetermined {
         /// What.
         what: &'static str,

@@ -11,8 +11,8 @@
 use super::rows::{ALL, ArmAt, GLOBAL, State, TIME, ViewRows, correction, moved, moved_inside};
 use super::{EyePlace, HandEyeError, HandEyeView};
 use crate::camera_model::CameraModel;
-use crate::geometry::{Pose, Twist};
 use crate::features::NormalEquations;
+use crate::geometry::{Pose, Twist};
 use crate::linalg::Ldlt;
 use crate::pose::Loss;
 use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
@@ -59,7 +59,7 @@ pub struct JointFit {
     pub X_MC: Pose,
     /// The board in the frame in which it rests.
     pub X_WO: Pose,
-    /// What has to be added to the robot's stamps, s; 0 where it was not asked for.
+    /// What has to be added to the camera's stamps, s, as `camera.stamp_offset_ms` is; 0 where it was not asked for.
     pub offset_s: f64,
     /// Covariance of the twist `[v; w]` of C relative to M, expressed in M (m, rad), with the deviations as stated.
     pub covariance_X_MC: Matrix6<f64>,
@@ -124,7 +124,10 @@ pub fn refine_jointly(
 
 fn check(views: &[&HandEyeView], settings: &JointSettings) -> Result<(), HandEyeError> {
     let RobotDeviation { rotation_rad, translation_m } = settings.robot;
-    for (what, value) in [("the robot's rotation deviation", rotation_rad), ("the robot's translation deviation", translation_m)] {
+    for (what, value) in [
+        ("the robot's rotation deviation", rotation_rad),
+        ("the robot's translation deviation", translation_m),
+    ] {
         if !(value >= 0.0 && value.is_finite()) {
             return Err(HandEyeError::Setting { what });
         }

@@ -52,11 +52,8 @@ pub fn leave_one_out(
     for (i, (view, sample)) in views.iter().zip(samples).enumerate() {
         let others: Vec<_> = without(views, i);
         let enough = rotation_spread(&without(samples, i)).is_some_and(|s| s.check(settings.place).is_ok());
-        let fit = if enough {
-            refine_jointly(&others, camera, settings, &all.X_MC, &all.X_WO).ok()
-        } else {
-            None
-        };
+        let fit =
+            if enough { refine_jointly(&others, camera, settings, &all.X_MC, &all.X_WO).ok() } else { None };
         held.push(fit.map(|fit| against(view, sample, camera, settings, &fit)));
     }
     let sure: Vec<_> = held.iter().flatten().copied().collect();

@@ -30,6 +30,7 @@ mod rows;
 mod scatter;
 mod separate;
 mod settled;
+mod tour;
 mod verdict;
 mod visp_pose;
 
@@ -45,6 +46,7 @@ pub use report::{AtDistance, HandEyeReport, ViewResidual};
 pub use scatter::{LoopScatter, loop_scatter};
 pub use separate::separate_solution;
 pub use settled::{corner_speed_px_s, flange_speed_px_s, is_settled, pose_speed};
+pub use tour::{TourCell, TourError, plan_tour};
 pub use visp_pose::read_visp_pose;
 
 use crate::geometry::{Pose, Twist};
@@ -179,9 +181,10 @@ pub struct LoopSample {
 /// The motions `(A, B)` of M and of the camera between any two views; from the later one's frame to the earlier one's.
 fn motions(samples: &[LoopSample]) -> impl Iterator<Item = (Pose, Pose)> {
     samples.iter().enumerate().flat_map(move |(i, first)| {
-        samples.iter().skip(i + 1).map(move |second| {
-            (second.X_WM.inv_mul(&first.X_WM), second.X_CO * first.X_CO.inverse())
-        })
+        samples
+            .iter()
+            .skip(i + 1)
+            .map(move |second| (second.X_WM.inv_mul(&first.X_WM), second.X_CO * first.X_CO.inverse()))
     })
 }
 

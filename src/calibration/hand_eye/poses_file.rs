@@ -91,7 +91,10 @@ fn named_columns(line: usize, cells: &[&str]) -> Result<(), PosesFileError> {
         return Ok(());
     }
     let (names, velocity) = (NAMES.join(","), VELOCITY.join(","));
-    Err(PosesFileError::at(line, format!("the columns must be image,{names}, and {velocity} or nothing after them")))
+    Err(PosesFileError::at(
+        line,
+        format!("the columns must be image,{names}, and {velocity} or nothing after them"),
+    ))
 }
 
 fn pose(line: usize, image: &str, cells: &[&str]) -> Result<ArmPose, PosesFileError> {
@@ -118,7 +121,10 @@ fn pose(line: usize, image: &str, cells: &[&str]) -> Result<ArmPose, PosesFileEr
         }
     };
     if [x, y, z].iter().any(|m| m.abs() > FARTHEST_M) {
-        return Err(PosesFileError::at(line, format!("is more than {FARTHEST_M} m from the base: positions are in m")));
+        return Err(PosesFileError::at(
+            line,
+            format!("is more than {FARTHEST_M} m from the base: positions are in m"),
+        ));
     }
     let q = Quaternion::new(qw, qx, qy, qz);
     if !((q.norm() - 1.0).abs() < NORM_SLACK) {
@@ -145,7 +151,10 @@ mod tests {
         let poses = read_poses(text).unwrap();
         assert_eq!(poses.len(), 2);
         let [a, b] = poses.as_slice() else { unreachable!() };
-        assert!((a.X_BE * nalgebra::Point3::new(1.0, 0.0, 0.0) - nalgebra::Point3::new(0.1, 1.2, 0.3)).norm() < 1e-7);
+        assert!(
+            (a.X_BE * nalgebra::Point3::new(1.0, 0.0, 0.0) - nalgebra::Point3::new(0.1, 1.2, 0.3)).norm()
+                < 1e-7
+        );
         assert_eq!((a.image.as_str(), a.V_BE_E), ("a.png", None));
         // half a turn about x: y and z of the base are -y and -z of the flange
         let V = b.V_BE_E.unwrap();

@@ -4,7 +4,7 @@
 //! P_W = X_WO p_O        P_M: seen from the frame that bears the camera        P_C = X_MC^-1 P_M        px = camera(P_C)
 //!
 //! in hand:        P_M = exp(V tau)^-1 X_BE'^-1 P_W           X_BE' = X_BE D_i: the flange as it really was
-//! beside the arm: P_M = X_BE' exp(V tau) P_W                 V: its twist in E; tau: from the robot's stamp to the camera's
+//! beside the arm: P_M = X_BE' exp(V tau) P_W                 V: its twist in E; tau: what is to be added to the camera's stamp
 //! ```
 //! Small changes are twists `[v; w]`: of `X_MC` expressed in M, of `X_WO` in W, of `X_BE'` in E (from the right).
 
@@ -25,7 +25,7 @@ pub(super) const ALL: usize = GLOBAL + 6;
 pub(super) struct State {
     pub X_MC: Pose,
     pub X_WO: Pose,
-    /// What has to be added to the robot's stamps, s: the flange is where the robot says so much before the picture.
+    /// What has to be added to the camera's stamps, s: the picture shows the flange where it is so much after the stated pose.
     pub offset_s: f64,
     /// The flange in the base as it really was, view by view.
     pub arm: Vec<Pose>,

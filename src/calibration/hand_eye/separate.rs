@@ -21,9 +21,8 @@ const SURE_RAD: f64 = 2.6;
 pub fn separate_solution(samples: &[LoopSample]) -> Option<Pose> {
     let sure = (0.5 * SURE_RAD).cos();
     let all_wide = !motions(samples).any(|(A, _)| axis(&A.rotation).1 > sure);
-    let first = rotation(samples, |a, b, scalar| {
-        if all_wide || scalar > sure { Some((*a, *b)) } else { None }
-    })?;
+    let first =
+        rotation(samples, |a, b, scalar| if all_wide || scalar > sure { Some((*a, *b)) } else { None })?;
     // now the signs of half turns show
     let R_MC = rotation(samples, |a, b, _| Some((*a, signed(&first, a, b))))?;
     let p_MC = position(samples, &R_MC)?;

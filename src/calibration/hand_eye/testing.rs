@@ -42,7 +42,9 @@ impl Cell {
         let X_MC = match place {
             EyePlace::InHand => Pose::new(turn(0.08), turn(0.6)),
             // about a metre before the arm, looking back at it
-            EyePlace::BesideArm => Pose::new(Vector3::new(1.2, 0.1, 0.4) + turn(0.1), Vector3::new(0.3, -1.9, 0.2) + turn(0.3)),
+            EyePlace::BesideArm => {
+                Pose::new(Vector3::new(1.2, 0.1, 0.4) + turn(0.1), Vector3::new(0.3, -1.9, 0.2) + turn(0.3))
+            }
         };
         let X_WO = match place {
             EyePlace::InHand => Pose::new(Vector3::new(0.5, 0.1, 0.0) + turn(0.2), turn(1.5)),
@@ -72,7 +74,11 @@ impl Cell {
             .map(|p_O| {
                 let px = camera().project(&(X_CO * p_O)).expect("the board is before the camera");
                 let noise = Vector2::new(random.gaussian(), random.gaussian()) * self.corner_sd_px;
-                BoardCorner { p_O, px: px + noise, sd_px: if self.corner_sd_px > 0.0 { self.corner_sd_px } else { 0.1 } }
+                BoardCorner {
+                    p_O,
+                    px: px + noise,
+                    sd_px: if self.corner_sd_px > 0.0 { self.corner_sd_px } else { 0.1 },
+                }
             })
             .collect();
         HandEyeView { name: "view".into(), X_BE: said, V_BE_E, corners }

@@ -106,7 +106,10 @@ fn covariances_are_honest() {
         }
         let n = count as f64;
         let (camera_error, board_error, both) = (camera_error / n, board_error / n, (chi[0] + chi[1]) / n);
-        println!("{place:?}: camera {camera_error:.2}, board {board_error:.2} of 6; {:?}", chi.map(|c| c / n));
+        println!(
+            "{place:?}: camera {camera_error:.2}, board {board_error:.2} of 6; {:?}",
+            chi.map(|c| c / n)
+        );
         // standard error of a mean of 400: 0.17; 1080 + 60 equations, 12 + 60 unknowns: 1068, standard error 2.3
         assert!((camera_error - 6.0).abs() < 0.7, "{camera_error}");
         assert!((board_error - 6.0).abs() < 0.7, "{board_error}");
@@ -231,7 +234,8 @@ fn what_does_not_determine_the_camera_is_named() {
         // shifted, never turned
         let shifted: Vec<_> = (0..6)
             .map(|i| {
-                let X_CO = Pose::translation(0.01 * f64::from(i) - 0.1, -0.06, 0.5 + 0.02 * f64::from(i * i % 4));
+                let X_CO =
+                    Pose::translation(0.01 * f64::from(i) - 0.1, -0.06, 0.5 + 0.02 * f64::from(i * i % 4));
                 cell.view(&X_CO, None, &mut random)
             })
             .collect();
@@ -242,7 +246,9 @@ fn what_does_not_determine_the_camera_is_named() {
         let turned: Vec<_> = (0..6)
             .map(|i| {
                 let turn = Pose::rotation(axis_C * (0.3 * f64::from(i)));
-                let X_CO = Pose::translation(0.0, 0.0, 0.5 + 0.02 * f64::from(i)) * turn * Pose::translation(-0.1, -0.06, 0.0);
+                let X_CO = Pose::translation(0.0, 0.0, 0.5 + 0.02 * f64::from(i))
+                    * turn
+                    * Pose::translation(-0.1, -0.06, 0.0);
                 cell.view(&X_CO, None, &mut random)
             })
             .collect();
@@ -282,7 +288,8 @@ fn a_weak_axis_is_told() {
     cell.corner_sd_px = 0.05;
     let views: Vec<_> = (0..8)
         .map(|i| {
-            let tilt = Vector3::new(random.between(-0.06, 0.06), random.between(-0.06, 0.06), 0.3 * f64::from(i));
+            let tilt =
+                Vector3::new(random.between(-0.06, 0.06), random.between(-0.06, 0.06), 0.3 * f64::from(i));
             let X_CO = Pose::new(Vector3::new(0.0, 0.0, 0.5), tilt) * Pose::translation(-0.1, -0.06, 0.0);
             cell.view(&X_CO, None, &mut random)
         })

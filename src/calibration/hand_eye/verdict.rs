@@ -74,13 +74,14 @@ pub(super) fn verdict(report: &HandEyeReport) -> String {
         );
     }
     for view in report.views.iter().filter(|view| !view.used) {
-        let _ = writeln!(text, "{} was left out: {}.", view.name, view.reason.as_deref().unwrap_or("no reason"));
+        let _ =
+            writeln!(text, "{} was left out: {}.", view.name, view.reason.as_deref().unwrap_or("no reason"));
     }
     outlier(report, &mut text);
     if let Some(sd_s) = report.fit.offset_sd_s {
         let _ = writeln!(
             text,
-            "The robot's stamps have to be put {:.2} ms later ({:.2} ms, one standard deviation).",
+            "{:.2} ms have to be added to the camera's stamps ({:.2} ms, one standard deviation): camera.stamp_offset_ms.",
             report.fit.offset_s * 1e3,
             sd_s * 1e3
         );

@@ -24,7 +24,8 @@ pub fn read_visp_pose(text: &str) -> Result<Pose, PosesFileError> {
     let mut words: Vec<(String, usize)> = Vec::new();
     let mut line = 1;
     // ViSP and OpenCV begin files in a way that YAML does not know
-    let text = if text.starts_with("%YAML:") { text.replacen("%YAML:", "#YAML:", 1) } else { text.to_owned() };
+    let text =
+        if text.starts_with("%YAML:") { text.replacen("%YAML:", "#YAML:", 1) } else { text.to_owned() };
     for event in Parser::new_from_str(&text) {
         match event {
             Ok((Event::Scalar(word, ..), span)) => {
@@ -56,7 +57,12 @@ pub fn read_visp_pose(text: &str) -> Result<Pose, PosesFileError> {
                     format!("{key} is {shown}, a pose tx ty tz and theta u has {wanted}"),
                 ));
             }
-            None => return Err(PosesFileError::at(line, format!("has no {key}: a pose vector of ViSP is expected"))),
+            None => {
+                return Err(PosesFileError::at(
+                    line,
+                    format!("has no {key}: a pose vector of ViSP is expected"),
+                ));
+            }
         }
     }
     let Some(from) = after("data") else {
