@@ -11,18 +11,19 @@ use crate::calibration::hand_eye::{
     BoardCorner, HandEyeView, corner_speed_px_s, flange_speed_px_s, is_settled,
 };
 use crate::config::Config;
-use crate::config::assemble;
 use crate::detect::Found;
 use crate::geometry::{Pose, Twist};
 use crate::messages::JointState;
 use crate::robot::{ExpressedIn, Robot};
 use crate::time::{MonoNs, SpanNs};
-use crate::vision::Vision;
+use crate::vision::{Vision, VisionSettings};
 use nalgebra::SVector;
 use std::ops::ControlFlow;
 
 /// The arm must have been at rest for so long before a picture counts.
 const REST: SpanNs = SpanNs(250_000_000);
+/// Lens and board may be so far from their description without a corner being left out for it, px.
+const MODEL_SD_PX: f64 = 2.0;
 /// No corner counts as better than this, px.
 const LEAST_SD_PX: f64 = 0.01;
 
@@ -34,7 +35,11 @@ const LEAST_SD_PX: f64 = 0.01;
 pub fn look_around(config: &Config) -> Result<(SystemRun, Vec<HandEyeView>), SimError> {
     let mut eye = Eye {
         config,
-        vision: assemble::vision(config),
+        vision: Vision::new(
+            config.camera.model,
+            config.target.clone(),
+            VisionSettings { model_sd_px: MODEL_SD_PX, track: false, ..config.vision },
+        ),
         arm: None,
         at_rest_since: None,
         before: None,

@@ -1,6 +1,6 @@
 //! The whole way from corners to a camera pose that says how good it is.
 
-use super::board_pose::{CORNER_LOSS, board_pose};
+use super::board_pose::{CORNER_LOSS, board_pose, model_sd_px};
 use super::dual_quaternion::dual_quaternion_solution;
 use super::joint::{JointFit, JointSettings, RobotDeviation, refine_jointly};
 use super::leave_one_out::leave_one_out;
@@ -12,6 +12,7 @@ use super::settled::{is_settled, view_speed_px_s};
 use super::{EyePlace, HandEyeError, HandEyeView, LEAST_VIEWS, LoopSample, MOST_VIEWS};
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
+use crate::pose::Loss;
 
 /// Rounds in which the deviations of robot and corners are put right.
 const ROUNDS: u32 = 12;
@@ -63,19 +64,29 @@ pub fn calibrate_hand_eye(
         });
     }
     let mut residuals = Vec::with_capacity(views.len());
-    let (mut used, mut samples) = (Vec::new(), Vec::new());
+    let (mut used, mut boards, mut chi_square) = (Vec::new(), Vec::new(), 0.0);
     for view in views {
-        let X_CO = board_pose(view, camera)?.X_CO;
+        let (X_CO, squares) = board_pose(view, camera, None, Loss::Squares)?;
         let speed_px_s = view_speed_px_s(view, camera, &X_CO);
         let moving = speed_px_s.filter(|speed| !settings.time_offset && !is_settled(*speed));
         residuals.push(ViewResidual::new(view, speed_px_s, moving));
         if moving.is_none() {
             used.push(view.clone());
-            samples.push(LoopSample { X_WM: settings.place.X_WM(&view.X_BE), X_CO });
+            boards.push(X_CO);
+            chi_square += squares;
         }
     }
     if used.len() < LEAST_VIEWS {
         return Err(HandEyeError::TooFewViews { given: used.len() });
+    }
+    let model_sd_px = model_sd_px(&used, chi_square);
+    let mut samples = Vec::with_capacity(used.len());
+    for (view, near) in used.iter_mut().zip(&boards) {
+        for corner in &mut view.corners {
+            corner.sd_px = corner.sd_px.hypot(model_sd_px);
+        }
+        let (X_CO, _) = board_pose(view, camera, Some(near), CORNER_LOSS)?;
+        samples.push(LoopSample { X_WM: settings.place.X_WM(&view.X_BE), X_CO });
     }
     let spread = rotation_spread(&samples).ok_or(HandEyeError::NoStart)?;
     spread.check(settings.place)?;
@@ -91,7 +102,7 @@ pub fn calibrate_hand_eye(
         loss: CORNER_LOSS,
         time_offset: settings.time_offset,
     };
-    let (fit, factor) = fitted(&mut used, camera, &mut joint, &separate, &start.X_WO)?;
+    let fit = fitted(&used, camera, &mut joint, &separate, &start.X_WO)?;
     let views: Vec<_> = used.iter().collect();
     let held_out = leave_one_out(&views, &samples, camera, &joint, &fit);
     let scatter = loop_scatter(&samples, &fit.X_MC).ok_or(HandEyeError::NoStart)?;
@@ -106,7 +117,7 @@ pub fn calibrate_hand_eye(
         held_out,
         robot_stated: settings.robot,
         robot_seen: joint.robot,
-        corner_factor: factor,
+        model_sd_px,
         spread,
         views: residuals,
         rms_px: 0.0,
@@ -119,22 +130,19 @@ pub fn calibrate_hand_eye(
     Ok(report)
 }
 
-/// The joint fit with deviations that the views do not contradict: of the robot, in `joint`, and of the corners, by the factor that is
-/// returned.
+/// The joint fit with deviations of the robot, in `joint`, that the views do not contradict.
 fn fitted(
-    views: &mut [HandEyeView],
+    views: &[HandEyeView],
     camera: &CameraModel,
     joint: &mut JointSettings,
     X_MC: &Pose,
     X_WO: &Pose,
-) -> Result<(JointFit, f64), HandEyeError> {
-    let count = views.len() as f64;
-    let corners: usize = views.iter().map(|view| view.corners.len()).sum();
+) -> Result<JointFit, HandEyeError> {
+    let all: Vec<_> = views.iter().collect();
     let stated = joint.robot;
-    let (mut corner, mut way, mut turn) = (Excess::default(), Excess::default(), Excess::default());
+    let (mut way, mut turn) = (Excess::default(), Excess::default());
     let mut start = (*X_MC, *X_WO);
     for round in 1.. {
-        let all: Vec<_> = views.iter().collect();
         let fit = refine_jointly(&all, camera, joint, &start.0, &start.1)?;
         start = (fit.X_MC, fit.X_WO);
         let RobotDeviation { rotation_rad, translation_m } = joint.robot;
@@ -143,21 +151,16 @@ fn fitted(
             way_squares += d.fixed_rows::<3>(0).norm_squared() / translation_m.max(1e-12).powi(2);
             turn_squares += d.fixed_rows::<3>(3).norm_squared() / rotation_rad.max(1e-12).powi(2);
         }
-        // the pictures tell each view's pose: of 2 coordinates a corner 6 go into it, and of 6 corrections a view 12 into X_MC and X_WO
-        let (seen, free) = (2.0 * corners as f64 - 6.0 * count, 3.0 * count - 6.0);
-        let by_corners = corner.raise(fit.chi_square[0], seen);
-        let changed = by_corners.max(way.raise(way_squares, free)).max(turn.raise(turn_squares, free));
+        // the pictures tell each view's pose well: of 6 corrections a view 12 go into X_MC and X_WO
+        let freedom = 3.0 * all.len() as f64 - 6.0;
+        let changed = way.raise(way_squares, freedom).max(turn.raise(turn_squares, freedom));
         if changed < SETTLED || round == ROUNDS {
-            return Ok((fit, corner.factor));
+            return Ok(fit);
         }
         joint.robot = RobotDeviation {
             rotation_rad: stated.rotation_rad * turn.factor,
             translation_m: stated.translation_m * way.factor,
         };
-        let by = corner.factor / corner.before;
-        for corner in views.iter_mut().flat_map(|view| &mut view.corners) {
-            corner.sd_px *= by;
-        }
     }
     Err(HandEyeError::NotConverged { iterations: ROUNDS })
 }
@@ -165,13 +168,11 @@ fn fitted(
 /// What a stated deviation is multiplied by.
 struct Excess {
     factor: f64,
-    /// In the round before.
-    before: f64,
 }
 
 impl Default for Excess {
     fn default() -> Self {
-        Self { factor: 1.0, before: 1.0 }
+        Self { factor: 1.0 }
     }
 }
 
@@ -179,12 +180,12 @@ impl Excess {
     /// Follows `chi_square` of `freedom` degrees of freedom, which is relative to the deviation as it is now, where it contradicts the one
     /// stated; by which share it changes.
     fn raise(&mut self, chi_square: f64, freedom: f64) -> f64 {
-        self.before = self.factor;
+        let before = self.factor;
         let (freedom, mean) = (freedom.max(1.0), chi_square / freedom.max(1.0));
         if self.factor > 1.0 || mean > 1.0 + SURE * (2.0 / freedom).sqrt() {
             self.factor = (self.factor * mean.sqrt()).max(1.0);
         }
-        (self.factor / self.before - 1.0).abs()
+        (self.factor / before - 1.0).abs()
     }
 }
 

@@ -25,7 +25,7 @@ pub struct HeldOutView {
 pub struct HeldOut {
     /// By view; `None` where the others alone do not determine the camera's pose.
     pub views: Vec<Option<HeldOutView>>,
-    /// Root mean square along an axis, rad, as [`super::LoopScatter`] counts.
+    /// Root mean square, rad, as [`super::LoopScatter`] counts.
     pub rotation_rad: f64,
     /// The same, m.
     pub position_m: f64,
@@ -63,8 +63,8 @@ pub fn leave_one_out(
     let count = sure.len() as f64;
     let mean = |of: &dyn Fn(&HeldOutView) -> f64| sure.iter().map(|v| of(v).powi(2)).sum::<f64>() / count;
     Some(HeldOut {
-        rotation_rad: (mean(&|v| v.rotation_rad) / 3.0).sqrt(),
-        position_m: (mean(&|v| v.position_m) / 3.0).sqrt(),
+        rotation_rad: mean(&|v| v.rotation_rad).sqrt(),
+        position_m: mean(&|v| v.position_m).sqrt(),
         rms_px: mean(&|v| v.rms_px).sqrt(),
         views: held,
     })

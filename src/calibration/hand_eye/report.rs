@@ -84,8 +84,9 @@ pub struct HandEyeReport {
     pub robot_stated: RobotDeviation,
     /// What they are at least, by the views; as stated where nothing contradicts that.
     pub robot_seen: RobotDeviation,
-    /// What the stated deviations of the corners had to be raised by.
-    pub corner_factor: f64,
+    /// How far corners lie from where lens and board have them beyond their own deviations, one standard deviation, px; 0 where those
+    /// explain everything.
+    pub model_sd_px: f64,
     /// How far the arm turned.
     pub spread: RotationSpread,
     /// All views.

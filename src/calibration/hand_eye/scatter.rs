@@ -1,7 +1,7 @@
 //! How well the loop closes: where each view has the board in W, and how far these places lie apart.
 //!
-//! Deviation from the mean along each axis, root mean square over views and the three axes: `sqrt(sum |d_i|^2 / (3 n))`, of rotation
-//! vectors and of positions of the board's origin.
+//! Deviation from the mean, root mean square over the views: `sqrt(sum |d_i|^2 / n)`, of rotation vectors and of positions of the board's
+//! origin.
 
 use super::LoopSample;
 use crate::geometry::{Pose, closest_rotation};
@@ -38,13 +38,13 @@ pub fn loop_scatter(samples: &[LoopSample], X_MC: &Pose) -> Option<LoopScatter> 
     (!places.is_empty()).then_some(LoopScatter { X_WO, rotation_rad, position_m })
 }
 
-/// Root mean square deviation along an axis of `places` from `X_WO`: rad and m.
+/// Root mean square deviation of `places` from `X_WO`: rad and m.
 pub(super) fn deviation(places: &[Pose], X_WO: &Pose) -> (f64, f64) {
     let (mut turn, mut way) = (0.0, 0.0);
     for place in places {
         turn += X_WO.rotation.rotation_to(&place.rotation).scaled_axis().norm_squared();
         way += (place.translation.vector - X_WO.translation.vector).norm_squared();
     }
-    let count = 3.0 * places.len().max(1) as f64;
+    let count = places.len().max(1) as f64;
     ((turn / count).sqrt(), (way / count).sqrt())
 }

@@ -7,6 +7,8 @@ use std::fmt::Write;
 const WEAK_DEG: f64 = 12.0;
 /// A view is told where leaving it out shows it so many times worse than the middle one.
 const STANDS_OUT: f64 = 3.0;
+/// Lens and board as their files say leave corners within this, px.
+const LENS_PX: f64 = 0.15;
 /// Fewer views than this are few.
 const FEW: usize = 8;
 
@@ -28,7 +30,7 @@ pub(super) fn verdict(report: &HandEyeReport) -> String {
     if let Some(held) = &report.held_out {
         let _ = writeln!(
             text,
-            "A view that the calibration has not seen is predicted to {:.2} mm and {:.3} deg along an axis, {:.1} px in the picture.",
+            "A view that the calibration has not seen is predicted to {:.2} mm and {:.3} deg, {:.1} px in the picture.",
             held.position_m * 1e3,
             held.rotation_rad.to_degrees(),
             held.rms_px
@@ -52,12 +54,11 @@ pub(super) fn verdict(report: &HandEyeReport) -> String {
             stated.rotation_rad.to_degrees()
         );
     }
-    if report.corner_factor > 2.0 {
+    if report.model_sd_px > LENS_PX {
         let _ = writeln!(
             text,
-            "Corners lie {:.1} times farther from the board's shape than they are measured: the lens is not as its file says, or the \
-             board is not flat.",
-            report.corner_factor
+            "Corners lie {:.2} px from where lens and board have them: the lens is not as its file says, or the board is not flat.",
+            report.model_sd_px
         );
     }
     let across_deg = report.spread.across_rad.to_degrees();

@@ -23,6 +23,8 @@ use clap::Args;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+/// Lens and board may be so far from their description: what they are worth is found out here, so that no corner is left out for it, px.
+const MODEL_SD_PX: f64 = 2.0;
 /// No corner counts as better than this, px.
 const LEAST_SD_PX: f64 = 0.01;
 
@@ -170,7 +172,7 @@ struct Eye {
 impl Eye {
     fn new(camera: CameraModel, target: Target) -> Self {
         let places = target.points().iter().map(|point| (point.id, point.p_O)).collect();
-        let settings = VisionSettings { track: false, ..VisionSettings::default() };
+        let settings = VisionSettings { model_sd_px: MODEL_SD_PX, track: false, ..VisionSettings::default() };
         Self { camera, vision: Vision::new(camera, target, settings), places }
     }
 

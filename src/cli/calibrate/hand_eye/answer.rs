@@ -270,7 +270,7 @@ impl Serialize for Answer {
             "robot_sd_seen",
             &deviation(r.robot_seen.rotation_rad, r.robot_seen.translation_m),
         )?;
-        map.serialize_entry("corner_sd_factor", &r.corner_factor)?;
+        map.serialize_entry("model_sd_px", &r.model_sd_px)?;
         let offset = r
             .fit
             .offset_sd_s
