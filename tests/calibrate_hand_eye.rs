@@ -123,7 +123,9 @@ fn a_frankas_camera_is_found() {
         println!("{} {} {} {}", view["image"], view["rms_px"], view["rms_corrected_px"], view["held_out"]);
         assert_eq!((&view["used"], &view["corners"]), (&Value::Bool(true), &Value::from(54)));
     }
-    assert!((deg - 0.457).abs() < 0.005 && (mm - 5.41).abs() < 0.03, "{deg} {mm}");
+    // ViSP's own: 0.4559 deg, 5.412 mm; the robot's poses leave no less
+    assert!((0.44..0.462).contains(&deg) && (5.30..5.44).contains(&mm), "{deg} {mm}");
+    assert!(held.0 < 0.75 && held.1 < 7.0, "{held:?}");
     // what is written is what a run file takes
     let text = std::fs::read_to_string(&out).unwrap();
     let config = Config::parse("hand_eye.toml", &text, Path::new("."), &[]).unwrap();
