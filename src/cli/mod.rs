@@ -10,8 +10,8 @@ mod target;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
-    ExperimentArguments, HandEyeArguments, LatencyArguments, Order, RoleArguments, RunArguments, ServeArguments,
-    TargetArguments,
+    ExperimentArguments, HandEyeArguments, LatencyArguments, Order, RoleArguments, RunArguments,
+    ServeArguments, TargetArguments,
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 
