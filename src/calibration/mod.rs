@@ -4,9 +4,11 @@
 //! control: GentleMotion instead of the servo law ─► JointStates ──┐
 //! vision:                                          Measurements ──┴─► Recording ─► stamp_offset
 //! ```
-//! `vservo calibrate latency`: the offset between the camera's stamps and the encoders'.
+//! `vservo calibrate latency`: the offset between the camera's stamps and the encoders'. `vservo calibrate hand-eye`: where the camera
+//! sits, [`hand_eye`].
 
 mod gentle_motion;
+pub mod hand_eye;
 mod joint_track;
 mod latency;
 mod recording;

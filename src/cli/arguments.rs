@@ -1,6 +1,7 @@
 //! The arguments, as clap reads them.
 #![allow(rustdoc::broken_intra_doc_links)] // the words of commands have brackets
 
+pub use super::calibrate::HandEyeArguments;
 pub use super::camera_arguments::CameraArguments;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
@@ -91,6 +92,8 @@ pub enum Command {
 pub enum Calibration {
     /// Move the arm gently before the target for 8 s and find the offset between the stamps of camera and encoders
     Latency(LatencyArguments),
+    /// Find where the camera sits on the arm, or beside it, from pictures of a board and the robot's poses
+    HandEye(HandEyeArguments),
 }
 
 /// Arguments of `vservo calibrate latency`.

@@ -1,7 +1,7 @@
 //! `vservo detect`: a target in image files.
 
 mod overlay;
-mod picture;
+pub(super) mod picture;
 
 use super::{DetectArguments, check_writable, shown, write_result};
 use crate::camera_model::camera_info::CameraInfo;
@@ -264,12 +264,13 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
 }
 
 /// Tells why nothing is done; the exit code.
-fn refused(message: &str, exit_code: u8) -> u8 {
+pub(super) fn refused(message: &str, exit_code: u8) -> u8 {
     tell(format_args!("vservo: {}", printable(message)));
     exit_code
 }
 
-fn calibration(path: &Path) -> Result<CameraModel, String> {
+/// The camera of a calibration file, or why there is none.
+pub(super) fn calibration(path: &Path) -> Result<CameraModel, String> {
     let named = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
     let text = file::read(path, LARGEST_CALIBRATION).map_err(|e| named(&e))?;
     CameraInfo::read(&text).map_err(|e| named(&e))?.camera().map_err(|e| named(&e))

@@ -1,6 +1,7 @@
 //! The command line: arguments -> configuration -> run -> exit code. Results go to stdout, everything else to stderr.
 
 mod arguments;
+mod calibrate;
 mod camera;
 mod camera_arguments;
 mod ctl;
@@ -10,8 +11,8 @@ mod teach_view;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
-    ExperimentArguments, LatencyArguments, Order, RoleArguments, RunArguments, ServeArguments,
-    TargetArguments, TeachViewArguments,
+    ExperimentArguments, HandEyeArguments, LatencyArguments, Order, RoleArguments, RunArguments,
+    ServeArguments, TargetArguments, TeachViewArguments,
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 
@@ -54,6 +55,7 @@ pub fn main() -> ExitCode {
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Calibrate { what: Calibration::Latency(arguments) }) => calibrate_latency(&arguments),
+        Some(Command::Calibrate { what: Calibration::HandEye(arguments) }) => calibrate::hand_eye(&arguments),
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
         Some(Command::Detect(arguments)) => detect::detect(&arguments),
         Some(Command::Target(arguments)) => target::target(&arguments),

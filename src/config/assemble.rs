@@ -2,7 +2,7 @@
 
 use crate::config::raw::{Clock, DriveKind, JointControl, Task, Update};
 use crate::config::{Config, Scene, Source};
-use crate::control::behaviour::{ArmModel, Behaviour, Gentle, Servoing};
+use crate::control::behaviour::{ArmModel, Behaviour, Gentle, Servoing, Tour};
 use crate::control::control_loop::{ControlLoop, RunPlan, Service};
 use crate::control::controller::{Controller, ControllerSettings};
 use crate::control::safety::MeasurementWatch;
@@ -288,6 +288,10 @@ pub fn control_loop_with<const N: usize>(
     let lesson = config.effective.servo.set_point.measurements;
     let behaviour: Box<dyn Behaviour<N>> = match (config.task, closed_loop) {
         (Task::CalibrateLatency, _) => Box::new(Gentle::new(servo, config.camera.model, watch)),
+        (Task::CalibrateHandEye, _) => {
+            let points = config.target.points().iter().map(|point| point.p_O).collect();
+            Box::new(Tour::new(servo, config.camera.model, points))
+        }
         (Task::Servo, true) => Box::new(Servoing::new(servo, watch, lesson)),
         (Task::Servo, false) => Box::new(Servoing::new(servo, watch, lesson).dry()),
     };

@@ -75,6 +75,8 @@ word! {
         Servo,
         /// A gentle motion that shows how the camera's stamps lie against the encoders'.
         CalibrateLatency,
+        /// Views of a board from all sides, with a rest in each, that show where the camera sits.
+        CalibrateHandEye,
     }
 }
 

@@ -66,15 +66,22 @@ pub(super) fn validate(
     if raw.drive.kind == DriveKind::None {
         drive::without_arm(&raw, check);
     }
-    if raw.run.task == Task::CalibrateLatency {
+    // it plans its way within a tick
+    if raw.run.task == Task::CalibrateHandEye && raw.run.clock == Clock::Realtime {
+        check.wrong(
+            "run.clock",
+            "must be `lockstep` for run.task = \"calibrate_hand_eye\": so far its arm is a simulated one",
+        );
+    }
+    if raw.run.task != Task::Servo {
         if !raw.camera.source.closes_the_loop() {
             check.wrong(
                 "camera.source",
-                "is `replay`: to calibrate the latency the camera must see the arm's own motion",
+                "is `replay`: to calibrate, the camera must see the arm's own motion",
             );
         }
         if scene_motion != SceneMotion::Still {
-            check.wrong("scene.motion.kind", "must be `still` while the latency is calibrated");
+            check.wrong("scene.motion.kind", "must be `still` during a calibration");
         }
     }
     let desired = &raw.servo.desired;

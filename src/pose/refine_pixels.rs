@@ -52,7 +52,7 @@ pub enum Loss {
 
 impl Loss {
     /// rho and its derivative at the squared size.
-    fn at(self, k2: f64) -> (f64, f64) {
+    pub(crate) fn at(self, k2: f64) -> (f64, f64) {
         match self {
             Self::Squares => (k2, 1.0),
             Self::Huber(c) if k2 > c * c => {
@@ -71,7 +71,7 @@ impl Loss {
         }
     }
 
-    fn is_valid(self) -> bool {
+    pub(crate) fn is_valid(self) -> bool {
         match self {
             Self::Squares => true,
             Self::Huber(c) | Self::Cauchy(c) | Self::Tukey(c) => c > 0.0 && c.is_finite(),

@@ -1,9 +1,11 @@
 //! Simulated time: the loop over ticks that every simulation shares, and a whole run in one process.
 
 mod closed_loop;
+mod hand_eye_session;
 mod perfect_camera;
 mod system;
 
 pub use closed_loop::{ClosedLoop, frame_every, run};
+pub use hand_eye_session::look_around;
 pub use perfect_camera::perfect_measurement;
 pub use system::{Moment, SimError, SystemRun, simulate_system};

@@ -83,8 +83,8 @@ pub(super) fn without_arm(raw: &RawConfig, check: &mut Check<'_>) {
     if raw.run.serve {
         check.wrong("run.serve", "has nothing to tell an arm: drive.kind is `none`; use vservo run");
     }
-    if raw.run.task == Task::CalibrateLatency {
-        check.wrong("drive.kind", "is `none`: to calibrate the latency an arm must move");
+    if raw.run.task != Task::Servo {
+        check.wrong("drive.kind", "is `none`: to calibrate, an arm must move");
     }
     if matches!(raw.servo.scheme, SchemeKind::PositionPd | SchemeKind::ImagePd) {
         check.wrong(

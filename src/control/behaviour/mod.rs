@@ -5,13 +5,16 @@
 //! | [`Servoing`] | views of the target | what the servo law says |
 //! | [`Servoing::dry`] | the same without an arm, or before pictures of another one | nothing, and tells what the law says |
 //! | [`Gentle`] | measurements, whatever their stamps say | a gentle motion of the joints, to calibrate by |
+//! | [`Tour`] | where the board is seen at the start | a motion from posture to posture, with rests, to calibrate by |
 //! | standing, braking | nothing | rest: what the controller does where no behaviour moves the arm |
 
 mod gentle;
 mod servoing;
+mod tour;
 
 pub use gentle::Gentle;
 pub use servoing::Servoing;
+pub use tour::Tour;
 
 use super::outcome::Finish;
 use crate::drive::DriveState;

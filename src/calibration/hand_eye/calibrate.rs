@@ -1,0 +1,208 @@
+//! The whole way from corners to a camera pose that says how good it is.
+
+use super::board_pose::{CORNER_LOSS, board_pose, model_sd_px};
+use super::dual_quaternion::dual_quaternion_solution;
+use super::joint::{JointFit, JointSettings, RobotDeviation, refine_jointly};
+use super::leave_one_out::leave_one_out;
+use super::observability::rotation_spread;
+use super::report::{HandEyeReport, ViewResidual};
+use super::scatter::loop_scatter;
+use super::separate::separate_solution;
+use super::settled::{is_settled, view_speed_px_s};
+use super::{EyePlace, HandEyeError, HandEyeView, LEAST_VIEWS, LoopSample, MOST_VIEWS};
+use crate::camera_model::CameraModel;
+use crate::geometry::Pose;
+use crate::pose::Loss;
+
+/// Rounds in which the deviations of robot and corners are put right.
+const ROUNDS: u32 = 12;
+/// Deviations are raised where chi-square lies so many of its own standard deviations above its mean.
+const SURE: f64 = 3.0;
+/// A deviation that changes by less than this share is settled.
+const SETTLED: f64 = 0.01;
+/// The views are an eye's of the other place where they fit that so many times better, and this one worse than so, m.
+const OTHER_PLACE: f64 = 5.0;
+const OTHER_PLACE_M: f64 = 2e-3;
+
+/// What is known beside the views.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HandEyeSettings {
+    /// Where the camera is.
+    pub place: EyePlace,
+    /// Deviations of the robot's poses; raised where the views contradict them.
+    pub robot: RobotDeviation,
+    /// Whether the time between the stamps of robot and camera is sought; without it views in motion are left out.
+    pub time_offset: bool,
+}
+
+impl HandEyeSettings {
+    /// The usual ones.
+    #[must_use]
+    pub fn of(place: EyePlace) -> Self {
+        Self { place, robot: RobotDeviation::default(), time_offset: false }
+    }
+}
+
+/// Where the camera sits, by all views that are fit to tell it.
+///
+/// # Errors
+/// Every variant of [`HandEyeError`].
+pub fn calibrate_hand_eye(
+    views: &[HandEyeView],
+    camera: &CameraModel,
+    settings: &HandEyeSettings,
+) -> Result<HandEyeReport, HandEyeError> {
+    if views.len() > MOST_VIEWS {
+        return Err(HandEyeError::TooManyViews { given: views.len() });
+    }
+    for view in views {
+        view.check()?;
+    }
+    if settings.time_offset && views.iter().all(|view| view.V_BE_E.is_none()) {
+        return Err(HandEyeError::Setting {
+            what: "the velocity of at least one view, where the time offset is sought,",
+        });
+    }
+    let mut residuals = Vec::with_capacity(views.len());
+    let (mut used, mut boards, mut chi_square) = (Vec::new(), Vec::new(), 0.0);
+    for view in views {
+        let (X_CO, squares) = board_pose(view, camera, None, Loss::Squares)?;
+        let speed_px_s = view_speed_px_s(view, camera, &X_CO);
+        let moving = speed_px_s.filter(|speed| !settings.time_offset && !is_settled(*speed));
+        residuals.push(ViewResidual::new(view, speed_px_s, moving));
+        if moving.is_none() {
+            used.push(view.clone());
+            boards.push(X_CO);
+            chi_square += squares;
+        }
+    }
+    if used.len() < LEAST_VIEWS {
+        return Err(HandEyeError::TooFewViews { given: used.len() });
+    }
+    let model_sd_px = model_sd_px(&used, chi_square);
+    let mut samples = Vec::with_capacity(used.len());
+    for (view, near) in used.iter_mut().zip(&boards) {
+        for corner in &mut view.corners {
+            corner.sd_px = corner.sd_px.hypot(model_sd_px);
+        }
+        let (X_CO, _) = board_pose(view, camera, Some(near), CORNER_LOSS)?;
+        samples.push(LoopSample { X_WM: settings.place.X_WM(&view.X_BE), X_CO });
+    }
+    let spread = rotation_spread(&samples).ok_or(HandEyeError::NoStart)?;
+    spread.check(settings.place)?;
+    let separate = separate_solution(&samples).ok_or(HandEyeError::NoStart)?;
+    let dual_quaternion =
+        dual_quaternion_solution(&samples, &separate.rotation).ok_or(HandEyeError::NoStart)?;
+    let start = loop_scatter(&samples, &separate).ok_or(HandEyeError::NoStart)?;
+    other_place(settings.place, &samples, start.position_m)?;
+
+    let mut joint = JointSettings {
+        place: settings.place,
+        robot: settings.robot,
+        loss: CORNER_LOSS,
+        time_offset: settings.time_offset,
+    };
+    let fit = fitted(&used, camera, &mut joint, &separate, &start.X_WO)?;
+    let views: Vec<_> = used.iter().collect();
+    let held_out = leave_one_out(&views, &samples, camera, &joint, &fit);
+    let scatter = loop_scatter(&samples, &fit.X_MC).ok_or(HandEyeError::NoStart)?;
+    let scatter_of = |X: &Pose| loop_scatter(&samples, X).unwrap_or(scatter);
+    let mut report = HandEyeReport {
+        place: settings.place,
+        scatter_separate: scatter_of(&separate),
+        scatter_dual_quaternion: scatter_of(&dual_quaternion),
+        separate,
+        dual_quaternion,
+        scatter,
+        held_out,
+        robot_stated: settings.robot,
+        robot_seen: joint.robot,
+        model_sd_px,
+        spread,
+        views: residuals,
+        rms_px: 0.0,
+        distance: super::report::at_distance(&fit, &views, &samples),
+        fit,
+        verdict: String::new(),
+    };
+    report.tell_residuals(&views, camera, &joint);
+    report.verdict = super::verdict::verdict(&report);
+    Ok(report)
+}
+
+/// The joint fit with deviations of the robot, in `joint`, that the views do not contradict.
+fn fitted(
+    views: &[HandEyeView],
+    camera: &CameraModel,
+    joint: &mut JointSettings,
+    X_MC: &Pose,
+    X_WO: &Pose,
+) -> Result<JointFit, HandEyeError> {
+    let all: Vec<_> = views.iter().collect();
+    let stated = joint.robot;
+    let (mut way, mut turn) = (Excess::default(), Excess::default());
+    let mut start = (*X_MC, *X_WO);
+    for round in 1.. {
+        let fit = refine_jointly(&all, camera, joint, &start.0, &start.1)?;
+        start = (fit.X_MC, fit.X_WO);
+        let RobotDeviation { rotation_rad, translation_m } = joint.robot;
+        let (mut way_squares, mut turn_squares) = (0.0, 0.0);
+        for d in &fit.corrections {
+            way_squares += d.fixed_rows::<3>(0).norm_squared() / translation_m.max(1e-12).powi(2);
+            turn_squares += d.fixed_rows::<3>(3).norm_squared() / rotation_rad.max(1e-12).powi(2);
+        }
+        // the pictures tell each view's pose well: of 6 corrections a view 12 go into X_MC and X_WO
+        let freedom = 3.0 * all.len() as f64 - 6.0;
+        let changed = way.raise(way_squares, freedom).max(turn.raise(turn_squares, freedom));
+        if changed < SETTLED || round == ROUNDS {
+            return Ok(fit);
+        }
+        joint.robot = RobotDeviation {
+            rotation_rad: stated.rotation_rad * turn.factor,
+            translation_m: stated.translation_m * way.factor,
+        };
+    }
+    Err(HandEyeError::NotConverged { iterations: ROUNDS })
+}
+
+/// What a stated deviation is multiplied by.
+struct Excess {
+    factor: f64,
+}
+
+impl Default for Excess {
+    fn default() -> Self {
+        Self { factor: 1.0 }
+    }
+}
+
+impl Excess {
+    /// Follows `chi_square` of `freedom` degrees of freedom, which is relative to the deviation as it is now, where it contradicts the one
+    /// stated; by which share it changes.
+    fn raise(&mut self, chi_square: f64, freedom: f64) -> f64 {
+        let before = self.factor;
+        let (freedom, mean) = (freedom.max(1.0), chi_square / freedom.max(1.0));
+        if self.factor > 1.0 || mean > 1.0 + SURE * (2.0 / freedom).sqrt() {
+            self.factor = (self.factor * mean.sqrt()).max(1.0);
+        }
+        (self.factor / before - 1.0).abs()
+    }
+}
+
+/// Refuses views that are those of an eye of the other place.
+fn other_place(place: EyePlace, samples: &[LoopSample], here_m: f64) -> Result<(), HandEyeError> {
+    let inverted: Vec<_> =
+        samples.iter().map(|s| LoopSample { X_WM: s.X_WM.inverse(), X_CO: s.X_CO }).collect();
+    let there = separate_solution(&inverted).and_then(|X| loop_scatter(&inverted, &X));
+    match there {
+        Some(there) if here_m > OTHER_PLACE_M && here_m > OTHER_PLACE * there.position_m => {
+            Err(HandEyeError::OtherPlace {
+                here: place.words(),
+                there: place.other().words(),
+                here_mm: here_m * 1e3,
+                there_mm: there.position_m * 1e3,
+            })
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,325 @@
+//! All corners of all views at once: least squares in pixels over the camera, the board, small corrections of the robot's poses
+//! and the time between the stamps of robot and camera.
+//!
+//! ```text
+//! sum rho(|px - camera(P_C)|^2 / sd^2)  +  sum (|t_i|^2 / sd_t^2 + |phi_i|^2 / sd_phi^2)
+//! ```
+//! `t_i`, `phi_i`: correction of the flange's pose in view i, expressed in E, with the standard deviations along each axis that the
+//! robot's maker or a measurement states. Gauss-Newton with Levenberg's damping; each view's correction is eliminated from the
+//! normal equations (Schur), so that time grows with the number of views and no more.
+
+use super::rows::{ALL, ArmAt, GLOBAL, State, TIME, ViewRows, correction, moved, moved_inside};
+use super::{EyePlace, HandEyeError, HandEyeView};
+use crate::camera_model::CameraModel;
+use crate::features::NormalEquations;
+use crate::geometry::{Pose, Twist};
+use crate::linalg::Ldlt;
+use crate::pose::Loss;
+use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
+
+const MAX_ITERATIONS: u32 = 100;
+/// Steps below this (m, rad, s) are the last.
+const LAST_STEP: f64 = 1e-11;
+/// A step that promises no more than this part of the loss is the last.
+const LAST_GAIN: f64 = 1e-13;
+
+/// How far the robot's poses may be off, one standard deviation along each axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RobotDeviation {
+    /// Of the flange's rotation, rad.
+    pub rotation_rad: f64,
+    /// Of its position, m.
+    pub translation_m: f64,
+}
+
+impl Default for RobotDeviation {
+    /// What an industrial arm that nobody has calibrated is off within its workspace: 0.05 degrees and 0.3 mm.
+    fn default() -> Self {
+        Self { rotation_rad: 0.05_f64.to_radians(), translation_m: 0.3e-3 }
+    }
+}
+
+/// How the views are fitted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointSettings {
+    /// Where the camera is.
+    pub place: EyePlace,
+    /// Deviations of the robot's poses; zeros: they are exact.
+    pub robot: RobotDeviation,
+    /// What the error of a corner counts.
+    pub loss: Loss,
+    /// Whether the time between the stamps is an unknown; needs views in motion with known twists.
+    pub time_offset: bool,
+}
+
+/// The end of a refinement.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointFit {
+    /// The camera in the frame that bears it.
+    pub X_MC: Pose,
+    /// The board in the frame in which it rests.
+    pub X_WO: Pose,
+    /// What has to be added to the camera's stamps, s, as `camera.stamp_offset_ms` is; 0 where it was not asked for.
+    pub offset_s: f64,
+    /// Covariance of the twist `[v; w]` of C relative to M, expressed in M (m, rad), with the deviations as stated.
+    pub covariance_X_MC: Matrix6<f64>,
+    /// The same of O relative to W, expressed in W.
+    pub covariance_X_WO: Matrix6<f64>,
+    /// Standard deviation of `offset_s`, s; `None` where it was not asked for.
+    pub offset_sd_s: Option<f64>,
+    /// Corrections of the flange's poses, `[t; phi]` in E, m and rad.
+    pub corrections: Vec<Vector6<f64>>,
+    /// The flange's poses with them.
+    pub arm: Vec<Pose>,
+    /// `sum |e|^2 / sd^2` of corners and of corrections, each without loss.
+    pub chi_square: [f64; 2],
+    /// Root mean square over all corners of the distance between corner and image, corrected poses, px.
+    pub rms_px: f64,
+    /// Steps taken.
+    pub iterations: u32,
+}
+
+/// The best fit near the camera `X_MC` and the board `X_WO`.
+///
+/// # Errors
+/// [`HandEyeError::Setting`], [`HandEyeError::NotFinite`], [`HandEyeError::Behind`] at the start, [`HandEyeError::Undetermined`],
+/// [`HandEyeError::NotConverged`].
+pub fn refine_jointly(
+    views: &[&HandEyeView],
+    camera: &CameraModel,
+    settings: &JointSettings,
+    X_MC: &Pose,
+    X_WO: &Pose,
+) -> Result<JointFit, HandEyeError> {
+    check(views, settings)?;
+    let problem = Problem { views, camera, settings };
+    let arm = views.iter().map(|view| view.X_BE).collect();
+    let mut state = State { X_MC: *X_MC, X_WO: *X_WO, offset_s: 0.0, arm };
+    let mut here = problem.sums(&state)?;
+    let mut damping = 0.0;
+    for iterations in 1..=MAX_ITERATIONS {
+        let Some(step) = here.step(damping, settings.time_offset) else {
+            // without a rank where it begins there is none nearby
+            return Err(here.undetermined(settings.time_offset));
+        };
+        let candidate = state.after(&step);
+        // a step that is damped much is short by force: it proves nothing
+        let last = damping < 1e-3 && (step.size < LAST_STEP || step.gain <= LAST_GAIN * here.loss);
+        // one so long that the board comes behind the camera fails
+        match problem.sums(&candidate) {
+            Ok(next) if next.loss <= here.loss => {
+                (state, here) = (candidate, next);
+                damping = if damping > 1e-6 { 0.1 * damping } else { 0.0 };
+            }
+            // at the minimum rounding alone decides whether the loss falls
+            _ if last => {}
+            _ => damping = (8.0 * damping).max(1e-6),
+        }
+        if last {
+            return problem.end(&state, &here, iterations);
+        }
+    }
+    Err(HandEyeError::NotConverged { iterations: MAX_ITERATIONS })
+}
+
+fn check(views: &[&HandEyeView], settings: &JointSettings) -> Result<(), HandEyeError> {
+    let RobotDeviation { rotation_rad, translation_m } = settings.robot;
+    for (what, value) in [
+        ("the robot's rotation deviation", rotation_rad),
+        ("the robot's translation deviation", translation_m),
+    ] {
+        if !(value >= 0.0 && value.is_finite()) {
+            return Err(HandEyeError::Setting { what });
+        }
+    }
+    if !settings.loss.is_valid() {
+        return Err(HandEyeError::Setting { what: "the loss" });
+    }
+    views.iter().try_for_each(|view| view.check())
+}
+
+type Global = SVector<f64, GLOBAL>;
+
+/// What the views and settings are throughout.
+struct Problem<'a> {
+    views: &'a [&'a HandEyeView],
+    camera: &'a CameraModel,
+    settings: &'a JointSettings,
+}
+
+/// One view's part of the normal equations.
+struct ViewSums {
+    /// Between the global unknowns and the view's correction.
+    mixed: SMatrix<f64, GLOBAL, 6>,
+    own: Matrix6<f64>,
+    right: Vector6<f64>,
+}
+
+struct Sums {
+    matrix: SMatrix<f64, GLOBAL, GLOBAL>,
+    right: Global,
+    /// Empty where the robot's poses are exact.
+    views: Vec<ViewSums>,
+    loss: f64,
+    chi_square: [f64; 2],
+    squares_px2: f64,
+    corners: usize,
+}
+
+struct Step {
+    global: Global,
+    views: Vec<Vector6<f64>>,
+    /// Largest entry.
+    size: f64,
+    /// What the loss should fall by.
+    gain: f64,
+}
+
+impl State {
+    fn after(&self, step: &Step) -> Self {
+        let none = Vector6::zeros();
+        let steps = step.views.iter().chain(std::iter::repeat(&none));
+        Self {
+            X_MC: moved(&self.X_MC, &step.global.fixed_rows::<6>(0).into_owned()),
+            X_WO: moved(&self.X_WO, &step.global.fixed_rows::<6>(6).into_owned()),
+            offset_s: self.offset_s + step.global[TIME],
+            arm: self.arm.iter().zip(steps).map(|(X_BE, d)| moved_inside(X_BE, d)).collect(),
+        }
+    }
+}
+
+impl Problem<'_> {
+    fn arm_at(&self, view: &HandEyeView, X_BE: &Pose) -> ArmAt {
+        let V_BE_E = view.V_BE_E.filter(|_| self.settings.time_offset).unwrap_or_else(Twist::zeros);
+        ArmAt { place: self.settings.place, X_BE: *X_BE, V_BE_E }
+    }
+
+    fn sums(&self, state: &State) -> Result<Sums, HandEyeError> {
+        let RobotDeviation { rotation_rad, translation_m } = self.settings.robot;
+        let exact = rotation_rad == 0.0 && translation_m == 0.0;
+        // a deviation of one kind alone holds the other firmly, by a weight that still leaves digits
+        let weight = |sd: f64| 1.0 / sd.max(1e-9).powi(2);
+        let prior = Vector6::from_fn(|i, _| weight(if i < 3 { translation_m } else { rotation_rad }));
+        let mut sums = Sums {
+            matrix: SMatrix::zeros(),
+            right: SVector::zeros(),
+            views: Vec::new(),
+            loss: 0.0,
+            chi_square: [0.0; 2],
+            squares_px2: 0.0,
+            corners: 0,
+        };
+        for (view, X_BE) in self.views.iter().zip(&state.arm) {
+            let rows = ViewRows::new(&state.X_MC, &state.X_WO, self.arm_at(view, X_BE), state.offset_s);
+            let mut equations = NormalEquations::<ALL>::new();
+            for corner in &view.corners {
+                let Some(at) = rows.rows(corner, self.camera) else {
+                    return Err(HandEyeError::Behind { view: view.name.clone() });
+                };
+                let weight = 1.0 / (corner.sd_px * corner.sd_px);
+                let e = corner.px - at.px;
+                let k2 = e.norm_squared() * weight;
+                let (rho, slope) = self.settings.loss.at(k2);
+                equations.add_rows(&at.by, &e, weight * slope);
+                sums.loss += rho;
+                sums.chi_square[0] += k2;
+                sums.squares_px2 += e.norm_squared();
+                sums.corners += 1;
+            }
+            let (matrix, right) = (equations.matrix(), equations.vector());
+            sums.matrix += matrix.fixed_view::<GLOBAL, GLOBAL>(0, 0);
+            sums.right += right.fixed_rows::<GLOBAL>(0);
+            if exact {
+                continue;
+            }
+            let mut part = ViewSums {
+                mixed: matrix.fixed_view::<GLOBAL, 6>(0, GLOBAL).into_owned(),
+                own: matrix.fixed_view::<6, 6>(GLOBAL, GLOBAL).into_owned(),
+                right: right.fixed_rows::<6>(GLOBAL).into_owned(),
+            };
+            let (d, slope) = correction(&view.X_BE, X_BE);
+            let weighted = Matrix6::from_diagonal(&prior);
+            part.own += slope.transpose() * weighted * slope;
+            part.right -= slope.transpose() * weighted * d;
+            let cost = d.component_mul(&prior).dot(&d);
+            sums.loss += cost;
+            sums.chi_square[1] += cost;
+            sums.views.push(part);
+        }
+        if sums.loss.is_finite() { Ok(sums) } else { Err(HandEyeError::NotConverged { iterations: 0 }) }
+    }
+
+    fn end(&self, state: &State, sums: &Sums, iterations: u32) -> Result<JointFit, HandEyeError> {
+        let free = self.settings.time_offset;
+        let inverse = sums.factors(0.0, free).ok_or_else(|| sums.undetermined(free))?.1.inverse();
+        let covariance = SMatrix::<f64, GLOBAL, GLOBAL>::from(inverse);
+        Ok(JointFit {
+            X_MC: state.X_MC,
+            X_WO: state.X_WO,
+            offset_s: state.offset_s,
+            covariance_X_MC: covariance.fixed_view::<6, 6>(0, 0).into_owned(),
+            covariance_X_WO: covariance.fixed_view::<6, 6>(6, 6).into_owned(),
+            offset_sd_s: free.then(|| covariance[(TIME, TIME)].sqrt()),
+            corrections: self.views.iter().zip(&state.arm).map(|(v, X)| correction(&v.X_BE, X).0).collect(),
+            arm: state.arm.clone(),
+            chi_square: sums.chi_square,
+            rms_px: (sums.squares_px2 / sums.corners.max(1) as f64).sqrt(),
+            iterations,
+        })
+    }
+}
+
+/// The factors of each view's own block, and those of what is left for the global unknowns.
+type Factors = (Vec<Ldlt<6>>, Ldlt<GLOBAL>);
+
+impl Sums {
+    /// Damped by `damping` of the diagonal. `None` where something is not determined.
+    fn factors(&self, damping: f64, time_offset: bool) -> Option<Factors> {
+        let mut left = self.matrix;
+        for i in 0..GLOBAL {
+            left[(i, i)] *= 1.0 + damping;
+        }
+        let mut own = Vec::with_capacity(self.views.len());
+        for view in &self.views {
+            let diagonal = std::array::from_fn(|i| damping * view.own[(i, i)]);
+            let factors = Ldlt::new(&view.own.data.0, &diagonal)?;
+            left -= view.mixed * Matrix6::from(factors.inverse()) * view.mixed.transpose();
+            own.push(factors);
+        }
+        if !time_offset {
+            left.fill_row(TIME, 0.0);
+            left.fill_column(TIME, 0.0);
+            left[(TIME, TIME)] = 1.0;
+        }
+        Some((own, Ldlt::of(&left)?))
+    }
+
+    fn step(&self, damping: f64, time_offset: bool) -> Option<Step> {
+        let (own, left) = self.factors(damping, time_offset)?;
+        let mut right = self.right;
+        for (view, factors) in self.views.iter().zip(&own) {
+            right -= view.mixed * Vector6::from(factors.solve(&view.right.into()));
+        }
+        if !time_offset {
+            right[TIME] = 0.0;
+        }
+        let global = Global::from(left.solve(&right.into()));
+        let of_view = |(view, factors): (&ViewSums, &Ldlt<6>)| {
+            Vector6::from(factors.solve(&(view.right - view.mixed.transpose() * global).into()))
+        };
+        let views: Vec<_> = self.views.iter().zip(&own).map(of_view).collect();
+        let size = views.iter().map(|d| d.amax()).fold(global.amax(), f64::max);
+        let of_views: f64 = self.views.iter().zip(&views).map(|(view, d)| view.right.dot(d)).sum();
+        let gain = self.right.dot(&global) + of_views;
+        size.is_finite().then_some(Step { global, views, size, gain })
+    }
+
+    fn undetermined(&self, time_offset: bool) -> HandEyeError {
+        let what = if time_offset && self.factors(0.0, false).is_some() {
+            "the time offset"
+        } else {
+            "the camera's pose"
+        };
+        HandEyeError::Undetermined { what }
+    }
+}

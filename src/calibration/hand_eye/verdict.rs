@@ -1,0 +1,109 @@
+//! What a hand-eye calibration is worth, in words: what it is good to, what contradicts it, and what would mend it.
+
+use super::report::HandEyeReport;
+use std::fmt::Write;
+
+/// Turns across the least axis below this make the camera's position along it unsure, degrees.
+const WEAK_DEG: f64 = 12.0;
+/// A view is told where leaving it out shows it so many times worse than the middle one.
+const STANDS_OUT: f64 = 3.0;
+/// Lens and board as their files say leave corners within this, px.
+const LENS_PX: f64 = 0.15;
+/// Fewer views than this are few.
+const FEW: usize = 8;
+
+/// One sentence a line; the first is the sum of all.
+pub(super) fn verdict(report: &HandEyeReport) -> String {
+    let mut text = String::new();
+    let at = &report.distance;
+    let used = report.views.iter().filter(|view| view.used).count();
+    let _ = writeln!(
+        text,
+        "{used} of {} views: the camera sits to {:.2} mm and {:.3} deg (one standard deviation); an object {:.2} m away is thus known to \
+         {:.2} mm.",
+        report.views.len(),
+        at.camera_m * 1e3,
+        at.rotation_rad.to_degrees(),
+        at.distance_m,
+        at.position_m * 1e3,
+    );
+    if let Some(held) = &report.held_out {
+        let _ = writeln!(
+            text,
+            "A view that the calibration has not seen is predicted to {:.2} mm and {:.3} deg, {:.1} px in the picture.",
+            held.position_m * 1e3,
+            held.rotation_rad.to_degrees(),
+            held.rms_px
+        );
+    } else {
+        let _ = writeln!(text, "Nothing tells how well new views are predicted: take more views, 10 to 20.");
+    }
+    if report.held_out.is_some() && used < FEW {
+        let _ = writeln!(text, "Few views: its own uncertainty is uncertain; take 10 to 20.");
+    }
+    let (seen, stated) = (&report.robot_seen, &report.robot_stated);
+    if seen.translation_m > stated.translation_m || seen.rotation_rad > stated.rotation_rad {
+        let _ = writeln!(
+            text,
+            "Pictures and robot contradict each other: the robot's poses would have to be off by {:.2} mm and {:.3} deg along an axis, \
+             where {:.2} mm and {:.3} deg are stated. Check that each pose belongs to its picture and is that of the flange, the camera's \
+             calibration, the size of the squares, and that the board and the camera were firmly fixed.",
+            seen.translation_m * 1e3,
+            seen.rotation_rad.to_degrees(),
+            stated.translation_m * 1e3,
+            stated.rotation_rad.to_degrees()
+        );
+    }
+    if report.model_sd_px > LENS_PX {
+        let _ = writeln!(
+            text,
+            "Corners lie {:.2} px from where lens and board have them: the lens is not as its file says, or the board is not flat.",
+            report.model_sd_px
+        );
+    }
+    let across_deg = report.spread.across_rad.to_degrees();
+    if across_deg < WEAK_DEG {
+        let a = report.spread.axis;
+        let _ = writeln!(
+            text,
+            "The views turn by only {across_deg:.1} deg about axes other than ({:.2}, {:.2}, {:.2}) of the {}: along it the camera's \
+             position is unsure; tilt the flange more.",
+            a.x,
+            a.y,
+            a.z,
+            report.place.bearer()
+        );
+    }
+    for view in report.views.iter().filter(|view| !view.used) {
+        let _ =
+            writeln!(text, "{} was left out: {}.", view.name, view.reason.as_deref().unwrap_or("no reason"));
+    }
+    outlier(report, &mut text);
+    if let Some(sd_s) = report.fit.offset_sd_s {
+        let _ = writeln!(
+            text,
+            "{:.2} ms have to be added to the camera's stamps ({:.2} ms, one standard deviation): camera.stamp_offset_ms.",
+            report.fit.offset_s * 1e3,
+            sd_s * 1e3
+        );
+    }
+    text.truncate(text.trim_end().len());
+    text
+}
+
+/// The view that stands out most when it is left out.
+fn outlier(report: &HandEyeReport, text: &mut String) {
+    let Some(held) = &report.held_out else { return };
+    let mut sizes: Vec<f64> = held.views.iter().flatten().map(|view| view.rms_px).collect();
+    sizes.sort_by(f64::total_cmp);
+    let Some(middle) = sizes.get(sizes.len() / 2).copied() else { return };
+    let used = report.views.iter().filter(|view| view.used);
+    let worst = used.zip(&held.views).filter_map(|(view, held)| Some((&view.name, held.as_ref()?.rms_px)));
+    let worst = worst.max_by(|a, b| a.1.total_cmp(&b.1));
+    if let Some((name, rms_px)) = worst.filter(|(_, rms_px)| *rms_px > STANDS_OUT * middle && *rms_px > 1.0) {
+        let _ = writeln!(
+            text,
+            "{name} stands out: the others predict its corners to {rms_px:.1} px, {middle:.1} px is usual; look at it, or leave it out."
+        );
+    }
+}

@@ -1,0 +1,206 @@
+//! `vservo calibrate hand-eye`: pictures of a board and the robot's poses -> where the camera sits. With `--drive` the (simulated) arm
+//! takes the pictures itself.
+
+mod answer;
+mod drive;
+mod poses;
+
+use super::super::detect::{calibration, picture, refused};
+use super::super::{check_writable, json, shown, write_result};
+use crate::calibration::hand_eye::{
+    BoardCorner, EyePlace, HandEyeSettings, HandEyeView, MOST_VIEWS, RobotDeviation, calibrate_hand_eye,
+};
+use crate::camera_model::CameraModel;
+use crate::control::outcome::Outcome;
+use crate::imaging::ImageView;
+use crate::input::printable;
+use crate::process::ProcessError;
+use crate::rt::tell;
+use crate::target::{Kind, Target};
+use crate::vision::{Vision, VisionSettings};
+use answer::{Answer, Unused};
+use clap::Args;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Lens and board may be so far from their description: what they are worth is found out here, so that no corner is left out for it, px.
+const MODEL_SD_PX: f64 = 2.0;
+/// No corner counts as better than this, px.
+const LEAST_SD_PX: f64 = 0.01;
+
+/// Arguments of `vservo calibrate hand-eye`.
+#[derive(Debug, Args)]
+pub struct HandEyeArguments {
+    /// PNG, PNM or JPEG files, each taken with the arm at rest in a pose of its own
+    #[arg(required_unless_present = "drive", conflicts_with = "drive", value_name = "IMAGE")]
+    pub images: Vec<PathBuf>,
+    /// The robot's poses: one CSV table (image,x_m,y_m,z_m,qx,qy,qz,qw), or a file of ViSP (YAML) for each image, in their order
+    #[arg(long, required_unless_present = "drive", conflicts_with = "drive", num_args = 1.., value_name = "FILE")]
+    pub poses: Vec<PathBuf>,
+    /// Calibration file of ROS (YAML)
+    #[arg(long, required_unless_present = "drive", conflicts_with = "drive", value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// What is seen: chessboard:COLSxROWS:SQUARE_M (inner corners), or any other kind that `vservo detect` takes
+    #[arg(long, required_unless_present = "drive", conflicts_with = "drive", value_name = "KIND")]
+    pub target: Option<String>,
+    /// Let the simulated arm of this run file (TOML; the embedded default where it is left out) visit views of its target by itself
+    #[arg(long, value_name = "CONFIG", num_args = 0..=1)]
+    pub drive: Option<Option<PathBuf>>,
+    /// --drive: change one value of the run file; may be repeated
+    #[arg(long, value_name = "key.path=value", requires = "drive")]
+    pub set: Vec<String>,
+    /// The camera is fixed beside the arm, and the board on the flange
+    #[arg(long, conflicts_with = "drive")]
+    pub eye_to_hand: bool,
+    /// Standard deviation of the robot's positions along each axis, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.3)]
+    pub robot_sd_mm: f64,
+    /// Standard deviation of the robot's rotations about each axis, degrees
+    #[arg(long, value_name = "DEG", default_value_t = 0.05)]
+    pub robot_sd_deg: f64,
+    /// Find the time between the stamps of robot and camera too: the table states velocities
+    #[arg(long)]
+    pub time_offset: bool,
+    /// Write the lines for the run file to this file
+    #[arg(long, value_name = "FILE.toml")]
+    pub out: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Why nothing comes of it: the exit code and what is told.
+struct Refusal(u8, String);
+
+impl HandEyeArguments {
+    fn settings(&self) -> HandEyeSettings {
+        let place = if self.eye_to_hand { EyePlace::BesideArm } else { EyePlace::InHand };
+        let robot = RobotDeviation {
+            rotation_rad: self.robot_sd_deg.to_radians(),
+            translation_m: self.robot_sd_mm * 1e-3,
+        };
+        HandEyeSettings { place, robot, time_offset: self.time_offset }
+    }
+
+    fn check(&self) -> Result<(), Refusal> {
+        if self.images.len() > MOST_VIEWS {
+            let count = self.images.len();
+            return Err(Refusal(2, format!("{count} images are given, at most {MOST_VIEWS} are taken")));
+        }
+        for (name, value) in [("--robot-sd-mm", self.robot_sd_mm), ("--robot-sd-deg", self.robot_sd_deg)] {
+            if !(1e-6..=100.0).contains(&value) {
+                return Err(Refusal(2, format!("{name} {value}: must be from 0.000001 to 100")));
+            }
+        }
+        Ok(())
+    }
+}
+
+pub(in super::super) fn hand_eye(arguments: &HandEyeArguments) -> Result<u8, ProcessError> {
+    if let Some(path) = &arguments.out {
+        check_writable(path)?;
+    }
+    let answer = match &arguments.drive {
+        Some(config) => {
+            arguments.check().map_or_else(|r| Ok(Err(r)), |()| drive::driven(arguments, config.as_deref()))?
+        }
+        None => answer(arguments),
+    };
+    let answer = match answer {
+        Ok(answer) => answer,
+        Err(Refusal(exit_code, message)) => return Ok(refused(&message, exit_code)),
+    };
+    let text = if arguments.json { json(&answer) } else { answer.text() };
+    let exit_code = shown(&text, 0);
+    Ok(match &arguments.out {
+        Some(path) => write_result(path, answer.to_toml(), exit_code),
+        None => exit_code,
+    })
+}
+
+fn answer(arguments: &HandEyeArguments) -> Result<Answer, Refusal> {
+    arguments.check()?;
+    let (Some(word), Some(file)) = (&arguments.target, &arguments.camera) else {
+        return Err(Refusal(2, "--target and --camera are needed".into()));
+    };
+    let kind: Kind = word.parse().map_err(|e| Refusal(2, format!("--target: {e}")))?;
+    let target = one_look(kind)?;
+    let camera = calibration(file).map_err(|e| Refusal(3, format!("--camera: {e}")))?;
+    let poses = poses::of_images(&arguments.images, &arguments.poses).map_err(|e| Refusal(3, e))?;
+    let mut eye = Eye::new(camera, target);
+    let (mut views, mut unused) = (Vec::new(), Vec::new());
+    for (at, (path, arm)) in arguments.images.iter().zip(poses).enumerate() {
+        let name = printable(&path.display().to_string());
+        match eye.corners(path)? {
+            Ok(corners) => views.push(HandEyeView { name, X_BE: arm.X_BE, V_BE_E: arm.V_BE_E, corners }),
+            Err(reason) => {
+                tell(format_args!("vservo: {name}: left out: {reason}"));
+                unused.push(Unused { at, name, reason });
+            }
+        }
+    }
+    let report = calibrate_hand_eye(&views, &camera, &arguments.settings())
+        .map_err(|e| Refusal(Outcome::NotConverged.exit_code(), e.to_string()))?;
+    Ok(Answer::new(report, &views, unused))
+}
+
+/// The target, if its points can be told apart in a single picture.
+fn one_look(kind: Kind) -> Result<Target, Refusal> {
+    let refuse = |what: &str| Err(Refusal(2, format!("--target: {what}")));
+    if kind.any_tag {
+        return refuse("name one tag by its id");
+    }
+    if kind.target.symmetry().turns > 1 {
+        return refuse(
+            "looks the same when it is turned, so that its points cannot be told apart from picture to picture: take a board with \
+             an even number of inner corners one way and an odd number the other, such as 9x6",
+        );
+    }
+    if kind.target.points().len() < 4 {
+        return refuse("has fewer than four points");
+    }
+    Ok(kind.target)
+}
+
+/// Finds the board in pictures of one camera.
+struct Eye {
+    camera: CameraModel,
+    vision: Vision,
+    places: BTreeMap<u32, nalgebra::Point3<f64>>,
+}
+
+impl Eye {
+    fn new(camera: CameraModel, target: Target) -> Self {
+        let places = target.points().iter().map(|point| (point.id, point.p_O)).collect();
+        let settings = VisionSettings { model_sd_px: MODEL_SD_PX, track: false, ..VisionSettings::default() };
+        Self { camera, vision: Vision::new(camera, target, settings), places }
+    }
+
+    /// What is seen of the board in an image file; the reason where nothing is.
+    fn corners(&mut self, path: &Path) -> Result<Result<Vec<BoardCorner>, String>, Refusal> {
+        let named = |what: String| Refusal(3, format!("{}: {what}", path.display()));
+        let image = picture::load(path).map_err(named)?;
+        let (width, height) = image.dimensions();
+        let i = self.camera.intrinsics();
+        if (i.width_px, i.height_px) != (width, height) {
+            let (w, h) = (i.width_px, i.height_px);
+            return Err(named(format!("is {width}x{height} px, the camera of --camera {w}x{h}")));
+        }
+        let view = ImageView::new(image.as_raw(), width as usize, height as usize)
+            .map_err(|e| named(e.to_string()))?;
+        let still = match self.vision.still(&view) {
+            Ok(still) => still,
+            Err(status) => return Ok(Err(status.as_str().into())),
+        };
+        let corners: Vec<_> = still
+            .found
+            .iter()
+            .zip(still.px)
+            .filter_map(|(found, px)| {
+                let sd_px = found.sigma_px.max(LEAST_SD_PX);
+                Some(BoardCorner { p_O: *self.places.get(&found.id)?, px: *px, sd_px })
+            })
+            .collect();
+        Ok(if corners.len() < 4 { Err("fewer than four points are seen".into()) } else { Ok(corners) })
+    }
+}
