@@ -1,0 +1,217 @@
+//! What is known, what is asked for, and what is believed of it.
+
+use super::equations::{Border, Room};
+use super::optics::{Freedom, Optics, PointImage};
+use crate::geometry::{Pose, skew};
+use nalgebra::{Matrix2, Matrix3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+
+/// A corner of the board, seen.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct BundlePoint {
+    /// Place on the flat board, from its middle, m.
+    pub(crate) r: Vector3<f64>,
+    /// What a unit of each coefficient of the warp lifts it by.
+    pub(crate) lift: Vector2<f64>,
+    /// Where it is seen, px.
+    pub(crate) px: Vector2<f64>,
+    /// `W` with `W^T W = C^-1`, 1/px.
+    pub(crate) whitening: Matrix2<f64>,
+}
+
+/// The board in one picture of one camera.
+#[derive(Debug, Clone)]
+pub(crate) struct Sighting {
+    /// Which camera.
+    pub(crate) camera: usize,
+    /// Corners.
+    pub(crate) points: Vec<BundlePoint>,
+}
+
+/// What is known, and which parameters are free.
+#[derive(Debug, Clone)]
+pub(crate) struct BundleProblem {
+    /// Of each camera.
+    pub(crate) freedom: Vec<Freedom>,
+    /// The board's two coefficients of warp are estimated.
+    pub(crate) warp: bool,
+    /// Sightings at each instant.
+    pub(crate) views: Vec<Vec<Sighting>>,
+}
+
+/// An estimate of everything.
+#[derive(Debug, Clone)]
+pub(crate) struct BundleState {
+    /// Of each camera.
+    pub(crate) optics: Vec<Optics>,
+    /// Pose of camera 0 in each further camera.
+    pub(crate) X_j0: Vec<Pose>,
+    /// Height of the board's middle over its edges, from the shape along x and along y, m.
+    pub(crate) warp_m: Vector2<f64>,
+    /// Pose of the board's middle in camera 0, of each view.
+    pub(crate) poses: Vec<Pose>,
+}
+
+/// A rigid body turned about its origin and shifted: `p -> exp(w) R r + t + v`, twist `[v; w]`.
+pub(crate) fn moved(X: &Pose, twist: &[f64]) -> Pose {
+    let of = |i: usize| twist.get(i).copied().unwrap_or(0.0);
+    let (v, w) = (Vector3::new(of(0), of(1), of(2)), Vector3::new(of(3), of(4), of(5)));
+    let rotation = UnitQuaternion::from_scaled_axis(w) * X.rotation;
+    Pose::from_parts(Translation3::from(X.translation.vector + v), UnitQuaternion::new_normalize(*rotation))
+}
+
+/// The rotation of the board's pose: of the camera, where the point is in it, and how it moves with the board and with X_j0.
+struct Place {
+    p_j: Vector3<f64>,
+    /// R_j0, the identity for camera 0.
+    R_j0: Matrix3<f64>,
+    /// R_jO r: from the board's middle to the point.
+    arm: Vector3<f64>,
+    /// R_j0 p_0: from the origin of camera 0 to the point.
+    from_0: Vector3<f64>,
+    /// Third column of R_jO.
+    normal: Vector3<f64>,
+}
+
+impl BundleProblem {
+    /// Number of shared unknowns.
+    pub(crate) fn shared(&self) -> usize {
+        let optics: usize = self.freedom.iter().map(Freedom::count).sum();
+        optics + 6 * self.freedom.len().saturating_sub(1) + self.warp_count()
+    }
+
+    fn warp_count(&self) -> usize {
+        if self.warp { 2 } else { 0 }
+    }
+
+    /// Where the parameters of a camera begin among the shared ones.
+    pub(crate) fn optics_from(&self, camera: usize) -> usize {
+        self.freedom.iter().take(camera).map(Freedom::count).sum()
+    }
+
+    /// Where the twist of X_j0 begins, j >= 1.
+    pub(crate) fn pose_from(&self, camera: usize) -> usize {
+        self.optics_from(self.freedom.len()) + 6 * camera.saturating_sub(1)
+    }
+
+    /// Where the warp begins.
+    pub(crate) fn warp_from(&self) -> usize {
+        self.pose_from(self.freedom.len())
+    }
+
+    /// Corners of all views.
+    pub(crate) fn points(&self) -> usize {
+        self.views.iter().flatten().map(|s| s.points.len()).sum()
+    }
+
+    /// Equations less unknowns.
+    pub(crate) fn degrees_of_freedom(&self) -> usize {
+        (2 * self.points()).saturating_sub(self.shared() + 6 * self.views.len())
+    }
+
+    /// Which shared unknowns a corner seen by this camera depends on.
+    pub(super) fn border(&self, camera: usize) -> Border {
+        let optics = self.optics_from(camera);
+        let own = self.freedom.get(camera).map_or(0, Freedom::count);
+        let mut columns: Vec<usize> = (optics..optics + own).collect();
+        if camera > 0 {
+            let from = self.pose_from(camera);
+            columns.extend(from..from + 6);
+        }
+        if self.warp {
+            let from = self.warp_from();
+            columns.extend(from..from + 2);
+        }
+        Border { columns }
+    }
+
+    /// The state after a step of the shared unknowns and of each pose.
+    pub(crate) fn moved(&self, state: &BundleState, shared: &[f64], poses: &[[f64; 6]]) -> BundleState {
+        let part = |from: usize| shared.get(from..).unwrap_or_default();
+        let optics = (state.optics.iter().zip(&self.freedom).enumerate())
+            .map(|(j, (optics, freedom))| freedom.moved(optics, part(self.optics_from(j))))
+            .collect();
+        let X_j0 = (1..).zip(&state.X_j0).map(|(j, X)| moved(X, part(self.pose_from(j)))).collect();
+        let mut warp_m = state.warp_m;
+        if let (true, [a, b, ..]) = (self.warp, part(self.warp_from())) {
+            warp_m += Vector2::new(*a, *b);
+        }
+        let poses = state.poses.iter().zip(poses).map(|(X, twist)| moved(X, twist)).collect();
+        BundleState { optics, X_j0, warp_m, poses }
+    }
+}
+
+impl BundleState {
+    fn place(&self, camera: usize, R_0O: &Matrix3<f64>, t: &Vector3<f64>, point: &BundlePoint) -> Option<Place> {
+        let r = point.r + Vector3::z() * self.warp_m.dot(&point.lift);
+        let arm = R_0O * r;
+        let p_0 = arm + t;
+        if camera == 0 {
+            let normal = R_0O.column(2).into();
+            return Some(Place { p_j: p_0, R_j0: Matrix3::identity(), arm, from_0: p_0, normal });
+        }
+        let X = self.X_j0.get(camera - 1)?;
+        let R = X.rotation.to_rotation_matrix().into_inner();
+        let from_0 = R * p_0;
+        Some(Place {
+            p_j: from_0 + X.translation.vector,
+            R_j0: R,
+            arm: R * arm,
+            from_0,
+            normal: R * R_0O.column(2),
+        })
+    }
+
+    /// Where a camera sees a corner of view `view`.
+    pub(crate) fn image(&self, camera: usize, view: usize, point: &BundlePoint) -> Option<PointImage> {
+        let X = self.poses.get(view)?;
+        let R = X.rotation.to_rotation_matrix().into_inner();
+        let place = self.place(camera, &R, &X.translation.vector, point)?;
+        PointImage::new(self.optics.get(camera)?, &place.p_j)
+    }
+
+    /// Where the corner is in camera 0, m.
+    pub(crate) fn point_in_camera(&self, view: usize, point: &BundlePoint) -> Option<Point3<f64>> {
+        let r = point.r + Vector3::z() * self.warp_m.dot(&point.lift);
+        self.poses.get(view).map(|X| X * Point3::from(r))
+    }
+
+    /// Writes the two whitened rows of a corner: derivatives by the border's unknowns, by the pose's twist, and the error.
+    /// Returns the squared size of the error; `None` behind the camera.
+    #[inline]
+    pub(super) fn rows<const M: usize>(
+        &self,
+        problem: &BundleProblem,
+        camera: usize,
+        pose: (&Matrix3<f64>, &Vector3<f64>),
+        point: &BundlePoint,
+        rows: &mut [[f64; M]; 2],
+    ) -> Option<f64> {
+        let optics = self.optics.get(camera)?;
+        let freedom = problem.freedom.get(camera)?;
+        let place = self.place(camera, pose.0, pose.1, point)?;
+        let image = PointImage::new(optics, &place.p_j)?;
+        let W = &point.whitening;
+        let mut room = Room::new(rows, W);
+        for column in freedom.reduced(optics, &image.by_optics) {
+            room.push(&column);
+        }
+        let J = &image.by_point;
+        if camera > 0 {
+            // X_j0 moves by [v; w]: dp = v + w x (R_j0 p_0)
+            room.push_three(J);
+            room.push_three(&(J * -skew(&place.from_0)));
+        }
+        if problem.warp {
+            let along = J * place.normal;
+            room.push(&(along * point.lift.x));
+            room.push(&(along * point.lift.y));
+        }
+        // the board moves by [v; w] in camera 0: dp = R_j0 (v + w x (R_0O r))
+        let J_0 = J * place.R_j0;
+        room.push_three(&J_0);
+        room.push_three(&(J * -skew(&place.arm) * place.R_j0));
+        let error = point.px - image.px;
+        room.push(&error);
+        Some((W * error).norm_squared())
+    }
+}
