@@ -10,6 +10,8 @@ const FIRST_DAMPING: f64 = 1e-3;
 const LARGEST_DAMPING: f64 = 1e12;
 /// The promised fall, relative to the loss by degree of freedom, that ends it: steps of a thousandth of a standard deviation.
 const LAST_PROMISE: f64 = 1e-9;
+/// A loss by degree of freedom that is none: what is left of exact data.
+const NOTHING: f64 = 1e-10;
 /// As good as the end, where the last steps crawl.
 const GOOD_ENOUGH: f64 = 1e-4;
 
@@ -46,7 +48,7 @@ pub(crate) fn adjust(problem: &BundleProblem, start: BundleState, loss: Loss) ->
     let mut damping = FIRST_DAMPING;
     let mut crawling = false;
     for iterations in 1..=MAX_ITERATIONS {
-        let size = sums.loss / dof as f64 + f64::MIN_POSITIVE;
+        let size = (sums.loss / dof as f64).max(NOTHING);
         let Some(step) = sums.step(damping) else {
             damping *= 10.0;
             if damping > LARGEST_DAMPING {

@@ -24,3 +24,6 @@ pub(crate) use optics::PointImage;
 pub use optics::{Freedom, Optics};
 pub(crate) use problem::{BundlePoint, BundleProblem, BundleState, Sighting};
 pub(crate) use select::{Misfit, Selected, adjust_selected, median};
+
+#[cfg(test)]
+mod tests;

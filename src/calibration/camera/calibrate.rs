@@ -10,11 +10,16 @@ use crate::geometry::Pose;
 use crate::pose::{Loss, PixelCorrespondence, refine_pixels};
 use nalgebra::{DMatrix, Matrix2, Point3, Translation3, Vector2};
 
+/// A coefficient within so many standard deviations of zero is not told from it.
+const TOLD_SD: f64 = 3.0;
+
 /// A corner and how well it fits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointFit {
     /// Its id.
     pub id: u32,
+    /// Its place in the camera, m.
+    pub p_C: Point3<f64>,
     /// Where it is seen, px.
     pub px: Vector2<f64>,
     /// Seen minus predicted, px.
@@ -34,6 +39,20 @@ pub struct ViewFit {
     pub rms_px: Option<f64>,
     /// Its corners; empty without a pose.
     pub points: Vec<PointFit>,
+}
+
+/// A coefficient that was fixed at zero though it was free: a high polynomial bends as it likes where no corner holds it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DroppedCoefficient {
+    /// Its name.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Its standard deviation, of which the value is too few to be told from zero; none where it had to go, for with it the lens
+    /// shows two directions in one pixel.
+    pub sd: Option<f64>,
+    /// What the root mean square error is with it, px.
+    pub rms_px: f64,
 }
 
 /// A camera, how certain it is, and how the pictures fit.
@@ -56,8 +75,8 @@ pub struct CameraCalibration {
     pub noise_px: f64,
     /// Factor on the given covariances (with the floor) that the errors tell.
     pub variance_factor: f64,
-    /// A coefficient had to be fixed at zero, for with it the lens folded inside the image.
-    pub dropped: Option<&'static str>,
+    /// Coefficients that were fixed at zero though they were free.
+    pub dropped: Vec<DroppedCoefficient>,
     /// The floor of the noise that was used, px.
     pub model_sd_px: f64,
     /// Steps of the last refinement.
@@ -69,6 +88,12 @@ impl CameraCalibration {
     pub fn deviations(&self) -> impl Iterator<Item = (&'static str, f64)> {
         let names = self.freedom.names(self.camera.lens().model());
         names.into_iter().enumerate().map(|(i, name)| (name, self.covariance[(i, i)].max(0.0).sqrt()))
+    }
+
+    /// Corners that took part.
+    pub fn points_used(&self) -> impl Iterator<Item = &PointFit> + Clone {
+        let views = self.views.iter().filter(|view| view.unused.is_none());
+        views.flat_map(|view| &view.points).filter(|point| point.used)
     }
 
     /// How many pictures took part.
@@ -111,30 +136,55 @@ pub fn calibrate_camera(
         }
     }
     let mut freedom = settings.freedom;
-    let mut dropped = None;
+    let mut dropped = Vec::new();
     loop {
         let end = fit(views, &posed, &start, &freedom, settings, &extent)?;
         let optics = end.end.state.optics.first().ok_or(CameraCalibrationError::NoStart)?;
-        match CameraModel::new(optics.intrinsics, optics.lens) {
-            Ok(camera) => {
-                let mut unused = unused;
-                for (i, misfit) in posed.iter().zip(&end.misfits) {
-                    if let (Some(why), Some(misfit)) = (unused.get_mut(*i), misfit) {
-                        *why = Some((*misfit).into());
-                    }
-                }
-                return result(views, &posed, unused, &end, camera, freedom, settings, &extent, dropped);
-            }
-            // a high polynomial bends where no corner holds it: with less freedom it may be a lens
-            Err(CameraModelError::Folded { .. })
-                if settings.model == LensModel::PlumbBob && freedom.coefficients.get(4) == Some(&true) =>
-            {
-                freedom = freedom.without(settings.model, "k3");
-                dropped = Some("k3");
-            }
-            Err(error) => return Err(CameraCalibrationError::Camera(error)),
+        let camera = CameraModel::new(optics.intrinsics, optics.lens);
+        let folds = matches!(camera, Err(CameraModelError::Folded { .. }));
+        if let Some(without) = high_coefficient(&end, &freedom, settings, folds) {
+            freedom = freedom.without(settings.model, without.name);
+            dropped.push(without);
+            continue;
         }
+        let camera = camera.map_err(CameraCalibrationError::Camera)?;
+        for (i, misfit) in posed.iter().zip(&end.misfits) {
+            if let (Some(why), Some(misfit)) = (unused.get_mut(*i), misfit) {
+                *why = Some((*misfit).into());
+            }
+        }
+        return result(views, &posed, unused, &end, camera, freedom, settings, &extent, dropped);
     }
+}
+
+/// Which coefficients of the highest orders may go, in this order.
+fn droppable(model: LensModel) -> &'static [&'static str] {
+    match model {
+        LensModel::PlumbBob => &["k3"],
+        LensModel::RationalPolynomial => &["k6", "k3", "k5"],
+        LensModel::Equidistant => &["k4", "k3"],
+    }
+}
+
+/// The free coefficient of the highest order where it does harm: the lens folds with it, or the corners do not tell it from zero.
+fn high_coefficient(
+    end: &Selected,
+    freedom: &Freedom,
+    settings: &CalibrationSettings,
+    folds: bool,
+) -> Option<DroppedCoefficient> {
+    let names = freedom.names(settings.model);
+    let of = |name: &&'static str| Some((*name, names.iter().position(|own| own == name)?));
+    let (name, place) = droppable(settings.model).iter().find_map(of)?;
+    let coefficients = end.end.state.optics.first()?.lens.coefficients();
+    let (_, value) = coefficients.into_iter().find(|(own, _)| *own == name)?;
+    let rms_px = rms_px(end);
+    if folds {
+        return Some(DroppedCoefficient { name, value, sd: None, rms_px });
+    }
+    let sd = (end.end.sums.covariance()?.get((place, place))? * end.variance_factor()).sqrt();
+    (settings.drop_untold && value.abs() < TOLD_SD * sd)
+        .then_some(DroppedCoefficient { name, value, sd: Some(sd), rms_px })
 }
 
 fn plane(view: &BoardView, extent: &BoardExtent) -> PlaneView {
@@ -212,7 +262,7 @@ fn result(
     freedom: Freedom,
     settings: &CalibrationSettings,
     extent: &BoardExtent,
-    dropped: Option<&'static str>,
+    dropped: Vec<DroppedCoefficient>,
 ) -> Result<CameraCalibration, CameraCalibrationError> {
     let variance_factor = end.variance_factor();
     let covariance = end.end.sums.covariance().ok_or(CameraCalibrationError::Degenerate)? * variance_factor;
@@ -222,15 +272,12 @@ fn result(
         (end.end.state.warp_m, Vector2::new(sd(0), sd(1)))
     });
     let fitted = fits(0, &camera, views, posed, unused, end, extent);
-    let used = || fitted.iter().filter(|v| v.unused.is_none()).flat_map(|v| &v.points).filter(|p| p.used);
-    let count = used().count().max(1) as f64;
-    let rms_px = (used().map(|p| p.error_px.norm_squared()).sum::<f64>() / count).sqrt();
     Ok(CameraCalibration {
         camera,
         freedom,
         covariance: covariance.view((0, 0), (n, n)).into_owned(),
         warp_m,
-        rms_px,
+        rms_px: rms_px(end),
         noise_px: (variance_factor * mean_variance(end)).sqrt(),
         variance_factor,
         dropped,
@@ -238,6 +285,18 @@ fn result(
         iterations: end.end.iterations,
         views: fitted,
     })
+}
+
+/// Root mean square of the distances of corners from where they are predicted, px.
+pub(crate) fn rms_px(end: &Selected) -> f64 {
+    let mut sum = 0.0;
+    for (i, view) in end.problem.views.iter().enumerate() {
+        for (sighting, point) in view.iter().flat_map(|s| s.points.iter().map(move |p| (s, p))) {
+            let image = end.end.state.image(sighting.camera, i, point);
+            sum += image.map_or(0.0, |image| (point.px - image.px).norm_squared());
+        }
+    }
+    (sum / end.problem.points().max(1) as f64).sqrt()
 }
 
 /// Mean variance of a coordinate as it was given, with the floor, px^2.
@@ -281,9 +340,10 @@ pub(crate) fn fits(
         let point = |(k, p): (usize, &super::BoardPoint)| {
             let (r, lift) = extent.centred(&p.p_O);
             let lifted = p.p_O.coords.xy().push(r.z + state.warp_m.dot(&lift));
-            let predicted = camera.project(&(X * Point3::from(lifted)))?;
+            let p_C = X * Point3::from(lifted);
+            let predicted = camera.project(&p_C)?;
             let kept = kept.and_then(|kept| kept.get(k)).copied().unwrap_or(false);
-            Some(PointFit { id: p.id, px: p.px, error_px: p.px - predicted, used: kept && unused.is_none() })
+            Some(PointFit { id: p.id, p_C, px: p.px, error_px: p.px - predicted, used: kept && unused.is_none() })
         };
         let points: Vec<PointFit> = view.iter().enumerate().filter_map(point).collect();
         let counted = || points.iter().filter(|p| p.used || unused.is_some());

@@ -12,16 +12,29 @@
 
 mod board_view;
 mod calibrate;
+mod coverage;
 mod error;
+mod halves;
+mod next_view;
 mod settings;
 mod start;
+mod uncertainty;
+mod verdict;
 
 pub use board_view::{BoardPoint, BoardView};
 pub(crate) use board_view::{BoardExtent, usable};
-pub use calibrate::{CameraCalibration, PointFit, ViewFit, calibrate_camera};
+pub use calibrate::{CameraCalibration, DroppedCoefficient, PointFit, ViewFit, calibrate_camera};
+pub use coverage::ImageCoverage;
 pub use error::{CameraCalibrationError, Unused};
+pub use halves::{CrossValidation, cross_validation};
+pub use next_view::{NextView, next_view};
 pub use settings::CalibrationSettings;
+pub use uncertainty::ProjectionUncertainty;
+pub use verdict::CalibrationVerdict;
 pub(crate) use calibrate::{board_pose, fits};
 
 /// Fewest corners of a picture: its pose takes six of their equations.
 pub const LEAST_POINTS: usize = 6;
+
+#[cfg(test)]
+mod tests;

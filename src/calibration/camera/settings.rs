@@ -11,6 +11,9 @@ pub struct CalibrationSettings {
     pub model: LensModel,
     /// Which of its parameters are estimated.
     pub freedom: Freedom,
+    /// Coefficients of the highest orders are fixed at zero where the corners do not tell them from that: free, they would bend the
+    /// image's corners.
+    pub drop_untold: bool,
     /// The board may be bent: a parabola along each side is estimated with the camera.
     pub warp: bool,
     /// What lens model, paper and print may be wrong by beside the corners' own noise, px: a floor, so that very sharp corners do
@@ -24,7 +27,7 @@ impl CalibrationSettings {
     /// All parameters of a lens model, a flat board, corners within 5 standard deviations.
     #[must_use]
     pub fn of(model: LensModel) -> Self {
-        Self { model, freedom: Freedom::of(model), warp: false, model_sd_px: 0.1, outlier_sd: 5.0 }
+        Self { model, freedom: Freedom::of(model), drop_untold: true, warp: false, model_sd_px: 0.1, outlier_sd: 5.0 }
     }
 
     pub(crate) fn check(&self, (width, height): (u32, u32)) -> Result<(), CameraCalibrationError> {
