@@ -3,7 +3,7 @@
 use super::equations::{Border, Room};
 use super::optics::{Freedom, Optics, PointImage};
 use crate::geometry::{Pose, skew};
-use nalgebra::{Matrix2, Matrix3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 /// A corner of the board, seen.
 #[derive(Debug, Clone, Copy)]
@@ -167,12 +167,6 @@ impl BundleState {
         let R = X.rotation.to_rotation_matrix().into_inner();
         let place = self.place(camera, &R, &X.translation.vector, point)?;
         PointImage::new(self.optics.get(camera)?, &place.p_j)
-    }
-
-    /// Where the corner is in camera 0, m.
-    pub(crate) fn point_in_camera(&self, view: usize, point: &BundlePoint) -> Option<Point3<f64>> {
-        let r = point.r + Vector3::z() * self.warp_m.dot(&point.lift);
-        self.poses.get(view).map(|X| X * Point3::from(r))
     }
 
     /// Writes the two whitened rows of a corner: derivatives by the border's unknowns, by the pose's twist, and the error.

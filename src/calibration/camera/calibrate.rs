@@ -153,7 +153,8 @@ pub fn calibrate_camera(
                 *why = Some((*misfit).into());
             }
         }
-        return result(views, &posed, unused, &end, camera, freedom, settings, &extent, dropped);
+        let fitted = fits(0, &camera, views, &posed, unused, &end, &extent);
+        return result(0, &end, camera, fitted, dropped, settings);
     }
 }
 
@@ -178,7 +179,7 @@ fn high_coefficient(
     let (name, place) = droppable(settings.model).iter().find_map(of)?;
     let coefficients = end.end.state.optics.first()?.lens.coefficients();
     let (_, value) = coefficients.into_iter().find(|(own, _)| *own == name)?;
-    let rms_px = rms_px(end);
+    let rms_px = rms_px(end, None);
     if folds {
         return Some(DroppedCoefficient { name, value, sd: None, rms_px });
     }
@@ -252,51 +253,52 @@ fn unmirrored(
     mirrored.then(|| BundleState { poses, ..end.end.state.clone() })
 }
 
-#[allow(clippy::too_many_arguments)]
-fn result(
-    views: &[BoardView],
-    posed: &[usize],
-    unused: Vec<Option<Unused>>,
+/// What one camera of a rig is found to be.
+pub(crate) fn result(
+    camera_index: usize,
     end: &Selected,
     camera: CameraModel,
-    freedom: Freedom,
-    settings: &CalibrationSettings,
-    extent: &BoardExtent,
+    views: Vec<ViewFit>,
     dropped: Vec<DroppedCoefficient>,
+    settings: &CalibrationSettings,
 ) -> Result<CameraCalibration, CameraCalibrationError> {
     let variance_factor = end.variance_factor();
     let covariance = end.end.sums.covariance().ok_or(CameraCalibrationError::Degenerate)? * variance_factor;
-    let n = freedom.count();
-    let warp_m = settings.warp.then(|| {
-        let sd = |i: usize| covariance.get((n + i, n + i)).map_or(0.0, |x| x.max(0.0).sqrt());
+    let freedom = *end.problem.freedom.get(camera_index).ok_or(CameraCalibrationError::NoStart)?;
+    let (from, warp, n) = (end.problem.optics_from(camera_index), end.problem.warp_from(), freedom.count());
+    let warp_m = end.problem.warp.then(|| {
+        let sd = |i: usize| covariance.get((warp + i, warp + i)).map_or(0.0, |x| x.max(0.0).sqrt());
         (end.end.state.warp_m, Vector2::new(sd(0), sd(1)))
     });
-    let fitted = fits(0, &camera, views, posed, unused, end, extent);
     Ok(CameraCalibration {
         camera,
         freedom,
-        covariance: covariance.view((0, 0), (n, n)).into_owned(),
+        covariance: covariance.view((from, from), (n, n)).into_owned(),
         warp_m,
-        rms_px: rms_px(end),
+        rms_px: rms_px(end, Some(camera_index)),
         noise_px: (variance_factor * mean_variance(end)).sqrt(),
         variance_factor,
         dropped,
         model_sd_px: settings.model_sd_px,
         iterations: end.end.iterations,
-        views: fitted,
+        views,
     })
 }
 
-/// Root mean square of the distances of corners from where they are predicted, px.
-pub(crate) fn rms_px(end: &Selected) -> f64 {
-    let mut sum = 0.0;
+/// Root mean square of the distances of corners from where they are predicted, px; of one camera or all.
+pub(crate) fn rms_px(end: &Selected, camera: Option<usize>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
     for (i, view) in end.problem.views.iter().enumerate() {
         for (sighting, point) in view.iter().flat_map(|s| s.points.iter().map(move |p| (s, p))) {
+            if camera.is_some_and(|camera| camera != sighting.camera) {
+                continue;
+            }
             let image = end.end.state.image(sighting.camera, i, point);
+            count += 1.0;
             sum += image.map_or(0.0, |image| (point.px - image.px).norm_squared());
         }
     }
-    (sum / end.problem.points().max(1) as f64).sqrt()
+    (sum / f64::max(count, 1.0)).sqrt()
 }
 
 /// Mean variance of a coordinate as it was given, with the floor, px^2.

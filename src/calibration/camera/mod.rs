@@ -31,7 +31,7 @@ pub use next_view::{NextView, next_view};
 pub use settings::CalibrationSettings;
 pub use uncertainty::ProjectionUncertainty;
 pub use verdict::CalibrationVerdict;
-pub(crate) use calibrate::{board_pose, fits};
+pub(crate) use calibrate::{board_pose, fits, result, rms_px};
 
 /// Fewest corners of a picture: its pose takes six of their equations.
 pub const LEAST_POINTS: usize = 6;
