@@ -1,7 +1,7 @@
 //! `vservo detect`: a target in image files.
 
 mod overlay;
-mod picture;
+pub(super) mod picture;
 
 use super::{DetectArguments, check_writable, shown, write_result};
 use crate::camera_model::camera_info::CameraInfo;

@@ -38,7 +38,11 @@ pub(crate) struct BundleEnd {
 }
 
 /// The state of least loss near `start`.
-pub(crate) fn adjust(problem: &BundleProblem, start: BundleState, loss: Loss) -> Result<BundleEnd, BundleFailure> {
+pub(crate) fn adjust(
+    problem: &BundleProblem,
+    start: BundleState,
+    loss: Loss,
+) -> Result<BundleEnd, BundleFailure> {
     let dof = problem.degrees_of_freedom();
     if dof == 0 {
         return Err(BundleFailure::Degenerate);

@@ -18,7 +18,7 @@ mod optics;
 mod problem;
 mod select;
 
-pub(crate) use adjust::{BundleEnd, BundleFailure, adjust};
+pub(crate) use adjust::{BundleFailure, adjust};
 pub(crate) use equations::{BundleSums, covariance_of};
 pub(crate) use optics::PointImage;
 pub use optics::{Freedom, Optics};

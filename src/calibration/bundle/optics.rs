@@ -39,11 +39,7 @@ impl Freedom {
     #[must_use]
     pub fn of(model: LensModel) -> Self {
         let count = model.coefficients().len();
-        Self {
-            fixed_aspect: false,
-            fixed_center: false,
-            coefficients: std::array::from_fn(|i| i < count),
-        }
+        Self { fixed_aspect: false, fixed_center: false, coefficients: std::array::from_fn(|i| i < count) }
     }
 
     /// The same without the coefficient of this name.
@@ -133,8 +129,7 @@ impl PointImage {
         let D: Matrix2<f64> = optics.lens.jacobian(&s);
         let (a, b) = (fx_px * inverse, fy_px * inverse);
         let (m11, m12, m21, m22) = (a * D.m11, a * D.m12, b * D.m21, b * D.m22);
-        let by_point =
-            Matrix2x3::new(m11, m12, -(m11 * s.x + m12 * s.y), m21, m22, -(m21 * s.x + m22 * s.y));
+        let by_point = Matrix2x3::new(m11, m12, -(m11 * s.x + m12 * s.y), m21, m22, -(m21 * s.x + m22 * s.y));
         let mut by_optics = [Vector2::zeros(); MOST_PARAMETERS];
         by_optics[0].x = d.x;
         by_optics[1].y = d.y;
@@ -185,7 +180,11 @@ mod tests {
             };
             assert_eq!(freedom.names(model).len(), freedom.count());
             for _ in 0..20 {
-                let p = Vector3::new(random.between(-0.4, 0.4), random.between(-0.3, 0.3), random.between(0.6, 1.2));
+                let p = Vector3::new(
+                    random.between(-0.4, 0.4),
+                    random.between(-0.3, 0.3),
+                    random.between(0.6, 1.2),
+                );
                 let image = PointImage::new(&optics, &p).unwrap();
                 for axis in 0..3 {
                     let h = Vector3::ith(axis, 1e-6);

@@ -141,7 +141,13 @@ impl BundleProblem {
 }
 
 impl BundleState {
-    fn place(&self, camera: usize, R_0O: &Matrix3<f64>, t: &Vector3<f64>, point: &BundlePoint) -> Option<Place> {
+    fn place(
+        &self,
+        camera: usize,
+        R_0O: &Matrix3<f64>,
+        t: &Vector3<f64>,
+        point: &BundlePoint,
+    ) -> Option<Place> {
         let r = point.r + Vector3::z() * self.warp_m.dot(&point.lift);
         let arm = R_0O * r;
         let p_0 = arm + t;

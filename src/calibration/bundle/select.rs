@@ -77,8 +77,10 @@ fn judge(sizes: &[Vec<Vec<f64>>], limit_sd: f64, left_out: &[Option<Misfit>]) ->
     let taking_part = || sizes.iter().zip(left_out).filter(|(_, out)| out.is_none()).map(|(view, _)| view);
     let scale2 = median(taking_part().flatten().flatten().copied().collect()) / CHI_SQUARE_MEDIAN;
     let limit = limit_sd * limit_sd * scale2;
-    let medians: Vec<f64> = sizes.iter().map(|view| median(view.iter().flatten().copied().collect())).collect();
-    let usual = median(medians.iter().zip(left_out).filter(|(_, out)| out.is_none()).map(|(m, _)| *m).collect());
+    let medians: Vec<f64> =
+        sizes.iter().map(|view| median(view.iter().flatten().copied().collect())).collect();
+    let usual =
+        median(medians.iter().zip(left_out).filter(|(_, out)| out.is_none()).map(|(m, _)| *m).collect());
     let kept: Vec<Vec<Vec<bool>>> =
         sizes.iter().map(|v| v.iter().map(|s| s.iter().map(|k2| *k2 <= limit).collect()).collect()).collect();
     let mut misfits: Vec<Option<Misfit>> = (medians.iter().zip(&kept).zip(left_out))
@@ -102,7 +104,11 @@ fn judge(sizes: &[Vec<Vec<f64>>], limit_sd: f64, left_out: &[Option<Misfit>]) ->
 }
 
 /// The part of the problem that takes part, with its state, and which views those are.
-fn part(problem: &BundleProblem, state: &BundleState, verdict: &Verdict) -> (BundleProblem, BundleState, Vec<usize>) {
+fn part(
+    problem: &BundleProblem,
+    state: &BundleState,
+    verdict: &Verdict,
+) -> (BundleProblem, BundleState, Vec<usize>) {
     let views: Vec<usize> =
         verdict.misfits.iter().enumerate().filter(|(_, out)| out.is_none()).map(|(i, _)| i).collect();
     let reduced = views.iter().filter_map(|&i| {
@@ -179,7 +185,13 @@ pub(crate) fn adjust_selected(
         let next = judge(&sizes(problem, &state), limit_sd, &verdict.misfits);
         round += 1;
         if next == verdict || round == ROUNDS {
-            return Ok(Selected { problem: reduced, end, views, misfits: verdict.misfits, kept: verdict.kept });
+            return Ok(Selected {
+                problem: reduced,
+                end,
+                views,
+                misfits: verdict.misfits,
+                kept: verdict.kept,
+            });
         }
         verdict = next;
     }

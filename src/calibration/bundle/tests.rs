@@ -31,7 +31,9 @@ fn rig() -> (BundleProblem, BundleState) {
         warp_m: Vector2::new(2e-3, -1e-3),
         poses: (0..3)
             .map(|_| {
-                let mut any = |s: f64| Vector3::new(random.between(-s, s), random.between(-s, s), random.between(-s, s));
+                let mut any = |s: f64| {
+                    Vector3::new(random.between(-s, s), random.between(-s, s), random.between(-s, s))
+                };
                 let p = any(0.1) + Vector3::z() * 0.8;
                 Pose::from_parts(p.into(), UnitQuaternion::from_scaled_axis(any(0.6)))
             })
@@ -39,7 +41,10 @@ fn rig() -> (BundleProblem, BundleState) {
     };
     let point = |i: usize| BundlePoint {
         r: Vector3::new((i % 5) as f64 * 0.05 - 0.1, (i / 5) as f64 * 0.05 - 0.1, 0.0),
-        lift: Vector2::new(1.0 - ((i % 5) as f64 - 2.0).powi(2) / 4.0, 1.0 - ((i / 5) as f64 - 2.0).powi(2) / 4.0),
+        lift: Vector2::new(
+            1.0 - ((i % 5) as f64 - 2.0).powi(2) / 4.0,
+            1.0 - ((i / 5) as f64 - 2.0).powi(2) / 4.0,
+        ),
         px: Vector2::zeros(),
         whitening: Matrix2::new(2.0, 0.0, 0.3, 1.5),
     };
@@ -87,10 +92,19 @@ fn equations_are_the_quadratic_of_the_loss() {
         let there = BundleSums::at(&problem, &moved, Loss::Squares).unwrap();
         // the Gauss-Newton step back is the step that was taken
         let back = there.step(0.0).unwrap();
-        let off = shared.iter().zip(&back.shared).map(|(a, b)| (a + b).abs() / (1e-6 + a.abs())).fold(0.0, f64::max);
+        let off = shared
+            .iter()
+            .zip(&back.shared)
+            .map(|(a, b)| (a + b).abs() / (1e-6 + a.abs()))
+            .fold(0.0, f64::max);
         assert!(off < 0.1, "{off}");
         // half of what the step promises is all of the loss
-        assert!((back.promise / there.chi_square - 1.0).abs() < 1e-3, "{} {}", back.promise, there.chi_square);
+        assert!(
+            (back.promise / there.chi_square - 1.0).abs() < 1e-3,
+            "{} {}",
+            back.promise,
+            there.chi_square
+        );
         let again = problem.moved(&moved, &back.shared, &back.poses);
         let end = BundleSums::at(&problem, &again, Loss::Squares).unwrap();
         assert!(end.chi_square < 1e-6 * there.chi_square);

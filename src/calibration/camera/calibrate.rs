@@ -2,9 +2,7 @@
 
 use super::start::{self, CameraStart, PlaneView};
 use super::{BoardExtent, BoardView, CalibrationSettings, CameraCalibrationError, Unused, usable};
-use crate::calibration::bundle::{
-    BundleProblem, BundleState, Freedom, Selected, Sighting, adjust_selected,
-};
+use crate::calibration::bundle::{BundleProblem, BundleState, Freedom, Selected, Sighting, adjust_selected};
 use crate::camera_model::{CameraModel, CameraModelError, LensModel};
 use crate::geometry::Pose;
 use crate::pose::{Loss, PixelCorrespondence, refine_pixels};
@@ -184,8 +182,12 @@ fn high_coefficient(
         return Some(DroppedCoefficient { name, value, sd: None, rms_px });
     }
     let sd = (end.end.sums.covariance()?.get((place, place))? * end.variance_factor()).sqrt();
-    (settings.drop_untold && value.abs() < TOLD_SD * sd)
-        .then_some(DroppedCoefficient { name, value, sd: Some(sd), rms_px })
+    (settings.drop_untold && value.abs() < TOLD_SD * sd).then_some(DroppedCoefficient {
+        name,
+        value,
+        sd: Some(sd),
+        rms_px,
+    })
 }
 
 fn plane(view: &BoardView, extent: &BoardExtent) -> PlaneView {
@@ -345,7 +347,13 @@ pub(crate) fn fits(
             let p_C = X * Point3::from(lifted);
             let predicted = camera.project(&p_C)?;
             let kept = kept.and_then(|kept| kept.get(k)).copied().unwrap_or(false);
-            Some(PointFit { id: p.id, p_C, px: p.px, error_px: p.px - predicted, used: kept && unused.is_none() })
+            Some(PointFit {
+                id: p.id,
+                p_C,
+                px: p.px,
+                error_px: p.px - predicted,
+                used: kept && unused.is_none(),
+            })
         };
         let points: Vec<PointFit> = view.iter().enumerate().filter_map(point).collect();
         let counted = || points.iter().filter(|p| p.used || unused.is_some());
@@ -365,4 +373,3 @@ pub(crate) fn board_pose(camera: &CameraModel, view: &BoardView) -> Option<Pose>
         .collect();
     Some(refine_pixels(&start, &points, camera, Loss::Squares).map_or(start, |end| end.X_CO))
 }
-

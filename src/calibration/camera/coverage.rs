@@ -29,8 +29,10 @@ impl ImageCoverage {
     pub(crate) fn of_pixels((width, height): (u32, u32), pixels: impl Iterator<Item = Vector2<f64>>) -> Self {
         let mut counts = vec![0; COLUMNS * ROWS];
         for px in pixels {
-            let cell = |x: f64, side: u32, n: usize| ((x + 0.5) / f64::from(side) * n as f64).max(0.0) as usize;
-            let (c, r) = (cell(px.x, width, COLUMNS).min(COLUMNS - 1), cell(px.y, height, ROWS).min(ROWS - 1));
+            let cell =
+                |x: f64, side: u32, n: usize| ((x + 0.5) / f64::from(side) * n as f64).max(0.0) as usize;
+            let (c, r) =
+                (cell(px.x, width, COLUMNS).min(COLUMNS - 1), cell(px.y, height, ROWS).min(ROWS - 1));
             if let Some(count) = counts.get_mut(r * COLUMNS + c) {
                 *count += 1;
             }
@@ -45,7 +47,8 @@ impl ImageCoverage {
     }
 
     fn share_of(&self, belongs: impl Fn(usize, usize) -> bool) -> f64 {
-        let cells = self.counts.iter().enumerate().filter(|(i, _)| belongs(i % self.columns, i / self.columns));
+        let cells =
+            self.counts.iter().enumerate().filter(|(i, _)| belongs(i % self.columns, i / self.columns));
         let (all, held) = cells.fold((0u32, 0u32), |(all, held), (_, n)| (all + 1, held + u32::from(*n > 0)));
         f64::from(held) / f64::from(all.max(1))
     }
@@ -53,7 +56,8 @@ impl ImageCoverage {
     /// Edges, and where both of its edges are covered corners, of the image that hold hardly any corners of the board.
     #[must_use]
     pub fn uncovered(&self) -> Vec<&'static str> {
-        let (right, bottom) = (self.columns.saturating_sub(1), (self.counts.len() / self.columns.max(1)).saturating_sub(1));
+        let (right, bottom) =
+            (self.columns.saturating_sub(1), (self.counts.len() / self.columns.max(1)).saturating_sub(1));
         let mut missing = Vec::new();
         let edges: [(&str, &dyn Fn(usize, usize) -> bool); 4] = [
             ("left edge", &|c, _| c == 0),
@@ -88,7 +92,8 @@ mod tests {
     #[test]
     fn bare_edges_and_corners_are_named() {
         let all = |keep: &dyn Fn(f64, f64) -> bool| {
-            let places = (0..64).flat_map(|x| (0..48).map(move |y| (f64::from(x) * 10.0, f64::from(y) * 10.0)));
+            let places =
+                (0..64).flat_map(|x| (0..48).map(move |y| (f64::from(x) * 10.0, f64::from(y) * 10.0)));
             let kept = places.filter(|(x, y)| keep(*x, *y)).map(|(x, y)| Vector2::new(x, y));
             ImageCoverage::of_pixels((640, 480), kept)
         };

@@ -50,7 +50,9 @@ pub enum CameraCalibrationError {
         iterations: u32,
     },
     /// The lens that fits best is none.
-    #[error("calibration: the lens that fits the corners best is none: {0}; cover the corners of the image, or fix k3")]
+    #[error(
+        "calibration: the lens that fits the corners best is none: {0}; cover the corners of the image, or fix k3"
+    )]
     Camera(CameraModelError),
     /// The two cameras do not see the board in the same instants often enough.
     #[error(
@@ -116,7 +118,9 @@ impl fmt::Display for Unused {
             Self::TooFewPoints { given } => {
                 write!(f, "{given} corners seen, at least {} are needed", super::LEAST_POINTS)
             }
-            Self::NotFinite { index } => write!(f, "corner {index} of the list is not finite, or its covariance is none"),
+            Self::NotFinite { index } => {
+                write!(f, "corner {index} of the list is not finite, or its covariance is none")
+            }
             Self::NoPose => f.write_str("no pose of the board explains its corners"),
             Self::Worse { ratio } => write!(
                 f,

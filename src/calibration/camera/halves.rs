@@ -11,9 +11,7 @@
 
 use super::uncertainty::{carried, grid, refitted};
 use super::{BoardExtent, BoardView, CameraCalibration, ProjectionUncertainty};
-use crate::calibration::bundle::{
-    BundleProblem, BundleState, Optics, PointImage, Sighting, adjust,
-};
+use crate::calibration::bundle::{BundleProblem, BundleState, Optics, PointImage, Sighting, adjust};
 use crate::linalg::Random;
 use crate::pose::Loss;
 use nalgebra::{DMatrix, Translation3, Vector2};
@@ -59,14 +57,17 @@ pub fn cross_validation(
             order.swap(k, (random.uniform() * (k + 1) as f64) as usize);
         }
         let (a, b) = order.split_at(count / 2);
-        let (Some((optics_a, cov_a)), Some((optics_b, cov_b))) = (whole.half(a), whole.half(b)) else { continue };
+        let (Some((optics_a, cov_a)), Some((optics_b, cov_b))) = (whole.half(a), whole.half(b)) else {
+            continue;
+        };
         let Some(X) = refitted(&optics_a, &optics_b, &points) else { continue };
         let covariance = cov_a + cov_b;
         let mut sums = [0.0; 4];
         for px in &pixels {
             let p = calibration.camera.normalized_of(px).push(1.0) * uncertainty.distance_m();
             let at_b = PointImage::new(&optics_b, &(X * nalgebra::Point3::from(p)).coords);
-            let (Some(a), Some(b), Some(M)) = (PointImage::new(&optics_a, &p), at_b, uncertainty.map(px)) else {
+            let (Some(a), Some(b), Some(M)) = (PointImage::new(&optics_a, &p), at_b, uncertainty.map(px))
+            else {
                 continue;
             };
             let (apart, expected) = ((a.px - b.px).norm_squared(), carried(&M, &covariance).trace());
@@ -101,8 +102,11 @@ impl Whole {
         let (mut sightings, mut poses) = (Vec::new(), Vec::new());
         for (view, fit) in views.iter().zip(&calibration.views).filter(|(_, fit)| fit.unused.is_none()) {
             let used = |id: u32| fit.points.iter().any(|p| p.id == id && p.used);
-            let points =
-                view.iter().filter(|p| used(p.id)).map(|p| extent.point(p, calibration.model_sd_px)).collect();
+            let points = view
+                .iter()
+                .filter(|p| used(p.id))
+                .map(|p| extent.point(p, calibration.model_sd_px))
+                .collect();
             sightings.push(vec![Sighting { camera: 0, points }]);
             poses.push(fit.X_CO? * to_middle);
         }

@@ -21,9 +21,10 @@ mod start;
 mod uncertainty;
 mod verdict;
 
-pub use board_view::{BoardPoint, BoardView};
 pub(crate) use board_view::{BoardExtent, usable};
+pub use board_view::{BoardPoint, BoardView};
 pub use calibrate::{CameraCalibration, DroppedCoefficient, PointFit, ViewFit, calibrate_camera};
+pub(crate) use calibrate::{fits, result, rms_px};
 pub use coverage::ImageCoverage;
 pub use error::{CameraCalibrationError, Unused};
 pub use halves::{CrossValidation, cross_validation};
@@ -31,7 +32,6 @@ pub use next_view::{NextView, next_view};
 pub use settings::CalibrationSettings;
 pub use uncertainty::ProjectionUncertainty;
 pub use verdict::CalibrationVerdict;
-pub(crate) use calibrate::{board_pose, fits, result, rms_px};
 
 /// Fewest corners of a picture: its pose takes six of their equations.
 pub const LEAST_POINTS: usize = 6;

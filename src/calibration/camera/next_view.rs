@@ -44,9 +44,18 @@ impl NextView {
         let middle = self.corners_px.iter().fold(Vector2::zeros(), |sum, px| sum + px / count);
         let third = |x: f64, side: u32, names: [&'static str; 3]| {
             let at = x / f64::from(side);
-            if at < 0.42 { names[0] } else if at > 0.58 { names[2] } else { names[1] }
+            if at < 0.42 {
+                names[0]
+            } else if at > 0.58 {
+                names[2]
+            } else {
+                names[1]
+            }
         };
-        let place = match (third(middle.y, height, ["top", "", "bottom"]), third(middle.x, width, ["left", "", "right"])) {
+        let place = match (
+            third(middle.y, height, ["top", "", "bottom"]),
+            third(middle.x, width, ["left", "", "right"]),
+        ) {
             ("", "") => "in the middle of the image".to_string(),
             ("", side) | (side, "") => format!("towards the {side} of the image"),
             (row, side) => format!("towards the {row} {side} of the image"),
@@ -88,10 +97,11 @@ pub fn next_view(
     uncertainty: &ProjectionUncertainty,
 ) -> Option<NextView> {
     let camera = &calibration.camera;
-    let (low, high) = board.iter().fold(
-        (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY)),
-        |(low, high), p| (low.inf(&p.coords.xy()), high.sup(&p.coords.xy())),
-    );
+    let (low, high) = board
+        .iter()
+        .fold((Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY)), |(low, high), p| {
+            (low.inf(&p.coords.xy()), high.sup(&p.coords.xy()))
+        });
     let (middle, extent) = ((low + high) * 0.5, high - low);
     let information = covariance_of(&calibration.covariance)?;
     let i = camera.intrinsics();
@@ -128,7 +138,9 @@ pub fn next_view(
         let state =
             BundleState { optics: vec![optics], X_j0: Vec::new(), warp_m: Vector2::zeros(), poses: vec![X] };
         let added = BundleSums::at(&problem, &state, Loss::Squares).and_then(|sums| sums.information());
-        let Some(covariance) = added.and_then(|added| covariance_of(&(&information + added))) else { continue };
+        let Some(covariance) = added.and_then(|added| covariance_of(&(&information + added))) else {
+            continue;
+        };
         let then = worst(&covariance);
         if best.as_ref().is_none_or(|(least, _)| then < *least) {
             best = Some((then, X));

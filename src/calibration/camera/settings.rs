@@ -27,7 +27,14 @@ impl CalibrationSettings {
     /// All parameters of a lens model, a flat board, corners within 5 standard deviations.
     #[must_use]
     pub fn of(model: LensModel) -> Self {
-        Self { model, freedom: Freedom::of(model), drop_untold: true, warp: false, model_sd_px: 0.1, outlier_sd: 5.0 }
+        Self {
+            model,
+            freedom: Freedom::of(model),
+            drop_untold: true,
+            warp: false,
+            model_sd_px: 0.1,
+            outlier_sd: 5.0,
+        }
     }
 
     pub(crate) fn check(&self, (width, height): (u32, u32)) -> Result<(), CameraCalibrationError> {

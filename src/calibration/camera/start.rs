@@ -92,7 +92,10 @@ pub(crate) fn pose(camera: &CameraModel, view: &PlaneView) -> (Option<Pose>, f64
 }
 
 fn plausible([fx, fy, x, y]: &[f64; 4]) -> bool {
-    PLAUSIBLE.contains(fx) && PLAUSIBLE.contains(fy) && (0.5..2.0).contains(&(fx / fy)) && x.abs().max(y.abs()) < 0.5
+    PLAUSIBLE.contains(fx)
+        && PLAUSIBLE.contains(fy)
+        && (0.5..2.0).contains(&(fx / fy))
+        && x.abs().max(y.abs()) < 0.5
 }
 
 /// fx, fy, X0, Y0 in the units of the homographies, which must be two or more.
@@ -125,7 +128,10 @@ fn focal_from_planes(planes: &[Matrix3<f64>]) -> Option<f64> {
         let size = a.norm_squared() + b.norm_squared();
         let rows = [
             (a[0] * b[0] + a[1] * b[1], a[2] * b[2]),
-            (0.5 * (a[0] * a[0] + a[1] * a[1] - b[0] * b[0] - b[1] * b[1]), 0.5 * (a[2] * a[2] - b[2] * b[2])),
+            (
+                0.5 * (a[0] * a[0] + a[1] * a[1] - b[0] * b[0] - b[1] * b[1]),
+                0.5 * (a[2] * a[2] - b[2] * b[2]),
+            ),
         ];
         for (of_b, constant) in rows {
             squares += of_b * of_b / (size * size);
@@ -171,7 +177,8 @@ mod tests {
         let camera = camera(Lens::default());
         let tilts = [[0.5, 0.1, 0.2], [-0.2, 0.6, -0.4]];
         let views = seen(&camera, &tilts);
-        let found = start(&views, (640, 480), LensModel::PlumbBob, &Freedom::of(LensModel::PlumbBob)).unwrap();
+        let found =
+            start(&views, (640, 480), LensModel::PlumbBob, &Freedom::of(LensModel::PlumbBob)).unwrap();
         let (a, b) = (found.optics.intrinsics, camera.intrinsics());
         let off = [a.fx_px - b.fx_px, a.fy_px - b.fy_px, a.cx_px - b.cx_px, a.cy_px - b.cy_px];
         assert!(off.iter().all(|x| x.abs() < 1e-6), "{off:?}");
@@ -207,7 +214,8 @@ mod tests {
         let i = Intrinsics { fx_px: 275.0, fy_px: 275.0, ..*camera(Lens::default()).intrinsics() };
         let camera = CameraModel::new(i, lens).unwrap();
         let views = seen(&camera, &[[0.5, 0.1, 0.2], [-0.2, 0.6, -0.4], [0.1, -0.5, 0.4]]);
-        let found = start(&views, (640, 480), LensModel::Equidistant, &Freedom::of(LensModel::Equidistant)).unwrap();
+        let found =
+            start(&views, (640, 480), LensModel::Equidistant, &Freedom::of(LensModel::Equidistant)).unwrap();
         assert!((180.0..350.0).contains(&found.optics.intrinsics.fx_px), "{:?}", found.optics);
     }
 }

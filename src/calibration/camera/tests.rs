@@ -50,7 +50,13 @@ fn corner(id: u32) -> Point3<f64> {
     Point3::new(f64::from(id % 9) * SQUARE_M, f64::from(id / 9) * SQUARE_M, 0.0)
 }
 
-fn view(camera: &CameraModel, X: &Pose, noise_px: f64, lift: impl Fn(&Point3<f64>) -> f64, random: &mut Random) -> BoardView {
+fn view(
+    camera: &CameraModel,
+    X: &Pose,
+    noise_px: f64,
+    lift: impl Fn(&Point3<f64>) -> f64,
+    random: &mut Random,
+) -> BoardView {
     let point = |id: u32| {
         let p_O = corner(id);
         let noise = Vector2::new(random.gaussian(), random.gaussian()) * noise_px;
@@ -81,11 +87,22 @@ fn predicted_uncertainty_is_that_of_200_calibrations() {
     let mut random = Random::new(11);
     let poses = poses(&truth, 12, &mut random);
     let model = LensModel::PlumbBob;
-    let settings =
-        CalibrationSettings { freedom: crate::calibration::bundle::Freedom::of(model).without(model, "k3"), ..settings(model) };
+    let settings = CalibrationSettings {
+        freedom: crate::calibration::bundle::Freedom::of(model).without(model, "k3"),
+        ..settings(model)
+    };
     let distance_m = 0.5;
-    let pixels = [[319.5, 239.5], [0.0, 0.0], [639.0, 0.0], [0.0, 479.0], [639.0, 479.0], [0.0, 240.0], [500.0, 100.0]];
-    let all_corners: Vec<Point3<f64>> = poses.iter().flat_map(|X| (0..54).map(move |id| X * corner(id))).collect();
+    let pixels = [
+        [319.5, 239.5],
+        [0.0, 0.0],
+        [639.0, 0.0],
+        [0.0, 479.0],
+        [639.0, 479.0],
+        [0.0, 240.0],
+        [500.0, 100.0],
+    ];
+    let all_corners: Vec<Point3<f64>> =
+        poses.iter().flat_map(|X| (0..54).map(move |id| X * corner(id))).collect();
     let mut scatter = [Matrix2::zeros(); 7];
     let mut predicted = [0.0; 7];
     let (mut chi_square, mut noise, mut ratio) = (0.0, 0.0, 0.0);
@@ -96,7 +113,11 @@ fn predicted_uncertainty_is_that_of_200_calibrations() {
         assert_eq!(found.views_used(), 12);
         let uncertainty = ProjectionUncertainty::new(&found, distance_m).unwrap();
         let seen: Vec<_> = (all_corners.iter())
-            .map(|p| PixelCorrespondence { r: *p, px: truth.project(p).unwrap(), covariance_px2: Matrix2::identity() })
+            .map(|p| PixelCorrespondence {
+                r: *p,
+                px: truth.project(p).unwrap(),
+                covariance_px2: Matrix2::identity(),
+            })
             .collect();
         let X = refine_pixels(&Pose::identity(), &seen, &found.camera, Loss::Squares).unwrap().X_CO;
         for ((px, scatter), predicted) in pixels.iter().zip(&mut scatter).zip(&mut predicted) {
@@ -106,7 +127,8 @@ fn predicted_uncertainty_is_that_of_200_calibrations() {
             *scatter += off * off.transpose() / f64::from(TRIALS);
             *predicted += uncertainty.sd_px(&px).powi(2) / f64::from(TRIALS);
         }
-        let off: Vec<f64> = parameters(&found.camera).iter().zip(parameters(&truth)).map(|(a, b)| a - b).collect();
+        let off: Vec<f64> =
+            parameters(&found.camera).iter().zip(parameters(&truth)).map(|(a, b)| a - b).collect();
         let off = DVector::from_column_slice(&off[..8]);
         chi_square += off.dot(&(found.covariance.clone().try_inverse().unwrap() * &off)) / f64::from(TRIALS);
         noise += found.noise_px / f64::from(TRIALS);
@@ -143,7 +165,8 @@ fn every_model_finds_its_camera() {
         let truth = camera(lens, f);
         let mut random = Random::new(5);
         let poses = poses(&truth, 14, &mut random);
-        let exact: Vec<BoardView> = poses.iter().map(|X| view(&truth, X, 0.0, |_| 0.0, &mut random)).collect();
+        let exact: Vec<BoardView> =
+            poses.iter().map(|X| view(&truth, X, 0.0, |_| 0.0, &mut random)).collect();
         let found = calibrate_camera(&exact, SIZE, &settings(lens.model())).unwrap();
         assert!(found.rms_px < 1e-4, "{:?}: {}", lens.model(), found.rms_px);
         for px in [[10.0, 10.0], [320.0, 240.0], [600.0, 100.0]].map(Vector2::from) {
@@ -153,7 +176,8 @@ fn every_model_finds_its_camera() {
         for (X, fit) in poses.iter().zip(&found.views) {
             assert!((fit.X_CO.unwrap().translation.vector - X.translation.vector).norm() < 1e-4);
         }
-        let noisy = calibrate_camera(&views(&truth, &poses, &mut random), SIZE, &settings(lens.model())).unwrap();
+        let noisy =
+            calibrate_camera(&views(&truth, &poses, &mut random), SIZE, &settings(lens.model())).unwrap();
         // of 756 corners some 40 unknowns take a little
         assert!((noisy.rms_px / (NOISE_PX * 2f64.sqrt()) - 1.0).abs() < 0.12, "{}", noisy.rms_px);
     }
@@ -257,7 +281,8 @@ fn the_next_view_does_what_it_promises() {
         poses(&truth, 60, &mut random).into_iter().filter(|X| (X * corner(0)).x > -0.03).take(7).collect();
     let mut all = views(&truth, &crowded, &mut random);
     let model = LensModel::PlumbBob;
-    let settings = CalibrationSettings { freedom: settings(model).freedom.without(model, "k3"), ..settings(model) };
+    let settings =
+        CalibrationSettings { freedom: settings(model).freedom.without(model, "k3"), ..settings(model) };
     let of = |views: &[BoardView]| {
         let found = calibrate_camera(views, SIZE, &settings).unwrap();
         let uncertainty = ProjectionUncertainty::new(&found, 0.5).unwrap();

@@ -18,8 +18,8 @@ use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, skew};
 use crate::linalg::Ldlt;
 use nalgebra::{
-    DMatrix, Isometry3, Matrix2, Matrix2x6, Matrix2xX, Matrix6, Matrix6xX, Point3, Translation3, UnitQuaternion,
-    Vector2, Vector3, Vector6,
+    DMatrix, Isometry3, Matrix2, Matrix2x6, Matrix2xX, Matrix6, Matrix6xX, Point3, Translation3,
+    UnitQuaternion, Vector2, Vector3, Vector6,
 };
 
 /// Shallowest and farthest depth at which a pixel is asked for, m.
@@ -147,7 +147,9 @@ pub(crate) fn grid(
         let middle = 0.5 * (f64::from(side) - 1.0);
         middle + (f64::from(i) / f64::from(n) - 0.5) * share * (f64::from(side) - 1.0)
     };
-    (0..=rows).flat_map(move |j| (0..=columns).map(move |i| Vector2::new(at(i, columns, width), at(j, rows, height))))
+    (0..=rows).flat_map(move |j| {
+        (0..=columns).map(move |i| Vector2::new(at(i, columns, width), at(j, rows, height)))
+    })
 }
 
 /// The motion of the scene after which camera `to` shows `points` as nearly as it can where `from` does: the free pose, fitted

@@ -66,7 +66,13 @@ impl CalibrationVerdict {
 
 /// Two digits that count.
 fn px(value: f64) -> String {
-    let digits = if value < 0.095 { 3 } else if value < 9.5 { 2 } else { 0 };
+    let digits = if value < 0.095 {
+        3
+    } else if value < 9.5 {
+        2
+    } else {
+        0
+    };
     format!("{value:.digits$} px")
 }
 
@@ -80,10 +86,19 @@ impl fmt::Display for CalibrationVerdict {
             if corner < MUCH_WORSE * middle {
                 write!(f, "good to {} in the whole image {at}", px(middle.max(corner)))?;
             } else {
-                write!(f, "good to {} in the middle {share:.0} % of the image {at}, to {} in its corners", px(middle), px(corner))?;
+                write!(
+                    f,
+                    "good to {} in the middle {share:.0} % of the image {at}, to {} in its corners",
+                    px(middle),
+                    px(corner)
+                )?;
             }
         } else {
-            write!(f, "of no use: off by {} and more in the middle {share:.0} % of the image {at}", px(middle))?;
+            write!(
+                f,
+                "of no use: off by {} and more in the middle {share:.0} % of the image {at}",
+                px(middle)
+            )?;
         }
         match self.uncovered.as_slice() {
             [] => {}

@@ -8,8 +8,8 @@
 
 use super::bundle::{BundleProblem, BundleState, Optics, Selected, Sighting, adjust_selected};
 use super::camera::{
-    BoardExtent, BoardView, CalibrationSettings, CameraCalibration, CameraCalibrationError, Unused, calibrate_camera,
-    fits, result, rms_px,
+    BoardExtent, BoardView, CalibrationSettings, CameraCalibration, CameraCalibrationError, Unused,
+    calibrate_camera, fits, result, rms_px,
 };
 use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, skew};
@@ -56,10 +56,12 @@ pub fn calibrate_stereo(
     if left.len() != right.len() {
         return Err(CameraCalibrationError::Pairs { left: left.len(), right: right.len() });
     }
-    let alone = [calibrate_camera(left, size_left, settings)?, calibrate_camera(right, size_right, settings)?];
+    let alone =
+        [calibrate_camera(left, size_left, settings)?, calibrate_camera(right, size_right, settings)?];
     let [alone_left, alone_right] = &alone;
     let both = |i: &usize| {
-        let fit = |one: &CameraCalibration| one.views.get(*i).and_then(|v| v.X_CO.filter(|_| v.unused.is_none()));
+        let fit =
+            |one: &CameraCalibration| one.views.get(*i).and_then(|v| v.X_CO.filter(|_| v.unused.is_none()));
         Some((fit(alone_left)?, fit(alone_right)?))
     };
     let paired: Vec<usize> = (0..left.len()).filter(|i| both(i).is_some()).collect();
@@ -113,7 +115,8 @@ pub fn calibrate_stereo(
 fn nearest_to_all(poses: Vec<Pose>) -> Option<Pose> {
     let mean_m = poses.iter().map(|X| X.translation.vector.norm()).sum::<f64>() / poses.len().max(1) as f64;
     let apart = |a: &Pose, b: &Pose| {
-        a.rotation.angle_to(&b.rotation) + (a.translation.vector - b.translation.vector).norm() / mean_m.max(1e-12)
+        a.rotation.angle_to(&b.rotation)
+            + (a.translation.vector - b.translation.vector).norm() / mean_m.max(1e-12)
     };
     let sum = |a: &Pose| poses.iter().map(|b| apart(a, b)).sum::<f64>();
     poses.iter().min_by(|a, b| sum(a).total_cmp(&sum(b))).copied()
@@ -143,7 +146,9 @@ fn rows_rms_px(left: &CameraCalibration, right: &CameraCalibration, X_LR: &Pose)
         for a in l.points.iter().filter(|p| p.used) {
             let Some(b) = r.points.iter().find(|p| p.id == a.id && p.used) else { continue };
             let (s_l, s_r) = (left.camera.normalized_of(&a.px), right.camera.normalized_of(&b.px));
-            let (Some(a), Some(b)) = (rectified.rectified_1(&s_l), rectified.rectified_2(&s_r)) else { continue };
+            let (Some(a), Some(b)) = (rectified.rectified_1(&s_l), rectified.rectified_2(&s_r)) else {
+                continue;
+            };
             sum += (focal_px * (a.y - b.y)).powi(2);
             count += 1.0;
         }

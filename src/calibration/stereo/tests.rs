@@ -20,7 +20,8 @@ fn corner(id: u32) -> Point3<f64> {
 fn poses(count: usize, sees: impl Fn(&Pose) -> bool, random: &mut Random) -> Vec<Pose> {
     let mut all = Vec::new();
     while all.len() < count {
-        let mut any = |s: f64| Vector3::new(random.between(-s, s), random.between(-s, s), random.between(-s, s));
+        let mut any =
+            |s: f64| Vector3::new(random.between(-s, s), random.between(-s, s), random.between(-s, s));
         let R = UnitQuaternion::from_scaled_axis(any(0.6));
         let p = any(0.12) + Vector3::z() * 0.5 - R * Vector3::new(0.12, 0.075, 0.0);
         let X = Pose::from_parts(p.into(), R);
@@ -61,7 +62,9 @@ fn pair_is_found_as_certainly_as_is_told() {
         if trial == 0 {
             lefts[4].clear();
         }
-        let found = calibrate_stereo(&lefts, &rights, ((640, 480), (640, 480)), &CalibrationSettings::default()).unwrap();
+        let found =
+            calibrate_stereo(&lefts, &rights, ((640, 480), (640, 480)), &CalibrationSettings::default())
+                .unwrap();
         if trial == 0 {
             assert!(matches!(found.left.views[4].unused, Some(Unused::TooFewPoints { given: 0 })));
             assert_eq!(found.right.views[4].unused, Some(Unused::Other));
@@ -72,7 +75,10 @@ fn pair_is_found_as_certainly_as_is_told() {
         let off = nalgebra::Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z);
         chi_square += off.dot(&(found.covariance.try_inverse().unwrap() * off)) / f64::from(TRIALS);
         rms += found.rms_px / f64::from(TRIALS);
-        assert!((found.X_LR.translation.vector.norm() - X_LR.translation.vector.norm()).abs() < 5.0 * found.baseline_sd_m());
+        assert!(
+            (found.X_LR.translation.vector.norm() - X_LR.translation.vector.norm()).abs()
+                < 5.0 * found.baseline_sd_m()
+        );
         // rows of both images are noisy
         assert!((found.rows_rms_px.unwrap() / (NOISE_PX * 2f64.sqrt()) - 1.0).abs() < 0.15);
     }
