@@ -118,26 +118,34 @@ impl BundleSums {
         border: &Border,
         block: &mut Block,
     ) -> Option<()> {
-        let X = state.poses.get(view)?;
-        let (R, t) = (X.rotation.to_rotation_matrix().into_inner(), X.translation.vector);
+        let frames = state.frames(camera, view)?;
         let own = border.columns.len();
         let mut squares = [[0.0; M]; M];
         let mut rows = [[0.0; M]; 2];
         for point in points {
-            let k2 = state.rows(problem, camera, (&R, &t), point, &mut rows)?;
+            let k2 = state.rows(problem, &frames, point, &mut rows)?;
             let (rho, weight) = loss.at(k2);
             self.loss += rho;
             self.chi_square += k2;
-            for row in &rows {
-                for (a, sums) in row.iter().zip(&mut squares) {
-                    let a = a * weight;
-                    for (sum, b) in sums.iter_mut().zip(row) {
-                        *sum += a * b;
-                    }
+            let [first, second] = &rows;
+            for (i, sums) in squares.iter_mut().enumerate() {
+                // the upper triangle alone, from a multiple of four: whole registers
+                let from = i & !3;
+                let of = |row: &[f64; M]| row.get(i).map_or(0.0, |a| a * weight);
+                let (a, b) = (of(first), of(second));
+                let (Some(sums), Some(first), Some(second)) =
+                    (sums.get_mut(from..), first.get(from..), second.get(from..))
+                else {
+                    continue;
+                };
+                for ((sum, x), y) in sums.iter_mut().zip(first).zip(second) {
+                    *sum += a * x + b * y;
                 }
             }
         }
-        let entry = |i: usize, j: usize| squares.get(i).and_then(|row| row.get(j)).copied().unwrap_or(0.0);
+        let entry = |i: usize, j: usize| {
+            squares.get(i.min(j)).and_then(|row| row.get(i.max(j))).copied().unwrap_or(0.0)
+        };
         for (i, &a) in border.columns.iter().enumerate() {
             for (j, &b) in border.columns.iter().enumerate() {
                 self.U[(a, b)] += entry(i, j);

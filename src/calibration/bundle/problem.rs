@@ -59,11 +59,9 @@ pub(crate) fn moved(X: &Pose, twist: &[f64]) -> Pose {
     Pose::from_parts(Translation3::from(X.translation.vector + v), UnitQuaternion::new_normalize(*rotation))
 }
 
-/// The rotation of the board's pose: of the camera, where the point is in it, and how it moves with the board and with X_j0.
+/// A corner in camera j, and what moves it there.
 struct Place {
     p_j: Vector3<f64>,
-    /// R_j0, the identity for camera 0.
-    R_j0: Matrix3<f64>,
     /// R_jO r: from the board's middle to the point.
     arm: Vector3<f64>,
     /// R_j0 p_0: from the origin of camera 0 to the point.
@@ -140,39 +138,44 @@ impl BundleProblem {
     }
 }
 
+/// A camera and the board in one view, as matrices.
+pub(super) struct Frames {
+    camera: usize,
+    R_0O: Matrix3<f64>,
+    p_0O: Vector3<f64>,
+    R_j0: Matrix3<f64>,
+    p_j0: Vector3<f64>,
+}
+
 impl BundleState {
-    fn place(
-        &self,
-        camera: usize,
-        R_0O: &Matrix3<f64>,
-        t: &Vector3<f64>,
-        point: &BundlePoint,
-    ) -> Option<Place> {
+    /// Of a camera and a view.
+    pub(super) fn frames(&self, camera: usize, view: usize) -> Option<Frames> {
+        let matrices = |X: &Pose| (X.rotation.to_rotation_matrix().into_inner(), X.translation.vector);
+        let (R_0O, p_0O) = matrices(self.poses.get(view)?);
+        let (R_j0, p_j0) = match camera.checked_sub(1) {
+            Some(j) => matrices(self.X_j0.get(j)?),
+            None => (Matrix3::identity(), Vector3::zeros()),
+        };
+        Some(Frames { camera, R_0O, p_0O, R_j0, p_j0 })
+    }
+
+    #[inline]
+    fn place(&self, frames: &Frames, point: &BundlePoint) -> Place {
         let r = point.r + Vector3::z() * self.warp_m.dot(&point.lift);
-        let arm = R_0O * r;
-        let p_0 = arm + t;
-        if camera == 0 {
-            let normal = R_0O.column(2).into();
-            return Some(Place { p_j: p_0, R_j0: Matrix3::identity(), arm, from_0: p_0, normal });
+        let arm = frames.R_0O * r;
+        let p_0 = arm + frames.p_0O;
+        let normal: Vector3<f64> = frames.R_0O.column(2).into();
+        if frames.camera == 0 {
+            return Place { p_j: p_0, arm, from_0: p_0, normal };
         }
-        let X = self.X_j0.get(camera - 1)?;
-        let R = X.rotation.to_rotation_matrix().into_inner();
-        let from_0 = R * p_0;
-        Some(Place {
-            p_j: from_0 + X.translation.vector,
-            R_j0: R,
-            arm: R * arm,
-            from_0,
-            normal: R * R_0O.column(2),
-        })
+        let from_0 = frames.R_j0 * p_0;
+        Place { p_j: from_0 + frames.p_j0, arm: frames.R_j0 * arm, from_0, normal: frames.R_j0 * normal }
     }
 
     /// Where a camera sees a corner of view `view`.
     pub(crate) fn image(&self, camera: usize, view: usize, point: &BundlePoint) -> Option<PointImage> {
-        let X = self.poses.get(view)?;
-        let R = X.rotation.to_rotation_matrix().into_inner();
-        let place = self.place(camera, &R, &X.translation.vector, point)?;
-        PointImage::new(self.optics.get(camera)?, &place.p_j)
+        let frames = self.frames(camera, view)?;
+        PointImage::new(self.optics.get(camera)?, &self.place(&frames, point).p_j)
     }
 
     /// Writes the two whitened rows of a corner: derivatives by the border's unknowns, by the pose's twist, and the error.
@@ -181,14 +184,13 @@ impl BundleState {
     pub(super) fn rows<const M: usize>(
         &self,
         problem: &BundleProblem,
-        camera: usize,
-        pose: (&Matrix3<f64>, &Vector3<f64>),
+        frames: &Frames,
         point: &BundlePoint,
         rows: &mut [[f64; M]; 2],
     ) -> Option<f64> {
-        let optics = self.optics.get(camera)?;
-        let freedom = problem.freedom.get(camera)?;
-        let place = self.place(camera, pose.0, pose.1, point)?;
+        let optics = self.optics.get(frames.camera)?;
+        let freedom = problem.freedom.get(frames.camera)?;
+        let place = self.place(frames, point);
         let image = PointImage::new(optics, &place.p_j)?;
         let W = &point.whitening;
         let mut room = Room::new(rows, W);
@@ -196,7 +198,7 @@ impl BundleState {
             room.push(&column);
         }
         let J = &image.by_point;
-        if camera > 0 {
+        if frames.camera > 0 {
             // X_j0 moves by [v; w]: dp = v + w x (R_j0 p_0)
             room.push_three(J);
             room.push_three(&(J * -skew(&place.from_0)));
@@ -207,9 +209,11 @@ impl BundleState {
             room.push(&(along * point.lift.y));
         }
         // the board moves by [v; w] in camera 0: dp = R_j0 (v + w x (R_0O r))
-        let J_0 = J * place.R_j0;
-        room.push_three(&J_0);
-        room.push_three(&(J * -skew(&place.arm) * place.R_j0));
+        let (along, about) = (*J, J * -skew(&place.arm));
+        let (along, about) =
+            if frames.camera > 0 { (along * frames.R_j0, about * frames.R_j0) } else { (along, about) };
+        room.push_three(&along);
+        room.push_three(&about);
         let error = point.px - image.px;
         room.push(&error);
         Some((W * error).norm_squared())

@@ -3,8 +3,9 @@
 //! The noise of corners is not known beforehand (lens model, paper and blur add to it), so errors are held against their own
 //! median: of `k^2 = e^T C^-1 e` that of chi-square with two degrees of freedom is 1.386.
 
-use super::adjust::{BundleEnd, BundleFailure, adjust};
+use super::adjust::{BundleEnd, BundleFailure, adjust, approach};
 use super::problem::{BundleProblem, BundleState, Sighting};
+use crate::geometry::Pose;
 use crate::pose::Loss;
 
 /// Median of chi-square with two degrees of freedom.
@@ -13,6 +14,8 @@ const CHI_SQUARE_MEDIAN: f64 = 1.386;
 const WORSE: f64 = 4.0;
 /// Scale of the robust loss, in standard deviations.
 const ROBUST: f64 = 2.0;
+/// Steps with each scale: outliers need not be fitted to the last digit.
+const ROBUST_STEPS: u32 = 8;
 const ROUNDS: usize = 5;
 
 /// Why a picture was left out.
@@ -40,6 +43,11 @@ pub(crate) struct Selected {
 }
 
 impl Selected {
+    /// Poses of all views of the whole problem: those of views that were left out are as they were in `before`.
+    pub(crate) fn all_poses(&self, before: &BundleState) -> Vec<Pose> {
+        merged(before, &self.end.state, &self.views).poses
+    }
+
     /// Factor on all variances that the errors tell: chi-square by degree of freedom.
     pub(crate) fn variance_factor(&self) -> f64 {
         self.end.sums.chi_square / self.problem.degrees_of_freedom().max(1) as f64
@@ -170,11 +178,7 @@ pub(crate) fn adjust_selected(
     for _ in 0..3 {
         let all = sizes(problem, &state).into_iter().flatten().flatten().collect();
         let scale = (median(all) / CHI_SQUARE_MEDIAN).sqrt().clamp(1e-9, 1e9);
-        match adjust(problem, state.clone(), Loss::Cauchy(ROBUST * scale)) {
-            Ok(end) => state = end.state,
-            Err(BundleFailure::NotConverged { .. }) => break,
-            Err(error) => return Err(error),
-        }
+        state = approach(problem, state, Loss::Cauchy(ROBUST * scale), ROBUST_STEPS)?;
     }
     let mut verdict = judge(&sizes(problem, &state), limit_sd, &everything.misfits);
     let mut round = 0;

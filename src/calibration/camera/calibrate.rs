@@ -1,9 +1,11 @@
 //! From corners to a camera with its covariance.
 
-use super::start::{self, CameraStart, PlaneView};
+use super::start::{self, PlaneView};
 use super::{BoardExtent, BoardView, CalibrationSettings, CameraCalibrationError, Unused, usable};
-use crate::calibration::bundle::{BundleProblem, BundleState, Freedom, Selected, Sighting, adjust_selected};
-use crate::camera_model::{CameraModel, CameraModelError, LensModel};
+use crate::calibration::bundle::{
+    BundleProblem, BundleState, Freedom, Optics, Selected, Sighting, adjust_selected,
+};
+use crate::camera_model::{CameraModel, CameraModelError, Lens, LensModel};
 use crate::geometry::Pose;
 use crate::pose::{Loss, PixelCorrespondence, refine_pixels};
 use nalgebra::{DMatrix, Matrix2, Point3, Translation3, Vector2};
@@ -46,8 +48,8 @@ pub struct DroppedCoefficient {
     pub name: &'static str,
     /// Its value.
     pub value: f64,
-    /// Its standard deviation, of which the value is too few to be told from zero; none where it had to go, for with it the lens
-    /// shows two directions in one pixel.
+    /// Its standard deviation, of which the value is too few to be told from zero; none where it had to go: with it the lens
+    /// shows two directions in one pixel, or nothing tells it at all.
     pub sd: Option<f64>,
     /// What the root mean square error is with it, px.
     pub rms_px: f64,
@@ -133,26 +135,71 @@ pub fn calibrate_camera(
             (None, None) => {}
         }
     }
-    let mut freedom = settings.freedom;
+    let problem = problem(views, &posed, settings, &extent);
+    let mut state = BundleState {
+        optics: vec![start.optics],
+        X_j0: Vec::new(),
+        warp_m: Vector2::zeros(),
+        poses: start.poses.iter().flatten().copied().collect(),
+    };
     let mut dropped = Vec::new();
+    let mut freedom = settings.freedom;
+    let mut end = adjust_selected(&problem, &state, settings.outlier_sd)?;
+    if let Some(better) = unmirrored(views, &posed, &end, &problem, &extent) {
+        // where that is no start, or no better, the first one stands
+        if let Ok(other) = adjust_selected(&problem, &better, settings.outlier_sd)
+            && other.variance_factor() < end.variance_factor()
+        {
+            end = other;
+        }
+    }
     loop {
-        let end = fit(views, &posed, &start, &freedom, settings, &extent)?;
-        let optics = end.end.state.optics.first().ok_or(CameraCalibrationError::NoStart)?;
+        let optics = *end.end.state.optics.first().ok_or(CameraCalibrationError::NoStart)?;
         let camera = CameraModel::new(optics.intrinsics, optics.lens);
         let folds = matches!(camera, Err(CameraModelError::Folded { .. }));
-        if let Some(without) = high_coefficient(&end, &freedom, settings, folds) {
-            freedom = freedom.without(settings.model, without.name);
-            dropped.push(without);
-            continue;
-        }
-        let camera = camera.map_err(CameraCalibrationError::Camera)?;
-        for (i, misfit) in posed.iter().zip(&end.misfits) {
-            if let (Some(why), Some(misfit)) = (unused.get_mut(*i), misfit) {
-                *why = Some((*misfit).into());
+        let Some(without) = high_coefficient(&end, &freedom, settings, folds) else {
+            let camera = camera.map_err(CameraCalibrationError::Camera)?;
+            for (i, misfit) in posed.iter().zip(&end.misfits) {
+                if let (Some(why), Some(misfit)) = (unused.get_mut(*i), misfit) {
+                    *why = Some((*misfit).into());
+                }
             }
+            let fitted = fits(0, &camera, views, &posed, unused, &end, &extent);
+            return result(0, &end, camera, fitted, dropped, settings);
+        };
+        freedom = freedom.without(settings.model, without.name);
+        let lens = Lens::of(settings.model, |name| {
+            let kept =
+                optics.lens.coefficients().into_iter().find(|(own, _)| *own == name && name != without.name);
+            kept.map_or(0.0, |(_, value)| value)
+        });
+        // what folds is no place to start from
+        if !folds {
+            state = BundleState { poses: end.all_poses(&state), ..end.end.state.clone() };
+            state.optics = vec![Optics { lens, ..optics }];
         }
-        let fitted = fits(0, &camera, views, &posed, unused, &end, &extent);
-        return result(0, &end, camera, fitted, dropped, settings);
+        dropped.push(without);
+        let problem = BundleProblem { freedom: vec![freedom], ..problem.clone() };
+        end = adjust_selected(&problem, &state, settings.outlier_sd)?;
+    }
+}
+
+/// The pictures that may take part.
+fn problem(
+    views: &[BoardView],
+    posed: &[usize],
+    settings: &CalibrationSettings,
+    extent: &BoardExtent,
+) -> BundleProblem {
+    let sighting = |i: &usize| {
+        let view = views.get(*i)?;
+        let points = view.iter().map(|p| extent.point(p, settings.model_sd_px)).collect();
+        Some(vec![Sighting { camera: 0, points }])
+    };
+    BundleProblem {
+        freedom: vec![settings.freedom],
+        warp: settings.warp,
+        views: posed.iter().filter_map(sighting).collect(),
     }
 }
 
@@ -178,10 +225,10 @@ fn high_coefficient(
     let coefficients = end.end.state.optics.first()?.lens.coefficients();
     let (_, value) = coefficients.into_iter().find(|(own, _)| *own == name)?;
     let rms_px = rms_px(end, None);
-    if folds {
+    let sd = end.end.sums.covariance().and_then(|C| C.get((place, place)).copied());
+    let Some(sd) = sd.map(|variance| (variance * end.variance_factor()).sqrt()).filter(|_| !folds) else {
         return Some(DroppedCoefficient { name, value, sd: None, rms_px });
-    }
-    let sd = (end.end.sums.covariance()?.get((place, place))? * end.variance_factor()).sqrt();
+    };
     (settings.drop_untold && value.abs() < TOLD_SD * sd).then_some(DroppedCoefficient {
         name,
         value,
@@ -194,44 +241,8 @@ fn plane(view: &BoardView, extent: &BoardExtent) -> PlaneView {
     view.iter().map(|p| (extent.centred(&p.p_O).0.xy(), p.px)).collect()
 }
 
-/// The least squares from a start, twice: planes may lie in the mirrored of their two poses, which a better camera tells.
-fn fit(
-    views: &[BoardView],
-    posed: &[usize],
-    start: &CameraStart,
-    freedom: &Freedom,
-    settings: &CalibrationSettings,
-    extent: &BoardExtent,
-) -> Result<Selected, CameraCalibrationError> {
-    let sighting = |i: &usize| {
-        let view = views.get(*i)?;
-        let points = view.iter().map(|p| extent.point(p, settings.model_sd_px)).collect();
-        Some(vec![Sighting { camera: 0, points }])
-    };
-    let problem = BundleProblem {
-        freedom: vec![*freedom],
-        warp: settings.warp,
-        views: posed.iter().filter_map(sighting).collect(),
-    };
-    let state = BundleState {
-        optics: vec![start.optics],
-        X_j0: Vec::new(),
-        warp_m: Vector2::zeros(),
-        poses: start.poses.iter().flatten().copied().collect(),
-    };
-    let mut end = adjust_selected(&problem, &state, settings.outlier_sd)?;
-    if let Some(better) = unmirrored(views, posed, &end, &problem, extent) {
-        // where that is no start, or no better, the first one stands
-        if let Ok(other) = adjust_selected(&problem, &better, settings.outlier_sd)
-            && other.variance_factor() < end.variance_factor()
-        {
-            end = other;
-        }
-    }
-    Ok(end)
-}
-
-/// The state with the poses that the camera found so far gives to planes, where one is clearly another.
+/// The state with the poses that the camera found so far gives to planes, where one is clearly another: at the start a plane may have
+/// been taken for its mirror image.
 fn unmirrored(
     views: &[BoardView],
     posed: &[usize],

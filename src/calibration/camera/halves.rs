@@ -15,6 +15,7 @@ use crate::calibration::bundle::{BundleProblem, BundleState, Optics, PointImage,
 use crate::linalg::Random;
 use crate::pose::Loss;
 use nalgebra::{DMatrix, Translation3, Vector2};
+use std::collections::HashSet;
 
 /// Fewest pictures of a half.
 const LEAST_VIEWS: usize = 3;
@@ -101,10 +102,10 @@ impl Whole {
         let to_middle = Translation3::from(extent.middle.push(0.0));
         let (mut sightings, mut poses) = (Vec::new(), Vec::new());
         for (view, fit) in views.iter().zip(&calibration.views).filter(|(_, fit)| fit.unused.is_none()) {
-            let used = |id: u32| fit.points.iter().any(|p| p.id == id && p.used);
+            let used: HashSet<u32> = fit.points.iter().filter(|p| p.used).map(|p| p.id).collect();
             let points = view
                 .iter()
-                .filter(|p| used(p.id))
+                .filter(|p| used.contains(&p.id))
                 .map(|p| extent.point(p, calibration.model_sd_px))
                 .collect();
             sightings.push(vec![Sighting { camera: 0, points }]);

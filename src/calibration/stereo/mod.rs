@@ -8,13 +8,14 @@
 
 use super::bundle::{BundleProblem, BundleState, Optics, Selected, Sighting, adjust_selected};
 use super::camera::{
-    BoardExtent, BoardView, CalibrationSettings, CameraCalibration, CameraCalibrationError, Unused,
+    BoardExtent, BoardView, CalibrationSettings, CameraCalibration, CameraCalibrationError, PointFit, Unused,
     calibrate_camera, fits, result, rms_px,
 };
 use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, skew};
 use crate::stereo::Rectification;
 use nalgebra::{Matrix6, Translation3, Vector2};
+use std::collections::HashMap;
 
 /// Two cameras, and where they are to each other.
 #[derive(Debug, Clone)]
@@ -143,8 +144,9 @@ fn rows_rms_px(left: &CameraCalibration, right: &CameraCalibration, X_LR: &Pose)
     let focal_px = rectified.camera.intrinsics().fy_px;
     let (mut sum, mut count) = (0.0, 0.0);
     for (l, r) in left.views.iter().zip(&right.views).filter(|(l, _)| l.unused.is_none()) {
+        let by_id: HashMap<u32, &PointFit> = r.points.iter().filter(|p| p.used).map(|p| (p.id, p)).collect();
         for a in l.points.iter().filter(|p| p.used) {
-            let Some(b) = r.points.iter().find(|p| p.id == a.id && p.used) else { continue };
+            let Some(b) = by_id.get(&a.id) else { continue };
             let (s_l, s_r) = (left.camera.normalized_of(&a.px), right.camera.normalized_of(&b.px));
             let (Some(a), Some(b)) = (rectified.rectified_1(&s_l), rectified.rectified_2(&s_r)) else {
                 continue;

@@ -130,7 +130,7 @@ impl CalibrationPage<'_> {
             let _ = writeln!(out, " The board is bent by {x:.3} &plusmn; {sx:.3} mm along x, {y:.3} &plusmn; {sy:.3} mm along y.");
         }
         for d in &self.calibration.dropped {
-            let why = if d.sd.is_some() { "is not told from zero" } else { "would fold the lens inside the image" };
+            let why = if d.sd.is_some() { "is not told from zero" } else { "would fold the lens inside the image, or is not told at all," };
             let _ = writeln!(out, " {} ({:.4}) {why} and is left out.", d.name, d.value);
         }
         out.push_str("</p>\n");
