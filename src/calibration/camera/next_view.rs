@@ -37,6 +37,13 @@ pub struct NextView {
 }
 
 impl NextView {
+    /// Whether its corners reach over most of the image in one direction.
+    fn fills(&self, width: f64, height: f64) -> bool {
+        let start = (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
+        let (low, high) = self.corners_px.iter().fold(start, |(low, high), px| (low.inf(px), high.sup(px)));
+        (high.x - low.x) / width > 0.7 || (high.y - low.y) / height > 0.7
+    }
+
     /// Where to hold the board, in words.
     #[must_use]
     pub fn describe(&self, (width, height): (u32, u32)) -> String {
@@ -56,6 +63,9 @@ impl NextView {
             third(middle.y, height, ["top", "", "bottom"]),
             third(middle.x, width, ["left", "", "right"]),
         ) {
+            ("", "") if self.fills(f64::from(width), f64::from(height)) => {
+                "so that it fills the image".to_string()
+            }
             ("", "") => "in the middle of the image".to_string(),
             ("", side) | (side, "") => format!("towards the {side} of the image"),
             (row, side) => format!("towards the {row} {side} of the image"),

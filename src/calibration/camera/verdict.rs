@@ -102,6 +102,9 @@ impl fmt::Display for CalibrationVerdict {
         }
         match self.uncovered.as_slice() {
             [] => {}
+            [_, _, _, _] if self.uncovered.iter().all(|name| name.ends_with("edge")) => {
+                write!(f, "; no edge of the image is covered")?;
+            }
             [one] => write!(f, "; the {one} is not covered")?,
             [rest @ .., last] => write!(f, "; the {} and the {last} are not covered", rest.join(", the "))?,
         }
