@@ -8,6 +8,8 @@ use super::problem::{BundleProblem, BundleState, Sighting};
 use crate::geometry::Pose;
 use crate::pose::Loss;
 
+/// Errors of exact data, squared and in standard deviations: rounding is no outlier.
+const EXACT: f64 = 1e-12;
 /// Median of chi-square with two degrees of freedom.
 const CHI_SQUARE_MEDIAN: f64 = 1.386;
 /// A picture whose corners fit so many times worse than those of the others, in standard deviations, is left out as a whole.
@@ -84,7 +86,7 @@ struct Verdict {
 fn judge(sizes: &[Vec<Vec<f64>>], limit_sd: f64, left_out: &[Option<Misfit>]) -> Verdict {
     let taking_part = || sizes.iter().zip(left_out).filter(|(_, out)| out.is_none()).map(|(view, _)| view);
     let scale2 = median(taking_part().flatten().flatten().copied().collect()) / CHI_SQUARE_MEDIAN;
-    let limit = limit_sd * limit_sd * scale2;
+    let limit = limit_sd * limit_sd * scale2.max(EXACT);
     let medians: Vec<f64> =
         sizes.iter().map(|view| median(view.iter().flatten().copied().collect())).collect();
     let usual =
@@ -95,7 +97,7 @@ fn judge(sizes: &[Vec<Vec<f64>>], limit_sd: f64, left_out: &[Option<Misfit>]) ->
         .map(|((m, kept), out)| {
             let all = kept.iter().flatten().count();
             let outliers = kept.iter().flatten().filter(|kept| !**kept).count();
-            let ratio = (m / usual).sqrt();
+            let ratio = (m / usual.max(EXACT)).sqrt();
             match out {
                 Some(misfit) => Some(*misfit),
                 None if ratio > WORSE => Some(Misfit::Worse(ratio)),

@@ -304,3 +304,59 @@ fn the_next_view_does_what_it_promises() {
     println!("then {then:.3}, with a picture at random {other:.3}");
     assert!((then / next.worst_then_px - 1.0).abs() < 0.25 && then < other);
 }
+
+/// Whatever is given ends, in an answer or an error; a single picture too.
+#[test]
+fn nonsense_ends() {
+    let mut random = Random::new(77);
+    let truth = camera(bent(), 520.0);
+    let poses = poses(&truth, 3, &mut random);
+    for round in 0..60u32 {
+        let mut all: Vec<BoardView> =
+            poses.iter().map(|X| view(&truth, X, NOISE_PX, |_| 0.0, &mut random)).collect();
+        for (i, view) in all.iter_mut().enumerate() {
+            for p in view.iter_mut() {
+                match (round + i as u32) % 6 {
+                    0 => p.px = Vector2::new(random.between(0.0, 640.0), random.between(0.0, 480.0)),
+                    1 => p.px.y = 100.0,
+                    2 => p.p_O = Point3::new(0.1, 0.2, 0.0),
+                    3 => p.px *= random.between(0.0, 1e5),
+                    4 => p.p_O.x *= 1e9,
+                    _ => {}
+                }
+            }
+            view.truncate(1 + (random.uniform() * 54.0) as usize);
+        }
+        let model = LensModel::ALL[round as usize % 3];
+        let settings = CalibrationSettings { warp: round % 2 == 0, ..CalibrationSettings::of(model) };
+        if let Ok(found) = calibrate_camera(&all, SIZE, &settings) {
+            assert!(found.rms_px.is_finite());
+            if let Some(uncertainty) = ProjectionUncertainty::new(&found, 0.5) {
+                let halves = cross_validation(&all, &found, &uncertainty);
+                let verdict = CalibrationVerdict::new(
+                    &found,
+                    &uncertainty,
+                    halves.as_ref(),
+                    &ImageCoverage::of(&found),
+                );
+                assert!(verdict.to_string().len() > 10);
+                let _ = next_view(&[corner(0), corner(8), corner(53)], &found, &uncertainty);
+            }
+        }
+    }
+    let one = vec![view(&truth, &poses[0], NOISE_PX, |_| 0.0, &mut random)];
+    // too much for one picture is said; less of it can be had
+    if let Err(error) = calibrate_camera(&one, SIZE, &CalibrationSettings::default()) {
+        assert!(error.to_string().contains("pictures"), "{error}");
+    }
+    let model = LensModel::PlumbBob;
+    let mut few = settings(model);
+    for name in ["k2", "p1", "p2", "k3"] {
+        few.freedom = few.freedom.without(model, name);
+    }
+    (few.freedom.fixed_center, few.freedom.fixed_aspect) = (true, true);
+    let found = calibrate_camera(&one, SIZE, &few).unwrap();
+    let uncertainty = ProjectionUncertainty::new(&found, 0.5).unwrap();
+    let verdict = CalibrationVerdict::new(&found, &uncertainty, None, &ImageCoverage::of(&found));
+    assert!(verdict.to_string().contains("; 1 picture is few"), "{verdict}");
+}

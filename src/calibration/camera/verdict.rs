@@ -116,7 +116,8 @@ impl fmt::Display for CalibrationVerdict {
             )?;
         }
         if self.views < FEW_VIEWS {
-            write!(f, "; {} pictures are few, take {FEW_VIEWS} and more", self.views)?;
+            let are = if self.views == 1 { "picture is" } else { "pictures are" };
+            write!(f, "; {} {are} few, take {FEW_VIEWS} and more", self.views)?;
         }
         Ok(())
     }

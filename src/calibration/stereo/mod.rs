@@ -4,7 +4,8 @@
 //! each camera alone ─► poses of the board ─► X_RL = X_RO X_LO^-1 of each pair (as (10.62)) ─► the one nearest to all
 //!                                              └─► joint least squares over both lenses, X_RL, the board's shape and its poses
 //! ```
-//! `X_LR` is the pose of the right camera in the left one. m, rad, px.
+//! `X_LR` is the pose of the right camera in the left one. m, rad, px. The corner of an id must be the same one in both pictures of a
+//! pair: boards that look the same after half a turn do not serve.
 
 use super::bundle::{BundleProblem, BundleState, Optics, Selected, Sighting, adjust_selected};
 use super::camera::{

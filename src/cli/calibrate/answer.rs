@@ -241,7 +241,11 @@ pub(super) fn lines(examined: &Examined, boards: &Boards) -> String {
         let _ = match d.sd {
             Some(sd) => writeln!(text, "{} is not told from zero: {:.4} +- {sd:.4}", d.name, d.value),
             None => {
-                writeln!(text, "{} is left out: with {:.4} the lens folds inside the image, or no corner tells it", d.name, d.value)
+                writeln!(
+                    text,
+                    "{} is left out: with {:.4} the lens folds inside the image, or no corner tells it",
+                    d.name, d.value
+                )
             }
         };
     }

@@ -1,5 +1,6 @@
 //! Pictures of a board: files -> corners, each picture with its name and, where there is no board, why.
 
+use super::super::BoardArguments;
 use super::super::detect::picture;
 use super::Refusal;
 use crate::calibration::camera::{BoardPoint, BoardView};
@@ -13,6 +14,9 @@ use nalgebra::Matrix2;
 use std::io::{IsTerminal, Write, stderr};
 use std::path::PathBuf;
 
+/// Most pictures of a camera: more take long and tell little.
+const MOST_PICTURES: usize = 500;
+
 /// What the pictures of one camera show.
 pub(super) struct Boards {
     /// Columns and rows of all of them.
@@ -24,8 +28,14 @@ pub(super) struct Boards {
     pub(super) misses: Vec<Option<String>>,
 }
 
-/// The board that is meant.
-pub(super) fn board(word: &str) -> Result<Chessboard, Refusal> {
+/// The board that is meant, and a depth that can be.
+pub(super) fn board(arguments: &BoardArguments) -> Result<Chessboard, Refusal> {
+    let word = &arguments.target;
+    if let Some(depth_m) = arguments.distance_m.filter(|depth_m| !(1e-3..=1e6).contains(depth_m)) {
+        return Err(Refusal::usage(format!(
+            "--distance-m: {depth_m} m; give a depth from 0.001 to 1000000 m"
+        )));
+    }
     let kind: Kind = word.parse().map_err(|e| Refusal::usage(format!("--target: {e}")))?;
     match kind.target {
         Target::Chessboard(board) => Ok(board),
@@ -38,6 +48,10 @@ pub(super) fn board(word: &str) -> Result<Chessboard, Refusal> {
 impl Boards {
     /// Reads the pictures and looks for the board in each.
     pub(super) fn find(paths: &[PathBuf], board: &Chessboard) -> Result<Self, Refusal> {
+        if paths.len() > MOST_PICTURES {
+            let message = format!("{} pictures, at most {MOST_PICTURES} are taken: choose", paths.len());
+            return Err(Refusal::usage(message));
+        }
         let mut boards = Self { size: (0, 0), names: Vec::new(), views: Vec::new(), misses: Vec::new() };
         let mut finder: Option<ChessboardFinder> = None;
         let on_terminal = stderr().is_terminal();

@@ -36,7 +36,7 @@ pub(in crate::cli) fn camera(arguments: &CalibrateCameraArguments) -> Result<u8,
 }
 
 fn examined(arguments: &CalibrateCameraArguments) -> Result<(Examined, Boards), Refusal> {
-    let board = board(&arguments.board.target)?;
+    let board = board(&arguments.board)?;
     let boards = Boards::find(&arguments.images, &board)?;
     let calibration = calibrate_camera(&boards.views, boards.size, &arguments.board.settings())
         .map_err(|error| explained(error, &boards))?;

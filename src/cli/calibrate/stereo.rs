@@ -76,7 +76,13 @@ pub(in crate::cli) fn stereo(arguments: &CalibrateStereoArguments) -> Result<u8,
 }
 
 fn pair(arguments: &CalibrateStereoArguments) -> Result<Pair, Refusal> {
-    let board = board(&arguments.board.target)?;
+    let board = board(&arguments.board)?;
+    if board.symmetry().turns > 1 {
+        return Err(Refusal::usage(
+            "--target: this board looks the same when it is turned, so that the cameras may number its corners differently; take one \
+             with an even and an odd number of corners, such as 9x6",
+        ));
+    }
     let (left, right) = (arguments.left.len(), arguments.right.len());
     if left != right {
         return Err(CameraCalibrationError::Pairs { left, right }.into());
