@@ -1,9 +1,10 @@
 //! The normal equations in their bordered block form, and how they are solved.
 
 use super::problem::{BundleProblem, BundleState};
+use super::rows::Border;
 use crate::linalg::Ldlt;
 use crate::pose::Loss;
-use nalgebra::{Cholesky, DMatrix, DVector, Matrix2, Matrix2x3, Matrix6, Matrix6xX, Vector2, Vector6};
+use nalgebra::{Cholesky, DMatrix, DVector, Matrix6, Matrix6xX, Vector6};
 
 /// Unknowns of a row beside its shared ones: the twist of the board, and the error.
 const POSE_AND_ERROR: usize = 7;
@@ -13,41 +14,6 @@ const WIDEST: usize = 28;
 const USUAL: usize = 16;
 /// A shared unknown of which so little of its information is left, by the others, is not told by the pictures.
 const UNTOLD: f64 = 1e-13;
-
-/// Which shared unknowns a row has.
-pub(super) struct Border {
-    pub(super) columns: Vec<usize>,
-}
-
-/// Two rows that are being written.
-pub(super) struct Room<'a, const M: usize> {
-    rows: &'a mut [[f64; M]; 2],
-    W: &'a Matrix2<f64>,
-    at: usize,
-}
-
-impl<'a, const M: usize> Room<'a, M> {
-    pub(super) fn new(rows: &'a mut [[f64; M]; 2], W: &'a Matrix2<f64>) -> Self {
-        Self { rows, W, at: 0 }
-    }
-
-    #[inline(always)]
-    pub(super) fn push(&mut self, column: &Vector2<f64>) {
-        let [first, second] = &mut *self.rows;
-        if let (Some(a), Some(b)) = (first.get_mut(self.at), second.get_mut(self.at)) {
-            *a = self.W.m11 * column.x + self.W.m12 * column.y;
-            *b = self.W.m21 * column.x + self.W.m22 * column.y;
-        }
-        self.at += 1;
-    }
-
-    #[inline(always)]
-    pub(super) fn push_three(&mut self, columns: &Matrix2x3<f64>) {
-        self.push(&Vector2::new(columns.m11, columns.m21));
-        self.push(&Vector2::new(columns.m12, columns.m22));
-        self.push(&Vector2::new(columns.m13, columns.m23));
-    }
-}
 
 /// What one view adds.
 #[derive(Debug, Clone)]

@@ -16,13 +16,14 @@ mod adjust;
 mod equations;
 mod optics;
 mod problem;
+mod rows;
 mod select;
 
 pub(crate) use adjust::{BundleFailure, adjust};
 pub(crate) use equations::{BundleSums, covariance_of};
 pub(crate) use optics::PointImage;
 pub use optics::{Freedom, Optics};
-pub(crate) use problem::{BundlePoint, BundleProblem, BundleState, Sighting};
+pub(crate) use problem::{BoardSighting, BundlePoint, BundleProblem, BundleState};
 pub(crate) use select::{Misfit, Selected, adjust_selected, median};
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! What is known, what is asked for, and what is believed of it.
 
-use super::equations::{Border, Room};
 use super::optics::{Freedom, Optics, PointImage};
+use super::rows::{Border, Room};
 use crate::geometry::{Pose, skew};
 use nalgebra::{Matrix2, Matrix3, Translation3, UnitQuaternion, Vector2, Vector3};
 
@@ -20,7 +20,7 @@ pub(crate) struct BundlePoint {
 
 /// The board in one picture of one camera.
 #[derive(Debug, Clone)]
-pub(crate) struct Sighting {
+pub(crate) struct BoardSighting {
     /// Which camera.
     pub(crate) camera: usize,
     /// Corners.
@@ -35,7 +35,7 @@ pub(crate) struct BundleProblem {
     /// The board's two coefficients of warp are estimated.
     pub(crate) warp: bool,
     /// Sightings at each instant.
-    pub(crate) views: Vec<Vec<Sighting>>,
+    pub(crate) views: Vec<Vec<BoardSighting>>,
 }
 
 /// An estimate of everything.

@@ -4,7 +4,7 @@
 //! median: of `k^2 = e^T C^-1 e` that of chi-square with two degrees of freedom is 1.386.
 
 use super::adjust::{BundleEnd, BundleFailure, adjust, approach};
-use super::problem::{BundleProblem, BundleState, Sighting};
+use super::problem::{BoardSighting, BundleProblem, BundleState};
 use crate::geometry::Pose;
 use crate::pose::Loss;
 
@@ -58,7 +58,7 @@ impl Selected {
 
 /// Squared sizes of errors by view, sighting and corner; infinite behind the camera.
 fn sizes(problem: &BundleProblem, state: &BundleState) -> Vec<Vec<Vec<f64>>> {
-    let of = |view: usize, sighting: &Sighting| {
+    let of = |view: usize, sighting: &BoardSighting| {
         let size = |point| {
             let image = state.image(sighting.camera, view, point);
             image.map_or(f64::INFINITY, |image| (point.whitening * (point.px - image.px)).norm_squared())
@@ -123,7 +123,7 @@ fn part(
         verdict.misfits.iter().enumerate().filter(|(_, out)| out.is_none()).map(|(i, _)| i).collect();
     let reduced = views.iter().filter_map(|&i| {
         let (view, kept) = (problem.views.get(i)?, verdict.kept.get(i)?);
-        let sighting = |(s, kept): (&Sighting, &Vec<bool>)| Sighting {
+        let sighting = |(s, kept): (&BoardSighting, &Vec<bool>)| BoardSighting {
             camera: s.camera,
             points: s.points.iter().zip(kept).filter(|(_, kept)| **kept).map(|(p, _)| *p).collect(),
         };

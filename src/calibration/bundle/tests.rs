@@ -53,7 +53,9 @@ fn rig() -> (BundleProblem, BundleState) {
         freedom: vec![freedom, Freedom { fixed_aspect: true, ..freedom.without(LensModel::PlumbBob, "k3") }],
         warp: true,
         views: (0..3)
-            .map(|_| (0..2).map(|camera| Sighting { camera, points: (0..25).map(point).collect() }).collect())
+            .map(|_| {
+                (0..2).map(|camera| BoardSighting { camera, points: (0..25).map(point).collect() }).collect()
+            })
             .collect(),
     };
     for (i, view) in problem.views.iter_mut().enumerate() {

@@ -3,7 +3,7 @@
 use super::start::{self, PlaneView};
 use super::{BoardExtent, BoardView, CalibrationSettings, CameraCalibrationError, Unused, usable};
 use crate::calibration::bundle::{
-    BundleProblem, BundleState, Freedom, Optics, Selected, Sighting, adjust_selected,
+    BoardSighting, BundleProblem, BundleState, Freedom, Optics, Selected, adjust_selected,
 };
 use crate::camera_model::{CameraModel, CameraModelError, Lens, LensModel};
 use crate::geometry::Pose;
@@ -194,7 +194,7 @@ fn problem(
     let sighting = |i: &usize| {
         let view = views.get(*i)?;
         let points = view.iter().map(|p| extent.point(p, settings.model_sd_px)).collect();
-        Some(vec![Sighting { camera: 0, points }])
+        Some(vec![BoardSighting { camera: 0, points }])
     };
     BundleProblem {
         freedom: vec![settings.freedom],

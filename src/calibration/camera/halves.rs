@@ -11,7 +11,7 @@
 
 use super::uncertainty::{carried, grid, refitted};
 use super::{BoardExtent, BoardView, CameraCalibration, ProjectionUncertainty};
-use crate::calibration::bundle::{BundleProblem, BundleState, Optics, PointImage, Sighting, adjust};
+use crate::calibration::bundle::{BoardSighting, BundleProblem, BundleState, Optics, PointImage, adjust};
 use crate::linalg::Random;
 use crate::pose::Loss;
 use nalgebra::{DMatrix, Translation3, Vector2};
@@ -108,7 +108,7 @@ impl Whole {
                 .filter(|p| used.contains(&p.id))
                 .map(|p| extent.point(p, calibration.model_sd_px))
                 .collect();
-            sightings.push(vec![Sighting { camera: 0, points }]);
+            sightings.push(vec![BoardSighting { camera: 0, points }]);
             poses.push(fit.X_CO? * to_middle);
         }
         let problem = BundleProblem {

@@ -8,7 +8,7 @@
 use super::uncertainty::{carried, grid, worst_sd};
 use super::{CameraCalibration, ProjectionUncertainty};
 use crate::calibration::bundle::{
-    BundlePoint, BundleProblem, BundleState, BundleSums, Optics, Sighting, covariance_of,
+    BoardSighting, BundlePoint, BundleProblem, BundleState, BundleSums, Optics, covariance_of,
 };
 use crate::geometry::Pose;
 use crate::pose::Loss;
@@ -124,7 +124,7 @@ pub fn next_view(
     let problem = |points: Vec<BundlePoint>| BundleProblem {
         freedom: vec![calibration.freedom],
         warp: false,
-        views: vec![vec![Sighting { camera: 0, points }]],
+        views: vec![vec![BoardSighting { camera: 0, points }]],
     };
     let weight = 1.0 / calibration.noise_px.max(1e-9);
     let points: Vec<BundlePoint> = (board.iter())

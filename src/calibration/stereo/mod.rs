@@ -7,7 +7,7 @@
 //! `X_LR` is the pose of the right camera in the left one. m, rad, px. The corner of an id must be the same one in both pictures of a
 //! pair: boards that look the same after half a turn do not serve.
 
-use super::bundle::{BundleProblem, BundleState, Optics, Selected, Sighting, adjust_selected};
+use super::bundle::{BoardSighting, BundleProblem, BundleState, Optics, Selected, adjust_selected};
 use super::camera::{
     BoardExtent, BoardView, CalibrationSettings, CameraCalibration, CameraCalibrationError, PointFit, Unused,
     calibrate_camera, fits, result, rms_px,
@@ -71,7 +71,7 @@ pub fn calibrate_stereo(
     let X_RL = nearest_to_all(poses.iter().map(|(X_LO, X_RO)| X_RO * X_LO.inverse()).collect())
         .ok_or(CameraCalibrationError::TooFewViews { usable: 0, needed: 1 })?;
     let extent = BoardExtent::of(left.iter().chain(right).flatten());
-    let sighting = |camera: usize, view: &BoardView| Sighting {
+    let sighting = |camera: usize, view: &BoardView| BoardSighting {
         camera,
         points: view.iter().map(|p| extent.point(p, settings.model_sd_px)).collect(),
     };
