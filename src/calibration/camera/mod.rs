@@ -12,8 +12,10 @@
 
 mod board_view;
 mod calibrate;
+mod calibration;
 mod coverage;
 mod error;
+mod fits;
 mod halves;
 mod next_view;
 mod settings;
@@ -23,10 +25,11 @@ mod verdict;
 
 pub(crate) use board_view::{BoardExtent, usable};
 pub use board_view::{BoardPoint, BoardView};
-pub use calibrate::{CameraCalibration, DroppedCoefficient, PointFit, ViewFit, calibrate_camera};
-pub(crate) use calibrate::{fits, result, rms_px};
+pub use calibrate::calibrate_camera;
+pub use calibration::{CameraCalibration, DroppedCoefficient, PointFit, ViewFit};
 pub use coverage::ImageCoverage;
 pub use error::{CameraCalibrationError, Unused};
+pub(crate) use fits::{fits, result, rms_px};
 pub use halves::{CrossValidation, cross_validation};
 pub use next_view::{NextView, next_view};
 pub use settings::CalibrationSettings;
