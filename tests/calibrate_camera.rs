@@ -1,6 +1,6 @@
 //! Calibration of cameras: OpenCV's photographs against OpenCV's figures, and the commands as real processes.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout)] // helpers of tests are tests
 #![allow(non_snake_case)] // X as in the text
 
 mod common;

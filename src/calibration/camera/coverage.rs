@@ -9,6 +9,9 @@ const ROWS: usize = 9;
 /// An edge of which fewer cells than this share hold corners is not covered.
 const LEAST_SHARE: f64 = 0.34;
 
+/// Whether a cell, by column and row, belongs to an edge.
+type Belongs<'a> = &'a dyn Fn(usize, usize) -> bool;
+
 /// Corners by cells of the image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImageCoverage {
@@ -59,7 +62,7 @@ impl ImageCoverage {
         let (right, bottom) =
             (self.columns.saturating_sub(1), (self.counts.len() / self.columns.max(1)).saturating_sub(1));
         let mut missing = Vec::new();
-        let edges: [(&str, &dyn Fn(usize, usize) -> bool); 4] = [
+        let edges: [(&str, Belongs<'_>); 4] = [
             ("left edge", &|c, _| c == 0),
             ("right edge", &|c, _| c == right),
             ("top edge", &|_, r| r == 0),

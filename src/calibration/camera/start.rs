@@ -48,7 +48,7 @@ pub(crate) fn start(
         .collect();
     let mut starts = Vec::new();
     if !freedom.fixed_aspect && !freedom.fixed_center {
-        starts.extend(from_planes(&planes).filter(|c| plausible(c)));
+        starts.extend(from_planes(&planes).filter(plausible));
     }
     starts.extend(focal_from_planes(&planes).map(|f| [f, f, 0.0, 0.0]).filter(plausible));
     if starts.is_empty() || model == LensModel::Equidistant {

@@ -1,5 +1,7 @@
 //! Simulated calibrations with known truth.
 
+#![allow(clippy::print_stdout)] // measured numbers beside their bounds
+
 use super::*;
 use crate::camera_model::{CameraModel, Distortion, Equidistant, Intrinsics, Lens, LensModel};
 use crate::geometry::Pose;

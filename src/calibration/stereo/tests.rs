@@ -1,5 +1,7 @@
 //! A simulated pair with known truth.
 
+#![allow(clippy::print_stdout)] // measured numbers beside their bounds
+
 use super::super::camera::BoardPoint;
 use super::*;
 use crate::camera_model::{Distortion, Intrinsics};
