@@ -1,7 +1,5 @@
 //! Simulated calibrations with known truth.
 
-#![allow(clippy::print_stdout)] // measured numbers beside their bounds
-
 use super::*;
 use crate::camera_model::{CameraModel, Distortion, Equidistant, Intrinsics, Lens, LensModel};
 use crate::geometry::Pose;
@@ -138,10 +136,8 @@ fn predicted_uncertainty_is_that_of_200_calibrations() {
     }
     for ((px, scatter), predicted) in pixels.iter().zip(&scatter).zip(predicted) {
         let (sd, predicted) = (super::uncertainty::worst_sd(scatter), predicted.sqrt());
-        println!("{px:?}: {sd:.4} px, predicted {predicted:.4}");
         assert!((sd / predicted - 1.0).abs() < 0.2, "{px:?}: {sd} {predicted}");
     }
-    println!("chi-square {chi_square:.2} of 8, noise {noise:.4}, halves {ratio:.3}");
     // 8 degrees of freedom: standard error 0.28
     assert!((chi_square - 8.0).abs() < 1.0, "{chi_square}");
     assert!((noise - NOISE_PX).abs() < 0.005, "{noise}");
@@ -295,7 +291,6 @@ fn the_next_view_does_what_it_promises() {
     assert!(verdict.uncovered.contains(&"left edge"), "{verdict}");
     let board: Vec<_> = (0..54).map(corner).collect();
     let next = next_view(&board, &found, &uncertainty).unwrap();
-    println!("{verdict}\n{}", next.describe(SIZE));
     assert!(next.worst_then_px < 0.8 * next.worst_now_px);
     assert!((next.worst_now_px / uncertainty.worst_px(1.0) - 1.0).abs() < 0.05);
     let another = poses(&truth, 1, &mut random);
@@ -303,7 +298,6 @@ fn the_next_view_does_what_it_promises() {
     with_another.extend(views(&truth, &another, &mut random));
     all.push(view(&truth, &next.X_CO, NOISE_PX, |_| 0.0, &mut random));
     let (then, other) = (of(&all).1.worst_px(1.0), of(&with_another).1.worst_px(1.0));
-    println!("then {then:.3}, with a picture at random {other:.3}");
     assert!((then / next.worst_then_px - 1.0).abs() < 0.25 && then < other);
 }
 

@@ -1,7 +1,5 @@
 //! A simulated pair with known truth.
 
-#![allow(clippy::print_stdout)] // measured numbers beside their bounds
-
 use super::super::camera::BoardPoint;
 use super::*;
 use crate::camera_model::{Distortion, Intrinsics};
@@ -84,7 +82,6 @@ fn pair_is_found_as_certainly_as_is_told() {
         // rows of both images are noisy
         assert!((found.rows_rms_px.unwrap() / (NOISE_PX * 2f64.sqrt()) - 1.0).abs() < 0.15);
     }
-    println!("chi-square {chi_square:.2} of 6, rms {rms:.4}");
     assert!((chi_square - 6.0).abs() < 1.5, "{chi_square}");
     assert!((rms - NOISE_PX * 2f64.sqrt()).abs() < 0.01, "{rms}");
 }
