@@ -1,4 +1,4 @@
-//! What a cell can find out about itself from the motion of its own arm.
+//! What a cell can find out about itself: from the motion of its own arm, and from pictures of a board.
 //!
 //! ```text
 //! control: GentleMotion instead of the servo law ─► JointStates ──┐
@@ -6,12 +6,22 @@
 //! ```
 //! `vservo calibrate latency`: the offset between the camera's stamps and the encoders'. `vservo calibrate hand-eye`: where the camera
 //! sits, [`hand_eye`].
+//!
+//! And what pictures of a board tell about cameras, Sect. 10.5:
+//!
+//! ```text
+//! corners of a board ─► camera (one lens, how good it is)  ─► camera_info
+//!                    └► stereo (two, and where they are to each other)        bundle: the joint least squares under both
+//! ```
 
+pub mod bundle;
+pub mod camera;
 mod gentle_motion;
 pub mod hand_eye;
 mod joint_track;
 mod latency;
 mod recording;
+pub mod stereo;
 
 pub use gentle_motion::{GentleMotion, image_reach};
 pub use joint_track::JointTrack;

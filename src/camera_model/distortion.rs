@@ -56,6 +56,16 @@ impl Distortion {
         )
     }
 
+    /// Derivative of [`Self::apply`] with respect to each coefficient, in the order k1 k2 p1 p2 k3.
+    #[must_use]
+    #[inline]
+    pub fn by_coefficients(s: &Vector2<f64>) -> [Vector2<f64>; 5] {
+        let r2 = s.norm_squared();
+        let (mixed, twice) = (2.0 * s.x * s.y, s.component_mul(s) * 2.0);
+        let second = s * (r2 * r2);
+        [s * r2, second, Vector2::new(mixed, r2 + twice.y), Vector2::new(r2 + twice.x, mixed), second * r2]
+    }
+
     /// Distorted radius of the radial part alone.
     pub(super) fn radius(&self, r: f64) -> f64 {
         let r2 = r * r;

@@ -68,6 +68,21 @@ impl Equidistant {
         Matrix2::identity() * scale + s * s.transpose() * slope
     }
 
+    /// Derivative of [`Self::apply`] with respect to each coefficient, in the order k1 k2 k3 k4.
+    #[must_use]
+    #[inline]
+    pub fn by_coefficients(s: &Vector2<f64>) -> [Vector2<f64>; 4] {
+        let r2 = s.norm_squared();
+        if r2 < NEAR {
+            return [s * r2, s * (r2 * r2), s * (r2 * r2 * r2), s * (r2 * r2 * r2 * r2)];
+        }
+        let r = r2.sqrt();
+        let theta = r.atan();
+        let t = theta * theta;
+        let first = s * (theta * t / r);
+        [first, first * t, first * (t * t), first * (t * t * t)]
+    }
+
     /// Distorted radius of `r`.
     pub(super) fn radius(&self, r: f64) -> f64 {
         self.distance(r.atan())

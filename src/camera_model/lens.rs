@@ -75,6 +75,9 @@ impl From<Equidistant> for Lens {
 }
 
 impl Lens {
+    /// As many coefficients has the model that has most.
+    pub const MOST_COEFFICIENTS: usize = 8;
+
     /// The lens with these coefficients, each asked for by its name.
     #[must_use]
     pub fn of(model: LensModel, coefficient: impl Fn(&str) -> f64) -> Self {
@@ -169,6 +172,21 @@ impl Lens {
             Self::RationalPolynomial(lens) => lens.jacobian(s),
             Self::Equidistant(lens) => lens.jacobian(s),
         }
+    }
+
+    /// Derivative of [`Self::apply`] with respect to each coefficient, in the order of [`Self::coefficients`]; zero beyond the
+    /// last.
+    #[must_use]
+    #[inline]
+    pub fn by_coefficients(&self, s: &Vector2<f64>) -> [Vector2<f64>; Self::MOST_COEFFICIENTS] {
+        let mut all = [Vector2::zeros(); Self::MOST_COEFFICIENTS];
+        let mut put = |some: &[Vector2<f64>]| all.iter_mut().zip(some).for_each(|(a, b)| *a = *b);
+        match self {
+            Self::PlumbBob(_) => put(&Distortion::by_coefficients(s)),
+            Self::RationalPolynomial(lens) => put(&lens.by_coefficients(s)),
+            Self::Equidistant(_) => put(&Equidistant::by_coefficients(s)),
+        }
+        all
     }
 
     /// Distorted radius of the radial part alone.

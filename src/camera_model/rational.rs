@@ -61,6 +61,18 @@ impl RationalPolynomial {
             + self.tangential().jacobian(s)
     }
 
+    /// Derivative of [`Self::apply`] with respect to each coefficient, in the order k1 k2 p1 p2 k3 k4 k5 k6.
+    #[must_use]
+    #[inline]
+    pub fn by_coefficients(&self, s: &Vector2<f64>) -> [Vector2<f64>; 8] {
+        let r2 = s.norm_squared();
+        let inverse = 1.0 / (1.0 + r2 * (self.k4 + r2 * (self.k5 + r2 * self.k6)));
+        let [a1, a2, p1, p2, a3] = Distortion::by_coefficients(s).map(|column| column * inverse);
+        let factor = -self.radial(r2).0;
+        let below = 1.0 / inverse;
+        [a1, a2, p1 * below, p2 * below, a3, a1 * factor, a2 * factor, a3 * factor]
+    }
+
     /// Distorted radius of the radial part alone.
     pub(super) fn radius(&self, r: f64) -> f64 {
         r * self.radial(r * r).0

@@ -2,6 +2,7 @@
 #![allow(rustdoc::broken_intra_doc_links)] // the words of commands have brackets
 
 pub use super::calibrate::HandEyeArguments;
+use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
@@ -36,7 +37,7 @@ pub enum Command {
     Vision(RoleArguments),
     /// The control process alone
     Control(RoleArguments),
-    /// Find out about the cell by moving the arm
+    /// Find out about the cell: cameras from pictures of a board, stamps by moving the arm
     Calibrate {
         /// What to find out
         #[command(subcommand)]
@@ -92,6 +93,10 @@ pub enum Command {
 pub enum Calibration {
     /// Move the arm gently before the target for 8 s and find the offset between the stamps of camera and encoders
     Latency(LatencyArguments),
+    /// The lens of a camera from pictures of a chessboard, how good it is, and which picture is missing
+    Camera(CalibrateCameraArguments),
+    /// A stereo pair from pictures of a chessboard taken by both cameras at the same instants
+    Stereo(CalibrateStereoArguments),
     /// Find where the camera sits on the arm, or beside it, from pictures of a board and the robot's poses
     HandEye(HandEyeArguments),
 }

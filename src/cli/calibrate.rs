@@ -1,6 +1,50 @@
-//! `vservo calibrate`: what is found from pictures that exist already.
+//! `vservo calibrate camera`, `calibrate stereo` and `calibrate hand-eye`: pictures -> corners -> calibration -> files and answers.
 
+mod answer;
+mod boards;
+mod camera;
 mod hand_eye;
+mod stereo;
 
+pub(super) use camera::camera;
 pub use hand_eye::HandEyeArguments;
 pub(super) use hand_eye::hand_eye;
+pub(super) use stereo::stereo;
+
+use crate::calibration::camera::CameraCalibrationError;
+use crate::input::printable;
+use crate::rt::tell;
+
+/// Why a command ends before it has a result: its exit code is told with it.
+struct Refusal {
+    message: String,
+    exit_code: u8,
+}
+
+impl Refusal {
+    /// What was asked for makes no sense.
+    fn usage(message: impl Into<String>) -> Self {
+        Self { message: message.into(), exit_code: 2 }
+    }
+
+    /// A file that is of no use.
+    fn input(message: impl Into<String>) -> Self {
+        Self { message: message.into(), exit_code: 3 }
+    }
+
+    /// Tells it; the exit code.
+    fn tell(&self) -> u8 {
+        tell(format_args!("vservo: {}", printable(&self.message)));
+        self.exit_code
+    }
+}
+
+impl From<CameraCalibrationError> for Refusal {
+    fn from(error: CameraCalibrationError) -> Self {
+        let exit_code = match error {
+            CameraCalibrationError::Setting { .. } | CameraCalibrationError::Pairs { .. } => 2,
+            _ => 5,
+        };
+        Self { message: error.to_string(), exit_code }
+    }
+}

@@ -2,6 +2,7 @@
 
 mod arguments;
 mod calibrate;
+mod calibrate_arguments;
 mod camera;
 mod camera_arguments;
 mod ctl;
@@ -13,6 +14,9 @@ pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
     ExperimentArguments, HandEyeArguments, LatencyArguments, Order, RoleArguments, RunArguments,
     ServeArguments, TargetArguments, TeachViewArguments,
+};
+pub use calibrate_arguments::{
+    BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 
@@ -54,8 +58,12 @@ pub fn main() -> ExitCode {
         },
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
-        Some(Command::Calibrate { what: Calibration::Latency(arguments) }) => calibrate_latency(&arguments),
-        Some(Command::Calibrate { what: Calibration::HandEye(arguments) }) => calibrate::hand_eye(&arguments),
+        Some(Command::Calibrate { what }) => match what {
+            Calibration::Latency(arguments) => calibrate_latency(&arguments),
+            Calibration::HandEye(arguments) => calibrate::hand_eye(&arguments),
+            Calibration::Camera(arguments) => calibrate::camera(&arguments),
+            Calibration::Stereo(arguments) => calibrate::stereo(&arguments),
+        },
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
         Some(Command::Detect(arguments)) => detect::detect(&arguments),
         Some(Command::Target(arguments)) => target::target(&arguments),

@@ -52,7 +52,8 @@ pub enum Loss {
 
 impl Loss {
     /// rho and its derivative at the squared size.
-    pub(crate) fn at(self, k2: f64) -> (f64, f64) {
+    #[must_use]
+    pub fn at(self, k2: f64) -> (f64, f64) {
         match self {
             Self::Squares => (k2, 1.0),
             Self::Huber(c) if k2 > c * c => {

@@ -79,6 +79,32 @@ fn contains_counts_from_the_outer_edges() {
     assert!(!m.contains(&Vector2::new(f64::NAN, 3.0), 0.0));
 }
 
+/// Of every model: the derivative by each coefficient against differences.
+#[test]
+fn derivatives_by_coefficients_are_those_of_differences() {
+    let values = [-0.21, 0.06, 0.002, -0.003, -0.01, 0.04, 0.02, 0.005];
+    for model in LensModel::ALL {
+        let names = model.coefficients();
+        let lens = |moved: usize, by: f64| {
+            let at = |name: &str| names.iter().position(|n| *n == name).unwrap();
+            Lens::of(model, |name| values[at(name)] + if at(name) == moved { by } else { 0.0 })
+        };
+        for s in [[0.0, 0.0], [1e-5, -2e-5], [0.3, -0.2], [-0.7, 0.5]].map(Vector2::from) {
+            let columns = lens(0, 0.0).by_coefficients(&s);
+            for (i, column) in columns.iter().enumerate() {
+                let h = 1e-5;
+                let difference = (lens(i, h).apply(&s) - lens(i, -h).apply(&s)) / (2.0 * h);
+                assert!(
+                    (column - difference).norm() < 1e-9,
+                    "{} of {}: {column} {difference}",
+                    i,
+                    model.name()
+                );
+            }
+        }
+    }
+}
+
 proptest! {
     #[test]
     fn normalized_of_inverts_pixel_of(

@@ -5,7 +5,7 @@ use image::GrayImage;
 use std::path::Path;
 
 /// The picture in a file: PNG, PNM or JPEG, of any depth and colour; or why there is none.
-pub(in super::super) fn load(path: &Path) -> Result<GrayImage, String> {
+pub(in crate::cli) fn load(path: &Path) -> Result<GrayImage, String> {
     load_image(path).map_err(|error| match error {
         SourceError::Image { cause, .. } => format!("cannot be decoded: {cause}"),
         SourceError::Damaged(_) => "cannot be decoded: it ends before its image does".into(),

@@ -1,0 +1,43 @@
+//! Calibration of one camera from pictures of a board, Sect. 10.5, and how good it is.
+//!
+//! ```text
+//! corners ─► start (10.64)-(10.67) ─► joint least squares, outliers named ─► CameraCalibration: camera, covariance, poses
+//!                                                                                 │
+//!         ProjectionUncertainty: px, anywhere in the image, at a distance ◄───────┤
+//!         cross_validation: halves of the pictures against each other     ◄───────┤
+//!         ImageCoverage: where corners were seen                          ◄───────┤
+//!         next_view: the picture that lowers the worst uncertainty most   ◄───────┘
+//!         CalibrationVerdict: all of that in words
+//! ```
+
+mod board_view;
+mod calibrate;
+mod calibration;
+mod coverage;
+mod error;
+mod fits;
+mod halves;
+mod next_view;
+mod settings;
+mod start;
+mod uncertainty;
+mod verdict;
+
+pub(crate) use board_view::{BoardExtent, usable};
+pub use board_view::{BoardPoint, BoardView};
+pub use calibrate::calibrate_camera;
+pub use calibration::{CameraCalibration, DroppedCoefficient, PointFit, ViewFit};
+pub use coverage::ImageCoverage;
+pub use error::{CameraCalibrationError, Unused};
+pub(crate) use fits::{fits, result, rms_px};
+pub use halves::{CrossValidation, cross_validation};
+pub use next_view::{NextView, next_view};
+pub use settings::CalibrationSettings;
+pub use uncertainty::ProjectionUncertainty;
+pub use verdict::CalibrationVerdict;
+
+/// Fewest corners of a picture: its pose takes six of their equations.
+pub const LEAST_POINTS: usize = 6;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,163 @@
+//! Calibration of a stereo pair: both cameras and the pose between them, from pictures of one board taken at the same instants.
+//!
+//! ```text
+//! each camera alone ─► poses of the board ─► X_RL = X_RO X_LO^-1 of each pair (as (10.62)) ─► the one nearest to all
+//!                                              └─► joint least squares over both lenses, X_RL, the board's shape and its poses
+//! ```
+//! `X_LR` is the pose of the right camera in the left one. m, rad, px. The corner of an id must be the same one in both pictures of a
+//! pair: boards that look the same after half a turn do not serve.
+
+use super::bundle::{BoardSighting, BundleProblem, BundleState, Optics, Selected, adjust_selected};
+use super::camera::{
+    BoardExtent, BoardView, CalibrationSettings, CameraCalibration, CameraCalibrationError, PointFit, Unused,
+    calibrate_camera, fits, result, rms_px,
+};
+use crate::camera_model::CameraModel;
+use crate::geometry::{Pose, skew};
+use crate::stereo::Rectification;
+use nalgebra::{Matrix6, Translation3, Vector2};
+use std::collections::HashMap;
+
+/// Two cameras, and where they are to each other.
+#[derive(Debug, Clone)]
+pub struct StereoCalibration {
+    /// The left camera as the pair tells it; its pictures are those of the pairs.
+    pub left: CameraCalibration,
+    /// The right camera.
+    pub right: CameraCalibration,
+    /// Pose of the right camera in the left one.
+    pub X_LR: Pose,
+    /// Covariance of the twist `[v; w]` of the right camera relative to the left one, expressed in the left one, m and rad.
+    pub covariance: Matrix6<f64>,
+    /// Root mean square of the distances of corners from where they are predicted, over both cameras, px: OpenCV's figure.
+    pub rms_px: f64,
+    /// Root mean square of the difference of rows of the same corner in the rectified images, px; none where the pair cannot be
+    /// rectified.
+    pub rows_rms_px: Option<f64>,
+}
+
+impl StereoCalibration {
+    /// Standard deviation of the length of the base line, m.
+    #[must_use]
+    pub fn baseline_sd_m(&self) -> f64 {
+        let along = self.X_LR.translation.vector.normalize();
+        (along.dot(&(self.covariance.fixed_view::<3, 3>(0, 0) * along))).max(0.0).sqrt()
+    }
+}
+
+/// The pair that took these pictures, the same number of each, `left[i]` and `right[i]` at one instant; sizes in columns and rows.
+///
+/// # Errors
+/// [`CameraCalibrationError`]; pairs that are of no use are told in the result.
+pub fn calibrate_stereo(
+    left: &[BoardView],
+    right: &[BoardView],
+    (size_left, size_right): ((u32, u32), (u32, u32)),
+    settings: &CalibrationSettings,
+) -> Result<StereoCalibration, CameraCalibrationError> {
+    if left.len() != right.len() {
+        return Err(CameraCalibrationError::Pairs { left: left.len(), right: right.len() });
+    }
+    let alone =
+        [calibrate_camera(left, size_left, settings)?, calibrate_camera(right, size_right, settings)?];
+    let [alone_left, alone_right] = &alone;
+    let both = |i: &usize| {
+        let fit =
+            |one: &CameraCalibration| one.views.get(*i).and_then(|v| v.X_CO.filter(|_| v.unused.is_none()));
+        Some((fit(alone_left)?, fit(alone_right)?))
+    };
+    let paired: Vec<usize> = (0..left.len()).filter(|i| both(i).is_some()).collect();
+    let poses: Vec<(Pose, Pose)> = paired.iter().filter_map(both).collect();
+    let X_RL = nearest_to_all(poses.iter().map(|(X_LO, X_RO)| X_RO * X_LO.inverse()).collect())
+        .ok_or(CameraCalibrationError::TooFewViews { usable: 0, needed: 1 })?;
+    let extent = BoardExtent::of(left.iter().chain(right).flatten());
+    let sighting = |camera: usize, view: &BoardView| BoardSighting {
+        camera,
+        points: view.iter().map(|p| extent.point(p, settings.model_sd_px)).collect(),
+    };
+    let pair = |i: &usize| Some(vec![sighting(0, left.get(*i)?), sighting(1, right.get(*i)?)]);
+    let problem = BundleProblem {
+        freedom: alone.iter().map(|one| one.freedom).collect(),
+        warp: settings.warp,
+        views: paired.iter().filter_map(pair).collect(),
+    };
+    let to_middle = Translation3::from(extent.middle.push(0.0));
+    let state = BundleState {
+        optics: alone.iter().map(|one| Optics::from(&one.camera)).collect(),
+        X_j0: vec![X_RL],
+        warp_m: alone_left.warp_m.map_or(Vector2::zeros(), |(warp_m, _)| warp_m),
+        poses: poses.iter().map(|(X_LO, _)| X_LO * to_middle).collect(),
+    };
+    let end = adjust_selected(&problem, &state, settings.outlier_sd)?;
+    let unused = |one: &CameraCalibration, other: &CameraCalibration| -> Vec<Option<Unused>> {
+        let of = |(i, (own, other)): (usize, (Option<Unused>, Option<Unused>))| {
+            let place = paired.iter().position(|p| *p == i);
+            let misfit = place.and_then(|place| end.misfits.get(place).copied().flatten());
+            own.or(other.map(|_| Unused::Other)).or(misfit.map(Unused::from))
+        };
+        let own = one.views.iter().map(|v| v.unused);
+        own.zip(other.views.iter().map(|v| v.unused)).enumerate().map(of).collect()
+    };
+    let (unused_left, unused_right) = (unused(alone_left, alone_right), unused(alone_right, alone_left));
+    let one = |index: usize, views: &[BoardView], unused, alone: &CameraCalibration| {
+        let optics = end.end.state.optics.get(index).ok_or(CameraCalibrationError::NoStart)?;
+        let camera =
+            CameraModel::new(optics.intrinsics, optics.lens).map_err(CameraCalibrationError::Camera)?;
+        let fitted = fits(index, &camera, views, &paired, unused, &end, &extent);
+        result(index, &end, camera, fitted, alone.dropped.clone(), settings)
+    };
+    let left = one(0, left, unused_left, alone_left)?;
+    let right = one(1, right, unused_right, alone_right)?;
+    let (X_LR, covariance) = pose_between(&end)?;
+    let rows_rms_px = rows_rms_px(&left, &right, &X_LR);
+    Ok(StereoCalibration { left, right, X_LR, covariance, rms_px: rms_px(&end, None), rows_rms_px })
+}
+
+/// The pose with the least sum of distances to all; lengths count by their mean.
+fn nearest_to_all(poses: Vec<Pose>) -> Option<Pose> {
+    let mean_m = poses.iter().map(|X| X.translation.vector.norm()).sum::<f64>() / poses.len().max(1) as f64;
+    let apart = |a: &Pose, b: &Pose| {
+        a.rotation.angle_to(&b.rotation)
+            + (a.translation.vector - b.translation.vector).norm() / mean_m.max(1e-12)
+    };
+    let sum = |a: &Pose| poses.iter().map(|b| apart(a, b)).sum::<f64>();
+    poses.iter().min_by(|a, b| sum(a).total_cmp(&sum(b))).copied()
+}
+
+/// X_LR and the covariance of its twist, from those of X_RL: with `R -> exp(w) R`, `t -> t + v` of X_RL the position of the right
+/// camera moves by `-R' (v + S(t) w)` and it turns by `-R' w`.
+fn pose_between(end: &Selected) -> Result<(Pose, Matrix6<f64>), CameraCalibrationError> {
+    let X_RL = end.end.state.X_j0.first().ok_or(CameraCalibrationError::NoStart)?;
+    let shared = end.end.sums.covariance().ok_or(CameraCalibrationError::Degenerate)?;
+    let from = end.problem.pose_from(1);
+    let C: Matrix6<f64> = shared.fixed_view::<6, 6>(from, from) * end.variance_factor();
+    let R_LR = X_RL.rotation.inverse().to_rotation_matrix().into_inner();
+    let mut T = Matrix6::zeros();
+    T.fixed_view_mut::<3, 3>(0, 0).copy_from(&-R_LR);
+    T.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-R_LR * skew(&X_RL.translation.vector)));
+    T.fixed_view_mut::<3, 3>(3, 3).copy_from(&-R_LR);
+    Ok((X_RL.inverse(), T * C * T.transpose()))
+}
+
+/// How far the same corner lies apart in the rows of the rectified images.
+fn rows_rms_px(left: &CameraCalibration, right: &CameraCalibration, X_LR: &Pose) -> Option<f64> {
+    let rectified = Rectification::new(&left.camera, &right.camera, X_LR).ok()?;
+    let focal_px = rectified.camera.intrinsics().fy_px;
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (l, r) in left.views.iter().zip(&right.views).filter(|(l, _)| l.unused.is_none()) {
+        let by_id: HashMap<u32, &PointFit> = r.points.iter().filter(|p| p.used).map(|p| (p.id, p)).collect();
+        for a in l.points.iter().filter(|p| p.used) {
+            let Some(b) = by_id.get(&a.id) else { continue };
+            let (s_l, s_r) = (left.camera.normalized_of(&a.px), right.camera.normalized_of(&b.px));
+            let (Some(a), Some(b)) = (rectified.rectified_1(&s_l), rectified.rectified_2(&s_r)) else {
+                continue;
+            };
+            sum += (focal_px * (a.y - b.y)).powi(2);
+            count += 1.0;
+        }
+    }
+    (count > 0.0).then(|| f64::sqrt(sum / count))
+}
+
+#[cfg(test)]
+mod tests;

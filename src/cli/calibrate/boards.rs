@@ -1,0 +1,107 @@
+//! Pictures of a board: files -> corners, each picture with its name and, where there is no board, why.
+
+use super::super::BoardArguments;
+use super::super::detect::picture;
+use super::Refusal;
+use crate::calibration::camera::{BoardPoint, BoardView};
+use crate::detect::Found;
+use crate::detect::chessboard::ChessboardFinder;
+use crate::imaging::ImageView;
+use crate::input::printable;
+use crate::rt::Stderr;
+use crate::target::{Chessboard, Kind, Target};
+use nalgebra::Matrix2;
+use std::io::{IsTerminal, Write, stderr};
+use std::path::PathBuf;
+
+/// Most pictures of a camera: more take long and tell little.
+const MOST_PICTURES: usize = 500;
+
+/// What the pictures of one camera show.
+pub(super) struct Boards {
+    /// Columns and rows of all of them.
+    pub(super) size: (u32, u32),
+    pub(super) names: Vec<String>,
+    /// Corners; empty where there is no board.
+    pub(super) views: Vec<BoardView>,
+    /// Why there is none.
+    pub(super) misses: Vec<Option<String>>,
+}
+
+/// The board that is meant, and a depth that can be.
+pub(super) fn board(arguments: &BoardArguments) -> Result<Chessboard, Refusal> {
+    let word = &arguments.target;
+    if let Some(depth_m) = arguments.distance_m.filter(|depth_m| !(1e-3..=1e6).contains(depth_m)) {
+        return Err(Refusal::usage(format!(
+            "--distance-m: {depth_m} m; give a depth from 0.001 to 1000000 m"
+        )));
+    }
+    let kind: Kind = word.parse().map_err(|e| Refusal::usage(format!("--target: {e}")))?;
+    match kind.target {
+        Target::Chessboard(board) => Ok(board),
+        _ => Err(Refusal::usage(format!(
+            "--target: `{word}` has no corners to calibrate with: give chessboard:COLSxROWS:SQUARE_M"
+        ))),
+    }
+}
+
+impl Boards {
+    /// Reads the pictures and looks for the board in each.
+    pub(super) fn find(paths: &[PathBuf], board: &Chessboard) -> Result<Self, Refusal> {
+        if paths.len() > MOST_PICTURES {
+            let message = format!("{} pictures, at most {MOST_PICTURES} are taken: choose", paths.len());
+            return Err(Refusal::usage(message));
+        }
+        let mut boards = Self { size: (0, 0), names: Vec::new(), views: Vec::new(), misses: Vec::new() };
+        let mut finder: Option<ChessboardFinder> = None;
+        let on_terminal = stderr().is_terminal();
+        for (i, path) in paths.iter().enumerate() {
+            let name = path.display().to_string();
+            if on_terminal {
+                let line = format!("\r\x1b[K{}/{} {}", i + 1, paths.len(), printable(&name));
+                let _ = Stderr.write_all(line.as_bytes());
+            }
+            let image = picture::load(path).map_err(|reason| Refusal::input(format!("{name}: {reason}")))?;
+            let size = image.dimensions();
+            if i == 0 {
+                boards.size = size;
+            }
+            let (width, height) = (size.0 as usize, size.1 as usize);
+            let finder = finder
+                .get_or_insert_with(|| ChessboardFinder::new(board.columns(), board.rows(), width, height));
+            let (view, miss) = if size != boards.size {
+                let (w, h) = boards.size;
+                (Vec::new(), Some(format!("the image is {width}x{height} px, the first one {w}x{h}")))
+            } else {
+                match corners(finder, &image, board) {
+                    Ok(view) => (view, None),
+                    Err(why) => (Vec::new(), Some(why)),
+                }
+            };
+            boards.names.push(name);
+            boards.views.push(view);
+            boards.misses.push(miss);
+        }
+        if on_terminal {
+            let _ = Stderr.write_all(b"\r\x1b[K");
+        }
+        Ok(boards)
+    }
+}
+
+fn corners(
+    finder: &mut ChessboardFinder,
+    image: &image::GrayImage,
+    board: &Chessboard,
+) -> Result<BoardView, String> {
+    let (width, height) = image.dimensions();
+    let view = ImageView::new(image.as_raw(), width as usize, height as usize)
+        .map_err(|_| "the image has no pixels".to_string())?;
+    let mut found: Vec<Found> = Vec::new();
+    finder.search_or_why(&view, &mut found).map_err(|miss| miss.to_string())?;
+    let point = |(found, (id, [xx, xy, yy])): (&Found, (u32, [f64; 3]))| {
+        let p = board.points().get(id as usize).filter(|_| id == found.id)?;
+        Some(BoardPoint { id, p_O: p.p_O, px: found.px, covariance_px2: Matrix2::new(xx, xy, xy, yy) })
+    };
+    Ok(found.iter().zip(finder.covariances_px2()).filter_map(point).collect())
+}
