@@ -94,7 +94,12 @@ fn derivatives_by_coefficients_are_those_of_differences() {
             for (i, column) in columns.iter().enumerate() {
                 let h = 1e-5;
                 let difference = (lens(i, h).apply(&s) - lens(i, -h).apply(&s)) / (2.0 * h);
-                assert!((column - difference).norm() < 1e-9, "{} of {}: {column} {difference}", i, model.name());
+                assert!(
+                    (column - difference).norm() < 1e-9,
+                    "{} of {}: {column} {difference}",
+                    i,
+                    model.name()
+                );
             }
         }
     }

@@ -80,16 +80,24 @@ impl CalibrationPage<'_> {
         let i = self.calibration.camera.intrinsics();
         out += "<div class=\"figures\">\n";
         let errors = figures::errors(self.calibration);
-        figure(&mut out, &errors.svg, &format!("Errors of the corners, drawn {:.0} times as long; red: left out.", errors.scale));
+        figure(
+            &mut out,
+            &errors.svg,
+            &format!("Errors of the corners, drawn {:.0} times as long; red: left out.", errors.scale),
+        );
         let caption = format!(
             "Uncertainty of a pixel at {:.3} m: one standard deviation in the worst direction, px; lighter is worse.",
             self.uncertainty.distance_m()
         );
         figure(&mut out, &figures::uncertainty(self.uncertainty, (i.width_px, i.height_px)), &caption);
-        let caption = format!("Corners seen, in {:.0} % of the cells of the image.", 100.0 * self.coverage.share());
+        let caption =
+            format!("Corners seen, in {:.0} % of the cells of the image.", 100.0 * self.coverage.share());
         figure(&mut out, &figures::coverage(self.coverage, self.calibration), &caption);
         if let Some(next) = self.next {
-            let caption = format!("The next view (blue) among those there are (grey): {}.", next.describe((i.width_px, i.height_px)));
+            let caption = format!(
+                "The next view (blue) among those there are (grey): {}.",
+                next.describe((i.width_px, i.height_px))
+            );
             figure(&mut out, &figures::next(next, self.calibration), &caption);
         }
         out += "</div>\n";
@@ -107,7 +115,10 @@ impl CalibrationPage<'_> {
             let sd = self.calibration.deviations().find(|(own, _)| *own == name);
             let sd = sd.map_or_else(|| "fixed".into(), |(_, sd)| format!("{sd:.6}"));
             // a String takes everything
-            let _ = writeln!(out, "<tr><td>{name}</td><td class=\"n\">{value:.6}</td><td class=\"n\">{sd}</td></tr>");
+            let _ = writeln!(
+                out,
+                "<tr><td>{name}</td><td class=\"n\">{value:.6}</td><td class=\"n\">{sd}</td></tr>"
+            );
         }
         let _ = writeln!(
             out,
@@ -127,10 +138,17 @@ impl CalibrationPage<'_> {
         }
         if let Some((warp, sd)) = self.calibration.warp_m {
             let [x, y, sx, sy] = [warp.x, warp.y, sd.x, sd.y].map(|m| m * 1e3);
-            let _ = writeln!(out, " The board is bent by {x:.3} &plusmn; {sx:.3} mm along x, {y:.3} &plusmn; {sy:.3} mm along y.");
+            let _ = writeln!(
+                out,
+                " The board is bent by {x:.3} &plusmn; {sx:.3} mm along x, {y:.3} &plusmn; {sy:.3} mm along y."
+            );
         }
         for d in &self.calibration.dropped {
-            let why = if d.sd.is_some() { "is not told from zero" } else { "would fold the lens inside the image, or is not told at all," };
+            let why = if d.sd.is_some() {
+                "is not told from zero"
+            } else {
+                "would fold the lens inside the image, or is not told at all,"
+            };
             let _ = writeln!(out, " {} ({:.4}) {why} and is left out.", d.name, d.value);
         }
         out.push_str("</p>\n");
@@ -173,6 +191,8 @@ mod tests {
     fn names_are_no_markup() {
         let page = document("<script>&\"\u{7}", &["<p>kept</p>".into()]);
         assert!(page.contains("&lt;script&gt;&amp;&quot;\u{fffd}") && page.contains("<p>kept</p>"));
-        assert!(!page.contains("<script>") && page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>\n"));
+        assert!(
+            !page.contains("<script>") && page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>\n")
+        );
     }
 }
