@@ -56,7 +56,7 @@ fn the_plant_keeps_the_limits_of_the_run_file() {
                 let (shares, over) = shares(&config, &robot, 0.0);
                 (shares, over.finish)
             });
-            assert!(shares[0] <= 1.001 && shares[1] <= 1.005, "{file} {gain}: {shares:?}");
+            assert!(shares[0] <= 1.001 && shares[1] <= 1.01, "{file} {gain}: {shares:?}");
             assert_eq!(finish.unwrap().outcome, Outcome::Converged, "{file} {gain}");
         }
     }
@@ -161,7 +161,6 @@ fn an_arm_that_thrashes_is_a_fault_and_is_brought_to_rest() {
     }
 }
 
-/// Readings that cannot be: the arm brakes unseen, and stands at the last command.
 /// Loads beyond what the arms are made for, which their models do not know: whatever comes of it, the arm stands in the end.
 #[test]
 fn an_overloaded_arm_is_brought_to_rest() {

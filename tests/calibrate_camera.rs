@@ -5,7 +5,7 @@
 
 mod common;
 
-use common::vservo;
+use common::{Instance, kill, vservo, wait_until};
 use nalgebra::{Matrix2, Point3, Vector2};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -17,6 +17,8 @@ use vservo::camera_model::LensModel;
 use vservo::camera_model::camera_info::CameraInfo;
 use vservo::detect::chessboard::ChessboardFinder;
 use vservo::imaging::ImageView;
+use vservo::ipc::Role;
+use vservo::messages::CameraId;
 use vservo::pose::{Correspondence, Loss, PixelCorrespondence, planar_pose, refine_pixels};
 
 const REFERENCE: &str = include_str!("fixtures/opencv_chessboard_corners.csv");
@@ -334,4 +336,59 @@ fn what_cannot_be_done_is_told() {
     let unwritable =
         ended(&["calibrate", "camera", &blank, "--target", board, "--out", &path("no/such/folder.yaml")]);
     assert_eq!(unwritable.code, Some(3), "{}", unwritable.err);
+}
+
+/// A camera process plays the photographs, each for five frames, again and again: each is taken once.
+#[test]
+fn pictures_are_taken_from_a_running_camera() {
+    let photographs = photographs("left");
+    if photographs.is_empty() {
+        println!("skipped: no ../shared");
+        return;
+    }
+    let work = tempfile::tempdir().unwrap();
+    let images = work.path().join("images");
+    std::fs::create_dir(&images).unwrap();
+    for (n, path) in photographs.iter().enumerate() {
+        for k in 0..5 {
+            std::fs::copy(path, images.join(format!("{n:02}_{k}.jpg"))).unwrap();
+        }
+    }
+    let run_file = work.path().join("camera.toml");
+    let text = format!(
+        "[camera]\nsource = \"replay\"\nrate_hz = 25.0\n[camera.replay]\nfolder = \"{}\"\nrepeat = true\n",
+        images.display()
+    );
+    std::fs::write(&run_file, text).unwrap();
+    let instance = Instance::new("live");
+    let out = work.path().join("camera.yaml");
+    let live = || {
+        let output = vservo()
+            .args(["calibrate", "camera", "--target", "chessboard:9x6:0.025", "--json", "--views", "9"])
+            .args(["--instance", &instance.name, "--live"])
+            .args([&run_file])
+            .arg("--out")
+            .arg(&out)
+            .output()
+            .unwrap();
+        let [answer, told] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
+        (output.status.code(), answer, told)
+    };
+    let (code, _, told) = live();
+    assert!(code == Some(5) && told.contains("no camera process runs"), "{told}");
+
+    let mut camera =
+        vservo().arg("camera").arg(&run_file).args(["--instance", &instance.name]).spawn().unwrap();
+    let joined: vservo::ipc::Instance = instance.name.parse().unwrap();
+    wait_until("the camera", || joined.is_running(Role::Camera(CameraId::FIRST)));
+    let (code, answer, told) = live();
+    kill(camera.id() as i32, "TERM");
+    assert!(camera.wait().unwrap().success());
+    assert_eq!(code, Some(0), "{told}");
+    let answer: Value = serde_json::from_str(&answer).unwrap();
+    let rms_px = answer["rms_px"].as_f64().unwrap();
+    assert!(answer["views"].as_array().unwrap().len() == 9 && rms_px < 0.195, "{answer}");
+    assert!(told.contains("9 of 9 pictures") && told.contains("next:"), "{told}");
+    assert!(CameraInfo::read(&std::fs::read_to_string(&out).unwrap()).is_ok());
+    instance.assert_gone();
 }

@@ -268,6 +268,7 @@ fn every_number_of_a_run_file() {
         ("scara-eye-to-hand.toml", ""),
         ("ur5.toml", "motion.controller = 'pd_gravity'\n"),
         ("panda.toml", ""),
+        ("stereo.toml", ""),
     ] {
         let table = effective(file, extra);
         let count =
@@ -303,6 +304,7 @@ fn no_optional_key_is_forgotten() {
             expected.remove("file"); // which stands for all the others
         }
         expected.remove("cameras"); // a list of what [camera] is, which is there
+        expected.remove("stereo"); // which two cameras have: stereo.toml above
         for list in ["occluders", "bystanders", "places"] {
             expected.remove(list); // of tables, in which every_number_of_a_run_file sets each number
         }

@@ -4,6 +4,7 @@ mod answer;
 mod boards;
 mod camera;
 mod hand_eye;
+mod live;
 mod stereo;
 
 pub(super) use camera::camera;

@@ -85,8 +85,17 @@ impl BoardArguments {
 #[derive(Debug, Args)]
 pub struct CalibrateCameraArguments {
     /// PNG, PNM or JPEG files of one size
-    #[arg(required = true, value_name = "IMAGE")]
+    #[arg(required_unless_present = "live", conflicts_with = "live", value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
+    /// Take the pictures from a running camera process, where the board is held still and shows something new: its run file
+    #[arg(long, value_name = "CONFIG")]
+    pub live: Option<PathBuf>,
+    /// Of --live: the instance
+    #[arg(long, default_value = "default", value_name = "NAME", requires = "live")]
+    pub instance: String,
+    /// Of --live: how many pictures
+    #[arg(long, default_value_t = 20, value_name = "COUNT", requires = "live", value_parser = clap::value_parser!(u16).range(4..=500))]
+    pub views: u16,
     /// Board, model, what is told
     #[command(flatten)]
     pub board: BoardArguments,

@@ -5,6 +5,8 @@
 //! known from the joint history, so that for an object at rest the view now is exact, whatever the latency. The own motion
 //! of an object that moves is estimated, where that is asked for.
 
+mod pace;
+
 use super::drift::{LONGEST_SPAN, unbelieved_motion};
 use super::{
     Approach, Arm, CameraJacobian, Drift, Intake, ObjectMotion, ServoSettings, SetPoint, Task, TwistTask,
@@ -15,7 +17,7 @@ use crate::messages::{Measurement, TargetStatus};
 use crate::robot::Robot;
 use crate::servo::JointHistory;
 use crate::time::{MonoNs, SpanNs};
-use nalgebra::{Matrix6, SVector, Vector2, Vector6};
+use nalgebra::{Matrix6, SVector, Vector6};
 
 /// How far an exposure stamp may lie in the future: some drivers stamp the planned end of a frame.
 const LONGEST_FUTURE: SpanNs = SpanNs(50_000_000);
@@ -28,17 +30,11 @@ const LARGEST_CONTRADICTION: f64 = 0.03;
 /// Standard deviation of features of which some are taken to be there, normalized: half a pixel of a usual lens.
 const SIGMA_OF_A_GUESS: f64 = 6e-4;
 
-/// Feature error at which a gain has fallen half-way to the calm one, root mean square, normalized: a pixel of a usual lens.
-const CALM_ERROR: f64 = 1.25e-3;
-/// Rate that no swinging arm makes slower, 1/s, and the least share that it leaves of others.
-const SLOW_1_S: f64 = 1.0;
+/// The least share of its gains that is left to a swinging arm.
 const LEAST_SHARE: f64 = 0.3;
 /// Gain of the way back to where the target was seen, 1/s, and how near to it is there, rad or m.
 const RETURN_RATE_1_S: f64 = 2.0;
 const RETURNED: f64 = 1e-3;
-/// Gain times age from which on a held law is not kept up with.
-const LARGEST_HELD: f64 = 0.2;
-
 /// The last measurement in use.
 #[derive(Debug, Clone, Copy)]
 struct Sighting {
@@ -372,7 +368,7 @@ impl ServoSettings {
             rate_1_s *= share;
         }
         if let (Wish::Velocity(qd), UpdatePolicy::Predict) = (&mut wish, self.update) {
-            let factor = as_quick_as_held(rate_1_s * self.held_lag.as_s());
+            let factor = pace::as_quick_as_held(rate_1_s * self.held_lag.as_s());
             *qd *= factor;
             rate_1_s *= factor;
         }
@@ -393,34 +389,6 @@ impl ServoSettings {
         }
         Some(answer)
     }
-
-    /// Share of a law's rate that is left: of all that is above [`SLOW_1_S`] what [`Self::calm`] leaves, and near the goal it falls
-    /// towards `calm_gain_1_s` where `view` is within about a pixel.
-    fn calmed(&self, rate_1_s: f64, view: &View) -> f64 {
-        let slower = if rate_1_s > SLOW_1_S { self.gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
-        slower * self.calmed_near(rate_1_s * slower, view)
-    }
-
-    fn calmed_near(&self, rate_1_s: f64, view: &View) -> f64 {
-        let calm_1_s = self.calm_gain_1_s * self.gain_share;
-        if !(rate_1_s > calm_1_s) {
-            return 1.0;
-        }
-        let error = self.set_point.error_rms_px(view, &Vector2::repeat(1.0));
-        let far = error * error / (error * error + CALM_ERROR * CALM_ERROR);
-        // No error can be told: nothing speaks for calm.
-        let far = if far.is_nan() { 1.0 } else { far };
-        (calm_1_s + (rate_1_s - calm_1_s) * far) / rate_1_s
-    }
-}
-
-/// How much quicker than `exp(-lambda t)` the error falls under a law of gain lambda that works with errors of age T: the larger
-/// they are, the more it asks for. `e' = -lambda e(t - T)` falls with the rate `s = lambda x`, `x = exp(x lambda T)`, here as its
-/// series. Held laws of higher gains begin to swing; there is nothing to keep up with.
-fn as_quick_as_held(lambda_T: f64) -> f64 {
-    let r = lambda_T.clamp(0.0, LARGEST_HELD);
-    let x = 1.0 + r * (1.0 + r * (1.5 + r * (8.0 / 3.0 + r * 125.0 / 24.0)));
-    if lambda_T > r { (x * r / lambda_T).max(1.0) } else { x }
 }
 
 /// The joint velocity with which the camera keeps its place relative to a moving object: the feed-forward. None where

@@ -97,8 +97,17 @@ fn corners(
     let (width, height) = image.dimensions();
     let view = ImageView::new(image.as_raw(), width as usize, height as usize)
         .map_err(|_| "the image has no pixels".to_string())?;
+    corners_of(finder, &view, board)
+}
+
+/// The corners of the board in an image; or why there are none.
+pub(super) fn corners_of(
+    finder: &mut ChessboardFinder,
+    view: &ImageView<'_>,
+    board: &Chessboard,
+) -> Result<BoardView, String> {
     let mut found: Vec<Found> = Vec::new();
-    finder.search_or_why(&view, &mut found).map_err(|miss| miss.to_string())?;
+    finder.search_or_why(view, &mut found).map_err(|miss| miss.to_string())?;
     let point = |(found, (id, [xx, xy, yy])): (&Found, (u32, [f64; 3]))| {
         let p = board.points().get(id as usize).filter(|_| id == found.id)?;
         Some(BoardPoint { id, p_O: p.p_O, px: found.px, covariance_px2: Matrix2::new(xx, xy, xy, yy) })

@@ -4,6 +4,7 @@ use super::super::{CalibrateCameraArguments, check_writable, json, shown, write_
 use super::Refusal;
 use super::answer::{Answer, Examined, lines, reasons};
 use super::boards::{Boards, board};
+use super::live;
 use crate::calibration::camera::{CameraCalibrationError, calibrate_camera};
 use crate::camera_model::camera_info::CameraInfo;
 use crate::control::outcome::Outcome;
@@ -37,7 +38,10 @@ pub(in crate::cli) fn camera(arguments: &CalibrateCameraArguments) -> Result<u8,
 
 fn examined(arguments: &CalibrateCameraArguments) -> Result<(Examined, Boards), Refusal> {
     let board = board(&arguments.board)?;
-    let boards = Boards::find(&arguments.images, &board)?;
+    let boards = match &arguments.live {
+        Some(run_file) => live::watch(run_file, arguments, &board)?,
+        None => Boards::find(&arguments.images, &board)?,
+    };
     let calibration = calibrate_camera(&boards.views, boards.size, &arguments.board.settings())
         .map_err(|error| explained(error, &boards))?;
     let points: Vec<Point3<f64>> = board.points().iter().map(|p| p.p_O).collect();

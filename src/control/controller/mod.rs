@@ -38,7 +38,7 @@ const SLOW: f64 = 0.1;
 /// Difference of a joint's velocity from that of its reference up to which it is what is expected, rad/s or m/s.
 const EXPECTED_SPEED: f64 = 1.0;
 /// How long an arm whose reference rests may go on moving.
-const PATIENCE: SpanNs = SpanNs(2_000_000_000);
+const PATIENCE: SpanNs = SpanNs(3_000_000_000);
 
 /// The controller of one arm with `N` joints.
 #[derive(Debug)]

@@ -1,3 +1,4 @@
+use super::pace::as_quick_as_held;
 use super::*;
 use crate::servo::{
     Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, OperationalSpace, OrientationError,

@@ -1,0 +1,41 @@
+//! How fast a resolved velocity leads to the goal: slower near it, and on an arm that swings; quicker where a law looks ahead.
+
+use super::{ServoSettings, View};
+use nalgebra::Vector2;
+
+/// Feature error at which a gain has fallen half-way to the calm one, root mean square, normalized: a pixel of a usual lens.
+const CALM_ERROR: f64 = 1.25e-3;
+/// Rate that no swinging arm makes slower, 1/s.
+const SLOW_1_S: f64 = 1.0;
+/// Gain times age from which on a held law is not kept up with.
+const LARGEST_HELD: f64 = 0.2;
+
+impl ServoSettings {
+    /// Share of a law's rate that is left: of all that is above [`SLOW_1_S`] what [`Self::calm`] leaves, and near the goal it falls
+    /// towards `calm_gain_1_s` where `view` is within about a pixel.
+    pub(super) fn calmed(&self, rate_1_s: f64, view: &View) -> f64 {
+        let slower = if rate_1_s > SLOW_1_S { self.gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
+        slower * self.calmed_near(rate_1_s * slower, view)
+    }
+
+    fn calmed_near(&self, rate_1_s: f64, view: &View) -> f64 {
+        let calm_1_s = self.calm_gain_1_s * self.gain_share;
+        if !(rate_1_s > calm_1_s) {
+            return 1.0;
+        }
+        let error = self.set_point.error_rms_px(view, &Vector2::repeat(1.0));
+        let far = error * error / (error * error + CALM_ERROR * CALM_ERROR);
+        // No error can be told: nothing speaks for calm.
+        let far = if far.is_nan() { 1.0 } else { far };
+        (calm_1_s + (rate_1_s - calm_1_s) * far) / rate_1_s
+    }
+}
+
+/// How much quicker than `exp(-lambda t)` the error falls under a law of gain lambda that works with errors of age T: the larger
+/// they are, the more it asks for. `e' = -lambda e(t - T)` falls with the rate `s = lambda x`, `x = exp(x lambda T)`, here as its
+/// series. Held laws of higher gains begin to swing; there is nothing to keep up with.
+pub(super) fn as_quick_as_held(lambda_T: f64) -> f64 {
+    let r = lambda_T.clamp(0.0, LARGEST_HELD);
+    let x = 1.0 + r * (1.0 + r * (1.5 + r * (8.0 / 3.0 + r * 125.0 / 24.0)));
+    if lambda_T > r { (x * r / lambda_T).max(1.0) } else { x }
+}
