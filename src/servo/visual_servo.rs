@@ -127,9 +127,10 @@ impl<const N: usize> VisualServo<N> {
     }
 
     /// From now on resolved velocities lead to the goal half as fast: an arm that is not its model swings less. Whether they do; a
-    /// moving object is not followed more slowly.
+    /// moving object is not followed more slowly, and laws that give torques have no such pace.
     pub fn calm(&mut self) -> bool {
-        let calms = self.object.is_none() && self.settings.gain_share > LEAST_SHARE;
+        let has_pace = self.object.is_none() && !self.settings.law.is_torque();
+        let calms = has_pace && self.settings.gain_share > LEAST_SHARE;
         if calms {
             self.settings.gain_share *= 0.5;
         }
