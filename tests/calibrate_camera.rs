@@ -338,7 +338,7 @@ fn what_cannot_be_done_is_told() {
     assert_eq!(unwritable.code, Some(3), "{}", unwritable.err);
 }
 
-/// A camera process plays the photographs, each for five frames, again and again: each is taken once.
+/// A camera process plays the photographs, each for five frames, again and again: each is taken once. Two of the nine are too alike.
 #[test]
 fn pictures_are_taken_from_a_running_camera() {
     let photographs = photographs("left");
@@ -364,7 +364,7 @@ fn pictures_are_taken_from_a_running_camera() {
     let out = work.path().join("camera.yaml");
     let live = || {
         let output = vservo()
-            .args(["calibrate", "camera", "--target", "chessboard:9x6:0.025", "--json", "--views", "9"])
+            .args(["calibrate", "camera", "--target", "chessboard:9x6:0.025", "--json", "--views", "8"])
             .args(["--instance", &instance.name, "--live"])
             .args([&run_file])
             .arg("--out")
@@ -387,8 +387,8 @@ fn pictures_are_taken_from_a_running_camera() {
     assert_eq!(code, Some(0), "{told}");
     let answer: Value = serde_json::from_str(&answer).unwrap();
     let rms_px = answer["rms_px"].as_f64().unwrap();
-    assert!(answer["views"].as_array().unwrap().len() == 9 && rms_px < 0.195, "{answer}");
-    assert!(told.contains("9 of 9 pictures") && told.contains("next:"), "{told}");
+    assert!(answer["views"].as_array().unwrap().len() == 8 && rms_px < 0.195, "{answer}");
+    assert!(told.contains("8 of 8 pictures") && told.contains("next:"), "{told}");
     assert!(CameraInfo::read(&std::fs::read_to_string(&out).unwrap()).is_ok());
     instance.assert_gone();
 }
