@@ -209,6 +209,9 @@ fn of_the_whole(message: &str) -> bool {
         "needs servo.desired",
         "longer than a frame",
         "robot.q_start_rad_or_m[",
+        // of pairs of cameras
+        "says where this camera sits",
+        "both cameras sit in one place",
         // of robots
         "B(q)",
         "positive definite",
