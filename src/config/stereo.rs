@@ -219,7 +219,7 @@ fn of_the_cameras(raw: &RawConfig, left: &Camera, right: &Camera, tolerance: Spa
     let half_ms = 0.5e3 / left.rate_hz;
     if tolerance.as_s() * 1e3 > half_ms {
         let message = format!(
-            "{} ms is more than half a frame period ({half_ms:.3} ms): a frame could have two mates; lower it",
+            "{:?} ms is more than half a frame period ({half_ms:.3} ms): a frame could have two mates; lower it",
             raw.stereo.as_ref().map_or(0.0, |s| s.pair_tolerance_ms)
         );
         check.wrong("stereo.pair_tolerance_ms", message);
