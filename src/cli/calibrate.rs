@@ -12,9 +12,8 @@ pub use hand_eye::HandEyeArguments;
 pub(super) use hand_eye::hand_eye;
 pub(super) use stereo::stereo;
 
+use super::detect::refused;
 use crate::calibration::camera::CameraCalibrationError;
-use crate::input::printable;
-use crate::rt::tell;
 
 /// Why a command ends before it has a result: its exit code is told with it.
 struct Refusal {
@@ -33,10 +32,14 @@ impl Refusal {
         Self { message: message.into(), exit_code: 3 }
     }
 
+    /// With an exit code of its own.
+    fn with_code(exit_code: u8, message: impl Into<String>) -> Self {
+        Self { message: message.into(), exit_code }
+    }
+
     /// Tells it; the exit code.
     fn tell(&self) -> u8 {
-        tell(format_args!("vservo: {}", printable(&self.message)));
-        self.exit_code
+        refused(&self.message, self.exit_code)
     }
 }
 

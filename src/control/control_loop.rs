@@ -27,6 +27,8 @@ use nalgebra::{SVector, Vector2};
 
 /// Ticks between two status records: 50 Hz.
 const STATUS_PERIOD: u64 = 20;
+/// An arm swings whose error does not fall below so many times that of the goal: nearer to it, it is given time.
+const SWINGS_FROM: f64 = 1.5;
 /// The end of an open loop whose pictures are over.
 const LAST_FRAME: Finish = Finish { outcome: Outcome::Finished, reason: "the last frame was used" };
 /// The end of a closed loop whose camera has no more frames.
@@ -412,7 +414,7 @@ impl<const N: usize> ControlLoop<N> {
             if self.controller.rouse() {
                 self.residual.begin_anew();
             }
-        } else if self.residual.is_no_nearer(1.5 * goal_px) && self.controller.calm() {
+        } else if self.residual.is_no_nearer(SWINGS_FROM * goal_px) && self.controller.calm() {
             self.residual.begin_anew();
             self.events.push(Event::Calmed);
         }

@@ -5,8 +5,9 @@ mod answer;
 mod drive;
 mod poses;
 
-use super::super::detect::{calibration, picture, refused};
+use super::super::detect::{calibration, picture};
 use super::super::{check_writable, json, shown, write_result};
+use super::Refusal;
 use crate::calibration::hand_eye::{
     BoardCorner, EyePlace, HandEyeSettings, HandEyeView, MOST_VIEWS, RobotDeviation, calibrate_hand_eye,
 };
@@ -69,9 +70,6 @@ pub struct HandEyeArguments {
     pub json: bool,
 }
 
-/// Why nothing comes of it: the exit code and what is told.
-struct Refusal(u8, String);
-
 impl HandEyeArguments {
     fn settings(&self) -> HandEyeSettings {
         let place = if self.eye_to_hand { EyePlace::BesideArm } else { EyePlace::InHand };
@@ -85,11 +83,14 @@ impl HandEyeArguments {
     fn check(&self) -> Result<(), Refusal> {
         if self.images.len() > MOST_VIEWS {
             let count = self.images.len();
-            return Err(Refusal(2, format!("{count} images are given, at most {MOST_VIEWS} are taken")));
+            return Err(Refusal::with_code(
+                2,
+                format!("{count} images are given, at most {MOST_VIEWS} are taken"),
+            ));
         }
         for (name, value) in [("--robot-sd-mm", self.robot_sd_mm), ("--robot-sd-deg", self.robot_sd_deg)] {
             if !(1e-6..=100.0).contains(&value) {
-                return Err(Refusal(2, format!("{name} {value}: must be from 0.000001 to 100")));
+                return Err(Refusal::with_code(2, format!("{name} {value}: must be from 0.000001 to 100")));
             }
         }
         Ok(())
@@ -108,7 +109,7 @@ pub(in super::super) fn hand_eye(arguments: &HandEyeArguments) -> Result<u8, Pro
     };
     let answer = match answer {
         Ok(answer) => answer,
-        Err(Refusal(exit_code, message)) => return Ok(refused(&message, exit_code)),
+        Err(refusal) => return Ok(refusal.tell()),
     };
     let text = if arguments.json { json(&answer) } else { answer.text() };
     let exit_code = shown(&text, 0);
@@ -121,12 +122,13 @@ pub(in super::super) fn hand_eye(arguments: &HandEyeArguments) -> Result<u8, Pro
 fn answer(arguments: &HandEyeArguments) -> Result<Answer, Refusal> {
     arguments.check()?;
     let (Some(word), Some(file)) = (&arguments.target, &arguments.camera) else {
-        return Err(Refusal(2, "--target and --camera are needed".into()));
+        return Err(Refusal::with_code(2, "--target and --camera are needed"));
     };
-    let kind: Kind = word.parse().map_err(|e| Refusal(2, format!("--target: {e}")))?;
+    let kind: Kind = word.parse().map_err(|e| Refusal::with_code(2, format!("--target: {e}")))?;
     let target = one_look(kind)?;
-    let camera = calibration(file).map_err(|e| Refusal(3, format!("--camera: {e}")))?;
-    let poses = poses::of_images(&arguments.images, &arguments.poses).map_err(|e| Refusal(3, e))?;
+    let camera = calibration(file).map_err(|e| Refusal::with_code(3, format!("--camera: {e}")))?;
+    let poses =
+        poses::of_images(&arguments.images, &arguments.poses).map_err(|e| Refusal::with_code(3, e))?;
     let mut eye = Eye::new(camera, target);
     let (mut views, mut unused) = (Vec::new(), Vec::new());
     for (at, (path, arm)) in arguments.images.iter().zip(poses).enumerate() {
@@ -140,13 +142,13 @@ fn answer(arguments: &HandEyeArguments) -> Result<Answer, Refusal> {
         }
     }
     let report = calibrate_hand_eye(&views, &camera, &arguments.settings())
-        .map_err(|e| Refusal(Outcome::NotConverged.exit_code(), e.to_string()))?;
+        .map_err(|e| Refusal::with_code(Outcome::NotConverged.exit_code(), e.to_string()))?;
     Ok(Answer::new(report, &views, unused))
 }
 
 /// The target, if its points can be told apart in a single picture.
 fn one_look(kind: Kind) -> Result<Target, Refusal> {
-    let refuse = |what: &str| Err(Refusal(2, format!("--target: {what}")));
+    let refuse = |what: &str| Err(Refusal::with_code(2, format!("--target: {what}")));
     if kind.any_tag {
         return refuse("name one tag by its id");
     }
@@ -178,7 +180,7 @@ impl Eye {
 
     /// What is seen of the board in an image file; the reason where nothing is.
     fn corners(&mut self, path: &Path) -> Result<Result<Vec<BoardCorner>, String>, Refusal> {
-        let named = |what: String| Refusal(3, format!("{}: {what}", path.display()));
+        let named = |what: String| Refusal::with_code(3, format!("{}: {what}", path.display()));
         let image = picture::load(path).map_err(named)?;
         let (width, height) = image.dimensions();
         let i = self.camera.intrinsics();

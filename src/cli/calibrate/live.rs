@@ -28,8 +28,7 @@ const NEW_SHARE: f64 = 0.06;
 /// Pictures before which nothing can be told of the camera.
 const FEWEST: usize = 4;
 
-/// Takes pictures until there are `--views`, a stop is asked for, or nothing comes any more.
-/// `run_file` is that of the camera process.
+/// Takes pictures until there are `--views`, a stop is asked for, or nothing comes any more; `run_file` is that of the camera process.
 pub(super) fn watch(
     run_file: &Path,
     arguments: &CalibrateCameraArguments,
@@ -42,7 +41,7 @@ pub(super) fn watch(
         let message = format!(
             "no camera process runs in instance {instance}: start vservo camera, or name its instance by --instance"
         );
-        return Err(Refusal { message, exit_code: 5 });
+        return Err(Refusal::with_code(5, message));
     }
     let input = |e: &dyn std::fmt::Display| Refusal::input(e.to_string());
     let config = Config::load(Some(run_file), &[]).map_err(|e| input(&e))?;

@@ -40,20 +40,20 @@ pub(super) fn driven(
     let (run, views) = match look_around(&config) {
         Ok(looked) => looked,
         Err(e) => {
-            return Ok(Err(Refusal(
+            return Ok(Err(Refusal::with_code(
                 3,
                 format!("--drive: {e}; arms of real cells are not driven by this command yet"),
             )));
         }
     };
     if run.finish.outcome != Outcome::Finished {
-        return Ok(Err(Refusal(run.finish.outcome.exit_code(), run.finish.reason.into())));
+        return Ok(Err(Refusal::with_code(run.finish.outcome.exit_code(), run.finish.reason)));
     }
     let (place, believed) = place_of(&config.camera.mount);
     let settings = HandEyeSettings { place, ..arguments.settings() };
     let report = match calibrate_hand_eye(&views, &config.camera.model, &settings) {
         Ok(report) => report,
-        Err(e) => return Ok(Err(Refusal(Outcome::NotConverged.exit_code(), e.to_string()))),
+        Err(e) => return Ok(Err(Refusal::with_code(Outcome::NotConverged.exit_code(), e.to_string()))),
     };
     let truth = config.scene.as_ref().map(|scene| place_of(&scene.mount).1);
     let driven = Driven::new(&report.X_MC(), &believed, truth.as_ref());
