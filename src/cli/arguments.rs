@@ -51,13 +51,16 @@ pub enum Command {
     Target(TargetArguments),
     /// Make the view that a pair of cameras is to come back to, from pictures of both in the desired pose
     TeachView(TeachViewArguments),
-    /// Check a run file and report everything that is wrong with it
+    /// Check a run file: everything that is wrong with it, what the camera sees at start and goal, whether the arm gets there
     Check {
         /// Run file (TOML)
         config: PathBuf,
         /// Change one value first; may be repeated
         #[arg(long, value_name = "key.path=value")]
         set: Vec<String>,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
     },
     /// Examine whether this machine is fit for 1 kHz: kernel, limits, clock, and wake-up latency
     Doctor {

@@ -5,6 +5,7 @@ mod calibrate;
 mod calibrate_arguments;
 mod camera;
 mod camera_arguments;
+mod check;
 mod ctl;
 mod detect;
 mod target;
@@ -20,8 +21,8 @@ pub use calibrate_arguments::{
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 
-use crate::config::Config;
 use crate::config::assemble::require_controllable;
+use crate::config::{Config, Draft};
 use crate::control::outcome::Outcome;
 use crate::experiment;
 use crate::input::printable;
@@ -68,7 +69,7 @@ pub fn main() -> ExitCode {
         Some(Command::Detect(arguments)) => detect::detect(&arguments),
         Some(Command::Target(arguments)) => target::target(&arguments),
         Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),
-        Some(Command::Check { config, set }) => check(&config, &set),
+        Some(Command::Check { config, set, json }) => check::check(&config, &set, json),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
         Some(Command::DriveGuard { instance, supervised_by, command }) => {
             guard_drive(&command, &instance, supervised_by)
@@ -155,9 +156,11 @@ fn run(cell: &CellArguments, setting: Option<String>, summary: Option<&Path>) ->
 
 /// The cell that a supervisor is to run, and its name.
 fn prepare(cell: &CellArguments, setting: Option<String>) -> Result<(Config, Instance), ProcessError> {
-    let config = Config::load(cell.config.as_deref(), &cell.settings(setting))?;
+    let draft = Draft::load(cell.config.as_deref(), &cell.settings(setting))?;
+    let config = draft.clone().validate()?;
     require_controllable(&config)?;
     warn(&config);
+    check::warn_of_outlook(&draft, &config)?;
     Ok((config, cell.instance.parse()?))
 }
 
@@ -293,24 +296,6 @@ fn config_on_stdin(name: &Path, set: &[String]) -> Result<Config, ProcessError> 
     };
     let text = read().map_err(|cause| ProcessError::Start { what: "with the run file on stdin", cause })?;
     Ok(Config::parse(&name.display().to_string(), &text, Path::new("."), set)?)
-}
-
-fn check(config: &std::path::Path, set: &[String]) -> Result<u8, ProcessError> {
-    let checked = Config::load(Some(config), set)?;
-    require_controllable(&checked)?;
-    warn(&checked);
-    let (width_px, height_px) = checked.camera.full_size_px();
-    let of_whole = |region| format!("{region} of ");
-    let line = format!(
-        "{}: ok: {} on {}, {}{width_px}x{height_px} px at {} Hz, {}\n",
-        printable(&config.display().to_string()),
-        checked.scheme_name(),
-        printable(&checked.robot.name),
-        checked.camera.roi().map_or_else(String::new, of_whole),
-        checked.camera.rate_hz,
-        checked.clock_name()
-    );
-    Ok(shown(&line, 0))
 }
 
 fn doctor(json: bool, jitter_s: f64) -> u8 {

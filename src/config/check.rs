@@ -1,6 +1,6 @@
 //! The bounds of single values, and the list of what is wrong: every key of a run file passes here.
 
-use super::{Document, Problem};
+use super::{Document, Problem, pose_forms};
 use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
 use crate::input::number;
 use crate::time::SpanNs;
@@ -25,6 +25,11 @@ impl<'a> Check<'a> {
 
     pub(super) fn count_problems(&self) -> usize {
         self.problems.len()
+    }
+
+    /// Whether a pose is not known because it is written wrong: what depends on it says nothing then.
+    pub(super) fn misses_a_pose(&self) -> bool {
+        self.problems.iter().any(|problem| pose_forms::is_form(&problem.key))
     }
 
     pub(super) fn wrong(&mut self, key: &str, message: impl Into<String>) {

@@ -11,9 +11,11 @@ mod keys;
 pub mod assemble;
 mod camera;
 mod check;
+mod draft;
 mod frame_source;
 mod lens_file;
 mod place;
+mod pose_forms;
 mod problem;
 pub mod raw;
 mod scene;
@@ -26,6 +28,7 @@ mod v4l2;
 mod validate;
 
 pub use camera::Camera;
+pub use draft::Draft;
 pub use frame_source::{Source, Timing};
 pub use problem::{ConfigError, Problem};
 pub use scene::Scene;
@@ -34,7 +37,6 @@ pub use stereo::{Stereo, taught_file};
 pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 
 use crate::drive::{CommandMode, InnerServo, Payload};
-use crate::input::file;
 use crate::robot::RobotDescription;
 use crate::servo::{Law, ObjectDynamics, SetPoint, VisibilityGuard};
 use crate::target::Target;
@@ -259,16 +261,7 @@ impl Config {
     /// # Errors
     /// All problems of the first step that finds any: syntax, then types and unknown keys together with ranges.
     pub fn load(path: Option<&Path>, set: &[String]) -> Result<Self, ConfigError> {
-        let Some(path) = path else {
-            return Self::parse("embedded default configuration", DEFAULT_TOML, Path::new("."), set);
-        };
-        let name = path.display().to_string();
-        let text = file::read(path, file::LARGEST_TOML).map_err(|e| {
-            ConfigError::new(vec![Problem::of_file(&name, format!("cannot be read: {e}"))], 0)
-        })?;
-        // A file that is named without a folder has an empty parent: it stands in the working directory.
-        let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        Self::parse(&name, &text, folder, set)
+        Draft::load(path, set)?.validate()
     }
 
     /// Reads a run file from `text`. Relative paths in it count from `folder`; those in `--set` from the working
@@ -277,15 +270,7 @@ impl Config {
     /// # Errors
     /// As for [`Config::load`].
     pub fn parse(name: &str, text: &str, folder: &Path, set: &[String]) -> Result<Self, ConfigError> {
-        let mut document = Document::parse(name, text)?;
-        let mut problems: Vec<Problem> = set.iter().filter_map(|s| document.set(s).err()).collect();
-        let (mut raw, more) = tables::read(&mut document, &mut problems);
-        resolve_paths(&mut raw, &document, folder, &mut problems);
-        let config = validate::validate(raw, &document, &mut problems);
-        match config {
-            Some(config) if problems.is_empty() => Ok(config),
-            _ => Err(ConfigError::new(problems, more)),
-        }
+        Draft::parse(name, text, folder, set)?.validate()
     }
 
     /// The clock's name in a run file.
@@ -319,36 +304,6 @@ impl Config {
             table.remove("camera"); // which is the first of the list
         }
         toml::to_string(&table)
-    }
-}
-
-fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, problems: &mut Vec<Problem>) {
-    let absolute = |key: &str, path: &Path| {
-        let base = if document.is_argument(key) { Path::new(".") } else { folder };
-        std::path::absolute(base.join(path)).unwrap_or_else(|_| base.join(path))
-    };
-    let images = |key: &str, folder: &mut PathBuf| {
-        if !folder.as_os_str().is_empty() {
-            *folder = absolute(key, folder);
-        }
-    };
-    lens_file::resolve(raw, document, absolute, problems);
-    stereo::resolve(raw, document, absolute, problems);
-    images("camera.replay.folder", &mut raw.camera.replay.folder);
-    for (i, camera) in raw.cameras.iter_mut().enumerate() {
-        images(&format!("cameras[{i}].replay.folder"), &mut camera.replay.folder);
-    }
-    let folder = &raw.drive.external.folder;
-    raw.drive.external.folder = absolute("drive.external.folder", folder);
-    // A word without ending or folder is a name; `robot::load` says which names there are.
-    let model = |key: &str, model: &mut String| {
-        if model.contains(['.', '/']) {
-            *model = absolute(key, Path::new(model)).display().to_string();
-        }
-    };
-    model("robot.model", &mut raw.robot.model);
-    if let Some(true_model) = &mut raw.scene.arm.model {
-        model("scene.arm.model", true_model);
     }
 }
 

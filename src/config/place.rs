@@ -12,7 +12,7 @@ word! {
     }
 }
 
-table! {
+pose_table! {
     /// Where the camera sits: in the flange frame, or in the base frame for `eye_to_hand`.
     RawMount {
         /// Kind.
@@ -34,7 +34,7 @@ word! {
     }
 }
 
-table! {
+pose_table! {
     /// Where the target is.
     RawObject {
         /// In which frame it rests; must suit `camera.mount.kind`.

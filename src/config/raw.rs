@@ -120,7 +120,7 @@ table! {
     }
 }
 
-table! {
+pose_table! {
     /// A pose: position and fixed-axis roll, pitch, yaw (`R = Rz(yaw) Ry(pitch) Rx(roll)`).
     RawPose {
         /// Position, m.

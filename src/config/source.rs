@@ -141,6 +141,22 @@ impl Document {
         removed
     }
 
+    /// The value at `key`, with places of lists as in `cameras[1].mount`, where it is written.
+    #[must_use]
+    pub fn get(&self, key: &str) -> Option<&Value> {
+        let mut at: Option<&Value> = None;
+        for segment in key.split('.') {
+            let (name, place) = segment.split_once('[').map_or((segment, None), |(n, p)| (n, Some(p)));
+            let table = at.map_or(Some(&self.table), Value::as_table)?;
+            let value = table.get(name)?;
+            at = Some(match place {
+                Some(place) => value.as_array()?.get(place.strip_suffix(']')?.parse::<usize>().ok()?)?,
+                None => value,
+            });
+        }
+        at
+    }
+
     /// Where the value at `key` stands in the order of problems.
     pub(super) fn offset(&self, key: &str) -> usize {
         match self.places.get(key) {

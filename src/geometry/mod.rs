@@ -8,7 +8,9 @@
 mod rotation;
 mod twist;
 
-pub use rotation::{angle_axis, closest_rotation, rotation_angle, rotation_x, rotation_y, rotation_z, skew};
+pub use rotation::{
+    angle_axis, closest_rotation, roll_pitch_yaw, rotation_angle, rotation_x, rotation_y, rotation_z, skew,
+};
 pub use twist::{gamma, integrate_body_twist, rotate_twist};
 
 use nalgebra::{Isometry3, Vector6};

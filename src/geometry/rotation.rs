@@ -38,6 +38,19 @@ pub fn rotation_angle(R: &Rotation3<f64>) -> f64 {
     angle_axis(R).norm()
 }
 
+/// Roll, pitch, yaw, rad, of `R = Rz(yaw) Ry(pitch) Rx(roll)`, pitch in `[-pi/2, pi/2]`: exact to rounding also near the poles of
+/// pitch, where only the sum or difference of the other two is fixed.
+#[must_use]
+pub fn roll_pitch_yaw(R: &Rotation3<f64>) -> [f64; 3] {
+    let R = R.matrix();
+    let yaw = R.m21.atan2(R.m11);
+    let pitch = (-R.m31).atan2(R.m11.hypot(R.m21));
+    // what is left when yaw is taken off: the middle row of Ry Rx is [0, cos(roll), -sin(roll)]
+    let (sin, cos) = yaw.sin_cos();
+    let roll = (sin * R.m13 - cos * R.m23).atan2(cos * R.m22 - sin * R.m12);
+    [roll, pitch, yaw]
+}
+
 /// The rotation closest to `Q` in the Frobenius norm, (10.12): `U diag(1, 1, sigma) V^T`.
 ///
 /// Returns `None` when the decomposition does not converge or `Q` is not finite.
@@ -69,6 +82,17 @@ mod tests {
         #[test]
         fn skew_is_the_cross_product(v in vector(), w in vector()) {
             prop_assert!((skew(&v) * w - v.cross(&w)).norm() < 1e-12);
+        }
+
+        #[test]
+        fn roll_pitch_and_yaw_make_the_rotation_again(
+            rpy in prop::array::uniform3(-3.1..3.1f64), pole in -1e-7..1e-7f64, upright in any::<bool>()
+        ) {
+            let pitch = if upright { std::f64::consts::FRAC_PI_2 + pole } else { rpy[1] };
+            let R = rotation_z(rpy[2]) * rotation_y(pitch) * rotation_x(rpy[0]);
+            let [roll, pitch, yaw] = roll_pitch_yaw(&R);
+            let again = rotation_z(yaw) * rotation_y(pitch) * rotation_x(roll);
+            prop_assert!((again.matrix() - R.matrix()).norm() < 1e-14);
         }
 
         #[test]

@@ -2,6 +2,7 @@
 
 mod closed_loop;
 mod hand_eye_session;
+pub mod outlook;
 mod perfect_camera;
 mod system;
 

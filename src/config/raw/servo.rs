@@ -196,7 +196,11 @@ table! {
         set_point: RawSetPoint = RawSetPoint::default(),
         /// `X_DO`: the target in the desired camera frame.
         desired: RawPose =
-            RawPose { position_m: [-0.1, 0.1, 0.6], rotation_rpy_rad: [0.0, 0.0, -std::f64::consts::FRAC_PI_3] },
+            RawPose {
+                position_m: [-0.1, 0.1, 0.6],
+                rotation_rpy_rad: [0.0, 0.0, -std::f64::consts::FRAC_PI_3],
+                ..RawPose::default()
+            },
     }
 }
 

@@ -55,7 +55,7 @@ impl RawTrueLens {
     }
 }
 
-table! {
+pose_table! {
     /// Where the simulated camera really sits, in the frame of `[camera.mount]`; left out: as there.
     RawTrueMount {
         /// Position, m.

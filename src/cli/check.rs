@@ -1,0 +1,94 @@
+//! `vservo check CONFIG`: what is wrong with a run file, and what a run of it has before it, in words or as JSON.
+
+use super::{json, shown, warn};
+use crate::config::assemble::require_controllable;
+use crate::config::{Config, Draft};
+use crate::input::printable;
+use crate::process::ProcessError;
+use crate::rt::tell;
+use crate::sim::outlook::Outlook;
+use serde::Serialize;
+use std::path::Path;
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Answer<'a> {
+    ok: bool,
+    errors: Vec<String>,
+    warnings: Vec<String>,
+    #[serde(flatten)]
+    outlook: &'a Outlook,
+}
+
+/// # Errors
+/// When the run file is wrong, or its run would be futile: the target cannot be found, the goal not be reached.
+pub(super) fn check(path: &Path, set: &[String], as_json: bool) -> Result<u8, ProcessError> {
+    let draft = Draft::load(Some(path), set)?;
+    let config = draft.clone().validate()?;
+    require_controllable(&config)?;
+    let outlook = Outlook::of(&config)?;
+    let (faults, doubts) = judged(&outlook);
+    let error = (!faults.is_empty()).then(|| draft.error(faults));
+    let doubts = draft.problems_of(doubts);
+    if as_json {
+        let answer = Answer {
+            ok: error.is_none(),
+            errors: error.iter().flat_map(|error| error.lines()).collect(),
+            warnings: config.warnings.iter().chain(&doubts).map(ToString::to_string).collect(),
+            outlook: &outlook,
+        };
+        let code = shown(&json(&answer), 0);
+        return error.map_or(Ok(code), |error| Err(error.into()));
+    }
+    warn(&config);
+    for doubt in &doubts {
+        tell(format_args!("vservo: warning: {}", printable(&doubt.to_string())));
+    }
+    let what = outlook.lines().iter().map(|line| printable(line) + "\n").collect::<String>();
+    match error {
+        None => Ok(shown(&(first_line(path, &config) + &what), 0)),
+        Some(error) => {
+            shown(&what, 0);
+            Err(error.into())
+        }
+    }
+}
+
+fn first_line(path: &Path, config: &Config) -> String {
+    let (width_px, height_px) = config.camera.full_size_px();
+    let of_whole = |region| format!("{region} of ");
+    format!(
+        "{}: ok: {} on {}, {}{width_px}x{height_px} px at {} Hz, {}\n",
+        printable(&path.display().to_string()),
+        config.scheme_name(),
+        printable(&config.robot.name),
+        config.camera.roi().map_or_else(String::new, of_whole),
+        config.camera.rate_hz,
+        config.clock_name()
+    )
+}
+
+/// What is told by its key.
+type Told = Vec<(&'static str, String)>;
+
+/// What makes the run futile, and what is only doubtful. Where the object moves by itself, nothing is certain.
+fn judged(outlook: &Outlook) -> (Told, Told) {
+    let (mut faults, mut doubts) = (outlook.faults(), outlook.doubts());
+    if !outlook.object_rests {
+        doubts.append(&mut faults);
+    }
+    (faults, doubts)
+}
+
+/// Tells before a run what `check` would refuse: the run itself goes on, because the cell may still be another one than it is thought to
+/// be.
+///
+/// # Errors
+/// When an arm cannot be built.
+pub(super) fn warn_of_outlook(draft: &Draft, config: &Config) -> Result<(), ProcessError> {
+    let (faults, _) = judged(&Outlook::of(config)?);
+    for problem in draft.problems_of(faults) {
+        tell(format_args!("vservo: warning: {}", printable(&problem.to_string())));
+    }
+    Ok(())
+}

@@ -1,0 +1,136 @@
+//! A run file that is read and not yet judged: what a command needs that fills in what the file leaves open.
+
+use super::raw::RawConfig;
+use super::{Config, ConfigError, DEFAULT_TOML, Document, Problem};
+use super::{lens_file, pose_forms, stereo, tables, validate};
+use crate::geometry::{Pose, roll_pitch_yaw};
+use crate::input::file;
+use std::path::{Path, PathBuf};
+
+/// A run file with its defaults and absolute paths, and where each key stands.
+#[derive(Debug, Clone)]
+pub struct Draft {
+    /// Every key; those that cannot be read have their defaults.
+    pub raw: RawConfig,
+    document: Document,
+    folder: PathBuf,
+    /// What is wrong so far.
+    problems: Vec<Problem>,
+    /// Problems behind these.
+    more: usize,
+}
+
+impl Draft {
+    /// Reads a run file, or the embedded default where `path` is `None`, and applies `--set` arguments.
+    ///
+    /// # Errors
+    /// When the file cannot be read or is no TOML. What else is wrong is told by [`Self::validate`].
+    pub fn load(path: Option<&Path>, set: &[String]) -> Result<Self, ConfigError> {
+        let Some(path) = path else {
+            return Self::parse("embedded default configuration", DEFAULT_TOML, Path::new("."), set);
+        };
+        let name = path.display().to_string();
+        let text = file::read(path, file::LARGEST_TOML).map_err(|e| {
+            ConfigError::new(vec![Problem::of_file(&name, format!("cannot be read: {e}"))], 0)
+        })?;
+        // A file that is named without a folder has an empty parent: it stands in the working directory.
+        let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Self::parse(&name, &text, folder, set)
+    }
+
+    /// Reads a run file from `text`; see [`Config::parse`].
+    ///
+    /// # Errors
+    /// As for [`Self::load`].
+    pub fn parse(name: &str, text: &str, folder: &Path, set: &[String]) -> Result<Self, ConfigError> {
+        let mut document = Document::parse(name, text)?;
+        let mut problems: Vec<Problem> = set.iter().filter_map(|s| document.set(s).err()).collect();
+        let (mut raw, more) = tables::read(&mut document, &mut problems);
+        resolve_paths(&mut raw, &document, folder, &mut problems);
+        Ok(Self { raw, document, folder: folder.into(), problems, more })
+    }
+
+    /// The configuration, where everything is as it should be.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub fn validate(self) -> Result<Config, ConfigError> {
+        let Self { raw, document, mut problems, more, .. } = self;
+        match validate::validate(raw, &document, &mut problems) {
+            Some(config) if problems.is_empty() => Ok(config),
+            _ => Err(ConfigError::new(problems, more)),
+        }
+    }
+
+    /// The same run from `q_start` (rad or m), with the object at `X_WO` and the goal `X_DO`.
+    #[must_use]
+    pub fn placed(mut self, q_start: &[f64], X_WO: &Pose, X_DO: &Pose) -> Self {
+        let parts =
+            |X: &Pose| (X.translation.vector.into(), roll_pitch_yaw(&X.rotation.to_rotation_matrix()));
+        self.raw.robot.q_start_rad_or_m = q_start.to_vec();
+        (self.raw.scene.object.position_m, self.raw.scene.object.rotation_rpy_rad) = parts(X_WO);
+        (self.raw.servo.desired.position_m, self.raw.servo.desired.rotation_rpy_rad) = parts(X_DO);
+        self
+    }
+
+    /// The keys that are written, with what `--set` gave.
+    #[must_use]
+    pub fn written(&self) -> &toml::Table {
+        &self.document.table
+    }
+
+    /// The folder from which relative paths of the file count.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Whether a `--set` argument gave the value at `key`.
+    #[must_use]
+    pub fn is_argument(&self, key: &str) -> bool {
+        self.document.is_argument(key)
+    }
+
+    /// What is wrong, or doubtful, with the values at keys, as an error that names their places.
+    #[must_use]
+    pub fn error(&self, told: Vec<(&'static str, String)>) -> ConfigError {
+        ConfigError::new(self.problems_of(told), 0)
+    }
+
+    /// The same as single problems.
+    #[must_use]
+    pub fn problems_of(&self, told: Vec<(&'static str, String)>) -> Vec<Problem> {
+        told.into_iter().map(|(key, message)| self.document.problem(key, message)).collect()
+    }
+}
+
+fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, problems: &mut Vec<Problem>) {
+    let absolute = |key: &str, path: &Path| {
+        let base = if document.is_argument(key) { Path::new(".") } else { folder };
+        std::path::absolute(base.join(path)).unwrap_or_else(|_| base.join(path))
+    };
+    let images = |key: &str, folder: &mut PathBuf| {
+        if !folder.as_os_str().is_empty() {
+            *folder = absolute(key, folder);
+        }
+    };
+    pose_forms::resolve(raw, document, problems);
+    lens_file::resolve(raw, document, absolute, problems);
+    stereo::resolve(raw, document, absolute, problems);
+    images("camera.replay.folder", &mut raw.camera.replay.folder);
+    for (i, camera) in raw.cameras.iter_mut().enumerate() {
+        images(&format!("cameras[{i}].replay.folder"), &mut camera.replay.folder);
+    }
+    let folder = &raw.drive.external.folder;
+    raw.drive.external.folder = absolute("drive.external.folder", folder);
+    // A word without ending or folder is a name; `robot::load` says which names there are.
+    let model = |key: &str, model: &mut String| {
+        if model.contains(['.', '/']) {
+            *model = absolute(key, Path::new(model)).display().to_string();
+        }
+    };
+    model("robot.model", &mut raw.robot.model);
+    if let Some(true_model) = &mut raw.scene.arm.model {
+        model("scene.arm.model", true_model);
+    }
+}

@@ -1,0 +1,266 @@
+//! What a run has before it: where the camera is and looks at the start and at the goal, what it sees there, whether the arm can get
+//! there, and by which way.
+//!
+//! ```text
+//!            ┌─ Sight   whole marks and plate in the picture, at start and goal
+//! Config ────┼─ Reach   inverse kinematics with limits: the goal's posture, or the nearest one
+//!            └─ Way     the straight way of the camera: singular postures, ends of ranges
+//! ```
+//! All of it is geometry: what an object, a hand or the light do later is not known here. The start is as the simulated cell really is,
+//! the goal as it is believed.
+
+mod reach;
+mod sight;
+mod words;
+
+pub use reach::{Posture, Reach, Way};
+pub use sight::{Overhang, PointInSight, Sight};
+
+use crate::config::raw::{DriveKind, SetPointKind, Task};
+use crate::config::{Config, Scene};
+use crate::geometry::Pose;
+use crate::robot::{Robot, RobotError};
+use crate::scene::SceneMotion;
+use crate::servo::Mount;
+use nalgebra::{Point3, SVector, Vector3};
+use reach::Question;
+use serde::Serialize;
+
+/// What a run has before it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outlook {
+    /// What the camera has before it when the run starts; `None` where no scene says where the object is.
+    pub start: Option<Viewpoint>,
+    /// What it has before it at the goal; `None` for a goal that is taught on the spot.
+    pub goal: Option<Viewpoint>,
+    /// Whether the arm gets there.
+    pub reach: Reach,
+    /// The straight way there; `None` where there is none to look at.
+    pub way: Option<Way>,
+    /// What was left out, and why.
+    pub notes: Vec<&'static str>,
+    /// Whether the object rests, so that what is seen now stays true.
+    pub object_rests: bool,
+}
+
+/// Where a camera is, where it looks and what it sees.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Viewpoint {
+    /// The object in the camera.
+    #[serde(skip)]
+    pub X_CO: Pose,
+    /// Position of the object in the camera, m.
+    pub object_position_m: [f64; 3],
+    /// Orientation of the object in the camera.
+    pub object_rotation_xyzw: [f64; 4],
+    /// The camera in the base frame, where that is known.
+    pub camera: Option<CameraPlace>,
+    /// Where the optical axis goes; `None` where it does not meet the target's plane.
+    pub axis: Option<AxisFoot>,
+    /// The target in the picture.
+    pub sight: Sight,
+}
+
+/// A camera in the base frame.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CameraPlace {
+    /// Position in B, m.
+    pub position_m: [f64; 3],
+    /// Orientation in B.
+    pub rotation_xyzw: [f64; 4],
+    /// Direction of the optical axis in B.
+    pub looks: [f64; 3],
+    /// Angle from straight down, rad; `None` for an arm without gravity.
+    pub from_down_rad: Option<f64>,
+}
+
+/// Where the optical axis meets the plane of the target.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct AxisFoot {
+    /// Along x and y of the target, m.
+    pub place_m: [f64; 2],
+    /// How far from the camera, m.
+    pub ahead_m: f64,
+    /// How far from the middle of the target's plate, m.
+    pub beside_m: f64,
+}
+
+impl Outlook {
+    /// What the run of `config` has before it.
+    ///
+    /// # Errors
+    /// [`RobotError`] when an arm cannot be built.
+    pub fn of(config: &Config) -> Result<Self, RobotError> {
+        crate::dispatch_robot!(config.robot, |robot| Self::of_arm(config, &robot))?
+    }
+
+    fn of_arm<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<Self, RobotError> {
+        let q_start = SVector::<f64, N>::from_fn(|i, _| config.start.q.get(i).copied().unwrap_or_default());
+        let start = config.scene.as_ref().map(|scene| start(config, scene, &q_start)).transpose()?;
+        let taught = config.servo.teach > 0;
+        let X_WO = config.X_WO();
+        let X_DO = match config.task {
+            Task::Servo if !taught => config.servo.set_point.X_DO().copied(),
+            _ => None,
+        };
+        let goal = X_DO.map(|X_DO| {
+            let X_BC = match config.camera.mount {
+                Mount::EyeInHand { .. } => X_WO.map(|X_WO| X_WO * X_DO.inverse()),
+                Mount::EyeToHand { X_BC } => Some(X_BC),
+            };
+            let sight = Sight::of(&config.target, &config.camera.model, &X_DO);
+            Viewpoint::new(config, X_DO, X_BC, sight)
+        });
+        let mut outlook = Self {
+            start,
+            goal,
+            reach: Reach::Unasked { why: "" },
+            way: None,
+            notes: notes(config),
+            object_rests: config.scene.as_ref().is_none_or(|scene| scene.motion == SceneMotion::Still),
+        };
+        outlook.reach = match (unasked(config), X_WO, X_DO) {
+            (Some(why), ..) => Reach::Unasked { why },
+            (None, Some(X_WO), Some(X_DO)) => {
+                let question =
+                    Question { config, robot, q_start, set_point: &config.servo.set_point, X_WO, X_DO };
+                let (reach, found) = question.reach();
+                outlook.way = found.map(|_| question.way());
+                reach
+            }
+            _ => Reach::Unasked { why: "the desired features fix no pose of the camera" },
+        };
+        Ok(outlook)
+    }
+
+    /// What makes the run futile: key and message.
+    #[must_use]
+    pub fn faults(&self) -> Vec<(&'static str, String)> {
+        let mut faults = Vec::new();
+        if let Some(fault) = self.start.as_ref().and_then(|view| view.sight.fault()) {
+            let message = format!(
+                "{fault} at the start; move scene.object or the start position, or see `vservo view`"
+            );
+            faults.push(("robot.q_start_rad_or_m", message));
+        }
+        if let Some(fault) = self.goal.as_ref().and_then(|view| view.sight.fault()) {
+            let message = format!("{fault} in the desired view; see `vservo view`");
+            faults.push(("servo.desired", message));
+        }
+        if let Some(message) = words::out_of_reach(&self.reach) {
+            faults.push(("servo.desired", message));
+        }
+        faults
+    }
+
+    /// What is allowed, but hardly meant: key and message.
+    #[must_use]
+    pub fn doubts(&self) -> Vec<(&'static str, String)> {
+        self.way.iter().flat_map(words::doubts).map(|message| ("servo.desired", message)).collect()
+    }
+
+    /// All of it in words, a line each.
+    #[must_use]
+    pub fn lines(&self) -> Vec<String> {
+        words::lines(self)
+    }
+}
+
+/// Why nobody asks whether the goal is within reach; `None` where it is asked.
+fn unasked(config: &Config) -> Option<&'static str> {
+    if config.task != Task::Servo {
+        Some("a calibration finds its postures by itself")
+    } else if config.drive.kind == DriveKind::None || !config.closes_the_loop() {
+        Some("no arm moves in this run")
+    } else if config.servo.teach > 0 {
+        Some("the goal is what the camera sees at the start")
+    } else if config.scene.is_none() {
+        Some("where the object lies is known when the camera sees it")
+    } else {
+        None
+    }
+}
+
+fn notes(config: &Config) -> Vec<&'static str> {
+    let mut notes = Vec::new();
+    if config.stereo.is_some() {
+        notes.push("of the pair of cameras only the left one is looked at");
+    }
+    if config.start.elsewhere {
+        notes.push("the arm may start elsewhere (robot.start_elsewhere): the start is that of the run file");
+    }
+    if config.effective.servo.set_point.kind == SetPointKind::Features {
+        notes.push("the goal is the pose from which the points look most like servo.set_point.features");
+    }
+    if let Some(scene) = &config.scene {
+        if scene.motion != SceneMotion::Still {
+            notes.push("the object moves: all this is of where it is at the start");
+        }
+        if !scene.occluders.is_empty() {
+            notes.push("what comes between target and camera (scene.occluder) is left out");
+        }
+    }
+    notes
+}
+
+/// What the camera really sees before the arm moves.
+fn start<const N: usize>(
+    config: &Config,
+    scene: &Scene,
+    q_start: &SVector<f64, N>,
+) -> Result<Viewpoint, RobotError> {
+    let q =
+        SVector::<f64, N>::from_fn(|i, _| q_start[i] + scene.q_offset.get(i).copied().unwrap_or_default());
+    let X_BE = scene.arm.build::<N>()?.forward(&q);
+    let X_CO = scene.mount.X_WC(&X_BE).inv_mul(&scene.X_WO);
+    let X_BC = match scene.mount {
+        Mount::EyeInHand { X_EC } => X_BE * X_EC,
+        Mount::EyeToHand { X_BC } => X_BC,
+    };
+    let sight = Sight::of(&scene.target, &scene.camera, &X_CO);
+    Ok(Viewpoint::new(config, X_CO, Some(X_BC), sight))
+}
+
+impl Viewpoint {
+    fn new(config: &Config, X_CO: Pose, X_BC: Option<Pose>, sight: Sight) -> Self {
+        let xyzw = |X: &Pose| {
+            let c = X.rotation.coords;
+            [c.x, c.y, c.z, c.w]
+        };
+        let camera = X_BC.map(|X_BC| {
+            let looks = X_BC.rotation * Vector3::z();
+            let down = config.robot.gravity_B;
+            CameraPlace {
+                position_m: X_BC.translation.vector.into(),
+                rotation_xyzw: xyzw(&X_BC),
+                looks: looks.into(),
+                from_down_rad: (down.norm() > 0.0).then(|| looks.angle(&down)),
+            }
+        });
+        let plate = config.target.plate();
+        let middle = (plate.low_m + plate.high_m) * 0.5;
+        Self {
+            object_position_m: X_CO.translation.vector.into(),
+            object_rotation_xyzw: xyzw(&X_CO),
+            camera,
+            axis: axis_foot(&X_CO).map(|(foot, ahead_m)| AxisFoot {
+                place_m: [foot.x, foot.y],
+                ahead_m,
+                beside_m: (foot.coords.xy() - middle).norm(),
+            }),
+            sight,
+            X_CO,
+        }
+    }
+}
+
+/// Where the optical axis meets the plane z_O = 0, in O, and how far from the camera, m.
+fn axis_foot(X_CO: &Pose) -> Option<(Point3<f64>, f64)> {
+    let normal = X_CO.rotation * Vector3::z();
+    let ahead_m = normal.dot(&X_CO.translation.vector) / normal.z;
+    let foot = X_CO.inverse_transform_point(&Point3::new(0.0, 0.0, ahead_m));
+    (ahead_m.is_finite() && ahead_m > 0.0 && ahead_m < 1e3).then_some((foot, ahead_m))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,213 @@
+//! What of the target is in the picture: whole marks, not centres alone.
+
+use crate::camera_model::CameraModel;
+use crate::geometry::Pose;
+use crate::target::{Mark, Target};
+use nalgebra::{Point3, Vector2, Vector3};
+use serde::Serialize;
+
+/// Outlines of dots leave them by no more than this share of their radius.
+const SAG: f64 = 0.002;
+/// Dark that touches the border of the picture is no dot to the finder: so much about it must be in the picture, px.
+const ROOM_ABOUT_A_DOT_PX: f64 = 1.5;
+/// What a corner of a tag or of an outline, and one of a chessboard needs about it, px.
+const ROOM_ABOUT_A_CORNER_PX: f64 = 2.0;
+const ROOM_ABOUT_A_SADDLE_PX: f64 = 5.0;
+
+/// How far something is beyond each border of the picture, px; zero where it is not.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Overhang {
+    /// Beyond the left border.
+    pub left_px: f64,
+    /// Beyond the right border.
+    pub right_px: f64,
+    /// Beyond the upper border.
+    pub above_px: f64,
+    /// Beyond the lower border.
+    pub below_px: f64,
+}
+
+impl Overhang {
+    /// Whether all is in the picture.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// In words: `12.3 px beyond the left border`.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        let sides = [
+            ("left", self.left_px),
+            ("right", self.right_px),
+            ("upper", self.above_px),
+            ("lower", self.below_px),
+        ];
+        let told = sides.into_iter().filter(|(_, px)| *px > 0.0);
+        let told: Vec<_> = told.map(|(side, px)| format!("{px:.1} px beyond the {side} border")).collect();
+        told.join(" and ")
+    }
+}
+
+/// One point of the target in the picture.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PointInSight {
+    /// Its number, from 1, as everywhere in a run file.
+    pub point: usize,
+    /// Where its centre is, px; `None` behind the camera or beyond what the lens shows.
+    pub px: Option<[f64; 2]>,
+    /// Whether all that the finder needs of it is in the picture.
+    pub whole: bool,
+    /// By how much it is not.
+    pub outside: Overhang,
+}
+
+/// The target in the picture.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Sight {
+    /// Its points.
+    pub points: Vec<PointInSight>,
+    /// Whether the camera looks at the side with the marks.
+    pub front: bool,
+    /// The plate; `None` where a part of it is behind the camera or beyond what the lens shows.
+    pub plate_outside: Option<Overhang>,
+    /// Least distance of a mark from the border, px; negative where one is cut.
+    pub room_px: f64,
+    /// How many points are there whole.
+    pub whole: usize,
+    /// How many it takes to find the target.
+    pub needed: usize,
+}
+
+impl Sight {
+    /// The `target` at `X_CO` in the picture of `camera`.
+    #[must_use]
+    pub fn of(target: &Target, camera: &CameraModel, X_CO: &Pose) -> Self {
+        let marks = outlines(target);
+        let mut room_px = f64::INFINITY;
+        let points: Vec<_> = target
+            .points()
+            .iter()
+            .zip(&marks)
+            .zip(1..)
+            .map(|((point, (outline, needs_px)), number)| {
+                let px = camera.project(&(X_CO * point.p_O)).map(Into::into);
+                let extent = Extent::of(outline, camera, X_CO);
+                let (outside, room) = extent.map_or((Overhang::default(), f64::NEG_INFINITY), |e| {
+                    (e.overhang(camera), e.room(camera))
+                });
+                room_px = room_px.min(room);
+                PointInSight { point: number, px, whole: extent.is_some() && room >= *needs_px, outside }
+            })
+            .collect();
+        let plate = target.plate();
+        let (low, high) = (plate.low_m, plate.high_m);
+        let corners = [low, Vector2::new(high.x, low.y), high, Vector2::new(low.x, high.y)];
+        let along =
+            |a: Vector2<f64>, b: Vector2<f64>| (0..16).map(move |i| a + (b - a) * (f64::from(i) / 16.0));
+        let next = corners.into_iter().cycle().skip(1);
+        let edge: Vec<_> = corners.into_iter().zip(next).flat_map(|(a, b)| along(a, b)).collect();
+        let plate_outside = Extent::of(&edge, camera, X_CO).map(|extent| extent.overhang(camera));
+        let facing = (X_CO.rotation * Vector3::z()).dot(&X_CO.translation.vector);
+        let whole = points.iter().filter(|point| point.whole).count();
+        Self { points, front: facing > 0.0, plate_outside, room_px, whole, needed: target.least_to_find() }
+    }
+
+    /// Whether the finder can find the target: enough whole marks, from the side where they are.
+    #[must_use]
+    pub fn can_be_found(&self) -> bool {
+        self.front && self.whole >= self.needed
+    }
+
+    /// Why the target cannot be found, in words; `None` where it can.
+    #[must_use]
+    pub fn fault(&self) -> Option<String> {
+        if !self.front {
+            return Some(
+                "the camera looks at the back of the target: the target's z must point away from the camera"
+                    .into(),
+            );
+        }
+        if self.can_be_found() {
+            return None;
+        }
+        let cut: Vec<_> = self.points.iter().filter(|point| !point.whole).collect();
+        let told: Vec<_> = cut.iter().take(4).map(|point| point.fault()).collect();
+        let more = cut.len().saturating_sub(told.len());
+        let more = if more > 0 { format!(", and {more} more") } else { String::new() };
+        let seen = if self.needed == self.points.len() {
+            String::new()
+        } else {
+            format!(" ({} points are seen whole, {} are needed)", self.whole, self.needed)
+        };
+        Some(format!("{}{more}{seen}", told.join(", ")))
+    }
+}
+
+impl PointInSight {
+    /// What is wrong with its place, in words.
+    #[must_use]
+    pub fn fault(&self) -> String {
+        let n = self.point;
+        if self.px.is_none() {
+            format!("point {n} lies behind the camera or beyond what its lens shows")
+        } else if self.outside.is_none() {
+            format!("point {n} touches the border of the picture")
+        } else {
+            format!("point {n} is outside, {}", self.outside.describe())
+        }
+    }
+}
+
+/// Of each point its mark, as an outline in the object's plane, m, and what the finder needs about that, px.
+fn outlines(target: &Target) -> Vec<(Vec<Vector2<f64>>, f64)> {
+    let discs = target.discs();
+    if !discs.is_empty() {
+        let outline = |disc: &crate::target::Disc| {
+            let loops = Mark::Disc(*disc).loops(SAG * disc.radius_m);
+            (loops.iter().flat_map(|outline| outline.iter().copied()).collect(), ROOM_ABOUT_A_DOT_PX)
+        };
+        return discs.iter().map(outline).collect();
+    }
+    let needs_px = match target {
+        Target::Chessboard(_) => ROOM_ABOUT_A_SADDLE_PX,
+        _ => ROOM_ABOUT_A_CORNER_PX,
+    };
+    target.points().iter().map(|point| (vec![point.p_O.coords.xy()], needs_px)).collect()
+}
+
+/// Least and greatest column and row of an outline, px.
+#[derive(Debug, Clone, Copy)]
+struct Extent {
+    low: Vector2<f64>,
+    high: Vector2<f64>,
+}
+
+impl Extent {
+    /// `None` where a part of it is not to be seen by any pixel.
+    fn of(outline: &[Vector2<f64>], camera: &CameraModel, X_CO: &Pose) -> Option<Self> {
+        let mut extent =
+            Self { low: Vector2::repeat(f64::INFINITY), high: Vector2::repeat(f64::NEG_INFINITY) };
+        for p in outline {
+            let px = camera.project(&(X_CO * Point3::new(p.x, p.y, 0.0)))?;
+            (extent.low, extent.high) = (extent.low.inf(&px), extent.high.sup(&px));
+        }
+        Some(extent)
+    }
+
+    /// Distances from the left, right, upper and lower border, px; negative beyond.
+    fn distances(&self, camera: &CameraModel) -> [f64; 4] {
+        let i = camera.intrinsics();
+        let (right, bottom) = (f64::from(i.width_px) - 0.5, f64::from(i.height_px) - 0.5);
+        [self.low.x + 0.5, right - self.high.x, self.low.y + 0.5, bottom - self.high.y]
+    }
+
+    fn room(&self, camera: &CameraModel) -> f64 {
+        self.distances(camera).into_iter().fold(f64::INFINITY, f64::min)
+    }
+
+    fn overhang(&self, camera: &CameraModel) -> Overhang {
+        let [left_px, right_px, above_px, below_px] = self.distances(camera).map(|d| (-d).max(0.0));
+        Overhang { left_px, right_px, above_px, below_px }
+    }
+}

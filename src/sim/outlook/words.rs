@@ -1,0 +1,178 @@
+//! The outlook in words.
+
+use super::{Outlook, Overhang, Posture, Reach, Sight, Viewpoint, Way};
+
+/// Of more points than these only those that are not whole are told one by one.
+const TOLD_POINTS: usize = 8;
+
+/// A line each; the first words say what it is about.
+pub(super) fn lines(outlook: &Outlook) -> Vec<String> {
+    let mut lines = Vec::new();
+    match &outlook.start {
+        Some(view) => viewpoint("start", view, &mut lines),
+        None => lines
+            .push("  start: no [scene] says where the object is: it is known when the camera sees it".into()),
+    }
+    if let Some(view) = &outlook.goal {
+        viewpoint("goal", view, &mut lines);
+    }
+    lines.push(format!("  reach: {}", reach(&outlook.reach)));
+    if let Some(way) = &outlook.way {
+        lines.push(format!("  way:   {}", straight_way(way)));
+    }
+    lines.extend(outlook.notes.iter().map(|note| format!("  note:  {note}")));
+    lines
+}
+
+fn viewpoint(what: &str, view: &Viewpoint, lines: &mut Vec<String>) {
+    let mut line = format!("  {:7}", format!("{what}:"));
+    if let Some(camera) = &view.camera {
+        let [x, y, z] = camera.position_m;
+        let [a, b, c] = camera.looks.map(|d| (d * 1e3).round() / 1e3 + 0.0);
+        line += &format!("the camera is at ({x:.3}, {y:.3}, {z:.3}) m in the base frame and looks ");
+        if let Some(angle) = camera.from_down_rad {
+            line += &format!("{}, ", direction(angle.to_degrees()));
+        }
+        line += &format!("along ({a:.3}, {b:.3}, {c:.3}); ");
+    }
+    match &view.axis {
+        Some(axis) => {
+            line += &format!(
+                "{} axis meets the target's plane {:.3} m ahead, {:.0} mm from the target's middle",
+                if view.camera.is_some() { "its" } else { "the camera's" },
+                axis.ahead_m,
+                axis.beside_m * 1e3
+            );
+        }
+        None => line += "the optical axis does not meet the target's plane",
+    }
+    lines.push(line);
+    lines.push(format!("         {}", points(&view.sight)));
+    lines.push(format!("         {}", visibility(&view.sight)));
+}
+
+fn direction(from_down_deg: f64) -> String {
+    match from_down_deg {
+        d if d < 1.0 => "straight down".into(),
+        d if d < 85.0 => format!("down, {d:.0} deg from the plumb line"),
+        d if d <= 95.0 => "level".into(),
+        d => format!("up, {:.0} deg from the plumb line", 180.0 - d),
+    }
+}
+
+fn points(sight: &Sight) -> String {
+    let place = |px: Option<[f64; 2]>| px.map_or("unseen".into(), |[u, v]| format!("({u:.1}, {v:.1})"));
+    let told = sight.points.iter().filter(|point| sight.points.len() <= TOLD_POINTS || !point.whole);
+    let told: Vec<_> =
+        told.take(TOLD_POINTS).map(|point| format!("{} {}", point.point, place(point.px))).collect();
+    match (sight.points.len() <= TOLD_POINTS, told.is_empty()) {
+        (true, _) => format!("points, px: {}", told.join("  ")),
+        (false, true) => format!("{} points", sight.points.len()),
+        (false, false) => format!("{} points; not whole, px: {}", sight.points.len(), told.join("  ")),
+    }
+}
+
+fn visibility(sight: &Sight) -> String {
+    let marks = if !sight.front {
+        "the back of the target is seen".into()
+    } else if sight.whole == sight.points.len() {
+        format!("all of the target's points are in the picture, {:.0} px from its border", sight.room_px)
+    } else {
+        let cut = sight.points.iter().filter(|point| !point.whole).take(TOLD_POINTS);
+        let cut: Vec<_> = cut.map(super::PointInSight::fault).collect();
+        format!("{} of {} points are whole: {}", sight.whole, sight.points.len(), cut.join(", "))
+    };
+    let plate = match &sight.plate_outside {
+        None => "; a part of the plate is not before the lens".into(),
+        Some(outside) if outside.is_none() => "; so is all of the plate".into(),
+        Some(outside) => format!("; the plate is cut: {}", Overhang::describe(outside)),
+    };
+    marks + &plate
+}
+
+fn list(q: &[f64]) -> String {
+    let q: Vec<_> = q.iter().map(|q| format!("{:.4}", q + 0.0)).collect();
+    format!("[{}]", q.join(", "))
+}
+
+fn ends(limits: &[(String, &'static str)]) -> String {
+    let ends: Vec<_> = limits.iter().map(|(joint, end)| format!("`{joint}` at its {end} end")).collect();
+    ends.join(", ")
+}
+
+fn reach(reach: &Reach) -> String {
+    match reach {
+        Reach::Unasked { why } => format!("not looked at: {why}"),
+        Reach::Within(Posture { q, nearest_limit, .. }) => {
+            let room = nearest_limit.as_ref().map_or_else(String::new, |(joint, room)| {
+                format!("; nearest to an end of its range is `{joint}`, {room:.2} from it")
+            });
+            format!("the arm reaches the goal with q = {}{room}", list(q))
+        }
+        Reach::Beyond { .. } => format!("the arm does not reach the goal: {}", nearest(reach)),
+    }
+}
+
+/// How near the arm comes to a goal that it does not reach.
+fn nearest(reach: &Reach) -> String {
+    let Reach::Beyond { nearest, off_m, off_rad, at_limits } = reach else { return String::new() };
+    let held = if at_limits.is_empty() {
+        " stretched or with too few joints, none at an end of its range".into()
+    } else {
+        format!(" with {}", ends(at_limits))
+    };
+    format!(
+        "the nearest pose of the camera is {:.1} mm and {:.2} deg off ({:.1} px),{held}, q = {}",
+        off_m * 1e3,
+        off_rad.to_degrees(),
+        nearest.error_px,
+        list(&nearest.q)
+    )
+}
+
+/// The message of a goal that cannot be reached; `None` for others.
+pub(super) fn out_of_reach(reach: &Reach) -> Option<String> {
+    matches!(reach, Reach::Beyond { .. }).then(|| {
+        format!(
+            "the arm cannot bring the camera there: {}; change servo.desired or scene.object, or let `vservo place` propose both",
+            nearest(reach)
+        )
+    })
+}
+
+fn straight_way(way: &Way) -> String {
+    let [start, goal, least] = way.dexterity;
+    let doubts = doubts(way);
+    if doubts.is_empty() {
+        format!(
+            "straight to the goal no joint meets an end of its range; least singular value {least:.3} ({start:.3} at the start, {goal:.3} at \
+             the goal)"
+        )
+    } else {
+        doubts.join("; ")
+    }
+}
+
+/// What speaks against the straight way.
+pub(super) fn doubts(way: &Way) -> Vec<String> {
+    let [start, goal, least] = way.dexterity;
+    let percent = |share: f64| share * 100.0;
+    let mut doubts = Vec::new();
+    if let Some(share) = way.leaves_at {
+        doubts.push(format!(
+            "the arm cannot follow the straight way to the goal farther than to {:.0} %{}: another start posture may lead there",
+            percent(share),
+            if way.limits.is_empty() { String::new() } else { format!(", {}", ends(&way.limits)) }
+        ));
+    } else if !way.limits.is_empty() {
+        doubts.push(format!("on the straight way to the goal the arm has {}", ends(&way.limits)));
+    }
+    if way.singular {
+        doubts.push(format!(
+            "the straight way to the goal passes near a singular posture at {:.0} %: least singular value {least:.3} ({start:.3} at the \
+             start, {goal:.3} at the goal)",
+            percent(way.nearest_at)
+        ));
+    }
+    doubts
+}
