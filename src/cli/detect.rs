@@ -1,6 +1,6 @@
 //! `vservo detect`: a target in image files.
 
-mod overlay;
+pub(super) mod overlay;
 pub(super) mod picture;
 
 use super::{DetectArguments, check_writable, shown, write_result};

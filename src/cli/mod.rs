@@ -8,13 +8,15 @@ mod camera_arguments;
 mod check;
 mod ctl;
 mod detect;
+mod place;
 mod target;
 mod teach_view;
+mod view;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
-    ExperimentArguments, HandEyeArguments, LatencyArguments, Order, RoleArguments, RunArguments,
-    ServeArguments, TargetArguments, TeachViewArguments,
+    ExperimentArguments, HandEyeArguments, LatencyArguments, LookArgument, Order, PlaceArguments,
+    RoleArguments, RunArguments, ServeArguments, TargetArguments, TeachViewArguments, ViewArguments,
 };
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
@@ -70,6 +72,8 @@ pub fn main() -> ExitCode {
         Some(Command::Target(arguments)) => target::target(&arguments),
         Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),
         Some(Command::Check { config, set, json }) => check::check(&config, &set, json),
+        Some(Command::Place(arguments)) => place::place(&arguments),
+        Some(Command::View(arguments)) => view::view(&arguments),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
         Some(Command::DriveGuard { instance, supervised_by, command }) => {
             guard_drive(&command, &instance, supervised_by)

@@ -150,21 +150,30 @@ pub fn carrier(config: &Config) -> Result<Box<dyn Carrier>, RobotError> {
     })
 }
 
+/// What renders the scene of a configuration as it really is.
+///
+/// # Errors
+/// [`AssembleError`], also for a configuration without a simulated scene.
+pub fn renderer(config: &Config) -> Result<Renderer, AssembleError> {
+    let (Source::Synthetic { look, sensor, .. }, Some(scene)) = (&config.camera.source, &config.scene) else {
+        return Err(AssembleError::NoScene);
+    };
+    Ok(Renderer::new(scene.camera, scene.target.clone(), *look, *sensor)?
+        .with_backdrop(scene.backdrop)?
+        .with_bystanders(&scene.bystanders))
+}
+
 /// The synthetic camera of a configuration, as it really is, before an arm that rests at its start.
 ///
 /// # Errors
 /// [`AssembleError`], also for a configuration without a simulated scene.
 pub fn synthetic_camera<const N: usize>(config: &Config) -> Result<SyntheticCamera<N>, AssembleError> {
-    let (Source::Synthetic { look, sensor, motion_blur }, Some(scene)) =
-        (&config.camera.source, &config.scene)
-    else {
+    let (Source::Synthetic { motion_blur, .. }, Some(scene)) = (&config.camera.source, &config.scene) else {
         return Err(AssembleError::NoScene);
     };
     let q_start = q_start(config)? + q_offset(scene)?;
     let history = ArmHistory::new(scene.arm.build()?, q_start);
-    let renderer = Renderer::new(scene.camera, scene.target.clone(), *look, *sensor)?
-        .with_backdrop(scene.backdrop)?
-        .with_bystanders(&scene.bystanders);
+    let renderer = renderer(config)?;
     Ok(SyntheticCamera::new(
         history,
         renderer,

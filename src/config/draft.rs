@@ -1,10 +1,12 @@
 //! A run file that is read and not yet judged: what a command needs that fills in what the file leaves open.
 
-use super::raw::RawConfig;
+use super::check::pose;
+use super::raw::{MountKind, RawConfig};
 use super::{Config, ConfigError, DEFAULT_TOML, Document, Problem};
 use super::{lens_file, pose_forms, stereo, tables, validate};
 use crate::geometry::{Pose, roll_pitch_yaw};
 use crate::input::file;
+use crate::servo::Mount;
 use std::path::{Path, PathBuf};
 
 /// A run file with its defaults and absolute paths, and where each key stands.
@@ -71,6 +73,17 @@ impl Draft {
         (self.raw.scene.object.position_m, self.raw.scene.object.rotation_rpy_rad) = parts(X_WO);
         (self.raw.servo.desired.position_m, self.raw.servo.desired.rotation_rpy_rad) = parts(X_DO);
         self
+    }
+
+    /// Where the first camera sits.
+    #[must_use]
+    pub fn mount(&self) -> Mount {
+        let camera = self.raw.cameras.first().unwrap_or(&self.raw.camera);
+        let X = pose(camera.mount.position_m, camera.mount.rotation_rpy_rad);
+        match camera.mount.kind {
+            MountKind::EyeInHand => Mount::EyeInHand { X_EC: X },
+            MountKind::EyeToHand => Mount::EyeToHand { X_BC: X },
+        }
     }
 
     /// The keys that are written, with what `--set` gave.

@@ -5,11 +5,13 @@
 //! ```
 //! The bar tells whether a printer has kept the size.
 
+mod base64;
 mod font;
 mod pdf;
 mod png;
 mod svg;
 
+pub(crate) use base64::base64;
 pub(crate) use font::letters;
 
 use crate::target::{ClosedOutline, Mark, Tags, Target};

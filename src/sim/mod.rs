@@ -4,6 +4,7 @@ mod closed_loop;
 mod hand_eye_session;
 pub mod outlook;
 mod perfect_camera;
+pub mod place;
 mod system;
 
 pub use closed_loop::{ClosedLoop, frame_every, run};

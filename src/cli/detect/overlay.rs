@@ -65,7 +65,7 @@ fn dot(out: &mut RgbImage, p: Vector2<f64>, colour: Rgb<u8>) {
     }
 }
 
-fn line(out: &mut RgbImage, from: Vector2<f64>, to: Vector2<f64>, colour: Rgb<u8>) {
+pub(in crate::cli) fn line(out: &mut RgbImage, from: Vector2<f64>, to: Vector2<f64>, colour: Rgb<u8>) {
     let length = (to - from).amax();
     if !(length < 1e5) {
         return;

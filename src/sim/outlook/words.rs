@@ -116,8 +116,10 @@ fn reach(reach: &Reach) -> String {
 /// How near the arm comes to a goal that it does not reach.
 fn nearest(reach: &Reach) -> String {
     let Reach::Beyond { nearest, off_m, off_rad, at_limits } = reach else { return String::new() };
-    let held = if at_limits.is_empty() {
-        " stretched or with too few joints, none at an end of its range".into()
+    let held = if at_limits.is_empty() && nearest.q.len() < 6 {
+        format!(" as far as {} joints can", nearest.q.len())
+    } else if at_limits.is_empty() {
+        " with the arm stretched out".into()
     } else {
         format!(" with {}", ends(at_limits))
     };

@@ -1,0 +1,197 @@
+//! `vservo place [CONFIG] --out FILE.toml`: a start and a goal for an arm and a target, tried in a simulated run, as a run file.
+
+use super::{PlaceArguments, check_writable, json, shown, write_result};
+use crate::config::Draft;
+use crate::config::raw::SetPointKind;
+use crate::geometry::{Pose, roll_pitch_yaw};
+use crate::input::printable;
+use crate::process::ProcessError;
+use crate::rt::tell;
+use crate::sim::outlook::Outlook;
+use crate::sim::place::{Look, PlaceError, PlaceWishes, Placement, place as find};
+use nalgebra::{UnitQuaternion, Vector3};
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::Path;
+use toml::{Table, Value};
+
+/// Keys whose values are paths that count from the run file's folder.
+const PATHS: [&str; 6] = [
+    "camera.lens.file",
+    "camera.replay.folder",
+    "stereo.taught_file",
+    "drive.external.folder",
+    "scene.arm.model",
+    "robot.model",
+];
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Answer<'a> {
+    q_start: &'a [f64],
+    q_goal: &'a [f64],
+    settling_time_s: Option<f64>,
+    outlook: &'a Outlook,
+}
+
+/// # Errors
+/// When the run file is wrong or no place is found.
+pub(super) fn place(arguments: &PlaceArguments) -> Result<u8, ProcessError> {
+    let wishes = match wishes(arguments) {
+        Ok(wishes) => wishes,
+        Err(message) => {
+            tell(format_args!("vservo: {}", printable(&message)));
+            return Ok(2);
+        }
+    };
+    if let Some(path) = &arguments.out {
+        check_writable(path)?;
+    }
+    // without a file only what differs from the defaults is to be written
+    let draft = match &arguments.config {
+        Some(path) => Draft::load(Some(path), &arguments.set)?,
+        None => Draft::parse("embedded default configuration", "", Path::new("."), &arguments.set)?,
+    };
+    let placement = match find(&draft, &wishes) {
+        Ok(placement) => placement,
+        Err(PlaceError::Config(error)) => return Err(error.into()),
+        Err(PlaceError::Robot(error)) => return Err(error.into()),
+        Err(error @ (PlaceError::Nowhere { .. } | PlaceError::NoRun { .. })) => {
+            tell(format_args!("vservo: {}", printable(&error.to_string())));
+            return Ok(5);
+        }
+        Err(error) => {
+            tell(format_args!("vservo: {}", printable(&error.to_string())));
+            return Ok(3);
+        }
+    };
+    let text = run_file(&draft, &placement);
+    let Some(path) = &arguments.out else {
+        return Ok(shown(&if arguments.json { answer(&placement) } else { text }, 0));
+    };
+    let code = write_result(path, text, 0);
+    if code != 0 {
+        return Ok(code);
+    }
+    let told = if arguments.json { answer(&placement) } else { words(path, &placement) };
+    Ok(shown(&told, 0))
+}
+
+fn answer(placement: &Placement) -> String {
+    json(&Answer {
+        q_start: &placement.q_start,
+        q_goal: &placement.q_goal,
+        settling_time_s: placement.run.settling_time_s,
+        outlook: &placement.outlook,
+    })
+}
+
+fn words(path: &Path, placement: &Placement) -> String {
+    let path = printable(&path.display().to_string());
+    let mut text = format!("{path}: a simulated run from its start converges");
+    if let Some(settling_s) = placement.run.settling_time_s {
+        let _ = write!(text, ", within 2 % after {settling_s:.2} s");
+    }
+    text.push('\n');
+    for line in placement.outlook.lines() {
+        let _ = writeln!(text, "{}", printable(&line));
+    }
+    let _ = writeln!(text, "now: vservo view {path} --out view.png; vservo run {path}");
+    text
+}
+
+fn wishes(arguments: &PlaceArguments) -> Result<PlaceWishes, String> {
+    let object = arguments.object.as_deref().map(|text| {
+        let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+        let of = |message: &str| {
+            format!(
+                "--object {text}: {message}: X,Y,Z in m, and where it is turned too ROLL,PITCH,YAW in deg"
+            )
+        };
+        let numbers = numbers.map_err(|_| of("is no list of numbers"))?;
+        if !numbers.iter().all(|n| n.abs() <= 361.0) || numbers.iter().take(3).any(|m| m.abs() > 100.0) {
+            return Err(of("is out of range, allowed are 100 m and 361 deg"));
+        }
+        match *numbers.as_slice() {
+            [x, y, z] => Ok((Vector3::new(x, y, z), None)),
+            [x, y, z, roll, pitch, yaw] => {
+                let [roll, pitch, yaw] = [roll, pitch, yaw].map(f64::to_radians);
+                let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+                Ok((Vector3::new(x, y, z), Some(rotation)))
+            }
+            _ => Err(of("has neither 3 nor 6 numbers")),
+        }
+    });
+    if let Some(distance_m) = arguments.distance_m.filter(|d| !(0.01..=100.0).contains(d)) {
+        return Err(format!("--distance-m {distance_m}: is out of range, allowed is 0.01 to 100 m"));
+    }
+    Ok(PlaceWishes {
+        look: arguments.look.map(Look::from),
+        object: object.transpose()?,
+        distance_m: arguments.distance_m,
+    })
+}
+
+/// The run file: what was written, with the placement in its place.
+fn run_file(draft: &Draft, placement: &Placement) -> String {
+    let mut table = draft.written().clone();
+    for key in PATHS.iter().filter(|key| !draft.is_argument(key)) {
+        make_absolute(&mut table, key, draft.folder());
+    }
+    let pose = |X: &Pose| {
+        let list = |v: [f64; 3]| {
+            Value::Array(v.into_iter().map(|x| Value::Float((x * 1e6).round() / 1e6 + 0.0)).collect())
+        };
+        let rpy = roll_pitch_yaw(&X.rotation.to_rotation_matrix());
+        [("position_m", list(X.translation.vector.into())), ("rotation_rpy_rad", list(rpy))]
+    };
+    let q_start = placement.q_start.iter().map(|q| Value::Float(*q)).collect();
+    let q_start = Value::Array(q_start);
+    change(&mut table, &["robot"], &mut |robot| {
+        robot.insert("model".into(), Value::String(draft.raw.robot.model.clone()));
+        robot.insert("q_start_rad_or_m".into(), q_start.clone());
+    });
+    for (path, X) in [(["scene", "object"], &placement.X_WO), (["servo", "desired"], &placement.X_DO)] {
+        change(&mut table, &path, &mut |place| {
+            place.retain(|key, _| key == "on");
+            place.extend(pose(X).map(|(key, value)| (key.to_string(), value)));
+        });
+    }
+    if draft.raw.servo.set_point.kind != SetPointKind::Pose {
+        change(&mut table, &["servo", "set_point"], &mut |set_point| {
+            set_point.insert("kind".into(), Value::String("pose".into()));
+        });
+    }
+    let mut text = String::from(
+        "# Start and goal as `vservo place` proposes them: a simulated run from here converges. Frames: docs/frames.md\n#\n",
+    );
+    for line in placement.outlook.lines() {
+        let _ = writeln!(text, "# {}", printable(line.trim_end()));
+    }
+    text.push('\n');
+    text + &toml::to_string(&table).unwrap_or_default()
+}
+
+/// Calls `change` with the table at `path`, which is made where it is not there.
+fn change(table: &mut Table, path: &[&str], then: &mut dyn FnMut(&mut Table)) {
+    let Some((first, rest)) = path.split_first() else { return then(table) };
+    let entry = table.entry(*first).or_insert_with(|| Value::Table(Table::new()));
+    if let Value::Table(inner) = entry {
+        change(inner, rest, then);
+    }
+}
+
+/// Makes the path at `key` independent of where the new file stands.
+fn make_absolute(table: &mut Table, key: &str, folder: &Path) {
+    let mut at = Some(table);
+    let (tables, last) = key.rsplit_once('.').unwrap_or(("", key));
+    for name in tables.split('.') {
+        at = at.and_then(|table| table.get_mut(name)).and_then(Value::as_table_mut);
+    }
+    if let Some(Value::String(path)) = at.and_then(|table| table.get_mut(last))
+        && path.contains(['.', '/'])
+        && let Ok(absolute) = std::path::absolute(folder.join(&*path))
+    {
+        *path = absolute.display().to_string();
+    }
+}

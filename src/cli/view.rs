@@ -1,0 +1,195 @@
+//! `vservo view [CONFIG] --out FILE.png|FILE.svg`: what the camera sees at the start and at the goal, side by side.
+//!
+//! ```text
+//! Outlook ─► poses of the object ─► renderer ─► grey pictures ─┐
+//!        └─► marks, axes, the features' way, words ────────────┴─► Sheet ─► png | svg
+//! ```
+
+mod sheet;
+
+use super::{ViewArguments, check_writable, shown, write_result};
+use crate::camera_model::CameraModel;
+use crate::config::assemble::{AssembleError, renderer};
+use crate::config::{Config, Source};
+use crate::geometry::Pose;
+use crate::input::printable;
+use crate::process::ProcessError;
+use crate::rt::tell;
+use crate::scene::{Renderer, SceneLook, SensorModel};
+use crate::sim::outlook::{Outlook, PointInSight, Viewpoint};
+use crate::target::Target;
+use image::GrayImage;
+use nalgebra::{Point3, Vector2, Vector3};
+use sheet::{Colour, Panel, Sheet};
+
+/// Of more points than these the numbers stay out of the picture.
+const NUMBERED: usize = 16;
+/// How far from the border of the picture what is outside is told, px.
+const INSIDE_PX: f64 = 14.0;
+
+/// # Errors
+/// When the run file is wrong.
+pub(super) fn view(arguments: &ViewArguments) -> Result<u8, ProcessError> {
+    let extension = arguments.out.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    let write = match extension.to_ascii_lowercase().as_str() {
+        "png" => Sheet::png,
+        "svg" => Sheet::svg,
+        _ => {
+            tell(format_args!("vservo: --out: the name must end in .png or .svg"));
+            return Ok(2);
+        }
+    };
+    let config = Config::load(arguments.config.as_deref(), &arguments.set)?;
+    let outlook = Outlook::of(&config)?;
+    check_writable(&arguments.out)?;
+    let sheet = draw(&config, &outlook)?;
+    let Some(bytes) = write(&sheet) else {
+        tell(format_args!("vservo: --out: the picture cannot be encoded"));
+        return Ok(1);
+    };
+    let code = write_result(&arguments.out, bytes, 0);
+    if code != 0 {
+        return Ok(code);
+    }
+    let mut text = format!("{}: written\n", printable(&arguments.out.display().to_string()));
+    for line in outlook.lines() {
+        text += &(printable(&line) + "\n");
+    }
+    Ok(shown(&text, 0))
+}
+
+fn draw(config: &Config, outlook: &Outlook) -> Result<Sheet, ProcessError> {
+    let mut panels = Vec::new();
+    if let (Some(view), Some(scene)) = (&outlook.start, &config.scene) {
+        let picture = rendered(renderer(config)?, &view.X_CO);
+        let mut panel = Panel::new("START", picture);
+        way(&mut panel, config, outlook, &scene.camera);
+        annotate(&mut panel, view, &scene.target, &scene.camera);
+        panels.push(panel);
+    }
+    if let Some(view) = &outlook.goal {
+        let picture = rendered(believed(config)?, &view.X_CO);
+        let mut panel = Panel::new("GOAL", picture);
+        annotate(&mut panel, view, &config.target, &config.camera.model);
+        panels.push(panel);
+    }
+    Ok(Sheet { panels, lines: outlook.lines() })
+}
+
+/// What renders the goal: camera and target as they are believed to be.
+fn believed(config: &Config) -> Result<Renderer, ProcessError> {
+    let (look, sensor) = match &config.camera.source {
+        Source::Synthetic { look, sensor, .. } => (*look, *sensor),
+        _ => (SceneLook::default(), SensorModel::default()),
+    };
+    let renderer = Renderer::new(config.camera.model, config.target.clone(), look, sensor)
+        .map_err(AssembleError::from)?;
+    Ok(match &config.scene {
+        Some(scene) => {
+            let renderer = renderer.with_backdrop(scene.backdrop).map_err(AssembleError::from)?;
+            renderer.with_bystanders(&scene.bystanders)
+        }
+        None => renderer,
+    })
+}
+
+fn rendered(mut renderer: Renderer, X_CO: &Pose) -> GrayImage {
+    let i = renderer.camera().intrinsics();
+    let mut picture = GrayImage::new(i.width_px, i.height_px);
+    renderer.render(&[*X_CO], 0, &mut picture);
+    picture
+}
+
+/// Ways of the points from the start to the goal, on the camera's straight way.
+fn way(panel: &mut Panel, config: &Config, outlook: &Outlook, camera: &CameraModel) {
+    let Some(way) = &outlook.way else { return };
+    for point in config.target.features() {
+        let places = way.X_CO.iter().map(|X_CO| camera.project(&(X_CO * point.p_O)));
+        let places: Vec<_> = places.collect();
+        for pair in places.windows(2) {
+            if let [Some(from), Some(to)] = pair {
+                panel.line(*from, *to, Colour::Way);
+            }
+        }
+        if let Some(Some(end)) = places.last() {
+            panel.ring(*end, 4.0, Colour::Way);
+        }
+    }
+}
+
+/// Numbers, axes, the middle of the picture, where the optical axis goes, and what is outside.
+fn annotate(panel: &mut Panel, view: &Viewpoint, target: &Target, camera: &CameraModel) {
+    let i = camera.intrinsics();
+    let size = Vector2::new(f64::from(i.width_px), f64::from(i.height_px));
+    let middle = size * 0.5 - Vector2::repeat(0.5);
+    panel.cross(middle, 9.0, Colour::Middle);
+    axes(panel, &view.X_CO, target, camera);
+    if view.axis.is_some() {
+        let foot = Vector2::new(i.cx_px, i.cy_px);
+        panel.ring(foot, 7.0, Colour::Axis);
+        panel.cross(foot, 3.0, Colour::Axis);
+    }
+    for point in &view.sight.points {
+        mark(panel, point, view.sight.points.len(), &size, &middle);
+    }
+    if !view.sight.front {
+        panel.label(Vector2::new(8.0, 8.0), "BACK OF THE TARGET", Colour::Outside);
+    }
+}
+
+fn mark(panel: &mut Panel, point: &PointInSight, count: usize, size: &Vector2<f64>, middle: &Vector2<f64>) {
+    let Some([u, v]) = point.px else {
+        if count <= NUMBERED {
+            let row = 30.0 + 18.0 * point.point as f64;
+            panel.label(
+                Vector2::new(8.0, row),
+                &format!("{} NOT BEFORE THE LENS", point.point),
+                Colour::Outside,
+            );
+        }
+        return;
+    };
+    let px = Vector2::new(u, v);
+    if point.whole {
+        panel.cross(px, 4.0, Colour::Point);
+        if count <= NUMBERED {
+            panel.label(px + Vector2::new(6.0, -18.0), &point.point.to_string(), Colour::Point);
+        }
+        return;
+    }
+    // at the border, towards where it is
+    let at = px.sup(&Vector2::repeat(INSIDE_PX)).inf(&(size - Vector2::repeat(INSIDE_PX)));
+    let back = (middle - at).try_normalize(1e-9).unwrap_or_else(Vector2::x) * 24.0;
+    panel.line(at + back, at, Colour::Outside);
+    panel.ring(at, 6.0, Colour::Outside);
+    let o = &point.outside;
+    let farthest_px = o.left_px.max(o.right_px).max(o.above_px).max(o.below_px);
+    let text = if farthest_px > 0.0 {
+        format!("{}: {farthest_px:.0} PX OUT", point.point)
+    } else {
+        format!("{}: AT THE BORDER", point.point)
+    };
+    let room = Vector2::new(12.0 * text.len() as f64 + 4.0, 18.0);
+    let place = (at + back).inf(&(size - room)).sup(&Vector2::repeat(2.0));
+    panel.label(place, &text, Colour::Outside);
+}
+
+/// The axes of the object's frame, from its origin.
+fn axes(panel: &mut Panel, X_CO: &Pose, target: &Target, camera: &CameraModel) {
+    let plate = target.plate();
+    let length_m = 0.3 * (plate.high_m - plate.low_m).amin();
+    let project = |p: Point3<f64>| camera.project(&(X_CO * p));
+    let axes =
+        [(Vector3::x(), "X", Colour::X), (Vector3::y(), "Y", Colour::Y), (Vector3::z(), "Z", Colour::Z)];
+    for (axis, name, colour) in axes {
+        let ends = (project(Point3::origin()), project(Point3::from(axis * length_m)));
+        if let (Some(from), Some(to)) = ends {
+            panel.line(from, to, colour);
+            panel.line(from + Vector2::new(0.0, 1.0), to + Vector2::new(0.0, 1.0), colour);
+            // an axis that points at the camera has no room for its name
+            if (to - from).norm() > 12.0 {
+                panel.label(to + Vector2::new(3.0, 3.0), name, colour);
+            }
+        }
+    }
+}

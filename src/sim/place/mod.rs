@@ -1,0 +1,269 @@
+//! Proposes where an object may lie before an arm, from where a run may start, and how the object is to look in the end.
+//!
+//! ```text
+//! postures anywhere ─► camera turned as wished ─► away from limits and singular postures, room for the object ─► the best few
+//!        each: object before the camera (X_WO = X_WC X_DO) ─► a start beside it ─► Outlook without doubt ─► a run that converges
+//! ```
+//! The object is put where the camera looks, and not the camera where the object is: so that arms of few joints get a goal too. Obstacles
+//! are not known, nor whether the arm meets itself.
+
+mod stand;
+mod start;
+
+use crate::config::raw::{DriveKind, RawDrive, RawMotion, SetPointKind, Task};
+use crate::config::{Config, ConfigError, Draft};
+use crate::control::outcome::Outcome;
+use crate::geometry::{Pose, roll_pitch_yaw};
+use crate::robot::RobotError;
+use crate::servo::{Mount, PostureSearch};
+use crate::sim::outlook::{Outlook, Sight};
+use crate::sim::system::{SimError, SystemRun, simulate_system};
+use nalgebra::SVector;
+use stand::Stand;
+use std::ops::ControlFlow;
+use thiserror::Error;
+
+/// So many of the best places are tried in a run each.
+const TRIED: usize = 8;
+/// Share of the picture's shorter side that stays free about the marks at the goal.
+const FREE_SHARE: f64 = 0.24;
+/// Decimals of what is proposed, m and rad.
+const DECIMALS: f64 = 1e6;
+
+/// Where the camera is to look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Look {
+    /// Along gravity, at something on a table.
+    Down,
+    /// Level, at something on a wall.
+    Level,
+    /// Against gravity.
+    Up,
+    /// As suits the arm.
+    Any,
+}
+
+/// What is wished of a proposal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlaceWishes {
+    /// Where the camera is to look; `None`: down where the arm can, else as suits it.
+    pub look: Option<Look>,
+    /// Where the object lies in the frame in which it rests; `None`: where it suits. Without an orientation its z goes where the camera
+    /// is to look.
+    pub object: Option<(nalgebra::Vector3<f64>, Option<nalgebra::UnitQuaternion<f64>>)>,
+    /// From the camera to the target's plane at the goal, m; `None`: so that the target fills a good part of the picture.
+    pub distance_m: Option<f64>,
+}
+
+/// A start and a goal between which a run converges.
+#[derive(Debug, Clone)]
+pub struct Placement {
+    /// Joint positions at the start, rad or m.
+    pub q_start: Vec<f64>,
+    /// Joint positions at the goal, rad or m.
+    pub q_goal: Vec<f64>,
+    /// The object where it rests.
+    pub X_WO: Pose,
+    /// The object in the desired camera.
+    pub X_DO: Pose,
+    /// What a run has before it.
+    pub outlook: Outlook,
+    /// How the run ended that was simulated.
+    pub run: SystemRun,
+}
+
+/// Why there is no proposal.
+#[derive(Debug, Error)]
+pub enum PlaceError {
+    /// The run file is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The arm cannot be built.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// A run cannot be simulated.
+    #[error(transparent)]
+    Sim(#[from] SimError),
+    /// Nothing says what the camera would see.
+    #[error(
+        "camera.source: only `synthetic` can be tried before it is proposed; set it for this command, and take start and goal over"
+    )]
+    NoScene,
+    /// No place suits.
+    #[error(
+        "no posture has the camera before such a place, away from limits and singular postures: {tried} postures were tried; \
+         let it look elsewhere (--look any), leave out --object, or change --distance"
+    )]
+    Nowhere {
+        /// How many postures.
+        tried: usize,
+    },
+    /// From no place near a goal does a run converge.
+    #[error("none of {tried} places gives a run that converges; the last one: {reason}")]
+    NoRun {
+        /// How many places.
+        tried: usize,
+        /// Why not.
+        reason: String,
+    },
+    /// The target does not fit into the picture from anywhere.
+    #[error(
+        "--distance: from {distance_m} m the target is not in the picture as a whole; it is {size_m:.3} m large"
+    )]
+    Distance {
+        /// How far.
+        distance_m: f64,
+        /// The plate's diagonal, m.
+        size_m: f64,
+    },
+}
+
+/// Proposes start and goal for the run of `draft`.
+///
+/// # Errors
+/// [`PlaceError`].
+pub fn place(draft: &Draft, wishes: &PlaceWishes) -> Result<Placement, PlaceError> {
+    let robot = crate::robot::load(&draft.raw.robot.model)
+        .map_err(|e| draft.error(vec![("robot.model", e.to_string())]))?;
+    crate::dispatch_robot!(robot, |arm| Search::new(draft, &robot, arm).and_then(|s| s.run(wishes)))?
+}
+
+/// A draft whose run can be simulated: an external drive is replaced by the simulated arm.
+fn simulated(mut draft: Draft) -> Draft {
+    if matches!(draft.raw.drive.kind, DriveKind::External | DriveKind::None) {
+        draft.raw.drive = RawDrive { simulated: draft.raw.drive.simulated.clone(), ..RawDrive::default() };
+        draft.raw.motion.controller = RawMotion::default().controller;
+    }
+    draft.raw.run.task = Task::Servo;
+    draft.raw.run.serve = false;
+    draft.raw.servo.set_point.kind = SetPointKind::Pose;
+    draft
+}
+
+/// An arm that looks for a place.
+struct Search<'a, const N: usize> {
+    draft: &'a Draft,
+    arm: crate::robot::Robot<N>,
+    /// Camera, target and settings; start and goal of it are stand-ins.
+    config: Config,
+    /// Where gravity goes in B, of length 1; z down where there is none.
+    down: nalgebra::Vector3<f64>,
+}
+
+impl<'a, const N: usize> Search<'a, N> {
+    fn new(
+        draft: &'a Draft,
+        robot: &crate::robot::RobotDescription,
+        arm: crate::robot::Robot<N>,
+    ) -> Result<Self, PlaceError> {
+        // Any posture, with the target before the camera: the rest of the file is then judged as it is.
+        let middle = |joint: &crate::robot::JointDescription| {
+            let (low, high) = (joint.limits.lower, joint.limits.upper);
+            if low.is_finite() && high.is_finite() { 0.5 * (low + high) } else { 0.0 }
+        };
+        let q: Vec<f64> = robot.joints.iter().map(middle).collect();
+        let X_WC = draft.mount().X_WC(&arm.forward(&SVector::from_column_slice(&q)));
+        let far = Pose::translation(0.0, 0.0, 10.0);
+        let stand_in = simulated(draft.clone()).placed(&q, &(X_WC * far), &far);
+        let config = stand_in.validate()?;
+        if config.scene.is_none() {
+            return Err(PlaceError::NoScene);
+        }
+        let g = robot.gravity_B;
+        let down = if g.norm() > 0.0 { g.normalize() } else { -nalgebra::Vector3::z() };
+        Ok(Self { draft, arm, config, down })
+    }
+
+    fn mount(&self) -> &Mount {
+        &self.config.camera.mount
+    }
+
+    fn posture(&self) -> PostureSearch<'_, N> {
+        PostureSearch { robot: &self.arm, mount: self.mount() }
+    }
+
+    fn run(&self, wishes: &PlaceWishes) -> Result<Placement, PlaceError> {
+        let X_DO = self.desired(wishes)?;
+        let stands = self.stands(wishes, &X_DO);
+        if stands.is_empty() {
+            return Err(PlaceError::Nowhere { tried: stand::POSTURES });
+        }
+        let mut reason = "there is no start beside it from which the whole target is seen".to_string();
+        let tried = stands.len().min(TRIED);
+        for stand in stands.iter().take(TRIED) {
+            for q_start in self.starts(stand) {
+                match self.tried(&q_start, stand)? {
+                    Ok(placement) => return Ok(placement),
+                    Err(why) => reason = why,
+                }
+            }
+        }
+        Err(PlaceError::NoRun { tried, reason })
+    }
+
+    /// The target in its middle and square to the camera, as large in the picture as is good.
+    fn desired(&self, wishes: &PlaceWishes) -> Result<Pose, PlaceError> {
+        let plate = self.config.target.plate();
+        let middle = (plate.low_m + plate.high_m) * 0.5;
+        let size_m = (plate.high_m - plate.low_m).norm();
+        let at = |z: f64| Pose::translation(-middle.x, -middle.y, z);
+        let camera = &self.config.camera.model;
+        let room_px = |z: f64| {
+            let sight = Sight::of(&self.config.target, camera, &at(z));
+            if sight.whole == sight.points.len() { sight.room_px } else { f64::NEG_INFINITY }
+        };
+        if let Some(distance_m) = wishes.distance_m {
+            if room_px(distance_m) > 0.0 {
+                return Ok(at(distance_m));
+            }
+            return Err(PlaceError::Distance { distance_m, size_m });
+        }
+        let i = camera.intrinsics();
+        let free_px = FREE_SHARE * f64::from(i.width_px.min(i.height_px));
+        let distances = (0..200).map(|k| 0.2 * size_m * 1.03f64.powi(k));
+        let fits = distances.filter(|z| room_px(*z) >= free_px).min_by(f64::total_cmp);
+        let distance_m = (fits.unwrap_or(4.0 * size_m) * 1e3).ceil() * 1e-3;
+        Ok(at(distance_m))
+    }
+
+    /// A run from `q_start` to the goal of `stand`: the placement, or why it is none.
+    fn tried(
+        &self,
+        q_start: &SVector<f64, N>,
+        stand: &Stand<N>,
+    ) -> Result<Result<Placement, String>, PlaceError> {
+        let q_start: Vec<f64> = q_start.iter().map(|q| rounded(*q)).collect();
+        let (X_WO, X_DO) = (rounded_pose(&stand.X_WO), rounded_pose(&stand.X_DO));
+        let config = match simulated(self.draft.clone()).placed(&q_start, &X_WO, &X_DO).validate() {
+            Ok(config) => config,
+            Err(e) => return Ok(Err(e.to_string())),
+        };
+        let outlook = Outlook::of(&config)?;
+        if let Some((_, why)) = outlook.faults().into_iter().chain(outlook.doubts()).next() {
+            return Ok(Err(why));
+        }
+        let run = simulate_system(&config, &mut |_| ControlFlow::Continue(()))?;
+        if run.finish.outcome != Outcome::Converged {
+            return Ok(Err(run.finish.reason.to_string()));
+        }
+        if run.target_lost > 0 {
+            return Ok(Err("the target is lost on the way".into()));
+        }
+        let q_goal = stand.q.as_slice().to_vec();
+        Ok(Ok(Placement { q_start, q_goal, X_WO, X_DO, outlook, run }))
+    }
+}
+
+fn rounded(value: f64) -> f64 {
+    (value * DECIMALS).round() / DECIMALS + 0.0
+}
+
+/// The pose that the rounded numbers of a file give.
+fn rounded_pose(X: &Pose) -> Pose {
+    let [roll, pitch, yaw] = roll_pitch_yaw(&X.rotation.to_rotation_matrix()).map(rounded);
+    let p = X.translation.vector.map(rounded);
+    Pose::from_parts(p.into(), nalgebra::UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+}
+
+#[cfg(test)]
+mod tests;
