@@ -308,6 +308,9 @@ fn no_optional_key_is_forgotten() {
         }
         expected.remove("cameras"); // a list of what [camera] is, which is there
         expected.remove("stereo"); // which two cameras have: stereo.toml above
+        for form in ["rotation_rpy_deg", "rotation_xyzw", "rotation_vector_rad", "matrix"] {
+            expected.remove(form); // of which position_m and rotation_rpy_rad are made: config/pose_forms/tests.rs
+        }
         for list in ["occluders", "bystanders", "places"] {
             expected.remove(list); // of tables, in which every_number_of_a_run_file sets each number
         }

@@ -24,11 +24,18 @@ struct Answer<'a> {
 /// When the run file is wrong, or its run would be futile: the target cannot be found, the goal not be reached.
 pub(super) fn check(path: &Path, set: &[String], as_json: bool) -> Result<u8, ProcessError> {
     let draft = Draft::load(Some(path), set)?;
-    let config = draft.clone().validate()?;
+    // Of a run file that is wrong only in what is seen, the rest is told all the same.
+    let (config, unseen) = match draft.clone().validate() {
+        Ok(config) => (config, None),
+        Err(error) => match draft.clone().validate_whatever_is_seen() {
+            Ok(config) => (config, Some(error)),
+            Err(_) => return Err(error.into()),
+        },
+    };
     require_controllable(&config)?;
     let outlook = Outlook::of(&config)?;
     let (faults, doubts) = judged(&outlook);
-    let error = (!faults.is_empty()).then(|| draft.error(faults));
+    let error = unseen.or_else(|| (!faults.is_empty()).then(|| draft.error(faults)));
     let doubts = draft.problems_of(doubts);
     if as_json {
         let answer = Answer {
@@ -40,9 +47,11 @@ pub(super) fn check(path: &Path, set: &[String], as_json: bool) -> Result<u8, Pr
         let code = shown(&json(&answer), 0);
         return error.map_or(Ok(code), |error| Err(error.into()));
     }
-    warn(&config);
-    for doubt in &doubts {
-        tell(format_args!("vservo: warning: {}", printable(&doubt.to_string())));
+    if error.is_none() {
+        warn(&config);
+        for doubt in &doubts {
+            tell(format_args!("vservo: warning: {}", printable(&doubt.to_string())));
+        }
     }
     let what = outlook.lines().iter().map(|line| printable(line) + "\n").collect::<String>();
     match error {

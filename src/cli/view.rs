@@ -10,18 +10,22 @@ mod sheet;
 use super::{ViewArguments, check_writable, shown, write_result};
 use crate::camera_model::CameraModel;
 use crate::config::assemble::{AssembleError, renderer};
-use crate::config::{Config, Source};
+use crate::config::{Config, Draft, Source};
 use crate::geometry::Pose;
 use crate::input::printable;
 use crate::process::ProcessError;
 use crate::rt::tell;
-use crate::scene::{Renderer, SceneLook, SensorModel};
-use crate::sim::outlook::{Outlook, PointInSight, Viewpoint};
+use crate::scene::{PointInSight, Renderer, SceneLook, SensorModel};
+use crate::sim::outlook::{Outlook, Viewpoint};
 use crate::target::Target;
 use image::GrayImage;
 use nalgebra::{Point3, Vector2, Vector3};
 use sheet::{Colour, Panel, Sheet};
 
+/// What the colours mean.
+const LEGEND: &str = "  drawn: green: points; orange: their ways when the camera goes straight to the goal; magenta ring: where the optical \
+                      axis goes; blue cross: middle of the picture; x, y, z: the object's frame, z away from the camera; red: what is \
+                      outside";
 /// Of more points than these the numbers stay out of the picture.
 const NUMBERED: usize = 16;
 /// How far from the border of the picture what is outside is told, px.
@@ -39,7 +43,9 @@ pub(super) fn view(arguments: &ViewArguments) -> Result<u8, ProcessError> {
             return Ok(2);
         }
     };
-    let config = Config::load(arguments.config.as_deref(), &arguments.set)?;
+    // a run file whose target is out of the picture is refused by all others: here is where one sees it
+    let draft = Draft::load(arguments.config.as_deref(), &arguments.set)?;
+    let config = draft.validate_whatever_is_seen()?;
     let outlook = Outlook::of(&config)?;
     check_writable(&arguments.out)?;
     let sheet = draw(&config, &outlook)?;
@@ -73,7 +79,9 @@ fn draw(config: &Config, outlook: &Outlook) -> Result<Sheet, ProcessError> {
         annotate(&mut panel, view, &config.target, &config.camera.model);
         panels.push(panel);
     }
-    Ok(Sheet { panels, lines: outlook.lines() })
+    let mut lines = outlook.lines();
+    lines.push(LEGEND.into());
+    Ok(Sheet { panels, lines })
 }
 
 /// What renders the goal: camera and target as they are believed to be.

@@ -57,8 +57,20 @@ impl Draft {
     /// # Errors
     /// All that is wrong with it.
     pub fn validate(self) -> Result<Config, ConfigError> {
+        self.judged(true)
+    }
+
+    /// The configuration, also where the target is out of the picture at the start or at the goal: to look at, not to run.
+    ///
+    /// # Errors
+    /// All else that is wrong with it.
+    pub fn validate_whatever_is_seen(self) -> Result<Config, ConfigError> {
+        self.judged(false)
+    }
+
+    fn judged(self, views: bool) -> Result<Config, ConfigError> {
         let Self { raw, document, mut problems, more, .. } = self;
-        match validate::validate(raw, &document, &mut problems) {
+        match validate::validate(raw, &document, views, &mut problems) {
             Some(config) if problems.is_empty() => Ok(config),
             _ => Err(ConfigError::new(problems, more)),
         }

@@ -25,10 +25,12 @@ const MEASUREMENT_TIMEOUT_MS: RangeInclusive<f64> = 1.0..=60_000.0;
 /// Cores that the kernel's set of them has places for.
 const MOST_CPUS: u32 = 1024;
 
-/// Checks everything; `None` only where something is so wrong that a part cannot be built.
+/// Checks everything; `None` only where something is so wrong that a part cannot be built. `views`: also whether the target is in the
+/// picture at start and goal.
 pub(super) fn validate(
     mut raw: RawConfig,
     document: &Document,
+    views: bool,
     problems: &mut Vec<Problem>,
 ) -> Option<Config> {
     let mut check = Check::new(document, problems);
@@ -129,11 +131,15 @@ pub(super) fn validate(
     let arm_is_good = check.count_problems() == before_arm;
     let scene = truth::scene(&raw, (camera.as_ref(), target.as_ref(), robot.as_ref()), scene_motion, check);
     if let (Some(target), Some(camera), false) = (&target, &camera, check.misses_a_pose()) {
-        if let Some((dot, why)) = start::hidden_dot(target, &camera.model, &X_DO) {
-            check.wrong("servo.desired", format!("point {dot} would lie {why} in the desired view"));
+        if let Some(hidden) = start::hidden(target, &camera.model, &X_DO).filter(|_| views) {
+            let message = format!(
+                "point {} would lie {} in the desired view{}",
+                hidden.point, hidden.why, hidden.how_far
+            );
+            check.wrong("servo.desired", message);
         }
         if let (Some(robot), Some(scene), true) = (&robot, &scene, arm_is_good) {
-            start::view(&raw, robot, camera, scene, check);
+            start::view(&raw, robot, (camera, scene), views, check);
         }
         timing(&raw, camera, check);
     }

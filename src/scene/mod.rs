@@ -26,6 +26,7 @@ mod renderer;
 mod scenery;
 mod schedule;
 mod sensor;
+mod sight;
 mod synthetic_camera;
 mod view;
 
@@ -40,4 +41,5 @@ pub use renderer::{LARGEST_SIDE_PX, Renderer};
 pub use scenery::Bystander;
 pub use schedule::{FrameSchedule, Irregularity};
 pub use sensor::SensorModel;
+pub use sight::{Overhang, PointInSight, Sight};
 pub use synthetic_camera::{Exposure, SyntheticCamera};

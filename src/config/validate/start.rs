@@ -7,8 +7,12 @@ use crate::config::servo::{tilted, uses_dimension};
 use crate::config::{Camera, Scene};
 use crate::geometry::Pose;
 use crate::robot::{self, POSITION_RAD_OR_M, RobotDescription, RobotError};
+use crate::scene::{PointInSight, Sight};
 use crate::target::Target;
 use nalgebra::SVector;
+
+/// Of more hidden points than these only their being is told.
+const TOLD: usize = 8;
 
 /// The robot, with a start inside its limits.
 pub(super) fn arm(raw: &RawConfig, check: &mut Check<'_>) -> Option<RobotDescription> {
@@ -36,32 +40,49 @@ pub(super) fn arm(raw: &RawConfig, check: &mut Check<'_>) -> Option<RobotDescrip
     Some(robot)
 }
 
-/// The first dot (from 1) that the camera does not see when the target lies at `X_CO`, and why; where so many are hidden that the
-/// target cannot be found.
-pub(super) fn hidden_dot(
-    target: &Target,
-    camera: &CameraModel,
-    X_CO: &Pose,
-) -> Option<(usize, &'static str)> {
-    let hidden = |p_O| match camera.project(&(X_CO * p_O)) {
+/// A point that the camera does not see.
+pub(super) struct HiddenPoint {
+    /// Which, from 1.
+    pub(super) point: usize,
+    /// Where it is instead.
+    pub(super) why: &'static str,
+    /// How far its mark is beyond which border, and what else is hidden, in words.
+    pub(super) how_far: String,
+}
+
+/// The first point whose centre the camera does not see when the target lies at `X_CO`; where so many are hidden that the target
+/// cannot be found.
+pub(super) fn hidden(target: &Target, camera: &CameraModel, X_CO: &Pose) -> Option<HiddenPoint> {
+    let sight = Sight::of(target, camera, X_CO);
+    let why = |point: &PointInSight| match point.px {
         None => Some("behind the camera"),
-        Some(px) if !camera.contains(&px, 0.0) => Some("outside the image"),
+        Some(px) if !camera.contains(&px.into(), 0.0) => Some("outside the image"),
         Some(_) => None,
     };
-    let all = target.points();
-    let seen = all.iter().filter(|point| hidden(point.p_O).is_none()).count();
-    if seen >= target.least_to_find() {
+    let hidden: Vec<_> = sight.points.iter().filter_map(|point| Some((point, why(point)?))).collect();
+    if sight.points.len() - hidden.len() >= sight.needed {
         return None;
     }
-    all.iter().enumerate().find_map(|(i, point)| Some((i + 1, hidden(point.p_O)?)))
+    let (first, why) = hidden.first()?;
+    let mut how_far = Vec::new();
+    if !first.outside.is_none() {
+        how_far.push(first.outside.describe());
+    }
+    if hidden.len() > 1 {
+        let others = hidden.iter().skip(1).take(TOLD).map(|(point, _)| point.point.to_string());
+        let more = if hidden.len() > TOLD + 1 { " ..." } else { "" };
+        how_far.push(format!("hidden too: {}{more}", others.collect::<Vec<_>>().join(", ")));
+    }
+    let how_far = if how_far.is_empty() { String::new() } else { format!(" ({})", how_far.join("; ")) };
+    Some(HiddenPoint { point: first.point, why, how_far })
 }
 
 /// What the camera sees before the arm moves, and what the controller believes that it sees.
 pub(super) fn view(
     raw: &RawConfig,
     robot: &RobotDescription,
-    camera: &Camera,
-    scene: &Scene,
+    (camera, scene): (&Camera, &Scene),
+    views: bool,
     check: &mut Check<'_>,
 ) {
     let q = &raw.robot.q_start_rad_or_m;
@@ -74,9 +95,12 @@ pub(super) fn view(
                 check.wrong("servo.dimension", message);
             }
             let seen = scene.mount.X_WC(&true_X_BE).inv_mul(&scene.X_WO);
-            if let Some((dot, why)) = hidden_dot(&scene.target, &scene.camera, &seen) {
+            if let Some(HiddenPoint { point, why, how_far }) =
+                hidden(&scene.target, &scene.camera, &seen).filter(|_| views)
+            {
                 let message = format!(
-                    "point {dot} of the target lies {why} at the start; move scene.object or the start position"
+                    "point {point} of the target lies {why} at the start{how_far}; move scene.object or the start position, see `vservo \
+                     view`"
                 );
                 check.wrong("robot.q_start_rad_or_m", message);
             }

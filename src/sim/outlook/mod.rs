@@ -10,21 +10,22 @@
 //! the goal as it is believed.
 
 mod reach;
-mod sight;
 mod words;
 
 pub use reach::{Posture, Reach, Way};
-pub use sight::{Overhang, PointInSight, Sight};
 
 use crate::config::raw::{DriveKind, SetPointKind, Task};
 use crate::config::{Config, Scene};
 use crate::geometry::Pose;
 use crate::robot::{Robot, RobotError};
-use crate::scene::SceneMotion;
+use crate::scene::{SceneMotion, Sight};
 use crate::servo::Mount;
 use nalgebra::{Point3, SVector, Vector3};
 use reach::Question;
 use serde::Serialize;
+
+/// With fewer points no target is tracked.
+const LEAST_TRACKED: usize = 3;
 
 /// What a run has before it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -143,8 +144,7 @@ impl Outlook {
             );
             faults.push(("robot.q_start_rad_or_m", message));
         }
-        if let Some(fault) = self.goal.as_ref().and_then(|view| view.sight.fault()) {
-            let message = format!("{fault} in the desired view; see `vservo view`");
+        if let Some((message, true)) = self.cut_at_the_goal() {
             faults.push(("servo.desired", message));
         }
         if let Some(message) = words::out_of_reach(&self.reach) {
@@ -156,7 +156,17 @@ impl Outlook {
     /// What is allowed, but hardly meant: key and message.
     #[must_use]
     pub fn doubts(&self) -> Vec<(&'static str, String)> {
-        self.way.iter().flat_map(words::doubts).map(|message| ("servo.desired", message)).collect()
+        let cut = self.cut_at_the_goal().filter(|(_, futile)| !futile).map(|(message, _)| message);
+        let way = self.way.iter().flat_map(words::doubts);
+        cut.into_iter().chain(way).map(|message| ("servo.desired", message)).collect()
+    }
+
+    /// What is wrong with the view at the goal, and whether that makes the run futile: a target that is tracked already goes on with
+    /// some of its points.
+    fn cut_at_the_goal(&self) -> Option<(String, bool)> {
+        let sight = &self.goal.as_ref()?.sight;
+        let message = format!("{} in the desired view; see `vservo view`", sight.fault()?);
+        Some((message, !sight.front || sight.whole < LEAST_TRACKED))
     }
 
     /// All of it in words, a line each.

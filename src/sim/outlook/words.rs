@@ -1,6 +1,7 @@
 //! The outlook in words.
 
-use super::{Outlook, Overhang, Posture, Reach, Sight, Viewpoint, Way};
+use super::{Outlook, Posture, Reach, Viewpoint, Way};
+use crate::scene::{Overhang, PointInSight, Sight};
 
 /// Of more points than these only those that are not whole are told one by one.
 const TOLD_POINTS: usize = 8;
@@ -56,6 +57,7 @@ fn direction(from_down_deg: f64) -> String {
         d if d < 1.0 => "straight down".into(),
         d if d < 85.0 => format!("down, {d:.0} deg from the plumb line"),
         d if d <= 95.0 => "level".into(),
+        d if d > 179.0 => "straight up".into(),
         d => format!("up, {:.0} deg from the plumb line", 180.0 - d),
     }
 }
@@ -79,7 +81,7 @@ fn visibility(sight: &Sight) -> String {
         format!("all of the target's points are in the picture, {:.0} px from its border", sight.room_px)
     } else {
         let cut = sight.points.iter().filter(|point| !point.whole).take(TOLD_POINTS);
-        let cut: Vec<_> = cut.map(super::PointInSight::fault).collect();
+        let cut: Vec<_> = cut.map(PointInSight::fault).collect();
         format!("{} of {} points are whole: {}", sight.whole, sight.points.len(), cut.join(", "))
     };
     let plate = match &sight.plate_outside {

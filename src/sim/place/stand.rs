@@ -152,6 +152,16 @@ impl<const N: usize> Search<'_, N> {
         }
     }
 
+    /// How little the joints are turned, 0.6 to 1: of many postures with the same view people take the straight one.
+    fn ease(&self, q: &SVector<f64, N>) -> f64 {
+        let turned = |(limit, q): (&crate::robot::JointLimits, &f64)| {
+            let middle = 0.5 * (limit.lower + limit.upper);
+            (q - if middle.is_finite() { middle } else { 0.0 }).powi(2)
+        };
+        let sum: f64 = self.arm.limits().iter().zip(q.iter()).map(turned).sum();
+        0.6 + 0.4 * (-sum / (1.2 * N as f64)).exp()
+    }
+
     /// How far the camera gets from the base, m.
     fn reach_m(&self) -> f64 {
         let search = self.posture();
@@ -191,6 +201,6 @@ impl<const N: usize> Search<'_, N> {
         // the arm is not between the camera and what it looks at
         let sight = (object - camera).normalize();
         let outwards = if look == Look::Down { 0.0 } else { sight.dot(&camera.normalize()) };
-        apart * reach * low * high * (0.8 + 0.2 * front) * (0.75 + 0.25 * outwards)
+        apart * reach * low * high * (0.8 + 0.2 * front) * (0.75 + 0.25 * outwards) * self.ease(q)
     }
 }

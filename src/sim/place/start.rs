@@ -3,7 +3,7 @@
 use super::Search;
 use super::stand::Stand;
 use crate::geometry::Pose;
-use crate::sim::outlook::Sight;
+use crate::scene::Sight;
 use nalgebra::{SVector, UnitQuaternion, Vector2, Vector3};
 
 /// Shares of the widest displacement, the widest first.

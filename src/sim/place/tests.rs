@@ -1,1 +1,68 @@
+use super::{Look, PlaceError, PlaceWishes, Placement, place};
+use crate::config::Draft;
+use crate::control::outcome::Outcome;
+use nalgebra::{Vector2, Vector3};
+use std::path::Path;
 
+const ANYTHING: PlaceWishes = PlaceWishes { look: None, object: None, distance_m: None };
+
+fn draft(set: &[&str]) -> Draft {
+    let set: Vec<_> = set.iter().map(ToString::to_string).collect();
+    Draft::parse("run.toml", "", Path::new("."), &set).unwrap()
+}
+
+fn placed(set: &[&str], wishes: &PlaceWishes) -> Placement {
+    place(&draft(set), wishes).unwrap_or_else(|e| panic!("{set:?}: {e}"))
+}
+
+/// The middle of the target lies on the optical axis at the goal, all of it is in the picture at both ends, and a run converges.
+#[test]
+fn arms_of_all_kinds_get_a_place() {
+    for arm in ["scara", "ur5", "panda", "pan_tilt"] {
+        let p = placed(&[&format!("robot.model={arm}")], &ANYTHING);
+        assert_eq!(p.run.finish.outcome, Outcome::Converged, "{arm}");
+        let (start, goal) = (p.outlook.start.as_ref().unwrap(), p.outlook.goal.as_ref().unwrap());
+        assert!(goal.axis.unwrap().beside_m < 1e-5, "{arm}");
+        assert!(goal.sight.room_px > 100.0 && start.sight.room_px > 20.0, "{arm}");
+        let far = |(a, b): (&crate::scene::PointInSight, &crate::scene::PointInSight)| {
+            (Vector2::from(a.px.unwrap()) - Vector2::from(b.px.unwrap())).norm()
+        };
+        let way_px: f64 = start.sight.points.iter().zip(&goal.sight.points).map(far).sum();
+        assert!(way_px > 40.0, "{arm}: the start is a start: {way_px}");
+        assert_eq!((p.outlook.faults(), p.outlook.doubts()), (vec![], vec![]));
+    }
+}
+
+#[test]
+fn the_same_question_has_the_same_answer() {
+    let set = ["robot.model=ur5"];
+    let (a, b) = (placed(&set, &ANYTHING), placed(&set, &ANYTHING));
+    assert_eq!((a.q_start, a.run.state_hash), (b.q_start, b.run.state_hash));
+}
+
+#[test]
+fn wishes_are_kept() {
+    let set = ["robot.model=ur5", "camera.mount.position_m=[0.0, 0.0, 0.05]"];
+    let level = placed(&set, &PlaceWishes { look: Some(Look::Level), ..ANYTHING });
+    let looks = Vector3::from(level.outlook.goal.unwrap().camera.unwrap().looks);
+    assert!(looks.z.abs() < 1e-3, "{looks}");
+    let far = placed(&set, &PlaceWishes { distance_m: Some(0.6), ..ANYTHING });
+    assert_eq!(far.X_DO.translation.z, 0.6);
+    let there = Vector3::new(0.5, 0.1, -0.05);
+    let fixed = placed(&set, &PlaceWishes { object: Some((there, None)), ..ANYTHING });
+    assert!((fixed.X_WO.translation.vector - there).norm() < 1e-6);
+    assert!(fixed.outlook.goal.unwrap().camera.unwrap().looks[2] < -0.999, "seen from above");
+}
+
+#[test]
+fn what_cannot_be_placed_is_told() {
+    let error = |set: &[&str], wishes: &PlaceWishes| place(&draft(set), wishes).unwrap_err();
+    let away = PlaceWishes { object: Some((Vector3::new(3.0, 0.0, 0.0), None)), ..ANYTHING };
+    assert!(matches!(error(&["robot.model=ur5"], &away), PlaceError::Nowhere { .. }));
+    let near = PlaceWishes { distance_m: Some(0.05), ..ANYTHING };
+    assert!(matches!(error(&["robot.model=ur5"], &near), PlaceError::Distance { .. }));
+    let unknown = error(&["robot.model=r2d2"], &ANYTHING).to_string();
+    assert!(unknown.contains("--set robot.model=r2d2: robot.model: robot `r2d2`"), "{unknown}");
+    let wrong = error(&["robot.model=ur5", "servo.gain_1_s=-1"], &ANYTHING).to_string();
+    assert!(wrong.contains("servo.gain_1_s: -1 is out of range"), "{wrong}");
+}
