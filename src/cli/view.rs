@@ -16,7 +16,7 @@ use crate::input::printable;
 use crate::process::ProcessError;
 use crate::rt::tell;
 use crate::scene::{PointInSight, Renderer, SceneLook, SensorModel};
-use crate::sim::outlook::{Outlook, Viewpoint};
+use crate::sim::outlook::{Outlook, Reach, Viewpoint};
 use crate::target::Target;
 use image::GrayImage;
 use nalgebra::{Point3, Vector2, Vector3};
@@ -77,6 +77,9 @@ fn draw(config: &Config, outlook: &Outlook) -> Result<Sheet, ProcessError> {
         let picture = rendered(believed(config)?, &view.X_CO);
         let mut panel = Panel::new("GOAL", picture);
         annotate(&mut panel, view, &config.target, &config.camera.model);
+        if matches!(outlook.reach, Reach::Beyond { .. }) {
+            panel.label(Vector2::new(8.0, 28.0), "OUT OF REACH", Colour::Outside);
+        }
         panels.push(panel);
     }
     let mut lines = outlook.lines();

@@ -8,8 +8,8 @@ use serde::Serialize;
 
 /// Outlines of dots leave them by no more than this share of their radius.
 const SAG: f64 = 0.002;
-/// Dark that touches the border of the picture is no dot to the finder: so much about it must be in the picture, px.
-const ROOM_ABOUT_A_DOT_PX: f64 = 1.5;
+/// So much about a dot must be in the picture, px: dark that touches the border is no dot to the finder, and one that just fits does not.
+const ROOM_ABOUT_A_DOT_PX: f64 = 0.0;
 /// What a corner of a tag or of an outline, and one of a chessboard needs about it, px.
 const ROOM_ABOUT_A_CORNER_PX: f64 = 2.0;
 const ROOM_ABOUT_A_SADDLE_PX: f64 = 5.0;

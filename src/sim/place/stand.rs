@@ -201,6 +201,6 @@ impl<const N: usize> Search<'_, N> {
         // the arm is not between the camera and what it looks at
         let sight = (object - camera).normalize();
         let outwards = if look == Look::Down { 0.0 } else { sight.dot(&camera.normalize()) };
-        apart * reach * low * high * (0.8 + 0.2 * front) * (0.75 + 0.25 * outwards) * self.ease(q)
+        apart * reach * low * high * (0.6 + 0.4 * front) * (0.75 + 0.25 * outwards) * self.ease(q)
     }
 }
