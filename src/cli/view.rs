@@ -182,7 +182,7 @@ fn mark(panel: &mut Panel, point: &PointInSight, count: usize, size: &Vector2<f6
     };
     let room = Vector2::new(12.0 * text.len() as f64 + 4.0, 18.0);
     let place = (at + back).inf(&(size - room)).sup(&Vector2::repeat(2.0));
-    panel.label(place, &text, Colour::Outside);
+    panel.free_label(place, &text, Colour::Outside);
 }
 
 /// The axes of the object's frame, from its origin.

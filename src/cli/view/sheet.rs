@@ -13,6 +13,8 @@ const LINE: u32 = 18;
 const CELL: u32 = 2;
 /// Columns from letter to letter.
 const ADVANCE: u32 = 6 * CELL;
+/// Rows in which words look for a free place.
+const NEIGHBOURS: u32 = 24;
 /// Corners of a ring.
 const CORNERS: u32 = 20;
 /// Fewest letters of a line.
@@ -94,6 +96,21 @@ impl Panel {
             at + Vector2::new(cos, sin) * radius
         };
         (0..CORNERS).for_each(|i| self.line(corner(i), corner(i + 1), colour));
+    }
+
+    /// Words near `at`, beside those that are there.
+    pub(super) fn free_label(&mut self, at: Vector2<f64>, text: &str, colour: Colour) {
+        let step =
+            if at.y > 0.5 * f64::from(self.picture.height()) { -f64::from(LINE) } else { f64::from(LINE) };
+        let covers = |place: &Vector2<f64>| {
+            self.labels.iter().any(|(other, words, _)| {
+                let length = f64::from(ADVANCE) * words.chars().count().max(text.chars().count()) as f64;
+                (other.y - place.y).abs() < f64::from(LINE) && (other.x - place.x).abs() < length
+            })
+        };
+        let rows = (0..NEIGHBOURS).map(|row| at + Vector2::y() * (step * f64::from(row)));
+        let free = rows.into_iter().find(|place| !covers(place)).unwrap_or(at);
+        self.label(free, text, colour);
     }
 
     /// Words, from their upper left end.

@@ -97,10 +97,12 @@ fn what_is_set_takes_the_place_of_what_is_written() {
     assert_eq!(whole, [0.0, 0.0, 0.5, 0.0, 0.0, 0.0]);
 }
 
-/// The numbers that a file needs are those that the defaults do not have: a form alone leaves the default position.
+/// A form takes the place of the default rotation and leaves the default position.
 #[test]
 fn a_rotation_alone_leaves_the_position() {
-    let found = desired("rotation_xyzw = [0, 0, -0.5, 0.8660254]", &[]).unwrap();
-    assert_eq!(found[..3], [-0.1, 0.1, 0.6]);
-    assert!((found[5] + std::f64::consts::FRAC_PI_3).abs() < 1e-7);
+    let text = "[scene.object]\nrotation_xyzw = [0.0, 0.0, 0.3826834, 0.9238795]\n";
+    let object = Config::parse("run.toml", text, Path::new("."), &[]).unwrap().effective.scene.object;
+    assert_eq!(object.position_m, [1.0; 3]);
+    let [roll, pitch, yaw] = object.rotation_rpy_rad;
+    assert!((roll, pitch) == (0.0, 0.0) && (yaw - std::f64::consts::FRAC_PI_4).abs() < 1e-6, "{yaw}");
 }

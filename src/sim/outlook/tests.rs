@@ -138,11 +138,8 @@ fn what_can_be_found_is_found_and_nothing_else() {
             wrong.push((seen, sight.room_px));
         }
     }
-    // within a pixel of the border either may happen
-    let clear: Vec<_> = wrong.iter().filter(|(_, room_px)| (room_px - 1.0).abs() > 1.5).collect();
-    assert!(
-        clear.is_empty() && wrong.len() <= 4,
-        "of {tried}: {found} found, {cut} said to be cut: {wrong:?}"
-    );
+    // a dot that lacks less than a pixel may be found all the same; one that is whole is found
+    let clear = wrong.iter().all(|(seen, room_px)| *seen && *room_px > -1.0);
+    assert!(clear && wrong.len() <= 5, "of {tried}: {found} found, {cut} said to be cut: {wrong:?}");
     assert!(cut > 20 && found > 200, "{cut} cut, {found} found");
 }
