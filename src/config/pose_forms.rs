@@ -35,8 +35,8 @@ const ROUNDING: f64 = 2e-3;
 
 /// Whether `key` is, or lies in, one of the forms that are turned into another.
 pub(super) fn is_form(key: &str) -> bool {
-    let form = |name: &&str| key.rsplit('.').next().is_some_and(|last| last.starts_with(*name));
-    ALL.iter().skip(1).any(|name| form(&name))
+    let form = |name: &str| key.rsplit('.').next().is_some_and(|last| last.starts_with(name));
+    ALL.iter().skip(1).any(|name| form(name))
 }
 
 /// Makes position and roll, pitch, yaw of every pose, however it is written.

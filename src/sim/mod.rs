@@ -1,4 +1,5 @@
-//! Simulated time: the loop over ticks that every simulation shares, and a whole run in one process.
+//! Simulated time: the loop over ticks that every simulation shares, and a whole run in one process; what a run has before it
+//! ([`outlook`]), and a start and a goal for it ([`place`](mod@place)).
 
 mod closed_loop;
 mod hand_eye_session;

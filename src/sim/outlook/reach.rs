@@ -108,10 +108,9 @@ impl<const N: usize> Question<'_, N> {
         for start in 0..=STARTS {
             let from = if start == 0 { self.q_start } else { search.anywhere(&mut random) };
             let q = search.towards(&from, &X_WD);
-            for q in [Some(q), None] {
-                let q = q.unwrap_or_else(|| {
-                    search.features_from(&nearest.map_or(from, |n| n.1), &self.X_WO, self.set_point)
-                });
+            // where the camera cannot be just there, the features may be right all the same
+            let near = || search.features_from(&q, &self.X_WO, self.set_point);
+            for q in std::iter::once(q).chain(std::iter::once_with(near)) {
                 if self.error_px(&q) <= self.config.goal.feature_error_px {
                     return (Reach::Within(self.posture(&q)), Some(q));
                 }
