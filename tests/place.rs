@@ -10,6 +10,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 use vservo::config::Config;
+use vservo::sim::outlook::{Outlook, Reach};
 
 fn shipped(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file)
@@ -25,6 +26,20 @@ fn asked(arguments: &[&str]) -> (Option<i32>, String, String) {
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     assert!(!told(&output).contains("panicked"), "{}", told(&output));
     (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn shipped_run_files_have_nothing_against_them() {
+    let files = std::fs::read_dir(shipped("")).unwrap().map(|e| e.unwrap().path());
+    let files: Vec<_> = files.filter(|p| p.extension().is_some_and(|e| e == "toml")).collect();
+    assert!(files.len() > 10);
+    let mut within = 0;
+    for file in files {
+        let outlook = Outlook::of(&Config::load(Some(&file), &[]).unwrap()).unwrap();
+        assert_eq!((outlook.faults(), outlook.doubts()), (vec![], vec![]), "{}", file.display());
+        within += usize::from(matches!(outlook.reach, Reach::Within(_)));
+    }
+    assert!(within > 15, "{within} goals were looked at");
 }
 
 /// Bare robot files, and shipped robots of few and of many joints: two commands.
