@@ -102,10 +102,12 @@ impl Panel {
     pub(super) fn free_label(&mut self, at: Vector2<f64>, text: &str, colour: Colour) {
         let step =
             if at.y > 0.5 * f64::from(self.picture.height()) { -f64::from(LINE) } else { f64::from(LINE) };
+        let length = |words: &str| f64::from(ADVANCE) * words.chars().count() as f64;
         let covers = |place: &Vector2<f64>| {
             self.labels.iter().any(|(other, words, _)| {
-                let length = f64::from(ADVANCE) * words.chars().count().max(text.chars().count()) as f64;
-                (other.y - place.y).abs() < f64::from(LINE) && (other.x - place.x).abs() < length
+                (other.y - place.y).abs() < f64::from(LINE)
+                    && other.x < place.x + length(text)
+                    && place.x < other.x + length(words)
             })
         };
         let rows = (0..NEIGHBOURS).map(|row| at + Vector2::y() * (step * f64::from(row)));
