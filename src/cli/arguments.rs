@@ -282,7 +282,7 @@ pub struct DetectArguments {
     /// PNG, PNM or JPEG files
     #[arg(required = true, value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
-    /// What to look for: four_dots[:SIDE_M], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners),
+    /// What to look for: four_dots[:SIDE_M[:chiral]], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners),
     /// tag:FAMILY:SIZE_M[:ID] (without an id all tags of the family), polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes)
     #[arg(long, value_name = "KIND")]
     pub target: String,
@@ -300,7 +300,7 @@ pub struct DetectArguments {
 /// Arguments of `vservo target`.
 #[derive(Debug, Args)]
 pub struct TargetArguments {
-    /// Which: four_dots[:SIDE_M], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners), tag:FAMILY:SIZE_M[:ID],
+    /// Which: four_dots[:SIDE_M[:chiral]], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners), tag:FAMILY:SIZE_M[:ID],
     /// polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes, m)
     pub kind: String,
     /// File to write: .svg, .pdf or .png
