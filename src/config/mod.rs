@@ -17,6 +17,7 @@ mod place;
 mod problem;
 pub mod raw;
 mod scene;
+mod selection;
 mod servo;
 mod source;
 mod stereo;
