@@ -79,6 +79,11 @@ impl Runs {
         Self { runs: Vec::with_capacity(limit), limit, full: false, wide }
     }
 
+    /// From now on holds at most so many runs, and never more than were allocated: more are given up early.
+    pub fn limit_to(&mut self, most: usize) {
+        self.limit = most.min(self.runs.capacity());
+    }
+
     /// The runs found last.
     #[must_use]
     pub fn as_slice(&self) -> &[Run] {

@@ -79,4 +79,11 @@ fn overflow_is_told() {
     runs.find(&image, &Window::whole(&image), 128);
     assert!(runs.overflowed());
     assert_eq!(runs.as_slice().len(), 10);
+    runs.limit_to(3);
+    runs.find(&image, &Window::whole(&image), 128);
+    assert!(runs.overflowed());
+    assert_eq!(runs.as_slice().len(), 3);
+    runs.limit_to(usize::MAX);
+    runs.find(&image, &Window::whole(&image), 128);
+    assert!(runs.overflowed() && runs.as_slice().len() >= 10);
 }
