@@ -248,11 +248,9 @@ impl DotFinder {
             self.candidates = candidates;
         }
         self.pattern.find(&self.candidates, &mut self.chosen)?;
-        if look == Look::Quick {
-            let mut chosen = std::mem::take(&mut self.chosen);
-            chosen.iter_mut().for_each(|(_, blob)| *blob = self.settled(image, blob));
-            self.chosen = chosen;
-        }
+        let mut chosen = std::mem::take(&mut self.chosen);
+        chosen.iter_mut().for_each(|(_, blob)| *blob = self.settled(image, blob));
+        self.chosen = chosen;
         self.meter.measure(image, &self.chosen, found);
         // what has no contrast to its surroundings was no dot
         if found.len() == self.chosen.len() || self.pattern.serves_in_part(found.len()) {
