@@ -12,8 +12,9 @@ use crate::detect::Found;
 use crate::imaging::{Histogram, ImageView, Window};
 use crate::messages::TargetStatus;
 
-/// Rows that the histogram samples.
-const SAMPLED_ROWS: usize = 120;
+/// Pixels that the histogram samples, in whole rows, and the fewest and the most of these.
+const SAMPLED_PIXELS: usize = 76_800;
+const SAMPLED_ROWS: (usize, usize) = (60, 120);
 /// Rows whose neighbouring pixels tell the noise.
 const NOISE_ROWS: usize = 40;
 /// Least contrast of a part of the frame in which something may be dark: so many times the noise, within these levels.
@@ -41,7 +42,7 @@ impl DotFinder {
         found: &mut Vec<Found>,
     ) -> Result<(), TargetStatus> {
         found.clear();
-        let histogram = Histogram::of_rows(dark, dark.height() / SAMPLED_ROWS);
+        let histogram = sampled(dark);
         let Some(otsu) = histogram.otsu() else { return Err(TargetStatus::NoContrast) };
         // what is put off may be the clearest picture of a grid, of which not all thresholds are tried
         let most = if self.insists() { dark.width() * dark.height() / PIXELS_OF_RUN } else { usize::MAX };
@@ -192,6 +193,13 @@ impl<'a> Tried<'a> {
         }
         true
     }
+}
+
+/// A fair sample of the frame's levels.
+fn sampled(image: &ImageView<'_>) -> Histogram {
+    let (fewest, most) = SAMPLED_ROWS;
+    let rows = (SAMPLED_PIXELS / image.width()).clamp(fewest, most);
+    Histogram::of_rows(image, image.height() / rows)
 }
 
 /// Standard deviation of the pixels' noise, levels: by the median of neighbours' differences, of which most are on even ground.
