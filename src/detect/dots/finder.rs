@@ -266,7 +266,10 @@ impl DotFinder {
         let (mut round, mut holed) = (0, 0);
         for component in self.components.as_slice() {
             let mut blob = Blob::of(component);
-            if blob.is_none() && look == Look::Filled && holed < MOST_HOLED && Blob::may_have_holes(component)
+            if blob.is_none()
+                && look == Look::Filled
+                && holed < MOST_HOLED
+                && Blob::may_have_holes(component, MOST_FILLED)
             {
                 holed += 1;
                 let whole = filled(self.runs.as_slice(), component);

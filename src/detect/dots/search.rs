@@ -68,19 +68,26 @@ impl DotFinder {
             let found = put_off && self.search_otsu(dark, image, otsu.threshold, found).is_ok();
             return if found { Ok(()) } else { Err(TargetStatus::NoContrast) };
         }
-        // two targets stay two, whatever else shows only one of them
-        let once = !self.insists() || first == Err(TargetStatus::Ambiguous);
+        // Two targets stay two, whatever else shows only one of them; but half-way, where blur spoils sizes least, has the last word.
+        let mut ambiguous = first == Err(TargetStatus::Ambiguous);
         let mut second = Err(TargetStatus::NoMatch);
-        for share in SHARES.into_iter().filter(|share| !once || *share == HALF) {
+        for share in SHARES {
+            if share != HALF && (ambiguous || !self.insists()) {
+                continue;
+            }
             self.local.move_to(share);
             self.runs.find_local(dark, &mut self.local);
             let result = self.search_runs(image, Look::Careful, found);
-            if matches!(result, Ok(()) | Err(TargetStatus::Ambiguous)) {
+            if result.is_ok() {
                 return result;
             }
+            ambiguous |= result == Err(TargetStatus::Ambiguous);
             if share == HALF {
                 second = result;
             }
+        }
+        if ambiguous {
+            return Err(TargetStatus::Ambiguous);
         }
         if put_off {
             first = self.search_otsu(dark, image, otsu.threshold, found);
@@ -95,7 +102,7 @@ impl DotFinder {
             }
             _ => TargetStatus::NoMatch,
         };
-        if once || reason == TargetStatus::Ambiguous {
+        if !self.insists() || reason == TargetStatus::Ambiguous {
             return Err(reason);
         }
         match self.search_sweep(dark, image, &histogram, otsu.threshold, found) {
