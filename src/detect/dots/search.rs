@@ -30,8 +30,9 @@ const TAIL: f64 = 2e-4;
 /// Places of a threshold between the local extremes, in 256ths of their difference: the first show most targets, in the fewest runs.
 const SHARES: [u8; 5] = [36, 184, 72, HALF, 220];
 const HALF: u8 = 128;
-/// Pixels for each run: with fewer, another threshold is likelier to show the target, and sooner.
+/// Pixels for each run: with fewer, another threshold is likelier to show the target, and sooner. Small frames may have so many runs.
 const PIXELS_OF_RUN: usize = 64;
+const FEW_RUNS: usize = 1000;
 
 impl DotFinder {
     /// The search in `dark`, the frame in which dots are dark; they are measured in `image`.
@@ -45,7 +46,8 @@ impl DotFinder {
         let histogram = sampled(dark);
         let Some(otsu) = histogram.otsu() else { return Err(TargetStatus::NoContrast) };
         // what is put off may be the clearest picture of a grid, of which not all thresholds are tried
-        let most = if self.insists() { dark.width() * dark.height() / PIXELS_OF_RUN } else { usize::MAX };
+        let few = (dark.width() * dark.height() / PIXELS_OF_RUN).max(FEW_RUNS);
+        let most = if self.insists() { few } else { usize::MAX };
         self.runs.limit_to(most);
         self.runs.find(dark, &Window::whole(dark), otsu.threshold);
         self.runs.limit_to(usize::MAX);
@@ -111,6 +113,7 @@ impl DotFinder {
         }
     }
 
+    /// The frame's own threshold, however many runs it makes.
     fn search_otsu(
         &mut self,
         dark: &ImageView<'_>,
