@@ -159,6 +159,7 @@ fn run_file(draft: &Draft, placement: &Placement) -> String {
     }
     if draft.raw.servo.set_point.kind != SetPointKind::Pose {
         change(&mut table, &["servo", "set_point"], &mut |set_point| {
+            set_point.retain(|key, _| key != "file" && key != "features");
             set_point.insert("kind".into(), Value::String("pose".into()));
         });
     }

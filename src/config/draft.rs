@@ -2,10 +2,10 @@
 
 use super::check::pose;
 use super::raw::{MountKind, RawConfig};
-use super::{Config, ConfigError, DEFAULT_TOML, Document, Problem};
-use super::{lens_file, pose_forms, stereo, tables, validate};
+use super::{Config, ConfigError, DEFAULT_TOML, Document, Problem, SHIPPED_FILES, ShippedFile};
+use super::{goal_file, lens_file, pose_forms, stereo, tables, validate};
 use crate::geometry::{Pose, roll_pitch_yaw};
-use crate::input::file;
+use crate::input::{file, nearest};
 use crate::servo::Mount;
 use std::path::{Path, PathBuf};
 
@@ -20,6 +20,8 @@ pub struct Draft {
     problems: Vec<Problem>,
     /// Problems behind these.
     more: usize,
+    /// What a shipped file names and has not with it.
+    needed: Option<Problem>,
 }
 
 impl Draft {
@@ -32,12 +34,31 @@ impl Draft {
             return Self::parse("embedded default configuration", DEFAULT_TOML, Path::new("."), set);
         };
         let name = path.display().to_string();
+        if let Some(shipped) = path.to_str().and_then(ShippedFile::find).filter(|_| !path.is_file()) {
+            return Self::of_shipped(shipped, set);
+        }
         let text = file::read(path, file::LARGEST_TOML).map_err(|e| {
-            ConfigError::new(vec![Problem::of_file(&name, format!("cannot be read: {e}"))], 0)
+            ConfigError::new(vec![Problem::of_file(&name, format!("cannot be read: {e}{}", hint(path)))], 0)
         })?;
         // A file that is named without a folder has an empty parent: it stands in the working directory.
         let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
         Self::parse(&name, &text, folder, set)
+    }
+
+    fn of_shipped(shipped: &ShippedFile, set: &[String]) -> Result<Self, ConfigError> {
+        let name = shipped.name;
+        let needed = (!shipped.needs.is_empty()).then(|| {
+            let message = format!(
+                "names files that are not part of the program ({}): write it to a file with `vservo config {name}`, and put \
+                 yours there",
+                shipped.needs.join(", ")
+            );
+            Problem::of_file(name, message)
+        });
+        match Self::parse(&format!("{name} (shipped)"), shipped.text, Path::new("."), set) {
+            Ok(draft) => Ok(Self { needed, ..draft }),
+            Err(error) => Err(error.beside(needed)),
+        }
     }
 
     /// Reads a run file from `text`; see [`Config::parse`].
@@ -49,7 +70,7 @@ impl Draft {
         let mut problems: Vec<Problem> = set.iter().filter_map(|s| document.set(s).err()).collect();
         let (mut raw, more) = tables::read(&mut document, &mut problems);
         resolve_paths(&mut raw, &document, folder, &mut problems);
-        Ok(Self { raw, document, folder: folder.into(), problems, more })
+        Ok(Self { raw, document, folder: folder.into(), problems, more, needed: None })
     }
 
     /// The configuration, where everything is as it should be.
@@ -69,10 +90,13 @@ impl Draft {
     }
 
     fn judged(self, views: bool) -> Result<Config, ConfigError> {
-        let Self { raw, document, mut problems, more, .. } = self;
+        let Self { raw, document, mut problems, more, needed, .. } = self;
         match validate::validate(raw, &document, views, &mut problems) {
-            Some(config) if problems.is_empty() => Ok(config),
-            _ => Err(ConfigError::new(problems, more)),
+            Some(mut config) if problems.is_empty() => {
+                config.warnings.extend(needed);
+                Ok(config)
+            }
+            _ => Err(ConfigError::new(problems, more).beside(needed)),
         }
     }
 
@@ -129,6 +153,15 @@ impl Draft {
     }
 }
 
+/// What helps where a word is no file.
+fn hint(path: &Path) -> String {
+    let is_word = path.extension().is_none() && path.components().count() == 1;
+    let Some(word) = path.to_str().filter(|_| is_word) else { return String::new() };
+    let meant = nearest(word, SHIPPED_FILES.iter().map(|file| file.name))
+        .map_or("`vservo config --list` tells them".into(), |name| format!("did you mean `{name}`?"));
+    format!("; nor is it the name of a shipped run file: {meant}")
+}
+
 fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, problems: &mut Vec<Problem>) {
     let absolute = |key: &str, path: &Path| {
         let base = if document.is_argument(key) { Path::new(".") } else { folder };
@@ -142,6 +175,7 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, proble
     pose_forms::resolve(raw, document, problems);
     lens_file::resolve(raw, document, absolute, problems);
     stereo::resolve(raw, document, absolute, problems);
+    goal_file::resolve(raw, document, absolute, problems);
     images("camera.replay.folder", &mut raw.camera.replay.folder);
     for (i, camera) in raw.cameras.iter_mut().enumerate() {
         images(&format!("cameras[{i}].replay.folder"), &mut camera.replay.folder);

@@ -13,13 +13,16 @@ mod camera;
 mod check;
 mod draft;
 mod frame_source;
+mod goal_file;
 mod lens_file;
 mod place;
 mod pose_forms;
 mod problem;
 pub mod raw;
 mod scene;
+mod selection;
 mod servo;
+mod shipped;
 mod source;
 mod stereo;
 mod tables;
@@ -30,8 +33,10 @@ mod validate;
 pub use camera::Camera;
 pub use draft::Draft;
 pub use frame_source::{Source, Timing};
+pub use goal_file::{GoalFeature, GoalFile, GoalPose};
 pub use problem::{ConfigError, Problem};
 pub use scene::Scene;
+pub use shipped::{SHIPPED_FILES, ShippedFile};
 pub use source::Document;
 pub use stereo::{Stereo, taught_file};
 pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
@@ -256,7 +261,8 @@ pub struct RealtimeRequest {
 }
 
 impl Config {
-    /// Reads a run file, or the embedded default where `path` is `None`, and applies `--set` arguments.
+    /// Reads a run file, or the embedded default where `path` is `None`, and applies `--set` arguments. A word without folder and
+    /// ending that is no file is the name of a shipped one.
     ///
     /// # Errors
     /// All problems of the first step that finds any: syntax, then types and unknown keys together with ranges.

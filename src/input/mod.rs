@@ -1,6 +1,8 @@
-//! Text from outside: how files are read, and how what stands in them is shown to people.
+//! Text from outside: how files are read, what somebody may have meant, and how what stands in them is shown to people.
 
 pub mod file;
+mod nearest;
 mod printable;
 
+pub use nearest::nearest;
 pub use printable::{number, printable};

@@ -72,6 +72,19 @@ pub enum ProcessError {
     /// Pictures of a pair of cameras that are no pairs.
     #[error("{0} pictures: pairs are needed, left and right by turns")]
     OddImages(usize),
+    /// A word that is no command, or names nothing that there is.
+    #[error("{0}")]
+    NoCommand(String),
+    /// A goal of which nothing was seen.
+    #[error(
+        "the whole target was seen in none of {pictures} pictures: {status}; see to lens, light and target, or to where the arm stands"
+    )]
+    NothingTaught {
+        /// How many were looked at.
+        pictures: u64,
+        /// What the last one showed.
+        status: &'static str,
+    },
     /// The robot file is wrong.
     #[error(transparent)]
     Robot(#[from] RobotError),
@@ -198,8 +211,11 @@ impl ProcessError {
             | Self::DriveAbsent { .. }
             | Self::DriveProgram { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
-            Self::Timeout(_) | Self::ProbeDuration(_) | Self::OddImages(_) => 2,
-            Self::NoFrame { .. } | Self::NobodyThere(_) | Self::NoAnswer { .. } => 5,
+            Self::Timeout(_) | Self::ProbeDuration(_) | Self::OddImages(_) | Self::NoCommand(_) => 2,
+            Self::NoFrame { .. }
+            | Self::NothingTaught { .. }
+            | Self::NobodyThere(_)
+            | Self::NoAnswer { .. } => 5,
             Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),
             Self::Ipc(_)
             | Self::SourceSilent(_)

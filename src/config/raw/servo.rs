@@ -4,6 +4,7 @@ use super::RawPose;
 use serde::de::{SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
+use std::path::PathBuf;
 
 word! {
     /// The servo law.
@@ -57,6 +58,20 @@ word! {
         Desired,
         /// The mean of both matrices.
         Mean,
+    }
+}
+
+word! {
+    /// What a law compares of the area within the outline.
+    AreaKind {
+        /// Nothing.
+        None,
+        /// Centroid, area and orientation: four numbers.
+        Area,
+        /// Normalized moments to third order: six numbers.
+        Moments,
+        /// Centroid and second moments, as of an ellipse: five numbers.
+        Ellipse,
     }
 }
 
@@ -174,11 +189,15 @@ table! {
         interaction: At = At::Current,
         /// Orientation error of A, B and hybrid.
         orientation_error: Orientation = Orientation::EulerZyx,
-        /// Points of the target that the law compares, from 1; all when neither points nor segments are named.
+        /// Points of the target that the law compares, from 1; all when neither points nor segments nor an area are named.
         points: Vec<usize> = Vec::new(),
         /// Line segments between two points that it compares.
         segments: Vec<[usize; 2]> = Vec::new(),
-        /// Weights of the squared errors, one for each point and then for each segment; all 1 when empty.
+        /// What it compares of the area within `outline`, in place of points and segments or beside them.
+        area: AreaKind = AreaKind::None,
+        /// Points of the target along the outline of that area, from 1; all in their order when empty.
+        outline: Vec<usize> = Vec::new(),
+        /// Weights of the squared errors, one for each point, then for each segment, then for the area; all 1 when empty.
         weights: Vec<f64> = Vec::new(),
         /// Rate at which the first velocity is let in, 1/s; 0 starts at once.
         smooth_start_1_s: f64 = 0.0,
@@ -273,6 +292,8 @@ table! {
         kind: SetPointKind = SetPointKind::Pose,
         /// Desired features of all points, normalized coordinates.
         features: Vec<[f64; 2]> = Vec::new(),
+        /// File of `vservo teach` with those features, for kind = "features", which it makes the kind.
+        file: Option<PathBuf> = None,
         /// Measurements that teach it.
         measurements: u32 = 10,
     }
