@@ -10,6 +10,7 @@ mod completion;
 mod ctl;
 mod detect;
 mod place;
+mod place_arguments;
 mod target;
 mod teach;
 mod teach_view;
@@ -17,14 +18,14 @@ mod view;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
-    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, LookArgument, Order,
-    PlaceArguments, RoleArguments, RoleCli, RunArguments, ServeArguments, TargetArguments, TeachArguments,
-    TeachViewArguments, ViewArguments,
+    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, Order, RoleArguments, RoleCli,
+    RunArguments, ServeArguments, TargetArguments, TeachArguments, TeachViewArguments,
 };
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
+pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 
 use crate::config::assemble::require_controllable;
 use crate::config::{Config, Draft, SHIPPED_FILES, ShippedFile};
