@@ -66,7 +66,9 @@ impl TargetStatus {
         match self {
             Self::Found => "found",
             Self::NoContrast => "no contrast in the frame",
-            Self::TooFewRegions => "fewer marks than the target has: a part is hidden, out of view or too dim",
+            Self::TooFewRegions => {
+                "fewer marks than the target has: a part is hidden, out of view or too dim"
+            }
             Self::NoMatch => "nothing with the target's geometry",
             Self::Ambiguous => "the target's points cannot be told apart",
             Self::WrongSize => "frame of another size than the camera's",
