@@ -190,6 +190,26 @@ fn bad_frames_get_their_reason() {
     let (first, r) = (bench.renderer.truth(&X_CO)[0], 600.0 * 0.010 / 0.5);
     ring(&mut bench.image, first, r, r * 2.0, 220);
     assert_eq!(search(&mut bench), TargetStatus::Ambiguous);
+    // two dots covered: there is contrast, and too little of the target
+    bench.render(&X_CO);
+    let other = bench.renderer.truth(&X_CO)[1];
+    for place in [hidden, other] {
+        fill(&mut bench.image, place, 30.0, 220);
+    }
+    let status = search(&mut bench);
+    assert!(matches!(status, TargetStatus::TooFewRegions | TargetStatus::NoMatch), "{status:?}");
+    // half of the plate in deep shadow: found, or for want of the target, not of contrast
+    for shade in [0.15, 0.3, 0.5] {
+        bench.render(&X_CO);
+        let middle = bench.renderer.truth(&X_CO).iter().map(|p| p.x).sum::<f64>() / 4.0;
+        for (i, p) in bench.image.iter_mut().enumerate() {
+            if ((i % WIDTH) as f64) < middle {
+                *p = (f64::from(*p) * shade) as u8;
+            }
+        }
+        let status = search(&mut bench);
+        assert_ne!(status, TargetStatus::NoContrast, "{shade}");
+    }
     // wrong size
     let header = FrameHeader::default();
     let image = ImageView::new(&bench.image[..320 * 240], 320, 240).unwrap();

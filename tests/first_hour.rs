@@ -50,7 +50,7 @@ fn shipped_run_files_are_at_hand_anywhere() {
     std::fs::write(folder.path().join("ur5"), "[camera]\nrate_hz = 1e9\n").unwrap();
     let output = in_folder(folder.path(), &["check", "ur5"], &[]);
     assert_eq!(output.status.code(), Some(3), "{}", text(&output));
-    assert!(text(&output).contains("ur5:2:11: camera.rate_hz"), "{}", text(&output));
+    assert!(text(&output).contains("ur5:2:1: camera.rate_hz"), "{}", text(&output));
     // one that needs more than the program has says so
     let output = elsewhere(&["check", "real-cell"]);
     assert_eq!(output.status.code(), Some(3), "{}", text(&output));
@@ -140,6 +140,43 @@ fn no_log_line_begins_on_the_line_of_the_progress() {
         assert!(before.starts_with("\u{1b}[2K"), "{before:?} before a line of the log");
         assert!(!before.contains("feature error") && !before.contains("waiting"), "{before:?}");
     }
+}
+
+#[test]
+fn a_goal_is_taught_in_one_place_and_come_back_to_from_another() {
+    let folder = tempfile::tempdir().unwrap();
+    let there = "robot.q_start_rad_or_m=[0.48, -1.7, 1.44, -1.28, -1.8, 0.9]";
+    let taught = in_folder(folder.path(), &["teach", "ur5", "--set", there, "--out", "goal.toml"], &[]);
+    assert!(
+        taught.status.success() && text(&taught).contains("4 points from 10 pictures"),
+        "{}",
+        text(&taught)
+    );
+    let picture = image::open(folder.path().join("goal.png")).unwrap();
+    assert_eq!((picture.width(), picture.height()), (640, 480));
+    let instance = format!("first-hour-teach-{}", std::process::id());
+    let run = ["run", "ur5", "--set", "servo.set_point.file=goal.toml", "--summary", "run.json"];
+    let run = [&run[..], &["--clock", "lockstep", "--instance", &instance]].concat();
+    let run = in_folder(folder.path(), &run, &[]);
+    assert!(run.status.success(), "{}", text(&run));
+    let summary = std::fs::read_to_string(folder.path().join("run.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    assert!(summary["final"]["position_error_m"].as_f64().unwrap() < 2e-4, "{summary}");
+    // the picture of it teaches the same
+    let again = ["teach", "ur5", "--image", "goal.png", "--measurements", "1", "--out", "again.toml"];
+    let again = in_folder(folder.path(), &again, &[]);
+    assert!(again.status.success(), "{}", text(&again));
+    // what shows no target teaches nothing
+    image::GrayImage::new(640, 480).save(folder.path().join("dark.png")).unwrap();
+    let dark = in_folder(folder.path(), &["teach", "ur5", "--image", "dark.png", "--out", "dark.toml"], &[]);
+    assert_eq!(dark.status.code(), Some(5), "{}", text(&dark));
+    assert!(
+        text(&dark).contains("no contrast") && !folder.path().join("dark.toml").exists(),
+        "{}",
+        text(&dark)
+    );
+    let nowhere = in_folder(folder.path(), &["teach", "ur5", "--out", "absent/goal.toml"], &[]);
+    assert_eq!(nowhere.status.code(), Some(3), "{}", text(&nowhere));
 }
 
 #[test]

@@ -194,7 +194,7 @@ table! {
         /// Searches predicted windows first; without it the whole frame every time.
         track: bool = true,
         /// How far the real lens and dots are from their description, one standard deviation, px; a measurement is
-        /// refused when its dots do not fit one pose.
+        /// refused when its points do not fit one pose.
         model_sd_px: f64 = 0.0,
     }
 }

@@ -26,7 +26,7 @@ pub struct IntakeCounts {
     /// Refused: a pose that no object before a camera has.
     #[serde(default)]
     pub refused_pose: u64,
-    /// Refused by vision: the dots do not fit one pose.
+    /// Refused by vision: the points do not fit one pose.
     #[serde(default)]
     pub refused_inconsistent: u64,
     /// Refused: repeated, or overtaken by a newer one.

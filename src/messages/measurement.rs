@@ -66,11 +66,13 @@ impl TargetStatus {
         match self {
             Self::Found => "found",
             Self::NoContrast => "no contrast in the frame",
-            Self::TooFewRegions => "fewer dark regions than dots",
-            Self::NoMatch => "no regions with the target's geometry",
-            Self::Ambiguous => "dots cannot be told apart",
+            Self::TooFewRegions => {
+                "fewer marks than the target has: a part is hidden, out of view or too dim"
+            }
+            Self::NoMatch => "nothing with the target's geometry",
+            Self::Ambiguous => "the target's points cannot be told apart",
             Self::WrongSize => "frame of another size than the camera's",
-            Self::Inconsistent => "dots do not fit one pose: shadow, glare, something in front?",
+            Self::Inconsistent => "points do not fit one pose: shadow, glare, something in front?",
             Self::NoPair => "no frame of the other camera at this instant",
             Self::TooFewShared => "fewer than three taught points in both pictures",
         }

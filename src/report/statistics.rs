@@ -187,7 +187,7 @@ fn describe(event: Event) -> String {
             "a measurement was refused, its pose is none that an object before a camera has: see to the vision process"
         }
         Event::Inconsistent => {
-            "a measurement was refused, its dots do not fit one pose: shadow, glare, something in front?"
+            "a measurement was refused, its points do not fit one pose: shadow, glare, something in front?"
         }
     };
     text.into()

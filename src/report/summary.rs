@@ -277,7 +277,7 @@ impl Summary {
         if i.refused_inconsistent > 0 {
             let _ = writeln!(
                 t,
-                "refused       {} measurements whose dots do not fit one pose",
+                "refused       {} measurements whose points do not fit one pose",
                 i.refused_inconsistent
             );
         }
