@@ -7,6 +7,7 @@ mod camera;
 mod camera_arguments;
 mod ctl;
 mod detect;
+mod repeat;
 mod target;
 mod teach_view;
 
@@ -27,7 +28,8 @@ use crate::experiment;
 use crate::input::printable;
 use crate::ipc::{Instance, Role};
 use crate::messages::CameraId;
-use crate::process::{self, ProcessError, StopFlag, supervisor};
+use crate::process::supervisor::FinishedRun;
+use crate::process::{self, ProcessError, ReportFolder, StopFlag, run_report, supervisor};
 use crate::report::summary::Summary;
 use crate::rt::{self, Stderr, doctor, print, tell};
 use clap::{CommandFactory, Parser};
@@ -49,7 +51,7 @@ pub fn main() -> ExitCode {
         None => run_command(&cli.run),
         Some(Command::Run(arguments)) => run_command(&arguments),
         Some(Command::Serve(arguments)) => {
-            run(&arguments.cell, Some("run.serve=true".into()), arguments.summary.as_deref())
+            run(&arguments.cell, Some("run.serve=true".into()), arguments.summary.as_deref(), None)
         }
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
         Some(Command::Camera(arguments)) => match camera::look(&arguments) {
@@ -137,20 +139,52 @@ fn warn(config: &Config) {
 
 fn run_command(arguments: &RunArguments) -> Result<u8, ProcessError> {
     let duration = arguments.duration_s.map(|s| format!("run.duration_s={s:?}"));
-    run(&arguments.cell, duration, arguments.summary.as_deref())
+    let report = arguments.report.as_deref().map(|folder| (folder, arguments.duration_s));
+    run(&arguments.cell, duration, arguments.summary.as_deref(), report)
 }
 
-/// Runs a cell with a setting of the command; the summary also goes to the file `summary`.
-fn run(cell: &CellArguments, setting: Option<String>, summary: Option<&Path>) -> Result<u8, ProcessError> {
+/// Runs a cell with a setting of the command; the summary also goes to the file `summary`, and a report into the folder `report`,
+/// which has the length of the run beside it, where one was asked for.
+fn run(
+    cell: &CellArguments,
+    setting: Option<String>,
+    summary: Option<&Path>,
+    report: Option<(&Path, Option<f64>)>,
+) -> Result<u8, ProcessError> {
     // First of all: a request to stop that comes early is one too.
     let stop = StopFlag::on_signals()?;
     let (config, instance) = prepare(cell, setting)?;
     if let Some(path) = summary {
         check_writable(path)?;
     }
-    let end = supervisor::run(&config, &instance, &stop)?;
+    let folder = report.map(|(folder, _)| ReportFolder::check(folder)).transpose()?;
+    let end = supervisor::run(&config, &instance, &stop, folder.as_ref())?;
     let exit_code = shown(&end.summary.to_text(), end.exit_code);
-    Ok(write_summary(summary, &end.summary, exit_code))
+    let exit_code = write_summary(summary, &end.summary, exit_code);
+    let command =
+        repeat::command(&["run"], cell, report.and_then(|(_, duration_s)| duration_s), &end.summary);
+    Ok(write_report(folder.as_ref(), &config, &end.summary, command, exit_code))
+}
+
+/// Makes the page of a run, where a folder was named for it. The exit code, as for other results that cannot be written.
+fn write_report(
+    folder: Option<&ReportFolder>,
+    config: &Config,
+    summary: &Summary,
+    command: String,
+    exit_code: u8,
+) -> u8 {
+    let Some(folder) = folder else { return exit_code };
+    match run_report::write(folder, config, summary, &[command]) {
+        Ok(page) => {
+            tell(format_args!("report: {}", printable(&page.display().to_string())));
+            exit_code
+        }
+        Err(error) => {
+            error.lines().iter().for_each(|line| tell(format_args!("vservo: {line}")));
+            if exit_code == 0 { error.exit_code() } else { exit_code }
+        }
+    }
 }
 
 /// The cell that a supervisor is to run, and its name.
@@ -190,14 +224,22 @@ fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     if let Some(path) = &arguments.out {
         check_writable(path)?;
     }
-    let end = supervisor::run(&config, &instance, &stop)?;
+    let folder = arguments.report.as_deref().map(ReportFolder::check).transpose()?;
+    let end = supervisor::run(&config, &instance, &stop, folder.as_ref())?;
+    let exit_code = latency_found(arguments, &end);
+    let command = repeat::command(&["calibrate", "latency"], &arguments.cell, None, &end.summary);
+    Ok(write_report(folder.as_ref(), &config, &end.summary, command, exit_code))
+}
+
+/// Tells what a calibration of the stamps found; the exit code.
+fn latency_found(arguments: &LatencyArguments, end: &FinishedRun) -> u8 {
     let mut exit_code = end.exit_code;
     if arguments.json {
         exit_code = shown(&json(&end.summary), exit_code);
     }
     let Some(found) = end.summary.calibration.filter(|_| end.exit_code == 0) else {
         tell(format_args!("vservo: no offset was found: {}", end.summary.reason));
-        return Ok(if exit_code == 0 { Outcome::NotConverged.exit_code() } else { exit_code });
+        return if exit_code == 0 { Outcome::NotConverged.exit_code() } else { exit_code };
     };
     if !arguments.json {
         let lines = format!("{}\nput this into the run file:\n\n{}", found.describe(), found.to_toml());
@@ -205,9 +247,9 @@ fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     }
     if let Some(path) = &arguments.out {
         let text = format!("# vservo calibrate latency: {}\n{}", found.describe(), found.to_toml());
-        return Ok(write_result(path, text, exit_code));
+        return write_result(path, text, exit_code);
     }
-    Ok(exit_code)
+    exit_code
 }
 
 /// From the interruption of a call by a signal to the flag that says so.
@@ -227,20 +269,27 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
     if let Some(path) = &arguments.summary {
         check_writable(path)?;
     }
+    let report = arguments.report.as_deref().map(ReportFolder::of_run);
+    let report = report.as_ref();
     let ended = match role {
         Role::Camera(_) => {
             process::camera::run(&seen_by(arguments.camera, config)?, &instance, &stop).map(|()| None)
         }
         Role::Vision(_) => {
             let run = if config.stereo.is_some() {
-                process::stereo_vision::run(&pair_seen_by(arguments.camera, config)?, &instance, &stop)
+                process::stereo_vision::run(
+                    &pair_seen_by(arguments.camera, config)?,
+                    &instance,
+                    &stop,
+                    report,
+                )
             } else {
-                process::vision::run(&seen_by(arguments.camera, config)?, &instance, &stop)
+                process::vision::run(&seen_by(arguments.camera, config)?, &instance, &stop, report)
             };
             run.map(|()| None)
         }
         Role::Control | Role::Supervisor | Role::Drive => {
-            process::control::run(&config, &instance, &stop).map(Some)
+            process::control::run(&config, &instance, &stop, report).map(Some)
         }
     };
     match ended {

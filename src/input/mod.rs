@@ -2,5 +2,7 @@
 
 pub mod file;
 mod printable;
+mod shell;
 
 pub use printable::{number, printable};
+pub use shell::shell_word;
