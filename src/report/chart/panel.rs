@@ -246,7 +246,7 @@ impl Panel {
             canvas.path("grid", [[x, area[1]], [x, area[3]]]);
             let half = 0.5 * text_width(&text, h);
             // The one beside another that is too near is left out, not squeezed in.
-            if x - half > free && x + half <= area[2] + 0.8 * h {
+            if x - half > free && x - half >= 0.0 && x + half <= area[2] + 0.8 * h {
                 canvas.text("t", [x, area[3] + 1.25 * h], Anchor::Middle, &text);
                 free = x + half + 0.5 * h;
             }

@@ -209,7 +209,8 @@ fn quantity_figure(r: &RunRecord, quantity: Quantity) -> String {
     let columns = match panels.len() {
         0..=3 => panels.len(),
         4 => 2,
-        _ => 3,
+        5 | 6 => 3,
+        _ => 4,
     };
     figure(title, &says(quantity, &curves), "", |width| figure_svg(&panels, columns, width, title))
 }
@@ -222,7 +223,7 @@ fn panel(quantity: Quantity, curve: &Curve<'_>) -> Panel {
         (true, Quantity::Position) => {
             format!(", limits {} ... {}", significant(low, 3), significant(high, 3))
         }
-        (true, _) => format!(", limits +-{}", significant(high, 3)),
+        (true, _) => format!(", limits ±{}", significant(high, 3)),
     };
     let mut panel =
         Panel::new(capital(&called(curve.joint, curve.number)), "t, s", format!("{unit}{limits}"));

@@ -40,7 +40,7 @@ fn bars(sorted: &[f64], log: bool) -> Vec<(f64, f64)> {
     // All alike: one bar, with room beside it.
     let same = high - low <= 1e-6 * high.abs();
     let (count, log) = if same { (1, false) } else { (count, log) };
-    let (low, high) = if same { (low * 0.95 - 0.01, high * 1.05 + 0.01) } else { (*low, *high) };
+    let (low, high) = if same { (low * 0.99 - 1e-3, high * 1.01 + 1e-3) } else { (*low, *high) };
     let edge = |i: usize| {
         let share = i as f64 / count as f64;
         if log { low * (high / low).powf(share) } else { low + share * (high - low) }
@@ -93,7 +93,11 @@ pub(super) fn latencies(r: &RunRecord) -> String {
             format!("measurements; {told}"),
         )
         .with(Series::new(Symbol::Bars, 0, scaled));
-        panels.push(if log { panel.log_x() } else { panel });
+        panels.push(match (all_alike, log) {
+            (true, _) => panel.x_range(0.0, 1.25 * most * scale),
+            (false, true) => panel.log_x(),
+            (false, false) => panel,
+        });
     }
     if panels.is_empty() {
         return heading(TITLE, "No measurement was used by a command, so no latency is known.");
