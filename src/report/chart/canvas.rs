@@ -1,5 +1,6 @@
 //! SVG text: shapes by class, colours by the style sheet, so that light and dark are one drawing.
 
+use super::style::CHART_STYLE;
 use std::fmt::Write;
 
 /// How wide a figure is shown; each is drawn for all three, so that its letters stay readable.
@@ -194,6 +195,18 @@ impl Canvas {
             }
         }
         false
+    }
+
+    /// The drawing as a file of its own, with the style of all charts in it.
+    #[must_use]
+    pub fn finish_alone(self, title: &str) -> String {
+        let (width, height) = (number(self.width), number(self.height));
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"chart\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\">\
+             <title>{}</title><style>{CHART_STYLE}</style><rect width=\"{width}\" height=\"{height}\" style=\"fill:var(--paper)\"/>{}</svg>\n",
+            escaped(title),
+            self.body
+        )
     }
 
     /// Where its texts stand.

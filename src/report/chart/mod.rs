@@ -4,11 +4,13 @@
 mod axis;
 mod canvas;
 mod panel;
+mod says;
 mod style;
 
 pub use axis::Axis;
 pub use canvas::{Anchor, Area, Canvas, Width, escaped, overlap, text_width, wrapped};
 pub use panel::{Panel, Series, Symbol, spans_decades};
+pub use says::panels_say;
 pub use style::CHART_STYLE;
 
 use panel::draw_legend;
@@ -48,4 +50,30 @@ fn figure(panels: &[Panel], columns: usize, width: Width) -> (Canvas, f64) {
 #[must_use]
 pub fn figure_svg(panels: &[Panel], columns: usize, width: Width, title: &str) -> String {
     figure(panels, columns, width).0.finish(&format!("chart {}", width.class()), title)
+}
+
+/// The same as a file of its own, drawn for a screen: its style is in it, so that it is light or dark as who looks at it likes.
+#[must_use]
+pub fn standalone_svg(panels: &[Panel], columns: usize, title: &str) -> String {
+    figure(panels, columns, Width::Wide).0.finish_alone(title)
+}
+
+/// Gives all panels the same axes, wide enough for each: so that they can be compared.
+pub fn same_axes(panels: &mut [Panel]) {
+    for i in 0..2 {
+        let values = || panels.iter().flat_map(|p| p.values(i));
+        let ends = values()
+            .filter(|v| v.is_finite())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        if !(ends.0 <= ends.1) {
+            continue;
+        }
+        let margin = 0.05 * (ends.1 - ends.0);
+        for panel in panels.iter_mut() {
+            // Time begins at the edge, and a logarithm has room of its own.
+            let margin =
+                if (i == 0 && panel.is_over_time()) || panel.is_logarithmic() { 0.0 } else { margin };
+            panel.set_range(i, (ends.0 - margin, ends.1 + margin));
+        }
+    }
 }

@@ -146,6 +146,52 @@ impl Panel {
         self
     }
 
+    pub(super) fn title(&self) -> &str {
+        &self.title
+    }
+
+    pub(super) fn series(&self) -> &[Series] {
+        &self.series
+    }
+
+    pub(super) fn is_equal(&self) -> bool {
+        self.equal
+    }
+
+    pub(super) fn is_logarithmic(&self) -> bool {
+        self.log_y
+    }
+
+    /// Whether x is time.
+    pub(super) fn is_over_time(&self) -> bool {
+        self.x_label.starts_with("t ") || self.x_label.starts_with("t,")
+    }
+
+    /// What y is counted in: what stands in brackets, or behind the last comma; nothing for a plain number.
+    pub(super) fn unit(&self) -> &str {
+        let label = self.y_label.as_str();
+        let unit = match (label.rsplit_once('['), label.rsplit_once(',')) {
+            (Some((_, unit)), _) => unit.trim_end_matches(']'),
+            (None, Some((_, unit))) => unit.trim(),
+            (None, None) => "",
+        };
+        if unit == "-" { "" } else { unit }
+    }
+
+    /// All x (0) or y (1) of what is drawn.
+    pub(super) fn values(&self, i: usize) -> impl Iterator<Item = f64> {
+        let of = self.series.iter().filter(|s| s.symbol != Symbol::Band);
+        of.flat_map(move |s| s.points.iter().filter_map(move |p| p.get(i).copied()))
+    }
+
+    pub(super) fn set_range(&mut self, i: usize, ends: (f64, f64)) {
+        if i == 0 {
+            self.x_range = Some(ends);
+        } else {
+            self.y_range = Some(ends);
+        }
+    }
+
     /// What the legend says, in its order.
     pub(super) fn keys(&self) -> Vec<(&str, Symbol, usize)> {
         let mut keys: Vec<_> = Vec::new();
@@ -168,7 +214,7 @@ impl Panel {
             None => {
                 let axis = Axis::of(places(0, false), self.log_x);
                 // Time begins at the edge.
-                if self.x_label.starts_with('t') || self.has_bars() { axis } else { axis.widened(0.06) }
+                if self.is_over_time() || self.has_bars() { axis } else { axis.widened(0.06) }
             }
         };
         let y = match self.y_range {

@@ -11,7 +11,7 @@ pub const CHART_STYLE: &str = "\
 .chart{font-family:system-ui,-apple-system,'Segoe UI',Roboto,'DejaVu Sans',sans-serif}\
 .chart path,.chart rect,.chart circle{fill:none;stroke:none;vector-effect:none}\
 .chart .t{fill:var(--ink);stroke:none}.chart .tb{font-weight:600}.chart .tm{fill:var(--soft)}\
-.chart .frame{stroke:var(--frame);stroke-width:1}.chart .grid{stroke:var(--faint);stroke-width:1}\
+.chart .halo{paint-order:stroke;stroke:var(--paper);stroke-width:4;stroke-linejoin:round}.chart .frame{stroke:var(--frame);stroke-width:1}.chart .grid{stroke:var(--faint);stroke-width:1}\
 .chart .line{stroke-width:1.8;stroke-linejoin:round;stroke-linecap:round}.chart .dash{stroke-dasharray:6 4}.chart .thin{stroke-width:1}\
 .chart .mark{stroke-width:1.8}.chart .limit{stroke:var(--red);stroke-width:1.4;stroke-dasharray:2 3}\
 .chart .leader{stroke:var(--frame);stroke-width:.8}.chart .ground{stroke:var(--faint);stroke-width:1}.chart .link{stroke:var(--c6);stroke-width:5;\

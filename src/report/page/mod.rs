@@ -20,12 +20,12 @@ figcaption,.note{font-size:.9rem;color:var(--soft);max-width:72rem}.says{font-si
 pre{white-space:pre-wrap;overflow-wrap:anywhere;background:var(--busy);padding:.6rem .8rem;margin:.4rem 0 .8rem;font:.92rem/1.45 ui-monospace,'DejaVu Sans Mono',monospace}\
 dl{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,24rem),1fr));gap:.1rem 2rem;margin:.8rem 0}\
 dl div{display:grid;grid-template-columns:9.5rem 1fr;gap:.6rem;border-bottom:1px solid var(--faint);padding:.2rem 0}\
-dt{color:var(--soft)}dd{margin:0;overflow-wrap:anywhere;font-variant-numeric:tabular-nums}\
+dt{color:var(--soft);overflow-wrap:anywhere}dd{margin:0;overflow-wrap:anywhere;font-variant-numeric:tabular-nums}\
 ol{padding-left:1.6rem;max-width:72rem}li{overflow-wrap:anywhere}\
 svg.chart{width:100%;height:auto;display:none}svg.narrow{display:block}\
 @media (min-width:601px){svg.narrow{display:none}svg.medium{display:block}}\
 @media (min-width:1051px){svg.medium{display:none}svg.wide{display:block}}\
-@media (max-width:600px){body{padding:.6rem 1rem 2rem}dl div{grid-template-columns:7.5rem 1fr}}\
+@media (max-width:600px){body{padding:.6rem 1rem 2rem}dl div{grid-template-columns:9rem 1fr}}\
 .pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,30rem),1fr));gap:1.2rem}.pictures figure{margin:0}\
 .picture{position:relative;line-height:0}.picture img{width:100%;height:auto;display:block}.picture svg{position:absolute;inset:0;width:100%;height:100%}\
 .picture path,.picture circle{fill:none;stroke:#00e04a;stroke-width:2;vector-effect:non-scaling-stroke}.picture .goal{stroke:#ff5ad0;stroke-dasharray:4 3}\

@@ -199,7 +199,7 @@ impl Scene {
             let values = || all.iter().map(|p| p[i]);
             values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
         };
-        let size = 0.12 * reach(0).max(reach(1)).max(reach(2));
+        let size = 0.15 * reach(0).max(reach(1)).max(reach(2));
         let power = 10f64.powf(size.max(1e-4).log10().floor());
         let axis_m = [5.0, 2.0, 1.0].into_iter().map(|m| m * power).find(|s| *s <= size).unwrap_or(power);
         Self { title, cell, axis_m }
@@ -236,9 +236,21 @@ impl Cell {
     }
 }
 
-/// The quarter from which the way is seen at its longest.
+/// The quarter from which fewest frames lie behind each other, and of those the one that sees the way at its longest.
 fn best_view(r: &RunRecord, cell: &Cell) -> Isometric {
     let up = upright(r);
+    let origins: Vec<Point3<f64>> =
+        cell.frames.iter().map(|f| Point3::from(f.1.translation.vector)).collect();
+    let size = cell.points().chain(&origins).map(|p| (p - Point3::origin()).norm()).fold(0.0, f64::max);
+    let behind = |view: &Isometric| {
+        let pairs =
+            origins.iter().enumerate().flat_map(|(i, a)| origins.iter().skip(i + 1).map(move |b| (a, b)));
+        let apart = |a: &Point3<f64>, b: &Point3<f64>| {
+            let ([x, y], [u, v]) = (view.flat(a), view.flat(b));
+            (x - u).hypot(y - v)
+        };
+        pairs.filter(|(a, b)| (*a - *b).norm() > 0.1 * size && apart(a, b) < 0.05 * size).count()
+    };
     let span = |view: &Isometric| {
         let flat: Vec<[f64; 2]> = cell.path.iter().map(|p| view.flat(p)).collect();
         let reach = |i: usize| {
@@ -248,8 +260,11 @@ fn best_view(r: &RunRecord, cell: &Cell) -> Isometric {
         let diagonal = reach(0).hypot(reach(1));
         if diagonal.is_finite() { diagonal } else { 0.0 }
     };
+    let better = |b: &Isometric, a: &Isometric| {
+        behind(b) < behind(a) || (behind(b) == behind(a) && span(b) > 1.05 * span(a))
+    };
     let views = (0..4).map(|quarter| Isometric::new(&up, quarter));
-    let best = views.reduce(|a, b| if span(&b) > 1.05 * span(&a) { b } else { a });
+    let best = views.reduce(|a, b| if better(&b, &a) { b } else { a });
     best.unwrap_or(Isometric::new(&up, 0))
 }
 
@@ -313,20 +328,22 @@ fn draw_scene(
             kept
         }),
     );
-    // What has its origin at the same place on paper has one label.
-    let mut labels: Vec<([f64; 2], String)> = Vec::new();
+    // What has its origin at the same place on paper has one label, which says whether it is the same place in space.
+    let mut labels: Vec<([f64; 2], Vector3<f64>, String)> = Vec::new();
     for (name, X) in &cell.frames {
-        let origin = place(&Point3::from(X.translation.vector));
+        let p = X.translation.vector;
+        let origin = place(&Point3::from(p));
         for (tip, class) in scene.tips(X).iter().zip(["axis-x", "axis-y", "axis-z"]) {
             canvas.path(class, [origin, place(tip)]);
         }
-        match labels.iter_mut().find(|(at, _)| (at[0] - origin[0]).hypot(at[1] - origin[1]) < 7.0) {
-            Some((_, label)) => *label += &format!(" = {name}"),
-            None => labels.push((origin, (*name).to_owned())),
+        match labels.iter_mut().find(|(at, ..)| (at[0] - origin[0]).hypot(at[1] - origin[1]) < 7.0) {
+            Some((_, q, label)) if (p - *q).norm() * scale < 10.0 => *label += &format!(" = {name}"),
+            Some((.., label)) => *label += &format!(", {name} behind each other"),
+            None => labels.push((origin, p, (*name).to_owned())),
         }
     }
-    for (at, label) in &labels {
-        canvas.label("t tb", *at, label);
+    for (at, _, label) in &labels {
+        canvas.label("t tb halo", *at, label);
     }
     y0 + scale * (bounds[3] - bounds[1]) + margin
 }
