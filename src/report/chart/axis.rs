@@ -84,7 +84,7 @@ impl Axis {
     }
 
     fn linear_ticks(&self, wanted: usize) -> Vec<(f64, String)> {
-        let step = round_up((self.high - self.low) / (wanted as f64 + 0.5));
+        let step = round_up((self.high - self.low) / (wanted as f64 + 1.0));
         let first = (self.low / step - 1e-9).ceil();
         (0..=2 * wanted)
             .map(|k| (first + k as f64) * step)
@@ -123,7 +123,13 @@ fn fixed(value: f64, step: f64) -> String {
         return "0".into();
     }
     let digits = (-step.log10() + 1e-9).ceil().max(0.0) as usize;
-    if digits > 5 || value.abs() >= 1e6 { scientific(value) } else { format!("{value:.digits$}") }
+    if digits <= 5 && value.abs() < 1e6 {
+        return format!("{value:.digits$}");
+    }
+    // As many digits as tell neighbours apart.
+    let power = |v: f64| v.abs().log10().floor() as i32;
+    let digits = (power(value) - power(step * 1.001)).clamp(0, 9) as usize;
+    format!("{value:.digits$e}")
 }
 
 /// Without digits that say nothing.

@@ -74,6 +74,8 @@ pub struct Panel {
 const SHAPE: f64 = 0.56;
 /// Bounds of that height, in letters.
 const HEIGHT: (f64, f64) = (8.0, 26.0);
+/// Most values beside the y axis.
+const MOST_TICKS: usize = 12;
 /// Room for a letter's line.
 const LINE: f64 = 1.35;
 
@@ -250,22 +252,13 @@ impl Panel {
             y = draw_legend(canvas, [left, y], width, &self.keys());
         }
         y += 0.9 * h;
-        let (mut x_axis, mut y_axis) = self.axes();
-        let guess = y_axis.ticks(5);
-        let margin = guess.iter().map(|t| text_width(&t.1, h)).fold(2.0 * h, f64::max) + 0.7 * h;
-        let (x0, x1) = (left + margin, left + width - 0.8 * h);
-        let mut height = (SHAPE * (x1 - x0)).clamp(HEIGHT.0 * h, HEIGHT.1 * h);
-        if self.equal {
-            let shape = (y_axis.ends().1 - y_axis.ends().0) / (x_axis.ends().1 - x_axis.ends().0);
-            height = ((x1 - x0) * shape.clamp(0.45, 1.1)).min(46.0 * h);
-            (x_axis, y_axis) = equal(x_axis, y_axis, (x1 - x0, height));
-        }
+        let (x_axis, y_axis, [x0, x1], height) = self.room([left, left + width], h);
         let area = [x0, y, x1, y + height];
         self.grid(canvas, &x_axis, &y_axis, area);
         for series in &self.series {
             self.draw_series(canvas, series, &x_axis, &y_axis, area);
         }
-        let foot = area[3] + 1.4 * h;
+        let foot = area[3] + 1.75 * h;
         let foot = if self.x_label.is_empty() {
             foot
         } else {
@@ -273,6 +266,29 @@ impl Panel {
             foot + LINE * h
         };
         foot + 0.6 * h
+    }
+
+    /// The axes, from where to where the curves go, and how high, between two edges.
+    fn room(&self, [left, right]: [f64; 2], h: f64) -> (Axis, Axis, [f64; 2], f64) {
+        let (x_axis, y_axis) = self.axes();
+        // How many texts there are depends on the height, which depends on the width that they leave.
+        let margin = |axis: &Axis| {
+            let texts = (1..=MOST_TICKS).flat_map(|wanted| axis.ticks(wanted));
+            texts.map(|t| text_width(&t.1, h)).fold(2.0 * h, f64::max) + 0.7 * h
+        };
+        let ends = |margin: f64| [left + margin, right - 0.8 * h];
+        let [x0, x1] = ends(margin(&y_axis));
+        if !self.equal {
+            return (x_axis, y_axis, [x0, x1], (SHAPE * (x1 - x0)).clamp(HEIGHT.0 * h, HEIGHT.1 * h));
+        }
+        let length = |axis: &Axis| axis.ends().1 - axis.ends().0;
+        let shape = (length(&y_axis) / length(&x_axis)).clamp(0.45, 1.1);
+        let height = (shape * (x1 - x0)).min(46.0 * h);
+        let (_, widened) = equal(x_axis, y_axis, (x1 - x0, height));
+        // A longer axis may have longer texts.
+        let [x0, x1] = ends(margin(&y_axis).max(margin(&widened)));
+        let (x_axis, y_axis) = equal(x_axis, y_axis, (x1 - x0, height));
+        (x_axis, y_axis, [x0, x1], height)
     }
 
     fn place(&self, x_axis: &Axis, y_axis: &Axis, area: &Area, p: &[f64; 2]) -> Option<[f64; 2]> {
@@ -293,12 +309,12 @@ impl Panel {
             let half = 0.5 * text_width(&text, h);
             // The one beside another that is too near is left out, not squeezed in.
             if x - half > free && x - half >= 0.0 && x + half <= area[2] + 0.8 * h {
-                canvas.text("t", [x, area[3] + 1.25 * h], Anchor::Middle, &text);
+                canvas.text("t", [x, area[3] + 1.65 * h], Anchor::Middle, &text);
                 free = x + half + 0.5 * h;
             }
         }
         let mut last: Option<f64> = None;
-        for (value, text) in y_axis.ticks(((area[3] - area[1]) / (2.6 * h)) as usize) {
+        for (value, text) in y_axis.ticks((((area[3] - area[1]) / (2.6 * h)) as usize).min(MOST_TICKS)) {
             let Some(share) = y_axis.place(value).filter(|s| (-1e-3..=1.001).contains(s)) else { continue };
             let share = if self.y_down { share } else { 1.0 - share };
             let y = area[1] + share * (area[3] - area[1]);
