@@ -6,6 +6,7 @@ pub mod csv_table;
 pub mod histogram;
 pub mod history;
 pub mod latency;
+pub mod numbers;
 pub mod page;
 pub mod pictures;
 pub mod run_page;

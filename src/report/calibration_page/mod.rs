@@ -7,6 +7,7 @@ mod figures;
 use crate::calibration::camera::{
     CalibrationVerdict, CameraCalibration, CrossValidation, ImageCoverage, NextView, ProjectionUncertainty,
 };
+use crate::report::numbers::significant;
 use crate::report::page::{self, escaped};
 use nalgebra::Vector2;
 use std::fmt::Write;
@@ -69,7 +70,7 @@ impl CalibrationPage<'_> {
         figure(&mut out, "Errors of the corners", &says, &errors.svg, &note);
         let at = |share: f64| {
             let px = Vector2::new(share * f64::from(i.width_px), share * f64::from(i.height_px));
-            page::significant(self.uncertainty.sd_px(&px), 2)
+            significant(self.uncertainty.sd_px(&px), 2)
         };
         let says = format!(
             "At {:.3} m a pixel is known to {} px in the middle of the image, to {} px in its first corner.",

@@ -2,7 +2,7 @@
 //! under another.
 
 use super::panel::{Panel, Series, Symbol};
-use crate::report::page::significant;
+use crate::report::numbers::significant;
 
 /// Most series of a panel that are named.
 const MOST: usize = 6;

@@ -1,11 +1,9 @@
 //! Pages: one HTML file with its figures in it, which needs nothing else. One style for all of them, light, dark and on paper.
 
 mod base64;
-mod numbers;
 
 pub use crate::report::chart::escaped;
 pub use base64::base64;
-pub use numbers::{counted, significant};
 
 use crate::report::chart::{CHART_STYLE, Width};
 

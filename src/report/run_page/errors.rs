@@ -4,7 +4,8 @@ use super::record::RunRecord;
 use crate::input::number;
 use crate::report::chart::{Panel, Series, Symbol, figure_svg};
 use crate::report::csv_table::CsvTable;
-use crate::report::page::{figure, heading, significant};
+use crate::report::numbers::significant;
+use crate::report::page::{figure, heading};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 /// A pose from columns with this prefix; `None` where a number is missing.

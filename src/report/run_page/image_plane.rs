@@ -2,7 +2,8 @@
 
 use super::record::RunRecord;
 use crate::report::chart::{Panel, Series, Symbol, figure_svg};
-use crate::report::page::{counted, figure, heading, significant};
+use crate::report::numbers::{counted, significant};
+use crate::report::page::{figure, heading};
 
 /// The way of a point, and where it is to end.
 struct Way {

@@ -2,7 +2,8 @@
 
 use super::record::{JointRecord, RunRecord};
 use crate::report::chart::{Panel, Series, Symbol, figure_svg};
-use crate::report::page::{figure, significant};
+use crate::report::numbers::significant;
+use crate::report::page::figure;
 
 /// What is drawn of each joint.
 #[derive(Clone, Copy, PartialEq)]

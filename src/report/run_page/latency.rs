@@ -2,7 +2,8 @@
 
 use super::record::RunRecord;
 use crate::report::chart::{Panel, Series, Symbol, figure_svg, spans_decades};
-use crate::report::page::{counted, figure, heading, significant};
+use crate::report::numbers::{counted, significant};
+use crate::report::page::{figure, heading};
 use crate::time::TICK;
 
 /// Column of `measurements.csv`, and what it is.

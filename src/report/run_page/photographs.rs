@@ -1,7 +1,8 @@
 //! The first frame, the last one, and those in which the target was lost, with what was found in them.
 
 use super::record::RunRecord;
-use crate::report::page::{counted, escaped, heading};
+use crate::report::numbers::counted;
+use crate::report::page::{escaped, heading};
 use std::fmt::Write;
 
 /// Half the length of a mark, as a share of the image's width.

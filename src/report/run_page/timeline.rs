@@ -3,7 +3,8 @@
 use super::errors::blind_spans;
 use super::record::RunRecord;
 use crate::report::chart::{Anchor, Axis, Canvas, Width, text_width};
-use crate::report::page::{counted, escaped, figure, significant};
+use crate::report::numbers::{counted, significant};
+use crate::report::page::{escaped, figure};
 use std::fmt::Write;
 
 /// A span of a lane: from, to, class of its colour, and what it is.

@@ -3,7 +3,8 @@
 use super::errors::{camera_errors, cell_pose};
 use super::record::RunRecord;
 use crate::report::chart::{Anchor, Area, Canvas, Width};
-use crate::report::page::{figure, heading, significant};
+use crate::report::numbers::significant;
+use crate::report::page::{figure, heading};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// From space to paper: along a diagonal of a cube whose upright edge is up.
