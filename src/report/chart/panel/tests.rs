@@ -1,5 +1,6 @@
 use super::super::canvas::{Width, overlap};
 use super::super::{figure, figure_svg};
+use super::draw::{equal, thinned};
 use super::*;
 use proptest::prelude::*;
 
