@@ -100,7 +100,13 @@ pub(super) fn example_10_1() -> Result<Findings, ExperimentError> {
         panel("object", "x_o [m]", "y_o [m]", &square),
         panel("normalized image plane", "X [-]", "Y [-]", &s),
     ];
-    out.figure("square", "The square of four points and its image (Fig. 10.6).", figure(2, panels));
+    let says = format!(
+        "The homography of the four points gives the pose back to {:.1e} (norm of the difference of the matrices), refinement to {:.1e}.",
+        error(&X_CO),
+        error(&planar.best.X_CO)
+    );
+    let caption = "The square of four points and its image (Fig. 10.6).";
+    out.telling_figure("square", caption, says, figure(2, panels));
     Ok(out)
 }
 
@@ -262,7 +268,12 @@ pub(super) fn example_10_5() -> Result<Findings, ExperimentError> {
         displacement.x, displacement.y, displacement.z
     ));
     let image = image_panel("two views of the square", &s1, &s2);
-    out.figure("views", "The points at t' (crosses) and at t'' (circles).", figure(1, [image]));
+    let says = format!(
+        "Between the views the camera turns by {beta:.4} rad about its axis and moves by [{:.4} {:.4} {:.4}] times the distance of the plane.",
+        displacement.x, displacement.y, displacement.z
+    );
+    let caption = "Two views of the square; the points at t' (crosses) and at t'' (circles).";
+    out.telling_figure("views", caption, says, figure(1, [image]));
     Ok(out)
 }
 

@@ -24,11 +24,16 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// The first words of the caption.
+    /// The first words of the caption: to its first colon, semicolon or end of a sentence.
     fn title(&self) -> &str {
-        let end =
-            self.caption.find([';', ':']).or_else(|| self.caption.find(". ")).unwrap_or(self.caption.len());
-        self.caption.get(..end).unwrap_or_default().trim_end_matches('.')
+        let caption = self.caption.as_str();
+        // An abbreviation goes on with a number, a sentence with a word.
+        let is_end = |(at, _): &(usize, &str)| {
+            caption.get(at + 2..).is_some_and(|rest| rest.starts_with(char::is_uppercase))
+        };
+        let sentence = caption.match_indices(". ").find(is_end).map(|(at, _)| at);
+        let end = caption.find([';', ':']).into_iter().chain(sentence).min().unwrap_or(caption.len());
+        caption.get(..end).unwrap_or_default().trim_end_matches('.')
     }
 }
 
@@ -162,6 +167,22 @@ mod tests {
         let mut findings = Findings::default();
         findings.metric("x", f64::NAN);
         assert_eq!(serde_json::to_string(&findings.metrics).unwrap(), "{\"x\":null}");
+    }
+
+    #[test]
+    fn titles_end_where_the_first_thought_does() {
+        let title = |caption: &str| {
+            let figure = Figure {
+                file: String::new(),
+                caption: caption.into(),
+                says: String::new(),
+                drawing: Drawing::default(),
+            };
+            figure.title().to_owned()
+        };
+        assert_eq!(title("Paths (Figs. 10.26). The z axis: down"), "Paths (Figs. 10.26)");
+        assert_eq!(title("One; two. Three"), "One");
+        assert_eq!(title("Whole."), "Whole");
     }
 
     #[test]

@@ -50,7 +50,7 @@ fn says(panel: &Panel) -> Option<String> {
     let more = if more == 0 { String::new() } else { format!(" and {more} more") };
     let list = format!("{}{more}", told.join(", "));
     Some(match (panel.is_equal(), panel.is_over_time()) {
-        (true, _) => format!("{}: length over that of the straight line {list}", panel.title()),
+        (true, _) => format!("{}, length of the way by that of the straight line: {list}", panel.title()),
         (false, true) => format!("{} at the end: {list} {}", panel.title(), panel.unit()),
         (false, false) => format!("{}: {list} {}", panel.title(), panel.unit()),
     })
@@ -153,7 +153,7 @@ mod tests {
         let text = panels_say(&[time, paths, gains, Panel::new("nothing", "x", "y")]);
         assert_eq!(
             text,
-            "Speed at the end: a 1.99, b 1.99, c 4.00 m/s; paths: length over that of the straight line P1 1.48; gains: D 3.00 to 5.00 1/s; \
+            "Speed at the end: a 1.99, b 1.99, c 4.00 m/s; paths, length of the way by that of the straight line: P1 1.48; gains: D 3.00 to 5.00 1/s; \
              in \"speed\" a lies under b."
         );
         assert_eq!(panels_say(&[]), "");
