@@ -73,7 +73,7 @@ impl CalibrationPage<'_> {
             significant(self.uncertainty.sd_px(&px), 2)
         };
         let says = format!(
-            "At {:.3} m a pixel is known to {} px in the middle of the image, to {} px in its first corner.",
+            "At {:.3} m the fit by itself is good to {} px in the middle of the image, and to {} px in its first corner.",
             self.uncertainty.distance_m(),
             at(0.5),
             at(0.0)
