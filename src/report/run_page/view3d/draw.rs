@@ -35,7 +35,7 @@ impl Isometric {
 pub(super) fn draw(scenes: &[Scene], view: &Isometric, width: Width) -> String {
     let mut canvas = Canvas::new(width, f64::INFINITY);
     let h = canvas.letters();
-    let columns = if width == Width::Wide { scenes.len().max(1) } else { 1 };
+    let columns = if width == Width::Narrow { 1 } else { scenes.len().max(1) };
     let each = (width.units() - 2.0 * h * (columns as f64 - 1.0)) / columns as f64;
     let (mut y, mut bottom) = (0.0, 0.0);
     for (i, scene) in scenes.iter().enumerate() {
