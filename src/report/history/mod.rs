@@ -169,7 +169,7 @@ impl RunHistory {
             let mut i = 0;
             self.px.retain(|_| {
                 i += 1;
-                ((i - 1) / width) % 2 == 0
+                ((i - 1) / width).is_multiple_of(2)
             });
         }
         self.last_px.clear();

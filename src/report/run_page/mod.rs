@@ -88,7 +88,7 @@ fn thinned(r: &RunRecord) -> String {
     if least < 1.5 {
         String::new()
     } else {
-        format!(", every {least:.0}th of the run: it was too long for more")
+        format!(", one in {least:.0} of the run: it was too long for more")
     }
 }
 
@@ -113,6 +113,6 @@ mod tests {
     fn a_thinned_history_is_told() {
         let of = |text: &str| thinned(&RunRecord { trace: CsvTable::parse(text), ..RunRecord::default() });
         assert_eq!(of("tick\n0\n1\n5\n6\n"), "", "ticks that were skipped are no thinning");
-        assert!(of("tick\n0\n4\n8\n12\n14\n").contains("every 4th"), "the last one is always there");
+        assert!(of("tick\n0\n4\n8\n12\n14\n").contains("one in 4 of"), "the last one is always there");
     }
 }
