@@ -87,7 +87,7 @@ fn print(s: &Summary) {
         println!("  real time  {}{spin}, {} page faults", realtime.scheduling, realtime.page_faults);
     }
     println!("  frames     {}, {} dropped, target lost {} times", s.frames, s.frames_dropped, s.target_lost);
-    let final_px = s.final_errors.feature_error.map_or("unknown".into(), |e| format!("{e:.4} px"));
+    let final_px = s.final_errors.feature_error_px.map_or("unknown".into(), |e| format!("{e:.4} px"));
     println!("  outcome    {} ({}), final error {final_px}", s.outcome.as_str(), s.reason);
     for event in &s.safety.events {
         println!("  event      {:.3} s: {}", event.time_s, event.event);

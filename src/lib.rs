@@ -4,7 +4,13 @@
 //! `pose` (vision process, assembled by [`vision`]) turn it into a measurement, `servo`, `motion` and [`control`] (control
 //! process) turn that into a command, and `drive` takes it. ARCHITECTURE.md tells more.
 
+//!
+//! The cores are there without the programs: `vservo = { version = "0.1", default-features = false }` builds no transport, no command
+//! line and no plots. [`prelude`] has what most uses need.
+
 #![allow(non_snake_case)] // monogram notation, see `geometry`
+
+pub use nalgebra;
 
 pub mod calibration;
 pub mod camera_model;
@@ -20,7 +26,7 @@ pub mod linalg;
 pub mod messages;
 pub mod motion;
 pub mod pose;
-pub mod print;
+pub mod prelude;
 pub mod report;
 pub mod robot;
 pub mod scene;
@@ -31,10 +37,18 @@ pub mod target;
 pub mod time;
 pub mod vision;
 
-// Above: pure. Below: the operating system.
+// Above: pure. Below: the operating system, and what programs alone need.
+#[cfg(feature = "cli")]
 pub mod cli;
+#[cfg(feature = "cli")]
 pub mod experiment;
+#[cfg(feature = "cli")]
 pub mod ipc;
+#[cfg(feature = "cli")]
+pub mod print;
+#[cfg(feature = "cli")]
 pub mod process;
+#[cfg(feature = "cli")]
 pub mod rt;
+#[cfg(feature = "cli")]
 pub mod source;

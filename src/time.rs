@@ -3,18 +3,21 @@
 //! Every message and every core uses this one type, so that a stamp from the wall clock, or one in other
 //! units, does not compile. Reading a clock is not done here (see `rt::clock`): cores are told the time.
 
+#[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::Serialize;
 use std::ops::{Add, Sub};
 
 /// A point in monotonic (or simulated) time, in nanoseconds since that clock's origin.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend))]
 pub struct MonoNs(pub i64);
 
 /// A span of time in nanoseconds; may be negative (a stamp from the future).
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend))]
 pub struct SpanNs(pub i64);
 
 /// Length of a control tick: 1 kHz.

@@ -158,7 +158,7 @@ fn end_of_run(file: &str, set: &[String]) -> End {
         Outcome::Converged => End::Converged,
         _ if too_weak || reason.contains("never seen") => End::Impossible,
         _ => {
-            let error_px = run.errors.feature_error.unwrap_or(f64::NAN);
+            let error_px = run.errors.feature_error_px.unwrap_or(f64::NAN);
             End::Failed(format!("{} ({reason}), {error_px:.3} px", outcome.as_str()))
         }
     }

@@ -13,7 +13,7 @@ use vservo::detect::{Finder, Found};
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::TargetStatus;
-use vservo::scene::SensorModel;
+use vservo::scene::{Renderer, SceneLook, SensorModel};
 use vservo::target::FourDots;
 
 fn search(camera: CameraModel, image: &[u8]) -> Result<Vec<Found>, TargetStatus> {
@@ -115,6 +115,46 @@ fn views_of_the_target_are_found() {
     }
     println!("{found} of {count} found");
     assert!(100 * found >= 99 * count, "{found} of {count}");
+}
+
+/// A plate whose P2 has a size of its own is not seen in a mirror; the textbook's is taken for itself there.
+#[test]
+fn a_chiral_target_is_told_from_its_mirror_image() {
+    let camera = camera(0.0);
+    let textbook = FourDots::default();
+    let chiral = textbook.with_second_radius((0.015f64 * 0.010).sqrt()).unwrap();
+    let mut random = Random(11);
+    let (mut seen, mut reflected, mut taken, mut count) = (0, 0, 0, 0);
+    for k in 0..100 {
+        let sensor = SensorModel { noise_sd_levels: 3.0, blur_sd_px: 0.6, vignetting: 0.15, seed: k };
+        for target in [textbook, chiral] {
+            let mut renderer = Renderer::new(camera, target, SceneLook::default(), sensor).unwrap();
+            let X_CO = random.pose(&renderer, 3.0);
+            let mut image = vec![0; WIDTH * HEIGHT];
+            renderer.render(&[X_CO], k, &mut image);
+            let look = |image: &[u8]| {
+                let view = ImageView::new(image, WIDTH, HEIGHT).unwrap();
+                let mut found = Vec::new();
+                Finder::new(camera, &target.into()).search(&view, &mut found).is_ok().then_some(found)
+            };
+            let there = look(&image);
+            for (dot, truth) in there.iter().flatten().zip(renderer.truth(&X_CO)) {
+                assert!((dot.px - truth).norm() < 3.0, "a corner taken for another at {X_CO}");
+            }
+            image.chunks_mut(WIDTH).for_each(<[u8]>::reverse);
+            let mirrored = look(&image).is_some();
+            if target == chiral {
+                (seen, taken) = (seen + usize::from(there.is_some()), taken + usize::from(mirrored));
+                count += 1;
+            } else {
+                reflected += usize::from(mirrored);
+            }
+        }
+    }
+    println!(
+        "{seen} of {count} seen, {taken} mirror images taken for the target; of the textbook's {reflected}"
+    );
+    assert!(seen >= count - 1 && taken == 0 && reflected >= count - 5, "{seen} {taken} {reflected}");
 }
 
 /// Photographs without a target: chessboards, tags, grids of dots, landscapes.

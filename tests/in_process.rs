@@ -28,7 +28,7 @@ fn agree(file: &str, settings: &[&str]) -> String {
     for (path, here) in [
         (&["settling_time_s"][..], alone.settling_time_s),
         (&["final", "position_error_m"], alone.errors.position_error_m),
-        (&["final", "feature_error"], alone.errors.feature_error),
+        (&["final", "feature_error_px"], alone.errors.feature_error_px),
     ] {
         let there = common::number(&run.summary, path);
         assert!((there - here.unwrap()).abs() < 1e-12, "{file} {settings:?} {path:?}: {there} {here:?}");

@@ -68,6 +68,32 @@ fn d_on_the_scara() {
     }
 }
 
+/// Moments of an area, in every image-based scheme. The triangle of three dots has an axis, the square of four has none.
+#[test]
+fn areas_in_place_of_points() {
+    let triangle = "servo.outline=[1, 2, 3]";
+    for area in ["servo.area=area", "servo.area=moments"] {
+        let velocity = "image_resolved_velocity";
+        converges("scara-d.toml", velocity, &["servo.points=[]", area, triangle]);
+        converges("scara-d.toml", velocity, &["servo.points=[]", area, triangle, "servo.interaction=mean"]);
+        let beside = ["servo.scheme=image_resolved_velocity", "servo.points=[]", area, triangle];
+        converges("scara-eye-to-hand.toml", velocity, &beside);
+    }
+    converges("default.toml", "image_pd", &["servo.scheme=image_pd", "servo.area=area", triangle]);
+    converges("scara-hybrid.toml", "hybrid", &["servo.area=area"]);
+    converges("shape-moments.toml", "image_resolved_velocity", &[]);
+    converges("shape-moments.toml", "image_resolved_velocity", &["servo.interaction=desired"]);
+    let doubtful = lockstep("scara-d.toml", &["servo.points=[]", "servo.area=area", "run.duration_s=0.1"]);
+    assert!(doubtful.text().contains("no longest axis"), "{}", doubtful.text());
+    let few = lockstep("shape-moments.toml", &["servo.area=area", "run.duration_s=0.1"]);
+    assert!(few.text().contains("4 directions at the goal, the arm has 6"), "{}", few.text());
+    for outline in ["[1, 2]", "[1, 2, 2]", "[1, 2, 9]"] {
+        let r = lockstep("scara-d.toml", &["servo.area=area", &format!("servo.outline={outline}")]);
+        assert_eq!(r.output.status.code(), Some(3), "{outline}: {}", r.text());
+        assert!(r.text().contains("servo.outline"), "{}", r.text());
+    }
+}
+
 #[test]
 fn hybrid_on_the_scara() {
     for update in ["predict", "tick", "frame"] {

@@ -25,7 +25,7 @@ fn course(gain_1_s: f64) -> (Vec<[f64; 7]>, Vec<f64>) {
     let run = simulate_system(&config, &mut |moment| {
         if let Moment::Tick(trace, now) = moment {
             joints.push(std::array::from_fn(|i| trace.joint_state.q[i]));
-            errors.push(now.feature_error.unwrap());
+            errors.push(now.feature_error_px.unwrap());
         }
         Continue(())
     })

@@ -29,7 +29,7 @@ fn error_behind(motion: [&str; 2], camera: [&str; 2], follows: bool) -> f64 {
         assert_eq!(r.summary["target_lost"], 0, "{}", r.text());
         assert_eq!(r.summary["safety"]["events"], serde_json::json!([]), "{}", r.text());
     }
-    number(&r.summary, &["final", "feature_error"])
+    number(&r.summary, &["final", "feature_error_px"])
 }
 
 #[test]

@@ -62,7 +62,7 @@ fn mujoco_and_the_built_in_arm_agree() {
         let inside = mujoco(&python, arm, &[], &[&LOCKSTEP[..], &["--set", "drive.kind=simulated"]].concat());
         // Two integrators of the same equations: the runs end at the same tick with the same errors.
         assert_eq!(outside["ticks"], inside.summary["ticks"], "{arm}");
-        for key in ["feature_error", "position_error_m", "orientation_error_rad"] {
+        for key in ["feature_error_px", "position_error_m", "orientation_error_rad"] {
             let [a, b] = [&outside, &inside.summary].map(|s| s["final"][key].as_f64().unwrap());
             assert!((a - b).abs() <= 0.01 * b, "{arm} {key}: {a} {b}");
         }

@@ -167,7 +167,7 @@ fn a_target_that_moves_is_followed_with_one_dot_covered() {
             let told: Vec<_> = events.iter().map(|(_, event)| *event).collect();
             assert_eq!(told, [Event::Degraded, Event::WholeAgain], "{center:?} from {from} s");
             assert_eq!(run.target_lost, 0);
-            let error_px = run.errors.feature_error.unwrap();
+            let error_px = run.errors.feature_error_px.unwrap();
             assert!(error_px < 0.3, "{center:?} from {from} s: {error_px} px behind it at the end");
         }
     }

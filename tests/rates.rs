@@ -51,7 +51,7 @@ fn every_rate_converges_with_latency_jitter_and_loss() {
 /// The accuracy that a converged run owes, of a run that was kept from ending.
 fn assert_near(r: &Run) {
     let error = |key| number(&r.summary, &["final", key]);
-    assert!(error("position_error_m") <= 0.5e-3 && error("feature_error") <= 0.1, "{}", r.summary);
+    assert!(error("position_error_m") <= 0.5e-3 && error("feature_error_px") <= 0.1, "{}", r.summary);
     assert!(error("orientation_error_rad").to_degrees() <= 0.1, "{}", r.summary);
 }
 

@@ -28,7 +28,7 @@ fn run(file: &str, set: &[&str]) -> SystemRun {
 fn believes_to_be_there(file: &str, set: &[&str]) -> FinalErrors {
     let run = run(file, set);
     assert_eq!(run.finish.outcome, Outcome::Converged, "{file} {set:?}: {run:?}");
-    assert!(run.errors.believed.feature_error.unwrap() < 0.1, "{file} {set:?}: {:?}", run.errors);
+    assert!(run.errors.believed.feature_error_px.unwrap() < 0.1, "{file} {set:?}: {:?}", run.errors);
     run.errors
 }
 
@@ -97,7 +97,7 @@ fn a_mount_that_is_off_bends_the_way_and_not_the_goal() {
     ];
     for file in EVERY_SCHEME {
         let errors = believes_to_be_there(file, &mount);
-        near(errors.feature_error, 0.0, 0.1, file);
+        near(errors.feature_error_px, 0.0, 0.1, file);
         near(errors.position_error_m, 0.0, 3e-4, file);
         near(errors.orientation_error_rad, 0.0, 1e-3, file);
     }
@@ -193,5 +193,5 @@ fn a_loop_that_knows_no_truth_closes_too() {
     let errors = control.final_errors();
     assert!(errors.position_error_m.is_some());
     assert_eq!(errors.position_error_m, errors.believed.position_error_m);
-    assert_eq!(errors.feature_error, errors.believed.feature_error);
+    assert_eq!(errors.feature_error_px, errors.believed.feature_error_px);
 }

@@ -4,8 +4,9 @@
 pub use super::calibrate::HandEyeArguments;
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
+use super::completion;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use clap_complete::Shell;
+use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 use std::path::PathBuf;
 
 /// Visual servoing in real time: camera, vision and 1 kHz joint control over shared memory.
@@ -20,6 +21,29 @@ pub struct Cli {
     /// Arguments of `run`, where no sub-command is given.
     #[command(flatten)]
     pub run: RunArguments,
+    /// How it logs.
+    #[command(flatten)]
+    pub log: LogArguments,
+}
+
+/// How everything logs.
+#[derive(Debug, Args)]
+pub struct LogArguments {
+    /// Form of the log on stderr; json has time stamps (VSERVO_LOG_FORMAT; VSERVO_LOG says how much)
+    #[arg(long, value_name = "text|json", global = true, value_parser = ["text", "json"])]
+    pub log_format: Option<String>,
+}
+
+/// `vservo-camera`, `vservo-vision`, `vservo-control`.
+#[derive(Debug, Parser)]
+#[command(version)]
+pub struct RoleCli {
+    /// What runs.
+    #[command(flatten)]
+    pub role: RoleArguments,
+    /// How it logs.
+    #[command(flatten)]
+    pub log: LogArguments,
 }
 
 /// Sub-commands.
@@ -51,12 +75,22 @@ pub enum Command {
     Target(TargetArguments),
     /// Make the view that a pair of cameras is to come back to, from pictures of both in the desired pose
     TeachView(TeachViewArguments),
+    /// Print a run file that comes with the program, to start from; without a name the default with all keys
+    Config {
+        /// Which
+        #[arg(add = ArgValueCandidates::new(completion::run_files))]
+        name: Option<String>,
+        /// Tell which there are
+        #[arg(long, conflicts_with = "name")]
+        list: bool,
+    },
     /// Check a run file and report everything that is wrong with it
     Check {
-        /// Run file (TOML)
+        /// Run file (TOML), or the name of a shipped one
+        #[arg(add = ArgValueCompleter::new(completion::run_file))]
         config: PathBuf,
         /// Change one value first; may be repeated
-        #[arg(long, value_name = "key.path=value")]
+        #[arg(long, value_name = "key.path=value", add = ArgValueCandidates::new(completion::keys))]
         set: Vec<String>,
     },
     /// Examine whether this machine is fit for 1 kHz: kernel, limits, clock, and wake-up latency
@@ -84,7 +118,8 @@ pub enum Command {
     /// Print a completion script for a shell
     Completions {
         /// Shell
-        shell: Shell,
+        #[arg(value_parser = completion::SHELLS)]
+        shell: String,
     },
 }
 
@@ -139,13 +174,14 @@ impl ClockArgument {
 /// Which run file, with which changes, under which name: what every command that starts a run takes.
 #[derive(Debug, Args)]
 pub struct CellArguments {
-    /// Run file (TOML); the embedded default where it is left out
+    /// Run file (TOML), or the name of a shipped one (`vservo config --list`); the default where it is left out
+    #[arg(add = ArgValueCompleter::new(completion::run_file))]
     pub config: Option<PathBuf>,
     /// Pace of the control loop (run.clock)
     #[arg(long)]
     pub clock: Option<ClockArgument>,
     /// Change one value of the run file; may be repeated
-    #[arg(long, value_name = "key.path=value")]
+    #[arg(long, value_name = "key.path=value", add = ArgValueCandidates::new(completion::keys))]
     pub set: Vec<String>,
     /// Seed of every random number (run.seed)
     #[arg(long, value_name = "N")]
@@ -158,7 +194,7 @@ pub struct CellArguments {
 impl CellArguments {
     /// All changes to the run file: `--set`, then the named options, then what the command itself sets.
     #[must_use]
-    pub fn settings(&self, of_the_command: Option<String>) -> Vec<String> {
+    pub fn settings(&self, of_the_command: impl IntoIterator<Item = String>) -> Vec<String> {
         let mut set = self.set.clone();
         set.extend(self.clock.map(ClockArgument::setting));
         set.extend(self.seed.map(|seed| format!("run.seed={seed}")));
@@ -176,6 +212,9 @@ pub struct RunArguments {
     /// Latest end of the run, s (run.duration_s)
     #[arg(long, value_name = "S")]
     pub duration_s: Option<f64>,
+    /// Of a replay: the first damaged file ends the run (camera.replay.strict)
+    #[arg(long)]
+    pub strict: bool,
     /// Write the summary to this file as JSON
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,
@@ -231,10 +270,10 @@ pub enum Order {
 }
 
 /// Arguments of a single process.
-#[derive(Debug, Parser)]
-#[command(version)]
+#[derive(Debug, Args)]
 pub struct RoleArguments {
-    /// Run file (TOML), the same for all processes; the embedded default where it is left out
+    /// Run file (TOML) or the name of a shipped one, the same for all processes; the default where it is left out
+    #[arg(add = ArgValueCompleter::new(completion::run_file))]
     pub config: Option<PathBuf>,
     /// Name of the run that this process belongs to
     #[arg(long, value_name = "NAME", default_value = "default")]
@@ -282,11 +321,15 @@ impl From<CameraArguments> for RoleArguments {
 /// Of `vservo experiment`.
 #[derive(Debug, Args)]
 pub struct ExperimentArguments {
-    /// Name of the experiment, or `all`; an unknown name lists them
-    pub name: String,
+    /// Name of the experiment, or `all`
+    #[arg(required_unless_present = "list", add = ArgValueCandidates::new(completion::experiments))]
+    pub name: Option<String>,
+    /// Tell which there are
+    #[arg(long)]
+    pub list: bool,
     /// Folder for the results; made when it does not exist
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "list")]
+    pub out: Option<PathBuf>,
     /// Projected points as in the textbook, or pixels through renderer and detection
     #[arg(long, value_enum, default_value = "ideal")]
     pub camera: CameraArgument,
@@ -301,7 +344,7 @@ pub struct DetectArguments {
     /// PNG, PNM or JPEG files
     #[arg(required = true, value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
-    /// What to look for: four_dots[:SIDE_M], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners),
+    /// What to look for: four_dots[:SIDE_M[:chiral]], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners),
     /// tag:FAMILY:SIZE_M[:ID] (without an id all tags of the family), polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes)
     #[arg(long, value_name = "KIND")]
     pub target: String,
@@ -319,7 +362,7 @@ pub struct DetectArguments {
 /// Arguments of `vservo target`.
 #[derive(Debug, Args)]
 pub struct TargetArguments {
-    /// Which: four_dots[:SIDE_M], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners), tag:FAMILY:SIZE_M[:ID],
+    /// Which: four_dots[:SIDE_M[:chiral]], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners), tag:FAMILY:SIZE_M[:ID],
     /// polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes, m)
     pub kind: String,
     /// File to write: .svg, .pdf or .png

@@ -5,6 +5,7 @@ mod calibrate;
 mod calibrate_arguments;
 mod camera;
 mod camera_arguments;
+mod completion;
 mod ctl;
 mod detect;
 mod repeat;
@@ -13,45 +14,49 @@ mod teach_view;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
-    ExperimentArguments, HandEyeArguments, LatencyArguments, Order, RoleArguments, RunArguments,
-    ServeArguments, TargetArguments, TeachViewArguments,
+    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, Order, RoleArguments, RoleCli,
+    RunArguments, ServeArguments, TargetArguments, TeachViewArguments,
 };
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 
-use crate::config::Config;
 use crate::config::assemble::require_controllable;
+use crate::config::{Config, SHIPPED_FILES, ShippedFile};
 use crate::control::outcome::Outcome;
 use crate::experiment;
-use crate::input::printable;
+use crate::input::{nearest, printable};
 use crate::ipc::{Instance, Role};
 use crate::messages::CameraId;
 use crate::process::supervisor::FinishedRun;
 use crate::process::{self, ProcessError, ReportFolder, StopFlag, run_report, supervisor};
 use crate::report::summary::Summary;
-use crate::rt::{self, Stderr, doctor, print, tell};
+use crate::rt::{self, doctor, print, tell};
 use clap::{CommandFactory, Parser};
+use std::ffi::OsString;
 use std::fs::File;
-use std::io::{IsTerminal, stderr, stdin};
+use std::io::stdin;
 use std::os::fd::AsFd;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
-use tracing_subscriber::EnvFilter;
 
 /// `vservo`: everything, by sub-command.
 #[must_use]
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
-    start_logging();
+    completion::answer();
+    let cli = Cli::parse_from(log_format_last(std::env::args_os().collect()));
+    log_as_asked(&cli.log);
     let result = match cli.command {
-        None => run_command(&cli.run),
+        None => match misspelt(cli.run.cell.config.as_deref()) {
+            Some(message) => Err(ProcessError::NoCommand(message)),
+            None => run_command(&cli.run),
+        },
         Some(Command::Run(arguments)) => run_command(&arguments),
         Some(Command::Serve(arguments)) => {
-            run(&arguments.cell, Some("run.serve=true".into()), arguments.summary.as_deref(), None)
+            run(&arguments.cell, ["run.serve=true".to_owned()], arguments.summary.as_deref(), None)
         }
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
         Some(Command::Camera(arguments)) => match camera::look(&arguments) {
@@ -75,11 +80,11 @@ pub fn main() -> ExitCode {
         Some(Command::DriveGuard { instance, supervised_by, command }) => {
             guard_drive(&command, &instance, supervised_by)
         }
-        Some(Command::Completions { shell }) => {
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), "vservo", &mut script);
-            Ok(shown(&String::from_utf8_lossy(&script), 0))
-        }
+        Some(Command::Config { name, list }) => shipped_file(name.as_deref(), list),
+        Some(Command::Completions { shell }) => match completion::script(&shell) {
+            Ok(script) => Ok(shown(&script, 0)),
+            Err(cause) => Ok(lost(Path::new("stdout"), cause, 0)),
+        },
     };
     exit_code(result)
 }
@@ -87,9 +92,9 @@ pub fn main() -> ExitCode {
 /// `vservo-camera`, `vservo-vision`, `vservo-control`: one role.
 #[must_use]
 pub fn role_main(role_of_binary: Role) -> ExitCode {
-    let arguments = RoleArguments::parse();
-    start_logging();
-    exit_code(role(role_of_binary, &arguments))
+    let cli = RoleCli::parse();
+    log_as_asked(&cli.log);
+    exit_code(role(role_of_binary, &cli.role))
 }
 
 fn exit_code(result: Result<u8, ProcessError>) -> ExitCode {
@@ -116,18 +121,58 @@ fn json(result: &impl serde::Serialize) -> String {
     serde_json::to_string_pretty(result).unwrap_or_default() + "\n"
 }
 
-fn start_logging() {
-    let filter =
-        EnvFilter::try_from_env("VSERVO_LOG").unwrap_or_else(|_| EnvFilter::new("vservo=info,error"));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(|| Stderr)
-        // Its word about a line that could not be written would panic where stderr is gone.
-        .log_internal_errors(false)
-        .with_ansi(stderr().is_terminal())
-        .without_time()
-        .init();
+/// Options of `run` and a command exclude each other, where clap counts `--log-format` before a command among the former: it is put
+/// behind it.
+fn log_format_last(mut arguments: Vec<OsString>) -> Vec<OsString> {
+    let count = match arguments.get(1).map(|first| first.as_encoded_bytes()) {
+        Some(b"--log-format") if arguments.len() > 3 => 2,
+        Some(first) if first.starts_with(b"--log-format=") && arguments.len() > 2 => 1,
+        _ => return arguments,
+    };
+    // behind `--` stands what belongs to others
+    let end = arguments.iter().position(|a| a == "--").unwrap_or(arguments.len());
+    if let Some(part) = arguments.get_mut(1..end) {
+        part.rotate_left(count);
+    }
+    arguments
+}
+
+fn log_as_asked(arguments: &LogArguments) {
+    rt::start_logging(arguments.log_format.as_deref().and_then(|form| form.parse().ok()));
     iceoryx2::prelude::set_log_level(iceoryx2::prelude::LogLevel::Error);
+}
+
+/// What is said where a word stands in the place of a command and is none, nor a run file.
+fn misspelt(word: Option<&Path>) -> Option<String> {
+    let path =
+        word.filter(|path| !path.exists() && path.extension().is_none() && path.components().count() == 1)?;
+    let word = path.to_str().filter(|word| ShippedFile::find(word).is_none())?;
+    let commands = Cli::command();
+    let commands = commands.get_subcommands().filter(|c| !c.is_hide_set()).map(clap::Command::get_name);
+    let meant = match nearest(word, commands) {
+        Some(command) => format!("did you mean `vservo {command}`?"),
+        None => match nearest(word, SHIPPED_FILES.iter().map(|file| file.name)) {
+            Some(file) => format!("did you mean the run file `{file}`?"),
+            None => "`vservo --help` lists commands, `vservo config --list` run files".into(),
+        },
+    };
+    Some(format!("`{}` is no command, no file and no shipped run file: {meant}", printable(word)))
+}
+
+/// `vservo config`.
+fn shipped_file(name: Option<&str>, list: bool) -> Result<u8, ProcessError> {
+    if list {
+        let longest = SHIPPED_FILES.iter().map(|file| file.name.len()).max().unwrap_or(0);
+        let lines = SHIPPED_FILES.iter().map(|file| format!("{:longest$}  {}\n", file.name, file.about()));
+        return Ok(shown(&lines.collect::<String>(), 0));
+    }
+    let name = name.unwrap_or("default");
+    if let Some(file) = ShippedFile::find(name.strip_suffix(".toml").unwrap_or(name)) {
+        return Ok(shown(file.text, 0));
+    }
+    let meant = nearest(name, SHIPPED_FILES.iter().map(|file| file.name));
+    let hint = meant.map_or("see `vservo config --list`".into(), |meant| format!("did you mean `{meant}`?"));
+    Err(ProcessError::NoCommand(format!("no run file `{}` comes with the program: {hint}", printable(name))))
 }
 
 /// Tells what is allowed in a run file but hardly meant.
@@ -139,30 +184,31 @@ fn warn(config: &Config) {
 
 fn run_command(arguments: &RunArguments) -> Result<u8, ProcessError> {
     let duration = arguments.duration_s.map(|s| format!("run.duration_s={s:?}"));
-    let report = arguments.report.as_deref().map(|folder| (folder, arguments.duration_s));
-    run(&arguments.cell, duration, arguments.summary.as_deref(), report)
+    let strict = arguments.strict.then(|| "camera.replay.strict=true".to_owned());
+    let report = arguments.report.as_deref().map(|folder| (folder, repeat::of_run(arguments)));
+    run(&arguments.cell, duration.into_iter().chain(strict), arguments.summary.as_deref(), report)
 }
 
-/// Runs a cell with a setting of the command; the summary also goes to the file `summary`, and a report into the folder `report`,
-/// which has the length of the run beside it, where one was asked for.
+/// Runs a cell with settings of the command; the summary also goes to the file `summary`, and a report into the folder `report`,
+/// which has beside it the words of the command that repeats the run.
 fn run(
     cell: &CellArguments,
-    setting: Option<String>,
+    settings: impl IntoIterator<Item = String>,
     summary: Option<&Path>,
-    report: Option<(&Path, Option<f64>)>,
+    report: Option<(&Path, Vec<String>)>,
 ) -> Result<u8, ProcessError> {
     // First of all: a request to stop that comes early is one too.
     let stop = StopFlag::on_signals()?;
-    let (config, instance) = prepare(cell, setting)?;
+    let (config, instance) = prepare(cell, settings)?;
     if let Some(path) = summary {
         check_writable(path)?;
     }
-    let folder = report.map(|(folder, _)| ReportFolder::check(folder)).transpose()?;
+    let (folder, words) = report.unzip();
+    let folder = folder.map(ReportFolder::check).transpose()?;
     let end = supervisor::run(&config, &instance, &stop, folder.as_ref())?;
     let exit_code = shown(&end.summary.to_text(), end.exit_code);
     let exit_code = write_summary(summary, &end.summary, exit_code);
-    let command =
-        repeat::command(&["run"], cell, report.and_then(|(_, duration_s)| duration_s), &end.summary);
+    let command = repeat::command(&["run"], cell, &words.unwrap_or_default(), &end.summary);
     Ok(write_report(folder.as_ref(), &config, &end.summary, command, exit_code))
 }
 
@@ -188,8 +234,11 @@ fn write_report(
 }
 
 /// The cell that a supervisor is to run, and its name.
-fn prepare(cell: &CellArguments, setting: Option<String>) -> Result<(Config, Instance), ProcessError> {
-    let config = Config::load(cell.config.as_deref(), &cell.settings(setting))?;
+fn prepare(
+    cell: &CellArguments,
+    settings: impl IntoIterator<Item = String>,
+) -> Result<(Config, Instance), ProcessError> {
+    let config = Config::load(cell.config.as_deref(), &cell.settings(settings))?;
     require_controllable(&config)?;
     warn(&config);
     Ok((config, cell.instance.parse()?))
@@ -220,14 +269,14 @@ fn write_summary(path: Option<&Path>, summary: &Summary, exit_code: u8) -> u8 {
 
 fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
-    let (config, instance) = prepare(&arguments.cell, Some("run.task=calibrate_latency".into()))?;
+    let (config, instance) = prepare(&arguments.cell, ["run.task=calibrate_latency".to_owned()])?;
     if let Some(path) = &arguments.out {
         check_writable(path)?;
     }
     let folder = arguments.report.as_deref().map(ReportFolder::check).transpose()?;
     let end = supervisor::run(&config, &instance, &stop, folder.as_ref())?;
     let exit_code = latency_found(arguments, &end);
-    let command = repeat::command(&["calibrate", "latency"], &arguments.cell, None, &end.summary);
+    let command = repeat::command(&["calibrate", "latency"], &arguments.cell, &[], &end.summary);
     Ok(write_report(folder.as_ref(), &config, &end.summary, command, exit_code))
 }
 
@@ -382,7 +431,10 @@ fn run_experiment(arguments: &ExperimentArguments) -> Result<u8, ProcessError> {
         progress: &|what| tell(what),
     };
     let (mut text, mut unwritten) = (String::new(), None);
-    for report in experiment::run(&arguments.name, &arguments.out, &options)? {
+    let (Some(name), Some(out)) = (&arguments.name, &arguments.out) else {
+        return Ok(shown(&experiment::list(), 0));
+    };
+    for report in experiment::run(name, out, &options)? {
         text += &format!("{}\n", report.name);
         for line in &report.lines {
             text += &format!("  {line}\n");

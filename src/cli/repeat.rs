@@ -1,17 +1,20 @@
 //! The command that repeats a run.
 
-use super::CellArguments;
+use super::{CellArguments, RunArguments};
 use crate::input::shell_word;
 use crate::report::summary::Summary;
 
-/// `vservo WORDS CONFIG --clock C --seed N --set ...`, for a shell: clock and seed are named whoever chose them.
+/// What `vservo run` was told beside its cell, and beside where its results go.
 #[must_use]
-pub(super) fn command(
-    words: &[&str],
-    cell: &CellArguments,
-    duration_s: Option<f64>,
-    summary: &Summary,
-) -> String {
+pub(super) fn of_run(arguments: &RunArguments) -> Vec<String> {
+    let duration = arguments.duration_s.map(|s| ["--duration-s".to_owned(), s.to_string()]);
+    let strict = arguments.strict.then(|| "--strict".to_owned());
+    duration.into_iter().flatten().chain(strict).collect()
+}
+
+/// `vservo WORDS CONFIG --clock C --seed N --set ... MORE`, for a shell: clock and seed are named whoever chose them.
+#[must_use]
+pub(super) fn command(words: &[&str], cell: &CellArguments, more: &[String], summary: &Summary) -> String {
     let mut all: Vec<String> = ["vservo"].iter().chain(words).map(ToString::to_string).collect();
     if let Some(config) = &cell.config {
         let path = config.display().to_string();
@@ -22,9 +25,7 @@ pub(super) fn command(
     for set in &cell.set {
         all.extend(["--set".into(), set.clone()]);
     }
-    if let Some(s) = duration_s {
-        all.extend(["--duration-s".into(), s.to_string()]);
-    }
+    all.extend_from_slice(more);
     all.iter().map(|word| shell_word(word)).collect::<Vec<_>>().join(" ")
 }
 
@@ -42,6 +43,9 @@ mod tests {
             "vservo",
             "run",
             "my cell.toml",
+            "--duration-s",
+            "2.5",
+            "--strict",
             "--set",
             "run.seed=9",
             "--set",
@@ -50,11 +54,11 @@ mod tests {
         let Some(Command::Run(arguments)) = Cli::parse_from(given).command else { panic!("no run") };
         let mut summary = Summary::without_control(&Config::load(None, &[]).unwrap(), SpanNs(0));
         summary.seed = 9;
-        let line = command(&["run"], &arguments.cell, Some(2.5), &summary);
+        let line = command(&["run"], &arguments.cell, &of_run(&arguments), &summary);
         assert_eq!(
             line,
             "vservo run 'my cell.toml' --clock realtime --seed 9 --set run.seed=9 --set \
-             'robot.q_start_rad_or_m=[0.0, '\\''x'\\'']' --duration-s 2.5"
+             'robot.q_start_rad_or_m=[0.0, '\\''x'\\'']' --duration-s 2.5 --strict"
         );
     }
 }

@@ -240,6 +240,8 @@ table! {
         folder: PathBuf = PathBuf::new(),
         /// Starts again after the last file instead of ending the run.
         repeat: bool = false,
+        /// The first file that is damaged ends the run; otherwise it is told, counted and left out.
+        strict: bool = false,
     }
 }
 
@@ -261,6 +263,8 @@ pub enum Source {
         folder: PathBuf,
         /// Starts again after the last one.
         repeat: bool,
+        /// A damaged file ends it.
+        strict: bool,
     },
     /// A camera of the kernel's video interface.
     V4l2(V4l2Settings),
@@ -302,7 +306,8 @@ pub(super) fn source(c: &RawCamera, look: SceneLook, seed: u64, at: &str, check:
             } else if !folder.is_dir() {
                 check.wrong(&key("replay.folder"), format!("{} is not a folder", folder.display()));
             }
-            Source::Replay { folder: folder.clone(), repeat: c.replay.repeat }
+            let (repeat, strict) = (c.replay.repeat, c.replay.strict);
+            Source::Replay { folder: folder.clone(), repeat, strict }
         }
         SourceKind::V4l2 => Source::V4l2(v4l2),
     }

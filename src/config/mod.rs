@@ -17,7 +17,9 @@ mod place;
 mod problem;
 pub mod raw;
 mod scene;
+mod selection;
 mod servo;
+mod shipped;
 mod source;
 mod stereo;
 mod tables;
@@ -29,12 +31,13 @@ pub use camera::Camera;
 pub use frame_source::{Source, Timing};
 pub use problem::{ConfigError, Problem};
 pub use scene::Scene;
+pub use shipped::{SHIPPED_FILES, ShippedFile};
 pub use source::Document;
 pub use stereo::{Stereo, taught_file};
 pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 
 use crate::drive::{CommandMode, InnerServo, Payload};
-use crate::input::file;
+use crate::input::{file, nearest};
 use crate::robot::RobotDescription;
 use crate::servo::{Law, ObjectDynamics, SetPoint, VisibilityGuard};
 use crate::target::Target;
@@ -254,7 +257,8 @@ pub struct RealtimeRequest {
 }
 
 impl Config {
-    /// Reads a run file, or the embedded default where `path` is `None`, and applies `--set` arguments.
+    /// Reads a run file, or the embedded default where `path` is `None`, and applies `--set` arguments. A word without folder and
+    /// ending that is no file is the name of a shipped one.
     ///
     /// # Errors
     /// All problems of the first step that finds any: syntax, then types and unknown keys together with ranges.
@@ -263,12 +267,34 @@ impl Config {
             return Self::parse("embedded default configuration", DEFAULT_TOML, Path::new("."), set);
         };
         let name = path.display().to_string();
+        if let Some(shipped) = path.to_str().and_then(ShippedFile::find).filter(|_| !path.is_file()) {
+            return Self::of_shipped(shipped, set);
+        }
         let text = file::read(path, file::LARGEST_TOML).map_err(|e| {
-            ConfigError::new(vec![Problem::of_file(&name, format!("cannot be read: {e}"))], 0)
+            ConfigError::new(vec![Problem::of_file(&name, format!("cannot be read: {e}{}", hint(path)))], 0)
         })?;
         // A file that is named without a folder has an empty parent: it stands in the working directory.
         let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
         Self::parse(&name, &text, folder, set)
+    }
+
+    fn of_shipped(shipped: &ShippedFile, set: &[String]) -> Result<Self, ConfigError> {
+        let name = shipped.name;
+        let needed = (!shipped.needs.is_empty()).then(|| {
+            let message = format!(
+                "names files that are not part of the program ({}): write it to a file with `vservo config {name}`, and put \
+                 yours there",
+                shipped.needs.join(", ")
+            );
+            Problem::of_file(name, message)
+        });
+        match Self::parse(&format!("{name} (shipped)"), shipped.text, Path::new("."), set) {
+            Ok(mut config) => {
+                config.warnings.extend(needed);
+                Ok(config)
+            }
+            Err(error) => Err(error.beside(needed)),
+        }
     }
 
     /// Reads a run file from `text`. Relative paths in it count from `folder`; those in `--set` from the working
@@ -320,6 +346,15 @@ impl Config {
         }
         toml::to_string(&table)
     }
+}
+
+/// What helps where a word is no file.
+fn hint(path: &Path) -> String {
+    let is_word = path.extension().is_none() && path.components().count() == 1;
+    let Some(word) = path.to_str().filter(|_| is_word) else { return String::new() };
+    let meant = nearest(word, SHIPPED_FILES.iter().map(|file| file.name))
+        .map_or("`vservo config --list` tells them".into(), |name| format!("did you mean `{name}`?"));
+    format!("; nor is it the name of a shipped run file: {meant}")
 }
 
 fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, problems: &mut Vec<Problem>) {

@@ -54,6 +54,12 @@ impl ConfigError {
         Self { problems, more }
     }
 
+    /// With one more problem, first of all.
+    pub(super) fn beside(mut self, problem: Option<Problem>) -> Self {
+        self.problems.splice(0..0, problem);
+        self
+    }
+
     /// What people are told, line by line.
     pub fn lines(&self) -> impl Iterator<Item = String> {
         let more = (self.more > 0).then(|| {

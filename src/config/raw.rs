@@ -17,8 +17,8 @@ pub use super::place::{Carrier, MountKind, RawBackdrop, RawBystander, RawMount, 
 pub use super::v4l2::RawV4l2;
 pub use motion::{JointControl, RawMotion};
 pub use servo::{
-    At, DampingOn, Depth, FeatureGain, Gains, Orientation, RawAdaptive, RawPd, RawServo, RawSetPoint,
-    SchemeKind, SetPointKind, Update,
+    AreaKind, At, DampingOn, Depth, FeatureGain, Gains, Orientation, RawAdaptive, RawPd, RawServo,
+    RawSetPoint, SchemeKind, SetPointKind, Update,
 };
 pub use stereo::{RawStereo, RawTaughtPoint, RawTaughtView};
 pub use truth::{RawTrueArm, RawTrueCamera, RawTrueLens, RawTrueMount, RawTrueTarget};

@@ -6,13 +6,14 @@ use super::raw::{
     At, DampingOn, Depth, DriveKind, FeatureGain, Gains, Orientation, RawConfig, RawServo, SceneMotionKind,
     SchemeKind, SetPointKind, Update,
 };
+use super::selection::selection;
 use crate::camera_model::CameraModel;
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
 use crate::messages::MAX_JOINTS;
 use crate::servo::{
-    Damping, DepthSource, FeatureGains, FeatureKind, Gain, HybridGains, Interaction, InteractionAt, Law,
-    ObjectDynamics, OperationalSpace, OrientationError, PoseGains, Selection, SetPoint, VisibilityGuard,
+    Damping, DepthSource, FeatureGains, Gain, HybridGains, Interaction, InteractionAt, Law, ObjectDynamics,
+    OperationalSpace, OrientationError, PoseGains, SetPoint, VisibilityGuard,
 };
 use crate::target::Target;
 use crate::time::SpanNs;
@@ -325,44 +326,4 @@ fn joint_damping(s: &RawServo, check: &mut Check<'_>) -> [f64; MAX_JOINTS] {
         }
     }
     damping
-}
-
-fn selection(s: &RawServo, points: usize, check: &mut Check<'_>) -> Option<Selection> {
-    let mut kinds: Vec<FeatureKind> = Vec::new();
-    let mut index = |key: &str, i: usize| {
-        if !(1..=points).contains(&i) {
-            check.wrong(key, format!("names point {i}; the target has the points 1 to {points}"));
-        }
-        i.wrapping_sub(1)
-    };
-    kinds.extend(s.points.iter().map(|i| FeatureKind::Point(index("servo.points", *i))));
-    kinds.extend(
-        s.segments
-            .iter()
-            .map(|[i, j]| FeatureKind::Segment(index("servo.segments", *i), index("servo.segments", *j))),
-    );
-    if kinds.is_empty() {
-        kinds.extend((0..points).map(FeatureKind::Point));
-    }
-    if !s.weights.is_empty() && s.weights.len() != kinds.len() {
-        let message = format!("has {} entries, the law compares {} features", s.weights.len(), kinds.len());
-        check.wrong("servo.weights", message);
-        return None;
-    }
-    for (i, weight) in s.weights.iter().enumerate() {
-        check.range(&format!("servo.weights[{i}]"), *weight, 1e-6..=1e6);
-    }
-    if s.scheme == SchemeKind::Hybrid && s.dimension == 6 {
-        let used = Selection::new(kinds.iter().map(|k| (*k, 1.0))).map_or(0, |s| s.points().count());
-        if used < 4 {
-            check
-                .wrong("servo.points", format!("hybrid with servo.dimension = 6 needs 4 points, not {used}"));
-        }
-    }
-    let weights = s.weights.iter().copied().chain(std::iter::repeat(1.0));
-    let selection = Selection::new(kinds.into_iter().zip(weights));
-    if selection.is_none() {
-        check.wrong("servo.segments", "too many features, or a segment from a point to itself");
-    }
-    selection
 }

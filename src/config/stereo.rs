@@ -7,7 +7,9 @@
 //! | `stereo.taught_file`, `[[stereo.points]]` | the view to come back to; without it, what a simulated pair sees in `servo.desired` |
 
 use super::check::{Check, pose};
-use super::raw::{Clock, RawConfig, RawMount, RawStereo, RawTaughtPoint, RawTaughtView, SetPointKind, Task};
+use super::raw::{
+    AreaKind, Clock, RawConfig, RawMount, RawStereo, RawTaughtPoint, RawTaughtView, SetPointKind, Task,
+};
 use super::servo::uses_dimension;
 use super::{Camera, Document, Problem};
 use crate::geometry::Pose;
@@ -198,6 +200,7 @@ fn of_the_run(raw: &RawConfig, check: &mut Check<'_>) {
     for (key, is_given) in [
         ("servo.points", !raw.servo.points.is_empty()),
         ("servo.segments", !raw.servo.segments.is_empty()),
+        ("servo.area", raw.servo.area != AreaKind::None),
         ("servo.weights", !raw.servo.weights.is_empty()),
     ] {
         if is_given {

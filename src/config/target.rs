@@ -35,10 +35,12 @@ table! {
         kind: TargetKind = TargetKind::FourDots,
         /// Side of the square of dots, m.
         side_m: f64 = 0.1,
-        /// Radius of dots 2 to 4, m.
+        /// Radius of dots 2 to 4, m, or of 3 and 4.
         radius_m: f64 = 0.010,
         /// Radius of dot 1, m.
         radius_p1_m: f64 = 0.015,
+        /// Radius of dot 2, m, where it has one of its own: then a mirror image of the target is none.
+        radius_p2_m: Option<f64> = None,
         /// Light margin of the plate around the square, m.
         margin_m: f64 = 0.030,
         /// Of dots and shapes: light on a dark plate.
@@ -152,6 +154,7 @@ pub(super) fn target(raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
         ("target.side_m", Some(raw.side_m)),
         ("target.radius_m", Some(raw.radius_m)),
         ("target.radius_p1_m", Some(raw.radius_p1_m)),
+        ("target.radius_p2_m", raw.radius_p2_m),
         ("target.margin_m", Some(raw.margin_m)),
         ("target.dot_grid.pitch_m", Some(grid.pitch_m)),
         ("target.dot_grid.radius_m", grid.radius_m),
@@ -205,6 +208,7 @@ pub(super) fn target(raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
 pub(super) fn made(key: &str, raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
     let made = match raw.kind {
         TargetKind::FourDots => FourDots::new(raw.side_m, raw.radius_p1_m, raw.radius_m, raw.margin_m)
+            .and_then(|dots| raw.radius_p2_m.map_or(Ok(dots), |radius_m| dots.with_second_radius(radius_m)))
             .map(|dots| dots.light_on_dark(raw.light_on_dark).into()),
         TargetKind::DotGrid => {
             let grid = &raw.dot_grid;
@@ -269,6 +273,7 @@ impl RawTarget {
             side_m: self.side_m * scale,
             radius_m: self.radius_m * scale,
             radius_p1_m: self.radius_p1_m * scale,
+            radius_p2_m: times(self.radius_p2_m),
             margin_m: self.margin_m * scale,
             dot_grid: RawDotGrid {
                 pitch_m: grid.pitch_m * scale,

@@ -9,6 +9,7 @@ mod truth;
 
 use super::check::Check;
 use super::raw::{Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, Task};
+use super::selection::doubtful_features;
 use super::servo::servo;
 use super::stereo::stereo;
 use super::target::target;
@@ -124,6 +125,9 @@ pub(super) fn validate(
         check.range("robot.start_tolerance_rad_or_m", raw.robot.start_tolerance_rad_or_m, 1e-6..=10.0);
     let before_arm = check.count_problems();
     let robot = start::arm(&raw, check);
+    if let (Some(servo), Some(robot)) = (&servo, &robot) {
+        doubtful_features(&servo.law, &servo.set_point, robot.joint_count(), check);
+    }
     let drive = drive::drive(&raw, robot.as_ref(), check);
     let motion = motion::motion(&raw, (drive.mode, &drive.simulated), robot.as_ref(), check);
     let arm_is_good = check.count_problems() == before_arm;

@@ -64,7 +64,7 @@ impl Finish {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredErrors {
     /// Root mean square, px.
-    pub feature_error: Option<f64>,
+    pub feature_error_px: Option<f64>,
     /// Distance of the camera from its desired place, m.
     pub position_error_m: Option<f64>,
     /// Angle of the camera from its desired orientation, rad.
@@ -75,7 +75,7 @@ impl MeasuredErrors {
     /// From a feature error, px, NaN where unknown, and the distance, m, and angle, rad, of the camera.
     pub(super) fn new(feature_error_px: f64, pose: Option<(f64, f64)>) -> Self {
         Self {
-            feature_error: Some(feature_error_px).filter(|e| e.is_finite()),
+            feature_error_px: Some(feature_error_px).filter(|e| e.is_finite()),
             position_error_m: pose.map(|(distance, _)| distance),
             orientation_error_rad: pose.map(|(_, angle)| angle),
         }
@@ -86,7 +86,7 @@ impl MeasuredErrors {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct FinalErrors {
     /// Root mean square, px.
-    pub feature_error: Option<f64>,
+    pub feature_error_px: Option<f64>,
     /// Distance of the camera from its desired place, m.
     pub position_error_m: Option<f64>,
     /// Angle of the camera from its desired orientation, rad.

@@ -235,6 +235,7 @@ pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>,
         return Ok(vec![Report { name: experiment.name, lines: findings.lines, files }]);
     }
     findings::make_folder(out)?;
+    (options.progress)(&forewarning(options, out));
     let (mut done, mut reports) = (Vec::new(), Vec::new());
     for (i, experiment) in EXPERIMENTS.iter().enumerate() {
         (options.progress)(&format!(
@@ -258,4 +259,30 @@ pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>,
     let written = findings::write_file(&index, &findings::index_page(&done));
     reports.push(Report { name: "all", lines: Vec::new(), files: written.map(|()| vec![index]) });
     Ok(reports)
+}
+
+/// Work of all experiments but `convergence`, and of each of its starts, seconds of one core; their files, MB. As measured, to be told before.
+const CORE_S: f64 = 26.0;
+const CORE_S_A_START: f64 = 0.0062;
+const FILES_MB: f64 = 36.0;
+
+/// How long all experiments take, and how large they become.
+fn forewarning(options: &Options<'_>, out: &Path) -> String {
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let seconds = (CORE_S + CORE_S_A_START * options.count as f64) / cores as f64;
+    let time = if seconds < 90.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) };
+    let longer = if options.camera == CameraKind::Rendered { ", longer with rendered images" } else { "" };
+    format!(
+        "all: {} experiments, about {time} on {cores} core(s){longer}; {FILES_MB:.0} MB in {}; `convergence` flies {} starts (--count)",
+        EXPERIMENTS.len(),
+        out.display(),
+        options.count,
+    )
+}
+
+/// All experiments in lines, for people.
+#[must_use]
+pub fn list() -> String {
+    let longest = EXPERIMENTS.iter().map(|e| e.name.len()).max().unwrap_or(0);
+    EXPERIMENTS.iter().map(|e| format!("{:longest$}  {}\n", e.name, e.about)).collect()
 }

@@ -46,7 +46,8 @@ fn behind_a_moving_target(
     let mut errors = Vec::new();
     let run = simulate_system(&config, &mut |moment| {
         if let Moment::Tick(trace, errors_now) = moment {
-            errors.push(((trace.time - MonoNs::ZERO).as_s(), errors_now.feature_error.unwrap_or(f64::NAN)));
+            errors
+                .push(((trace.time - MonoNs::ZERO).as_s(), errors_now.feature_error_px.unwrap_or(f64::NAN)));
         }
         ControlFlow::Continue(())
     })?;

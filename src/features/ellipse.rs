@@ -6,46 +6,48 @@
 
 use super::Feature;
 use super::flow::Flow;
-use super::moments::{Central, ImageMoments};
-use nalgebra::{SMatrix, SVector, Vector2, Vector3, Vector5};
+use super::moments::{AreaFeature, Central, ImageMoments, finite, rows, values};
+use nalgebra::{SMatrix, Vector2, Vector3, Vector5};
 
-/// An ellipse in the image.
+/// An ellipse in the image, or the one that has the second moments of an area there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EllipseFeature {
-    /// Its centre, normalized coordinates.
-    pub s: Vector2<f64>,
-    /// `[n20, n11, n02]`, normalized coordinates squared.
-    pub n: [f64; 3],
-    /// `[A, B, C]` of the object's plane `1/z_c = A x + B y + C`, 1/m; an estimate or that of the goal will do.
-    pub plane: Vector3<f64>,
+    moments: ImageMoments,
+    plane: Vector3<f64>,
 }
 
 impl EllipseFeature {
-    /// An ellipse by half its axes and the angle from x to the first, rad, in normalized coordinates.
+    /// An ellipse by half its axes and the angle from x to the first, rad, in normalized coordinates; and `[A, B, C]` of the object's
+    /// plane `1/z_c = A x + B y + C`, 1/m, of which an estimate or that of the goal will do.
     #[must_use]
     pub fn new(s: Vector2<f64>, semi_axes: [f64; 2], turn_rad: f64, plane: Vector3<f64>) -> Self {
         let ((sin, cos), [a, b]) = (turn_rad.sin_cos(), semi_axes.map(|a| 0.25 * a * a));
         let n = [a * cos * cos + b * sin * sin, (a - b) * sin * cos, a * sin * sin + b * cos * cos];
-        Self { s, n, plane }
+        Self { moments: ImageMoments::of_second_order(1.0, &s, n), plane }
+    }
+
+    /// The centroid and the second moments of an area of any form.
+    #[must_use]
+    pub fn of_area(area: &AreaFeature) -> Self {
+        Self { moments: area.moments, plane: area.plane }
+    }
+
+    fn flows(&self) -> [Flow; 5] {
+        let c = Central::of(&self.moments, &self.plane);
+        [c.x, c.y, c.mu20 / c.area, c.mu11 / c.area, c.mu02 / c.area]
     }
 }
 
 impl Feature<5> for EllipseFeature {
     fn value(&self) -> Vector5<f64> {
-        let [n20, n11, n02] = self.n;
-        Vector5::new(self.s.x, self.s.y, n20, n11, n02)
+        values(self.flows())
     }
 
     fn interaction(&self) -> Option<SMatrix<f64, 5, 6>> {
-        let [n20, n11, n02] = self.n;
-        let depth = self.plane.dot(&self.s.push(1.0));
-        if !(n20 > 0.0 && n20 * n02 > n11 * n11 && depth > 0.0) {
+        let [.., n20, n11, n02] = self.flows().map(|flow| flow.value);
+        if !(n20 > 0.0 && n20 * n02 > n11 * n11 && self.moments.is_there(&self.plane)) {
             return None;
         }
-        let c = Central::of(&ImageMoments::of_second_order(1.0, &self.s, self.n), &self.plane);
-        let n = |mu: Flow| (mu / c.area).row;
-        let rows: [SVector<f64, 6>; 5] = [c.x.row, c.y.row, n(c.mu20), n(c.mu11), n(c.mu02)];
-        let L = SMatrix::<f64, 5, 6>::from_fn(|k, j| rows.get(k).map_or(0.0, |row| row[j]));
-        L.iter().all(|x| x.is_finite()).then_some(L)
+        finite(rows(self.flows()))
     }
 }

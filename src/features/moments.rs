@@ -111,7 +111,7 @@ impl ImageMoments {
     }
 
     /// Whether there is an area before the camera.
-    fn is_there(&self, plane: &Vector3<f64>) -> bool {
+    pub(super) fn is_there(&self, plane: &Vector3<f64>) -> bool {
         let a = self.area();
         let depth = plane.x * self.get(1, 0) + plane.y * self.get(0, 1) + plane.z * a;
         a > 0.0 && depth > 0.0 && self.m.iter().flatten().all(|m| m.is_finite())
@@ -179,14 +179,15 @@ impl Central {
         [(mu30 + mu12) * scale, (mu21 + mu03) * scale]
     }
 
-    /// Orientation, over the full turn where third moments tell the senses apart, and the skew in the axes of the object.
-    fn orientation(&self, m: &ImageMoments, plane: &Vector3<f64>) -> (Flow, [Flow; 2]) {
+    /// Orientation, over the full turn where third moments tell the senses apart, and the skew in the axes of the object. Of the two
+    /// senses the one whose skew lies on the side of `sense`.
+    fn orientation(&self, m: &ImageMoments, plane: &Vector3<f64>, sense: &Vector2<f64>) -> (Flow, [Flow; 2]) {
         let [a, b] = self.skew(m, plane);
         let mut alpha = self.axis();
         let (sin, cos) = alpha.sin_cos();
         let (mut along, mut across) = (a * cos + b * sin, b * cos - a * sin);
-        // towards the heavy end, as `imaging` has it
-        if along.value > 0.0 && a.value.hypot(b.value) >= LEAST_ASYMMETRY {
+        let side = along.value * sense.x + across.value * sense.y;
+        if side < 0.0 && a.value.hypot(b.value) >= LEAST_ASYMMETRY {
             alpha = alpha.plus(if alpha.value > 0.0 { -std::f64::consts::PI } else { std::f64::consts::PI });
             (along, across) = (-along, -across);
         }
@@ -194,32 +195,69 @@ impl Central {
     }
 }
 
+/// Towards the heavy end, as `imaging` has it. What is as long before as behind, like a flat isosceles triangle, has its sense from
+/// [`AreaFeature::in_sense_of`] alone.
+const HEAVY_END: Vector2<f64> = Vector2::new(-1.0, 0.0);
+
 /// An angle's error: of what has no sense modulo half a turn.
 fn angle_error(error_rad: f64, skew: &Vector2<f64>) -> f64 {
     if skew.norm() >= LEAST_ASYMMETRY { wrap_rad(error_rad) } else { 0.5 * wrap_rad(2.0 * error_rad) }
 }
 
-fn rows<const K: usize>(flows: [Flow; K]) -> SMatrix<f64, K, 6> {
+pub(super) fn rows<const K: usize>(flows: [Flow; K]) -> SMatrix<f64, K, 6> {
     SMatrix::from_fn(|k, j| flows.get(k).map_or(0.0, |flow| flow.row[j]))
 }
 
-fn values<const K: usize>(flows: [Flow; K]) -> SVector<f64, K> {
+pub(super) fn values<const K: usize>(flows: [Flow; K]) -> SVector<f64, K> {
     SVector::from(flows.map(|flow| flow.value))
+}
+
+/// An interaction matrix of numbers.
+pub(super) fn finite<const K: usize>(L: SMatrix<f64, K, 6>) -> Option<SMatrix<f64, K, 6>> {
+    L.iter().all(|x| x.is_finite()).then_some(L)
 }
 
 /// `[x_g, y_g, a, alpha]`: centroid, area and orientation (10.2) of the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AreaFeature {
-    /// Moments of the image.
-    pub moments: ImageMoments,
-    /// `[A, B, C]` of the object's plane `1/z_c = A x + B y + C`, 1/m; an estimate or that of the goal will do.
-    pub plane: Vector3<f64>,
+    pub(super) moments: ImageMoments,
+    pub(super) plane: Vector3<f64>,
+    sense: Vector2<f64>,
 }
 
 impl AreaFeature {
+    /// The area with these moments in the image; `plane` is `[A, B, C]` of the object's plane `1/z_c = A x + B y + C`, 1/m, an estimate
+    /// or that of the goal will do. Its orientation points towards its heavy end.
+    #[must_use]
+    pub fn new(moments: ImageMoments, plane: Vector3<f64>) -> Self {
+        Self { moments, plane, sense: HEAVY_END }
+    }
+
+    /// The same area, with that of the two senses of its axis in which it is more like `goal`: third moments along the axis may be
+    /// small, and their sign noise, where those across it are not.
+    #[must_use]
+    pub fn in_sense_of(self, goal: &Self) -> Self {
+        let (_, skew) = goal.flows();
+        Self { sense: if skew.norm() >= LEAST_ASYMMETRY { skew } else { HEAVY_END }, ..self }
+    }
+
+    /// Moments of the image.
+    #[must_use]
+    pub fn moments(&self) -> &ImageMoments {
+        &self.moments
+    }
+
+    /// Depth of the object's plane at the centroid, m; `None` where there is no area before the camera.
+    #[must_use]
+    pub fn depth_m(&self) -> Option<f64> {
+        let (m, plane) = (&self.moments, &self.plane);
+        let depths = plane.x * m.get(1, 0) + plane.y * m.get(0, 1) + plane.z * m.area();
+        m.is_there(plane).then(|| m.area() / depths)
+    }
+
     fn flows(&self) -> ([Flow; 4], Vector2<f64>) {
         let c = Central::of(&self.moments, &self.plane);
-        let (alpha, skew) = c.orientation(&self.moments, &self.plane);
+        let (alpha, skew) = c.orientation(&self.moments, &self.plane, &self.sense);
         ([c.x, c.y, c.area, alpha], Vector2::from(skew.map(|s| s.value)))
     }
 }
@@ -230,8 +268,7 @@ impl Feature<4> for AreaFeature {
     }
 
     fn interaction(&self) -> Option<SMatrix<f64, 4, 6>> {
-        let L = self.moments.is_there(&self.plane).then(|| rows(self.flows().0))?;
-        L.iter().all(|x| x.is_finite()).then_some(L)
+        finite(self.moments.is_there(&self.plane).then(|| rows(self.flows().0))?)
     }
 
     /// With alpha's difference wrapped.
@@ -254,18 +291,21 @@ impl Feature<4> for AreaFeature {
 /// `p_x`, `p_y` are 0, and say nothing, for an object that looks the same after half a turn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MomentFeature {
-    /// Moments of the image.
-    pub moments: ImageMoments,
-    /// `[A, B, C]` of the object's plane `1/z_c = A x + B y + C`, 1/m; an estimate or that of the goal will do.
-    pub plane: Vector3<f64>,
-    /// `z_d sqrt(a_d)`, m: depth and image area at the goal.
-    pub reference_m: f64,
+    area: AreaFeature,
+    reference_m: f64,
 }
 
 impl MomentFeature {
+    /// Of an area; `reference_m` is `z_d sqrt(a_d)`, m: depth and image area at the goal.
+    #[must_use]
+    pub fn new(area: AreaFeature, reference_m: f64) -> Self {
+        Self { area, reference_m }
+    }
+
     fn flows(&self) -> [Flow; 6] {
-        let c = Central::of(&self.moments, &self.plane);
-        let (alpha, [along, across]) = c.orientation(&self.moments, &self.plane);
+        let AreaFeature { moments, plane, sense } = &self.area;
+        let c = Central::of(moments, plane);
+        let (alpha, [along, across]) = c.orientation(moments, plane, sense);
         let root = c.area.sqrt();
         let of = |flow: Flow| flow / root * self.reference_m;
         let one = Flow { value: 1.0, row: Vector6::zeros() };
@@ -279,8 +319,7 @@ impl Feature<6> for MomentFeature {
     }
 
     fn interaction(&self) -> Option<SMatrix<f64, 6, 6>> {
-        let L = self.moments.is_there(&self.plane).then(|| rows(self.flows()))?;
-        L.iter().all(|x| x.is_finite()).then_some(L)
+        finite(self.area.moments.is_there(&self.area.plane).then(|| rows(self.flows()))?)
     }
 
     /// With alpha's difference wrapped.

@@ -1,8 +1,10 @@
-//! Text from outside: how files are read, and how what stands in them is shown to people.
+//! Text from outside: how files are read, what somebody may have meant, and how what stands in them is shown to people.
 
 pub mod file;
+mod nearest;
 mod printable;
 mod shell;
 
+pub use nearest::nearest;
 pub use printable::{number, printable};
 pub use shell::shell_word;

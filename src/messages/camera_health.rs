@@ -1,6 +1,7 @@
 //! How a real camera stands: `camera/N/health`.
 
 use crate::time::MonoNs;
+#[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
 /// What a camera is doing.
@@ -66,8 +67,8 @@ pub mod health_flag {
 
 /// How a real camera stands; said at each change, and a few times a second.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.CameraHealth.v1")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.CameraHealth.v1"))]
 pub struct CameraHealth {
     /// Counts what its sender has sent, from 0: a gap is a record that was lost on the way.
     pub sequence: u64,

@@ -1,12 +1,13 @@
 //! What somebody wants of control, and what it says to that: `control/command`.
 
 use super::MAX_JOINTS;
+#[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
 /// A request.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
-#[type_name("vservo.ControlCommand.v1")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.ControlCommand.v1"))]
 pub struct ControlCommand {
     /// Code of a [`crate::control::lifecycle::Request`]; 0 asks for the answer alone.
     pub request: u32,
@@ -16,8 +17,8 @@ pub struct ControlCommand {
 
 /// What became of it, and how things stand.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.ControlAnswer.v2")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.ControlAnswer.v2"))]
 pub struct ControlAnswer {
     /// The request that this answers.
     pub request: u32,

@@ -11,12 +11,13 @@
 
 use super::MAX_JOINTS;
 use crate::time::MonoNs;
+#[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
 /// A command to an external drive.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.DriveCommand.v2")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.DriveCommand.v2"))]
 pub struct DriveCommandMsg {
     /// Number of the control tick, counted in whole milliseconds from the first.
     pub tick: u64,
@@ -42,8 +43,8 @@ pub struct DriveCommandMsg {
 
 /// A state of an external drive.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.DriveState.v2")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.DriveState.v2"))]
 pub struct DriveStateMsg {
     /// Lockstep: the tick of the command that led here, plus one. Real time: counts the states.
     pub tick: u64,

@@ -1,12 +1,13 @@
 //! What a camera sends with each picture: `camera/N/frame`.
 
 use crate::time::MonoNs;
+#[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Stamps and shape of a grey frame; travels as user header of a `[u8]` payload.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.FrameHeader.v2")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.FrameHeader.v2"))]
 pub struct FrameHeader {
     /// Counts the camera's exposures from 0; a gap is a frame that the camera itself lost.
     pub frame_id: u64,

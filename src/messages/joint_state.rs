@@ -2,12 +2,13 @@
 
 use super::MAX_JOINTS;
 use crate::time::MonoNs;
+#[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
 /// The arm at one tick.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.JointState.v2")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.JointState.v2"))]
 pub struct JointState {
     /// Number of the control tick.
     pub tick: u64,

@@ -2,6 +2,7 @@
 
 use super::MAX_FEATURES;
 use crate::time::MonoNs;
+#[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Bits of [`Measurement::flags`] beside those of [`super::frame_flag`].
@@ -78,8 +79,8 @@ impl TargetStatus {
 
 /// One feature point.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.FeaturePoint.v2")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.FeaturePoint.v2"))]
 pub struct FeaturePoint {
     /// Which point of the target.
     pub id: u64,
@@ -97,8 +98,8 @@ pub struct FeaturePoint {
 
 /// What vision saw in one frame.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("vservo.Measurement.v2")]
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.Measurement.v2"))]
 pub struct Measurement {
     /// The frame it was taken from.
     pub frame_id: u64,

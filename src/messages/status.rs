@@ -1,6 +1,7 @@
 //! Where the run stands: `control/status`.
 
 use crate::time::MonoNs;
+#[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
 /// What the control process is doing.
@@ -74,8 +75,8 @@ pub mod status_flag {
 
 /// Where the run stands; flat, so that plotting tools can show every field.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.Status.v3")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.Status.v3"))]
 pub struct Status {
     /// Number of the control tick.
     pub tick: u64,

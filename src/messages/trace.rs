@@ -2,6 +2,7 @@
 
 use super::MAX_JOINTS;
 use crate::time::MonoNs;
+#[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Kinds of limits, in the order of [`TraceMsg::limits`].
@@ -10,8 +11,8 @@ pub const TRACE_LIMITS: usize = 8;
 /// One tick: what control knew, what it did, and why. Codes are 0 where there is nothing to say; those of the enumerations of
 /// control count from 1 in the order in which their variants stand there.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("vservo.Trace.v1")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.Trace.v1"))]
 pub struct TraceMsg {
     /// Number of the control tick; in real time a gap is a tick that was skipped.
     pub tick: u64,

@@ -72,6 +72,9 @@ pub enum ProcessError {
     /// Pictures of a pair of cameras that are no pairs.
     #[error("{0} pictures: pairs are needed, left and right by turns")]
     OddImages(usize),
+    /// A word that is no command, or names nothing that there is.
+    #[error("{0}")]
+    NoCommand(String),
     /// The robot file is wrong.
     #[error(transparent)]
     Robot(#[from] RobotError),
@@ -198,7 +201,7 @@ impl ProcessError {
             | Self::DriveAbsent { .. }
             | Self::DriveProgram { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
-            Self::Timeout(_) | Self::ProbeDuration(_) | Self::OddImages(_) => 2,
+            Self::Timeout(_) | Self::ProbeDuration(_) | Self::OddImages(_) | Self::NoCommand(_) => 2,
             Self::NoFrame { .. } | Self::NobodyThere(_) | Self::NoAnswer { .. } => 5,
             Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),
             Self::Ipc(_)

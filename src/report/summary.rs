@@ -284,7 +284,7 @@ impl Summary {
         let _ = writeln!(
             t,
             "final error   features {}, position {}, orientation {}",
-            or_unknown(f.feature_error, 1.0, "px"),
+            or_unknown(f.feature_error_px, 1.0, "px"),
             or_unknown(f.position_error_m, 1e3, "mm"),
             or_unknown(f.orientation_error_rad, 180.0 / std::f64::consts::PI, "deg"),
         );
@@ -293,7 +293,7 @@ impl Summary {
             let _ = writeln!(
                 t,
                 "as measured   features {}, position {}, orientation {}",
-                or_unknown(b.feature_error, 1.0, "px"),
+                or_unknown(b.feature_error_px, 1.0, "px"),
                 or_unknown(b.position_error_m, 1e3, "mm"),
                 or_unknown(b.orientation_error_rad, 180.0 / std::f64::consts::PI, "deg"),
             );

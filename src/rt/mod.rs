@@ -4,6 +4,7 @@
 mod clock;
 mod deadline_wait;
 pub mod doctor;
+mod log;
 mod output;
 mod prefault;
 mod scheduling;
@@ -11,7 +12,8 @@ mod write_file;
 
 pub use clock::{now, sleep_until};
 pub use deadline_wait::DeadlineWait;
-pub use output::{Stderr, print, tell};
+pub use log::{LogFormat, log_environment, log_format, start_logging};
+pub use output::{CLEAR_LINE, Stderr, print, tell};
 pub use prefault::{page_faults, prefault};
 pub use scheduling::{
     Awake, Obtained, SchedulingError, USUAL_SPIN, prepare_process, prepare_thread, spin_before_deadlines,

@@ -1,12 +1,16 @@
 //! What goes to stdout and stderr. Nothing here panics, and nothing that is told on the way of a run waits: a full disk, a
 //! closed terminal or a reader that stopped reading must never reach the arm.
 
+use super::log::{LogFormat, log_format, object};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::stdio;
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write, stderr};
 
 /// A write of so many bytes to a pipe that is ready does not block (PIPE_BUF).
 const WITHOUT_WAITING: usize = 4096;
+
+/// Takes away what stands on the terminal's line.
+pub const CLEAR_LINE: &str = "\r\x1b[2K";
 
 /// stderr, for lines that matter less than the run: what cannot be written at once is lost.
 #[derive(Debug, Clone, Copy, Default)]
@@ -34,9 +38,31 @@ fn is_ready() -> bool {
     matches!(poll(&mut fds, Some(&at_once)), Ok(1..))
 }
 
-/// A line on stderr.
+/// Whole lines on stderr, each in one write: on a terminal they take the place of the progress, which is written again below them.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Lines;
+
+impl Write for Lines {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if stderr().is_terminal() {
+            Stderr.write_all(&[CLEAR_LINE.as_bytes(), bytes].concat())?;
+            return Ok(bytes.len());
+        }
+        Stderr.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A line on stderr, however much is logged; an object where the log is read by programs.
 pub fn tell(line: impl std::fmt::Display) {
-    let _ = Stderr.write_all(format!("{line}\n").as_bytes());
+    let line = match log_format() {
+        LogFormat::Text => format!("{line}\n"),
+        LogFormat::Json => object(&line.to_string()),
+    };
+    let _ = Lines.write_all(line.as_bytes());
 }
 
 /// Results, on stdout. A reader that has enough (`| head`) is no error.

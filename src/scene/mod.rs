@@ -32,6 +32,7 @@ mod view;
 pub use arm_history::ArmHistory;
 pub use backdrop::Backdrop;
 pub use error::SceneError;
+#[cfg(feature = "cli")]
 pub(crate) use ink::{Edge, Ink, Kernel};
 pub use look::SceneLook;
 pub use motion::SceneMotion;

@@ -5,14 +5,18 @@
 
 use super::resolve::damped_factors;
 use super::{
-    DepthSource, FeatureKind, Interaction, InteractionAt, PoseGains, SetPoint, TwistTask, View, WrenchTask,
+    DepthSource, FeatureKind, Interaction, InteractionAt, OutlineFeature, PoseGains, SetPoint, TwistTask,
+    View, WrenchTask,
 };
-use crate::features::{Feature, NormalEquations, PointFeature, SegmentFeature};
+use crate::features::{
+    AreaFeature, EllipseFeature, Feature, ImageMoments, MomentFeature, NormalEquations, PointFeature,
+    SegmentFeature,
+};
 use crate::messages::MAX_FEATURES;
-use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector6};
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector2, Vector3, Vector6};
 
-/// Most numbers of an error: segments have four.
-const MOST_NUMBERS: usize = 4 * MAX_FEATURES;
+/// Most numbers of an error: normalized moments have six.
+const MOST_NUMBERS: usize = 6 * MAX_FEATURES;
 
 /// Image points with their depths, current or desired.
 #[derive(Clone, Copy)]
@@ -49,6 +53,126 @@ impl Side<'_> {
         let (a, b) = (self.point(i)?, self.point(j)?);
         Some(SegmentFeature { s: [a.s, b.s], z_m: [a.z_m, b.z_m] })
     }
+
+    /// The area within the polygon through the points `outline`. `None` where it encloses none.
+    fn area(&self, outline: &[u8]) -> Option<AreaFeature> {
+        let mut corners = [Vector2::zeros(); MAX_FEATURES];
+        // 1/z = A x + B y + C by least squares: exact for points in a plane
+        let (mut matrix, mut vector) = (Matrix3::zeros(), Vector3::zeros());
+        for (corner, i) in corners.iter_mut().zip(outline) {
+            let point = self.point(usize::from(*i))?;
+            *corner = point.s;
+            let row = point.s.push(1.0);
+            matrix += row * row.transpose();
+            vector += row / point.z_m;
+        }
+        let moments = ImageMoments::of_polygon(corners.get(..outline.len())?);
+        Some(AreaFeature::new(moments, matrix.cholesky()?.solve(&vector)))
+    }
+}
+
+/// What is done with each selected feature that is seen. `None` ends it: a feature has no interaction matrix.
+trait Visitor {
+    fn point(&mut self, now: &Side<'_>, goal: &Side<'_>, i: usize, weight: f64) -> Option<()> {
+        self.pair(&now.point(i)?, &goal.point(i)?, weight)
+    }
+
+    fn pair<const K: usize>(
+        &mut self,
+        now: &impl Feature<K>,
+        goal: &impl Feature<K>,
+        weight: f64,
+    ) -> Option<()>;
+}
+
+/// Shows a visitor the selected features, those that are hidden left out.
+#[inline(always)]
+fn visit(
+    (set_point, view): (&SetPoint, &View),
+    (now, goal): (&Side<'_>, &Side<'_>),
+    visitor: &mut impl Visitor,
+) -> Option<()> {
+    let selection = set_point.selection();
+    for &(kind, weight) in selection.features() {
+        match kind {
+            FeatureKind::Point(i) => {
+                if view.feature(i).is_some() {
+                    visitor.point(now, goal, i, weight)?;
+                }
+            }
+            FeatureKind::Segment(i, j) => {
+                if view.feature(i).is_some() && view.feature(j).is_some() {
+                    visitor.pair(&now.segment(i, j)?, &goal.segment(i, j)?, weight)?;
+                }
+            }
+            FeatureKind::Outline(feature) => {
+                let outline = selection.outline();
+                if outline.iter().all(|i| view.feature(usize::from(*i)).is_some()) {
+                    visit_area(feature, &now.area(outline)?, &goal.area(outline)?, weight, visitor)?;
+                }
+            }
+        }
+    }
+    Some(())
+}
+
+fn visit_area(
+    feature: OutlineFeature,
+    now: &AreaFeature,
+    goal: &AreaFeature,
+    weight: f64,
+    visitor: &mut impl Visitor,
+) -> Option<()> {
+    let now = now.in_sense_of(goal);
+    match feature {
+        OutlineFeature::Area => visitor.pair(&now, goal, weight),
+        OutlineFeature::Ellipse => {
+            visitor.pair(&EllipseFeature::of_area(&now), &EllipseFeature::of_area(goal), weight)
+        }
+        OutlineFeature::Moments => {
+            let reference_m = goal.depth_m()? * goal.moments().area().sqrt();
+            let [now, goal] = [now, *goal].map(|area| MomentFeature::new(area, reference_m));
+            visitor.pair(&now, &goal, weight)
+        }
+    }
+}
+
+/// `L_s^T W L_s`, `L_s^T W e_s` and the squared norm of `e_s`.
+struct Equations {
+    interaction: Interaction,
+    equations: NormalEquations<6>,
+    error2: f64,
+}
+
+impl Visitor for Equations {
+    #[inline(always)]
+    fn point(&mut self, now: &Side<'_>, goal: &Side<'_>, i: usize, weight: f64) -> Option<()> {
+        let e = goal.s.get(i)? - now.s.get(i)?;
+        self.error2 += e.norm_squared();
+        let p = match self.interaction.at {
+            InteractionAt::Current => now.point(i)?,
+            InteractionAt::Desired => goal.point(i)?,
+            InteractionAt::Mean => {
+                let L = mean(&now.point(i)?, &goal.point(i)?)?;
+                self.equations.add_rows(&L, &e, weight);
+                return Some(());
+            }
+        };
+        self.equations.add_point(&p.s, p.z_m, &e, weight);
+        Some(())
+    }
+
+    fn pair<const K: usize>(
+        &mut self,
+        now: &impl Feature<K>,
+        goal: &impl Feature<K>,
+        weight: f64,
+    ) -> Option<()> {
+        let e = now.error(&goal.value());
+        self.error2 += e.norm_squared();
+        self.equations.add_rows(&self.interaction.of(now, goal)?, &e, weight);
+        Some(())
+    }
 }
 
 /// Normal equations of the selected features for unit gain: `L_s^T W L_s` and `L_s^T W e_s`, e_s of (10.79).
@@ -57,42 +181,9 @@ impl Side<'_> {
 #[must_use]
 pub fn image_task(set_point: &SetPoint, view: &View, interaction: Interaction) -> Option<TwistTask> {
     let (now, goal) = sides(set_point, view, interaction)?;
-    let mut equations = NormalEquations::<6>::new();
-    let mut error2 = 0.0;
-    for &(kind, weight) in set_point.selection().features() {
-        match kind {
-            FeatureKind::Point(i) => {
-                let s_d = set_point.features().get(i)?;
-                let Some(s) = view.feature(i) else { continue };
-                let e = s_d - s;
-                error2 += e.norm_squared();
-                match interaction.at {
-                    InteractionAt::Current => {
-                        let p = now.point(i)?;
-                        equations.add_point(&p.s, p.z_m, &e, weight);
-                    }
-                    InteractionAt::Desired => {
-                        let p = goal.point(i)?;
-                        equations.add_point(&p.s, p.z_m, &e, weight);
-                    }
-                    InteractionAt::Mean => {
-                        let L = mean(&now.point(i)?, &goal.point(i)?)?;
-                        equations.add_rows(&L, &e, weight);
-                    }
-                }
-            }
-            FeatureKind::Segment(i, j) => {
-                if view.feature(i).is_none() || view.feature(j).is_none() {
-                    continue;
-                }
-                let (a, b) = (now.segment(i, j)?, goal.segment(i, j)?);
-                let e = a.error(&b.value());
-                error2 += e.norm_squared();
-                equations.add_rows(&interaction.of(&a, &b)?, &e, weight);
-            }
-        }
-    }
-    Some(TwistTask::new(&equations, error2.sqrt()))
+    let mut all = Equations { interaction, equations: NormalEquations::new(), error2: 0.0 };
+    visit((set_point, view), (&now, &goal), &mut all)?;
+    Some(TwistTask::new(&all.equations, all.error2.sqrt()))
 }
 
 /// The current and the desired features with the depths of the law's choice; `None` when they are of different points.
@@ -137,6 +228,7 @@ pub struct FeatureGains {
 
 /// What scheme C collects of its features, W their weights: L_d taken at the goal, L as the law's choice has it.
 struct Pairs {
+    interaction: Interaction,
     /// L_d^T W L_d.
     goal: Matrix6<f64>,
     /// L_d^T W L.
@@ -147,19 +239,21 @@ struct Pairs {
     now: Vector6<f64>,
 }
 
-impl Pairs {
-    fn add<const K: usize>(
+impl Visitor for Pairs {
+    fn pair<const K: usize>(
         &mut self,
-        L_d: &SMatrix<f64, K, 6>,
-        L: &SMatrix<f64, K, 6>,
-        e: &SVector<f64, K>,
+        now: &impl Feature<K>,
+        goal: &impl Feature<K>,
         weight: f64,
-    ) {
+    ) -> Option<()> {
+        let (L_d, L) = (goal.interaction()?, self.interaction.of(now, goal)?);
+        let e = now.error(&goal.value());
         let weighted = L_d.transpose() * weight;
         self.goal += weighted * L_d;
         self.mixed += weighted * L;
         self.at_goal += weighted * e;
         self.now += L.transpose() * e * weight;
+        Some(())
     }
 }
 
@@ -177,29 +271,13 @@ pub fn preconditioned_wrench(
 ) -> Option<WrenchTask> {
     let (now, goal) = sides(set_point, view, interaction)?;
     let mut all = Pairs {
+        interaction,
         goal: Matrix6::zeros(),
         mixed: Matrix6::zeros(),
         at_goal: Vector6::zeros(),
         now: Vector6::zeros(),
     };
-    for &(kind, weight) in set_point.selection().features() {
-        match kind {
-            FeatureKind::Point(i) => {
-                if view.feature(i).is_none() {
-                    continue;
-                }
-                let (a, b) = (now.point(i)?, goal.point(i)?);
-                all.add(&b.interaction()?, &interaction.of(&a, &b)?, &(b.s - a.s), weight);
-            }
-            FeatureKind::Segment(i, j) => {
-                if view.feature(i).is_none() || view.feature(j).is_none() {
-                    continue;
-                }
-                let (a, b) = (now.segment(i, j)?, goal.segment(i, j)?);
-                all.add(&b.interaction()?, &interaction.of(&a, &b)?, &a.error(&b.value()), weight);
-            }
-        }
-    }
+    visit((set_point, view), (&now, &goal), &mut all)?;
     let factors = damped_factors(&all.goal.data.0)?;
     let solve = |x: Vector6<f64>| Vector6::from(factors.solve(&x.into()));
     let mut B = Matrix6::zeros();
@@ -240,27 +318,32 @@ pub fn image_wrench(task: &TwistTask, k_P: f64, k_D: f64) -> WrenchTask {
     WrenchTask { wrench: task.vector * k_P, damping: task.matrix * k_D }
 }
 
-/// The stacked error e_s of the selected features, and how many numbers it has; for plots and checks. NaN for hidden ones.
+/// The stacked error e_s of the selected features that are seen, and how many numbers it has; for plots and checks.
 #[must_use]
 pub fn image_error(set_point: &SetPoint, view: &View) -> Option<(SVector<f64, MOST_NUMBERS>, usize)> {
-    let mut e = SVector::<f64, MOST_NUMBERS>::zeros();
-    let mut count = 0;
-    let unit = Depths::Same(1.0);
-    let (now, goal) =
-        (Side { s: view.features(), depths: unit }, Side { s: set_point.features(), depths: unit });
-    for &(kind, _) in set_point.selection().features() {
-        match kind {
-            FeatureKind::Point(i) => {
-                let d = goal.point(i)?.s - now.point(i)?.s;
-                e.fixed_rows_mut::<2>(count).copy_from(&d);
-                count += 2;
-            }
-            FeatureKind::Segment(i, j) => {
-                let d = now.segment(i, j)?.error(&goal.segment(i, j)?.value());
-                e.fixed_rows_mut::<4>(count).copy_from(&d);
-                count += 4;
-            }
+    let (now, goal) = sides(set_point, view, Interaction::TEXTBOOK)?;
+    let mut errors = Errors { e: SVector::zeros(), count: 0 };
+    visit((set_point, view), (&now, &goal), &mut errors)?;
+    Some((errors.e, errors.count))
+}
+
+struct Errors {
+    e: SVector<f64, MOST_NUMBERS>,
+    count: usize,
+}
+
+impl Visitor for Errors {
+    fn pair<const K: usize>(
+        &mut self,
+        now: &impl Feature<K>,
+        goal: &impl Feature<K>,
+        _weight: f64,
+    ) -> Option<()> {
+        let e = now.error(&goal.value());
+        for (place, e) in self.e.as_mut_slice().get_mut(self.count..)?.iter_mut().zip(e.iter()) {
+            *place = *e;
+            self.count += 1;
         }
+        Some(())
     }
-    Some((e, count))
 }

@@ -62,7 +62,7 @@ pub use object_motion::{ObjectDynamics, ObjectMotion};
 pub use orientation::{OrientationError, euler_zyx};
 pub use position::{OperationalSpace, PoseError, PoseGains, operational_pose, pose_gains_4};
 pub use resolve::{TwistTask, WrenchTask, joint_torque, joint_velocity};
-pub use selection::{FeatureKind, Selection};
+pub use selection::{FeatureKind, OutlineFeature, Selection};
 pub use set_point::SetPoint;
 pub use settings::{ServoSettings, UpdatePolicy};
 use similarity::fit_similarity;

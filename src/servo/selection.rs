@@ -9,17 +9,19 @@ pub enum FeatureKind {
     Point(usize),
     /// The line segment between two image points, (10.28).
     Segment(usize, usize),
+    /// The area within the selection's outline.
+    Outline(OutlineFeature),
 }
 
-impl FeatureKind {
-    /// The points that make it.
-    pub fn points(self) -> impl Iterator<Item = usize> + Clone {
-        let (first, second) = match self {
-            Self::Point(i) => (i, None),
-            Self::Segment(i, j) => (i, Some(j)),
-        };
-        std::iter::once(first).chain(second)
-    }
+/// What is compared of an area.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OutlineFeature {
+    /// Centroid, area and orientation, [`crate::features::AreaFeature`].
+    Area,
+    /// Normalized moments to third order, [`crate::features::MomentFeature`].
+    Moments,
+    /// Centroid and second moments, [`crate::features::EllipseFeature`].
+    Ellipse,
 }
 
 /// Features with their weights, in the order in which they are stacked; memory of fixed size.
@@ -27,6 +29,9 @@ impl FeatureKind {
 pub struct Selection {
     entries: [(FeatureKind, f64); MAX_FEATURES],
     count: usize,
+    /// Points along the outline of the area; a byte each, because a selection is copied.
+    outline: [u8; MAX_FEATURES],
+    corners: usize,
 }
 
 impl Selection {
@@ -34,7 +39,7 @@ impl Selection {
     #[must_use]
     pub fn all_points(count: usize) -> Self {
         let entries = std::array::from_fn(|i| (FeatureKind::Point(i), 1.0));
-        Self { entries, count: count.min(MAX_FEATURES) }
+        Self { entries, count: count.min(MAX_FEATURES), outline: [0; MAX_FEATURES], corners: 0 }
     }
 
     /// The given features and weights (of the squared errors).
@@ -43,7 +48,7 @@ impl Selection {
     /// has one point twice.
     #[must_use]
     pub fn new(features: impl IntoIterator<Item = (FeatureKind, f64)>) -> Option<Self> {
-        let mut selection = Self { entries: [(FeatureKind::Point(0), 1.0); MAX_FEATURES], count: 0 };
+        let mut selection = Self::all_points(0);
         for (kind, weight) in features {
             let good =
                 weight > 0.0 && weight.is_finite() && !matches!(kind, FeatureKind::Segment(i, j) if i == j);
@@ -53,16 +58,45 @@ impl Selection {
         (selection.count > 0).then_some(selection)
     }
 
+    /// The same features, the area of which lies within the polygon through the points `outline`, one after the other.
+    ///
+    /// `None` when these are fewer than three or more than [`MAX_FEATURES`], or one of them comes twice.
+    #[must_use]
+    pub fn with_outline(mut self, outline: impl IntoIterator<Item = usize>) -> Option<Self> {
+        self.corners = 0;
+        for i in outline {
+            let place = self.outline.get_mut(self.corners)?;
+            *place = u8::try_from(i).ok().filter(|_| i < MAX_FEATURES)?;
+            self.corners += 1;
+        }
+        let outline = self.outline();
+        let once = outline.iter().enumerate().all(|(k, i)| !outline.iter().skip(k + 1).any(|j| i == j));
+        (self.corners >= 3 && once).then_some(self)
+    }
+
     /// The features with their weights.
     #[must_use]
     pub fn features(&self) -> &[(FeatureKind, f64)] {
         self.entries.get(..self.count).unwrap_or(&self.entries)
     }
 
-    /// Whether every point that is used is one of `points`.
+    /// The points along the area's outline, by index.
+    #[must_use]
+    pub fn outline(&self) -> &[u8] {
+        self.outline.get(..self.corners).unwrap_or(&self.outline)
+    }
+
+    /// Whether an area is compared, so that every point of its outline has to be there.
+    #[must_use]
+    pub fn needs_outline(&self) -> bool {
+        self.features().iter().any(|(kind, _)| matches!(kind, FeatureKind::Outline(_)))
+    }
+
+    /// Whether every point that is used is one of `points`, and an area has its outline.
     #[must_use]
     pub fn fits(&self, points: usize) -> bool {
-        self.features().iter().flat_map(|(kind, _)| kind.points()).all(|i| i < points)
+        (self.corners >= 3 || !self.needs_outline())
+            && self.features().iter().flat_map(|(kind, _)| self.points_of(*kind)).all(|i| i < points)
     }
 
     /// Indices of the points that are used, each one once and in order of first use.
@@ -70,8 +104,18 @@ impl Selection {
         let mut seen = [false; MAX_FEATURES];
         self.features()
             .iter()
-            .flat_map(|(kind, _)| kind.points())
+            .flat_map(|(kind, _)| self.points_of(*kind))
             .filter(move |&i| seen.get_mut(i).is_some_and(|seen| !std::mem::replace(seen, true)))
+    }
+
+    /// The points that make a feature.
+    fn points_of(&self, kind: FeatureKind) -> impl Iterator<Item = usize> + Clone + '_ {
+        let (ends, outline) = match kind {
+            FeatureKind::Point(i) => ([Some(i), None], [].as_slice()),
+            FeatureKind::Segment(i, j) => ([Some(i), Some(j)], [].as_slice()),
+            FeatureKind::Outline(_) => ([None, None], self.outline()),
+        };
+        ends.into_iter().flatten().chain(outline.iter().map(|i| usize::from(*i)))
     }
 }
 
@@ -91,5 +135,18 @@ mod tests {
         assert!(Selection::new([(Point(1), -1.0)]).is_none());
         assert!(Selection::new([(Point(1), f64::NAN)]).is_none());
         assert!(Selection::new([(Point(0), 1.0); MAX_FEATURES + 1]).is_none());
+    }
+
+    #[test]
+    fn an_area_has_an_outline_of_three_points_or_more() {
+        use FeatureKind::{Outline, Point};
+        let s = Selection::new([(Outline(OutlineFeature::Area), 1.0), (Point(5), 1.0)]).unwrap();
+        assert!(s.needs_outline() && !s.fits(6));
+        let s = s.with_outline([3, 1, 0]).unwrap();
+        assert!(s.fits(6) && !s.fits(5));
+        assert_eq!(s.points().collect::<Vec<_>>(), [3, 1, 0, 5]);
+        assert!(s.with_outline([3, 1]).is_none() && s.with_outline([3, 1, 3]).is_none());
+        assert!(s.with_outline(0..MAX_FEATURES + 1).is_none() && s.with_outline([0, 1, 1 << 8]).is_none());
+        assert!(s.with_outline(0..MAX_FEATURES).unwrap().fits(MAX_FEATURES));
     }
 }

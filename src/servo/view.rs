@@ -128,7 +128,9 @@ impl View {
     pub fn sufficient(self, set_point: &SetPoint) -> Option<Self> {
         let selected = set_point.selection().points();
         let seen = selected.clone().filter(|i| self.feature(*i).is_some()).count();
-        if seen >= ENOUGH.min(selected.count()) { Some(self) } else { self.completed(set_point) }
+        let all = selected.count();
+        let needed = if set_point.selection().needs_outline() { all } else { ENOUGH.min(all) };
+        if seen >= needed { Some(self) } else { self.completed(set_point) }
     }
 
     /// The view with its hidden features where the pose has them. `None` where that is unknown.
@@ -220,7 +222,7 @@ impl View {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{FeatureKind, Selection};
+    use super::super::{FeatureKind, OutlineFeature, Selection};
     use super::*;
     use crate::messages::TargetStatus;
     use proptest::prelude::*;
@@ -288,6 +290,12 @@ mod tests {
         let two = Selection::new([(FeatureKind::Point(0), 1.0), (FeatureKind::Point(2), 1.0)]).unwrap();
         let set_point = set_point.with_selection(two).unwrap();
         assert!(View::of(&m, &set_point).unwrap().sufficient(&set_point).unwrap().is_partial());
+        // an area needs all of its outline
+        let area = Selection::new([(FeatureKind::Outline(OutlineFeature::Area), 1.0)]).unwrap();
+        let set_point = set_point.with_selection(area.with_outline([0, 2, 3]).unwrap()).unwrap();
+        assert!(View::of(&m, &set_point).unwrap().sufficient(&set_point).unwrap().is_partial());
+        let set_point = set_point.with_selection(area.with_outline([0, 1, 3]).unwrap()).unwrap();
+        assert!(!View::of(&m, &set_point).unwrap().sufficient(&set_point).unwrap().is_partial());
         for wrong_count in [0, MAX_FEATURES as u32 + 1, u32::MAX] {
             assert!(View::of(&Measurement { feature_count: wrong_count, ..m }, &set_point).is_none());
         }

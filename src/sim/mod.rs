@@ -8,4 +8,4 @@ mod system;
 pub use closed_loop::{ClosedLoop, frame_every, run};
 pub use hand_eye_session::look_around;
 pub use perfect_camera::perfect_measurement;
-pub use system::{Moment, SimError, SystemRun, simulate_system};
+pub use system::{Drives, Moment, SimError, SystemRun, simulate_system, simulate_system_with};

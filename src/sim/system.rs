@@ -6,7 +6,7 @@
 //! ```
 
 use super::closed_loop::{self, ClosedLoop};
-use crate::config::assemble::{self, AssembleError};
+use crate::config::assemble::{self, AnyDrive, AssembleError};
 use crate::config::{Camera, Config};
 use crate::control::control_loop::ControlLoop;
 use crate::control::outcome::{FinalErrors, Finish, Outcome};
@@ -14,7 +14,7 @@ use crate::control::trace::Trace;
 use crate::imaging::{ImageSizeError, ImageView};
 use crate::messages::{FrameHeader, Measurement};
 use crate::report::statistics::RunStatistics;
-use crate::robot::RobotError;
+use crate::robot::{Robot, RobotError};
 use crate::scene::{Exposure, SyntheticCamera};
 use crate::time::MonoNs;
 use crate::time::TICK;
@@ -69,12 +69,46 @@ pub fn simulate_system(
     config: &Config,
     watch: &mut dyn FnMut(&Moment<'_>) -> ControlFlow<()>,
 ) -> Result<SystemRun, SimError> {
+    simulate_system_with(config, &mut ConfiguredDrives, watch)
+}
+
+/// Makes the drive of a run, for the number of joints that its arm has.
+pub trait Drives {
+    /// The drive of `robot`.
+    ///
+    /// # Errors
+    /// [`SimError`] when there is none for it.
+    fn drive<const N: usize>(&mut self, config: &Config, robot: &Robot<N>) -> Result<AnyDrive<N>, SimError>;
+}
+
+/// The drive that the run file names.
+struct ConfiguredDrives;
+
+impl Drives for ConfiguredDrives {
+    fn drive<const N: usize>(&mut self, config: &Config, robot: &Robot<N>) -> Result<AnyDrive<N>, SimError> {
+        Ok(assemble::drive(config, robot)?)
+    }
+}
+
+/// As [`simulate_system`], with a drive of one's own. The camera sees the arm where its [`DriveState::truth`] is, or else where it says
+/// that it is.
+///
+/// [`DriveState::truth`]: crate::drive::DriveState::truth
+///
+/// # Errors
+/// [`SimError`] when a part of the configuration, or the drive, cannot be built.
+pub fn simulate_system_with(
+    config: &Config,
+    drives: &mut impl Drives,
+    watch: &mut dyn FnMut(&Moment<'_>) -> ControlFlow<()>,
+) -> Result<SystemRun, SimError> {
     let eyes = Eyes::of(config)?;
     let carrier = assemble::carrier(config)?;
     crate::dispatch_robot!(config.robot, |robot| {
         let camera = assemble::synthetic_camera(config)?;
         let right = right_camera(config)?;
-        let control = assemble::control_loop(config, robot)?;
+        let drive = drives.drive(config, &robot)?;
+        let control = assemble::control_loop_with(config, robot, drive)?;
         let i = config.camera.model.intrinsics();
         let pixels = vec![0; i.width_px as usize * i.height_px as usize];
         let mut system = System {

@@ -239,9 +239,9 @@ pub fn open(config: &Config) -> Result<AnySource, SourceError> {
         config::Source::Synthetic { .. } => scheduled(crate::dispatch_robot!(config.robot, |robot| {
             synthetic_camera_of(&robot, config).map(|camera| Box::new(camera) as Box<dyn ScheduledSource>)
         })??),
-        config::Source::Replay { folder, repeat } => {
+        config::Source::Replay { folder, repeat, strict } => {
             let i = config.camera.model.intrinsics();
-            scheduled(Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat)?))
+            scheduled(Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat, *strict)?))
         }
         config::Source::V4l2(settings) => {
             AnySource::FreeRunning(Box::new(v4l2::open(CaptureWish::of(&config.camera, settings))?))

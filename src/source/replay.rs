@@ -3,26 +3,39 @@
 use super::image_file::{self, Size};
 use super::{Exposure, Position, ScheduledSource, SourceError};
 use crate::messages::JointState;
+use image::GrayImage;
 use std::path::{Path, PathBuf};
+use tracing::warn;
 
 const ENDINGS: [&str; 4] = ["png", "pgm", "jpg", "jpeg"];
 
-/// Plays image files.
+/// Plays image files. One that is damaged is told, counted and left out, unless that is to end the play.
 #[derive(Debug)]
 pub struct Replay {
     files: Vec<PathBuf>,
+    /// The file after the one that is ahead.
     next: usize,
+    /// The image that the next exposure shows: decoded before, so that the last good one is known to be the last.
+    ahead: Option<GrayImage>,
     size: Size,
     repeat: bool,
+    strict: bool,
+    left_out: usize,
 }
 
 impl Replay {
-    /// Lists `folder` and looks at the size of every image in it.
+    /// Lists `folder` and looks at the size of every image in it. `strict`: the first file that is damaged ends it.
     ///
     /// # Errors
     /// [`SourceError`] when the folder cannot be read or holds no image, or something with the name of an image is no
-    /// plain file, too large, of another size than the camera, or has no readable head.
-    pub fn open(folder: &Path, width: u32, height: u32, repeat: bool) -> Result<Self, SourceError> {
+    /// plain file, too large, of another size than the camera, or has no readable head; where this is not strict, when all are so.
+    pub fn open(
+        folder: &Path,
+        width: u32,
+        height: u32,
+        repeat: bool,
+        strict: bool,
+    ) -> Result<Self, SourceError> {
         let failed = |cause| SourceError::Folder { folder: folder.into(), cause };
         let mut files = Vec::new();
         for entry in std::fs::read_dir(folder).map_err(failed)? {
@@ -37,10 +50,10 @@ impl Replay {
         }
         files.sort();
         let size = Size { width, height };
-        for file in &files {
-            image_file::check(file, size)?;
-        }
-        Ok(Self { files, next: 0, size, repeat })
+        let mut replay = Self { files, next: 0, ahead: None, size, repeat, strict, left_out: 0 };
+        replay.check_all()?;
+        replay.ahead = replay.load_next()?;
+        Ok(replay)
     }
 
     /// How many images a round has.
@@ -54,25 +67,63 @@ impl Replay {
     pub fn is_empty(&self) -> bool {
         self.files.is_empty()
     }
+
+    /// How many files were damaged, and left out.
+    #[must_use]
+    pub fn left_out(&self) -> usize {
+        self.left_out
+    }
+
+    fn check_all(&mut self) -> Result<(), SourceError> {
+        let mut i = 0;
+        while let Some(file) = self.files.get(i) {
+            match image_file::check(file, self.size) {
+                Ok(()) => i += 1,
+                Err(error) => self.leave_out(i, error)?,
+            }
+        }
+        Ok(())
+    }
+
+    /// The next good image; `None` at the end.
+    fn load_next(&mut self) -> Result<Option<GrayImage>, SourceError> {
+        loop {
+            if self.repeat && self.next >= self.files.len() {
+                self.next = 0;
+            }
+            let Some(file) = self.files.get(self.next) else { return Ok(None) };
+            match image_file::load(file, self.size) {
+                Ok(image) => {
+                    self.next += 1;
+                    return Ok(Some(image));
+                }
+                Err(error) => self.leave_out(self.next, error)?,
+            }
+        }
+    }
+
+    /// Goes on without file `i`, if that is allowed and others are left.
+    fn leave_out(&mut self, i: usize, error: SourceError) -> Result<(), SourceError> {
+        if self.strict || self.files.len() <= 1 {
+            return Err(error);
+        }
+        self.files.remove(i);
+        self.left_out += 1;
+        warn!(left_out = self.left_out, "{error}; played without it (--strict stops)");
+        Ok(())
+    }
 }
 
 impl ScheduledSource for Replay {
     fn arm(&mut self, _state: &JointState) {}
 
     fn expose(&mut self, _exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
-        let Some(file) = self.files.get(self.next) else { return Ok(Position::Last) };
-        let grey = image_file::load(file, self.size)?;
+        let Some(grey) = self.ahead.take() else { return Ok(Position::Last) };
         if out.len() == grey.len() {
             out.copy_from_slice(&grey);
         }
-        self.next += 1;
-        if self.next == self.files.len() {
-            if !self.repeat {
-                return Ok(Position::Last);
-            }
-            self.next = 0;
-        }
-        Ok(Position::Running)
+        self.ahead = self.load_next()?;
+        Ok(if self.ahead.is_some() { Position::Running } else { Position::Last })
     }
 }
 
@@ -80,7 +131,7 @@ impl ScheduledSource for Replay {
 mod tests {
     use super::*;
     use crate::time::{MonoNs, SpanNs};
-    use image::{GrayImage, Luma};
+    use image::Luma;
 
     const EXPOSURE: Exposure = Exposure { frame_id: 0, mid: MonoNs(0), span: SpanNs(0) };
 
@@ -106,11 +157,11 @@ mod tests {
     #[test]
     fn plays_in_the_order_of_names_and_says_which_is_the_last() {
         let dir = folder();
-        let mut once = Replay::open(dir.path(), 8, 4, false).unwrap();
+        let mut once = Replay::open(dir.path(), 8, 4, false, true).unwrap();
         assert_eq!(once.len(), 3);
         let expected = [(1, Position::Running), (2, Position::Running), (3, Position::Last)];
         assert_eq!(play(&mut once, 3), expected);
-        let mut looped = Replay::open(dir.path(), 8, 4, true).unwrap();
+        let mut looped = Replay::open(dir.path(), 8, 4, true, true).unwrap();
         assert_eq!(play(&mut looped, 4)[3], (1, Position::Running));
     }
 
@@ -119,18 +170,44 @@ mod tests {
         let dir = folder();
         let path = dir.path();
         let message = |r: Result<Replay, SourceError>| r.unwrap_err().to_string();
-        assert!(message(Replay::open(&path.join("absent"), 8, 4, false)).contains("absent"));
-        assert!(message(Replay::open(path, 8, 5, false)).contains("is 8x4 px, the camera is 8x5 px"));
+        assert!(message(Replay::open(&path.join("absent"), 8, 4, false, true)).contains("absent"));
+        assert!(message(Replay::open(path, 8, 5, false, true)).contains("is 8x4 px, the camera is 8x5 px"));
         let empty = tempfile::tempdir().unwrap();
-        assert!(message(Replay::open(empty.path(), 8, 4, false)).contains("holds no"));
+        assert!(message(Replay::open(empty.path(), 8, 4, false, true)).contains("holds no"));
 
         let whole = std::fs::read(path.join("a.png")).unwrap();
         std::fs::write(path.join("a.png"), &whole[..whole.len() - 20]).unwrap();
-        let error = Replay::open(path, 8, 4, false)
+        let error = Replay::open(path, 8, 4, false, true)
             .and_then(|mut r| r.expose(&EXPOSURE, &mut [0; 32]).map(|_| ()))
             .unwrap_err()
             .to_string();
         assert!(error.contains("a.png: cannot be decoded"), "{error}");
+    }
+
+    /// Those in the middle, at the end, and of another size; what is left plays, once and again.
+    #[test]
+    fn damaged_files_are_left_out_where_that_is_allowed() {
+        let dir = folder();
+        let save = |name: &str, grey, size: (u32, u32)| {
+            GrayImage::from_pixel(size.0, size.1, Luma([grey])).save(dir.path().join(name)).unwrap();
+        };
+        for name in ["a2.png", "z.png"] {
+            save(name, 9, (8, 4));
+            let whole = std::fs::read(dir.path().join(name)).unwrap();
+            std::fs::write(dir.path().join(name), &whole[..whole.len() - 9]).unwrap();
+        }
+        save("b2.png", 9, (9, 4));
+        std::fs::write(dir.path().join("b3.jpg"), "no picture").unwrap();
+        let mut once = Replay::open(dir.path(), 8, 4, false, false).unwrap();
+        assert_eq!(once.left_out(), 2, "of another size, and none");
+        let expected = [(1, Position::Running), (2, Position::Running), (3, Position::Last)];
+        assert_eq!(play(&mut once, 3), expected);
+        assert_eq!(once.left_out(), 4);
+        let mut looped = Replay::open(dir.path(), 8, 4, true, false).unwrap();
+        let greys: Vec<_> = play(&mut looped, 7).into_iter().map(|(grey, _)| grey).collect();
+        assert_eq!(greys, [1, 2, 3, 1, 2, 3, 1]);
+        assert!(Replay::open(dir.path(), 8, 4, false, true).is_err());
+        assert!(Replay::open(dir.path(), 80, 4, false, false).is_err(), "none is left");
     }
 
     /// Each half of a file, and a file that lacks its last bytes, is told by name; the whole one plays.
@@ -143,7 +220,7 @@ mod tests {
             picture.save(&path).unwrap();
             let whole = std::fs::read(&path).unwrap();
             let play = || {
-                Replay::open(dir.path(), 64, 48, false)
+                Replay::open(dir.path(), 64, 48, false, true)
                     .and_then(|mut r| r.expose(&EXPOSURE, &mut [0; 64 * 48]).map(|_| ()))
             };
             play().unwrap();
@@ -161,7 +238,7 @@ mod tests {
         use rustix::fs::{CWD, FileType, Mode, mknodat};
         let dir = folder();
         let refused = |name: &str, words: &str| {
-            let error = Replay::open(dir.path(), 8, 4, false).unwrap_err().to_string();
+            let error = Replay::open(dir.path(), 8, 4, false, true).unwrap_err().to_string();
             assert!(error.contains(name) && error.contains(words), "{error}");
             let path = dir.path().join(name);
             std::fs::remove_file(&path).or_else(|_| std::fs::remove_dir(&path)).unwrap();
@@ -176,7 +253,11 @@ mod tests {
         large.set_len(1 << 40).unwrap();
         refused("0.jpg", "has 1048576 MiB");
         std::os::unix::fs::symlink("a.png", dir.path().join("0.png")).unwrap();
-        assert_eq!(Replay::open(dir.path(), 8, 4, false).unwrap().len(), 4, "a link to an image is one");
+        assert_eq!(
+            Replay::open(dir.path(), 8, 4, false, true).unwrap().len(),
+            4,
+            "a link to an image is one"
+        );
     }
 
     /// A head that promises more pixels than the camera has is refused before anything is allocated for them.
@@ -184,7 +265,7 @@ mod tests {
     fn a_head_that_lies_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         std::fs::write(dir.path().join("a.pgm"), "P5 1000000 1000000 255\n").unwrap();
-        let error = Replay::open(dir.path(), 8, 4, false).unwrap_err().to_string();
+        let error = Replay::open(dir.path(), 8, 4, false, true).unwrap_err().to_string();
         assert!(error.contains("a.pgm: is 1000000x1000000 px"), "{error}");
     }
 }

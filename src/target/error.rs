@@ -24,6 +24,19 @@ pub enum TargetError {
         /// Radius of the others.
         radius_m: f64,
     },
+    /// P2 must be larger than P3 and P4, and smaller than P1, by a fifth each.
+    #[error(
+        "target: P2's radius {second_radius_m} m must be 1.2 times the other radius {radius_m} m or more, and P1's radius \
+         {first_radius_m} m as much larger than it: try the root of their product"
+    )]
+    SecondRadius {
+        /// Radius of P1.
+        first_radius_m: f64,
+        /// Radius of P2.
+        second_radius_m: f64,
+        /// Radius of the others.
+        radius_m: f64,
+    },
     /// Neighbouring dots touch.
     #[error(
         "target: dots of {first_radius_m} m and {radius_m} m touch on a side of {side_m} m; make them smaller"

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use thiserror::Error;
 
 /// What is accepted.
-const GRAMMAR: &str = "four_dots[:SIDE_M], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners), tag:FAMILY:SIZE_M[:ID], polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes, m)";
+const GRAMMAR: &str = "four_dots[:SIDE_M[:chiral]], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners), tag:FAMILY:SIZE_M[:ID], polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes, m)";
 
 /// Margin of a shape's plate, as share of its size.
 const MARGIN: f64 = 0.25;
@@ -50,7 +50,7 @@ pub struct Kind {
 impl FromStr for Kind {
     type Err = KindError;
 
-    /// `four_dots[:SIDE_M]`, `dots:COLSxROWS:PITCH_M`, `chessboard:COLSxROWS:SQUARE_M`, `tag:FAMILY:SIZE_M[:ID]`,
+    /// `four_dots[:SIDE_M[:chiral]]`, `dots:COLSxROWS:PITCH_M`, `chessboard:COLSxROWS:SQUARE_M`, `tag:FAMILY:SIZE_M[:ID]`,
     /// `polygon:X_M,Y_M;X_M,Y_M;...`, `ellipse:AxB`.
     fn from_str(word: &str) -> Result<Self, Self::Err> {
         let parts: Vec<&str> = word.split(':').collect();
@@ -58,10 +58,11 @@ impl FromStr for Kind {
         let sure = |target: Target| Ok(Self { target, any_tag: false });
         match *parts.as_slice() {
             ["four_dots"] => sure(FourDots::default().into()),
-            ["four_dots", side] => {
-                let side_m = length(side)?;
-                let of = |tenths: f64| tenths * side_m / 10.0;
-                sure(FourDots::new(side_m, of(1.5), of(1.0), of(3.0))?.into())
+            ["four_dots", side] => sure(four_dots(side)?.into()),
+            ["four_dots", side, "chiral"] => {
+                let dots = four_dots(side)?;
+                let [first_m, _, third_m, _] = dots.radii_m();
+                sure(dots.with_second_radius((first_m * third_m).sqrt())?.into())
             }
             ["dots", size, pitch] => {
                 let (columns, rows) = counts(size)?;
@@ -100,13 +101,20 @@ impl FromStr for Kind {
             }
             ["polygon", ..] => wrong("give the corners"),
             ["ellipse", ..] => wrong("give half the axes"),
-            ["four_dots", ..] => wrong("too many parts"),
+            ["four_dots", ..] => wrong("give a side, and `chiral` or nothing after it"),
             ["dots", ..] => wrong("give the number of dots and their pitch"),
             ["chessboard", ..] => wrong("give the number of inner corners and the side of a square"),
             ["tag", ..] => wrong("give a family, a size and at most one id"),
             _ => Err(KindError::Unknown(shown(word))),
         }
     }
+}
+
+/// The textbook's square with another side.
+fn four_dots(side: &str) -> Result<FourDots, KindError> {
+    let side_m = length(side)?;
+    let of = |tenths: f64| tenths * side_m / 10.0;
+    Ok(FourDots::new(side_m, of(1.5), of(1.0), of(3.0))?)
 }
 
 /// As much of a word as is shown.

@@ -244,7 +244,7 @@ pub fn assert_accurate(run: &Run) {
     assert_eq!(s["outcome"], "converged", "{}", run.text());
     assert!(number(s, &["final", "position_error_m"]) <= 0.5e-3, "{s}");
     assert!(number(s, &["final", "orientation_error_rad"]).to_degrees() <= 0.1, "{s}");
-    assert!(number(s, &["final", "feature_error"]) <= 0.1, "{s}");
+    assert!(number(s, &["final", "feature_error_px"]) <= 0.1, "{s}");
     assert_eq!(run.output.status.code(), Some(0));
 }
 

@@ -61,6 +61,20 @@ word! {
 }
 
 word! {
+    /// What a law compares of the area within the outline.
+    AreaKind {
+        /// Nothing.
+        None,
+        /// Centroid, area and orientation: four numbers.
+        Area,
+        /// Normalized moments to third order: six numbers.
+        Moments,
+        /// Centroid and second moments, as of an ellipse: five numbers.
+        Ellipse,
+    }
+}
+
+word! {
     /// How an orientation error is written.
     Orientation {
         /// Angles about z, y, x, as in the text.
@@ -174,11 +188,15 @@ table! {
         interaction: At = At::Current,
         /// Orientation error of A, B and hybrid.
         orientation_error: Orientation = Orientation::EulerZyx,
-        /// Points of the target that the law compares, from 1; all when neither points nor segments are named.
+        /// Points of the target that the law compares, from 1; all when neither points nor segments nor an area are named.
         points: Vec<usize> = Vec::new(),
         /// Line segments between two points that it compares.
         segments: Vec<[usize; 2]> = Vec::new(),
-        /// Weights of the squared errors, one for each point and then for each segment; all 1 when empty.
+        /// What it compares of the area within `outline`, in place of points and segments or beside them.
+        area: AreaKind = AreaKind::None,
+        /// Points of the target along the outline of that area, from 1; all in their order when empty.
+        outline: Vec<usize> = Vec::new(),
+        /// Weights of the squared errors, one for each point, then for each segment, then for the area; all 1 when empty.
         weights: Vec<f64> = Vec::new(),
         /// Rate at which the first velocity is let in, 1/s; 0 starts at once.
         smooth_start_1_s: f64 = 0.0,

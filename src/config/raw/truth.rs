@@ -76,6 +76,8 @@ table! {
         radius_m: Option<f64> = None,
         /// Radius of dot 1, m.
         radius_p1_m: Option<f64> = None,
+        /// Radius of dot 2, m.
+        radius_p2_m: Option<f64> = None,
         /// Light margin of the plate around the square, m.
         margin_m: Option<f64> = None,
     }

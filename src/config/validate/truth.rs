@@ -91,6 +91,7 @@ fn true_target(raw: &RawConfig, believed: Option<&Target>, check: &mut Check<'_>
         ("side_m", t.side_m),
         ("radius_m", t.radius_m),
         ("radius_p1_m", t.radius_p1_m),
+        ("radius_p2_m", t.radius_p2_m),
         ("margin_m", t.margin_m),
     ] {
         if let Some(length_m) = given {
@@ -106,6 +107,7 @@ fn true_target(raw: &RawConfig, believed: Option<&Target>, check: &mut Check<'_>
         side_m: t.side_m.unwrap_or(all.side_m),
         radius_m: t.radius_m.unwrap_or(all.radius_m),
         radius_p1_m: t.radius_p1_m.unwrap_or(all.radius_p1_m),
+        radius_p2_m: t.radius_p2_m.or(all.radius_p2_m),
         margin_m: t.margin_m.unwrap_or(all.margin_m),
         ..all
     };

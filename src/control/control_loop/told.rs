@@ -45,13 +45,13 @@ impl<const N: usize> ControlLoop<N> {
         );
         let errors = match self.true_view() {
             Some(X_CO) => {
-                let feature_error = set_point.error_rms_px_at(&X_CO, &self.plan.f_px);
-                MeasuredErrors::new(feature_error, self.off_goal(&X_CO))
+                let feature_error_px = set_point.error_rms_px_at(&X_CO, &self.plan.f_px);
+                MeasuredErrors::new(feature_error_px, self.off_goal(&X_CO))
             }
             None => believed,
         };
         FinalErrors {
-            feature_error: errors.feature_error,
+            feature_error_px: errors.feature_error_px,
             position_error_m: errors.position_error_m,
             orientation_error_rad: errors.orientation_error_rad,
             believed,

@@ -30,7 +30,7 @@ const MOST_HOLED: usize = 64;
 /// What tells which region is which dot: one kind for each kind of target.
 #[derive(Debug, Clone)]
 enum Pattern {
-    FourDots(Square),
+    FourDots(Box<Square>),
     DotGrid(Box<Lattice>),
     /// A target without dots.
     None,
@@ -108,7 +108,9 @@ impl DotFinder {
         let limit = (pixels / 16).max(4096);
         let count = target.points().len();
         let (pattern, most_candidates) = match target {
-            Target::FourDots(dots) => (Pattern::FourDots(Square::new(camera, dots)), MOST_CANDIDATES),
+            Target::FourDots(dots) => {
+                (Pattern::FourDots(Box::new(Square::new(camera, dots))), MOST_CANDIDATES)
+            }
             Target::DotGrid(grid) => {
                 let most = 2 * count + 32;
                 (Pattern::DotGrid(Box::new(Lattice::new(camera, grid, most))), most)

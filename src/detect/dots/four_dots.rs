@@ -1,6 +1,7 @@
 //! Which four regions are the target, and which of them is P1.
 //!
-//! Four regions in convex order can be P1..P4 in four ways: the picture is never mirrored. Each way gives a
+//! Four regions in convex order can be P1..P4 in four ways: the picture is not thought to be mirrored. A chiral target must fit better
+//! than its mirror image does in each of these ways. Each way gives a
 //! homography of the square (closed form), and that predicts every dot's ellipse, in pixels, without any free scale.
 //! The way that fits best is taken: it must fit at every dot, and clearly better than each other way, whether that fits or
 //! not. A true pose's homography has orthogonal first columns of equal length,
@@ -48,6 +49,8 @@ pub(super) struct Square {
     camera: CameraModel,
     side: f64,
     radii: [f64; 4],
+    /// Those of the mirror image, where that looks different.
+    mirrored: Option<[f64; 4]>,
     /// By how much the second-best way must be worse.
     margin: f64,
 }
@@ -55,9 +58,12 @@ pub(super) struct Square {
 impl Square {
     pub(super) fn new(camera: CameraModel, target: &FourDots) -> Self {
         let radii = target.radii_m();
-        // the wrong corner is off by ln (R1/R)^2 at two of four dots
-        let margin = 0.4 * (radii[0] / radii[1]).ln();
-        Self { camera, side: target.side_m(), radii, margin }
+        let [first, second, third, fourth] = radii;
+        let mirrored = (!target.symmetry().mirrored).then_some([first, fourth, third, second]);
+        // the wrong corner, or the mirror image, is off by ln (R1/R)^2 at two of four dots, or more
+        let ratio = if mirrored.is_some() { (first / second).min(second / third) } else { first / second };
+        let margin = 0.4 * ratio.ln();
+        Self { camera, side: target.side_m(), radii, mirrored, margin }
     }
 
     /// The four regions that are the target, with their ids: the best of all choices of four candidates.
@@ -153,13 +159,16 @@ impl Square {
             (turned, points)
         });
         // most choices end here: a square of dots without a larger one among them fits loosely
-        if !ways.iter().any(|(blobs, s)| self.misfit(blobs, s, 5.0 * self.margin).is_some()) {
+        if !ways.iter().any(|(blobs, s)| self.misfit(blobs, s, (&self.radii, 5.0 * self.margin)).is_some()) {
             return Choice::No;
         }
         let mut best: Option<Fit> = None;
         let (mut second, mut best_fits) = (f64::INFINITY, false);
+        let mut reflection = f64::INFINITY;
         for (blobs, s) in &ways {
-            let Some(misfit) = self.misfit(blobs, s, f64::INFINITY) else { continue };
+            let Some(misfit) = self.misfit(blobs, s, (&self.radii, f64::INFINITY)) else { continue };
+            let mirrored = self.mirrored.and_then(|radii| self.misfit(blobs, s, (&radii, f64::INFINITY)));
+            reflection = mirrored.map_or(reflection, |mirrored| reflection.min(mirrored.mean));
             match best {
                 Some(fit) if misfit.mean >= fit.error => second = second.min(misfit.mean),
                 _ => {
@@ -170,7 +179,7 @@ impl Square {
             }
         }
         match best {
-            Some(fit) if best_fits && second > fit.error + self.margin => Choice::Fits(fit),
+            Some(fit) if best_fits && second.min(reflection) > fit.error + self.margin => Choice::Fits(fit),
             Some(fit) => Choice::Ambiguous(fit.error),
             None => Choice::No,
         }
@@ -179,18 +188,24 @@ impl Square {
     /// Whether regions that are said to be P1..P4 fit that order.
     fn fits(&self, blobs: &[Blob; 4]) -> bool {
         let s = blobs.map(|b| self.camera.normalized_of(&Vector2::new(b.x, b.y)));
-        UnitSquare::to(&s).is_some_and(|H| H.is_view_of_a_square()) && self.misfit(blobs, &s, 0.0).is_some()
+        UnitSquare::to(&s).is_some_and(|H| H.is_view_of_a_square())
+            && self.misfit(blobs, &s, (&self.radii, 0.0)).is_some()
     }
 
     /// How far regions in this order are from the dots that it predicts; `None` when one is so far that it cannot be that
     /// dot. `loose` is added to the tolerance of areas.
-    fn misfit(&self, blobs: &[Blob; 4], s: &[Vector2<f64>; 4], loose: f64) -> Option<Misfit> {
+    fn misfit(
+        &self,
+        blobs: &[Blob; 4],
+        s: &[Vector2<f64>; 4],
+        (radii, loose): (&[f64; 4], f64),
+    ) -> Option<Misfit> {
         let H = UnitSquare::to(s)?;
         let mut out = Misfit { mean: 0.0, beyond: f64::NEG_INFINITY };
         let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
-        for (((blob, s), corner), radius) in blobs.iter().zip(s).zip(corners).zip(self.radii) {
+        for (((blob, s), corner), radius) in blobs.iter().zip(s).zip(corners).zip(radii) {
             let A = self.camera.pixel_jacobian(s) * H.jacobian(s, corner)? / self.side;
-            let (c, area) = disc_moments(&A, radius);
+            let (c, area) = disc_moments(&A, *radius);
             let area_error = (blob.area / area).ln().abs();
             // the shape alone: both ellipses at unit area
             let (scale, seen) = (area / blob.area, blob.covariance);

@@ -2,7 +2,7 @@ use super::*;
 use crate::features::{EllipseFeature, FeatureStack, SegmentFeature, StackError, solve_twist};
 use crate::geometry::{Pose, integrate_body_twist};
 use crate::imaging::Moments;
-use nalgebra::{Point3, Rotation3, Translation3, UnitQuaternion, Vector5};
+use nalgebra::{Point3, Rotation3, Translation3, UnitQuaternion};
 use proptest::prelude::*;
 
 const H: f64 = 1e-5;
@@ -103,8 +103,8 @@ proptest! {
         // a random polygon that is no symmetric one
         let corners: Vec<[f64; 2]> =
             ARROW.iter().zip(lengths).map(|(c, by)| [c[0] * by, c[1] * by]).collect();
-        let area = |X: &Pose| AreaFeature { moments: ImageMoments::of_polygon(&image(X, &corners)), plane: plane(X) };
-        let full = |X: &Pose| MomentFeature { moments: area(X).moments, plane: plane(X), reference_m: 0.02 };
+        let area = |X: &Pose| AreaFeature::new(ImageMoments::of_polygon(&image(X, &corners)), plane(X));
+        let full = |X: &Pose| MomentFeature::new(area(X), 0.02);
         // where the senses of the axis, or the axes, are hardly told apart there is a step
         let s = full(&X_CO).value();
         let c = Central::of(&area(&X_CO).moments, &plane(&X_CO));
@@ -130,7 +130,8 @@ proptest! {
             let flat: Vec<[f64; 2]> = image(X, &corners).iter().map(|p| [p.x, p.y]).collect();
             let m = Moments::of_polygon(&flat).unwrap();
             let n = [m.mu20, m.mu11, m.mu02].map(|mu| mu / m.m00);
-            EllipseFeature { s: Vector2::new(m.x, m.y), n, plane: plane(X) }
+            let moments = ImageMoments::of_second_order(1.0, &Vector2::new(m.x, m.y), n);
+            EllipseFeature::of_area(&AreaFeature::new(moments, plane(X)))
         };
         let L = of(&X_CO).interaction().unwrap();
         let d: SMatrix<f64, 5, 6> = differences(&X_CO, |X| of(X).value());
@@ -138,22 +139,38 @@ proptest! {
     }
 }
 
+proptest! {
+    #[test]
+    fn second_moments_of_any_area_move_by_their_interaction_matrix(X_CO in view()) {
+        let of = |X: &Pose| {
+            let moments = ImageMoments::of_polygon(&image(X, &ARROW));
+            EllipseFeature::of_area(&AreaFeature::new(moments, plane(X)))
+        };
+        let L = of(&X_CO).interaction().unwrap();
+        let d: SMatrix<f64, 5, 6> = differences(&X_CO, |X| of(X).value());
+        prop_assert!((d - L).norm() < 1e-5 * L.norm(), "{d} {L}");
+    }
+}
+
 #[test]
 fn ellipses_by_their_axes() {
     let e = EllipseFeature::new(Vector2::new(0.1, 0.2), [0.04, 0.02], 0.5, Vector3::z());
-    let n = nalgebra::Matrix2::new(e.n[0], e.n[1], e.n[1], e.n[2]);
+    let [x, y, n20, n11, n02] = e.value().into();
+    let n = nalgebra::Matrix2::new(n20, n11, n11, n02);
     let axis = Vector2::new(0.5f64.cos(), 0.5f64.sin());
     assert!((n * axis - axis * 0.0004).norm() < 1e-12);
-    assert_eq!(e.value(), Vector5::new(0.1, 0.2, e.n[0], e.n[1], e.n[2]));
-    assert!(EllipseFeature { plane: -Vector3::z(), ..e }.interaction().is_none());
-    assert!(EllipseFeature { n: [1.0, 1.0, 1.0], ..e }.interaction().is_none());
+    assert!((Vector2::new(x, y) - Vector2::new(0.1, 0.2)).norm() < 1e-15);
+    let behind = EllipseFeature::new(Vector2::new(0.1, 0.2), [0.04, 0.02], 0.5, -Vector3::z());
+    assert!(behind.interaction().is_none());
+    let flat = EllipseFeature::new(Vector2::new(0.1, 0.2), [0.04, 0.0], 0.5, Vector3::z());
+    assert!(flat.interaction().is_none());
 }
 
 #[test]
 fn what_is_parallel_moves_each_feature_by_itself() {
     let X = pose([0.0, 0.0, 0.5], [0.0; 3]);
     let moments = ImageMoments::of_polygon(&image(&X, &ARROW));
-    let feature = MomentFeature { moments, plane: plane(&X), reference_m: 0.5 * moments.area().sqrt() };
+    let feature = MomentFeature::new(AreaFeature::new(moments, plane(&X)), 0.5 * moments.area().sqrt());
     let L = feature.interaction().unwrap();
     assert!((L.fixed_view::<3, 3>(0, 0) + nalgebra::Matrix3::identity()).norm() < 1e-9);
     assert!(L.fixed_view::<3, 3>(3, 0).norm() < 1e-9);
@@ -165,10 +182,9 @@ fn a_free_camera_converges_on_the_moments_of_a_polygon_alone() {
     let goal = pose([0.0, 0.0, 0.4], [0.0; 3]);
     let wanted = ImageMoments::of_polygon(&image(&goal, &ARROW));
     let reference_m = 0.4 * wanted.area().sqrt();
-    let of = |X: &Pose| MomentFeature {
-        moments: ImageMoments::of_polygon(&image(X, &ARROW)),
-        plane: plane(X),
-        reference_m,
+    let of = |X: &Pose| {
+        let area = AreaFeature::new(ImageMoments::of_polygon(&image(X, &ARROW)), plane(X));
+        MomentFeature::new(area, reference_m)
     };
     let desired = of(&goal).value();
     for (at, tilt, roll) in [
@@ -195,22 +211,38 @@ fn a_free_camera_converges_on_the_moments_of_a_polygon_alone() {
 fn moments_and_segments_stand_in_one_stack_and_nothing_has_no_rows() {
     let X = pose([0.05, 0.0, 0.5], [0.1, 0.0, 0.2]);
     let moments = ImageMoments::of_polygon(&image(&X, &ARROW));
-    let area = AreaFeature { moments, plane: plane(&X) };
+    let area = AreaFeature::new(moments, plane(&X));
     let segment = SegmentFeature { s: [Vector2::zeros(), Vector2::new(0.1, 0.0)], z_m: [0.5; 2] };
     let mut stack = FeatureStack::<8>::new();
     stack.push(&area, &area.value(), 1.0).unwrap();
     stack.push(&segment, &segment.value(), 1.0).unwrap();
     assert!(solve_twist(&stack, 1.0, 0.0).unwrap().twist.norm() < 1e-9);
     let mut stack = FeatureStack::<8>::new();
-    let empty = AreaFeature { moments: ImageMoments::default(), plane: plane(&X) };
+    let empty = AreaFeature::new(ImageMoments::default(), plane(&X));
     assert_eq!(stack.push(&empty, &Vector4::zeros(), 1.0), Err(StackError::Singular));
 }
 
 #[test]
 fn a_figure_without_senses_errs_by_half_turns_at_most() {
     let square: Vec<_> = [[-0.2, -0.1], [0.2, -0.1], [0.2, 0.1], [-0.2, 0.1]].map(Vector2::from).into();
-    let feature = AreaFeature { moments: ImageMoments::of_polygon(&square), plane: Vector3::z() };
+    let feature = AreaFeature::new(ImageMoments::of_polygon(&square), Vector3::z());
     let mut desired = feature.value();
     desired.w += 3.0;
     assert!((feature.error(&desired).w - (3.0 - std::f64::consts::PI)).abs() < 1e-9);
+}
+
+#[test]
+fn a_flat_triangle_has_its_sense_from_the_goal() {
+    let triangle = [[-0.1, 0.0], [0.1, 0.0], [0.0, 0.07]];
+    let of = |turn: f64, tilt: f64| {
+        let X = pose([0.02, 0.01, 0.5], [tilt, 0.0, 0.0]) * pose([0.0; 3], [0.0, 0.0, turn]);
+        AreaFeature::new(ImageMoments::of_polygon(&image(&X, &triangle)), plane(&X))
+    };
+    let goal = of(0.3, 0.0);
+    for turn in (-15..=15).map(|k| 0.2 * f64::from(k)) {
+        for tilt in [-0.02, 0.0, 0.02] {
+            let e = of(0.3 + turn, tilt).in_sense_of(&goal).error(&goal.value());
+            assert!((e.w + turn).abs() < 0.02, "{turn} {tilt}: {e}");
+        }
+    }
 }

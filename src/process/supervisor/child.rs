@@ -5,7 +5,7 @@ use crate::config::DriveProgram;
 use crate::ipc::{Instance, Role};
 use crate::process::{ProcessError, ReportFolder};
 use crate::report::summary::ProcessUsage;
-use crate::rt::now;
+use crate::rt::{log_environment, now};
 use crate::time::MonoNs;
 use rustix::process::{Pid, Signal, kill_process};
 use std::fmt;
@@ -70,6 +70,7 @@ impl Child {
             .arg(instance.config_path())
             .args(["--instance", &instance.to_string()])
             .args(["--supervised-by", &std::process::id().to_string(), "--config-on-stdin"])
+            .envs(log_environment())
             .stdin(config.try_clone().map_err(failed)?)
             // A group of its own: Ctrl-C reaches the supervisor alone, which ends its children in order.
             .process_group(0);
@@ -113,6 +114,7 @@ impl Child {
             .args(&drive.command)
             .current_dir(&drive.folder)
             .envs(instance.environment())
+            .envs(log_environment())
             .stdin(Stdio::null())
             // stdout belongs to the results of the run.
             .stdout(std::io::stderr().as_fd().try_clone_to_owned().map_err(failed)?)

@@ -1,7 +1,7 @@
 //! The line that shows how a run goes: rewritten in place on a terminal, one line a second elsewhere.
 
 use crate::messages::{CameraState, ControlState, Status, TargetStatus, status_flag};
-use crate::rt::{Stderr, now};
+use crate::rt::{CLEAR_LINE, LogFormat, Stderr, log_format, now, tell};
 use crate::time::{MonoNs, SpanNs};
 use std::io::{IsTerminal, Write, stderr};
 
@@ -19,7 +19,8 @@ pub(super) struct Progress {
 
 impl Progress {
     pub(super) fn new(served: bool) -> Self {
-        Self { terminal: stderr().is_terminal(), served, state: None, next: MonoNs::ZERO, open_line: false }
+        let terminal = stderr().is_terminal() && log_format() == LogFormat::Text;
+        Self { terminal, served, state: None, next: MonoNs::ZERO, open_line: false }
     }
 
     pub(super) fn show(&mut self, status: &Status) {
@@ -34,9 +35,11 @@ impl Progress {
         }
         self.next = now() + if self.terminal { ON_TERMINAL } else { ELSEWHERE };
         let line = line(status);
-        let mut out = Stderr;
-        let _ = if self.terminal { write!(out, "\r\x1b[2K{line}") } else { writeln!(out, "{line}") };
-        let _ = out.flush();
+        if self.terminal {
+            let _ = Stderr.write_all(format!("{CLEAR_LINE}{line}").as_bytes());
+        } else {
+            tell(line);
+        }
         self.open_line = self.terminal;
     }
 

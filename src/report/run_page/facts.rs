@@ -54,10 +54,10 @@ pub fn run_facts(s: &Summary) -> Vec<(String, String)> {
         let told: Vec<String> = parts.into_iter().flatten().collect();
         if told.is_empty() { "unknown".to_owned() } else { told.join(", ") }
     };
-    tell("error at the end", errors(f.feature_error, f.position_error_m, f.orientation_error_rad));
+    tell("error at the end", errors(f.feature_error_px, f.position_error_m, f.orientation_error_rad));
     if f.is_not_as_believed() {
         let b = &f.believed;
-        tell("the same as measured", errors(b.feature_error, b.position_error_m, b.orientation_error_rad));
+        tell("the same as measured", errors(b.feature_error_px, b.position_error_m, b.orientation_error_rad));
     }
     if let Some(realtime) = &s.realtime {
         tell("real time", format!("{}, {} page faults", realtime.scheduling, realtime.page_faults));
@@ -95,7 +95,7 @@ mod tests {
         assert_eq!((value("settling", &summary), value("state hash", &summary)), (None, None));
         summary.missed_deadlines = 3;
         assert_eq!(value("control ticks", &summary).unwrap(), "0, 3 deadlines missed, 0 of them skipped");
-        summary.final_errors.feature_error = Some(0.04567);
+        summary.final_errors.feature_error_px = Some(0.04567);
         assert_eq!(value("error at the end", &summary).unwrap(), "0.0457 px");
     }
 }

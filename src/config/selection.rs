@@ -1,0 +1,102 @@
+//! What an image-based law compares: `servo.points`, `servo.segments`, `servo.area` and their weights.
+
+use super::check::Check;
+use super::raw::{AreaKind, RawServo, SchemeKind};
+use crate::servo::{
+    DepthSource, FeatureKind, Interaction, InteractionAt, Law, OutlineFeature, Selection, SetPoint, View,
+    image_task,
+};
+
+/// Directions whose square is a smaller share of the greatest one's are not told of; those of a target that is a fiftieth of its distance
+/// are a hundred times greater.
+const LEAST_SHARE: f64 = 1e-12;
+/// Of an interaction matrix of features that are defined.
+const LARGEST_SQUARE: f64 = 1e12;
+
+/// The selection for a target of so many `points`; `None` where it cannot be made.
+pub(super) fn selection(s: &RawServo, points: usize, check: &mut Check<'_>) -> Option<Selection> {
+    let mut kinds: Vec<FeatureKind> = Vec::new();
+    let mut index = |key: &str, i: usize| {
+        if !(1..=points).contains(&i) {
+            check.wrong(key, format!("names point {i}; the target has the points 1 to {points}"));
+        }
+        i.wrapping_sub(1)
+    };
+    kinds.extend(s.points.iter().map(|i| FeatureKind::Point(index("servo.points", *i))));
+    kinds.extend(
+        s.segments
+            .iter()
+            .map(|[i, j]| FeatureKind::Segment(index("servo.segments", *i), index("servo.segments", *j))),
+    );
+    let outline: Vec<usize> = s.outline.iter().map(|i| index("servo.outline", *i)).collect();
+    kinds.extend(area_feature(s.area).map(FeatureKind::Outline));
+    if kinds.is_empty() {
+        kinds.extend((0..points).map(FeatureKind::Point));
+    }
+    if !s.weights.is_empty() && s.weights.len() != kinds.len() {
+        let message = format!("has {} entries, the law compares {} features", s.weights.len(), kinds.len());
+        check.wrong("servo.weights", message);
+        return None;
+    }
+    for (i, weight) in s.weights.iter().enumerate() {
+        check.range(&format!("servo.weights[{i}]"), *weight, 1e-6..=1e6);
+    }
+    let weights = s.weights.iter().copied().chain(std::iter::repeat(1.0));
+    let selection = Selection::new(kinds.into_iter().zip(weights));
+    let Some(selection) = selection else {
+        check.wrong("servo.segments", "too many features, or a segment from a point to itself");
+        return None;
+    };
+    let with_area = if !selection.needs_outline() {
+        Some(selection)
+    } else if outline.is_empty() {
+        selection.with_outline(0..points)
+    } else {
+        selection.with_outline(outline)
+    };
+    let Some(selection) = with_area else {
+        check.wrong("servo.outline", "an area needs three points of the target or more, none of them twice");
+        return None;
+    };
+    let used = selection.points().count();
+    if s.scheme == SchemeKind::Hybrid && s.dimension == 6 && used < 4 {
+        check.wrong("servo.points", format!("hybrid with servo.dimension = 6 needs 4 points, not {used}"));
+    }
+    Some(selection)
+}
+
+fn area_feature(area: AreaKind) -> Option<OutlineFeature> {
+    match area {
+        AreaKind::None => None,
+        AreaKind::Area => Some(OutlineFeature::Area),
+        AreaKind::Moments => Some(OutlineFeature::Moments),
+        AreaKind::Ellipse => Some(OutlineFeature::Ellipse),
+    }
+}
+
+/// Warns where the features do not tell enough at the goal: the arm would stop, or wander about, with an error left.
+pub(super) fn doubtful_features(law: &Law, set_point: &SetPoint, joints: usize, check: &mut Check<'_>) {
+    if !matches!(law, Law::ImageVelocity { .. } | Law::ImageTorque { .. } | Law::PreconditionedTorque { .. })
+    {
+        return;
+    }
+    let at_goal = View::new(set_point.features().iter().copied(), None);
+    let at_desired = Interaction { at: InteractionAt::Desired, depth: DepthSource::Desired };
+    let task = at_goal.and_then(|view| image_task(set_point, &view, at_desired));
+    let matrix = task.map(|task| task.matrix).filter(|m| m.iter().all(|x| x.abs() < LARGEST_SQUARE));
+    let key = if set_point.selection().needs_outline() { "servo.area" } else { "servo.points" };
+    let Some(matrix) = matrix else {
+        let none = "at the goal this area has no longest axis, so no orientation: name other points of it in servo.outline, three that \
+                    are no regular figure";
+        return check.doubtful(key, none);
+    };
+    let squares = matrix.symmetric_eigenvalues();
+    let told = squares.iter().filter(|x| **x > LEAST_SHARE * squares.max()).count();
+    let needed = joints.min(6);
+    if told < needed {
+        let message = format!(
+            "these features tell of {told} directions at the goal, the arm has {needed}: it may stop elsewhere; let the law compare more"
+        );
+        check.doubtful(key, message);
+    }
+}
