@@ -73,6 +73,8 @@ pub enum Command {
     Detect(DetectArguments),
     /// Make a target to print, in true size
     Target(TargetArguments),
+    /// Make what the camera sees now the goal of later runs: features, pose, a picture
+    Teach(TeachArguments),
     /// Make the view that a pair of cameras is to come back to, from pictures of both in the desired pose
     TeachView(TeachViewArguments),
     /// Print a run file that comes with the program, to start from; without a name the default with all keys
@@ -368,6 +370,26 @@ pub struct TargetArguments {
     /// File to write: .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+}
+
+/// Arguments of `vservo teach`.
+#[derive(Debug, Args)]
+pub struct TeachArguments {
+    /// Run file (TOML), or the name of a shipped one; the default where it is left out
+    #[arg(add = ArgValueCompleter::new(completion::run_file))]
+    pub config: Option<PathBuf>,
+    /// Pictures in place of the run file's camera; may be repeated
+    #[arg(long = "image", value_name = "FILE")]
+    pub images: Vec<PathBuf>,
+    /// File to write, for `servo.set_point.file`; a picture of the view is written beside it, as PNG
+    #[arg(long, value_name = "FILE.toml")]
+    pub out: PathBuf,
+    /// How many measurements to take the mean of
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub measurements: u32,
+    /// Change one value of the run file; may be repeated
+    #[arg(long, value_name = "key.path=value", add = ArgValueCandidates::new(completion::keys))]
+    pub set: Vec<String>,
 }
 
 /// Arguments of `vservo teach-view`.

@@ -181,7 +181,7 @@ fn snapshot(arguments: &CameraArguments, out: &Path) -> Result<u8, ProcessError>
     }
 }
 
-fn encoded(grey: &[u8], (width, height): (u32, u32)) -> Result<Vec<u8>, image::ImageError> {
+pub(super) fn encoded(grey: &[u8], (width, height): (u32, u32)) -> Result<Vec<u8>, image::ImageError> {
     use image::ImageEncoder;
     let mut png = Vec::new();
     image::codecs::png::PngEncoder::new(&mut png).write_image(

@@ -10,12 +10,13 @@ mod ctl;
 mod detect;
 mod repeat;
 mod target;
+mod teach;
 mod teach_view;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
     ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, Order, RoleArguments, RoleCli,
-    RunArguments, ServeArguments, TargetArguments, TeachViewArguments,
+    RunArguments, ServeArguments, TargetArguments, TeachArguments, TeachViewArguments,
 };
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
@@ -74,6 +75,7 @@ pub fn main() -> ExitCode {
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
         Some(Command::Detect(arguments)) => detect::detect(&arguments),
         Some(Command::Target(arguments)) => target::target(&arguments),
+        Some(Command::Teach(arguments)) => teach::teach(&arguments),
         Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),
         Some(Command::Check { config, set }) => check(&config, &set),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),

@@ -12,6 +12,7 @@ pub mod assemble;
 mod camera;
 mod check;
 mod frame_source;
+mod goal_file;
 mod lens_file;
 mod place;
 mod problem;
@@ -29,6 +30,7 @@ mod validate;
 
 pub use camera::Camera;
 pub use frame_source::{Source, Timing};
+pub use goal_file::{GoalFeature, GoalFile, GoalPose};
 pub use problem::{ConfigError, Problem};
 pub use scene::Scene;
 pub use shipped::{SHIPPED_FILES, ShippedFile};
@@ -369,6 +371,7 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, proble
     };
     lens_file::resolve(raw, document, absolute, problems);
     stereo::resolve(raw, document, absolute, problems);
+    goal_file::resolve(raw, document, absolute, problems);
     images("camera.replay.folder", &mut raw.camera.replay.folder);
     for (i, camera) in raw.cameras.iter_mut().enumerate() {
         images(&format!("cameras[{i}].replay.folder"), &mut camera.replay.folder);

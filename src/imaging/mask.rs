@@ -14,19 +14,10 @@ pub(super) fn dark_mask_portable(pixels: &[u8; 64], threshold: u8) -> Mask {
     mask
 }
 
-/// Kernel with per-pixel thresholds.
-#[inline(always)]
-pub(super) fn dark_mask_each(pixels: &[u8; 64], thresholds: &[u8; 64]) -> Mask {
-    #[cfg(target_arch = "x86_64")]
-    return x86::dark_mask_each_sse2(pixels, thresholds);
-    #[cfg(not(target_arch = "x86_64"))]
-    dark_mask_each_portable(pixels, thresholds)
-}
-
 /// Portable kernel with per-pixel thresholds.
 #[cfg(any(test, not(target_arch = "x86_64")))]
 #[inline(always)]
-fn dark_mask_each_portable(pixels: &[u8; 64], thresholds: &[u8; 64]) -> Mask {
+pub(super) fn dark_mask_each_portable(pixels: &[u8; 64], thresholds: &[u8; 64]) -> Mask {
     let mut mask = 0;
     for (i, (&p, &t)) in (0u32..).zip(pixels.iter().zip(thresholds)) {
         mask |= u64::from(p <= t) << i;
@@ -77,6 +68,27 @@ pub(super) mod x86 {
         mask
     }
 
+    /// AVX2 kernel with per-pixel thresholds.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    pub(in super::super) fn dark_mask_each_avx2(pixels: &[u8; 64], thresholds: &[u8; 64]) -> Mask {
+        let mut mask = 0;
+        let (parts, levels) = (pixels.as_chunks::<32>().0, thresholds.as_chunks::<32>().0);
+        for i in 0..2 {
+            // SAFETY: both hold the 32 bytes that an unaligned load reads.
+            #[allow(unsafe_code)]
+            let (p, levels) = unsafe {
+                (
+                    _mm256_loadu_si256(parts[i].as_ptr().cast::<__m256i>()),
+                    _mm256_loadu_si256(levels[i].as_ptr().cast::<__m256i>()),
+                )
+            };
+            let bits = _mm256_movemask_epi8(_mm256_cmpeq_epi8(_mm256_min_epu8(p, levels), p)) as u32;
+            mask |= u64::from(bits) << (32 * i);
+        }
+        mask
+    }
+
     /// AVX2 kernel.
     #[inline]
     #[target_feature(enable = "avx2")]
@@ -108,15 +120,18 @@ mod tests {
                 prop_assert_eq!(wanted >> i & 1 == 1, p <= threshold);
             }
             prop_assert_eq!(x86::dark_mask_sse2(pixels, threshold), wanted);
-            prop_assert_eq!(dark_mask_each(pixels, &[threshold; 64]), wanted);
+            prop_assert_eq!(x86::dark_mask_each_sse2(pixels, &[threshold; 64]), wanted);
             let mut levels = *pixels;
             levels.rotate_left(usize::from(threshold % 64));
-            prop_assert_eq!(dark_mask_each(pixels, &levels), dark_mask_each_portable(pixels, &levels));
+            let each = dark_mask_each_portable(pixels, &levels);
+            prop_assert_eq!(x86::dark_mask_each_sse2(pixels, &levels), each);
             if std::arch::is_x86_feature_detected!("avx2") {
                 // SAFETY: the feature was just detected.
                 #[allow(unsafe_code)]
-                let wide = unsafe { x86::dark_mask_avx2(pixels, threshold) };
-                prop_assert_eq!(wide, wanted);
+                let (wide, wide_each) = unsafe {
+                    (x86::dark_mask_avx2(pixels, threshold), x86::dark_mask_each_avx2(pixels, &levels))
+                };
+                prop_assert_eq!((wide, wide_each), (wanted, each));
             }
         }
     }

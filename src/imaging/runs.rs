@@ -1,9 +1,8 @@
 //! Binarisation: the dark, or the light, pixels of an image or of a window as runs, row by row.
 
-use super::mask::dark_mask_each;
 #[cfg(any(test, not(target_arch = "x86_64")))]
-use super::mask::dark_mask_portable;
-use super::{ImageView, LocalMean};
+use super::mask::{dark_mask_each_portable, dark_mask_portable};
+use super::{ImageView, LocalMean, LocalThreshold};
 
 /// Which side of a threshold the objects are on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -59,99 +58,6 @@ impl Window {
     }
 }
 
-/// Thresholds that follow the local light: one per tile of [`LocalThreshold::TILE`] px.
-#[derive(Debug, Clone, Default)]
-pub struct LocalThreshold {
-    low: Vec<u8>,
-    high: Vec<u8>,
-    tiles: Vec<u8>,
-    /// Least and greatest level about each tile; the other way round where they differ too little.
-    extremes: Vec<(u8, u8)>,
-    row: Vec<u8>,
-}
-
-impl LocalThreshold {
-    /// Side of a tile, px.
-    pub const TILE: usize = 32;
-
-    /// Buffers for images of at most this size, allocated at once.
-    #[must_use]
-    pub fn with_size(width: usize, height: usize) -> Self {
-        let tiles = width.div_ceil(Self::TILE) * height.div_ceil(Self::TILE);
-        let buffer = || Vec::with_capacity(tiles);
-        let extremes = Vec::with_capacity(tiles);
-        Self { low: buffer(), high: buffer(), tiles: buffer(), extremes, row: Vec::with_capacity(width) }
-    }
-
-    /// Half-way between the least and the greatest level of each tile and its eight neighbours; `otherwise` where
-    /// they differ by less than `contrast`. The greatest difference anywhere.
-    pub fn set(&mut self, image: &ImageView<'_>, contrast: u8, otherwise: u8) -> u8 {
-        let (columns, rows) = (image.width().div_ceil(Self::TILE), image.height().div_ceil(Self::TILE));
-        for (buffer, value) in [(&mut self.low, 255), (&mut self.high, 0), (&mut self.tiles, otherwise)] {
-            buffer.clear();
-            buffer.resize(columns * rows, value);
-        }
-        self.extremes.clear();
-        self.extremes.resize(columns * rows, (255, 0));
-        self.row.clear();
-        self.row.resize(image.width(), otherwise);
-        for y in 0..image.height() {
-            let from = y / Self::TILE * columns;
-            let (Some(low), Some(high)) = (self.low.get_mut(from..), self.high.get_mut(from..)) else {
-                return 0;
-            };
-            for ((part, low), high) in image.row(y).chunks(Self::TILE).zip(low).zip(high) {
-                *low = part.iter().fold(*low, |a, &p| a.min(p));
-                *high = part.iter().fold(*high, |a, &p| a.max(p));
-            }
-        }
-        let mut greatest = 0;
-        for ty in 0..rows {
-            for tx in 0..columns {
-                let (mut low, mut high) = (255u8, 0u8);
-                for ny in ty.saturating_sub(1)..(ty + 2).min(rows) {
-                    for nx in tx.saturating_sub(1)..(tx + 2).min(columns) {
-                        low = self.low.get(ny * columns + nx).map_or(low, |&v| v.min(low));
-                        high = self.high.get(ny * columns + nx).map_or(high, |&v| v.max(high));
-                    }
-                }
-                greatest = greatest.max(high.saturating_sub(low));
-                if high.saturating_sub(low) >= contrast
-                    && let Some(tile) = self.tiles.get_mut(ty * columns + tx)
-                    && let Some(extremes) = self.extremes.get_mut(ty * columns + tx)
-                {
-                    *extremes = (low, high);
-                    *tile = ((u16::from(low) + u16::from(high)) / 2) as u8;
-                }
-            }
-        }
-        greatest
-    }
-
-    /// Moves the thresholds that were [`set`](Self::set) to another `share` of the way from the least level to the greatest, in
-    /// 256ths.
-    pub fn move_to(&mut self, share: u8) {
-        for (tile, &(low, high)) in self.tiles.iter_mut().zip(&self.extremes) {
-            if high >= low {
-                *tile = (u16::from(low) + ((u16::from(high - low) * u16::from(share)) >> 8)) as u8;
-            }
-        }
-    }
-
-    /// Thresholds of the pixels of row `y`.
-    fn row(&mut self, y: usize) -> &[u8] {
-        let columns = self.row.len().div_ceil(Self::TILE);
-        if y.is_multiple_of(Self::TILE)
-            && let Some(tiles) = self.tiles.get(y / Self::TILE * columns..)
-        {
-            for (part, &tile) in self.row.chunks_mut(Self::TILE).zip(tiles) {
-                part.fill(tile);
-            }
-        }
-        &self.row
-    }
-}
-
 /// The runs of a binarised image, in reading order. The buffer is reused.
 #[derive(Debug, Clone)]
 pub struct Runs {
@@ -171,6 +77,11 @@ impl Runs {
         #[cfg(not(target_arch = "x86_64"))]
         let wide = false;
         Self { runs: Vec::with_capacity(limit), limit, full: false, wide }
+    }
+
+    /// From now on holds at most so many runs, and never more than were allocated: more are given up early.
+    pub fn limit_to(&mut self, most: usize) {
+        self.limit = most.min(self.runs.capacity());
     }
 
     /// The runs found last.
@@ -215,24 +126,9 @@ impl Runs {
     ) {
         self.runs.clear();
         self.full = false;
-        let flip = if polarity == Polarity::Light { u64::MAX } else { 0 };
-        for y in 0..image.height() {
-            let mut row = RowScan::new(y, 0);
-            let (chunks, rest) = image.row(y).as_chunks::<64>();
-            let (levels, rest_levels) = thresholds.row(y).as_chunks::<64>();
-            for (chunk, levels) in chunks.iter().zip(levels) {
-                row.add(dark_mask_each(chunk, levels) ^ flip, 64, self);
-            }
-            if !rest.is_empty() {
-                let (mut last, mut last_levels) = ([255; 64], [0; 64]);
-                last.iter_mut().zip(rest).for_each(|(a, b)| *a = *b);
-                last_levels.iter_mut().zip(rest_levels).for_each(|(a, b)| *a = *b);
-                row.add((dark_mask_each(&last, &last_levels) ^ flip) & valid(rest), rest.len() as u32, self);
-            }
-            row.end(self);
-            if self.full {
-                return;
-            }
+        match polarity {
+            Polarity::Dark => self.find_each::<false>(image, thresholds),
+            Polarity::Light => self.find_each::<true>(image, thresholds),
         }
     }
 
@@ -275,6 +171,57 @@ impl Runs {
     #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt")]
     fn find_avx2<const LIGHT: bool>(&mut self, image: &ImageView<'_>, window: &Window, threshold: u8) {
         self.find_with::<LIGHT>(image, window, |p| super::mask::x86::dark_mask_avx2(p, threshold));
+    }
+
+    #[inline(always)]
+    fn find_each<const LIGHT: bool>(&mut self, image: &ImageView<'_>, thresholds: &mut LocalThreshold) {
+        #[cfg(target_arch = "x86_64")]
+        if self.wide {
+            // SAFETY: `wide` is set only where the processor has AVX2.
+            #[allow(unsafe_code)]
+            unsafe {
+                self.find_each_avx2::<LIGHT>(image, thresholds);
+            }
+            return;
+        }
+        #[cfg(target_arch = "x86_64")]
+        self.find_each_with::<LIGHT>(image, thresholds, super::mask::x86::dark_mask_each_sse2);
+        #[cfg(not(target_arch = "x86_64"))]
+        self.find_each_with::<LIGHT>(image, thresholds, dark_mask_each_portable);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt")]
+    fn find_each_avx2<const LIGHT: bool>(&mut self, image: &ImageView<'_>, thresholds: &mut LocalThreshold) {
+        self.find_each_with::<LIGHT>(image, thresholds, |p, t| super::mask::x86::dark_mask_each_avx2(p, t));
+    }
+
+    #[inline(always)]
+    fn find_each_with<const LIGHT: bool>(
+        &mut self,
+        image: &ImageView<'_>,
+        thresholds: &mut LocalThreshold,
+        kernel: impl Fn(&[u8; 64], &[u8; 64]) -> u64,
+    ) {
+        let flip = if LIGHT { u64::MAX } else { 0 };
+        for y in 0..image.height() {
+            let mut row = RowScan::new(y, 0);
+            let (chunks, rest) = image.row(y).as_chunks::<64>();
+            let (levels, rest_levels) = thresholds.row(y).as_chunks::<64>();
+            for (chunk, levels) in chunks.iter().zip(levels) {
+                row.add(kernel(chunk, levels) ^ flip, 64, self);
+            }
+            if !rest.is_empty() {
+                let (mut last, mut last_levels) = ([255; 64], [0; 64]);
+                last.iter_mut().zip(rest).for_each(|(a, b)| *a = *b);
+                last_levels.iter_mut().zip(rest_levels).for_each(|(a, b)| *a = *b);
+                row.add((kernel(&last, &last_levels) ^ flip) & valid(rest), rest.len() as u32, self);
+            }
+            row.end(self);
+            if self.full {
+                return;
+            }
+        }
     }
 
     #[inline(always)]

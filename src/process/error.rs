@@ -75,6 +75,16 @@ pub enum ProcessError {
     /// A word that is no command, or names nothing that there is.
     #[error("{0}")]
     NoCommand(String),
+    /// A goal of which nothing was seen.
+    #[error(
+        "the whole target was seen in none of {pictures} pictures: {status}; see to lens, light and target, or to where the arm stands"
+    )]
+    NothingTaught {
+        /// How many were looked at.
+        pictures: u64,
+        /// What the last one showed.
+        status: &'static str,
+    },
     /// The robot file is wrong.
     #[error(transparent)]
     Robot(#[from] RobotError),
@@ -202,7 +212,10 @@ impl ProcessError {
             | Self::DriveProgram { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
             Self::Timeout(_) | Self::ProbeDuration(_) | Self::OddImages(_) | Self::NoCommand(_) => 2,
-            Self::NoFrame { .. } | Self::NobodyThere(_) | Self::NoAnswer { .. } => 5,
+            Self::NoFrame { .. }
+            | Self::NothingTaught { .. }
+            | Self::NobodyThere(_)
+            | Self::NoAnswer { .. } => 5,
             Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),
             Self::Ipc(_)
             | Self::SourceSilent(_)

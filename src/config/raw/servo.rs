@@ -4,6 +4,7 @@ use super::RawPose;
 use serde::de::{SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
+use std::path::PathBuf;
 
 word! {
     /// The servo law.
@@ -287,6 +288,8 @@ table! {
         kind: SetPointKind = SetPointKind::Pose,
         /// Desired features of all points, normalized coordinates.
         features: Vec<[f64; 2]> = Vec::new(),
+        /// File of `vservo teach` with those features, for kind = "features", which it makes the kind.
+        file: Option<PathBuf> = None,
         /// Measurements that teach it.
         measurements: u32 = 10,
     }

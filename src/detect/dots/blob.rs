@@ -9,6 +9,9 @@ const LEAST_HOLED_AREA_PX2: f64 = 25.0;
 /// Flattest ellipse that is taken for a dot (78 degrees of tilt).
 const LEAST_AXIS_RATIO: f64 = 0.2;
 
+/// Least part of its box that an ellipse fills.
+const LEAST_SHARE_OF_BOX: f64 = 0.15;
+
 /// Ellipse of a dark region.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Blob {
@@ -29,7 +32,7 @@ impl Blob {
         }
         // Cheap first: of its box an ellipse fills pi/4, a tilted flat one less, nothing of it more.
         let box_area = f64::from(component.x1 - component.x0) * f64::from(component.y1 - component.y0);
-        if area > 0.95 * box_area + 4.0 || area < 0.15 * box_area {
+        if area > 0.95 * box_area + 4.0 || area < LEAST_SHARE_OF_BOX * box_area {
             return None;
         }
         let [xx, xy, yy] = component.covariance();
@@ -46,11 +49,15 @@ impl Blob {
         good.then_some(blob)
     }
 
-    /// Whether filling a region's holes may make an ellipse of it: large enough, whole, and not full already.
-    pub(super) fn may_have_holes(component: &Component) -> bool {
+    /// Whether filling a region's holes may make an ellipse of it: large enough, whole, and not full already, but full enough to become
+    /// one by growing at most so many times.
+    pub(super) fn may_have_holes(component: &Component, most_grown: u64) -> bool {
         let box_area = f64::from(component.x1 - component.x0) * f64::from(component.y1 - component.y0);
         let area = component.m00 as f64;
-        !component.touches_border && area >= LEAST_HOLED_AREA_PX2 && area < box_area
+        let grown = area * most_grown as f64;
+        !component.touches_border
+            && (LEAST_HOLED_AREA_PX2..box_area).contains(&area)
+            && grown >= LEAST_SHARE_OF_BOX * box_area
     }
 
     /// Whether the ellipse touches the region's box on all four sides: a dot that is partly covered does not.

@@ -19,9 +19,9 @@ pub(super) fn filled(runs: &[Run], region: &Component) -> Component {
         let (row, below) = rest.split_at(count);
         rest = below;
         // the runs of a row lie from left to right
-        let first = row.iter().find(|run| run.x1 > region.x0 && run.x0 < region.x1);
-        let last = row.iter().rev().find(|run| run.x1 > region.x0 && run.x0 < region.x1);
-        let (Some(first), Some(last)) = (first, last) else { continue };
+        let first = row.partition_point(|run| run.x1 <= region.x0);
+        let end = row.partition_point(|run| run.x0 < region.x1);
+        let Some([first, .., last] | [first @ last]) = row.get(first..end) else { continue };
         out.add_run(&Run { y, x0: first.x0.max(region.x0), x1: last.x1.min(region.x1) });
     }
     out.x0 = out.x0.min(out.x1);

@@ -24,6 +24,8 @@ use nalgebra::Vector2;
 const MOST_FILLED: u64 = 3;
 /// Among more ellipses than these, those are looked for that stand out from what is around them.
 const FEW_CANDIDATES: usize = 8;
+/// Runs that there is room for in the smallest frame.
+const LEAST_RUNS: usize = 4096;
 /// Regions of a search whose holes are filled.
 const MOST_HOLED: usize = 64;
 
@@ -86,6 +88,9 @@ pub struct DotFinder {
     discs: Box<[Disc]>,
     pub(super) runs: Runs,
     components: Components,
+    /// The same of a window about one region: those of the frame stay.
+    near_runs: Runs,
+    near_components: Components,
     pub(super) local: LocalThreshold,
     pattern: Pattern,
     /// Fewer regions cannot be the target, and of more the largest are looked at.
@@ -105,7 +110,7 @@ impl DotFinder {
     pub fn new(camera: CameraModel, target: &Target, light_on_dark: bool) -> Self {
         let i = camera.intrinsics();
         let pixels = i.width_px as usize * i.height_px as usize;
-        let limit = (pixels / 16).max(4096);
+        let limit = (pixels / 16).max(LEAST_RUNS);
         let count = target.points().len();
         let (pattern, most_candidates) = match target {
             Target::FourDots(dots) => {
@@ -122,6 +127,8 @@ impl DotFinder {
             discs: target.discs().into(),
             runs: Runs::with_limit(limit),
             components: Components::with_limit(limit),
+            near_runs: Runs::with_limit((limit / 4).max(LEAST_RUNS)),
+            near_components: Components::with_limit((limit / 4).max(LEAST_RUNS)),
             local: LocalThreshold::with_size(i.width_px as usize, i.height_px as usize),
             pattern,
             least_candidates: target.least_to_find(),
@@ -190,20 +197,19 @@ impl DotFinder {
         let (half_x, half_y) = (2.0 * xx.max(0.0).sqrt() + margin, 2.0 * yy.max(0.0).sqrt() + margin);
         let window = Window::around(px.x, px.y, half_x, half_y, image);
         match invert(image, &window, &mut self.inverted) {
-            Some(dark) => self.runs.find(&dark, &window, 255 - threshold),
-            None => self.runs.find(image, &window, threshold),
+            Some(dark) => self.near_runs.find(&dark, &window, 255 - threshold),
+            None => self.near_runs.find(image, &window, threshold),
         }
-        self.components.find(&self.runs, &window, Connectivity::Eight);
+        self.near_components.find(&self.near_runs, &window, Connectivity::Eight);
         let distance = |b: &Blob| (b.x - px.x).hypot(b.y - px.y);
         let nearest = |a: &Blob, b: &Blob| distance(a).total_cmp(&distance(b));
-        let regions = self.components.as_slice().iter();
+        let regions = self.near_components.as_slice().iter();
         let whole = regions.clone().filter_map(Blob::of).filter(&alike).min_by(nearest);
-        let runs = self.runs.as_slice();
+        let runs = self.near_runs.as_slice();
         whole.or_else(|| regions.filter_map(|c| Blob::of(&filled(runs, c))).filter(alike).min_by(nearest))
     }
 
-    /// Regions of the current runs, the ellipses among them, those that are the target, their centroids. A `careful` look takes
-    /// ellipses at their own threshold, and only those that stand out.
+    /// Regions of the current runs, and the search among them.
     pub(super) fn search_runs(
         &mut self,
         image: &ImageView<'_>,
@@ -214,6 +220,17 @@ impl DotFinder {
             return Err(TargetStatus::NoMatch);
         }
         self.components.find(&self.runs, &Window::whole(image), Connectivity::Eight);
+        self.search_regions(image, look, found)
+    }
+
+    /// The ellipses among the current regions, those that are the target, their centroids. A `careful` look takes ellipses at their own
+    /// threshold, and only those that stand out.
+    pub(super) fn search_regions(
+        &mut self,
+        image: &ImageView<'_>,
+        look: Look,
+        found: &mut Vec<Found>,
+    ) -> Result<(), TargetStatus> {
         let round = self.gather(image, look);
         let cluttered =
             look == Look::Quick && self.most_candidates == MOST_CANDIDATES && round > FEW_CANDIDATES;
@@ -233,11 +250,9 @@ impl DotFinder {
             self.candidates = candidates;
         }
         self.pattern.find(&self.candidates, &mut self.chosen)?;
-        if look == Look::Quick {
-            let mut chosen = std::mem::take(&mut self.chosen);
-            chosen.iter_mut().for_each(|(_, blob)| *blob = self.settled(image, blob));
-            self.chosen = chosen;
-        }
+        let mut chosen = std::mem::take(&mut self.chosen);
+        chosen.iter_mut().for_each(|(_, blob)| *blob = self.settled(image, blob));
+        self.chosen = chosen;
         self.meter.measure(image, &self.chosen, found);
         // what has no contrast to its surroundings was no dot
         if found.len() == self.chosen.len() || self.pattern.serves_in_part(found.len()) {
@@ -253,7 +268,10 @@ impl DotFinder {
         let (mut round, mut holed) = (0, 0);
         for component in self.components.as_slice() {
             let mut blob = Blob::of(component);
-            if blob.is_none() && look == Look::Filled && holed < MOST_HOLED && Blob::may_have_holes(component)
+            if blob.is_none()
+                && look == Look::Filled
+                && holed < MOST_HOLED
+                && Blob::may_have_holes(component, MOST_FILLED)
             {
                 holed += 1;
                 let whole = filled(self.runs.as_slice(), component);

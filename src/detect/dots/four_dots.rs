@@ -1,7 +1,7 @@
 //! Which four regions are the target, and which of them is P1.
 //!
-//! Four regions in convex order can be P1..P4 in four ways: the picture is not thought to be mirrored. A chiral target must fit better
-//! than its mirror image does in each of these ways. Each way gives a
+//! Four regions in convex order can be P1..P4 in four ways: the picture is not thought to be mirrored, and a chiral target must fit better
+//! than its mirror image in each of them. Each way gives a
 //! homography of the square (closed form), and that predicts every dot's ellipse, in pixels, without any free scale.
 //! The way that fits best is taken: it must fit at every dot, and clearly better than each other way, whether that fits or
 //! not. A true pose's homography has orthogonal first columns of equal length,
@@ -9,6 +9,8 @@
 
 use super::blob::Blob;
 use super::offset::disc_moments;
+use super::turns::Turns;
+use super::unit_square::UnitSquare;
 use crate::camera_model::CameraModel;
 use crate::messages::TargetStatus;
 use crate::target::FourDots;
@@ -22,8 +24,6 @@ const MOST_FITS: usize = 64;
 const TOLERANCE: f64 = 0.35;
 /// What a rim that is ragged or thresholded off its middle may add, for a dot of 1 px radius.
 const TOLERANCE_SMALL_PX: f64 = 0.8;
-/// Greatest difference from orthogonal columns of equal length.
-const ORTHOGONALITY: f64 = 0.35;
 
 /// Four regions taken for P1..P4.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,27 +43,50 @@ enum Choice {
     No,
 }
 
-/// Tells targets from other quadrilaterals.
+/// A region, and what of it does not depend on the choice that it is in.
 #[derive(Debug, Clone, Copy)]
+struct Seen {
+    blob: Blob,
+    /// Normalized coordinates, and the pixels' derivative by these.
+    s: Vector2<f64>,
+    J: Matrix2<f64>,
+    /// Greatest error of shape, or of the area's logarithm, at which it still fits.
+    tolerance: f64,
+}
+
+/// Tells targets from other quadrilaterals. Owns its buffers.
+#[derive(Debug, Clone)]
 pub(super) struct Square {
     camera: CameraModel,
     side: f64,
-    radii: [f64; 4],
-    /// Those of the mirror image, where that looks different.
+    /// Logarithms of the dots' squared radii, P1 to P4.
+    log_radii2: [f64; 4],
+    /// The same of its mirror image, where that looks different.
     mirrored: Option<[f64; 4]>,
     /// By how much the second-best way must be worse.
     margin: f64,
+    seen: Vec<Seen>,
+    turns: Turns,
 }
 
 impl Square {
     pub(super) fn new(camera: CameraModel, target: &FourDots) -> Self {
         let radii = target.radii_m();
         let [first, second, third, fourth] = radii;
-        let mirrored = (!target.symmetry().mirrored).then_some([first, fourth, third, second]);
+        let chiral = !target.symmetry().mirrored;
         // the wrong corner, or the mirror image, is off by ln (R1/R)^2 at two of four dots, or more
-        let ratio = if mirrored.is_some() { (first / second).min(second / third) } else { first / second };
+        let ratio = if chiral { (first / second).min(second / third) } else { first / second };
         let margin = 0.4 * ratio.ln();
-        Self { camera, side: target.side_m(), radii, mirrored, margin }
+        let logs = |radii: [f64; 4]| radii.map(|r| 2.0 * r.ln());
+        Self {
+            camera,
+            side: target.side_m(),
+            log_radii2: logs(radii),
+            mirrored: chiral.then(|| logs([first, fourth, third, second])),
+            margin,
+            seen: Vec::with_capacity(MOST_CANDIDATES),
+            turns: Turns::with_limit(MOST_CANDIDATES),
+        }
     }
 
     /// The four regions that are the target, with their ids: the best of all choices of four candidates.
@@ -71,7 +94,7 @@ impl Square {
     /// # Errors
     /// The status that says why there is no target.
     pub(super) fn find(
-        &self,
+        &mut self,
         candidates: &[(f64, Blob)],
         chosen: &mut Vec<(u32, Blob)>,
     ) -> Result<(), TargetStatus> {
@@ -91,216 +114,212 @@ impl Square {
     }
 
     /// The best of all choices of four candidates.
-    fn best_choice(&self, candidates: &[(f64, Blob)]) -> Result<Fit, TargetStatus> {
+    fn best_choice(&mut self, candidates: &[(f64, Blob)]) -> Result<Fit, TargetStatus> {
         if candidates.len() < 4 {
             return Err(TargetStatus::TooFewRegions);
         }
-        let mut best: Option<(Fit, u32)> = None;
-        let mut second = f64::INFINITY;
-        let mut unclear = f64::INFINITY;
-        let (mut fits, mut fit_count) = ([0u32; MOST_FITS], 0);
-        for (i, (_, a)) in candidates.iter().enumerate() {
-            for (j, (_, b)) in candidates.iter().enumerate().skip(i + 1) {
-                for (k, (_, c)) in candidates.iter().enumerate().skip(j + 1) {
-                    for (l, (_, d)) in candidates.iter().enumerate().skip(k + 1) {
-                        // areas are sorted; no tilt makes one dot 40 times another
-                        if d.area * 40.0 < a.area {
-                            break;
-                        }
-                        let which = 1 << i | 1 << j | 1 << k | 1 << l;
-                        match self.choose(&[*a, *b, *c, *d]) {
-                            Choice::Fits(fit) => {
-                                match best {
-                                    Some((known, _)) if fit.error >= known.error => {
-                                        second = second.min(fit.error)
-                                    }
-                                    _ => {
-                                        second = best.map_or(second, |(known, _)| second.min(known.error));
-                                        best = Some((fit, which));
-                                    }
-                                }
-                                let Some(slot) = fits.get_mut(fit_count) else {
-                                    return Err(TargetStatus::Ambiguous);
-                                };
-                                *slot = which;
-                                fit_count += 1;
-                            }
-                            Choice::Ambiguous(error) => unclear = unclear.min(error),
-                            Choice::No => {}
-                        }
+        let mut seen = std::mem::take(&mut self.seen);
+        seen.clear();
+        seen.extend(candidates.iter().take(MOST_CANDIDATES).map(|(_, blob)| self.seen(blob)));
+        self.turns.set(seen.iter().map(|seen| (seen.blob.x, seen.blob.y)));
+        let result = self.best_of(&seen);
+        self.seen = seen;
+        result
+    }
+
+    fn best_of(&self, seen: &[Seen]) -> Result<Fit, TargetStatus> {
+        let mut tally = Tally::default();
+        for (i, first) in seen.iter().enumerate() {
+            // areas are sorted; no tilt makes one dot 40 times another
+            let end = seen.partition_point(|other| other.blob.area * 40.0 >= first.blob.area);
+            for j in i + 1..end {
+                for k in j + 1..end {
+                    for l in k + 1..end {
+                        let which = [i, j, k, l];
+                        let Some(order) = self.turns.convex_order(which) else { continue };
+                        let [Some(a), Some(b), Some(c), Some(d)] = order.map(|at| seen.get(at)) else {
+                            continue;
+                        };
+                        tally.add(self.choose([a, b, c, d]), which)?;
                     }
                 }
             }
         }
-        match best {
-            // two targets in view, or clutter that passes for one
-            Some((fit, _)) if second.min(unclear) < 1.5 * fit.error + 0.05 => Err(TargetStatus::Ambiguous),
-            // however different in size and sharpness: no dot of the one belongs to the other
-            Some((_, which)) if fits.iter().take(fit_count).any(|other| other & which == 0) => {
-                Err(TargetStatus::Ambiguous)
-            }
-            Some((fit, _)) => Ok(fit),
-            None if unclear.is_finite() => Err(TargetStatus::Ambiguous),
-            None => Err(TargetStatus::NoMatch),
-        }
+        tally.result()
     }
 
-    /// Looks for P1..P4 in four regions of any order.
-    fn choose(&self, blobs: &[Blob; 4]) -> Choice {
-        let Some(blobs) = convex_order(blobs) else { return Choice::No };
-        let s = blobs.map(|b| self.camera.normalized_of(&Vector2::new(b.x, b.y)));
-        if !UnitSquare::to(&s).is_some_and(|H| H.is_view_of_a_square()) {
-            return Choice::No;
-        }
-        let ways = [0, 1, 2, 3].map(|first| {
-            let (mut turned, mut points) = (blobs, s);
-            turned.rotate_left(first);
-            points.rotate_left(first);
-            (turned, points)
-        });
+    fn seen(&self, blob: &Blob) -> Seen {
+        let s = self.camera.normalized_of(&Vector2::new(blob.x, blob.y));
+        let minor = (blob.area / std::f64::consts::PI).sqrt().min(blob.axes().1);
+        let tolerance = TOLERANCE + TOLERANCE_SMALL_PX / minor.max(1.0);
+        Seen { blob: *blob, s, J: self.camera.pixel_jacobian(&s), tolerance }
+    }
+
+    /// Looks for P1..P4 in four regions in convex order.
+    fn choose(&self, seen: [&Seen; 4]) -> Choice {
+        let Some(view) = self.view(&seen) else { return Choice::No };
         // most choices end here: a square of dots without a larger one among them fits loosely
-        if !ways.iter().any(|(blobs, s)| self.misfit(blobs, s, (&self.radii, 5.0 * self.margin)).is_some()) {
+        if !(0..4).any(|first| self.has_sizes(&view, &seen, first, 5.0 * self.margin)) {
             return Choice::No;
         }
-        let mut best: Option<Fit> = None;
-        let (mut second, mut best_fits) = (f64::INFINITY, false);
+        let Some(shapes) = view.shape_errors(&seen) else { return Choice::No };
+        let (mut best, mut second) = (None::<(f64, usize, bool)>, f64::INFINITY);
         let mut reflection = f64::INFINITY;
-        for (blobs, s) in &ways {
-            let Some(misfit) = self.misfit(blobs, s, (&self.radii, f64::INFINITY)) else { continue };
-            let mirrored = self.mirrored.and_then(|radii| self.misfit(blobs, s, (&radii, f64::INFINITY)));
-            reflection = mirrored.map_or(reflection, |mirrored| reflection.min(mirrored.mean));
+        for first in 0..4 {
+            let (mut mean, mut fits) = (0.0, true);
+            for (((log, radius), shape), seen) in way(&self.log_radii2, &view, first).zip(shapes).zip(seen) {
+                let error = (log - radius).abs();
+                mean += 0.25 * (error + 0.5 * shape);
+                fits &= error < seen.tolerance;
+            }
+            if let Some(radii) = &self.mirrored {
+                let errors = way(radii, &view, first).zip(shapes);
+                let mean =
+                    errors.map(|((log, radius), shape)| 0.25 * ((log - radius).abs() + 0.5 * shape)).sum();
+                reflection = reflection.min(mean);
+            }
             match best {
-                Some(fit) if misfit.mean >= fit.error => second = second.min(misfit.mean),
+                Some((known, ..)) if mean >= known => second = second.min(mean),
                 _ => {
-                    second = best.map_or(second, |fit| fit.error);
-                    best = Some(Fit { blobs: *blobs, error: misfit.mean });
-                    best_fits = misfit.beyond < 0.0;
+                    second = best.map_or(second, |(known, ..)| known);
+                    best = Some((mean, first, fits));
                 }
             }
         }
         match best {
-            Some(fit) if best_fits && second.min(reflection) > fit.error + self.margin => Choice::Fits(fit),
-            Some(fit) => Choice::Ambiguous(fit.error),
+            Some((error, first, true)) if second.min(reflection) > error + self.margin => {
+                let mut blobs = seen.map(|seen| seen.blob);
+                blobs.rotate_left(first);
+                Choice::Fits(Fit { blobs, error })
+            }
+            Some((error, ..)) => Choice::Ambiguous(error),
             None => Choice::No,
         }
     }
 
     /// Whether regions that are said to be P1..P4 fit that order.
     fn fits(&self, blobs: &[Blob; 4]) -> bool {
-        let s = blobs.map(|b| self.camera.normalized_of(&Vector2::new(b.x, b.y)));
-        UnitSquare::to(&s).is_some_and(|H| H.is_view_of_a_square())
-            && self.misfit(blobs, &s, (&self.radii, 0.0)).is_some()
+        let seen = blobs.each_ref().map(|blob| self.seen(blob));
+        let seen = seen.each_ref();
+        self.view(&seen)
+            .is_some_and(|view| self.has_sizes(&view, &seen, 0, 0.0) && view.shape_errors(&seen).is_some())
     }
 
-    /// How far regions in this order are from the dots that it predicts; `None` when one is so far that it cannot be that
-    /// dot. `loose` is added to the tolerance of areas.
-    fn misfit(
-        &self,
-        blobs: &[Blob; 4],
-        s: &[Vector2<f64>; 4],
-        (radii, loose): (&[f64; 4], f64),
-    ) -> Option<Misfit> {
-        let H = UnitSquare::to(s)?;
-        let mut out = Misfit { mean: 0.0, beyond: f64::NEG_INFINITY };
+    /// How the square looks whose corners are these regions; `None` when that is no square.
+    fn view(&self, seen: &[&Seen; 4]) -> Option<View> {
+        let H = UnitSquare::to(&seen.map(|seen| seen.s)).filter(UnitSquare::is_view_of_a_square)?;
+        let mut view = View { covariances: [[0.0; 3]; 4], areas: [0.0; 4], logs: [0.0; 4] };
         let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
-        for (((blob, s), corner), radius) in blobs.iter().zip(s).zip(corners).zip(radii) {
-            let A = self.camera.pixel_jacobian(s) * H.jacobian(s, corner)? / self.side;
-            let (c, area) = disc_moments(&A, *radius);
-            let area_error = (blob.area / area).ln().abs();
-            // the shape alone: both ellipses at unit area
-            let (scale, seen) = (area / blob.area, blob.covariance);
-            let d = [seen[0] * scale - c[0], seen[1] * scale - c[1], seen[2] * scale - c[2]];
+        let dots = view.covariances.iter_mut().zip(&mut view.areas).zip(&mut view.logs);
+        for ((((covariance, area), log), seen), corner) in dots.zip(seen).zip(corners) {
+            let A = seen.J * H.jacobian(&seen.s, corner)? / self.side;
+            (*covariance, *area) = disc_moments(&A, 1.0);
+            *log = (seen.blob.area / *area).ln();
+        }
+        Some(view)
+    }
+
+    /// Whether the areas are those of the dots where P1 is the region `first`; `loose` is added to the tolerance.
+    fn has_sizes(&self, view: &View, seen: &[&Seen; 4], first: usize, loose: f64) -> bool {
+        // NaN does not fit
+        way(&self.log_radii2, view, first)
+            .zip(seen)
+            .all(|((log, radius), seen)| (log - radius).abs() < seen.tolerance + loose)
+    }
+}
+
+/// The areas of the regions and those of dots of such radii, as logarithms, where P1 is the region `first`.
+fn way(log_radii2: &[f64; 4], view: &View, first: usize) -> impl Iterator<Item = (f64, f64)> {
+    let mut radii = *log_radii2;
+    radii.rotate_right(first);
+    view.logs.into_iter().zip(radii)
+}
+
+/// How dots of radius 1 m look at the corners of the square.
+#[derive(Debug, Clone, Copy)]
+struct View {
+    covariances: [[f64; 3]; 4],
+    areas: [f64; 4],
+    /// Logarithm of the regions' areas over these.
+    logs: [f64; 4],
+}
+
+impl View {
+    /// Errors of the regions' shapes, whatever the size of their dots; `None` when one is so far off that it cannot be a dot.
+    fn shape_errors(&self, seen: &[&Seen; 4]) -> Option<[f64; 4]> {
+        let mut out = [0.0; 4];
+        let dots = self.covariances.iter().zip(&self.areas);
+        for (((c, area), seen), out) in dots.zip(seen).zip(&mut out) {
+            // both ellipses at unit area
+            let (scale, shape) = (area / seen.blob.area, seen.blob.covariance);
+            let d = [shape[0] * scale - c[0], shape[1] * scale - c[1], shape[2] * scale - c[2]];
             let norm2 = |m: &[f64; 3]| m[0] * m[0] + 2.0 * m[1] * m[1] + m[2] * m[2];
-            let shape_error = (norm2(&d) / norm2(&c)).sqrt();
-            let minor = (blob.area / std::f64::consts::PI).sqrt().min(blob.axes().1);
-            let tolerance = TOLERANCE + TOLERANCE_SMALL_PX / minor.max(1.0);
+            *out = (norm2(&d) / norm2(c)).sqrt();
             // NaN does not fit
-            if !(area_error < tolerance + loose && (shape_error < tolerance || loose.is_infinite())) {
+            if !(*out < seen.tolerance) {
                 return None;
             }
-            out.beyond = out.beyond.max(area_error.max(shape_error) - tolerance);
-            out.mean += 0.25 * (area_error + 0.5 * shape_error);
         }
         Some(out)
     }
 }
 
-/// How far four regions in one order are from the dots that it predicts.
-#[derive(Debug, Clone, Copy)]
-struct Misfit {
-    /// Mean error of area and shape.
-    mean: f64,
-    /// The greatest error, of an area or a shape, less what is tolerated: below 0 every dot fits.
-    beyond: f64,
+/// Choices that fit, as they are met.
+#[derive(Debug, Clone)]
+struct Tally {
+    /// The best of them, and its regions as bits.
+    best: Option<(Fit, u32)>,
+    second: f64,
+    unclear: f64,
+    fits: [u32; MOST_FITS],
+    count: usize,
 }
 
-/// Homography of the unit square (0,0), (1,0), (1,1), (0,1) to a convex quadrilateral:
-/// `x = (a u + b v + c) / w`, `y = (d u + e v + f) / w`, `w = g u + h v + 1`.
-struct UnitSquare {
-    a: f64,
-    b: f64,
-    d: f64,
-    e: f64,
-    g: f64,
-    h: f64,
+impl Default for Tally {
+    fn default() -> Self {
+        Self { best: None, second: f64::INFINITY, unclear: f64::INFINITY, fits: [0; MOST_FITS], count: 0 }
+    }
 }
 
-impl UnitSquare {
-    fn to([p0, p1, p2, p3]: &[Vector2<f64>; 4]) -> Option<Self> {
-        let (d1, d2, sum) = (p1 - p2, p3 - p2, p0 - p1 + p2 - p3);
-        let den = d1.x * d2.y - d2.x * d1.y;
-        if den == 0.0 {
-            return None;
+impl Tally {
+    /// # Errors
+    /// `Ambiguous` when too many fit.
+    fn add(&mut self, choice: Choice, regions: [usize; 4]) -> Result<(), TargetStatus> {
+        let fit = match choice {
+            Choice::Fits(fit) => fit,
+            Choice::Ambiguous(error) => {
+                self.unclear = self.unclear.min(error);
+                return Ok(());
+            }
+            Choice::No => return Ok(()),
+        };
+        let which = regions.iter().fold(0, |bits, at| bits | 1 << at);
+        match self.best {
+            Some((known, _)) if fit.error >= known.error => self.second = self.second.min(fit.error),
+            _ => {
+                self.second = self.best.map_or(self.second, |(known, _)| self.second.min(known.error));
+                self.best = Some((fit, which));
+            }
         }
-        let g = (sum.x * d2.y - d2.x * sum.y) / den;
-        let h = (d1.x * sum.y - sum.x * d1.y) / den;
-        Some(Self {
-            a: p1.x - p0.x + g * p1.x,
-            b: p3.x - p0.x + h * p3.x,
-            d: p1.y - p0.y + g * p1.y,
-            e: p3.y - p0.y + h * p3.y,
-            g,
-            h,
-        })
+        let Some(slot) = self.fits.get_mut(self.count) else { return Err(TargetStatus::Ambiguous) };
+        *slot = which;
+        self.count += 1;
+        Ok(())
     }
 
-    /// Of `[r1 r2 p]` the first two columns are orthogonal and of equal length.
-    fn is_view_of_a_square(&self) -> bool {
-        let (n1, n2) = (
-            self.a * self.a + self.d * self.d + self.g * self.g,
-            self.b * self.b + self.e * self.e + self.h * self.h,
-        );
-        let dot = self.a * self.b + self.d * self.e + self.g * self.h;
-        dot * dot < ORTHOGONALITY * ORTHOGONALITY * n1 * n2 && (n1 / n2).ln().abs() < 2.0 * ORTHOGONALITY
+    fn result(&self) -> Result<Fit, TargetStatus> {
+        match self.best {
+            // two targets in view, or clutter that passes for one
+            Some((fit, _)) if self.second.min(self.unclear) < 1.5 * fit.error + 0.05 => {
+                Err(TargetStatus::Ambiguous)
+            }
+            // however different in size and sharpness: no dot of the one belongs to the other
+            Some((_, which)) if self.fits.iter().take(self.count).any(|other| other & which == 0) => {
+                Err(TargetStatus::Ambiguous)
+            }
+            Some((fit, _)) => Ok(fit),
+            None if self.unclear.is_finite() => Err(TargetStatus::Ambiguous),
+            None => Err(TargetStatus::NoMatch),
+        }
     }
-
-    /// Derivative of the image point `s` by the unit square's coordinates, at a corner.
-    fn jacobian(&self, s: &Vector2<f64>, (u, v): (f64, f64)) -> Option<Matrix2<f64>> {
-        let w = self.g * u + self.h * v + 1.0;
-        let m = Matrix2::new(
-            self.a - s.x * self.g,
-            self.b - s.x * self.h,
-            self.d - s.y * self.g,
-            self.e - s.y * self.h,
-        );
-        (w > 1e-9).then(|| m / w)
-    }
-}
-
-/// The regions in the order in which a walk around them meets them, x towards y; `None` when they are not the corners
-/// of a convex quadrilateral.
-fn convex_order(blobs: &[Blob; 4]) -> Option<[Blob; 4]> {
-    let mut out = *blobs;
-    let (cx, cy) = (0.25 * out.iter().map(|b| b.x).sum::<f64>(), 0.25 * out.iter().map(|b| b.y).sum::<f64>());
-    // grows with the angle, from -2 to 2
-    let turn = |b: &Blob| {
-        let (x, y) = (b.x - cx, b.y - cy);
-        let t = x / (x.abs() + y.abs());
-        if y < 0.0 { t - 1.0 } else { 1.0 - t }
-    };
-    out.sort_unstable_by(|a, b| turn(a).total_cmp(&turn(b)));
-    let [a, b, c, d] = &out;
-    let cross = |p: &Blob, q: &Blob, r: &Blob| (q.x - p.x) * (r.y - q.y) - (q.y - p.y) * (r.x - q.x);
-    let convex = cross(a, b, c) > 0.0 && cross(b, c, d) > 0.0 && cross(c, d, a) > 0.0 && cross(d, a, b) > 0.0;
-    convex.then_some(out)
 }

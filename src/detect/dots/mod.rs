@@ -19,6 +19,8 @@ mod offset;
 mod ring;
 mod search;
 mod sums;
+mod turns;
+mod unit_square;
 
 pub use finder::DotFinder;
 pub use offset::{centre_offset, dot_covariance_px2};

@@ -1,18 +1,20 @@
 //! The search of a whole frame: which threshold shows the target.
 //!
 //! ```text
-//! one for the frame (Otsu) ─► between local extremes: half-way, then nearer to either
-//!                         ─► a sweep over the frame's levels ─► the first two again, holes filled
+//! one for the frame (Otsu) ─► between local extremes: nearer to the darkest, nearer to the lightest, half-way
+//!                         ─► a sweep over the frame's levels ─► the first and half-way again, holes filled
 //! ```
-//! The first is enough for most frames; each of the others is tried only after all before it have failed.
+//! The first is enough for most frames; each of the others is tried only after all before it have failed. The first is put off, and taken
+//! up again before the sweep, where it makes so many runs that it is mostly noise or texture.
 
 use super::finder::{DotFinder, Look};
 use crate::detect::Found;
 use crate::imaging::{Histogram, ImageView, Window};
 use crate::messages::TargetStatus;
 
-/// Rows that the histogram samples.
-const SAMPLED_ROWS: usize = 120;
+/// Pixels that the histogram samples, in whole rows, and the fewest and the most of these.
+const SAMPLED_PIXELS: usize = 76_800;
+const SAMPLED_ROWS: (usize, usize) = (60, 120);
 /// Rows whose neighbouring pixels tell the noise.
 const NOISE_ROWS: usize = 40;
 /// Least contrast of a part of the frame in which something may be dark: so many times the noise, within these levels.
@@ -25,8 +27,12 @@ const FLAT_LEVELS: f64 = 8.0;
 const SWEEP: u32 = 21;
 /// Share of the pixels that may be darker, or lighter, than the sweep goes.
 const TAIL: f64 = 2e-4;
-/// Places of a threshold between the local extremes, in 256ths of their difference.
-const SHARES: [u8; 4] = [72, 184, 36, 220];
+/// Places of a threshold between the local extremes, in 256ths of their difference: the first show most targets, in the fewest runs.
+const SHARES: [u8; 5] = [36, 184, 72, HALF, 220];
+const HALF: u8 = 128;
+/// Pixels for each run: with fewer, another threshold is likelier to show the target, and sooner. Small frames may have so many runs.
+const PIXELS_OF_RUN: usize = 64;
+const FEW_RUNS: usize = 1000;
 
 impl DotFinder {
     /// The search in `dark`, the frame in which dots are dark; they are measured in `image`.
@@ -37,55 +43,111 @@ impl DotFinder {
         found: &mut Vec<Found>,
     ) -> Result<(), TargetStatus> {
         found.clear();
-        let histogram = Histogram::of_rows(dark, dark.height() / SAMPLED_ROWS);
+        let histogram = sampled(dark);
         let Some(otsu) = histogram.otsu() else { return Err(TargetStatus::NoContrast) };
-        let window = Window::whole(dark);
-        self.runs.find(dark, &window, otsu.threshold);
-        let Err(quick) = self.search_runs(image, Look::Quick, found) else { return Ok(()) };
-        // where there are dots, but not what they should be, the threshold may have spoiled their sizes
-        let mut first = quick;
-        if quick != TargetStatus::TooFewRegions && !self.runs.overflowed() {
-            self.runs.find(dark, &window, otsu.threshold);
-            let Err(careful) = self.search_runs(image, Look::Careful, found) else { return Ok(()) };
-            first = careful;
+        // what is put off may be the clearest picture of a grid, of which not all thresholds are tried
+        let few = (dark.width() * dark.height() / PIXELS_OF_RUN).max(FEW_RUNS);
+        let most = if self.insists() { few } else { usize::MAX };
+        self.runs.limit_to(most);
+        self.runs.find(dark, &Window::whole(dark), otsu.threshold);
+        self.runs.limit_to(usize::MAX);
+        let put_off = self.insists() && self.runs.overflowed();
+        let mut first = Err(TargetStatus::NoMatch);
+        if !put_off {
+            first = self.search_twice(image, found);
+            if first.is_ok() {
+                return first;
+            }
         }
 
-        // A threshold for the whole frame fails where light is uneven, and where the target is small: half-way between the local
-        // extremes instead, and nothing where these are noise.
+        // A threshold for the whole frame fails where light is uneven, and where the target is small: one between the local extremes
+        // instead, and nothing where these are noise.
         let noise = noise(dark);
         let (least, most) = CONTRAST_LEVELS;
         let contrast = (CONTRAST_SIGMAS * noise).clamp(least, most);
         let greatest = self.local.set(dark, contrast as u8, 0);
         if f64::from(greatest) < (FLAT_SIGMAS * noise + FLAT_LEVELS).max(least) {
-            return Err(TargetStatus::NoContrast);
+            let found = put_off && self.search_otsu(dark, image, otsu.threshold, found).is_ok();
+            return if found { Ok(()) } else { Err(TargetStatus::NoContrast) };
         }
-        self.runs.find_local(dark, &mut self.local);
-        let Err(second) = self.search_runs(image, Look::Careful, found) else { return Ok(()) };
-        // two targets stay two, whatever else shows only one of them
-        if first == TargetStatus::Ambiguous || second == TargetStatus::Ambiguous {
-            return Err(TargetStatus::Ambiguous);
-        }
-
-        let reason = match (first, second) {
-            (TargetStatus::TooFewRegions, TargetStatus::TooFewRegions) => TargetStatus::TooFewRegions,
-            _ => TargetStatus::NoMatch,
-        };
-        if !self.insists() {
-            return Err(reason);
-        }
-
-        // Something brighter or darker than the plate spoils the local extremes.
+        // Two targets stay two, whatever else shows only one of them; but half-way, where blur spoils sizes least, has the last word.
+        let mut ambiguous = first == Err(TargetStatus::Ambiguous);
+        let mut second = Err(TargetStatus::NoMatch);
         for share in SHARES {
+            if share != HALF && (ambiguous || !self.insists()) {
+                continue;
+            }
             self.local.move_to(share);
             self.runs.find_local(dark, &mut self.local);
-            match self.search_runs(image, Look::Careful, found) {
-                Err(TargetStatus::Ambiguous) => return Err(TargetStatus::Ambiguous),
-                Err(_) => {}
-                Ok(()) => return Ok(()),
+            let result = self.search_runs(image, Look::Careful, found);
+            if result.is_ok() {
+                return result;
+            }
+            ambiguous |= result == Err(TargetStatus::Ambiguous);
+            if share == HALF {
+                second = result;
             }
         }
-        let (low, high) = tails(&histogram);
-        let mut tried = Tried::new(&histogram, otsu.threshold);
+        if ambiguous {
+            return Err(TargetStatus::Ambiguous);
+        }
+        if put_off {
+            first = self.search_otsu(dark, image, otsu.threshold, found);
+            if first.is_ok() {
+                return first;
+            }
+        }
+        let reason = match (first, second) {
+            (Err(TargetStatus::Ambiguous), _) => TargetStatus::Ambiguous,
+            (Err(TargetStatus::TooFewRegions), Err(TargetStatus::TooFewRegions)) => {
+                TargetStatus::TooFewRegions
+            }
+            _ => TargetStatus::NoMatch,
+        };
+        if !self.insists() || reason == TargetStatus::Ambiguous {
+            return Err(reason);
+        }
+        match self.search_sweep(dark, image, &histogram, otsu.threshold, found) {
+            Err(status) if status != TargetStatus::Ambiguous => Err(reason),
+            result => result,
+        }
+    }
+
+    /// The frame's own threshold, however many runs it makes.
+    fn search_otsu(
+        &mut self,
+        dark: &ImageView<'_>,
+        image: &ImageView<'_>,
+        threshold: u8,
+        found: &mut Vec<Found>,
+    ) -> Result<(), TargetStatus> {
+        self.runs.find(dark, &Window::whole(dark), threshold);
+        self.search_twice(image, found)
+    }
+
+    /// The current runs as they are, and where there are dots but not what they should be, carefully: the threshold may have spoiled
+    /// their sizes.
+    fn search_twice(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+        match self.search_runs(image, Look::Quick, found) {
+            Err(quick) if quick != TargetStatus::TooFewRegions && !self.runs.overflowed() => {
+                self.search_regions(image, Look::Careful, found)
+            }
+            result => result,
+        }
+    }
+
+    /// All thresholds of the frame, then holes filled.
+    fn search_sweep(
+        &mut self,
+        dark: &ImageView<'_>,
+        image: &ImageView<'_>,
+        histogram: &Histogram,
+        first: u8,
+        found: &mut Vec<Found>,
+    ) -> Result<(), TargetStatus> {
+        let window = Window::whole(dark);
+        let (low, high) = tails(histogram);
+        let mut tried = Tried::new(histogram, first);
         // every other one first
         for k in (1..=SWEEP).step_by(2).chain((2..=SWEEP).step_by(2)) {
             let threshold = (low + (high - low) * k / (SWEEP + 1)) as u8;
@@ -93,24 +155,20 @@ impl DotFinder {
                 continue;
             }
             self.runs.find(dark, &window, threshold);
-            match self.search_runs(image, Look::Careful, found) {
-                Err(TargetStatus::Ambiguous) => return Err(TargetStatus::Ambiguous),
-                Err(_) => {}
-                Ok(()) => return Ok(()),
+            let result = self.search_runs(image, Look::Careful, found);
+            if matches!(result, Ok(()) | Err(TargetStatus::Ambiguous)) {
+                return result;
             }
         }
 
         // Glare leaves holes in dots.
-        self.runs.find(dark, &window, otsu.threshold);
+        self.runs.find(dark, &window, first);
         if self.search_runs(image, Look::Filled, found).is_ok() {
             return Ok(());
         }
-        self.local.move_to(128);
+        self.local.move_to(HALF);
         self.runs.find_local(dark, &mut self.local);
-        if self.search_runs(image, Look::Filled, found).is_ok() {
-            return Ok(());
-        }
-        Err(reason)
+        self.search_runs(image, Look::Filled, found)
     }
 }
 
@@ -145,6 +203,13 @@ impl<'a> Tried<'a> {
         }
         true
     }
+}
+
+/// A fair sample of the frame's levels.
+fn sampled(image: &ImageView<'_>) -> Histogram {
+    let (fewest, most) = SAMPLED_ROWS;
+    let rows = (SAMPLED_PIXELS / image.width()).clamp(fewest, most);
+    Histogram::of_rows(image, image.height() / rows)
 }
 
 /// Standard deviation of the pixels' noise, levels: by the median of neighbours' differences, of which most are on even ground.

@@ -53,16 +53,21 @@ proptest! {
         }
         let mut local = LocalThreshold::default();
         local.set(&image, 255, 100);
-        let mut runs = Runs::with_limit(4000);
-        runs.find_local(&image, &mut local);
+        let levels: Vec<Vec<u8>> = (0..height).map(|y| local.row(y).to_vec()).collect();
         let whole = Window::whole(&image);
-        let levels = local.tiles.clone();
-        let columns = width.div_ceil(32);
-        let wanted = slow(&image, &whole, |x, y| image.row(y)[x] <= levels[y / 32 * columns + x / 32]);
+        let wanted = slow(&image, &whole, |x, y| image.row(y)[x] <= levels[y][x]);
+        let light = slow(&image, &whole, |x, y| image.row(y)[x] > levels[y][x]);
+        let mut runs = Runs::with_limit(4000);
+        for wide in [runs.wide, false] {
+            runs.wide = wide;
+            runs.find_local(&image, &mut local);
+            prop_assert_eq!(runs.as_slice(), &wanted[..]);
+            runs.binarize_local(&image, &mut local, Polarity::Light);
+            prop_assert_eq!(runs.as_slice(), &light[..]);
+        }
+        runs.runs.clear();
+        runs.find_each_with::<false>(&image, &mut local, dark_mask_each_portable);
         prop_assert_eq!(runs.as_slice(), &wanted[..]);
-        runs.binarize_local(&image, &mut local, Polarity::Light);
-        let light = slow(&image, &whole, |x, y| image.row(y)[x] > levels[y / 32 * columns + x / 32]);
-        prop_assert_eq!(runs.as_slice(), &light[..]);
     }
 }
 
@@ -74,4 +79,11 @@ fn overflow_is_told() {
     runs.find(&image, &Window::whole(&image), 128);
     assert!(runs.overflowed());
     assert_eq!(runs.as_slice().len(), 10);
+    runs.limit_to(3);
+    runs.find(&image, &Window::whole(&image), 128);
+    assert!(runs.overflowed());
+    assert_eq!(runs.as_slice().len(), 3);
+    runs.limit_to(usize::MAX);
+    runs.find(&image, &Window::whole(&image), 128);
+    assert!(runs.overflowed() && runs.as_slice().len() >= 10);
 }

@@ -1,0 +1,28 @@
+//! The Python module `vservo`: a law from image points, poses from images, and closed loops in simulated time, with numpy arrays in and
+//! out. Everything is computed by the cores of the Rust library; this is their other end.
+
+#![allow(non_snake_case)] // frames are named as in the library
+#![deny(unsafe_code)]
+
+mod arrays;
+mod camera;
+mod law;
+mod measurement;
+mod simulation;
+mod vision;
+
+use pyo3::prelude::*;
+
+/// Visual servoing: servo laws, poses from images, closed loops. Units are SI: m, rad, s; px where a name says so.
+#[pymodule]
+fn vservo(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_function(wrap_pyfunction!(law::camera_velocity, module)?)?;
+    module.add_function(wrap_pyfunction!(law::planar_pose, module)?)?;
+    module.add_function(wrap_pyfunction!(simulation::simulate, module)?)?;
+    module.add_function(wrap_pyfunction!(simulation::run_files, module)?)?;
+    module.add_class::<camera::Camera>()?;
+    module.add_class::<vision::Vision>()?;
+    module.add_class::<measurement::Measurement>()?;
+    module.add_class::<simulation::Run>()
+}

@@ -1,0 +1,166 @@
+//! A goal that was taught: the file that `vservo teach` writes and `servo.set_point.file` reads.
+
+use super::problem::Problem;
+use super::raw::{RawConfig, SetPointKind};
+use super::target::TargetKind;
+use super::{Config, Document};
+use crate::geometry::Pose;
+use crate::input::file;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// The key that names such a file.
+const KEY: &str = "servo.set_point.file";
+
+/// A taught goal.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GoalFile {
+    /// Kind of target that was seen.
+    pub target: String,
+    /// How many measurements it is the mean of.
+    pub measurements: u32,
+    /// A picture of the view, beside the file, for people.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thumbnail: Option<String>,
+    /// The target in the camera, for people: runs go by the features.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose: Option<GoalPose>,
+    /// The points of the target.
+    pub features: Vec<GoalFeature>,
+}
+
+/// A pose, as in a run file.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GoalPose {
+    /// Position, m.
+    pub position_m: [f64; 3],
+    /// Roll, pitch, yaw, rad.
+    pub rotation_rpy_rad: [f64; 3],
+}
+
+/// A point of the target as it was seen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GoalFeature {
+    /// Which one.
+    pub id: u32,
+    /// Normalized coordinates.
+    pub s: [f64; 2],
+    /// Place in the picture, px.
+    pub px: [f64; 2],
+    /// How far single measurements were from it, root mean square, px.
+    pub spread_px: f64,
+}
+
+impl GoalFile {
+    /// The text of the file.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        let how =
+            "# A taught goal: servo.set_point.file names it in a run file with the same camera and target.\n";
+        how.to_owned() + &toml::to_string(self).unwrap_or_default()
+    }
+
+    /// The word for the target of a run file.
+    #[must_use]
+    pub fn target_word(config: &Config) -> String {
+        word(config.effective.target.kind)
+    }
+
+    /// A pose as it stands in the file.
+    #[must_use]
+    pub fn pose_of(X_DO: &Pose) -> GoalPose {
+        let (roll, pitch, yaw) = X_DO.rotation.euler_angles();
+        GoalPose { position_m: X_DO.translation.vector.into(), rotation_rpy_rad: [roll, pitch, yaw] }
+    }
+}
+
+/// Puts the features of `servo.set_point.file` where they could have been written. `absolute` makes a path of the run file absolute.
+pub(super) fn resolve(
+    raw: &mut RawConfig,
+    document: &Document,
+    absolute: impl Fn(&str, &Path) -> PathBuf,
+    problems: &mut Vec<Problem>,
+) {
+    let set_point = &mut raw.servo.set_point;
+    let Some(name) = set_point.file.take() else { return };
+    let mut wrong = |message: String| problems.push(document.problem(KEY, message));
+    if !set_point.features.is_empty() || set_point.kind == SetPointKind::Taught {
+        return wrong(
+            "servo.set_point.features or kind = \"taught\" is given too: leave out one of them".into(),
+        );
+    }
+    let path = absolute(KEY, &name);
+    let place = path.display();
+    let text = match file::read(&path, file::LARGEST_TOML) {
+        Ok(text) => text,
+        Err(e) => return wrong(format!("{place} cannot be read: {e}; `vservo teach --out FILE` writes one")),
+    };
+    match toml::from_str::<GoalFile>(&text) {
+        Err(e) => wrong(format!("{place}: {}; a file of `vservo teach` is expected", e.message())),
+        Ok(goal) if goal.target != word(raw.target.kind) => {
+            let kind = word(raw.target.kind);
+            wrong(format!("{place} is of a target of kind \"{}\", target.kind is \"{kind}\"", goal.target));
+        }
+        Ok(goal) => {
+            set_point.kind = SetPointKind::Features;
+            set_point.features = goal.features.iter().map(|feature| feature.s).collect();
+        }
+    }
+}
+
+/// The word of a run file for it.
+pub(super) fn word(kind: TargetKind) -> String {
+    let value = toml::Value::try_from(kind).ok();
+    value.as_ref().and_then(toml::Value::as_str).unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn goal(target: &str, count: usize) -> GoalFile {
+        let s = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]];
+        let features = (0..).zip(s).take(count);
+        let features = features.map(|(id, s)| GoalFeature { id, s, px: [0.0; 2], spread_px: 0.01 }).collect();
+        GoalFile { target: target.into(), measurements: 10, thumbnail: None, pose: None, features }
+    }
+
+    fn load(goal: &GoalFile, more: &[&str]) -> Result<Config, String> {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("goal.toml"), goal.to_toml()).unwrap();
+        let text = "[servo.set_point]\nfile = \"goal.toml\"\n";
+        let more: Vec<String> = more.iter().map(|&s| s.into()).collect();
+        Config::parse("run.toml", text, folder.path(), &more).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_taught_goal_is_that_of_its_features() {
+        let config = load(&goal("four_dots", 4), &[]).unwrap();
+        let s = config.servo.set_point.features();
+        assert_eq!((s.len(), s[2].x), (4, 0.1));
+        // 0.2 wide, of a square of 0.1 m
+        let X_DO = config.servo.set_point.X_DO().unwrap();
+        assert!((X_DO.translation.vector.z - 0.5).abs() < 1e-9);
+        assert!(GoalFile::pose_of(X_DO).rotation_rpy_rad.iter().all(|a| a.abs() < 1e-6));
+    }
+
+    #[test]
+    fn what_is_no_goal_of_this_cell_is_told() {
+        for (goal, more, told) in [
+            (goal("chessboard", 4), vec![], "of a target of kind \"chessboard\""),
+            (goal("four_dots", 3), vec![], "has 3 points, the target has 4"),
+            (goal("four_dots", 4), vec!["servo.set_point.kind=taught"], "leave out one of them"),
+            (
+                goal("four_dots", 4),
+                vec!["servo.set_point.file=absent.toml"],
+                "`vservo teach --out FILE` writes one",
+            ),
+        ] {
+            let wrong = load(&goal, &more).unwrap_err();
+            assert!(wrong.contains(told) && wrong.contains("servo.set_point"), "{wrong}");
+        }
+    }
+}
