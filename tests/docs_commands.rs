@@ -98,7 +98,11 @@ fn every_command_of_the_documentation_ends_well() {
             symlink(root().join(shared), folder.path().join(shared)).unwrap();
         }
         for block in blocks(&path).iter().filter(|block| block.language == "sh") {
-            if block.text.lines().all(|line| line.starts_with("cargo ") || line.contains("pip ") || line.contains("venv")) {
+            if block
+                .text
+                .lines()
+                .all(|line| line.starts_with("cargo ") || line.contains("pip ") || line.contains("venv"))
+            {
                 continue;
             }
             count += 1;

@@ -25,12 +25,10 @@ pub use camera_arguments::{FormatArgument, SizeArgument};
 
 use crate::config::assemble::require_controllable;
 use crate::config::{Config, SHIPPED_FILES, ShippedFile};
-use crate::control::outcome::Outcome;
 use crate::experiment;
 use crate::input::{nearest, printable};
 use crate::ipc::{Instance, Role};
 use crate::messages::CameraId;
-use crate::process::supervisor::FinishedRun;
 use crate::process::{self, ProcessError, ReportFolder, StopFlag, run_report, supervisor};
 use crate::report::summary::Summary;
 use crate::rt::{self, doctor, print, tell};
@@ -67,7 +65,7 @@ pub fn main() -> ExitCode {
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Calibrate { what }) => match what {
-            Calibration::Latency(arguments) => calibrate_latency(&arguments),
+            Calibration::Latency(arguments) => calibrate::latency(&arguments),
             Calibration::HandEye(arguments) => calibrate::hand_eye(&arguments),
             Calibration::Camera(arguments) => calibrate::camera(&arguments),
             Calibration::Stereo(arguments) => calibrate::stereo(&arguments),
@@ -267,40 +265,6 @@ fn lost(path: &Path, cause: std::io::Error, exit_code: u8) -> u8 {
 /// The summary as JSON, where a file was named for it. The exit code.
 fn write_summary(path: Option<&Path>, summary: &Summary, exit_code: u8) -> u8 {
     path.map_or(exit_code, |path| write_result(path, json(summary), exit_code))
-}
-
-fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
-    let stop = StopFlag::on_signals()?;
-    let (config, instance) = prepare(&arguments.cell, ["run.task=calibrate_latency".to_owned()])?;
-    if let Some(path) = &arguments.out {
-        check_writable(path)?;
-    }
-    let folder = arguments.report.as_deref().map(ReportFolder::check).transpose()?;
-    let end = supervisor::run(&config, &instance, &stop, folder.as_ref())?;
-    let exit_code = latency_found(arguments, &end);
-    let command = repeat::command(&["calibrate", "latency"], &arguments.cell, &[], &end.summary);
-    Ok(write_report(folder.as_ref(), &config, &end.summary, command, exit_code))
-}
-
-/// Tells what a calibration of the stamps found; the exit code.
-fn latency_found(arguments: &LatencyArguments, end: &FinishedRun) -> u8 {
-    let mut exit_code = end.exit_code;
-    if arguments.json {
-        exit_code = shown(&json(&end.summary), exit_code);
-    }
-    let Some(found) = end.summary.calibration.filter(|_| end.exit_code == 0) else {
-        tell(format_args!("vservo: no offset was found: {}", end.summary.reason));
-        return if exit_code == 0 { Outcome::NotConverged.exit_code() } else { exit_code };
-    };
-    if !arguments.json {
-        let lines = format!("{}\nput this into the run file:\n\n{}", found.describe(), found.to_toml());
-        exit_code = shown(&lines, exit_code);
-    }
-    if let Some(path) = &arguments.out {
-        let text = format!("# vservo calibrate latency: {}\n{}", found.describe(), found.to_toml());
-        return write_result(path, text, exit_code);
-    }
-    exit_code
 }
 
 /// From the interruption of a call by a signal to the flag that says so.
