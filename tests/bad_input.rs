@@ -117,10 +117,10 @@ fn missing_files_and_unusable_places_are_refused() {
 fn bad_images_in_a_replay_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let save = |name: &str, w, h| image::GrayImage::new(w, h).save(folder.path().join(name)).unwrap();
-    let replay = |expected: &str| {
+    let replay = |strict: bool, wanted: i32, expected: &str| {
         let set = format!("camera.replay.folder={}", folder.path().display());
         for clock in ["lockstep", "realtime"] {
-            let (error, code) = refused(&[
+            let run = [
                 "run",
                 "--clock",
                 clock,
@@ -130,18 +130,25 @@ fn bad_images_in_a_replay_are_named() {
                 &set,
                 "--duration-s",
                 "5",
-            ]);
-            assert_eq!(code, Some(3), "{error}");
+            ];
+            let strict = ["--strict"].into_iter().filter(|_| strict);
+            let (error, code) = refused(&run.into_iter().chain(strict).collect::<Vec<_>>());
+            assert_eq!(code, Some(wanted), "{error}");
             assert!(error.contains(expected), "{error}");
         }
     };
-    replay("holds no .png");
+    replay(false, 3, "holds no .png");
     save("1.png", 640, 480);
     save("2.png", 320, 240);
-    replay("2.png: is 320x240 px, the camera is 640x480 px");
+    replay(true, 3, "2.png: is 320x240 px, the camera is 640x480 px");
+    replay(false, 0, "2.png: is 320x240 px, the camera is 640x480 px");
     save("2.png", 640, 480);
     truncate(&folder.path().join("2.png"));
-    replay("2.png: cannot be decoded");
+    replay(true, 3, "2.png: cannot be decoded");
+    replay(false, 0, "played without it");
+    // where none is left it is an error in any case
+    std::fs::remove_file(folder.path().join("1.png")).unwrap();
+    replay(false, 3, "2.png: cannot be decoded");
 }
 
 fn truncate(path: &Path) {

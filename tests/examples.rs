@@ -1,6 +1,6 @@
 //! The programs in examples/ do what their heads say. `cargo test` builds them.
 
-#![allow(clippy::unwrap_used)] // helpers of tests
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use std::path::PathBuf;
 use std::process::Command;

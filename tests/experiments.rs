@@ -364,18 +364,25 @@ fn all_writes_an_index_with_every_figure() {
     assert_eq!(run.status.code(), Some(0), "{run:?}");
     let index = std::fs::read_to_string(folder.path().join("index.html")).unwrap();
     let mut figures = 0;
+    let drawing = |word: &str, page: &str| page.matches(word).count();
     for experiment in vservo::experiment::EXPERIMENTS {
         let own = folder.path().join(experiment.name);
         assert!(own.join("metrics.json").exists());
+        assert!(index.contains(&format!("href=\"{}/index.html\"", experiment.name)));
+        let page = std::fs::read_to_string(own.join("index.html")).unwrap();
+        assert!(!page.contains("<p class=\"says\"></p>"), "each figure says something: {}", experiment.name);
+        assert!(!page.contains("NaN"), "{}", experiment.name);
+        let before = figures;
         for entry in std::fs::read_dir(&own).unwrap().flatten() {
             let file = entry.file_name().into_string().unwrap();
             if file.ends_with(".svg") {
                 figures += 1;
-                assert!(index.contains(&format!("src=\"{}/{file}\"", experiment.name)), "{file}");
+                assert!(page.contains(&format!("href=\"{file}\"")), "{file}");
                 let svg = std::fs::read_to_string(entry.path()).unwrap();
-                assert!(svg.starts_with("<svg") && !svg.contains("NaN") && !svg.contains("inf"), "{file}");
+                assert!(svg.starts_with("<svg") && !svg.contains("NaN") && !svg.contains("inf\""), "{file}");
             }
         }
+        assert_eq!(drawing("class=\"chart wide\"", &page), figures - before, "every figure is in the page");
     }
     assert!(figures > 30, "{figures}");
 }

@@ -158,6 +158,9 @@ pub struct LatencyArguments {
     /// Print the summary of the run as JSON, with what was found in `calibration`
     #[arg(long)]
     pub json: bool,
+    /// Write a report of the motion into this folder: index.html with figures, and all data as CSV; made when it does not exist
+    #[arg(long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
 }
 
 /// Pace of the control loop.
@@ -225,6 +228,9 @@ pub struct RunArguments {
     /// Write the summary to this file as JSON
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,
+    /// Write a report into this folder: index.html with figures, and all data as CSV; made when it does not exist
+    #[arg(long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
 }
 
 /// Arguments of `vservo serve`.
@@ -300,12 +306,25 @@ pub struct RoleArguments {
     /// The run file is open on stdin; CONFIG is only its name
     #[arg(long, hide = true)]
     pub config_on_stdin: bool,
+    /// control, vision: leave what a report is made of in this folder
+    #[arg(long, hide = true, value_name = "DIR")]
+    pub report: Option<PathBuf>,
 }
 
 impl From<CameraArguments> for RoleArguments {
     fn from(a: CameraArguments) -> Self {
         let CameraArguments { config, instance, set, camera, supervised_by, config_on_stdin, .. } = a;
-        Self { config, instance, set, camera, summary: None, json: false, supervised_by, config_on_stdin }
+        Self {
+            config,
+            instance,
+            set,
+            camera,
+            summary: None,
+            json: false,
+            supervised_by,
+            config_on_stdin,
+            report: None,
+        }
     }
 }
 

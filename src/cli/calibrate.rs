@@ -1,15 +1,18 @@
-//! `vservo calibrate camera`, `calibrate stereo` and `calibrate hand-eye`: pictures -> corners -> calibration -> files and answers.
+//! `vservo calibrate camera`, `calibrate stereo` and `calibrate hand-eye`: pictures -> corners -> calibration -> files and answers;
+//! `calibrate latency`: a gentle motion of the arm -> the offset of the camera's stamps.
 
 mod answer;
 mod boards;
 mod camera;
 mod hand_eye;
+mod latency;
 mod live;
 mod stereo;
 
 pub(super) use camera::camera;
 pub use hand_eye::HandEyeArguments;
 pub(super) use hand_eye::hand_eye;
+pub(super) use latency::latency;
 pub(super) use stereo::stereo;
 
 use super::detect::refused;

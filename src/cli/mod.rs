@@ -11,6 +11,7 @@ mod ctl;
 mod detect;
 mod place;
 mod place_arguments;
+mod repeat;
 mod target;
 mod teach;
 mod teach_view;
@@ -29,12 +30,11 @@ pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 
 use crate::config::assemble::require_controllable;
 use crate::config::{Config, Draft, SHIPPED_FILES, ShippedFile};
-use crate::control::outcome::Outcome;
 use crate::experiment;
 use crate::input::{nearest, printable};
 use crate::ipc::{Instance, Role};
 use crate::messages::CameraId;
-use crate::process::{self, ProcessError, StopFlag, supervisor};
+use crate::process::{self, ProcessError, ReportFolder, StopFlag, run_report, supervisor};
 use crate::report::summary::Summary;
 use crate::rt::{self, doctor, print, tell};
 use clap::{CommandFactory, Parser};
@@ -60,7 +60,7 @@ pub fn main() -> ExitCode {
         },
         Some(Command::Run(arguments)) => run_command(&arguments),
         Some(Command::Serve(arguments)) => {
-            run(&arguments.cell, ["run.serve=true".to_owned()], arguments.summary.as_deref())
+            run(&arguments.cell, ["run.serve=true".to_owned()], arguments.summary.as_deref(), None)
         }
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
         Some(Command::Camera(arguments)) => match camera::look(&arguments) {
@@ -70,7 +70,7 @@ pub fn main() -> ExitCode {
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Calibrate { what }) => match what {
-            Calibration::Latency(arguments) => calibrate_latency(&arguments),
+            Calibration::Latency(arguments) => calibrate::latency(&arguments),
             Calibration::HandEye(arguments) => calibrate::hand_eye(&arguments),
             Calibration::Camera(arguments) => calibrate::camera(&arguments),
             Calibration::Stereo(arguments) => calibrate::stereo(&arguments),
@@ -192,14 +192,17 @@ fn warn(config: &Config) {
 fn run_command(arguments: &RunArguments) -> Result<u8, ProcessError> {
     let duration = arguments.duration_s.map(|s| format!("run.duration_s={s:?}"));
     let strict = arguments.strict.then(|| "camera.replay.strict=true".to_owned());
-    run(&arguments.cell, duration.into_iter().chain(strict), arguments.summary.as_deref())
+    let report = arguments.report.as_deref().map(|folder| (folder, repeat::of_run(arguments)));
+    run(&arguments.cell, duration.into_iter().chain(strict), arguments.summary.as_deref(), report)
 }
 
-/// Runs a cell with settings of the command; the summary also goes to the file `summary`.
+/// Runs a cell with settings of the command; the summary also goes to the file `summary`, and a report into the folder `report`,
+/// which has beside it the words of the command that repeats the run.
 fn run(
     cell: &CellArguments,
     settings: impl IntoIterator<Item = String>,
     summary: Option<&Path>,
+    report: Option<(&Path, Vec<String>)>,
 ) -> Result<u8, ProcessError> {
     // First of all: a request to stop that comes early is one too.
     let stop = StopFlag::on_signals()?;
@@ -207,9 +210,34 @@ fn run(
     if let Some(path) = summary {
         check_writable(path)?;
     }
-    let end = supervisor::run(&config, &instance, &stop)?;
+    let (folder, words) = report.unzip();
+    let folder = folder.map(ReportFolder::check).transpose()?;
+    let end = supervisor::run(&config, &instance, &stop, folder.as_ref())?;
     let exit_code = shown(&end.summary.to_text(), end.exit_code);
-    Ok(write_summary(summary, &end.summary, exit_code))
+    let exit_code = write_summary(summary, &end.summary, exit_code);
+    let command = repeat::command(&["run"], cell, &words.unwrap_or_default(), &end.summary);
+    Ok(write_report(folder.as_ref(), &config, &end.summary, command, exit_code))
+}
+
+/// Makes the page of a run, where a folder was named for it. The exit code, as for other results that cannot be written.
+fn write_report(
+    folder: Option<&ReportFolder>,
+    config: &Config,
+    summary: &Summary,
+    command: String,
+    exit_code: u8,
+) -> u8 {
+    let Some(folder) = folder else { return exit_code };
+    match run_report::write(folder, config, summary, &[command]) {
+        Ok(page) => {
+            tell(format_args!("report: {}", printable(&page.display().to_string())));
+            exit_code
+        }
+        Err(error) => {
+            error.lines().iter().for_each(|line| tell(format_args!("vservo: {line}")));
+            if exit_code == 0 { error.exit_code() } else { exit_code }
+        }
+    }
 }
 
 /// The cell that a supervisor is to run, and its name.
@@ -248,32 +276,6 @@ fn write_summary(path: Option<&Path>, summary: &Summary, exit_code: u8) -> u8 {
     path.map_or(exit_code, |path| write_result(path, json(summary), exit_code))
 }
 
-fn calibrate_latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
-    let stop = StopFlag::on_signals()?;
-    let (config, instance) = prepare(&arguments.cell, ["run.task=calibrate_latency".to_owned()])?;
-    if let Some(path) = &arguments.out {
-        check_writable(path)?;
-    }
-    let end = supervisor::run(&config, &instance, &stop)?;
-    let mut exit_code = end.exit_code;
-    if arguments.json {
-        exit_code = shown(&json(&end.summary), exit_code);
-    }
-    let Some(found) = end.summary.calibration.filter(|_| end.exit_code == 0) else {
-        tell(format_args!("vservo: no offset was found: {}", end.summary.reason));
-        return Ok(if exit_code == 0 { Outcome::NotConverged.exit_code() } else { exit_code });
-    };
-    if !arguments.json {
-        let lines = format!("{}\nput this into the run file:\n\n{}", found.describe(), found.to_toml());
-        exit_code = shown(&lines, exit_code);
-    }
-    if let Some(path) = &arguments.out {
-        let text = format!("# vservo calibrate latency: {}\n{}", found.describe(), found.to_toml());
-        return Ok(write_result(path, text, exit_code));
-    }
-    Ok(exit_code)
-}
-
 /// From the interruption of a call by a signal to the flag that says so.
 const SIGNAL_DELIVERY: Duration = Duration::from_millis(100);
 
@@ -291,20 +293,27 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
     if let Some(path) = &arguments.summary {
         check_writable(path)?;
     }
+    let report = arguments.report.as_deref().map(ReportFolder::of_run);
+    let report = report.as_ref();
     let ended = match role {
         Role::Camera(_) => {
             process::camera::run(&seen_by(arguments.camera, config)?, &instance, &stop).map(|()| None)
         }
         Role::Vision(_) => {
             let run = if config.stereo.is_some() {
-                process::stereo_vision::run(&pair_seen_by(arguments.camera, config)?, &instance, &stop)
+                process::stereo_vision::run(
+                    &pair_seen_by(arguments.camera, config)?,
+                    &instance,
+                    &stop,
+                    report,
+                )
             } else {
-                process::vision::run(&seen_by(arguments.camera, config)?, &instance, &stop)
+                process::vision::run(&seen_by(arguments.camera, config)?, &instance, &stop, report)
             };
             run.map(|()| None)
         }
         Role::Control | Role::Supervisor | Role::Drive => {
-            process::control::run(&config, &instance, &stop).map(Some)
+            process::control::run(&config, &instance, &stop, report).map(Some)
         }
     };
     match ended {

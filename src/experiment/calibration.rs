@@ -141,7 +141,7 @@ pub(super) fn sensitivity(options: &Options<'_>) -> Result<Findings, ExperimentE
              diverges.",
             names.join(", ")
         ),
-        figure("calibration", 2, &panels)?,
+        figure(2, panels),
     );
     Ok(out)
 }

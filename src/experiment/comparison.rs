@@ -2,10 +2,11 @@
 
 use super::findings::Findings;
 use super::metrics::Metrics;
-use super::plot::{Panel, Series, Symbol, figure};
+use super::plot::{Drawing, Panel, Series, Symbol, figure};
 use super::schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
 use super::simulate::{SPAN_S, simulate};
 use super::{CameraKind, Cell, CellGoal, ExperimentError, Eye, Options, RenderedEye, Trajectory};
+use crate::report::chart::same_axes;
 use crate::servo::{Damping, Interaction, Law};
 
 /// K_Ps = k_P I of Problem 10.10, for which the text gives no gains.
@@ -89,8 +90,10 @@ fn segment_pilot(cell: &Cell, scheme: Scheme) -> Result<Pilot<'_>, ExperimentErr
 /// Tables, metrics and the figures of Sect. 10.9 for some runs.
 fn report(runs: &[Trajectory], goal: &CellGoal) -> Result<Findings, ExperimentError> {
     let mut out = Findings::default();
+    let mut measured = Vec::new();
     for run in runs {
         let metrics = Metrics::of(run, goal)?;
+        measured.push((run.name.as_str(), metrics.z_overshoot_percent, metrics.settling_time_s.features));
         let seconds = |t: Option<f64>| t.map_or("-".into(), |t| format!("{t:.2}"));
         out.lines.push(format!(
             "{:10} {:9} z overshoot {:6.1} %, camera path {:5.3} off its line, settled after {} s / {} s / {} s",
@@ -108,25 +111,33 @@ fn report(runs: &[Trajectory], goal: &CellGoal) -> Result<Findings, ExperimentEr
         out.figure(
             &format!("{}-pose", run.name),
             format!("Camera position and orientation, {about}; dashed: desired (Figs. 10.18 to 10.27)."),
-            pose_figure(run, goal)?,
+            pose_figure(run, goal),
         );
         out.figure(
             &format!("{}-features", run.name),
             format!(
                 "Features over time and paths in the image, {about}; dashed and circles: desired (Figs. 10.19 to 10.28)."
             ),
-            feature_figure(run, goal)?,
+            feature_figure(run, goal),
+        );
+    }
+    if runs.len() > 1 {
+        out.telling_figure(
+            "side-by-side",
+            "The schemes side by side, all with the same axes: paths in the image, and the camera's position over time.",
+            compared(&measured),
+            side_by_side(runs, goal),
         );
     }
     out.figure(
         "camera-paths",
         "Paths of the camera's origin (Figs. 10.26 and 10.29). The z axis points down, to the object: smaller z is retreat.",
-        path_figure(runs, goal)?,
+        path_figure(runs, goal),
     );
     Ok(out)
 }
 
-fn pose_figure(run: &Trajectory, goal: &CellGoal) -> Result<String, ExperimentError> {
+fn pose_figure(run: &Trajectory, goal: &CellGoal) -> Drawing {
     let end = run.rows.last().map_or(0.0, |row| row.time_s);
     let mut position = Panel::new("camera position", "t [s]", "position [m]");
     for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
@@ -136,10 +147,10 @@ fn pose_figure(run: &Trajectory, goal: &CellGoal) -> Result<String, ExperimentEr
     let orientation = Panel::new("camera orientation", "t [s]", "alpha [rad]")
         .with(Series::line(3, run.series(|row| row.x_c.w)).label("alpha"))
         .with(Series::new(Symbol::Dashed, 3, [(0.0, goal.x_c.w), (end, goal.x_c.w)]));
-    figure(&run.name, 2, &[position, orientation])
+    figure(2, [position, orientation])
 }
 
-fn feature_figure(run: &Trajectory, goal: &CellGoal) -> Result<String, ExperimentError> {
+fn feature_figure(run: &Trajectory, goal: &CellGoal) -> Drawing {
     let end = run.rows.last().map_or(0.0, |row| row.time_s);
     let mut over_time = Panel::new("feature parameters", "t [s]", "X, Y [-]");
     let mut paths = Panel::new("paths in the image plane", "X [-]", "Y [-]").equal_scales();
@@ -158,10 +169,10 @@ fn feature_figure(run: &Trajectory, goal: &CellGoal) -> Result<String, Experimen
     let desired: Vec<_> = goal.s.iter().map(|s| (s.x, s.y)).collect();
     let paths =
         paths.with(Series::new(Symbol::Cross, 6, start)).with(Series::new(Symbol::Circle, 6, desired));
-    figure(&run.name, 2, &[over_time, paths])
+    figure(2, [over_time, paths])
 }
 
-fn path_figure(runs: &[Trajectory], goal: &CellGoal) -> Result<String, ExperimentError> {
+fn path_figure(runs: &[Trajectory], goal: &CellGoal) -> Drawing {
     let mut above = Panel::new("from above", "x [m]", "y [m]").equal_scales();
     let mut side = Panel::new("from the side", "x [m]", "z [m], down").equal_scales();
     for (i, run) in runs.iter().enumerate() {
@@ -172,5 +183,52 @@ fn path_figure(runs: &[Trajectory], goal: &CellGoal) -> Result<String, Experimen
     let cross = |a: usize, b: usize| Series::new(Symbol::Cross, 6, start.map(|x| (x[a], x[b])));
     let circle = |a: usize, b: usize| Series::new(Symbol::Circle, 6, [(goal.x_c[a], goal.x_c[b])]);
     let panels = [above.with(cross(0, 1)).with(circle(0, 1)), side.with(cross(0, 2)).with(circle(0, 2))];
-    figure("camera-paths", 2, &panels)
+    figure(2, panels)
+}
+
+/// Which scheme does best and worst, in a sentence: names, retreat beyond the goal, %, and settling of the features, s.
+fn compared(measured: &[(&str, f64, Option<f64>)]) -> String {
+    let by_retreat = |a: &&(&str, f64, Option<f64>), b: &&(&str, f64, Option<f64>)| a.1.total_cmp(&b.1);
+    let (most, least) = (measured.iter().max_by(by_retreat), measured.iter().min_by(by_retreat));
+    let mut text = most.zip(least).map_or_else(String::new, |(most, least)| {
+        let percent = |run: &(&str, f64, Option<f64>)| format!("{} ({:.1} %)", run.0, run.1.max(0.0));
+        format!(
+            "The camera retreats beyond its goal most under {} and least under {}",
+            percent(most),
+            percent(least)
+        )
+    });
+    let mut settled: Vec<(&str, f64)> = measured.iter().filter_map(|run| Some((run.0, run.2?))).collect();
+    settled.sort_by(|a, b| a.1.total_cmp(&b.1));
+    if let (Some(first), Some(last)) = (settled.first(), settled.last()) {
+        text += &format!(
+            "; {} settles first in the image ({:.2} s), {} last ({:.2} s)",
+            first.0, first.1, last.0, last.1
+        );
+    }
+    if settled.len() < measured.len() {
+        text += &format!("; {} of {} never settle", measured.len() - settled.len(), measured.len());
+    }
+    text + "."
+}
+
+fn side_by_side(runs: &[Trajectory], goal: &CellGoal) -> Drawing {
+    let of = |row: &super::Row, i: usize| row.s.get(i).map_or((f64::NAN, f64::NAN), |s| (s.x, s.y));
+    let mut paths: Vec<Panel> = Vec::new();
+    let mut places: Vec<Panel> = Vec::new();
+    for run in runs {
+        let mut panel = Panel::new(run.name.as_str(), "X [-]", "Y [-]").equal_scales();
+        for i in 0..goal.s.len() {
+            panel.push(Series::line(i, run.rows.iter().map(|row| of(row, i))).label(format!("P{}", i + 1)));
+        }
+        paths.push(panel.with(Series::new(Symbol::Circle, 6, goal.s.iter().map(|s| (s.x, s.y)))));
+        let mut panel = Panel::new(run.name.as_str(), "t [s]", "position of the camera [m]");
+        for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
+            panel.push(Series::line(i, run.series(|row| row.x_c[i])).label(name));
+        }
+        places.push(panel);
+    }
+    same_axes(&mut paths);
+    same_axes(&mut places);
+    figure(runs.len(), [paths, places].concat())
 }

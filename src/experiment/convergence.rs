@@ -423,6 +423,6 @@ pub(super) fn convergence(options: &Options<'_>) -> Result<Findings, ExperimentE
     }
     out.table("starts", table);
     let caption = format!("{} random starts, rotations up to 60 degrees, the target in view.", options.count);
-    out.figure("convergence", caption, figure("convergence", 1, &[panel])?);
+    out.figure("convergence", caption, figure(1, [panel]));
     Ok(out)
 }

@@ -23,14 +23,6 @@ pub enum ExperimentError {
         /// What the system says.
         cause: std::io::Error,
     },
-    /// A figure could not be drawn.
-    #[error("internal error: figure `{figure}` cannot be drawn: {cause}")]
-    Draw {
-        /// Which.
-        figure: String,
-        /// What the drawing library says.
-        cause: String,
-    },
     /// A step of a computation has no answer where the textbook has one.
     #[error("experiment {experiment}: {cause}")]
     Computation {
@@ -79,8 +71,7 @@ impl ExperimentError {
         match self {
             Self::Unknown { .. } | Self::IdealOnly { .. } => 2,
             Self::Write { .. } => 3,
-            Self::Draw { .. }
-            | Self::Computation { .. }
+            Self::Computation { .. }
             | Self::Empty { .. }
             | Self::System(_)
             | Self::Cell { .. }

@@ -1,22 +1,44 @@
 //! What an experiment gives: files, figures with their captions, and figures of merit. Written in one place.
 
 use super::ExperimentError;
+use super::plot::Drawing;
+use crate::report::page::{document, escaped, heading};
 use serde_json::{Map, Value};
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
+/// The page of an experiment, or of all of them.
+pub(super) const PAGE: &str = "index.html";
+
 /// A figure of an experiment.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Figure {
     /// File name, `*.svg`.
     pub file: String,
-    /// What it shows, for the index page.
+    /// What it is, and how it is read.
     pub caption: String,
-    /// The SVG text.
-    pub svg: String,
+    /// What it shows, in a sentence.
+    pub says: String,
+    /// The figure itself.
+    pub drawing: Drawing,
+}
+
+impl Figure {
+    /// The first words of the caption: to its first colon, semicolon or end of a sentence.
+    fn title(&self) -> &str {
+        let caption = self.caption.as_str();
+        // An abbreviation goes on with a number, a sentence with a word.
+        let is_end = |(at, _): &(usize, &str)| {
+            caption.get(at + 2..).is_some_and(|rest| rest.starts_with(char::is_uppercase))
+        };
+        let sentence = caption.match_indices(". ").find(is_end).map(|(at, _)| at);
+        let end = caption.find([';', ':']).into_iter().chain(sentence).min().unwrap_or(caption.len());
+        caption.get(..end).unwrap_or_default().trim_end_matches('.')
+    }
 }
 
 /// All that one experiment gives.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Findings {
     /// CSV files: name and text.
     pub tables: Vec<(String, String)>,
@@ -34,9 +56,15 @@ impl Findings {
         self.tables.push((format!("{name}.csv"), text));
     }
 
-    /// Adds a figure.
-    pub fn figure(&mut self, name: &str, caption: impl Into<String>, svg: String) {
-        self.figures.push(Figure { file: format!("{name}.svg"), caption: caption.into(), svg });
+    /// Adds a figure that says what its curves say.
+    pub fn figure(&mut self, name: &str, caption: impl Into<String>, drawing: Drawing) {
+        let says = drawing.says();
+        self.telling_figure(name, caption, says, drawing);
+    }
+
+    /// Adds a figure and what it shows.
+    pub fn telling_figure(&mut self, name: &str, caption: impl Into<String>, says: String, drawing: Drawing) {
+        self.figures.push(Figure { file: format!("{name}.svg"), caption: caption.into(), says, drawing });
     }
 
     /// Adds an entry to the metrics. What is not a number becomes `null`.
@@ -44,24 +72,54 @@ impl Findings {
         self.metrics.insert(name.into(), serde_json::to_value(value).unwrap_or(Value::Null));
     }
 
-    /// Writes everything into `folder`, which is made when it does not exist; gives the files.
+    /// Writes everything into `folder`, which is made when it does not exist, with a page for the experiment `name`, which is `about`
+    /// something; gives the files.
     ///
     /// # Errors
     /// [`ExperimentError::Write`].
-    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, ExperimentError> {
+    pub fn write(&self, folder: &Path, name: &str, about: &str) -> Result<Vec<PathBuf>, ExperimentError> {
         make_folder(folder)?;
         let mut json = serde_json::to_string_pretty(&self.metrics).unwrap_or_default();
         json.push('\n');
-        let tables = self.tables.iter().map(|(name, text)| (name.as_str(), text.as_str()));
-        let figures = self.figures.iter().map(|f| (f.file.as_str(), f.svg.as_str()));
+        let tables = self.tables.iter().map(|(name, text)| (name.clone(), text.clone()));
+        let figures = self.figures.iter().map(|f| (f.file.clone(), f.drawing.svg(f.title())));
+        let others = [("metrics.json".to_owned(), json), (PAGE.to_owned(), self.page(name, about))];
         let mut written = Vec::new();
-        for (name, text) in tables.chain(figures).chain([("metrics.json", json.as_str())]) {
+        for (name, text) in tables.chain(figures).chain(others) {
             let path = folder.join(name);
-            write_file(&path, text)?;
+            write_file(&path, &text)?;
             written.push(path);
         }
         Ok(written)
     }
+
+    /// The page of an experiment.
+    fn page(&self, name: &str, about: &str) -> String {
+        let mut sections =
+            vec![format!("<p class=\"verdict\">{}</p>\n{}", escaped(about), lines(&self.lines))];
+        let figures = self
+            .figures
+            .iter()
+            .map(|figure| figure.drawing.html(figure.title(), &figure.says, &figure.caption));
+        sections.extend(figures);
+        let mut files = heading("Data", "The figures are drawn from these files, and are files themselves.");
+        files += "<p>";
+        let tables = self.tables.iter().map(|(name, _)| name.as_str());
+        for file in tables.chain(["metrics.json"]).chain(self.figures.iter().map(|f| f.file.as_str())) {
+            let _ = write!(files, "<a href=\"{0}\">{0}</a> ", escaped(file)); // a String takes everything
+        }
+        sections.push(files + "</p>\n");
+        document(&format!("vservo experiment: {name}"), "", &sections)
+    }
+}
+
+fn lines(lines: &[String]) -> String {
+    if lines.is_empty() { String::new() } else { format!("<pre>{}</pre>\n", escaped_lines(lines)) }
+}
+
+/// Lines stay lines.
+fn escaped_lines(lines: &[String]) -> String {
+    lines.iter().map(|line| escaped(line)).collect::<Vec<_>>().join("\n")
 }
 
 /// Makes `folder` and those above it.
@@ -80,46 +138,28 @@ pub(super) fn write_file(path: &Path, text: &str) -> Result<(), ExperimentError>
     crate::rt::write_file(path, text).map_err(|cause| ExperimentError::Write { path: path.into(), cause })
 }
 
-/// The page that shows every figure of `all`.
+/// The page that leads to those of `all`.
 #[must_use]
 pub(super) fn index_page(all: &[(&'static str, &'static str, Findings)]) -> String {
-    let escape = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
-    let mut html = String::from(concat!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n",
-        "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>vservo experiments</title>\n",
-        "<style>\nbody{font:16px/1.5 sans-serif;max-width:90rem;margin:2rem auto;padding:0 1rem;color:#222}\n",
-        "figure{margin:1.5rem 0}figcaption{color:#444;max-width:60rem}img{max-width:100%}\n",
-        "pre{background:#f6f6f4;padding:.8rem;overflow-x:auto}nav a{margin-right:1rem}\n</style>\n</head>\n<body>\n",
-        "<h1>Experiments</h1>\n<nav>\n",
-    ));
-    for (name, _, _) in all {
-        html += &format!("<a href=\"#{name}\">{name}</a>\n");
-    }
-    html += "</nav>\n";
-    for (name, about, findings) in all {
-        html += &format!("<section id=\"{name}\">\n<h2>{name}</h2>\n<p>{}</p>\n", escape(about));
-        if !findings.lines.is_empty() {
-            html += &format!("<pre>{}</pre>\n", escape(&findings.lines.join("\n")));
-        }
-        for figure in &findings.figures {
-            let caption = escape(&figure.caption);
-            html += &format!(
-                "<figure><img src=\"{name}/{}\" alt=\"{caption}\"><figcaption>{caption}</figcaption></figure>\n",
-                figure.file
-            );
-        }
-        html += "<p>Files: ";
-        for (file, _) in &findings.tables {
-            html += &format!("<a href=\"{name}/{file}\">{file}</a> ");
-        }
-        html += &format!("<a href=\"{name}/metrics.json\">metrics.json</a></p>\n</section>\n");
-    }
-    html += "</body>\n</html>\n";
-    html
+    let sections: Vec<String> = all
+        .iter()
+        .map(|(name, about, findings)| {
+            let count = findings.figures.len();
+            let figures = if count == 1 { "its figure".to_owned() } else { format!("its {count} figures") };
+            format!(
+                "<section id=\"{name}\"><h2><a href=\"{name}/{PAGE}\">{name}</a></h2><p>{}</p>{}<p><a href=\"{name}/{PAGE}\">{figures} and \
+                 data</a></p></section>\n",
+                escaped(about),
+                lines(&findings.lines)
+            )
+        })
+        .collect();
+    document("vservo experiments", "", &sections)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::plot::{Panel, Series, figure};
     use super::*;
 
     #[test]
@@ -130,13 +170,42 @@ mod tests {
     }
 
     #[test]
-    fn the_index_shows_every_figure() {
+    fn titles_end_where_the_first_thought_does() {
+        let title = |caption: &str| {
+            let figure = Figure {
+                file: String::new(),
+                caption: caption.into(),
+                says: String::new(),
+                drawing: Drawing::default(),
+            };
+            figure.title().to_owned()
+        };
+        assert_eq!(title("Paths (Figs. 10.26). The z axis: down"), "Paths (Figs. 10.26)");
+        assert_eq!(title("One; two. Three"), "One");
+        assert_eq!(title("Whole."), "Whole");
+    }
+
+    #[test]
+    fn a_page_shows_every_figure_and_the_index_leads_to_it() {
         let mut findings = Findings::default();
-        findings.figure("paths", "a < b", "<svg/>".into());
+        let panel =
+            Panel::new("p", "t [s]", "x [m]").with(Series::line(0, [(0.0, 1.0), (2.0, 3.0)]).label("x"));
+        findings.figure("paths", "a < b; more", figure(1, [panel]));
         findings.table("A", String::new());
-        let html = index_page(&[("one", "about", findings)]);
-        for text in ["src=\"one/paths.svg\"", "a &lt; b", "href=\"one/A.csv\"", "href=\"#one\""] {
-            assert!(html.contains(text), "{text}");
+        findings.lines = vec!["one".into(), "two & three".into()];
+        let html = findings.page("one", "about");
+        for text in [
+            "href=\"paths.svg\"",
+            "<h2>a &lt; b</h2>",
+            "P at the end: x 3.00 m.",
+            "href=\"A.csv\"",
+            "one\ntwo &amp; three",
+        ] {
+            assert!(html.contains(text), "{text} in {html}");
+        }
+        let index = index_page(&[("one", "about", findings)]);
+        for text in ["href=\"one/index.html\"", "its figure and", "two &amp; three"] {
+            assert!(index.contains(text), "{text}");
         }
     }
 }

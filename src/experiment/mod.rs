@@ -35,7 +35,7 @@ pub use eye::{Eye, Miscalibration, RenderedEye};
 pub use findings::{Figure, Findings};
 pub use gain_delay::{DELAYS_MS, Disturbance, Finding, Loop, errors_to_bear, study};
 pub use metrics::{CellGoal, Metrics, RemainingErrors, SettlingTimes, path_deviation, settling_time};
-pub use plot::{Panel, Series, Symbol, figure};
+pub use plot::{Drawing, Panel, Series, Symbol, figure};
 pub use retreat::{ROTATIONS_DEG, pure_rotation, retreat_of};
 pub use schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
 pub use simulate::{LawInput, SPAN_S, STEP_S, STEPS_PER_FRAME, simulate, simulate_at};
@@ -231,7 +231,7 @@ pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>,
         findings::make_folder(out)?; // before the work, not after it
         (options.progress)(&format!("{name}: {}", experiment.about));
         let findings = experiment.run(options)?;
-        let files = findings.write(out);
+        let files = findings.write(out, experiment.name, experiment.about);
         return Ok(vec![Report { name: experiment.name, lines: findings.lines, files }]);
     }
     findings::make_folder(out)?;
@@ -247,7 +247,7 @@ pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>,
         ));
         let camera = if experiment.renders { options.camera } else { CameraKind::Ideal };
         let findings = experiment.run(&Options { camera, ..*options })?;
-        let files = findings.write(&out.join(experiment.name));
+        let files = findings.write(&out.join(experiment.name), experiment.name, experiment.about);
         let failed = files.is_err();
         reports.push(Report { name: experiment.name, lines: findings.lines.clone(), files });
         if failed {
@@ -255,7 +255,7 @@ pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>,
         }
         done.push((experiment.name, experiment.about, findings));
     }
-    let index = out.join("index.html");
+    let index = out.join(findings::PAGE);
     let written = findings::write_file(&index, &findings::index_page(&done));
     reports.push(Report { name: "all", lines: Vec::new(), files: written.map(|()| vec![index]) });
     Ok(reports)

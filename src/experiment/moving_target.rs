@@ -92,7 +92,7 @@ pub(super) fn moving_target(options: &Options<'_>) -> Result<Findings, Experimen
         "moving-target",
         "Feature error against truth behind a target that moves; dashed: its motion is not estimated. The irregular camera loses a \
          tenth of its frames, the others are late by up to 10 ms.",
-        figure("moving-target", 2, &panels)?,
+        figure(2, panels),
     );
     Ok(out)
 }

@@ -94,11 +94,10 @@ pub(super) fn retreat(options: &Options<'_>) -> Result<Findings, ExperimentError
             .with(line(1, &known).label("true z"))
             .with(Series::new(Symbol::Dashed, 6, theory).label("1/cos(theta/2)")),
     );
-    let svg = figure("retreat", 3, &panels)?;
     out.figure(
         "retreat",
         "Scheme D draws the camera back when a turn about the optical axis is asked for.",
-        svg,
+        figure(3, panels),
     );
     Ok(out)
 }

@@ -71,7 +71,7 @@ pub(super) fn system_gain(options: &Options<'_>) -> Result<Findings, ExperimentE
         "gain-system",
         "Settling time of the default run against the gain; a line ends where the run converges no more (gains up to 20 are \
          shown). `predict` comes to the time that the arm's acceleration allows, and stays there.",
-        figure("gain-system", 2, &panels)?,
+        figure(2, panels),
     );
     Ok(out)
 }

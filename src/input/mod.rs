@@ -3,6 +3,8 @@
 pub mod file;
 mod nearest;
 mod printable;
+mod shell;
 
 pub use nearest::nearest;
 pub use printable::{number, printable};
+pub use shell::shell_word;

@@ -6,7 +6,10 @@ pub mod control;
 pub mod drive_guard;
 mod error;
 mod membership;
+mod pictures;
 mod priority;
+mod report_folder;
+pub mod run_report;
 mod signals;
 mod silence;
 pub mod stereo_vision;
@@ -16,6 +19,7 @@ pub mod vision;
 
 pub use error::ProcessError;
 pub use membership::Membership;
+pub use report_folder::ReportFolder;
 pub use signals::follow_parent;
 use stop::STOP_REASON;
 pub use stop::StopFlag;

@@ -8,9 +8,10 @@
 //! In real time a left frame waits for its mate half a period beyond the time at which that should be here; in lockstep it is known which
 //! frames come, and they are waited for by their numbers. Either way the stamps alone say what is a pair.
 
+use super::pictures::Pictures;
 use super::priority::{self, Rank};
 use super::vision::FrameCounter;
-use super::{LONGEST_WAIT, Membership, ProcessError, StopFlag, shape_of};
+use super::{LONGEST_WAIT, Membership, ProcessError, ReportFolder, StopFlag, shape_of};
 use crate::config::raw::Clock;
 use crate::config::{Camera, Config, assemble};
 use crate::imaging::ImageView;
@@ -25,11 +26,17 @@ use tracing::{info, warn};
 /// So many frames that are alone, and no pair, are worth a line.
 const ALONE: u64 = 20;
 
-/// Runs vision for the pair of cameras of `config` until a stop is requested.
+/// Runs vision for the pair of cameras of `config` until a stop is requested, and leaves pictures of the left one in the folder
+/// `report`, where there is one.
 ///
 /// # Errors
 /// When shared memory or the instance fails, or a simulated pair cannot be taught.
-pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), ProcessError> {
+pub fn run(
+    config: &Config,
+    instance: &Instance,
+    stop: &StopFlag,
+    report: Option<&ReportFolder>,
+) -> Result<(), ProcessError> {
     let Some(right) = config.further_cameras.first() else {
         return Err(assemble::AssembleError::NoStereo.into());
     };
@@ -46,6 +53,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
         vision,
         looked: MonoNs::ZERO,
         teller: Teller::default(),
+        pictures: Pictures::new(report, &config.camera),
     };
     services.require_room_for_peers()?;
     priority::take(config, Rank::Vision)?;
@@ -54,6 +62,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
         Clock::Realtime => worker.run_by_the_clock(stop),
         Clock::Lockstep => worker.run_by_the_ticks(stop),
     };
+    worker.pictures.write();
     let PairingCounts { pairs, left_alone, right_alone, .. } = worker.vision.counts();
     info!(pairs, left_alone, right_alone, "frames of the two cameras");
     ended
@@ -94,6 +103,7 @@ struct Worker<'a> {
     /// When the newest frame began to be looked at.
     looked: MonoNs,
     teller: Teller,
+    pictures: Pictures,
 }
 
 impl Worker<'_> {
@@ -169,6 +179,9 @@ impl Worker<'_> {
             Ok(image) => self.vision.look(side, &Frame { header, image }),
             Err(_) => self.vision.look_past(side, header),
         }
+        if side == Side::Left {
+            self.pictures.note_frame(frame);
+        }
     }
 
     /// Sends what is settled. A right frame without a left one is a measurement only where the left camera is silent altogether: its
@@ -187,6 +200,9 @@ impl Worker<'_> {
             measurement.frames_received = self.left.counter.received;
             measurement.frames_dropped = self.left.counter.dropped;
             self.measurements.send(&measurement)?;
+            if !is_right {
+                self.pictures.note_measurement(&measurement);
+            }
         }
         Ok(())
     }

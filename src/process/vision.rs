@@ -1,7 +1,8 @@
 //! The vision process: from frames, where they lie in shared memory, to measurements.
 
+use super::pictures::Pictures;
 use super::priority::{self, Rank};
-use super::{LONGEST_WAIT, Membership, ProcessError, StopFlag, frame_shape};
+use super::{LONGEST_WAIT, Membership, ProcessError, ReportFolder, StopFlag, frame_shape};
 use crate::config::raw::Clock;
 use crate::config::{Config, assemble};
 use crate::geometry::Pose;
@@ -17,11 +18,16 @@ use tracing::{info, warn};
 /// In lockstep, the longest wait for the joint state that the camera had already: sending it to two takes microseconds.
 const LONGEST_FOR_STATE: SpanNs = SpanNs(50_000_000);
 
-/// Runs vision for the camera of `config` until a stop is requested.
+/// Runs vision for the camera of `config` until a stop is requested, and leaves pictures in the folder `report`, where there is one.
 ///
 /// # Errors
 /// When shared memory or the instance fails.
-pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), ProcessError> {
+pub fn run(
+    config: &Config,
+    instance: &Instance,
+    stop: &StopFlag,
+    report: Option<&ReportFolder>,
+) -> Result<(), ProcessError> {
     let id = config.camera.id;
     let membership = Membership::join(instance, Role::Vision(id))?;
     let services = membership.services();
@@ -35,16 +41,22 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
         counter: FrameCounter::default(),
         status: None,
     };
+    let mut pictures = Pictures::new(report, &config.camera);
     priority::take(config, Rank::Vision)?;
     info!("vision runs");
     while !stop.is_requested() {
         membership.beat();
         while let Some(frame) = frames.receive()? {
             membership.beat();
-            measurements.send(&worker.measure(&frame)?)?;
+            let measurement = worker.measure(&frame)?;
+            measurements.send(&measurement)?;
+            // What nobody waits for comes after what control waits for.
+            pictures.note_frame(&frame);
+            pictures.note_measurement(&measurement);
         }
         frames.wait(LONGEST_WAIT)?;
     }
+    pictures.write();
     Ok(())
 }
 

@@ -1,7 +1,14 @@
 //! What a run leaves to tell: counts, latencies, histograms, and the summary made of them.
 
 pub mod calibration_page;
+pub mod chart;
+pub mod csv_table;
 pub mod histogram;
+pub mod history;
 pub mod latency;
+pub mod numbers;
+pub mod page;
+pub mod pictures;
+pub mod run_page;
 pub mod statistics;
 pub mod summary;

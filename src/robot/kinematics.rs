@@ -91,6 +91,12 @@ impl<const N: usize> Robot<N> {
         pose(&R, &p)
     }
 
+    /// The origins of the link frames in B, which lie on the joints' axes, from the base to the tip.
+    #[must_use]
+    pub fn joint_origins(&self, q: &SVector<f64, N>) -> [Vector3<f64>; N] {
+        self.frames(q, &self.trig(q)).p
+    }
+
     /// The geometric Jacobian of the flange's origin, 6 x N, expressed in B: `V_BE_B = J qd`.
     #[must_use]
     pub fn jacobian(&self, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {

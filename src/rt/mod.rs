@@ -5,6 +5,7 @@ mod clock;
 mod deadline_wait;
 pub mod doctor;
 mod log;
+mod log_format;
 mod output;
 mod prefault;
 mod scheduling;
@@ -12,7 +13,8 @@ mod write_file;
 
 pub use clock::{now, sleep_until};
 pub use deadline_wait::DeadlineWait;
-pub use log::{LogFormat, log_environment, log_format, start_logging};
+pub use log::start_logging;
+pub use log_format::{LogFormat, log_environment, log_format};
 pub use output::{CLEAR_LINE, Stderr, print, tell};
 pub use prefault::{page_faults, prefault};
 pub use scheduling::{

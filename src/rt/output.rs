@@ -1,10 +1,12 @@
 //! What goes to stdout and stderr. Nothing here panics, and nothing that is told on the way of a run waits: a full disk, a
 //! closed terminal or a reader that stopped reading must never reach the arm.
 
-use super::log::{LogFormat, log_format, object};
+use super::log_format::{LogFormat, log_format};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::stdio;
 use std::io::{self, IsTerminal, Write, stderr};
+use tracing_subscriber::fmt::format::Writer;
+use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 
 /// A write of so many bytes to a pipe that is ready does not block (PIPE_BUF).
 const WITHOUT_WAITING: usize = 4096;
@@ -74,5 +76,30 @@ pub fn print(text: &str) -> io::Result<()> {
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         result => result,
+    }
+}
+
+/// A line that is told, as an object like those of the log.
+fn object(message: &str) -> String {
+    let mut timestamp = String::new();
+    // of a clock that gives none, none
+    let _ = SystemTime.format_time(&mut Writer::new(&mut timestamp));
+    let level = if message.contains("warning:") { "WARN" } else { "INFO" };
+    let fields = serde_json::json!({ "message": message });
+    let told =
+        serde_json::json!({ "timestamp": timestamp, "level": level, "fields": fields, "target": "vservo" });
+    format!("{told}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_is_told_is_an_object_with_a_time() {
+        let told: serde_json::Value = serde_json::from_str(&object("vservo: warning: \"x\"\n\u{7}")).unwrap();
+        assert_eq!(told["fields"]["message"], "vservo: warning: \"x\"\n\u{7}");
+        assert_eq!(told["level"], "WARN");
+        assert!(told["timestamp"].as_str().is_some_and(|t| t.ends_with('Z') && t.contains('T')), "{told}");
     }
 }

@@ -6,8 +6,7 @@
 
 use super::commands::{Answered, Commands, Numbered};
 use super::external_drive::{self, Answer, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL};
-use super::{Pace, Ports};
-use crate::calibration::Recording;
+use super::{Listeners, Pace, Ports};
 use crate::config::Config;
 use crate::control::control_loop::ControlLoop;
 use crate::control::safety::Fault;
@@ -72,7 +71,7 @@ pub(super) fn run<const N: usize>(
     mut control: ControlLoop<N>,
     ports: &Ports<'_>,
     (mut drive, mut commands): (Option<DrivePorts<'_>>, Commands),
-    mut recording: Option<&mut Recording<N>>,
+    listeners: &mut Listeners<N>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
     let schedule = &config.camera.schedule;
@@ -96,9 +95,6 @@ pub(super) fn run<const N: usize>(
         }
         ports.membership.beat();
         let state = control.sense(tick, now);
-        if let Some(recording) = &mut recording {
-            recording.note_state(&state);
-        }
         if schedule.frame_at(tick).is_some() {
             next_exposure = schedule.next_exposure_tick(tick);
             ports.joint_state.send(&state)?;
@@ -127,13 +123,14 @@ pub(super) fn run<const N: usize>(
         if ahead == WAKE_AHEAD || (ahead < WAKE_AHEAD && next_frame > before) {
             ports.joint_state.ring()?;
         }
-        if let (Some(recording), Some(m)) = (&mut recording, &measurement) {
-            recording.note_measurement(m);
+        if let Some(m) = &measurement {
+            listeners.note_measurement(m);
         }
         let mut trace = control.act(tick, now, measurement.as_ref());
         control.commanded(now, &mut trace);
         ports.trace.send(|| trace.record())?;
         statistics.note(&trace);
+        listeners.note(&trace);
         commands.note(&trace);
         if let Some(drive) = &mut drive {
             drive.send()?;

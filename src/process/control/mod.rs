@@ -6,18 +6,21 @@ mod commands;
 mod deadlines;
 mod drive_rings;
 mod external_drive;
+mod leavings;
 mod lockstep;
 mod realtime;
 mod realtime_thread;
 
-use super::{Membership, ProcessError, StopFlag};
+use super::{Membership, ProcessError, ReportFolder, StopFlag};
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
 use crate::config::raw::{Clock, Task};
 use crate::control::control_loop::{ControlLoop, Finish};
 use crate::control::outcome::Outcome;
+use crate::control::trace::Trace;
 use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, Waker};
 use crate::messages::{CameraId, JointState, Measurement, Status, TraceMsg};
+use crate::report::history::RunHistory;
 use crate::report::statistics::RunStatistics;
 use crate::report::summary::{RealtimeReport, StampCalibration, Summary, TickTimes};
 use crate::robot::Robot;
@@ -32,12 +35,45 @@ use std::time::Duration;
 /// How long recorders have to take the last records of a run.
 const TRACE_FAREWELL: Duration = Duration::from_millis(200);
 
-/// Runs control to the end of the run.
+/// Runs control to the end of the run, and leaves its history in the folder `report`, where there is one.
 ///
 /// # Errors
 /// When the configuration, shared memory, the instance or the scheduling fails.
-pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<Summary, ProcessError> {
-    crate::dispatch_robot!(config.robot, |robot| run_robot(config, robot, instance, stop))?
+pub fn run(
+    config: &Config,
+    instance: &Instance,
+    stop: &StopFlag,
+    report: Option<&ReportFolder>,
+) -> Result<Summary, ProcessError> {
+    crate::dispatch_robot!(config.robot, |robot| run_robot(config, robot, instance, stop, report))?
+}
+
+/// Who else hears of each tick and measurement beside the statistics; here, because the real-time thread has no time for them.
+struct Listeners<const N: usize> {
+    /// What a calibration is to remember.
+    calibration: Option<Recording<N>>,
+    /// What a report is made of.
+    history: Option<RunHistory>,
+}
+
+impl<const N: usize> Listeners<N> {
+    fn note_measurement(&mut self, m: &Measurement) {
+        if let Some(recording) = &mut self.calibration {
+            recording.note_measurement(m);
+        }
+        if let Some(history) = &mut self.history {
+            history.note_measurement(m);
+        }
+    }
+
+    fn note(&mut self, trace: &Trace) {
+        if let Some(recording) = &mut self.calibration {
+            recording.note_state(&trace.joint_state);
+        }
+        if let Some(history) = &mut self.history {
+            history.note(trace);
+        }
+    }
 }
 
 /// Control's ports.
@@ -103,6 +139,7 @@ fn run_robot<const N: usize>(
     robot: Robot<N>,
     instance: &Instance,
     stop: &StopFlag,
+    report: Option<&ReportFolder>,
 ) -> Result<Summary, ProcessError> {
     let membership = Membership::join(instance, Role::Control)?;
     let (control, mut drive) = match external_drive::open::<N>(config, &membership)? {
@@ -121,22 +158,26 @@ fn run_robot<const N: usize>(
     }
     let commands = Commands::new(membership.services().command_server()?, config.serve);
     let start = now();
-    let mut recording = (config.task == Task::CalibrateLatency).then(Recording::default);
+    let mut listeners = Listeners {
+        calibration: (config.task == Task::CalibrateLatency).then(Recording::default),
+        history: report.map(|_| leavings::history(config, &control)),
+    };
     let (control, statistics, pace) = match config.clock {
         Clock::Realtime => {
             let camera = CameraWatch::open(membership.services(), config)?;
             let messages = (drive, commands, camera);
-            realtime::run(config, control, &ports, messages, recording.as_mut(), stop)?
+            realtime::run(config, control, &ports, messages, &mut listeners, stop)?
         }
-        Clock::Lockstep => {
-            lockstep::run(config, control, &ports, (drive, commands), recording.as_mut(), stop)?
-        }
+        Clock::Lockstep => lockstep::run(config, control, &ports, (drive, commands), &mut listeners, stop)?,
     };
     let wall = now() - start;
     ports.farewell();
     let mut summary = summary(config, &control, &statistics, pace, wall);
-    if let Some(recording) = recording.filter(|_| summary.outcome == Outcome::Finished) {
+    if let Some(recording) = listeners.calibration.filter(|_| summary.outcome == Outcome::Finished) {
         calibrate(config, &control, &recording, &mut summary);
+    }
+    if let (Some(folder), Some(history)) = (report, &listeners.history) {
+        leavings::write(folder, config, &control, history, &membership);
     }
     Ok(summary)
 }

@@ -12,8 +12,7 @@ use super::camera_watch::CameraWatch;
 use super::commands::{Answered, Commands, Numbered};
 use super::external_drive::{self, DrivePorts};
 use super::realtime_thread::{AtEnd, Panic, RealtimeThread};
-use super::{Pace, Ports};
-use crate::calibration::Recording;
+use super::{Listeners, Pace, Ports};
 use crate::config::raw::RealtimePolicy;
 use crate::config::{Config, RealtimeRequest};
 use crate::control::control_loop::ControlLoop;
@@ -51,7 +50,7 @@ pub(super) fn run<const N: usize>(
     control: ControlLoop<N>,
     ports: &Ports<'_>,
     (mut drive, commands, camera): (Option<DrivePorts<'_>>, Commands, CameraWatch),
-    recording: Option<&mut Recording<N>>,
+    listeners: &mut Listeners<N>,
     stop: &StopFlag,
 ) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
     let (records, to_send) = RingBuffer::new(RECORDS);
@@ -107,7 +106,7 @@ pub(super) fn run<const N: usize>(
         camera,
         asked,
         answered,
-        recording,
+        listeners,
         statistics,
         unsent: 0,
         silence: None,
@@ -186,8 +185,7 @@ struct Companion<'a, const N: usize> {
     camera: CameraWatch,
     asked: Producer<Numbered>,
     answered: Consumer<Answered>,
-    /// What a calibration is to remember: here, because it allocates.
-    recording: Option<&'a mut Recording<N>>,
+    listeners: &'a mut Listeners<N>,
     statistics: RunStatistics,
     unsent: u64,
     /// Since the last measurement; `None` once its length was told.
@@ -198,9 +196,7 @@ impl<const N: usize> Companion<'_, N> {
     fn carry(&mut self) -> Result<(), ProcessError> {
         while let Some(measurement) = self.ports.measurements.receive()? {
             self.silence = Some(Silence::begin(rt::now()));
-            if let Some(recording) = &mut self.recording {
-                recording.note_measurement(&measurement);
-            }
+            self.listeners.note_measurement(&measurement);
             if self.received.push(measurement).is_err() {
                 self.unsent += 1;
             }
@@ -211,9 +207,7 @@ impl<const N: usize> Companion<'_, N> {
         while let Ok(record) = self.to_send.pop() {
             self.statistics.note(&record);
             self.commands.note(&record);
-            if let Some(recording) = &mut self.recording {
-                recording.note_state(&record.joint_state);
-            }
+            self.listeners.note(&record);
             self.ports.joint_state.send_quietly(&record.joint_state)?;
             self.ports.trace.send(|| record.record())?;
             if self.silence.as_mut().is_some_and(|silence| silence.look(rt::now()) > TELL_AFTER) {

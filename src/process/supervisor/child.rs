@@ -3,7 +3,7 @@
 use super::reap::{Found, Used, reap};
 use crate::config::DriveProgram;
 use crate::ipc::{Instance, Role};
-use crate::process::ProcessError;
+use crate::process::{ProcessError, ReportFolder};
 use crate::report::summary::ProcessUsage;
 use crate::rt::{log_environment, now};
 use crate::time::MonoNs;
@@ -57,7 +57,12 @@ pub(super) struct Child {
 impl Child {
     /// Starts `role` of `instance`. It reads its configuration from the very file that was written, not from a path
     /// under which another could lie.
-    pub(super) fn spawn(role: Role, instance: &Instance, config: &File) -> Result<Self, ProcessError> {
+    pub(super) fn spawn(
+        role: Role,
+        instance: &Instance,
+        config: &File,
+        report: Option<&ReportFolder>,
+    ) -> Result<Self, ProcessError> {
         let failed = |cause| ProcessError::Start { what: role.command(), cause };
         let mut command = Command::new(std::env::current_exe().map_err(failed)?);
         command
@@ -71,6 +76,9 @@ impl Child {
             .process_group(0);
         if let Some(camera) = role.camera() {
             command.args(["--camera", &camera.to_string()]);
+        }
+        if let Some(folder) = report.filter(|_| matches!(role, Role::Control | Role::Vision(_))) {
+            command.arg("--report").arg(folder.path());
         }
         if role == Role::Control {
             command.arg("--json").stdout(Stdio::piped());

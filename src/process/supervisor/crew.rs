@@ -6,7 +6,7 @@ use super::child::{Child, End};
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
 use crate::ipc::{Instance, Role};
-use crate::process::{ProcessError, seeing_roles};
+use crate::process::{ProcessError, ReportFolder, seeing_roles};
 use crate::report::summary::{ProcessUsage, Summary};
 use crate::rt::{now, tell};
 use crate::time::{MonoNs, SpanNs};
@@ -21,6 +21,8 @@ const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(8_000_000_000);
 const SLOWEST_DRIVE: f64 = 10.0;
 /// Time in which the others end.
 const SHUTDOWN_OF_OTHERS: SpanNs = SpanNs(600_000_000);
+/// The same where vision has pictures to write.
+const SHUTDOWN_WITH_PICTURES: SpanNs = SpanNs(15_000_000_000);
 /// A stop that takes so long is worth a line.
 const TELL_EVERY: SpanNs = SpanNs(2_000_000_000);
 
@@ -29,18 +31,26 @@ pub(super) struct Crew {
     pub(super) control: Child,
     pub(super) others: Vec<Child>,
     longest_stop: SpanNs,
+    shutdown_of_others: SpanNs,
     is_down: bool,
 }
 
 impl Crew {
-    /// Starts the processes of a run, which read the effective configuration from the file `written`.
-    pub(super) fn start(config: &Config, instance: &Instance, written: &File) -> Result<Self, ProcessError> {
+    /// Starts the processes of a run, which read the effective configuration from the file `written`. What they have to tell beside
+    /// the summary goes into the folder `report`.
+    pub(super) fn start(
+        config: &Config,
+        instance: &Instance,
+        written: &File,
+        report: Option<&ReportFolder>,
+    ) -> Result<Self, ProcessError> {
         let longest_stop = longest_stop(config);
-        let control = Child::spawn(Role::Control, instance, written)?;
+        let shutdown_of_others = if report.is_some() { SHUTDOWN_WITH_PICTURES } else { SHUTDOWN_OF_OTHERS };
+        let control = Child::spawn(Role::Control, instance, written, report)?;
         // From here on whatever fails ends what was started in order.
-        let mut crew = Self { control, others: Vec::new(), longest_stop, is_down: false };
+        let mut crew = Self { control, others: Vec::new(), longest_stop, shutdown_of_others, is_down: false };
         for role in seeing_roles(config) {
-            crew.others.push(Child::spawn(role, instance, written)?);
+            crew.others.push(Child::spawn(role, instance, written, report)?);
         }
         if config.drive.kind == DriveKind::External {
             crew.others.extend(Child::spawn_drive(&config.drive.external, instance)?);
@@ -59,7 +69,7 @@ impl Crew {
             self.control.kill();
         }
         self.others.iter_mut().for_each(Child::terminate);
-        let deadline = now() + SHUTDOWN_OF_OTHERS;
+        let deadline = now() + self.shutdown_of_others;
         while self.others.iter_mut().any(|c| c.poll().is_none()) && now() < deadline {
             std::thread::sleep(Duration::from_millis(2));
         }

@@ -13,7 +13,7 @@ mod progress;
 mod reap;
 mod vigil;
 
-use super::{ProcessError, StopFlag, seeing_roles, shape_of};
+use super::{ProcessError, ReportFolder, StopFlag, seeing_roles, shape_of};
 use crate::config::Config;
 use crate::control::outcome::Outcome;
 use crate::ipc::{Instance, InstanceError, Receiver, Role, Services};
@@ -46,13 +46,22 @@ pub struct FinishedRun {
     pub exit_code: u8,
 }
 
-/// Runs camera, vision and control to the end of the run.
+/// Runs camera, vision and control to the end of the run. With the folder `report` control and vision leave there what a report is
+/// made of; that of an earlier run is gone.
 ///
 /// # Errors
 /// When the run cannot be started.
-pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<FinishedRun, ProcessError> {
+pub fn run(
+    config: &Config,
+    instance: &Instance,
+    stop: &StopFlag,
+    report: Option<&ReportFolder>,
+) -> Result<FinishedRun, ProcessError> {
     let (_place, written) = Place::take(config, instance)?;
-    supervise(config, &written, instance, stop)
+    if let Some(folder) = report {
+        folder.clear()?;
+    }
+    supervise(config, &written, instance, stop, report)
 }
 
 /// The instance's place in shared memory, cleaned up when dropped.
@@ -96,12 +105,13 @@ fn supervise(
     written: &File,
     instance: &Instance,
     stop: &StopFlag,
+    report: Option<&ReportFolder>,
 ) -> Result<FinishedRun, ProcessError> {
     let start = now();
     if stop.is_requested() {
         return Ok(stopped_before_the_start(config, now() - start));
     }
-    let mut crew = Crew::start(config, instance, written)?;
+    let mut crew = Crew::start(config, instance, written, report)?;
     let (failure, end) = {
         // Attached after the children were started: a process must not fork once it has joined the transport.
         let services = Services::join(instance).ok();

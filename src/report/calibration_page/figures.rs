@@ -17,7 +17,9 @@ pub(super) struct Stretched {
 }
 
 fn open((width, height): (u32, u32)) -> String {
-    format!("<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"-0.5 -0.5 {width} {height}\">")
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"over\" viewBox=\"-0.5 -0.5 {width} {height}\">"
+    )
 }
 
 fn size(calibration: &CameraCalibration) -> (u32, u32) {
@@ -25,10 +27,10 @@ fn size(calibration: &CameraCalibration) -> (u32, u32) {
     (i.width_px, i.height_px)
 }
 
-/// Line width and size of letters for an image.
+/// Line width and size of letters for an image: on a telephone an image is half as wide.
 fn pen(size: (u32, u32)) -> (f64, f64) {
     let width = f64::from(size.0);
-    (width / 640.0, width / 36.0)
+    (width / 640.0, width / 28.0)
 }
 
 /// Errors of corners as lines from where they are seen, away from where they are predicted.

@@ -7,6 +7,9 @@ mod figures;
 use crate::calibration::camera::{
     CalibrationVerdict, CameraCalibration, CrossValidation, ImageCoverage, NextView, ProjectionUncertainty,
 };
+use crate::report::numbers::significant;
+use crate::report::page::{self, escaped};
+use nalgebra::Vector2;
 use std::fmt::Write;
 
 /// What the page shows of one camera.
@@ -32,38 +35,16 @@ pub struct CalibrationPage<'a> {
     pub verdict: &'a CalibrationVerdict,
 }
 
-const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:70em;padding:0 1em;color:#222}\
-h1{font-size:1.4em}h2{font-size:1.1em;margin:1.6em 0 .4em}.verdict{font-size:1.15em;padding:.7em 1em;border-left:.4em solid #0072b2;\
-background:#eef5fa}.bad{border-color:#d55e00;background:#fdf1ea}.figures{display:grid;grid-template-columns:repeat(auto-fit,minmax(26em,1fr));\
-gap:1.5em}figure{margin:0}svg{width:100%;height:auto;border:1px solid #bbb;background:#fff}figcaption{font-size:.9em;color:#444}\
-table{border-collapse:collapse;font-size:.93em}td,th{padding:.15em .8em;text-align:left;border-bottom:1px solid #ddd}td.n{text-align:right;\
-font-variant-numeric:tabular-nums}.bar{display:inline-block;height:.7em;background:#56b4e9}.out{color:#b34700}";
+/// Figures over the image have the image's own ground, which is white whatever the page is.
+const STYLE: &str = ".figures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,30rem),1fr));gap:1.5rem}\
+h3{font-size:1rem;margin:.6rem 0 .1rem}svg.over{width:100%;height:auto;border:1px solid var(--frame);background:#fff}\
+.over text{font-family:system-ui,-apple-system,'Segoe UI',sans-serif}\
+.bar{display:inline-block;height:.7em;background:var(--c0)}.out{color:var(--c1)}";
 
 /// A whole page of sections.
 #[must_use]
 pub fn document(title: &str, sections: &[String]) -> String {
-    format!(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" \
-         content=\"width=device-width\"><title>{0}</title><style>{STYLE}</style></head>\n<body><h1>{0}</h1>\n{1}</body></html>\n",
-        escaped(title),
-        sections.concat()
-    )
-}
-
-/// Text that is no markup.
-fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            c if c.is_control() => out.push('\u{fffd}'),
-            c => out.push(c),
-        }
-    }
-    out
+    page::document(title, STYLE, sections)
 }
 
 impl CalibrationPage<'_> {
@@ -80,30 +61,50 @@ impl CalibrationPage<'_> {
         let i = self.calibration.camera.intrinsics();
         out += "<div class=\"figures\">\n";
         let errors = figures::errors(self.calibration);
-        figure(
-            &mut out,
-            &errors.svg,
-            &format!("Errors of the corners, drawn {:.0} times as long; red: left out.", errors.scale),
+        let says = format!(
+            "The corners lie {:.3} px (root mean square) from where they are predicted; left out: {}.",
+            self.calibration.rms_px,
+            self.left_out()
         );
-        let caption = format!(
-            "Uncertainty of a pixel at {:.3} m: one standard deviation in the worst direction, px; lighter is worse.",
-            self.uncertainty.distance_m()
+        let note = format!("Errors are drawn {:.0} times as long; red: left out.", errors.scale);
+        figure(&mut out, "Errors of the corners", &says, &errors.svg, &note);
+        let at = |share: f64| {
+            let px = Vector2::new(share * f64::from(i.width_px), share * f64::from(i.height_px));
+            significant(self.uncertainty.sd_px(&px), 2)
+        };
+        let says = format!(
+            "At {:.3} m the fit by itself is good to {} px in the middle of the image, and to {} px in its first corner.",
+            self.uncertainty.distance_m(),
+            at(0.5),
+            at(0.0)
         );
-        figure(&mut out, &figures::uncertainty(self.uncertainty, (i.width_px, i.height_px)), &caption);
-        let caption =
-            format!("Corners seen, in {:.0} % of the cells of the image.", 100.0 * self.coverage.share());
-        figure(&mut out, &figures::coverage(self.coverage, self.calibration), &caption);
+        let map = figures::uncertainty(self.uncertainty, (i.width_px, i.height_px));
+        let note = "One standard deviation in the worst direction, px; lighter is worse.";
+        figure(&mut out, "Uncertainty of a pixel", &says, &map, note);
+        let says =
+            format!("Corners were seen in {:.0} % of the cells of the image.", 100.0 * self.coverage.share());
+        figure(&mut out, "Coverage", &says, &figures::coverage(self.coverage, self.calibration), "");
         if let Some(next) = self.next {
-            let caption = format!(
-                "The next view (blue) among those there are (grey): {}.",
-                next.describe((i.width_px, i.height_px))
+            let says = format!("What would help most: {}.", next.describe((i.width_px, i.height_px)));
+            let drawn = figures::next(next, self.calibration);
+            figure(
+                &mut out,
+                "The next view",
+                &says,
+                &drawn,
+                "Blue: the next view; grey: the corners there are.",
             );
-            figure(&mut out, &figures::next(next, self.calibration), &caption);
         }
         out += "</div>\n";
         self.pictures(&mut out);
         out += "</section>\n";
         out
+    }
+
+    /// Corners of the used pictures that were left out.
+    fn left_out(&self) -> u64 {
+        let used = self.calibration.views.iter().filter(|view| view.unused.is_none());
+        used.flat_map(|view| &view.points).filter(|point| !point.used).count() as u64
     }
 
     fn parameters(&self, out: &mut String) {
@@ -140,7 +141,7 @@ impl CalibrationPage<'_> {
             let [x, y, sx, sy] = [warp.x, warp.y, sd.x, sd.y].map(|m| m * 1e3);
             let _ = writeln!(
                 out,
-                " The board is bent by {x:.3} &plusmn; {sx:.3} mm along x, {y:.3} &plusmn; {sy:.3} mm along y."
+                " The board is bent by {x:.3} ± {sx:.3} mm along x, {y:.3} ± {sy:.3} mm along y."
             );
         }
         for d in &self.calibration.dropped {
@@ -179,20 +180,11 @@ impl CalibrationPage<'_> {
     }
 }
 
-fn figure(out: &mut String, svg: &str, caption: &str) {
-    let _ = writeln!(out, "<figure>{svg}<figcaption>{}</figcaption></figure>", escaped(caption));
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_no_markup() {
-        let page = document("<script>&\"\u{7}", &["<p>kept</p>".into()]);
-        assert!(page.contains("&lt;script&gt;&amp;&quot;\u{fffd}") && page.contains("<p>kept</p>"));
-        assert!(
-            !page.contains("<script>") && page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>\n")
-        );
-    }
+fn figure(out: &mut String, title: &str, says: &str, svg: &str, note: &str) {
+    let (title, says, note) = (escaped(title), escaped(says), escaped(note));
+    // a String takes everything
+    let _ = writeln!(
+        out,
+        "<figure><h3>{title}</h3><p class=\"says\">{says}</p>{svg}<figcaption>{note}</figcaption></figure>"
+    );
 }

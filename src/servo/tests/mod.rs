@@ -1,5 +1,6 @@
 //! The laws against the printed equations with dense matrices, and in closed loops without dynamics.
 
+mod areas;
 mod energy;
 mod equations;
 mod loops;

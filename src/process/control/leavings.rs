@@ -1,0 +1,130 @@
+//! What control leaves for a report: the history of the run, its goal, and where the frames of the cell were.
+
+use crate::config::{Config, Source};
+use crate::control::control_loop::ControlLoop;
+use crate::geometry::Pose;
+use crate::process::report_folder::{GOAL, MEASUREMENTS, POSES, TRACE};
+use crate::process::{Membership, ProcessError, ReportFolder};
+use crate::report::history::RunHistory;
+use crate::servo::Mount;
+use crate::time::SpanNs;
+use nalgebra::{SVector, Vector3};
+use std::fmt::Write;
+use tracing::error;
+
+/// What a run may go on for beyond its latest end: the arm comes to rest.
+const MARGIN: SpanNs = SpanNs(2_000_000_000);
+
+/// Room for the history of a run.
+pub(super) fn history<const N: usize>(config: &Config, control: &ControlLoop<N>) -> RunHistory {
+    let set_point = control.controller().behaviour().set_point();
+    let plays_once = matches!(config.camera.source, Source::Replay { repeat: false, .. });
+    let has_end = !config.serve && !plays_once;
+    let longest = if has_end { SpanNs(config.duration.0.saturating_add(MARGIN.0)) } else { SpanNs(i64::MAX) };
+    RunHistory::new(N, set_point.ids(), longest, config.camera.rate_hz)
+}
+
+/// Writes it all. A failure is told and changes nothing: the run is over, and the arm at rest.
+pub(super) fn write<const N: usize>(
+    folder: &ReportFolder,
+    config: &Config,
+    control: &ControlLoop<N>,
+    history: &RunHistory,
+    membership: &Membership,
+) {
+    let robot = &control.controller().arm().robot;
+    let places = |q: &[f64]| {
+        let X_BE = robot.forward(&joints(q));
+        let X_BC = camera(&config.camera.mount, &X_BE);
+        let (p, r) = (X_BC.translation.vector, X_BC.rotation.coords);
+        (X_BE.translation.vector.into(), [p.x, p.y, p.z, r.x, r.y, r.z, r.w])
+    };
+    let files: [(&str, &dyn Fn() -> String); 4] = [
+        (TRACE, &|| history.trace_csv(places)),
+        (MEASUREMENTS, &|| history.measurements_csv()),
+        (GOAL, &|| goal(config, control)),
+        (POSES, &|| poses(config, control, history)),
+    ];
+    for (name, text) in files {
+        // A long history takes its time, and the supervisor wants signs of life.
+        membership.beat();
+        let text = text();
+        membership.beat();
+        if let Err(ProcessError::Write { path, cause }) = folder.write(name, text) {
+            error!("report: {} cannot be written: {cause}", path.display());
+        }
+    }
+}
+
+fn joints<const N: usize>(q: &[f64]) -> SVector<f64, N> {
+    SVector::from_fn(|i, _| q.get(i).copied().unwrap_or(0.0))
+}
+
+fn camera(mount: &Mount, X_BE: &Pose) -> Pose {
+    match mount {
+        Mount::EyeInHand { X_EC } => X_BE * X_EC,
+        Mount::EyeToHand { X_BC } => *X_BC,
+    }
+}
+
+/// Where each point of the target is to be in the image.
+fn goal<const N: usize>(config: &Config, control: &ControlLoop<N>) -> String {
+    let set_point = control.controller().behaviour().set_point();
+    let mut out = String::from("point,u_px,v_px\n");
+    for (id, s) in set_point.ids().iter().zip(set_point.features()) {
+        let px = config.camera.model.pixel_of(s);
+        let _ = writeln!(out, "{},{:.3},{:.3}", id + 1, px.x, px.y); // a String takes everything
+    }
+    out
+}
+
+/// Frames of the cell in B at the first tick and at the last, and the origins of the joints' frames. Without an arm that moves the
+/// camera: the desired camera in the frame of the object.
+fn poses<const N: usize>(config: &Config, control: &ControlLoop<N>, history: &RunHistory) -> String {
+    let mut out = String::from("frame,x_m,y_m,z_m,qx,qy,qz,qw\n");
+    let X_DO = control.controller().behaviour().set_point().X_DO().copied();
+    if !config.closes_the_loop() {
+        pose(&mut out, "O", &Pose::identity());
+        if let Some(X_DO) = X_DO {
+            pose(&mut out, "D", &X_DO.inverse());
+        }
+        return out;
+    }
+    let Some((first, last, span)) = history.ends() else { return out };
+    pose(&mut out, "B", &Pose::identity());
+    let robot = &control.controller().arm().robot;
+    let mut object = None;
+    for (when, q, at) in [("start", first, SpanNs::ZERO), ("end", last, span)] {
+        let q = joints(q);
+        let X_BE = robot.forward(&q);
+        let X_BC = camera(&config.camera.mount, &X_BE);
+        pose(&mut out, &format!("E_{when}"), &X_BE);
+        pose(&mut out, &format!("C_{when}"), &X_BC);
+        for (i, p) in robot.joint_origins(&q).into_iter().enumerate() {
+            pose(&mut out, &format!("joint_{}_{when}", i + 1), &place(p));
+        }
+        object = match (&config.scene, config.camera.mount) {
+            (Some(scene), Mount::EyeInHand { .. }) => Some(scene.motion.object_at(&scene.X_WO, at)),
+            (Some(scene), Mount::EyeToHand { .. }) => Some(X_BE * scene.motion.object_at(&scene.X_WO, at)),
+            // As the last measurement has it, of an arm that rests by then.
+            (None, _) => history.last_pose().filter(|_| when == "end").map(|X_CO| X_BC * X_CO),
+        };
+        if let Some(X_BO) = &object {
+            pose(&mut out, &format!("O_{when}"), X_BO);
+        }
+    }
+    if let (Some(X_BO), Some(X_DO)) = (object, X_DO) {
+        pose(&mut out, "D", &(X_BO * X_DO.inverse()));
+    }
+    out
+}
+
+fn place(p: Vector3<f64>) -> Pose {
+    Pose::from_parts(p.into(), nalgebra::UnitQuaternion::identity())
+}
+
+fn pose(out: &mut String, frame: &str, X: &Pose) {
+    let (p, r) = (X.translation.vector, X.rotation.coords);
+    let _ =
+        writeln!(out, "{frame},{:.9},{:.9},{:.9},{:.9},{:.9},{:.9},{:.9}", p.x, p.y, p.z, r.x, r.y, r.z, r.w);
+}

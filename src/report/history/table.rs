@@ -1,0 +1,152 @@
+//! The history as CSV: what people plot, and what the page is made of.
+
+use super::{RunHistory, SeenRow, TickRow};
+use crate::control::trace::LatencyStages;
+use crate::messages::{ControlState, TargetStatus, measurement_flag};
+use crate::motion::Limit;
+use crate::servo::Intake;
+use crate::time::SpanNs;
+use std::fmt::{Display, Write};
+
+/// Names of the columns of a pose.
+const POSE: [&str; 7] = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"];
+/// Columns of each joint: measured, commanded, wished.
+const JOINT: [&str; 6] = ["q", "qd", "tau", "q_r", "qd_r", "wish"];
+
+impl RunHistory {
+    /// `trace.csv`: a row a tick. `places` gives, of an arm whose joints are at q (rad or m), the flange in B, m, and the
+    /// camera in B as position and quaternion `x y z w`.
+    #[must_use]
+    pub fn trace_csv(&self, mut places: impl FnMut(&[f64]) -> ([f64; 3], [f64; 7])) -> String {
+        let mut out = String::from("tick,time_s,command_after_us,state");
+        for limit in Limit::ALL {
+            // a String takes everything
+            let _ = write!(out, ",limit_{}", format!("{limit:?}").to_lowercase());
+        }
+        for column in JOINT {
+            cells(&mut out, (1..=self.joints).map(|joint| format!("{column}_{joint}")));
+        }
+        out.push_str(",E_x_m,E_y_m,E_z_m");
+        cells(&mut out, POSE.iter().map(|part| format!("C_{part}")));
+        out.push('\n');
+        for row in self.ticks.all() {
+            self.tick_line(&mut out, row, &mut places);
+        }
+        out
+    }
+
+    fn tick_line(
+        &self,
+        out: &mut String,
+        row: &TickRow,
+        places: &mut impl FnMut(&[f64]) -> ([f64; 3], [f64; 7]),
+    ) {
+        let n = self.joints;
+        let _ = write!(
+            out,
+            "{},{:.9},{:.3},{}",
+            row.tick,
+            self.seconds(row.time),
+            f64::from(row.total_ns) * 1e-3,
+            ControlState::from_code(u32::from(row.state)).as_str()
+        );
+        cells(out, row.limits);
+        cells(out, row.q.iter().take(n).map(nano));
+        cells(out, row.qd.iter().take(n).chain(row.tau.iter().take(n)));
+        cells(out, row.q_r.iter().take(n).map(nano));
+        cells(out, row.qd_r.iter().take(n).chain(row.wish.iter().take(n)));
+        let (p_BE, X_BC) = places(row.q.get(..n).unwrap_or(&row.q));
+        cells(out, p_BE.iter().chain(&X_BC).map(nano));
+        out.push('\n');
+    }
+
+    /// `measurements.csv`: a row a measurement; what is not known is empty.
+    #[must_use]
+    pub fn measurements_csv(&self) -> String {
+        let mut out = String::from(
+            "frame_id,camera,exposure_s,taken_s,status,intake,error_px,tracked,features,reprojection_rms_px,\
+             exposure_to_frame_us,frame_to_vision_us,vision_us,measurement_to_command_us,exposure_to_command_us",
+        );
+        cells(&mut out, POSE.iter().map(|part| format!("CO_{part}")));
+        cells(&mut out, self.ids.iter().map(|id| format!("u_{0}_px,v_{0}_px", id + 1)));
+        out.push('\n');
+        let width = 2 * self.ids.len();
+        for (i, row) in self.measurements.all().enumerate() {
+            let px = self.px.get(i * width..(i + 1) * width).unwrap_or(&self.last_px);
+            self.measurement_line(&mut out, row, px);
+        }
+        out
+    }
+
+    fn measurement_line(&self, out: &mut String, row: &SeenRow, px: &[f32]) {
+        let _ = write!(out, "{},{},{:.9},", row.frame_id, row.camera, self.seconds(row.exposure));
+        if let Some(taken) = row.taken {
+            let _ = write!(out, "{:.9}", self.seconds(taken));
+        }
+        let status = TargetStatus::from_code(row.status);
+        let _ = write!(out, ",{status:?},{},", row.intake.map_or("", intake_word));
+        if row.error_px.is_finite() {
+            let _ = write!(out, "{}", row.error_px);
+        }
+        let tracked = u8::from(row.flags & measurement_flag::TRACKED != 0);
+        let _ = write!(out, ",{tracked},{},{}", row.count, row.rms_px);
+        let LatencyStages {
+            exposure_to_frame,
+            frame_to_vision,
+            vision,
+            measurement_to_command,
+            exposure_to_command,
+        } = row.latency.unwrap_or_default();
+        for span in [exposure_to_frame, frame_to_vision, vision, measurement_to_command, exposure_to_command]
+        {
+            out.push(',');
+            if let Some(SpanNs(ns)) = span {
+                let _ = write!(out, "{:.3}", ns as f64 * 1e-3);
+            }
+        }
+        let posed = row.flags & measurement_flag::POSE != 0;
+        for value in row.pose {
+            out.push(',');
+            if posed {
+                let _ = write!(out, "{value:.9}");
+            }
+        }
+        for value in px {
+            out.push(',');
+            if value.is_finite() {
+                let _ = write!(out, "{value}");
+            }
+        }
+        out.push('\n');
+    }
+
+    fn seconds(&self, time: crate::time::MonoNs) -> f64 {
+        self.first.map_or(0.0, |first| (time - first).as_s())
+    }
+}
+
+/// To a billionth.
+fn nano(value: &f64) -> String {
+    format!("{value:.9}")
+}
+
+fn cells<T: Display>(out: &mut String, values: impl IntoIterator<Item = T>) {
+    for value in values {
+        let _ = write!(out, ",{value}"); // a String takes everything
+    }
+}
+
+fn intake_word(intake: Intake) -> &'static str {
+    match intake {
+        Intake::Used => "used",
+        Intake::UsedFromFuture => "used_from_future",
+        Intake::NoTarget => "no_target",
+        Intake::OtherFeatures => "other_features",
+        Intake::TooFewFeatures => "too_few_features",
+        Intake::ImpossiblePose => "impossible_pose",
+        Intake::Inconsistent => "inconsistent",
+        Intake::NotNewer => "not_newer",
+        Intake::RefusedFromFuture => "refused_from_future",
+        Intake::TooOld => "too_old",
+    }
+}

@@ -1,0 +1,224 @@
+//! Pictures of a run for `--report`: the first frame, the last one, and those in which a target that had been found is lost. All
+//! memory is had before the first frame; keeping one is a copy.
+
+use crate::messages::{FeaturePoint, FrameHeader, Measurement, TargetStatus};
+use std::fmt::Write;
+
+/// Most frames without the target that are kept; the others are counted.
+const MOST_LOST: usize = 24;
+/// Most memory for them, bytes.
+const MOST_BYTES: usize = 96 << 20;
+
+/// Why a picture is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Keepsake {
+    /// The first frame of the run.
+    First,
+    /// A target that had been found is not.
+    Lost,
+    /// The last frame of the run.
+    Last,
+}
+
+impl Keepsake {
+    /// A word for file names and people.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::First => "first",
+            Self::Lost => "lost",
+            Self::Last => "last",
+        }
+    }
+}
+
+/// A grey picture and what was found in it.
+#[derive(Debug, Clone)]
+pub struct KeptPicture {
+    /// Why it is kept.
+    pub why: Keepsake,
+    /// Columns and rows, px.
+    pub size_px: (u32, u32),
+    /// Its levels, row by row.
+    pub grey: Vec<u8>,
+    /// What vision says of it.
+    pub measurement: Measurement,
+}
+
+impl KeptPicture {
+    /// Its file's name.
+    #[must_use]
+    pub fn file_name(&self) -> String {
+        format!("frame-{}-{:06}.png", self.why.as_str(), self.measurement.frame_id)
+    }
+
+    fn seen(&self) -> (String, &[FeaturePoint]) {
+        let status = self.measurement.target_status();
+        (status.as_str().to_owned(), self.measurement.features())
+    }
+}
+
+/// The pictures of a run.
+#[derive(Debug)]
+pub struct PictureBook {
+    first: KeptPicture,
+    last: KeptPicture,
+    lost: Vec<KeptPicture>,
+    /// How many of `lost` are in use.
+    kept: usize,
+    /// Frames in which the target was lost.
+    losses: u64,
+    /// Frames without the target.
+    without: u64,
+    frames: u64,
+    was_found: bool,
+    size_px: (u32, u32),
+}
+
+impl PictureBook {
+    /// For frames of this size, px.
+    #[must_use]
+    pub fn new((width, height): (u32, u32)) -> Self {
+        let bytes = width as usize * height as usize;
+        let room = (MOST_BYTES / bytes.max(1)).saturating_sub(2).min(MOST_LOST);
+        // Written to, so that the memory is there and not only promised.
+        let empty = |why| KeptPicture {
+            why,
+            size_px: (width, height),
+            grey: vec![1; bytes],
+            measurement: Measurement::default(),
+        };
+        Self {
+            first: empty(Keepsake::First),
+            last: empty(Keepsake::Last),
+            lost: (0..room).map(|_| empty(Keepsake::Lost)).collect(),
+            kept: 0,
+            losses: 0,
+            without: 0,
+            frames: 0,
+            was_found: false,
+            size_px: (width, height),
+        }
+    }
+
+    /// Takes in a frame that is not measured yet; frames of another size are passed over.
+    pub fn note_frame(&mut self, header: &FrameHeader, grey: &[u8]) {
+        if (header.width_px, header.height_px) != self.size_px || grey.len() != self.last.grey.len() {
+            return;
+        }
+        self.last.grey.copy_from_slice(grey);
+        self.last.measurement = Measurement {
+            frame_id: header.frame_id,
+            exposure: header.exposure,
+            status: TargetStatus::NoPair as u32,
+            ..Measurement::default()
+        };
+    }
+
+    /// Takes in what was found in the frame that was noted last; of others nothing is known.
+    pub fn note_measurement(&mut self, m: &Measurement) {
+        if m.frame_id != self.last.measurement.frame_id {
+            return;
+        }
+        self.last.measurement = *m;
+        if self.frames == 0 {
+            copy(&self.last, &mut self.first);
+        }
+        self.frames += 1;
+        let is_loss = self.was_found && !m.found();
+        self.without += u64::from(!m.found());
+        self.was_found = m.found();
+        if is_loss {
+            self.losses += 1;
+            if let Some(place) = self.lost.get_mut(self.kept) {
+                copy(&self.last, place);
+                self.kept += 1;
+            }
+        }
+    }
+
+    /// The pictures in the order of time.
+    pub fn pictures(&self) -> impl Iterator<Item = &KeptPicture> {
+        let first = (self.frames > 0).then_some(&self.first);
+        let last = (self.frames > 1).then_some(&self.last);
+        first.into_iter().chain(self.lost.iter().take(self.kept)).chain(last)
+    }
+
+    /// `frames.csv`: a row for each point that was found in each picture, and one for a picture without; what was counted stands in
+    /// columns of its own.
+    #[must_use]
+    pub fn to_csv(&self) -> String {
+        let mut out =
+            String::from("file,why,frame_id,status,point,u_px,v_px,frames,frames_without_target,losses\n");
+        for picture in self.pictures() {
+            let (status, points) = picture.seen();
+            let start = format!(
+                "{},{},{},\"{status}\"",
+                picture.file_name(),
+                picture.why.as_str(),
+                picture.measurement.frame_id
+            );
+            let end = format!("{},{},{}", self.frames, self.without, self.losses);
+            if points.is_empty() {
+                let _ = writeln!(out, "{start},,,,{end}"); // a String takes everything
+            }
+            for p in points {
+                let _ = writeln!(out, "{start},{},{:.3},{:.3},{end}", p.id.saturating_add(1), p.u_px, p.v_px);
+            }
+        }
+        out
+    }
+}
+
+fn copy(from: &KeptPicture, to: &mut KeptPicture) {
+    to.grey.copy_from_slice(&from.grey);
+    to.measurement = from.measurement;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn see(book: &mut PictureBook, frame_id: u64, found: bool) {
+        let header = FrameHeader { frame_id, width_px: 4, height_px: 2, ..FrameHeader::default() };
+        book.note_frame(&header, &[frame_id as u8; 8]);
+        let status = if found { TargetStatus::Found } else { TargetStatus::NoContrast } as u32;
+        book.note_measurement(&Measurement { frame_id, status, ..Measurement::default() });
+    }
+
+    #[test]
+    fn first_last_and_each_loss_are_kept() {
+        let mut book = PictureBook::new((4, 2));
+        for (frame, found) in [(3, false), (4, true), (5, false), (6, false), (7, true), (8, true)] {
+            see(&mut book, frame, found);
+        }
+        let told: Vec<_> = book.pictures().map(|p| (p.file_name(), p.grey[0])).collect();
+        let wanted =
+            [("frame-first-000003.png", 3), ("frame-lost-000005.png", 5), ("frame-last-000008.png", 8)];
+        assert_eq!(told, wanted.map(|(name, level)| (name.to_owned(), level)));
+        let csv = book.to_csv();
+        assert!(
+            csv.contains("frame-lost-000005.png,lost,5,\"no contrast in the frame\",,,,6,3,1\n"),
+            "{csv}"
+        );
+    }
+
+    #[test]
+    fn more_losses_than_there_is_room_for_are_counted() {
+        let mut book = PictureBook::new((4, 2));
+        (0..100).for_each(|frame| see(&mut book, frame, frame % 2 == 0));
+        assert_eq!(book.pictures().count(), MOST_LOST + 2);
+        assert!(book.to_csv().lines().nth(1).unwrap().ends_with(",100,50,50"));
+    }
+
+    #[test]
+    fn frames_of_another_size_and_measurements_of_other_frames_are_passed_over() {
+        let mut book = PictureBook::new((4, 2));
+        let header = FrameHeader { width_px: 5, height_px: 2, ..FrameHeader::default() };
+        book.note_frame(&header, &[0; 10]);
+        book.note_measurement(&Measurement { frame_id: 9, ..Measurement::default() });
+        assert_eq!(book.pictures().count(), 0);
+        // no room but for two
+        assert_eq!(PictureBook::new((8192, 8192)).lost.len(), 0);
+    }
+}

@@ -1,0 +1,216 @@
+//! Errors over time: in the image, and of the camera before its goal, as vision measures them.
+
+use super::record::RunRecord;
+use crate::input::number;
+use crate::report::chart::{Panel, Series, Symbol, figure_svg};
+use crate::report::csv_table::CsvTable;
+use crate::report::numbers::significant;
+use crate::report::page::{figure, heading};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+
+/// A pose from columns with this prefix; `None` where a number is missing.
+pub(super) fn pose(table: &CsvTable, prefix: &str, row: usize) -> Option<Isometry3<f64>> {
+    let mut v = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
+        .map(|part| table.number(&format!("{prefix}{part}"), row));
+    let norm = v.iter().skip(3).map(|q| q * q).sum::<f64>().sqrt();
+    if !v.iter().all(|x| x.is_finite()) || !(norm > 0.5) {
+        return None;
+    }
+    v.iter_mut().skip(3).for_each(|q| *q /= norm);
+    let [x, y, z, i, j, k, w] = v;
+    let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
+    Some(Isometry3::from_parts(Translation3::new(x, y, z), rotation))
+}
+
+/// The frame of the cell with this name.
+pub(super) fn cell_pose(r: &RunRecord, name: &str) -> Option<Isometry3<f64>> {
+    let row = (0..r.poses.rows()).find(|row| r.poses.word("frame", *row) == name)?;
+    pose(&r.poses, "", row)
+}
+
+/// The object in the desired camera.
+fn X_DO(r: &RunRecord) -> Option<Isometry3<f64>> {
+    let X_BO = cell_pose(r, "O_end").or_else(|| cell_pose(r, "O"))?;
+    Some(cell_pose(r, "D")?.inv_mul(&X_BO))
+}
+
+/// Time, s, distance, mm, and angle, deg, of the camera from its goal, by each measured pose.
+pub(super) fn camera_errors(r: &RunRecord) -> Vec<[f64; 3]> {
+    let Some(X_DO) = X_DO(r) else { return Vec::new() };
+    let at = |row: usize| {
+        let X_CD = pose(&r.measurements, "CO_", row)? * X_DO.inverse();
+        let time_s = r.measurements.number("exposure_s", row);
+        Some([time_s, X_CD.translation.vector.norm() * 1e3, X_CD.rotation.angle().to_degrees()])
+    };
+    (0..r.measurements.rows()).filter_map(at).filter(|e| e.iter().all(|x| x.is_finite())).collect()
+}
+
+/// From when to when no target was found, s.
+pub(super) fn blind_spans(r: &RunRecord) -> Vec<(f64, f64)> {
+    let m = &r.measurements;
+    let mut spans: Vec<(f64, f64)> = Vec::new();
+    let mut since = None;
+    for row in 0..m.rows() {
+        let time_s = m.number("exposure_s", row);
+        match (m.word("status", row) == "Found", since) {
+            (false, None) => since = Some(time_s),
+            (true, Some(from)) => {
+                spans.push((from, time_s));
+                since = None;
+            }
+            _ => {}
+        }
+    }
+    let end = r.trace.numbers("time_s").last().copied().unwrap_or(f64::NAN);
+    spans.extend(since.map(|from| (from, end.max(from))));
+    spans
+}
+
+pub(super) fn blind(r: &RunRecord) -> Option<Series> {
+    let spans = blind_spans(r);
+    let edges = spans.iter().flat_map(|(from, to)| [(*from, 0.0), (*to, 0.0)]);
+    (!spans.is_empty()).then(|| Series::new(Symbol::Band, 1, edges).label("target not found"))
+}
+
+/// A curve in pieces: where measurements are missing nothing is known, and nothing drawn.
+fn without_gaps(points: &[(f64, f64)]) -> impl Iterator<Item = &[(f64, f64)]> {
+    let mut steps: Vec<f64> = points.windows(2).filter_map(|w| Some(w.last()?.0 - w.first()?.0)).collect();
+    steps.sort_unstable_by(f64::total_cmp);
+    let usual = steps.get(steps.len() / 2).copied().unwrap_or(f64::INFINITY);
+    points.chunk_by(move |a, b| b.0 - a.0 <= 3.5 * usual)
+}
+
+fn says(r: &RunRecord, errors: &[[f64; 2]]) -> String {
+    let (Some(first), Some(last)) = (errors.first(), errors.last()) else {
+        return "No measurement says anything about the goal.".into();
+    };
+    let px = |e: f64| format!("{} px", significant(e, 3));
+    let goal = number(r.goal_error_px);
+    let word = if last[1] < first[1] { "falls" } else { "goes" };
+    let mut text = format!("The feature error {word} from {} to {}", px(first[1]), px(last[1]));
+    let beyond = errors.iter().rposition(|e| !(e[1] <= r.goal_error_px));
+    match beyond {
+        None => text += &format!(" and is never above the goal of {goal} px"),
+        Some(at) if at + 1 < errors.len() => {
+            let since = errors.get(at + 1).map_or(0.0, |e| e[0]);
+            text += &format!(" and stays below the goal of {goal} px from {since:.2} s on");
+        }
+        Some(_) => text += &format!(" and ends above the goal of {goal} px"),
+    }
+    if let Some([_, mm, deg]) = camera_errors(r).last() {
+        text += &format!(
+            "; the camera was last seen {} mm and {} deg from its goal",
+            significant(*mm, 2),
+            significant(*deg, 2)
+        );
+    }
+    text + "."
+}
+
+/// The figure.
+pub(super) fn errors_over_time(r: &RunRecord) -> String {
+    const TITLE: &str = "Errors over time";
+    let errors: Vec<[f64; 2]> = r.measurements.points("taken_s", "error_px");
+    let camera = camera_errors(r);
+    if errors.is_empty() && camera.is_empty() {
+        return heading(TITLE, &says(r, &errors));
+    }
+    let end = r.trace.numbers("time_s").last().copied().unwrap_or(1.0).max(1e-3);
+    let mut panels = Vec::new();
+    let mut add = |title: &str, unit: &str, points: Vec<(f64, f64)>, goal: Option<f64>| {
+        if points.is_empty() {
+            return;
+        }
+        let mut panel = Panel::new(title, "t, s", unit).x_range(0.0, end);
+        for piece in without_gaps(&points) {
+            panel.push(Series::line(0, piece.iter().copied()).label("as measured"));
+        }
+        if let Some(goal) = goal {
+            panel.push(Series::new(Symbol::Dashed, 2, [(0.0, goal), (end, goal)]).label("goal"));
+        }
+        let mut panel = panel.log_y_if_wide();
+        blind(r).into_iter().for_each(|band| panel.push(band));
+        panels.push(panel);
+    };
+    add(
+        "features",
+        "root mean square, px",
+        errors.iter().map(|e| (e[0], e[1])).collect(),
+        Some(r.goal_error_px),
+    );
+    add(
+        "place of the camera",
+        "distance from its goal, mm",
+        camera.iter().map(|e| (e[0], e[1])).collect(),
+        None,
+    );
+    add(
+        "orientation of the camera",
+        "angle from its goal, deg",
+        camera.iter().map(|e| (e[0], e[2])).collect(),
+        None,
+    );
+    let columns = panels.len();
+    let note = "Logarithmic where the values span more than two decades. The floor of the last two is the noise of a single measured pose.";
+    figure(TITLE, &says(r, &errors), note, |width| figure_svg(&panels, columns, width, TITLE))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(errors: &str) -> RunRecord {
+        RunRecord {
+            goal_error_px: 0.05,
+            measurements: CsvTable::parse(&format!("exposure_s,taken_s,status,error_px\n{errors}")),
+            trace: CsvTable::parse("time_s\n0\n1\n"),
+            ..RunRecord::default()
+        }
+    }
+
+    #[test]
+    fn the_sentence_is_about_the_end_of_the_run() {
+        let of = |text: &str| {
+            let r = record(text);
+            says(&r, &r.measurements.points("taken_s", "error_px"))
+        };
+        let falls =
+            of("0,0.02,Found,160\n0.04,0.06,Found,0.03\n0.08,0.10,NoContrast,\n0.12,0.14,Found,0.04\n");
+        assert_eq!(
+            falls,
+            "The feature error falls from 160 px to 0.0400 px and stays below the goal of 0.05 px from 0.06 s on."
+        );
+        assert!(
+            of("0,0.02,Found,1\n0,0.06,Found,2\n")
+                .contains("goes from 1.00 px to 2.00 px and ends above the goal")
+        );
+        assert!(of("").contains("No measurement"));
+    }
+
+    #[test]
+    fn nothing_is_drawn_where_nothing_was_measured() {
+        let points = [0.0, 0.04, 0.08, 0.12, 0.6, 0.64].map(|t| (t, 1.0));
+        let pieces: Vec<usize> = without_gaps(&points).map(<[_]>::len).collect();
+        assert_eq!(pieces, [4, 2]);
+    }
+
+    #[test]
+    fn spans_without_target_end_with_the_next_one() {
+        let r = record("0.0,,NoContrast,\n0.1,,Found,\n0.2,,NoMatch,\n0.3,,NoMatch,\n");
+        assert_eq!(blind_spans(&r), [(0.0, 0.1), (0.2, 1.0)]);
+    }
+
+    #[test]
+    fn the_camera_is_compared_with_its_goal() {
+        let mut r = record("");
+        r.measurements = CsvTable::parse(
+            "exposure_s,CO_x_m,CO_y_m,CO_z_m,CO_qx,CO_qy,CO_qz,CO_qw\n0.5,0,0,0.7,0,0,0,1\n0.6,,,,,,,\n",
+        );
+        r.poses = CsvTable::parse("frame,x_m,y_m,z_m,qx,qy,qz,qw\nO_end,1,2,3,0,0,0,1\nD,1,2,2.4,0,0,0,1\n");
+        let errors = camera_errors(&r);
+        assert_eq!(errors.len(), 1);
+        assert!(
+            (errors[0][0] - 0.5).abs() < 1e-12 && (errors[0][1] - 100.0).abs() < 1e-9 && errors[0][2] < 1e-9
+        );
+    }
+}

@@ -1,0 +1,162 @@
+//! The image plane: the points of the target on their way to where they are to be.
+
+use super::record::RunRecord;
+use crate::report::chart::{Panel, Series, Symbol, figure_svg};
+use crate::report::numbers::{counted, significant};
+use crate::report::page::{figure, heading};
+
+/// The way of a point, and where it is to end.
+struct Way {
+    id: usize,
+    path: Vec<[f64; 2]>,
+    goal: Option<[f64; 2]>,
+}
+
+impl Way {
+    /// Length of the way, px: steps that are no longer than noise are none.
+    fn length(&self) -> f64 {
+        const NOISE_PX: f64 = 0.5;
+        let mut at = None;
+        let mut length = 0.0;
+        for p in &self.path {
+            let step = at.map_or(f64::INFINITY, |at| distance(p, at));
+            if step > NOISE_PX {
+                length += if at.is_some() { step } else { 0.0 };
+                at = Some(p);
+            }
+        }
+        length
+    }
+
+    fn straight(&self) -> f64 {
+        self.path.first().zip(self.path.last()).map_or(0.0, |(a, b)| distance(a, b))
+    }
+
+    /// From where it is last seen to its goal, px.
+    fn left(&self) -> Option<f64> {
+        Some(distance(self.path.last()?, &self.goal?))
+    }
+}
+
+fn distance(a: &[f64; 2], b: &[f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+fn ways(r: &RunRecord) -> Vec<Way> {
+    let ids =
+        r.measurements.names().iter().filter_map(|n| n.strip_prefix("u_")?.strip_suffix("_px")?.parse().ok());
+    let ways = ids.map(|id: usize| {
+        let path = r.measurements.points(&format!("u_{id}_px"), &format!("v_{id}_px"));
+        let row = r.goal.numbers("point").iter().position(|p| *p == id as f64);
+        let goal = row.map(|row| [r.goal.number("u_px", row), r.goal.number("v_px", row)]);
+        Way { id, path, goal: goal.filter(|g| g.iter().all(|x| x.is_finite())) }
+    });
+    ways.filter(|way| !way.path.is_empty()).collect()
+}
+
+fn says(r: &RunRecord, ways: &[Way]) -> String {
+    let seen = ways.len();
+    let mut text = match ways.iter().filter_map(Way::left).reduce(f64::max) {
+        Some(most) if seen == 1 => format!("The point ends {} px from its goal", significant(most, 2)),
+        Some(most) => format!("The {seen} points end within {} px of their goals", significant(most, 2)),
+        None => format!("{} seen; nothing is known of where they are to be", counted(seen as u64, "point")),
+    };
+    let longest = ways.iter().max_by(|a, b| a.length().total_cmp(&b.length()));
+    if let Some(way) = longest.filter(|way| way.length() > 1.0 && r.has_arm) {
+        text +=
+            &format!("; the longest way, that of point {}, is {} px", way.id, significant(way.length(), 3));
+        if way.straight() > 5.0 {
+            text += &format!(", {} times the straight line", significant(way.length() / way.straight(), 3));
+        }
+    }
+    text + "."
+}
+
+fn border([width, height]: [f64; 2]) -> Series {
+    let (x0, y0, x1, y1) = (-0.5, -0.5, width - 0.5, height - 0.5);
+    let corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)];
+    Series::line(6, corners).label("border of the image")
+}
+
+fn pair(p: &[f64; 2]) -> (f64, f64) {
+    (p[0], p[1])
+}
+
+/// The figure.
+pub(super) fn image_plane(r: &RunRecord) -> String {
+    const TITLE: &str = "Image plane: the points on the way to their goals";
+    let ways = ways(r);
+    if ways.is_empty() {
+        return heading(TITLE, "No point of the target was ever found, so there is no way to draw.");
+    }
+    let mut image =
+        Panel::new("whole image", "u, px", "v, px, down").equal_scales().y_down().with(border(r.image_px));
+    let few = ways.len() <= 7;
+    for (i, way) in ways.iter().enumerate() {
+        let line = Series::line(i, way.path.iter().map(pair));
+        image.push(if few { line.label(format!("point {}", way.id)) } else { line });
+        image.push(Series::new(Symbol::Cross, i, way.path.first().map(pair)));
+        image.push(Series::new(Symbol::Circle, i, way.goal.as_ref().map(pair)));
+    }
+    let mut panels = vec![image];
+    let ends: Vec<f64> = ways.iter().filter_map(Way::left).collect();
+    if let Some(most) = ends.iter().copied().reduce(f64::max) {
+        // Wide enough for the ends and for the goal, and no wider than the ways themselves.
+        let reach = (2.5 * most).max(6.0 * r.goal_error_px).max(0.2);
+        let mut rest = Panel::new(
+            "the end, about each point's goal",
+            "u less its goal, px",
+            "v less its goal, px, down",
+        )
+        .equal_scales()
+        .y_down()
+        .x_range(-reach, reach)
+        .y_range(-reach, reach);
+        let circle = (0..=48).map(|k| f64::from(k) / 48.0 * std::f64::consts::TAU);
+        let error = r.goal_error_px;
+        rest.push(
+            Series::new(Symbol::Dashed, 6, circle.map(|a| (error * a.cos(), error * a.sin())))
+                .label("goal.feature_error_px"),
+        );
+        for (i, way) in ways.iter().enumerate() {
+            if let Some(goal) = way.goal {
+                rest.push(Series::line(i, way.path.iter().map(|p| (p[0] - goal[0], p[1] - goal[1]))));
+                let end = way.path.last().map(|p| (p[0] - goal[0], p[1] - goal[1]));
+                rest.push(Series::new(Symbol::Cross, i, end));
+            }
+        }
+        panels.push(rest);
+    }
+    let colours = if few { "" } else { " Colours repeat after seven points." };
+    let note = format!(
+        "Crosses in the image: where a point was first seen; circles: where it is to be. Crosses about the goal: where it was seen last.{colours}"
+    );
+    figure(TITLE, &says(r, &ways), &note, |width| figure_svg(&panels, 2, width, TITLE))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::csv_table::CsvTable;
+
+    #[test]
+    fn the_sentence_says_how_near_and_how_straight() {
+        let r = RunRecord {
+            has_arm: true,
+            image_px: [640.0, 480.0],
+            goal_error_px: 0.05,
+            measurements: CsvTable::parse("u_1_px,v_1_px\n0,0\n100,0\n100,100.04\n100.01,100.04\n,\n"),
+            goal: CsvTable::parse("point,u_px,v_px\n1,100,100\n"),
+            ..RunRecord::default()
+        };
+        let says = says(&r, &ways(&r));
+        assert_eq!(
+            says,
+            "The point ends 0.041 px from its goal; the longest way, that of point 1, is 200 px, 1.41 times the straight line."
+        );
+        let html = image_plane(&r);
+        assert!(html.contains("about each point") && html.contains("border of the image"));
+        let blind = image_plane(&RunRecord::default());
+        assert!(blind.contains("No point of the target") && !blind.contains("<svg"));
+    }
+}

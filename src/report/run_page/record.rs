@@ -1,0 +1,88 @@
+//! What the page of a run is made of: plain data, as it stands in the files beside the page.
+
+use crate::report::csv_table::CsvTable;
+
+/// A run.
+#[derive(Debug, Clone, Default)]
+pub struct RunRecord {
+    /// What was run, in a few words.
+    pub title: String,
+    /// How it ended, in a sentence.
+    pub verdict: String,
+    /// Whether it ended as it should.
+    pub is_good: bool,
+    /// What there is to tell beside the figures: names and values.
+    pub facts: Vec<(String, String)>,
+    /// The version of the program.
+    pub version: String,
+    /// Seed of every random number.
+    pub seed: u64,
+    /// What repeats the run, line by line.
+    pub commands: Vec<String>,
+    /// Whether time was simulated: ticks then have no deadline.
+    pub simulated_time: bool,
+    /// Whether an arm moved the camera or the target.
+    pub has_arm: bool,
+    /// Whether the camera is on the arm.
+    pub eye_in_hand: bool,
+    /// Gravity in B, m/s^2: what is drawn as down.
+    pub gravity_B: [f64; 3],
+    /// The axes of the arm, from the base.
+    pub joints: Vec<JointRecord>,
+    /// Columns and rows of the image.
+    pub image_px: [f64; 2],
+    /// The feature error below which the goal is reached, px.
+    pub goal_error_px: f64,
+    /// Corners of the target's plate in its own plane, least and greatest x and y, m.
+    pub plate_m: [[f64; 2]; 2],
+    /// The points of the target, m.
+    pub points_m: Vec<[f64; 3]>,
+    /// A row a tick.
+    pub trace: CsvTable,
+    /// A row a measurement.
+    pub measurements: CsvTable,
+    /// Where the points are to be.
+    pub goal: CsvTable,
+    /// Frames of the cell.
+    pub poses: CsvTable,
+    /// What is in the kept pictures.
+    pub frames: CsvTable,
+    /// When something happened, s, and what.
+    pub events: Vec<(f64, String)>,
+    /// How many more events happened between them.
+    pub events_left_out: u64,
+    /// Deadline to command: upper edges of buckets, us, and counts.
+    pub tick_times: Vec<(f64, u64)>,
+    /// Ticks that missed their deadline.
+    pub missed_deadlines: u64,
+    /// Kept pictures by the name of their file, as `data:` addresses.
+    pub pictures: Vec<PictureData>,
+    /// Files beside the page, and what is in them.
+    pub files: Vec<(String, String)>,
+}
+
+/// A joint, and its limits: rad, rad/s, N m for a turning one; m, m/s, N for a sliding one.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct JointRecord {
+    /// Its name.
+    pub name: String,
+    /// Whether it slides.
+    pub slides: bool,
+    /// Least position; minus infinity where there is none.
+    pub lower: f64,
+    /// Greatest position; infinity where there is none.
+    pub upper: f64,
+    /// Greatest speed.
+    pub velocity: f64,
+    /// Greatest torque or force.
+    pub effort: f64,
+}
+
+/// A picture in the page.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PictureData {
+    /// The name of its file.
+    pub file: String,
+    /// The picture itself, smaller where it is large.
+    pub data: String,
+}
