@@ -43,7 +43,7 @@ pub fn start_logging(asked: Option<LogFormat>) {
 fn filter(text: &str) -> Result<Targets, String> {
     for part in text.split(',').map(str::trim) {
         let level = part.rsplit_once('=').map_or(part, |(_, level)| level);
-        if LevelFilter::from_str(level).is_err() {
+        if level.is_empty() || LevelFilter::from_str(level).is_err() {
             let form = if level == "json" { "; for JSON there is --log-format json" } else { "" };
             let shown: String = level.chars().take(40).collect();
             return Err(format!("`{}` is no level ({LEVELS}){form}", shown.escape_default()));

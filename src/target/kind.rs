@@ -177,7 +177,7 @@ mod tests {
             ("tag:41h12:0.1", "36h11"),
             ("tag:36h11:0.1:x", "whole number"),
             ("tag:36h11:0.1:1:2", "at most one"),
-            ("four_dots:0.1:2", "too many"),
+            ("four_dots:0.1:2", "`chiral` or nothing"),
             ("polygon:0,0;1", "corner"),
             ("ellipse:0.1", "AxB"),
         ] {
