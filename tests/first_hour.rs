@@ -45,6 +45,8 @@ fn shipped_run_files_are_at_hand_anywhere() {
     assert!(text(&output).contains("converged"), "{}", text(&output));
     let output = elsewhere(&["check", "ur5"]);
     assert!(text(&output).starts_with("ur5: ok: "), "{}", text(&output));
+    let output = elsewhere(&["check"]);
+    assert!(text(&output).starts_with("default: ok: "), "{}", text(&output));
     // a file of that name comes before
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("ur5"), "[camera]\nrate_hz = 1e9\n").unwrap();

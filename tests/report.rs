@@ -309,27 +309,66 @@ fn the_page_can_be_read_in_a_browser() {
     let panda = concat!(env!("CARGO_MANIFEST_DIR"), "/config/panda.toml");
     for arguments in [[&LOCKSTEP[..], &sheet, &large].concat(), [&LOCKSTEP[..], &[panda]].concat()] {
         let reported = run(&arguments);
-        for dark in [false, true] {
-            let Some((results, console)) = looked_at(&reported.path().join("index.html"), dark) else {
-                return println!("skipped: needs chromium");
-            };
-            assert_eq!(console, "");
-            assert_eq!(results.len(), 3);
-            for result in results {
-                assert_eq!(
-                    result["wrong"].as_array().unwrap(),
-                    &Vec::<Value>::new(),
-                    "dark: {dark}, {arguments:?}"
-                );
-                assert!(
-                    result["texts"].as_u64().unwrap() > 150 && result["drawings"].as_u64().unwrap() >= 8,
-                    "{result}"
-                );
-                assert!(result["least"].as_f64().unwrap() >= 11.0, "{result}");
-                assert_eq!(result["ground"].as_f64().unwrap() < 128.0, dark, "{result}");
-            }
+        if !is_readable(&reported.path().join("index.html"), (150, 8)) {
+            return println!("skipped: needs chromium");
         }
     }
+}
+
+/// Asserts that a page can be read at three widths, light and dark, and has so many texts and drawings; false without a browser.
+fn is_readable(page: &Path, (texts, drawings): (u64, u64)) -> bool {
+    for dark in [false, true] {
+        let Some((results, console)) = looked_at(page, dark) else { return false };
+        assert_eq!(console, "");
+        assert_eq!(results.len(), 3);
+        for result in results {
+            let wrong = result["wrong"].as_array().unwrap();
+            assert_eq!(wrong, &Vec::<Value>::new(), "dark: {dark}, {}", page.display());
+            let count = |what: &str| result[what].as_u64().unwrap();
+            assert!(count("texts") > texts && count("drawings") >= drawings, "{result}");
+            assert!(result["least"].as_f64().unwrap() >= 11.0, "{result}");
+            assert_eq!(result["ground"].as_f64().unwrap() < 128.0, dark, "{result}");
+        }
+    }
+    true
+}
+
+/// The pages of calibrations, likewise.
+#[test]
+fn pages_of_calibrations_can_be_read_in_a_browser() {
+    let folder = tempfile::tempdir().unwrap();
+    let page = folder.path().join("hand-eye.html");
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let ended = |arguments: &[&str]| {
+        let output =
+            vservo().args(arguments).args(["--report"]).arg(&page).current_dir(here).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    };
+    ended(&["calibrate", "hand-eye", "--drive", "config/chessboard.toml"]);
+    let text = std::fs::read_to_string(&page).unwrap();
+    for part in [
+        "Corners, view by view",
+        "<pre>[camera.mount]\nkind = &quot;eye_in_hand&quot;",
+        "off the simulated truth by",
+        "The camera moved over",
+    ] {
+        assert!(text.contains(part), "{part}");
+    }
+    if !is_readable(&page, (60, 3)) {
+        return println!("skipped: needs chromium");
+    }
+    let photographs = here.join("../shared/data/opencv-stereo-chessboard");
+    let Ok(listed) = std::fs::read_dir(photographs) else { return println!("skipped: no ../shared") };
+    let mut files: Vec<String> = listed
+        .filter_map(|entry| Some(entry.ok()?.path().display().to_string()))
+        .filter(|name| name.contains("left") && name.ends_with("g"))
+        .collect();
+    files.sort();
+    let out = folder.path().join("camera.yaml").display().to_string();
+    let files = files.iter().map(String::as_str);
+    let board = ["--target", "chessboard:9x6:0.025", "--out", out.as_str()];
+    ended(&["calibrate", "camera"].into_iter().chain(files).chain(board).collect::<Vec<_>>());
+    assert!(is_readable(&page, (60, 0)));
 }
 
 /// The judge itself: letters that are small, cut off, or on each other are seen.

@@ -89,9 +89,9 @@ pub enum Command {
     },
     /// Check a run file: everything that is wrong with it, what the camera sees at start and goal, whether the arm gets there
     Check {
-        /// Run file (TOML), or the name of a shipped one
+        /// Run file (TOML), or the name of a shipped one; the default where it is left out
         #[arg(add = ArgValueCompleter::new(completion::run_file))]
-        config: PathBuf,
+        config: Option<PathBuf>,
         /// Change one value first; may be repeated
         #[arg(long, value_name = "key.path=value", add = ArgValueCandidates::new(completion::keys))]
         set: Vec<String>,

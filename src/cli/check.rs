@@ -1,4 +1,4 @@
-//! `vservo check CONFIG`: what is wrong with a run file, and what a run of it has before it, in words or as JSON.
+//! `vservo check [CONFIG]`: what is wrong with a run file, and what a run of it has before it, in words or as JSON.
 
 use super::{json, shown, warn};
 use crate::config::assemble::require_controllable;
@@ -22,8 +22,8 @@ struct Answer<'a> {
 
 /// # Errors
 /// When the run file is wrong, or its run would be futile: the target cannot be found, the goal not be reached.
-pub(super) fn check(path: &Path, set: &[String], as_json: bool) -> Result<u8, ProcessError> {
-    let draft = Draft::load(Some(path), set)?;
+pub(super) fn check(path: Option<&Path>, set: &[String], as_json: bool) -> Result<u8, ProcessError> {
+    let draft = Draft::load(path, set)?;
     // Of a run file that is wrong only in what is seen, the rest is told all the same.
     let (config, unseen) = match draft.clone().validate() {
         Ok(config) => (config, None),
@@ -63,12 +63,12 @@ pub(super) fn check(path: &Path, set: &[String], as_json: bool) -> Result<u8, Pr
     }
 }
 
-fn first_line(path: &Path, config: &Config) -> String {
+fn first_line(path: Option<&Path>, config: &Config) -> String {
     let (width_px, height_px) = config.camera.full_size_px();
     let of_whole = |region| format!("{region} of ");
     format!(
         "{}: ok: {} on {}, {}{width_px}x{height_px} px at {} Hz, {}\n",
-        printable(&path.display().to_string()),
+        path.map_or_else(|| "default".to_owned(), |path| printable(&path.display().to_string())),
         config.scheme_name(),
         printable(&config.robot.name),
         config.camera.roi().map_or_else(String::new, of_whole),

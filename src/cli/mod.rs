@@ -80,7 +80,7 @@ pub fn main() -> ExitCode {
         Some(Command::Target(arguments)) => target::target(&arguments),
         Some(Command::Teach(arguments)) => teach::teach(&arguments),
         Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),
-        Some(Command::Check { config, set, json }) => check::check(&config, &set, json),
+        Some(Command::Check { config, set, json }) => check::check(config.as_deref(), &set, json),
         Some(Command::Place(arguments)) => place::place(&arguments),
         Some(Command::View(arguments)) => view::view(&arguments),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),

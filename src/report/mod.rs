@@ -3,6 +3,7 @@
 pub mod calibration_page;
 pub mod chart;
 pub mod csv_table;
+pub mod hand_eye_page;
 pub mod histogram;
 pub mod history;
 pub mod latency;

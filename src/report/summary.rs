@@ -7,6 +7,7 @@ pub use stamp_calibration::StampCalibration;
 use crate::control::outcome::{FinalErrors, Outcome};
 use crate::control::sightings::IntakeCounts;
 use crate::report::histogram::Quantiles;
+use crate::report::numbers::significant;
 use crate::time::TICK;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -199,6 +200,13 @@ pub struct Summary {
     pub calibration: Option<StampCalibration>,
 }
 
+/// A duration of a histogram, us, to the digits that its buckets resolve: their width is 1.6 to 3.1 % of the duration.
+fn counted_us(us: f64) -> String {
+    const WIDTH: f64 = 0.031;
+    let power = |x: f64| x.log10().floor();
+    significant(us, if us > 0.0 { (power(us) - power(us * WIDTH)) as usize + 1 } else { 1 })
+}
+
 impl Summary {
     /// The summary of a run whose control process left none.
     #[must_use]
@@ -239,7 +247,9 @@ impl Summary {
     #[must_use]
     pub fn to_text(&self) -> String {
         let mut t = String::new();
-        let pair = |q: &Quantiles| format!("p50 {:.1}  p99 {:.1}  max {:.1} us", q.p50, q.p99, q.max);
+        let pair = |q: &Quantiles| {
+            format!("p50 {}  p99 {}  max {} us", counted_us(q.p50), counted_us(q.p99), counted_us(q.max))
+        };
         let or_unknown = |v: Option<f64>, scale: f64, unit: &str| {
             v.map_or_else(|| "unknown".to_string(), |v| format!("{:.4} {unit}", v * scale))
         };
@@ -378,6 +388,12 @@ pub fn spin_text(spin_us: f64, share: f64) -> String {
 mod tests {
     use super::*;
     use crate::time::SpanNs;
+
+    #[test]
+    fn durations_are_told_no_finer_than_their_buckets() {
+        let told = [0.0, 0.25, 5.42, 47.9, 96.4, 260.0, 1003.2, 6965.7, 20_500.0, 21_393.9].map(counted_us);
+        assert_eq!(told, ["0", "0.250", "5.4", "48", "96", "260", "1000", "7000", "20500", "21400"]);
+    }
 
     #[test]
     fn text_leaves_out_what_was_never_measured() {

@@ -65,6 +65,9 @@ pub struct HandEyeArguments {
     /// Write the lines for the run file to this file
     #[arg(long, value_name = "FILE.toml")]
     pub out: Option<PathBuf>,
+    /// Write a page with errors, corrections of the robot's poses and where the camera was
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -98,7 +101,7 @@ impl HandEyeArguments {
 }
 
 pub(in super::super) fn hand_eye(arguments: &HandEyeArguments) -> Result<u8, ProcessError> {
-    if let Some(path) = &arguments.out {
+    for path in [&arguments.out, &arguments.report].into_iter().flatten() {
         check_writable(path)?;
     }
     let answer = match &arguments.drive {
@@ -112,11 +115,14 @@ pub(in super::super) fn hand_eye(arguments: &HandEyeArguments) -> Result<u8, Pro
         Err(refusal) => return Ok(refusal.tell()),
     };
     let text = if arguments.json { json(&answer) } else { answer.text() };
-    let exit_code = shown(&text, 0);
-    Ok(match &arguments.out {
-        Some(path) => write_result(path, answer.to_toml(), exit_code),
-        None => exit_code,
-    })
+    let mut exit_code = shown(&text, 0);
+    if let Some(path) = &arguments.out {
+        exit_code = write_result(path, answer.to_toml(), exit_code);
+    }
+    if let Some(path) = &arguments.report {
+        exit_code = write_result(path, answer.page(), exit_code);
+    }
+    Ok(exit_code)
 }
 
 fn answer(arguments: &HandEyeArguments) -> Result<Answer, Refusal> {

@@ -2,6 +2,7 @@
 
 use crate::calibration::hand_eye::{EyePlace, HandEyeReport, HandEyeView, HeldOutView, LoopScatter};
 use crate::geometry::Pose;
+use crate::report::hand_eye_page::{HandEyePage, hand_eye_page};
 use nalgebra::{Matrix6, Rotation3};
 use serde::Serialize;
 use serde::ser::{SerializeMap, Serializer};
@@ -44,6 +45,15 @@ impl Driven {
             rotation_deg: found.rotation.angle_to(&other.rotation).to_degrees(),
         };
         Self { from_run_file: gap(believed), from_truth: truth.map(gap) }
+    }
+
+    /// In words.
+    fn lines(&self) -> Vec<String> {
+        let gap = |g: &Gap| format!("{:.2} mm and {:.3} deg", g.position_mm, g.rotation_deg);
+        let truth = self.from_truth.as_ref();
+        let truth = truth.map(|g| format!("What was found is off the simulated truth by {}.", gap(g)));
+        let own = format!("The run file's own mounting is off by {}.", gap(&self.from_run_file));
+        std::iter::once(own).chain(truth).collect()
     }
 }
 
@@ -178,6 +188,15 @@ impl Answer {
         format!("# vservo calibrate hand-eye:\n{}", self.report.to_toml())
     }
 
+    /// The page of `--report`.
+    pub(super) fn page(&self) -> String {
+        let nothing_found = self.views.iter().filter(|view| view.corners == 0);
+        let unused: Vec<_> =
+            nothing_found.map(|view| (view.image.clone(), view.reason.clone().unwrap_or_default())).collect();
+        let gaps: Vec<String> = self.driven.iter().flat_map(Driven::lines).collect();
+        hand_eye_page(&HandEyePage { report: &self.report, unused: &unused, gaps: &gaps })
+    }
+
     /// For people.
     pub(super) fn text(&self) -> String {
         let r = &self.report;
@@ -209,12 +228,8 @@ impl Answer {
             r.scatter.position_m * 1e3,
             r.verdict
         );
-        if let Some(driven) = &self.driven {
-            let gap = |g: &Gap| format!("{:.2} mm and {:.3} deg", g.position_mm, g.rotation_deg);
-            let _ = writeln!(text, "# the run file's own mounting is off by {}", gap(&driven.from_run_file));
-            if let Some(truth) = &driven.from_truth {
-                let _ = writeln!(text, "# what was found is off the simulated truth by {}", gap(truth));
-            }
+        for line in self.driven.iter().flat_map(Driven::lines) {
+            let _ = writeln!(text, "# {line}");
         }
         text + &self.mount_lines()
     }
