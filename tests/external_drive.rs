@@ -96,13 +96,10 @@ fn without_truth_the_camera_shows_what_is_measured() {
 #[test]
 fn the_latency_can_be_calibrated() {
     // a loaded machine may keep the drive waiting, which is nothing to this test
-    let set = [
-        "run.task=calibrate_latency",
-        "camera.synthetic.stamp_error_ms=10",
-        "safety.drive_timeout_ms=1000",
-    ]
-    .map(|line| ["--set", line])
-    .concat();
+    let set =
+        ["run.task=calibrate_latency", "camera.synthetic.stamp_error_ms=10", "safety.drive_timeout_ms=1000"]
+            .map(|line| ["--set", line])
+            .concat();
     for (clock, behaviour, within_ms) in
         [("lockstep", "", 0.1), ("lockstep", "no_truth", 0.1), ("realtime", "", 5.0)]
     {

@@ -232,8 +232,9 @@ impl Runs {
         kernel: impl Fn(&[u8; 64]) -> u64,
     ) {
         for y in window.y0..window.y1 {
-            let Some(pixels) = image.row(y).get(window.x0..window.x1) else { return };
-            self.add_row::<LIGHT>(RowScan::new(y, window.x0), pixels, &kernel);
+            let Some(pixels) = image.row(y).get(window.x0..) else { return };
+            let count = window.x1.saturating_sub(window.x0);
+            self.add_row::<LIGHT>(RowScan::new(y, window.x0), pixels, count, &kernel);
             if self.full {
                 return;
             }
@@ -243,9 +244,11 @@ impl Runs {
     /// Row `y` of bytes that are 0 where a pixel is dark.
     fn find_row<const LIGHT: bool>(&mut self, y: usize, sides: &[u8]) {
         #[cfg(target_arch = "x86_64")]
-        self.add_row::<LIGHT>(RowScan::new(y, 0), sides, &|p| super::mask::x86::dark_mask_sse2(p, 0));
+        self.add_row::<LIGHT>(RowScan::new(y, 0), sides, sides.len(), &|p| {
+            super::mask::x86::dark_mask_sse2(p, 0)
+        });
         #[cfg(not(target_arch = "x86_64"))]
-        self.add_row::<LIGHT>(RowScan::new(y, 0), sides, &|p| dark_mask_portable(p, 0));
+        self.add_row::<LIGHT>(RowScan::new(y, 0), sides, sides.len(), &|p| dark_mask_portable(p, 0));
     }
 
     #[inline(always)]
@@ -253,17 +256,26 @@ impl Runs {
         &mut self,
         mut row: RowScan,
         pixels: &[u8],
+        count: usize,
         kernel: &impl Fn(&[u8; 64]) -> u64,
     ) {
         let flip = if LIGHT { u64::MAX } else { 0 };
-        let (chunks, rest) = pixels.as_chunks::<64>();
-        for chunk in chunks {
+        let mut at = 0;
+        while at + 64 <= count
+            && let Some(chunk) = pixels.get(at..).and_then(|p| p.first_chunk())
+        {
             row.add(kernel(chunk) ^ flip, 64, self);
+            at += 64;
         }
-        if !rest.is_empty() {
+        if let Some(rest) = pixels.get(at..count).filter(|rest| !rest.is_empty()) {
+            // what lies beyond is read too where there is something: a copy would cost more than the rest of the row
             let mut last = [255; 64];
-            last.iter_mut().zip(rest).for_each(|(a, b)| *a = *b);
-            row.add((kernel(&last) ^ flip) & valid(rest), rest.len() as u32, self);
+            let chunk = pixels.get(at..).and_then(|p| p.first_chunk()).unwrap_or_else(|| {
+                last.iter_mut().zip(rest).for_each(|(a, b)| *a = *b);
+                &last
+            });
+            let mask = kernel(chunk);
+            row.add((mask ^ flip) & valid(rest), rest.len() as u32, self);
         }
         row.end(self);
     }

@@ -95,6 +95,18 @@ impl<'a> ImageView<'a> {
         (0..count).map(move |i| pixels.get(i * stride..i * stride + size).unwrap_or(&[]))
     }
 
+    /// The three by three pixels whose first is at column `x` and row `y`, by rows; `None` where they reach beyond the image.
+    #[must_use]
+    #[inline]
+    pub fn square(&self, x: usize, y: usize) -> Option<[&'a [u8; 3]; 3]> {
+        if x + 3 > self.width || y + 3 > self.height {
+            return None;
+        }
+        let part = self.pixels.get(y * self.stride + x..)?;
+        let row = |i: usize| part.get(i * self.stride..)?.first_chunk();
+        Some([row(0)?, row(1)?, row(2)?])
+    }
+
     /// Row `y`; empty when `y` is outside the image.
     #[must_use]
     pub fn row(&self, y: usize) -> &'a [u8] {
@@ -127,6 +139,8 @@ mod tests {
         let pieces: Vec<&[u8]> = image.pieces().collect();
         assert_eq!(pieces, (0..5).map(|y| image.row(y)).collect::<Vec<_>>());
         assert_eq!(ImageView::new(&bytes, 7, 5).unwrap().pieces().collect::<Vec<_>>(), [&bytes[..]]);
+        assert_eq!(image.square(2, 1), Some([&[9, 10, 11], &[16, 17, 18], &[23, 24, 25]]));
+        assert!(image.square(2, 2).is_some() && image.square(3, 2).is_none() && image.square(2, 3).is_none());
         let part = image.part(&Window { x0: 1, y0: 1, x1: 4, y1: 3 }).unwrap();
         assert_eq!((part.width(), part.height()), (3, 2));
         assert_eq!((part.row(0), part.row(1)), (&[8, 9, 10][..], &[15, 16, 17][..]));

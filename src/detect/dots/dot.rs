@@ -10,7 +10,7 @@
 
 use super::blob::Blob;
 use super::ellipse::Ellipse;
-use super::light::{Light, Sample};
+use super::light::{Light, Samples};
 use super::ring::{RING, Ring, directions};
 use super::sums::{Scale, Sums, inner_sums, weighted_sums};
 use crate::detect::Found;
@@ -95,8 +95,10 @@ pub(super) struct DotMeter {
     levels: Vec<Option<Levels>>,
     weighed: Vec<Option<Weighed>>,
     roughness: Vec<f64>,
-    dots: Vec<Sample>,
-    samples: Vec<Sample>,
+    dots: Samples,
+    samples: Samples,
+    /// What the light leaves over of each dot's ring.
+    rests: Vec<[f64; RING]>,
 }
 
 impl DotMeter {
@@ -110,8 +112,9 @@ impl DotMeter {
             levels: Vec::with_capacity(most),
             weighed: Vec::with_capacity(most),
             roughness: Vec::with_capacity(most),
-            dots: Vec::with_capacity(most),
-            samples: Vec::with_capacity(MOST_SAMPLES.max(most)),
+            dots: Samples::with_capacity(most),
+            samples: Samples::with_capacity(MOST_SAMPLES.max(most) + RING),
+            rests: Vec::with_capacity(most),
         }
     }
 
@@ -138,8 +141,8 @@ impl DotMeter {
         let dot = f64::from(sum) / f64::from(count);
         let sign = if self.light_on_dark { -1.0 } else { 1.0 };
         let contrast = sign * (plate - dot);
-        let plain = ring.samples().filter(|s| sign * (s.level - dot) > LEAST_SHARE * contrast).count();
-        contrast >= LEAST_CONTRAST && plain * RING >= LEAST_PLAIN * ring.samples().count()
+        let plain = ring.levels().filter(|level| sign * (level - dot) > LEAST_SHARE * contrast).count();
+        contrast >= LEAST_CONTRAST && plain * RING >= LEAST_PLAIN * ring.count()
     }
 
     /// Measures dots near the given ellipses into `found`. Those without contrast to their surroundings are left out.
@@ -171,7 +174,10 @@ impl DotMeter {
         levels.extend(blobs.iter().map(|(id, blob)| self.levels(image, *id, blob, reach)));
         let (inside, most) = noise_of(&levels, &mut self.roughness);
         let light = self.light(image, blobs, &levels, inside);
-        let noise = common_noise(inside, &levels, &light).max(ROUNDING);
+        self.rests.clear();
+        let nothing = [f64::NAN; RING];
+        self.rests.extend(levels.iter().map(|l| l.as_ref().map_or(nothing, |l| light.rest_of(&l.ring))));
+        let noise = common_noise(inside, &levels, &self.rests, &light).max(ROUNDING);
         self.weighed.clear();
         let (mut rim, mut length, mut share, mut free) = (0.0, 0.0, 0.0, 0.0);
         for ((id, blob), levels) in blobs.iter().zip(&levels) {
@@ -194,7 +200,7 @@ impl DotMeter {
         // in the blur's own foot nothing is said about light
         let wanted = 3.0 * blur + 0.5;
         let clear = wanted < MOST_SHORT * free / length;
-        let uneven = if clear { self.unevenness(&levels, &light, noise) } else { 0.0 };
+        let uneven = if clear { self.unevenness(&levels, noise) } else { 0.0 };
         let uneven = uneven.hypot(light.deviation);
         let share = PIXEL_SHARE * (1.0 + SHARPNESS * (SHARP_PX - blur).max(0.0));
         found.clear();
@@ -256,10 +262,10 @@ impl DotMeter {
             let Some(levels) = levels else { continue };
             largest = largest.max(blob.axes().0);
             let level = if self.light_on_dark { levels.dot } else { levels.plate };
-            self.dots.push(Sample { x: blob.x, y: blob.y, level });
+            self.dots.push(blob.x, blob.y, level);
             pixels += levels.ring.pixels;
             if !self.light_on_dark {
-                self.samples.extend(levels.ring.samples().step_by(step));
+                self.samples.take(&levels.ring, step);
             }
         }
         let samples = if self.light_on_dark { &self.dots } else { &self.samples };
@@ -345,11 +351,13 @@ impl DotMeter {
             return 0.0;
         }
         let mut sum = Vector2::zeros();
-        for (sample, u) in levels.ring.all().zip(directions()) {
-            let Some(sample) = sample else { continue };
-            let (dx, dy) = (sample.x - blob.x, sample.y - blob.y);
-            let level =
-                16.0 * sample.level * (1.0 + x * dx + y * dy + xx * dx * dx + xy * dx * dy + yy * dy * dy);
+        let ring = &levels.ring;
+        for (((at_x, at_y), level), u) in ring.x.iter().zip(&ring.y).zip(&ring.level).zip(directions()) {
+            if level.is_nan() {
+                continue;
+            }
+            let (dx, dy) = (at_x - blob.x, at_y - blob.y);
+            let level = 16.0 * level * (1.0 + x * dx + y * dy + xx * dx * dx + xy * dx * dy + yy * dy * dy);
             let away = f64::from(scale.edge) - level;
             let w = (if scale.light { -away } else { away } / f64::from(scale.span)).clamp(0.0, 1.0);
             sum += u * w;
@@ -359,18 +367,19 @@ impl DotMeter {
     }
 
     /// Standard deviation, per coordinate, of light that the fit does not follow and that goes around dots once, levels.
-    fn unevenness(&self, levels: &[Option<Levels>], light: &Light, noise: f64) -> f64 {
+    fn unevenness(&self, levels: &[Option<Levels>], noise: f64) -> f64 {
         if self.light_on_dark {
             return 0.0;
         }
         let (mut square, mut by_noise, mut count) = (0.0, 0.0, 0.0);
-        for levels in levels.iter().flatten() {
+        for (levels, rest) in levels.iter().zip(&self.rests) {
+            let Some(levels) = levels else { continue };
             let (mut sum, mut n) = (Vector2::zeros(), 0.0);
-            for (sample, u) in levels.ring.all().zip(directions()) {
-                if let Some(sample) = sample.filter(|s| light.explains(s)) {
-                    sum += u * (sample.level - light.at(sample.x, sample.y));
-                    n += 1.0;
-                }
+            for (off, u) in rest.iter().zip(directions()) {
+                // what the light does not explain says nothing
+                let (off, one) = if off.is_nan() { (0.0, 0.0) } else { (*off, 1.0) };
+                sum += u * off;
+                n += one;
             }
             if n > 0.5 * RING as f64 {
                 square += (2.0 / n * sum).norm_squared();
@@ -395,18 +404,18 @@ fn deviate(p: f64) -> f64 {
 
 /// Noise of pixels on the rim, between those inside dots and on the plate. Blur makes small dots uneven inside; the plate may show
 /// more than the dots where light itself is noisy.
-fn common_noise(inside: f64, levels: &[Option<Levels>], light: &Light) -> f64 {
-    let (mut sum, mut count) = (0.0, 0);
-    for ring in levels.iter().flatten().map(|levels| &levels.ring).filter(|ring| ring.pixels > 1) {
-        for (sample, variance) in ring.samples().zip(ring.variances()) {
-            if light.explains(&sample) {
-                sum += variance;
-                count += 1;
-            }
+fn common_noise(inside: f64, levels: &[Option<Levels>], rests: &[[f64; RING]], light: &Light) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (levels, rest) in levels.iter().zip(rests) {
+        let Some(ring) = levels.as_ref().map(|l| &l.ring).filter(|ring| ring.pixels > 1) else { continue };
+        for (variance, rest) in ring.variance.iter().zip(rest) {
+            let (variance, one) = if rest.is_nan() { (0.0, 0.0) } else { (*variance, 1.0) };
+            sum += variance;
+            count += one;
         }
     }
-    let (a, b) = (inside * inside, if count > 0 { sum / f64::from(count) } else { light.variance });
-    let many = count as usize >= RING || light.samples >= RING;
+    let (a, b) = (inside * inside, if count > 0.0 { sum / count } else { light.variance });
+    let many = count >= RING as f64 || light.samples >= RING;
     if many { (0.5 * (a.min(MOST_INSIDE * b) + b)).sqrt() } else { inside }
 }
 

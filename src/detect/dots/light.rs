@@ -6,8 +6,14 @@
 //! Of small dots a plane: its curvature moves no centroid. Samples far off (a neighbour, the plate's edge, a shadow) are left out. What
 //! is left over is the noise of the plate, and its part that goes around a dot once is light that the quadric does not follow.
 
+mod samples;
+
+pub(super) use samples::Samples;
+
+use super::ring::{RING, Ring};
 use crate::linalg::Ldlt;
 use nalgebra::{Matrix3, Vector2, Vector3};
+use samples::{Rest, Sums, ring_rest};
 
 /// From this half axis on the light's curvature matters, px.
 const QUADRIC_FROM_PX: f64 = 9.0;
@@ -27,14 +33,6 @@ const FAR_LEVELS: f64 = 1.0;
 /// Fewest samples for a plane and for a quadric.
 const LEAST_PLANE: usize = 12;
 const LEAST_QUADRIC: usize = 40;
-
-/// A level seen on the plate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Sample {
-    pub(super) x: f64,
-    pub(super) y: f64,
-    pub(super) level: f64,
-}
 
 /// The light as fitted, in grey levels of the plate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,21 +68,21 @@ impl Light {
     /// The light that fits samples about some dots, whose own places and levels give a first guess. Samples are means of `pixels`, each
     /// with this `noise`. `largest_px`: half axis of the largest dot; `half_diagonal_px`: of the picture.
     pub(super) fn fit(
-        dots: &[Sample],
-        samples: &[Sample],
+        dots: &Samples,
+        samples: &Samples,
         pixels: f64,
         noise: f64,
         largest_px: f64,
         half_diagonal_px: f64,
     ) -> Self {
         let n = dots.len() as f64;
-        let level = dots.iter().map(|d| d.level).sum::<f64>() / n;
+        let level = dots.iter().map(|[.., level]| level).sum::<f64>() / n;
         if !level.is_finite() {
             return Self::even(0.0);
         }
-        let middle = dots.iter().map(|d| Vector2::new(d.x, d.y)).sum::<Vector2<f64>>() / n;
-        let extent =
-            dots.iter().map(|d| (d.x - middle.x).hypot(d.y - middle.y)).fold(largest_px.max(1.0), f64::max);
+        let middle = dots.iter().map(|[x, y, _]| Vector2::new(x, y)).sum::<Vector2<f64>>() / n;
+        let away = |x: f64, y: f64| (x - middle.x).hypot(y - middle.y);
+        let extent = dots.iter().map(|[x, y, _]| away(x, y)).fold(largest_px.max(1.0), f64::max);
         let mut light = Self { middle, unit: 1.0 / extent, ..Self::even(level) };
         if dots.len() >= 3 {
             light.take_plane(dots);
@@ -106,21 +104,12 @@ impl Light {
             if light.c.iter().any(|c| !c.is_finite()) {
                 light = known;
             }
-            // what is left over, of the samples that served
-            let (mut sum, mut count, mut greatest) = (0.0, 0, 0.0f64);
-            for sample in samples {
-                let off = (sample.level - light.at(sample.x, sample.y)).abs();
-                if off <= light.limit {
-                    sum += off * off;
-                    count += 1;
-                    greatest = greatest.max(off);
-                }
-            }
-            let free = count as f64 - if quadric { 6.0 } else { 3.0 };
-            (light.variance, light.samples) = (sum / free.max(1.0), count);
+            let Rest { square, count, greatest } = Rest::of(samples, &light);
+            let free = count - if quadric { 6.0 } else { 3.0 };
+            (light.variance, light.samples) = (square / free.max(1.0), count as usize);
             let limit = FAR_SIGMAS * light.variance.sqrt() + FAR_LEVELS;
             light.limit = limit.min(light.limit);
-            if greatest <= light.limit || (count, light.limit) == before {
+            if greatest <= light.limit || (light.samples, light.limit) == before {
                 break;
             }
         }
@@ -138,18 +127,31 @@ impl Light {
         light
     }
 
-    /// The plate's level there.
-    #[inline]
-    pub(super) fn at(&self, x: f64, y: f64) -> f64 {
-        let (u, v) = ((x - self.middle.x) * self.unit, (y - self.middle.y) * self.unit);
+    /// A place in units of the extent, from the dots' middle.
+    #[inline(always)]
+    fn scaled(&self, x: f64, y: f64) -> [f64; 2] {
+        [(x - self.middle.x) * self.unit, (y - self.middle.y) * self.unit]
+    }
+
+    /// The plate's level at such a place.
+    #[inline(always)]
+    fn at_scaled(&self, u: f64, v: f64) -> f64 {
         let [c0, c1, c2, c3, c4, c5] = self.c;
         c0 + u * (c1 + c3 * u + c4 * v) + v * (c2 + c5 * v)
     }
 
-    /// Whether a sample is of the plate in this light.
+    /// The plate's level there.
     #[inline]
-    pub(super) fn explains(&self, sample: &Sample) -> bool {
-        (sample.level - self.at(sample.x, sample.y)).abs() <= self.limit
+    pub(super) fn at(&self, x: f64, y: f64) -> f64 {
+        let [u, v] = self.scaled(x, y);
+        self.at_scaled(u, v)
+    }
+
+    /// What is left over of a ring's levels; NaN where something else than the plate in this light is seen.
+    pub(super) fn rest_of(&self, ring: &Ring) -> [f64; RING] {
+        let mut rest = [f64::NAN; RING];
+        ring_rest(ring, self, &mut rest);
+        rest
     }
 
     /// Reciprocal of the light about a place, relative to it: `1 + [x, y, xx, xy, yy]`, to second order, for use within
@@ -171,22 +173,14 @@ impl Light {
         if steep { [0.0; 5] } else { relative }
     }
 
-    fn take_plane(&mut self, samples: &[Sample]) {
-        let (mut A, mut b, mut count) = (Matrix3::zeros(), Vector3::zeros(), 0);
-        for sample in samples.iter().filter(|s| self.explains(s)) {
-            let row = Vector3::new(
-                1.0,
-                (sample.x - self.middle.x) * self.unit,
-                (sample.y - self.middle.y) * self.unit,
-            );
-            A += row * row.transpose();
-            b += row * sample.level;
-            count += 1;
-        }
+    fn take_plane(&mut self, samples: &Samples) {
+        let sums = Sums::of(samples, self);
         // three dots make a plane; less than a few samples of many are chance
-        if count < LEAST_PLANE.min(samples.len()) {
+        if sums.count < LEAST_PLANE.min(samples.len()) as f64 {
             return;
         }
+        let (whole, [b0, b1, b2, ..]) = (sums.A(), sums.b);
+        let (A, b) = (Matrix3::from_fn(|i, j| whole[i][j]), Vector3::new(b0, b1, b2));
         if let Some(c) = A.try_inverse().map(|inverse| inverse * b)
             && A.determinant() > 1e-4 * A[(0, 0)].powi(3)
         {
@@ -194,43 +188,15 @@ impl Light {
         }
     }
 
-    fn take_quadric(&mut self, samples: &[Sample], stiffness: f64) {
-        // moments up to the fourth degree
-        let mut m = [[0.0; 5]; 5];
-        let (mut b, mut count) = ([0.0; 6], 0);
-        for sample in samples.iter().filter(|s| self.explains(s)) {
-            let (u, v) = ((sample.x - self.middle.x) * self.unit, (sample.y - self.middle.y) * self.unit);
-            let (uu, uv, vv) = (u * u, u * v, v * v);
-            let row = [1.0, u, v, uu, uv, vv];
-            for (b, r) in b.iter_mut().zip(row) {
-                *b += r * sample.level;
-            }
-            m[0][1] += v;
-            m[0][2] += vv;
-            m[0][3] += vv * v;
-            m[0][4] += vv * vv;
-            m[1][0] += u;
-            m[1][1] += uv;
-            m[1][2] += u * vv;
-            m[1][3] += uv * vv;
-            m[2][0] += uu;
-            m[2][1] += uu * v;
-            m[2][2] += uu * vv;
-            m[3][0] += uu * u;
-            m[3][1] += uu * uv;
-            m[4][0] += uu * uu;
-            count += 1;
-        }
-        if count < LEAST_QUADRIC {
+    fn take_quadric(&mut self, samples: &Samples, stiffness: f64) {
+        let sums = Sums::of(samples, self);
+        if sums.count < LEAST_QUADRIC as f64 {
             return self.take_plane(samples);
         }
-        m[0][0] = f64::from(count as u32);
-        const POWERS: [(usize, usize); 6] = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
-        let A = POWERS.map(|(a, b)| POWERS.map(|(c, d)| m[a + c][b + d]));
         // what samples do not tell (rings that lie on one conic) stays small
-        let (small, stiff) = (1e-6 * m[0][0], 1e-6 * m[0][0] + stiffness);
-        match Ldlt::new(&A, &[small, small, small, stiff, stiff, stiff]) {
-            Some(ldlt) => self.c = ldlt.solve(&b),
+        let (small, stiff) = (1e-6 * sums.count, 1e-6 * sums.count + stiffness);
+        match Ldlt::new(&sums.A(), &[small, small, small, stiff, stiff, stiff]) {
+            Some(ldlt) => self.c = ldlt.solve(&sums.b),
             None => self.take_plane(samples),
         }
     }
@@ -242,19 +208,19 @@ mod tests {
     use crate::linalg::Random;
 
     /// Rings of 24 samples about four dots, under a light, with noise; some samples are of something else.
-    fn rings(light: impl Fn(f64, f64) -> f64, noise: f64, wrong: f64) -> (Vec<Sample>, Vec<Sample>) {
+    fn rings(light: impl Fn(f64, f64) -> f64, noise: f64, wrong: f64) -> (Samples, Samples) {
         let mut random = Random::new(3);
-        let (mut dots, mut samples) = (Vec::new(), Vec::new());
+        let (mut dots, mut samples) = (Samples::default(), Samples::default());
         for (x, y, r) in
             [(200.0, 150.0, 30.0), (400.0, 170.0, 20.0), (390.0, 360.0, 20.0), (190.0, 350.0, 20.0)]
         {
-            dots.push(Sample { x, y, level: light(x, y) });
+            dots.push(x, y, light(x, y));
             for k in 0..24 {
                 let (sin, cos) = (f64::from(k) * 0.2618).sin_cos();
                 let (x, y) = (x + r * cos, y + r * sin);
                 let good = light(x, y) + noise * random.gaussian();
                 let level = if random.uniform() < wrong { 40.0 } else { good };
-                samples.push(Sample { x, y, level });
+                samples.push(x, y, level);
             }
         }
         (dots, samples)
@@ -284,12 +250,15 @@ mod tests {
 
     #[test]
     fn few_or_no_samples_are_no_hindrance() {
-        assert_eq!(Light::fit(&[], &[], 1.0, 1.0, 10.0, 400.0).relative(3.0, 4.0, 9.0), [0.0; 5]);
-        let one = Sample { x: 5.0, y: 5.0, level: 100.0 };
-        let light = Light::fit(&[one], &[one], 1.0, 1.0, 10.0, 400.0);
+        let none = Samples::default();
+        assert_eq!(Light::fit(&none, &none, 1.0, 1.0, 10.0, 400.0).relative(3.0, 4.0, 9.0), [0.0; 5]);
+        let mut one = Samples::default();
+        one.push(5.0, 5.0, 100.0);
+        let light = Light::fit(&one, &one, 1.0, 1.0, 10.0, 400.0);
         assert!((light.at(9.0, 9.0) - 100.0).abs() < 1e-9);
         // four dots in line
-        let dots = [0.0, 10.0, 20.0, 30.0].map(|x| Sample { x, y: 2.0 * x, level: 100.0 + x });
+        let mut dots = Samples::default();
+        [0.0, 10.0, 20.0, 30.0].iter().for_each(|x| dots.push(*x, 2.0 * x, 100.0 + x));
         assert!(Light::fit(&dots, &dots, 1.0, 1.0, 4.0, 400.0).at(15.0, 30.0).is_finite());
     }
 }

@@ -37,14 +37,11 @@ pub(super) struct Sums {
 }
 
 impl Sums {
-    /// Adds pixels on the rim in row `y`, of which `length` px were looked at.
+    /// Adds pixels on the rim in a row, at [`Ellipse::rim_at`].
     #[inline(always)]
-    fn add_rim(&mut self, count: u32, y: usize, length: usize, outer: &Ellipse, rim: &Ellipse) {
-        let (away, length) = (f64::from(y as u32) - outer.y, f64::from(length as u32));
-        // beyond the dot's ends there is what the blur leaves
-        let square = rim.rim_px2(away).max(length * length * (1.0 / 24.0));
+    fn add_rim(&mut self, count: u32, rim_px2: f64) {
         self.rim += count;
-        self.rim_px4 += f64::from(count) * (square + away * away);
+        self.rim_px4 += f64::from(count) * rim_px2;
     }
 }
 
@@ -149,7 +146,8 @@ fn weighted_sums_by_rows(
         sums.w += w;
         sums.wx += wx;
         sums.wy += w * dy;
-        sums.add_rim(rim_count, y, x1 - x0, outer, rim);
+        let (away, length) = (f64::from(y as u32) - outer.y, f64::from((x1 - x0) as u32));
+        sums.add_rim(rim_count, rim.rim_at(away, length));
     }
     sums
 }

@@ -1,7 +1,7 @@
 //! The sums with SSE2, part of every x86-64, and with AVX2.
 
 use super::{DotLight, RowLight, RowSums, Scale, Sums};
-use crate::detect::dots::ellipse::Ellipse;
+use crate::detect::dots::ellipse::{BLOCK, Ellipse, RowBlock};
 use crate::imaging::ImageView;
 use std::arch::x86_64::{
     __m128i, _mm_add_epi16, _mm_add_epi32, _mm_and_si128, _mm_cmpgt_epi16, _mm_cvtsi128_si32,
@@ -74,34 +74,44 @@ pub(super) fn weighted_sums_avx2(
     let place = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
     let mut totals = [_mm256_setzero_si256(); 3];
     let mut sums = Sums::default();
-    for (y, x0, x1) in outer.rows(image.width(), image.height(), 1) {
-        let Some(row) = image.row(y).get(x0..) else { continue };
-        let (dx, dy, count) = (x0 as i64 - cx, y as i64 - cy, x1 - x0);
-        let light = lights.row(dx, dy);
-        let across = _mm256_set1_epi16(dy as i16);
-        let mut column = _mm256_add_epi16(place, _mm256_set1_epi16(dx as i16));
-        let (mut at, mut free) = (0, 0);
-        while at < count {
-            let (start, slope) = light.chord(at);
-            let rise = _mm256_srai_epi16::<4>(_mm256_mullo_epi16(place, _mm256_set1_epi16(slope)));
-            let lit = _mm256_add_epi16(_mm256_set1_epi16(start), rise);
-            let v = _mm256_mulhi_epu16(_mm256_slli_epi16::<8>(_mm256_cvtepu8_epi16(pixels(row, at))), lit);
-            let away = if scale.light { _mm256_subs_epu16(v, edge) } else { _mm256_subs_epu16(edge, v) };
-            let mut weight = _mm256_min_epi16(away, span);
-            if count - at < LANES {
-                weight = _mm256_and_si256(weight, _mm256_cvtepi8_epi16(keep(count - at)));
+    for (y, block) in outer.blocks(image.width(), image.height()) {
+        let RowBlock { x0, x1, away } = block;
+        let length: [f64; BLOCK] = std::array::from_fn(|i| f64::from(x1[i] - x0[i]));
+        let rim_px2: [f64; BLOCK] = std::array::from_fn(|i| rim.rim_at(away[i], length[i]));
+        for i in 0..BLOCK {
+            if x0[i] >= x1[i] {
+                continue;
             }
-            for (total, by) in totals.iter_mut().zip([ones, column, across]) {
-                *total = _mm256_add_epi32(*total, _mm256_madd_epi16(weight, by));
+            let (y, count) = (y + i as i32, (x1[i] - x0[i]) as usize);
+            let Some(row) = image.row(y as usize).get(x0[i] as usize..) else { continue };
+            let (dx, dy) = (i64::from(x0[i]) - cx, i64::from(y) - cy);
+            let light = lights.row(dx, dy);
+            let across = _mm256_set1_epi16(dy as i16);
+            let mut column = _mm256_add_epi16(place, _mm256_set1_epi16(dx as i16));
+            let (mut at, mut free) = (0, 0);
+            while at < count {
+                let (start, slope) = light.chord(at);
+                let rise = _mm256_srai_epi16::<4>(_mm256_mullo_epi16(place, _mm256_set1_epi16(slope)));
+                let lit = _mm256_add_epi16(_mm256_set1_epi16(start), rise);
+                let v =
+                    _mm256_mulhi_epu16(_mm256_slli_epi16::<8>(_mm256_cvtepu8_epi16(pixels(row, at))), lit);
+                let away = if scale.light { _mm256_subs_epu16(v, edge) } else { _mm256_subs_epu16(edge, v) };
+                let mut weight = _mm256_min_epi16(away, span);
+                if count - at < LANES {
+                    weight = _mm256_and_si256(weight, _mm256_cvtepi8_epi16(keep(count - at)));
+                }
+                for (total, by) in totals.iter_mut().zip([ones, column, across]) {
+                    *total = _mm256_add_epi32(*total, _mm256_madd_epi16(weight, by));
+                }
+                let between =
+                    _mm256_and_si256(_mm256_cmpgt_epi16(weight, margin), _mm256_cmpgt_epi16(upper, weight));
+                // two bits a pixel
+                free += (_mm256_movemask_epi8(between) as u32).count_ones() / 2;
+                column = _mm256_add_epi16(column, _mm256_set1_epi16(LANES as i16));
+                at += LANES;
             }
-            let between =
-                _mm256_and_si256(_mm256_cmpgt_epi16(weight, margin), _mm256_cmpgt_epi16(upper, weight));
-            // two bits a pixel
-            free += (_mm256_movemask_epi8(between) as u32).count_ones() / 2;
-            column = _mm256_add_epi16(column, _mm256_set1_epi16(LANES as i16));
-            at += LANES;
+            sums.add_rim(free, rim_px2[i]);
         }
-        sums.add_rim(free, y, count, outer, rim);
     }
     let [w, wx, wy] = totals.map(|total| {
         let sum = _mm_add_epi32(_mm256_castsi256_si128(total), _mm256_extracti128_si256::<1>(total));
