@@ -11,8 +11,10 @@ use crate::pose::{Correspondence, PlanarPose, RefinedPose, planar_pose, refine};
 use crate::target::Target;
 use nalgebra::{Matrix6, Point3, Vector2};
 
-/// Centre offsets below this need no second turn, px.
-const SMALL_OFFSET_PX: f64 = 0.05;
+/// Changes of the centres' offsets below this need no second turn, px.
+const SMALL_CHANGE_PX: f64 = 0.05;
+/// A centre's offset that may be believed before the pose is known, in standard deviations of a point of the dot.
+const LARGEST_OFFSET: f64 = 0.5;
 /// Largest shift of one dot by what is dark beside it, px: two dots at a shadow's edge may move as a pose would move them.
 const LARGEST_DISTURBANCE_PX: f64 = 0.5;
 /// From so many dots on disturbed ones are left out, up to a third of them.
@@ -131,7 +133,21 @@ impl Eye {
         let pair = |id: u32, px: &Vector2<f64>| {
             Some(Correspondence { r: place(id)?, s: self.camera.normalized_of(px) })
         };
-        pairs.extend(dots.iter().filter_map(|dot| pair(dot.id, &dot.px)));
+        let known = prior.predicted_X_CO.or_else(|| last?.pose.map(|pose| pose.X_CO));
+        // three dots leave up to four poses: a guess takes the hidden one to be where it was expected
+        let hidden = expected.iter().find(|e| dots.len() == 3 && find(dots, e.id).is_none());
+        // where the pose is about known, so is how far centroids lie from their points
+        if let Some(known) = known.filter(|_| hidden.is_none()) {
+            for (px, dot) in px.iter_mut().zip(dots.iter()) {
+                let offset = finder.bias_px(dot.id, &known);
+                let [xx, _, yy] = dot.covariance_px2;
+                // what somebody predicts may be absurd, or no number: no centre lies so far off
+                if offset.norm_squared() <= LARGEST_OFFSET * LARGEST_OFFSET * xx.max(yy) {
+                    *px = dot.px - offset;
+                }
+            }
+        }
+        pairs.extend(dots.iter().zip(px.iter()).filter_map(|(dot, px)| pair(dot.id, px)));
         if pairs.len() != dots.len() || dots.is_empty() {
             return; // no point of this target
         }
@@ -139,9 +155,6 @@ impl Eye {
         let f = (i.fx_px * i.fy_px).sqrt();
         let count = dots.len() as f64;
         let sigma_px = (dots.iter().map(|d| d.sigma_px * d.sigma_px).sum::<f64>() / count).sqrt();
-        let known = prior.predicted_X_CO.or_else(|| last?.pose.map(|pose| pose.X_CO));
-        // three dots leave up to four poses: a guess takes the hidden one to be where it was expected
-        let hidden = expected.iter().find(|e| dots.len() == 3 && find(dots, e.id).is_none());
         pairs.extend(hidden.and_then(|hidden| pair(hidden.id, &hidden.px)));
         let both = planar_pose(pairs);
         pairs.truncate(dots.len());
@@ -157,10 +170,10 @@ impl Eye {
         for _ in 0..2 {
             let mut greatest = 0.0f64;
             for ((px, pair), dot) in px.iter_mut().zip(pairs.iter_mut()).zip(dots.iter()) {
-                let offset = finder.bias_px(dot.id, &X_CO);
-                *px = dot.px - offset;
+                let before = *px;
+                *px = dot.px - finder.bias_px(dot.id, &X_CO);
                 pair.s = self.camera.normalized_of(px);
-                greatest = greatest.max(offset.norm_squared());
+                greatest = greatest.max((*px - before).norm_squared());
             }
             let refined = if hidden.is_some() {
                 Ok(RefinedPose { X_CO, rms: 0.0, covariance: Matrix6::zeros(), iterations: 0 })
@@ -170,7 +183,7 @@ impl Eye {
             let Ok(refined) = refined else { break };
             X_CO = refined.X_CO;
             *pose = Some(refined);
-            if greatest < SMALL_OFFSET_PX * SMALL_OFFSET_PX {
+            if greatest < SMALL_CHANGE_PX * SMALL_CHANGE_PX {
                 break;
             }
         }

@@ -12,7 +12,7 @@ pub(super) struct Ellipse {
     /// Half of its width in the row of its centre.
     pub(super) width: f64,
     /// One over the square of the height.
-    inverse: f64,
+    pub(super) inverse: f64,
 }
 
 impl Ellipse {
@@ -52,7 +52,7 @@ impl Ellipse {
 
     /// First row and the one behind the last, in an image of that height.
     #[inline(always)]
-    fn span(&self, height: usize) -> (i32, i32) {
+    pub(super) fn span(&self, height: usize) -> (i32, i32) {
         // NaN gives no rows
         let some = self.height > 0.0 && self.y + self.height >= 0.0;
         if some {
@@ -62,36 +62,6 @@ impl Ellipse {
         }
     }
 
-    /// The rows of an image of the given size in which it lies, [`BLOCK`] by [`BLOCK`]: the same pixels as [`Self::rows`]. Rows are
-    /// made side by side, so that their roots wait for each other less.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(super) fn blocks(&self, width: usize, height: usize) -> impl Iterator<Item = (i32, RowBlock)> {
-        let (top, bottom) = self.span(height);
-        let this = *self;
-        (top..bottom).step_by(BLOCK).map(move |y| (y, this.block(y, bottom, width as i32)))
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    fn block(&self, y: i32, bottom: i32, limit: i32) -> RowBlock {
-        let mut block = RowBlock { x0: [0; BLOCK], x1: [0; BLOCK], away: [0.0; BLOCK] };
-        let (mut low, mut high) = ([0.0; BLOCK], [0.0; BLOCK]);
-        for i in 0..BLOCK {
-            let dy = f64::from(y + i as i32) - self.y;
-            let square = 1.0 - dy * dy * self.inverse;
-            let half = self.width * if square > 0.0 { square } else { 0.0 }.sqrt();
-            let middle = self.x + self.slope * dy;
-            (low[i], high[i], block.away[i]) = (middle - half, middle + half, dy);
-        }
-        for i in 0..BLOCK {
-            let inside = y + (i as i32) < bottom && high[i] >= 0.0;
-            block.x0[i] = ceil(low[i]);
-            block.x1[i] = if inside { (high[i] as i32 + 1).min(limit) } else { 0 };
-        }
-        block
-    }
-
     /// Every `step`-th row of it in an image of the given size, as `(y, x0, x1)`: its pixels are `x0..x1`.
     #[inline(always)]
     pub(super) fn rows(&self, width: usize, height: usize, step: usize) -> Rows {
@@ -99,19 +69,6 @@ impl Ellipse {
         let Self { x, y: centre, slope, width: half, inverse, .. } = *self;
         Rows { y: top, bottom, step: step as i32, limit: width as i32, x, centre, slope, half, inverse }
     }
-}
-
-/// Rows that are made side by side.
-#[cfg(target_arch = "x86_64")]
-pub(super) const BLOCK: usize = 4;
-
-/// Rows one after the other: where each begins and ends (nothing where `x0 >= x1`), and how far it is from the centre's.
-#[cfg(target_arch = "x86_64")]
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct RowBlock {
-    pub(super) x0: [i32; BLOCK],
-    pub(super) x1: [i32; BLOCK],
-    pub(super) away: [f64; BLOCK],
 }
 
 /// See [`Ellipse::rows`].

@@ -140,10 +140,10 @@ impl Ring {
 #[inline]
 fn cluster(image: &ImageView<'_>, x: usize, y: usize) -> Option<(u16, u32)> {
     let (mut sum, mut squares) = (0u32, 0u32);
-    for p in image.square(x.checked_sub(1)?, y.checked_sub(1)?)?.into_iter().flatten() {
-        let p = u32::from(*p);
-        sum += p;
-        squares += p * p;
+    for row in image.square(x.checked_sub(1)?, y.checked_sub(1)?)? {
+        let [a, b, c] = row.map(u32::from);
+        sum += a + b + c;
+        squares += a * a + b * b + c * c;
     }
     Some((sum as u16, CLUSTER as u32 * squares - sum * sum))
 }

@@ -1,17 +1,20 @@
 //! The sums with SSE2, part of every x86-64, and with AVX2.
 
 use super::{DotLight, RowLight, RowSums, Scale, Sums};
-use crate::detect::dots::ellipse::{BLOCK, Ellipse, RowBlock};
+use crate::detect::dots::ellipse::Ellipse;
 use crate::imaging::ImageView;
 use std::arch::x86_64::{
-    __m128i, _mm_add_epi16, _mm_add_epi32, _mm_and_si128, _mm_cmpgt_epi16, _mm_cvtsi128_si32,
-    _mm_loadu_si128, _mm_madd_epi16, _mm_min_epi16, _mm_mulhi_epu16, _mm_mullo_epi16, _mm_set1_epi16,
-    _mm_setr_epi16, _mm_setzero_si128, _mm_shuffle_epi32, _mm_srai_epi16, _mm_storeu_si128, _mm_sub_epi16,
-    _mm_subs_epu16, _mm_unpackhi_epi8, _mm_unpacklo_epi8, _mm256_add_epi16, _mm256_add_epi32,
-    _mm256_and_si256, _mm256_castsi256_si128, _mm256_cmpgt_epi16, _mm256_cvtepi8_epi16, _mm256_cvtepu8_epi16,
-    _mm256_extracti128_si256, _mm256_madd_epi16, _mm256_min_epi16, _mm256_movemask_epi8, _mm256_mulhi_epu16,
-    _mm256_mullo_epi16, _mm256_set1_epi16, _mm256_setr_epi16, _mm256_setzero_si256, _mm256_slli_epi16,
-    _mm256_srai_epi16, _mm256_sub_epi16, _mm256_subs_epu16,
+    __m128i, _mm_add_epi16, _mm_add_epi32, _mm_and_si128, _mm_cmpgt_epi16, _mm_cmpgt_epi32,
+    _mm_cvtsi128_si32, _mm_loadu_si128, _mm_madd_epi16, _mm_min_epi16, _mm_min_epi32, _mm_mulhi_epu16,
+    _mm_mullo_epi16, _mm_set1_epi16, _mm_set1_epi32, _mm_setr_epi16, _mm_setr_epi32, _mm_setzero_si128,
+    _mm_shuffle_epi32, _mm_srai_epi16, _mm_storeu_si128, _mm_sub_epi16, _mm_sub_epi32, _mm_subs_epu16,
+    _mm_unpackhi_epi8, _mm_unpacklo_epi8, _mm256_add_epi16, _mm256_add_epi32, _mm256_add_pd,
+    _mm256_and_si256, _mm256_castsi256_si128, _mm256_ceil_pd, _mm256_cmpgt_epi16, _mm256_cvtepi8_epi16,
+    _mm256_cvtepi32_pd, _mm256_cvtepu8_epi16, _mm256_cvttpd_epi32, _mm256_extracti128_si256, _mm256_floor_pd,
+    _mm256_madd_epi16, _mm256_max_pd, _mm256_min_epi16, _mm256_movemask_epi8, _mm256_mul_pd,
+    _mm256_mulhi_epu16, _mm256_mullo_epi16, _mm256_set1_epi16, _mm256_set1_pd, _mm256_setr_epi16,
+    _mm256_setzero_pd, _mm256_setzero_si256, _mm256_slli_epi16, _mm256_sqrt_pd, _mm256_srai_epi16,
+    _mm256_storeu_pd, _mm256_sub_epi16, _mm256_sub_pd, _mm256_subs_epu16,
 };
 
 const LANES: usize = 16;
@@ -53,6 +56,56 @@ fn keep(left: usize) -> __m128i {
     load(KEEP.get(LANES.saturating_sub(left)..).and_then(|k| k.first_chunk()).unwrap_or(&none))
 }
 
+/// Rows that are made side by side, so that their roots do not wait for each other.
+const BLOCK: usize = 4;
+
+/// Rows one after the other: where each begins and ends (nothing where `x0 >= x1`), and [`Ellipse::rim_at`] of it.
+struct RowBlock {
+    x0: [i32; BLOCK],
+    x1: [i32; BLOCK],
+    rim_px2: [f64; BLOCK],
+}
+
+impl RowBlock {
+    /// Rows from `y` on of `outer` and `rim`, up to `bottom`, in an image `limit` px wide: as [`Ellipse::rows`] has them.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn at(y: i32, bottom: i32, limit: i32, outer: &Ellipse, rim: &Ellipse) -> Self {
+        let all = |value: f64| _mm256_set1_pd(value);
+        let (one, zero) = (all(1.0), _mm256_setzero_pd());
+        let rows = _mm_add_epi32(_mm_set1_epi32(y), _mm_setr_epi32(0, 1, 2, 3));
+        let away = _mm256_sub_pd(_mm256_cvtepi32_pd(rows), all(outer.y));
+        let square = _mm256_mul_pd(away, away);
+        let left = _mm256_max_pd(_mm256_sub_pd(one, _mm256_mul_pd(square, all(outer.inverse))), zero);
+        let half = _mm256_mul_pd(all(outer.width), _mm256_sqrt_pd(left));
+        let middle = _mm256_add_pd(all(outer.x), _mm256_mul_pd(all(outer.slope), away));
+        let low = _mm256_max_pd(_mm256_sub_pd(middle, half), zero);
+        let x0 = _mm256_cvttpd_epi32(_mm256_ceil_pd(low));
+        let last = _mm256_cvttpd_epi32(_mm256_floor_pd(_mm256_add_pd(middle, half)));
+        let x1 = _mm_min_epi32(_mm_add_epi32(last, _mm_set1_epi32(1)), _mm_set1_epi32(limit));
+        let x1 = _mm_and_si128(x1, _mm_cmpgt_epi32(_mm_set1_epi32(bottom), rows));
+        let length = _mm256_cvtepi32_pd(_mm_sub_epi32(x1, x0));
+        let least = _mm256_mul_pd(_mm256_mul_pd(length, length), all(1.0 / 24.0));
+        let along = _mm256_add_pd(
+            _mm256_mul_pd(
+                all(rim.width * rim.width),
+                _mm256_sub_pd(one, _mm256_mul_pd(square, all(rim.inverse))),
+            ),
+            _mm256_mul_pd(all(rim.slope * rim.slope), square),
+        );
+        let rim = _mm256_add_pd(_mm256_max_pd(along, least), square);
+        let mut block = Self { x0: [0; BLOCK], x1: [0; BLOCK], rim_px2: [0.0; BLOCK] };
+        // SAFETY: unaligned stores of as many bytes as the arrays hold.
+        #[allow(unsafe_code)]
+        unsafe {
+            _mm_storeu_si128(block.x0.as_mut_ptr().cast::<__m128i>(), x0);
+            _mm_storeu_si128(block.x1.as_mut_ptr().cast::<__m128i>(), x1);
+            _mm256_storeu_pd(block.rim_px2.as_mut_ptr(), rim);
+        }
+        block
+    }
+}
+
 /// Largest half side of an ellipse whose sums fit 32 bits in each lane, px.
 const MOST_PX: f64 = 90.0;
 
@@ -74,10 +127,9 @@ pub(super) fn weighted_sums_avx2(
     let place = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
     let mut totals = [_mm256_setzero_si256(); 3];
     let mut sums = Sums::default();
-    for (y, block) in outer.blocks(image.width(), image.height()) {
-        let RowBlock { x0, x1, away } = block;
-        let length: [f64; BLOCK] = std::array::from_fn(|i| f64::from(x1[i] - x0[i]));
-        let rim_px2: [f64; BLOCK] = std::array::from_fn(|i| rim.rim_at(away[i], length[i]));
+    let (top, bottom) = outer.span(image.height());
+    for y in (top..bottom).step_by(BLOCK) {
+        let RowBlock { x0, x1, rim_px2 } = RowBlock::at(y, bottom, image.width() as i32, outer, rim);
         for i in 0..BLOCK {
             if x0[i] >= x1[i] {
                 continue;
