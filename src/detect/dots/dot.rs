@@ -30,9 +30,18 @@ const ROUNDING: f64 = 0.32;
 const FREE_SIGMAS: f64 = 0.38;
 /// What a pixel on the rim may be off, as a share of the contrast: none is a perfect square.
 const PIXEL_SHARE: f64 = 0.0032;
-/// Below this deviation of an edge, pixels included, centroids depend on where pixels lie: so much more for each px.
+/// Below this deviation of an edge, pixels included, centroids depend on where pixels lie: so much more for each px, as far as `SHARPEST_PX`
+/// below it.
 const SHARP_PX: f64 = 0.57;
 const SHARPNESS: f64 = 12.0;
+const SHARPEST_PX: f64 = 0.1;
+/// Levels that count as the plate's or the dot's own cut the ends off a sharp edge, and what is left of it depends on where pixels lie: by
+/// so much for each px that the edge is sharper than `SLACK + BY_DEAD d`, at most `MOST_SLACK`, where a share `d` of the contrast is cut
+/// off at either end.
+const CUT: f64 = 0.22;
+const SLACK: f64 = 0.33;
+const BY_DEAD: f64 = 1.27;
+const MOST_SLACK: f64 = 0.63;
 /// A dot whose roughness (squared difference of neighbours) exceeds that of the others so many times, and by so much, does
 /// not show the camera's noise: something lies on it.
 const ROUGH_TIMES: f64 = 5.0;
@@ -196,13 +205,15 @@ impl DotMeter {
         }
         // standard deviation of the edge, from how wide it is between the dead zones
         let width = rim / length;
-        let blur = width / (2.0 * deviate(share / length));
+        let dead = share / length;
+        let blur = width / (2.0 * deviate(dead));
         // in the blur's own foot nothing is said about light
         let wanted = 3.0 * blur + 0.5;
         let clear = wanted < MOST_SHORT * free / length;
         let uneven = if clear { self.unevenness(&levels, noise) } else { 0.0 };
         let uneven = uneven.hypot(light.deviation);
-        let share = PIXEL_SHARE * (1.0 + SHARPNESS * (SHARP_PX - blur).max(0.0));
+        let share = PIXEL_SHARE * (1.0 + SHARPNESS * (SHARP_PX - blur).clamp(0.0, SHARPEST_PX));
+        let share = share.hypot(CUT * ((SLACK + BY_DEAD * dead).min(MOST_SLACK) - blur).max(0.0));
         found.clear();
         for (((id, blob), levels), weighed) in blobs.iter().zip(&levels).zip(&self.weighed) {
             let (Some(levels), Some(weighed)) = (levels, weighed) else { continue };
