@@ -33,7 +33,7 @@ pub(super) fn write(sheet: &Sheet) -> Result<Vec<u8>, PrintError> {
     layers.push((0.0, foot));
 
     let kernel = Kernel::new(0.0);
-    let mut row_ink = Ink::new(width);
+    let mut row_ink = Ink::new(width, &kernel);
     for (_, edges) in &mut layers {
         edges.sort_unstable_by(|a, b| a.top().total_cmp(&b.top()));
     }

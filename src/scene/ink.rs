@@ -13,6 +13,10 @@
 const CUT_SIGMA: f64 = 3.5;
 /// Steps of the table.
 const STEPS: usize = 1024;
+/// Places of a node between two pixels for which its share of each pixel is kept; between them it is interpolated.
+const PHASES: usize = 128;
+/// Shares of pixels that are added side by side.
+const LANES: usize = 8;
 /// Pixels that are painted together where no border is near.
 const BLOCK: usize = 16;
 
@@ -38,6 +42,10 @@ impl Edge {
 pub(crate) struct Kernel {
     /// `K` from -reach to reach.
     table: Vec<f32>,
+    /// How `K` grows from pixel to pixel over the pixels that a node reaches, [`Self::groups`] for each of `PHASES + 1` places.
+    growth: Vec<[f32; LANES]>,
+    /// Groups of pixels that a node reaches.
+    groups: usize,
     reach_px: f64,
     steps_per_px: f64,
     /// Longest piece of a border that is one node, px.
@@ -53,8 +61,19 @@ impl Kernel {
         let ramp = |x: f64| super::profile::coverage(x, 1.0, 0.0, sigma);
         // what the cut leaves is spread over the rest, so that the ends are 0 and 1
         let (low, high) = (ramp(-reach_px), ramp(reach_px));
-        let table = (0..=STEPS).map(|i| ((ramp(place(i)) - low) / (high - low)) as f32).collect();
-        Self { table, reach_px, steps_per_px, piece_px: (0.15 + 0.2 * sigma).min(1.0) }
+        let whole = |x: f64| (ramp(x.clamp(-reach_px, reach_px)) - low) / (high - low);
+        let table = (0..=STEPS).map(|i| whole(place(i)) as f32).collect();
+        let groups = (2.0 * reach_px + 2.0).ceil() as usize / LANES + 1;
+        let first = |phase: usize| phase as f64 / PHASES as f64 - reach_px;
+        let step = |phase: usize, i: usize| {
+            let x = first(phase) + i as f64;
+            if i == 0 { whole(x) } else { whole(x) - whole(x - 1.0) }
+        };
+        let group = |phase: usize, g: usize| std::array::from_fn(|lane| step(phase, g * LANES + lane) as f32);
+        let growth =
+            (0..=PHASES).flat_map(|phase| (0..groups).map(move |g| (phase, g))).map(|(p, g)| group(p, g));
+        let growth = growth.collect();
+        Self { table, growth, groups, reach_px, steps_per_px, piece_px: (0.15 + 0.2 * sigma).min(1.0) }
     }
 
     /// Distance from a border at which it no longer matters, px.
@@ -84,11 +103,23 @@ pub(crate) struct Ink {
     touched: Vec<bool>,
     /// What lies to the left of the row.
     before: f32,
+    width: usize,
+    /// Pixels behind the row's last, which nodes near its end reach.
+    behind: usize,
 }
 
 impl Ink {
-    pub(crate) fn new(width: usize) -> Self {
-        Self { steps: vec![0.0; width], touched: vec![false; width.div_ceil(BLOCK)], before: 0.0 }
+    /// For rows of `width` pixels.
+    pub(crate) fn new(width: usize, kernel: &Kernel) -> Self {
+        let blocks = width.div_ceil(BLOCK);
+        let behind = kernel.groups * LANES;
+        Self {
+            steps: vec![0.0; blocks * BLOCK + behind],
+            touched: vec![false; blocks],
+            before: 0.0,
+            width,
+            behind,
+        }
     }
 
     /// Adds a piece of a border to the row at `v`.
@@ -103,7 +134,7 @@ impl Ink {
         // the part of it within the row's reach
         let at = |y: f64| ((y - y0) / height).clamp(0.0, 1.0);
         let (start, end) = if height > 0.0 { (at(-reach), at(reach)) } else { (at(reach), at(-reach)) };
-        let width = self.steps.len() as f64;
+        let width = self.width as f64;
         let (xa, xb) = (x0 + dx * start, x0 + dx * end);
         if xa.min(xb) > width + reach {
             return;
@@ -129,25 +160,54 @@ impl Ink {
     /// A node in column `x`: what lies to its right has `weight` more.
     #[inline(always)]
     fn node(&mut self, x: f64, weight: f32, kernel: &Kernel) {
-        let first = (x - kernel.reach_px).ceil();
-        if first >= self.steps.len() as f64 || weight == 0.0 {
+        let start = x - kernel.reach_px;
+        if start >= self.width as f64 || weight == 0.0 {
             return;
         }
+        // a cast: `ceil` is a call on the baseline processor
+        let whole = start as i32;
+        let first = whole + i32::from(f64::from(whole) < start);
+        let Ok(from) = usize::try_from(first) else { return self.node_at_start(x, weight, kernel) };
+        // how far the first pixel lies behind the reach's begin, in phases
+        let phase = (f64::from(first) - start) * PHASES as f64;
+        let below = (phase as usize).min(PHASES - 1);
+        let part = (phase - below as f64) as f32;
+        let at = below * kernel.groups;
+        let tables = kernel.growth.get(at..at + 2 * kernel.groups).map(|t| t.split_at(kernel.groups));
+        let steps = self.steps.get_mut(from..).map(|steps| steps.as_chunks_mut::<LANES>().0);
+        if let (Some((low, high)), Some(steps)) = (tables, steps) {
+            for ((step, low), high) in steps.iter_mut().zip(low).zip(high) {
+                // copies, so that the compiler sees eight lanes that do not depend on each other
+                let (mut sum, low, high) = (*step, *low, *high);
+                for i in 0..LANES {
+                    sum[i] += weight * (low[i] + (high[i] - low[i]) * part);
+                }
+                *step = sum;
+            }
+        }
+        self.touch(from, from + kernel.groups * LANES);
+    }
+
+    /// The same for a node whose reach begins before the row.
+    #[cold]
+    fn node_at_start(&mut self, x: f64, weight: f32, kernel: &Kernel) {
         let end = (x + kernel.reach_px).ceil();
         if end <= 0.0 {
             self.before += weight;
             return;
         }
-        let from = first.max(0.0) as usize;
-        let to = (end as usize + 1).min(self.steps.len());
+        let to = (end as usize + 1).min(self.width);
         let mut last = 0.0;
-        if let Some(steps) = self.steps.get_mut(from..to) {
-            for (i, step) in steps.iter_mut().enumerate() {
-                let next = kernel.integral((from + i) as f64 - x);
-                *step += weight * (next - last);
-                last = next;
-            }
+        for (i, step) in self.steps.iter_mut().take(to).enumerate() {
+            let next = kernel.integral(i as f64 - x);
+            *step += weight * (next - last);
+            last = next;
         }
+        self.touch(0, to);
+    }
+
+    #[inline(always)]
+    fn touch(&mut self, from: usize, to: usize) {
         for touched in self.touched.iter_mut().take(to.saturating_sub(1) / BLOCK + 1).skip(from / BLOCK) {
             *touched = true;
         }
@@ -159,10 +219,14 @@ impl Ink {
         let blocks = levels.chunks_mut(BLOCK).zip(self.steps.chunks_mut(BLOCK)).zip(&mut self.touched);
         for ((levels, steps), touched) in blocks {
             if std::mem::take(touched) {
-                for (out, step) in levels.iter_mut().zip(steps) {
+                let mut covered = [0.0; BLOCK];
+                for (covered, step) in covered.iter_mut().zip(steps) {
                     sum += std::mem::take(step) * sign;
+                    *covered = sum.clamp(0.0, 1.0);
+                }
+                for (out, covered) in levels.iter_mut().zip(covered) {
                     let below = f32::from(*out);
-                    *out = (below + (level - below) * sum.clamp(0.0, 1.0) + 0.5) as u16;
+                    *out = (below + (level - below) * covered + 0.5) as u16;
                 }
             } else if sum > 0.9999 {
                 levels.fill((level + 0.5) as u16);
@@ -172,6 +236,10 @@ impl Ink {
                     *out = (below + (level - below) * sum + 0.5) as u16;
                 }
             }
+        }
+        let end = self.steps.len() - self.behind.min(self.steps.len());
+        if let Some(behind) = self.steps.get_mut(end..) {
+            behind.fill(0.0);
         }
     }
 }
@@ -183,7 +251,7 @@ mod tests {
     /// Coverage of a row by polygons.
     fn row(loops: &[Vec<[f64; 2]>], v: f64, sigma: f64) -> Vec<f64> {
         let kernel = Kernel::new(sigma);
-        let mut ink = Ink::new(32);
+        let mut ink = Ink::new(32, &kernel);
         for corners in loops {
             for (from, to) in corners.iter().zip(corners.iter().cycle().skip(1)) {
                 ink.add(&Edge { from: *from, to: *to }, v, &kernel);

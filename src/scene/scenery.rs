@@ -66,7 +66,7 @@ impl Scenery {
             bystanders: Vec::new(),
             target: sheets(target, Pose::identity(), look),
             occluders: Vec::new(),
-            ink: Ink::new(camera.intrinsics().width_px as usize),
+            ink: Ink::new(camera.intrinsics().width_px as usize, &kernel),
             views: vec![Layers::new(camera, &kernel)],
             texture: Texture::new(),
             surface: vec![0; camera.intrinsics().width_px as usize],
