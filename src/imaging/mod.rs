@@ -38,7 +38,7 @@ mod pyramid;
 mod robust;
 mod runs;
 mod segmentation;
-mod simd;
+pub(crate) mod simd;
 #[cfg(test)]
 pub(crate) mod test_image;
 mod valley;

@@ -12,6 +12,7 @@ mod decode;
 mod edges;
 mod finder;
 mod outline;
+mod pattern;
 mod plane_map;
 mod plate;
 mod points;
@@ -20,6 +21,8 @@ mod regions;
 mod shine;
 mod side;
 mod threshold;
+mod whole;
+mod whole_model;
 
 pub use finder::{MOST_TAGS, TagExpected, TagFinder, TagFound, TagMiss};
 pub use plate::TagPlateFinder;
