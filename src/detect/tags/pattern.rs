@@ -28,7 +28,7 @@ impl Pattern {
 
     /// The cells of row `j` from column `i` on, 16 of them at least: bit 0 is column `i`, -8 at least.
     #[inline(always)]
-    pub(super) fn from(&self, i: i32, j: i32) -> u32 {
+    pub(super) fn bits_at(&self, i: i32, j: i32) -> u32 {
         let row = self.rows.get((j + BEFORE).max(0) as usize).copied().unwrap_or(u32::MAX);
         // beyond the last bit it is white, too
         !(!row >> (i + BEFORE).clamp(0, 31))
@@ -48,10 +48,10 @@ mod tests {
             for i in -8..12 {
                 let inside = (0..6).contains(&i) && (0..6).contains(&j);
                 let wanted = !inside || (i, j) == (5, 2);
-                assert_eq!(pattern.from(i, j) & 1 == 1, wanted, "{i} {j}");
-                assert_eq!(pattern.from(i - 3, j) >> 3 & 1 == 1, wanted || i < -5, "{i} {j}");
+                assert_eq!(pattern.bits_at(i, j) & 1 == 1, wanted, "{i} {j}");
+                assert_eq!(pattern.bits_at(i - 3, j) >> 3 & 1 == 1, wanted || i < -5, "{i} {j}");
             }
         }
-        assert_eq!(pattern.from(i32::MIN / 2, i32::MIN / 2), u32::MAX);
+        assert_eq!(pattern.bits_at(i32::MIN / 2, i32::MIN / 2), u32::MAX);
     }
 }

@@ -45,7 +45,7 @@ impl PlaneMap {
     }
 
     /// The same map of `p - origin` for `p`: the nine numbers `a` to `i`, `i` below the line not 1 any longer.
-    pub(super) fn from_origin(&self, origin: Vector2<f64>) -> [f64; 9] {
+    pub(super) fn about(&self, origin: Vector2<f64>) -> [f64; 9] {
         let [a, b, c, d, e, f, g, h] = self.0;
         let carry = |x: f64, y: f64, z: f64| x * origin.x + y * origin.y + z;
         [a, b, carry(a, b, c), d, e, carry(d, e, f), g, h, carry(g, h, 1.0)]

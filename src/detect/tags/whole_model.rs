@@ -135,7 +135,7 @@ impl<'a> Model<'a> {
         }
         Some(Self {
             pattern,
-            back: picture.back.from_origin(picture.origin).map(|v| v as f32),
+            back: picture.back.about(picture.origin).map(|v| v as f32),
             per_radius: (1.0 / picture.radius) as f32,
             blur: picture.blur.map(|v| v as f32),
             ink: picture.ink as f32,
@@ -187,7 +187,8 @@ impl<'a> Model<'a> {
         let lit = lit * weight;
 
         let half = lit * 0.5;
-        // the picture moves by the field: levels change against it
+        // the picture moves by the field, and levels change against it; that the blur stays as it is, while what moves is stretched, is left
+        // to the blur's own parameters
         let gx = -((by_c * cx + by_r * rx) * lit);
         let gy = -((by_c * cy + by_r * ry) * lit);
         let radial = gx * x + gy * y;
@@ -225,7 +226,7 @@ impl<'a> Model<'a> {
         for (j, by_row) in (0..).zip(rows.shares.iter().take(count(self.beside[1]))) {
             let mut bits = [0u32; 8];
             for ((bits, i), first) in bits.iter_mut().zip(columns.first).zip(rows.first) {
-                *bits = self.pattern.from(i, first + j);
+                *bits = self.pattern.bits_at(i, first + j);
             }
             let mut t = [Eight::ZERO; 4];
             for (i, by_column) in columns.shares.iter().enumerate().take(count(self.beside[0])) {
