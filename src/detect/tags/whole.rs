@@ -70,12 +70,24 @@ impl WholeMeter {
         ink: f64,
         paper: f64,
     ) -> Option<Corners> {
+        // sides that are smeared may show far less blur than there is, from which the first step goes astray
+        [1.0, 2.0].iter().find_map(|more| self.fit(image, from, pattern, (ink, paper), more * blur_of(from)))
+    }
+
+    /// The same from a variance of the blur, px^2.
+    fn fit(
+        &mut self,
+        image: &ImageView<'_>,
+        from: &Corners,
+        pattern: &Pattern,
+        (ink, paper): (f64, f64),
+        around: f64,
+    ) -> Option<Corners> {
         let [a, b, c, d] = from.px;
         let origin = (0.25 * (a + b + c + d)).map(f64::round);
         let radius = from.px.iter().map(|p| (p - origin).norm()).fold(0.0, f64::max);
         let cells = pattern.cells as f64;
         let most_px = LOST_CELLS * radius * std::f64::consts::SQRT_2 / cells;
-        let around = blur_of(from);
         let mut quad = from.px;
         let mut picture = Picture {
             back: PlaneMap::of_square(&quad, cells)?.inverse()?,
@@ -88,8 +100,10 @@ impl WholeMeter {
             ground: [0.0; 4],
         };
         let mut variance = f64::INFINITY;
+        // the same ones for all steps, or they might go to and fro
+        let every = (area(&around_tag(&quad, cells)?) / ENOUGH_PIXELS).ceil().clamp(1.0, 1e6) as usize;
         for _ in 0..STEPS {
-            self.load(image, &quad, cells, origin)?;
+            self.load(image, &around_tag(&quad, cells)?, origin, every)?;
             let model = Model::new(&picture, pattern, &quad, GATE * GATE * variance)?;
             let mut sums = Sums { products: [[0.0; COUNT + 1]; COUNT + 1], count: 0.0 };
             accumulate(&model, &self.pixels, &mut self.rows, &mut sums);
@@ -112,26 +126,23 @@ impl WholeMeter {
         None
     }
 
-    /// Takes the pixels of a tag and of some margin.
-    fn load(&mut self, image: &ImageView<'_>, quad: &Quad, cells: f64, origin: Vector2<f64>) -> Option<()> {
-        let map = PlaneMap::of_square(quad, cells)?;
-        let (low, high) = (-AROUND_CELLS, cells + AROUND_CELLS);
-        let outline =
-            [(low, low), (high, low), (high, high), (low, high)].map(|(c, r)| map.at(Vector2::new(c, r)));
-        if !is_sound(&outline) {
-            return None;
-        }
+    /// Takes every so many of the pixels within an outline.
+    fn load(
+        &mut self,
+        image: &ImageView<'_>,
+        outline: &Quad,
+        origin: Vector2<f64>,
+        every: usize,
+    ) -> Option<()> {
         let top = outline.iter().map(|p| p.y).fold(f64::INFINITY, f64::min).ceil().max(0.0) as usize;
         let bottom = outline.iter().map(|p| p.y).fold(f64::NEG_INFINITY, f64::max);
         let bottom = bottom.floor().min(image.height() as f64 - 1.0) as usize;
-        let area = 0.5 * (outline[2] - outline[0]).perp(&(outline[3] - outline[1])).abs();
-        let every = (area / ENOUGH_PIXELS).ceil().clamp(1.0, 1e6) as usize;
         // rows begin at other places each, so that columns are seen alike
         let shift = (0.38 * every as f64).round().max(1.0) as usize;
         self.pixels.clear();
         let (mut block, mut lane) = (Pixels::NONE, 0);
         for y in top..=bottom {
-            let (from, to) = across(&outline, y as f64);
+            let (from, to) = across(outline, y as f64);
             let to = to.floor().min(image.width() as f64 - 1.0);
             let from = from.ceil().max(0.0);
             if !(to >= from) {
@@ -171,6 +182,20 @@ impl WholeMeter {
 /// Variance of the blur that the sides show, px^2.
 fn blur_of(from: &Corners) -> f64 {
     from.blur_px.powi(2).max(2.0 * LEAST_BLUR_PX2)
+}
+
+/// The corners of the black square with some margin, px.
+fn around_tag(quad: &Quad, cells: f64) -> Option<Quad> {
+    let map = PlaneMap::of_square(quad, cells)?;
+    let (low, high) = (-AROUND_CELLS, cells + AROUND_CELLS);
+    let outline =
+        [(low, low), (high, low), (high, high), (low, high)].map(|(c, r)| map.at(Vector2::new(c, r)));
+    is_sound(&outline).then_some(outline)
+}
+
+fn area(quad: &Quad) -> f64 {
+    let [a, b, c, d] = *quad;
+    0.5 * (c - a).perp(&(d - b)).abs()
 }
 
 /// Where a row enters a convex quadrilateral and leaves it, px.
