@@ -3,6 +3,7 @@
 //! ```text
 //! frame -> dark pixels by tiles -> regions -> outlines -> quadrilaterals -> bits -> tag -> sub-pixel corners
 //!          threshold               regions    outline     quad              decode, codebook  edges
+//!          cells narrower than six blurs: the whole tag at once instead of its sides                  whole, whole_model
 //! tracking: the same in windows about the expected tags
 //! ```
 //! All positions are pixels of the distorted image.
