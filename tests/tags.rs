@@ -53,42 +53,135 @@ fn squares(tag: &TagFound, truth: &[(f64, f64); 4]) -> f64 {
     tag.corners_px.iter().zip(truth).map(|(p, t)| ((p.x - t.0).powi(2) + (p.y - t.1).powi(2)) / 8.0).sum()
 }
 
+/// Pictures of one kind.
+#[derive(Clone, Copy, Debug)]
+struct Kind {
+    side_px: (f64, f64),
+    blur_px: f64,
+    motion_px: f64,
+    noise: f64,
+    light: f64,
+    gradient: f64,
+}
+
+const USUAL: Kind =
+    Kind { side_px: (40.0, 80.0), blur_px: 0.7, motion_px: 0.0, noise: 2.0, light: 200.0, gradient: 1.0 };
+
+/// How well corners were found: deviations per coordinate.
+#[derive(Default)]
+struct Honesty {
+    seen: f64,
+    views: f64,
+    normalized: f64,
+    squares: f64,
+}
+
+impl Honesty {
+    fn rms_px(&self) -> f64 {
+        (self.squares / self.seen).sqrt()
+    }
+
+    fn normalized(&self) -> f64 {
+        self.normalized / self.seen
+    }
+}
+
+/// Looks at tags of a kind: `views` of them, each picture taken `times` with other noise.
+fn look_at(kind: &Kind, views: usize, times: usize, dice: &mut Dice) -> Honesty {
+    let mut honesty = Honesty::default();
+    // what samples leave by chance has to be little beside the noise
+    let samples = 24;
+    let angle = |dice: &mut Dice| dice.within(0.0, 6.3).sin_cos();
+    for i in 0..views {
+        let family = TagFamily::ALL[i % 3];
+        let (sine, cosine) = angle(dice);
+        let motion_px = (kind.motion_px * cosine, kind.motion_px * sine);
+        let look = Look {
+            blur_px: kind.blur_px,
+            noise: kind.noise,
+            light: kind.light,
+            gradient: kind.gradient,
+            motion_px,
+            samples,
+            ..Look::default()
+        };
+        let map = any_view(family, kind.side_px, 1.0, dice);
+        let id = dice.below(family.count());
+        let mut canvas = Canvas::new(WIDTH, HEIGHT, look.ground);
+        let truth = canvas.draw(family, id, &map, &look, dice);
+        let mut finder = finder(family);
+        for _ in 0..times {
+            let pixels = canvas.expose(&look, dice);
+            let found = search(&mut finder, &pixels, WIDTH, HEIGHT).unwrap_or_default();
+            honesty.views += 1.0;
+            if let [tag] = &found[..] {
+                assert_eq!(tag.id, id, "{family} {kind:?}");
+                honesty.seen += 1.0;
+                honesty.normalized += normalized(tag, &truth);
+                honesty.squares += squares(tag, &truth);
+            }
+        }
+    }
+    honesty
+}
+
 #[test]
 fn corners_lie_where_they_are_and_as_surely_as_stated() {
-    // blur px, noise, light, gradient, side px; most rms px
-    for (blur_px, noise, light, gradient, side, most) in [
-        (0.7, 2.0, 200.0, 1.0, (26.0, 40.0), 0.03),
-        (0.3, 2.0, 200.0, 1.0, (40.0, 80.0), 0.025),
-        (0.7, 2.0, 200.0, 1.0, (40.0, 80.0), 0.025),
-        (1.2, 2.0, 200.0, 1.0, (40.0, 80.0), 0.04),
-        (0.7, 2.0, 200.0, 1.0, (80.0, 140.0), 0.02),
-        (0.7, 2.0, 150.0, 2.0, (40.0, 80.0), 0.035),
-        (0.7, 5.0, 100.0, 1.0, (40.0, 80.0), 0.13),
+    let small = |from, to, blur_px| Kind { side_px: (from, to), blur_px, ..USUAL };
+    // what is seen of them, at least; rms px, at most
+    for (kind, least, most) in [
+        (small(14.0, 20.0, 0.7), 0.9, 0.02),
+        (small(20.0, 26.0, 0.7), 1.0, 0.014),
+        (small(20.0, 26.0, 1.2), 0.8, 0.026),
+        (small(26.0, 40.0, 0.7), 1.0, 0.015),
+        (small(26.0, 40.0, 2.0), 0.5, 0.035),
+        (small(40.0, 80.0, 0.3), 1.0, 0.02),
+        (USUAL, 1.0, 0.02),
+        (small(40.0, 60.0, 1.2), 1.0, 0.02),
+        (small(40.0, 60.0, 2.0), 0.9, 0.026),
+        (small(80.0, 140.0, 0.7), 1.0, 0.012),
+        (Kind { side_px: (50.0, 70.0), blur_px: 3.0, ..USUAL }, 0.8, 0.04),
+        (Kind { light: 150.0, gradient: 2.0, ..USUAL }, 1.0, 0.025),
+        (Kind { light: 100.0, noise: 5.0, ..USUAL }, 1.0, 0.11),
+        (Kind { side_px: (20.0, 40.0), motion_px: 2.0, ..USUAL }, 1.0, 0.016),
     ] {
-        let mut dice = Dice(11);
-        let (mut chi2, mut square, mut count) = (0.0, 0.0, 0.0);
-        for i in 0..40 {
-            let family = TagFamily::ALL[i % 3];
-            let look = Look { blur_px, noise, light, gradient, ..Look::default() };
-            let map = any_view(family, side, 1.0, &mut dice);
-            let id = dice.below(family.count());
-            let mut canvas = Canvas::new(WIDTH, HEIGHT, look.ground);
-            let truth = canvas.draw(family, id, &map, &look, &mut dice);
-            let pixels = canvas.expose(&look, &mut dice);
-            let found = search(&mut finder(family), &pixels, WIDTH, HEIGHT).unwrap();
-            assert_eq!(found.iter().map(|t| t.id).collect::<Vec<_>>(), [id], "{family} {look:?}");
-            chi2 += normalized(&found[0], &truth);
-            square += squares(&found[0], &truth);
-            count += 1.0;
-        }
-        let (chi2, rms) = (chi2 / count, f64::sqrt(square / count));
-        println!(
-            "blur {blur_px} noise {noise} light {light} gradient {gradient} side {side:?}: rms {rms:.4} px, {chi2:.2}"
-        );
-        assert!(rms < most, "rms {rms} px at {side:?}, blur {blur_px}");
-        // 320 coordinates, those of a tag hang together
-        assert!((0.6..1.5).contains(&chi2), "normalized square {chi2} at {side:?}, blur {blur_px}");
+        let seen = look_at(&kind, 12, 4, &mut Dice(11));
+        let (share, rms, chi2) = (seen.seen / seen.views, seen.rms_px(), seen.normalized());
+        println!("{kind:?}: {:.0} % seen, rms {rms:.4} px, {chi2:.2}", 100.0 * share);
+        assert!(share >= least, "{share} of {kind:?}");
+        assert!(rms < most, "rms {rms} px, {kind:?}");
+        // some 380 coordinates, of which those of a picture hang together
+        assert!((0.8..1.25).contains(&chi2), "normalized square {chi2}, {kind:?}");
     }
+}
+
+#[test]
+#[ignore = "takes many minutes"]
+fn deviations_are_as_stated_from_tiny_to_large_and_from_sharp_to_smeared() {
+    let (mut honest, mut cells, mut dice) = (0, 0, Dice(31));
+    for (blur_px, motion_px) in
+        [(0.3, 0.0), (0.7, 0.0), (1.2, 0.0), (2.0, 0.0), (3.0, 0.0), (0.7, 2.0), (0.7, 4.0)]
+    {
+        for side_px in [(14.0, 20.0), (20.0, 26.0), (26.0, 40.0), (40.0, 60.0), (60.0, 90.0), (90.0, 140.0)] {
+            for (noise, light, gradient) in
+                [(0.5, 200.0, 1.0), (2.0, 200.0, 1.0), (2.0, 100.0, 2.0), (5.0, 200.0, 2.0)]
+            {
+                let kind = Kind { side_px, blur_px, motion_px, noise, light, gradient };
+                let seen = look_at(&kind, 30, 4, &mut dice);
+                let (rms, chi2) = (seen.rms_px(), seen.normalized());
+                println!("{kind:?}: {} of {} seen, rms {rms:.4} px, {chi2:.2}", seen.seen, seen.views);
+                // where hardly any is seen nothing is learnt of the rest
+                if seen.seen < 0.5 * seen.views {
+                    continue;
+                }
+                cells += 1;
+                honest += usize::from((0.8..1.25).contains(&chi2));
+                assert!((0.5..1.6).contains(&chi2), "normalized square {chi2}, {kind:?}");
+            }
+        }
+    }
+    println!("{honest} of {cells} kinds within 0.8 to 1.25");
+    assert!(honest * 10 >= cells * 9, "{honest} of {cells}");
 }
 
 #[test]

@@ -1,7 +1,8 @@
-//! Linear algebra of fixed sizes that stays on the stack: products, factorisation, eigenvectors, two numbers at a time; and
+//! Linear algebra of fixed sizes that stays on the stack: products, factorisation, eigenvectors, two and eight numbers at a time; and
 //! random numbers.
 
 mod cubic;
+mod eight;
 mod lanes;
 mod ldlt;
 pub(crate) mod products3;
@@ -10,6 +11,7 @@ pub(crate) mod sampling;
 mod symmetric_eigen;
 
 pub(crate) use cubic::cubic_roots;
+pub(crate) use eight::Eight;
 #[cfg(test)]
 pub(crate) use lanes::Portable;
 pub(crate) use lanes::{F2, Lanes, Number};

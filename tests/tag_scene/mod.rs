@@ -118,6 +118,8 @@ pub(crate) struct Look {
     pub(crate) ground: f64,
     pub(crate) margin_cells: f64,
     pub(crate) blur_px: f64,
+    /// How far the picture moves while it is taken.
+    pub(crate) motion_px: (f64, f64),
     pub(crate) noise: f64,
     /// Light at the right end of the picture over that at the left.
     pub(crate) gradient: f64,
@@ -128,7 +130,17 @@ pub(crate) struct Look {
 impl Default for Look {
     fn default() -> Self {
         let (dark, light, ground) = (40.0, 200.0, 120.0);
-        Self { dark, light, ground, margin_cells: 1.0, blur_px: 0.7, noise: 2.0, gradient: 1.0, samples: 12 }
+        Self {
+            dark,
+            light,
+            ground,
+            margin_cells: 1.0,
+            blur_px: 0.7,
+            motion_px: (0.0, 0.0),
+            noise: 2.0,
+            gradient: 1.0,
+            samples: 12,
+        }
     }
 }
 
@@ -171,7 +183,8 @@ impl Canvas {
             }
         };
         let ends = [(-m, -m), (n + m, -m), (n + m, n + m), (-m, n + m)].map(|(x, y)| map.at(x, y));
-        let reach = 0.5 + 4.0 * look.blur_px;
+        let (mu, mv) = look.motion_px;
+        let reach = 0.5 + 4.0 * look.blur_px + 0.5 * mu.hypot(mv);
         let bound = |v: f64, most: usize| v.clamp(0.0, most as f64) as usize;
         let fold = |of: fn(&(f64, f64)) -> f64, pick: fn(f64, f64) -> f64, from: f64| {
             ends.iter().map(of).fold(from, pick)
@@ -180,7 +193,8 @@ impl Canvas {
         let x1 = bound(fold(|p| p.0, f64::max, f64::MIN) + reach + 2.0, self.width);
         let y0 = bound(fold(|p| p.1, f64::min, f64::MAX) - reach - 1.0, self.height);
         let y1 = bound(fold(|p| p.1, f64::max, f64::MIN) + reach + 2.0, self.height);
-        let quantiles = quantiles(look.blur_px, 64);
+        // fine enough that the tails are those of the blur
+        let quantiles = quantiles(look.blur_px, 1024);
         let k = look.samples;
         for y in y0..y1 {
             for x in x0..x1 {
@@ -205,7 +219,12 @@ impl Canvas {
                     for i in 0..k {
                         let a = offset(&quantiles, (i as f64 + dice.unit()) / k as f64);
                         let b = offset(&quantiles, (j as f64 + dice.unit()) / k as f64);
-                        counts[usize::from(colour(u + a, v + b))] += 1.0;
+                        // every instant once, in an order that goes with no place
+                        let t = match (mu, mv) {
+                            (0.0, 0.0) => 0.0,
+                            _ => (((j * k + i) * 89 % (k * k)) as f64 + dice.unit()) / (k * k) as f64 - 0.5,
+                        };
+                        counts[usize::from(colour(u + a + t * mu, v + b + t * mv))] += 1.0;
                     }
                 }
                 self.levels[at] =

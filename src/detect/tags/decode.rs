@@ -4,6 +4,7 @@
 //! cell is lighter than half-way between both.
 
 use super::codebook::{Codebook, Reading};
+use super::pattern::Pattern;
 use super::plane_map::PlaneMap;
 use super::quad::Quad;
 use super::shine::Inside;
@@ -12,7 +13,7 @@ use crate::target::TagFamily;
 use nalgebra::Vector2;
 
 /// Cells along a side of the largest family, with the margin.
-const MOST_CELLS: usize = 10;
+pub(super) const MOST_CELLS: usize = 10;
 /// Least difference between paper and ink in the middle of the tag, grey levels.
 const LEAST_CONTRAST: f64 = 10.0;
 /// So many of the cells of border and margin may be nearer to the other colour.
@@ -46,6 +47,8 @@ pub(super) struct Decoded {
     pub(super) dark_level: f64,
     /// What lies inside each side of the quadrilateral.
     pub(super) inside: [Inside; 4],
+    /// All of its cells.
+    pub(super) pattern: Pattern,
 }
 
 /// A plane over the tag: level in its middle, and slopes per half side.
@@ -171,13 +174,16 @@ pub(super) fn decode(
     let reading = book.read(word, most_wrong).ok_or(NoTag::NoCode)?;
     let mean = |(sum, count): (f64, f64)| if count > 0.0 { sum / count } else { f64::INFINITY };
     let margin_levels = mean(whites).min(mean(blacks));
-    let inside = inside(family, &reading, &paper, 0.5 * side_px(quad));
-    Ok(Decoded { reading, margin_levels, light_level: paper.middle, dark_level: ink.middle, inside })
+    let white = white(family, &reading);
+    let inside = inside(&white, cells, &paper, quad);
+    let pattern = Pattern::new(&white, cells);
+    Ok(Decoded { reading, margin_levels, light_level: paper.middle, dark_level: ink.middle, inside, pattern })
 }
 
-/// What the tag that was read holds inside of its sides, as the picture shows it.
-fn inside(family: TagFamily, reading: &Reading, paper: &Light, half_px: f64) -> [Inside; 4] {
-    let cells = family.cells_per_side() as usize;
+/// White cells are 1: by rows, as the picture shows the tag that was read.
+pub(super) type Whites = [[f64; MOST_CELLS]; MOST_CELLS];
+
+fn white(family: TagFamily, reading: &Reading) -> Whites {
     let code = family.codes().get(reading.id as usize).copied().unwrap_or(0);
     let word = family.turned(code, reading.turns);
     let mut white = [[0.0; MOST_CELLS]; MOST_CELLS];
@@ -187,11 +193,16 @@ fn inside(family: TagFamily, reading: &Reading, paper: &Light, half_px: f64) -> 
             *cell = f64::from((word >> (family.bits() - 1 - bit) & 1) as u32);
         }
     }
+    white
+}
+
+/// What the tag that was read holds inside of its sides.
+fn inside(white: &Whites, cells: usize, paper: &Light, quad: &Quad) -> [Inside; 4] {
     let last = cells - 1;
-    let growth = [-paper.along_y, paper.along_x, paper.along_y, -paper.along_x];
-    let mut sides = [Inside { white: [[0.0; MOST_CELLS]; 2], cells, light_per_px: 0.0 }; 4];
+    let growth = growth(paper, quad);
+    let mut sides = [Inside { white: [[0.0; MOST_CELLS]; 2], cells, light_per_px: Vector2::zeros() }; 4];
     for (i, (side, growth)) in sides.iter_mut().zip(growth).enumerate() {
-        side.light_per_px = growth / (paper.middle.max(1.0) * half_px.max(1.0));
+        side.light_per_px = growth;
         for (depth, line) in side.white.iter_mut().enumerate() {
             let depth = depth + 1;
             for (k, slot) in line.iter_mut().enumerate().take(cells) {
@@ -206,6 +217,17 @@ fn inside(family: TagFamily, reading: &Reading, paper: &Light, half_px: f64) -> 
         }
     }
     sides
+}
+
+/// By what share light grows in x and y at the middle of each side, per px.
+fn growth(paper: &Light, quad: &Quad) -> [Vector2<f64>; 4] {
+    let [a, b, c, d] = *quad;
+    // half sides of the tag, as the picture shows them
+    let (x, y) = (0.25 * (b - a + c - d), 0.25 * (d - a + c - b));
+    let gradient =
+        Vector2::new(paper.along_x * y.y - paper.along_y * x.y, paper.along_y * x.x - paper.along_x * y.x)
+            / x.perp(&y);
+    [(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)].map(|(u, v)| gradient / paper.at(u, v).max(1.0))
 }
 
 /// Mean length of the sides, px.

@@ -21,7 +21,7 @@ const HALF_PX: f64 = 2.5;
 const LEAST_HALF_PX: f64 = 1.0;
 const MOST_HALF_PX: f64 = 8.0;
 /// Below this share of the contrast at the ends windows grow.
-const ENOUGH_GAIN: f64 = 0.9;
+const ENOUGH_GAIN: f64 = 0.85;
 /// Rounds of moving the windows.
 const ROUNDS: usize = 4;
 /// A line that moves by less stands: what is left is a small part of it, px.
@@ -38,6 +38,21 @@ const SHARED_ROWS: f64 = 12.0;
 pub(super) struct Corners {
     pub(super) px: Quad,
     pub(super) covariance_px2: [[f64; 3]; 4],
+    /// Blur that the sides show, px; 0 where none shows any.
+    pub(super) blur_px: f64,
+    /// Width of a cell in blurs, where that is least; infinite where there is no blur.
+    pub(super) cell_blurs: f64,
+}
+
+impl Corners {
+    /// The same, known less well by a part of the blur.
+    pub(super) fn doubted(mut self, blurs: f64) -> Self {
+        let more = (blurs * self.blur_px).powi(2);
+        for [xx, _, yy] in &mut self.covariance_px2 {
+            (*xx, *yy) = (*xx + more, *yy + more);
+        }
+        self
+    }
 }
 
 /// Measures the sides of tags. Owns its buffer.
@@ -86,7 +101,8 @@ impl EdgeMeter {
                 (b.x * b.x * va + a.x * a.x * vb) / det2,
             ];
         }
-        is_sound(&px).then_some(Corners { px, covariance_px2 })
+        let (blur_px, cell_blurs) = sharpness(&sides);
+        is_sound(&px).then_some(Corners { px, covariance_px2, blur_px, cell_blurs })
     }
 
     fn side(
@@ -139,6 +155,17 @@ impl EdgeMeter {
     }
 }
 
+/// Blur of the sides, px, and the least width of a cell in blurs.
+fn sharpness(sides: &[Side; 4]) -> (f64, f64) {
+    let (mut sum, mut count, mut least) = (0.0, 0.0, f64::INFINITY);
+    for side in sides.iter().filter(|s| s.blur > 0.0) {
+        sum += side.blur * side.blur;
+        count += 1.0;
+        least = side.cell.min(least);
+    }
+    if count > 0.0 { ((sum / count).sqrt(), least / (sum / count).sqrt()) } else { (0.0, f64::INFINITY) }
+}
+
 /// Few rows do not tell their scatter well: all sides see the same noise.
 fn share_noise(sides: &mut [Side; 4]) {
     let (mut sum, mut count) = (0.0, 0.0);
@@ -174,5 +201,7 @@ fn rough(quad: &Quad, i: usize) -> Option<Side> {
         variance: ROUGH_PX * ROUGH_PX,
         common: 0.0,
         per_noise: 0.0,
+        blur: 0.0,
+        cell: 0.0,
     })
 }

@@ -7,6 +7,7 @@ use super::outline::{self, Point};
 use super::quad::{self, Quad};
 use super::regions::Regions;
 use super::threshold::DarkBits;
+use super::whole::WholeMeter;
 use crate::imaging::{ImageView, Window};
 use crate::messages::TargetStatus;
 use crate::target::TagFamily;
@@ -24,6 +25,11 @@ const LEAST_PIXELS: u32 = 30;
 const LONGEST_OUTLINE: f64 = 1.6;
 /// What is looked at around an expected tag beyond its slack, px.
 const AROUND_PX: f64 = 14.0;
+
+/// Sides of tags whose cells are narrower than so many deviations of the blur cannot be measured by themselves.
+const SHARP_CELL_BLURS: f64 = 6.0;
+/// How far off their corners are where they cannot be fitted as a whole either, in deviations of the blur.
+const UNFITTED_BLURS: f64 = 0.15;
 
 /// One tag in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -136,6 +142,7 @@ pub struct TagFinder {
     regions: Regions,
     points: Vec<Point>,
     meter: EdgeMeter,
+    whole: WholeMeter,
 }
 
 impl TagFinder {
@@ -153,6 +160,7 @@ impl TagFinder {
             regions: Regions::with_size(width, height),
             points: Vec::with_capacity(longest_outline(width as u32, height as u32)),
             meter: EdgeMeter::with_size(width, height),
+            whole: WholeMeter::new(),
         }
     }
 
@@ -271,7 +279,15 @@ impl TagFinder {
             };
             let origin = Vector2::new(origin.0 as f64, origin.1 as f64);
             let quad = quad.map(|p| p + origin);
-            match read(image, &quad, &self.book, self.family, self.most_wrong_bits, &mut self.meter) {
+            match read(
+                image,
+                &quad,
+                &self.book,
+                self.family,
+                self.most_wrong_bits,
+                &mut self.meter,
+                &mut self.whole,
+            ) {
                 Ok(tag) if found.len() < MOST_TAGS => found.push(tag),
                 Ok(_) => {}
                 Err(miss) => best = best.max(miss),
@@ -289,6 +305,7 @@ fn read(
     family: TagFamily,
     most_wrong: u32,
     meter: &mut EdgeMeter,
+    whole: &mut WholeMeter,
 ) -> Result<TagFound, TagMiss> {
     let cells = family.cells_per_side();
     let (decoded, corners) = match decode(image, quad, book, family, most_wrong) {
@@ -301,6 +318,12 @@ fn read(
             let decoded = decode(image, &corners.px, book, family, most_wrong)?;
             (decoded, meter.refine(image, &corners.px, cells, Some(&decoded.inside)).ok_or(TagMiss::NoEdges)?)
         }
+    };
+    let corners = if corners.cell_blurs < SHARP_CELL_BLURS {
+        let fitted = whole.refine(image, &corners, &decoded.pattern, decoded.dark_level, decoded.light_level);
+        fitted.unwrap_or_else(|| corners.doubted(UNFITTED_BLURS))
+    } else {
+        corners
     };
     Ok(found(&decoded, &corners))
 }

@@ -3,6 +3,7 @@
 //! ```text
 //! frame -> dark pixels by tiles -> regions -> outlines -> quadrilaterals -> bits -> tag -> sub-pixel corners
 //!          threshold               regions    outline     quad              decode, codebook  edges
+//!          cells narrower than six blurs: the whole tag at once instead of its sides                  whole, whole_model
 //! tracking: the same in windows about the expected tags
 //! ```
 //! All positions are pixels of the distorted image.
@@ -12,6 +13,7 @@ mod decode;
 mod edges;
 mod finder;
 mod outline;
+mod pattern;
 mod plane_map;
 mod plate;
 mod points;
@@ -20,6 +22,8 @@ mod regions;
 mod shine;
 mod side;
 mod threshold;
+mod whole;
+mod whole_model;
 
 pub use finder::{MOST_TAGS, TagExpected, TagFinder, TagFound, TagMiss};
 pub use plate::TagPlateFinder;

@@ -1,7 +1,7 @@
 //! The projective map from a square to a quadrilateral.
 
 use super::quad::Quad;
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 /// `x -> (a x + b y + c, d x + e y + f) / (g x + h y + 1)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,6 +22,42 @@ impl PlaneMap {
         let (u, v) = (p1 - p0 + g * p1, p3 - p0 + h * p3);
         let per = 1.0 / side;
         Some(Self([u.x * per, v.x * per, p0.x, u.y * per, v.y * per, p0.y, g * per, h * per]))
+    }
+
+    /// The map back; `None` where there is none.
+    pub(super) fn inverse(&self) -> Option<Self> {
+        let [a, b, c, d, e, f, g, h] = self.0;
+        let whole = a * e - b * d;
+        if !(whole.abs() > 1e-12) {
+            return None;
+        }
+        let adjoint = [
+            e - f * h,
+            c * h - b,
+            b * f - c * e,
+            f * g - d,
+            a - c * g,
+            c * d - a * f,
+            d * h - e * g,
+            b * g - a * h,
+        ];
+        Some(Self(adjoint.map(|v| v / whole)))
+    }
+
+    /// The same map of `p - origin` for `p`: the nine numbers `a` to `i`, `i` below the line not 1 any longer.
+    pub(super) fn about(&self, origin: Vector2<f64>) -> [f64; 9] {
+        let [a, b, c, d, e, f, g, h] = self.0;
+        let carry = |x: f64, y: f64, z: f64| x * origin.x + y * origin.y + z;
+        [a, b, carry(a, b, c), d, e, carry(d, e, f), g, h, carry(g, h, 1.0)]
+    }
+
+    /// The image of a point, and its derivatives by the point.
+    #[inline]
+    pub(super) fn at_with_slope(&self, p: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        let [a, b, c, d, e, f, g, h] = self.0;
+        let w = 1.0 / (g * p.x + h * p.y + 1.0);
+        let q = Vector2::new((a * p.x + b * p.y + c) * w, (d * p.x + e * p.y + f) * w);
+        (q, Matrix2::new((a - g * q.x) * w, (b - h * q.x) * w, (d - g * q.y) * w, (e - h * q.y) * w))
     }
 
     /// The image of a point.
@@ -49,6 +85,13 @@ mod tests {
         let m = map.at(v(4.0, 4.0));
         let off = |a: Vector2<f64>, b: Vector2<f64>| (b - a).normalize().perp(&(m - a)).abs();
         assert!(off(quad[0], quad[2]) < 1e-9 && off(quad[1], quad[3]) < 1e-9);
+        let back = map.inverse().unwrap();
+        let (p, d) = (v(33.0, 41.0), 1e-5);
+        let (q, slope) = back.at_with_slope(p);
+        assert!((map.at(q) - p).norm() < 1e-9 && (back.at(p) - q).norm() < 1e-12);
+        let column = |e: Vector2<f64>| (back.at(p + e * d) - back.at(p - e * d)) / (2.0 * d);
+        assert!((slope.column(0) - column(Vector2::x())).norm() < 1e-6);
+        assert!((slope.column(1) - column(Vector2::y())).norm() < 1e-6);
         assert_eq!(PlaneMap::of_square(&[v(0.0, 0.0), v(1.0, 1.0), v(2.0, 2.0), v(3.0, 3.0)], 1.0), None);
     }
 }

@@ -4,6 +4,8 @@
 //! `-w` where the cell behind it is white, that cell's end at `-2 w`, and the margin's end at `w`. A step's share of a window
 //! is an integral of the normal distribution; what does not come from the edge itself is taken off.
 
+use nalgebra::Vector2;
+
 /// What a quadrilateral is known to hold, for the side that is measured: the colours of the first two rows of cells inside the border,
 /// along the side.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -11,8 +13,8 @@ pub(super) struct Inside {
     /// White is 1: behind the border, and one further.
     pub(super) white: [[f64; 10]; 2],
     pub(super) cells: usize,
-    /// By what share light grows outward, per px.
-    pub(super) light_per_px: f64,
+    /// By what share light grows in x and y, per px.
+    pub(super) light_per_px: Vector2<f64>,
 }
 
 impl Inside {
@@ -31,7 +33,7 @@ impl Inside {
 /// Shares of steps in the windows of a side; lengths along the row, px.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shine {
-    /// Of a step at the edge in the sum, per px that it moves.
+    /// Of a step at the edge in the sum less what the levels say it should be, per px that it moves.
     pub(super) gain: f64,
     /// Of the edge itself in the window of the ink (and, as much, in that of the paper).
     pub(super) own: f64,
@@ -67,7 +69,10 @@ impl Shine {
         let level = (w.near, w.far);
         let (first, second) = (begins(w.cell, level), begins(2.0 * w.cell, level));
         Self {
-            gain: 2.0 * distribution(w.half / s) - 1.0,
+            // the levels beside the window change with the edge, too: what they take is missing
+            gain: 2.0 * distribution(w.half / s)
+                - 1.0
+                - 2.0 * w.half * (distribution(w.far / s) - distribution(w.near / s)) / (w.far - w.near),
             own: mean(0.0, -w.far, -w.near),
             inner: [first, second],
             outer: first,

@@ -13,17 +13,17 @@ pub(super) const LEAST_GAIN: f64 = 0.35;
 /// Fewest rows of a side.
 pub(super) const LEAST_ROWS: usize = 4;
 /// What no scatter shows, px: levels are rounded, sides are not quite straight.
-const FLOOR_PX: f64 = 0.005;
+pub(super) const FLOOR_PX: f64 = 0.0012;
 /// Rows of which levels differ from the side's by this share of the contrast are left out: something lies there.
 const LEVEL_SHARE: f64 = 0.35;
 /// Rows keep so many deviations of the blur away from the neighbouring sides.
-const CLEAR_BLURS: f64 = 2.4;
+const CLEAR_BLURS: f64 = 3.2;
 /// What other cells shine into a side is reckoned to this share of the blur, which falls with the cell's width in blurs (measured on
 /// pictures of 2 to 15 px a cell, blur 0.3 to 2 px).
 const DOUBT: f64 = 1.2;
 const DOUBT_FALL: f64 = 1.1;
-/// How much of what uneven light moves may be reckoned wrongly.
-const GROWTH_DOUBT: f64 = 0.3;
+/// How much of what uneven light moves may be reckoned wrongly; beside it, whether light falls before the blur or behind it is not known.
+const GROWTH_DOUBT: f64 = 0.1;
 
 /// One side, measured.
 #[derive(Debug, Clone, Copy, Default)]
@@ -43,6 +43,10 @@ pub(super) struct Side {
     pub(super) common: f64,
     /// What `variance` is for one of a pixel's noise, (px/level)^2; 0 where it does not come from noise.
     pub(super) per_noise: f64,
+    /// Blur across the side, px; 0 where it was not asked for.
+    pub(super) blur: f64,
+    /// Width of a cell across the side, px.
+    pub(super) cell: f64,
 }
 
 impl Side {
@@ -283,9 +287,14 @@ impl Scan<'_> {
         let own = contrast / (light.a - dark.a).max(1.0);
         // light that grows across the side is read further out than the window reaches
         let (near, far) = self.level_window();
-        let growth =
-            self.inside.map_or(0.0, |i| i.light_per_px) * self.half * (0.5 * self.half - 0.5 * (near + far));
-        let growth = sign * growth / across.abs();
+        let blur = blur_px * across.abs();
+        // half of what an even light would give a window in its lighter half, blur between both of its ways: before the light, behind it
+        let z = self.half / blur.max(0.1);
+        let lit = 0.5 * self.half * self.half * gain
+            + self.half * blur * (-0.5 * z * z).exp() * 0.398_942_280_401_432_7;
+        let light_per_px =
+            self.inside.map_or(0.0, |i| if along_y { i.light_per_px.x } else { i.light_per_px.y });
+        let growth = light_per_px * (lit - 0.5 * self.half * (near + far)) / (gain * across * across);
         let delta = |r: &Row| {
             let (l, d) = (light.at(r.s), dark.at(r.s));
             growth - sign * (r.sum - 0.5 * window * (l + d)) / ((own * (l - d)).max(0.25 * contrast) * gain)
@@ -313,7 +322,6 @@ impl Scan<'_> {
         let normal = if along_y { n } else { Vector2::new(n.y, n.x) };
         let at =
             if along_y { Vector2::new(crossing, trend.mean_s) } else { Vector2::new(trend.mean_s, crossing) };
-        let blur = blur_px * across.abs();
         let side = Side {
             normal,
             offset: normal.dot(&at),
@@ -323,8 +331,11 @@ impl Scan<'_> {
             ss: trend.ss,
             variance: scatter.variance.max(trend.variance),
             common: (DOUBT * blur * (-DOUBT_FALL * self.cell / blur.max(0.1)).exp()).powi(2)
-                + (GROWTH_DOUBT * growth * across).powi(2),
+                + (GROWTH_DOUBT * growth * across).powi(2)
+                + (0.5 * light_per_px / across * blur * blur).powi(2),
             per_noise: window / (contrast * gain).powi(2),
+            blur,
+            cell: self.cell,
         };
         (shift < 2.0 * self.half).then_some(Fit { side, gain, shift, blur })
     }

@@ -7,8 +7,8 @@ use super::corner_model::parameter::{
     AMPLITUDE, BLUR, COUNT, LIGHT_X, LIGHT_Y, MIDDLE, TURN_U, TURN_V, X, Y,
 };
 use super::corner_model::{Model, Pixels, Row};
-use super::eight::Eight;
 use crate::imaging::ImageView;
+use crate::linalg::Eight;
 use crate::linalg::Ldlt;
 use nalgebra::Vector2;
 

@@ -12,7 +12,7 @@
 //! Where squares are small, the next edge on either side, a square's side away, belongs to `E` and `H`. The blur includes the
 //! pixel's own square: its variance of 1/12 px^2, and its kurtosis, which the tail of a sharp edge shows.
 
-use super::eight::Eight;
+use crate::linalg::Eight;
 
 /// What is fitted, by index.
 pub(super) mod parameter {

@@ -6,7 +6,6 @@
 
 mod corner_fit;
 mod corner_model;
-mod eight;
 mod half;
 mod lane;
 mod ring;

@@ -6,26 +6,28 @@ use std::ops::{Add, Mul, Neg, Sub};
 /// Eight numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]
-pub(super) struct Eight(pub(super) [f32; 8]);
+pub(crate) struct Eight(pub(crate) [f32; 8]);
 
 impl Eight {
-    pub(super) const ZERO: Self = Self([0.0; 8]);
+    pub(crate) const ZERO: Self = Self([0.0; 8]);
 
+    /// Of each number.
     #[inline(always)]
-    fn each(self, operation: impl Fn(f32) -> f32) -> Self {
+    pub(crate) fn each(self, operation: impl Fn(f32) -> f32) -> Self {
         let mut out = self.0;
         out.iter_mut().for_each(|a| *a = operation(*a));
         Self(out)
     }
 
+    /// Of each number and its counterpart.
     #[inline(always)]
     #[allow(clippy::indexing_slicing)] // 0..8 of eight
-    fn with(self, other: Self, operation: impl Fn(f32, f32) -> f32) -> Self {
+    pub(crate) fn with(self, other: Self, operation: impl Fn(f32, f32) -> f32) -> Self {
         Self(from_fn(|i| operation(self.0[i], other.0[i])))
     }
 
     #[inline(always)]
-    pub(super) fn sum(self) -> f32 {
+    pub(crate) fn sum(self) -> f32 {
         let [a, b, c, d, e, f, g, h] = self.0;
         ((a + e) + (c + g)) + ((b + f) + (d + h))
     }
@@ -54,7 +56,7 @@ impl Eight {
     /// `erf(z / sqrt(2))`, the share of a normal deviate within `z` deviations less the share outside on that side, within 1e-6;
     /// and its derivative by `z`.
     #[inline(always)]
-    pub(super) fn step_and_slope(self) -> (Self, Self) {
+    pub(crate) fn step_and_slope(self) -> (Self, Self) {
         let x = self.each(|z| z.abs() * std::f32::consts::FRAC_1_SQRT_2);
         let e = (-(x * x)).exp_of_negative();
         // Abramowitz and Stegun 7.1.26

@@ -1,0 +1,57 @@
+//! Which cells of a tag are white, as bits that eight pixels can look up side by side.
+
+use super::decode::{MOST_CELLS, Whites};
+
+/// Cells before the first one that may be asked for.
+const BEFORE: i32 = 8;
+const ROWS: usize = MOST_CELLS + 2 * BEFORE as usize;
+
+/// A tag as the picture shows it, its margin white.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pattern {
+    /// Bit `i + BEFORE` of row `j + BEFORE` is the cell in column `i`, row `j`.
+    rows: [u32; ROWS],
+    /// Cells along a side.
+    pub(super) cells: usize,
+}
+
+impl Pattern {
+    pub(super) fn new(white: &Whites, cells: usize) -> Self {
+        let mut rows = [u32::MAX; ROWS];
+        for (slot, row) in rows.iter_mut().skip(BEFORE as usize).zip(white).take(cells) {
+            for (bit, cell) in (BEFORE..).zip(row).take(cells) {
+                *slot &= !(u32::from(*cell < 0.5) << bit);
+            }
+        }
+        Self { rows, cells }
+    }
+
+    /// The cells of row `j` from column `i` on, 16 of them at least: bit 0 is column `i`, -8 at least.
+    #[inline(always)]
+    pub(super) fn bits_at(&self, i: i32, j: i32) -> u32 {
+        let row = self.rows.get((j + BEFORE).max(0) as usize).copied().unwrap_or(u32::MAX);
+        // beyond the last bit it is white, too
+        !(!row >> (i + BEFORE).clamp(0, 31))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_where_they_were_put() {
+        let mut white = [[0.0; MOST_CELLS]; MOST_CELLS];
+        white[2][5] = 1.0;
+        let pattern = Pattern::new(&white, 6);
+        for j in -8..18 {
+            for i in -8..12 {
+                let inside = (0..6).contains(&i) && (0..6).contains(&j);
+                let wanted = !inside || (i, j) == (5, 2);
+                assert_eq!(pattern.bits_at(i, j) & 1 == 1, wanted, "{i} {j}");
+                assert_eq!(pattern.bits_at(i - 3, j) >> 3 & 1 == 1, wanted || i < -5, "{i} {j}");
+            }
+        }
+        assert_eq!(pattern.bits_at(i32::MIN / 2, i32::MIN / 2), u32::MAX);
+    }
+}

@@ -1,0 +1,298 @@
+//! A small or blurred tag, fitted as a whole: all of its cells at once, as a camera shows them ([`super::whole_model`]).
+//!
+//! Where a cell is but a few deviations of the blur wide no side can be measured by itself: what lies beside it shines in. But then all of
+//! the tag is known, and its picture is too. Least squares (Gauss and Newton) over its pixels; noise is what is left over.
+
+use super::edges::Corners;
+use super::pattern::Pattern;
+use super::plane_map::PlaneMap;
+use super::quad::{Quad, is_sound};
+use super::side::FLOOR_PX;
+use super::whole_model::{
+    BLUR, CHUNK, CONTRAST, COUNT, GROUND, INK, LIGHT, Model, Picture, Pixels, Row, Sums, accumulate, field,
+};
+use crate::imaging::ImageView;
+use crate::linalg::{Eight, Ldlt};
+use nalgebra::Vector2;
+
+/// Pixels up to so many cells outside of the black square.
+const AROUND_CELLS: f64 = 0.6;
+/// Of more pixels than these only some are taken, evenly: a large tag is blurred where it is fitted as a whole, and is known well.
+const ENOUGH_PIXELS: f64 = 1200.0;
+/// Room for pixels, in eights; the outline of a tag holds a few more than its area says.
+const BLOCKS: usize = 256;
+/// Most steps.
+const STEPS: usize = 6;
+/// Steps converge as squares: what is left of one is about its square over the blur, and may be so much, px.
+const LEFT_PX: f64 = 0.002;
+/// Corners that move farther were not those of this tag, cells.
+const LOST_CELLS: f64 = 0.7;
+/// Residuals beyond so many deviations of those before do not come from the tag.
+const GATE: f64 = 4.5;
+/// Least blur, a pixel's own square and little more, and the most correlation of both directions.
+const LEAST_BLUR_PX2: f64 = 0.09;
+const MOST_ASLANT: f64 = 0.9;
+/// Least contrast, grey levels.
+const LEAST_CONTRAST: f64 = 5.0;
+/// Variance of rounding to whole grey levels: no residual is believed to be less.
+const ROUNDING: f64 = 1.0 / 12.0;
+/// What a blur that is not a normal one moves, as a share of it, where it is all motion and cells are not wider than it; and how much
+/// that falls with their width in blurs (measured on pictures of tags that moved by up to 4 px).
+const SMEAR_DOUBT: f64 = 0.42;
+const SMEAR_FALL: f64 = 1.75;
+
+/// Fits tags as a whole. Owns its buffers.
+#[derive(Debug, Clone)]
+pub(super) struct WholeMeter {
+    pixels: Vec<Pixels>,
+    rows: Box<[Row; CHUNK]>,
+}
+
+/// A step and what it was worth.
+struct Step {
+    by: [f64; COUNT],
+    /// Variance of a pixel after it, levels^2.
+    variance: f64,
+    factors: Ldlt<COUNT>,
+}
+
+impl WholeMeter {
+    pub(super) fn new() -> Self {
+        Self { pixels: Vec::with_capacity(BLOCKS), rows: Box::new([[Eight::ZERO; COUNT + 1]; CHUNK]) }
+    }
+
+    /// The corners of a tag from those that its sides gave, and their covariance; `None` where it does not look as it should.
+    pub(super) fn refine(
+        &mut self,
+        image: &ImageView<'_>,
+        from: &Corners,
+        pattern: &Pattern,
+        ink: f64,
+        paper: f64,
+    ) -> Option<Corners> {
+        // sides that are smeared may show far less blur than there is, from which the first step goes astray
+        [1.0, 2.0].iter().find_map(|more| self.fit(image, from, pattern, (ink, paper), more * blur_of(from)))
+    }
+
+    /// The same from a variance of the blur, px^2.
+    fn fit(
+        &mut self,
+        image: &ImageView<'_>,
+        from: &Corners,
+        pattern: &Pattern,
+        (ink, paper): (f64, f64),
+        around: f64,
+    ) -> Option<Corners> {
+        let [a, b, c, d] = from.px;
+        let origin = (0.25 * (a + b + c + d)).map(f64::round);
+        let radius = from.px.iter().map(|p| (p - origin).norm()).fold(0.0, f64::max);
+        let cells = pattern.cells as f64;
+        let most_px = LOST_CELLS * radius * std::f64::consts::SQRT_2 / cells;
+        let mut quad = from.px;
+        let mut picture = Picture {
+            back: PlaneMap::of_square(&quad, cells)?.inverse()?,
+            origin,
+            radius,
+            blur: [around, 0.0, around],
+            ink,
+            contrast: paper - ink,
+            light: [0.0; 2],
+            ground: [0.0; 4],
+        };
+        let mut variance = f64::INFINITY;
+        // the same ones for all steps, or they might go to and fro
+        let every = (area(&around_tag(&quad, cells)?) / ENOUGH_PIXELS).ceil().clamp(1.0, 1e6) as usize;
+        for _ in 0..STEPS {
+            self.load(image, &around_tag(&quad, cells)?, origin, every)?;
+            let model = Model::new(&picture, pattern, &quad, GATE * GATE * variance)?;
+            let mut sums = Sums { products: [[0.0; COUNT + 1]; COUNT + 1], count: 0.0 };
+            accumulate(&model, &self.pixels, &mut self.rows, &mut sums);
+            let solved = solve(&sums, picture.contrast, variance)?;
+            variance = solved.variance;
+            let fields = quad.map(|p| field((p - origin) / radius));
+            let moved = quad_moved(&mut quad, &fields, &solved.by);
+            if !(moved < most_px) || !is_sound(&quad) || !add(&mut picture, &solved.by) {
+                return None;
+            }
+            picture.back = PlaneMap::of_square(&quad, cells)?.inverse()?;
+            if moved * moved < LEFT_PX * around.sqrt() {
+                let inverse = solved.factors.inverse();
+                let noise = variance.max(ROUNDING);
+                let doubt = FLOOR_PX.powi(2) + smear(&picture.blur, from.cell_blurs * from.blur_px);
+                let covariance_px2 = fields.map(|field| covariance(&field, &inverse, noise, doubt));
+                return Some(Corners { px: quad, covariance_px2, ..*from });
+            }
+        }
+        None
+    }
+
+    /// Takes every so many of the pixels within an outline.
+    fn load(
+        &mut self,
+        image: &ImageView<'_>,
+        outline: &Quad,
+        origin: Vector2<f64>,
+        every: usize,
+    ) -> Option<()> {
+        let top = outline.iter().map(|p| p.y).fold(f64::INFINITY, f64::min).ceil().max(0.0) as usize;
+        let bottom = outline.iter().map(|p| p.y).fold(f64::NEG_INFINITY, f64::max);
+        let bottom = bottom.floor().min(image.height() as f64 - 1.0) as usize;
+        // rows begin at other places each, so that columns are seen alike
+        let shift = (0.38 * every as f64).round().max(1.0) as usize;
+        self.pixels.clear();
+        let (mut block, mut lane) = (Pixels::NONE, 0);
+        for y in top..=bottom {
+            let (from, to) = across(outline, y as f64);
+            let to = to.floor().min(image.width() as f64 - 1.0);
+            let from = from.ceil().max(0.0);
+            if !(to >= from) {
+                continue;
+            }
+            let row = image.row(y).get(from as usize..=to as usize).unwrap_or(&[]);
+            let begin = (from as usize + y * shift) % every;
+            let begin = (every - begin) % every;
+            let (mut x, y) = ((from + begin as f64 - origin.x) as f32, (y as f64 - origin.y) as f32);
+            for &level in row.iter().skip(begin).step_by(every) {
+                for (eight, value) in [
+                    (&mut block.x, x),
+                    (&mut block.y, y),
+                    (&mut block.level, f32::from(level)),
+                    (&mut block.weight, 1.0),
+                ] {
+                    if let Some(slot) = eight.0.get_mut(lane) {
+                        *slot = value;
+                    }
+                }
+                x += every as f32;
+                lane += 1;
+                if lane == 8 {
+                    if self.pixels.len() + 1 >= BLOCKS {
+                        return None;
+                    }
+                    self.pixels.push(block);
+                    (block, lane) = (Pixels::NONE, 0);
+                }
+            }
+        }
+        self.pixels.push(block);
+        Some(())
+    }
+}
+
+/// Variance of the blur that the sides show, px^2.
+fn blur_of(from: &Corners) -> f64 {
+    from.blur_px.powi(2).max(2.0 * LEAST_BLUR_PX2)
+}
+
+/// The corners of the black square with some margin, px.
+fn around_tag(quad: &Quad, cells: f64) -> Option<Quad> {
+    let map = PlaneMap::of_square(quad, cells)?;
+    let (low, high) = (-AROUND_CELLS, cells + AROUND_CELLS);
+    let outline =
+        [(low, low), (high, low), (high, high), (low, high)].map(|(c, r)| map.at(Vector2::new(c, r)));
+    is_sound(&outline).then_some(outline)
+}
+
+fn area(quad: &Quad) -> f64 {
+    let [a, b, c, d] = *quad;
+    0.5 * (c - a).perp(&(d - b)).abs()
+}
+
+/// Where a row enters a convex quadrilateral and leaves it, px.
+fn across(outline: &Quad, y: f64) -> (f64, f64) {
+    let (mut from, mut to) = (f64::INFINITY, f64::NEG_INFINITY);
+    let [a, b, c, d] = *outline;
+    for (p, q) in [(a, b), (b, c), (c, d), (d, a)] {
+        if (p.y - y) * (q.y - y) <= 0.0 && p.y != q.y {
+            let x = p.x + (q.x - p.x) * (y - p.y) / (q.y - p.y);
+            (from, to) = (from.min(x), to.max(x));
+        }
+    }
+    (from, to)
+}
+
+/// The step that makes the squares least.
+fn solve(sums: &Sums, contrast: f64, before: f64) -> Option<Step> {
+    let free = sums.count - COUNT as f64;
+    if !(free > 2.0 * COUNT as f64) {
+        return None;
+    }
+    let mut matrix = [[0.0; COUNT]; COUNT];
+    for (to, from) in matrix.iter_mut().zip(&sums.products) {
+        to.copy_from_slice(from.get(..COUNT)?);
+    }
+    let last = sums.products.get(COUNT)?;
+    let mut right = [0.0; COUNT];
+    right.copy_from_slice(last.get(..COUNT)?);
+    let squares = *last.get(COUNT)?;
+    // the ground is hardly seen where cells are wide: as far as is known it is like paper, give or take the contrast
+    let guess = (squares / sums.count).min(before).max(ROUNDING) / contrast.powi(2);
+    let damping = std::array::from_fn(|i| if i >= GROUND { guess } else { 0.0 });
+    let factors = Ldlt::new(&matrix, &damping)?;
+    let by = factors.solve(&right);
+    let explained: f64 = by.iter().zip(&right).map(|(a, b)| a * b).sum();
+    Some(Step { by, variance: (squares - explained).max(0.0) / free, factors })
+}
+
+/// Moves the corners by a step; how far the farthest went, px.
+fn quad_moved(quad: &mut Quad, fields: &[[Vector2<f64>; 8]; 4], by: &[f64; COUNT]) -> f64 {
+    let mut most = 0.0f64;
+    for (p, field) in quad.iter_mut().zip(fields) {
+        let d: Vector2<f64> = field.iter().zip(by).map(|(f, by)| f * *by).sum();
+        *p += d;
+        // NaN is no small step
+        most = if d.norm() <= most { most } else { d.norm() };
+    }
+    most
+}
+
+/// Adds a step to all but the geometry; whether there is still a tag.
+fn add(picture: &mut Picture, by: &[f64; COUNT]) -> bool {
+    let mut to = [0.0; COUNT];
+    to.copy_from_slice(by);
+    for (value, by) in picture.blur.iter_mut().zip(to.iter().skip(BLUR)) {
+        *value += by;
+    }
+    let [xx, xy, yy] = picture.blur;
+    let (xx, yy) = (xx.max(LEAST_BLUR_PX2), yy.max(LEAST_BLUR_PX2));
+    let bound = MOST_ASLANT * (xx * yy).sqrt();
+    picture.blur = [xx, xy.clamp(-bound, bound), yy];
+    picture.ink += to[INK];
+    picture.contrast += to[CONTRAST];
+    for (value, by) in picture.light.iter_mut().zip(to.iter().skip(LIGHT)) {
+        *value += by;
+    }
+    for (value, by) in picture.ground.iter_mut().zip(to.iter().skip(GROUND)) {
+        *value += by;
+    }
+    picture.contrast > LEAST_CONTRAST
+}
+
+/// What the shape of the blur may move, px^2: motion smears evenly, which shows as a blur that is longer than wide.
+fn smear(blur: &[f64; 3], cell: f64) -> f64 {
+    let [xx, xy, yy] = *blur;
+    let (mean, apart) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
+    let long = mean + apart;
+    // a step that is smeared deviates from a normal one by the square of the motion's share in the variance
+    let share = 2.0 * apart / long;
+    long * (SMEAR_DOUBT * share * share * (-SMEAR_FALL * cell / long.sqrt()).exp()).powi(2)
+}
+
+/// Of a place that moves by a field, `[xx, xy, yy]` px^2.
+fn covariance(
+    field: &[Vector2<f64>; 8],
+    inverse: &[[f64; COUNT]; COUNT],
+    noise: f64,
+    doubt: f64,
+) -> [f64; 3] {
+    let mut out = [doubt, 0.0, doubt];
+    for (row, a) in inverse.iter().zip(field) {
+        for (v, b) in row.iter().zip(field) {
+            let v = v * noise;
+            out[0] += a.x * v * b.x;
+            out[1] += a.x * v * b.y;
+            out[2] += a.y * v * b.y;
+        }
+    }
+    out
+}

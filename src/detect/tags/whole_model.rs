@@ -1,0 +1,349 @@
+//! What a camera makes of a tag: levels of pixels and their derivatives by all that is unknown, eight pixels at a time.
+//!
+//! With `W` the share of white at a place of the tag (1 on paper, 0 on ink), smoothed by the blur:
+//!
+//! ```text
+//! I(p) = (1 + k_x x + k_y y) (ink + contrast W + sum_i ground_i O_i)      O_i: what lies beyond the margin, on each side
+//! W = exp(S_cr d/dc d/dr) sum_ij white_ij P_i(c) P_j(r)                   S: the blur's covariance at (c, r), in cells
+//! ```
+//! `P_i(c)` is the share of a normal deviate about `c` that falls into column `i`; the exponential, Mehler's series, is what a blur adds
+//! that lies aslant in the cells, as it does in a tilted tag. The blur contains the pixel's own square. A step of
+//! the geometry is a field of eight parameters, the projective motions of the plane ([`field`]).
+
+use super::pattern::Pattern;
+use super::plane_map::PlaneMap;
+use crate::imaging::simd::kernel;
+use crate::linalg::Eight;
+use nalgebra::{Matrix2, Vector2};
+
+/// What is fitted, by its first index: geometry at 0, covariance of the blur (xx, xy, yy), ink, contrast, slopes of the light, grounds.
+pub(super) const BLUR: usize = 8;
+pub(super) const INK: usize = 11;
+pub(super) const CONTRAST: usize = 12;
+pub(super) const LIGHT: usize = 13;
+pub(super) const GROUND: usize = 15;
+pub(super) const COUNT: usize = 19;
+
+/// A blur reaches so many deviations: beyond lies less than a thousandth.
+const REACH: f64 = 3.2;
+/// Most cells on either side of its own one that a pixel sees.
+const MOST_BESIDE: i32 = 3;
+const MOST_SEEN: usize = 2 * MOST_BESIDE as usize + 1;
+/// Pixels of which the products are summed at once, in eights.
+pub(super) const CHUNK: usize = 16;
+
+/// Eight pixels: places from the origin (px), levels, and 1 where they count, else 0.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pixels {
+    pub(super) x: Eight,
+    pub(super) y: Eight,
+    pub(super) level: Eight,
+    pub(super) weight: Eight,
+}
+
+impl Pixels {
+    pub(super) const NONE: Self =
+        Self { x: Eight::ZERO, y: Eight::ZERO, level: Eight::ZERO, weight: Eight::ZERO };
+}
+
+/// Derivatives at eight pixels, and last what is left of their levels.
+pub(super) type Row = [Eight; COUNT + 1];
+
+/// Sums of products of rows; the last row is that of the residuals. The lower triangle counts.
+#[derive(Debug, Clone)]
+pub(super) struct Sums {
+    pub(super) products: [[f64; COUNT + 1]; COUNT + 1],
+    pub(super) count: f64,
+}
+
+/// How a place moves for one of each parameter of geometry; from the origin, in radii.
+pub(super) fn field(q: Vector2<f64>) -> [Vector2<f64>; 8] {
+    let (x, y, v) = (q.x, q.y, Vector2::new);
+    [v(1.0, 0.0), v(x, 0.0), v(y, 0.0), v(0.0, 1.0), v(0.0, x), v(0.0, y), v(x * x, x * y), v(x * y, y * y)]
+}
+
+/// A picture of a tag as far as it is known.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Picture {
+    /// From pixels to cells.
+    pub(super) back: PlaneMap,
+    /// The point that pixels are counted from, and the radius, px.
+    pub(super) origin: Vector2<f64>,
+    pub(super) radius: f64,
+    /// Covariance of the blur `[xx, xy, yy]`, px^2.
+    pub(super) blur: [f64; 3],
+    pub(super) ink: f64,
+    pub(super) contrast: f64,
+    /// Relative change of the light, per radius.
+    pub(super) light: [f64; 2],
+    /// What lies beyond the margin less the paper: left, right, above, below.
+    pub(super) ground: [f64; 4],
+}
+
+/// A picture, ready for pixels.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Model<'a> {
+    pattern: &'a Pattern,
+    back: [f32; 9],
+    per_radius: f32,
+    blur: [f32; 3],
+    ink: f32,
+    contrast: f32,
+    light: [f32; 2],
+    ground: [f32; 4],
+    /// Cells on either side that a pixel sees, along columns and rows.
+    beside: [i32; 2],
+    /// Residuals whose square is larger do not count.
+    most_square: f32,
+}
+
+/// Along one direction of the tag: the first cell, and the shares of each with three derivatives by the place; shares are doubled.
+struct Seen {
+    first: [i32; 8],
+    shares: [[Eight; 4]; MOST_SEEN],
+}
+
+/// White and its derivatives by column and row, in cells.
+struct White {
+    value: Eight,
+    by_c: Eight,
+    by_r: Eight,
+    by_cc: Eight,
+    by_cr: Eight,
+    by_rr: Eight,
+}
+
+impl<'a> Model<'a> {
+    /// Of a tag that is seen at `corners` (px); `None` where blur reaches across too many of its cells.
+    pub(super) fn new(
+        picture: &Picture,
+        pattern: &'a Pattern,
+        corners: &[Vector2<f64>; 4],
+        most_square: f64,
+    ) -> Option<Self> {
+        let [xx, xy, yy] = picture.blur;
+        let blur = Matrix2::new(xx, xy, xy, yy);
+        let mut most = Vector2::zeros();
+        for corner in corners {
+            let (_, slope) = picture.back.at_with_slope(*corner);
+            let spread = slope * blur * slope.transpose();
+            most = Vector2::sup(&most, &Vector2::new(spread.m11, spread.m22));
+        }
+        let beside = [most.x, most.y].map(|variance| (REACH * variance.sqrt()).ceil());
+        if !beside.iter().all(|b| *b >= 1.0 && *b <= f64::from(MOST_BESIDE)) {
+            return None;
+        }
+        Some(Self {
+            pattern,
+            back: picture.back.about(picture.origin).map(|v| v as f32),
+            per_radius: (1.0 / picture.radius) as f32,
+            blur: picture.blur.map(|v| v as f32),
+            ink: picture.ink as f32,
+            contrast: picture.contrast as f32,
+            light: picture.light.map(|v| v as f32),
+            ground: picture.ground.map(|v| v as f32),
+            beside: beside.map(|b| b as i32),
+            most_square: most_square.min(1e12) as f32,
+        })
+    }
+
+    /// Derivatives of the levels, and levels less what they should be; all 0 where a pixel does not count.
+    #[inline(always)]
+    fn at(&self, p: &Pixels) -> Row {
+        let [a, b, c, d, e, f, g, h, i] = self.back;
+        let w = (p.x * g + p.y * h + i).each(|w| 1.0 / w);
+        let (column, row) = ((p.x * a + p.y * b + c) * w, (p.x * d + p.y * e + f) * w);
+        let (cx, cy) = ((-(column * g) + a) * w, (-(column * h) + b) * w);
+        let (rx, ry) = ((-(row * g) + d) * w, (-(row * h) + e) * w);
+        let [xx, xy, yy] = self.blur;
+        let spread_c = cx * cx * xx + cx * cy * (2.0 * xy) + cy * cy * yy;
+        let spread_r = rx * rx * xx + rx * ry * (2.0 * xy) + ry * ry * yy;
+        let aslant = cx * rx * xx + (cx * ry + cy * rx) * xy + cy * ry * yy;
+        let (per_c, per_r) = (spread_c.each(|s| 1.0 / s.sqrt()), spread_r.each(|s| 1.0 / s.sqrt()));
+        let columns = seen(column, per_c, self.beside[0]);
+        let rows = seen(row, per_r, self.beside[1]);
+        let white = self.white(&columns, &rows, aslant);
+
+        let n = self.pattern.cells as f32;
+        let (sides, ends) = (beyond(column, per_c, n), beyond(row, per_r, n));
+        // what lies beyond a corner counts once
+        let between = -(sides.share[0] + sides.share[1]) + 1.0;
+        let [before, behind, above, below] = self.ground;
+        let beyond = [sides.share[0], sides.share[1], ends.share[0] * between, ends.share[1] * between];
+        let mut raw = white.value * self.contrast + self.ink;
+        for (share, ground) in beyond.iter().zip(self.ground) {
+            raw = raw + *share * ground;
+        }
+        let by_c = white.by_c * self.contrast + sides.by[1] * behind - sides.by[0] * before;
+        let by_r = white.by_r * self.contrast + ends.by[1] * below - ends.by[0] * above;
+        let by_cc = white.by_cc * self.contrast + sides.twice[0] * before + sides.twice[1] * behind;
+        let by_rr = white.by_rr * self.contrast + ends.twice[0] * above + ends.twice[1] * below;
+        let by_cr = white.by_cr * self.contrast;
+        let (x, y) = (p.x * self.per_radius, p.y * self.per_radius);
+        let lit = x * self.light[0] + y * self.light[1] + 1.0;
+        let residual = p.level - lit * raw;
+        let fits = residual.each(|r| f32::from(u8::from(r * r <= self.most_square)));
+        let weight = p.weight * fits;
+        let lit = lit * weight;
+
+        let half = lit * 0.5;
+        // the picture moves by the field, and levels change against it; that the blur stays as it is, while what moves is stretched, is left
+        // to the blur's own parameters
+        let gx = -((by_c * cx + by_r * rx) * lit);
+        let gy = -((by_c * cy + by_r * ry) * lit);
+        let radial = gx * x + gy * y;
+        let raw = raw * weight;
+        let [left, right, above, below] = beyond.map(|share| share * lit);
+        [
+            gx,
+            gx * x,
+            gx * y,
+            gy,
+            gy * x,
+            gy * y,
+            radial * x,
+            radial * y,
+            (by_cc * cx * cx + by_cr * cx * rx * 2.0 + by_rr * rx * rx) * half,
+            (by_cc * cx * cy + by_cr * (cx * ry + cy * rx) + by_rr * rx * ry) * lit,
+            (by_cc * cy * cy + by_cr * cy * ry * 2.0 + by_rr * ry * ry) * half,
+            lit,
+            lit * white.value,
+            raw * x,
+            raw * y,
+            left,
+            right,
+            above,
+            below,
+            residual * weight,
+        ]
+    }
+
+    #[inline(always)]
+    #[allow(clippy::indexing_slicing)] // constants below the lengths
+    fn white(&self, columns: &Seen, rows: &Seen, s: Eight) -> White {
+        let count = |beside: i32| (2 * beside + 1) as usize;
+        let mut w = [[Eight::ZERO; 4]; 4];
+        for (j, by_row) in (0..).zip(rows.shares.iter().take(count(self.beside[1]))) {
+            let mut bits = [0u32; 8];
+            for ((bits, i), first) in bits.iter_mut().zip(columns.first).zip(rows.first) {
+                *bits = self.pattern.bits_at(i, first + j);
+            }
+            let mut t = [Eight::ZERO; 4];
+            for (i, by_column) in columns.shares.iter().enumerate().take(count(self.beside[0])) {
+                let white = Eight(bits.map(|bits| (bits >> i & 1) as f32));
+                for (t, share) in t.iter_mut().zip(by_column) {
+                    *t = *t + white * *share;
+                }
+            }
+            for (w, t) in w.iter_mut().zip(t) {
+                for (w, share) in w.iter_mut().zip(by_row) {
+                    *w = *w + t * *share;
+                }
+            }
+        }
+        // shares were doubled in both directions
+        let s1 = s * 0.25;
+        let s2 = s1 * s * 0.5;
+        let s3 = s2 * s * (1.0 / 3.0);
+        White {
+            value: w[0][0] * 0.25 + w[1][1] * s1 + w[2][2] * s2 + w[3][3] * s3,
+            by_c: w[1][0] * 0.25 + w[2][1] * s1 + w[3][2] * s2,
+            by_r: w[0][1] * 0.25 + w[1][2] * s1 + w[2][3] * s2,
+            by_cc: w[2][0] * 0.25 + w[3][1] * s1,
+            by_cr: w[1][1] * 0.25 + w[2][2] * s1 + w[3][3] * s2,
+            by_rr: w[0][2] * 0.25 + w[1][3] * s1,
+        }
+    }
+}
+
+/// What lies beyond the margin, one cell wide, before `n` cells and behind them: shares, and how they change outward, once and twice.
+struct Beyond {
+    share: [Eight; 2],
+    by: [Eight; 2],
+    twice: [Eight; 2],
+}
+
+#[inline(always)]
+fn beyond(place: Eight, per: Eight, n: f32) -> Beyond {
+    let off = place + (-0.5 * n);
+    let behind = off.each(|off| f32::from(u8::from(off > 0.0)));
+    let before = -behind + 1.0;
+    let z = (off.each(f32::abs) + (-0.5 * n - 1.0)) * per;
+    let (step, slope) = z.step_and_slope();
+    let share = step * 0.5 + 0.5;
+    let by = slope * per * 0.5;
+    let twice = -(z * per * by);
+    Beyond {
+        share: [share * before, share * behind],
+        by: [by * before, by * behind],
+        twice: [twice * before, twice * behind],
+    }
+}
+
+/// The cells about `place`, of which `per` are a deviation's reciprocal.
+#[inline(always)]
+fn seen(place: Eight, per: Eight, beside: i32) -> Seen {
+    // adding 1.5 * 2^23 rounds to the nearest whole number
+    const MAGIC: f32 = 12_582_912.0;
+    let first = place.each(|p| ((p - 0.5) + MAGIC) - MAGIC - beside as f32);
+    let one = Eight([1.0; 8]);
+    let mut before = [-one, Eight::ZERO, Eight::ZERO, Eight::ZERO];
+    let mut shares = [[Eight::ZERO; 4]; MOST_SEEN];
+    let last = 2 * beside as usize;
+    for (k, share) in shares.iter_mut().enumerate().take(last + 1) {
+        let end = if k == last {
+            [one, Eight::ZERO, Eight::ZERO, Eight::ZERO]
+        } else {
+            let z = (first - place + (k as f32 + 1.0)) * per;
+            let (step, slope) = z.step_and_slope();
+            let by = -(slope * per);
+            [step, by, z * per * by, (z * z + (-1.0)) * per * per * by]
+        };
+        for ((share, end), before) in share.iter_mut().zip(end).zip(before) {
+            *share = end - before;
+        }
+        before = end;
+    }
+    Seen { first: first.0.map(|f| f as i32), shares }
+}
+
+kernel!(
+    /// Adds the products of all pixels' derivatives to `sums`. `rows` is room for them.
+    pub(super) fn accumulate(model: &Model<'_>, pixels: &[Pixels], rows: &mut [Row; CHUNK], sums: &mut Sums) = accumulate_body
+);
+
+#[inline(always)]
+#[allow(clippy::indexing_slicing)] // indices below the lengths of arrays
+fn accumulate_body(model: &Model<'_>, pixels: &[Pixels], rows: &mut [Row; CHUNK], sums: &mut Sums) {
+    for chunk in pixels.chunks(CHUNK) {
+        let mut counted = Eight::ZERO;
+        for (row, pixels) in rows.iter_mut().zip(chunk) {
+            *row = model.at(pixels);
+            counted = counted + row[INK].each(|lit| f32::from(u8::from(lit != 0.0)));
+        }
+        sums.count += f64::from(counted.sum());
+        let rows = &rows[..chunk.len()];
+        // eight sums at once: a processor that waits for one adds to the others
+        for i in (0..=COUNT).step_by(2) {
+            for k in (0..=i).step_by(4) {
+                let mut block = [[Eight::ZERO; 4]; 2];
+                for row in rows {
+                    let right = [row[k], row[k + 1], row[k + 2], row[k + 3]];
+                    for (sums, left) in block.iter_mut().zip([row[i], row[i + 1]]) {
+                        for (sum, right) in sums.iter_mut().zip(right) {
+                            *sum = *sum + left * right;
+                        }
+                    }
+                }
+                for (products, sums) in sums.products[i..].iter_mut().zip(&block) {
+                    for (product, sum) in products[k..].iter_mut().zip(sums) {
+                        *product += f64::from(sum.sum());
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
