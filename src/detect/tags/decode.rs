@@ -4,7 +4,7 @@
 //! cell is lighter than half-way between both.
 
 use super::codebook::{Codebook, Reading};
-use super::pattern::Pattern;
+use super::pattern::{MOST_CELLS, Pattern, Whites};
 use super::plane_map::PlaneMap;
 use super::quad::Quad;
 use super::shine::Inside;
@@ -12,8 +12,6 @@ use crate::imaging::ImageView;
 use crate::target::TagFamily;
 use nalgebra::Vector2;
 
-/// Cells along a side of the largest family, with the margin.
-pub(super) const MOST_CELLS: usize = 10;
 /// Least difference between paper and ink in the middle of the tag, grey levels.
 const LEAST_CONTRAST: f64 = 10.0;
 /// So many of the cells of border and margin may be nearer to the other colour.
@@ -179,9 +177,6 @@ pub(super) fn decode(
     let pattern = Pattern::new(&white, cells);
     Ok(Decoded { reading, margin_levels, light_level: paper.middle, dark_level: ink.middle, inside, pattern })
 }
-
-/// White cells are 1: by rows, as the picture shows the tag that was read.
-pub(super) type Whites = [[f64; MOST_CELLS]; MOST_CELLS];
 
 fn white(family: TagFamily, reading: &Reading) -> Whites {
     let code = family.codes().get(reading.id as usize).copied().unwrap_or(0);

@@ -1,6 +1,9 @@
 //! Which cells of a tag are white, as bits that eight pixels can look up side by side.
 
-use super::decode::{MOST_CELLS, Whites};
+/// Cells along a side of the largest family, with the margin.
+pub(super) const MOST_CELLS: usize = 10;
+/// White cells are 1: by rows, as the picture shows the tag that was read.
+pub(super) type Whites = [[f64; MOST_CELLS]; MOST_CELLS];
 
 /// Cells before the first one that may be asked for.
 const BEFORE: i32 = 8;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::detect::tags::decode::MOST_CELLS;
+use crate::detect::tags::pattern::MOST_CELLS;
 
 const CELLS: usize = 6;
 const INK_LEVEL: f64 = 40.0;
