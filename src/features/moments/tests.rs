@@ -59,9 +59,12 @@ prop_compose! {
     }
 }
 
-/// The corners in turn about the origin: no side crosses another.
+/// The corners in turn about their mean, which lies within: no side crosses another.
 fn star(mut corners: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
-    corners.sort_by(|a, b| a[1].atan2(a[0]).total_cmp(&b[1].atan2(b[0])));
+    let count = corners.len() as f64;
+    let mean = corners.iter().map(|c| Vector2::from(*c)).sum::<Vector2<f64>>() / count;
+    let angle = |c: &[f64; 2]| (c[1] - mean.y).atan2(c[0] - mean.x);
+    corners.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
     corners
 }
 
@@ -83,13 +86,13 @@ proptest! {
         for (ours, theirs) in pairs {
             prop_assert!((ours - theirs).abs() < 1e-9, "{ours} {theirs}");
         }
-        prop_assume!(c.mu20.value * c.mu02.value - c.mu11.value.powi(2) > 1e-8);
-        prop_assert!((a.value.hypot(b.value) - theirs.asymmetry()).abs() < 1e-6 * (1.0 + theirs.asymmetry()));
+        prop_assert!((a.value.hypot(b.value) - theirs.asymmetry()).abs() < 1e-9 * (1.0 + theirs.asymmetry()));
     }
 
     #[test]
-    fn rates_of_moments_to_third_order(X_CO in view(), i in 0usize..4, j in 0usize..4) {
-        prop_assume!(i + j < 4);
+    fn rates_of_moments_to_third_order(
+        X_CO in view(), (i, j) in (0usize..4).prop_flat_map(|i| (Just(i), 0..4 - i))
+    ) {
         let m = |X: &Pose| ImageMoments::of_polygon(&image(X, &ARROW));
         let rates = m(&X_CO).rates(i, j, &plane(&X_CO));
         let d = differences(&X_CO, |X| SVector::<f64, 1>::new(m(X).get(i, j)));
