@@ -8,6 +8,9 @@ use super::simd::kernel;
 use super::{ImageView, Plane};
 use thiserror::Error;
 
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
 /// Greatest standard deviation, px: beyond, filter a smaller image of the pyramid.
 const MOST_SIGMA_PX: f64 = 20.0;
 /// Fractional bits between the passes: the sum of two levels with them fits 16 bits.
@@ -73,28 +76,50 @@ impl Gaussian {
         let radius = sides.len();
         self.columns.resize(width + 2 * radius, 0);
         self.sums.resize(width, 0);
-        let given_back = (radius as u16).div_ceil(2);
         for y in 0..height {
             let Some(columns) = self.columns.get_mut(radius..radius + width) else { return };
-            middle_row(image.row(y), middle, given_back, columns);
-            for (k, &weight) in (1..).zip(sides) {
-                let (above, below) = (image.row(y.saturating_sub(k)), image.row((y + k).min(height - 1)));
-                add_rows(above, below, weight, columns);
-            }
+            columns_of(image, y, middle, sides, columns);
             let (Some(&first), Some(&last)) = (columns.first(), columns.last()) else { return };
             let (before, rest) = self.columns.split_at_mut(radius);
             before.fill(first);
             rest.get_mut(width..).unwrap_or(&mut []).fill(last);
-            middle_sums(self.columns.get(radius..).unwrap_or(&[]), middle, given_back, &mut self.sums);
-            for (k, &weight) in (1..).zip(sides) {
-                let (left, right) = (self.columns.get(radius - k..), self.columns.get(radius + k..));
-                if let (Some(left), Some(right)) = (left, right) {
-                    add_sums(left, right, weight, &mut self.sums);
-                }
-            }
-            round_row(&self.sums, out.row_mut(y));
+            row_of(&self.columns, middle, sides, &mut self.sums, out.row_mut(y));
         }
     }
+}
+
+/// Half a unit for each product that is cut.
+fn given_back(sides: &[u16]) -> u16 {
+    (sides.len() as u16).div_ceil(2)
+}
+
+/// Sums over the columns about row `y`.
+fn columns_of(image: &ImageView<'_>, y: usize, middle: u16, sides: &[u16], columns: &mut [u16]) {
+    #[cfg(target_arch = "x86_64")]
+    if x86::columns(image, y, middle, sides, columns) {
+        return;
+    }
+    let last = image.height().saturating_sub(1);
+    middle_row(image.row(y), middle, given_back(sides), columns);
+    for (k, &weight) in (1..).zip(sides) {
+        add_rows(image.row(y.saturating_sub(k)), image.row((y + k).min(last)), weight, columns);
+    }
+}
+
+/// Levels of a row from its `columns`, which begin and end with as many more as `sides` has; `sums` has room for a row.
+fn row_of(columns: &[u16], middle: u16, sides: &[u16], sums: &mut [u16], out: &mut [u8]) {
+    #[cfg(target_arch = "x86_64")]
+    if x86::row(columns, middle, sides, out) {
+        return;
+    }
+    let radius = sides.len();
+    middle_sums(columns.get(radius..).unwrap_or(&[]), middle, given_back(sides), sums);
+    for (k, &weight) in (1..).zip(sides) {
+        if let (Some(left), Some(right)) = (columns.get(radius - k..), columns.get(radius + k..)) {
+            add_sums(left, right, weight, sums);
+        }
+    }
+    round_row(sums, out);
 }
 
 kernel!(fn middle_row(pixels: &[u8], weight: u16, start: u16, sums: &mut [u16]) = middle_row_body);
