@@ -15,12 +15,16 @@ use nalgebra::Vector2;
 /// Greatest half side of a window, px; of a sharp one, where more pixels add little.
 const MOST_HALF_PX: i32 = 8;
 const SHARP_HALF_PX: i32 = 5;
+/// Between both, the half side in deviations of the blur: in less, blur and contrast are hardly told apart.
+const WINDOW_BLURS: f64 = 4.5;
 /// Least half side, px.
 const LEAST_HALF_PX: i32 = 2;
 /// Blocks of eight pixels in the greatest window.
 const BLOCKS: usize = ((2 * MOST_HALF_PX as usize + 1).pow(2)).div_ceil(8);
 /// Steps of Gauss and Newton.
 const MOST_STEPS: usize = 12;
+/// Least part of a step that is gone.
+const LEAST_PART: f64 = 0.2;
 /// A step this small is the last, px: what remains is a twentieth of it.
 const LAST_STEP_PX: f64 = 0.02;
 /// Bounds of the blur, px; the pixel alone has 0.29.
@@ -112,6 +116,18 @@ impl Default for CornerFitter {
     }
 }
 
+/// How much of the next step to go. What is not quite the model, like squares that touch over more than a point, sends whole steps to and
+/// fro: there, Aitken's part of it, which ends a sequence whose errors fall, or rise, by one ratio.
+fn part_of_step(part: f64, before: [f64; 2], now: [f64; 2]) -> f64 {
+    let back = before[0] * now[0] + before[1] * now[1];
+    if back >= 0.0 {
+        return (2.0 * part).min(1.0);
+    }
+    let square = before[0].powi(2) + before[1].powi(2);
+    let apart = square - 2.0 * back + now[0].powi(2) + now[1].powi(2);
+    (part * (square - back) / apart).clamp(LEAST_PART, 1.0)
+}
+
 impl CornerFitter {
     /// Fits the corner near `guess`. `None` where there is none: out of the image, no convergence within `reach_px`, no contrast.
     pub fn fit(&mut self, image: &ImageView<'_>, guess: &CornerGuess, reach_px: f64) -> Option<CornerFit> {
@@ -123,7 +139,7 @@ impl CornerFitter {
         if !(next[0] > 2.0 && next[1] > 2.0 && len_u < 1e4 && len_v < 1e4) {
             return None;
         }
-        let most = ((3.2 * guess.blur_px) as i32).clamp(SHARP_HALF_PX, MOST_HALF_PX);
+        let most = ((WINDOW_BLURS * guess.blur_px) as i32).clamp(SHARP_HALF_PX, MOST_HALF_PX);
         let half = ((0.75 * next[0].min(next[1])) as i32).clamp(LEAST_HALF_PX, most);
         // normals point along the steps
         let side = area.signum();
@@ -146,6 +162,7 @@ impl CornerFitter {
         (p[X], p[Y]) = (guess.px.x - middle[0], guess.px.y - middle[1]);
         self.first_levels(&mut p, [normal_u, normal_v]);
         let mut reloads = 0;
+        let (mut part, mut previous) = (1.0, [0.0; 2]);
         for step in 0..MOST_STEPS {
             let at = Vector2::new(p[X] + middle[0], p[Y] + middle[1]);
             if p[X].abs().max(p[Y].abs()) > 0.8 && reloads < 3 {
@@ -173,9 +190,11 @@ impl CornerFitter {
             if !size.is_finite() {
                 return None;
             }
+            part = part_of_step(part, previous, [delta[X], delta[Y]]);
+            previous = [delta[X], delta[Y]];
             // far from the corner a whole step may lead astray
             let most = 0.7 * p[BLUR].max(0.7);
-            let shorter = (most / size.max(1e-9)).min(0.5 * p[BLUR] / delta[BLUR].abs().max(1e-9)).min(1.0);
+            let shorter = (most / size.max(1e-9)).min(0.5 * p[BLUR] / delta[BLUR].abs().max(1e-9)).min(part);
             for (p, delta) in p.iter_mut().zip(&mut delta) {
                 *delta *= shorter;
                 *p += *delta;
