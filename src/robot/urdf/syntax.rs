@@ -135,8 +135,7 @@ fn tag_at(text: &str, offset: usize) -> String {
     const SHOWN: usize = 60;
     let rest = text.get(tag_start(text, offset)..).unwrap_or("");
     let line = rest.lines().next().unwrap_or("");
-    let end = line.find('>').map_or(line.len(), |at| at + 1);
-    let tag: String = line.chars().take(line.get(..end).unwrap_or(line).chars().count().min(SHOWN)).collect();
+    let tag: String = line.split_inclusive('>').next().unwrap_or("").chars().take(SHOWN).collect();
     format!("`{tag}`")
 }
 

@@ -120,3 +120,59 @@ pub(super) fn limits(joint: &Joint, kind: JointKind) -> Result<JointLimits, Defe
     }
     Ok(JointLimits { lower, upper, velocity, effort })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::document::read;
+    use super::*;
+
+    fn of(version: &str, kind: &str, inner: &str) -> Joint {
+        let text = format!(
+            "<robot version='{version}'><joint name='j' type='{kind}'><parent link='a'/><child link='b'/>{inner}\
+             </joint></robot>"
+        );
+        read(&text).unwrap().joints.remove(0)
+    }
+
+    #[test]
+    fn quaternions_turn_as_angles_do() {
+        let turned = |inner: &str| pose(&of("1.1", "fixed", inner).origin);
+        // Half a right angle of yaw, of length two; near the pole of pitch; and of no length.
+        for (quat, rpy) in [
+            ("0 0 0.7653668647301796 1.8477590650225735", "0 0 0.7853981633974483"),
+            ("0.1 0.7 0.1 0.7", "0.2837941092083279 1.5707963267948966 0"),
+            ("0 0 0 0", "0 0 0"),
+        ] {
+            let by_quaternion = turned(&format!("<origin xyz='1 2 3' quat_xyzw='{quat}'/>")).unwrap();
+            let by_angles = turned(&format!("<origin xyz='1 2 3' rpy='{rpy}'/>")).unwrap();
+            assert!(by_quaternion.rotation.angle_to(&by_angles.rotation) < 1e-7, "{quat}");
+            assert_eq!(by_quaternion.translation, by_angles.translation);
+        }
+        for quat in ["nan 0 0 1", "0 0 inf 1", "0 1e9 0 1"] {
+            let problem = turned(&format!("<origin quat_xyzw='{quat}'/>")).unwrap_err();
+            assert!(
+                matches!(problem, Defect::OutOfRange { ref what, .. } if what.contains("quat_xyzw")),
+                "{problem}"
+            );
+        }
+    }
+
+    #[test]
+    fn limits_by_version() {
+        let of = |version, inner: &str| limits(&of(version, "revolute", inner), JointKind::Revolute);
+        let some = of("1.0", "<limit upper='1' velocity='2' effort='3'/>").unwrap();
+        assert_eq!((some.lower, some.upper, some.velocity, some.effort), (0.0, 1.0, 2.0, 3.0));
+        let greatest = of("1.0", "").unwrap();
+        assert_eq!((greatest.velocity, greatest.effort), (*bounds::VELOCITY.end(), *bounds::EFFORT.end()));
+        assert_eq!(of("1.2", "<limit/>").unwrap(), greatest);
+        // As exporters write it for joints that turn without end.
+        assert_eq!(of("1.0", "<limit velocity='0' effort='0'/>").unwrap(), greatest);
+        for (inner, attribute) in [
+            ("<limit lower='0' velocity='2' effort='3'/>", "upper"),
+            ("<limit upper='-1' velocity='2' effort='3'/>", "lower"),
+            ("<limit lower='0' upper='1' velocity='2'/>", "effort"),
+        ] {
+            assert_eq!(of("1.0", inner).unwrap_err(), Defect::MissingLimit { attribute });
+        }
+    }
+}
