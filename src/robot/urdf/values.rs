@@ -140,7 +140,7 @@ mod tests {
         // Half a right angle of yaw, of length two; near the pole of pitch; and of no length.
         for (quat, rpy) in [
             ("0 0 0.7653668647301796 1.8477590650225735", "0 0 0.7853981633974483"),
-            ("0.1 0.7 0.1 0.7", "0.2837941092083279 1.5707963267948966 0"),
+            ("0.1 0.7 -0.1 0.7", "0.2837941092083279 1.5707963267948966 0"),
             ("0 0 0 0", "0 0 0"),
         ] {
             let by_quaternion = turned(&format!("<origin xyz='1 2 3' quat_xyzw='{quat}'/>")).unwrap();
