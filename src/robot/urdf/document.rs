@@ -9,7 +9,7 @@
 //! on a limit that is missing is none.
 
 use super::prolog::without_prolog;
-use super::schema::{self, child, parts};
+use super::schema::{self, V1_0, V1_1, V1_2, Version, child, parts};
 use super::size::excess;
 use super::syntax::{XmlFault, explain, label};
 use roxmltree::Node;
@@ -92,15 +92,6 @@ pub(super) struct Dynamics {
     /// N m or N.
     pub(super) friction: f64,
 }
-
-/// Major and minor version of the format.
-pub(super) type Version = (u32, u32);
-/// Without a version, or with one that cannot be read.
-const V1_0: Version = (1, 0);
-/// Brings `quat_xyzw`.
-pub(super) const V1_1: Version = (1, 1);
-/// Limits may be missing, and sizes and limits are checked.
-pub(super) const V1_2: Version = (1, 2);
 
 /// The axis of a joint that names none.
 const DEFAULT_AXIS: [f64; 3] = [1.0, 0.0, 0.0];

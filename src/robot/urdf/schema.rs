@@ -2,8 +2,16 @@
 //!
 //! The one place that says which values an element has and must have; `document` reads behind it.
 
-use super::document::{V1_1, V1_2, Version};
 use roxmltree::Node;
+
+/// Major and minor version of the format.
+pub(super) type Version = (u32, u32);
+/// Without a version, or with one that cannot be read.
+pub(super) const V1_0: Version = (1, 0);
+/// Brings `quat_xyzw`.
+pub(super) const V1_1: Version = (1, 1);
+/// Limits may be missing, and sizes and limits are checked.
+pub(super) const V1_2: Version = (1, 2);
 
 /// What an attribute's value is.
 #[derive(Clone, Copy)]
