@@ -69,7 +69,8 @@ fn malformed_xml() {
     );
     refused("<mass value=\"1\"/>", "", &[".urdf:9:", "link \"fore\"", "`<inertial>` holds no `<mass>`"]);
     refused_text("", ".urdf", &["no `<robot>`"]);
-    refused_text("<html><body/></html>", ".urdf", &["no <link>"]);
+    refused_text("<robot><body/></robot>", ".urdf", &["no <link>"]);
+    refused_text("<html><body/></html>", ".urdf", &["`<html>`; a URDF has one, `<robot>`"]);
     refused_text("<html><link/></html>", ".urdf", &["`<html>`"]);
 }
 

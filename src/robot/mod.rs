@@ -32,10 +32,6 @@ mod model;
 mod shipped;
 mod trig;
 mod urdf;
-mod xml_fault;
-mod xml_schema;
-mod xml_size;
-mod xml_tags;
 
 pub use bounds::POSITION_RAD_OR_M;
 pub use description::{JointDescription, Motor, RobotDescription};

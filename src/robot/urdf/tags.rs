@@ -1,4 +1,5 @@
-//! The tags of an XML text one after the other, with where they stand, in one pass and without recursion.
+//! The tags of an XML text one after the other, with where they stand, in one pass and without recursion: for what is
+//! looked at before a text is parsed, and where it cannot be.
 
 /// A tag between its brackets, and where it begins and ends in the text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,24 +31,6 @@ impl<'a> Tag<'a> {
     /// Whether it is a comment, a declaration or an instruction.
     pub(super) fn is_no_element(&self) -> bool {
         self.inside.starts_with(['!', '?'])
-    }
-
-    /// Its attributes in order, as far as they are well-formed.
-    pub(super) fn attributes(&self) -> impl Iterator<Item = (&'a str, &'a str)> + use<'a> {
-        let mut rest = self.inside.get(self.name().len()..).unwrap_or("");
-        std::iter::from_fn(move || {
-            let (name, behind) = rest.split_once('=')?;
-            let behind = behind.trim_start();
-            let quote = behind.chars().next().filter(|c| matches!(c, '"' | '\''))?;
-            let (value, next) = behind.get(1..)?.split_once(quote)?;
-            rest = next;
-            Some((name.trim(), value))
-        })
-    }
-
-    /// The value of an attribute.
-    pub(super) fn attribute(&self, name: &str) -> Option<&'a str> {
-        self.attributes().find(|(n, _)| *n == name).map(|(_, value)| value)
     }
 }
 
@@ -96,8 +79,7 @@ mod tests {
         let found: Vec<_> = tags(text).map(Result::unwrap).collect();
         let names: Vec<_> = found.iter().map(Tag::name).collect();
         assert_eq!(names, ["?xml", "a", "!--", "c", "/a"]);
-        assert_eq!(found[1].attributes().collect::<Vec<_>>(), [("x", "1 > 0"), ("y", "2")]);
-        assert_eq!(found[1].attribute("y"), Some("2"));
+        assert_eq!(found[1].inside, "a x = \"1 > 0\" y='2'");
         assert!(found[3].is_empty_element() && found[4].closes() && found[2].is_no_element());
         assert_eq!(&text[found[3].start..found[3].end], "<c/>");
         assert_eq!(tags("<a><b c='>").last(), Some(Err(3)));

@@ -1,8 +1,8 @@
-//! Whether a URDF is of a size that a robot may have. The parser behind it recurses into elements and walks through
-//! attributes again and again: what is deep or wide beyond all robots must not reach it.
+//! Whether a URDF is of a size that a robot may have. The parser compares the attributes of a tag with one another, and
+//! each element with the namespaces around it: what is deep or wide beyond all robots must not reach it.
 
-use super::xml_fault::XmlFault;
-use super::xml_tags::tags;
+use super::syntax::XmlFault;
+use super::tags::tags;
 
 /// Deepest nesting of elements; a URDF needs six, extensions of simulators a few more.
 const DEEPEST: usize = 64;
@@ -11,18 +11,22 @@ const MOST_ELEMENTS: usize = 50_000;
 /// Links, and joints.
 const MOST_PARTS: usize = 1000;
 /// Longest tag, bytes.
-const LONGEST_TAG: usize = 64 << 10;
+const LONGEST_TAG: usize = 8 << 10;
+/// Namespaces that are declared.
+const MOST_NAMESPACES: usize = 1000;
+/// Each of `<` and `=`, for which the parser sets memory aside before it looks.
+const MOST_SIGNS: usize = 400_000;
 
-/// The first thing in `text` that is too much. What else is wrong with it is for the parser to find.
+/// The first thing in `text` that is too much, or the first tag without end. What else is wrong with it is for the parser
+/// to find.
 pub(super) fn excess(text: &str) -> Option<XmlFault> {
-    let at = |offset: usize, message: String| {
-        let line = 1 + text.get(..offset).unwrap_or(text).matches('\n').count();
-        Some(XmlFault { line, message })
-    };
+    let at = |offset: usize, message: String| Some(XmlFault::at(text, offset, message));
     let (mut depth, mut elements, mut links, mut joints) = (0_usize, 0, 0, 0);
     for tag in tags(text) {
-        // A tag without end is a fault that `xml_fault` tells.
-        let Ok(tag) = tag else { return None };
+        let tag = match tag {
+            Ok(tag) => tag,
+            Err(start) => return at(start, "`<` opens a tag that has no end".to_owned()),
+        };
         if tag.is_no_element() {
             continue;
         }
@@ -69,7 +73,13 @@ pub(super) fn excess(text: &str) -> Option<XmlFault> {
             depth -= 1;
         }
     }
-    None
+    let (what, most) = match () {
+        () if text.matches("xmlns").count() > MOST_NAMESPACES => ("namespaces", MOST_NAMESPACES),
+        () if text.matches('<').count() > MOST_SIGNS => ("signs `<`", MOST_SIGNS),
+        () if text.matches('=').count() > MOST_SIGNS => ("signs `=`", MOST_SIGNS),
+        () => return None,
+    };
+    at(0, format!("there are more than {most} {what}; is it a URDF robot?"))
 }
 
 #[cfg(test)]
@@ -78,7 +88,7 @@ mod tests {
 
     #[test]
     fn what_robots_have_passes() {
-        for text in [include_str!("../../config/robot/panda.urdf"), "", "<", "</a></b>", "<!-- <a> -->"] {
+        for text in [include_str!("../../../config/robot/panda.urdf"), "", "</a></b>", "<!-- <a> -->"] {
             assert_eq!(excess(text), None);
         }
         let nested = |n: usize| excess(&format!("{}{}", "<a>\n".repeat(n), "</a>".repeat(n)));
@@ -87,5 +97,13 @@ mod tests {
         let wide = |n: usize| excess(&format!("<robot>{}</robot>", "<link/>\n".repeat(n)));
         assert_eq!(wide(MOST_PARTS), None);
         assert!(wide(MOST_PARTS + 1).unwrap().message.contains("more than 1000 links"));
+        assert_eq!(excess("<a>\n<b c='").unwrap().line, 2);
+        let spaces = |n: usize| excess(&"<a xmlns:a='b'/>".repeat(n));
+        assert_eq!(spaces(MOST_NAMESPACES), None);
+        assert!(spaces(MOST_NAMESPACES + 1).unwrap().message.contains("1000 namespaces"));
+        let comment = |sign: &str, n: usize| excess(&format!("<!--{}-->", sign.repeat(n)));
+        assert_eq!(comment("=", MOST_SIGNS), None);
+        assert!(comment("=", MOST_SIGNS + 1).unwrap().message.contains("signs `=`"));
+        assert!(comment("<", MOST_SIGNS + 1).unwrap().message.contains("signs `<`"));
     }
 }
