@@ -138,6 +138,32 @@ fn with_a_calibration_the_pose_is_told_and_the_overlay_is_a_picture() {
 }
 
 #[test]
+fn a_grid_of_equal_dots_is_found_and_its_turn_left_open() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dots.png");
+    image::GrayImage::from_fn(640, 480, |x, y| {
+        let (u, v) = ((f64::from(x) - 100.0) / 60.0, (f64::from(y) - 90.0) / 60.0);
+        let (i, j) = (u.round().clamp(0.0, 6.0), v.round().clamp(0.0, 4.0));
+        image::Luma([if (u - i).hypot(v - j) < 0.3 { 40 } else { 200 }])
+    })
+    .save(&path)
+    .unwrap();
+    let path = path.to_str().unwrap();
+    let found = ended(&["detect", path, "--target", "dots:7x5:0.02", "--json"]);
+    assert_eq!(found.code, Some(0), "{} {}", found.out, found.err);
+    let answer = &answers(&found.out)[0];
+    assert_eq!(answer["features"].as_array().unwrap().len(), 35);
+    for (i, feature) in answer["features"].as_array().unwrap().iter().enumerate() {
+        let (u, v) = (100.0 + 60.0 * (i % 7) as f64, 90.0 + 60.0 * (i / 7) as f64);
+        assert_eq!(feature["id"], i);
+        let off = (feature["u_px"].as_f64().unwrap() - u).hypot(feature["v_px"].as_f64().unwrap() - v);
+        assert!(off < 0.1, "{i}: {off} px");
+    }
+    assert!(answer["note"].as_str().unwrap().contains("turn"), "{answer}");
+    assert_eq!(ended(&["detect", path, "--target", "dots:6x5:0.02"]).code, Some(5));
+}
+
+#[test]
 fn what_cannot_be_read_is_told_and_the_rest_is_looked_at() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();

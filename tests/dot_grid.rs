@@ -8,6 +8,7 @@ mod rendered;
 use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
 use rendered::{HEIGHT, Random, WIDTH, camera, noisy, process};
 use vservo::geometry::Pose;
+use vservo::imaging::ImageView;
 use vservo::messages::{Measurement, TargetStatus, measurement_flag};
 use vservo::scene::{Occluder, Renderer, SceneLook, SensorModel};
 use vservo::target::{DotGrid, FourDots, Target};
@@ -213,5 +214,90 @@ fn nothing_is_found_where_there_is_none() {
                 assert!(m.target_status() != TargetStatus::Found, "{n} x {n} dots of {radius_m} m at {X_CO}");
             }
         }
+    }
+}
+
+/// A grid as printed for calibrations: its dots tell no turn, so that they are numbered as the picture stands. Held against the scene.
+#[test]
+fn equal_dots_are_found_whole_and_numbered_upright() {
+    let mut random = Random(15);
+    let bench = Bench::new(7, 7, 0.02, 0.0, noisy(0.0, 1));
+    let camera = camera(0.0);
+    let mut image = vec![0; WIDTH * HEIGHT];
+    let (mut count, mut seen, mut worst) = (0, 0, 0.0f64);
+    for n in [4usize, 6, 7] {
+        let settings = VisionSettings { track: false, ..VisionSettings::default() };
+        let mut vision = Vision::new(camera, Target::from(DotGrid::equal(n, n, 0.02).unwrap()), settings);
+        let mut one_more =
+            Vision::new(camera, Target::from(DotGrid::equal(n + 1, n, 0.02).unwrap()), settings);
+        for _ in 0..30 {
+            let X_CO = bench.pose(&mut random);
+            let radius_m = random.within(0.003, 0.0065);
+            rendered::equal_dots(&camera, &X_CO, n, 0.02, radius_m, &mut image);
+            let place = |column: usize, row: usize| {
+                let p = X_CO * nalgebra::Point3::new(column as f64 * 0.02, row as f64 * 0.02, 0.0);
+                camera.project(&p).unwrap()
+            };
+            count += 1;
+            assert!(!process(&mut one_more, &image, 1, &Prior::default()).found(), "{n} at {X_CO}");
+            let m = process(&mut vision, &image, 1, &Prior::default());
+            if !m.found() {
+                continue;
+            }
+            seen += 1;
+            assert_eq!(m.features().len(), n * n);
+            let px = |id: usize| Vector2::new(m.features()[id].u_px, m.features()[id].v_px);
+            let (right, below) = (px(n - 1) - px(0), px(n * (n - 1)) - px(0));
+            assert!(right.normalize().x + below.normalize().y > 0.5, "{n} at {X_CO}");
+            assert!(right.perp(&below) > 0.0, "a mirror image: {n} at {X_CO}");
+            // one of the four turns is the scene
+            let last = n - 1;
+            let turns: [fn(usize, usize, usize) -> (usize, usize); 4] =
+                [|x, y, _| (x, y), |x, y, l| (l - y, x), |x, y, l| (l - x, l - y), |x, y, l| (y, l - x)];
+            let off = |turn: fn(usize, usize, usize) -> (usize, usize)| {
+                (0..n * n)
+                    .map(|id| {
+                        let (column, row) = turn(id % n, id / n, last);
+                        (px(id) - place(column, row)).norm()
+                    })
+                    .fold(0.0, f64::max)
+            };
+            let least = turns.into_iter().map(off).fold(f64::INFINITY, f64::min);
+            worst = worst.max(least);
+            // without one dot there is no grid
+            let hidden = place(n / 2, 1);
+            let plate = image[..].iter().copied().max().unwrap();
+            let reach =
+                1.2 * (place(1, 0) - place(0, 0)).norm().max((place(0, 1) - place(0, 0)).norm()) / 2.0;
+            for (i, pixel) in image.iter_mut().enumerate() {
+                let d = Vector2::new((i % WIDTH) as f64, (i / WIDTH) as f64) - hidden;
+                if d.norm() < reach && *pixel < plate {
+                    *pixel = plate;
+                }
+            }
+            assert!(!process(&mut vision, &image, 1, &Prior::default()).found(), "{n} at {X_CO}");
+        }
+    }
+    println!("{seen} of {count} found, every dot within {worst:.3} px");
+    assert!(seen * 20 >= count * 19 && worst < 0.3, "{seen} of {count}, {worst} px");
+}
+
+/// All dots of photographed grids.
+#[test]
+fn photographed_grids_are_found_whole() {
+    let folder = std::path::Path::new("../shared/data/visp-dot-grid");
+    if !folder.is_dir() {
+        println!("skipped: no ../shared");
+        return;
+    }
+    for name in ["grid36-01.pgm", "grid36-03.pgm"] {
+        let picture = image::open(folder.join(name)).unwrap().into_luma8();
+        let settings = VisionSettings { track: false, ..VisionSettings::default() };
+        let mut vision =
+            Vision::new(camera(0.0), Target::from(DotGrid::equal(6, 6, 0.03).unwrap()), settings);
+        let view =
+            ImageView::new(picture.as_raw(), picture.width() as usize, picture.height() as usize).unwrap();
+        let still = vision.points_of(&view).unwrap();
+        assert_eq!(still.found.len(), 36, "{name}");
     }
 }

@@ -14,7 +14,7 @@ use crate::messages::TargetStatus;
 use crate::pose::RefinedPose;
 use crate::process::ProcessError;
 use crate::rt::{now, tell};
-use crate::target::{Kind, Tags, Target};
+use crate::target::{DotGrid, Kind, Tags, Target};
 use crate::vision::{Vision, VisionSettings};
 use image::GrayImage;
 use nalgebra::Vector2;
@@ -25,6 +25,9 @@ use std::path::Path;
 const LARGEST_CALIBRATION: u64 = 1 << 20;
 /// Real lenses and targets are no nearer to their description, px.
 const MODEL_SD_PX: f64 = 0.2;
+
+const EQUAL_DOTS: &str =
+    "equal dots: numbered as the picture stands, for the grid looks the same after a turn";
 
 /// What was found in one image.
 #[derive(Debug, Clone, Serialize)]
@@ -39,6 +42,9 @@ struct Answer {
     reprojection_rms_px: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     tags: Option<Vec<TagOut>>,
+    /// What the picture cannot tell of what was found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    note: Option<&'static str>,
     time_us: f64,
 }
 
@@ -99,6 +105,7 @@ struct Seen {
     rms_px: Option<f64>,
     inconsistent: bool,
     tags: Vec<TagFound>,
+    note: Option<&'static str>,
 }
 
 /// A miss, by its status, and why.
@@ -121,6 +128,8 @@ struct Bench {
 
 enum Finder {
     Target(Box<Vision>),
+    /// A grid whose large dots tell its place, or else one of equal dots.
+    Grids(Box<[Vision; 2]>),
     /// Any tag of a family, of this size.
     AnyTag(Box<TagFinder>, f64),
 }
@@ -133,6 +142,14 @@ impl Bench {
                 let finder = TagFinder::new(tags.family(), size.0 as usize, size.1 as usize);
                 Finder::AnyTag(Box::new(finder), tags.size_m())
             }
+            (Target::DotGrid(grid), _) => {
+                let equal = DotGrid::equal(grid.columns(), grid.rows(), grid.pitch_m());
+                let known = vision(camera, grid.clone().into());
+                match equal {
+                    Ok(equal) => Finder::Grids(Box::new([known, vision(camera, equal.into())])),
+                    Err(_) => Finder::Target(Box::new(known)),
+                }
+            }
             (target, _) => Finder::Target(Box::new(vision(camera, target.clone()))),
         };
         Self { size, calibrated: calibration.is_some(), camera, finder }
@@ -141,6 +158,13 @@ impl Bench {
     fn look(&mut self, image: &ImageView<'_>) -> Result<Seen, Missed> {
         match &mut self.finder {
             Finder::Target(vision) => seen(vision, image, self.calibrated),
+            Finder::Grids(both) => {
+                let [known, equal] = both.as_mut();
+                seen(known, image, self.calibrated).or_else(|missed| {
+                    let seen = seen(equal, image, self.calibrated).map_err(|_| missed)?;
+                    Ok(Seen { note: Some(EQUAL_DOTS), ..seen })
+                })
+            }
             Finder::AnyTag(finder, size_m) => {
                 let mut tags = Vec::new();
                 finder.search(image, &mut tags).map_err(|miss| Missed(miss.into(), miss.to_string()))?;
@@ -152,7 +176,16 @@ impl Bench {
                 }
                 let found: Vec<_> = tags.iter().flat_map(corners).collect();
                 let px = found.iter().map(|point| point.px).collect();
-                Ok(Seen { px, found, pose: None, other: None, rms_px: None, inconsistent: false, tags })
+                Ok(Seen {
+                    px,
+                    found,
+                    pose: None,
+                    other: None,
+                    rms_px: None,
+                    inconsistent: false,
+                    tags,
+                    note: None,
+                })
             }
         }
     }
@@ -173,6 +206,7 @@ fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<
         rms_px: Some(still.rms_px).filter(|rms| calibrated && rms.is_finite()),
         inconsistent: !still.consistent,
         tags: still.tags.to_vec(),
+        note: None,
     })
 }
 
@@ -326,6 +360,7 @@ impl Answer {
             other_pose: None,
             reprojection_rms_px: None,
             tags: None,
+            note: None,
             time_us: 0.0,
         }
     }
@@ -354,6 +389,7 @@ impl Answer {
             other_pose: other,
             reprojection_rms_px: seen.rms_px,
             tags: (!seen.tags.is_empty()).then(|| seen.tags.iter().map(Into::into).collect()),
+            note: seen.note,
             time_us,
         }
     }
@@ -378,6 +414,9 @@ impl Answer {
         }
         if let Some(other) = &self.other_pose {
             line += &format!(", another pose is {:.1} times less likely", other.likelihood_ratio);
+        }
+        if let Some(note) = self.note {
+            line += &format!(" ({note})");
         }
         if self.time_us > 0.0 {
             line += &format!(", {:.0} us", self.time_us);

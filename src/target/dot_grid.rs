@@ -6,6 +6,7 @@
 //!   O   o   o   O      v y_o        windows of w x w dots look alike, however they are turned: whoever sees
 //!   o   O   O   o                   one such window knows which it is. w is 3 for grids up to about 7 x 7.
 //! ```
+//! A grid of equal dots ([`DotGrid::equal`]) looks the same after a turn: seen whole, its dots are numbered as the picture stands.
 
 use super::{Disc, Plate, Symmetry, TargetError, TargetPoint};
 use crate::linalg::Random;
@@ -42,6 +43,8 @@ impl DotGrid {
     pub const LARGE_RADIUS: f64 = 0.32;
     /// See [`Self::RADIUS`].
     pub const MARGIN: f64 = 0.75;
+    /// Largest radius of equal dots that is thought of, in pitches: what lies beside a dot is looked at no farther than it leaves free.
+    const EQUAL_RADIUS: f64 = 0.36;
 
     /// A grid with the usual radii and margin.
     ///
@@ -86,6 +89,29 @@ impl DotGrid {
             return Err(TargetError::Margin { margin_m, first_radius_m: large_radius_m });
         }
         let (window, large) = pattern(columns, rows);
+        Ok(Self::of_pattern([columns, rows], pitch_m, [radius_m, large_radius_m], margin_m, window, large))
+    }
+
+    /// A grid of equal dots of any radius, as printed for calibrations. It is found whole or not at all, and a turn that it looks the
+    /// same after is not told: ids are those of the way it stands in the picture, rows from above, columns from the left.
+    ///
+    /// # Errors
+    /// As for [`Self::new`].
+    pub fn equal(columns: usize, rows: usize, pitch_m: f64) -> Result<Self, TargetError> {
+        let known = Self::with_pitch(columns, rows, pitch_m)?;
+        let (radius_m, none) = (Self::EQUAL_RADIUS * pitch_m, vec![false; columns * rows].into());
+        let window = columns.min(rows);
+        Ok(Self::of_pattern([columns, rows], pitch_m, [radius_m; 2], known.margin_m, window, none))
+    }
+
+    fn of_pattern(
+        [columns, rows]: [usize; 2],
+        pitch_m: f64,
+        [radius_m, large_radius_m]: [f64; 2],
+        margin_m: f64,
+        window: usize,
+        large: Box<[bool]>,
+    ) -> Self {
         let place = |i: usize| Vector2::new((i % columns) as f64, (i / columns) as f64) * pitch_m;
         let points = (0..columns * rows)
             .map(|i| TargetPoint { id: i as u32, p_O: Point3::new(place(i).x, place(i).y, 0.0) })
@@ -98,7 +124,7 @@ impl DotGrid {
                 radius_m: if *large { large_radius_m } else { radius_m },
             })
             .collect();
-        Ok(Self {
+        Self {
             columns,
             rows,
             pitch_m,
@@ -110,7 +136,19 @@ impl DotGrid {
             points,
             discs,
             light_on_dark: false,
-        })
+        }
+    }
+
+    /// Whether all dots are alike.
+    #[must_use]
+    pub fn is_equal(&self) -> bool {
+        !self.large.contains(&true)
+    }
+
+    /// Fewest dots by which it is found: a window, or of equal dots all.
+    #[must_use]
+    pub fn least_to_find(&self) -> usize {
+        if self.is_equal() { self.points.len() } else { self.window * self.window }
     }
 
     /// Dots in a row.
@@ -174,7 +212,7 @@ impl DotGrid {
         &self.discs
     }
 
-    /// Which turns and mirror images of the grid look like it: no turn, because no two windows look alike.
+    /// Which turns and mirror images of the grid look like it: no turn, because no two windows look alike, but of equal dots.
     #[must_use]
     pub fn symmetry(&self) -> Symmetry {
         let (columns, rows) = (self.columns, self.rows);
@@ -188,7 +226,12 @@ impl DotGrid {
         let mirrored = same(&|x, y| (columns - 1 - x, y))
             || same(&|x, y| (x, rows - 1 - y))
             || columns == rows && (same(&|x, y| (y, x)) || same(&|x, y| (rows - 1 - y, columns - 1 - x)));
-        Symmetry { turns: 1, mirrored }
+        let turns = match self.is_equal() {
+            true if columns == rows => 4,
+            true => 2,
+            false => 1,
+        };
+        Symmetry { turns, mirrored }
     }
 
     /// The plate.
@@ -280,6 +323,17 @@ mod tests {
             }
         }
         assert_eq!(DotGrid::with_pitch(7, 5, 0.03).unwrap(), DotGrid::with_pitch(7, 5, 0.03).unwrap());
+    }
+
+    #[test]
+    fn equal_dots_look_the_same_turned() {
+        let symmetry = |columns, rows| DotGrid::equal(columns, rows, 0.03).unwrap().symmetry();
+        assert_eq!(symmetry(6, 6), Symmetry { turns: 4, mirrored: true });
+        assert_eq!(symmetry(7, 5), Symmetry { turns: 2, mirrored: true });
+        let grid = DotGrid::equal(7, 5, 0.03).unwrap();
+        assert!(grid.is_equal() && grid.least_to_find() == 35);
+        assert!(!DotGrid::with_pitch(7, 5, 0.03).unwrap().is_equal());
+        assert!(DotGrid::equal(2, 5, 0.03).is_err() && DotGrid::equal(5, 5, -1.0).is_err());
     }
 
     #[test]

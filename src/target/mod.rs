@@ -123,7 +123,7 @@ impl Target {
     pub fn least_to_find(&self) -> usize {
         match self {
             Self::FourDots(_) => 4,
-            Self::DotGrid(grid) => grid.window() * grid.window(),
+            Self::DotGrid(grid) => grid.least_to_find(),
             Self::Chessboard(_) => 9,
             Self::Tags(_) => 4,
             Self::Shape(shape) => shape.points().len(),

@@ -6,6 +6,10 @@
 //! ```
 //! Steps that are short in the picture need not be the grid's own: a tilted grid may be walked along a diagonal. That is
 //! put right when sizes are compared. The picture is never mirrored.
+//!
+//! Equal dots are a grid when they are all there; of the ways in which it looks the same the upright one is taken.
+
+mod lay;
 
 use super::blob::Blob;
 use crate::camera_model::CameraModel;
@@ -29,17 +33,8 @@ const OFF_LATTICE: f64 = 0.28;
 const AREA_TOLERANCE: f64 = 0.42;
 /// Least share of the cells whose dots have a dot's size.
 const LEAST_CLEAR: f64 = 0.7;
-/// Share of the dots seen beyond the first few that may disagree with the grid: dots at something's edge, dots of something else.
-/// Chance then agrees less than once in a thousand views of a foreign grid.
-const WRONG_SHARE: f64 = 0.2;
-const NONE_WRONG: usize = 12;
-/// By how many dots the second-best way must be worse, where the best one is not without fault.
-const CLEARLY_WORSE: usize = 3;
 /// So many more dots than those of a window tell the place also where they do not form one.
 const MORE: usize = 3;
-/// The grid's own steps in terms of those walked: turns follow by rotation.
-const SHEARS: [[i32; 4]; 5] = [[1, 0, 0, 1], [1, 1, 0, 1], [1, -1, 0, 1], [1, 0, 1, 1], [1, 0, -1, 1]];
-
 /// A dot seen in a cell of the lattice.
 #[derive(Debug, Clone, Copy)]
 struct Cell {
@@ -47,24 +42,11 @@ struct Cell {
     candidate: usize,
     /// The steps at this place, px of the undistorted picture.
     steps: [Vector2<f64>; 2],
+    /// Of the dot, in cells.
+    area: f64,
     large: bool,
     /// Whether its size is that of a dot at all.
     clear: bool,
-}
-
-/// A way to lay the cells into the grid: `at' = M at + shift`.
-#[derive(Debug, Clone, Copy)]
-struct Way {
-    M: [i32; 4],
-    shift: [i32; 2],
-    wrong: usize,
-}
-
-impl Way {
-    fn place(&self, [i, j]: [i32; 2]) -> [i32; 2] {
-        let [a, b, c, d] = self.M;
-        [a * i + b * j + self.shift[0], c * i + d * j + self.shift[1]]
-    }
 }
 
 /// Tells the dots of one grid. Owns its buffers.
@@ -83,6 +65,8 @@ pub(super) struct Lattice {
     map: Vec<u32>,
     pairs: Vec<Correspondence>,
     present: Vec<bool>,
+    /// Of a grid of equal dots found last: their radius, m.
+    radius_m: Option<f64>,
 }
 
 impl Lattice {
@@ -100,12 +84,18 @@ impl Lattice {
             map: vec![0; SIDE * SIDE],
             pairs: Vec::with_capacity(most),
             present: vec![false; grid.points().len()],
+            radius_m: None,
         }
     }
 
     /// Fewest dots that tell which part of the grid they are.
     pub(super) fn least(&self) -> usize {
-        self.grid.window() * self.grid.window()
+        self.grid.least_to_find()
+    }
+
+    /// The dots' radius, m, where the target does not say it: as it was found last.
+    pub(super) fn told_radius_m(&self) -> Option<f64> {
+        self.radius_m
     }
 
     /// Whether dots found where they were expected can be the grid: enough of them, not all in one row or column.
@@ -139,6 +129,9 @@ impl Lattice {
         self.best.retain(|cell| cell.clear);
         if self.best.len() < self.least() || (self.best.len() as f64) < LEAST_CLEAR * walked as f64 {
             return Err(TargetStatus::NoMatch);
+        }
+        if self.grid.is_equal() {
+            return self.lay_upright(candidates, chosen);
         }
         let (way, margin) = self.lay()?;
         let mut large = 0;
@@ -211,7 +204,7 @@ impl Lattice {
     fn walk_from(&mut self, seed: usize, steps: [Vector2<f64>; 2]) {
         self.cells.clear();
         self.map.fill(0);
-        self.put(Cell { at: [0, 0], candidate: seed, steps, large: false, clear: false });
+        self.put(Cell { at: [0, 0], candidate: seed, steps, area: 0.0, large: false, clear: false });
         let mut next = 0;
         while let Some(cell) = self.cells.get(next).copied() {
             next += 1;
@@ -237,7 +230,7 @@ impl Lattice {
                 {
                     steps[1 - axis] = other - point;
                 }
-                self.put(Cell { at, candidate, steps, large: false, clear: false });
+                self.put(Cell { at, candidate, steps, area: 0.0, large: false, clear: false });
             }
         }
     }
@@ -278,83 +271,31 @@ impl Lattice {
             }
         }
         let Ok(H) = homography(&self.pairs) else { return false };
+        let equal = self.grid.is_equal();
         let area = |radius_m: f64| std::f64::consts::PI * (radius_m / self.grid.pitch_m()).powi(2);
         let (small, large) = (area(self.grid.radius_m()).ln(), area(self.grid.large_radius_m()).ln());
         for (cell, pair) in self.best.iter_mut().zip(&self.pairs) {
             let Some((area, _)) = candidates.get(cell.candidate) else { return false };
             let scale = area_scale(&H, &pair.r) * self.camera.pixel_jacobian(&pair.s).determinant().abs();
-            let log = (area / scale).ln();
-            cell.large = log > 0.5 * (small + large);
+            cell.area = area / scale;
+            let log = cell.area.ln();
+            cell.large = !equal && log > 0.5 * (small + large);
             cell.clear = (log - if cell.large { large } else { small }).abs() < AREA_TOLERANCE;
+        }
+        if equal {
+            self.compare_sizes();
         }
         true
     }
 
-    /// The one way in which the cells are part of the grid, and by how many dots any other is worse.
-    fn lay(&self) -> Result<(Way, usize), TargetStatus> {
-        let (columns, rows) = (self.grid.columns() as i32, self.grid.rows() as i32);
-        let (mut best, mut second) = (None::<Way>, usize::MAX);
-        let most_wrong = (WRONG_SHARE * self.best.len().saturating_sub(NONE_WRONG) as f64) as usize;
-        // who counts more is neither the best way nor one that makes it doubtful
-        let hopeless = most_wrong + CLEARLY_WORSE;
-        for [a, b, c, d] in SHEARS {
-            for M in [[a, b, c, d], [-c, -d, a, b], [-a, -b, -c, -d], [c, d, -a, -b]] {
-                let (mut low, mut high) = ([i32::MAX; 2], [i32::MIN; 2]);
-                for cell in &self.best {
-                    let place = Way { M, shift: [0, 0], wrong: 0 }.place(cell.at);
-                    for k in 0..2 {
-                        low[k] = low[k].min(place[k]);
-                        high[k] = high[k].max(place[k]);
-                    }
-                }
-                // a few cells may belong to something beside the grid
-                let slack = 2;
-                for y in -low[1] - slack..rows - high[1] + slack {
-                    for x in -low[0] - slack..columns - high[0] + slack {
-                        let way = Way { M, shift: [x, y], wrong: 0 };
-                        let mut wrong = 0;
-                        for cell in &self.best {
-                            wrong += usize::from(self.fits(&way, cell).is_none());
-                            if wrong > hopeless {
-                                break;
-                            }
-                        }
-                        let way = Way { wrong, ..way };
-                        match best {
-                            Some(known) if wrong >= known.wrong => second = second.min(wrong),
-                            _ => {
-                                second = best.map_or(second, |known| second.min(known.wrong));
-                                best = Some(way);
-                            }
-                        }
-                    }
-                }
-            }
+    /// Of equal dots: their size is that of the middle one.
+    fn compare_sizes(&mut self) {
+        self.best.sort_unstable_by(|a, b| a.area.total_cmp(&b.area));
+        let Some(middle) = self.best.get(self.best.len() / 2).map(|cell| cell.area) else { return };
+        self.radius_m = Some((middle / std::f64::consts::PI).sqrt() * self.grid.pitch_m());
+        for cell in &mut self.best {
+            cell.clear = (cell.area / middle).ln().abs() < AREA_TOLERANCE;
         }
-        match best {
-            Some(way) if way.wrong > most_wrong => Err(TargetStatus::NoMatch),
-            // no two windows are alike, so that without a disagreement one way alone is without
-            Some(way) if second < way.wrong + if way.wrong == 0 { 1 } else { CLEARLY_WORSE } => {
-                Err(TargetStatus::Ambiguous)
-            }
-            Some(way) => Ok((way, second - way.wrong)),
-            None => Err(TargetStatus::NoMatch),
-        }
-    }
-
-    /// The id of a cell, if its dot has the size that the grid has there.
-    fn fits(&self, way: &Way, cell: &Cell) -> Option<u32> {
-        let [x, y] = way.place(cell.at);
-        let (column, row) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
-        let large = self.grid.is_large(column, row)?;
-        (large == cell.large).then_some((row * self.grid.columns() + column) as u32)
-    }
-
-    /// Whether a whole window is among the dots that were told: no two of these are alike.
-    fn has_window(&self) -> bool {
-        let (columns, rows, w) = (self.grid.columns(), self.grid.rows(), self.grid.window());
-        let there = |x: usize, y: usize| self.present.get(y * columns + x).copied().unwrap_or(false);
-        (0..=rows - w).any(|y| (0..=columns - w).any(|x| (0..w * w).all(|i| there(x + i % w, y + i / w))))
     }
 }
 

@@ -61,6 +61,14 @@ impl Pattern {
         }
     }
 
+    /// The radius of all dots, m, where it is found with them.
+    fn told_radius_m(&self) -> Option<f64> {
+        match self {
+            Self::DotGrid(lattice) => lattice.told_radius_m(),
+            Self::FourDots(_) | Self::None => None,
+        }
+    }
+
     /// Whether `count` points of a search are enough, although others had no contrast.
     fn serves_in_part(&self, count: usize) -> bool {
         match self {
@@ -250,6 +258,9 @@ impl DotFinder {
             self.candidates = candidates;
         }
         self.pattern.find(&self.candidates, &mut self.chosen)?;
+        if let Some(radius_m) = self.pattern.told_radius_m() {
+            self.discs.iter_mut().for_each(|disc| disc.radius_m = radius_m);
+        }
         let mut chosen = std::mem::take(&mut self.chosen);
         chosen.iter_mut().for_each(|(_, blob)| *blob = self.settled(image, blob));
         self.chosen = chosen;
