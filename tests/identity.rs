@@ -5,11 +5,11 @@
 
 mod rendered;
 
-use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Translation3, Unit, UnitQuaternion, Vector2, Vector3};
 use rendered::{Bench, HEIGHT, Random, WIDTH, camera, equal_dots, pose};
 use std::path::Path;
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
-use vservo::detect::{Finder, Found};
+use vservo::detect::{DotFinder, Expected, Finder, Found};
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::TargetStatus;
@@ -188,4 +188,101 @@ fn photographs_hold_no_target() {
     println!("{} of {count} searches found something: {found:#?}", found.len());
     assert!(count > 100, "{count} photographs in {}", data.display());
     assert!(found.is_empty(), "{found:#?}");
+}
+
+/// Follows dots of which nothing is known from frame to frame; their places, or `None` where one is lost.
+fn followed(
+    size: (u32, u32),
+    light: bool,
+    starts: &[[f64; 2]],
+    frames: impl Iterator<Item = Vec<u8>>,
+) -> Option<Vec<Vec<Vector2<f64>>>> {
+    let (width_px, height_px) = size;
+    let intrinsics = Intrinsics {
+        fx_px: 500.0,
+        fy_px: 500.0,
+        cx_px: 0.5 * f64::from(width_px),
+        cy_px: 0.5 * f64::from(height_px),
+        width_px,
+        height_px,
+    };
+    let camera = CameraModel::new(intrinsics, Distortion::default()).unwrap();
+    let mut finder = DotFinder::of_any(camera, starts.len(), light);
+    let mut found = Vec::new();
+    let start = |(id, px): (u32, &[f64; 2])| Expected {
+        id,
+        px: Vector2::from(*px),
+        covariance_px2: [16.0, 0.0, 16.0],
+        area_px2: 200.0,
+        slack_px: 12.0,
+        threshold: 150,
+    };
+    let mut expected: Vec<_> = (0..).zip(starts).map(start).collect();
+    let mut places = Vec::new();
+    for pixels in frames {
+        let view = ImageView::new(&pixels, width_px as usize, height_px as usize).unwrap();
+        if !finder.track(&view, &expected, &mut found) || found.len() != starts.len() {
+            return None;
+        }
+        for (dot, expected) in found.iter().zip(&mut expected) {
+            assert_eq!(dot.id, expected.id);
+            (expected.px, expected.covariance_px2, expected.area_px2) =
+                (dot.px, dot.covariance_px2, dot.area_px2);
+        }
+        places.push(found.iter().map(|dot| dot.px).collect());
+    }
+    Some(places)
+}
+
+/// Four dots pass each other at a few pixels: each keeps its name.
+#[test]
+fn dots_of_no_known_target_keep_their_names() {
+    let place = |id: usize, k: f64| match id {
+        0 => [60.0 + 8.0 * k, 60.0],
+        1 => [260.0 - 8.0 * k, 81.0],
+        2 => [60.0 + 4.0 * k, 180.0 - 3.0 * k],
+        _ => [250.0, 200.0 - 2.0 * k],
+    };
+    let picture = |k: f64| {
+        (0..320 * 240)
+            .map(|i| {
+                let (x, y) = (f64::from(i % 320), f64::from(i / 320));
+                let nearest = (0..4).map(|id| (x - place(id, k)[0]).hypot(y - place(id, k)[1]));
+                let d = nearest.fold(f64::INFINITY, f64::min) - 8.0;
+                (130.0 - 90.0 * d.clamp(-1.0, 1.0)) as u8
+            })
+            .collect()
+    };
+    let starts: Vec<_> = (0..4).map(|id| place(id, 0.0)).collect();
+    let frames = (0..24).map(|k| picture(f64::from(k)));
+    let places = followed((320, 240), true, &starts, frames).unwrap();
+    for (k, dots) in places.iter().enumerate() {
+        for (id, px) in dots.iter().enumerate() {
+            let off = (px - Vector2::from(place(id, k as f64))).norm();
+            assert!(off < 0.1, "dot {id} in frame {k}: {off} px");
+        }
+    }
+    // one dot is not two
+    let twice = [starts[0], [starts[0][0] + 5.0, starts[0][1]]];
+    assert!(followed((320, 240), true, &twice, std::iter::once(picture(0.0))).is_none());
+}
+
+/// A real sequence with motion blur and clutter, its four dots named clockwise from the upper left one.
+#[test]
+fn photographed_dots_are_followed_over_all_frames() {
+    let folder = Path::new("../shared/data/visp-four-dots");
+    if !folder.is_dir() {
+        println!("skipped: no ../shared");
+        return;
+    }
+    let frame = |n: u32| image::open(folder.join(format!("image.{n:04}.png"))).unwrap().into_luma8();
+    let starts = [[85.0, 179.0], [216.0, 167.0], [243.0, 247.0], [93.0, 266.0]];
+    let frames = (1..=30).map(|n| frame(n).into_raw());
+    let places = followed(frame(1).dimensions(), true, &starts, frames).unwrap();
+    assert_eq!(places.len(), 30);
+    // the plate hardly turns: left stays left, and above above
+    for dots in places {
+        let [a, b, c, d] = dots[..] else { unreachable!() };
+        assert!(b.x - a.x > 100.0 && c.x - d.x > 100.0 && d.y - a.y > 60.0 && c.y - b.y > 60.0);
+    }
 }

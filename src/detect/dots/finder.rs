@@ -34,6 +34,8 @@ const MOST_HOLED: usize = 64;
 enum Pattern {
     FourDots(Box<Square>),
     DotGrid(Box<Lattice>),
+    /// Dots of which nothing is known but where they were.
+    Any,
     /// A target without dots.
     None,
 }
@@ -48,7 +50,7 @@ impl Pattern {
         match self {
             Self::FourDots(square) => square.find(candidates, chosen),
             Self::DotGrid(lattice) => lattice.find(candidates, chosen),
-            Self::None => Err(TargetStatus::NoMatch),
+            Self::Any | Self::None => Err(TargetStatus::NoMatch),
         }
     }
 
@@ -57,6 +59,7 @@ impl Pattern {
         match self {
             Self::FourDots(square) => square.confirm(chosen),
             Self::DotGrid(lattice) => lattice.confirm(chosen),
+            Self::Any => !chosen.is_empty(),
             Self::None => false,
         }
     }
@@ -65,14 +68,14 @@ impl Pattern {
     fn told_radius_m(&self) -> Option<f64> {
         match self {
             Self::DotGrid(lattice) => lattice.told_radius_m(),
-            Self::FourDots(_) | Self::None => None,
+            Self::FourDots(_) | Self::Any | Self::None => None,
         }
     }
 
     /// Whether `count` points of a search are enough, although others had no contrast.
     fn serves_in_part(&self, count: usize) -> bool {
         match self {
-            Self::FourDots(_) | Self::None => false,
+            Self::FourDots(_) | Self::Any | Self::None => false,
             Self::DotGrid(lattice) => count >= lattice.least(),
         }
     }
@@ -116,9 +119,6 @@ impl DotFinder {
     /// A finder for frames of `camera` and one target, of dark dots on a light plate or the other way round.
     #[must_use]
     pub fn new(camera: CameraModel, target: &Target, light_on_dark: bool) -> Self {
-        let i = camera.intrinsics();
-        let pixels = i.width_px as usize * i.height_px as usize;
-        let limit = (pixels / 16).max(LEAST_RUNS);
         let count = target.points().len();
         let (pattern, most_candidates) = match target {
             Target::FourDots(dots) => {
@@ -130,18 +130,47 @@ impl DotFinder {
             }
             Target::Chessboard(_) | Target::Tags(_) | Target::Shape(_) => (Pattern::None, 0),
         };
+        let meter = DotMeter::new(free_distances(target), light_on_dark);
+        let discs = target.discs().into();
+        let least_candidates = target.least_to_find();
+        Self {
+            least_candidates,
+            ..Self::with(camera, pattern, discs, count, most_candidates, meter, light_on_dark)
+        }
+    }
+
+    /// Follows up to `count` dots of which nothing is known but where they were: [`Self::track`] with the ids of the caller's choice, each dot
+    /// at least its radius from all else. There is nothing to search for, and centres are those of the dots' images.
+    #[must_use]
+    pub fn of_any(camera: CameraModel, count: usize, light_on_dark: bool) -> Self {
+        let meter = DotMeter::new(vec![1.0; count].into(), light_on_dark);
+        Self::with(camera, Pattern::Any, Box::default(), count, 0, meter, light_on_dark)
+    }
+
+    fn with(
+        camera: CameraModel,
+        pattern: Pattern,
+        discs: Box<[Disc]>,
+        count: usize,
+        most_candidates: usize,
+        meter: DotMeter,
+        light_on_dark: bool,
+    ) -> Self {
+        let i = camera.intrinsics();
+        let pixels = i.width_px as usize * i.height_px as usize;
+        let limit = (pixels / 16).max(LEAST_RUNS);
         Self {
             camera,
-            discs: target.discs().into(),
+            discs,
             runs: Runs::with_limit(limit),
             components: Components::with_limit(limit),
             near_runs: Runs::with_limit((limit / 4).max(LEAST_RUNS)),
             near_components: Components::with_limit((limit / 4).max(LEAST_RUNS)),
             local: LocalThreshold::with_size(i.width_px as usize, i.height_px as usize),
             pattern,
-            least_candidates: target.least_to_find(),
+            least_candidates: 1,
             most_candidates,
-            meter: DotMeter::new(free_distances(target), light_on_dark),
+            meter,
             candidates: Vec::with_capacity(most_candidates + 1),
             chosen: Vec::with_capacity(count),
             inverted: vec![0; if light_on_dark { pixels } else { 0 }],
@@ -175,11 +204,31 @@ impl DotFinder {
             let blob = self.region(image, &dot.px, &dot.covariance_px2, margin, dot.threshold, near);
             self.chosen.extend(blob.map(|blob| (dot.id, blob)));
         }
+        self.leave_out_doubles(expected);
         if !self.pattern.confirm(&self.chosen) {
             return false;
         }
         self.meter.measure(image, &self.chosen, found);
         true
+    }
+
+    /// One dot is not two: it is the one that was expected nearest to it.
+    fn leave_out_doubles(&mut self, expected: &[Expected]) {
+        let off = |(id, blob): &(u32, Blob)| {
+            let place = expected.iter().find(|dot| dot.id == *id);
+            place.map_or(f64::INFINITY, |dot| (dot.px - Vector2::new(blob.x, blob.y)).norm())
+        };
+        let mut i = 0;
+        while let Some(one) = self.chosen.get(i).copied() {
+            let same = |other: &(u32, Blob)| {
+                other.0 != one.0 && (other.1.x - one.1.x).hypot(other.1.y - one.1.y) < 1.0
+            };
+            if self.chosen.iter().any(|other| same(other) && off(other) <= off(&one)) {
+                self.chosen.remove(i);
+            } else {
+                i += 1;
+            }
+        }
     }
 
     /// How far the centroid of the dot about point `id` lies from the image of the point, px, for the target at `X_CO`: the image
