@@ -252,17 +252,16 @@ fn equal_dots_are_found_whole_and_numbered_upright() {
             assert!(right.perp(&below) > 0.0, "a mirror image: {n} at {X_CO}");
             // one of the four turns is the scene
             let last = n - 1;
-            let turns: [fn(usize, usize, usize) -> (usize, usize); 4] =
-                [|x, y, _| (x, y), |x, y, l| (l - y, x), |x, y, l| (l - x, l - y), |x, y, l| (y, l - x)];
-            let off = |turn: fn(usize, usize, usize) -> (usize, usize)| {
-                (0..n * n)
-                    .map(|id| {
-                        let (column, row) = turn(id % n, id / n, last);
-                        (px(id) - place(column, row)).norm()
-                    })
-                    .fold(0.0, f64::max)
+            let off = |turn: usize| {
+                let turned = |id: usize| match (turn, id % n, id / n) {
+                    (0, x, y) => place(x, y),
+                    (1, x, y) => place(last - y, x),
+                    (2, x, y) => place(last - x, last - y),
+                    (_, x, y) => place(y, last - x),
+                };
+                (0..n * n).map(|id| (px(id) - turned(id)).norm()).fold(0.0, f64::max)
             };
-            let least = turns.into_iter().map(off).fold(f64::INFINITY, f64::min);
+            let least = (0..4).map(off).fold(f64::INFINITY, f64::min);
             worst = worst.max(least);
             // without one dot there is no grid
             let hidden = place(n / 2, 1);
