@@ -69,12 +69,8 @@ impl DotGrid {
         large_radius_m: f64,
         margin_m: f64,
     ) -> Result<Self, TargetError> {
-        let sizes = *Self::COUNT.start() as usize..=*Self::COUNT.end() as usize;
-        if !sizes.contains(&columns) || !sizes.contains(&rows) {
-            return Err(TargetError::Count { columns, rows });
-        }
+        Self::check_size(columns, rows, pitch_m)?;
         TargetError::if_not_positive([
-            ("pitch_m", pitch_m),
             ("radius_m", radius_m),
             ("large_radius_m", large_radius_m),
             ("margin_m", margin_m),
@@ -98,10 +94,18 @@ impl DotGrid {
     /// # Errors
     /// As for [`Self::new`].
     pub fn equal(columns: usize, rows: usize, pitch_m: f64) -> Result<Self, TargetError> {
-        let known = Self::with_pitch(columns, rows, pitch_m)?;
-        let (radius_m, none) = (Self::EQUAL_RADIUS * pitch_m, vec![false; columns * rows].into());
-        let window = columns.min(rows);
-        Ok(Self::of_pattern([columns, rows], pitch_m, [radius_m; 2], known.margin_m, window, none))
+        Self::check_size(columns, rows, pitch_m)?;
+        let (radius_m, margin_m) = (Self::EQUAL_RADIUS * pitch_m, Self::MARGIN * pitch_m);
+        let (window, none) = (columns.min(rows), vec![false; columns * rows].into());
+        Ok(Self::of_pattern([columns, rows], pitch_m, [radius_m; 2], margin_m, window, none))
+    }
+
+    fn check_size(columns: usize, rows: usize, pitch_m: f64) -> Result<(), TargetError> {
+        let sizes = *Self::COUNT.start() as usize..=*Self::COUNT.end() as usize;
+        if !sizes.contains(&columns) || !sizes.contains(&rows) {
+            return Err(TargetError::Count { columns, rows });
+        }
+        TargetError::if_not_positive([("pitch_m", pitch_m)])
     }
 
     fn of_pattern(

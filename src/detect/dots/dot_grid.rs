@@ -271,31 +271,34 @@ impl Lattice {
             }
         }
         let Ok(H) = homography(&self.pairs) else { return false };
-        let equal = self.grid.is_equal();
         let area = |radius_m: f64| std::f64::consts::PI * (radius_m / self.grid.pitch_m()).powi(2);
         let (small, large) = (area(self.grid.radius_m()).ln(), area(self.grid.large_radius_m()).ln());
         for (cell, pair) in self.best.iter_mut().zip(&self.pairs) {
             let Some((area, _)) = candidates.get(cell.candidate) else { return false };
             let scale = area_scale(&H, &pair.r) * self.camera.pixel_jacobian(&pair.s).determinant().abs();
             cell.area = area / scale;
-            let log = cell.area.ln();
-            cell.large = !equal && log > 0.5 * (small + large);
-            cell.clear = (log - if cell.large { large } else { small }).abs() < AREA_TOLERANCE;
         }
-        if equal {
-            self.compare_sizes();
+        if self.grid.is_equal() {
+            return self.compare_sizes();
+        }
+        for cell in &mut self.best {
+            let log = cell.area.ln();
+            cell.large = log > 0.5 * (small + large);
+            cell.clear = (log - if cell.large { large } else { small }).abs() < AREA_TOLERANCE;
         }
         true
     }
 
-    /// Of equal dots: their size is that of the middle one.
-    fn compare_sizes(&mut self) {
+    /// Equal dots have the size of the middle one, and leave some of the plate between them.
+    fn compare_sizes(&mut self) -> bool {
         self.best.sort_unstable_by(|a, b| a.area.total_cmp(&b.area));
-        let Some(middle) = self.best.get(self.best.len() / 2).map(|cell| cell.area) else { return };
-        self.radius_m = Some((middle / std::f64::consts::PI).sqrt() * self.grid.pitch_m());
+        let Some(middle) = self.best.get(self.best.len() / 2).map(|cell| cell.area) else { return false };
+        let radius = (middle / std::f64::consts::PI).sqrt();
+        self.radius_m = Some(radius * self.grid.pitch_m());
         for cell in &mut self.best {
             cell.clear = (cell.area / middle).ln().abs() < AREA_TOLERANCE;
         }
+        radius < 0.5
     }
 }
 

@@ -139,8 +139,8 @@ impl DotFinder {
         }
     }
 
-    /// Follows up to `count` dots of which nothing is known but where they were: [`Self::track`] with the ids of the caller's choice, each dot
-    /// at least its radius from all else. There is nothing to search for, and centres are those of the dots' images.
+    /// Follows dots of which nothing is known but where they were, with ids below `count`: [`Self::track`] alone, for there is nothing to
+    /// search for. Each dot lies at least its radius from all else; `px` is the centre of its image.
     #[must_use]
     pub fn of_any(camera: CameraModel, count: usize, light_on_dark: bool) -> Self {
         let meter = DotMeter::new(vec![1.0; count].into(), light_on_dark);
@@ -204,7 +204,9 @@ impl DotFinder {
             let blob = self.region(image, &dot.px, &dot.covariance_px2, margin, dot.threshold, near);
             self.chosen.extend(blob.map(|blob| (dot.id, blob)));
         }
-        self.leave_out_doubles(expected);
+        if matches!(self.pattern, Pattern::Any) {
+            self.leave_out_doubles(expected);
+        }
         if !self.pattern.confirm(&self.chosen) {
             return false;
         }
@@ -212,7 +214,7 @@ impl DotFinder {
         true
     }
 
-    /// One dot is not two: it is the one that was expected nearest to it.
+    /// One dot is not two: it is the one that was expected nearest to it. Of a target the geometry tells.
     fn leave_out_doubles(&mut self, expected: &[Expected]) {
         let off = |(id, blob): &(u32, Blob)| {
             let place = expected.iter().find(|dot| dot.id == *id);

@@ -18,8 +18,10 @@ pub(super) fn pose(origin: &Origin) -> Result<Pose, Defect> {
             for (i, component) in components.into_iter().enumerate() {
                 within(&format!("origin quat_xyzw[{i}]"), component, &bounds::DIRECTION)?;
             }
-            // Readers of the format take one of length zero as no rotation.
-            UnitQuaternion::try_new(Quaternion::from(components), 0.0).unwrap_or_default()
+            // one of length zero is no rotation, and nobody means it
+            let q = Quaternion::from(components);
+            within("length of origin quat_xyzw", q.norm(), &(1e-9..=2.0 * *bounds::DIRECTION.end()))?;
+            UnitQuaternion::new_normalize(q)
         }
     };
     Ok(Pose::from_parts(Translation3::from(xyz), rotation))
@@ -137,18 +139,17 @@ mod tests {
     #[test]
     fn quaternions_turn_as_angles_do() {
         let turned = |inner: &str| pose(&of("1.1", "fixed", inner).origin);
-        // Half a right angle of yaw, of length two; near the pole of pitch; and of no length.
+        // Half a right angle of yaw, of length two; near the pole of pitch.
         for (quat, rpy) in [
             ("0 0 0.7653668647301796 1.8477590650225735", "0 0 0.7853981633974483"),
             ("0.1 0.7 -0.1 0.7", "0.2837941092083279 1.5707963267948966 0"),
-            ("0 0 0 0", "0 0 0"),
         ] {
             let by_quaternion = turned(&format!("<origin xyz='1 2 3' quat_xyzw='{quat}'/>")).unwrap();
             let by_angles = turned(&format!("<origin xyz='1 2 3' rpy='{rpy}'/>")).unwrap();
             assert!(by_quaternion.rotation.angle_to(&by_angles.rotation) < 1e-7, "{quat}");
             assert_eq!(by_quaternion.translation, by_angles.translation);
         }
-        for quat in ["nan 0 0 1", "0 0 inf 1", "0 1e9 0 1"] {
+        for quat in ["nan 0 0 1", "0 0 inf 1", "0 1e9 0 1", "0 0 0 0", "0 1e-12 0 0"] {
             let problem = turned(&format!("<origin quat_xyzw='{quat}'/>")).unwrap_err();
             assert!(
                 matches!(problem, Defect::OutOfRange { ref what, .. } if what.contains("quat_xyzw")),
