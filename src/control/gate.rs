@@ -3,11 +3,14 @@
 //!
 //! ```text
 //! reference ─► may it go there from where it was, and brake from there? ─► q_r, qd_r ─► drive
-//!              no: its velocity is a wish for a reference of the gate's own
+//!              no: a reference of the gate's own goes after it
 //! torque ────► finite? within effort and effort rate? ───────────────────► tau
 //! ```
 //! What comes from a reference and a joint controller passes as it is; a command that has to be changed is a defect before
 //! the gate, or an arm that does what its model does not know. It is counted, and told where it does not stop.
+//!
+//! Nobody steps what has passed. Before a drive that obeys torques a reference may be put on an arm that stands elsewhere, or be that of
+//! an arm under a law that wishes torques: `q_r`, `qd_r` then come to it within the limits, and tell a drive what to hold.
 
 use super::safety::Fault;
 use crate::drive::{CommandMode, DriveCommand};
@@ -17,6 +20,9 @@ use nalgebra::SVector;
 
 /// Commands in a row that had to be changed in what the drive obeys, before that is a fault.
 const PATIENCE: u32 = 100;
+/// Rate at which what passes comes to a reference that it may not follow at once, 1/s: as quickly as a law of the default gain lets
+/// its error die out, so that the acceleration of 10 rad/s^2 suffices from up to 0.1 rad away without passing by.
+const CATCH_UP_1_S: f64 = 10.0;
 
 /// What the gate holds commands to, beside the limits of motion.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,21 +77,27 @@ impl<const N: usize> Gate<N> {
         self.tau.is_some()
     }
 
-    /// The arm was found elsewhere, and is followed from there. The torque goes on from the last one.
-    pub fn seat(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
-        self.reference.seat(q, qd);
+    /// The arm stands in `q`: what passes begins there. Once something has passed it goes on from that, and this does nothing.
+    pub fn begin_at(&mut self, q: &SVector<f64, N>) {
+        if !self.is_open() {
+            self.reference.seat(q, &SVector::zeros());
+        }
     }
 
-    /// The arm is where it is, under a law that wishes torques.
-    pub fn place(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
-        self.reference.place(q, qd);
+    /// The arm is in `q`, before a drive that obeys velocities alone; what passes keeps its velocity. Before any other drive positions are
+    /// those that have passed, and this does nothing.
+    pub fn relocate(&mut self, q: &SVector<f64, N>) {
+        if self.settings.mode == CommandMode::Velocity {
+            self.reference.relocate(q);
+        }
     }
 
     /// Lets the reference and the torque of a tick through, as far as they may.
     pub fn pass(&mut self, reference: &ReferenceState<N>, tau: &SVector<f64, N>) -> Passed<N> {
         let moved = !self.reference.admit(reference, TICK);
         if moved {
-            self.reference.advance(&reference.qd, TICK);
+            let behind = reference.q - self.reference.state().q;
+            self.reference.advance(&(reference.qd + behind * CATCH_UP_1_S), TICK);
         }
         let (mut held, mut cut) = (SVector::zeros(), 0u8);
         for i in 0..N {

@@ -170,6 +170,14 @@ impl<const N: usize> Reference<N> {
         });
     }
 
+    /// Puts the reference in `q`, or at the end of the range that is nearest to it; velocity and acceleration go on. A `q` that is not
+    /// finite changes nothing.
+    pub fn relocate(&mut self, q: &SVector<f64, N>) {
+        if q.iter().all(|q| q.is_finite()) {
+            self.state.q = SVector::from_fn(|i, _| q[i].max(self.limits.lower[i]).min(self.limits.upper[i]));
+        }
+    }
+
     /// Advances by `dt` with the acceleration `qdd` (rad/s^2 or m/s^2), the same throughout, as far as the limits let it. One
     /// that is not finite counts as none.
     pub fn accelerate(&mut self, qdd: &SVector<f64, N>, dt: SpanNs) -> &ReferenceState<N> {

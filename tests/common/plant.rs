@@ -63,6 +63,11 @@ impl<const N: usize> Plant<N> {
             log: Arc::default(),
         }
     }
+
+    /// What will be noted at every tick.
+    pub fn log(&self) -> Arc<Mutex<Vec<Tick<N>>>> {
+        self.log.clone()
+    }
 }
 
 impl<const N: usize> Drive<N> for Plant<N> {

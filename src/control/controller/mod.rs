@@ -4,7 +4,8 @@
 //! DriveState ─► watch ─► lifecycle ─► behaviour's intent, or rest ─► reference ─► joint controller ─► gate ─► DriveCommand
 //! Measurement ──────────► behaviour                                   (limits)      (torque)
 //! ```
-//! Each entry into motion, and each fault, puts the reference on the measured arm where it is not there already. A joint
+//! Each entry into motion of an arm that stands, and each fault, puts the reference on the measured arm where it is not there already.
+//! A view that comes back while the arm brakes does not: the reference goes on within the limits. A joint
 //! controller gets the reference of this tick and its acceleration from here on, and is in step with the state that it acts
 //! upon; a law that wishes torques moves the reference by the acceleration that they would bring about.
 //! `step` is total: it does not allocate, log, fail or look at a clock.
@@ -286,7 +287,7 @@ impl<const N: usize> Controller<N> {
                     self.fail(Fault::StartsElsewhere);
                 }
             }
-            self.seat(drive, true);
+            self.seat(drive);
         }
         Some(*drive)
     }
@@ -298,7 +299,7 @@ impl<const N: usize> Controller<N> {
             self.fault.get_or_insert(fault);
             self.cue(Cue::Failed);
             if let Some(state) = state {
-                self.seat(state, self.rest == Rest::AtRest);
+                self.seat(state);
             }
         }
         if self.rest == Rest::AtRest || (self.rest == Rest::Unknown && self.fault.is_some()) {
@@ -309,8 +310,7 @@ impl<const N: usize> Controller<N> {
         }
         self.cue(if confidence > 0.0 && state.is_some() { Cue::InView } else { Cue::OutOfView });
         if let Some(state) = state.filter(|_| self.state.moves() && !moved) {
-            // What stands, stands: the velocity of a noisy encoder is none.
-            self.seat(state, self.rest == Rest::AtRest);
+            self.seat(state);
             self.watch.restart();
         }
     }
@@ -329,19 +329,23 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Puts the reference on the measured arm, where it is not there already.
-    fn seat(&mut self, state: &DriveState<N>, stands: bool) {
-        let qd = if stands { SVector::zeros() } else { state.qd };
-        let r = self.reference.state();
+    /// Puts the reference on the measured arm, where it is not there already. While one of them moves that is a leap of its velocity,
+    /// which is made in a fault alone: a torque towards where the arm is not would drive it on. What passes the gate never leaps.
+    fn seat(&mut self, state: &DriveState<N>) {
+        let stands = !self.gate.is_open() || self.rest == Rest::AtRest;
         // What a drive obeys goes on from what it was told: there the way back to the arm is one within the limits.
-        if self.mode != CommandMode::Torque && self.gate.is_open() {
+        let obeyed = self.mode != CommandMode::Torque && self.gate.is_open();
+        if obeyed || !(stands || self.fault.is_some()) {
             return;
         }
+        // What stands, stands: the velocity of a noisy encoder is none.
+        let qd = if stands { SVector::zeros() } else { state.qd };
+        let r = self.reference.state();
         if (r.q - state.q).amax() <= ON_THE_ARM.0 && (r.qd - qd).amax() <= ON_THE_ARM.1 {
             return;
         }
         self.reference.seat(&state.q, &qd);
-        self.gate.seat(&state.q, &qd);
+        self.gate.begin_at(&state.q);
         self.joint_control.seat(&state.q, &qd);
     }
 
@@ -369,7 +373,6 @@ impl<const N: usize> Controller<N> {
             let astray = distance > ASTRAY * self.max_tracking_error || self.joint_control.damps();
             if self.mode == CommandMode::Torque && astray {
                 self.reference.seat(&state.q, qd);
-                self.gate.seat(&state.q, qd);
                 self.joint_control.damp(qd.amax() > SLOW);
             }
             return None;

@@ -48,9 +48,8 @@ impl<const N: usize> Controller<N> {
         };
         if self.mode == CommandMode::Velocity {
             // The drive obeys velocities alone: positions that were summed up from them would drift away from the arm.
-            let qd = self.reference.state().qd;
-            self.reference.place(&state.q, &qd);
-            self.gate.place(&state.q, &qd);
+            self.reference.relocate(&state.q);
+            self.gate.relocate(&state.q);
         }
         let before = *self.reference.state();
         let after = self.reference.advance(&wish, TICK);
@@ -70,7 +69,6 @@ impl<const N: usize> Controller<N> {
         let qdd = robot.forward_dynamics(&state.q, &state.qd, &within);
         let trusted = qdd * confidence - state.qd * (BRAKE_1_S * (1.0 - confidence));
         self.reference.place(&state.q, &state.qd);
-        self.gate.place(&state.q, &state.qd);
         let after = *self.reference.accelerate(&trusted, TICK);
         let mut limits = after.limits;
         if confidence < 1.0 {
