@@ -1,6 +1,7 @@
 //! A camera that looks at a chessboard, by sampling: shares nothing with the renderer of the project.
 
 #![allow(non_snake_case, dead_code)] // each test uses a part
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 

@@ -1,0 +1,40 @@
+//! The cores, driven in this process: no other process, no shared memory, no clock.
+
+mod arm_unlike_model;
+mod boundary;
+mod chessboard;
+mod comparison_metrics;
+mod controller_limits;
+mod corrupted_images;
+mod detection;
+mod dot_grid;
+mod dots_truth;
+mod edges_real;
+mod hostile;
+mod identity;
+mod lens;
+mod limit_avoidance;
+mod moments;
+mod object_at_rest;
+mod occlusion;
+#[path = "../common/plant.rs"]
+mod plant;
+mod plausible_numbers;
+mod pnp_accuracy;
+#[path = "../chessboard/render.rs"]
+mod render;
+#[path = "../rendered/mod.rs"]
+mod rendered;
+mod rendered_targets;
+mod robot_consistency;
+mod robot_energy;
+mod robot_errors;
+mod robot_fixtures;
+mod shapes;
+#[path = "../supersampled/mod.rs"]
+mod supersampled;
+#[path = "../tag_scene/mod.rs"]
+mod tag_scene;
+mod tags;
+mod textbook_errata;
+mod truth;

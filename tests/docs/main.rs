@@ -1,0 +1,6 @@
+//! What the documents say: their commands, the examples, the layers of the crate.
+
+mod architecture;
+mod docs_commands;
+mod examples;
+mod first_hour;

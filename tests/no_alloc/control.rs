@@ -1,0 +1,117 @@
+//! A tick of the control loop allocates nothing: servoing, at its limits, without target, stopping, and in a fault.
+
+#![allow(non_snake_case, clippy::unwrap_used)] // helpers of tests are tests
+
+use assert_no_alloc::assert_no_alloc;
+use nalgebra::SVector;
+use std::path::Path;
+use vservo::config::Config;
+use vservo::config::assemble;
+use vservo::control::control_loop::ControlLoop;
+use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState};
+use vservo::geometry::Pose;
+use vservo::messages::Measurement;
+use vservo::robot::Robot;
+use vservo::sim::perfect_measurement;
+use vservo::time::MonoNs;
+
+const MS: i64 = 1_000_000;
+
+fn seen(config: &Config, k: i64, X_CO: &Pose) -> Measurement {
+    perfect_measurement(
+        &config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>(),
+        X_CO,
+        MonoNs(k * MS),
+    )
+    .unwrap()
+}
+
+fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLoop<N>) {
+    for k in 0..2000_i64 {
+        let joint = control.sense(k as u64, MonoNs(k * MS));
+        let q = SVector::<f64, N>::from_fn(|i, _| joint.q[i]);
+        let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO().unwrap());
+        let m = match k % 80 {
+            0 => Some(seen(config, k, &X_CO)),
+            40 if k < 500 => Some(Measurement { exposure: MonoNs(k * MS), ..Measurement::default() }),
+            // A view far off: the limits act.
+            40 => Some(seen(config, k, &Pose::translation(0.3, -0.2, 0.3))),
+            _ => None,
+        };
+        if k == 1500 {
+            control.stop("the test asks for it");
+        }
+        assert_no_alloc(|| control.tick(k as u64, MonoNs(k * MS), m.as_ref()));
+    }
+}
+
+#[test]
+fn no_tick_allocates() {
+    let config_of = |file: &str, set: &[&str]| {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
+        let set: Vec<String> = set.iter().map(ToString::to_string).collect();
+        Config::load(Some(&path), &set).unwrap()
+    };
+    for config in [
+        config_of("default.toml", &[]),
+        config_of("default.toml", &["motion.controller=pd_gravity", "servo.update=frame"]),
+        config_of("scara-a.toml", &[]),
+        config_of("scara-a.toml", &["servo.pd.damping=joints", "servo.orientation_error=angle_axis"]),
+        config_of("scara-b.toml", &["servo.smooth_start_1_s=3"]),
+        config_of("scara-c.toml", &["servo.update=tick"]),
+        config_of(
+            "scara-d.toml",
+            &["servo.segments=[[3, 4]]", "servo.interaction=mean", "servo.depth=known"],
+        ),
+        config_of("scara-d.toml", &["servo.set_point.kind=taught"]),
+        config_of("scara-hybrid.toml", &[]),
+        config_of("scara-eye-to-hand.toml", &[]),
+        config_of("ur5-b.toml", &[]),
+        config_of("ur5-hybrid.toml", &["servo.adaptive_gain.at_zero=2"]),
+        config_of("panda.toml", &["servo.limit_avoidance_1_s=0.5"]),
+        config_of("ur5.toml", &["servo.update=predict"]),
+        config_of("ur5.toml", &["drive.mode=velocity", "motion.controller=pass_through"]),
+        config_of("panda.toml", &["drive.kind=ideal"]),
+        config_of("pan_tilt.toml", &[]),
+        config_of("default.toml", &["run.task=calibrate_latency"]),
+        config_of("panda.toml", &["run.task=calibrate_latency"]),
+    ] {
+        vservo::dispatch_robot!(config.robot, |robot| {
+            let copy = robot.clone();
+            run(&config, &copy, assemble::control_loop(&config, robot).unwrap());
+        })
+        .unwrap();
+    }
+}
+
+/// A drive that reports nonsense after a while.
+struct Broken(u32);
+
+impl<const N: usize> Drive<N> for Broken {
+    fn read(&mut self, _now: MonoNs) -> DriveState<N> {
+        self.0 += 1;
+        let q = SVector::repeat(if self.0 > 100 { f64::NAN } else { 0.5 });
+        DriveState { q, qd: SVector::zeros(), truth: None }
+    }
+
+    fn write(&mut self, _command: &DriveCommand<N>) {}
+
+    fn modes(&self) -> &'static [CommandMode] {
+        &CommandMode::ALL
+    }
+}
+
+#[test]
+fn no_fault_allocates() {
+    let config = Config::load(None, &[]).unwrap();
+    vservo::dispatch_robot!(config.robot, |robot| {
+        let mut control = assemble::control_loop_with(&config, robot, Box::new(Broken(0))).unwrap();
+        let mut finished = false;
+        for k in 0..300_i64 {
+            let record = assert_no_alloc(|| control.tick(k as u64, MonoNs(k * MS), None));
+            finished |= record.finish.is_some();
+        }
+        assert!(finished, "a drive that reports nonsense ends the run");
+    })
+    .unwrap();
+}

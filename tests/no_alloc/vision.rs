@@ -1,0 +1,49 @@
+//! Rendering and vision allocate nothing once they run: tracking, whole-frame search, and loss alike.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+#![allow(non_snake_case)]
+
+use assert_no_alloc::assert_no_alloc;
+use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
+use vservo::geometry::Pose;
+use vservo::imaging::ImageView;
+use vservo::messages::{FrameHeader, measurement_flag};
+use vservo::scene::{Renderer, SceneLook, SensorModel};
+use vservo::target::FourDots;
+use vservo::time::MonoNs;
+use vservo::vision::{Frame, Prior, Vision, VisionSettings};
+
+#[test]
+fn nothing_is_allocated_per_frame() {
+    let intrinsics =
+        Intrinsics { fx_px: 600.0, fy_px: 600.0, cx_px: 319.5, cy_px: 239.5, width_px: 640, height_px: 480 };
+    let camera = CameraModel::new(intrinsics, Distortion { k1: -0.2, ..Distortion::default() }).unwrap();
+    let target = FourDots::default();
+    let mut renderer = Renderer::new(camera, target, SceneLook::default(), SensorModel::default()).unwrap();
+    let mut vision = Vision::new(camera, target, VisionSettings::default());
+    let mut image = vec![0; 640 * 480];
+    let (mut found, mut tracked) = (0, 0);
+    let mut frame = |k: u64, poses: &[Pose]| {
+        renderer.render(poses, k, &mut image);
+        if k % 10 == 9 {
+            // noise without a target: the longest way through the search
+            image.iter_mut().enumerate().for_each(|(i, p)| *p = ((i * i) >> 3) as u8);
+        }
+        let header =
+            FrameHeader { frame_id: k, exposure: MonoNs(k as i64 * 40_000_000), ..FrameHeader::default() };
+        let view = ImageView::new(&image, 640, 480).unwrap();
+        let m = vision.process(&Frame { header, image: view }, &Prior::default());
+        found += u32::from(m.found());
+        tracked += u32::from(m.flags & measurement_flag::TRACKED != 0);
+    };
+    let pose =
+        |k: u64| Pose::new([-0.05 + 0.001 * k as f64, -0.05, 0.5].into(), [0.2, 0.1, 0.02 * k as f64].into());
+    // the first exposure in three parts makes room for the later ones
+    frame(0, &[pose(0), pose(0), pose(0)]);
+    assert_no_alloc(|| {
+        for k in 1..40 {
+            frame(k, &[pose(k), pose(k), pose(k)]);
+        }
+    });
+    assert_eq!((found, tracked), (36, 32));
+}

@@ -1,0 +1,159 @@
+//! Every servo law in the real processes, in lockstep, on rendered images.
+
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use crate::common::{Run, assert_accurate, number, run};
+use std::path::Path;
+
+fn lockstep(file: &str, set: &[&str]) -> Run {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
+    let mut arguments = vec![path.to_str().unwrap(), "--clock", "lockstep"];
+    for s in set {
+        arguments.extend(["--set", s]);
+    }
+    run("laws", &arguments)
+}
+
+fn converges(file: &str, scheme: &str, set: &[&str]) {
+    let r = lockstep(file, set);
+    assert_accurate(&r);
+    assert_eq!(r.summary["scheme"], scheme);
+    assert_eq!(
+        r.summary["safety"]["events"].as_array().map(Vec::len),
+        Some(0),
+        "{file} {set:?}: {}",
+        r.text()
+    );
+}
+
+#[test]
+fn a_on_the_scara() {
+    for update in ["predict", "tick", "frame"] {
+        converges("scara-a.toml", "position_pd", &[&format!("servo.update={update}")]);
+    }
+    let joints = "servo.pd.joint_damping_nms_rad_or_ns_m=[300, 300, 10, 10]";
+    converges("scara-a.toml", "position_pd", &["servo.pd.damping=joints", joints]);
+}
+
+#[test]
+fn b_on_the_scara() {
+    for update in ["predict", "tick", "frame"] {
+        converges("scara-b.toml", "position_resolved_velocity", &[&format!("servo.update={update}")]);
+    }
+}
+
+#[test]
+fn c_on_the_scara() {
+    for update in ["predict", "tick", "frame"] {
+        converges("scara-c.toml", "image_pd", &[&format!("servo.update={update}")]);
+    }
+    converges("scara-c.toml", "image_pd", &["servo.points=[]", "servo.interaction=mean"]);
+}
+
+#[test]
+fn d_on_the_scara() {
+    for set in [
+        ["servo.update=predict", "servo.depth=desired"],
+        ["servo.update=tick", "servo.depth=known"],
+        ["servo.update=frame", "servo.depth=constant"],
+        ["servo.interaction=mean", "servo.depth=estimated"],
+        ["servo.interaction=desired", "servo.points=[1, 3, 4]"],
+        ["servo.points=[]", "servo.segments=[[1, 2]]"],
+        ["servo.segments=[[3, 4]]", "servo.weights=[1.0, 0.5, 2.0]"],
+        ["servo.smooth_start_1_s=3", "servo.adaptive_gain.at_zero=3"],
+    ] {
+        converges("scara-d.toml", "image_resolved_velocity", &set);
+    }
+}
+
+/// Moments of an area, in every image-based scheme. The triangle of three dots has an axis, the square of four has none.
+#[test]
+fn areas_in_place_of_points() {
+    let triangle = "servo.outline=[1, 2, 3]";
+    for area in ["servo.area=area", "servo.area=moments"] {
+        let velocity = "image_resolved_velocity";
+        converges("scara-d.toml", velocity, &["servo.points=[]", area, triangle]);
+        converges("scara-d.toml", velocity, &["servo.points=[]", area, triangle, "servo.interaction=mean"]);
+        let beside = ["servo.scheme=image_resolved_velocity", "servo.points=[]", area, triangle];
+        converges("scara-eye-to-hand.toml", velocity, &beside);
+    }
+    converges("default.toml", "image_pd", &["servo.scheme=image_pd", "servo.area=area", triangle]);
+    converges("scara-hybrid.toml", "hybrid", &["servo.area=area"]);
+    converges("shape-moments.toml", "image_resolved_velocity", &[]);
+    assert_accurate(&lockstep("shape-moments.toml", &["servo.interaction=desired"]));
+    let doubtful = lockstep("scara-d.toml", &["servo.points=[]", "servo.area=area", "run.duration_s=0.1"]);
+    assert!(doubtful.text().contains("no longest axis"), "{}", doubtful.text());
+    let few = lockstep("shape-moments.toml", &["servo.area=area", "run.duration_s=0.1"]);
+    assert!(few.text().contains("4 directions at the goal, the arm has 6"), "{}", few.text());
+    for outline in ["[1, 2]", "[1, 2, 2]", "[1, 2, 9]"] {
+        let r = lockstep("scara-d.toml", &["servo.area=area", &format!("servo.outline={outline}")]);
+        assert_eq!(r.output.status.code(), Some(3), "{outline}: {}", r.text());
+        assert!(r.text().contains("servo.outline"), "{}", r.text());
+    }
+}
+
+#[test]
+fn hybrid_on_the_scara() {
+    for update in ["predict", "tick", "frame"] {
+        converges("scara-hybrid.toml", "hybrid", &[&format!("servo.update={update}")]);
+    }
+    converges("scara-hybrid.toml", "hybrid", &["servo.dimension=6"]);
+}
+
+#[test]
+fn a_camera_beside_the_arm() {
+    for (scheme, more) in [
+        ("image_resolved_velocity", "servo.dimension=6"),
+        ("position_resolved_velocity", "servo.dimension=4"),
+        ("hybrid", "servo.dimension=4"),
+        ("position_pd", "servo.dimension=4"),
+        ("image_pd", "servo.points=[1, 2]"),
+    ] {
+        converges("scara-eye-to-hand.toml", scheme, &[&format!("servo.scheme={scheme}"), more]);
+    }
+    let r = lockstep("scara-eye-to-hand.toml", &["camera.mount.kind=eye_in_hand"]);
+    assert_eq!(r.output.status.code(), Some(3), "the other sign is refused: {}", r.text());
+    assert!(r.text().contains("scene.object.on"), "{}", r.text());
+}
+
+#[test]
+fn six_joints() {
+    converges("ur5.toml", "image_resolved_velocity", &[]);
+    converges("ur5-b.toml", "position_resolved_velocity", &[]);
+    converges("ur5-b.toml", "position_resolved_velocity", &["servo.orientation_error=euler_zyx"]);
+    converges("ur5-hybrid.toml", "hybrid", &[]);
+}
+
+#[test]
+fn a_taught_goal_and_given_features() {
+    let taught = lockstep("scara-d.toml", &["servo.set_point.kind=taught"]);
+    assert_accurate(&taught);
+    assert!(number(&taught.summary, &["duration_s"]) < 2.0, "it is there already: {}", taught.summary);
+    // What X_DO of the default file shows, to the digits of the text and beyond.
+    let features = "servo.set_point.features=[[-0.166666667, 0.166666667], [-0.083333333, 0.022329099], \
+                    [0.061004234, 0.105662433], [-0.022329099, 0.25]]";
+    converges("scara-b.toml", "position_resolved_velocity", &["servo.set_point.kind=features", features]);
+}
+
+#[test]
+fn laws_that_cannot_work_are_refused_at_the_start() {
+    for (file, set, key) in [
+        ("scara-a.toml", &["drive.kind=ideal"][..], "servo.scheme"),
+        ("scara-a.toml", &["drive.mode=velocity"], "servo.scheme"),
+        ("scara-b.toml", &["servo.dimension=5"], "servo.dimension"),
+        ("ur5-b.toml", &["servo.dimension=4"], "servo.dimension"),
+        ("scara-b.toml", &["servo.gain_1_s=[1, 2]"], "servo.gain_1_s"),
+        ("scara-d.toml", &["servo.gain_1_s=[1, 2, 3, 4]"], "servo.gain_1_s"),
+        ("scara-d.toml", &["servo.points=[1, 5]"], "servo.points"),
+        ("scara-d.toml", &["servo.segments=[[2, 2]]"], "servo.segments"),
+        ("scara-d.toml", &["servo.weights=[1]"], "servo.weights"),
+        ("ur5-hybrid.toml", &["servo.points=[1, 2, 3]"], "servo.points"),
+        ("scara-d.toml", &["servo.set_point.kind=features"], "servo.set_point.features"),
+        ("scara-d.toml", &["servo.depth=known", "scene.motion.kind=conveyor"], "servo.depth"),
+        ("scara-d.toml", &["scene.object.on=flange"], "scene.object.on"),
+    ] {
+        let r = lockstep(file, set);
+        assert_eq!(r.output.status.code(), Some(3), "{file} {set:?}: {}", r.text());
+        assert!(r.text().contains(key), "{file} {set:?}: {}", r.text());
+    }
+}

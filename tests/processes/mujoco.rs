@@ -1,0 +1,74 @@
+//! UR5 and Panda in MuJoCo behind the external drive. Runs where the Python of `VSERVO_PYTHON` (else `python3`) has the
+//! packages; says `skipped` where it has not, or fails if `VSERVO_REQUIRE_MUJOCO` is set.
+
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // a skipped test says so
+
+use crate::common::{Run, assert_accurate, run};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The Python that has the packages.
+fn python() -> Option<PathBuf> {
+    let python = std::env::var_os("VSERVO_PYTHON").map_or_else(|| PathBuf::from("python3"), PathBuf::from);
+    let output = Command::new(&python).args(["-c", "import mujoco, numpy, iceoryx2"]).output();
+    if output.as_ref().is_ok_and(|o| o.status.success()) {
+        return Some(python);
+    }
+    let why = output.map_or_else(|e| e.to_string(), |o| String::from_utf8_lossy(&o.stderr).into_owned());
+    let why = why.lines().last().unwrap_or("no answer").to_string();
+    assert!(std::env::var_os("VSERVO_REQUIRE_MUJOCO").is_none(), "{}: {why}", python.display());
+    println!("skipped: {} has no mujoco, numpy and iceoryx2 ({why})", python.display());
+    None
+}
+
+/// The shipped run file, with that Python and further arguments of the drive.
+fn mujoco(python: &Path, arm: &str, drive: &[&str], extra: &[&str]) -> Run {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let file = root.join(format!("config/{arm}-mujoco.toml"));
+    let config = vservo::config::Config::load(Some(&file), &[]).unwrap();
+    let mut command = config.drive.external.command;
+    assert_eq!(command[0], "python3");
+    command[0] = python.to_str().unwrap().into();
+    command.extend(drive.iter().map(|a| (*a).to_string()));
+    let set = format!("drive.external.command={command:?}");
+    run("mujoco", &[&[file.to_str().unwrap(), "--set", &set], extra].concat())
+}
+
+const LOCKSTEP: [&str; 2] = ["--clock", "lockstep"];
+
+#[test]
+fn both_arms_converge_with_and_without_an_unknown_load_and_repeat_to_the_last_bit() {
+    let Some(python) = python() else { return };
+    for arm in ["ur5", "panda"] {
+        let mut hashes = Vec::new();
+        for drive in [&[][..], &["--payload-kg", "1"][..]] {
+            let (a, b) = (mujoco(&python, arm, drive, &LOCKSTEP), mujoco(&python, arm, drive, &LOCKSTEP));
+            assert_accurate(&a);
+            assert_eq!(a.summary["state_hash"], b.summary["state_hash"], "{arm} {drive:?}");
+            assert!(a.text().contains("external drive connected"), "{}", a.text());
+            hashes.push(a.summary["state_hash"].clone());
+        }
+        assert_ne!(hashes[0], hashes[1], "{arm}: the load is felt");
+    }
+}
+
+#[test]
+fn mujoco_and_the_built_in_arm_agree() {
+    let Some(python) = python() else { return };
+    for arm in ["ur5", "panda"] {
+        let outside = mujoco(&python, arm, &[], &LOCKSTEP).summary;
+        let inside = mujoco(&python, arm, &[], &[&LOCKSTEP[..], &["--set", "drive.kind=simulated"]].concat());
+        // Two integrators of the same equations: the runs end at the same tick with the same errors.
+        assert_eq!(outside["ticks"], inside.summary["ticks"], "{arm}");
+        for key in ["feature_error_px", "position_error_m", "orientation_error_rad"] {
+            let [a, b] = [&outside, &inside.summary].map(|s| s["final"][key].as_f64().unwrap());
+            assert!((a - b).abs() <= 0.01 * b, "{arm} {key}: {a} {b}");
+        }
+    }
+}
+
+#[test]
+fn in_real_time_it_converges_too() {
+    let Some(python) = python() else { return };
+    assert_accurate(&mujoco(&python, "ur5", &[], &["--set", "safety.drive_timeout_ms=1000"]));
+}

@@ -1,0 +1,209 @@
+//! `vservo serve` and `vservo ctl`: a run does what it is told, refuses what it cannot do, and ends when it is told.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+
+use crate::common::{Instance, kill, vservo, wait_until};
+use serde_json::Value;
+use std::process::{Child, Stdio};
+
+/// A daemon under a name of its own.
+struct Daemon {
+    instance: Instance,
+    process: Child,
+}
+
+impl Daemon {
+    fn start(test: &str, arguments: &[&str]) -> Self {
+        let instance = Instance::new(test);
+        let process = vservo()
+            .arg("serve")
+            .args(arguments)
+            .args(["--instance", &instance.name])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let daemon = Self { instance, process };
+        wait_until("the daemon to answer", || daemon.ctl("status").0 == Some(0));
+        daemon
+    }
+
+    /// Exit code, answer and what was told on stderr.
+    fn ctl(&self, what: &str) -> (Option<i32>, Value, String) {
+        let output =
+            vservo().args(["ctl", what, "--json", "--instance", &self.instance.name]).output().unwrap();
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!told.contains("panicked"), "{told}");
+        (output.status.code(), serde_json::from_slice(&output.stdout).unwrap_or(Value::Null), told)
+    }
+
+    fn state(&self) -> String {
+        self.ctl("status").1["state"].as_str().unwrap_or("gone").into()
+    }
+
+    fn wait_for(&self, state: &str) {
+        wait_until(&format!("the daemon to be {state}"), || self.state() == state);
+    }
+
+    #[track_caller]
+    fn accepts(&self, what: &str) {
+        let (code, answer, told) = self.ctl(what);
+        assert_eq!(code, Some(0), "{what}: {answer} {told}");
+    }
+
+    #[track_caller]
+    fn refuses(&self, what: &str, why: &str) {
+        let (code, answer, told) = self.ctl(what);
+        assert_eq!(code, Some(5), "{what}: {answer} {told}");
+        let reason = answer["reason"].as_str().unwrap();
+        assert!(reason.contains(why) && told.contains(why), "{what}: {reason} {told}");
+    }
+
+    /// Waits for its end: exit code and what it printed.
+    fn ended(self) -> (Option<i32>, String) {
+        let output = self.process.wait_with_output().unwrap();
+        self.instance.assert_gone();
+        (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+}
+
+fn error_px(daemon: &Daemon) -> f64 {
+    daemon.ctl("status").1["feature_error_px"].as_f64().unwrap_or(f64::INFINITY)
+}
+
+#[test]
+fn a_daemon_starts_holds_goes_on_stops_and_ends_as_it_is_told() {
+    let daemon = Daemon::start("serve", &["--clock", "lockstep"]);
+    assert_eq!(daemon.state(), "idle");
+    daemon.refuses("hold", "nothing was started");
+    daemon.refuses("reset", "no fault");
+    daemon.accepts("stop");
+    let far = error_px(&daemon);
+    assert!(far > 10.0, "it stands where it stood: {far} px");
+
+    daemon.accepts("start");
+    daemon.wait_for("servoing");
+    daemon.refuses("start", "already");
+    daemon.refuses("teach", "already");
+    daemon.accepts("hold");
+    daemon.wait_for("held");
+    daemon.accepts("hold");
+    daemon.accepts("start");
+    wait_until("the goal to be reached", || error_px(&daemon) < 0.05);
+    assert_eq!(daemon.state(), "servoing", "a daemon stays at its goal");
+
+    daemon.accepts("stop");
+    daemon.wait_for("idle");
+    daemon.accepts("start");
+    daemon.wait_for("servoing");
+    daemon.accepts("shutdown");
+    let (code, printed) = daemon.ended();
+    assert_eq!(code, Some(0), "{printed}");
+    assert!(printed.contains("stopped") && printed.contains("the goal was reached and held"), "{printed}");
+    assert!(printed.contains("start on request") && printed.contains("shutdown on request"), "{printed}");
+}
+
+#[test]
+fn what_the_camera_sees_is_taught_on_request_and_the_arm_stands_meanwhile() {
+    let daemon = Daemon::start("serve-teach", &["--clock", "lockstep"]);
+    let before = daemon.ctl("status").1["q_rad_or_m"].clone();
+    daemon.accepts("teach");
+    wait_until("the goal to be taught", || daemon.state() == "held");
+    wait_until("a measurement of the new goal", || error_px(&daemon) < 0.2);
+    assert_eq!(daemon.ctl("status").1["q_rad_or_m"], before);
+    daemon.accepts("shutdown");
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
+#[test]
+fn a_fault_stays_until_it_is_reset() {
+    let set = |key: &str| ["--set".to_string(), key.to_string()];
+    let wrong =
+        [set("scene.arm.friction_scale=6.0"), set("safety.max_tracking_error_rad_or_m=0.0002")].concat();
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/config/pan_tilt.toml");
+    let mut arguments = vec![file, "--clock", "lockstep"];
+    arguments.extend(wrong.iter().map(String::as_str));
+    let daemon = Daemon::start("serve-fault", &arguments);
+    for _ in 0..2 {
+        daemon.accepts("start");
+        daemon.wait_for("fault");
+        let (_, answer, _) = daemon.ctl("status");
+        assert!(answer["fault"].as_str().unwrap().contains("max_tracking_error"), "{answer}");
+        daemon.refuses("start", "reset");
+        daemon.refuses("hold", "reset");
+        wait_until("the arm to stand", || daemon.ctl("reset").0 == Some(0));
+        assert_eq!(daemon.state(), "idle");
+    }
+    daemon.accepts("shutdown");
+    let (code, printed) = daemon.ended();
+    assert_eq!(code, Some(0), "{printed}");
+    assert!(printed.contains("reset on request"), "{printed}");
+}
+
+#[test]
+fn several_clients_are_all_answered() {
+    let daemon = Daemon::start("serve-many", &[]);
+    let ask = |what| {
+        vservo()
+            .args(["ctl", what, "--json", "--timeout-s", "60", "--instance", &daemon.instance.name])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap()
+    };
+    let clients: Vec<_> = ["status", "start", "status", "start", "status"].into_iter().map(ask).collect();
+    let codes: Vec<_> = clients
+        .into_iter()
+        .map(|client| client.wait_with_output().unwrap())
+        .map(|output| {
+            let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
+            (output.status.code().unwrap(), answer["accepted"].as_bool().unwrap())
+        })
+        .collect();
+    assert_eq!(codes.iter().filter(|(code, accepted)| *code == 0 && *accepted).count(), 4, "{codes:?}");
+    assert_eq!(codes.iter().filter(|(code, accepted)| *code == 5 && !*accepted).count(), 1, "{codes:?}");
+    // A client that is killed while it asks leaves nobody waiting.
+    for _ in 0..3 {
+        let mut client = ask("status");
+        kill(client.id() as i32, "KILL");
+        client.wait().unwrap();
+    }
+    daemon.accepts("status");
+    kill(daemon.process.id() as i32, "TERM");
+    let (code, printed) = daemon.ended();
+    assert_eq!(code, Some(0), "{printed}");
+    assert!(printed.contains("a stop was requested"), "{printed}");
+}
+
+#[test]
+fn a_run_that_is_not_served_takes_orders_too_and_ends_by_a_stop() {
+    let instance = Instance::new("serve-run");
+    let run = vservo()
+        .args(["run", "--instance", &instance.name, "--set", "goal.feature_error_px=0.000001"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let ctl = |what: &str| vservo().args(["ctl", what, "--instance", &instance.name]).output().unwrap();
+    wait_until("the arm to move", || String::from_utf8_lossy(&ctl("status").stdout).contains("servoing"));
+    assert_eq!(ctl("stop").status.code(), Some(0));
+    let output = run.wait_with_output().unwrap();
+    let printed = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{printed}");
+    assert!(printed.contains("stopped"), "{printed}");
+    instance.assert_gone();
+}
+
+#[test]
+fn nobody_there_is_told_and_leaves_nothing() {
+    let instance = Instance::new("serve-nobody");
+    let output = vservo().args(["ctl", "status", "--instance", &instance.name]).output().unwrap();
+    assert_eq!(output.status.code(), Some(5));
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(told.contains("vservo serve") && told.contains(&instance.name), "{told}");
+    assert_eq!(instance.leftovers(), Vec::<std::path::PathBuf>::new());
+    let output = vservo().args(["ctl", "status", "--timeout-s", "0"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let output = vservo().args(["ctl", "dance"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+}
