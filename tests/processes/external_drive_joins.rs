@@ -89,7 +89,7 @@ fn a_drive_of_another_version_that_comes_later_is_told_and_one_that_fits_is_take
     let mut lines = crate::common::Lines::of(&mut child);
     lines.wait_for("waiting for the external drive");
     let mut wrong = drive_by_hand(&instance, "external_drive_joins::drive_of_another_version");
-    let line = lines.wait_for("yet there is `external_drive_joins-");
+    let line = lines.wait_for("yet there is `processes-");
     assert!(line.contains(&format!("(process {})", wrong.id())), "{line}");
     assert!(line.contains("drive/state` carries vservo.DriveState.v2 of 320 bytes"), "{line}");
     assert!(line.contains("drive/command` vservo.DriveCommand.v2 of 208 bytes"), "{line}");
