@@ -102,6 +102,10 @@ pub enum Refusal {
     Teaching = 6,
     /// The run ends.
     Ending = 7,
+    /// No request has this code.
+    UnknownRequest = 8,
+    /// There is no such arm.
+    UnknownArm = 9,
 }
 
 impl Request {
@@ -131,7 +135,7 @@ impl Request {
 
 impl Refusal {
     /// All reasons.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 9] = [
         Self::InFault,
         Self::NoFault,
         Self::StillMoving,
@@ -139,6 +143,8 @@ impl Refusal {
         Self::NotStarted,
         Self::Teaching,
         Self::Ending,
+        Self::UnknownRequest,
+        Self::UnknownArm,
     ];
 
     /// Why, and what to do, for people.
@@ -152,6 +158,10 @@ impl Refusal {
             Self::NotStarted => "nothing was started that could be held",
             Self::Teaching => "the goal is being taught: wait, or `hold` to give that up",
             Self::Ending => "the run is ending",
+            Self::UnknownRequest => {
+                "this run knows no such request: does whoever asks run the same version of vservo?"
+            }
+            Self::UnknownArm => "this run has one arm, number 0",
         }
     }
 

@@ -1,7 +1,7 @@
 //! Requests to control and its answers: the two ends of `control/command`.
 
 use super::channel::Channel;
-use super::ports::transfer;
+use super::ports::{transfer, works};
 use super::{IpcError, Service};
 use crate::messages::{ControlAnswer, ControlCommand};
 use crate::rt::now;
@@ -36,6 +36,7 @@ impl CommandServer {
     /// # Errors
     /// When the transport fails.
     pub fn receive(&self) -> Result<Option<Asked>, IpcError> {
+        works("receiving", Channel::Command)?;
         Ok(self.0.receive().map_err(|e| transfer("receiving", Channel::Command, e))?.map(Asked))
     }
 }

@@ -21,6 +21,8 @@ mod error;
 mod instance;
 mod place;
 mod ports;
+#[cfg(test)]
+pub(crate) use ports::breakage;
 mod presence;
 mod pulse;
 mod role;

@@ -18,6 +18,39 @@ use std::time::Duration;
 type Ipc = ipc::Service;
 type PubSub<T> = PubSubFactory<Ipc, T, ()>;
 
+/// What the ports of this thread meet, where a test wants it: a service that fails.
+#[cfg(test)]
+pub(crate) mod breakage {
+    use super::Channel;
+    use std::cell::RefCell;
+
+    type Fails = Box<dyn FnMut(Channel) -> bool>;
+
+    thread_local! {
+        static FAILS: RefCell<Option<Fails>> = const { RefCell::new(None) };
+    }
+
+    /// From now on every use of a port by this thread fails for which `fails` says so.
+    pub(crate) fn set(fails: impl FnMut(Channel) -> bool + 'static) {
+        FAILS.with_borrow_mut(|f| *f = Some(Box::new(fails)));
+    }
+
+    pub(super) fn is_of(service: Channel) -> bool {
+        FAILS.with_borrow_mut(|f| f.as_mut().is_some_and(|fails| fails(service)))
+    }
+}
+
+/// Fails where a test wants it.
+#[cfg_attr(not(test), inline(always))]
+pub(super) fn works(action: &'static str, service: Channel) -> Result<(), IpcError> {
+    #[cfg(test)]
+    if breakage::is_of(service) {
+        return Err(transfer(action, service, "broken by a test"));
+    }
+    let _ = (action, service);
+    Ok(())
+}
+
 /// Wakes readers.
 #[derive(Debug)]
 pub struct Bell {
@@ -35,6 +68,7 @@ impl Bell {
     /// # Errors
     /// When the transport fails.
     pub fn ring(&self) -> Result<(), IpcError> {
+        works("waking the readers", self.service)?;
         self.port.notify().map(|_| ()).map_err(|e| transfer("waking the readers", self.service, e))
     }
 }
@@ -56,6 +90,7 @@ impl Waker {
     /// # Errors
     /// When the transport fails.
     pub fn wait(&self, longest: Duration) -> Result<(), IpcError> {
+        works("waiting", self.service)?;
         match self.port.timed_wait(|_| {}, longest) {
             // A signal ends the wait early; whoever waits looks at its stop flag next.
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
@@ -103,6 +138,7 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
     /// # Errors
     /// When the transport fails.
     pub fn send_quietly(&self, message: &T) -> Result<(), IpcError> {
+        works("sending", self.service)?;
         self.port.send_copy(*message).map(|_| ()).map_err(|e| transfer("sending", self.service, e))
     }
 
@@ -151,6 +187,7 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> QuietSender<T> {
         if !self.is_heard() {
             return Ok(());
         }
+        works("sending", self.service)?;
         self.port.send_copy(make()).map(|_| ()).map_err(|e| transfer("sending", self.service, e))
     }
 }
@@ -172,6 +209,7 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Receiver<T> {
     /// # Errors
     /// When the transport fails.
     pub fn receive(&self) -> Result<Option<T>, IpcError> {
+        works("receiving", self.service)?;
         let sample = self.port.receive().map_err(|e| transfer("receiving", self.service, e))?;
         Ok(sample.map(|s| *s))
     }

@@ -9,9 +9,9 @@ use iceoryx2::prelude::ZeroCopySend;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.ControlCommand.v1"))]
 pub struct ControlCommand {
-    /// Code of a [`crate::control::lifecycle::Request`]; 0 asks for the answer alone.
+    /// Code of a [`crate::control::lifecycle::Request`]; 0 asks for the answer alone, and every other code is refused.
     pub request: u32,
-    /// Which arm: 0.
+    /// Which arm: 0; a request for any other is refused.
     pub arm: u32,
 }
 

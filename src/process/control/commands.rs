@@ -4,14 +4,16 @@
 //! control/command ──► Commands ──ring──► real-time thread: ControlLoop::request
 //! control/command ◄── Commands ◄─ring─── its answer
 //! ```
-//! Questions for the state alone are answered here.
+//! Questions for the state alone are answered here, and requests that mean nothing are refused here.
+//!
+//! Whoever asks can do what it likes: requests that cannot be taken are counted and told, and never end a run.
 
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::trace::Trace;
-use crate::ipc::{Asked, CommandServer, IpcError};
-use crate::messages::{ControlAnswer, ControlState, MAX_JOINTS, Status, answer_flag};
+use crate::ipc::{Asked, CommandServer};
+use crate::messages::{ControlAnswer, ControlCommand, ControlState, MAX_JOINTS, Status, answer_flag};
 use std::collections::VecDeque;
-use tracing::info;
+use tracing::{info, warn};
 
 /// A request on its way to the loop.
 #[derive(Debug, Clone, Copy)]
@@ -34,6 +36,31 @@ pub(super) struct Commands {
     waiting: VecDeque<(u64, Asked)>,
     next: u64,
     standing: ControlAnswer,
+    /// Looks for a request that failed.
+    failed: u64,
+}
+
+/// What a command asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Question {
+    /// How things stand.
+    State,
+    /// Something of the loop.
+    Request(Request),
+    /// Something that no run can do.
+    Nothing(Refusal),
+}
+
+impl Question {
+    fn of(command: &ControlCommand) -> Self {
+        match (command.arm, command.request) {
+            (0, 0) => Self::State,
+            (0, code) => {
+                Request::from_code(code).map_or(Self::Nothing(Refusal::UnknownRequest), Self::Request)
+            }
+            _ => Self::Nothing(Refusal::UnknownArm),
+        }
+    }
 }
 
 impl Commands {
@@ -46,7 +73,7 @@ impl Commands {
             flags: if served { answer_flag::SERVED } else { 0 },
             ..ControlAnswer::default()
         };
-        Self { server, waiting: VecDeque::new(), next: 0, standing }
+        Self { server, waiting: VecDeque::new(), next: 0, standing, failed: 0 }
     }
 
     /// Takes in how things stand after a tick.
@@ -73,18 +100,38 @@ impl Commands {
     }
 
     /// The next request for the loop; everything else that has come is answered.
-    pub(super) fn next(&mut self) -> Result<Option<Numbered>, IpcError> {
-        while let Some(asked) = self.server.receive()? {
-            let code = asked.command().request;
-            let Some(request) = Request::from_code(code) else {
-                asked.answer(&ControlAnswer { request: code, ..self.standing });
-                continue;
+    pub(super) fn next(&mut self) -> Option<Numbered> {
+        while let Some(asked) = self.take() {
+            let command = asked.command();
+            let refusal = match Question::of(&command) {
+                Question::State => 0,
+                Question::Nothing(refusal) => refusal as u32,
+                Question::Request(request) => {
+                    self.next += 1;
+                    self.waiting.push_back((self.next, asked));
+                    return Some(Numbered { number: self.next, request });
+                }
             };
-            self.next += 1;
-            self.waiting.push_back((self.next, asked));
-            return Ok(Some(Numbered { number: self.next, request }));
+            let ControlCommand { request, arm } = command;
+            asked.answer(&ControlAnswer { request, arm, refusal, ..self.standing });
         }
-        Ok(None)
+        None
+    }
+
+    /// A command that has come. One that cannot be taken is not waited for: a client that asks again before it has heard the
+    /// answer, or that has died, has itself to blame, and the arm nothing to do with it.
+    fn take(&mut self) -> Option<Asked> {
+        match self.server.receive() {
+            Ok(asked) => asked,
+            Err(error) => {
+                self.failed += 1;
+                // Each power of two: a client that goes on so would fill the log.
+                if self.failed.is_power_of_two() {
+                    warn!(count = self.failed, "a request was not taken, the run goes on: {error}");
+                }
+                None
+            }
+        }
     }
 
     /// Hands an answer of the loop to whoever waits for it.
@@ -98,6 +145,28 @@ impl Commands {
                 Some(refusal) => info!("{word} was refused: {}", refusal.describe()),
             }
             asked.answer(&ControlAnswer { request, refusal, state: answered.state as u32, ..self.standing });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_means_nothing_is_refused() {
+        let of = |request, arm| Question::of(&ControlCommand { request, arm });
+        assert_eq!(of(0, 0), Question::State);
+        for request in Request::ALL {
+            assert_eq!(of(request as u32, 0), Question::Request(request));
+        }
+        for code in [7, 99, u32::MAX] {
+            assert_eq!(of(code, 0), Question::Nothing(Refusal::UnknownRequest), "{code}");
+        }
+        for arm in [1, 7, u32::MAX] {
+            for code in [0, Request::Stop as u32, 99] {
+                assert_eq!(of(code, arm), Question::Nothing(Refusal::UnknownArm), "{code} {arm}");
+            }
         }
     }
 }

@@ -161,12 +161,13 @@ impl DrivePorts<'_> {
         Ok(())
     }
 
-    /// Lockstep: sends what the drive core wants sent.
+    /// Lockstep: sends what the drive core wants sent, all of it: one command that does not get through keeps none back.
     pub(super) fn send(&mut self) -> Result<(), ProcessError> {
+        let mut sent = Ok(());
         while let Ok(command) = self.to_send.pop() {
-            self.send_counted(command)?;
+            sent = sent.and(self.send_counted(command));
         }
-        Ok(())
+        sent
     }
 
     fn send_counted(&mut self, command: DriveCommandMsg) -> Result<(), ProcessError> {
@@ -211,17 +212,22 @@ impl DrivePorts<'_> {
         }
     }
 
-    /// Real time: waits for a state, at most `longest`, and carries everything there is both ways.
+    /// Real time: waits for a state, at most `longest`, and carries everything there is both ways, also where one of them fails.
     pub(super) fn carry(&mut self, longest: Duration) -> Result<(), ProcessError> {
-        self.send()?;
-        self.waker.wait(longest)?;
+        let sent = self.send();
+        let waited = self.waker.wait(longest).map_err(ProcessError::from);
+        let taken = self.take_states();
+        sent.and(waited).and(taken).and(self.send())
+    }
+
+    fn take_states(&mut self) -> Result<(), ProcessError> {
         while let Some(mut state) = self.state.receive()? {
             // A drive whose clock runs ahead must not look fresh for ever.
             state.stamp = state.stamp.min(now());
             // Full only when the real-time thread has ended or stalls: it takes the newest anyway.
             self.lost_states += u64::from(self.received.push(state).is_err());
         }
-        self.send()
+        Ok(())
     }
 }
 
@@ -287,7 +293,7 @@ impl Wait {
 /// of commands that were lost on their way here.
 pub(super) fn farewell(drive: Option<DrivePorts<'_>>) -> Result<u64, ProcessError> {
     let Some(mut drive) = drive else { return Ok(0) };
-    drive.send()?;
+    let sent = drive.send();
     let lost_commands = drive.lost_commands.count();
     if lost_commands > 0 || drive.lost_states > 0 {
         warn!(
@@ -300,7 +306,7 @@ pub(super) fn farewell(drive: Option<DrivePorts<'_>>) -> Result<u64, ProcessErro
     while now() < until && drive.presence.is_there() {
         std::thread::sleep(Duration::from_millis(2));
     }
-    Ok(lost_commands)
+    sent.map(|()| lost_commands)
 }
 
 fn check(state: &DriveStateMsg, start: &DriveCommandMsg, mode: CommandMode) -> Result<(), ProcessError> {

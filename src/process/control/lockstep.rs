@@ -10,6 +10,7 @@ use super::{Listeners, Pace, Ports};
 use crate::config::Config;
 use crate::control::control_loop::ControlLoop;
 use crate::control::safety::Fault;
+use crate::drive::DriveFault;
 use crate::ipc::{Role, Spin};
 use crate::messages::{Measurement, frame_flag};
 use crate::process::STOP_REASON;
@@ -21,7 +22,7 @@ use crate::rt::now;
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
-use tracing::{info, warn};
+use tracing::{error, info, warn};
 
 /// A wait for a measurement that takes so long is worth a line.
 const TELL_AFTER: SpanNs = SpanNs(2_000_000_000);
@@ -82,36 +83,45 @@ pub(super) fn run<const N: usize>(
     let mut statistics = RunStatistics::new();
     let mut next_frame = 0;
     let mut tick = 0;
+    // The first failure of the transport: from then on nothing is waited for but the drive, and the arm comes to rest.
+    let mut broken = None;
     loop {
         let now = MonoNs(TICK.0 * tick as i64);
         // The first state came when the drive was connected.
         if let Some(drive) = &mut drive
             && tick > 0
         {
-            match drive.wait_for_state(tick, stop)? {
-                Answer::Here => {}
-                Answer::Failed(fault) => control.fail(Fault::Drive(fault)),
+            match drive.wait_for_state(tick, stop) {
+                Ok(Answer::Here) => {}
+                Ok(Answer::Failed(fault)) => control.fail(Fault::Drive(fault)),
+                Err(error) => {
+                    control.fail(Fault::Drive(DriveFault::Silent));
+                    note(&mut broken, Err(error));
+                }
             }
         }
         ports.membership.beat();
         let state = control.sense(tick, now);
         if schedule.frame_at(tick).is_some() {
             next_exposure = schedule.next_exposure_tick(tick);
-            ports.joint_state.send(&state)?;
+            note(&mut broken, ports.joint_state.send(&state));
         } else {
-            ports.joint_state.send_quietly(&state)?;
+            note(&mut broken, ports.joint_state.send_quietly(&state));
         }
-        if stop.is_requested() {
+        if stop.is_requested() || broken.is_some() {
             control.stop(STOP_REASON);
         }
-        while let Some(Numbered { number, request }) = commands.next()? {
+        while let Some(Numbered { number, request }) = commands.next() {
             let refusal = control.request(request).err();
             commands.answer(&Answered { number, refusal, state: control.controller().state().told() });
         }
         let (mut measurement, before) = (None, next_frame);
         while schedule.usable_tick(next_frame) == tick {
-            if !schedule.is_lost(next_frame) {
-                measurement = inbox.measurement_of(next_frame, ports, stop)?.or(measurement);
+            if !schedule.is_lost(next_frame) && broken.is_none() {
+                match inbox.measurement_of(next_frame, ports, stop) {
+                    Ok(here) => measurement = here.or(measurement),
+                    Err(error) => note(&mut broken, Err(error)),
+                }
             }
             next_frame += 1;
         }
@@ -121,28 +131,39 @@ pub(super) fn run<const N: usize>(
         // From here to the next frame nothing is waited for: the camera may wake up meanwhile.
         let ahead = next_exposure - tick;
         if ahead == WAKE_AHEAD || (ahead < WAKE_AHEAD && next_frame > before) {
-            ports.joint_state.ring()?;
+            note(&mut broken, ports.joint_state.ring());
         }
         if let Some(m) = &measurement {
             listeners.note_measurement(m);
         }
         let mut trace = control.act(tick, now, measurement.as_ref());
         control.commanded(now, &mut trace);
-        ports.trace.send(|| trace.record())?;
+        note(&mut broken, ports.trace.send(|| trace.record()));
         statistics.note(&trace);
         listeners.note(&trace);
         commands.note(&trace);
         if let Some(drive) = &mut drive {
-            drive.send()?;
+            note(&mut broken, drive.send());
         }
         if let Some(status) = &trace.status {
-            ports.status.send_quietly(status)?;
+            note(&mut broken, ports.status.send_quietly(status));
         }
         if let Some(finish) = trace.finish {
-            external_drive::farewell(drive)?;
-            return Ok((control, statistics, Pace::without_deadlines(finish)));
+            let said = external_drive::farewell(drive);
+            return match broken {
+                Some(error) => Err(error),
+                None => said.map(|_| (control, statistics, Pace::without_deadlines(finish))),
+            };
         }
         tick += 1;
+    }
+}
+
+/// Keeps the first failure, and tells it.
+fn note<E: Into<ProcessError>>(broken: &mut Option<ProcessError>, result: Result<(), E>) {
+    if let (Err(error), None) = (result.map_err(Into::into), &broken) {
+        error!("{error}: the arm is brought to rest, then the run ends");
+        *broken = Some(error);
     }
 }
 

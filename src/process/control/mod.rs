@@ -1,6 +1,8 @@
 //! The control process. In real time a FIFO thread ticks and never touches shared memory, while a companion thread
 //! carries measurements in and records out; in lockstep one thread does both, because its time is simulated.
 
+#[cfg(test)]
+mod broken_services;
 mod camera_watch;
 mod commands;
 mod deadlines;

@@ -17,6 +17,7 @@ use crate::config::raw::RealtimePolicy;
 use crate::config::{Config, RealtimeRequest};
 use crate::control::control_loop::ControlLoop;
 use crate::control::trace::Trace;
+use crate::ipc::IpcError;
 use crate::messages::Measurement;
 use crate::process::priority::Rank;
 use crate::process::silence::Silence;
@@ -41,6 +42,8 @@ const REQUESTS: usize = 16;
 const COMPANION_PERIOD: Duration = Duration::from_millis(1);
 /// With an external drive its states wake the companion; nobody wakes it for a command, so it looks more often.
 const COMPANION_PERIOD_WITH_DRIVE: Duration = Duration::from_micros(200);
+/// Between two tries of what has failed; a fifth of a tick, as with a drive.
+const PAUSE_WHEN_BROKEN: Duration = COMPANION_PERIOD_WITH_DRIVE;
 /// Measurements that stay away for so long are worth a line.
 const TELL_AFTER: SpanNs = SpanNs(3_000_000_000);
 
@@ -114,28 +117,28 @@ pub(super) fn run<const N: usize>(
     let mut broken = None;
     while !thread.is_finished() {
         ports.membership.beat();
-        let carried = match &broken {
-            None => companion.carry().and_then(|()| match &mut drive {
-                Some(drive) => drive.carry(COMPANION_PERIOD_WITH_DRIVE),
-                None => Ok(ports.waker.wait(COMPANION_PERIOD)?),
-            }),
-            Some(_) => {
-                std::thread::sleep(COMPANION_PERIOD);
-                Ok(())
-            }
+        let carried = companion.carry();
+        let waited = match &mut drive {
+            Some(drive) => drive.carry(COMPANION_PERIOD_WITH_DRIVE),
+            None => ports.waker.wait(COMPANION_PERIOD).map_err(ProcessError::from),
         };
-        // Without messages the run cannot go on; but the arm comes to rest first, and only then the process ends.
-        if let Err(error) = carried {
-            error!("{error}: the arm is stopped");
+        let Err(error) = carried.and(waited) else { continue };
+        // Without messages the run cannot go on. The arm comes to rest first, for which all that still gets through is carried
+        // on: an external drive hears the braking to its end.
+        if broken.is_none() {
+            error!("{error}: the arm is brought to rest, then the run ends");
             halt.request();
             broken = Some(error);
         }
+        std::thread::sleep(PAUSE_WHEN_BROKEN); // what fails may not have waited
     }
+    let carried = companion.carry();
+    let lost_commands = external_drive::farewell(drive);
     if let Some(error) = broken {
         return Err(error);
     }
-    companion.carry()?;
-    let lost_commands = external_drive::farewell(drive)?;
+    carried?;
+    let lost_commands = lost_commands?;
     if companion.unsent > 0 {
         warn!(count = companion.unsent, "measurements came faster than control took them");
     }
@@ -193,7 +196,23 @@ struct Companion<'a, const N: usize> {
 }
 
 impl<const N: usize> Companion<'_, N> {
+    /// Carries everything there is, also where one service fails; gives the first failure.
     fn carry(&mut self) -> Result<(), ProcessError> {
+        let measured = self.take_measurements();
+        let looked = self.look_at_cameras();
+        let told = self.send_records();
+        while let Ok(answered) = self.answered.pop() {
+            self.commands.answer(&answered);
+        }
+        while self.asked.slots() > 0
+            && let Some(request) = self.commands.next()
+        {
+            let _ = self.asked.push(request); // there is room
+        }
+        Ok(measured.and(looked).and(told)?)
+    }
+
+    fn take_measurements(&mut self) -> Result<(), IpcError> {
         while let Some(measurement) = self.ports.measurements.receive()? {
             self.silence = Some(Silence::begin(rt::now()));
             self.listeners.note_measurement(&measurement);
@@ -201,15 +220,25 @@ impl<const N: usize> Companion<'_, N> {
                 self.unsent += 1;
             }
         }
+        Ok(())
+    }
+
+    fn look_at_cameras(&mut self) -> Result<(), IpcError> {
         if let Some(event) = self.camera.look()? {
             self.statistics.note_event(rt::now(), event);
         }
+        Ok(())
+    }
+
+    fn send_records(&mut self) -> Result<(), IpcError> {
+        let mut sent = Ok(());
         while let Ok(record) = self.to_send.pop() {
             self.statistics.note(&record);
             self.commands.note(&record);
             self.listeners.note(&record);
-            self.ports.joint_state.send_quietly(&record.joint_state)?;
-            self.ports.trace.send(|| record.record())?;
+            sent = sent
+                .and(self.ports.joint_state.send_quietly(&record.joint_state))
+                .and(self.ports.trace.send(|| record.record()));
             if self.silence.as_mut().is_some_and(|silence| silence.look(rt::now()) > TELL_AFTER) {
                 warn!(
                     "no measurement for {:.0} s: the arm holds; do camera and vision run?",
@@ -220,17 +249,9 @@ impl<const N: usize> Companion<'_, N> {
             if let Some(status) = &record.status {
                 let status = self.camera.added_to(status);
                 self.commands.note_camera(&status);
-                self.ports.status.send_quietly(&status)?;
+                sent = sent.and(self.ports.status.send_quietly(&status));
             }
         }
-        while let Ok(answered) = self.answered.pop() {
-            self.commands.answer(&answered);
-        }
-        while self.asked.slots() > 0
-            && let Some(request) = self.commands.next()?
-        {
-            let _ = self.asked.push(request); // there is room
-        }
-        Ok(())
+        sent
     }
 }
