@@ -2,7 +2,7 @@
 """Reference trajectories of the comparison of Sect. 10.9 and Example 10.6, independent of the Rust sources.
 
 Written from the textbook's equations, with the arm's dynamics in closed form, dense matrices from numpy and nothing
-shared with the program. `tests/experiments.rs` holds the program's CSV files against the tables that this writes:
+shared with the program. `tests/processes/experiments.rs` holds the program's CSV files against the tables that this writes:
 
     python3 tools/comparison_reference.py tests/fixtures/comparison            # every 40 ms
     python3 tools/comparison_reference.py OUT --step-ms 1                      # the whole grid

@@ -6,7 +6,7 @@
     venv/bin/python tools/robot_fixtures.py chains    # tests/fixtures/robot/chain_*.{urdf,toml}
     venv/bin/python tools/robot_fixtures.py tables    # tests/fixtures/robot/*.f64
 
-A table is little-endian f64 without a header, one row per state (tests/robot_fixtures.rs reads it):
+A table is little-endian f64 without a header, one row per state (tests/cores/robot_fixtures.rs reads it):
 
     p_BE (3), R_BE (9, row by row), J (6 N, row by row, [v; w] in B), tau of inverse dynamics (N),
     B(q) (lower triangle, row by row), qdd of forward dynamics (N)

@@ -1,5 +1,5 @@
 //! The textbook's closed forms and the damped inverse. Consistency of the algorithms with each other, on every shipped
-//! robot, is in tests/robot_consistency.rs.
+//! robot, is in tests/cores/robot_consistency.rs.
 
 use super::*;
 use crate::geometry::rotation_z;

@@ -2,7 +2,7 @@
 //! and all together, in every run file. The short campaign runs with all tests; the long one by
 //!
 //! ```text
-//! cargo test --release --test arm_unlike_model -- --ignored --nocapture
+//! cargo test --release --test cores arm_unlike_model -- --ignored --nocapture
 //! VSERVO_CAMPAIGN_DRAWS=40 VSERVO_CAMPAIGN_FILES=panda,xarm7 ...
 //! ```
 

@@ -1,7 +1,7 @@
 //! A hostile drive and hostile measurements: whatever they report, no command passes a limit, none is no number, and every run
 //! ends with a reason.
 //!
-//! `VSERVO_CAMPAIGN=10000 cargo test --release --test hostile` runs so many seeds of each; without it some.
+//! `VSERVO_CAMPAIGN=10000 cargo test --release --test cores hostile` runs so many seeds of each; without it some.
 
 #![allow(non_snake_case, clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 
@@ -184,8 +184,8 @@ fn campaign(see: bool) {
 }
 
 /// A served run: a camera at 500 Hz before a target that swings and leaps, views that are lost and come back while the arm brakes,
-/// requests at random moments, faults that are reset, and sometimes a hostile drive, a joint that jams, or a mount of the camera that is
-/// another's. Every command of it.
+/// requests at random moments, faults that are reset, and sometimes a hostile drive or a joint that
+/// jams. Every command of it.
 fn turmoil<const N: usize>(config: &Config, robot: &Robot<N>, seed: u64) -> Vec<DriveCommand<N>> {
     let mut random = Random::new(seed);
     let mut plant = Plant::new(config, robot, SVector::zeros());
