@@ -76,7 +76,7 @@ impl Cell {
         let _camera = services.frame_sender(CameraId::FIRST, frame_shape(&self.config)).unwrap();
         let vision = services.measurement_sender(CameraId::FIRST).unwrap();
         let _listener = services.trace_receiver().unwrap(); // where nobody listens nothing is sent
-        let schedule = self.config.camera.schedule.clone();
+        let schedule = self.config.camera.schedule;
         let mut heard = rt::now();
         while !self.record.last && rt::now() - heard < SpanNs(10_000_000_000) {
             waker.wait(Duration::from_millis(5)).unwrap();
