@@ -34,7 +34,7 @@ use crate::experiment;
 use crate::input::{nearest, printable};
 use crate::ipc::{Instance, Role};
 use crate::messages::CameraId;
-use crate::process::{self, ProcessError, ReportFolder, StopFlag, run_report, supervisor};
+use crate::process::{self, NewReport, ProcessError, ReportFolder, StopFlag, run_report, supervisor};
 use crate::report::summary::Summary;
 use crate::rt::{self, doctor, print, tell};
 use clap::{CommandFactory, Parser};
@@ -211,24 +211,24 @@ fn run(
         check_writable(path)?;
     }
     let (folder, words) = report.unzip();
-    let folder = folder.map(ReportFolder::check).transpose()?;
-    let end = supervisor::run(&config, &instance, &stop, folder.as_ref())?;
+    let report = folder.map(NewReport::begin).transpose()?;
+    let end = supervisor::run(&config, &instance, &stop, report.as_ref().map(NewReport::folder))?;
     let exit_code = shown(&end.summary.to_text(), end.exit_code);
     let exit_code = write_summary(summary, &end.summary, exit_code);
     let command = repeat::command(&["run"], cell, &words.unwrap_or_default(), &end.summary);
-    Ok(write_report(folder.as_ref(), &config, &end.summary, command, exit_code))
+    Ok(write_report(report, &config, &end.summary, command, exit_code))
 }
 
 /// Makes the page of a run, where a folder was named for it. The exit code, as for other results that cannot be written.
 fn write_report(
-    folder: Option<&ReportFolder>,
+    report: Option<NewReport>,
     config: &Config,
     summary: &Summary,
     command: String,
     exit_code: u8,
 ) -> u8 {
-    let Some(folder) = folder else { return exit_code };
-    match run_report::write(folder, config, summary, &[command]) {
+    let Some(report) = report else { return exit_code };
+    match run_report::write(report, config, summary, &[command]) {
         Ok(page) => {
             tell(format_args!("report: {}", printable(&page.display().to_string())));
             exit_code

@@ -24,7 +24,9 @@ pub fn read(path: &Path, largest: u64) -> Result<String> {
     regular(std::fs::metadata(path)?)?;
     let file: File =
         OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY).open(path)?;
-    regular(file.metadata()?)?;
+    let found = file.metadata()?;
+    super::used::note(&found);
+    regular(found)?;
     let mut bytes = Vec::new();
     file.take(largest + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > largest {

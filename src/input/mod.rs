@@ -4,6 +4,7 @@ pub mod file;
 mod nearest;
 mod printable;
 mod shell;
+pub mod used;
 
 pub use nearest::nearest;
 pub use printable::{number, printable};

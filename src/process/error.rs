@@ -6,6 +6,7 @@ use crate::experiment::ExperimentError;
 use crate::input::printable;
 use crate::ipc::{InstanceError, IpcError};
 use crate::robot::RobotError;
+use crate::rt::IsRead;
 use crate::rt::SchedulingError;
 use crate::source::SourceError;
 use std::path::PathBuf;
@@ -158,9 +159,16 @@ pub enum ProcessError {
     Write {
         /// The file.
         path: PathBuf,
-        /// The system's word for it.
+        /// The system's word for it, or [`IsRead`].
         cause: std::io::Error,
     },
+    /// A report was asked for in a folder of something else.
+    #[error(
+        "{path} holds files and no report of vservo, and is left alone: name a folder that is new or empty, or one with an earlier \
+         report",
+        path = .0.display()
+    )]
+    NoReport(PathBuf),
     /// A thread or a child process cannot be started.
     #[error("cannot start {what}: {cause}")]
     Start {
@@ -196,6 +204,7 @@ impl ProcessError {
         match self {
             Self::Experiment(error) => error.exit_code(),
             Self::Source(error) if error.is_internal() => 1,
+            Self::Write { cause, .. } if IsRead::is_cause_of(cause) => 2,
             Self::CameraAway { .. } => 4,
             Self::Config(_)
             | Self::Source(_)
@@ -211,7 +220,11 @@ impl ProcessError {
             | Self::DriveAbsent { .. }
             | Self::DriveProgram { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
-            Self::Timeout(_) | Self::ProbeDuration(_) | Self::OddImages(_) | Self::NoCommand(_) => 2,
+            Self::Timeout(_)
+            | Self::ProbeDuration(_)
+            | Self::OddImages(_)
+            | Self::NoCommand(_)
+            | Self::NoReport(_) => 2,
             Self::NoFrame { .. }
             | Self::NothingTaught { .. }
             | Self::NobodyThere(_)

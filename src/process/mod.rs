@@ -19,7 +19,7 @@ pub mod vision;
 
 pub use error::ProcessError;
 pub use membership::Membership;
-pub use report_folder::ReportFolder;
+pub use report_folder::{NewReport, ReportFolder};
 pub use signals::follow_parent;
 use stop::STOP_REASON;
 pub use stop::StopFlag;

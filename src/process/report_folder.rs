@@ -1,8 +1,14 @@
 //! The folder of a run's report: what is in it, and that it can be written, which is found out before the run.
+//!
+//! ```text
+//! DIR/.vservo-report-PID.tmp/ ◄─ control, vision, supervisor write ─► the run is over, the page is made: each file is renamed into DIR
+//! ```
 
 use super::ProcessError;
+use crate::report::page::GENERATOR;
 use crate::rt;
-use std::io::ErrorKind;
+use std::fs::File;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// The page that people open.
@@ -27,34 +33,133 @@ pub(super) const CONFIG: &str = "config.toml";
 pub(super) const SUMMARY: &str = "summary.json";
 
 const FILES: [&str; 10] = [PAGE, TRACE, MEASUREMENTS, GOAL, POSES, FRAMES, EVENTS, TICKS, CONFIG, SUMMARY];
+/// The folder in which a report is made has this name around the number of the process that makes it.
+const WORK: &str = ".vservo-report-";
+const WORK_END: &str = ".tmp";
 /// Longest file of a report that is read back, bytes.
 const LONGEST: u64 = 512 << 20;
 
-/// A folder for the report of a run.
+/// The folder in which the files of a report are made.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReportFolder(PathBuf);
 
-impl ReportFolder {
-    /// Makes `path` a folder where there is none, and finds out whether files can be made in it.
+/// A report on its way: made in a folder within the one that was asked for, and put into its place when it is whole. Until then, and
+/// when it never is, an earlier report stays as it was.
+#[derive(Debug)]
+pub struct NewReport {
+    target: PathBuf,
+    /// The folder that was asked for was not there before.
+    is_new: bool,
+    folder: ReportFolder,
+}
+
+impl NewReport {
+    /// Finds out before the run whether a report can be made in `path`, which is a folder that is new, empty or has an earlier
+    /// report, or a link to one.
     ///
     /// # Errors
-    /// [`ProcessError::Write`] for a file of that name, or where nothing can be written.
-    pub fn check(path: &Path) -> Result<Self, ProcessError> {
+    /// [`ProcessError::NoReport`] for a folder of something else; [`ProcessError::Write`] for a file of that name, or where
+    /// nothing can be written.
+    pub fn begin(path: &Path) -> Result<Self, ProcessError> {
         let failed = |cause| ProcessError::Write { path: path.into(), cause };
         let path_is_taken = path.symlink_metadata().is_ok() && !path.is_dir();
         if path_is_taken {
             return Err(failed(ErrorKind::NotADirectory.into()));
         }
-        std::fs::create_dir_all(path).map_err(failed)?;
         // The children have other working directories, as far as anybody knows.
-        let folder = Self(std::path::absolute(path).map_err(failed)?);
+        let target = std::path::absolute(path).map_err(failed)?;
+        let is_new = !target.exists();
+        std::fs::create_dir_all(&target).map_err(failed)?;
+        let mut holds_files = false;
+        for entry in std::fs::read_dir(&target).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            match maker(&entry.file_name().to_string_lossy()) {
+                Some(pid) if !Path::new("/proc").join(pid).exists() => {
+                    let _ = std::fs::remove_dir_all(entry.path()); // of a run that was killed
+                }
+                Some(_) => {}
+                None => holds_files = true,
+            }
+        }
+        if holds_files && !is_report(&target) {
+            return Err(ProcessError::NoReport(path.into()));
+        }
         for file in FILES {
-            let path = folder.0.join(file);
+            let path = target.join(file);
             rt::check_writable(&path).map_err(|cause| ProcessError::Write { path, cause })?;
         }
-        Ok(folder)
+        let work = target.join(format!("{WORK}{}{WORK_END}", std::process::id()));
+        std::fs::create_dir(&work).map_err(failed)?;
+        Ok(Self { target, is_new, folder: ReportFolder(work) })
     }
 
+    /// Where its files are made.
+    #[must_use]
+    pub fn folder(&self) -> &ReportFolder {
+        &self.folder
+    }
+
+    /// Where it will be.
+    #[must_use]
+    pub fn target(&self) -> &Path {
+        &self.target
+    }
+
+    /// Whether there is an earlier one in its place.
+    #[must_use]
+    pub fn replaces(&self) -> bool {
+        self.target.join(PAGE).exists()
+    }
+
+    /// Puts the report into its place. What of an earlier one has no successor goes, so that no page shows two runs; all else in
+    /// the folder stays. Where the page is.
+    ///
+    /// # Errors
+    /// [`ProcessError::Write`].
+    pub fn publish(self) -> Result<PathBuf, ProcessError> {
+        let failed = |path: &Path, cause| ProcessError::Write { path: path.into(), cause };
+        let names = |folder: &Path| -> Result<Vec<_>, ProcessError> {
+            let entries = std::fs::read_dir(folder).map_err(|e| failed(folder, e))?;
+            Ok(entries.flatten().map(|entry| entry.file_name()).collect())
+        };
+        let made = names(&self.folder.0)?;
+        for name in &made {
+            let path = self.target.join(name);
+            std::fs::rename(self.folder.0.join(name), &path).map_err(|e| failed(&path, e))?;
+        }
+        for name in names(&self.target)? {
+            let text = name.to_string_lossy();
+            if !made.contains(&name) && (FILES.contains(&text.as_ref()) || is_picture(&text)) {
+                let path = self.target.join(&name);
+                std::fs::remove_file(&path).map_err(|e| failed(&path, e))?;
+            }
+        }
+        Ok(self.target.join(PAGE))
+    }
+}
+
+impl Drop for NewReport {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.folder.0);
+        if self.is_new {
+            let _ = std::fs::remove_dir(&self.target); // empty, where nothing was published
+        }
+    }
+}
+
+/// The process that makes a report in a folder of this name.
+fn maker(name: &str) -> Option<&str> {
+    name.strip_prefix(WORK)?.strip_suffix(WORK_END)
+}
+
+/// Whether the page in this folder is one of this program.
+fn is_report(folder: &Path) -> bool {
+    let mut head = [0; 512];
+    let read = File::open(folder.join(PAGE)).and_then(|mut page| page.read(&mut head));
+    read.is_ok_and(|n| String::from_utf8_lossy(head.get(..n).unwrap_or_default()).contains(GENERATOR))
+}
+
+impl ReportFolder {
     /// The folder that a supervisor has checked.
     #[must_use]
     pub fn of_run(path: &Path) -> Self {
@@ -65,26 +170,6 @@ impl ReportFolder {
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.0
-    }
-
-    /// Removes what an earlier report left, and nothing else: a page must not show two runs.
-    ///
-    /// # Errors
-    /// [`ProcessError::Write`].
-    pub(super) fn clear(&self) -> Result<(), ProcessError> {
-        let failed = |path: &Path, cause| ProcessError::Write { path: path.into(), cause };
-        let entries = std::fs::read_dir(&self.0).map_err(|e| failed(&self.0, e))?;
-        for entry in entries.flatten() {
-            let name = entry.file_name();
-            let name = name.to_string_lossy();
-            if FILES.contains(&name.as_ref()) || is_picture(&name) {
-                match std::fs::remove_file(entry.path()) {
-                    Err(e) if e.kind() != ErrorKind::NotFound => return Err(failed(&entry.path(), e)),
-                    _ => {}
-                }
-            }
-        }
-        Ok(())
     }
 
     /// Writes a file of the report; where it is.
@@ -119,22 +204,57 @@ fn is_picture(name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::page::document;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(folder).unwrap();
+        let mut names: Vec<_> =
+            entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
 
     #[test]
-    fn only_the_files_of_a_report_are_removed() {
+    fn a_report_takes_the_place_of_an_earlier_one_when_it_is_whole() {
         let folder = tempfile::tempdir().unwrap();
-        let names = ["index.html", "frame-lost-000012.png", "frame-mine.png", "notes.txt"];
-        for name in names {
-            std::fs::write(folder.path().join(name), name).unwrap();
+        for name in ["frame-lost-000012.png", "frame-mine.png", "notes.txt", "trace.csv"] {
+            std::fs::write(folder.path().join(name), "old").unwrap();
         }
-        let report = ReportFolder::check(folder.path()).unwrap();
-        report.clear().unwrap();
-        let mut left: Vec<_> =
-            std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
-        left.sort();
-        assert_eq!(left, ["frame-mine.png", "notes.txt"]);
-        assert_eq!(report.read("notes.txt").unwrap(), b"notes.txt");
-        assert_eq!(report.read("index.html"), None);
+        std::fs::write(folder.path().join(PAGE), document("old", "", &[])).unwrap();
+        let before = names(folder.path());
+        let given_up = NewReport::begin(folder.path()).unwrap();
+        given_up.folder().write(TRACE, "new").unwrap();
+        drop(given_up);
+        assert_eq!(names(folder.path()), before);
+        assert_eq!(std::fs::read_to_string(folder.path().join(TRACE)).unwrap(), "old");
+        let report = NewReport::begin(folder.path()).unwrap();
+        for name in [PAGE, TRACE, "frame-first-000000.png"] {
+            report.folder().write(name, "new").unwrap();
+        }
+        assert_eq!(report.folder().read(TRACE).unwrap(), b"new");
+        report.publish().unwrap();
+        let after = ["frame-first-000000.png", "frame-mine.png", PAGE, "notes.txt", TRACE];
+        assert_eq!(names(folder.path()), after);
+        assert_eq!(std::fs::read_to_string(folder.path().join(TRACE)).unwrap(), "new");
+        assert_eq!(std::fs::read_to_string(folder.path().join("notes.txt")).unwrap(), "old");
+    }
+
+    #[test]
+    fn a_folder_of_something_else_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, text) in [(TRACE, "theirs"), (PAGE, "<html>theirs</html>")] {
+            std::fs::write(folder.path().join(name), text).unwrap();
+            let refusal = NewReport::begin(folder.path()).unwrap_err();
+            assert!(matches!(refusal, ProcessError::NoReport(_)) && refusal.exit_code() == 2, "{refusal}");
+            assert_eq!(std::fs::read_to_string(folder.path().join(name)).unwrap(), text);
+        }
+        let left = folder.path().join(format!("{WORK}4000000000{WORK_END}")); // no process has this number
+        let killed = tempfile::tempdir_in(folder.path()).unwrap();
+        std::fs::rename(killed.path(), &left).unwrap();
+        std::fs::remove_file(folder.path().join(TRACE)).unwrap();
+        std::fs::remove_file(folder.path().join(PAGE)).unwrap();
+        drop(NewReport::begin(folder.path()).unwrap());
+        assert_eq!(names(folder.path()), Vec::<String>::new(), "what a killed run left is gone");
     }
 
     #[test]
@@ -143,11 +263,11 @@ mod tests {
         let file = folder.path().join("file");
         std::fs::write(&file, "x").unwrap();
         for path in [file.clone(), file.join("below"), PathBuf::from("/proc/nothing/here")] {
-            let error = ReportFolder::check(&path).unwrap_err();
+            let error = NewReport::begin(&path).unwrap_err();
             assert_eq!(error.exit_code(), 3, "{error}");
         }
         let deep = folder.path().join("a/b");
-        assert!(ReportFolder::check(&deep).unwrap().path().is_dir());
-        assert_eq!(std::fs::read_dir(&deep).unwrap().count(), 0, "no trace of the attempt");
+        assert!(NewReport::begin(&deep).unwrap().folder().path().is_dir());
+        assert!(!deep.exists(), "no trace of the attempt");
     }
 }

@@ -1,7 +1,7 @@
 //! The report of a run: gathers what control and vision left in its folder, and makes the page.
 
 use super::report_folder::{CONFIG, EVENTS, FRAMES, GOAL, MEASUREMENTS, PAGE, POSES, SUMMARY, TICKS, TRACE};
-use super::{ProcessError, ReportFolder};
+use super::{NewReport, ProcessError, ReportFolder};
 use crate::config::Config;
 use crate::config::raw::Clock;
 use crate::control::outcome::Outcome;
@@ -16,7 +16,7 @@ use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, GrayImage, ImageEncoder};
 use std::fmt::Write;
 use std::io::ErrorKind;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Pictures in the page are no wider; the files beside it are whole.
 const WIDEST_PX: u32 = 1280;
@@ -30,11 +30,12 @@ const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// # Errors
 /// When a file cannot be written, or one that control or vision should have left is not there: after the page was made of the rest.
 pub fn write(
-    folder: &ReportFolder,
+    report: NewReport,
     config: &Config,
     summary: &Summary,
     commands: &[String],
 ) -> Result<PathBuf, ProcessError> {
+    let folder = report.folder();
     folder.write(CONFIG, config.to_toml()?)?;
     let json = serde_json::to_string_pretty(summary).unwrap_or_default() + "\n";
     folder.write(SUMMARY, json)?;
@@ -57,13 +58,17 @@ pub fn write(
         ..described(config, summary, commands)
     };
     let pictures = pictures(folder, &record.frames);
-    let page = folder.write(PAGE, run_page(&RunRecord { pictures, ..record }))?;
-    match missing.first() {
-        // A run that was over before it began has nothing to show.
-        Some(name) if summary.ticks > 0 => {
-            Err(ProcessError::Write { path: folder.path().join(name), cause: ErrorKind::NotFound.into() })
-        }
-        _ => Ok(page),
+    folder.write(PAGE, run_page(&RunRecord { pictures, ..record }))?;
+    // A run that was over before it began has nothing to show.
+    let Some(name) = missing.first().filter(|_| summary.ticks > 0) else { return report.publish() };
+    let absent = |folder: &Path| {
+        Err(ProcessError::Write { path: folder.join(name), cause: ErrorKind::NotFound.into() })
+    };
+    // What is there of it is better than nothing, and worse than an earlier report that is whole.
+    if report.replaces() {
+        absent(report.target())
+    } else {
+        absent(report.publish()?.with_file_name("").as_path())
     }
 }
 

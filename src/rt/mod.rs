@@ -20,4 +20,4 @@ pub use prefault::{page_faults, prefault};
 pub use scheduling::{
     Awake, Obtained, SchedulingError, USUAL_SPIN, prepare_process, prepare_thread, spin_before_deadlines,
 };
-pub use write_file::{check_writable, write_file};
+pub use write_file::{IsRead, check_writable, write_file};

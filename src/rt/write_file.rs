@@ -5,15 +5,31 @@
 //! anything else (/dev/stdout, a pipe) ─────► written directly
 //! ```
 //! A link stays and what it leads to is replaced. Where a file may be written but nothing beside it, it is written in place.
+//! What this program has read is not written at all.
 
+use crate::input::used;
 use rustix::fs::{AtFlags, Mode, OFlags, fchmod, fchown, fstat, open, statat};
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
+use thiserror::Error;
 
 const LONGEST_CHAIN: usize = 40;
+
+/// The file is one that this program has read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[error("it is read by this command, and would be lost")]
+pub struct IsRead;
+
+impl IsRead {
+    /// Whether this is why something was not written.
+    #[must_use]
+    pub fn is_cause_of(error: &io::Error) -> bool {
+        error.get_ref().is_some_and(|inner| inner.is::<Self>())
+    }
+}
 
 /// How a path is to be written.
 enum Way {
@@ -65,6 +81,9 @@ fn way(path: &Path) -> io::Result<Way> {
     let target = resolve(path)?;
     match std::fs::metadata(&target) {
         Ok(found) if found.is_dir() => Err(ErrorKind::IsADirectory.into()),
+        Ok(found) if found.is_file() && used::is_used(&found) => {
+            Err(io::Error::new(ErrorKind::InvalidInput, IsRead))
+        }
         // A plain file that is our stdout or stderr is not exchanged: the rest of the output goes there.
         Ok(found) if !found.is_file() || is_output(found.dev(), found.ino()) => Ok(Way::Directly(target)),
         Ok(_) if is_descriptor(&target) => Ok(Way::Directly(target)),
@@ -88,9 +107,12 @@ fn resolve(path: &Path) -> io::Result<PathBuf> {
     Err(rustix::io::Errno::LOOP.into())
 }
 
-/// `/dev/stdout`, `/dev/fd/3`, `/proc/self/fd/3`.
+/// `/dev/stdout`, `/dev/fd/3`, `/proc/self/fd/3`. Elsewhere below `/dev`, as in `/dev/shm`, files are files.
 fn is_descriptor(path: &Path) -> bool {
-    path.starts_with("/dev") || path.starts_with("/proc")
+    let streams = ["/dev/stdin", "/dev/stdout", "/dev/stderr"];
+    streams.iter().any(|stream| path == Path::new(stream))
+        || path.starts_with("/dev/fd")
+        || path.starts_with("/proc")
 }
 
 fn is_output(device: u64, inode: u64) -> bool {
@@ -233,6 +255,34 @@ mod tests {
         symlink("new", folder.path().join("dangling")).unwrap();
         write_file(&folder.path().join("dangling"), "y").unwrap();
         assert_eq!(std::fs::read_to_string(folder.path().join("new")).unwrap(), "y");
+    }
+
+    #[test]
+    fn what_was_read_is_not_written_under_any_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let [file, link, hard] = ["in.toml", "link", "hard"].map(|name| folder.path().join(name));
+        std::fs::write(&file, "a = 1").unwrap();
+        symlink("in.toml", &link).unwrap();
+        std::fs::hard_link(&file, &hard).unwrap();
+        check_writable(&file).unwrap();
+        crate::input::file::read(&file, 100).unwrap();
+        for path in [&file, &link, &hard] {
+            let refusals = [check_writable(path).unwrap_err(), write_file(path, "x").unwrap_err()];
+            assert!(refusals.iter().all(IsRead::is_cause_of), "{}: {refusals:?}", path.display());
+        }
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "a = 1");
+        write_file(&folder.path().join("other"), "x").unwrap();
+    }
+
+    #[test]
+    fn new_files_below_dev_are_files() {
+        let folder = tempfile::tempdir_in("/dev/shm").unwrap();
+        let file = folder.path().join("new.json");
+        check_writable(&file).unwrap();
+        write_file(&file, "one").unwrap();
+        write_file(&file, "two").unwrap();
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "two");
+        assert_eq!(names(folder.path()), ["new.json"]);
     }
 
     #[test]

@@ -111,6 +111,7 @@ fn open(path: &Path, size: Size) -> Result<File, SourceError> {
     let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32;
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path).map_err(failed)?;
     let found = file.metadata().map_err(failed)?;
+    crate::input::used::note(&found);
     plain(path, found.file_type())?; // another may have come to this path in between
     check_length(path, found.len(), size)?;
     Ok(file)

@@ -158,9 +158,11 @@ fn a_lockstep_run_leaves_a_page_and_its_data_and_is_the_same_run() {
 #[test]
 fn a_lost_target_is_shown_and_only_an_old_report_is_replaced() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["frame-lost-000999.png", "index.html", "notes.txt", "frame-mine.png"] {
+    for name in ["frame-lost-000999.png", "notes.txt", "frame-mine.png"] {
         std::fs::write(folder.path().join(name), "old").unwrap();
     }
+    let old = "<html><head><meta name=\"generator\" content=\"vservo\"></head>an earlier report</html>";
+    std::fs::write(folder.path().join("index.html"), old).unwrap();
     let instance = Instance::new("reportlost");
     let sheet = ["from_s=0.3", "until_s=0.6", "size_m=[0.3, 0.3]"].map(|s| format!("scene.occluder.{s}"));
     let output = vservo()
@@ -251,6 +253,30 @@ fn a_folder_that_cannot_be_is_refused_before_the_start() {
         assert!(err.contains("cannot be written") && output.stdout.is_empty(), "nothing has started: {err}");
     }
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
+}
+
+/// Neither the run file nor anything else that lies in the folder is touched; nor does the run begin.
+#[test]
+fn a_folder_of_something_else_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let theirs = [
+        ("cell.toml", "[run]\nclock = \"lockstep\"\n"),
+        ("trace.csv", "theirs"),
+        ("frame-first-000000.png", "x"),
+    ];
+    for (name, text) in theirs {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    let instance = Instance::new("reporttheirs");
+    let arguments = ["run", "cell.toml", "--instance", &instance.name, "--report", "."];
+    let output = vservo().args(arguments).current_dir(folder.path()).output().unwrap();
+    let err = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{err}");
+    assert!(err.contains("holds files and no report of vservo") && output.stdout.is_empty(), "{err}");
+    for (name, text) in theirs {
+        assert_eq!(std::fs::read_to_string(folder.path().join(name)).unwrap(), text);
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), theirs.len());
 }
 
 /// A disk that is full when the report is to be written: told, and the run is what it would be.

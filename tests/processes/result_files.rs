@@ -102,3 +102,36 @@ fn an_experiment_leaves_no_half_file_on_a_full_disk() {
     assert!(out.starts_with("example-10-1\n  ") && out.contains("code 3\n0\n"), "{out}{err}");
     assert!(err.contains("cannot be written: No space left"), "{err}");
 }
+
+/// A result never takes the place of what it was made of, whatever command, name or link leads there.
+#[test]
+fn no_command_writes_over_what_it_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let vservo = |arguments: &[&str]| {
+        let instance = Instance::new("inputs");
+        let own = if arguments[0] == "run" { vec!["--instance", &instance.name] } else { vec![] };
+        let output = vservo().args(arguments).args(own).current_dir(folder.path()).output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, err) = vservo(&["target", "four_dots:0.1", "--out", "dots.png"]);
+    assert_eq!(code, Some(0), "{err}");
+    std::fs::write(folder.path().join("cell.toml"), "[run]\nclock = \"lockstep\"\n").unwrap();
+    for link in ["link.toml", "shot.png"] {
+        std::os::unix::fs::symlink("cell.toml", folder.path().join(link)).unwrap();
+    }
+    for (arguments, file) in [
+        (&["detect", "dots.png", "--target", "four_dots:0.1", "--overlay", "dots.png"][..], "dots.png"),
+        (&["run", "cell.toml", "--summary", "cell.toml"], "cell.toml"),
+        (&["run", "link.toml", "--summary", "cell.toml"], "cell.toml"),
+        (&["run", "cell.toml", "--summary", "link.toml"], "cell.toml"),
+        (&["teach", "cell.toml", "--out", "cell.toml"], "cell.toml"),
+        (&["place", "cell.toml", "--out", "cell.toml"], "cell.toml"),
+        (&["view", "cell.toml", "--out", "shot.png"], "cell.toml"),
+    ] {
+        let path = folder.path().join(file);
+        let before = std::fs::read(&path).unwrap();
+        let (code, err) = vservo(arguments);
+        assert_eq!(code, Some(2), "{arguments:?}: {err}");
+        assert_eq!(std::fs::read(&path).unwrap(), before, "{arguments:?}");
+    }
+}

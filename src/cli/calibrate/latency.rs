@@ -5,7 +5,7 @@ use super::super::{
 };
 use crate::control::outcome::Outcome;
 use crate::process::supervisor::{self, FinishedRun};
-use crate::process::{ProcessError, ReportFolder, StopFlag};
+use crate::process::{NewReport, ProcessError, StopFlag};
 use crate::rt::tell;
 
 /// Moves the arm, finds the offset, and tells it; the exit code.
@@ -18,11 +18,11 @@ pub(in crate::cli) fn latency(arguments: &LatencyArguments) -> Result<u8, Proces
     if let Some(path) = &arguments.out {
         check_writable(path)?;
     }
-    let folder = arguments.report.as_deref().map(ReportFolder::check).transpose()?;
-    let end = supervisor::run(&config, &instance, &stop, folder.as_ref())?;
+    let report = arguments.report.as_deref().map(NewReport::begin).transpose()?;
+    let end = supervisor::run(&config, &instance, &stop, report.as_ref().map(NewReport::folder))?;
     let exit_code = latency_found(arguments, &end);
     let command = repeat::command(&["calibrate", "latency"], &arguments.cell, &[], &end.summary);
-    Ok(write_report(folder.as_ref(), &config, &end.summary, command, exit_code))
+    Ok(write_report(report, &config, &end.summary, command, exit_code))
 }
 
 /// Tells what a calibration of the stamps found; the exit code.

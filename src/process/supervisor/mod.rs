@@ -58,9 +58,6 @@ pub fn run(
     report: Option<&ReportFolder>,
 ) -> Result<FinishedRun, ProcessError> {
     let (_place, written) = Place::take(config, instance)?;
-    if let Some(folder) = report {
-        folder.clear()?;
-    }
     supervise(config, &written, instance, stop, report)
 }
 

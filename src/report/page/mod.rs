@@ -32,11 +32,14 @@ td.n{text-align:right;font-variant-numeric:tabular-nums}\
 @media print{body{max-width:none;padding:0;font-size:11pt}figure,.verdict,dl div{break-inside:avoid}h2{break-after:avoid}\
 svg.narrow,svg.wide{display:none!important}svg.medium{display:block!important}}";
 
+/// By which a page of this program is known; near its beginning.
+pub const GENERATOR: &str = "<meta name=\"generator\" content=\"vservo\">";
+
 /// A whole page of sections; `style` is what this kind of page has beside the common one.
 #[must_use]
 pub fn document(title: &str, style: &str, sections: &[String]) -> String {
     format!(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" \
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">{GENERATOR}<meta name=\"viewport\" \
          content=\"width=device-width,initial-scale=1\"><link rel=\"icon\" href=\"data:,\"><title>{0}</title>\
          <style>{CHART_STYLE}{PAGE_STYLE}{style}</style></head>\n<body><h1>{0}</h1>\n{1}</body></html>\n",
         escaped(title),

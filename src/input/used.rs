@@ -1,0 +1,29 @@
+//! Which files this program has read, so that it writes none of them: a result must not take the place of what it was made of.
+//!
+//! A file is known by its device, its number there and when it was made, whatever links and names lead to it.
+
+use std::collections::BTreeSet;
+use std::fs::Metadata;
+use std::os::unix::fs::MetadataExt;
+use std::sync::{Mutex, PoisonError};
+use std::time::SystemTime;
+
+/// Device, number of the file on it (which a later file may have again), and when it was made, where the file system knows.
+type FileId = (u64, u64, Option<SystemTime>);
+
+static USED: Mutex<BTreeSet<FileId>> = Mutex::new(BTreeSet::new());
+
+fn id(file: &Metadata) -> FileId {
+    (file.dev(), file.ino(), file.created().ok())
+}
+
+/// This file is read.
+pub fn note(file: &Metadata) {
+    USED.lock().unwrap_or_else(PoisonError::into_inner).insert(id(file));
+}
+
+/// Whether this file was read.
+#[must_use]
+pub fn is_used(file: &Metadata) -> bool {
+    USED.lock().unwrap_or_else(PoisonError::into_inner).contains(&id(file))
+}
