@@ -148,7 +148,7 @@ fn an_arm_is_braked_to_the_end_whatever_service_fails() {
             (Channel::Trace, for_good),
             (Channel::Status, for_good),
             (Channel::DriveState, for_good),
-            (Channel::DriveCommand, 3), // for good, nothing could reach the drive
+            (Channel::DriveCommand, 1), // for good, nothing could reach the drive
         ] {
             let (end, record) = broken(service, clock, uses);
             let told = end.expect_err("a run cannot go on without it").to_string();
