@@ -6,15 +6,15 @@ use std::collections::BTreeSet;
 use std::fs::Metadata;
 use std::os::unix::fs::MetadataExt;
 use std::sync::{Mutex, PoisonError};
-use std::time::SystemTime;
 
-/// Device, number of the file on it (which a later file may have again), and when it was made, where the file system knows.
-type FileId = (u64, u64, Option<SystemTime>);
+/// Device, number of the file on it (which a later file may have again), and when it was made, where the file system knows: as
+/// text, because it is compared and nothing else.
+type FileId = (u64, u64, String);
 
 static USED: Mutex<BTreeSet<FileId>> = Mutex::new(BTreeSet::new());
 
 fn id(file: &Metadata) -> FileId {
-    (file.dev(), file.ino(), file.created().ok())
+    (file.dev(), file.ino(), format!("{:?}", file.created().ok()))
 }
 
 /// This file is read.
