@@ -14,12 +14,13 @@ use vservo::drive::{CommandMode, DriveState};
 use vservo::geometry::Pose;
 use vservo::messages::Measurement;
 use vservo::motion::{
-    InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, Reference, evade,
+    InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, Reference,
+    damp_singularity,
 };
-use vservo::robot::{ExpressedIn, load};
+use vservo::robot::{CameraJacobian, ExpressedIn, Mount, load};
 use vservo::servo::{
-    CameraJacobian, DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint,
-    UpdatePolicy, View, VisibilityGuard, VisualServo, image_task, joint_velocity,
+    DepthSource, Gain, Interaction, InteractionAt, Law, ServoSettings, SetPoint, UpdatePolicy, View,
+    VisibilityGuard, VisualServo, image_task, joint_velocity,
 };
 use vservo::sim::perfect_measurement;
 use vservo::time::{MonoNs, SpanNs};
@@ -197,7 +198,7 @@ fn evade_6_joints(bencher: Bencher) {
     let J_C = robot.jacobian_of_frame(&ur5.q, &X_EC, ExpressedIn::Moving);
     let wish = Vector6::repeat(0.1);
     bencher.bench_local(|| {
-        evade(black_box(&robot), &ur5.q, black_box(&J_C), black_box(&wish), &Vector6::zeros())
+        damp_singularity(black_box(&robot), &ur5.q, black_box(&J_C), black_box(&wish), &Vector6::zeros())
     });
 }
 

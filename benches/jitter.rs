@@ -9,8 +9,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, missing_docs)]
 
 use std::process::{Child, Command, Stdio};
+use vservo::cli::doctor::{Median, compare, measure_each, median_slice};
 use vservo::config::RealtimeRequest;
-use vservo::rt::doctor::{Median, compare, measure_each, median_slice};
 use vservo::rt::{USUAL_SPIN, prepare_process};
 use vservo::time::SpanNs;
 

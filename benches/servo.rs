@@ -6,9 +6,10 @@
 use divan::{Bencher, black_box};
 use nalgebra::{Matrix6, Point3, Vector2, Vector3, Vector6};
 use vservo::geometry::Pose;
+use vservo::robot::CameraJacobian;
 use vservo::servo::{
-    Arm, CameraJacobian, Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, Law,
-    OperationalSpace, OrientationError, SetPoint, View, image_task,
+    Arm, Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, Law, OperationalSpace,
+    OrientationError, SetPoint, View, image_task,
 };
 
 fn main() {

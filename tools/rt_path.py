@@ -4,12 +4,15 @@
 Usage: rt_path.py [--root FOLDER]     prints lines, lines of code and path of each file, and their sum
 
 Lines are those of a file without its tests; lines of code are those without comments and blanks too. A name that a folder hands on
-leads to the file that it comes from. Not followed: what the thread calls neither while it ticks nor at its end.
+leads to the file that it comes from. What a trait object stands for no path names: all that implement such a trait count. Not
+followed: what the thread calls neither while it ticks nor at its end, and the drives and links of simulations.
 """
 import argparse, pathlib, re
 
 # The thread; what stands behind its traits on a real arm; and methods of `Robot` that no path names.
 ROOTS = ["process/control/realtime_thread", "process/control/drive_rings", "drive/external", "robot/dynamics"]
+# Traits whose objects the thread calls, beside those of the drive: what implements them belongs to the path.
+TRAITS = ["Behaviour"]
 # The record that is made of the histograms at the end, and the trait's other ends.
 NOT_FOLLOWED = ["report/summary"]
 
@@ -74,6 +77,10 @@ class Tree:
                 found |= self.modules_of(module, parts)
         for start in re.finditer(r"(?<![\w:])rt::(\w+)", self.code[module]):
             found |= self.modules_of(module, ["crate", "rt", start[1]])
+        for trait in re.findall(r"\bdyn (?:\w+::)*(\w+)", self.code[module]):
+            if trait in TRAITS:
+                implements = re.compile(rf"\bimpl<[^{{;]*>\s+{trait}\b[^{{;]*\bfor\b")
+                found |= {other for other, code in self.code.items() if implements.search(code)}
         return found - {module, ()}
 
 

@@ -13,8 +13,7 @@ use crate::camera_model::CameraModel;
 use crate::features::point_rows;
 use crate::messages::{MAX_FEATURES, Measurement};
 use crate::motion::MotionLimits;
-use crate::robot::Robot;
-use crate::servo::Mount;
+use crate::robot::{Mount, Robot};
 use crate::time::SpanNs;
 use nalgebra::{Matrix2, Point3, SMatrix, SVector, Vector2};
 use std::f64::consts::TAU;
@@ -34,7 +33,7 @@ const DEPTH_SHARE: f64 = 0.15;
 /// What the motion of one joint shall be in the picture, from end to end, px.
 const MOTION_PX: f64 = 40.0;
 /// A target at the border of the picture still has so much room there, px.
-const LEAST_ROOM_PX: f64 = 2.0;
+const MIN_ROOM_PX: f64 = 2.0;
 /// Points stay away from the border by this share of the target's size: there is more to it than its points.
 const BORDER_SHARE: f64 = 0.25;
 
@@ -189,7 +188,7 @@ impl<const N: usize> Picture<N> {
             let lens: Matrix2<f64> = camera.pixel_jacobian(&s);
             *rows = lens * point_rows(&s, z_m) * J_C;
             let px = Vector2::new(feature.u_px, feature.v_px);
-            let least = Vector2::repeat(LEAST_ROOM_PX);
+            let least = Vector2::repeat(MIN_ROOM_PX);
             *rooms = [(end - px - border).sup(&least), (px - border).sup(&least)];
             picture.depth_m = picture.depth_m.min(DEPTH_SHARE * z_m);
             picture.count += 1;

@@ -9,8 +9,7 @@
 mod fit;
 
 use super::Recording;
-use crate::robot::Robot;
-use crate::servo::Mount;
+use crate::robot::{Mount, Robot};
 use fit::{Fit, Free, State};
 use nalgebra::{Point3, Vector2};
 use thiserror::Error;
@@ -22,9 +21,9 @@ const COARSE_STEP_S: f64 = 0.02;
 /// Frames of the coarse search; of more, every n-th is taken.
 const COARSE_FRAMES: usize = 100;
 /// Fewer frames with the target than this are no basis.
-const LEAST_FRAMES: usize = 12;
+const MIN_FRAMES: usize = 12;
 /// A target that moves by less than this, root mean square, shows no delay, px.
-const LEAST_MOTION_PX: f64 = 1.0;
+const MIN_MOTION_PX: f64 = 1.0;
 /// Standard deviation above which the offset counts as not found, s.
 const LARGEST_SD_S: f64 = 1e-3;
 /// Residuals above this share of the motion: it is not the arm that moves the picture.
@@ -129,11 +128,11 @@ pub fn stamp_offset<const N: usize>(
 ) -> Result<StampOffset, LatencyError> {
     let fit = Fit::new(cell, recording);
     let frames = fit.frames();
-    if frames < LEAST_FRAMES || recording.track.is_empty() {
-        return Err(LatencyError::TooFewFrames { found: frames, needed: LEAST_FRAMES });
+    if frames < MIN_FRAMES || recording.track.is_empty() {
+        return Err(LatencyError::TooFewFrames { found: frames, needed: MIN_FRAMES });
     }
     let motion_px = fit.motion_px();
-    if motion_px < LEAST_MOTION_PX {
+    if motion_px < MIN_MOTION_PX {
         return Err(LatencyError::TooLittleMotion { motion_px });
     }
     let start = fit.first_guess().ok_or(LatencyError::NoPose)?;

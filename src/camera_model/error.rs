@@ -3,19 +3,26 @@
 use super::Region;
 use thiserror::Error;
 
+/// The longest telephoto lens, 5 m, before the smallest pixels, 0.5 um.
+pub(super) const LONGEST_FOCAL_PX: f64 = 1e7;
+/// Principal points and coefficients that are further from zero than this belong to no lens, and to no finite computation.
+pub(super) const LARGEST_NUMBER: f64 = 1e7;
+
 /// Camera parameters that describe no usable camera.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum CameraModelError {
-    /// A parameter is NaN or infinite.
-    #[error("camera: {name} is {value}; give a finite number")]
+    /// A parameter is NaN, infinite, or larger than that of any camera.
+    #[error("camera: {name} is {value}; give a number between -{LARGEST_NUMBER:e} and {LARGEST_NUMBER:e}")]
     NotFinite {
         /// Which parameter.
         name: &'static str,
         /// Its value.
         value: f64,
     },
-    /// A focal length is zero or negative.
-    #[error("camera: {name} is {value_px} px; a focal length must be greater than zero")]
+    /// A focal length is zero, negative, or longer than any.
+    #[error(
+        "camera: {name} is {value_px} px; a focal length must be greater than zero and at most {LONGEST_FOCAL_PX:e} px"
+    )]
     FocalLength {
         /// Which parameter.
         name: &'static str,

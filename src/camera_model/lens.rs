@@ -76,7 +76,7 @@ impl From<Equidistant> for Lens {
 
 impl Lens {
     /// As many coefficients has the model that has most.
-    pub const MOST_COEFFICIENTS: usize = 8;
+    pub const MAX_COEFFICIENTS: usize = 8;
 
     /// The lens with these coefficients, each asked for by its name.
     #[must_use]
@@ -178,8 +178,8 @@ impl Lens {
     /// last.
     #[must_use]
     #[inline]
-    pub fn by_coefficients(&self, s: &Vector2<f64>) -> [Vector2<f64>; Self::MOST_COEFFICIENTS] {
-        let mut all = [Vector2::zeros(); Self::MOST_COEFFICIENTS];
+    pub fn by_coefficients(&self, s: &Vector2<f64>) -> [Vector2<f64>; Self::MAX_COEFFICIENTS] {
+        let mut all = [Vector2::zeros(); Self::MAX_COEFFICIENTS];
         let mut put = |some: &[Vector2<f64>]| all.iter_mut().zip(some).for_each(|(a, b)| *a = *b);
         match self {
             Self::PlumbBob(_) => put(&Distortion::by_coefficients(s)),

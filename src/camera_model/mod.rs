@@ -18,6 +18,7 @@ mod lens;
 mod model;
 mod rational;
 mod region;
+mod response;
 mod roots;
 
 pub use distortion::Distortion;
@@ -27,3 +28,4 @@ pub use lens::{Lens, LensModel};
 pub use model::{CameraModel, Intrinsics};
 pub use rational::RationalPolynomial;
 pub use region::Region;
+pub use response::{LevelTable, Response};

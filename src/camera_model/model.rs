@@ -1,5 +1,6 @@
 //! Intrinsic parameters and the map between directions and pixels.
 
+use super::error::{LARGEST_NUMBER, LONGEST_FOCAL_PX};
 use super::{CameraModelError, Lens, Region};
 use nalgebra::{Matrix2, Point3, Vector2};
 
@@ -46,12 +47,13 @@ impl CameraModel {
         let Intrinsics { fx_px, fy_px, cx_px, cy_px, width_px, height_px } = intrinsics;
         let numbers = [("fx_px", fx_px), ("fy_px", fy_px), ("cx_px", cx_px), ("cy_px", cy_px)];
         for (name, value) in numbers.into_iter().chain(lens.coefficients()) {
-            if !value.is_finite() {
+            let is_focal_length = name == "fx_px" || name == "fy_px";
+            if !value.is_finite() || (value.abs() > LARGEST_NUMBER && !is_focal_length) {
                 return Err(CameraModelError::NotFinite { name, value });
             }
         }
         for (name, value_px) in [("fx_px", fx_px), ("fy_px", fy_px)] {
-            if value_px <= 0.0 {
+            if value_px <= 0.0 || value_px > LONGEST_FOCAL_PX {
                 return Err(CameraModelError::FocalLength { name, value_px });
             }
         }

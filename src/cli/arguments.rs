@@ -6,6 +6,7 @@ use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArgume
 pub use super::camera_arguments::CameraArguments;
 use super::completion;
 use super::place_arguments::{PlaceArguments, ViewArguments};
+use crate::camera_model::Response;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 use std::path::PathBuf;
@@ -361,6 +362,9 @@ pub struct DetectArguments {
     /// Calibration file of ROS (YAML): with it the pose is told too
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
+    /// How grey levels depend on light: linear, srgb (most pictures in files) or gamma:G
+    #[arg(long, value_name = "RESPONSE", default_value_t = Response::Linear)]
+    pub response: Response,
     /// Print JSON, one object a line and image
     #[arg(long)]
     pub json: bool,

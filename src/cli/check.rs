@@ -6,7 +6,7 @@ use crate::config::{Config, Draft};
 use crate::input::printable;
 use crate::process::ProcessError;
 use crate::rt::tell;
-use crate::sim::outlook::Outlook;
+use crate::sim::preflight::Preflight;
 use serde::Serialize;
 use std::path::Path;
 
@@ -17,7 +17,7 @@ struct Answer<'a> {
     errors: Vec<String>,
     warnings: Vec<String>,
     #[serde(flatten)]
-    outlook: &'a Outlook,
+    preflight: &'a Preflight,
 }
 
 /// # Errors
@@ -33,8 +33,8 @@ pub(super) fn check(path: Option<&Path>, set: &[String], as_json: bool) -> Resul
         },
     };
     require_controllable(&config)?;
-    let outlook = Outlook::of(&config)?;
-    let (faults, doubts) = judged(&outlook);
+    let preflight = Preflight::of(&config)?;
+    let (faults, doubts) = judged(&preflight);
     let error = unseen.or_else(|| (!faults.is_empty()).then(|| draft.error(faults)));
     let doubts = draft.problems_of(doubts);
     if as_json {
@@ -42,7 +42,7 @@ pub(super) fn check(path: Option<&Path>, set: &[String], as_json: bool) -> Resul
             ok: error.is_none(),
             errors: error.iter().flat_map(|error| error.lines()).collect(),
             warnings: config.warnings.iter().chain(&doubts).map(ToString::to_string).collect(),
-            outlook: &outlook,
+            preflight: &preflight,
         };
         let code = shown(&json(&answer), 0);
         return error.map_or(Ok(code), |error| Err(error.into()));
@@ -53,7 +53,7 @@ pub(super) fn check(path: Option<&Path>, set: &[String], as_json: bool) -> Resul
             tell(format_args!("vservo: warning: {}", printable(&doubt.to_string())));
         }
     }
-    let what = outlook.lines().iter().map(|line| printable(line) + "\n").collect::<String>();
+    let what = preflight.lines().iter().map(|line| printable(line) + "\n").collect::<String>();
     match error {
         None => Ok(shown(&(first_line(path, &config) + &what), 0)),
         Some(error) => {
@@ -81,9 +81,9 @@ fn first_line(path: Option<&Path>, config: &Config) -> String {
 type Told = Vec<(&'static str, String)>;
 
 /// What makes the run futile, and what is only doubtful. Where the object moves by itself, nothing is certain.
-fn judged(outlook: &Outlook) -> (Told, Told) {
-    let (mut faults, mut doubts) = (outlook.faults(), outlook.doubts());
-    if !outlook.object_rests {
+fn judged(preflight: &Preflight) -> (Told, Told) {
+    let (mut faults, mut doubts) = (preflight.faults(), preflight.doubts());
+    if !preflight.object_rests {
         doubts.append(&mut faults);
     }
     (faults, doubts)
@@ -95,7 +95,7 @@ fn judged(outlook: &Outlook) -> (Told, Told) {
 /// # Errors
 /// When an arm cannot be built.
 pub(super) fn warn_of_outlook(draft: &Draft, config: &Config) -> Result<(), ProcessError> {
-    let (faults, _) = judged(&Outlook::of(config)?);
+    let (faults, _) = judged(&Preflight::of(config)?);
     for problem in draft.problems_of(faults) {
         tell(format_args!("vservo: warning: {}", printable(&problem.to_string())));
     }

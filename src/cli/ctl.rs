@@ -1,18 +1,20 @@
 //! `vservo ctl`: one request to a running instance, and its answer.
 
+mod reach;
+
 use super::arguments::{CtlArguments, Order};
 use super::{json, shown};
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::outcome::Outcome;
 use crate::control::safety::Fault;
 use crate::input::printable;
-use crate::ipc::{Instance, Role, Services};
+use crate::ipc::{Halt, Instance};
 use crate::messages::{CameraState, ControlAnswer, ControlCommand, ControlState, TargetStatus, answer_flag};
 use crate::process::ProcessError;
 use crate::rt::tell;
+use reach::Patience;
 use serde::Serialize;
 use std::fmt::Write as _;
-use std::time::Duration;
 
 /// The longest wait for an answer, s.
 const LONGEST_S: f64 = 3600.0;
@@ -26,12 +28,12 @@ struct Answer {
     reason: Option<&'static str>,
     state: &'static str,
     fault: Option<&'static str>,
-    target: &'static str,
+    target: Option<&'static str>,
     camera: Option<&'static str>,
     camera_state_s: Option<f64>,
-    served: bool,
-    tick: u64,
-    time_s: f64,
+    served: Option<bool>,
+    tick: Option<u64>,
+    time_s: Option<f64>,
     feature_error_px: Option<f64>,
     position_error_m: Option<f64>,
     orientation_error_rad: Option<f64>,
@@ -60,16 +62,20 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
     if !(timeout_s > 0.0 && timeout_s <= LONGEST_S) {
         return Err(ProcessError::Timeout(timeout_s));
     }
-    if !instance.is_running(Role::Control) {
-        return Err(ProcessError::NobodyThere(instance.to_string()));
-    }
-    let client = Services::join(&instance)?.command_client()?;
+    let patience = Patience::begin(timeout_s)?;
+    reach::find(&instance)?;
     let request = arguments.what.request();
-    let command = ControlCommand { request: request.map_or(0, |request| request as u32), arm: 0 };
-    let Some(answer) = client.ask(command, Duration::from_secs_f64(timeout_s))? else {
-        return Err(ProcessError::NoAnswer { instance: instance.to_string(), waited_s: timeout_s });
+    let halt = match request {
+        Some(Request::Stop) => Some(Halt::Stop),
+        Some(Request::Shutdown) => Some(Halt::Shutdown),
+        _ => None,
     };
-    let answer = told(&instance, request, &answer);
+    let answer = if let (Some(halt), Some(request)) = (halt, request) {
+        halted(&instance, request, reach::halt(&instance, halt, &patience)?)
+    } else {
+        let command = ControlCommand { request: request.map_or(0, |request| request as u32), arm: 0 };
+        told(&instance, request, &reach::ask(&instance, command, &patience)?)
+    };
     let exit_code = if answer.accepted { 0 } else { Outcome::NotConverged.exit_code() };
     if let Some(reason) = answer.reason {
         tell(format_args!("vservo: {} was refused: {reason}", answer.request));
@@ -95,19 +101,42 @@ fn told(instance: &Instance, request: Option<Request>, a: &ControlAnswer) -> Ans
         reason,
         state: ControlState::from_code(a.state).as_str(),
         fault: Fault::from_code(a.fault).map(Fault::describe),
-        target: TargetStatus::from_code(a.target).as_str(),
+        target: Some(TargetStatus::from_code(a.target).as_str()),
         camera: Some(CameraState::from_code(a.camera_state))
             .filter(|state| *state != CameraState::Unknown)
             .map(CameraState::as_str),
         camera_state_s: known(a.camera_state_s),
-        served: a.flags & answer_flag::SERVED != 0,
-        tick: a.tick,
-        time_s: a.time_s,
+        served: Some(a.flags & answer_flag::SERVED != 0),
+        tick: Some(a.tick),
+        time_s: Some(a.time_s),
         feature_error_px: known(a.feature_error_px),
         position_error_m: known(a.position_error_m),
         orientation_error_rad: known(a.orientation_error_rad),
         q_rad_or_m: a.q.iter().take(joints).copied().collect(),
         qd_rad_s_or_m_s: a.qd.iter().take(joints).copied().collect(),
+    }
+}
+
+/// What the stop word tells: no more than the state, and no less to whoever wants the arm to stand.
+fn halted(instance: &Instance, request: Request, state: ControlState) -> Answer {
+    Answer {
+        instance: instance.to_string(),
+        request: request.as_str(),
+        accepted: true,
+        reason: None,
+        state: state.as_str(),
+        fault: None,
+        target: None,
+        camera: None,
+        camera_state_s: None,
+        served: None,
+        tick: None,
+        time_s: None,
+        feature_error_px: None,
+        position_error_m: None,
+        orientation_error_rad: None,
+        q_rad_or_m: Vec::new(),
+        qd_rad_s_or_m_s: Vec::new(),
     }
 }
 
@@ -117,7 +146,9 @@ impl Answer {
         if let Some(fault) = self.fault {
             let _ = write!(line, " ({fault}; see to its cause, then `vservo ctl reset`)");
         }
-        let _ = write!(line, ", {:.1} s", self.time_s);
+        if let Some(time_s) = self.time_s {
+            let _ = write!(line, ", {time_s:.1} s");
+        }
         if let Some((camera, s)) = self.camera.zip(self.camera_state_s) {
             let _ = write!(line, ", camera {camera} for {s:.1} s");
         }

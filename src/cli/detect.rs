@@ -1,5 +1,6 @@
 //! `vservo detect`: a target in image files.
 
+mod answer;
 pub(super) mod overlay;
 pub(super) mod picture;
 
@@ -15,10 +16,10 @@ use crate::pose::RefinedPose;
 use crate::process::ProcessError;
 use crate::rt::{now, tell};
 use crate::target::{DotGrid, Kind, Tags, Target};
-use crate::vision::{Vision, VisionSettings};
+use crate::vision::{Growth, Vision, VisionSettings};
+use answer::{Answer, word};
 use image::GrayImage;
 use nalgebra::Vector2;
-use serde::Serialize;
 use std::path::Path;
 
 /// Longest calibration file, bytes: real ones have a thousand.
@@ -28,73 +29,6 @@ const MODEL_SD_PX: f64 = 0.2;
 
 const EQUAL_DOTS: &str =
     "equal dots: numbered as the picture stands, for the grid looks the same after a turn";
-
-/// What was found in one image.
-#[derive(Debug, Clone, Serialize)]
-struct Answer {
-    image: String,
-    status: &'static str,
-    reason: Option<String>,
-    features: Vec<Feature>,
-    pose: Option<PoseOut>,
-    /// Where two poses explain the picture almost equally well: the less likely one.
-    other_pose: Option<OtherPose>,
-    reprojection_rms_px: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    tags: Option<Vec<TagOut>>,
-    /// What the picture cannot tell of what was found.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    note: Option<&'static str>,
-    time_us: f64,
-}
-
-#[derive(Debug, Clone, Copy, Serialize)]
-struct Feature {
-    id: u32,
-    u_px: f64,
-    v_px: f64,
-    sigma_px: f64,
-}
-
-#[derive(Debug, Clone, Serialize)]
-struct PoseOut {
-    position_m: [f64; 3],
-    rotation_xyzw: [f64; 4],
-    covariance: Vec<f64>,
-}
-
-#[derive(Debug, Clone, Serialize)]
-struct OtherPose {
-    #[serde(flatten)]
-    pose: PoseOut,
-    /// How many times less likely it is.
-    likelihood_ratio: f64,
-}
-
-#[derive(Debug, Clone, Copy, Serialize)]
-struct TagOut {
-    id: u32,
-    corners_px: [[f64; 2]; 4],
-    hamming: u32,
-}
-
-impl From<&RefinedPose> for PoseOut {
-    fn from(pose: &RefinedPose) -> Self {
-        let (p, q) = (pose.X_CO.translation.vector, pose.X_CO.rotation.coords);
-        Self {
-            position_m: p.into(),
-            rotation_xyzw: [q.x, q.y, q.z, q.w],
-            // symmetric: by rows is by columns
-            covariance: pose.covariance.iter().copied().collect(),
-        }
-    }
-}
-
-impl From<&TagFound> for TagOut {
-    fn from(tag: &TagFound) -> Self {
-        Self { id: tag.id, corners_px: tag.corners_px.map(Into::into), hamming: tag.hamming }
-    }
-}
 
 /// What one image shows, before it is told.
 struct Seen {
@@ -106,6 +40,22 @@ struct Seen {
     inconsistent: bool,
     tags: Vec<TagFound>,
     note: Option<&'static str>,
+    /// Dots that are covered or lit in part.
+    harmed: Vec<u32>,
+    growth: Growth,
+}
+
+impl Seen {
+    /// What the picture cannot tell, or tells by a part alone.
+    fn note(&self) -> Option<String> {
+        let ids = self.harmed.iter().map(u32::to_string).collect::<Vec<_>>().join(" ");
+        let harmed = format!("covered or lit in part, and measured by the rest of the rim: {ids}");
+        match (self.note, self.harmed.is_empty()) {
+            (note, true) => note.map(Into::into),
+            (None, false) => Some(harmed),
+            (Some(note), false) => Some(format!("{note}; {harmed}")),
+        }
+    }
 }
 
 /// A miss, by its status, and why.
@@ -185,6 +135,8 @@ impl Bench {
                     inconsistent: false,
                     tags,
                     note: None,
+                    harmed: Vec::new(),
+                    growth: Growth::NONE,
                 })
             }
         }
@@ -207,6 +159,8 @@ fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<
         inconsistent: !still.consistent,
         tags: still.tags.to_vec(),
         note: None,
+        harmed: still.harmed.to_vec(),
+        growth: still.growth,
     })
 }
 
@@ -265,7 +219,10 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
                 tell(format_args!("vservo: {}: {}", printable(&name), printable(&reason)));
                 (Answer::nothing(name, "unreadable", reason), None)
             }
-            Ok(picture) => {
+            Ok(mut picture) => {
+                if let Some(table) = arguments.response.linearization() {
+                    table.apply(&mut picture);
+                }
                 let size = picture.dimensions();
                 if bench.as_ref().is_none_or(|bench| bench.size != size) {
                     bench = Some(Bench::new(&kind, size, calibration));
@@ -327,100 +284,5 @@ fn one(bench: &mut Bench, name: String, picture: &GrayImage) -> Answer {
     match result {
         Ok(seen) => Answer::of(name, &seen, time_us),
         Err(Missed(status, reason)) => Answer { time_us, ..Answer::nothing(name, word(status), reason) },
-    }
-}
-
-/// A status as a word for programs.
-fn word(status: TargetStatus) -> &'static str {
-    match status {
-        TargetStatus::Found => "found",
-        TargetStatus::NoContrast => "no_contrast",
-        TargetStatus::TooFewRegions => "too_few_regions",
-        TargetStatus::NoMatch => "no_match",
-        TargetStatus::Ambiguous => "ambiguous",
-        TargetStatus::WrongSize => "wrong_size",
-        TargetStatus::Inconsistent => "inconsistent",
-        TargetStatus::NoPair => "no_pair",
-        TargetStatus::TooFewShared => "too_few_shared",
-    }
-}
-
-impl Answer {
-    fn empty() -> Self {
-        Self::nothing(String::new(), "no_match", String::new())
-    }
-
-    fn nothing(image: String, status: &'static str, reason: String) -> Self {
-        Self {
-            image,
-            status,
-            reason: Some(reason),
-            features: Vec::new(),
-            pose: None,
-            other_pose: None,
-            reprojection_rms_px: None,
-            tags: None,
-            note: None,
-            time_us: 0.0,
-        }
-    }
-
-    fn of(image: String, seen: &Seen, time_us: f64) -> Self {
-        let feature = |(found, px): (&Found, &Vector2<f64>)| Feature {
-            id: found.id,
-            u_px: px.x,
-            v_px: px.y,
-            sigma_px: found.sigma_px,
-        };
-        let other = seen.other.as_ref().map(|(pose, log_ratio)| OtherPose {
-            pose: pose.into(),
-            likelihood_ratio: log_ratio.min(700.0).exp(),
-        });
-        // points that no pose explains are told all the same: whoever asks by hand may know why
-        let reason = seen.inconsistent.then(|| {
-            format!("{}; or the camera file is another camera's", TargetStatus::Inconsistent.as_str())
-        });
-        Self {
-            image,
-            status: if seen.inconsistent { word(TargetStatus::Inconsistent) } else { "found" },
-            reason,
-            features: seen.found.iter().zip(&seen.px).map(feature).collect(),
-            pose: seen.pose.as_ref().map(Into::into),
-            other_pose: other,
-            reprojection_rms_px: seen.rms_px,
-            tags: (!seen.tags.is_empty()).then(|| seen.tags.iter().map(Into::into).collect()),
-            note: seen.note,
-            time_us,
-        }
-    }
-
-    /// For people.
-    fn line(&self) -> String {
-        let mut line = format!("{}: ", printable(&self.image));
-        match &self.reason {
-            None => line += &format!("{} points", self.features.len()),
-            Some(reason) => line += &format!("{}: {}", self.status, printable(reason)),
-        }
-        if let Some(tags) = &self.tags {
-            let ids: Vec<_> = tags.iter().map(|tag| tag.id.to_string()).collect();
-            line += &format!(", tags {}", ids.join(" "));
-        }
-        if let Some(pose) = &self.pose {
-            let [x, y, z] = pose.position_m;
-            line += &format!(", at ({x:.4}, {y:.4}, {z:.4}) m");
-        }
-        if let Some(rms_px) = self.reprojection_rms_px {
-            line += &format!(", rms {rms_px:.3} px");
-        }
-        if let Some(other) = &self.other_pose {
-            line += &format!(", another pose is {:.1} times less likely", other.likelihood_ratio);
-        }
-        if let Some(note) = self.note {
-            line += &format!(" ({note})");
-        }
-        if self.time_us > 0.0 {
-            line += &format!(", {:.0} us", self.time_us);
-        }
-        line + "\n"
     }
 }

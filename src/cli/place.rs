@@ -7,8 +7,8 @@ use crate::geometry::{Pose, roll_pitch_yaw};
 use crate::input::printable;
 use crate::process::ProcessError;
 use crate::rt::tell;
-use crate::sim::outlook::Outlook;
 use crate::sim::place::{Look, PlaceError, PlaceWishes, Placement, place as find};
+use crate::sim::preflight::Preflight;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::Serialize;
 use std::fmt::Write;
@@ -31,7 +31,7 @@ struct Answer<'a> {
     q_start: &'a [f64],
     q_goal: &'a [f64],
     settling_time_s: Option<f64>,
-    outlook: &'a Outlook,
+    preflight: &'a Preflight,
 }
 
 /// # Errors
@@ -82,7 +82,7 @@ fn answer(placement: &Placement) -> String {
         q_start: &placement.q_start,
         q_goal: &placement.q_goal,
         settling_time_s: placement.run.settling_time_s,
-        outlook: &placement.outlook,
+        preflight: &placement.preflight,
     })
 }
 
@@ -93,7 +93,7 @@ fn words(path: &Path, placement: &Placement) -> String {
         let _ = write!(text, ", within 2 % after {settling_s:.2} s");
     }
     text.push('\n');
-    for line in placement.outlook.lines() {
+    for line in placement.preflight.lines() {
         let _ = writeln!(text, "{}", printable(&line));
     }
     let _ = writeln!(text, "now: vservo view {path} --out view.png; vservo run {path}");
@@ -166,7 +166,7 @@ fn run_file(draft: &Draft, placement: &Placement) -> String {
     let mut text = String::from(
         "# Start and goal as `vservo place` proposes them: a simulated run from here converges. Frames: docs/frames.md\n#\n",
     );
-    for line in placement.outlook.lines() {
+    for line in placement.preflight.lines() {
         let _ = writeln!(text, "# {}", printable(line.trim_end()));
     }
     text.push('\n');

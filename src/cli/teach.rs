@@ -24,7 +24,7 @@ const FIRST_FRAME: SpanNs = SpanNs(5_000_000_000);
 /// Automatic exposures settle before this.
 const WARM_UP: SpanNs = SpanNs(500_000_000);
 /// Pictures that show no target, in a row, after which it is given up.
-const MOST_WITHOUT: u32 = 100;
+const MAX_WITHOUT: u32 = 100;
 
 /// # Errors
 /// When run file or camera are wrong, the target is not seen, or the file cannot be written.
@@ -108,7 +108,7 @@ impl<'a> Pupil<'a> {
     }
 
     fn has_enough(&self) -> bool {
-        self.taken >= self.wanted || self.without >= MOST_WITHOUT
+        self.taken >= self.wanted || self.without >= MAX_WITHOUT
     }
 
     fn look_at(&mut self, grey: &[u8], (width_px, height_px): (u32, u32)) -> Result<(), ProcessError> {

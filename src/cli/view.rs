@@ -1,7 +1,7 @@
 //! `vservo view [CONFIG] --out FILE.png|FILE.svg`: what the camera sees at the start and at the goal, side by side.
 //!
 //! ```text
-//! Outlook ─► poses of the object ─► renderer ─► grey pictures ─┐
+//! Preflight ─► poses of the object ─► renderer ─► grey pictures ─┐
 //!        └─► marks, axes, the features' way, words ────────────┴─► Sheet ─► png | svg
 //! ```
 
@@ -15,8 +15,8 @@ use crate::geometry::Pose;
 use crate::input::printable;
 use crate::process::ProcessError;
 use crate::rt::tell;
-use crate::scene::{PointInSight, Renderer, SceneLook, SensorModel};
-use crate::sim::outlook::{Outlook, Reach, Viewpoint};
+use crate::scene::{PointVisibility, Renderer, SceneLook, SensorModel};
+use crate::sim::preflight::{Preflight, Reach, Viewpoint};
 use crate::target::Target;
 use image::GrayImage;
 use nalgebra::{Point3, Vector2, Vector3};
@@ -46,9 +46,9 @@ pub(super) fn view(arguments: &ViewArguments) -> Result<u8, ProcessError> {
     // a run file whose target is out of the picture is refused by all others: here is where one sees it
     let draft = Draft::load(arguments.config.as_deref(), &arguments.set)?;
     let config = draft.validate_whatever_is_seen()?;
-    let outlook = Outlook::of(&config)?;
+    let preflight = Preflight::of(&config)?;
     check_writable(&arguments.out)?;
-    let sheet = draw(&config, &outlook)?;
+    let sheet = draw(&config, &preflight)?;
     let Some(bytes) = write(&sheet) else {
         tell(format_args!("vservo: --out: the picture cannot be encoded"));
         return Ok(1);
@@ -58,31 +58,31 @@ pub(super) fn view(arguments: &ViewArguments) -> Result<u8, ProcessError> {
         return Ok(code);
     }
     let mut text = format!("{}: written\n", printable(&arguments.out.display().to_string()));
-    for line in outlook.lines() {
+    for line in preflight.lines() {
         text += &(printable(&line) + "\n");
     }
     Ok(shown(&text, 0))
 }
 
-fn draw(config: &Config, outlook: &Outlook) -> Result<Sheet, ProcessError> {
+fn draw(config: &Config, preflight: &Preflight) -> Result<Sheet, ProcessError> {
     let mut panels = Vec::new();
-    if let (Some(view), Some(scene)) = (&outlook.start, &config.scene) {
+    if let (Some(view), Some(scene)) = (&preflight.start, &config.scene) {
         let picture = rendered(renderer(config)?, &view.X_CO);
         let mut panel = Panel::new("START", picture);
-        way(&mut panel, config, outlook, &scene.camera);
+        way(&mut panel, config, preflight, &scene.camera);
         annotate(&mut panel, view, &scene.target, &scene.camera);
         panels.push(panel);
     }
-    if let Some(view) = &outlook.goal {
+    if let Some(view) = &preflight.goal {
         let picture = rendered(believed(config)?, &view.X_CO);
         let mut panel = Panel::new("GOAL", picture);
         annotate(&mut panel, view, &config.target, &config.camera.model);
-        if matches!(outlook.reach, Reach::Beyond { .. }) {
+        if matches!(preflight.reach, Reach::Beyond { .. }) {
             panel.label(Vector2::new(8.0, 28.0), "OUT OF REACH", Colour::Outside);
         }
         panels.push(panel);
     }
-    let mut lines = outlook.lines();
+    let mut lines = preflight.lines();
     lines.push(LEGEND.into());
     Ok(Sheet { panels, lines })
 }
@@ -112,8 +112,8 @@ fn rendered(mut renderer: Renderer, X_CO: &Pose) -> GrayImage {
 }
 
 /// Ways of the points from the start to the goal, on the camera's straight way.
-fn way(panel: &mut Panel, config: &Config, outlook: &Outlook, camera: &CameraModel) {
-    let Some(way) = &outlook.way else { return };
+fn way(panel: &mut Panel, config: &Config, preflight: &Preflight, camera: &CameraModel) {
+    let Some(way) = &preflight.way else { return };
     for point in config.target.features() {
         let places = way.X_CO.iter().map(|X_CO| camera.project(&(X_CO * point.p_O)));
         let places: Vec<_> = places.collect();
@@ -140,15 +140,21 @@ fn annotate(panel: &mut Panel, view: &Viewpoint, target: &Target, camera: &Camer
         panel.ring(foot, 7.0, Colour::Axis);
         panel.cross(foot, 3.0, Colour::Axis);
     }
-    for point in &view.sight.points {
-        mark(panel, point, view.sight.points.len(), &size, &middle);
+    for point in &view.visibility.points {
+        mark(panel, point, view.visibility.points.len(), &size, &middle);
     }
-    if !view.sight.front {
+    if !view.visibility.front {
         panel.label(Vector2::new(8.0, 8.0), "BACK OF THE TARGET", Colour::Outside);
     }
 }
 
-fn mark(panel: &mut Panel, point: &PointInSight, count: usize, size: &Vector2<f64>, middle: &Vector2<f64>) {
+fn mark(
+    panel: &mut Panel,
+    point: &PointVisibility,
+    count: usize,
+    size: &Vector2<f64>,
+    middle: &Vector2<f64>,
+) {
     let Some([u, v]) = point.px else {
         if count <= NUMBERED {
             let row = 30.0 + 18.0 * point.point as f64;

@@ -2,7 +2,7 @@
 
 use crate::config::raw::{Clock, DriveKind, JointControl, Task, Update};
 use crate::config::{Config, Scene, Source};
-use crate::control::behaviour::{ArmModel, Behaviour, Gentle, Servoing, Tour};
+use crate::control::behaviour::{ArmModel, Behaviour, CalibrationTour, ExcitationMotion, Servoing};
 use crate::control::control_loop::{ControlLoop, RunPlan, Service};
 use crate::control::controller::{Controller, ControllerSettings};
 use crate::control::safety::MeasurementWatch;
@@ -155,10 +155,13 @@ pub fn carrier(config: &Config) -> Result<Box<dyn Carrier>, RobotError> {
 /// # Errors
 /// [`AssembleError`], also for a configuration without a simulated scene.
 pub fn renderer(config: &Config) -> Result<Renderer, AssembleError> {
-    let (Source::Synthetic { look, sensor, .. }, Some(scene)) = (&config.camera.source, &config.scene) else {
+    let (Source::Synthetic { look, sensor, response, .. }, Some(scene)) =
+        (&config.camera.source, &config.scene)
+    else {
         return Err(AssembleError::NoScene);
     };
     Ok(Renderer::new(scene.camera, scene.target.clone(), *look, *sensor)?
+        .with_response(response, &config.camera.response)
         .with_backdrop(scene.backdrop)?
         .with_bystanders(&scene.bystanders))
 }
@@ -288,18 +291,17 @@ pub fn control_loop_with<const N: usize>(
         visibility: config.servo.visibility,
         returns: config.servo.returns,
         watches_drift: config.motion.encoder_step.iter().any(|step| *step > 0.0),
-        calm_gain_1_s: config.servo.calm_gain_1_s,
-        gain_share: 1.0,
+        gain_at_goal_1_s: config.servo.gain_at_goal_1_s,
         held_lag: SpanNs::from_s(config.camera.latency.as_s() + 0.75 / config.camera.rate_hz),
         object: config.servo.object,
     });
     let watch = MeasurementWatch::new(config.safety.measurement_timeout, config.safety.slow_down_from);
     let lesson = config.effective.servo.set_point.measurements;
     let behaviour: Box<dyn Behaviour<N>> = match (config.task, closed_loop) {
-        (Task::CalibrateLatency, _) => Box::new(Gentle::new(servo, config.camera.model, watch)),
+        (Task::CalibrateLatency, _) => Box::new(ExcitationMotion::new(servo, config.camera.model, watch)),
         (Task::CalibrateHandEye, _) => {
             let points = config.target.points().iter().map(|point| point.p_O).collect();
-            Box::new(Tour::new(servo, config.camera.model, points))
+            Box::new(CalibrationTour::new(servo, config.camera.model, points))
         }
         (Task::Servo, true) => Box::new(Servoing::new(servo, watch, lesson)),
         (Task::Servo, false) => Box::new(Servoing::new(servo, watch, lesson).dry()),

@@ -3,10 +3,10 @@
 use super::Config;
 use super::frame_source::{Source, Timing};
 use super::raw::{Clock, DriveKind};
-use crate::camera_model::{CameraModel, Region};
+use crate::camera_model::{CameraModel, Region, Response};
 use crate::messages::CameraId;
+use crate::robot::Mount;
 use crate::scene::FrameSchedule;
-use crate::servo::Mount;
 use crate::time::{MonoNs, SpanNs};
 
 impl Timing {
@@ -57,6 +57,8 @@ pub struct Camera {
     pub name: String,
     /// Producer of frames.
     pub source: Source,
+    /// How its levels depend on light; frames have levels that are proportional to it.
+    pub response: Response,
     /// Lens and size of what is read; the whole image and the region of it are in there.
     pub model: CameraModel,
     /// Where it sits.

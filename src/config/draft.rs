@@ -6,7 +6,7 @@ use super::{Config, ConfigError, DEFAULT_TOML, Document, Problem, SHIPPED_FILES,
 use super::{goal_file, lens_file, pose_forms, stereo, tables, validate};
 use crate::geometry::{Pose, roll_pitch_yaw};
 use crate::input::{file, nearest};
-use crate::servo::Mount;
+use crate::robot::Mount;
 use std::path::{Path, PathBuf};
 
 /// A run file with its defaults and absolute paths, and where each key stands.
@@ -22,7 +22,12 @@ pub struct Draft {
     more: usize,
     /// What a shipped file names and has not with it.
     needed: Option<Problem>,
+    /// Keys that are written with the name that they had in the version before.
+    renamed: Vec<Problem>,
 }
+
+/// Keys that had another name in the version before: table, old name, new name.
+const RENAMED: [(&str, &str, &str); 1] = [("servo", "calm_gain_1_s", "gain_at_goal_1_s")];
 
 impl Draft {
     /// Reads a run file, or the embedded default where `path` is `None`, and applies `--set` arguments.
@@ -67,10 +72,15 @@ impl Draft {
     /// As for [`Self::load`].
     pub fn parse(name: &str, text: &str, folder: &Path, set: &[String]) -> Result<Self, ConfigError> {
         let mut document = Document::parse(name, text)?;
-        let mut problems: Vec<Problem> = set.iter().filter_map(|s| document.set(s).err()).collect();
+        let mut renamed = with_new_names(&mut document);
+        let mut problems = Vec::new();
+        for argument in set {
+            problems.extend(document.set(argument).err());
+            renamed.extend(with_new_names(&mut document));
+        }
         let (mut raw, more) = tables::read(&mut document, &mut problems);
         resolve_paths(&mut raw, &document, folder, &mut problems);
-        Ok(Self { raw, document, folder: folder.into(), problems, more, needed: None })
+        Ok(Self { raw, document, folder: folder.into(), problems, more, needed: None, renamed })
     }
 
     /// The configuration, where everything is as it should be.
@@ -90,10 +100,10 @@ impl Draft {
     }
 
     fn judged(self, views: bool) -> Result<Config, ConfigError> {
-        let Self { raw, document, mut problems, more, needed, .. } = self;
+        let Self { raw, document, mut problems, more, needed, renamed, .. } = self;
         match validate::validate(raw, &document, views, &mut problems) {
             Some(mut config) if problems.is_empty() => {
-                config.warnings.extend(needed);
+                config.warnings.extend(needed.into_iter().chain(renamed));
                 Ok(config)
             }
             _ => Err(ConfigError::new(problems, more).beside(needed)),
@@ -160,6 +170,11 @@ fn hint(path: &Path) -> String {
     let meant = nearest(word, SHIPPED_FILES.iter().map(|file| file.name))
         .map_or("`vservo config --list` tells them".into(), |name| format!("did you mean `{name}`?"));
     format!("; nor is it the name of a shipped run file: {meant}")
+}
+
+/// Gives the keys of the version before their new names; what to tell about it.
+fn with_new_names(document: &mut Document) -> Vec<Problem> {
+    RENAMED.iter().filter_map(|(table, old, new)| document.rename(table, old, new)).collect()
 }
 
 fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, problems: &mut Vec<Problem>) {

@@ -13,7 +13,7 @@
 use super::check::Check;
 use super::place::RawMount;
 use super::v4l2::{self, RawV4l2, V4l2Settings};
-use crate::camera_model::LensModel;
+use crate::camera_model::{LensModel, Response};
 use crate::scene::{SceneLook, SensorModel};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -88,6 +88,9 @@ table! {
         latency_ms: f64 = 20.0,
         /// Added to every exposure stamp that the camera gives, ms: what `vservo calibrate latency` found.
         stamp_offset_ms: f64 = 0.0,
+        /// How its levels depend on light: `linear` (levels are light), `srgb` or `gamma:G`; levels are made proportional to light
+        /// before anything is measured.
+        response: String = "linear".to_owned(),
         /// `[camera.roi]`; left out: all of the sensor.
         roi: Option<RawRoi> = None,
         /// `[camera.lens]`
@@ -224,6 +227,8 @@ table! {
         vignetting: f64 = 0.15,
         /// Whether motion during the exposure blurs the picture.
         motion_blur: bool = true,
+        /// How its levels really depend on light, as `camera.response`.
+        response: String = "linear".to_owned(),
         /// Frames are late by up to this, evenly distributed, ms.
         latency_jitter_ms: f64 = 0.0,
         /// Share of the frames that are lost, 0 to 1.
@@ -256,6 +261,8 @@ pub enum Source {
         sensor: SensorModel,
         /// Whether motion during the exposure blurs the picture.
         motion_blur: bool,
+        /// How levels depend on light.
+        response: Response,
     },
     /// Image files.
     Replay {
@@ -282,6 +289,14 @@ impl Source {
     }
 }
 
+/// The response that the text at `key` names.
+pub(super) fn response(key: &str, text: &str, check: &mut Check<'_>) -> Response {
+    text.parse().unwrap_or_else(|wrong: String| {
+        check.wrong(key, wrong);
+        Response::Linear
+    })
+}
+
 /// The source of a camera whose table is `at`. `look`: of the scene, where it is simulated.
 pub(super) fn source(c: &RawCamera, look: SceneLook, seed: u64, at: &str, check: &mut Check<'_>) -> Source {
     let key = |name: &str| format!("{at}.{name}");
@@ -296,9 +311,12 @@ pub(super) fn source(c: &RawCamera, look: SceneLook, seed: u64, at: &str, check:
         vignetting: check.range(&key("synthetic.vignetting"), synthetic.vignetting, SensorModel::VIGNETTING),
         seed,
     };
+    let response = response(&key("synthetic.response"), &synthetic.response, check);
     let v4l2 = v4l2::settings(&c.v4l2, at, c.source == SourceKind::V4l2, check);
     match c.source {
-        SourceKind::Synthetic => Source::Synthetic { look, sensor, motion_blur: synthetic.motion_blur },
+        SourceKind::Synthetic => {
+            Source::Synthetic { look, sensor, motion_blur: synthetic.motion_blur, response }
+        }
         SourceKind::Replay => {
             let folder = &c.replay.folder;
             if folder.as_os_str().is_empty() {

@@ -132,7 +132,7 @@ pub struct Servo {
     /// Measurements from which the goal is taught; 0 for a goal that is given.
     pub teach: u32,
     /// Gain to which a higher one falls near the goal, 1/s.
-    pub calm_gain_1_s: f64,
+    pub gain_at_goal_1_s: f64,
     /// Rate at which the first velocity is let in, 1/s.
     pub smooth_start_1_s: Option<f64>,
     /// How much later the arm moves as it is told.
@@ -316,6 +316,25 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_key_of_the_version_before_is_read_and_told() {
+        let load =
+            |set: &[&str]| Config::load(None, &set.iter().map(ToString::to_string).collect::<Vec<_>>());
+        let of = |key: &str| load(&[&format!("servo.{key}=3.5")]).unwrap();
+        let (old, new) = (of("calm_gain_1_s"), of("gain_at_goal_1_s"));
+        assert_eq!((old.servo.gain_at_goal_1_s, new.servo.gain_at_goal_1_s), (3.5, 3.5));
+        let told = old.warnings.first().unwrap().to_string();
+        assert!(
+            told.contains("--set servo.calm_gain_1_s=3.5") && told.contains("gain_at_goal_1_s now"),
+            "{told}"
+        );
+        assert_eq!(new.warnings, []);
+        let both = |text: &str| Config::parse("cell.toml", text, Path::new("."), &[]);
+        assert!(both("[servo]\ncalm_gain_1_s = 3.5").unwrap().warnings.len() == 1);
+        let twice = both("[servo]\ncalm_gain_1_s = 3.5\ngain_at_goal_1_s = 2.0").unwrap_err().to_string();
+        assert!(twice.contains("cell.toml:2:1: servo.calm_gain_1_s: unknown field"), "{twice}");
+    }
 
     #[test]
     fn the_default_file_says_what_the_defaults_are() {

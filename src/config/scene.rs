@@ -3,9 +3,8 @@
 use super::Config;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
-use crate::robot::RobotDescription;
+use crate::robot::{Mount, RobotDescription};
 use crate::scene::{Backdrop, Bystander, Occluder, SceneMotion};
-use crate::servo::Mount;
 use crate::target::Target;
 
 /// What is true in a simulated cell. Camera, target and arm of the [`Config`] are what the controller believes; where

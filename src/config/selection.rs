@@ -9,7 +9,7 @@ use crate::servo::{
 
 /// Directions whose square is a smaller share of the greatest one's are not told of; those of a target that is a fiftieth of its distance
 /// are a hundred times greater.
-const LEAST_SHARE: f64 = 1e-12;
+const MIN_SHARE: f64 = 1e-12;
 /// Of an interaction matrix of features that are defined.
 const LARGEST_SQUARE: f64 = 1e12;
 
@@ -91,7 +91,7 @@ pub(super) fn doubtful_features(law: &Law, set_point: &SetPoint, joints: usize, 
         return check.doubtful(key, none);
     };
     let squares = matrix.symmetric_eigenvalues();
-    let told = squares.iter().filter(|x| **x > LEAST_SHARE * squares.max()).count();
+    let told = squares.iter().filter(|x| **x > MIN_SHARE * squares.max()).count();
     let needed = joints.min(6);
     if told < needed {
         let message = format!(

@@ -80,7 +80,7 @@ pub(super) fn servo(
     let avoid = check.range("servo.limit_avoidance_1_s", s.limit_avoidance_1_s, 0.0..=100.0);
     let object = object(s, check);
     let visibility = visibility(s, target, camera, check);
-    let calm = check.range("servo.calm_gain_1_s", s.calm_gain_1_s, GAIN_1_S);
+    let calm = check.range("servo.gain_at_goal_1_s", s.gain_at_goal_1_s, GAIN_1_S);
     if check.count_problems() > before {
         return None;
     }
@@ -89,7 +89,7 @@ pub(super) fn servo(
         law,
         set_point: set_point?.with_ids(&ids)?.with_selection(selection?)?,
         teach,
-        calm_gain_1_s: calm,
+        gain_at_goal_1_s: calm,
         smooth_start_1_s: (smooth > 0.0).then_some(smooth),
         lead: SpanNs::from_s(lead_ms * 1e-3),
         limit_avoidance_1_s: (avoid > 0.0).then_some(avoid),

@@ -92,6 +92,25 @@ impl Document {
         Ok(())
     }
 
+    /// Gives the value at `table.old` the name `new`; what to tell about it. In a file that says both they stay, and one is unknown; an
+    /// argument counts.
+    pub fn rename(&mut self, table: &str, old: &str, new: &str) -> Option<Problem> {
+        let counts = self.is_argument(&format!("{table}.{old}"));
+        let Some(Value::Table(entries)) = self.table.get_mut(table) else { return None };
+        if entries.contains_key(new) && !counts {
+            return None;
+        }
+        let value = entries.remove(old)?;
+        entries.insert(new.into(), value);
+        let message =
+            format!("this key is called {table}.{new} now; the old name goes with the next version");
+        let problem = self.problem(&format!("{table}.{old}"), message);
+        if let Some(place) = self.places.remove(&format!("{table}.{old}")) {
+            self.places.insert(format!("{table}.{new}"), place);
+        }
+        Some(problem)
+    }
+
     /// A problem with the value at `key`. Where that key is not written (a default), the nearest table above it.
     #[must_use]
     pub fn problem(&self, key: &str, message: impl Into<String>) -> Problem {

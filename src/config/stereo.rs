@@ -14,7 +14,7 @@ use super::servo::uses_dimension;
 use super::{Camera, Document, Problem};
 use crate::geometry::Pose;
 use crate::input::file;
-use crate::servo::Mount;
+use crate::robot::Mount;
 use crate::stereo::StereoError;
 use crate::target::Target;
 use crate::time::SpanNs;

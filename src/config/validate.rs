@@ -24,7 +24,7 @@ const MAX_FRAME_BYTES_IN_FLIGHT: f64 = 512e6;
 
 const MEASUREMENT_TIMEOUT_MS: RangeInclusive<f64> = 1.0..=60_000.0;
 /// Cores that the kernel's set of them has places for.
-const MOST_CPUS: u32 = 1024;
+const MAX_CPUS: u32 = 1024;
 
 /// Checks everything; `None` only where something is so wrong that a part cannot be built. `views`: also whether the target is in the
 /// picture at start and goal.
@@ -114,7 +114,7 @@ pub(super) fn validate(
         ),
     };
     if let Some(cpu) = raw.realtime.cpu {
-        check.count("realtime.cpu", cpu, 0..=MOST_CPUS - 1);
+        check.count("realtime.cpu", cpu, 0..=MAX_CPUS - 1);
     }
     let vision = VisionSettings {
         track: raw.vision.track,

@@ -3,24 +3,24 @@
 //! The real-time thread, the lockstep loop and in-process simulations all call [`ControlLoop::tick`]. It does not
 //! allocate, log or fail.
 
-mod told;
+mod status;
 
 pub use crate::control::outcome::Finish;
 
 use crate::control::controller::{ControlOutput, Controller};
 use crate::control::lifecycle::{Refusal, Request};
+use crate::control::measurement_log::MeasurementLog;
 use crate::control::outcome::{FinalErrors, Outcome};
 use crate::control::records::{command_trace, joint_state};
 use crate::control::residual::{NO_NEARER, OUT_OF_REACH, ResidualWatch};
 use crate::control::run_end::{self, NextStep, RunEnd};
 use crate::control::safety::Fault;
-use crate::control::sightings::Sightings;
-use crate::control::trace::{Event, Events, FrameStamps, LatencyStages, Sighting, Trace};
+use crate::control::trace::{Event, Events, FrameStamps, LatencyStages, MeasurementRecord, Trace};
 use crate::control::truth::Truth;
 use crate::drive::{Drive, DriveCommand, DriveState};
 use crate::messages::{ControlState, JointState, Measurement, frame_flag};
 use crate::motion::ActingLimits;
-use crate::servo::{Intake, View};
+use crate::servo::{MeasurementVerdict, View};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector2};
@@ -77,7 +77,7 @@ pub struct ControlLoop<const N: usize> {
     drive: Box<dyn Drive<N> + Send>,
     plan: RunPlan,
     truth: Option<Truth<N>>,
-    sightings: Sightings,
+    measurements: MeasurementLog,
     ticks: u64,
     statuses: u64,
     first: Option<MonoNs>,
@@ -115,7 +115,7 @@ impl<const N: usize> ControlLoop<N> {
             drive,
             plan,
             truth,
-            sightings: Sightings::new(),
+            measurements: MeasurementLog::new(),
             ticks: 0,
             statuses: 0,
             first: None,
@@ -159,7 +159,7 @@ impl<const N: usize> ControlLoop<N> {
     pub fn act(&mut self, tick: u64, now: MonoNs, measurement: Option<&Measurement>) -> Trace {
         self.used = measurement.copied();
         let output = self.controller.step(now, &self.sensed, measurement);
-        let sighting = measurement.map(|m| self.count(now, m, output.intake));
+        let measurement_record = measurement.map(|m| self.count(now, m, output.verdict));
         self.drive.write(&output.command);
         self.command = output.command;
         self.ticks += 1;
@@ -167,7 +167,7 @@ impl<const N: usize> ControlLoop<N> {
         self.acted = self.acted.with(&output.limits);
         if tick.is_multiple_of(STATUS_PERIOD) {
             self.residual.note_arm(now, self.controller.arm_stands());
-            self.calm();
+            self.reduce_gain();
         }
         let finish = self.finish(now, &output);
         if let Some(finish) = finish {
@@ -195,7 +195,7 @@ impl<const N: usize> ControlLoop<N> {
             fault: output.fault,
             lost: 0,
             status,
-            sighting,
+            measurement_record,
             limits: output.limits,
             events,
             finish,
@@ -211,10 +211,10 @@ impl<const N: usize> ControlLoop<N> {
     /// Tells when the command of the tick of `trace` was written, which closes the latency of the measurement that it used.
     pub fn commanded(&mut self, at: MonoNs, trace: &mut Trace) {
         trace.commanded = at;
-        if let (Some(m), Some(sighting)) = (self.used.take(), &mut trace.sighting) {
+        if let (Some(m), Some(measurement_record)) = (self.used.take(), &mut trace.measurement_record) {
             let latency = LatencyStages::of(&m, at, self.plan.one_clock);
-            self.sightings.commanded(latency);
-            sighting.latency = Some(latency);
+            self.measurements.commanded(latency);
+            measurement_record.latency = Some(latency);
         }
     }
 
@@ -242,7 +242,11 @@ impl<const N: usize> ControlLoop<N> {
             // Idle is what a run that is not served never is.
             Request::Stop if self.plan.service != Service::Served => self.end.decide(SHUT_DOWN),
             Request::Reset => self.drive.reset(),
-            Request::Start => (self.goal_since, self.goal_told) = (None, false),
+            Request::Start => {
+                (self.goal_since, self.goal_told) = (None, false);
+                // What an earlier start came to says nothing about this one.
+                self.residual.begin_anew();
+            }
             Request::Hold | Request::Teach | Request::Stop => {}
         }
         Ok(())
@@ -250,7 +254,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// A run that is not told what to do starts by itself.
     fn begin(&mut self) {
-        if let Service::OneShot { teaches } = self.plan.service {
+        if let (Service::OneShot { teaches }, None) = (self.plan.service, self.end.decided()) {
             let first = if teaches { Request::Teach } else { Request::Start };
             let _ = self.controller.request(first); // it is idle, and takes both
         }
@@ -291,27 +295,34 @@ impl<const N: usize> ControlLoop<N> {
     }
 
     /// What control remembers of the measurements.
-    pub(crate) fn sightings(&self) -> &Sightings {
-        &self.sightings
+    pub(crate) fn measurements(&self) -> &MeasurementLog {
+        &self.measurements
     }
 
-    fn count(&mut self, now: MonoNs, m: &Measurement, intake: Option<Intake>) -> Sighting {
+    fn count(
+        &mut self,
+        now: MonoNs,
+        m: &Measurement,
+        verdict: Option<MeasurementVerdict>,
+    ) -> MeasurementRecord {
         self.last_frame_seen |= m.flags & frame_flag::LAST != 0;
         let set_point = self.controller.behaviour().set_point();
         // What the law refused says nothing about the goal: it is old, or of another target. Nor does braking at the end.
         let has_ended = self.end.decided().is_some();
-        let is_of_goal = !matches!(intake, Some(Intake::TooFewFeatures | Intake::ImpossiblePose));
+        let is_of_goal =
+            !matches!(verdict, Some(MeasurementVerdict::TooFewFeatures | MeasurementVerdict::ImpossiblePose));
         let judged = is_of_goal && !has_ended;
         let view = View::of(m, set_point).filter(|_| judged);
         let error_px = view.map_or(f64::NAN, |view| set_point.error_rms_px(&view, &self.plan.f_px));
-        self.sightings.note(m, intake, error_px, &mut self.events);
-        if intake.is_some_and(Intake::is_used) {
+        self.measurements.note(m, verdict, error_px, &mut self.events);
+        if verdict.is_some_and(MeasurementVerdict::is_used) {
             let degraded = self.controller.behaviour().is_degraded();
-            self.sightings.note_degraded(degraded, &mut self.events);
+            self.measurements.note_degraded(degraded, &mut self.events);
         }
-        let sighting = Sighting { frame: FrameStamps::of(m), intake, error_px, latency: None };
-        if intake.is_some_and(Intake::is_refused) {
-            return sighting;
+        let measurement_record =
+            MeasurementRecord { frame: FrameStamps::of(m), verdict, error_px, latency: None };
+        if verdict.is_some_and(MeasurementVerdict::is_refused) {
+            return measurement_record;
         }
         self.residual.note_error(now, error_px);
         if error_px.is_nan() || error_px > self.plan.feature_error_px {
@@ -319,7 +330,7 @@ impl<const N: usize> ControlLoop<N> {
         } else {
             self.goal_since.get_or_insert(now);
         }
-        sighting
+        measurement_record
     }
 
     fn note_state(&mut self, output: &ControlOutput<N>) {
@@ -401,22 +412,23 @@ impl<const N: usize> ControlLoop<N> {
         let stays = || self.residual.constant_px(goal_px).map(|_| OUT_OF_REACH).or_else(no_nearer);
         let when_late =
             behaviour.when_late().or_else(|| stays().filter(|_| self.state == ControlState::Servoing));
-        time_is_up.then(|| run_end::time_is_up(self.plan.closed_loop, self.state, when_late, &self.sightings))
+        time_is_up
+            .then(|| run_end::time_is_up(self.plan.closed_loop, self.state, when_late, &self.measurements))
     }
 
     /// An arm that moves about a goal which it does not reach is slowed down; one that then sticks before it is not any more.
-    fn calm(&mut self) {
+    fn reduce_gain(&mut self) {
         let goal_px = self.plan.feature_error_px;
         if self.end.decided().is_some() {
             return;
         }
         if self.residual.constant_px(goal_px).is_some() {
-            if self.controller.rouse() {
+            if self.controller.restore_gain() {
                 self.residual.begin_anew();
             }
-        } else if self.residual.is_no_nearer(SWINGS_FROM * goal_px) && self.controller.calm() {
+        } else if self.residual.is_no_nearer(SWINGS_FROM * goal_px) && self.controller.reduce_gain() {
             self.residual.begin_anew();
-            self.events.push(Event::Calmed);
+            self.events.push(Event::GainReduced);
         }
     }
 

@@ -80,7 +80,7 @@ impl<const N: usize> Gate<N> {
     /// The arm stands in `q`: what passes begins there. Once something has passed it goes on from that, and this does nothing.
     pub fn begin_at(&mut self, q: &SVector<f64, N>) {
         if !self.is_open() {
-            self.reference.seat(q, &SVector::zeros());
+            self.reference.reset_to_measured(q, &SVector::zeros());
         }
     }
 

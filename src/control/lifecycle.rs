@@ -2,16 +2,18 @@
 //!
 //! ```text
 //!                     start                in view                 out of view
-//!            Idle ───────────► Waiting ──────────► Servoing ◄──────────────────► Holding
-//!             │ ▲                 ▲                   │              in view        │
-//!       teach │ │ at rest         │ start             │ hold                        │ hold
+//!            Idle ───────────► Waiting ──────────► Servoing ◄──────────────────► Holding ◄──────► Returning
+//!             │ ▲                 ▲                   │ ▲            in view        │  a way back, returned  │ in view
+//!             │ │                 │                   │ └───────────────────────────┼────────────────────────┘
+//!       teach │ │ at rest         │ start             │ hold                        │ hold, of both
 //!             ▼ │                 │                   ▼                             ▼
 //!      Teaching │ Stopping       Held ◄─────────────────────────────────────────────┘
 //!             └─┼─────────────────▲
 //!               │ taught, hold    stop: from everywhere to Stopping; failed: from everywhere to Failing
 //!               └──── reset ──── Fault ◄── at rest ── Failing
 //! ```
-//! The arm moves by itself in `Servoing` alone. Everywhere else it stands, or slows down until it does.
+//! The arm moves by itself in `Servoing`, by what is seen, and in `Returning`, to where the target was seen last. Everywhere else it
+//! stands, or slows down until it does.
 
 use crate::messages::ControlState;
 
@@ -28,6 +30,8 @@ pub enum State {
     Servoing,
     /// The view was lost: the arm slows down and stands, and goes on by itself when the view is back.
     Holding,
+    /// The view was lost: the arm goes back to where it saw the whole target last, and goes on by itself when the view is back.
+    Returning,
     /// Held on request: the arm slows down and stands until somebody says `start`.
     Held,
     /// The arm slows down, and is idle when it stands.
@@ -65,6 +69,10 @@ pub enum Cue {
     InView,
     /// There is none, or none any more.
     OutOfView,
+    /// There is a way back to where the target was seen last.
+    WayBack,
+    /// There is none, or none any more.
+    Returned,
     /// The goal is taught.
     Taught,
     /// The measured arm stands.
@@ -106,6 +114,8 @@ pub enum Refusal {
     UnknownRequest = 8,
     /// There is no such arm.
     UnknownArm = 9,
+    /// The run still waits for what it needs.
+    NotReady = 10,
 }
 
 impl Request {
@@ -135,7 +145,7 @@ impl Request {
 
 impl Refusal {
     /// All reasons.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::InFault,
         Self::NoFault,
         Self::StillMoving,
@@ -145,6 +155,7 @@ impl Refusal {
         Self::Ending,
         Self::UnknownRequest,
         Self::UnknownArm,
+        Self::NotReady,
     ];
 
     /// Why, and what to do, for people.
@@ -162,6 +173,7 @@ impl Refusal {
                 "this run knows no such request: does whoever asks run the same version of vservo?"
             }
             Self::UnknownArm => "this run has one arm, number 0",
+            Self::NotReady => "the run is still starting: it waits for its external drive",
         }
     }
 
@@ -174,12 +186,13 @@ impl Refusal {
 
 impl State {
     /// All states.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Idle,
         Self::Waiting,
         Self::Teaching,
         Self::Servoing,
         Self::Holding,
+        Self::Returning,
         Self::Held,
         Self::Stopping,
         Self::Failing,
@@ -189,7 +202,7 @@ impl State {
     /// Whether the arm moves by itself.
     #[must_use]
     pub fn moves(self) -> bool {
-        self == Self::Servoing
+        matches!(self, Self::Servoing | Self::Returning)
     }
 
     /// How it is told.
@@ -201,6 +214,7 @@ impl State {
             Self::Teaching => ControlState::Teaching,
             Self::Servoing => ControlState::Servoing,
             Self::Holding => ControlState::Holding,
+            Self::Returning => ControlState::Returning,
             Self::Held => ControlState::Held,
             Self::Stopping => ControlState::Stopping,
             Self::Failing | Self::Fault => ControlState::Fault,
@@ -211,7 +225,7 @@ impl State {
     #[must_use]
     pub fn next(self, cue: Cue) -> Step {
         use Refusal::{AlreadyStarted, InFault, NoFault, NotStarted, StillMoving};
-        use State::{Failing, Fault, Held, Holding, Idle, Servoing, Stopping, Teaching, Waiting};
+        use State::{Failing, Fault, Held, Holding, Idle, Returning, Servoing, Stopping, Teaching, Waiting};
         use Step::{Refuse, Stay, To};
         match cue {
             Cue::Request(request) => match (self, request) {
@@ -226,23 +240,33 @@ impl State {
                 (Stopping, _) => Refuse(StillMoving),
                 (Idle | Held, Request::Start) => To(Waiting),
                 (Teaching, Request::Start) => Refuse(Refusal::Teaching),
-                (Waiting | Servoing | Holding, Request::Start | Request::Teach) => Refuse(AlreadyStarted),
+                (Waiting | Servoing | Holding | Returning, Request::Start | Request::Teach) => {
+                    Refuse(AlreadyStarted)
+                }
                 (Idle | Held, Request::Teach) => To(Teaching),
                 (Teaching, Request::Teach) => Stay,
                 (Idle, Request::Hold) => Refuse(NotStarted),
                 (Held, Request::Hold) => Stay,
-                (Waiting | Teaching | Servoing | Holding, Request::Hold) => To(Held),
+                (Waiting | Teaching | Servoing | Holding | Returning, Request::Hold) => To(Held),
             },
             Cue::Failed => match self {
                 Failing | Fault => Stay,
                 _ => To(Failing),
             },
             Cue::InView => match self {
-                Waiting | Holding => To(Servoing),
+                Waiting | Holding | Returning => To(Servoing),
                 _ => Stay,
             },
             Cue::OutOfView => match self {
                 Servoing => To(Holding),
+                _ => Stay,
+            },
+            Cue::WayBack => match self {
+                Holding => To(Returning),
+                _ => Stay,
+            },
+            Cue::Returned => match self {
+                Returning => To(Holding),
                 _ => Stay,
             },
             Cue::Taught => match self {

@@ -6,8 +6,8 @@
 //! ```
 
 use crate::control::controller::Rest;
+use crate::control::measurement_log::MeasurementLog;
 use crate::control::outcome::{Finish, Outcome};
-use crate::control::sightings::Sightings;
 use crate::messages::{ControlState, TargetStatus};
 
 /// The end that was decided.
@@ -60,20 +60,20 @@ pub(crate) fn time_is_up(
     closed_loop: bool,
     state: ControlState,
     when_late: Option<&'static str>,
-    sightings: &Sightings,
+    measurements: &MeasurementLog,
 ) -> Finish {
     if !closed_loop {
         return Finish { outcome: Outcome::Finished, reason: "run.duration_s is over" };
     }
-    let reason = when_late.unwrap_or_else(|| why_late(state, sightings));
+    let reason = when_late.unwrap_or_else(|| why_late(state, measurements));
     Finish { outcome: Outcome::NotConverged, reason }
 }
 
 const NO_PAIR: &str = "run.duration_s is over: frames of the two cameras do not pair; see to both cameras and their trigger, or set \
                        cameras[1].stamp_offset_ms and stereo.pair_tolerance_ms";
 
-fn why_late(state: ControlState, sightings: &Sightings) -> &'static str {
-    match (state, sightings.last()) {
+fn why_late(state: ControlState, measurements: &MeasurementLog) -> &'static str {
+    match (state, measurements.last()) {
         (_, None) => "run.duration_s is over: no measurement ever came",
         (ControlState::Waiting, Some(m)) => match m.target_status() {
             TargetStatus::NoContrast => "run.duration_s is over: the frames have no contrast",
@@ -87,53 +87,62 @@ fn why_late(state: ControlState, sightings: &Sightings) -> &'static str {
                  front, check [camera.lens] and [target], or allow for more (vision.model_sd_px)"
             }
             TargetStatus::NoMatch => "run.duration_s is over: the target was never found",
+            TargetStatus::GivenUp => {
+                "run.duration_s is over: too much in the frames looks like a part of the target, its search was given up each time"
+            }
             TargetStatus::NoPair => NO_PAIR,
             TargetStatus::TooFewShared => {
                 "run.duration_s is over: the two cameras never saw three taught points together"
             }
-            TargetStatus::Found if sightings.is_degraded() => {
+            TargetStatus::Found if measurements.is_degraded() => {
                 "run.duration_s is over: a part of the target was hidden all the time, and all of it is needed"
             }
-            TargetStatus::Found => why_not_used(sightings).unwrap_or(
+            TargetStatus::Found => why_not_used(measurements).unwrap_or(
                 "run.duration_s is over: the target was found, but its place too uncertain \
                  (servo.object.max_uncertainty_m)",
             ),
         },
-        (ControlState::Holding, Some(m)) if m.found() => {
-            why_not_used(sightings).unwrap_or("run.duration_s is over: the target was lost")
+        (ControlState::Holding | ControlState::Returning, Some(m)) if m.found() => {
+            why_not_used(measurements).unwrap_or("run.duration_s is over: the target was lost")
         }
-        (ControlState::Holding, Some(m)) if m.target_status() == TargetStatus::Inconsistent => {
+        (ControlState::Holding | ControlState::Returning, Some(m))
+            if m.target_status() == TargetStatus::Inconsistent =>
+        {
             "run.duration_s is over: the target's dots fit no pose any more; look for a shadow, glare or something in front"
         }
-        (ControlState::Holding, Some(m)) if m.target_status() == TargetStatus::NoPair => NO_PAIR,
-        (ControlState::Holding, _) => "run.duration_s is over: the target was lost",
+        (ControlState::Holding | ControlState::Returning, Some(m))
+            if m.target_status() == TargetStatus::NoPair =>
+        {
+            NO_PAIR
+        }
+        (ControlState::Holding | ControlState::Returning, _) => "run.duration_s is over: the target was lost",
         _ => "run.duration_s is over before the goal was reached",
     }
 }
 
 /// The target is found, and yet nothing could be done about it: what most measurements were refused for, where they were.
-fn why_not_used(sightings: &Sightings) -> Option<&'static str> {
-    let intake = sightings.intake();
+fn why_not_used(measurements: &MeasurementLog) -> Option<&'static str> {
+    let verdicts = measurements.verdicts();
     let reasons = [
         (
-            intake.refused_features,
+            verdicts.refused_features,
             "run.duration_s is over: measurements carry other features than the set-point: camera, vision and control need the \
              same run file",
         ),
         (
-            intake.refused_too_few,
+            verdicts.refused_too_few,
             "run.duration_s is over: too much of the target was hidden for the law to go on",
         ),
         (
-            intake.refused_pose,
+            verdicts.refused_pose,
             "run.duration_s is over: measurements carry poses that no object before a camera has: see to the vision process",
         ),
         (
-            intake.refused_from_future,
+            verdicts.refused_from_future,
             "run.duration_s is over: exposure stamps lie too far in the future to be used; set camera.stamp_offset_ms",
         ),
         (
-            intake.refused_too_old,
+            verdicts.refused_too_old,
             "run.duration_s is over: exposures are too old to be used; check camera.latency_ms and \
              camera.stamp_offset_ms",
         ),

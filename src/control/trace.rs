@@ -8,7 +8,7 @@ use super::outcome::Finish;
 use super::safety::Fault;
 use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status};
 use crate::motion::ActingLimits;
-use crate::servo::Intake;
+use crate::servo::MeasurementVerdict;
 use crate::time::{MonoNs, SpanNs};
 
 /// Most events of one tick.
@@ -34,7 +34,7 @@ pub struct Trace {
     /// The run after the tick, every 20 ms.
     pub status: Option<Status>,
     /// The measurement that came, and what became of it.
-    pub sighting: Option<Sighting>,
+    pub measurement_record: Option<MeasurementRecord>,
     /// The limits that acted.
     pub limits: ActingLimits,
     /// What happened.
@@ -90,11 +90,11 @@ impl FrameStamps {
 
 /// A measurement that reached control.
 #[derive(Debug, Clone, Copy)]
-pub struct Sighting {
+pub struct MeasurementRecord {
     /// Which one.
     pub frame: FrameStamps,
     /// What became of it; `None` where the controller could not look at it.
-    pub intake: Option<Intake>,
+    pub verdict: Option<MeasurementVerdict>,
     /// Root mean square feature error, px; NaN where it says nothing about the goal.
     pub error_px: f64,
     /// Where its time went, once its command was written.
@@ -131,7 +131,9 @@ pub enum Event {
     /// The first measurement with a pose that no object before a camera has.
     ImpossiblePose,
     /// The arm swings about its goal: from now on it goes there, and learns, more slowly.
-    Calmed,
+    GainReduced,
+    /// The arm goes back to where it saw the whole target last.
+    Returning,
 }
 
 /// The events of one tick, in their order.
@@ -179,16 +181,24 @@ pub struct LatencyStages {
     pub exposure_to_command: Option<SpanNs>,
 }
 
+/// Stamps that lie further apart are of different clocks, or of none: a process that was stopped for an hour is let go before.
+const LONGEST_STAGE: SpanNs = SpanNs(3_600_000_000_000);
+
 impl LatencyStages {
     /// The stages of `m`, whose command was written at `command`. `one_clock`: all stamps are of the same clock.
     #[must_use]
     pub fn of(m: &Measurement, command: MonoNs, one_clock: bool) -> Self {
+        let span = |from: MonoNs, to: MonoNs| {
+            let span = SpanNs(to.0.saturating_sub(from.0));
+            (span.0.unsigned_abs() <= LONGEST_STAGE.0.unsigned_abs()).then_some(span)
+        };
+        let if_one_clock = |span: Option<SpanNs>| span.filter(|_| one_clock);
         Self {
-            exposure_to_frame: one_clock.then(|| m.frame_sent - m.exposure),
-            frame_to_vision: Some(m.vision_start - m.frame_sent),
-            vision: Some(m.vision_end - m.vision_start),
-            measurement_to_command: one_clock.then(|| command - m.vision_end),
-            exposure_to_command: Some(command - m.exposure),
+            exposure_to_frame: if_one_clock(span(m.exposure, m.frame_sent)),
+            frame_to_vision: span(m.frame_sent, m.vision_start),
+            vision: span(m.vision_start, m.vision_end),
+            measurement_to_command: if_one_clock(span(m.vision_end, command)),
+            exposure_to_command: span(m.exposure, command),
         }
     }
 }

@@ -1,9 +1,8 @@
 //! What is true in a simulated cell: errors are told against it. Nothing that control does depends on it.
 
 use crate::geometry::Pose;
-use crate::robot::Robot;
+use crate::robot::{Mount, Robot};
 use crate::scene::SceneMotion;
-use crate::servo::Mount;
 use crate::time::SpanNs;
 use nalgebra::SVector;
 

@@ -61,6 +61,15 @@ impl Finder {
         }
     }
 
+    /// Looks once more at what was found in `image`, for what lies on a part of a point: where the rest tells the point's place, it counts
+    /// alone, and the point's id goes into `harmed`.
+    pub fn look_closely(&self, image: &ImageView<'_>, found: &mut [Found], harmed: &mut Vec<u32>) {
+        harmed.clear();
+        if let Self::Dots(finder) = self {
+            finder.look_closely(image, found, harmed);
+        }
+    }
+
     /// Looks for the points where they are expected, ids rising: fills `found` with those that are there alone and whole. Whether they
     /// can be the target; `found` is empty when not.
     pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {

@@ -14,7 +14,7 @@ use crate::robot::Robot;
 use nalgebra::SVector;
 
 /// Newton steps; two or three are the rule.
-const MOST_STEPS: usize = 40;
+const MAX_STEPS: usize = 40;
 /// Halvings of a step that goes too far.
 const HALVINGS: usize = 12;
 /// A step that changes speeds (rad/s or m/s) by less ends the search.
@@ -31,7 +31,7 @@ pub(super) fn after_friction<const N: usize>(
     let B = robot.mass_matrix(q);
     let p = B * smooth + impulse;
     let gradient = |v: &SVector<f64, N>| B * v + robot.friction_torque(v) * h - p;
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let slope = robot.friction_slope(&v);
         // Positive definite, as the mass matrix is.
         let Some(factors) = Ldlt::new(&B.data.0, &(slope * h).into()) else { return v };

@@ -5,7 +5,7 @@
 //! Not so for scheme C with a focal length believed 10 % short: that raises its loop gain beyond the sampled-data limit.
 
 use super::cell::{POINTS, pose_of, project};
-use super::eye::{Eye, Miscalibration, camera};
+use super::feature_source::{FeatureSource, Miscalibration, camera};
 use super::findings::Findings;
 use super::plot::{Panel, Series, Symbol, figure};
 use super::schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, set_point};
@@ -63,8 +63,8 @@ pub fn run_miscalibrated(
     };
     let estimator = scheme.is_position_based().then(|| Estimator::new(Watched::Points));
     let mut pilot = Pilot::new(cell, scheme.law(), goal, estimator);
-    let mut eye = Eye::Miscalibrated(*wrong);
-    Ok(simulate(cell, scheme.name(), &mut eye, SPAN_S, |frame| pilot.control(frame)))
+    let mut source = FeatureSource::Miscalibrated(*wrong);
+    Ok(simulate(cell, scheme.name(), &mut source, SPAN_S, |frame| pilot.control(frame)))
 }
 
 /// The set-point as the camera measures it in the goal: features, or for position-based schemes the estimated pose.

@@ -5,7 +5,9 @@ use super::metrics::Metrics;
 use super::plot::{Drawing, Panel, Series, Symbol, figure};
 use super::schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
 use super::simulate::{SPAN_S, simulate};
-use super::{CameraKind, Cell, CellGoal, ExperimentError, Eye, Options, RenderedEye, Trajectory};
+use super::{
+    CameraKind, Cell, CellGoal, ExperimentError, FeatureSource, Options, RenderedFeatures, Trajectory,
+};
 use crate::report::chart::same_axes;
 use crate::servo::{Damping, Interaction, Law};
 
@@ -18,10 +20,10 @@ const SEGMENT_STIFFNESS: f64 = 300.0;
 /// damping acts on the joints (Sect. 10.8.1 names this choice), by its own inertia.
 const SEGMENT_DAMPING: [f64; 4] = [400.0, 250.0, 30.0, 20.0];
 
-fn eye(options: &Options<'_>) -> Result<Eye, ExperimentError> {
+fn source(options: &Options<'_>) -> Result<FeatureSource, ExperimentError> {
     Ok(match options.camera {
-        CameraKind::Ideal => Eye::Ideal,
-        CameraKind::Rendered => Eye::Rendered(Box::new(RenderedEye::new(1)?)),
+        CameraKind::Ideal => FeatureSource::Ideal,
+        CameraKind::Rendered => FeatureSource::Rendered(Box::new(RenderedFeatures::new(1)?)),
     })
 }
 
@@ -29,9 +31,13 @@ fn eye(options: &Options<'_>) -> Result<Eye, ExperimentError> {
 ///
 /// # Errors
 /// [`ExperimentError::Cell`].
-pub fn run_scheme(cell: &Cell, scheme: Scheme, eye: &mut Eye) -> Result<Trajectory, ExperimentError> {
+pub fn run_scheme(
+    cell: &Cell,
+    scheme: Scheme,
+    source: &mut FeatureSource,
+) -> Result<Trajectory, ExperimentError> {
     let mut pilot = Pilot::textbook(cell, scheme)?;
-    Ok(simulate(cell, scheme.name(), eye, SPAN_S, |frame| pilot.control(frame)))
+    Ok(simulate(cell, scheme.name(), source, SPAN_S, |frame| pilot.control(frame)))
 }
 
 /// A, B, C, D and hybrid in one set.
@@ -49,7 +55,7 @@ fn schemes(options: &Options<'_>, schemes: &[Scheme]) -> Result<Findings, Experi
     let mut runs = Vec::new();
     for scheme in schemes {
         (options.progress)(&format!("scheme {}", scheme.name()));
-        runs.push(run_scheme(&cell, *scheme, &mut eye(options)?)?);
+        runs.push(run_scheme(&cell, *scheme, &mut source(options)?)?);
     }
     report(&runs, &cell.goal()?)
 }
@@ -58,10 +64,10 @@ fn schemes(options: &Options<'_>, schemes: &[Scheme]) -> Result<Findings, Experi
 pub(super) fn segment_problem(options: &Options<'_>, scheme: Scheme) -> Result<Findings, ExperimentError> {
     let cell = Cell::textbook()?;
     (options.progress)(&format!("scheme {} on the points, then on the segment", scheme.name()));
-    let points = run_scheme(&cell, scheme, &mut eye(options)?)?;
+    let points = run_scheme(&cell, scheme, &mut source(options)?)?;
     let mut pilot = segment_pilot(&cell, scheme)?;
     let name = format!("{}-segment", scheme.name());
-    let segment = simulate(&cell, &name, &mut eye(options)?, SPAN_S, |frame| pilot.control(frame));
+    let segment = simulate(&cell, &name, &mut source(options)?, SPAN_S, |frame| pilot.control(frame));
     let mut outcome = report(&[segment, points], &cell.goal()?)?;
     if scheme == Scheme::C {
         outcome

@@ -4,7 +4,7 @@
 //! schemes it is a ball of 1 kg with the camera in its middle, on which the held wrench acts.
 
 use super::cell::{POINTS, project};
-use super::eye::camera;
+use super::feature_source::camera;
 use super::findings::Findings;
 use super::plot::{Panel, Series, figure};
 use super::schemes::{Scheme, set_point};
@@ -13,9 +13,10 @@ use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, Twist, integrate_body_twist, rotation_angle};
 use crate::linalg::Random;
 use crate::pose::{Correspondence, planar_pose};
+use crate::robot::CameraJacobian;
 use crate::servo::{
-    Arm, CameraJacobian, Damping, DepthSource, FeatureGains, Gain, HybridGains, Interaction, InteractionAt,
-    Law, OperationalSpace, OrientationError, Selection, SetPoint, View, VisibilityGuard, Wish,
+    Arm, Damping, DepthSource, FeatureGains, Gain, HybridGains, Interaction, InteractionAt, Law, LawOutput,
+    OperationalSpace, OrientationError, Selection, SetPoint, View, VisibilityGuard,
 };
 use crate::sim::{ClosedLoop, frame_every, run};
 use nalgebra::{Matrix6, Rotation3, Unit, Vector2, Vector3, Vector6};
@@ -294,12 +295,12 @@ impl ClosedLoop for Course<'_> {
             });
         let still = match wish {
             None => return Break((Fate::NoAnswer, time_s(frame))),
-            Some(Wish::Velocity(twist)) => {
+            Some(LawOutput::Velocity(twist)) => {
                 self.V = twist;
                 self.X_CO = integrate_body_twist(&Pose::identity(), &twist, FRAME_S).inverse() * self.X_CO;
                 twist.norm() < STILL
             }
-            Some(Wish::Torque(wrench)) => {
+            Some(LawOutput::Torque(wrench)) => {
                 (self.X_CO, self.V) = ball(&self.X_CO, &self.V, &wrench);
                 self.V.norm() < STILL && wrench.norm() < STILL
             }

@@ -1,7 +1,7 @@
 //! The textbook's examples, problems and comparison, and studies that go beyond them: `vservo experiment NAME --out DIR`.
 //!
 //! ```text
-//! cell, eye ──► simulate (25 Hz law, 1 ms arm) ──► Trajectory ──► CSV, Metrics, figures ──► Findings ──► files
+//! cell, source ──► simulate (25 Hz law, 1 ms arm) ──► Trajectory ──► CSV, Metrics, figures ──► Findings ──► files
 //!                   ▲ servo::Law, the same as in the running loop
 //! system (the whole run in one process) ──► errors against truth ─────────────────────────────┘
 //! ```
@@ -14,7 +14,7 @@ mod comparison;
 mod convergence;
 mod error;
 mod examples;
-mod eye;
+mod feature_source;
 mod findings;
 mod gain_delay;
 mod metrics;
@@ -31,7 +31,7 @@ pub use cell::{Cell, POINTS, desired_object, pose_of, project};
 pub use comparison::run_scheme;
 pub use convergence::{FLIERS, Fate, Flier, Flight, flights, fly, start};
 pub use error::ExperimentError;
-pub use eye::{Eye, Miscalibration, RenderedEye};
+pub use feature_source::{FeatureSource, Miscalibration, RenderedFeatures};
 pub use findings::{Figure, Findings};
 pub use gain_delay::{DELAYS_MS, Disturbance, Finding, Loop, errors_to_bear, study};
 pub use metrics::{CellGoal, Metrics, RemainingErrors, SettlingTimes, path_deviation, settling_time};

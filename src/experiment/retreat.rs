@@ -8,7 +8,7 @@ use super::findings::Findings;
 use super::plot::{Panel, Series, Symbol, figure};
 use super::schemes::{Pilot, set_point};
 use super::simulate::{STEP_S, simulate_at};
-use super::{Cell, End, ExperimentError, Eye, Options, Trajectory};
+use super::{Cell, End, ExperimentError, FeatureSource, Options, Trajectory};
 use crate::geometry::Pose;
 use crate::servo::{DepthSource, Gain, Interaction, InteractionAt, Law, Selection};
 use nalgebra::Vector3;
@@ -35,7 +35,7 @@ pub fn pure_rotation(angle_rad: f64, depth: DepthSource) -> Result<Trajectory, E
     let goal = set_point(&cell.X_DO, Selection::all_points(4))?;
     let mut pilot = Pilot::new(&cell, law, goal, None).knowing_depth();
     let name = format!("{:.0}deg", angle_rad.to_degrees());
-    Ok(simulate_at(1, &cell, &name, &mut Eye::Ideal, SPAN_S, |frame| pilot.control(frame)))
+    Ok(simulate_at(1, &cell, &name, &mut FeatureSource::Ideal, SPAN_S, |frame| pilot.control(frame)))
 }
 
 /// Greatest distance of the object over the first one.

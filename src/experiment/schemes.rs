@@ -5,10 +5,10 @@ use super::{Cell, ExperimentError, LawInput};
 use crate::features::segment_features;
 use crate::geometry::Pose;
 use crate::pose::{Correspondence, algorithmic_step_4, algorithmic_step_segment};
-use crate::robot::ExpressedIn;
+use crate::robot::{CameraJacobian, ExpressedIn};
 use crate::servo::{
-    Arm, CameraJacobian, Damping, FeatureKind, Gain, HybridGains, Interaction, Law, OperationalSpace,
-    OrientationError, Selection, SetPoint, View, Wish, pose_gains_4,
+    Arm, Damping, FeatureKind, Gain, HybridGains, Interaction, Law, LawOutput, OperationalSpace,
+    OrientationError, Selection, SetPoint, View, pose_gains_4,
 };
 use nalgebra::{Vector2, Vector3, Vector4};
 
@@ -179,7 +179,7 @@ impl<'a> Pilot<'a> {
     ///
     /// # Errors
     /// Why the law has no answer.
-    pub fn control(&mut self, frame: &LawInput) -> Result<Wish<4>, String> {
+    pub fn control(&mut self, frame: &LawInput) -> Result<LawOutput<4>, String> {
         let X_CO = match &mut self.estimator {
             Some(estimator) => Some(pose_of(&estimator.run(&frame.seen)?)),
             None => None,

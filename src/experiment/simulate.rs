@@ -5,10 +5,10 @@
 //! Limits of effort and position do not act here, as in the text.
 
 use super::cell::{Cell, project};
-use super::eye::Eye;
+use super::feature_source::FeatureSource;
 use super::trajectory::{End, Row, Trajectory};
 use crate::geometry::Pose;
-use crate::servo::Wish;
+use crate::servo::LawOutput;
 use crate::sim::{ClosedLoop, frame_every, run};
 use nalgebra::{Vector2, Vector4};
 use std::ops::ControlFlow::{self, Break, Continue};
@@ -42,11 +42,11 @@ pub struct LawInput {
 pub fn simulate(
     cell: &Cell,
     name: &str,
-    eye: &mut Eye,
+    source: &mut FeatureSource,
     span_s: f64,
-    law: impl FnMut(&LawInput) -> Result<Wish<4>, String>,
+    law: impl FnMut(&LawInput) -> Result<LawOutput<4>, String>,
 ) -> Trajectory {
-    simulate_at(STEPS_PER_FRAME, cell, name, eye, span_s, law)
+    simulate_at(STEPS_PER_FRAME, cell, name, source, span_s, law)
 }
 
 /// Runs `law` in `cell` for `span_s` with a frame every `steps_per_frame` steps.
@@ -57,21 +57,21 @@ pub fn simulate_at(
     steps_per_frame: u32,
     cell: &Cell,
     name: &str,
-    eye: &mut Eye,
+    source: &mut FeatureSource,
     span_s: f64,
-    law: impl FnMut(&LawInput) -> Result<Wish<4>, String>,
+    law: impl FnMut(&LawInput) -> Result<LawOutput<4>, String>,
 ) -> Trajectory {
     let steps = (span_s / STEP_S).round() as u64;
     let mut textbook = Textbook {
         cell,
-        eye,
+        source,
         law,
         steps,
         q: cell.q_start,
         qd: Vector4::zeros(),
         X_CO: cell.X_DO,
         s: [Vector2::zeros(); 4],
-        wish: Wish::Velocity(Vector4::zeros()),
+        wish: LawOutput::Velocity(Vector4::zeros()),
         at_frame: (0, cell.q_start),
         rows: Vec::with_capacity(steps as usize + 1),
     };
@@ -85,7 +85,7 @@ pub fn simulate_at(
 /// The loop of the text; it ends with the reason why it broke off, if it did.
 struct Textbook<'a, F> {
     cell: &'a Cell,
-    eye: &'a mut Eye,
+    source: &'a mut FeatureSource,
     law: F,
     steps: u64,
     q: Vector4<f64>,
@@ -93,13 +93,13 @@ struct Textbook<'a, F> {
     /// The object in the camera at this step, and its points there.
     X_CO: Pose,
     s: [Vector2<f64>; 4],
-    wish: Wish<4>,
+    wish: LawOutput<4>,
     /// The step of the last frame, and the joint positions there.
     at_frame: (u64, Vector4<f64>),
     rows: Vec<Row>,
 }
 
-impl<F: FnMut(&LawInput) -> Result<Wish<4>, String>> ClosedLoop for Textbook<'_, F> {
+impl<F: FnMut(&LawInput) -> Result<LawOutput<4>, String>> ClosedLoop for Textbook<'_, F> {
     type Seen = LawInput;
     type End = Option<String>;
 
@@ -114,7 +114,7 @@ impl<F: FnMut(&LawInput) -> Result<Wish<4>, String>> ClosedLoop for Textbook<'_,
 
     fn see(&mut self, _: u64, frame_id: u64) -> ControlFlow<Self::End, LawInput> {
         let index = frame_id as usize;
-        match self.eye.look(&self.X_CO, &self.s, index) {
+        match self.source.look(&self.X_CO, &self.s, index) {
             Ok(seen) => Continue(LawInput { index, q: self.q, qd: self.qd, seen }),
             Err(reason) => Break(Some(reason)),
         }
@@ -127,12 +127,14 @@ impl<F: FnMut(&LawInput) -> Result<Wish<4>, String>> ClosedLoop for Textbook<'_,
                 Err(reason) => return Break(Some(reason)),
             }
         }
-        let (Wish::Torque(u) | Wish::Velocity(u)) = self.wish;
+        let (LawOutput::Torque(u) | LawOutput::Velocity(u)) = self.wish;
         let (time_s, x_c) = (step as f64 * STEP_S, self.cell.camera(&self.q));
         self.rows.push(Row { time_s, x_c, s: self.s, q: self.q, u });
         match self.wish {
-            Wish::Torque(tau) => (self.q, self.qd) = self.cell.arm.integrate(&self.q, &self.qd, &tau, STEP_S),
-            Wish::Velocity(rate) => {
+            LawOutput::Torque(tau) => {
+                (self.q, self.qd) = self.cell.arm.integrate(&self.q, &self.qd, &tau, STEP_S)
+            }
+            LawOutput::Velocity(rate) => {
                 let (frame, q) = self.at_frame;
                 self.qd = rate;
                 self.q = q + rate * ((step - frame + 1) as f64 * STEP_S);

@@ -10,7 +10,7 @@ use super::moments::{AreaFeature, Central, ImageMoments, finite, rows, values};
 use nalgebra::{SMatrix, Vector2, Vector3, Vector5};
 
 /// Least product of the principal second moments, as a share of their sum squared.
-const LEAST_WIDTH: f64 = 1e-12;
+const MIN_WIDTH: f64 = 1e-12;
 
 /// An ellipse in the image, or the one that has the second moments of an area there.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,7 +49,7 @@ impl Feature<5> for EllipseFeature {
     fn interaction(&self) -> Option<SMatrix<f64, 5, 6>> {
         let [.., n20, n11, n02] = self.flows().map(|flow| flow.value);
         // a line has no area but that of rounding
-        let wide = n20 * n02 - n11 * n11 > LEAST_WIDTH * (n20 + n02) * (n20 + n02);
+        let wide = n20 * n02 - n11 * n11 > MIN_WIDTH * (n20 + n02) * (n20 + n02);
         if !(n20 > 0.0 && wide && self.moments.is_there(&self.plane)) {
             return None;
         }

@@ -20,7 +20,7 @@ use nalgebra::{SMatrix, SVector, Vector2, Vector3, Vector4, Vector6};
 /// Orders of the moments that are known: those of third order move with those of the fourth.
 const ORDERS: usize = 5;
 /// Asymmetry below which nothing tells the two senses of the axis.
-const LEAST_ASYMMETRY: f64 = 1e-6;
+const MIN_ASYMMETRY: f64 = 1e-6;
 
 /// Moments `m_ij` of an image, `i + j` up to 4, in normalized coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -187,7 +187,7 @@ impl Central {
         let (sin, cos) = alpha.sin_cos();
         let (mut along, mut across) = (a * cos + b * sin, b * cos - a * sin);
         let side = along.value * sense.x + across.value * sense.y;
-        if side < 0.0 && a.value.hypot(b.value) >= LEAST_ASYMMETRY {
+        if side < 0.0 && a.value.hypot(b.value) >= MIN_ASYMMETRY {
             alpha = alpha.plus(if alpha.value > 0.0 { -std::f64::consts::PI } else { std::f64::consts::PI });
             (along, across) = (-along, -across);
         }
@@ -201,7 +201,7 @@ const HEAVY_END: Vector2<f64> = Vector2::new(-1.0, 0.0);
 
 /// An angle's error: of what has no sense modulo half a turn.
 fn angle_error(error_rad: f64, skew: &Vector2<f64>) -> f64 {
-    if skew.norm() >= LEAST_ASYMMETRY { wrap_rad(error_rad) } else { 0.5 * wrap_rad(2.0 * error_rad) }
+    if skew.norm() >= MIN_ASYMMETRY { wrap_rad(error_rad) } else { 0.5 * wrap_rad(2.0 * error_rad) }
 }
 
 pub(super) fn rows<const K: usize>(flows: [Flow; K]) -> SMatrix<f64, K, 6> {
@@ -238,7 +238,7 @@ impl AreaFeature {
     #[must_use]
     pub fn in_sense_of(self, goal: &Self) -> Self {
         let (_, skew) = goal.flows();
-        Self { sense: if skew.norm() >= LEAST_ASYMMETRY { skew } else { HEAVY_END }, ..self }
+        Self { sense: if skew.norm() >= MIN_ASYMMETRY { skew } else { HEAVY_END }, ..self }
     }
 
     /// Moments of the image.

@@ -8,7 +8,7 @@
 use super::edges::{EdgePixel, Edges, NONE};
 
 /// Fewest points of an open chain whose ends can meet.
-const LEAST_LOOP: usize = 8;
+const MIN_LOOP: usize = 8;
 
 /// One chain: a range of [`Chains::points`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -125,7 +125,7 @@ impl Chains {
                     self.points.truncate(from);
                 } else {
                     let ends = (self.points.get(from), self.points.last());
-                    let meet = end - from >= LEAST_LOOP && matches!(ends, (Some(a), Some(b)) if beside(a, b));
+                    let meet = end - from >= MIN_LOOP && matches!(ends, (Some(a), Some(b)) if beside(a, b));
                     self.chains.push(Chain { start: from, end, closed: closed || meet });
                 }
             }

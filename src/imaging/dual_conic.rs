@@ -22,7 +22,7 @@ type M5 = SMatrix<f64, 5, 5>;
 /// What noise does not explain of a pixel of rim: pixels are squares; px.
 const FLOOR_PX: f64 = 0.0125;
 /// Largest part of an image that is looked at, px^2.
-const MOST_PIXELS: usize = 1 << 20;
+const MAX_PIXELS: usize = 1 << 20;
 
 /// The fit. Owns its buffer.
 #[derive(Debug, Clone, Default)]
@@ -53,7 +53,7 @@ impl DualConic {
         let (x1, y1) = (around.x1.min(image.width() - 1), around.y1.min(image.height() - 1));
         let (width, height) = (x1.saturating_sub(x0), y1.saturating_sub(y0));
         let size = (width + 2).checked_mul(height + 2)?;
-        if width == 0 || height == 0 || size > MOST_PIXELS {
+        if width == 0 || height == 0 || size > MAX_PIXELS {
             return None;
         }
         // positions about the centre in units of the axis, so that all unknowns are of one size

@@ -15,7 +15,7 @@ use super::ImageView;
 const PLATEAU: usize = 3;
 
 /// Pixels that the widest scan looks at.
-const MOST_LEVELS: usize = 2 * (64 + 8 + PLATEAU + 8 + 3) + 1;
+const MAX_LEVELS: usize = 2 * (64 + 8 + PLATEAU + 8 + 3) + 1;
 
 /// Along what is scanned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,7 +95,7 @@ impl EdgeScan {
         if from >= to {
             return None;
         }
-        let mut levels = [0u8; MOST_LEVELS];
+        let mut levels = [0u8; MAX_LEVELS];
         let levels = levels.get_mut(..to - from)?;
         match axis {
             ScanAxis::Row => levels.copy_from_slice(image.row(line).get(from..to)?),

@@ -12,13 +12,13 @@ use thiserror::Error;
 mod x86;
 
 /// Greatest standard deviation, px: beyond, filter a smaller image of the pyramid.
-const MOST_SIGMA_PX: f64 = 20.0;
+const MAX_SIGMA_PX: f64 = 20.0;
 /// Fractional bits between the passes: the sum of two levels with them fits 16 bits.
 const FRACTION: u32 = 7;
 
 /// The standard deviation asked for is none.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
-#[error("a Gaussian filter of {sigma_px} px: expected 0 to {MOST_SIGMA_PX} px")]
+#[error("a Gaussian filter of {sigma_px} px: expected 0 to {MAX_SIGMA_PX} px")]
 pub struct GaussianError {
     /// What was asked for, px.
     pub sigma_px: f64,
@@ -39,7 +39,7 @@ impl Gaussian {
     /// # Errors
     /// [`GaussianError`] when it is not within 0 and 20 px.
     pub fn new(sigma_px: f64) -> Result<Self, GaussianError> {
-        if !(0.0..=MOST_SIGMA_PX).contains(&sigma_px) {
+        if !(0.0..=MAX_SIGMA_PX).contains(&sigma_px) {
             return Err(GaussianError { sigma_px });
         }
         let radius = (3.0 * sigma_px).ceil() as usize;

@@ -1,13 +1,13 @@
 //! What somebody who misspelt a word may have meant.
 
 /// A word is meant when so many letters, of this share of all, have to be changed.
-const MOST_LETTERS: usize = 3;
+const MAX_LETTERS: usize = 3;
 const LETTERS_FOR_ONE: usize = 3;
 
 /// The candidate that is most like `word`, if one is like it.
 #[must_use]
 pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let allowed = (word.chars().count() / LETTERS_FOR_ONE).clamp(1, MOST_LETTERS);
+    let allowed = (word.chars().count() / LETTERS_FOR_ONE).clamp(1, MAX_LETTERS);
     let lower = word.to_lowercase();
     candidates
         .into_iter()

@@ -4,15 +4,10 @@ use super::channel::Channel;
 use super::ports::{transfer, works};
 use super::{IpcError, Service};
 use crate::messages::{ControlAnswer, ControlCommand};
-use crate::rt::now;
-use crate::time::SpanNs;
 use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::pending_response::PendingResponse;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::server::Server;
-use std::time::Duration;
-
-/// Looks for an answer lie so far apart.
-const LOOK: Duration = Duration::from_millis(2);
 
 /// Control's end.
 #[derive(Debug)]
@@ -21,6 +16,10 @@ pub struct CommandServer(Server<Service, ControlCommand, (), ControlAnswer, ()>)
 /// A command that waits for its answer.
 #[derive(Debug)]
 pub struct Asked(ActiveRequest<Service, ControlCommand, (), ControlAnswer, ()>);
+
+/// A command of this process that waits for its answer.
+#[derive(Debug)]
+pub struct Pending(PendingResponse<Service, ControlCommand, (), ControlAnswer, ()>);
 
 /// The end of whoever wants something.
 #[derive(Debug)]
@@ -59,21 +58,23 @@ impl CommandClient {
         Self(port)
     }
 
-    /// Asks, and waits for the answer at most `longest`; `None` when there is none by then.
+    /// Asks.
     ///
     /// # Errors
     /// When the transport fails.
-    pub fn ask(&self, command: ControlCommand, longest: Duration) -> Result<Option<ControlAnswer>, IpcError> {
-        let until = now() + SpanNs::from_s(longest.as_secs_f64());
-        let pending = self.0.send_copy(command).map_err(|e| transfer("sending", Channel::Command, e))?;
-        loop {
-            if let Some(answer) = pending.receive().map_err(|e| transfer("receiving", Channel::Command, e))? {
-                return Ok(Some(*answer));
-            }
-            if now() > until {
-                return Ok(None);
-            }
-            std::thread::sleep(LOOK);
-        }
+    pub fn ask(&self, command: ControlCommand) -> Result<Pending, IpcError> {
+        let sent = self.0.send_copy(command).map_err(|e| transfer("sending", Channel::Command, e))?;
+        Ok(Pending(sent))
+    }
+}
+
+impl Pending {
+    /// The answer; `None` as long as there is none.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn answer(&self) -> Result<Option<ControlAnswer>, IpcError> {
+        let answer = self.0.receive().map_err(|e| transfer("receiving", Channel::Command, e))?;
+        Ok(answer.map(|answer| *answer))
     }
 }

@@ -74,6 +74,26 @@ pub enum IpcError {
 }
 
 impl IpcError {
+    /// Whether as many programs as can be have joined: one of them may leave in a moment.
+    #[must_use]
+    pub fn is_crowded(&self) -> bool {
+        match self {
+            Self::Service { cause, .. } | Self::Port { cause, .. } => cause.contains("Exceeds"),
+            _ => false,
+        }
+    }
+
+    /// Whether who makes it has not done so yet, or is about to.
+    #[must_use]
+    pub fn is_too_early(&self) -> bool {
+        match self {
+            Self::Service { cause, .. } => ["DoesNotExist", "HangsInCreation", "IsMarkedForDestruction"]
+                .iter()
+                .any(|e| cause.contains(e)),
+            _ => false,
+        }
+    }
+
     /// What was tried and did not succeed, told by what has run out, where something has.
     pub(super) fn scarce_or(action: impl FnOnce() -> String, cause: &str, otherwise: Self) -> Self {
         match Scarcity::found() {

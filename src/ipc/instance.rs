@@ -7,10 +7,12 @@
 //! A role is held by a lock on a file, which the kernel releases when the process dies in whatever way. Whoever
 //! leaves last removes everything.
 
-use super::place::{self, Place, SHARED_MEMORY};
-use super::pulse::{self, Pulse};
+use super::caretaker::Caretaker;
+use super::heartbeat::{self, Heartbeat};
 use super::role::Role;
+use super::runtime_dir::{self, Place, SHARED_MEMORY};
 use super::scarcity::{Scarcity, remedy};
+use super::stop_word::StopWord;
 use crate::time::MonoNs;
 use iceoryx2::prelude::*;
 use rustix::fs::{FlockOperation, OFlags, flock};
@@ -23,8 +25,9 @@ use std::path::{Path as FsPath, PathBuf};
 use std::str::FromStr;
 use thiserror::Error;
 
-/// Socket paths end at 107 characters; the transport appends its own names to the root path.
-const LONGEST_NAME: usize = 32;
+/// Paths of sockets have 107 characters at most, and the transport does not look: longer ones run over its stack. The longest is
+/// `/dev/shm/vservo-NAME/vservo.NAME.ID.event` with up to 39 digits of the port's number.
+const LONGEST_NAME: usize = 18;
 const CONFIG: &str = "config.toml";
 const LOCK_ENDING: &str = ".lock";
 const LOCK_ATTEMPTS: u32 = 10;
@@ -114,8 +117,8 @@ pub struct RoleLock {
 impl RoleLock {
     /// The signs of life of the process that holds the role; `None` when it has no file descriptors left.
     #[must_use]
-    pub fn pulse(&self) -> Option<Pulse> {
-        self.file.try_clone().ok().map(Pulse::new)
+    pub fn heartbeat(&self) -> Option<Heartbeat> {
+        self.file.try_clone().ok().map(Heartbeat::new)
     }
 }
 
@@ -173,7 +176,7 @@ impl Instance {
     /// [`InstanceError::NotOurs`] for what is not; [`InstanceError::Place`] when shared memory is not usable.
     pub fn check_place(&self) -> Result<(), InstanceError> {
         Place::open_or_create(&self.directory_name())?;
-        place::check_segments(&self.prefix())
+        runtime_dir::check_segments(&self.prefix())
     }
 
     /// What a program that is no part of this one needs to join: name, prefix, root path, run file.
@@ -232,6 +235,18 @@ impl Instance {
         self.refuse(Scarcity::of_space(needed_bytes))
     }
 
+    /// Gives every page of the instance's segments its memory.
+    ///
+    /// # Errors
+    /// [`InstanceError::Place`] when there is too little.
+    pub fn reserve(&self) -> Result<(), InstanceError> {
+        runtime_dir::reserve_segments(&self.prefix())
+    }
+
+    pub(super) fn take_care(&self) -> std::io::Result<Caretaker> {
+        Caretaker::begin(self.prefix())
+    }
+
     pub(super) fn require_room(&self) -> Result<(), InstanceError> {
         self.refuse(Scarcity::found())
     }
@@ -269,16 +284,43 @@ impl Instance {
     /// Whether a living process holds `role`.
     #[must_use]
     pub fn is_running(&self, role: Role) -> bool {
-        let Ok(Some(place)) = Place::open(&self.directory_name()) else { return false };
-        let Ok(Some(file)) = place.open_file(&lock_name(role), OFlags::RDWR) else { return false };
-        flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK)
+        self.find(role).unwrap_or(false)
+    }
+
+    /// Whether a living process of this user holds `role`.
+    ///
+    /// # Errors
+    /// [`InstanceError::NotOurs`] where the instance is another user's.
+    pub fn find(&self, role: Role) -> Result<bool, InstanceError> {
+        let Some(place) = Place::open(&self.directory_name())? else { return Ok(false) };
+        let Some(file) = place.open_file(&lock_name(role), OFlags::RDWR)? else { return Ok(false) };
+        Ok(flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK))
     }
 
     /// The last sign of life of the process that plays `role`; `None` before the first.
     #[must_use]
-    pub fn last_pulse(&self, role: Role) -> Option<MonoNs> {
+    pub fn last_heartbeat(&self, role: Role) -> Option<MonoNs> {
         let place = Place::open(&self.directory_name()).ok()??;
-        place.open_file(&lock_name(role), OFlags::RDONLY).ok()?.and_then(pulse::read)
+        place.open_file(&lock_name(role), OFlags::RDONLY).ok()?.and_then(heartbeat::read)
+    }
+
+    /// Makes the page through which this run's control is stopped; for control, once it holds its role.
+    ///
+    /// # Errors
+    /// [`InstanceError::Place`] when shared memory is full or not usable.
+    pub fn make_stop_word(&self) -> Result<StopWord, InstanceError> {
+        StopWord::create(&Place::open_or_create(&self.directory_name())?, &self.directory())
+    }
+
+    /// The page through which the control of this instance is stopped; `None` when there is none yet. Needs neither room nor slot.
+    ///
+    /// # Errors
+    /// [`InstanceError::NotOurs`] for the run of another user.
+    pub fn open_stop_word(&self) -> Result<Option<StopWord>, InstanceError> {
+        match Place::open(&self.directory_name())? {
+            Some(place) => StopWord::open(&place, &self.directory()),
+            None => Ok(None),
+        }
     }
 
     /// Removes what dead processes of this instance left in shared memory, unless a living one plays any other role
@@ -293,7 +335,7 @@ impl Instance {
             return;
         }
         let Ok(Some(place)) = Place::open(&self.directory_name()) else { return };
-        place::remove_segments(&self.prefix());
+        runtime_dir::remove_segments(&self.prefix());
         place.clear(|name| name.ends_with(LOCK_ENDING));
         if own.is_none() {
             // The locks go last, and no others: whoever comes now finds them gone, and makes its own.
@@ -324,15 +366,19 @@ mod tests {
     const VISION: Role = Role::Vision(CameraId::FIRST);
 
     fn instance(test: &str) -> Instance {
-        format!("unit-{test}-{}", std::process::id()).parse().unwrap()
+        format!("{}-{}", test.get(..10).unwrap_or(test), std::process::id()).parse().unwrap()
     }
 
     #[test]
     fn names_are_checked() {
-        for bad in ["", "a b", "a/b", "a.b", "..", "ä", &"x".repeat(33)] {
+        for bad in ["", "a b", "a/b", "a.b", "..", "ä", &"x".repeat(LONGEST_NAME + 1)] {
             assert!(bad.parse::<Instance>().is_err(), "{bad}");
         }
         assert!("Run-7_b".parse::<Instance>().is_ok());
+        let longest: Instance = "x".repeat(LONGEST_NAME).parse().unwrap();
+        let socket = longest.directory().join(format!("{}{}.event", longest.prefix(), u128::MAX));
+        // sun_path of sockaddr_un, with the zero at its end
+        assert!(socket.as_os_str().len() < 108, "{}", socket.display());
     }
 
     #[test]
@@ -355,17 +401,17 @@ mod tests {
 
     #[test]
     fn signs_of_life_are_seen_from_outside() {
-        let i = instance("pulse");
+        let i = instance("heartbeat");
         let lock = i.lock(VISION).unwrap();
-        assert_eq!(i.last_pulse(VISION), None, "not before the first");
+        assert_eq!(i.last_heartbeat(VISION), None, "not before the first");
         let before = crate::rt::now();
-        let pulse = lock.pulse().unwrap();
-        let seen = i.last_pulse(VISION).unwrap();
+        let heartbeat = lock.heartbeat().unwrap();
+        let seen = i.last_heartbeat(VISION).unwrap();
         assert!(seen >= before && seen <= crate::rt::now());
-        pulse.beat();
-        assert!(i.last_pulse(VISION).unwrap() >= seen);
-        assert_eq!(i.last_pulse(CAMERA), None);
-        drop((pulse, lock)); // both hold the role: they share its file
+        heartbeat.beat();
+        assert!(i.last_heartbeat(VISION).unwrap() >= seen);
+        assert_eq!(i.last_heartbeat(CAMERA), None);
+        drop((heartbeat, lock)); // both hold the role: they share its file
         i.remove_leftovers(None);
     }
 

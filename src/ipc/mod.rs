@@ -15,34 +15,40 @@
 //! ```
 //! All but health, status, trace and command have an event of the same name beside them that wakes the reader.
 
+mod caretaker;
 mod channel;
 mod command;
 mod error;
+mod frame_shape;
 mod instance;
-mod place;
 mod ports;
+mod runtime_dir;
 #[cfg(test)]
 pub(crate) use ports::breakage;
+mod heartbeat;
 mod presence;
-mod pulse;
 mod role;
 mod scarcity;
 mod services;
 mod spin;
+mod stop_word;
 
 pub use channel::Channel;
-pub use command::{Asked, CommandClient, CommandServer};
+pub use command::{Asked, CommandClient, CommandServer, Pending};
 pub use error::IpcError;
+pub use frame_shape::{FrameShape, SPACE_BESIDE_FRAMES_BYTES};
+pub use heartbeat::Heartbeat;
 pub use instance::{Instance, InstanceError, RoleLock};
 pub use ports::{
-    Bell, BorrowedFrame, FrameReceiver, FrameSender, QuietSender, ReceivedFrame, Receiver, Sender, Waker,
+    BorrowedFrame, FrameReceiver, FrameSender, QuietSender, ReceivedFrame, Receiver, Sender, WakeListener,
+    WakeNotifier,
 };
 pub use presence::{DrivePresence, type_of};
-pub use pulse::Pulse;
 pub use role::Role;
 pub use scarcity::Scarcity;
-pub use services::{FrameShape, Peers, Services};
+pub use services::{Peers, Services};
 pub use spin::Spin;
+pub use stop_word::{Halt, StopWord};
 
 type Service = iceoryx2::prelude::ipc::Service;
 type Node = iceoryx2::node::Node<iceoryx2::prelude::ipc::Service>;

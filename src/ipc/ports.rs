@@ -1,4 +1,4 @@
-//! The few kinds of ports that processes use. A sender with readers rings their bell; a reader waits for it at most
+//! The few kinds of ports that processes use. A sender with readers notifies them; a reader waits for it at most
 //! as long as it says, and then takes everything there is: an event is not a sample.
 
 use super::channel::Channel;
@@ -53,12 +53,12 @@ pub(super) fn works(action: &'static str, service: Channel) -> Result<(), IpcErr
 
 /// Wakes readers.
 #[derive(Debug)]
-pub struct Bell {
+pub struct WakeNotifier {
     service: Channel,
     port: Notifier<Ipc>,
 }
 
-impl Bell {
+impl WakeNotifier {
     pub(super) fn new(service: Channel, port: Notifier<Ipc>) -> Self {
         Self { service, port }
     }
@@ -67,25 +67,25 @@ impl Bell {
     ///
     /// # Errors
     /// When the transport fails.
-    pub fn ring(&self) -> Result<(), IpcError> {
+    pub fn notify(&self) -> Result<(), IpcError> {
         works("waking the readers", self.service)?;
         self.port.notify().map(|_| ()).map_err(|e| transfer("waking the readers", self.service, e))
     }
 }
 
-/// Is woken by a [`Bell`].
+/// Is woken by a [`WakeNotifier`].
 #[derive(Debug)]
-pub struct Waker {
+pub struct WakeListener {
     service: Channel,
     port: Listener<Ipc>,
 }
 
-impl Waker {
+impl WakeListener {
     pub(super) fn new(service: Channel, port: Listener<Ipc>) -> Self {
         Self { service, port }
     }
 
-    /// Waits until the bell rings, or for `longest`.
+    /// Waits until it is notified, or for `longest`.
     ///
     /// # Errors
     /// When the transport fails.
@@ -98,7 +98,7 @@ impl Waker {
         }
     }
 
-    /// Waits until `ready`, or until the bell rings, or for `longest`; spins first, as far as `spin` allows.
+    /// Waits until `ready`, or until it is notified, or for `longest`; spins first, as far as `spin` allows.
     ///
     /// # Errors
     /// When the transport fails, or that of `ready`.
@@ -112,7 +112,7 @@ impl Waker {
             return self.wait(longest);
         }
         // Bells that nobody hears would fill their queue. What is sent meanwhile is found with the rest: messages go
-        // out before their bell.
+        // out before their notification.
         match self.port.try_wait(|_| {}) {
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
             Err(e) => Err(transfer("waiting", self.service, e)),
@@ -125,12 +125,12 @@ impl Waker {
 pub struct Sender<T: ZeroCopySend + Debug + Copy + 'static> {
     service: Channel,
     port: Publisher<Ipc, T, ()>,
-    bell: Bell,
+    notifier: WakeNotifier,
 }
 
 impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
-    pub(super) fn new(service: Channel, port: Publisher<Ipc, T, ()>, bell: Bell) -> Self {
-        Self { service, port, bell }
+    pub(super) fn new(service: Channel, port: Publisher<Ipc, T, ()>, notifier: WakeNotifier) -> Self {
+        Self { service, port, notifier }
     }
 
     /// Sends without waking anybody.
@@ -146,8 +146,8 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
     ///
     /// # Errors
     /// When the transport fails.
-    pub fn ring(&self) -> Result<(), IpcError> {
-        self.bell.ring()
+    pub fn notify(&self) -> Result<(), IpcError> {
+        self.notifier.notify()
     }
 
     /// Sends, and wakes the readers.
@@ -156,7 +156,7 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
     /// When the transport fails.
     pub fn send(&self, message: &T) -> Result<(), IpcError> {
         self.send_quietly(message)?;
-        self.bell.ring()
+        self.notifier.notify()
     }
 }
 
@@ -240,12 +240,16 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Receiver<T> {
 pub struct FrameSender {
     service: Channel,
     port: Publisher<Ipc, [u8], FrameHeader>,
-    bell: Bell,
+    notifier: WakeNotifier,
 }
 
 impl FrameSender {
-    pub(super) fn new(service: Channel, port: Publisher<Ipc, [u8], FrameHeader>, bell: Bell) -> Self {
-        Self { service, port, bell }
+    pub(super) fn new(
+        service: Channel,
+        port: Publisher<Ipc, [u8], FrameHeader>,
+        notifier: WakeNotifier,
+    ) -> Self {
+        Self { service, port, notifier }
     }
 
     /// Borrows a frame of `bytes` in shared memory, to be filled where it lies.
@@ -266,7 +270,7 @@ impl FrameSender {
         let mut sample = frame.sample;
         *sample.user_header_mut() = header;
         sample.send().map_err(|e| transfer("sending", self.service, e))?;
-        self.bell.ring()
+        self.notifier.notify()
     }
 }
 
@@ -320,11 +324,15 @@ impl ReceivedFrame {
 pub struct FrameReceiver {
     service: Channel,
     port: Subscriber<Ipc, [u8], FrameHeader>,
-    waker: Waker,
+    waker: WakeListener,
 }
 
 impl FrameReceiver {
-    pub(super) fn new(service: Channel, port: Subscriber<Ipc, [u8], FrameHeader>, waker: Waker) -> Self {
+    pub(super) fn new(
+        service: Channel,
+        port: Subscriber<Ipc, [u8], FrameHeader>,
+        waker: WakeListener,
+    ) -> Self {
         Self { service, port, waker }
     }
 

@@ -6,7 +6,7 @@ use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
 use std::fmt;
 
-use super::place::SHARED_MEMORY;
+use super::runtime_dir::SHARED_MEMORY;
 use crate::messages::MAX_CAMERAS;
 
 /// A clean-up holds the locks of all roles; one step of the transport opens fewer descriptors, and gives them back when it fails.

@@ -1,9 +1,11 @@
 //! Every service of an instance, with its limits, in one place: the process that comes first creates it, the others
 //! open it, and all must ask for the same.
 
+use super::caretaker::Caretaker;
 use super::channel::Channel;
 use super::command::{CommandClient, CommandServer};
-use super::ports::{Bell, FrameReceiver, FrameSender, QuietSender, Receiver, Sender, Waker};
+use super::frame_shape::{FrameShape, MAX_READERS};
+use super::ports::{FrameReceiver, FrameSender, QuietSender, Receiver, Sender, WakeListener, WakeNotifier};
 use super::presence::{DrivePresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError, Node, PubSub};
 use crate::messages::{
@@ -18,8 +20,6 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use std::fmt::Debug;
 
-/// Readers of a service: the next process, a recorder, a view, one to spare.
-const MAX_READERS: usize = 4;
 /// Processes that may open a service.
 const MAX_NODES: usize = 16;
 /// Who may want something of control at once.
@@ -44,17 +44,6 @@ type Commands = iceoryx2::service::port_factory::request_response::PortFactory<
     (),
 >;
 
-/// How large frames are, and how many of them may be in flight.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct FrameShape {
-    /// Bytes of one frame.
-    pub bytes: usize,
-    /// Frames that wait for vision: 1 in real time (the newest), more in lockstep.
-    pub in_flight: usize,
-    /// Frames that the camera may hold back at once, exposed but not yet due.
-    pub held_back: usize,
-}
-
 /// Which peers have joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Peers {
@@ -69,6 +58,8 @@ pub struct Peers {
 pub struct Services {
     node: Node,
     instance: Instance,
+    /// Goes after the node, which may meet half-made segments while it leaves.
+    _caretaker: Caretaker,
 }
 
 impl Services {
@@ -85,13 +76,14 @@ impl Services {
         let config = instance.transport_config().map_err(|e: InstanceError| failed(e.to_string()))?;
         // Before, so that nothing foreign is opened; after, for what came in between.
         instance.check_place()?;
+        let caretaker = instance.take_care().map_err(|e| failed(e.to_string()))?;
         let node = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|e| failed(e.to_string()))?;
         instance.check_place()?;
-        Ok(Self { node, instance: instance.clone() })
+        Ok(Self { node, instance: instance.clone(), _caretaker: caretaker })
     }
 
     /// The camera's end of `camera/N/frame`.
@@ -109,7 +101,7 @@ impl Services {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| port_error(service, e))?;
-        Ok(FrameSender::new(service, port, self.bell(service)?))
+        Ok(FrameSender::new(service, port, self.notifier(service)?))
     }
 
     /// Vision's end of `camera/N/frame`.
@@ -124,7 +116,7 @@ impl Services {
             .buffer_size(shape.in_flight)
             .create()
             .map_err(|e| port_error(service, e))?;
-        Ok(FrameReceiver::new(service, port, self.waker(service)?))
+        Ok(FrameReceiver::new(service, port, self.wake_listener(service)?))
     }
 
     /// A real camera's end of `camera/N/health`.
@@ -155,10 +147,13 @@ impl Services {
     ///
     /// # Errors
     /// When the service or the port cannot be made.
-    pub fn measurement_receiver(&self, camera: CameraId) -> Result<(Receiver<Measurement>, Waker), IpcError> {
+    pub fn measurement_receiver(
+        &self,
+        camera: CameraId,
+    ) -> Result<(Receiver<Measurement>, WakeListener), IpcError> {
         let service = Channel::Measurement(camera);
         let receiver = self.receiver(service, MEASUREMENT_BUFFER, MEASUREMENT_BUFFER)?;
-        Ok((receiver, self.waker(service)?))
+        Ok((receiver, self.wake_listener(service)?))
     }
 
     /// Control's end of `control/joint_state`.
@@ -173,9 +168,9 @@ impl Services {
     ///
     /// # Errors
     /// When the service or the port cannot be made.
-    pub fn joint_state_receiver(&self) -> Result<(Receiver<JointState>, Waker), IpcError> {
+    pub fn joint_state_receiver(&self) -> Result<(Receiver<JointState>, WakeListener), IpcError> {
         let receiver = self.receiver(Channel::JointState, JOINT_STATE_BUFFER, JOINT_STATE_BUFFER)?;
-        Ok((receiver, self.waker(Channel::JointState)?))
+        Ok((receiver, self.wake_listener(Channel::JointState)?))
     }
 
     /// Control's end of `control/trace`.
@@ -221,16 +216,17 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn command_server(&self) -> Result<CommandServer, IpcError> {
-        let port = self.commands()?.server_builder().create();
+        let port = self.commands(true)?.server_builder().create();
         Ok(CommandServer::new(port.map_err(|e| port_error(Channel::Command, e))?))
     }
 
-    /// The end of `control/command` of whoever wants something.
+    /// The end of `control/command` of whoever wants something. Control alone makes the service: one that a client made and gave up again
+    /// while control came to it would be another one than the next client's.
     ///
     /// # Errors
-    /// When the service or the port cannot be made.
+    /// When the service is not there, or the port cannot be made.
     pub fn command_client(&self) -> Result<CommandClient, IpcError> {
-        let port = self.commands()?.client_builder().create();
+        let port = self.commands(false)?.client_builder().create();
         Ok(CommandClient::new(port.map_err(|e| port_error(Channel::Command, e))?))
     }
 
@@ -247,9 +243,9 @@ impl Services {
     ///
     /// # Errors
     /// When the service or the port cannot be made.
-    pub fn drive_command_receiver(&self) -> Result<(Receiver<DriveCommandMsg>, Waker), IpcError> {
+    pub fn drive_command_receiver(&self) -> Result<(Receiver<DriveCommandMsg>, WakeListener), IpcError> {
         let receiver = self.receiver(Channel::DriveCommand, DRIVE_BUFFER, DRIVE_BUFFER)?;
-        Ok((receiver, self.waker(Channel::DriveCommand)?))
+        Ok((receiver, self.wake_listener(Channel::DriveCommand)?))
     }
 
     /// An external drive's end of `drive/state`.
@@ -264,9 +260,9 @@ impl Services {
     ///
     /// # Errors
     /// When the service or the port cannot be made.
-    pub fn drive_state_receiver(&self) -> Result<(Receiver<DriveStateMsg>, Waker), IpcError> {
+    pub fn drive_state_receiver(&self) -> Result<(Receiver<DriveStateMsg>, WakeListener), IpcError> {
         let receiver = self.receiver(Channel::DriveState, DRIVE_BUFFER, DRIVE_BUFFER)?;
-        Ok((receiver, self.waker(Channel::DriveState)?))
+        Ok((receiver, self.wake_listener(Channel::DriveState)?))
     }
 
     /// The look-out for an external drive.
@@ -321,17 +317,21 @@ impl Services {
             .map_err(|e| service_error(service, e))
     }
 
-    fn commands(&self) -> Result<Commands, IpcError> {
-        self.node
+    fn commands(&self, make: bool) -> Result<Commands, IpcError> {
+        let builder = self
+            .node
             .service_builder(&name(Channel::Command)?)
             .request_response::<ControlCommand, ControlAnswer>()
             .max_servers(1)
             .max_clients(MAX_CLIENTS)
             .max_active_requests_per_client(1)
             .max_response_buffer_size(1)
-            .max_nodes(MAX_NODES)
-            .open_or_create()
-            .map_err(|e| service_error(Channel::Command, e))
+            .max_nodes(MAX_NODES);
+        if make {
+            builder.open_or_create().map_err(|e| service_error(Channel::Command, e))
+        } else {
+            builder.open().map_err(|e| service_error(Channel::Command, e))
+        }
     }
 
     fn publish_subscribe<T: ZeroCopySend + Debug>(
@@ -379,7 +379,7 @@ impl Services {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| port_error(service, e))?;
-        Ok(Sender::new(service, port, self.bell(service)?))
+        Ok(Sender::new(service, port, self.notifier(service)?))
     }
 
     fn receiver<T: ZeroCopySend + Debug + Copy>(
@@ -397,16 +397,16 @@ impl Services {
         Ok(Receiver::new(service, port))
     }
 
-    fn bell(&self, service: Channel) -> Result<Bell, IpcError> {
+    fn notifier(&self, service: Channel) -> Result<WakeNotifier, IpcError> {
         let port: Notifier<ipc::Service> =
             self.event(service)?.notifier_builder().create().map_err(|e| port_error(service, e))?;
-        Ok(Bell::new(service, port))
+        Ok(WakeNotifier::new(service, port))
     }
 
-    fn waker(&self, service: Channel) -> Result<Waker, IpcError> {
+    fn wake_listener(&self, service: Channel) -> Result<WakeListener, IpcError> {
         let port: Listener<ipc::Service> =
             self.event(service)?.listener_builder().create().map_err(|e| port_error(service, e))?;
-        Ok(Waker::new(service, port))
+        Ok(WakeListener::new(service, port))
     }
 
     fn event(

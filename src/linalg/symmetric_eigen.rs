@@ -7,7 +7,7 @@
 use nalgebra::{SMatrix, SVector};
 
 /// Each sweep squares what is left off the diagonal, so six or seven reach the last digit.
-const MOST_SWEEPS: usize = 30;
+const MAX_SWEEPS: usize = 30;
 /// The sum of the squares off the diagonal, as share of the matrix's squared norm, that ends the sweeps.
 const DIAGONAL: f64 = 1e-34;
 /// Share of an entry that is not worth a rotation: all of up to 15 x 15 matrices together stay below [`DIAGONAL`].
@@ -28,7 +28,7 @@ pub(crate) fn symmetric_eigen<const N: usize>(
     let mut d: [f64; N] = std::array::from_fn(|i| A[(i, i)]);
     let mut off: [[f64; N]; N] = std::array::from_fn(|i| std::array::from_fn(|j| A[(i.max(j), i.min(j))]));
     let mut V = SMatrix::<f64, N, N>::identity();
-    for _ in 0..MOST_SWEEPS {
+    for _ in 0..MAX_SWEEPS {
         let left: f64 =
             (0..N).flat_map(|i| (0..i).map(move |j| (i, j))).map(|(i, j)| off[i][j] * off[i][j]).sum();
         if left <= DIAGONAL * size {

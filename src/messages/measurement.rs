@@ -40,6 +40,8 @@ pub enum TargetStatus {
     NoPair = 7,
     /// Of two cameras: fewer than three taught points are in both pictures.
     TooFewShared = 8,
+    /// More in the frame looks like a part of the target than one search looks at.
+    GivenUp = 9,
 }
 
 impl TargetStatus {
@@ -56,6 +58,7 @@ impl TargetStatus {
             6 => Self::Inconsistent,
             7 => Self::NoPair,
             8 => Self::TooFewShared,
+            9 => Self::GivenUp,
             _ => Self::NoMatch,
         }
     }
@@ -75,6 +78,7 @@ impl TargetStatus {
             Self::Inconsistent => "points do not fit one pose: shadow, glare, something in front?",
             Self::NoPair => "no frame of the other camera at this instant",
             Self::TooFewShared => "fewer than three taught points in both pictures",
+            Self::GivenUp => "the search was given up: too much in the frame looks like a part of the target",
         }
     }
 }

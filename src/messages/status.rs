@@ -29,6 +29,8 @@ pub enum ControlState {
     Stopping = 8,
     /// Held on request: the arm slows down and stands.
     Held = 9,
+    /// Measurements stopped: the arm goes back to where it saw the whole target last.
+    Returning = 10,
 }
 
 impl ControlState {
@@ -45,6 +47,7 @@ impl ControlState {
             7 => Self::Teaching,
             8 => Self::Stopping,
             9 => Self::Held,
+            10 => Self::Returning,
             _ => Self::Fault,
         }
     }
@@ -63,6 +66,7 @@ impl ControlState {
             Self::Teaching => "teaching",
             Self::Stopping => "stopping",
             Self::Held => "held",
+            Self::Returning => "returning",
         }
     }
 }

@@ -46,8 +46,8 @@ pub struct TraceMsg {
     pub flags: u32,
     /// Code of a [`super::ControlState`], from 0: what control does.
     pub state: u32,
-    /// What became of the measurement: code of a [`crate::servo::Intake`].
-    pub intake: u32,
+    /// What became of the measurement: code of a [`crate::servo::MeasurementVerdict`].
+    pub verdict: u32,
     /// Code of a [`crate::control::safety::Fault`]; those of an external drive from 17 on, in the order of
     /// [`crate::drive::DriveFault`].
     pub fault: u32,

@@ -164,13 +164,18 @@ impl<const N: usize> JointObserver<N> {
         (&self.p, &self.t)
     }
 
+    /// Steps of the encoders, rad or m.
+    pub(super) fn encoder_step(&self) -> &SVector<f64, N> {
+        &self.settings.encoder_step
+    }
+
     /// Friction beyond the model's, as a share of it.
     pub(super) fn friction_share(&self) -> &SVector<f64, N> {
         self.friction.share()
     }
 
     /// Forgets how the arm moves, not what disturbs it.
-    pub(super) fn seat(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
+    pub(super) fn reset_to_measured(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         self.state = Some((*q, *qd));
         self.commanded = None;
         self.a = SVector::zeros();

@@ -22,11 +22,13 @@ pub enum Limit {
     Singularity = 5,
     /// A view that is old or uncertain.
     View = 6,
+    /// A joint that does not move: no more than a gentle push beyond what is expected.
+    Stall = 7,
 }
 
 impl Limit {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Position,
         Self::Velocity,
         Self::Acceleration,
@@ -34,6 +36,7 @@ impl Limit {
         Self::Effort,
         Self::Singularity,
         Self::View,
+        Self::Stall,
     ];
 
     /// Its bit in `Status::limits`.
@@ -51,6 +54,7 @@ impl Limit {
             Self::Effort => "the effort limit cuts the torque of",
             Self::Singularity => "a singular posture near by slows down",
             Self::View => "an old or uncertain view slows down",
+            Self::Stall => "no more than a gentle push is given to what does not move,",
         }
     }
 }

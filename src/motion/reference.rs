@@ -149,7 +149,7 @@ impl<const N: usize> Reference<N> {
     }
 
     /// Places the reference where the arm is, moving as it moves, as far as the velocity limits let it.
-    pub fn seat(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
+    pub fn reset_to_measured(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         let limits = ActingLimits::default();
         let qd = SVector::from_fn(|i, _| qd[i].clamp(-self.limits.velocity[i], self.limits.velocity[i]));
         let zero = SVector::zeros();
@@ -158,9 +158,9 @@ impl<const N: usize> Reference<N> {
 
     /// Places the reference where the arm is, moving as it moves, and accelerating as before: under laws that wish
     /// accelerations.
-    pub fn place(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
+    pub fn track_measured(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         let a = self.state.a;
-        self.seat(q, qd);
+        self.reset_to_measured(q, qd);
         let limits = &self.limits;
         self.state.a = SVector::from_fn(|i, _| {
             // No more than can be taken back before the velocity limit.

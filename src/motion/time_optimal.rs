@@ -39,8 +39,8 @@ fn one_joint_s(distance: f64, V: f64, A: f64, J: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::motion::Reference;
-    use crate::motion::approach::brakeable;
-    use crate::servo::Approach;
+    use crate::motion::goal_braking::brakeable;
+    use crate::servo::Convergence;
     use crate::time::SpanNs;
     use nalgebra::Vector1;
     use proptest::prelude::*;
@@ -81,7 +81,7 @@ mod tests {
             let mut tick = 0;
             while r.state().q[0] < 0.99 * distance || r.state().qd[0] > 0.02 * distance {
                 let wish = Vector1::new(20.0 * (distance - r.state().q[0]));
-                let (cut, _) = brakeable(&wish, &Approach::at(20.0), r.state(), &limits);
+                let (cut, _) = brakeable(&wish, &Convergence::at(20.0), r.state(), &limits);
                 r.advance(&cut, SpanNs::MILLISECOND);
                 tick += 1;
             }

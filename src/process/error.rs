@@ -108,6 +108,19 @@ pub enum ProcessError {
         /// The robot's.
         robot: u32,
     },
+    /// The external drive says that the arm is where no arm is, or moves as none does.
+    #[error(
+        "the external drive's first state has joint {joint} at {q} rad or m, moving with {qd} rad/s or m/s: no arm does that; \
+         see to what the drive sends"
+    )]
+    DriveState {
+        /// Which joint, from 1.
+        joint: usize,
+        /// Its position.
+        q: f64,
+        /// Its velocity.
+        qd: f64,
+    },
     /// The external drive does not take the commands that it is to be given.
     #[error("drive.mode: the external drive does not take {mode} commands; it takes: {takes}")]
     DriveMode {
@@ -141,6 +154,30 @@ pub enum ProcessError {
         "no run of instance `{0}` is there: start one with `vservo serve`, or name another with --instance"
     )]
     NobodyThere(String),
+    /// The run of another user.
+    #[error("instance `{instance}` is another user's run: {path} is {what}; ask as that user", path = path.display())]
+    NotYourRun {
+        /// Which.
+        instance: String,
+        /// Its place.
+        path: PathBuf,
+        /// What that is, and whose.
+        what: String,
+    },
+    /// As many programs ask as can.
+    #[error(
+        "instance `{instance}` is asked by as many programs as can ({cause}); end some, or try again. `ctl stop` and \
+         `ctl shutdown` get through all the same"
+    )]
+    Crowded {
+        /// Which.
+        instance: String,
+        /// The transport's word for it.
+        cause: String,
+    },
+    /// A signal ended the wait for an answer.
+    #[error("interrupted while it waited for the answer: what was asked for may yet be done")]
+    Interrupted,
     /// Control did not answer.
     #[error(
         "instance `{instance}` did not answer within {waited_s} s: it still starts, waits for its camera or drive, or hangs"
@@ -217,6 +254,7 @@ impl ProcessError {
             | Self::Write { .. }
             | Self::DriveJoints { .. }
             | Self::DriveMode { .. }
+            | Self::DriveState { .. }
             | Self::DriveAbsent { .. }
             | Self::DriveProgram { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
@@ -228,7 +266,11 @@ impl ProcessError {
             Self::NoFrame { .. }
             | Self::NothingTaught { .. }
             | Self::NobodyThere(_)
+            | Self::NotYourRun { .. }
+            | Self::Crowded { .. }
             | Self::NoAnswer { .. } => 5,
+            // 128 and the signal, as a shell says it; which signal it was does not matter to whoever sent it.
+            Self::Interrupted => 130,
             Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),
             Self::Ipc(_)
             | Self::SourceSilent(_)

@@ -1,14 +1,14 @@
 //! A process's place in an instance, from the lock of its role to the removal of what the last one leaves.
 
 use super::ProcessError;
-use crate::ipc::{Instance, Pulse, Role, RoleLock, Services};
+use crate::ipc::{Heartbeat, Instance, Role, RoleLock, Services};
 
 /// A held role and the connection to shared memory. The fields are given back in the order in which they stand:
 /// first the connection, then the role, and then, by whoever is the last, the instance's place itself.
 #[derive(Debug)]
 pub struct Membership {
     services: Services,
-    pulse: Option<Pulse>,
+    heartbeat: Option<Heartbeat>,
     _lock: RoleLock,
     _place: Place,
 }
@@ -34,13 +34,13 @@ impl Membership {
         instance.remove_leftovers(Some(role));
         let services = Services::join(instance)?;
         services.remove_dead_peers();
-        Ok(Self { services, pulse: lock.pulse(), _lock: lock, _place: place })
+        Ok(Self { services, heartbeat: lock.heartbeat(), _lock: lock, _place: place })
     }
 
     /// The main loop of this process has come round: the supervisor takes it for alive.
     pub fn beat(&self) {
-        if let Some(pulse) = &self.pulse {
-            pulse.beat();
+        if let Some(heartbeat) = &self.heartbeat {
+            heartbeat.beat();
         }
     }
 

@@ -1,5 +1,5 @@
 //! The processes: thin loops around the cores. Each joins an instance under its role, works until it is told to stop,
-//! and takes its leavings with it.
+//! and takes its run files with it.
 
 pub mod camera;
 pub mod control;

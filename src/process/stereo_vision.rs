@@ -46,8 +46,8 @@ pub fn run(
     let services = membership.services();
     let mut worker = Worker {
         clock: config.clock,
-        left: Eye::open(&config.camera, config.clock, services)?,
-        right: Eye::open(right, config.clock, services)?,
+        left: CameraInput::open(&config.camera, config.clock, services)?,
+        right: CameraInput::open(right, config.clock, services)?,
         measurements: services.measurement_sender(config.camera.id)?,
         membership: &membership,
         vision,
@@ -69,7 +69,7 @@ pub fn run(
 }
 
 /// One camera's frames.
-struct Eye<'a> {
+struct CameraInput<'a> {
     camera: &'a Camera,
     frames: FrameReceiver,
     counter: FrameCounter,
@@ -77,7 +77,7 @@ struct Eye<'a> {
     newest: Option<(u64, MonoNs)>,
 }
 
-impl<'a> Eye<'a> {
+impl<'a> CameraInput<'a> {
     fn open(camera: &'a Camera, clock: Clock, services: &Services) -> Result<Self, ProcessError> {
         let frames = services.frame_receiver(camera.id, shape_of(camera, clock))?;
         Ok(Self { camera, frames, counter: FrameCounter::default(), newest: None })
@@ -95,8 +95,8 @@ impl<'a> Eye<'a> {
 
 struct Worker<'a> {
     clock: Clock,
-    left: Eye<'a>,
-    right: Eye<'a>,
+    left: CameraInput<'a>,
+    right: CameraInput<'a>,
     measurements: Sender<Measurement>,
     membership: &'a Membership,
     vision: StereoVision,
@@ -117,8 +117,8 @@ impl Worker<'_> {
             self.membership.beat();
             let mut came = false;
             for side in [Side::Left, Side::Right] {
-                let eye = if side == Side::Left { &mut self.left } else { &mut self.right };
-                if let Some(frame) = eye.receive()? {
+                let input = if side == Side::Left { &mut self.left } else { &mut self.right };
+                if let Some(frame) = input.receive()? {
                     self.look(side, &frame);
                     came = true;
                 }

@@ -84,4 +84,15 @@ mod tests {
         assert_eq!((q.exposure_to_frame.max, q.measurement_to_command.max), (0.0, 0.0));
         assert_eq!((q.exposure_to_command.max, q.vision.max), (20_000.0, 7.0));
     }
+
+    #[test]
+    fn stamps_that_no_clock_has_are_not_counted() {
+        let mut table = LatencyTable::default();
+        for wild in [i64::MIN, -9_000_000_000_000_000_000, 9_000_000_000_000_000_000, i64::MAX] {
+            let m = Measurement { exposure: MonoNs(wild), vision_end: MonoNs(wild), ..measurement() };
+            table.record(&LatencyStages::of(&m, MonoNs(40_000), true));
+        }
+        let q = table.quantiles_us();
+        assert_eq!((q.exposure_to_command.max, q.vision.max, q.frame_to_vision.max), (0.0, 0.0, 3.0));
+    }
 }

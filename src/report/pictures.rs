@@ -5,9 +5,9 @@ use crate::messages::{FeaturePoint, FrameHeader, Measurement, TargetStatus};
 use std::fmt::Write;
 
 /// Most frames without the target that are kept; the others are counted.
-const MOST_LOST: usize = 24;
+const MAX_LOST: usize = 24;
 /// Most memory for them, bytes.
-const MOST_BYTES: usize = 96 << 20;
+const MAX_BYTES: usize = 96 << 20;
 
 /// Why a picture is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,7 +80,7 @@ impl PictureBook {
     #[must_use]
     pub fn new((width, height): (u32, u32)) -> Self {
         let bytes = width as usize * height as usize;
-        let room = (MOST_BYTES / bytes.max(1)).saturating_sub(2).min(MOST_LOST);
+        let room = (MAX_BYTES / bytes.max(1)).saturating_sub(2).min(MAX_LOST);
         // Written to, so that the memory is there and not only promised.
         let empty = |why| KeptPicture {
             why,
@@ -207,7 +207,7 @@ mod tests {
     fn more_losses_than_there_is_room_for_are_counted() {
         let mut book = PictureBook::new((4, 2));
         (0..100).for_each(|frame| see(&mut book, frame, frame % 2 == 0));
-        assert_eq!(book.pictures().count(), MOST_LOST + 2);
+        assert_eq!(book.pictures().count(), MAX_LOST + 2);
         assert!(book.to_csv().lines().nth(1).unwrap().ends_with(",100,50,50"));
     }
 

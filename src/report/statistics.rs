@@ -77,7 +77,7 @@ impl RunStatistics {
     pub fn note(&mut self, trace: &Trace) {
         self.first.get_or_insert(trace.time);
         self.hash_state(&trace.joint_state);
-        if let Some(sighting) = &trace.sighting {
+        if let Some(sighting) = &trace.measurement_record {
             self.settle(trace.time, sighting.error_px);
             if let Some(latency) = &sighting.latency {
                 self.latencies.record(latency);
@@ -131,6 +131,7 @@ impl RunStatistics {
                 effort: ticks(Limit::Effort),
                 singularity: ticks(Limit::Singularity),
                 view: ticks(Limit::View),
+                stall: ticks(Limit::Stall),
             },
         }
     }
@@ -182,7 +183,8 @@ fn describe(event: Event) -> String {
         Event::Taught => "the goal is taught",
         Event::Requested(request) => return format!("{} on request", request.as_str()),
         Event::GoalReached => "the goal was reached and held",
-        Event::Calmed => "the arm moves about its goal and gets no nearer: gain and learning go down",
+        Event::Returning => "the arm goes back to where it saw the whole target last",
+        Event::GainReduced => "the arm moves about its goal and gets no nearer: gain and learning go down",
         Event::ImpossiblePose => {
             "a measurement was refused, its pose is none that an object before a camera has: see to the vision process"
         }

@@ -4,8 +4,8 @@ mod stamp_calibration;
 
 pub use stamp_calibration::StampCalibration;
 
+use crate::control::measurement_log::VerdictCounts;
 use crate::control::outcome::{FinalErrors, Outcome};
-use crate::control::sightings::IntakeCounts;
 use crate::report::histogram::Quantiles;
 use crate::report::numbers::significant;
 use crate::time::TICK;
@@ -130,6 +130,9 @@ pub struct LimitedTicks {
     pub singularity: u64,
     /// A view that was old or uncertain.
     pub view: u64,
+    /// A joint that did not move, and was pushed no more than gently.
+    #[serde(default)]
+    pub stall: u64,
 }
 
 /// The summary of a run.
@@ -160,7 +163,7 @@ pub struct Summary {
     /// Measurements that reached control.
     pub measurements: u64,
     /// What became of them.
-    pub intake: IntakeCounts,
+    pub intake: VerdictCounts,
     /// Frames that the camera sent and vision skipped.
     pub frames_dropped: u64,
     /// How often the target was lost.
@@ -224,7 +227,7 @@ impl Summary {
             skipped_ticks: 0,
             frames: 0,
             measurements: 0,
-            intake: IntakeCounts::default(),
+            intake: VerdictCounts::default(),
             frames_dropped: 0,
             target_lost: 0,
             late_drive_states: 0,

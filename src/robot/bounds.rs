@@ -25,7 +25,7 @@ pub(super) const FRICTION: RangeInclusive<f64> = 0.0..=1e6;
 /// Masses, kg.
 pub(super) const MASS_KG: RangeInclusive<f64> = 0.0..=1e5;
 /// Least mass that counts as some: what is less is given as zero, or by mistake.
-const LEAST_MASS_KG: f64 = 1e-9;
+const MIN_MASS_KG: f64 = 1e-9;
 /// Entries of inertia matrices, kg m^2.
 pub(super) const MOMENT_KG_M2: RangeInclusive<f64> = -1e7..=1e7;
 /// Inertias of rotors, and those on the diagonal of B(q) alone, kg m^2 or kg.
@@ -67,5 +67,5 @@ pub(super) fn all_within(
 /// [`Defect::OutOfRange`].
 pub(super) fn mass(key: &str, mass_kg: f64) -> Result<f64, Defect> {
     within(key, mass_kg, &MASS_KG)?;
-    if mass_kg == 0.0 { Ok(mass_kg) } else { within(key, mass_kg, &(LEAST_MASS_KG..=*MASS_KG.end())) }
+    if mass_kg == 0.0 { Ok(mass_kg) } else { within(key, mass_kg, &(MIN_MASS_KG..=*MASS_KG.end())) }
 }

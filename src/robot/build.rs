@@ -9,7 +9,7 @@ use crate::linalg::Ldlt;
 use nalgebra::{Matrix3, SVector, UnitQuaternion, UnitVector3, Vector3};
 
 /// Least inertia that a joint moves while the others are free, kg m^2 or kg: what is less accelerates without bounds.
-const LEAST_INERTIA: f64 = 1e-12;
+const MIN_INERTIA: f64 = 1e-12;
 
 impl RobotDescription {
     /// The arm, ready to compute.
@@ -63,7 +63,7 @@ impl RobotDescription {
         for k in 0..5 {
             let q = SVector::from_fn(|i, _| f64::from(k) * (0.7 + 0.31 * i as f64));
             let factors = Ldlt::of(&robot.mass_matrix(&q));
-            if !factors.is_some_and(|factors| factors.least_pivot() >= LEAST_INERTIA) {
+            if !factors.is_some_and(|factors| factors.least_pivot() >= MIN_INERTIA) {
                 return Err(self.error(format!("robot \"{}\"", self.name), Defect::MassMatrix));
             }
         }

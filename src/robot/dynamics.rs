@@ -23,6 +23,18 @@ impl<const N: usize> Robot<N> {
         self.newton_euler(&self.trig(q), q, qd, qdd)
     }
 
+    /// The joint torques (N m or N) of two accelerations in the same motion, as [`Self::inverse_dynamics`] gives them.
+    #[must_use]
+    pub fn inverse_dynamics_of(
+        &self,
+        q: &SVector<f64, N>,
+        qd: &SVector<f64, N>,
+        qdd: [&SVector<f64, N>; 2],
+    ) -> [SVector<f64, N>; 2] {
+        let trig = self.trig(q);
+        qdd.map(|qdd| self.newton_euler(&trig, q, qd, qdd))
+    }
+
     /// `g(q)`: the torques that hold the arm still.
     #[must_use]
     pub fn gravity(&self, q: &SVector<f64, N>) -> SVector<f64, N> {

@@ -26,9 +26,11 @@ mod inertia;
 mod integrate;
 mod inverse;
 mod joint_axis;
+mod joint_history;
 mod kinematics;
 mod mass_matrix;
 mod model;
+mod mount;
 mod shipped;
 mod trig;
 mod urdf;
@@ -38,8 +40,10 @@ pub use description::{JointDescription, Motor, RobotDescription};
 pub use error::{Defect, RobotError};
 pub use inertia::Inertia;
 pub use inverse::{InverseOptions, JointVelocity};
+pub use joint_history::JointHistory;
 pub use kinematics::ExpressedIn;
 pub use model::{Friction, JointKind, JointLimits, Robot};
+pub use mount::{CameraJacobian, Mount};
 pub use shipped::{SHIPPED, load};
 
 #[cfg(test)]

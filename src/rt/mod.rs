@@ -3,7 +3,6 @@
 
 mod clock;
 mod deadline_wait;
-pub mod doctor;
 mod log;
 mod log_format;
 mod output;

@@ -2,8 +2,7 @@
 
 use crate::geometry::Pose;
 use crate::messages::{JointState, joint_flag};
-use crate::robot::Robot;
-use crate::servo::JointHistory;
+use crate::robot::{JointHistory, Robot};
 use crate::time::MonoNs;
 use nalgebra::SVector;
 

@@ -15,7 +15,7 @@ const OCTAVES: u32 = 4;
 /// Columns between exact places of the surface; its level runs straight between them.
 const STEP: usize = 4;
 /// Smallest spots that are drawn, px: then that is hardly seen.
-const LEAST_SPOT_PX: f64 = 8.0;
+const MIN_SPOT_PX: f64 = 8.0;
 
 /// What lies around the plate. Without texture and clutter it is the plain background.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,7 +24,7 @@ pub struct Backdrop {
     pub texture_levels: f64,
     /// Size of its largest spots, m, [`Self::SIZE_M`].
     pub texture_size_m: f64,
-    /// How many shapes lie about, light and dark discs and quadrangles, at most [`Self::MOST_CLUTTER`].
+    /// How many shapes lie about, light and dark discs and quadrangles, at most [`Self::MAX_CLUTTER`].
     pub clutter: u32,
     /// Their size, m, [`Self::SIZE_M`].
     pub clutter_size_m: f64,
@@ -54,12 +54,12 @@ impl Backdrop {
     /// What sizes and the reach may be, m.
     pub const SIZE_M: RangeInclusive<f64> = 1e-4..=100.0;
     /// Most shapes that lie about.
-    pub const MOST_CLUTTER: u32 = 2000;
+    pub const MAX_CLUTTER: u32 = 2000;
 
     pub(super) fn check(&self) -> Result<(), SceneError> {
         in_range("texture_levels", self.texture_levels, &Self::TEXTURE_LEVELS)?;
         in_range("texture_size_m", self.texture_size_m, &Self::SIZE_M)?;
-        in_range("clutter", f64::from(self.clutter), &(0.0..=f64::from(Self::MOST_CLUTTER)))?;
+        in_range("clutter", f64::from(self.clutter), &(0.0..=f64::from(Self::MAX_CLUTTER)))?;
         in_range("clutter_size_m", self.clutter_size_m, &Self::SIZE_M)?;
         in_range("clutter_reach_m", self.clutter_reach_m, &Self::SIZE_M)
     }
@@ -159,7 +159,7 @@ impl Texture {
 fn strengths(size_m: f64, per_px_m: f64) -> [f64; OCTAVES as usize] {
     let (mut size, mut strength) = (size_m, 0.53);
     [(); OCTAVES as usize].map(|()| {
-        let now = strength * (size / (LEAST_SPOT_PX * per_px_m) - 1.0).clamp(0.0, 1.0);
+        let now = strength * (size / (MIN_SPOT_PX * per_px_m) - 1.0).clamp(0.0, 1.0);
         size *= 0.5;
         strength *= 0.5;
         now

@@ -18,7 +18,7 @@ const SAG_PX: f64 = 0.004;
 /// Nearest depth that is drawn, m.
 const NEAR_M: f64 = 1e-6;
 /// Most pieces of one side.
-const MOST_PIECES: f64 = 512.0;
+const MAX_PIECES: f64 = 512.0;
 
 /// Outlines in one plane, painted in one grey level.
 #[derive(Debug, Clone)]
@@ -217,7 +217,7 @@ fn project(
             let middle = pixel(&((from + to) * 0.5));
             let sag = (0.5 * (last[0] + end[0]) - middle[0]).hypot(0.5 * (last[1] + end[1]) - middle[1]);
             let long = (to - from).norm() * clip.focal_px / 40.0;
-            (2.0 * sag / SAG_PX).sqrt().ceil().max(long.ceil()).clamp(1.0, MOST_PIECES)
+            (2.0 * sag / SAG_PX).sqrt().ceil().max(long.ceil()).clamp(1.0, MAX_PIECES)
         };
         for i in 1..=pieces as u32 {
             let next = if f64::from(i) == pieces {

@@ -26,9 +26,9 @@ mod renderer;
 mod scenery;
 mod schedule;
 mod sensor;
-mod sight;
 mod synthetic_camera;
 mod view;
+mod visibility;
 
 pub use arm_history::ArmHistory;
 pub use backdrop::Backdrop;
@@ -42,5 +42,5 @@ pub use renderer::{LARGEST_SIDE_PX, Renderer};
 pub use scenery::Bystander;
 pub use schedule::{FrameSchedule, Irregularity};
 pub use sensor::SensorModel;
-pub use sight::{Overhang, PointInSight, Sight};
 pub use synthetic_camera::{Exposure, SyntheticCamera};
+pub use visibility::{Overhang, PointVisibility, Visibility};

@@ -10,7 +10,7 @@ use super::rays::{Rays, RowOfRays};
 use super::scenery::{Bystander, Scenery};
 use super::sensor::{LEVEL_BITS, Sensor, SensorModel, wide_available};
 use super::view::View;
-use crate::camera_model::CameraModel;
+use crate::camera_model::{CameraModel, LevelTable, Response};
 use crate::geometry::Pose;
 use crate::target::Target;
 use nalgebra::Vector2;
@@ -38,6 +38,8 @@ pub struct Renderer {
     directions: RowOfRays,
     #[cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
     wide: bool,
+    /// What the camera's response leaves of levels.
+    bent: Option<LevelTable>,
 }
 
 impl Renderer {
@@ -80,6 +82,7 @@ impl Renderer {
             // the chunks of each band, the last one of which may be cut
             directions: RowOfRays::new(width / LANES + PER_ROW),
             wide: wide_available(),
+            bent: None,
         })
     }
 
@@ -105,6 +108,15 @@ impl Renderer {
         Ok(self)
     }
 
+    /// The same, with pictures of a camera of this response that is `believed` to have another one: levels are bent by the one, and
+    /// straightened by the other.
+    #[must_use]
+    pub fn with_response(mut self, response: &Response, believed: &Response) -> Self {
+        let bent = Response::Linear.to(response).then(&believed.to(&Response::Linear));
+        self.bent = (*response != Response::Linear || *believed != Response::Linear).then_some(bent);
+        self
+    }
+
     /// The same, with other targets beside the one that is looked for.
     #[must_use]
     pub fn with_bystanders(mut self, bystanders: &[Bystander]) -> Self {
@@ -124,6 +136,14 @@ impl Renderer {
     ///
     /// Allocates only when a call brings more poses than any call before.
     pub fn render(&mut self, X_CO_over_exposure: &[Pose], frame_id: u64, out: &mut [u8]) {
+        self.render_light(X_CO_over_exposure, frame_id, out);
+        if let Some(bent) = &self.bent {
+            bent.apply(out);
+        }
+    }
+
+    /// Levels as light gives them.
+    fn render_light(&mut self, X_CO_over_exposure: &[Pose], frame_id: u64, out: &mut [u8]) {
         let i = self.camera.intrinsics();
         let (width, height) = (i.width_px as usize, i.height_px as usize);
         if !self.scenery.is_simple(X_CO_over_exposure) {

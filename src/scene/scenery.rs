@@ -16,7 +16,7 @@ use nalgebra::{Point3, Translation3, Vector2, Vector3};
 const SAG: f64 = 1e-4;
 
 /// Least radius of curvature of a dot's rim, px, of which `View` knows the coverage: within a pixel it takes the rim as a parabola.
-const LEAST_CURVE_PX: f64 = 0.5;
+const MIN_CURVE_PX: f64 = 0.5;
 
 /// A target that is not looked for, beside the one that is: it lies under that where they overlap.
 #[derive(Debug, Clone, PartialEq)]
@@ -116,7 +116,7 @@ impl Scenery {
             let c = (X_CO * Point3::new(disc.centre_m.x, disc.centre_m.y, 0.0)).coords;
             let slant = normal.dot(&c);
             // behind the camera there is nothing to see
-            c.z > 0.0 && disc.radius_m * f_px * slant * slant < LEAST_CURVE_PX * c.z * c.norm_squared()
+            c.z > 0.0 && disc.radius_m * f_px * slant * slant < MIN_CURVE_PX * c.z * c.norm_squared()
         };
         self.discs.iter().any(thin)
     }

@@ -65,14 +65,17 @@ impl FrameSchedule {
     #[must_use]
     pub fn frame_at(&self, tick: u64) -> Option<u64> {
         let near = (tick as f64 * TICK.0 as f64 / self.period_ns).floor() as u64;
-        (near.saturating_sub(1)..=near + 1).find(|id| self.exposure_tick(*id) == tick)
+        (near.saturating_sub(1)..=near.saturating_add(1)).find(|id| self.exposure_tick(*id) == tick)
     }
 
     /// The first tick after `tick` to which a frame belongs.
     #[must_use]
     pub fn next_exposure_tick(&self, tick: u64) -> u64 {
         let near = (tick as f64 * TICK.0 as f64 / self.period_ns).floor() as u64;
-        let mut ticks = (near..).map(|id| self.exposure_tick(id));
+        // The next frame is this one or the one after, of which a frame faster than the ticks has several. Numbers that no run comes
+        // to are not exact any more: then there is none.
+        let reach = 2 + (TICK.0 as f64 / self.period_ns).ceil() as u64;
+        let mut ticks = (near..near.saturating_add(reach)).map(|id| self.exposure_tick(id));
         ticks.find(|exposure| *exposure > tick).unwrap_or(u64::MAX)
     }
 
@@ -109,6 +112,18 @@ mod tests {
     use proptest::prelude::*;
 
     const LATENCY: SpanNs = SpanNs(20_000_000);
+
+    /// Such ticks come from a broken or hostile program; who asks for the next frame after them is answered at once.
+    #[test]
+    fn ticks_that_no_run_comes_to_have_an_answer_too() {
+        for rate_hz in [0.1, 25.0, 60.0, 999.0] {
+            for tick in [1 << 53, 1 << 62, u64::MAX - 1, u64::MAX] {
+                let s = regular(rate_hz);
+                assert!(s.next_exposure_tick(tick) >= tick);
+                let _ = s.frame_at(tick);
+            }
+        }
+    }
 
     fn regular(rate_hz: f64) -> FrameSchedule {
         FrameSchedule::new(rate_hz, LATENCY, Irregularity::default())

@@ -3,7 +3,7 @@
 use super::{ArmHistory, Occluder, Renderer, SceneMotion};
 use crate::geometry::Pose;
 use crate::messages::JointState;
-use crate::servo::Mount;
+use crate::robot::Mount;
 use crate::time::{MonoNs, SpanNs, TICK};
 
 /// Most sub-exposures of one frame.

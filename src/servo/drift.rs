@@ -7,9 +7,10 @@
 //! dq = (J^T L^T L J + lambda 1)^-1 J^T L^T (s - s_carried)
 //! ```
 
-use super::{CameraJacobian, SetPoint, View};
+use super::{SetPoint, View};
 use crate::features::NormalEquations;
 use crate::linalg::Ldlt;
+use crate::robot::CameraJacobian;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
@@ -57,7 +58,7 @@ pub(super) fn unbelieved_motion<const N: usize>(
 mod tests {
     use super::*;
     use crate::geometry::Pose;
-    use crate::servo::Mount;
+    use crate::robot::Mount;
     use crate::sim::perfect_measurement;
     use nalgebra::{Point3, Vector6};
     use proptest::prelude::*;

@@ -16,7 +16,7 @@ use crate::messages::MAX_FEATURES;
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector2, Vector3, Vector6};
 
 /// Most numbers of an error: normalized moments have six.
-const MOST_NUMBERS: usize = 6 * MAX_FEATURES;
+const MAX_NUMBERS: usize = 6 * MAX_FEATURES;
 
 /// Image points with their depths, current or desired.
 #[derive(Clone, Copy)]
@@ -320,7 +320,7 @@ pub fn image_wrench(task: &TwistTask, k_P: f64, k_D: f64) -> WrenchTask {
 
 /// The stacked error e_s of the selected features that are seen, and how many numbers it has; for plots and checks.
 #[must_use]
-pub fn image_error(set_point: &SetPoint, view: &View) -> Option<(SVector<f64, MOST_NUMBERS>, usize)> {
+pub fn image_error(set_point: &SetPoint, view: &View) -> Option<(SVector<f64, MAX_NUMBERS>, usize)> {
     let (now, goal) = sides(set_point, view, Interaction::TEXTBOOK)?;
     let mut errors = Errors { e: SVector::zeros(), count: 0 };
     visit((set_point, view), (&now, &goal), &mut errors)?;
@@ -328,7 +328,7 @@ pub fn image_error(set_point: &SetPoint, view: &View) -> Option<(SVector<f64, MO
 }
 
 struct Errors {
-    e: SVector<f64, MOST_NUMBERS>,
+    e: SVector<f64, MAX_NUMBERS>,
     count: usize,
 }
 

@@ -1,11 +1,12 @@
 //! The family of servo laws behind one interface: a view becomes a task, a task and the arm become a wish.
 
 use super::{
-    CameraJacobian, FeatureGains, Gain, HybridGains, Interaction, OperationalSpace, OrientationError,
-    PoseError, PoseGains, SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task, image_wrench,
-    joint_torque, joint_velocity, operational_pose, preconditioned_wrench,
+    FeatureGains, Gain, HybridGains, Interaction, OperationalSpace, OrientationError, PoseError, PoseGains,
+    SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task, image_wrench, joint_torque,
+    joint_velocity, operational_pose, preconditioned_wrench,
 };
 use crate::messages::MAX_JOINTS;
+use crate::robot::CameraJacobian;
 use nalgebra::SVector;
 
 /// The arm at the moment for which a wish is made.
@@ -111,14 +112,14 @@ pub enum Task {
 
 /// What a law asks of the joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Wish<const N: usize> {
+pub enum LawOutput<const N: usize> {
     /// A joint velocity for the reference, rad/s or m/s.
     Velocity(SVector<f64, N>),
     /// Torques or forces for the drive, gravity included, N m or N.
     Torque(SVector<f64, N>),
 }
 
-impl<const N: usize> Wish<N> {
+impl<const N: usize> LawOutput<N> {
     /// Whether all of its numbers are.
     #[must_use]
     pub fn is_finite(&self) -> bool {
@@ -212,14 +213,14 @@ impl Law {
 
     /// What the joints shall do about `task`. `None` where there is no finite answer.
     #[must_use]
-    pub fn wish<const N: usize>(&self, task: &Task, arm: &Arm<N>) -> Option<Wish<N>> {
+    pub fn wish<const N: usize>(&self, task: &Task, arm: &Arm<N>) -> Option<LawOutput<N>> {
         match (self, task) {
             (
                 Self::PositionVelocity { gain, .. }
                 | Self::ImageVelocity { gain, .. }
                 | Self::Hybrid { gain, .. },
                 Task::Twist(task),
-            ) => joint_velocity(task, gain.at(task.error), &arm.J).map(Wish::Velocity),
+            ) => joint_velocity(task, gain.at(task.error), &arm.J).map(LawOutput::Velocity),
             (Self::PositionTorque { damping, .. }, Task::Wrench(task)) => torque(task, damping, arm),
             (Self::ImageTorque { damping, .. }, Task::Wrench(task)) => torque(task, damping, arm),
             (Self::PreconditionedTorque { damping, .. }, Task::Wrench(task)) => torque(task, damping, arm),
@@ -228,6 +229,6 @@ impl Law {
     }
 }
 
-fn torque<const N: usize, K>(task: &WrenchTask, damping: &Damping<K>, arm: &Arm<N>) -> Option<Wish<N>> {
-    joint_torque(task, &damping.on_joints(), &arm.J, &arm.qd, &arm.gravity).map(Wish::Torque)
+fn torque<const N: usize, K>(task: &WrenchTask, damping: &Damping<K>, arm: &Arm<N>) -> Option<LawOutput<N>> {
+    joint_torque(task, &damping.on_joints(), &arm.J, &arm.qd, &arm.gravity).map(LawOutput::Torque)
 }

@@ -21,17 +21,15 @@
 //! make is the square system of the text. To step a law without processes: a [`SetPoint`], a [`View`] of the present
 //! features (and pose), [`Law::task`], and [`Law::wish`] with an [`Arm`].
 
-mod approach;
+mod convergence;
 mod drift;
 mod gain;
+mod goal_teacher;
 mod hybrid;
 mod image;
-mod intake;
 mod interaction;
-mod joint_history;
 mod law;
-mod lesson;
-mod mount;
+mod measurement_verdict;
 mod null_space;
 mod object_motion;
 mod orientation;
@@ -48,16 +46,14 @@ mod view;
 mod visibility;
 mod visual_servo;
 
-pub use approach::Approach;
+pub use convergence::Convergence;
 pub use drift::Drift;
 pub use gain::Gain;
 pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
 pub use image::{FeatureGains, image_error, image_task, image_wrench, preconditioned_wrench};
-pub use intake::Intake;
 pub use interaction::{DepthSource, Interaction, InteractionAt};
-pub use joint_history::JointHistory;
-pub use law::{Arm, Damping, Law, Task, Wish};
-pub use mount::{CameraJacobian, Mount};
+pub use law::{Arm, Damping, Law, LawOutput, Task};
+pub use measurement_verdict::MeasurementVerdict;
 pub use null_space::{away_from_limits, seek_null_motion};
 pub use object_motion::{ObjectDynamics, ObjectMotion};
 pub use orientation::{OrientationError, euler_zyx};

@@ -2,9 +2,9 @@
 //!
 //! There are some with seven joints, and wherever the features fix fewer motions than there are joints.
 
-use super::{CameraJacobian, TwistTask};
+use super::TwistTask;
 use crate::linalg::symmetric_eigen;
-use crate::robot::JointLimits;
+use crate::robot::{CameraJacobian, JointLimits};
 use nalgebra::SVector;
 
 /// Squared singular values of the task in joint space, as share of the largest, up to which a motion counts as free.

@@ -17,8 +17,8 @@ use nalgebra::{Matrix3, Matrix6, Matrix6x3, Translation3, UnitQuaternion, Vector
 /// Standard deviation of the speed that an object may have when it is first seen, m/s and rad/s.
 const FIRST_SPEED: f64 = 1.0;
 /// Least standard deviation of a measured place, m, and of a measured orientation, rad: calibration is never perfect.
-const LEAST_PLACE_SD_M: f64 = 5e-5;
-const LEAST_ORIENTATION_SD_RAD: f64 = 2e-4;
+const MIN_PLACE_SD_M: f64 = 5e-5;
+const MIN_ORIENTATION_SD_RAD: f64 = 2e-4;
 /// Between measurements farther apart than this the old estimate is worth nothing.
 const LONGEST_GAP_S: f64 = 1.0;
 
@@ -144,8 +144,8 @@ impl ObjectMotion {
             return;
         }
         let floor = |R: Matrix3<f64>, sd: f64| R + Matrix3::identity() * (sd * sd);
-        let R_place = floor(covariance.fixed_view::<3, 3>(0, 0).into(), LEAST_PLACE_SD_M);
-        let R_orientation = floor(covariance.fixed_view::<3, 3>(3, 3).into(), LEAST_ORIENTATION_SD_RAD);
+        let R_place = floor(covariance.fixed_view::<3, 3>(0, 0).into(), MIN_PLACE_SD_M);
+        let R_orientation = floor(covariance.fixed_view::<3, 3>(3, 3).into(), MIN_ORIENTATION_SD_RAD);
         match &mut self.estimate {
             Some(e) if stamp <= e.stamp => {}
             Some(e) if (stamp - e.stamp).as_s() <= LONGEST_GAP_S => {

@@ -5,11 +5,11 @@
 //! s_d - s ─► normal equations (10.89) ─► joints ─► damped as long as the error does not fall
 //! ```
 
-use super::{Mount, SetPoint};
+use super::SetPoint;
 use crate::features::NormalEquations;
 use crate::geometry::{Pose, Twist};
 use crate::linalg::{Ldlt, Random};
-use crate::robot::{InverseOptions, JointKind, Robot, RobotDescription};
+use crate::robot::{InverseOptions, JointKind, Mount, Robot, RobotDescription};
 use nalgebra::{SMatrix, SVector, Vector2};
 
 /// Steps of a search, and the longest one: m, rad of the camera; rad or m of a joint.

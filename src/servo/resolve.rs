@@ -7,9 +7,9 @@
 //!
 //! Every torque law is a wrench on the camera and a damping of its twist: `u = g + J^T (h - D J qd)`.
 
-use super::CameraJacobian;
 use crate::features::NormalEquations;
 use crate::linalg::Ldlt;
+use crate::robot::CameraJacobian;
 use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 
 /// Conditioning below which directions are damped: the smaller of two squared ratios, the share of a column that the

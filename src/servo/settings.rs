@@ -1,7 +1,8 @@
 //! What visual servoing is made of.
 
-use super::{Law, Mount, ObjectDynamics, SetPoint, VisibilityGuard};
+use super::{Law, ObjectDynamics, SetPoint, VisibilityGuard};
 use crate::geometry::Pose;
+use crate::robot::Mount;
 use crate::time::SpanNs;
 
 /// When the servo law is computed.
@@ -41,9 +42,7 @@ pub struct ServoSettings {
     /// period, at most a whole one. What `predict` asks for is quicker by so much as such a law would be for it.
     pub held_lag: SpanNs,
     /// Gain to which a higher one falls near the goal, where encoders and noise would make the arm tremble, 1/s.
-    pub calm_gain_1_s: f64,
-    /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
-    pub gain_share: f64,
+    pub gain_at_goal_1_s: f64,
     /// Goes back to where the whole target was seen last when it is lost.
     pub returns: bool,
     /// Whether views are compared for motion that coarse encoders do not tell ([`super::Drift`]).
@@ -67,8 +66,7 @@ impl ServoSettings {
             visibility: None,
             object: None,
             held_lag: SpanNs::ZERO,
-            calm_gain_1_s: f64::INFINITY,
-            gain_share: 1.0,
+            gain_at_goal_1_s: f64::INFINITY,
             returns: false,
             watches_drift: false,
             lead: SpanNs::ZERO,

@@ -16,11 +16,12 @@
 //! A torque law `u = g + J^T (h - D J qd) - K_D qd` moves the arm, if nothing else does, with
 //! `(J^T D J + K_D) qd* = J^T h`. It is that velocity which is held back, and an arm that is already too fast is braked.
 
-use super::{Arm, CameraJacobian, SetPoint, Task, TwistTask, View, Wish, WrenchTask, joint_velocity};
+use super::{Arm, LawOutput, SetPoint, Task, TwistTask, View, WrenchTask, joint_velocity};
 use crate::camera_model::CameraModel;
 use crate::features::point_rows;
 use crate::linalg::Ldlt;
 use crate::messages::MAX_FEATURES;
+use crate::robot::CameraJacobian;
 use nalgebra::{Matrix2x6, Matrix6, RowVector6, SMatrix, SVector, Vector2, Vector6};
 
 /// Of the distance between a desired feature and the border, the share that the margin leaves to it: a goal near the border
@@ -71,16 +72,18 @@ impl VisibilityGuard {
         view: &View,
         (task, joint_damping): (&Task, &SVector<f64, N>),
         arm: &Arm<N>,
-        wish: Wish<N>,
-    ) -> Wish<N> {
+        wish: LawOutput<N>,
+    ) -> LawOutput<N> {
         let held = match (wish, task) {
-            (Wish::Velocity(qd), _) => self.held_back(set_point, view, arm, &qd, 0.0).map(Wish::Velocity),
-            (Wish::Torque(tau), Task::Wrench(task)) => {
-                self.held_torque(set_point, view, task, joint_damping, arm, &tau).map(Wish::Torque)
+            (LawOutput::Velocity(qd), _) => {
+                self.held_back(set_point, view, arm, &qd, 0.0).map(LawOutput::Velocity)
             }
-            (Wish::Torque(_), Task::Twist(_)) => None,
+            (LawOutput::Torque(tau), Task::Wrench(task)) => {
+                self.held_torque(set_point, view, task, joint_damping, arm, &tau).map(LawOutput::Torque)
+            }
+            (LawOutput::Torque(_), Task::Twist(_)) => None,
         };
-        held.filter(Wish::is_finite).unwrap_or(wish)
+        held.filter(LawOutput::is_finite).unwrap_or(wish)
     }
 
     fn held_torque<const N: usize>(
@@ -317,10 +320,10 @@ mod tests {
     fn hold<const N: usize>(X_CO: &Pose, arm: &Arm<N>, qd: &SVector<f64, N>) -> SVector<f64, N> {
         let (set_point, view, law) = (goal(), seen(X_CO), law());
         let task = law.task(&set_point, &view).unwrap();
-        let wish = Wish::Velocity(*qd);
+        let wish = LawOutput::Velocity(*qd);
         match guard().hold(&set_point, &view, (&task, &law.joint_damping()), arm, wish) {
-            Wish::Velocity(qd) => qd,
-            Wish::Torque(_) => panic!("a velocity"),
+            LawOutput::Velocity(qd) => qd,
+            LawOutput::Torque(_) => panic!("a velocity"),
         }
     }
 
@@ -423,7 +426,7 @@ mod tests {
             let wish = law.wish(&task, &arm).unwrap();
             let held = guard().hold(&goal(), &view, (&task, &law.joint_damping()), &arm, wish);
             [wish, held].map(|wish| {
-                let Wish::Torque(wrench) = wish else { panic!("a torque law") };
+                let LawOutput::Torque(wrench) = wish else { panic!("a torque law") };
                 let of =
                     |i: usize| -(point_rows(view.feature(i).unwrap(), 0.6) * (wrench / 4.0 + V)).x * 800.0;
                 of(0).max(of(3))

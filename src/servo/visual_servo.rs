@@ -9,13 +9,13 @@ mod pace;
 
 use super::drift::{LONGEST_SPAN, unbelieved_motion};
 use super::{
-    Approach, Arm, CameraJacobian, Drift, Intake, ObjectMotion, ServoSettings, SetPoint, Task, TwistTask,
-    UpdatePolicy, View, Wish, away_from_limits, joint_velocity, lesson::Lesson, seek_null_motion,
+    Arm, Convergence, Drift, LawOutput, MeasurementVerdict, ObjectMotion, ServoSettings, SetPoint, Task,
+    TwistTask, UpdatePolicy, View, away_from_limits, goal_teacher::GoalTeacher, joint_velocity,
+    seek_null_motion,
 };
 use crate::geometry::{Pose, rotate_twist};
 use crate::messages::{Measurement, TargetStatus};
-use crate::robot::Robot;
-use crate::servo::JointHistory;
+use crate::robot::{CameraJacobian, JointHistory, Robot};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{Matrix6, SVector, Vector6};
 
@@ -31,13 +31,13 @@ const LARGEST_CONTRADICTION: f64 = 0.03;
 const SIGMA_OF_A_GUESS: f64 = 6e-4;
 
 /// The least share of its gains that is left to a swinging arm.
-const LEAST_SHARE: f64 = 0.3;
+const MIN_SHARE: f64 = 0.3;
 /// Gain of the way back to where the target was seen, 1/s, and how near to it is there, rad or m.
 const RETURN_RATE_1_S: f64 = 2.0;
 const RETURNED: f64 = 1e-3;
 /// The last measurement in use.
 #[derive(Debug, Clone, Copy)]
-struct Sighting {
+struct LastMeasurement {
     exposure: MonoNs,
     view: View,
     task: Task,
@@ -52,8 +52,8 @@ struct Sighting {
 /// What the law says, and how that leads to the goal.
 #[derive(Debug, Clone, Copy)]
 struct Answer<const N: usize> {
-    wish: Wish<N>,
-    approach: Approach<N>,
+    wish: LawOutput<N>,
+    convergence: Convergence<N>,
 }
 
 /// Visual servoing of an arm with `N` joints.
@@ -61,19 +61,21 @@ struct Answer<const N: usize> {
 pub struct VisualServo<const N: usize> {
     settings: ServoSettings,
     history: JointHistory<N>,
-    sighting: Option<Sighting>,
+    last: Option<LastMeasurement>,
     /// The last one without hidden features, and with a pose.
-    whole: Option<Sighting>,
+    whole: Option<LastMeasurement>,
     /// The arm's posture at the last exposure that showed the whole target, rad or m.
     q_whole: Option<SVector<f64, N>>,
     held: Option<Answer<N>>,
     fresh: bool,
     /// First wished velocity, and when: what a smooth start takes off.
     start: Option<(MonoNs, SVector<f64, N>)>,
-    lesson: Lesson,
+    goal_teacher: GoalTeacher,
     object: Option<ObjectMotion>,
     /// What the last measurement told of the joints.
     drift: Option<Drift<N>>,
+    /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
+    gain_share: f64,
 }
 
 impl<const N: usize> VisualServo<N> {
@@ -84,15 +86,16 @@ impl<const N: usize> VisualServo<N> {
         Self {
             settings,
             history: JointHistory::new(),
-            sighting: None,
+            last: None,
             whole: None,
             q_whole: None,
             held: None,
             fresh: false,
             start: None,
-            lesson: Lesson::new(0),
+            goal_teacher: GoalTeacher::new(0),
             object,
             drift: None,
+            gain_share: 1.0,
         }
     }
 
@@ -110,31 +113,36 @@ impl<const N: usize> VisualServo<N> {
 
     /// Makes what the camera sees the goal: the mean of the next `measurements` good ones. Until then nothing is wished.
     pub fn teach(&mut self, measurements: u32) {
-        self.lesson = Lesson::new(measurements);
+        self.goal_teacher = GoalTeacher::new(measurements);
         self.held = None;
     }
 
     /// Whether the goal is still being taught.
     #[must_use]
     pub fn is_teaching(&self) -> bool {
-        self.lesson.left > 0
+        self.goal_teacher.left > 0
     }
 
     /// Whether the law works with a view in which features are hidden.
     #[must_use]
     pub fn is_degraded(&self) -> bool {
-        self.sighting.as_ref().is_some_and(|sighting| sighting.partial)
+        self.last.as_ref().is_some_and(|last| last.partial)
     }
 
     /// From now on resolved velocities lead to the goal half as fast: an arm that is not its model swings less. Whether they do; a
     /// moving object is not followed more slowly, and laws that give torques have no such pace.
-    pub fn calm(&mut self) -> bool {
+    pub fn reduce_gain(&mut self) -> bool {
         let has_pace = self.object.is_none() && !self.settings.law.is_torque();
-        let calms = has_pace && self.settings.gain_share > LEAST_SHARE;
-        if calms {
-            self.settings.gain_share *= 0.5;
+        let reduced = has_pace && self.gain_share > MIN_SHARE;
+        if reduced {
+            self.gain_share *= 0.5;
         }
-        calms
+        reduced
+    }
+
+    /// From now on the goal is sought at full gain, as at first.
+    pub fn seek_at_full_gain(&mut self) {
+        self.gain_share = 1.0;
     }
 
     /// The next wish starts smoothly again, as the first one did; after a stop or a hold.
@@ -148,31 +156,35 @@ impl<const N: usize> VisualServo<N> {
     }
 
     /// Takes a measurement in.
-    pub fn take(&mut self, now: MonoNs, measurement: &Measurement, robot: &Robot<N>) -> Intake {
+    pub fn take(&mut self, now: MonoNs, measurement: &Measurement, robot: &Robot<N>) -> MeasurementVerdict {
         let exposure = measurement.exposure;
         if measurement.target_status() == TargetStatus::Inconsistent {
-            return Intake::Inconsistent;
+            return MeasurementVerdict::Inconsistent;
         }
         let set_point = &self.settings.set_point;
         let Some(seen) = View::of(measurement, set_point) else {
-            return if measurement.found() { Intake::OtherFeatures } else { Intake::NoTarget };
+            return if measurement.found() {
+                MeasurementVerdict::OtherFeatures
+            } else {
+                MeasurementVerdict::NoTarget
+            };
         };
         if !seen.is_possible(set_point, &stated_covariance(measurement)) {
-            return Intake::ImpossiblePose;
+            return MeasurementVerdict::ImpossiblePose;
         }
-        if self.sighting.is_some_and(|last| exposure <= last.exposure) {
-            return Intake::NotNewer;
+        if self.last.is_some_and(|last| exposure <= last.exposure) {
+            return MeasurementVerdict::NotNewer;
         }
         if exposure - now > LONGEST_FUTURE {
-            return Intake::RefusedFromFuture;
+            return MeasurementVerdict::RefusedFromFuture;
         }
         let full = self.history.oldest().is_some_and(|oldest| exposure >= oldest);
         // At the start the arm stands: a frame from before the first tick shows it where it still is.
-        let standing_start = self.sighting.is_none();
+        let standing_start = self.last.is_none();
         let Some(q) = self.history.joints(exposure).filter(|_| full || standing_start) else {
-            return Intake::TooOld;
+            return MeasurementVerdict::TooOld;
         };
-        if let Some(taught) = self.lesson.hear(&seen, &self.settings.set_point) {
+        if let Some(taught) = self.goal_teacher.add(&seen, &self.settings.set_point) {
             self.settings.set_point = taught;
         }
         let X_WC = self.settings.mount.X_WC(&robot.forward(&q));
@@ -186,11 +198,11 @@ impl<const N: usize> VisualServo<N> {
         let stated =
             || seen.sufficient(&self.settings.set_point).map(|view| (view, stated_covariance(measurement)));
         let Some((view, covariance)) = by_motion.or_else(stated) else {
-            return Intake::TooFewFeatures;
+            return MeasurementVerdict::TooFewFeatures;
         };
         let view = view.with_known(self.settings.X_WO.map(|X_WO| X_WC.inv_mul(&X_WO)));
         let Some(task) = self.settings.law.task(&self.settings.set_point, &view) else {
-            return Intake::NoTarget;
+            return MeasurementVerdict::NoTarget;
         };
         if let (Some(object), Some(X_CO)) = (&mut self.object, view.X_CO()) {
             object.observe(exposure, &(X_WC * X_CO), &covariance_in(&X_WC, &covariance));
@@ -198,19 +210,19 @@ impl<const N: usize> VisualServo<N> {
         if !partial {
             self.q_whole = Some(q);
         }
-        let sighting = Sighting { exposure, view, task, X_WC, partial, supposed };
-        self.drift = self.drift_to(&sighting, &q, robot);
+        let last = LastMeasurement { exposure, view, task, X_WC, partial, supposed };
+        self.drift = self.drift_to(&last, &q, robot);
         if !partial && view.X_CO().is_some() {
-            self.whole = Some(sighting);
+            self.whole = Some(last);
         }
-        self.sighting = Some(sighting);
+        self.last = Some(last);
         self.fresh = true;
-        if exposure > now { Intake::UsedFromFuture } else { Intake::Used }
+        if exposure > now { MeasurementVerdict::UsedFromFuture } else { MeasurementVerdict::Used }
     }
 
-    /// How much the joints, in `q` at this sighting, moved since the last one beyond what the history says.
-    fn drift_to(&self, now: &Sighting, q: &SVector<f64, N>, robot: &Robot<N>) -> Option<Drift<N>> {
-        let before = self.sighting.as_ref()?;
+    /// How much the joints, in `q` at this measurement, moved since the last one beyond what the history says.
+    fn drift_to(&self, now: &LastMeasurement, q: &SVector<f64, N>, robot: &Robot<N>) -> Option<Drift<N>> {
+        let before = self.last.as_ref()?;
         let (from, span) = (before.exposure, now.exposure - before.exposure);
         let at_rest = self.settings.watches_drift && self.object.is_none();
         if !at_rest || before.supposed || now.supposed || span > LONGEST_SPAN {
@@ -241,7 +253,7 @@ impl<const N: usize> VisualServo<N> {
         let whole = self.whole.as_ref().filter(|whole| exposure - whole.exposure <= LONGEST_GUESS)?;
         // An object at rest is where it was when it was seen whole; one that moves is carried from frame to frame, so that what
         // is wrong with its estimated speed does not add up before it is put right.
-        let from = if self.object.is_some() { self.sighting.as_ref()? } else { whole };
+        let from = if self.object.is_some() { self.last.as_ref()? } else { whole };
         let moved = self.object.as_ref().map(|object| object.displacement(from.exposure, exposure));
         let X_WC_then = moved.map_or(from.X_WC, |moved| moved * from.X_WC);
         let guess = from.view.carried(&X_WC.inv_mul(&X_WC_then), set_point)?;
@@ -250,17 +262,22 @@ impl<const N: usize> VisualServo<N> {
 
     /// What the joints shall do at this tick, at which they stand in `q` and move with `qd`. `None` before the first
     /// measurement, while the goal is taught, and where the law has no answer.
-    pub fn wish(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>, robot: &Robot<N>) -> Option<Wish<N>> {
-        let sighting = self.sighting.as_ref().filter(|_| self.lesson.left == 0)?;
+    pub fn wish(
+        &mut self,
+        q: &SVector<f64, N>,
+        qd: &SVector<f64, N>,
+        robot: &Robot<N>,
+    ) -> Option<LawOutput<N>> {
+        let last = self.last.as_ref().filter(|_| self.goal_teacher.left == 0)?;
         let fresh = std::mem::take(&mut self.fresh);
         let held = self.settings.update == UpdatePolicy::Frame && !fresh;
         if !held {
-            let now = self.history.newest().unwrap_or(sighting.exposure);
+            let now = self.history.newest().unwrap_or(last.exposure);
             let object = self.object.as_ref().map(|object| (object, now));
-            self.held = self.settings.wish(sighting, object, q, qd, robot);
+            self.held = self.settings.wish(last, object, q, qd, robot, self.gain_share);
         }
         let Answer { wish, .. } = self.held?;
-        Some(self.started(wish)).filter(Wish::is_finite)
+        Some(self.started(wish)).filter(LawOutput::is_finite)
     }
 
     /// Share of the wished velocity that is justified by what is known of the object's motion at `now`, 0 to 1: less and
@@ -274,52 +291,53 @@ impl<const N: usize> VisualServo<N> {
     /// velocity, rad/s or m/s, and how it leads there. `None` where that is not wished for
     /// ([`ServoSettings::returns`]), nothing was ever seen, or the arm is there already.
     #[must_use]
-    pub fn way_back(&self, q: &SVector<f64, N>) -> Option<(SVector<f64, N>, Approach<N>)> {
+    pub fn way_back(&self, q: &SVector<f64, N>) -> Option<(SVector<f64, N>, Convergence<N>)> {
         let to_go = self.q_whole.filter(|_| self.settings.returns)? - q;
         let is_finite = to_go.iter().all(|x| x.is_finite());
         (is_finite && to_go.amax() > RETURNED)
-            .then(|| (to_go * RETURN_RATE_1_S, Approach::at(RETURN_RATE_1_S)))
+            .then(|| (to_go * RETURN_RATE_1_S, Convergence::at(RETURN_RATE_1_S)))
     }
 
     /// The twist that the law wishes of a camera which moves freely, `V_WC_C`, m/s and rad/s, for the last view as it was at its
     /// exposure. `None` where [`wish`](Self::wish) has none, and for a torque law.
     #[must_use]
     pub fn camera_wish(&self) -> Option<Vector6<f64>> {
-        let sighting = self.sighting.as_ref().filter(|_| self.lesson.left == 0)?;
+        let last = self.last.as_ref().filter(|_| self.goal_teacher.left == 0)?;
         let J = CameraJacobian::of_moving_camera(Matrix6::identity());
         let camera = Arm { J, qd: Vector6::zeros(), gravity: Vector6::zeros() };
-        match self.settings.answer((&sighting.view, &sighting.task), &camera, None)?.wish {
-            Wish::Velocity(V_C) => Some(V_C).filter(|V_C| V_C.iter().all(|x| x.is_finite())),
-            Wish::Torque(_) => None,
+        match self.settings.answer((&last.view, &last.task), &camera, None, self.gain_share)?.wish {
+            LawOutput::Velocity(V_C) => Some(V_C).filter(|V_C| V_C.iter().all(|x| x.is_finite())),
+            LawOutput::Torque(_) => None,
         }
     }
 
     /// How the last wished velocity leads to its goal; `None` without one.
     #[must_use]
-    pub fn approach(&self) -> Option<&Approach<N>> {
-        self.held.as_ref().map(|answer| &answer.approach)
+    pub fn convergence(&self) -> Option<&Convergence<N>> {
+        self.held.as_ref().map(|answer| &answer.convergence)
     }
 
     /// The wish less what is left of the first one, `v(t) - exp(-rate t) v(0)`: from rest without a jump.
-    fn started(&mut self, wish: Wish<N>) -> Wish<N> {
-        let (Some(rate_1_s), Wish::Velocity(qd), Some(now)) =
+    fn started(&mut self, wish: LawOutput<N>) -> LawOutput<N> {
+        let (Some(rate_1_s), LawOutput::Velocity(qd), Some(now)) =
             (self.settings.smooth_start_1_s, wish, self.history.newest())
         else {
             return wish;
         };
         let (since, first) = *self.start.get_or_insert((now, qd));
-        Wish::Velocity(qd - first * (-rate_1_s * (now - since).as_s()).exp())
+        LawOutput::Velocity(qd - first * (-rate_1_s * (now - since).as_s()).exp())
     }
 }
 
 impl ServoSettings {
     fn wish<const N: usize>(
         &self,
-        sighting: &Sighting,
+        last: &LastMeasurement,
         object: Option<(&ObjectMotion, MonoNs)>,
         q: &SVector<f64, N>,
         qd: &SVector<f64, N>,
         robot: &Robot<N>,
+        gain_share: f64,
     ) -> Option<Answer<N>> {
         let (X_WC, J) = self.mount.camera(robot, q);
         let arm = Arm {
@@ -329,7 +347,7 @@ impl ServoSettings {
         };
         let secondary = self.limit_avoidance_1_s.map(|gain| away_from_limits(q, robot.limits(), gain));
         if self.update != UpdatePolicy::Predict {
-            return self.answer((&sighting.view, &sighting.task), &arm, secondary.as_ref());
+            return self.answer((&last.view, &last.task), &arm, secondary.as_ref(), gain_share);
         }
         // With a first-order lag T the arm, told to stand, would come to rest in q + T qd: the error there is what can
         // still be acted upon, and the lag drops out of the loop.
@@ -339,14 +357,14 @@ impl ServoSettings {
             self.mount.X_WC(&robot.forward(&(q + qd * self.lead.as_s())))
         };
         let object = object.map(|(object, now)| (object, now + self.lead));
-        let moved = object.map(|(object, then)| object.displacement(sighting.exposure, then));
-        let X_WC_then = moved.map_or(sighting.X_WC, |moved| moved * sighting.X_WC);
-        let view = sighting.view.carried(&X_WC.inv_mul(&X_WC_then), &self.set_point)?;
+        let moved = object.map(|(object, then)| object.displacement(last.exposure, then));
+        let X_WC_then = moved.map_or(last.X_WC, |moved| moved * last.X_WC);
+        let view = last.view.carried(&X_WC.inv_mul(&X_WC_then), &self.set_point)?;
         let task = self.law.task(&self.set_point, &view)?;
-        let mut answer = self.answer((&view, &task), &arm, secondary.as_ref())?;
-        if let (Wish::Velocity(qd), Some((object, then))) = (&mut answer.wish, object) {
-            answer.approach.follow = follow(object, then, &X_WC, &J);
-            *qd += answer.approach.follow;
+        let mut answer = self.answer((&view, &task), &arm, secondary.as_ref(), gain_share)?;
+        if let (LawOutput::Velocity(qd), Some((object, then))) = (&mut answer.wish, object) {
+            answer.convergence.follow = follow(object, then, &X_WC, &J);
+            *qd += answer.convergence.follow;
         }
         Some(answer)
     }
@@ -358,34 +376,36 @@ impl ServoSettings {
         (view, task): (&View, &Task),
         arm: &Arm<N>,
         secondary: Option<&SVector<f64, N>>,
+        gain_share: f64,
     ) -> Option<Answer<N>> {
         let mut wish = self.law.wish(task, arm)?;
         let mut rate_1_s = self.law.rate_1_s(task);
-        if let Wish::Velocity(qd) = &mut wish
+        if let LawOutput::Velocity(qd) = &mut wish
             && self.object.is_none()
         {
-            let share = self.calmed(rate_1_s, view);
+            let share = self.gain_at(gain_share, rate_1_s, view);
             *qd *= share;
             rate_1_s *= share;
         }
-        if let (Wish::Velocity(qd), UpdatePolicy::Predict) = (&mut wish, self.update) {
+        if let (LawOutput::Velocity(qd), UpdatePolicy::Predict) = (&mut wish, self.update) {
             let factor = pace::as_quick_as_held(rate_1_s * self.held_lag.as_s());
             *qd *= factor;
             rate_1_s *= factor;
         }
-        let mut approach = Approach::at(rate_1_s);
-        if let Wish::Velocity(qd) = &wish {
-            approach.to_go = qd / rate_1_s;
+        let mut convergence = Convergence::at(rate_1_s);
+        if let LawOutput::Velocity(qd) = &wish {
+            convergence.to_go = qd / rate_1_s;
         }
         let wish = match &self.visibility {
             Some(guard) => guard.hold(&self.set_point, view, (task, &self.law.joint_damping()), arm, wish),
             None => wish,
         };
-        let mut answer = Answer { wish, approach };
-        if let (Wish::Velocity(qd), Task::Twist(task), Some(wanted)) = (&mut answer.wish, task, secondary)
+        let mut answer = Answer { wish, convergence };
+        if let (LawOutput::Velocity(qd), Task::Twist(task), Some(wanted)) =
+            (&mut answer.wish, task, secondary)
             && let Some(free) = seek_null_motion(task, &arm.J, wanted)
         {
-            answer.approach.free = free;
+            answer.convergence.free = free;
             *qd += free;
         }
         Some(answer)

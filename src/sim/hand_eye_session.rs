@@ -1,4 +1,4 @@
-//! An arm that visits views of a board, and what is seen in each when it has come to rest: the views of a hand-eye calibration.
+//! An arm that visits views of a board, and what is seen in each when it has come to rest: the views of a hand-taker calibration.
 //!
 //! ```text
 //! Moment::Tick: q, qd measured ─► at rest? ─┐
@@ -25,7 +25,7 @@ const REST: SpanNs = SpanNs(250_000_000);
 /// Lens and board may be so far from their description without a corner being left out for it, px.
 const MODEL_SD_PX: f64 = 2.0;
 /// No corner counts as better than this, px.
-const LEAST_SD_PX: f64 = 0.01;
+const MIN_SD_PX: f64 = 0.01;
 
 /// Runs the tour of `config`, whose task must be `calibrate_hand_eye`, in simulated time; the run, and a view for each rest in which
 /// the board was seen.
@@ -33,7 +33,7 @@ const LEAST_SD_PX: f64 = 0.01;
 /// # Errors
 /// As for [`simulate_system`].
 pub fn look_around(config: &Config) -> Result<(SystemRun, Vec<HandEyeView>), SimError> {
-    let mut eye = Eye {
+    let mut taker = ViewTaker {
         config,
         vision: Vision::new(
             config.camera.model,
@@ -49,17 +49,17 @@ pub fn look_around(config: &Config) -> Result<(SystemRun, Vec<HandEyeView>), Sim
     let run = crate::dispatch_robot!(config.robot, |robot| {
         simulate_system(config, &mut |moment| {
             match moment {
-                Moment::Tick(trace, _) => eye.note(&robot, &trace.joint_state),
-                Moment::Frame(_, image) => eye.look(image),
+                Moment::Tick(trace, _) => taker.note(&robot, &trace.joint_state),
+                Moment::Frame(_, image) => taker.look(image),
             }
             ControlFlow::Continue(())
         })
     })??;
-    Ok((run, eye.views))
+    Ok((run, taker.views))
 }
 
 /// What looks.
-struct Eye<'a> {
+struct ViewTaker<'a> {
     config: &'a Config,
     vision: Vision,
     /// The flange, and when it was there.
@@ -72,7 +72,7 @@ struct Eye<'a> {
     views: Vec<HandEyeView>,
 }
 
-impl Eye<'_> {
+impl ViewTaker<'_> {
     /// Notes where the arm is, and whether it rests by the velocities that it measures.
     fn note<const N: usize>(&mut self, robot: &Robot<N>, state: &JointState) {
         let of =
@@ -116,7 +116,7 @@ impl Eye<'_> {
                 .zip(still.px)
                 .filter_map(|(found, px)| {
                     let p_O = points.iter().find(|point| point.id == found.id)?.p_O;
-                    Some(BoardCorner { p_O, px: *px, sd_px: found.sigma_px.max(LEAST_SD_PX) })
+                    Some(BoardCorner { p_O, px: *px, sd_px: found.sigma_px.max(MIN_SD_PX) })
                 })
                 .collect();
             if corners.len() >= 4 {

@@ -1,11 +1,11 @@
 //! Simulated time: the loop over ticks that every simulation shares, and a whole run in one process; what a run has before it
-//! ([`outlook`]), and a start and a goal for it ([`place`](mod@place)).
+//! ([`preflight`]), and a start and a goal for it ([`place`](mod@place)).
 
 mod closed_loop;
 mod hand_eye_session;
-pub mod outlook;
 mod perfect_camera;
 pub mod place;
+pub mod preflight;
 mod system;
 
 pub use closed_loop::{ClosedLoop, frame_every, run};

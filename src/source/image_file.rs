@@ -6,6 +6,7 @@
 use super::SourceError;
 use image::{DynamicImage, GrayImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use rustix::fs::OFlags;
+use std::borrow::Cow;
 use std::fs::{File, FileType, OpenOptions};
 use std::io::{BufReader, Cursor, Read, Seek};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
@@ -56,6 +57,13 @@ pub(super) fn check(path: &Path, size: Size) -> Result<(), SourceError> {
         let bytes = read(path, reader.into_inner(), size)?;
         return check_size(path, decoder(path, Cursor::new(bytes.as_slice()), &start)?.dimensions(), size);
     }
+    if format(path, &start)? == ImageFormat::Png {
+        // Not the decoder: it unpacks a colour profile that comes first, whatever that takes.
+        let mut head = Vec::new();
+        reader.take(PNG_HEAD as u64).read_to_end(&mut head).map_err(failed)?;
+        let found = png_dimensions(&head).ok_or_else(|| SourceError::Damaged(path.into()))?;
+        return check_size(path, found, size);
+    }
     check_size(path, decoder(path, reader, &start)?.dimensions(), size)
 }
 
@@ -82,7 +90,8 @@ fn decode(
     if !whole {
         return Err(SourceError::Damaged(path.into()));
     }
-    let mut decoder = decoder(path, Cursor::new(bytes), bytes)?;
+    let bytes = png_without_profile(bytes);
+    let mut decoder = decoder(path, Cursor::new(bytes.as_ref()), &bytes)?;
     let size = allowed(decoder.dimensions())?;
     let failed = |cause| SourceError::image(path, cause);
     decoder.set_limits(size.limits()).map_err(failed)?;
@@ -201,22 +210,79 @@ fn jpeg_is_whole(bytes: &[u8]) -> bool {
     false
 }
 
-/// Whether a PNG has its end: walks its chunks to `IEND`.
-fn png_is_whole(bytes: &[u8]) -> bool {
-    const SIGNATURE: usize = 8;
+/// Bytes of a PNG before its first chunk.
+const PNG_SIGNATURE: usize = 8;
+/// The signature, and the first chunk up to the image's size.
+const PNG_HEAD: usize = PNG_SIGNATURE + 16;
+
+/// The chunks of a PNG, where each begins and ends, and of what kind it is; up to the first that the file does not hold whole.
+fn png_chunks(bytes: &[u8]) -> impl Iterator<Item = (std::ops::Range<usize>, &[u8])> {
     const LENGTH_TYPE_AND_SUM: usize = 12;
-    let mut at = SIGNATURE;
-    while let Some(head) = bytes.get(at..at + 8) {
-        let (length, kind) = head.split_at(4);
+    let mut at = PNG_SIGNATURE;
+    std::iter::from_fn(move || {
+        let (length, kind) = bytes.get(at..at + 8)?.split_at(4);
         let length = length.iter().fold(0, |n, b| n << 8 | usize::from(*b));
-        let Some(next) = at.checked_add(length + LENGTH_TYPE_AND_SUM).filter(|next| *next <= bytes.len())
-        else {
-            return false;
-        };
-        if kind == b"IEND" {
-            return true;
-        }
-        at = next;
+        let next = at.checked_add(length + LENGTH_TYPE_AND_SUM).filter(|next| *next <= bytes.len())?;
+        Some((std::mem::replace(&mut at, next)..next, kind))
+    })
+}
+
+/// Whether a PNG has its end: `IEND`.
+fn png_is_whole(bytes: &[u8]) -> bool {
+    png_chunks(bytes).any(|(_, kind)| kind == b"IEND")
+}
+
+/// Columns and rows, from the head of a PNG.
+fn png_dimensions(head: &[u8]) -> Option<(u32, u32)> {
+    let number = |at: usize| Some(u32::from_be_bytes(head.get(at..at + 4)?.try_into().ok()?));
+    let is_head = head.get(PNG_SIGNATURE + 4..PNG_SIGNATURE + 8)? == b"IHDR";
+    is_head.then_some((number(PNG_SIGNATURE + 8)?, number(PNG_SIGNATURE + 12)?))
+}
+
+/// The file, of a PNG without its colour profiles: grey levels do not need them, and the decoder unpacks them before it can be told
+/// how much memory it may take. 400 kB of a file can be 400 MB of a profile.
+fn png_without_profile(bytes: &[u8]) -> Cow<'_, [u8]> {
+    let is_png = bytes.starts_with(b"\x89PNG\r\n\x1a\n");
+    if !is_png || !png_chunks(bytes).any(|(_, kind)| kind == b"iCCP") {
+        return Cow::Borrowed(bytes);
     }
-    false
+    let mut kept = bytes[..PNG_SIGNATURE].to_vec();
+    for (chunk, _) in png_chunks(bytes).filter(|(_, kind)| *kind != b"iCCP") {
+        kept.extend_from_slice(&bytes[chunk]);
+    }
+    Cow::Owned(kept)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_colour_profile_is_left_out_before_anything_is_unpacked() {
+        let image = GrayImage::from_fn(5, 3, |x, y| image::Luma([(40 * x + y) as u8]));
+        let mut png = Vec::new();
+        image.write_to(&mut Cursor::new(&mut png), ImageFormat::Png).unwrap();
+        // Behind IHDR, with a sum that is wrong: whoever looks into it says so.
+        let after_head = png_chunks(&png).next().unwrap().0.end;
+        let mut with_profile = png[..after_head].to_vec();
+        let profile = b"name\0\0no deflated data";
+        with_profile.extend((profile.len() as u32).to_be_bytes());
+        with_profile.extend(b"iCCP");
+        with_profile.extend(profile);
+        with_profile.extend([0; 4]);
+        with_profile.extend(&png[after_head..]);
+        assert_eq!(png_without_profile(&with_profile).as_ref(), png);
+        assert!(matches!(png_without_profile(&png), Cow::Borrowed(_)));
+        assert_eq!(png_dimensions(&with_profile), Some((5, 3)));
+        for head in 0..PNG_HEAD {
+            assert_eq!(png_dimensions(&with_profile[..head]), None);
+        }
+        let path = std::env::temp_dir().join(format!("vservo-profile-{}.png", std::process::id()));
+        std::fs::write(&path, &with_profile).unwrap();
+        let read = load_any(&path).unwrap();
+        check(&path, Size { width: 5, height: 3 }).unwrap();
+        assert!(matches!(check(&path, Size { width: 5, height: 4 }), Err(SourceError::Size { .. })));
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(read, image);
+    }
 }

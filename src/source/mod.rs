@@ -8,11 +8,13 @@
 //! ```
 
 mod image_file;
+mod linear;
 mod replay;
 pub mod v4l2;
 
 pub use crate::scene::Exposure;
 pub use image_file::load_any as load_image;
+use linear::Linearized;
 pub use replay::Replay;
 use v4l2::{CaptureWish, V4l2Error};
 
@@ -234,17 +236,29 @@ pub enum AnySource {
 /// # Errors
 /// [`SourceError`] when it cannot start; files are looked at now, not in the middle of the run.
 pub fn open(config: &Config) -> Result<AnySource, SourceError> {
+    let table = config.camera.response.linearization();
     let scheduled = |source| AnySource::Scheduled(source);
+    let free_running = |source| AnySource::FreeRunning(source);
     Ok(match &config.camera.source {
         config::Source::Synthetic { .. } => scheduled(crate::dispatch_robot!(config.robot, |robot| {
             synthetic_camera_of(&robot, config).map(|camera| Box::new(camera) as Box<dyn ScheduledSource>)
         })??),
         config::Source::Replay { folder, repeat, strict } => {
             let i = config.camera.model.intrinsics();
-            scheduled(Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat, *strict)?))
+            let source: Box<dyn ScheduledSource> =
+                Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat, *strict)?);
+            match table {
+                Some(table) => scheduled(Box::new(Linearized { table, source })),
+                None => scheduled(source),
+            }
         }
         config::Source::V4l2(settings) => {
-            AnySource::FreeRunning(Box::new(v4l2::open(CaptureWish::of(&config.camera, settings))?))
+            let wish = CaptureWish::of(&config.camera, settings);
+            let source: Box<dyn FreeRunningSource> = Box::new(v4l2::open(wish)?);
+            match table {
+                Some(table) => free_running(Box::new(Linearized { table, source })),
+                None => free_running(source),
+            }
         }
     })
 }

@@ -89,11 +89,11 @@ fn orientation_of(
 pub fn absolute_orientation_weighted(
     pairs: &[MeasuredPair],
 ) -> Result<(AbsoluteOrientation, Matrix6<f64>), StereoError> {
-    const MOST_STEPS: u32 = 50;
+    const MAX_STEPS: u32 = 50;
     let plain = pairs.iter().map(|pair| (pair.p, pair.p_prime));
     let mut X = orientation_of(plain.clone())?.X;
     let mut covariance = Matrix6::zeros();
-    for step in 0..MOST_STEPS {
+    for step in 0..MAX_STEPS {
         let mut normal = Matrix6::zeros();
         let mut right = Vector6::zeros();
         let R = X.rotation.to_rotation_matrix();
@@ -123,11 +123,11 @@ pub fn absolute_orientation_weighted(
             let rms_m = (sum / pairs.len() as f64).sqrt();
             return Ok((AbsoluteOrientation { X, rms_m }, covariance));
         }
-        if !d.norm().is_finite() || step + 1 == MOST_STEPS {
+        if !d.norm().is_finite() || step + 1 == MAX_STEPS {
             break;
         }
     }
-    Err(StereoError::NotConverged { iterations: MOST_STEPS })
+    Err(StereoError::NotConverged { iterations: MAX_STEPS })
 }
 
 #[cfg(test)]

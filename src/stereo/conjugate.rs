@@ -12,10 +12,10 @@ use nalgebra::{Point3, Vector2};
 use thiserror::Error;
 
 /// Most places that one search looks at.
-const MOST_PLACES: usize = 8192;
+const MAX_PLACES: usize = 8192;
 /// Greatest half width of the window, px.
-const MOST_RADIUS_PX: usize = 15;
-const MOST_WINDOW: usize = (2 * MOST_RADIUS_PX + 1) * (2 * MOST_RADIUS_PX + 1);
+const MAX_RADIUS_PX: usize = 15;
+const MAX_WINDOW: usize = (2 * MAX_RADIUS_PX + 1) * (2 * MAX_RADIUS_PX + 1);
 
 /// Where to look, and what counts as found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,7 +82,7 @@ pub struct ConjugateSearch {
 
 impl Default for ConjugateSearch {
     fn default() -> Self {
-        Self { window: Vec::with_capacity(MOST_WINDOW), places: Vec::with_capacity(MOST_PLACES) }
+        Self { window: Vec::with_capacity(MAX_WINDOW), places: Vec::with_capacity(MAX_PLACES) }
     }
 }
 
@@ -119,7 +119,7 @@ impl ConjugateSearch {
         px_1: &Vector2<f64>,
         settings: &ConjugateSettings,
     ) -> Result<Conjugate, NoConjugate> {
-        let usable = (1..=MOST_RADIUS_PX).contains(&settings.radius_px)
+        let usable = (1..=MAX_RADIUS_PX).contains(&settings.radius_px)
             && settings.nearest_m > 0.0
             && settings.farthest_m > settings.nearest_m
             && (0.0..=1.0).contains(&settings.least_correlation)
@@ -171,7 +171,7 @@ impl ConjugateSearch {
             }
             last = place;
         }
-        let steps = ((coarse as f64 * longest.max(1.0)).ceil() as usize).min(MOST_PLACES - 1);
+        let steps = ((coarse as f64 * longest.max(1.0)).ceil() as usize).min(MAX_PLACES - 1);
         let mut before: Option<Vector2<f64>> = None;
         for k in 0..=steps {
             let Some(px) = views.place(at(k, steps)) else { continue };

@@ -7,7 +7,7 @@
 #![allow(clippy::needless_range_loop)] // matrix indices read better
 
 /// Halvings of -1..1 before an interval counts as one (multiple) root.
-const MOST_HALVINGS: u32 = 30;
+const MAX_HALVINGS: u32 = 30;
 
 /// Calls `found` with every real root of `a[0] + a[1] t + ... + a[N - 1] t^(N - 1)`; N at most 16.
 pub(super) fn real_roots<const N: usize>(a: &[f64; N], mut found: impl FnMut(f64)) {
@@ -30,8 +30,8 @@ pub(super) fn real_roots<const N: usize>(a: &[f64; N], mut found: impl FnMut(f64
 /// Roots in -1..1.
 fn inside<const N: usize>(a: &[f64; N], mut found: impl FnMut(f64)) {
     // Intervals that wait: at each halving one waits, so that no more than the halvings do.
-    let mut waiting: [([f64; N], f64, f64, u32); MOST_HALVINGS as usize + 2] =
-        [([0.0; N], 0.0, 0.0, 0); MOST_HALVINGS as usize + 2];
+    let mut waiting: [([f64; N], f64, f64, u32); MAX_HALVINGS as usize + 2] =
+        [([0.0; N], 0.0, 0.0, 0); MAX_HALVINGS as usize + 2];
     let mut len = 1;
     waiting[0] = (bernstein(a), -1.0, 1.0, 0);
     while len > 0 {
@@ -44,7 +44,7 @@ fn inside<const N: usize>(a: &[f64; N], mut found: impl FnMut(f64)) {
         let middle = 0.5 * (low + high);
         if changes == 1 {
             found(polished(a, low, high, b[0] < 0.0));
-        } else if halvings >= MOST_HALVINGS {
+        } else if halvings >= MAX_HALVINGS {
             found(middle);
         } else {
             // De Casteljau: the left half's coefficients come first in each round, the right half's stay.

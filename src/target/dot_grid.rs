@@ -14,7 +14,7 @@ use nalgebra::{Point3, Vector2};
 use std::ops::RangeInclusive;
 
 /// Smallest window that tells its place.
-const LEAST_WINDOW: usize = 3;
+const MIN_WINDOW: usize = 3;
 /// Patterns that are tried for each size of window.
 const TRIALS: u64 = 2000;
 
@@ -36,7 +36,7 @@ pub struct DotGrid {
 
 impl DotGrid {
     /// How many columns and rows there may be.
-    pub const COUNT: RangeInclusive<u32> = LEAST_WINDOW as u32..=32;
+    pub const COUNT: RangeInclusive<u32> = MIN_WINDOW as u32..=32;
     /// Radii of small and large dots, and the plate's margin about the outer centres, in pitches, where nothing else is said.
     pub const RADIUS: f64 = 0.2;
     /// See [`Self::RADIUS`].
@@ -257,7 +257,7 @@ impl DotGrid {
 
 /// Which dots are large, and the side of the windows that tell their place.
 fn pattern(columns: usize, rows: usize) -> (usize, Box<[bool]>) {
-    let mut window = LEAST_WINDOW;
+    let mut window = MIN_WINDOW;
     loop {
         for seed in 0..TRIALS {
             let mut random = Random::new(seed);

@@ -14,7 +14,7 @@ use super::{Disc, Plate, Symmetry, TargetError, TargetPoint};
 use nalgebra::{Point3, Vector2};
 
 /// Radii that are told apart have this ratio at least.
-const LEAST_RATIO: f64 = 1.2;
+const MIN_RATIO: f64 = 1.2;
 
 /// The plate with its four dots, in the object frame (m).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,7 +48,7 @@ impl FourDots {
             ("radius_m", radius_m),
             ("margin_m", margin_m),
         ])?;
-        if first_radius_m < LEAST_RATIO * radius_m {
+        if first_radius_m < MIN_RATIO * radius_m {
             return Err(TargetError::Radii { first_radius_m, radius_m });
         }
         if first_radius_m + radius_m >= side_m {
@@ -68,7 +68,7 @@ impl FourDots {
         TargetError::if_not_positive([("second_radius_m", second_radius_m)])?;
         let [first_radius_m, _, radius_m, _] = self.radii_m;
         // written so that what is tried as the geometric mean passes
-        let clear = |large: f64, small: f64| large >= LEAST_RATIO * small * (1.0 - 1e-9);
+        let clear = |large: f64, small: f64| large >= MIN_RATIO * small * (1.0 - 1e-9);
         if !(clear(first_radius_m, second_radius_m) && clear(second_radius_m, radius_m)) {
             return Err(TargetError::SecondRadius { first_radius_m, second_radius_m, radius_m });
         }

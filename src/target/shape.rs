@@ -9,7 +9,7 @@ use crate::messages::MAX_FEATURES;
 use nalgebra::{Point3, Vector2};
 
 /// Most corners of a polygon.
-const MOST_CORNERS: usize = 256;
+const MAX_CORNERS: usize = 256;
 /// Corners farther from where they should be than this share of the size are not symmetric.
 const ALIKE: f64 = 1e-6;
 /// A corner is a point where it leaves the line between its neighbours by this share of the size.
@@ -32,7 +32,7 @@ impl Shape {
     /// [`TargetError`] when there are fewer than 3 corners or more than 256, sides cross each other, or a length is no number.
     pub fn polygon(corners_m: &[Vector2<f64>], margin_m: f64) -> Result<Self, TargetError> {
         TargetError::if_not_positive([("margin_m", margin_m)])?;
-        if !(3..=MOST_CORNERS).contains(&corners_m.len()) {
+        if !(3..=MAX_CORNERS).contains(&corners_m.len()) {
             return Err(TargetError::OutlineCorners { count: corners_m.len() });
         }
         if let Some(wrong) = corners_m.iter().flat_map(|c| c.iter()).find(|x| !x.is_finite()) {

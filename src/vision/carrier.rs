@@ -3,8 +3,7 @@
 
 use crate::geometry::Pose;
 use crate::messages::JointState;
-use crate::robot::Robot;
-use crate::servo::{JointHistory, Mount};
+use crate::robot::{JointHistory, Mount, Robot};
 use crate::time::MonoNs;
 use nalgebra::SVector;
 

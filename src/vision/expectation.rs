@@ -10,17 +10,17 @@ use nalgebra::Vector2;
 const SHARE_OF_MOTION: f64 = 0.3;
 
 impl Vision {
-    /// Fills `expected`, ids rising. Whether anything is expected: how dark is dark is taken from the last sight.
+    /// Fills `expected`, ids rising. Whether anything is expected: how dark is dark is taken from the last estimate.
     ///
     /// With a predicted pose each point lies where that puts it, and where the object's own motion of late brings it. Otherwise the points seen last go on with their velocity, and hidden
     /// ones with theirs from where the last pose puts them.
     pub(super) fn expect(&mut self, exposure: MonoNs, prior: &Prior) -> bool {
         self.expected.clear();
         let Some(last) = &self.last else { return false };
-        let (dots, eye) = (&last.sight.dots, &self.eye);
+        let (dots, estimator) = (&last.estimate.dots, &self.estimator);
         // with the target partly hidden the arm may slow down, which no velocity of the last frames tells
-        let whole = dots.len() == eye.target.points().len();
-        let slack_px = eye.settings.slack_px * if whole { 1.0 } else { 2.0 };
+        let whole = dots.len() == estimator.target.points().len();
+        let slack_px = estimator.settings.slack_px * if whole { 1.0 } else { 2.0 };
         let mean = dots.iter().map(|d| d.dark_level + d.plate_level).sum::<f64>() / dots.len().max(1) as f64;
         let level = |sum: f64| (0.5 * sum).clamp(0.0, 255.0) as u8;
         // one step ahead at the last velocity; over a gap at most three steps
@@ -31,12 +31,12 @@ impl Vision {
             if step > 0.0 && ahead > 0.0 { (ahead / step).min(3.0) } else { 0.0 }
         });
         let motion = |dot: &Found| {
-            let old = before.and_then(|before| find(&before.sight.dots, dot.id));
+            let old = before.and_then(|before| find(&before.estimate.dots, dot.id));
             old.map_or(Vector2::zeros(), |old| (dot.px - old.px) * ratio)
         };
         let common = dots.iter().map(motion).sum::<Vector2<f64>>() / dots.len().max(1) as f64;
         // three dots tell the affine motion of the plane
-        let plane = |id: u32| eye.target.points().get(id as usize).map(|point| point.p_O.coords.xy());
+        let plane = |id: u32| estimator.target.points().get(id as usize).map(|point| point.p_O.coords.xy());
         let hidden_motion = |id: u32| match dots.as_slice() {
             [a, b, c] => {
                 let weights = barycentric(&plane(id)?, &plane(a.id)?, &plane(b.id)?, &plane(c.id)?)?;
@@ -45,10 +45,10 @@ impl Vision {
             _ => Some(common),
         };
         let placed = |i: usize, X_CO: &Pose| {
-            let px = eye.camera.project(&(X_CO * eye.target.points().get(i)?.p_O))?;
-            let Some(disc) = eye.target.discs().get(i) else { return Some((px, [0.0; 3], 0.0)) };
+            let px = estimator.camera.project(&(X_CO * estimator.target.points().get(i)?.p_O))?;
+            let Some(disc) = estimator.target.discs().get(i) else { return Some((px, [0.0; 3], 0.0)) };
             let (covariance, area_px2) =
-                dot_covariance_px2(X_CO, &eye.camera, &disc.centre_m, disc.radius_m)?;
+                dot_covariance_px2(X_CO, &estimator.camera, &disc.centre_m, disc.radius_m)?;
             Some((px, covariance.map(|c| c + 1.0 / 12.0), area_px2))
         };
         // What the object did beside the camera's motion when it was seen last goes on.
@@ -59,7 +59,7 @@ impl Vision {
             Some(sum * (ratio / dots.len().max(1) as f64))
         };
         let surprise = surprise().unwrap_or_default();
-        for (i, point) in eye.target.points().iter().enumerate() {
+        for (i, point) in estimator.target.points().iter().enumerate() {
             let seen = find(dots, point.id);
             let threshold = level(seen.map_or(mean, |dot| dot.dark_level + dot.plate_level));
             let expected = if let Some(X_CO) = &prior.predicted_X_CO {
@@ -83,7 +83,7 @@ impl Vision {
                 })
             } else {
                 let motion = hidden_motion(point.id).unwrap_or(common);
-                last.sight.pose.and_then(|pose| placed(i, &pose.X_CO)).map(
+                last.estimate.pose.and_then(|pose| placed(i, &pose.X_CO)).map(
                     |(px, covariance_px2, area_px2)| Expected {
                         id: point.id,
                         px: px + motion,

@@ -10,9 +10,49 @@ const MISFIT_DEVIATE: f64 = 3.91;
 /// Largest misfit with `freedom` degrees of freedom: the quantile of the chi-square distribution (Wilson and Hilferty's
 /// approximation) that is as improbable as that of four dots, and as much room above it.
 pub(super) fn largest(freedom: f64) -> f64 {
-    let quantile = |freedom: f64| {
-        let spread = 2.0 / (9.0 * freedom);
-        freedom * (1.0 - spread + MISFIT_DEVIATE * spread.sqrt()).powi(3)
-    };
-    LARGEST_MISFIT * quantile(freedom) / quantile(2.0)
+    LARGEST_MISFIT * quantile(freedom, MISFIT_DEVIATE) / quantile(2.0, MISFIT_DEVIATE)
+}
+
+/// The quantile of the chi-square distribution that a normal deviate tells (Wilson and Hilferty's approximation).
+fn quantile(freedom: f64, deviate: f64) -> f64 {
+    let spread = 2.0 / (9.0 * freedom);
+    freedom * (1.0 - spread + deviate * spread.sqrt()).powi(3)
+}
+
+/// A misfit above the quantile of this deviate is no chance: one picture in a thousand.
+const CHANCE_DEVIATE: f64 = 3.09;
+/// So many times greater than stated the variance of points may be by noise alone: stated ones are right to a quarter.
+const NOISE: f64 = 1.5;
+/// From so many points on some may be left out.
+pub(super) const ENOUGH_TO_CHOOSE: usize = 6;
+
+/// What a misfit says of one picture's pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Growth {
+    /// The variance of a point over the stated one.
+    pub points: f64,
+    /// The covariance of the pose over that of points of the stated variance.
+    pub pose: f64,
+}
+
+impl Growth {
+    /// What fits.
+    pub const NONE: Self = Self { points: 1.0, pose: 1.0 };
+
+    /// Of `count` points whose squares of reprojection errors over their variance have the sum `misfit`.
+    ///
+    /// What moves points beyond their stated deviations and what [`NOISE`] allows for (a lens that is another, rows that were exposed one
+    /// after the other, a bent plate) moves neighbours alike: it is one error, however many points show it, of which the pose takes
+    /// about as much as it leaves.
+    pub(super) fn of(count: usize, misfit: f64) -> Self {
+        let freedom = 2.0 * count as f64 - 6.0;
+        // no number is no reason
+        if !(freedom > 0.0 && misfit > quantile(freedom, CHANCE_DEVIATE)) {
+            return Self::NONE;
+        }
+        let mean = misfit / freedom;
+        // of few points none is left out: one of them may have all of it
+        let points = if count < ENOUGH_TO_CHOOSE { misfit } else { mean };
+        Self { points, pose: mean + (mean - NOISE).max(0.0) * freedom }
+    }
 }

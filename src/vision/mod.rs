@@ -10,8 +10,8 @@
 
 mod carrier;
 mod expectation;
+mod frame_estimate;
 mod misfit;
-mod sight;
 mod stereo;
 mod still;
 
@@ -23,7 +23,8 @@ use crate::messages::{FrameHeader, Measurement, TargetStatus, frame_flag};
 use crate::target::Target;
 use crate::time::MonoNs;
 pub use carrier::{ArmCarrier, Carrier};
-use sight::{Eye, Sight};
+use frame_estimate::{FrameEstimate, PoseEstimator};
+pub use misfit::Growth;
 pub use stereo::{
     Match, ObjectPose, Pairing, PairingCounts, Side, SpacePoint, StereoMeasurement, StereoRig, StereoVision,
     TaughtPoint, TaughtView, TaughtViewError,
@@ -73,36 +74,38 @@ impl Default for VisionSettings {
     }
 }
 
-/// A sight that was believed, and when it was.
+/// An estimate that was believed, and when it was.
 #[derive(Debug, Clone)]
 struct Seen {
     exposure: MonoNs,
     /// Where the camera was.
     X_WC: Option<Pose>,
-    sight: Sight,
+    estimate: FrameEstimate,
 }
 
 impl Seen {
-    /// Where the object of this sight is before a camera at `X_WC`, if it rests.
+    /// Where the object of this estimate is before a camera at `X_WC`, if it rests.
     fn carried(&self, X_WC: Option<&Pose>) -> Option<Pose> {
-        Some(X_WC?.inv_mul(&self.X_WC?) * self.sight.pose.as_ref()?.X_CO)
+        Some(X_WC?.inv_mul(&self.X_WC?) * self.estimate.pose.as_ref()?.X_CO)
     }
 }
 
 /// Measures the target in frame after frame.
 #[derive(Debug, Clone)]
 pub struct Vision {
-    eye: Eye,
+    estimator: PoseEstimator,
     finder: Finder,
     /// Sights of the present frame: in windows, and in the whole frame.
-    tracked: Sight,
-    searched: Sight,
-    /// The last sight that was believed, and the one before it, as long as the target was not lost since.
+    tracked: FrameEstimate,
+    searched: FrameEstimate,
+    /// The last estimate that was believed, and the one before it, as long as the target was not lost since.
     last: Option<Seen>,
     before: Option<Seen>,
     /// Buffers of sights that nobody holds.
-    spare: Vec<Sight>,
+    spare: Vec<FrameEstimate>,
     expected: Vec<Expected>,
+    /// Ids of points of one picture on which something lies.
+    harmed: Vec<u32>,
     /// Frames since a part of the target is hidden.
     hidden_for: u32,
     lost: u64,
@@ -114,31 +117,32 @@ impl Vision {
     pub fn new(camera: CameraModel, target: impl Into<Target>, settings: VisionSettings) -> Self {
         let target = target.into();
         let count = target.points().len();
-        let sight = || Sight::with_room_for(count);
+        let estimate = || FrameEstimate::with_room_for(count);
         Self {
             finder: Finder::new(camera, &target),
-            tracked: sight(),
-            searched: sight(),
+            tracked: estimate(),
+            searched: estimate(),
             last: None,
             before: None,
-            spare: vec![sight(), sight()],
+            spare: vec![estimate(), estimate()],
             expected: Vec::with_capacity(count),
+            harmed: Vec::new(),
             hidden_for: 0,
             lost: 0,
-            eye: Eye::new(camera, target, settings),
+            estimator: PoseEstimator::new(camera, target, settings),
         }
     }
 
     /// The camera that frames are taken to come from.
     #[must_use]
     pub fn camera(&self) -> &CameraModel {
-        &self.eye.camera
+        &self.estimator.camera
     }
 
     /// The target that is looked for.
     #[must_use]
     pub fn target(&self) -> &Target {
-        &self.eye.target
+        &self.estimator.target
     }
 
     /// Measures one frame. All fields of the measurement are filled except `vision_start`, `vision_end`,
@@ -157,21 +161,21 @@ impl Vision {
         };
         match self.find(frame, prior) {
             Ok(whole) => {
-                let sight = if whole { &mut self.searched } else { &mut self.tracked };
-                if self.eye.believes(sight) {
-                    self.eye.fill(sight, !whole, &mut m);
+                let estimate = if whole { &mut self.searched } else { &mut self.tracked };
+                if self.estimator.believes(estimate) {
+                    self.estimator.fill(estimate, !whole, &mut m);
                     self.keep(header.exposure, prior.X_WC, whole);
                 } else {
-                    // The target is there, only not to be believed: the last good sight predicts the next one.
+                    // The target is there, only not to be believed: the last good estimate predicts the next one.
                     m.status = TargetStatus::Inconsistent as u32;
-                    m.reprojection_rms_px = sight.rms_px;
+                    m.reprojection_rms_px = estimate.rms_px;
                 }
             }
             Err(status) => {
                 m.status = status as u32;
                 self.lost += u64::from(self.last.is_some());
-                self.spare.extend(self.last.take().map(|seen| seen.sight));
-                self.spare.extend(self.before.take().map(|seen| seen.sight));
+                self.spare.extend(self.last.take().map(|seen| seen.estimate));
+                self.spare.extend(self.before.take().map(|seen| seen.estimate));
             }
         }
         m.target_lost = self.lost;
@@ -179,20 +183,20 @@ impl Vision {
     }
 
     /// Looks in the windows where the target should be, and, where that does not show as much of it as before, in the whole frame.
-    /// Whether it is the latter's sight that counts.
+    /// Whether it is the latter's estimate that counts.
     fn find(&mut self, frame: &Frame<'_>, prior: &Prior) -> Result<bool, TargetStatus> {
-        let i = self.eye.camera.intrinsics();
+        let i = self.estimator.camera.intrinsics();
         if (frame.image.width(), frame.image.height()) != (i.width_px as usize, i.height_px as usize) {
             return Err(TargetStatus::WrongSize);
         }
         let (mut in_windows, mut believed) = (false, false);
-        if self.eye.settings.track && self.expect(frame.header.exposure, prior) {
-            let last = self.last.as_ref().map(|seen| &seen.sight);
+        if self.estimator.settings.track && self.expect(frame.header.exposure, prior) {
+            let last = self.last.as_ref().map(|seen| &seen.estimate);
             in_windows = self.finder.track(&frame.image, &self.expected, &mut self.tracked.dots);
             if in_windows {
-                self.eye.describe(&mut self.tracked, &self.finder, prior, last, &self.expected);
-                believed = self.eye.believes(&self.tracked);
-                let (seen, all) = (self.tracked.dots.len(), self.eye.target.points().len());
+                self.estimator.describe(&mut self.tracked, &self.finder, prior, last, &self.expected);
+                believed = self.estimator.believes(&self.tracked);
+                let (seen, all) = (self.tracked.dots.len(), self.estimator.target.points().len());
                 self.hidden_for = if seen < all { self.hidden_for.saturating_add(1) } else { 0 };
                 let as_before = seen >= last.map_or(0, |last| last.dots.len());
                 let search_again = seen < all && (seen <= 3 || self.hidden_for.is_multiple_of(SEARCH_AGAIN));
@@ -203,10 +207,10 @@ impl Vision {
         }
         match self.finder.search(&frame.image, &mut self.searched.dots) {
             Ok(()) => {
-                let last = self.last.as_ref().map(|seen| &seen.sight);
-                self.eye.describe(&mut self.searched, &self.finder, prior, last, &[]);
+                let last = self.last.as_ref().map(|seen| &seen.estimate);
+                self.estimator.describe(&mut self.searched, &self.finder, prior, last, &[]);
                 let better = self.searched.dots.len() > self.tracked.dots.len();
-                Ok(!believed || better && self.eye.believes(&self.searched))
+                Ok(!believed || better && self.estimator.believes(&self.searched))
             }
             // perhaps something else was in the windows, or a part of the target is hidden
             Err(_) if in_windows => Ok(false),
@@ -214,12 +218,12 @@ impl Vision {
         }
     }
 
-    /// The sight of the present frame becomes the last one.
+    /// The estimate of the present frame becomes the last one.
     fn keep(&mut self, exposure: MonoNs, X_WC: Option<Pose>, whole: bool) {
-        self.spare.extend(self.before.take().map(|seen| seen.sight));
+        self.spare.extend(self.before.take().map(|seen| seen.estimate));
         self.before = self.last.take();
-        let mut sight = self.spare.pop().unwrap_or_default();
-        std::mem::swap(&mut sight, if whole { &mut self.searched } else { &mut self.tracked });
-        self.last = Some(Seen { exposure, X_WC, sight });
+        let mut estimate = self.spare.pop().unwrap_or_default();
+        std::mem::swap(&mut estimate, if whole { &mut self.searched } else { &mut self.tracked });
+        self.last = Some(Seen { exposure, X_WC, estimate });
     }
 }

@@ -1,6 +1,6 @@
 //! One picture by itself: what `vservo detect` asks.
 
-use super::{Prior, Vision};
+use super::{Growth, Prior, Vision};
 use crate::detect::Found;
 use crate::detect::tags::TagFound;
 use crate::imaging::ImageView;
@@ -23,6 +23,10 @@ pub struct Still<'a> {
     pub rms_px: f64,
     /// Whether one pose explains the points within their stated deviations.
     pub consistent: bool,
+    /// By how much the misfit makes points and pose less certain than what was found states; the pose's covariance has it.
+    pub growth: Growth,
+    /// Ids of dots that are covered or lit in part, and measured by the rest of their rims.
+    pub harmed: &'a [u32],
     /// All tags in the picture, where the target is made of tags.
     pub tags: &'a [TagFound],
 }
@@ -34,16 +38,27 @@ impl Vision {
     /// The status that says why there is no target.
     pub fn still(&mut self, image: &ImageView<'_>) -> Result<Still<'_>, TargetStatus> {
         self.search_alone(image)?;
-        let sight = &mut self.searched;
-        self.eye.describe(sight, &self.finder, &Prior::default(), None, &[]);
+        let estimate = &mut self.searched;
+        self.estimator.describe(estimate, &self.finder, &Prior::default(), None, &[]);
+        self.estimator.leave_out_strays(estimate, &self.finder);
+        let growth = estimate.growth();
+        if let Some(pose) = &mut estimate.pose {
+            pose.covariance *= growth.pose;
+        }
+        if let Some((pose, log_ratio)) = &mut estimate.other {
+            pose.covariance *= growth.pose;
+            *log_ratio /= growth.points;
+        }
         Ok(Still {
-            found: &sight.dots,
-            px: &sight.px,
-            pose: sight.pose.as_ref().filter(|_| sight.dots.len() > 3),
-            other: sight.other.as_ref(),
-            rms_px: sight.rms_px,
+            growth,
+            found: &estimate.dots,
+            px: &estimate.px,
+            pose: estimate.pose.as_ref().filter(|_| estimate.dots.len() > 3),
+            other: estimate.other.as_ref(),
+            rms_px: estimate.rms_px,
             // one point alone, an ellipse's centre, contradicts nothing
-            consistent: self.eye.target.points().len() == 1 || self.eye.believes(sight),
+            consistent: self.estimator.target.points().len() == 1 || self.estimator.believes(estimate),
+            harmed: &self.harmed,
             tags: self.finder.tags(),
         })
     }
@@ -54,25 +69,29 @@ impl Vision {
     /// As for [`Self::still`].
     pub fn points_of(&mut self, image: &ImageView<'_>) -> Result<Still<'_>, TargetStatus> {
         self.search_alone(image)?;
-        let sight = &mut self.searched;
-        sight.px.clear();
-        sight.px.extend(sight.dots.iter().map(|dot| dot.px));
+        let estimate = &mut self.searched;
+        estimate.px.clear();
+        estimate.px.extend(estimate.dots.iter().map(|dot| dot.px));
         Ok(Still {
-            found: &sight.dots,
-            px: &sight.px,
+            found: &estimate.dots,
+            px: &estimate.px,
             pose: None,
             other: None,
             rms_px: f64::NAN,
             consistent: true,
+            growth: Growth::NONE,
+            harmed: &self.harmed,
             tags: self.finder.tags(),
         })
     }
 
     fn search_alone(&mut self, image: &ImageView<'_>) -> Result<(), TargetStatus> {
-        let i = self.eye.camera.intrinsics();
+        let i = self.estimator.camera.intrinsics();
         if (image.width(), image.height()) != (i.width_px as usize, i.height_px as usize) {
             return Err(TargetStatus::WrongSize);
         }
-        self.finder.search(image, &mut self.searched.dots)
+        self.finder.search(image, &mut self.searched.dots)?;
+        self.finder.look_closely(image, &mut self.searched.dots, &mut self.harmed);
+        Ok(())
     }
 }

@@ -19,6 +19,8 @@ use vservo::time::MonoNs;
 
 /// Waits are for conditions; this only bounds a test that has already failed.
 const PATIENCE: Duration = Duration::from_secs(120);
+/// As many characters has the name of an instance at most.
+const LONGEST_INSTANCE: usize = 18;
 
 /// The program.
 pub fn vservo() -> Command {
@@ -36,7 +38,14 @@ impl Instance {
     pub fn new(test: &str) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
-        Self { name: format!("{test}-{}-{count}", std::process::id()) }
+        let number = format!("-{}-{count}", std::process::id());
+        let room = LONGEST_INSTANCE.saturating_sub(number.len());
+        Self { name: format!("{}{number}", test.get(..room).unwrap_or(test)) }
+    }
+
+    /// Its directory in shared memory.
+    pub fn directory(&self) -> PathBuf {
+        format!("/dev/shm/vservo-{}", self.name).into()
     }
 
     /// What lies in shared memory under this name.

@@ -259,7 +259,7 @@ fn an_arm_that_swings_is_calmed_and_comes_home() {
     let mut calmed = 0;
     let run = simulate_system(&load("ur5", &set).unwrap(), &mut |moment| {
         if let Moment::Tick(trace, _) = moment {
-            calmed += trace.events.iter().filter(|event| *event == Event::Calmed).count();
+            calmed += trace.events.iter().filter(|event| *event == Event::GainReduced).count();
         }
         ControlFlow::Continue(())
     })

@@ -126,6 +126,11 @@ fn jam<const N: usize>(file: &str, config: &Config, robot: &Robot<N>, joint: usi
     assert!((300..=1300).contains(&tick), "{file} joint {joint}: {tick}");
     let last = over.ticks.last().unwrap();
     assert!(last.qd.amax() < 0.02, "{file} joint {joint}: {} at the last command", last.qd);
+    // Gravity beside, it is pushed gently, on all the way to the fault and after.
+    let (effort, coulomb) = (robot.limits()[joint].effort, robot.friction()[joint].coulomb);
+    let push = over.ticks.iter().take(1300).skip(350);
+    let push = push.map(|t| (t.command.tau - robot.gravity(&t.q))[joint].abs()).fold(0.0, f64::max);
+    assert!(push < 0.25 * effort + 2.0 * coulomb, "{file} joint {joint}: {push} of {effort} N m");
     let released = over.ticks.iter().skip(1300).map(|tick| tick.qd.amax()).fold(0.0, f64::max);
     assert!(released < 0.05, "{file} joint {joint}: {released} after the release");
 }

@@ -259,6 +259,51 @@ fn a_part_without_border_is_refused() {
     assert_eq!(other.search_or_why(&image, &mut found), Err(ChessboardMiss::WrongSize));
 }
 
+/// Floors of squares, seen from anywhere, with things on them: none of their parts is a board of 7x5 or 6x4.
+#[test]
+fn a_floor_is_no_board() {
+    let views: u64 = std::env::var("VSERVO_CAMPAIGN").ok().and_then(|v| v.parse().ok()).unwrap_or(100);
+    let first: u64 = std::env::var("VSERVO_SEED").ok().and_then(|v| v.parse().ok()).unwrap_or(0);
+    let mut found_at = Vec::new();
+    for seed in first..first + views {
+        let mut random = Random(seed * 1000 + 19);
+        let (turn, tilt, to) = (random.within(0.0, 6.3), random.within(0.0, 1.2), random.within(0.0, 6.3));
+        let mut view = View::new(61, 60, [360, 270], turn, tilt, to, random.within(14.0, 52.0));
+        view.k = random.within(-0.15, 0.1);
+        view.slope = Vector2::new(random.within(-0.2, 0.2), random.within(-0.2, 0.2));
+        for _ in 0..random.below(9) {
+            view.before.push(Thing::random(&mut random, 360.0, 270.0, 90.0));
+        }
+        let (blur, noise) = (random.within(0.4, 1.4), random.within(0.5, 4.0));
+        let pixels = view.render(3, blur, noise, &mut random);
+        let image = ImageView::new(&pixels, 360, 270).unwrap();
+        for (columns, rows) in [(7, 5), (6, 4)] {
+            let mut found = Vec::new();
+            if ChessboardFinder::new(columns, rows, 360, 270).search_or_why(&image, &mut found).is_ok() {
+                found_at.push((seed, columns, rows, found.len()));
+            }
+        }
+    }
+    assert!(found_at.is_empty(), "{} boards in {views} floors: {found_at:?}", found_at.len());
+}
+
+/// A hundred parts of boards: the search ends with a word before it has looked at all.
+#[test]
+fn too_many_parts_are_given_up() {
+    let (width, height) = (900, 900);
+    // three by three inner corners each, 24 px apart from the next
+    let square = |x: usize, y: usize| {
+        let (i, j) = ((x % 90) / 15, (y % 90) / 15);
+        if i < 4 && j < 4 && (i + j) % 2 == 0 { 40 } else { 200 }
+    };
+    let pixels: Vec<u8> = (0..width * height).map(|i| square(i % width, i / width)).collect();
+    let image = ImageView::new(&pixels, width, height).unwrap();
+    let mut found = Vec::new();
+    let mut finder = ChessboardFinder::new(7, 6, width, height);
+    assert_eq!(finder.search_or_why(&image, &mut found), Err(ChessboardMiss::GivenUp));
+    assert!(found.is_empty());
+}
+
 #[test]
 fn a_moved_board_is_tracked() {
     let mut random = Random(8);

@@ -6,7 +6,9 @@
 use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::path::Path;
-use vservo::experiment::{CameraKind, Cell, End, Eye, Findings, Metrics, Options, Scheme, find, run_scheme};
+use vservo::experiment::{
+    CameraKind, Cell, End, FeatureSource, Findings, Metrics, Options, Scheme, find, run_scheme,
+};
 
 const SCHEMES: [&str; 5] = ["A", "B", "C", "D", "hybrid"];
 
@@ -178,7 +180,7 @@ fn overshoot_and_path_have_the_known_figures() {
 fn a_run_cut_short_has_drawn_back_as_far() {
     let cell = Cell::textbook().unwrap();
     let goal = cell.goal().unwrap();
-    let run = run_scheme(&cell, Scheme::C, &mut Eye::Ideal).unwrap();
+    let run = run_scheme(&cell, Scheme::C, &mut FeatureSource::Ideal).unwrap();
     let whole = Metrics::of(&run, &goal).unwrap();
     for seconds in [5, 6, 7] {
         let mut cut = run.clone();
@@ -189,7 +191,7 @@ fn a_run_cut_short_has_drawn_back_as_far() {
         assert_eq!(m.image_path_deviation, whole.image_path_deviation, "{seconds} s");
     }
     // A run that broke off has not settled: nobody knows whether it would have stayed.
-    let whole_b = run_scheme(&cell, Scheme::B, &mut Eye::Ideal).unwrap();
+    let whole_b = run_scheme(&cell, Scheme::B, &mut FeatureSource::Ideal).unwrap();
     let mut broken = whole_b.clone();
     broken.end = End::Stopped { time_s: 8.0, reason: "no target".into() };
     assert!(Metrics::of(&whole_b, &goal).unwrap().settling_time_s.position.is_some());

@@ -21,10 +21,9 @@ use vservo::motion::{
     InverseDynamicsControl, JointController, JointLaw, Limit, MotionLimits, ObserverSettings,
 };
 use vservo::report::statistics::RunStatistics;
-use vservo::robot::{Robot, load};
+use vservo::robot::{Mount, Robot, load};
 use vservo::servo::{
-    DepthSource, Gain, Interaction, InteractionAt, Law, Mount, ServoSettings, SetPoint, UpdatePolicy,
-    VisualServo,
+    DepthSource, Gain, Interaction, InteractionAt, Law, ServoSettings, SetPoint, UpdatePolicy, VisualServo,
 };
 use vservo::sim::perfect_measurement;
 use vservo::target::FourDots;
@@ -329,4 +328,42 @@ fn an_old_view_slows_the_arm_down_before_it_holds() {
     assert!(speed[550] > 0.3, "well under way: {}", speed[550]);
     assert!(speed[590] < 0.6 * speed[550], "{} {}", speed[550], speed[590]);
     assert!(speed[799] < 1e-9 && speed[999] > 0.02, "{} {}", speed[799], speed[999]);
+}
+
+/// An arm whose gain went down because it moved about its goal has all of it again when it is started anew, as it is when the run is
+/// told to stop and to start, or after a fault that is reset.
+#[test]
+fn a_start_gives_back_the_gain_that_was_reduced() {
+    let q = SVector::<f64, 6>::from([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]);
+    let mut controller = started("ur5", UpdatePolicy::Predict, 3.0, q);
+    let (mut k, mut state) = (0, DriveState { q, qd: SVector::zeros(), truth: None });
+    let mut until = |controller: &mut Controller<6>, wanted: State| {
+        for _ in 0..2000 {
+            let m = (k % 30 == 0).then(|| seen(k, &Pose::translation(0.0, 0.0, 0.5)).unwrap());
+            let out = controller.step(MonoNs(k * MS), &state, m.as_ref());
+            state = DriveState { q: out.command.q_r, qd: out.command.qd_r, truth: None };
+            k += 1;
+            if out.state == wanted {
+                return;
+            }
+        }
+        panic!("never {wanted:?}");
+    };
+    let reductions =
+        |controller: &mut Controller<6>| (0..100).take_while(|_| controller.reduce_gain()).count();
+    until(&mut controller, State::Servoing);
+    let at_first = reductions(&mut controller);
+    assert!((1..100).contains(&at_first), "{at_first}");
+    assert_eq!(reductions(&mut controller), 0, "it is at its floor");
+    controller.request(Request::Stop).unwrap();
+    until(&mut controller, State::Idle);
+    controller.request(Request::Start).unwrap();
+    until(&mut controller, State::Servoing);
+    assert_eq!(reductions(&mut controller), at_first);
+    controller.fail(Fault::PeersSilent);
+    until(&mut controller, State::Fault);
+    controller.request(Request::Reset).unwrap();
+    controller.request(Request::Start).unwrap();
+    until(&mut controller, State::Servoing);
+    assert_eq!(reductions(&mut controller), at_first);
 }

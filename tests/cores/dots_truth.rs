@@ -17,11 +17,11 @@ use vservo::time::MonoNs;
 use vservo::vision::{Frame, Prior, Vision, VisionSettings};
 
 /// How many times as many views as by default.
-fn campaign() -> usize {
+pub(crate) fn campaign() -> usize {
     std::env::var("VSERVO_CAMPAIGN").ok().and_then(|n| n.parse().ok()).unwrap_or(1)
 }
 
-fn camera(scene: &Scene) -> CameraModel {
+pub(crate) fn camera(scene: &Scene) -> CameraModel {
     let intrinsics = Intrinsics {
         fx_px: scene.f_px,
         fy_px: scene.f_px,

@@ -8,6 +8,7 @@ use std::path::Path;
 use vservo::config::Config;
 use vservo::control::outcome::Outcome;
 use vservo::control::trace::Event;
+use vservo::messages::{ControlState, JointState};
 use vservo::sim::{Moment, SystemRun, simulate_system};
 
 /// Each law, for m = 4 and m = 6.
@@ -96,6 +97,48 @@ fn with_two_dots_covered_the_arm_slows_down_and_holds_and_then_goes_on() {
             );
             assert!(watched.run.target_lost > 0, "{what}");
         }
+    }
+}
+
+/// Where it is asked for, the arm that has lost its target goes back to where it saw all of it, once, says so and stands there.
+#[test]
+fn an_arm_that_lost_its_target_returns_to_where_it_saw_it() {
+    for (file, mode) in
+        [("default.toml", "torque"), ("ur5-b.toml", "velocity"), ("scara-hybrid.toml", "torque")]
+    {
+        let mut set = cover([0.05, 0.0], [0.15, 0.04], 0.5, 6.0);
+        set.extend(
+            [
+                "goal.hold_s=0.2",
+                "servo.gain_1_s=2.0",
+                "servo.return_to_last_seen=true",
+                "run.duration_s=20.0",
+            ]
+            .map(String::from),
+        );
+        set.push(format!("drive.mode='{mode}'"));
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
+        let config = Config::load(Some(&path), &set).unwrap_or_else(|e| panic!("{file}: {e}"));
+        let (mut events, mut states) = (Vec::new(), Vec::new());
+        let run = simulate_system(&config, &mut |moment| {
+            if let Moment::Tick(trace, _) = moment {
+                events.extend(trace.events.iter());
+                states.push((trace.state, trace.joint_state));
+            }
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        assert_eq!(run.finish.outcome, Outcome::Converged, "{file}: {run:?}");
+        assert_eq!(events, [Event::Holding, Event::Returning, Event::Resumed], "{file}");
+        let (held, arm) = &states[5900];
+        assert_eq!(*held, ControlState::Holding, "{file}");
+        assert!(states[..5900].iter().any(|(s, _)| *s == ControlState::Returning), "{file}");
+        let away =
+            |other: &JointState| arm.q.iter().zip(other.q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let from_last_view = states[400..520].iter().map(|(_, s)| away(s)).fold(f64::INFINITY, f64::min);
+        let farthest = states[520..5900].iter().map(|(_, s)| away(s)).fold(0.0, f64::max);
+        assert!(from_last_view < 2e-3 && farthest > 5e-3, "{file}: {from_last_view} {farthest}");
+        assert!(arm.qd.iter().all(|qd| qd.abs() < 0.02), "{file}: {:?}", arm.qd);
     }
 }
 

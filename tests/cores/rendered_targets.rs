@@ -12,9 +12,9 @@ use vservo::scene::{Backdrop, Renderer, SceneLook, SensorModel};
 use vservo::target::{Chessboard, TagFamily, Tags, Target};
 use vservo::vision::{Vision, VisionSettings};
 
-const SIZE: (usize, usize) = (640, 480);
+pub(crate) const SIZE: (usize, usize) = (640, 480);
 
-fn camera() -> CameraModel {
+pub(crate) fn camera() -> CameraModel {
     let intrinsics = Intrinsics {
         fx_px: 800.0,
         fy_px: 800.0,
@@ -27,7 +27,7 @@ fn camera() -> CameraModel {
 }
 
 /// A view of the middle of the target, turned and tilted.
-fn view(target: &Target, z_m: f64, random: &mut Random) -> Pose {
+pub(crate) fn view(target: &Target, z_m: f64, random: &mut Random) -> Pose {
     let plate = target.plate();
     let middle = (plate.low_m + plate.high_m) / 2.0;
     let mut within = |most: f64| most * (2.0 * random.uniform() - 1.0);
@@ -96,11 +96,11 @@ fn campaign(target: &Target, z_m: f64, sensor: SensorModel, views: u32) -> Outco
     }
 }
 
-fn board() -> Target {
+pub(crate) fn board() -> Target {
     Chessboard::with_squares(9, 6, 0.02).unwrap().into()
 }
 
-fn tags() -> Target {
+pub(crate) fn tags() -> Target {
     Tags::grid(TagFamily::Tag36h11, 0.06, (2, 2), 0.08, 3).unwrap().into()
 }
 

@@ -264,6 +264,27 @@ fn clutter_is_no_shape() {
     }
 }
 
+/// Many regions that are much like the shape: the search ends with a word, after a bounded number of fits.
+#[test]
+fn too_many_regions_are_given_up() {
+    let (width, height) = (640, 480);
+    let mut dice = Dice(19);
+    let mut pixels = vec![210u8; width * height];
+    // levels in between, so that many thresholds show other ones
+    for cell in 0..16 * 12 {
+        let (x0, y0, level) = (cell % 16 * 40 + 4, cell / 16 * 40 + 4, dice.within(10.0, 190.0) as u8);
+        for i in 0..32 * 32 {
+            let (x, y) = (i % 32, i / 32);
+            // an L with a bite
+            if (x < 12 || y < 13) && !(x > 22 && y < 4) && !(x < 5 && y > 26) {
+                pixels[(y0 + y) * width + x0 + x] = level;
+            }
+        }
+    }
+    let scene = Scene { width, height, ..Scene::of_four_dots(Isometry3::identity()) };
+    assert_eq!(search(&scene, &pixels, &shape(&L)).unwrap_err(), ShapeMiss::GivenUp);
+}
+
 #[test]
 fn of_an_ellipse_the_centre_and_the_axes_are_told() {
     let mut scene = Scene::of_four_dots(looking(0.0, 0.0, 0.0, Vector3::new(0.013, -0.021, 0.5)));

@@ -5,6 +5,7 @@
 use crate::tag_scene::{Canvas, Dice, Look, Map};
 use nalgebra::Vector2;
 use std::path::{Path, PathBuf};
+use vservo::camera_model::Response;
 use vservo::detect::tags::{TagExpected, TagFinder, TagFound, TagMiss, TagPoints};
 use vservo::imaging::ImageView;
 use vservo::target::TagFamily;
@@ -60,10 +61,21 @@ struct Kind {
     noise: f64,
     light: f64,
     gradient: f64,
+    /// Of the camera, and the one that is undone before anything is measured.
+    gamma: f64,
+    undone: f64,
 }
 
-const USUAL: Kind =
-    Kind { side_px: (40.0, 80.0), blur_px: 0.7, motion_px: 0.0, noise: 2.0, light: 200.0, gradient: 1.0 };
+const USUAL: Kind = Kind {
+    side_px: (40.0, 80.0),
+    blur_px: 0.7,
+    motion_px: 0.0,
+    noise: 2.0,
+    light: 200.0,
+    gradient: 1.0,
+    gamma: 1.0,
+    undone: 1.0,
+};
 
 /// How well corners were found: deviations per coordinate.
 #[derive(Default)]
@@ -99,6 +111,7 @@ fn look_at(kind: &Kind, views: usize, times: usize, dice: &mut Dice) -> Honesty 
             noise: kind.noise,
             light: kind.light,
             gradient: kind.gradient,
+            gamma: kind.gamma,
             motion_px,
             samples,
             ..Look::default()
@@ -109,7 +122,8 @@ fn look_at(kind: &Kind, views: usize, times: usize, dice: &mut Dice) -> Honesty 
         let truth = canvas.draw(family, id, &map, &look, dice);
         let mut finder = finder(family);
         for _ in 0..times {
-            let pixels = canvas.expose(&look, dice);
+            let mut pixels = canvas.expose(&look, dice);
+            Response::Gamma(kind.undone).to(&Response::Linear).apply(&mut pixels);
             let found = search(&mut finder, &pixels, WIDTH, HEIGHT).unwrap_or_default();
             honesty.views += 1.0;
             if let [tag] = &found[..] {
@@ -153,6 +167,20 @@ fn corners_lie_where_they_are_and_as_surely_as_stated() {
     }
 }
 
+/// Levels that a camera has bent put edges where they are not; where the response is known it is undone.
+#[test]
+fn a_known_response_is_undone() {
+    for gamma in [1.4, 1.8, 2.2, 2.4] {
+        let kind = Kind { side_px: (70.0, 90.0), blur_px: 1.0, gamma, ..USUAL };
+        let [bent, straight] =
+            [1.0, gamma].map(|undone| look_at(&Kind { undone, ..kind }, 12, 4, &mut Dice(5)));
+        let (rms, chi2) = (straight.rms_px(), straight.normalized());
+        println!("gamma {gamma}: rms {:.3} px, undone {rms:.4} px, {chi2:.2}", bent.rms_px());
+        assert!(bent.rms_px() > 5.0 * rms && rms < 0.03, "{gamma}: {} {rms}", bent.rms_px());
+        assert!((0.7..1.4).contains(&chi2), "normalized square {chi2} at {gamma}");
+    }
+}
+
 #[test]
 #[ignore = "takes many minutes"]
 fn deviations_are_as_stated_from_tiny_to_large_and_from_sharp_to_smeared() {
@@ -164,7 +192,7 @@ fn deviations_are_as_stated_from_tiny_to_large_and_from_sharp_to_smeared() {
             for (noise, light, gradient) in
                 [(0.5, 200.0, 1.0), (2.0, 200.0, 1.0), (2.0, 100.0, 2.0), (5.0, 200.0, 2.0)]
             {
-                let kind = Kind { side_px, blur_px, motion_px, noise, light, gradient };
+                let kind = Kind { side_px, blur_px, motion_px, noise, light, gradient, ..USUAL };
                 let seen = look_at(&kind, 30, 4, &mut dice);
                 let (rms, chi2) = (seen.rms_px(), seen.normalized());
                 println!("{kind:?}: {} of {} seen, rms {rms:.4} px, {chi2:.2}", seen.seen, seen.views);

@@ -6,14 +6,15 @@
 use nalgebra::{Matrix6, Vector3, Vector6};
 use std::path::Path;
 use vservo::experiment::{
-    Cell, End, Eye, Metrics, POINTS, Pilot, ROTATIONS_DEG, Row, SCHEMES, Scheme, Teaching, Trajectory,
-    calibrations, project, pure_rotation, retreat_of, run_miscalibrated, segment_selection, set_point,
-    simulate,
+    Cell, End, FeatureSource, Metrics, POINTS, Pilot, ROTATIONS_DEG, Row, SCHEMES, Scheme, Teaching,
+    Trajectory, calibrations, project, pure_rotation, retreat_of, run_miscalibrated, segment_selection,
+    set_point, simulate,
 };
 use vservo::geometry::{Pose, integrate_body_twist};
+use vservo::robot::CameraJacobian;
 use vservo::servo::{
-    Arm, CameraJacobian, Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, J_o, Law,
-    OperationalSpace, OrientationError, SetPoint, View, Wish,
+    Arm, Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, J_o, Law, LawOutput,
+    OperationalSpace, OrientationError, SetPoint, View,
 };
 
 #[test]
@@ -39,7 +40,7 @@ fn scheme_c_is_close_to_its_limit() {
         let law = Law::ImageTorque { k_P: 300.0 * gain, damping: Damping::Task(330.0 * gain), interaction };
         let goal = set_point(&cell.X_DO, Scheme::C.selection()).unwrap();
         let mut pilot = Pilot::new(&cell, law, goal, None).knowing_depth();
-        simulate(&cell, "C", &mut Eye::Ideal, 40.0, |frame| pilot.control(frame))
+        simulate(&cell, "C", &mut FeatureSource::Ideal, 40.0, |frame| pilot.control(frame))
     };
     let away = |run: &Trajectory| (run.rows.last().unwrap().x_c - cell.goal().unwrap().x_c).norm();
     let ends_elsewhere = |run: &Trajectory| run.end != End::Finished || away(run) > 1.0;
@@ -63,7 +64,7 @@ fn the_text_has_no_gains_for_the_segment() {
         Law::ImageTorque { k_P: 300.0, damping: Damping::Task(330.0), interaction: Interaction::TEXTBOOK };
     let goal = set_point(&cell.X_DO, segment_selection().unwrap()).unwrap();
     let mut pilot = Pilot::new(&cell, law, goal, None);
-    let run = simulate(&cell, "C", &mut Eye::Ideal, 8.0, |frame| pilot.control(frame));
+    let run = simulate(&cell, "C", &mut FeatureSource::Ideal, 8.0, |frame| pilot.control(frame));
     assert!(matches!(run.end, End::Stopped { .. }), "scheme C's gains on the segment are unstable at 25 Hz");
 }
 
@@ -88,7 +89,7 @@ fn an_estimated_depth_scales_the_hybrid_error_equation() {
         qd: Vector6::zeros(),
         gravity: Vector6::zeros(),
     };
-    let Some(Wish::Velocity(V)) = law.task(&goal, &view).and_then(|task| law.wish(&task, &arm)) else {
+    let Some(LawOutput::Velocity(V)) = law.task(&goal, &view).and_then(|task| law.wish(&task, &arm)) else {
         panic!("no velocity");
     };
     let (p_D, s_D) = (X_DO * POINTS[0], project(&X_DO).unwrap()[0]);
@@ -213,7 +214,8 @@ fn scheme_c_taught_at_a_short_focal_length_diverges() {
     let (k_P, damping) = (270.0, Damping::Task(297.0));
     let law = Law::ImageTorque { k_P, damping, interaction: Interaction::TEXTBOOK };
     let mut pilot = Pilot::new(&cell, law, taught, None);
-    let run = simulate(&cell, "C", &mut Eye::Miscalibrated(wrong), 30.0, |frame| pilot.control(frame));
+    let run =
+        simulate(&cell, "C", &mut FeatureSource::Miscalibrated(wrong), 30.0, |frame| pilot.control(frame));
     let last = away(run.rows.last().unwrap());
     assert!(run.end == End::Finished && last < 1e-6, "{:?}, {last} m", run.end);
 }

@@ -1,6 +1,6 @@
 //! Pure modules stay pure: they use neither the operating system's modules nor its clocks, files, threads or sockets.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout)] // helpers of tests are tests
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -192,4 +192,20 @@ fn files_stay_readable() {
         .map(|p| p.display().to_string())
         .collect();
     assert!(long.is_empty(), "over 450 lines: {long:?}");
+}
+
+/// What an audit of the real-time thread reads is as much as ARCHITECTURE.md says, to a hundredth.
+#[test]
+fn the_real_time_path_is_as_long_as_told() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let Ok(output) = std::process::Command::new("python3").arg(root.join("tools/rt_path.py")).output() else {
+        return println!("skipped: no python3");
+    };
+    let listed = String::from_utf8(output.stdout).unwrap();
+    let sum = listed.lines().last().expect("the tool tells a sum");
+    let counted: f64 = sum.split_whitespace().nth(1).unwrap().parse().unwrap();
+    let page = std::fs::read_to_string(root.join("ARCHITECTURE.md")).unwrap();
+    let told = page.split_once(" lines of code in ").unwrap().0.rsplit(' ').next().unwrap();
+    let told: f64 = told.parse().unwrap();
+    assert!((told / counted - 1.0).abs() < 0.01, "ARCHITECTURE.md says {told}, tools/rt_path.py {sum}");
 }

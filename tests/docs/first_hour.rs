@@ -39,7 +39,7 @@ fn a_misspelt_command_is_told_and_taken_for_no_file() {
 
 #[test]
 fn shipped_run_files_are_at_hand_anywhere() {
-    let instance = format!("first-hour-{}", std::process::id());
+    let instance = format!("hour-{}", std::process::id());
     let output = elsewhere(&["run", "ur5", "--clock", "lockstep", "--instance", &instance]);
     assert!(output.status.success(), "{}", text(&output));
     assert!(text(&output).contains("converged"), "{}", text(&output));
@@ -102,7 +102,7 @@ fn a_shell_is_offered_run_files_experiments_and_keys() {
 #[test]
 fn a_log_for_programs_is_objects_with_times() {
     let folder = tempfile::tempdir().unwrap();
-    let instance = format!("first-hour-json-{}", std::process::id());
+    let instance = format!("hour-json-{}", std::process::id());
     for arguments in [["run", "default", "--log-format", "json"], ["--log-format", "json", "run", "default"]]
     {
         let arguments = [&arguments[..], &["--clock", "lockstep", "--instance", &instance]].concat();
@@ -130,7 +130,7 @@ fn no_log_line_begins_on_the_line_of_the_progress() {
         println!("skipped: no `script` to make a terminal");
         return;
     }
-    let instance = format!("first-hour-tty-{}", std::process::id());
+    let instance = format!("hour-tty-{}", std::process::id());
     let run = format!("{VSERVO} run default --duration-s 1.5 --instance {instance}");
     let output =
         Command::new("script").args(["-qec", &run, "/dev/null"]).stdin(Stdio::null()).output().unwrap();
@@ -156,7 +156,7 @@ fn a_goal_is_taught_in_one_place_and_come_back_to_from_another() {
     );
     let picture = image::open(folder.path().join("goal.png")).unwrap();
     assert_eq!((picture.width(), picture.height()), (640, 480));
-    let instance = format!("first-hour-teach-{}", std::process::id());
+    let instance = format!("hour-teach-{}", std::process::id());
     let run = ["run", "ur5", "--set", "servo.set_point.file=goal.toml", "--summary", "run.json"];
     let run = [&run[..], &["--clock", "lockstep", "--instance", &instance]].concat();
     let run = in_folder(folder.path(), &run, &[]);

@@ -4,7 +4,7 @@
 
 use crate::tag_scene::{Canvas, Dice, Look, Map};
 use assert_no_alloc::assert_no_alloc;
-use vservo::detect::tags::{MOST_TAGS, TagExpected, TagFinder, TagPoints};
+use vservo::detect::tags::{MAX_TAGS, TagExpected, TagFinder, TagPoints};
 use vservo::imaging::ImageView;
 use vservo::target::TagFamily;
 
@@ -23,7 +23,7 @@ fn nothing_is_allocated_per_frame() {
     let (image, noise) = (ImageView::new(&pixels, w, h).unwrap(), ImageView::new(&noise, w, h).unwrap());
     let mut finder = TagFinder::new(TagFamily::Tag36h11, w, h);
     let mut points = TagPoints::new(TagFinder::new(TagFamily::Tag36h11, w, h), &[5, 6]);
-    let (mut found, mut corners) = (Vec::with_capacity(MOST_TAGS), Vec::with_capacity(64));
+    let (mut found, mut corners) = (Vec::with_capacity(MAX_TAGS), Vec::with_capacity(64));
     let mut counts = [0; 3];
     assert_no_alloc(|| {
         for _ in 0..5 {

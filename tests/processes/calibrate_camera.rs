@@ -288,6 +288,27 @@ fn pair_from_files() {
     assert!(std::fs::read_to_string(&out).unwrap().contains("rotation_xyzw"));
 }
 
+/// A slip of the file names: no pair of files is written.
+#[test]
+fn the_same_pictures_twice_are_no_pair() {
+    let photographs = words(&photographs("left"));
+    if photographs.is_empty() {
+        println!("skipped: no ../shared");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("pair.yaml").display().to_string();
+    let mut arguments = vec!["calibrate", "stereo", "--left"];
+    arguments.extend(photographs.iter().map(String::as_str));
+    arguments.push("--right");
+    arguments.extend(photographs.iter().map(String::as_str));
+    arguments.extend(["--target", "chessboard:9x6:0.025", "--out", &out]);
+    let done = ended(&arguments);
+    assert_eq!(done.code, Some(5), "{} {}", done.out, done.err);
+    assert!(done.err.contains("the same files"), "{}", done.err);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
 #[test]
 fn what_cannot_be_done_is_told() {
     let folder = tempfile::tempdir().unwrap();
@@ -307,6 +328,8 @@ fn what_cannot_be_done_is_told() {
         (camera(&path("missing.png"), board, &[]), 3, "missing.png"),
         (camera(&blank, "dots:7x5:0.02", &[]), 2, "chessboard:COLSxROWS"),
         (camera(&blank, "board", &[]), 2, "--target"),
+        (camera(&blank, "chessboard:9x6:25", &[]), 2, "did you mean 25 mm? that is chessboard:9x6:0.025"),
+        (camera(&blank, "chessboard:9x6:0.00025", &[]), 2, "squares of 0.00025 m"),
         (camera(&blank, board, &["--outlier-sd", "0.5"]), 2, "outlier_sd"),
         (camera(&blank, board, &["--out-of-order"]), 2, "--out-of-order"),
         (

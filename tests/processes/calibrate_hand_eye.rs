@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use vservo::calibration::hand_eye::read_visp_pose;
 use vservo::config::Config;
 use vservo::geometry::Pose;
-use vservo::servo::Mount;
+use vservo::robot::Mount;
 
 struct Ended {
     code: Option<i32>,
@@ -103,7 +103,8 @@ fn a_frankas_camera_is_found() {
     let poses: Vec<_> = ALL.iter().map(|n| set.pose(*n)).collect();
     let out = set.file("hand_eye.toml");
     let ended = set.run(&ALL, &poses, &["--json", "--out", &out]);
-    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    // this Franka's poses are off by millimetres, where 0.3 are stated: it is told, written, and said by the code
+    assert_eq!(ended.code, Some(5), "{}", ended.err);
     let answer: Value = serde_json::from_str(&ended.out).unwrap();
     let errors = |of: &Value| (number(&of["rotation_error_deg"]), number(&of["position_error_mm"]));
     for closed in answer["closed_forms"].as_array().unwrap() {
@@ -143,7 +144,7 @@ fn the_eye_beside_the_arm_is_the_same_with_inverted_poses() {
     let back = set.table("back.csv", Pose::inverse);
     let in_hand = set.run(&ALL, &[there], &["--json"]);
     let beside = set.run(&ALL, std::slice::from_ref(&back), &["--json", "--eye-to-hand"]);
-    assert_eq!((in_hand.code, beside.code), (Some(0), Some(0)), "{} {}", in_hand.err, beside.err);
+    assert_eq!((in_hand.code, beside.code), (Some(5), Some(5)), "{} {}", in_hand.err, beside.err);
     let in_hand: Value = serde_json::from_str(&in_hand.out).unwrap();
     let beside: Value = serde_json::from_str(&beside.out).unwrap();
     assert_eq!((&in_hand["place"], &beside["place"]), (&"eye_in_hand".into(), &"eye_to_hand".into()));
@@ -203,13 +204,48 @@ fn what_does_not_fit_is_told() {
         assert!(ended.out.is_empty(), "{}", ended.out);
     }
     // lines for people
-    let ended = set.run(&ALL, &[table], &[]);
-    assert_eq!(ended.code, Some(0));
+    let own = ["--robot-sd-mm", "6", "--robot-sd-deg", "0.6"];
+    let ended = set.run(&ALL, std::slice::from_ref(&table), &own);
+    assert_eq!(ended.code, Some(0), "{}", ended.out);
     assert!(
         ended.out.contains("[camera.mount]") && ended.out.contains("predicted by the others"),
         "{}",
         ended.out
     );
+}
+
+/// Quaternions in the other order are named, with a robot stated as it is; squares of another size contradict it, which the code says.
+#[test]
+fn the_order_of_quaternions_and_wrong_squares_are_told() {
+    let Some(set) = Set::open() else { return };
+    let own = ["--robot-sd-mm", "6", "--robot-sd-deg", "0.6"];
+    let right = set.table("right.csv", |X| *X);
+    let text = std::fs::read_to_string(&right).unwrap();
+    let mut other = String::new();
+    for line in text.lines() {
+        let cells: Vec<_> = line.split(',').collect();
+        if line.starts_with("image") {
+            writeln!(other, "{line}").unwrap();
+        } else {
+            writeln!(other, "{},{},{},{},{}", cells[..4].join(","), cells[7], cells[4], cells[5], cells[6])
+                .unwrap();
+        }
+    }
+    let wrong = set.file("wrong.csv");
+    std::fs::write(&wrong, other).unwrap();
+    // whether the robot is stated as it is, or as the default has it
+    for stated in [&own[..], &[]] {
+        let ended = set.run(&ALL, std::slice::from_ref(&wrong), stated);
+        assert_eq!(ended.code, Some(5), "{} {}", ended.out, ended.err);
+        assert!(ended.err.contains("w x y z") && ended.err.contains("qx,qy,qz,qw"), "{}", ended.err);
+        assert!(ended.out.is_empty(), "{}", ended.out);
+    }
+    // squares twice too large: what the pictures say of distances is not what the robot says
+    let mut large = own.to_vec();
+    large.extend(["--target", "chessboard:9x6:0.05"]);
+    let ended = set.run(&ALL, &[right], &large);
+    assert_eq!(ended.code, Some(5), "{} {}", ended.out, ended.err);
+    assert!(ended.out.contains("contradict each other"), "{}", ended.out);
 }
 
 /// A UR5 whose run file has the camera 2 degrees and 10 mm from where it is visits views of a chessboard, and finds it.

@@ -9,9 +9,9 @@ use serde_json::Value;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_3};
 use std::path::Path;
 use vservo::experiment::{
-    CameraKind, Cell, Disturbance, End, Eye, FLIERS, Fate, Findings, Loop, Metrics, Options, Pilot,
-    RenderedEye, SCHEMES, Scheme, Trajectory, errors_to_bear, find, flights, path_deviation, pure_rotation,
-    run_scheme, simulate_at, study,
+    CameraKind, Cell, Disturbance, End, FLIERS, Fate, FeatureSource, Findings, Loop, Metrics, Options, Pilot,
+    RenderedFeatures, SCHEMES, Scheme, Trajectory, errors_to_bear, find, flights, path_deviation,
+    pure_rotation, run_scheme, simulate_at, study,
 };
 use vservo::servo::{DepthSource, UpdatePolicy};
 
@@ -35,7 +35,7 @@ fn assert_close(got: &Value, expected: &[f64], tolerance: f64) {
 }
 
 fn run(scheme: Scheme) -> Trajectory {
-    let run = run_scheme(&Cell::textbook().unwrap(), scheme, &mut Eye::Ideal).unwrap();
+    let run = run_scheme(&Cell::textbook().unwrap(), scheme, &mut FeatureSource::Ideal).unwrap();
     assert_eq!(run.end, End::Finished);
     run
 }
@@ -168,7 +168,7 @@ fn statements_on_the_image_paths() {
     assert!(hybrid[0] < 0.02, "P1 straight but for the arm's motion between frames: {hybrid:?}");
     let cell = Cell::textbook().unwrap();
     let mut pilot = Pilot::textbook(&cell, Scheme::Hybrid).unwrap();
-    let fine = simulate_at(1, &cell, "hybrid", &mut Eye::Ideal, 8.0, |frame| pilot.control(frame));
+    let fine = simulate_at(1, &cell, "hybrid", &mut FeatureSource::Ideal, 8.0, |frame| pilot.control(frame));
     let path: Vec<Vector2<f64>> = fine.rows.iter().map(|row| row.s[0]).collect();
     let deviation = path_deviation(&path, &cell.goal().unwrap().s[0]);
     assert!(deviation < 1e-3, "P1 straight at 1 kHz: {deviation}");
@@ -315,8 +315,8 @@ fn rendered_images_bring_the_same_runs() {
     let cell = Cell::textbook().unwrap();
     let goal = cell.goal().unwrap();
     for scheme in [Scheme::B, Scheme::D, Scheme::Hybrid] {
-        let mut eye = Eye::Rendered(Box::new(RenderedEye::new(1).unwrap()));
-        let rendered = run_scheme(&cell, scheme, &mut eye).unwrap();
+        let mut source = FeatureSource::Rendered(Box::new(RenderedFeatures::new(1).unwrap()));
+        let rendered = run_scheme(&cell, scheme, &mut source).unwrap();
         assert_eq!(rendered.end, End::Finished);
         let errors = Metrics::of(&rendered, &goal).unwrap().final_errors;
         assert!(errors.position_m < 0.25e-3 && errors.orientation_rad < 0.5e-3, "{errors:?}");
@@ -330,8 +330,8 @@ fn rendered_images_bring_the_same_runs() {
 fn a_target_out_of_sight_ends_a_run_with_its_reason() {
     let mut cell = Cell::textbook().unwrap();
     cell.q_start += Vector4::new(0.6, 0.0, 0.0, 0.0);
-    let mut eye = Eye::Rendered(Box::new(RenderedEye::new(1).unwrap()));
-    let run = run_scheme(&cell, Scheme::D, &mut eye).unwrap();
+    let mut source = FeatureSource::Rendered(Box::new(RenderedFeatures::new(1).unwrap()));
+    let run = run_scheme(&cell, Scheme::D, &mut source).unwrap();
     assert!(matches!(&run.end, End::Stopped { reason, .. } if reason.contains("no target")), "{:?}", run.end);
 }
 

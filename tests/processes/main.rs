@@ -7,6 +7,7 @@ mod calibrate_camera;
 mod calibrate_hand_eye;
 mod calibrate_latency;
 mod cameras;
+mod clients;
 #[path = "../common/mod.rs"]
 mod common;
 mod detect_and_print;

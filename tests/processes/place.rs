@@ -8,7 +8,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 use vservo::config::Config;
-use vservo::sim::outlook::{Outlook, Reach};
+use vservo::sim::preflight::{Preflight, Reach};
 
 fn shipped(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file)
@@ -33,9 +33,9 @@ fn shipped_run_files_have_nothing_against_them() {
     assert!(files.len() > 10);
     let mut within = 0;
     for file in files {
-        let outlook = Outlook::of(&Config::load(Some(&file), &[]).unwrap()).unwrap();
-        assert_eq!((outlook.faults(), outlook.doubts()), (vec![], vec![]), "{}", file.display());
-        within += usize::from(matches!(outlook.reach, Reach::Within(_)));
+        let preflight = Preflight::of(&Config::load(Some(&file), &[]).unwrap()).unwrap();
+        assert_eq!((preflight.faults(), preflight.doubts()), (vec![], vec![]), "{}", file.display());
+        within += usize::from(matches!(preflight.reach, Reach::Within(_)));
     }
     assert!(within > 15, "{within} goals were looked at");
 }

@@ -7,29 +7,38 @@ use serde_json::Value;
 use std::process::{Child, Stdio};
 
 /// A daemon under a name of its own.
-struct Daemon {
-    instance: Instance,
-    process: Child,
+pub(crate) struct Daemon {
+    pub(crate) instance: Instance,
+    pub(crate) process: Child,
 }
 
 impl Daemon {
-    fn start(test: &str, arguments: &[&str]) -> Self {
+    pub(crate) fn start(test: &str, arguments: &[&str]) -> Self {
         let instance = Instance::new(test);
+        let told = std::env::temp_dir().join(format!("{}.stderr", instance.name));
         let process = vservo()
             .arg("serve")
             .args(arguments)
             .args(["--instance", &instance.name])
             .stdout(Stdio::piped())
-            .stderr(Stdio::null())
+            .stderr(std::fs::File::create(&told).unwrap())
             .spawn()
             .unwrap();
-        let daemon = Self { instance, process };
-        wait_until("the daemon to answer", || daemon.ctl("status").0 == Some(0));
+        let mut daemon = Self { instance, process };
+        let mut last = String::new();
+        wait_until("the daemon to answer", || {
+            let ended = daemon.process.try_wait().unwrap();
+            assert!(ended.is_none(), "{ended:?}: {}; {last}", std::fs::read_to_string(&told).unwrap());
+            let (code, _, why) = daemon.ctl("status");
+            last = why;
+            code == Some(0)
+        });
+        std::fs::remove_file(told).unwrap();
         daemon
     }
 
     /// Exit code, answer and what was told on stderr.
-    fn ctl(&self, what: &str) -> (Option<i32>, Value, String) {
+    pub(crate) fn ctl(&self, what: &str) -> (Option<i32>, Value, String) {
         let output =
             vservo().args(["ctl", what, "--json", "--instance", &self.instance.name]).output().unwrap();
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -37,22 +46,22 @@ impl Daemon {
         (output.status.code(), serde_json::from_slice(&output.stdout).unwrap_or(Value::Null), told)
     }
 
-    fn state(&self) -> String {
+    pub(crate) fn state(&self) -> String {
         self.ctl("status").1["state"].as_str().unwrap_or("gone").into()
     }
 
-    fn wait_for(&self, state: &str) {
+    pub(crate) fn wait_for(&self, state: &str) {
         wait_until(&format!("the daemon to be {state}"), || self.state() == state);
     }
 
     #[track_caller]
-    fn accepts(&self, what: &str) {
+    pub(crate) fn accepts(&self, what: &str) {
         let (code, answer, told) = self.ctl(what);
         assert_eq!(code, Some(0), "{what}: {answer} {told}");
     }
 
     #[track_caller]
-    fn refuses(&self, what: &str, why: &str) {
+    pub(crate) fn refuses(&self, what: &str, why: &str) {
         let (code, answer, told) = self.ctl(what);
         assert_eq!(code, Some(5), "{what}: {answer} {told}");
         let reason = answer["reason"].as_str().unwrap();
@@ -60,7 +69,7 @@ impl Daemon {
     }
 
     /// Waits for its end: exit code and what it printed.
-    fn ended(self) -> (Option<i32>, String) {
+    pub(crate) fn ended(self) -> (Option<i32>, String) {
         let output = self.process.wait_with_output().unwrap();
         self.instance.assert_gone();
         (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())

@@ -71,7 +71,7 @@ fn every_tick_of_a_lockstep_run_is_there_without_a_gap() {
     assert_eq!(measured.len() as u64, summary["measurements"].as_u64().unwrap());
     for (frame_id, r) in (0..).zip(&measured) {
         assert_eq!((r.frame_id, r.stamp - r.exposure), (frame_id, vservo::time::SpanNs(20_000_000)));
-        assert_eq!(r.intake, 1, "used");
+        assert_eq!(r.verdict, 1, "used");
     }
     let servoing = |r: &TraceMsg| r.state == ControlState::Servoing as u32;
     let moved = records.iter().find(|r| servoing(r)).unwrap();

@@ -10,6 +10,9 @@
 #![allow(non_snake_case)]
 #![allow(clippy::unwrap_used)] // helpers of tests
 
+mod clutter;
+
+pub use clutter::Clutter;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 /// Cells along a pixel's side, and rays along a cell's.
@@ -65,6 +68,8 @@ pub struct Scene {
     pub vignetting: f64,
     /// Light falls to one part in so many from one side of the picture to the other, along this direction, rad.
     pub gradient: (f64, f64),
+    /// What lies beside the plate.
+    pub clutter: Clutter,
     pub seed: u64,
 }
 
@@ -95,6 +100,7 @@ impl Scene {
             noise_levels: 2.0,
             vignetting: 0.0,
             gradient: (1.0, 0.0),
+            clutter: Clutter::default(),
             seed: 1,
         }
     }
@@ -156,8 +162,12 @@ impl Scene {
             let light = (1.0 - self.vignetting * d.norm_squared() / middle.norm_squared())
                 * (low + (1.0 - low) * along);
             let mut level = f64::from(levels[i]);
-            if self.texture.0 > 0.0 && !view.at(self, &px).is_some_and(|r| self.on_plate(&r, 0.002)) {
+            let beside = |margin_m| !view.at(self, &px).is_some_and(|r| self.on_plate(&r, margin_m));
+            if self.texture.0 > 0.0 && beside(0.002) {
                 level += self.texture_at(&texture, &px);
+            }
+            if !self.clutter.is_empty() && beside(0.0) {
+                level = self.clutter.over(level, &px, self.blur_px);
             }
             let noise = match spare.take() {
                 Some(noise) => noise,

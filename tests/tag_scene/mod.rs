@@ -123,6 +123,8 @@ pub(crate) struct Look {
     pub(crate) noise: f64,
     /// Light at the right end of the picture over that at the left.
     pub(crate) gradient: f64,
+    /// Levels are `255 (light / 255)^(1 / gamma)`; noise comes after that.
+    pub(crate) gamma: f64,
     /// Samples along a side of a pixel.
     pub(crate) samples: usize,
 }
@@ -139,6 +141,7 @@ impl Default for Look {
             motion_px: (0.0, 0.0),
             noise: 2.0,
             gradient: 1.0,
+            gamma: 1.0,
             samples: 12,
         }
     }
@@ -244,7 +247,8 @@ impl Canvas {
             let share = (i % self.width) as f64 / self.width as f64;
             let light = 2.0 * (1.0 + share * (look.gradient - 1.0)) / (1.0 + look.gradient);
             let noise = if look.noise > 0.0 { look.noise * dice.normal() } else { 0.0 };
-            pixels.push((level * light + noise).round().clamp(0.0, 255.0) as u8);
+            let level = 255.0 * (level * light / 255.0).powf(1.0 / look.gamma);
+            pixels.push((level + noise).round().clamp(0.0, 255.0) as u8);
         }
         pixels
     }

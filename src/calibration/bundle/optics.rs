@@ -4,7 +4,7 @@ use crate::camera_model::{CameraModel, Intrinsics, Lens, LensModel};
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 
 /// Focal lengths, principal point, and the coefficients of the lens.
-pub(crate) const MOST_PARAMETERS: usize = 4 + Lens::MOST_COEFFICIENTS;
+pub(crate) const MAX_PARAMETERS: usize = 4 + Lens::MAX_COEFFICIENTS;
 /// Points nearer than this to the focal plane have no image, m.
 const NEAREST_M: f64 = 1e-6;
 
@@ -31,7 +31,7 @@ pub struct Freedom {
     /// The principal point stays as it starts: in the middle of the image.
     pub fixed_center: bool,
     /// Which coefficients of the lens, in the order of its model; the others stay zero.
-    pub coefficients: [bool; Lens::MOST_COEFFICIENTS],
+    pub coefficients: [bool; Lens::MAX_COEFFICIENTS],
 }
 
 impl Freedom {
@@ -76,7 +76,7 @@ impl Freedom {
     pub(crate) fn reduced(
         &self,
         optics: &Optics,
-        all: &[Vector2<f64>; MOST_PARAMETERS],
+        all: &[Vector2<f64>; MAX_PARAMETERS],
     ) -> impl Iterator<Item = Vector2<f64>> {
         let ratio = optics.intrinsics.fy_px / optics.intrinsics.fx_px;
         let along = if self.fixed_aspect { all[1] * ratio } else { Vector2::zeros() };
@@ -86,7 +86,7 @@ impl Freedom {
 
     /// The camera after a step of the free parameters.
     pub(crate) fn moved(&self, optics: &Optics, step: &[f64]) -> Optics {
-        let mut full = [0.0; MOST_PARAMETERS];
+        let mut full = [0.0; MAX_PARAMETERS];
         for (place, by) in self.places().zip(step) {
             full[place] = *by;
         }
@@ -112,7 +112,7 @@ pub(crate) struct PointImage {
     /// By the point's place in the camera, px/m.
     pub(crate) by_point: Matrix2x3<f64>,
     /// By fx, fy, cx, cy and the coefficients.
-    pub(crate) by_optics: [Vector2<f64>; MOST_PARAMETERS],
+    pub(crate) by_optics: [Vector2<f64>; MAX_PARAMETERS],
 }
 
 impl PointImage {
@@ -130,7 +130,7 @@ impl PointImage {
         let (a, b) = (fx_px * inverse, fy_px * inverse);
         let (m11, m12, m21, m22) = (a * D.m11, a * D.m12, b * D.m21, b * D.m22);
         let by_point = Matrix2x3::new(m11, m12, -(m11 * s.x + m12 * s.y), m21, m22, -(m21 * s.x + m22 * s.y));
-        let mut by_optics = [Vector2::zeros(); MOST_PARAMETERS];
+        let mut by_optics = [Vector2::zeros(); MAX_PARAMETERS];
         by_optics[0].x = d.x;
         by_optics[1].y = d.y;
         by_optics[2].x = 1.0;

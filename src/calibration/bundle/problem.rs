@@ -34,7 +34,7 @@ pub(crate) struct BundleProblem {
     pub(crate) freedom: Vec<Freedom>,
     /// The board's two coefficients of warp are estimated.
     pub(crate) warp: bool,
-    /// Sightings at each instant.
+    /// Measurements at each instant.
     pub(crate) views: Vec<Vec<BoardSighting>>,
 }
 

@@ -1,6 +1,6 @@
 //! What is given: a board's corners in pictures.
 
-use super::{LEAST_POINTS, Unused};
+use super::{MIN_POINTS, Unused};
 use crate::calibration::bundle::BundlePoint;
 use nalgebra::{Matrix2, Point3, Vector2};
 
@@ -59,7 +59,7 @@ impl BoardExtent {
 
 /// Whether a view can take part.
 pub(crate) fn usable(view: &BoardView) -> Result<(), Unused> {
-    if view.len() < LEAST_POINTS {
+    if view.len() < MIN_POINTS {
         return Err(Unused::TooFewPoints { given: view.len() });
     }
     let good = |p: &BoardPoint| {

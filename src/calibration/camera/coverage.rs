@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 const COLUMNS: usize = 12;
 const ROWS: usize = 9;
 /// An edge of which fewer cells than this share hold corners is not covered.
-const LEAST_SHARE: f64 = 0.34;
+const MIN_SHARE: f64 = 0.34;
 
 /// Whether a cell, by column and row, belongs to an edge.
 type Belongs<'a> = &'a dyn Fn(usize, usize) -> bool;
@@ -68,7 +68,7 @@ impl ImageCoverage {
             ("top edge", &|_, r| r == 0),
             ("bottom edge", &|_, r| r == bottom),
         ];
-        let bare: Vec<bool> = edges.iter().map(|(_, belongs)| self.share_of(belongs) < LEAST_SHARE).collect();
+        let bare: Vec<bool> = edges.iter().map(|(_, belongs)| self.share_of(belongs) < MIN_SHARE).collect();
         missing.extend(edges.iter().zip(&bare).filter(|(_, bare)| **bare).map(|((name, _), _)| *name));
         let corners = [
             ("top left corner", 0, 2, (0, 0)),

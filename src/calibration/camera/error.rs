@@ -65,6 +65,18 @@ pub enum CameraCalibrationError {
         /// Of the right one.
         right: usize,
     },
+    /// The two cameras would stand in one place: no pair does.
+    #[error(
+        "calibration: the base line between the cameras is {baseline_mm:.4} mm, which is not told from none (standard deviation \
+         {sd_mm:.4} mm): left and right are pictures of the same camera, or the same files; give the left camera's to --left and the \
+         right one's to --right"
+    )]
+    NoBaseline {
+        /// Length of the base line, mm.
+        baseline_mm: f64,
+        /// Its standard deviation in the worst direction, mm.
+        sd_mm: f64,
+    },
 }
 
 impl From<BundleFailure> for CameraCalibrationError {
@@ -116,7 +128,7 @@ impl fmt::Display for Unused {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::TooFewPoints { given } => {
-                write!(f, "{given} corners seen, at least {} are needed", super::LEAST_POINTS)
+                write!(f, "{given} corners seen, at least {} are needed", super::MIN_POINTS)
             }
             Self::NotFinite { index } => {
                 write!(f, "corner {index} of the list is not finite, or its covariance is none")

@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, Translation3, Vector2};
 use std::collections::HashSet;
 
 /// Fewest pictures of a half.
-const LEAST_VIEWS: usize = 3;
+const MIN_VIEWS: usize = 3;
 /// Ways to halve.
 const SPLITS: u64 = 8;
 
@@ -44,7 +44,7 @@ pub fn cross_validation(
 ) -> Option<CrossValidation> {
     let whole = Whole::new(views, calibration)?;
     let count = whole.problem.views.len();
-    if count < 2 * LEAST_VIEWS {
+    if count < 2 * MIN_VIEWS {
         return None;
     }
     let i = calibration.camera.intrinsics();
@@ -91,13 +91,13 @@ pub fn cross_validation(
 }
 
 /// The problem of all that took part, at its solution.
-struct Whole {
-    problem: BundleProblem,
-    state: BundleState,
+pub(super) struct Whole {
+    pub(super) problem: BundleProblem,
+    pub(super) state: BundleState,
 }
 
 impl Whole {
-    fn new(views: &[BoardView], calibration: &CameraCalibration) -> Option<Self> {
+    pub(super) fn new(views: &[BoardView], calibration: &CameraCalibration) -> Option<Self> {
         let extent = BoardExtent::of(views.iter().flatten());
         let to_middle = Translation3::from(extent.middle.push(0.0));
         let (mut sightings, mut poses) = (Vec::new(), Vec::new());

@@ -6,10 +6,12 @@
 //!         ProjectionUncertainty: px, anywhere in the image, at a distance ◄───────┤
 //!         cross_validation: halves of the pictures against each other     ◄───────┤
 //!         ImageCoverage: where corners were seen                          ◄───────┤
+//!         board_bend: what the residuals say of the board's shape         ◄───────┤
 //!         next_view: the picture that lowers the worst uncertainty most   ◄───────┘
 //!         CalibrationVerdict: all of that in words
 //! ```
 
+mod bend;
 mod board_view;
 mod calibrate;
 mod calibration;
@@ -23,6 +25,7 @@ mod start;
 mod uncertainty;
 mod verdict;
 
+pub use bend::{BoardBend, board_bend};
 pub(crate) use board_view::{BoardExtent, usable};
 pub use board_view::{BoardPoint, BoardView};
 pub use calibrate::calibrate_camera;
@@ -37,7 +40,7 @@ pub use uncertainty::ProjectionUncertainty;
 pub use verdict::CalibrationVerdict;
 
 /// Fewest corners of a picture: its pose takes six of their equations.
-pub const LEAST_POINTS: usize = 6;
+pub const MIN_POINTS: usize = 6;
 
 #[cfg(test)]
 mod tests;

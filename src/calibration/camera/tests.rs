@@ -201,6 +201,30 @@ fn a_bent_board_is_measured_and_a_flat_one_is_flat() {
         assert!(sd.amax() < 3e-4, "{sd}");
         let without = calibrate_camera(&views, SIZE, &settings(false)).unwrap();
         assert!(without.warp_m.is_none() && (without.rms_px > 1.1 * with.rms_px) == (bend > 0.0));
+        let seen = board_bend(&views, &without);
+        assert!(board_bend(&views, &with).is_none() && seen.is_some() == (bend > 0.0), "{seen:?}");
+        let uncertainty = ProjectionUncertainty::new(&without, 0.5).unwrap();
+        let verdict = CalibrationVerdict::new(&without, &uncertainty, None, &ImageCoverage::of(&without));
+        let told = verdict.with_bend(seen).to_string();
+        assert_eq!(told.contains("--warp"), bend > 0.0, "{told}");
+    }
+}
+
+/// Half a millimetre is named whatever the pictures, a flat board never is; seeds other than those of the test above.
+#[test]
+fn half_a_millimetre_of_bend_is_named() {
+    let truth = camera(bent(), 520.0);
+    for seed in 300..320 {
+        let mut random = Random::new(seed);
+        let poses = poses(&truth, 15, &mut random);
+        for bend_m in [0.0, 0.5e-3] {
+            let lift = |p: &Point3<f64>| bend_m * (1.0 - (p.x / (4.0 * SQUARE_M) - 1.0).powi(2));
+            let views: Vec<_> = poses.iter().map(|X| view(&truth, X, NOISE_PX, lift, &mut random)).collect();
+            let found = calibrate_camera(&views, SIZE, &CalibrationSettings::default()).unwrap();
+            let seen = board_bend(&views, &found);
+            assert_eq!(seen.is_some(), bend_m > 0.0, "{seed}: {seen:?}");
+            assert!(seen.is_none_or(|b| ((b.bend_m.x - bend_m) / b.sd_m.x).abs() < 4.0), "{seed}: {seen:?}");
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! How good the calibration is, in words.
 
-use super::{CameraCalibration, CrossValidation, ImageCoverage, ProjectionUncertainty};
+use super::{BoardBend, CameraCalibration, CrossValidation, ImageCoverage, ProjectionUncertainty};
 use std::fmt;
 
 /// The share of the image's width and height that is its middle.
@@ -29,6 +29,8 @@ pub struct CalibrationVerdict {
     pub unexplained: Option<f64>,
     /// Edges and corners of the image that hold no corners of the board.
     pub uncovered: Vec<&'static str>,
+    /// The bend of the board that the residuals show, where it was taken to be flat.
+    pub bend: Option<BoardBend>,
     /// Pictures that took part.
     pub views: usize,
 }
@@ -53,8 +55,15 @@ impl CalibrationVerdict {
             middle_px: uncertainty.worst_px(MIDDLE),
             unexplained: halves.map(|halves| halves.ratio).filter(|ratio| *ratio > UNEXPLAINED),
             uncovered: coverage.uncovered(),
+            bend: None,
             views: calibration.views_used(),
         }
+    }
+
+    /// With what the residuals say of the board's shape.
+    #[must_use]
+    pub fn with_bend(self, bend: Option<BoardBend>) -> Self {
+        Self { bend, ..self }
     }
 
     /// Whether measurements with this camera mean anything.
@@ -113,6 +122,14 @@ impl fmt::Display for CalibrationVerdict {
                 f,
                 "; halves of the pictures differ {ratio:.1} times more than the noise of the corners explains (a board that is not \
                  flat, a lens of another model, motion), which is counted in"
+            )?;
+        }
+        if let Some(BoardBend { bend_m, sd_m }) = &self.bend {
+            let (x, y, sd) = (bend_m.x * 1e3, bend_m.y * 1e3, sd_m.max() * 1e3);
+            write!(
+                f,
+                "; the residuals show a board that is bent, by {x:.2} mm along x and {y:.2} mm along y (+- {sd:.2} mm), which is not \
+                 counted in: calibrate with --warp, or glue it onto something flat"
             )?;
         }
         if self.views < FEW_VIEWS {

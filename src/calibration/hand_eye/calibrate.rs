@@ -9,7 +9,7 @@ use super::report::{HandEyeReport, ViewResidual};
 use super::scatter::loop_scatter;
 use super::separate::separate_solution;
 use super::settled::{is_settled, view_speed_px_s};
-use super::{EyePlace, HandEyeError, HandEyeView, LEAST_VIEWS, LoopSample, MOST_VIEWS};
+use super::{CameraMount, HandEyeError, HandEyeView, LoopSample, MAX_VIEWS, MIN_VIEWS};
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
 use crate::pose::Loss;
@@ -28,7 +28,7 @@ const OTHER_PLACE_M: f64 = 2e-3;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HandEyeSettings {
     /// Where the camera is.
-    pub place: EyePlace,
+    pub place: CameraMount,
     /// Deviations of the robot's poses; raised where the views contradict them.
     pub robot: RobotDeviation,
     /// Whether the time between the stamps of robot and camera is sought; without it views in motion are left out.
@@ -38,7 +38,7 @@ pub struct HandEyeSettings {
 impl HandEyeSettings {
     /// The usual ones.
     #[must_use]
-    pub fn of(place: EyePlace) -> Self {
+    pub fn of(place: CameraMount) -> Self {
         Self { place, robot: RobotDeviation::default(), time_offset: false }
     }
 }
@@ -52,7 +52,7 @@ pub fn calibrate_hand_eye(
     camera: &CameraModel,
     settings: &HandEyeSettings,
 ) -> Result<HandEyeReport, HandEyeError> {
-    if views.len() > MOST_VIEWS {
+    if views.len() > MAX_VIEWS {
         return Err(HandEyeError::TooManyViews { given: views.len() });
     }
     for view in views {
@@ -76,7 +76,7 @@ pub fn calibrate_hand_eye(
             chi_square += squares;
         }
     }
-    if used.len() < LEAST_VIEWS {
+    if used.len() < MIN_VIEWS {
         return Err(HandEyeError::TooFewViews { given: used.len() });
     }
     let model_sd_px = model_sd_px(&used, chi_square);
@@ -190,7 +190,7 @@ impl Excess {
 }
 
 /// Refuses views that are those of an eye of the other place.
-fn other_place(place: EyePlace, samples: &[LoopSample], here_m: f64) -> Result<(), HandEyeError> {
+fn other_place(place: CameraMount, samples: &[LoopSample], here_m: f64) -> Result<(), HandEyeError> {
     let inverted: Vec<_> =
         samples.iter().map(|s| LoopSample { X_WM: s.X_WM.inverse(), X_CO: s.X_CO }).collect();
     let there = separate_solution(&inverted).and_then(|X| loop_scatter(&inverted, &X));

@@ -1,6 +1,6 @@
 //! Why there is no hand-eye calibration.
 
-use super::{LEAST_VIEWS, MOST_VIEWS};
+use super::{MAX_VIEWS, MIN_VIEWS};
 use crate::pose::PoseError;
 use thiserror::Error;
 
@@ -9,14 +9,14 @@ use thiserror::Error;
 pub enum HandEyeError {
     /// Two motions are the least.
     #[error(
-        "hand-eye: {given} usable views, at least {LEAST_VIEWS} are needed (better 10 to 20): take more pictures"
+        "hand-eye: {given} usable views, at least {MIN_VIEWS} are needed (better 10 to 20): take more pictures"
     )]
     TooFewViews {
         /// How many there are.
         given: usize,
     },
     /// More than are taken.
-    #[error("hand-eye: {given} views, at most {MOST_VIEWS} are taken: leave some out")]
+    #[error("hand-eye: {given} views, at most {MAX_VIEWS} are taken: leave some out")]
     TooManyViews {
         /// How many there are.
         given: usize,
@@ -83,7 +83,7 @@ pub enum HandEyeError {
     /// The other place of the eye explains the views far better.
     #[error(
         "hand-eye: the views do not fit an eye {here} (the board's places scatter by {here_mm:.1} mm), but one {there} \
-         ({there_mm:.1} mm): {}", if *.there == super::EyePlace::BesideArm.words() { "--eye-to-hand" } else { "leave --eye-to-hand out" }
+         ({there_mm:.1} mm): {}", if *.there == super::CameraMount::EyeToHand.words() { "--eye-to-hand" } else { "leave --eye-to-hand out" }
     )]
     OtherPlace {
         /// As it was said.

@@ -9,7 +9,7 @@
 //! normal equations (Schur), so that time grows with the number of views and no more.
 
 use super::rows::{ALL, ArmAt, GLOBAL, State, TIME, ViewRows, correction, moved, moved_inside};
-use super::{EyePlace, HandEyeError, HandEyeView};
+use super::{CameraMount, HandEyeError, HandEyeView};
 use crate::camera_model::CameraModel;
 use crate::features::NormalEquations;
 use crate::geometry::{Pose, Twist};
@@ -43,7 +43,7 @@ impl Default for RobotDeviation {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointSettings {
     /// Where the camera is.
-    pub place: EyePlace,
+    pub place: CameraMount,
     /// Deviations of the robot's poses; zeros: they are exact.
     pub robot: RobotDeviation,
     /// What the error of a corner counts.
@@ -61,9 +61,11 @@ pub struct JointFit {
     pub X_WO: Pose,
     /// What has to be added to the camera's stamps, s, as `camera.stamp_offset_ms` is; 0 where it was not asked for.
     pub offset_s: f64,
-    /// Covariance of the twist `[v; w]` of C relative to M, expressed in M (m, rad), with the deviations as stated.
+    /// Covariance of the error `[v; w]` of `X_MC` (m, rad), with the deviations as stated: the camera is at `p + v`, turned by
+    /// `exp(w) R`, with `v` and `w` along the axes of M (the flange's in hand, the base's beside the arm). `v` is the change of
+    /// the camera's own position, not the velocity at M's origin that a twist of a rigid body may mean.
     pub covariance_X_MC: Matrix6<f64>,
-    /// The same of O relative to W, expressed in W.
+    /// The same of `X_WO`, along the axes of W.
     pub covariance_X_WO: Matrix6<f64>,
     /// Standard deviation of `offset_s`, s; `None` where it was not asked for.
     pub offset_sd_s: Option<f64>,

@@ -4,7 +4,7 @@ use super::joint::{JointFit, JointSettings, refine_jointly};
 use super::observability::rotation_spread;
 use super::rows::{ArmAt, ViewRows, board_in_camera};
 use super::scatter::board;
-use super::{HandEyeView, LEAST_VIEWS, LoopSample};
+use super::{HandEyeView, LoopSample, MIN_VIEWS};
 use crate::camera_model::CameraModel;
 use crate::geometry::Twist;
 
@@ -45,7 +45,7 @@ pub fn leave_one_out(
     settings: &JointSettings,
     all: &JointFit,
 ) -> Option<HeldOut> {
-    if views.len() <= LEAST_VIEWS || samples.len() != views.len() {
+    if views.len() <= MIN_VIEWS || samples.len() != views.len() {
         return None;
     }
     let mut held = Vec::with_capacity(views.len());

@@ -25,6 +25,7 @@ mod joint;
 mod leave_one_out;
 mod observability;
 mod poses_file;
+mod quaternion_order;
 mod report;
 mod rows;
 mod scatter;
@@ -42,6 +43,7 @@ pub use joint::{JointFit, JointSettings, RobotDeviation, refine_jointly};
 pub use leave_one_out::{HeldOut, HeldOutView, leave_one_out};
 pub use observability::{RotationSpread, rotation_spread};
 pub use poses_file::{ArmPose, PosesFileError, read_poses};
+pub use quaternion_order::fits_as_w_x_y_z;
 pub use report::{AtDistance, HandEyeReport, ViewResidual};
 pub use scatter::{LoopScatter, loop_scatter};
 pub use separate::separate_solution;
@@ -53,26 +55,26 @@ use crate::geometry::{Pose, Twist};
 use nalgebra::{Point3, Vector2};
 
 /// Most views of a calibration: leave-one-out fits all of them once for each.
-pub const MOST_VIEWS: usize = 200;
+pub const MAX_VIEWS: usize = 200;
 /// Fewest views: two motions about different axes.
-pub const LEAST_VIEWS: usize = 3;
+pub const MIN_VIEWS: usize = 3;
 
 /// Where the camera is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum EyePlace {
+pub enum CameraMount {
     /// On the flange, M = E; the board rests in the base frame, W = B.
-    InHand,
+    EyeInHand,
     /// Beside the arm, M = B; the board is on the flange, W = E.
-    BesideArm,
+    EyeToHand,
 }
 
-impl EyePlace {
+impl CameraMount {
     /// Pose of the frame M that bears the camera in the frame W that bears the board, for a flange at `X_BE`.
     #[must_use]
     pub fn X_WM(self, X_BE: &Pose) -> Pose {
         match self {
-            Self::InHand => *X_BE,
-            Self::BesideArm => X_BE.inverse(),
+            Self::EyeInHand => *X_BE,
+            Self::EyeToHand => X_BE.inverse(),
         }
     }
 
@@ -80,8 +82,8 @@ impl EyePlace {
     #[must_use]
     pub fn other(self) -> Self {
         match self {
-            Self::InHand => Self::BesideArm,
-            Self::BesideArm => Self::InHand,
+            Self::EyeInHand => Self::EyeToHand,
+            Self::EyeToHand => Self::EyeInHand,
         }
     }
 
@@ -89,8 +91,8 @@ impl EyePlace {
     #[must_use]
     pub fn camera_name(self) -> &'static str {
         match self {
-            Self::InHand => "X_EC",
-            Self::BesideArm => "X_BC",
+            Self::EyeInHand => "X_EC",
+            Self::EyeToHand => "X_BC",
         }
     }
 
@@ -98,8 +100,8 @@ impl EyePlace {
     #[must_use]
     pub fn board_name(self) -> &'static str {
         match self {
-            Self::InHand => "X_BO",
-            Self::BesideArm => "X_EO",
+            Self::EyeInHand => "X_BO",
+            Self::EyeToHand => "X_EO",
         }
     }
 
@@ -107,8 +109,8 @@ impl EyePlace {
     #[must_use]
     pub fn words(self) -> &'static str {
         match self {
-            Self::InHand => "in the hand",
-            Self::BesideArm => "beside the arm",
+            Self::EyeInHand => "in the hand",
+            Self::EyeToHand => "beside the arm",
         }
     }
 
@@ -116,8 +118,8 @@ impl EyePlace {
     #[must_use]
     pub fn bearer(self) -> &'static str {
         match self {
-            Self::InHand => "flange",
-            Self::BesideArm => "base",
+            Self::EyeInHand => "flange",
+            Self::EyeToHand => "base",
         }
     }
 }

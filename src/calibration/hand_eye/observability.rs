@@ -4,13 +4,13 @@
 //! `4 sin^2(angle / 2) (I - n n^T)` of each, has its least eigenvalue along the axis about which all turns were: that direction of p_X
 //! is not determined where it vanishes.
 
-use super::{EyePlace, HandEyeError, LoopSample, motions};
+use super::{CameraMount, HandEyeError, LoopSample, motions};
 use crate::geometry::rotation_angle;
 use crate::linalg::symmetric_eigen;
 use nalgebra::{Matrix3, Vector3};
 
 /// Turns below this show nothing, rad.
-const LEAST_RAD: f64 = 0.02;
+const MIN_RAD: f64 = 0.02;
 /// A difference between the angles of arm and camera that no noise explains, rad, and as a share of the arm's.
 const CONTRADICTION_RAD: f64 = 0.1;
 const CONTRADICTION_SHARE: f64 = 0.2;
@@ -30,11 +30,11 @@ pub struct RotationSpread {
 
 impl RotationSpread {
     /// Refuses views that do not determine the camera's pose.
-    pub(super) fn check(&self, place: EyePlace) -> Result<(), HandEyeError> {
-        if !(self.largest_rad > LEAST_RAD) {
+    pub(super) fn check(&self, place: CameraMount) -> Result<(), HandEyeError> {
+        if !(self.largest_rad > MIN_RAD) {
             return Err(HandEyeError::NoRotation { largest_deg: self.largest_rad.to_degrees() });
         }
-        if !(self.across_rad > LEAST_RAD) {
+        if !(self.across_rad > MIN_RAD) {
             return Err(HandEyeError::OneAxis {
                 axis: self.axis.into(),
                 bearer: place.bearer(),

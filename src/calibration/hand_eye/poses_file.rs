@@ -7,13 +7,13 @@
 //! Position and unit quaternion of the flange in the base, `X_BE`; where the flange moves, the velocity of its origin and its angular
 //! velocity, both along the axes of the base. Lines may be empty or begin with `#`; the line of names may be left out.
 
-use super::MOST_VIEWS;
+use super::MAX_VIEWS;
 use crate::geometry::{Pose, Twist, rotate_twist};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use thiserror::Error;
 
 /// Most lines of poses; a table may have more than there are images.
-const MOST_LINES: usize = 50 * MOST_VIEWS;
+const MAX_LINES: usize = 50 * MAX_VIEWS;
 /// How far from 1 the norm of a quaternion may be: some digits less than written.
 const NORM_SLACK: f64 = 0.01;
 /// Farthest from the base, m; mm would be beyond.
@@ -75,8 +75,8 @@ pub fn read_poses(text: &str) -> Result<Vec<ArmPose>, PosesFileError> {
             let shown: String = image.chars().take(60).collect();
             return Err(PosesFileError::at(line, format!("names {shown} a second time")));
         }
-        if poses.len() >= MOST_LINES {
-            return Err(PosesFileError::at(line, format!("there are more than {MOST_LINES} poses")));
+        if poses.len() >= MAX_LINES {
+            return Err(PosesFileError::at(line, format!("there are more than {MAX_LINES} poses")));
         }
         poses.push(pose(line, image, &cells)?);
     }

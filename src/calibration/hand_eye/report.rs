@@ -4,7 +4,7 @@ use super::leave_one_out::{HeldOut, rms_px};
 use super::observability::RotationSpread;
 use super::rows::{ArmAt, ViewRows};
 use super::scatter::LoopScatter;
-use super::{EyePlace, HandEyeView, JointFit, JointSettings, LoopSample, RobotDeviation};
+use super::{CameraMount, HandEyeView, JointFit, JointSettings, LoopSample, RobotDeviation};
 use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, Twist};
 use crate::pose::chained_covariance;
@@ -65,7 +65,7 @@ pub struct AtDistance {
 #[derive(Debug, Clone, PartialEq)]
 pub struct HandEyeReport {
     /// Where the camera is.
-    pub place: EyePlace,
+    pub place: CameraMount,
     /// The joint refinement.
     pub fit: JointFit,
     /// Camera by rotation first, position then.
@@ -106,6 +106,14 @@ impl HandEyeReport {
         self.fit.X_MC
     }
 
+    /// Whether pictures and robot contradict each other: no robot as good as was stated has been at the poses that its file says, by the
+    /// camera and the board that were named.
+    #[must_use]
+    pub fn is_contradicted(&self) -> bool {
+        let (seen, stated) = (&self.robot_seen, &self.robot_stated);
+        seen.translation_m > stated.translation_m || seen.rotation_rad > stated.rotation_rad
+    }
+
     /// The lines of a run file that mount the camera so.
     #[must_use]
     pub fn to_toml(&self) -> String {
@@ -113,8 +121,8 @@ impl HandEyeReport {
         let (roll, pitch, yaw) = Rotation3::from(X.rotation).euler_angles();
         let p = X.translation.vector;
         let kind = match self.place {
-            EyePlace::InHand => "eye_in_hand",
-            EyePlace::BesideArm => "eye_to_hand",
+            CameraMount::EyeInHand => "eye_in_hand",
+            CameraMount::EyeToHand => "eye_to_hand",
         };
         let mut text = String::new();
         for line in self.verdict.lines() {

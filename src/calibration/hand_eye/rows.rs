@@ -6,9 +6,10 @@
 //! in hand:        P_M = exp(V tau)^-1 X_BE'^-1 P_W           X_BE' = X_BE D_i: the flange as it really was
 //! beside the arm: P_M = X_BE' exp(V tau) P_W                 V: its twist in E; tau: what is to be added to the camera's stamp
 //! ```
-//! Small changes are twists `[v; w]`: of `X_MC` expressed in M, of `X_WO` in W, of `X_BE'` in E (from the right).
+//! Small changes are `[v; w]`: of `X_MC` position and left rotation along the axes of M, `p + v` and `exp(w) R`; of `X_WO` the same along
+//! those of W; of `X_BE'` a twist in E (from the right).
 
-use super::{BoardCorner, EyePlace};
+use super::{BoardCorner, CameraMount};
 use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, Twist, integrate_body_twist, skew};
 use nalgebra::{Matrix3, Matrix6, Point3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
@@ -34,7 +35,7 @@ pub(super) struct State {
 /// What is known of the arm in one view.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ArmAt {
-    pub place: EyePlace,
+    pub place: CameraMount,
     /// Its corrected pose.
     pub X_BE: Pose,
     pub V_BE_E: Twist,
@@ -111,8 +112,8 @@ impl ViewRows {
         let X_CM = X_MC.inverse();
         let R = |X: &Pose| *X.rotation.to_rotation_matrix().matrix();
         let R_ME = match arm.place {
-            EyePlace::InHand => R(&on_the_way).transpose(),
-            EyePlace::BesideArm => R(&arm.X_BE),
+            CameraMount::EyeInHand => R(&on_the_way).transpose(),
+            CameraMount::EyeToHand => R(&arm.X_BE),
         };
         let (R_CM, R_MW, p_MC_M) = (R(&X_CM), R(&X_MW), X_MC.translation.vector);
         Self { arm, X_WO: *X_WO, X_CM, p_MC_M, on_the_way, X_MW, R_CM, R_MW, R_ME }
@@ -147,12 +148,12 @@ impl ViewRows {
         let flow = |P: &Vector3<f64>| v + w.cross(P);
         // Q: the point in E at the robot's stamp
         let (sign, Q) = match self.arm.place {
-            EyePlace::InHand => {
+            CameraMount::EyeInHand => {
                 // P_M = exp(V tau)^-1 Q, Q = X_BE'^-1 P_W
                 by.set_column(TIME, &(by_M * -flow(&P_M.coords)));
                 (-1.0, self.on_the_way * P_M)
             }
-            EyePlace::BesideArm => {
+            CameraMount::EyeToHand => {
                 // P_M = X_BE' Q, Q = exp(V tau) P_W
                 let Q = self.on_the_way * P_W;
                 by.set_column(TIME, &(by_E * flow(&Q.coords)));
@@ -183,7 +184,7 @@ mod tests {
             c in prop::array::uniform6(-0.2..0.2f64), v in prop::array::uniform6(-0.5..0.5f64),
             offset_s in -0.05..0.05f64, beside in any::<bool>()
         ) {
-            let place = if beside { EyePlace::BesideArm } else { EyePlace::InHand };
+            let place = if beside { CameraMount::EyeToHand } else { CameraMount::EyeInHand };
             let (X, X_BE) = (pose(x), pose(h));
             let arm = ArmAt { place, X_BE, V_BE_E: Twist::from_row_slice(&v) };
             let X_CO = Pose::translation(0.0, 0.0, 0.8) * pose(c);

@@ -1,6 +1,6 @@
 //! Simulated truth for the tests: an arm, a board, a camera with a lens, and what each measures.
 
-use super::{BoardCorner, EyePlace, HandEyeView, LoopSample, RobotDeviation};
+use super::{BoardCorner, CameraMount, HandEyeView, LoopSample, RobotDeviation};
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::geometry::{Pose, Twist, integrate_body_twist};
 use crate::linalg::Random;
@@ -27,7 +27,7 @@ fn new_camera() -> CameraModel {
 /// What is true, and how well it is measured.
 #[derive(Debug, Clone)]
 pub(super) struct Cell {
-    pub place: EyePlace,
+    pub place: CameraMount,
     pub X_MC: Pose,
     pub X_WO: Pose,
     pub corner_sd_px: f64,
@@ -37,18 +37,18 @@ pub(super) struct Cell {
 }
 
 impl Cell {
-    pub(super) fn new(place: EyePlace, random: &mut Random) -> Self {
+    pub(super) fn new(place: CameraMount, random: &mut Random) -> Self {
         let mut turn = |size: f64| Vector3::from_fn(|_, _| random.between(-size, size));
         let X_MC = match place {
-            EyePlace::InHand => Pose::new(turn(0.08), turn(0.6)),
+            CameraMount::EyeInHand => Pose::new(turn(0.08), turn(0.6)),
             // about a metre before the arm, looking back at it
-            EyePlace::BesideArm => {
+            CameraMount::EyeToHand => {
                 Pose::new(Vector3::new(1.2, 0.1, 0.4) + turn(0.1), Vector3::new(0.3, -1.9, 0.2) + turn(0.3))
             }
         };
         let X_WO = match place {
-            EyePlace::InHand => Pose::new(Vector3::new(0.5, 0.1, 0.0) + turn(0.2), turn(1.5)),
-            EyePlace::BesideArm => Pose::new(turn(0.1), turn(1.0)),
+            CameraMount::EyeInHand => Pose::new(Vector3::new(0.5, 0.1, 0.0) + turn(0.2), turn(1.5)),
+            CameraMount::EyeToHand => Pose::new(turn(0.1), turn(1.0)),
         };
         let robot = RobotDeviation { rotation_rad: 0.0, translation_m: 0.0 };
         Self { place, X_MC, X_WO, corner_sd_px: 0.0, robot, offset_s: 0.0 }

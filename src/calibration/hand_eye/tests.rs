@@ -7,7 +7,7 @@ use crate::pose::{Loss, normalized_error};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
-const PLACES: [EyePlace; 2] = [EyePlace::InHand, EyePlace::BesideArm];
+const PLACES: [CameraMount; 2] = [CameraMount::EyeInHand, CameraMount::EyeToHand];
 
 fn settings(cell: &Cell) -> JointSettings {
     JointSettings { place: cell.place, robot: cell.robot, loss: Loss::Squares, time_offset: false }
@@ -119,7 +119,7 @@ fn the_refinement_is_better_than_the_closed_forms() {
     let mut squares = [0.0; 3];
     for seed in 0..60 {
         let mut random = Random::new(seed);
-        let mut cell = Cell::new(EyePlace::InHand, &mut random);
+        let mut cell = Cell::new(CameraMount::EyeInHand, &mut random);
         cell.corner_sd_px = 0.5;
         let views = cell.views(8, &mut random);
         let settings = HandEyeSettings { robot: cell.robot, ..HandEyeSettings::of(cell.place) };
@@ -137,7 +137,7 @@ fn a_robot_worse_than_stated_is_found_out() {
     let (mut position, mut rotation, mut error) = (0.0, 0.0, 0.0);
     for seed in 0..40 {
         let mut random = Random::new(90 + seed);
-        let mut cell = Cell::new(EyePlace::InHand, &mut random);
+        let mut cell = Cell::new(CameraMount::EyeInHand, &mut random);
         cell.corner_sd_px = 0.05;
         cell.robot = RobotDeviation { rotation_rad: 5e-3, translation_m: 3e-3 };
         let views = cell.views(15, &mut random);
@@ -191,7 +191,7 @@ fn the_time_between_the_stamps_is_found() {
 #[test]
 fn views_in_motion_are_left_out_unless_the_time_is_sought() {
     let mut random = Random::new(4);
-    let mut cell = Cell::new(EyePlace::InHand, &mut random);
+    let mut cell = Cell::new(CameraMount::EyeInHand, &mut random);
     cell.offset_s = 0.05;
     let mut views: Vec<_> = (0..8)
         .map(|i| {
@@ -276,7 +276,7 @@ fn what_does_not_determine_the_camera_is_named() {
 #[test]
 fn a_weak_axis_is_told() {
     let mut random = Random::new(3);
-    let mut cell = Cell::new(EyePlace::InHand, &mut random);
+    let mut cell = Cell::new(CameraMount::EyeInHand, &mut random);
     cell.corner_sd_px = 0.05;
     let views: Vec<_> = (0..8)
         .map(|i| {
@@ -293,10 +293,10 @@ fn a_weak_axis_is_told() {
 #[test]
 fn the_other_place_of_the_eye_is_suspected() {
     let mut random = Random::new(6);
-    let mut cell = Cell::new(EyePlace::BesideArm, &mut random);
+    let mut cell = Cell::new(CameraMount::EyeToHand, &mut random);
     cell.corner_sd_px = 0.1;
     let views = cell.views(8, &mut random);
-    match calibrate_hand_eye(&views, &camera(), &HandEyeSettings::of(EyePlace::InHand)) {
+    match calibrate_hand_eye(&views, &camera(), &HandEyeSettings::of(CameraMount::EyeInHand)) {
         Ok(report) => assert!(report.verdict.contains("beside the arm"), "{}", report.verdict),
         Err(error) => assert!(error.to_string().contains("eye"), "{error}"),
     }
@@ -306,7 +306,7 @@ fn the_other_place_of_the_eye_is_suspected() {
 #[test]
 fn wrong_corners_do_not_pull() {
     let mut random = Random::new(12);
-    let mut cell = Cell::new(EyePlace::InHand, &mut random);
+    let mut cell = Cell::new(CameraMount::EyeInHand, &mut random);
     cell.corner_sd_px = 0.05;
     let mut views = cell.views(8, &mut random);
     for (i, view) in views.iter_mut().enumerate() {
@@ -340,4 +340,98 @@ fn motion_is_seen_by_poses_and_by_corners() {
     assert!((speed - 50.0).abs() < 0.1, "{speed}");
     assert_eq!(corner_speed_px_s(&before, &[found(1, 30.05), found(5, 49.95)], 0.04), Some(0.0));
     assert_eq!(corner_speed_px_s(&before, &[found(9, 1.0)], 0.04), None);
+}
+
+/// The definition of the covariance, held against a simulation of its own: matrices multiplied out here, corners projected by a pinhole
+/// written here, the error composed here as position change and left rotation, for camera and board and both places of the eye. The
+/// rigid-body twist about the outer frame's origin, which the same words may mean, fails where the camera is far from it: beside
+/// the arm.
+#[test]
+fn covariances_are_of_position_change_and_left_rotation() {
+    use crate::camera_model::{CameraModel, Distortion, Intrinsics};
+    use nalgebra::{Matrix3, Point3, Rotation3, Vector2, Vector6};
+    type Rigid = (Matrix3<f64>, Vector3<f64>);
+    let turn = |w: Vector3<f64>| Rotation3::from_scaled_axis(w).into_inner();
+    let times = |a: &Rigid, b: &Rigid| -> Rigid { (a.0 * b.0, a.0 * b.1 + a.1) };
+    let back = |a: &Rigid| -> Rigid { (a.0.transpose(), -(a.0.transpose() * a.1)) };
+    let pose = |a: &Rigid| {
+        let R = Rotation3::from_matrix_unchecked(a.0);
+        Pose::from_parts(a.1.into(), nalgebra::UnitQuaternion::from_rotation_matrix(&R))
+    };
+    let (f, c) = (800.0, Vector2::new(319.5, 239.5));
+    let intrinsics = Intrinsics { fx_px: f, fy_px: f, cx_px: c.x, cy_px: c.y, width_px: 640, height_px: 480 };
+    let camera = CameraModel::new(intrinsics, Distortion::default()).unwrap();
+    let (sd_px, sd_m, sd_rad) = (0.15, 0.8e-3, 1.2e-3);
+    const TRIALS: u32 = 300;
+    for place in PLACES {
+        let (mut position_left, mut about_origin) = ([0.0; 2], 0.0);
+        for trial in 0..TRIALS {
+            let mut random = Random::new(70_000 + u64::from(trial));
+            let mut any = |s: f64| Vector3::from_fn(|_, _| random.between(-s, s));
+            // where the camera and the board are: M is the flange or the base, W the other one
+            let (X_MC, X_WO): (Rigid, Rigid) = match place {
+                CameraMount::EyeInHand => {
+                    ((turn(any(0.5)), any(0.1)), (turn(any(0.4)), Vector3::new(0.6, 0.2, 0.0)))
+                }
+                CameraMount::EyeToHand => (
+                    (turn(Vector3::new(0.2, -1.8, 0.1) + any(0.2)), Vector3::new(1.4, 0.3, 0.5)),
+                    (turn(any(0.9)), any(0.1)),
+                ),
+            };
+            let mut views = Vec::new();
+            for _ in 0..12 {
+                let mut any = |s: f64| Vector3::from_fn(|_, _| random.between(-s, s));
+                let X_CO: Rigid = {
+                    let R = turn(any(0.55)) * turn(Vector3::z() * any(1.2).x);
+                    let middle = Vector3::new(0.08, 0.05, 0.0);
+                    (R, any(0.04) + Vector3::z() * 0.55 - R * middle)
+                };
+                // the loop: X_WM X_MC X_CO = X_WO
+                let X_WM = times(&times(&X_WO, &back(&X_CO)), &back(&X_MC));
+                let truth = match place {
+                    CameraMount::EyeInHand => X_WM,
+                    CameraMount::EyeToHand => back(&X_WM),
+                };
+                let mut gauss = |s: f64| Vector3::from_fn(|_, _| random.gaussian() * s);
+                let off: Rigid = (turn(gauss(sd_rad)), gauss(sd_m));
+                let corners = (0..54)
+                    .map(|i| {
+                        let p_O = Point3::new(f64::from(i % 9) * 0.02, f64::from(i / 9) * 0.02, 0.0);
+                        let p_C = X_CO.0 * p_O.coords + X_CO.1;
+                        let noise = Vector2::new(random.gaussian(), random.gaussian()) * sd_px;
+                        BoardCorner { p_O, px: p_C.xy() / p_C.z * f + c + noise, sd_px }
+                    })
+                    .collect();
+                let X_BE = pose(&times(&truth, &off));
+                views.push(HandEyeView { name: "view".into(), X_BE, V_BE_E: None, corners });
+            }
+            let settings = JointSettings {
+                place,
+                robot: RobotDeviation { rotation_rad: sd_rad, translation_m: sd_m },
+                loss: Loss::Squares,
+                time_offset: false,
+            };
+            let fit = refine_jointly(&all(&views), &camera, &settings, &pose(&X_MC), &pose(&X_WO)).unwrap();
+            let found = [(fit.X_MC, fit.covariance_X_MC, X_MC), (fit.X_WO, fit.covariance_X_WO, X_WO)];
+            for ((found, covariance, truth), sum) in found.into_iter().zip(&mut position_left) {
+                let R = found.rotation.to_rotation_matrix().into_inner();
+                // small turns: the antisymmetric part is the rotation vector
+                let D = truth.0 * R.transpose();
+                let w =
+                    Vector3::new(D[(2, 1)] - D[(1, 2)], D[(0, 2)] - D[(2, 0)], D[(1, 0)] - D[(0, 1)]) * 0.5;
+                let v = truth.1 - found.translation.vector;
+                let size = |v: Vector3<f64>| {
+                    let d = Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z);
+                    d.dot(&(covariance.try_inverse().unwrap() * d)) / f64::from(TRIALS)
+                };
+                *sum += size(v);
+                if place == CameraMount::EyeToHand && truth == X_MC {
+                    about_origin += size(v - w.cross(&truth.1));
+                }
+            }
+        }
+        // 6 degrees of freedom: standard error of the mean of 300 is 0.2
+        assert!(position_left.iter().all(|chi| (chi - 6.0).abs() < 0.8), "{place:?} {position_left:?}");
+        assert!(place == CameraMount::EyeInHand || about_origin > 12.0, "{about_origin}");
+    }
 }

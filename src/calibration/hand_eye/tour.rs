@@ -6,13 +6,12 @@
 //! The camera's pose is only believed here. So that the board stays in view where it is wrong by some degrees, it must be well inside the
 //! picture as it is expected. Obstacles are not known: neighbouring views are at the same distance from the board.
 
-use super::{EyePlace, LoopSample, rotation_spread};
+use super::{CameraMount, LoopSample, rotation_spread};
 use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, Twist};
 use crate::linalg::Ldlt;
 use crate::motion::MotionLimits;
-use crate::robot::Robot;
-use crate::servo::Mount;
+use crate::robot::{Mount, Robot};
 use nalgebra::{Matrix6, Point3, SVector, UnitQuaternion, Vector3};
 use thiserror::Error;
 
@@ -21,7 +20,7 @@ const VIEWS: usize = 14;
 /// Fewer than this are no basis.
 const LEAST: usize = 6;
 /// Turns across the least axis that a tour must have, rad.
-const LEAST_ACROSS_RAD: f64 = 0.2;
+const MIN_ACROSS_RAD: f64 = 0.2;
 /// Tilt and roll of the widest views, rad.
 const TILT_RAD: f64 = 0.45;
 const ROLL_RAD: f64 = 0.9;
@@ -102,7 +101,7 @@ pub fn plan_tour<const N: usize>(
         return Err(TourError::TooFewViews);
     }
     match rotation_spread(&samples) {
-        Some(spread) if spread.across_rad > LEAST_ACROSS_RAD => Ok(postures),
+        Some(spread) if spread.across_rad > MIN_ACROSS_RAD => Ok(postures),
         _ => Err(TourError::OneAxis),
     }
 }
@@ -118,10 +117,10 @@ fn turn(k: usize, share: f64) -> UnitQuaternion<f64> {
 }
 
 impl<const N: usize> TourCell<'_, N> {
-    fn place(&self) -> EyePlace {
+    fn place(&self) -> CameraMount {
         match self.mount {
-            Mount::EyeInHand { .. } => EyePlace::InHand,
-            Mount::EyeToHand { .. } => EyePlace::BesideArm,
+            Mount::EyeInHand { .. } => CameraMount::EyeInHand,
+            Mount::EyeToHand { .. } => CameraMount::EyeToHand,
         }
     }
 

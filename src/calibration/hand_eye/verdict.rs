@@ -42,12 +42,13 @@ pub(super) fn verdict(report: &HandEyeReport) -> String {
         let _ = writeln!(text, "Few views: its own uncertainty is uncertain; take 10 to 20.");
     }
     let (seen, stated) = (&report.robot_seen, &report.robot_stated);
-    if seen.translation_m > stated.translation_m || seen.rotation_rad > stated.rotation_rad {
+    if report.is_contradicted() {
         let _ = writeln!(
             text,
             "Pictures and robot contradict each other: the robot's poses would have to be off by {:.2} mm and {:.3} deg along an axis, \
              where {:.2} mm and {:.3} deg are stated. Check that each pose belongs to its picture and is that of the flange, the camera's \
-             calibration, the size of the squares, and that the board and the camera were firmly fixed.",
+             calibration, the size of the squares, and that the board and the camera were firmly fixed; of a robot that is no better, state so \
+             (--robot-sd-mm, --robot-sd-deg).",
             seen.translation_m * 1e3,
             seen.rotation_rad.to_degrees(),
             stated.translation_m * 1e3,

@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 use saphyr_parser::{Event, Parser};
 
 /// Most words of a file: rows, cols, data and their numbers are some ten.
-const MOST_WORDS: usize = 64;
+const MAX_WORDS: usize = 64;
 
 /// The pose in a file's text.
 ///
@@ -41,7 +41,7 @@ pub fn read_visp_pose(text: &str) -> Result<Pose, PosesFileError> {
                 return Err(PosesFileError::at(error.marker().line(), message));
             }
         }
-        if words.len() > MOST_WORDS {
+        if words.len() > MAX_WORDS {
             return Err(PosesFileError::at(line, "is longer than a pose of 6 numbers"));
         }
     }

@@ -17,7 +17,7 @@ use crate::calibration::{Recording, SeenTarget};
 use crate::features::{point_image_jacobian, point_rows};
 use crate::geometry::{Pose, Twist, integrate_body_twist};
 use crate::linalg::Ldlt;
-use crate::servo::Mount;
+use crate::robot::Mount;
 use nalgebra::{Point3, SMatrix, SVector, Vector2, Vector3};
 
 /// Residuals beyond so many standard deviations count less.
@@ -25,7 +25,7 @@ const HUBER: f64 = 2.0;
 /// Standard deviations of the camera's pose in the run file, m and rad.
 const PRIOR_SD: [f64; 6] = [0.02, 0.02, 0.02, 0.05, 0.05, 0.05];
 /// Vision's own standard deviations are taken as no smaller than this, px.
-const LEAST_SIGMA_PX: f64 = 0.01;
+const MIN_SIGMA_PX: f64 = 0.01;
 /// Median of the length of two unit normal residuals.
 const RAYLEIGH_MEDIAN: f64 = 1.1774;
 const MAX_HALVINGS: u32 = 12;
@@ -164,7 +164,7 @@ impl<'a, const N: usize> Fit<'a, N> {
             let s = p_C.coords.xy() / p_C.z;
             let r_o_C: Vector3<f64> = R_CO * p_O.coords;
             let (L_s, J_O) = (point_rows(&s, p_C.z), point_image_jacobian(&s, p_C.z, &r_o_C));
-            let sigma_px = if seen.sigma_px > 0.0 { seen.sigma_px.max(LEAST_SIGMA_PX) } else { 1.0 };
+            let sigma_px = if seen.sigma_px > 0.0 { seen.sigma_px.max(MIN_SIGMA_PX) } else { 1.0 };
             let scale = f_px / sigma_px;
             let mut J = SMatrix::<f64, 2, UNKNOWNS>::zeros();
             J.set_column(0, &(L_s * V_WC_C));

@@ -240,7 +240,7 @@ fn what_cannot_be_found_is_told() {
     let good = scene.recording(GOOD);
 
     let few = Recording { sightings: good.sightings[..10].to_vec(), ..good.clone() };
-    assert_eq!(error(&scene, &few), LatencyError::TooFewFrames { found: 10, needed: LEAST_FRAMES });
+    assert_eq!(error(&scene, &few), LatencyError::TooFewFrames { found: 10, needed: MIN_FRAMES });
     let blind = Recording { track: super::super::JointTrack::default(), ..good.clone() };
     assert!(matches!(error(&scene, &blind), LatencyError::TooFewFrames { .. }));
 

@@ -18,6 +18,12 @@ use crate::stereo::Rectification;
 use nalgebra::{Matrix6, Translation3, Vector2};
 use std::collections::HashMap;
 
+/// A base line whose squared distance from none, in standard deviations, is less is none: chi-square with three degrees of freedom
+/// exceeds this once in 10^5.
+const NO_BASELINE: f64 = 25.9;
+/// No two pictures of one camera pass for a base line of more, m: pictures too few to tell such a one stay what they are, uncertain.
+const SURE_BASELINE_M: f64 = 0.01;
+
 /// Two cameras, and where they are to each other.
 #[derive(Debug, Clone)]
 pub struct StereoCalibration {
@@ -27,7 +33,8 @@ pub struct StereoCalibration {
     pub right: CameraCalibration,
     /// Pose of the right camera in the left one.
     pub X_LR: Pose,
-    /// Covariance of the twist `[v; w]` of the right camera relative to the left one, expressed in the left one, m and rad.
+    /// Covariance of `[v; w]`: the right camera's centre moves by v and its orientation turns by w, `R_LR -> exp(w) R_LR`, both in the left
+    /// camera's frame, m and rad. It is that of a position and a left rotation, and not of a spatial twist.
     pub covariance: Matrix6<f64>,
     /// Root mean square of the distances of corners from where they are predicted, over both cameras, px: OpenCV's figure.
     pub rms_px: f64,
@@ -109,6 +116,12 @@ pub fn calibrate_stereo(
     let left = one(0, left, unused_left, alone_left)?;
     let right = one(1, right, unused_right, alone_right)?;
     let (X_LR, covariance) = pose_between(&end)?;
+    let (t, C) = (X_LR.translation.vector, covariance.fixed_view::<3, 3>(0, 0).into_owned());
+    let distance2 = C.cholesky().map_or(0.0, |factor| t.dot(&factor.solve(&t)));
+    if !(distance2 > NO_BASELINE || t.norm() > SURE_BASELINE_M) {
+        let (baseline_mm, sd_mm) = (t.norm() * 1e3, C.symmetric_eigenvalues().max().max(0.0).sqrt() * 1e3);
+        return Err(CameraCalibrationError::NoBaseline { baseline_mm, sd_mm });
+    }
     let rows_rms_px = rows_rms_px(&left, &right, &X_LR);
     Ok(StereoCalibration { left, right, X_LR, covariance, rms_px: rms_px(&end, None), rows_rms_px })
 }
@@ -124,7 +137,7 @@ fn nearest_to_all(poses: Vec<Pose>) -> Option<Pose> {
     poses.iter().min_by(|a, b| sum(a).total_cmp(&sum(b))).copied()
 }
 
-/// X_LR and the covariance of its twist, from those of X_RL: with `R -> exp(w) R`, `t -> t + v` of X_RL the position of the right
+/// X_LR and the covariance of its position and left rotation, from those of X_RL: with `R -> exp(w) R`, `t -> t + v` of X_RL the position of the right
 /// camera moves by `-R' (v + S(t) w)` and it turns by `-R' w`.
 fn pose_between(end: &Selected) -> Result<(Pose, Matrix6<f64>), CameraCalibrationError> {
     let X_RL = end.end.state.X_j0.first().ok_or(CameraCalibrationError::NoStart)?;

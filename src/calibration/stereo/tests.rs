@@ -93,3 +93,31 @@ fn unequal_numbers_are_refused() {
     assert_eq!(error, CameraCalibrationError::Pairs { left: 1, right: 0 });
     assert!(error.to_string().contains("in pairs"));
 }
+
+/// The same pictures twice, and pictures of one camera that stood still: there is no pair, and the sentence names why.
+#[test]
+fn one_camera_is_no_pair() {
+    let one = camera(560.0, 315.0);
+    let mut random = Random::new(61);
+    let in_image =
+        |X: &Pose| (0..54).all(|id| one.project(&(X * corner(id))).is_some_and(|px| one.contains(&px, 2.0)));
+    let poses = poses(10, in_image, &mut random);
+    let mut taken = || -> Vec<BoardView> {
+        let mut view = |X: &Pose| -> BoardView {
+            let mut point = |id: u32| {
+                let noise = Vector2::new(random.gaussian(), random.gaussian()) * NOISE_PX;
+                let px = one.project(&(X * corner(id))).unwrap() + noise;
+                BoardPoint { id, p_O: corner(id), px, covariance_px2: Matrix2::zeros() }
+            };
+            (0..54).map(&mut point).collect()
+        };
+        poses.iter().map(&mut view).collect()
+    };
+    let (first, again) = (taken(), taken());
+    for second in [&first, &again] {
+        let sizes = ((640, 480), (640, 480));
+        let error = calibrate_stereo(&first, second, sizes, &CalibrationSettings::default()).unwrap_err();
+        assert!(matches!(error, CameraCalibrationError::NoBaseline { .. }), "{error}");
+        assert!(error.to_string().contains("the same files"), "{error}");
+    }
+}

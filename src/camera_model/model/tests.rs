@@ -223,6 +223,12 @@ fn lenses_that_fold_are_refused() {
     }
     let lens = Equidistant { k4: f64::NAN, ..Equidistant::default() };
     assert!(matches!(CameraModel::new(VGA, lens), Err(CameraModelError::NotFinite { name: "k4", .. })));
+    for absurd in [1e308, 1e8, -1e308] {
+        let long = CameraModel::new(Intrinsics { fx_px: absurd, ..VGA }, Distortion::default());
+        assert!(matches!(long, Err(CameraModelError::FocalLength { name: "fx_px", .. })), "{absurd}");
+        let far = CameraModel::new(Intrinsics { cy_px: absurd, ..VGA }, Distortion::default());
+        assert!(matches!(far, Err(CameraModelError::NotFinite { name: "cy_px", .. })), "{absurd}");
+    }
 }
 
 #[test]

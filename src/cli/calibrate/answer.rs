@@ -3,7 +3,7 @@
 use super::boards::Boards;
 use crate::calibration::camera::{
     CalibrationVerdict, CameraCalibration, CrossValidation, ImageCoverage, NextView, ProjectionUncertainty,
-    cross_validation, next_view,
+    board_bend, cross_validation, next_view,
 };
 use crate::geometry::Pose;
 use crate::input::printable;
@@ -37,7 +37,8 @@ impl Examined {
         let halves = cross_validation(&boards.views, &calibration, &uncertainty);
         let coverage = ImageCoverage::of(&calibration);
         let next = next_view(board, &calibration, &uncertainty);
-        let verdict = CalibrationVerdict::new(&calibration, &uncertainty, halves.as_ref(), &coverage);
+        let verdict = CalibrationVerdict::new(&calibration, &uncertainty, halves.as_ref(), &coverage)
+            .with_bend(board_bend(&boards.views, &calibration));
         Some(Self { calibration, uncertainty, halves, coverage, next, verdict })
     }
 }

@@ -12,10 +12,15 @@ use crate::rt::Stderr;
 use crate::target::{Chessboard, Kind, Target};
 use nalgebra::Matrix2;
 use std::io::{IsTerminal, Write, stderr};
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 /// Most pictures of a camera: more take long and tell little.
-const MOST_PICTURES: usize = 500;
+const MAX_PICTURES: usize = 500;
+
+/// Squares of boards that people hold before cameras, m: those of a microscope's slide to those of a wall. What lies beyond is a length
+/// in another unit, by which every length of the result would be wrong.
+const SQUARES_M: RangeInclusive<f64> = 1e-3..=1.0;
 
 /// What the pictures of one camera show.
 pub(super) struct Boards {
@@ -38,18 +43,41 @@ pub(super) fn board(arguments: &BoardArguments) -> Result<Chessboard, Refusal> {
     }
     let kind: Kind = word.parse().map_err(|e| Refusal::usage(format!("--target: {e}")))?;
     match kind.target {
-        Target::Chessboard(board) => Ok(board),
+        Target::Chessboard(board) => {
+            believable_square(&board)?;
+            Ok(board)
+        }
         _ => Err(Refusal::usage(format!(
             "--target: `{word}` has no corners to calibrate with: give chessboard:COLSxROWS:SQUARE_M"
         ))),
     }
 }
 
+/// Refuses squares of a size that no board has.
+pub(super) fn believable_square(board: &Chessboard) -> Result<(), Refusal> {
+    let side_m = board.square_m();
+    if SQUARES_M.contains(&side_m) {
+        return Ok(());
+    }
+    let meant_m = [side_m * 1e-3, side_m * 1e3, side_m * 1e-6].into_iter().find(|m| SQUARES_M.contains(m));
+    let meant = meant_m.map_or_else(String::new, |m| {
+        // whole micrometres divided, so that 25 reads 0.025
+        let um = (m * 1e6).round();
+        let (mm, m) = (um / 1e3, um / 1e6);
+        format!(" (did you mean {mm} mm? that is chessboard:{}x{}:{m})", board.columns(), board.rows())
+    });
+    Err(Refusal::usage(format!(
+        "--target: squares of {side_m} m: the side of a square is given in metres, from {} to {} m{meant}",
+        SQUARES_M.start(),
+        SQUARES_M.end()
+    )))
+}
+
 impl Boards {
     /// Reads the pictures and looks for the board in each.
     pub(super) fn find(paths: &[PathBuf], board: &Chessboard) -> Result<Self, Refusal> {
-        if paths.len() > MOST_PICTURES {
-            let message = format!("{} pictures, at most {MOST_PICTURES} are taken: choose", paths.len());
+        if paths.len() > MAX_PICTURES {
+            let message = format!("{} pictures, at most {MAX_PICTURES} are taken: choose", paths.len());
             return Err(Refusal::usage(message));
         }
         let mut boards = Self { size: (0, 0), names: Vec::new(), views: Vec::new(), misses: Vec::new() };

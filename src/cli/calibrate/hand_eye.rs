@@ -8,8 +8,10 @@ mod poses;
 use super::super::detect::{calibration, picture};
 use super::super::{check_writable, json, shown, write_result};
 use super::Refusal;
+use super::boards::believable_square;
 use crate::calibration::hand_eye::{
-    BoardCorner, EyePlace, HandEyeSettings, HandEyeView, MOST_VIEWS, RobotDeviation, calibrate_hand_eye,
+    BoardCorner, CameraMount, HandEyeSettings, HandEyeView, MAX_VIEWS, RobotDeviation, calibrate_hand_eye,
+    fits_as_w_x_y_z,
 };
 use crate::camera_model::CameraModel;
 use crate::control::outcome::Outcome;
@@ -27,7 +29,7 @@ use std::path::{Path, PathBuf};
 /// Lens and board may be so far from their description: what they are worth is found out here, so that no corner is left out for it, px.
 const MODEL_SD_PX: f64 = 2.0;
 /// No corner counts as better than this, px.
-const LEAST_SD_PX: f64 = 0.01;
+const MIN_SD_PX: f64 = 0.01;
 
 /// Arguments of `vservo calibrate hand-eye`.
 #[derive(Debug, Args)]
@@ -75,7 +77,7 @@ pub struct HandEyeArguments {
 
 impl HandEyeArguments {
     fn settings(&self) -> HandEyeSettings {
-        let place = if self.eye_to_hand { EyePlace::BesideArm } else { EyePlace::InHand };
+        let place = if self.eye_to_hand { CameraMount::EyeToHand } else { CameraMount::EyeInHand };
         let robot = RobotDeviation {
             rotation_rad: self.robot_sd_deg.to_radians(),
             translation_m: self.robot_sd_mm * 1e-3,
@@ -84,11 +86,11 @@ impl HandEyeArguments {
     }
 
     fn check(&self) -> Result<(), Refusal> {
-        if self.images.len() > MOST_VIEWS {
+        if self.images.len() > MAX_VIEWS {
             let count = self.images.len();
             return Err(Refusal::with_code(
                 2,
-                format!("{count} images are given, at most {MOST_VIEWS} are taken"),
+                format!("{count} images are given, at most {MAX_VIEWS} are taken"),
             ));
         }
         for (name, value) in [("--robot-sd-mm", self.robot_sd_mm), ("--robot-sd-deg", self.robot_sd_deg)] {
@@ -115,7 +117,8 @@ pub(in super::super) fn hand_eye(arguments: &HandEyeArguments) -> Result<u8, Pro
         Err(refusal) => return Ok(refusal.tell()),
     };
     let text = if arguments.json { json(&answer) } else { answer.text() };
-    let mut exit_code = shown(&text, 0);
+    let told = if answer.is_contradicted() { Outcome::NotConverged.exit_code() } else { 0 };
+    let mut exit_code = shown(&text, told);
     if let Some(path) = &arguments.out {
         exit_code = write_result(path, answer.to_toml(), exit_code);
     }
@@ -135,11 +138,11 @@ fn answer(arguments: &HandEyeArguments) -> Result<Answer, Refusal> {
     let camera = calibration(file).map_err(|e| Refusal::with_code(3, format!("--camera: {e}")))?;
     let poses =
         poses::of_images(&arguments.images, &arguments.poses).map_err(|e| Refusal::with_code(3, e))?;
-    let mut eye = Eye::new(camera, target);
+    let mut finder = BoardFinder::new(camera, target);
     let (mut views, mut unused) = (Vec::new(), Vec::new());
     for (at, (path, arm)) in arguments.images.iter().zip(poses).enumerate() {
         let name = printable(&path.display().to_string());
-        match eye.corners(path)? {
+        match finder.corners(path)? {
             Ok(corners) => views.push(HandEyeView { name, X_BE: arm.X_BE, V_BE_E: arm.V_BE_E, corners }),
             Err(reason) => {
                 tell(format_args!("vservo: {name}: left out: {reason}"));
@@ -147,8 +150,16 @@ fn answer(arguments: &HandEyeArguments) -> Result<Answer, Refusal> {
             }
         }
     }
-    let report = calibrate_hand_eye(&views, &camera, &arguments.settings())
-        .map_err(|e| Refusal::with_code(Outcome::NotConverged.exit_code(), e.to_string()))?;
+    let settings = arguments.settings();
+    let report = calibrate_hand_eye(&views, &camera, &settings);
+    if fits_as_w_x_y_z(&views, &camera, &settings, &report) {
+        return Err(Refusal::with_code(
+            Outcome::NotConverged.exit_code(),
+            "--poses: the poses do not belong to the pictures as they are written, but do where the four numbers of each rotation are \
+             w x y z: write them in the order x y z w, in the columns qx,qy,qz,qw",
+        ));
+    }
+    let report = report.map_err(|e| Refusal::with_code(Outcome::NotConverged.exit_code(), e.to_string()))?;
     Ok(Answer::new(report, &views, unused))
 }
 
@@ -167,17 +178,20 @@ fn one_look(kind: Kind) -> Result<Target, Refusal> {
     if kind.target.points().len() < 4 {
         return refuse("has fewer than four points");
     }
+    if let Target::Chessboard(board) = &kind.target {
+        believable_square(board)?;
+    }
     Ok(kind.target)
 }
 
 /// Finds the board in pictures of one camera.
-struct Eye {
+struct BoardFinder {
     camera: CameraModel,
     vision: Vision,
     places: BTreeMap<u32, nalgebra::Point3<f64>>,
 }
 
-impl Eye {
+impl BoardFinder {
     fn new(camera: CameraModel, target: Target) -> Self {
         let places = target.points().iter().map(|point| (point.id, point.p_O)).collect();
         let settings = VisionSettings { model_sd_px: MODEL_SD_PX, track: false, ..VisionSettings::default() };
@@ -205,7 +219,7 @@ impl Eye {
             .iter()
             .zip(still.px)
             .filter_map(|(found, px)| {
-                let sd_px = found.sigma_px.max(LEAST_SD_PX);
+                let sd_px = found.sigma_px.max(MIN_SD_PX);
                 Some(BoardCorner { p_O: *self.places.get(&found.id)?, px: *px, sd_px })
             })
             .collect();

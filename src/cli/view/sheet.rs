@@ -18,7 +18,7 @@ const NEIGHBOURS: u32 = 24;
 /// Corners of a ring.
 const CORNERS: u32 = 20;
 /// Fewest letters of a line.
-const LEAST_LETTERS: u32 = 60;
+const MIN_LETTERS: u32 = 60;
 
 /// What a line or word is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,7 +131,7 @@ pub(super) struct Sheet {
 impl Sheet {
     fn letters_a_line(&self) -> u32 {
         let pictures: u32 = self.panels.iter().map(|panel| panel.picture.width() + EDGE).sum();
-        (pictures.saturating_sub(EDGE) / ADVANCE).max(LEAST_LETTERS)
+        (pictures.saturating_sub(EDGE) / ADVANCE).max(MIN_LETTERS)
     }
 
     /// The words, broken where a line is full; what follows is set in.

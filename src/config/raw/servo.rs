@@ -174,7 +174,7 @@ table! {
         /// Gain of the resolved-velocity laws, 1/s. B and hybrid also take four (x, y, z, rotation) or six.
         gain_1_s: Gains = Gains::One(15.0),
         /// Gain to which a higher one falls within about a pixel of the goal, where encoders and noise would make the arm tremble, 1/s.
-        calm_gain_1_s: f64 = 2.0,
+        gain_at_goal_1_s: f64 = 2.0,
         /// `[servo.adaptive_gain]`: factor on the gain that grows as the error shrinks.
         adaptive_gain: Option<RawAdaptive> = None,
         /// `[servo.pd]`: gains of the torque laws.

@@ -8,12 +8,12 @@ use crate::config::raw::{MountKind, RawCamera, RawConfig, RawRoi};
 use crate::config::stereo::right_mount;
 use crate::config::{Camera, Document};
 use crate::messages::{CameraId, MAX_CAMERAS};
+use crate::robot::Mount;
 use crate::scene::{FrameSchedule, Irregularity, LARGEST_SIDE_PX, SceneLook};
-use crate::servo::Mount;
 use crate::time::SpanNs;
 
 /// Least columns and rows of an image.
-const LEAST_SIDE_PX: u32 = 16;
+const MIN_SIDE_PX: u32 = 16;
 
 /// The first camera and the others. A list of one is the same as `[camera]`; from here on `raw.camera` is the first.
 pub(super) fn cameras(
@@ -61,8 +61,8 @@ fn camera(
     let (lens, synthetic) = (&c.lens, &c.synthetic);
     let key = |name: &str| format!("{at}.{name}");
     let before = check.count_problems();
-    let width_px = check.count(&key("width_px"), c.width_px, LEAST_SIDE_PX..=LARGEST_SIDE_PX);
-    let height_px = check.count(&key("height_px"), c.height_px, LEAST_SIDE_PX..=LARGEST_SIDE_PX);
+    let width_px = check.count(&key("width_px"), c.width_px, MIN_SIDE_PX..=LARGEST_SIDE_PX);
+    let height_px = check.count(&key("height_px"), c.height_px, MIN_SIDE_PX..=LARGEST_SIDE_PX);
     let rate_hz = check.range(&key("rate_hz"), c.rate_hz, 0.1..=1000.0);
     let exposure = check.span_ms(&key("exposure_ms"), c.exposure_ms, 0.0..=1000.0);
     let latency = check.span_ms(&key("latency_ms"), c.latency_ms, 0.0..=500.0);
@@ -88,6 +88,7 @@ fn camera(
     // Each camera has noise and losses of its own.
     let seed = raw.run.seed ^ u64::from(id.0).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     let source = frame_source::source(c, look, seed, at, check);
+    let response = frame_source::response(&key("response"), &c.response, check);
     let (intrinsics, bends) = lens::believed(at, lens, (width_px, height_px), check);
     let region = region(c, at, check);
     let irregularity = Irregularity {
@@ -111,6 +112,7 @@ fn camera(
             id,
             name: c.name.clone().unwrap_or_else(|| id.to_string()),
             source,
+            response,
             model,
             mount,
             rate_hz,
@@ -137,10 +139,10 @@ fn region(c: &RawCamera, at: &str, check: &mut Check<'_>) -> Option<Region> {
     ];
     for (from_name, from, length_name, length, side) in sides {
         let whole = format!("{at}.{length_name} is {side}");
-        if length < LEAST_SIDE_PX {
+        if length < MIN_SIDE_PX {
             check.wrong(
                 &key(length_name),
-                format!("is {length}: give the region a size, at least {LEAST_SIDE_PX} px a side"),
+                format!("is {length}: give the region a size, at least {MIN_SIDE_PX} px a side"),
             );
         } else if from.checked_add(length).is_none_or(|to| to > side) {
             check.wrong(

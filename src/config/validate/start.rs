@@ -7,7 +7,7 @@ use crate::config::servo::{tilted, uses_dimension};
 use crate::config::{Camera, Scene};
 use crate::geometry::Pose;
 use crate::robot::{self, POSITION_RAD_OR_M, RobotDescription, RobotError};
-use crate::scene::{PointInSight, Sight};
+use crate::scene::{PointVisibility, Visibility};
 use crate::target::Target;
 use nalgebra::SVector;
 
@@ -53,14 +53,14 @@ pub(super) struct HiddenPoint {
 /// The first point whose centre the camera does not see when the target lies at `X_CO`; where so many are hidden that the target
 /// cannot be found.
 pub(super) fn hidden(target: &Target, camera: &CameraModel, X_CO: &Pose) -> Option<HiddenPoint> {
-    let sight = Sight::of(target, camera, X_CO);
-    let why = |point: &PointInSight| match point.px {
+    let visibility = Visibility::of(target, camera, X_CO);
+    let why = |point: &PointVisibility| match point.px {
         None => Some("behind the camera"),
         Some(px) if !camera.contains(&px.into(), 0.0) => Some("outside the image"),
         Some(_) => None,
     };
-    let hidden: Vec<_> = sight.points.iter().filter_map(|point| Some((point, why(point)?))).collect();
-    if sight.points.len() - hidden.len() >= sight.needed {
+    let hidden: Vec<_> = visibility.points.iter().filter_map(|point| Some((point, why(point)?))).collect();
+    if visibility.points.len() - hidden.len() >= visibility.needed {
         return None;
     }
     let (first, why) = hidden.first()?;

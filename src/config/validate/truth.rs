@@ -6,9 +6,8 @@ use crate::config::check::{Check, pose};
 use crate::config::raw::{DriveKind, MountKind, RawBackdrop, RawBystander, RawConfig, RawOccluder, RawScene};
 use crate::config::target::{LENGTH_M, RawTarget, made};
 use crate::config::{Camera, Scene};
-use crate::robot::{self, RobotDescription};
+use crate::robot::{self, Mount, RobotDescription};
 use crate::scene::{Backdrop, Bystander, Occluder, SceneLook, SceneMotion};
-use crate::servo::Mount;
 use crate::target::{Kind, Target};
 use crate::time::SpanNs;
 use nalgebra::Vector2;
@@ -133,7 +132,7 @@ fn backdrop(raw: &RawBackdrop, seed: u64, check: &mut Check<'_>) -> Backdrop {
         range("clutter_size_m", raw.clutter_size_m, Backdrop::SIZE_M),
         range("clutter_reach_m", raw.clutter_reach_m, Backdrop::SIZE_M),
     );
-    let clutter = check.count("scene.backdrop.clutter", raw.clutter, 0..=Backdrop::MOST_CLUTTER);
+    let clutter = check.count("scene.backdrop.clutter", raw.clutter, 0..=Backdrop::MAX_CLUTTER);
     Backdrop { texture_levels, texture_size_m, clutter, clutter_size_m, clutter_reach_m, seed }
 }
 

@@ -4,24 +4,24 @@
 //! | --- | --- | --- |
 //! | [`Servoing`] | views of the target | what the servo law says |
 //! | [`Servoing::dry`] | the same without an arm, or before pictures of another one | nothing, and tells what the law says |
-//! | [`Gentle`] | measurements, whatever their stamps say | a gentle motion of the joints, to calibrate by |
-//! | [`Tour`] | where the board is seen at the start | a motion from posture to posture, with rests, to calibrate by |
+//! | [`ExcitationMotion`] | measurements, whatever their stamps say | a gentle motion of the joints, to calibrate by |
+//! | [`CalibrationTour`] | where the board is seen at the start | a motion from posture to posture, with rests, to calibrate by |
 //! | standing, braking | nothing | rest: what the controller does where no behaviour moves the arm |
 
-mod gentle;
+mod calibration_tour;
+mod excitation;
 mod servoing;
-mod tour;
 
-pub use gentle::Gentle;
+pub use calibration_tour::CalibrationTour;
+pub use excitation::ExcitationMotion;
 pub use servoing::Servoing;
-pub use tour::Tour;
 
 use super::outcome::Finish;
 use crate::drive::DriveState;
 use crate::messages::Measurement;
 use crate::motion::MotionLimits;
 use crate::robot::Robot;
-use crate::servo::{Approach, Drift, Intake, SetPoint};
+use crate::servo::{Convergence, Drift, MeasurementVerdict, SetPoint};
 use crate::time::MonoNs;
 use nalgebra::{SVector, Vector6};
 
@@ -36,7 +36,7 @@ pub struct ArmModel<const N: usize> {
 
 /// What the joints shall do in a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Intent<const N: usize> {
+pub enum MotionCommand<const N: usize> {
     /// Stand.
     Stand,
     /// Stand, although a law that is only looked at wishes this velocity, rad/s or m/s.
@@ -44,12 +44,12 @@ pub enum Intent<const N: usize> {
     /// Move like this, rad/s or m/s, whatever the camera's posture: a motion of joints.
     Joints(SVector<f64, N>),
     /// Move like this, rad/s or m/s, on the way to a goal.
-    Velocity(SVector<f64, N>, Approach<N>),
+    Velocity(SVector<f64, N>, Convergence<N>),
     /// Push like this, N m or N, gravity included.
     Torque(SVector<f64, N>),
 }
 
-impl<const N: usize> Intent<N> {
+impl<const N: usize> MotionCommand<N> {
     /// The velocity that it names, rad/s or m/s.
     #[must_use]
     pub fn velocity(&self) -> SVector<f64, N> {
@@ -66,19 +66,25 @@ pub trait Behaviour<const N: usize>: Send + std::fmt::Debug {
     fn note_arm(&mut self, now: MonoNs, state: &DriveState<N>);
 
     /// Takes a measurement in; the arm stands in `q`.
-    fn take(&mut self, now: MonoNs, q: &SVector<f64, N>, m: &Measurement, arm: &ArmModel<N>) -> Intake;
+    fn take(
+        &mut self,
+        now: MonoNs,
+        q: &SVector<f64, N>,
+        m: &Measurement,
+        arm: &ArmModel<N>,
+    ) -> MeasurementVerdict;
 
     /// Share of a wished velocity that what is known at `now` justifies, 0 to 1; at 0 there is nothing to go by.
     fn confidence(&self, now: MonoNs) -> f64;
 
     /// What the joints shall do at this tick.
-    fn intent(&mut self, state: &DriveState<N>, robot: &Robot<N>) -> Intent<N>;
+    fn motion_command(&mut self, state: &DriveState<N>, robot: &Robot<N>) -> MotionCommand<N>;
 
     /// The arm does not move by this behaviour in this tick.
     fn pause(&mut self);
 
     /// What an arm in `q` that has lost its view may do to find it again; `None`: it stands.
-    fn way_back(&self, _q: &SVector<f64, N>) -> Option<Intent<N>> {
+    fn way_back(&self, _q: &SVector<f64, N>) -> Option<MotionCommand<N>> {
         None
     }
 
@@ -108,9 +114,12 @@ pub trait Behaviour<const N: usize>: Send + std::fmt::Debug {
     }
 
     /// From now on the goal is sought more slowly. Whether it is.
-    fn calm(&mut self) -> bool {
+    fn reduce_gain(&mut self) -> bool {
         false
     }
+
+    /// From now on the goal is sought as quickly as at first.
+    fn seek_at_full_gain(&mut self) {}
 
     /// Whether a part of the target is hidden.
     fn is_degraded(&self) -> bool {

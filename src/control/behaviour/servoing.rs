@@ -1,11 +1,11 @@
 //! Servoing to the goal by what the camera sees.
 
-use super::{ArmModel, Behaviour, Intent};
+use super::{ArmModel, Behaviour, MotionCommand};
 use crate::control::safety::{Freshness, MeasurementWatch};
 use crate::drive::DriveState;
 use crate::messages::Measurement;
 use crate::robot::Robot;
-use crate::servo::{Drift, Intake, SetPoint, VisualServo, Wish};
+use crate::servo::{Drift, LawOutput, MeasurementVerdict, SetPoint, VisualServo};
 use crate::time::MonoNs;
 use nalgebra::{SMatrix, SVector, Vector6};
 
@@ -39,12 +39,18 @@ impl<const N: usize> Behaviour<N> for Servoing<N> {
         self.servo.note_arm(now, &state.q, &state.qd);
     }
 
-    fn take(&mut self, now: MonoNs, _q: &SVector<f64, N>, m: &Measurement, arm: &ArmModel<N>) -> Intake {
-        let intake = self.servo.take(now, m, &arm.robot);
-        if intake.is_used() {
+    fn take(
+        &mut self,
+        now: MonoNs,
+        _q: &SVector<f64, N>,
+        m: &Measurement,
+        arm: &ArmModel<N>,
+    ) -> MeasurementVerdict {
+        let verdict = self.servo.take(now, m, &arm.robot);
+        if verdict.is_used() {
             self.watch.good(m.exposure);
         }
-        intake
+        verdict
     }
 
     fn confidence(&self, now: MonoNs) -> f64 {
@@ -54,13 +60,13 @@ impl<const N: usize> Behaviour<N> for Servoing<N> {
         }
     }
 
-    fn intent(&mut self, state: &DriveState<N>, robot: &Robot<N>) -> Intent<N> {
-        match (self.servo.wish(&state.q, &state.qd, robot), self.servo.approach()) {
-            (Some(Wish::Velocity(qd)), _) if self.dry => Intent::Look(qd),
-            (Some(Wish::Velocity(qd)), Some(approach)) => Intent::Velocity(qd, *approach),
-            (Some(Wish::Torque(tau)), _) if !self.dry => Intent::Torque(tau),
+    fn motion_command(&mut self, state: &DriveState<N>, robot: &Robot<N>) -> MotionCommand<N> {
+        match (self.servo.wish(&state.q, &state.qd, robot), self.servo.convergence()) {
+            (Some(LawOutput::Velocity(qd)), _) if self.dry => MotionCommand::Look(qd),
+            (Some(LawOutput::Velocity(qd)), Some(convergence)) => MotionCommand::Velocity(qd, *convergence),
+            (Some(LawOutput::Torque(tau)), _) if !self.dry => MotionCommand::Torque(tau),
             // At a singularity of task or arm there may be nothing to follow.
-            _ => Intent::Stand,
+            _ => MotionCommand::Stand,
         }
     }
 
@@ -68,8 +74,11 @@ impl<const N: usize> Behaviour<N> for Servoing<N> {
         self.servo.restart();
     }
 
-    fn way_back(&self, q: &SVector<f64, N>) -> Option<Intent<N>> {
-        self.servo.way_back(q).filter(|_| !self.dry).map(|(qd, approach)| Intent::Velocity(qd, approach))
+    fn way_back(&self, q: &SVector<f64, N>) -> Option<MotionCommand<N>> {
+        self.servo
+            .way_back(q)
+            .filter(|_| !self.dry)
+            .map(|(qd, convergence)| MotionCommand::Velocity(qd, convergence))
     }
 
     fn camera_jacobian(&self, robot: &Robot<N>, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
@@ -97,8 +106,12 @@ impl<const N: usize> Behaviour<N> for Servoing<N> {
         self.servo.is_teaching()
     }
 
-    fn calm(&mut self) -> bool {
-        !self.dry && self.servo.calm()
+    fn reduce_gain(&mut self) -> bool {
+        !self.dry && self.servo.reduce_gain()
+    }
+
+    fn seek_at_full_gain(&mut self) {
+        self.servo.seek_at_full_gain();
     }
 
     fn is_degraded(&self) -> bool {

@@ -1,7 +1,7 @@
 //! The controller: lifecycle, behaviour, motion and gate, one step a tick.
 //!
 //! ```text
-//! DriveState ─► watch ─► lifecycle ─► behaviour's intent, or rest ─► reference ─► joint controller ─► gate ─► DriveCommand
+//! DriveState ─► watch ─► lifecycle ─► behaviour's motion command, or rest ─► reference ─► joint controller ─► gate ─► DriveCommand
 //! Measurement ──────────► behaviour                                   (limits)      (torque)
 //! ```
 //! Each entry into motion of an arm that stands, and each fault, puts the reference on the measured arm where it is not there already.
@@ -15,7 +15,7 @@ mod settings;
 
 pub use settings::{ControlOutput, ControllerSettings, Rest};
 
-use crate::control::behaviour::{ArmModel, Behaviour, Intent};
+use crate::control::behaviour::{ArmModel, Behaviour, MotionCommand};
 use crate::control::gate::{Gate, Passed};
 use crate::control::lifecycle::{Cue, Refusal, Request, State, Step};
 use crate::control::safety::{ArmWatch, Fault, RestWatch};
@@ -31,7 +31,7 @@ use nalgebra::SVector;
 /// A reference so near to the measured arm (rad or m; rad/s or m/s) is on it.
 const ON_THE_ARM: (f64, f64) = (2e-3, 0.1);
 /// Share of the rate of learning that is left to an arm that swings.
-const CALM_SHARE: f64 = 0.4;
+const REDUCED_SHARE: f64 = 0.4;
 /// Share of the largest tracking error beyond which a braking reference is put back on the arm.
 const ASTRAY: f64 = 0.3;
 /// Speed below which an arm whose motion was taken away is held again, rad/s or m/s.
@@ -55,6 +55,8 @@ pub struct Controller<const N: usize> {
     mode: CommandMode,
     reference: Reference<N>,
     state: State,
+    /// Of this loss of the view the way back is over.
+    has_returned: bool,
     fault: Option<Fault>,
     /// A fault from outside that the next step takes in.
     failure: Option<Fault>,
@@ -103,6 +105,7 @@ impl<const N: usize> Controller<N> {
             },
             max_tracking_error: settings.max_tracking_error,
             state: State::Idle,
+            has_returned: false,
             fault: None,
             failure: None,
             watch: ArmWatch::default(),
@@ -166,6 +169,10 @@ impl<const N: usize> Controller<N> {
                 if request == Request::Teach {
                     self.behaviour.teach();
                 }
+                if matches!(request, Request::Start | Request::Reset) {
+                    self.restore_gain();
+                    self.behaviour.seek_at_full_gain();
+                }
                 self.state = next;
                 Ok(())
             }
@@ -178,17 +185,17 @@ impl<const N: usize> Controller<N> {
     }
 
     /// The arm moves about its goal and gets no nearer: from now on it goes there, and learns, more slowly. Whether it does.
-    pub fn calm(&mut self) -> bool {
-        let calms = self.state == State::Servoing && self.behaviour.calm();
-        if calms {
-            self.learning *= CALM_SHARE;
+    pub fn reduce_gain(&mut self) -> bool {
+        let reduced = self.state == State::Servoing && self.behaviour.reduce_gain();
+        if reduced {
+            self.learning *= REDUCED_SHARE;
             self.joint_control.learn_at(self.learning);
         }
-        calms
+        reduced
     }
 
     /// The arm stands before its goal: what was slowed down learns at its full rate again, which frees a joint that sticks. Whether it does.
-    pub fn rouse(&mut self) -> bool {
+    pub fn restore_gain(&mut self) -> bool {
         let slow = self.learning < 1.0;
         self.learning = 1.0;
         self.joint_control.learn_at(1.0);
@@ -209,41 +216,39 @@ impl<const N: usize> Controller<N> {
         measurement: Option<&Measurement>,
     ) -> ControlOutput<N> {
         let state = self.sense(now, drive);
-        let (mut intake, mut confidence) = (None, 0.0);
+        let (mut verdict, mut confidence) = (None, 0.0);
         let observed = state.map(|state| {
             let (q, qd) = self.joint_control.observe(&self.arm.robot, &state.q, &state.qd);
             DriveState { q, qd, ..state }
         });
         if let Some(observed) = &observed {
             self.behaviour.note_arm(now, observed);
-            intake = measurement.map(|m| self.behaviour.take(now, &observed.q, m, &self.arm));
+            verdict = measurement.map(|m| self.behaviour.take(now, &observed.q, m, &self.arm));
             confidence = self.behaviour.confidence(now);
             if let Some(drift) = self.behaviour.take_drift() {
                 self.joint_control.learn(&drift, now);
             }
         }
-        self.live(state.as_ref(), confidence);
-        let intent = match (&observed, self.state.moves()) {
-            (Some(state), true) => self.behaviour.intent(state, &self.arm.robot),
-            (state, false) => {
-                self.behaviour.pause();
-                let lost = state.as_ref().filter(|_| self.state == State::Holding);
-                if let Some(back) = lost.and_then(|state| self.behaviour.way_back(&state.q)) {
-                    // It goes by where the arm was, not by a view.
-                    confidence = 1.0;
-                    back
-                } else {
-                    Intent::Stand
-                }
+        let way_back = observed.as_ref().and_then(|state| self.behaviour.way_back(&state.q));
+        self.live(state.as_ref(), confidence, way_back.is_some());
+        if self.state != State::Servoing {
+            self.behaviour.pause();
+        }
+        let motion_command = match (&observed, self.state, way_back) {
+            (Some(state), State::Servoing, _) => self.behaviour.motion_command(state, &self.arm.robot),
+            (Some(_), State::Returning, Some(back)) => {
+                // It goes by where the arm was, not by a view.
+                confidence = 1.0;
+                back
             }
-            (None, true) => Intent::Stand,
+            _ => MotionCommand::Stand,
         };
         self.joint_control.soften(self.fault.is_some());
         // A state that is none: the arm is thought to be where its reference is.
         let seen = state.is_some();
         let measured = state.unwrap_or_else(|| self.believed());
         let state = observed.unwrap_or(measured);
-        let motion = self.motion(&state, &intent, confidence);
+        let motion = self.motion(&state, &motion_command, confidence);
         let mut limits = motion.limits;
         let tau = self.torque(&state, &motion, seen, &mut limits);
         let Passed { command, cut, fault } = self.gate.pass(self.reference.state(), &tau);
@@ -256,9 +261,9 @@ impl<const N: usize> Controller<N> {
             command,
             state: self.state,
             fault: self.fault,
-            wish: intent.velocity(),
+            wish: motion_command.velocity(),
             limits,
-            intake,
+            verdict,
             events: std::mem::take(&mut self.events),
         }
     }
@@ -287,19 +292,19 @@ impl<const N: usize> Controller<N> {
                     self.fail(Fault::StartsElsewhere);
                 }
             }
-            self.seat(drive);
+            self.reset_to_measured(drive);
         }
         Some(*drive)
     }
 
-    /// Where the lifecycle goes by what is seen.
-    fn live(&mut self, state: Option<&DriveState<N>>, confidence: f64) {
-        let moved = self.state.moves();
+    /// Where the lifecycle goes by what is seen, and by whether there is a way back to where the target was.
+    fn live(&mut self, state: Option<&DriveState<N>>, confidence: f64, way_back: bool) {
+        let before = self.state;
         if let Some(fault) = self.failure.take() {
             self.fault.get_or_insert(fault);
             self.cue(Cue::Failed);
             if let Some(state) = state {
-                self.seat(state);
+                self.reset_to_measured(state);
             }
         }
         if self.rest == Rest::AtRest || (self.rest == Rest::Unknown && self.fault.is_some()) {
@@ -309,8 +314,14 @@ impl<const N: usize> Controller<N> {
             self.cue(Cue::Taught);
         }
         self.cue(if confidence > 0.0 && state.is_some() { Cue::InView } else { Cue::OutOfView });
-        if let Some(state) = state.filter(|_| self.state.moves() && !moved) {
-            self.seat(state);
+        // Once for each loss: noise about the end of the way back begins no other.
+        self.cue(if way_back && !self.has_returned { Cue::WayBack } else { Cue::Returned });
+        self.has_returned = match self.state {
+            State::Holding => self.has_returned || before == State::Returning,
+            _ => false,
+        };
+        if let Some(state) = state.filter(|_| self.state == State::Servoing && before != State::Servoing) {
+            self.reset_to_measured(state);
             self.watch.restart();
         }
     }
@@ -320,7 +331,8 @@ impl<const N: usize> Controller<N> {
             let event = match (self.state, next) {
                 (_, State::Failing) => self.fault.map(Event::Fault),
                 (State::Servoing, State::Holding) => Some(Event::Holding),
-                (State::Holding, State::Servoing) => Some(Event::Resumed),
+                (State::Holding, State::Returning) => Some(Event::Returning),
+                (State::Holding | State::Returning, State::Servoing) => Some(Event::Resumed),
                 (State::Teaching, State::Held) => Some(Event::Taught),
                 _ => None,
             };
@@ -331,7 +343,7 @@ impl<const N: usize> Controller<N> {
 
     /// Puts the reference on the measured arm, where it is not there already. While one of them moves that is a leap of its velocity,
     /// which is made in a fault alone: a torque towards where the arm is not would drive it on. What passes the gate never leaps.
-    fn seat(&mut self, state: &DriveState<N>) {
+    fn reset_to_measured(&mut self, state: &DriveState<N>) {
         let stands = !self.gate.is_open() || self.rest == Rest::AtRest;
         // What a drive obeys goes on from what it was told: there the way back to the arm is one within the limits.
         let obeyed = self.mode != CommandMode::Torque && self.gate.is_open();
@@ -344,9 +356,9 @@ impl<const N: usize> Controller<N> {
         if (r.q - state.q).amax() <= ON_THE_ARM.0 && (r.qd - qd).amax() <= ON_THE_ARM.1 {
             return;
         }
-        self.reference.seat(&state.q, &qd);
+        self.reference.reset_to_measured(&state.q, &qd);
         self.gate.begin_at(&state.q);
-        self.joint_control.seat(&state.q, &qd);
+        self.joint_control.reset_to_measured(&state.q, &qd);
     }
 
     /// The arm where its reference is.
@@ -372,7 +384,7 @@ impl<const N: usize> Controller<N> {
             // One that does not brake as told is not as believed: motion is taken away from it until it has hardly any.
             let astray = distance > ASTRAY * self.max_tracking_error || self.joint_control.damps();
             if self.mode == CommandMode::Torque && astray {
-                self.reference.seat(&state.q, qd);
+                self.reference.reset_to_measured(&state.q, qd);
                 self.joint_control.damp(qd.amax() > SLOW);
             }
             return None;

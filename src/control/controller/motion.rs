@@ -1,10 +1,10 @@
-//! From an intent to a reference within the limits, and to the torque that follows it.
+//! From a motion command to a reference within the limits, and to the torque that follows it.
 
 use super::Controller;
-use crate::control::behaviour::{ArmModel, Intent};
+use crate::control::behaviour::{ArmModel, MotionCommand};
 use crate::drive::{CommandMode, DriveState};
-use crate::motion::{ActingLimits, Limit, ReferenceState, brakeable, evade};
-use crate::servo::Approach;
+use crate::motion::{ActingLimits, Limit, ReferenceState, brakeable, damp_singularity};
+use crate::servo::Convergence;
 use crate::time::TICK;
 use nalgebra::SVector;
 
@@ -31,17 +31,24 @@ pub(super) struct Motion<const N: usize> {
 
 impl<const N: usize> Controller<N> {
     /// The reference of this tick, and on to that of the next one.
-    pub(super) fn motion(&mut self, state: &DriveState<N>, intent: &Intent<N>, confidence: f64) -> Motion<N> {
+    pub(super) fn motion(
+        &mut self,
+        state: &DriveState<N>,
+        motion_command: &MotionCommand<N>,
+        confidence: f64,
+    ) -> Motion<N> {
         let mut limits = ActingLimits::default();
-        let wish = match intent {
-            Intent::Torque(tau) => return self.pushed(state, tau, confidence),
-            Intent::Stand | Intent::Look(_) if self.mode == CommandMode::Position && self.fault.is_some() => {
+        let wish = match motion_command {
+            MotionCommand::Torque(tau) => return self.pushed(state, tau, confidence),
+            MotionCommand::Stand | MotionCommand::Look(_)
+                if self.mode == CommandMode::Position && self.fault.is_some() =>
+            {
                 (state.q - self.reference.state().q) * BACK_1_S
             }
-            Intent::Stand | Intent::Look(_) => SVector::zeros(),
-            Intent::Joints(qd) => *qd,
-            Intent::Velocity(qd, approach) => {
-                let (qd, acting) = self.held_back(&state.q, qd, approach, confidence);
+            MotionCommand::Stand | MotionCommand::Look(_) => SVector::zeros(),
+            MotionCommand::Joints(qd) => *qd,
+            MotionCommand::Velocity(qd, convergence) => {
+                let (qd, acting) = self.held_back(&state.q, qd, convergence, confidence);
                 limits = acting;
                 qd
             }
@@ -68,7 +75,7 @@ impl<const N: usize> Controller<N> {
         // Friction is made up for, as the laws have it, which know of none.
         let qdd = robot.forward_dynamics(&state.q, &state.qd, &within);
         let trusted = qdd * confidence - state.qd * (BRAKE_1_S * (1.0 - confidence));
-        self.reference.place(&state.q, &state.qd);
+        self.reference.track_measured(&state.q, &state.qd);
         let after = *self.reference.accelerate(&trusted, TICK);
         let mut limits = after.limits;
         if confidence < 1.0 {
@@ -93,18 +100,18 @@ impl<const N: usize> Controller<N> {
         &self,
         q: &SVector<f64, N>,
         wish: &SVector<f64, N>,
-        approach: &Approach<N>,
+        convergence: &Convergence<N>,
         confidence: f64,
     ) -> (SVector<f64, N>, ActingLimits) {
         let ArmModel { robot, limits } = &self.arm;
-        let (mut wish, mut acting) = brakeable(wish, approach, self.reference.state(), limits);
+        let (mut wish, mut acting) = brakeable(wish, convergence, self.reference.state(), limits);
         if confidence < 1.0 {
             wish *= confidence;
             (0..N).for_each(|i| acting.set(Limit::View, i));
         }
         let J_C = self.behaviour.camera_jacobian(robot, q);
-        let (wish, evading) = evade(robot, q, &J_C, &wish, &approach.free);
-        (wish, acting.with(&evading))
+        let (wish, damping) = damp_singularity(robot, q, &J_C, &wish, &convergence.free);
+        (wish, acting.with(&damping))
     }
 
     /// The torque for the time until the next tick, N m or N.
@@ -122,6 +129,7 @@ impl<const N: usize> Controller<N> {
             (true, false) => self.joint_control.torque_for(robot, &state.q, &state.qd, &motion.now.qdd),
         };
         limits.add(Limit::Effort, torque.saturated);
+        limits.add(Limit::Stall, torque.stalled);
         torque.tau
     }
 }

@@ -7,7 +7,7 @@ use crate::control::safety::Fault;
 use crate::control::trace::Events;
 use crate::drive::{CommandMode, DriveCommand};
 use crate::motion::{ActingLimits, JointController};
-use crate::servo::Intake;
+use crate::servo::MeasurementVerdict;
 use crate::time::SpanNs;
 use nalgebra::SVector;
 
@@ -74,7 +74,7 @@ pub struct ControlOutput<const N: usize> {
     /// The limits that acted, and on which joints.
     pub limits: ActingLimits,
     /// What became of the measurement, if there was one.
-    pub intake: Option<Intake>,
+    pub verdict: Option<MeasurementVerdict>,
     /// What happened.
     pub events: Events,
 }

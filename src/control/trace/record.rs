@@ -5,7 +5,7 @@ use crate::control::outcome::Outcome;
 use crate::control::safety::Fault;
 use crate::messages::{TRACE_LIMITS, TraceMsg, joint_flag, trace_flag};
 use crate::motion::Limit;
-use crate::servo::Intake;
+use crate::servo::MeasurementVerdict;
 
 impl Trace {
     /// The record of `control/trace`.
@@ -48,7 +48,7 @@ impl Trace {
         if self.finish.is_some() {
             m.flags |= trace_flag::LAST;
         }
-        if let Some(s) = &self.sighting {
+        if let Some(s) = &self.measurement_record {
             m.flags |= trace_flag::MEASUREMENT;
             m.frame_id = s.frame.frame_id;
             m.camera = s.frame.camera;
@@ -57,24 +57,24 @@ impl Trace {
             m.vision_start = s.frame.vision_start;
             m.vision_end = s.frame.vision_end;
             m.feature_error_px = s.error_px;
-            m.intake = s.intake.map_or(0, intake_code);
+            m.verdict = s.verdict.map_or(0, verdict_code);
         }
         m
     }
 }
 
-fn intake_code(intake: Intake) -> u32 {
-    match intake {
-        Intake::Used => 1,
-        Intake::UsedFromFuture => 2,
-        Intake::NoTarget => 3,
-        Intake::OtherFeatures => 4,
-        Intake::TooFewFeatures => 5,
-        Intake::Inconsistent => 6,
-        Intake::NotNewer => 7,
-        Intake::RefusedFromFuture => 8,
-        Intake::TooOld => 9,
-        Intake::ImpossiblePose => 10,
+fn verdict_code(verdict: MeasurementVerdict) -> u32 {
+    match verdict {
+        MeasurementVerdict::Used => 1,
+        MeasurementVerdict::UsedFromFuture => 2,
+        MeasurementVerdict::NoTarget => 3,
+        MeasurementVerdict::OtherFeatures => 4,
+        MeasurementVerdict::TooFewFeatures => 5,
+        MeasurementVerdict::Inconsistent => 6,
+        MeasurementVerdict::NotNewer => 7,
+        MeasurementVerdict::RefusedFromFuture => 8,
+        MeasurementVerdict::TooOld => 9,
+        MeasurementVerdict::ImpossiblePose => 10,
     }
 }
 
@@ -103,6 +103,7 @@ fn event_number(event: Event) -> u32 {
         Event::Requested(_) => 10,
         Event::GoalReached => 11,
         Event::ImpossiblePose => 12,
-        Event::Calmed => 13,
+        Event::GainReduced => 13,
+        Event::Returning => 14,
     }
 }

@@ -1,6 +1,9 @@
 //! Corners of one board by their ids, and where those should be that are not there yet.
 
 mod check;
+mod ends;
+
+pub(super) use ends::Beyond;
 
 use super::strongest::strongest;
 use crate::imaging::ImageView;
@@ -10,12 +13,12 @@ use nalgebra::Vector2;
 /// A fit may end so far from where it began, in squares.
 const REACH: f64 = 0.1;
 /// The same at least, px.
-const LEAST_REACH_PX: f64 = 1.5;
+const MIN_REACH_PX: f64 = 1.5;
 /// Relative uncertainty of the blur before the first fits, and of the others' after them.
 const BLUR_UNKNOWN: f64 = 0.7;
 const BLUR_KNOWN: f64 = 0.2;
 /// Largest stated deviation of a corner that is used, px.
-const MOST_SIGMA_PX: f64 = 0.6;
+const MAX_SIGMA_PX: f64 = 0.6;
 /// On squares larger than that the windows do not reach to the next edges, px and blurs.
 const SMALL_PX: f64 = 8.0;
 const SMALL_BLURS: f64 = 3.0;
@@ -107,7 +110,7 @@ impl Board {
             if side > SMALL_PX + SMALL_BLURS * blur_px {
                 continue;
             }
-            let again = self.fit_one(image, id, fit.px, steps, (blur_px, BLUR_KNOWN), LEAST_REACH_PX);
+            let again = self.fit_one(image, id, fit.px, steps, (blur_px, BLUR_KNOWN), MIN_REACH_PX);
             if let Some(slot) = self.slots.get_mut(id) {
                 *slot = again.map_or(Slot { tried: true, ..EMPTY }, |f| Slot {
                     px: f.px,
@@ -198,7 +201,7 @@ impl Board {
                     continue;
                 };
                 let side = right.norm().min(down.norm());
-                let reach_px = (REACH * side).max(LEAST_REACH_PX);
+                let reach_px = (REACH * side).max(MIN_REACH_PX);
                 let known = blur.map_or((blur_px, BLUR_UNKNOWN), |b| (b, BLUR_KNOWN));
                 let fit = self.fit_one(image, id, slot.px, [right, down], known, reach_px);
                 if let Some(slot) = self.slots.get_mut(id)
@@ -237,7 +240,7 @@ impl Board {
         let guess = CornerGuess { px, steps_px, changes_px, blur_px, blur_spread, goes_on };
         let fit = self.fitter.fit(image, &guess, reach_px)?;
         let light = ((c + r) % 2 == 0) == self.even_light;
-        ((fit.half_contrast > 0.0) == light && sigma(&fit) < MOST_SIGMA_PX).then_some(fit)
+        ((fit.half_contrast > 0.0) == light && sigma(&fit) < MAX_SIGMA_PX).then_some(fit)
     }
 
     /// Fits a corner where it was predicted, and keeps it; whether there is one.
@@ -307,7 +310,7 @@ impl Board {
             let Some(slot) = self.slots.get_mut(id).filter(|_| n > 0.0) else { continue };
             slot.tried = true;
             // where there is nothing like a corner, a fit would take long to fail
-            let radius = LEAST_REACH_PX + 0.6;
+            let radius = MIN_REACH_PX + 0.6;
             if strongest(image, sum / n, radius, RESPONSE_PART * contrast as f32).is_some() {
                 slot.px = sum / n;
                 added += 1;

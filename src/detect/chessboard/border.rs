@@ -29,8 +29,8 @@ const PAST_PX: f64 = 1.2;
 /// How far the ends of the light squares may lie from each other where squares are cut short, in squares.
 const EVEN: f64 = 0.1;
 /// Least number of dark and of light squares that must agree.
-const LEAST_DARK: usize = 2;
-const LEAST_LIGHT: usize = 1;
+const MIN_DARK: usize = 2;
+const MIN_LIGHT: usize = 1;
 /// Share of the squares that must agree.
 const SHARE: f64 = 0.7;
 const SHARE_PAPER: f64 = 0.6;
@@ -108,13 +108,13 @@ pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -
     let light = || seen.iter().filter(|s| s.light);
     let far = light().count();
     let go_on = light().filter(|s| s.end > line + past).count();
-    if go_on < LEAST_LIGHT || (go_on as f64) < SHARE * far as f64 {
+    if go_on < MIN_LIGHT || (go_on as f64) < SHARE * far as f64 {
         return End::Unseen;
     }
     // where squares are cut short, a light thing that lies on the board would look the same: but paper ends
     let even = |a: &Seen| light().filter(|s| (s.end - a.end).abs() < EVEN && s.end < REACH).count();
     let paper = light().map(even).max().unwrap_or(0) as f64 >= SHARE_PAPER * far as f64;
-    match (agree >= LEAST_DARK, WHOLE.contains(&line), paper) {
+    match (agree >= MIN_DARK, WHOLE.contains(&line), paper) {
         (true, true, _) | (true, _, true) => End::Seen,
         (false, true, _) | (false, _, true) => End::Likely,
         _ => End::Unseen,

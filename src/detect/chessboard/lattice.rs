@@ -17,7 +17,7 @@ const ASIDE: f32 = 0.35;
 /// Cosine between a link and an edge at its end.
 const STRAIGHT: f32 = 0.92;
 /// What remains of the contrast beside an edge, where a link is believed.
-const LEAST_CONTRAST: f32 = 0.3;
+const MIN_CONTRAST: f32 = 0.3;
 /// How unlike the contrasts of two neighbours may be.
 const LIGHT_RATIO: f32 = 2.0;
 /// The same for their responses.
@@ -291,7 +291,7 @@ fn edge_between(image: &ImageView<'_>, node: &Node, edge: usize, d: [f32; 2]) ->
         }
         image.row(y as usize).get(x as usize).map(|&p| f32::from(p))
     };
-    let least = LEAST_CONTRAST * node.contrast;
+    let least = MIN_CONTRAST * node.contrast;
     [0.25, 0.5, 0.75].iter().all(|t| {
         let (x, y) = (node.px[0] + t * d[0], node.px[1] + t * d[1]);
         let (light, dark) = (level(x + side[0], y + side[1]), level(x - side[0], y - side[1]));

@@ -9,6 +9,9 @@ pub enum ChessboardMiss {
     /// The image does not have the size that the finder was made for.
     #[error("the image does not have the size that the finder was made for")]
     WrongSize,
+    /// No two grey levels far enough apart for a corner.
+    #[error("no contrast in the image")]
+    NoContrast,
     /// Nowhere do four squares meet.
     #[error("no corners of squares in the image")]
     NoCorners,
@@ -24,6 +27,9 @@ pub enum ChessboardMiss {
     /// A part whose place on the board cannot be told: too little of the border is seen.
     #[error("a part of a chessboard without enough of its border to tell which part")]
     NoBorder,
+    /// More parts of chessboards than one search looks at.
+    #[error("too many parts of chessboards in the image: the search was given up")]
+    GivenUp,
     /// Two boards that look alike.
     #[error("two chessboards that could both be the one that is looked for")]
     Several,
@@ -33,9 +39,10 @@ impl From<ChessboardMiss> for TargetStatus {
     fn from(miss: ChessboardMiss) -> Self {
         match miss {
             ChessboardMiss::WrongSize => Self::WrongSize,
-            ChessboardMiss::NoCorners => Self::NoContrast,
-            ChessboardMiss::TooFewCorners => Self::TooFewRegions,
+            ChessboardMiss::NoContrast => Self::NoContrast,
+            ChessboardMiss::NoCorners | ChessboardMiss::TooFewCorners => Self::TooFewRegions,
             ChessboardMiss::TooLarge | ChessboardMiss::NoMatch => Self::NoMatch,
+            ChessboardMiss::GivenUp => Self::GivenUp,
             ChessboardMiss::NoBorder | ChessboardMiss::Several => Self::Ambiguous,
         }
     }

@@ -25,7 +25,7 @@ use super::{Expected, Found};
 use crate::imaging::ImageView;
 use crate::imaging::corners::{RingDetector, halve};
 use crate::messages::TargetStatus;
-use board::{Board, sigma};
+use board::{Beyond, Board, sigma};
 use border::{End, Outer};
 use lattice::{Links, Placed};
 use nalgebra::Vector2;
@@ -34,12 +34,12 @@ use place::{Extent, Placement, placements};
 use track::Prediction;
 
 /// Least ring response of a corner, grey levels.
-const LEAST_RESPONSE: u8 = 6;
+const MIN_RESPONSE: u8 = 6;
 /// Search begins at the first half that is at most so wide, px.
 const FIRST_WIDTH_PX: usize = 400;
 /// Least number of corners of a part, and least part of the board.
-const LEAST_CORNERS: usize = 6;
-const LEAST_PART: usize = 6;
+const MIN_CORNERS: usize = 6;
+const MIN_PART: usize = 6;
 /// A second board this large, compared with the first, makes the choice ambiguous.
 const SECOND: f64 = 0.6;
 /// Blur before anything is known of it, px.
@@ -50,6 +50,8 @@ const SIDE: std::ops::RangeInclusive<usize> = 2..=60;
 const SHORT: f32 = 0.15;
 /// Places about a part of a board into which it may grow.
 const ROOM: i16 = 3;
+/// Lattices that a search looks at in one level: clutter has a few that are large enough, and each takes up to 5 ms.
+const MAX_LATTICES: usize = 32;
 /// Contradictory links of a lattice that is still looked at: one in so many corners.
 const CONTRADICTIONS: u16 = 12;
 
@@ -73,6 +75,10 @@ pub struct ChessboardFinder {
     board: Board,
     predicted: Board,
     blur_px: f64,
+    /// Lattices that the search may still look at in the current level.
+    left: usize,
+    /// Whether a side of the current lattice shows the board's end.
+    end_seen: bool,
 }
 
 impl ChessboardFinder {
@@ -106,6 +112,8 @@ impl ChessboardFinder {
             board: Board::new(columns, rows),
             predicted: Board::new(columns, rows),
             blur_px: BLUR_PX,
+            left: 0,
+            end_seen: false,
         }
     }
 
@@ -214,7 +222,10 @@ impl ChessboardFinder {
                 Err(miss) => why = telling(why, miss),
             }
         }
-        self.search_level(image, image, 1.0).map_err(|miss| telling(why, miss))
+        self.search_level(image, image, 1.0).map_err(|miss| match telling(why, miss) {
+            ChessboardMiss::NoCorners if !has_contrast(image) => ChessboardMiss::NoContrast,
+            miss => miss,
+        })
     }
 
     /// Searches one level, a pixel of which is `scale` pixels of the image.
@@ -224,12 +235,13 @@ impl ChessboardFinder {
         level: &ImageView<'_>,
         scale: f64,
     ) -> Result<(), ChessboardMiss> {
-        let corners = self.detector.find(level, LEAST_RESPONSE);
+        self.left = MAX_LATTICES;
+        let corners = self.detector.find(level, MIN_RESPONSE);
         if corners.is_empty() {
             return Err(ChessboardMiss::NoCorners);
         }
         let count = usize::from(self.columns.unsigned_abs()) * usize::from(self.rows.unsigned_abs());
-        let least = (count / LEAST_PART).max(LEAST_CORNERS).min(count);
+        let least = (count / MIN_PART).max(MIN_CORNERS).min(count);
         // short links are looked for first: it takes less time, and squares are rarely larger
         for longest_px in [SHORT * level.width() as f32, f32::INFINITY] {
             self.links.find(level, corners, longest_px);
@@ -247,6 +259,11 @@ impl ChessboardFinder {
         let order = std::mem::take(&mut self.order);
         let mut first: Option<usize> = None;
         for &(n, component) in &order {
+            if self.left == 0 {
+                why = ChessboardMiss::GivenUp;
+                break;
+            }
+            self.left -= 1;
             if let Some(first) = first {
                 if f64::from(n) < SECOND * first as f64 {
                     break;
@@ -270,10 +287,16 @@ impl ChessboardFinder {
                     let blur = self.part.blur_px().unwrap_or(BLUR_PX);
                     let fitted = self.board.fit(image, blur);
                     self.board.refit_small(image, blur);
-                    if fitted >= least {
-                        first = Some(usize::from(n));
-                    } else {
+                    let beyond = self.board.beyond(image);
+                    if fitted < least {
                         why = telling(why, ChessboardMiss::TooFewCorners);
+                    } else if beyond.contains(&Beyond::More) {
+                        why = telling(why, ChessboardMiss::TooLarge);
+                    } else if !beyond.contains(&Beyond::End) || (fitted < count && !self.end_seen) {
+                        // it may go on outside the image, or under what covers a part of it
+                        why = telling(why, ChessboardMiss::NoBorder);
+                    } else {
+                        first = Some(usize::from(n));
                     }
                 }
                 Err(miss) => why = telling(why, miss),
@@ -345,6 +368,7 @@ impl ChessboardFinder {
         for (i, end) in (0u8..).zip(&mut seen) {
             *end = border::end(image, self.outer(low, high, i));
         }
+        self.end_seen = seen.iter().any(|end| *end != End::Unseen);
         let mut extent = Extent { low, high, ends: seen.map(|e| e == End::Seen), even_light };
         for axis in 0..2 {
             let span = high[axis] - low[axis] + 1;
@@ -396,14 +420,22 @@ impl ChessboardFinder {
     }
 }
 
+/// Whether a corner of squares could be told from the rest at all: its response is half of what they differ by, at most.
+fn has_contrast(image: &ImageView<'_>) -> bool {
+    let levels = || (0..image.height()).flat_map(|y| image.row(y).iter().copied());
+    let (darkest, brightest) = (levels().min().unwrap_or(0), levels().max().unwrap_or(0));
+    brightest - darkest >= 2 * MIN_RESPONSE
+}
+
 /// Of two reasons the one that came further.
 fn telling(a: ChessboardMiss, b: ChessboardMiss) -> ChessboardMiss {
     let rank = |m: &ChessboardMiss| match m {
-        ChessboardMiss::WrongSize | ChessboardMiss::NoCorners => 0,
+        ChessboardMiss::WrongSize | ChessboardMiss::NoContrast | ChessboardMiss::NoCorners => 0,
         ChessboardMiss::TooFewCorners => 1,
         ChessboardMiss::TooLarge | ChessboardMiss::NoMatch => 2,
         ChessboardMiss::NoBorder => 3,
         ChessboardMiss::Several => 4,
+        ChessboardMiss::GivenUp => 5,
     };
     if rank(&a) > rank(&b) { a } else { b }
 }

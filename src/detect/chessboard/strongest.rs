@@ -1,11 +1,11 @@
 //! Where in a small window the ring response is strongest.
 
 use crate::imaging::ImageView;
-use crate::imaging::corners::RING;
+use crate::imaging::corners::{RING, RING_RADIUS_PX};
 use nalgebra::Vector2;
 
 /// Greatest radius of a window, px.
-const MOST_PX: f64 = 64.0;
+const MAX_PX: f64 = 64.0;
 
 /// The strongest ring response above `least` within `radius` px of a point.
 pub(super) fn strongest(
@@ -14,7 +14,7 @@ pub(super) fn strongest(
     radius: f64,
     least: f32,
 ) -> Option<Vector2<f64>> {
-    let r = radius.min(MOST_PX).ceil() as i64;
+    let r = radius.min(MAX_PX).ceil() as i64;
     if !(about.x.abs() < 1e6 && about.y.abs() < 1e6) {
         return None;
     }
@@ -34,6 +34,17 @@ pub(super) fn strongest(
         }
     }
     best.1
+}
+
+/// The strongest ring response within `radius` px of a point, all of which the image shows.
+pub(super) fn greatest(image: &ImageView<'_>, about: Vector2<f64>, radius: f64) -> Option<f32> {
+    let room = radius + RING_RADIUS_PX as f64 + 1.0;
+    let inside = |at: f64, size: usize| at > room && at + room < size as f64;
+    if !(inside(about.x, image.width()) && inside(about.y, image.height())) {
+        return None;
+    }
+    let place = strongest(image, about, radius, f32::NEG_INFINITY)?;
+    response(image, place.x as i64, place.y as i64)
 }
 
 /// Ring response of one pixel, in real numbers: see [`crate::imaging::corners::RingResponse`].

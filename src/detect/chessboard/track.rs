@@ -9,11 +9,11 @@ use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
 /// Greatest part of a square that a prediction may be off: further away another corner is as near.
-const MOST_SLACK: f64 = 0.6;
+const MAX_SLACK: f64 = 0.6;
 /// Greatest displacement that a fit alone takes in, px, and in squares.
 const FIT_PX: f64 = 1.5;
 /// Least ring response, grey levels.
-const LEAST_RESPONSE: f32 = 4.0;
+const MIN_RESPONSE: f32 = 4.0;
 /// How far a corner may be from where its neighbours' displacement has it: part of the slack, added to [`FIT_PX`].
 const UNEVEN: f64 = 0.15;
 
@@ -36,7 +36,7 @@ pub(super) fn track(
         let Some(steps) = predicted.steps(id) else { continue };
         let Some((c, r)) = board.column_and_row(id) else { continue };
         let slack = slack_px.max(0.0);
-        if !(slack < MOST_SLACK * steps[0].norm().min(steps[1].norm())) {
+        if !(slack < MAX_SLACK * steps[0].norm().min(steps[1].norm())) {
             continue;
         }
         // displacement of those neighbours that were found just now
@@ -50,7 +50,7 @@ pub(super) fn track(
         let (begin, reach) = if n > 0.0 {
             (px + sum / n, FIT_PX + UNEVEN * slack)
         } else if slack > FIT_PX {
-            match strongest(image, px, slack + 1.0, LEAST_RESPONSE) {
+            match strongest(image, px, slack + 1.0, MIN_RESPONSE) {
                 Some(at) => (at, FIT_PX + 0.5),
                 None => continue,
             }

@@ -3,14 +3,14 @@
 use crate::imaging::Component;
 
 /// Least area that is measured, px^2: a dot of 3 px radius, tilted by 60 degrees, has 14.
-const LEAST_AREA_PX2: f64 = 9.0;
+const MIN_AREA_PX2: f64 = 9.0;
 /// Least area of a region whose holes are filled, px^2.
-const LEAST_HOLED_AREA_PX2: f64 = 25.0;
+const MIN_HOLED_AREA_PX2: f64 = 25.0;
 /// Flattest ellipse that is taken for a dot (78 degrees of tilt).
-const LEAST_AXIS_RATIO: f64 = 0.2;
+const MIN_AXIS_RATIO: f64 = 0.2;
 
 /// Least part of its box that an ellipse fills.
-const LEAST_SHARE_OF_BOX: f64 = 0.15;
+const MIN_SHARE_OF_BOX: f64 = 0.15;
 
 /// Ellipse of a dark region.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,12 +27,12 @@ impl Blob {
     /// its second moments call for.
     pub(super) fn of(component: &Component) -> Option<Self> {
         let area = component.m00 as f64;
-        if component.touches_border || area < LEAST_AREA_PX2 {
+        if component.touches_border || area < MIN_AREA_PX2 {
             return None;
         }
         // Cheap first: of its box an ellipse fills pi/4, a tilted flat one less, nothing of it more.
         let box_area = f64::from(component.x1 - component.x0) * f64::from(component.y1 - component.y0);
-        if area > 0.95 * box_area + 4.0 || area < LEAST_SHARE_OF_BOX * box_area {
+        if area > 0.95 * box_area + 4.0 || area < MIN_SHARE_OF_BOX * box_area {
             return None;
         }
         let [xx, xy, yy] = component.covariance();
@@ -44,8 +44,7 @@ impl Blob {
         let ratio = area / (std::f64::consts::PI * major * minor);
         // a ragged rim matters more on a small region
         let tolerance = 0.04 + 0.25 / minor;
-        let good =
-            (ratio - 1.0).abs() < tolerance && minor > LEAST_AXIS_RATIO * major && blob.fills(component);
+        let good = (ratio - 1.0).abs() < tolerance && minor > MIN_AXIS_RATIO * major && blob.fills(component);
         good.then_some(blob)
     }
 
@@ -56,8 +55,8 @@ impl Blob {
         let area = component.m00 as f64;
         let grown = area * most_grown as f64;
         !component.touches_border
-            && (LEAST_HOLED_AREA_PX2..box_area).contains(&area)
-            && grown >= LEAST_SHARE_OF_BOX * box_area
+            && (MIN_HOLED_AREA_PX2..box_area).contains(&area)
+            && grown >= MIN_SHARE_OF_BOX * box_area
     }
 
     /// Whether the ellipse touches the region's box on all four sides: a dot that is partly covered does not.

@@ -21,9 +21,9 @@ use nalgebra::Vector2;
 const REACH_PX: f64 = 3.0;
 const LARGEST_REACH_PX: f64 = 10.0;
 /// Shortest half axis of what counts whole within a dot, px.
-const LEAST_INNER_PX: f64 = 1.5;
+const MIN_INNER_PX: f64 = 1.5;
 /// Least difference between plate and dot, grey levels.
-const LEAST_CONTRAST: f64 = 12.0;
+const MIN_CONTRAST: f64 = 12.0;
 /// Standard deviation of rounding to whole levels, and a little for what neighbouring pixels have in common of it.
 const ROUNDING: f64 = 0.32;
 /// A normal deviate that is cut off at 0 has the variance of one that counts from here on and not below, wherever its mean lies.
@@ -36,12 +36,12 @@ const SHARP_PX: f64 = 0.57;
 const SHARPNESS: f64 = 12.0;
 const SHARPEST_PX: f64 = 0.1;
 /// Levels that count as the plate's or the dot's own cut the ends off a sharp edge, and what is left of it depends on where pixels lie: by
-/// so much for each px that the edge is sharper than `SLACK + BY_DEAD d`, at most `MOST_SLACK`, where a share `d` of the contrast is cut
+/// so much for each px that the edge is sharper than `SLACK + BY_DEAD d`, at most `MAX_SLACK`, where a share `d` of the contrast is cut
 /// off at either end.
 const CUT: f64 = 0.22;
 const SLACK: f64 = 0.33;
 const BY_DEAD: f64 = 1.27;
-const MOST_SLACK: f64 = 0.63;
+const MAX_SLACK: f64 = 0.63;
 /// A dot whose roughness (squared difference of neighbours) exceeds that of the others so many times, and by so much, does
 /// not show the camera's noise: something lies on it.
 const ROUGH_TIMES: f64 = 5.0;
@@ -51,16 +51,16 @@ const UNEVEN_TIMES: f64 = 2.2;
 /// From this half axis on there is room for several pixels at each point of a ring, px.
 const CLUSTERS_FROM_PX: f64 = 8.0;
 /// Points of a ring, of all of them, that must be lighter than the dot by this share of its contrast.
-const LEAST_PLAIN: usize = 20;
-const LEAST_SHARE: f64 = 0.4;
+const MIN_PLAIN: usize = 20;
+const MIN_SHARE: f64 = 0.4;
 /// The blur may reach so many times as far as the plate is looked at, before its foot passes for uneven light.
-const MOST_SHORT: f64 = 1.3;
+const MAX_SHORT: f64 = 1.3;
 /// Variance inside dots over that on the plate, at most: more is blur.
-const MOST_INSIDE: f64 = 1.15;
+const MAX_INSIDE: f64 = 1.15;
 /// Standard deviation that uneven light may account for, as a part of the half axis: beyond that dots are to contradict each other.
-const MOST_UNEVEN: f64 = 4e-4;
+const MAX_UNEVEN: f64 = 4e-4;
 /// Most samples that the light is fitted to.
-const MOST_SAMPLES: usize = 768;
+const MAX_SAMPLES: usize = 768;
 
 /// What is seen of one dot before it is weighed.
 #[derive(Debug, Clone, Copy)]
@@ -122,7 +122,7 @@ impl DotMeter {
             weighed: Vec::with_capacity(most),
             roughness: Vec::with_capacity(most),
             dots: Samples::with_capacity(most),
-            samples: Samples::with_capacity(MOST_SAMPLES.max(most) + RING),
+            samples: Samples::with_capacity(MAX_SAMPLES.max(most) + RING),
             rests: Vec::with_capacity(most),
         }
     }
@@ -136,7 +136,7 @@ impl DotMeter {
         let dot = f64::from(sum) / f64::from(count);
         let contrast = if self.light_on_dark { dot - plate } else { plate - dot };
         // NaN, of no pixels, is no contrast
-        (contrast >= LEAST_CONTRAST).then_some(0.5 * (dot + plate))
+        (contrast >= MIN_CONTRAST).then_some(0.5 * (dot + plate))
     }
 
     /// Whether a region is of another level than nearly all that is around it: clutter mostly is not. Costs less than to look for the
@@ -150,8 +150,8 @@ impl DotMeter {
         let dot = f64::from(sum) / f64::from(count);
         let sign = if self.light_on_dark { -1.0 } else { 1.0 };
         let contrast = sign * (plate - dot);
-        let plain = ring.levels().filter(|level| sign * (level - dot) > LEAST_SHARE * contrast).count();
-        contrast >= LEAST_CONTRAST && plain * RING >= LEAST_PLAIN * ring.count()
+        let plain = ring.levels().filter(|level| sign * (level - dot) > MIN_SHARE * contrast).count();
+        contrast >= MIN_CONTRAST && plain * RING >= MIN_PLAIN * ring.count()
     }
 
     /// Measures dots near the given ellipses into `found`. Those without contrast to their surroundings are left out.
@@ -209,18 +209,18 @@ impl DotMeter {
         let blur = width / (2.0 * deviate(dead));
         // in the blur's own foot nothing is said about light
         let wanted = 3.0 * blur + 0.5;
-        let clear = wanted < MOST_SHORT * free / length;
+        let clear = wanted < MAX_SHORT * free / length;
         let uneven = if clear { self.unevenness(&levels, noise) } else { 0.0 };
         let uneven = uneven.hypot(light.deviation);
         let share = PIXEL_SHARE * (1.0 + SHARPNESS * (SHARP_PX - blur).clamp(0.0, SHARPEST_PX));
-        let share = share.hypot(CUT * ((SLACK + BY_DEAD * dead).min(MOST_SLACK) - blur).max(0.0));
+        let share = share.hypot(CUT * ((SLACK + BY_DEAD * dead).min(MAX_SLACK) - blur).max(0.0));
         found.clear();
         for (((id, blob), levels), weighed) in blobs.iter().zip(&levels).zip(&self.weighed) {
             let (Some(levels), Some(weighed)) = (levels, weighed) else { continue };
             // light moves the level of half-way along the edge's slope
             let (dot, plate) = (levels.dot, levels.plate);
             let per_level = 0.5 * (dot + plate) / (levels.contrast() * plate.max(dot)) * 2.5 * blur;
-            let light_px = (uneven * per_level).min(MOST_UNEVEN * blob.axes().0);
+            let light_px = (uneven * per_level).min(MAX_UNEVEN * blob.axes().0);
             found.extend(self.dot(*id, blob, levels, weighed, (noise, share), light_px, reach));
         }
         self.levels = levels;
@@ -254,7 +254,7 @@ impl DotMeter {
         let dot = f64::from(sum) / f64::from(count);
         let plate = ring.level()?;
         let contrast = if self.light_on_dark { dot - plate } else { plate - dot };
-        (contrast >= LEAST_CONTRAST).then_some(Levels { dot, plate, rough, pairs, ring })
+        (contrast >= MIN_CONTRAST).then_some(Levels { dot, plate, rough, pairs, ring })
     }
 
     /// The light over the lighter of plate and dots.
@@ -267,7 +267,7 @@ impl DotMeter {
     ) -> Light {
         self.dots.clear();
         self.samples.clear();
-        let step = (blobs.len() * RING).div_ceil(MOST_SAMPLES).max(1);
+        let step = (blobs.len() * RING).div_ceil(MAX_SAMPLES).max(1);
         let (mut largest, mut pixels) = (0.0f64, 0);
         for ((_, blob), levels) in blobs.iter().zip(levels) {
             let Some(levels) = levels else { continue };
@@ -311,7 +311,7 @@ impl DotMeter {
         let outer = Ellipse::new(blob.x, blob.y, self.around(id, blob, reach));
         let rim = Ellipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * c));
         // what lies well within a dot is the dot, also under glare
-        let hollow = covered && blob.axes().1 - reach > LEAST_INNER_PX;
+        let hollow = covered && blob.axes().1 - reach > MIN_INNER_PX;
         let inner = hollow.then(|| Ellipse::new(blob.x, blob.y, blob.with_axes(|axis| axis - reach)));
         let sums = weighted_sums(image, [&outer, &rim], inner.as_ref(), &scale);
         (sums.w > 0).then_some(Weighed { sums, scale, dead })
@@ -427,7 +427,7 @@ fn common_noise(inside: f64, levels: &[Option<Levels>], rests: &[[f64; RING]], l
     }
     let (a, b) = (inside * inside, if count > 0.0 { sum / count } else { light.variance });
     let many = count >= RING as f64 || light.samples >= RING;
-    if many { (0.5 * (a.min(MOST_INSIDE * b) + b)).sqrt() } else { inside }
+    if many { (0.5 * (a.min(MAX_INSIDE * b) + b)).sqrt() } else { inside }
 }
 
 /// Standard deviation of the pixels' noise, grey levels: neighbours differ by twice its variance. Dots on which something

@@ -1,15 +1,16 @@
 //! Which regions are which dots of a grid, also where a part of it is hidden.
 //!
 //! ```text
-//! regions ─► lattice: from a seed along two steps, cell by cell ─► homography of the cells ─► large or small
-//!         ─► of all ways to lay what is seen into the grid the one in which all sizes agree
+//! regions ─► each a seed: the lattice about it (walk.rs) ─► homography of the cells ─► large or small
+//!         ─► of all ways to lay what is seen into the grid the one in which all sizes agree (lay.rs); else the next seed
 //! ```
 //! Steps that are short in the picture need not be the grid's own: a tilted grid may be walked along a diagonal. That is
-//! put right when sizes are compared. The picture is never mirrored.
+//! put right when sizes are compared. The picture is never mirrored. The work of a search is bounded by the cells of all its walks.
 //!
 //! Equal dots are a grid when they are all there; of the ways in which it looks the same the upright one is taken.
 
 mod lay;
+mod walk;
 
 use super::blob::Blob;
 use crate::camera_model::CameraModel;
@@ -17,24 +18,17 @@ use crate::messages::TargetStatus;
 use crate::pose::{Correspondence, homography};
 use crate::target::DotGrid;
 use nalgebra::{Matrix2, Matrix3, Vector2};
+use walk::SIDE;
 
-/// Cells on each side of the seed.
-const REACH: i32 = 40;
-const SIDE: usize = 2 * REACH as usize + 1;
-/// Seeds that are tried.
-const SEEDS: usize = 8;
-/// Neighbours of a seed among which its steps are chosen.
-const NEIGHBOURS: usize = 8;
-/// Least sine of the angle between two steps.
-const LEAST_SINE: f64 = 0.3;
-/// How far a dot may lie from where the lattice goes on, in steps.
-const OFF_LATTICE: f64 = 0.28;
 /// Greatest logarithm of a dot's area over that which its cell calls for.
 const AREA_TOLERANCE: f64 = 0.42;
 /// Least share of the cells whose dots have a dot's size.
-const LEAST_CLEAR: f64 = 0.7;
+const MIN_CLEAR: f64 = 0.7;
 /// So many more dots than those of a window tell the place also where they do not form one.
 const MORE: usize = 3;
+/// Cells that all walks of one search may take, for each candidate that there may be: dots of the grid are walked once or twice.
+const MAX_WALKED: usize = 8;
+
 /// A dot seen in a cell of the lattice.
 #[derive(Debug, Clone, Copy)]
 struct Cell {
@@ -58,9 +52,19 @@ pub(super) struct Lattice {
     focal_px: f64,
     /// Candidates in the undistorted picture, px.
     points: Vec<Vector2<f64>>,
+    /// Of the same their areas there, px^2.
+    areas: Vec<f64>,
+    /// Their x and indices, by x.
+    by_x: Vec<(f64, usize)>,
+    /// Those that a lattice has been walked through, and those of the current walk.
     taken: Vec<bool>,
+    used: Vec<bool>,
     cells: Vec<Cell>,
     best: Vec<Cell>,
+    /// Cells of the last walk.
+    walked: usize,
+    /// Whether sizes are those of the frame's threshold, not the dots' own.
+    rough: bool,
     /// Index in `cells` + 1 of the dot in each cell.
     map: Vec<u32>,
     pairs: Vec<Correspondence>,
@@ -78,9 +82,14 @@ impl Lattice {
             grid: grid.clone(),
             focal_px: (i.fx_px * i.fy_px).sqrt(),
             points: Vec::with_capacity(most),
+            areas: Vec::with_capacity(most),
+            by_x: Vec::with_capacity(most),
             taken: Vec::with_capacity(most),
+            used: Vec::with_capacity(most),
             cells: Vec::with_capacity(most),
             best: Vec::with_capacity(most),
+            walked: 0,
+            rough: false,
             map: vec![0; SIDE * SIDE],
             pairs: Vec::with_capacity(most),
             present: vec![false; grid.points().len()],
@@ -114,20 +123,48 @@ impl Lattice {
         chosen: &mut Vec<(u32, Blob)>,
     ) -> Result<(), TargetStatus> {
         chosen.clear();
-        self.points.clear();
-        let undistorted = |b: &Blob| self.camera.normalized_of(&Vector2::new(b.x, b.y)) * self.focal_px;
-        self.points.extend(candidates.iter().map(|(_, blob)| undistorted(blob)));
-        self.walk();
-        if self.best.len() < self.least() {
-            return Err(TargetStatus::NoMatch);
+        self.place(candidates);
+        let mut reason = TargetStatus::NoMatch;
+        let mut left = self.most_walked();
+        for seed in 0..self.points.len() {
+            if self.taken.get(seed) != Some(&false) {
+                continue;
+            }
+            let enough = self.walk(seed, candidates);
+            left = left.saturating_sub(self.walked);
+            if enough {
+                match self.identify(candidates, chosen) {
+                    Ok(()) => return Ok(()),
+                    Err(TargetStatus::Ambiguous) => reason = TargetStatus::Ambiguous,
+                    Err(_) => {}
+                }
+            }
+            if left == 0 {
+                break;
+            }
         }
+        chosen.clear();
+        Err(reason)
+    }
+
+    fn most_walked(&self) -> usize {
+        MAX_WALKED * self.points.capacity()
+    }
+
+    /// Which dots of the grid the cells of the lattice are.
+    fn identify(
+        &mut self,
+        candidates: &[(f64, Blob)],
+        chosen: &mut Vec<(u32, Blob)>,
+    ) -> Result<(), TargetStatus> {
+        chosen.clear();
         if !self.tell_sizes(candidates) {
             return Err(TargetStatus::NoMatch);
         }
         // slivers of dots at something's edge stand in their cells, and tell nothing
         let walked = self.best.len();
         self.best.retain(|cell| cell.clear);
-        if self.best.len() < self.least() || (self.best.len() as f64) < LEAST_CLEAR * walked as f64 {
+        if self.best.len() < self.least() || (self.best.len() as f64) < MIN_CLEAR * walked as f64 {
             return Err(TargetStatus::NoMatch);
         }
         if self.grid.is_equal() {
@@ -155,120 +192,10 @@ impl Lattice {
         if self.has_window() || tells { Ok(()) } else { Err(TargetStatus::NoMatch) }
     }
 
-    /// Walks the lattice from several seeds; the longest walk is in `best`.
-    fn walk(&mut self) {
-        self.best.clear();
-        self.taken.clear();
-        self.taken.resize(self.points.len(), false);
-        let mut tried = 0;
-        for seed in 0..self.points.len() {
-            let enough = 2 * self.best.len() > self.points.len();
-            if tried == SEEDS || enough {
-                break;
-            }
-            if self.taken.get(seed).copied().unwrap_or(true) {
-                continue;
-            }
-            tried += 1;
-            if let Some(steps) = self.steps_at(seed) {
-                self.walk_from(seed, steps);
-                if self.cells.len() > self.best.len() {
-                    std::mem::swap(&mut self.cells, &mut self.best);
-                }
-            }
-        }
-    }
-
-    /// The two shortest steps from a candidate to neighbours in different directions, the second one clockwise of the first as y_o
-    /// is of x_o.
-    fn steps_at(&self, seed: usize) -> Option<[Vector2<f64>; 2]> {
-        let from = self.points.get(seed)?;
-        let mut nearest = [(f64::INFINITY, Vector2::zeros()); NEIGHBOURS];
-        for (i, point) in self.points.iter().enumerate() {
-            let step = point - from;
-            let (length, last) = (step.norm_squared(), NEIGHBOURS - 1);
-            if i != seed && length < nearest.get(last)?.0 {
-                let at = nearest.partition_point(|(known, _)| *known <= length);
-                nearest.get_mut(at..)?.rotate_right(1);
-                *nearest.get_mut(at)? = (length, step);
-            }
-        }
-        let (length, first) = *nearest.first().filter(|(length, _)| length.is_finite())?;
-        let (_, second) = nearest.iter().skip(1).find(|(other, step)| {
-            other.is_finite() && first.perp(step).abs() > LEAST_SINE * (length * other).sqrt()
-        })?;
-        Some(if first.perp(second) > 0.0 { [first, *second] } else { [*second, first] })
-    }
-
-    /// Takes cell by cell what lies where the lattice goes on.
-    fn walk_from(&mut self, seed: usize, steps: [Vector2<f64>; 2]) {
-        self.cells.clear();
-        self.map.fill(0);
-        self.put(Cell { at: [0, 0], candidate: seed, steps, area: 0.0, large: false, clear: false });
-        let mut next = 0;
-        while let Some(cell) = self.cells.get(next).copied() {
-            next += 1;
-            let Some(from) = self.points.get(cell.candidate).copied() else { break };
-            for (axis, sign) in [(0, 1), (0, -1), (1, 1), (1, -1)] {
-                let mut at = cell.at;
-                at[axis] += sign;
-                if slot(at).is_none() || self.at(at).is_some() {
-                    continue;
-                }
-                let step = cell.steps[axis] * f64::from(sign);
-                let limit = OFF_LATTICE * step.norm().min(cell.steps[1 - axis].norm());
-                let Some((candidate, point)) = self.nearest(&(from + step), limit) else { continue };
-                let mut steps = cell.steps;
-                steps[axis] = (point - from) * f64::from(sign);
-                // the other step where its neighbour is known already: perspective bends both
-                let mut beside = cell.at;
-                beside[1 - axis] += 1;
-                let mut corner = at;
-                corner[1 - axis] += 1;
-                if let (Some(_), Some(corner)) = (self.at(beside), self.at(corner))
-                    && let Some(other) = self.points.get(corner.candidate)
-                {
-                    steps[1 - axis] = other - point;
-                }
-                self.put(Cell { at, candidate, steps, area: 0.0, large: false, clear: false });
-            }
-        }
-    }
-
-    fn put(&mut self, cell: Cell) {
-        if let Some(place) = slot(cell.at).and_then(|i| self.map.get_mut(i))
-            && self.cells.len() < self.cells.capacity()
-        {
-            self.cells.push(cell);
-            *place = self.cells.len() as u32;
-            if let Some(taken) = self.taken.get_mut(cell.candidate) {
-                *taken = true;
-            }
-        }
-    }
-
-    fn at(&self, at: [i32; 2]) -> Option<&Cell> {
-        let index = *self.map.get(slot(at)?)?;
-        self.cells.get((index as usize).checked_sub(1)?)
-    }
-
-    fn nearest(&self, wanted: &Vector2<f64>, limit: f64) -> Option<(usize, Vector2<f64>)> {
-        let distance = |p: &Vector2<f64>| (p - wanted).norm_squared();
-        let nearest = self.points.iter().enumerate().min_by(|a, b| distance(a.1).total_cmp(&distance(b.1)));
-        let (i, point) = nearest.filter(|(_, p)| distance(p) < limit * limit)?;
-        // a region is one dot, and stands in one cell
-        let free = self.cells.iter().all(|cell| cell.candidate != i);
-        free.then_some((i, *point))
-    }
-
     /// Large or small: areas against those of the cells.
     fn tell_sizes(&mut self, candidates: &[(f64, Blob)]) -> bool {
-        self.pairs.clear();
-        for cell in &self.best {
-            if let Some(s) = self.points.get(cell.candidate) {
-                let r = Vector2::new(f64::from(cell.at[0]), f64::from(cell.at[1]));
-                self.pairs.push(Correspondence { r, s: s / self.focal_px });
-            }
+        if !self.pairs_of_best(self.best.len()) {
+            return false;
         }
         let Ok(H) = homography(&self.pairs) else { return false };
         let area = |radius_m: f64| std::f64::consts::PI * (radius_m / self.grid.pitch_m()).powi(2);
@@ -300,12 +227,6 @@ impl Lattice {
         }
         radius < 0.5
     }
-}
-
-/// Index of a cell in the map, if it has one.
-fn slot([i, j]: [i32; 2]) -> Option<usize> {
-    let inside = i.abs() <= REACH && j.abs() <= REACH;
-    inside.then(|| (j + REACH) as usize * SIDE + (i + REACH) as usize)
 }
 
 /// By how much a homography enlarges areas at `r`.

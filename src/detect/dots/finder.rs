@@ -10,8 +10,9 @@ use super::blob::Blob;
 use super::dot::DotMeter;
 use super::dot_grid::Lattice;
 use super::fill::filled;
-use super::four_dots::{MOST_CANDIDATES, Square};
+use super::four_dots::{MAX_CANDIDATES, Square};
 use super::offset::centre_offset;
+use super::rims;
 use crate::camera_model::CameraModel;
 use crate::detect::{Expected, Found};
 use crate::geometry::Pose;
@@ -21,13 +22,15 @@ use crate::target::{Disc, Target};
 use nalgebra::Vector2;
 
 /// A region may grow so many times by filling its holes.
-const MOST_FILLED: u64 = 3;
+const MAX_FILLED: u64 = 3;
 /// Among more ellipses than these, those are looked for that stand out from what is around them.
 const FEW_CANDIDATES: usize = 8;
 /// Runs that there is room for in the smallest frame.
-const LEAST_RUNS: usize = 4096;
+const MIN_RUNS: usize = 4096;
+/// Candidates for a grid that there is room for at least: its dots may be the smallest of all that is round in the frame.
+const MIN_ROOM: usize = 512;
 /// Regions of a search whose holes are filled.
-const MOST_HOLED: usize = 64;
+const MAX_HOLED: usize = 64;
 
 /// What tells which region is which dot: one kind for each kind of target.
 #[derive(Debug, Clone)]
@@ -122,10 +125,10 @@ impl DotFinder {
         let count = target.points().len();
         let (pattern, most_candidates) = match target {
             Target::FourDots(dots) => {
-                (Pattern::FourDots(Box::new(Square::new(camera, dots))), MOST_CANDIDATES)
+                (Pattern::FourDots(Box::new(Square::new(camera, dots))), MAX_CANDIDATES)
             }
             Target::DotGrid(grid) => {
-                let most = 2 * count + 32;
+                let most = (2 * count + 32).max(MIN_ROOM);
                 (Pattern::DotGrid(Box::new(Lattice::new(camera, grid, most))), most)
             }
             Target::Chessboard(_) | Target::Tags(_) | Target::Shape(_) => (Pattern::None, 0),
@@ -158,14 +161,14 @@ impl DotFinder {
     ) -> Self {
         let i = camera.intrinsics();
         let pixels = i.width_px as usize * i.height_px as usize;
-        let limit = (pixels / 16).max(LEAST_RUNS);
+        let limit = (pixels / 16).max(MIN_RUNS);
         Self {
             camera,
             discs,
             runs: Runs::with_limit(limit),
             components: Components::with_limit(limit),
-            near_runs: Runs::with_limit((limit / 4).max(LEAST_RUNS)),
-            near_components: Components::with_limit((limit / 4).max(LEAST_RUNS)),
+            near_runs: Runs::with_limit((limit / 4).max(MIN_RUNS)),
+            near_components: Components::with_limit((limit / 4).max(MIN_RUNS)),
             local: LocalThreshold::with_size(i.width_px as usize, i.height_px as usize),
             pattern,
             least_candidates: 1,
@@ -191,6 +194,12 @@ impl DotFinder {
         };
         self.inverted = inverted;
         result
+    }
+
+    /// Looks at the rims of dots that were found in `image`: centres of those that are covered or lit in part come from the rest of their
+    /// rims, and their ids into `harmed`. Takes longer than to find them.
+    pub fn look_closely(&self, image: &ImageView<'_>, found: &mut [Found], harmed: &mut Vec<u32>) {
+        rims::look_closely(image, found, self.light_on_dark, harmed);
     }
 
     /// Looks for the points where they are expected, ids rising: fills `found` with those that are there alone and whole. Whether they
@@ -292,7 +301,7 @@ impl DotFinder {
     ) -> Result<(), TargetStatus> {
         let round = self.gather(image, look);
         let cluttered =
-            look == Look::Quick && self.most_candidates == MOST_CANDIDATES && round > FEW_CANDIDATES;
+            look == Look::Quick && self.most_candidates == MAX_CANDIDATES && round > FEW_CANDIDATES;
         if cluttered {
             self.gather(image, Look::Careful);
         }
@@ -301,6 +310,9 @@ impl DotFinder {
         }
         if look != Look::Quick {
             let mut candidates = std::mem::take(&mut self.candidates);
+            if let Pattern::DotGrid(lattice) = &mut self.pattern {
+                lattice.thin(&mut candidates);
+            }
             for (area, blob) in &mut candidates {
                 *blob = self.settled(image, blob);
                 *area = blob.area;
@@ -332,12 +344,12 @@ impl DotFinder {
             let mut blob = Blob::of(component);
             if blob.is_none()
                 && look == Look::Filled
-                && holed < MOST_HOLED
-                && Blob::may_have_holes(component, MOST_FILLED)
+                && holed < MAX_HOLED
+                && Blob::may_have_holes(component, MAX_FILLED)
             {
                 holed += 1;
                 let whole = filled(self.runs.as_slice(), component);
-                blob = Blob::of(&whole).filter(|_| whole.m00 < MOST_FILLED * component.m00);
+                blob = Blob::of(&whole).filter(|_| whole.m00 < MAX_FILLED * component.m00);
             }
             let Some(blob) = blob else { continue };
             round += 1;
@@ -351,7 +363,7 @@ impl DotFinder {
         round
     }
 
-    /// Whether the target is looked for at every threshold. Grids are not: who looks often among many dots finds some by chance.
+    /// Whether the target is looked for at every threshold of the frame too. Grids are not: those between local extremes show 99 of 100.
     pub(super) fn insists(&self) -> bool {
         matches!(self.pattern, Pattern::FourDots(_))
     }

@@ -17,9 +17,9 @@ use crate::target::FourDots;
 use nalgebra::{Matrix2, Vector2};
 
 /// Most regions among which the target is looked for: 1820 choices of four.
-pub(super) const MOST_CANDIDATES: usize = 16;
+pub(super) const MAX_CANDIDATES: usize = 16;
 /// Choices that may fit; more of them are no clear picture.
-const MOST_FITS: usize = 64;
+const MAX_FITS: usize = 64;
 /// Greatest error of shape, or of the area's logarithm, at which a dot still fits.
 const TOLERANCE: f64 = 0.35;
 /// What a rim that is ragged or thresholded off its middle may add, for a dot of 1 px radius.
@@ -84,8 +84,8 @@ impl Square {
             log_radii2: logs(radii),
             mirrored: chiral.then(|| logs([first, fourth, third, second])),
             margin,
-            seen: Vec::with_capacity(MOST_CANDIDATES),
-            turns: Turns::with_limit(MOST_CANDIDATES),
+            seen: Vec::with_capacity(MAX_CANDIDATES),
+            turns: Turns::with_limit(MAX_CANDIDATES),
         }
     }
 
@@ -120,7 +120,7 @@ impl Square {
         }
         let mut seen = std::mem::take(&mut self.seen);
         seen.clear();
-        seen.extend(candidates.iter().take(MOST_CANDIDATES).map(|(_, blob)| self.seen(blob)));
+        seen.extend(candidates.iter().take(MAX_CANDIDATES).map(|(_, blob)| self.seen(blob)));
         self.turns.set(seen.iter().map(|seen| (seen.blob.x, seen.blob.y)));
         let result = self.best_of(&seen);
         self.seen = seen;
@@ -271,13 +271,13 @@ struct Tally {
     best: Option<(Fit, u32)>,
     second: f64,
     unclear: f64,
-    fits: [u32; MOST_FITS],
+    fits: [u32; MAX_FITS],
     count: usize,
 }
 
 impl Default for Tally {
     fn default() -> Self {
-        Self { best: None, second: f64::INFINITY, unclear: f64::INFINITY, fits: [0; MOST_FITS], count: 0 }
+        Self { best: None, second: f64::INFINITY, unclear: f64::INFINITY, fits: [0; MAX_FITS], count: 0 }
     }
 }
 

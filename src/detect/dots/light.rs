@@ -21,7 +21,7 @@ const QUADRIC_FROM_PX: f64 = 9.0;
 const SMOOTH_SIGMAS: f64 = 2.0;
 const SMOOTH_SHARE: f64 = 0.004;
 /// Greatest change of light from a dot's middle outwards, and along one pixel.
-const MOST_RELATIVE: f64 = 0.4;
+const MAX_RELATIVE: f64 = 0.4;
 const STEEPEST: f64 = 0.02;
 /// Share of the light that may be lost in a picture's corners: what curvature is expected.
 const LOSS: f64 = 0.4;
@@ -31,8 +31,8 @@ const FAR_SHARE: f64 = 0.1;
 const FAR_SIGMAS: f64 = 3.5;
 const FAR_LEVELS: f64 = 1.0;
 /// Fewest samples for a plane and for a quadric.
-const LEAST_PLANE: usize = 12;
-const LEAST_QUADRIC: usize = 40;
+const MIN_PLANE: usize = 12;
+const MIN_QUADRIC: usize = 40;
 
 /// The light as fitted, in grey levels of the plate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -169,14 +169,14 @@ impl Light {
         let relative = [-gx, -gy, gx * gx - k * c3, 2.0 * gx * gy - k * c4, gy * gy - k * c5];
         let [x, y, xx, xy, yy] = relative.map(f64::abs);
         // no lamp, but what the fit makes of something else
-        let steep = (x + y + (xx + xy + yy) * reach) * reach > MOST_RELATIVE || x > STEEPEST;
+        let steep = (x + y + (xx + xy + yy) * reach) * reach > MAX_RELATIVE || x > STEEPEST;
         if steep { [0.0; 5] } else { relative }
     }
 
     fn take_plane(&mut self, samples: &Samples) {
         let sums = Sums::of(samples, self);
         // three dots make a plane; less than a few samples of many are chance
-        if sums.count < LEAST_PLANE.min(samples.len()) as f64 {
+        if sums.count < MIN_PLANE.min(samples.len()) as f64 {
             return;
         }
         let (whole, [b0, b1, b2, ..]) = (sums.A(), sums.b);
@@ -190,7 +190,7 @@ impl Light {
 
     fn take_quadric(&mut self, samples: &Samples, stiffness: f64) {
         let sums = Sums::of(samples, self);
-        if sums.count < LEAST_QUADRIC as f64 {
+        if sums.count < MIN_QUADRIC as f64 {
             return self.take_plane(samples);
         }
         // what samples do not tell (rings that lie on one conic) stays small

@@ -16,6 +16,7 @@ mod finder;
 mod four_dots;
 mod light;
 mod offset;
+mod rims;
 mod ring;
 mod search;
 mod sums;

@@ -74,7 +74,7 @@ impl DotFinder {
         let mut ambiguous = first == Err(TargetStatus::Ambiguous);
         let mut second = Err(TargetStatus::NoMatch);
         for share in SHARES {
-            if share != HALF && (ambiguous || !self.insists()) {
+            if share != HALF && ambiguous {
                 continue;
             }
             self.local.move_to(share);

@@ -20,7 +20,7 @@ pub use segment::Segment;
 use thiserror::Error;
 
 /// Scans of one segment; longer ones are scanned in every second line, or fewer.
-const MOST_SCANS: usize = 1024;
+const MAX_SCANS: usize = 1024;
 /// Median of the scatter of a scan of noise 1: chi-square of four degrees of freedom.
 const MEDIAN_SCATTER: f64 = 3.357;
 /// Share of an edge's position that no noise explains, px.
@@ -101,9 +101,9 @@ impl SegmentFinder {
             settings,
             edges: Edges::with_limit((width.saturating_mul(height) / 8).clamp(4096, 1 << 21)),
             chains: Chains::default(),
-            scans: Vec::with_capacity(MOST_SCANS),
-            points: Vec::with_capacity(MOST_SCANS),
-            values: Vec::with_capacity(MOST_SCANS),
+            scans: Vec::with_capacity(MAX_SCANS),
+            points: Vec::with_capacity(MAX_SCANS),
+            values: Vec::with_capacity(MAX_SCANS),
             ranges: Vec::with_capacity(64),
         }
     }
@@ -229,7 +229,7 @@ impl SegmentFinder {
         let (a, b) = (coordinate(&ends_px[0]), coordinate(&ends_px[1]));
         let low = (a.min(b) - beyond_px).max(0.0).ceil() as i64;
         let high = (a.max(b) + beyond_px).min(lines - 1.0).floor() as i64;
-        let step = (high.saturating_sub(low) / MOST_SCANS as i64 + 1).max(1);
+        let step = (high.saturating_sub(low) / MAX_SCANS as i64 + 1).max(1);
         let scan =
             EdgeScan { half_px: self.settings.half_px, search_px, least_step: self.settings.least_step };
         let middle = predicted.px;

@@ -16,11 +16,11 @@ use crate::pose::{Correspondence, homography};
 use nalgebra::{Rotation2, SMatrix, SVector, Vector2};
 
 /// Most border pixels that are looked at.
-const MOST_BORDER: usize = 512;
+const MAX_BORDER: usize = 512;
 /// Places along the outline that are held against them.
 const PLACES: u32 = 128;
 /// Turns that are tried at most.
-pub(super) const MOST_TURNS: usize = 5;
+pub(super) const MAX_TURNS: usize = 5;
 /// Largest difference of the extents, root mean square over all directions, for whitened regions (whose own are about 2).
 const EXTENTS_APART: f64 = 0.45;
 /// Steps towards the border pixels: with the affine part alone, and of all.
@@ -41,7 +41,7 @@ pub(super) struct Candidate {
 
 impl Candidate {
     pub(super) fn new() -> Self {
-        Self { border: Vec::with_capacity(MOST_BORDER), moments: Moments::default(), size_px: 0.0 }
+        Self { border: Vec::with_capacity(MAX_BORDER), moments: Moments::default(), size_px: 0.0 }
     }
 
     /// Takes over a region by its moments and its border.
@@ -49,13 +49,13 @@ impl Candidate {
         self.moments = moments.of_squares();
         self.size_px = moments.m00.sqrt();
         self.border.clear();
-        let stride = border.len().div_ceil(MOST_BORDER).max(1);
-        let places = border.iter().step_by(stride).take(MOST_BORDER);
+        let stride = border.len().div_ceil(MAX_BORDER).max(1);
+        let places = border.iter().step_by(stride).take(MAX_BORDER);
         self.border.extend(places.map(|p| Vector2::new(f64::from(p.x), f64::from(p.y))));
     }
 
     /// The turns after which outline and region look alike, the best first, rad. How many there are.
-    pub(super) fn turns(&self, outline: &Outline, turns: &mut [f64; MOST_TURNS]) -> usize {
+    pub(super) fn turns(&self, outline: &Outline, turns: &mut [f64; MAX_TURNS]) -> usize {
         let m = &self.moments;
         let Some(white) = whitening([m.mu20 / m.m00, m.mu11 / m.m00, m.mu02 / m.m00]) else { return 0 };
         let centre = Vector2::new(m.x, m.y);
@@ -67,7 +67,7 @@ impl Candidate {
         let mut all = [0.0; DIRECTIONS];
         all.iter_mut().enumerate().for_each(|(shift, value)| *value = apart(shift));
         let at = |i: usize| all.get(i % DIRECTIONS).copied().unwrap_or(f64::INFINITY);
-        let mut best = [(f64::INFINITY, 0.0); MOST_TURNS];
+        let mut best = [(f64::INFINITY, 0.0); MAX_TURNS];
         for i in 0..DIRECTIONS {
             let value = at(i);
             let lowest = value <= at(i + 1) && value < at(i + DIRECTIONS - 1);

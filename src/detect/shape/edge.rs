@@ -12,7 +12,7 @@ use crate::linalg::Ldlt;
 use nalgebra::Vector2;
 
 /// Most pixels of a piece; of more the rest is left out.
-pub(super) const MOST_PIXELS: usize = 4096;
+pub(super) const MAX_PIXELS: usize = 4096;
 /// Fewest pixels of a piece.
 const FEWEST_PIXELS: usize = 8;
 
@@ -198,7 +198,7 @@ impl Piece {
                 // middle lies on the curve: the chord's ends are inside of it by the sag
                 let bent = self.sag_px * (2.0 * t / self.length_px).powi(2);
                 let d = p.dot(&self.outward) + bent;
-                if t >= -half && t < half && d >= -inside && d <= outside && pixels.len() < MOST_PIXELS {
+                if t >= -half && t < half && d >= -inside && d <= outside && pixels.len() < MAX_PIXELS {
                     let z = d / sigma_px;
                     let (above, density) = normal(z);
                     let level = row.get(x).copied().unwrap_or(0);

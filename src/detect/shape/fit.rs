@@ -8,7 +8,7 @@
 //! contradict do not count (Tukey's weights). Weights come from the pixels' own noise, the covariance also from what the offsets
 //! leave.
 
-use super::edge::{Edge, MOST_PIXELS, Piece};
+use super::edge::{Edge, MAX_PIXELS, Piece};
 use super::outline::{Outline, Part};
 use super::warp::Warp;
 use crate::camera_model::CameraModel;
@@ -17,7 +17,7 @@ use crate::linalg::Ldlt;
 use nalgebra::{SMatrix, SVector, Vector2};
 
 /// Most pieces of an outline.
-const MOST_PIECES: usize = 512;
+const MAX_PIECES: usize = 512;
 /// A piece's length, px, and so many of them at most on an outline; longer pieces where there would be more.
 const PIECE_PX: f64 = 10.0;
 const PIECES: f64 = 200.0;
@@ -27,12 +27,12 @@ const SHORTEST_PX: f64 = 2.5;
 const BLUR_PX: f64 = 0.9;
 const BLURS_PX: (f64, f64) = (0.3, 4.0);
 /// Turns at most, and how little the outline moves in the last one, px.
-const MOST_TURNS: usize = 8;
+const MAX_TURNS: usize = 8;
 const SETTLED_PX: f64 = 2e-3;
 /// Deviations at which an offset does not count any more.
 const CUT: f64 = 5.0;
 /// Least step at an edge, levels.
-const LEAST_STEP: f64 = 12.0;
+const MIN_STEP: f64 = 12.0;
 /// Variance of the rounding to whole levels.
 const ROUNDING: f64 = 1.0 / 12.0;
 /// A piece counts with its own noise where that exceeds the usual one so many times.
@@ -73,11 +73,11 @@ pub(super) struct Fitter {
 impl Fitter {
     pub(super) fn new() -> Self {
         Self {
-            pieces: Vec::with_capacity(MOST_PIECES),
-            edges: Vec::with_capacity(MOST_PIECES),
-            pixels: Vec::with_capacity(MOST_PIXELS),
-            sorted: Vec::with_capacity(MOST_PIECES),
-            rest: Vec::with_capacity(MOST_PIECES),
+            pieces: Vec::with_capacity(MAX_PIECES),
+            edges: Vec::with_capacity(MAX_PIECES),
+            pixels: Vec::with_capacity(MAX_PIXELS),
+            sorted: Vec::with_capacity(MAX_PIECES),
+            rest: Vec::with_capacity(MAX_PIECES),
             length_px: 0.0,
         }
     }
@@ -99,7 +99,7 @@ impl Fitter {
         }
         let mut sigma_px = BLUR_PX;
         let mut fitted = None;
-        for turn in 0..MOST_TURNS {
+        for turn in 0..MAX_TURNS {
             self.lay(camera, outline, &warp, sigma_px);
             let (next, moved_px) = self.estimate(image, camera, outline, warp, &mut sigma_px, rise)?;
             warp = next.warp;
@@ -155,7 +155,7 @@ impl Fitter {
             let count = (free_px / target_px).round().max(least) as usize;
             for k in 0..count {
                 let at = |i: usize| from + (to - from) * i as f64 / count as f64;
-                if self.pieces.len() < MOST_PIECES {
+                if self.pieces.len() < MAX_PIECES {
                     let piece = piece(camera, outline, warp, (at(k), at(k + 1)), width_px);
                     self.pieces.extend(piece);
                 }
@@ -175,7 +175,7 @@ impl Fitter {
     ) -> Option<W> {
         self.edges.clear();
         for piece in &self.pieces {
-            let offset = piece.search(image, reach_px, rise, LEAST_STEP);
+            let offset = piece.search(image, reach_px, rise, MIN_STEP);
             self.edges.push(offset.map(|offset_px| {
                 let edge =
                     Edge { offset_px, unit_variance: 0.0, levels: [0.0; 2], noise: 0.0, blur: [0.0; 2] };
@@ -204,7 +204,7 @@ impl Fitter {
         for piece in &self.pieces {
             let edge = piece.fit(image, sigma, &mut self.pixels).filter(|edge| {
                 let step = rise * (edge.levels[1] - edge.levels[0]);
-                step >= LEAST_STEP && edge.offset_px.abs() < 3.0 * sigma + 0.5
+                step >= MIN_STEP && edge.offset_px.abs() < 3.0 * sigma + 0.5
             });
             self.sorted.extend(edge.map(|edge| edge.noise));
             self.edges.push(edge.map(|edge| (edge, 0.0)));

@@ -18,6 +18,9 @@ pub enum ShapeMiss {
     /// Regions, but none has the outline.
     #[error("no region has the outline that is looked for")]
     NoMatch,
+    /// More regions that are much like the shape than one search looks at.
+    #[error("too many regions with the shape's proportions: the search was given up")]
+    GivenUp,
     /// Two regions have the outline, or one has it in two ways.
     #[error("the outline is there more than once, or may lie in more than one way")]
     Several,
@@ -30,6 +33,7 @@ impl From<ShapeMiss> for TargetStatus {
             ShapeMiss::NoContrast => Self::NoContrast,
             ShapeMiss::NoRegion => Self::TooFewRegions,
             ShapeMiss::NoMatch => Self::NoMatch,
+            ShapeMiss::GivenUp => Self::GivenUp,
             ShapeMiss::Several => Self::Ambiguous,
         }
     }

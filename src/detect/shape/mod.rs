@@ -32,7 +32,7 @@ use outline::Outline;
 use warp::{Oval, Projective, Warp};
 
 /// Most border pixels of all regions of a frame.
-const MOST_BORDER: usize = 1 << 20;
+const MAX_BORDER: usize = 1 << 20;
 /// A search reaches so far from the border pixels, px.
 const REACH_PX: f64 = 2.0;
 /// Least share of the outline that is seen, in a search and in tracking.
@@ -42,7 +42,7 @@ const SEEN_TRACKED: f64 = 0.6;
 const OFF_PX: f64 = 0.15;
 const OFF: f64 = 0.002;
 /// Largest ratio of the offsets' variance to what noise explains, beyond [`WELL_PX`].
-const MOST_CHI2: f64 = 15.0;
+const MAX_CHI2: f64 = 15.0;
 const WELL_PX: f64 = 0.15;
 
 /// What was fitted last.
@@ -79,6 +79,8 @@ pub struct ShapeFinder {
     local: LocalThreshold,
     /// Regions that may be the shape: area, index.
     order: Vec<(u64, usize)>,
+    /// Fits that the current search may still try.
+    left: usize,
     candidate: Candidate,
     fitter: Fitter,
     pairs: Vec<Correspondence>,
@@ -93,7 +95,7 @@ impl ShapeFinder {
         let i = camera.intrinsics();
         let (width, height) = (i.width_px as usize, i.height_px as usize);
         let pixels = width.saturating_mul(height);
-        let limit = (pixels / 16).clamp(4096, MOST_BORDER);
+        let limit = (pixels / 16).clamp(4096, MAX_BORDER);
         let count = shape.points().len();
         Self {
             camera,
@@ -103,9 +105,10 @@ impl ShapeFinder {
             light_on_dark: !shape.plate().light,
             runs: Runs::with_limit(limit),
             components: Components::with_limit(limit),
-            contours: Contours::with_limits(limit, (pixels / 4).clamp(4096, MOST_BORDER)),
+            contours: Contours::with_limits(limit, (pixels / 4).clamp(4096, MAX_BORDER)),
             local: LocalThreshold::with_size(width, height),
-            order: Vec::with_capacity(search::MOST_CANDIDATES + 1),
+            order: Vec::with_capacity(search::MAX_CANDIDATES + 1),
+            left: 0,
             candidate: Candidate::new(),
             fitter: Fitter::new(),
             pairs: Vec::with_capacity(count),
@@ -245,7 +248,7 @@ impl ShapeFinder {
             Seen::Ellipse(f) => (f.share, f.rms_px, f.chi2),
         };
         let size_px = (self.outline.area * self.about_centre(seen).determinant().abs()).sqrt();
-        share >= least && rms_px <= OFF_PX + OFF * size_px && (rms_px < WELL_PX || chi2 < MOST_CHI2)
+        share >= least && rms_px <= OFF_PX + OFF * size_px && (rms_px < WELL_PX || chi2 < MAX_CHI2)
     }
 
     fn report(&mut self, found: &mut Vec<Found>) {

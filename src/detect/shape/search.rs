@@ -13,10 +13,13 @@ use crate::imaging::{Component, Connectivity, Histogram, ImageView, Moments, Pol
 use nalgebra::{SVector, Vector2};
 
 /// Regions of one threshold that are looked at, the largest first.
-pub(super) const MOST_CANDIDATES: usize = 40;
+pub(super) const MAX_CANDIDATES: usize = 40;
+/// Fits that one search tries, of all thresholds: two thresholds' worth of regions, each in all its turns. A fit takes about a millisecond;
+/// a poster would call for 3000.
+const MAX_FITS: usize = 400;
 /// Least area, px^2, and greatest share of the frame.
-const LEAST_AREA_PX2: u64 = 120;
-const MOST_OF_FRAME: f64 = 0.7;
+const MIN_AREA_PX2: u64 = 120;
+const MAX_OF_FRAME: f64 = 0.7;
 /// How far spread over area may be from the outline's own: a ratio that affine maps do not change, and perspective does a little.
 const SPREADS: (f64, f64) = (0.6, 1.7);
 /// The same for an ellipse, whose images are ellipses.
@@ -39,6 +42,7 @@ const DOUBTFUL: f64 = 2.0;
 
 impl ShapeFinder {
     pub(super) fn search_thresholds(&mut self, image: &ImageView<'_>) -> Result<Seen, ShapeMiss> {
+        self.left = MAX_FITS;
         let polarity = if self.light_on_dark { Polarity::Light } else { Polarity::Dark };
         let histogram = Histogram::of_rows(image, image.height() / SAMPLED_ROWS);
         let otsu = histogram.otsu().ok_or(ShapeMiss::NoContrast)?;
@@ -92,6 +96,9 @@ impl ShapeFinder {
         let mut first: Option<Seen> = None;
         let mut several = false;
         for (_, region) in &order {
+            if self.left == 0 {
+                break;
+            }
             let seen = match self.region(image, *region) {
                 Ok(Some(seen)) => seen,
                 Ok(None) => continue,
@@ -112,17 +119,21 @@ impl ShapeFinder {
         if several {
             return Err(ShapeMiss::Several);
         }
+        // what was found may be there again among what was not looked at
+        if self.left == 0 {
+            return Err(ShapeMiss::GivenUp);
+        }
         first.ok_or(ShapeMiss::NoMatch)
     }
 
     /// Regions whose area and spread are possible, the largest first.
     fn gather(&mut self, image: &ImageView<'_>) {
         self.order.clear();
-        let most = MOST_OF_FRAME * image.width() as f64 * image.height() as f64;
+        let most = MAX_OF_FRAME * image.width() as f64 * image.height() as f64;
         let own = spread_ratio(self.outline.spread, self.outline.area);
         let (low, high) = if self.ellipse { SPREADS_ELLIPSE } else { SPREADS };
         for (i, c) in self.components.as_slice().iter().enumerate() {
-            if c.m00 < LEAST_AREA_PX2 || c.touches_border || c.m00 as f64 > most {
+            if c.m00 < MIN_AREA_PX2 || c.touches_border || c.m00 as f64 > most {
                 continue;
             }
             let [xx, xy, yy] = c.covariance();
@@ -132,9 +143,9 @@ impl ShapeFinder {
                 continue;
             }
             let at = self.order.partition_point(|(area, _)| *area >= c.m00);
-            if at < MOST_CANDIDATES {
+            if at < MAX_CANDIDATES {
                 self.order.insert(at, (c.m00, i));
-                self.order.truncate(MOST_CANDIDATES);
+                self.order.truncate(MAX_CANDIDATES);
             }
         }
     }
@@ -144,16 +155,21 @@ impl ShapeFinder {
         let Some(component) = self.components.as_slice().get(region).copied() else { return Ok(None) };
         let Some(moments) = self.components.sums(&self.runs, region).central() else { return Ok(None) };
         if self.ellipse {
+            self.left = self.left.saturating_sub(1);
             return Ok(self.oval(image, &component, &moments));
         }
         let of_region = |c: &&crate::imaging::Contour| !c.hole && c.region as usize == region;
         let Some(contour) = self.contours.as_slice().iter().find(of_region).copied() else { return Ok(None) };
         self.candidate.set(&moments, self.contours.points(&contour));
-        let mut turns = [0.0; super::candidate::MOST_TURNS];
+        let mut turns = [0.0; super::candidate::MAX_TURNS];
         let count = self.candidate.turns(&self.outline, &mut turns);
         let mut best: Option<Fitted<8, Projective>> = None;
         let mut second = f64::INFINITY;
         for turn in turns.iter().take(count) {
+            if self.left == 0 {
+                break;
+            }
+            self.left -= 1;
             let Some(start) = self.candidate.settle(&self.camera, &self.outline, *turn) else { continue };
             let rise = self.rise();
             let fitted = self.fitter.fit(image, &self.camera, &self.outline, start, REACH_PX, rise);

@@ -21,7 +21,7 @@ pub(super) trait Warp<const N: usize>: Copy {
 pub(super) struct Projective(pub(super) SVector<f64, 8>);
 
 /// Greatest change of the denominator over the outline, from its middle on: depth differs by no more.
-const MOST_PERSPECTIVE: f64 = 0.6;
+const MAX_PERSPECTIVE: f64 = 0.6;
 
 impl Warp<8> for Projective {
     fn parameters(&self) -> SVector<f64, 8> {
@@ -67,7 +67,7 @@ impl Warp<8> for Projective {
         let [a, b, c, d, e, f, g, h] = self.0.data.0[0];
         // the sign of the derivative's determinant is that of the matrix's: no mirror
         let det = a * (e - f * h) - b * (d - f * g) + c * (d * h - e * g);
-        g.hypot(h) * reach < MOST_PERSPECTIVE && det > 0.0 && self.0.iter().all(|p| p.is_finite())
+        g.hypot(h) * reach < MAX_PERSPECTIVE && det > 0.0 && self.0.iter().all(|p| p.is_finite())
     }
 }
 

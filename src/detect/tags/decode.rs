@@ -4,7 +4,7 @@
 //! cell is lighter than half-way between both.
 
 use super::codebook::{Codebook, Reading};
-use super::pattern::{MOST_CELLS, Pattern, Whites};
+use super::pattern::{MAX_CELLS, Pattern, Whites};
 use super::plane_map::PlaneMap;
 use super::quad::Quad;
 use super::shine::Inside;
@@ -13,7 +13,7 @@ use crate::target::TagFamily;
 use nalgebra::Vector2;
 
 /// Least difference between paper and ink in the middle of the tag, grey levels.
-const LEAST_CONTRAST: f64 = 10.0;
+const MIN_CONTRAST: f64 = 10.0;
 /// So many of the cells of border and margin may be nearer to the other colour.
 const WRONG_BORDER_SHARE: f64 = 0.08;
 const WRONG_MARGIN_SHARE: f64 = 0.2;
@@ -22,7 +22,7 @@ const SHARP_CELL_PX: f64 = 4.0;
 /// What is given back of it.
 const SHARPENING: f64 = 0.25;
 /// Least mean distance of the bits from their threshold, in half contrasts: what is no tag shows greys.
-const LEAST_CLEARNESS: f64 = 0.35;
+const MIN_CLEARNESS: f64 = 0.35;
 
 /// Why a quadrilateral is no tag of the family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -93,8 +93,8 @@ pub(super) fn decode(
     // -1 to 1 over the black square
     let unit = |x: f64| 2.0 * x / n - 1.0;
 
-    let mut border = [(0.0, 0.0, 0.0); 4 * MOST_CELLS];
-    let mut margin = [(0.0, 0.0, 0.0); 4 * MOST_CELLS];
+    let mut border = [(0.0, 0.0, 0.0); 4 * MAX_CELLS];
+    let mut margin = [(0.0, 0.0, 0.0); 4 * MAX_CELLS];
     let ring = |places: &mut [(f64, f64, f64)], low: f64, high: f64| {
         let sides = places.chunks_mut(4).take(cells);
         for (i, four) in sides.enumerate() {
@@ -109,7 +109,7 @@ pub(super) fn decode(
     let border = border.get(..4 * cells).unwrap_or(&[]);
     let margin = margin.get(..4 * cells).unwrap_or(&[]);
     let (ink, paper) = (plane(border), plane(margin));
-    if !(paper.middle - ink.middle >= LEAST_CONTRAST) {
+    if !(paper.middle - ink.middle >= MIN_CONTRAST) {
         return Err(NoTag::Border);
     }
     let half =
@@ -122,7 +122,7 @@ pub(super) fn decode(
     }
 
     // cells as deviations from their thresholds, in grey levels; black border around them
-    let mut values = [[0.0f64; MOST_CELLS]; MOST_CELLS];
+    let mut values = [[0.0f64; MAX_CELLS]; MAX_CELLS];
     let width_px = side_px(quad) / n;
     for row in 0..cells {
         for column in 0..cells {
@@ -166,7 +166,7 @@ pub(super) fn decode(
         word = word << 1 | u64::from(v > 0.0);
     }
     let bits = f64::from(family.bits());
-    if clearness / bits < LEAST_CLEARNESS {
+    if clearness / bits < MIN_CLEARNESS {
         return Err(NoTag::Unclear);
     }
     let reading = book.read(word, most_wrong).ok_or(NoTag::NoCode)?;
@@ -181,7 +181,7 @@ pub(super) fn decode(
 fn white(family: TagFamily, reading: &Reading) -> Whites {
     let code = family.codes().get(reading.id as usize).copied().unwrap_or(0);
     let word = family.turned(code, reading.turns);
-    let mut white = [[0.0; MOST_CELLS]; MOST_CELLS];
+    let mut white = [[0.0; MAX_CELLS]; MAX_CELLS];
     for bit in 0..family.bits() {
         let (column, row) = family.place(bit);
         if let Some(cell) = white.get_mut(row as usize).and_then(|r| r.get_mut(column as usize)) {
@@ -195,7 +195,7 @@ fn white(family: TagFamily, reading: &Reading) -> Whites {
 fn inside(white: &Whites, cells: usize, paper: &Light, quad: &Quad) -> [Inside; 4] {
     let last = cells - 1;
     let growth = growth(paper, quad);
-    let mut sides = [Inside { white: [[0.0; MOST_CELLS]; 2], cells, light_per_px: Vector2::zeros() }; 4];
+    let mut sides = [Inside { white: [[0.0; MAX_CELLS]; 2], cells, light_per_px: Vector2::zeros() }; 4];
     for (i, (side, growth)) in sides.iter_mut().zip(growth).enumerate() {
         side.light_per_px = growth;
         for (depth, line) in side.white.iter_mut().enumerate() {

@@ -18,8 +18,8 @@ use nalgebra::Vector2;
 
 /// Half length of a window across the edge, px; at most half a cell, and longer where blur asks for it.
 const HALF_PX: f64 = 2.5;
-const LEAST_HALF_PX: f64 = 1.0;
-const MOST_HALF_PX: f64 = 8.0;
+const MIN_HALF_PX: f64 = 1.0;
+const MAX_HALF_PX: f64 = 8.0;
 /// Below this share of the contrast at the ends windows grow.
 const ENOUGH_GAIN: f64 = 0.85;
 /// Rounds of moving the windows.
@@ -122,7 +122,7 @@ impl EdgeMeter {
             .abs()
             .min((corner(2) - b).perp(&((b - a) / length)).abs());
         let cell = depth / cells;
-        let most_half = (0.5 * cell).clamp(LEAST_HALF_PX, MOST_HALF_PX);
+        let most_half = (0.5 * cell).clamp(MIN_HALF_PX, MAX_HALF_PX);
         let mut half = HALF_PX.min(most_half);
         let neighbours = [(corner(3), corner(0)), (corner(1), corner(2))].map(|(p, q)| {
             let along = (q - p).normalize();

@@ -15,12 +15,12 @@ use nalgebra::Vector2;
 use thiserror::Error;
 
 /// Most tags of one frame.
-pub const MOST_TAGS: usize = 256;
+pub const MAX_TAGS: usize = 256;
 /// Largest frame, px each way.
-const MOST_SIDE: usize = 1 << 14;
+const MAX_SIDE: usize = 1 << 14;
 /// Smallest region: greater and lesser side of its box, and its pixels.
-const LEAST_BOX_PX: (u32, u32) = (12, 7);
-const LEAST_PIXELS: u32 = 30;
+const MIN_BOX_PX: (u32, u32) = (12, 7);
+const MIN_PIXELS: u32 = 30;
 /// The outline of a convex region is as long as that of its box; noise makes it longer.
 const LONGEST_OUTLINE: f64 = 1.6;
 /// What is looked at around an expected tag beyond its slack, px.
@@ -149,7 +149,7 @@ impl TagFinder {
     /// A finder for frames of at most this size (px; 16384 each way at most).
     #[must_use]
     pub fn new(family: TagFamily, width_px: usize, height_px: usize) -> Self {
-        let (width, height) = (width_px.min(MOST_SIDE), height_px.min(MOST_SIDE));
+        let (width, height) = (width_px.min(MAX_SIDE), height_px.min(MAX_SIDE));
         Self {
             family,
             most_wrong_bits: Self::usual_wrong_bits(family),
@@ -207,7 +207,7 @@ impl TagFinder {
         found: &mut Vec<TagFound>,
     ) -> bool {
         found.clear();
-        for tag in expected.iter().take(MOST_TAGS) {
+        for tag in expected.iter().take(MAX_TAGS) {
             let [a, b, c, d] = tag.corners_px;
             let (low, high) = (a.inf(&b).inf(&c).inf(&d), a.sup(&b).sup(&c).sup(&d));
             // the margin: a cell, and tiles of the threshold
@@ -258,7 +258,7 @@ impl TagFinder {
         let mut best = TagMiss::NoRegion;
         for region in self.regions.iter() {
             let (w, h) = (region.right - region.left + 1, region.bottom - region.y + 1);
-            let small = w.max(h) < LEAST_BOX_PX.0 || w.min(h) < LEAST_BOX_PX.1 || region.count < LEAST_PIXELS;
+            let small = w.max(h) < MIN_BOX_PX.0 || w.min(h) < MIN_BOX_PX.1 || region.count < MIN_PIXELS;
             // a tag has its margin in the picture
             let cut = region.left == 0
                 || region.y == 0
@@ -288,7 +288,7 @@ impl TagFinder {
                 &mut self.meter,
                 &mut self.whole,
             ) {
-                Ok(tag) if found.len() < MOST_TAGS => found.push(tag),
+                Ok(tag) if found.len() < MAX_TAGS => found.push(tag),
                 Ok(_) => {}
                 Err(miss) => best = best.max(miss),
             }

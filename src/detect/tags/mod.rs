@@ -25,6 +25,6 @@ mod threshold;
 mod whole;
 mod whole_model;
 
-pub use finder::{MOST_TAGS, TagExpected, TagFinder, TagFound, TagMiss};
+pub use finder::{MAX_TAGS, TagExpected, TagFinder, TagFound, TagMiss};
 pub use plate::TagPlateFinder;
 pub use points::TagPoints;

@@ -1,13 +1,13 @@
 //! Which cells of a tag are white, as bits that eight pixels can look up side by side.
 
 /// Cells along a side of the largest family, with the margin.
-pub(super) const MOST_CELLS: usize = 10;
+pub(super) const MAX_CELLS: usize = 10;
 /// White cells are 1: by rows, as the picture shows the tag that was read.
-pub(super) type Whites = [[f64; MOST_CELLS]; MOST_CELLS];
+pub(super) type Whites = [[f64; MAX_CELLS]; MAX_CELLS];
 
 /// Cells before the first one that may be asked for.
 const BEFORE: i32 = 8;
-const ROWS: usize = MOST_CELLS + 2 * BEFORE as usize;
+const ROWS: usize = MAX_CELLS + 2 * BEFORE as usize;
 
 /// A tag as the picture shows it, its margin white.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,7 +44,7 @@ mod tests {
 
     #[test]
     fn cells_are_where_they_were_put() {
-        let mut white = [[0.0; MOST_CELLS]; MOST_CELLS];
+        let mut white = [[0.0; MAX_CELLS]; MAX_CELLS];
         white[2][5] = 1.0;
         let pattern = Pattern::new(&white, 6);
         for j in -8..18 {

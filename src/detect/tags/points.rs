@@ -1,6 +1,6 @@
 //! A target made of tags, as points with ids: corner `c` of tag `i` of the list is point `4 i + c`.
 
-use super::finder::{MOST_TAGS, TagExpected, TagFinder, TagFound};
+use super::finder::{MAX_TAGS, TagExpected, TagFinder, TagFound};
 use crate::detect::Found;
 use crate::imaging::ImageView;
 use crate::messages::TargetStatus;
@@ -21,7 +21,7 @@ impl TagPoints {
         let mut tags: Vec<(u32, u32)> = (0..).zip(ids).map(|(place, &id)| (id, place)).collect();
         tags.sort_unstable();
         tags.dedup_by_key(|(id, _)| *id);
-        Self { finder, tags: tags.into(), seen: Vec::with_capacity(MOST_TAGS) }
+        Self { finder, tags: tags.into(), seen: Vec::with_capacity(MAX_TAGS) }
     }
 
     /// The tags seen last, listed or not.

@@ -4,7 +4,7 @@ use super::outline::Point;
 use nalgebra::Vector2;
 
 /// Shortest side, px.
-pub(super) const LEAST_SIDE_PX: f64 = 6.0;
+pub(super) const MIN_SIDE_PX: f64 = 6.0;
 /// Points of a side that are left out at each end: the share of the side, and at least so many px.
 const END_SHARE: f64 = 0.08;
 const END_PX: f64 = 1.5;
@@ -12,7 +12,7 @@ const END_PX: f64 = 1.5;
 const OFF_PX: f64 = 0.75;
 const OFF_SHARE: f64 = 0.02;
 /// Sine of the least angle at a corner, 15 degrees.
-const LEAST_SINE: f64 = 0.26;
+const MIN_SINE: f64 = 0.26;
 
 /// Corners of a convex quadrilateral, px, clockwise on the screen.
 pub(super) type Quad = [Vector2<f64>; 4];
@@ -47,7 +47,7 @@ pub(super) fn is_sound(quad: &Quad) -> bool {
     let [a, b, c, d] = *quad;
     [(d, a, b), (a, b, c), (b, c, d), (c, d, a)].into_iter().all(|(p, q, r)| {
         let (one, two) = ((q - p).norm(), (r - q).norm());
-        one >= LEAST_SIDE_PX && turn(p, q, r) >= LEAST_SINE * one * two
+        one >= MIN_SIDE_PX && turn(p, q, r) >= MIN_SINE * one * two
     })
 }
 
@@ -135,7 +135,7 @@ fn side(points: &[Point], from: usize, to: usize) -> Option<Line> {
     let (a, b) = (place(points, from), place(points, to));
     let along = b - a;
     let length = along.norm();
-    if length < LEAST_SIDE_PX {
+    if length < MIN_SIDE_PX {
         return None;
     }
     let along = along / length;

@@ -5,7 +5,7 @@
 use super::threshold::DarkBits;
 
 /// Of more regions the last are left out: no picture of tags has them.
-const MOST_REGIONS: usize = 1 << 17;
+const MAX_REGIONS: usize = 1 << 17;
 
 /// A dark region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,7 +45,7 @@ pub(super) struct Regions {
 impl Regions {
     /// Buffers for windows of at most this size, allocated at once.
     pub(super) fn with_size(width: usize, height: usize) -> Self {
-        let limit = (width * height / 8).clamp(64, MOST_REGIONS);
+        let limit = (width * height / 8).clamp(64, MAX_REGIONS);
         let runs = || Vec::with_capacity(width / 2 + 1);
         Self { regions: Vec::with_capacity(limit), above: runs(), here: runs(), limit }
     }

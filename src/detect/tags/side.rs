@@ -9,9 +9,9 @@ use nalgebra::Vector2;
 pub(super) const GAP_PX: f64 = 0.5;
 pub(super) const LEVEL_PX: f64 = 2.0;
 /// Least share of the contrast at the ends of a window.
-pub(super) const LEAST_GAIN: f64 = 0.35;
+pub(super) const MIN_GAIN: f64 = 0.35;
 /// Fewest rows of a side.
-pub(super) const LEAST_ROWS: usize = 4;
+pub(super) const MIN_ROWS: usize = 4;
 /// What no scatter shows, px: levels are rounded, sides are not quite straight.
 pub(super) const FLOOR_PX: f64 = 0.0012;
 /// Rows of which levels differ from the side's by this share of the contrast are left out: something lies there.
@@ -247,10 +247,10 @@ impl Scan<'_> {
         }
         (light, dark) = (Trend::of(rows, |r| r.light), Trend::of(rows, |r| r.dark));
         let mut contrast = light.a - dark.a;
-        if (light.n as usize) < LEAST_ROWS || !(contrast >= 5.0) {
+        if (light.n as usize) < MIN_ROWS || !(contrast >= 5.0) {
             return None;
         }
-        let mut gain = (Trend::of(rows, |r| r.ends).a / contrast).clamp(LEAST_GAIN, 1.0);
+        let mut gain = (Trend::of(rows, |r| r.ends).a / contrast).clamp(MIN_GAIN, 1.0);
         let mut blur_px = 0.0;
         if self.inside.is_some() {
             let per = 1.0 / across.abs();
@@ -282,7 +282,7 @@ impl Scan<'_> {
                 (light, dark) = (Trend::of(rows, |r| r.light), Trend::of(rows, |r| r.dark));
             }
             contrast = ((light.a - dark.a) / (1.0 - 2.0 * shine.own).max(0.3)).max(5.0);
-            gain = shine.gain.clamp(LEAST_GAIN, 1.0);
+            gain = shine.gain.clamp(MIN_GAIN, 1.0);
         }
         let own = contrast / (light.a - dark.a).max(1.0);
         // light that grows across the side is read further out than the window reaches
@@ -305,7 +305,7 @@ impl Scan<'_> {
             row.used = (delta(row) - trend.at(row.s)).abs() <= most;
         }
         trend = Trend::of(rows, delta);
-        if (trend.n as usize) < LEAST_ROWS {
+        if (trend.n as usize) < MIN_ROWS {
             return None;
         }
         // the rows' own levels in place of the side's: the same line, and the scatter of both

@@ -9,8 +9,8 @@ use crate::imaging::{ImageView, Window};
 /// Side of a tile, px.
 const TILE: usize = 4;
 /// Least and greatest contrast that is asked of 3 x 3 tiles, grey levels.
-const LEAST_CONTRAST: f64 = 10.0;
-const MOST_CONTRAST: f64 = 40.0;
+const MIN_CONTRAST: f64 = 10.0;
+const MAX_CONTRAST: f64 = 40.0;
 /// The noise of a picture spreads 16 pixels by 2.9 deviations or less in one tile of five, and 144 pixels by 5.3 on average, by more
 /// than 7 hardly ever.
 const QUIET_SHARE: usize = 5;
@@ -163,7 +163,7 @@ impl DarkBits {
             passed += count;
             passed > wanted
         });
-        (CONTRAST_IN_SPREADS * spread.unwrap_or(0) as f64).clamp(LEAST_CONTRAST, MOST_CONTRAST)
+        (CONTRAST_IN_SPREADS * spread.unwrap_or(0) as f64).clamp(MIN_CONTRAST, MAX_CONTRAST)
     }
 
     /// Thresholds from the extremes of 3 x 3 tiles. Whether there is any.

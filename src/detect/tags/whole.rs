@@ -30,10 +30,10 @@ const LOST_CELLS: f64 = 0.7;
 /// Residuals beyond so many deviations of those before do not come from the tag.
 const GATE: f64 = 4.5;
 /// Least blur, a pixel's own square and little more, and the most correlation of both directions.
-const LEAST_BLUR_PX2: f64 = 0.09;
-const MOST_ASLANT: f64 = 0.9;
+const MIN_BLUR_PX2: f64 = 0.09;
+const MAX_ASLANT: f64 = 0.9;
 /// Least contrast, grey levels.
-const LEAST_CONTRAST: f64 = 5.0;
+const MIN_CONTRAST: f64 = 5.0;
 /// Variance of rounding to whole grey levels: no residual is believed to be less.
 const ROUNDING: f64 = 1.0 / 12.0;
 /// What a blur that is not a normal one moves, as a share of it, where it is all motion and cells are not wider than it; and how much
@@ -181,7 +181,7 @@ impl WholeMeter {
 
 /// Variance of the blur that the sides show, px^2.
 fn blur_of(from: &Corners) -> f64 {
-    from.blur_px.powi(2).max(2.0 * LEAST_BLUR_PX2)
+    from.blur_px.powi(2).max(2.0 * MIN_BLUR_PX2)
 }
 
 /// The corners of the black square with some margin, px.
@@ -254,8 +254,8 @@ fn add(picture: &mut Picture, by: &[f64; COUNT]) -> bool {
         *value += by;
     }
     let [xx, xy, yy] = picture.blur;
-    let (xx, yy) = (xx.max(LEAST_BLUR_PX2), yy.max(LEAST_BLUR_PX2));
-    let bound = MOST_ASLANT * (xx * yy).sqrt();
+    let (xx, yy) = (xx.max(MIN_BLUR_PX2), yy.max(MIN_BLUR_PX2));
+    let bound = MAX_ASLANT * (xx * yy).sqrt();
     picture.blur = [xx, xy.clamp(-bound, bound), yy];
     picture.ink += to[INK];
     picture.contrast += to[CONTRAST];
@@ -265,7 +265,7 @@ fn add(picture: &mut Picture, by: &[f64; COUNT]) -> bool {
     for (value, by) in picture.ground.iter_mut().zip(to.iter().skip(GROUND)) {
         *value += by;
     }
-    picture.contrast > LEAST_CONTRAST
+    picture.contrast > MIN_CONTRAST
 }
 
 /// What the shape of the blur may move, px^2: motion smears evenly, which shows as a blur that is longer than wide.

@@ -27,8 +27,8 @@ pub(super) const COUNT: usize = 19;
 /// A blur reaches so many deviations: beyond lies less than a thousandth.
 const REACH: f64 = 3.2;
 /// Most cells on either side of its own one that a pixel sees.
-const MOST_BESIDE: i32 = 3;
-const MOST_SEEN: usize = 2 * MOST_BESIDE as usize + 1;
+const MAX_BESIDE: i32 = 3;
+const MAX_SEEN: usize = 2 * MAX_BESIDE as usize + 1;
 /// Pixels of which the products are summed at once, in eights.
 pub(super) const CHUNK: usize = 16;
 
@@ -100,7 +100,7 @@ pub(super) struct Model<'a> {
 /// Along one direction of the tag: the first cell, and the shares of each with three derivatives by the place; shares are doubled.
 struct Seen {
     first: [i32; 8],
-    shares: [[Eight; 4]; MOST_SEEN],
+    shares: [[Eight; 4]; MAX_SEEN],
 }
 
 /// White and its derivatives by column and row, in cells.
@@ -130,7 +130,7 @@ impl<'a> Model<'a> {
             most = Vector2::sup(&most, &Vector2::new(spread.m11, spread.m22));
         }
         let beside = [most.x, most.y].map(|variance| (REACH * variance.sqrt()).ceil());
-        if !beside.iter().all(|b| *b >= 1.0 && *b <= f64::from(MOST_BESIDE)) {
+        if !beside.iter().all(|b| *b >= 1.0 && *b <= f64::from(MAX_BESIDE)) {
             return None;
         }
         Some(Self {
@@ -288,7 +288,7 @@ fn seen(place: Eight, per: Eight, beside: i32) -> Seen {
     let first = place.each(|p| ((p - 0.5) + MAGIC) - MAGIC - beside as f32);
     let one = Eight([1.0; 8]);
     let mut before = [-one, Eight::ZERO, Eight::ZERO, Eight::ZERO];
-    let mut shares = [[Eight::ZERO; 4]; MOST_SEEN];
+    let mut shares = [[Eight::ZERO; 4]; MAX_SEEN];
     let last = 2 * beside as usize;
     for (k, share) in shares.iter_mut().enumerate().take(last + 1) {
         let end = if k == last {

@@ -5,10 +5,11 @@ use crate::experiment::schemes::Scheme;
 use crate::experiment::{Cell, ExperimentError};
 use crate::geometry::{Pose, rotation_angle};
 use crate::messages::Measurement;
+use crate::robot::Mount;
 use crate::scene::{FrameSchedule, Irregularity};
 use crate::servo::{
-    Gain, Interaction, Law, Mount, OperationalSpace, OrientationError, ServoSettings, SetPoint, UpdatePolicy,
-    VisualServo, Wish, pose_gains_4,
+    Gain, Interaction, Law, LawOutput, OperationalSpace, OrientationError, ServoSettings, SetPoint,
+    UpdatePolicy, VisualServo, pose_gains_4,
 };
 use crate::sim::{self, ClosedLoop, perfect_measurement};
 use crate::time::{MonoNs, SpanNs, TICK};
@@ -209,8 +210,8 @@ impl ClosedLoop for AtWork<'_> {
             self.servo.take(time(tick), &m, &self.cell.arm);
         }
         let reference = match self.servo.wish(&self.q, &self.qd, &self.cell.arm) {
-            Some(Wish::Velocity(reference)) => reference,
-            Some(Wish::Torque(_)) | None => Vector4::zeros(),
+            Some(LawOutput::Velocity(reference)) => reference,
+            Some(LawOutput::Torque(_)) | None => Vector4::zeros(),
         };
         self.qd += (reference - self.qd) * self.follow;
         self.q += self.qd * TICK_S;

@@ -36,7 +36,7 @@ const WRONG_MAY_TAKE: f64 = 4.0;
 /// Gains tried up to the largest stable one, evenly in their logarithm.
 const GAINS: u32 = 60;
 /// Least gain tried, 1/s.
-const LEAST_GAIN_1_S: f64 = 2.0;
+const MIN_GAIN_1_S: f64 = 2.0;
 
 /// A gain and how quickly the loop settles with it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -89,7 +89,7 @@ fn quickest(
 ) -> Result<Best, ExperimentError> {
     let mut best = Best { gain_1_s: f64::NAN, settling_time_s: f64::INFINITY };
     for i in 1..=GAINS {
-        let gain_1_s = LEAST_GAIN_1_S * (largest / LEAST_GAIN_1_S).powf(f64::from(i) / f64::from(GAINS));
+        let gain_1_s = MIN_GAIN_1_S * (largest / MIN_GAIN_1_S).powf(f64::from(i) / f64::from(GAINS));
         if let Some(settling_time_s) = studied.settling_time(cell, gain_1_s)?
             && settling_time_s < best.settling_time_s
             && admits(gain_1_s)?

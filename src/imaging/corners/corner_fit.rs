@@ -13,18 +13,18 @@ use crate::linalg::Ldlt;
 use nalgebra::Vector2;
 
 /// Greatest half side of a window, px; of a sharp one, where more pixels add little.
-const MOST_HALF_PX: i32 = 8;
+const MAX_HALF_PX: i32 = 8;
 const SHARP_HALF_PX: i32 = 5;
 /// Between both, the half side in deviations of the blur: in less, blur and contrast are hardly told apart.
 const WINDOW_BLURS: f64 = 4.5;
 /// Least half side, px.
-const LEAST_HALF_PX: i32 = 2;
+const MIN_HALF_PX: i32 = 2;
 /// Blocks of eight pixels in the greatest window.
-const BLOCKS: usize = ((2 * MOST_HALF_PX as usize + 1).pow(2)).div_ceil(8);
+const BLOCKS: usize = ((2 * MAX_HALF_PX as usize + 1).pow(2)).div_ceil(8);
 /// Steps of Gauss and Newton.
-const MOST_STEPS: usize = 12;
+const MAX_STEPS: usize = 12;
 /// Least part of a step that is gone.
-const LEAST_PART: f64 = 0.2;
+const MIN_PART: f64 = 0.2;
 /// A step this small is the last, px: what remains is a twentieth of it.
 const LAST_STEP_PX: f64 = 0.02;
 /// Bounds of the blur, px; the pixel alone has 0.29.
@@ -36,7 +36,7 @@ const PRIOR_TURN_WAVES_RAD: f64 = 0.03;
 const WAVES: f64 = 4.5;
 const PRIOR_LIGHT: f64 = 0.02;
 /// Greatest believed change of a step, as part of it.
-const MOST_CHANGE: f64 = 0.15;
+const MAX_CHANGE: f64 = 0.15;
 /// Error that next edges in sight make where they are not parallel, in changes of a step: from views of boards.
 const CONVERGENCE: f64 = 0.04;
 /// Variance of rounding to whole grey levels: no residual is believed to be less.
@@ -125,7 +125,7 @@ fn part_of_step(part: f64, before: [f64; 2], now: [f64; 2]) -> f64 {
     }
     let square = before[0].powi(2) + before[1].powi(2);
     let apart = square - 2.0 * back + now[0].powi(2) + now[1].powi(2);
-    (part * (square - back) / apart).clamp(LEAST_PART, 1.0)
+    (part * (square - back) / apart).clamp(MIN_PART, 1.0)
 }
 
 impl CornerFitter {
@@ -139,8 +139,8 @@ impl CornerFitter {
         if !(next[0] > 2.0 && next[1] > 2.0 && len_u < 1e4 && len_v < 1e4) {
             return None;
         }
-        let most = ((WINDOW_BLURS * guess.blur_px) as i32).clamp(SHARP_HALF_PX, MOST_HALF_PX);
-        let half = ((0.75 * next[0].min(next[1])) as i32).clamp(LEAST_HALF_PX, most);
+        let most = ((WINDOW_BLURS * guess.blur_px) as i32).clamp(SHARP_HALF_PX, MAX_HALF_PX);
+        let half = ((0.75 * next[0].min(next[1])) as i32).clamp(MIN_HALF_PX, most);
         // normals point along the steps
         let side = area.signum();
         let normal_u = Vector2::new(sv.y, -sv.x) * (side / len_v);
@@ -148,7 +148,7 @@ impl CornerFitter {
         // little, or the guess is bad
         let [cu, cv] = guess.changes_px;
         let longer = [normal_u.dot(&cu) / next[0], normal_v.dot(&cv) / next[1]]
-            .map(|part| if part.abs() < MOST_CHANGE { part } else { 0.0 });
+            .map(|part| if part.abs() < MAX_CHANGE { part } else { 0.0 });
         let longer = [longer[0] * next[0], longer[1] * next[1]];
         let mut p = [0.0; COUNT];
         p[TURN_U] = normal_u.y.atan2(normal_u.x);
@@ -163,7 +163,7 @@ impl CornerFitter {
         self.first_levels(&mut p, [normal_u, normal_v]);
         let mut reloads = 0;
         let (mut part, mut previous) = (1.0, [0.0; 2]);
-        for step in 0..MOST_STEPS {
+        for step in 0..MAX_STEPS {
             let at = Vector2::new(p[X] + middle[0], p[Y] + middle[1]);
             if p[X].abs().max(p[Y].abs()) > 0.8 && reloads < 3 {
                 reloads += 1;

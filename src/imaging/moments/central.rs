@@ -2,9 +2,9 @@
 
 /// Least difference of the principal moments over their sum at which there is a principal axis: a raster disc of radius 5 px has
 /// less than a tenth of it.
-const LEAST_ELONGATION: f64 = 1e-3;
+const MIN_ELONGATION: f64 = 1e-3;
 /// Least asymmetry, see [`Moments::asymmetry`], that is told from the raster's own.
-const LEAST_ASYMMETRY: f64 = 1e-2;
+const MIN_ASYMMETRY: f64 = 1e-2;
 
 /// Mass, centroid and central moments to third order; px, masses in px^2 (pixels) or sums of levels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -103,7 +103,7 @@ impl Moments {
     #[must_use]
     pub fn axis_rad(&self) -> Option<f64> {
         let p = self.principal();
-        (p.greater - p.smaller > LEAST_ELONGATION * (p.greater + p.smaller)).then_some(p.angle_rad)
+        (p.greater - p.smaller > MIN_ELONGATION * (p.greater + p.smaller)).then_some(p.angle_rad)
     }
 
     /// Direction over the full turn, in (-pi, pi]: the principal axis (10.2), in the sense that third moments give it, towards the
@@ -119,7 +119,7 @@ impl Moments {
             true => axis + std::f64::consts::PI,
             false => axis,
         };
-        (along.abs() >= LEAST_ASYMMETRY).then_some(towards)
+        (along.abs() >= MIN_ASYMMETRY).then_some(towards)
     }
 
     /// Direction over the full turn from third moments alone, in (-pi, pi], towards the heavy side: for regions without principal axis
@@ -128,7 +128,7 @@ impl Moments {
     #[must_use]
     pub fn skew_direction_rad(&self) -> Option<f64> {
         let (a, b) = self.skewness();
-        (a.hypot(b) >= LEAST_ASYMMETRY).then(|| (-b).atan2(-a))
+        (a.hypot(b) >= MIN_ASYMMETRY).then(|| (-b).atan2(-a))
     }
 
     /// How unlike opposite sides are: `|(mu30 + mu12, mu21 + mu03)| sqrt(m00) / (mu20 + mu02)^(3/2)`, which neither place nor size

@@ -40,6 +40,8 @@ pub struct PdGravityControl<const N: usize> {
 pub(super) struct Feedback<const N: usize> {
     /// Acceleration.
     pub(super) u: SVector<f64, N>,
+    /// Of that, what the reference asks for.
+    pub(super) expected: SVector<f64, N>,
     /// Torque beside it.
     pub(super) torque: SVector<f64, N>,
     /// Velocity at the end of the step, for which friction is made up.
@@ -61,17 +63,21 @@ impl<const N: usize> JointLaw<N> {
         match self {
             Self::InverseDynamics(InverseDynamicsControl { omega_rad_s, zeta }) => Feedback {
                 u: reference.qdd + ed * (2.0 * zeta * omega_rad_s) + e * (omega_rad_s * omega_rad_s),
+                expected: reference.qdd,
                 torque: zero,
                 velocity,
                 slip: e * *omega_rad_s,
             },
             Self::PdGravity(control) => Feedback {
                 u: reference.qdd,
+                expected: reference.qdd,
                 torque: control.stiffness.component_mul(e) + control.damping.component_mul(ed),
                 velocity,
                 slip: e * control.rate_1_s,
             },
-            Self::PassThrough => Feedback { u: zero, torque: zero, velocity: zero, slip: zero },
+            Self::PassThrough => {
+                Feedback { u: zero, expected: zero, torque: zero, velocity: zero, slip: zero }
+            }
         }
     }
 }

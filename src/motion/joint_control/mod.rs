@@ -15,6 +15,7 @@
 //! the [observer](super::joint_observer) has learnt. The model is evaluated where the arm is in the middle of the step.
 
 mod law;
+mod stall;
 
 pub use law::{InverseDynamicsControl, JointLaw, PdGravityControl};
 
@@ -26,6 +27,7 @@ use crate::servo::Drift;
 use crate::time::{MonoNs, TICK};
 use law::Feedback;
 use nalgebra::SVector;
+use stall::StallGuard;
 
 /// Rate at which the velocity for which a torque law's friction is made up follows the measured one, 1/s.
 const FOLLOWS_1_S: f64 = 10.0;
@@ -44,6 +46,8 @@ pub struct JointController<const N: usize> {
     soft: bool,
     /// Whether nothing is done but to take motion away.
     damps: bool,
+    /// What a joint that does not move is pushed with.
+    stall: StallGuard<N>,
 }
 
 /// Torques or forces, N m or N.
@@ -53,19 +57,29 @@ pub struct JointTorque<const N: usize> {
     pub tau: SVector<f64, N>,
     /// The joints whose effort limit cut it, as a mask.
     pub saturated: u8,
+    /// The joints that do not move and are not pushed with all that was asked for, as a mask.
+    pub stalled: u8,
 }
 
 impl<const N: usize> JointController<N> {
     /// A controller that knows of no disturbance yet.
     #[must_use]
     pub fn new(law: JointLaw<N>, observer: ObserverSettings<N>) -> Self {
-        Self { law, observer: JointObserver::new(observer), wished_velocity: None, soft: false, damps: false }
+        Self {
+            law,
+            observer: JointObserver::new(observer),
+            wished_velocity: None,
+            soft: false,
+            damps: false,
+            stall: StallGuard::default(),
+        }
     }
 
     /// Begins anew on an arm that moves like this; what was learnt of its disturbance stays.
-    pub fn seat(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
-        self.observer.seat(q, qd);
+    pub fn reset_to_measured(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
+        self.observer.reset_to_measured(q, qd);
         self.wished_velocity = None;
+        self.stall.forget();
     }
 
     /// From now on errors are worked off gently, and no disturbance is learnt: what made an arm thrash (a delay, a load, a
@@ -124,7 +138,7 @@ impl<const N: usize> JointController<N> {
         reference: &ReferenceState<N>,
     ) -> JointTorque<N> {
         if self.law == JointLaw::PassThrough {
-            return JointTorque { tau: SVector::zeros(), saturated: 0 };
+            return JointTorque { tau: SVector::zeros(), saturated: 0, stalled: 0 };
         }
         self.wished_velocity = None;
         if self.damps {
@@ -146,7 +160,7 @@ impl<const N: usize> JointController<N> {
         qdd: &SVector<f64, N>,
     ) -> JointTorque<N> {
         if self.law == JointLaw::PassThrough {
-            return JointTorque { tau: SVector::zeros(), saturated: 0 };
+            return JointTorque { tau: SVector::zeros(), saturated: 0, stalled: 0 };
         }
         let h = TICK.as_s();
         // Friction made up for at a measured velocity drives an arm that has less of it than believed.
@@ -154,7 +168,7 @@ impl<const N: usize> JointController<N> {
         let after = before + (qdd + (qd - before) * FOLLOWS_1_S) * h;
         self.wished_velocity = Some(after);
         let zero = SVector::zeros();
-        let feedback = Feedback { u: *qdd, torque: zero, velocity: after, slip: zero };
+        let feedback = Feedback { u: *qdd, expected: *qdd, torque: zero, velocity: after, slip: zero };
         self.compensated(robot, q, qd, &feedback)
     }
 
@@ -163,11 +177,11 @@ impl<const N: usize> JointController<N> {
     #[must_use]
     pub fn blind_torque(&self, robot: &Robot<N>, reference: &ReferenceState<N>) -> JointTorque<N> {
         if self.law == JointLaw::PassThrough {
-            return JointTorque { tau: SVector::zeros(), saturated: 0 };
+            return JointTorque { tau: SVector::zeros(), saturated: 0, stalled: 0 };
         }
         let zero = SVector::zeros();
         let feedback = self.law.feedback(&zero, &zero, reference);
-        cut(robot, &self.wanted(robot, &reference.q, &reference.qd, &feedback))
+        cut(robot, &self.torques(robot, &reference.q, &reference.qd, &feedback).wanted)
     }
 
     /// What is thought to disturb the joints: as accelerations, rad/s^2 or m/s^2, and beside them as torques, N m or N.
@@ -184,8 +198,17 @@ impl<const N: usize> JointController<N> {
         qd: &SVector<f64, N>,
         feedback: &Feedback<N>,
     ) -> JointTorque<N> {
-        let wanted = self.wanted(robot, q, qd, feedback);
-        self.commanded(robot, q, &wanted, feedback, self.friction(robot, feedback))
+        let Torques { wanted, expected, friction } = self.torques(robot, q, qd, feedback);
+        let (beyond, stalled) = self.stall.bound(
+            robot,
+            q,
+            &feedback.velocity,
+            self.observer.encoder_step(),
+            &(wanted - expected),
+        );
+        let given = if stalled == 0 { wanted } else { expected + beyond };
+        let torque = self.commanded(robot, q, &wanted, &given, feedback, friction);
+        JointTorque { stalled, ..torque }
     }
 
     /// The weight of the arm, what is known to disturb it, and `-c B qd` or the damping of the PD law: whatever its inertia, the arm
@@ -197,20 +220,21 @@ impl<const N: usize> JointController<N> {
         let feedback = self.law.feedback(&zero, &(-qd * SOFT_SHARE), &rest);
         let wanted = robot.inverse_dynamics(q, &zero, &(feedback.u - p)) + feedback.torque - t;
         let unheld = Feedback { velocity: feedback.u * (0.5 * TICK.as_s()), ..feedback };
-        self.commanded(robot, q, &wanted, &unheld, zero)
+        self.commanded(robot, q, &wanted, &wanted, &unheld, zero)
     }
 
-    /// Cuts the torque that is wanted, and notes what acts until the next tick.
+    /// Cuts the torque that is `given` of the one that is `wanted`, and notes what acts until the next tick.
     fn commanded(
         &mut self,
         robot: &Robot<N>,
         q: &SVector<f64, N>,
         wanted: &SVector<f64, N>,
+        given: &SVector<f64, N>,
         feedback: &Feedback<N>,
         friction: SVector<f64, N>,
     ) -> JointTorque<N> {
-        let torque = cut(robot, wanted);
-        let missing = if torque.saturated == 0 {
+        let torque = cut(robot, given);
+        let missing = if torque.tau == *wanted {
             SVector::zeros()
         } else {
             let B = robot.mass_matrix(q);
@@ -227,32 +251,42 @@ impl<const N: usize> JointController<N> {
         torque
     }
 
-    fn wanted(
+    /// What a feedback asks for, and what the model expects of it, for the posture in the middle of the step.
+    fn torques(
         &self,
         robot: &Robot<N>,
         q: &SVector<f64, N>,
         qd: &SVector<f64, N>,
         feedback: &Feedback<N>,
-    ) -> SVector<f64, N> {
+    ) -> Torques<N> {
         let half = 0.5 * TICK.as_s();
         let (p, t) = self.observer.disturbance();
         let qd_mid = qd + feedback.u * half;
         let q_mid = q + (qd + qd_mid) * (0.5 * half);
         let share = self.observer.friction_share().add_scalar(1.0);
-        robot.inverse_dynamics(&q_mid, &qd_mid, &(feedback.u - p))
-            + self.friction(robot, feedback).component_mul(&share)
-            + feedback.torque
-            - t
-    }
-
-    /// The friction that the model expects, that of the errors' way included.
-    fn friction(&self, robot: &Robot<N>, feedback: &Feedback<N>) -> SVector<f64, N> {
-        let mut tau = robot.friction_torque(&feedback.velocity);
-        for (i, friction) in robot.friction().iter().enumerate() {
-            tau[i] += friction.viscous * feedback.slip[i];
+        let model = robot.friction_torque(&feedback.velocity);
+        let mut friction = model;
+        for (i, joint) in robot.friction().iter().enumerate() {
+            friction[i] += joint.viscous * feedback.slip[i];
         }
-        tau
+        let accelerations = [&(feedback.u - p), &self.stall.expected(&feedback.expected)];
+        let [wanted, expected] = robot.inverse_dynamics_of(&q_mid, &qd_mid, accelerations);
+        Torques {
+            wanted: wanted + friction.component_mul(&share) + feedback.torque - t,
+            expected: expected + model.component_mul(&share),
+            friction,
+        }
     }
+}
+
+/// Torques or forces of a tick, N m or N.
+struct Torques<const N: usize> {
+    /// What is asked for, whatever it is limited to.
+    wanted: SVector<f64, N>,
+    /// What the model expects the reference to take, without any error or disturbance.
+    expected: SVector<f64, N>,
+    /// The friction that the model expects, that of the errors' way included.
+    friction: SVector<f64, N>,
 }
 
 /// Cuts torques at the effort limits.
@@ -265,7 +299,7 @@ fn cut<const N: usize>(robot: &Robot<N>, wanted: &SVector<f64, N>) -> JointTorqu
         }
         *tau = within;
     }
-    JointTorque { tau, saturated }
+    JointTorque { tau, saturated, stalled: 0 }
 }
 
 #[cfg(test)]

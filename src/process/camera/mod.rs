@@ -26,13 +26,13 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
     match source {
         AnySource::Scheduled(source) => {
             // Control begins when it sees who sends frames: from then on no state of the arm may be missed.
-            let (arm, waker) = services.joint_state_receiver()?;
+            let (arm, wake_listener) = services.joint_state_receiver()?;
             let frames = services.frame_sender(id, frame_shape(config))?;
             services.require_room_for_peers()?;
             priority::take(config, Rank::Camera)?;
             info!(rate_hz = config.camera.rate_hz, "camera runs");
             let camera = scheduled::Camera::new(config, &membership, source, frames, arm);
-            camera.run(&waker, stop)
+            camera.run(&wake_listener, stop)
         }
         AnySource::FreeRunning(mut source) => {
             let frames = services.frame_sender(id, frame_shape(config))?;

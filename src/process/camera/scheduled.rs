@@ -3,7 +3,7 @@
 use super::Shot;
 use crate::config::Config;
 use crate::config::raw::Clock;
-use crate::ipc::{BorrowedFrame, FrameSender, Receiver, Spin, Waker};
+use crate::ipc::{BorrowedFrame, FrameSender, Receiver, Spin, WakeListener};
 use crate::messages::{FrameHeader, JointState, frame_flag};
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD};
 use crate::rt::{now, sleep_until};
@@ -44,11 +44,11 @@ impl<'a> Camera<'a> {
         Self { config, membership, source, frames, arm, lost: 0 }
     }
 
-    /// Runs until a stop is requested or the source ends; `waker` rings with the arm's states.
-    pub(super) fn run(mut self, waker: &Waker, stop: &StopFlag) -> Result<(), ProcessError> {
+    /// Runs until a stop is requested or the source ends; `wake_listener` is notified of the arm's states.
+    pub(super) fn run(mut self, wake_listener: &WakeListener, stop: &StopFlag) -> Result<(), ProcessError> {
         match self.config.clock {
             Clock::Realtime => self.run_by_the_clock(stop),
-            Clock::Lockstep => self.run_by_the_ticks(waker, stop),
+            Clock::Lockstep => self.run_by_the_ticks(wake_listener, stop),
         }
     }
 
@@ -106,7 +106,11 @@ impl<'a> Camera<'a> {
     }
 
     /// Exposes at the ticks of a lockstep control, and hands over at once: control knows when to use what.
-    fn run_by_the_ticks(&mut self, waker: &Waker, stop: &StopFlag) -> Result<(), ProcessError> {
+    fn run_by_the_ticks(
+        &mut self,
+        wake_listener: &WakeListener,
+        stop: &StopFlag,
+    ) -> Result<(), ProcessError> {
         let schedule = &self.config.camera.schedule;
         let mut spin = Spin::new(LONGEST_SPIN);
         let mut newest = None;
@@ -128,9 +132,9 @@ impl<'a> Camera<'a> {
             }
             // Right after a frame the core is vision's; shortly before the next one control is on its way to it.
             if newest.is_some_and(|tick| schedule.next_exposure_tick(tick) - tick <= WAKE_AHEAD) {
-                waker.wait_spinning(LONGEST_WAIT, &mut spin, || self.arm.is_waiting())?;
+                wake_listener.wait_spinning(LONGEST_WAIT, &mut spin, || self.arm.is_waiting())?;
             } else {
-                waker.wait(LONGEST_WAIT)?;
+                wake_listener.wait(LONGEST_WAIT)?;
             }
         }
         Ok(())

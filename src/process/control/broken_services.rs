@@ -71,7 +71,7 @@ impl Cell {
     /// Obeys to the last command; then, or when nothing comes for ten seconds, gives its record.
     fn play(mut self, place: &Instance) -> Record {
         let services = Services::join(place).unwrap();
-        let (commands, waker) = services.drive_command_receiver().unwrap();
+        let (commands, wake_listener) = services.drive_command_receiver().unwrap();
         let states = services.drive_state_sender().unwrap();
         let _camera = services.frame_sender(CameraId::FIRST, frame_shape(&self.config)).unwrap();
         let vision = services.measurement_sender(CameraId::FIRST).unwrap();
@@ -79,7 +79,7 @@ impl Cell {
         let schedule = self.config.camera.schedule;
         let mut heard = rt::now();
         while !self.record.last && rt::now() - heard < SpanNs(10_000_000_000) {
-            waker.wait(Duration::from_millis(5)).unwrap();
+            wake_listener.wait(Duration::from_millis(5)).unwrap();
             while let Some(c) = commands.receive().unwrap() {
                 heard = rt::now();
                 self.q = SVector::from_column_slice(&c.q_r[..N]);
@@ -106,10 +106,19 @@ impl Cell {
     }
 }
 
+/// Requests the stop when dropped: a player that fails must not leave control waiting for it.
+struct EndsTheRun(StopFlag);
+
+impl Drop for EndsTheRun {
+    fn drop(&mut self) {
+        self.0.request();
+    }
+}
+
 /// A run in which `service` fails from when the arm moves, `uses` times; how it ended, and what the drive heard.
 fn broken(service: Channel, clock: &str, uses: u32) -> (Result<(), ProcessError>, Record) {
     static COUNT: AtomicU32 = AtomicU32::new(0);
-    let name = format!("unit-broken-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+    let name = format!("broken-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
     let place: Instance = name.parse().unwrap();
     let sets = [
         "drive.kind=external",
@@ -125,14 +134,24 @@ fn broken(service: Channel, clock: &str, uses: u32) -> (Result<(), ProcessError>
     let q = crate::config::assemble::q_start::<N>(&config).unwrap();
     let cell = Cell { config: config.clone(), q, moves: moves.clone(), record: Record::default() };
     let there = place.clone();
-    let player = std::thread::Builder::new().name("cell".into()).spawn(move || cell.play(&there)).unwrap();
+    let stop = StopFlag::default();
+    let ends = EndsTheRun(stop.clone());
+    let player = move || {
+        let _ends = ends;
+        // Control removes what an earlier run left: whoever joins while it does so has nothing to join.
+        while there.open_stop_word().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        cell.play(&there)
+    };
+    let player = std::thread::Builder::new().name("cell".into()).spawn(player).unwrap();
     let mut left = uses;
     breakage::set(move |used| {
         let fails = used == service && left > 0 && moves.load(Ordering::Relaxed);
         left -= u32::from(fails);
         fails
     });
-    let end = run(&config, &place, &StopFlag::default(), None).map(|_| ());
+    let end = run(&config, &place, &stop, None).map(|_| ());
     let record = player.join().unwrap();
     place.remove_leftovers(None);
     (end, record)

@@ -8,6 +8,7 @@
 //!
 //! Whoever asks can do what it likes: requests that cannot be taken are counted and told, and never end a run.
 
+use super::stops::Stops;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::trace::Trace;
 use crate::ipc::{Asked, CommandServer};
@@ -116,6 +117,14 @@ impl Commands {
             asked.answer(&ControlAnswer { request, arm, refusal, ..self.standing });
         }
         None
+    }
+
+    /// Before the first tick: questions are answered, a stop and a shutdown are taken, everything else is refused.
+    pub(super) fn attend(&mut self, stops: &Stops) {
+        while let Some(Numbered { number, request }) = self.next() {
+            let refusal = stops.early(request).err();
+            self.answer(&Answered { number, refusal, state: ControlState::Idle });
+        }
     }
 
     /// A command that has come. One that cannot be taken is not waited for: a client that asks again before it has heard the

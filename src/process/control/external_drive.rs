@@ -8,13 +8,16 @@
 //! In real time the ports belong to the companion thread and the rings cross to the real-time thread. In lockstep both
 //! ends are on one thread, which waits for the answer to every command.
 
+use super::commands::Commands;
 use super::drive_rings::{Lost, Rings};
+use super::stops::Stops;
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
 use crate::drive::{CommandMode, DriveFault, ExternalDrive};
-use crate::ipc::{DrivePresence, Receiver, Sender, Spin, Waker};
+use crate::ipc::{DrivePresence, Receiver, Sender, Spin, WakeListener};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
-use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag};
+use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError};
+use crate::robot::POSITION_RAD_OR_M;
 use crate::rt::now;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
@@ -22,6 +25,8 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use std::time::Duration;
 use tracing::{info, warn};
 
+/// No joint of a robot file may be faster.
+const FASTEST_RAD_S_OR_M_S: f64 = 1e3;
 /// States that wait for a tick.
 const STATES: usize = 64;
 /// Commands that wait for the companion.
@@ -63,7 +68,7 @@ pub(super) struct DrivePorts<'a> {
     /// Commands sent.
     sent: u64,
     state: Receiver<DriveStateMsg>,
-    waker: Waker,
+    wake_listener: WakeListener,
     answer_timeout: SpanNs,
     spin: Spin,
 }
@@ -87,7 +92,7 @@ pub(super) fn open<'a, const N: usize>(
     let lost_commands = Lost::default();
     let link = Box::new(Rings { states, commands, lost_commands: lost_commands.clone() });
     let drive = ExternalDrive::new(link, config.drive.mode, timeout, q_start);
-    let (state, waker) = services.drive_state_receiver()?;
+    let (state, wake_listener) = services.drive_state_receiver()?;
     let command = services.drive_command_sender()?;
     let answer_timeout = config.drive.external.answer_timeout;
     let presence = services.drive_presence()?;
@@ -102,7 +107,7 @@ pub(super) fn open<'a, const N: usize>(
         command,
         sent: 0,
         state,
-        waker,
+        wake_listener,
         answer_timeout,
         spin,
     };
@@ -111,7 +116,12 @@ pub(super) fn open<'a, const N: usize>(
 
 impl DrivePorts<'_> {
     /// Waits for a drive, starts it and takes its first state; without one when a stop is requested meanwhile.
-    pub(super) fn connect(&mut self, config: &Config, stop: &StopFlag) -> Result<(), ProcessError> {
+    pub(super) fn connect(
+        &mut self,
+        config: &Config,
+        stops: &Stops,
+        commands: &mut Commands,
+    ) -> Result<(), ProcessError> {
         let mut start = DriveCommandMsg {
             joints: config.start.q.len() as u32,
             mode: config.drive.mode as u32,
@@ -126,8 +136,9 @@ impl DrivePorts<'_> {
         }
         let mut wait = Wait::new(config);
         let mut asked = None;
-        while !stop.is_requested() {
+        while !stops.end_the_start() {
             self.membership.beat();
+            commands.attend(stops);
             wait.look(&self.presence, asked.is_some())?;
             if !self.presence.is_there() {
                 std::thread::sleep(wait.pause());
@@ -141,7 +152,7 @@ impl DrivePorts<'_> {
                 self.send_counted(start)?;
                 asked = Some(now());
             }
-            self.waker.wait(LONGEST_WAIT)?;
+            self.wake_listener.wait(LONGEST_WAIT)?;
             while let Some(mut state) = self.state.receive()? {
                 if state.flags & drive_flag::INITIAL != 0 {
                     check(&state, &start, config.drive.mode)?;
@@ -177,7 +188,7 @@ impl DrivePorts<'_> {
     }
 
     /// Lockstep: waits for the state of `tick`, the one answer to the command before.
-    pub(super) fn wait_for_state(&mut self, tick: u64, stop: &StopFlag) -> Result<Answer, ProcessError> {
+    pub(super) fn wait_for_state(&mut self, tick: u64, stops: &Stops) -> Result<Answer, ProcessError> {
         let began = now();
         let mut looked = began;
         let mut stopped = None;
@@ -195,7 +206,7 @@ impl DrivePorts<'_> {
                 return Ok(Answer::Here);
             }
             let time = now();
-            if stop.is_requested() && time - *stopped.get_or_insert(time) > STOP_PATIENCE {
+            if stops.are_asked() && time - *stopped.get_or_insert(time) > STOP_PATIENCE {
                 return Ok(Answer::Failed(DriveFault::Silent));
             }
             if time - began > self.answer_timeout {
@@ -208,14 +219,14 @@ impl DrivePorts<'_> {
                     return Ok(Answer::Failed(DriveFault::Left));
                 }
             }
-            self.waker.wait_spinning(LONGEST_WAIT, &mut self.spin, || self.state.is_waiting())?;
+            self.wake_listener.wait_spinning(LONGEST_WAIT, &mut self.spin, || self.state.is_waiting())?;
         }
     }
 
     /// Real time: waits for a state, at most `longest`, and carries everything there is both ways, also where one of them fails.
     pub(super) fn carry(&mut self, longest: Duration) -> Result<(), ProcessError> {
         let sent = self.send();
-        let waited = self.waker.wait(longest).map_err(ProcessError::from);
+        let waited = self.wake_listener.wait(longest).map_err(ProcessError::from);
         let taken = self.take_states();
         sent.and(waited).and(taken).and(self.send())
     }
@@ -317,6 +328,13 @@ fn check(state: &DriveStateMsg, start: &DriveCommandMsg, mode: CommandMode) -> R
         let takes = CommandMode::ALL.into_iter().filter(|m| state.modes & m.bit() != 0);
         let takes = takes.map(CommandMode::as_str).collect::<Vec<_>>().join(", ");
         return Err(ProcessError::DriveMode { mode, takes });
+    }
+    let joints = state.q.iter().zip(&state.qd).zip(1..).take(start.joints as usize);
+    for ((q, qd), joint) in joints {
+        // In this form NaN is out of range too.
+        if !(q.abs() <= POSITION_RAD_OR_M && qd.abs() <= FASTEST_RAD_S_OR_M_S) {
+            return Err(ProcessError::DriveState { joint, q: *q, qd: *qd });
+        }
     }
     Ok(())
 }

@@ -6,6 +6,7 @@
 
 use super::commands::{Answered, Commands, Numbered};
 use super::external_drive::{self, Answer, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL};
+use super::stops::Stops;
 use super::{Listeners, Pace, Ports};
 use crate::config::Config;
 use crate::control::control_loop::ControlLoop;
@@ -15,7 +16,7 @@ use crate::ipc::{Role, Spin};
 use crate::messages::{Measurement, frame_flag};
 use crate::process::STOP_REASON;
 use crate::process::silence::Silence;
-use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD};
+use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, WAKE_AHEAD};
 use crate::process::{frame_shape, seeing_roles, shape_of};
 use crate::report::statistics::RunStatistics;
 use crate::rt::now;
@@ -29,15 +30,16 @@ const TELL_AFTER: SpanNs = SpanNs(2_000_000_000);
 /// A measurement that has not come by then will not come: camera or vision hangs.
 const PEERS_PATIENCE: SpanNs = SpanNs(10_000_000_000);
 
-/// Waits until camera and vision have joined: what is sent before would be lost to them.
+/// Waits until camera and vision have joined: what is sent before would be lost to them. They come within a moment, so that
+/// requests wait for the first tick; a stop does not.
 pub(super) fn wait_for_peers(
     membership: &Membership,
     config: &Config,
-    stop: &StopFlag,
+    stops: &Stops,
 ) -> Result<(), ProcessError> {
     let began = now();
     let mut told = None;
-    while !stop.is_requested() {
+    while !stops.end_the_start() {
         membership.beat();
         let mut peers = membership.services().peers(config.camera.id, frame_shape(config))?;
         for camera in config.further_cameras.iter().filter(|_| config.stereo.is_some()) {
@@ -73,12 +75,19 @@ pub(super) fn run<const N: usize>(
     ports: &Ports<'_>,
     (mut drive, mut commands): (Option<DrivePorts<'_>>, Commands),
     listeners: &mut Listeners<N>,
-    stop: &StopFlag,
+    stops: &Stops,
 ) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
     let schedule = &config.camera.schedule;
     let spin = Spin::new(LONGEST_SPIN);
     let seeing = seeing_roles(config);
-    let mut inbox = Inbox { waiting: VecDeque::new(), last_frame: None, peers_hang: false, seeing, spin };
+    let mut inbox = Inbox {
+        waiting: VecDeque::new(),
+        last_frame: None,
+        is_reserved: false,
+        peers_hang: false,
+        seeing,
+        spin,
+    };
     let mut next_exposure = schedule.next_exposure_tick(0);
     let mut statistics = RunStatistics::new();
     let mut next_frame = 0;
@@ -91,7 +100,7 @@ pub(super) fn run<const N: usize>(
         if let Some(drive) = &mut drive
             && tick > 0
         {
-            match drive.wait_for_state(tick, stop) {
+            match drive.wait_for_state(tick, stops) {
                 Ok(Answer::Here) => {}
                 Ok(Answer::Failed(fault)) => control.fail(Fault::Drive(fault)),
                 Err(error) => {
@@ -108,7 +117,8 @@ pub(super) fn run<const N: usize>(
         } else {
             note(&mut broken, ports.joint_state.send_quietly(&state));
         }
-        if stop.is_requested() || broken.is_some() {
+        stops.obey(&mut control);
+        if broken.is_some() {
             control.stop(STOP_REASON);
         }
         while let Some(Numbered { number, request }) = commands.next() {
@@ -118,7 +128,7 @@ pub(super) fn run<const N: usize>(
         let (mut measurement, before) = (None, next_frame);
         while schedule.usable_tick(next_frame) == tick {
             if !schedule.is_lost(next_frame) && broken.is_none() {
-                match inbox.measurement_of(next_frame, ports, stop) {
+                match inbox.measurement_of(next_frame, ports, stops) {
                     Ok(here) => measurement = here.or(measurement),
                     Err(error) => note(&mut broken, Err(error)),
                 }
@@ -131,7 +141,7 @@ pub(super) fn run<const N: usize>(
         // From here to the next frame nothing is waited for: the camera may wake up meanwhile.
         let ahead = next_exposure - tick;
         if ahead == WAKE_AHEAD || (ahead < WAKE_AHEAD && next_frame > before) {
-            note(&mut broken, ports.joint_state.ring());
+            note(&mut broken, ports.joint_state.notify());
         }
         if let Some(m) = &measurement {
             listeners.note_measurement(m);
@@ -171,6 +181,8 @@ fn note<E: Into<ProcessError>>(broken: &mut Option<ProcessError>, result: Result
 struct Inbox {
     waiting: VecDeque<Measurement>,
     last_frame: Option<u64>,
+    /// All of shared memory was, when the first measurement came: nothing moves before.
+    is_reserved: bool,
     /// Camera and vision were waited for in vain, and are not waited for any more.
     peers_hang: bool,
     /// Who is waited for.
@@ -185,11 +197,14 @@ impl Inbox {
         &mut self,
         id: u64,
         ports: &Ports<'_>,
-        stop: &StopFlag,
+        stops: &Stops,
     ) -> Result<Option<Measurement>, ProcessError> {
         let mut wait = None;
         loop {
             while let Some(m) = ports.measurements.receive()? {
+                if !std::mem::replace(&mut self.is_reserved, true) {
+                    ports.membership.services().instance().reserve()?;
+                }
                 if m.flags & frame_flag::LAST != 0 {
                     self.last_frame = Some(m.frame_id);
                 }
@@ -201,7 +216,7 @@ impl Inbox {
             match self.waiting.front() {
                 Some(m) if m.frame_id == id => return Ok(self.waiting.pop_front()),
                 Some(_) => return Ok(None),
-                None if stop.is_requested() || self.last_frame.is_some_and(|last| id > last) => {
+                None if stops.are_asked() || self.last_frame.is_some_and(|last| id > last) => {
                     return Ok(None);
                 }
                 None => {}
@@ -213,7 +228,7 @@ impl Inbox {
             }
             ports.membership.beat();
             let here = || ports.measurements.is_waiting();
-            ports.waker.wait_spinning(LONGEST_WAIT, &mut self.spin, here)?;
+            ports.wake_listener.wait_spinning(LONGEST_WAIT, &mut self.spin, here)?;
         }
     }
 }
@@ -234,7 +249,7 @@ impl Wait {
         let waited = self.silence.look(time);
         if waited > TELL_AFTER && !std::mem::replace(&mut self.told, true) {
             let instance = membership.services().instance();
-            let hangs = |role| instance.last_pulse(role).is_none_or(|last| time - last > TELL_AFTER);
+            let hangs = |role| instance.last_heartbeat(role).is_none_or(|last| time - last > TELL_AFTER);
             let hanging: Vec<_> = seeing.iter().filter(|r| hangs(**r)).map(ToString::to_string).collect();
             let who = if hanging.is_empty() { "none".into() } else { hanging.join(", ") };
             warn!(

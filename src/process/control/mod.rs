@@ -8,10 +8,11 @@ mod commands;
 mod deadlines;
 mod drive_rings;
 mod external_drive;
-mod leavings;
 mod lockstep;
 mod realtime;
 mod realtime_thread;
+mod run_files;
+mod stops;
 
 use super::{Membership, ProcessError, ReportFolder, StopFlag};
 use crate::calibration::{KnownCell, Recording, stamp_offset};
@@ -20,7 +21,7 @@ use crate::config::raw::{Clock, Task};
 use crate::control::control_loop::{ControlLoop, Finish};
 use crate::control::outcome::Outcome;
 use crate::control::trace::Trace;
-use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, Waker};
+use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, WakeListener};
 use crate::messages::{CameraId, JointState, Measurement, Status, TraceMsg};
 use crate::report::history::RunHistory;
 use crate::report::statistics::RunStatistics;
@@ -33,6 +34,7 @@ use commands::Commands;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
 use std::time::Duration;
+use stops::Stops;
 
 /// How long recorders have to take the last records of a run.
 const TRACE_FAREWELL: Duration = Duration::from_millis(200);
@@ -82,7 +84,7 @@ impl<const N: usize> Listeners<N> {
 struct Ports<'a> {
     membership: &'a Membership,
     measurements: Receiver<Measurement>,
-    waker: Waker,
+    wake_listener: WakeListener,
     joint_state: Sender<JointState>,
     status: Sender<Status>,
     trace: QuietSender<TraceMsg>,
@@ -91,10 +93,10 @@ struct Ports<'a> {
 impl<'a> Ports<'a> {
     fn open(membership: &'a Membership, camera: CameraId) -> Result<Self, ProcessError> {
         let services = membership.services();
-        let (measurements, waker) = services.measurement_receiver(camera)?;
+        let (measurements, wake_listener) = services.measurement_receiver(camera)?;
         let (joint_state, status) = (services.joint_state_sender()?, services.status_sender()?);
         let trace = services.trace_sender()?;
-        Ok(Self { membership, measurements, waker, joint_state, status, trace })
+        Ok(Self { membership, measurements, wake_listener, joint_state, status, trace })
     }
 
     /// Records vanish with their sender: gives whoever listens the time to take the last ones.
@@ -144,6 +146,7 @@ fn run_robot<const N: usize>(
     report: Option<&ReportFolder>,
 ) -> Result<Summary, ProcessError> {
     let membership = Membership::join(instance, Role::Control)?;
+    let stops = Stops::new(stop.clone(), instance.make_stop_word()?, config.serve);
     let (control, mut drive) = match external_drive::open::<N>(config, &membership)? {
         Some((drive, ports)) => {
             (crate::config::assemble::control_loop_with(config, robot, Box::new(drive))?, Some(ports))
@@ -151,26 +154,27 @@ fn run_robot<const N: usize>(
         None => (crate::config::assemble::control_loop(config, robot)?, None),
     };
     let ports = Ports::open(&membership, config.camera.id)?;
+    let mut commands = Commands::new(membership.services().command_server()?, config.serve);
+    let camera = CameraWatch::open(membership.services(), config)?;
     if config.clock == Clock::Lockstep {
-        lockstep::wait_for_peers(&membership, config, stop)?;
+        lockstep::wait_for_peers(&membership, config, &stops)?;
     }
     membership.services().require_room_for_peers()?;
     if let Some(drive) = &mut drive {
-        drive.connect(config, stop)?;
+        drive.connect(config, &stops, &mut commands)?;
     }
-    let commands = Commands::new(membership.services().command_server()?, config.serve);
+    instance.reserve()?;
     let start = now();
     let mut listeners = Listeners {
         calibration: (config.task == Task::CalibrateLatency).then(Recording::default),
-        history: report.map(|_| leavings::history(config, &control)),
+        history: report.map(|_| run_files::history(config, &control)),
     };
     let (control, statistics, pace) = match config.clock {
         Clock::Realtime => {
-            let camera = CameraWatch::open(membership.services(), config)?;
             let messages = (drive, commands, camera);
-            realtime::run(config, control, &ports, messages, &mut listeners, stop)?
+            realtime::run(config, control, &ports, messages, &mut listeners, stops)?
         }
-        Clock::Lockstep => lockstep::run(config, control, &ports, (drive, commands), &mut listeners, stop)?,
+        Clock::Lockstep => lockstep::run(config, control, &ports, (drive, commands), &mut listeners, &stops)?,
     };
     let wall = now() - start;
     ports.farewell();
@@ -179,7 +183,7 @@ fn run_robot<const N: usize>(
         calibrate(config, &control, &recording, &mut summary);
     }
     if let (Some(folder), Some(history)) = (report, &listeners.history) {
-        leavings::write(folder, config, &control, history, &membership);
+        run_files::write(folder, config, &control, history, &membership);
     }
     Ok(summary)
 }
@@ -218,7 +222,7 @@ fn summary<const N: usize>(
     pace: Pace,
     wall: SpanNs,
 ) -> Summary {
-    let sightings = control.sightings();
+    let sightings = control.measurements();
     let m = sightings.last().copied().unwrap_or_default();
     let lockstep = config.clock == Clock::Lockstep;
     let reason = match pace.camera_is_away {
@@ -240,7 +244,7 @@ fn summary<const N: usize>(
         skipped_ticks: pace.skipped_ticks,
         frames: m.frames_received,
         measurements: sightings.count(),
-        intake: *sightings.intake(),
+        intake: *sightings.verdicts(),
         frames_dropped: m.frames_dropped,
         target_lost: m.target_lost,
         late_drive_states: control.late_drive_states(),

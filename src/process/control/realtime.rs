@@ -12,6 +12,7 @@ use super::camera_watch::CameraWatch;
 use super::commands::{Answered, Commands, Numbered};
 use super::external_drive::{self, DrivePorts};
 use super::realtime_thread::{AtEnd, Panic, RealtimeThread};
+use super::stops::Stops;
 use super::{Listeners, Pace, Ports};
 use crate::config::raw::RealtimePolicy;
 use crate::config::{Config, RealtimeRequest};
@@ -54,7 +55,7 @@ pub(super) fn run<const N: usize>(
     ports: &Ports<'_>,
     (mut drive, commands, camera): (Option<DrivePorts<'_>>, Commands, CameraWatch),
     listeners: &mut Listeners<N>,
-    stop: &StopFlag,
+    stops: Stops,
 ) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
     let (records, to_send) = RingBuffer::new(RECORDS);
     let (received, measurements) = RingBuffer::new(MEASUREMENTS);
@@ -68,9 +69,16 @@ pub(super) fn run<const N: usize>(
     let memory = request.as_ref().and_then(rt::prepare_process);
     let max_missed_in_a_row = config.safety.max_missed_in_a_row;
     let halt = StopFlag::default();
-    let stops = [stop.clone(), halt.clone()];
-    let worker =
-        RealtimeThread { control, measurements, records, requests, answers, stops, max_missed_in_a_row };
+    let worker = RealtimeThread {
+        control,
+        measurements,
+        records,
+        requests,
+        answers,
+        stops,
+        halt: halt.clone(),
+        max_missed_in_a_row,
+    };
     let thread = std::thread::Builder::new()
         .name("control-rt".into())
         .spawn(move || {
@@ -112,6 +120,7 @@ pub(super) fn run<const N: usize>(
         listeners,
         statistics,
         unsent: 0,
+        is_reserved: false,
         silence: None,
     };
     let mut broken = None;
@@ -120,7 +129,7 @@ pub(super) fn run<const N: usize>(
         let carried = companion.carry();
         let waited = match &mut drive {
             Some(drive) => drive.carry(COMPANION_PERIOD_WITH_DRIVE),
-            None => ports.waker.wait(COMPANION_PERIOD).map_err(ProcessError::from),
+            None => ports.wake_listener.wait(COMPANION_PERIOD).map_err(ProcessError::from),
         };
         let Err(error) = carried.and(waited) else { continue };
         // Without messages the run cannot go on. The arm comes to rest first, for which all that still gets through is carried
@@ -191,6 +200,8 @@ struct Companion<'a, const N: usize> {
     listeners: &'a mut Listeners<N>,
     statistics: RunStatistics,
     unsent: u64,
+    /// All of shared memory was, when the first measurement came.
+    is_reserved: bool,
     /// Since the last measurement; `None` once its length was told.
     silence: Option<Silence>,
 }
@@ -215,10 +226,19 @@ impl<const N: usize> Companion<'_, N> {
     fn take_measurements(&mut self) -> Result<(), IpcError> {
         while let Some(measurement) = self.ports.measurements.receive()? {
             self.silence = Some(Silence::begin(rt::now()));
+            self.reserve()?;
             self.listeners.note_measurement(&measurement);
             if self.received.push(measurement).is_err() {
                 self.unsent += 1;
             }
+        }
+        Ok(())
+    }
+
+    /// Before the first measurement moves the arm: camera and vision have joined by then, with segments of their own.
+    fn reserve(&mut self) -> Result<(), IpcError> {
+        if !std::mem::replace(&mut self.is_reserved, true) {
+            self.ports.membership.services().instance().reserve()?;
         }
         Ok(())
     }

@@ -8,6 +8,7 @@
 
 use super::commands::{Answered, Numbered};
 use super::deadlines::Deadlines;
+use super::stops::Stops;
 use crate::control::control_loop::{ControlLoop, Finish};
 use crate::control::safety::Fault;
 use crate::control::trace::Trace;
@@ -30,8 +31,10 @@ pub(super) struct RealtimeThread<const N: usize> {
     /// What somebody wants of the loop, and what it says to that.
     pub(super) requests: Consumer<Numbered>,
     pub(super) answers: Producer<Answered>,
-    /// A request from outside, and the companion's own when it cannot go on.
-    pub(super) stops: [StopFlag; 2],
+    /// What is asked for from outside.
+    pub(super) stops: Stops,
+    /// The companion's own request, when it cannot go on.
+    pub(super) halt: StopFlag,
     pub(super) max_missed_in_a_row: u64,
 }
 
@@ -94,9 +97,10 @@ impl<const N: usize> RealtimeThread<N> {
             if deadlines.missed_in_a_row() > self.max_missed_in_a_row {
                 self.control.fail(Fault::DeadlinesMissed);
             }
-            if self.stops.iter().any(StopFlag::is_requested) {
+            if self.halt.is_requested() {
                 self.control.stop(STOP_REASON);
             }
+            self.stops.obey(&mut self.control);
             while let Ok(Numbered { number, request }) = self.requests.pop() {
                 let refusal = self.control.request(request).err();
                 let state = self.control.controller().state().told();
@@ -187,7 +191,8 @@ mod tests {
             assemble::control_loop_with::<4>(&config, config.robot.build().unwrap(), drive).unwrap();
         let (records, _kept) = RingBuffer::new(16);
         let (_kept, measurements) = RingBuffer::new(1);
-        let stops = [StopFlag::default(), StopFlag::default()];
+        let place: crate::ipc::Instance = format!("u-panic-{}", std::process::id()).parse().unwrap();
+        let stops = Stops::new(StopFlag::default(), place.make_stop_word().unwrap(), false);
         let (_kept, requests) = RingBuffer::new(1);
         let (answers, _kept) = RingBuffer::new(1);
         let worker = RealtimeThread {
@@ -197,10 +202,12 @@ mod tests {
             requests,
             answers,
             stops,
+            halt: StopFlag::default(),
             max_missed_in_a_row: 1_000_000,
         };
         let Err(Panic(reason)) = worker.run(SpanNs::ZERO) else { panic!("it ran to its end") };
         assert_eq!(reason, "index 5 out of range");
         assert!(was_ended.load(Ordering::Relaxed), "the drive knows that no command follows");
+        place.remove_leftovers(None);
     }
 }

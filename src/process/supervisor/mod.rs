@@ -2,39 +2,37 @@
 //!
 //! ```text
 //! lock ─► configuration into shared memory ─► camera, vision, control ─► watch ─┬─ control is done
-//!                                                                             ├─ a process died, or hangs (vigil)
+//!                                                                             ├─ a process died, or hangs (hang_watch)
 //!                                                                             └─ SIGINT, SIGTERM
 //!        remove leftovers ◄─ reap ◄─ kill what hangs ◄─ the others end ◄─ control has brought the arm to rest ◄┘
 //! ```
 
 mod child;
-mod crew;
+mod children;
+mod hang_watch;
 mod progress;
 mod reap;
-mod vigil;
 
 use super::{ProcessError, ReportFolder, StopFlag, seeing_roles, shape_of};
 use crate::config::Config;
 use crate::control::outcome::Outcome;
-use crate::ipc::{Instance, InstanceError, Receiver, Role, Services};
+use crate::ipc::{Instance, InstanceError, Receiver, Role, SPACE_BESIDE_FRAMES_BYTES, Services};
 use crate::messages::Status;
 use crate::report::summary::Summary;
 use crate::rt::now;
 use crate::time::SpanNs;
 use child::End;
-use crew::Crew;
+use children::Children;
+use hang_watch::HangWatch;
 use progress::Progress;
 use std::fs::File;
 use std::time::Duration;
 use tracing::error;
-use vigil::Vigil;
 
 /// How long the children of a supervisor that was just killed may take to bring the arm to rest and end.
 const PREDECESSOR: SpanNs = SpanNs(5_000_000_000);
 /// From the orderly end of an external drive's program to that of control.
 const DRIVE_LEAVES: SpanNs = SpanNs(2_000_000_000);
-/// What all that is not a frame takes in shared memory from the first second on, bytes.
-const LEAST_SPACE_BESIDE_FRAMES: u64 = 256 * 1024;
 const WATCH_PERIOD: Duration = Duration::from_millis(10);
 
 /// How a run ended.
@@ -82,9 +80,9 @@ impl Place {
         }
         let place = Self { instance: instance.clone(), lock: Some(lock) };
         instance.remove_leftovers(Some(Role::Supervisor));
-        // The kernel has no milder way than SIGBUS to say later that there is none.
-        let one_each = config.cameras().map(|camera| shape_of(camera, config.clock).bytes as u64);
-        instance.require_space(one_each.sum::<u64>() + LEAST_SPACE_BESIDE_FRAMES)?;
+        // All of it is reserved before the arm moves: the kernel has no milder way than SIGBUS to say later that there is none.
+        let frames = config.cameras().map(|camera| shape_of(camera, config.clock).space_bytes());
+        instance.require_space(frames.sum::<u64>() + SPACE_BESIDE_FRAMES_BYTES)?;
         let written = instance.write_config(&config.to_toml()?)?;
         Ok((place, written))
     }
@@ -108,7 +106,7 @@ fn supervise(
     if stop.is_requested() {
         return Ok(stopped_before_the_start(config, now() - start));
     }
-    let mut crew = Crew::start(config, instance, written, report)?;
+    let mut children = Children::start(config, instance, written, report)?;
     let (failure, end) = {
         // Attached after the children were started: a process must not fork once it has joined the transport.
         let services = Services::join(instance).ok();
@@ -116,18 +114,18 @@ fn supervise(
         let mut watch = Watch {
             status,
             progress: Progress::new(config.serve),
-            vigil: Vigil::new(instance, config.clock, seeing_roles(config), now()),
+            hang_watch: HangWatch::new(instance, config.clock, seeing_roles(config), now()),
         };
-        let failure = watch.until_the_end(&mut crew, stop);
-        let end = crew.shut_down(Some(&mut watch));
-        if end.1.is_none() && stop.is_requested() && !watch.vigil.has_ticked() {
+        let failure = watch.until_the_end(&mut children, stop);
+        let end = children.shut_down(Some(&mut watch));
+        if end.1.is_none() && stop.is_requested() && !watch.hang_watch.has_ticked() {
             // A stop that came while control was still starting: nothing has moved yet.
             return Ok(stopped_before_the_start(config, now() - start));
         }
         (failure, end)
     };
     let mut end = conclude(config, failure, end, now() - start);
-    end.summary.processes = crew.usages();
+    end.summary.processes = children.usages();
     Ok(end)
 }
 
@@ -161,7 +159,7 @@ impl Failure {
 struct Watch {
     status: Option<Receiver<Status>>,
     progress: Progress,
-    vigil: Vigil,
+    hang_watch: HangWatch,
 }
 
 impl Watch {
@@ -169,20 +167,20 @@ impl Watch {
     fn look(&mut self) -> Option<(Role, SpanNs)> {
         if let Some(Ok(Some(status))) = self.status.as_ref().map(Receiver::receive_newest) {
             self.progress.show(&status);
-            self.vigil.note(&status, now());
+            self.hang_watch.note(&status, now());
         }
-        self.vigil.look(now())
+        self.hang_watch.look(now())
     }
 
     /// Waits until control is done, another process dies, one hangs, or a stop is requested.
-    fn until_the_end(&mut self, crew: &mut Crew, stop: &StopFlag) -> Option<Failure> {
+    fn until_the_end(&mut self, children: &mut Children, stop: &StopFlag) -> Option<Failure> {
         let mut drive_left = None;
         let failure = loop {
             let silent = self.look();
-            if crew.control.poll().is_some() || stop.is_requested() {
+            if children.control.poll().is_some() || stop.is_requested() {
                 break None;
             }
-            let ended = crew.others.iter_mut().filter_map(|c| c.poll().map(|end| (c.role(), end)));
+            let ended = children.others.iter_mut().filter_map(|c| c.poll().map(|end| (c.role(), end)));
             // A drive may leave as soon as it was told that the run is over; control has yet to say how it went.
             let mut ended = ended.filter(|(role, end)| {
                 let leaves = *role == Role::Drive && end.exit_code() == Some(0);

@@ -9,9 +9,9 @@ pub struct Axis {
 }
 
 /// Least distance of the ends of a logarithmic axis from each other: a factor.
-const LEAST_FACTOR: f64 = 4.0;
+const MIN_FACTOR: f64 = 4.0;
 /// Most decades of a logarithmic axis.
-const MOST_DECADES: f64 = 18.0;
+const MAX_DECADES: f64 = 18.0;
 
 impl Axis {
     /// From `low` to `high`, with room where they are the same.
@@ -30,8 +30,8 @@ impl Axis {
     pub fn logarithmic(low: f64, high: f64) -> Self {
         let high = if high.is_finite() && high > 0.0 { high.clamp(1e-250, 1e250) } else { 1.0 };
         let low = if low > 0.0 { low.min(high) } else { high };
-        let low = low.max(high / 10f64.powf(MOST_DECADES));
-        let room = (LEAST_FACTOR * low / high).max(1.0).sqrt();
+        let low = low.max(high / 10f64.powf(MAX_DECADES));
+        let room = (MIN_FACTOR * low / high).max(1.0).sqrt();
         Self { low: low / room, high: high * room, log: true }
     }
 

@@ -4,26 +4,26 @@
 //! ```text
 //! Trace ────────► ticks          full: every second row goes, and from then on every second one (fourth ...) is kept;
 //! Measurement ──► measurements   the first and the last are always there
-//! Trace.sighting ─────┘ what became of it
+//! Trace.measurement_record ─────┘ what became of it
 //! ```
 
 mod table;
 #[cfg(test)]
 mod tests;
 
-use crate::control::trace::{LatencyStages, Sighting, Trace};
+use crate::control::trace::{LatencyStages, MeasurementRecord, Trace};
 use crate::geometry::Pose;
 use crate::messages::{MAX_JOINTS, Measurement, measurement_flag};
 use crate::motion::Limit;
-use crate::servo::Intake;
+use crate::servo::MeasurementVerdict;
 use crate::time::{MonoNs, SpanNs};
 
 /// Most ticks that are kept: two minutes at 1 kHz.
-const MOST_TICKS: usize = 120_000;
+const MAX_TICKS: usize = 120_000;
 /// Most measurements that are kept: two minutes at 100 Hz.
-const MOST_MEASUREMENTS: usize = 12_000;
+const MAX_MEASUREMENTS: usize = 12_000;
 /// So far back a measurement is looked for when control tells what became of it.
-const MOST_UNDER_WAY: usize = 64;
+const MAX_UNDER_WAY: usize = 64;
 
 /// What a run left behind, tick by tick.
 #[derive(Debug, Clone)]
@@ -72,7 +72,7 @@ struct SeenRow {
     /// The tick that took it.
     taken: Option<MonoNs>,
     error_px: f64,
-    intake: Option<Intake>,
+    verdict: Option<MeasurementVerdict>,
     latency: Option<LatencyStages>,
 }
 
@@ -136,11 +136,11 @@ impl RunHistory {
             let rows = longest.as_s().max(0.0) * rate_hz + 64.0;
             if rows < most as f64 { rows as usize } else { most }
         };
-        let measurements = Thinned::new(within(rate_hz, MOST_MEASUREMENTS));
+        let measurements = Thinned::new(within(rate_hz, MAX_MEASUREMENTS));
         Self {
             joints: joints.min(MAX_JOINTS),
             ids: ids.to_vec(),
-            ticks: Thinned::new(within(1e3, MOST_TICKS)),
+            ticks: Thinned::new(within(1e3, MAX_TICKS)),
             px: Vec::with_capacity(measurements.most * 2 * ids.len()),
             last_px: Vec::with_capacity(2 * ids.len()),
             measurements,
@@ -161,7 +161,7 @@ impl RunHistory {
             rms_px: m.reprojection_rms_px as f32,
             taken: None,
             error_px: f64::NAN,
-            intake: None,
+            verdict: None,
             latency: None,
         });
         let width = 2 * self.ids.len();
@@ -186,7 +186,7 @@ impl RunHistory {
     /// Takes a tick in.
     pub fn note(&mut self, trace: &Trace) {
         self.first.get_or_insert(trace.time);
-        if let Some(sighting) = &trace.sighting {
+        if let Some(sighting) = &trace.measurement_record {
             self.settle(trace.time, sighting);
         }
         let (js, command) = (&trace.joint_state, &trace.command);
@@ -211,15 +211,15 @@ impl RunHistory {
     }
 
     /// What became of a measurement.
-    fn settle(&mut self, now: MonoNs, sighting: &Sighting) {
+    fn settle(&mut self, now: MonoNs, sighting: &MeasurementRecord) {
         let is_it = |row: &&mut SeenRow| {
             (row.frame_id, row.camera) == (sighting.frame.frame_id, sighting.frame.camera)
         };
-        let newest = self.measurements.rows.iter_mut().rev().take(MOST_UNDER_WAY).find(is_it);
+        let newest = self.measurements.rows.iter_mut().rev().take(MAX_UNDER_WAY).find(is_it);
         for row in newest.into_iter().chain(self.measurements.last.as_mut().filter(is_it)) {
             row.taken = Some(now);
             row.error_px = sighting.error_px;
-            row.intake = sighting.intake;
+            row.verdict = sighting.verdict;
             row.latency = sighting.latency;
         }
     }

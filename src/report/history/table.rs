@@ -4,7 +4,7 @@ use super::{RunHistory, SeenRow, TickRow};
 use crate::control::trace::LatencyStages;
 use crate::messages::{ControlState, TargetStatus, measurement_flag};
 use crate::motion::Limit;
-use crate::servo::Intake;
+use crate::servo::MeasurementVerdict;
 use crate::time::SpanNs;
 use std::fmt::{Display, Write};
 
@@ -64,7 +64,7 @@ impl RunHistory {
     #[must_use]
     pub fn measurements_csv(&self) -> String {
         let mut out = String::from(
-            "frame_id,camera,exposure_s,taken_s,status,intake,error_px,tracked,features,reprojection_rms_px,\
+            "frame_id,camera,exposure_s,taken_s,status,verdict,error_px,tracked,features,reprojection_rms_px,\
              exposure_to_frame_us,frame_to_vision_us,vision_us,measurement_to_command_us,exposure_to_command_us",
         );
         cells(&mut out, POSE.iter().map(|part| format!("CO_{part}")));
@@ -84,7 +84,7 @@ impl RunHistory {
             let _ = write!(out, "{:.9}", self.seconds(taken));
         }
         let status = TargetStatus::from_code(row.status);
-        let _ = write!(out, ",{status:?},{},", row.intake.map_or("", intake_word));
+        let _ = write!(out, ",{status:?},{},", row.verdict.map_or("", verdict_word));
         if row.error_px.is_finite() {
             let _ = write!(out, "{}", row.error_px);
         }
@@ -136,17 +136,17 @@ fn cells<T: Display>(out: &mut String, values: impl IntoIterator<Item = T>) {
     }
 }
 
-fn intake_word(intake: Intake) -> &'static str {
-    match intake {
-        Intake::Used => "used",
-        Intake::UsedFromFuture => "used_from_future",
-        Intake::NoTarget => "no_target",
-        Intake::OtherFeatures => "other_features",
-        Intake::TooFewFeatures => "too_few_features",
-        Intake::ImpossiblePose => "impossible_pose",
-        Intake::Inconsistent => "inconsistent",
-        Intake::NotNewer => "not_newer",
-        Intake::RefusedFromFuture => "refused_from_future",
-        Intake::TooOld => "too_old",
+fn verdict_word(verdict: MeasurementVerdict) -> &'static str {
+    match verdict {
+        MeasurementVerdict::Used => "used",
+        MeasurementVerdict::UsedFromFuture => "used_from_future",
+        MeasurementVerdict::NoTarget => "no_target",
+        MeasurementVerdict::OtherFeatures => "other_features",
+        MeasurementVerdict::TooFewFeatures => "too_few_features",
+        MeasurementVerdict::ImpossiblePose => "impossible_pose",
+        MeasurementVerdict::Inconsistent => "inconsistent",
+        MeasurementVerdict::NotNewer => "not_newer",
+        MeasurementVerdict::RefusedFromFuture => "refused_from_future",
+        MeasurementVerdict::TooOld => "too_old",
     }
 }

@@ -15,7 +15,7 @@ const STAGES: [(&str, &str); 5] = [
     ("measurement_to_command_us", "measurement to command"),
 ];
 /// Most bars of a histogram.
-const MOST_BARS: usize = 40;
+const MAX_BARS: usize = 40;
 /// Steps of a decade in the histogram of ticks: 1000 us is an edge.
 const STEPS: f64 = 20.0;
 
@@ -37,7 +37,7 @@ fn time(us: f64, digits: usize) -> String {
 /// Edges and counts of bars: `(edge, count)`, the last edge with a count of zero.
 fn bars(sorted: &[f64], log: bool) -> Vec<(f64, f64)> {
     let (Some(low), Some(high)) = (sorted.first(), sorted.last()) else { return Vec::new() };
-    let count = ((sorted.len() as f64).sqrt() as usize).clamp(8, MOST_BARS);
+    let count = ((sorted.len() as f64).sqrt() as usize).clamp(8, MAX_BARS);
     // All alike: one bar, with room beside it.
     let same = high - low <= 1e-6 * high.abs();
     let (count, log) = if same { (1, false) } else { (count, log) };

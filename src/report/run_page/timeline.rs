@@ -64,7 +64,7 @@ fn class_of(state: &str) -> &'static str {
     match state {
         "servoing" => "b0",
         "converged" => "b5",
-        "holding" | "held" => "b2",
+        "holding" | "returning" | "held" => "b2",
         "fault" => "b1",
         _ => "b3",
     }

@@ -7,15 +7,15 @@ use super::tags::tags;
 /// Deepest nesting of elements; a URDF needs six, extensions of simulators a few more.
 const DEEPEST: usize = 64;
 /// Elements of all kinds; a humanoid has some thousand.
-const MOST_ELEMENTS: usize = 50_000;
+const MAX_ELEMENTS: usize = 50_000;
 /// Links, and joints.
-const MOST_PARTS: usize = 1000;
+const MAX_PARTS: usize = 1000;
 /// Longest tag, bytes.
 const LONGEST_TAG: usize = 8 << 10;
 /// Namespaces that are declared.
-const MOST_NAMESPACES: usize = 1000;
+const MAX_NAMESPACES: usize = 1000;
 /// Each of `<` and `=`, for which the parser sets memory aside before it looks.
-const MOST_SIGNS: usize = 400_000;
+const MAX_SIGNS: usize = 400_000;
 
 /// The first thing in `text` that is too much, or the first tag without end. What else is wrong with it is for the parser
 /// to find.
@@ -48,10 +48,10 @@ pub(super) fn excess(text: &str) -> Option<XmlFault> {
                 format!("elements are nested more than {DEEPEST} deep; is it a URDF robot?"),
             );
         }
-        if elements > MOST_ELEMENTS {
+        if elements > MAX_ELEMENTS {
             return at(
                 tag.start,
-                format!("there are more than {MOST_ELEMENTS} elements; is it a URDF robot?"),
+                format!("there are more than {MAX_ELEMENTS} elements; is it a URDF robot?"),
             );
         }
         if depth == 2 {
@@ -61,11 +61,11 @@ pub(super) fn excess(text: &str) -> Option<XmlFault> {
                 _ => &mut 0,
             };
             *count += 1;
-            if *count > MOST_PARTS {
+            if *count > MAX_PARTS {
                 let name = tag.name();
                 return at(
                     tag.start,
-                    format!("there are more than {MOST_PARTS} {name}s; give the arm's own alone"),
+                    format!("there are more than {MAX_PARTS} {name}s; give the arm's own alone"),
                 );
             }
         }
@@ -74,9 +74,9 @@ pub(super) fn excess(text: &str) -> Option<XmlFault> {
         }
     }
     let (what, most) = match () {
-        () if text.matches("xmlns").count() > MOST_NAMESPACES => ("namespaces", MOST_NAMESPACES),
-        () if text.matches('<').count() > MOST_SIGNS => ("signs `<`", MOST_SIGNS),
-        () if text.matches('=').count() > MOST_SIGNS => ("signs `=`", MOST_SIGNS),
+        () if text.matches("xmlns").count() > MAX_NAMESPACES => ("namespaces", MAX_NAMESPACES),
+        () if text.matches('<').count() > MAX_SIGNS => ("signs `<`", MAX_SIGNS),
+        () if text.matches('=').count() > MAX_SIGNS => ("signs `=`", MAX_SIGNS),
         () => return None,
     };
     at(0, format!("there are more than {most} {what}; is it a URDF robot?"))
@@ -95,15 +95,15 @@ mod tests {
         assert_eq!(nested(DEEPEST), None);
         assert_eq!(nested(DEEPEST + 1).unwrap().line, DEEPEST + 1);
         let wide = |n: usize| excess(&format!("<robot>{}</robot>", "<link/>\n".repeat(n)));
-        assert_eq!(wide(MOST_PARTS), None);
-        assert!(wide(MOST_PARTS + 1).unwrap().message.contains("more than 1000 links"));
+        assert_eq!(wide(MAX_PARTS), None);
+        assert!(wide(MAX_PARTS + 1).unwrap().message.contains("more than 1000 links"));
         assert_eq!(excess("<a>\n<b c='").unwrap().line, 2);
         let spaces = |n: usize| excess(&"<a xmlns:a='b'/>".repeat(n));
-        assert_eq!(spaces(MOST_NAMESPACES), None);
-        assert!(spaces(MOST_NAMESPACES + 1).unwrap().message.contains("1000 namespaces"));
+        assert_eq!(spaces(MAX_NAMESPACES), None);
+        assert!(spaces(MAX_NAMESPACES + 1).unwrap().message.contains("1000 namespaces"));
         let comment = |sign: &str, n: usize| excess(&format!("<!--{}-->", sign.repeat(n)));
-        assert_eq!(comment("=", MOST_SIGNS), None);
-        assert!(comment("=", MOST_SIGNS + 1).unwrap().message.contains("signs `=`"));
-        assert!(comment("<", MOST_SIGNS + 1).unwrap().message.contains("signs `<`"));
+        assert_eq!(comment("=", MAX_SIGNS), None);
+        assert!(comment("=", MAX_SIGNS + 1).unwrap().message.contains("signs `=`"));
+        assert!(comment("<", MAX_SIGNS + 1).unwrap().message.contains("signs `<`"));
     }
 }

@@ -67,7 +67,7 @@ fn observed(acceleration: f64, seed: u64, sd: f64, frames: u64) -> (Truth, Objec
     };
     let R = Matrix6::from_diagonal(&nalgebra::Vector6::repeat(sd * sd));
     // What the filter takes for the least error of a calibration is an error like any other.
-    let (place_sd, orientation_sd) = (sd.hypot(LEAST_PLACE_SD_M), sd.hypot(LEAST_ORIENTATION_SD_RAD));
+    let (place_sd, orientation_sd) = (sd.hypot(MIN_PLACE_SD_M), sd.hypot(MIN_ORIENTATION_SD_RAD));
     for k in 0..frames {
         let id = seed * 1000 + k;
         motion.observe(MonoNs(k as i64 * FRAME.0), &truth.seen(id, place_sd, orientation_sd), &R);
@@ -108,7 +108,7 @@ fn the_stated_uncertainty_is_that_of_the_errors() {
 fn the_speed_is_as_certain_as_it_can_be() {
     let dt = FRAME.as_s();
     for sd in [1e-5, 1e-4, 1e-3] {
-        let r = f64::hypot(sd, LEAST_PLACE_SD_M);
+        let r = f64::hypot(sd, MIN_PLACE_SD_M);
         let index = DYNAMICS.acceleration_m_s2 * dt * dt / r;
         let root = (4.0 + index - (8.0 * index + index * index).sqrt()) / 4.0;
         let alpha = 1.0 - root * root;

@@ -2,7 +2,7 @@
 
 use super::{goal, pose, seen, square};
 use crate::geometry::{Pose, integrate_body_twist};
-use crate::robot::Robot;
+use crate::robot::{CameraJacobian, Mount, Robot};
 use crate::servo::*;
 use nalgebra::{Matrix6, Vector3, Vector4, Vector6};
 use proptest::prelude::*;
@@ -32,7 +32,7 @@ fn falls(
         let view = seen(&X_CO, &square()).with_known(Some(X_CO));
         let arm = Arm { J: mount.camera(&robot, q).1, qd: *qd, gravity: robot.gravity(q) };
         match law.wish(&law.task(&set_point, &view).unwrap(), &arm) {
-            Some(Wish::Torque(tau)) => robot.forward_dynamics(q, qd, &tau),
+            Some(LawOutput::Torque(tau)) => robot.forward_dynamics(q, qd, &tau),
             other => panic!("{other:?}"),
         }
     };
@@ -111,7 +111,7 @@ proptest! {
                 Task::Wrench(_) => unreachable!("a velocity law"),
             };
             let task = law.task(&set_point, &seen(&now, &square())).unwrap();
-            let Some(Wish::Velocity(V)) = law.wish(&task, &arm) else { panic!("no velocity") };
+            let Some(LawOutput::Velocity(V)) = law.wish(&task, &arm) else { panic!("no velocity") };
             let h = 1e-3;
             let next = integrate_body_twist(&Pose::identity(), &V, h).inverse() * now;
             let (before, after) = (error_at(&now), error_at(&next));

@@ -4,7 +4,7 @@ use super::{goal, pose, seen, square};
 use crate::features::{Feature, SegmentFeature, point_rows};
 use crate::geometry::{Pose, integrate_body_twist, rotate_twist};
 use crate::pose::euler_zyx_rotation;
-use crate::robot::Robot;
+use crate::robot::{CameraJacobian, Mount, Robot};
 use crate::servo::*;
 use nalgebra::{DMatrix, DVector, Matrix4, Matrix6, SMatrix, SVector, Vector2, Vector3, Vector4, Vector6};
 use proptest::prelude::*;
@@ -20,14 +20,14 @@ fn arm<const N: usize>(J: SMatrix<f64, 6, N>, qd: SVector<f64, N>, gravity: SVec
 
 fn velocity<const N: usize>(law: &Law, set_point: &SetPoint, view: &View, arm: &Arm<N>) -> SVector<f64, N> {
     match law.wish(&law.task(set_point, view).unwrap(), arm) {
-        Some(Wish::Velocity(qd)) => qd,
+        Some(LawOutput::Velocity(qd)) => qd,
         other => panic!("{other:?}"),
     }
 }
 
 fn torque<const N: usize>(law: &Law, set_point: &SetPoint, view: &View, arm: &Arm<N>) -> SVector<f64, N> {
     match law.wish(&law.task(set_point, view).unwrap(), arm) {
-        Some(Wish::Torque(tau)) => tau,
+        Some(LawOutput::Torque(tau)) => tau,
         other => panic!("{other:?}"),
     }
 }

@@ -3,7 +3,7 @@
 use super::square;
 use crate::geometry::Pose;
 use crate::messages::Measurement;
-use crate::robot::Robot;
+use crate::robot::{Mount, Robot};
 use crate::servo::*;
 use crate::sim::perfect_measurement;
 use crate::time::MonoNs;
@@ -82,8 +82,8 @@ impl<const N: usize> Loop<N> {
             assert!(self.servo.take(now, &m, &self.robot).is_used());
         }
         self.qd = match self.servo.wish(&self.q, &self.qd, &self.robot) {
-            Some(Wish::Velocity(qd)) => qd,
-            Some(Wish::Torque(_)) => panic!("a velocity law"),
+            Some(LawOutput::Velocity(qd)) => qd,
+            Some(LawOutput::Torque(_)) => panic!("a velocity law"),
             None => SVector::zeros(),
         };
         self.q += self.qd * 1e-3;

@@ -11,15 +11,15 @@ const SLOW_1_S: f64 = 1.0;
 const LARGEST_HELD: f64 = 0.2;
 
 impl ServoSettings {
-    /// Share of a law's rate that is left: of all that is above [`SLOW_1_S`] what [`Self::calm`] leaves, and near the goal it falls
-    /// towards `calm_gain_1_s` where `view` is within about a pixel.
-    pub(super) fn calmed(&self, rate_1_s: f64, view: &View) -> f64 {
-        let slower = if rate_1_s > SLOW_1_S { self.gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
-        slower * self.calmed_near(rate_1_s * slower, view)
+    /// Share of a law's rate that is left: of all that is above [`SLOW_1_S`] the `gain_share` that an arm that swings has, and near the goal it falls
+    /// towards `gain_at_goal_1_s` where `view` is within about a pixel.
+    pub(super) fn gain_at(&self, gain_share: f64, rate_1_s: f64, view: &View) -> f64 {
+        let slower = if rate_1_s > SLOW_1_S { gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
+        slower * self.calmed_near(gain_share, rate_1_s * slower, view)
     }
 
-    fn calmed_near(&self, rate_1_s: f64, view: &View) -> f64 {
-        let calm_1_s = self.calm_gain_1_s * self.gain_share;
+    fn calmed_near(&self, gain_share: f64, rate_1_s: f64, view: &View) -> f64 {
+        let calm_1_s = self.gain_at_goal_1_s * gain_share;
         if !(rate_1_s > calm_1_s) {
             return 1.0;
         }

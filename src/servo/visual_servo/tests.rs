@@ -1,9 +1,10 @@
 use super::pace::as_quick_as_held;
 use super::*;
+use crate::robot::Mount;
 use crate::servo::{
     Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, OperationalSpace, OrientationError,
 };
-use crate::servo::{Law, Mount, ObjectDynamics};
+use crate::servo::{Law, ObjectDynamics};
 use crate::sim::perfect_measurement;
 use nalgebra::{Point3, Vector3, Vector4};
 use proptest::prelude::*;
@@ -44,10 +45,10 @@ fn moved_to(servo: &mut VisualServo<4>, ms: std::ops::RangeInclusive<i64>) {
     }
 }
 
-fn velocity(wish: Option<Wish<4>>) -> Vector4<f64> {
+fn velocity(wish: Option<LawOutput<4>>) -> Vector4<f64> {
     match wish.unwrap() {
-        Wish::Velocity(qd) => qd,
-        Wish::Torque(_) => panic!("a velocity law"),
+        LawOutput::Velocity(qd) => qd,
+        LawOutput::Torque(_) => panic!("a velocity law"),
     }
 }
 
@@ -58,8 +59,8 @@ fn a_late_measurement_is_worth_a_fresh_one_under_predict() {
     for s in [&mut late, &mut fresh] {
         moved_to(s, 0..=100);
     }
-    assert_eq!(late.take(MonoNs(100 * MS), &seen_at(40), &robot), Intake::Used);
-    assert_eq!(fresh.take(MonoNs(100 * MS), &seen_at(100), &robot), Intake::Used);
+    assert_eq!(late.take(MonoNs(100 * MS), &seen_at(40), &robot), MeasurementVerdict::Used);
+    assert_eq!(fresh.take(MonoNs(100 * MS), &seen_at(100), &robot), MeasurementVerdict::Used);
     let (a, b) = (
         velocity(late.wish(&q_at(100), &Vector4::zeros(), &robot)),
         velocity(fresh.wish(&q_at(100), &Vector4::zeros(), &robot)),
@@ -104,22 +105,38 @@ fn frame_holds_and_tick_follows_the_arm() {
 }
 
 #[test]
+fn an_arm_that_was_slowed_down_goes_at_full_gain_again_when_it_is_told_to() {
+    let robot = scara();
+    let mut s = servo(UpdatePolicy::Tick);
+    let Law::ImageVelocity { gain, .. } = &mut s.settings.law else { panic!("this law") };
+    *gain = Gain::Constant(4.0); // slow ones are not slowed down
+    moved_to(&mut s, 0..=10);
+    s.take(MonoNs(10 * MS), &seen_at(10), &robot);
+    let speed = |s: &mut VisualServo<4>| velocity(s.wish(&q_at(400), &Vector4::zeros(), &robot)).norm();
+    let full = speed(&mut s);
+    while s.reduce_gain() {}
+    assert!(speed(&mut s) < 0.7 * full, "{} of {full}", speed(&mut s));
+    s.seek_at_full_gain();
+    assert_eq!(speed(&mut s), full);
+}
+
+#[test]
 fn stamps_decide_what_is_used() {
     let robot = scara();
     let mut s = servo(UpdatePolicy::Predict);
     moved_to(&mut s, 1000..=1100);
     let now = MonoNs(1100 * MS);
     assert!(s.wish(&q_at(1100), &Vector4::zeros(), &robot).is_none());
-    assert_eq!(s.take(now, &seen_at(1160), &robot), Intake::RefusedFromFuture);
-    assert_eq!(s.take(now, &seen_at(1080), &robot), Intake::Used);
-    assert_eq!(s.take(now, &seen_at(1080), &robot), Intake::NotNewer, "repeated");
-    assert_eq!(s.take(now, &seen_at(1040), &robot), Intake::NotNewer, "overtaken");
-    assert_eq!(s.take(now, &seen_at(1120), &robot), Intake::UsedFromFuture);
+    assert_eq!(s.take(now, &seen_at(1160), &robot), MeasurementVerdict::RefusedFromFuture);
+    assert_eq!(s.take(now, &seen_at(1080), &robot), MeasurementVerdict::Used);
+    assert_eq!(s.take(now, &seen_at(1080), &robot), MeasurementVerdict::NotNewer, "repeated");
+    assert_eq!(s.take(now, &seen_at(1040), &robot), MeasurementVerdict::NotNewer, "overtaken");
+    assert_eq!(s.take(now, &seen_at(1120), &robot), MeasurementVerdict::UsedFromFuture);
     let lost = Measurement { exposure: MonoNs(1130 * MS), ..Measurement::default() };
-    assert_eq!(s.take(now, &lost, &robot), Intake::NoTarget);
+    assert_eq!(s.take(now, &lost, &robot), MeasurementVerdict::NoTarget);
     // whatever else a refused measurement carries
     let refused = Measurement { status: TargetStatus::Inconsistent as u32, ..seen_at(1130) };
-    assert_eq!(s.take(now, &refused, &robot), Intake::Inconsistent);
+    assert_eq!(s.take(now, &refused, &robot), MeasurementVerdict::Inconsistent);
 }
 
 #[test]
@@ -127,12 +144,12 @@ fn a_frame_from_before_the_first_tick_shows_the_arm_at_rest() {
     let robot = scara();
     let mut s = servo(UpdatePolicy::Predict);
     moved_to(&mut s, 1000..=1001);
-    assert_eq!(s.take(MonoNs(1001 * MS), &seen_at(970), &robot), Intake::Used);
+    assert_eq!(s.take(MonoNs(1001 * MS), &seen_at(970), &robot), MeasurementVerdict::Used);
     let mut restarted = servo(UpdatePolicy::Predict);
     moved_to(&mut restarted, 1000..=1001);
     restarted.take(MonoNs(1001 * MS), &seen_at(1000), &robot);
     restarted.note_arm(MonoNs(5 * MS), &q_at(5), &Vector4::zeros());
-    assert_eq!(restarted.take(MonoNs(2000 * MS), &seen_at(1001), &robot), Intake::Used);
+    assert_eq!(restarted.take(MonoNs(2000 * MS), &seen_at(1001), &robot), MeasurementVerdict::Used);
 }
 
 #[test]
@@ -161,12 +178,12 @@ fn poses_that_no_object_before_a_camera_has_are_refused() {
     ] {
         let mut s = servo(UpdatePolicy::Predict);
         moved_to(&mut s, 0..=20);
-        let intake = s.take(MonoNs(20 * MS), &m, &robot);
-        assert_eq!(intake, Intake::ImpossiblePose, "{what}");
-        assert!(!intake.is_used() && s.wish(&q_at(20), &Vector4::zeros(), &robot).is_none(), "{what}");
+        let verdict = s.take(MonoNs(20 * MS), &m, &robot);
+        assert_eq!(verdict, MeasurementVerdict::ImpossiblePose, "{what}");
+        assert!(!verdict.is_used() && s.wish(&q_at(20), &Vector4::zeros(), &robot).is_none(), "{what}");
         // Without the flag there is no pose that could be wrong.
         let unposed = Measurement { flags: 0, ..m };
-        assert_eq!(s.take(MonoNs(20 * MS), &unposed, &robot), Intake::Used, "{what}");
+        assert_eq!(s.take(MonoNs(20 * MS), &unposed, &robot), MeasurementVerdict::Used, "{what}");
     }
 }
 
@@ -178,8 +195,8 @@ fn the_way_back_leads_to_where_the_whole_target_was_seen() {
     s.take(MonoNs(100 * MS), &seen_at(40), &robot);
     assert!(s.way_back(&q_at(100)).is_none(), "not wished for");
     s.settings.returns = true;
-    let (qd, approach) = s.way_back(&q_at(100)).unwrap();
-    assert!((q_at(100) + qd / approach.rate_1_s - q_at(40)).norm() < 1e-9, "{qd}");
+    let (qd, convergence) = s.way_back(&q_at(100)).unwrap();
+    assert!((q_at(100) + qd / convergence.rate_1_s - q_at(40)).norm() < 1e-9, "{qd}");
     assert!(s.way_back(&q_at(40)).is_none(), "there already");
     // A part of the target is not the whole of it.
     let mut partial = seen_at(80);

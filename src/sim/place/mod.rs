@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! postures anywhere ─► camera turned as wished ─► away from limits and singular postures, room for the object ─► the best few
-//!        each: object before the camera (X_WO = X_WC X_DO) ─► a start beside it ─► Outlook without doubt ─► a run that converges
+//!        each: object before the camera (X_WO = X_WC X_DO) ─► a start beside it ─► Preflight without doubt ─► a run that converges
 //! ```
 //! The object is put where the camera looks, and not the camera where the object is: so that arms of few joints get a goal too. Obstacles
 //! are not known, nor whether the arm meets itself.
@@ -14,10 +14,10 @@ use crate::config::raw::{DriveKind, RawDrive, RawMotion, SetPointKind, Task};
 use crate::config::{Config, ConfigError, Draft};
 use crate::control::outcome::Outcome;
 use crate::geometry::{Pose, roll_pitch_yaw};
-use crate::robot::RobotError;
-use crate::scene::Sight;
-use crate::servo::{Mount, PostureSearch};
-use crate::sim::outlook::Outlook;
+use crate::robot::{Mount, RobotError};
+use crate::scene::Visibility;
+use crate::servo::PostureSearch;
+use crate::sim::preflight::Preflight;
 use crate::sim::system::{SimError, SystemRun, simulate_system};
 use nalgebra::SVector;
 use stand::Stand;
@@ -68,7 +68,7 @@ pub struct Placement {
     /// The object in the desired camera.
     pub X_DO: Pose,
     /// What a run has before it.
-    pub outlook: Outlook,
+    pub preflight: Preflight,
     /// How the run ended that was simulated.
     pub run: SystemRun,
 }
@@ -210,8 +210,8 @@ impl<'a, const N: usize> Search<'a, N> {
         let at = |z: f64| Pose::translation(-middle.x, -middle.y, z);
         let camera = &self.config.camera.model;
         let room_px = |z: f64| {
-            let sight = Sight::of(&self.config.target, camera, &at(z));
-            if sight.whole == sight.points.len() { sight.room_px } else { f64::NEG_INFINITY }
+            let visibility = Visibility::of(&self.config.target, camera, &at(z));
+            if visibility.whole == visibility.points.len() { visibility.room_px } else { f64::NEG_INFINITY }
         };
         if let Some(distance_m) = wishes.distance_m {
             if room_px(distance_m) > 0.0 {
@@ -239,8 +239,8 @@ impl<'a, const N: usize> Search<'a, N> {
             Ok(config) => config,
             Err(e) => return Ok(Err(e.to_string())),
         };
-        let outlook = Outlook::of(&config)?;
-        if let Some((_, why)) = outlook.faults().into_iter().chain(outlook.doubts()).next() {
+        let preflight = Preflight::of(&config)?;
+        if let Some((_, why)) = preflight.faults().into_iter().chain(preflight.doubts()).next() {
             return Ok(Err(why));
         }
         let run = simulate_system(&config, &mut |_| ControlFlow::Continue(()))?;
@@ -251,7 +251,7 @@ impl<'a, const N: usize> Search<'a, N> {
             return Ok(Err("the target is lost on the way".into()));
         }
         let q_goal = stand.q.as_slice().to_vec();
-        Ok(Ok(Placement { q_start, q_goal, X_WO, X_DO, outlook, run }))
+        Ok(Ok(Placement { q_start, q_goal, X_WO, X_DO, preflight, run }))
     }
 }
 

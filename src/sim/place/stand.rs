@@ -4,7 +4,7 @@
 use super::{Look, PlaceWishes, Search};
 use crate::geometry::Pose;
 use crate::linalg::Random;
-use crate::servo::Mount;
+use crate::robot::Mount;
 use nalgebra::{Rotation3, SVector, UnitQuaternion, Vector3};
 
 /// Postures that are tried, and those about an object that lies where it lies.
@@ -12,7 +12,7 @@ pub(super) const POSTURES: usize = 1500;
 const ROLLS: usize = 24;
 const STARTS_EACH: usize = 12;
 /// Share of its range that a joint keeps from its ends at the goal: the least, and what is good enough.
-const LEAST_SHARE: f64 = 0.08;
+const MIN_SHARE: f64 = 0.08;
 const GOOD_SHARE: f64 = 0.25;
 /// The camera is turned as wished within this, rad; an arm of few joints may be off by the other.
 const TURNED: f64 = 1e-3;
@@ -177,7 +177,7 @@ impl<const N: usize> Search<'_, N> {
             if range.is_finite() { (q - limit.lower).min(limit.upper - q) / range } else { 1.0 }
         };
         let least = self.arm.limits().iter().zip(q.iter()).map(share).fold(1.0, f64::min);
-        if least < LEAST_SHARE { 0.0 } else { (least / GOOD_SHARE).min(1.0) }
+        if least < MIN_SHARE { 0.0 } else { (least / GOOD_SHARE).min(1.0) }
     }
 
     /// How good a place for an object that is, 0 to 1.

@@ -3,7 +3,7 @@
 use super::Search;
 use super::stand::Stand;
 use crate::geometry::Pose;
-use crate::scene::Sight;
+use crate::scene::Visibility;
 use nalgebra::{SVector, UnitQuaternion, Vector2, Vector3};
 
 /// Shares of the widest displacement, the widest first.
@@ -20,7 +20,7 @@ const SLIDE: f64 = 0.25;
 /// Share of the picture's shorter side that stays free about the marks.
 const FREE_SHARE: f64 = 0.05;
 /// An error that is worth a run, px.
-const LEAST_ERROR_PX: f64 = 10.0;
+const MIN_ERROR_PX: f64 = 10.0;
 /// So many starts of a stand are tried.
 const TRIED: usize = 3;
 
@@ -84,13 +84,13 @@ impl<const N: usize> Search<'_, N> {
         let X_CO = self.posture().X_WC(q).inv_mul(&stand.X_WO);
         let camera = &self.config.camera.model;
         let i = camera.intrinsics();
-        let sight = Sight::of(&self.config.target, camera, &X_CO);
+        let visibility = Visibility::of(&self.config.target, camera, &X_CO);
         let free_px = FREE_SHARE * f64::from(i.width_px.min(i.height_px));
         let set_point = crate::servo::SetPoint::from_pose(&stand.X_DO, self.config.servo.set_point.points());
         let error_px = set_point.map_or(0.0, |s| s.error_rms_px_at(&X_CO, &Vector2::new(i.fx_px, i.fy_px)));
-        sight.front
-            && sight.whole == sight.points.len()
-            && sight.room_px >= free_px
-            && error_px >= LEAST_ERROR_PX
+        visibility.front
+            && visibility.whole == visibility.points.len()
+            && visibility.room_px >= free_px
+            && error_px >= MIN_ERROR_PX
     }
 }

@@ -21,15 +21,15 @@ fn arms_of_all_kinds_get_a_place() {
     for arm in ["scara", "ur5", "panda", "pan_tilt"] {
         let p = placed(&[&format!("robot.model={arm}")], &ANYTHING);
         assert_eq!(p.run.finish.outcome, Outcome::Converged, "{arm}");
-        let (start, goal) = (p.outlook.start.as_ref().unwrap(), p.outlook.goal.as_ref().unwrap());
+        let (start, goal) = (p.preflight.start.as_ref().unwrap(), p.preflight.goal.as_ref().unwrap());
         assert!(goal.axis.unwrap().beside_m < 1e-5, "{arm}");
-        assert!(goal.sight.room_px > 100.0 && start.sight.room_px > 20.0, "{arm}");
-        let far = |(a, b): (&crate::scene::PointInSight, &crate::scene::PointInSight)| {
+        assert!(goal.visibility.room_px > 100.0 && start.visibility.room_px > 20.0, "{arm}");
+        let far = |(a, b): (&crate::scene::PointVisibility, &crate::scene::PointVisibility)| {
             (Vector2::from(a.px.unwrap()) - Vector2::from(b.px.unwrap())).norm()
         };
-        let way_px: f64 = start.sight.points.iter().zip(&goal.sight.points).map(far).sum();
+        let way_px: f64 = start.visibility.points.iter().zip(&goal.visibility.points).map(far).sum();
         assert!(way_px > 40.0, "{arm}: the start is a start: {way_px}");
-        assert_eq!((p.outlook.faults(), p.outlook.doubts()), (vec![], vec![]));
+        assert_eq!((p.preflight.faults(), p.preflight.doubts()), (vec![], vec![]));
     }
 }
 
@@ -44,14 +44,14 @@ fn the_same_question_has_the_same_answer() {
 fn wishes_are_kept() {
     let set = ["robot.model=ur5", "camera.mount.position_m=[0.0, 0.0, 0.05]"];
     let level = placed(&set, &PlaceWishes { look: Some(Look::Level), ..ANYTHING });
-    let looks = Vector3::from(level.outlook.goal.unwrap().camera.unwrap().looks);
+    let looks = Vector3::from(level.preflight.goal.unwrap().camera.unwrap().looks);
     assert!(looks.z.abs() < 1e-3, "{looks}");
     let far = placed(&set, &PlaceWishes { distance_m: Some(0.6), ..ANYTHING });
     assert_eq!(far.X_DO.translation.z, 0.6);
     let there = Vector3::new(0.5, 0.1, -0.05);
     let fixed = placed(&set, &PlaceWishes { object: Some((there, None)), ..ANYTHING });
     assert!((fixed.X_WO.translation.vector - there).norm() < 1e-6);
-    assert!(fixed.outlook.goal.unwrap().camera.unwrap().looks[2] < -0.999, "seen from above");
+    assert!(fixed.preflight.goal.unwrap().camera.unwrap().looks[2] < -0.999, "seen from above");
 }
 
 #[test]

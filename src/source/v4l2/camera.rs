@@ -43,7 +43,7 @@ const STALLED_AT_START: SpanNs = SpanNs(3_000_000_000);
 /// A stall after which the stream is begun anew; the pauses between such attempts grow.
 const RESTART_STALLED: SpanNs = SpanNs(5_000_000_000);
 /// Different notes that are told of a device.
-const MOST_NOTES: usize = 64;
+const MAX_NOTES: usize = 64;
 
 /// What there is of the device.
 #[derive(Debug)]
@@ -159,7 +159,7 @@ impl V4l2Camera {
 
     /// Tells something once.
     fn tell(&mut self, line: String) {
-        if self.told.len() < MOST_NOTES && !self.told.contains(&line) {
+        if self.told.len() < MAX_NOTES && !self.told.contains(&line) {
             warn!("camera {}: {line}", self.wish.settings.device);
             self.told.insert(line);
         }

@@ -103,11 +103,11 @@ pub(super) struct ReadingPlan {
 }
 
 impl ReadingPlan {
-    const MOST_OFTEN: u32 = 8;
+    const MAX_OFTEN: u32 = 8;
     const LARGEST_SHARE: f64 = 0.01;
 
     pub(super) fn new() -> Self {
-        Self { every: Self::MOST_OFTEN, left: Self::MOST_OFTEN }
+        Self { every: Self::MAX_OFTEN, left: Self::MAX_OFTEN }
     }
 
     /// A frame has passed; true when it is time to read.
@@ -123,7 +123,7 @@ impl ReadingPlan {
     /// Reading took `cost`, where frames are `period` apart.
     pub(super) fn took(&mut self, cost: SpanNs, period: SpanNs) {
         let frames = cost.as_s() / (Self::LARGEST_SHARE * period.as_s().max(1e-6));
-        self.every = (frames.ceil() as u32).clamp(Self::MOST_OFTEN, 10_000);
+        self.every = (frames.ceil() as u32).clamp(Self::MAX_OFTEN, 10_000);
         self.left = self.every;
     }
 }

@@ -19,8 +19,8 @@ use std::path::Path;
 use std::time::Duration;
 
 /// Entries of a list that a driver is asked for: more than any has, and an end for one whose list has none.
-const MOST_ENTRIES: u32 = 256;
-const MOST_CONTROLS: usize = 1024;
+const MAX_ENTRIES: u32 = 256;
+const MAX_CONTROLS: usize = 1024;
 
 const BUFFER_ERROR: u32 = 0x40;
 const STAMP_CLOCK: u32 = 0xe000;
@@ -111,7 +111,7 @@ impl Device {
             let name = if kind == ControlKind::IntegerMenu { number.to_string() } else { abi::text(&name) };
             Some((i64::from(index), name))
         };
-        (first..=last).take(MOST_ENTRIES as usize).filter_map(entry).collect()
+        (first..=last).take(MAX_ENTRIES as usize).filter_map(entry).collect()
     }
 
     /// Selections are asked for by the single-planar kind, whatever the queue.
@@ -179,7 +179,7 @@ fn kind(caps: u32) -> NodeKind {
 
 /// What `next(index)` gives, from 0 on, until there is no more.
 fn listed<T>(next: impl Fn(u32) -> Option<T>) -> Vec<T> {
-    (0..MOST_ENTRIES).map_while(next).collect()
+    (0..MAX_ENTRIES).map_while(next).collect()
 }
 
 impl VideoNode for Device {
@@ -270,7 +270,7 @@ impl VideoNode for Device {
     fn controls(&self) -> Vec<ControlOffer> {
         let mut found = Vec::new();
         let mut query = AbiQueryControl { id: NEXT_CONTROL, ..Default::default() };
-        while found.len() < MOST_CONTROLS {
+        while found.len() < MAX_CONTROLS {
             let before = query.id & !NEXT_CONTROL;
             if update::<QUERY_EXT_CTRL, _>(&self.fd, &mut query).is_err() || query.id <= before {
                 break; // the end, or a driver that goes in circles

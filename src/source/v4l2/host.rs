@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 const VIDEO_MAJOR: u32 = 81;
 const DEVICES: &str = "/dev";
 /// Nodes that are looked at.
-const MOST_NODES: usize = 256;
+const MAX_NODES: usize = 256;
 
 /// This machine.
 #[derive(Debug, Clone, Copy)]
@@ -27,7 +27,7 @@ impl CameraHost for ThisMachine {
             let number = entry.file_name().to_str()?.strip_prefix("video")?.parse::<u32>().ok()?;
             Some((number, entry.path()))
         });
-        let mut found: Vec<_> = numbered.take(MOST_NODES).collect();
+        let mut found: Vec<_> = numbered.take(MAX_NODES).collect();
         found.sort();
         found.into_iter().filter_map(|(_, path)| self.file(&path).ok()).collect()
     }
@@ -105,7 +105,7 @@ pub(super) fn about_permission(path: &Path) -> String {
 pub(super) fn links_to(path: &Path) -> Vec<PathBuf> {
     let mut links = Vec::new();
     for folder in ["/dev/v4l/by-id", "/dev/v4l/by-path"] {
-        let entries = fs::read_dir(folder).into_iter().flatten().flatten().take(MOST_NODES);
+        let entries = fs::read_dir(folder).into_iter().flatten().flatten().take(MAX_NODES);
         let leads_there = |link: &PathBuf| fs::canonicalize(link).is_ok_and(|target| target == path);
         links.extend(entries.map(|entry| entry.path()).filter(leads_there));
     }

@@ -37,7 +37,7 @@ const LEAST: usize = 3;
 
 /// What one camera saw in one frame.
 #[derive(Debug, Clone)]
-struct Sighting {
+struct CameraDetections {
     header: FrameHeader,
     found: Vec<Found>,
     /// Why there are none.
@@ -60,7 +60,7 @@ pub struct StereoVision {
     left: Finder,
     right: Finder,
     taught: TaughtView,
-    pairing: Pairing<Sighting>,
+    pairing: Pairing<CameraDetections>,
     /// Buffers of sightings that nobody holds.
     spare: Vec<Vec<Found>>,
     room: usize,
@@ -112,13 +112,17 @@ impl StereoVision {
     pub fn look(&mut self, side: Side, frame: &Frame<'_>) {
         let mut found = self.spare.pop().unwrap_or_else(|| Vec::with_capacity(self.room));
         let miss = self.find(side, &frame.image, &mut found).err();
-        self.pairing.file(side, frame.header.exposure, Sighting { header: frame.header, found, miss });
+        self.pairing.file(
+            side,
+            frame.header.exposure,
+            CameraDetections { header: frame.header, found, miss },
+        );
     }
 
     /// Files a frame of `side` that is none: its pixels do not fit its header.
     pub fn look_past(&mut self, side: Side, header: FrameHeader) {
         let (found, miss) = (self.spare.pop().unwrap_or_default(), Some(TargetStatus::WrongSize));
-        self.pairing.file(side, header.exposure, Sighting { header, found, miss });
+        self.pairing.file(side, header.exposure, CameraDetections { header, found, miss });
     }
 
     /// For frames of `side` exposed up to `until` no mate is to be waited for any more.
@@ -129,7 +133,7 @@ impl StereoVision {
     /// The oldest frame of `side` that waits for its mate.
     #[must_use]
     pub fn waiting(&self, side: Side) -> Option<&FrameHeader> {
-        self.pairing.front(side).map(|sighting| &sighting.header)
+        self.pairing.front(side).map(|detections| &detections.header)
     }
 
     /// The next measurement, oldest first; `None` where all frames that are here wait for their mates. All fields are filled except
@@ -144,9 +148,9 @@ impl StereoVision {
                 self.spare.extend([left.found, right.found]);
                 StereoMeasurement { measurement: self.counted(m), blind }
             }
-            Match::Alone(side, sighting) => {
-                let m = Measurement { status: TargetStatus::NoPair as u32, ..begun(&sighting.header) };
-                self.spare.push(sighting.found);
+            Match::Alone(side, detections) => {
+                let m = Measurement { status: TargetStatus::NoPair as u32, ..begun(&detections.header) };
+                self.spare.push(detections.found);
                 StereoMeasurement { measurement: self.counted(m), blind: Some(side.other()) }
             }
         })
@@ -191,7 +195,12 @@ impl StereoVision {
     }
 
     /// Fills pose and features; the camera that is to blame where there are none.
-    fn measure(&mut self, left: &Sighting, right: &Sighting, m: &mut Measurement) -> Option<Side> {
+    fn measure(
+        &mut self,
+        left: &CameraDetections,
+        right: &CameraDetections,
+        m: &mut Measurement,
+    ) -> Option<Side> {
         let both = [(left.miss, Side::Left), (right.miss, Side::Right)];
         if let Some((status, side)) = both.into_iter().find_map(|(miss, side)| Some((miss?, side))) {
             m.status = status as u32;

@@ -11,7 +11,7 @@ use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
 
 /// Frames of one camera that may wait for those of the other.
-const MOST_WAITING: usize = 16;
+const MAX_WAITING: usize = 16;
 
 /// Which of the two cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -85,7 +85,7 @@ impl<T> Pairing<T> {
     /// Pairs are frames whose stamps lie `tolerance` apart or less.
     #[must_use]
     pub fn new(tolerance: SpanNs) -> Self {
-        let queue = || VecDeque::with_capacity(MOST_WAITING + 1);
+        let queue = || VecDeque::with_capacity(MAX_WAITING + 1);
         Self {
             tolerance,
             left: queue(),
@@ -151,7 +151,7 @@ impl<T> Pairing<T> {
                 Side::Right => self.right_given_up,
             };
             let overdue = first.zip(given_up).is_some_and(|(first, until)| first <= until);
-            if overdue || self.queue(side).len() > MOST_WAITING {
+            if overdue || self.queue(side).len() > MAX_WAITING {
                 return self.alone(side);
             }
         }
@@ -282,10 +282,10 @@ mod tests {
             pairing.file(Side::Left, MonoNs(k * PERIOD), k as u64);
             out += all(&mut pairing).len();
         }
-        assert_eq!(out, 1000 - MOST_WAITING);
+        assert_eq!(out, 1000 - MAX_WAITING);
         pairing.give_up(Side::Left, MonoNs(998 * PERIOD));
         let rest = all(&mut pairing);
-        assert_eq!(rest.len(), MOST_WAITING - 1);
+        assert_eq!(rest.len(), MAX_WAITING - 1);
         assert_eq!(pairing.waiting(Side::Left), Some(MonoNs(999 * PERIOD)), "the newest still waits");
         assert_eq!(pairing.counts().last_miss, None, "there was nothing to miss");
     }
@@ -304,6 +304,6 @@ mod tests {
             pairing.file(Side::Right, MonoNs(k as i64), k);
             all(&mut pairing);
         }
-        assert!(pairing.left.len() <= MOST_WAITING && pairing.right.len() <= MOST_WAITING);
+        assert!(pairing.left.len() <= MAX_WAITING && pairing.right.len() <= MAX_WAITING);
     }
 }

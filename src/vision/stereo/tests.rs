@@ -184,8 +184,8 @@ fn vision(view: TaughtView) -> StereoVision {
 fn file(vision: &mut StereoVision, lists: &[Vec<Found>; 2]) -> StereoMeasurement {
     let header = FrameHeader { frame_id: 4, exposure: MonoNs(1_000), ..FrameHeader::default() };
     for (side, found) in [Side::Left, Side::Right].into_iter().zip(lists) {
-        let sighting = Sighting { header, found: found.clone(), miss: None };
-        vision.pairing.file(side, header.exposure, sighting);
+        let detections = CameraDetections { header, found: found.clone(), miss: None };
+        vision.pairing.file(side, header.exposure, detections);
     }
     vision.next_measurement().unwrap()
 }

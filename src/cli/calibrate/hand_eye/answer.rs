@@ -1,6 +1,6 @@
 //! What is told of a hand-eye calibration: JSON for programs, lines for people, TOML for the run file.
 
-use crate::calibration::hand_eye::{EyePlace, HandEyeReport, HandEyeView, HeldOutView, LoopScatter};
+use crate::calibration::hand_eye::{CameraMount, HandEyeReport, HandEyeView, HeldOutView, LoopScatter};
 use crate::geometry::Pose;
 use crate::report::hand_eye_page::{HandEyePage, hand_eye_page};
 use nalgebra::{Matrix6, Rotation3};
@@ -62,7 +62,8 @@ struct PoseOut {
     position_m: [f64; 3],
     rotation_xyzw: [f64; 4],
     rotation_rpy_rad: [f64; 3],
-    /// Of the twist `[v; w]`, expressed in the outer frame, row by row.
+    /// Of `[v; w]`, row by row: `v` what the position is off by, `w` the small turn about the position (rotation = exp(w) rotation), both
+    /// along the axes of the outer frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<Vec<f64>>,
 }
@@ -178,6 +179,11 @@ impl Answer {
         Self { report, views: told, driven: None }
     }
 
+    /// Whether pictures and robot contradict each other.
+    pub(super) fn is_contradicted(&self) -> bool {
+        self.report.is_contradicted()
+    }
+
     /// With what a session adds.
     pub(super) fn driven(self, driven: Driven) -> Self {
         Self { driven: Some(driven), ..self }
@@ -253,7 +259,7 @@ impl Serialize for Answer {
             rotation_deg: rotation_rad.to_degrees(),
         };
         let mut map = serializer.serialize_map(None)?;
-        let place = if r.place == EyePlace::InHand { "eye_in_hand" } else { "eye_to_hand" };
+        let place = if r.place == CameraMount::EyeInHand { "eye_in_hand" } else { "eye_to_hand" };
         map.serialize_entry("place", place)?;
         map.serialize_entry(r.place.camera_name(), &PoseOut::new(&r.X_MC(), Some(&r.fit.covariance_X_MC)))?;
         map.serialize_entry(r.place.board_name(), &PoseOut::new(&r.fit.X_WO, Some(&r.fit.covariance_X_WO)))?;

@@ -2,13 +2,13 @@
 
 use super::answer::{Answer, Driven};
 use super::{HandEyeArguments, Refusal, one_look};
-use crate::calibration::hand_eye::{EyePlace, HandEyeSettings, calibrate_hand_eye};
+use crate::calibration::hand_eye::{CameraMount, HandEyeSettings, calibrate_hand_eye};
 use crate::config::Config;
 use crate::control::outcome::Outcome;
 use crate::geometry::Pose;
 use crate::process::ProcessError;
+use crate::robot::Mount;
 use crate::rt::tell;
-use crate::servo::Mount;
 use crate::sim::look_around;
 use crate::target::Kind;
 use std::path::Path;
@@ -17,10 +17,10 @@ use std::path::Path;
 const DURATION: &str = "run.duration_s=600";
 const SETTINGS: [&str; 2] = ["run.task=calibrate_hand_eye", "run.clock=lockstep"];
 
-fn place_of(mount: &Mount) -> (EyePlace, Pose) {
+fn place_of(mount: &Mount) -> (CameraMount, Pose) {
     match mount {
-        Mount::EyeInHand { X_EC } => (EyePlace::InHand, *X_EC),
-        Mount::EyeToHand { X_BC } => (EyePlace::BesideArm, *X_BC),
+        Mount::EyeInHand { X_EC } => (CameraMount::EyeInHand, *X_EC),
+        Mount::EyeToHand { X_BC } => (CameraMount::EyeToHand, *X_BC),
     }
 }
 

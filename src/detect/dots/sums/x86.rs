@@ -107,7 +107,7 @@ impl RowBlock {
 }
 
 /// Largest half side of an ellipse whose sums fit 32 bits in each lane, px.
-const MOST_PX: f64 = 90.0;
+const MAX_PX: f64 = 90.0;
 
 /// See [`super::weighted_sums`]; without an inner ellipse. `None` for ellipses that are too large.
 #[target_feature(enable = "avx2,popcnt")]
@@ -116,7 +116,7 @@ pub(super) fn weighted_sums_avx2(
     [outer, rim]: [&Ellipse; 2],
     scale: &Scale,
 ) -> Option<Sums> {
-    if !(outer.height < MOST_PX && outer.width + outer.slope.abs() * outer.height < MOST_PX) {
+    if !(outer.height < MAX_PX && outer.width + outer.slope.abs() * outer.height < MAX_PX) {
         return None;
     }
     let (cx, cy) = (outer.x.round() as i64, outer.y.round() as i64);

@@ -1,12 +1,12 @@
 use super::*;
-use crate::detect::tags::pattern::MOST_CELLS;
+use crate::detect::tags::pattern::MAX_CELLS;
 
 const CELLS: usize = 6;
 const INK_LEVEL: f64 = 40.0;
 const STEP_LEVELS: f64 = 160.0;
 
 fn pattern() -> Pattern {
-    let mut white = [[0.0; MOST_CELLS]; MOST_CELLS];
+    let mut white = [[0.0; MAX_CELLS]; MAX_CELLS];
     for (i, j) in [(1, 1), (2, 1), (4, 1), (1, 3), (3, 2), (3, 3), (4, 4), (2, 4)] {
         white[j][i] = 1.0;
     }

@@ -9,7 +9,7 @@ const SHAPE: f64 = 0.56;
 /// Bounds of that height, in letters.
 const HEIGHT: (f64, f64) = (8.0, 26.0);
 /// Most values beside the y axis.
-const MOST_TICKS: usize = 12;
+const MAX_TICKS: usize = 12;
 /// Room for a letter's line.
 const LINE: f64 = 1.35;
 
@@ -60,7 +60,7 @@ impl Panel {
         let (x_axis, y_axis) = self.axes();
         // How many texts there are depends on the height, which depends on the width that they leave.
         let margin = |axis: &Axis| {
-            let texts = (1..=MOST_TICKS).flat_map(|wanted| axis.ticks(wanted));
+            let texts = (1..=MAX_TICKS).flat_map(|wanted| axis.ticks(wanted));
             texts.map(|t| text_width(&t.1, h)).fold(2.0 * h, f64::max) + 0.7 * h
         };
         let ends = |margin: f64| [left + margin, right - 0.8 * h];
@@ -101,7 +101,7 @@ impl Panel {
             }
         }
         let mut last: Option<f64> = None;
-        for (value, text) in y_axis.ticks((((area[3] - area[1]) / (2.6 * h)) as usize).min(MOST_TICKS)) {
+        for (value, text) in y_axis.ticks((((area[3] - area[1]) / (2.6 * h)) as usize).min(MAX_TICKS)) {
             let Some(share) = y_axis.place(value).filter(|s| (-1e-3..=1.001).contains(s)) else { continue };
             let share = if self.y_down { share } else { 1.0 - share };
             let y = area[1] + share * (area[3] - area[1]);

@@ -4,7 +4,7 @@
 //! begin and end with zero, with T such that a quarter of each joint's limits is used. It is wished as a velocity; where the arm
 //! really is when it rests shows in its encoders.
 
-use super::{ArmModel, Behaviour, Intent};
+use super::{ArmModel, Behaviour, MotionCommand};
 use crate::calibration::hand_eye::{TourCell, TourError, plan_tour};
 use crate::camera_model::CameraModel;
 use crate::control::outcome::{Finish, Outcome};
@@ -12,7 +12,7 @@ use crate::drive::DriveState;
 use crate::messages::Measurement;
 use crate::motion::MotionLimits;
 use crate::robot::Robot;
-use crate::servo::{Intake, SetPoint, VisualServo};
+use crate::servo::{MeasurementVerdict, SetPoint, VisualServo};
 use crate::time::{MonoNs, SpanNs, TICK};
 use nalgebra::{Point3, SMatrix, SVector};
 
@@ -42,7 +42,7 @@ const TOO_SHORT: &str = "run.duration_s is over before all views were visited";
 
 /// A tour of all views.
 #[derive(Debug)]
-pub struct Tour<const N: usize> {
+pub struct CalibrationTour<const N: usize> {
     /// Knows target and mount, and judges measurements.
     servo: VisualServo<N>,
     camera: CameraModel,
@@ -68,7 +68,7 @@ struct Leg<const N: usize> {
     elapsed: SpanNs,
 }
 
-impl<const N: usize> Tour<N> {
+impl<const N: usize> CalibrationTour<N> {
     /// A tour before `camera` that begins when the board, whose points are `points` in O, is seen.
     #[must_use]
     pub fn new(servo: VisualServo<N>, camera: CameraModel, points: Vec<Point3<f64>>) -> Self {
@@ -120,13 +120,19 @@ impl<const N: usize> Plan<N> {
     }
 }
 
-impl<const N: usize> Behaviour<N> for Tour<N> {
+impl<const N: usize> Behaviour<N> for CalibrationTour<N> {
     fn note_arm(&mut self, now: MonoNs, state: &DriveState<N>) {
         self.servo.note_arm(now, &state.q, &state.qd);
     }
 
-    fn take(&mut self, now: MonoNs, q: &SVector<f64, N>, m: &Measurement, arm: &ArmModel<N>) -> Intake {
-        let intake = self.servo.take(now, m, &arm.robot);
+    fn take(
+        &mut self,
+        now: MonoNs,
+        q: &SVector<f64, N>,
+        m: &Measurement,
+        arm: &ArmModel<N>,
+    ) -> MeasurementVerdict {
+        let verdict = self.servo.take(now, m, &arm.robot);
         if self.plan.is_none()
             && self.refused.is_none()
             && m.found()
@@ -147,7 +153,7 @@ impl<const N: usize> Behaviour<N> for Tour<N> {
                 Err(why) => self.refused = Some(why),
             }
         }
-        intake
+        verdict
     }
 
     /// The way is known once it is planned, whether the board is in view on it or not.
@@ -155,8 +161,8 @@ impl<const N: usize> Behaviour<N> for Tour<N> {
         if self.plan.is_some() { 1.0 } else { 0.0 }
     }
 
-    fn intent(&mut self, state: &DriveState<N>, _robot: &Robot<N>) -> Intent<N> {
-        self.plan.as_mut().map_or(Intent::Stand, |plan| Intent::Joints(plan.advance(&state.q)))
+    fn motion_command(&mut self, state: &DriveState<N>, _robot: &Robot<N>) -> MotionCommand<N> {
+        self.plan.as_mut().map_or(MotionCommand::Stand, |plan| MotionCommand::Joints(plan.advance(&state.q)))
     }
 
     fn pause(&mut self) {}

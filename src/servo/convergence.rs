@@ -4,7 +4,7 @@ use nalgebra::SVector;
 
 /// How a wished joint velocity leads to its goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Approach<const N: usize> {
+pub struct Convergence<const N: usize> {
     /// Rate at which the distance to the goal shrinks if the wish is obeyed, 1/s.
     pub rate_1_s: f64,
     /// How far each joint is from the goal as the law has it, rad or m, where the wish was slowed down or bent since; zero where it
@@ -16,7 +16,7 @@ pub struct Approach<const N: usize> {
     pub free: SVector<f64, N>,
 }
 
-impl<const N: usize> Approach<N> {
+impl<const N: usize> Convergence<N> {
     /// To a goal at rest.
     #[must_use]
     pub fn at(rate_1_s: f64) -> Self {

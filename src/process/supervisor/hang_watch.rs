@@ -2,7 +2,7 @@
 //!
 //! | sign of life | of | by |
 //! | --- | --- | --- |
-//! | its pulse, in the file of its role's lock | camera, vision, control | its main loop |
+//! | its heartbeat, in the file of its role's lock | camera, vision, control | its main loop |
 //! | `control/status` goes on | control's real-time thread | its ticks, once they have begun |
 
 use crate::config::raw::Clock;
@@ -22,7 +22,7 @@ const GIVE_UP_AFTER: SpanNs = SpanNs(6_000_000_000);
 const START_UP: SpanNs = SpanNs(20_000_000_000);
 
 /// The signs of life of a run's processes.
-pub(super) struct Vigil {
+pub(super) struct HangWatch {
     instance: Instance,
     clock: Clock,
     next_look: MonoNs,
@@ -30,7 +30,7 @@ pub(super) struct Vigil {
     ticks: Sign,
 }
 
-impl Vigil {
+impl HangWatch {
     /// Over control and those that see for it.
     pub(super) fn new(instance: &Instance, clock: Clock, seeing: Vec<Role>, now: MonoNs) -> Self {
         let sign = Sign::new(now);
@@ -56,12 +56,12 @@ impl Vigil {
         self.next_look = now + PERIOD;
         let mut hangs = None;
         for (role, sign) in &mut self.pulses {
-            if let Some(pulse) = self.instance.last_pulse(*role) {
-                sign.seen(pulse.0, now);
+            if let Some(heartbeat) = self.instance.last_heartbeat(*role) {
+                sign.seen(heartbeat.0, now);
             }
             hangs = sign.judge(*role, "shows no sign of life", now).or(hangs);
         }
-        // In lockstep control's ticks wait for camera and vision; then its pulse alone is a sign.
+        // In lockstep control's ticks wait for camera and vision; then its heartbeat alone is a sign.
         if self.clock == Clock::Realtime && self.ticks.last.is_some() {
             hangs = self.ticks.judge(Role::Control, "does not tick", now).or(hangs);
         }

@@ -1,6 +1,6 @@
 //! A gentle motion before the target, by which the stamps of camera and encoders are compared.
 
-use super::{ArmModel, Behaviour, Intent};
+use super::{ArmModel, Behaviour, MotionCommand};
 use crate::calibration::{GentleMotion, image_reach};
 use crate::camera_model::CameraModel;
 use crate::control::outcome::{Finish, Outcome};
@@ -8,7 +8,7 @@ use crate::control::safety::{Freshness, MeasurementWatch};
 use crate::drive::DriveState;
 use crate::messages::Measurement;
 use crate::robot::Robot;
-use crate::servo::{Intake, SetPoint, VisualServo};
+use crate::servo::{MeasurementVerdict, SetPoint, VisualServo};
 use crate::time::MonoNs;
 use crate::time::TICK;
 use nalgebra::{SMatrix, SVector};
@@ -24,7 +24,7 @@ const TOO_SHORT: &str = "run.duration_s is over before the calibration motion wa
 
 /// The motion, from the first good measurement on.
 #[derive(Debug)]
-pub struct Gentle<const N: usize> {
+pub struct ExcitationMotion<const N: usize> {
     /// Knows target and mount, and judges measurements.
     servo: VisualServo<N>,
     camera: CameraModel,
@@ -32,7 +32,7 @@ pub struct Gentle<const N: usize> {
     motion: Option<GentleMotion<N>>,
 }
 
-impl<const N: usize> Gentle<N> {
+impl<const N: usize> ExcitationMotion<N> {
     /// A motion before `camera` that begins when the whole target is seen, and goes on while `watch` says that it is.
     #[must_use]
     pub fn new(servo: VisualServo<N>, camera: CameraModel, watch: MeasurementWatch) -> Self {
@@ -40,13 +40,19 @@ impl<const N: usize> Gentle<N> {
     }
 }
 
-impl<const N: usize> Behaviour<N> for Gentle<N> {
+impl<const N: usize> Behaviour<N> for ExcitationMotion<N> {
     fn note_arm(&mut self, now: MonoNs, state: &DriveState<N>) {
         self.servo.note_arm(now, &state.q, &state.qd);
     }
 
-    fn take(&mut self, now: MonoNs, q: &SVector<f64, N>, m: &Measurement, arm: &ArmModel<N>) -> Intake {
-        let intake = self.servo.take(now, m, &arm.robot);
+    fn take(
+        &mut self,
+        now: MonoNs,
+        q: &SVector<f64, N>,
+        m: &Measurement,
+        arm: &ArmModel<N>,
+    ) -> MeasurementVerdict {
+        let verdict = self.servo.take(now, m, &arm.robot);
         let points = self.servo.set_point().points();
         if m.found() && m.features().len() == points.len() {
             if self.motion.is_none() {
@@ -58,7 +64,7 @@ impl<const N: usize> Behaviour<N> for Gentle<N> {
                 self.watch.good(now); // whatever its stamp says: that is what is to be found out
             }
         }
-        intake
+        verdict
     }
 
     fn confidence(&self, now: MonoNs) -> f64 {
@@ -68,8 +74,10 @@ impl<const N: usize> Behaviour<N> for Gentle<N> {
         }
     }
 
-    fn intent(&mut self, _state: &DriveState<N>, _robot: &Robot<N>) -> Intent<N> {
-        self.motion.as_mut().map_or(Intent::Stand, |motion| Intent::Joints(motion.advance(TICK)))
+    fn motion_command(&mut self, _state: &DriveState<N>, _robot: &Robot<N>) -> MotionCommand<N> {
+        self.motion
+            .as_mut()
+            .map_or(MotionCommand::Stand, |motion| MotionCommand::Joints(motion.advance(TICK)))
     }
 
     fn pause(&mut self) {}

@@ -5,7 +5,7 @@ use crate::messages::TargetStatus;
 
 /// What became of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Intake {
+pub enum MeasurementVerdict {
     /// The servo law works with it.
     Used,
     /// Used, although its stamp lies in the future.
@@ -28,7 +28,7 @@ pub enum Intake {
     TooOld,
 }
 
-impl Intake {
+impl MeasurementVerdict {
     /// Whether the servo law works with it.
     #[must_use]
     pub fn is_used(self) -> bool {

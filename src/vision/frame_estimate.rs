@@ -1,7 +1,7 @@
 //! What the dots of one frame say: features, pose, and whether they can be believed.
 
 use super::expectation::find;
-use super::misfit::{self, LARGEST_MISFIT};
+use super::misfit::{self, ENOUGH_TO_CHOOSE, Growth, LARGEST_MISFIT};
 use super::{Prior, VisionSettings};
 use crate::camera_model::CameraModel;
 use crate::detect::{Expected, Finder, Found};
@@ -17,8 +17,11 @@ const SMALL_CHANGE_PX: f64 = 0.05;
 const LARGEST_OFFSET: f64 = 0.5;
 /// Largest shift of one dot by what is dark beside it, px: two dots at a shadow's edge may move as a pose would move them.
 const LARGEST_DISTURBANCE_PX: f64 = 0.5;
-/// From so many dots on disturbed ones are left out, up to a third of them.
-const ENOUGH_TO_CHOOSE: usize = 6;
+
+/// A point of one picture that lies off by so many robust deviations of the others is left out.
+const STRAY: f64 = 5.0;
+/// Median of chi-square with 2 degrees of freedom.
+const MEDIAN_SQUARE: f64 = 1.386;
 
 /// Three dots cannot contradict each other: what lies beside them may shift them no more than this, px,
 const LONE_DISTURBANCE_PX: f64 = 0.1;
@@ -27,7 +30,7 @@ const LONE_CONTRAST: f64 = 0.2;
 
 /// The dots of one frame, and what they say.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Sight {
+pub(super) struct FrameEstimate {
     /// Ids rise.
     pub(super) dots: Vec<Found>,
     /// Images of the points, px, likewise.
@@ -46,7 +49,7 @@ pub(super) struct Sight {
     plausible: bool,
 }
 
-impl Sight {
+impl FrameEstimate {
     pub(super) fn with_room_for(count: usize) -> Self {
         // one more: a hidden dot may be assumed for a first guess
         Self {
@@ -56,11 +59,18 @@ impl Sight {
             ..Self::default()
         }
     }
+
+    /// How much less certain points and pose are than stated, as the misfit says.
+    pub(super) fn growth(&self) -> Growth {
+        let variance = self.dots.iter().map(|d| d.sigma_px * d.sigma_px).sum::<f64>();
+        let count = self.dots.len() as f64;
+        Growth::of(self.dots.len(), count * count * self.rms_px * self.rms_px / variance)
+    }
 }
 
 /// Camera, target and settings: all that a frame's dots are judged by.
 #[derive(Debug, Clone)]
-pub(super) struct Eye {
+pub(super) struct PoseEstimator {
     pub(super) camera: CameraModel,
     pub(super) target: Target,
     pub(super) settings: VisionSettings,
@@ -68,7 +78,7 @@ pub(super) struct Eye {
     serves: Box<[bool]>,
 }
 
-impl Eye {
+impl PoseEstimator {
     pub(super) fn new(camera: CameraModel, target: Target, settings: VisionSettings) -> Self {
         let mut serves: Box<[bool]> = target.points().iter().map(|_| false).collect();
         for point in target.features() {
@@ -79,51 +89,79 @@ impl Eye {
         Self { camera, target, settings, serves }
     }
 
-    /// Features and pose from the dots' centroids. `last` is the sight before, `expected` where dots were looked for.
+    /// Features and pose from the dots' centroids. `last` is the estimate before, `expected` where dots were looked for.
     pub(super) fn describe(
         &self,
-        sight: &mut Sight,
+        estimate: &mut FrameEstimate,
         finder: &Finder,
         prior: &Prior,
-        last: Option<&Sight>,
+        last: Option<&FrameEstimate>,
         expected: &[Expected],
     ) {
-        if sight.dots.len() >= ENOUGH_TO_CHOOSE {
-            let (count, dots) = (sight.dots.len(), &mut sight.dots);
+        if estimate.dots.len() >= ENOUGH_TO_CHOOSE {
+            let (count, dots) = (estimate.dots.len(), &mut estimate.dots);
             let good = |d: &Found| d.disturbance_px <= LARGEST_DISTURBANCE_PX;
             if dots.iter().filter(|d| good(d)).count() >= (2 * count).div_ceil(3) {
                 dots.retain(good);
             }
         }
-        let most = sight.dots.len() / 3;
+        let most = estimate.dots.len() / 3;
         for _ in 0..=most {
-            self.solve(sight, finder, prior, last, expected);
-            if sight.dots.len() < ENOUGH_TO_CHOOSE || self.believes(sight) {
+            self.solve(estimate, finder, prior, last, expected);
+            if estimate.dots.len() < ENOUGH_TO_CHOOSE || self.believes(estimate) {
                 break;
             }
             // the one that fits least goes
-            let Some(pose) = &sight.pose else { break };
+            let Some(pose) = &estimate.pose else { break };
             let misfit = |(i, dot): (usize, &Found)| {
-                let (pair, px) = (sight.pairs.get(i)?, sight.px.get(i)?);
+                let (pair, px) = (estimate.pairs.get(i)?, estimate.px.get(i)?);
                 let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)))?;
                 Some((seen - px).norm() / dot.sigma_px.max(1e-6))
             };
             let of = |entry: &(usize, &Found)| misfit(*entry).unwrap_or(f64::INFINITY);
-            let worst = sight.dots.iter().enumerate().max_by(|a, b| of(a).total_cmp(&of(b))).map(|(i, _)| i);
+            let worst =
+                estimate.dots.iter().enumerate().max_by(|a, b| of(a).total_cmp(&of(b))).map(|(i, _)| i);
             let Some(worst) = worst else { break };
-            sight.dots.remove(worst);
+            estimate.dots.remove(worst);
+        }
+    }
+
+    /// Leaves out points far off the pose of all: further than the others by so much that they are no chance, up to a third of them.
+    pub(super) fn leave_out_strays(&self, estimate: &mut FrameEstimate, finder: &Finder) {
+        for _ in 0..estimate.dots.len() / 3 {
+            if estimate.dots.len() < ENOUGH_TO_CHOOSE {
+                break;
+            }
+            let Some(pose) = &estimate.pose else { break };
+            let square = |((dot, px), pair): ((&Found, &Vector2<f64>), &Correspondence)| {
+                let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)));
+                let variance = dot.sigma_px * dot.sigma_px;
+                seen.map_or(f64::INFINITY, |seen| (seen - px).norm_squared() / variance.max(1e-12))
+            };
+            let squares: Vec<f64> =
+                estimate.dots.iter().zip(&estimate.px).zip(&estimate.pairs).map(square).collect();
+            let mut sorted = squares.clone();
+            sorted.sort_unstable_by(f64::total_cmp);
+            let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+            let worst = squares.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
+            let Some((at, worst)) = worst else { break };
+            if *worst <= STRAY * STRAY * (median / MEDIAN_SQUARE).max(1.0) {
+                break;
+            }
+            estimate.dots.remove(at);
+            self.solve(estimate, finder, &Prior::default(), None, &[]);
         }
     }
 
     fn solve(
         &self,
-        sight: &mut Sight,
+        estimate: &mut FrameEstimate,
         finder: &Finder,
         prior: &Prior,
-        last: Option<&Sight>,
+        last: Option<&FrameEstimate>,
         expected: &[Expected],
     ) {
-        let Sight { dots, px, pairs, pose, ambiguous, other, rms_px, plausible } = sight;
+        let FrameEstimate { dots, px, pairs, pose, ambiguous, other, rms_px, plausible } = estimate;
         (*pose, *ambiguous, *rms_px, *plausible) = (None, false, f64::INFINITY, true);
         *other = None;
         px.clear();
@@ -210,7 +248,7 @@ impl Eye {
     }
 
     /// Whether dots that cannot contradict each other look as they did.
-    fn is_plausible(dots: &[Found], last: Option<&Sight>) -> bool {
+    fn is_plausible(dots: &[Found], last: Option<&FrameEstimate>) -> bool {
         let contrast = |dot: &Found| dot.plate_level - dot.dark_level;
         let alike = |dot: &Found| {
             // a dot that was hidden has nothing to be compared with but the others of then
@@ -222,15 +260,16 @@ impl Eye {
     }
 
     /// Whether the dots can be believed: one pose explains them, and nothing dark lies beside one.
-    pub(super) fn believes(&self, sight: &Sight) -> bool {
-        let count = sight.dots.len() as f64;
-        let stated = sight.dots.iter().map(|d| d.sigma_px * d.sigma_px).sum::<f64>() / count;
+    pub(super) fn believes(&self, estimate: &FrameEstimate) -> bool {
+        let count = estimate.dots.len() as f64;
+        let stated = estimate.dots.iter().map(|d| d.sigma_px * d.sigma_px).sum::<f64>() / count;
         let variance = stated + self.settings.model_sd_px * self.settings.model_sd_px;
-        sight.pose.is_some()
-            && sight.plausible
+        estimate.pose.is_some()
+            && estimate.plausible
             && (count < 4.0
-                || count * sight.rms_px * sight.rms_px <= largest_misfit(sight.dots.len()) * variance)
-            && sight.dots.iter().all(|d| d.disturbance_px <= LARGEST_DISTURBANCE_PX)
+                || count * estimate.rms_px * estimate.rms_px
+                    <= largest_misfit(estimate.dots.len()) * variance)
+            && estimate.dots.iter().all(|d| d.disturbance_px <= LARGEST_DISTURBANCE_PX)
     }
 
     /// Of two poses that explain the picture of `count` points almost equally well, the one nearer to the `known` one; and
@@ -247,9 +286,9 @@ impl Eye {
     }
 
     /// Tells it.
-    pub(super) fn fill(&self, sight: &Sight, tracked: bool, m: &mut Measurement) {
+    pub(super) fn fill(&self, estimate: &FrameEstimate, tracked: bool, m: &mut Measurement) {
         m.status = TargetStatus::Found as u32;
-        let seen = sight.dots.iter().zip(&sight.px).zip(&sight.pairs);
+        let seen = estimate.dots.iter().zip(&estimate.px).zip(&estimate.pairs);
         let features = seen.filter(|((dot, _), _)| self.serves.get(dot.id as usize) == Some(&true));
         let mut count = 0;
         for (place, ((dot, px), pair)) in m.features.iter_mut().zip(features) {
@@ -260,14 +299,14 @@ impl Eye {
         m.feature_count = count.min(MAX_FEATURES as u32);
         let mut say = |flag: u32, so: bool| m.flags |= if so { flag } else { 0 };
         say(measurement_flag::TRACKED, tracked);
-        say(measurement_flag::AMBIGUOUS, sight.ambiguous);
-        say(measurement_flag::PARTIAL, sight.dots.len() < self.target.points().len());
-        let Some(pose) = sight.pose.as_ref().filter(|_| sight.dots.len() > 3) else { return };
+        say(measurement_flag::AMBIGUOUS, estimate.ambiguous);
+        say(measurement_flag::PARTIAL, estimate.dots.len() < self.target.points().len());
+        let Some(pose) = estimate.pose.as_ref().filter(|_| estimate.dots.len() > 3) else { return };
         m.set_pose(&pose.X_CO);
         for (row, values) in m.pose_covariance.chunks_exact_mut(6).zip(pose.covariance.row_iter()) {
             row.iter_mut().zip(values.iter()).for_each(|(slot, value)| *slot = *value);
         }
-        m.reprojection_rms_px = sight.rms_px;
+        m.reprojection_rms_px = estimate.rms_px;
     }
 }
 

@@ -21,7 +21,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// The object in the camera by the last measurement, m.
     fn measured_view(&self) -> Option<Pose> {
-        self.sightings.last_found()?.pose()
+        self.measurements.last_found()?.pose()
     }
 
     /// Distance, m, and angle, rad, of the camera from the desired one when it sees the object at `X_CO`.
@@ -40,7 +40,7 @@ impl<const N: usize> ControlLoop<N> {
     pub(super) fn errors(&self) -> FinalErrors {
         let set_point = self.controller.behaviour().set_point();
         let believed = MeasuredErrors::new(
-            self.sightings.error_px(),
+            self.measurements.error_px(),
             self.measured_view().and_then(|X_CO| self.off_goal(&X_CO)),
         );
         let errors = match self.true_view() {
@@ -60,15 +60,15 @@ impl<const N: usize> ControlLoop<N> {
 
     pub(super) fn status(&self, tick: u64, now: MonoNs) -> Status {
         let (position_error_m, orientation_error_rad) = self.pose_errors().unwrap_or((f64::NAN, f64::NAN));
-        let m = self.sightings.last().copied().unwrap_or_default();
-        let latency = self.sightings.latency();
+        let m = self.measurements.last().copied().unwrap_or_default();
+        let latency = self.measurements.latency();
         let us = |span: Option<SpanNs>| span.map_or(f64::NAN, SpanNs::as_us);
         Status {
             tick,
             sequence: self.statuses,
             stamp: now,
             time_s: self.duration_s(),
-            feature_error_px: self.sightings.error_px(),
+            feature_error_px: self.measurements.error_px(),
             position_error_m,
             orientation_error_rad,
             exposure_to_command_us: us(latency.exposure_to_command),
@@ -77,7 +77,7 @@ impl<const N: usize> ControlLoop<N> {
             vision_us: us(latency.vision),
             measurement_to_command_us: us(latency.measurement_to_command),
             V_C: self.controller.behaviour().camera_wish(now).map_or([f64::NAN; 6], Into::into),
-            measurements: self.sightings.count(),
+            measurements: self.measurements.count(),
             frames: m.frames_received,
             frames_dropped: m.frames_dropped,
             target_lost: m.target_lost,
@@ -88,7 +88,7 @@ impl<const N: usize> ControlLoop<N> {
             limits: self.acted.kinds(),
             limited_joints: u32::from(self.acted.all_joints()),
             arm: 0,
-            flags: if self.sightings.is_degraded() { status_flag::DEGRADED } else { 0 },
+            flags: if self.measurements.is_degraded() { status_flag::DEGRADED } else { 0 },
             camera_state: 0, // which its companion knows
             reserved: 0,
         }

@@ -7,7 +7,7 @@
 use super::braking::{Bounds, Point};
 use super::limits::{ActingLimits, Limit};
 use super::reference::{MotionLimits, ReferenceState};
-use crate::servo::Approach;
+use crate::servo::Convergence;
 use nalgebra::SVector;
 
 /// Share of acceleration and jerk that braking counts upon: the distance to go is the law's estimate.
@@ -18,18 +18,18 @@ const SHARE: f64 = 0.7;
 #[must_use]
 pub fn brakeable<const N: usize>(
     wish: &SVector<f64, N>,
-    approach: &Approach<N>,
+    convergence: &Convergence<N>,
     state: &ReferenceState<N>,
     limits: &MotionLimits<N>,
 ) -> (SVector<f64, N>, ActingLimits) {
     let mut acting = ActingLimits::default();
-    let kept = approach.follow + approach.free;
+    let kept = convergence.follow + convergence.free;
     let towards = wish - kept;
     let (mut factor, mut slowest) = (1.0_f64, None);
     for i in 0..N {
         let speed = towards[i].abs();
         let now = Point {
-            q: (speed / approach.rate_1_s).max(approach.to_go[i] * towards[i].signum()),
+            q: (speed / convergence.rate_1_s).max(convergence.to_go[i] * towards[i].signum()),
             v: (state.qd[i] - kept[i]) * towards[i].signum(),
             a: state.qdd[i] * towards[i].signum(),
         };
@@ -88,7 +88,7 @@ mod tests {
             let (mut farthest, mut tick) = (0.0_f64, 0);
             while tick < 20_000 && !(r.state().q[0].abs() < 1e-4 && r.state().qd[0].abs() < 1e-4) {
                 let wish = Vector1::new(-rate_1_s * r.state().q[0]);
-                let (cut, _) = brakeable(&wish, &Approach::at(rate_1_s), r.state(), &limits);
+                let (cut, _) = brakeable(&wish, &Convergence::at(rate_1_s), r.state(), &limits);
                 r.advance(&cut, SpanNs::MILLISECOND);
                 farthest = farthest.max(r.state().q[0] * distance.signum());
                 tick += 1;
@@ -104,7 +104,7 @@ mod tests {
             let (v, follow) = (Vector2::from(v), Vector2::from(follow));
             let limits = limits::<2>(10.0, 500.0);
             let r = Reference::new(limits.clone(), Vector2::zeros());
-            let (cut, acting) = brakeable(&v, &Approach { follow, ..Approach::at(rate_1_s) }, r.state(), &limits);
+            let (cut, acting) = brakeable(&v, &Convergence { follow, ..Convergence::at(rate_1_s) }, r.state(), &limits);
             let (before, after) = (v - follow, cut - follow);
             prop_assert!(after.norm() <= before.norm() * (1.0 + 1e-12));
             prop_assert!((after.normalize() - before.normalize()).norm() < 1e-9);
@@ -118,9 +118,11 @@ mod tests {
         let limits = limits::<2>(10.0, 500.0);
         let r = Reference::new(limits.clone(), Vector2::zeros());
         let slowed = Vector2::new(0.5, -0.25);
-        let approach = Approach { to_go: Vector2::new(0.4, -0.2), ..Approach::at(100.0) };
-        assert_eq!(brakeable(&slowed, &approach, r.state(), &limits).0, slowed);
-        assert!(brakeable(&slowed, &Approach::at(100.0), r.state(), &limits).0.norm() < 0.9 * slowed.norm());
+        let convergence = Convergence { to_go: Vector2::new(0.4, -0.2), ..Convergence::at(100.0) };
+        assert_eq!(brakeable(&slowed, &convergence, r.state(), &limits).0, slowed);
+        assert!(
+            brakeable(&slowed, &Convergence::at(100.0), r.state(), &limits).0.norm() < 0.9 * slowed.norm()
+        );
     }
 
     #[test]
@@ -128,7 +130,7 @@ mod tests {
         let v = Vector2::new(2.0, -1.0);
         let limits = limits::<2>(10.0, 500.0);
         let r = Reference::new(limits.clone(), Vector2::zeros());
-        let (cut, acting) = brakeable(&v, &Approach::at(2.0), r.state(), &limits);
+        let (cut, acting) = brakeable(&v, &Convergence::at(2.0), r.state(), &limits);
         assert_eq!((cut, acting), (v, ActingLimits::default()));
     }
 }

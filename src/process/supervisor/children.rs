@@ -27,7 +27,7 @@ const SHUTDOWN_WITH_PICTURES: SpanNs = SpanNs(15_000_000_000);
 const TELL_EVERY: SpanNs = SpanNs(2_000_000_000);
 
 /// Control and the processes around it.
-pub(super) struct Crew {
+pub(super) struct Children {
     pub(super) control: Child,
     pub(super) others: Vec<Child>,
     longest_stop: SpanNs,
@@ -35,7 +35,7 @@ pub(super) struct Crew {
     is_down: bool,
 }
 
-impl Crew {
+impl Children {
     /// Starts the processes of a run, which read the effective configuration from the file `written`. What they have to tell beside
     /// the summary goes into the folder `report`.
     pub(super) fn start(
@@ -48,14 +48,15 @@ impl Crew {
         let shutdown_of_others = if report.is_some() { SHUTDOWN_WITH_PICTURES } else { SHUTDOWN_OF_OTHERS };
         let control = Child::spawn(Role::Control, instance, written, report)?;
         // From here on whatever fails ends what was started in order.
-        let mut crew = Self { control, others: Vec::new(), longest_stop, shutdown_of_others, is_down: false };
+        let mut children =
+            Self { control, others: Vec::new(), longest_stop, shutdown_of_others, is_down: false };
         for role in seeing_roles(config) {
-            crew.others.push(Child::spawn(role, instance, written, report)?);
+            children.others.push(Child::spawn(role, instance, written, report)?);
         }
         if config.drive.kind == DriveKind::External {
-            crew.others.extend(Child::spawn_drive(&config.drive.external, instance)?);
+            children.others.extend(Child::spawn_drive(&config.drive.external, instance)?);
         }
-        Ok(crew)
+        Ok(children)
     }
 
     /// Ends control, which brings the arm to rest as long as that takes, then the others; kills what does not end in time.
@@ -117,7 +118,7 @@ impl Crew {
     }
 }
 
-impl Drop for Crew {
+impl Drop for Children {
     /// On an error or a panic: the arm comes to rest first, as always.
     fn drop(&mut self) {
         if !self.is_down {

@@ -2,12 +2,12 @@
 
 use super::trace::{Event, Events, LatencyStages};
 use crate::messages::Measurement;
-use crate::servo::Intake;
+use crate::servo::MeasurementVerdict;
 use serde::{Deserialize, Serialize};
 
 /// What became of the measurements that reached control, by their exposure stamps.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct IntakeCounts {
+pub struct VerdictCounts {
     /// The servo law worked with them.
     pub used: u64,
     /// Likewise, although their stamps lay in the future.
@@ -39,9 +39,9 @@ pub struct IntakeCounts {
 
 /// The measurements of a run.
 #[derive(Debug, Clone)]
-pub(crate) struct Sightings {
+pub(crate) struct MeasurementLog {
     count: u64,
-    intake: IntakeCounts,
+    verdict: VerdictCounts,
     last: Option<Measurement>,
     last_found: Option<Measurement>,
     error_px: f64,
@@ -49,11 +49,11 @@ pub(crate) struct Sightings {
     degraded: bool,
 }
 
-impl Sightings {
+impl MeasurementLog {
     pub(super) fn new() -> Self {
         Self {
             count: 0,
-            intake: IntakeCounts::default(),
+            verdict: VerdictCounts::default(),
             last: None,
             last_found: None,
             error_px: f64::NAN,
@@ -66,7 +66,7 @@ impl Sightings {
     pub(super) fn note(
         &mut self,
         m: &Measurement,
-        intake: Option<Intake>,
+        verdict: Option<MeasurementVerdict>,
         error_px: f64,
         events: &mut Events,
     ) {
@@ -76,42 +76,44 @@ impl Sightings {
             self.last_found = Some(*m);
             self.error_px = error_px;
         }
-        if let Some(intake) = intake {
-            self.taken(intake, events);
+        if let Some(verdict) = verdict {
+            self.taken(verdict, events);
         }
     }
 
-    fn taken(&mut self, intake: Intake, events: &mut Events) {
-        let counts = &mut self.intake;
+    fn taken(&mut self, verdict: MeasurementVerdict, events: &mut Events) {
+        let counts = &mut self.verdict;
         let first_from_future = counts.used_from_future + counts.refused_from_future == 0;
         let first_impossible = counts.refused_pose == 0;
         let first_inconsistent = counts.refused_inconsistent == 0;
-        *match intake {
-            Intake::Used => &mut counts.used,
-            Intake::UsedFromFuture => &mut counts.used_from_future,
-            Intake::NoTarget => &mut counts.no_target,
-            Intake::OtherFeatures => &mut counts.refused_features,
-            Intake::TooFewFeatures => &mut counts.refused_too_few,
-            Intake::ImpossiblePose => &mut counts.refused_pose,
-            Intake::Inconsistent => &mut counts.refused_inconsistent,
-            Intake::NotNewer => &mut counts.refused_not_newer,
-            Intake::RefusedFromFuture => &mut counts.refused_from_future,
-            Intake::TooOld => &mut counts.refused_too_old,
+        *match verdict {
+            MeasurementVerdict::Used => &mut counts.used,
+            MeasurementVerdict::UsedFromFuture => &mut counts.used_from_future,
+            MeasurementVerdict::NoTarget => &mut counts.no_target,
+            MeasurementVerdict::OtherFeatures => &mut counts.refused_features,
+            MeasurementVerdict::TooFewFeatures => &mut counts.refused_too_few,
+            MeasurementVerdict::ImpossiblePose => &mut counts.refused_pose,
+            MeasurementVerdict::Inconsistent => &mut counts.refused_inconsistent,
+            MeasurementVerdict::NotNewer => &mut counts.refused_not_newer,
+            MeasurementVerdict::RefusedFromFuture => &mut counts.refused_from_future,
+            MeasurementVerdict::TooOld => &mut counts.refused_too_old,
         } += 1;
-        if first_from_future && matches!(intake, Intake::UsedFromFuture | Intake::RefusedFromFuture) {
+        if first_from_future
+            && matches!(verdict, MeasurementVerdict::UsedFromFuture | MeasurementVerdict::RefusedFromFuture)
+        {
             events.push(Event::StampFromFuture);
         }
-        if first_impossible && intake == Intake::ImpossiblePose {
+        if first_impossible && verdict == MeasurementVerdict::ImpossiblePose {
             events.push(Event::ImpossiblePose);
         }
-        if first_inconsistent && intake == Intake::Inconsistent {
+        if first_inconsistent && verdict == MeasurementVerdict::Inconsistent {
             events.push(Event::Inconsistent);
         }
     }
 
     /// Whether a part of the target was hidden in a measurement that was used.
     pub(super) fn note_degraded(&mut self, degraded: bool, events: &mut Events) {
-        self.intake.degraded += u64::from(degraded);
+        self.verdict.degraded += u64::from(degraded);
         if degraded != self.degraded {
             self.degraded = degraded;
             events.push(if degraded { Event::Degraded } else { Event::WholeAgain });
@@ -133,8 +135,8 @@ impl Sightings {
     }
 
     /// What became of them.
-    pub(crate) fn intake(&self) -> &IntakeCounts {
-        &self.intake
+    pub(crate) fn verdicts(&self) -> &VerdictCounts {
+        &self.verdict
     }
 
     /// The newest one.
@@ -164,19 +166,19 @@ mod tests {
 
     #[test]
     fn refused_measurements_are_counted_and_told_once() {
-        let mut sightings = Sightings::new();
+        let mut measurements = MeasurementLog::new();
         let mut events = Events::default();
-        let (inconsistent, pose) = (Intake::Inconsistent, Intake::ImpossiblePose);
-        for intake in [inconsistent, inconsistent, pose, inconsistent, Intake::NoTarget, pose] {
-            sightings.note(&Measurement::default(), Some(intake), f64::NAN, &mut events);
+        let (inconsistent, pose) = (MeasurementVerdict::Inconsistent, MeasurementVerdict::ImpossiblePose);
+        for verdict in [inconsistent, inconsistent, pose, inconsistent, MeasurementVerdict::NoTarget, pose] {
+            measurements.note(&Measurement::default(), Some(verdict), f64::NAN, &mut events);
         }
-        let counts = IntakeCounts {
+        let counts = VerdictCounts {
             no_target: 1,
             refused_pose: 2,
             refused_inconsistent: 3,
-            ..IntakeCounts::default()
+            ..VerdictCounts::default()
         };
-        assert_eq!(*sightings.intake(), counts);
+        assert_eq!(*measurements.verdicts(), counts);
         assert_eq!(events.iter().collect::<Vec<_>>(), [Event::Inconsistent, Event::ImpossiblePose]);
     }
 }

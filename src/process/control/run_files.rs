@@ -6,7 +6,7 @@ use crate::geometry::Pose;
 use crate::process::report_folder::{GOAL, MEASUREMENTS, POSES, TRACE};
 use crate::process::{Membership, ProcessError, ReportFolder};
 use crate::report::history::RunHistory;
-use crate::servo::Mount;
+use crate::robot::Mount;
 use crate::time::SpanNs;
 use nalgebra::{SVector, Vector3};
 use std::fmt::Write;

@@ -51,7 +51,7 @@ impl Overhang {
 
 /// One point of the target in the picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct PointInSight {
+pub struct PointVisibility {
     /// Its number, from 1, as everywhere in a run file.
     pub point: usize,
     /// Where its centre is, px; `None` behind the camera or beyond what the lens shows.
@@ -64,9 +64,9 @@ pub struct PointInSight {
 
 /// The target in the picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Sight {
+pub struct Visibility {
     /// Its points.
-    pub points: Vec<PointInSight>,
+    pub points: Vec<PointVisibility>,
     /// Whether the camera looks at the side with the marks.
     pub front: bool,
     /// The plate; `None` where a part of it is behind the camera or beyond what the lens shows.
@@ -79,7 +79,7 @@ pub struct Sight {
     pub needed: usize,
 }
 
-impl Sight {
+impl Visibility {
     /// The `target` at `X_CO` in the picture of `camera`.
     #[must_use]
     pub fn of(target: &Target, camera: &CameraModel, X_CO: &Pose) -> Self {
@@ -97,7 +97,7 @@ impl Sight {
                     (e.overhang(camera), e.room(camera))
                 });
                 room_px = room_px.min(room);
-                PointInSight { point: number, px, whole: extent.is_some() && room >= *needs_px, outside }
+                PointVisibility { point: number, px, whole: extent.is_some() && room >= *needs_px, outside }
             })
             .collect();
         let plate = target.plate();
@@ -144,7 +144,7 @@ impl Sight {
     }
 }
 
-impl PointInSight {
+impl PointVisibility {
     /// What is wrong with its place, in words.
     #[must_use]
     pub fn fault(&self) -> String {

@@ -1,27 +1,27 @@
-//! The outlook in words.
+//! The preflight in words.
 
-use super::{Outlook, Posture, Reach, Viewpoint, Way};
-use crate::scene::{Overhang, PointInSight, Sight};
+use super::{Posture, Preflight, Reach, Viewpoint, Way};
+use crate::scene::{Overhang, PointVisibility, Visibility};
 
 /// Of more points than these only those that are not whole are told one by one.
 const TOLD_POINTS: usize = 8;
 
 /// A line each; the first words say what it is about.
-pub(super) fn lines(outlook: &Outlook) -> Vec<String> {
+pub(super) fn lines(preflight: &Preflight) -> Vec<String> {
     let mut lines = Vec::new();
-    match &outlook.start {
+    match &preflight.start {
         Some(view) => viewpoint("start", view, &mut lines),
         None => lines
             .push("  start: no [scene] says where the object is: it is known when the camera sees it".into()),
     }
-    if let Some(view) = &outlook.goal {
+    if let Some(view) = &preflight.goal {
         viewpoint("goal", view, &mut lines);
     }
-    lines.push(format!("  reach: {}", reach(&outlook.reach)));
-    if let Some(way) = &outlook.way {
+    lines.push(format!("  reach: {}", reach(&preflight.reach)));
+    if let Some(way) = &preflight.way {
         lines.push(format!("  way:   {}", straight_way(way)));
     }
-    lines.extend(outlook.notes.iter().map(|note| format!("  note:  {note}")));
+    lines.extend(preflight.notes.iter().map(|note| format!("  note:  {note}")));
     lines
 }
 
@@ -48,8 +48,8 @@ fn viewpoint(what: &str, view: &Viewpoint, lines: &mut Vec<String>) {
         None => line += "the optical axis does not meet the target's plane",
     }
     lines.push(line);
-    lines.push(format!("         {}", points(&view.sight)));
-    lines.push(format!("         {}", visibility(&view.sight)));
+    lines.push(format!("         {}", points(&view.visibility)));
+    lines.push(format!("         {}", visibility(&view.visibility)));
 }
 
 fn direction(from_down_deg: f64) -> String {
@@ -62,29 +62,30 @@ fn direction(from_down_deg: f64) -> String {
     }
 }
 
-fn points(sight: &Sight) -> String {
+fn points(visibility: &Visibility) -> String {
     let place = |px: Option<[f64; 2]>| px.map_or("unseen".into(), |[u, v]| format!("({u:.1}, {v:.1})"));
-    let told = sight.points.iter().filter(|point| sight.points.len() <= TOLD_POINTS || !point.whole);
+    let told =
+        visibility.points.iter().filter(|point| visibility.points.len() <= TOLD_POINTS || !point.whole);
     let told: Vec<_> =
         told.take(TOLD_POINTS).map(|point| format!("{} {}", point.point, place(point.px))).collect();
-    match (sight.points.len() <= TOLD_POINTS, told.is_empty()) {
+    match (visibility.points.len() <= TOLD_POINTS, told.is_empty()) {
         (true, _) => format!("points, px: {}", told.join("  ")),
-        (false, true) => format!("{} points", sight.points.len()),
-        (false, false) => format!("{} points; not whole, px: {}", sight.points.len(), told.join("  ")),
+        (false, true) => format!("{} points", visibility.points.len()),
+        (false, false) => format!("{} points; not whole, px: {}", visibility.points.len(), told.join("  ")),
     }
 }
 
-fn visibility(sight: &Sight) -> String {
-    let marks = if !sight.front {
+fn visibility(visibility: &Visibility) -> String {
+    let marks = if !visibility.front {
         "the back of the target is seen".into()
-    } else if sight.whole == sight.points.len() {
-        format!("all of the target's points are in the picture, {:.0} px from its border", sight.room_px)
+    } else if visibility.whole == visibility.points.len() {
+        format!("all of the target's points are in the picture, {:.0} px from its border", visibility.room_px)
     } else {
-        let cut = sight.points.iter().filter(|point| !point.whole).take(TOLD_POINTS);
-        let cut: Vec<_> = cut.map(PointInSight::fault).collect();
-        format!("{} of {} points are whole: {}", sight.whole, sight.points.len(), cut.join(", "))
+        let cut = visibility.points.iter().filter(|point| !point.whole).take(TOLD_POINTS);
+        let cut: Vec<_> = cut.map(PointVisibility::fault).collect();
+        format!("{} of {} points are whole: {}", visibility.whole, visibility.points.len(), cut.join(", "))
     };
-    let plate = match &sight.plate_outside {
+    let plate = match &visibility.plate_outside {
         None => "; a part of the plate is not before the lens".into(),
         Some(outside) if outside.is_none() => "; so is all of the plate".into(),
         Some(outside) => format!("; the plate is cut: {}", Overhang::describe(outside)),

@@ -13,16 +13,16 @@ const PERIOD: SpanNs = SpanNs(100_000_000);
 
 /// The signs of life of this process; it holds the role as the lock does, because they share its file. Costs a look at the clock, and ten times a second a system call.
 #[derive(Debug)]
-pub struct Pulse {
+pub struct Heartbeat {
     file: OwnedFd,
     last: Cell<MonoNs>,
 }
 
-impl Pulse {
+impl Heartbeat {
     pub(super) fn new(file: OwnedFd) -> Self {
-        let pulse = Self { file, last: Cell::new(MonoNs::ZERO) };
-        pulse.beat();
-        pulse
+        let heartbeat = Self { file, last: Cell::new(MonoNs::ZERO) };
+        heartbeat.beat();
+        heartbeat
     }
 
     /// The main loop has come round.

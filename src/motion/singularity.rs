@@ -14,7 +14,7 @@ use nalgebra::{SMatrix, SVector};
 /// The wish `qd` (rad/s or m/s) as the arm can follow it at the posture `q`, and what held it back. `J_C` is the
 /// camera's Jacobian there; `free` is the part of the wish that moves joints and not the camera.
 #[must_use]
-pub fn evade<const N: usize>(
+pub fn damp_singularity<const N: usize>(
     robot: &Robot<N>,
     q: &SVector<f64, N>,
     J_C: &SMatrix<f64, 6, N>,
@@ -59,7 +59,7 @@ mod tests {
         fn an_easy_wish_is_left_alone(qd in prop::array::uniform6(-0.3..0.3f64)) {
             let robot = load("ur5").unwrap().build::<6>().unwrap();
             let q = Vector6::new(0.4, -1.7, 1.5, -1.3, -1.8, 0.9);
-            let (got, acting) = evade(&robot, &q, &camera_jacobian(&robot, &q), &Vector6::from(qd), &Vector6::zeros());
+            let (got, acting) = damp_singularity(&robot, &q, &camera_jacobian(&robot, &q), &Vector6::from(qd), &Vector6::zeros());
             prop_assert!((got - Vector6::from(qd)).amax() < 1e-9, "{got}");
             prop_assert!(!acting.any());
         }
@@ -68,7 +68,7 @@ mod tests {
         fn fewer_joints_keep_their_least_squares(qd in prop::array::uniform4(-0.5..0.5f64)) {
             let robot = load("scara").unwrap().build::<4>().unwrap();
             let q = Vector4::new(0.0, 1.5, 0.5, -0.8);
-            let (got, acting) = evade(&robot, &q, &camera_jacobian(&robot, &q), &Vector4::from(qd), &Vector4::zeros());
+            let (got, acting) = damp_singularity(&robot, &q, &camera_jacobian(&robot, &q), &Vector4::from(qd), &Vector4::zeros());
             prop_assert!((got - Vector4::from(qd)).amax() < 1e-9, "{got}");
             prop_assert!(!acting.any());
         }
@@ -85,7 +85,7 @@ mod tests {
         let free = any - least * (J * any);
         assert!(free.norm() > 0.05);
         let task = least * Vector6::new(0.05, -0.02, 0.03, 0.1, 0.0, -0.1);
-        let (got, acting) = evade(&robot, &q, &J, &(task + free), &free);
+        let (got, acting) = damp_singularity(&robot, &q, &J, &(task + free), &free);
         assert!((got - task - free).amax() < 1e-9 && !acting.any(), "{got}");
     }
 
@@ -97,7 +97,7 @@ mod tests {
         // Straight along the arm: only the elbow could do it, faster and faster.
         let V = crate::geometry::Twist::new(0.0, 0.05, 0.05, 0.0, 0.0, 0.0);
         let wish = J.lu().solve(&V).unwrap();
-        let (got, acting) = evade(&robot, &q, &J, &wish, &Vector6::zeros());
+        let (got, acting) = damp_singularity(&robot, &q, &J, &wish, &Vector6::zeros());
         assert!(wish.amax() > 100.0 && got.amax() < 3.0, "{wish} {got}");
         assert_eq!(acting.joints(Limit::Singularity), 0b11_1111);
     }

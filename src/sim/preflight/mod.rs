@@ -2,7 +2,7 @@
 //! there, and by which way.
 //!
 //! ```text
-//!            ┌─ Sight   whole marks and plate in the picture, at start and goal
+//!            ┌─ Visibility   whole marks and plate in the picture, at start and goal
 //! Config ────┼─ Reach   inverse kinematics with limits: the goal's posture, or the nearest one
 //!            └─ Way     the straight way of the camera: singular postures, ends of ranges
 //! ```
@@ -17,19 +17,18 @@ pub use reach::{Posture, Reach, Way};
 use crate::config::raw::{DriveKind, SetPointKind, Task};
 use crate::config::{Config, Scene};
 use crate::geometry::Pose;
-use crate::robot::{Robot, RobotError};
-use crate::scene::{SceneMotion, Sight};
-use crate::servo::Mount;
+use crate::robot::{Mount, Robot, RobotError};
+use crate::scene::{SceneMotion, Visibility};
 use nalgebra::{Point3, SVector, Vector3};
 use reach::Question;
 use serde::Serialize;
 
 /// With fewer points no target is tracked.
-const LEAST_TRACKED: usize = 3;
+const MIN_TRACKED: usize = 3;
 
 /// What a run has before it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Outlook {
+pub struct Preflight {
     /// What the camera has before it when the run starts; `None` where no scene says where the object is.
     pub start: Option<Viewpoint>,
     /// What it has before it at the goal; `None` for a goal that is taught on the spot.
@@ -59,7 +58,7 @@ pub struct Viewpoint {
     /// Where the optical axis goes; `None` where it does not meet the target's plane.
     pub axis: Option<AxisFoot>,
     /// The target in the picture.
-    pub sight: Sight,
+    pub visibility: Visibility,
 }
 
 /// A camera in the base frame.
@@ -86,7 +85,7 @@ pub struct AxisFoot {
     pub beside_m: f64,
 }
 
-impl Outlook {
+impl Preflight {
     /// What the run of `config` has before it.
     ///
     /// # Errors
@@ -109,10 +108,10 @@ impl Outlook {
                 Mount::EyeInHand { .. } => X_WO.map(|X_WO| X_WO * X_DO.inverse()),
                 Mount::EyeToHand { X_BC } => Some(X_BC),
             };
-            let sight = Sight::of(&config.target, &config.camera.model, &X_DO);
-            Viewpoint::new(config, X_DO, X_BC, sight)
+            let visibility = Visibility::of(&config.target, &config.camera.model, &X_DO);
+            Viewpoint::new(config, X_DO, X_BC, visibility)
         });
-        let mut outlook = Self {
+        let mut preflight = Self {
             start,
             goal,
             reach: Reach::Unasked { why: "" },
@@ -120,25 +119,25 @@ impl Outlook {
             notes: notes(config),
             object_rests: config.scene.as_ref().is_none_or(|scene| scene.motion == SceneMotion::Still),
         };
-        outlook.reach = match (unasked(config), X_WO, X_DO) {
+        preflight.reach = match (unasked(config), X_WO, X_DO) {
             (Some(why), ..) => Reach::Unasked { why },
             (None, Some(X_WO), Some(X_DO)) => {
                 let question =
                     Question { config, robot, q_start, set_point: &config.servo.set_point, X_WO, X_DO };
                 let (reach, found) = question.reach();
-                outlook.way = found.map(|_| question.way());
+                preflight.way = found.map(|_| question.way());
                 reach
             }
             _ => Reach::Unasked { why: "the desired features fix no pose of the camera" },
         };
-        Ok(outlook)
+        Ok(preflight)
     }
 
     /// What makes the run futile: key and message.
     #[must_use]
     pub fn faults(&self) -> Vec<(&'static str, String)> {
         let mut faults = Vec::new();
-        if let Some(fault) = self.start.as_ref().and_then(|view| view.sight.fault()) {
+        if let Some(fault) = self.start.as_ref().and_then(|view| view.visibility.fault()) {
             let message = format!(
                 "{fault} at the start; move scene.object or the start position, or see `vservo view`"
             );
@@ -164,9 +163,9 @@ impl Outlook {
     /// What is wrong with the view at the goal, and whether that makes the run futile: a target that is tracked already goes on with
     /// some of its points.
     fn cut_at_the_goal(&self) -> Option<(String, bool)> {
-        let sight = &self.goal.as_ref()?.sight;
-        let message = format!("{} in the desired view; see `vservo view`", sight.fault()?);
-        Some((message, !sight.front || sight.whole < LEAST_TRACKED))
+        let visibility = &self.goal.as_ref()?.visibility;
+        let message = format!("{} in the desired view; see `vservo view`", visibility.fault()?);
+        Some((message, !visibility.front || visibility.whole < MIN_TRACKED))
     }
 
     /// All of it in words, a line each.
@@ -227,12 +226,12 @@ fn start<const N: usize>(
         Mount::EyeInHand { X_EC } => X_BE * X_EC,
         Mount::EyeToHand { X_BC } => X_BC,
     };
-    let sight = Sight::of(&scene.target, &scene.camera, &X_CO);
-    Ok(Viewpoint::new(config, X_CO, Some(X_BC), sight))
+    let visibility = Visibility::of(&scene.target, &scene.camera, &X_CO);
+    Ok(Viewpoint::new(config, X_CO, Some(X_BC), visibility))
 }
 
 impl Viewpoint {
-    fn new(config: &Config, X_CO: Pose, X_BC: Option<Pose>, sight: Sight) -> Self {
+    fn new(config: &Config, X_CO: Pose, X_BC: Option<Pose>, visibility: Visibility) -> Self {
         let xyzw = |X: &Pose| {
             let c = X.rotation.coords;
             [c.x, c.y, c.z, c.w]
@@ -258,7 +257,7 @@ impl Viewpoint {
                 ahead_m,
                 beside_m: (foot.coords.xy() - middle).norm(),
             }),
-            sight,
+            visibility,
             X_CO,
         }
     }

@@ -3,8 +3,8 @@
 use crate::config::Config;
 use crate::geometry::Pose;
 use crate::linalg::Random;
-use crate::robot::Robot;
-use crate::servo::{Mount, PostureSearch, SetPoint, nearest_limit};
+use crate::robot::{Mount, Robot};
+use crate::servo::{PostureSearch, SetPoint, nearest_limit};
 use nalgebra::{SVector, Vector2};
 use serde::Serialize;
 

@@ -10,7 +10,7 @@
 //! Nothing that belongs to somebody else is written, repaired or removed.
 
 use super::InstanceError;
-use rustix::fs::{AtFlags, Dir, FileType, Mode, OFlags, Stat};
+use rustix::fs::{AtFlags, Dir, FallocateFlags, FileType, Mode, OFlags, Stat, fallocate};
 use rustix::fs::{fchmod, fstat, mkdirat, open, openat, renameat, statat, unlinkat};
 use rustix::io::Errno;
 use rustix::process::geteuid;
@@ -24,6 +24,8 @@ pub(super) const SHARED_MEMORY: &str = "/dev/shm";
 const DEEPEST: u32 = 4;
 const OTHERS: u32 = 0o077;
 const OTHERS_WRITE: u32 = 0o022;
+/// What `stat` counts in, whatever the file system.
+const BLOCK_BYTES: u64 = 512;
 
 /// The opened directory of an instance.
 #[derive(Debug)]
@@ -185,6 +187,74 @@ pub(super) fn remove_segments(prefix: &str) {
             let _ = unlinkat(&shared_memory, name.as_str(), AtFlags::empty());
         }
     }
+}
+
+/// What tells a file from another one of the same name: device and number.
+pub(super) type Id = (u64, u64);
+
+/// The segments under `prefix` that have no size, and are ours.
+pub(super) fn empty_segments(prefix: &str) -> Vec<(String, Id)> {
+    let Ok(shared_memory) = open_shared_memory() else { return Vec::new() };
+    let mut empty = Vec::new();
+    for name in segments(&shared_memory, prefix).unwrap_or_default() {
+        if let Ok(stat) = statat(&shared_memory, name.as_str(), AtFlags::SYMLINK_NOFOLLOW)
+            && stat.st_size == 0
+            && judge(Path::new(&name), &stat, FileType::RegularFile).is_ok()
+        {
+            empty.push((name, id(&stat)));
+        }
+    }
+    empty
+}
+
+/// Removes the segment `name` if it still is `is`.
+pub(super) fn remove_segment(name: &str, is: Id) {
+    let Ok(shared_memory) = open_shared_memory() else { return };
+    if statat(&shared_memory, name, AtFlags::SYMLINK_NOFOLLOW).is_ok_and(|stat| id(&stat) == is) {
+        let _ = unlinkat(&shared_memory, name, AtFlags::empty());
+    }
+}
+
+/// Gives every page of the segments under `prefix` its memory: a page that cannot be had when it is first used ends the process
+/// that uses it, and the kernel has no milder way to say so then.
+///
+/// # Errors
+/// [`InstanceError::Place`] when there is too little; the remedy is in its words.
+pub(super) fn reserve_segments(prefix: &str) -> Result<(), InstanceError> {
+    let shared_memory = open_shared_memory()?;
+    for name in segments(&shared_memory, prefix)? {
+        let lacks = |stat: &Stat| {
+            let size = u64::try_from(stat.st_size).unwrap_or(0);
+            let held = u64::try_from(stat.st_blocks).unwrap_or(0).saturating_mul(BLOCK_BYTES);
+            let is_file = FileType::from_raw_mode(stat.st_mode) == FileType::RegularFile;
+            (is_file && held < size).then_some(size)
+        };
+        let stat = statat(&shared_memory, name.as_str(), AtFlags::SYMLINK_NOFOLLOW);
+        if stat.is_ok_and(|stat| lacks(&stat).is_none()) {
+            continue;
+        }
+        let fault = |cause| InstanceError::Place { path: Path::new(SHARED_MEMORY).join(&name), cause };
+        let flags = OFlags::RDWR | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let file = match openat(&shared_memory, name.as_str(), flags, Mode::empty()) {
+            Ok(file) => file,
+            // Gone meanwhile, or not a file that anybody of ours maps.
+            Err(Errno::NOENT | Errno::LOOP | Errno::NXIO | Errno::ISDIR | Errno::ACCESS) => continue,
+            Err(cause) => return Err(fault(cause)),
+        };
+        if let Some(size) = lacks(&fstat(&file).map_err(fault)?) {
+            fallocate(&file, FallocateFlags::empty(), 0, size).map_err(fault)?;
+        }
+    }
+    Ok(())
+}
+
+fn id(stat: &Stat) -> Id {
+    (stat.st_dev, stat.st_ino)
+}
+
+#[cfg(test)]
+pub(super) fn segments_of(prefix: &str) -> Vec<String> {
+    segments(&open_shared_memory().unwrap(), prefix).unwrap()
 }
 
 fn segments(shared_memory: &OwnedFd, prefix: &str) -> Result<Vec<String>, InstanceError> {

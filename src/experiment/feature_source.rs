@@ -49,24 +49,24 @@ impl Miscalibration {
 
 /// A source of image features.
 #[derive(Debug)]
-pub enum Eye {
+pub enum FeatureSource {
     /// The points as the pin-hole model projects them.
     Ideal,
     /// The same through a wrong calibration.
     Miscalibrated(Miscalibration),
     /// Pixels, through renderer and detection.
-    Rendered(Box<RenderedEye>),
+    Rendered(Box<RenderedFeatures>),
 }
 
 /// Renderer and vision core of one run.
 #[derive(Debug)]
-pub struct RenderedEye {
+pub struct RenderedFeatures {
     renderer: Renderer,
     vision: Vision,
     pixels: Vec<u8>,
 }
 
-impl RenderedEye {
+impl RenderedFeatures {
     /// A camera of 640 x 480 px with noise, blur and vignetting; the target has dots at P1 ... P4.
     ///
     /// # Errors
@@ -83,7 +83,7 @@ impl RenderedEye {
     }
 }
 
-impl Eye {
+impl FeatureSource {
     /// What is measured of P1 ... P4 (normalized) of an object at `X_CO`, truly seen at `s`.
     ///
     /// # Errors
@@ -97,12 +97,12 @@ impl Eye {
         match self {
             Self::Ideal => Ok(*s),
             Self::Miscalibrated(m) => Ok(s.map(|s| m.believed(&s))),
-            Self::Rendered(eye) => eye.look(X_CO, index),
+            Self::Rendered(source) => source.look(X_CO, index),
         }
     }
 }
 
-impl RenderedEye {
+impl RenderedFeatures {
     fn look(&mut self, X_CO: &Pose, index: usize) -> Result<[Vector2<f64>; 4], String> {
         self.renderer.render(&[*X_CO], index as u64, &mut self.pixels);
         let i = *self.renderer.camera().intrinsics();
@@ -132,13 +132,13 @@ mod tests {
     fn rendered_points_are_the_projected_ones() {
         let X_CO = pose_of(&desired_object());
         let s = project(&X_CO).unwrap();
-        let mut eye = Eye::Rendered(Box::new(RenderedEye::new(1).unwrap()));
-        let seen = eye.look(&X_CO, &s, 0).unwrap();
+        let mut source = FeatureSource::Rendered(Box::new(RenderedFeatures::new(1).unwrap()));
+        let seen = source.look(&X_CO, &s, 0).unwrap();
         for (a, b) in seen.iter().zip(&s) {
             assert!((a - b).norm() * 800.0 < 0.1, "{a} {b}");
         }
         let away = pose_of(&(desired_object() + nalgebra::Vector4::new(3.0, 0.0, 0.0, 0.0)));
-        assert!(eye.look(&away, &s, 1).is_err());
+        assert!(source.look(&away, &s, 1).is_err());
     }
 
     #[test]

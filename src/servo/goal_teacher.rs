@@ -6,21 +6,21 @@ use nalgebra::Vector2;
 
 /// A set-point in the making.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Lesson {
+pub(super) struct GoalTeacher {
     wanted: u32,
     /// Measurements still to come.
     pub(super) left: u32,
     sum: [Vector2<f64>; MAX_FEATURES],
 }
 
-impl Lesson {
+impl GoalTeacher {
     pub(super) fn new(measurements: u32) -> Self {
         Self { wanted: measurements, left: measurements, sum: [Vector2::zeros(); MAX_FEATURES] }
     }
 
     /// Takes a view in, unless a feature is hidden and cannot be told from the pose; the last one completes the set-point, which keeps the selection and, where the new features
     /// give no pose even with that of the view to start from, the mean depth of `before`.
-    pub(super) fn hear(&mut self, view: &View, before: &SetPoint) -> Option<SetPoint> {
+    pub(super) fn add(&mut self, view: &View, before: &SetPoint) -> Option<SetPoint> {
         if self.left == 0 {
             return None;
         }

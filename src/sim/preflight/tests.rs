@@ -1,9 +1,9 @@
-use super::{Outlook, Reach};
+use super::{Preflight, Reach};
 use crate::config::Config;
 use crate::geometry::Pose;
 use crate::imaging::ImageView;
 use crate::linalg::Random;
-use crate::scene::{Renderer, SceneLook, SensorModel, Sight};
+use crate::scene::{Renderer, SceneLook, SensorModel, Visibility};
 use crate::vision::{Vision, VisionSettings};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::path::{Path, PathBuf};
@@ -12,9 +12,9 @@ fn shipped(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file)
 }
 
-fn outlook(file: &str, set: &[&str]) -> Outlook {
+fn preflight(file: &str, set: &[&str]) -> Preflight {
     let set: Vec<_> = set.iter().map(ToString::to_string).collect();
-    Outlook::of(&Config::load(Some(&shipped(file)), &set).unwrap()).unwrap()
+    Preflight::of(&Config::load(Some(&shipped(file)), &set).unwrap()).unwrap()
 }
 
 /// What is said of the goal is what the posture shows, for cameras in the hand and beside the arm.
@@ -22,7 +22,7 @@ fn outlook(file: &str, set: &[&str]) -> Outlook {
 fn the_posture_of_the_goal_shows_the_goal() {
     for file in ["default.toml", "ur5.toml", "panda.toml", "pan_tilt.toml", "scara-eye-to-hand.toml"] {
         let config = Config::load(Some(&shipped(file)), &[]).unwrap();
-        let Reach::Within(posture) = outlook(file, &[]).reach else { panic!("{file}") };
+        let Reach::Within(posture) = preflight(file, &[]).reach else { panic!("{file}") };
         let X_BE = crate::dispatch_robot!(config.robot, |arm| arm
             .forward(&nalgebra::SVector::from_column_slice(&posture.q)))
         .unwrap();
@@ -41,11 +41,13 @@ fn goals_out_of_reach_are_told_with_what_holds_the_arm() {
         ("pan_tilt.toml", "servo.desired.position_m=[-0.05,-0.05,0.7]", "100.0 mm"),
         ("scara-eye-to-hand.toml", "servo.desired.rotation_rpy_deg=[0,8,0]", "as far as 4 joints can"),
     ] {
-        let outlook = outlook(file, &[set]);
-        let [(key, message)] = &outlook.faults()[..] else { panic!("{file} {set}: {:?}", outlook.faults()) };
+        let preflight = preflight(file, &[set]);
+        let [(key, message)] = &preflight.faults()[..] else {
+            panic!("{file} {set}: {:?}", preflight.faults())
+        };
         assert_eq!(*key, "servo.desired");
         assert!(message.contains(words), "{file} {set}: {message}");
-        assert!(outlook.way.is_none());
+        assert!(preflight.way.is_none());
     }
 }
 
@@ -60,7 +62,7 @@ fn a_way_past_a_singular_posture_is_doubtful() {
         let X_WO = X_WC(0.5 * (from + to)) * Pose::translation(-0.05, -0.05, 0.6);
         let draft = crate::config::Draft::load(Some(&shipped("ur5.toml")), &[]).unwrap();
         let placed = draft.placed(&posture(from), &X_WO, &X_WC(to).inv_mul(&X_WO));
-        Outlook::of(&placed.validate().unwrap()).unwrap()
+        Preflight::of(&placed.validate().unwrap()).unwrap()
     };
     let past = way(-0.15, 0.15);
     let doubts = past.doubts();
@@ -76,7 +78,7 @@ fn a_way_past_a_singular_posture_is_doubtful() {
 
 #[test]
 fn what_is_not_asked_is_not_looked_at() {
-    let unasked = |file: &str, set: &[&str]| match outlook(file, set).reach {
+    let unasked = |file: &str, set: &[&str]| match preflight(file, set).reach {
         Reach::Unasked { why } => why,
         other => panic!("{other:?}"),
     };
@@ -85,11 +87,11 @@ fn what_is_not_asked_is_not_looked_at() {
     assert!(unasked("default.toml", &["servo.set_point.kind=taught"]).contains("at the start"));
     let calibrates = ["run.task=calibrate_latency", "run.clock=realtime"];
     assert!(unasked("ur5.toml", &calibrates).contains("calibration"));
-    let moving = outlook("default.toml", &["scene.motion.kind=pendulum"]);
+    let moving = preflight("default.toml", &["scene.motion.kind=pendulum"]);
     assert!(!moving.object_rests && moving.notes.iter().any(|note| note.contains("moves")));
 }
 
-/// Whole marks, not centres alone: what `Sight` says can be found is found in the rendered picture, and what it says cannot is not.
+/// Whole marks, not centres alone: what `Visibility` says can be found is found in the rendered picture, and what it says cannot is not.
 #[test]
 fn what_can_be_found_is_found_and_nothing_else() {
     let config = Config::load(None, &[]).unwrap();
@@ -109,9 +111,10 @@ fn what_can_be_found_is_found_and_nothing_else() {
         let place =
             Vector3::new(random.between(-0.3, 0.3), random.between(-0.2, 0.2), random.between(0.3, 0.8));
         let X_CO = Pose::from_parts(place.into(), UnitQuaternion::from_scaled_axis(tilt) * turn);
-        let sight = Sight::of(&config.target, &camera, &X_CO);
+        let visibility = Visibility::of(&config.target, &camera, &X_CO);
         // as the run file's own check takes it: by the centres
-        let centres = sight.points.iter().all(|p| p.px.is_some_and(|px| camera.contains(&px.into(), 0.0)));
+        let centres =
+            visibility.points.iter().all(|p| p.px.is_some_and(|px| camera.contains(&px.into(), 0.0)));
         if !centres {
             continue;
         }
@@ -119,9 +122,9 @@ fn what_can_be_found_is_found_and_nothing_else() {
         renderer.render(&[X_CO], tried, &mut pixels);
         let seen = vision.still(&ImageView::new(&pixels, width, height).unwrap()).is_ok();
         found += usize::from(seen);
-        cut += usize::from(!sight.can_be_found());
-        if seen != sight.can_be_found() {
-            wrong.push((seen, sight.room_px));
+        cut += usize::from(!visibility.can_be_found());
+        if seen != visibility.can_be_found() {
+            wrong.push((seen, visibility.room_px));
         }
     }
     // a dot that lacks less than a pixel may be found all the same; one that is whole is found

@@ -1,0 +1,143 @@
+//! How `vservo ctl` reaches control: over the command service, or, for a stop, through the stop word. Neither takes longer than it
+//! may, whatever stands in its way.
+
+use crate::ipc::{Halt, Instance, InstanceError, IpcError, Role, Services};
+use crate::messages::{ControlAnswer, ControlCommand, ControlState};
+use crate::process::{ProcessError, StopFlag};
+use crate::rt::now;
+use crate::time::{MonoNs, SpanNs};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
+
+/// Looks for an answer lie so far apart.
+const LOOK: Duration = Duration::from_millis(2);
+/// Where all slots are taken: one of those who ask is answered, and leaves, within some milliseconds.
+const CROWDED: Duration = Duration::from_millis(20);
+/// What leaving takes after the answer, or after the last look for it.
+const LEAVING: SpanNs = SpanNs(500_000_000);
+
+/// How long there is, and whether whoever asked still wants to know.
+#[derive(Debug, Clone)]
+pub(super) struct Patience {
+    timeout_s: f64,
+    until: MonoNs,
+    interrupted: StopFlag,
+}
+
+impl Patience {
+    /// From now on. A signal does not end this process in the middle of joining, which would leave to others what it has half
+    /// made: it ends the wait.
+    pub(super) fn begin(timeout_s: f64) -> Result<Self, ProcessError> {
+        let until = now() + SpanNs::from_s(timeout_s);
+        Ok(Self { timeout_s, until, interrupted: StopFlag::on_signals()? })
+    }
+
+    fn left(&self) -> Duration {
+        Duration::from_secs_f64((self.until - now()).as_s().max(0.0))
+    }
+
+    /// Fails when there is no patience left.
+    fn check(&self, instance: &Instance) -> Result<(), ProcessError> {
+        if self.interrupted.is_requested() {
+            return Err(ProcessError::Interrupted);
+        }
+        if now() > self.until { Err(self.no_answer(instance)) } else { Ok(()) }
+    }
+
+    fn no_answer(&self, instance: &Instance) -> ProcessError {
+        ProcessError::NoAnswer { instance: instance.to_string(), waited_s: self.timeout_s }
+    }
+}
+
+/// Makes sure that there is somebody to ask.
+pub(super) fn find(instance: &Instance) -> Result<(), ProcessError> {
+    match instance.find(Role::Control) {
+        Ok(true) => Ok(()),
+        Ok(false) => Err(ProcessError::NobodyThere(instance.to_string())),
+        Err(InstanceError::NotOurs { path, what }) => {
+            Err(ProcessError::NotYourRun { instance: instance.to_string(), path, what })
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Stops the arm of `instance`; control's state right after that.
+pub(super) fn halt(
+    instance: &Instance,
+    halt: Halt,
+    patience: &Patience,
+) -> Result<ControlState, ProcessError> {
+    let mut asked = None;
+    loop {
+        if asked.is_none() {
+            // A control that has just begun makes it within a moment.
+            asked = instance.open_stop_word()?.map(|word| (word.ask(halt), word));
+        }
+        // Looked for before: control may answer and end in between.
+        let there = find(instance);
+        if let Some(state) = asked.as_ref().and_then(|(number, word)| word.answer(halt, *number)) {
+            return Ok(state);
+        }
+        there?;
+        patience.check(instance)?;
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Asks control of `instance`. What the transport does cannot be told to hurry, so that it is done beside.
+pub(super) fn ask(
+    instance: &Instance,
+    command: ControlCommand,
+    patience: &Patience,
+) -> Result<ControlAnswer, ProcessError> {
+    let (tell, told) = channel();
+    let (place, own) = (instance.clone(), patience.clone());
+    std::thread::Builder::new()
+        .name("ask".into())
+        .spawn(move || {
+            let _ = tell.send(ask_here(&place, command, &own));
+        })
+        .map_err(|cause| ProcessError::Start { what: "the thread that asks", cause })?;
+    match told.recv_timeout(patience.left() + Duration::from_secs_f64(LEAVING.as_s())) {
+        Ok(answer) => answer,
+        Err(RecvTimeoutError::Timeout) => Err(patience.no_answer(instance)),
+        Err(RecvTimeoutError::Disconnected) => Err(ProcessError::Panicked("asking")),
+    }
+}
+
+fn ask_here(
+    instance: &Instance,
+    command: ControlCommand,
+    patience: &Patience,
+) -> Result<ControlAnswer, ProcessError> {
+    let join = || -> Result<_, IpcError> {
+        let services = Services::join(instance)?;
+        Ok((services.command_client()?, services))
+    };
+    let (client, _services) = loop {
+        match join() {
+            Ok(joined) => break joined,
+            Err(error) if error.is_crowded() => match patience.check(instance) {
+                Err(ProcessError::NoAnswer { .. }) => {
+                    return Err(ProcessError::Crowded {
+                        instance: instance.to_string(),
+                        cause: error.to_string(),
+                    });
+                }
+                over => over?,
+            },
+            // control makes the service soon after it has begun
+            Err(error) if error.is_too_early() => patience.check(instance)?,
+            Err(error) => return Err(error.into()),
+        }
+        std::thread::sleep(CROWDED);
+    };
+    let pending = client.ask(command)?;
+    loop {
+        if let Some(answer) = pending.answer()? {
+            return Ok(answer);
+        }
+        patience.check(instance)?;
+        std::thread::sleep(LOOK);
+    }
+}

@@ -1,0 +1,183 @@
+//! What is told of one picture: a line for people, an object for programs.
+
+use super::Seen;
+use crate::detect::Found;
+use crate::detect::tags::TagFound;
+use crate::input::printable;
+use crate::messages::TargetStatus;
+use crate::pose::RefinedPose;
+use crate::vision::Growth;
+use nalgebra::Vector2;
+use serde::Serialize;
+
+/// What was found in one image.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Answer {
+    pub(super) image: String,
+    pub(super) status: &'static str,
+    pub(super) reason: Option<String>,
+    pub(super) features: Vec<Feature>,
+    pub(super) pose: Option<PoseOut>,
+    /// Where two poses explain the picture almost equally well: the less likely one.
+    pub(super) other_pose: Option<OtherPose>,
+    pub(super) reprojection_rms_px: Option<f64>,
+    /// The variance of points over the one that noise explains, where they do not fit the pose as they should.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) misfit: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) tags: Option<Vec<TagOut>>,
+    /// What the picture cannot tell of what was found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) note: Option<String>,
+    pub(super) time_us: f64,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(super) struct Feature {
+    pub(super) id: u32,
+    pub(super) u_px: f64,
+    pub(super) v_px: f64,
+    pub(super) sigma_px: f64,
+}
+
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct PoseOut {
+    pub(super) position_m: [f64; 3],
+    pub(super) rotation_xyzw: [f64; 4],
+    pub(super) covariance: Vec<f64>,
+}
+
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct OtherPose {
+    #[serde(flatten)]
+    pub(super) pose: PoseOut,
+    /// How many times less likely it is.
+    pub(super) likelihood_ratio: f64,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(super) struct TagOut {
+    pub(super) id: u32,
+    pub(super) corners_px: [[f64; 2]; 4],
+    pub(super) hamming: u32,
+}
+
+impl From<&RefinedPose> for PoseOut {
+    fn from(pose: &RefinedPose) -> Self {
+        let (p, q) = (pose.X_CO.translation.vector, pose.X_CO.rotation.coords);
+        Self {
+            position_m: p.into(),
+            rotation_xyzw: [q.x, q.y, q.z, q.w],
+            // symmetric: by rows is by columns
+            covariance: pose.covariance.iter().copied().collect(),
+        }
+    }
+}
+
+impl From<&TagFound> for TagOut {
+    fn from(tag: &TagFound) -> Self {
+        Self { id: tag.id, corners_px: tag.corners_px.map(Into::into), hamming: tag.hamming }
+    }
+}
+
+/// A status as a word for programs.
+pub(super) fn word(status: TargetStatus) -> &'static str {
+    match status {
+        TargetStatus::Found => "found",
+        TargetStatus::NoContrast => "no_contrast",
+        TargetStatus::TooFewRegions => "too_few_regions",
+        TargetStatus::NoMatch => "no_match",
+        TargetStatus::Ambiguous => "ambiguous",
+        TargetStatus::WrongSize => "wrong_size",
+        TargetStatus::Inconsistent => "inconsistent",
+        TargetStatus::NoPair => "no_pair",
+        TargetStatus::TooFewShared => "too_few_shared",
+        TargetStatus::GivenUp => "given_up",
+    }
+}
+
+impl Answer {
+    pub(super) fn empty() -> Self {
+        Self::nothing(String::new(), "no_match", String::new())
+    }
+
+    pub(super) fn nothing(image: String, status: &'static str, reason: String) -> Self {
+        Self {
+            image,
+            status,
+            reason: Some(reason),
+            features: Vec::new(),
+            pose: None,
+            other_pose: None,
+            reprojection_rms_px: None,
+            misfit: None,
+            tags: None,
+            note: None,
+            time_us: 0.0,
+        }
+    }
+
+    pub(super) fn of(image: String, seen: &Seen, time_us: f64) -> Self {
+        let feature = |(found, px): (&Found, &Vector2<f64>)| Feature {
+            id: found.id,
+            u_px: px.x,
+            v_px: px.y,
+            // what misfits is in what is told of each
+            sigma_px: found.sigma_px * seen.growth.points.sqrt(),
+        };
+        let other = seen.other.as_ref().map(|(pose, log_ratio)| OtherPose {
+            pose: pose.into(),
+            likelihood_ratio: log_ratio.min(700.0).exp(),
+        });
+        // points that no pose explains are told all the same: whoever asks by hand may know why
+        let reason = seen.inconsistent.then(|| {
+            format!("{}; or the camera file is another camera's", TargetStatus::Inconsistent.as_str())
+        });
+        Self {
+            image,
+            status: if seen.inconsistent { word(TargetStatus::Inconsistent) } else { "found" },
+            reason,
+            features: seen.found.iter().zip(&seen.px).map(feature).collect(),
+            pose: seen.pose.as_ref().map(Into::into),
+            other_pose: other,
+            reprojection_rms_px: seen.rms_px,
+            misfit: (seen.growth != Growth::NONE).then_some(seen.growth.points),
+            tags: (!seen.tags.is_empty()).then(|| seen.tags.iter().map(Into::into).collect()),
+            note: seen.note(),
+            time_us,
+        }
+    }
+
+    /// For people.
+    pub(super) fn line(&self) -> String {
+        let mut line = format!("{}: ", printable(&self.image));
+        match &self.reason {
+            None => line += &format!("{} points", self.features.len()),
+            Some(reason) => line += &format!("{}: {}", self.status, printable(reason)),
+        }
+        if let Some(tags) = &self.tags {
+            let ids: Vec<_> = tags.iter().map(|tag| tag.id.to_string()).collect();
+            line += &format!(", tags {}", ids.join(" "));
+        }
+        if let Some(pose) = &self.pose {
+            let [x, y, z] = pose.position_m;
+            line += &format!(", at ({x:.4}, {y:.4}, {z:.4}) m");
+        }
+        if let Some(rms_px) = self.reprojection_rms_px {
+            line += &format!(", rms {rms_px:.3} px");
+        }
+        if let Some(other) = &self.other_pose {
+            line += &format!(", another pose is {:.1} times less likely", other.likelihood_ratio);
+        }
+        if let Some(misfit) = self.misfit {
+            line += &format!(" ({:.0} times what noise explains)", misfit.sqrt());
+        }
+        if let Some(note) = &self.note {
+            line += &format!(" ({note})");
+        }
+        if self.time_us > 0.0 {
+            line += &format!(", {:.0} us", self.time_us);
+        }
+        line + "\n"
+    }
+}

@@ -1,0 +1,83 @@
+//! Whether a board ends where it should: a square beyond its last corners no more follow.
+//!
+//! ```text
+//!   ─┬─ corner ── corner ─┤ outer square ├─ here a board that goes on has a corner, and one that ends the corner of one square
+//! ```
+//! A floor of squares of which a part has the board's size, and a larger board that is half hidden, look like the board but for that.
+
+use super::{Board, MIN_REACH_PX};
+use crate::detect::chessboard::strongest::greatest;
+use crate::imaging::ImageView;
+use nalgebra::Vector2;
+
+/// Least ring response of a corner that follows, in that of the last one: a lone square's corner has none at all, and clutter rarely half.
+const FOLLOWS: f32 = 0.5;
+/// How far from its place it is looked for beyond the usual, in squares: the lens bends rows.
+const BENT: f64 = 0.05;
+/// So many corners in a line, and that share of those that could be seen, are no chance: things lie on a floor, too.
+const LEAST: usize = 2;
+const SHARE: usize = 3;
+
+/// What is beyond one side of a board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::detect::chessboard) enum Beyond {
+    /// The image ends, or the board's last corners are hidden.
+    Unseen,
+    /// No more corners.
+    End,
+    /// More corners.
+    More,
+}
+
+impl Board {
+    /// What is beyond each side.
+    pub(in crate::detect::chessboard) fn beyond(&self, image: &ImageView<'_>) -> [Beyond; 4] {
+        let (columns, rows) = (self.columns as i64, self.rows as i64);
+        [
+            self.beyond_line(image, rows, |k, i| (i, k)),
+            self.beyond_line(image, rows, |k, i| (columns - 1 - i, k)),
+            self.beyond_line(image, columns, |k, i| (k, i)),
+            self.beyond_line(image, columns, |k, i| (k, rows - 1 - i)),
+        ]
+    }
+
+    /// Of one side: `corner` is the column and row of the k-th corner along it, i lines inwards.
+    fn beyond_line(
+        &self,
+        image: &ImageView<'_>,
+        count: i64,
+        corner: impl Fn(i64, i64) -> (i64, i64),
+    ) -> Beyond {
+        match self.line(image, count, corner) {
+            (seen, _) if seen < LEAST => Beyond::Unseen,
+            (seen, more) if more >= LEAST && SHARE * more >= seen => Beyond::More,
+            _ => Beyond::End,
+        }
+    }
+
+    /// Of how many of its corners the next place is seen, and at how many of these a corner follows.
+    fn line(
+        &self,
+        image: &ImageView<'_>,
+        count: i64,
+        corner: impl Fn(i64, i64) -> (i64, i64),
+    ) -> (usize, usize) {
+        let fitted = |k: i64, i: i64| {
+            let (c, r) = corner(k, i);
+            self.slots.get(self.id(c, r)?)?.fit.map(|f| f.px)
+        };
+        let (mut seen, mut more) = (0, 0);
+        for k in 0..count {
+            let (Some(a), Some(b)) = (fitted(k, 0), fitted(k, 1)) else { continue };
+            // constant second difference
+            let next: Vector2<f64> = fitted(k, 2).map_or(2.0 * a - b, |c| 3.0 * a - 3.0 * b + c);
+            let radius = MIN_REACH_PX + BENT * (a - b).norm();
+            let (Some(own), Some(there)) = (greatest(image, a, 1.0), greatest(image, next, radius)) else {
+                continue;
+            };
+            seen += 1;
+            more += usize::from(there > FOLLOWS * own);
+        }
+        (seen, more)
+    }
+}

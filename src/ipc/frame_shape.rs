@@ -1,0 +1,29 @@
+//! How large frames are, and what a run takes of shared memory with them and beside them.
+
+/// Readers of a service: the next process, a recorder, a view, one to spare.
+pub(super) const MAX_READERS: usize = 4;
+/// What the transport and the header add to a frame at most, bytes.
+const FRAME_OVERHEAD_BYTES: u64 = 512;
+/// What all services of a run take that carry no frames, bytes: 14.6 MB of measurements, 2.6 and 2.0 MB of traces and joint states,
+/// 0.4 MB for an external drive, each with room for every reader, and the connections.
+pub const SPACE_BESIDE_FRAMES_BYTES: u64 = 24 << 20;
+
+/// How large frames are, and how many of them may be in flight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrameShape {
+    /// Bytes of one frame.
+    pub bytes: usize,
+    /// Frames that wait for vision: 1 in real time (the newest), more in lockstep.
+    pub in_flight: usize,
+    /// Frames that the camera may hold back at once, exposed but not yet due.
+    pub held_back: usize,
+}
+
+impl FrameShape {
+    /// What the frames of one camera take in shared memory, bytes: all that may be waiting, read or filled at once.
+    #[must_use]
+    pub fn space_bytes(&self) -> u64 {
+        let frames = MAX_READERS * (self.in_flight + 1) + self.held_back + 1;
+        (frames as u64).saturating_mul(self.bytes as u64 + FRAME_OVERHEAD_BYTES)
+    }
+}

@@ -1,0 +1,183 @@
+//! The stop word: a page of the instance's memory through which a run is stopped without a port, a slot, an allocation or free
+//! space, so that neither too many clients nor full shared memory keep a stop out.
+//!
+//! ```text
+//! asker                                   control, every tick
+//! asked += 1  ────────────────────────►   asked differs from taken: does it
+//! waits until taken has come that far ◄── state, then taken = asked
+//! ```
+//! Control makes the page anew when it takes its role; it is reserved then, and removed with the rest of the instance.
+
+use super::InstanceError;
+use super::runtime_dir::Place;
+use crate::messages::ControlState;
+use rustix::fs::{FallocateFlags, OFlags, fallocate, fstat};
+use rustix::io::Errno;
+use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
+use std::os::fd::{AsFd, OwnedFd};
+use std::path::Path;
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+const FILE: &str = "stop";
+/// One page, on every machine whose pages are no smaller.
+const BYTES: usize = 4096;
+
+/// What can be asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Halt {
+    /// The arm comes to rest.
+    Stop,
+    /// The arm comes to rest, and the run ends.
+    Shutdown,
+}
+
+impl Halt {
+    /// All.
+    pub const ALL: [Self; 2] = [Self::Stop, Self::Shutdown];
+}
+
+/// One thing that can be asked for: how often it was, how far control has come with that, and the state it led to. Zero at first.
+#[repr(C)]
+struct Line {
+    asked: AtomicU64,
+    taken: AtomicU64,
+    state: AtomicU32,
+    reserved: AtomicU32,
+}
+
+/// The page as it lies in memory, one line for each [`Halt`]; the rest is zero.
+#[repr(C)]
+struct Page {
+    lines: [Line; Halt::ALL.len()],
+}
+
+/// The page, mapped; any thread may use it.
+#[derive(Debug)]
+pub struct StopWord {
+    page: NonNull<Page>,
+}
+
+// SAFETY: the page is shared memory in which everything is atomic, and lives as long as this value.
+#[allow(unsafe_code)]
+unsafe impl Send for StopWord {}
+// SAFETY: as above.
+#[allow(unsafe_code)]
+unsafe impl Sync for StopWord {}
+
+impl StopWord {
+    /// A new one in `place`; what lay there before is replaced.
+    pub(super) fn create(place: &Place, folder: &Path) -> Result<Self, InstanceError> {
+        let file = place.new_file(FILE)?;
+        let fault = |cause| InstanceError::Place { path: folder.join(FILE), cause };
+        // Reserved, not only made that long: a page that is missing when a tick looks at it would end the process.
+        fallocate(&file, FallocateFlags::empty(), 0, BYTES as u64).map_err(fault)?;
+        Self::map(&file).map_err(fault)
+    }
+
+    /// That of a running control; `None` when there is none, or none yet.
+    pub(super) fn open(place: &Place, folder: &Path) -> Result<Option<Self>, InstanceError> {
+        let Some(file) = place.open_file(FILE, OFlags::RDWR)? else { return Ok(None) };
+        let fault = |cause| InstanceError::Place { path: folder.join(FILE), cause };
+        // Control fills a file before it gives it this name; one that is shorter is none of ours.
+        if fstat(&file).map_err(fault)?.st_size < BYTES as i64 {
+            return Ok(None);
+        }
+        Self::map(&file).map(Some).map_err(fault)
+    }
+
+    #[allow(unsafe_code)]
+    fn map(file: &OwnedFd) -> Result<Self, Errno> {
+        let rights = ProtFlags::READ | ProtFlags::WRITE;
+        let flags = MapFlags::SHARED | MapFlags::POPULATE;
+        // SAFETY: the kernel chooses an address that is free.
+        let page = unsafe { mmap(std::ptr::null_mut(), BYTES, rights, flags, file.as_fd(), 0) }?;
+        // A page is aligned for everything in it, and every content of it is valid.
+        Ok(Self { page: NonNull::new(page.cast()).ok_or(Errno::NOMEM)? })
+    }
+
+    #[allow(unsafe_code)]
+    fn line(&self, halt: Halt) -> &Line {
+        // SAFETY: the page is mapped as long as `self` is, and as long as a `Page`; all of it is atomic.
+        let page = unsafe { self.page.as_ref() };
+        match halt {
+            Halt::Stop => &page.lines[0],
+            Halt::Shutdown => &page.lines[1],
+        }
+    }
+
+    /// Asks for `halt`. The number says when it is done: [`StopWord::answer`].
+    #[must_use]
+    pub fn ask(&self, halt: Halt) -> u64 {
+        self.line(halt).asked.fetch_add(1, Ordering::AcqRel).wrapping_add(1)
+    }
+
+    /// Control's state right after it took request `number`; `None` as long as it has not.
+    #[must_use]
+    pub fn answer(&self, halt: Halt, number: u64) -> Option<ControlState> {
+        let line = self.line(halt);
+        // Numbers go round before they run out: the nearer half of them lies ahead.
+        let has_come = line.taken.load(Ordering::Acquire).wrapping_sub(number) < u64::MAX / 2;
+        has_come.then(|| ControlState::from_code(line.state.load(Ordering::Relaxed)))
+    }
+
+    /// For control: the newest request for `halt` that it has not taken. Two loads, no system call.
+    #[must_use]
+    pub fn asked(&self, halt: Halt) -> Option<u64> {
+        let line = self.line(halt);
+        let asked = line.asked.load(Ordering::Acquire);
+        (asked != line.taken.load(Ordering::Relaxed)).then_some(asked)
+    }
+
+    /// For control: whether anything is asked that it has not taken.
+    #[must_use]
+    pub fn is_asked(&self) -> bool {
+        Halt::ALL.into_iter().any(|halt| self.asked(halt).is_some())
+    }
+
+    /// For control: takes all requests for `halt` up to `number`, which led to `state`.
+    pub fn take(&self, halt: Halt, number: u64, state: ControlState) {
+        let line = self.line(halt);
+        line.state.store(state as u32, Ordering::Relaxed);
+        line.taken.store(number, Ordering::Release);
+    }
+}
+
+impl Drop for StopWord {
+    #[allow(unsafe_code)]
+    fn drop(&mut self) {
+        // SAFETY: mapped by this value with this length, and used through it alone.
+        let _ = unsafe { munmap(self.page.as_ptr().cast(), BYTES) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ipc::{Instance, Role};
+
+    #[test]
+    fn a_request_is_seen_until_it_is_taken_and_then_answered() {
+        let instance: Instance = format!("u-stop-{}", std::process::id()).parse().unwrap();
+        let lock = instance.lock(Role::Control).unwrap();
+        assert!(instance.open_stop_word().unwrap().is_none());
+        let control = instance.make_stop_word().unwrap();
+        let asker = instance.open_stop_word().unwrap().unwrap();
+        assert!(!control.is_asked());
+        let numbers = [asker.ask(Halt::Stop), asker.ask(Halt::Stop)];
+        assert_eq!(numbers.map(|n| asker.answer(Halt::Stop, n)), [None, None]);
+        assert_eq!(control.asked(Halt::Shutdown), None);
+        let newest = control.asked(Halt::Stop).unwrap();
+        let late = asker.ask(Halt::Stop);
+        control.take(Halt::Stop, newest, ControlState::Stopping);
+        assert_eq!(numbers.map(|n| asker.answer(Halt::Stop, n)), [Some(ControlState::Stopping); 2]);
+        assert_eq!(asker.answer(Halt::Stop, late), None, "asked after control had looked");
+        assert_eq!(control.asked(Halt::Stop), Some(late));
+        // A control that comes next is not stopped by what was asked of the one before.
+        let next = instance.make_stop_word().unwrap();
+        assert!(control.is_asked() && !next.is_asked());
+        drop(lock);
+        instance.remove_leftovers(None);
+        assert!(!instance.directory().exists());
+    }
+}

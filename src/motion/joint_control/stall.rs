@@ -1,0 +1,172 @@
+//! Bounds the torque on a joint that does not move.
+//!
+//! A joint that is held (a jam, a brake that has fallen, something in the way) gets farther from its reference with every tick, and
+//! a stiff feedback, or a disturbance that is learnt, would push it with all the effort that the drive has. What the model expects is
+//! not touched: gravity, friction, and the reference's acceleration as long as the reference has not gone ahead. What is asked
+//! for beyond that, `x`, stays near to what it was when the joint last moved, `x_0`:
+//!
+//! ```text
+//! |x - x_0| <= share * effort + F_c       as long as |q - q_0| <= band
+//! ```
+//! A load that the model does not know lets the arm give way first: by then the joint has moved, and `x_0` goes with it.
+
+use crate::robot::Robot;
+use crate::time::TICK;
+use nalgebra::SVector;
+
+/// Share of the effort limit. An arm that carries its rated load unknown to its model needs more than that, and gets it as it gives way; to
+/// begin to move it needs the torque for its acceleration alone. A UR10 pushes by 50 N m instead of 330 against a held shoulder.
+const SHARE: f64 = 0.15;
+/// Way within which a joint has not moved, rad or m: an order above what an arm that stands does by itself.
+const BAND: f64 = 1e-3;
+/// Encoder steps that are no motion.
+const STEPS: f64 = 2.0;
+/// Time over which `x_0` is a mean, s: the shock of a moving joint that is stopped within a tick is no part of it; a load that falls
+/// takes longer.
+const MEAN_S: f64 = 0.02;
+/// Times that way which a reference goes ahead before its acceleration is no longer expected of a joint that has not moved: an arm that
+/// follows is less than [`BAND`] behind where it begins to move.
+const AHEAD: f64 = 3.0;
+
+/// Where each joint last moved, and what was asked for there.
+#[derive(Debug, Clone)]
+pub(super) struct StallGuard<const N: usize> {
+    last: Option<[Moved; N]>,
+}
+
+/// A joint where it last moved.
+#[derive(Debug, Clone, Copy)]
+struct Moved {
+    q: f64,
+    /// Torque beyond the expected one about there, N m or N.
+    beyond: f64,
+    /// Time since, s.
+    since_s: f64,
+    /// How far the reference has gone since, rad or m.
+    ahead: f64,
+}
+
+impl<const N: usize> Default for StallGuard<N> {
+    fn default() -> Self {
+        Self { last: None }
+    }
+}
+
+impl<const N: usize> StallGuard<N> {
+    /// Of the reference's accelerations, what is expected of the joints.
+    pub(super) fn expected(&self, u: &SVector<f64, N>) -> SVector<f64, N> {
+        self.last.as_ref().map_or(*u, |last| {
+            SVector::from_fn(|i, _| if last[i].ahead.abs() > AHEAD * BAND { 0.0 } else { u[i] })
+        })
+    }
+
+    /// Of `beyond`, the torque beyond what the model expects, what may be applied to joints at `q` that shall move with `velocity`;
+    /// the joints where that is less, as a mask. `steps` are those of the encoders.
+    pub(super) fn bound(
+        &mut self,
+        robot: &Robot<N>,
+        q: &SVector<f64, N>,
+        velocity: &SVector<f64, N>,
+        steps: &SVector<f64, N>,
+        beyond: &SVector<f64, N>,
+    ) -> (SVector<f64, N>, u8) {
+        let begin =
+            || std::array::from_fn(|i| Moved { q: q[i], beyond: beyond[i], since_s: 0.0, ahead: 0.0 });
+        let (mut bounded, mut stalled) = (*beyond, 0);
+        let joints = self.last.get_or_insert_with(begin).iter_mut().zip(robot.limits()).zip(robot.friction());
+        for (i, ((last, limit), friction)) in joints.enumerate() {
+            if (q[i] - last.q).abs() > BAND.max(STEPS * steps[i]) {
+                let share = 1.0 - (-(last.since_s + TICK.as_s()) / MEAN_S).exp();
+                let beyond = last.beyond + (beyond[i] - last.beyond) * share;
+                *last = Moved { q: q[i], beyond, since_s: 0.0, ahead: 0.0 };
+                continue;
+            }
+            last.since_s += TICK.as_s();
+            last.ahead += velocity[i] * TICK.as_s();
+            let reach = SHARE * limit.effort + friction.coulomb;
+            bounded[i] = beyond[i].clamp(last.beyond - reach, last.beyond + reach);
+            if bounded[i] != beyond[i] {
+                stalled |= 1 << i;
+            }
+        }
+        (bounded, stalled)
+    }
+
+    /// The arm is taken over anew.
+    pub(super) fn forget(&mut self) {
+        self.last = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector6;
+
+    fn robot() -> Robot<6> {
+        crate::robot::load("ur5").unwrap().build().unwrap()
+    }
+
+    /// Pushes joint 1 for `ticks` by what `ask` tells, while it stands where `place` tells; what is left of it, and the mask.
+    fn push(
+        guard: &mut StallGuard<6>,
+        ticks: usize,
+        ask: impl Fn(usize) -> f64,
+        place: impl Fn(usize) -> f64,
+    ) -> (f64, u8) {
+        let robot = robot();
+        let joint_1 = |value| Vector6::new(0.0, value, 0.0, 0.0, 0.0, 0.0);
+        let mut last = (0.0, 0);
+        for tick in 0..ticks {
+            let (beyond, mask) = guard.bound(
+                &robot,
+                &joint_1(place(tick)),
+                &joint_1(0.1),
+                &Vector6::zeros(),
+                &joint_1(ask(tick)),
+            );
+            last = (beyond[1], mask);
+        }
+        last
+    }
+
+    #[test]
+    fn what_does_not_move_is_pushed_gently_whatever_is_asked_for() {
+        let robot = robot();
+        let reach = SHARE * robot.limits()[1].effort + robot.friction()[1].coulomb;
+        let (beyond, mask) = push(&mut StallGuard::default(), 1000, |tick| 10.0 * tick as f64, |_| 0.0);
+        assert_eq!((beyond, mask), (reach, 0b10));
+        // A joint that is stopped in full motion: the torque of the shock is not what it may be pushed with from then on.
+        let mut guard = StallGuard::default();
+        push(&mut guard, 200, |_| 0.0, |tick| 2e-3 * tick as f64);
+        let (beyond, _) = push(&mut guard, 1, |_| 900.0, |_| 0.4 + 2e-3);
+        assert_eq!(beyond, 900.0, "it moves");
+        let (beyond, mask) = push(&mut guard, 1000, |_| 900.0, |_| 0.4 + 2e-3);
+        assert!(beyond < reach + 0.1 * 900.0 && mask == 0b10, "{beyond} of {reach}");
+    }
+
+    #[test]
+    fn what_moves_or_gives_way_gets_all_that_is_asked_for() {
+        let (beyond, mask) = push(&mut StallGuard::default(), 300, |_| 900.0, |tick| 2e-3 * tick as f64);
+        assert_eq!((beyond, mask), (900.0, 0));
+        // A load that sinks by 2 mrad in 0.1 s, time and again, while all is asked for to hold it.
+        let mut guard = StallGuard::default();
+        let (beyond, _) = push(&mut guard, 2000, |_| -200.0, |tick| 2e-5 * tick as f64);
+        assert!((beyond + 200.0).abs() < 1.0, "{beyond}");
+    }
+
+    #[test]
+    fn an_acceleration_that_nothing_follows_is_not_expected_any_more() {
+        let u = Vector6::repeat(5.0);
+        let mut guard = StallGuard::default();
+        assert_eq!(guard.expected(&u), u);
+        push(&mut guard, 20, |_| 0.0, |_| 0.0);
+        assert_eq!(guard.expected(&u), u, "2 mrad ahead");
+        push(&mut guard, 20, |_| 0.0, |_| 0.0);
+        assert_eq!(guard.expected(&u), Vector6::new(5.0, 0.0, 5.0, 5.0, 5.0, 5.0), "4 mrad ahead");
+        push(&mut guard, 1, |_| 0.0, |_| 2e-3);
+        assert_eq!(guard.expected(&u), u, "it has moved");
+        guard.forget();
+        assert_eq!(guard.expected(&u), u);
+    }
+}

@@ -1,0 +1,44 @@
+//! A source whose levels are made proportional to light before anybody sees them.
+
+use super::{
+    Captured, Exposure, Filled, FreeRunningSource, Position, ScheduledSource, SourceError, SourceHealth,
+};
+use crate::camera_model::LevelTable;
+use crate::messages::JointState;
+use std::time::Duration;
+
+/// A source and what makes its levels linear.
+pub(super) struct Linearized<S: ?Sized> {
+    pub(super) table: LevelTable,
+    pub(super) source: Box<S>,
+}
+
+impl ScheduledSource for Linearized<dyn ScheduledSource> {
+    fn arm(&mut self, state: &JointState) {
+        self.source.arm(state);
+    }
+
+    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
+        let position = self.source.expose(exposure, out)?;
+        self.table.apply(out);
+        Ok(position)
+    }
+}
+
+impl FreeRunningSource for Linearized<dyn FreeRunningSource> {
+    fn wait(&mut self, longest: Duration) -> Result<Option<Captured>, SourceError> {
+        self.source.wait(longest)
+    }
+
+    fn fill(&mut self, out: &mut [u8]) -> Result<Filled, SourceError> {
+        let filled = self.source.fill(out)?;
+        if filled == Filled::Picture {
+            self.table.apply(out);
+        }
+        Ok(filled)
+    }
+
+    fn health(&self) -> SourceHealth {
+        self.source.health()
+    }
+}
