@@ -43,10 +43,10 @@ pub use ports::{
     BorrowedFrame, FrameReceiver, FrameSender, QuietSender, ReceivedFrame, Receiver, Sender, WakeListener,
     WakeNotifier,
 };
-pub use presence::{DrivePresence, type_of};
+pub use presence::{DrivePresence, PeerPresence, Peers, type_of};
 pub use role::Role;
 pub use scarcity::Scarcity;
-pub use services::{Peers, Services};
+pub use services::Services;
 pub use spin::Spin;
 pub use stop_word::{Halt, StopWord};
 

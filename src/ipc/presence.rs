@@ -1,7 +1,7 @@
 //! Who is there, and what a service carries: to say what differs where two programs do not find each other.
 
 use super::{Node, PubSub};
-use crate::messages::{DriveCommandMsg, DriveStateMsg};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, FrameHeader, Measurement};
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
@@ -9,6 +9,38 @@ use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Set
 
 /// Our own programs begin with this.
 const OWN_PROGRAMS: &str = "vservo";
+
+/// Which peers have joined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Peers {
+    /// Every camera publishes frames.
+    pub camera: bool,
+    /// Vision publishes measurements.
+    pub vision: bool,
+}
+
+/// The look-out for camera and vision. It holds their services open: a service that is opened and given up in turn can
+/// vanish under the process that joins it in between.
+#[derive(Debug)]
+pub struct PeerPresence {
+    frames: Vec<PubSub<[u8], FrameHeader>>,
+    measurements: PubSub<Measurement>,
+}
+
+impl PeerPresence {
+    pub(super) fn new(frames: Vec<PubSub<[u8], FrameHeader>>, measurements: PubSub<Measurement>) -> Self {
+        Self { frames, measurements }
+    }
+
+    /// Which peers have joined; their ports, once made, miss nothing that is sent afterwards.
+    #[must_use]
+    pub fn look(&self) -> Peers {
+        Peers {
+            camera: self.frames.iter().all(|frames| frames.dynamic_config().number_of_publishers() > 0),
+            vision: self.measurements.dynamic_config().number_of_publishers() > 0,
+        }
+    }
+}
 
 /// Looks for the external drive without opening anything anew.
 #[derive(Debug)]

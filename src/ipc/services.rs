@@ -6,7 +6,7 @@ use super::channel::Channel;
 use super::command::{CommandClient, CommandServer};
 use super::frame_shape::{FrameShape, MAX_READERS};
 use super::ports::{FrameReceiver, FrameSender, QuietSender, Receiver, Sender, WakeListener, WakeNotifier};
-use super::presence::{DrivePresence, type_of, type_of_service};
+use super::presence::{DrivePresence, PeerPresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError, Node, PubSub};
 use crate::messages::{
     CameraHealth, CameraId, ControlAnswer, ControlCommand, DriveCommandMsg, DriveStateMsg, FrameHeader,
@@ -43,15 +43,6 @@ type Commands = iceoryx2::service::port_factory::request_response::PortFactory<
     ControlAnswer,
     (),
 >;
-
-/// Which peers have joined.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Peers {
-    /// A camera publishes frames.
-    pub camera: bool,
-    /// Vision publishes measurements.
-    pub vision: bool,
-}
 
 /// A process's membership in an instance. Its ports belong to the thread that made them.
 #[derive(Debug)]
@@ -275,15 +266,19 @@ impl Services {
         Ok(DrivePresence::new(states, commands, self.node.config().clone()))
     }
 
-    /// Which peers have joined; their ports, once made, miss nothing that is sent afterwards.
+    /// The look-out for these cameras and for the vision process of the first of them.
     ///
     /// # Errors
     /// When a service cannot be opened.
-    pub fn peers(&self, id: CameraId, shape: FrameShape) -> Result<Peers, IpcError> {
-        let camera = self.frames(id, shape)?.dynamic_config().number_of_publishers() > 0;
-        let measurements =
-            self.publish_subscribe::<Measurement>(Channel::Measurement(id), MEASUREMENT_BUFFER)?;
-        Ok(Peers { camera, vision: measurements.dynamic_config().number_of_publishers() > 0 })
+    pub fn peer_presence(
+        &self,
+        first: (CameraId, FrameShape),
+        further: &[(CameraId, FrameShape)],
+    ) -> Result<PeerPresence, IpcError> {
+        let frames = std::iter::once(&first).chain(further).map(|(id, shape)| self.frames(*id, *shape));
+        let frames = frames.collect::<Result<_, _>>()?;
+        let measurements = self.publish_subscribe(Channel::Measurement(first.0), MEASUREMENT_BUFFER)?;
+        Ok(PeerPresence::new(frames, measurements))
     }
 
     /// Refuses to go on where there is too little left for the connections to the other processes. The transport makes

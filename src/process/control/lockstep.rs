@@ -37,15 +37,18 @@ pub(super) fn wait_for_peers(
     config: &Config,
     stops: &Stops,
 ) -> Result<(), ProcessError> {
+    let further: Vec<_> = config
+        .further_cameras
+        .iter()
+        .filter(|_| config.stereo.is_some())
+        .map(|camera| (camera.id, shape_of(camera, config.clock)))
+        .collect();
+    let presence = membership.services().peer_presence((config.camera.id, frame_shape(config)), &further)?;
     let began = now();
     let mut told = None;
     while !stops.end_the_start() {
         membership.beat();
-        let mut peers = membership.services().peers(config.camera.id, frame_shape(config))?;
-        for camera in config.further_cameras.iter().filter(|_| config.stereo.is_some()) {
-            let shape = shape_of(camera, config.clock);
-            peers.camera &= membership.services().peers(camera.id, shape)?.camera;
-        }
+        let peers = presence.look();
         if peers.camera && peers.vision {
             return Ok(());
         }
