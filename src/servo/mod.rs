@@ -15,8 +15,8 @@
 //! | D, (10.87), (10.89)-(10.91) | [`image_task`] | [`joint_velocity`] |
 //! | hybrid, (10.92)-(10.97) | [`hybrid_task`] | [`joint_velocity`] |
 //!
-//! A task lives in the camera's frame and knows nothing of the arm. The arm enters by [`CameraJacobian`], the camera's
-//! motion in the frame in which the object rests, so that one implementation serves a camera in the hand and one beside
+//! A task lives in the camera's frame and knows nothing of the arm. The arm enters by [`CameraJacobian`](crate::robot::CameraJacobian), the
+//! camera's motion in the frame in which the object rests, so that one implementation serves a camera in the hand and one beside
 //! the arm, and m = 4 and m = 6: with the four joints of a SCARA the least-squares solution among the motions that it can
 //! make is the square system of the text. To step a law without processes: a [`SetPoint`], a [`View`] of the present
 //! features (and pose), [`Law::task`], and [`Law::wish`] with an [`Arm`].

@@ -13,6 +13,7 @@
 //! One camera is a rig of one, a stereo pair one of two. Steps are damped by Levenberg and Marquardt's rule. Units: px, m, rad.
 
 mod adjust;
+mod dropped;
 mod equations;
 mod optics;
 mod problem;
@@ -20,6 +21,7 @@ mod rows;
 mod select;
 
 pub(crate) use adjust::{BundleFailure, adjust};
+pub(crate) use dropped::covariance_with_dropped;
 pub(crate) use equations::{BundleSums, covariance_of};
 pub(crate) use optics::PointImage;
 pub use optics::{Freedom, Optics};

@@ -1,7 +1,7 @@
 //! What is estimated of one camera, (5.45) with a lens, and the derivatives of a pixel by it.
 
 use crate::camera_model::{CameraModel, Intrinsics, Lens, LensModel};
-use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix2, Matrix2x3, Vector2, Vector3};
 
 /// Focal lengths, principal point, and the coefficients of the lens.
 pub(crate) const MAX_PARAMETERS: usize = 4 + Lens::MAX_COEFFICIENTS;
@@ -56,6 +56,17 @@ impl Freedom {
     pub(crate) fn places(&self) -> impl Iterator<Item = usize> {
         let free = [true, !self.fixed_aspect, !self.fixed_center, !self.fixed_center];
         free.into_iter().chain(self.coefficients).enumerate().filter_map(|(i, free)| free.then_some(i))
+    }
+
+    /// A covariance of these parameters among those of `all`; what is not free here is certain.
+    pub(crate) fn covariance_within(&self, all: &Self, covariance: &DMatrix<f64>) -> DMatrix<f64> {
+        let own: Vec<usize> = self.places().collect();
+        let column: Vec<Option<usize>> =
+            all.places().map(|place| own.iter().position(|own| *own == place)).collect();
+        DMatrix::from_fn(column.len(), column.len(), |i, j| match (column[i], column[j]) {
+            (Some(i), Some(j)) => covariance[(i, j)],
+            _ => 0.0,
+        })
     }
 
     /// How many parameters are free.

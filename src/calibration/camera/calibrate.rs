@@ -75,7 +75,7 @@ pub fn calibrate_camera(
                 }
             }
             let fitted = fits(0, &camera, views, &posed, unused, &end, &extent);
-            return result(0, &end, camera, fitted, dropped, settings);
+            return result(0, &end, &[settings.freedom], camera, fitted, dropped, settings);
         };
         freedom = freedom.without(settings.model, without.name);
         let lens = Lens::of(settings.model, |name| {

@@ -55,7 +55,10 @@ pub struct CameraCalibration {
     pub camera: CameraModel,
     /// Which parameters were estimated.
     pub freedom: Freedom,
-    /// Covariance of these, in the order of [`Freedom::names`]. The noise is that which the errors tell.
+    /// Which parameters are unknown: those that were estimated, and those that were fixed at zero though they were free.
+    pub unknown: Freedom,
+    /// Covariance of the unknown parameters, in the order of [`Freedom::names`]. The noise is that which the errors tell; what a
+    /// coefficient fixed at zero may be counts as an error of it and of all others.
     pub covariance: DMatrix<f64>,
     /// Height of the board's middle over its edges by its shape along x_O and y_O (towards z_O), m, and its deviations; where asked
     /// for.
@@ -77,9 +80,9 @@ pub struct CameraCalibration {
 }
 
 impl CameraCalibration {
-    /// The parameters that were estimated: name and standard deviation.
+    /// The unknown parameters: name and standard deviation.
     pub fn deviations(&self) -> impl Iterator<Item = (&'static str, f64)> {
-        let names = self.freedom.names(self.camera.lens().model());
+        let names = self.unknown.names(self.camera.lens().model());
         names.into_iter().enumerate().map(|(i, name)| (name, self.covariance[(i, i)].max(0.0).sqrt()))
     }
 

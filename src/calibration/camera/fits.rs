@@ -3,25 +3,34 @@
 use super::calibration::{CameraCalibration, DroppedCoefficient, PointFit, ViewFit};
 use super::start::{self, PlaneView};
 use super::{BoardExtent, BoardPoint, BoardView, CalibrationSettings, CameraCalibrationError, Unused};
-use crate::calibration::bundle::Selected;
+use crate::calibration::bundle::{Freedom, Selected, covariance_with_dropped};
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
 use crate::pose::{Loss, PixelCorrespondence, refine_pixels};
 use nalgebra::{Matrix2, Point3, Translation3, Vector2};
 
-/// What one camera of a rig is found to be.
+/// What one camera of a rig is found to be; `all`: which parameters of each camera are unknown, also where they were left out of
+/// the fit.
 pub(crate) fn result(
     camera_index: usize,
     end: &Selected,
+    all: &[Freedom],
     camera: CameraModel,
     views: Vec<ViewFit>,
     dropped: Vec<DroppedCoefficient>,
     settings: &CalibrationSettings,
 ) -> Result<CameraCalibration, CameraCalibrationError> {
     let variance_factor = end.variance_factor();
-    let covariance = end.end.sums.covariance().ok_or(CameraCalibrationError::Degenerate)? * variance_factor;
     let freedom = *end.problem.freedom.get(camera_index).ok_or(CameraCalibrationError::NoStart)?;
-    let (from, warp, n) = (end.problem.optics_from(camera_index), end.problem.warp_from(), freedom.count());
+    let (problem, covariance) = match covariance_with_dropped(end, all) {
+        Some(told) => told,
+        None => {
+            let fitted = end.end.sums.covariance().ok_or(CameraCalibrationError::Degenerate)?;
+            (end.problem.clone(), fitted * variance_factor)
+        }
+    };
+    let unknown = *problem.freedom.get(camera_index).ok_or(CameraCalibrationError::NoStart)?;
+    let (from, warp, n) = (problem.optics_from(camera_index), problem.warp_from(), unknown.count());
     let warp_m = end.problem.warp.then(|| {
         let sd = |i: usize| covariance.get((warp + i, warp + i)).map_or(0.0, |x| x.max(0.0).sqrt());
         (end.end.state.warp_m, Vector2::new(sd(0), sd(1)))
@@ -29,6 +38,7 @@ pub(crate) fn result(
     Ok(CameraCalibration {
         camera,
         freedom,
+        unknown,
         covariance: covariance.view((from, from), (n, n)).into_owned(),
         warp_m,
         rms_px: rms_px(end, Some(camera_index)),

@@ -5,6 +5,8 @@
 //! halves A, B ─► px_B(x p) - px_A(p)   over the image, x: the pose fitted again (see `uncertainty`)
 //! predicted:     M (Sigma_A + Sigma_B) M'
 //! ```
+//! What was left out of the fit is left out of both halves, so that it makes no difference between them.
+//!
 //! A ratio near one says that the noise explains all; a greater one that the lens model, the board or single pictures are not as they
 //! are thought to be: then the uncertainty is greater by about that factor. Several ways to halve the pictures are tried: one alone is
 //! a sample of few numbers.
@@ -62,7 +64,7 @@ pub fn cross_validation(
             continue;
         };
         let Some(X) = refitted(&optics_a, &optics_b, &points) else { continue };
-        let covariance = cov_a + cov_b;
+        let covariance = calibration.freedom.covariance_within(&calibration.unknown, &(cov_a + cov_b));
         let mut sums = [0.0; 4];
         for px in &pixels {
             let p = calibration.camera.normalized_of(px).push(1.0) * uncertainty.distance_m();

@@ -122,7 +122,7 @@ pub fn next_view(
     };
     let worst_now_px = worst(&calibration.covariance);
     let problem = |points: Vec<BundlePoint>| BundleProblem {
-        freedom: vec![calibration.freedom],
+        freedom: vec![calibration.unknown],
         warp: false,
         views: vec![vec![BoardSighting { camera: 0, points }]],
     };

@@ -80,7 +80,30 @@ fn parameters(camera: &CameraModel) -> Vec<f64> {
     [i.fx_px, i.fy_px, i.cx_px, i.cy_px].into_iter().chain(coefficients).collect()
 }
 
-/// What is predicted for pixels against 200 calibrations: the free pose is here fitted by the pose refinement, to exact pixels.
+const TRIALS: u32 = 200;
+const DISTANCE_M: f64 = 0.5;
+/// Centre, corners, an edge, and somewhere between.
+const PIXELS: [[f64; 2]; 7] =
+    [[319.5, 239.5], [0.0, 0.0], [639.0, 0.0], [0.0, 479.0], [639.0, 479.0], [0.0, 240.0], [500.0, 100.0]];
+
+/// How far `found` is off at [`PIXELS`]: the free pose is here fitted by the pose refinement, to exact pixels.
+fn true_errors(truth: &CameraModel, found: &CameraModel, corners: &[Point3<f64>]) -> [Vector2<f64>; 7] {
+    let seen: Vec<_> = (corners.iter())
+        .map(|p| PixelCorrespondence {
+            r: *p,
+            px: truth.project(p).unwrap(),
+            covariance_px2: Matrix2::identity(),
+        })
+        .collect();
+    let X = refine_pixels(&Pose::identity(), &seen, found, Loss::Squares).unwrap().X_CO;
+    PIXELS.map(|px| {
+        let px = Vector2::from(px);
+        let p = Point3::from(truth.normalized_of(&px).push(1.0) * DISTANCE_M);
+        found.project(&(X * p)).unwrap() - px
+    })
+}
+
+/// What is predicted for pixels against 200 calibrations.
 #[test]
 fn predicted_uncertainty_is_that_of_200_calibrations() {
     let truth = camera(bent(), 520.0);
@@ -91,41 +114,22 @@ fn predicted_uncertainty_is_that_of_200_calibrations() {
         freedom: crate::calibration::bundle::Freedom::of(model).without(model, "k3"),
         ..settings(model)
     };
-    let distance_m = 0.5;
-    let pixels = [
-        [319.5, 239.5],
-        [0.0, 0.0],
-        [639.0, 0.0],
-        [0.0, 479.0],
-        [639.0, 479.0],
-        [0.0, 240.0],
-        [500.0, 100.0],
-    ];
     let all_corners: Vec<Point3<f64>> =
         poses.iter().flat_map(|X| (0..54).map(move |id| X * corner(id))).collect();
     let mut scatter = [Matrix2::zeros(); 7];
     let mut predicted = [0.0; 7];
     let (mut chi_square, mut noise, mut ratio) = (0.0, 0.0, 0.0);
-    const TRIALS: u32 = 200;
     for _ in 0..TRIALS {
         let views = views(&truth, &poses, &mut random);
         let found = calibrate_camera(&views, SIZE, &settings).unwrap();
         assert_eq!(found.views_used(), 12);
-        let uncertainty = ProjectionUncertainty::new(&found, distance_m).unwrap();
-        let seen: Vec<_> = (all_corners.iter())
-            .map(|p| PixelCorrespondence {
-                r: *p,
-                px: truth.project(p).unwrap(),
-                covariance_px2: Matrix2::identity(),
-            })
-            .collect();
-        let X = refine_pixels(&Pose::identity(), &seen, &found.camera, Loss::Squares).unwrap().X_CO;
-        for ((px, scatter), predicted) in pixels.iter().zip(&mut scatter).zip(&mut predicted) {
-            let px = Vector2::from(*px);
-            let p = Point3::from(truth.normalized_of(&px).push(1.0) * distance_m);
-            let off = found.camera.project(&(X * p)).unwrap() - px;
+        let uncertainty = ProjectionUncertainty::new(&found, DISTANCE_M).unwrap();
+        let errors = true_errors(&truth, &found.camera, &all_corners);
+        for (((px, off), scatter), predicted) in
+            PIXELS.iter().zip(errors).zip(&mut scatter).zip(&mut predicted)
+        {
             *scatter += off * off.transpose() / f64::from(TRIALS);
-            *predicted += uncertainty.sd_px(&px).powi(2) / f64::from(TRIALS);
+            *predicted += uncertainty.sd_px(&Vector2::from(*px)).powi(2) / f64::from(TRIALS);
         }
         let off: Vec<f64> =
             parameters(&found.camera).iter().zip(parameters(&truth)).map(|(a, b)| a - b).collect();
@@ -134,7 +138,7 @@ fn predicted_uncertainty_is_that_of_200_calibrations() {
         noise += found.noise_px / f64::from(TRIALS);
         ratio += cross_validation(&views, &found, &uncertainty).unwrap().ratio / f64::from(TRIALS);
     }
-    for ((px, scatter), predicted) in pixels.iter().zip(&scatter).zip(predicted) {
+    for ((px, scatter), predicted) in PIXELS.iter().zip(&scatter).zip(predicted) {
         let (sd, predicted) = (super::uncertainty::worst_sd(scatter), predicted.sqrt());
         assert!((sd / predicted - 1.0).abs() < 0.2, "{px:?}: {sd} {predicted}");
     }
@@ -142,6 +146,55 @@ fn predicted_uncertainty_is_that_of_200_calibrations() {
     assert!((chi_square - 8.0).abs() < 1.0, "{chi_square}");
     assert!((noise - NOISE_PX).abs() < 0.005, "{noise}");
     assert!((0.8..1.25).contains(&ratio), "{ratio}");
+}
+
+/// A coefficient that is there and hardly told is left out of most of these fits. What that does to pixels is told: never less than
+/// happens, and not much more where the coefficient is as large as its neighbours.
+#[test]
+fn the_error_of_leaving_a_coefficient_out_is_told() {
+    let plumb_bob = |k3| camera(Distortion { k3, ..bent() }, 520.0);
+    let equidistant = |k3, k4| camera(Equidistant { k1: -0.02, k2: 0.01, k3, k4 }, 400.0);
+    // The lens, the noise of its corners in px, and by how much more than happens may be told.
+    let cases = [
+        (plumb_bob(-0.01), 0.03, 1.2),
+        (plumb_bob(0.03), 0.2, 1.3),
+        (plumb_bob(0.08), 0.2, 1.2),
+        (equidistant(-0.02, 0.01), 0.03, 1.3),
+        (equidistant(0.005, 0.0), 0.08, 3.0),
+        (equidistant(0.0, 0.002), 0.03, 3.0),
+    ];
+    for (seed, (truth, noise_px, most)) in (40..).zip(&cases) {
+        let mut random = Random::new(seed);
+        let poses = poses(truth, 15, &mut random);
+        let corners: Vec<Point3<f64>> =
+            poses.iter().flat_map(|X| (0..54).map(move |id| X * corner(id))).collect();
+        let settings = CalibrationSettings::of(truth.lens().model());
+        let (mut happened, mut told, mut dropped) = ([0.0; 7], [0.0; 7], 0);
+        for trial in 0..TRIALS {
+            let views: Vec<_> =
+                poses.iter().map(|X| view(truth, X, *noise_px, |_| 0.0, &mut random)).collect();
+            let found = calibrate_camera(&views, SIZE, &settings).unwrap();
+            dropped += found.dropped.len();
+            let uncertainty = ProjectionUncertainty::new(&found, DISTANCE_M).unwrap();
+            if trial == 0 {
+                let halves = cross_validation(&views, &found, &uncertainty).unwrap();
+                assert!((0.5..2.0).contains(&halves.ratio), "{:?}: {}", truth.lens(), halves.ratio);
+                let board: Vec<_> = (0..54).map(corner).collect();
+                let next = next_view(&board, &found, &uncertainty).unwrap();
+                assert!(next.worst_then_px < next.worst_now_px, "{:?}", truth.lens());
+            }
+            let errors = true_errors(truth, &found.camera, &corners);
+            for (((px, off), happened), told) in PIXELS.iter().zip(errors).zip(&mut happened).zip(&mut told) {
+                *happened += off.norm_squared();
+                *told += uncertainty.covariance_px2(&Vector2::from(*px)).trace();
+            }
+        }
+        assert!(dropped > 100, "{:?}: {dropped}", truth.lens());
+        for ((px, happened), told) in PIXELS.iter().zip(&happened).zip(told) {
+            let ratio = (told / happened).sqrt();
+            assert!((0.8..*most).contains(&ratio), "{:?} {px:?}: {ratio}", truth.lens());
+        }
+    }
 }
 
 #[test]

@@ -64,7 +64,7 @@ impl ProjectionUncertainty {
     #[must_use]
     pub fn new(calibration: &CameraCalibration, distance_m: f64) -> Option<Self> {
         let optics = Optics::from(&calibration.camera);
-        let freedom = calibration.freedom;
+        let freedom = calibration.unknown;
         let points: Vec<_> = calibration.points_used().map(|p| p.p_C).collect();
         let middle = middle_of(&points);
         let (mut A, mut B) = (Matrix6::zeros(), Matrix6xX::zeros(freedom.count()));

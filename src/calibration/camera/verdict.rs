@@ -25,6 +25,8 @@ pub struct CalibrationVerdict {
     pub corner_px: f64,
     /// The worst in the middle 80 % of the image's width and height, px.
     pub middle_px: f64,
+    /// The worst where corners of the board were seen, px.
+    pub seen_px: f64,
     /// Factor by which halves of the pictures differ more than the noise explains, where that could be tried.
     pub unexplained: Option<f64>,
     /// Edges and corners of the image that hold no corners of the board.
@@ -53,6 +55,7 @@ impl CalibrationVerdict {
             center_px: at(0.5 * right, 0.5 * bottom),
             corner_px: corners.into_iter().fold(0.0, f64::max),
             middle_px: uncertainty.worst_px(MIDDLE),
+            seen_px: calibration.points_used().map(|p| uncertainty.sd_px(&p.px)).fold(0.0, f64::max),
             unexplained: halves.map(|halves| halves.ratio).filter(|ratio| *ratio > UNEXPLAINED),
             uncovered: coverage.uncovered(),
             bend: None,
@@ -66,10 +69,10 @@ impl CalibrationVerdict {
         Self { bend, ..self }
     }
 
-    /// Whether measurements with this camera mean anything.
+    /// Whether measurements with this camera mean anything where the board was seen. What lies beyond, a board that is shown there tells.
     #[must_use]
     pub fn is_usable(&self) -> bool {
-        self.middle_px * self.unexplained.unwrap_or(1.0) < USELESS_PX
+        self.seen_px * self.unexplained.unwrap_or(1.0) < USELESS_PX
     }
 }
 
@@ -88,7 +91,7 @@ fn px(value: f64) -> String {
 impl fmt::Display for CalibrationVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let factor = self.unexplained.unwrap_or(1.0);
-        let (middle, corner) = (self.middle_px * factor, self.corner_px * factor);
+        let [seen, middle, corner] = [self.seen_px, self.middle_px, self.corner_px].map(|px| px * factor);
         let at = format!("at {} m", significant(self.distance_m));
         let share = MIDDLE * 100.0;
         if self.is_usable() {
@@ -97,17 +100,14 @@ impl fmt::Display for CalibrationVerdict {
             } else {
                 write!(
                     f,
-                    "good to {} in the middle {share:.0} % of the image {at}, to {} in its corners",
+                    "good to {} where the board was seen, to {} in the middle {share:.0} % of the image, to {} in its corners, {at}",
+                    px(seen),
                     px(middle),
                     px(corner)
                 )?;
             }
         } else {
-            write!(
-                f,
-                "of no use: off by {} and more in the middle {share:.0} % of the image {at}",
-                px(middle)
-            )?;
+            write!(f, "of no use: off by {} even where the board was seen, {at}", px(seen))?;
         }
         match self.uncovered.as_slice() {
             [] => {}

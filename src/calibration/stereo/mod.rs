@@ -7,7 +7,10 @@
 //! `X_LR` is the pose of the right camera in the left one. m, rad, px. The corner of an id must be the same one in both pictures of a
 //! pair: boards that look the same after half a turn do not serve.
 
-use super::bundle::{BoardSighting, BundleProblem, BundleState, Optics, Selected, adjust_selected};
+use super::bundle::{
+    BoardSighting, BundleProblem, BundleState, Freedom, Optics, Selected, adjust_selected,
+    covariance_with_dropped,
+};
 use super::camera::{
     BoardExtent, BoardView, CalibrationSettings, CameraCalibration, CameraCalibrationError, PointFit, Unused,
     calibrate_camera, fits, result, rms_px,
@@ -106,16 +109,17 @@ pub fn calibrate_stereo(
         own.zip(other.views.iter().map(|v| v.unused)).enumerate().map(of).collect()
     };
     let (unused_left, unused_right) = (unused(alone_left, alone_right), unused(alone_right, alone_left));
+    let unknown: Vec<_> = alone.iter().map(|one| one.unknown).collect();
     let one = |index: usize, views: &[BoardView], unused, alone: &CameraCalibration| {
         let optics = end.end.state.optics.get(index).ok_or(CameraCalibrationError::NoStart)?;
         let camera =
             CameraModel::new(optics.intrinsics, optics.lens).map_err(CameraCalibrationError::Camera)?;
         let fitted = fits(index, &camera, views, &paired, unused, &end, &extent);
-        result(index, &end, camera, fitted, alone.dropped.clone(), settings)
+        result(index, &end, &unknown, camera, fitted, alone.dropped.clone(), settings)
     };
     let left = one(0, left, unused_left, alone_left)?;
     let right = one(1, right, unused_right, alone_right)?;
-    let (X_LR, covariance) = pose_between(&end)?;
+    let (X_LR, covariance) = pose_between(&end, &unknown)?;
     let (t, C) = (X_LR.translation.vector, covariance.fixed_view::<3, 3>(0, 0).into_owned());
     let distance2 = C.cholesky().map_or(0.0, |factor| t.dot(&factor.solve(&t)));
     if !(distance2 > NO_BASELINE || t.norm() > SURE_BASELINE_M) {
@@ -139,11 +143,16 @@ fn nearest_to_all(poses: Vec<Pose>) -> Option<Pose> {
 
 /// X_LR and the covariance of its position and left rotation, from those of X_RL: with `R -> exp(w) R`, `t -> t + v` of X_RL the position of the right
 /// camera moves by `-R' (v + S(t) w)` and it turns by `-R' w`.
-fn pose_between(end: &Selected) -> Result<(Pose, Matrix6<f64>), CameraCalibrationError> {
+fn pose_between(end: &Selected, all: &[Freedom]) -> Result<(Pose, Matrix6<f64>), CameraCalibrationError> {
     let X_RL = end.end.state.X_j0.first().ok_or(CameraCalibrationError::NoStart)?;
-    let shared = end.end.sums.covariance().ok_or(CameraCalibrationError::Degenerate)?;
-    let from = end.problem.pose_from(1);
-    let C: Matrix6<f64> = shared.fixed_view::<6, 6>(from, from) * end.variance_factor();
+    let (from, shared) = match covariance_with_dropped(end, all) {
+        Some((problem, covariance)) => (problem.pose_from(1), covariance),
+        None => {
+            let fitted = end.end.sums.covariance().ok_or(CameraCalibrationError::Degenerate)?;
+            (end.problem.pose_from(1), fitted * end.variance_factor())
+        }
+    };
+    let C: Matrix6<f64> = shared.fixed_view::<6, 6>(from, from).into_owned();
     let R_LR = X_RL.rotation.inverse().to_rotation_matrix().into_inner();
     let mut T = Matrix6::zeros();
     T.fixed_view_mut::<3, 3>(0, 0).copy_from(&-R_LR);

@@ -85,6 +85,8 @@ struct UncertaintyOut {
     corner: f64,
     /// The worst in the middle 80 % of the image's width and height.
     middle: f64,
+    /// The worst where corners of the board were seen.
+    seen: f64,
     distance_m: f64,
 }
 
@@ -164,6 +166,7 @@ impl Answer {
                 center: verdict.center_px,
                 corner: verdict.corner_px,
                 middle: verdict.middle_px,
+                seen: verdict.seen_px,
                 distance_m: verdict.distance_m,
             },
             verdict: verdict.to_string(),
