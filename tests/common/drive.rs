@@ -84,6 +84,8 @@ impl TestDrive {
         match self.behaviour.what.as_str() {
             "position_only" => m.modes = CommandMode::Position.bit(),
             "three_joints" => m.joints = 3,
+            "endless_speed" => m.qd[0] = f64::INFINITY,
+            "absurd_place" => m.q[0] = 1e200,
             _ => {}
         }
         self.states.send(&m).unwrap();

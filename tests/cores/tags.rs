@@ -167,16 +167,33 @@ fn corners_lie_where_they_are_and_as_surely_as_stated() {
     }
 }
 
-/// Levels that a camera has bent put edges where they are not; where the response is known it is undone.
+/// What a bent camera moves edges by (0.06 to 0.3 px here) is found by the tag's own edges; a linear one is left alone. Of the slightest
+/// bend some is not told from none, and stays.
+#[test]
+fn a_response_that_nobody_told_is_found_by_the_edges() {
+    for (blur_px, side_px) in [(0.7, (60.0, 80.0)), (1.0, (70.0, 90.0)), (1.2, (90.0, 130.0))] {
+        for (gamma, most_px, most) in
+            [(1.0, 0.016, 1.35), (1.2, 0.035, 4.0), (1.4, 0.03, 1.4), (1.8, 0.04, 1.4), (2.4, 0.05, 1.4)]
+        {
+            let kind = Kind { side_px, blur_px, gamma, ..USUAL };
+            let seen = look_at(&kind, 24, 4, &mut Dice(77));
+            let (rms, chi2) = (seen.rms_px(), seen.normalized());
+            println!("gamma {gamma}, blur {blur_px}: rms {rms:.4} px, {chi2:.2}");
+            assert!(seen.seen == seen.views && rms < most_px, "{kind:?}: {rms} px");
+            assert!((0.7..most).contains(&chi2), "normalized square {chi2}, {kind:?}");
+        }
+    }
+}
+
+/// Where the response is known it is undone, and corners are as exact as a linear camera's.
 #[test]
 fn a_known_response_is_undone() {
     for gamma in [1.4, 1.8, 2.2, 2.4] {
-        let kind = Kind { side_px: (70.0, 90.0), blur_px: 1.0, gamma, ..USUAL };
-        let [bent, straight] =
-            [1.0, gamma].map(|undone| look_at(&Kind { undone, ..kind }, 12, 4, &mut Dice(5)));
-        let (rms, chi2) = (straight.rms_px(), straight.normalized());
-        println!("gamma {gamma}: rms {:.3} px, undone {rms:.4} px, {chi2:.2}", bent.rms_px());
-        assert!(bent.rms_px() > 5.0 * rms && rms < 0.03, "{gamma}: {} {rms}", bent.rms_px());
+        let kind = Kind { side_px: (70.0, 90.0), blur_px: 1.0, gamma, undone: gamma, ..USUAL };
+        let seen = look_at(&kind, 12, 4, &mut Dice(5));
+        let (rms, chi2) = (seen.rms_px(), seen.normalized());
+        println!("gamma {gamma}, undone: rms {rms:.4} px, {chi2:.2}");
+        assert!(rms < 0.02, "{gamma}: {rms}");
         assert!((0.7..1.4).contains(&chi2), "normalized square {chi2} at {gamma}");
     }
 }
@@ -428,7 +445,8 @@ fn tags_on_a_photograph() {
     for (tag, (id, corners)) in found.iter().zip(&reference) {
         let off = off(tag, corners);
         println!("{id}: {off:.2} px");
-        assert!(off < 0.6, "{id}: {off} px");
+        // The reference leaves the corners where the camera's levels put them, some 0.2 px further in.
+        assert!(off < 0.7, "{id}: {off} px");
     }
 }
 

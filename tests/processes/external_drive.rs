@@ -212,6 +212,8 @@ fn a_drive_that_does_not_fit_is_refused_before_anything_moves() {
     for (behaviour, message) in [
         ("position_only", "does not take torque commands; it takes: position"),
         ("three_joints", "has 3 joints, the robot of the run file 4"),
+        ("endless_speed", "no arm does that"),
+        ("absurd_place", "no arm does that"),
     ] {
         let r = external("unfit", behaviour, &LOCKSTEP);
         assert_eq!(r.output.status.code(), Some(3), "{}", r.text());

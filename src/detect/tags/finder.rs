@@ -2,6 +2,7 @@
 
 use super::codebook::Codebook;
 use super::decode::{Decoded, NoTag, decode};
+use super::edge_growth;
 use super::edges::{Corners, EdgeMeter};
 use super::outline::{self, Point};
 use super::quad::{self, Quad};
@@ -27,7 +28,7 @@ const LONGEST_OUTLINE: f64 = 1.6;
 const AROUND_PX: f64 = 14.0;
 
 /// Sides of tags whose cells are narrower than so many deviations of the blur cannot be measured by themselves.
-const SHARP_CELL_BLURS: f64 = 6.0;
+pub(super) const SHARP_CELL_BLURS: f64 = 6.0;
 /// How far off their corners are where they cannot be fitted as a whole either, in deviations of the blur.
 const UNFITTED_BLURS: f64 = 0.15;
 
@@ -325,6 +326,7 @@ fn read(
     } else {
         corners
     };
+    let corners = edge_growth::corrected(image, corners, &decoded.pattern);
     Ok(found(&decoded, &corners))
 }
 

@@ -4,12 +4,14 @@
 //! frame -> dark pixels by tiles -> regions -> outlines -> quadrilaterals -> bits -> tag -> sub-pixel corners
 //!          threshold               regions    outline     quad              decode, codebook  edges
 //!          cells narrower than six blurs: the whole tag at once instead of its sides                  whole, whole_model
+//!          wider ones: what all edges show that light areas have grown by                             edge_growth
 //! tracking: the same in windows about the expected tags
 //! ```
 //! All positions are pixels of the distorted image.
 
 mod codebook;
 mod decode;
+mod edge_growth;
 mod edges;
 mod finder;
 mod outline;
