@@ -23,11 +23,17 @@ use crate::pose::Loss;
 use nalgebra::{DMatrix, DVector, Vector2};
 
 /// The covariance of the shared unknowns of `end` together with the coefficients that it left out, in the order of the problem
-/// in which all of `all` is free; that problem. `None` where the pictures do not tell what was left out.
+/// in which all of `all` is free; that problem. Where the pictures do not tell what was left out, of the fit alone. `None` where they do
+/// not tell that either.
 pub(crate) fn covariance_with_dropped(
     end: &Selected,
     all: &[Freedom],
 ) -> Option<(BundleProblem, DMatrix<f64>)> {
+    let fitted = || Some((end.problem.clone(), end.end.sums.covariance()? * end.variance_factor()));
+    if all == end.problem.freedom { fitted() } else { widened(end, all).or_else(fitted) }
+}
+
+fn widened(end: &Selected, all: &[Freedom]) -> Option<(BundleProblem, DMatrix<f64>)> {
     let whole = BundleProblem { freedom: all.to_vec(), ..end.problem.clone() };
     let sums = BundleSums::at(&whole, &end.end.state, Loss::Squares)?;
     let S = sums.information()?;

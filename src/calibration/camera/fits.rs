@@ -22,13 +22,8 @@ pub(crate) fn result(
 ) -> Result<CameraCalibration, CameraCalibrationError> {
     let variance_factor = end.variance_factor();
     let freedom = *end.problem.freedom.get(camera_index).ok_or(CameraCalibrationError::NoStart)?;
-    let (problem, covariance) = match covariance_with_dropped(end, all) {
-        Some(told) => told,
-        None => {
-            let fitted = end.end.sums.covariance().ok_or(CameraCalibrationError::Degenerate)?;
-            (end.problem.clone(), fitted * variance_factor)
-        }
-    };
+    let (problem, covariance) =
+        covariance_with_dropped(end, all).ok_or(CameraCalibrationError::Degenerate)?;
     let unknown = *problem.freedom.get(camera_index).ok_or(CameraCalibrationError::NoStart)?;
     let (from, warp, n) = (problem.optics_from(camera_index), problem.warp_from(), unknown.count());
     let warp_m = end.problem.warp.then(|| {

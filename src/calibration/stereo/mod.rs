@@ -145,13 +145,8 @@ fn nearest_to_all(poses: Vec<Pose>) -> Option<Pose> {
 /// camera moves by `-R' (v + S(t) w)` and it turns by `-R' w`.
 fn pose_between(end: &Selected, all: &[Freedom]) -> Result<(Pose, Matrix6<f64>), CameraCalibrationError> {
     let X_RL = end.end.state.X_j0.first().ok_or(CameraCalibrationError::NoStart)?;
-    let (from, shared) = match covariance_with_dropped(end, all) {
-        Some((problem, covariance)) => (problem.pose_from(1), covariance),
-        None => {
-            let fitted = end.end.sums.covariance().ok_or(CameraCalibrationError::Degenerate)?;
-            (end.problem.pose_from(1), fitted * end.variance_factor())
-        }
-    };
+    let (problem, shared) = covariance_with_dropped(end, all).ok_or(CameraCalibrationError::Degenerate)?;
+    let from = problem.pose_from(1);
     let C: Matrix6<f64> = shared.fixed_view::<6, 6>(from, from).into_owned();
     let R_LR = X_RL.rotation.inverse().to_rotation_matrix().into_inner();
     let mut T = Matrix6::zeros();
