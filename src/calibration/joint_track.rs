@@ -7,11 +7,11 @@ use nalgebra::SVector;
 /// grows, and is smooth in time.
 #[derive(Debug, Clone, Default)]
 pub struct JointTrack<const N: usize> {
-    states: Vec<State<N>>,
+    states: Vec<StampedJoints<N>>,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct State<const N: usize> {
+struct StampedJoints<const N: usize> {
     stamp: MonoNs,
     q: SVector<f64, N>,
     qd: SVector<f64, N>,
@@ -21,7 +21,7 @@ impl<const N: usize> JointTrack<N> {
     /// Appends a state, rad or m and per second; one that is not newer than the last is left out.
     pub fn push(&mut self, stamp: MonoNs, q: SVector<f64, N>, qd: SVector<f64, N>) {
         if self.states.last().is_none_or(|last| stamp > last.stamp) {
-            self.states.push(State { stamp, q, qd });
+            self.states.push(StampedJoints { stamp, q, qd });
         }
     }
 
@@ -46,7 +46,7 @@ impl<const N: usize> JointTrack<N> {
     /// Before the first and after the last state the arm stands; `None` without any state.
     #[must_use]
     pub fn at(&self, stamp: MonoNs, offset_s: f64) -> Option<(SVector<f64, N>, SVector<f64, N>)> {
-        let until_s = |state: &State<N>| (state.stamp - stamp).as_s() - offset_s;
+        let until_s = |state: &StampedJoints<N>| (state.stamp - stamp).as_s() - offset_s;
         let after = self.states.partition_point(|state| until_s(state) <= 0.0);
         let (a, b) = match (after.checked_sub(1).and_then(|i| self.states.get(i)), self.states.get(after)) {
             (Some(a), Some(b)) => (a, b),

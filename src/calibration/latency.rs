@@ -10,7 +10,7 @@ mod fit;
 
 use super::Recording;
 use crate::robot::{Mount, Robot};
-use fit::{Fit, Free, State};
+use fit::{Fit, Free, LatencyUnknowns};
 use nalgebra::{Point3, Vector2};
 use thiserror::Error;
 
@@ -164,9 +164,9 @@ pub fn stamp_offset<const N: usize>(
 }
 
 /// The best of evenly spaced offsets, each with its own poses; `None` where that is the first or the last one.
-fn search<const N: usize>(fit: &Fit<'_, N>, start: &State) -> Option<State> {
+fn search<const N: usize>(fit: &Fit<'_, N>, start: &LatencyUnknowns) -> Option<LatencyUnknowns> {
     let steps = (RANGE_S / COARSE_STEP_S).round() as i32;
-    let mut best: Option<(f64, i32, State)> = None;
+    let mut best: Option<(f64, i32, LatencyUnknowns)> = None;
     for k in -steps..=steps {
         let at = start.with_offset(f64::from(k) * COARSE_STEP_S);
         let at = fit.descend(at, Free::Poses, COARSE_ITERATIONS).state;

@@ -12,7 +12,7 @@ use std::path::Path;
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Answer<'a> {
+struct CheckAnswer<'a> {
     ok: bool,
     errors: Vec<String>,
     warnings: Vec<String>,
@@ -38,7 +38,7 @@ pub(super) fn check(path: Option<&Path>, set: &[String], as_json: bool) -> Resul
     let error = unseen.or_else(|| (!faults.is_empty()).then(|| draft.error(faults)));
     let doubts = draft.problems_of(doubts);
     if as_json {
-        let answer = Answer {
+        let answer = CheckAnswer {
             ok: error.is_none(),
             errors: error.iter().flat_map(|error| error.lines()).collect(),
             warnings: config.warnings.iter().chain(&doubts).map(ToString::to_string).collect(),

@@ -21,7 +21,7 @@ const LONGEST_S: f64 = 3600.0;
 
 /// An answer, for programs; `null` where unknown.
 #[derive(Debug, Serialize)]
-struct Answer {
+struct CtlAnswer {
     instance: String,
     request: &'static str,
     accepted: bool,
@@ -89,12 +89,12 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
     })
 }
 
-fn told(instance: &Instance, request: Option<Request>, a: &ControlAnswer) -> Answer {
+fn told(instance: &Instance, request: Option<Request>, a: &ControlAnswer) -> CtlAnswer {
     let known = |x: f64| Some(x).filter(|x| x.is_finite());
     let joints = a.joints as usize;
     let reason = (a.refusal != 0)
         .then(|| Refusal::from_code(a.refusal).map_or("for a reason of another version", Refusal::describe));
-    Answer {
+    CtlAnswer {
         instance: instance.to_string(),
         request: request.map_or("status", Request::as_str),
         accepted: a.refusal == 0,
@@ -118,8 +118,8 @@ fn told(instance: &Instance, request: Option<Request>, a: &ControlAnswer) -> Ans
 }
 
 /// What the stop word tells: no more than the state, and no less to whoever wants the arm to stand.
-fn halted(instance: &Instance, request: Request, state: ControlState) -> Answer {
-    Answer {
+fn halted(instance: &Instance, request: Request, state: ControlState) -> CtlAnswer {
+    CtlAnswer {
         instance: instance.to_string(),
         request: request.as_str(),
         accepted: true,
@@ -140,7 +140,7 @@ fn halted(instance: &Instance, request: Request, state: ControlState) -> Answer 
     }
 }
 
-impl Answer {
+impl CtlAnswer {
     fn line(&self) -> String {
         let mut line = format!("{}: {}", printable(&self.instance), self.state);
         if let Some(fault) = self.fault {

@@ -17,7 +17,7 @@ use crate::process::ProcessError;
 use crate::rt::{now, tell};
 use crate::target::{DotGrid, Kind, Tags, Target};
 use crate::vision::{Growth, Vision, VisionSettings};
-use answer::{Answer, word};
+use answer::{ImageAnswer, word};
 use image::GrayImage;
 use nalgebra::Vector2;
 use std::path::Path;
@@ -31,7 +31,7 @@ const EQUAL_DOTS: &str =
     "equal dots: numbered as the picture stands, for the grid looks the same after a turn";
 
 /// What one image shows, before it is told.
-struct Seen {
+struct DetectedImage {
     found: Vec<Found>,
     px: Vec<Vector2<f64>>,
     pose: Option<RefinedPose>,
@@ -45,7 +45,7 @@ struct Seen {
     growth: Growth,
 }
 
-impl Seen {
+impl DetectedImage {
     /// What the picture cannot tell, or tells by a part alone.
     fn note(&self) -> Option<String> {
         let ids = self.harmed.iter().map(u32::to_string).collect::<Vec<_>>().join(" ");
@@ -105,14 +105,14 @@ impl Bench {
         Self { size, calibrated: calibration.is_some(), camera, finder }
     }
 
-    fn look(&mut self, image: &ImageView<'_>) -> Result<Seen, Missed> {
+    fn look(&mut self, image: &ImageView<'_>) -> Result<DetectedImage, Missed> {
         match &mut self.finder {
             Finder::Target(vision) => seen(vision, image, self.calibrated),
             Finder::Grids(both) => {
                 let [known, equal] = both.as_mut();
                 seen(known, image, self.calibrated).or_else(|missed| {
                     let seen = seen(equal, image, self.calibrated).map_err(|_| missed)?;
-                    Ok(Seen { note: Some(EQUAL_DOTS), ..seen })
+                    Ok(DetectedImage { note: Some(EQUAL_DOTS), ..seen })
                 })
             }
             Finder::AnyTag(finder, size_m) => {
@@ -126,7 +126,7 @@ impl Bench {
                 }
                 let found: Vec<_> = tags.iter().flat_map(corners).collect();
                 let px = found.iter().map(|point| point.px).collect();
-                Ok(Seen {
+                Ok(DetectedImage {
                     px,
                     found,
                     pose: None,
@@ -148,9 +148,9 @@ fn vision(camera: CameraModel, target: Target) -> Vision {
     Vision::new(camera, target, settings)
 }
 
-fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<Seen, Missed> {
+fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<DetectedImage, Missed> {
     let still = if calibrated { vision.still(image)? } else { vision.points_of(image)? };
-    Ok(Seen {
+    Ok(DetectedImage {
         found: still.found.to_vec(),
         px: still.px.to_vec(),
         pose: still.pose.copied(),
@@ -217,7 +217,7 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
             Err(reason) => {
                 unreadable = true;
                 tell(format_args!("vservo: {}: {}", printable(&name), printable(&reason)));
-                (Answer::nothing(name, "unreadable", reason), None)
+                (ImageAnswer::nothing(name, "unreadable", reason), None)
             }
             Ok(mut picture) => {
                 if let Some(table) = arguments.response.linearization() {
@@ -228,7 +228,7 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
                     bench = Some(Bench::new(&kind, size, calibration));
                 }
                 let answer = bench.as_mut().map(|bench| one(bench, name, &picture));
-                (answer.unwrap_or_else(Answer::empty), Some(picture))
+                (answer.unwrap_or_else(ImageAnswer::empty), Some(picture))
             }
         };
         any |= answer.status == "found";
@@ -268,21 +268,23 @@ pub(super) fn calibration(path: &Path) -> Result<CameraModel, String> {
 }
 
 /// What one picture shows.
-fn one(bench: &mut Bench, name: String, picture: &GrayImage) -> Answer {
+fn one(bench: &mut Bench, name: String, picture: &GrayImage) -> ImageAnswer {
     let (width, height) = picture.dimensions();
     let Ok(view) = ImageView::new(picture.as_raw(), width as usize, height as usize) else {
-        return Answer::nothing(name, "no_contrast", "the image has no pixels".into());
+        return ImageAnswer::nothing(name, "no_contrast", "the image has no pixels".into());
     };
     let i = bench.camera.intrinsics();
     if (i.width_px, i.height_px) != (width, height) {
         let reason = format!("the image is {width}x{height} px, the camera {}x{}", i.width_px, i.height_px);
-        return Answer::nothing(name, "wrong_size", reason);
+        return ImageAnswer::nothing(name, "wrong_size", reason);
     }
     let start = now();
     let result = bench.look(&view);
     let time_us = (now() - start).as_s() * 1e6;
     match result {
-        Ok(seen) => Answer::of(name, &seen, time_us),
-        Err(Missed(status, reason)) => Answer { time_us, ..Answer::nothing(name, word(status), reason) },
+        Ok(seen) => ImageAnswer::of(name, &seen, time_us),
+        Err(Missed(status, reason)) => {
+            ImageAnswer { time_us, ..ImageAnswer::nothing(name, word(status), reason) }
+        }
     }
 }

@@ -27,7 +27,7 @@ const PATHS: [&str; 6] = [
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Answer<'a> {
+struct PlaceAnswer<'a> {
     q_start: &'a [f64],
     q_goal: &'a [f64],
     settling_time_s: Option<f64>,
@@ -78,7 +78,7 @@ pub(super) fn place(arguments: &PlaceArguments) -> Result<u8, ProcessError> {
 }
 
 fn answer(placement: &Placement) -> String {
-    json(&Answer {
+    json(&PlaceAnswer {
         q_start: &placement.q_start,
         q_goal: &placement.q_goal,
         settling_time_s: placement.run.settling_time_s,

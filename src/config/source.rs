@@ -17,11 +17,11 @@ pub struct Document {
     pub table: Table,
     name: String,
     lines: Lines,
-    places: HashMap<String, Place>,
+    places: HashMap<String, ValueOrigin>,
 }
 
 #[derive(Debug, Clone)]
-enum Place {
+enum ValueOrigin {
     File { offset: usize },
     Argument(String),
 }
@@ -88,7 +88,7 @@ impl Document {
             table = inner;
         }
         table.insert((*last).into(), value);
-        self.places.insert(key.into(), Place::Argument(argument.into()));
+        self.places.insert(key.into(), ValueOrigin::Argument(argument.into()));
         Ok(())
     }
 
@@ -125,8 +125,10 @@ impl Document {
             }
         };
         let (place, offset) = match place {
-            Some(Place::File { offset }) => (format!("{}:{}", self.name, self.lines.place(*offset)), *offset),
-            Some(Place::Argument(argument)) => (format!("--set {argument}"), usize::MAX),
+            Some(ValueOrigin::File { offset }) => {
+                (format!("{}:{}", self.name, self.lines.place(*offset)), *offset)
+            }
+            Some(ValueOrigin::Argument(argument)) => (format!("--set {argument}"), usize::MAX),
             None => (self.name.clone(), 0),
         };
         Problem { place, key: key.into(), message: message.into(), order: (offset, key.into()) }
@@ -179,8 +181,8 @@ impl Document {
     /// Where the value at `key` stands in the order of problems.
     pub(super) fn offset(&self, key: &str) -> usize {
         match self.places.get(key) {
-            Some(Place::File { offset }) => *offset,
-            Some(Place::Argument(_)) => usize::MAX,
+            Some(ValueOrigin::File { offset }) => *offset,
+            Some(ValueOrigin::Argument(_)) => usize::MAX,
             None => 0,
         }
     }
@@ -188,26 +190,26 @@ impl Document {
     /// Whether a `--set` argument gave the value at `key`.
     #[must_use]
     pub fn is_argument(&self, key: &str) -> bool {
-        matches!(self.places.get(key), Some(Place::Argument(_)))
+        matches!(self.places.get(key), Some(ValueOrigin::Argument(_)))
     }
 }
 
-fn walk(prefix: &str, table: &DeTable<'_>, places: &mut HashMap<String, Place>) {
+fn walk(prefix: &str, table: &DeTable<'_>, places: &mut HashMap<String, ValueOrigin>) {
     for (key, value) in table {
         let path =
             if prefix.is_empty() { key.get_ref().to_string() } else { format!("{prefix}.{}", key.get_ref()) };
-        places.insert(path.clone(), Place::File { offset: key.span().start });
+        places.insert(path.clone(), ValueOrigin::File { offset: key.span().start });
         walk_value(&path, value, places);
     }
 }
 
-fn walk_value(path: &str, value: &Spanned<DeValue<'_>>, places: &mut HashMap<String, Place>) {
+fn walk_value(path: &str, value: &Spanned<DeValue<'_>>, places: &mut HashMap<String, ValueOrigin>) {
     match value.get_ref() {
         DeValue::Table(inner) => walk(path, inner, places),
         DeValue::Array(entries) => {
             for (i, entry) in entries.iter().enumerate().take(PLACED_ENTRIES) {
                 let path = format!("{path}[{i}]");
-                places.insert(path.clone(), Place::File { offset: entry.span().start });
+                places.insert(path.clone(), ValueOrigin::File { offset: entry.span().start });
                 walk_value(&path, entry, places);
             }
         }

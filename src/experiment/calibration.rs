@@ -10,7 +10,7 @@ use super::findings::Findings;
 use super::plot::{Panel, Series, Symbol, figure};
 use super::schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, set_point};
 use super::simulate::simulate;
-use super::{Cell, End, ExperimentError, Metrics, Options, Trajectory};
+use super::{Cell, ExperimentError, Metrics, Options, Trajectory, TrajectoryEnd};
 use crate::servo::SetPoint;
 use nalgebra::Vector2;
 use serde_json::json;
@@ -113,8 +113,10 @@ pub(super) fn sensitivity(options: &Options<'_>) -> Result<Findings, ExperimentE
                     m.end
                 );
                 line += &match &run.end {
-                    End::Finished => format!("  {} {:9.3e} m", scheme.name(), e.position_m),
-                    End::Stopped { time_s, .. } => format!("  {} left at {time_s:.1} s", scheme.name()),
+                    TrajectoryEnd::Finished => format!("  {} {:9.3e} m", scheme.name(), e.position_m),
+                    TrajectoryEnd::Stopped { time_s, .. } => {
+                        format!("  {} left at {time_s:.1} s", scheme.name())
+                    }
                 };
                 points.push((k as f64, e.position_m.max(1e-12)));
                 entries.push(json!({

@@ -3,7 +3,7 @@
 //! All are taken against the goal, never against the last sample: a run that is still on its way when it ends must not be
 //! judged by where it happened to be.
 
-use super::{End, ExperimentError, Row, Trajectory};
+use super::{ExperimentError, Row, Trajectory, TrajectoryEnd};
 use crate::features::wrap_rad;
 use nalgebra::{SVector, Vector2, Vector3, Vector4};
 use serde::Serialize;
@@ -85,8 +85,8 @@ impl Metrics {
         let control = |i: usize| run.rows.iter().map(|row| row.u[i].abs()).fold(0.0, f64::max);
         Ok(Self {
             end: match &run.end {
-                End::Finished => "finished".into(),
-                End::Stopped { time_s, reason } => format!("stopped at {time_s:.3} s: {reason}"),
+                TrajectoryEnd::Finished => "finished".into(),
+                TrajectoryEnd::Stopped { time_s, reason } => format!("stopped at {time_s:.3} s: {reason}"),
             },
             duration_s: last.time_s - first.time_s,
             final_errors: RemainingErrors {
@@ -110,7 +110,7 @@ impl Metrics {
 /// The time from which on `error` stays within 2 % of its first value; `None` where it does not, or where `run` broke off.
 #[must_use]
 pub fn settling_time(run: &Trajectory, error: impl Fn(&Row) -> f64) -> Option<f64> {
-    if run.end != End::Finished {
+    if run.end != TrajectoryEnd::Finished {
         return None;
     }
     let first = run.rows.first()?;
@@ -147,7 +147,11 @@ mod tests {
             q: Vector4::zeros(),
             u: Vector4::repeat(-z),
         };
-        Trajectory { name: "t".into(), rows: z.iter().enumerate().map(row).collect(), end: End::Finished }
+        Trajectory {
+            name: "t".into(),
+            rows: z.iter().enumerate().map(row).collect(),
+            end: TrajectoryEnd::Finished,
+        }
     }
 
     fn goal() -> CellGoal {
@@ -179,7 +183,7 @@ mod tests {
     fn a_run_that_broke_off_has_not_settled() {
         let mut broken = run(&[1.0, 0.01, 0.001]);
         assert!(Metrics::of(&broken, &goal()).unwrap().settling_time_s.position.is_some());
-        broken.end = End::Stopped { time_s: 0.002, reason: "no target".into() };
+        broken.end = TrajectoryEnd::Stopped { time_s: 0.002, reason: "no target".into() };
         assert_eq!(Metrics::of(&broken, &goal()).unwrap().settling_time_s.position, None);
     }
 

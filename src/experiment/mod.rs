@@ -39,7 +39,7 @@ pub use plot::{Drawing, Panel, Series, Symbol, figure};
 pub use retreat::{ROTATIONS_DEG, pure_rotation, retreat_of};
 pub use schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
 pub use simulate::{LawInput, SPAN_S, STEP_S, STEPS_PER_FRAME, simulate, simulate_at};
-pub use trajectory::{End, HEADER, Row, Trajectory};
+pub use trajectory::{HEADER, Row, Trajectory, TrajectoryEnd};
 
 use std::path::{Path, PathBuf};
 

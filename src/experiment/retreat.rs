@@ -8,7 +8,7 @@ use super::findings::Findings;
 use super::plot::{Panel, Series, Symbol, figure};
 use super::schemes::{Pilot, set_point};
 use super::simulate::{STEP_S, simulate_at};
-use super::{Cell, End, ExperimentError, FeatureSource, Options, Trajectory};
+use super::{Cell, ExperimentError, FeatureSource, Options, Trajectory, TrajectoryEnd};
 use crate::geometry::Pose;
 use crate::servo::{DepthSource, Gain, Interaction, InteractionAt, Law, Selection};
 use nalgebra::Vector3;
@@ -61,8 +61,8 @@ pub(super) fn retreat(options: &Options<'_>) -> Result<Findings, ExperimentError
             let ratio = run.series(|row| (DISTANCE_M + z_start - row.x_c.z) / DISTANCE_M);
             panel.push(Series::line(i, ratio.take((8.0 / STEP_S) as usize)).label(format!("{degrees} deg")));
             let end = match &run.end {
-                End::Finished => "finished".to_string(),
-                End::Stopped { time_s, reason } => format!("stopped at {time_s:.3} s: {reason}"),
+                TrajectoryEnd::Finished => "finished".to_string(),
+                TrajectoryEnd::Stopped { time_s, reason } => format!("stopped at {time_s:.3} s: {reason}"),
             };
             if let Some(list) = peaks.get_mut(k) {
                 list.push((degrees, retreat_of(&run), end));

@@ -6,7 +6,7 @@
 
 use super::cell::{Cell, project};
 use super::feature_source::FeatureSource;
-use super::trajectory::{End, Row, Trajectory};
+use super::trajectory::{Row, Trajectory, TrajectoryEnd};
 use crate::geometry::Pose;
 use crate::servo::LawOutput;
 use crate::sim::{ClosedLoop, frame_every, run};
@@ -78,7 +78,7 @@ pub fn simulate_at(
     let stop = run(&frame_every(steps_per_frame), &mut textbook);
     let rows = textbook.rows;
     let time_s = rows.last().map_or(0.0, |row: &Row| row.time_s);
-    let end = stop.map_or(End::Finished, |reason| End::Stopped { time_s, reason });
+    let end = stop.map_or(TrajectoryEnd::Finished, |reason| TrajectoryEnd::Stopped { time_s, reason });
     Trajectory { name: name.into(), rows, end }
 }
 

@@ -24,7 +24,7 @@ pub struct Row {
 
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq)]
-pub enum End {
+pub enum TrajectoryEnd {
     /// It lasted as long as asked.
     Finished,
     /// It broke off.
@@ -44,7 +44,7 @@ pub struct Trajectory {
     /// At least one row.
     pub rows: Vec<Row>,
     /// How it ended.
-    pub end: End,
+    pub end: TrajectoryEnd,
 }
 
 impl Trajectory {

@@ -10,7 +10,7 @@
 use super::caretaker::Caretaker;
 use super::heartbeat::{self, Heartbeat};
 use super::role::Role;
-use super::runtime_dir::{self, Place, SHARED_MEMORY};
+use super::runtime_dir::{self, RuntimeDir, SHARED_MEMORY};
 use super::scarcity::{Scarcity, remedy};
 use super::stop_word::StopWord;
 use crate::time::MonoNs;
@@ -162,7 +162,7 @@ impl Instance {
     /// # Errors
     /// [`InstanceError`] when the place is not usable.
     pub fn write_config(&self, text: &str) -> Result<File, InstanceError> {
-        let mut file = File::from(Place::open_or_create(&self.directory_name())?.new_file(CONFIG)?);
+        let mut file = File::from(RuntimeDir::open_or_create(&self.directory_name())?.new_file(CONFIG)?);
         file.write_all(text.as_bytes()).map_err(|e| InstanceError::Place {
             path: self.config_path(),
             cause: Errno::from_io_error(&e).unwrap_or(Errno::IO),
@@ -175,7 +175,7 @@ impl Instance {
     /// # Errors
     /// [`InstanceError::NotOurs`] for what is not; [`InstanceError::Place`] when shared memory is not usable.
     pub fn check_place(&self) -> Result<(), InstanceError> {
-        Place::open_or_create(&self.directory_name())?;
+        RuntimeDir::open_or_create(&self.directory_name())?;
         runtime_dir::check_segments(&self.prefix())
     }
 
@@ -261,7 +261,7 @@ impl Instance {
     fn try_lock(&self, role: Role) -> Result<RoleLock, InstanceError> {
         let name = lock_name(role);
         loop {
-            let place = Place::open_or_create(&self.directory_name())?;
+            let place = RuntimeDir::open_or_create(&self.directory_name())?;
             let Some(file) = place.open_file(&name, OFlags::CREATE | OFlags::RDWR)? else {
                 continue; // a clean-up removed the directory in between
             };
@@ -292,7 +292,7 @@ impl Instance {
     /// # Errors
     /// [`InstanceError::NotOurs`] where the instance is another user's.
     pub fn find(&self, role: Role) -> Result<bool, InstanceError> {
-        let Some(place) = Place::open(&self.directory_name())? else { return Ok(false) };
+        let Some(place) = RuntimeDir::open(&self.directory_name())? else { return Ok(false) };
         let Some(file) = place.open_file(&lock_name(role), OFlags::RDWR)? else { return Ok(false) };
         Ok(flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK))
     }
@@ -300,7 +300,7 @@ impl Instance {
     /// The last sign of life of the process that plays `role`; `None` before the first.
     #[must_use]
     pub fn last_heartbeat(&self, role: Role) -> Option<MonoNs> {
-        let place = Place::open(&self.directory_name()).ok()??;
+        let place = RuntimeDir::open(&self.directory_name()).ok()??;
         place.open_file(&lock_name(role), OFlags::RDONLY).ok()?.and_then(heartbeat::read)
     }
 
@@ -309,7 +309,7 @@ impl Instance {
     /// # Errors
     /// [`InstanceError::Place`] when shared memory is full or not usable.
     pub fn make_stop_word(&self) -> Result<StopWord, InstanceError> {
-        StopWord::create(&Place::open_or_create(&self.directory_name())?, &self.directory())
+        StopWord::create(&RuntimeDir::open_or_create(&self.directory_name())?, &self.directory())
     }
 
     /// The page through which the control of this instance is stopped; `None` when there is none yet. Needs neither room nor slot.
@@ -317,7 +317,7 @@ impl Instance {
     /// # Errors
     /// [`InstanceError::NotOurs`] for the run of another user.
     pub fn open_stop_word(&self) -> Result<Option<StopWord>, InstanceError> {
-        match Place::open(&self.directory_name())? {
+        match RuntimeDir::open(&self.directory_name())? {
             Some(place) => StopWord::open(&place, &self.directory()),
             None => Ok(None),
         }
@@ -334,7 +334,7 @@ impl Instance {
         if self.has_living_node() {
             return;
         }
-        let Ok(Some(place)) = Place::open(&self.directory_name()) else { return };
+        let Ok(Some(place)) = RuntimeDir::open(&self.directory_name()) else { return };
         runtime_dir::remove_segments(&self.prefix());
         place.clear(|name| name.ends_with(LOCK_ENDING));
         if own.is_none() {

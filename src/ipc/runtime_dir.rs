@@ -29,13 +29,13 @@ const BLOCK_BYTES: u64 = 512;
 
 /// The opened directory of an instance.
 #[derive(Debug)]
-pub(super) struct Place {
+pub(super) struct RuntimeDir {
     shared_memory: OwnedFd,
     directory: OwnedFd,
     name: String,
 }
 
-impl Place {
+impl RuntimeDir {
     /// Opens the directory `name` of shared memory; `None` when there is none.
     ///
     /// # Errors
@@ -68,7 +68,7 @@ impl Place {
     /// Opens the directory, which is made where there is none.
     ///
     /// # Errors
-    /// As for [`Place::open`].
+    /// As for [`RuntimeDir::open`].
     pub(super) fn open_or_create(name: &str) -> Result<Self, InstanceError> {
         loop {
             if let Some(place) = Self::open(name)? {
@@ -87,7 +87,7 @@ impl Place {
     /// when the directory has been removed.
     ///
     /// # Errors
-    /// As for [`Place::open`].
+    /// As for [`RuntimeDir::open`].
     pub(super) fn open_file(&self, name: &str, flags: OFlags) -> Result<Option<OwnedFd>, InstanceError> {
         let path = Path::new(SHARED_MEMORY).join(&self.name).join(name);
         let flags = flags | OFlags::NOFOLLOW | OFlags::CLOEXEC | OFlags::NONBLOCK;
@@ -107,7 +107,7 @@ impl Place {
     /// nobody who puts a file under that name at this moment makes it fail.
     ///
     /// # Errors
-    /// As for [`Place::open`].
+    /// As for [`RuntimeDir::open`].
     pub(super) fn new_file(&self, name: &str) -> Result<OwnedFd, InstanceError> {
         let beside = format!("{name}.{}.new", std::process::id());
         let fault = |cause| InstanceError::Place {

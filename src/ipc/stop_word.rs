@@ -9,7 +9,7 @@
 //! Control makes the page anew when it takes its role; it is reserved then, and removed with the rest of the instance.
 
 use super::InstanceError;
-use super::runtime_dir::Place;
+use super::runtime_dir::RuntimeDir;
 use crate::messages::ControlState;
 use rustix::fs::{FallocateFlags, OFlags, fallocate, fstat};
 use rustix::io::Errno;
@@ -67,7 +67,7 @@ unsafe impl Sync for StopWord {}
 
 impl StopWord {
     /// A new one in `place`; what lay there before is replaced.
-    pub(super) fn create(place: &Place, folder: &Path) -> Result<Self, InstanceError> {
+    pub(super) fn create(place: &RuntimeDir, folder: &Path) -> Result<Self, InstanceError> {
         let file = place.new_file(FILE)?;
         let fault = |cause| InstanceError::Place { path: folder.join(FILE), cause };
         // Reserved, not only made that long: a page that is missing when a tick looks at it would end the process.
@@ -76,7 +76,7 @@ impl StopWord {
     }
 
     /// That of a running control; `None` when there is none, or none yet.
-    pub(super) fn open(place: &Place, folder: &Path) -> Result<Option<Self>, InstanceError> {
+    pub(super) fn open(place: &RuntimeDir, folder: &Path) -> Result<Option<Self>, InstanceError> {
         let Some(file) = place.open_file(FILE, OFlags::RDWR)? else { return Ok(None) };
         let fault = |cause| InstanceError::Place { path: folder.join(FILE), cause };
         // Control fills a file before it gives it this name; one that is shorter is none of ours.

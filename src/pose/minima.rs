@@ -4,7 +4,7 @@
 //! are refined on the reprojection error (10.36) and ranked by it.
 
 use super::points::centroid;
-use super::refine::{End, State, minimise};
+use super::refine::{Minimum, PoseState, minimise};
 use super::rotation_form::{Axes, Candidate, RotationForm};
 use super::{PointSource, PoseError, PoseSolution, p3p};
 use crate::geometry::Pose;
@@ -229,8 +229,8 @@ fn refined<P: PointSource>(
     form: &RotationForm,
     candidate: &Candidate,
     center: &[f64; 3],
-) -> Result<End, PoseError> {
+) -> Result<Minimum, PoseError> {
     let R = Matrix3::from_column_slice(&candidate.columns);
     let X = pose_of_axes(axes, &R, &(Vector3::from(form.position(&candidate.columns)) * axes.size));
-    minimise::<F2, _>(State::at(&X, center).ok_or(PoseError::Degenerate)?, points, center)
+    minimise::<F2, _>(PoseState::at(&X, center).ok_or(PoseError::Degenerate)?, points, center)
 }

@@ -6,7 +6,7 @@
 
 use super::minima::{axes, everywhere};
 use super::points::centroid;
-use super::refine::{End, State, minimise};
+use super::refine::{Minimum, PoseState, minimise};
 use super::{Correspondence, PoseError, PoseSolution, homography, pose_from_homography};
 use crate::geometry::Pose;
 use crate::linalg::F2;
@@ -68,14 +68,14 @@ pub fn planar_pose(points: &[Correspondence]) -> Result<PlanarPose, PoseError> {
     };
     let center = centroid(points);
     let solution =
-        |end: &End| PoseSolution { X_CO: end.state.pose(&center), rms: end.normal.rms(points.len()) };
+        |end: &Minimum| PoseSolution { X_CO: end.state.pose(&center), rms: end.normal.rms(points.len()) };
     let refined = |R: Rotation3<f64>| {
         let start = start_at(R, points, &center).ok_or(PoseError::Degenerate)?;
         minimise::<F2, _>(start, points, &center)
     };
     let Some(tilts) = Tilts::new(&H, &center) else {
         let X = pose_from_homography(&H).ok_or(PoseError::Degenerate)?;
-        let start = State::at(&X, &center).ok_or(PoseError::Degenerate)?;
+        let start = PoseState::at(&X, &center).ok_or(PoseError::Degenerate)?;
         let end = minimise::<F2, _>(start, points, &center)?;
         return Ok(PlanarPose { best: solution(&end), other: None });
     };
@@ -83,7 +83,8 @@ pub fn planar_pose(points: &[Correspondence]) -> Result<PlanarPose, PoseError> {
     if tilts.is_frontal() {
         return first.map(|end| PlanarPose { best: solution(&end), other: None });
     }
-    let apart = |a: &End, b: &End| solution(a).X_CO.rotation.angle_to(&solution(b).X_CO.rotation) > SAME_RAD;
+    let apart =
+        |a: &Minimum, b: &Minimum| solution(a).X_CO.rotation.angle_to(&solution(b).X_CO.rotation) > SAME_RAD;
     let (a, b) = match (first, refined(tilts.rotation(-1.0))) {
         (Ok(a), Ok(b)) if apart(&a, &b) => (a, Some(b)),
         // Both starts have come to one end, or one of them to none: the other minimum, if there is one, lies about where
@@ -192,7 +193,7 @@ impl Tilts {
 
 /// The start with rotation `R`: its position solves `X (q_z + t_z) = q_x + t_x`, and the same for Y, with `q = R r`.
 #[inline]
-fn start_at(R: Rotation3<f64>, points: &[Correspondence], center: &[f64; 3]) -> Option<State> {
+fn start_at(R: Rotation3<f64>, points: &[Correspondence], center: &[f64; 3]) -> Option<PoseState> {
     let R = R.matrix();
     let count = points.len() as f64;
     let (mut sx, mut sy, mut bx, mut by) = (0.0, 0.0, 0.0, 0.0);
@@ -213,7 +214,7 @@ fn start_at(R: Rotation3<f64>, points: &[Correspondence], center: &[f64; 3]) -> 
     let tz = -(count * mixed - sx * bx - sy * by) / (count * square - sx * sx - sy * sy);
     let t = Vector3::new((bx + sx * tz) / count, (by + sy * tz) / count, tz);
     let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*R));
-    State::at(&Pose::from_parts(Translation3::from(t), q), &[0.0; 3])
+    PoseState::at(&Pose::from_parts(Translation3::from(t), q), &[0.0; 3])
 }
 
 #[cfg(test)]

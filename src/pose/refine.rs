@@ -55,7 +55,7 @@ fn refine_points<P: PointSource>(X_CO: &Pose, points: &[P], sigma: f64) -> Resul
         return Err(PoseError::BadGuess);
     }
     let center = centroid(points);
-    let start = State::at(X_CO, &center).ok_or(PoseError::BadGuess)?;
+    let start = PoseState::at(X_CO, &center).ok_or(PoseError::BadGuess)?;
     let end = minimise::<F2, P>(start, points, &center)?;
     if !end.converged {
         return Err(PoseError::NotConverged { iterations: end.iterations });
@@ -77,12 +77,12 @@ fn refine_points<P: PointSource>(X_CO: &Pose, points: &[P], sigma: f64) -> Resul
 
 /// A pose as unit quaternion (w, x, y, z) and position of the object's centroid in C.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct State {
+pub(super) struct PoseState {
     q: [f64; 4],
     p: [f64; 3],
 }
 
-impl State {
+impl PoseState {
     /// `None` when the pose is not finite.
     #[inline(always)]
     pub(super) fn at(X_CO: &Pose, center: &[f64; 3]) -> Option<Self> {
@@ -181,7 +181,11 @@ impl Normal {
 
     /// Sums over all points, two at a time; `None` when some point is not in front of the camera.
     #[inline(always)]
-    fn evaluate<L: Lanes, P: PointSource>(state: &State, points: &[P], center: &[f64; 3]) -> Option<Self> {
+    fn evaluate<L: Lanes, P: PointSource>(
+        state: &PoseState,
+        points: &[P],
+        center: &[f64; 3],
+    ) -> Option<Self> {
         let R = state.rotation();
         let rotation: [[L; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| L::splat(R[(i, j)])));
         let p = state.p.map(L::splat);
@@ -239,8 +243,8 @@ impl Normal {
 
 /// Where a minimisation ended.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct End {
-    pub(super) state: State,
+pub(super) struct Minimum {
+    pub(super) state: PoseState,
     pub(super) normal: Normal,
     pub(super) iterations: u32,
     pub(super) converged: bool,
@@ -249,10 +253,10 @@ pub(super) struct End {
 /// Gauss-Newton steps from `start` until one is tiny; damped by Levenberg and Marquardt's rule when one fails.
 #[inline(always)]
 pub(super) fn minimise<L: Lanes, P: PointSource>(
-    start: State,
+    start: PoseState,
     points: &[P],
     center: &[f64; 3],
-) -> Result<End, PoseError> {
+) -> Result<Minimum, PoseError> {
     let mut state = start;
     let mut normal = Normal::evaluate::<L, P>(&state, points, center).ok_or(PoseError::BehindCamera)?;
     let mut damping = 0.0;
@@ -284,14 +288,14 @@ pub(super) fn minimise<L: Lanes, P: PointSource>(
                 state = candidate;
                 normal = next;
                 if last {
-                    return Ok(End { state, normal, iterations, converged: true });
+                    return Ok(Minimum { state, normal, iterations, converged: true });
                 }
             }
-            _ if last => return Ok(End { state, normal, iterations, converged: true }),
+            _ if last => return Ok(Minimum { state, normal, iterations, converged: true }),
             _ => damping = (8.0 * damping).max(0.25),
         }
     }
-    Ok(End { state, normal, iterations: MAX_ITERATIONS, converged: false })
+    Ok(Minimum { state, normal, iterations: MAX_ITERATIONS, converged: false })
 }
 
 #[cfg(test)]

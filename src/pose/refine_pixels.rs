@@ -5,7 +5,7 @@
 //! twist `[v; w]` of the object's centroid relative to the camera, expressed in C, as in [`super::refine`].
 
 use super::points::{centroid, check};
-use super::refine::State;
+use super::refine::PoseState;
 use super::{PointSource, PoseError};
 use crate::camera_model::CameraModel;
 use crate::features::{NormalEquations, point_image_jacobian};
@@ -119,8 +119,9 @@ pub fn refine_pixels(
         return Err(PoseError::BadGuess);
     }
     let center = centroid(points);
-    let mut state = State::at(X_CO, &center).ok_or(PoseError::BadGuess)?;
-    let mut here = Sums::at(&state, points, &center, camera, loss).ok_or(PoseError::BehindCamera)?;
+    let mut state = PoseState::at(X_CO, &center).ok_or(PoseError::BadGuess)?;
+    let mut here =
+        PixelEquations::at(&state, points, &center, camera, loss).ok_or(PoseError::BehindCamera)?;
     let mut damping = 0.0;
     for iterations in 1..=MAX_ITERATIONS {
         let matrix = here.equations.matrix();
@@ -132,7 +133,7 @@ pub fn refine_pixels(
         let short = vx * vx + vy * vy + vz * vz < LAST_STEP_SQUARED * depth2
             && wx * wx + wy * wy + wz * wz < LAST_STEP_SQUARED;
         let candidate = state.moved(&step);
-        match Sums::at(&candidate, points, &center, camera, loss) {
+        match PixelEquations::at(&candidate, points, &center, camera, loss) {
             Some(next) if next.loss <= here.loss => {
                 (state, here) = (candidate, next);
                 damping = if damping > 1e-6 { 0.1 * damping } else { 0.0 };
@@ -153,16 +154,16 @@ pub fn refine_pixels(
 }
 
 /// Weighted normal equations at some pose.
-struct Sums {
+struct PixelEquations {
     equations: NormalEquations<6>,
     loss: f64,
     chi_square: f64,
 }
 
-impl Sums {
+impl PixelEquations {
     /// `None` when some point is behind the camera or beyond the lens's fold.
     fn at(
-        state: &State,
+        state: &PoseState,
         points: &[PixelCorrespondence],
         center: &[f64; 3],
         camera: &CameraModel,
@@ -192,7 +193,12 @@ impl Sums {
         sums.loss.is_finite().then_some(sums)
     }
 
-    fn end(&self, state: &State, center: &[f64; 3], iterations: u32) -> Result<RefinedPixelPose, PoseError> {
+    fn end(
+        &self,
+        state: &PoseState,
+        center: &[f64; 3],
+        iterations: u32,
+    ) -> Result<RefinedPixelPose, PoseError> {
         let inverse = Ldlt::of(&self.equations.matrix()).ok_or(PoseError::Degenerate)?.inverse();
         // From the centroid to O: v_O = v - S(d) w with d = p_O - p_centroid.
         let mut A = Matrix6::identity();

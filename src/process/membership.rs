@@ -10,14 +10,14 @@ pub struct Membership {
     services: Services,
     heartbeat: Option<Heartbeat>,
     _lock: RoleLock,
-    _place: Place,
+    _place: LeftoversGuard,
 }
 
 /// Removes the instance's leftovers when dropped.
 #[derive(Debug)]
-struct Place(Instance);
+struct LeftoversGuard(Instance);
 
-impl Drop for Place {
+impl Drop for LeftoversGuard {
     fn drop(&mut self) {
         self.0.remove_leftovers(None);
     }
@@ -30,7 +30,7 @@ impl Membership {
     /// When the role is taken or shared memory is not usable.
     pub fn join(instance: &Instance, role: Role) -> Result<Self, ProcessError> {
         let lock = instance.lock(role)?;
-        let place = Place(instance.clone());
+        let place = LeftoversGuard(instance.clone());
         instance.remove_leftovers(Some(role));
         let services = Services::join(instance)?;
         services.remove_dead_peers();

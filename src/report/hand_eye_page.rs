@@ -9,7 +9,7 @@ use nalgebra::{Matrix6, Rotation3, Vector3};
 use std::fmt::Write;
 
 /// A view, and how the others predict it.
-type Seen<'a> = (&'a ViewResidual, Option<&'a HeldOutView>);
+type ViewRow<'a> = (&'a ViewResidual, Option<&'a HeldOutView>);
 
 /// What is shown.
 #[derive(Debug, Clone, Copy)]
@@ -41,7 +41,7 @@ pub fn hand_eye_page(shown: &HandEyePage) -> String {
 }
 
 /// The views in their order; those that took part are what was left out one by one.
-fn seen(report: &HandEyeReport) -> Vec<Seen<'_>> {
+fn seen(report: &HandEyeReport) -> Vec<ViewRow<'_>> {
     let mut held = report.held_out.iter().flat_map(|held| &held.views);
     let of_others = |view: &ViewResidual| if view.used { held.next().and_then(Option::as_ref) } else { None };
     let others: Vec<_> = report.views.iter().map(of_others).collect();
@@ -97,14 +97,14 @@ fn closed_forms(report: &HandEyeReport) -> String {
 
 /// Points over the numbers of views, from one on.
 fn by_view<'a>(
-    views: &'a [Seen<'a>],
-    value: impl Fn(&Seen<'a>) -> Option<f64> + 'a,
+    views: &'a [ViewRow<'a>],
+    value: impl Fn(&ViewRow<'a>) -> Option<f64> + 'a,
 ) -> impl Iterator<Item = (f64, f64)> + 'a {
     views.iter().enumerate().filter_map(move |(i, view)| Some((i as f64 + 1.0, value(view)?)))
 }
 
 /// The numbers of views, with half a view beside the first and the last.
-fn numbered(panel: Panel, views: &[Seen]) -> Panel {
+fn numbered(panel: Panel, views: &[ViewRow]) -> Panel {
     panel.x_range(0.5, views.len() as f64 + 0.5)
 }
 
@@ -112,11 +112,11 @@ fn greatest(values: impl Iterator<Item = (f64, f64)>) -> Option<(f64, f64)> {
     values.max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-fn errors(views: &[Seen]) -> String {
+fn errors(views: &[ViewRow]) -> String {
     const TITLE: &str = "Corners, view by view";
-    let stated = |v: &Seen| v.0.rms_px;
-    let corrected = |v: &Seen| v.0.rms_corrected_px;
-    let held = |v: &Seen| v.1.map(|held| held.rms_px);
+    let stated = |v: &ViewRow| v.0.rms_px;
+    let corrected = |v: &ViewRow| v.0.rms_corrected_px;
+    let held = |v: &ViewRow| v.1.map(|held| held.rms_px);
     let panel = numbered(Panel::new("", "view", "error of the corners, px"), views)
         .with(
             Series::new(Symbol::Circle, 0, by_view(views, stated))
@@ -142,10 +142,10 @@ fn errors(views: &[Seen]) -> String {
     figure(TITLE, &says, note, |width| figure_svg(std::slice::from_ref(&panel), 1, width, TITLE))
 }
 
-fn corrections(report: &HandEyeReport, views: &[Seen]) -> String {
+fn corrections(report: &HandEyeReport, views: &[ViewRow]) -> String {
     const TITLE: &str = "What the robot's poses would have to be off by";
-    let mm = |v: &Seen| v.0.correction_m.map(|m| m * 1e3);
-    let deg = |v: &Seen| v.0.correction_rad.map(f64::to_degrees);
+    let mm = |v: &ViewRow| v.0.correction_m.map(|m| m * 1e3);
+    let deg = |v: &ViewRow| v.0.correction_rad.map(f64::to_degrees);
     // the length of three coordinates of equal deviation
     let stated_mm = report.robot_stated.translation_m * 1e3 * 3f64.sqrt();
     let stated_deg = report.robot_stated.rotation_rad.to_degrees() * 3f64.sqrt();
@@ -216,7 +216,7 @@ fn whereabouts(report: &HandEyeReport) -> String {
     })
 }
 
-fn table(views: &[Seen], unused: &[(String, String)]) -> String {
+fn table(views: &[ViewRow], unused: &[(String, String)]) -> String {
     let mut out = String::from(
         "<h2>Views</h2><table><tr><th></th><th>view</th><th>error, px</th><th>predicted, px</th><th>correction, mm</th><th></th></tr>\n",
     );

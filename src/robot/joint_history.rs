@@ -12,12 +12,12 @@ const LONGEST_EXTRAPOLATION: SpanNs = SpanNs(20_000_000);
 #[derive(Debug)]
 pub struct JointHistory<const N: usize> {
     /// Ring: the oldest state stands at `next` once the ring is full.
-    states: Vec<State<N>>,
+    states: Vec<JointSample<N>>,
     next: usize,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct State<const N: usize> {
+struct JointSample<const N: usize> {
     stamp: MonoNs,
     q: SVector<f64, N>,
     qd: SVector<f64, N>,
@@ -52,7 +52,7 @@ impl<const N: usize> JointHistory<N> {
             self.states.clear();
             self.next = 0;
         }
-        let state = State { stamp, q: *q, qd: *qd };
+        let state = JointSample { stamp, q: *q, qd: *qd };
         match self.states.get_mut(self.next) {
             Some(oldest) => *oldest = state,
             None => self.states.push(state),
@@ -96,7 +96,7 @@ impl<const N: usize> JointHistory<N> {
     }
 
     /// The state at `index`, counted from the oldest.
-    fn get(&self, index: usize) -> Option<&State<N>> {
+    fn get(&self, index: usize) -> Option<&JointSample<N>> {
         if index >= self.states.len() {
             return None;
         }

@@ -32,7 +32,7 @@ impl IsRead {
 }
 
 /// How a path is to be written.
-enum Way {
+enum WriteMethod {
     /// Beside the file, then renamed.
     Beside(PathBuf),
     /// As it is.
@@ -46,8 +46,8 @@ enum Way {
 pub fn write_file(path: &Path, contents: impl AsRef<[u8]>) -> io::Result<()> {
     let text = contents.as_ref();
     match way(path)? {
-        Way::Directly(path) => write_directly(&path, text),
-        Way::Beside(target) => match Temporary::beside(&target) {
+        WriteMethod::Directly(path) => write_directly(&path, text),
+        WriteMethod::Beside(target) => match Temporary::beside(&target) {
             Ok(temporary) => temporary.write(text)?.replace(&target, text),
             Err(e) if in_place_only(&e) && target.exists() => write_in_place(&target, text),
             Err(e) => Err(e),
@@ -62,9 +62,9 @@ pub fn write_file(path: &Path, contents: impl AsRef<[u8]>) -> io::Result<()> {
 pub fn check_writable(path: &Path) -> io::Result<()> {
     match way(path)? {
         // A pipe may get its reader later; opening it may wait for one.
-        Way::Directly(path) if std::fs::metadata(&path)?.file_type().is_fifo() => Ok(()),
-        Way::Directly(path) => open_directly(&path).map(drop),
-        Way::Beside(target) => {
+        WriteMethod::Directly(path) if std::fs::metadata(&path)?.file_type().is_fifo() => Ok(()),
+        WriteMethod::Directly(path) => open_directly(&path).map(drop),
+        WriteMethod::Beside(target) => {
             if target.exists() {
                 OpenOptions::new().append(true).open(&target)?;
             }
@@ -77,7 +77,7 @@ pub fn check_writable(path: &Path) -> io::Result<()> {
     }
 }
 
-fn way(path: &Path) -> io::Result<Way> {
+fn way(path: &Path) -> io::Result<WriteMethod> {
     let target = resolve(path)?;
     match std::fs::metadata(&target) {
         Ok(found) if found.is_dir() => Err(ErrorKind::IsADirectory.into()),
@@ -85,10 +85,14 @@ fn way(path: &Path) -> io::Result<Way> {
             Err(io::Error::new(ErrorKind::InvalidInput, IsRead))
         }
         // A plain file that is our stdout or stderr is not exchanged: the rest of the output goes there.
-        Ok(found) if !found.is_file() || is_output(found.dev(), found.ino()) => Ok(Way::Directly(target)),
-        Ok(_) if is_descriptor(&target) => Ok(Way::Directly(target)),
-        Ok(_) => Ok(Way::Beside(target)),
-        Err(e) if e.kind() == ErrorKind::NotFound && !is_descriptor(&target) => Ok(Way::Beside(target)),
+        Ok(found) if !found.is_file() || is_output(found.dev(), found.ino()) => {
+            Ok(WriteMethod::Directly(target))
+        }
+        Ok(_) if is_descriptor(&target) => Ok(WriteMethod::Directly(target)),
+        Ok(_) => Ok(WriteMethod::Beside(target)),
+        Err(e) if e.kind() == ErrorKind::NotFound && !is_descriptor(&target) => {
+            Ok(WriteMethod::Beside(target))
+        }
         Err(e) => Err(e),
     }
 }

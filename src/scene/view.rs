@@ -161,9 +161,9 @@ impl View {
         for (chunk, levels) in levels.chunks_mut(LANES).enumerate() {
             let u = middle(u0, chunk);
             let place = if rays.ideal() {
-                Place::Ideal(u, v)
+                FormPlace::Ideal(u, v)
             } else {
-                Place::Ray(directions.next().unwrap_or_else(|| rays.at(u, v)))
+                FormPlace::Ray(directions.next().unwrap_or_else(|| rays.at(u, v)))
             };
             let mut cover = [1.0f32; LANES];
             for edge in chosen(&self.edges, mask & EDGES) {
@@ -267,14 +267,14 @@ fn rectangle([a, b, w]: &[Form; 3], low: &Vector2<f64>, high: &Vector2<f64>) -> 
 }
 
 /// Where forms are evaluated.
-enum Place {
+enum FormPlace {
     /// Forms of the pixel itself.
     Ideal(f64, f64),
     /// Forms of the direction.
     Ray(Ray),
 }
 
-impl Place {
+impl FormPlace {
     /// Value of a form and its derivative by the pixel.
     #[inline(always)]
     fn apply(&self, form: &Form) -> (f64, f64, f64) {
@@ -300,7 +300,7 @@ fn line_coverage((value, gx, gy): (f64, f64, f64), profile: &EdgeProfile) -> [f3
 
 /// Coverage of four pixels by a dot.
 #[inline(always)]
-fn dot_coverage(place: &Place, [f1, f2, f3]: &[Form; 3], profile: &EdgeProfile) -> [f32; LANES] {
+fn dot_coverage(place: &FormPlace, [f1, f2, f3]: &[Form; 3], profile: &EdgeProfile) -> [f32; LANES] {
     let ((l1, x1, y1), (l2, x2, y2), (l3, x3, y3)) = (place.apply(f1), place.apply(f2), place.apply(f3));
     // In units of the radius' form at the middle: then single precision is enough, 1e-6 of a radius.
     let unit = 1.0 / (l3.abs() + 1e-300);

@@ -51,7 +51,7 @@ struct LastMeasurement {
 
 /// What the law says, and how that leads to the goal.
 #[derive(Debug, Clone, Copy)]
-struct Answer<const N: usize> {
+struct LawAnswer<const N: usize> {
     wish: LawOutput<N>,
     convergence: Convergence<N>,
 }
@@ -66,7 +66,7 @@ pub struct VisualServo<const N: usize> {
     whole: Option<LastMeasurement>,
     /// The arm's posture at the last exposure that showed the whole target, rad or m.
     q_whole: Option<SVector<f64, N>>,
-    held: Option<Answer<N>>,
+    held: Option<LawAnswer<N>>,
     fresh: bool,
     /// First wished velocity, and when: what a smooth start takes off.
     start: Option<(MonoNs, SVector<f64, N>)>,
@@ -276,7 +276,7 @@ impl<const N: usize> VisualServo<N> {
             let object = self.object.as_ref().map(|object| (object, now));
             self.held = self.settings.wish(last, object, q, qd, robot, self.gain_share);
         }
-        let Answer { wish, .. } = self.held?;
+        let LawAnswer { wish, .. } = self.held?;
         Some(self.started(wish)).filter(LawOutput::is_finite)
     }
 
@@ -338,7 +338,7 @@ impl ServoSettings {
         qd: &SVector<f64, N>,
         robot: &Robot<N>,
         gain_share: f64,
-    ) -> Option<Answer<N>> {
+    ) -> Option<LawAnswer<N>> {
         let (X_WC, J) = self.mount.camera(robot, q);
         let arm = Arm {
             J,
@@ -377,7 +377,7 @@ impl ServoSettings {
         arm: &Arm<N>,
         secondary: Option<&SVector<f64, N>>,
         gain_share: f64,
-    ) -> Option<Answer<N>> {
+    ) -> Option<LawAnswer<N>> {
         let mut wish = self.law.wish(task, arm)?;
         let mut rate_1_s = self.law.rate_1_s(task);
         if let LawOutput::Velocity(qd) = &mut wish
@@ -400,7 +400,7 @@ impl ServoSettings {
             Some(guard) => guard.hold(&self.set_point, view, (task, &self.law.joint_damping()), arm, wish),
             None => wish,
         };
-        let mut answer = Answer { wish, convergence };
+        let mut answer = LawAnswer { wish, convergence };
         if let (LawOutput::Velocity(qd), Task::Twist(task), Some(wanted)) =
             (&mut answer.wish, task, secondary)
             && let Some(free) = seek_null_motion(task, &arm.J, wanted)

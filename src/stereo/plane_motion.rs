@@ -38,7 +38,7 @@ pub fn plane_motion(pairs: &[Conjugates]) -> Result<PlaneMotion, StereoError> {
     let H = refined(homography(&points)?, pairs);
     let seen: Vec<Vector2<f64>> = pairs.iter().map(|p| p.s_2).collect();
     let solutions = decompose_homography_seen(&H, &seen)?;
-    let rms = (Sums::of(&H, pairs).cost / pairs.len() as f64).sqrt();
+    let rms = (PlaneEquations::of(&H, pairs).cost / pairs.len() as f64).sqrt();
     Ok(PlaneMotion { H, solutions, rms })
 }
 
@@ -64,7 +64,7 @@ pub fn plane_motion_consistent(
 /// Gauss and Newton on the first-order error, the factor of H held by one more equation.
 fn refined(start: Matrix3<f64>, pairs: &[Conjugates]) -> Matrix3<f64> {
     let mut H = start / start.norm();
-    let mut here = Sums::of(&H, pairs);
+    let mut here = PlaneEquations::of(&H, pairs);
     let mut damping = 0.0;
     for _ in 0..MAX_ITERATIONS {
         let h = SVector::<f64, 9>::from_column_slice(H.as_slice());
@@ -75,7 +75,7 @@ fn refined(start: Matrix3<f64>, pairs: &[Conjugates]) -> Matrix3<f64> {
         let step = SVector::<f64, 9>::from(factors.solve(&here.right.into()));
         let next = H + Matrix3::from_column_slice(step.as_slice());
         let next = next / next.norm();
-        let sums = Sums::of(&next, pairs);
+        let sums = PlaneEquations::of(&next, pairs);
         if sums.cost <= here.cost {
             (H, here) = (next, sums);
             damping = if damping > 1e-6 { 0.1 * damping } else { 0.0 };
@@ -90,13 +90,13 @@ fn refined(start: Matrix3<f64>, pairs: &[Conjugates]) -> Matrix3<f64> {
 }
 
 /// Normal equations of the first-order error, weights held.
-struct Sums {
+struct PlaneEquations {
     normal: SMatrix<f64, 9, 9>,
     right: SVector<f64, 9>,
     cost: f64,
 }
 
-impl Sums {
+impl PlaneEquations {
     fn of(H: &Matrix3<f64>, pairs: &[Conjugates]) -> Self {
         let mut sums = Self { normal: SMatrix::zeros(), right: SVector::zeros(), cost: 0.0 };
         for pair in pairs {
@@ -236,8 +236,8 @@ mod tests {
             let points: Vec<_> = pairs.iter().map(|p| Correspondence { r: p.s_2, s: p.s_1 }).collect();
             let linear = homography(&points).unwrap();
             let end = plane_motion(&pairs).unwrap();
-            let least = Sums::of(&end.H, &pairs).cost;
-            assert!(least <= Sums::of(&(linear / linear.norm()), &pairs).cost);
+            let least = PlaneEquations::of(&end.H, &pairs).cost;
+            assert!(least <= PlaneEquations::of(&(linear / linear.norm()), &pairs).cost);
         }
     }
 

@@ -98,7 +98,7 @@ pub fn refine_relative(
     if !usable {
         return Err(StereoError::BadGuess);
     }
-    let mut state = State { R: *X_12.rotation.to_rotation_matrix().matrix(), o: o.normalize() };
+    let mut state = EssentialState { R: *X_12.rotation.to_rotation_matrix().matrix(), o: o.normalize() };
     let mut here = state.sums(pairs);
     let mut damping = 0.0;
     for iterations in 1..=MAX_ITERATIONS {
@@ -134,20 +134,20 @@ pub fn refine_relative(
 }
 
 #[derive(Clone, Copy)]
-struct State {
+struct EssentialState {
     R: Matrix3<f64>,
     /// Unit vector.
     o: Vector3<f64>,
 }
 
 /// Normal equations.
-struct Sums {
+struct EssentialEquations {
     normal: [[f64; 5]; 5],
     right: [f64; 5],
     cost: f64,
 }
 
-impl State {
+impl EssentialState {
     /// Two unit vectors across the base line.
     fn tangents(&self) -> [Vector3<f64>; 2] {
         let least = self.o.iamin();
@@ -165,7 +165,7 @@ impl State {
     }
 
     /// The derivative of `c / sqrt(D)`, c the constraint's residual and D the sum of the squares of its gradient.
-    fn sums(&self, pairs: &[Conjugates]) -> Sums {
+    fn sums(&self, pairs: &[Conjugates]) -> EssentialEquations {
         let S = skew(&self.o);
         let E = S * self.R;
         let [a, b] = self.tangents();
@@ -177,7 +177,7 @@ impl State {
             skew(&a) * self.R,
             skew(&b) * self.R,
         ];
-        let mut sums = Sums { normal: [[0.0; 5]; 5], right: [0.0; 5], cost: 0.0 };
+        let mut sums = EssentialEquations { normal: [[0.0; 5]; 5], right: [0.0; 5], cost: 0.0 };
         for pair in pairs {
             let (s1, s2) = pair.homogeneous();
             let (l1, l2) = (E * s2, E.tr_mul(&s1));
@@ -281,8 +281,10 @@ mod tests {
     fn derivatives_agree_with_differences() {
         let X = camera_pose();
         let pairs = noisy(&scene(&X, 8, 1), 1e-3, &mut Random::new(1));
-        let state =
-            State { R: *X.rotation.to_rotation_matrix().matrix(), o: X.translation.vector.normalize() };
+        let state = EssentialState {
+            R: *X.rotation.to_rotation_matrix().matrix(),
+            o: X.translation.vector.normalize(),
+        };
         let right = state.sums(&pairs).right;
         for i in 0..5 {
             let mut step = [0.0; 5];

@@ -76,14 +76,14 @@ impl Default for VisionSettings {
 
 /// An estimate that was believed, and when it was.
 #[derive(Debug, Clone)]
-struct Seen {
+struct TrustedEstimate {
     exposure: MonoNs,
     /// Where the camera was.
     X_WC: Option<Pose>,
     estimate: FrameEstimate,
 }
 
-impl Seen {
+impl TrustedEstimate {
     /// Where the object of this estimate is before a camera at `X_WC`, if it rests.
     fn carried(&self, X_WC: Option<&Pose>) -> Option<Pose> {
         Some(X_WC?.inv_mul(&self.X_WC?) * self.estimate.pose.as_ref()?.X_CO)
@@ -99,8 +99,8 @@ pub struct Vision {
     tracked: FrameEstimate,
     searched: FrameEstimate,
     /// The last estimate that was believed, and the one before it, as long as the target was not lost since.
-    last: Option<Seen>,
-    before: Option<Seen>,
+    last: Option<TrustedEstimate>,
+    before: Option<TrustedEstimate>,
     /// Buffers of sights that nobody holds.
     spare: Vec<FrameEstimate>,
     expected: Vec<Expected>,
@@ -224,6 +224,6 @@ impl Vision {
         self.before = self.last.take();
         let mut estimate = self.spare.pop().unwrap_or_default();
         std::mem::swap(&mut estimate, if whole { &mut self.searched } else { &mut self.tracked });
-        self.last = Some(Seen { exposure, X_WC, estimate });
+        self.last = Some(TrustedEstimate { exposure, X_WC, estimate });
     }
 }

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::path::Path;
 use vservo::experiment::{
-    CameraKind, Cell, End, FeatureSource, Findings, Metrics, Options, Scheme, find, run_scheme,
+    CameraKind, Cell, FeatureSource, Findings, Metrics, Options, Scheme, TrajectoryEnd, find, run_scheme,
 };
 
 const SCHEMES: [&str; 5] = ["A", "B", "C", "D", "hybrid"];
@@ -193,7 +193,7 @@ fn a_run_cut_short_has_drawn_back_as_far() {
     // A run that broke off has not settled: nobody knows whether it would have stayed.
     let whole_b = run_scheme(&cell, Scheme::B, &mut FeatureSource::Ideal).unwrap();
     let mut broken = whole_b.clone();
-    broken.end = End::Stopped { time_s: 8.0, reason: "no target".into() };
+    broken.end = TrajectoryEnd::Stopped { time_s: 8.0, reason: "no target".into() };
     assert!(Metrics::of(&whole_b, &goal).unwrap().settling_time_s.position.is_some());
     let settled = Metrics::of(&broken, &goal).unwrap().settling_time_s;
     assert_eq!((settled.position, settled.orientation, settled.features), (None, None, None));

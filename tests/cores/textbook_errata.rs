@@ -6,8 +6,8 @@
 use nalgebra::{Matrix6, Vector3, Vector6};
 use std::path::Path;
 use vservo::experiment::{
-    Cell, End, FeatureSource, Metrics, POINTS, Pilot, ROTATIONS_DEG, Row, SCHEMES, Scheme, Teaching,
-    Trajectory, calibrations, project, pure_rotation, retreat_of, run_miscalibrated, segment_selection,
+    Cell, FeatureSource, Metrics, POINTS, Pilot, ROTATIONS_DEG, Row, SCHEMES, Scheme, Teaching, Trajectory,
+    TrajectoryEnd, calibrations, project, pure_rotation, retreat_of, run_miscalibrated, segment_selection,
     set_point, simulate,
 };
 use vservo::geometry::{Pose, integrate_body_twist};
@@ -43,7 +43,7 @@ fn scheme_c_is_close_to_its_limit() {
         simulate(&cell, "C", &mut FeatureSource::Ideal, 40.0, |frame| pilot.control(frame))
     };
     let away = |run: &Trajectory| (run.rows.last().unwrap().x_c - cell.goal().unwrap().x_c).norm();
-    let ends_elsewhere = |run: &Trajectory| run.end != End::Finished || away(run) > 1.0;
+    let ends_elsewhere = |run: &Trajectory| run.end != TrajectoryEnd::Finished || away(run) > 1.0;
     let printed = fly(1.0, DepthSource::Desired);
     assert!(away(&printed) < 1e-6 && !ends_elsewhere(&fly(1.1, DepthSource::Desired)));
     assert!(ends_elsewhere(&fly(1.15, DepthSource::Desired)), "a seventh more is too much");
@@ -65,7 +65,10 @@ fn the_text_has_no_gains_for_the_segment() {
     let goal = set_point(&cell.X_DO, segment_selection().unwrap()).unwrap();
     let mut pilot = Pilot::new(&cell, law, goal, None);
     let run = simulate(&cell, "C", &mut FeatureSource::Ideal, 8.0, |frame| pilot.control(frame));
-    assert!(matches!(run.end, End::Stopped { .. }), "scheme C's gains on the segment are unstable at 25 Hz");
+    assert!(
+        matches!(run.end, TrajectoryEnd::Stopped { .. }),
+        "scheme C's gains on the segment are unstable at 25 Hz"
+    );
 }
 
 #[test]
@@ -203,7 +206,7 @@ fn scheme_c_taught_at_a_short_focal_length_diverges() {
     assert!(away(&run.rows[10_000]) < 1e-3, "{} m after 10 s", away(&run.rows[10_000]));
     let greatest = |from: usize, to: usize| run.rows[from..to].iter().map(away).fold(0.0, f64::max);
     assert!(greatest(10_000, 12_000) > 0.5, "{} m between 10 s and 12 s", greatest(10_000, 12_000));
-    let End::Stopped { time_s, reason } = &run.end else { panic!("it goes on for ever") };
+    let TrajectoryEnd::Stopped { time_s, reason } = &run.end else { panic!("it goes on for ever") };
     // which limit it meets first is a matter of the last bits
     let lost = reason.contains("diverges") || reason.contains("in front of the camera");
     assert!((20.0..23.0).contains(time_s) && lost, "{time_s} s: {reason}");
@@ -217,5 +220,5 @@ fn scheme_c_taught_at_a_short_focal_length_diverges() {
     let run =
         simulate(&cell, "C", &mut FeatureSource::Miscalibrated(wrong), 30.0, |frame| pilot.control(frame));
     let last = away(run.rows.last().unwrap());
-    assert!(run.end == End::Finished && last < 1e-6, "{:?}, {last} m", run.end);
+    assert!(run.end == TrajectoryEnd::Finished && last < 1e-6, "{:?}, {last} m", run.end);
 }

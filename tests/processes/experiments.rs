@@ -9,9 +9,9 @@ use serde_json::Value;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_3};
 use std::path::Path;
 use vservo::experiment::{
-    CameraKind, Cell, Disturbance, End, FLIERS, Fate, FeatureSource, Findings, Loop, Metrics, Options, Pilot,
-    RenderedFeatures, SCHEMES, Scheme, Trajectory, errors_to_bear, find, flights, path_deviation,
-    pure_rotation, run_scheme, simulate_at, study,
+    CameraKind, Cell, Disturbance, FLIERS, Fate, FeatureSource, Findings, Loop, Metrics, Options, Pilot,
+    RenderedFeatures, SCHEMES, Scheme, Trajectory, TrajectoryEnd, errors_to_bear, find, flights,
+    path_deviation, pure_rotation, run_scheme, simulate_at, study,
 };
 use vservo::servo::{DepthSource, UpdatePolicy};
 
@@ -36,7 +36,7 @@ fn assert_close(got: &Value, expected: &[f64], tolerance: f64) {
 
 fn run(scheme: Scheme) -> Trajectory {
     let run = run_scheme(&Cell::textbook().unwrap(), scheme, &mut FeatureSource::Ideal).unwrap();
-    assert_eq!(run.end, End::Finished);
+    assert_eq!(run.end, TrajectoryEnd::Finished);
     run
 }
 
@@ -317,7 +317,7 @@ fn rendered_images_bring_the_same_runs() {
     for scheme in [Scheme::B, Scheme::D, Scheme::Hybrid] {
         let mut source = FeatureSource::Rendered(Box::new(RenderedFeatures::new(1).unwrap()));
         let rendered = run_scheme(&cell, scheme, &mut source).unwrap();
-        assert_eq!(rendered.end, End::Finished);
+        assert_eq!(rendered.end, TrajectoryEnd::Finished);
         let errors = Metrics::of(&rendered, &goal).unwrap().final_errors;
         assert!(errors.position_m < 0.25e-3 && errors.orientation_rad < 0.5e-3, "{errors:?}");
         let apart = rendered.rows.iter().zip(run(scheme).rows).map(|(a, b)| (a.x_c - b.x_c).norm());
@@ -332,7 +332,11 @@ fn a_target_out_of_sight_ends_a_run_with_its_reason() {
     cell.q_start += Vector4::new(0.6, 0.0, 0.0, 0.0);
     let mut source = FeatureSource::Rendered(Box::new(RenderedFeatures::new(1).unwrap()));
     let run = run_scheme(&cell, Scheme::D, &mut source).unwrap();
-    assert!(matches!(&run.end, End::Stopped { reason, .. } if reason.contains("no target")), "{:?}", run.end);
+    assert!(
+        matches!(&run.end, TrajectoryEnd::Stopped { reason, .. } if reason.contains("no target")),
+        "{:?}",
+        run.end
+    );
 }
 
 #[test]

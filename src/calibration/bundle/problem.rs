@@ -60,7 +60,7 @@ pub(crate) fn moved(X: &Pose, twist: &[f64]) -> Pose {
 }
 
 /// A corner in camera j, and what moves it there.
-struct Place {
+struct CornerPlace {
     p_j: Vector3<f64>,
     /// R_jO r: from the board's middle to the point.
     arm: Vector3<f64>,
@@ -160,16 +160,21 @@ impl BundleState {
     }
 
     #[inline]
-    fn place(&self, frames: &Frames, point: &BundlePoint) -> Place {
+    fn place(&self, frames: &Frames, point: &BundlePoint) -> CornerPlace {
         let r = point.r + Vector3::z() * self.warp_m.dot(&point.lift);
         let arm = frames.R_0O * r;
         let p_0 = arm + frames.p_0O;
         let normal: Vector3<f64> = frames.R_0O.column(2).into();
         if frames.camera == 0 {
-            return Place { p_j: p_0, arm, from_0: p_0, normal };
+            return CornerPlace { p_j: p_0, arm, from_0: p_0, normal };
         }
         let from_0 = frames.R_j0 * p_0;
-        Place { p_j: from_0 + frames.p_j0, arm: frames.R_j0 * arm, from_0, normal: frames.R_j0 * normal }
+        CornerPlace {
+            p_j: from_0 + frames.p_j0,
+            arm: frames.R_j0 * arm,
+            from_0,
+            normal: frames.R_j0 * normal,
+        }
     }
 
     /// Where a camera sees a corner of view `view`.

@@ -8,7 +8,7 @@
 //! robot's maker or a measurement states. Gauss-Newton with Levenberg's damping; each view's correction is eliminated from the
 //! normal equations (Schur), so that time grows with the number of views and no more.
 
-use super::rows::{ALL, ArmAt, GLOBAL, State, TIME, ViewRows, correction, moved, moved_inside};
+use super::rows::{ALL, ArmAt, GLOBAL, HandEyeUnknowns, TIME, ViewRows, correction, moved, moved_inside};
 use super::{CameraMount, HandEyeError, HandEyeView};
 use crate::camera_model::CameraModel;
 use crate::features::NormalEquations;
@@ -96,7 +96,7 @@ pub fn refine_jointly(
     check(views, settings)?;
     let problem = Problem { views, camera, settings };
     let arm = views.iter().map(|view| view.X_BE).collect();
-    let mut state = State { X_MC: *X_MC, X_WO: *X_WO, offset_s: 0.0, arm };
+    let mut state = HandEyeUnknowns { X_MC: *X_MC, X_WO: *X_WO, offset_s: 0.0, arm };
     let mut here = problem.sums(&state)?;
     let mut damping = 0.0;
     for iterations in 1..=MAX_ITERATIONS {
@@ -157,7 +157,7 @@ struct ViewSums {
     right: Vector6<f64>,
 }
 
-struct Sums {
+struct JointEquations {
     matrix: SMatrix<f64, GLOBAL, GLOBAL>,
     right: Global,
     /// Empty where the robot's poses are exact.
@@ -177,7 +177,7 @@ struct Step {
     gain: f64,
 }
 
-impl State {
+impl HandEyeUnknowns {
     fn after(&self, step: &Step) -> Self {
         let none = Vector6::zeros();
         let steps = step.views.iter().chain(std::iter::repeat(&none));
@@ -196,13 +196,13 @@ impl Problem<'_> {
         ArmAt { place: self.settings.place, X_BE: *X_BE, V_BE_E }
     }
 
-    fn sums(&self, state: &State) -> Result<Sums, HandEyeError> {
+    fn sums(&self, state: &HandEyeUnknowns) -> Result<JointEquations, HandEyeError> {
         let RobotDeviation { rotation_rad, translation_m } = self.settings.robot;
         let exact = rotation_rad == 0.0 && translation_m == 0.0;
         // a deviation of one kind alone holds the other firmly, by a weight that still leaves digits
         let weight = |sd: f64| 1.0 / sd.max(1e-9).powi(2);
         let prior = Vector6::from_fn(|i, _| weight(if i < 3 { translation_m } else { rotation_rad }));
-        let mut sums = Sums {
+        let mut sums = JointEquations {
             matrix: SMatrix::zeros(),
             right: SVector::zeros(),
             views: Vec::new(),
@@ -251,7 +251,12 @@ impl Problem<'_> {
         if sums.loss.is_finite() { Ok(sums) } else { Err(HandEyeError::NotConverged { iterations: 0 }) }
     }
 
-    fn end(&self, state: &State, sums: &Sums, iterations: u32) -> Result<JointFit, HandEyeError> {
+    fn end(
+        &self,
+        state: &HandEyeUnknowns,
+        sums: &JointEquations,
+        iterations: u32,
+    ) -> Result<JointFit, HandEyeError> {
         let free = self.settings.time_offset;
         let inverse = sums.factors(0.0, free).ok_or_else(|| sums.undetermined(free))?.1.inverse();
         let covariance = SMatrix::<f64, GLOBAL, GLOBAL>::from(inverse);
@@ -274,7 +279,7 @@ impl Problem<'_> {
 /// The factors of each view's own block, and those of what is left for the global unknowns.
 type Factors = (Vec<Ldlt<6>>, Ldlt<GLOBAL>);
 
-impl Sums {
+impl JointEquations {
     /// Damped by `damping` of the diagonal. `None` where something is not determined.
     fn factors(&self, damping: f64, time_offset: bool) -> Option<Factors> {
         let mut left = self.matrix;

@@ -23,7 +23,7 @@ pub(super) const ALL: usize = GLOBAL + 6;
 
 /// Everything unknown.
 #[derive(Debug, Clone)]
-pub(super) struct State {
+pub(super) struct HandEyeUnknowns {
     pub X_MC: Pose,
     pub X_WO: Pose,
     /// What has to be added to the camera's stamps, s: the picture shows the flange where it is so much after the stated pose.

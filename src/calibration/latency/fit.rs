@@ -41,14 +41,14 @@ type Hessian = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
 /// Values of the unknowns.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct State {
+pub(super) struct LatencyUnknowns {
     pub(super) tau_s: f64,
     X_WO: Pose,
     /// Twist from the camera's pose in the run file to the true one, expressed in C.
     xi_C: Twist,
 }
 
-impl State {
+impl LatencyUnknowns {
     pub(super) fn with_offset(&self, tau_s: f64) -> Self {
         Self { tau_s, ..*self }
     }
@@ -86,7 +86,7 @@ pub(super) enum Free {
 /// Where a descent came to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Descent {
-    pub(super) state: State,
+    pub(super) state: LatencyUnknowns,
     pub(super) converged: bool,
 }
 
@@ -141,15 +141,15 @@ impl<'a, const N: usize> Fit<'a, N> {
     }
 
     /// The pose that the first frame with one tells, the arm still at rest: whatever its stamp says.
-    pub(super) fn first_guess(&self) -> Option<State> {
+    pub(super) fn first_guess(&self) -> Option<LatencyUnknowns> {
         let (stamp, X_CO) = self.sightings().find_map(|s| Some((s.stamp, s.X_CO?)))?;
         let (q, _) = self.recording.track.at(stamp, 0.0)?;
         let X_WO = self.cell.mount.X_WC(&self.cell.robot.forward(&q)) * X_CO;
-        Some(State { tau_s: 0.0, X_WO, xi_C: Twist::zeros() })
+        Some(LatencyUnknowns { tau_s: 0.0, X_WO, xi_C: Twist::zeros() })
     }
 
     /// The residuals of one frame; none of a point that would lie behind the camera.
-    fn residuals(&self, sighting: &SeenTarget, at: &State, mut each: impl FnMut(&Residual)) {
+    fn residuals(&self, sighting: &SeenTarget, at: &LatencyUnknowns, mut each: impl FnMut(&Residual)) {
         let KnownCell { robot, mount, f_px, points } = self.cell;
         let Some((q, qd)) = self.recording.track.at(sighting.stamp, at.tau_s) else { return };
         let (X_WC, J_C) = at.mount(mount).camera(robot, &q);
@@ -179,12 +179,12 @@ impl<'a, const N: usize> Fit<'a, N> {
         }
     }
 
-    fn each_residual(&self, at: &State, mut each: impl FnMut(&Residual)) {
+    fn each_residual(&self, at: &LatencyUnknowns, mut each: impl FnMut(&Residual)) {
         self.sightings().for_each(|sighting| self.residuals(sighting, at, &mut each));
     }
 
     /// Standard deviation of the residuals, from their median: outliers do not move it.
-    fn spread(&self, at: &State) -> f64 {
+    fn spread(&self, at: &LatencyUnknowns) -> f64 {
         let mut lengths = Vec::with_capacity(self.frames() * self.cell.points.len());
         self.each_residual(at, |e| lengths.push(e.r.norm()));
         if lengths.is_empty() {
@@ -196,7 +196,7 @@ impl<'a, const N: usize> Fit<'a, N> {
     }
 
     /// Huber's cost, for residuals of standard deviation `spread`, and that of the prior.
-    fn cost(&self, at: &State, spread: f64) -> f64 {
+    fn cost(&self, at: &LatencyUnknowns, spread: f64) -> f64 {
         let (mut sum, knee) = (0.0, HUBER * spread);
         self.each_residual(at, |e| {
             let r = e.r.norm();
@@ -207,7 +207,7 @@ impl<'a, const N: usize> Fit<'a, N> {
     }
 
     /// Normal equations `H step = -g` at `at`, with Huber's weights.
-    fn normal_equations(&self, at: &State, spread: f64) -> (Hessian, Unknowns) {
+    fn normal_equations(&self, at: &LatencyUnknowns, spread: f64) -> (Hessian, Unknowns) {
         let mut H = Self::prior(spread);
         let mut g = Unknowns::zeros();
         g.fixed_rows_mut::<6>(7).copy_from(&(H.fixed_view::<6, 6>(7, 7) * at.xi_C));
@@ -229,7 +229,7 @@ impl<'a, const N: usize> Fit<'a, N> {
     }
 
     /// Down from `start`, by at most so many steps.
-    pub(super) fn descend(&self, start: State, free: Free, iterations: u32) -> Descent {
+    pub(super) fn descend(&self, start: LatencyUnknowns, free: Free, iterations: u32) -> Descent {
         let mut state = start;
         for _ in 0..iterations {
             let spread = self.spread(&state);
@@ -259,14 +259,14 @@ impl<'a, const N: usize> Fit<'a, N> {
     }
 
     /// Sum of the residuals' lengths: comparable between states without a common spread, and calm about outliers.
-    pub(super) fn sum_of_lengths(&self, at: &State) -> f64 {
+    pub(super) fn sum_of_lengths(&self, at: &LatencyUnknowns) -> f64 {
         let mut sum = 0.0;
         self.each_residual(at, |e| sum += e.r.norm());
         sum
     }
 
     /// Root mean square distance of the points from where they should be, px.
-    pub(super) fn rms_px(&self, at: &State) -> f64 {
+    pub(super) fn rms_px(&self, at: &LatencyUnknowns) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         self.each_residual(at, |e| {
             sum += e.r.norm_squared() * e.sigma_px * e.sigma_px;
@@ -276,7 +276,7 @@ impl<'a, const N: usize> Fit<'a, N> {
     }
 
     /// Standard deviation of tau, s; infinite where nothing fixes it. The larger one of two: frames, or points as draws.
-    pub(super) fn sd_s(&self, at: &State) -> f64 {
+    pub(super) fn sd_s(&self, at: &LatencyUnknowns) -> f64 {
         let spread = self.spread(at);
         // The second derivative of Huber's cost: beyond the knee a residual pulls with constant strength. The weights of the
         // descent would make everything look a little more certain.

@@ -125,7 +125,7 @@ struct WarpOut {
 
 /// One camera as JSON.
 #[derive(Serialize)]
-pub(super) struct Answer {
+pub(super) struct CameraAnswer {
     camera: CameraOut,
     sd: BTreeMap<&'static str, f64>,
     rms_px: f64,
@@ -142,7 +142,7 @@ pub(super) struct Answer {
     warp: Option<WarpOut>,
 }
 
-impl Answer {
+impl CameraAnswer {
     pub(super) fn new(examined: &Examined, boards: &Boards) -> Self {
         let Examined { calibration, halves, coverage, next, verdict, .. } = examined;
         let i = calibration.camera.intrinsics();

@@ -2,7 +2,7 @@
 
 use super::super::{CalibrateCameraArguments, check_writable, json, shown, write_result};
 use super::Refusal;
-use super::answer::{Answer, Examined, lines, reasons};
+use super::answer::{CameraAnswer, Examined, lines, reasons};
 use super::boards::{Boards, board};
 use super::live;
 use crate::calibration::camera::{CameraCalibrationError, calibrate_camera};
@@ -21,7 +21,7 @@ pub(in crate::cli) fn camera(arguments: &CalibrateCameraArguments) -> Result<u8,
         Ok(done) => done,
         Err(refusal) => return Ok(refusal.tell()),
     };
-    let answer = Answer::new(&examined, &boards);
+    let answer = CameraAnswer::new(&examined, &boards);
     let text = if arguments.board.json { json(&answer) } else { lines(&examined, &boards) };
     let usable = examined.verdict.is_usable();
     let mut exit_code = shown(&text, if usable { 0 } else { Outcome::NotConverged.exit_code() });

@@ -21,7 +21,7 @@ use crate::process::ProcessError;
 use crate::rt::tell;
 use crate::target::{Kind, Target};
 use crate::vision::{Vision, VisionSettings};
-use answer::{Answer, Unused};
+use answer::{HandEyeAnswer, Unused};
 use clap::Args;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -128,7 +128,7 @@ pub(in super::super) fn hand_eye(arguments: &HandEyeArguments) -> Result<u8, Pro
     Ok(exit_code)
 }
 
-fn answer(arguments: &HandEyeArguments) -> Result<Answer, Refusal> {
+fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, Refusal> {
     arguments.check()?;
     let (Some(word), Some(file)) = (&arguments.target, &arguments.camera) else {
         return Err(Refusal::with_code(2, "--target and --camera are needed"));
@@ -160,7 +160,7 @@ fn answer(arguments: &HandEyeArguments) -> Result<Answer, Refusal> {
         ));
     }
     let report = report.map_err(|e| Refusal::with_code(Outcome::NotConverged.exit_code(), e.to_string()))?;
-    Ok(Answer::new(report, &views, unused))
+    Ok(HandEyeAnswer::new(report, &views, unused))
 }
 
 /// The target, if its points can be told apart in a single picture.

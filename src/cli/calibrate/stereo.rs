@@ -8,7 +8,7 @@
 
 use super::super::{CalibrateStereoArguments, check_writable, json, shown, write_result};
 use super::Refusal;
-use super::answer::{Answer, Examined, PlaceOut, lines};
+use super::answer::{CameraAnswer, Examined, PlaceOut, lines};
 use super::boards::{Boards, board};
 use super::camera::{explained, section};
 use crate::calibration::camera::CameraCalibrationError;
@@ -27,8 +27,8 @@ use std::path::{Path, PathBuf};
 /// The pair as JSON.
 #[derive(Serialize)]
 struct PairAnswer {
-    left: Answer,
-    right: Answer,
+    left: CameraAnswer,
+    right: CameraAnswer,
     X_LR: PoseOut,
     rms_px: f64,
     rows_rms_px: Option<f64>,
@@ -106,8 +106,8 @@ fn pair(arguments: &CalibrateStereoArguments) -> Result<Pair, Refusal> {
 fn answer(pair: &Pair) -> PairAnswer {
     let Pair { found, examined: [left, right], boards: [left_boards, right_boards] } = pair;
     PairAnswer {
-        left: Answer::new(left, left_boards),
-        right: Answer::new(right, right_boards),
+        left: CameraAnswer::new(left, left_boards),
+        right: CameraAnswer::new(right, right_boards),
         X_LR: PoseOut {
             place: (&found.X_LR).into(),
             // symmetric: by rows is by columns

@@ -1,6 +1,6 @@
 //! What is told of one picture: a line for people, an object for programs.
 
-use super::Seen;
+use super::DetectedImage;
 use crate::detect::Found;
 use crate::detect::tags::TagFound;
 use crate::input::printable;
@@ -12,7 +12,7 @@ use serde::Serialize;
 
 /// What was found in one image.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Answer {
+pub(super) struct ImageAnswer {
     pub(super) image: String,
     pub(super) status: &'static str,
     pub(super) reason: Option<String>,
@@ -96,7 +96,7 @@ pub(super) fn word(status: TargetStatus) -> &'static str {
     }
 }
 
-impl Answer {
+impl ImageAnswer {
     pub(super) fn empty() -> Self {
         Self::nothing(String::new(), "no_match", String::new())
     }
@@ -117,7 +117,7 @@ impl Answer {
         }
     }
 
-    pub(super) fn of(image: String, seen: &Seen, time_us: f64) -> Self {
+    pub(super) fn of(image: String, seen: &DetectedImage, time_us: f64) -> Self {
         let feature = |(found, px): (&Found, &Vector2<f64>)| Feature {
             id: found.id,
             u_px: px.x,

@@ -1,6 +1,6 @@
 //! What was found, drawn over the picture.
 
-use super::Answer;
+use super::ImageAnswer;
 use crate::camera_model::CameraModel;
 use crate::print::letters;
 use crate::target::Kind;
@@ -14,7 +14,7 @@ const AXES: [Rgb<u8>; 3] = [Rgb([255, 48, 48]), Rgb([48, 255, 48]), Rgb([80, 120
 /// PNG bytes; `None` where they cannot be made.
 pub(super) fn draw(
     picture: &GrayImage,
-    answer: &Answer,
+    answer: &ImageAnswer,
     kind: &Kind,
     camera: &CameraModel,
 ) -> Option<Vec<u8>> {

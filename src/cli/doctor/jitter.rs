@@ -90,7 +90,7 @@ fn wake_up(wakes: u64, wait: &mut DeadlineWait, mut tell: impl FnMut(SpanNs)) {
 fn run(wakes_each: u64, request: RealtimeRequest) -> Measured {
     let scheduling = prepare_thread(&request).to_string();
     let _awake = Awake::keep();
-    let (mut sleeping, mut spinning) = (Way::new(SpanNs::ZERO), Way::new(USUAL_SPIN));
+    let (mut sleeping, mut spinning) = (WaitTrial::new(SpanNs::ZERO), WaitTrial::new(USUAL_SPIN));
     while sleeping.wakes < wakes_each {
         let turn = TURN.min(wakes_each - sleeping.wakes);
         sleeping.take_turn(turn);
@@ -103,7 +103,7 @@ fn run(wakes_each: u64, request: RealtimeRequest) -> Measured {
 }
 
 /// One way of waiting, and what it came to.
-struct Way {
+struct WaitTrial {
     spin: SpanNs,
     wait: DeadlineWait,
     wakes: u64,
@@ -112,7 +112,7 @@ struct Way {
     bars: Vec<Bar>,
 }
 
-impl Way {
+impl WaitTrial {
     fn new(spin: SpanNs) -> Self {
         let mut bars = EDGES_US.map(|edge| Bar { up_to_us: Some(edge), count: 0 }).to_vec();
         bars.push(Bar { up_to_us: None, count: 0 });

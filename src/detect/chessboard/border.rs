@@ -50,7 +50,7 @@ pub(super) struct Outer {
 
 /// What one outer square shows.
 #[derive(Debug, Clone, Copy, Default)]
-struct Seen {
+struct OuterSquare {
     /// Levels outwards, from 0 to [`REACH`].
     middle: f64,
     end: f64,
@@ -60,7 +60,7 @@ struct Seen {
 
 /// What the outer squares of one side show of the board's end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum End {
+pub(super) enum BoardEnd {
     /// Nothing.
     Unseen,
     /// One dark square and its neighbours look like it: enough only where the other side does too, and the size between is right.
@@ -70,8 +70,8 @@ pub(super) enum End {
 }
 
 /// Whether the outer squares of one side show the board's end.
-pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -> End {
-    let mut seen = [Seen::default(); MOST];
+pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -> BoardEnd {
+    let mut seen = [OuterSquare::default(); MOST];
     let mut count = 0;
     let mut least_px = f64::INFINITY;
     for (square, slot) in squares.zip(&mut seen) {
@@ -81,27 +81,27 @@ pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -
         *slot = s;
         count += 1;
     }
-    let mut kept = [Seen::default(); MOST];
+    let mut kept = [OuterSquare::default(); MOST];
     let mut n = 0;
     for (slot, s) in kept.iter_mut().zip(seen.iter().filter(|s| s.middle > 0.0)) {
         *slot = *s;
         n += 1;
     }
-    let Some(seen) = kept.get(..n.min(count)) else { return End::Unseen };
+    let Some(seen) = kept.get(..n.min(count)) else { return BoardEnd::Unseen };
     let dark = || seen.iter().filter(|s| !s.light);
     let all = dark().count();
     // the line that most dark squares end at
-    let near = |a: &Seen, b: &Seen| (a.end - b.end).abs() < LINE + LINE_PX / least_px;
-    let mut best: (usize, Option<&Seen>) = (0, None);
+    let near = |a: &OuterSquare, b: &OuterSquare| (a.end - b.end).abs() < LINE + LINE_PX / least_px;
+    let mut best: (usize, Option<&OuterSquare>) = (0, None);
     for a in dark().filter(|a| CUTS.contains(&a.end)) {
         let agree = dark().filter(|b| near(a, b)).count();
         if agree > best.0 {
             best = (agree, Some(a));
         }
     }
-    let (agree, Some(line)) = best else { return End::Unseen };
+    let (agree, Some(line)) = best else { return BoardEnd::Unseen };
     if (agree as f64) < SHARE * all as f64 {
-        return End::Unseen;
+        return BoardEnd::Unseen;
     }
     let line = dark().filter(|b| near(line, b)).map(|b| b.end).sum::<f64>() / agree as f64;
     let past = PAST.max(PAST_PX / least_px);
@@ -109,20 +109,20 @@ pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -
     let far = light().count();
     let go_on = light().filter(|s| s.end > line + past).count();
     if go_on < MIN_LIGHT || (go_on as f64) < SHARE * far as f64 {
-        return End::Unseen;
+        return BoardEnd::Unseen;
     }
     // where squares are cut short, a light thing that lies on the board would look the same: but paper ends
-    let even = |a: &Seen| light().filter(|s| (s.end - a.end).abs() < EVEN && s.end < REACH).count();
+    let even = |a: &OuterSquare| light().filter(|s| (s.end - a.end).abs() < EVEN && s.end < REACH).count();
     let paper = light().map(even).max().unwrap_or(0) as f64 >= SHARE_PAPER * far as f64;
     match (agree >= MIN_DARK, WHOLE.contains(&line), paper) {
-        (true, true, _) | (true, _, true) => End::Seen,
-        (false, true, _) | (false, _, true) => End::Likely,
-        _ => End::Unseen,
+        (true, true, _) | (true, _, true) => BoardEnd::Seen,
+        (false, true, _) | (false, _, true) => BoardEnd::Likely,
+        _ => BoardEnd::Unseen,
     }
 }
 
 /// Follows one square outwards: where the dark square becomes light, or the light one dark. `None` out of the image and without contrast.
-fn look(image: &ImageView<'_>, square: &Outer) -> Option<Seen> {
+fn look(image: &ImageView<'_>, square: &Outer) -> Option<OuterSquare> {
     let [a, b] = square.rim;
     let outwards = 0.5 * (a + b - square.inner[0] - square.inner[1]);
     let side = b - a;
@@ -147,11 +147,11 @@ fn look(image: &ImageView<'_>, square: &Outer) -> Option<Seen> {
         if (now > middle) != square.light {
             let part = ((before - middle) / (before - now)).clamp(0.0, 1.0);
             let end = t - STEP * (1.0 - part);
-            return Some(Seen { middle: middle.max(1e-3), end, light: square.light });
+            return Some(OuterSquare { middle: middle.max(1e-3), end, light: square.light });
         }
         before = now;
     }
-    Some(Seen { middle: middle.max(1e-3), end: REACH, light: square.light })
+    Some(OuterSquare { middle: middle.max(1e-3), end: REACH, light: square.light })
 }
 
 /// Level between pixels.

@@ -26,7 +26,7 @@ use crate::imaging::ImageView;
 use crate::imaging::corners::{RingDetector, halve};
 use crate::messages::TargetStatus;
 use board::{Beyond, Board, sigma};
-use border::{End, Outer};
+use border::{BoardEnd, Outer};
 use lattice::{Links, Placed};
 use nalgebra::Vector2;
 use part::{Affine, trimmed};
@@ -364,15 +364,15 @@ impl ChessboardFinder {
                 *cell = Some(*placed);
             }
         }
-        let mut seen = [End::Unseen; 4];
+        let mut seen = [BoardEnd::Unseen; 4];
         for (i, end) in (0u8..).zip(&mut seen) {
             *end = border::end(image, self.outer(low, high, i));
         }
-        self.end_seen = seen.iter().any(|end| *end != End::Unseen);
-        let mut extent = Extent { low, high, ends: seen.map(|e| e == End::Seen), even_light };
+        self.end_seen = seen.iter().any(|end| *end != BoardEnd::Unseen);
+        let mut extent = Extent { low, high, ends: seen.map(|e| e == BoardEnd::Seen), even_light };
         for axis in 0..2 {
             let span = high[axis] - low[axis] + 1;
-            let both = seen[2 * axis] != End::Unseen && seen[2 * axis + 1] != End::Unseen;
+            let both = seen[2 * axis] != BoardEnd::Unseen && seen[2 * axis + 1] != BoardEnd::Unseen;
             if both && (span == self.columns || span == self.rows) {
                 (extent.ends[2 * axis], extent.ends[2 * axis + 1]) = (true, true);
             }

@@ -12,7 +12,7 @@ use super::blob::Blob;
 use super::ellipse::Ellipse;
 use super::light::{Light, Samples};
 use super::ring::{RING, Ring, directions};
-use super::sums::{Scale, Sums, inner_sums, weighted_sums};
+use super::sums::{Scale, WeightSums, inner_sums, weighted_sums};
 use crate::detect::Found;
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
@@ -87,7 +87,7 @@ impl Levels {
 /// One dot, weighed.
 #[derive(Debug, Clone, Copy)]
 struct Weighed {
-    sums: Sums,
+    sums: WeightSums,
     scale: Scale,
     /// Its levels within so many of the plate's and the dot's own count as these.
     dead: f64,

@@ -45,7 +45,7 @@ enum Choice {
 
 /// A region, and what of it does not depend on the choice that it is in.
 #[derive(Debug, Clone, Copy)]
-struct Seen {
+struct DotCandidate {
     blob: Blob,
     /// Normalized coordinates, and the pixels' derivative by these.
     s: Vector2<f64>,
@@ -65,7 +65,7 @@ pub(super) struct Square {
     mirrored: Option<[f64; 4]>,
     /// By how much the second-best way must be worse.
     margin: f64,
-    seen: Vec<Seen>,
+    seen: Vec<DotCandidate>,
     turns: Turns,
 }
 
@@ -127,7 +127,7 @@ impl Square {
         result
     }
 
-    fn best_of(&self, seen: &[Seen]) -> Result<Fit, TargetStatus> {
+    fn best_of(&self, seen: &[DotCandidate]) -> Result<Fit, TargetStatus> {
         let mut tally = Tally::default();
         for (i, first) in seen.iter().enumerate() {
             // areas are sorted; no tilt makes one dot 40 times another
@@ -148,15 +148,15 @@ impl Square {
         tally.result()
     }
 
-    fn seen(&self, blob: &Blob) -> Seen {
+    fn seen(&self, blob: &Blob) -> DotCandidate {
         let s = self.camera.normalized_of(&Vector2::new(blob.x, blob.y));
         let minor = (blob.area / std::f64::consts::PI).sqrt().min(blob.axes().1);
         let tolerance = TOLERANCE + TOLERANCE_SMALL_PX / minor.max(1.0);
-        Seen { blob: *blob, s, J: self.camera.pixel_jacobian(&s), tolerance }
+        DotCandidate { blob: *blob, s, J: self.camera.pixel_jacobian(&s), tolerance }
     }
 
     /// Looks for P1..P4 in four regions in convex order.
-    fn choose(&self, seen: [&Seen; 4]) -> Choice {
+    fn choose(&self, seen: [&DotCandidate; 4]) -> Choice {
         let Some(view) = self.view(&seen) else { return Choice::No };
         // most choices end here: a square of dots without a larger one among them fits loosely
         if !(0..4).any(|first| self.has_sizes(&view, &seen, first, 5.0 * self.margin)) {
@@ -206,7 +206,7 @@ impl Square {
     }
 
     /// How the square looks whose corners are these regions; `None` when that is no square.
-    fn view(&self, seen: &[&Seen; 4]) -> Option<View> {
+    fn view(&self, seen: &[&DotCandidate; 4]) -> Option<View> {
         let H = UnitSquare::to(&seen.map(|seen| seen.s)).filter(UnitSquare::is_view_of_a_square)?;
         let mut view = View { covariances: [[0.0; 3]; 4], areas: [0.0; 4], logs: [0.0; 4] };
         let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
@@ -220,7 +220,7 @@ impl Square {
     }
 
     /// Whether the areas are those of the dots where P1 is the region `first`; `loose` is added to the tolerance.
-    fn has_sizes(&self, view: &View, seen: &[&Seen; 4], first: usize, loose: f64) -> bool {
+    fn has_sizes(&self, view: &View, seen: &[&DotCandidate; 4], first: usize, loose: f64) -> bool {
         // NaN does not fit
         way(&self.log_radii2, view, first)
             .zip(seen)
@@ -246,7 +246,7 @@ struct View {
 
 impl View {
     /// Errors of the regions' shapes, whatever the size of their dots; `None` when one is so far off that it cannot be a dot.
-    fn shape_errors(&self, seen: &[&Seen; 4]) -> Option<[f64; 4]> {
+    fn shape_errors(&self, seen: &[&DotCandidate; 4]) -> Option<[f64; 4]> {
         let mut out = [0.0; 4];
         let dots = self.covariances.iter().zip(&self.areas);
         for (((c, area), seen), out) in dots.zip(seen).zip(&mut out) {

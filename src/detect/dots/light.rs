@@ -13,7 +13,7 @@ pub(super) use samples::Samples;
 use super::ring::{RING, Ring};
 use crate::linalg::Ldlt;
 use nalgebra::{Matrix3, Vector2, Vector3};
-use samples::{Rest, Sums, ring_rest};
+use samples::{LightSums, Rest, ring_rest};
 
 /// From this half axis on the light's curvature matters, px.
 const QUADRIC_FROM_PX: f64 = 9.0;
@@ -174,7 +174,7 @@ impl Light {
     }
 
     fn take_plane(&mut self, samples: &Samples) {
-        let sums = Sums::of(samples, self);
+        let sums = LightSums::of(samples, self);
         // three dots make a plane; less than a few samples of many are chance
         if sums.count < MIN_PLANE.min(samples.len()) as f64 {
             return;
@@ -189,7 +189,7 @@ impl Light {
     }
 
     fn take_quadric(&mut self, samples: &Samples, stiffness: f64) {
-        let sums = Sums::of(samples, self);
+        let sums = LightSums::of(samples, self);
         if sums.count < MIN_QUADRIC as f64 {
             return self.take_plane(samples);
         }

@@ -26,7 +26,7 @@ pub(super) struct Scale {
 
 /// Sums of weights in sixteenths of a level.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Sums {
+pub(super) struct WeightSums {
     pub(super) w: i64,
     /// By the distance from the ellipse's centre, rounded to whole pixels.
     pub(super) wx: i64,
@@ -36,7 +36,7 @@ pub(super) struct Sums {
     pub(super) rim_px4: f64,
 }
 
-impl Sums {
+impl WeightSums {
     /// Adds pixels on the rim in a row, at [`Ellipse::rim_at`].
     #[inline(always)]
     fn add_rim(&mut self, count: u32, rim_px2: f64) {
@@ -87,7 +87,7 @@ pub(super) fn weighted_sums(
     ellipses: [&Ellipse; 2],
     inner: Option<&Ellipse>,
     scale: &Scale,
-) -> Sums {
+) -> WeightSums {
     #[cfg(target_arch = "x86_64")]
     if inner.is_none()
         && std::arch::is_x86_feature_detected!("avx2")
@@ -109,8 +109,8 @@ fn weighted_sums_by_rows(
     [outer, rim]: [&Ellipse; 2],
     inner: Option<&Ellipse>,
     scale: &Scale,
-) -> Sums {
-    let mut sums = Sums::default();
+) -> WeightSums {
+    let mut sums = WeightSums::default();
     let (cx, cy) = (outer.x.round() as i64, outer.y.round() as i64);
     let light = DotLight::about([outer.x - cx as f64, outer.y - cy as f64], &scale.relative);
     let span = i64::from(scale.span);

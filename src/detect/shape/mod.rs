@@ -48,7 +48,7 @@ const WELL_PX: f64 = 0.15;
 /// What was fitted last.
 #[derive(Debug, Clone, Copy)]
 #[allow(clippy::large_enum_variant)] // of values that live for a frame
-enum Seen {
+enum FittedShape {
     Polygon(Fitted<8, Projective>),
     Ellipse(Fitted<5, Oval>),
 }
@@ -84,7 +84,7 @@ pub struct ShapeFinder {
     candidate: Candidate,
     fitter: Fitter,
     pairs: Vec<Correspondence>,
-    seen: Option<Seen>,
+    seen: Option<FittedShape>,
     covariances: Vec<(u32, [f64; 3])>,
 }
 
@@ -150,12 +150,14 @@ impl ShapeFinder {
         let before = self.seen.take();
         self.seen = if self.ellipse {
             expected.first().and_then(|e| {
-                let Some(Seen::Ellipse(before)) = before else { return None };
+                let Some(FittedShape::Ellipse(before)) = before else { return None };
                 let mut start = before.warp;
                 let centre = self.camera.normalized_of(&e.px);
                 start.0.fixed_rows_mut::<2>(0).copy_from(&centre);
                 let fitter = &mut self.fitter;
-                fitter.fit(image, &self.camera, &self.outline, start, slack_px, rise).map(Seen::Ellipse)
+                fitter
+                    .fit(image, &self.camera, &self.outline, start, slack_px, rise)
+                    .map(FittedShape::Ellipse)
             })
         } else {
             self.pairs.clear();
@@ -166,7 +168,9 @@ impl ShapeFinder {
             }
             by_points(&self.pairs).and_then(|start| {
                 let fitter = &mut self.fitter;
-                fitter.fit(image, &self.camera, &self.outline, start, slack_px, rise).map(Seen::Polygon)
+                fitter
+                    .fit(image, &self.camera, &self.outline, start, slack_px, rise)
+                    .map(FittedShape::Polygon)
             })
         };
         self.seen = self.seen.filter(|seen| self.is_good(seen, SEEN_TRACKED));
@@ -215,8 +219,8 @@ impl ShapeFinder {
     #[must_use]
     pub fn blur_px(&self) -> Option<f64> {
         self.seen.as_ref().map(|seen| match seen {
-            Seen::Polygon(fitted) => fitted.blur_px,
-            Seen::Ellipse(fitted) => fitted.blur_px,
+            FittedShape::Polygon(fitted) => fitted.blur_px,
+            FittedShape::Ellipse(fitted) => fitted.blur_px,
         })
     }
 
@@ -225,15 +229,15 @@ impl ShapeFinder {
         if self.light_on_dark { -1.0 } else { 1.0 }
     }
 
-    fn image_of(&self, seen: &Seen, u: &Vector2<f64>) -> Vector2<f64> {
+    fn image_of(&self, seen: &FittedShape, u: &Vector2<f64>) -> Vector2<f64> {
         self.camera.pixel_of(&match seen {
-            Seen::Polygon(fitted) => fitted.warp.at(u),
-            Seen::Ellipse(fitted) => fitted.warp.at(u),
+            FittedShape::Polygon(fitted) => fitted.warp.at(u),
+            FittedShape::Ellipse(fitted) => fitted.warp.at(u),
         })
     }
 
     /// Derivative of the image by the outline's coordinates at its centroid, px.
-    fn about_centre(&self, seen: &Seen) -> Matrix2<f64> {
+    fn about_centre(&self, seen: &FittedShape) -> Matrix2<f64> {
         let small = 1e-4;
         let along = |u: Vector2<f64>| {
             (self.image_of(seen, &(u * small)) - self.image_of(seen, &(u * -small))) / (2.0 * small)
@@ -242,10 +246,10 @@ impl ShapeFinder {
     }
 
     /// Whether a fit is one of the outline, of which at least `least` is seen.
-    fn is_good(&self, seen: &Seen, least: f64) -> bool {
+    fn is_good(&self, seen: &FittedShape, least: f64) -> bool {
         let (share, rms_px, chi2) = match seen {
-            Seen::Polygon(f) => (f.share, f.rms_px, f.chi2),
-            Seen::Ellipse(f) => (f.share, f.rms_px, f.chi2),
+            FittedShape::Polygon(f) => (f.share, f.rms_px, f.chi2),
+            FittedShape::Ellipse(f) => (f.share, f.rms_px, f.chi2),
         };
         let size_px = (self.outline.area * self.about_centre(seen).determinant().abs()).sqrt();
         share >= least && rms_px <= OFF_PX + OFF * size_px && (rms_px < WELL_PX || chi2 < MAX_CHI2)
@@ -259,13 +263,13 @@ impl ShapeFinder {
         let spread = about * Matrix2::new(xx, xy, xy, yy) * about.transpose();
         let area_px2 = self.outline.area * about.determinant().abs();
         let levels = match &seen {
-            Seen::Polygon(fitted) => fitted.levels,
-            Seen::Ellipse(fitted) => fitted.levels,
+            FittedShape::Polygon(fitted) => fitted.levels,
+            FittedShape::Ellipse(fitted) => fitted.levels,
         };
         for (id, u) in (0..).zip(&self.outline.points) {
             let (px, covariance) = match &seen {
-                Seen::Polygon(fitted) => self.point(fitted, u),
-                Seen::Ellipse(fitted) => self.point(fitted, u),
+                FittedShape::Polygon(fitted) => self.point(fitted, u),
+                FittedShape::Ellipse(fitted) => self.point(fitted, u),
             };
             if !self.camera.contains(&px, 0.0) {
                 continue;

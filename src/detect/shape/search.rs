@@ -8,7 +8,7 @@
 use super::fit::Fitted;
 use super::outline::whitening;
 use super::warp::{Oval, Projective, Warp};
-use super::{REACH_PX, SEEN, Seen, ShapeFinder, ShapeMiss};
+use super::{FittedShape, REACH_PX, SEEN, ShapeFinder, ShapeMiss};
 use crate::imaging::{Component, Connectivity, Histogram, ImageView, Moments, Polarity, Window};
 use nalgebra::{SVector, Vector2};
 
@@ -41,7 +41,7 @@ const SAME: f64 = 0.1;
 const DOUBTFUL: f64 = 2.0;
 
 impl ShapeFinder {
-    pub(super) fn search_thresholds(&mut self, image: &ImageView<'_>) -> Result<Seen, ShapeMiss> {
+    pub(super) fn search_thresholds(&mut self, image: &ImageView<'_>) -> Result<FittedShape, ShapeMiss> {
         self.left = MAX_FITS;
         let polarity = if self.light_on_dark { Polarity::Light } else { Polarity::Dark };
         let histogram = Histogram::of_rows(image, image.height() / SAMPLED_ROWS);
@@ -82,7 +82,7 @@ impl ShapeFinder {
     }
 
     /// The outline among the regions of the current runs.
-    fn search_runs(&mut self, image: &ImageView<'_>) -> Result<Seen, ShapeMiss> {
+    fn search_runs(&mut self, image: &ImageView<'_>) -> Result<FittedShape, ShapeMiss> {
         if self.runs.overflowed() {
             return Err(ShapeMiss::NoRegion);
         }
@@ -93,7 +93,7 @@ impl ShapeFinder {
         }
         self.contours.find(&self.runs, Connectivity::Eight);
         let mut order = std::mem::take(&mut self.order);
-        let mut first: Option<Seen> = None;
+        let mut first: Option<FittedShape> = None;
         let mut several = false;
         for (_, region) in &order {
             if self.left == 0 {
@@ -151,7 +151,7 @@ impl ShapeFinder {
     }
 
     /// The outline on one region; an error where it fits in two ways.
-    fn region(&mut self, image: &ImageView<'_>, region: usize) -> Result<Option<Seen>, ()> {
+    fn region(&mut self, image: &ImageView<'_>, region: usize) -> Result<Option<FittedShape>, ()> {
         let Some(component) = self.components.as_slice().get(region).copied() else { return Ok(None) };
         let Some(moments) = self.components.sums(&self.runs, region).central() else { return Ok(None) };
         if self.ellipse {
@@ -173,13 +173,14 @@ impl ShapeFinder {
             let Some(start) = self.candidate.settle(&self.camera, &self.outline, *turn) else { continue };
             let rise = self.rise();
             let fitted = self.fitter.fit(image, &self.camera, &self.outline, start, REACH_PX, rise);
-            let good = |f: &Fitted<8, Projective>| self.is_good(&Seen::Polygon(*f), SEEN);
+            let good = |f: &Fitted<8, Projective>| self.is_good(&FittedShape::Polygon(*f), SEEN);
             let Some(fitted) = fitted.filter(good) else { continue };
-            if !self.has_area(&Seen::Polygon(fitted), contour.area_px2) {
+            if !self.has_area(&FittedShape::Polygon(fitted), contour.area_px2) {
                 continue;
             }
             match best {
-                Some(first) if self.apart(&Seen::Polygon(first), &Seen::Polygon(fitted)) < SAME => {}
+                Some(first)
+                    if self.apart(&FittedShape::Polygon(first), &FittedShape::Polygon(fitted)) < SAME => {}
                 Some(first) if first.rms_px <= fitted.rms_px => second = second.min(fitted.rms_px),
                 Some(first) => {
                     second = first.rms_px;
@@ -190,12 +191,17 @@ impl ShapeFinder {
         }
         match best {
             Some(best) if second < DOUBTFUL * best.rms_px => Err(()),
-            best => Ok(best.map(Seen::Polygon)),
+            best => Ok(best.map(FittedShape::Polygon)),
         }
     }
 
     /// An ellipse with the region's moments, and the one that its edges are on.
-    fn oval(&mut self, image: &ImageView<'_>, component: &Component, moments: &Moments) -> Option<Seen> {
+    fn oval(
+        &mut self,
+        image: &ImageView<'_>,
+        component: &Component,
+        moments: &Moments,
+    ) -> Option<FittedShape> {
         let m = moments.of_squares();
         let [xx, xy, yy] = [m.mu20 / m.m00, m.mu11 / m.m00, m.mu02 / m.m00];
         // its image is the circle's by twice the root of the spread
@@ -216,19 +222,19 @@ impl ShapeFinder {
         }
         let rise = self.rise();
         let fitted = self.fitter.fit(image, &self.camera, &self.outline, start, REACH_PX, rise)?;
-        let seen = Seen::Ellipse(fitted);
+        let seen = FittedShape::Ellipse(fitted);
         (self.is_good(&seen, SEEN) && self.has_area(&seen, component.m00)).then_some(seen)
     }
 
     /// Whether a fit covers the region.
-    fn has_area(&self, seen: &Seen, area_px2: u64) -> bool {
+    fn has_area(&self, seen: &FittedShape, area_px2: u64) -> bool {
         let area: f64 = self.polygon_px(seen);
         let ratio = area_px2 as f64 / area;
         ratio > AREAS.0 && ratio < AREAS.1
     }
 
     /// Area of the outline in the image, px^2.
-    fn polygon_px(&self, seen: &Seen) -> f64 {
+    fn polygon_px(&self, seen: &FittedShape) -> f64 {
         const COUNT: u32 = 256;
         let at = |i: u32| {
             let s = self.outline.length() * f64::from(i) / f64::from(COUNT);
@@ -239,7 +245,7 @@ impl ShapeFinder {
     }
 
     /// How far apart two fits put the outline, as share of its size.
-    fn apart(&self, a: &Seen, b: &Seen) -> f64 {
+    fn apart(&self, a: &FittedShape, b: &FittedShape) -> f64 {
         let size = self.polygon_px(a).abs().sqrt().max(1.0);
         let off = |i: u32| {
             let u = self.outline.at(self.outline.length() * f64::from(i) / 16.0).0;

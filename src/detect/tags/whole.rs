@@ -9,7 +9,8 @@ use super::plane_map::PlaneMap;
 use super::quad::{Quad, is_sound};
 use super::side::FLOOR_PX;
 use super::whole_model::{
-    BLUR, CHUNK, CONTRAST, COUNT, GROUND, INK, LIGHT, Model, Picture, Pixels, Row, Sums, accumulate, field,
+    BLUR, CHUNK, CONTRAST, COUNT, GROUND, INK, LIGHT, Model, Picture, Pixels, Row, RowProducts, accumulate,
+    field,
 };
 use crate::imaging::ImageView;
 use crate::linalg::{Eight, Ldlt};
@@ -105,7 +106,7 @@ impl WholeMeter {
         for _ in 0..STEPS {
             self.load(image, &around_tag(&quad, cells)?, origin, every)?;
             let model = Model::new(&picture, pattern, &quad, GATE * GATE * variance)?;
-            let mut sums = Sums { products: [[0.0; COUNT + 1]; COUNT + 1], count: 0.0 };
+            let mut sums = RowProducts { products: [[0.0; COUNT + 1]; COUNT + 1], count: 0.0 };
             accumulate(&model, &self.pixels, &mut self.rows, &mut sums);
             let solved = solve(&sums, picture.contrast, variance)?;
             variance = solved.variance;
@@ -212,7 +213,7 @@ fn across(outline: &Quad, y: f64) -> (f64, f64) {
 }
 
 /// The step that makes the squares least.
-fn solve(sums: &Sums, contrast: f64, before: f64) -> Option<Step> {
+fn solve(sums: &RowProducts, contrast: f64, before: f64) -> Option<Step> {
     let free = sums.count - COUNT as f64;
     if !(free > 2.0 * COUNT as f64) {
         return None;

@@ -51,7 +51,7 @@ pub(super) type Row = [Eight; COUNT + 1];
 
 /// Sums of products of rows; the last row is that of the residuals. The lower triangle counts.
 #[derive(Debug, Clone)]
-pub(super) struct Sums {
+pub(super) struct RowProducts {
     pub(super) products: [[f64; COUNT + 1]; COUNT + 1],
     pub(super) count: f64,
 }
@@ -98,7 +98,7 @@ pub(super) struct Model<'a> {
 }
 
 /// Along one direction of the tag: the first cell, and the shares of each with three derivatives by the place; shares are doubled.
-struct Seen {
+struct CellShares {
     first: [i32; 8],
     shares: [[Eight; 4]; MAX_SEEN],
 }
@@ -220,7 +220,7 @@ impl<'a> Model<'a> {
 
     #[inline(always)]
     #[allow(clippy::indexing_slicing)] // constants below the lengths
-    fn white(&self, columns: &Seen, rows: &Seen, s: Eight) -> White {
+    fn white(&self, columns: &CellShares, rows: &CellShares, s: Eight) -> White {
         let count = |beside: i32| (2 * beside + 1) as usize;
         let mut w = [[Eight::ZERO; 4]; 4];
         for (j, by_row) in (0..).zip(rows.shares.iter().take(count(self.beside[1]))) {
@@ -282,7 +282,7 @@ fn beyond(place: Eight, per: Eight, n: f32) -> Beyond {
 
 /// The cells about `place`, of which `per` are a deviation's reciprocal.
 #[inline(always)]
-fn seen(place: Eight, per: Eight, beside: i32) -> Seen {
+fn seen(place: Eight, per: Eight, beside: i32) -> CellShares {
     // adding 1.5 * 2^23 rounds to the nearest whole number
     const MAGIC: f32 = 12_582_912.0;
     let first = place.each(|p| ((p - 0.5) + MAGIC) - MAGIC - beside as f32);
@@ -304,17 +304,17 @@ fn seen(place: Eight, per: Eight, beside: i32) -> Seen {
         }
         before = end;
     }
-    Seen { first: first.0.map(|f| f as i32), shares }
+    CellShares { first: first.0.map(|f| f as i32), shares }
 }
 
 kernel!(
     /// Adds the products of all pixels' derivatives to `sums`. `rows` is room for them.
-    pub(super) fn accumulate(model: &Model<'_>, pixels: &[Pixels], rows: &mut [Row; CHUNK], sums: &mut Sums) = accumulate_body
+    pub(super) fn accumulate(model: &Model<'_>, pixels: &[Pixels], rows: &mut [Row; CHUNK], sums: &mut RowProducts) = accumulate_body
 );
 
 #[inline(always)]
 #[allow(clippy::indexing_slicing)] // indices below the lengths of arrays
-fn accumulate_body(model: &Model<'_>, pixels: &[Pixels], rows: &mut [Row; CHUNK], sums: &mut Sums) {
+fn accumulate_body(model: &Model<'_>, pixels: &[Pixels], rows: &mut [Row; CHUNK], sums: &mut RowProducts) {
     for chunk in pixels.chunks(CHUNK) {
         let mut counted = Eight::ZERO;
         for (row, pixels) in rows.iter_mut().zip(chunk) {

@@ -14,7 +14,7 @@ const BLOCK: usize = LANES * PARTS;
 const LANES: usize = 16;
 const PARTS: usize = 4;
 
-type Sums = [__m256i; PARTS];
+type ColumnSums = [__m256i; PARTS];
 
 /// Sums over the columns about row `y`; `false`, and nothing done, without AVX2 and for narrow images.
 pub(super) fn columns(image: &ImageView<'_>, y: usize, middle: u16, sides: &[u16], sums: &mut [u16]) -> bool {
@@ -54,7 +54,7 @@ fn block_at<T>(row: &[T], x: usize) -> Option<&[T; BLOCK]> {
 }
 
 #[target_feature(enable = "avx2")]
-fn levels(pixels: &[u8; BLOCK]) -> Sums {
+fn levels(pixels: &[u8; BLOCK]) -> ColumnSums {
     std::array::from_fn(|i| {
         // SAFETY: an unaligned load of 16 of the 64 bytes that `pixels` holds.
         #[allow(unsafe_code)]
@@ -64,7 +64,7 @@ fn levels(pixels: &[u8; BLOCK]) -> Sums {
 }
 
 #[target_feature(enable = "avx2")]
-fn words(values: &[u16; BLOCK]) -> Sums {
+fn words(values: &[u16; BLOCK]) -> ColumnSums {
     std::array::from_fn(|i| {
         // SAFETY: an unaligned load of 16 of the 64 words that `values` holds.
         #[allow(unsafe_code)]
@@ -75,18 +75,18 @@ fn words(values: &[u16; BLOCK]) -> Sums {
 }
 
 #[target_feature(enable = "avx2")]
-fn plus(a: Sums, b: Sums) -> Sums {
+fn plus(a: ColumnSums, b: ColumnSums) -> ColumnSums {
     std::array::from_fn(|i| _mm256_add_epi16(a[i], b[i]))
 }
 
 #[target_feature(enable = "avx2")]
-fn scaled(a: Sums) -> Sums {
+fn scaled(a: ColumnSums) -> ColumnSums {
     std::array::from_fn(|i| _mm256_slli_epi16::<{ FRACTION as i32 }>(a[i]))
 }
 
 /// `sums` and the upper halves of the products of `a` and `weight`.
 #[target_feature(enable = "avx2")]
-fn plus_weighted(sums: Sums, a: Sums, weight: u16) -> Sums {
+fn plus_weighted(sums: ColumnSums, a: ColumnSums, weight: u16) -> ColumnSums {
     let weight = _mm256_set1_epi16(weight.cast_signed());
     std::array::from_fn(|i| _mm256_add_epi16(sums[i], _mm256_mulhi_epu16(a[i], weight)))
 }

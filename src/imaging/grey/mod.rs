@@ -142,11 +142,11 @@ pub struct ToGrey {
     format: PixelFormat,
     width: u32,
     height: u32,
-    way: Way,
+    way: GreyDecoder,
 }
 
 #[derive(Debug)]
-enum Way {
+enum GreyDecoder {
     Lines(Kernel),
     Jpeg(Box<LumaDecoder>),
 }
@@ -156,12 +156,12 @@ impl ToGrey {
     #[must_use]
     pub fn new(format: PixelFormat, width_px: u32, height_px: u32) -> Self {
         let way = match format {
-            PixelFormat::Grey | PixelFormat::Nv12 => Way::Lines(Kernel::copy()),
-            PixelFormat::Y10 => Way::Lines(Kernel::shifted(2)),
-            PixelFormat::Y12 => Way::Lines(Kernel::shifted(4)),
-            PixelFormat::Y16 | PixelFormat::Uyvy => Way::Lines(Kernel::second()),
-            PixelFormat::Yuyv => Way::Lines(Kernel::first()),
-            PixelFormat::Mjpg => Way::Jpeg(Box::new(LumaDecoder::new(width_px, height_px))),
+            PixelFormat::Grey | PixelFormat::Nv12 => GreyDecoder::Lines(Kernel::copy()),
+            PixelFormat::Y10 => GreyDecoder::Lines(Kernel::shifted(2)),
+            PixelFormat::Y12 => GreyDecoder::Lines(Kernel::shifted(4)),
+            PixelFormat::Y16 | PixelFormat::Uyvy => GreyDecoder::Lines(Kernel::second()),
+            PixelFormat::Yuyv => GreyDecoder::Lines(Kernel::first()),
+            PixelFormat::Mjpg => GreyDecoder::Jpeg(Box::new(LumaDecoder::new(width_px, height_px))),
         };
         Self { format, width: width_px, height: height_px, way }
     }
@@ -184,8 +184,8 @@ impl ToGrey {
             return Ok(());
         }
         let kernel = match &mut self.way {
-            Way::Jpeg(decoder) => return Ok(decoder.decode(raw, out)?),
-            Way::Lines(kernel) => kernel,
+            GreyDecoder::Jpeg(decoder) => return Ok(decoder.decode(raw, out)?),
+            GreyDecoder::Lines(kernel) => kernel,
         };
         // Of a part of a wider frame that ends with a pixel of a pair, the other one is not needed.
         let line = match self.format {

@@ -95,7 +95,7 @@ proptest! {
                 prop_assert_eq!(found, level(format, &raw[y * stride..], x), "{:?} {} {}", format, x, y);
             }
         }
-        if let Way::Lines(kernel) = grey.way {
+        if let GreyDecoder::Lines(kernel) = grey.way {
             let mut narrow = vec![9; out.len()];
             kernel.narrow().convert(&raw, stride, width as usize, &mut narrow);
             prop_assert_eq!(narrow, out);

@@ -5,7 +5,7 @@ const BEYOND: usize = 8;
 
 /// What ended a piece of coded data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum End {
+pub(super) enum SegmentEnd {
     /// A restart marker, by its number 0..=7.
     Restart(u8),
     /// Another marker, which begins at this byte.
@@ -26,7 +26,7 @@ impl Coded {
     }
 
     /// Takes in `bytes` from `from` to the next marker. Returns where the next piece begins, and what ended this one.
-    pub(super) fn take(&mut self, bytes: &[u8], from: usize) -> (usize, End) {
+    pub(super) fn take(&mut self, bytes: &[u8], from: usize) -> (usize, SegmentEnd) {
         self.bytes.clear();
         self.bytes.reserve(bytes.len().saturating_sub(from) + BEYOND);
         let mut at = from;
@@ -34,20 +34,22 @@ impl Coded {
             let rest = bytes.get(at..).unwrap_or(&[]);
             let Some(plain) = find_ff(rest) else {
                 self.bytes.extend_from_slice(rest);
-                break (bytes.len(), End::Bytes);
+                break (bytes.len(), SegmentEnd::Bytes);
             };
             self.bytes.extend_from_slice(rest.get(..plain).unwrap_or(&[]));
             at += plain;
             // any number of 0xFF may stand before the byte that tells
             let behind = bytes.get(at..).unwrap_or(&[]);
-            let Some(fill) = behind.iter().position(|b| *b != 0xFF) else { break (bytes.len(), End::Bytes) };
+            let Some(fill) = behind.iter().position(|b| *b != 0xFF) else {
+                break (bytes.len(), SegmentEnd::Bytes);
+            };
             match behind.get(fill) {
                 Some(0) => {
                     self.bytes.push(0xFF);
                     at += fill + 1;
                 }
-                Some(marker @ 0xD0..=0xD7) => break (at + fill + 1, End::Restart(marker & 7)),
-                _ => break (at, End::Marker(at)),
+                Some(marker @ 0xD0..=0xD7) => break (at + fill + 1, SegmentEnd::Restart(marker & 7)),
+                _ => break (at, SegmentEnd::Marker(at)),
             }
         };
         self.bytes.extend_from_slice(&[0; BEYOND]);

@@ -1,6 +1,6 @@
 //! Coded data of a scan -> grey levels: the luma blocks are decoded and transformed, those of the other components passed over.
 
-use super::bits::{Bits, Coded, End, Rest};
+use super::bits::{Bits, Coded, Rest, SegmentEnd};
 use super::header::{COMPONENTS, Header, Scan};
 use super::huffman::{END_OF_BLOCK, Kind, SkipTable, Table, Whole};
 use super::idct::{self, Block, PLACES, Tile};
@@ -211,16 +211,16 @@ impl Scanner {
                 }
             }
             match (bits.used_up(), end) {
-                (Err(Rest::Missing), End::Bytes) => return Err(JpegError::Truncated),
+                (Err(Rest::Missing), SegmentEnd::Bytes) => return Err(JpegError::Truncated),
                 (Err(Rest::Missing), _) => return Err(JpegError::Damaged("data is missing")),
                 (Err(Rest::Left), _) => return Err(JpegError::Damaged("there is more data than image")),
-                (Ok(()), End::Restart(number)) if unit < units && number == restarts & 7 => {
+                (Ok(()), SegmentEnd::Restart(number)) if unit < units && number == restarts & 7 => {
                     restarts = restarts.wrapping_add(1);
                     at = next;
                 }
-                (Ok(()), End::Marker(at)) if unit == units => return Ok(Some(at)),
-                (Ok(()), End::Bytes) if unit == units => return Ok(None),
-                (Ok(()), End::Bytes) => return Err(JpegError::Truncated),
+                (Ok(()), SegmentEnd::Marker(at)) if unit == units => return Ok(Some(at)),
+                (Ok(()), SegmentEnd::Bytes) if unit == units => return Ok(None),
+                (Ok(()), SegmentEnd::Bytes) => return Err(JpegError::Truncated),
                 _ => return Err(JpegError::Damaged("a restart marker is missing or out of turn")),
             }
         }

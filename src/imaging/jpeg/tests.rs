@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 /// How a test image is encoded.
 #[derive(Debug, Clone, Copy)]
-struct Way {
+struct Encoding {
     quality: u8,
     /// None: an image without chroma.
     sampling: Option<SamplingFactor>,
@@ -13,7 +13,7 @@ struct Way {
     progressive: bool,
 }
 
-const PLAIN: Way = Way {
+const PLAIN: Encoding = Encoding {
     quality: 85,
     sampling: Some(SamplingFactor::R_4_2_2),
     restart_every: 0,
@@ -39,7 +39,7 @@ fn scene(width: usize, height: usize, seed: u64) -> Vec<u8> {
     rgb
 }
 
-fn encode(way: Way, rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
+fn encode(way: Encoding, rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
     let mut jpeg = Vec::new();
     let mut encoder = Encoder::new(&mut jpeg, way.quality);
     encoder.set_quantization_tables(QuantizationTableType::Default, QuantizationTableType::Default);
@@ -108,7 +108,7 @@ fn largest_difference(a: &[u8], b: &[u8]) -> u8 {
     a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0)
 }
 
-fn way() -> impl Strategy<Value = Way> {
+fn way() -> impl Strategy<Value = Encoding> {
     let sampling = prop::option::weighted(
         0.9,
         prop::sample::select(vec![
@@ -120,7 +120,7 @@ fn way() -> impl Strategy<Value = Way> {
         ]),
     );
     (1u8..=100, sampling, prop_oneof![Just(0u16), 1u16..40], any::<bool>()).prop_map(
-        |(quality, sampling, restart_every, own_codes)| Way {
+        |(quality, sampling, restart_every, own_codes)| Encoding {
             quality,
             sampling,
             restart_every,
@@ -136,11 +136,11 @@ proptest! {
     #[test]
     fn agrees_with_another_decoder(way in way(), width in 17usize..150, height in 17usize..90, seed in any::<u64>()) {
         let scene = scene(width, height, seed);
-        let same = |jpeg: Way| decode(&encode(jpeg, &scene, width, height), width, height);
+        let same = |jpeg: Encoding| decode(&encode(jpeg, &scene, width, height), width, height);
         // The other decoder makes mistakes with restarts, rare samplings and scans of their own: it is asked about plain
         // images. Luma does not depend on those.
         let sampling = way.sampling.map(|_| SamplingFactor::R_4_4_4);
-        let plain = Way { sampling, restart_every: 0, own_codes: false, ..way };
+        let plain = Encoding { sampling, restart_every: 0, own_codes: false, ..way };
         let luma = same(plain);
         prop_assert!(luma.is_ok(), "{:?}", luma);
         prop_assert_eq!(&same(way), &luma);
@@ -180,7 +180,7 @@ proptest! {
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12),
         seed in any::<u64>(),
     ) {
-        let way = Way { progressive, ..way };
+        let way = Encoding { progressive, ..way };
         let mut jpeg = encode(way, &scene(67, 45, seed), 67, 45);
         for (at, byte) in changes {
             let at = at.index(jpeg.len());
@@ -201,7 +201,7 @@ proptest! {
 #[test]
 fn huffman_tables_may_be_missing() {
     for sampling in [None, PLAIN.sampling] {
-        let jpeg = encode(Way { sampling, ..PLAIN }, &scene(160, 120, 3), 160, 120);
+        let jpeg = encode(Encoding { sampling, ..PLAIN }, &scene(160, 120, 3), 160, 120);
         let bare = without(&jpeg, 0xC4);
         assert!(bare.len() + 200 < jpeg.len());
         assert_eq!(decode(&bare, 160, 120), decode(&jpeg, 160, 120));
@@ -212,7 +212,7 @@ fn huffman_tables_may_be_missing() {
 #[test]
 fn an_image_leaves_nothing_behind() {
     let scene = scene(160, 120, 3);
-    let own = encode(Way { own_codes: true, quality: 40, ..PLAIN }, &scene, 160, 120);
+    let own = encode(Encoding { own_codes: true, quality: 40, ..PLAIN }, &scene, 160, 120);
     let bare = without(&encode(PLAIN, &scene, 160, 120), 0xC4);
     let wanted = decode(&bare, 160, 120).unwrap();
     let mut decoder = LumaDecoder::new(160, 120);
@@ -232,7 +232,7 @@ fn an_image_leaves_nothing_behind() {
 
 #[test]
 fn other_kinds_are_refused() {
-    let jpeg = encode(Way { progressive: true, ..PLAIN }, &scene(160, 120, 3), 160, 120);
+    let jpeg = encode(Encoding { progressive: true, ..PLAIN }, &scene(160, 120, 3), 160, 120);
     let refused = decode(&jpeg, 160, 120).unwrap_err();
     assert!(matches!(refused, JpegError::Unsupported(_)), "{refused}");
 }
@@ -242,7 +242,7 @@ fn other_kinds_are_refused() {
 fn luma_may_have_its_own_scan() {
     let (width, height) = (67, 45);
     let rgb = scene(width, height, 5);
-    let grey = encode(Way { sampling: None, ..PLAIN }, &rgb, width, height);
+    let grey = encode(Encoding { sampling: None, ..PLAIN }, &rgb, width, height);
     let data = data_of(&grey);
     let coded = &grey[data..grey.len() - 2];
     let frame = grey.windows(2).position(|w| w == [0xFF, 0xC0]).unwrap();
@@ -299,7 +299,7 @@ fn bytes_behind_the_image_are_left_alone() {
 #[test]
 fn a_lost_piece_is_found() {
     for restart_every in [0, 10] {
-        let jpeg = encode(Way { restart_every, ..PLAIN }, &scene(160, 120, 3), 160, 120);
+        let jpeg = encode(Encoding { restart_every, ..PLAIN }, &scene(160, 120, 3), 160, 120);
         let data = data_of(&jpeg);
         let mut missed = 0;
         for at in (data..jpeg.len() - 520).step_by(37) {
@@ -313,7 +313,7 @@ fn a_lost_piece_is_found() {
 
 #[test]
 fn restart_markers_are_counted() {
-    let jpeg = encode(Way { restart_every: 10, ..PLAIN }, &scene(160, 120, 3), 160, 120);
+    let jpeg = encode(Encoding { restart_every: 10, ..PLAIN }, &scene(160, 120, 3), 160, 120);
     let mut markers: Vec<usize> = (data_of(&jpeg)..jpeg.len())
         .filter(|&i| jpeg[i] == 0xFF && (0xD0..0xD8).contains(&jpeg[i + 1]))
         .collect();

@@ -43,7 +43,7 @@ proptest! {
     fn normal_equations_are_the_derivatives(X in poses(1.0), d in prop::array::uniform6(-0.02..0.02f64), n in 2..5_usize) {
         let points = see(&moved(&X, &Vector6::from(d)), &grid(n), || 0.0);
         let center = centroid(&points);
-        let state = State::at(&X, &center).unwrap();
+        let state = PoseState::at(&X, &center).unwrap();
         let normal = Normal::evaluate::<F2, _>(&state, &points, &center).unwrap();
         let cost = |step: [f64; 6]| {
             Normal::evaluate::<F2, _>(&state.moved(&step), &points, &center).unwrap().cost
@@ -81,7 +81,7 @@ proptest! {
         let mut noise = gauss(n as u64);
         let points = see(&X, &grid(n), || 1e-4 * noise());
         let center = centroid(&points);
-        let start = State::at(&X, &center).unwrap();
+        let start = PoseState::at(&X, &center).unwrap();
         let fast = minimise::<F2, _>(start, &points, &center).unwrap();
         let slow = minimise::<Portable, _>(start, &points, &center).unwrap();
         prop_assert_eq!(fast.state.q.map(f64::to_bits), slow.state.q.map(f64::to_bits));

@@ -47,7 +47,7 @@ const FAREWELL: SpanNs = SpanNs(200_000_000);
 const STOP_PATIENCE: SpanNs = SpanNs(300_000_000);
 
 /// What became of the wait for a state.
-pub(super) enum Answer {
+pub(super) enum WaitOutcome {
     /// It is there.
     Here,
     /// It will not come.
@@ -188,7 +188,7 @@ impl DrivePorts<'_> {
     }
 
     /// Lockstep: waits for the state of `tick`, the one answer to the command before.
-    pub(super) fn wait_for_state(&mut self, tick: u64, stops: &Stops) -> Result<Answer, ProcessError> {
+    pub(super) fn wait_for_state(&mut self, tick: u64, stops: &Stops) -> Result<WaitOutcome, ProcessError> {
         let began = now();
         let mut looked = began;
         let mut stopped = None;
@@ -200,23 +200,23 @@ impl DrivePorts<'_> {
                 }
                 if state.tick != tick {
                     warn!(wanted = tick, got = state.tick, "the external drive is out of step");
-                    return Ok(Answer::Failed(DriveFault::OutOfStep));
+                    return Ok(WaitOutcome::Failed(DriveFault::OutOfStep));
                 }
                 let _ = self.received.push(state);
-                return Ok(Answer::Here);
+                return Ok(WaitOutcome::Here);
             }
             let time = now();
             if stops.are_asked() && time - *stopped.get_or_insert(time) > STOP_PATIENCE {
-                return Ok(Answer::Failed(DriveFault::Silent));
+                return Ok(WaitOutcome::Failed(DriveFault::Silent));
             }
             if time - began > self.answer_timeout {
-                return Ok(Answer::Failed(DriveFault::Silent));
+                return Ok(WaitOutcome::Failed(DriveFault::Silent));
             }
             if time - looked > LOOK_AFTER {
                 looked = time;
                 self.membership.services().remove_dead_peers();
                 if !self.presence.is_there() {
-                    return Ok(Answer::Failed(DriveFault::Left));
+                    return Ok(WaitOutcome::Failed(DriveFault::Left));
                 }
             }
             self.wake_listener.wait_spinning(LONGEST_WAIT, &mut self.spin, || self.state.is_waiting())?;

@@ -5,7 +5,7 @@
 //! the order in which processes run.
 
 use super::commands::{Answered, Commands, Numbered};
-use super::external_drive::{self, Answer, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL};
+use super::external_drive::{self, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL, WaitOutcome};
 use super::stops::Stops;
 use super::{Listeners, Pace, Ports};
 use crate::config::Config;
@@ -104,8 +104,8 @@ pub(super) fn run<const N: usize>(
             && tick > 0
         {
             match drive.wait_for_state(tick, stops) {
-                Ok(Answer::Here) => {}
-                Ok(Answer::Failed(fault)) => control.fail(Fault::Drive(fault)),
+                Ok(WaitOutcome::Here) => {}
+                Ok(WaitOutcome::Failed(fault)) => control.fail(Fault::Drive(fault)),
                 Err(error) => {
                     control.fail(Fault::Drive(DriveFault::Silent));
                     note(&mut broken, Err(error));

@@ -21,16 +21,16 @@ const LOST_CODE: i32 = 1;
 
 /// How a process ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct End(ExitStatus);
+pub(super) struct ProcessEnd(ExitStatus);
 
-impl End {
+impl ProcessEnd {
     /// Its exit code; `None` when a signal ended it.
     pub(super) fn exit_code(self) -> Option<u8> {
         self.0.code().and_then(|c| u8::try_from(c).ok())
     }
 }
 
-impl fmt::Display for End {
+impl fmt::Display for ProcessEnd {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match (self.0.code(), self.0.signal()) {
             (Some(code), _) => write!(f, "exit code {code}"),
@@ -49,7 +49,7 @@ pub(super) struct Child {
     role: Role,
     process: std::process::Child,
     started: MonoNs,
-    end: Option<End>,
+    end: Option<ProcessEnd>,
     usage: Option<ProcessUsage>,
     output: Option<JoinHandle<String>>,
 }
@@ -129,7 +129,7 @@ impl Child {
     }
 
     /// How it ended, if it has.
-    pub(super) fn poll(&mut self) -> Option<End> {
+    pub(super) fn poll(&mut self) -> Option<ProcessEnd> {
         if self.end.is_none() {
             self.reap(false);
         }
@@ -148,7 +148,7 @@ impl Child {
             Found::Ended(status, used) => (status, Some(used)),
             Found::Lost => (ExitStatus::from_raw(LOST_CODE << 8), None),
         };
-        self.end = Some(End(status));
+        self.end = Some(ProcessEnd(status));
         self.usage = used.map(|used: Used| used.over(now() - self.started));
     }
 
@@ -167,11 +167,11 @@ impl Child {
     }
 
     /// Waits for its end.
-    pub(super) fn wait(&mut self) -> End {
+    pub(super) fn wait(&mut self) -> ProcessEnd {
         if self.end.is_none() {
             self.reap(true);
         }
-        self.end.unwrap_or(End(ExitStatus::from_raw(LOST_CODE << 8)))
+        self.end.unwrap_or(ProcessEnd(ExitStatus::from_raw(LOST_CODE << 8)))
     }
 
     /// All that it wrote to stdout, once it has ended.
@@ -193,9 +193,9 @@ mod tests {
 
     #[test]
     fn a_bus_error_is_told_as_what_it_means_here() {
-        let by_signal = |signal: Signal| End(ExitStatus::from_raw(signal.as_raw())).to_string();
+        let by_signal = |signal: Signal| ProcessEnd(ExitStatus::from_raw(signal.as_raw())).to_string();
         assert!(by_signal(Signal::BUS).contains("/dev/shm is full?"));
         assert_eq!(by_signal(Signal::KILL), "killed by signal 9");
-        assert_eq!(End(ExitStatus::from_raw(3 << 8)).to_string(), "exit code 3");
+        assert_eq!(ProcessEnd(ExitStatus::from_raw(3 << 8)).to_string(), "exit code 3");
     }
 }

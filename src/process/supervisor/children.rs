@@ -2,7 +2,7 @@
 //! then the others.
 
 use super::Watch;
-use super::child::{Child, End};
+use super::child::{Child, ProcessEnd};
 use crate::config::Config;
 use crate::config::raw::{Clock, DriveKind};
 use crate::ipc::{Instance, Role};
@@ -61,7 +61,7 @@ impl Children {
 
     /// Ends control, which brings the arm to rest as long as that takes, then the others; kills what does not end in time.
     /// Control's end, and its summary.
-    pub(super) fn shut_down(&mut self, watch: Option<&mut Watch>) -> (End, Option<Summary>) {
+    pub(super) fn shut_down(&mut self, watch: Option<&mut Watch>) -> (ProcessEnd, Option<Summary>) {
         self.is_down = true;
         self.control.terminate();
         self.wait_for_rest(watch);

@@ -21,7 +21,7 @@ use crate::messages::Status;
 use crate::report::summary::Summary;
 use crate::rt::now;
 use crate::time::SpanNs;
-use child::End;
+use child::ProcessEnd;
 use children::Children;
 use hang_watch::HangWatch;
 use progress::Progress;
@@ -55,17 +55,17 @@ pub fn run(
     stop: &StopFlag,
     report: Option<&ReportFolder>,
 ) -> Result<FinishedRun, ProcessError> {
-    let (_place, written) = Place::take(config, instance)?;
+    let (_place, written) = InstanceGuard::take(config, instance)?;
     supervise(config, &written, instance, stop, report)
 }
 
 /// The instance's place in shared memory, cleaned up when dropped.
-struct Place {
+struct InstanceGuard {
     instance: Instance,
     lock: Option<crate::ipc::RoleLock>,
 }
 
-impl Place {
+impl InstanceGuard {
     /// With the effective configuration, as it was written.
     fn take(config: &Config, instance: &Instance) -> Result<(Self, File), ProcessError> {
         let lock = instance.lock(Role::Supervisor)?;
@@ -88,7 +88,7 @@ impl Place {
     }
 }
 
-impl Drop for Place {
+impl Drop for InstanceGuard {
     fn drop(&mut self) {
         self.lock = None;
         self.instance.remove_leftovers(None);
@@ -144,7 +144,7 @@ struct Failure {
 }
 
 impl Failure {
-    fn ended(role: Role, end: End) -> Self {
+    fn ended(role: Role, end: ProcessEnd) -> Self {
         let how = format!("the {role} process ended in the middle of the run: {end}");
         Self { how, exit_code: end.exit_code() }
     }
@@ -206,7 +206,7 @@ impl Watch {
 fn conclude(
     config: &Config,
     failure: Option<Failure>,
-    control: (End, Option<Summary>),
+    control: (ProcessEnd, Option<Summary>),
     wall: SpanNs,
 ) -> FinishedRun {
     let broken = |reason: String, exit_code: u8, summary: Option<Summary>| {

@@ -6,13 +6,13 @@ use crate::report::numbers::{counted, significant};
 use crate::report::page::{figure, heading};
 
 /// The way of a point, and where it is to end.
-struct Way {
+struct PointPath {
     id: usize,
     path: Vec<[f64; 2]>,
     goal: Option<[f64; 2]>,
 }
 
-impl Way {
+impl PointPath {
     /// Length of the way, px: steps that are no longer than noise are none.
     fn length(&self) -> f64 {
         const NOISE_PX: f64 = 0.5;
@@ -42,21 +42,21 @@ fn distance(a: &[f64; 2], b: &[f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-fn ways(r: &RunRecord) -> Vec<Way> {
+fn ways(r: &RunRecord) -> Vec<PointPath> {
     let ids =
         r.measurements.names().iter().filter_map(|n| n.strip_prefix("u_")?.strip_suffix("_px")?.parse().ok());
     let ways = ids.map(|id: usize| {
         let path = r.measurements.points(&format!("u_{id}_px"), &format!("v_{id}_px"));
         let row = r.goal.numbers("point").iter().position(|p| *p == id as f64);
         let goal = row.map(|row| [r.goal.number("u_px", row), r.goal.number("v_px", row)]);
-        Way { id, path, goal: goal.filter(|g| g.iter().all(|x| x.is_finite())) }
+        PointPath { id, path, goal: goal.filter(|g| g.iter().all(|x| x.is_finite())) }
     });
     ways.filter(|way| !way.path.is_empty()).collect()
 }
 
-fn says(r: &RunRecord, ways: &[Way]) -> String {
+fn says(r: &RunRecord, ways: &[PointPath]) -> String {
     let seen = ways.len();
-    let mut text = match ways.iter().filter_map(Way::left).reduce(f64::max) {
+    let mut text = match ways.iter().filter_map(PointPath::left).reduce(f64::max) {
         Some(most) if seen == 1 => format!("The point ends {} px from its goal", significant(most, 2)),
         Some(most) => format!("The {seen} points end within {} px of their goals", significant(most, 2)),
         None => format!("{} seen; nothing is known of where they are to be", counted(seen as u64, "point")),
@@ -99,7 +99,7 @@ pub(super) fn image_plane(r: &RunRecord) -> String {
         image.push(Series::new(Symbol::Circle, i, way.goal.as_ref().map(pair)));
     }
     let mut panels = vec![image];
-    let ends: Vec<f64> = ways.iter().filter_map(Way::left).collect();
+    let ends: Vec<f64> = ways.iter().filter_map(PointPath::left).collect();
     if let Some(most) = ends.iter().copied().reduce(f64::max) {
         // Wide enough for the ends and for the goal, and no wider than the ways themselves.
         let reach = (2.5 * most).max(6.0 * r.goal_error_px).max(0.2);

@@ -12,7 +12,7 @@
 mod reach;
 mod words;
 
-pub use reach::{Posture, Reach, Way};
+pub use reach::{CameraPath, Posture, Reach};
 
 use crate::config::raw::{DriveKind, SetPointKind, Task};
 use crate::config::{Config, Scene};
@@ -36,7 +36,7 @@ pub struct Preflight {
     /// Whether the arm gets there.
     pub reach: Reach,
     /// The straight way there; `None` where there is none to look at.
-    pub way: Option<Way>,
+    pub way: Option<CameraPath>,
     /// What was left out, and why.
     pub notes: Vec<&'static str>,
     /// Whether the object rests, so that what is seen now stays true.

@@ -57,7 +57,7 @@ pub struct Posture {
 
 /// The straight way of the camera from the start to the goal, relative to the object.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Way {
+pub struct CameraPath {
     /// How far the arm is from a singular posture at the start, at the goal and where it is nearest to one: the measure of the least
     /// singular value of the camera's Jacobian, m and rad mixed.
     pub dexterity: [f64; 3],
@@ -150,7 +150,7 @@ impl<const N: usize> Question<'_, N> {
     }
 
     /// The straight way from the start, followed to the goal in one motion.
-    pub(super) fn way(&self) -> Way {
+    pub(super) fn way(&self) -> CameraPath {
         let search = self.search();
         let (X_WS, X_WD) = (search.X_WC(&self.q_start), self.X_WO * self.X_DO.inverse());
         let mut q = self.q_start;
@@ -185,7 +185,7 @@ impl<const N: usize> Question<'_, N> {
         }
         let goal = search.dexterity(&q);
         let singular = least < SINGULAR.min(start).min(goal) || least < SINGULAR_SHARE * start.min(goal);
-        Way { dexterity: [start, goal, least], nearest_at, singular, limits, leaves_at, X_CO }
+        CameraPath { dexterity: [start, goal, least], nearest_at, singular, limits, leaves_at, X_CO }
     }
 
     /// Whether the features are where they should be near `q`.

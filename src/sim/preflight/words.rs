@@ -1,6 +1,6 @@
 //! The preflight in words.
 
-use super::{Posture, Preflight, Reach, Viewpoint, Way};
+use super::{CameraPath, Posture, Preflight, Reach, Viewpoint};
 use crate::scene::{Overhang, PointVisibility, Visibility};
 
 /// Of more points than these only those that are not whole are told one by one.
@@ -145,7 +145,7 @@ pub(super) fn out_of_reach(reach: &Reach) -> Option<String> {
     })
 }
 
-fn straight_way(way: &Way) -> String {
+fn straight_way(way: &CameraPath) -> String {
     let [start, goal, least] = way.dexterity;
     let doubts = doubts(way);
     if doubts.is_empty() {
@@ -159,7 +159,7 @@ fn straight_way(way: &Way) -> String {
 }
 
 /// What speaks against the straight way.
-pub(super) fn doubts(way: &Way) -> Vec<String> {
+pub(super) fn doubts(way: &CameraPath) -> Vec<String> {
     let [start, goal, least] = way.dexterity;
     let percent = |share: f64| share * 100.0;
     let mut doubts = Vec::new();

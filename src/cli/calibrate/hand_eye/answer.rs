@@ -17,7 +17,7 @@ pub(super) struct Unused {
 }
 
 /// What is found, under the keys of DESIGN.
-pub(super) struct Answer {
+pub(super) struct HandEyeAnswer {
     report: HandEyeReport,
     views: Vec<ViewOut>,
     driven: Option<Driven>,
@@ -141,7 +141,7 @@ impl From<&HeldOutView> for Errors {
     }
 }
 
-impl Answer {
+impl HandEyeAnswer {
     /// `views`: those in which the board was found, as the report has them.
     pub(super) fn new(report: HandEyeReport, views: &[HandEyeView], unused: Vec<Unused>) -> Self {
         let mut held = report.held_out.iter().flat_map(|held| &held.views);
@@ -245,7 +245,7 @@ impl Answer {
     }
 }
 
-impl Serialize for Answer {
+impl Serialize for HandEyeAnswer {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let r = &self.report;
         let closed = |method, X: &Pose, scatter: &LoopScatter| ClosedForm {

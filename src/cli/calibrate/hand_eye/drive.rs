@@ -1,6 +1,6 @@
 //! `vservo calibrate hand-eye --drive`: the arm of a run file visits views of its target by itself. In simulated time, in one process.
 
-use super::answer::{Answer, Driven};
+use super::answer::{Driven, HandEyeAnswer};
 use super::{HandEyeArguments, Refusal, one_look};
 use crate::calibration::hand_eye::{CameraMount, HandEyeSettings, calibrate_hand_eye};
 use crate::config::Config;
@@ -28,7 +28,7 @@ fn place_of(mount: &Mount) -> (CameraMount, Pose) {
 pub(super) fn driven(
     arguments: &HandEyeArguments,
     path: Option<&Path>,
-) -> Result<Result<Answer, Refusal>, ProcessError> {
+) -> Result<Result<HandEyeAnswer, Refusal>, ProcessError> {
     let mut set = vec![DURATION.to_owned()];
     set.extend(arguments.set.iter().cloned());
     set.extend(SETTINGS.map(String::from));
@@ -57,5 +57,5 @@ pub(super) fn driven(
     };
     let truth = config.scene.as_ref().map(|scene| place_of(&scene.mount).1);
     let driven = Driven::new(&report.X_MC(), &believed, truth.as_ref());
-    Ok(Ok(Answer::new(report, &views, Vec::new()).driven(driven)))
+    Ok(Ok(HandEyeAnswer::new(report, &views, Vec::new()).driven(driven)))
 }

@@ -15,13 +15,13 @@ const SHEARS: [[i32; 4]; 5] = [[1, 0, 0, 1], [1, 1, 0, 1], [1, -1, 0, 1], [1, 0,
 
 /// A way to lay the cells into the grid: `at' = M at + shift`.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Way {
+pub(super) struct GridTransform {
     M: [i32; 4],
     shift: [i32; 2],
     wrong: usize,
 }
 
-impl Way {
+impl GridTransform {
     fn place(&self, [i, j]: [i32; 2]) -> [i32; 2] {
         let [a, b, c, d] = self.M;
         [a * i + b * j + self.shift[0], c * i + d * j + self.shift[1]]
@@ -30,9 +30,9 @@ impl Way {
 
 impl Lattice {
     /// The one way in which the cells are part of the grid, and by how many dots any other is worse.
-    pub(super) fn lay(&self) -> Result<(Way, usize), TargetStatus> {
+    pub(super) fn lay(&self) -> Result<(GridTransform, usize), TargetStatus> {
         let (columns, rows) = (self.grid.columns() as i32, self.grid.rows() as i32);
-        let (mut best, mut second) = (None::<Way>, usize::MAX);
+        let (mut best, mut second) = (None::<GridTransform>, usize::MAX);
         let most_wrong = (WRONG_SHARE * self.best.len().saturating_sub(NONE_WRONG) as f64) as usize;
         // who counts more is neither the best way nor one that makes it doubtful
         let hopeless = most_wrong + CLEARLY_WORSE;
@@ -42,7 +42,7 @@ impl Lattice {
             let slack = 2;
             for y in -low[1] - slack..rows - high[1] + slack {
                 for x in -low[0] - slack..columns - high[0] + slack {
-                    let way = Way { M, shift: [x, y], wrong: 0 };
+                    let way = GridTransform { M, shift: [x, y], wrong: 0 };
                     let mut wrong = 0;
                     for cell in &self.best {
                         wrong += usize::from(self.fits(&way, cell).is_none());
@@ -50,7 +50,7 @@ impl Lattice {
                             break;
                         }
                     }
-                    let way = Way { wrong, ..way };
+                    let way = GridTransform { wrong, ..way };
                     match best {
                         Some(known) if wrong >= known.wrong => second = second.min(wrong),
                         _ => {
@@ -73,7 +73,7 @@ impl Lattice {
     }
 
     /// The id of a cell, if its dot has the size that the grid has there.
-    pub(super) fn fits(&self, way: &Way, cell: &Cell) -> Option<u32> {
+    pub(super) fn fits(&self, way: &GridTransform, cell: &Cell) -> Option<u32> {
         let [x, y] = way.place(cell.at);
         let (column, row) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
         let large = self.grid.is_large(column, row)?;
@@ -97,13 +97,13 @@ impl Lattice {
         if self.best.len() != self.grid.points().len() {
             return Err(TargetStatus::NoMatch);
         }
-        let mut best = None::<(f64, Way)>;
+        let mut best = None::<(f64, GridTransform)>;
         for M in ways() {
             let (low, high) = self.extent(M);
             if [high[0] - low[0] + 1, high[1] - low[1] + 1] != [columns, rows] {
                 continue;
             }
-            let way = Way { M, shift: [-low[0], -low[1]], wrong: 0 };
+            let way = GridTransform { M, shift: [-low[0], -low[1]], wrong: 0 };
             let at = |place: [i32; 2]| {
                 let cell = self.best.iter().find(|cell| way.place(cell.at) == place)?;
                 self.points.get(cell.candidate).copied()
@@ -132,7 +132,7 @@ impl Lattice {
     fn extent(&self, M: [i32; 4]) -> ([i32; 2], [i32; 2]) {
         let (mut low, mut high) = ([i32::MAX; 2], [i32::MIN; 2]);
         for cell in &self.best {
-            let place = Way { M, shift: [0, 0], wrong: 0 }.place(cell.at);
+            let place = GridTransform { M, shift: [0, 0], wrong: 0 }.place(cell.at);
             for k in 0..2 {
                 low[k] = low[k].min(place[k]);
                 high[k] = high[k].max(place[k]);

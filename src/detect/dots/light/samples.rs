@@ -59,9 +59,9 @@ impl Samples {
     }
 }
 
-/// Sums over what a light explains, in units of its extent: see [`Sums::A`] and [`Sums::b`].
+/// Sums over what a light explains, in units of its extent: see [`LightSums::A`] and [`LightSums::b`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Sums {
+pub(super) struct LightSums {
     pub(super) count: f64,
     /// `u^i v^j`: 1: u, v, uu, uv, vv, uuu, uuv, uvv, vvv, uuuu, uuuv, uuvv, uvvv, vvvv.
     moments: [f64; 14],
@@ -69,7 +69,7 @@ pub(super) struct Sums {
     pub(super) b: [f64; 6],
 }
 
-impl Sums {
+impl LightSums {
     /// Over the samples that `light` explains.
     pub(super) fn of(samples: &Samples, light: &Light) -> Self {
         let mut sums = [0.0; 21];
@@ -113,7 +113,7 @@ impl Rest {
 }
 
 kernel!(
-    /// Count, moments and right-hand side: see [`Sums`].
+    /// Count, moments and right-hand side: see [`LightSums`].
     fn sum_explained(columns: [&[f64]; 3], light: &Light, out: &mut [f64; 21]) = sum_explained_body
 );
 
@@ -245,7 +245,7 @@ mod tests {
                 rest.count += 1.0;
                 rest.greatest = rest.greatest.max(off);
             }
-            let sums = Sums::of(&samples, &light);
+            let sums = LightSums::of(&samples, &light);
             let got = Rest::of(&samples, &light);
             let close = |a: f64, b: f64| (a - b).abs() <= 1e-9 * (1.0 + b.abs());
             prop_assert!(sums.A().iter().flatten().zip(A.iter().flatten()).all(|(a, b)| close(*a, *b)));

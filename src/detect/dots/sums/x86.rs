@@ -1,6 +1,6 @@
 //! The sums with SSE2, part of every x86-64, and with AVX2.
 
-use super::{DotLight, RowLight, RowSums, Scale, Sums};
+use super::{DotLight, RowLight, RowSums, Scale, WeightSums};
 use crate::detect::dots::ellipse::Ellipse;
 use crate::imaging::ImageView;
 use std::arch::x86_64::{
@@ -115,7 +115,7 @@ pub(super) fn weighted_sums_avx2(
     image: &ImageView<'_>,
     [outer, rim]: [&Ellipse; 2],
     scale: &Scale,
-) -> Option<Sums> {
+) -> Option<WeightSums> {
     if !(outer.height < MAX_PX && outer.width + outer.slope.abs() * outer.height < MAX_PX) {
         return None;
     }
@@ -126,7 +126,7 @@ pub(super) fn weighted_sums_avx2(
     let upper = _mm256_sub_epi16(span, margin);
     let place = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
     let mut totals = [_mm256_setzero_si256(); 3];
-    let mut sums = Sums::default();
+    let mut sums = WeightSums::default();
     let (top, bottom) = outer.span(image.height());
     for y in (top..bottom).step_by(BLOCK) {
         let RowBlock { x0, x1, rim_px2 } = RowBlock::at(y, bottom, image.width() as i32, outer, rim);
@@ -175,7 +175,7 @@ pub(super) fn weighted_sums_avx2(
         }
         lanes.iter().map(|&lane| i64::from(lane)).sum::<i64>()
     });
-    Some(Sums { w, wx, wy, ..sums })
+    Some(WeightSums { w, wx, wy, ..sums })
 }
 
 /// With SSE2, which belongs to the x86-64 baseline. `count` is at most 512.

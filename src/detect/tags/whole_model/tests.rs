@@ -176,7 +176,7 @@ fn products_are_sums_over_pixels_that_count() {
     let mut blocks: Vec<Pixels> = (-20..20).map(|y| pixels(y % 12)).collect();
     blocks[3].weight = Eight::ZERO;
     let mut room = [[Eight::ZERO; COUNT + 1]; CHUNK];
-    let mut sums = Sums { products: [[0.0; COUNT + 1]; COUNT + 1], count: 0.0 };
+    let mut sums = RowProducts { products: [[0.0; COUNT + 1]; COUNT + 1], count: 0.0 };
     accumulate(&model, &blocks, &mut room, &mut sums);
     let rows: Vec<Row> = blocks.iter().map(|pixels| model.at(pixels)).collect();
     let left_over = |row: &Row| row[COUNT].0.iter().filter(|r| **r != 0.0).count();
