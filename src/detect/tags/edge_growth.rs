@@ -13,8 +13,7 @@
 //! Least squares over all edges between a black and a white cell give `delta`, `a` and `c`.
 
 use super::decode::level_at;
-use super::edges::Corners;
-use super::finder::SHARP_CELL_BLURS;
+use super::edges::{Corners, SHARP_CELL_BLURS};
 use super::pattern::{MAX_CELLS, Pattern};
 use super::plane_map::PlaneMap;
 use super::quad::Quad;

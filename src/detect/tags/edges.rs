@@ -33,6 +33,9 @@ const ROUGH_PX: f64 = 0.4;
 /// The noise that all sides show counts as much as so many rows.
 const SHARED_ROWS: f64 = 12.0;
 
+/// Sides of tags whose cells are narrower than so many deviations of the blur cannot be measured by themselves.
+pub(super) const SHARP_CELL_BLURS: f64 = 6.0;
+
 /// Corners, and the covariance `[xx, xy, yy]` of each, px^2.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Corners {

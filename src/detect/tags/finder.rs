@@ -3,7 +3,7 @@
 use super::codebook::Codebook;
 use super::decode::{Decoded, NoTag, decode};
 use super::edge_growth;
-use super::edges::{Corners, EdgeMeter};
+use super::edges::{Corners, EdgeMeter, SHARP_CELL_BLURS};
 use super::outline::{self, Point};
 use super::quad::{self, Quad};
 use super::regions::Regions;
@@ -27,8 +27,6 @@ const LONGEST_OUTLINE: f64 = 1.6;
 /// What is looked at around an expected tag beyond its slack, px.
 const AROUND_PX: f64 = 14.0;
 
-/// Sides of tags whose cells are narrower than so many deviations of the blur cannot be measured by themselves.
-pub(super) const SHARP_CELL_BLURS: f64 = 6.0;
 /// How far off their corners are where they cannot be fitted as a whole either, in deviations of the blur.
 const UNFITTED_BLURS: f64 = 0.15;
 
