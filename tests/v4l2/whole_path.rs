@@ -102,8 +102,10 @@ fn a_test_picture_goes_through_all_processes_to_the_end_of_the_run() {
     assert_eq!(run.wait().unwrap().code(), Some(0), "{s}");
     assert_eq!(s["outcome"], "finished", "{s}");
     assert_eq!(s["reason"], "run.duration_s is over", "{s}");
-    // 6 s of 25 Hz and of 50 Hz, less the start of what joined late; a reader that is kept waiting gets the newest status alone
-    assert!((130..=155).contains(&seen), "{seen} frames");
+    // 6 s of 25 Hz and of 50 Hz, less the start of what joined late; a reader that is kept waiting gets the newest status alone. The
+    // camera shows pictures from before control starts to count until after it has ended: a slow start is a second of them, and a frame
+    // that came twice each time would be 300.
+    assert!((130..=185).contains(&seen), "{seen} frames");
     let newest = newest.unwrap();
     assert!((250..=305).contains(&newest.sequence), "{newest:?}");
     assert!(newest.frames >= 130, "{newest:?}");
