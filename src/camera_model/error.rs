@@ -12,7 +12,7 @@ pub(super) const LARGEST_NUMBER: f64 = 1e7;
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum CameraModelError {
     /// A parameter is NaN, infinite, or larger than that of any camera.
-    #[error("camera: {name} is {value}; give a number between -{LARGEST_NUMBER:e} and {LARGEST_NUMBER:e}")]
+    #[error("camera: {name} is {value:?}; give a number between -{LARGEST_NUMBER:e} and {LARGEST_NUMBER:e}")]
     NotFinite {
         /// Which parameter.
         name: &'static str,
@@ -21,7 +21,7 @@ pub enum CameraModelError {
     },
     /// A focal length is zero, negative, or longer than any.
     #[error(
-        "camera: {name} is {value_px} px; a focal length must be greater than zero and at most {LONGEST_FOCAL_PX:e} px"
+        "camera: {name} is {value_px:?} px; a focal length must be greater than zero and at most {LONGEST_FOCAL_PX:e} px"
     )]
     FocalLength {
         /// Which parameter.

@@ -79,21 +79,23 @@ fn smoothed(shares: &[f64; 256]) -> [f64; 256] {
 
 /// Whether there is a peak at the level, the first of its plateau, that stands out by more than `least`.
 fn is_mode(h: &[f64; 256], level: usize, least: f64) -> bool {
-    let Some(&top) = h.get(level) else { return false };
-    // down to the lowest value before something higher comes; beyond the ends there is nothing
-    let descent = |levels: &mut dyn Iterator<Item = usize>, equal_ends: bool| {
-        let mut lowest = top;
-        for &v in levels.filter_map(|i| h.get(i)) {
-            if v > top || (equal_ends && v == top) {
-                return top - lowest;
-            }
-            lowest = lowest.min(v);
+    let Some((darker, [top, lighter @ ..])) = h.split_at_checked(level) else { return false };
+    let left = descent(*top, darker.iter().rev(), true);
+    let right = descent(*top, lighter.iter(), false);
+    *top > 0.0 && left.min(right) > 0.0 && left.min(right) >= least
+}
+
+/// By how much `values`, which lead away from a peak of height `top`, fall before something higher comes; all of `top` where nothing does,
+/// because beyond the ends of a histogram there is nothing. With `equal_ends` something as high ends the descent too.
+fn descent<'a>(top: f64, values: impl Iterator<Item = &'a f64>, equal_ends: bool) -> f64 {
+    let mut lowest = top;
+    for &v in values {
+        if v > top || (equal_ends && v == top) {
+            return top - lowest;
         }
-        top
-    };
-    let left = descent(&mut (0..level).rev(), true);
-    let right = descent(&mut (level + 1..256), false);
-    top > 0.0 && left.min(right) > 0.0 && left.min(right) >= least
+        lowest = lowest.min(v);
+    }
+    top
 }
 
 #[cfg(test)]
