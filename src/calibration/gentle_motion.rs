@@ -126,7 +126,7 @@ pub fn image_reach<const N: usize>(
     q: &SVector<f64, N>,
     seen: &Measurement,
 ) -> Option<SVector<f64, N>> {
-    let picture = Picture::of(robot, mount, camera, points, q, seen)?;
+    let picture = PointMotions::of(robot, mount, camera, points, q, seen)?;
     let mut reach = SVector::<f64, N>::zeros();
     for (i, reach) in reach.iter_mut().enumerate() {
         let mut wanted = FARTHEST;
@@ -144,7 +144,7 @@ pub fn image_reach<const N: usize>(
 }
 
 /// The target in the picture, and how the joints move it there.
-struct Picture<const N: usize> {
+struct PointMotions<const N: usize> {
     /// Each point's motion with the joints, px/rad or px/m.
     rows: [SMatrix<f64, 2, N>; MAX_FEATURES],
     /// Each point's room to the right and bottom, and to the left and top, px.
@@ -155,7 +155,7 @@ struct Picture<const N: usize> {
     J_C: SMatrix<f64, 6, N>,
 }
 
-impl<const N: usize> Picture<N> {
+impl<const N: usize> PointMotions<N> {
     fn of(
         robot: &Robot<N>,
         mount: &Mount,

@@ -10,7 +10,7 @@ mod fit;
 
 use super::Recording;
 use crate::robot::{Mount, Robot};
-use fit::{Fit, Free, LatencyUnknowns};
+use fit::{Free, LatencyProblem, LatencyUnknowns};
 use nalgebra::{Point3, Vector2};
 use thiserror::Error;
 
@@ -126,7 +126,7 @@ pub fn stamp_offset<const N: usize>(
     cell: &KnownCell<'_, N>,
     recording: &Recording<N>,
 ) -> Result<StampOffset, LatencyError> {
-    let fit = Fit::new(cell, recording);
+    let fit = LatencyProblem::new(cell, recording);
     let frames = fit.frames();
     if frames < MIN_FRAMES || recording.track.is_empty() {
         return Err(LatencyError::TooFewFrames { found: frames, needed: MIN_FRAMES });
@@ -164,7 +164,7 @@ pub fn stamp_offset<const N: usize>(
 }
 
 /// The best of evenly spaced offsets, each with its own poses; `None` where that is the first or the last one.
-fn search<const N: usize>(fit: &Fit<'_, N>, start: &LatencyUnknowns) -> Option<LatencyUnknowns> {
+fn search<const N: usize>(fit: &LatencyProblem<'_, N>, start: &LatencyUnknowns) -> Option<LatencyUnknowns> {
     let steps = (RANGE_S / COARSE_STEP_S).round() as i32;
     let mut best: Option<(f64, i32, LatencyUnknowns)> = None;
     for k in -steps..=steps {

@@ -19,12 +19,12 @@ use super::detect::refused;
 use crate::calibration::camera::CameraCalibrationError;
 
 /// Why a command ends before it has a result: its exit code is told with it.
-struct Refusal {
+struct CalibrateError {
     message: String,
     exit_code: u8,
 }
 
-impl Refusal {
+impl CalibrateError {
     /// What was asked for makes no sense.
     fn usage(message: impl Into<String>) -> Self {
         Self { message: message.into(), exit_code: 2 }
@@ -46,7 +46,7 @@ impl Refusal {
     }
 }
 
-impl From<CameraCalibrationError> for Refusal {
+impl From<CameraCalibrationError> for CalibrateError {
     fn from(error: CameraCalibrationError) -> Self {
         let exit_code = match error {
             CameraCalibrationError::Setting { .. } | CameraCalibrationError::Pairs { .. } => 2,

@@ -12,7 +12,7 @@ use crate::ipc::{Halt, Instance};
 use crate::messages::{CameraState, ControlAnswer, ControlCommand, ControlState, TargetStatus, answer_flag};
 use crate::process::ProcessError;
 use crate::rt::tell;
-use reach::Patience;
+use reach::AnswerTimeout;
 use serde::Serialize;
 use std::fmt::Write as _;
 
@@ -62,7 +62,7 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
     if !(timeout_s > 0.0 && timeout_s <= LONGEST_S) {
         return Err(ProcessError::Timeout(timeout_s));
     }
-    let patience = Patience::begin(timeout_s)?;
+    let patience = AnswerTimeout::begin(timeout_s)?;
     reach::find(&instance)?;
     let request = arguments.what.request();
     let halt = match request {

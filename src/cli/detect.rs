@@ -68,15 +68,15 @@ impl From<TargetStatus> for Missed {
 }
 
 /// Everything that is made once for images of one size.
-struct Bench {
+struct ImageDetector {
     size: (u32, u32),
     /// Known by a calibration.
     calibrated: bool,
     camera: CameraModel,
-    finder: Finder,
+    finder: DetectionMethod,
 }
 
-enum Finder {
+enum DetectionMethod {
     Target(Box<Vision>),
     /// A grid whose large dots tell its place, or else one of equal dots.
     Grids(Box<[Vision; 2]>),
@@ -84,38 +84,38 @@ enum Finder {
     AnyTag(Box<TagFinder>, f64),
 }
 
-impl Bench {
+impl ImageDetector {
     fn new(kind: &Kind, size: (u32, u32), calibration: Option<CameraModel>) -> Self {
         let camera = calibration.unwrap_or_else(|| nominal(size));
         let finder = match (&kind.target, kind.any_tag) {
             (Target::Tags(tags), true) => {
                 let finder = TagFinder::new(tags.family(), size.0 as usize, size.1 as usize);
-                Finder::AnyTag(Box::new(finder), tags.size_m())
+                DetectionMethod::AnyTag(Box::new(finder), tags.size_m())
             }
             (Target::DotGrid(grid), _) => {
                 let equal = DotGrid::equal(grid.columns(), grid.rows(), grid.pitch_m());
                 let known = vision(camera, grid.clone().into());
                 match equal {
-                    Ok(equal) => Finder::Grids(Box::new([known, vision(camera, equal.into())])),
-                    Err(_) => Finder::Target(Box::new(known)),
+                    Ok(equal) => DetectionMethod::Grids(Box::new([known, vision(camera, equal.into())])),
+                    Err(_) => DetectionMethod::Target(Box::new(known)),
                 }
             }
-            (target, _) => Finder::Target(Box::new(vision(camera, target.clone()))),
+            (target, _) => DetectionMethod::Target(Box::new(vision(camera, target.clone()))),
         };
         Self { size, calibrated: calibration.is_some(), camera, finder }
     }
 
     fn look(&mut self, image: &ImageView<'_>) -> Result<DetectedImage, Missed> {
         match &mut self.finder {
-            Finder::Target(vision) => seen(vision, image, self.calibrated),
-            Finder::Grids(both) => {
+            DetectionMethod::Target(vision) => seen(vision, image, self.calibrated),
+            DetectionMethod::Grids(both) => {
                 let [known, equal] = both.as_mut();
                 seen(known, image, self.calibrated).or_else(|missed| {
                     let seen = seen(equal, image, self.calibrated).map_err(|_| missed)?;
                     Ok(DetectedImage { note: Some(EQUAL_DOTS), ..seen })
                 })
             }
-            Finder::AnyTag(finder, size_m) => {
+            DetectionMethod::AnyTag(finder, size_m) => {
                 let mut tags = Vec::new();
                 finder.search(image, &mut tags).map_err(|miss| Missed(miss.into(), miss.to_string()))?;
                 // a single tag is a target
@@ -210,7 +210,7 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
         check_writable(path)?;
     }
     let (mut unreadable, mut any, mut lost) = (false, false, 0);
-    let mut bench: Option<Bench> = None;
+    let mut bench: Option<ImageDetector> = None;
     for path in &arguments.images {
         let name = path.display().to_string();
         let (answer, picture) = match picture::load(path) {
@@ -225,7 +225,7 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
                 }
                 let size = picture.dimensions();
                 if bench.as_ref().is_none_or(|bench| bench.size != size) {
-                    bench = Some(Bench::new(&kind, size, calibration));
+                    bench = Some(ImageDetector::new(&kind, size, calibration));
                 }
                 let answer = bench.as_mut().map(|bench| one(bench, name, &picture));
                 (answer.unwrap_or_else(ImageAnswer::empty), Some(picture))
@@ -268,7 +268,7 @@ pub(super) fn calibration(path: &Path) -> Result<CameraModel, String> {
 }
 
 /// What one picture shows.
-fn one(bench: &mut Bench, name: String, picture: &GrayImage) -> ImageAnswer {
+fn one(bench: &mut ImageDetector, name: String, picture: &GrayImage) -> ImageAnswer {
     let (width, height) = picture.dimensions();
     let Ok(view) = ImageView::new(picture.as_raw(), width as usize, height as usize) else {
         return ImageAnswer::nothing(name, "no_contrast", "the image has no pixels".into());

@@ -20,7 +20,7 @@ use crate::sim::preflight::{Preflight, Reach, Viewpoint};
 use crate::target::Target;
 use image::GrayImage;
 use nalgebra::{Point3, Vector2, Vector3};
-use sheet::{Colour, Panel, Sheet};
+use sheet::{Colour, ImagePanel, ImageSheet};
 
 /// What the colours mean.
 const LEGEND: &str = "  drawn: green: points; orange: their ways when the camera goes straight to the goal; magenta ring: where the optical \
@@ -36,8 +36,8 @@ const INSIDE_PX: f64 = 14.0;
 pub(super) fn view(arguments: &ViewArguments) -> Result<u8, ProcessError> {
     let extension = arguments.out.extension().and_then(|e| e.to_str()).unwrap_or_default();
     let write = match extension.to_ascii_lowercase().as_str() {
-        "png" => Sheet::png,
-        "svg" => Sheet::svg,
+        "png" => ImageSheet::png,
+        "svg" => ImageSheet::svg,
         _ => {
             tell(format_args!("vservo: --out: the name must end in .png or .svg"));
             return Ok(2);
@@ -64,18 +64,18 @@ pub(super) fn view(arguments: &ViewArguments) -> Result<u8, ProcessError> {
     Ok(shown(&text, 0))
 }
 
-fn draw(config: &Config, preflight: &Preflight) -> Result<Sheet, ProcessError> {
+fn draw(config: &Config, preflight: &Preflight) -> Result<ImageSheet, ProcessError> {
     let mut panels = Vec::new();
     if let (Some(view), Some(scene)) = (&preflight.start, &config.scene) {
         let picture = rendered(renderer(config)?, &view.X_CO);
-        let mut panel = Panel::new("START", picture);
+        let mut panel = ImagePanel::new("START", picture);
         way(&mut panel, config, preflight, &scene.camera);
         annotate(&mut panel, view, &scene.target, &scene.camera);
         panels.push(panel);
     }
     if let Some(view) = &preflight.goal {
         let picture = rendered(believed(config)?, &view.X_CO);
-        let mut panel = Panel::new("GOAL", picture);
+        let mut panel = ImagePanel::new("GOAL", picture);
         annotate(&mut panel, view, &config.target, &config.camera.model);
         if matches!(preflight.reach, Reach::Beyond { .. }) {
             panel.label(Vector2::new(8.0, 28.0), "OUT OF REACH", Colour::Outside);
@@ -84,7 +84,7 @@ fn draw(config: &Config, preflight: &Preflight) -> Result<Sheet, ProcessError> {
     }
     let mut lines = preflight.lines();
     lines.push(LEGEND.into());
-    Ok(Sheet { panels, lines })
+    Ok(ImageSheet { panels, lines })
 }
 
 /// What renders the goal: camera and target as they are believed to be.
@@ -112,7 +112,7 @@ fn rendered(mut renderer: Renderer, X_CO: &Pose) -> GrayImage {
 }
 
 /// Ways of the points from the start to the goal, on the camera's straight way.
-fn way(panel: &mut Panel, config: &Config, preflight: &Preflight, camera: &CameraModel) {
+fn way(panel: &mut ImagePanel, config: &Config, preflight: &Preflight, camera: &CameraModel) {
     let Some(way) = &preflight.way else { return };
     for point in config.target.features() {
         let places = way.X_CO.iter().map(|X_CO| camera.project(&(X_CO * point.p_O)));
@@ -129,7 +129,7 @@ fn way(panel: &mut Panel, config: &Config, preflight: &Preflight, camera: &Camer
 }
 
 /// Numbers, axes, the middle of the picture, where the optical axis goes, and what is outside.
-fn annotate(panel: &mut Panel, view: &Viewpoint, target: &Target, camera: &CameraModel) {
+fn annotate(panel: &mut ImagePanel, view: &Viewpoint, target: &Target, camera: &CameraModel) {
     let i = camera.intrinsics();
     let size = Vector2::new(f64::from(i.width_px), f64::from(i.height_px));
     let middle = size * 0.5 - Vector2::repeat(0.5);
@@ -149,7 +149,7 @@ fn annotate(panel: &mut Panel, view: &Viewpoint, target: &Target, camera: &Camer
 }
 
 fn mark(
-    panel: &mut Panel,
+    panel: &mut ImagePanel,
     point: &PointVisibility,
     count: usize,
     size: &Vector2<f64>,
@@ -192,7 +192,7 @@ fn mark(
 }
 
 /// The axes of the object's frame, from its origin.
-fn axes(panel: &mut Panel, X_CO: &Pose, target: &Target, camera: &CameraModel) {
+fn axes(panel: &mut ImagePanel, X_CO: &Pose, target: &Target, camera: &CameraModel) {
     let plate = target.plate();
     let length_m = 0.3 * (plate.high_m - plate.low_m).amin();
     let project = |p: Point3<f64>| camera.project(&(X_CO * p));

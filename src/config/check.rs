@@ -8,13 +8,13 @@ use nalgebra::{Translation3, UnitQuaternion};
 use std::ops::RangeInclusive;
 
 /// What was found so far, each with its place in the document.
-pub(super) struct Check<'a> {
+pub(super) struct Validation<'a> {
     document: &'a Document,
     problems: &'a mut Vec<Problem>,
     warnings: Vec<Problem>,
 }
 
-impl<'a> Check<'a> {
+impl<'a> Validation<'a> {
     pub(super) fn new(document: &'a Document, problems: &'a mut Vec<Problem>) -> Self {
         Self { document, problems, warnings: Vec::new() }
     }

@@ -10,7 +10,7 @@
 //! replay                no              no          scheduled
 //! ```
 
-use super::check::Check;
+use super::check::Validation;
 use super::place::RawMount;
 use super::v4l2::{self, RawV4l2, V4l2Settings};
 use crate::camera_model::{LensModel, Response};
@@ -290,7 +290,7 @@ impl Source {
 }
 
 /// The response that the text at `key` names.
-pub(super) fn response(key: &str, text: &str, check: &mut Check<'_>) -> Response {
+pub(super) fn response(key: &str, text: &str, check: &mut Validation<'_>) -> Response {
     text.parse().unwrap_or_else(|wrong: String| {
         check.wrong(key, wrong);
         Response::Linear
@@ -298,7 +298,13 @@ pub(super) fn response(key: &str, text: &str, check: &mut Check<'_>) -> Response
 }
 
 /// The source of a camera whose table is `at`. `look`: of the scene, where it is simulated.
-pub(super) fn source(c: &RawCamera, look: SceneLook, seed: u64, at: &str, check: &mut Check<'_>) -> Source {
+pub(super) fn source(
+    c: &RawCamera,
+    look: SceneLook,
+    seed: u64,
+    at: &str,
+    check: &mut Validation<'_>,
+) -> Source {
     let key = |name: &str| format!("{at}.{name}");
     let synthetic = &c.synthetic;
     let sensor = SensorModel {

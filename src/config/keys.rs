@@ -2,7 +2,7 @@
 
 /// What stands in a table beside position and `rotation_rpy_rad`.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Forms {
+pub(super) struct RotationForms {
     pub(super) rpy_deg: Option<[f64; 3]>,
     pub(super) xyzw: Option<[f64; 4]>,
     pub(super) vector_rad: Option<[f64; 3]>,
@@ -12,7 +12,7 @@ pub(super) struct Forms {
 /// A table that holds a pose; see `pose_table`.
 pub(super) trait PoseTable {
     /// Takes out what is not roll, pitch, yaw in rad.
-    fn take_forms(&mut self) -> Forms;
+    fn take_forms(&mut self) -> RotationForms;
     /// Sets the position, m.
     fn set_position_m(&mut self, position_m: [f64; 3]);
     /// Sets roll, pitch, yaw, rad.
@@ -59,8 +59,8 @@ macro_rules! pose_table {
         }
 
         impl crate::config::keys::PoseTable for $name {
-            fn take_forms(&mut self) -> crate::config::keys::Forms {
-                crate::config::keys::Forms {
+            fn take_forms(&mut self) -> crate::config::keys::RotationForms {
+                crate::config::keys::RotationForms {
                     rpy_deg: self.rotation_rpy_deg.take(),
                     xyzw: self.rotation_xyzw.take(),
                     vector_rad: self.rotation_vector_rad.take(),

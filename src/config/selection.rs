@@ -1,6 +1,6 @@
 //! What an image-based law compares: `servo.points`, `servo.segments`, `servo.area` and their weights.
 
-use super::check::Check;
+use super::check::Validation;
 use super::raw::{AreaKind, RawServo, SchemeKind};
 use crate::servo::{
     DepthSource, FeatureKind, Interaction, InteractionAt, Law, OutlineFeature, Selection, SetPoint, View,
@@ -14,7 +14,7 @@ const MIN_SHARE: f64 = 1e-12;
 const LARGEST_SQUARE: f64 = 1e12;
 
 /// The selection for a target of so many `points`; `None` where it cannot be made.
-pub(super) fn selection(s: &RawServo, points: usize, check: &mut Check<'_>) -> Option<Selection> {
+pub(super) fn selection(s: &RawServo, points: usize, check: &mut Validation<'_>) -> Option<Selection> {
     let mut kinds: Vec<FeatureKind> = Vec::new();
     let mut index = |key: &str, i: usize| {
         if !(1..=points).contains(&i) {
@@ -75,7 +75,7 @@ fn area_feature(area: AreaKind) -> Option<OutlineFeature> {
 }
 
 /// Warns where the features do not tell enough at the goal: the arm would stop, or wander about, with an error left.
-pub(super) fn doubtful_features(law: &Law, set_point: &SetPoint, joints: usize, check: &mut Check<'_>) {
+pub(super) fn doubtful_features(law: &Law, set_point: &SetPoint, joints: usize, check: &mut Validation<'_>) {
     if !matches!(law, Law::ImageVelocity { .. } | Law::ImageTorque { .. } | Law::PreconditionedTorque { .. })
     {
         return;

@@ -1,7 +1,7 @@
 //! `[servo]`: from words and lists to a law and its goal.
 
 use super::Servo;
-use super::check::Check;
+use super::check::Validation;
 use super::raw::{
     At, DampingOn, Depth, DriveKind, FeatureGain, Gains, Orientation, RawConfig, RawServo, SceneMotionKind,
     SchemeKind, SetPointKind, Update,
@@ -31,7 +31,7 @@ pub(super) fn servo(
     raw: &RawConfig,
     (target, camera): (&Target, Option<&CameraModel>),
     X_DO: &Pose,
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> Option<Servo> {
     let s = &raw.servo;
     let before = check.count_problems();
@@ -100,7 +100,7 @@ pub(super) fn servo(
 }
 
 /// Normalized coordinates are tangents: those of a camera that sees farther to the side than 89 degrees are beyond 57.
-fn features_in_view(s: &RawServo, check: &mut Check<'_>) {
+fn features_in_view(s: &RawServo, check: &mut Validation<'_>) {
     for (i, feature) in s.set_point.features.iter().enumerate() {
         for (j, coordinate) in feature.iter().enumerate() {
             check.range(&format!("servo.set_point.features[{i}][{j}]"), *coordinate, -57.0..=57.0);
@@ -112,7 +112,7 @@ fn visibility(
     s: &RawServo,
     target: &Target,
     camera: Option<&CameraModel>,
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> Option<VisibilityGuard> {
     let (margin_px, rate_1_s) = (
         check.range("servo.visibility.margin_px", s.visibility.margin_px, 0.0..=1000.0),
@@ -127,7 +127,7 @@ fn visibility(
     s.visibility.guard.then_some(guard)
 }
 
-fn object(s: &RawServo, check: &mut Check<'_>) -> Option<ObjectDynamics> {
+fn object(s: &RawServo, check: &mut Validation<'_>) -> Option<ObjectDynamics> {
     let acceleration = 1e-4..=100.0;
     let dynamics = ObjectDynamics {
         acceleration_m_s2: check.range(
@@ -158,7 +158,7 @@ pub(super) fn tilted(X_CO: &Pose) -> bool {
     (X_CO.rotation * Vector3::z() - Vector3::z()).norm() > TILT
 }
 
-fn law(s: &RawServo, check: &mut Check<'_>) -> Law {
+fn law(s: &RawServo, check: &mut Validation<'_>) -> Law {
     let orientation = match s.orientation_error {
         Orientation::EulerZyx => OrientationError::EulerZyx,
         Orientation::AngleAxis => OrientationError::AngleAxis,
@@ -234,7 +234,7 @@ struct PdGains {
 }
 
 /// All of them, whichever law is used: a number that is wrong is told before it is needed.
-fn pd_gains(s: &RawServo, check: &mut Check<'_>) -> PdGains {
+fn pd_gains(s: &RawServo, check: &mut Validation<'_>) -> PdGains {
     let pd = &s.pd;
     PdGains {
         K_P: pose_gains(
@@ -266,7 +266,7 @@ fn scaled(gain: Gain, factor: f64) -> Gain {
 }
 
 /// Component gains, and the common factor: the adaptive one, or 1.
-fn velocity_gains(s: &RawServo, check: &mut Check<'_>) -> (PoseGains, Gain) {
+fn velocity_gains(s: &RawServo, check: &mut Validation<'_>) -> (PoseGains, Gain) {
     let K = match &s.gain_1_s {
         Gains::One(gain) => PoseGains::repeat(check.range("servo.gain_1_s", *gain, GAIN_1_S)),
         Gains::Each(list) => {
@@ -291,7 +291,11 @@ fn velocity_gains(s: &RawServo, check: &mut Check<'_>) -> (PoseGains, Gain) {
     (K, gain)
 }
 
-fn pose_gains(check: &mut Check<'_>, position: (&str, &Gains), orientation: (&str, &Gains)) -> PoseGains {
+fn pose_gains(
+    check: &mut Validation<'_>,
+    position: (&str, &Gains),
+    orientation: (&str, &Gains),
+) -> PoseGains {
     let mut three = |(key, gains): (&str, &Gains)| match gains {
         Gains::One(gain) => Vector3::repeat(check.range(key, *gain, PD_GAIN)),
         Gains::Each(list) => {
@@ -311,7 +315,7 @@ fn pose_gains(check: &mut Check<'_>, position: (&str, &Gains), orientation: (&st
     PoseGains::new(p.x, p.y, p.z, o.x, o.y, o.z)
 }
 
-fn joint_damping(s: &RawServo, check: &mut Check<'_>) -> [f64; MAX_JOINTS] {
+fn joint_damping(s: &RawServo, check: &mut Validation<'_>) -> [f64; MAX_JOINTS] {
     let key = "servo.pd.joint_damping_nms_rad_or_ns_m";
     let mut damping = [0.0; MAX_JOINTS];
     match &s.pd.joint_damping_nms_rad_or_ns_m {

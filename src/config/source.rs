@@ -16,7 +16,7 @@ pub struct Document {
     /// The values.
     pub table: Table,
     name: String,
-    lines: Lines,
+    lines: LineIndex,
     places: HashMap<String, ValueOrigin>,
 }
 
@@ -32,7 +32,7 @@ impl Document {
     /// # Errors
     /// The syntax errors that the parser can tell apart.
     pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
-        let lines = Lines::new(text);
+        let lines = LineIndex::new(text);
         let (root, errors) = DeTable::parse_recoverable(text);
         if !errors.is_empty() {
             let offset = |e: &toml::de::Error| e.span().map_or(0, |s| s.start);
@@ -219,12 +219,12 @@ fn walk_value(path: &str, value: &Spanned<DeValue<'_>>, places: &mut HashMap<Str
 
 /// A text with the beginnings of its lines, so that no place is counted from the text's beginning.
 #[derive(Debug, Clone)]
-struct Lines {
+struct LineIndex {
     text: String,
     starts: Vec<usize>,
 }
 
-impl Lines {
+impl LineIndex {
     fn new(text: &str) -> Self {
         let starts = std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect();
         Self { text: text.into(), starts }

@@ -6,7 +6,7 @@
 //! | `stereo.right_in_left` | where the right camera sits, instead of its mount |
 //! | `stereo.taught_file`, `[[stereo.points]]` | the view to come back to; without it, what a simulated pair sees in `servo.desired` |
 
-use super::check::{Check, pose};
+use super::check::{Validation, pose};
 use super::raw::{
     AreaKind, Clock, RawConfig, RawMount, RawStereo, RawTaughtPoint, RawTaughtView, SetPointKind, Task,
 };
@@ -87,7 +87,7 @@ pub(super) fn right_mount(
     raw: &RawConfig,
     written: &RawMount,
     left: &Mount,
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> Option<Mount> {
     let X = raw.stereo.as_ref()?.right_in_left.as_ref()?;
     if *written != RawMount::default() {
@@ -118,7 +118,7 @@ pub(super) fn stereo(
     raw: &RawConfig,
     (camera, further): (Option<&Camera>, &[Camera]),
     (target, X_DO): (Option<&Target>, &Pose),
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> Option<Stereo> {
     let s = raw.stereo.as_ref()?;
     let tolerance = check.span_ms("stereo.pair_tolerance_ms", s.pair_tolerance_ms, TOLERANCE_MS);
@@ -184,7 +184,7 @@ pub(super) fn stereo(
 }
 
 /// What a pair of cameras asks of task and law.
-fn of_the_run(raw: &RawConfig, check: &mut Check<'_>) {
+fn of_the_run(raw: &RawConfig, check: &mut Validation<'_>) {
     if raw.run.task != Task::Servo {
         check.wrong("run.task", "must be `servo` with [stereo]: calibrate each camera's latency by itself");
     }
@@ -210,7 +210,13 @@ fn of_the_run(raw: &RawConfig, check: &mut Check<'_>) {
 }
 
 /// What a pair of cameras asks of each of them.
-fn of_the_cameras(raw: &RawConfig, left: &Camera, right: &Camera, tolerance: SpanNs, check: &mut Check<'_>) {
+fn of_the_cameras(
+    raw: &RawConfig,
+    left: &Camera,
+    right: &Camera,
+    tolerance: SpanNs,
+    check: &mut Validation<'_>,
+) {
     if left.rate_hz != right.rate_hz {
         let message = format!(
             "is {} Hz, that of the left camera {} Hz: frames of one instant need one rate",
@@ -237,7 +243,7 @@ fn of_the_cameras(raw: &RawConfig, left: &Camera, right: &Camera, tolerance: Spa
     }
 }
 
-fn points(s: &RawStereo, check: &mut Check<'_>) -> Option<Vec<TaughtPoint>> {
+fn points(s: &RawStereo, check: &mut Validation<'_>) -> Option<Vec<TaughtPoint>> {
     let before = check.count_problems();
     let mut points = Vec::new();
     for (i, point) in s.points.iter().enumerate() {
@@ -264,7 +270,7 @@ fn in_view(
     rig: &StereoRig,
     (target, X_DO): (&Target, &Pose),
     taught: Option<&TaughtView>,
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) {
     let hidden = |p_D: &Point3<f64>| {
         let seen = rig.project(p_D);

@@ -1,6 +1,6 @@
 //! `[target]`: what the camera looks at. Keys and bounds of all kinds in one place.
 
-use super::check::Check;
+use super::check::Validation;
 use crate::target::{Chessboard, DotGrid, FourDots, Shape, TagFamily, TagPlace, Tags, Target, TargetError};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
@@ -147,7 +147,7 @@ table! {
 }
 
 /// The target, where nothing is wrong with it.
-pub(super) fn target(raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
+pub(super) fn target(raw: &RawTarget, check: &mut Validation<'_>) -> Option<Target> {
     let before = check.count_problems();
     let (grid, board, tags) = (&raw.dot_grid, &raw.chessboard, &raw.tags);
     for (key, length_m) in [
@@ -205,7 +205,7 @@ pub(super) fn target(raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
 }
 
 /// The target that lengths within their ranges make; what they do not make is told at `key`.
-pub(super) fn made(key: &str, raw: &RawTarget, check: &mut Check<'_>) -> Option<Target> {
+pub(super) fn made(key: &str, raw: &RawTarget, check: &mut Validation<'_>) -> Option<Target> {
     let made = match raw.kind {
         TargetKind::FourDots => FourDots::new(raw.side_m, raw.radius_p1_m, raw.radius_m, raw.margin_m)
             .and_then(|dots| raw.radius_p2_m.map_or(Ok(dots), |radius_m| dots.with_second_radius(radius_m)))

@@ -1,6 +1,6 @@
 //! `[camera.v4l2]`: a camera of the kernel's video interface.
 
-use super::check::Check;
+use super::check::Validation;
 use crate::imaging::grey::PixelFormat;
 use crate::time::SpanNs;
 use serde::de::{Error, Visitor};
@@ -188,7 +188,7 @@ impl V4l2Settings {
 }
 
 /// The settings of a camera whose table is `at`; bounds hold whether it is used or not, a device is `needed` where it is.
-pub(super) fn settings(raw: &RawV4l2, at: &str, needed: bool, check: &mut Check<'_>) -> V4l2Settings {
+pub(super) fn settings(raw: &RawV4l2, at: &str, needed: bool, check: &mut Validation<'_>) -> V4l2Settings {
     let key = |name: &str| format!("{at}.v4l2.{name}");
     if needed && raw.device.trim().is_empty() {
         check.wrong(

@@ -7,7 +7,7 @@ mod motion;
 mod start;
 mod truth;
 
-use super::check::Check;
+use super::check::Validation;
 use super::raw::{Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, Task};
 use super::selection::doubtful_features;
 use super::servo::servo;
@@ -34,7 +34,7 @@ pub(super) fn validate(
     views: bool,
     problems: &mut Vec<Problem>,
 ) -> Option<Config> {
-    let mut check = Check::new(document, problems);
+    let mut check = Validation::new(document, problems);
     let check = &mut check;
 
     let duration = SpanNs::from_s(check.range("run.duration_s", raw.run.duration_s, 0.01..=86_400.0));
@@ -185,7 +185,7 @@ pub(super) fn validate(
     })
 }
 
-fn scene_motion(raw: &RawConfig, check: &mut Check<'_>) -> SceneMotion {
+fn scene_motion(raw: &RawConfig, check: &mut Validation<'_>) -> SceneMotion {
     let motion = &raw.scene.motion;
     for (key, list) in [("velocity_m_s", &motion.velocity_m_s), ("amplitude_m", &motion.amplitude_m)] {
         for (i, v) in list.iter().enumerate() {
@@ -202,7 +202,7 @@ fn scene_motion(raw: &RawConfig, check: &mut Check<'_>) -> SceneMotion {
     }
 }
 
-fn timing(raw: &RawConfig, camera: &Camera, check: &mut Check<'_>) {
+fn timing(raw: &RawConfig, camera: &Camera, check: &mut Validation<'_>) {
     let period_s = 1.0 / camera.rate_hz;
     let (timeout_ms, key) = (raw.safety.measurement_timeout_ms, "safety.measurement_timeout_ms");
     if !MEASUREMENT_TIMEOUT_MS.contains(&timeout_ms) {

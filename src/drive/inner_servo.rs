@@ -23,7 +23,7 @@ pub struct InnerServo {
 
 /// What it remembers: the integral of its error, per joint.
 #[derive(Debug, Clone)]
-pub(super) struct Loop<const N: usize> {
+pub(super) struct VelocityLoop<const N: usize> {
     omega_rad_s: f64,
     integral: SVector<f64, N>,
     /// The velocity at which the command that acts took over, and how long ago that was, s.
@@ -32,7 +32,7 @@ pub(super) struct Loop<const N: usize> {
     target: Option<SVector<f64, N>>,
 }
 
-impl<const N: usize> Loop<N> {
+impl<const N: usize> VelocityLoop<N> {
     pub(super) fn new(settings: InnerServo) -> Self {
         let zero = SVector::zeros();
         let omega_rad_s = settings.natural_frequency_rad_s;

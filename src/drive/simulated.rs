@@ -11,7 +11,7 @@
 use super::delay::{Delay, MAX_DELAY};
 use super::encoder::Encoder;
 use super::friction::{after_friction, has_friction};
-use super::inner_servo::Loop;
+use super::inner_servo::VelocityLoop;
 use super::{CommandMode, Drive, DriveCommand, DriveState, EncoderModel, InnerServo};
 use crate::robot::Robot;
 use crate::time::MonoNs;
@@ -101,7 +101,7 @@ pub struct SimulatedDrive<const N: usize> {
     friction: bool,
     effort_limits: bool,
     commands: Delay<N>,
-    servo: Loop<N>,
+    servo: VelocityLoop<N>,
     encoder: Encoder<N>,
 }
 
@@ -135,7 +135,7 @@ impl<const N: usize> SimulatedDrive<N> {
             nominal: robot,
             effort_limits: settings.effort_limits,
             commands: Delay::new(settings.command_delay_ticks),
-            servo: Loop::new(settings.servo),
+            servo: VelocityLoop::new(settings.servo),
             encoder: Encoder::new(settings.encoder),
         })
     }

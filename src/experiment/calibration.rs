@@ -8,7 +8,7 @@ use super::cell::{POINTS, pose_of, project};
 use super::feature_source::{FeatureSource, Miscalibration, camera};
 use super::findings::Findings;
 use super::plot::{Panel, Series, Symbol, figure};
-use super::schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, set_point};
+use super::schemes::{Estimator, Pilot, PoseFeature, SCHEMES, Scheme, set_point};
 use super::simulate::simulate;
 use super::{Cell, ExperimentError, Metrics, Options, Trajectory, TrajectoryEnd};
 use crate::servo::SetPoint;
@@ -61,7 +61,7 @@ pub fn run_miscalibrated(
         Teaching::Computed => set_point(&cell.X_DO, scheme.selection())?,
         Teaching::Taught => taught(cell, scheme, wrong)?,
     };
-    let estimator = scheme.is_position_based().then(|| Estimator::new(Watched::Points));
+    let estimator = scheme.is_position_based().then(|| Estimator::new(PoseFeature::Points));
     let mut pilot = Pilot::new(cell, scheme.law(), goal, estimator);
     let mut source = FeatureSource::Miscalibrated(*wrong);
     Ok(simulate(cell, scheme.name(), &mut source, SPAN_S, |frame| pilot.control(frame)))
@@ -73,7 +73,7 @@ fn taught(cell: &Cell, scheme: Scheme, wrong: &Miscalibration) -> Result<SetPoin
     let s = project(&cell.X_DO).ok_or_else(|| fail("the goal does not show all points".into()))?;
     let seen = s.map(|s| wrong.believed(&s));
     if scheme.is_position_based() {
-        let mut estimator = Estimator::new(Watched::Points);
+        let mut estimator = Estimator::new(PoseFeature::Points);
         let mut x = estimator.run(&seen).map_err(fail)?;
         for _ in 0..TEACHING_FRAMES {
             x = estimator.run(&seen).map_err(fail)?;

@@ -3,7 +3,7 @@
 use super::findings::Findings;
 use super::metrics::Metrics;
 use super::plot::{Drawing, Panel, Series, Symbol, figure};
-use super::schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
+use super::schemes::{Estimator, Pilot, PoseFeature, SCHEMES, Scheme, segment_selection, set_point};
 use super::simulate::{SPAN_S, simulate};
 use super::{
     CameraKind, Cell, CellGoal, ExperimentError, FeatureSource, Options, RenderedFeatures, Trajectory,
@@ -80,7 +80,7 @@ pub(super) fn segment_problem(options: &Options<'_>, scheme: Scheme) -> Result<F
 fn segment_pilot(cell: &Cell, scheme: Scheme) -> Result<Pilot<'_>, ExperimentError> {
     if scheme.is_position_based() {
         let goal = set_point(&cell.X_DO, scheme.selection())?;
-        return Ok(Pilot::new(cell, scheme.law(), goal, Some(Estimator::new(Watched::Segment))));
+        return Ok(Pilot::new(cell, scheme.law(), goal, Some(Estimator::new(PoseFeature::Segment))));
     }
     let law = match scheme {
         Scheme::C => Law::ImageTorque {
@@ -160,7 +160,7 @@ fn feature_figure(run: &Trajectory, goal: &CellGoal) -> Drawing {
     let end = run.rows.last().map_or(0.0, |row| row.time_s);
     let mut over_time = Panel::new("feature parameters", "t [s]", "X, Y [-]");
     let mut paths = Panel::new("paths in the image plane", "X [-]", "Y [-]").equal_scales();
-    let of = |row: &super::Row, i: usize| row.s.get(i).map_or((f64::NAN, f64::NAN), |s| (s.x, s.y));
+    let of = |row: &super::TrajectoryRow, i: usize| row.s.get(i).map_or((f64::NAN, f64::NAN), |s| (s.x, s.y));
     for i in 0..2 {
         let s_d = goal.s.get(i).map_or((f64::NAN, f64::NAN), |s| (s.x, s.y));
         over_time.push(Series::line(2 * i, run.series(|row| of(row, i).0)).label(format!("X{}", i + 1)));
@@ -219,7 +219,7 @@ fn compared(measured: &[(&str, f64, Option<f64>)]) -> String {
 }
 
 fn side_by_side(runs: &[Trajectory], goal: &CellGoal) -> Drawing {
-    let of = |row: &super::Row, i: usize| row.s.get(i).map_or((f64::NAN, f64::NAN), |s| (s.x, s.y));
+    let of = |row: &super::TrajectoryRow, i: usize| row.s.get(i).map_or((f64::NAN, f64::NAN), |s| (s.x, s.y));
     let mut paths: Vec<Panel> = Vec::new();
     let mut places: Vec<Panel> = Vec::new();
     for run in runs {

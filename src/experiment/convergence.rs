@@ -249,10 +249,10 @@ struct Course<'a> {
 }
 
 impl ClosedLoop for Course<'_> {
-    type Seen = [Vector2<f64>; 4];
-    type End = (Fate, f64);
+    type Observation = [Vector2<f64>; 4];
+    type Outcome = (Fate, f64);
 
-    fn sense(&mut self, frame: u64) -> ControlFlow<Self::End> {
+    fn sense(&mut self, frame: u64) -> ControlFlow<Self::Outcome> {
         if frame >= FRAMES {
             return Break((Fate::TooSlow, SPAN_S));
         }
@@ -265,7 +265,7 @@ impl ClosedLoop for Course<'_> {
         if away < FAR_M { Continue(()) } else { Break((Fate::Diverged, time_s(frame))) }
     }
 
-    fn see(&mut self, frame: u64, _: u64) -> ControlFlow<Self::End, Self::Seen> {
+    fn see(&mut self, frame: u64, _: u64) -> ControlFlow<Self::Outcome, Self::Observation> {
         let Some(s) = project(&self.X_CO).filter(|_| faces(&self.X_CO)) else {
             return Break((Fate::LostSight, time_s(frame)));
         };
@@ -281,7 +281,7 @@ impl ClosedLoop for Course<'_> {
         Continue(s)
     }
 
-    fn act(&mut self, frame: u64, seen: Option<Self::Seen>) -> ControlFlow<Self::End> {
+    fn act(&mut self, frame: u64, seen: Option<Self::Observation>) -> ControlFlow<Self::Outcome> {
         let J = CameraJacobian::of_moving_camera(Matrix6::identity());
         let arm = Arm { J, qd: self.V, gravity: Vector6::zeros() };
         let wish = seen

@@ -3,7 +3,7 @@
 //! All are taken against the goal, never against the last sample: a run that is still on its way when it ends must not be
 //! judged by where it happened to be.
 
-use super::{ExperimentError, Row, Trajectory, TrajectoryEnd};
+use super::{ExperimentError, Trajectory, TrajectoryEnd, TrajectoryRow};
 use crate::features::wrap_rad;
 use nalgebra::{SVector, Vector2, Vector3, Vector4};
 use serde::Serialize;
@@ -71,9 +71,9 @@ impl Metrics {
     /// [`ExperimentError::Empty`] for a run without rows.
     pub fn of(run: &Trajectory, goal: &CellGoal) -> Result<Self, ExperimentError> {
         let (first, last) = run.ends()?;
-        let position = |row: &Row| (row.x_c - goal.x_c).xyz().norm();
-        let orientation = |row: &Row| wrap_rad(row.x_c.w - goal.x_c.w).abs();
-        let features = |row: &Row| {
+        let position = |row: &TrajectoryRow| (row.x_c - goal.x_c).xyz().norm();
+        let orientation = |row: &TrajectoryRow| wrap_rad(row.x_c.w - goal.x_c.w).abs();
+        let features = |row: &TrajectoryRow| {
             row.s.iter().zip(&goal.s).map(|(s, s_d)| (s - s_d).norm_squared()).sum::<f64>().sqrt()
         };
         let z_min = run.rows.iter().map(|row| row.x_c.z).fold(f64::INFINITY, f64::min);
@@ -109,13 +109,13 @@ impl Metrics {
 
 /// The time from which on `error` stays within 2 % of its first value; `None` where it does not, or where `run` broke off.
 #[must_use]
-pub fn settling_time(run: &Trajectory, error: impl Fn(&Row) -> f64) -> Option<f64> {
+pub fn settling_time(run: &Trajectory, error: impl Fn(&TrajectoryRow) -> f64) -> Option<f64> {
     if run.end != TrajectoryEnd::Finished {
         return None;
     }
     let first = run.rows.first()?;
     let band = SETTLED * error(first);
-    let inside = |row: &&Row| error(row) <= band; // false for NaN
+    let inside = |row: &&TrajectoryRow| error(row) <= band; // false for NaN
     let settled = run.rows.iter().rev().take_while(inside).last()?;
     Some(settled.time_s - first.time_s)
 }
@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     fn run(z: &[f64]) -> Trajectory {
-        let row = |(k, z): (usize, &f64)| Row {
+        let row = |(k, z): (usize, &f64)| TrajectoryRow {
             time_s: k as f64 * 1e-3,
             x_c: Vector4::new(0.0, 0.0, *z, 0.0),
             s: [Vector2::new(*z, 0.0); 4],

@@ -33,13 +33,13 @@ pub use convergence::{FLIERS, Fate, Flier, Flight, flights, fly, start};
 pub use error::ExperimentError;
 pub use feature_source::{FeatureSource, Miscalibration, RenderedFeatures};
 pub use findings::{Figure, Findings};
-pub use gain_delay::{DELAYS_MS, Disturbance, Finding, Loop, errors_to_bear, study};
+pub use gain_delay::{DELAYS_MS, DelayedLoop, Disturbance, Finding, errors_to_bear, study};
 pub use metrics::{CellGoal, Metrics, RemainingErrors, SettlingTimes, path_deviation, settling_time};
 pub use plot::{Drawing, Panel, Series, Symbol, figure};
 pub use retreat::{ROTATIONS_DEG, pure_rotation, retreat_of};
-pub use schemes::{Estimator, Pilot, SCHEMES, Scheme, Watched, segment_selection, set_point};
+pub use schemes::{Estimator, Pilot, PoseFeature, SCHEMES, Scheme, segment_selection, set_point};
 pub use simulate::{LawInput, SPAN_S, STEP_S, STEPS_PER_FRAME, simulate, simulate_at};
-pub use trajectory::{HEADER, Row, Trajectory, TrajectoryEnd};
+pub use trajectory::{HEADER, Trajectory, TrajectoryEnd, TrajectoryRow};
 
 use std::path::{Path, PathBuf};
 

@@ -99,7 +99,7 @@ impl Scheme {
 
 /// What the pose estimation looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Watched {
+pub enum PoseFeature {
     /// The points P1 and P2.
     Points,
     /// The line segment P1 P2, (10.28).
@@ -110,13 +110,13 @@ pub enum Watched {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimator {
     x: Vector4<f64>,
-    watched: Watched,
+    watched: PoseFeature,
 }
 
 impl Estimator {
     /// Starts from x_d,o, as in Sect. 10.9.
     #[must_use]
-    pub fn new(watched: Watched) -> Self {
+    pub fn new(watched: PoseFeature) -> Self {
         Self { x: desired_object(), watched }
     }
 
@@ -131,8 +131,8 @@ impl Estimator {
         for _ in 0..ESTIMATION_STEPS {
             let (gain, dt) = (ESTIMATION_GAIN_1_S, ESTIMATION_STEP_S);
             let step = match self.watched {
-                Watched::Points => algorithmic_step_4(&self.x, &pairs, gain, dt),
-                Watched::Segment => {
+                PoseFeature::Points => algorithmic_step_4(&self.x, &pairs, gain, dt),
+                PoseFeature::Segment => {
                     algorithmic_step_segment(&self.x, &[p1, p2], &segment_features(&[s1, s2]), gain, dt)
                 }
             };
@@ -159,7 +159,7 @@ impl<'a> Pilot<'a> {
     /// # Errors
     /// [`ExperimentError::Cell`] when the goal does not show all points.
     pub fn textbook(cell: &'a Cell, scheme: Scheme) -> Result<Self, ExperimentError> {
-        let estimator = scheme.is_position_based().then(|| Estimator::new(Watched::Points));
+        let estimator = scheme.is_position_based().then(|| Estimator::new(PoseFeature::Points));
         Ok(Self::new(cell, scheme.law(), set_point(&cell.X_DO, scheme.selection())?, estimator))
     }
 

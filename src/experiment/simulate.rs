@@ -6,7 +6,7 @@
 
 use super::cell::{Cell, project};
 use super::feature_source::FeatureSource;
-use super::trajectory::{Row, Trajectory, TrajectoryEnd};
+use super::trajectory::{Trajectory, TrajectoryEnd, TrajectoryRow};
 use crate::geometry::Pose;
 use crate::servo::LawOutput;
 use crate::sim::{ClosedLoop, frame_every, run};
@@ -77,7 +77,7 @@ pub fn simulate_at(
     };
     let stop = run(&frame_every(steps_per_frame), &mut textbook);
     let rows = textbook.rows;
-    let time_s = rows.last().map_or(0.0, |row: &Row| row.time_s);
+    let time_s = rows.last().map_or(0.0, |row: &TrajectoryRow| row.time_s);
     let end = stop.map_or(TrajectoryEnd::Finished, |reason| TrajectoryEnd::Stopped { time_s, reason });
     Trajectory { name: name.into(), rows, end }
 }
@@ -96,14 +96,14 @@ struct Textbook<'a, F> {
     wish: LawOutput<4>,
     /// The step of the last frame, and the joint positions there.
     at_frame: (u64, Vector4<f64>),
-    rows: Vec<Row>,
+    rows: Vec<TrajectoryRow>,
 }
 
 impl<F: FnMut(&LawInput) -> Result<LawOutput<4>, String>> ClosedLoop for Textbook<'_, F> {
-    type Seen = LawInput;
-    type End = Option<String>;
+    type Observation = LawInput;
+    type Outcome = Option<String>;
 
-    fn sense(&mut self, _: u64) -> ControlFlow<Self::End> {
+    fn sense(&mut self, _: u64) -> ControlFlow<Self::Outcome> {
         self.X_CO = self.cell.X_CO(&self.q);
         let Some(s) = project(&self.X_CO) else {
             return Break(Some("a point of the object is no longer in front of the camera".to_string()));
@@ -112,7 +112,7 @@ impl<F: FnMut(&LawInput) -> Result<LawOutput<4>, String>> ClosedLoop for Textboo
         Continue(())
     }
 
-    fn see(&mut self, _: u64, frame_id: u64) -> ControlFlow<Self::End, LawInput> {
+    fn see(&mut self, _: u64, frame_id: u64) -> ControlFlow<Self::Outcome, LawInput> {
         let index = frame_id as usize;
         match self.source.look(&self.X_CO, &self.s, index) {
             Ok(seen) => Continue(LawInput { index, q: self.q, qd: self.qd, seen }),
@@ -120,7 +120,7 @@ impl<F: FnMut(&LawInput) -> Result<LawOutput<4>, String>> ClosedLoop for Textboo
         }
     }
 
-    fn act(&mut self, step: u64, seen: Option<LawInput>) -> ControlFlow<Self::End> {
+    fn act(&mut self, step: u64, seen: Option<LawInput>) -> ControlFlow<Self::Outcome> {
         if let Some(input) = seen {
             match (self.law)(&input) {
                 Ok(wish) => (self.wish, self.at_frame) = (wish, (step, self.q)),
@@ -129,7 +129,7 @@ impl<F: FnMut(&LawInput) -> Result<LawOutput<4>, String>> ClosedLoop for Textboo
         }
         let (LawOutput::Torque(u) | LawOutput::Velocity(u)) = self.wish;
         let (time_s, x_c) = (step as f64 * STEP_S, self.cell.camera(&self.q));
-        self.rows.push(Row { time_s, x_c, s: self.s, q: self.q, u });
+        self.rows.push(TrajectoryRow { time_s, x_c, s: self.s, q: self.q, u });
         match self.wish {
             LawOutput::Torque(tau) => {
                 (self.q, self.qd) = self.cell.arm.integrate(&self.q, &self.qd, &tau, STEP_S)

@@ -9,7 +9,7 @@ pub const HEADER: &str = "time_s,x_m,y_m,z_m,alpha_rad,X1,Y1,X2,Y2,X3,Y3,X4,Y4,q
 
 /// The state at one millisecond.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Row {
+pub struct TrajectoryRow {
     /// Since the start.
     pub time_s: f64,
     /// Camera in the base: x, y, z in m and the angle about z in rad, not wrapped.
@@ -42,7 +42,7 @@ pub struct Trajectory {
     /// Name of the scheme; also of its file.
     pub name: String,
     /// At least one row.
-    pub rows: Vec<Row>,
+    pub rows: Vec<TrajectoryRow>,
     /// How it ended.
     pub end: TrajectoryEnd,
 }
@@ -66,7 +66,10 @@ impl Trajectory {
     }
 
     /// A quantity of every row over time.
-    pub fn series<'a>(&'a self, of: impl Fn(&Row) -> f64 + 'a) -> impl Iterator<Item = (f64, f64)> + 'a {
+    pub fn series<'a>(
+        &'a self,
+        of: impl Fn(&TrajectoryRow) -> f64 + 'a,
+    ) -> impl Iterator<Item = (f64, f64)> + 'a {
         self.rows.iter().map(move |row| (row.time_s, of(row)))
     }
 
@@ -74,7 +77,7 @@ impl Trajectory {
     ///
     /// # Errors
     /// [`ExperimentError::Empty`] without rows.
-    pub fn ends(&self) -> Result<(&Row, &Row), ExperimentError> {
+    pub fn ends(&self) -> Result<(&TrajectoryRow, &TrajectoryRow), ExperimentError> {
         match (self.rows.first(), self.rows.last()) {
             (Some(first), Some(last)) => Ok((first, last)),
             _ => Err(ExperimentError::Empty { scheme: self.name.clone() }),

@@ -75,7 +75,7 @@ impl Contour {
 #[derive(Debug, Clone)]
 pub struct Contours {
     outlines: Outlines,
-    chain: Chain,
+    chain: ContourCollector,
     list: Vec<Contour>,
     /// Of each contour the child that was found last.
     last_child: Vec<u32>,
@@ -88,7 +88,7 @@ impl Contours {
         let points = points.min(NONE as usize - 1);
         Self {
             outlines: Outlines::with_limit(runs),
-            chain: Chain {
+            chain: ContourCollector {
                 points: vec![Point::default(); points],
                 ends: Vec::with_capacity(runs),
                 at: 0,
@@ -157,7 +157,7 @@ impl Contours {
 
 /// Collects the pixels on the left hand of the way along an outline.
 #[derive(Debug, Clone)]
-struct Chain {
+struct ContourCollector {
     /// All of the buffer; `at` of it are in use.
     points: Vec<Point>,
     at: usize,
@@ -166,7 +166,7 @@ struct Chain {
     full: bool,
 }
 
-impl Chain {
+impl ContourCollector {
     #[inline(always)]
     fn push(&mut self, x: u32, y: u32) {
         if let Some(slot) = self.points.get_mut(self.at) {
@@ -198,7 +198,7 @@ impl Chain {
     }
 }
 
-impl Walker for Chain {
+impl Walker for ContourCollector {
     #[inline(always)]
     fn start(&mut self, run: &Run, right: bool) {
         self.push(if right { run.x1 - 1 } else { run.x0 }, run.y);

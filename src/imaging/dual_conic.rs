@@ -152,7 +152,7 @@ fn row(g: &Vector2<f64>, d: &Vector2<f64>) -> (V5, f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_image::{Picture, any_image};
+    use super::super::test_image::{SyntheticImage, any_image};
     use super::*;
     use crate::linalg::Random;
     use proptest::prelude::*;
@@ -169,7 +169,7 @@ mod tests {
                 let centre = Vector2::new(place() + random.uniform(), place() + random.uniform());
                 let b = radius * random.between(0.6, 1.0);
                 let truth = Ellipse::new(centre, radius, b, random.between(0.0, 3.0));
-                let picture = Picture {
+                let picture = SyntheticImage {
                     width: 2 * half + 1,
                     height: 2 * half + 1,
                     dark: 40.0,

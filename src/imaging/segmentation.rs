@@ -60,14 +60,14 @@ impl GreyRegion {
 
 /// What the predicate looks at.
 #[derive(Debug, Clone, Copy, Default)]
-struct Part {
+struct RegionLevels {
     count: u32,
     low: u8,
     high: u8,
     sum: u64,
 }
 
-impl Part {
+impl RegionLevels {
     fn with(&self, other: &Self) -> Self {
         Self {
             count: self.count + other.count,
@@ -79,11 +79,11 @@ impl Part {
 }
 
 impl Uniformity {
-    fn holds(&self, a: &Part, b: &Part) -> bool {
+    fn holds(&self, a: &RegionLevels, b: &RegionLevels) -> bool {
         match *self {
             Self::Range(most) => a.high.max(b.high) - a.low.min(b.low) <= most,
             Self::Means(most) => {
-                let mean = |p: &Part| p.sum as f64 / f64::from(p.count.max(1));
+                let mean = |p: &RegionLevels| p.sum as f64 / f64::from(p.count.max(1));
                 (mean(a) - mean(b)).abs() <= most
             }
         }
@@ -95,7 +95,7 @@ impl Uniformity {
 pub struct Segmentation {
     limit: usize,
     parents: Vec<u32>,
-    parts: Vec<Part>,
+    parts: Vec<RegionLevels>,
     /// Pairs of neighbours by difference: twice the first pixel's index, odd for the one below.
     pairs: Vec<u32>,
     labels: Plane<u32>,
@@ -150,7 +150,12 @@ impl Segmentation {
         self.parents.extend(0..pixels as u32);
         self.parts.clear();
         for piece in image.pieces() {
-            self.parts.extend(piece.iter().map(|&p| Part { count: 1, low: p, high: p, sum: p.into() }));
+            self.parts.extend(piece.iter().map(|&p| RegionLevels {
+                count: 1,
+                low: p,
+                high: p,
+                sum: p.into(),
+            }));
         }
         self.sort_pairs(image);
         self.merge_pairs(width, |a, b| uniformity.holds(a, b));
@@ -186,7 +191,7 @@ impl Segmentation {
     }
 
     /// Merges the regions of each pair that may; the pairs that may not are left.
-    fn merge_pairs(&mut self, width: usize, may: impl Fn(&Part, &Part) -> bool) {
+    fn merge_pairs(&mut self, width: usize, may: impl Fn(&RegionLevels, &RegionLevels) -> bool) {
         let mut left = 0;
         for at in 0..self.pairs.len() {
             let Some(&pair) = self.pairs.get(at) else { break };
@@ -202,7 +207,7 @@ impl Segmentation {
 
     /// Merges the regions of a pair if they may; whether they are one then.
     #[inline]
-    fn merge(&mut self, pair: u32, width: usize, may: impl Fn(&Part, &Part) -> bool) -> bool {
+    fn merge(&mut self, pair: u32, width: usize, may: impl Fn(&RegionLevels, &RegionLevels) -> bool) -> bool {
         let first = pair / 2;
         let second = if pair & 1 == 1 { first + width as u32 } else { first + 1 };
         let (a, b) = (self.root(first), self.root(second));

@@ -50,7 +50,7 @@ pub(crate) fn any_image() -> impl Strategy<Value = TestImage> {
 }
 
 /// Grey levels by 15 x 15 points a pixel: `light` where the scene is lit; blurred, with noise, rounded.
-pub(crate) struct Picture {
+pub(crate) struct SyntheticImage {
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(crate) dark: f64,
@@ -59,7 +59,7 @@ pub(crate) struct Picture {
     pub(crate) noise_levels: f64,
 }
 
-impl Picture {
+impl SyntheticImage {
     /// `distance` from the light's rim, px, less than 0 where it is dark; beyond 1 px nothing is sampled.
     pub(crate) fn render(
         &self,

@@ -2,7 +2,7 @@
 
 use super::channel::Channel;
 use super::ports::{transfer, works};
-use super::{IpcError, Service};
+use super::{IpcError, IpcService};
 use crate::messages::{ControlAnswer, ControlCommand};
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::pending_response::PendingResponse;
@@ -11,22 +11,22 @@ use iceoryx2::port::server::Server;
 
 /// Control's end.
 #[derive(Debug)]
-pub struct CommandServer(Server<Service, ControlCommand, (), ControlAnswer, ()>);
+pub struct CommandServer(Server<IpcService, ControlCommand, (), ControlAnswer, ()>);
 
 /// A command that waits for its answer.
 #[derive(Debug)]
-pub struct Asked(ActiveRequest<Service, ControlCommand, (), ControlAnswer, ()>);
+pub struct Asked(ActiveRequest<IpcService, ControlCommand, (), ControlAnswer, ()>);
 
 /// A command of this process that waits for its answer.
 #[derive(Debug)]
-pub struct Pending(PendingResponse<Service, ControlCommand, (), ControlAnswer, ()>);
+pub struct Pending(PendingResponse<IpcService, ControlCommand, (), ControlAnswer, ()>);
 
 /// The end of whoever wants something.
 #[derive(Debug)]
-pub struct CommandClient(Client<Service, ControlCommand, (), ControlAnswer, ()>);
+pub struct CommandClient(Client<IpcService, ControlCommand, (), ControlAnswer, ()>);
 
 impl CommandServer {
-    pub(super) fn new(port: Server<Service, ControlCommand, (), ControlAnswer, ()>) -> Self {
+    pub(super) fn new(port: Server<IpcService, ControlCommand, (), ControlAnswer, ()>) -> Self {
         Self(port)
     }
 
@@ -54,7 +54,7 @@ impl Asked {
 }
 
 impl CommandClient {
-    pub(super) fn new(port: Client<Service, ControlCommand, (), ControlAnswer, ()>) -> Self {
+    pub(super) fn new(port: Client<IpcService, ControlCommand, (), ControlAnswer, ()>) -> Self {
         Self(port)
     }
 

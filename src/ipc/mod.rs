@@ -50,7 +50,6 @@ pub use services::Services;
 pub use spin::Spin;
 pub use stop_word::{Halt, StopWord};
 
-type Service = iceoryx2::prelude::ipc::Service;
-type Node = iceoryx2::node::Node<iceoryx2::prelude::ipc::Service>;
-type PubSub<T, H = ()> =
-    iceoryx2::service::port_factory::publish_subscribe::PortFactory<iceoryx2::prelude::ipc::Service, T, H>;
+type IpcService = iceoryx2::prelude::ipc::Service;
+type Node = iceoryx2::node::Node<IpcService>;
+type PubSub<T, H = ()> = iceoryx2::service::port_factory::publish_subscribe::PortFactory<IpcService, T, H>;

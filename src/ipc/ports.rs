@@ -2,7 +2,7 @@
 //! as long as it says, and then takes everything there is: an event is not a sample.
 
 use super::channel::Channel;
-use super::{IpcError, Spin};
+use super::{IpcError, IpcService, PubSub, Spin};
 use crate::messages::FrameHeader;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
@@ -10,13 +10,9 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
-use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PubSubFactory;
 
 use std::fmt::Debug;
 use std::time::Duration;
-
-type Ipc = ipc::Service;
-type PubSub<T> = PubSubFactory<Ipc, T, ()>;
 
 /// What the ports of this thread meet, where a test wants it: a service that fails.
 #[cfg(test)]
@@ -55,11 +51,11 @@ pub(super) fn works(action: &'static str, service: Channel) -> Result<(), IpcErr
 #[derive(Debug)]
 pub struct WakeNotifier {
     service: Channel,
-    port: Notifier<Ipc>,
+    port: Notifier<IpcService>,
 }
 
 impl WakeNotifier {
-    pub(super) fn new(service: Channel, port: Notifier<Ipc>) -> Self {
+    pub(super) fn new(service: Channel, port: Notifier<IpcService>) -> Self {
         Self { service, port }
     }
 
@@ -77,11 +73,11 @@ impl WakeNotifier {
 #[derive(Debug)]
 pub struct WakeListener {
     service: Channel,
-    port: Listener<Ipc>,
+    port: Listener<IpcService>,
 }
 
 impl WakeListener {
-    pub(super) fn new(service: Channel, port: Listener<Ipc>) -> Self {
+    pub(super) fn new(service: Channel, port: Listener<IpcService>) -> Self {
         Self { service, port }
     }
 
@@ -124,12 +120,12 @@ impl WakeListener {
 #[derive(Debug)]
 pub struct Sender<T: ZeroCopySend + Debug + Copy + 'static> {
     service: Channel,
-    port: Publisher<Ipc, T, ()>,
+    port: Publisher<IpcService, T, ()>,
     notifier: WakeNotifier,
 }
 
 impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
-    pub(super) fn new(service: Channel, port: Publisher<Ipc, T, ()>, notifier: WakeNotifier) -> Self {
+    pub(super) fn new(service: Channel, port: Publisher<IpcService, T, ()>, notifier: WakeNotifier) -> Self {
         Self { service, port, notifier }
     }
 
@@ -165,11 +161,11 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
 pub struct QuietSender<T: ZeroCopySend + Debug + Copy + 'static> {
     service: Channel,
     made: PubSub<T>,
-    port: Publisher<Ipc, T, ()>,
+    port: Publisher<IpcService, T, ()>,
 }
 
 impl<T: ZeroCopySend + Debug + Copy + 'static> QuietSender<T> {
-    pub(super) fn new(service: Channel, made: PubSub<T>, port: Publisher<Ipc, T, ()>) -> Self {
+    pub(super) fn new(service: Channel, made: PubSub<T>, port: Publisher<IpcService, T, ()>) -> Self {
         Self { service, made, port }
     }
 
@@ -196,11 +192,11 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> QuietSender<T> {
 #[derive(Debug)]
 pub struct Receiver<T: ZeroCopySend + Debug + Copy + 'static> {
     service: Channel,
-    port: Subscriber<Ipc, T, ()>,
+    port: Subscriber<IpcService, T, ()>,
 }
 
 impl<T: ZeroCopySend + Debug + Copy + 'static> Receiver<T> {
-    pub(super) fn new(service: Channel, port: Subscriber<Ipc, T, ()>) -> Self {
+    pub(super) fn new(service: Channel, port: Subscriber<IpcService, T, ()>) -> Self {
         Self { service, port }
     }
 
@@ -239,14 +235,14 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Receiver<T> {
 #[derive(Debug)]
 pub struct FrameSender {
     service: Channel,
-    port: Publisher<Ipc, [u8], FrameHeader>,
+    port: Publisher<IpcService, [u8], FrameHeader>,
     notifier: WakeNotifier,
 }
 
 impl FrameSender {
     pub(super) fn new(
         service: Channel,
-        port: Publisher<Ipc, [u8], FrameHeader>,
+        port: Publisher<IpcService, [u8], FrameHeader>,
         notifier: WakeNotifier,
     ) -> Self {
         Self { service, port, notifier }
@@ -277,7 +273,7 @@ impl FrameSender {
 /// A frame on its way from borrowing to sending; given back unsent when dropped.
 #[derive(Debug)]
 pub struct BorrowedFrame {
-    sample: iceoryx2::sample_mut::SampleMut<Ipc, [u8], FrameHeader>,
+    sample: iceoryx2::sample_mut::SampleMut<IpcService, [u8], FrameHeader>,
 }
 
 impl BorrowedFrame {
@@ -292,8 +288,8 @@ impl BorrowedFrame {
 /// The segment comes from the kernel as zeroes and holds older frames later on: for bytes every content is valid.
 #[allow(unsafe_code)]
 fn zeroed(
-    loan: iceoryx2::sample_mut_uninit::SampleMutUninit<Ipc, [std::mem::MaybeUninit<u8>], FrameHeader>,
-) -> iceoryx2::sample_mut::SampleMut<Ipc, [u8], FrameHeader> {
+    loan: iceoryx2::sample_mut_uninit::SampleMutUninit<IpcService, [std::mem::MaybeUninit<u8>], FrameHeader>,
+) -> iceoryx2::sample_mut::SampleMut<IpcService, [u8], FrameHeader> {
     // SAFETY: shared memory that the kernel zeroed or that an earlier frame was written to is initialised memory, and
     // every bit pattern is a valid `u8`.
     unsafe { loan.assume_init() }
@@ -302,7 +298,7 @@ fn zeroed(
 /// A frame where it lies in shared memory; given back when dropped.
 #[derive(Debug)]
 pub struct ReceivedFrame {
-    sample: Sample<Ipc, [u8], FrameHeader>,
+    sample: Sample<IpcService, [u8], FrameHeader>,
 }
 
 impl ReceivedFrame {
@@ -323,14 +319,14 @@ impl ReceivedFrame {
 #[derive(Debug)]
 pub struct FrameReceiver {
     service: Channel,
-    port: Subscriber<Ipc, [u8], FrameHeader>,
+    port: Subscriber<IpcService, [u8], FrameHeader>,
     waker: WakeListener,
 }
 
 impl FrameReceiver {
     pub(super) fn new(
         service: Channel,
-        port: Subscriber<Ipc, [u8], FrameHeader>,
+        port: Subscriber<IpcService, [u8], FrameHeader>,
         waker: WakeListener,
     ) -> Self {
         Self { service, port, waker }

@@ -36,7 +36,7 @@ const HEALTH_BUFFER: usize = 16;
 /// Commands and states of an external drive that wait for their reader.
 const DRIVE_BUFFER: usize = 64;
 
-type Commands = iceoryx2::service::port_factory::request_response::PortFactory<
+type CommandService = iceoryx2::service::port_factory::request_response::PortFactory<
     ipc::Service,
     ControlCommand,
     (),
@@ -312,7 +312,7 @@ impl Services {
             .map_err(|e| service_error(service, e))
     }
 
-    fn commands(&self, make: bool) -> Result<Commands, IpcError> {
+    fn commands(&self, make: bool) -> Result<CommandService, IpcError> {
         let builder = self
             .node
             .service_builder(&name(Channel::Command)?)

@@ -39,7 +39,7 @@ impl Halt {
 
 /// One thing that can be asked for: how often it was, how far control has come with that, and the state it led to. Zero at first.
 #[repr(C)]
-struct Line {
+struct RequestCounter {
     asked: AtomicU64,
     taken: AtomicU64,
     state: AtomicU32,
@@ -49,7 +49,7 @@ struct Line {
 /// The page as it lies in memory, one line for each [`Halt`]; the rest is zero.
 #[repr(C)]
 struct Page {
-    lines: [Line; Halt::ALL.len()],
+    lines: [RequestCounter; Halt::ALL.len()],
 }
 
 /// The page, mapped; any thread may use it.
@@ -97,7 +97,7 @@ impl StopWord {
     }
 
     #[allow(unsafe_code)]
-    fn line(&self, halt: Halt) -> &Line {
+    fn line(&self, halt: Halt) -> &RequestCounter {
         // SAFETY: the page is mapped as long as `self` is, and as long as a `Page`; all of it is atomic.
         let page = unsafe { self.page.as_ref() };
         match halt {

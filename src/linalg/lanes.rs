@@ -136,11 +136,11 @@ mod sse2 {
 }
 
 /// The fastest lanes that every processor of this architecture has.
-#[cfg(target_arch = "x86_64")]
-pub(crate) type F2 = sse2::Sse2;
-/// The fastest lanes that every processor of this architecture has.
 #[cfg(not(target_arch = "x86_64"))]
-pub(crate) type F2 = Portable;
+pub(crate) use Portable as F2;
+/// The fastest lanes that every processor of this architecture has.
+#[cfg(target_arch = "x86_64")]
+pub(crate) use sse2::Sse2 as F2;
 
 #[cfg(test)]
 mod tests {

@@ -9,7 +9,7 @@ const SLACK: f64 = 1e-12;
 
 /// Position, velocity, acceleration of a joint; rad or m.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Point {
+pub(super) struct JointMotionState {
     pub(super) q: f64,
     pub(super) v: f64,
     pub(super) a: f64,
@@ -32,7 +32,7 @@ pub(super) enum Breach {
     Velocity,
 }
 
-impl Point {
+impl JointMotionState {
     /// After `t` seconds of constant jerk.
     pub(super) fn after(self, jerk: f64, t: f64) -> Self {
         Self {
@@ -50,7 +50,7 @@ impl Point {
 }
 
 /// The three phases of braking: jerk and duration.
-fn phases(s: Point, b: &Bounds) -> [(f64, f64); 3] {
+fn phases(s: JointMotionState, b: &Bounds) -> [(f64, f64); 3] {
     let (J, A) = (b.jerk, b.acceleration);
     let side = s.v + s.a * s.a.abs() / (2.0 * J);
     if side == 0.0 {
@@ -66,12 +66,12 @@ fn phases(s: Point, b: &Bounds) -> [(f64, f64); 3] {
 }
 
 /// How long braking takes.
-pub(super) fn braking_time_s(s: Point, b: &Bounds) -> f64 {
+pub(super) fn braking_time_s(s: JointMotionState, b: &Bounds) -> f64 {
     phases(s, b).iter().map(|(_, duration)| duration).sum()
 }
 
 /// Where braking for `t` seconds leads; at rest once it is over.
-pub(super) fn braked(s: Point, b: &Bounds, t: f64) -> Point {
+pub(super) fn braked(s: JointMotionState, b: &Bounds, t: f64) -> JointMotionState {
     let (mut at, mut left) = (s, t);
     for (jerk, duration) in phases(s, b) {
         let part = duration.min(left);
@@ -81,11 +81,11 @@ pub(super) fn braked(s: Point, b: &Bounds, t: f64) -> Point {
             return at;
         }
     }
-    Point { q: at.q, v: 0.0, a: 0.0 }
+    JointMotionState { q: at.q, v: 0.0, a: 0.0 }
 }
 
 /// What braking from `s` would pass, if anything. A joint that is outside its range already may not go farther out.
-pub(super) fn breach(s: Point, b: &Bounds, q_now: f64) -> Option<Breach> {
+pub(super) fn breach(s: JointMotionState, b: &Bounds, q_now: f64) -> Option<Breach> {
     let (lower, upper) = (b.lower.min(q_now), b.upper.max(q_now));
     let J = b.jerk;
     let side = s.v + s.a * s.a.abs() / (2.0 * J);
@@ -119,7 +119,7 @@ mod tests {
         /// Fine steps along the braking against the closed forms of its end and its extremes.
         #[test]
         fn braking_ends_at_rest_and_its_extremes_are_known(v in -2.0..2.0f64, a in -5.0..5.0f64, q in -1.0..1.0f64) {
-            let s = Point { q, v, a };
+            let s = JointMotionState { q, v, a };
             let total: f64 = phases(s, &B).iter().map(|p| p.1).sum();
             let (mut least, mut most, mut fastest) = (q, q, v.abs());
             for i in 0..=2000 {
@@ -138,7 +138,7 @@ mod tests {
         /// Braking followed tick by tick is the same braking.
         #[test]
         fn braking_can_be_taken_up_again(v in -2.0..2.0f64, a in -5.0..5.0f64) {
-            let s = Point { q: 0.0, v, a };
+            let s = JointMotionState { q: 0.0, v, a };
             let mut at = s;
             for _ in 0..700 { at = braked(at, &B, 1e-3); }
             let once = braked(s, &B, 0.7);
@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn rest_stays_rest() {
-        let s = Point { q: 0.3, v: 0.0, a: 0.0 };
+        let s = JointMotionState { q: 0.3, v: 0.0, a: 0.0 };
         assert_eq!(braked(s, &B, 1e-3), s);
         assert_eq!(breach(s, &B, 0.3), None);
     }

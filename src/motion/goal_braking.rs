@@ -4,7 +4,7 @@
 //! take back in time, and it would run past the goal. So the wish is cut to the speed from which braking over `d` ends
 //! at rest; close to the goal, where the law itself is slower than that, nothing is cut.
 
-use super::braking::{Bounds, Point};
+use super::braking::{Bounds, JointMotionState};
 use super::limits::{ActingLimits, Limit};
 use super::reference::{MotionLimits, ReferenceState};
 use crate::servo::Convergence;
@@ -28,7 +28,7 @@ pub fn brakeable<const N: usize>(
     let (mut factor, mut slowest) = (1.0_f64, None);
     for i in 0..N {
         let speed = towards[i].abs();
-        let now = Point {
+        let now = JointMotionState {
             q: (speed / convergence.rate_1_s).max(convergence.to_go[i] * towards[i].signum()),
             v: (state.qd[i] - kept[i]) * towards[i].signum(),
             a: state.qdd[i] * towards[i].signum(),
@@ -47,7 +47,7 @@ pub fn brakeable<const N: usize>(
 /// The speed towards a goal at the distance `now.q` (not negative) from which braking ends there at rest. Without
 /// acceleration `d = v^1.5 / sqrt(J)` while the acceleration limit is not reached, `d = v (v / A + A / J) / 2` beyond; what the
 /// joint gains until its present acceleration is taken back comes off first.
-fn braking_speed(now: Point, bounds: &Bounds) -> f64 {
+fn braking_speed(now: JointMotionState, bounds: &Bounds) -> f64 {
     let (A, J) = (SHARE * bounds.acceleration, SHARE * bounds.jerk);
     let (a, v) = (now.a.max(0.0), now.v.max(0.0));
     let distance = (now.q - a / J * (v + a * a / (3.0 * J))).max(0.0);

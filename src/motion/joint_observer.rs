@@ -32,7 +32,7 @@ use crate::linalg::Ldlt;
 use crate::robot::Robot;
 use crate::servo::Drift;
 use crate::time::{MonoNs, TICK};
-use friction::{FrictionShare, Residual};
+use friction::{FrictionShare, TorqueResidual};
 use nalgebra::SVector;
 use seen::SeenMotion;
 
@@ -260,7 +260,7 @@ impl<const N: usize> JointObserver<N> {
                 let rubbed = friction.viscous * ((q_now[i] - q_before[i]) / h - commanded.w[i])
                     + friction.coulomb_part((q_now[i] - q_before[i]) / h, width)
                     - friction.coulomb_part(commanded.w[i], width);
-                let residual = Residual {
+                let residual = TorqueResidual {
                     rho: settings.inertia[i] * accelerated / h + rubbed - commanded.feedback[i],
                     friction: commanded.friction[i],
                     inertial: settings.inertia[i] * commanded.u[i],

@@ -9,7 +9,7 @@
 //! certain: a joint takes a step only if it can brake from there within all limits (`braking`); else it takes the
 //! part of the step that it can. Since it can always go on braking, no limit is ever passed, whatever is wished.
 
-use super::braking::{Bounds, Breach, Point, braked, braking_time_s, breach};
+use super::braking::{Bounds, Breach, JointMotionState, braked, braking_time_s, breach};
 use super::limits::{ActingLimits, Limit};
 use crate::robot::Robot;
 use crate::time::SpanNs;
@@ -143,7 +143,7 @@ impl<const N: usize> Reference<N> {
     #[must_use]
     pub fn rests_within(&self, span: SpanNs) -> bool {
         (0..N).all(|i| {
-            let point = Point { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
+            let point = JointMotionState { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
             braking_time_s(point, &self.limits.bounds(i)) <= span.as_s()
         })
     }
@@ -188,7 +188,7 @@ impl<const N: usize> Reference<N> {
         let mut acting = ActingLimits::default();
         for i in 0..N {
             let bounds = self.limits.bounds(i);
-            let now = Point { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
+            let now = JointMotionState { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
             let wanted = if qdd[i].is_finite() { qdd[i] } else { 0.0 };
             let held = wanted.clamp(-bounds.acceleration, bounds.acceleration);
             if held != wanted {
@@ -200,7 +200,8 @@ impl<const N: usize> Reference<N> {
                 acting.set(Limit::Jerk, i);
             }
             let a = now.a + change;
-            let step = Point { q: now.q + dt_s * (now.v + dt_s * a / 2.0), v: now.v + dt_s * a, a };
+            let step =
+                JointMotionState { q: now.q + dt_s * (now.v + dt_s * a / 2.0), v: now.v + dt_s * a, a };
             let taken = self.take(i, step, dt_s, &mut acting);
             self.state.qdd[i] = (taken.v - now.v) / dt_s;
         }
@@ -214,8 +215,8 @@ impl<const N: usize> Reference<N> {
         let dt_s = dt.as_s();
         let admits = (0..N).all(|i| {
             let b = self.limits.bounds(i);
-            let now = Point { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
-            let then = Point { q: next.q[i], v: next.qd[i], a: next.a[i] };
+            let now = JointMotionState { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
+            let then = JointMotionState { q: next.q[i], v: next.qd[i], a: next.a[i] };
             let loose = Bounds {
                 lower: b.lower - ROUNDING,
                 upper: b.upper + ROUNDING,
@@ -247,7 +248,7 @@ impl<const N: usize> Reference<N> {
         let wanted = self.wanted_acceleration(wish, dt_s, &mut acting);
         let previous = self.state.qd;
         for i in 0..N {
-            let now = Point { q: self.state.q[i], v: previous[i], a: self.state.a[i] };
+            let now = JointMotionState { q: self.state.q[i], v: previous[i], a: self.state.a[i] };
             let step = now.after((wanted[i] - now.a) / dt_s, dt_s);
             self.take(i, step, dt_s, &mut acting);
         }
@@ -257,8 +258,14 @@ impl<const N: usize> Reference<N> {
     }
 
     /// Joint `i` takes `step`, or what of it lets it brake; where it then is.
-    fn take(&mut self, i: usize, step: Point, dt_s: f64, acting: &mut ActingLimits) -> Point {
-        let now = Point { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
+    fn take(
+        &mut self,
+        i: usize,
+        step: JointMotionState,
+        dt_s: f64,
+        acting: &mut ActingLimits,
+    ) -> JointMotionState {
+        let now = JointMotionState { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
         let (taken, breach) = admissible(now, step, &self.limits.bounds(i), dt_s);
         match breach {
             Some(Breach::Position) => acting.set(Limit::Position, i),
@@ -307,7 +314,12 @@ impl<const N: usize> Reference<N> {
 
 /// The step, if the joint can brake from its end within all limits; else as much of it as lets it, and what stood in
 /// its way. Parts of a step lie between braking and the step: the limits are convex, so they are kept on the way too.
-fn admissible(now: Point, step: Point, bounds: &Bounds, dt_s: f64) -> (Point, Option<Breach>) {
+fn admissible(
+    now: JointMotionState,
+    step: JointMotionState,
+    bounds: &Bounds,
+    dt_s: f64,
+) -> (JointMotionState, Option<Breach>) {
     let Some(reason) = breach(step, bounds, now.q) else { return (step, None) };
     let brake = braked(now, bounds, dt_s);
     let (mut best, mut low, mut high) = (brake, 0.0, 1.0);

@@ -5,7 +5,7 @@
 
 use super::points::centroid;
 use super::refine::{Minimum, PoseState, minimise};
-use super::rotation_form::{Axes, Candidate, RotationForm};
+use super::rotation_form::{Axes, RotationCandidate, RotationForm};
 use super::{PointSource, PoseError, PoseSolution, p3p};
 use crate::geometry::Pose;
 use crate::linalg::{F2, symmetric_eigen};
@@ -162,7 +162,7 @@ pub(super) fn everywhere<P: PointSource>(
 /// Minima of the object-space error in front of the camera, each once.
 struct Basins<'a> {
     form: &'a RotationForm,
-    found: [Option<Candidate>; BASINS],
+    found: [Option<RotationCandidate>; BASINS],
     /// Least value so far, over the depth squared.
     least: f64,
 }
@@ -187,7 +187,7 @@ impl Basins<'_> {
         }
         // Over the depth squared it is the reprojection error's, nearly.
         found.value = found.value.max(0.0) / (depth * depth);
-        let same = |other: &Candidate| {
+        let same = |other: &RotationCandidate| {
             let trace: f64 = other.columns.iter().zip(&found.columns).map(|(a, b)| a * b).sum();
             trace > 3.0 - 1e-4
         };
@@ -227,7 +227,7 @@ fn refined<P: PointSource>(
     points: &[P],
     axes: &Axes,
     form: &RotationForm,
-    candidate: &Candidate,
+    candidate: &RotationCandidate,
     center: &[f64; 3],
 ) -> Result<Minimum, PoseError> {
     let R = Matrix3::from_column_slice(&candidate.columns);

@@ -49,7 +49,7 @@ pub fn p3p<P: PointSource>(points: &[P; 3]) -> Result<P3pPoses, PoseError> {
         Vector3::new(X, Y, 1.0)
     });
     let triangle = Triangle::new(&r).ok_or(PoseError::Degenerate)?;
-    let forms = Forms::new(&s, &triangle);
+    let forms = QuadraticForms::new(&s, &triangle);
     let mut found = P3pPoses { poses: [Pose::identity(); 4], len: 0 };
     let mut depths = [[0.0; 3]; 4];
     let Some((lines, conic)) = forms.pair_of_lines() else { return Err(PoseError::BehindCamera) };
@@ -118,7 +118,7 @@ impl Triangle {
 }
 
 /// The quadratic forms `n_i z_i^2 + n_j z_j^2 - 2 c_ij z_i z_j = a_ij`.
-struct Forms {
+struct QuadraticForms {
     n: [f64; 3],
     /// s~_1 . s~_2, s~_1 . s~_3, s~_2 . s~_3.
     c: [f64; 3],
@@ -128,7 +128,7 @@ struct Forms {
 /// Symmetric: 00, 01, 02, 11, 12, 22.
 type Conic = [f64; 6];
 
-impl Forms {
+impl QuadraticForms {
     #[inline]
     fn new(s: &[Vector3<f64>; 3], triangle: &Triangle) -> Self {
         let n = [s[0].norm_squared(), s[1].norm_squared(), s[2].norm_squared()];

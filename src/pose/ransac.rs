@@ -130,7 +130,7 @@ impl PoseConsensus {
     fn select(&mut self, X_CO: &Pose, points: &[Correspondence3], cut: f64) {
         self.inliers.clear();
         self.subset.clear();
-        let view = View::new(X_CO);
+        let view = PoseMatrix::new(X_CO);
         for point in points {
             let agrees = view.error2(point) <= cut;
             self.inliers.push(agrees);
@@ -152,7 +152,7 @@ struct Trial {
 impl Trial {
     /// Gives up, with an infinite score, once the score has reached `hopeless`.
     fn of(X_CO: &Pose, points: &[Correspondence3], cut: f64, hopeless: f64) -> Self {
-        let view = View::new(X_CO);
+        let view = PoseMatrix::new(X_CO);
         let (mut score, mut inliers) = (0.0, 0);
         for point in points {
             let error2 = view.error2(point);
@@ -167,12 +167,12 @@ impl Trial {
 }
 
 /// A pose as matrix.
-struct View {
+struct PoseMatrix {
     R: [[f64; 3]; 3],
     p: [f64; 3],
 }
 
-impl View {
+impl PoseMatrix {
     fn new(X_CO: &Pose) -> Self {
         let R = X_CO.rotation.to_rotation_matrix();
         Self {

@@ -23,7 +23,7 @@ pub(super) struct RotationForm {
 
 /// One rotation (columns one after the other) and the value of the form.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Candidate {
+pub(super) struct RotationCandidate {
     pub(super) columns: [f64; 9],
     pub(super) value: f64,
 }
@@ -160,7 +160,7 @@ impl RotationForm {
 
     /// Newton's method from `columns`, until the step is below `last_step` rad or 12 steps are done.
     #[inline]
-    pub(super) fn descend(&self, columns: [f64; 9], last_step: f64) -> Candidate {
+    pub(super) fn descend(&self, columns: [f64; 9], last_step: f64) -> RotationCandidate {
         let mut r = columns;
         let mut y = self.times(&r);
         let mut value = dot(&r, &y);
@@ -191,7 +191,7 @@ impl RotationForm {
                 break;
             }
         }
-        Candidate { columns: r, value }
+        RotationCandidate { columns: r, value }
     }
 
     /// Half of the gradient and of the Hessian at `r` over small turns about the camera's axes, and the Hessian's part that

@@ -1,6 +1,6 @@
 //! Letters of 5 x 7 cells, for pictures: capitals, digits, a few marks.
 
-use super::Sheet;
+use super::PrintSheet;
 use nalgebra::Vector2;
 
 /// Rows of each letter from above, the leftmost cell the highest of five bits.
@@ -75,7 +75,7 @@ pub(crate) fn letters(text: &str) -> Vec<(u32, u32)> {
 }
 
 /// The set cells of the sheet's text as rectangles, neighbours of a row in one, mm.
-pub(super) fn cells(sheet: &Sheet) -> Vec<[Vector2<f64>; 2]> {
+pub(super) fn cells(sheet: &PrintSheet) -> Vec<[Vector2<f64>; 2]> {
     let cell_mm = sheet.text_height_mm / HEIGHT;
     let origin = sheet.text_mm - Vector2::new(0.0, sheet.text_height_mm);
     let cells = letters(&sheet.text);

@@ -81,11 +81,11 @@ impl Format {
 
 /// What is drawn, mm from the upper left corner of the sheet, y down.
 #[derive(Debug, Clone, PartialEq)]
-struct Sheet {
+struct PrintSheet {
     size_mm: Vector2<f64>,
     /// The plate, where it is dark.
     dark_plate: Option<[Vector2<f64>; 2]>,
-    shapes: Vec<Shape>,
+    shapes: Vec<PrintShape>,
     text: String,
     /// Lower left end of the text's line, and height of its capitals.
     text_mm: Vector2<f64>,
@@ -97,7 +97,7 @@ struct Sheet {
 
 /// A mark in mm.
 #[derive(Debug, Clone, PartialEq)]
-enum Shape {
+enum PrintShape {
     Circle {
         centre_mm: Vector2<f64>,
         radius_mm: f64,
@@ -106,7 +106,7 @@ enum Shape {
     Outlines(Vec<ClosedOutline>),
 }
 
-impl Sheet {
+impl PrintSheet {
     fn of(target: &Target) -> Self {
         let plate = target.plate();
         let plate_mm = (plate.high_m - plate.low_m) * 1e3;
@@ -115,11 +115,11 @@ impl Sheet {
         let place = |m: &Vector2<f64>| (m - plate.low_m) * 1e3 + Vector2::new(left, EDGE_MM);
         let shape = |mark: Mark| match mark {
             Mark::Disc(disc) => {
-                Shape::Circle { centre_mm: place(&disc.centre_m), radius_mm: disc.radius_m * 1e3 }
+                PrintShape::Circle { centre_mm: place(&disc.centre_m), radius_mm: disc.radius_m * 1e3 }
             }
             mark => {
                 let loops = mark.loops(SAG_MM * 1e-3);
-                Shape::Outlines(loops.iter().map(|l| l.iter().map(&place).collect()).collect())
+                PrintShape::Outlines(loops.iter().map(|l| l.iter().map(&place).collect()).collect())
             }
         };
         let bottom = EDGE_MM + plate_mm.y;
@@ -196,7 +196,7 @@ fn tags(target: &Tags) -> String {
 /// # Errors
 /// [`PrintError`]: the target is too large for the format.
 pub fn print(target: &Target, format: Format) -> Result<Vec<u8>, PrintError> {
-    let sheet = Sheet::of(target);
+    let sheet = PrintSheet::of(target);
     let refuse = |name: &'static str, largest_mm: f64, hint: &'static str| {
         let (width_mm, height_mm) = (sheet.size_mm.x, sheet.size_mm.y);
         if width_mm.max(height_mm) > largest_mm {

@@ -1,6 +1,6 @@
 //! A sheet as PDF.
 
-use super::{Shape, Sheet};
+use super::{PrintShape, PrintSheet};
 use nalgebra::Vector2;
 use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str};
 
@@ -8,7 +8,7 @@ const POINTS_PER_MM: f32 = 72.0 / 25.4;
 /// Handles of a quarter of a circle, in radii.
 const HANDLE: f64 = 0.552_284_75;
 
-pub(super) fn write(sheet: &Sheet) -> Vec<u8> {
+pub(super) fn write(sheet: &PrintSheet) -> Vec<u8> {
     let [catalog, pages, page, font, content] = [1, 2, 3, 4, 5].map(Ref::new);
     let (w, h) = (sheet.size_mm.x as f32 * POINTS_PER_MM, sheet.size_mm.y as f32 * POINTS_PER_MM);
     let mut pdf = Pdf::new();
@@ -36,8 +36,8 @@ pub(super) fn write(sheet: &Sheet) -> Vec<u8> {
     }
     for shape in &sheet.shapes {
         match shape {
-            Shape::Circle { centre_mm, radius_mm } => circle(&mut draw, centre_mm, *radius_mm),
-            Shape::Outlines(loops) => {
+            PrintShape::Circle { centre_mm, radius_mm } => circle(&mut draw, centre_mm, *radius_mm),
+            PrintShape::Outlines(loops) => {
                 for outline in loops {
                     for (i, corner) in outline.iter().enumerate() {
                         let (x, y) = (corner.x as f32, corner.y as f32);

@@ -1,12 +1,12 @@
 //! A sheet as PNG, 300 pixels to the inch, with soft edges where they do not fall on pixels.
 
-use super::{PX_PER_MM, PrintError, Shape, Sheet, font};
-use crate::scene::{Edge, Ink, Kernel};
+use super::{PX_PER_MM, PrintError, PrintShape, PrintSheet, font};
+use crate::scene::{BorderSegment, Ink, PixelKernel};
 use crate::target::{Disc, Mark};
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use nalgebra::Vector2;
 
-pub(super) fn write(sheet: &Sheet) -> Result<Vec<u8>, PrintError> {
+pub(super) fn write(sheet: &PrintSheet) -> Result<Vec<u8>, PrintError> {
     let (width, height) =
         ((sheet.size_mm.x * PX_PER_MM).round() as usize, (sheet.size_mm.y * PX_PER_MM).round() as usize);
     let mut layers = vec![];
@@ -17,11 +17,11 @@ pub(super) fn write(sheet: &Sheet) -> Result<Vec<u8>, PrintError> {
     let mut marks = Vec::new();
     for shape in &sheet.shapes {
         match shape {
-            Shape::Circle { centre_mm, radius_mm } => {
+            PrintShape::Circle { centre_mm, radius_mm } => {
                 let disc = Mark::Disc(Disc { centre_m: *centre_mm, radius_m: *radius_mm });
                 disc.loops(0.002).iter().for_each(|outline| marks.extend(edges(outline)));
             }
-            Shape::Outlines(loops) => loops.iter().for_each(|outline| marks.extend(edges(outline))),
+            PrintShape::Outlines(loops) => loops.iter().for_each(|outline| marks.extend(edges(outline))),
         }
     }
     layers.push((ink, marks));
@@ -32,12 +32,12 @@ pub(super) fn write(sheet: &Sheet) -> Result<Vec<u8>, PrintError> {
     // one over the other: the ticks cross the line
     layers.push((0.0, foot));
 
-    let kernel = Kernel::new(0.0);
+    let kernel = PixelKernel::new(0.0);
     let mut row_ink = Ink::new(width, &kernel);
     for (_, edges) in &mut layers {
         edges.sort_unstable_by(|a, b| a.top().total_cmp(&b.top()));
     }
-    let mut active: Vec<(usize, Vec<Edge>)> = layers.iter().map(|_| (0, Vec::new())).collect();
+    let mut active: Vec<(usize, Vec<BorderSegment>)> = layers.iter().map(|_| (0, Vec::new())).collect();
     let mut levels = vec![0u16; width];
     let mut pixels = vec![0u8; width * height];
     for (y, out) in pixels.chunks_exact_mut(width.max(1)).enumerate() {
@@ -69,10 +69,10 @@ fn rectangle(low: &Vector2<f64>, high: &Vector2<f64>) -> [Vector2<f64>; 4] {
 }
 
 /// Sides of an outline in pixels, whose centres are whole numbers.
-fn edges(outline: &[Vector2<f64>]) -> Vec<Edge> {
+fn edges(outline: &[Vector2<f64>]) -> Vec<BorderSegment> {
     let px = |mm: &Vector2<f64>| [mm.x * PX_PER_MM - 0.5, mm.y * PX_PER_MM - 0.5];
     let next = outline.iter().cycle().skip(1);
-    outline.iter().zip(next).map(|(from, to)| Edge { from: px(from), to: px(to) }).collect()
+    outline.iter().zip(next).map(|(from, to)| BorderSegment { from: px(from), to: px(to) }).collect()
 }
 
 /// The same file with a chunk `pHYs` behind its header: pixels per metre.

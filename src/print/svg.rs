@@ -1,10 +1,10 @@
 //! A sheet as SVG: lengths in mm.
 
-use super::{Shape, Sheet};
+use super::{PrintShape, PrintSheet};
 use nalgebra::Vector2;
 use std::fmt::Write;
 
-pub(super) fn write(sheet: &Sheet) -> String {
+pub(super) fn write(sheet: &PrintSheet) -> String {
     let mut out = String::new();
     let (w, h) = (number(sheet.size_mm.x), number(sheet.size_mm.y));
     // a String takes everything
@@ -31,14 +31,14 @@ pub(super) fn write(sheet: &Sheet) -> String {
     let _ = writeln!(out, "<g fill=\"{ink}\" fill-rule=\"evenodd\">");
     for shape in &sheet.shapes {
         let _ = match shape {
-            Shape::Circle { centre_mm, radius_mm } => writeln!(
+            PrintShape::Circle { centre_mm, radius_mm } => writeln!(
                 out,
                 "<circle cx=\"{}\" cy=\"{}\" r=\"{}\"/>",
                 number(centre_mm.x),
                 number(centre_mm.y),
                 number(*radius_mm)
             ),
-            Shape::Outlines(loops) => {
+            PrintShape::Outlines(loops) => {
                 let mut path = String::new();
                 for outline in loops {
                     for (i, corner) in outline.iter().enumerate() {

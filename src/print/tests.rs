@@ -15,7 +15,7 @@ fn targets() -> Vec<Target> {
 #[test]
 fn sheets_are_as_large_as_they_say() {
     for target in targets() {
-        let sheet = Sheet::of(&target);
+        let sheet = PrintSheet::of(&target);
         let plate = target.plate();
         let svg = String::from_utf8(print(&target, Format::Svg).unwrap()).unwrap();
         assert!(svg.contains(&format!("width=\"{}mm\"", sheet.size_mm.x.round())), "{svg}");
@@ -56,7 +56,7 @@ fn what_is_too_large_is_refused_and_what_is_small_has_room_for_its_text() {
     assert!(matches!(print(&large, Format::Pdf), Err(PrintError::TooLarge { .. })));
     assert!(print(&large, Format::Svg).is_ok());
     let small = Target::from(Tags::one(TagFamily::Tag16h5, 0.001, 1).unwrap());
-    let sheet = Sheet::of(&small);
+    let sheet = PrintSheet::of(&small);
     let width = sheet.text.chars().count() as f64 * sheet.text_height_mm * 6.0 / 7.0;
     assert!(width <= sheet.size_mm.x - 2.0 * EDGE_MM + 1e-9, "{width}");
     assert!(sheet.bar_length_mm <= sheet.size_mm.x - 2.0 * EDGE_MM);

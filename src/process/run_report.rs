@@ -7,7 +7,7 @@ use crate::config::raw::Clock;
 use crate::control::outcome::Outcome;
 use crate::report::csv_table::{CsvTable, csv_cell};
 use crate::report::page::base64;
-use crate::report::run_page::{JointRecord, PictureData, RunRecord, run_facts, run_page, run_verdict};
+use crate::report::run_page::{JointSummary, PictureData, RunRecord, run_facts, run_page, run_verdict};
 use crate::report::summary::Summary;
 use crate::robot::{JointKind, Mount};
 use crate::source::load_image;
@@ -76,7 +76,7 @@ fn described(config: &Config, summary: &Summary, commands: &[String]) -> RunReco
     let i = config.camera.model.intrinsics();
     let plate = config.target.plate();
     let events = summary.safety.events.iter().map(|e| (e.time_s, e.event.clone()));
-    let joint = |joint: &crate::robot::JointDescription| JointRecord {
+    let joint = |joint: &crate::robot::JointDescription| JointSummary {
         name: joint.name.clone(),
         slides: joint.kind == JointKind::Prismatic,
         lower: joint.limits.lower,

@@ -44,7 +44,7 @@ pub fn run(
     let vision = assemble::stereo_vision(config)?;
     let membership = Membership::join(instance, Role::Vision(config.camera.id))?;
     let services = membership.services();
-    let mut worker = Worker {
+    let mut worker = StereoVisionWorker {
         clock: config.clock,
         left: CameraInput::open(&config.camera, config.clock, services)?,
         right: CameraInput::open(right, config.clock, services)?,
@@ -93,7 +93,7 @@ impl<'a> CameraInput<'a> {
     }
 }
 
-struct Worker<'a> {
+struct StereoVisionWorker<'a> {
     clock: Clock,
     left: CameraInput<'a>,
     right: CameraInput<'a>,
@@ -106,7 +106,7 @@ struct Worker<'a> {
     pictures: Pictures,
 }
 
-impl Worker<'_> {
+impl StereoVisionWorker<'_> {
     /// Takes frames as they come.
     fn run_by_the_clock(&mut self, stop: &StopFlag) -> Result<(), ProcessError> {
         let (left, right) = (self.left.camera, self.right.camera);

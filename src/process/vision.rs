@@ -35,8 +35,12 @@ pub fn run(
     let (states, _) = services.joint_state_receiver()?;
     let measurements = services.measurement_sender(id)?;
     services.require_room_for_peers()?;
-    let mut worker = Worker {
-        arm: Arm { carrier: assemble::carrier(config)?, states, schedule: lockstep_schedule(config) },
+    let mut worker = VisionWorker {
+        arm: JointStateInput {
+            carrier: assemble::carrier(config)?,
+            states,
+            schedule: lockstep_schedule(config),
+        },
         vision: assemble::vision(config),
         counter: FrameCounter::default(),
         status: None,
@@ -66,13 +70,13 @@ fn lockstep_schedule(config: &Config) -> Option<FrameSchedule> {
 }
 
 /// The arm, by its joint states.
-struct Arm {
+struct JointStateInput {
     carrier: Box<dyn Carrier>,
     states: Receiver<JointState>,
     schedule: Option<FrameSchedule>,
 }
 
-impl Arm {
+impl JointStateInput {
     /// Where the camera is at the exposure of a frame. In lockstep the state of the frame's tick is under way at least, as the camera
     /// had it, and none after it counts: the answer is the same on any load.
     fn X_WC(&mut self, header: &FrameHeader) -> Result<Option<Pose>, ProcessError> {
@@ -94,14 +98,14 @@ impl Arm {
     }
 }
 
-struct Worker {
-    arm: Arm,
+struct VisionWorker {
+    arm: JointStateInput,
     vision: Vision,
     counter: FrameCounter,
     status: Option<TargetStatus>,
 }
 
-impl Worker {
+impl VisionWorker {
     fn measure(&mut self, frame: &ReceivedFrame) -> Result<Measurement, ProcessError> {
         let vision_start = now();
         let header = frame.header();

@@ -31,7 +31,7 @@ enum Convention {
 
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Kind {
+enum DhJointKind {
     Revolute,
     Continuous,
     Prismatic,
@@ -42,7 +42,7 @@ enum Kind {
 struct DhJoint {
     name: String,
     #[serde(rename = "type")]
-    kind: Kind,
+    kind: DhJointKind,
     #[serde(default)]
     a_m: f64,
     #[serde(default)]
@@ -57,7 +57,7 @@ struct DhJoint {
     motor: Option<MotorRecord>,
     armature_kg_m2: Option<f64>,
     armature_kg: Option<f64>,
-    link: Link,
+    link: DhLink,
 }
 
 #[derive(Debug, Deserialize)]
@@ -104,11 +104,11 @@ impl MotorRecord {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Link {
+struct DhLink {
     mass_kg: f64,
     #[serde(default)]
     com_m: [f64; 3],
-    inertia_kg_m2: Moments,
+    inertia_kg_m2: InertiaMoments,
     #[serde(default)]
     idealised: bool,
 }
@@ -116,7 +116,7 @@ struct Link {
 /// Moments about the centre of mass in the link's frame; `xy` is the matrix entry (minus the product of inertia).
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Moments {
+struct InertiaMoments {
     xx: f64,
     yy: f64,
     zz: f64,
@@ -128,9 +128,9 @@ struct Moments {
     yz: f64,
 }
 
-impl Link {
+impl DhLink {
     fn inertia(&self) -> Result<Inertia, Defect> {
-        let Moments { xx, yy, zz, xy, xz, yz } = self.inertia_kg_m2;
+        let InertiaMoments { xx, yy, zz, xy, xz, yz } = self.inertia_kg_m2;
         for (key, moment) in [("xx", xx), ("yy", yy), ("zz", zz), ("xy", xy), ("xz", xz), ("yz", yz)] {
             within(&format!("inertia_kg_m2.{key}"), moment, &bounds::MOMENT_KG_M2)?;
         }
@@ -193,9 +193,9 @@ impl DhJoint {
 
     fn joint(self, convention: Convention, inertia: Inertia) -> Result<JointDescription, Defect> {
         let kind = match self.kind {
-            Kind::Revolute => JointKind::Revolute,
-            Kind::Continuous => JointKind::Continuous,
-            Kind::Prismatic => JointKind::Prismatic,
+            DhJointKind::Revolute => JointKind::Revolute,
+            DhJointKind::Continuous => JointKind::Continuous,
+            DhJointKind::Prismatic => JointKind::Prismatic,
         };
         let length = |key, value| within(key, value, &bounds::LENGTH_M);
         let angle = |key, value| within(key, value, &bounds::ANGLE_RAD);

@@ -5,7 +5,7 @@ use super::description::RobotDescription;
 use super::dh::{DhTable, MotorRecord};
 use super::error::{Defect, RobotError};
 use super::model::STANDARD_GRAVITY;
-use super::urdf::{self, Selection};
+use super::urdf::{self, ChainSelection};
 use crate::geometry::Pose;
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
@@ -114,7 +114,7 @@ pub(super) fn parse_urdf(
     tip: Option<&str>,
 ) -> Result<RobotDescription, RobotError> {
     let mut description = empty(name, file);
-    let selection = Selection { tip: tip.map(str::to_owned), ..Selection::default() };
+    let selection = ChainSelection { tip: tip.map(str::to_owned), ..ChainSelection::default() };
     urdf::read(text, &selection, &mut description)?;
     description.check()?;
     Ok(description)
@@ -143,7 +143,7 @@ impl UrdfRecord {
         let (urdf_file, text) = open(&self.file)?;
         // Links and joints are elements of the URDF; names given here are checked against it below.
         let toml_file = std::mem::replace(&mut description.file, urdf_file);
-        let selection = Selection { base: self.base, tip: self.tip, held: self.fixed_joints };
+        let selection = ChainSelection { base: self.base, tip: self.tip, held: self.fixed_joints };
         urdf::read(&text, &selection, description).map_err(|error| match error {
             RobotError::Element { element, problem, .. } if SELECTION_KEYS.contains(&element.as_str()) => {
                 RobotError::Element { file: toml_file.clone(), element: format!("urdf.{element}"), problem }

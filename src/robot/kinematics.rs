@@ -20,7 +20,7 @@ pub enum ExpressedIn {
 pub(super) type Trig<const N: usize> = [(f64, f64); N];
 
 /// Orientation and origin of every body's frame in B.
-pub(super) struct Frames<const N: usize> {
+pub(super) struct BodyFrames<const N: usize> {
     pub(super) R: [Matrix3<f64>; N],
     pub(super) p: [Vector3<f64>; N],
 }
@@ -32,8 +32,8 @@ impl<const N: usize> Robot<N> {
     }
 
     #[inline(always)]
-    pub(super) fn frames(&self, q: &SVector<f64, N>, trig: &Trig<N>) -> Frames<N> {
-        let mut frames = Frames { R: [Matrix3::identity(); N], p: [Vector3::zeros(); N] };
+    pub(super) fn frames(&self, q: &SVector<f64, N>, trig: &Trig<N>) -> BodyFrames<N> {
+        let mut frames = BodyFrames { R: [Matrix3::identity(); N], p: [Vector3::zeros(); N] };
         let (mut R, mut p) = (Matrix3::identity(), Vector3::zeros());
         for i in 0..N {
             let body = &self.bodies[i];
@@ -56,7 +56,7 @@ impl<const N: usize> Robot<N> {
 
     /// Orientation and origin of the flange in B.
     #[inline(always)]
-    fn flange(&self, frames: &Frames<N>) -> (Matrix3<f64>, Vector3<f64>) {
+    fn flange(&self, frames: &BodyFrames<N>) -> (Matrix3<f64>, Vector3<f64>) {
         match (frames.R.last(), frames.p.last()) {
             (Some(R), Some(p)) => (mul_mat(R, &self.R_flange), p + mul(R, &self.p_flange)),
             _ => (self.R_flange, self.p_flange),
@@ -65,7 +65,7 @@ impl<const N: usize> Robot<N> {
 
     /// The columns of the Jacobian of the point `p_B` fixed to the last link, expressed in B.
     #[inline(always)]
-    fn columns(&self, frames: &Frames<N>, p_B: &Vector3<f64>) -> SMatrix<f64, 6, N> {
+    fn columns(&self, frames: &BodyFrames<N>, p_B: &Vector3<f64>) -> SMatrix<f64, 6, N> {
         let mut J = SMatrix::<f64, 6, N>::zeros();
         for i in 0..N {
             let z = z_axis(&frames.R[i]);

@@ -11,7 +11,7 @@ mod syntax;
 mod tags;
 mod values;
 
-use self::document::{Document, Joint, JointType, Link};
+use self::document::{Joint, JointType, UrdfDocument, UrdfLink};
 use self::syntax::XmlFault;
 use self::values::{axis, friction, held_at_rest, inertia, limits, place_at, pose};
 use super::description::{JointDescription, RobotDescription};
@@ -23,7 +23,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Which part of a URDF is the arm.
 #[derive(Debug, Default)]
-pub(super) struct Selection {
+pub(super) struct ChainSelection {
     /// The base link; the tree's root when not named.
     pub(super) base: Option<String>,
     /// The tip link; the only leaf when not named.
@@ -35,7 +35,7 @@ pub(super) struct Selection {
 /// Appends the chain in the URDF `text` to `description`, and sets its flange.
 pub(super) fn read(
     text: &str,
-    selection: &Selection,
+    selection: &ChainSelection,
     description: &mut RobotDescription,
 ) -> Result<(), RobotError> {
     let robot = document::read(text).map_err(|XmlFault { line, message }| RobotError::Syntax {
@@ -46,7 +46,7 @@ pub(super) fn read(
         let message = "there is no <link> in it; is it a URDF robot?".to_owned();
         return Err(RobotError::Syntax { place: description.file.clone(), message });
     }
-    let fail = |(element, problem): Fault| description.error(element, problem);
+    let fail = |(element, problem): ElementDefect| description.error(element, problem);
     let tree = Tree::new(&robot, selection).map_err(fail)?;
     let (joints, X_LE) = tree.chain().map_err(fail)?;
     description.joints = joints;
@@ -55,7 +55,7 @@ pub(super) fn read(
 }
 
 /// An element and what is wrong with it.
-type Fault = (String, Defect);
+type ElementDefect = (String, Defect);
 
 fn link_element(name: &str) -> String {
     format!("link \"{name}\"")
@@ -66,7 +66,7 @@ fn joint_element(name: &str) -> String {
 }
 
 struct Tree<'a> {
-    links: HashMap<&'a str, &'a Link>,
+    links: HashMap<&'a str, &'a UrdfLink>,
     /// The joint that leads to a link.
     joint_to: HashMap<&'a str, &'a Joint>,
     /// The joints that leave a link, in the file's order.
@@ -77,7 +77,7 @@ struct Tree<'a> {
 }
 
 impl<'a> Tree<'a> {
-    fn new(robot: &'a Document, selection: &'a Selection) -> Result<Self, Fault> {
+    fn new(robot: &'a UrdfDocument, selection: &'a ChainSelection) -> Result<Self, ElementDefect> {
         let mut links = HashMap::new();
         for link in &robot.links {
             if links.insert(link.name.as_str(), link).is_some() {
@@ -124,7 +124,7 @@ impl<'a> Tree<'a> {
         Ok(tree)
     }
 
-    fn existing(&self, key: &str, name: &'a str) -> Result<&'a str, Fault> {
+    fn existing(&self, key: &str, name: &'a str) -> Result<&'a str, ElementDefect> {
         match self.links.get(name) {
             Some(link) => Ok(&link.name),
             None => Err((key.to_owned(), Defect::NoSuchLink { link: name.to_owned() })),
@@ -132,7 +132,7 @@ impl<'a> Tree<'a> {
     }
 
     /// A link that no root leads to: with one parent each, it can only be in a loop, or behind one.
-    fn in_a_loop(&self, robot: &'a Document) -> Option<&'a Link> {
+    fn in_a_loop(&self, robot: &'a UrdfDocument) -> Option<&'a UrdfLink> {
         let names = robot.links.iter().map(|link| link.name.as_str());
         let mut waiting: Vec<&str> = names.filter(|name| !self.joint_to.contains_key(name)).collect();
         let mut reached: HashSet<&str> = waiting.iter().copied().collect();
@@ -152,7 +152,7 @@ impl<'a> Tree<'a> {
         .take(limit)
     }
 
-    fn only_root(&self, robot: &'a Document) -> Result<&'a str, Fault> {
+    fn only_root(&self, robot: &'a UrdfDocument) -> Result<&'a str, ElementDefect> {
         let roots: Vec<_> = robot
             .links
             .iter()
@@ -165,7 +165,7 @@ impl<'a> Tree<'a> {
         }
     }
 
-    fn only_leaf(&self, robot: &'a Document) -> Result<&'a str, Fault> {
+    fn only_leaf(&self, robot: &'a UrdfDocument) -> Result<&'a str, ElementDefect> {
         let leaves: Vec<_> = robot
             .links
             .iter()
@@ -203,7 +203,7 @@ impl<'a> Tree<'a> {
     }
 
     /// The moving joints from base to tip, and the tip in the last moving link's frame.
-    fn chain(&self) -> Result<(Vec<JointDescription>, Pose), Fault> {
+    fn chain(&self) -> Result<(Vec<JointDescription>, Pose), ElementDefect> {
         let mut path: Vec<&Joint> = Vec::new();
         if self.tip != self.base {
             for joint in self.path_to(self.tip) {
@@ -255,11 +255,17 @@ impl<'a> Tree<'a> {
 
     /// The inertia of `link` and of all that is fixed to it, in the frame in which `link` lies at `X`. What hangs on the
     /// tip, a gripper, counts as fixed: its joints are held.
-    fn weld(&self, link: &str, X: &Pose, path: &[&Joint]) -> Result<Inertia, Fault> {
+    fn weld(&self, link: &str, X: &Pose, path: &[&Joint]) -> Result<Inertia, ElementDefect> {
         self.weld_from(link, X, path, link == self.tip)
     }
 
-    fn weld_from(&self, link: &str, X: &Pose, path: &[&Joint], behind_tip: bool) -> Result<Inertia, Fault> {
+    fn weld_from(
+        &self,
+        link: &str,
+        X: &Pose,
+        path: &[&Joint],
+        behind_tip: bool,
+    ) -> Result<Inertia, ElementDefect> {
         let mut sum = Inertia::ZERO;
         if let Some(link) = self.links.get(link) {
             let own = inertia(link).and_then(|own| own.check_part().map(|()| own));

@@ -3,7 +3,7 @@
 //! `VSERVO_LOG` says how much (`info`, `warn`, `vservo::process=debug,error`), `--log-format` or `VSERVO_LOG_FORMAT` how.
 
 use super::log_format::{FILTER, FORMAT, LogFormat, USUAL, choose};
-use super::output::{Lines, tell};
+use super::output::{StderrLines, tell};
 use std::io::{IsTerminal, stderr};
 use std::str::FromStr;
 use tracing_subscriber::filter::{LevelFilter, Targets};
@@ -26,7 +26,7 @@ pub fn start_logging(asked: Option<LogFormat>) {
     let targets = filter.clone().and_then(Result::ok).unwrap_or_else(usual);
     let registry = tracing_subscriber::registry().with(targets);
     // its word about a line that could not be written would panic where stderr is gone
-    let lines = tracing_subscriber::fmt::layer().with_writer(|| Lines).log_internal_errors(false);
+    let lines = tracing_subscriber::fmt::layer().with_writer(|| StderrLines).log_internal_errors(false);
     match format {
         LogFormat::Json => registry.with(lines.json()).init(),
         LogFormat::Text => registry.with(lines.with_ansi(stderr().is_terminal()).without_time()).init(),

@@ -42,9 +42,9 @@ fn is_ready() -> bool {
 
 /// Whole lines on stderr, each in one write: on a terminal they take the place of the progress, which is written again below them.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Lines;
+pub(super) struct StderrLines;
 
-impl Write for Lines {
+impl Write for StderrLines {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if stderr().is_terminal() {
             Stderr.write_all(&[CLEAR_LINE.as_bytes(), bytes].concat())?;
@@ -64,7 +64,7 @@ pub fn tell(line: impl std::fmt::Display) {
         LogFormat::Text => format!("{line}\n"),
         LogFormat::Json => object(&line.to_string()),
     };
-    let _ = Lines.write_all(line.as_bytes());
+    let _ = StderrLines.write_all(line.as_bytes());
 }
 
 /// Results, on stdout. A reader that has enough (`| head`) is no error.

@@ -1,7 +1,7 @@
 //! What lies in the object's plane behind the target: a mottled surface, and shapes that are no target.
 
 use super::error::{SceneError, in_range};
-use super::layers::Sheet;
+use super::layers::PaintedPlane;
 use super::rays::Rays;
 use super::sensor::LEVEL_BITS;
 use crate::geometry::Pose;
@@ -65,9 +65,10 @@ impl Backdrop {
     }
 
     /// The shapes that lie about `plate`, as many sheets as grey levels: `dark` and `light`.
-    pub(super) fn sheets(&self, plate: &Plate, dark: f64, light: f64) -> Vec<Sheet> {
+    pub(super) fn sheets(&self, plate: &Plate, dark: f64, light: f64) -> Vec<PaintedPlane> {
         let mut random = Random::new(self.seed ^ 0x00c1_077e);
-        let sheet = |level| Sheet { X_OS: Pose::identity(), loops: Vec::new(), level, both_sides: true };
+        let sheet =
+            |level| PaintedPlane { X_OS: Pose::identity(), loops: Vec::new(), level, both_sides: true };
         // each of its own: they may lie one over the other
         let mut sheets = Vec::new();
         let (low, high) =

@@ -14,7 +14,7 @@ pub(super) struct Band {
 }
 
 #[derive(Debug, Clone, Copy, Default)]
-struct Row {
+struct BandRow {
     count: usize,
     bands: [Band; PER_ROW],
 }
@@ -22,7 +22,7 @@ struct Row {
 /// Bands of a whole image.
 #[derive(Debug, Clone)]
 pub(super) struct Bands {
-    rows: Vec<Row>,
+    rows: Vec<BandRow>,
     width: i32,
     /// Rows that have bands: `top..bottom`.
     top: usize,
@@ -31,7 +31,7 @@ pub(super) struct Bands {
 
 impl Bands {
     pub(super) fn new(width: usize, height: usize) -> Self {
-        Self { rows: vec![Row::default(); height], width: width as i32, top: height, bottom: 0 }
+        Self { rows: vec![BandRow::default(); height], width: width as i32, top: height, bottom: 0 }
     }
 
     /// Forgets all bands.

@@ -22,12 +22,12 @@ const BLOCK: usize = 16;
 
 /// A straight piece of a border, px.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Edge {
+pub(crate) struct BorderSegment {
     pub(crate) from: [f64; 2],
     pub(crate) to: [f64; 2],
 }
 
-impl Edge {
+impl BorderSegment {
     pub(crate) fn top(&self) -> f64 {
         self.from[1].min(self.to[1])
     }
@@ -39,7 +39,7 @@ impl Edge {
 
 /// What one pixel sees, along one axis.
 #[derive(Debug, Clone)]
-pub(crate) struct Kernel {
+pub(crate) struct PixelKernel {
     /// `K` from -reach to reach.
     table: Vec<f32>,
     /// How `K` grows from pixel to pixel over the pixels that a node reaches, [`Self::groups`] for each of `PHASES + 1` places.
@@ -52,7 +52,7 @@ pub(crate) struct Kernel {
     piece_px: f64,
 }
 
-impl Kernel {
+impl PixelKernel {
     /// Of a Gaussian blur of `sigma` px.
     pub(crate) fn new(sigma: f64) -> Self {
         let reach_px = 0.5 + CUT_SIGMA * sigma;
@@ -110,7 +110,7 @@ pub(crate) struct Ink {
 
 impl Ink {
     /// For rows of `width` pixels.
-    pub(crate) fn new(width: usize, kernel: &Kernel) -> Self {
+    pub(crate) fn new(width: usize, kernel: &PixelKernel) -> Self {
         let blocks = width.div_ceil(BLOCK);
         let behind = kernel.groups * LANES;
         Self {
@@ -123,7 +123,7 @@ impl Ink {
     }
 
     /// Adds a piece of a border to the row at `v`.
-    pub(crate) fn add(&mut self, edge: &Edge, v: f64, kernel: &Kernel) {
+    pub(crate) fn add(&mut self, edge: &BorderSegment, v: f64, kernel: &PixelKernel) {
         let reach = kernel.reach_px;
         let ([x0, y0], [x1, y1]) = (edge.from, edge.to);
         let (y0, y1) = (y0 - v, y1 - v);
@@ -159,7 +159,7 @@ impl Ink {
 
     /// A node in column `x`: what lies to its right has `weight` more.
     #[inline(always)]
-    fn node(&mut self, x: f64, weight: f32, kernel: &Kernel) {
+    fn node(&mut self, x: f64, weight: f32, kernel: &PixelKernel) {
         let start = x - kernel.reach_px;
         if start >= self.width as f64 || weight == 0.0 {
             return;
@@ -190,7 +190,7 @@ impl Ink {
 
     /// The same for a node whose reach begins before the row.
     #[cold]
-    fn node_at_start(&mut self, x: f64, weight: f32, kernel: &Kernel) {
+    fn node_at_start(&mut self, x: f64, weight: f32, kernel: &PixelKernel) {
         let end = (x + kernel.reach_px).ceil();
         if end <= 0.0 {
             self.before += weight;
@@ -250,11 +250,11 @@ mod tests {
 
     /// Coverage of a row by polygons.
     fn row(loops: &[Vec<[f64; 2]>], v: f64, sigma: f64) -> Vec<f64> {
-        let kernel = Kernel::new(sigma);
+        let kernel = PixelKernel::new(sigma);
         let mut ink = Ink::new(32, &kernel);
         for corners in loops {
             for (from, to) in corners.iter().zip(corners.iter().cycle().skip(1)) {
-                ink.add(&Edge { from: *from, to: *to }, v, &kernel);
+                ink.add(&BorderSegment { from: *from, to: *to }, v, &kernel);
             }
         }
         let mut levels = vec![0u16; 32];

@@ -4,9 +4,9 @@
 //! outlines in a plane ─► cut at the camera's field of view ─► perspective ─► lens, in pieces that follow the curve ─► edges, from top to bottom
 //! row y: of each layer the edges within reach ─► Ink ─► levels
 //! ```
-//! The simple scenes of dots go another way: `View`.
+//! The simple scenes of dots go another way: `SceneView`.
 
-use super::ink::{Edge, Ink, Kernel};
+use super::ink::{BorderSegment, Ink, PixelKernel};
 use super::sensor::LEVEL_BITS;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
@@ -22,7 +22,7 @@ const MAX_PIECES: f64 = 512.0;
 
 /// Outlines in one plane, painted in one grey level.
 #[derive(Debug, Clone)]
-pub(super) struct Sheet {
+pub(super) struct PaintedPlane {
     /// The plane's frame in that of the object.
     pub(super) X_OS: Pose,
     pub(super) loops: Vec<ClosedOutline>,
@@ -38,11 +38,11 @@ struct Layer {
     /// -1 where the sheet is seen from behind, so that its outlines run the other way round.
     sign: f32,
     /// From top to bottom.
-    edges: Vec<Edge>,
+    edges: Vec<BorderSegment>,
     /// Edges from here on lie below the present row's reach.
     next: usize,
     /// Edges within reach of the present row.
-    active: Vec<Edge>,
+    active: Vec<BorderSegment>,
 }
 
 /// All of it.
@@ -86,7 +86,7 @@ impl Clip {
 }
 
 impl Layers {
-    pub(super) fn new(camera: &CameraModel, kernel: &Kernel) -> Self {
+    pub(super) fn new(camera: &CameraModel, kernel: &PixelKernel) -> Self {
         let clip = Clip::new(camera, kernel.reach_px());
         Self { layers: Vec::new(), count: 0, clip, corners: Vec::new(), spare: Vec::new() }
     }
@@ -96,7 +96,7 @@ impl Layers {
         &mut self,
         X_CO: &Pose,
         camera: &CameraModel,
-        sheets: impl Iterator<Item = &'a Sheet>,
+        sheets: impl Iterator<Item = &'a PaintedPlane>,
     ) {
         self.count = 0;
         for sheet in sheets {
@@ -133,7 +133,7 @@ impl Layers {
     }
 
     /// Paints row `y` over `levels`; rows from top to bottom.
-    pub(super) fn paint(&mut self, y: usize, kernel: &Kernel, ink: &mut Ink, levels: &mut [u16]) {
+    pub(super) fn paint(&mut self, y: usize, kernel: &PixelKernel, ink: &mut Ink, levels: &mut [u16]) {
         let (v, reach) = (y as f64, kernel.reach_px());
         for layer in self.layers.iter_mut().take(self.count) {
             while let Some(edge) = layer.edges.get(layer.next).filter(|edge| edge.top() < v + reach) {
@@ -194,7 +194,7 @@ fn project(
     [a, b, p]: &[Vector3<f64>; 3],
     camera: &CameraModel,
     clip: &Clip,
-    edges: &mut Vec<Edge>,
+    edges: &mut Vec<BorderSegment>,
 ) {
     let normalized = |r: &Vector2<f64>| {
         let c = a * r.x + b * r.y + p;
@@ -226,7 +226,7 @@ fn project(
                 pixel(&(from + (to - from) * (f64::from(i) / pieces)))
             };
             if (last[0] + last[1] + next[0] + next[1]).is_finite() {
-                edges.push(Edge { from: last, to: next });
+                edges.push(BorderSegment { from: last, to: next });
             }
             last = next;
         }

@@ -34,7 +34,7 @@ pub use arm_history::ArmHistory;
 pub use backdrop::Backdrop;
 pub use error::SceneError;
 #[cfg(feature = "cli")]
-pub(crate) use ink::{Edge, Ink, Kernel};
+pub(crate) use ink::{BorderSegment, Ink, PixelKernel};
 pub use look::SceneLook;
 pub use motion::SceneMotion;
 pub use occluder::Occluder;

@@ -6,7 +6,7 @@ use crate::geometry::Pose;
 use nalgebra::{Point3, Vector2, Vector3};
 
 /// Draws the outlines of the scene into bands: polylines that follow the true curves within 0.2 px.
-pub(super) struct Outline<'a> {
+pub(super) struct OutlinePainter<'a> {
     X_CO: &'a Pose,
     camera: &'a CameraModel,
     margin_px: f64,
@@ -16,7 +16,7 @@ pub(super) struct Outline<'a> {
     ideal: bool,
 }
 
-impl<'a> Outline<'a> {
+impl<'a> OutlinePainter<'a> {
     pub(super) fn new(X_CO: &'a Pose, camera: &'a CameraModel, margin_px: f64) -> Self {
         let i = camera.intrinsics();
         let (w, h) = (f64::from(i.width_px) - 0.5, f64::from(i.height_px) - 0.5);

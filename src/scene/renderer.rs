@@ -9,7 +9,7 @@ use super::profile::{EdgeProfile, LANES};
 use super::rays::{Rays, RowOfRays};
 use super::scenery::{Bystander, Scenery};
 use super::sensor::{LEVEL_BITS, Sensor, SensorModel, wide_available};
-use super::view::View;
+use super::view::SceneView;
 use crate::camera_model::{CameraModel, LevelTable, Response};
 use crate::geometry::Pose;
 use crate::target::Target;
@@ -31,7 +31,7 @@ pub struct Renderer {
     rays: Rays,
     profile: EdgeProfile,
     sensor: Sensor,
-    views: Vec<View>,
+    views: Vec<SceneView>,
     memories: Vec<Memory>,
     levels: Vec<u16>,
     sums: Vec<u32>,
@@ -74,7 +74,7 @@ impl Renderer {
             rays: Rays::new(&camera),
             profile: EdgeProfile::new(sensor.blur_sd_px),
             sensor: Sensor::new(&sensor, camera.full_size_px(), camera.region()),
-            views: vec![View::new(width, height, target.discs().len())],
+            views: vec![SceneView::new(width, height, target.discs().len())],
             target,
             memories: vec![Memory::default()],
             levels: vec![0; width],
@@ -152,7 +152,7 @@ impl Renderer {
             return;
         }
         while self.views.len() < X_CO_over_exposure.len() {
-            self.views.push(View::new(width, height, self.target.discs().len()));
+            self.views.push(SceneView::new(width, height, self.target.discs().len()));
             self.memories.push(Memory::default());
         }
         self.memories.fill(Memory::default());
@@ -274,7 +274,7 @@ fn fixed(level: f64) -> u16 {
 
 /// A flat span `from..to` of a row, and its level.
 #[derive(Debug, Clone, Copy, Default)]
-struct Span {
+struct LevelSpan {
     from: usize,
     to: usize,
     level: u16,
@@ -285,14 +285,14 @@ struct Span {
 #[derive(Debug, Clone, Copy, Default)]
 struct Memory {
     row: usize,
-    spans: [Span; PER_ROW + 1],
+    spans: [LevelSpan; PER_ROW + 1],
 }
 
 /// Exact levels of one row: flat spans between the bands are filled with the level at their middle. `kept`: the levels still
 /// hold the row that the memory is of.
 #[inline(always)]
 fn fill_row(
-    view: &View,
+    view: &SceneView,
     memory: &mut Memory,
     y: usize,
     paint: &Paint<'_>,
@@ -309,7 +309,7 @@ fn fill_row(
     if !paint.rays.ideal() {
         directions.clear();
         for band in bands {
-            View::add_middles(band.first as usize, band.last as usize + 1, directions);
+            SceneView::add_middles(band.first as usize, band.last as usize + 1, directions);
         }
         paint.rays.at_each(directions, v);
     }
@@ -334,9 +334,9 @@ fn fill_row(
                     right.fill(level);
                 }
             }
-            *above = Span { from, to, level };
+            *above = LevelSpan { from, to, level };
         } else {
-            *above = Span::default();
+            *above = LevelSpan::default();
         }
         if let Some(span) = levels.get_mut(to..next) {
             view.edge_levels(to, v, mask, paint, &mut directions, span);
@@ -345,7 +345,7 @@ fn fill_row(
     }
     // spans that this row does not have
     if let Some(rest) = memory.spans.get_mut(bands.len() + 1..) {
-        rest.fill(Span::default());
+        rest.fill(LevelSpan::default());
     }
 }
 

@@ -1,8 +1,8 @@
 //! All that lies in a scene in layers, and its pictures at the instants of one exposure.
 
 use super::backdrop::{Backdrop, Texture, rectangle};
-use super::ink::{Ink, Kernel};
-use super::layers::{Layers, Sheet};
+use super::ink::{Ink, PixelKernel};
+use super::layers::{Layers, PaintedPlane};
 use super::look::SceneLook;
 use super::occluder::Occluder;
 use super::rays::Rays;
@@ -15,7 +15,7 @@ use nalgebra::{Point3, Translation3, Vector2, Vector3};
 /// Corners of a curved outline are so close that it leaves them by no more than this share of its size.
 const SAG: f64 = 1e-4;
 
-/// Least radius of curvature of a dot's rim, px, of which `View` knows the coverage: within a pixel it takes the rim as a parabola.
+/// Least radius of curvature of a dot's rim, px, of which `SceneView` knows the coverage: within a pixel it takes the rim as a parabola.
 const MIN_CURVE_PX: f64 = 0.5;
 
 /// A target that is not looked for, beside the one that is: it lies under that where they overlap.
@@ -32,17 +32,17 @@ pub struct Bystander {
 /// The scene in layers.
 #[derive(Debug, Clone)]
 pub(super) struct Scenery {
-    /// Whether it is no more than dots on a plain background and at most one sheet before them, which `View` draws.
+    /// Whether it is no more than dots on a plain background and at most one sheet before them, which `SceneView` draws.
     dots: bool,
     discs: Box<[Disc]>,
     simple_front: bool,
     look: SceneLook,
     backdrop: Backdrop,
-    clutter: Vec<Sheet>,
-    bystanders: Vec<Sheet>,
-    target: Vec<Sheet>,
-    occluders: Vec<Sheet>,
-    kernel: Kernel,
+    clutter: Vec<PaintedPlane>,
+    bystanders: Vec<PaintedPlane>,
+    target: Vec<PaintedPlane>,
+    occluders: Vec<PaintedPlane>,
+    kernel: PixelKernel,
     ink: Ink,
     views: Vec<Layers>,
     /// The mottled surface in the middle of the exposure: its soft spots are not blurred by motion.
@@ -55,7 +55,7 @@ pub(super) struct Scenery {
 
 impl Scenery {
     pub(super) fn new(camera: &CameraModel, target: &Target, look: &SceneLook, blur_sd_px: f64) -> Self {
-        let kernel = Kernel::new(blur_sd_px);
+        let kernel = PixelKernel::new(blur_sd_px);
         Self {
             dots: !target.discs().is_empty(),
             discs: target.discs().into(),
@@ -96,12 +96,12 @@ impl Scenery {
             let (low, high) = occluder.corners_m();
             let X_OS = Pose::translation(0.0, 0.0, -occluder.height_m);
             let loops = vec![rectangle(&low, &high)];
-            self.occluders.push(Sheet { X_OS, loops, level: occluder.level, both_sides: true });
+            self.occluders.push(PaintedPlane { X_OS, loops, level: occluder.level, both_sides: true });
         }
         self.simple_front = self.occluders.len() < 2;
     }
 
-    /// Whether `View` can draw it at these poses: not where a dot is seen so aslant, or from so far, that its rim turns within a pixel.
+    /// Whether `SceneView` can draw it at these poses: not where a dot is seen so aslant, or from so far, that its rim turns within a pixel.
     pub(super) fn is_simple(&self, X_CO_over_exposure: &[Pose]) -> bool {
         self.is_made_of_dots() && !X_CO_over_exposure.iter().any(|X_CO| self.has_thin_dots(X_CO))
     }
@@ -164,7 +164,7 @@ impl Scenery {
 }
 
 /// A target's plate and its marks.
-fn sheets(target: &Target, X_OS: Pose, look: &SceneLook) -> Vec<Sheet> {
+fn sheets(target: &Target, X_OS: Pose, look: &SceneLook) -> Vec<PaintedPlane> {
     let plate = target.plate();
     let (plate_level, level) = look.of(&plate);
     let size_m = (plate.high_m - plate.low_m).amax();
@@ -176,12 +176,17 @@ fn sheets(target: &Target, X_OS: Pose, look: &SceneLook) -> Vec<Sheet> {
         mark.loops(SAG * radius_m).into_vec()
     };
     vec![
-        Sheet {
+        PaintedPlane {
             X_OS,
             loops: vec![rectangle(&plate.low_m, &plate.high_m)],
             level: plate_level,
             both_sides: true,
         },
-        Sheet { X_OS, loops: target.marks().iter().flat_map(loops).collect(), level, both_sides: false },
+        PaintedPlane {
+            X_OS,
+            loops: target.marks().iter().flat_map(loops).collect(),
+            level,
+            both_sides: false,
+        },
     ]
 }

@@ -9,7 +9,7 @@
 use super::bands::Bands;
 use super::look::Paint;
 use super::occluder::Occluder;
-use super::outline::Outline;
+use super::outline::OutlinePainter;
 use super::profile::{EdgeProfile, LANES, cast};
 use super::rays::{Ray, RowOfRays};
 use super::sensor::LEVEL_BITS;
@@ -36,7 +36,7 @@ type Form = Vector3<f64>;
 
 /// One instant of the scene.
 #[derive(Debug, Clone)]
-pub(super) struct View {
+pub(super) struct SceneView {
     visible: bool,
     /// Whether the camera sees the side with the dots.
     front: bool,
@@ -48,7 +48,7 @@ pub(super) struct View {
     bands: Bands,
 }
 
-impl View {
+impl SceneView {
     /// A view for pictures of this size and `dots` dots.
     pub(super) fn new(width: usize, height: usize, dots: usize) -> Self {
         Self {
@@ -99,7 +99,7 @@ impl View {
                 .iter()
                 .map(|mark| [a - w * mark.centre_m.x, b - w * mark.centre_m.y, w * mark.radius_m]),
         );
-        let outline = Outline::new(X_CO, camera, half_px + 0.5);
+        let outline = OutlinePainter::new(X_CO, camera, half_px + 0.5);
         outline.rectangle(&plate.low_m, &plate.high_m, 0.0, [1, 2, 4, 8], &mut self.bands);
         if self.front {
             for (i, mark) in target.discs().iter().enumerate() {

@@ -92,7 +92,7 @@ impl Visibility {
             .zip(1..)
             .map(|((point, (outline, needs_px)), number)| {
                 let px = camera.project(&(X_CO * point.p_O)).map(Into::into);
-                let extent = Extent::of(outline, camera, X_CO);
+                let extent = OutlineBounds::of(outline, camera, X_CO);
                 let (outside, room) = extent.map_or((Overhang::default(), f64::NEG_INFINITY), |e| {
                     (e.overhang(camera), e.room(camera))
                 });
@@ -107,7 +107,7 @@ impl Visibility {
             |a: Vector2<f64>, b: Vector2<f64>| (0..16).map(move |i| a + (b - a) * (f64::from(i) / 16.0));
         let next = corners.into_iter().cycle().skip(1);
         let edge: Vec<_> = corners.into_iter().zip(next).flat_map(|(a, b)| along(a, b)).collect();
-        let plate_outside = Extent::of(&edge, camera, X_CO).map(|extent| extent.overhang(camera));
+        let plate_outside = OutlineBounds::of(&edge, camera, X_CO).map(|extent| extent.overhang(camera));
         let facing = (X_CO.rotation * Vector3::z()).dot(&X_CO.translation.vector);
         let whole = points.iter().filter(|point| point.whole).count();
         Self { points, front: facing > 0.0, plate_outside, room_px, whole, needed: target.least_to_find() }
@@ -178,12 +178,12 @@ fn outlines(target: &Target) -> Vec<(Vec<Vector2<f64>>, f64)> {
 
 /// Least and greatest column and row of an outline, px.
 #[derive(Debug, Clone, Copy)]
-struct Extent {
+struct OutlineBounds {
     low: Vector2<f64>,
     high: Vector2<f64>,
 }
 
-impl Extent {
+impl OutlineBounds {
     /// `None` where a part of it is not to be seen by any pixel.
     fn of(outline: &[Vector2<f64>], camera: &CameraModel, X_CO: &Pose) -> Option<Self> {
         let mut extent =

@@ -20,7 +20,7 @@ const MAX_NUMBERS: usize = 6 * MAX_FEATURES;
 
 /// Image points with their depths, current or desired.
 #[derive(Clone, Copy)]
-struct Side<'a> {
+struct ImagePoints<'a> {
     s: &'a [Vector2<f64>],
     depths: Depths<'a>,
 }
@@ -33,7 +33,7 @@ enum Depths<'a> {
     Row([f64; 4], &'a [nalgebra::Point3<f64>]),
 }
 
-impl Side<'_> {
+impl ImagePoints<'_> {
     #[inline(always)]
     fn point(&self, i: usize) -> Option<PointFeature> {
         let z_m = match self.depths {
@@ -73,7 +73,7 @@ impl Side<'_> {
 
 /// What is done with each selected feature that is seen. `None` ends it: a feature has no interaction matrix.
 trait Visitor {
-    fn point(&mut self, now: &Side<'_>, goal: &Side<'_>, i: usize, weight: f64) -> Option<()> {
+    fn point(&mut self, now: &ImagePoints<'_>, goal: &ImagePoints<'_>, i: usize, weight: f64) -> Option<()> {
         self.pair(&now.point(i)?, &goal.point(i)?, weight)
     }
 
@@ -89,7 +89,7 @@ trait Visitor {
 #[inline(always)]
 fn visit(
     (set_point, view): (&SetPoint, &View),
-    (now, goal): (&Side<'_>, &Side<'_>),
+    (now, goal): (&ImagePoints<'_>, &ImagePoints<'_>),
     visitor: &mut impl Visitor,
 ) -> Option<()> {
     let selection = set_point.selection();
@@ -146,7 +146,7 @@ struct Equations {
 
 impl Visitor for Equations {
     #[inline(always)]
-    fn point(&mut self, now: &Side<'_>, goal: &Side<'_>, i: usize, weight: f64) -> Option<()> {
+    fn point(&mut self, now: &ImagePoints<'_>, goal: &ImagePoints<'_>, i: usize, weight: f64) -> Option<()> {
         let e = goal.s.get(i)? - now.s.get(i)?;
         self.error2 += e.norm_squared();
         let p = match self.interaction.at {
@@ -191,7 +191,7 @@ fn sides<'a>(
     set_point: &'a SetPoint,
     view: &'a View,
     interaction: Interaction,
-) -> Option<(Side<'a>, Side<'a>)> {
+) -> Option<(ImagePoints<'a>, ImagePoints<'a>)> {
     if view.features().len() != set_point.features().len() {
         return None;
     }
@@ -209,8 +209,8 @@ fn sides<'a>(
         let row = R.matrix().row(2);
         Depths::Row([row[0], row[1], row[2], X_CO.translation.z], set_point.points())
     });
-    let now = Side { s: view.features(), depths: z };
-    Some((now, Side { s: set_point.features(), depths: z_d }))
+    let now = ImagePoints { s: view.features(), depths: z };
+    Some((now, ImagePoints { s: set_point.features(), depths: z_d }))
 }
 
 /// The gain matrix of a preconditioned scheme C, constant and positive definite:
@@ -322,17 +322,17 @@ pub fn image_wrench(task: &TwistTask, k_P: f64, k_D: f64) -> WrenchTask {
 #[must_use]
 pub fn image_error(set_point: &SetPoint, view: &View) -> Option<(SVector<f64, MAX_NUMBERS>, usize)> {
     let (now, goal) = sides(set_point, view, Interaction::TEXTBOOK)?;
-    let mut errors = Errors { e: SVector::zeros(), count: 0 };
+    let mut errors = StackedErrors { e: SVector::zeros(), count: 0 };
     visit((set_point, view), (&now, &goal), &mut errors)?;
     Some((errors.e, errors.count))
 }
 
-struct Errors {
+struct StackedErrors {
     e: SVector<f64, MAX_NUMBERS>,
     count: usize,
 }
 
-impl Visitor for Errors {
+impl Visitor for StackedErrors {
     fn pair<const K: usize>(
         &mut self,
         now: &impl Feature<K>,

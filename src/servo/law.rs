@@ -1,8 +1,8 @@
 //! The family of servo laws behind one interface: a view becomes a task, a task and the arm become a wish.
 
 use super::{
-    FeatureGains, Gain, HybridGains, Interaction, OperationalSpace, OrientationError, PoseError, PoseGains,
-    SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task, image_wrench, joint_torque,
+    FeatureGains, Gain, HybridGains, Interaction, OperationalSpace, OperationalSpaceError, OrientationError,
+    PoseGains, SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task, image_wrench, joint_torque,
     joint_velocity, operational_pose, preconditioned_wrench,
 };
 use crate::messages::MAX_JOINTS;
@@ -157,7 +157,7 @@ impl Law {
     pub fn task(&self, set_point: &SetPoint, view: &View) -> Option<Task> {
         let pose_error = |space, orientation| {
             let X_CO = operational_pose(set_point, view, space)?;
-            Some(PoseError::new(set_point.X_DO()?, &X_CO, orientation))
+            Some(OperationalSpaceError::new(set_point.X_DO()?, &X_CO, orientation))
         };
         match self {
             Self::PositionTorque { K_P, damping, orientation, space } => {

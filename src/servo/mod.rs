@@ -9,8 +9,8 @@
 //!
 //! | scheme | task | wish |
 //! | --- | --- | --- |
-//! | A, (10.74) | [`PoseError::wrench`] | [`joint_torque`] |
-//! | B, (10.76) | [`PoseError::twist_task`] | [`joint_velocity`] |
+//! | A, (10.74) | [`OperationalSpaceError::wrench`] | [`joint_torque`] |
+//! | B, (10.76) | [`OperationalSpaceError::twist_task`] | [`joint_velocity`] |
 //! | C, (10.84) | [`image_task`], [`image_wrench`] | [`joint_torque`] |
 //! | D, (10.87), (10.89)-(10.91) | [`image_task`] | [`joint_velocity`] |
 //! | hybrid, (10.92)-(10.97) | [`hybrid_task`] | [`joint_velocity`] |
@@ -57,7 +57,7 @@ pub use measurement_verdict::MeasurementVerdict;
 pub use null_space::{away_from_limits, seek_null_motion};
 pub use object_motion::{ObjectDynamics, ObjectMotion};
 pub use orientation::{OrientationError, euler_zyx};
-pub use position::{OperationalSpace, PoseError, PoseGains, operational_pose, pose_gains_4};
+pub use position::{OperationalSpace, OperationalSpaceError, PoseGains, operational_pose, pose_gains_4};
 pub use posture::{PostureSearch, nearest_limit};
 pub use resolve::{TwistTask, WrenchTask, joint_torque, joint_velocity};
 pub use selection::{FeatureKind, OutlineFeature, Selection};

@@ -29,7 +29,7 @@ pub enum OperationalSpace {
 
 /// The operational space error of (10.69).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PoseError {
+pub struct OperationalSpaceError {
     /// x~ = -[p_DC_D; phi_dc], m and rad.
     pub x: Vector6<f64>,
     /// Orientation of the camera in the desired frame.
@@ -37,7 +37,7 @@ pub struct PoseError {
     orientation: OrientationError,
 }
 
-impl PoseError {
+impl OperationalSpaceError {
     /// x~ of (10.68), (10.69) for an object that lies at `X_CO` and shall lie at `X_DO`.
     #[must_use]
     pub fn new(X_DO: &Pose, X_CO: &Pose, orientation: OrientationError) -> Self {
@@ -72,7 +72,7 @@ impl PoseError {
         Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
     }
 
-    /// Scheme B as a task for the joints: [`PoseError::twist`], all directions alike.
+    /// Scheme B as a task for the joints: [`OperationalSpaceError::twist`], all directions alike.
     #[must_use]
     pub fn twist_task(&self, K_1_s: &PoseGains) -> TwistTask {
         TwistTask { matrix: Matrix6::identity(), vector: self.twist(K_1_s), error: self.x.norm() }

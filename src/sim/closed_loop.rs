@@ -13,22 +13,22 @@ use std::ops::ControlFlow;
 /// What goes on in a tick. Each part may end the loop.
 pub trait ClosedLoop {
     /// What the camera makes of a frame.
-    type Seen;
+    type Observation;
     /// How the loop ends.
-    type End;
+    type Outcome;
 
     /// The state of the arm at `tick`, before anything is seen.
-    fn sense(&mut self, tick: u64) -> ControlFlow<Self::End>;
+    fn sense(&mut self, tick: u64) -> ControlFlow<Self::Outcome>;
 
     /// Exposes the frame `frame_id` at `tick`, and measures it.
-    fn see(&mut self, tick: u64, frame_id: u64) -> ControlFlow<Self::End, Self::Seen>;
+    fn see(&mut self, tick: u64, frame_id: u64) -> ControlFlow<Self::Outcome, Self::Observation>;
 
     /// Moves the arm up to the next tick. `seen`: what reaches control at this one, the newest if several do.
-    fn act(&mut self, tick: u64, seen: Option<Self::Seen>) -> ControlFlow<Self::End>;
+    fn act(&mut self, tick: u64, seen: Option<Self::Observation>) -> ControlFlow<Self::Outcome>;
 }
 
 /// Runs `system` from tick 0 until it ends, with the frames of `frames`.
-pub fn run<L: ClosedLoop>(frames: &FrameSchedule, system: &mut L) -> L::End {
+pub fn run<L: ClosedLoop>(frames: &FrameSchedule, system: &mut L) -> L::Outcome {
     let mut on_their_way = VecDeque::new();
     let mut tick = 0;
     loop {
@@ -42,9 +42,9 @@ pub fn run<L: ClosedLoop>(frames: &FrameSchedule, system: &mut L) -> L::End {
 fn one_tick<L: ClosedLoop>(
     frames: &FrameSchedule,
     system: &mut L,
-    on_their_way: &mut VecDeque<(u64, L::Seen)>,
+    on_their_way: &mut VecDeque<(u64, L::Observation)>,
     tick: u64,
-) -> ControlFlow<L::End> {
+) -> ControlFlow<L::Outcome> {
     system.sense(tick)?;
     if let Some(frame_id) = frames.frame_at(tick).filter(|id| !frames.is_lost(*id)) {
         on_their_way.push_back((frames.usable_tick(frame_id), system.see(tick, frame_id)?));
@@ -71,8 +71,8 @@ mod tests {
     struct Diary(Vec<String>);
 
     impl ClosedLoop for Diary {
-        type Seen = u64;
-        type End = u64;
+        type Observation = u64;
+        type Outcome = u64;
 
         fn sense(&mut self, tick: u64) -> ControlFlow<u64> {
             if tick == 5 { ControlFlow::Break(tick) } else { ControlFlow::Continue(()) }

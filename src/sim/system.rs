@@ -206,10 +206,10 @@ fn time(tick: u64) -> MonoNs {
 }
 
 impl<const N: usize> ClosedLoop for System<'_, N> {
-    type Seen = Measurement;
-    type End = Result<Finish, SimError>;
+    type Observation = Measurement;
+    type Outcome = Result<Finish, SimError>;
 
-    fn sense(&mut self, tick: u64) -> ControlFlow<Self::End> {
+    fn sense(&mut self, tick: u64) -> ControlFlow<Self::Outcome> {
         let state = self.control.sense(tick, time(tick));
         self.camera.arm(&state);
         if let Some(right) = &mut self.right {
@@ -219,7 +219,7 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
         Continue(())
     }
 
-    fn see(&mut self, tick: u64, frame_id: u64) -> ControlFlow<Self::End, Measurement> {
+    fn see(&mut self, tick: u64, frame_id: u64) -> ControlFlow<Self::Outcome, Measurement> {
         let camera = &self.config.camera;
         let exposure = Exposure { frame_id, mid: time(tick), span: camera.exposure };
         let frame = match exposed(camera, &mut self.camera, &exposure, &mut self.pixels) {
@@ -241,7 +241,7 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
         }
     }
 
-    fn act(&mut self, tick: u64, seen: Option<Measurement>) -> ControlFlow<Self::End> {
+    fn act(&mut self, tick: u64, seen: Option<Measurement>) -> ControlFlow<Self::Outcome> {
         let trace = self.control.act(tick, time(tick), seen.as_ref());
         self.statistics.note(&trace);
         let watched = (self.watch)(&Moment::Tick(&trace, &self.control.final_errors()));

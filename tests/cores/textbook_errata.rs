@@ -6,9 +6,9 @@
 use nalgebra::{Matrix6, Vector3, Vector6};
 use std::path::Path;
 use vservo::experiment::{
-    Cell, FeatureSource, Metrics, POINTS, Pilot, ROTATIONS_DEG, Row, SCHEMES, Scheme, Teaching, Trajectory,
-    TrajectoryEnd, calibrations, project, pure_rotation, retreat_of, run_miscalibrated, segment_selection,
-    set_point, simulate,
+    Cell, FeatureSource, Metrics, POINTS, Pilot, ROTATIONS_DEG, SCHEMES, Scheme, Teaching, Trajectory,
+    TrajectoryEnd, TrajectoryRow, calibrations, project, pure_rotation, retreat_of, run_miscalibrated,
+    segment_selection, set_point, simulate,
 };
 use vservo::geometry::{Pose, integrate_body_twist};
 use vservo::robot::CameraJacobian;
@@ -200,7 +200,7 @@ fn taught_set_points_remove_the_error_of_calibration() {
 fn scheme_c_taught_at_a_short_focal_length_diverges() {
     let cell = Cell::textbook().unwrap();
     let goal = cell.goal().unwrap();
-    let away = |row: &Row| (row.x_c - goal.x_c).xyz().norm();
+    let away = |row: &TrajectoryRow| (row.x_c - goal.x_c).xyz().norm();
     let (_, wrong) = calibrations().unwrap().into_iter().find(|(name, _)| *name == "focal -10 %").unwrap();
     let run = run_miscalibrated(&cell, Scheme::C, &wrong, Teaching::Taught).unwrap();
     assert!(away(&run.rows[10_000]) < 1e-3, "{} m after 10 s", away(&run.rows[10_000]));

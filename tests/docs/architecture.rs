@@ -159,28 +159,6 @@ fn neighbours_do_not_go_in_circles() {
     assert!(circles.is_empty(), "modules that need themselves by way of a neighbour: {circles:?}");
 }
 
-/// Still to be told apart: why a pose was not found, and how far one is from the desired one.
-const TWICE: [&str; 1] = ["PoseError"];
-
-#[test]
-fn no_public_type_name_appears_twice() {
-    let mut places: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-    for (module, code) in modules() {
-        for line in code.lines().map(str::trim_start) {
-            let public = line.strip_prefix("pub ").or_else(|| line.strip_prefix("pub(crate) "));
-            let mut words = public.unwrap_or("").split(|c: char| !(c.is_alphanumeric() || c == '_'));
-            if let (Some("struct" | "enum" | "trait" | "type" | "union"), Some(name)) =
-                (words.next(), words.next())
-            {
-                places.entry(name.into()).or_default().insert(module.join("::"));
-            }
-        }
-    }
-    assert!(places.len() > 200, "the types were found: {}", places.len());
-    places.retain(|name, at| at.len() > 1 && !TWICE.contains(&name.as_str()));
-    assert!(places.is_empty(), "one word, one thing: {places:#?}");
-}
-
 #[test]
 fn files_stay_readable() {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");

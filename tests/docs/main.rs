@@ -4,3 +4,4 @@ mod architecture;
 mod docs_commands;
 mod examples;
 mod first_hour;
+mod names;

@@ -9,8 +9,8 @@ use serde_json::Value;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_3};
 use std::path::Path;
 use vservo::experiment::{
-    CameraKind, Cell, Disturbance, FLIERS, Fate, FeatureSource, Findings, Loop, Metrics, Options, Pilot,
-    RenderedFeatures, SCHEMES, Scheme, Trajectory, TrajectoryEnd, errors_to_bear, find, flights,
+    CameraKind, Cell, DelayedLoop, Disturbance, FLIERS, Fate, FeatureSource, Findings, Metrics, Options,
+    Pilot, RenderedFeatures, SCHEMES, Scheme, Trajectory, TrajectoryEnd, errors_to_bear, find, flights,
     path_deviation, pure_rotation, run_scheme, simulate_at, study,
 };
 use vservo::servo::{DepthSource, UpdatePolicy};
@@ -212,10 +212,10 @@ fn delay_limits_the_gain_under_frame_and_not_under_predict() {
         for (d, delay_ms) in [(0.0, 0), (1.0, 40), (2.0, 80)] {
             let theory = 2.0 * (std::f64::consts::PI / (4.0 * d + 2.0)).sin() / 0.04;
             let (update, disturbance) = (UpdatePolicy::Frame, Disturbance::NONE);
-            let frame = Loop { scheme, update, delay_ms, lag_s: 0.0, disturbance };
+            let frame = DelayedLoop { scheme, update, delay_ms, lag_s: 0.0, disturbance };
             let limit = frame.largest_stable_gain(&cell).unwrap();
             assert!((limit / theory - 1.0).abs() < 0.03, "{} {delay_ms} ms: {limit} {theory}", scheme.name());
-            let predict = Loop { update: UpdatePolicy::Predict, ..frame };
+            let predict = DelayedLoop { update: UpdatePolicy::Predict, ..frame };
             assert!(predict.is_stable(&cell, 10.0 * limit).unwrap(), "{} {delay_ms} ms", scheme.name());
         }
     }
@@ -231,7 +231,7 @@ fn predict_settles_sooner_and_bears_wrong_stamps_wrong_depths_and_lost_frames() 
         assert!(found.irregular_speed_up >= 0.8 * found.speed_up, "{lag_s} s, {delay_ms} ms: {found:?}");
         let (update, scheme) = (UpdatePolicy::Predict, Scheme::D);
         for disturbance in errors_to_bear() {
-            let wrong = Loop { scheme, update, delay_ms, lag_s, disturbance };
+            let wrong = DelayedLoop { scheme, update, delay_ms, lag_s, disturbance };
             assert!(wrong.is_stable(&cell, found.predict.gain_1_s).unwrap(), "{disturbance:?}");
         }
     }

@@ -43,7 +43,7 @@ pub(crate) fn adjust(
     start: BundleState,
     loss: Loss,
 ) -> Result<BundleEnd, BundleFailure> {
-    let run = Run::new(problem, start, loss)?.steps(MAX_ITERATIONS)?;
+    let run = Adjustment::new(problem, start, loss)?.steps(MAX_ITERATIONS)?;
     if run.settled {
         return Ok(run.end);
     }
@@ -57,11 +57,11 @@ pub(crate) fn approach(
     loss: Loss,
     iterations: u32,
 ) -> Result<BundleState, BundleFailure> {
-    Ok(Run::new(problem, start, loss)?.steps(iterations)?.end.state)
+    Ok(Adjustment::new(problem, start, loss)?.steps(iterations)?.end.state)
 }
 
 /// Steps on their way.
-struct Run<'a> {
+struct Adjustment<'a> {
     problem: &'a BundleProblem,
     loss: Loss,
     dof: f64,
@@ -69,7 +69,7 @@ struct Run<'a> {
     settled: bool,
 }
 
-impl<'a> Run<'a> {
+impl<'a> Adjustment<'a> {
     fn new(problem: &'a BundleProblem, state: BundleState, loss: Loss) -> Result<Self, BundleFailure> {
         let dof = problem.degrees_of_freedom();
         if dof == 0 {

@@ -1,7 +1,7 @@
 //! The normal equations in their bordered block form, and how they are solved.
 
 use super::problem::{BundleProblem, BundleState};
-use super::rows::Border;
+use super::rows::SharedColumns;
 use crate::linalg::Ldlt;
 use crate::pose::Loss;
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix6, Matrix6xX, Vector6};
@@ -17,7 +17,7 @@ const UNTOLD: f64 = 1e-13;
 
 /// What one view adds.
 #[derive(Debug, Clone)]
-struct Block {
+struct ViewBlock {
     V: Matrix6<f64>,
     /// 6 x shared.
     W: Matrix6xX<f64>,
@@ -29,7 +29,7 @@ struct Block {
 pub(crate) struct BundleSums {
     U: DMatrix<f64>,
     g: DVector<f64>,
-    blocks: Vec<Block>,
+    blocks: Vec<ViewBlock>,
     /// Sum of the loss, which is minimised.
     pub(crate) loss: f64,
     /// Sum of the squared whitened errors.
@@ -37,7 +37,7 @@ pub(crate) struct BundleSums {
 }
 
 /// A step and what it promises.
-pub(super) struct Step {
+pub(super) struct BundleStep {
     pub(super) shared: Vec<f64>,
     pub(super) poses: Vec<[f64; 6]>,
     /// Step times gradient: twice the fall of the loss that a quadratic would have.
@@ -55,9 +55,9 @@ impl BundleSums {
             loss: 0.0,
             chi_square: 0.0,
         };
-        let borders: Vec<Border> = (0..problem.freedom.len()).map(|j| problem.border(j)).collect();
+        let borders: Vec<SharedColumns> = (0..problem.freedom.len()).map(|j| problem.border(j)).collect();
         for (view, sightings) in problem.views.iter().enumerate() {
-            let mut block = Block { V: Matrix6::zeros(), W: Matrix6xX::zeros(n), h: Vector6::zeros() };
+            let mut block = ViewBlock { V: Matrix6::zeros(), W: Matrix6xX::zeros(n), h: Vector6::zeros() };
             for sighting in sightings {
                 let border = borders.get(sighting.camera)?;
                 let width = border.columns.len() + POSE_AND_ERROR;
@@ -81,8 +81,8 @@ impl BundleSums {
         loss: Loss,
         (view, camera): (usize, usize),
         points: &[super::BundlePoint],
-        border: &Border,
-        block: &mut Block,
+        border: &SharedColumns,
+        block: &mut ViewBlock,
     ) -> Option<()> {
         let frames = state.frames(camera, view)?;
         let own = border.columns.len();
@@ -131,7 +131,7 @@ impl BundleSums {
     }
 
     /// The step for a damping relative to the diagonal. `None` when the equations are singular.
-    pub(super) fn step(&self, damping: f64) -> Option<Step> {
+    pub(super) fn step(&self, damping: f64) -> Option<BundleStep> {
         let mut S = self.U.clone();
         for i in 0..S.nrows() {
             S[(i, i)] += damping * self.U[(i, i)];
@@ -153,7 +153,7 @@ impl BundleSums {
                 twist.into()
             })
             .collect();
-        promise.is_finite().then(|| Step { shared: shared.as_slice().to_vec(), poses, promise })
+        promise.is_finite().then(|| BundleStep { shared: shared.as_slice().to_vec(), poses, promise })
     }
 
     /// Information of the shared unknowns, the poses being free: `U - sum W_i^T V_i^-1 W_i`.
@@ -177,7 +177,7 @@ pub(crate) fn covariance_of(information: &DMatrix<f64>) -> Option<DMatrix<f64>> 
 }
 
 /// Takes a view's pose out of the shared equations.
-fn eliminate(block: &Block, damping: f64, S: &mut DMatrix<f64>) -> Option<(Ldlt<6>, Matrix6xX<f64>)> {
+fn eliminate(block: &ViewBlock, damping: f64, S: &mut DMatrix<f64>) -> Option<(Ldlt<6>, Matrix6xX<f64>)> {
     let diagonal = std::array::from_fn(|i| damping * block.V[(i, i)]);
     let factor = Ldlt::new(&block.V.data.0, &diagonal)?;
     let mut Y = block.W.clone();

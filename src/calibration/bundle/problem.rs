@@ -1,7 +1,7 @@
 //! What is known, what is asked for, and what is believed of it.
 
 use super::optics::{Freedom, Optics, PointImage};
-use super::rows::{Border, Room};
+use super::rows::{Room, SharedColumns};
 use crate::geometry::{Pose, skew};
 use nalgebra::{Matrix2, Matrix3, Translation3, UnitQuaternion, Vector2, Vector3};
 
@@ -107,7 +107,7 @@ impl BundleProblem {
     }
 
     /// Which shared unknowns a corner seen by this camera depends on.
-    pub(super) fn border(&self, camera: usize) -> Border {
+    pub(super) fn border(&self, camera: usize) -> SharedColumns {
         let optics = self.optics_from(camera);
         let own = self.freedom.get(camera).map_or(0, Freedom::count);
         let mut columns: Vec<usize> = (optics..optics + own).collect();
@@ -119,7 +119,7 @@ impl BundleProblem {
             let from = self.warp_from();
             columns.extend(from..from + 2);
         }
-        Border { columns }
+        SharedColumns { columns }
     }
 
     /// The state after a step of the shared unknowns and of each pose.
@@ -139,7 +139,7 @@ impl BundleProblem {
 }
 
 /// A camera and the board in one view, as matrices.
-pub(super) struct Frames {
+pub(super) struct ViewTransforms {
     camera: usize,
     R_0O: Matrix3<f64>,
     p_0O: Vector3<f64>,
@@ -149,18 +149,18 @@ pub(super) struct Frames {
 
 impl BundleState {
     /// Of a camera and a view.
-    pub(super) fn frames(&self, camera: usize, view: usize) -> Option<Frames> {
+    pub(super) fn frames(&self, camera: usize, view: usize) -> Option<ViewTransforms> {
         let matrices = |X: &Pose| (X.rotation.to_rotation_matrix().into_inner(), X.translation.vector);
         let (R_0O, p_0O) = matrices(self.poses.get(view)?);
         let (R_j0, p_j0) = match camera.checked_sub(1) {
             Some(j) => matrices(self.X_j0.get(j)?),
             None => (Matrix3::identity(), Vector3::zeros()),
         };
-        Some(Frames { camera, R_0O, p_0O, R_j0, p_j0 })
+        Some(ViewTransforms { camera, R_0O, p_0O, R_j0, p_j0 })
     }
 
     #[inline]
-    fn place(&self, frames: &Frames, point: &BundlePoint) -> CornerPlace {
+    fn place(&self, frames: &ViewTransforms, point: &BundlePoint) -> CornerPlace {
         let r = point.r + Vector3::z() * self.warp_m.dot(&point.lift);
         let arm = frames.R_0O * r;
         let p_0 = arm + frames.p_0O;
@@ -189,7 +189,7 @@ impl BundleState {
     pub(super) fn rows<const M: usize>(
         &self,
         problem: &BundleProblem,
-        frames: &Frames,
+        frames: &ViewTransforms,
         point: &BundlePoint,
         rows: &mut [[f64; M]; 2],
     ) -> Option<f64> {

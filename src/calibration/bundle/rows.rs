@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix2x3, Vector2};
 
 /// Which shared unknowns a row has.
-pub(super) struct Border {
+pub(super) struct SharedColumns {
     pub(super) columns: Vec<usize>,
 }
 

@@ -78,12 +78,12 @@ pub(crate) fn median(mut values: Vec<f64>) -> f64 {
 
 /// A decision on what takes part.
 #[derive(PartialEq, Clone)]
-struct Verdict {
+struct ObservationSelection {
     misfits: Vec<Option<Misfit>>,
     kept: Vec<Vec<Vec<bool>>>,
 }
 
-fn judge(sizes: &[Vec<Vec<f64>>], limit_sd: f64, left_out: &[Option<Misfit>]) -> Verdict {
+fn judge(sizes: &[Vec<Vec<f64>>], limit_sd: f64, left_out: &[Option<Misfit>]) -> ObservationSelection {
     let taking_part = || sizes.iter().zip(left_out).filter(|(_, out)| out.is_none()).map(|(view, _)| view);
     let scale2 = median(taking_part().flatten().flatten().copied().collect()) / CHI_SQUARE_MEDIAN;
     let limit = limit_sd * limit_sd * scale2.max(EXACT);
@@ -110,14 +110,14 @@ fn judge(sizes: &[Vec<Vec<f64>>], limit_sd: f64, left_out: &[Option<Misfit>]) ->
     if 2 * misfits.iter().flatten().count() >= misfits.len() {
         misfits = left_out.to_vec();
     }
-    Verdict { misfits, kept }
+    ObservationSelection { misfits, kept }
 }
 
 /// The part of the problem that takes part, with its state, and which views those are.
 fn part(
     problem: &BundleProblem,
     state: &BundleState,
-    verdict: &Verdict,
+    verdict: &ObservationSelection,
 ) -> (BundleProblem, BundleState, Vec<usize>) {
     let views: Vec<usize> =
         verdict.misfits.iter().enumerate().filter(|(_, out)| out.is_none()).map(|(i, _)| i).collect();
@@ -151,7 +151,7 @@ pub(crate) fn adjust_selected(
     start: &BundleState,
     limit_sd: f64,
 ) -> Result<Selected, BundleFailure> {
-    let everything = Verdict {
+    let everything = ObservationSelection {
         misfits: vec![None; problem.views.len()],
         kept: problem.views.iter().map(|v| v.iter().map(|s| vec![true; s.points.len()]).collect()).collect(),
     };

@@ -1,6 +1,6 @@
 //! Whether the residuals show a board that is not flat.
 
-use super::halves::Whole;
+use super::halves::FullSolution;
 use super::{BoardView, CameraCalibration};
 use crate::calibration::bundle::adjust;
 use crate::pose::Loss;
@@ -25,7 +25,7 @@ pub fn board_bend(views: &[BoardView], calibration: &CameraCalibration) -> Optio
     if calibration.warp_m.is_some() {
         return None;
     }
-    let mut whole = Whole::new(views, calibration)?;
+    let mut whole = FullSolution::new(views, calibration)?;
     whole.problem.warp = true;
     let end = adjust(&whole.problem, whole.state, Loss::Squares).ok()?;
     let factor = end.sums.chi_square / whole.problem.degrees_of_freedom().max(1) as f64;

@@ -44,7 +44,7 @@ pub fn cross_validation(
     calibration: &CameraCalibration,
     uncertainty: &ProjectionUncertainty,
 ) -> Option<CrossValidation> {
-    let whole = Whole::new(views, calibration)?;
+    let whole = FullSolution::new(views, calibration)?;
     let count = whole.problem.views.len();
     if count < 2 * MIN_VIEWS {
         return None;
@@ -93,12 +93,12 @@ pub fn cross_validation(
 }
 
 /// The problem of all that took part, at its solution.
-pub(super) struct Whole {
+pub(super) struct FullSolution {
     pub(super) problem: BundleProblem,
     pub(super) state: BundleState,
 }
 
-impl Whole {
+impl FullSolution {
     pub(super) fn new(views: &[BoardView], calibration: &CameraCalibration) -> Option<Self> {
         let extent = BoardExtent::of(views.iter().flatten());
         let to_middle = Translation3::from(extent.middle.push(0.0));

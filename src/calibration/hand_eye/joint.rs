@@ -94,7 +94,7 @@ pub fn refine_jointly(
     X_WO: &Pose,
 ) -> Result<JointFit, HandEyeError> {
     check(views, settings)?;
-    let problem = Problem { views, camera, settings };
+    let problem = RefinementProblem { views, camera, settings };
     let arm = views.iter().map(|view| view.X_BE).collect();
     let mut state = HandEyeUnknowns { X_MC: *X_MC, X_WO: *X_WO, offset_s: 0.0, arm };
     let mut here = problem.sums(&state)?;
@@ -143,7 +143,7 @@ fn check(views: &[&HandEyeView], settings: &JointSettings) -> Result<(), HandEye
 type Global = SVector<f64, GLOBAL>;
 
 /// What the views and settings are throughout.
-struct Problem<'a> {
+struct RefinementProblem<'a> {
     views: &'a [&'a HandEyeView],
     camera: &'a CameraModel,
     settings: &'a JointSettings,
@@ -168,7 +168,7 @@ struct JointEquations {
     corners: usize,
 }
 
-struct Step {
+struct RefinementStep {
     global: Global,
     views: Vec<Vector6<f64>>,
     /// Largest entry.
@@ -178,7 +178,7 @@ struct Step {
 }
 
 impl HandEyeUnknowns {
-    fn after(&self, step: &Step) -> Self {
+    fn after(&self, step: &RefinementStep) -> Self {
         let none = Vector6::zeros();
         let steps = step.views.iter().chain(std::iter::repeat(&none));
         Self {
@@ -190,7 +190,7 @@ impl HandEyeUnknowns {
     }
 }
 
-impl Problem<'_> {
+impl RefinementProblem<'_> {
     fn arm_at(&self, view: &HandEyeView, X_BE: &Pose) -> ArmAt {
         let V_BE_E = view.V_BE_E.filter(|_| self.settings.time_offset).unwrap_or_else(Twist::zeros);
         ArmAt { place: self.settings.place, X_BE: *X_BE, V_BE_E }
@@ -301,7 +301,7 @@ impl JointEquations {
         Some((own, Ldlt::of(&left)?))
     }
 
-    fn step(&self, damping: f64, time_offset: bool) -> Option<Step> {
+    fn step(&self, damping: f64, time_offset: bool) -> Option<RefinementStep> {
         let (own, left) = self.factors(damping, time_offset)?;
         let mut right = self.right;
         for (view, factors) in self.views.iter().zip(&own) {
@@ -318,7 +318,7 @@ impl JointEquations {
         let size = views.iter().map(|d| d.amax()).fold(global.amax(), f64::max);
         let of_views: f64 = self.views.iter().zip(&views).map(|(view, d)| view.right.dot(d)).sum();
         let gain = self.right.dot(&global) + of_views;
-        size.is_finite().then_some(Step { global, views, size, gain })
+        size.is_finite().then_some(RefinementStep { global, views, size, gain })
     }
 
     fn undetermined(&self, time_offset: bool) -> HandEyeError {

@@ -68,11 +68,11 @@ fn axis(q: &UnitQuaternion<f64>) -> (Vector3<f64>, f64) {
     if q.w < 0.0 { (-q.imag(), -q.w) } else { (q.imag(), q.w) }
 }
 
-type Pair = (Vector3<f64>, Vector3<f64>);
+type VectorPair = (Vector3<f64>, Vector3<f64>);
 
 fn rotation(
     samples: &[LoopSample],
-    pick: impl Fn(&Vector3<f64>, &Vector3<f64>, f64) -> Option<Pair>,
+    pick: impl Fn(&Vector3<f64>, &Vector3<f64>, f64) -> Option<VectorPair>,
 ) -> Option<Rotation3<f64>> {
     closest_rotation(&scatter(samples, pick))
 }
@@ -80,7 +80,7 @@ fn rotation(
 /// The sum of `n_A n_B^T`.
 fn scatter(
     samples: &[LoopSample],
-    pick: impl Fn(&Vector3<f64>, &Vector3<f64>, f64) -> Option<Pair>,
+    pick: impl Fn(&Vector3<f64>, &Vector3<f64>, f64) -> Option<VectorPair>,
 ) -> Matrix3<f64> {
     let mut sum = Matrix3::zeros();
     for (A, B) in motions(samples) {
@@ -107,7 +107,7 @@ fn position(samples: &[LoopSample], R_MC: &Rotation3<f64>) -> Option<Vector3<f64
 #[cfg(test)]
 mod tests {
     use super::super::rotation_spread;
-    use super::super::testing::{Cell, around, gap};
+    use super::super::testing::{SimulatedCell, around, gap};
     use super::*;
     use crate::calibration::hand_eye::CameraMount;
     use crate::linalg::Random;
@@ -118,7 +118,7 @@ mod tests {
         #[test]
         fn a_few_wide_turns_are_enough(seed in any::<u64>(), count in 3..6usize) {
             let mut random = Random::new(seed);
-            let cell = Cell::new(CameraMount::EyeInHand, &mut random);
+            let cell = SimulatedCell::new(CameraMount::EyeInHand, &mut random);
             let samples: Vec<_> = (0..count).map(|i| {
                 let wide = Pose::rotation(Vector3::new(random.between(-0.7, 0.7), random.between(-0.7, 0.7), 2.9 * (i % 2) as f64));
                 let X_CO = around(&mut random) * wide;

@@ -26,7 +26,7 @@ fn new_camera() -> CameraModel {
 
 /// What is true, and how well it is measured.
 #[derive(Debug, Clone)]
-pub(super) struct Cell {
+pub(super) struct SimulatedCell {
     pub place: CameraMount,
     pub X_MC: Pose,
     pub X_WO: Pose,
@@ -36,7 +36,7 @@ pub(super) struct Cell {
     pub offset_s: f64,
 }
 
-impl Cell {
+impl SimulatedCell {
     pub(super) fn new(place: CameraMount, random: &mut Random) -> Self {
         let mut turn = |size: f64| Vector3::from_fn(|_, _| random.between(-size, size));
         let X_MC = match place {

@@ -1,6 +1,6 @@
 //! Both closed forms and the refinement against simulated truth.
 
-use super::testing::{Cell, around, camera, gap, pose};
+use super::testing::{SimulatedCell, around, camera, gap, pose};
 use super::*;
 use crate::linalg::Random;
 use crate::pose::{Loss, normalized_error};
@@ -9,7 +9,7 @@ use proptest::prelude::*;
 
 const PLACES: [CameraMount; 2] = [CameraMount::EyeInHand, CameraMount::EyeToHand];
 
-fn settings(cell: &Cell) -> JointSettings {
+fn settings(cell: &SimulatedCell) -> JointSettings {
     JointSettings { place: cell.place, robot: cell.robot, loss: Loss::Squares, time_offset: false }
 }
 
@@ -22,7 +22,7 @@ proptest! {
     fn exact_motions_give_the_truth(seed in any::<u64>(), count in 3..12usize) {
         for place in PLACES {
             let mut random = Random::new(seed);
-            let cell = Cell::new(place, &mut random);
+            let cell = SimulatedCell::new(place, &mut random);
             let samples: Vec<_> = (0..count).map(|_| cell.sample(&around(&mut random))).collect();
             let spread = rotation_spread(&samples).unwrap();
             prop_assume!(spread.across_rad > 0.1);
@@ -59,7 +59,7 @@ proptest! {
     fn exact_corners_give_the_truth_from_afar(seed in any::<u64>(), count in 4..9usize) {
         for place in PLACES {
             let mut random = Random::new(seed);
-            let cell = Cell::new(place, &mut random);
+            let cell = SimulatedCell::new(place, &mut random);
             let views = cell.views(count, &mut random);
             let start = pose([0.02, -0.01, 0.015, 0.05, -0.08, 0.06]) * cell.X_MC;
             let board = cell.X_WO * pose([-0.02, 0.01, 0.015, 0.04, 0.03, -0.06]);
@@ -76,7 +76,7 @@ proptest! {
     fn the_whole_way_from_corners(seed in any::<u64>()) {
         for place in PLACES {
             let mut random = Random::new(seed);
-            let cell = Cell::new(place, &mut random);
+            let cell = SimulatedCell::new(place, &mut random);
             let views = cell.views(8, &mut random);
             let report = calibrate_hand_eye(&views, &camera(), &HandEyeSettings::of(place)).unwrap();
             prop_assert!(gap(&report.X_MC(), &cell.X_MC) < 1e-9, "{}", gap(&report.X_MC(), &cell.X_MC));
@@ -93,7 +93,7 @@ fn covariances_are_honest() {
         let (mut camera_error, mut board_error, mut chi, count) = (0.0, 0.0, [0.0; 2], 400);
         for seed in 0..count {
             let mut random = Random::new(1000 + seed);
-            let mut cell = Cell::new(place, &mut random);
+            let mut cell = SimulatedCell::new(place, &mut random);
             cell.corner_sd_px = 0.1;
             cell.robot = RobotDeviation { rotation_rad: 1e-3, translation_m: 1e-3 };
             let views = cell.views(10, &mut random);
@@ -119,7 +119,7 @@ fn the_refinement_is_better_than_the_closed_forms() {
     let mut squares = [0.0; 3];
     for seed in 0..60 {
         let mut random = Random::new(seed);
-        let mut cell = Cell::new(CameraMount::EyeInHand, &mut random);
+        let mut cell = SimulatedCell::new(CameraMount::EyeInHand, &mut random);
         cell.corner_sd_px = 0.5;
         let views = cell.views(8, &mut random);
         let settings = HandEyeSettings { robot: cell.robot, ..HandEyeSettings::of(cell.place) };
@@ -137,7 +137,7 @@ fn a_robot_worse_than_stated_is_found_out() {
     let (mut position, mut rotation, mut error) = (0.0, 0.0, 0.0);
     for seed in 0..40 {
         let mut random = Random::new(90 + seed);
-        let mut cell = Cell::new(CameraMount::EyeInHand, &mut random);
+        let mut cell = SimulatedCell::new(CameraMount::EyeInHand, &mut random);
         cell.corner_sd_px = 0.05;
         cell.robot = RobotDeviation { rotation_rad: 5e-3, translation_m: 3e-3 };
         let views = cell.views(15, &mut random);
@@ -158,7 +158,7 @@ fn the_time_between_the_stamps_is_found() {
         let mut squares = 0.0;
         for seed in 0..30 {
             let mut random = Random::new(seed);
-            let mut cell = Cell::new(place, &mut random);
+            let mut cell = SimulatedCell::new(place, &mut random);
             cell.offset_s = random.between(-0.05, 0.05);
             for (noise, sd_px) in [(false, 0.0), (true, 0.1)] {
                 cell.corner_sd_px = sd_px;
@@ -191,7 +191,7 @@ fn the_time_between_the_stamps_is_found() {
 #[test]
 fn views_in_motion_are_left_out_unless_the_time_is_sought() {
     let mut random = Random::new(4);
-    let mut cell = Cell::new(CameraMount::EyeInHand, &mut random);
+    let mut cell = SimulatedCell::new(CameraMount::EyeInHand, &mut random);
     cell.offset_s = 0.05;
     let mut views: Vec<_> = (0..8)
         .map(|i| {
@@ -216,7 +216,7 @@ fn views_in_motion_are_left_out_unless_the_time_is_sought() {
 fn what_does_not_determine_the_camera_is_named() {
     for place in PLACES {
         let mut random = Random::new(8);
-        let cell = Cell::new(place, &mut random);
+        let cell = SimulatedCell::new(place, &mut random);
         let run = |views: &[HandEyeView]| calibrate_hand_eye(views, &camera(), &HandEyeSettings::of(place));
         let views = cell.views(3, &mut random);
         assert!(matches!(run(&views[..2]), Err(HandEyeError::TooFewViews { given: 2 })));
@@ -276,7 +276,7 @@ fn what_does_not_determine_the_camera_is_named() {
 #[test]
 fn a_weak_axis_is_told() {
     let mut random = Random::new(3);
-    let mut cell = Cell::new(CameraMount::EyeInHand, &mut random);
+    let mut cell = SimulatedCell::new(CameraMount::EyeInHand, &mut random);
     cell.corner_sd_px = 0.05;
     let views: Vec<_> = (0..8)
         .map(|i| {
@@ -293,7 +293,7 @@ fn a_weak_axis_is_told() {
 #[test]
 fn the_other_place_of_the_eye_is_suspected() {
     let mut random = Random::new(6);
-    let mut cell = Cell::new(CameraMount::EyeToHand, &mut random);
+    let mut cell = SimulatedCell::new(CameraMount::EyeToHand, &mut random);
     cell.corner_sd_px = 0.1;
     let views = cell.views(8, &mut random);
     match calibrate_hand_eye(&views, &camera(), &HandEyeSettings::of(CameraMount::EyeInHand)) {
@@ -306,7 +306,7 @@ fn the_other_place_of_the_eye_is_suspected() {
 #[test]
 fn wrong_corners_do_not_pull() {
     let mut random = Random::new(12);
-    let mut cell = Cell::new(CameraMount::EyeInHand, &mut random);
+    let mut cell = SimulatedCell::new(CameraMount::EyeInHand, &mut random);
     cell.corner_sd_px = 0.05;
     let mut views = cell.views(8, &mut random);
     for (i, view) in views.iter_mut().enumerate() {

@@ -91,7 +91,7 @@ pub(super) struct Descent {
 }
 
 /// A residual in standard deviations of its point, with its derivatives.
-struct Residual {
+struct PointResidual {
     r: Vector2<f64>,
     J: SMatrix<f64, 2, UNKNOWNS>,
     /// What one is in px.
@@ -100,14 +100,14 @@ struct Residual {
 
 /// The problem.
 #[derive(Clone, Copy)]
-pub(super) struct Fit<'a, const N: usize> {
+pub(super) struct LatencyProblem<'a, const N: usize> {
     cell: &'a KnownCell<'a, N>,
     recording: &'a Recording<N>,
     /// Takes every n-th frame.
     stride: usize,
 }
 
-impl<'a, const N: usize> Fit<'a, N> {
+impl<'a, const N: usize> LatencyProblem<'a, N> {
     pub(super) fn new(cell: &'a KnownCell<'a, N>, recording: &'a Recording<N>) -> Self {
         Self { cell, recording, stride: 1 }
     }
@@ -149,7 +149,7 @@ impl<'a, const N: usize> Fit<'a, N> {
     }
 
     /// The residuals of one frame; none of a point that would lie behind the camera.
-    fn residuals(&self, sighting: &SeenTarget, at: &LatencyUnknowns, mut each: impl FnMut(&Residual)) {
+    fn residuals(&self, sighting: &SeenTarget, at: &LatencyUnknowns, mut each: impl FnMut(&PointResidual)) {
         let KnownCell { robot, mount, f_px, points } = self.cell;
         let Some((q, qd)) = self.recording.track.at(sighting.stamp, at.tau_s) else { return };
         let (X_WC, J_C) = at.mount(mount).camera(robot, &q);
@@ -175,11 +175,11 @@ impl<'a, const N: usize> Fit<'a, N> {
             for mut column in J.column_iter_mut() {
                 column.component_mul_assign(&scale);
             }
-            each(&Residual { r: (s - seen.s).component_mul(&scale), J, sigma_px });
+            each(&PointResidual { r: (s - seen.s).component_mul(&scale), J, sigma_px });
         }
     }
 
-    fn each_residual(&self, at: &LatencyUnknowns, mut each: impl FnMut(&Residual)) {
+    fn each_residual(&self, at: &LatencyUnknowns, mut each: impl FnMut(&PointResidual)) {
         self.sightings().for_each(|sighting| self.residuals(sighting, at, &mut each));
     }
 
@@ -307,7 +307,7 @@ impl<'a, const N: usize> Fit<'a, N> {
     }
 }
 
-fn huber_weight(e: &Residual, spread: f64) -> f64 {
+fn huber_weight(e: &PointResidual, spread: f64) -> f64 {
     (HUBER * spread / e.r.norm().max(f64::MIN_POSITIVE)).min(1.0)
 }
 

@@ -13,7 +13,7 @@ use std::path::Path;
 const DURATION_S: f64 = 8.0;
 
 /// An arm before a target, and how it moves.
-struct Scene<const N: usize> {
+struct ArmScene<const N: usize> {
     config: Config,
     robot: Robot<N>,
     q: SVector<f64, N>,
@@ -22,7 +22,7 @@ struct Scene<const N: usize> {
 
 /// How the camera is wrong.
 #[derive(Clone, Copy)]
-struct Errors {
+struct CameraErrors {
     late_s: f64,
     noise_px: f64,
     jitter_s: f64,
@@ -30,7 +30,8 @@ struct Errors {
     seed: u64,
 }
 
-const GOOD: Errors = Errors { late_s: 0.0, noise_px: 0.05, jitter_s: 0.0, outliers: false, seed: 1 };
+const GOOD: CameraErrors =
+    CameraErrors { late_s: 0.0, noise_px: 0.05, jitter_s: 0.0, outliers: false, seed: 1 };
 
 /// Random numbers of unit variance.
 struct Noise(u64);
@@ -46,7 +47,7 @@ impl Noise {
     }
 }
 
-impl<const N: usize> Scene<N> {
+impl<const N: usize> ArmScene<N> {
     fn of(file: &str) -> Self {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
         let config = Config::load(Some(&path), &[]).unwrap();
@@ -102,7 +103,7 @@ impl<const N: usize> Scene<N> {
         m
     }
 
-    fn recording(&self, errors: Errors) -> Recording<N> {
+    fn recording(&self, errors: CameraErrors) -> Recording<N> {
         let mut recording = Recording::default();
         let mut noise = Noise(errors.seed);
         for _ in 0..10 {
@@ -144,7 +145,7 @@ impl<const N: usize> Scene<N> {
 
     fn check(&self) {
         for late_ms in [-40.0, -7.3, 0.0, 12.6, 40.0] {
-            let found = self.found(&self.recording(Errors { late_s: late_ms * 1e-3, ..GOOD })).unwrap();
+            let found = self.found(&self.recording(CameraErrors { late_s: late_ms * 1e-3, ..GOOD })).unwrap();
             let off_ms = found.offset_s * 1e3 + late_ms;
             assert!(off_ms.abs() < 0.2, "{late_ms}: {off_ms} ms {found:?}");
             assert!(found.sd_s < 1e-4 && off_ms.abs() < 5e3 * found.sd_s, "{late_ms}: {off_ms} ms {found:?}");
@@ -162,7 +163,7 @@ impl<const N: usize> Scene<N> {
             Mount::EyeInHand { X_EC } => Mount::EyeInHand { X_EC: X_EC * off },
             Mount::EyeToHand { X_BC } => Mount::EyeToHand { X_BC: X_BC * off },
         };
-        let recording = self.recording(Errors { late_s: 0.01, ..GOOD });
+        let recording = self.recording(CameraErrors { late_s: 0.01, ..GOOD });
         let found = self.cell_with(&mount, |cell| stamp_offset(cell, &recording)).unwrap();
         assert!((found.offset_s + 0.01).abs() < 5e-4, "{found:?}");
     }
@@ -180,21 +181,21 @@ fn limits<const N: usize>(robot: &Robot<N>) -> MotionLimits<N> {
 
 #[test]
 fn offsets_of_every_kind_of_cell_are_found() {
-    Scene::<4>::of("default.toml").check();
-    Scene::<6>::of("ur5.toml").check();
-    Scene::<7>::of("panda.toml").check();
-    Scene::<2>::of("pan_tilt.toml").check();
-    Scene::<4>::of("scara-eye-to-hand.toml").check();
+    ArmScene::<4>::of("default.toml").check();
+    ArmScene::<6>::of("ur5.toml").check();
+    ArmScene::<7>::of("panda.toml").check();
+    ArmScene::<2>::of("pan_tilt.toml").check();
+    ArmScene::<4>::of("scara-eye-to-hand.toml").check();
 }
 
 #[test]
 fn the_standard_deviation_is_honest() {
-    let scene = Scene::<4>::of("default.toml");
+    let scene = ArmScene::<4>::of("default.toml");
     // Noise of the points, and stamps that vary from frame to frame: these move all points of a frame together.
     for jitter_s in [0.0, 1e-3] {
         let seeds = 60;
         let squares = (0..seeds).map(|seed| {
-            let found = scene.found(&scene.recording(Errors { jitter_s, seed, ..GOOD })).unwrap();
+            let found = scene.found(&scene.recording(CameraErrors { jitter_s, seed, ..GOOD })).unwrap();
             (found.offset_s / found.sd_s).powi(2)
         });
         let mean = squares.sum::<f64>() / seeds as f64;
@@ -207,23 +208,24 @@ fn a_wrong_hand_eye_pose_is_not_taken_for_a_delay() {
     for direction in
         [[1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [1.0, -1.0, 0.2, -0.3, 1.0, 0.1], [-0.1, 0.3, 1.0, 1.0, -1.0, 2.0]]
     {
-        Scene::<4>::of("default.toml").check_with_wrong_mount(direction);
-        Scene::<6>::of("ur5.toml").check_with_wrong_mount(direction);
-        Scene::<4>::of("scara-eye-to-hand.toml").check_with_wrong_mount(direction);
+        ArmScene::<4>::of("default.toml").check_with_wrong_mount(direction);
+        ArmScene::<6>::of("ur5.toml").check_with_wrong_mount(direction);
+        ArmScene::<4>::of("scara-eye-to-hand.toml").check_with_wrong_mount(direction);
     }
 }
 
 #[test]
 fn frames_that_are_off_do_not_spoil_it() {
-    let scene = Scene::<6>::of("ur5.toml");
-    let found = scene.found(&scene.recording(Errors { late_s: -0.02, outliers: true, ..GOOD })).unwrap();
+    let scene = ArmScene::<6>::of("ur5.toml");
+    let found =
+        scene.found(&scene.recording(CameraErrors { late_s: -0.02, outliers: true, ..GOOD })).unwrap();
     assert!((found.offset_s - 0.02).abs() < 2e-4, "{found:?}");
 }
 
 #[test]
 fn features_without_deviations_and_frames_without_pose_serve_too() {
-    let scene = Scene::<4>::of("default.toml");
-    let mut recording = scene.recording(Errors { late_s: 0.015, ..GOOD });
+    let scene = ArmScene::<4>::of("default.toml");
+    let mut recording = scene.recording(CameraErrors { late_s: 0.015, ..GOOD });
     let whole = recording.sightings.clone();
     for sighting in recording.sightings.iter_mut().skip(1) {
         sighting.X_CO = None;
@@ -235,8 +237,8 @@ fn features_without_deviations_and_frames_without_pose_serve_too() {
 
 #[test]
 fn what_cannot_be_found_is_told() {
-    let mut scene = Scene::<4>::of("default.toml");
-    let error = |scene: &Scene<4>, recording: &Recording<4>| scene.found(recording).unwrap_err();
+    let mut scene = ArmScene::<4>::of("default.toml");
+    let error = |scene: &ArmScene<4>, recording: &Recording<4>| scene.found(recording).unwrap_err();
     let good = scene.recording(GOOD);
 
     let few = Recording { sightings: good.sightings[..10].to_vec(), ..good.clone() };
@@ -249,7 +251,7 @@ fn what_cannot_be_found_is_told() {
     assert_eq!(error(&scene, &without_pose), LatencyError::NoPose);
 
     for late_s in [0.4, -0.4] {
-        let far = scene.recording(Errors { late_s, ..GOOD });
+        let far = scene.recording(CameraErrors { late_s, ..GOOD });
         assert!(matches!(error(&scene, &far), LatencyError::OutOfRange { .. }), "{:?}", scene.found(&far));
     }
 
@@ -268,7 +270,7 @@ fn what_cannot_be_found_is_told() {
     assert!(matches!(error(&scene, &standing), LatencyError::TooLittleMotion { .. }));
 
     scene.amplitude = amplitude * 0.2;
-    let faint = scene.recording(Errors { noise_px: 0.5, ..GOOD });
+    let faint = scene.recording(CameraErrors { noise_px: 0.5, ..GOOD });
     let found = error(&scene, &faint);
     assert!(matches!(found, LatencyError::Uncertain { .. } | LatencyError::NotFollowing { .. }), "{found:?}");
 }

@@ -14,27 +14,27 @@ const TOLD: usize = 60;
 
 /// A value and where it stands.
 #[derive(Debug)]
-struct Entry {
+struct YamlEntry {
     /// `table.key`.
     key: String,
     line: usize,
-    value: Value,
+    value: YamlValue,
 }
 
 #[derive(Debug)]
-enum Value {
+enum YamlValue {
     Word(String),
     List(Vec<String>),
     Table,
 }
 
 /// Rows and columns of a matrix, and its numbers row by row.
-type Matrix = ((usize, usize), Vec<f64>);
+type YamlMatrix = ((usize, usize), Vec<f64>);
 
 /// What a file says, key by key.
 #[derive(Debug)]
 pub(super) struct Entries {
-    all: Vec<Entry>,
+    all: Vec<YamlEntry>,
     last_line: usize,
 }
 
@@ -156,13 +156,13 @@ impl Entries {
                 return Err(walk.wrong(format!("{} is given twice", told(&key))));
             }
             let value = match walk.next()? {
-                Event::Scalar(word, ..) => Value::Word(word.into_owned()),
+                Event::Scalar(word, ..) => YamlValue::Word(word.into_owned()),
                 Event::SequenceStart(..) => match walk.list()? {
-                    Some(list) => Value::List(list),
+                    Some(list) => YamlValue::List(list),
                     None => continue,
                 },
                 Event::MappingStart(..) if prefix.is_empty() => {
-                    self.all.push(Entry { key: key.clone(), line, value: Value::Table });
+                    self.all.push(YamlEntry { key: key.clone(), line, value: YamlValue::Table });
                     self.table(walk, &format!("{key}."))?;
                     continue;
                 }
@@ -171,11 +171,11 @@ impl Entries {
                     continue;
                 }
             };
-            self.all.push(Entry { key, line, value });
+            self.all.push(YamlEntry { key, line, value });
         }
     }
 
-    fn find(&self, key: &str) -> Option<&Entry> {
+    fn find(&self, key: &str) -> Option<&YamlEntry> {
         self.all.iter().find(|entry| entry.key == key)
     }
 
@@ -193,7 +193,7 @@ impl Entries {
     pub(super) fn text(&self, key: &str) -> Result<Option<&str>, CameraInfoError> {
         match self.find(key).map(|entry| &entry.value) {
             None => Ok(None),
-            Some(Value::Word(word)) => Ok(Some(word)),
+            Some(YamlValue::Word(word)) => Ok(Some(word)),
             Some(_) => Err(self.wrong(key, "must be a single word")),
         }
     }
@@ -231,9 +231,9 @@ impl Entries {
     }
 
     /// Rows, columns and numbers of the matrix at `key`, as many as rows and columns say.
-    fn sized(&self, key: &str) -> Result<Option<Matrix>, CameraInfoError> {
+    fn sized(&self, key: &str) -> Result<Option<YamlMatrix>, CameraInfoError> {
         let Some(entry) = self.find(key) else { return Ok(None) };
-        if !matches!(entry.value, Value::Table) {
+        if !matches!(entry.value, YamlValue::Table) {
             return Err(self.wrong(key, "must have rows, cols and data"));
         }
         let count = |name: &str| self.number(&format!("{key}.{name}"), "a whole number");
@@ -241,7 +241,7 @@ impl Entries {
         let data_key = format!("{key}.data");
         let list = match self.find(&data_key).map(|entry| &entry.value) {
             None => return Err(self.missing(&data_key)),
-            Some(Value::List(list)) => list,
+            Some(YamlValue::List(list)) => list,
             Some(_) => return Err(self.wrong(&data_key, "must be a list of numbers")),
         };
         if rows.checked_mul(cols) != Some(list.len()) {

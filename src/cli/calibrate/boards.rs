@@ -2,7 +2,7 @@
 
 use super::super::BoardArguments;
 use super::super::detect::picture;
-use super::Refusal;
+use super::CalibrateError;
 use crate::calibration::camera::{BoardPoint, BoardView};
 use crate::detect::Found;
 use crate::detect::chessboard::ChessboardFinder;
@@ -34,27 +34,27 @@ pub(super) struct Boards {
 }
 
 /// The board that is meant, and a depth that can be.
-pub(super) fn board(arguments: &BoardArguments) -> Result<Chessboard, Refusal> {
+pub(super) fn board(arguments: &BoardArguments) -> Result<Chessboard, CalibrateError> {
     let word = &arguments.target;
     if let Some(depth_m) = arguments.distance_m.filter(|depth_m| !(1e-3..=1e6).contains(depth_m)) {
-        return Err(Refusal::usage(format!(
+        return Err(CalibrateError::usage(format!(
             "--distance-m: {depth_m} m; give a depth from 0.001 to 1000000 m"
         )));
     }
-    let kind: Kind = word.parse().map_err(|e| Refusal::usage(format!("--target: {e}")))?;
+    let kind: Kind = word.parse().map_err(|e| CalibrateError::usage(format!("--target: {e}")))?;
     match kind.target {
         Target::Chessboard(board) => {
             believable_square(&board)?;
             Ok(board)
         }
-        _ => Err(Refusal::usage(format!(
+        _ => Err(CalibrateError::usage(format!(
             "--target: `{word}` has no corners to calibrate with: give chessboard:COLSxROWS:SQUARE_M"
         ))),
     }
 }
 
 /// Refuses squares of a size that no board has.
-pub(super) fn believable_square(board: &Chessboard) -> Result<(), Refusal> {
+pub(super) fn believable_square(board: &Chessboard) -> Result<(), CalibrateError> {
     let side_m = board.square_m();
     if SQUARES_M.contains(&side_m) {
         return Ok(());
@@ -66,7 +66,7 @@ pub(super) fn believable_square(board: &Chessboard) -> Result<(), Refusal> {
         let (mm, m) = (um / 1e3, um / 1e6);
         format!(" (did you mean {mm} mm? that is chessboard:{}x{}:{m})", board.columns(), board.rows())
     });
-    Err(Refusal::usage(format!(
+    Err(CalibrateError::usage(format!(
         "--target: squares of {side_m} m: the side of a square is given in metres, from {} to {} m{meant}",
         SQUARES_M.start(),
         SQUARES_M.end()
@@ -75,10 +75,10 @@ pub(super) fn believable_square(board: &Chessboard) -> Result<(), Refusal> {
 
 impl Boards {
     /// Reads the pictures and looks for the board in each.
-    pub(super) fn find(paths: &[PathBuf], board: &Chessboard) -> Result<Self, Refusal> {
+    pub(super) fn find(paths: &[PathBuf], board: &Chessboard) -> Result<Self, CalibrateError> {
         if paths.len() > MAX_PICTURES {
             let message = format!("{} pictures, at most {MAX_PICTURES} are taken: choose", paths.len());
-            return Err(Refusal::usage(message));
+            return Err(CalibrateError::usage(message));
         }
         let mut boards = Self { size: (0, 0), names: Vec::new(), views: Vec::new(), misses: Vec::new() };
         let mut finder: Option<ChessboardFinder> = None;
@@ -89,7 +89,8 @@ impl Boards {
                 let line = format!("\r\x1b[K{}/{} {}", i + 1, paths.len(), printable(&name));
                 let _ = Stderr.write_all(line.as_bytes());
             }
-            let image = picture::load(path).map_err(|reason| Refusal::input(format!("{name}: {reason}")))?;
+            let image =
+                picture::load(path).map_err(|reason| CalibrateError::input(format!("{name}: {reason}")))?;
             let size = image.dimensions();
             if i == 0 {
                 boards.size = size;

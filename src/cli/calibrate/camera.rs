@@ -1,7 +1,7 @@
 //! `vservo calibrate camera`.
 
 use super::super::{CalibrateCameraArguments, check_writable, json, shown, write_result};
-use super::Refusal;
+use super::CalibrateError;
 use super::answer::{CameraAnswer, Examined, lines, reasons};
 use super::boards::{Boards, board};
 use super::live;
@@ -36,7 +36,7 @@ pub(in crate::cli) fn camera(arguments: &CalibrateCameraArguments) -> Result<u8,
     Ok(exit_code)
 }
 
-fn examined(arguments: &CalibrateCameraArguments) -> Result<(Examined, Boards), Refusal> {
+fn examined(arguments: &CalibrateCameraArguments) -> Result<(Examined, Boards), CalibrateError> {
     let board = board(&arguments.board)?;
     let boards = match &arguments.live {
         Some(run_file) => live::watch(run_file, arguments, &board)?,
@@ -51,8 +51,8 @@ fn examined(arguments: &CalibrateCameraArguments) -> Result<(Examined, Boards), 
 }
 
 /// An error with what the pictures lack, where that is why.
-pub(super) fn explained(error: CameraCalibrationError, boards: &Boards) -> Refusal {
-    let mut refusal = Refusal::from(error);
+pub(super) fn explained(error: CameraCalibrationError, boards: &Boards) -> CalibrateError {
+    let mut refusal = CalibrateError::from(error);
     let misses =
         boards.names.iter().zip(&boards.misses).filter_map(|(name, miss)| Some((name, miss.as_ref()?)));
     for (name, miss) in misses.take(5) {

@@ -7,7 +7,7 @@ mod poses;
 
 use super::super::detect::{calibration, picture};
 use super::super::{check_writable, json, shown, write_result};
-use super::Refusal;
+use super::CalibrateError;
 use super::boards::believable_square;
 use crate::calibration::hand_eye::{
     BoardCorner, CameraMount, HandEyeSettings, HandEyeView, MAX_VIEWS, RobotDeviation, calibrate_hand_eye,
@@ -21,7 +21,7 @@ use crate::process::ProcessError;
 use crate::rt::tell;
 use crate::target::{Kind, Target};
 use crate::vision::{Vision, VisionSettings};
-use answer::{HandEyeAnswer, Unused};
+use answer::{HandEyeAnswer, UnusedImage};
 use clap::Args;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -85,17 +85,20 @@ impl HandEyeArguments {
         HandEyeSettings { place, robot, time_offset: self.time_offset }
     }
 
-    fn check(&self) -> Result<(), Refusal> {
+    fn check(&self) -> Result<(), CalibrateError> {
         if self.images.len() > MAX_VIEWS {
             let count = self.images.len();
-            return Err(Refusal::with_code(
+            return Err(CalibrateError::with_code(
                 2,
                 format!("{count} images are given, at most {MAX_VIEWS} are taken"),
             ));
         }
         for (name, value) in [("--robot-sd-mm", self.robot_sd_mm), ("--robot-sd-deg", self.robot_sd_deg)] {
             if !(1e-6..=100.0).contains(&value) {
-                return Err(Refusal::with_code(2, format!("{name} {value}: must be from 0.000001 to 100")));
+                return Err(CalibrateError::with_code(
+                    2,
+                    format!("{name} {value}: must be from 0.000001 to 100"),
+                ));
             }
         }
         Ok(())
@@ -128,16 +131,16 @@ pub(in super::super) fn hand_eye(arguments: &HandEyeArguments) -> Result<u8, Pro
     Ok(exit_code)
 }
 
-fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, Refusal> {
+fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError> {
     arguments.check()?;
     let (Some(word), Some(file)) = (&arguments.target, &arguments.camera) else {
-        return Err(Refusal::with_code(2, "--target and --camera are needed"));
+        return Err(CalibrateError::with_code(2, "--target and --camera are needed"));
     };
-    let kind: Kind = word.parse().map_err(|e| Refusal::with_code(2, format!("--target: {e}")))?;
+    let kind: Kind = word.parse().map_err(|e| CalibrateError::with_code(2, format!("--target: {e}")))?;
     let target = one_look(kind)?;
-    let camera = calibration(file).map_err(|e| Refusal::with_code(3, format!("--camera: {e}")))?;
+    let camera = calibration(file).map_err(|e| CalibrateError::with_code(3, format!("--camera: {e}")))?;
     let poses =
-        poses::of_images(&arguments.images, &arguments.poses).map_err(|e| Refusal::with_code(3, e))?;
+        poses::of_images(&arguments.images, &arguments.poses).map_err(|e| CalibrateError::with_code(3, e))?;
     let mut finder = BoardFinder::new(camera, target);
     let (mut views, mut unused) = (Vec::new(), Vec::new());
     for (at, (path, arm)) in arguments.images.iter().zip(poses).enumerate() {
@@ -146,26 +149,27 @@ fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, Refusal> {
             Ok(corners) => views.push(HandEyeView { name, X_BE: arm.X_BE, V_BE_E: arm.V_BE_E, corners }),
             Err(reason) => {
                 tell(format_args!("vservo: {name}: left out: {reason}"));
-                unused.push(Unused { at, name, reason });
+                unused.push(UnusedImage { at, name, reason });
             }
         }
     }
     let settings = arguments.settings();
     let report = calibrate_hand_eye(&views, &camera, &settings);
     if fits_as_w_x_y_z(&views, &camera, &settings, &report) {
-        return Err(Refusal::with_code(
+        return Err(CalibrateError::with_code(
             Outcome::NotConverged.exit_code(),
             "--poses: the poses do not belong to the pictures as they are written, but do where the four numbers of each rotation are \
              w x y z: write them in the order x y z w, in the columns qx,qy,qz,qw",
         ));
     }
-    let report = report.map_err(|e| Refusal::with_code(Outcome::NotConverged.exit_code(), e.to_string()))?;
+    let report =
+        report.map_err(|e| CalibrateError::with_code(Outcome::NotConverged.exit_code(), e.to_string()))?;
     Ok(HandEyeAnswer::new(report, &views, unused))
 }
 
 /// The target, if its points can be told apart in a single picture.
-fn one_look(kind: Kind) -> Result<Target, Refusal> {
-    let refuse = |what: &str| Err(Refusal::with_code(2, format!("--target: {what}")));
+fn one_look(kind: Kind) -> Result<Target, CalibrateError> {
+    let refuse = |what: &str| Err(CalibrateError::with_code(2, format!("--target: {what}")));
     if kind.any_tag {
         return refuse("name one tag by its id");
     }
@@ -199,8 +203,8 @@ impl BoardFinder {
     }
 
     /// What is seen of the board in an image file; the reason where nothing is.
-    fn corners(&mut self, path: &Path) -> Result<Result<Vec<BoardCorner>, String>, Refusal> {
-        let named = |what: String| Refusal::with_code(3, format!("{}: {what}", path.display()));
+    fn corners(&mut self, path: &Path) -> Result<Result<Vec<BoardCorner>, String>, CalibrateError> {
+        let named = |what: String| CalibrateError::with_code(3, format!("{}: {what}", path.display()));
         let image = picture::load(path).map_err(named)?;
         let (width, height) = image.dimensions();
         let i = self.camera.intrinsics();

@@ -1,7 +1,7 @@
 //! `vservo calibrate camera --live`: pictures from a running camera process, taken where a board is held still and shows something new.
 
 use super::super::CalibrateCameraArguments;
-use super::Refusal;
+use super::CalibrateError;
 use super::answer::Examined;
 use super::boards::{Boards, corners_of};
 use crate::calibration::camera::{BoardView, calibrate_camera};
@@ -33,23 +33,23 @@ pub(super) fn watch(
     run_file: &Path,
     arguments: &CalibrateCameraArguments,
     board: &Chessboard,
-) -> Result<Boards, Refusal> {
+) -> Result<Boards, CalibrateError> {
     let instance: Instance =
-        arguments.instance.parse().map_err(|e| Refusal::usage(format!("--instance: {e}")))?;
+        arguments.instance.parse().map_err(|e| CalibrateError::usage(format!("--instance: {e}")))?;
     let id = CameraId::FIRST;
     if !instance.is_running(Role::Camera(id)) {
         let message = format!(
             "no camera process runs in instance {instance}: start vservo camera, or name its instance by --instance"
         );
-        return Err(Refusal::with_code(5, message));
+        return Err(CalibrateError::with_code(5, message));
     }
-    let input = |e: &dyn std::fmt::Display| Refusal::input(e.to_string());
+    let input = |e: &dyn std::fmt::Display| CalibrateError::input(e.to_string());
     let config = Config::load(Some(run_file), &[]).map_err(|e| input(&e))?;
     let services = Services::join(&instance).map_err(|e| input(&e))?;
     let frames = services.frame_receiver(id, frame_shape(&config)).map_err(|e| input(&e))?;
     let stop = StopFlag::on_signals().map_err(|e| input(&e))?;
     let i = config.camera.model.intrinsics();
-    let mut session = Session::new(arguments, board, (i.width_px, i.height_px));
+    let mut session = LiveCapture::new(arguments, board, (i.width_px, i.height_px));
     tell(format_args!(
         "vservo: hold the board still before the camera, near and far, tilted, in every corner of the image; Ctrl-C ends with what there is"
     ));
@@ -76,7 +76,7 @@ pub(super) fn watch(
     Ok(session.boards)
 }
 
-struct Session<'a> {
+struct LiveCapture<'a> {
     arguments: &'a CalibrateCameraArguments,
     board: &'a Chessboard,
     finder: ChessboardFinder,
@@ -85,7 +85,7 @@ struct Session<'a> {
     before: BoardView,
 }
 
-impl<'a> Session<'a> {
+impl<'a> LiveCapture<'a> {
     fn new(arguments: &'a CalibrateCameraArguments, board: &'a Chessboard, size: (u32, u32)) -> Self {
         let (width, height) = (size.0 as usize, size.1 as usize);
         let finder = ChessboardFinder::new(board.columns(), board.rows(), width, height);

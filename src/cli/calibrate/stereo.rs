@@ -7,7 +7,7 @@
 //! ```
 
 use super::super::{CalibrateStereoArguments, check_writable, json, shown, write_result};
-use super::Refusal;
+use super::CalibrateError;
 use super::answer::{CameraAnswer, Examined, PlaceOut, lines};
 use super::boards::{Boards, board};
 use super::camera::{explained, section};
@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 struct PairAnswer {
     left: CameraAnswer,
     right: CameraAnswer,
-    X_LR: PoseOut,
+    X_LR: RelativePoseOut,
     rms_px: f64,
     rows_rms_px: Option<f64>,
     baseline_m: f64,
@@ -37,13 +37,13 @@ struct PairAnswer {
 }
 
 #[derive(Serialize)]
-struct PoseOut {
+struct RelativePoseOut {
     #[serde(flatten)]
     place: PlaceOut,
     covariance: Vec<f64>,
 }
 
-struct Pair {
+struct CalibratedPair {
     found: StereoCalibration,
     examined: [Examined; 2],
     boards: [Boards; 2],
@@ -59,7 +59,7 @@ pub(in crate::cli) fn stereo(arguments: &CalibrateStereoArguments) -> Result<u8,
         Ok(pair) => pair,
         Err(refusal) => return Ok(refusal.tell()),
     };
-    let Pair { found, examined: [left, right], boards } = &pair;
+    let CalibratedPair { found, examined: [left, right], boards } = &pair;
     let text = if arguments.board.json { json(&answer(&pair)) } else { told(&pair) };
     let usable = left.verdict.is_usable() && right.verdict.is_usable();
     let mut exit_code = shown(&text, if usable { 0 } else { Outcome::NotConverged.exit_code() });
@@ -75,10 +75,10 @@ pub(in crate::cli) fn stereo(arguments: &CalibrateStereoArguments) -> Result<u8,
     Ok(exit_code)
 }
 
-fn pair(arguments: &CalibrateStereoArguments) -> Result<Pair, Refusal> {
+fn pair(arguments: &CalibrateStereoArguments) -> Result<CalibratedPair, CalibrateError> {
     let board = board(&arguments.board)?;
     if board.symmetry().turns > 1 {
-        return Err(Refusal::usage(
+        return Err(CalibrateError::usage(
             "--target: this board looks the same when it is turned, so that the cameras may number its corners differently; take one \
              with an even and an odd number of corners, such as 9x6",
         ));
@@ -100,15 +100,15 @@ fn pair(arguments: &CalibrateStereoArguments) -> Result<Pair, Refusal> {
             .ok_or(CameraCalibrationError::Degenerate)
     };
     let examined = [examine(&found.left, left)?, examine(&found.right, right)?];
-    Ok(Pair { found, examined, boards })
+    Ok(CalibratedPair { found, examined, boards })
 }
 
-fn answer(pair: &Pair) -> PairAnswer {
-    let Pair { found, examined: [left, right], boards: [left_boards, right_boards] } = pair;
+fn answer(pair: &CalibratedPair) -> PairAnswer {
+    let CalibratedPair { found, examined: [left, right], boards: [left_boards, right_boards] } = pair;
     PairAnswer {
         left: CameraAnswer::new(left, left_boards),
         right: CameraAnswer::new(right, right_boards),
-        X_LR: PoseOut {
+        X_LR: RelativePoseOut {
             place: (&found.X_LR).into(),
             // symmetric: by rows is by columns
             covariance: found.covariance.iter().copied().collect(),
@@ -121,8 +121,8 @@ fn answer(pair: &Pair) -> PairAnswer {
 }
 
 /// For people.
-fn told(pair: &Pair) -> String {
-    let Pair { found, examined: [left, right], boards: [left_boards, right_boards] } = pair;
+fn told(pair: &CalibratedPair) -> String {
+    let CalibratedPair { found, examined: [left, right], boards: [left_boards, right_boards] } = pair;
     let p = found.X_LR.translation.vector;
     let turn = found.X_LR.rotation.angle().to_degrees();
     let rows = found.rows_rms_px.map_or_else(String::new, |rows| {

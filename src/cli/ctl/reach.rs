@@ -18,13 +18,13 @@ const LEAVING: SpanNs = SpanNs(500_000_000);
 
 /// How long there is, and whether whoever asked still wants to know.
 #[derive(Debug, Clone)]
-pub(super) struct Patience {
+pub(super) struct AnswerTimeout {
     timeout_s: f64,
     until: MonoNs,
     interrupted: StopFlag,
 }
 
-impl Patience {
+impl AnswerTimeout {
     /// From now on. A signal does not end this process in the middle of joining, which would leave to others what it has half
     /// made: it ends the wait.
     pub(super) fn begin(timeout_s: f64) -> Result<Self, ProcessError> {
@@ -65,7 +65,7 @@ pub(super) fn find(instance: &Instance) -> Result<(), ProcessError> {
 pub(super) fn halt(
     instance: &Instance,
     halt: Halt,
-    patience: &Patience,
+    patience: &AnswerTimeout,
 ) -> Result<ControlState, ProcessError> {
     let mut asked = None;
     loop {
@@ -88,7 +88,7 @@ pub(super) fn halt(
 pub(super) fn ask(
     instance: &Instance,
     command: ControlCommand,
-    patience: &Patience,
+    patience: &AnswerTimeout,
 ) -> Result<ControlAnswer, ProcessError> {
     let (tell, told) = channel();
     let (place, own) = (instance.clone(), patience.clone());
@@ -108,7 +108,7 @@ pub(super) fn ask(
 fn ask_here(
     instance: &Instance,
     command: ControlCommand,
-    patience: &Patience,
+    patience: &AnswerTimeout,
 ) -> Result<ControlAnswer, ProcessError> {
     let join = || -> Result<_, IpcError> {
         let services = Services::join(instance)?;

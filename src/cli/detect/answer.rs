@@ -16,7 +16,7 @@ pub(super) struct ImageAnswer {
     pub(super) image: String,
     pub(super) status: &'static str,
     pub(super) reason: Option<String>,
-    pub(super) features: Vec<Feature>,
+    pub(super) features: Vec<FeatureOut>,
     pub(super) pose: Option<PoseOut>,
     /// Where two poses explain the picture almost equally well: the less likely one.
     pub(super) other_pose: Option<OtherPose>,
@@ -33,7 +33,7 @@ pub(super) struct ImageAnswer {
 }
 
 #[derive(Debug, Clone, Copy, Serialize)]
-pub(super) struct Feature {
+pub(super) struct FeatureOut {
     pub(super) id: u32,
     pub(super) u_px: f64,
     pub(super) v_px: f64,
@@ -118,7 +118,7 @@ impl ImageAnswer {
     }
 
     pub(super) fn of(image: String, seen: &DetectedImage, time_us: f64) -> Self {
-        let feature = |(found, px): (&Found, &Vector2<f64>)| Feature {
+        let feature = |(found, px): (&Found, &Vector2<f64>)| FeatureOut {
             id: found.id,
             u_px: px.x,
             v_px: px.y,

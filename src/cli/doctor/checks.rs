@@ -1,6 +1,6 @@
 //! The settings that decide over punctuality, one function each.
 
-use super::Check;
+use super::DoctorCheck;
 use crate::config::RealtimeRequest;
 use crate::rt::prepare_thread;
 use rustix::fs::statvfs;
@@ -11,7 +11,7 @@ use std::fs;
 /// Shared memory that a run of the default size takes, with room for a second one.
 const SHARED_MEMORY_WANTED: u64 = 64 << 20;
 
-pub(super) fn all() -> Vec<Check> {
+pub(super) fn all() -> Vec<DoctorCheck> {
     vec![
         preemption(),
         throttling(),
@@ -25,19 +25,19 @@ pub(super) fn all() -> Vec<Check> {
     ]
 }
 
-fn good(name: &'static str, found: impl Into<String>) -> Check {
-    Check { name, ok: true, found: found.into(), remedy: None }
+fn good(name: &'static str, found: impl Into<String>) -> DoctorCheck {
+    DoctorCheck { name, ok: true, found: found.into(), remedy: None }
 }
 
-fn bad(name: &'static str, found: impl Into<String>, remedy: &'static str) -> Check {
-    Check { name, ok: false, found: found.into(), remedy: Some(remedy) }
+fn bad(name: &'static str, found: impl Into<String>, remedy: &'static str) -> DoctorCheck {
+    DoctorCheck { name, ok: false, found: found.into(), remedy: Some(remedy) }
 }
 
 fn read(path: &str) -> Option<String> {
     fs::read_to_string(path).ok().map(|s| s.trim().to_string())
 }
 
-fn preemption() -> Check {
+fn preemption() -> DoctorCheck {
     let name = "kernel preemption";
     let version = read("/proc/sys/kernel/version").unwrap_or_default();
     if read("/sys/kernel/realtime").as_deref() == Some("1") || version.contains("PREEMPT_RT") {
@@ -52,7 +52,7 @@ fn preemption() -> Check {
     )
 }
 
-fn throttling() -> Check {
+fn throttling() -> DoctorCheck {
     let name = "RT throttling";
     match (read("/proc/sys/kernel/sched_rt_runtime_us"), read("/proc/sys/kernel/sched_rt_period_us")) {
         (Some(runtime), _) if runtime == "-1" => good(name, "off"),
@@ -70,7 +70,7 @@ fn throttling() -> Check {
     }
 }
 
-fn fifo() -> Check {
+fn fifo() -> DoctorCheck {
     let name = "SCHED_FIFO";
     let request = RealtimeRequest { priority: 80, cpu: None, lock_memory: false };
     let limit = getrlimit(Resource::Rtprio).current;
@@ -92,7 +92,7 @@ fn fifo() -> Check {
     }
 }
 
-fn locked_memory() -> Check {
+fn locked_memory() -> DoctorCheck {
     let name = "locked memory";
     match getrlimit(Resource::Memlock).current {
         None => good(name, "unlimited"),
@@ -108,7 +108,7 @@ fn locked_memory() -> Check {
     }
 }
 
-fn governor() -> Check {
+fn governor() -> DoctorCheck {
     let name = "CPU governor";
     let mut found: Vec<String> = (0..)
         .map_while(|cpu| {
@@ -130,7 +130,7 @@ fn governor() -> Check {
     }
 }
 
-fn timer_resolution() -> Check {
+fn timer_resolution() -> DoctorCheck {
     let name = "timer resolution";
     let t = clock_getres(ClockId::Monotonic);
     let ns = t.tv_sec * 1_000_000_000 + t.tv_nsec;
@@ -141,7 +141,7 @@ fn timer_resolution() -> Check {
     }
 }
 
-fn clock_source() -> Check {
+fn clock_source() -> DoctorCheck {
     let name = "clock source";
     match read("/sys/devices/system/clocksource/clocksource0/current_clocksource") {
         Some(source) if ["tsc", "kvm-clock", "arch_sys_counter"].contains(&source.as_str()) => {
@@ -156,7 +156,7 @@ fn clock_source() -> Check {
     }
 }
 
-fn shared_memory() -> Check {
+fn shared_memory() -> DoctorCheck {
     let name = "/dev/shm";
     match statvfs("/dev/shm") {
         Ok(s) => {
@@ -172,7 +172,7 @@ fn shared_memory() -> Check {
     }
 }
 
-fn isolated_cores() -> Check {
+fn isolated_cores() -> DoctorCheck {
     let name = "isolated cores";
     match read("/sys/devices/system/cpu/isolated") {
         Some(cores) if !cores.is_empty() => good(name, format!("{cores}; set realtime.cpu to one of them")),

@@ -6,14 +6,14 @@ mod jitter;
 mod slices;
 
 pub use jitter::{Bar, Jitter, Measured, measure, measure_each};
-pub use slices::{Median, Verdict, compare, median_slice};
+pub use slices::{Median, SliceComparison, compare, median_slice};
 
 use serde::Serialize;
 use std::fmt::Write as _;
 
 /// One thing that was looked at.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Check {
+pub struct DoctorCheck {
     /// What.
     pub name: &'static str,
     /// Whether it is good as it is.
@@ -28,7 +28,7 @@ pub struct Check {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Examination {
     /// Settings of kernel, limits and clock.
-    pub checks: Vec<Check>,
+    pub checks: Vec<DoctorCheck>,
     /// Lateness of a 1 kHz thread that sleeps all the way to its deadlines; `null` when it was not measured.
     pub jitter: Option<Jitter>,
     /// Likewise, of one that spins the last part, as a run under SCHED_FIFO does (`realtime.spin_us`).
@@ -37,7 +37,7 @@ pub struct Examination {
 
 /// Looks at everything but the jitter.
 #[must_use]
-pub fn examine() -> Vec<Check> {
+pub fn examine() -> Vec<DoctorCheck> {
     checks::all()
 }
 
@@ -107,7 +107,7 @@ mod tests {
 
     fn examined(late: u64, p999: f64, warnings: usize) -> Examination {
         let check =
-            |ok| Check { name: "x", ok, found: String::new(), remedy: (!ok).then_some("buy another") };
+            |ok| DoctorCheck { name: "x", ok, found: String::new(), remedy: (!ok).then_some("buy another") };
         let wake_us = Quantiles { p50: 1.0, p99: 2.0, p999, max: 3.0 * p999 };
         let bars = [(Some(1), 9_000), (Some(TICK_US), 1_000 - late), (Some(2_000), late), (None, 0)];
         let jitter = Jitter {

@@ -16,7 +16,7 @@ pub struct Median {
 
 /// What a comparison comes to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
+pub enum SliceComparison {
     /// The first is later than the second.
     Later,
     /// The first is earlier than the second.
@@ -25,7 +25,7 @@ pub enum Verdict {
     NoDifference,
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for SliceComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Later => "later",
@@ -47,12 +47,12 @@ pub fn median_slice(slices: &[Vec<f64>], share: f64) -> Option<Median> {
 
 /// A difference counts only when it exceeds the spread of both and the `resolution` of what was measured.
 #[must_use]
-pub fn compare(ours: Median, theirs: Median, resolution: f64) -> Verdict {
+pub fn compare(ours: Median, theirs: Median, resolution: f64) -> SliceComparison {
     let worth = ours.spread.max(theirs.spread).max(resolution);
     match ours.median - theirs.median {
-        difference if difference > worth => Verdict::Later,
-        difference if difference < -worth => Verdict::Earlier,
-        _ => Verdict::NoDifference,
+        difference if difference > worth => SliceComparison::Later,
+        difference if difference < -worth => SliceComparison::Earlier,
+        _ => SliceComparison::NoDifference,
     }
 }
 
@@ -92,18 +92,22 @@ mod tests {
         let (a, b) = (median_slice(&calm, 0.999).unwrap(), median_slice(&stalled, 0.999).unwrap());
         assert_eq!((a.median, a.spread), (97.0, 7.0));
         assert!((b.median - a.median).abs() <= 2.0 && b.spread < 10.0, "{b:?}");
-        assert_eq!(compare(b, a, 0.0), Verdict::NoDifference);
+        assert_eq!(compare(b, a, 0.0), SliceComparison::NoDifference);
         assert_eq!(median_slice(&calm, 0.5), Some(Median { median: 10.0, spread: 0.0 }));
     }
 
     #[test]
     fn what_exceeds_the_spread_of_both_is_a_difference() {
         let at = |median, spread| Median { median, spread };
-        assert_eq!(compare(at(20.0, 3.0), at(10.0, 9.0), 0.0), Verdict::Later);
-        assert_eq!(compare(at(10.0, 3.0), at(20.0, 9.0), 0.0), Verdict::Earlier);
-        assert_eq!(compare(at(20.0, 3.0), at(10.0, 10.0), 0.0), Verdict::NoDifference);
-        assert_eq!(compare(at(20.0, 10.0), at(10.0, 3.0), 0.0), Verdict::NoDifference);
-        assert_eq!(compare(at(1.4, 0.0), at(0.5, 0.0), 1.0), Verdict::NoDifference, "whole microseconds");
+        assert_eq!(compare(at(20.0, 3.0), at(10.0, 9.0), 0.0), SliceComparison::Later);
+        assert_eq!(compare(at(10.0, 3.0), at(20.0, 9.0), 0.0), SliceComparison::Earlier);
+        assert_eq!(compare(at(20.0, 3.0), at(10.0, 10.0), 0.0), SliceComparison::NoDifference);
+        assert_eq!(compare(at(20.0, 10.0), at(10.0, 3.0), 0.0), SliceComparison::NoDifference);
+        assert_eq!(
+            compare(at(1.4, 0.0), at(0.5, 0.0), 1.0),
+            SliceComparison::NoDifference,
+            "whole microseconds"
+        );
     }
 
     #[test]

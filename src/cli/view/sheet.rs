@@ -66,14 +66,14 @@ impl Colour {
 
 /// A picture, and what is drawn over it in its pixels.
 #[derive(Debug, Clone)]
-pub(super) struct Panel {
+pub(super) struct ImagePanel {
     title: &'static str,
     picture: GrayImage,
     lines: Vec<(Vector2<f64>, Vector2<f64>, Colour)>,
     labels: Vec<(Vector2<f64>, String, Colour)>,
 }
 
-impl Panel {
+impl ImagePanel {
     pub(super) fn new(title: &'static str, picture: GrayImage) -> Self {
         Self { title, picture, lines: Vec::new(), labels: Vec::new() }
     }
@@ -123,12 +123,12 @@ impl Panel {
 
 /// Pictures side by side, and lines of words below them.
 #[derive(Debug, Clone)]
-pub(super) struct Sheet {
-    pub(super) panels: Vec<Panel>,
+pub(super) struct ImageSheet {
+    pub(super) panels: Vec<ImagePanel>,
     pub(super) lines: Vec<String>,
 }
 
-impl Sheet {
+impl ImageSheet {
     fn letters_a_line(&self) -> u32 {
         let pictures: u32 = self.panels.iter().map(|panel| panel.picture.width() + EDGE).sum();
         (pictures.saturating_sub(EDGE) / ADVANCE).max(MIN_LETTERS)
@@ -162,7 +162,7 @@ impl Sheet {
     }
 
     /// Left column and upper row of each picture.
-    fn places(&self) -> impl Iterator<Item = (&Panel, u32, u32)> {
+    fn places(&self) -> impl Iterator<Item = (&ImagePanel, u32, u32)> {
         let mut x = EDGE;
         self.panels.iter().map(move |panel| {
             let at = x;

@@ -2,7 +2,7 @@
 
 use super::lens;
 use crate::camera_model::{CameraModel, Region};
-use crate::config::check::Check;
+use crate::config::check::Validation;
 use crate::config::frame_source;
 use crate::config::raw::{MountKind, RawCamera, RawConfig, RawRoi};
 use crate::config::stereo::right_mount;
@@ -19,7 +19,7 @@ const MIN_SIDE_PX: u32 = 16;
 pub(super) fn cameras(
     raw: &mut RawConfig,
     document: &Document,
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> Option<(Camera, Vec<Camera>)> {
     let list = std::mem::take(&mut raw.cameras);
     if list.is_empty() {
@@ -56,7 +56,7 @@ pub(super) fn cameras(
 fn camera(
     raw: &RawConfig,
     (c, id, at): (&RawCamera, CameraId, &str),
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> Option<Camera> {
     let (lens, synthetic) = (&c.lens, &c.synthetic);
     let key = |name: &str| format!("{at}.{name}");
@@ -130,7 +130,7 @@ fn camera(
 }
 
 /// `[camera.roi]`: the part of the image that is read.
-fn region(c: &RawCamera, at: &str, check: &mut Check<'_>) -> Option<Region> {
+fn region(c: &RawCamera, at: &str, check: &mut Validation<'_>) -> Option<Region> {
     let roi = c.roi.as_ref()?;
     let key = |name: &str| format!("{at}.roi.{name}");
     let sides = [

@@ -1,6 +1,6 @@
 //! The tables of the drive.
 
-use crate::config::check::Check;
+use crate::config::check::Validation;
 use crate::config::raw::{DriveKind, RawConfig, SchemeKind, Task};
 use crate::config::{DriveProgram, DriveSettings, SimulatedArm};
 use crate::drive::{CommandMode, InnerServo, MAX_DELAY, Payload};
@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 pub(super) fn drive(
     raw: &RawConfig,
     robot: Option<&RobotDescription>,
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> DriveSettings {
     let (d, s) = (&raw.drive, &raw.drive.simulated);
     let joints = robot.map(RobotDescription::joint_count);
@@ -79,7 +79,7 @@ pub(super) fn drive(
 }
 
 /// What cannot be had where `drive.kind` is `none`.
-pub(super) fn without_arm(raw: &RawConfig, check: &mut Check<'_>) {
+pub(super) fn without_arm(raw: &RawConfig, check: &mut Validation<'_>) {
     if raw.run.serve {
         check.wrong("run.serve", "has nothing to tell an arm: drive.kind is `none`; use vservo run");
     }
@@ -97,7 +97,7 @@ pub(super) fn without_arm(raw: &RawConfig, check: &mut Check<'_>) {
 
 /// The mode that is asked for, if the kind of drive takes it. What an external drive takes is its own to say, when
 /// it is connected.
-fn mode(raw: &RawConfig, check: &mut Check<'_>) -> CommandMode {
+fn mode(raw: &RawConfig, check: &mut Validation<'_>) -> CommandMode {
     let ideal = raw.drive.kind == DriveKind::Ideal;
     let default = if ideal { CommandMode::Position } else { CommandMode::Torque };
     let mode = raw.drive.mode.unwrap_or(default);
@@ -110,7 +110,7 @@ fn mode(raw: &RawConfig, check: &mut Check<'_>) -> CommandMode {
     mode
 }
 
-fn list(key: &str, values: &[f64], joints: Option<usize>, check: &mut Check<'_>) -> Vec<f64> {
+fn list(key: &str, values: &[f64], joints: Option<usize>, check: &mut Validation<'_>) -> Vec<f64> {
     for (i, v) in values.iter().enumerate() {
         check.range(&format!("{key}[{i}]"), *v, 0.0..=0.1);
     }

@@ -1,7 +1,7 @@
 //! The numbers of a lens, whoever says them: `[camera.lens]` and, where it is not as believed, `[scene.camera.lens]`.
 
 use crate::camera_model::{Intrinsics, Lens, LensModel};
-use crate::config::check::Check;
+use crate::config::check::Validation;
 use crate::config::raw::{RawLens, RawTrueLens};
 use std::ops::RangeInclusive;
 
@@ -25,7 +25,7 @@ pub(super) fn believed(
     at: &str,
     lens: &RawLens,
     (width_px, height_px): (u32, u32),
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> (Intrinsics, Lens) {
     let middle = |side_px: u32| 0.5 * (f64::from(side_px) - 1.0);
     let mut number =
@@ -54,7 +54,7 @@ pub(super) fn believed(
 pub(super) fn true_one(
     lens: &RawTrueLens,
     (i, d): (Intrinsics, Lens),
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> (Intrinsics, Lens) {
     let model = lens.model.map_or(d.model(), LensModel::from);
     let mut number = |key: &str, given: Option<f64>, believed: f64, allowed| {
@@ -85,7 +85,7 @@ pub(super) fn true_one(
 }
 
 /// A coefficient that is given, and that the model does not have, is hardly meant to be without effect.
-fn unused(key: &str, name: &str, model: LensModel, check: &mut Check<'_>) {
+fn unused(key: &str, name: &str, model: LensModel, check: &mut Validation<'_>) {
     if model.coefficients().contains(&name) {
         return;
     }

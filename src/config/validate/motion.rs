@@ -1,6 +1,6 @@
 //! `[motion]`: limits and gains, one for all joints or one each, and a controller that fits the drive.
 
-use crate::config::check::Check;
+use crate::config::check::Validation;
 use crate::config::raw::{DriveKind, JointControl, RawConfig};
 use crate::config::{Motion, SimulatedArm};
 use crate::drive::CommandMode;
@@ -16,7 +16,7 @@ pub(super) fn motion(
     raw: &RawConfig,
     (mode, arm): (CommandMode, &SimulatedArm),
     robot: Option<&RobotDescription>,
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> Motion {
     let m = &raw.motion;
     let joints = robot.map(RobotDescription::joint_count);
@@ -94,7 +94,7 @@ fn joint_list(
     list: &[f64],
     joints: Option<usize>,
     allowed: RangeInclusive<f64>,
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> Vec<f64> {
     for (i, value) in list.iter().enumerate() {
         check.range(&format!("{key}[{i}]"), *value, allowed.clone());

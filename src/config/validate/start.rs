@@ -1,7 +1,7 @@
 //! Where the arm starts, and what the camera sees from there.
 
 use crate::camera_model::CameraModel;
-use crate::config::check::Check;
+use crate::config::check::Validation;
 use crate::config::raw::RawConfig;
 use crate::config::servo::{tilted, uses_dimension};
 use crate::config::{Camera, Scene};
@@ -15,7 +15,7 @@ use nalgebra::SVector;
 const TOLD: usize = 8;
 
 /// The robot, with a start inside its limits.
-pub(super) fn arm(raw: &RawConfig, check: &mut Check<'_>) -> Option<RobotDescription> {
+pub(super) fn arm(raw: &RawConfig, check: &mut Validation<'_>) -> Option<RobotDescription> {
     let robot = match robot::load(&raw.robot.model) {
         Ok(robot) => robot,
         Err(e) => {
@@ -83,7 +83,7 @@ pub(super) fn view(
     robot: &RobotDescription,
     (camera, scene): (&Camera, &Scene),
     views: bool,
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) {
     let q = &raw.robot.q_start_rad_or_m;
     let q_true: Vec<f64> = q.iter().zip(&scene.q_offset).map(|(q, offset)| q + offset).collect();

@@ -2,7 +2,7 @@
 
 use super::lens;
 use crate::camera_model::{CameraModel, Intrinsics, Lens};
-use crate::config::check::{Check, pose};
+use crate::config::check::{Validation, pose};
 use crate::config::raw::{DriveKind, MountKind, RawBackdrop, RawBystander, RawConfig, RawOccluder, RawScene};
 use crate::config::target::{LENGTH_M, RawTarget, made};
 use crate::config::{Camera, Scene};
@@ -24,7 +24,7 @@ pub(super) fn scene(
     raw: &RawConfig,
     (camera, believed_target, robot): (Option<&Camera>, Option<&Target>, Option<&RobotDescription>),
     motion: SceneMotion,
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> Option<Scene> {
     let object = &raw.scene.object;
     let X_WO = check.pose("scene.object", object.position_m, object.rotation_rpy_rad);
@@ -51,7 +51,7 @@ pub(super) fn scene(
     })
 }
 
-fn true_lens(raw: &RawConfig, camera: Option<&Camera>, check: &mut Check<'_>) -> Option<CameraModel> {
+fn true_lens(raw: &RawConfig, camera: Option<&Camera>, check: &mut Validation<'_>) -> Option<CameraModel> {
     let before = check.count_problems();
     let believed = camera.map(|c| (c.model.full_intrinsics(), *c.model.lens()));
     // Without a believed lens its numbers do not matter: those that are given are checked all the same.
@@ -67,7 +67,7 @@ fn true_lens(raw: &RawConfig, camera: Option<&Camera>, check: &mut Check<'_>) ->
     made.map_err(|e| check.wrong("scene.camera.lens", e.to_string())).ok()
 }
 
-fn true_mount(raw: &RawConfig, check: &mut Check<'_>) -> Mount {
+fn true_mount(raw: &RawConfig, check: &mut Validation<'_>) -> Mount {
     let (mount, believed) = (&raw.scene.camera.mount, &raw.camera.mount);
     // Only what is given here is this table's to answer for.
     let given = |list: Option<[f64; 3]>| list.unwrap_or_default();
@@ -82,7 +82,7 @@ fn true_mount(raw: &RawConfig, check: &mut Check<'_>) -> Mount {
     }
 }
 
-fn true_target(raw: &RawConfig, believed: Option<&Target>, check: &mut Check<'_>) -> Option<Target> {
+fn true_target(raw: &RawConfig, believed: Option<&Target>, check: &mut Validation<'_>) -> Option<Target> {
     let (t, b) = (&raw.scene.target, &raw.target);
     let before = check.count_problems();
     let scale = t.scale.map_or(1.0, |scale| check.range("scene.target.scale", scale, SCALE));
@@ -114,7 +114,7 @@ fn true_target(raw: &RawConfig, believed: Option<&Target>, check: &mut Check<'_>
 }
 
 /// `[scene.occluder]`, then `[[scene.occluders]]`.
-fn occluders(raw: &RawScene, check: &mut Check<'_>) -> Vec<Occluder> {
+fn occluders(raw: &RawScene, check: &mut Validation<'_>) -> Vec<Occluder> {
     let first = occluder("scene.occluder", &raw.occluder, check);
     let others: Vec<_> = (0..)
         .zip(&raw.occluders)
@@ -124,7 +124,7 @@ fn occluders(raw: &RawScene, check: &mut Check<'_>) -> Vec<Occluder> {
 }
 
 /// `[scene.backdrop]`.
-fn backdrop(raw: &RawBackdrop, seed: u64, check: &mut Check<'_>) -> Backdrop {
+fn backdrop(raw: &RawBackdrop, seed: u64, check: &mut Validation<'_>) -> Backdrop {
     let mut range = |key: &str, value, allowed| check.range(&format!("scene.backdrop.{key}"), value, allowed);
     let (texture_levels, texture_size_m, clutter_size_m, clutter_reach_m) = (
         range("texture_levels", raw.texture_levels, Backdrop::TEXTURE_LEVELS),
@@ -137,7 +137,7 @@ fn backdrop(raw: &RawBackdrop, seed: u64, check: &mut Check<'_>) -> Backdrop {
 }
 
 /// `[[scene.bystanders]]`.
-fn bystanders(raw: &[RawBystander], check: &mut Check<'_>) -> Option<Vec<Bystander>> {
+fn bystanders(raw: &[RawBystander], check: &mut Validation<'_>) -> Option<Vec<Bystander>> {
     let mut all = Vec::new();
     for (i, one) in raw.iter().enumerate() {
         let at = format!("scene.bystanders[{i}]");
@@ -155,10 +155,10 @@ fn bystanders(raw: &[RawBystander], check: &mut Check<'_>) -> Option<Vec<Bystand
     (all.len() == raw.len()).then_some(all)
 }
 
-fn occluder(at: &str, raw: &RawOccluder, check: &mut Check<'_>) -> Option<Occluder> {
+fn occluder(at: &str, raw: &RawOccluder, check: &mut Validation<'_>) -> Option<Occluder> {
     let [from_s, until_s] = [("from_s", raw.from_s), ("until_s", raw.until_s)]
         .map(|(key, s)| check.range(&format!("{at}.{key}"), s, 0.0..=1e6));
-    let pair = |key: &str, values: [f64; 2], least: f64, check: &mut Check<'_>| {
+    let pair = |key: &str, values: [f64; 2], least: f64, check: &mut Validation<'_>| {
         for (i, m) in values.iter().enumerate() {
             check.range(&format!("{at}.{key}[{i}]"), *m, least..=100.0);
         }
@@ -178,7 +178,7 @@ fn occluder(at: &str, raw: &RawOccluder, check: &mut Check<'_>) -> Option<Occlud
 fn true_arm(
     raw: &RawConfig,
     believed: Option<&RobotDescription>,
-    check: &mut Check<'_>,
+    check: &mut Validation<'_>,
 ) -> Option<RobotDescription> {
     let arm = &raw.scene.arm;
     if raw.drive.kind == DriveKind::External {
@@ -224,7 +224,11 @@ fn true_arm(
     Some(other.unwrap_or_else(|| believed.clone()).scaled(mass, friction))
 }
 
-fn q_offset(raw: &RawConfig, robot: Option<&RobotDescription>, check: &mut Check<'_>) -> Option<Vec<f64>> {
+fn q_offset(
+    raw: &RawConfig,
+    robot: Option<&RobotDescription>,
+    check: &mut Validation<'_>,
+) -> Option<Vec<f64>> {
     let (key, list) = ("scene.arm.q_offset_rad_or_m", &raw.scene.arm.q_offset_rad_or_m);
     for (i, offset) in list.iter().enumerate() {
         check.range(&format!("{key}[{i}]"), *offset, OFFSET_RAD_OR_M);

@@ -25,7 +25,7 @@ use crate::messages::Measurement;
 use crate::motion::{JointController, Limit, Reference};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
-use motion::Motion;
+use motion::TickMotion;
 use nalgebra::SVector;
 
 /// A reference so near to the measured arm (rad or m; rad/s or m/s) is on it.
@@ -50,7 +50,7 @@ pub struct Controller<const N: usize> {
     /// Share of its rate at which it learns.
     learning: f64,
     gate: Gate<N>,
-    start: Start<N>,
+    start: StartCheck<N>,
     max_tracking_error: f64,
     mode: CommandMode,
     reference: Reference<N>,
@@ -73,7 +73,7 @@ pub struct Controller<const N: usize> {
 
 /// Where the arm starts.
 #[derive(Debug, Clone, Copy)]
-struct Start<const N: usize> {
+struct StartCheck<const N: usize> {
     q: SVector<f64, N>,
     tolerance: f64,
     elsewhere: bool,
@@ -97,7 +97,7 @@ impl<const N: usize> Controller<N> {
             behaviour,
             joint_control,
             learning: 1.0,
-            start: Start {
+            start: StartCheck {
                 q: q_start,
                 tolerance: settings.start_tolerance,
                 elsewhere: settings.may_start_elsewhere,
@@ -373,7 +373,7 @@ impl<const N: usize> Controller<N> {
         &mut self,
         state: &DriveState<N>,
         qd: &SVector<f64, N>,
-        motion: &Motion<N>,
+        motion: &TickMotion<N>,
         seen: bool,
     ) -> Option<Fault> {
         if !seen {

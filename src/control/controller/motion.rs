@@ -18,7 +18,7 @@ const START_S: f64 = 0.2;
 const BACK_1_S: f64 = 5.0;
 
 /// What a tick wants of the joints, within the limits.
-pub(super) struct Motion<const N: usize> {
+pub(super) struct TickMotion<const N: usize> {
     /// Where the reference is at the time of the state, and its acceleration from there on.
     pub(super) now: ReferenceState<N>,
     /// Limits that acted.
@@ -36,7 +36,7 @@ impl<const N: usize> Controller<N> {
         state: &DriveState<N>,
         motion_command: &MotionCommand<N>,
         confidence: f64,
-    ) -> Motion<N> {
+    ) -> TickMotion<N> {
         let mut limits = ActingLimits::default();
         let wish = match motion_command {
             MotionCommand::Torque(tau) => return self.pushed(state, tau, confidence),
@@ -62,11 +62,11 @@ impl<const N: usize> Controller<N> {
         let after = self.reference.advance(&wish, TICK);
         let now = ReferenceState { q: before.q, qd: before.qd, ..*after };
         let way = now.qd * TICK.as_s();
-        Motion { now, limits: limits.with(&after.limits), follows: true, way }
+        TickMotion { now, limits: limits.with(&after.limits), follows: true, way }
     }
 
     /// A law that wishes torques: the reference goes on from the arm with the acceleration that they bring about.
-    fn pushed(&mut self, state: &DriveState<N>, tau: &SVector<f64, N>, confidence: f64) -> Motion<N> {
+    fn pushed(&mut self, state: &DriveState<N>, tau: &SVector<f64, N>, confidence: f64) -> TickMotion<N> {
         let robot = &self.arm.robot;
         let within = SVector::from_fn(|i, _| {
             let effort = robot.limits().get(i).map_or(0.0, |limit| limit.effort);
@@ -91,7 +91,7 @@ impl<const N: usize> Controller<N> {
             SVector::from_fn(
                 |i, _| if loose[i] * qdd[i] > 0.0 { loose[i] * START_S * TICK.as_s() } else { 0.0 },
             );
-        Motion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
+        TickMotion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
     }
 
     /// The wish, slowed down so that the arm can brake at the goal, where the view is old or uncertain, and ahead of
@@ -118,7 +118,7 @@ impl<const N: usize> Controller<N> {
     pub(super) fn torque(
         &mut self,
         state: &DriveState<N>,
-        motion: &Motion<N>,
+        motion: &TickMotion<N>,
         seen: bool,
         limits: &mut ActingLimits,
     ) -> SVector<f64, N> {

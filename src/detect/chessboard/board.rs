@@ -3,7 +3,7 @@
 mod check;
 mod ends;
 
-pub(super) use ends::Beyond;
+pub(super) use ends::BoardSide;
 
 use super::strongest::strongest;
 use crate::imaging::ImageView;

@@ -27,7 +27,7 @@ const STEP_RATIO: f32 = 1.5;
 
 /// A corner and its neighbours.
 #[derive(Debug, Clone, Copy)]
-struct Node {
+struct LatticeNode {
     px: [f32; 2],
     contrast: f32,
     response: f32,
@@ -42,7 +42,7 @@ struct Node {
     at: [i16; 2],
 }
 
-impl Node {
+impl LatticeNode {
     fn new(corner: &RingCorner) -> Self {
         let (low, high) = (corner.rising.min(corner.falling), corner.rising.max(corner.falling));
         let (a, b) = ([low.cos(), low.sin()], [high.cos(), high.sin()]);
@@ -81,7 +81,7 @@ pub(super) struct Placed {
 /// Links corners. Owns its buffers.
 #[derive(Debug, Clone)]
 pub(super) struct Links {
-    nodes: Vec<Node>,
+    nodes: Vec<LatticeNode>,
     /// Positions of the nodes, side by side.
     px: Vec<[f32; 2]>,
     queue: Vec<u16>,
@@ -104,7 +104,7 @@ impl Links {
     /// Links the corners of `image` that are at most `longest_px` from each other.
     pub(super) fn find(&mut self, image: &ImageView<'_>, corners: &[RingCorner], longest_px: f32) {
         self.nodes.clear();
-        self.nodes.extend(corners.iter().take(usize::from(NONE) - 1).map(Node::new));
+        self.nodes.extend(corners.iter().take(usize::from(NONE) - 1).map(LatticeNode::new));
         self.px.clear();
         self.px.extend(self.nodes.iter().map(|n| n.px));
         for i in 0..self.nodes.len() {
@@ -266,7 +266,7 @@ impl Links {
 }
 
 /// Whether a corner at `d` px from `node` along its `edge` can be its neighbour: an edge leads back, with the colours swapped.
-fn alike(node: &Node, other: &Node, edge: usize, d: [f32; 2], square: f32) -> bool {
+fn alike(node: &LatticeNode, other: &LatticeNode, edge: usize, d: [f32; 2], square: f32) -> bool {
     let length = square.sqrt();
     let leads_back = |k: usize| {
         other.directions.get(k).is_some_and(|e| -(e[0] * d[0] + e[1] * d[1]) > STRAIGHT * length)
@@ -280,7 +280,7 @@ fn alike(node: &Node, other: &Node, edge: usize, d: [f32; 2], square: f32) -> bo
 }
 
 /// Whether there is an edge all along `d` from a corner, light on the side where the corner's `edge` has it.
-fn edge_between(image: &ImageView<'_>, node: &Node, edge: usize, d: [f32; 2]) -> bool {
+fn edge_between(image: &ImageView<'_>, node: &LatticeNode, edge: usize, d: [f32; 2]) -> bool {
     let length = d[0].hypot(d[1]);
     let aside = (0.22 * length).clamp(1.0, 3.5) / length * if node.rises(edge) { 1.0 } else { -1.0 };
     let side = [-d[1] * aside, d[0] * aside];

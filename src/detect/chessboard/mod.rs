@@ -25,12 +25,12 @@ use super::{Expected, Found};
 use crate::imaging::ImageView;
 use crate::imaging::corners::{RingDetector, halve};
 use crate::messages::TargetStatus;
-use board::{Beyond, Board, sigma};
+use board::{Board, BoardSide, sigma};
 use border::{BoardEnd, Outer};
 use lattice::{Links, Placed};
 use nalgebra::Vector2;
 use part::{Affine, trimmed};
-use place::{Extent, Placement, placements};
+use place::{BoardPlacement, LatticeExtent, placements};
 use track::Prediction;
 
 /// Least ring response of a corner, grey levels.
@@ -69,7 +69,7 @@ pub struct ChessboardFinder {
     placed: Vec<Placed>,
     /// Positions of a lattice's corners, rows of [`Self::grid_side`].
     grid: Vec<Option<Placed>>,
-    placements: Vec<Placement>,
+    placements: Vec<BoardPlacement>,
     /// A part of a board before its place is known.
     part: Board,
     board: Board,
@@ -290,9 +290,9 @@ impl ChessboardFinder {
                     let beyond = self.board.beyond(image);
                     if fitted < least {
                         why = telling(why, ChessboardMiss::TooFewCorners);
-                    } else if beyond.contains(&Beyond::More) {
+                    } else if beyond.contains(&BoardSide::More) {
                         why = telling(why, ChessboardMiss::TooLarge);
-                    } else if !beyond.contains(&Beyond::End) || (fitted < count && !self.end_seen) {
+                    } else if !beyond.contains(&BoardSide::End) || (fitted < count && !self.end_seen) {
                         // it may go on outside the image, or under what covers a part of it
                         why = telling(why, ChessboardMiss::NoBorder);
                     } else {
@@ -329,7 +329,7 @@ impl ChessboardFinder {
 
     /// Where on the board the current lattice lies. Its corners are fitted on the way, into [`Self::part`], and lattice places are those
     /// of that.
-    fn place(&mut self, image: &ImageView<'_>, scale: f64) -> Result<Placement, ChessboardMiss> {
+    fn place(&mut self, image: &ImageView<'_>, scale: f64) -> Result<BoardPlacement, ChessboardMiss> {
         let (low, high) = trimmed(&mut self.placed, self.columns, self.rows);
         let most = self.columns.max(self.rows);
         if high[0] - low[0] >= most || high[1] - low[1] >= most {
@@ -369,7 +369,7 @@ impl ChessboardFinder {
             *end = border::end(image, self.outer(low, high, i));
         }
         self.end_seen = seen.iter().any(|end| *end != BoardEnd::Unseen);
-        let mut extent = Extent { low, high, ends: seen.map(|e| e == BoardEnd::Seen), even_light };
+        let mut extent = LatticeExtent { low, high, ends: seen.map(|e| e == BoardEnd::Seen), even_light };
         for axis in 0..2 {
             let span = high[axis] - low[axis] + 1;
             let both = seen[2 * axis] != BoardEnd::Unseen && seen[2 * axis + 1] != BoardEnd::Unseen;
@@ -379,7 +379,7 @@ impl ChessboardFinder {
         }
         placements(&extent, self.columns, self.rows, &mut self.placements)?;
         let affine = Affine::of(&self.placed);
-        let first = |p: &Placement| affine.corner_zero(p);
+        let first = |p: &BoardPlacement| affine.corner_zero(p);
         self.placements
             .iter()
             .copied()

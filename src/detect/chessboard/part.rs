@@ -1,7 +1,7 @@
 //! A part of a board as it was found: its bounds without what chance added, and where the rest of it would lie.
 
 use super::lattice::Placed;
-use super::place::Placement;
+use super::place::BoardPlacement;
 use nalgebra::{Matrix2, Vector2};
 
 /// A rim is left out below this share of the line behind it; where the lattice is larger than the board, below that.
@@ -34,7 +34,7 @@ impl Affine {
     }
 
     /// x + y of the board's corner 0 under a placement, px.
-    pub(super) fn corner_zero(&self, placement: &Placement) -> f64 {
+    pub(super) fn corner_zero(&self, placement: &BoardPlacement) -> f64 {
         let at = Vector2::from(placement.at([0, 0]).map(f64::from));
         let px = self.mean + self.matrix * (at - self.mean_at);
         px.x + px.y
@@ -112,7 +112,7 @@ mod tests {
     fn corner_zero_by_the_affine_map() {
         let corners: Vec<Placed> = (2..7).flat_map(|u| (1..4).map(move |v| placed(u, v))).collect();
         let affine = Affine::of(&corners);
-        let placement = Placement { turn: 0, shift: [1, -2] };
+        let placement = BoardPlacement { turn: 0, shift: [1, -2] };
         // the board's corner 0 is place (-1, 2)
         assert!((affine.corner_zero(&placement) - (-9.0 + 3.0 + 16.0)).abs() < 1e-4);
     }

@@ -13,7 +13,7 @@ use super::miss::ChessboardMiss;
 
 /// A lattice's bounds, what is known of its ends, and the colour of its squares.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Extent {
+pub(super) struct LatticeExtent {
     /// Least place along both directions.
     pub(super) low: [i16; 2],
     /// Greatest place along both directions.
@@ -26,14 +26,14 @@ pub(super) struct Extent {
 
 /// From a place in a lattice to a corner of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Placement {
+pub(super) struct BoardPlacement {
     /// Quarter turns from the lattice's directions to the board's.
     pub(super) turn: u8,
     /// Added after the turn.
     pub(super) shift: [i16; 2],
 }
 
-impl Placement {
+impl BoardPlacement {
     /// Column and row of a place.
     pub(super) fn corner(&self, at: [i16; 2]) -> [i16; 2] {
         let [u, v] = turned(at, self.turn);
@@ -61,10 +61,10 @@ fn turned([u, v]: [i16; 2], turn: u8) -> [i16; 2] {
 /// # Errors
 /// [`ChessboardMiss::TooLarge`] when the lattice does not fit on the board, [`ChessboardMiss::NoBorder`] when its place cannot be told.
 pub(super) fn placements(
-    extent: &Extent,
+    extent: &LatticeExtent,
     columns: i16,
     rows: i16,
-    out: &mut Vec<Placement>,
+    out: &mut Vec<BoardPlacement>,
 ) -> Result<(), ChessboardMiss> {
     out.clear();
     let mut fits = false;
@@ -93,7 +93,7 @@ pub(super) fn placements(
                 if against || (extent.even_light != (turn % 2 == 1)) != wanted {
                     continue;
                 }
-                out.push(Placement { turn, shift });
+                out.push(BoardPlacement { turn, shift });
                 // twice the middle of what is covered, by its distance from the board's middle
                 let off = [2 * x + span_x - (columns - 1), 2 * y + span_y - (rows - 1)];
                 let this = canonical(off, turn, columns, rows);
@@ -153,7 +153,7 @@ mod tests {
         let mut told = 0;
         for (columns, rows) in [(9, 6), (6, 9), (8, 6), (7, 7), (6, 6), (4, 3), (3, 3)] {
             for turn in 0..4u8 {
-                let truth = Placement { turn, shift: [3, -2] };
+                let truth = BoardPlacement { turn, shift: [3, -2] };
                 for (x0, x1) in pairs(columns) {
                     for (y0, y1) in pairs(rows) {
                         for seen in 0..16u8 {
@@ -173,7 +173,7 @@ mod tests {
     fn check(
         columns: i16,
         rows: i16,
-        truth: Placement,
+        truth: BoardPlacement,
         [x0, x1, y0, y1]: [i16; 4],
         seen: u8,
         told: &mut i32,
@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(at[0].rem_euclid(2), at[1].rem_euclid(2));
         let even_light = colour(x, y) != (truth.turn % 2 == 1);
         let mut out = Vec::new();
-        let extent = Extent { low, high, ends, even_light };
+        let extent = LatticeExtent { low, high, ends, even_light };
         if placements(&extent, columns, rows, &mut out).is_err() {
             assert!(out.is_empty());
             return;

@@ -9,8 +9,8 @@
 //! where it is found wider than the ellipse allows for, all is measured again in a larger one.
 
 use super::blob::Blob;
-use super::ellipse::Ellipse;
-use super::light::{Light, Samples};
+use super::ellipse::PixelEllipse;
+use super::light::{IlluminationFit, Samples};
 use super::ring::{RING, Ring, directions};
 use super::sums::{Scale, WeightSums, inner_sums, weighted_sums};
 use crate::detect::Found;
@@ -130,7 +130,7 @@ impl DotMeter {
     /// Level half-way between a dot and the plate around it; `None` without contrast.
     pub(super) fn middle(&self, image: &ImageView<'_>, blob: &Blob) -> Option<f64> {
         let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.least_gap * axis));
-        let inner = Ellipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
+        let inner = PixelEllipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
         let (sum, count, ..) = inner_sums(image, &inner);
         let plate = Ring::of(image, (blob.x, blob.y), &around, false).level()?;
         let dot = f64::from(sum) / f64::from(count);
@@ -144,7 +144,7 @@ impl DotMeter {
     pub(super) fn stands_out(&self, image: &ImageView<'_>, blob: &Blob) -> bool {
         let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.least_gap * axis));
         let ring = Ring::of(image, (blob.x, blob.y), &around, false);
-        let inner = Ellipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
+        let inner = PixelEllipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
         let (sum, count, ..) = inner_sums(image, &inner);
         let (Some(plate), true) = (ring.level(), count > 0) else { return false };
         let dot = f64::from(sum) / f64::from(count);
@@ -243,7 +243,7 @@ impl DotMeter {
     fn levels(&self, image: &ImageView<'_>, id: u32, blob: &Blob, reach: f64) -> Option<Levels> {
         // the inner 36 % of the area: free of blur
         let inner = blob.covariance.map(|c| 4.0 * 0.36 * c);
-        let (sum, count, rough, pairs) = inner_sums(image, &Ellipse::new(blob.x, blob.y, inner));
+        let (sum, count, rough, pairs) = inner_sums(image, &PixelEllipse::new(blob.x, blob.y, inner));
         if count == 0 {
             return None;
         }
@@ -264,7 +264,7 @@ impl DotMeter {
         blobs: &[(u32, Blob)],
         levels: &[Option<Levels>],
         noise: f64,
-    ) -> Light {
+    ) -> IlluminationFit {
         self.dots.clear();
         self.samples.clear();
         let step = (blobs.len() * RING).div_ceil(MAX_SAMPLES).max(1);
@@ -283,7 +283,7 @@ impl DotMeter {
         let largest = if self.light_on_dark { 0.0 } else { largest };
         let half_diagonal = 0.5 * (image.width() as f64).hypot(image.height() as f64);
         let pixels = (pixels as f64 / self.dots.len().max(1) as f64).max(1.0);
-        Light::fit(&self.dots, samples, pixels, noise.max(ROUNDING), largest, half_diagonal)
+        IlluminationFit::fit(&self.dots, samples, pixels, noise.max(ROUNDING), largest, half_diagonal)
     }
 
     /// Weighs a dot that may be `covered` in part.
@@ -292,7 +292,7 @@ impl DotMeter {
         image: &ImageView<'_>,
         (id, blob): (u32, &Blob),
         levels: &Levels,
-        (light, noise): (&Light, f64),
+        (light, noise): (&IlluminationFit, f64),
         reach: f64,
         covered: bool,
     ) -> Option<Weighed> {
@@ -308,11 +308,11 @@ impl DotMeter {
         let margin = (16.0 * FREE_SIGMAS * noise).round() as i16;
         let scale =
             Scale { edge: edge as i16, span: span as i16, margin, light: self.light_on_dark, relative };
-        let outer = Ellipse::new(blob.x, blob.y, self.around(id, blob, reach));
-        let rim = Ellipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * c));
+        let outer = PixelEllipse::new(blob.x, blob.y, self.around(id, blob, reach));
+        let rim = PixelEllipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * c));
         // what lies well within a dot is the dot, also under glare
         let hollow = covered && blob.axes().1 - reach > MIN_INNER_PX;
-        let inner = hollow.then(|| Ellipse::new(blob.x, blob.y, blob.with_axes(|axis| axis - reach)));
+        let inner = hollow.then(|| PixelEllipse::new(blob.x, blob.y, blob.with_axes(|axis| axis - reach)));
         let sums = weighted_sums(image, [&outer, &rim], inner.as_ref(), &scale);
         (sums.w > 0).then_some(Weighed { sums, scale, dead })
     }
@@ -415,7 +415,12 @@ fn deviate(p: f64) -> f64 {
 
 /// Noise of pixels on the rim, between those inside dots and on the plate. Blur makes small dots uneven inside; the plate may show
 /// more than the dots where light itself is noisy.
-fn common_noise(inside: f64, levels: &[Option<Levels>], rests: &[[f64; RING]], light: &Light) -> f64 {
+fn common_noise(
+    inside: f64,
+    levels: &[Option<Levels>],
+    rests: &[[f64; RING]],
+    light: &IlluminationFit,
+) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for (levels, rest) in levels.iter().zip(rests) {
         let Some(ring) = levels.as_ref().map(|l| &l.ring).filter(|ring| ring.pixels > 1) else { continue };

@@ -31,7 +31,7 @@ const MAX_WALKED: usize = 8;
 
 /// A dot seen in a cell of the lattice.
 #[derive(Debug, Clone, Copy)]
-struct Cell {
+struct LatticeDot {
     at: [i32; 2],
     candidate: usize,
     /// The steps at this place, px of the undistorted picture.
@@ -59,8 +59,8 @@ pub(super) struct Lattice {
     /// Those that a lattice has been walked through, and those of the current walk.
     taken: Vec<bool>,
     used: Vec<bool>,
-    cells: Vec<Cell>,
-    best: Vec<Cell>,
+    cells: Vec<LatticeDot>,
+    best: Vec<LatticeDot>,
     /// Cells of the last walk.
     walked: usize,
     /// Whether sizes are those of the frame's threshold, not the dots' own.

@@ -2,7 +2,7 @@
 
 /// An ellipse of pixels, row by row.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Ellipse {
+pub(super) struct PixelEllipse {
     pub(super) x: f64,
     pub(super) y: f64,
     /// Half of its extent in rows.
@@ -15,7 +15,7 @@ pub(super) struct Ellipse {
     pub(super) inverse: f64,
 }
 
-impl Ellipse {
+impl PixelEllipse {
     /// The ellipse `d^T S^-1 d <= 1` about `(x, y)`, `S = [xx, xy, yy]`.
     pub(super) fn new(x: f64, y: f64, [xx, xy, yy]: [f64; 3]) -> Self {
         let slope = xy / yy;
@@ -64,15 +64,25 @@ impl Ellipse {
 
     /// Every `step`-th row of it in an image of the given size, as `(y, x0, x1)`: its pixels are `x0..x1`.
     #[inline(always)]
-    pub(super) fn rows(&self, width: usize, height: usize, step: usize) -> Rows {
+    pub(super) fn rows(&self, width: usize, height: usize, step: usize) -> EllipseRows {
         let (top, bottom) = self.span(height);
         let Self { x, y: centre, slope, width: half, inverse, .. } = *self;
-        Rows { y: top, bottom, step: step as i32, limit: width as i32, x, centre, slope, half, inverse }
+        EllipseRows {
+            y: top,
+            bottom,
+            step: step as i32,
+            limit: width as i32,
+            x,
+            centre,
+            slope,
+            half,
+            inverse,
+        }
     }
 }
 
-/// See [`Ellipse::rows`].
-pub(super) struct Rows {
+/// See [`PixelEllipse::rows`].
+pub(super) struct EllipseRows {
     y: i32,
     bottom: i32,
     step: i32,
@@ -84,7 +94,7 @@ pub(super) struct Rows {
     inverse: f64,
 }
 
-impl Iterator for Rows {
+impl Iterator for EllipseRows {
     type Item = (usize, usize, usize);
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! From a grey frame to the points of a target made of dots: search of the whole frame, and tracking in windows.
 //!
 //! What all targets made of dots share stands here: regions, windows, centroids. Which regions are which dots is
-//! the business of each kind: [`Pattern`]. Thresholds: `search.rs`.
+//! the business of each kind: [`DotPattern`]. Thresholds: `search.rs`.
 //!
 //! A square of four dots looks the same in a mirror, but for the order of its corners: seen in one, its corners are taken for
 //! each other across the diagonal through P1. Who looks over mirrors needs a grid of dots, which is never taken for its mirror image.
@@ -34,7 +34,7 @@ const MAX_HOLED: usize = 64;
 
 /// What tells which region is which dot: one kind for each kind of target.
 #[derive(Debug, Clone)]
-enum Pattern {
+enum DotPattern {
     FourDots(Box<Square>),
     DotGrid(Box<Lattice>),
     /// Dots of which nothing is known but where they were.
@@ -43,7 +43,7 @@ enum Pattern {
     None,
 }
 
-impl Pattern {
+impl DotPattern {
     /// The regions that are the target's, with their ids, rising.
     fn find(
         &mut self,
@@ -86,7 +86,7 @@ impl Pattern {
 
 /// How closely the regions of a search are looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Look {
+pub(super) enum SearchEffort {
     /// As they are.
     Quick,
     /// Those that stand out from their surroundings, each at its own threshold.
@@ -106,7 +106,7 @@ pub struct DotFinder {
     near_runs: Runs,
     near_components: Components,
     pub(super) local: LocalThreshold,
-    pattern: Pattern,
+    pattern: DotPattern,
     /// Fewer regions cannot be the target, and of more the largest are looked at.
     least_candidates: usize,
     most_candidates: usize,
@@ -125,13 +125,13 @@ impl DotFinder {
         let count = target.points().len();
         let (pattern, most_candidates) = match target {
             Target::FourDots(dots) => {
-                (Pattern::FourDots(Box::new(Square::new(camera, dots))), MAX_CANDIDATES)
+                (DotPattern::FourDots(Box::new(Square::new(camera, dots))), MAX_CANDIDATES)
             }
             Target::DotGrid(grid) => {
                 let most = (2 * count + 32).max(MIN_ROOM);
-                (Pattern::DotGrid(Box::new(Lattice::new(camera, grid, most))), most)
+                (DotPattern::DotGrid(Box::new(Lattice::new(camera, grid, most))), most)
             }
-            Target::Chessboard(_) | Target::Tags(_) | Target::Shape(_) => (Pattern::None, 0),
+            Target::Chessboard(_) | Target::Tags(_) | Target::Shape(_) => (DotPattern::None, 0),
         };
         let meter = DotMeter::new(free_distances(target), light_on_dark);
         let discs = target.discs().into();
@@ -147,12 +147,12 @@ impl DotFinder {
     #[must_use]
     pub fn of_any(camera: CameraModel, count: usize, light_on_dark: bool) -> Self {
         let meter = DotMeter::new(vec![1.0; count].into(), light_on_dark);
-        Self::with(camera, Pattern::Any, Box::default(), count, 0, meter, light_on_dark)
+        Self::with(camera, DotPattern::Any, Box::default(), count, 0, meter, light_on_dark)
     }
 
     fn with(
         camera: CameraModel,
-        pattern: Pattern,
+        pattern: DotPattern,
         discs: Box<[Disc]>,
         count: usize,
         most_candidates: usize,
@@ -213,7 +213,7 @@ impl DotFinder {
             let blob = self.region(image, &dot.px, &dot.covariance_px2, margin, dot.threshold, near);
             self.chosen.extend(blob.map(|blob| (dot.id, blob)));
         }
-        if matches!(self.pattern, Pattern::Any) {
+        if matches!(self.pattern, DotPattern::Any) {
             self.leave_out_doubles(expected);
         }
         if !self.pattern.confirm(&self.chosen) {
@@ -281,7 +281,7 @@ impl DotFinder {
     pub(super) fn search_runs(
         &mut self,
         image: &ImageView<'_>,
-        look: Look,
+        look: SearchEffort,
         found: &mut Vec<Found>,
     ) -> Result<(), TargetStatus> {
         if self.runs.overflowed() {
@@ -296,21 +296,21 @@ impl DotFinder {
     pub(super) fn search_regions(
         &mut self,
         image: &ImageView<'_>,
-        look: Look,
+        look: SearchEffort,
         found: &mut Vec<Found>,
     ) -> Result<(), TargetStatus> {
         let round = self.gather(image, look);
         let cluttered =
-            look == Look::Quick && self.most_candidates == MAX_CANDIDATES && round > FEW_CANDIDATES;
+            look == SearchEffort::Quick && self.most_candidates == MAX_CANDIDATES && round > FEW_CANDIDATES;
         if cluttered {
-            self.gather(image, Look::Careful);
+            self.gather(image, SearchEffort::Careful);
         }
         if self.candidates.len() < self.least_candidates {
             return Err(TargetStatus::TooFewRegions);
         }
-        if look != Look::Quick {
+        if look != SearchEffort::Quick {
             let mut candidates = std::mem::take(&mut self.candidates);
-            if let Pattern::DotGrid(lattice) = &mut self.pattern {
+            if let DotPattern::DotGrid(lattice) = &mut self.pattern {
                 lattice.thin(&mut candidates);
             }
             for (area, blob) in &mut candidates {
@@ -337,13 +337,13 @@ impl DotFinder {
     }
 
     /// The ellipses among the regions, the largest first. How many there were.
-    fn gather(&mut self, image: &ImageView<'_>, look: Look) -> usize {
+    fn gather(&mut self, image: &ImageView<'_>, look: SearchEffort) -> usize {
         self.candidates.clear();
         let (mut round, mut holed) = (0, 0);
         for component in self.components.as_slice() {
             let mut blob = Blob::of(component);
             if blob.is_none()
-                && look == Look::Filled
+                && look == SearchEffort::Filled
                 && holed < MAX_HOLED
                 && Blob::may_have_holes(component, MAX_FILLED)
             {
@@ -355,7 +355,9 @@ impl DotFinder {
             round += 1;
             // of too many the largest are kept: specks go first
             let at = self.candidates.partition_point(|(area, _)| *area >= blob.area);
-            if at < self.most_candidates && (look == Look::Quick || self.meter.stands_out(image, &blob)) {
+            if at < self.most_candidates
+                && (look == SearchEffort::Quick || self.meter.stands_out(image, &blob))
+            {
                 self.candidates.insert(at, (blob.area, blob));
                 self.candidates.truncate(self.most_candidates);
             }
@@ -365,7 +367,7 @@ impl DotFinder {
 
     /// Whether the target is looked for at every threshold of the frame too. Grids are not: those between local extremes show 99 of 100.
     pub(super) fn insists(&self) -> bool {
-        matches!(self.pattern, Pattern::FourDots(_))
+        matches!(self.pattern, DotPattern::FourDots(_))
     }
 
     /// A region as tracking would see it: at the level half-way between dot and plate.

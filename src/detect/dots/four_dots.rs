@@ -27,7 +27,7 @@ const TOLERANCE_SMALL_PX: f64 = 0.8;
 
 /// Four regions taken for P1..P4.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Fit {
+struct FourDotsFit {
     /// Regions in the order P1..P4.
     blobs: [Blob; 4],
     /// Mean error of area and shape; 0 is perfect.
@@ -37,7 +37,7 @@ struct Fit {
 /// What a choice of four regions is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Choice {
-    Fits(Fit),
+    Fits(FourDotsFit),
     /// Forms the square, but more than one corner may be P1; with the error of the best way.
     Ambiguous(f64),
     No,
@@ -114,7 +114,7 @@ impl Square {
     }
 
     /// The best of all choices of four candidates.
-    fn best_choice(&mut self, candidates: &[(f64, Blob)]) -> Result<Fit, TargetStatus> {
+    fn best_choice(&mut self, candidates: &[(f64, Blob)]) -> Result<FourDotsFit, TargetStatus> {
         if candidates.len() < 4 {
             return Err(TargetStatus::TooFewRegions);
         }
@@ -127,7 +127,7 @@ impl Square {
         result
     }
 
-    fn best_of(&self, seen: &[DotCandidate]) -> Result<Fit, TargetStatus> {
+    fn best_of(&self, seen: &[DotCandidate]) -> Result<FourDotsFit, TargetStatus> {
         let mut tally = Tally::default();
         for (i, first) in seen.iter().enumerate() {
             // areas are sorted; no tilt makes one dot 40 times another
@@ -190,7 +190,7 @@ impl Square {
             Some((error, first, true)) if second.min(reflection) > error + self.margin => {
                 let mut blobs = seen.map(|seen| seen.blob);
                 blobs.rotate_left(first);
-                Choice::Fits(Fit { blobs, error })
+                Choice::Fits(FourDotsFit { blobs, error })
             }
             Some((error, ..)) => Choice::Ambiguous(error),
             None => Choice::No,
@@ -206,9 +206,9 @@ impl Square {
     }
 
     /// How the square looks whose corners are these regions; `None` when that is no square.
-    fn view(&self, seen: &[&DotCandidate; 4]) -> Option<View> {
+    fn view(&self, seen: &[&DotCandidate; 4]) -> Option<SquareView> {
         let H = UnitSquare::to(&seen.map(|seen| seen.s)).filter(UnitSquare::is_view_of_a_square)?;
-        let mut view = View { covariances: [[0.0; 3]; 4], areas: [0.0; 4], logs: [0.0; 4] };
+        let mut view = SquareView { covariances: [[0.0; 3]; 4], areas: [0.0; 4], logs: [0.0; 4] };
         let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
         let dots = view.covariances.iter_mut().zip(&mut view.areas).zip(&mut view.logs);
         for ((((covariance, area), log), seen), corner) in dots.zip(seen).zip(corners) {
@@ -220,7 +220,7 @@ impl Square {
     }
 
     /// Whether the areas are those of the dots where P1 is the region `first`; `loose` is added to the tolerance.
-    fn has_sizes(&self, view: &View, seen: &[&DotCandidate; 4], first: usize, loose: f64) -> bool {
+    fn has_sizes(&self, view: &SquareView, seen: &[&DotCandidate; 4], first: usize, loose: f64) -> bool {
         // NaN does not fit
         way(&self.log_radii2, view, first)
             .zip(seen)
@@ -229,7 +229,7 @@ impl Square {
 }
 
 /// The areas of the regions and those of dots of such radii, as logarithms, where P1 is the region `first`.
-fn way(log_radii2: &[f64; 4], view: &View, first: usize) -> impl Iterator<Item = (f64, f64)> {
+fn way(log_radii2: &[f64; 4], view: &SquareView, first: usize) -> impl Iterator<Item = (f64, f64)> {
     let mut radii = *log_radii2;
     radii.rotate_right(first);
     view.logs.into_iter().zip(radii)
@@ -237,14 +237,14 @@ fn way(log_radii2: &[f64; 4], view: &View, first: usize) -> impl Iterator<Item =
 
 /// How dots of radius 1 m look at the corners of the square.
 #[derive(Debug, Clone, Copy)]
-struct View {
+struct SquareView {
     covariances: [[f64; 3]; 4],
     areas: [f64; 4],
     /// Logarithm of the regions' areas over these.
     logs: [f64; 4],
 }
 
-impl View {
+impl SquareView {
     /// Errors of the regions' shapes, whatever the size of their dots; `None` when one is so far off that it cannot be a dot.
     fn shape_errors(&self, seen: &[&DotCandidate; 4]) -> Option<[f64; 4]> {
         let mut out = [0.0; 4];
@@ -268,7 +268,7 @@ impl View {
 #[derive(Debug, Clone)]
 struct Tally {
     /// The best of them, and its regions as bits.
-    best: Option<(Fit, u32)>,
+    best: Option<(FourDotsFit, u32)>,
     second: f64,
     unclear: f64,
     fits: [u32; MAX_FITS],
@@ -307,7 +307,7 @@ impl Tally {
         Ok(())
     }
 
-    fn result(&self) -> Result<Fit, TargetStatus> {
+    fn result(&self) -> Result<FourDotsFit, TargetStatus> {
         match self.best {
             // two targets in view, or clutter that passes for one
             Some((fit, _)) if self.second.min(self.unclear) < 1.5 * fit.error + 0.05 => {

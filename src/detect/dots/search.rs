@@ -7,7 +7,7 @@
 //! The first is enough for most frames; each of the others is tried only after all before it have failed. The first is put off, and taken
 //! up again before the sweep, where it makes so many runs that it is mostly noise or texture.
 
-use super::finder::{DotFinder, Look};
+use super::finder::{DotFinder, SearchEffort};
 use crate::detect::Found;
 use crate::imaging::{Histogram, ImageView, Window};
 use crate::messages::TargetStatus;
@@ -79,7 +79,7 @@ impl DotFinder {
             }
             self.local.move_to(share);
             self.runs.find_local(dark, &mut self.local);
-            let result = self.search_runs(image, Look::Careful, found);
+            let result = self.search_runs(image, SearchEffort::Careful, found);
             if result.is_ok() {
                 return result;
             }
@@ -128,9 +128,9 @@ impl DotFinder {
     /// The current runs as they are, and where there are dots but not what they should be, carefully: the threshold may have spoiled
     /// their sizes.
     fn search_twice(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
-        match self.search_runs(image, Look::Quick, found) {
+        match self.search_runs(image, SearchEffort::Quick, found) {
             Err(quick) if quick != TargetStatus::TooFewRegions && !self.runs.overflowed() => {
-                self.search_regions(image, Look::Careful, found)
+                self.search_regions(image, SearchEffort::Careful, found)
             }
             result => result,
         }
@@ -155,7 +155,7 @@ impl DotFinder {
                 continue;
             }
             self.runs.find(dark, &window, threshold);
-            let result = self.search_runs(image, Look::Careful, found);
+            let result = self.search_runs(image, SearchEffort::Careful, found);
             if matches!(result, Ok(()) | Err(TargetStatus::Ambiguous)) {
                 return result;
             }
@@ -163,12 +163,12 @@ impl DotFinder {
 
         // Glare leaves holes in dots.
         self.runs.find(dark, &window, first);
-        if self.search_runs(image, Look::Filled, found).is_ok() {
+        if self.search_runs(image, SearchEffort::Filled, found).is_ok() {
             return Ok(());
         }
         self.local.move_to(HALF);
         self.runs.find_local(dark, &mut self.local);
-        self.search_runs(image, Look::Filled, found)
+        self.search_runs(image, SearchEffort::Filled, found)
     }
 }
 

@@ -6,7 +6,7 @@
 //! ```
 //! `r` is a quadric about the centre. What lies well inside the dot counts whole, whatever its level.
 
-use super::ellipse::Ellipse;
+use super::ellipse::PixelEllipse;
 use crate::imaging::ImageView;
 
 /// How pixels of one dot are weighed. Levels are in sixteenths.
@@ -37,7 +37,7 @@ pub(super) struct WeightSums {
 }
 
 impl WeightSums {
-    /// Adds pixels on the rim in a row, at [`Ellipse::rim_at`].
+    /// Adds pixels on the rim in a row, at [`PixelEllipse::rim_at`].
     #[inline(always)]
     fn add_rim(&mut self, count: u32, rim_px2: f64) {
         self.rim += count;
@@ -46,7 +46,7 @@ impl WeightSums {
 }
 
 /// Sum of levels, pixels, squared differences of neighbours, pairs of neighbours; over a dozen rows at most.
-pub(super) fn inner_sums(image: &ImageView<'_>, ellipse: &Ellipse) -> (u32, u32, u32, u32) {
+pub(super) fn inner_sums(image: &ImageView<'_>, ellipse: &PixelEllipse) -> (u32, u32, u32, u32) {
     let (mut sum, mut count, mut rough, mut pairs) = (0u32, 0u32, 0u32, 0u32);
     let step = (ellipse.height / 6.0) as usize + 1;
     for (y, x0, x1) in ellipse.rows(image.width(), image.height(), step) {
@@ -84,8 +84,8 @@ const MORE_BITS: u32 = 14;
 /// Sums of weights over the ellipse `outer`; what lies in `inner` counts whole. The dot itself ends at `rim`; all have one centre.
 pub(super) fn weighted_sums(
     image: &ImageView<'_>,
-    ellipses: [&Ellipse; 2],
-    inner: Option<&Ellipse>,
+    ellipses: [&PixelEllipse; 2],
+    inner: Option<&PixelEllipse>,
     scale: &Scale,
 ) -> WeightSums {
     #[cfg(target_arch = "x86_64")]
@@ -106,8 +106,8 @@ pub(super) fn weighted_sums(
 /// The sums row by row: as every other path gives them.
 fn weighted_sums_by_rows(
     image: &ImageView<'_>,
-    [outer, rim]: [&Ellipse; 2],
-    inner: Option<&Ellipse>,
+    [outer, rim]: [&PixelEllipse; 2],
+    inner: Option<&PixelEllipse>,
     scale: &Scale,
 ) -> WeightSums {
     let mut sums = WeightSums::default();

@@ -1,13 +1,13 @@
 #![allow(clippy::print_stdout)] // numbers for people
 
 use super::*;
-use crate::imaging::test_image::{Picture, any_image};
+use crate::imaging::test_image::{SyntheticImage, any_image};
 use crate::linalg::Random;
 use nalgebra::SVector;
 use proptest::prelude::*;
 
-fn picture(size: usize, blur_px: f64) -> Picture {
-    Picture { width: size, height: size, dark: 40.0, light: 200.0, blur_px, noise_levels: 2.0 }
+fn picture(size: usize, blur_px: f64) -> SyntheticImage {
+    SyntheticImage { width: size, height: size, dark: 40.0, light: 200.0, blur_px, noise_levels: 2.0 }
 }
 
 #[test]
@@ -105,7 +105,7 @@ fn several_are_found_and_tracked() {
         })
         .collect();
     let picture =
-        Picture { width: 260, height: 170, dark: 30.0, light: 180.0, blur_px: 0.6, noise_levels: 2.0 };
+        SyntheticImage { width: 260, height: 170, dark: 30.0, light: 180.0, blur_px: 0.6, noise_levels: 2.0 };
     let mut render = |shift: &Vector2<f64>| {
         picture.render(&mut random, |x, y| {
             truth.iter().map(|e| e.distance_px(&(Vector2::new(x, y) - shift))).fold(f64::INFINITY, f64::min)

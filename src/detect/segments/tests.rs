@@ -1,12 +1,12 @@
 #![allow(clippy::print_stdout)] // numbers for people
 
 use super::*;
-use crate::imaging::test_image::{Picture, any_image};
+use crate::imaging::test_image::{SyntheticImage, any_image};
 use crate::linalg::Random;
 use proptest::prelude::*;
 
-fn picture(blur_px: f64) -> Picture {
-    Picture { width: 90, height: 90, dark: 40.0, light: 200.0, blur_px, noise_levels: 2.0 }
+fn picture(blur_px: f64) -> SyntheticImage {
+    SyntheticImage { width: 90, height: 90, dark: 40.0, light: 200.0, blur_px, noise_levels: 2.0 }
 }
 
 /// Edges of 50 px at all angles and places: offset and angle against the truth, within what is stated.

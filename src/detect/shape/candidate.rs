@@ -7,7 +7,7 @@
 //! Whatever lies askew is brought upright by the whitening: an affine map is what the camera's is near the centroid. A mirror image
 //! stays one, and is not looked for.
 
-use super::outline::{DIRECTIONS, Outline, extents, whitening};
+use super::outline::{DIRECTIONS, ShapeOutline, extents, whitening};
 use super::warp::{Projective, Warp};
 use crate::camera_model::CameraModel;
 use crate::imaging::{Moments, Point};
@@ -32,14 +32,14 @@ const APART: f64 = 0.025;
 
 /// A region's border and what is known of it. The buffers are reused.
 #[derive(Debug, Clone)]
-pub(super) struct Candidate {
+pub(super) struct ShapeCandidate {
     border: Vec<Vector2<f64>>,
     moments: Moments,
     /// Square root of the area, px.
     size_px: f64,
 }
 
-impl Candidate {
+impl ShapeCandidate {
     pub(super) fn new() -> Self {
         Self { border: Vec::with_capacity(MAX_BORDER), moments: Moments::default(), size_px: 0.0 }
     }
@@ -55,7 +55,7 @@ impl Candidate {
     }
 
     /// The turns after which outline and region look alike, the best first, rad. How many there are.
-    pub(super) fn turns(&self, outline: &Outline, turns: &mut [f64; MAX_TURNS]) -> usize {
+    pub(super) fn turns(&self, outline: &ShapeOutline, turns: &mut [f64; MAX_TURNS]) -> usize {
         let m = &self.moments;
         let Some(white) = whitening([m.mu20 / m.m00, m.mu11 / m.m00, m.mu02 / m.m00]) else { return 0 };
         let centre = Vector2::new(m.x, m.y);
@@ -85,7 +85,12 @@ impl Candidate {
     }
 
     /// The homography that brings the outline, turned so, onto the region's border; `None` where none does.
-    pub(super) fn settle(&self, camera: &CameraModel, outline: &Outline, turn: f64) -> Option<Projective> {
+    pub(super) fn settle(
+        &self,
+        camera: &CameraModel,
+        outline: &ShapeOutline,
+        turn: f64,
+    ) -> Option<Projective> {
         let m = &self.moments;
         let colour = whitening([m.mu20 / m.m00, m.mu11 / m.m00, m.mu02 / m.m00])?.try_inverse()?;
         let affine = colour * Rotation2::new(turn) * whitening(outline.spread)?;
@@ -111,7 +116,7 @@ impl Candidate {
     fn step(
         &self,
         camera: &CameraModel,
-        outline: &Outline,
+        outline: &ShapeOutline,
         warp: &Projective,
         affine: bool,
     ) -> Option<(Projective, f64)> {

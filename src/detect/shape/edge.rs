@@ -37,7 +37,7 @@ pub(super) struct Piece {
 
 /// What the levels say of a piece.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Edge {
+pub(super) struct EdgeEstimate {
     /// How far outside of the assumed place the edge lies, px.
     pub(super) offset_px: f64,
     /// Variance of the offset for noise of variance 1.
@@ -120,7 +120,7 @@ impl Piece {
         image: &ImageView<'_>,
         sigma_px: f64,
         pixels: &mut Vec<[f64; 4]>,
-    ) -> Option<Edge> {
+    ) -> Option<EdgeEstimate> {
         self.gather(image, sigma_px, pixels)?;
         // levels alone
         let (mut aa, mut ab, mut bb, mut a, mut b) = (0.0, 0.0, 0.0, 0.0, 0.0);
@@ -166,7 +166,7 @@ impl Piece {
         let dot = |a: &[f64; 3], b: &[f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let free = pixels.len() as f64 - 3.0;
         let unit_variance = factors.solve(&[1.0, 0.0, 0.0])[0];
-        Some(Edge {
+        Some(EdgeEstimate {
             offset_px: x[0],
             unit_variance,
             levels: [inside + x[1], outside + x[2]],

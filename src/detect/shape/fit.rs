@@ -8,8 +8,8 @@
 //! contradict do not count (Tukey's weights). Weights come from the pixels' own noise, the covariance also from what the offsets
 //! leave.
 
-use super::edge::{Edge, MAX_PIXELS, Piece};
-use super::outline::{Outline, Part};
+use super::edge::{EdgeEstimate, MAX_PIXELS, Piece};
+use super::outline::{OutlinePart, ShapeOutline};
 use super::warp::Warp;
 use crate::camera_model::CameraModel;
 use crate::imaging::ImageView;
@@ -62,7 +62,7 @@ pub(super) struct Fitted<const N: usize, W> {
 #[derive(Debug, Clone)]
 pub(super) struct Fitter {
     pieces: Vec<Piece>,
-    edges: Vec<Option<(Edge, f64)>>,
+    edges: Vec<Option<(EdgeEstimate, f64)>>,
     pixels: Vec<[f64; 4]>,
     sorted: Vec<f64>,
     /// Normalized offsets at the start of an estimate.
@@ -87,7 +87,7 @@ impl Fitter {
         &mut self,
         image: &ImageView<'_>,
         camera: &CameraModel,
-        outline: &Outline,
+        outline: &ShapeOutline,
         start: W,
         reach_px: f64,
         rise: f64,
@@ -115,17 +115,17 @@ impl Fitter {
     fn lay<const N: usize, W: Warp<N>>(
         &mut self,
         camera: &CameraModel,
-        outline: &Outline,
+        outline: &ShapeOutline,
         warp: &W,
         sigma_px: f64,
     ) {
         self.pieces.clear();
         let px = |s: f64| camera.pixel_of(&warp.at(&outline.at(s).0));
-        let length_px = |part: &Part, steps: u32| {
+        let length_px = |part: &OutlinePart, steps: u32| {
             let at = |i: u32| px(part.from + (part.to - part.from) * f64::from(i) / f64::from(steps));
             (0..steps).map(|i| (at(i + 1) - at(i)).norm()).sum::<f64>()
         };
-        let steps = |part: &Part| if part.closed { 48 } else { 4 };
+        let steps = |part: &OutlinePart| if part.closed { 48 } else { 4 };
         self.length_px = outline.parts.iter().map(|p| length_px(p, steps(p))).sum();
         let target_px = PIECE_PX.max(self.length_px / PIECES);
         // the blur rounds what lies within this of a corner
@@ -168,7 +168,7 @@ impl Fitter {
         &mut self,
         image: &ImageView<'_>,
         camera: &CameraModel,
-        outline: &Outline,
+        outline: &ShapeOutline,
         warp: W,
         reach_px: f64,
         rise: f64,
@@ -177,8 +177,13 @@ impl Fitter {
         for piece in &self.pieces {
             let offset = piece.search(image, reach_px, rise, MIN_STEP);
             self.edges.push(offset.map(|offset_px| {
-                let edge =
-                    Edge { offset_px, unit_variance: 0.0, levels: [0.0; 2], noise: 0.0, blur: [0.0; 2] };
+                let edge = EdgeEstimate {
+                    offset_px,
+                    unit_variance: 0.0,
+                    levels: [0.0; 2],
+                    noise: 0.0,
+                    blur: [0.0; 2],
+                };
                 // half a pixel, and less for short pieces
                 (edge, 0.25 * PIECE_PX / piece.length_px.max(1.0))
             }));
@@ -193,7 +198,7 @@ impl Fitter {
         &mut self,
         image: &ImageView<'_>,
         camera: &CameraModel,
-        outline: &Outline,
+        outline: &ShapeOutline,
         warp: W,
         sigma_px: &mut f64,
         rise: f64,
@@ -261,7 +266,7 @@ impl Fitter {
     fn solve<const N: usize, W: Warp<N>>(
         &mut self,
         camera: &CameraModel,
-        outline: &Outline,
+        outline: &ShapeOutline,
         warp: &W,
     ) -> Option<Solved<N>> {
         self.rest.clear();
@@ -326,7 +331,7 @@ struct Solved<const N: usize> {
 /// Derivative of the offset of a piece by the map's parameters.
 fn derivative<const N: usize, W: Warp<N>>(
     camera: &CameraModel,
-    outline: &Outline,
+    outline: &ShapeOutline,
     warp: &W,
     piece: &Piece,
 ) -> SVector<f64, N> {
@@ -338,7 +343,7 @@ fn derivative<const N: usize, W: Warp<N>>(
 /// A piece of the outline between two arc lengths; `None` where it has no extent, or no room beside it.
 fn piece<const N: usize, W: Warp<N>>(
     camera: &CameraModel,
-    outline: &Outline,
+    outline: &ShapeOutline,
     warp: &W,
     (from, to): (f64, f64),
     width_px: f64,

@@ -25,10 +25,10 @@ use crate::imaging::{Components, Contours, ImageView, LocalThreshold, Moments, R
 use crate::messages::TargetStatus;
 use crate::pose::Correspondence;
 use crate::target::{Mark, Shape};
-use candidate::{Candidate, by_points};
+use candidate::{ShapeCandidate, by_points};
 use fit::{Fitted, Fitter};
 use nalgebra::{Matrix2, SMatrix, Vector2};
-use outline::Outline;
+use outline::ShapeOutline;
 use warp::{Oval, Projective, Warp};
 
 /// Most border pixels of all regions of a frame.
@@ -68,7 +68,7 @@ pub struct EllipseSeen {
 #[derive(Debug, Clone)]
 pub struct ShapeFinder {
     camera: CameraModel,
-    outline: Outline,
+    outline: ShapeOutline,
     ellipse: bool,
     /// Places of the points in the object's plane, m.
     points_m: Box<[Vector2<f64>]>,
@@ -81,7 +81,7 @@ pub struct ShapeFinder {
     order: Vec<(u64, usize)>,
     /// Fits that the current search may still try.
     left: usize,
-    candidate: Candidate,
+    candidate: ShapeCandidate,
     fitter: Fitter,
     pairs: Vec<Correspondence>,
     seen: Option<FittedShape>,
@@ -99,7 +99,7 @@ impl ShapeFinder {
         let count = shape.points().len();
         Self {
             camera,
-            outline: Outline::of(shape),
+            outline: ShapeOutline::of(shape),
             ellipse: !matches!(shape.mark(), Mark::Polygon(_)),
             points_m: shape.points().iter().map(|p| p.p_O.coords.xy()).collect(),
             light_on_dark: !shape.plate().light,
@@ -109,7 +109,7 @@ impl ShapeFinder {
             local: LocalThreshold::with_size(width, height),
             order: Vec::with_capacity(search::MAX_CANDIDATES + 1),
             left: 0,
-            candidate: Candidate::new(),
+            candidate: ShapeCandidate::new(),
             fitter: Fitter::new(),
             pairs: Vec::with_capacity(count),
             seen: None,

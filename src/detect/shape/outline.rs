@@ -18,7 +18,7 @@ pub(super) const DIRECTIONS: usize = 72;
 
 /// A smooth part of the outline, by arc length.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Part {
+pub(super) struct OutlinePart {
     pub(super) from: f64,
     pub(super) to: f64,
     /// It closes in itself: it has no ends.
@@ -27,11 +27,11 @@ pub(super) struct Part {
 
 /// The outline.
 #[derive(Debug, Clone)]
-pub(super) struct Outline {
+pub(super) struct ShapeOutline {
     corners: Box<[Vector2<f64>]>,
     /// Arc length to each corner, and to the first again.
     arc: Box<[f64]>,
-    pub(super) parts: Box<[Part]>,
+    pub(super) parts: Box<[OutlinePart]>,
     /// Room inside and outside.
     rooms: Box<[[f64; 2]]>,
     /// Where 0 lies in the object's plane, and the length of 1, m.
@@ -76,7 +76,7 @@ pub(super) fn extents(points: impl Iterator<Item = Vector2<f64>>) -> [f64; DIREC
     extents
 }
 
-impl Outline {
+impl ShapeOutline {
     /// The outline of a shape; that of an ellipse is a unit circle.
     pub(super) fn of(shape: &Shape) -> Self {
         let plate = shape.plate();
@@ -144,10 +144,14 @@ impl Outline {
             .filter_map(|i| arc.get(i).copied())
             .collect();
         let parts = match sharp.first() {
-            None => vec![Part { from: 0.0, to: sum, closed: true }],
+            None => vec![OutlinePart { from: 0.0, to: sum, closed: true }],
             Some(first) => {
                 let ends = sharp.iter().skip(1).copied().chain([first + sum]);
-                sharp.iter().zip(ends).map(|(from, to)| Part { from: *from, to, closed: false }).collect()
+                sharp
+                    .iter()
+                    .zip(ends)
+                    .map(|(from, to)| OutlinePart { from: *from, to, closed: false })
+                    .collect()
             }
         };
         let flat: Vec<[f64; 2]> = corners.iter().map(|c| [c.x, c.y]).collect();
@@ -257,8 +261,14 @@ mod tests {
 
     #[test]
     fn sides_and_rooms_of_an_l() {
-        let l =
-            Outline::of(&shape(&[[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]]));
+        let l = ShapeOutline::of(&shape(&[
+            [0.0, 0.0],
+            [2.0, 0.0],
+            [2.0, 1.0],
+            [1.0, 1.0],
+            [1.0, 3.0],
+            [0.0, 3.0],
+        ]));
         assert_eq!(l.parts.len(), 6);
         assert!((l.length() * l.scale_m - 10.0).abs() < 1e-12);
         assert!((l.area * l.scale_m.powi(2) - 4.0).abs() < 1e-12);
@@ -273,7 +283,7 @@ mod tests {
 
     #[test]
     fn an_ellipse_is_a_circle_without_ends() {
-        let e = Outline::of(&Shape::ellipse([0.04, 0.02], 0.5, 0.02).unwrap());
+        let e = ShapeOutline::of(&Shape::ellipse([0.04, 0.02], 0.5, 0.02).unwrap());
         assert_eq!(e.parts.len(), 1);
         assert!(e.parts[0].closed && (e.area - std::f64::consts::PI).abs() < 1e-3);
         assert!(e.extents.iter().all(|r| (r - 2.0).abs() < 1e-3));

@@ -4,7 +4,7 @@
 //! cell is lighter than half-way between both.
 
 use super::codebook::{Codebook, Reading};
-use super::pattern::{MAX_CELLS, Pattern, Whites};
+use super::pattern::{CellPattern, MAX_CELLS, Whites};
 use super::plane_map::PlaneMap;
 use super::quad::Quad;
 use super::shine::Inside;
@@ -46,18 +46,18 @@ pub(super) struct Decoded {
     /// What lies inside each side of the quadrilateral.
     pub(super) inside: [Inside; 4],
     /// All of its cells.
-    pub(super) pattern: Pattern,
+    pub(super) pattern: CellPattern,
 }
 
 /// A plane over the tag: level in its middle, and slopes per half side.
 #[derive(Debug, Clone, Copy, Default)]
-struct Light {
+struct IlluminationPlane {
     middle: f64,
     along_x: f64,
     along_y: f64,
 }
 
-impl Light {
+impl IlluminationPlane {
     fn at(&self, u: f64, v: f64) -> f64 {
         self.middle + self.along_x * u + self.along_y * v
     }
@@ -174,7 +174,7 @@ pub(super) fn decode(
     let margin_levels = mean(whites).min(mean(blacks));
     let white = white(family, &reading);
     let inside = inside(&white, cells, &paper, quad);
-    let pattern = Pattern::new(&white, cells);
+    let pattern = CellPattern::new(&white, cells);
     Ok(Decoded { reading, margin_levels, light_level: paper.middle, dark_level: ink.middle, inside, pattern })
 }
 
@@ -192,7 +192,7 @@ fn white(family: TagFamily, reading: &Reading) -> Whites {
 }
 
 /// What the tag that was read holds inside of its sides.
-fn inside(white: &Whites, cells: usize, paper: &Light, quad: &Quad) -> [Inside; 4] {
+fn inside(white: &Whites, cells: usize, paper: &IlluminationPlane, quad: &Quad) -> [Inside; 4] {
     let last = cells - 1;
     let growth = growth(paper, quad);
     let mut sides = [Inside { white: [[0.0; MAX_CELLS]; 2], cells, light_per_px: Vector2::zeros() }; 4];
@@ -215,7 +215,7 @@ fn inside(white: &Whites, cells: usize, paper: &Light, quad: &Quad) -> [Inside; 
 }
 
 /// By what share light grows in x and y at the middle of each side, per px.
-fn growth(paper: &Light, quad: &Quad) -> [Vector2<f64>; 4] {
+fn growth(paper: &IlluminationPlane, quad: &Quad) -> [Vector2<f64>; 4] {
     let [a, b, c, d] = *quad;
     // half sides of the tag, as the picture shows them
     let (x, y) = (0.25 * (b - a + c - d), 0.25 * (d - a + c - b));
@@ -232,7 +232,7 @@ pub(super) fn side_px(quad: &Quad) -> f64 {
 }
 
 /// Least squares plane through samples that lie evenly on the four sides of a square about the middle.
-fn plane(samples: &[(f64, f64, f64)]) -> Light {
+fn plane(samples: &[(f64, f64, f64)]) -> IlluminationPlane {
     let (mut n, mut sum, mut uu, mut vv, mut up, mut vp) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for &(u, v, p) in samples {
         n += 1.0;
@@ -243,7 +243,7 @@ fn plane(samples: &[(f64, f64, f64)]) -> Light {
         vp += v * p;
     }
     if n < 1.0 {
-        return Light::default();
+        return IlluminationPlane::default();
     }
-    Light { middle: sum / n, along_x: up / uu, along_y: vp / vv }
+    IlluminationPlane { middle: sum / n, along_x: up / uu, along_y: vp / vv }
 }

@@ -14,7 +14,7 @@
 
 use super::decode::level_at;
 use super::edges::{Corners, SHARP_CELL_BLURS};
-use super::pattern::{MAX_CELLS, Pattern};
+use super::pattern::{CellPattern, MAX_CELLS};
 use super::plane_map::PlaneMap;
 use super::quad::Quad;
 use crate::imaging::ImageView;
@@ -47,7 +47,7 @@ const STEP_PX: f64 = 0.01;
 
 /// An edge between two cells.
 #[derive(Debug, Clone, Copy, Default)]
-struct Edge {
+struct CellEdge {
     /// What a unit of each unknown moves it by, px.
     by: Vector4<f64>,
     /// How far it lies towards its dark side, px.
@@ -58,7 +58,7 @@ struct Edge {
 const MOST_EDGES: usize = 2 * MAX_CELLS * (MAX_CELLS - 1);
 
 /// The corners, with what light areas have grown by taken off where it is told from none.
-pub(super) fn corrected(image: &ImageView<'_>, corners: Corners, pattern: &Pattern) -> Corners {
+pub(super) fn corrected(image: &ImageView<'_>, corners: Corners, pattern: &CellPattern) -> Corners {
     let Some(outward) = outward(&corners.px) else { return corners };
     let Some((growth_px, variance)) = growth(image, &corners, &outward, pattern) else { return corners };
     // In this form what is no number is none.
@@ -99,7 +99,12 @@ fn outward(quad: &Quad) -> Option<Quad> {
 }
 
 /// `delta` and its variance, px^2.
-fn growth(image: &ImageView<'_>, corners: &Corners, outward: &Quad, pattern: &Pattern) -> Option<(f64, f64)> {
+fn growth(
+    image: &ImageView<'_>,
+    corners: &Corners,
+    outward: &Quad,
+    pattern: &CellPattern,
+) -> Option<(f64, f64)> {
     let cells = pattern.cells as f64;
     let map = PlaneMap::of_square(&corners.px, cells)?;
     let mut grown = corners.px;
@@ -107,7 +112,7 @@ fn growth(image: &ImageView<'_>, corners: &Corners, outward: &Quad, pattern: &Pa
         *corner += by * STEP_PX;
     }
     let grown = PlaneMap::of_square(&grown, cells)?;
-    let mut edges = [Edge::default(); MOST_EDGES];
+    let mut edges = [CellEdge::default(); MOST_EDGES];
     let mut count = 0;
     for (row, column, across) in pairs(pattern.cells) {
         let white = |column: usize, row: usize| pattern.bits_at(column as i32, row as i32) & 1 == 1;
@@ -150,7 +155,7 @@ fn edge(
     (map, grown): (&PlaneMap, &PlaneMap),
     (dark, light): ((usize, usize), (usize, usize)),
     (cells, least_px): (f64, f64),
-) -> Option<Edge> {
+) -> Option<CellEdge> {
     let middle = |(column, row): (usize, usize)| Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
     let (from, to) = (middle(dark), middle(light));
     let along = Vector2::new(to.y - from.y, to.x - from.x);
@@ -196,14 +201,17 @@ fn edge(
     let x = at * (2.0 / cells) - Vector2::repeat(1.0);
     let bow = (map.at(at + x * ((4.0 / 3.0 - x.norm_squared()) * STEP_PX)) - map.at(at)) / STEP_PX;
     let lit = -length * length / 8.0 * square;
-    Some(Edge {
+    Some(CellEdge {
         by: Vector4::new(1.0 + towards_dark.dot(&motion), lit * d.x, lit * d.y, towards_dark.dot(&bow)),
         off_px: off_px * square,
     })
 }
 
 /// The unknowns, the diagonal of their inverse information, and the variance of an edge.
-fn least_squares(edges: &[Edge], used: impl Fn(&Edge) -> bool) -> Option<(Vector4<f64>, Vector4<f64>, f64)> {
+fn least_squares(
+    edges: &[CellEdge],
+    used: impl Fn(&CellEdge) -> bool,
+) -> Option<(Vector4<f64>, Vector4<f64>, f64)> {
     let (mut A, mut b, mut count) = (Matrix4::zeros(), Vector4::zeros(), 0);
     for edge in edges.iter().filter(|e| used(e)) {
         A += edge.by * edge.by.transpose();

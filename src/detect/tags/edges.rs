@@ -10,9 +10,9 @@
 //! A straight line through all rows, moved until the windows lie evenly about it; corners are where lines meet. Deviations come from
 //! the rows' own scatter about the line and from that of the levels, so that they hold for any noise.
 
-use super::quad::{Line, Quad, is_sound};
+use super::quad::{NormalFormLine, Quad, is_sound};
 use super::shine::Inside;
-use super::side::{Fit, Row, Scan, Side};
+use super::side::{SideFit, SideRow, SideScan, TagSide};
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
@@ -61,7 +61,7 @@ impl Corners {
 /// Measures the sides of tags. Owns its buffer.
 #[derive(Debug, Clone)]
 pub(super) struct EdgeMeter {
-    rows: Vec<Row>,
+    rows: Vec<SideRow>,
     /// Most rows of a side.
     most_rows: usize,
 }
@@ -82,7 +82,7 @@ impl EdgeMeter {
         cells: u32,
         inside: Option<&[Inside; 4]>,
     ) -> Option<Corners> {
-        let mut sides = [Side::default(); 4];
+        let mut sides = [TagSide::default(); 4];
         for (i, side) in sides.iter_mut().enumerate() {
             *side = self
                 .side(image, quad, i, f64::from(cells), inside.and_then(|s| s.get(i)))
@@ -115,7 +115,7 @@ impl EdgeMeter {
         i: usize,
         cells: f64,
         inside: Option<&Inside>,
-    ) -> Option<Side> {
+    ) -> Option<TagSide> {
         let corner = |k: usize| quad.get((i + k) % 4).copied().unwrap_or_default();
         let (mut a, mut b) = (corner(0), corner(1));
         let length = (b - a).norm();
@@ -130,18 +130,18 @@ impl EdgeMeter {
         let neighbours = [(corner(3), corner(0)), (corner(1), corner(2))].map(|(p, q)| {
             let along = (q - p).normalize();
             let normal = Vector2::new(along.y, -along.x);
-            Line { normal, offset: normal.dot(&p) }
+            NormalFormLine { normal, offset: normal.dot(&p) }
         });
         let mut blur = 0.0;
-        let mut last: Option<Side> = None;
+        let mut last: Option<TagSide> = None;
         for round in 0..ROUNDS {
             let along = (b - a) / (b - a).norm();
             // outward: the corners go clockwise on the screen
             let normal = Vector2::new(along.y, -along.x);
-            let line = Line { normal, offset: normal.dot(&a) };
-            let scan = Scan { image, line, half, cell, neighbours, length, blur, from: a, to: b, inside };
+            let line = NormalFormLine { normal, offset: normal.dot(&a) };
+            let scan = SideScan { image, line, half, cell, neighbours, length, blur, from: a, to: b, inside };
             let along_y = scan.read(&mut self.rows, if round == 0 { FIRST_ROWS } else { self.most_rows });
-            let Fit { side, gain, shift, blur: seen } = scan.fit(along_y, &mut self.rows)?;
+            let SideFit { side, gain, shift, blur: seen } = scan.fit(along_y, &mut self.rows)?;
             let sharper = seen - blur;
             blur = seen;
             let move_to = |p: Vector2<f64>| p - side.normal * (side.normal.dot(&p) - side.offset);
@@ -159,7 +159,7 @@ impl EdgeMeter {
 }
 
 /// Blur of the sides, px, and the least width of a cell in blurs.
-fn sharpness(sides: &[Side; 4]) -> (f64, f64) {
+fn sharpness(sides: &[TagSide; 4]) -> (f64, f64) {
     let (mut sum, mut count, mut least) = (0.0, 0.0, f64::INFINITY);
     for side in sides.iter().filter(|s| s.blur > 0.0) {
         sum += side.blur * side.blur;
@@ -170,7 +170,7 @@ fn sharpness(sides: &[Side; 4]) -> (f64, f64) {
 }
 
 /// Few rows do not tell their scatter well: all sides see the same noise.
-fn share_noise(sides: &mut [Side; 4]) {
+fn share_noise(sides: &mut [TagSide; 4]) {
     let (mut sum, mut count) = (0.0, 0.0);
     for side in sides.iter().filter(|s| s.per_noise > 0.0) {
         sum += (side.n - 2.0) * side.variance / side.per_noise;
@@ -185,7 +185,7 @@ fn share_noise(sides: &mut [Side; 4]) {
 }
 
 /// A side that cannot be measured, because its margin is too narrow or hidden: as the outline has it.
-fn rough(quad: &Quad, i: usize) -> Option<Side> {
+fn rough(quad: &Quad, i: usize) -> Option<TagSide> {
     let (a, b) = (*quad.get(i)?, *quad.get((i + 1) % 4)?);
     let along = (b - a).try_normalize(1e-9)?;
     let normal = Vector2::new(along.y, -along.x);
@@ -194,7 +194,7 @@ fn rough(quad: &Quad, i: usize) -> Option<Side> {
         if along_y { (0.5 * (a.y + b.y), b.y - a.y) } else { (0.5 * (a.x + b.x), b.x - a.x) };
     // as if two places, a quarter from the ends, had been seen
     let (n, ss) = (2.0, 0.125 * length * length);
-    Some(Side {
+    Some(TagSide {
         normal,
         offset: normal.dot(&a),
         along_y,

@@ -4,7 +4,7 @@ use super::codebook::Codebook;
 use super::decode::{Decoded, NoTag, decode};
 use super::edge_growth;
 use super::edges::{Corners, EdgeMeter, SHARP_CELL_BLURS};
-use super::outline::{self, Point};
+use super::outline::{self, WindowPoint};
 use super::quad::{self, Quad};
 use super::regions::Regions;
 use super::threshold::DarkBits;
@@ -139,7 +139,7 @@ pub struct TagFinder {
     book: Codebook,
     bits: DarkBits,
     regions: Regions,
-    points: Vec<Point>,
+    points: Vec<WindowPoint>,
     meter: EdgeMeter,
     whole: WholeMeter,
 }

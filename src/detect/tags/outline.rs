@@ -1,12 +1,12 @@
 //! The outer outline of a dark region: along the sides of its pixels, the region to the right, each side moved to where the grey
 //! levels cross the threshold.
 
-use super::regions::Region;
+use super::regions::DarkRegion;
 use super::threshold::DarkBits;
 use crate::imaging::ImageView;
 
 /// A point of an outline, px of the window.
-pub(super) type Point = [f32; 2];
+pub(super) type WindowPoint = [f32; 2];
 
 /// Steps to the right, down, left, up: clockwise on the screen.
 const STEPS: [[i32; 2]; 4] = [[1, 0], [0, 1], [-1, 0], [0, -1]];
@@ -18,9 +18,9 @@ pub(super) fn follow(
     image: &ImageView<'_>,
     origin: (usize, usize),
     bits: &DarkBits,
-    region: &Region,
+    region: &DarkRegion,
     most: usize,
-    points: &mut Vec<Point>,
+    points: &mut Vec<WindowPoint>,
 ) -> bool {
     points.clear();
     let start = [region.x as i32, region.y as i32];

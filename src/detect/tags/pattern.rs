@@ -11,14 +11,14 @@ const ROWS: usize = MAX_CELLS + 2 * BEFORE as usize;
 
 /// A tag as the picture shows it, its margin white.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pattern {
+pub(super) struct CellPattern {
     /// Bit `i + BEFORE` of row `j + BEFORE` is the cell in column `i`, row `j`.
     rows: [u32; ROWS],
     /// Cells along a side.
     pub(super) cells: usize,
 }
 
-impl Pattern {
+impl CellPattern {
     pub(super) fn new(white: &Whites, cells: usize) -> Self {
         let mut rows = [u32::MAX; ROWS];
         for (slot, row) in rows.iter_mut().skip(BEFORE as usize).zip(white).take(cells) {
@@ -46,7 +46,7 @@ mod tests {
     fn cells_are_where_they_were_put() {
         let mut white = [[0.0; MAX_CELLS]; MAX_CELLS];
         white[2][5] = 1.0;
-        let pattern = Pattern::new(&white, 6);
+        let pattern = CellPattern::new(&white, 6);
         for j in -8..18 {
             for i in -8..12 {
                 let inside = (0..6).contains(&i) && (0..6).contains(&j);

@@ -1,6 +1,6 @@
 //! From an outline to a convex quadrilateral: four corners, and a straight line through the points of each side.
 
-use super::outline::Point;
+use super::outline::WindowPoint;
 use nalgebra::Vector2;
 
 /// Shortest side, px.
@@ -19,12 +19,12 @@ pub(super) type Quad = [Vector2<f64>; 4];
 
 /// A straight line: `normal . x = offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Line {
+pub(super) struct NormalFormLine {
     pub(super) normal: Vector2<f64>,
     pub(super) offset: f64,
 }
 
-impl Line {
+impl NormalFormLine {
     /// Where two lines meet; `None` when they are parallel.
     pub(super) fn meet(&self, other: &Self) -> Option<Vector2<f64>> {
         let (a, b) = (self.normal, other.normal);
@@ -52,10 +52,10 @@ pub(super) fn is_sound(quad: &Quad) -> bool {
 }
 
 /// The quadrilateral of a closed outline, px of the window; `None` when the outline is none.
-pub(super) fn of_outline(points: &[Point]) -> Option<Quad> {
+pub(super) fn of_outline(points: &[WindowPoint]) -> Option<Quad> {
     let mut at = corners(points)?;
     at.sort_unstable();
-    let mut lines = [Line { normal: Vector2::zeros(), offset: 0.0 }; 4];
+    let mut lines = [NormalFormLine { normal: Vector2::zeros(), offset: 0.0 }; 4];
     for (i, line) in lines.iter_mut().enumerate() {
         let (from, to) = (*at.get(i)?, *at.get((i + 1) % 4)?);
         *line = side(points, from, to)?;
@@ -65,12 +65,12 @@ pub(super) fn of_outline(points: &[Point]) -> Option<Quad> {
     is_sound(&quad).then_some(quad)
 }
 
-fn place(points: &[Point], i: usize) -> Vector2<f64> {
+fn place(points: &[WindowPoint], i: usize) -> Vector2<f64> {
     points.get(i).map_or_else(Vector2::zeros, |p| Vector2::new(f64::from(p[0]), f64::from(p[1])))
 }
 
 /// The point for which `measure` is greatest, by its index, and that measure.
-fn farthest(points: &[Point], measure: impl Fn(f32, f32) -> f32) -> (usize, f32) {
+fn farthest(points: &[WindowPoint], measure: impl Fn(f32, f32) -> f32) -> (usize, f32) {
     let mut best = (0, f32::MIN);
     for (i, p) in points.iter().enumerate() {
         let value = measure(p[0], p[1]);
@@ -83,7 +83,7 @@ fn farthest(points: &[Point], measure: impl Fn(f32, f32) -> f32) -> (usize, f32)
 
 /// Indices of the four corners: of a convex outline the point that is farthest from any other is a corner, and each corner is the point
 /// farthest from the line through its neighbours.
-fn corners(points: &[Point]) -> Option<[usize; 4]> {
+fn corners(points: &[WindowPoint]) -> Option<[usize; 4]> {
     if points.len() < 16 {
         return None;
     }
@@ -131,7 +131,7 @@ fn corners(points: &[Point]) -> Option<[usize; 4]> {
 }
 
 /// The line through the points from index `from` on, to `to`, without its ends; fitted twice, the second time without what lies far off.
-fn side(points: &[Point], from: usize, to: usize) -> Option<Line> {
+fn side(points: &[WindowPoint], from: usize, to: usize) -> Option<NormalFormLine> {
     let (a, b) = (place(points, from), place(points, to));
     let along = b - a;
     let length = along.norm();
@@ -147,7 +147,7 @@ fn side(points: &[Point], from: usize, to: usize) -> Option<Line> {
             s >= skip && s <= length - skip
         })
     };
-    let mut line = Line { normal: Vector2::new(along.y, -along.x), offset: 0.0 };
+    let mut line = NormalFormLine { normal: Vector2::new(along.y, -along.x), offset: 0.0 };
     let mut most = f64::INFINITY;
     for round in 0..3 {
         let (mut n, mut sum, mut xx, mut xy, mut yy) = (0.0, Vector2::zeros(), 0.0, 0.0, 0.0);
@@ -171,7 +171,7 @@ fn side(points: &[Point], from: usize, to: usize) -> Option<Line> {
         let small = (0.5 * (xx + yy) - root).max(0.0);
         let normal = if xx > yy { Vector2::new(-xy, xx - small) } else { Vector2::new(yy - small, -xy) };
         let normal = normal.try_normalize(1e-12)?;
-        line = Line { normal, offset: normal.dot(&(mean + a)) };
+        line = NormalFormLine { normal, offset: normal.dot(&(mean + a)) };
         let rms = small.sqrt();
         most = (2.5 * rms).max(0.3);
         if round == 2 && rms > OFF_PX + OFF_SHARE * length {
@@ -189,7 +189,7 @@ mod tests {
     use super::*;
 
     /// Points along the sides of a quadrilateral, about a pixel apart.
-    fn outline(quad: &Quad) -> Vec<Point> {
+    fn outline(quad: &Quad) -> Vec<WindowPoint> {
         let mut points = Vec::new();
         for i in 0..4 {
             let (a, b) = (quad[i], quad[(i + 1) % 4]);
@@ -224,7 +224,7 @@ mod tests {
 
     #[test]
     fn what_is_no_quadrilateral_is_refused() {
-        let round: Vec<Point> = (0..100)
+        let round: Vec<WindowPoint> = (0..100)
             .map(|i| f64::from(i) * 0.0628)
             .map(|t| [40.0 + 30.0 * t.cos() as f32, 40.0 + 30.0 * t.sin() as f32])
             .collect();

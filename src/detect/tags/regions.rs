@@ -9,7 +9,7 @@ const MAX_REGIONS: usize = 1 << 17;
 
 /// A dark region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Region {
+pub(super) struct DarkRegion {
     /// First pixel in reading order.
     pub(super) x: u32,
     /// Its row, the uppermost of the region.
@@ -27,7 +27,7 @@ pub(super) struct Region {
 
 /// Part of a row.
 #[derive(Debug, Clone, Copy)]
-struct Run {
+struct DarkRun {
     x0: u32,
     x1: u32,
     region: u32,
@@ -36,9 +36,9 @@ struct Run {
 /// Finds regions. Owns its buffers.
 #[derive(Debug, Clone)]
 pub(super) struct Regions {
-    regions: Vec<Region>,
-    above: Vec<Run>,
-    here: Vec<Run>,
+    regions: Vec<DarkRegion>,
+    above: Vec<DarkRun>,
+    here: Vec<DarkRun>,
     limit: usize,
 }
 
@@ -51,7 +51,7 @@ impl Regions {
     }
 
     /// The regions found last.
-    pub(super) fn iter(&self) -> impl Iterator<Item = &Region> {
+    pub(super) fn iter(&self) -> impl Iterator<Item = &DarkRegion> {
         self.regions.iter().enumerate().filter(|(i, r)| r.parent as usize == *i).map(|(_, r)| r)
     }
 
@@ -79,7 +79,7 @@ impl Regions {
                 if carry == 0 {
                     start = x;
                 } else {
-                    self.here.push(Run { x0: start, x1: x, region: 0 });
+                    self.here.push(DarkRun { x0: start, x1: x, region: 0 });
                 }
                 carry ^= 1;
                 changes &= changes - 1;
@@ -87,7 +87,7 @@ impl Regions {
             at += 64;
         }
         if carry == 1 {
-            self.here.push(Run { x0: start, x1: at, region: 0 });
+            self.here.push(DarkRun { x0: start, x1: at, region: 0 });
         }
     }
 
@@ -111,7 +111,7 @@ impl Regions {
                 None if self.regions.len() < self.limit => {
                     let parent = self.regions.len() as u32;
                     let (left, right) = (run.x0, run.x1 - 1);
-                    self.regions.push(Region { x: run.x0, y, left, right, bottom: y, count: 0, parent });
+                    self.regions.push(DarkRegion { x: run.x0, y, left, right, bottom: y, count: 0, parent });
                     parent
                 }
                 None => return false,
@@ -127,7 +127,7 @@ impl Regions {
     }
 }
 
-fn root_of(regions: &mut [Region], mut at: u32) -> u32 {
+fn root_of(regions: &mut [DarkRegion], mut at: u32) -> u32 {
     loop {
         let parent = regions.get(at as usize).map_or(at, |r| r.parent);
         if parent == at {
@@ -142,7 +142,7 @@ fn root_of(regions: &mut [Region], mut at: u32) -> u32 {
 }
 
 /// Joins two roots; the earlier one stays: it holds the first pixel.
-fn merge(regions: &mut [Region], a: u32, b: u32) -> u32 {
+fn merge(regions: &mut [DarkRegion], a: u32, b: u32) -> u32 {
     let (keep, gone) = (a.min(b), a.max(b));
     let Some(other) = regions.get(gone as usize).copied() else { return keep };
     if let Some(region) = regions.get_mut(keep as usize) {
@@ -208,7 +208,7 @@ mod tests {
             let mut points = Vec::new();
             for region in regions.iter() {
                 prop_assert!(outline::follow(&image, (0, 0), &bits, region, 4 * width * height + 4, &mut points));
-                let fold = |i: usize, pick: fn(f32, f32) -> f32, from: f32| points.iter().fold(from, |a, p: &outline::Point| pick(a, p[i]));
+                let fold = |i: usize, pick: fn(f32, f32) -> f32, from: f32| points.iter().fold(from, |a, p: &outline::WindowPoint| pick(a, p[i]));
                 for (edge, at) in [
                     (region.left as f32, fold(0, f32::min, f32::MAX)), (region.right as f32, fold(0, f32::max, f32::MIN)),
                     (region.y as f32, fold(1, f32::min, f32::MAX)), (region.bottom as f32, fold(1, f32::max, f32::MIN)),

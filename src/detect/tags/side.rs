@@ -1,6 +1,6 @@
 //! One look at one side of a tag: what each row across it tells, and the straight line through all of them.
 
-use super::quad::Line;
+use super::quad::NormalFormLine;
 use super::shine::{Inside, Shine, Windows, blur_of};
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
@@ -27,7 +27,7 @@ const GROWTH_DOUBT: f64 = 0.1;
 
 /// One side, measured.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Side {
+pub(super) struct TagSide {
     /// Normal and offset.
     pub(super) normal: Vector2<f64>,
     pub(super) offset: f64,
@@ -49,9 +49,9 @@ pub(super) struct Side {
     pub(super) cell: f64,
 }
 
-impl Side {
-    pub(super) fn line(&self) -> Line {
-        Line { normal: self.normal, offset: self.offset }
+impl TagSide {
+    pub(super) fn line(&self) -> NormalFormLine {
+        NormalFormLine { normal: self.normal, offset: self.offset }
     }
 
     /// Variance of the line's place across itself at a point, px^2.
@@ -64,7 +64,7 @@ impl Side {
 
 /// What one row tells.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Row {
+pub(super) struct SideRow {
     /// Along the side: the row's number from the side's middle.
     s: f64,
     /// Sum over the window.
@@ -94,7 +94,7 @@ struct Trend {
 }
 
 impl Trend {
-    fn of(rows: &[Row], value: impl Fn(&Row) -> f64) -> Self {
+    fn of(rows: &[SideRow], value: impl Fn(&SideRow) -> f64) -> Self {
         let (mut n, mut s, mut v) = (0.0, 0.0, 0.0);
         for row in rows.iter().filter(|r| r.used) {
             n += 1.0;
@@ -124,8 +124,8 @@ impl Trend {
 
 /// What a look has shown.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Fit {
-    pub(super) side: Side,
+pub(super) struct SideFit {
+    pub(super) side: TagSide,
     /// What of the contrast the windows hold.
     pub(super) gain: f64,
     /// How far the line has moved, px.
@@ -135,9 +135,9 @@ pub(super) struct Fit {
 }
 
 /// One look at one side.
-pub(super) struct Scan<'a> {
+pub(super) struct SideScan<'a> {
     pub(super) image: &'a ImageView<'a>,
-    pub(super) line: Line,
+    pub(super) line: NormalFormLine,
     /// Half length of the window across the side, width of a cell, length of the side, px.
     pub(super) half: f64,
     pub(super) cell: f64,
@@ -145,14 +145,14 @@ pub(super) struct Scan<'a> {
     /// Blur across the side as far as it is known, px.
     pub(super) blur: f64,
     /// The sides before and behind, normals outward.
-    pub(super) neighbours: [Line; 2],
+    pub(super) neighbours: [NormalFormLine; 2],
     /// The side's ends.
     pub(super) from: Vector2<f64>,
     pub(super) to: Vector2<f64>,
     pub(super) inside: Option<&'a Inside>,
 }
 
-impl Scan<'_> {
+impl SideScan<'_> {
     /// Where levels are read: beyond the window, within the cell; across the side, px.
     fn level_window(&self) -> (f64, f64) {
         let near = (self.half + GAP_PX).min((0.5 * self.cell - 0.5).max(0.5 * self.half));
@@ -160,7 +160,7 @@ impl Scan<'_> {
     }
 
     /// Fills `rows`, `most` at most, evenly; whether they are rows, not columns.
-    pub(super) fn read(&self, rows: &mut Vec<Row>, most: usize) -> bool {
+    pub(super) fn read(&self, rows: &mut Vec<SideRow>, most: usize) -> bool {
         rows.clear();
         let (a, b) = (self.from, self.to);
         let normal = self.line.normal;
@@ -219,7 +219,7 @@ impl Scan<'_> {
                     beyond = mean(out.0, out.1);
                 }
             }
-            rows.push(Row {
+            rows.push(SideRow {
                 s,
                 sum: sum_of(c - h, c + h),
                 light,
@@ -235,7 +235,7 @@ impl Scan<'_> {
     }
 
     /// The line through the rows.
-    pub(super) fn fit(&self, along_y: bool, rows: &mut [Row]) -> Option<Fit> {
+    pub(super) fn fit(&self, along_y: bool, rows: &mut [SideRow]) -> Option<SideFit> {
         let normal = self.line.normal;
         let (across, other) = if along_y { (normal.x, normal.y) } else { (normal.y, normal.x) };
         let (sign, window) = (across.signum(), 2.0 * self.half / across.abs());
@@ -295,7 +295,7 @@ impl Scan<'_> {
         let light_per_px =
             self.inside.map_or(0.0, |i| if along_y { i.light_per_px.x } else { i.light_per_px.y });
         let growth = light_per_px * (lit - 0.5 * self.half * (near + far)) / (gain * across * across);
-        let delta = |r: &Row| {
+        let delta = |r: &SideRow| {
             let (l, d) = (light.at(r.s), dark.at(r.s));
             growth - sign * (r.sum - 0.5 * window * (l + d)) / ((own * (l - d)).max(0.25 * contrast) * gain)
         };
@@ -322,7 +322,7 @@ impl Scan<'_> {
         let normal = if along_y { n } else { Vector2::new(n.y, n.x) };
         let at =
             if along_y { Vector2::new(crossing, trend.mean_s) } else { Vector2::new(trend.mean_s, crossing) };
-        let side = Side {
+        let side = TagSide {
             normal,
             offset: normal.dot(&at),
             along_y,
@@ -337,26 +337,26 @@ impl Scan<'_> {
             blur,
             cell: self.cell,
         };
-        (shift < 2.0 * self.half).then_some(Fit { side, gain, shift, blur })
+        (shift < 2.0 * self.half).then_some(SideFit { side, gain, shift, blur })
     }
 }
 
 impl Shine {
     /// What the cells within the border add to sum, dark level or difference (`what` 0 to 2) of a row.
-    fn within(&self, row: &Row, contrast: f64, what: usize) -> f64 {
+    fn within(&self, row: &SideRow, contrast: f64, what: usize) -> f64 {
         let share = |i: usize| self.inner.get(i).and_then(|s| s.get(what)).copied().unwrap_or(0.0);
         contrast * (row.white[0] * share(0) + (row.white[1] - row.white[0]) * share(1))
     }
 
     /// What lies beyond the margin adds to sum, light level or difference.
-    fn outside(&self, row: &Row, contrast: f64, what: usize) -> f64 {
+    fn outside(&self, row: &SideRow, contrast: f64, what: usize) -> f64 {
         // noise of one place is no ground for more than a full step
         let step = (row.beyond - row.light).clamp(-contrast, contrast);
         step * self.outer.get(what).copied().unwrap_or(0.0)
     }
 
     /// What both take from the difference beside the edge.
-    fn total(&self, row: &Row, contrast: f64, what: usize) -> f64 {
+    fn total(&self, row: &SideRow, contrast: f64, what: usize) -> f64 {
         self.within(row, contrast, what) - self.outside(row, contrast, what)
     }
 }

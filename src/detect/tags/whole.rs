@@ -4,13 +4,13 @@
 //! the tag is known, and its picture is too. Least squares (Gauss and Newton) over its pixels; noise is what is left over.
 
 use super::edges::Corners;
-use super::pattern::Pattern;
+use super::pattern::CellPattern;
 use super::plane_map::PlaneMap;
 use super::quad::{Quad, is_sound};
 use super::side::FLOOR_PX;
 use super::whole_model::{
-    BLUR, CHUNK, CONTRAST, COUNT, GROUND, INK, LIGHT, Model, Picture, Pixels, Row, RowProducts, accumulate,
-    field,
+    BLUR, CHUNK, CONTRAST, COUNT, GROUND, INK, LIGHT, RowProducts, TagImage, TagJacobian, TagModel,
+    TagPixels, accumulate, field,
 };
 use crate::imaging::ImageView;
 use crate::linalg::{Eight, Ldlt};
@@ -45,12 +45,12 @@ const SMEAR_FALL: f64 = 1.75;
 /// Fits tags as a whole. Owns its buffers.
 #[derive(Debug, Clone)]
 pub(super) struct WholeMeter {
-    pixels: Vec<Pixels>,
-    rows: Box<[Row; CHUNK]>,
+    pixels: Vec<TagPixels>,
+    rows: Box<[TagJacobian; CHUNK]>,
 }
 
 /// A step and what it was worth.
-struct Step {
+struct FitStep {
     by: [f64; COUNT],
     /// Variance of a pixel after it, levels^2.
     variance: f64,
@@ -67,7 +67,7 @@ impl WholeMeter {
         &mut self,
         image: &ImageView<'_>,
         from: &Corners,
-        pattern: &Pattern,
+        pattern: &CellPattern,
         ink: f64,
         paper: f64,
     ) -> Option<Corners> {
@@ -80,7 +80,7 @@ impl WholeMeter {
         &mut self,
         image: &ImageView<'_>,
         from: &Corners,
-        pattern: &Pattern,
+        pattern: &CellPattern,
         (ink, paper): (f64, f64),
         around: f64,
     ) -> Option<Corners> {
@@ -90,7 +90,7 @@ impl WholeMeter {
         let cells = pattern.cells as f64;
         let most_px = LOST_CELLS * radius * std::f64::consts::SQRT_2 / cells;
         let mut quad = from.px;
-        let mut picture = Picture {
+        let mut picture = TagImage {
             back: PlaneMap::of_square(&quad, cells)?.inverse()?,
             origin,
             radius,
@@ -105,7 +105,7 @@ impl WholeMeter {
         let every = (area(&around_tag(&quad, cells)?) / ENOUGH_PIXELS).ceil().clamp(1.0, 1e6) as usize;
         for _ in 0..STEPS {
             self.load(image, &around_tag(&quad, cells)?, origin, every)?;
-            let model = Model::new(&picture, pattern, &quad, GATE * GATE * variance)?;
+            let model = TagModel::new(&picture, pattern, &quad, GATE * GATE * variance)?;
             let mut sums = RowProducts { products: [[0.0; COUNT + 1]; COUNT + 1], count: 0.0 };
             accumulate(&model, &self.pixels, &mut self.rows, &mut sums);
             let solved = solve(&sums, picture.contrast, variance)?;
@@ -141,7 +141,7 @@ impl WholeMeter {
         // rows begin at other places each, so that columns are seen alike
         let shift = (0.38 * every as f64).round().max(1.0) as usize;
         self.pixels.clear();
-        let (mut block, mut lane) = (Pixels::NONE, 0);
+        let (mut block, mut lane) = (TagPixels::NONE, 0);
         for y in top..=bottom {
             let (from, to) = across(outline, y as f64);
             let to = to.floor().min(image.width() as f64 - 1.0);
@@ -171,7 +171,7 @@ impl WholeMeter {
                         return None;
                     }
                     self.pixels.push(block);
-                    (block, lane) = (Pixels::NONE, 0);
+                    (block, lane) = (TagPixels::NONE, 0);
                 }
             }
         }
@@ -213,7 +213,7 @@ fn across(outline: &Quad, y: f64) -> (f64, f64) {
 }
 
 /// The step that makes the squares least.
-fn solve(sums: &RowProducts, contrast: f64, before: f64) -> Option<Step> {
+fn solve(sums: &RowProducts, contrast: f64, before: f64) -> Option<FitStep> {
     let free = sums.count - COUNT as f64;
     if !(free > 2.0 * COUNT as f64) {
         return None;
@@ -232,7 +232,7 @@ fn solve(sums: &RowProducts, contrast: f64, before: f64) -> Option<Step> {
     let factors = Ldlt::new(&matrix, &damping)?;
     let by = factors.solve(&right);
     let explained: f64 = by.iter().zip(&right).map(|(a, b)| a * b).sum();
-    Some(Step { by, variance: (squares - explained).max(0.0) / free, factors })
+    Some(FitStep { by, variance: (squares - explained).max(0.0) / free, factors })
 }
 
 /// Moves the corners by a step; how far the farthest went, px.
@@ -248,7 +248,7 @@ fn quad_moved(quad: &mut Quad, fields: &[[Vector2<f64>; 8]; 4], by: &[f64; COUNT
 }
 
 /// Adds a step to all but the geometry; whether there is still a tag.
-fn add(picture: &mut Picture, by: &[f64; COUNT]) -> bool {
+fn add(picture: &mut TagImage, by: &[f64; COUNT]) -> bool {
     let mut to = [0.0; COUNT];
     to.copy_from_slice(by);
     for (value, by) in picture.blur.iter_mut().zip(to.iter().skip(BLUR)) {

@@ -10,7 +10,7 @@
 //! that lies aslant in the cells, as it does in a tilted tag. The blur contains the pixel's own square. A step of
 //! the geometry is a field of eight parameters, the projective motions of the plane ([`field`]).
 
-use super::pattern::Pattern;
+use super::pattern::CellPattern;
 use super::plane_map::PlaneMap;
 use crate::imaging::simd::kernel;
 use crate::linalg::Eight;
@@ -34,20 +34,20 @@ pub(super) const CHUNK: usize = 16;
 
 /// Eight pixels: places from the origin (px), levels, and 1 where they count, else 0.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Pixels {
+pub(super) struct TagPixels {
     pub(super) x: Eight,
     pub(super) y: Eight,
     pub(super) level: Eight,
     pub(super) weight: Eight,
 }
 
-impl Pixels {
+impl TagPixels {
     pub(super) const NONE: Self =
         Self { x: Eight::ZERO, y: Eight::ZERO, level: Eight::ZERO, weight: Eight::ZERO };
 }
 
 /// Derivatives at eight pixels, and last what is left of their levels.
-pub(super) type Row = [Eight; COUNT + 1];
+pub(super) type TagJacobian = [Eight; COUNT + 1];
 
 /// Sums of products of rows; the last row is that of the residuals. The lower triangle counts.
 #[derive(Debug, Clone)]
@@ -64,7 +64,7 @@ pub(super) fn field(q: Vector2<f64>) -> [Vector2<f64>; 8] {
 
 /// A picture of a tag as far as it is known.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Picture {
+pub(super) struct TagImage {
     /// From pixels to cells.
     pub(super) back: PlaneMap,
     /// The point that pixels are counted from, and the radius, px.
@@ -82,8 +82,8 @@ pub(super) struct Picture {
 
 /// A picture, ready for pixels.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Model<'a> {
-    pattern: &'a Pattern,
+pub(super) struct TagModel<'a> {
+    pattern: &'a CellPattern,
     back: [f32; 9],
     per_radius: f32,
     blur: [f32; 3],
@@ -113,11 +113,11 @@ struct White {
     by_rr: Eight,
 }
 
-impl<'a> Model<'a> {
+impl<'a> TagModel<'a> {
     /// Of a tag that is seen at `corners` (px); `None` where blur reaches across too many of its cells.
     pub(super) fn new(
-        picture: &Picture,
-        pattern: &'a Pattern,
+        picture: &TagImage,
+        pattern: &'a CellPattern,
         corners: &[Vector2<f64>; 4],
         most_square: f64,
     ) -> Option<Self> {
@@ -149,7 +149,7 @@ impl<'a> Model<'a> {
 
     /// Derivatives of the levels, and levels less what they should be; all 0 where a pixel does not count.
     #[inline(always)]
-    fn at(&self, p: &Pixels) -> Row {
+    fn at(&self, p: &TagPixels) -> TagJacobian {
         let [a, b, c, d, e, f, g, h, i] = self.back;
         let w = (p.x * g + p.y * h + i).each(|w| 1.0 / w);
         let (column, row) = ((p.x * a + p.y * b + c) * w, (p.x * d + p.y * e + f) * w);
@@ -257,14 +257,14 @@ impl<'a> Model<'a> {
 }
 
 /// What lies beyond the margin, one cell wide, before `n` cells and behind them: shares, and how they change outward, once and twice.
-struct Beyond {
+struct OutsideShares {
     share: [Eight; 2],
     by: [Eight; 2],
     twice: [Eight; 2],
 }
 
 #[inline(always)]
-fn beyond(place: Eight, per: Eight, n: f32) -> Beyond {
+fn beyond(place: Eight, per: Eight, n: f32) -> OutsideShares {
     let off = place + (-0.5 * n);
     let behind = off.each(|off| f32::from(u8::from(off > 0.0)));
     let before = -behind + 1.0;
@@ -273,7 +273,7 @@ fn beyond(place: Eight, per: Eight, n: f32) -> Beyond {
     let share = step * 0.5 + 0.5;
     let by = slope * per * 0.5;
     let twice = -(z * per * by);
-    Beyond {
+    OutsideShares {
         share: [share * before, share * behind],
         by: [by * before, by * behind],
         twice: [twice * before, twice * behind],
@@ -309,12 +309,17 @@ fn seen(place: Eight, per: Eight, beside: i32) -> CellShares {
 
 kernel!(
     /// Adds the products of all pixels' derivatives to `sums`. `rows` is room for them.
-    pub(super) fn accumulate(model: &Model<'_>, pixels: &[Pixels], rows: &mut [Row; CHUNK], sums: &mut RowProducts) = accumulate_body
+    pub(super) fn accumulate(model: &TagModel<'_>, pixels: &[TagPixels], rows: &mut [TagJacobian; CHUNK], sums: &mut RowProducts) = accumulate_body
 );
 
 #[inline(always)]
 #[allow(clippy::indexing_slicing)] // indices below the lengths of arrays
-fn accumulate_body(model: &Model<'_>, pixels: &[Pixels], rows: &mut [Row; CHUNK], sums: &mut RowProducts) {
+fn accumulate_body(
+    model: &TagModel<'_>,
+    pixels: &[TagPixels],
+    rows: &mut [TagJacobian; CHUNK],
+    sums: &mut RowProducts,
+) {
     for chunk in pixels.chunks(CHUNK) {
         let mut counted = Eight::ZERO;
         for (row, pixels) in rows.iter_mut().zip(chunk) {

@@ -47,7 +47,7 @@ impl Disturbance {
 
 /// A loop to be studied.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Loop {
+pub struct DelayedLoop {
     /// B or D.
     pub scheme: Scheme,
     /// When the law is computed.
@@ -82,7 +82,7 @@ fn scaled(pose: &Pose, scale: f64) -> Pose {
     scaled
 }
 
-impl Loop {
+impl DelayedLoop {
     /// The loop with another disturbance.
     #[must_use]
     pub fn disturbed(self, disturbance: Disturbance) -> Self {
@@ -184,8 +184,8 @@ fn time(tick: u64) -> MonoNs {
 }
 
 impl ClosedLoop for AtWork<'_> {
-    type Seen = Measurement;
-    type End = ();
+    type Observation = Measurement;
+    type Outcome = ();
 
     fn sense(&mut self, tick: u64) -> ControlFlow<()> {
         let X_DC = self.cell.X_DO * self.cell.X_CO(&self.q).inverse();

@@ -9,7 +9,7 @@
 
 mod closed_loop;
 
-pub use closed_loop::{Disturbance, Loop};
+pub use closed_loop::{DelayedLoop, Disturbance};
 
 use super::findings::Findings;
 use super::plot::{Panel, Series, Symbol, figure};
@@ -83,7 +83,7 @@ fn irregular_cameras() -> impl Iterator<Item = Disturbance> {
 /// The quickest gain up to `largest` with which `studied` settles and which `admits` lets pass.
 fn quickest(
     cell: &Cell,
-    studied: &Loop,
+    studied: &DelayedLoop,
     largest: f64,
     mut admits: impl FnMut(f64) -> Result<bool, ExperimentError>,
 ) -> Result<Best, ExperimentError> {
@@ -105,7 +105,7 @@ fn quickest(
 /// # Errors
 /// [`ExperimentError::Cell`].
 pub fn study(cell: &Cell, scheme: Scheme, lag_s: f64, delay_ms: usize) -> Result<Finding, ExperimentError> {
-    let nominal = |update| Loop { scheme, update, delay_ms, lag_s, disturbance: Disturbance::NONE };
+    let nominal = |update| DelayedLoop { scheme, update, delay_ms, lag_s, disturbance: Disturbance::NONE };
     let (frame, predict) = (nominal(UpdatePolicy::Frame), nominal(UpdatePolicy::Predict));
     let frame_largest = frame.largest_stable_gain(cell)?;
     let predict_largest = predict.largest_stable_gain(cell)?;
@@ -140,7 +140,7 @@ pub fn study(cell: &Cell, scheme: Scheme, lag_s: f64, delay_ms: usize) -> Result
 }
 
 #[derive(Serialize)]
-struct Entry {
+struct DelayResult {
     arm: &'static str,
     scheme: &'static str,
     delay_ms: usize,
@@ -168,7 +168,7 @@ pub(super) fn gain_delay(options: &Options<'_>) -> Result<Findings, ExperimentEr
                 let f = study(&cell, scheme, lag_s, delay_ms)?;
                 table += &row(arm, scheme, delay_ms, &f);
                 out.lines.push(line(arm, scheme, delay_ms, &f));
-                entries.push(Entry { arm, scheme: scheme.name(), delay_ms, finding: f });
+                entries.push(DelayResult { arm, scheme: scheme.name(), delay_ms, finding: f });
                 let values = [
                     f.frame_largest_stable_gain_1_s,
                     f.predict_largest_stable_gain_1_s,
@@ -184,7 +184,7 @@ pub(super) fn gain_delay(options: &Options<'_>) -> Result<Findings, ExperimentEr
                         (UpdatePolicy::Predict, f.predict, Symbol::Line, "predict"),
                     ] {
                         let studied =
-                            Loop { scheme, update, delay_ms, lag_s, disturbance: Disturbance::NONE };
+                            DelayedLoop { scheme, update, delay_ms, lag_s, disturbance: Disturbance::NONE };
                         let errors = studied.run(&cell, best.gain_1_s)?;
                         let points = errors.into_iter().take(1000).enumerate();
                         let points = points.map(|(t, e)| (t as f64 * TICK_S, e));

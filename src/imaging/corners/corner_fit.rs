@@ -6,7 +6,7 @@
 use super::corner_model::parameter::{
     AMPLITUDE, BLUR, COUNT, LIGHT_X, LIGHT_Y, MIDDLE, TURN_U, TURN_V, X, Y,
 };
-use super::corner_model::{Model, Pixels, Row};
+use super::corner_model::{CornerJacobian, CornerModel, CornerPixels};
 use crate::imaging::ImageView;
 use crate::linalg::Eight;
 use crate::linalg::Ldlt;
@@ -79,8 +79,8 @@ pub struct CornerFit {
 /// Fits corners. Owns its buffers.
 #[derive(Debug, Clone)]
 pub struct CornerFitter {
-    pixels: [Pixels; BLOCKS],
-    rows: [Row; BLOCKS],
+    pixels: [CornerPixels; BLOCKS],
+    rows: [CornerJacobian; BLOCKS],
     /// Blocks in use, and pixels that count.
     blocks: usize,
     count: usize,
@@ -88,13 +88,13 @@ pub struct CornerFitter {
     wide: bool,
 }
 
-type Matrix = [[f64; COUNT]; COUNT];
+type NormalMatrix = [[f64; COUNT]; COUNT];
 type Vector = [f64; COUNT];
 
 /// Normal matrix, right side, sum of squares.
 #[derive(Debug, Clone, Copy)]
-struct Normal {
-    matrix: Matrix,
+struct CornerEquations {
+    matrix: NormalMatrix,
     right: Vector,
     squares: f64,
 }
@@ -107,8 +107,8 @@ impl Default for CornerFitter {
         #[cfg(not(target_arch = "x86_64"))]
         let wide = false;
         Self {
-            pixels: [Pixels { x: zero, y: zero, level: zero, weight: zero }; BLOCKS],
-            rows: [Row { residual: zero, derivative: [zero; COUNT] }; BLOCKS],
+            pixels: [CornerPixels { x: zero, y: zero, level: zero, weight: zero }; BLOCKS],
+            rows: [CornerJacobian { residual: zero, derivative: [zero; COUNT] }; BLOCKS],
             blocks: 0,
             count: 0,
             wide,
@@ -174,7 +174,7 @@ impl CornerFitter {
             let seen = f64::from(half) * 1.5 + 3.0 * p[BLUR];
             let next_px = [(next[0], longer[0]), (next[1], longer[1])]
                 .map(|(l, d)| (l < seen).then_some([l - d, l + d].map(|l| l as f32)));
-            let normal = self.normal(&Model::new(&p, next_px));
+            let normal = self.normal(&CornerModel::new(&p, next_px));
             let free = (self.count as f64 - COUNT as f64).max(1.0);
             let variance = (normal.squares / free).max(ROUNDING);
             let (mut weights, right) = with_prior(&normal, &p, &before, spread, variance);
@@ -317,7 +317,7 @@ impl CornerFitter {
         p[AMPLITUDE] = 0.7 * (a - b);
     }
 
-    fn normal(&mut self, model: &Model) -> Normal {
+    fn normal(&mut self, model: &CornerModel) -> CornerEquations {
         #[cfg(target_arch = "x86_64")]
         if self.wide {
             // SAFETY: `wide` is set only where the processor has AVX2.
@@ -329,28 +329,28 @@ impl CornerFitter {
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    fn normal_avx2(&mut self, model: &Model) -> Normal {
+    fn normal_avx2(&mut self, model: &CornerModel) -> CornerEquations {
         self.normal_with(model)
     }
 
     #[inline(always)]
-    fn normal_with(&mut self, model: &Model) -> Normal {
+    fn normal_with(&mut self, model: &CornerModel) -> CornerEquations {
         let (pixels, rows) = (self.pixels.get(..self.blocks), self.rows.get_mut(..self.blocks));
         let (Some(pixels), Some(rows)) = (pixels, rows) else {
-            return Normal { matrix: [[0.0; COUNT]; COUNT], right: [0.0; COUNT], squares: 0.0 };
+            return CornerEquations { matrix: [[0.0; COUNT]; COUNT], right: [0.0; COUNT], squares: 0.0 };
         };
         for (pixels, row) in pixels.iter().zip(rows.iter_mut()) {
             *row = model.at(pixels);
         }
         let rows = &*rows;
-        let product = |a: &dyn Fn(&Row) -> Eight, b: &dyn Fn(&Row) -> Eight| {
+        let product = |a: &dyn Fn(&CornerJacobian) -> Eight, b: &dyn Fn(&CornerJacobian) -> Eight| {
             let mut sum = Eight::ZERO;
             for row in rows {
                 sum = sum + a(row) * b(row);
             }
             f64::from(sum.sum())
         };
-        let mut out = Normal { matrix: [[0.0; COUNT]; COUNT], right: [0.0; COUNT], squares: 0.0 };
+        let mut out = CornerEquations { matrix: [[0.0; COUNT]; COUNT], right: [0.0; COUNT], squares: 0.0 };
         for i in 0..COUNT {
             for j in i..COUNT {
                 let mut sum = Eight::ZERO;
@@ -369,7 +369,7 @@ impl CornerFitter {
 
 /// What was known before, weighed by the residual variance: to be added to the diagonal, and the whole right side.
 fn with_prior(
-    normal: &Normal,
+    normal: &CornerEquations,
     p: &Vector,
     before: &Vector,
     [turn, blur]: [f64; 2],

@@ -44,7 +44,7 @@ const TERMS: usize = 4;
 
 /// Eight pixels: where, how light, and whether they count.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Pixels {
+pub(super) struct CornerPixels {
     pub(super) x: Eight,
     pub(super) y: Eight,
     pub(super) level: Eight,
@@ -54,14 +54,14 @@ pub(super) struct Pixels {
 
 /// Residuals and derivatives of the model at eight pixels.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Row {
+pub(super) struct CornerJacobian {
     pub(super) residual: Eight,
     pub(super) derivative: [Eight; COUNT],
 }
 
 /// One edge and its neighbours, as all pixels need it.
 #[derive(Debug, Clone, Copy)]
-struct Edge {
+struct BlurredEdge {
     normal: [f32; 2],
     /// 1 / sigma, 1/px.
     inverse_blur: f32,
@@ -78,7 +78,7 @@ struct Profile {
     along: Eight,
 }
 
-impl Edge {
+impl BlurredEdge {
     fn new(turn: f32, blur: f32, next_px: Option<[f32; 2]>) -> Self {
         let (s, c) = turn.sin_cos();
         let fourth = |v: f32| v * v * v * v;
@@ -124,10 +124,10 @@ impl Edge {
 
 /// The model at one set of parameters.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Model {
+pub(super) struct CornerModel {
     parameters: [f32; COUNT],
-    u: Edge,
-    v: Edge,
+    u: BlurredEdge,
+    v: BlurredEdge,
     /// Cosine between the normals, and its derivatives by both turns.
     rho: f32,
     rho_by_turns: [f32; 2],
@@ -136,12 +136,12 @@ pub(super) struct Model {
     powers: [f32; TERMS],
 }
 
-impl Model {
+impl CornerModel {
     /// With the distances of the next edges before and behind in `u` and `v`, px, where they are to be seen.
     pub(super) fn new(parameters: &[f64; COUNT], next_px: [Option<[f32; 2]>; 2]) -> Self {
         let parameters = parameters.map(|p| p as f32);
         let [u, v] = [(TURN_U, next_px[0]), (TURN_V, next_px[1])]
-            .map(|(turn, next)| Edge::new(get(&parameters, turn), get(&parameters, BLUR), next));
+            .map(|(turn, next)| BlurredEdge::new(get(&parameters, turn), get(&parameters, BLUR), next));
         let rho = u.normal[0] * v.normal[0] + u.normal[1] * v.normal[1];
         let sine = u.normal[0] * v.normal[1] - u.normal[1] * v.normal[0];
         let mehler = [rho, rho * rho / 2.0, rho * rho * rho / 6.0, rho * rho * rho * rho / 24.0];
@@ -151,7 +151,7 @@ impl Model {
 
     /// Observed less predicted, and the derivatives of what is predicted.
     #[inline(always)]
-    pub(super) fn at(&self, pixels: &Pixels) -> Row {
+    pub(super) fn at(&self, pixels: &CornerPixels) -> CornerJacobian {
         let [x, y, middle, amplitude, _, _, blur, light_x, light_y] = self.parameters;
         let (dx, dy) = (pixels.x + (-x), pixels.y + (-y));
         let (u, v) = (self.u.profile(dx, dy), self.v.profile(dx, dy));
@@ -191,7 +191,7 @@ impl Model {
         derivative[LIGHT_X] = level * pixels.x * pixels.weight;
         derivative[LIGHT_Y] = level * pixels.y * pixels.weight;
         let lit = (derivative[X] * light_x + derivative[Y] * light_y) * (blur * blur);
-        Row { residual: (pixels.level * pixels.weight) - level * light + lit, derivative }
+        CornerJacobian { residual: (pixels.level * pixels.weight) - level * light + lit, derivative }
     }
 }
 
@@ -208,7 +208,7 @@ mod tests {
     /// which has no share in the derivative by the blur: a tenth of it is missing at 40 degrees.
     #[test]
     fn derivatives_are_those_of_the_model() {
-        let pixels = Pixels {
+        let pixels = CornerPixels {
             x: Eight([-3.0, -1.0, 0.0, 1.0, 2.0, 0.0, 3.0, -2.0]),
             y: Eight([1.0, -2.0, 0.0, 1.0, -1.0, 3.0, 2.0, -3.0]),
             level: Eight([0.0; 8]),
@@ -218,13 +218,13 @@ mod tests {
             for (blur, next) in [(0.8, None), (1.5, None), (1.2, Some([5.0, 6.0]))] {
                 let p =
                     [0.2, -0.3, 120.0, 60.0, 0.3, 0.3 + std::f64::consts::FRAC_PI_2 + skew, blur, 0.0, 0.0];
-                let row = Model::new(&p, [next; 2]).at(&pixels);
+                let row = CornerModel::new(&p, [next; 2]).at(&pixels);
                 for k in [X, Y, MIDDLE, AMPLITUDE, TURN_U, TURN_V, BLUR] {
                     let h = 1e-2;
                     let by = |h: f64| {
                         let mut moved = p;
                         moved[k] += h;
-                        Model::new(&moved, [next; 2]).at(&pixels).residual.0
+                        CornerModel::new(&moved, [next; 2]).at(&pixels).residual.0
                     };
                     let largest = row.derivative[k].0.iter().fold(0.0, |m: f32, d| m.max(d.abs()));
                     for ((d, before), behind) in row.derivative[k].0.iter().zip(by(-h)).zip(by(h)) {

@@ -24,9 +24,9 @@ pub(super) trait Lane: Copy {
 
 /// The definition: one byte at a time.
 #[derive(Clone, Copy)]
-pub(super) struct Portable<const N: usize>([u8; N]);
+pub(super) struct PortableBytes<const N: usize>([u8; N]);
 
-impl<const N: usize> Portable<N> {
+impl<const N: usize> PortableBytes<N> {
     #[inline(always)]
     fn each(self, other: Self, operation: impl Fn(u8, u8) -> u8) -> Self {
         let mut out = self.0;
@@ -35,7 +35,7 @@ impl<const N: usize> Portable<N> {
     }
 }
 
-impl<const N: usize> Lane for Portable<N> {
+impl<const N: usize> Lane for PortableBytes<N> {
     const COUNT: usize = N;
 
     #[inline(always)]
@@ -88,9 +88,9 @@ pub(super) mod x86 {
 
     /// SSE2: part of every x86-64.
     #[derive(Clone, Copy)]
-    pub(in super::super) struct Sse2(__m128i);
+    pub(in super::super) struct Sse2Bytes(__m128i);
 
-    impl Lane for Sse2 {
+    impl Lane for Sse2Bytes {
         const COUNT: usize = 16;
 
         #[inline(always)]

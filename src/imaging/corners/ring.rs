@@ -10,7 +10,7 @@
 //! in grey levels: about the contrast of the squares at a corner, 0 nearly everywhere else. (Bennett and Lasenby's ChESS, in
 //! 8-bit arithmetic: all means are halved step by step.)
 
-use super::lane::{Lane, Portable};
+use super::lane::{Lane, PortableBytes};
 use crate::imaging::ImageView;
 
 /// Radius of the ring, px: that far from the rim there is no response.
@@ -96,9 +96,9 @@ impl RingResponse {
             return;
         }
         #[cfg(target_arch = "x86_64")]
-        self.compute_with::<super::lane::x86::Sse2>(image, least);
+        self.compute_with::<super::lane::x86::Sse2Bytes>(image, least);
         #[cfg(not(target_arch = "x86_64"))]
-        self.compute_with::<Portable<16>>(image, least);
+        self.compute_with::<PortableBytes<16>>(image, least);
     }
 
     #[cfg(target_arch = "x86_64")]
@@ -138,7 +138,7 @@ impl RingResponse {
                 }
             } else {
                 for x in 0..inner {
-                    row_part::<Portable<1>>(&rows, width, x, out, least);
+                    row_part::<PortableBytes<1>>(&rows, width, x, out, least);
                 }
             }
         }
@@ -222,7 +222,7 @@ mod tests {
             response.compute(&image, 0);
             prop_assert_eq!(&best, &response.values);
             response.values.fill(7);
-            response.compute_with::<Portable<16>>(&image, 0);
+            response.compute_with::<PortableBytes<16>>(&image, 0);
             prop_assert_eq!(&best, &response.values);
             for y in 0..height {
                 for x in 0..width {

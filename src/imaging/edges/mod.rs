@@ -9,7 +9,7 @@
 mod thin;
 
 use super::ImageView;
-use thin::Rows;
+use thin::RowWindow;
 
 /// No edge.
 pub(super) const NONE: u32 = u32::MAX;
@@ -64,10 +64,10 @@ pub struct EdgePixel {
 pub struct Edges {
     pixels: Vec<EdgePixel>,
     around: Vec<Around>,
-    kept: Vec<Kept>,
+    kept: Vec<EdgeCandidate>,
     limit: usize,
     overflowed: bool,
-    rows: Rows,
+    rows: RowWindow,
 }
 
 /// The up to eight neighbours of an edge pixel. In reading order those of one row follow each other.
@@ -108,7 +108,7 @@ impl Around {
 
 /// A pixel that is greatest across its edge, before it is known whether the edge is strong.
 #[derive(Debug, Clone, Copy)]
-struct Kept {
+struct EdgeCandidate {
     column: u32,
     row: u32,
     dx: i16,
@@ -132,7 +132,7 @@ impl Edges {
             kept: Vec::new(),
             limit: limit.min(NONE as usize - 1),
             overflowed: false,
-            rows: Rows::default(),
+            rows: RowWindow::default(),
         }
     }
 
@@ -187,9 +187,9 @@ impl Edges {
 
     /// Appends a pixel of the row that starts at `start` and ties it to its neighbours. `from` moves along the row above.
     #[inline]
-    fn add(&mut self, pixel: Kept, from: &mut usize, above_end: usize, start: usize) {
+    fn add(&mut self, pixel: EdgeCandidate, from: &mut usize, above_end: usize, start: usize) {
         let me = self.kept.len();
-        self.kept.push(Kept { parent: me as u32, ..pixel });
+        self.kept.push(EdgeCandidate { parent: me as u32, ..pixel });
         let column = |edges: &Self, i: usize| edges.kept.get(i).map_or(0, |p| p.column);
         if me > start && column(self, me - 1) + 1 == pixel.column {
             self.tie(me, me - 1, 4);
@@ -268,7 +268,7 @@ impl Edges {
         }
         self.pixels.clear();
         self.around.clear();
-        self.pixels.extend(self.kept.iter().filter(|k| k.strong).map(Kept::place));
+        self.pixels.extend(self.kept.iter().filter(|k| k.strong).map(EdgeCandidate::place));
         // all neighbours of a pixel stay with it
         let place = |i: u32| self.kept.get(i as usize).map_or(0, |k| k.parent);
         let moved = |a: Around| Around { mask: a.mask, above: place(a.above), below: place(a.below) };
@@ -276,7 +276,7 @@ impl Edges {
     }
 }
 
-impl Kept {
+impl EdgeCandidate {
     /// With its place to a fraction of a pixel. Across the edge the gradient is a bell, its logarithm a parabola, with the vertex where
     /// the edge is.
     #[inline]

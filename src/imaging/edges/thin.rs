@@ -4,7 +4,7 @@ use super::super::ImageView;
 use super::super::gradient::SobelColumns;
 use super::super::magnitude::sum_row;
 use super::super::simd::kernel;
-use super::{Around, Kept, Norm};
+use super::{Around, EdgeCandidate, Norm};
 
 /// Pixels that are looked at together.
 const BLOCK: usize = 32;
@@ -21,7 +21,7 @@ pub(super) struct GradientRow {
 
 /// Three rows: above, here, below.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Rows {
+pub(super) struct RowWindow {
     columns: SobelColumns,
     width: usize,
     gradient: [GradientRow; 3],
@@ -30,7 +30,7 @@ pub(super) struct Rows {
     kept: Vec<u32>,
 }
 
-impl Rows {
+impl RowWindow {
     /// Empties all for an image of this width.
     pub(super) fn start(&mut self, width: usize) {
         self.width = width;
@@ -87,7 +87,7 @@ impl Rows {
 
     /// The pixel at column `x` of the middle row, which is row `y` of the image; without neighbours yet.
     #[inline]
-    pub(super) fn pixel(&self, x: u32, y: u32, high: u16) -> Option<Kept> {
+    pub(super) fn pixel(&self, x: u32, y: u32, high: u16) -> Option<EdgeCandidate> {
         let at = x as usize;
         let [above, here, below] = &self.gradient;
         let (dx, dy) = (*here.dx.get(at)?, *here.dy.get(at)?);
@@ -102,7 +102,16 @@ impl Rows {
         };
         let strong = *self.magnitude[1].get(at + 1)? > high;
         let across = [before, across(here, at), after];
-        Some(Kept { column: x, row: y, dx, dy, across, around: Around::default(), parent: 0, strong })
+        Some(EdgeCandidate {
+            column: x,
+            row: y,
+            dx,
+            dy,
+            across,
+            around: Around::default(),
+            parent: 0,
+            strong,
+        })
     }
 }
 

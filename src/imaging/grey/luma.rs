@@ -15,13 +15,13 @@ enum Pick {
 
 /// A kernel, in the width of this processor.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Kernel {
+pub(super) struct LumaKernel {
     pick: Pick,
     #[cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
     wide: bool,
 }
 
-impl Kernel {
+impl LumaKernel {
     fn new(pick: Pick) -> Self {
         #[cfg(target_arch = "x86_64")]
         let wide = std::arch::is_x86_feature_detected!("avx2");

@@ -15,7 +15,7 @@
 mod luma;
 
 use super::jpeg::{JpegError, LumaDecoder};
-use luma::Kernel;
+use luma::LumaKernel;
 use thiserror::Error;
 
 /// How a camera lays out its pixels.
@@ -147,7 +147,7 @@ pub struct ToGrey {
 
 #[derive(Debug)]
 enum GreyDecoder {
-    Lines(Kernel),
+    Lines(LumaKernel),
     Jpeg(Box<LumaDecoder>),
 }
 
@@ -156,11 +156,11 @@ impl ToGrey {
     #[must_use]
     pub fn new(format: PixelFormat, width_px: u32, height_px: u32) -> Self {
         let way = match format {
-            PixelFormat::Grey | PixelFormat::Nv12 => GreyDecoder::Lines(Kernel::copy()),
-            PixelFormat::Y10 => GreyDecoder::Lines(Kernel::shifted(2)),
-            PixelFormat::Y12 => GreyDecoder::Lines(Kernel::shifted(4)),
-            PixelFormat::Y16 | PixelFormat::Uyvy => GreyDecoder::Lines(Kernel::second()),
-            PixelFormat::Yuyv => GreyDecoder::Lines(Kernel::first()),
+            PixelFormat::Grey | PixelFormat::Nv12 => GreyDecoder::Lines(LumaKernel::copy()),
+            PixelFormat::Y10 => GreyDecoder::Lines(LumaKernel::shifted(2)),
+            PixelFormat::Y12 => GreyDecoder::Lines(LumaKernel::shifted(4)),
+            PixelFormat::Y16 | PixelFormat::Uyvy => GreyDecoder::Lines(LumaKernel::second()),
+            PixelFormat::Yuyv => GreyDecoder::Lines(LumaKernel::first()),
             PixelFormat::Mjpg => GreyDecoder::Jpeg(Box::new(LumaDecoder::new(width_px, height_px))),
         };
         Self { format, width: width_px, height: height_px, way }

@@ -108,13 +108,13 @@ impl Bits<'_> {
 
     /// Whether what was read is all there was: not more, and behind it at most the rest of a byte, and zeros, with which some
     /// devices fill up.
-    pub(super) fn used_up(&self) -> Result<(), Rest> {
+    pub(super) fn used_up(&self) -> Result<(), LengthMismatch> {
         let read = (self.at * 8).saturating_sub(self.count as usize);
         let there = self.bytes.len().saturating_sub(BEYOND);
         match self.bytes.get(read.div_ceil(8)..there) {
-            None => Err(Rest::Missing),
+            None => Err(LengthMismatch::Missing),
             Some(rest) if rest.iter().all(|b| *b == 0) => Ok(()),
-            Some(_) => Err(Rest::Left),
+            Some(_) => Err(LengthMismatch::Left),
         }
     }
 }
@@ -130,7 +130,7 @@ fn last_bytes(bytes: &[u8], at: usize) -> u64 {
 
 /// Coded data that does not fit the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Rest {
+pub(super) enum LengthMismatch {
     /// There is less than the image needs.
     Missing,
     /// There is more.

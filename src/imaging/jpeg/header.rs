@@ -12,7 +12,7 @@ fn damaged(what: &'static str) -> JpegError {
 
 /// One component of the image.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Component {
+pub(super) struct FrameComponent {
     pub(super) id: u8,
     /// Blocks of a unit in a row, and rows of them.
     pub(super) across: usize,
@@ -41,7 +41,7 @@ pub(super) struct Scan {
 pub(super) struct Header {
     pub(super) width: u32,
     pub(super) height: u32,
-    pub(super) components: [Component; COMPONENTS],
+    pub(super) components: [FrameComponent; COMPONENTS],
     /// 0 before the frame's segment.
     pub(super) count: usize,
     /// Steps of the coefficients, in the order of the file.
@@ -61,7 +61,7 @@ impl Header {
         Self {
             width: 0,
             height: 0,
-            components: [Component::default(); COMPONENTS],
+            components: [FrameComponent::default(); COMPONENTS],
             count: 0,
             steps: [None; 4],
             dc: [dc0, dc1, dc0, dc1],
@@ -178,7 +178,7 @@ impl Header {
                     "a component has a sampling or a quantization table that there cannot be",
                 ));
             }
-            *component = Component { id, across, down, quantization: usize::from(quantization) };
+            *component = FrameComponent { id, across, down, quantization: usize::from(quantization) };
         }
         self.count = parts.len();
         Ok(())

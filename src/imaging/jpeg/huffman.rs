@@ -71,7 +71,7 @@ impl Code {
 
 /// What a code stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum TableClass {
     /// Differences of the mean level.
     Dc,
     /// All other coefficients.
@@ -86,13 +86,13 @@ pub(super) struct Entry(u32);
 impl Entry {
     const NONE: Self = Self(0);
 
-    fn new(kind: Kind, symbol: u8, length: u32) -> Self {
+    fn new(kind: TableClass, symbol: u8, length: u32) -> Self {
         let (run, size) = (symbol >> 4, symbol & 15);
         let steps = match (kind, run, size) {
-            (Kind::Dc, 0, ..=DC_VALUE_BITS) => 0,
-            (Kind::Ac, 0, 0) => END_OF_BLOCK as u32,
-            (Kind::Ac, 15, 0) => 16,
-            (Kind::Ac, _, 1..=AC_VALUE_BITS) => u32::from(run) + 1,
+            (TableClass::Dc, 0, ..=DC_VALUE_BITS) => 0,
+            (TableClass::Ac, 0, 0) => END_OF_BLOCK as u32,
+            (TableClass::Ac, 15, 0) => 16,
+            (TableClass::Ac, _, 1..=AC_VALUE_BITS) => u32::from(run) + 1,
             _ => return Self::NONE, // not in an 8-bit baseline image
         };
         let size = u32::from(size);
@@ -124,9 +124,9 @@ impl Entry {
 
 /// One symbol with its value, packed into a number: the value, steps to the coefficient, bits of both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Whole(u32);
+pub(super) struct DecodedSymbol(u32);
 
-impl Whole {
+impl DecodedSymbol {
     pub(super) const NONE: Self = Self(0);
 
     fn of(entry: Entry, window: u64) -> Self {
@@ -158,11 +158,11 @@ impl Whole {
 
 /// A code, ready to be looked up.
 pub(super) struct Table {
-    kind: Kind,
+    kind: TableClass,
     code: Code,
     lookup: [Entry; 1 << LOOK],
     /// The same where the value lies within the bits too.
-    whole: [Whole; 1 << LOOK],
+    whole: [DecodedSymbol; 1 << LOOK],
     /// For the longest length that is looked up, and each that is not: the first 16 bits behind its codes.
     limits: [u32; LONG + 1],
     /// For each of these: what leads from a code to the place of its symbol.
@@ -170,12 +170,12 @@ pub(super) struct Table {
 }
 
 impl Table {
-    pub(super) fn new(kind: Kind, code: &Code) -> Box<Self> {
+    pub(super) fn new(kind: TableClass, code: &Code) -> Box<Self> {
         let mut table = Box::new(Self {
             kind,
             code: *code,
             lookup: [Entry::NONE; 1 << LOOK],
-            whole: [Whole::NONE; 1 << LOOK],
+            whole: [DecodedSymbol::NONE; 1 << LOOK],
             limits: [0; LONG + 1],
             firsts: [0; LONG],
         });
@@ -215,13 +215,13 @@ impl Table {
             }
         });
         for ((next, entry), whole) in (0u64..).zip(lookup.iter()).zip(&mut self.whole) {
-            *whole = Whole::of(*entry, next << (64 - LOOK));
+            *whole = DecodedSymbol::of(*entry, next << (64 - LOOK));
         }
     }
 
-    /// The symbol that comes next with its value, where both lie within the bits that are looked at; else [`Whole::NONE`].
+    /// The symbol that comes next with its value, where both lie within the bits that are looked at; else [`DecodedSymbol::NONE`].
     #[inline(always)]
-    pub(super) fn whole(&self, bits: &Bits<'_>) -> Whole {
+    pub(super) fn whole(&self, bits: &Bits<'_>) -> DecodedSymbol {
         self.whole[(bits.window() >> (64 - LOOK)) as usize]
     }
 
@@ -277,7 +277,7 @@ impl SkipTable {
     }
 
     fn fill(&mut self) {
-        let single = Table::new(Kind::Ac, &self.code);
+        let single = Table::new(TableClass::Ac, &self.code);
         for (bits, skip) in (0..).zip(&mut self.lookup) {
             *skip = Skip { bits: 0, steps: 0, end: false };
             // Only what is told by these bits alone; a value may reach beyond them.

@@ -1,8 +1,8 @@
 //! Coded data of a scan -> grey levels: the luma blocks are decoded and transformed, those of the other components passed over.
 
-use super::bits::{Bits, Coded, Rest, SegmentEnd};
+use super::bits::{Bits, Coded, LengthMismatch, SegmentEnd};
 use super::header::{COMPONENTS, Header, Scan};
-use super::huffman::{END_OF_BLOCK, Kind, SkipTable, Table, Whole};
+use super::huffman::{DecodedSymbol, END_OF_BLOCK, SkipTable, Table, TableClass};
 use super::idct::{self, Block, PLACES, Tile};
 use super::{JpegError, standard};
 
@@ -27,13 +27,17 @@ struct Other {
 impl Other {
     fn new() -> Self {
         let (dc, ac) = (&standard::DC[1], &standard::AC[1]);
-        Self { dc: Table::new(Kind::Dc, dc), ac: Table::new(Kind::Ac, ac), skip: SkipTable::new(ac) }
+        Self {
+            dc: Table::new(TableClass::Dc, dc),
+            ac: Table::new(TableClass::Ac, ac),
+            skip: SkipTable::new(ac),
+        }
     }
 }
 
 /// What comes in a unit of a scan, one after the other.
 #[derive(Debug, Clone, Copy)]
-enum Part {
+enum McuPart {
     /// Blocks of luma: in a row, and rows.
     Luma { across: usize, down: usize },
     /// Blocks of another component, with the codes of this place.
@@ -41,8 +45,8 @@ enum Part {
 }
 
 /// The units of a scan, and what is in each.
-struct Layout {
-    parts: [Part; COMPONENTS],
+struct McuLayout {
+    parts: [McuPart; COMPONENTS],
     count: usize,
     units_across: usize,
     units_down: usize,
@@ -51,13 +55,13 @@ struct Layout {
 
 /// Of a coefficient, in the order of the file: by how much it is multiplied, and where it lies in a [`Block`].
 #[derive(Clone, Copy)]
-struct Step {
+struct Dequantizer {
     step: u16,
     place: u16,
 }
 
 /// Where the grey levels go.
-struct Picture<'a> {
+struct GreyOutput<'a> {
     out: &'a mut [u8],
     width: usize,
     height: usize,
@@ -74,8 +78,8 @@ impl Scanner {
         let wide = false;
         Self {
             coded: Coded::with_capacity(coded_bytes),
-            luma_dc: Table::new(Kind::Dc, &standard::DC[0]),
-            luma_ac: Table::new(Kind::Ac, &standard::AC[0]),
+            luma_dc: Table::new(TableClass::Dc, &standard::DC[0]),
+            luma_ac: Table::new(TableClass::Ac, &standard::AC[0]),
             others: [Other::new(), Other::new()],
             wide,
         }
@@ -94,8 +98,8 @@ impl Scanner {
         let luma = header.components[0].quantization;
         let steps = header.steps.get(luma).copied().flatten();
         let steps = steps.ok_or(JpegError::Damaged("the luma's quantization table is missing"))?;
-        let steps = std::array::from_fn(|k| Step { step: steps[k], place: PLACES[k].into() });
-        let mut picture = Picture { out, width: header.width as usize, height: header.height as usize };
+        let steps = std::array::from_fn(|k| Dequantizer { step: steps[k], place: PLACES[k].into() });
+        let mut picture = GreyOutput { out, width: header.width as usize, height: header.height as usize };
         #[cfg(target_arch = "x86_64")]
         if self.wide {
             // SAFETY: `wide` is set only where the processor has AVX2, BMI1 and BMI2.
@@ -106,11 +110,11 @@ impl Scanner {
     }
 
     /// Sets the tables for a scan, and says what is in its units.
-    fn prepare(&mut self, header: &Header, scan: &Scan) -> Result<Layout, JpegError> {
+    fn prepare(&mut self, header: &Header, scan: &Scan) -> Result<McuLayout, JpegError> {
         let parts = scan.parts.get(..scan.count).unwrap_or(&[]);
         let components = header.components.get(..header.count).unwrap_or(&[]);
         let largest =
-            |of: fn(&super::header::Component) -> usize| components.iter().map(of).max().unwrap_or(1);
+            |of: fn(&super::header::FrameComponent) -> usize| components.iter().map(of).max().unwrap_or(1);
         let (across, down) = (largest(|c| c.across), largest(|c| c.down));
         let luma = header.components[0];
         if (luma.across, luma.down) != (across, down) {
@@ -119,8 +123,8 @@ impl Scanner {
         // A component alone comes block by block, without regard to its sampling.
         let alone = parts.len() == 1;
         let (across, down) = if alone { (1, 1) } else { (across, down) };
-        let mut layout = Layout {
-            parts: [Part::Other { blocks: 0, codes: 0 }; COMPONENTS],
+        let mut layout = McuLayout {
+            parts: [McuPart::Other { blocks: 0, codes: 0 }; COMPONENTS],
             count: parts.len(),
             units_across: (header.width as usize).div_ceil(8 * across),
             units_down: (header.height as usize).div_ceil(8 * down),
@@ -134,18 +138,18 @@ impl Scanner {
             if part.component == 0 {
                 self.luma_dc.set(dc);
                 self.luma_ac.set(ac);
-                *out = Part::Luma { across, down };
+                *out = McuPart::Luma { across, down };
             } else if let (Some(other), Some(component)) =
                 (self.others.get_mut(codes), components.get(part.component))
             {
                 other.dc.set(dc);
                 other.ac.set(ac);
                 other.skip.set(ac);
-                *out = Part::Other { blocks: component.across * component.down, codes };
+                *out = McuPart::Other { blocks: component.across * component.down, codes };
                 codes += 1;
             }
         }
-        let lumas = layout.parts.iter().filter(|part| matches!(part, Part::Luma { .. })).count();
+        let lumas = layout.parts.iter().filter(|part| matches!(part, McuPart::Luma { .. })).count();
         if lumas != 1 {
             return Err(JpegError::Damaged("a scan has the same component twice"));
         }
@@ -156,11 +160,11 @@ impl Scanner {
     #[target_feature(enable = "avx2,bmi1,bmi2")]
     fn run_wide(
         &mut self,
-        layout: &Layout,
-        steps: &[Step; 64],
+        layout: &McuLayout,
+        steps: &[Dequantizer; 64],
         bytes: &[u8],
         from: usize,
-        picture: &mut Picture<'_>,
+        picture: &mut GreyOutput<'_>,
     ) -> Result<Option<usize>, JpegError> {
         self.run(layout, steps, bytes, from, picture, |block| idct::x86::avx2(block))
     }
@@ -168,11 +172,11 @@ impl Scanner {
     #[inline(always)]
     fn run(
         &mut self,
-        layout: &Layout,
-        steps: &[Step; 64],
+        layout: &McuLayout,
+        steps: &[Dequantizer; 64],
         bytes: &[u8],
         from: usize,
-        picture: &mut Picture<'_>,
+        picture: &mut GreyOutput<'_>,
         transform: impl Fn(&Block) -> Tile,
     ) -> Result<Option<usize>, JpegError> {
         let units = layout.units_across * layout.units_down;
@@ -187,7 +191,7 @@ impl Scanner {
             while unit < until {
                 for part in layout.parts.iter().take(layout.count) {
                     match *part {
-                        Part::Luma { across, down } => {
+                        McuPart::Luma { across, down } => {
                             for row in 0..down {
                                 for column in 0..across {
                                     let (x, y) = (x * across + column, y * down + row);
@@ -196,7 +200,7 @@ impl Scanner {
                                 }
                             }
                         }
-                        Part::Other { blocks, codes } => {
+                        McuPart::Other { blocks, codes } => {
                             let other = &self.others[codes & 1];
                             for _ in 0..blocks {
                                 other.pass_over(&mut bits)?;
@@ -211,9 +215,11 @@ impl Scanner {
                 }
             }
             match (bits.used_up(), end) {
-                (Err(Rest::Missing), SegmentEnd::Bytes) => return Err(JpegError::Truncated),
-                (Err(Rest::Missing), _) => return Err(JpegError::Damaged("data is missing")),
-                (Err(Rest::Left), _) => return Err(JpegError::Damaged("there is more data than image")),
+                (Err(LengthMismatch::Missing), SegmentEnd::Bytes) => return Err(JpegError::Truncated),
+                (Err(LengthMismatch::Missing), _) => return Err(JpegError::Damaged("data is missing")),
+                (Err(LengthMismatch::Left), _) => {
+                    return Err(JpegError::Damaged("there is more data than image"));
+                }
                 (Ok(()), SegmentEnd::Restart(number)) if unit < units && number == restarts & 7 => {
                     restarts = restarts.wrapping_add(1);
                     at = next;
@@ -231,7 +237,7 @@ impl Scanner {
     fn luma_block(
         &self,
         bits: &mut Bits<'_>,
-        steps: &[Step; 64],
+        steps: &[Dequantizer; 64],
         mean: &mut i32,
         transform: &impl Fn(&Block) -> Tile,
     ) -> Result<Tile, JpegError> {
@@ -253,7 +259,7 @@ impl Scanner {
             }
             is_full = !is_full;
             let whole = self.luma_ac.whole(bits);
-            let value = if whole != Whole::NONE {
+            let value = if whole != DecodedSymbol::NONE {
                 bits.skip(whole.bits());
                 k += whole.steps();
                 whole.value()
@@ -268,7 +274,7 @@ impl Scanner {
                 end_of_block(k)?;
                 break;
             }
-            let Step { step, place } = steps[k & 63];
+            let Dequantizer { step, place } = steps[k & 63];
             block.0[usize::from(place & 63)] = value.wrapping_mul(i32::from(step)) as i16;
             plain = false;
         }
@@ -313,7 +319,7 @@ impl Other {
     }
 }
 
-impl Picture<'_> {
+impl GreyOutput<'_> {
     /// Puts a block at column `x`, row `y`; what lies outside of the picture is left out.
     #[inline(always)]
     fn put(&mut self, tile: &Tile, x: usize, y: usize) {

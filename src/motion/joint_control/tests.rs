@@ -6,7 +6,7 @@ use crate::time::MonoNs;
 use nalgebra::{Vector3, Vector6};
 use proptest::prelude::*;
 
-type Arm<const N: usize> = SimulatedDriveSettings<N>;
+type ArmSettings<const N: usize> = SimulatedDriveSettings<N>;
 
 fn at_rest<const N: usize>(q: SVector<f64, N>) -> ReferenceState<N> {
     let zero = SVector::zeros();
@@ -55,7 +55,7 @@ fn posture<const N: usize>() -> SVector<f64, N> {
 fn follow<const N: usize>(
     robot: &Robot<N>,
     mut control: JointController<N>,
-    arm: Arm<N>,
+    arm: ArmSettings<N>,
     see: &mut dyn FnMut(&Tick<'_, N>),
 ) {
     let q = posture();
@@ -84,7 +84,11 @@ fn follow<const N: usize>(
 }
 
 /// Largest distances from the reference: on the way, and in the last 0.2 s, where it rests.
-fn distances<const N: usize>(robot: &Robot<N>, control: JointController<N>, arm: Arm<N>) -> (f64, f64) {
+fn distances<const N: usize>(
+    robot: &Robot<N>,
+    control: JointController<N>,
+    arm: ArmSettings<N>,
+) -> (f64, f64) {
     let (mut moving, mut resting) = (0.0_f64, 0.0_f64);
     follow(robot, control, arm, &mut |tick| {
         let e = (tick.reference.q - tick.q).amax();
@@ -106,7 +110,7 @@ proptest! {
         let law = JointLaw::InverseDynamics(InverseDynamicsControl::new(20.0, 0.7));
         let tau = JointController::new(law, ObserverSettings::none())
             .torque(&robot, &q, &qd, &at_rest(q.add_scalar(1e-3))).tau;
-        let mut drive = SimulatedDrive::new(robot, q, Arm::default()).unwrap().with_velocity(qd);
+        let mut drive = SimulatedDrive::new(robot, q, ArmSettings::default()).unwrap().with_velocity(qd);
         drive.read(MonoNs(0));
         drive.write(&DriveCommand { tau, q_r: q, qd_r: qd });
         let qdd = (drive.read(MonoNs(1_000_000)).qd - qd) * 1e3;
@@ -154,7 +158,7 @@ fn every_law_follows_a_reference_that_accelerates() {
     let robot = robot::<7>("panda");
     for law in [inverse_dynamics(), pd(&robot, &posture())] {
         let (moving, resting) =
-            distances(&robot, JointController::new(law, ObserverSettings::none()), Arm::default());
+            distances(&robot, JointController::new(law, ObserverSettings::none()), ArmSettings::default());
         assert!(moving < 2e-4 && resting < 1e-6, "{law:?}: {moving:e} on the way, {resting:e} at rest");
     }
 }
@@ -166,11 +170,11 @@ fn an_exact_model_leaves_nothing_to_learn() {
     for law in [inverse_dynamics(), pd(&robot, &posture())] {
         let mut way = Vec::new();
         let plain = JointController::new(law, ObserverSettings::none());
-        follow(&robot, plain, Arm::default(), &mut |tick| way.push(tick.q));
+        follow(&robot, plain, ArmSettings::default(), &mut |tick| way.push(tick.q));
         let (mut off, mut learnt) = (0.0_f64, 0.0_f64);
         let mut next = way.iter();
         let observing = JointController::new(law, observing(&robot, &posture()));
-        follow(&robot, observing, Arm::default(), &mut |tick| {
+        follow(&robot, observing, ArmSettings::default(), &mut |tick| {
             off = off.max((tick.q - next.next().unwrap()).amax());
             let (p, t) = tick.control.disturbance();
             learnt = learnt.max(p.amax()).max(t.amax());
@@ -187,7 +191,7 @@ fn what_the_model_does_not_know_is_learnt() {
     let payload = Payload { mass_kg: 3.0, com_E: Vector3::new(0.02, -0.02, 0.05) };
     for law in [inverse_dynamics(), pd(&robot, &posture())] {
         for scale in [0.7, 1.0, 1.3] {
-            let arm = || Arm { arm: Some(rubbing(&robot, scale)), payload, ..Arm::default() };
+            let arm = || ArmSettings { arm: Some(rubbing(&robot, scale)), payload, ..ArmSettings::default() };
             let (_, without) = distances(&robot, JointController::new(law, ObserverSettings::none()), arm());
             let (moving, resting) =
                 distances(&robot, JointController::new(law, observing(&robot, &posture())), arm());
@@ -214,7 +218,7 @@ fn encoder_steps_do_not_shake_the_arm() {
         };
         let (mut before, mut squares, mut off) = (SVector::zeros(), 0.0, 0.0_f64);
         let control = JointController::new(inverse_dynamics(), observer);
-        follow(&robot, control, Arm { encoder, ..Arm::default() }, &mut |tick| {
+        follow(&robot, control, ArmSettings { encoder, ..ArmSettings::default() }, &mut |tick| {
             if tick.ms >= 2500 {
                 squares += ((tick.qd - before) * 1e3).norm_squared() / (6.0 * 500.0);
                 off = off.max((tick.q - tick.reference.q).amax());

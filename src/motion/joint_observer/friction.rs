@@ -21,7 +21,7 @@ const MOST: f64 = 2.0;
 
 /// What a tick tells of a joint, torques in N m or forces in N.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Residual {
+pub(super) struct TorqueResidual {
     /// By which the joint's motion differs from the expected one.
     pub(super) rho: f64,
     /// Friction that was made up for, by the model.
@@ -53,12 +53,12 @@ impl<const N: usize> FrictionShare<N> {
     }
 
     /// Learns of joint `i`, counted from 0; nothing where its model has no Coulomb friction.
-    pub(super) fn learn(&mut self, i: usize, model: &Friction, residual: &Residual, tick_s: f64) {
+    pub(super) fn learn(&mut self, i: usize, model: &Friction, residual: &TorqueResidual, tick_s: f64) {
         let unit = model.coulomb;
         if !(unit > 0.0) {
             return;
         }
-        let Residual { rho, friction, inertial, gain } = *residual;
+        let TorqueResidual { rho, friction, inertial, gain } = *residual;
         let (rho, friction, inertial) = (rho / unit, friction / unit, inertial / unit);
         // In units of its noise, which is that of the Coulomb friction itself: the walk for which `gain` is the best one.
         let walk = gain * gain;
@@ -91,7 +91,7 @@ mod tests {
             let speed = 0.3 * (f64::from(k) * 6e-3).sin();
             let friction = MODEL.viscous * speed + MODEL.coulomb * (speed / 1e-3).tanh();
             let rho = load - share * friction - (d - learner.share()[0] * friction);
-            let residual = Residual { rho, friction, inertial: 0.0, gain: 0.01 };
+            let residual = TorqueResidual { rho, friction, inertial: 0.0, gain: 0.01 };
             learner.learn(0, &MODEL, &residual, 1e-3);
             d += 0.01 * rho;
         }
@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn a_joint_without_friction_learns_nothing_and_nonsense_stays_within_bounds() {
-        let residual = Residual { rho: 1e9, friction: -1.0, inertial: 0.0, gain: 0.01 };
+        let residual = TorqueResidual { rho: 1e9, friction: -1.0, inertial: 0.0, gain: 0.01 };
         let mut learner = FrictionShare::<1>::default();
         learner.learn(0, &Friction::default(), &residual, 1e-3);
         assert_eq!(*learner.share(), Vector1::zeros());

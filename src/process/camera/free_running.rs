@@ -18,7 +18,7 @@ use tracing::{info, warn};
 
 /// How long a source may be silent.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Patience {
+pub(super) struct SilenceLimits {
     /// A silence that is worth a line.
     tell: SpanNs,
     /// One that is the end.
@@ -27,7 +27,7 @@ pub(super) struct Patience {
     away: SpanNs,
 }
 
-impl Patience {
+impl SilenceLimits {
     /// For a source that is to give so many frames a second, and whose camera may be away for so long.
     pub(super) fn with(rate_hz: f64, away: SpanNs) -> Self {
         let period_s = 1.0 / rate_hz;
@@ -45,7 +45,7 @@ impl Patience {
 pub(super) fn run(
     source: &mut dyn FreeRunningSource,
     outlet: &mut impl Outlet,
-    patience: Patience,
+    patience: SilenceLimits,
     stop: &StopFlag,
 ) -> Result<(), ProcessError> {
     let mut numbers = Numbers::default();

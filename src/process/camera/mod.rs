@@ -31,7 +31,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
             services.require_room_for_peers()?;
             priority::take(config, Rank::Camera)?;
             info!(rate_hz = config.camera.rate_hz, "camera runs");
-            let camera = scheduled::Camera::new(config, &membership, source, frames, arm);
+            let camera = scheduled::ScheduledCamera::new(config, &membership, source, frames, arm);
             camera.run(&wake_listener, stop)
         }
         AnySource::FreeRunning(mut source) => {
@@ -42,7 +42,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
             info!("camera runs by its own clock");
             let mut outlet = SharedMemory { camera: &config.camera, membership: &membership, frames, health };
             let patience =
-                free_running::Patience::with(config.camera.rate_hz, give_up(&config.camera.source));
+                free_running::SilenceLimits::with(config.camera.rate_hz, give_up(&config.camera.source));
             free_running::run(source.as_mut(), &mut outlet, patience, stop)
         }
     }

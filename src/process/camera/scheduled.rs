@@ -17,7 +17,7 @@ use tracing::info;
 const LEAD: SpanNs = SpanNs(50_000_000);
 
 /// A camera whose source is told when to expose.
-pub(super) struct Camera<'a> {
+pub(super) struct ScheduledCamera<'a> {
     config: &'a Config,
     membership: &'a Membership,
     source: Box<dyn ScheduledSource>,
@@ -27,13 +27,13 @@ pub(super) struct Camera<'a> {
 }
 
 /// An exposed frame that is not due yet.
-struct Pending {
+struct PendingFrame {
     due: MonoNs,
     frame: BorrowedFrame,
     header: FrameHeader,
 }
 
-impl<'a> Camera<'a> {
+impl<'a> ScheduledCamera<'a> {
     pub(super) fn new(
         config: &'a Config,
         membership: &'a Membership,
@@ -59,7 +59,7 @@ impl<'a> Camera<'a> {
         let half = SpanNs(self.config.camera.exposure.0 / 2);
         let start = self.first_exposure();
         let (mut frame_id, mut last, mut due) = (0, false, MonoNs::ZERO);
-        let mut pending: VecDeque<Pending> = VecDeque::new();
+        let mut pending: VecDeque<PendingFrame> = VecDeque::new();
         loop {
             let exposed = start + schedule.exposure(frame_id) + half;
             let next = pending.front().map(|p| p.due).into_iter().chain((!last).then_some(exposed)).min();
@@ -84,7 +84,7 @@ impl<'a> Camera<'a> {
                 last = header.flags & frame_flag::LAST != 0;
                 // Frames do not overtake one another.
                 due = due.max(mid + schedule.latency(frame_id));
-                pending.push_back(Pending { due, frame, header });
+                pending.push_back(PendingFrame { due, frame, header });
             }
             // A camera that cannot keep up drops whole exposures, it does not shift them.
             frame_id += 1;

@@ -33,14 +33,14 @@ struct Record {
 }
 
 /// A drive that does as it is told at once, and the camera and vision of the same cell.
-struct Cell {
+struct FakeCell {
     config: Config,
     q: SVector<f64, N>,
     moves: Arc<AtomicBool>,
     record: Record,
 }
 
-impl Cell {
+impl FakeCell {
     fn view(&self, tick: u64, exposure: MonoNs) -> Measurement {
         let robot = self.config.robot.build::<N>().unwrap();
         let X_CO =
@@ -132,7 +132,7 @@ fn broken(service: Channel, clock: &str, uses: u32) -> (Result<(), ProcessError>
     let config = Config::load(None, &sets).unwrap();
     let moves = Arc::new(AtomicBool::new(false));
     let q = crate::config::assemble::q_start::<N>(&config).unwrap();
-    let cell = Cell { config: config.clone(), q, moves: moves.clone(), record: Record::default() };
+    let cell = FakeCell { config: config.clone(), q, moves: moves.clone(), record: Record::default() };
     let there = place.clone();
     let stop = StopFlag::default();
     let ends = EndsTheRun(stop.clone());

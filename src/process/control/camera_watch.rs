@@ -10,11 +10,11 @@ use crate::time::MonoNs;
 
 /// The newest words of the cameras that control goes by: of one, or of a pair.
 pub(super) struct CameraWatch {
-    cameras: Vec<Watched>,
+    cameras: Vec<WatchedCamera>,
 }
 
 /// The newest word of a camera that runs by its own clock.
-struct Watched {
+struct WatchedCamera {
     /// What it is called.
     name: &'static str,
     port: Option<Receiver<CameraHealth>>,
@@ -24,10 +24,10 @@ struct Watched {
 impl CameraWatch {
     /// Of the camera of `config`, or of both of its pair; simulated ones have nothing to say.
     pub(super) fn open(services: &Services, config: &Config) -> Result<Self, IpcError> {
-        let watched = |name, camera: &Camera| -> Result<Watched, IpcError> {
+        let watched = |name, camera: &Camera| -> Result<WatchedCamera, IpcError> {
             let speaks = camera.source.kind().timing() == Timing::FreeRunning;
             let port = speaks.then(|| services.health_receiver(camera.id)).transpose()?;
-            Ok(Watched { name, port, newest: None })
+            Ok(WatchedCamera { name, port, newest: None })
         };
         let cameras = match (&config.stereo, config.further_cameras.first()) {
             (Some(_), Some(right)) => {
@@ -48,7 +48,7 @@ impl CameraWatch {
     }
 
     /// Of two the one that is away counts.
-    fn worst(&self) -> Option<&Watched> {
+    fn worst(&self) -> Option<&WatchedCamera> {
         let spoken = || self.cameras.iter().filter(|camera| camera.newest.is_some());
         spoken().find(|camera| camera.state().is_away()).or(spoken().next())
     }
@@ -67,7 +67,7 @@ impl CameraWatch {
     }
 }
 
-impl Watched {
+impl WatchedCamera {
     fn look(&mut self) -> Result<Option<String>, IpcError> {
         let mut event = None;
         while let Some(health) = self.port.as_ref().map_or(Ok(None), Receiver::receive)? {
@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn going_and_coming_back_are_events_and_a_start_is_none() {
-        let mut watch = Watched { name: "camera", port: None, newest: None };
+        let mut watch = WatchedCamera { name: "camera", port: None, newest: None };
         let mut events = Vec::new();
         for health in [
             says(CameraState::Starting, 0),
@@ -125,7 +125,8 @@ mod tests {
 
     fn watch(words: &[Option<CameraHealth>]) -> CameraWatch {
         let names = if words.len() == 1 { &["camera"][..] } else { &["left camera", "right camera"][..] };
-        let watched = |(name, newest): (&&'static str, &_)| Watched { name, port: None, newest: *newest };
+        let watched =
+            |(name, newest): (&&'static str, &_)| WatchedCamera { name, port: None, newest: *newest };
         CameraWatch { cameras: names.iter().zip(words).map(watched).collect() }
     }
 

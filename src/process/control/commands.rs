@@ -43,7 +43,7 @@ pub(super) struct Commands {
 
 /// What a command asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Question {
+enum ParsedCommand {
     /// How things stand.
     State,
     /// Something of the loop.
@@ -52,7 +52,7 @@ enum Question {
     Nothing(Refusal),
 }
 
-impl Question {
+impl ParsedCommand {
     fn of(command: &ControlCommand) -> Self {
         match (command.arm, command.request) {
             (0, 0) => Self::State,
@@ -104,10 +104,10 @@ impl Commands {
     pub(super) fn next(&mut self) -> Option<Numbered> {
         while let Some(asked) = self.take() {
             let command = asked.command();
-            let refusal = match Question::of(&command) {
-                Question::State => 0,
-                Question::Nothing(refusal) => refusal as u32,
-                Question::Request(request) => {
+            let refusal = match ParsedCommand::of(&command) {
+                ParsedCommand::State => 0,
+                ParsedCommand::Nothing(refusal) => refusal as u32,
+                ParsedCommand::Request(request) => {
                     self.next += 1;
                     self.waiting.push_back((self.next, asked));
                     return Some(Numbered { number: self.next, request });
@@ -164,17 +164,17 @@ mod tests {
 
     #[test]
     fn what_means_nothing_is_refused() {
-        let of = |request, arm| Question::of(&ControlCommand { request, arm });
-        assert_eq!(of(0, 0), Question::State);
+        let of = |request, arm| ParsedCommand::of(&ControlCommand { request, arm });
+        assert_eq!(of(0, 0), ParsedCommand::State);
         for request in Request::ALL {
-            assert_eq!(of(request as u32, 0), Question::Request(request));
+            assert_eq!(of(request as u32, 0), ParsedCommand::Request(request));
         }
         for code in [7, 99, u32::MAX] {
-            assert_eq!(of(code, 0), Question::Nothing(Refusal::UnknownRequest), "{code}");
+            assert_eq!(of(code, 0), ParsedCommand::Nothing(Refusal::UnknownRequest), "{code}");
         }
         for arm in [1, 7, u32::MAX] {
             for code in [0, Request::Stop as u32, 99] {
-                assert_eq!(of(code, arm), Question::Nothing(Refusal::UnknownArm), "{code} {arm}");
+                assert_eq!(of(code, arm), ParsedCommand::Nothing(Refusal::UnknownArm), "{code} {arm}");
             }
         }
     }

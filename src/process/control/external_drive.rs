@@ -134,7 +134,7 @@ impl DrivePorts<'_> {
         for (to, from) in start.q_r.iter_mut().zip(&config.start.q).take(MAX_JOINTS) {
             *to = *from;
         }
-        let mut wait = Wait::new(config);
+        let mut wait = DriveWait::new(config);
         let mut asked = None;
         while !stops.end_the_start() {
             self.membership.beat();
@@ -243,7 +243,7 @@ impl DrivePorts<'_> {
 }
 
 /// The wait for a drive: told from time to time, and not without end.
-struct Wait {
+struct DriveWait {
     began: MonoNs,
     told: Option<MonoNs>,
     /// The run has started the drive itself; people may take their time to start theirs, but then it is to answer.
@@ -252,7 +252,7 @@ struct Wait {
     timeout: SpanNs,
 }
 
-impl Wait {
+impl DriveWait {
     fn new(config: &Config) -> Self {
         let external = &config.drive.external;
         Self {

@@ -225,7 +225,7 @@ impl Inbox {
                 None => {}
             }
             self.peers_hang |=
-                wait.get_or_insert_with(Wait::begin).is_over(id, &self.seeing, ports.membership);
+                wait.get_or_insert_with(MeasurementWait::begin).is_over(id, &self.seeing, ports.membership);
             if self.peers_hang {
                 return Ok(None);
             }
@@ -237,12 +237,12 @@ impl Inbox {
 }
 
 /// A wait for a measurement: after a while it is told what is waited for, and then it ends.
-struct Wait {
+struct MeasurementWait {
     silence: Silence,
     told: bool,
 }
 
-impl Wait {
+impl MeasurementWait {
     fn begin() -> Self {
         Self { silence: Silence::begin(now()), told: false }
     }

@@ -1,6 +1,6 @@
 //! A process that the supervisor started: this same executable in another role.
 
-use super::reap::{Found, Used, reap};
+use super::reap::{ChildState, Used, reap};
 use crate::config::DriveProgram;
 use crate::ipc::{Instance, Role};
 use crate::process::{ProcessError, ReportFolder};
@@ -144,9 +144,9 @@ impl Child {
     /// Takes note of its end. It must not have ended before: its number may belong to another process by now.
     fn reap(&mut self, wait: bool) {
         let (status, used) = match reap(Pid::from_child(&self.process), wait) {
-            Found::Running => return,
-            Found::Ended(status, used) => (status, Some(used)),
-            Found::Lost => (ExitStatus::from_raw(LOST_CODE << 8), None),
+            ChildState::Running => return,
+            ChildState::Ended(status, used) => (status, Some(used)),
+            ChildState::Lost => (ExitStatus::from_raw(LOST_CODE << 8), None),
         };
         self.end = Some(ProcessEnd(status));
         self.usage = used.map(|used: Used| used.over(now() - self.started));

@@ -23,7 +23,7 @@ impl Used {
 
 /// What a child is found to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Found {
+pub(super) enum ChildState {
     /// It runs.
     Running,
     /// It has ended, and is reaped now.
@@ -34,7 +34,7 @@ pub(super) enum Found {
 
 /// Reaps the child `pid`, which must not have been reaped before; waits for its end when `wait` is set.
 #[allow(unsafe_code)]
-pub(super) fn reap(pid: Pid, wait: bool) -> Found {
+pub(super) fn reap(pid: Pid, wait: bool) -> ChildState {
     let flags = if wait { 0 } else { libc::WNOHANG };
     loop {
         let mut status = 0;
@@ -43,10 +43,10 @@ pub(super) fn reap(pid: Pid, wait: bool) -> Found {
         // SAFETY: the call writes one integer and one record, which both live until it returns.
         let result = unsafe { libc::wait4(pid.as_raw_pid(), &mut status, flags, &mut usage) };
         match result {
-            0 => return Found::Running,
+            0 => return ChildState::Running,
             -1 if std::io::Error::last_os_error().kind() == std::io::ErrorKind::Interrupted => {}
-            -1 => return Found::Lost,
-            _ => return Found::Ended(ExitStatus::from_raw(status), used(&usage)),
+            -1 => return ChildState::Lost,
+            _ => return ChildState::Ended(ExitStatus::from_raw(status), used(&usage)),
         }
     }
 }
@@ -69,12 +69,12 @@ mod tests {
     fn a_child_is_found_running_then_ended_then_lost() {
         let mut child = Command::new("cat").stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
         let pid = Pid::from_child(&child);
-        assert_eq!(reap(pid, false), Found::Running);
+        assert_eq!(reap(pid, false), ChildState::Running);
         drop(child.stdin.take());
-        let Found::Ended(status, used) = reap(pid, true) else { panic!("it ended") };
+        let ChildState::Ended(status, used) = reap(pid, true) else { panic!("it ended") };
         assert!(status.success());
         assert!(used.max_resident_mb > 0.1 && used.cpu_s >= 0.0, "{used:?}");
-        assert_eq!(reap(pid, false), Found::Lost);
+        assert_eq!(reap(pid, false), ChildState::Lost);
     }
 
     #[test]

@@ -94,12 +94,12 @@ impl<T: Copy> Thinned<T> {
     }
 
     /// Takes a row in; whether it has a place of its own now, and whether places were given up for it.
-    fn push(&mut self, row: T) -> Kept {
+    fn push(&mut self, row: T) -> RowOutcome {
         let kept = self.seen.is_multiple_of(self.stride);
         self.seen += 1;
         self.last = Some(row);
         if !kept {
-            return Kept { pushed: false, halved: false };
+            return RowOutcome { pushed: false, halved: false };
         }
         let halved = self.rows.len() == self.most;
         if halved {
@@ -112,7 +112,7 @@ impl<T: Copy> Thinned<T> {
         }
         // The row that filled it up is the first of the coarser ones: `most` is even.
         self.rows.push(row);
-        Kept { pushed: true, halved }
+        RowOutcome { pushed: true, halved }
     }
 
     /// The kept rows, and the last where it is not among them.
@@ -123,7 +123,7 @@ impl<T: Copy> Thinned<T> {
 }
 
 /// What became of a row.
-struct Kept {
+struct RowOutcome {
     pushed: bool,
     halved: bool,
 }

@@ -1,6 +1,6 @@
 //! The joints: how near they come to their limits, and positions, velocities, torques over time.
 
-use super::record::{JointRecord, RunRecord};
+use super::record::{JointSummary, RunRecord};
 use crate::report::chart::{Panel, Series, Symbol, figure_svg};
 use crate::report::numbers::significant;
 use crate::report::page::figure;
@@ -30,7 +30,7 @@ impl Quantity {
         }
     }
 
-    fn unit(self, joint: &JointRecord) -> &'static str {
+    fn unit(self, joint: &JointSummary) -> &'static str {
         match (self, joint.slides) {
             (Self::Position, false) => "rad",
             (Self::Position, true) => "m",
@@ -42,7 +42,7 @@ impl Quantity {
     }
 
     /// Least and greatest value; infinite where there is none.
-    fn limits(self, joint: &JointRecord) -> (f64, f64) {
+    fn limits(self, joint: &JointSummary) -> (f64, f64) {
         match self {
             Self::Position => (joint.lower, joint.upper),
             Self::Velocity => (-joint.velocity, joint.velocity),
@@ -53,7 +53,7 @@ impl Quantity {
 
 /// A joint's curve.
 struct Curve<'a> {
-    joint: &'a JointRecord,
+    joint: &'a JointSummary,
     number: usize,
     points: Vec<[f64; 2]>,
     commanded: Vec<[f64; 2]>,
@@ -85,7 +85,7 @@ fn curves(r: &RunRecord, quantity: Quantity) -> Vec<Curve<'_>> {
 }
 
 /// A joint in words: its number, and its name where that says more.
-fn called(joint: &JointRecord, number: usize) -> String {
+fn called(joint: &JointSummary, number: usize) -> String {
     let plain =
         [format!("joint{number}"), format!("joint_{number}"), format!("joint {number}"), String::new()];
     if plain.contains(&joint.name) {
@@ -303,13 +303,13 @@ mod tests {
     use crate::report::csv_table::CsvTable;
 
     fn record() -> RunRecord {
-        let joint = |name: &str, upper: f64| JointRecord {
+        let joint = |name: &str, upper: f64| JointSummary {
             name: name.into(),
             lower: -upper,
             upper,
             velocity: 2.0,
             effort: 10.0,
-            ..JointRecord::default()
+            ..JointSummary::default()
         };
         let mut text = String::from(
             "time_s,limit_jerk,limit_view,q_1,q_2,qd_1,qd_2,tau_1,tau_2,q_r_1,q_r_2,qd_r_1,qd_r_2\n",

@@ -28,7 +28,7 @@ pub struct RunRecord {
     /// Gravity in B, m/s^2: what is drawn as down.
     pub gravity_B: [f64; 3],
     /// The axes of the arm, from the base.
-    pub joints: Vec<JointRecord>,
+    pub joints: Vec<JointSummary>,
     /// Columns and rows of the image.
     pub image_px: [f64; 2],
     /// The feature error below which the goal is reached, px.
@@ -63,7 +63,7 @@ pub struct RunRecord {
 
 /// A joint, and its limits: rad, rad/s, N m for a turning one; m, m/s, N for a sliding one.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct JointRecord {
+pub struct JointSummary {
     /// Its name.
     pub name: String,
     /// Whether it slides.

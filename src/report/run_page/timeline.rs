@@ -8,20 +8,20 @@ use crate::report::page::{escaped, figure};
 use std::fmt::Write;
 
 /// A span of a lane: from, to, class of its colour, and what it is.
-type Span = (f64, f64, &'static str, String);
+type TimelineSpan = (f64, f64, &'static str, String);
 
 /// A lane of the figure.
-struct Lane {
+struct TimelineLane {
     name: String,
-    spans: Vec<Span>,
+    spans: Vec<TimelineSpan>,
 }
 
 /// Spans shorter than this share of the run are joined with their neighbours: they could not be seen.
 const SHORTEST: f64 = 1.0 / 1500.0;
 
-fn lanes(r: &RunRecord, end: f64) -> Vec<Lane> {
+fn lanes(r: &RunRecord, end: f64) -> Vec<TimelineLane> {
     let times = r.trace.numbers("time_s");
-    let mut states: Vec<Span> = Vec::new();
+    let mut states: Vec<TimelineSpan> = Vec::new();
     for (row, time) in times.iter().enumerate() {
         let state = r.trace.word("state", row);
         match states.last_mut() {
@@ -34,17 +34,17 @@ fn lanes(r: &RunRecord, end: f64) -> Vec<Lane> {
             }
         }
     }
-    let mut lanes = vec![Lane { name: "control".into(), spans: states }];
+    let mut lanes = vec![TimelineLane { name: "control".into(), spans: states }];
     let first = r.measurements.number("exposure_s", 0);
     if first.is_finite() {
-        let mut target: Vec<Span> = vec![(first.max(0.0), end, "b0", "found".into())];
+        let mut target: Vec<TimelineSpan> = vec![(first.max(0.0), end, "b0", "found".into())];
         target.extend(
             blind_spans(r).into_iter().map(|(from, to)| (from.max(0.0), to, "b1 over", "not found".into())),
         );
-        lanes.push(Lane { name: "target".into(), spans: target });
+        lanes.push(TimelineLane { name: "target".into(), spans: target });
     }
     for name in r.trace.names().iter().filter(|n| n.starts_with("limit_")) {
-        let mut spans: Vec<Span> = Vec::new();
+        let mut spans: Vec<TimelineSpan> = Vec::new();
         for (time, mask) in times.iter().zip(r.trace.numbers(name)) {
             if *mask > 0.0 {
                 match spans.last_mut() {
@@ -54,7 +54,10 @@ fn lanes(r: &RunRecord, end: f64) -> Vec<Lane> {
             }
         }
         if !spans.is_empty() {
-            lanes.push(Lane { name: format!("{} limit acts", name.trim_start_matches("limit_")), spans });
+            lanes.push(TimelineLane {
+                name: format!("{} limit acts", name.trim_start_matches("limit_")),
+                spans,
+            });
         }
     }
     lanes
@@ -70,7 +73,7 @@ fn class_of(state: &str) -> &'static str {
     }
 }
 
-fn says(r: &RunRecord, lanes: &[Lane], end: f64) -> String {
+fn says(r: &RunRecord, lanes: &[TimelineLane], end: f64) -> String {
     let count = r.events.len() as u64 + r.events_left_out;
     let mut text = match count {
         0 => "Nothing happened that safety had to tell".to_owned(),
@@ -126,7 +129,7 @@ pub(super) fn timeline(r: &RunRecord) -> String {
     html
 }
 
-fn draw(r: &RunRecord, lanes: &[Lane], end: f64, width: Width) -> String {
+fn draw(r: &RunRecord, lanes: &[TimelineLane], end: f64, width: Width) -> String {
     let mut canvas = Canvas::new(width, 0.0);
     let h = canvas.letters();
     let axis = Axis::linear(0.0, end);

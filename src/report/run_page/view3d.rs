@@ -19,7 +19,7 @@ fn upright(r: &RunRecord) -> Vector3<f64> {
 }
 
 /// What is drawn, in B; without an arm in O.
-struct Cell {
+struct CellDrawing {
     /// The way of the camera; of the target, where that is on the arm.
     path: Vec<Point3<f64>>,
     frames: Vec<(&'static str, Isometry3<f64>)>,
@@ -27,8 +27,8 @@ struct Cell {
     plates: Vec<Vec<Point3<f64>>>,
 }
 
-fn cell(r: &RunRecord) -> Cell {
-    let mut cell = Cell { path: path(r), frames: Vec::new(), links: Vec::new(), plates: Vec::new() };
+fn cell(r: &RunRecord) -> CellDrawing {
+    let mut cell = CellDrawing { path: path(r), frames: Vec::new(), links: Vec::new(), plates: Vec::new() };
     for (name, label) in [
         ("B", "B"),
         ("E_start", "E start"),
@@ -148,8 +148,8 @@ pub(super) fn view3d(r: &RunRecord) -> String {
     let system = if r.has_arm { "B" } else { "O" };
     let view = best_view(r, &cell);
     let near = cell.about_the_way();
-    let mut scenes = vec![Scene::new("the whole cell", cell)];
-    scenes.extend(near.map(|near| Scene::new("about the way", near)));
+    let mut scenes = vec![SceneDrawing::new("the whole cell", cell)];
+    scenes.extend(near.map(|near| SceneDrawing::new("about the way", near)));
     let lengths: Vec<String> = scenes.iter().map(|s| format!("{} m", significant(s.axis_m, 2))).collect();
     let note = format!(
         "True isometric views in {system}, upwards is up: equal lengths along x, y and z are equally long on paper. Axes of frames (x orange, \
@@ -161,14 +161,14 @@ pub(super) fn view3d(r: &RunRecord) -> String {
 }
 
 /// What is drawn in one place, and how long its axes are.
-struct Scene {
+struct SceneDrawing {
     title: &'static str,
-    cell: Cell,
+    cell: CellDrawing,
     axis_m: f64,
 }
 
-impl Scene {
-    fn new(title: &'static str, cell: Cell) -> Self {
+impl SceneDrawing {
+    fn new(title: &'static str, cell: CellDrawing) -> Self {
         let origins = cell.frames.iter().map(|f| Point3::from(f.1.translation.vector));
         let all: Vec<Point3<f64>> = cell.points().copied().chain(origins).collect();
         let reach = |i: usize| {
@@ -188,7 +188,7 @@ impl Scene {
     }
 }
 
-impl Cell {
+impl CellDrawing {
     /// All points of its lines.
     fn points(&self) -> impl Iterator<Item = &Point3<f64>> {
         let lines = self.links.iter().map(|l| &l.1).chain(&self.plates);
@@ -213,7 +213,7 @@ impl Cell {
 }
 
 /// The quarter from which fewest frames lie behind each other, and of those the one that sees the way at its longest.
-fn best_view(r: &RunRecord, cell: &Cell) -> Isometric {
+fn best_view(r: &RunRecord, cell: &CellDrawing) -> Isometric {
     let up = upright(r);
     let origins: Vec<Point3<f64>> =
         cell.frames.iter().map(|f| Point3::from(f.1.translation.vector)).collect();

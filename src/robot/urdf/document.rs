@@ -16,13 +16,13 @@ use roxmltree::Node;
 
 /// The links and joints of a URDF, in the file's order.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct Document {
-    pub(super) links: Vec<Link>,
+pub(super) struct UrdfDocument {
+    pub(super) links: Vec<UrdfLink>,
     pub(super) joints: Vec<Joint>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Link {
+pub(super) struct UrdfLink {
     pub(super) name: String,
     pub(super) inertial: Option<Inertial>,
 }
@@ -59,7 +59,7 @@ pub(super) struct Joint {
     pub(super) child: String,
     /// Of any length, in the joint's frame.
     pub(super) axis: [f64; 3],
-    pub(super) limit: Option<Limit>,
+    pub(super) limit: Option<UrdfLimit>,
     pub(super) dynamics: Dynamics,
     /// Whether it copies another joint's motion.
     pub(super) mimics: bool,
@@ -77,7 +77,7 @@ pub(super) enum JointType {
 
 /// What `<limit>` states, rad or m, rad/s or m/s, N m or N. From version 1.2 on what is missing is infinite.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Limit {
+pub(super) struct UrdfLimit {
     pub(super) lower: Option<f64>,
     pub(super) upper: Option<f64>,
     pub(super) velocity: Option<f64>,
@@ -100,7 +100,7 @@ const DEFAULT_AXIS: [f64; 3] = [1.0, 0.0, 0.0];
 ///
 /// # Errors
 /// The first thing that is too large, not XML, or not as the format wants it, with its line.
-pub(super) fn read(text: &str) -> Result<Document, XmlFault> {
+pub(super) fn read(text: &str) -> Result<UrdfDocument, XmlFault> {
     let text = without_prolog(text);
     if let Some(fault) = excess(&text) {
         return Err(fault);
@@ -115,7 +115,7 @@ pub(super) fn read(text: &str) -> Result<Document, XmlFault> {
         return Err(fault(root, message));
     }
     let version = root.attribute("version").and_then(version_of).unwrap_or(V1_0);
-    let mut document = Document::default();
+    let mut document = UrdfDocument::default();
     for part in parts(root) {
         let tell = |(node, reason): (Node, String)| fault(node, format!("{}: {reason}", label(part)));
         let unread = || tell((part, "it cannot be read".to_owned()));
@@ -142,12 +142,12 @@ fn version_of(text: &str) -> Option<Version> {
 
 // Behind the schema's check these find what they need; what the schema would let through by mistake ends as `None`.
 
-fn link(node: Node, version: Version) -> Option<Link> {
+fn link(node: Node, version: Version) -> Option<UrdfLink> {
     let inertial = match child(node, "inertial") {
         Some(inertial_node) => Some(inertial(inertial_node, version)?),
         None => None,
     };
-    Some(Link { name: node.attribute("name")?.to_owned(), inertial })
+    Some(UrdfLink { name: node.attribute("name")?.to_owned(), inertial })
 }
 
 fn inertial(node: Node, version: Version) -> Option<Inertial> {
@@ -195,9 +195,9 @@ fn origin(node: Node, version: Version) -> Origin {
     })
 }
 
-fn limit_of(node: Node, version: Version) -> Limit {
+fn limit_of(node: Node, version: Version) -> UrdfLimit {
     let given = |key, end| number(node, key).or(if version >= V1_2 { Some(end) } else { None });
-    Limit {
+    UrdfLimit {
         lower: given("lower", f64::NEG_INFINITY),
         upper: given("upper", f64::INFINITY),
         velocity: given("velocity", f64::INFINITY),
@@ -240,13 +240,13 @@ mod tests {
     #[test]
     fn versions() {
         let rest = "<limit lower='-2' velocity='3'/><origin quat_xyzw='1 2 3 4'/>";
-        let infinite = Limit {
+        let infinite = UrdfLimit {
             lower: Some(-2.0),
             upper: Some(f64::INFINITY),
             velocity: Some(3.0),
             effort: Some(f64::INFINITY),
         };
-        let missing = Limit { upper: None, effort: None, ..infinite };
+        let missing = UrdfLimit { upper: None, effort: None, ..infinite };
         for (version, limit, quat) in [
             ("", missing, None),
             ("version='1'", missing, None),

@@ -15,7 +15,7 @@ pub(super) const V1_2: Version = (1, 2);
 
 /// What an attribute's value is.
 #[derive(Clone, Copy)]
-enum Value {
+enum AttributeValue {
     /// So many numbers.
     Numbers(usize),
     /// So many numbers, which from version 1.2 on must be above zero and finite.
@@ -52,15 +52,15 @@ enum Count {
 /// An element, its attributes, and what is looked at in it.
 type Element = (&'static str, &'static [Attribute], &'static [(&'static str, Count)]);
 /// An attribute: its name, its value, and whether it must be there.
-type Attribute = (&'static str, Value, Need);
+type Attribute = (&'static str, AttributeValue, Need);
 
+use AttributeValue::{Bound, Numbers, Sizes, Text, Word};
 use Count::{Any, AtMostOne, Choice, One};
 use Need::{Always, Before, Never, NeverSince};
-use Value::{Bound, Numbers, Sizes, Text, Word};
 
-const ONE: Value = Numbers(1);
-const THREE: Value = Numbers(3);
-const JOINT_TYPES: Value =
+const ONE: AttributeValue = Numbers(1);
+const THREE: AttributeValue = Numbers(3);
+const JOINT_TYPES: AttributeValue =
     Word(&["revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical"]);
 
 const ELEMENTS: &[Element] = &[
@@ -146,13 +146,16 @@ const ELEMENTS: &[Element] = &[
 ];
 
 /// An element that is not as URDF wants it, and what is wrong with it.
-pub(super) type Fault<'a, 'input> = (Node<'a, 'input>, String);
+pub(super) type SchemaViolation<'a, 'input> = (Node<'a, 'input>, String);
 
 /// Checks `node` and all that is looked at in it, in the file's order.
 ///
 /// # Errors
 /// The first thing that URDF does not allow.
-pub(super) fn check<'a, 'input>(node: Node<'a, 'input>, version: Version) -> Result<(), Fault<'a, 'input>> {
+pub(super) fn check<'a, 'input>(
+    node: Node<'a, 'input>,
+    version: Version,
+) -> Result<(), SchemaViolation<'a, 'input>> {
     let name = node.tag_name().name();
     let Some((_, attributes, holds)) = ELEMENTS.iter().find(|(known, ..)| *known == name) else {
         return Ok(());

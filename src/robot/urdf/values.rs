@@ -4,7 +4,7 @@ use super::super::bounds::{self, all_within, within};
 use super::super::error::Defect;
 use super::super::inertia::Inertia;
 use super::super::model::{Friction, JointKind, JointLimits};
-use super::document::{Joint, JointType, Limit, Link, Origin};
+use super::document::{Joint, JointType, Origin, UrdfLimit, UrdfLink};
 use crate::geometry::Pose;
 use nalgebra::{Matrix3, Quaternion, Translation3, UnitQuaternion, UnitVector3, Vector3};
 use std::ops::RangeInclusive;
@@ -47,7 +47,7 @@ pub(super) fn place_at(joint: &Joint, position: f64) -> Result<Pose, Defect> {
 
 /// The place of a joint behind the tip that nobody named: at zero, or at the end of its range that is nearest to it.
 pub(super) fn held_at_rest(joint: &Joint) -> Result<Pose, Defect> {
-    let end = |side: fn(&Limit) -> Option<f64>| joint.limit.as_ref().and_then(side).unwrap_or(0.0);
+    let end = |side: fn(&UrdfLimit) -> Option<f64>| joint.limit.as_ref().and_then(side).unwrap_or(0.0);
     let (lower, upper) = (end(|limit| limit.lower), end(|limit| limit.upper));
     match joint.kind {
         JointType::Revolute | JointType::Prismatic if lower <= upper => {
@@ -63,7 +63,7 @@ pub(super) fn axis(joint: &Joint) -> Result<UnitVector3<f64>, Defect> {
 }
 
 /// The inertia in the link's frame; none where there is no `<inertial>`, or one of zeros.
-pub(super) fn inertia(link: &Link) -> Result<Inertia, Defect> {
+pub(super) fn inertia(link: &UrdfLink) -> Result<Inertia, Defect> {
     let Some(record) = &link.inertial else { return Ok(Inertia::ZERO) };
     let [ixx, ixy, ixz, iyy, iyz, izz] = record.moments;
     for (key, moment) in [("ixx", ixx), ("ixy", ixy), ("ixz", ixz), ("iyy", iyy), ("iyz", iyz), ("izz", izz)]

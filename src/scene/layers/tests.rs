@@ -59,13 +59,13 @@ fn shown(target: &Target, marks: &[Mark], front: bool, r: &Vector2<f64>) -> Opti
         .then(|| if front && marks.iter().any(|mark| covers(mark, r)) { dark } else { light })
 }
 
-struct Scene {
+struct LayeredScene {
     target: Target,
     bystanders: Vec<Bystander>,
     occluders: Vec<Occluder>,
 }
 
-fn brute_force(camera: &CameraModel, scene: &Scene, X_CO: &Pose) -> Vec<f64> {
+fn brute_force(camera: &CameraModel, scene: &LayeredScene, X_CO: &Pose) -> Vec<f64> {
     let X_OC = X_CO.inverse();
     let origin = X_OC.translation.vector;
     let front = origin.z < 0.0;
@@ -126,7 +126,7 @@ fn brute_force(camera: &CameraModel, scene: &Scene, X_CO: &Pose) -> Vec<f64> {
 }
 
 /// The greatest difference, grey levels, and how many pixels differ by more than 2.
-fn compare(bent: bool, scene: &Scene, X_CO: &Pose) -> (f64, usize) {
+fn compare(bent: bool, scene: &LayeredScene, X_CO: &Pose) -> (f64, usize) {
     let camera = camera(bent);
     let mut renderer =
         Renderer::new(camera, scene.target.clone(), SceneLook::default(), SensorModel::ideal())
@@ -164,7 +164,7 @@ fn every_pixel_of_every_target_is_right() {
             (true, rotation_y(2.9), [0.0, 0.0, 0.2]),
         ] {
             let X_CO = pose(&target.plate(), R, place);
-            let scene = Scene { target: target.clone(), bystanders: vec![], occluders: vec![] };
+            let scene = LayeredScene { target: target.clone(), bystanders: vec![], occluders: vec![] };
             let (greatest, off) = compare(bent, &scene, &X_CO);
             // rays are off by up to one of their 24 along an edge, 3.3 levels at a contrast of 190, and half a level is rounding
             assert!(greatest < 4.5 && off < 60, "{greatest}, {off}: {target:?} {bent} {X_CO}");
@@ -191,7 +191,7 @@ fn what_lies_beside_and_before_the_target_is_right() {
     let tag = || Target::from(Tags::one(TagFamily::Tag16h5, 0.05, 1).unwrap());
     let light_dots = FourDots::default().light_on_dark(true);
     for target in [board(), light_dots.into(), tag()] {
-        let scene = Scene {
+        let scene = LayeredScene {
             bystanders: vec![bystander(tag(), 0.14, 0.02, 0.3), bystander(board(), -0.05, 0.12, -0.6)],
             occluders: vec![sheet(0.03, 0.03, 0.02, 140.0), sheet(0.05, 0.02, 0.04, 60.0)],
             target,
@@ -207,7 +207,8 @@ fn what_lies_beside_and_before_the_target_is_right() {
 
 #[test]
 fn dots_are_the_same_by_both_ways() {
-    let scene = |bystanders| Scene { target: FourDots::default().into(), bystanders, occluders: vec![] };
+    let scene =
+        |bystanders| LayeredScene { target: FourDots::default().into(), bystanders, occluders: vec![] };
     // far out of view: the scene is drawn in layers
     let far =
         Bystander { target: FourDots::default().into(), position_m: Vector2::new(50.0, 0.0), turn_rad: 0.0 };

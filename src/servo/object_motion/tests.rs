@@ -18,13 +18,13 @@ fn noise(k: u64, sd: f64) -> Vector3<f64> {
 
 /// The pose that was truly there, and its twist.
 #[derive(Clone, Copy)]
-struct Truth {
+struct TrueMotion {
     X_WO: Pose,
     v: Vector3<f64>,
     w: Vector3<f64>,
 }
 
-impl Truth {
+impl TrueMotion {
     /// Moves on for one frame under constant accelerations.
     fn advance(&mut self, a: &Vector3<f64>, b: &Vector3<f64>) {
         let dt = FRAME.as_s();
@@ -58,9 +58,9 @@ impl Truth {
 
 const RUNS: u64 = 1000;
 
-fn observed(acceleration: f64, seed: u64, sd: f64, frames: u64) -> (Truth, ObjectMotion) {
+fn observed(acceleration: f64, seed: u64, sd: f64, frames: u64) -> (TrueMotion, ObjectMotion) {
     let mut motion = ObjectMotion::new(DYNAMICS);
-    let mut truth = Truth {
+    let mut truth = TrueMotion {
         X_WO: Pose::new(Vector3::new(1.0, 0.5, 0.2), Vector3::new(0.3, -0.2, 1.0)),
         v: noise(seed, 0.2),
         w: noise(seed + 1, 0.3),

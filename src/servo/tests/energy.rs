@@ -73,7 +73,7 @@ proptest! {
             let (damping, space) = (Damping::Task(K), OperationalSpace::Six);
             let a = Law::PositionTorque { K_P: K, damping, orientation, space };
             let (first, last) = falls(a, mount, X_WO, X_DO, q, |X_CO| {
-                let x = PoseError::new(&X_DO, X_CO, orientation).x;
+                let x = OperationalSpaceError::new(&X_DO, X_CO, orientation).x;
                 0.5 * x.dot(&K.component_mul(&x))
             });
             prop_assert!(last < 0.5 * first + 1e-9);

@@ -67,9 +67,9 @@ proptest! {
         for orientation in BOTH {
             let x = |t: f64| {
                 let X_CCt = integrate_body_twist(&Pose::identity(), &V, t);
-                PoseError::new(&goal, &(X_CCt.inverse() * now), orientation).x
+                OperationalSpaceError::new(&goal, &(X_CCt.inverse() * now), orientation).x
             };
-            let error = PoseError::new(&goal, &now, orientation);
+            let error = OperationalSpaceError::new(&goal, &now, orientation);
             let Some(E) = error.rate() else { continue };
             let h = 1e-6;
             let difference = (x(h) - x(-h)) / (2.0 * h);
@@ -97,7 +97,7 @@ proptest! {
         let (K_P, K_D) = (Vector6::from(k), Vector6::from(d));
         let (set_point, view, arm) = (goal(&X_DO), seen(&now, &square()), arm(J, qd, g));
         for orientation in BOTH {
-            let error = PoseError::new(&X_DO, &now, orientation);
+            let error = OperationalSpaceError::new(&X_DO, &now, orientation);
             let Some(E) = error.rate() else { continue };
             let J_Ad = E * J;
             let space = OperationalSpace::Six;
@@ -334,7 +334,7 @@ fn a_preconditioned_scheme_c_is_scheme_a_near_its_goal() {
         let interaction = Interaction { at, depth: DepthSource::Estimated };
         preconditioned_wrench(&set_point, &view, &K_Ps, &K, interaction).unwrap()
     };
-    let a = PoseError::new(&X_DO, &near, OrientationError::AngleAxis).wrench(&K, &K).unwrap();
+    let a = OperationalSpaceError::new(&X_DO, &near, OrientationError::AngleAxis).wrench(&K, &K).unwrap();
     for at in [InteractionAt::Current, InteractionAt::Desired, InteractionAt::Mean] {
         let c = wrench(at);
         assert!((c.wrench - a.wrench).norm() < 1e-3 * a.wrench.norm(), "{at:?}: {} {}", c.wrench, a.wrench);
@@ -350,7 +350,7 @@ fn start_of_the_comparison() {
     let X_BO = Pose::new([1.0, 1.0, 1.0].into(), [0.0, 0.0, FRAC_PI_4].into());
     let X_DO = Pose::new([-0.1, 0.1, 0.6].into(), [0.0, 0.0, -FRAC_PI_3].into());
     let X_CO = robot.forward(&q).inverse() * X_BO;
-    let x = PoseError::new(&X_DO, &X_CO, OrientationError::EulerZyx).x;
+    let x = OperationalSpaceError::new(&X_DO, &X_CO, OrientationError::EulerZyx).x;
     // In the desired frame, which is turned by 7 pi/12 in the base.
     let (dx, dy) = (0.0707107, 0.1224745);
     let (sin, cos) = (7.0 * FRAC_PI_3 / 4.0).sin_cos();
@@ -363,10 +363,10 @@ fn gimbal_lock_has_no_torque_but_a_velocity() {
     let X_DO = Pose::translation(0.0, 0.0, 0.6);
     let R_DC = euler_zyx_rotation(&Vector3::new(0.2, FRAC_PI_2, 0.0));
     let X_CO = Pose::from_parts([0.0, 0.0, 0.0].into(), R_DC.inverse().into()) * X_DO;
-    let error = PoseError::new(&X_DO, &X_CO, OrientationError::EulerZyx);
+    let error = OperationalSpaceError::new(&X_DO, &X_CO, OrientationError::EulerZyx);
     assert!(error.wrench(&Vector6::repeat(1.0), &Vector6::repeat(1.0)).is_none());
     assert!(error.twist(&Vector6::repeat(1.0)).iter().all(|v| v.is_finite()));
-    let error = PoseError::new(&X_DO, &X_CO, OrientationError::AngleAxis);
+    let error = OperationalSpaceError::new(&X_DO, &X_CO, OrientationError::AngleAxis);
     assert!(error.wrench(&Vector6::repeat(1.0), &Vector6::repeat(1.0)).is_some());
 }
 

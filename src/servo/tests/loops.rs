@@ -16,7 +16,7 @@ const FRAME_TICKS: i64 = 40;
 const LATENCY_TICKS: i64 = 20;
 
 /// An arm whose joints move as they are told, and a camera without noise.
-struct Loop<const N: usize> {
+struct SimulatedLoop<const N: usize> {
     robot: Robot<N>,
     servo: VisualServo<N>,
     X_WO: Pose,
@@ -26,7 +26,7 @@ struct Loop<const N: usize> {
     exposed: Option<Measurement>,
 }
 
-impl<const N: usize> Loop<N> {
+impl<const N: usize> SimulatedLoop<N> {
     /// The arm shall come from `q` to `q_d`, where the object lies at `X_DO` in the camera; `moved` places the camera.
     fn new(
         name: &str,
@@ -111,7 +111,7 @@ fn laws() -> [Law; 7] {
 
 const POLICIES: [UpdatePolicy; 3] = [UpdatePolicy::Frame, UpdatePolicy::Tick, UpdatePolicy::Predict];
 
-fn converges<const N: usize>(make: impl Fn() -> Loop<N>) -> Result<(), TestCaseError> {
+fn converges<const N: usize>(make: impl Fn() -> SimulatedLoop<N>) -> Result<(), TestCaseError> {
     for law in laws() {
         for update in POLICIES {
             let mut run = make().with(|s| (s.law, s.update) = (law, update));
@@ -137,7 +137,7 @@ proptest! {
         // A tilted goal tells the two readings of a homography apart.
         prop_assume!(Vector3::from(tilt).xy().norm() > 0.1);
         let moved = Pose::new([0.02, -0.03, 0.05].into(), [0.1, -0.2, 0.4].into());
-        converges(|| Loop::new("ur5", q_d + Vector6::from(dq), q_d, &X_DO, &moved, hand))?;
+        converges(|| SimulatedLoop::new("ur5", q_d + Vector6::from(dq), q_d, &X_DO, &moved, hand))?;
     }
 
     #[test]
@@ -145,15 +145,15 @@ proptest! {
         let q_d = Vector4::new(0.1, 1.5, 0.4, -0.7);
         let X_DO = Pose::new([-0.05, -0.04, 0.6].into(), [0.2, 0.1, -0.5].into());
         let moved = Pose::new([0.02, -0.03, 0.05].into(), [0.0, 0.1, 0.4].into());
-        converges(|| Loop::new("scara", q_d + Vector4::from(dq), q_d, &X_DO, &moved, hand))?;
+        converges(|| SimulatedLoop::new("scara", q_d + Vector4::from(dq), q_d, &X_DO, &moved, hand))?;
     }
 }
 
-fn scara() -> Loop<4> {
+fn scara() -> SimulatedLoop<4> {
     let q_d = Vector4::new(0.1, 1.5, 0.4, -0.7);
     let q = q_d + Vector4::new(0.08, -0.1, 0.1, 0.3);
     let X_DO = Pose::new([-0.05, -0.04, 0.6].into(), [0.0, 0.0, -0.5].into());
-    Loop::new("scara", q, q_d, &X_DO, &Pose::identity(), true)
+    SimulatedLoop::new("scara", q, q_d, &X_DO, &Pose::identity(), true)
 }
 
 #[test]
@@ -215,8 +215,8 @@ fn a_taught_goal_is_what_was_seen() {
 fn joints_leave_their_limits_where_the_task_lets_them() {
     let q_d = SVector::<f64, 7>::from([-0.16, -0.52, -0.14, -2.11, 0.09, 1.79, 2.4]);
     let X_DO = Pose::new([-0.05, -0.05, 0.4].into(), [0.0, 0.0, 0.3].into());
-    let start = || Loop::new("panda", q_d, q_d, &X_DO, &Pose::identity(), true);
-    let end = |mut run: Loop<7>| {
+    let start = || SimulatedLoop::new("panda", q_d, q_d, &X_DO, &Pose::identity(), true);
+    let end = |mut run: SimulatedLoop<7>| {
         for _ in 0..6000 {
             run.step();
         }
@@ -234,7 +234,7 @@ fn a_hand_that_obeys_the_camera_wish_reaches_the_goal() {
         !matches!(law, Law::ImageVelocity { interaction: Interaction { depth: DepthSource::Known, .. }, .. })
     };
     for law in laws().into_iter().filter(law_of_a_hand) {
-        let Loop { servo, robot, q, .. } = scara();
+        let SimulatedLoop { servo, robot, q, .. } = scara();
         let mut servo = VisualServo::new(ServoSettings { law, X_WO: None, ..servo.settings().clone() });
         assert_eq!(servo.camera_wish(), None, "nothing was seen");
         let mut X_CO = Pose::new([-0.05, 0.08, 0.75].into(), [0.1, -0.15, -0.6].into());

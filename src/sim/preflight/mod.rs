@@ -20,7 +20,7 @@ use crate::geometry::Pose;
 use crate::robot::{Mount, Robot, RobotError};
 use crate::scene::{SceneMotion, Visibility};
 use nalgebra::{Point3, SVector, Vector3};
-use reach::Question;
+use reach::ReachProblem;
 use serde::Serialize;
 
 /// With fewer points no target is tracked.
@@ -123,7 +123,7 @@ impl Preflight {
             (Some(why), ..) => Reach::Unasked { why },
             (None, Some(X_WO), Some(X_DO)) => {
                 let question =
-                    Question { config, robot, q_start, set_point: &config.servo.set_point, X_WO, X_DO };
+                    ReachProblem { config, robot, q_start, set_point: &config.servo.set_point, X_WO, X_DO };
                 let (reach, found) = question.reach();
                 preflight.way = found.map(|_| question.way());
                 reach

@@ -75,7 +75,7 @@ pub struct CameraPath {
 }
 
 /// What is asked: the arm, the camera on it, and the goal.
-pub(super) struct Question<'a, const N: usize> {
+pub(super) struct ReachProblem<'a, const N: usize> {
     pub(super) config: &'a Config,
     pub(super) robot: &'a Robot<N>,
     pub(super) q_start: SVector<f64, N>,
@@ -84,7 +84,7 @@ pub(super) struct Question<'a, const N: usize> {
     pub(super) X_DO: Pose,
 }
 
-impl<const N: usize> Question<'_, N> {
+impl<const N: usize> ReachProblem<'_, N> {
     fn mount(&self) -> &Mount {
         &self.config.camera.mount
     }

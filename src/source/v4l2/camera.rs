@@ -16,7 +16,7 @@
 
 use super::count::Backoff;
 use super::fault::is_gone;
-use super::name::{self, Found, Identity};
+use super::name::{self, Identity, OpenedNode};
 use super::node::{CameraHost, Waited};
 use super::session::{Losses, Session};
 use super::track::Track;
@@ -47,7 +47,7 @@ const MAX_NOTES: usize = 64;
 
 /// What there is of the device.
 #[derive(Debug)]
-enum Link {
+enum DeviceState {
     /// It streams.
     Streams(Session),
     /// Its stream is to be begun anew at this time.
@@ -62,7 +62,7 @@ pub struct V4l2Camera {
     host: Box<dyn CameraHost>,
     wish: CaptureWish,
     identity: Identity,
-    link: Link,
+    link: DeviceState,
     track: Track,
     backoff: Backoff,
     /// Restarts since the last frame.
@@ -102,7 +102,7 @@ impl V4l2Camera {
             host,
             wish,
             identity,
-            link: Link::Closed(now),
+            link: DeviceState::Closed(now),
             backoff: Backoff::new(),
             restarts: 0,
             last_frame: now,
@@ -125,7 +125,7 @@ impl V4l2Camera {
         host: &dyn CameraHost,
         wish: &CaptureWish,
     ) -> Result<(Identity, Session, Vec<String>), V4l2Error> {
-        let Found { file, node } = name::resolve(host, &wish.settings.device)?;
+        let OpenedNode { file, node } = name::resolve(host, &wish.settings.device)?;
         let identity = Identity::of(&file, node.info());
         let (mut session, news) = Session::prepare(&file.path, node, wish)?;
         session.begin()?;
@@ -144,7 +144,7 @@ impl V4l2Camera {
             agreed.layout.height,
             agreed.interval.map_or(String::new(), |i| format!(" at {:.3} Hz", i.rate_hz())),
         );
-        self.link = Link::Streams(session);
+        self.link = DeviceState::Streams(session);
         self.begin_count();
         news.into_iter().for_each(|line| self.tell(line));
     }
@@ -212,7 +212,7 @@ impl V4l2Camera {
             drop(session);
             self.enter(CameraState::Gone);
             self.backoff = Backoff::new();
-            self.link = Link::Closed(now + self.backoff.pause());
+            self.link = DeviceState::Closed(now + self.backoff.pause());
             return;
         }
         if self.state != CameraState::Recovering {
@@ -228,9 +228,9 @@ impl V4l2Camera {
         let next = now + self.backoff.pause();
         self.link = if self.restarts > RESTARTS {
             drop(session);
-            Link::Closed(next)
+            DeviceState::Closed(next)
         } else {
-            Link::Pauses(session, next)
+            DeviceState::Pauses(session, next)
         };
     }
 
@@ -239,7 +239,7 @@ impl V4l2Camera {
         match session.restart() {
             Ok(()) => {
                 self.restarted += 1;
-                self.link = Link::Streams(session);
+                self.link = DeviceState::Streams(session);
                 self.begin_count();
             }
             Err(e) => self.failed(session, e),
@@ -248,7 +248,7 @@ impl V4l2Camera {
 
     /// Looks for the device, and opens it with all its settings.
     fn reopen(&mut self) {
-        let opened = name::find_again(self.host.as_ref(), &self.identity).map(|Found { file, node }| {
+        let opened = name::find_again(self.host.as_ref(), &self.identity).map(|OpenedNode { file, node }| {
             let (mut session, news) = Session::prepare(&file.path, node, &self.wish)?;
             session.begin()?;
             Ok((session, news))
@@ -265,7 +265,7 @@ impl V4l2Camera {
                 if let Some(Err::<_, V4l2Error>(error)) = other {
                     self.tell(format!("it is back, but cannot be used yet: {error}"));
                 }
-                self.link = Link::Closed(self.host.now() + self.backoff.pause());
+                self.link = DeviceState::Closed(self.host.now() + self.backoff.pause());
             }
         }
     }
@@ -286,9 +286,11 @@ impl V4l2Camera {
             );
             self.enter(CameraState::Stalled);
         }
-        if silent > self.next_restart && matches!(self.link, Link::Streams(_)) {
+        if silent > self.next_restart && matches!(self.link, DeviceState::Streams(_)) {
             let next = SpanNs(self.next_restart.0.saturating_mul(2));
-            if let Link::Streams(session) = std::mem::replace(&mut self.link, Link::Closed(MonoNs::ZERO)) {
+            if let DeviceState::Streams(session) =
+                std::mem::replace(&mut self.link, DeviceState::Closed(MonoNs::ZERO))
+            {
                 let last_frame = self.last_frame;
                 self.restart(session);
                 (self.last_frame, self.next_restart) = (last_frame, next); // the silence goes on
@@ -308,17 +310,17 @@ impl V4l2Camera {
     /// How the device is used, for people; `None` while it is away.
     #[must_use]
     pub fn facts(&self) -> Option<CaptureFacts> {
-        let Link::Streams(session) = &self.link else { return None };
+        let DeviceState::Streams(session) = &self.link else { return None };
         Some(self.track.facts(session, self.conversions))
     }
 }
 
 impl FreeRunningSource for V4l2Camera {
     fn wait(&mut self, longest: Duration) -> Result<Option<Captured>, SourceError> {
-        let captured = match std::mem::replace(&mut self.link, Link::Closed(MonoNs::ZERO)) {
-            Link::Streams(mut session) => match self.wait_for_frame(&mut session, longest) {
+        let captured = match std::mem::replace(&mut self.link, DeviceState::Closed(MonoNs::ZERO)) {
+            DeviceState::Streams(mut session) => match self.wait_for_frame(&mut session, longest) {
                 Ok(captured) => {
-                    self.link = Link::Streams(session);
+                    self.link = DeviceState::Streams(session);
                     captured
                 }
                 Err(cause) => {
@@ -326,16 +328,16 @@ impl FreeRunningSource for V4l2Camera {
                     None
                 }
             },
-            Link::Pauses(session, time) => {
+            DeviceState::Pauses(session, time) => {
                 if self.pause_until(time, longest) {
                     self.restart(session);
                 } else {
-                    self.link = Link::Pauses(session, time);
+                    self.link = DeviceState::Pauses(session, time);
                 }
                 None
             }
-            Link::Closed(time) => {
-                self.link = Link::Closed(time);
+            DeviceState::Closed(time) => {
+                self.link = DeviceState::Closed(time);
                 if self.pause_until(time, longest) {
                     self.reopen();
                 }
@@ -361,13 +363,14 @@ impl FreeRunningSource for V4l2Camera {
     }
 
     fn fill(&mut self, out: &mut [u8]) -> Result<Filled, SourceError> {
-        let Link::Streams(session) = &mut self.link else { return Ok(Filled::Damaged) };
+        let DeviceState::Streams(session) = &mut self.link else { return Ok(Filled::Damaged) };
         let converted = session.convert(out);
         self.conversions += 1;
         // An error here shows again at the next wait, which sees to it.
         let returned = session.give_back();
         if let Err(cause) = returned
-            && let Link::Streams(session) = std::mem::replace(&mut self.link, Link::Closed(MonoNs::ZERO))
+            && let DeviceState::Streams(session) =
+                std::mem::replace(&mut self.link, DeviceState::Closed(MonoNs::ZERO))
         {
             self.failed(session, cause);
         }

@@ -6,7 +6,7 @@ use super::abi::{self, *};
 use super::controls;
 use super::mapped::Mapped;
 use super::node::{
-    ControlKind, ControlOffer, FilledBuffer, FormatName, FourCc, Interval, Layout, NodeInfo, NodeKind,
+    BufferFormat, ControlKind, ControlOffer, FilledBuffer, FormatName, FourCc, Interval, NodeInfo, NodeKind,
     RateOffer, SensorArea, SizeOffer, StampClock, VideoNode, Waited,
 };
 use crate::time::MonoNs;
@@ -121,13 +121,13 @@ impl Device {
         Ok(SensorArea { left: s.left, top: s.top, width: s.width, height: s.height })
     }
 
-    fn layout_of(&mut self, f: &AbiFormat) -> Layout {
+    fn layout_of(&mut self, f: &AbiFormat) -> BufferFormat {
         if self.info.planar {
             // SAFETY: the kind of queue says which member counts, and every bit pattern is a value of it.
             let p = unsafe { f.format.planar };
             self.planes = u32::from(p.num_planes).clamp(1, MAX_PLANES as u32);
             let [first, ..] = p.planes;
-            return Layout {
+            return BufferFormat {
                 fourcc: FourCc::from_code(p.fourcc),
                 width: p.width,
                 height: p.height,
@@ -138,7 +138,7 @@ impl Device {
         }
         // SAFETY: as above.
         let p = unsafe { f.format.single };
-        Layout {
+        BufferFormat {
             fourcc: FourCc::from_code(p.fourcc),
             width: p.width,
             height: p.height,
@@ -228,7 +228,7 @@ impl VideoNode for Device {
         })
     }
 
-    fn set_format(&mut self, fourcc: FourCc, width: u32, height: u32) -> Result<Layout, Errno> {
+    fn set_format(&mut self, fourcc: FourCc, width: u32, height: u32) -> Result<BufferFormat, Errno> {
         let mut f = AbiFormat { kind: self.queue, ..Default::default() };
         update::<G_FMT, _>(&self.fd, &mut f)?;
         // Strides and sizes of the format before would be kept by some drivers: zeroes let them choose anew.
@@ -249,7 +249,7 @@ impl VideoNode for Device {
         Ok(self.layout_of(&f))
     }
 
-    fn layout(&mut self) -> Result<Layout, Errno> {
+    fn layout(&mut self) -> Result<BufferFormat, Errno> {
         let mut f = AbiFormat { kind: self.queue, ..Default::default() };
         update::<G_FMT, _>(&self.fd, &mut f)?;
         Ok(self.layout_of(&f))

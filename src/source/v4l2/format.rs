@@ -5,7 +5,7 @@
 use super::V4l2Error;
 use super::fault::{is_gone, refused};
 use super::node::{
-    FIELD_NONE, FormatName, FourCc, Interval, Layout, RateOffer, SizeOffer, VideoNode, is_rate,
+    BufferFormat, FIELD_NONE, FormatName, FourCc, Interval, RateOffer, SizeOffer, VideoNode, is_rate,
 };
 use crate::imaging::grey::PixelFormat;
 use rustix::io::Errno;
@@ -165,7 +165,7 @@ pub(super) fn candidates(
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Agreed {
     pub(super) format: PixelFormat,
-    pub(super) layout: Layout,
+    pub(super) layout: BufferFormat,
     /// What the device says to keep; `None` where it has no rate to set.
     pub(super) interval: Option<Interval>,
 }
@@ -218,7 +218,7 @@ pub(super) fn negotiate(
     Err(V4l2Error::Substituted { tried: tried.join("; "), offered })
 }
 
-fn check_layout(format: PixelFormat, layout: &Layout) -> Result<(), V4l2Error> {
+fn check_layout(format: PixelFormat, layout: &BufferFormat) -> Result<(), V4l2Error> {
     let (row, stride) = (format.least_stride_bytes(layout.width), layout.stride as usize);
     let least = format.least_payload_bytes(layout.width, layout.height, stride);
     if stride < row || least > layout.size as usize {

@@ -44,20 +44,20 @@ impl Identity {
 }
 
 /// A device that was found and opened.
-pub(super) struct Found {
+pub(super) struct OpenedNode {
     pub(super) file: NodeFile,
     pub(super) node: Box<dyn VideoNode>,
 }
 
 /// Opens the device that somebody named.
-pub(super) fn resolve(host: &dyn CameraHost, device: &str) -> Result<Found, V4l2Error> {
+pub(super) fn resolve(host: &dyn CameraHost, device: &str) -> Result<OpenedNode, V4l2Error> {
     if device.starts_with('/') {
         return by_path(host, device);
     }
     let (mut nodes, mut closed) = (Vec::new(), None);
     for file in host.nodes() {
         match host.open(&file.path) {
-            Ok(node) if node.info().kind == NodeKind::Capture => nodes.push(Found { file, node }),
+            Ok(node) if node.info().kind == NodeKind::Capture => nodes.push(OpenedNode { file, node }),
             Ok(_) => {}
             Err(e) => closed = closed.or(Some(open_error(&file.path, e))),
         }
@@ -92,13 +92,13 @@ pub(super) fn resolve(host: &dyn CameraHost, device: &str) -> Result<Found, V4l2
     Err(V4l2Error::NoDevice { device: device.into(), there_is: what_there_is(host) })
 }
 
-fn by_path(host: &dyn CameraHost, device: &str) -> Result<Found, V4l2Error> {
+fn by_path(host: &dyn CameraHost, device: &str) -> Result<OpenedNode, V4l2Error> {
     let path = Path::new(device);
     let absent = || V4l2Error::NoDevice { device: device.into(), there_is: what_there_is(host) };
     let file = host.file(path).map_err(|e| if matches!(e, V4l2Error::Gone { .. }) { absent() } else { e })?;
     let node = host.open(path).map_err(|e| if is_gone(e) { absent() } else { open_error(path, e) })?;
     require_capture(host, path, node.info())?;
-    Ok(Found { file, node })
+    Ok(OpenedNode { file, node })
 }
 
 /// Refuses a node that gives no pictures; where they are, if another node of the same device has them.
@@ -118,7 +118,7 @@ fn require_capture(host: &dyn CameraHost, path: &Path, info: &NodeInfo) -> Resul
 }
 
 /// Opens the camera that was `identity` before, wherever it is now; `None` while it is not there.
-pub(super) fn find_again(host: &dyn CameraHost, identity: &Identity) -> Option<Found> {
+pub(super) fn find_again(host: &dyn CameraHost, identity: &Identity) -> Option<OpenedNode> {
     let mut moved = Vec::new();
     for file in host.nodes() {
         let Ok(node) = host.open(&file.path) else { continue };
@@ -127,10 +127,10 @@ pub(super) fn find_again(host: &dyn CameraHost, identity: &Identity) -> Option<F
         }
         let other = Identity::of(&file, node.info());
         if identity.is_in_place(&other) {
-            return Some(Found { file, node });
+            return Some(OpenedNode { file, node });
         }
         if identity.has_moved(&other) {
-            moved.push(Found { file, node });
+            moved.push(OpenedNode { file, node });
         }
     }
     // Cheap cameras share one serial number: of several none is known to be the one.

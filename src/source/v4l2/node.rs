@@ -239,7 +239,7 @@ pub struct FormatName {
 
 /// What a picture of a node looks like in memory, as the driver has set it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Layout {
+pub(super) struct BufferFormat {
     /// Pixel format.
     pub(super) fourcc: FourCc,
     /// Columns, px.
@@ -376,7 +376,7 @@ pub(super) trait VideoNode: fmt::Debug {
     /// Rates at a size; none where it does not say.
     fn rates(&self, fourcc: FourCc, width: u32, height: u32) -> Vec<RateOffer>;
     /// Sets format and size; what the driver made of it.
-    fn set_format(&mut self, fourcc: FourCc, width: u32, height: u32) -> Result<Layout, Errno>;
+    fn set_format(&mut self, fourcc: FourCc, width: u32, height: u32) -> Result<BufferFormat, Errno>;
     /// Sets the rate; what the driver made of it, `None` where it has none to set.
     fn set_interval(&mut self, interval: Interval) -> Result<Option<Interval>, Errno>;
     /// Controls that it offers.
@@ -386,7 +386,7 @@ pub(super) trait VideoNode: fmt::Debug {
     /// Sets a control.
     fn set_control(&mut self, id: u32, kind: ControlKind, value: i64) -> Result<(), Errno>;
     /// Format and size as they are set.
-    fn layout(&mut self) -> Result<Layout, Errno>;
+    fn layout(&mut self) -> Result<BufferFormat, Errno>;
     /// What is captured where nothing is cut.
     fn whole_area(&self) -> Result<SensorArea, Errno>;
     /// What is captured now.

@@ -9,7 +9,7 @@ use serde::ser::{SerializeMap, Serializer};
 use std::fmt::Write;
 
 /// An image in which nothing was found.
-pub(super) struct Unused {
+pub(super) struct UnusedImage {
     /// Its place among all images.
     pub at: usize,
     pub name: String,
@@ -19,7 +19,7 @@ pub(super) struct Unused {
 /// What is found, under the keys of DESIGN.
 pub(super) struct HandEyeAnswer {
     report: HandEyeReport,
-    views: Vec<ViewOut>,
+    views: Vec<HandEyeViewOut>,
     driven: Option<Driven>,
 }
 
@@ -58,7 +58,7 @@ impl Driven {
 }
 
 #[derive(Serialize)]
-struct PoseOut {
+struct MountOut {
     position_m: [f64; 3],
     rotation_xyzw: [f64; 4],
     rotation_rpy_rad: [f64; 3],
@@ -68,7 +68,7 @@ struct PoseOut {
     covariance: Option<Vec<f64>>,
 }
 
-impl PoseOut {
+impl MountOut {
     fn new(X: &Pose, covariance: Option<&Matrix6<f64>>) -> Self {
         let (roll, pitch, yaw) = Rotation3::from(X.rotation).euler_angles();
         let q = X.rotation.coords;
@@ -84,13 +84,13 @@ impl PoseOut {
 #[derive(Serialize)]
 struct ClosedForm {
     method: &'static str,
-    pose: PoseOut,
+    pose: MountOut,
     rotation_error_deg: f64,
     position_error_mm: f64,
 }
 
 #[derive(Serialize)]
-struct Errors {
+struct ErrorsOut {
     rotation_error_deg: f64,
     position_error_mm: f64,
     rms_px: f64,
@@ -117,7 +117,7 @@ struct Offset {
 }
 
 #[derive(Serialize)]
-struct ViewOut {
+struct HandEyeViewOut {
     image: String,
     used: bool,
     reason: Option<String>,
@@ -128,10 +128,10 @@ struct ViewOut {
     correction_deg: Option<f64>,
     speed_px_s: Option<f64>,
     /// Predicted by the others.
-    held_out: Option<Errors>,
+    held_out: Option<ErrorsOut>,
 }
 
-impl From<&HeldOutView> for Errors {
+impl From<&HeldOutView> for ErrorsOut {
     fn from(view: &HeldOutView) -> Self {
         Self {
             rotation_error_deg: view.rotation_rad.to_degrees(),
@@ -143,12 +143,12 @@ impl From<&HeldOutView> for Errors {
 
 impl HandEyeAnswer {
     /// `views`: those in which the board was found, as the report has them.
-    pub(super) fn new(report: HandEyeReport, views: &[HandEyeView], unused: Vec<Unused>) -> Self {
+    pub(super) fn new(report: HandEyeReport, views: &[HandEyeView], unused: Vec<UnusedImage>) -> Self {
         let mut held = report.held_out.iter().flat_map(|held| &held.views);
-        let mut told: Vec<ViewOut> = Vec::with_capacity(views.len() + unused.len());
+        let mut told: Vec<HandEyeViewOut> = Vec::with_capacity(views.len() + unused.len());
         for (view, residual) in views.iter().zip(&report.views) {
             let held = if residual.used { held.next().and_then(Option::as_ref) } else { None };
-            told.push(ViewOut {
+            told.push(HandEyeViewOut {
                 image: view.name.clone(),
                 used: residual.used,
                 reason: residual.reason.clone(),
@@ -158,11 +158,11 @@ impl HandEyeAnswer {
                 correction_mm: residual.correction_m.map(|m| m * 1e3),
                 correction_deg: residual.correction_rad.map(f64::to_degrees),
                 speed_px_s: residual.speed_px_s,
-                held_out: held.map(Errors::from),
+                held_out: held.map(ErrorsOut::from),
             });
         }
         for image in unused {
-            let out = ViewOut {
+            let out = HandEyeViewOut {
                 image: image.name,
                 used: false,
                 reason: Some(image.reason),
@@ -250,7 +250,7 @@ impl Serialize for HandEyeAnswer {
         let r = &self.report;
         let closed = |method, X: &Pose, scatter: &LoopScatter| ClosedForm {
             method,
-            pose: PoseOut::new(X, None),
+            pose: MountOut::new(X, None),
             rotation_error_deg: scatter.rotation_rad.to_degrees(),
             position_error_mm: scatter.position_m * 1e3,
         };
@@ -261,13 +261,13 @@ impl Serialize for HandEyeAnswer {
         let mut map = serializer.serialize_map(None)?;
         let place = if r.place == CameraMount::EyeInHand { "eye_in_hand" } else { "eye_to_hand" };
         map.serialize_entry("place", place)?;
-        map.serialize_entry(r.place.camera_name(), &PoseOut::new(&r.X_MC(), Some(&r.fit.covariance_X_MC)))?;
-        map.serialize_entry(r.place.board_name(), &PoseOut::new(&r.fit.X_WO, Some(&r.fit.covariance_X_WO)))?;
+        map.serialize_entry(r.place.camera_name(), &MountOut::new(&r.X_MC(), Some(&r.fit.covariance_X_MC)))?;
+        map.serialize_entry(r.place.board_name(), &MountOut::new(&r.fit.X_WO, Some(&r.fit.covariance_X_WO)))?;
         map.serialize_entry("rms_px", &r.rms_px)?;
         map.serialize_entry("rms_corrected_px", &r.fit.rms_px)?;
         map.serialize_entry("rotation_error_deg", &r.scatter.rotation_rad.to_degrees())?;
         map.serialize_entry("position_error_mm", &(r.scatter.position_m * 1e3))?;
-        let held = r.held_out.as_ref().map(|held| Errors {
+        let held = r.held_out.as_ref().map(|held| ErrorsOut {
             rotation_error_deg: held.rotation_rad.to_degrees(),
             position_error_mm: held.position_m * 1e3,
             rms_px: held.rms_px,

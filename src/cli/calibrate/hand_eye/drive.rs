@@ -1,7 +1,7 @@
 //! `vservo calibrate hand-eye --drive`: the arm of a run file visits views of its target by itself. In simulated time, in one process.
 
 use super::answer::{Driven, HandEyeAnswer};
-use super::{HandEyeArguments, Refusal, one_look};
+use super::{CalibrateError, HandEyeArguments, one_look};
 use crate::calibration::hand_eye::{CameraMount, HandEyeSettings, calibrate_hand_eye};
 use crate::config::Config;
 use crate::control::outcome::Outcome;
@@ -28,7 +28,7 @@ fn place_of(mount: &Mount) -> (CameraMount, Pose) {
 pub(super) fn driven(
     arguments: &HandEyeArguments,
     path: Option<&Path>,
-) -> Result<Result<HandEyeAnswer, Refusal>, ProcessError> {
+) -> Result<Result<HandEyeAnswer, CalibrateError>, ProcessError> {
     let mut set = vec![DURATION.to_owned()];
     set.extend(arguments.set.iter().cloned());
     set.extend(SETTINGS.map(String::from));
@@ -40,20 +40,22 @@ pub(super) fn driven(
     let (run, views) = match look_around(&config) {
         Ok(looked) => looked,
         Err(e) => {
-            return Ok(Err(Refusal::with_code(
+            return Ok(Err(CalibrateError::with_code(
                 3,
                 format!("--drive: {e}; arms of real cells are not driven by this command yet"),
             )));
         }
     };
     if run.finish.outcome != Outcome::Finished {
-        return Ok(Err(Refusal::with_code(run.finish.outcome.exit_code(), run.finish.reason)));
+        return Ok(Err(CalibrateError::with_code(run.finish.outcome.exit_code(), run.finish.reason)));
     }
     let (place, believed) = place_of(&config.camera.mount);
     let settings = HandEyeSettings { place, ..arguments.settings() };
     let report = match calibrate_hand_eye(&views, &config.camera.model, &settings) {
         Ok(report) => report,
-        Err(e) => return Ok(Err(Refusal::with_code(Outcome::NotConverged.exit_code(), e.to_string()))),
+        Err(e) => {
+            return Ok(Err(CalibrateError::with_code(Outcome::NotConverged.exit_code(), e.to_string())));
+        }
     };
     let truth = config.scene.as_ref().map(|scene| place_of(&scene.mount).1);
     let driven = Driven::new(&report.X_MC(), &believed, truth.as_ref());

@@ -20,7 +20,7 @@ const SHARE: usize = 3;
 
 /// What is beyond one side of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::detect::chessboard) enum Beyond {
+pub(in crate::detect::chessboard) enum BoardSide {
     /// The image ends, or the board's last corners are hidden.
     Unseen,
     /// No more corners.
@@ -31,7 +31,7 @@ pub(in crate::detect::chessboard) enum Beyond {
 
 impl Board {
     /// What is beyond each side.
-    pub(in crate::detect::chessboard) fn beyond(&self, image: &ImageView<'_>) -> [Beyond; 4] {
+    pub(in crate::detect::chessboard) fn beyond(&self, image: &ImageView<'_>) -> [BoardSide; 4] {
         let (columns, rows) = (self.columns as i64, self.rows as i64);
         [
             self.beyond_line(image, rows, |k, i| (i, k)),
@@ -47,11 +47,11 @@ impl Board {
         image: &ImageView<'_>,
         count: i64,
         corner: impl Fn(i64, i64) -> (i64, i64),
-    ) -> Beyond {
+    ) -> BoardSide {
         match self.line(image, count, corner) {
-            (seen, _) if seen < LEAST => Beyond::Unseen,
-            (seen, more) if more >= LEAST && SHARE * more >= seen => Beyond::More,
-            _ => Beyond::End,
+            (seen, _) if seen < LEAST => BoardSide::Unseen,
+            (seen, more) if more >= LEAST && SHARE * more >= seen => BoardSide::More,
+            _ => BoardSide::End,
         }
     }
 

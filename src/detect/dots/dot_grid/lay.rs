@@ -1,6 +1,6 @@
 //! Where in the grid the cells of a lattice lie: in all turns, sheared as they may have been walked.
 
-use super::{Cell, Lattice};
+use super::{Lattice, LatticeDot};
 use crate::detect::dots::blob::Blob;
 use crate::messages::TargetStatus;
 
@@ -73,7 +73,7 @@ impl Lattice {
     }
 
     /// The id of a cell, if its dot has the size that the grid has there.
-    pub(super) fn fits(&self, way: &GridTransform, cell: &Cell) -> Option<u32> {
+    pub(super) fn fits(&self, way: &GridTransform, cell: &LatticeDot) -> Option<u32> {
         let [x, y] = way.place(cell.at);
         let (column, row) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
         let large = self.grid.is_large(column, row)?;

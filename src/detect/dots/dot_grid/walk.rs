@@ -5,7 +5,7 @@
 //!                     ─► cell by cell where the lattice goes on, dots of a size that may be ─► what one homography does not carry is left out
 //! ```
 
-use super::{Cell, Lattice};
+use super::{Lattice, LatticeDot};
 use crate::detect::dots::blob::Blob;
 use crate::pose::{Correspondence, homography};
 use nalgebra::{Matrix2, Vector2};
@@ -158,7 +158,7 @@ impl Lattice {
         };
         let tolerance = if self.rough { AREA_ROUGH } else { AREA };
         let (least, most) = (least * (-tolerance).exp(), most * tolerance.exp());
-        self.put(Cell { at: [0, 0], candidate: seed, steps, area: 0.0, large: false, clear: false });
+        self.put(LatticeDot { at: [0, 0], candidate: seed, steps, area: 0.0, large: false, clear: false });
         let mut next = 0;
         while let Some(cell) = self.cells.get(next).copied() {
             next += 1;
@@ -190,12 +190,12 @@ impl Lattice {
                 {
                     steps[1 - axis] = other - point;
                 }
-                self.put(Cell { at, candidate, steps, area: 0.0, large: false, clear: false });
+                self.put(LatticeDot { at, candidate, steps, area: 0.0, large: false, clear: false });
             }
         }
     }
 
-    fn put(&mut self, cell: Cell) {
+    fn put(&mut self, cell: LatticeDot) {
         if let Some(place) = slot(cell.at).and_then(|i| self.map.get_mut(i))
             && self.cells.len() < self.cells.capacity()
         {
@@ -207,7 +207,7 @@ impl Lattice {
         }
     }
 
-    fn at(&self, at: [i32; 2]) -> Option<&Cell> {
+    fn at(&self, at: [i32; 2]) -> Option<&LatticeDot> {
         let index = *self.map.get(slot(at)?)?;
         self.cells.get((index as usize).checked_sub(1)?)
     }
@@ -249,7 +249,7 @@ impl Lattice {
                 return;
             }
             let Ok(H) = homography(&self.pairs) else { return };
-            let off = |(pair, cell): (&Correspondence, &Cell)| {
+            let off = |(pair, cell): (&Correspondence, &LatticeDot)| {
                 let h = H * pair.r.push(1.0);
                 let size = cell.steps[0].norm().min(cell.steps[1].norm());
                 (h.xy() / h.z - pair.s).norm() * self.focal_px / size

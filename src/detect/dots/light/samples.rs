@@ -1,6 +1,6 @@
 //! Levels seen on the plate, and the loops over them that the light's fit is made of: each quantity on its own, four samples at a time.
 
-use super::Light;
+use super::IlluminationFit;
 use crate::detect::dots::ring::{RING, Ring};
 use crate::imaging::simd::kernel;
 
@@ -71,7 +71,7 @@ pub(super) struct LightSums {
 
 impl LightSums {
     /// Over the samples that `light` explains.
-    pub(super) fn of(samples: &Samples, light: &Light) -> Self {
+    pub(super) fn of(samples: &Samples, light: &IlluminationFit) -> Self {
         let mut sums = [0.0; 21];
         sum_explained(samples.columns(), light, &mut sums);
         let [count, moments @ .., b0, b1, b2, b3, b4, b5] = sums;
@@ -95,7 +95,7 @@ impl LightSums {
 
 /// What a light leaves over of the samples that it explains.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Rest {
+pub(super) struct LightResidual {
     /// Sum of squares, levels^2.
     pub(super) square: f64,
     pub(super) count: f64,
@@ -103,8 +103,8 @@ pub(super) struct Rest {
     pub(super) greatest: f64,
 }
 
-impl Rest {
-    pub(super) fn of(samples: &Samples, light: &Light) -> Self {
+impl LightResidual {
+    pub(super) fn of(samples: &Samples, light: &IlluminationFit) -> Self {
         let mut rest = [0.0; 3];
         sum_rest(samples.columns(), light, &mut rest);
         let [square, count, greatest] = rest;
@@ -114,21 +114,21 @@ impl Rest {
 
 kernel!(
     /// Count, moments and right-hand side: see [`LightSums`].
-    fn sum_explained(columns: [&[f64]; 3], light: &Light, out: &mut [f64; 21]) = sum_explained_body
+    fn sum_explained(columns: [&[f64]; 3], light: &IlluminationFit, out: &mut [f64; 21]) = sum_explained_body
 );
 
 kernel!(
-    /// See [`Rest`].
-    fn sum_rest(columns: [&[f64]; 3], light: &Light, out: &mut [f64; 3]) = sum_rest_body
+    /// See [`LightResidual`].
+    fn sum_rest(columns: [&[f64]; 3], light: &IlluminationFit, out: &mut [f64; 3]) = sum_rest_body
 );
 
 kernel!(
     /// What a light leaves over of a ring's levels: level less light; NaN where it does not explain what is seen.
-    pub(super) fn ring_rest(ring: &Ring, light: &Light, out: &mut [f64; RING]) = ring_rest_body
+    pub(super) fn ring_rest(ring: &Ring, light: &IlluminationFit, out: &mut [f64; RING]) = ring_rest_body
 );
 
 #[inline(always)]
-fn ring_rest_body(ring: &Ring, light: &Light, out: &mut [f64; RING]) {
+fn ring_rest_body(ring: &Ring, light: &IlluminationFit, out: &mut [f64; RING]) {
     for (i, out) in out.iter_mut().enumerate() {
         let [u, v] = light.scaled(ring.x[i], ring.y[i]);
         let off = ring.level[i] - light.at_scaled(u, v);
@@ -149,7 +149,7 @@ fn by_lanes([x, y, level]: [&[f64]; 3]) -> impl Iterator<Item = [[f64; LANES]; 3
 }
 
 #[inline(always)]
-fn sum_explained_body(columns: [&[f64]; 3], light: &Light, out: &mut [f64; 21]) {
+fn sum_explained_body(columns: [&[f64]; 3], light: &IlluminationFit, out: &mut [f64; 21]) {
     let mut sums = [[0.0; LANES]; 21];
     for [x, y, level] in by_lanes(columns) {
         for i in 0..LANES {
@@ -193,7 +193,7 @@ fn sum_explained_body(columns: [&[f64]; 3], light: &Light, out: &mut [f64; 21]) 
 }
 
 #[inline(always)]
-fn sum_rest_body(columns: [&[f64]; 3], light: &Light, out: &mut [f64; 3]) {
+fn sum_rest_body(columns: [&[f64]; 3], light: &IlluminationFit, out: &mut [f64; 3]) {
     let mut sums = [[0.0; LANES]; 3];
     for [x, y, level] in by_lanes(columns) {
         for i in 0..LANES {
@@ -223,11 +223,11 @@ mod tests {
             seen in prop::collection::vec((0.0..640.0f64, 0.0..480.0f64, 60.0..140.0f64, 0..9u8), 0..60),
             c in prop::array::uniform5(-9.0..9.0f64), limit in 5.0..60.0f64,
         ) {
-            let mut light = Light::even(100.0);
+            let mut light = IlluminationFit::even(100.0);
             (light.c, light.limit) = ([100.0, c[0], c[1], c[2], c[3], c[4]], limit);
             (light.middle, light.unit) = ([300.0, 200.0].into(), 0.004);
             let mut samples = Samples::with_capacity(60);
-            let (mut A, mut b, mut rest) = ([[0.0; 6]; 6], [0.0; 6], Rest::default());
+            let (mut A, mut b, mut rest) = ([[0.0; 6]; 6], [0.0; 6], LightResidual::default());
             for &(x, y, level, kind) in &seen {
                 let level = if kind == 0 { f64::NAN } else { level };
                 samples.push(x, y, level);
@@ -246,7 +246,7 @@ mod tests {
                 rest.greatest = rest.greatest.max(off);
             }
             let sums = LightSums::of(&samples, &light);
-            let got = Rest::of(&samples, &light);
+            let got = LightResidual::of(&samples, &light);
             let close = |a: f64, b: f64| (a - b).abs() <= 1e-9 * (1.0 + b.abs());
             prop_assert!(sums.A().iter().flatten().zip(A.iter().flatten()).all(|(a, b)| close(*a, *b)));
             prop_assert!(sums.b.iter().zip(&b).all(|(a, b)| close(*a, *b)));

@@ -22,7 +22,7 @@ proptest! {
         let pixels = noise(seed);
         let image = ImageView::new(&pixels, 70, 40).unwrap();
         let S = [a * a, r * a * b, b * b];
-        let (outer, inner) = (Ellipse::new(x, y, S), Ellipse::new(x, y, S.map(|s| 0.3 * s)));
+        let (outer, inner) = (PixelEllipse::new(x, y, S), PixelEllipse::new(x, y, S.map(|s| 0.3 * s)));
         let relative = [tilt[0], tilt[1], bend[0], bend[1], bend[2]];
         let scale = Scale { edge, span, margin, light, relative };
         let got = weighted_sums(&image, [&outer, &outer], hollow.then_some(&inner), &scale);

@@ -1,7 +1,7 @@
 //! The sums with SSE2, part of every x86-64, and with AVX2.
 
 use super::{DotLight, RowLight, RowSums, Scale, WeightSums};
-use crate::detect::dots::ellipse::Ellipse;
+use crate::detect::dots::ellipse::PixelEllipse;
 use crate::imaging::ImageView;
 use std::arch::x86_64::{
     __m128i, _mm_add_epi16, _mm_add_epi32, _mm_and_si128, _mm_cmpgt_epi16, _mm_cmpgt_epi32,
@@ -59,7 +59,7 @@ fn keep(left: usize) -> __m128i {
 /// Rows that are made side by side, so that their roots do not wait for each other.
 const BLOCK: usize = 4;
 
-/// Rows one after the other: where each begins and ends (nothing where `x0 >= x1`), and [`Ellipse::rim_at`] of it.
+/// Rows one after the other: where each begins and ends (nothing where `x0 >= x1`), and [`PixelEllipse::rim_at`] of it.
 struct RowBlock {
     x0: [i32; BLOCK],
     x1: [i32; BLOCK],
@@ -67,10 +67,10 @@ struct RowBlock {
 }
 
 impl RowBlock {
-    /// Rows from `y` on of `outer` and `rim`, up to `bottom`, in an image `limit` px wide: as [`Ellipse::rows`] has them.
+    /// Rows from `y` on of `outer` and `rim`, up to `bottom`, in an image `limit` px wide: as [`PixelEllipse::rows`] has them.
     #[inline]
     #[target_feature(enable = "avx2")]
-    fn at(y: i32, bottom: i32, limit: i32, outer: &Ellipse, rim: &Ellipse) -> Self {
+    fn at(y: i32, bottom: i32, limit: i32, outer: &PixelEllipse, rim: &PixelEllipse) -> Self {
         let all = |value: f64| _mm256_set1_pd(value);
         let (one, zero) = (all(1.0), _mm256_setzero_pd());
         let rows = _mm_add_epi32(_mm_set1_epi32(y), _mm_setr_epi32(0, 1, 2, 3));
@@ -113,7 +113,7 @@ const MAX_PX: f64 = 90.0;
 #[target_feature(enable = "avx2,popcnt")]
 pub(super) fn weighted_sums_avx2(
     image: &ImageView<'_>,
-    [outer, rim]: [&Ellipse; 2],
+    [outer, rim]: [&PixelEllipse; 2],
     scale: &Scale,
 ) -> Option<WeightSums> {
     if !(outer.height < MAX_PX && outer.width + outer.slope.abs() * outer.height < MAX_PX) {

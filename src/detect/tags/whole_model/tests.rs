@@ -5,12 +5,12 @@ const CELLS: usize = 6;
 const INK_LEVEL: f64 = 40.0;
 const STEP_LEVELS: f64 = 160.0;
 
-fn pattern() -> Pattern {
+fn pattern() -> CellPattern {
     let mut white = [[0.0; MAX_CELLS]; MAX_CELLS];
     for (i, j) in [(1, 1), (2, 1), (4, 1), (1, 3), (3, 2), (3, 3), (4, 4), (2, 4)] {
         white[j][i] = 1.0;
     }
-    Pattern::new(&white, CELLS)
+    CellPattern::new(&white, CELLS)
 }
 
 /// A tilted tag with cells of about 3 px.
@@ -19,8 +19,8 @@ fn corners() -> [Vector2<f64>; 4] {
     [v(101.3, 82.1), v(117.9, 86.4), v(119.2, 104.7), v(99.0, 97.6)]
 }
 
-fn picture(corners: &[Vector2<f64>; 4]) -> Picture {
-    Picture {
+fn picture(corners: &[Vector2<f64>; 4]) -> TagImage {
+    TagImage {
         back: PlaneMap::of_square(corners, CELLS as f64).unwrap().inverse().unwrap(),
         origin: Vector2::new(109.0, 93.0),
         radius: 14.0,
@@ -33,8 +33,8 @@ fn picture(corners: &[Vector2<f64>; 4]) -> Picture {
 }
 
 /// Eight pixels of level 0, those of them that lie on the tag or near it.
-fn pixels(row: i32) -> Pixels {
-    let mut pixels = Pixels::NONE;
+fn pixels(row: i32) -> TagPixels {
+    let mut pixels = TagPixels::NONE;
     let picture = picture(&corners());
     for i in 0..8 {
         pixels.x.0[i] = i as f32 * 3.1 - 11.0;
@@ -47,13 +47,13 @@ fn pixels(row: i32) -> Pixels {
     pixels
 }
 
-fn rows(picture: &Picture, corners: &[Vector2<f64>; 4], pixels: &Pixels) -> Row {
+fn rows(picture: &TagImage, corners: &[Vector2<f64>; 4], pixels: &TagPixels) -> TagJacobian {
     let pattern = pattern();
-    Model::new(picture, &pattern, corners, 1e9).unwrap().at(pixels)
+    TagModel::new(picture, &pattern, corners, 1e9).unwrap().at(pixels)
 }
 
 /// The model's own sum, counted out: cells, paper and grounds under a fine grid of the blur.
-fn counted(picture: &Picture, corners: &[Vector2<f64>; 4], p: Vector2<f64>) -> f64 {
+fn counted(picture: &TagImage, corners: &[Vector2<f64>; 4], p: Vector2<f64>) -> f64 {
     let back = PlaneMap::of_square(corners, CELLS as f64).unwrap().inverse().unwrap();
     let (pattern, n) = (pattern(), CELLS as f64);
     let [xx, xy, yy] = picture.blur;
@@ -172,20 +172,21 @@ fn derivatives_are_those_of_levels() {
 fn products_are_sums_over_pixels_that_count() {
     let corners = corners();
     let (picture, pattern) = (picture(&corners), pattern());
-    let model = Model::new(&picture, &pattern, &corners, 120.0f64.powi(2)).unwrap();
-    let mut blocks: Vec<Pixels> = (-20..20).map(|y| pixels(y % 12)).collect();
+    let model = TagModel::new(&picture, &pattern, &corners, 120.0f64.powi(2)).unwrap();
+    let mut blocks: Vec<TagPixels> = (-20..20).map(|y| pixels(y % 12)).collect();
     blocks[3].weight = Eight::ZERO;
     let mut room = [[Eight::ZERO; COUNT + 1]; CHUNK];
     let mut sums = RowProducts { products: [[0.0; COUNT + 1]; COUNT + 1], count: 0.0 };
     accumulate(&model, &blocks, &mut room, &mut sums);
-    let rows: Vec<Row> = blocks.iter().map(|pixels| model.at(pixels)).collect();
-    let left_over = |row: &Row| row[COUNT].0.iter().filter(|r| **r != 0.0).count();
+    let rows: Vec<TagJacobian> = blocks.iter().map(|pixels| model.at(pixels)).collect();
+    let left_over = |row: &TagJacobian| row[COUNT].0.iter().filter(|r| **r != 0.0).count();
     let count: usize = rows.iter().map(left_over).sum();
     assert!(count > 40 && count < 300 && sums.count == count as f64, "{count} {}", sums.count);
     for i in 0..=COUNT {
         for k in 0..=i {
-            let each =
-                |row: &Row| (0..8).map(|l| f64::from(row[i].0[l]) * f64::from(row[k].0[l])).sum::<f64>();
+            let each = |row: &TagJacobian| {
+                (0..8).map(|l| f64::from(row[i].0[l]) * f64::from(row[k].0[l])).sum::<f64>()
+            };
             let wanted: f64 = rows.iter().map(each).sum();
             let size: f64 =
                 rows.iter().map(|r| (r[i] * r[i]).sum() + (r[k] * r[k]).sum()).map(f64::from).sum();
@@ -199,7 +200,7 @@ fn blur_across_too_many_cells_is_refused() {
     let corners = corners();
     let pattern = pattern();
     for blur in [[60.0, 0.0, 60.0], [f64::NAN, 0.0, 1.0], [1.0, 0.0, f64::INFINITY], [-1.0, 0.0, -1.0]] {
-        let picture = Picture { blur, ..picture(&corners) };
-        assert!(Model::new(&picture, &pattern, &corners, 1e9).is_none(), "{blur:?}");
+        let picture = TagImage { blur, ..picture(&corners) };
+        assert!(TagModel::new(&picture, &pattern, &corners, 1e9).is_none(), "{blur:?}");
     }
 }

@@ -8,9 +8,9 @@ const SIZE: usize = 19;
 /// Samples to a pixel and side.
 const FINE: usize = 8;
 
-struct Random(u64);
+struct XorShift(u64);
 
-impl Random {
+impl XorShift {
     fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -29,13 +29,21 @@ impl Random {
 }
 
 /// One corner of a board: pixels without noise, truth, and what a finder would guess.
-struct View {
+struct CornerSample {
     levels: Vec<f64>,
     truth: Vector2<f64>,
     steps: [Vector2<f64>; 2],
 }
 
-fn view(random: &mut Random, side: f64, skew: f64, blur: f64, low: f64, high: f64, light: f64) -> View {
+fn view(
+    random: &mut XorShift,
+    side: f64,
+    skew: f64,
+    blur: f64,
+    low: f64,
+    high: f64,
+    light: f64,
+) -> CornerSample {
     let turn = random.within(0.0, std::f64::consts::TAU);
     let open = std::f64::consts::FRAC_PI_2 + random.within(-skew, skew);
     let steps = [turn, turn + open].map(|a| Vector2::new(a.cos(), a.sin()) * side);
@@ -92,10 +100,10 @@ fn view(random: &mut Random, side: f64, skew: f64, blur: f64, low: f64, high: f6
         let from = (border + y) * FINE - reach as usize;
         *level = wide.iter().enumerate().map(|(k, w)| f64::from(rows[(from + k) * SIZE + x] * w)).sum();
     }
-    View { levels, truth, steps }
+    CornerSample { levels, truth, steps }
 }
 
-fn noisy(view: &View, noise: f64, random: &mut Random) -> Vec<u8> {
+fn noisy(view: &CornerSample, noise: f64, random: &mut XorShift) -> Vec<u8> {
     view.levels.iter().map(|l| (l + noise * random.normal()).round().clamp(0.0, 255.0) as u8).collect()
 }
 
@@ -109,7 +117,7 @@ fn errors(
     skew: f64,
     light: f64,
 ) -> (f64, f64, usize) {
-    let mut random = Random((side * 1e3 + blur * 1e5 + noise * 1e7 + contrast * 1e9) as u64);
+    let mut random = XorShift((side * 1e3 + blur * 1e5 + noise * 1e7 + contrast * 1e9) as u64);
     let mut fitter = CornerFitter::default();
     let (mut squares, mut normalized, mut failed, mut n) = (0.0, 0.0, 0, 0);
     for _ in 0..views {
@@ -168,7 +176,7 @@ fn errors_are_small_and_as_stated() {
 
 #[test]
 fn kernels_agree() {
-    let mut random = Random(77);
+    let mut random = XorShift(77);
     for side in [6.0, 11.0, 40.0] {
         for _ in 0..20 {
             let view = view(&mut random, side, 0.4, 1.1, 40.0, 190.0, 0.01);
@@ -193,7 +201,7 @@ fn kernels_agree() {
 
 #[test]
 fn what_is_no_corner_is_refused() {
-    let mut random = Random(5);
+    let mut random = XorShift(5);
     let mut fitter = CornerFitter::default();
     let guess = |x: f64, y: f64, a: [f64; 2], b: [f64; 2]| CornerGuess {
         px: Vector2::new(x, y),

@@ -55,14 +55,14 @@ impl FreeRunningSource for Metronome {
 }
 
 /// Keeps what is handed over.
-struct Kept {
+struct RecordingSink {
     time: Rc<Cell<MonoNs>>,
     beats: usize,
     shots: Vec<(Shot, u8)>,
     told: Vec<CameraHealth>,
 }
 
-impl Outlet for Kept {
+impl Outlet for RecordingSink {
     fn now(&self) -> MonoNs {
         self.time.get()
     }
@@ -87,7 +87,7 @@ impl Outlet for Kept {
 }
 
 /// Frames at `(ms, sequence)`; what came out, and how it ended.
-fn play(frames: &[(i64, u64)], lost: u64, ends: bool) -> (Kept, Result<(), ProcessError>) {
+fn play(frames: &[(i64, u64)], lost: u64, ends: bool) -> (RecordingSink, Result<(), ProcessError>) {
     play_as(frames, lost, ends, (None, CameraState::Unknown))
 }
 
@@ -97,7 +97,7 @@ fn play_as(
     lost: u64,
     ends: bool,
     (damaged, state): (Option<u64>, CameraState),
-) -> (Kept, Result<(), ProcessError>) {
+) -> (RecordingSink, Result<(), ProcessError>) {
     let time = Rc::new(Cell::new(MonoNs(0)));
     let stop = StopFlag::default();
     let mut source = Metronome {
@@ -109,9 +109,9 @@ fn play_as(
         damaged,
         state,
     };
-    let mut kept = Kept { time, beats: 0, shots: Vec::new(), told: Vec::new() };
+    let mut kept = RecordingSink { time, beats: 0, shots: Vec::new(), told: Vec::new() };
     let away = SpanNs::from_s(60.0);
-    let end = run(&mut source, &mut kept, Patience::with(25.0, away), &stop);
+    let end = run(&mut source, &mut kept, SilenceLimits::with(25.0, away), &stop);
     (kept, end)
 }
 

@@ -1,6 +1,6 @@
 //! From space to paper.
 
-use super::Scene;
+use super::SceneDrawing;
 use crate::report::chart::{Anchor, Area, Canvas, Width};
 use nalgebra::{Point3, Vector3};
 
@@ -32,7 +32,7 @@ impl Isometric {
 }
 
 /// The scenes side by side, or one below the other.
-pub(super) fn draw(scenes: &[Scene], view: &Isometric, width: Width) -> String {
+pub(super) fn draw(scenes: &[SceneDrawing], view: &Isometric, width: Width) -> String {
     let mut canvas = Canvas::new(width, f64::INFINITY);
     let h = canvas.letters();
     let columns = if width == Width::Narrow { 1 } else { scenes.len().max(1) };
@@ -52,7 +52,7 @@ pub(super) fn draw(scenes: &[Scene], view: &Isometric, width: Width) -> String {
 
 fn draw_scene(
     canvas: &mut Canvas,
-    scene: &Scene,
+    scene: &SceneDrawing,
     view: &Isometric,
     [left, top]: [f64; 2],
     width: f64,

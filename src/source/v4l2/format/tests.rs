@@ -105,10 +105,16 @@ fn another_rate_is_told_or_refused() {
 
 #[test]
 fn a_layout_that_cannot_be_is_refused() {
-    let layout =
-        Layout { fourcc: FourCc(*b"YUYV"), width: 640, height: 480, field: 1, stride: 1280, size: 614_400 };
+    let layout = BufferFormat {
+        fourcc: FourCc(*b"YUYV"),
+        width: 640,
+        height: 480,
+        field: 1,
+        stride: 1280,
+        size: 614_400,
+    };
     assert!(check_layout(PixelFormat::Yuyv, &layout).is_ok());
-    assert!(check_layout(PixelFormat::Yuyv, &Layout { stride: 640, ..layout }).is_err());
-    assert!(check_layout(PixelFormat::Yuyv, &Layout { size: 614_399, ..layout }).is_err());
-    assert!(check_layout(PixelFormat::Mjpg, &Layout { stride: 0, size: 100_000, ..layout }).is_ok());
+    assert!(check_layout(PixelFormat::Yuyv, &BufferFormat { stride: 640, ..layout }).is_err());
+    assert!(check_layout(PixelFormat::Yuyv, &BufferFormat { size: 614_399, ..layout }).is_err());
+    assert!(check_layout(PixelFormat::Mjpg, &BufferFormat { stride: 0, size: 100_000, ..layout }).is_ok());
 }

@@ -162,7 +162,7 @@ impl CameraHost for Bench {
         Ok(Box::new(FakeNode {
             bench: self.clone(),
             info: camera.info,
-            layout: Layout {
+            layout: BufferFormat {
                 fourcc: FourCc(*b"GREY"),
                 width: WIDTH,
                 height: HEIGHT,
@@ -195,7 +195,7 @@ impl CameraHost for Bench {
 struct FakeNode {
     bench: Bench,
     info: NodeInfo,
-    layout: Layout,
+    layout: BufferFormat,
     pixels: Vec<Vec<u8>>,
     /// With the driver, empty.
     given: VecDeque<u32>,
@@ -297,13 +297,14 @@ impl VideoNode for FakeNode {
     fn rates(&self, _fourcc: FourCc, _width: u32, _height: u32) -> Vec<RateOffer> {
         vec![RateOffer::Discrete(Interval { numerator: 1, denominator: 25 })]
     }
-    fn set_format(&mut self, fourcc: FourCc, width: u32, height: u32) -> Result<Layout, Errno> {
+    fn set_format(&mut self, fourcc: FourCc, width: u32, height: u32) -> Result<BufferFormat, Errno> {
         self.require_presence()?;
         let (width, height) = self.bench.0.borrow().substitutes.unwrap_or((width, height));
-        self.layout = Layout { fourcc, width, height, stride: width, size: width * height, ..self.layout };
+        self.layout =
+            BufferFormat { fourcc, width, height, stride: width, size: width * height, ..self.layout };
         Ok(self.layout)
     }
-    fn layout(&mut self) -> Result<Layout, Errno> {
+    fn layout(&mut self) -> Result<BufferFormat, Errno> {
         Ok(self.layout)
     }
     fn set_interval(&mut self, _interval: Interval) -> Result<Option<Interval>, Errno> {
