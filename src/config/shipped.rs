@@ -72,7 +72,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn every_run_file_is_shipped_and_the_ones_that_need_nothing_are_good_anywhere() {
+    fn every_run_file_is_embedded_and_valid_anywhere() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
         let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
         let mut names: Vec<_> = files

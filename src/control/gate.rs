@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_that_goes_on_being_wrong_is_a_fault_and_a_single_one_is_not() {
+    fn only_repeated_wrong_commands_are_a_fault() {
         let mut gate = gate(CommandMode::Torque);
         let rest = point(Vector2::zeros(), Vector2::zeros(), Vector2::zeros());
         let mut command = |tau| gate.pass(&rest, &Vector2::new(tau, 0.0)).fault;

@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_seed_sees_the_same_and_an_exact_encoder_sees_the_truth() {
+    fn a_seed_repeats_and_an_exact_encoder_reads_the_truth() {
         let (q, qd) = (Vector2::new(0.2, 0.3), Vector2::new(1.0, 2.0));
         let (mut a, mut b) = (Encoder::new(model()), Encoder::new(model()));
         let mut c = Encoder::new(EncoderModel { seed: 4, ..model() });

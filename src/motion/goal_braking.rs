@@ -116,7 +116,7 @@ mod tests {
 
     /// A wish that was slowed down for another reason is not taken for one that is nearly there.
     #[test]
-    fn a_wish_that_was_slowed_down_is_as_far_from_its_goal_as_before() {
+    fn slowing_a_motion_down_keeps_its_distance_to_the_goal() {
         let limits = limits::<2>(10.0, 500.0);
         let r = Reference::new(limits.clone(), Vector2::zeros());
         let slowed = Vector2::new(0.5, -0.25);

@@ -50,7 +50,7 @@ fn the_picture_of_a_board_has_squares_of_the_right_size() {
 }
 
 #[test]
-fn what_is_too_large_is_refused_and_what_is_small_has_room_for_its_text() {
+fn large_targets_are_refused_and_small_ones_keep_their_text() {
     let large = Target::from(Chessboard::with_squares(9, 6, 1.0).unwrap());
     assert!(matches!(print(&large, Format::Png), Err(PrintError::TooLarge { .. })));
     assert!(matches!(print(&large, Format::Pdf), Err(PrintError::TooLarge { .. })));

@@ -170,7 +170,7 @@ mod tests {
         }
 
         #[test]
-        fn every_duration_lies_below_the_edge_of_its_bucket_and_not_of_the_one_before(ns in 0u64..60_000_000_000) {
+        fn every_duration_lies_in_exactly_its_bucket(ns in 0u64..60_000_000_000) {
             let i = bucket(ns);
             prop_assert!(ns < upper_edge(i));
             prop_assert!(i == 0 || ns >= upper_edge(i - 1));

@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_another_size_and_measurements_of_other_frames_are_passed_over() {
+    fn frames_and_measurements_that_do_not_match_are_ignored() {
         let mut book = PictureBook::new((4, 2));
         let header = FrameHeader { width_px: 5, height_px: 2, ..FrameHeader::default() };
         book.note_frame(&header, &[0; 10]);

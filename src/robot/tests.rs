@@ -139,7 +139,7 @@ fn friction_opposes_motion() {
 }
 
 #[test]
-fn redundant_arms_follow_the_preferred_motion_where_they_are_free() {
+fn redundant_arms_follow_the_preferred_null_space_motion() {
     // Two coaxial joints in a row: only their sum shows, so the preferred velocity decides their difference.
     let J = SMatrix::<f64, 6, 7>::from_fn(|i, j| f64::from(u8::from(i == j || (i == 5 && j == 6))));
     let text = (0..7).map(|i| {

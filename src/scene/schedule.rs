@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn the_share_of_lost_frames_is_as_asked_and_differs_between_seeds() {
+    fn the_configured_share_of_frames_is_lost_and_seeds_differ() {
         let lost = |seed| {
             let s = FrameSchedule::new(25.0, LATENCY, Irregularity { jitter: SpanNs(0), loss: 0.1, seed });
             (0..10_000).filter(|id| s.is_lost(*id)).collect::<Vec<_>>()

@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn given_features_lead_back_to_the_pose_that_they_were_seen_from() {
+    fn given_features_yield_the_pose_they_were_seen_from() {
         let X_DO = Pose::new([-0.05, 0.03, 0.6].into(), [0.3, -0.4, -1.0].into());
         let square = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]].map(|[x, y]| Point3::new(x, y, 0.0));
         let posed = SetPoint::from_pose(&X_DO, &square).unwrap();

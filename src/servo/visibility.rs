@@ -360,7 +360,7 @@ mod tests {
         }
 
         #[test]
-        fn what_carries_nothing_out_is_left_alone_and_nothing_is_made_quicker(
+        fn motion_that_keeps_all_in_view_is_unchanged(
             X_CO in anywhere(), V in prop::array::uniform6(-1.0..1.0f64)
         ) {
             let V = Vector6::from(V);
@@ -406,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn a_torque_law_is_held_as_a_velocity_and_braked_when_it_is_too_fast() {
+    fn a_torque_law_is_braked_when_the_arm_is_too_fast() {
         let K = PoseGains::repeat(4.0);
         let law = Law::PositionTorque {
             K_P: K,

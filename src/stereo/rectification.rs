@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn conjugates_lie_in_one_row_and_depths_are_those_of_the_parallel_case() {
+    fn rectified_conjugates_share_rows_and_depths_are_parallel() {
         for X in [
             camera_pose(),
             camera_pose().inverse(),

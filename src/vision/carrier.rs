@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_camera_is_where_the_measured_joints_have_it_and_nonsense_moves_nothing() {
+    fn only_finite_joint_states_move_the_camera() {
         let robot = crate::robot::load("scara").unwrap().build::<4>().unwrap();
         let X_EC = Pose::translation(0.0, 0.01, 0.05);
         let mut carrier = ArmCarrier::new(robot.clone(), Mount::EyeInHand { X_EC });

@@ -60,7 +60,7 @@ fn the_plant_keeps_the_limits_of_the_run_file() {
 }
 
 #[test]
-fn an_arm_that_starts_elsewhere_is_told_and_refused_unless_it_may() {
+fn an_unexpected_start_is_refused_unless_allowed() {
     for file in ["default.toml", "ur5.toml", "scara-a.toml", "panda.toml"] {
         let refused = config(file, &[]);
         with_robot!(refused, |robot| {

@@ -252,7 +252,7 @@ fn turmoil<const N: usize>(config: &Config, robot: &Robot<N>, seed: u64) -> Vec<
 
 /// Nothing steps the reference: not a view that comes back while the arm brakes, no fault, no request, no law that wishes torques.
 #[test]
-fn no_sequence_of_states_cues_and_measurements_steps_what_passes_the_gate() {
+fn no_sequence_of_inputs_makes_the_gate_output_jump() {
     for seed in 0..seeds() {
         let file = FILES[(seed % FILES.len() as u64) as usize];
         // More than half of them where the reference could be put elsewhere: before a drive that obeys torques.
@@ -278,11 +278,11 @@ fn no_sequence_of_states_cues_and_measurements_steps_what_passes_the_gate() {
 }
 
 #[test]
-fn a_hostile_drive_gets_no_command_beyond_the_limits_and_the_run_ends_with_a_reason() {
+fn a_hostile_drive_gets_commands_within_limits_only() {
     campaign(false);
 }
 
 #[test]
-fn hostile_measurements_make_no_command_beyond_the_limits_and_the_run_ends_with_a_reason() {
+fn hostile_measurements_give_commands_within_limits_only() {
     campaign(true);
 }

@@ -82,7 +82,7 @@ fn any_dot_of_four_may_be_covered_for_a_second_in_any_scheme() {
 }
 
 #[test]
-fn with_two_dots_covered_the_arm_slows_down_and_holds_and_then_goes_on() {
+fn with_two_dots_occluded_the_arm_slows_holds_and_resumes() {
     for file in EVERY_SCHEME {
         for (center, size) in [([0.05, 0.0], [0.15, 0.04]), ([0.1, 0.05], [0.04, 0.15])] {
             let what = format!("{file}, two dots about {center:?}");

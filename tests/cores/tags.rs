@@ -200,7 +200,7 @@ fn a_known_response_is_undone() {
 
 #[test]
 #[ignore = "takes many minutes"]
-fn deviations_are_as_stated_from_tiny_to_large_and_from_sharp_to_smeared() {
+fn stated_covariances_hold_at_all_sizes_and_blurs() {
     let (mut honest, mut cells, mut dice) = (0, 0, Dice(31));
     for (blur_px, motion_px) in
         [(0.3, 0.0), (0.7, 0.0), (1.2, 0.0), (2.0, 0.0), (3.0, 0.0), (0.7, 2.0), (0.7, 4.0)]

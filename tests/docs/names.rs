@@ -65,3 +65,25 @@ fn no_type_name_appears_twice() {
     places.retain(|_, at| at.len() > 1);
     assert!(places.is_empty(), "one word, one thing: {places:#?}");
 }
+
+/// The property, in words that fit a line of a test's report.
+#[test]
+fn test_names_have_at_most_60_letters() {
+    let (mut count, mut long) = (0, Vec::new());
+    for (path, text) in ["src", "tests"].iter().flat_map(|folder| sources(folder)) {
+        let mut is_test = false;
+        for line in text.lines().map(str::trim_start) {
+            is_test |= line == "#[test]";
+            if let Some(rest) = line.strip_prefix("fn ").filter(|_| is_test) {
+                let name = rest.split(['(', '<']).next().unwrap_or(rest);
+                count += 1;
+                is_test = false;
+                if name.len() > 60 {
+                    long.push(format!("{}: {name}, {}", path.display(), name.len()));
+                }
+            }
+        }
+    }
+    assert!(count > 1000, "the tests were found: {count}");
+    assert!(long.is_empty(), "over 60 letters: {long:#?}");
+}

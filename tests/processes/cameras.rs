@@ -67,7 +67,7 @@ fn what_is_wrong_with_a_list_is_told_at_its_entry() {
 }
 
 #[test]
-fn control_by_several_cameras_is_refused_and_a_camera_that_is_not_there() {
+fn several_cameras_or_an_absent_one_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let file = written(&folder, TWO);
     let instance = Instance::new("several");

@@ -112,7 +112,7 @@ fn with_own_shared_memory(size: &str, lines: &str) -> Option<String> {
 }
 
 #[test]
-fn shared_memory_that_is_full_neither_kills_control_nor_keeps_a_stop_out() {
+fn full_shared_memory_does_not_prevent_a_stop() {
     let instance = Instance::new("clients-full");
     let (vservo, name) = (env!("CARGO_BIN_EXE_vservo"), &instance.name);
     let lines = format!(
@@ -160,7 +160,7 @@ fn shared_memory_that_fills_up_while_a_run_starts_is_named() {
 }
 
 #[test]
-fn a_daemon_that_waits_for_its_drive_is_answered_stopped_and_ended() {
+fn a_daemon_waiting_for_its_drive_answers_and_stops() {
     for how in ["shutdown", "stop"] {
         let served = how == "shutdown";
         let instance = Instance::new("clients-drive");

@@ -83,7 +83,7 @@ fn what_is_printed_is_found() {
 }
 
 #[test]
-fn with_a_calibration_the_pose_is_told_and_the_overlay_is_a_picture() {
+fn a_calibration_yields_the_pose_and_the_overlay_image() {
     let folder = tempfile::tempdir().unwrap();
     let path = printed(folder.path(), "tag:36h11:0.05:7", "sheet.png");
     shrunk(&path, 3);

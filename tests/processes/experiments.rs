@@ -223,7 +223,7 @@ fn delay_limits_the_gain_under_frame_and_not_under_predict() {
 
 /// The figures that the study is judged by, at both delays and with both arms.
 #[test]
-fn predict_settles_sooner_and_bears_wrong_stamps_wrong_depths_and_lost_frames() {
+fn predict_settles_sooner_and_tolerates_wrong_inputs() {
     let cell = Cell::textbook().unwrap();
     for (lag_s, delay_ms) in [(0.0, 40), (0.0, 80), (0.02, 40), (0.02, 80)] {
         let found = study(&cell, Scheme::D, lag_s, delay_ms).unwrap();

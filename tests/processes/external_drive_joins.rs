@@ -55,7 +55,7 @@ fn drive_of_another_version() {
 }
 
 #[test]
-fn a_drive_of_another_version_that_came_first_is_refused_with_what_differs() {
+fn an_earlier_drive_of_another_version_is_refused() {
     let instance = Instance::new("firstother");
     let mut drive = drive_by_hand(&instance, "external_drive_joins::drive_of_another_version");
     let services = format!("/dev/shm/vservo-{}/services", instance.name);
@@ -78,7 +78,7 @@ fn a_drive_of_another_version_that_came_first_is_refused_with_what_differs() {
 
 /// By hand there is no end to the wait; but it is told, with what is there and what is expected.
 #[test]
-fn a_drive_of_another_version_that_comes_later_is_told_and_one_that_fits_is_taken() {
+fn a_later_drive_must_have_the_right_version() {
     let instance = Instance::new("laterother");
     let mut child = vservo()
         .args(["run", "--clock", "lockstep", "--instance", &instance.name, "--set", "drive.kind=external"])
@@ -106,7 +106,7 @@ fn a_drive_of_another_version_that_comes_later_is_told_and_one_that_fits_is_take
 }
 
 #[test]
-fn a_program_that_never_becomes_a_drive_ends_the_run_and_costs_nothing_meanwhile() {
+fn a_program_that_never_becomes_a_drive_ends_the_run() {
     let own = std::env::current_exe().unwrap();
     let other = format!(
         "{:?}",

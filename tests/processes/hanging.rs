@@ -17,7 +17,7 @@ fn start(instance: &Instance, clock: &str) -> Child {
 }
 
 #[test]
-fn a_process_that_is_stopped_and_not_dead_ends_the_run_with_a_word() {
+fn a_suspended_process_ends_the_run_with_a_message() {
     std::thread::scope(|scope| {
         for clock in ["realtime", "lockstep"] {
             for role in ["control", "vision", "camera"] {

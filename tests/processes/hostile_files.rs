@@ -50,7 +50,7 @@ fn list(count: usize, entry: impl Fn(usize) -> String, separator: &str) -> Strin
 }
 
 #[test]
-fn twenty_problems_are_told_in_the_order_of_the_file_and_the_rest_counted() {
+fn twenty_problems_are_listed_in_order_and_the_rest_counted() {
     let text = checked(&list(20_000, |i| format!("k{i} = {i}"), "\n"));
     let lines: Vec<_> = text.lines().collect();
     assert!(lines[0].contains("run.toml:1:1: k0: unknown field `k0`, expected one of `run`"), "{text}");

@@ -55,7 +55,7 @@ fn runs_repeat_to_the_last_bit_also_side_by_side() {
 }
 
 #[test]
-fn every_update_policy_repeats_also_on_busy_cores_and_with_an_irregular_camera() {
+fn every_update_policy_repeats_on_busy_cores() {
     let mut hashes = Vec::new();
     for irregular in [false, true] {
         for update in ["frame", "tick", "predict"] {

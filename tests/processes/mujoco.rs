@@ -37,7 +37,7 @@ fn mujoco(python: &Path, arm: &str, drive: &[&str], extra: &[&str]) -> Run {
 const LOCKSTEP: [&str; 2] = ["--clock", "lockstep"];
 
 #[test]
-fn both_arms_converge_with_and_without_an_unknown_load_and_repeat_to_the_last_bit() {
+fn both_arms_converge_under_load_and_repeat_bit_by_bit() {
     let Some(python) = python() else { return };
     for arm in ["ur5", "panda"] {
         let mut hashes = Vec::new();

@@ -78,7 +78,7 @@ impl Drop for Sweep<'_> {
 }
 
 #[test]
-fn a_directory_of_another_user_is_refused_and_nothing_is_written_through_it() {
+fn another_users_directory_is_refused_and_not_written_to() {
     if !can_become_another() {
         return;
     }

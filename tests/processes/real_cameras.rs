@@ -79,7 +79,7 @@ fn what_is_wrong_with_its_table_is_told_at_its_key() {
 
 /// The device of the file does not exist: checking it opens nothing.
 #[test]
-fn a_check_opens_no_device_and_the_camera_process_says_that_it_is_not_there() {
+fn check_opens_no_device_and_camera_reports_it_missing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cell.toml");
     std::fs::write(&path, CELL).unwrap();

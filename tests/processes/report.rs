@@ -91,7 +91,7 @@ fn drawings(page: &str) -> Vec<&str> {
 }
 
 #[test]
-fn a_lockstep_run_leaves_a_page_and_its_data_and_is_the_same_run() {
+fn a_report_does_not_change_a_lockstep_run() {
     let reported = run(&LOCKSTEP);
     let err = String::from_utf8_lossy(&reported.output.stderr);
     assert_eq!(reported.output.status.code(), Some(0), "{err}");

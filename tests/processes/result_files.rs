@@ -20,7 +20,7 @@ fn run(arguments: &[&str]) -> (Output, String, String) {
 const LOCKSTEP: [&str; 3] = ["run", "--clock", "lockstep"];
 
 #[test]
-fn a_summary_that_cannot_be_written_is_on_stdout_and_its_failure_is_told() {
+fn an_unwritable_summary_goes_to_stdout_with_an_error() {
     let full = ["--summary", "/dev/full"];
     let (output, out, err) = run(&[&LOCKSTEP[..], &full].concat());
     assert!(out.contains("outcome       converged") && out.contains("state hash"), "{out}{err}");
@@ -34,7 +34,7 @@ fn a_summary_that_cannot_be_written_is_on_stdout_and_its_failure_is_told() {
 }
 
 #[test]
-fn what_a_calibration_found_is_on_stdout_even_if_its_file_is_full() {
+fn a_calibration_is_on_stdout_even_if_its_disk_is_full() {
     let calibrate = ["calibrate", "latency", "--clock", "lockstep", "--out", "/dev/full"];
     let (output, out, err) = run(&calibrate);
     assert!(out.contains("stamp_offset_ms = "), "{out}{err}");

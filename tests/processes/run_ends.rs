@@ -119,7 +119,7 @@ const CAUSES: [(Cause, Outcome, &str); 5] = [
 const QUICK: [&str; 1] = ["servo.gain_1_s=10"];
 
 #[test]
-fn whatever_ends_a_run_the_arm_brakes_within_its_limits_and_stands() {
+fn every_end_of_a_run_brakes_the_arm_within_its_limits() {
     for file in ["default.toml", "ur5.toml", "scara-b.toml", "scara-a.toml", "scara-c.toml"] {
         let torque_law = file.ends_with("-a.toml") || file.ends_with("-c.toml");
         for (cause, outcome, reason) in CAUSES {

@@ -113,7 +113,7 @@ fn a_daemon_starts_holds_goes_on_stops_and_ends_as_it_is_told() {
 }
 
 #[test]
-fn what_the_camera_sees_is_taught_on_request_and_the_arm_stands_meanwhile() {
+fn teaching_on_request_keeps_the_arm_at_rest() {
     let daemon = Daemon::start("serve-teach", &["--clock", "lockstep"]);
     let before = daemon.ctl("status").1["q_rad_or_m"].clone();
     daemon.accepts("teach");

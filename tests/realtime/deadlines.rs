@@ -213,7 +213,7 @@ fn when_vision_stands_still_the_arm_holds_and_then_goes_on() {
 }
 
 #[test]
-fn leftovers_of_a_run_that_was_killed_whole_go_at_the_next_start() {
+fn the_next_start_removes_the_files_of_a_killed_run() {
     let instance = Instance::new("massacre");
     let mut child = start(&instance, &[]);
     // All of them: one that starts during the massacre would find itself alone and clean up.
@@ -248,7 +248,7 @@ fn leftovers_of_a_run_that_was_killed_whole_go_at_the_next_start() {
 }
 
 #[test]
-fn a_second_run_of_the_same_name_is_refused_and_does_not_disturb_the_first() {
+fn a_second_run_of_the_same_name_is_refused() {
     let instance = Instance::new("twice");
     let mut first = start_servoing(&instance);
     let second = vservo().args(["run", "--instance", &instance.name]).output().unwrap();

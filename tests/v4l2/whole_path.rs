@@ -60,7 +60,7 @@ fn the_camera_process_hands_over_every_frame() {
 /// vivid's picture through camera, vision and control to the end of the run; there is no target in it, and nothing moves.
 #[test]
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
-fn a_test_picture_goes_through_all_processes_to_the_end_of_the_run() {
+fn a_test_image_passes_all_processes_to_the_end_of_the_run() {
     let vivid = Vivid::webcam();
     vivid.set(CHECKERS);
     let folder = tempfile::tempdir().unwrap();

@@ -223,7 +223,7 @@ fn frames_that_are_off_do_not_spoil_it() {
 }
 
 #[test]
-fn features_without_deviations_and_frames_without_pose_serve_too() {
+fn features_without_sd_and_frames_without_pose_are_used() {
     let scene = ArmScene::<4>::of("default.toml");
     let mut recording = scene.recording(CameraErrors { late_s: 0.015, ..GOOD });
     let whole = recording.sightings.clone();

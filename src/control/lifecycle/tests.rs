@@ -65,7 +65,7 @@ fn the_table_is_this_one() {
 }
 
 #[test]
-fn the_arm_comes_to_move_by_a_view_after_a_start_and_never_out_of_a_fault() {
+fn the_arm_servoes_only_after_a_start_and_never_from_a_fault() {
     for state in State::ALL {
         for cue in CUES {
             if state.next(cue) == Step::To(State::Servoing) {

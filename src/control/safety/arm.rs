@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_joint_beyond_its_speed_is_told_within_its_window_and_one_at_its_limit_is_not() {
+    fn overspeed_is_reported_in_its_window_and_limit_speed_is_not() {
         for (speed, within) in [(2.0, None), (2.9, None), (3.6, Some(24)), (5.0, Some(22))] {
             let mut watch = ArmWatch::default();
             let told = (0..400).find(|k| {
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_position_that_stands_while_the_joint_reports_a_velocity_is_none() {
+    fn a_frozen_position_with_a_reported_velocity_is_a_fault() {
         let mut watch = ArmWatch::default();
         let told = (0..1000).find(|k| {
             let q = 0.2e-3 * f64::from((*k).min(300));
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_joint_that_stands_while_its_reference_goes_is_told_within_a_second() {
+    fn a_blocked_joint_is_reported_within_a_second() {
         for speed in [0.06, 0.3, 2.0] {
             let mut watch = ArmWatch::<2>::default();
             let mut told = None;

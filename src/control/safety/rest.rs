@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moving_arm_is_at_rest_a_window_after_it_has_come_to_a_stand() {
+    fn a_moving_arm_is_at_rest_one_window_after_it_stops() {
         // Moves at 0.3 rad/s for 100 ticks, then stands.
         let at = |k: i32| state(0.1 + 0.3e-3 * f64::from(k.min(100)), if k < 100 { 0.3 } else { 0.0 });
         let first = (10..500).find(|last| rests((0..*last).map(at))).unwrap();

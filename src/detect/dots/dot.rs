@@ -10,7 +10,7 @@
 
 use super::blob::Blob;
 use super::ellipse::PixelEllipse;
-use super::light::{IlluminationFit, Samples};
+use super::light::{LightFit, Samples};
 use super::ring::{RING, Ring, directions};
 use super::sums::{Scale, WeightSums, inner_sums, weighted_sums};
 use crate::detect::Found;
@@ -264,7 +264,7 @@ impl DotMeter {
         blobs: &[(u32, Blob)],
         levels: &[Option<Levels>],
         noise: f64,
-    ) -> IlluminationFit {
+    ) -> LightFit {
         self.dots.clear();
         self.samples.clear();
         let step = (blobs.len() * RING).div_ceil(MAX_SAMPLES).max(1);
@@ -283,7 +283,7 @@ impl DotMeter {
         let largest = if self.light_on_dark { 0.0 } else { largest };
         let half_diagonal = 0.5 * (image.width() as f64).hypot(image.height() as f64);
         let pixels = (pixels as f64 / self.dots.len().max(1) as f64).max(1.0);
-        IlluminationFit::fit(&self.dots, samples, pixels, noise.max(ROUNDING), largest, half_diagonal)
+        LightFit::fit(&self.dots, samples, pixels, noise.max(ROUNDING), largest, half_diagonal)
     }
 
     /// Weighs a dot that may be `covered` in part.
@@ -292,7 +292,7 @@ impl DotMeter {
         image: &ImageView<'_>,
         (id, blob): (u32, &Blob),
         levels: &Levels,
-        (light, noise): (&IlluminationFit, f64),
+        (light, noise): (&LightFit, f64),
         reach: f64,
         covered: bool,
     ) -> Option<Weighed> {
@@ -415,12 +415,7 @@ fn deviate(p: f64) -> f64 {
 
 /// Noise of pixels on the rim, between those inside dots and on the plate. Blur makes small dots uneven inside; the plate may show
 /// more than the dots where light itself is noisy.
-fn common_noise(
-    inside: f64,
-    levels: &[Option<Levels>],
-    rests: &[[f64; RING]],
-    light: &IlluminationFit,
-) -> f64 {
+fn common_noise(inside: f64, levels: &[Option<Levels>], rests: &[[f64; RING]], light: &LightFit) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for (levels, rest) in levels.iter().zip(rests) {
         let Some(ring) = levels.as_ref().map(|l| &l.ring).filter(|ring| ring.pixels > 1) else { continue };

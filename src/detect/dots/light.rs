@@ -36,7 +36,7 @@ const MIN_QUADRIC: usize = 40;
 
 /// The light as fitted, in grey levels of the plate.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct IlluminationFit {
+pub(super) struct LightFit {
     middle: Vector2<f64>,
     /// One over the extent, 1/px.
     unit: f64,
@@ -50,7 +50,7 @@ pub(super) struct IlluminationFit {
     pub(super) deviation: f64,
 }
 
-impl IlluminationFit {
+impl LightFit {
     /// Even light.
     pub(super) fn even(level: f64) -> Self {
         let c = [level, 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -232,7 +232,7 @@ mod tests {
             180.0 + 0.1 * (x - 300.0) - 0.05 * (y - 250.0) - 2e-4 * (x - 320.0) * (x - 300.0)
         };
         let (dots, samples) = rings(light, 0.0, 0.1);
-        let fit = IlluminationFit::fit(&dots, &samples, 1.0, 0.5, 30.0, 400.0);
+        let fit = LightFit::fit(&dots, &samples, 1.0, 0.5, 30.0, 400.0);
         for (x, y) in [(170.0, 150.0), (300.0, 250.0), (410.0, 380.0)] {
             assert!((fit.at(x, y) - light(x, y)).abs() < 0.05, "{} {}", fit.at(x, y), light(x, y));
             let relative = fit.relative(x, y, 12.0);
@@ -244,24 +244,21 @@ mod tests {
             }
         }
         let (dots, samples) = rings(light, 3.0, 0.1);
-        let sd = IlluminationFit::fit(&dots, &samples, 1.0, 3.0, 30.0, 400.0).variance.sqrt();
+        let sd = LightFit::fit(&dots, &samples, 1.0, 3.0, 30.0, 400.0).variance.sqrt();
         assert!((2.3..3.6).contains(&sd), "{sd}");
     }
 
     #[test]
     fn few_or_no_samples_are_no_hindrance() {
         let none = Samples::default();
-        assert_eq!(
-            IlluminationFit::fit(&none, &none, 1.0, 1.0, 10.0, 400.0).relative(3.0, 4.0, 9.0),
-            [0.0; 5]
-        );
+        assert_eq!(LightFit::fit(&none, &none, 1.0, 1.0, 10.0, 400.0).relative(3.0, 4.0, 9.0), [0.0; 5]);
         let mut one = Samples::default();
         one.push(5.0, 5.0, 100.0);
-        let light = IlluminationFit::fit(&one, &one, 1.0, 1.0, 10.0, 400.0);
+        let light = LightFit::fit(&one, &one, 1.0, 1.0, 10.0, 400.0);
         assert!((light.at(9.0, 9.0) - 100.0).abs() < 1e-9);
         // four dots in line
         let mut dots = Samples::default();
         [0.0, 10.0, 20.0, 30.0].iter().for_each(|x| dots.push(*x, 2.0 * x, 100.0 + x));
-        assert!(IlluminationFit::fit(&dots, &dots, 1.0, 1.0, 4.0, 400.0).at(15.0, 30.0).is_finite());
+        assert!(LightFit::fit(&dots, &dots, 1.0, 1.0, 4.0, 400.0).at(15.0, 30.0).is_finite());
     }
 }

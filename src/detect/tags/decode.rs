@@ -51,13 +51,13 @@ pub(super) struct Decoded {
 
 /// A plane over the tag: level in its middle, and slopes per half side.
 #[derive(Debug, Clone, Copy, Default)]
-struct IlluminationPlane {
+struct LightPlane {
     middle: f64,
     along_x: f64,
     along_y: f64,
 }
 
-impl IlluminationPlane {
+impl LightPlane {
     fn at(&self, u: f64, v: f64) -> f64 {
         self.middle + self.along_x * u + self.along_y * v
     }
@@ -192,7 +192,7 @@ fn white(family: TagFamily, reading: &Reading) -> Whites {
 }
 
 /// What the tag that was read holds inside of its sides.
-fn inside(white: &Whites, cells: usize, paper: &IlluminationPlane, quad: &Quad) -> [Inside; 4] {
+fn inside(white: &Whites, cells: usize, paper: &LightPlane, quad: &Quad) -> [Inside; 4] {
     let last = cells - 1;
     let growth = growth(paper, quad);
     let mut sides = [Inside { white: [[0.0; MAX_CELLS]; 2], cells, light_per_px: Vector2::zeros() }; 4];
@@ -215,7 +215,7 @@ fn inside(white: &Whites, cells: usize, paper: &IlluminationPlane, quad: &Quad) 
 }
 
 /// By what share light grows in x and y at the middle of each side, per px.
-fn growth(paper: &IlluminationPlane, quad: &Quad) -> [Vector2<f64>; 4] {
+fn growth(paper: &LightPlane, quad: &Quad) -> [Vector2<f64>; 4] {
     let [a, b, c, d] = *quad;
     // half sides of the tag, as the picture shows them
     let (x, y) = (0.25 * (b - a + c - d), 0.25 * (d - a + c - b));
@@ -232,7 +232,7 @@ pub(super) fn side_px(quad: &Quad) -> f64 {
 }
 
 /// Least squares plane through samples that lie evenly on the four sides of a square about the middle.
-fn plane(samples: &[(f64, f64, f64)]) -> IlluminationPlane {
+fn plane(samples: &[(f64, f64, f64)]) -> LightPlane {
     let (mut n, mut sum, mut uu, mut vv, mut up, mut vp) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for &(u, v, p) in samples {
         n += 1.0;
@@ -243,7 +243,7 @@ fn plane(samples: &[(f64, f64, f64)]) -> IlluminationPlane {
         vp += v * p;
     }
     if n < 1.0 {
-        return IlluminationPlane::default();
+        return LightPlane::default();
     }
-    IlluminationPlane { middle: sum / n, along_x: up / uu, along_y: vp / vv }
+    LightPlane { middle: sum / n, along_x: up / uu, along_y: vp / vv }
 }

@@ -154,7 +154,7 @@ fn follow(mode: CommandMode, payload_kg: f64) -> (f64, f64) {
 }
 
 #[test]
-fn the_inner_servo_follows_positions_and_velocities_and_carries_an_unknown_load() {
+fn the_inner_servo_tracks_under_an_unknown_load() {
     for payload_kg in [0.0, 1.0] {
         let (moving, resting) = follow(CommandMode::Position, payload_kg);
         assert!(moving < 1e-3 && resting < 1e-9, "position, {payload_kg} kg: {moving} {resting}");

@@ -211,7 +211,7 @@ fn a_free_camera_converges_on_the_moments_of_a_polygon_alone() {
 }
 
 #[test]
-fn moments_and_segments_stand_in_one_stack_and_nothing_has_no_rows() {
+fn moments_and_segments_stack_and_no_feature_has_no_rows() {
     let X = pose([0.05, 0.0, 0.5], [0.1, 0.0, 0.2]);
     let moments = ImageMoments::of_polygon(&image(&X, &ARROW));
     let area = AreaFeature::new(moments, plane(&X));

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn an_acceleration_that_nothing_follows_is_not_expected_any_more() {
+    fn an_acceleration_that_has_no_effect_stops_being_expected() {
         let u = Vector6::repeat(5.0);
         let mut guard = StallGuard::default();
         assert_eq!(guard.expected(&u), u);

@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_joint_without_friction_learns_nothing_and_nonsense_stays_within_bounds() {
+    fn no_friction_learns_nothing_and_estimates_stay_bounded() {
         let residual = TorqueResidual { rho: 1e9, friction: -1.0, inertial: 0.0, gain: 0.01 };
         let mut learner = FrictionShare::<1>::default();
         learner.learn(0, &Friction::default(), &residual, 1e-3);

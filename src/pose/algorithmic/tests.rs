@@ -42,7 +42,7 @@ fn example_10_4() {
 }
 
 #[test]
-fn a_start_tilted_the_other_way_ends_in_the_planar_false_minimum() {
+fn a_start_with_opposite_tilt_ends_in_the_false_minimum() {
     let (x, errors) = run(Vector6::new(0.0, 0.0, 1.0, 0.0, -PI / 32.0, 0.0), 400);
     assert!((x - truth()).norm() > 0.3, "{x}");
     assert!(errors[399] > 1e-3 && (errors[399] - errors[398]).abs() < 1e-9);

@@ -188,7 +188,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_tick_has_an_entry_and_the_late_ones_are_the_missed_ones(
+        fn every_tick_has_an_entry_and_late_ones_count_as_missed(
             ticks in prop::collection::vec((-50i64..5_000_000, 0i64..2_500_000), 1..300),
             stalls in prop::collection::vec((0usize..300, 0i64..80_000_000_000), 0..4),
         ) {

@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_line_shows_time_state_and_error_and_leaves_out_what_is_unknown() {
+    fn the_progress_line_shows_what_is_known() {
         let mut s = Status {
             time_s: 1.5,
             state: ControlState::Servoing as u32,

@@ -190,7 +190,7 @@ mod tests {
         }
 
         #[test]
-        fn steps_count_every_tick_once_and_have_an_edge_at_a_millisecond(edges in prop::collection::btree_set(1u32..40_000_000, 1..50)) {
+        fn steps_count_every_tick_once_with_an_edge_at_1_ms(edges in prop::collection::btree_set(1u32..40_000_000, 1..50)) {
             let buckets: Vec<(f64, u64)> = edges.iter().map(|ns| (f64::from(*ns) * 1e-3, 3)).collect();
             let steps = steps(&buckets);
             prop_assert_eq!(steps.iter().map(|s| s.1).sum::<f64>(), 3.0 * buckets.len() as f64);

@@ -233,7 +233,7 @@ fn dots_are_the_same_by_both_ways() {
 }
 
 #[test]
-fn backdrops_repeat_fill_the_background_alone_and_are_refused_where_they_make_no_sense() {
+fn backdrops_fill_the_background_alone_or_are_refused() {
     let board = Chessboard::with_squares(6, 4, 0.02).unwrap();
     let X_CO = pose(&board.plate(), rotation_z(0.4) * rotation_x(0.6), [0.0, 0.0, 0.25]);
     let picture = |backdrop: Backdrop| {

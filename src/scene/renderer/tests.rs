@@ -133,7 +133,7 @@ fn picture_is_that_of_brute_force() {
 }
 
 #[test]
-fn grids_and_what_lies_before_the_target_are_those_of_brute_force() {
+fn grids_and_occluders_agree_with_brute_force() {
     let sheet = |x: f64, y: f64, height_m: f64| Occluder {
         centre_m: Vector2::new(x, y),
         size_m: Vector2::new(0.05, 0.08),

@@ -209,7 +209,7 @@ fn old_odd_and_missing_measurements_do_no_harm() {
 }
 
 #[test]
-fn confidence_comes_with_the_second_measurement_and_goes_with_time() {
+fn confidence_starts_at_two_measurements_and_decays() {
     let mut motion = ObjectMotion::new(DYNAMICS);
     let R = Matrix6::identity() * 1e-8;
     let v = Vector3::new(0.1, 0.0, 0.0);

@@ -105,7 +105,7 @@ fn frame_holds_and_tick_follows_the_arm() {
 }
 
 #[test]
-fn an_arm_that_was_slowed_down_goes_at_full_gain_again_when_it_is_told_to() {
+fn restore_gain_returns_to_full_gain() {
     let robot = scara();
     let mut s = servo(UpdatePolicy::Tick);
     let Law::ImageVelocity { gain, .. } = &mut s.settings.law else { panic!("this law") };
@@ -295,7 +295,7 @@ fn spoil(m: &mut Measurement, which: usize, at: usize, bits: u64) {
 proptest! {
     /// Shared memory may hold anything: a measurement is refused, or what is wished for is finite.
     #[test]
-    fn whatever_a_measurement_holds_nothing_panics_and_every_wish_is_finite(
+    fn any_measurement_gives_a_finite_output_without_panic(
         spoilt in prop::collection::vec((0usize..20, 0usize..36, bits()), 1..4),
         clock in prop::sample::select(vec![i64::MIN, -5, 0, 1_000_000_000, i64::MAX - 400 * MS]),
     ) {
@@ -323,7 +323,7 @@ proptest! {
 
 /// What `predict` asks for falls with the rate of the held law that it keeps up with, and never asks for less at a higher gain.
 #[test]
-fn low_gains_are_as_quick_as_held_ones_and_high_ones_what_they_are() {
+fn low_gains_settle_as_held_ones_and_high_ones_as_set() {
     for lambda_T in [0.0, 0.01, 0.05, 0.1, 0.2] {
         let x = as_quick_as_held(lambda_T);
         assert!((x - (x * lambda_T).exp()).abs() < 1e-2, "{lambda_T}: {x}");

@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_is_that_of_the_device_with_the_frames_that_were_lost() {
+    fn the_rate_is_the_device_rate_including_lost_frames() {
         let mut meter = RateMeter::default();
         let mut told = 0;
         for k in (0..400_u64).filter(|k| k % 3 != 1) {

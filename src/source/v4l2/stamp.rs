@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn old_pictures_after_a_pause_are_left_out_and_the_clock_stays_trusted() {
+    fn stale_frames_after_a_pause_are_dropped() {
         let mut s = stamps(Shutter::Rolling, 0);
         s.date(&at(0, false, 1), SpanNs::ZERO);
         // This process stood still for five seconds; four buffers were filled at its beginning.

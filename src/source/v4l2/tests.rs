@@ -171,7 +171,7 @@ fn an_unplugged_camera_is_known_again_wherever_it_comes_back() {
 }
 
 #[test]
-fn a_serial_number_tells_a_camera_at_another_port_unless_two_share_it() {
+fn a_unique_serial_number_finds_a_camera_at_any_port() {
     let bench = Bench::with(&[(5, Mishap::Unplugged(1_000_000))]);
     bench.0.borrow_mut().cameras[0].serial = Some("0001".into());
     let mut camera = open(&bench);
@@ -337,7 +337,7 @@ fn cut(bench: &Bench, cuts: Option<u32>) -> Result<Vec<u8>, V4l2Error> {
 }
 
 #[test]
-fn a_region_is_cut_by_the_device_or_while_frames_are_turned_into_grey() {
+fn a_region_is_cropped_by_device_or_conversion() {
     let bench = Bench::new();
     let here = cut(&bench, None).unwrap();
     let wanted: Vec<u8> = (4..12).flat_map(|row| (2..12).map(move |column| row * 16 + column)).collect();

@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_stays_away_costs_no_memory_and_no_frame_waits_for_ever() {
+    fn with_one_camera_absent_no_frame_waits_for_ever() {
         let mut pairing = pairing();
         let mut out = 0;
         for k in 0..1000 {

@@ -1,6 +1,6 @@
 //! Levels seen on the plate, and the loops over them that the light's fit is made of: each quantity on its own, four samples at a time.
 
-use super::IlluminationFit;
+use super::LightFit;
 use crate::detect::dots::ring::{RING, Ring};
 use crate::imaging::simd::kernel;
 
@@ -71,7 +71,7 @@ pub(super) struct LightSums {
 
 impl LightSums {
     /// Over the samples that `light` explains.
-    pub(super) fn of(samples: &Samples, light: &IlluminationFit) -> Self {
+    pub(super) fn of(samples: &Samples, light: &LightFit) -> Self {
         let mut sums = [0.0; 21];
         sum_explained(samples.columns(), light, &mut sums);
         let [count, moments @ .., b0, b1, b2, b3, b4, b5] = sums;
@@ -104,7 +104,7 @@ pub(super) struct LightResidual {
 }
 
 impl LightResidual {
-    pub(super) fn of(samples: &Samples, light: &IlluminationFit) -> Self {
+    pub(super) fn of(samples: &Samples, light: &LightFit) -> Self {
         let mut rest = [0.0; 3];
         sum_rest(samples.columns(), light, &mut rest);
         let [square, count, greatest] = rest;
@@ -114,21 +114,21 @@ impl LightResidual {
 
 kernel!(
     /// Count, moments and right-hand side: see [`LightSums`].
-    fn sum_explained(columns: [&[f64]; 3], light: &IlluminationFit, out: &mut [f64; 21]) = sum_explained_body
+    fn sum_explained(columns: [&[f64]; 3], light: &LightFit, out: &mut [f64; 21]) = sum_explained_body
 );
 
 kernel!(
     /// See [`LightResidual`].
-    fn sum_rest(columns: [&[f64]; 3], light: &IlluminationFit, out: &mut [f64; 3]) = sum_rest_body
+    fn sum_rest(columns: [&[f64]; 3], light: &LightFit, out: &mut [f64; 3]) = sum_rest_body
 );
 
 kernel!(
     /// What a light leaves over of a ring's levels: level less light; NaN where it does not explain what is seen.
-    pub(super) fn ring_rest(ring: &Ring, light: &IlluminationFit, out: &mut [f64; RING]) = ring_rest_body
+    pub(super) fn ring_rest(ring: &Ring, light: &LightFit, out: &mut [f64; RING]) = ring_rest_body
 );
 
 #[inline(always)]
-fn ring_rest_body(ring: &Ring, light: &IlluminationFit, out: &mut [f64; RING]) {
+fn ring_rest_body(ring: &Ring, light: &LightFit, out: &mut [f64; RING]) {
     for (i, out) in out.iter_mut().enumerate() {
         let [u, v] = light.scaled(ring.x[i], ring.y[i]);
         let off = ring.level[i] - light.at_scaled(u, v);
@@ -149,7 +149,7 @@ fn by_lanes([x, y, level]: [&[f64]; 3]) -> impl Iterator<Item = [[f64; LANES]; 3
 }
 
 #[inline(always)]
-fn sum_explained_body(columns: [&[f64]; 3], light: &IlluminationFit, out: &mut [f64; 21]) {
+fn sum_explained_body(columns: [&[f64]; 3], light: &LightFit, out: &mut [f64; 21]) {
     let mut sums = [[0.0; LANES]; 21];
     for [x, y, level] in by_lanes(columns) {
         for i in 0..LANES {
@@ -193,7 +193,7 @@ fn sum_explained_body(columns: [&[f64]; 3], light: &IlluminationFit, out: &mut [
 }
 
 #[inline(always)]
-fn sum_rest_body(columns: [&[f64]; 3], light: &IlluminationFit, out: &mut [f64; 3]) {
+fn sum_rest_body(columns: [&[f64]; 3], light: &LightFit, out: &mut [f64; 3]) {
     let mut sums = [[0.0; LANES]; 3];
     for [x, y, level] in by_lanes(columns) {
         for i in 0..LANES {
@@ -223,7 +223,7 @@ mod tests {
             seen in prop::collection::vec((0.0..640.0f64, 0.0..480.0f64, 60.0..140.0f64, 0..9u8), 0..60),
             c in prop::array::uniform5(-9.0..9.0f64), limit in 5.0..60.0f64,
         ) {
-            let mut light = IlluminationFit::even(100.0);
+            let mut light = LightFit::even(100.0);
             (light.c, light.limit) = ([100.0, c[0], c[1], c[2], c[3], c[4]], limit);
             (light.middle, light.unit) = ([300.0, 200.0].into(), 0.004);
             let mut samples = Samples::with_capacity(60);

@@ -128,7 +128,7 @@ fn frames_go_out_by_the_source_s_own_timing_and_count() {
 }
 
 #[test]
-fn a_count_that_begins_anew_goes_on_and_what_the_source_lost_is_added() {
+fn a_restarted_count_continues_with_the_source_losses_added() {
     let (kept, end) = play(&[(0, 100), (40, 101), (80, 0), (120, 1), (160, 1), (200, 3)], 5, true);
     end.unwrap();
     let seen: Vec<_> = kept.shots.iter().map(|(s, _)| (s.frame_id, s.lost)).collect();
@@ -167,7 +167,7 @@ fn a_damaged_frame_stays_here_and_is_lost() {
 }
 
 #[test]
-fn what_a_source_says_of_itself_goes_out_regularly_and_one_that_says_nothing_is_left_alone() {
+fn health_is_sent_regularly_where_a_source_reports_it() {
     let frames: Vec<_> = (0..100).map(|k| (40 * k, k as u64)).collect();
     let (kept, end) = play_as(&frames, 3, true, (Some(50), CameraState::Streaming));
     end.unwrap();

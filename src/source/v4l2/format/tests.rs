@@ -44,7 +44,7 @@ fn the_cheapest_format_comes_first() {
 
 /// The usual USB camera: uncompressed pictures are slow, and the rate is what was asked for.
 #[test]
-fn a_dearer_format_that_has_the_rate_comes_before_a_cheap_one_that_has_not() {
+fn a_format_with_the_rate_precedes_a_cheaper_one_without() {
     let offers = [offer(b"YUYV", &VGA, &[5]), offer(b"UYVY", &VGA, &[10]), offer(b"MJPG", &VGA, &[30, 15])];
     assert_eq!(asked(&offers, &WISH).unwrap(), ["MJPG", "UYVY", "YUYV"]);
     let silent = [offer(b"YUYV", &VGA, &[]), offer(b"MJPG", &VGA, &[30])];
