@@ -1,4 +1,4 @@
-//! Tags in a frame, one thread. Peers are measured beside the project: AprilTag's C library through its Python package, on the same pictures.
+//! Tags in a frame, one thread. Peers are measured beside the project: AprilTag's C library through its Python package, on the same images.
 
 #![allow(clippy::unwrap_used)] // a bench that cannot be set up should say so at once
 
@@ -16,7 +16,7 @@ fn main() {
 }
 
 /// VGA with 12 tags of 36h11, 60 px long, tilted; with or without polygons around them.
-fn picture(clutter: usize) -> Vec<u8> {
+fn image(clutter: usize) -> Vec<u8> {
     let (mut dice, look) = (Dice(1), Look { samples: 6, ..Look::default() });
     let mut canvas = Canvas::new(640, 480, look.ground);
     canvas.clutter(clutter, &mut dice);
@@ -30,7 +30,7 @@ fn picture(clutter: usize) -> Vec<u8> {
 
 #[divan::bench(args = [0, 200])]
 fn search_vga(bencher: Bencher, clutter: usize) {
-    let pixels = picture(clutter);
+    let pixels = image(clutter);
     let image = ImageView::new(&pixels, 640, 480).unwrap();
     let mut finder = TagFinder::new(TagFamily::Tag36h11, 640, 480);
     let mut found: Vec<TagFound> = Vec::with_capacity(64);
@@ -39,7 +39,7 @@ fn search_vga(bencher: Bencher, clutter: usize) {
 
 #[divan::bench]
 fn track_one_vga(bencher: Bencher) {
-    let pixels = picture(0);
+    let pixels = image(0);
     let image = ImageView::new(&pixels, 640, 480).unwrap();
     let mut finder = TagFinder::new(TagFamily::Tag36h11, 640, 480);
     let mut found: Vec<TagFound> = Vec::with_capacity(64);

@@ -1,8 +1,8 @@
 //! The pose of a target from an image: of a file, or of one that is rendered here, whose truth is known.
 //!
 //! ```text
-//! cargo run --release --example pose                    # a rendered picture of the textbook's four dots
-//! cargo run --release --example pose -- PICTURE.png 600 # a picture of them, by a lens of 600 px
+//! cargo run --release --example pose                    # a rendered image of the textbook's four dots
+//! cargo run --release --example pose -- IMAGE.png 600 # an image of them, by a lens of 600 px
 //! ```
 
 #![allow(clippy::print_stdout, non_snake_case)] // a program for a terminal; frames are named as in the library
@@ -16,14 +16,14 @@ fn main() -> Result<(), AnyError> {
     let mut arguments = std::env::args().skip(1);
     let file = arguments.next();
     let f_px: f64 = arguments.next().map_or(Ok(600.0), |f| f.parse())?;
-    let picture = file.map(|file| image::open(file).map(|picture| picture.into_luma8())).transpose()?;
-    let (width_px, height_px) = picture.as_ref().map_or((640, 480), |picture| picture.dimensions());
+    let image = file.map(|file| image::open(file).map(|image| image.into_luma8())).transpose()?;
+    let (width_px, height_px) = image.as_ref().map_or((640, 480), |image| image.dimensions());
     let (cx_px, cy_px) = (0.5 * f64::from(width_px - 1), 0.5 * f64::from(height_px - 1));
     let lens = Intrinsics { fx_px: f_px, fy_px: f_px, cx_px, cy_px, width_px, height_px };
     let camera = CameraModel::new(lens, Distortion::default())?;
     let truth = Pose::new([-0.02, 0.01, 0.5].into(), [0.3, -0.2, 0.5].into());
-    let (pixels, is_rendered) = match picture {
-        Some(picture) => (picture.into_raw(), false),
+    let (pixels, is_rendered) = match image {
+        Some(image) => (image.into_raw(), false),
         None => {
             let mut pixels = vec![0; width_px as usize * height_px as usize];
             let target = FourDots::default();

@@ -47,7 +47,7 @@ pub fn camera_velocity<'py>(
 /// planar_pose(points_m, s) -> [(X_CO, rms), ...]
 ///
 /// Poses of a plane from four or more of its points: `points_m` (n, 2) in the object's frame, `s` (n, 2) in normalized coordinates. The
-/// better one comes first; where a second one explains the picture too (the planar ambiguity), it follows. `rms` is in normalized units.
+/// better one comes first; where a second one explains the image too (the planar ambiguity), it follows. `rms` is in normalized units.
 #[pyfunction]
 pub fn planar_pose<'py>(
     py: Python<'py>,

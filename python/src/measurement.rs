@@ -62,7 +62,7 @@ impl Measurement {
         self.record.pose().map(|_| matrix(py, 6, &self.record.pose_covariance)).transpose()
     }
 
-    /// Whether a second pose explains the picture almost as well.
+    /// Whether a second pose explains the image almost as well.
     #[getter]
     fn ambiguous(&self) -> bool {
         self.record.flags & measurement_flag::AMBIGUOUS != 0

@@ -48,7 +48,7 @@ class Law(unittest.TestCase):
         self.assertLess(rms, 1e-9)
 
 
-def picture(R, p, f=600.0):
+def rendered(R, p, f=600.0):
     """A plate with four discs, by brute force: 4 x 4 rays a pixel meet the plane."""
     width, height, k = 640, 480, 4
     v, u = np.mgrid[0 : height * k, 0 : width * k]
@@ -68,7 +68,7 @@ class Eye(unittest.TestCase):
 
     def test_pose_from_an_image(self):
         R, p = rotation([1, 0.5, 0.2], 0.5), np.array([-0.03, -0.04, 0.55])
-        image = picture(R, p)
+        image = rendered(R, p)
         vision = vservo.Vision(self.camera)
         for _ in range(2):  # searched, then tracked
             seen = vision.process(image)
@@ -85,7 +85,7 @@ class Eye(unittest.TestCase):
     def test_a_part_of_a_larger_array_and_what_is_no_image(self):
         R, p = np.eye(3), np.array([-0.05, -0.05, 0.5])
         large = np.zeros((500, 700), np.uint8)
-        large[10:490, 20:660] = picture(R, p)
+        large[10:490, 20:660] = rendered(R, p)
         self.assertTrue(vservo.Vision(self.camera).process(large[10:490, 20:660]).found)
         blank = vservo.Vision(self.camera).process(np.zeros((480, 640), np.uint8))
         self.assertFalse(blank.found)

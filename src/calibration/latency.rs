@@ -26,7 +26,7 @@ const MIN_FRAMES: usize = 12;
 const MIN_MOTION_PX: f64 = 1.0;
 /// Standard deviation above which the offset counts as not found, s.
 const LARGEST_SD_S: f64 = 1e-3;
-/// Residuals above this share of the motion: it is not the arm that moves the picture.
+/// Residuals above this share of the motion: it is not the arm that moves the image.
 const LARGEST_RESIDUAL_SHARE: f64 = 0.25;
 /// Steps of the last search, and of that at each coarse offset.
 const MAX_ITERATIONS: u32 = 50;
@@ -76,18 +76,18 @@ pub enum LatencyError {
     /// No frame gave the target's pose.
     #[error("vision found no pose of the target: check [target] and [camera.lens]")]
     NoPose,
-    /// The target hardly moved in the picture.
+    /// The target hardly moved in the image.
     #[error(
-        "the target moved by only {motion_px:.2} px in the picture: start where the joints are away from the ends of \
-         their ranges and the target is near the middle of the picture"
+        "the target moved by only {motion_px:.2} px in the image: start where the joints are away from the ends of \
+         their ranges and the target is near the middle of the image"
     )]
     TooLittleMotion {
         /// Root mean square, px.
         motion_px: f64,
     },
-    /// The picture does not move as the arm does.
+    /// The image does not move as the arm does.
     #[error(
-        "the picture does not follow the arm ({residual_px:.1} px of {motion_px:.1} px remain): the target must rest, and \
+        "the image does not follow the arm ({residual_px:.1} px of {motion_px:.1} px remain): the target must rest, and \
          [camera.mount], [camera.lens] and the robot's model be right"
     )]
     NotFollowing {
@@ -98,7 +98,7 @@ pub enum LatencyError {
     },
     /// The best offset lies at the end of what is searched.
     #[error(
-        "no offset within {range_ms:.0} ms explains the picture: the camera's stamps may count from another origin than \
+        "no offset within {range_ms:.0} ms explains the image: the camera's stamps may count from another origin than \
          the control's clock, camera.stamp_offset_ms be far off, or the target have moved by itself"
     )]
     OutOfRange {
@@ -107,7 +107,7 @@ pub enum LatencyError {
     },
     /// The offset is too uncertain.
     #[error(
-        "the offset is uncertain by {sd_ms:.1} ms: more motion in the picture, more frames or less noise are needed"
+        "the offset is uncertain by {sd_ms:.1} ms: more motion in the image, more frames or less noise are needed"
     )]
     Uncertain {
         /// Standard deviation, ms.

@@ -1,13 +1,13 @@
-//! What a cell can find out about itself: from the motion of its own arm, and from pictures of a board.
+//! What a cell can find out about itself: from the motion of its own arm, and from images of a board.
 //!
 //! ```text
-//! control: GentleMotion instead of the servo law ─► JointStates ──┐
+//! control: ExcitationMotion instead of the servo law ─► JointStates ──┐
 //! vision:                                          Measurements ──┴─► Recording ─► stamp_offset
 //! ```
 //! `vservo calibrate latency`: the offset between the camera's stamps and the encoders'. `vservo calibrate hand-eye`: where the camera
 //! sits, [`hand_eye`].
 //!
-//! And what pictures of a board tell about cameras, Sect. 10.5:
+//! And what images of a board tell about cameras, Sect. 10.5:
 //!
 //! ```text
 //! corners of a board ─► camera (one lens, how good it is)  ─► camera_info
@@ -16,14 +16,14 @@
 
 pub mod bundle;
 pub mod camera;
-mod gentle_motion;
+mod excitation_motion;
 pub mod hand_eye;
 mod joint_track;
 mod latency;
 mod recording;
 pub mod stereo;
 
-pub use gentle_motion::{GentleMotion, image_reach};
+pub use excitation_motion::{ExcitationTrajectory, image_reach};
 pub use joint_track::JointTrack;
 pub use latency::{KnownCell, LatencyError, StampOffset, stamp_offset};
-pub use recording::{Recording, SeenTarget};
+pub use recording::{Recording, TargetDetection};

@@ -11,32 +11,32 @@ const STATES_BEFORE: usize = 2000;
 
 /// The target in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SeenTarget {
+pub struct TargetDetection {
     /// What the camera says of the middle of the exposure.
     pub stamp: MonoNs,
     /// The object's pose, where vision found it.
     pub X_CO: Option<Pose>,
-    points: [SeenPoint; MAX_FEATURES],
+    points: [DetectedPoint; MAX_FEATURES],
     count: usize,
 }
 
 /// One point of it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct SeenPoint {
+pub struct DetectedPoint {
     /// Normalized coordinates, undistorted.
     pub s: Vector2<f64>,
     /// Standard deviation of each coordinate, px; 0 where it is not known.
     pub sigma_px: f64,
 }
 
-impl SeenTarget {
+impl TargetDetection {
     /// The target of a measurement; `None` where there is none, or not a finite one.
     #[must_use]
     pub fn of(m: &Measurement) -> Option<Self> {
-        let mut points = [SeenPoint::default(); MAX_FEATURES];
+        let mut points = [DetectedPoint::default(); MAX_FEATURES];
         let mut count = 0;
         for (point, f) in points.iter_mut().zip(m.features()).filter(|_| m.found()) {
-            *point = SeenPoint { s: Vector2::new(f.x, f.y), sigma_px: f.sigma_px };
+            *point = DetectedPoint { s: Vector2::new(f.x, f.y), sigma_px: f.sigma_px };
             count += 1;
         }
         let finite = points.iter().all(|p| p.s.iter().all(|c| c.is_finite()) && p.sigma_px.is_finite());
@@ -45,7 +45,7 @@ impl SeenTarget {
 
     /// The points, in the order of the target's.
     #[must_use]
-    pub fn points(&self) -> &[SeenPoint] {
+    pub fn points(&self) -> &[DetectedPoint] {
         self.points.get(..self.count).unwrap_or(&self.points)
     }
 
@@ -62,13 +62,13 @@ pub struct Recording<const N: usize> {
     /// The joints.
     pub track: JointTrack<N>,
     /// The target, in the order in which measurements came.
-    pub sightings: Vec<SeenTarget>,
+    pub observations: Vec<TargetDetection>,
 }
 
 impl<const N: usize> Recording<N> {
     /// Takes in where the encoders saw the joints. What a simulation knows beyond is left aside.
     pub fn note_state(&mut self, state: &JointState) {
-        if self.sightings.is_empty() && self.track.len() >= STATES_BEFORE {
+        if self.observations.is_empty() && self.track.len() >= STATES_BEFORE {
             self.track.keep_newest(STATES_BEFORE / 2);
         }
         let joints = |all: &[f64]| SVector::from_fn(|i, _| all.get(i).copied().unwrap_or_default());
@@ -77,7 +77,7 @@ impl<const N: usize> Recording<N> {
 
     /// Takes in what the camera saw.
     pub fn note_measurement(&mut self, m: &Measurement) {
-        self.sightings.extend(SeenTarget::of(m));
+        self.observations.extend(TargetDetection::of(m));
     }
 }
 
@@ -95,12 +95,12 @@ mod tests {
 
     #[test]
     fn only_a_finite_target_is_a_sighting() {
-        assert_eq!(SeenTarget::of(&found()).unwrap().points().len(), 4);
-        assert_eq!(SeenTarget::of(&found()).unwrap().points()[1].s.x, 0.25);
-        assert!(SeenTarget::of(&Measurement { feature_count: 4, ..Measurement::default() }).is_none());
+        assert_eq!(TargetDetection::of(&found()).unwrap().points().len(), 4);
+        assert_eq!(TargetDetection::of(&found()).unwrap().points()[1].s.x, 0.25);
+        assert!(TargetDetection::of(&Measurement { feature_count: 4, ..Measurement::default() }).is_none());
         let mut broken = found();
         broken.features[3].y = f64::NAN;
-        assert!(SeenTarget::of(&broken).is_none());
+        assert!(TargetDetection::of(&broken).is_none());
     }
 
     #[test]

@@ -11,7 +11,7 @@ pub enum Response {
     /// Levels are light: industrial cameras as they come.
     #[default]
     Linear,
-    /// IEC 61966-2-1: most pictures in files, webcams nearly so.
+    /// IEC 61966-2-1: most images in files, webcams nearly so.
     Srgb,
     /// `level = light^(1 / gamma)`.
     Gamma(f64),
@@ -43,14 +43,14 @@ impl Response {
         }
     }
 
-    /// What makes of pictures of this response such as a camera of response `other` would have taken.
+    /// What makes of images of this response such as a camera of response `other` would have taken.
     #[must_use]
     pub fn to(&self, other: &Self) -> LevelTable {
         let bent = |level: usize| other.level(self.light(level as f64 / 255.0));
         LevelTable(std::array::from_fn(|level| (255.0 * bent(level)).round().clamp(0.0, 255.0) as u8))
     }
 
-    /// What makes levels of pictures of this response proportional to light; `None` where they are.
+    /// What makes levels of images of this response proportional to light; `None` where they are.
     #[must_use]
     pub fn linearization(&self) -> Option<LevelTable> {
         (*self != Self::Linear).then(|| self.to(&Self::Linear))
@@ -69,7 +69,7 @@ impl LevelTable {
         self
     }
 
-    /// Puts the new levels in the place of a picture's.
+    /// Puts the new levels in the place of an image's.
     pub fn apply(&self, pixels: &mut [u8]) {
         for level in pixels {
             // 256 entries: there is one for each byte
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_bend_pictures_and_straighten_them() {
+    fn tables_bend_images_and_straighten_them() {
         let mut pixels: Vec<u8> = (0..=255).collect();
         let table = Response::Gamma(2.0).to(&Response::Linear);
         table.apply(&mut pixels);

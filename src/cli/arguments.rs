@@ -63,7 +63,7 @@ pub enum Command {
     Vision(RoleArguments),
     /// The control process alone
     Control(RoleArguments),
-    /// Find out about the cell: cameras from pictures of a board, stamps by moving the arm
+    /// Find out about the cell: cameras from images of a board, stamps by moving the arm
     Calibrate {
         /// What to find out
         #[command(subcommand)]
@@ -75,9 +75,9 @@ pub enum Command {
     Detect(DetectArguments),
     /// Make a target to print, in true size
     Target(TargetArguments),
-    /// Make what the camera sees now the goal of later runs: features, pose, a picture
+    /// Make what the camera sees now the goal of later runs: features, pose, an image
     Teach(TeachArguments),
-    /// Make the view that a pair of cameras is to come back to, from pictures of both in the desired pose
+    /// Make the view that a pair of cameras is to come back to, from images of both in the desired pose
     TeachView(TeachViewArguments),
     /// Print a run file that comes with the program, to start from; without a name the default with all keys
     Config {
@@ -139,11 +139,11 @@ pub enum Command {
 pub enum Calibration {
     /// Move the arm gently before the target for 8 s and find the offset between the stamps of camera and encoders
     Latency(LatencyArguments),
-    /// The lens of a camera from pictures of a chessboard, how good it is, and which picture is missing
+    /// The lens of a camera from images of a chessboard, how good it is, and which image is missing
     Camera(CalibrateCameraArguments),
-    /// A stereo pair from pictures of a chessboard taken by both cameras at the same instants
+    /// A stereo pair from images of a chessboard taken by both cameras at the same instants
     Stereo(CalibrateStereoArguments),
-    /// Find where the camera sits on the arm, or beside it, from pictures of a board and the robot's poses
+    /// Find where the camera sits on the arm, or beside it, from images of a board and the robot's poses
     HandEye(HandEyeArguments),
 }
 
@@ -362,7 +362,7 @@ pub struct DetectArguments {
     /// Calibration file of ROS (YAML): with it the pose is told too
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
-    /// How grey levels depend on light: linear, srgb (most pictures in files) or gamma:G
+    /// How grey levels depend on light: linear, srgb (most images in files) or gamma:G
     #[arg(long, value_name = "RESPONSE", default_value_t = Response::Linear)]
     pub response: Response,
     /// Print JSON, one object a line and image
@@ -390,10 +390,10 @@ pub struct TeachArguments {
     /// Run file (TOML), or the name of a shipped one; the default where it is left out
     #[arg(add = ArgValueCompleter::new(completion::run_file))]
     pub config: Option<PathBuf>,
-    /// Pictures in place of the run file's camera; may be repeated
+    /// Images in place of the run file's camera; may be repeated
     #[arg(long = "image", value_name = "FILE")]
     pub images: Vec<PathBuf>,
-    /// File to write, for `servo.set_point.file`; a picture of the view is written beside it, as PNG
+    /// File to write, for `servo.set_point.file`; an image of the view is written beside it, as PNG
     #[arg(long, value_name = "FILE.toml")]
     pub out: PathBuf,
     /// How many measurements to take the mean of
@@ -409,7 +409,7 @@ pub struct TeachArguments {
 pub struct TeachViewArguments {
     /// Run file (TOML) with [stereo]
     pub config: PathBuf,
-    /// Pictures: left, right, and so on by turns
+    /// Images: left, right, and so on by turns
     #[arg(required = true, num_args = 2..)]
     pub images: Vec<PathBuf>,
     /// File to write, for `stereo.taught_file`; stdout where it is left out

@@ -1,5 +1,5 @@
-//! `vservo calibrate camera`, `calibrate stereo` and `calibrate hand-eye`: pictures -> corners -> calibration -> files and answers;
-//! `calibrate latency`: a gentle motion of the arm -> the offset of the camera's stamps.
+//! `vservo calibrate camera`, `calibrate stereo` and `calibrate hand-eye`: images -> corners -> calibration -> files and answers;
+//! `calibrate latency`: an excitation motion of the arm -> the offset of the camera's stamps.
 
 mod answer;
 mod boards;

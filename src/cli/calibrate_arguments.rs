@@ -87,13 +87,13 @@ pub struct CalibrateCameraArguments {
     /// PNG, PNM or JPEG files of one size
     #[arg(required_unless_present = "live", conflicts_with = "live", value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
-    /// Take the pictures from a running camera process, where the board is held still and shows something new: its run file
+    /// Take the images from a running camera process, where the board is held still and shows something new: its run file
     #[arg(long, value_name = "CONFIG")]
     pub live: Option<PathBuf>,
     /// Of --live: the instance
     #[arg(long, default_value = "default", value_name = "NAME", requires = "live")]
     pub instance: String,
-    /// Of --live: how many pictures
+    /// Of --live: how many images
     #[arg(long, default_value_t = 20, value_name = "COUNT", requires = "live", value_parser = clap::value_parser!(u16).range(4..=500))]
     pub views: u16,
     /// Board, model, what is told
@@ -110,10 +110,10 @@ pub struct CalibrateCameraArguments {
 /// Arguments of `vservo calibrate stereo`.
 #[derive(Debug, Args)]
 pub struct CalibrateStereoArguments {
-    /// Pictures of the left camera, in the order of time: PNG, PNM or JPEG files of one size
+    /// Images of the left camera, in the order of time: PNG, PNM or JPEG files of one size
     #[arg(long, required = true, num_args = 1.., value_name = "IMAGE")]
     pub left: Vec<PathBuf>,
-    /// Pictures of the right camera, taken at the same instants, in the same order
+    /// Images of the right camera, taken at the same instants, in the same order
     #[arg(long, required = true, num_args = 1.., value_name = "IMAGE")]
     pub right: Vec<PathBuf>,
     /// Board, model, what is told

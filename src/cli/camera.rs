@@ -7,7 +7,7 @@ use crate::input::printable;
 use crate::process::{ProcessError, StopFlag};
 use crate::rt::{now, write_file};
 use crate::source::SourceError;
-use crate::source::v4l2::{self, CaptureWish, Probe, V4l2Camera};
+use crate::source::v4l2::{self, CaptureRequest, Probe, V4l2Camera};
 use crate::time::SpanNs;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -81,7 +81,7 @@ fn described(node: &v4l2::ListedNode) -> String {
 }
 
 /// What is wanted of a device that is named on the command line.
-fn wish(arguments: &CameraArguments, device: &str) -> Result<CaptureWish, ProcessError> {
+fn request(arguments: &CameraArguments, device: &str) -> Result<CaptureRequest, ProcessError> {
     let format = arguments.format.map(|format| PixelFormatName::from(format).into());
     let settings = V4l2Settings::of_device(device, format);
     let usual = match (arguments.size, arguments.rate) {
@@ -97,14 +97,14 @@ fn wish(arguments: &CameraArguments, device: &str) -> Result<CaptureWish, Proces
     };
     let rate_hz = arguments.rate.or(usual.map(|usual| usual.rate_hz)).unwrap_or(30.0);
     let exposure = SpanNs::from_s(0.004);
-    Ok(CaptureWish { settings, width, height, region: None, rate_hz, exposure })
+    Ok(CaptureRequest { settings, width, height, region: None, rate_hz, exposure })
 }
 
 /// Opens a camera and lets it settle.
-fn warmed_up(wish: CaptureWish, stop: &StopFlag) -> Result<V4l2Camera, ProcessError> {
+fn warmed_up(request: CaptureRequest, stop: &StopFlag) -> Result<V4l2Camera, ProcessError> {
     let (pixels, device, rate_hz) =
-        (wish.width as usize * wish.height as usize, wish.settings.device.clone(), wish.rate_hz);
-    let mut camera = v4l2::open(wish).map_err(SourceError::from)?;
+        (request.width as usize * request.height as usize, request.settings.device.clone(), request.rate_hz);
+    let mut camera = v4l2::open(request).map_err(SourceError::from)?;
     let mut settling = Probe::new(rate_hz, pixels, now());
     let begin = now();
     while !stop.is_requested() {
@@ -126,9 +126,9 @@ fn probe(arguments: &CameraArguments, device: &str) -> Result<u8, ProcessError> 
         return Err(ProcessError::ProbeDuration(duration_s));
     }
     let stop = StopFlag::on_signals()?;
-    let wish = wish(arguments, device)?;
-    let (pixels, rate_hz) = (wish.width as usize * wish.height as usize, wish.rate_hz);
-    let mut camera = warmed_up(wish, &stop)?;
+    let request = request(arguments, device)?;
+    let (pixels, rate_hz) = (request.width as usize * request.height as usize, request.rate_hz);
+    let mut camera = warmed_up(request, &stop)?;
     let mut probe = Probe::new(rate_hz, pixels, now());
     let (begin, duration) = (now(), SpanNs::from_s(duration_s));
     while now() - begin < duration && !stop.is_requested() {
@@ -148,22 +148,22 @@ fn probe(arguments: &CameraArguments, device: &str) -> Result<u8, ProcessError> 
 fn snapshot(arguments: &CameraArguments, out: &Path) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
     super::check_writable(out)?;
-    let wish = match &arguments.device {
-        Some(device) => wish(arguments, device)?,
+    let request = match &arguments.device {
+        Some(device) => request(arguments, device)?,
         None => {
             let config = Config::load(arguments.config.as_deref(), &arguments.set)?;
             let config = super::seen_by(arguments.camera, config)?;
             match &config.camera.source {
-                Source::V4l2(settings) => CaptureWish::of(&config.camera, settings),
+                Source::V4l2(settings) => CaptureRequest::of(&config.camera, settings),
                 Source::Synthetic { .. } | Source::Replay { .. } => return Err(ProcessError::NoRealCamera),
             }
         }
     };
-    let device = wish.settings.device.clone();
+    let device = request.settings.device.clone();
     let (width, height) =
-        wish.region.map_or((wish.width, wish.height), |region| (region.width, region.height));
-    let (pixels, rate_hz) = (width as usize * height as usize, wish.rate_hz);
-    let mut camera = warmed_up(wish, &stop)?;
+        request.region.map_or((request.width, request.height), |region| (region.width, region.height));
+    let (pixels, rate_hz) = (width as usize * height as usize, request.rate_hz);
+    let mut camera = warmed_up(request, &stop)?;
     let mut probe = Probe::new(rate_hz, pixels, now());
     let begin = now();
     let png = loop {

@@ -24,7 +24,7 @@ pub struct CameraArguments {
     /// No process: measure a camera (path, name or bus), and suggest its table for a run file
     #[arg(long, value_name = "DEVICE", conflicts_with_all = ["config", "snapshot"])]
     pub probe: Option<String>,
-    /// No process: write one picture, of CONFIG's camera or of --device
+    /// No process: write one image, of CONFIG's camera or of --device
     #[arg(long, value_name = "OUT.png")]
     pub snapshot: Option<PathBuf>,
     /// snapshot: of this camera (path, name or bus)
@@ -99,7 +99,7 @@ pub enum FormatArgument {
     Uyvy,
     /// 8 bits of grey, and the colours behind them
     Nv12,
-    /// A JPEG file for each picture
+    /// A JPEG file for each image
     Mjpg,
 }
 

@@ -94,7 +94,7 @@ fn judged(preflight: &Preflight) -> (Told, Told) {
 ///
 /// # Errors
 /// When an arm cannot be built.
-pub(super) fn warn_of_outlook(draft: &Draft, config: &Config) -> Result<(), ProcessError> {
+pub(super) fn warn_of_preflight(draft: &Draft, config: &Config) -> Result<(), ProcessError> {
     let (faults, _) = judged(&Preflight::of(config)?);
     for problem in draft.problems_of(faults) {
         tell(format_args!("vservo: warning: {}", printable(&problem.to_string())));

@@ -1,8 +1,8 @@
 //! `vservo detect`: a target in image files.
 
 mod answer;
+pub(super) mod image_file;
 pub(super) mod overlay;
-pub(super) mod picture;
 
 use super::{DetectArguments, check_writable, shown, write_result};
 use crate::camera_model::camera_info::CameraInfo;
@@ -27,8 +27,7 @@ const LARGEST_CALIBRATION: u64 = 1 << 20;
 /// Real lenses and targets are no nearer to their description, px.
 const MODEL_SD_PX: f64 = 0.2;
 
-const EQUAL_DOTS: &str =
-    "equal dots: numbered as the picture stands, for the grid looks the same after a turn";
+const EQUAL_DOTS: &str = "equal dots: numbered as the image stands, for the grid looks the same after a turn";
 
 /// What one image shows, before it is told.
 struct DetectedImage {
@@ -46,7 +45,7 @@ struct DetectedImage {
 }
 
 impl DetectedImage {
-    /// What the picture cannot tell, or tells by a part alone.
+    /// What the image cannot tell, or tells by a part alone.
     fn note(&self) -> Option<String> {
         let ids = self.harmed.iter().map(u32::to_string).collect::<Vec<_>>().join(" ");
         let harmed = format!("covered or lit in part, and measured by the rest of the rim: {ids}");
@@ -200,7 +199,7 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
         Err(e) => return Ok(refused(&format!("--target: {e}"), 2)),
     };
     if arguments.overlay.is_some() && arguments.images.len() > 1 {
-        return Ok(refused("--overlay takes one image: its picture would be overwritten by the next", 2));
+        return Ok(refused("--overlay takes one image: its image would be overwritten by the next", 2));
     }
     let calibration = match arguments.camera.as_deref().map(calibration).transpose() {
         Ok(calibration) => calibration,
@@ -213,22 +212,22 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
     let mut bench: Option<ImageDetector> = None;
     for path in &arguments.images {
         let name = path.display().to_string();
-        let (answer, picture) = match picture::load(path) {
+        let (answer, image) = match image_file::load(path) {
             Err(reason) => {
                 unreadable = true;
                 tell(format_args!("vservo: {}: {}", printable(&name), printable(&reason)));
                 (ImageAnswer::nothing(name, "unreadable", reason), None)
             }
-            Ok(mut picture) => {
+            Ok(mut image) => {
                 if let Some(table) = arguments.response.linearization() {
-                    table.apply(&mut picture);
+                    table.apply(&mut image);
                 }
-                let size = picture.dimensions();
+                let size = image.dimensions();
                 if bench.as_ref().is_none_or(|bench| bench.size != size) {
                     bench = Some(ImageDetector::new(&kind, size, calibration));
                 }
-                let answer = bench.as_mut().map(|bench| one(bench, name, &picture));
-                (answer.unwrap_or_else(ImageAnswer::empty), Some(picture))
+                let answer = bench.as_mut().map(|bench| one(bench, name, &image));
+                (answer.unwrap_or_else(ImageAnswer::empty), Some(image))
             }
         };
         any |= answer.status == "found";
@@ -241,8 +240,8 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
         if lost == 0 {
             lost = shown(&text, 0);
         }
-        if let (Some(path), Some(picture), Some(bench)) = (&arguments.overlay, picture, &bench) {
-            let drawn = overlay::draw(&picture, &answer, &kind, &bench.camera);
+        if let (Some(path), Some(image), Some(bench)) = (&arguments.overlay, image, &bench) {
+            let drawn = overlay::draw(&image, &answer, &kind, &bench.camera);
             lost = drawn.map_or(1, |bytes| write_result(path, bytes, lost));
         }
     }
@@ -267,10 +266,10 @@ pub(super) fn calibration(path: &Path) -> Result<CameraModel, String> {
     CameraInfo::read(&text).map_err(|e| named(&e))?.camera().map_err(|e| named(&e))
 }
 
-/// What one picture shows.
-fn one(bench: &mut ImageDetector, name: String, picture: &GrayImage) -> ImageAnswer {
-    let (width, height) = picture.dimensions();
-    let Ok(view) = ImageView::new(picture.as_raw(), width as usize, height as usize) else {
+/// What one image shows.
+fn one(bench: &mut ImageDetector, name: String, image: &GrayImage) -> ImageAnswer {
+    let (width, height) = image.dimensions();
+    let Ok(view) = ImageView::new(image.as_raw(), width as usize, height as usize) else {
         return ImageAnswer::nothing(name, "no_contrast", "the image has no pixels".into());
     };
     let i = bench.camera.intrinsics();

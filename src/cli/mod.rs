@@ -250,7 +250,7 @@ fn prepare(
     let config = draft.clone().validate()?;
     require_controllable(&config)?;
     warn(&config);
-    check::warn_of_outlook(&draft, &config)?;
+    check::warn_of_preflight(&draft, &config)?;
     Ok((config, cell.instance.parse()?))
 }
 

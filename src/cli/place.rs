@@ -7,7 +7,7 @@ use crate::geometry::{Pose, roll_pitch_yaw};
 use crate::input::printable;
 use crate::process::ProcessError;
 use crate::rt::tell;
-use crate::sim::place::{Look, PlaceError, PlaceWishes, Placement, place as find};
+use crate::sim::place::{Look, PlaceError, PlaceRequest, Placement, place as find};
 use crate::sim::preflight::Preflight;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::Serialize;
@@ -37,8 +37,8 @@ struct PlaceAnswer<'a> {
 /// # Errors
 /// When the run file is wrong or no place is found.
 pub(super) fn place(arguments: &PlaceArguments) -> Result<u8, ProcessError> {
-    let wishes = match wishes(arguments) {
-        Ok(wishes) => wishes,
+    let request = match request(arguments) {
+        Ok(request) => request,
         Err(message) => {
             tell(format_args!("vservo: {}", printable(&message)));
             return Ok(2);
@@ -52,7 +52,7 @@ pub(super) fn place(arguments: &PlaceArguments) -> Result<u8, ProcessError> {
         Some(path) => Draft::load(Some(path), &arguments.set)?,
         None => Draft::parse("embedded default configuration", "", Path::new("."), &arguments.set)?,
     };
-    let placement = match find(&draft, &wishes) {
+    let placement = match find(&draft, &request) {
         Ok(placement) => placement,
         Err(PlaceError::Config(error)) => return Err(error.into()),
         Err(PlaceError::Robot(error)) => return Err(error.into()),
@@ -100,7 +100,7 @@ fn words(path: &Path, placement: &Placement) -> String {
     text
 }
 
-fn wishes(arguments: &PlaceArguments) -> Result<PlaceWishes, String> {
+fn request(arguments: &PlaceArguments) -> Result<PlaceRequest, String> {
     let object = arguments.object.as_deref().map(|text| {
         let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
         let of = |message: &str| {
@@ -125,7 +125,7 @@ fn wishes(arguments: &PlaceArguments) -> Result<PlaceWishes, String> {
     if let Some(distance_m) = arguments.distance_m.filter(|d| !(0.01..=100.0).contains(d)) {
         return Err(format!("--distance-m {distance_m}: is out of range, allowed is 0.01 to 100 m"));
     }
-    Ok(PlaceWishes {
+    Ok(PlaceRequest {
         look: arguments.look.map(Look::from),
         object: object.transpose()?,
         distance_m: arguments.distance_m,

@@ -26,7 +26,7 @@ pub struct PlaceArguments {
     /// Where the camera is to look; left out: down, or as suits the arm
     #[arg(long, value_enum)]
     pub look: Option<LookArgument>,
-    /// From the camera to the target at the goal, m; left out: the target fills a good part of the picture
+    /// From the camera to the target at the goal, m; left out: the target fills a good part of the image
     #[arg(long, value_name = "M")]
     pub distance_m: Option<f64>,
     /// Print JSON
@@ -67,7 +67,7 @@ pub struct ViewArguments {
     /// Change one value first; may be repeated
     #[arg(long, value_name = "key.path=value", add = ArgValueCandidates::new(completion::keys))]
     pub set: Vec<String>,
-    /// Picture to write: .png or .svg
+    /// Image to write: .png or .svg
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
 }

@@ -1,7 +1,7 @@
-//! `vservo teach [CONFIG] --out goal.toml`: what the camera sees now as the goal of later runs; features, pose, and a picture of it.
+//! `vservo teach [CONFIG] --out goal.toml`: what the camera sees now as the goal of later runs; features, pose, and an image of it.
 //!
 //! The camera is that of the run file, opened here: no run may have it meanwhile (a running one learns by `vservo ctl teach`). A rendered
-//! one looks from where the arm starts. Or the pictures are files.
+//! one looks from where the arm starts. Or the images are files.
 
 use super::{TeachArguments, check_writable, lost, shown, write_result};
 use crate::config::raw::Task;
@@ -23,7 +23,7 @@ use std::time::Duration;
 const FIRST_FRAME: SpanNs = SpanNs(5_000_000_000);
 /// Automatic exposures settle before this.
 const WARM_UP: SpanNs = SpanNs(500_000_000);
-/// Pictures that show no target, in a row, after which it is given up.
+/// Images that show no target, in a row, after which it is given up.
 const MAX_WITHOUT: u32 = 100;
 
 /// # Errors
@@ -33,8 +33,8 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
     let mut config = Config::load(arguments.config.as_deref(), &arguments.set)?;
     config.task = Task::Servo;
     check_writable(&arguments.out)?;
-    let picture = arguments.out.with_extension("png");
-    check_writable(&picture)?;
+    let image = arguments.out.with_extension("png");
+    check_writable(&image)?;
     let mut pupil = Pupil::of(&config, arguments.measurements);
     if arguments.images.is_empty() {
         pupil.look_through(open(&config)?, &stop)?;
@@ -46,12 +46,12 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
     }
     let (goal, grey) = pupil.lesson()?;
     let size = config.camera.full_size_px();
-    let name = picture.file_name().map(|name| name.to_string_lossy().into_owned());
+    let name = image.file_name().map(|name| name.to_string_lossy().into_owned());
     let shot = super::camera::encoded(&grey, size).map_err(std::io::Error::other);
-    let thumbnail = match shot.and_then(|png| write_file(&picture, png)) {
+    let thumbnail = match shot.and_then(|png| write_file(&image, png)) {
         Ok(()) => name,
-        // the goal counts, not its picture
-        Err(cause) => return Ok(lost(&picture, cause, 0)),
+        // the goal counts, not its image
+        Err(cause) => return Ok(lost(&image, cause, 0)),
     };
     let goal = GoalFile { thumbnail, ..goal };
     let exit_code = write_result(&arguments.out, goal.to_toml(), 0);
@@ -60,7 +60,7 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
     let distance =
         goal.pose.map_or(String::new(), |pose| format!(", {:.3} m before the camera", pose.position_m[2]));
     let line = format!(
-        "{place}: {} points from {} pictures{distance}; they differ by up to {worst:.3} px\n\
+        "{place}: {} points from {} images{distance}; they differ by up to {worst:.3} px\n\
          use it with --set servo.set_point.file={place}\n",
         goal.features.len(),
         goal.measurements,
@@ -78,7 +78,7 @@ struct Pupil<'a> {
     frames: u64,
     sums: Vec<Sum>,
     status: &'static str,
-    picture: Vec<u8>,
+    image: Vec<u8>,
 }
 
 /// Of one point: sums of normalized coordinates, of pixels, and of their squares.
@@ -102,8 +102,8 @@ impl<'a> Pupil<'a> {
             without: 0,
             frames: 0,
             sums,
-            status: "no picture",
-            picture: Vec::new(),
+            status: "no image",
+            image: Vec::new(),
         }
     }
 
@@ -120,7 +120,7 @@ impl<'a> Pupil<'a> {
         self.frames += 1;
         let seen = self.vision.process(&Frame { header, image }, &Prior::default());
         if self.note(&seen) {
-            self.picture = grey.to_vec();
+            self.image = grey.to_vec();
         }
         Ok(())
     }
@@ -180,7 +180,7 @@ impl<'a> Pupil<'a> {
                         continue;
                     }
                     last = now();
-                    if source.fill(&mut grey)? == Filled::Picture && last - begin > WARM_UP {
+                    if source.fill(&mut grey)? == Filled::Image && last - begin > WARM_UP {
                         self.look_at(&grey, size)?;
                     }
                 }
@@ -199,10 +199,10 @@ impl<'a> Pupil<'a> {
         state
     }
 
-    /// The mean of what was seen, and its last picture.
+    /// The mean of what was seen, and its last image.
     fn lesson(self) -> Result<(GoalFile, Vec<u8>), ProcessError> {
         if self.taken == 0 {
-            return Err(ProcessError::NothingTaught { pictures: self.frames, status: self.status });
+            return Err(ProcessError::NothingTaught { images: self.frames, status: self.status });
         }
         let count = f64::from(self.taken);
         let features: Vec<_> = self
@@ -219,6 +219,6 @@ impl<'a> Pupil<'a> {
         let set_point = SetPoint::from_features(&s_d, self.config.servo.set_point.points(), depth_m);
         let pose = set_point.as_ref().and_then(SetPoint::X_DO).map(GoalFile::pose_of);
         let target = GoalFile::target_word(self.config);
-        Ok((GoalFile { target, measurements: self.taken, thumbnail: None, pose, features }, self.picture))
+        Ok((GoalFile { target, measurements: self.taken, thumbnail: None, pose, features }, self.image))
     }
 }

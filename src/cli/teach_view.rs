@@ -1,5 +1,5 @@
-//! `vservo teach-view CONFIG LEFT RIGHT [LEFT RIGHT]... --out FILE`: the view that a pair of cameras is to come back to, from pictures
-//! of both in the desired pose; of several pairs of pictures the mean.
+//! `vservo teach-view CONFIG LEFT RIGHT [LEFT RIGHT]... --out FILE`: the view that a pair of cameras is to come back to, from images
+//! of both in the desired pose; of several pairs of images the mean.
 
 use super::{TeachViewArguments, shown, write_result};
 use crate::config::assemble::{AssembleError, taught_points};
@@ -12,7 +12,7 @@ use crate::vision::{StereoVision, TaughtView};
 use std::path::Path;
 
 /// # Errors
-/// When run file or pictures are wrong, or the target is not in both.
+/// When run file or images are wrong, or the target is not in both.
 pub(super) fn teach_view(arguments: &TeachViewArguments) -> Result<u8, ProcessError> {
     let config = Config::load(Some(&arguments.config), &arguments.set)?;
     let Some(stereo) = &config.stereo else { return Err(AssembleError::NoStereo.into()) };

@@ -1,7 +1,7 @@
 //! `vservo view [CONFIG] --out FILE.png|FILE.svg`: what the camera sees at the start and at the goal, side by side.
 //!
 //! ```text
-//! Preflight ─► poses of the object ─► renderer ─► grey pictures ─┐
+//! Preflight ─► poses of the object ─► renderer ─► grey images ─┐
 //!        └─► marks, axes, the features' way, words ────────────┴─► Sheet ─► png | svg
 //! ```
 
@@ -24,11 +24,11 @@ use sheet::{Colour, ImagePanel, ImageSheet};
 
 /// What the colours mean.
 const LEGEND: &str = "  drawn: green: points; orange: their ways when the camera goes straight to the goal; magenta ring: where the optical \
-                      axis goes; blue cross: middle of the picture; x, y, z: the object's frame, z away from the camera; red: what is \
+                      axis goes; blue cross: middle of the image; x, y, z: the object's frame, z away from the camera; red: what is \
                       outside";
-/// Of more points than these the numbers stay out of the picture.
+/// Of more points than these the numbers stay out of the image.
 const NUMBERED: usize = 16;
-/// How far from the border of the picture what is outside is told, px.
+/// How far from the border of the image what is outside is told, px.
 const INSIDE_PX: f64 = 14.0;
 
 /// # Errors
@@ -43,14 +43,14 @@ pub(super) fn view(arguments: &ViewArguments) -> Result<u8, ProcessError> {
             return Ok(2);
         }
     };
-    // a run file whose target is out of the picture is refused by all others: here is where one sees it
+    // a run file whose target is out of the image is refused by all others: here is where one sees it
     let draft = Draft::load(arguments.config.as_deref(), &arguments.set)?;
     let config = draft.validate_whatever_is_seen()?;
     let preflight = Preflight::of(&config)?;
     check_writable(&arguments.out)?;
     let sheet = draw(&config, &preflight)?;
     let Some(bytes) = write(&sheet) else {
-        tell(format_args!("vservo: --out: the picture cannot be encoded"));
+        tell(format_args!("vservo: --out: the image cannot be encoded"));
         return Ok(1);
     };
     let code = write_result(&arguments.out, bytes, 0);
@@ -67,15 +67,15 @@ pub(super) fn view(arguments: &ViewArguments) -> Result<u8, ProcessError> {
 fn draw(config: &Config, preflight: &Preflight) -> Result<ImageSheet, ProcessError> {
     let mut panels = Vec::new();
     if let (Some(view), Some(scene)) = (&preflight.start, &config.scene) {
-        let picture = rendered(renderer(config)?, &view.X_CO);
-        let mut panel = ImagePanel::new("START", picture);
+        let image = rendered(renderer(config)?, &view.X_CO);
+        let mut panel = ImagePanel::new("START", image);
         way(&mut panel, config, preflight, &scene.camera);
         annotate(&mut panel, view, &scene.target, &scene.camera);
         panels.push(panel);
     }
     if let Some(view) = &preflight.goal {
-        let picture = rendered(believed(config)?, &view.X_CO);
-        let mut panel = ImagePanel::new("GOAL", picture);
+        let image = rendered(believed(config)?, &view.X_CO);
+        let mut panel = ImagePanel::new("GOAL", image);
         annotate(&mut panel, view, &config.target, &config.camera.model);
         if matches!(preflight.reach, Reach::Beyond { .. }) {
             panel.label(Vector2::new(8.0, 28.0), "OUT OF REACH", Colour::Outside);
@@ -106,9 +106,9 @@ fn believed(config: &Config) -> Result<Renderer, ProcessError> {
 
 fn rendered(mut renderer: Renderer, X_CO: &Pose) -> GrayImage {
     let i = renderer.camera().intrinsics();
-    let mut picture = GrayImage::new(i.width_px, i.height_px);
-    renderer.render(&[*X_CO], 0, &mut picture);
-    picture
+    let mut image = GrayImage::new(i.width_px, i.height_px);
+    renderer.render(&[*X_CO], 0, &mut image);
+    image
 }
 
 /// Ways of the points from the start to the goal, on the camera's straight way.
@@ -128,7 +128,7 @@ fn way(panel: &mut ImagePanel, config: &Config, preflight: &Preflight, camera: &
     }
 }
 
-/// Numbers, axes, the middle of the picture, where the optical axis goes, and what is outside.
+/// Numbers, axes, the middle of the image, where the optical axis goes, and what is outside.
 fn annotate(panel: &mut ImagePanel, view: &Viewpoint, target: &Target, camera: &CameraModel) {
     let i = camera.intrinsics();
     let size = Vector2::new(f64::from(i.width_px), f64::from(i.height_px));

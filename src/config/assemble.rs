@@ -55,7 +55,7 @@ pub enum AssembleError {
     /// The arm as it really is cannot be built.
     #[error(transparent)]
     Arm(#[from] RobotError),
-    /// The pictures do not come from a simulated scene.
+    /// The images do not come from a simulated scene.
     #[error(
         "camera.source: only `synthetic` can be simulated in one process; other sources need `vservo run`"
     )]
@@ -71,7 +71,7 @@ pub enum AssembleError {
     NotTaught,
     /// A simulated pair cannot be taught.
     #[error(
-        "[stereo]: the {side} camera does not see the target in the desired view: {status}; see to servo.desired, or to the pictures"
+        "[stereo]: the {side} camera does not see the target in the desired view: {status}; see to servo.desired, or to the images"
     )]
     NotSeen {
         /// Which camera.

@@ -41,7 +41,7 @@ impl Config {
         Some(self)
     }
 
-    /// Whether the arm moves what the camera sees: its pictures show what an arm does, and there is an arm.
+    /// Whether the arm moves what the camera sees: its images show what an arm does, and there is an arm.
     #[must_use]
     pub fn closes_the_loop(&self) -> bool {
         self.camera.source.kind().closes_the_loop() && self.drive.kind != DriveKind::None

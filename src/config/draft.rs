@@ -91,7 +91,7 @@ impl Draft {
         self.judged(true)
     }
 
-    /// The configuration, also where the target is out of the picture at the start or at the goal: to look at, not to run.
+    /// The configuration, also where the target is out of the image at the start or at the goal: to look at, not to run.
     ///
     /// # Errors
     /// All else that is wrong with it.

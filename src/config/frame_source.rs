@@ -40,7 +40,7 @@ impl SourceKind {
         }
     }
 
-    /// Whether its pictures are of a simulated scene, so that the truth is known.
+    /// Whether its images are of a simulated scene, so that the truth is known.
     #[must_use]
     pub fn is_simulated(self) -> bool {
         match self {
@@ -49,7 +49,7 @@ impl SourceKind {
         }
     }
 
-    /// Whether its pictures show what the arm does; without that the loop is open, and the arm does not move.
+    /// Whether its images show what the arm does; without that the loop is open, and the arm does not move.
     #[must_use]
     pub fn closes_the_loop(self) -> bool {
         match self {
@@ -225,7 +225,7 @@ table! {
         blur_sd_px: f64 = 0.5,
         /// Light lost in the corners, as share of that in the centre.
         vignetting: f64 = 0.15,
-        /// Whether motion during the exposure blurs the picture.
+        /// Whether motion during the exposure blurs the image.
         motion_blur: bool = true,
         /// How its levels really depend on light, as `camera.response`.
         response: String = "linear".to_owned(),
@@ -259,7 +259,7 @@ pub enum Source {
         look: SceneLook,
         /// Imperfections of the sensor.
         sensor: SensorModel,
-        /// Whether motion during the exposure blurs the picture.
+        /// Whether motion during the exposure blurs the image.
         motion_blur: bool,
         /// How levels depend on light.
         response: Response,

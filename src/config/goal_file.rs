@@ -20,7 +20,7 @@ pub struct GoalFile {
     pub target: String,
     /// How many measurements it is the mean of.
     pub measurements: u32,
-    /// A picture of the view, beside the file, for people.
+    /// An image of the view, beside the file, for people.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub thumbnail: Option<String>,
     /// The target in the camera, for people: runs go by the features.
@@ -48,7 +48,7 @@ pub struct GoalFeature {
     pub id: u32,
     /// Normalized coordinates.
     pub s: [f64; 2],
-    /// Place in the picture, px.
+    /// Place in the image, px.
     pub px: [f64; 2],
     /// How far single measurements were from it, root mean square, px.
     pub spread_px: f64,

@@ -141,7 +141,7 @@ pub struct Servo {
     pub limit_avoidance_1_s: Option<f64>,
     /// Whether the arm goes back to where it saw the whole target last when it has lost it.
     pub returns: bool,
-    /// Keeps the target in the picture; `None` where the law is to go its own way.
+    /// Keeps the target in the image; `None` where the law is to go its own way.
     pub visibility: Option<VisibilityGuard>,
     /// How the target's own motion is estimated; `None` for a target at rest.
     pub object: Option<ObjectDynamics>,
@@ -375,7 +375,7 @@ mod tests {
 
     #[test]
     fn the_effective_configuration_reads_back_as_itself() {
-        let set = ["servo.gain_1_s=3".to_string(), "camera.replay.folder=pictures".to_string()];
+        let set = ["servo.gain_1_s=3".to_string(), "camera.replay.folder=images".to_string()];
         let config = Config::load(None, &set).unwrap();
         let text = config.to_toml().unwrap();
         let again = Config::parse("again", &text, Path::new("/elsewhere"), &[]).unwrap();

@@ -73,7 +73,7 @@ word! {
     Task {
         /// Servoing to the goal.
         Servo,
-        /// A gentle motion that shows how the camera's stamps lie against the encoders'.
+        /// An excitation motion that shows how the camera's stamps lie against the encoders'.
         CalibrateLatency,
         /// Views of a board from all sides, with a rest in each, that show where the camera sits.
         CalibrateHandEye,

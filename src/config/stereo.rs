@@ -280,7 +280,7 @@ fn in_view(
         Some(view) => {
             if let Some((id, _)) = view.points_O().find(|(_, p_O)| hidden(&(X_DO * p_O))) {
                 let message = format!(
-                    "point {id} lies outside of a picture: were these the cameras that it was taught with?"
+                    "point {id} lies outside of an image: were these the cameras that it was taught with?"
                 );
                 check.wrong("stereo.points", message);
             }
@@ -290,7 +290,7 @@ fn in_view(
             let seen = all.iter().filter(|point| !hidden(&(X_DO * point.p_O))).count();
             if seen < target.least_to_find() {
                 let message = format!(
-                    "only {seen} of the target's {} points would be in both pictures in the desired pose: move it away, or the \
+                    "only {seen} of the target's {} points would be in both images in the desired pose: move it away, or the \
                      cameras together",
                     all.len()
                 );

@@ -36,7 +36,7 @@ pub enum PixelFormatName {
     Uyvy,
     /// 8 bits of grey, and the colours behind them.
     Nv12,
-    /// A JPEG file for each picture.
+    /// A JPEG file for each image.
     Mjpg,
 }
 

@@ -27,7 +27,7 @@ const MEASUREMENT_TIMEOUT_MS: RangeInclusive<f64> = 1.0..=60_000.0;
 const MAX_CPUS: u32 = 1024;
 
 /// Checks everything; `None` only where something is so wrong that a part cannot be built. `views`: also whether the target is in the
-/// picture at start and goal.
+/// image at start and goal.
 pub(super) fn validate(
     mut raw: RawConfig,
     document: &Document,

@@ -29,7 +29,7 @@ use nalgebra::{SVector, Vector2};
 const STATUS_PERIOD: u64 = 20;
 /// An arm swings whose error does not fall below so many times that of the goal: nearer to it, it is given time.
 const SWINGS_FROM: f64 = 1.5;
-/// The end of an open loop whose pictures are over.
+/// The end of an open loop whose images are over.
 const LAST_FRAME: Finish = Finish { outcome: Outcome::Finished, reason: "the last frame was used" };
 /// The end of a closed loop whose camera has no more frames.
 const NO_MORE_FRAMES: Finish = Finish {

@@ -97,7 +97,7 @@ pub struct FinalErrors {
 }
 
 impl FinalErrors {
-    /// Whether what control believes is farther from the truth than the noise of a picture explains.
+    /// Whether what control believes is farther from the truth than the noise of an image explains.
     #[must_use]
     pub fn is_not_as_believed(&self) -> bool {
         const NOISE_M: f64 = 1e-3;

@@ -9,7 +9,7 @@
 //! | [`SimulatedDrive`] | torque, velocity, position | rigid body with friction, limits, encoders, delay |
 //! | [`IdealDrive`] | velocity, position | joints that follow the reference exactly |
 //! | [`ExternalDrive`] | what the process behind it says | another process, over a [`DriveLink`] |
-//! | [`StandstillDrive`] | everything | no arm, or one that does not move: replayed pictures |
+//! | [`StandstillDrive`] | everything | no arm, or one that does not move: replayed images |
 
 mod delay;
 mod encoder;

@@ -54,7 +54,7 @@ pub enum Fate {
     /// A point left the image.
     LeftImage,
     /// A point came behind the camera, or the plane was seen from its edge.
-    LostSight,
+    TargetLost,
     /// The law had no finite answer.
     NoAnswer,
     /// More than 5 m away.
@@ -73,7 +73,7 @@ impl Fate {
             Self::Converged => "converged",
             Self::ImageOnly => "in the image only",
             Self::LeftImage => "left the image",
-            Self::LostSight => "lost sight",
+            Self::TargetLost => "lost sight",
             Self::NoAnswer => "no answer",
             Self::Diverged => "diverged",
             Self::LocalMinimum => "local minimum",
@@ -102,14 +102,14 @@ pub(super) fn goal() -> Pose {
 }
 
 /// What is flown: the schemes of the comparison as the text has them, D with the depths of the true pose, C with a
-/// preconditioned K_Ps; and all of them with estimated depths and the target kept in the picture.
+/// preconditioned K_Ps; and all of them with estimated depths and the target kept in the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flier {
     /// For files.
     pub name: &'static str,
     scheme: Scheme,
     depth: DepthSource,
-    /// Whether features are kept in the picture.
+    /// Whether features are kept in the image.
     guarded: bool,
 }
 
@@ -267,7 +267,7 @@ impl ClosedLoop for Course<'_> {
 
     fn see(&mut self, frame: u64, _: u64) -> ControlFlow<Self::Outcome, Self::Observation> {
         let Some(s) = project(&self.X_CO).filter(|_| faces(&self.X_CO)) else {
-            return Break((Fate::LostSight, time_s(frame)));
+            return Break((Fate::TargetLost, time_s(frame)));
         };
         if !in_view(self.camera, &self.X_CO) {
             return Break((Fate::LeftImage, time_s(frame)));

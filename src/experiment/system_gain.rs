@@ -20,7 +20,7 @@ fn settling_time_s(latency_ms: u32, update: &str, gain_1_s: f64) -> Result<Optio
         "run.clock=lockstep".into(),
         "run.duration_s=10".into(),
         format!("camera.latency_ms={latency_ms}"),
-        // What the delay does, and not what keeps the target in the picture.
+        // What the delay does, and not what keeps the target in the image.
         "servo.visibility.guard=false".into(),
         format!("servo.update={update}"),
         format!("servo.gain_1_s={gain_1_s}"),

@@ -169,7 +169,7 @@ mod tests {
                 let centre = Vector2::new(place() + random.uniform(), place() + random.uniform());
                 let b = radius * random.between(0.6, 1.0);
                 let truth = Ellipse::new(centre, radius, b, random.between(0.0, 3.0));
-                let picture = SyntheticImage {
+                let image = SyntheticImage {
                     width: 2 * half + 1,
                     height: 2 * half + 1,
                     dark: 40.0,
@@ -177,8 +177,8 @@ mod tests {
                     blur_px,
                     noise_levels: 2.0,
                 };
-                let bytes = picture.render(&mut random, |x, y| truth.distance_px(&Vector2::new(x, y)));
-                let view = ImageView::new(&bytes, picture.width, picture.height).unwrap();
+                let bytes = image.render(&mut random, |x, y| truth.distance_px(&Vector2::new(x, y)));
+                let view = ImageView::new(&bytes, image.width, image.height).unwrap();
                 let start = Ellipse::new(
                     centre + Vector2::new(random.between(-0.3, 0.3), 0.2),
                     radius + 0.2,

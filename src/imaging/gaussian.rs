@@ -43,12 +43,12 @@ impl Gaussian {
             return Err(GaussianError { sigma_px });
         }
         let radius = (3.0 * sigma_px).ceil() as usize;
-        let bell = |k: usize| if k == 0 { 1.0 } else { (-0.5 * (k as f64 / sigma_px).powi(2)).exp() };
-        let sum = 1.0 + 2.0 * (1..=radius).map(bell).sum::<f64>();
+        let gaussian = |k: usize| if k == 0 { 1.0 } else { (-0.5 * (k as f64 / sigma_px).powi(2)).exp() };
+        let sum = 1.0 + 2.0 * (1..=radius).map(gaussian).sum::<f64>();
         let mut weights = vec![0u16; radius + 1];
         let mut left = 1u32 << 16;
         for (k, w) in weights.iter_mut().enumerate().skip(1) {
-            *w = (65536.0 * bell(k) / sum).round() as u16;
+            *w = (65536.0 * gaussian(k) / sum).round() as u16;
             left -= 2 * u32::from(*w);
         }
         // what rounding left over goes to the middle; all of it there is a filter without effect
@@ -178,11 +178,11 @@ mod tests {
     /// The kernel in fixed point, by its definition, all 2 r + 1 products in both directions, with other code for everything.
     fn weights(sigma: f64) -> Vec<i64> {
         let radius = (3.0 * sigma).ceil() as i64;
-        let bell: Vec<f64> = (-radius..=radius)
+        let gaussian: Vec<f64> = (-radius..=radius)
             .map(|k| if k == 0 { 1.0 } else { (-0.5 * (k as f64 / sigma).powi(2)).exp() })
             .collect();
-        let sum: f64 = bell[radius as usize] + 2.0 * bell[radius as usize + 1..].iter().sum::<f64>();
-        let mut w: Vec<i64> = bell.iter().map(|b| (65536.0 * b / sum).round() as i64).collect();
+        let sum: f64 = gaussian[radius as usize] + 2.0 * gaussian[radius as usize + 1..].iter().sum::<f64>();
+        let mut w: Vec<i64> = gaussian.iter().map(|b| (65536.0 * b / sum).round() as i64).collect();
         w[radius as usize] += 65536 - w.iter().sum::<i64>();
         w
     }

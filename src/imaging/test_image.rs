@@ -81,26 +81,26 @@ impl SyntheticImage {
             }
             f64::from(lit) / 225.0
         };
-        let mut picture: Vec<f64> = (0..w * h).map(|i| share(i % w, i / w)).collect();
+        let mut image: Vec<f64> = (0..w * h).map(|i| share(i % w, i / w)).collect();
         if self.blur_px > 0.0 {
             let radius = (4.0 * self.blur_px).ceil() as i64;
-            let bell: Vec<f64> =
+            let gaussian: Vec<f64> =
                 (-radius..=radius).map(|k| (-0.5 * (k as f64 / self.blur_px).powi(2)).exp()).collect();
-            let sum: f64 = bell.iter().sum();
+            let sum: f64 = gaussian.iter().sum();
             for (dx, dy) in [(1, 0), (0, 1)] {
-                picture = (0..w * h)
+                image = (0..w * h)
                     .map(|i| {
                         let at = |k: i64| {
                             let (x, y) = ((i % w + k * dx).clamp(0, w - 1), (i / w + k * dy).clamp(0, h - 1));
-                            picture[(y * w + x) as usize]
+                            image[(y * w + x) as usize]
                         };
-                        (-radius..=radius).zip(&bell).map(|(k, b)| b * at(k)).sum::<f64>() / sum
+                        (-radius..=radius).zip(&gaussian).map(|(k, b)| b * at(k)).sum::<f64>() / sum
                     })
                     .collect();
             }
         }
         let level = |s: &f64| self.dark + (self.light - self.dark) * s;
-        picture
+        image
             .iter()
             .map(|s| (level(s) + self.noise_levels * random.gaussian()).round().clamp(0.0, 255.0) as u8)
             .collect()

@@ -320,16 +320,16 @@ impl ReceivedFrame {
 pub struct FrameReceiver {
     service: Channel,
     port: Subscriber<IpcService, [u8], FrameHeader>,
-    waker: WakeListener,
+    listener: WakeListener,
 }
 
 impl FrameReceiver {
     pub(super) fn new(
         service: Channel,
         port: Subscriber<IpcService, [u8], FrameHeader>,
-        waker: WakeListener,
+        listener: WakeListener,
     ) -> Self {
-        Self { service, port, waker }
+        Self { service, port, listener }
     }
 
     /// Waits until a frame may be there, or for `longest`.
@@ -337,7 +337,7 @@ impl FrameReceiver {
     /// # Errors
     /// When the transport fails.
     pub fn wait(&self, longest: Duration) -> Result<(), IpcError> {
-        self.waker.wait(longest)
+        self.listener.wait(longest)
     }
 
     /// The oldest waiting frame; the service keeps as many as its shape says, and drops older ones.

@@ -1,4 +1,4 @@
-//! What a camera sends with each picture: `camera/N/frame`.
+//! What a camera sends with each image: `camera/N/frame`.
 
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]

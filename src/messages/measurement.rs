@@ -11,7 +11,7 @@ pub mod measurement_flag {
     pub const POSE: u32 = 1 << 8;
     /// Found in predicted windows; without this bit the whole frame was searched.
     pub const TRACKED: u32 = 1 << 9;
-    /// A second pose explains the picture almost as well (planar ambiguity).
+    /// A second pose explains the image almost as well (planar ambiguity).
     pub const AMBIGUOUS: u32 = 1 << 10;
     /// Some of the target's points are hidden, or were left out because they are disturbed.
     pub const PARTIAL: u32 = 1 << 11;
@@ -38,7 +38,7 @@ pub enum TargetStatus {
     Inconsistent = 6,
     /// Of two cameras: the other one has no frame of the same instant.
     NoPair = 7,
-    /// Of two cameras: fewer than three taught points are in both pictures.
+    /// Of two cameras: fewer than three taught points are in both images.
     TooFewShared = 8,
     /// More in the frame looks like a part of the target than one search looks at.
     GivenUp = 9,
@@ -77,7 +77,7 @@ impl TargetStatus {
             Self::WrongSize => "frame of another size than the camera's",
             Self::Inconsistent => "points do not fit one pose: shadow, glare, something in front?",
             Self::NoPair => "no frame of the other camera at this instant",
-            Self::TooFewShared => "fewer than three taught points in both pictures",
+            Self::TooFewShared => "fewer than three taught points in both images",
             Self::GivenUp => "the search was given up: too much in the frame looks like a part of the target",
         }
     }

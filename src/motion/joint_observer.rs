@@ -34,7 +34,7 @@ use crate::servo::Drift;
 use crate::time::{MonoNs, TICK};
 use friction::{FrictionShare, TorqueResidual};
 use nalgebra::SVector;
-use seen::SeenMotion;
+use seen::ObservedMotion;
 
 /// Share of the full bandwidth from which on what accelerates the arm is estimated, and the rate at which that is forgotten, rad/s.
 const QUICK_FROM: f64 = 0.6;
@@ -136,7 +136,7 @@ pub(super) struct JointObserver<const N: usize> {
     /// Share of the rate of learning that is left to an arm that swings.
     share: f64,
     /// What the camera has told.
-    seen: SeenMotion<N>,
+    seen: ObservedMotion<N>,
     /// What is known of friction.
     friction: FrictionShare<N>,
 }
@@ -154,7 +154,7 @@ impl<const N: usize> JointObserver<N> {
             settled: false,
             share: 1.0,
             a: zero,
-            seen: SeenMotion::default(),
+            seen: ObservedMotion::default(),
             friction: FrictionShare::default(),
         }
     }

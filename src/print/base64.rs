@@ -1,4 +1,4 @@
-//! Bytes as letters (RFC 4648), for pictures within SVG files.
+//! Bytes as letters (RFC 4648), for images within SVG files.
 
 const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 

@@ -1,4 +1,4 @@
-//! Letters of 5 x 7 cells, for pictures: capitals, digits, a few marks.
+//! Letters of 5 x 7 cells, for images: capitals, digits, a few marks.
 
 use super::PrintSheet;
 use nalgebra::Vector2;

@@ -51,7 +51,7 @@ pub enum PrintError {
         hint: &'static str,
     },
     /// The encoder failed.
-    #[error("the picture cannot be encoded")]
+    #[error("the image cannot be encoded")]
     Encoder,
 }
 

@@ -35,7 +35,7 @@ fn sheets_are_as_large_as_they_say() {
 }
 
 #[test]
-fn the_picture_of_a_board_has_squares_of_the_right_size() {
+fn the_image_of_a_board_has_squares_of_the_right_size() {
     let target = Chessboard::with_squares(9, 6, 0.0254).unwrap();
     let png = image::load_from_memory(&print(&target.into(), Format::Png).unwrap()).unwrap().into_luma8();
     let (width, height) = (png.width() as usize, png.height() as usize);

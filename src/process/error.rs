@@ -70,19 +70,19 @@ pub enum ProcessError {
         /// Which was asked for.
         camera: u8,
     },
-    /// Pictures of a pair of cameras that are no pairs.
-    #[error("{0} pictures: pairs are needed, left and right by turns")]
+    /// ReportImages of a pair of cameras that are no pairs.
+    #[error("{0} images: pairs are needed, left and right by turns")]
     OddImages(usize),
     /// A word that is no command, or names nothing that there is.
     #[error("{0}")]
     NoCommand(String),
     /// A goal of which nothing was seen.
     #[error(
-        "the whole target was seen in none of {pictures} pictures: {status}; see to lens, light and target, or to where the arm stands"
+        "the whole target was seen in none of {images} images: {status}; see to lens, light and target, or to where the arm stands"
     )]
     NothingTaught {
         /// How many were looked at.
-        pictures: u64,
+        images: u64,
         /// What the last one showed.
         status: &'static str,
     },

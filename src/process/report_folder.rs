@@ -21,7 +21,7 @@ pub(super) const MEASUREMENTS: &str = "measurements.csv";
 pub(super) const GOAL: &str = "goal.csv";
 /// Frames of the cell in B.
 pub(super) const POSES: &str = "poses.csv";
-/// What is in the kept pictures; written by vision.
+/// What is in the kept images; written by vision.
 pub(super) const FRAMES: &str = "frames.csv";
 /// What safety saw.
 pub(super) const EVENTS: &str = "events.csv";
@@ -129,7 +129,7 @@ impl NewReport {
         }
         for name in names(&self.target)? {
             let text = name.to_string_lossy();
-            if !made.contains(&name) && (FILES.contains(&text.as_ref()) || is_picture(&text)) {
+            if !made.contains(&name) && (FILES.contains(&text.as_ref()) || is_image(&text)) {
                 let path = self.target.join(&name);
                 std::fs::remove_file(&path).map_err(|e| failed(&path, e))?;
             }
@@ -193,7 +193,7 @@ impl ReportFolder {
 }
 
 /// `frame-first-000000.png`.
-fn is_picture(name: &str) -> bool {
+fn is_image(name: &str) -> bool {
     let middle = name.strip_prefix("frame-").and_then(|n| n.strip_suffix(".png"));
     let parts = middle.and_then(|m| m.split_once('-'));
     parts.is_some_and(|(why, number)| {

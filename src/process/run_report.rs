@@ -7,7 +7,7 @@ use crate::config::raw::Clock;
 use crate::control::outcome::Outcome;
 use crate::report::csv_table::{CsvTable, csv_cell};
 use crate::report::page::base64;
-use crate::report::run_page::{JointSummary, PictureData, RunRecord, run_facts, run_page, run_verdict};
+use crate::report::run_page::{ImageData, JointSummary, RunRecord, run_facts, run_page, run_verdict};
 use crate::report::summary::Summary;
 use crate::robot::{JointKind, Mount};
 use crate::source::load_image;
@@ -17,9 +17,9 @@ use std::fmt::Write;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// Pictures in the page are no wider; the files beside it are whole.
+/// ReportImages in the page are no wider; the files beside it are whole.
 const WIDEST_PX: u32 = 1280;
-/// Quality of the pictures in the page.
+/// Quality of the images in the page.
 const JPEG_QUALITY: u8 = 88;
 /// Of the program.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -56,8 +56,8 @@ pub fn write(
         frames: table(FRAMES),
         ..described(config, summary, commands)
     };
-    let pictures = pictures(folder, &record.frames);
-    folder.write(PAGE, run_page(&RunRecord { pictures, ..record }))?;
+    let images = images(folder, &record.frames);
+    folder.write(PAGE, run_page(&RunRecord { images, ..record }))?;
     // A run that was over before it began has nothing to show.
     let Some(name) = missing.first().filter(|_| summary.ticks > 0) else { return report.publish() };
     let absent = |folder: &Path| {
@@ -89,7 +89,7 @@ fn described(config: &Config, summary: &Summary, commands: &[String]) -> RunReco
         (MEASUREMENTS, "every measurement: points, error, latencies, pose"),
         (GOAL, "where the points are to be"),
         (POSES, "frames of the cell at start and end"),
-        (FRAMES, "what is in the pictures"),
+        (FRAMES, "what is in the images"),
         (EVENTS, "what happened"),
         (TICKS, "histogram of deadline to command"),
         (SUMMARY, "the summary"),
@@ -141,16 +141,16 @@ fn tick_times_csv(summary: &Summary) -> String {
     out
 }
 
-/// The pictures as they go into the page; those that cannot be read are left out.
-fn pictures(folder: &ReportFolder, frames: &CsvTable) -> Vec<PictureData> {
-    let mut all: Vec<PictureData> = Vec::new();
+/// The images as they go into the page; those that cannot be read are left out.
+fn images(folder: &ReportFolder, frames: &CsvTable) -> Vec<ImageData> {
+    let mut all: Vec<ImageData> = Vec::new();
     for row in 0..frames.rows() {
         let file = frames.word("file", row);
         if file.contains('/') || all.iter().any(|p| p.file == file) {
             continue;
         }
         if let Some(data) = load_image(&folder.path().join(file)).ok().and_then(|image| embedded(&image)) {
-            all.push(PictureData { file: file.into(), data });
+            all.push(ImageData { file: file.into(), data });
         }
     }
     all
@@ -184,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn large_pictures_shrink_by_whole_steps() {
+    fn large_images_shrink_by_whole_steps() {
         let image = GrayImage::from_fn(2600, 9, |x, _| image::Luma([if x % 2 == 0 { 100 } else { 104 }]));
         let small = reduced(&image);
         assert_eq!(small.dimensions(), (866, 3));

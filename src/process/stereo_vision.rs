@@ -8,8 +8,8 @@
 //! In real time a left frame waits for its mate half a period beyond the time at which that should be here; in lockstep it is known which
 //! frames come, and they are waited for by their numbers. Either way the stamps alone say what is a pair.
 
-use super::pictures::Pictures;
 use super::priority::{self, Rank};
+use super::report_images::ReportImages;
 use super::vision::FrameCounter;
 use super::{LONGEST_WAIT, Membership, ProcessError, ReportFolder, StopFlag, shape_of};
 use crate::config::raw::Clock;
@@ -26,7 +26,7 @@ use tracing::{info, warn};
 /// So many frames that are alone, and no pair, are worth a line.
 const ALONE: u64 = 20;
 
-/// Runs vision for the pair of cameras of `config` until a stop is requested, and leaves pictures of the left one in the folder
+/// Runs vision for the pair of cameras of `config` until a stop is requested, and leaves images of the left one in the folder
 /// `report`, where there is one.
 ///
 /// # Errors
@@ -52,8 +52,8 @@ pub fn run(
         membership: &membership,
         vision,
         looked: MonoNs::ZERO,
-        teller: Teller::default(),
-        pictures: Pictures::new(report, &config.camera),
+        status_logger: StatusLogger::default(),
+        images: ReportImages::new(report, &config.camera),
     };
     services.require_room_for_peers()?;
     priority::take(config, Rank::Vision)?;
@@ -62,7 +62,7 @@ pub fn run(
         Clock::Realtime => worker.run_by_the_clock(stop),
         Clock::Lockstep => worker.run_by_the_ticks(stop),
     };
-    worker.pictures.write();
+    worker.images.write();
     let PairingCounts { pairs, left_alone, right_alone, .. } = worker.vision.counts();
     info!(pairs, left_alone, right_alone, "frames of the two cameras");
     ended
@@ -102,8 +102,8 @@ struct StereoVisionWorker<'a> {
     vision: StereoVision,
     /// When the newest frame began to be looked at.
     looked: MonoNs,
-    teller: Teller,
-    pictures: Pictures,
+    status_logger: StatusLogger,
+    images: ReportImages,
 }
 
 impl StereoVisionWorker<'_> {
@@ -180,7 +180,7 @@ impl StereoVisionWorker<'_> {
             Err(_) => self.vision.look_past(side, header),
         }
         if side == Side::Left {
-            self.pictures.note_frame(frame);
+            self.images.note_frame(frame);
         }
     }
 
@@ -191,7 +191,7 @@ impl StereoVisionWorker<'_> {
             let is_right = measurement.camera != u32::from(self.left.camera.id);
             let is_silent = self.clock == Clock::Realtime
                 && self.left.newest.is_none_or(|(_, came)| now() - came > SpanNs(2 * period.0));
-            self.teller.tell(&measurement, blind, &self.vision);
+            self.status_logger.tell(&measurement, blind, &self.vision);
             if is_right && !is_silent {
                 continue;
             }
@@ -201,7 +201,7 @@ impl StereoVisionWorker<'_> {
             measurement.frames_dropped = self.left.counter.dropped;
             self.measurements.send(&measurement)?;
             if !is_right {
-                self.pictures.note_measurement(&measurement);
+                self.images.note_measurement(&measurement);
             }
         }
         Ok(())
@@ -210,12 +210,12 @@ impl StereoVisionWorker<'_> {
 
 /// One line whenever the target is found or lost, or the reason changes, and one where frames never pair.
 #[derive(Debug, Default)]
-struct Teller {
+struct StatusLogger {
     said: Option<(TargetStatus, Option<Side>)>,
     never_pair: bool,
 }
 
-impl Teller {
+impl StatusLogger {
     fn tell(&mut self, m: &Measurement, blind: Option<Side>, vision: &StereoVision) {
         let counts = vision.counts();
         if !self.never_pair

@@ -1,7 +1,7 @@
 //! The vision process: from frames, where they lie in shared memory, to measurements.
 
-use super::pictures::Pictures;
 use super::priority::{self, Rank};
+use super::report_images::ReportImages;
 use super::{LONGEST_WAIT, Membership, ProcessError, ReportFolder, StopFlag, frame_shape};
 use crate::config::raw::Clock;
 use crate::config::{Config, assemble};
@@ -18,7 +18,7 @@ use tracing::{info, warn};
 /// In lockstep, the longest wait for the joint state that the camera had already: sending it to two takes microseconds.
 const LONGEST_FOR_STATE: SpanNs = SpanNs(50_000_000);
 
-/// Runs vision for the camera of `config` until a stop is requested, and leaves pictures in the folder `report`, where there is one.
+/// Runs vision for the camera of `config` until a stop is requested, and leaves images in the folder `report`, where there is one.
 ///
 /// # Errors
 /// When shared memory or the instance fails.
@@ -45,7 +45,7 @@ pub fn run(
         counter: FrameCounter::default(),
         status: None,
     };
-    let mut pictures = Pictures::new(report, &config.camera);
+    let mut images = ReportImages::new(report, &config.camera);
     priority::take(config, Rank::Vision)?;
     info!("vision runs");
     while !stop.is_requested() {
@@ -55,12 +55,12 @@ pub fn run(
             let measurement = worker.measure(&frame)?;
             measurements.send(&measurement)?;
             // What nobody waits for comes after what control waits for.
-            pictures.note_frame(&frame);
-            pictures.note_measurement(&measurement);
+            images.note_frame(&frame);
+            images.note_measurement(&measurement);
         }
         frames.wait(LONGEST_WAIT)?;
     }
-    pictures.write();
+    images.write();
     Ok(())
 }
 

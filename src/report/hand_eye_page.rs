@@ -16,7 +16,7 @@ type ViewRow<'a> = (&'a ViewResidual, Option<&'a HeldOutView>);
 pub struct HandEyePage<'a> {
     /// What was found.
     pub report: &'a HandEyeReport,
-    /// Pictures in which nothing was found, and why.
+    /// Images in which nothing was found, and why.
     pub unused: &'a [(String, String)],
     /// How far the mounting lies from others that are known, in words.
     pub gaps: &'a [String],

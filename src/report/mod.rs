@@ -3,13 +3,13 @@
 pub mod calibration_page;
 pub mod chart;
 pub mod csv_table;
+pub mod frame_archive;
 pub mod hand_eye_page;
 pub mod histogram;
 pub mod history;
 pub mod latency;
 pub mod numbers;
 pub mod page;
-pub mod pictures;
 pub mod run_page;
 pub mod statistics;
 pub mod summary;

@@ -77,9 +77,9 @@ impl RunStatistics {
     pub fn note(&mut self, trace: &Trace) {
         self.first.get_or_insert(trace.time);
         self.hash_state(&trace.joint_state);
-        if let Some(sighting) = &trace.measurement_record {
-            self.settle(trace.time, sighting.error_px);
-            if let Some(latency) = &sighting.latency {
+        if let Some(latest) = &trace.measurement_record {
+            self.settle(trace.time, latest.error_px);
+            if let Some(latency) = &latest.latency {
                 self.latencies.record(latency);
             }
         }

@@ -1,6 +1,6 @@
 //! Coverage of a row's pixels by polygons: exact for any number of edges in a pixel, acute corners and corners that touch.
 //!
-//! A pixel sees the picture through the kernel `k(x) k(y)`: its own square, blurred by the optics. With `K` the integral of `k`, the
+//! A pixel sees the image through the kernel `k(x) k(y)`: its own square, blurred by the optics. With `K` the integral of `k`, the
 //! share of a region that a pixel at `p` sees is, by Green's theorem, a sum over the region's border alone:
 //!
 //! ```text

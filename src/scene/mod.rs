@@ -5,7 +5,7 @@
 //!   X_CO, Target --> View: lines of the plate and the occluder, conics of the dots, bands of pixels near an edge
 //!   View, Rays, EdgeProfile --> levels of one row (flat spans are filled, edge pixels are evaluated)
 //! any other scene:
-//!   X_CO, Scenery --> Layers: outlines as edges of the picture, layer by layer; Backdrop: texture and clutter
+//!   X_CO, Scenery --> Layers: outlines as edges of the image, layer by layer; Backdrop: texture and clutter
 //!   Layers, Kernel --> Ink: coverage of a row --> levels of one row, painted from the background to the front
 //! both: levels x vignetting + noise --> bytes
 //! ```

@@ -1,4 +1,4 @@
-//! The rims of what lies in the picture, as bands of pixels: straight edges and circles through perspective and lens.
+//! The rims of what lies in the image, as bands of pixels: straight edges and circles through perspective and lens.
 
 use super::bands::Bands;
 use crate::camera_model::CameraModel;

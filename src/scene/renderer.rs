@@ -1,4 +1,4 @@
-//! The synthetic camera's picture: every pixel of every row, in place.
+//! The synthetic camera's image: every pixel of every row, in place.
 
 use super::backdrop::Backdrop;
 use super::bands::PER_ROW;
@@ -15,7 +15,7 @@ use crate::geometry::Pose;
 use crate::target::Target;
 use nalgebra::Vector2;
 
-/// Longest side of a picture that can be rendered, px.
+/// Longest side of an image that can be rendered, px.
 pub const LARGEST_SIDE_PX: u32 = 4096;
 
 /// Renders the target, and what lies around it, as the camera sees it: perspective, lens, edges to a hundredth of a pixel's coverage,
@@ -108,7 +108,7 @@ impl Renderer {
         Ok(self)
     }
 
-    /// The same, with pictures of a camera of this response that is `believed` to have another one: levels are bent by the one, and
+    /// The same, with images of a camera of this response that is `believed` to have another one: levels are bent by the one, and
     /// straightened by the other.
     #[must_use]
     pub fn with_response(mut self, response: &Response, believed: &Response) -> Self {
@@ -124,7 +124,7 @@ impl Renderer {
         self
     }
 
-    /// From now on pictures show `occluders` in front of the target, each over those before it, or nothing.
+    /// From now on images show `occluders` in front of the target, each over those before it, or nothing.
     pub fn occlude(&mut self, occluders: impl IntoIterator<Item = Occluder>) {
         let mut occluders = occluders.into_iter();
         self.occluder = occluders.next();
@@ -213,7 +213,7 @@ impl Renderer {
         let (width, height) = (i.width_px as usize, i.height_px as usize);
         let paint = Paint { rays: &self.rays, profile: &self.profile, look: &self.look };
         let mean = Mean::of(count);
-        // Between rows without any edge the picture does not change: the row of levels is kept.
+        // Between rows without any edge the image does not change: the row of levels is kept.
         let mut fresh = false;
         for (y, row) in out.chunks_exact_mut(width).take(height).enumerate() {
             let views = self.views.get(..count).unwrap_or(&[]);

@@ -1,4 +1,4 @@
-//! All that lies in a scene in layers, and its pictures at the instants of one exposure.
+//! All that lies in a scene in layers, and its images at the instants of one exposure.
 
 use super::backdrop::{Backdrop, Texture, rectangle};
 use super::ink::{Ink, PixelKernel};
@@ -129,7 +129,7 @@ impl Scenery {
             && self.backdrop.texture_levels == 0.0
     }
 
-    /// Sets the pictures up for the poses of an exposure.
+    /// Sets the images up for the poses of an exposure.
     pub(super) fn set(&mut self, X_CO_over_exposure: &[Pose], camera: &CameraModel) {
         self.count = X_CO_over_exposure.len();
         while self.views.len() < self.count {

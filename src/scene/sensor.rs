@@ -18,7 +18,7 @@ const TABLE: usize = 1 << 16;
 /// Rows enter the table anywhere and read on: as many samples again as a row may have.
 const LONGEST_ROW: usize = 4096;
 
-/// What the sensor and the optics add to an ideal picture.
+/// What the sensor and the optics add to an ideal image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorModel {
     /// Standard deviation of the additive noise of each pixel, grey levels, [`Self::NOISE_SD_LEVELS`].

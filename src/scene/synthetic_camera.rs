@@ -64,7 +64,7 @@ impl<const N: usize> SyntheticCamera<N> {
         self.origin.map_or(SpanNs(0), |origin| SpanNs((time - origin).0.max(0)))
     }
 
-    /// How far the target moves in the picture during the exposure, px; 0 where a part of it is not in front.
+    /// How far the target moves in the image during the exposure, px; 0 where a part of it is not in front.
     fn motion_px(&self, exposure: &Exposure) -> f64 {
         let half = SpanNs(exposure.span.0 / 2);
         let (before, after) = (self.view(exposure, SpanNs(-half.0)), self.view(exposure, half));

@@ -49,7 +49,7 @@ pub(super) struct SceneView {
 }
 
 impl SceneView {
-    /// A view for pictures of this size and `dots` dots.
+    /// A view for images of this size and `dots` dots.
     pub(super) fn new(width: usize, height: usize, dots: usize) -> Self {
         Self {
             visible: false,

@@ -1,4 +1,4 @@
-//! What of the target is in the picture: whole marks, not centres alone.
+//! What of the target is in the image: whole marks, not centres alone.
 
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
@@ -8,13 +8,13 @@ use serde::Serialize;
 
 /// Outlines of dots leave them by no more than this share of their radius.
 const SAG: f64 = 0.002;
-/// So much about a dot must be in the picture, px: dark that touches the border is no dot to the finder, and one that just fits does not.
+/// So much about a dot must be in the image, px: dark that touches the border is no dot to the finder, and one that just fits does not.
 const ROOM_ABOUT_A_DOT_PX: f64 = 0.0;
 /// What a corner of a tag or of an outline, and one of a chessboard needs about it, px.
 const ROOM_ABOUT_A_CORNER_PX: f64 = 2.0;
 const ROOM_ABOUT_A_SADDLE_PX: f64 = 5.0;
 
-/// How far something is beyond each border of the picture, px; zero where it is not.
+/// How far something is beyond each border of the image, px; zero where it is not.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Overhang {
     /// Beyond the left border.
@@ -28,7 +28,7 @@ pub struct Overhang {
 }
 
 impl Overhang {
-    /// Whether all is in the picture.
+    /// Whether all is in the image.
     #[must_use]
     pub fn is_none(&self) -> bool {
         *self == Self::default()
@@ -49,20 +49,20 @@ impl Overhang {
     }
 }
 
-/// One point of the target in the picture.
+/// One point of the target in the image.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PointVisibility {
     /// Its number, from 1, as everywhere in a run file.
     pub point: usize,
     /// Where its centre is, px; `None` behind the camera or beyond what the lens shows.
     pub px: Option<[f64; 2]>,
-    /// Whether all that the finder needs of it is in the picture.
+    /// Whether all that the finder needs of it is in the image.
     pub whole: bool,
     /// By how much it is not.
     pub outside: Overhang,
 }
 
-/// The target in the picture.
+/// The target in the image.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Visibility {
     /// Its points.
@@ -80,7 +80,7 @@ pub struct Visibility {
 }
 
 impl Visibility {
-    /// The `target` at `X_CO` in the picture of `camera`.
+    /// The `target` at `X_CO` in the image of `camera`.
     #[must_use]
     pub fn of(target: &Target, camera: &CameraModel, X_CO: &Pose) -> Self {
         let marks = outlines(target);
@@ -152,7 +152,7 @@ impl PointVisibility {
         if self.px.is_none() {
             format!("point {n} lies behind the camera or beyond what its lens shows")
         } else if self.outside.is_none() {
-            format!("point {n} touches the border of the picture")
+            format!("point {n} touches the border of the image")
         } else {
             format!("point {n} is outside, {}", self.outside.describe())
         }

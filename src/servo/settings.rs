@@ -33,7 +33,7 @@ pub struct ServoSettings {
     pub smooth_start_1_s: Option<f64>,
     /// Secondary task: gain of the motion away from joint limits, 1/s.
     pub limit_avoidance_1_s: Option<f64>,
-    /// Keeps features in the picture.
+    /// Keeps features in the image.
     pub visibility: Option<VisibilityGuard>,
     /// Estimates the object's own motion: `predict` then carries views by it too, and velocity laws follow it. `None`
     /// for an object at rest.

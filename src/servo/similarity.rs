@@ -1,4 +1,4 @@
-//! Least squares for m = 4, (10.33): with object and image plane parallel, the picture of a plane is a similar figure.
+//! Least squares for m = 4, (10.33): with object and image plane parallel, the image of a plane is a similar figure.
 
 use nalgebra::Vector2;
 

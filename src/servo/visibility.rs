@@ -1,4 +1,4 @@
-//! Keeps features in the picture: bends and slows a wished motion that would carry them over its border.
+//! Keeps features in the image: bends and slows a wished motion that would carry them over its border.
 //!
 //! Each seen feature at the pixel u may move outward no faster than the distance d that is left to a margin before the
 //! border allows: a velocity damper, `n . u_dot <= k max(d, 0)` with n the outward normal of a side and
@@ -31,14 +31,14 @@ const GOAL_SHARE: f64 = 0.5;
 const SWEEPS: usize = 60;
 /// Outward speed beyond what is allowed that is let pass, px/s.
 const SLACK_PX_S: f64 = 1e-3;
-/// How much a turn of 1 rad counts, m: what it moves the picture of a target as far away.
+/// How much a turn of 1 rad counts, m: what it moves the image of a target as far away.
 const TURN_M: f64 = 0.5;
 /// How much more than its own damping an arm under a torque law is braked when it is too fast towards a border.
 const BRAKING: f64 = 4.0;
 /// Damping in the solution for a torque law's velocity, as share of the largest diagonal entry.
 const DAMPING: f64 = 1e-9;
 
-/// What is kept in the picture, and how.
+/// What is kept in the image, and how.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VisibilityGuard {
     /// The camera that sees the features.
@@ -51,7 +51,7 @@ pub struct VisibilityGuard {
     pub rate_1_s: f64,
 }
 
-/// What a feature's motion may be: `rows V` is its velocity in the picture, `growth V` that of the radius of a mark about it,
+/// What a feature's motion may be: `rows V` is its velocity in the image, `growth V` that of the radius of a mark about it,
 /// px/s.
 #[derive(Clone, Copy)]
 struct Bound {
@@ -64,7 +64,7 @@ struct Bound {
 }
 
 impl VisibilityGuard {
-    /// `wish` about `task`, so that no feature of `view` is carried out of the picture.
+    /// `wish` about `task`, so that no feature of `view` is carried out of the image.
     #[must_use]
     pub fn hold<const N: usize>(
         &self,
@@ -304,7 +304,7 @@ mod tests {
         Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: Interaction::TEXTBOOK }
     }
 
-    /// Pixel distances of the four points from the nearest borders, less their radius in the picture.
+    /// Pixel distances of the four points from the nearest borders, less their radius in the image.
     fn nearest_px(X_CO: &Pose) -> f64 {
         let guard = guard();
         let i = guard.camera.intrinsics();
@@ -336,7 +336,7 @@ mod tests {
             .prop_map(|(turn, x, y, z)| {
                 Pose::new([x, y, z].into(), turn.into()) * Pose::translation(-0.05, -0.05, 0.0)
             })
-            .prop_filter("in the picture", |X_CO| nearest_px(X_CO) > 0.0)
+            .prop_filter("in the image", |X_CO| nearest_px(X_CO) > 0.0)
     }
 
     proptest! {

@@ -369,7 +369,7 @@ impl ServoSettings {
         Some(answer)
     }
 
-    /// What the law asks for as far as the target stays in the picture, and of the `secondary` motion as much as `task` does not
+    /// What the law asks for as far as the target stays in the image, and of the `secondary` motion as much as `task` does not
     /// feel.
     fn answer<const N: usize>(
         &self,

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! Moment::Tick: q, qd measured ─► at rest? ─┐
-//! Moment::Frame: pixels ─► corners ─────────┴─► twice the same picture at rest ─► a view, once for each rest
+//! Moment::Frame: pixels ─► corners ─────────┴─► twice the same image at rest ─► a view, once for each rest
 //! ```
 //! The arm is where its encoders and the robot's model say; where the camera really sits does not enter.
 
@@ -20,7 +20,7 @@ use crate::vision::{Vision, VisionSettings};
 use nalgebra::SVector;
 use std::ops::ControlFlow;
 
-/// The arm must have been at rest for so long before a picture counts.
+/// The arm must have been at rest for so long before an image counts.
 const REST: SpanNs = SpanNs(250_000_000);
 /// Lens and board may be so far from their description without a corner being left out for it, px.
 const MODEL_SD_PX: f64 = 2.0;
@@ -65,7 +65,7 @@ struct ViewTaker<'a> {
     /// The flange, and when it was there.
     arm: Option<(Pose, Twist, MonoNs)>,
     at_rest_since: Option<MonoNs>,
-    /// What was found in the picture before, and when.
+    /// What was found in the image before, and when.
     before: Option<(Vec<Found>, MonoNs)>,
     /// This rest has its view.
     taken: bool,
@@ -88,16 +88,16 @@ impl ViewTaker<'_> {
         }
     }
 
-    /// A board this near moves the fastest in the picture.
+    /// A board this near moves the fastest in the image.
     fn nearest_m(&self) -> f64 {
         let plate = self.config.target.plate();
         let size_m = (plate.high_m - plate.low_m).norm();
         let i = self.config.camera.model.intrinsics();
-        // it fills the picture at the least
+        // it fills the image at the least
         size_m * i.fx_px.max(i.fy_px) / f64::from(i.width_px).hypot(f64::from(i.height_px))
     }
 
-    /// Takes a view where the arm rests, and the picture with it.
+    /// Takes a view where the arm rests, and the image with it.
     fn look(&mut self, image: &crate::imaging::ImageView<'_>) {
         let (Some((X_BE, V_BE_E, now)), Some(since)) = (self.arm, self.at_rest_since) else { return };
         if self.taken || now - since < REST {

@@ -165,7 +165,7 @@ fn right_camera<const N: usize>(config: &Config) -> Result<Option<RightCamera<N>
     Ok(Some(RightCamera { config, camera, pixels }))
 }
 
-/// Exposes `exposure`: the header of the frame, and its picture.
+/// Exposes `exposure`: the header of the frame, and its image.
 fn exposed<'a, const N: usize>(
     camera: &Camera,
     source: &mut SyntheticCamera<N>,

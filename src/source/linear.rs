@@ -32,7 +32,7 @@ impl FreeRunningSource for Linearized<dyn FreeRunningSource> {
 
     fn fill(&mut self, out: &mut [u8]) -> Result<Filled, SourceError> {
         let filled = self.source.fill(out)?;
-        if filled == Filled::Picture {
+        if filled == Filled::Image {
             self.table.apply(out);
         }
         Ok(filled)

@@ -16,7 +16,7 @@ pub use crate::scene::Exposure;
 pub use image_file::load_any as load_image;
 use linear::Linearized;
 pub use replay::Replay;
-use v4l2::{CaptureWish, V4l2Error};
+use v4l2::{CaptureRequest, V4l2Error};
 
 use crate::config::assemble::{self, AssembleError};
 use crate::config::{self, Config};
@@ -152,8 +152,8 @@ pub struct Captured {
 /// What became of a frame that was to be filled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Filled {
-    /// The picture is there.
-    Picture,
+    /// The image is there.
+    Image,
     /// It turned out to be damaged: it is lost.
     Damaged,
 }
@@ -253,8 +253,8 @@ pub fn open(config: &Config) -> Result<AnySource, SourceError> {
             }
         }
         config::Source::V4l2(settings) => {
-            let wish = CaptureWish::of(&config.camera, settings);
-            let source: Box<dyn FreeRunningSource> = Box::new(v4l2::open(wish)?);
+            let request = CaptureRequest::of(&config.camera, settings);
+            let source: Box<dyn FreeRunningSource> = Box::new(v4l2::open(request)?);
             match table {
                 Some(table) => free_running(Box::new(Linearized { table, source })),
                 None => free_running(source),

@@ -197,7 +197,7 @@ mod tests {
             std::fs::write(dir.path().join(name), &whole[..whole.len() - 9]).unwrap();
         }
         save("b2.png", 9, (9, 4));
-        std::fs::write(dir.path().join("b3.jpg"), "no picture").unwrap();
+        std::fs::write(dir.path().join("b3.jpg"), "no image").unwrap();
         let mut once = Replay::open(dir.path(), 8, 4, false, false).unwrap();
         assert_eq!(once.left_out(), 2, "of another size, and none");
         let expected = [(1, Position::Running), (2, Position::Running), (3, Position::Last)];
@@ -213,11 +213,11 @@ mod tests {
     /// Each half of a file, and a file that lacks its last bytes, is told by name; the whole one plays.
     #[test]
     fn an_image_that_is_cut_is_told_in_every_format() {
-        let picture = GrayImage::from_fn(64, 48, |x, y| Luma([(x * 3 + y * 5) as u8]));
+        let image = GrayImage::from_fn(64, 48, |x, y| Luma([(x * 3 + y * 5) as u8]));
         for name in ["a.png", "a.pgm", "a.jpg", "a.jpeg"] {
             let dir = tempfile::tempdir().unwrap();
             let path = dir.path().join(name);
-            picture.save(&path).unwrap();
+            image.save(&path).unwrap();
             let whole = std::fs::read(&path).unwrap();
             let play = || {
                 Replay::open(dir.path(), 64, 48, false, true)

@@ -68,13 +68,13 @@ impl Rectification {
         seen(&(self.R_R2 * s_2.push(1.0)))
     }
 
-    /// The table that makes rectified pictures of camera 1's images.
+    /// The table that makes rectified images of camera 1's images.
     #[must_use]
     pub fn map_1(&self, camera_1: &CameraModel) -> RectificationMap {
         RectificationMap::new(&self.camera, camera_1, &self.R_R1)
     }
 
-    /// The table that makes rectified pictures of camera 2's images.
+    /// The table that makes rectified images of camera 2's images.
     #[must_use]
     pub fn map_2(&self, camera_2: &CameraModel) -> RectificationMap {
         RectificationMap::new(&self.camera, camera_2, &self.R_R2)
@@ -142,10 +142,10 @@ impl RectificationMap {
         (self.width, self.height)
     }
 
-    /// Fills `picture`, row by row, from the camera's image; 0 where it sees nothing. What is missing of `picture`, or too
-    /// much, is left alone.
-    pub fn picture(&self, image: &ImageView<'_>, picture: &mut [u8]) {
-        for (out, [u, v]) in picture.iter_mut().zip(&self.places) {
+    /// Fills `rectified`, row by row, from the image of the camera; 0 where the camera sees nothing. Where `rectified` is too short or too
+    /// long, the rest is left as it is.
+    pub fn rectify(&self, image: &ImageView<'_>, rectified: &mut [u8]) {
+        for (out, [u, v]) in rectified.iter_mut().zip(&self.places) {
             *out = sample(image, f64::from(*u), f64::from(*v)).map_or(0, |x| (x + 0.5) as u8);
         }
     }
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_show_conjugates_in_one_row() {
+    fn images_show_conjugates_in_one_row() {
         let X = Pose::new([0.1, 0.01, 0.0].into(), [0.02, -0.05, 0.03].into());
         let cameras = [camera(300.0), camera(310.0)];
         let both = Rectification::new(&cameras[0], &cameras[1], &X).unwrap();
@@ -227,10 +227,10 @@ mod tests {
         let maps = [both.map_1(&cameras[0]), both.map_2(&cameras[1])];
         let centre = |k: usize| {
             let view = ImageView::new(&images[k], 320, 240).unwrap();
-            let mut picture = vec![0; 320 * 240];
-            maps[k].picture(&view, &mut picture);
+            let mut image = vec![0; 320 * 240];
+            maps[k].rectify(&view, &mut image);
             let (mut sum, mut at) = (0.0, Vector2::zeros());
-            for (i, x) in picture.iter().enumerate() {
+            for (i, x) in image.iter().enumerate() {
                 sum += f64::from(*x);
                 at += Vector2::new((i % 320) as f64, (i / 320) as f64) * f64::from(*x);
             }

@@ -6,7 +6,7 @@
 //!   O   o   o   O      v y_o        windows of w x w dots look alike, however they are turned: whoever sees
 //!   o   O   O   o                   one such window knows which it is. w is 3 for grids up to about 7 x 7.
 //! ```
-//! A grid of equal dots ([`DotGrid::equal`]) looks the same after a turn: seen whole, its dots are numbered as the picture stands.
+//! A grid of equal dots ([`DotGrid::equal`]) looks the same after a turn: seen whole, its dots are numbered as the image stands.
 
 use super::{Disc, Plate, Symmetry, TargetError, TargetPoint};
 use crate::linalg::Random;
@@ -89,7 +89,7 @@ impl DotGrid {
     }
 
     /// A grid of equal dots of any radius, as printed for calibrations. It is found whole or not at all, and a turn that it looks the
-    /// same after is not told: ids are those of the way it stands in the picture, rows from above, columns from the left.
+    /// same after is not told: ids are those of the way it stands in the image, rows from above, columns from the left.
     ///
     /// # Errors
     /// As for [`Self::new`].

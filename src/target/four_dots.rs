@@ -7,7 +7,7 @@
 //!      o         o
 //!   P4 (0,a)   P3 (a,a)     a = 0.1 m
 //! ```
-//! Its mirror image about the diagonal through P1 looks the same: behind a mirror, or in a picture that a camera mirrors, it is taken
+//! Its mirror image about the diagonal through P1 looks the same: behind a mirror, or in an image that a camera mirrors, it is taken
 //! for what it is not. With a P2 of a size between those of P1 and of the others it is chiral, and only seen as it is.
 
 use super::{Disc, Plate, Symmetry, TargetError, TargetPoint};

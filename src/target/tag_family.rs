@@ -271,7 +271,7 @@ mod tests {
                 for bit in 0..family.bits() {
                     let (x, y) = family.place(bit);
                     let (mut x, mut y) = (x as i32, y as i32);
-                    // where the cell of the picture lies in the tag: the picture shows it turned counter-clockwise
+                    // where the cell of the image lies in the tag: the image shows it turned counter-clockwise
                     for _ in 0..turns {
                         (x, y) = (n - 1 - y, x);
                     }

@@ -18,7 +18,7 @@ const LARGEST_OFFSET: f64 = 0.5;
 /// Largest shift of one dot by what is dark beside it, px: two dots at a shadow's edge may move as a pose would move them.
 const LARGEST_DISTURBANCE_PX: f64 = 0.5;
 
-/// A point of one picture that lies off by so many robust deviations of the others is left out.
+/// A point of one image that lies off by so many robust deviations of the others is left out.
 const STRAY: f64 = 5.0;
 /// Median of chi-square with 2 degrees of freedom.
 const MEDIAN_SQUARE: f64 = 1.386;
@@ -40,7 +40,7 @@ pub(super) struct FrameEstimate {
     /// Of three dots only a guess, with which their centres are put right: they leave up to four poses.
     pub(super) pose: Option<RefinedPose>,
     pub(super) ambiguous: bool,
-    /// Of an ambiguous one: the other pose that explains the picture, and how much less likely it is, the logarithm of the ratio of the
+    /// Of an ambiguous one: the other pose that explains the image, and how much less likely it is, the logarithm of the ratio of the
     /// likelihoods.
     pub(super) other: Option<(RefinedPose, f64)>,
     /// Reprojection error of the pose; infinite without one.
@@ -272,7 +272,7 @@ impl PoseEstimator {
             && estimate.dots.iter().all(|d| d.disturbance_px <= LARGEST_DISTURBANCE_PX)
     }
 
-    /// Of two poses that explain the picture of `count` points almost equally well, the one nearer to the `known` one; and
+    /// Of two poses that explain the image of `count` points almost equally well, the one nearer to the `known` one; and
     /// whether there are two.
     fn choose(&self, both: &PlanarPose, known: Option<&Pose>, count: f64, sigma: f64) -> (Pose, bool) {
         let PlanarPose { best, other } = both;

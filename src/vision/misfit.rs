@@ -19,14 +19,14 @@ fn quantile(freedom: f64, deviate: f64) -> f64 {
     freedom * (1.0 - spread + deviate * spread.sqrt()).powi(3)
 }
 
-/// A misfit above the quantile of this deviate is no chance: one picture in a thousand.
+/// A misfit above the quantile of this deviate is no chance: one image in a thousand.
 const CHANCE_DEVIATE: f64 = 3.09;
 /// So many times greater than stated the variance of points may be by noise alone: stated ones are right to a quarter.
 const NOISE: f64 = 1.5;
 /// From so many points on some may be left out.
 pub(super) const ENOUGH_TO_CHOOSE: usize = 6;
 
-/// What a misfit says of one picture's pose.
+/// What a misfit says of one image's pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Growth {
     /// The variance of a point over the stated one.

@@ -39,7 +39,7 @@ const SEARCH_AGAIN: u32 = 5;
 pub struct Frame<'a> {
     /// Stamps and shape.
     pub header: FrameHeader,
-    /// The picture.
+    /// The image.
     pub image: ImageView<'a>,
 }
 
@@ -104,7 +104,7 @@ pub struct Vision {
     /// Buffers of sights that nobody holds.
     spare: Vec<FrameEstimate>,
     expected: Vec<Expected>,
-    /// Ids of points of one picture on which something lies.
+    /// Ids of points of one image on which something lies.
     harmed: Vec<u32>,
     /// Frames since a part of the target is hidden.
     hidden_for: u32,

@@ -1,4 +1,4 @@
-//! One picture by itself: what `vservo detect` asks.
+//! One image by itself: what `vservo detect` asks.
 
 use super::{Growth, Prior, Vision};
 use crate::detect::Found;
@@ -8,7 +8,7 @@ use crate::messages::TargetStatus;
 use crate::pose::RefinedPose;
 use nalgebra::Vector2;
 
-/// What one picture shows.
+/// What one image shows.
 #[derive(Debug, Clone, Copy)]
 pub struct Still<'a> {
     /// The points of the target, ids rising.
@@ -17,7 +17,7 @@ pub struct Still<'a> {
     pub px: &'a [Vector2<f64>],
     /// Where the target is; `None` where the points do not fix it.
     pub pose: Option<&'a RefinedPose>,
-    /// The other pose that explains the picture almost as well, and the logarithm of how many times less likely it is.
+    /// The other pose that explains the image almost as well, and the logarithm of how many times less likely it is.
     pub other: Option<&'a (RefinedPose, f64)>,
     /// Distance of the points from those of the pose, root mean square, px.
     pub rms_px: f64,
@@ -27,12 +27,12 @@ pub struct Still<'a> {
     pub growth: Growth,
     /// Ids of dots that are covered or lit in part, and measured by the rest of their rims.
     pub harmed: &'a [u32],
-    /// All tags in the picture, where the target is made of tags.
+    /// All tags in the image, where the target is made of tags.
     pub tags: &'a [TagFound],
 }
 
 impl Vision {
-    /// Searches one picture by itself; what was seen before does not matter, and is not touched.
+    /// Searches one image by itself; what was seen before does not matter, and is not touched.
     ///
     /// # Errors
     /// The status that says why there is no target.

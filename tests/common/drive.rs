@@ -108,7 +108,7 @@ fn drive_process() {
 
 fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
     let services = Services::join(place).unwrap();
-    let (commands, waker) = services.drive_command_receiver().unwrap();
+    let (commands, listener) = services.drive_command_receiver().unwrap();
     if behaviour.what == "mute" {
         let _states = services.drive_state_sender().unwrap();
         std::thread::sleep(Duration::from_secs(600));
@@ -139,7 +139,7 @@ fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
             count += 1;
             drive.send(count, rt::now(), 0);
         } else {
-            waker.wait(Duration::from_millis(50)).unwrap();
+            listener.wait(Duration::from_millis(50)).unwrap();
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Pictures in which something lies on the target: shadow, cover, glare. What is wrong by more than a tenth of a pixel
+//! Images in which something lies on the target: shadow, cover, glare. What is wrong by more than a tenth of a pixel
 //! must not reach control, and what is good must.
 
 #![allow(non_snake_case)]
@@ -41,7 +41,7 @@ fn exposure(X_CO: &Pose, smear_px: f64, random: &mut Random) -> Vec<Pose> {
 
 /// Every blur, noise, lens, tilt and motion: none is refused.
 #[test]
-fn good_pictures_raise_no_alarm() {
+fn good_images_raise_no_alarm() {
     let mut random = Random(1);
     let (mut found, mut unseen, mut greatest, mut sum) = (0, 0, 0.0f64, 0.0);
     for blur in [0.0, 0.3, 0.5, 0.8, 1.2] {

@@ -1,4 +1,4 @@
-//! Detection against the renderer's truth: accuracy, identity, what bad pictures get, tracking, determinism.
+//! Detection against the renderer's truth: accuracy, identity, what bad images get, tracking, determinism.
 
 #![allow(non_snake_case)]
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests; numbers for people
@@ -86,7 +86,7 @@ fn pose_and_its_covariance_fit_the_truth() {
     assert!(n > 150.0 && (4.8..7.5).contains(&mean), "{mean} {n}");
 }
 
-/// Places in the picture all along the rims of the dots. From a tilted camera those on the near side bulge far out.
+/// Places in the image all along the rims of the dots. From a tilted camera those on the near side bulge far out.
 fn rims(camera: &CameraModel, X_CO: &Pose) -> impl Iterator<Item = Option<Vector2<f64>>> {
     let (camera, X_CO) = (*camera, *X_CO);
     let target = FourDots::default();
@@ -124,9 +124,9 @@ proptest! {
         }
     }
 
-    /// Arbitrary pictures: no panic, and no target where there is none.
+    /// Arbitrary images: no panic, and no target where there is none.
     #[test]
-    fn random_pictures_hold_no_target(seed in any::<u64>(), kind in 0u32..4) {
+    fn random_images_hold_no_target(seed in any::<u64>(), kind in 0u32..4) {
         let mut state = seed;
         let mut next = move || {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);

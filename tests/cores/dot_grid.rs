@@ -13,7 +13,7 @@ use vservo::target::{DotGrid, FourDots, Target};
 use vservo::time::SpanNs;
 use vservo::vision::{Prior, Vision, VisionSettings};
 
-/// A grid, the picture of it, and who looks.
+/// A grid, the image of it, and who looks.
 struct Bench {
     target: Target,
     middle: Vector2<f64>,
@@ -215,7 +215,7 @@ fn nothing_is_found_where_there_is_none() {
     }
 }
 
-/// A grid as printed for calibrations: its dots tell no turn, so that they are numbered as the picture stands. Held against the scene.
+/// A grid as printed for calibrations: its dots tell no turn, so that they are numbered as the image stands. Held against the scene.
 #[test]
 fn equal_dots_are_found_whole_and_numbered_upright() {
     let mut random = Random(15);
@@ -288,12 +288,11 @@ fn photographed_grids_are_found_whole() {
         return;
     }
     for name in ["grid36-01.pgm", "grid36-03.pgm"] {
-        let picture = image::open(folder.join(name)).unwrap().into_luma8();
+        let image = image::open(folder.join(name)).unwrap().into_luma8();
         let settings = VisionSettings { track: false, ..VisionSettings::default() };
         let mut vision =
             Vision::new(camera(0.0), Target::from(DotGrid::equal(6, 6, 0.03).unwrap()), settings);
-        let view =
-            ImageView::new(picture.as_raw(), picture.width() as usize, picture.height() as usize).unwrap();
+        let view = ImageView::new(image.as_raw(), image.width() as usize, image.height() as usize).unwrap();
         let still = vision.points_of(&view).unwrap();
         assert_eq!(still.found.len(), 36, "{name}");
     }

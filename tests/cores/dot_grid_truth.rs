@@ -1,4 +1,4 @@
-//! Coded grids of dots among other things, in pictures of a renderer that shares nothing with the project's own: how many of any views
+//! Coded grids of dots among other things, in images of a renderer that shares nothing with the project's own: how many of any views
 //! are found. `VSERVO_CAMPAIGN=n` looks at `n` times as many, `VSERVO_SEED=n` at others.
 
 #![allow(non_snake_case)]
@@ -153,7 +153,7 @@ fn dots_that_are_no_grid_are_none() {
         let start = now();
         let result = finder.search(&image, &mut dots);
         times_us.push((now() - start).0 / 1000);
-        assert!(result.is_err() && dots.is_empty(), "picture {k}: {} dots", dots.len());
+        assert!(result.is_err() && dots.is_empty(), "image {k}: {} dots", dots.len());
     }
     times_us.sort_unstable();
     println!("no grid: search {} us p50, {} max", times_us[times_us.len() / 2], times_us[times_us.len() - 1]);
@@ -170,14 +170,14 @@ fn photographs_hold_no_coded_grid() {
     let files = sets.flatten().filter_map(|set| set.path().read_dir().ok()).flatten().flatten();
     let (mut count, mut longest_us) = (0, 0);
     for file in files {
-        let Ok(picture) = image::open(file.path()) else { continue };
-        let picture = picture.into_luma8();
-        let (width_px, height_px) = picture.dimensions();
+        let Ok(image) = image::open(file.path()) else { continue };
+        let image = image.into_luma8();
+        let (width_px, height_px) = image.dimensions();
         let (f_px, cx_px, cy_px) =
             (f64::from(width_px), 0.5 * f64::from(width_px), 0.5 * f64::from(height_px));
         let intrinsics = Intrinsics { fx_px: f_px, fy_px: f_px, cx_px, cy_px, width_px, height_px };
         let camera = CameraModel::new(intrinsics, Distortion::default()).unwrap();
-        let view = ImageView::new(picture.as_raw(), width_px as usize, height_px as usize).unwrap();
+        let view = ImageView::new(image.as_raw(), width_px as usize, height_px as usize).unwrap();
         let start = now();
         let result = Finder::new(camera, &target).search(&view, &mut Vec::new());
         longest_us = longest_us.max((now() - start).0 / 1000);

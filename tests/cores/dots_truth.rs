@@ -1,4 +1,4 @@
-//! Dots against pictures of a renderer that shares nothing with the project's own: how many views are found, how true centres are, and
+//! Dots against images of a renderer that shares nothing with the project's own: how many views are found, how true centres are, and
 //! whether stated deviations are honest. `VSERVO_CAMPAIGN=n` looks at `n` times as many views.
 
 #![allow(non_snake_case)]
@@ -134,7 +134,7 @@ fn any_view_is_found_and_tracking_agrees() {
     assert!(apart < 0.005 && greatest < 0.05, "{apart} {greatest}");
 }
 
-/// Conditions of pictures.
+/// Conditions of images.
 #[derive(Debug, Clone, Copy)]
 struct Cell {
     radius: f64,

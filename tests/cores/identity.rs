@@ -72,9 +72,9 @@ fn two_targets_of_any_size_are_ambiguous() {
     for k in 0..100 {
         let (left, right) = (half(&bench, -1.0), half(&bench, 1.0));
         bench.render(&left);
-        let picture = bench.image.clone();
+        let image = bench.image.clone();
         bench.render(&right);
-        for (row, left) in bench.image.chunks_exact_mut(WIDTH).zip(picture.chunks_exact(WIDTH)) {
+        for (row, left) in bench.image.chunks_exact_mut(WIDTH).zip(image.chunks_exact(WIDTH)) {
             row[..WIDTH / 2].copy_from_slice(&left[..WIDTH / 2]);
         }
         assert_eq!(
@@ -241,7 +241,7 @@ fn dots_of_no_known_target_keep_their_names() {
         2 => [60.0 + 4.0 * k, 180.0 - 3.0 * k],
         _ => [250.0, 200.0 - 2.0 * k],
     };
-    let picture = |k: f64| {
+    let image = |k: f64| {
         (0..320 * 240)
             .map(|i| {
                 let (x, y) = (f64::from(i % 320), f64::from(i / 320));
@@ -252,7 +252,7 @@ fn dots_of_no_known_target_keep_their_names() {
             .collect()
     };
     let starts: Vec<_> = (0..4).map(|id| place(id, 0.0)).collect();
-    let frames = (0..24).map(|k| picture(f64::from(k)));
+    let frames = (0..24).map(|k| image(f64::from(k)));
     let places = followed((320, 240), true, &starts, frames).unwrap();
     for (k, dots) in places.iter().enumerate() {
         for (id, px) in dots.iter().enumerate() {
@@ -262,7 +262,7 @@ fn dots_of_no_known_target_keep_their_names() {
     }
     // one dot is not two
     let twice = [starts[0], [starts[0][0] + 5.0, starts[0][1]]];
-    assert!(followed((320, 240), true, &twice, std::iter::once(picture(0.0))).is_none());
+    assert!(followed((320, 240), true, &twice, std::iter::once(image(0.0))).is_none());
 }
 
 /// A real sequence with motion blur and clutter, its four dots named clockwise from the upper left one.

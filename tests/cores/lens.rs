@@ -155,7 +155,7 @@ fn a_region_must_lie_in_the_image() {
     assert_eq!(truth.camera.region(), &region);
 }
 
-/// Pixels of a region are those of the whole picture, vignetting included; but for noise, which there is none of.
+/// Pixels of a region are those of the whole image, vignetting included; but for noise, which there is none of.
 #[test]
 fn a_region_shows_the_same_pixels() {
     let intrinsics =
@@ -175,7 +175,7 @@ fn a_region_shows_the_same_pixels() {
             nalgebra::Translation3::new(-0.08, -0.06, 0.4),
             nalgebra::UnitQuaternion::from_euler_angles(0.3, -0.2, 0.4),
         );
-        let picture = |camera: CameraModel| {
+        let image = |camera: CameraModel| {
             let i = *camera.intrinsics();
             let mut pixels = vec![0; (i.width_px * i.height_px) as usize];
             let mut renderer =
@@ -183,7 +183,7 @@ fn a_region_shows_the_same_pixels() {
             renderer.render(&[pose], 1, &mut pixels);
             pixels
         };
-        let (all, some) = (picture(whole), picture(part));
+        let (all, some) = (image(whole), image(part));
         let mut differ = 0;
         for (y, row) in some.chunks(320).enumerate() {
             for (x, level) in row.iter().enumerate() {

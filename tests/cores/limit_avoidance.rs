@@ -35,7 +35,7 @@ fn course(gain_1_s: f64) -> (Vec<[f64; 7]>, Vec<f64>) {
 }
 
 #[test]
-fn joints_stay_farther_from_their_ends_and_the_picture_stays() {
+fn joints_stay_farther_from_their_ends_and_the_image_stays() {
     let (plain, seen) = course(0.0);
     let (avoiding, seen_avoiding) = course(2.0);
     let most = |course: &[[f64; 7]]| course.iter().map(|q| q[0]).fold(f64::NEG_INFINITY, f64::max);
@@ -46,5 +46,5 @@ fn joints_stay_farther_from_their_ends_and_the_picture_stays() {
     assert!(most(&avoiding) < most(&plain) - 0.02, "{} {}", most(&avoiding), most(&plain));
     let first = seen[0];
     let off = seen.iter().zip(&seen_avoiding).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    assert!(off < 0.03 * first, "the picture differs by {off} of {first} px");
+    assert!(off < 0.03 * first, "the image differs by {off} of {first} px");
 }

@@ -145,7 +145,7 @@ fn run(config: &Config) -> Result<(), String> {
     wrong
 }
 
-/// The effective configuration of a run file, with small pictures so that many runs are quick.
+/// The effective configuration of a run file, with small images so that many runs are quick.
 fn effective(file: &str, extra: &str) -> Table {
     let text = std::fs::read_to_string(shipped(file)).unwrap();
     let mut table: Table = text.parse().unwrap();

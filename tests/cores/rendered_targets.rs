@@ -62,8 +62,8 @@ fn campaign(target: &Target, z_m: f64, sensor: SensorModel, views: u32) -> Outco
         renderer.render(&[X_CO], u64::from(n), &mut image);
         let truth = renderer.truth(&X_CO);
         let middle = truth.iter().sum::<Vector2<f64>>() / truth.len() as f64;
-        let picture = ImageView::new(&image, SIZE.0, SIZE.1).unwrap();
-        finder.search(&picture, &mut found).unwrap_or_else(|e| panic!("{e:?} at {X_CO}"));
+        let image = ImageView::new(&image, SIZE.0, SIZE.1).unwrap();
+        finder.search(&image, &mut found).unwrap_or_else(|e| panic!("{e:?} at {X_CO}"));
         // a tag is whole or not there: those that reach to the border are not asked for
         let whole = |ids: &[Vector2<f64>]| {
             ids.iter().all(|px| px.x > 15.0 && px.x < 624.0 && px.y > 15.0 && px.y < 464.0)
@@ -83,7 +83,7 @@ fn campaign(target: &Target, z_m: f64, sensor: SensorModel, views: u32) -> Outco
             normalized += error.norm_squared() / (2.0 * point.sigma_px * point.sigma_px);
             count += 1.0;
         }
-        let still = vision.still(&picture).unwrap();
+        let still = vision.still(&image).unwrap();
         assert!(still.consistent, "{X_CO}: {}", still.rms_px);
         let off = still.pose.unwrap().X_CO.inv_mul(&X_CO);
         pose += (off.translation.vector.norm() / z_m).powi(2);

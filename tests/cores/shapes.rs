@@ -50,7 +50,7 @@ fn looking(tilt: f64, about: f64, roll: f64, place: Vector3<f64>) -> Isometry3<f
     Isometry3::from_parts(Translation3::from(place), UnitQuaternion::from_rotation_matrix(&R))
 }
 
-/// The shape in a random view, wholly in the picture.
+/// The shape in a random view, wholly in the image.
 fn view(of: &[[f64; 2]], dice: &mut Dice, tilt: f64) -> Scene {
     loop {
         let z = dice.within(0.25, 0.9);
@@ -162,7 +162,7 @@ fn random_views_are_found_where_they_are() {
     }
 }
 
-fn picture(of: &[[f64; 2]], X_CO: Isometry3<f64>) -> Scene {
+fn image(of: &[[f64; 2]], X_CO: Isometry3<f64>) -> Scene {
     let mut scene = Scene::of_four_dots(X_CO);
     scene.discs.clear();
     scene.outlines = vec![corners(of)];
@@ -180,7 +180,7 @@ fn search(scene: &Scene, pixels: &[u8], shape: &Shape) -> Result<Vec<Found>, Sha
 #[test]
 fn what_is_seen_before_is_tracked_also_half_hidden() {
     let X_CO = looking(0.4, 1.0, 2.0, Vector3::new(0.02, -0.01, 0.4));
-    let scene = picture(&L, X_CO);
+    let scene = image(&L, X_CO);
     let mut pixels = scene.render();
     let truth: Vec<_> = scene.outlines[0].iter().map(|c| scene.project(c)).collect();
     let expected: Vec<_> = (0..)
@@ -220,7 +220,7 @@ fn what_is_seen_before_is_tracked_also_half_hidden() {
 #[test]
 fn light_on_dark_mirrored_two_and_others() {
     let X_CO = looking(0.3, 0.5, 1.0, Vector3::new(0.02, -0.01, 0.4));
-    let scene = picture(&L, X_CO);
+    let scene = image(&L, X_CO);
     let pixels = scene.render();
     assert_eq!(search(&scene, &pixels, &shape(&L)).unwrap().len(), 6);
     assert!(search(&scene, &pixels, &shape(&ARROW)).is_err());
@@ -229,8 +229,8 @@ fn light_on_dark_mirrored_two_and_others() {
     assert_eq!(search(&scene, &inverted, &shape(&L).light_on_dark(true)).unwrap().len(), 6);
     let mirrored = L.map(|[x, y]| [-x, y]);
     assert!(search(&scene, &pixels, &shape(&mirrored)).is_err());
-    // twice the same in one picture
-    let mut two = picture(&L, looking(0.0, 0.0, 0.0, Vector3::new(0.0, 0.0, 0.5)));
+    // twice the same in one image
+    let mut two = image(&L, looking(0.0, 0.0, 0.0, Vector3::new(0.0, 0.0, 0.5)));
     two.outlines = [-0.1, 0.1].map(|x| corners(&L.map(|[a, b]| [a + x, b]))).into();
     two.plate_m = [Vector2::new(-0.2, -0.1), Vector2::new(0.2, 0.1)];
     assert_eq!(search(&two, &two.render(), &shape(&L)), Err(ShapeMiss::Several));
@@ -240,7 +240,7 @@ fn light_on_dark_mirrored_two_and_others() {
 fn clutter_is_no_shape() {
     let mut dice = Dice(5);
     for k in 0..6 {
-        let mut scene = picture(
+        let mut scene = image(
             &L,
             looking(dice.within(0.0, 0.6), dice.within(0.0, 6.0), 0.3, Vector3::new(0.0, 0.0, 0.5)),
         );

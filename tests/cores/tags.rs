@@ -52,7 +52,7 @@ fn squares(tag: &TagFound, truth: &[(f64, f64); 4]) -> f64 {
     tag.corners_px.iter().zip(truth).map(|(p, t)| ((p.x - t.0).powi(2) + (p.y - t.1).powi(2)) / 8.0).sum()
 }
 
-/// Pictures of one kind.
+/// Images of one kind.
 #[derive(Clone, Copy, Debug)]
 struct Kind {
     side_px: (f64, f64),
@@ -96,7 +96,7 @@ impl Honesty {
     }
 }
 
-/// Looks at tags of a kind: `views` of them, each picture taken `times` with other noise.
+/// Looks at tags of a kind: `views` of them, each image taken `times` with other noise.
 fn look_at(kind: &Kind, views: usize, times: usize, dice: &mut Dice) -> Honesty {
     let mut honesty = Honesty::default();
     // what samples leave by chance has to be little beside the noise
@@ -162,7 +162,7 @@ fn corners_lie_where_they_are_and_as_surely_as_stated() {
         println!("{kind:?}: {:.0} % seen, rms {rms:.4} px, {chi2:.2}", 100.0 * share);
         assert!(share >= least, "{share} of {kind:?}");
         assert!(rms < most, "rms {rms} px, {kind:?}");
-        // some 380 coordinates, of which those of a picture hang together
+        // some 380 coordinates, of which those of an image hang together
         assert!((0.8..1.25).contains(&chi2), "normalized square {chi2}, {kind:?}");
     }
 }
@@ -272,7 +272,7 @@ fn clutter_and_noise_are_no_tags() {
         let pixels = canvas.expose(&look, &mut dice);
         for finder in &mut finders {
             let found = search(finder, &pixels, WIDTH, HEIGHT);
-            assert!(found.is_err(), "picture {i}: {found:?}");
+            assert!(found.is_err(), "image {i}: {found:?}");
         }
     }
 }
@@ -324,9 +324,9 @@ fn reasons_are_told() {
     assert_eq!(of(&dot, WIDTH, HEIGHT), TagMiss::NoRegion);
 }
 
-/// Any picture: no panic, whatever the size.
+/// Any image: no panic, whatever the size.
 #[test]
-fn any_picture_is_taken() {
+fn any_image_is_taken() {
     let mut dice = Dice(17);
     for _ in 0..400 {
         let (w, h) = (1 + dice.below(100) as usize, 1 + dice.below(80) as usize);
@@ -382,7 +382,7 @@ fn tracking_finds_what_searching_finds() {
     }
 }
 
-// ---- pictures of others -------------------------------------------------------------------------------------------------------
+// ---- images of others -------------------------------------------------------------------------------------------------------
 
 fn shared() -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
@@ -472,7 +472,7 @@ fn tags_of_another_renderer() {
 }
 
 #[test]
-fn pictures_of_other_things_hold_no_tags() {
+fn images_of_other_things_hold_no_tags() {
     let Some(data) = shared() else { return };
     let mut count = 0;
     for folder in std::fs::read_dir(&data).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_dir()) {
@@ -490,5 +490,5 @@ fn pictures_of_other_things_hold_no_tags() {
             }
         }
     }
-    println!("{count} pictures");
+    println!("{count} images");
 }

@@ -1,4 +1,4 @@
-//! Pictures in which something lies on a part of a target, by a renderer of the tests' own: what is told of them is honest. The harms are
+//! Images in which something lies on a part of a target, by a renderer of the tests' own: what is told of them is honest. The harms are
 //! put on the light, before it becomes bytes.
 
 #![allow(non_snake_case)]
@@ -52,7 +52,7 @@ fn view(dice: &mut Dice) -> Scene {
     }
 }
 
-/// The picture with something on one of the dots.
+/// The image with something on one of the dots.
 fn harmed(kind: Harm, dice: &mut Dice, scene: &Scene) -> Vec<u8> {
     let mut pixels = scene.render();
     let (c, radius_m) = scene.discs[(dice.unit() * 4.0) as usize % 4];
@@ -87,7 +87,7 @@ fn harmed(kind: Harm, dice: &mut Dice, scene: &Scene) -> Vec<u8> {
     pixels
 }
 
-/// What was told of many pictures.
+/// What was told of many images.
 #[derive(Debug, Default)]
 struct Told {
     unseen: u32,
@@ -184,7 +184,7 @@ fn what_is_told_of_harmed_dots_is_true() {
     }
 }
 
-/// A picture whose rows are exposed one after the other while the target moves by up to so many pixels.
+/// An image whose rows are exposed one after the other while the target moves by up to so many pixels.
 fn rolling(renderer: &mut Renderer, X_CO: &Pose, smear_px: f64, random: &mut Random, k: u64) -> Vec<u8> {
     const ROWS: usize = 8;
     let z = X_CO.translation.z;
@@ -215,7 +215,7 @@ fn spotted(image: &mut [u8], truth: &[Vector2<f64>], random: &mut Random) {
     }
 }
 
-/// What is covered in part, and what is smooth over the picture: rows that are exposed one after the other, a lens that is not the one of
+/// What is covered in part, and what is smooth over the image: rows that are exposed one after the other, a lens that is not the one of
 /// the calibration.
 #[test]
 fn what_is_told_of_boards_grids_and_tags_is_true() {
@@ -265,7 +265,7 @@ fn what_is_told_of_boards_grids_and_tags_is_true() {
                 }
             }
             told.tell(&format!("{name}, {harm}"));
-            // what a lens does to the four corners of one tag a pose takes up nearly whole: the picture cannot tell
+            // what a lens does to the four corners of one tag a pose takes up nearly whole: the image cannot tell
             let hidden = (name, harm) == ("one tag", "another lens");
             if told.untrue.len() as u32 * 8 > told.found && !hidden {
                 untrue.push(format!("{name}, {harm}: {:?}", told.untrue));

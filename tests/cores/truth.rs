@@ -72,7 +72,7 @@ fn a_larger_target_ends_farther_away_in_proportion() {
 }
 
 /// A focal length that is believed 10 % too short makes every direction 1/0.9 as steep as it is. The target faces the camera,
-/// so that the picture that is believed to be right shows it from 1/0.9 of the distance, and beside the axis by as much as
+/// so that the image that is believed to be right shows it from 1/0.9 of the distance, and beside the axis by as much as
 /// desired: `x / z` shrinks as `z` grows.
 #[test]
 fn a_short_focal_length_ends_farther_away_along_the_axis() {

@@ -150,12 +150,12 @@ fn a_goal_is_taught_in_one_place_and_come_back_to_from_another() {
     let there = "robot.q_start_rad_or_m=[0.48, -1.7, 1.44, -1.28, -1.8, 0.9]";
     let taught = in_folder(folder.path(), &["teach", "ur5", "--set", there, "--out", "goal.toml"], &[]);
     assert!(
-        taught.status.success() && text(&taught).contains("4 points from 10 pictures"),
+        taught.status.success() && text(&taught).contains("4 points from 10 images"),
         "{}",
         text(&taught)
     );
-    let picture = image::open(folder.path().join("goal.png")).unwrap();
-    assert_eq!((picture.width(), picture.height()), (640, 480));
+    let image = image::open(folder.path().join("goal.png")).unwrap();
+    assert_eq!((image.width(), image.height()), (640, 480));
     let instance = format!("hour-teach-{}", std::process::id());
     let run = ["run", "ur5", "--set", "servo.set_point.file=goal.toml", "--summary", "run.json"];
     let run = [&run[..], &["--clock", "lockstep", "--instance", &instance]].concat();
@@ -164,7 +164,7 @@ fn a_goal_is_taught_in_one_place_and_come_back_to_from_another() {
     let summary = std::fs::read_to_string(folder.path().join("run.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
     assert!(summary["final"]["position_error_m"].as_f64().unwrap() < 2e-4, "{summary}");
-    // the picture of it teaches the same
+    // the image of it teaches the same
     let again = ["teach", "ur5", "--image", "goal.png", "--measurements", "1", "--out", "again.toml"];
     let again = in_folder(folder.path(), &again, &[]);
     assert!(again.status.success(), "{}", text(&again));

@@ -1,4 +1,4 @@
-//! Two cameras on rendered pictures against the truth: poses, their covariance, views taught from files, and no allocation on the way.
+//! Two cameras on rendered images against the truth: poses, their covariance, views taught from files, and no allocation on the way.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 #![allow(non_snake_case)]
@@ -52,7 +52,7 @@ impl Eyes {
         }
     }
 
-    /// Both pictures of an object at `X_CO` in the left camera.
+    /// Both images of an object at `X_CO` in the left camera.
     fn look(&mut self, X_CO: &Pose, k: u64) {
         self.renderers[0].render(&[*X_CO], k, &mut self.pixels[0]);
         self.renderers[1].render(&[self.X_LR.inv_mul(X_CO)], k, &mut self.pixels[1]);
@@ -78,7 +78,7 @@ fn somewhere(X_DO: &Pose, random: &mut Random) -> Pose {
     Pose::translation(x, y, z) * X_DO * middle * Pose::new(Default::default(), turn.into()) * middle.inverse()
 }
 
-/// Poses of rendered pictures against the truth: as exact as they say, near the goal and far from it.
+/// Poses of rendered images against the truth: as exact as they say, near the goal and far from it.
 #[test]
 fn rendered_poses_are_as_exact_as_they_say() {
     let config = load(&[]);
@@ -141,25 +141,25 @@ fn nothing_is_allocated_per_pair() {
     assert_eq!((found, alone), (25, 5));
 }
 
-/// Pictures of both cameras in the desired pose, `vservo teach-view`, and a run with its file.
+/// Images of both cameras in the desired pose, `vservo teach-view`, and a run with its file.
 #[test]
-fn a_view_is_taught_from_pictures() {
+fn a_view_is_taught_from_images() {
     let config = load(&[]);
     let mut eyes = Eyes::of(&config);
     let X_DO = config.stereo.as_ref().unwrap().X_DO;
     let folder = tempfile::tempdir().unwrap();
-    let mut pictures = Vec::new();
+    let mut images = Vec::new();
     for k in 0..3 {
         eyes.look(&X_DO, k);
         for (side, pixels) in ["left", "right"].iter().zip(&eyes.pixels) {
             let path = folder.path().join(format!("{side}{k}.png"));
             image::save_buffer(&path, pixels, SIZE.0 as u32, SIZE.1 as u32, image::ColorType::L8).unwrap();
-            pictures.push(path);
+            images.push(path);
         }
     }
     let view = folder.path().join("view.toml");
     let output =
-        vservo().arg("teach-view").arg(file()).args(&pictures).arg("--out").arg(&view).output().unwrap();
+        vservo().arg("teach-view").arg(file()).args(&images).arg("--out").arg(&view).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let set = format!("stereo.taught_file={}", view.display());
     let taught = load(&[&set]);
@@ -168,20 +168,20 @@ fn a_view_is_taught_from_pictures() {
     assert_eq!(run.finish.outcome, Outcome::Converged, "{}", run.finish.reason);
     assert!(run.errors.position_error_m.unwrap() < 0.5e-3);
     // what does not serve is told
-    let refused = |pictures: &[PathBuf], code: i32, words: &str| {
-        let output = vservo().arg("teach-view").arg(file()).args(pictures).output().unwrap();
+    let refused = |images: &[PathBuf], code: i32, words: &str| {
+        let output = vservo().arg("teach-view").arg(file()).args(images).output().unwrap();
         let text = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(code) && text.contains(words), "{:?} {text}", output.status);
     };
-    refused(&pictures[..3], 2, "pairs are needed");
+    refused(&images[..3], 2, "pairs are needed");
     let blank = folder.path().join("blank.png");
     let grey = vec![90; SIZE.0 * SIZE.1];
     image::save_buffer(&blank, &grey, SIZE.0 as u32, SIZE.1 as u32, image::ColorType::L8).unwrap();
-    refused(&[pictures[0].clone(), blank], 3, "the right camera does not see the target");
+    refused(&[images[0].clone(), blank], 3, "the right camera does not see the target");
     let small = folder.path().join("small.png");
     image::save_buffer(&small, &grey[..320 * 480], 320, 480, image::ColorType::L8).unwrap();
-    refused(&[pictures[0].clone(), small], 3, "small.png");
-    refused(&[pictures[0].clone(), folder.path().join("none.png")], 3, "none.png");
+    refused(&[images[0].clone(), small], 3, "small.png");
+    refused(&[images[0].clone(), folder.path().join("none.png")], 3, "none.png");
 }
 
 /// A stamp error within the tolerance is a pair all the same; the left stamp counts.

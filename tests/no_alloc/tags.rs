@@ -1,4 +1,4 @@
-//! Looking for tags allocates nothing once it runs: searching, tracking, and pictures without tags alike.
+//! Looking for tags allocates nothing once it runs: searching, tracking, and images without tags alike.
 
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 

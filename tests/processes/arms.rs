@@ -98,7 +98,7 @@ fn the_start_is_far_from_the_goal() {
 }
 
 /// The law integrates: as long as the camera sees an error, the reference moves on. A load that the joint controller
-/// does not know shifts the arm against its reference, but not against the picture.
+/// does not know shifts the arm against its reference, but not against the image.
 #[test]
 fn an_unknown_payload_makes_no_lasting_error() {
     for arm in SIX_DOF {

@@ -105,7 +105,7 @@ fn opencv_corners_give_what_opencv_has() {
     assert!((p - expected).norm() < 1e-3, "{p}");
 }
 
-/// Error of a picture that took no part, after its pose is fitted.
+/// Error of an image that took no part, after its pose is fitted.
 fn held_back_px2(found: &CameraCalibration, view: &BoardView) -> f64 {
     let flat: Vec<_> = (view.iter())
         .map(|p| Correspondence { r: p.p_O.coords.xy(), s: found.camera.normalized_of(&p.px) })
@@ -186,7 +186,7 @@ fn camera_from_files() {
     }
     let folder = tempfile::tempdir().unwrap();
     let (out, report) = (folder.path().join("camera.yaml"), folder.path().join("report.html"));
-    // a picture without a board among them
+    // an image without a board among them
     let blank = folder.path().join("blank <b>.png");
     image::GrayImage::from_pixel(640, 480, image::Luma([90])).save(&blank).unwrap();
     let mut arguments = vec!["calibrate", "camera"];
@@ -290,7 +290,7 @@ fn pair_from_files() {
 
 /// A slip of the file names: no pair of files is written.
 #[test]
-fn the_same_pictures_twice_are_no_pair() {
+fn the_same_images_twice_are_no_pair() {
     let photographs = words(&photographs("left"));
     if photographs.is_empty() {
         println!("skipped: no ../shared");
@@ -361,7 +361,7 @@ fn what_cannot_be_done_is_told() {
 
 /// A camera process plays the photographs, each for five frames, again and again: each is taken once. Two of the nine are too alike.
 #[test]
-fn pictures_are_taken_from_a_running_camera() {
+fn images_are_taken_from_a_running_camera() {
     let photographs = photographs("left");
     if photographs.is_empty() {
         println!("skipped: no ../shared");
@@ -409,7 +409,7 @@ fn pictures_are_taken_from_a_running_camera() {
     let answer: Value = serde_json::from_str(&answer).unwrap();
     let rms_px = answer["rms_px"].as_f64().unwrap();
     assert!(answer["views"].as_array().unwrap().len() == 8 && rms_px < 0.195, "{answer}");
-    assert!(told.contains("8 of 8 pictures") && told.contains("next:"), "{told}");
+    assert!(told.contains("8 of 8 images") && told.contains("next:"), "{told}");
     assert!(CameraInfo::read(&std::fs::read_to_string(&out).unwrap()).is_ok());
     instance.assert_gone();
 }

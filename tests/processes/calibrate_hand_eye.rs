@@ -1,4 +1,4 @@
-//! `vservo calibrate hand-eye` as a real process: a Franka's pictures and poses, the same the other way round, and what is told of files
+//! `vservo calibrate hand-eye` as a real process: a Franka's images and poses, the same the other way round, and what is told of files
 //! that do not fit.
 
 #![allow(non_snake_case)]
@@ -189,9 +189,9 @@ fn what_does_not_fit_is_told() {
         (&ALL[..4], yaml(&[1, 2, 3, 4]), &["--target", "cheese"], 2, "no kind"),
         (&ALL[..4], yaml(&[1, 2, 3, 4]), &["--robot-sd-mm", "nan"], 2, "--robot-sd-mm"),
         (&ALL[..4], yaml(&[1, 2, 3, 4]), &["--time-offset"], 5, "velocity"),
-        // one picture many times
+        // one image many times
         (&[1, 1, 1][..], yaml(&[1, 1, 1]), &[], 5, "hardly turned"),
-        // poses of other pictures
+        // poses of other images
         (&ALL[..6], yaml(&[2, 3, 5, 6, 4, 1]), &[], 5, "angles"),
     ] {
         let ended = set.run(images, &poses, more);
@@ -240,7 +240,7 @@ fn the_order_of_quaternions_and_wrong_squares_are_told() {
         assert!(ended.err.contains("w x y z") && ended.err.contains("qx,qy,qz,qw"), "{}", ended.err);
         assert!(ended.out.is_empty(), "{}", ended.out);
     }
-    // squares twice too large: what the pictures say of distances is not what the robot says
+    // squares twice too large: what the images say of distances is not what the robot says
     let mut large = own.to_vec();
     large.extend(["--target", "chessboard:9x6:0.05"]);
     let ended = set.run(&ALL, &[right], &large);

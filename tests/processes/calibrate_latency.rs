@@ -133,7 +133,7 @@ fn what_prevents_it_is_told() {
         ("camera.synthetic.frame_loss=0.85", "the target was lost while the arm moved", 5),
         ("motion.max_acceleration_rad_s2_or_m_s2=[0.001]", "the target moved by only", 5),
         ("run.duration_s=3.0", "run.duration_s is over before the calibration motion was", 5),
-        ("camera.synthetic.stamp_error_ms=400", "no offset within 250 ms explains the picture", 5),
+        ("camera.synthetic.stamp_error_ms=400", "no offset within 250 ms explains the image", 5),
         ("camera.rate_hz=1", "frames showed the target, 12 are needed", 5),
         ("drive.simulated.payload_kg=400", "a joint is farther from its reference", 4),
         ("scene.plate_level=31", "run.duration_s is over: the target was never seen", 5),

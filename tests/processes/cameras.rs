@@ -106,9 +106,9 @@ fn processes_of_each_camera_live_side_by_side() {
     {
         let services = Services::join(&instance.name.parse().unwrap()).unwrap();
         for id in [CameraId(0), CameraId(1)] {
-            let (measurements, waker) = services.measurement_receiver(id).unwrap();
+            let (measurements, listener) = services.measurement_receiver(id).unwrap();
             let found = loop {
-                waker.wait(Duration::from_millis(50)).unwrap();
+                listener.wait(Duration::from_millis(50)).unwrap();
                 if let Some(m) = measurements.receive_newest().unwrap().filter(|m| m.found()) {
                     break m;
                 }

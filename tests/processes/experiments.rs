@@ -257,8 +257,8 @@ fn random_starts_end_with_a_reason() {
         let flier = FLIERS.iter().find(|f| f.name == flier).unwrap();
         let flown = flights(flier, 60).unwrap();
         let count = |fate| flown.iter().filter(|f| f.fate == fate).count() as i32;
-        let got = [Fate::Converged, Fate::LeftImage, Fate::LostSight].map(count);
-        // One may lie on the edge of a picture, where the last bit of another machine decides.
+        let got = [Fate::Converged, Fate::LeftImage, Fate::TargetLost].map(count);
+        // One may lie on the edge of an image, where the last bit of another machine decides.
         let near = got.iter().zip([home, left, lost]).all(|(got, expected)| (got - expected).abs() <= 1);
         assert!(near, "{}: {got:?}, expected {:?}", flier.name, [home, left, lost]);
         let mut image: Vec<f64> = flown.iter().map(|f| f.last_error_px / f.first_error_px).collect();

@@ -83,7 +83,7 @@ fn without_truth_the_camera_shows_what_is_measured() {
     let built_in = run("builtin", &LOCKSTEP);
     let outside = external("notruth", "no_truth", &LOCKSTEP);
     assert_accurate(&outside);
-    // The encoders are exact here: the pictures are the same, the errors come from the last measurement.
+    // The encoders are exact here: the images are the same, the errors come from the last measurement.
     assert_eq!(built_in.summary["state_hash"], outside.summary["state_hash"]);
     assert_ne!(built_in.summary["final"], outside.summary["final"]);
 }

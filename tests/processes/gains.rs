@@ -1,4 +1,4 @@
-//! Gains and delay in the whole system: rendered pictures, the arm's dynamics and limits.
+//! Gains and delay in the whole system: rendered images, the arm's dynamics and limits.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -8,7 +8,7 @@ use crate::common::run;
 fn settling_time_s(update: &str, gain_1_s: f64) -> Option<f64> {
     let update = format!("servo.update={update}");
     let gain = format!("servo.gain_1_s={gain_1_s}");
-    // What the prediction does, and not what keeps the target in the picture.
+    // What the prediction does, and not what keeps the target in the image.
     let set = ["camera.latency_ms=80", "servo.visibility.guard=false", &update, &gain];
     let mut args = vec!["--clock", "lockstep", "--duration-s", "8"];
     for value in set {

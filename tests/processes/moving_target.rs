@@ -37,7 +37,7 @@ fn feed_forward_keeps_up_with_a_conveyor() {
         "feature error behind a conveyor of 0.2 m/s: {with:.3} px with feed-forward, {without:.1} px without"
     );
     assert!(with < 0.25, "{with} px, 0.14 px is obtained");
-    // The camera lags by the target's speed over the gain, 0.05 m or 60 px and more; then the target is out of the picture.
+    // The camera lags by the target's speed over the gain, 0.05 m or 60 px and more; then the target is out of the image.
     assert!(without > 60.0, "{without} px without shows what it is good for");
 }
 

@@ -1,5 +1,5 @@
 //! See before running, and place an arm: from a bare URDF to a converged run in two commands; what `check` says of goals and views; the
-//! pictures of `view`.
+//! images of `view`.
 
 #![allow(non_snake_case, clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 
@@ -150,7 +150,7 @@ fn a_goal_that_cannot_be_reached_is_an_error() {
     assert!(answer["errors"][0].as_str().unwrap().contains("servo.desired"));
 }
 
-/// Centres in the picture and dots that are not whole: the target could not be found, and `check` says by how much. At the goal some of
+/// Centres in the image and dots that are not whole: the target could not be found, and `check` says by how much. At the goal some of
 /// the dots may do.
 #[test]
 fn a_target_that_is_cut_is_told() {
@@ -179,7 +179,7 @@ fn a_target_that_is_cut_is_told() {
 }
 
 #[test]
-fn pictures_of_start_and_goal() {
+fn images_of_start_and_goal() {
     let folder = tempfile::tempdir().unwrap();
     let cell = shipped("scara-eye-to-hand.toml");
     let cell = cell.to_str().unwrap();
@@ -187,11 +187,11 @@ fn pictures_of_start_and_goal() {
     let (code, out, error) = asked(&["view", cell, "--out", png.to_str().unwrap()]);
     assert_eq!(code, Some(0), "{error}");
     assert!(out.contains("view.png: written"), "{out}");
-    let picture = image::open(&png).unwrap().to_rgb8();
-    assert!(picture.width() > 2 * 640 && picture.height() > 480 + 100, "{:?}", picture.dimensions());
-    // marks in colour lie over both pictures
+    let image = image::open(&png).unwrap().to_rgb8();
+    assert!(image.width() > 2 * 640 && image.height() > 480 + 100, "{:?}", image.dimensions());
+    // marks in colour lie over both images
     for (from, to) in [(12, 652), (664, 1304)] {
-        let green = |x: u32, y: u32| picture.get_pixel(x, y).0 == [0, 255, 64];
+        let green = |x: u32, y: u32| image.get_pixel(x, y).0 == [0, 255, 64];
         let count =
             (30..510).flat_map(|y| (from..to).map(move |x| (x, y))).filter(|(x, y)| green(*x, *y)).count();
         assert!(count > 4 * 15, "{count} pixels of crosses and numbers");
@@ -217,8 +217,8 @@ fn pictures_of_start_and_goal() {
     ]);
     assert_eq!(code, Some(0), "{error}");
     assert!(out.contains("px beyond the"), "{out}");
-    let picture = image::open(&png).unwrap().to_rgb8();
-    assert!(picture.pixels().any(|p| p.0 == [255, 64, 64]), "it is drawn in red");
+    let image = image::open(&png).unwrap().to_rgb8();
+    assert!(image.pixels().any(|p| p.0 == [255, 64, 64]), "it is drawn in red");
 
     let (code, _, error) = asked(&["view", cell, "--out", "view.bmp"]);
     assert_eq!((code, error.as_str()), (Some(2), "vservo: --out: the name must end in .png or .svg\n"));

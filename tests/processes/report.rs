@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
-/// What every report has beside its pictures.
+/// What every report has beside its images.
 const FILES: [&str; 10] = [
     "config.toml",
     "events.csv",
@@ -100,9 +100,9 @@ fn a_report_does_not_change_a_lockstep_run() {
         .map(|e| e.unwrap().file_name().into_string().unwrap())
         .collect();
     names.sort();
-    let (pictures, others): (Vec<_>, Vec<_>) = names.into_iter().partition(|n| n.ends_with(".png"));
+    let (images, others): (Vec<_>, Vec<_>) = names.into_iter().partition(|n| n.ends_with(".png"));
     assert_eq!(others, FILES);
-    assert_eq!(pictures.len(), 2, "the first frame and the last: {pictures:?}");
+    assert_eq!(images.len(), 2, "the first frame and the last: {images:?}");
 
     // The same run without a report.
     let plain = crate::common::run("unreported", &LOCKSTEP[1..]);
@@ -145,8 +145,8 @@ fn a_report_does_not_change_a_lockstep_run() {
     }
     let local = page.replace("http://www.w3.org/2000/svg", "");
     for word in ["http", "//", "<script", "@import", "url("] {
-        let pictures = local.split("base64,").map(|p| p.split_once('"').map_or(p, |(_, after)| after));
-        assert!(pictures.clone().all(|p| !p.contains(word)), "{word}");
+        let images = local.split("base64,").map(|p| p.split_once('"').map_or(p, |(_, after)| after));
+        assert!(images.clone().all(|p| !p.contains(word)), "{word}");
     }
     assert!(!page.contains("NaN") && !page.contains("inf "), "no number is none");
     let drawings = drawings(&page);
@@ -205,9 +205,9 @@ fn a_realtime_run_has_a_report_with_jitter() {
 }
 
 #[test]
-fn replayed_pictures_and_a_calibration_have_one_too() {
-    let pictures = run(&LOCKSTEP);
-    let replay = format!("camera.replay.folder={}", pictures.path().display());
+fn replayed_images_and_a_calibration_have_one_too() {
+    let images = run(&LOCKSTEP);
+    let replay = format!("camera.replay.folder={}", images.path().display());
     let reported = run(&[&LOCKSTEP[..], &["--set", "camera.source=replay", "--set", &replay]].concat());
     assert_eq!(
         reported.summary["outcome"],
@@ -413,7 +413,7 @@ fn what_cannot_be_read_is_found() {
         "2000 px wide",
         "\\\"beyond\\\" is cut off",
         "not use the width",
-        "picture",
+        "image",
     ] {
         assert!(wrong.contains(part), "{part} in {wrong}");
     }

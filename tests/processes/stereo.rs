@@ -145,11 +145,7 @@ fn what_is_wrong_with_a_pair_is_told_at_its_key() {
     refused(&t, &["servo.set_point.kind=taught"], &["servo.set_point.kind", "taught_file"]);
     refused(&t, &["servo.points=[1,2]"], &["servo.points", "all taught points count"]);
     refused(&t, &["run.task=calibrate_latency"], &["run.task", "must be `servo`"]);
-    refused(
-        &t,
-        &["servo.desired.position_m=[-0.06,0.0,0.1]"],
-        &["servo.desired: only 0", "in both pictures"],
-    );
+    refused(&t, &["servo.desired.position_m=[-0.06,0.0,0.1]"], &["servo.desired: only 0", "in both images"]);
     refused(
         &with_right("rate_hz = 30.0"),
         &[],
@@ -178,7 +174,7 @@ fn what_is_wrong_with_a_pair_is_told_at_its_key() {
     refused(&points(&[a, b, (1, [0.0, 0.03, 0.4])]), &[], &["point 1 comes twice"]);
     refused(&points(&[a, b, (9999, [0.0, 0.03, 0.4])]), &[], &["point 9999 is none of the target's"]);
     refused(&points(&[a, b, (2, [0.0, 0.03, -0.4])]), &[], &["point 2: its position must lie before"]);
-    refused(&points(&[a, b, (2, [0.0, 0.9, 0.4])]), &[], &["point 2 lies outside of a picture"]);
+    refused(&points(&[a, b, (2, [0.0, 0.9, 0.4])]), &[], &["point 2 lies outside of an image"]);
     refused(&points(&[a, b, (2, [0.0, 1e9, 0.4])]), &[], &["stereo.points[2].position_m[1]", "out of range"]);
 }
 

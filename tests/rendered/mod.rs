@@ -1,4 +1,4 @@
-//! Rendered pictures and the vision that looks at them, for the tests of vision.
+//! Rendered images and the vision that looks at them, for the tests of vision.
 
 #![allow(dead_code, unreachable_pub)] // each test binary uses a part
 #![allow(non_snake_case)]

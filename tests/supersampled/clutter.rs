@@ -1,4 +1,4 @@
-//! What lies about a target: discs, or a mottled ground, seen in the picture's own pixels.
+//! What lies about a target: discs, or a mottled ground, seen in the image's own pixels.
 
 use super::Dice;
 use nalgebra::Vector2;
@@ -19,7 +19,7 @@ pub struct Clutter {
 const SIDE: usize = 256;
 
 impl Clutter {
-    /// So many discs of random radii at random places of a picture.
+    /// So many discs of random radii at random places of an image.
     pub fn discs(
         dice: &mut Dice,
         count: usize,
@@ -33,7 +33,7 @@ impl Clutter {
         Self { discs: (0..count).map(|_| disc(dice)).collect(), ..Self::default() }
     }
 
-    /// Discs of two radii, drawn for each, in rows and columns a `pitch` apart that stand askew over all of a picture.
+    /// Discs of two radii, drawn for each, in rows and columns a `pitch` apart that stand askew over all of an image.
     pub fn lattice(dice: &mut Dice, pitch: f64, radii: [f64; 2], [width, height]: [usize; 2]) -> Self {
         let (sin, cos) = dice.within(-3.2, 3.2).sin_cos();
         let middle = Vector2::new(width as f64, height as f64) * 0.5;

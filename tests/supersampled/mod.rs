@@ -66,7 +66,7 @@ pub struct Scene {
     pub noise_levels: f64,
     /// Share of light lost in the corners.
     pub vignetting: f64,
-    /// Light falls to one part in so many from one side of the picture to the other, along this direction, rad.
+    /// Light falls to one part in so many from one side of the image to the other, along this direction, rad.
     pub gradient: (f64, f64),
     /// What lies beside the plate.
     pub clutter: Clutter,
@@ -74,7 +74,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// The default target of four dots in a VGA picture; levels 190 and 30.
+    /// The default target of four dots in a VGA image; levels 190 and 30.
     pub fn of_four_dots(X_CO: Isometry3<f64>) -> Self {
         let corner = |x: f64, y: f64| Vector2::new(x, y);
         Self {
@@ -116,7 +116,7 @@ impl Scene {
         self.discs.iter().map(|(centre, _)| self.project(centre)).collect()
     }
 
-    /// Whether all discs are in the picture, `margin` px from its border.
+    /// Whether all discs are in the image, `margin` px from its border.
     pub fn in_view(&self, margin: f64) -> bool {
         self.discs.iter().all(|(c, radius)| {
             (0..32).all(|k| {
@@ -133,7 +133,7 @@ impl Scene {
         })
     }
 
-    /// The picture.
+    /// The image.
     pub fn render(&self) -> Vec<u8> {
         let (width, height) = (self.width, self.height);
         let mut levels = self.whole();
@@ -249,7 +249,7 @@ impl Scene {
         sum / (rays * rays) as f64
     }
 
-    /// The whole picture, on whole pixels.
+    /// The whole image, on whole pixels.
     fn whole(&self) -> Vec<f32> {
         let view = Plane::of(self);
         let mut levels = vec![0.0f32; self.width * self.height];

@@ -1,4 +1,4 @@
-//! Pictures of tags for tests and benches: nothing of them comes from the library but which cell is black.
+//! Images of tags for tests and benches: nothing of them comes from the library but which cell is black.
 //!
 //! A pinhole camera looks at a tag; each pixel is the mean of jittered samples, spread as its own square and the blur spread it.
 
@@ -109,7 +109,7 @@ impl Map {
     }
 }
 
-/// How a picture is taken.
+/// How an image is taken.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Look {
     pub(crate) dark: f64,
@@ -118,10 +118,10 @@ pub(crate) struct Look {
     pub(crate) ground: f64,
     pub(crate) margin_cells: f64,
     pub(crate) blur_px: f64,
-    /// How far the picture moves while it is taken.
+    /// How far the image moves while it is taken.
     pub(crate) motion_px: (f64, f64),
     pub(crate) noise: f64,
-    /// Light at the right end of the picture over that at the left.
+    /// Light at the right end of the image over that at the left.
     pub(crate) gradient: f64,
     /// Levels are `255 (light / 255)^(1 / gamma)`; noise comes after that.
     pub(crate) gamma: f64,
@@ -147,7 +147,7 @@ impl Default for Look {
     }
 }
 
-/// A grey picture under way.
+/// A grey image under way.
 pub(crate) struct Canvas {
     pub(crate) width: usize,
     pub(crate) height: usize,

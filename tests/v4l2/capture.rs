@@ -1,7 +1,7 @@
 //! The library's camera source on a device of the guest, and what its frames must be.
 
 use crate::usb_camera::JPEGS;
-use crate::usb_camera::picture::{self, Marks};
+use crate::usb_camera::test_image::{self, Marks};
 use std::path::Path;
 use std::time::Duration;
 use vservo::config::Config;
@@ -26,8 +26,8 @@ impl Wish<'_> {
 }
 
 /// The text of a run file with this camera; `extra` are more keys of `[camera.v4l2]`.
-pub fn run_file(device: &str, wish: Wish<'_>, extra: &str) -> String {
-    let Wish { format, size: (width, height), rate_hz } = wish;
+pub fn run_file(device: &str, request: Wish<'_>, extra: &str) -> String {
+    let Wish { format, size: (width, height), rate_hz } = request;
     // As much of the world as the default camera shows.
     let f_px = 800.0 * (width as f64 / 640.0).min(height as f64 / 480.0);
     format!(
@@ -37,8 +37,8 @@ pub fn run_file(device: &str, wish: Wish<'_>, extra: &str) -> String {
 }
 
 /// A configuration with this camera.
-pub fn config(device: &Path, wish: Wish<'_>, extra: &str) -> Config {
-    let text = run_file(device.to_str().unwrap(), wish, extra);
+pub fn config(device: &Path, request: Wish<'_>, extra: &str) -> Config {
+    let text = run_file(device.to_str().unwrap(), request, extra);
     Config::parse("cell.toml", &text, Path::new("."), &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
 }
 
@@ -50,8 +50,8 @@ pub struct Capture {
 }
 
 impl Capture {
-    pub fn open(device: &Path, wish: Wish<'_>) -> Self {
-        Self::with(&config(device, wish, "")).unwrap()
+    pub fn open(device: &Path, request: Wish<'_>) -> Self {
+        Self::with(&config(device, request, "")).unwrap()
     }
 
     pub fn with(config: &Config) -> Result<Self, SourceError> {
@@ -66,7 +66,7 @@ impl Capture {
         let end = rt::now() + longest;
         while rt::now() < end {
             if let Some(captured) = self.source.wait(Duration::from_millis(50)).unwrap()
-                && self.source.fill(&mut self.grey).unwrap() == Filled::Picture
+                && self.source.fill(&mut self.grey).unwrap() == Filled::Image
             {
                 return Some(captured);
             }
@@ -82,7 +82,7 @@ impl Capture {
     /// The next frame of the emulated USB camera and what is written in it.
     pub fn next_marked(&mut self) -> (Captured, Marks) {
         let captured = self.next();
-        (captured, picture::read(&self.grey, self.width).expect("a whole picture"))
+        (captured, test_image::read(&self.grey, self.width).expect("a whole image"))
     }
 
     /// How the camera stands.
@@ -140,20 +140,20 @@ impl Taken {
     }
 }
 
-/// Asserts that a frame is the emulated camera's picture to the last pixel; to a few levels where it was a JPEG.
-pub fn assert_picture(grey: &[u8], (width, height): (usize, usize), is_jpeg: bool) -> Marks {
-    let marks = picture::read(grey, width).expect("a whole picture");
-    let drawn = picture::draw(marks, width, height);
+/// Asserts that a frame is the emulated camera's image to the last pixel; to a few levels where it was a JPEG.
+pub fn assert_image(grey: &[u8], (width, height): (usize, usize), is_jpeg: bool) -> Marks {
+    let marks = test_image::read(grey, width).expect("a whole image");
+    let drawn = test_image::draw(marks, width, height);
     if is_jpeg {
         let sum: u64 = grey.iter().zip(&drawn).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
         assert!(sum < 2 * grey.len() as u64, "{} levels off", sum as f64 / grey.len() as f64);
     } else {
-        assert_eq!(picture::difference(grey, &drawn), 0, "{marks:?}");
+        assert_eq!(test_image::difference(grey, &drawn), 0, "{marks:?}");
     }
     marks
 }
 
-/// The number that follows in a camera's pictures.
+/// The number that follows in a camera's images.
 pub fn number_after(number: u16, is_jpeg: bool) -> u16 {
     if is_jpeg { (number + 1) % JPEGS as u16 } else { number.wrapping_add(1) }
 }

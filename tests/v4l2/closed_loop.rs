@@ -6,13 +6,13 @@
 //!             │                                                                    ▲
 //! the test:   └─► renderer ─► v4l2-ctl ─► /dev/video (HDMI output) ═ vivid ═ /dev/video (HDMI input)
 //! ```
-//! The output takes a frame at every period of 60 Hz and blocks the player meanwhile: the picture that is captured is a constant time old.
-//! How old is measured first, with pictures that say when they were drawn, and given to the run as `camera.stamp_offset_ms`.
+//! The output takes a frame at every period of 60 Hz and blocks the player meanwhile: the image that is captured is a constant time old.
+//! How old is measured first, with images that say when they were drawn, and given to the run as `camera.stamp_offset_ms`.
 
 use crate::capture::{self, Capture, Wish};
 use crate::common::{Instance, read_summary, vservo, wait_until};
 use crate::guest::{self, Vivid, sh};
-use crate::usb_camera::picture::{self, Marks};
+use crate::usb_camera::test_image::{self, Marks};
 use nalgebra::{Isometry3, SVector, Translation3, UnitQuaternion, Vector3};
 use serde_json::Value;
 use std::io::Write;
@@ -32,7 +32,7 @@ const REPEATED: usize = 2;
 /// HDMI at 640x480 has 59.94 Hz.
 const RATE_HZ: f64 = 59.94;
 
-/// vivid with its output led to its input, grey pictures of 640x480.
+/// vivid with its output led to its input, grey images of 640x480.
 fn cable() -> Vivid {
     let vivid = Vivid::load("node_types=0x101 num_inputs=1 input_types=3 num_outputs=1 output_types=1");
     for device in [vivid.output(), vivid.capture()] {
@@ -46,7 +46,7 @@ fn cable() -> Vivid {
 /// Renders the default cell and plays it.
 struct Player {
     camera: SyntheticCamera<4>,
-    picture: Vec<u8>,
+    image: Vec<u8>,
     frames: u64,
     tool: Child,
     screen: ChildStdin,
@@ -66,13 +66,13 @@ impl Player {
             .spawn()
             .unwrap();
         let screen = tool.stdin.take().unwrap();
-        Self { camera, picture: vec![0; 640 * 480], frames: 0, tool, screen, heard: Vec::new() }
+        Self { camera, image: vec![0; 640 * 480], frames: 0, tool, screen, heard: Vec::new() }
     }
 
-    /// Plays pictures that say when they were drawn, and captures them: the mean of how much later the stamps of the captures are.
+    /// Plays images that say when they were drawn, and captures them: the mean of how much later the stamps of the captures are.
     fn age_at_capture(&mut self, device: &Path) -> SpanNs {
-        let wish = Wish { rate_hz: RATE_HZ, ..Wish::VGA };
-        let config = capture::config(device, wish, "");
+        let request = Wish { rate_hz: RATE_HZ, ..Wish::VGA };
+        let config = capture::config(device, request, "");
         let done = AtomicBool::new(false);
         let ages_us: Vec<i32> = std::thread::scope(|scope| {
             let measure = || {
@@ -80,7 +80,7 @@ impl Player {
                 let mut ages = Vec::new();
                 while ages.len() < 60 {
                     let captured = capture.next();
-                    if let Some(marks) = picture::read(&capture.grey, capture.width) {
+                    if let Some(marks) = test_image::read(&capture.grey, capture.width) {
                         ages.push(((captured.mid.0 / 1000) as u32).wrapping_sub(marks.exposed_us) as i32);
                     }
                 }
@@ -89,13 +89,13 @@ impl Player {
             };
             let measuring = Builder::new().name("measure".into()).spawn_scoped(scope, measure).unwrap();
             while !done.load(Ordering::Relaxed) {
-                self.picture = picture::draw(Marks::new(self.frames, now()), 640, 480);
+                self.image = test_image::draw(Marks::new(self.frames, now()), 640, 480);
                 self.show();
             }
             measuring.join().unwrap()
         });
         let mean_us = ages_us.iter().map(|age| i64::from(*age)).sum::<i64>() / ages_us.len() as i64;
-        println!("a picture is {mean_us} us old: {ages_us:?}");
+        println!("an image is {mean_us} us old: {ages_us:?}");
         assert!((0..150_000).contains(&mean_us), "{ages_us:?}");
         SpanNs(1000 * mean_us)
     }
@@ -107,14 +107,14 @@ impl Player {
             self.heard.push(state);
         }
         let exposure = Exposure { frame_id: self.frames, mid: now(), span: SpanNs::ZERO };
-        self.camera.expose(&exposure, &mut self.picture);
+        self.camera.expose(&exposure, &mut self.image);
         self.show();
     }
 
     fn show(&mut self) {
         self.frames += 1;
         for _ in 0..REPEATED {
-            self.screen.write_all(&self.picture).unwrap();
+            self.screen.write_all(&self.image).unwrap();
         }
     }
 }
@@ -204,7 +204,7 @@ fn assert_there(Run { summary: s, heard, told }: &Run) {
 
 #[test]
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
-fn the_servo_converges_on_pictures_of_a_driver() {
+fn the_servo_converges_on_images_of_a_driver() {
     let vivid = cable();
     let run = servo(&vivid, "cable", |_| {});
     assert_there(&run);
@@ -252,7 +252,7 @@ fn the_arm_holds_while_the_driver_gives_no_frames() {
 /// What is played is what is captured, to the last bit and in its order.
 #[test]
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
-fn the_cable_carries_pictures() {
+fn the_cable_carries_images() {
     let vivid = cable();
     let mut player = Player::new(&vivid.output());
     let file = tempfile::NamedTempFile::new().unwrap();
@@ -260,7 +260,7 @@ fn the_cable_carries_pictures() {
     let mut capture: Option<Child> = None;
     loop {
         player.play(None);
-        played.push(player.picture.clone());
+        played.push(player.image.clone());
         if played.len() == 5 {
             sh(&format!("v4l2-ctl -d {} --set-fmt-video=pixelformat=GREY", vivid.capture().display()));
             let child = Command::new("v4l2-ctl")
@@ -278,8 +278,7 @@ fn the_cable_carries_pictures() {
     }
     let captured = std::fs::read(file.path()).unwrap();
     assert_eq!(captured.len(), 30 * 640 * 480);
-    let number =
-        |picture: &[u8]| played.iter().position(|p| p == picture).expect("a picture that was played");
+    let number = |image: &[u8]| played.iter().position(|p| p == image).expect("an image that was played");
     let numbers: Vec<usize> = captured.chunks(640 * 480).map(number).collect();
     // Each is taken twice by the output; input and output do not keep step with one another.
     assert!(numbers.windows(2).all(|w| w[1] == w[0] || w[1] == w[0] + 1), "{numbers:?}");

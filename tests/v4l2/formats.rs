@@ -1,4 +1,4 @@
-//! The other formats that vivid has, by both of the kernel's interfaces: the same grey picture from each.
+//! The other formats that vivid has, by both of the kernel's interfaces: the same grey image from each.
 
 use crate::capture::{CHECKERS, Capture, Wish, assert_checkers};
 use crate::guest::{Vivid, sh};
@@ -7,7 +7,7 @@ const FORMATS: [&str; 7] = ["GREY", "Y10", "Y12", "Y16", "YUYV", "UYVY", "NV12"]
 
 #[test]
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
-fn every_format_gives_the_same_picture() {
+fn every_format_gives_the_same_image() {
     for multiplanar in [1, 2] {
         let vivid =
             Vivid::load(&format!("node_types=0x1 num_inputs=1 input_types=0 multiplanar={multiplanar}"));

@@ -29,18 +29,18 @@ fn resident() -> i64 {
     line.split_whitespace().next().unwrap().parse().unwrap()
 }
 
-fn open_and_close(device: &Path, wish: Wish<'_>, cycles: usize) {
+fn open_and_close(device: &Path, request: Wish<'_>, cycles: usize) {
     for _ in 0..cycles {
-        let mut capture = Capture::open(device, wish);
+        let mut capture = Capture::open(device, request);
         capture.next();
     }
 }
 
-fn assert_nothing_stays(device: &Path, wish: Wish<'_>) {
-    open_and_close(device, wish, 20);
+fn assert_nothing_stays(device: &Path, request: Wish<'_>) {
+    open_and_close(device, request, 20);
     let (before, memory) = (held(), resident());
     assert_eq!(before.mapped, 0);
-    open_and_close(device, wish, 200);
+    open_and_close(device, request, 200);
     assert_eq!(held(), before);
     let grown = resident() - memory;
     assert!(grown < 1024, "{grown} kB more in 200 cycles");

@@ -1,6 +1,6 @@
 //! The program on the guest's devices: what it says of them, what it refuses and why, and its exit codes.
 
-use crate::capture::{CHECKERS, Wish, assert_checkers, assert_picture, run_file};
+use crate::capture::{CHECKERS, Wish, assert_checkers, assert_image, run_file};
 use crate::common::{kill, vservo, wait_until};
 use crate::guest::{self, Vivid};
 use crate::usb_camera::{Model, UsbCamera};
@@ -120,34 +120,34 @@ fn a_probe_measures_and_its_table_runs() {
 
 #[test]
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
-fn a_snapshot_is_the_picture() {
+fn a_snapshot_is_the_image() {
     guest::load_usb();
     let vivid = Vivid::webcam();
     vivid.set(CHECKERS);
     let usb = UsbCamera::plug(&Model::default());
     let folder = tempfile::tempdir().unwrap();
-    let png = folder.path().join("picture.png");
-    let picture = |arguments: &[&str]| {
+    let png = folder.path().join("image.png");
+    let image = |arguments: &[&str]| {
         let all = [&["--snapshot", png.to_str().unwrap()][..], arguments].concat();
         let (code, out, told) = camera(&all);
         assert_eq!(code, Some(0), "{out}{told}");
-        let picture = image::open(&png).unwrap();
-        assert_eq!(picture.color(), image::ColorType::L8);
-        assert_eq!((picture.width(), picture.height()), (640, 480));
-        picture.into_luma8().into_raw()
+        let image = image::open(&png).unwrap();
+        assert_eq!(image.color(), image::ColorType::L8);
+        assert_eq!((image.width(), image.height()), (640, 480));
+        image.into_luma8().into_raw()
     };
     let device = vivid.capture();
     for format in ["GREY", "YUYV"] {
-        assert_checkers(&picture(&["--device", device.to_str().unwrap(), "--format", format]), 640);
+        assert_checkers(&image(&["--device", device.to_str().unwrap(), "--format", format]), 640);
     }
     for format in ["GREY", "MJPG"] {
-        let grey = picture(&["--device", usb.node().to_str().unwrap(), "--format", format]);
-        assert_picture(&grey, (640, 480), format == "MJPG");
+        let grey = image(&["--device", usb.node().to_str().unwrap(), "--format", format]);
+        assert_image(&grey, (640, 480), format == "MJPG");
     }
     // Of a run file's camera.
     let file = folder.path().join("cell.toml");
     std::fs::write(&file, run_file("Emulated Camera", Wish { rate_hz: 30.0, ..Wish::VGA }, "")).unwrap();
-    assert_picture(&picture(&[file.to_str().unwrap()]), (640, 480), false);
+    assert_image(&image(&[file.to_str().unwrap()]), (640, 480), false);
 }
 
 #[test]
@@ -217,11 +217,11 @@ fn what_a_device_does_not_offer_is_told_with_what_it_does() {
     let device = device.to_str().unwrap();
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("cell.toml");
-    let refused = |wish: Wish<'_>, extra: &str, words: &[&str]| {
-        std::fs::write(&file, run_file(device, wish, extra)).unwrap();
-        let png = folder.path().join("picture.png");
+    let refused = |request: Wish<'_>, extra: &str, words: &[&str]| {
+        std::fs::write(&file, run_file(device, request, extra)).unwrap();
+        let png = folder.path().join("image.png");
         let (code, out, told) = camera(&[file.to_str().unwrap(), "--snapshot", png.to_str().unwrap()]);
-        assert_eq!(code, Some(3), "{wish:?} {extra}: {out}{told}");
+        assert_eq!(code, Some(3), "{request:?} {extra}: {out}{told}");
         for word in words {
             assert!(told.contains(word), "{word}: {told}");
         }

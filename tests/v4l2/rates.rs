@@ -1,8 +1,8 @@
 //! Every format at its rate: nothing lost, stamps that grow, pixels that are right.
 
-use crate::capture::{CHECKERS, Capture, Wish, assert_checkers, assert_picture, number_after};
+use crate::capture::{CHECKERS, Capture, Wish, assert_checkers, assert_image, number_after};
 use crate::guest::{self, Vivid};
-use crate::usb_camera::picture;
+use crate::usb_camera::test_image;
 use crate::usb_camera::{Model, UsbCamera};
 use vservo::time::SpanNs;
 
@@ -38,17 +38,17 @@ fn the_usb_camera_at_25_and_30_frames_a_second() {
     for rate_hz in [25.0, 30.0] {
         for format in ["GREY", "YUYV", "MJPG"] {
             let is_jpeg = format == "MJPG";
-            let wish = Wish { format, size: (640, 480), rate_hz };
-            let mut capture = Capture::open(&camera.node(), wish);
+            let request = Wish { format, size: (640, 480), rate_hz };
+            let mut capture = Capture::open(&camera.node(), request);
             let (_, first) = capture.next_marked();
             let mut number = first.number;
             let taken = capture.run(TEN_SECONDS, |_, grey| {
                 // Each is there and the next one; of some, every pixel is looked at.
                 let marks = match number % 8 {
-                    0 => assert_picture(grey, wish.size, is_jpeg),
-                    _ => picture::read(grey, wish.size.0).expect("a whole picture"),
+                    0 => assert_image(grey, request.size, is_jpeg),
+                    _ => test_image::read(grey, request.size.0).expect("a whole image"),
                 };
-                assert_eq!(marks.number, number_after(number, is_jpeg), "{wish:?}");
+                assert_eq!(marks.number, number_after(number, is_jpeg), "{request:?}");
                 number = marks.number;
             });
             taken.assert_whole(TEN_SECONDS, rate_hz);
@@ -56,7 +56,7 @@ fn the_usb_camera_at_25_and_30_frames_a_second() {
     }
 }
 
-/// The picture says when it was exposed: the source's stamp differs from it by a constant.
+/// The image says when it was exposed: the source's stamp differs from it by a constant.
 #[test]
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
 fn stamps_keep_step_with_the_exposures() {

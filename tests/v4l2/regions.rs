@@ -1,4 +1,4 @@
-//! A part of the sensor (`[camera.roi]`): the same pixels as in the whole picture, whoever cuts it.
+//! A part of the sensor (`[camera.roi]`): the same pixels as in the whole image, whoever cuts it.
 
 use crate::capture::{Capture, Wish, config};
 use crate::guest::{Vivid, sh};
@@ -7,26 +7,26 @@ use std::path::Path;
 /// Columns and rows of a region: first column, first row, width, height.
 type Region = [usize; 4];
 
-/// A still picture with every level, whole and by regions.
-fn assert_regions(device: &Path, wish: Wish<'_>, regions: &[Region]) {
+/// A still image with every level, whole and by regions.
+fn assert_regions(device: &Path, request: Wish<'_>, regions: &[Region]) {
     let whole = {
-        let mut capture = Capture::open(device, wish);
+        let mut capture = Capture::open(device, request);
         capture.next();
         capture.grey
     };
-    let (columns, _) = wish.size;
+    let (columns, _) = request.size;
     for &[x, y, width, height] in regions {
         let roi = format!(
             "[camera.roi]\nx_px = {x}\ny_px = {y}\nwidth_px = {width}\nheight_px = {height}\n\
              [servo.desired]\nposition_m = [-0.05, -0.05, 1.2]"
         );
-        let config = config(device, wish, &roi);
+        let config = config(device, request, &roi);
         let mut capture = Capture::with(&config).unwrap();
         capture.next();
         assert_eq!((capture.width, capture.grey.len()), (width, width * height));
         for (row, line) in capture.grey.chunks(width).enumerate() {
             let from = (y + row) * columns + x;
-            assert_eq!(line, &whole[from..from + width], "{wish:?} {x} {y} {width} {height}: row {row}");
+            assert_eq!(line, &whole[from..from + width], "{request:?} {x} {y} {width} {height}: row {row}");
         }
     }
 }
@@ -51,12 +51,12 @@ fn a_device_that_can_cut_does() {
     let tool = |what: &str| sh(&format!("v4l2-ctl -d {} {what}", device.display()));
     tool("--set-dv-bt-timings cvt,width=640,height=480,fps=60");
     vivid.set("quantization=1,osd_text_mode=2,test_pattern=20");
-    let wish = Wish { rate_hz: 60.0, ..Wish::VGA };
-    assert_regions(&device, wish, &[[32, 20, 560, 432]]);
+    let request = Wish { rate_hz: 60.0, ..Wish::VGA };
+    assert_regions(&device, request, &[[32, 20, 560, 432]]);
     let area = tool("--get-selection target=crop");
     assert!(area.contains("Left 32, Top 20, Width 560, Height 432"), "{area}");
     // Without a region all of it is read again, whatever somebody cut before.
-    Capture::open(&device, wish).next();
+    Capture::open(&device, request).next();
     let area = tool("--get-selection target=crop");
     assert!(area.contains("Left 0, Top 0, Width 640, Height 480"), "{area}");
 }

@@ -1,7 +1,7 @@
 //! The rig itself, by the video tool of the system: what the drivers give is what the other tests take it to be.
 
 use crate::guest::{self, Vivid, sh};
-use crate::usb_camera::picture::{self, Marks, difference};
+use crate::usb_camera::test_image::{self, Marks, difference};
 use crate::usb_camera::{Fault, JPEGS, Model, UsbCamera};
 use std::path::Path;
 
@@ -25,9 +25,9 @@ fn grey_of_yuyv(bytes: &[u8]) -> Vec<u8> {
 
 /// Asserts that frames are whole and that none is missing between them.
 fn assert_gapless(frames: &[Vec<u8>]) {
-    let marks: Vec<Marks> = frames.iter().map(|f| picture::read(f, WIDTH).expect("a picture")).collect();
+    let marks: Vec<Marks> = frames.iter().map(|f| test_image::read(f, WIDTH).expect("an image")).collect();
     for (frame, mark) in frames.iter().zip(&marks) {
-        assert_eq!(difference(frame, &picture::draw(*mark, WIDTH, HEIGHT)), 0, "{mark:?}");
+        assert_eq!(difference(frame, &test_image::draw(*mark, WIDTH, HEIGHT)), 0, "{mark:?}");
     }
     assert!(marks.windows(2).all(|w| w[1].number == w[0].number + 1), "{marks:?}");
 }
@@ -64,7 +64,7 @@ fn the_usb_camera_streams_every_format_without_loss() {
 
 #[test]
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
-fn its_jpegs_are_its_pictures() {
+fn its_jpegs_are_its_images() {
     guest::load_usb();
     let camera = UsbCamera::plug(&Model::default());
     let bytes = captured(&camera.node(), "MJPG", 20);
@@ -76,8 +76,8 @@ fn its_jpegs_are_its_pictures() {
     for jpeg in starts.windows(2).map(|w| &bytes[w[0]..w[1]]) {
         let decoded = image::load_from_memory_with_format(jpeg, image::ImageFormat::Jpeg).unwrap();
         let grey = decoded.to_luma8().into_raw();
-        let mark = picture::read(&grey, WIDTH).expect("a picture");
-        let drawn = picture::draw(mark, WIDTH, HEIGHT);
+        let mark = test_image::read(&grey, WIDTH).expect("an image");
+        let drawn = test_image::draw(mark, WIDTH, HEIGHT);
         let sum: u64 = grey.iter().zip(&drawn).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
         assert!(sum < 3 * grey.len() as u64, "on average {} levels off", sum as f64 / grey.len() as f64);
         numbers.push(mark.number);
@@ -95,7 +95,7 @@ fn faults_of_the_usb_camera_reach_the_driver() {
     let grey = captured(&camera.node(), "GREY", 10);
     assert!(camera.faults_are_over());
     let numbers: Vec<u16> =
-        grey.chunks(WIDTH * HEIGHT).map(|f| picture::read(f, WIDTH).unwrap().number).collect();
+        grey.chunks(WIDTH * HEIGHT).map(|f| test_image::read(f, WIDTH).unwrap().number).collect();
     // The driver drops what is flagged or short; what was never sent nobody can tell.
     assert_eq!(numbers, (4..14).collect::<Vec<u16>>());
     let node = camera.node();

@@ -1,8 +1,8 @@
 //! A USB camera that is pulled out, put back, exchanged, or sends what is wrong.
 
-use crate::capture::{Capture, Wish, assert_picture, config, run_file};
+use crate::capture::{Capture, Wish, assert_image, config, run_file};
 use crate::guest;
-use crate::usb_camera::picture;
+use crate::usb_camera::test_image;
 use crate::usb_camera::{Fault, Model, UsbCamera};
 use std::path::Path;
 use std::time::Duration;
@@ -16,7 +16,7 @@ const AT_30: Wish<'_> = Wish { rate_hz: 30.0, ..Wish::VGA };
 fn assert_streams(capture: &mut Capture, count: usize) {
     for _ in 0..count {
         capture.next();
-        assert_picture(&capture.grey, AT_30.size, false);
+        assert_image(&capture.grey, AT_30.size, false);
     }
 }
 
@@ -92,7 +92,7 @@ fn what_it_sends_wrong_is_never_shown() {
         let mut last = (first, first_marks);
         for _ in 0..30 {
             last = capture.next_marked();
-            assert_picture(&capture.grey, AT_30.size, false);
+            assert_image(&capture.grey, AT_30.size, false);
         }
         assert!(camera.faults_are_over());
         let exposed = u64::from(last.1.number.wrapping_sub(first_marks.number));
@@ -108,14 +108,14 @@ fn what_it_sends_wrong_is_never_shown() {
 fn half_a_jpeg_is_not_shown() {
     guest::load_usb();
     let camera = UsbCamera::plug(&Model::default());
-    let wish = Wish { format: "MJPG", ..AT_30 };
-    let mut capture = Capture::open(&camera.node(), wish);
+    let request = Wish { format: "MJPG", ..AT_30 };
+    let mut capture = Capture::open(&camera.node(), request);
     let first = capture.next();
     camera.inject(&[Fault::Short]);
     let mut last = first;
     for _ in 0..15 {
         last = capture.next();
-        assert_picture(&capture.grey, wish.size, true);
+        assert_image(&capture.grey, request.size, true);
     }
     assert!(camera.faults_are_over());
     assert_eq!(last.sequence - first.sequence - 15 + last.lost - first.lost, 1, "{last:?}");
@@ -134,5 +134,5 @@ fn a_stall_and_frames_that_never_come_pass() {
     while capture.within(SpanNs(SECOND.0 / 4)).is_some() {}
     assert!(capture.within(SECOND).is_none());
     assert_streams(&mut capture, 10);
-    assert!(picture::read(&capture.grey, capture.width).is_some());
+    assert!(test_image::read(&capture.grey, capture.width).is_some());
 }

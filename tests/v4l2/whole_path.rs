@@ -1,6 +1,6 @@
 //! Whole processes on a device of the guest: camera, vision and control.
 
-use crate::capture::{CHECKERS, Wish, assert_checkers, assert_picture, number_after, run_file};
+use crate::capture::{CHECKERS, Wish, assert_checkers, assert_image, number_after, run_file};
 use crate::common::{Instance, kill, read_summary, vservo};
 use crate::guest::{self, Vivid};
 use crate::usb_camera::{Model, UsbCamera};
@@ -40,7 +40,7 @@ fn the_camera_process_hands_over_every_frame() {
             frames.wait(Duration::from_millis(50)).unwrap();
             assert!(process.try_wait().unwrap().is_none(), "the camera process has ended");
             let Some(frame) = frames.receive().unwrap() else { continue };
-            let (header, marks) = (frame.header(), assert_picture(frame.pixels(), Wish::VGA.size, false));
+            let (header, marks) = (frame.header(), assert_image(frame.pixels(), Wish::VGA.size, false));
             if let Some((id, number, exposure)) = before {
                 assert_eq!((header.frame_id, header.lost), (id + 1, 0));
                 assert_eq!(marks.number, number_after(number, false));
@@ -57,7 +57,7 @@ fn the_camera_process_hands_over_every_frame() {
     assert_eq!(camera.streams(), None);
 }
 
-/// vivid's picture through camera, vision and control to the end of the run; there is no target in it, and nothing moves.
+/// vivid's image through camera, vision and control to the end of the run; there is no target in it, and nothing moves.
 #[test]
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
 fn a_test_image_passes_all_processes_to_the_end_of_the_run() {
@@ -103,7 +103,7 @@ fn a_test_image_passes_all_processes_to_the_end_of_the_run() {
     assert_eq!(s["outcome"], "finished", "{s}");
     assert_eq!(s["reason"], "run.duration_s is over", "{s}");
     // 6 s of 25 Hz and of 50 Hz, less the start of what joined late; a reader that is kept waiting gets the newest status alone. The
-    // camera shows pictures from before control starts to count until after it has ended: a slow start is a second of them, and a frame
+    // camera shows images from before control starts to count until after it has ended: a slow start is a second of them, and a frame
     // that came twice each time would be 300.
     assert!((130..=185).contains(&seen), "{seen} frames");
     let newest = newest.unwrap();

@@ -20,7 +20,7 @@ const GOOD_ENOUGH: f64 = 1e-4;
 pub(crate) enum BundleFailure {
     /// At the start a corner lies behind a camera.
     BadStart,
-    /// The pictures do not tell every unknown.
+    /// The images do not tell every unknown.
     Degenerate,
     /// It did not settle.
     NotConverged { iterations: u32 },

@@ -1,18 +1,18 @@
 //! Coefficients that were set to zero, as what they are: unknown, and not zero.
 //!
-//! A coefficient that the pictures hardly tell is better left out of the fit, but what it may be is an error of the fit all the same.
+//! A coefficient that the images hardly tell is better left out of the fit, but what it may be is an error of the fit all the same.
 //! With the unknowns `t` of the fit, the coefficients `c` that were left out, and the information of all of them at its end:
 //!
 //! ```text
 //! | S_tt S_tc |     G    = S_tt^-1 S_tc               t makes up for a missing c: E[t_found - t] = G c
-//! | S_ct S_cc |     I_c  = S_cc - S_ct G              what the pictures tell of c
+//! | S_ct S_cc |     I_c  = S_cc - S_ct G              what the images tell of c
 //!                   C_c  = (I_c + P)^-1               the same with what is known of lenses, P: see `expected_coefficients`
 //!                   c^   = C_c I_c c_all              c_all: what a fit of everything would find, by one step from the end
 //!
 //! cov (t_found - t, 0 - c) = | S_tt^-1 0 | + | G  | (C_c + c^ c^') | G' -I |
 //!                            | 0       0 |   | -I |
 //! ```
-//! `C_c + c^ c^'` is the mean square of `c` about zero, given the pictures and that lenses are tame.
+//! `C_c + c^ c^'` is the mean square of `c` about zero, given the images and that lenses are tame.
 
 use super::equations::{BundleSums, covariance_of};
 use super::optics::Freedom;
@@ -23,7 +23,7 @@ use crate::pose::Loss;
 use nalgebra::{DMatrix, DVector, Vector2};
 
 /// The covariance of the shared unknowns of `end` together with the coefficients that it left out, in the order of the problem
-/// in which all of `all` is free; that problem. Where the pictures do not tell what was left out, of the fit alone. `None` where they do
+/// in which all of `all` is free; that problem. Where the images do not tell what was left out, of the fit alone. `None` where they do
 /// not tell that either.
 pub(crate) fn covariance_with_dropped(
     end: &Selected,
@@ -82,9 +82,9 @@ fn dropped_columns(whole: &BundleProblem, fitted: &BundleProblem) -> Vec<usize> 
     whole.freedom.iter().zip(&fitted.freedom).enumerate().flat_map(of_camera).collect()
 }
 
-/// By shared unknown: the standard deviation of a coefficient of a lens before any picture, infinite for what is none. The terms of
+/// By shared unknown: the standard deviation of a coefficient of a lens before any image, infinite for what is none. The terms of
 /// a lens fall with their order: at the corner of the image that is farthest from the axis, one that was left out is as large as the
-/// largest that was found, not larger. Where the pictures tell the coefficient better than that, it makes no difference; in an
+/// largest that was found, not larger. Where the images tell the coefficient better than that, it makes no difference; in an
 /// equidistant lens whose corners no board reached it is what keeps the stated error finite.
 fn expected_coefficients(whole: &BundleProblem, end: &Selected) -> Vec<f64> {
     let mut expected = vec![f64::INFINITY; whole.shared()];

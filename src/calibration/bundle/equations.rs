@@ -12,7 +12,7 @@ const POSE_AND_ERROR: usize = 7;
 const WIDEST: usize = 28;
 /// The same where that is enough.
 const USUAL: usize = 16;
-/// A shared unknown of which so little of its information is left, by the others, is not told by the pictures.
+/// A shared unknown of which so little of its information is left, by the others, is not told by the images.
 const UNTOLD: f64 = 1e-13;
 
 /// What one view adds.
@@ -56,16 +56,16 @@ impl BundleSums {
             chi_square: 0.0,
         };
         let borders: Vec<SharedColumns> = (0..problem.freedom.len()).map(|j| problem.border(j)).collect();
-        for (view, sightings) in problem.views.iter().enumerate() {
+        for (view, observations) in problem.views.iter().enumerate() {
             let mut block = ViewBlock { V: Matrix6::zeros(), W: Matrix6xX::zeros(n), h: Vector6::zeros() };
-            for sighting in sightings {
-                let border = borders.get(sighting.camera)?;
+            for observation in observations {
+                let border = borders.get(observation.camera)?;
                 let width = border.columns.len() + POSE_AND_ERROR;
-                let at = (view, sighting.camera);
+                let at = (view, observation.camera);
                 if width <= USUAL {
-                    sums.add::<USUAL>(problem, state, loss, at, &sighting.points, border, &mut block)?;
+                    sums.add::<USUAL>(problem, state, loss, at, &observation.points, border, &mut block)?;
                 } else {
-                    sums.add::<WIDEST>(problem, state, loss, at, &sighting.points, border, &mut block)?;
+                    sums.add::<WIDEST>(problem, state, loss, at, &observation.points, border, &mut block)?;
                 }
             }
             sums.blocks.push(block);
@@ -165,7 +165,7 @@ impl BundleSums {
         Some(S)
     }
 
-    /// Covariance of the shared unknowns. `None` where the pictures do not tell them.
+    /// Covariance of the shared unknowns. `None` where the images do not tell them.
     pub(crate) fn covariance(&self) -> Option<DMatrix<f64>> {
         Some(scaled_cholesky(&self.information()?, &self.U)?.inverse())
     }

@@ -1,5 +1,5 @@
-//! Joint least squares over all that pictures of one board tell: lenses, poses of the cameras to each other, shape of the
-//! board, and where the board was in each picture.
+//! Joint least squares over all that images of one board tell: lenses, poses of the cameras to each other, shape of the
+//! board, and where the board was in each image.
 //!
 //! ```text
 //! minimise  sum rho(e^T C^-1 e),   e = px seen - px(optics_j, X_j0 X_0O_i p_O),   C: covariance of the corner
@@ -25,7 +25,7 @@ pub(crate) use dropped::covariance_with_dropped;
 pub(crate) use equations::{BundleSums, covariance_of};
 pub(crate) use optics::PointImage;
 pub use optics::{Freedom, Optics};
-pub(crate) use problem::{BoardSighting, BundlePoint, BundleProblem, BundleState};
+pub(crate) use problem::{BoardObservation, BundlePoint, BundleProblem, BundleState};
 pub(crate) use select::{Misfit, Selected, adjust_selected, median};
 
 #[cfg(test)]

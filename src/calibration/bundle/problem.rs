@@ -18,9 +18,9 @@ pub(crate) struct BundlePoint {
     pub(crate) whitening: Matrix2<f64>,
 }
 
-/// The board in one picture of one camera.
+/// The board in one image of one camera.
 #[derive(Debug, Clone)]
-pub(crate) struct BoardSighting {
+pub(crate) struct BoardObservation {
     /// Which camera.
     pub(crate) camera: usize,
     /// Corners.
@@ -35,7 +35,7 @@ pub(crate) struct BundleProblem {
     /// The board's two coefficients of warp are estimated.
     pub(crate) warp: bool,
     /// Measurements at each instant.
-    pub(crate) views: Vec<Vec<BoardSighting>>,
+    pub(crate) views: Vec<Vec<BoardObservation>>,
 }
 
 /// An estimate of everything.

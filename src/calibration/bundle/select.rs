@@ -1,10 +1,10 @@
-//! Joint least squares on what agrees: corners and whole pictures that do not are left out, and named.
+//! Joint least squares on what agrees: corners and whole images that do not are left out, and named.
 //!
 //! The noise of corners is not known beforehand (lens model, paper and blur add to it), so errors are held against their own
 //! median: of `k^2 = e^T C^-1 e` that of chi-square with two degrees of freedom is 1.386.
 
 use super::adjust::{BundleEnd, BundleFailure, adjust, approach};
-use super::problem::{BoardSighting, BundleProblem, BundleState};
+use super::problem::{BoardObservation, BundleProblem, BundleState};
 use crate::geometry::Pose;
 use crate::pose::Loss;
 
@@ -12,7 +12,7 @@ use crate::pose::Loss;
 const EXACT: f64 = 1e-12;
 /// Median of chi-square with two degrees of freedom.
 const CHI_SQUARE_MEDIAN: f64 = 1.386;
-/// A picture whose corners fit so many times worse than those of the others, in standard deviations, is left out as a whole.
+/// An image whose corners fit so many times worse than those of the others, in standard deviations, is left out as a whole.
 const WORSE: f64 = 4.0;
 /// Scale of the robust loss, in standard deviations.
 const ROBUST: f64 = 2.0;
@@ -20,7 +20,7 @@ const ROBUST: f64 = 2.0;
 const ROBUST_STEPS: u32 = 8;
 const ROUNDS: usize = 5;
 
-/// Why a picture was left out.
+/// Why an image was left out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Misfit {
     /// Its corners fit so many times worse than those of the others.
@@ -58,12 +58,12 @@ impl Selected {
 
 /// Squared sizes of errors by view, sighting and corner; infinite behind the camera.
 fn sizes(problem: &BundleProblem, state: &BundleState) -> Vec<Vec<Vec<f64>>> {
-    let of = |view: usize, sighting: &BoardSighting| {
+    let of = |view: usize, observation: &BoardObservation| {
         let size = |point| {
-            let image = state.image(sighting.camera, view, point);
+            let image = state.image(observation.camera, view, point);
             image.map_or(f64::INFINITY, |image| (point.whitening * (point.px - image.px)).norm_squared())
         };
-        sighting.points.iter().map(size).collect()
+        observation.points.iter().map(size).collect()
     };
     problem.views.iter().enumerate().map(|(i, view)| view.iter().map(|s| of(i, s)).collect()).collect()
 }
@@ -106,7 +106,7 @@ fn judge(sizes: &[Vec<Vec<f64>>], limit_sd: f64, left_out: &[Option<Misfit>]) ->
             }
         })
         .collect();
-    // where half of all pictures would go, nothing says which half is right
+    // where half of all images would go, nothing says which half is right
     if 2 * misfits.iter().flatten().count() >= misfits.len() {
         misfits = left_out.to_vec();
     }
@@ -123,11 +123,11 @@ fn part(
         verdict.misfits.iter().enumerate().filter(|(_, out)| out.is_none()).map(|(i, _)| i).collect();
     let reduced = views.iter().filter_map(|&i| {
         let (view, kept) = (problem.views.get(i)?, verdict.kept.get(i)?);
-        let sighting = |(s, kept): (&BoardSighting, &Vec<bool>)| BoardSighting {
+        let observation = |(s, kept): (&BoardObservation, &Vec<bool>)| BoardObservation {
             camera: s.camera,
             points: s.points.iter().zip(kept).filter(|(_, kept)| **kept).map(|(p, _)| *p).collect(),
         };
-        Some(view.iter().zip(kept).map(sighting).collect())
+        Some(view.iter().zip(kept).map(observation).collect())
     });
     let problem = BundleProblem { views: reduced.collect(), ..problem.clone() };
     let poses = views.iter().filter_map(|&i| state.poses.get(i).copied()).collect();

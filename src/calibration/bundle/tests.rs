@@ -54,14 +54,16 @@ fn rig() -> (BundleProblem, BundleState) {
         warp: true,
         views: (0..3)
             .map(|_| {
-                (0..2).map(|camera| BoardSighting { camera, points: (0..25).map(point).collect() }).collect()
+                (0..2)
+                    .map(|camera| BoardObservation { camera, points: (0..25).map(point).collect() })
+                    .collect()
             })
             .collect(),
     };
     for (i, view) in problem.views.iter_mut().enumerate() {
-        for sighting in view {
-            for p in &mut sighting.points {
-                p.px = state.image(sighting.camera, i, p).unwrap().px;
+        for observation in view {
+            for p in &mut observation.points {
+                p.px = state.image(observation.camera, i, p).unwrap().px;
             }
         }
     }

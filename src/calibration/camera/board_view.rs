@@ -1,4 +1,4 @@
-//! What is given: a board's corners in pictures.
+//! What is given: a board's corners in images.
 
 use super::{MIN_POINTS, Unused};
 use crate::calibration::bundle::BundlePoint;
@@ -17,7 +17,7 @@ pub struct BoardPoint {
     pub covariance_px2: Matrix2<f64>,
 }
 
-/// The corners seen in one picture.
+/// The corners seen in one image.
 pub type BoardView = Vec<BoardPoint>;
 
 /// The board's middle and half its sides, of all corners seen.

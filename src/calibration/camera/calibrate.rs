@@ -5,7 +5,7 @@ use super::fits::{fits, result, rms_px};
 use super::start::{self, PlaneView};
 use super::{BoardExtent, BoardView, CalibrationSettings, CameraCalibrationError, Unused, usable};
 use crate::calibration::bundle::{
-    BoardSighting, BundleProblem, BundleState, Freedom, Optics, Selected, adjust_selected,
+    BoardObservation, BundleProblem, BundleState, Freedom, Optics, Selected, adjust_selected,
 };
 use crate::camera_model::{CameraModel, CameraModelError, Lens, LensModel};
 use nalgebra::Vector2;
@@ -13,10 +13,10 @@ use nalgebra::Vector2;
 /// A coefficient within so many standard deviations of zero is not told from it.
 const TOLD_SD: f64 = 3.0;
 
-/// The camera that took these pictures, images of `size` columns and rows.
+/// The camera that took these images, images of `size` columns and rows.
 ///
 /// # Errors
-/// [`CameraCalibrationError`]; pictures that are of no use alone are told in the result.
+/// [`CameraCalibrationError`]; images that are of no use alone are told in the result.
 pub fn calibrate_camera(
     views: &[BoardView],
     size: (u32, u32),
@@ -94,22 +94,22 @@ pub fn calibrate_camera(
     }
 }
 
-/// The pictures that may take part.
+/// The images that may take part.
 fn problem(
     views: &[BoardView],
     posed: &[usize],
     settings: &CalibrationSettings,
     extent: &BoardExtent,
 ) -> BundleProblem {
-    let sighting = |i: &usize| {
+    let observation = |i: &usize| {
         let view = views.get(*i)?;
         let points = view.iter().map(|p| extent.point(p, settings.model_sd_px)).collect();
-        Some(vec![BoardSighting { camera: 0, points }])
+        Some(vec![BoardObservation { camera: 0, points }])
     };
     BundleProblem {
         freedom: vec![settings.freedom],
         warp: settings.warp,
-        views: posed.iter().filter_map(sighting).collect(),
+        views: posed.iter().filter_map(observation).collect(),
     }
 }
 

@@ -1,4 +1,4 @@
-//! What a calibration tells: the camera, its covariance, and how each picture and corner fits.
+//! What a calibration tells: the camera, its covariance, and how each image and corner fits.
 
 use super::Unused;
 use crate::calibration::bundle::Freedom;
@@ -21,12 +21,12 @@ pub struct PointFit {
     pub used: bool,
 }
 
-/// A picture and how well it fits.
+/// An image and how well it fits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewFit {
     /// Why it took no part, where it did not.
     pub unused: Option<Unused>,
-    /// Pose of the board in the camera, where there is one: also of a picture that took no part.
+    /// Pose of the board in the camera, where there is one: also of an image that took no part.
     pub X_CO: Option<Pose>,
     /// Root mean square of the distances of its corners from where they are predicted, px; of those that took part where it did.
     pub rms_px: Option<f64>,
@@ -48,7 +48,7 @@ pub struct DroppedCoefficient {
     pub rms_px: f64,
 }
 
-/// A camera, how certain it is, and how the pictures fit.
+/// A camera, how certain it is, and how the images fit.
 #[derive(Debug, Clone)]
 pub struct CameraCalibration {
     /// The camera.
@@ -63,7 +63,7 @@ pub struct CameraCalibration {
     /// Height of the board's middle over its edges by its shape along x_O and y_O (towards z_O), m, and its deviations; where asked
     /// for.
     pub warp_m: Option<(Vector2<f64>, Vector2<f64>)>,
-    /// Pictures, in the order given.
+    /// Images, in the order given.
     pub views: Vec<ViewFit>,
     /// Root mean square of the distances of corners from where they are predicted, px: OpenCV's figure.
     pub rms_px: f64,
@@ -92,7 +92,7 @@ impl CameraCalibration {
         views.flat_map(|view| &view.points).filter(|point| point.used)
     }
 
-    /// How many pictures took part.
+    /// How many images took part.
     #[must_use]
     pub fn views_used(&self) -> usize {
         self.views.iter().filter(|view| view.unused.is_none()).count()

@@ -1,19 +1,19 @@
-//! Why there is no calibration, and why a picture takes no part in one.
+//! Why there is no calibration, and why an image takes no part in one.
 
 use crate::calibration::bundle::{BundleFailure, Misfit};
 use crate::camera_model::CameraModelError;
 use std::fmt;
 use thiserror::Error;
 
-/// Why pictures make no calibration.
+/// Why images make no calibration.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum CameraCalibrationError {
     /// Nothing to calibrate from.
     #[error(
-        "calibration: {usable} usable pictures, at least {needed} are needed; take more pictures with the board in view"
+        "calibration: {usable} usable images, at least {needed} are needed; take more images with the board in view"
     )]
     TooFewViews {
-        /// Pictures with enough corners.
+        /// Images with enough corners.
         usable: usize,
         /// How many it takes.
         needed: usize,
@@ -30,19 +30,19 @@ pub enum CameraCalibrationError {
     },
     /// No start was found from which all boards lie before the camera.
     #[error(
-        "calibration: no camera explains the pictures even roughly; check that corners have the right ids and that the \
+        "calibration: no camera explains the images even roughly; check that corners have the right ids and that the \
          board is the one that was named"
     )]
     NoStart,
-    /// The pictures do not tell every parameter.
+    /// The images do not tell every parameter.
     #[error(
-        "calibration: the pictures do not tell all parameters; tilt the board by 30 degrees and more, to all sides, or fix \
+        "calibration: the images do not tell all parameters; tilt the board by 30 degrees and more, to all sides, or fix \
          parameters (principal point, aspect, k3)"
     )]
     Degenerate,
     /// The refinement did not settle.
     #[error(
-        "calibration: no convergence in {iterations} iterations; add pictures with the board tilted and near the corners \
+        "calibration: no convergence in {iterations} iterations; add images with the board tilted and near the corners \
          of the image"
     )]
     NotConverged {
@@ -56,7 +56,7 @@ pub enum CameraCalibrationError {
     Camera(CameraModelError),
     /// The two cameras do not see the board in the same instants often enough.
     #[error(
-        "calibration: {left} pictures of the left camera and {right} of the right one were given; give as many of each, in \
+        "calibration: {left} images of the left camera and {right} of the right one were given; give as many of each, in \
          pairs"
     )]
     Pairs {
@@ -68,7 +68,7 @@ pub enum CameraCalibrationError {
     /// The two cameras would stand in one place: no pair does.
     #[error(
         "calibration: the base line between the cameras is {baseline_mm:.4} mm, which is not told from none (standard deviation \
-         {sd_mm:.4} mm): left and right are pictures of the same camera, or the same files; give the left camera's to --left and the \
+         {sd_mm:.4} mm): left and right are images of the same camera, or the same files; give the left camera's to --left and the \
          right one's to --right"
     )]
     NoBaseline {
@@ -89,7 +89,7 @@ impl From<BundleFailure> for CameraCalibrationError {
     }
 }
 
-/// Why a picture takes no part.
+/// Why an image takes no part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Unused {
     /// Too few corners to say anything.
@@ -104,14 +104,14 @@ pub enum Unused {
     },
     /// No pose of the board explains the corners: they lie on one line, or are mixed up.
     NoPose,
-    /// Its corners fit so many times worse than those of the other pictures.
+    /// Its corners fit so many times worse than those of the other images.
     Worse {
         /// In standard deviations.
         ratio: f64,
     },
     /// Most of its corners are outliers.
     MostCorners,
-    /// In a pair: the other camera's picture is of no use.
+    /// In a pair: the other camera's image is of no use.
     Other,
 }
 
@@ -139,7 +139,7 @@ impl fmt::Display for Unused {
                 "its corners fit {ratio:.1} times worse than those of the others: the board or the camera moved, or it was bent"
             ),
             Self::MostCorners => f.write_str("most of its corners are outliers"),
-            Self::Other => f.write_str("the other camera's picture of the pair is of no use"),
+            Self::Other => f.write_str("the other camera's image of the pair is of no use"),
         }
     }
 }

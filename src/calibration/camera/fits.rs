@@ -50,11 +50,11 @@ pub(crate) fn result(
 pub(crate) fn rms_px(end: &Selected, camera: Option<usize>) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for (i, view) in end.problem.views.iter().enumerate() {
-        for (sighting, point) in view.iter().flat_map(|s| s.points.iter().map(move |p| (s, p))) {
-            if camera.is_some_and(|camera| camera != sighting.camera) {
+        for (observation, point) in view.iter().flat_map(|s| s.points.iter().map(move |p| (s, p))) {
+            if camera.is_some_and(|camera| camera != observation.camera) {
                 continue;
             }
-            let image = end.end.state.image(sighting.camera, i, point);
+            let image = end.end.state.image(observation.camera, i, point);
             count += 1.0;
             sum += image.map_or(0.0, |image| (point.px - image.px).norm_squared());
         }
@@ -73,7 +73,7 @@ fn mean_variance(end: &Selected) -> f64 {
     points().map(|p| variance(&p.whitening)).sum::<f64>() / points().count().max(1) as f64
 }
 
-/// How the pictures of one camera of the rig fit.
+/// How the images of one camera of the rig fit.
 pub(crate) fn fits(
     camera_index: usize,
     camera: &CameraModel,
@@ -92,14 +92,14 @@ pub(crate) fn fits(
         let X_j0 = camera_index.checked_sub(1).and_then(|j| state.X_j0.get(j)).copied().unwrap_or_default();
         let X_CO = match X_0O {
             Some(X) => Some(X_j0 * X),
-            // a picture that took no part still shows the board somewhere
+            // an image that took no part still shows the board somewhere
             None if place.is_some() => board_pose(camera, view),
             None => None,
         };
         let Some(X) = X_CO else { return ViewFit { unused, X_CO: None, rms_px: None, points: Vec::new() } };
-        let kept = place
-            .and_then(|place| end.kept.get(place))
-            .and_then(|sightings| sightings.get(camera_index.min(sightings.len().saturating_sub(1))));
+        let kept = place.and_then(|place| end.kept.get(place)).and_then(|observations| {
+            observations.get(camera_index.min(observations.len().saturating_sub(1)))
+        });
         let point = |(k, p): (usize, &BoardPoint)| {
             let (r, lift) = extent.centred(&p.p_O);
             let lifted = p.p_O.coords.xy().push(r.z + state.warp_m.dot(&lift));

@@ -1,4 +1,4 @@
-//! Cross-validation: the pictures in two halves, a camera from each, and how far these differ in pixels, against what the noise
+//! Cross-validation: the images in two halves, a camera from each, and how far these differ in pixels, against what the noise
 //! alone predicts.
 //!
 //! ```text
@@ -7,24 +7,24 @@
 //! ```
 //! What was left out of the fit is left out of both halves, so that it makes no difference between them.
 //!
-//! A ratio near one says that the noise explains all; a greater one that the lens model, the board or single pictures are not as they
-//! are thought to be: then the uncertainty is greater by about that factor. Several ways to halve the pictures are tried: one alone is
+//! A ratio near one says that the noise explains all; a greater one that the lens model, the board or single images are not as they
+//! are thought to be: then the uncertainty is greater by about that factor. Several ways to halve the images are tried: one alone is
 //! a sample of few numbers.
 
 use super::uncertainty::{carried, grid, refitted};
 use super::{BoardExtent, BoardView, CameraCalibration, ProjectionUncertainty};
-use crate::calibration::bundle::{BoardSighting, BundleProblem, BundleState, Optics, PointImage, adjust};
+use crate::calibration::bundle::{BoardObservation, BundleProblem, BundleState, Optics, PointImage, adjust};
 use crate::linalg::Random;
 use crate::pose::Loss;
 use nalgebra::{DMatrix, Translation3, Vector2};
 use std::collections::HashSet;
 
-/// Fewest pictures of a half.
+/// Fewest images of a half.
 const MIN_VIEWS: usize = 3;
 /// Ways to halve.
 const SPLITS: u64 = 8;
 
-/// How halves of the pictures agree.
+/// How halves of the images agree.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CrossValidation {
     /// Root mean square over the image of the difference between two halves, px.
@@ -37,7 +37,7 @@ pub struct CrossValidation {
     pub splits: usize,
 }
 
-/// Halves of the pictures that took part, against each other. `None` with fewer than six, or where no half can be calibrated.
+/// Halves of the images that took part, against each other. `None` with fewer than six, or where no half can be calibrated.
 #[must_use]
 pub fn cross_validation(
     views: &[BoardView],
@@ -102,7 +102,7 @@ impl FullSolution {
     pub(super) fn new(views: &[BoardView], calibration: &CameraCalibration) -> Option<Self> {
         let extent = BoardExtent::of(views.iter().flatten());
         let to_middle = Translation3::from(extent.middle.push(0.0));
-        let (mut sightings, mut poses) = (Vec::new(), Vec::new());
+        let (mut observations, mut poses) = (Vec::new(), Vec::new());
         for (view, fit) in views.iter().zip(&calibration.views).filter(|(_, fit)| fit.unused.is_none()) {
             let used: HashSet<u32> = fit.points.iter().filter(|p| p.used).map(|p| p.id).collect();
             let points = view
@@ -110,13 +110,13 @@ impl FullSolution {
                 .filter(|p| used.contains(&p.id))
                 .map(|p| extent.point(p, calibration.model_sd_px))
                 .collect();
-            sightings.push(vec![BoardSighting { camera: 0, points }]);
+            observations.push(vec![BoardObservation { camera: 0, points }]);
             poses.push(fit.X_CO? * to_middle);
         }
         let problem = BundleProblem {
             freedom: vec![calibration.freedom],
             warp: calibration.warp_m.is_some(),
-            views: sightings,
+            views: observations,
         };
         let state = BundleState {
             optics: vec![Optics::from(&calibration.camera)],

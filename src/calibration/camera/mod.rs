@@ -1,13 +1,13 @@
-//! Calibration of one camera from pictures of a board, Sect. 10.5, and how good it is.
+//! Calibration of one camera from images of a board, Sect. 10.5, and how good it is.
 //!
 //! ```text
 //! corners ─► start (10.64)-(10.67) ─► joint least squares, outliers named ─► CameraCalibration: camera, covariance, poses
 //!                                                                                 │
 //!         ProjectionUncertainty: px, anywhere in the image, at a distance ◄───────┤
-//!         cross_validation: halves of the pictures against each other     ◄───────┤
+//!         cross_validation: halves of the images against each other     ◄───────┤
 //!         ImageCoverage: where corners were seen                          ◄───────┤
 //!         board_bend: what the residuals say of the board's shape         ◄───────┤
-//!         next_view: the picture that lowers the worst uncertainty most   ◄───────┘
+//!         next_view: the image that lowers the worst uncertainty most   ◄───────┘
 //!         CalibrationVerdict: all of that in words
 //! ```
 
@@ -39,7 +39,7 @@ pub use settings::CalibrationSettings;
 pub use uncertainty::ProjectionUncertainty;
 pub use verdict::CalibrationVerdict;
 
-/// Fewest corners of a picture: its pose takes six of their equations.
+/// Fewest corners of an image: its pose takes six of their equations.
 pub const MIN_POINTS: usize = 6;
 
 #[cfg(test)]

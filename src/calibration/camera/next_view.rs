@@ -1,6 +1,6 @@
-//! The picture that is missing: among many poses of the board, the one that would lower the worst uncertainty most.
+//! The image that is missing: among many poses of the board, the one that would lower the worst uncertainty most.
 //!
-//! A picture of the board at a pose adds the information `U - W' V^-1 W` of its corners on the parameters (its own pose being
+//! An image of the board at a pose adds the information `U - W' V^-1 W` of its corners on the parameters (its own pose being
 //! unknown too), whatever its noise will be; the camera's covariance with it is known before it is taken. Candidates: the board in the
 //! middle of the image and towards its edges and corners, near and far, tilted to all sides and turned; of those the ones that lie
 //! wholly in the image, more than a margin from its border.
@@ -8,13 +8,13 @@
 use super::uncertainty::{carried, grid, worst_sd};
 use super::{CameraCalibration, ProjectionUncertainty};
 use crate::calibration::bundle::{
-    BoardSighting, BundlePoint, BundleProblem, BundleState, BundleSums, Optics, covariance_of,
+    BoardObservation, BundlePoint, BundleProblem, BundleState, BundleSums, Optics, covariance_of,
 };
 use crate::geometry::Pose;
 use crate::pose::Loss;
 use nalgebra::{DMatrix, Matrix2, Matrix2xX, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 
-/// Free border of a picture, px.
+/// Free border of an image, px.
 const MARGIN_PX: f64 = 6.0;
 /// Widths of the board, in widths of the image.
 const SIZES: [f64; 4] = [0.3, 0.45, 0.65, 0.9];
@@ -23,16 +23,16 @@ const PLACES: [f64; 7] = [-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75];
 /// Tilts, rad, to eight sides.
 const TILTS: [f64; 3] = [0.0, 0.5, 0.85];
 
-/// A pose of the board to take a picture of.
+/// A pose of the board to take an image of.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextView {
     /// Pose of the board in the camera.
     pub X_CO: Pose,
-    /// Its corners in the picture, px, in the order of the points given.
+    /// Its corners in the image, px, in the order of the points given.
     pub corners_px: Vec<Vector2<f64>>,
     /// The worst uncertainty in the image now, px.
     pub worst_now_px: f64,
-    /// The same with the picture, px.
+    /// The same with the image, px.
     pub worst_then_px: f64,
 }
 
@@ -98,7 +98,7 @@ impl NextView {
     }
 }
 
-/// The best pose for the next picture of a board with these corners (in z_O = 0, m), by the uncertainty at `uncertainty`'s depth.
+/// The best pose for the next image of a board with these corners (in z_O = 0, m), by the uncertainty at `uncertainty`'s depth.
 /// `None` when no candidate lies in the image or helps.
 #[must_use]
 pub fn next_view(
@@ -124,7 +124,7 @@ pub fn next_view(
     let problem = |points: Vec<BundlePoint>| BundleProblem {
         freedom: vec![calibration.unknown],
         warp: false,
-        views: vec![vec![BoardSighting { camera: 0, points }]],
+        views: vec![vec![BoardObservation { camera: 0, points }]],
     };
     let weight = 1.0 / calibration.noise_px.max(1e-9);
     let points: Vec<BundlePoint> = (board.iter())

@@ -263,7 +263,7 @@ fn a_bent_board_is_measured_and_a_flat_one_is_flat() {
     }
 }
 
-/// Half a millimetre is named whatever the pictures, a flat board never is; seeds other than those of the test above.
+/// Half a millimetre is named whatever the images, a flat board never is; seeds other than those of the test above.
 #[test]
 fn half_a_millimetre_of_bend_is_named() {
     let truth = camera(bent(), 520.0);
@@ -282,7 +282,7 @@ fn half_a_millimetre_of_bend_is_named() {
 }
 
 #[test]
-fn bad_pictures_and_corners_are_named_and_do_no_harm() {
+fn bad_images_and_corners_are_named_and_do_no_harm() {
     let truth = camera(bent(), 520.0);
     let mut random = Random::new(21);
     let poses = poses(&truth, 12, &mut random);
@@ -346,7 +346,7 @@ fn what_cannot_be_calibrated_is_refused() {
     assert!(matches!(calibrate_camera(&flat, SIZE, &bad), Err(CameraCalibrationError::Setting { .. })));
 }
 
-/// The next view is taken, and the uncertainty falls to what was promised; a picture at random does less.
+/// The next view is taken, and the uncertainty falls to what was promised; an image at random does less.
 #[test]
 fn the_next_view_does_what_it_promises() {
     let truth = camera(bent(), 520.0);
@@ -378,7 +378,7 @@ fn the_next_view_does_what_it_promises() {
     assert!((then / next.worst_then_px - 1.0).abs() < 0.25 && then < other);
 }
 
-/// Whatever is given ends, in an answer or an error; a single picture too.
+/// Whatever is given ends, in an answer or an error; a single image too.
 #[test]
 fn nonsense_ends() {
     let mut random = Random::new(77);
@@ -418,9 +418,9 @@ fn nonsense_ends() {
         }
     }
     let one = vec![view(&truth, &poses[0], NOISE_PX, |_| 0.0, &mut random)];
-    // too much for one picture is said; less of it can be had
+    // too much for one image is said; less of it can be had
     if let Err(error) = calibrate_camera(&one, SIZE, &CalibrationSettings::default()) {
-        assert!(error.to_string().contains("pictures"), "{error}");
+        assert!(error.to_string().contains("images"), "{error}");
     }
     let model = LensModel::PlumbBob;
     let mut few = settings(model);
@@ -431,5 +431,5 @@ fn nonsense_ends() {
     let found = calibrate_camera(&one, SIZE, &few).unwrap();
     let uncertainty = ProjectionUncertainty::new(&found, 0.5).unwrap();
     let verdict = CalibrationVerdict::new(&found, &uncertainty, None, &ImageCoverage::of(&found));
-    assert!(verdict.to_string().contains("; 1 picture is few"), "{verdict}");
+    assert!(verdict.to_string().contains("; 1 image is few"), "{verdict}");
 }

@@ -9,7 +9,7 @@ const MIDDLE: f64 = 0.8;
 const MUCH_WORSE: f64 = 2.0;
 /// Halves that differ by so many times what the noise predicts are told.
 const UNEXPLAINED: f64 = 1.5;
-/// Fewer pictures are told.
+/// Fewer images are told.
 const FEW_VIEWS: usize = 8;
 /// Beyond this a camera is of no use for measuring, px.
 const USELESS_PX: f64 = 3.0;
@@ -27,13 +27,13 @@ pub struct CalibrationVerdict {
     pub middle_px: f64,
     /// The worst where corners of the board were seen, px.
     pub seen_px: f64,
-    /// Factor by which halves of the pictures differ more than the noise explains, where that could be tried.
+    /// Factor by which halves of the images differ more than the noise explains, where that could be tried.
     pub unexplained: Option<f64>,
     /// Edges and corners of the image that hold no corners of the board.
     pub uncovered: Vec<&'static str>,
     /// The bend of the board that the residuals show, where it was taken to be flat.
     pub bend: Option<BoardBend>,
-    /// Pictures that took part.
+    /// Images that took part.
     pub views: usize,
 }
 
@@ -120,7 +120,7 @@ impl fmt::Display for CalibrationVerdict {
         if let Some(ratio) = self.unexplained {
             write!(
                 f,
-                "; halves of the pictures differ {ratio:.1} times more than the noise of the corners explains (a board that is not \
+                "; halves of the images differ {ratio:.1} times more than the noise of the corners explains (a board that is not \
                  flat, a lens of another model, motion), which is counted in"
             )?;
         }
@@ -133,7 +133,7 @@ impl fmt::Display for CalibrationVerdict {
             )?;
         }
         if self.views < FEW_VIEWS {
-            let are = if self.views == 1 { "picture is" } else { "pictures are" };
+            let are = if self.views == 1 { "image is" } else { "images are" };
             write!(f, "; {} {are} few, take {FEW_VIEWS} and more", self.views)?;
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! Where the board is in the camera, from one picture: the output of Sect. 10.3, refined in pixels; and how far lens and board are from
+//! Where the board is in the camera, from one image: the output of Sect. 10.3, refined in pixels; and how far lens and board are from
 //! their description, which no deviation of a corner tells.
 
 use super::{BoardCorner, HandEyeError, HandEyeView};

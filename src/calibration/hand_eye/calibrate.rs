@@ -2,7 +2,7 @@
 
 use super::board_pose::{CORNER_LOSS, board_pose, model_sd_px};
 use super::dual_quaternion::dual_quaternion_solution;
-use super::joint::{JointFit, JointSettings, RobotDeviation, refine_jointly};
+use super::joint::{JointFit, JointSettings, RobotSd, refine_jointly};
 use super::leave_one_out::leave_one_out;
 use super::observability::rotation_spread;
 use super::report::{HandEyeReport, ViewResidual};
@@ -30,7 +30,7 @@ pub struct HandEyeSettings {
     /// Where the camera is.
     pub place: CameraMount,
     /// Deviations of the robot's poses; raised where the views contradict them.
-    pub robot: RobotDeviation,
+    pub robot: RobotSd,
     /// Whether the time between the stamps of robot and camera is sought; without it views in motion are left out.
     pub time_offset: bool,
 }
@@ -39,7 +39,7 @@ impl HandEyeSettings {
     /// The usual ones.
     #[must_use]
     pub fn of(place: CameraMount) -> Self {
-        Self { place, robot: RobotDeviation::default(), time_offset: false }
+        Self { place, robot: RobotSd::default(), time_offset: false }
     }
 }
 
@@ -145,19 +145,19 @@ fn fitted(
     for round in 1.. {
         let fit = refine_jointly(&all, camera, joint, &start.0, &start.1)?;
         start = (fit.X_MC, fit.X_WO);
-        let RobotDeviation { rotation_rad, translation_m } = joint.robot;
+        let RobotSd { rotation_rad, translation_m } = joint.robot;
         let (mut way_squares, mut turn_squares) = (0.0, 0.0);
         for d in &fit.corrections {
             way_squares += d.fixed_rows::<3>(0).norm_squared() / translation_m.max(1e-12).powi(2);
             turn_squares += d.fixed_rows::<3>(3).norm_squared() / rotation_rad.max(1e-12).powi(2);
         }
-        // the pictures tell each view's pose well: of 6 corrections a view 12 go into X_MC and X_WO
+        // the images tell each view's pose well: of 6 corrections a view 12 go into X_MC and X_WO
         let freedom = 3.0 * all.len() as f64 - 6.0;
         let changed = way.raise(way_squares, freedom).max(turn.raise(turn_squares, freedom));
         if changed < SETTLED || round == ROUNDS {
             return Ok(fit);
         }
-        joint.robot = RobotDeviation {
+        joint.robot = RobotSd {
             rotation_rad: stated.rotation_rad * turn.factor,
             translation_m: stated.translation_m * way.factor,
         };

@@ -9,7 +9,7 @@ use thiserror::Error;
 pub enum HandEyeError {
     /// Two motions are the least.
     #[error(
-        "hand-eye: {given} usable views, at least {MIN_VIEWS} are needed (better 10 to 20): take more pictures"
+        "hand-eye: {given} usable views, at least {MIN_VIEWS} are needed (better 10 to 20): take more images"
     )]
     TooFewViews {
         /// How many there are.
@@ -35,7 +35,7 @@ pub enum HandEyeError {
         /// Which.
         what: &'static str,
     },
-    /// A picture does not tell where the board is.
+    /// An image does not tell where the board is.
     #[error("hand-eye: view `{view}` does not tell the board's pose ({cause}): leave it out")]
     BoardPose {
         /// Which.
@@ -69,7 +69,7 @@ pub enum HandEyeError {
     /// The arm turns by other angles than the camera.
     #[error(
         "hand-eye: between the views the arm turns by other angles than the camera ({difference_deg:.1} deg apart, root mean \
-         square): the poses are those of other pictures, in another order, or their rotations are written in another way"
+         square): the poses are those of other images, in another order, or their rotations are written in another way"
     )]
     Contradiction {
         /// Root mean square over all pairs, degrees.

@@ -25,14 +25,14 @@ const LAST_GAIN: f64 = 1e-13;
 
 /// How far the robot's poses may be off, one standard deviation along each axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RobotDeviation {
+pub struct RobotSd {
     /// Of the flange's rotation, rad.
     pub rotation_rad: f64,
     /// Of its position, m.
     pub translation_m: f64,
 }
 
-impl Default for RobotDeviation {
+impl Default for RobotSd {
     /// What an industrial arm that nobody has calibrated is off within its workspace: 0.05 degrees and 0.3 mm.
     fn default() -> Self {
         Self { rotation_rad: 0.05_f64.to_radians(), translation_m: 0.3e-3 }
@@ -45,7 +45,7 @@ pub struct JointSettings {
     /// Where the camera is.
     pub place: CameraMount,
     /// Deviations of the robot's poses; zeros: they are exact.
-    pub robot: RobotDeviation,
+    pub robot: RobotSd,
     /// What the error of a corner counts.
     pub loss: Loss,
     /// Whether the time between the stamps is an unknown; needs views in motion with known twists.
@@ -125,7 +125,7 @@ pub fn refine_jointly(
 }
 
 fn check(views: &[&HandEyeView], settings: &JointSettings) -> Result<(), HandEyeError> {
-    let RobotDeviation { rotation_rad, translation_m } = settings.robot;
+    let RobotSd { rotation_rad, translation_m } = settings.robot;
     for (what, value) in [
         ("the robot's rotation deviation", rotation_rad),
         ("the robot's translation deviation", translation_m),
@@ -197,7 +197,7 @@ impl RefinementProblem<'_> {
     }
 
     fn sums(&self, state: &HandEyeUnknowns) -> Result<JointEquations, HandEyeError> {
-        let RobotDeviation { rotation_rad, translation_m } = self.settings.robot;
+        let RobotSd { rotation_rad, translation_m } = self.settings.robot;
         let exact = rotation_rad == 0.0 && translation_m == 0.0;
         // a deviation of one kind alone holds the other firmly, by a weight that still leaves digits
         let weight = |sd: f64| 1.0 / sd.max(1e-9).powi(2);

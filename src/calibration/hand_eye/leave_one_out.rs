@@ -36,7 +36,7 @@ pub struct HeldOut {
 /// Fits all views but one, for each of them, from the end of the fit of all. `None` where no fit is possible: of three views, two do
 /// not determine anything.
 ///
-/// `samples`: each view's loop, for the poses of the board as its own picture has them.
+/// `samples`: each view's loop, for the poses of the board as its own image has them.
 #[must_use]
 pub fn leave_one_out(
     views: &[&HandEyeView],
@@ -83,7 +83,7 @@ fn against(
 ) -> HeldOutView {
     let V_BE_E = view.V_BE_E.filter(|_| settings.time_offset).unwrap_or_else(Twist::zeros);
     let arm = ArmAt { place: settings.place, X_BE: view.X_BE, V_BE_E };
-    // the loop with the flange where it was at the picture: X_WM X_MC = X_WO X_CO^-1
+    // the loop with the flange where it was at the image: X_WM X_MC = X_WO X_CO^-1
     let X_WC = fit.X_WO * board_in_camera(&fit.X_MC, &fit.X_WO, &arm, fit.offset_s).inverse();
     let X_WM = X_WC * fit.X_MC.inverse();
     let place = board(&LoopSample { X_WM, X_CO: sample.X_CO }, &fit.X_MC);

@@ -39,7 +39,7 @@ pub use calibrate::{HandEyeSettings, calibrate_hand_eye};
 pub use dual_quaternion::dual_quaternion_solution;
 pub use error::HandEyeError;
 pub use extrinsics::{camera_in_base, camera_in_effector};
-pub use joint::{JointFit, JointSettings, RobotDeviation, refine_jointly};
+pub use joint::{JointFit, JointSettings, RobotSd, refine_jointly};
 pub use leave_one_out::{HeldOut, HeldOutView, leave_one_out};
 pub use observability::{RotationSpread, rotation_spread};
 pub use poses_file::{ArmPose, PosesFileError, read_poses};
@@ -135,7 +135,7 @@ pub struct BoardCorner {
     pub sd_px: f64,
 }
 
-/// One picture of the board, and where the arm was.
+/// One image of the board, and where the arm was.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HandEyeView {
     /// What people call it: the file of the image.

@@ -1,4 +1,4 @@
-//! The robot's poses as a table: one line a picture, comma separated.
+//! The robot's poses as a table: one line an image, comma separated.
 //!
 //! ```text
 //! image,x_m,y_m,z_m,qx,qy,qz,qw[,vx_m_s,vy_m_s,vz_m_s,wx_rad_s,wy_rad_s,wz_rad_s]
@@ -38,7 +38,7 @@ impl PosesFileError {
     }
 }
 
-/// Where the arm was in one picture.
+/// Where the arm was in one image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArmPose {
     /// The image, as the table names it.

@@ -4,7 +4,7 @@ use super::leave_one_out::{HeldOut, rms_px};
 use super::observability::RotationSpread;
 use super::rows::{ArmAt, ViewRows};
 use super::scatter::LoopScatter;
-use super::{CameraMount, HandEyeView, JointFit, JointSettings, LoopSample, RobotDeviation};
+use super::{CameraMount, HandEyeView, JointFit, JointSettings, LoopSample, RobotSd};
 use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, Twist};
 use crate::pose::chained_covariance;
@@ -20,7 +20,7 @@ pub struct ViewResidual {
     pub used: bool,
     /// Why not.
     pub reason: Option<String>,
-    /// How fast its picture moved, px/s, where velocities are stated.
+    /// How fast its image moved, px/s, where velocities are stated.
     pub speed_px_s: Option<f64>,
     /// Distance of its corners from where the calibration has them with the pose that the robot stated, root mean square, px.
     pub rms_px: Option<f64>,
@@ -37,7 +37,7 @@ impl ViewResidual {
         Self {
             name: view.name.clone(),
             used: moving.is_none(),
-            reason: moving.map(|speed| format!("taken in motion: the picture moves at {speed:.0} px/s")),
+            reason: moving.map(|speed| format!("taken in motion: the image moves at {speed:.0} px/s")),
             speed_px_s,
             rms_px: None,
             rms_corrected_px: None,
@@ -81,9 +81,9 @@ pub struct HandEyeReport {
     /// Each view predicted by the others; `None` with three views.
     pub held_out: Option<HeldOut>,
     /// Deviations of the robot's poses as stated.
-    pub robot_stated: RobotDeviation,
+    pub robot_stated: RobotSd,
     /// What they are at least, by the views; as stated where nothing contradicts that.
-    pub robot_seen: RobotDeviation,
+    pub robot_seen: RobotSd,
     /// How far corners lie from where lens and board have them beyond their own deviations, one standard deviation, px; 0 where those
     /// explain everything.
     pub model_sd_px: f64,
@@ -106,7 +106,7 @@ impl HandEyeReport {
         self.fit.X_MC
     }
 
-    /// Whether pictures and robot contradict each other: no robot as good as was stated has been at the poses that its file says, by the
+    /// Whether images and robot contradict each other: no robot as good as was stated has been at the poses that its file says, by the
     /// camera and the board that were named.
     #[must_use]
     pub fn is_contradicted(&self) -> bool {

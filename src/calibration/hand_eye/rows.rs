@@ -26,7 +26,7 @@ pub(super) const ALL: usize = GLOBAL + 6;
 pub(super) struct HandEyeUnknowns {
     pub X_MC: Pose,
     pub X_WO: Pose,
-    /// What has to be added to the camera's stamps, s: the picture shows the flange where it is so much after the stated pose.
+    /// What has to be added to the camera's stamps, s: the image shows the flange where it is so much after the stated pose.
     pub offset_s: f64,
     /// The flange in the base as it really was, view by view.
     pub arm: Vec<Pose>,
@@ -77,7 +77,7 @@ fn rotation_vector_slope(turn: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + S * 0.5 + S * S * c
 }
 
-/// The flange at the time of the picture, and the board in the camera.
+/// The flange at the time of the image, and the board in the camera.
 pub(super) fn board_in_camera(X_MC: &Pose, X_WO: &Pose, arm: &ArmAt, offset_s: f64) -> Pose {
     let X_BE = integrate_body_twist(&arm.X_BE, &arm.V_BE_E, offset_s);
     (arm.place.X_WM(&X_BE) * X_MC).inv_mul(X_WO)

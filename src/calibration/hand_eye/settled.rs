@@ -1,7 +1,7 @@
 //! Samples taken in motion told from settled ones: by the joints' velocities, by poses that follow each other, or by what the
-//! corners do from one picture to the next.
+//! corners do from one image to the next.
 //!
-//! A picture and a robot pose are never of the same moment; what the picture moves in the meantime is an error of the sample.
+//! An image and a robot pose are never of the same moment; what the image moves in the meantime is an error of the sample.
 
 use super::HandEyeView;
 use crate::camera_model::CameraModel;
@@ -10,17 +10,17 @@ use crate::geometry::{Pose, Twist};
 
 /// How far stamps of robot and camera may lie apart where nobody has calibrated them, s.
 const STAMPS_S: f64 = 0.02;
-/// What a picture may move in that time and still count as taken at rest, px.
+/// What an image may move in that time and still count as taken at rest, px.
 const SETTLED_PX: f64 = 0.3;
 
-/// Whether a picture that moves at this speed, px/s, counts as taken at rest: within 20 ms, by which stamps of robot and camera may
+/// Whether an image that moves at this speed, px/s, counts as taken at rest: within 20 ms, by which stamps of robot and camera may
 /// lie apart, it moves by no more than 0.3 px. NaN is no rest.
 #[must_use]
 pub fn is_settled(speed_px_s: f64) -> bool {
     speed_px_s * STAMPS_S <= SETTLED_PX
 }
 
-/// Speed of the picture at most, px/s, of a flange that moves at `V_BE_E` with the board at the distance `distance_m` from the camera:
+/// Speed of the image at most, px/s, of a flange that moves at `V_BE_E` with the board at the distance `distance_m` from the camera:
 /// `f (|v| / z + |w|)`, the lever between camera and flange left aside.
 #[must_use]
 pub fn flange_speed_px_s(camera: &CameraModel, V_BE_E: &Twist, distance_m: f64) -> f64 {
@@ -42,7 +42,7 @@ pub fn pose_speed(X_BE_before: &Pose, X_BE: &Pose, dt_s: f64) -> Twist {
     Twist::new(v.x, v.y, v.z, w.x, w.y, w.z)
 }
 
-/// How fast the corners move from one picture to the next, `dt_s` later: root mean square over the corners seen in both, less what their
+/// How fast the corners move from one image to the next, `dt_s` later: root mean square over the corners seen in both, less what their
 /// own deviations explain, px/s. `None` without common corners or time.
 #[must_use]
 pub fn corner_speed_px_s(before: &[Found], now: &[Found], dt_s: f64) -> Option<f64> {
@@ -56,7 +56,7 @@ pub fn corner_speed_px_s(before: &[Found], now: &[Found], dt_s: f64) -> Option<f
     (count > 0.0 && dt_s > 0.0).then(|| ((squares - noise).max(0.0) / count).sqrt() / dt_s)
 }
 
-/// Speed of a view's picture by the flange's stated twist, px/s; `None` where none is stated.
+/// Speed of a view's image by the flange's stated twist, px/s; `None` where none is stated.
 pub(super) fn view_speed_px_s(view: &HandEyeView, camera: &CameraModel, X_CO: &Pose) -> Option<f64> {
     let distance_m = X_CO.translation.z.max(1e-3);
     view.V_BE_E.map(|V| flange_speed_px_s(camera, &V, distance_m))

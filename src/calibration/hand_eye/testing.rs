@@ -1,6 +1,6 @@
 //! Simulated truth for the tests: an arm, a board, a camera with a lens, and what each measures.
 
-use super::{BoardCorner, CameraMount, HandEyeView, LoopSample, RobotDeviation};
+use super::{BoardCorner, CameraMount, HandEyeView, LoopSample, RobotSd};
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::geometry::{Pose, Twist, integrate_body_twist};
 use crate::linalg::Random;
@@ -31,8 +31,8 @@ pub(super) struct SimulatedCell {
     pub X_MC: Pose,
     pub X_WO: Pose,
     pub corner_sd_px: f64,
-    pub robot: RobotDeviation,
-    /// The flange is where the robot says so much before the picture, s.
+    pub robot: RobotSd,
+    /// The flange is where the robot says so much before the image, s.
     pub offset_s: f64,
 }
 
@@ -50,7 +50,7 @@ impl SimulatedCell {
             CameraMount::EyeInHand => Pose::new(Vector3::new(0.5, 0.1, 0.0) + turn(0.2), turn(1.5)),
             CameraMount::EyeToHand => Pose::new(turn(0.1), turn(1.0)),
         };
-        let robot = RobotDeviation { rotation_rad: 0.0, translation_m: 0.0 };
+        let robot = RobotSd { rotation_rad: 0.0, translation_m: 0.0 };
         Self { place, X_MC, X_WO, corner_sd_px: 0.0, robot, offset_s: 0.0 }
     }
 

@@ -63,7 +63,7 @@ proptest! {
             let views = cell.views(count, &mut random);
             let start = pose([0.02, -0.01, 0.015, 0.05, -0.08, 0.06]) * cell.X_MC;
             let board = cell.X_WO * pose([-0.02, 0.01, 0.015, 0.04, 0.03, -0.06]);
-            for robot in [RobotDeviation { rotation_rad: 0.0, translation_m: 0.0 }, RobotDeviation::default()] {
+            for robot in [RobotSd { rotation_rad: 0.0, translation_m: 0.0 }, RobotSd::default()] {
                 let fit = refine_jointly(&all(&views), &camera(), &JointSettings { robot, ..settings(&cell) }, &start, &board);
                 let fit = fit.unwrap();
                 prop_assert!(gap(&fit.X_MC, &cell.X_MC) < 1e-9, "{robot:?} {} {}", gap(&fit.X_MC, &cell.X_MC), fit.iterations);
@@ -95,7 +95,7 @@ fn covariances_are_honest() {
             let mut random = Random::new(1000 + seed);
             let mut cell = SimulatedCell::new(place, &mut random);
             cell.corner_sd_px = 0.1;
-            cell.robot = RobotDeviation { rotation_rad: 1e-3, translation_m: 1e-3 };
+            cell.robot = RobotSd { rotation_rad: 1e-3, translation_m: 1e-3 };
             let views = cell.views(10, &mut random);
             let fit =
                 refine_jointly(&all(&views), &camera(), &settings(&cell), &cell.X_MC, &cell.X_WO).unwrap();
@@ -139,7 +139,7 @@ fn a_robot_worse_than_stated_is_found_out() {
         let mut random = Random::new(90 + seed);
         let mut cell = SimulatedCell::new(CameraMount::EyeInHand, &mut random);
         cell.corner_sd_px = 0.05;
-        cell.robot = RobotDeviation { rotation_rad: 5e-3, translation_m: 3e-3 };
+        cell.robot = RobotSd { rotation_rad: 5e-3, translation_m: 3e-3 };
         let views = cell.views(15, &mut random);
         let report = calibrate_hand_eye(&views, &camera(), &HandEyeSettings::of(cell.place)).unwrap();
         position += report.robot_seen.translation_m / 40.0;
@@ -162,9 +162,9 @@ fn the_time_between_the_stamps_is_found() {
             cell.offset_s = random.between(-0.05, 0.05);
             for (noise, sd_px) in [(false, 0.0), (true, 0.1)] {
                 cell.corner_sd_px = sd_px;
-                cell.robot = RobotDeviation { rotation_rad: 2e-4, translation_m: 2e-4 };
+                cell.robot = RobotSd { rotation_rad: 2e-4, translation_m: 2e-4 };
                 if !noise {
-                    cell.robot = RobotDeviation { rotation_rad: 0.0, translation_m: 0.0 };
+                    cell.robot = RobotSd { rotation_rad: 0.0, translation_m: 0.0 };
                 }
                 let views: Vec<_> = (0..10)
                     .map(|_| {
@@ -254,7 +254,7 @@ fn what_does_not_determine_the_camera_is_named() {
         // three views of which two are one
         let twice = [views[0].clone(), views[1].clone(), views[1].clone()];
         assert!(matches!(run(&twice), Err(HandEyeError::OneAxis { .. })));
-        // the poses of other pictures
+        // the poses of other images
         let mut mixed = cell.views(6, &mut random);
         let first = mixed[0].X_BE;
         for i in 0..5 {
@@ -407,7 +407,7 @@ fn covariances_are_of_position_change_and_left_rotation() {
             }
             let settings = JointSettings {
                 place,
-                robot: RobotDeviation { rotation_rad: sd_rad, translation_m: sd_m },
+                robot: RobotSd { rotation_rad: sd_rad, translation_m: sd_m },
                 loss: Loss::Squares,
                 time_offset: false,
             };

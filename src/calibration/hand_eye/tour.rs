@@ -1,10 +1,10 @@
 //! Postures from which an arm looks at the board to find out where its camera sits: the board in view, wide turns about all axes.
 //!
 //! ```text
-//! where the board is now ─► views of it, tilted to all sides and rolled ─► postures: in range, board well inside the picture ─► spread
+//! where the board is now ─► views of it, tilted to all sides and rolled ─► postures: in range, board well inside the image ─► spread
 //! ```
 //! The camera's pose is only believed here. So that the board stays in view where it is wrong by some degrees, it must be well inside the
-//! picture as it is expected. Obstacles are not known: neighbouring views are at the same distance from the board.
+//! image as it is expected. Obstacles are not known: neighbouring views are at the same distance from the board.
 
 use super::{CameraMount, LoopSample, rotation_spread};
 use crate::camera_model::CameraModel;
@@ -26,7 +26,7 @@ const TILT_RAD: f64 = 0.45;
 const ROLL_RAD: f64 = 0.9;
 /// Shares of them that are tried, until one is within reach.
 const SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.3];
-/// Share of the picture's width about its border that the board keeps out of.
+/// Share of the image's width about its border that the board keeps out of.
 const BORDER: f64 = 0.1;
 /// Share of a joint's range that is kept free at each of its ends.
 const RANGE_SHARE: f64 = 0.03;
@@ -41,7 +41,7 @@ const DAMPING: f64 = 1e-4;
 pub enum TourError {
     /// Too few views are within reach.
     #[error(
-        "hand-eye: too few views of the board are within reach: start with the board in the middle of the picture and small in it, \
+        "hand-eye: too few views of the board are within reach: start with the board in the middle of the image and small in it, \
          and with the joints away from the ends of their ranges"
     )]
     TooFewViews,
@@ -162,7 +162,7 @@ impl<const N: usize> TourCell<'_, N> {
         if free.is_finite() { (low + free, high - free) } else { (low, high) }
     }
 
-    /// Whether all points are seen, well inside the picture.
+    /// Whether all points are seen, well inside the image.
     fn sees_all(&self, q: &SVector<f64, N>, X_WO: &Pose) -> bool {
         let X_CO = self.X_WC(q).inv_mul(X_WO);
         let border_px = BORDER * f64::from(self.camera.intrinsics().width_px);
@@ -243,7 +243,7 @@ mod tests {
             TourCell { robot: &scara, mount: &mount, camera: &camera, points: &points, limits: &limits_4 };
         let q = SVector::<f64, 4>::from([0.0, 1.57, 0.5, -0.7]);
         assert_eq!(plan_tour(&cell, &q, &Pose::translation(-0.04, -0.025, 0.5)), Err(TourError::OneAxis));
-        // a board that fills the picture has no room
+        // a board that fills the image has no room
         assert_eq!(plan_tour(&cell, &q, &Pose::translation(-0.04, -0.025, 0.1)), Err(TourError::TooFewViews));
     }
 }

@@ -30,7 +30,7 @@ pub(super) fn verdict(report: &HandEyeReport) -> String {
     if let Some(held) = &report.held_out {
         let _ = writeln!(
             text,
-            "A view that the calibration has not seen is predicted to {:.2} mm and {:.3} deg, {:.1} px in the picture.",
+            "A view that the calibration has not seen is predicted to {:.2} mm and {:.3} deg, {:.1} px in the image.",
             held.position_m * 1e3,
             held.rotation_rad.to_degrees(),
             held.rms_px
@@ -45,8 +45,8 @@ pub(super) fn verdict(report: &HandEyeReport) -> String {
     if report.is_contradicted() {
         let _ = writeln!(
             text,
-            "Pictures and robot contradict each other: the robot's poses would have to be off by {:.2} mm and {:.3} deg along an axis, \
-             where {:.2} mm and {:.3} deg are stated. Check that each pose belongs to its picture and is that of the flange, the camera's \
+            "Images and robot contradict each other: the robot's poses would have to be off by {:.2} mm and {:.3} deg along an axis, \
+             where {:.2} mm and {:.3} deg are stated. Check that each pose belongs to its image and is that of the flange, the camera's \
              calibration, the size of the squares, and that the board and the camera were firmly fixed; of a robot that is no better, state so \
              (--robot-sd-mm, --robot-sd-deg).",
             seen.translation_m * 1e3,

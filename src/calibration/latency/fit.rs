@@ -13,7 +13,7 @@
 //! because a sandwich of few frames is thin.
 
 use super::KnownCell;
-use crate::calibration::{Recording, SeenTarget};
+use crate::calibration::{Recording, TargetDetection};
 use crate::features::{point_image_jacobian, point_rows};
 use crate::geometry::{Pose, Twist, integrate_body_twist};
 use crate::linalg::Ldlt;
@@ -119,22 +119,22 @@ impl<'a, const N: usize> LatencyProblem<'a, N> {
 
     /// How many frames show the whole target.
     pub(super) fn frames(&self) -> usize {
-        self.sightings().count()
+        self.observations().count()
     }
 
-    fn sightings(&self) -> impl Iterator<Item = &SeenTarget> {
+    fn observations(&self) -> impl Iterator<Item = &TargetDetection> {
         let points = self.cell.points.len();
-        self.recording.sightings.iter().filter(move |s| s.points().len() == points).step_by(self.stride)
+        self.recording.observations.iter().filter(move |s| s.points().len() == points).step_by(self.stride)
     }
 
     /// Root mean square motion of the points about their mean places, px.
     pub(super) fn motion_px(&self) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for j in 0..self.cell.points.len() {
-            let px = |s: &SeenTarget| Some(s.points().get(j)?.s.component_mul(&self.cell.f_px));
+            let px = |s: &TargetDetection| Some(s.points().get(j)?.s.component_mul(&self.cell.f_px));
             let frames = self.frames() as f64;
-            let mean = self.sightings().filter_map(px).sum::<Vector2<f64>>() / frames;
-            sum += self.sightings().filter_map(px).map(|p| (p - mean).norm_squared()).sum::<f64>();
+            let mean = self.observations().filter_map(px).sum::<Vector2<f64>>() / frames;
+            sum += self.observations().filter_map(px).map(|p| (p - mean).norm_squared()).sum::<f64>();
             count += frames;
         }
         (sum / count).sqrt()
@@ -142,21 +142,26 @@ impl<'a, const N: usize> LatencyProblem<'a, N> {
 
     /// The pose that the first frame with one tells, the arm still at rest: whatever its stamp says.
     pub(super) fn first_guess(&self) -> Option<LatencyUnknowns> {
-        let (stamp, X_CO) = self.sightings().find_map(|s| Some((s.stamp, s.X_CO?)))?;
+        let (stamp, X_CO) = self.observations().find_map(|s| Some((s.stamp, s.X_CO?)))?;
         let (q, _) = self.recording.track.at(stamp, 0.0)?;
         let X_WO = self.cell.mount.X_WC(&self.cell.robot.forward(&q)) * X_CO;
         Some(LatencyUnknowns { tau_s: 0.0, X_WO, xi_C: Twist::zeros() })
     }
 
     /// The residuals of one frame; none of a point that would lie behind the camera.
-    fn residuals(&self, sighting: &SeenTarget, at: &LatencyUnknowns, mut each: impl FnMut(&PointResidual)) {
+    fn residuals(
+        &self,
+        observation: &TargetDetection,
+        at: &LatencyUnknowns,
+        mut each: impl FnMut(&PointResidual),
+    ) {
         let KnownCell { robot, mount, f_px, points } = self.cell;
-        let Some((q, qd)) = self.recording.track.at(sighting.stamp, at.tau_s) else { return };
+        let Some((q, qd)) = self.recording.track.at(observation.stamp, at.tau_s) else { return };
         let (X_WC, J_C) = at.mount(mount).camera(robot, &q);
         let V_WC_C: Twist = J_C.matrix() * qd;
         let X_CO = X_WC.inv_mul(&at.X_WO);
         let R_CO = X_CO.rotation.to_rotation_matrix();
-        for (p_O, seen) in points.iter().zip(sighting.points()) {
+        for (p_O, seen) in points.iter().zip(observation.points()) {
             let p_C: Point3<f64> = X_CO * p_O;
             if !(p_C.z > 0.0) {
                 continue;
@@ -180,7 +185,7 @@ impl<'a, const N: usize> LatencyProblem<'a, N> {
     }
 
     fn each_residual(&self, at: &LatencyUnknowns, mut each: impl FnMut(&PointResidual)) {
-        self.sightings().for_each(|sighting| self.residuals(sighting, at, &mut each));
+        self.observations().for_each(|observation| self.residuals(observation, at, &mut each));
     }
 
     /// Standard deviation of the residuals, from their median: outliers do not move it.
@@ -290,9 +295,9 @@ impl<'a, const N: usize> LatencyProblem<'a, N> {
         let Some(inverse) = inverse(&H) else { return f64::INFINITY };
         let (mut by_frames, mut frames) = (0.0, 0.0);
         let (mut squares, mut numbers) = (0.0, 0.0);
-        for sighting in self.sightings() {
+        for observation in self.observations() {
             let mut g = Unknowns::zeros();
-            self.residuals(sighting, at, |e| {
+            self.residuals(observation, at, |e| {
                 g += e.J.transpose() * e.r * huber_weight(e, spread);
                 squares += e.r.norm_squared() * huber_weight(e, spread).powi(2);
                 numbers += 2.0;

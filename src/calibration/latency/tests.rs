@@ -1,7 +1,7 @@
 //! Arms of the run files that move before a target at rest, with noise and stamps that are off by a known time.
 
 use super::*;
-use crate::calibration::{GentleMotion, image_reach};
+use crate::calibration::{ExcitationTrajectory, image_reach};
 use crate::config::Config;
 use crate::geometry::Pose;
 use crate::messages::{FeaturePoint, JointState, Measurement, TargetStatus};
@@ -60,11 +60,11 @@ impl<const N: usize> ArmScene<N> {
         let points = scene.config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>();
         let reach =
             image_reach(&scene.robot, &camera.mount, &camera.model, &points, &limits, &q, &seen).unwrap();
-        scene.amplitude = *GentleMotion::new(&q, &reach, &limits).amplitude();
+        scene.amplitude = *ExcitationTrajectory::new(&q, &reach, &limits).amplitude();
         scene
     }
 
-    /// A motion from rest to rest, not that of [`GentleMotion`].
+    /// A motion from rest to rest, not that of [`ExcitationTrajectory`].
     fn joints(&self, t: f64) -> (SVector<f64, N>, SVector<f64, N>) {
         let t = t.clamp(0.0, DURATION_S);
         let (w, w_dot) = {
@@ -226,12 +226,12 @@ fn frames_that_are_off_do_not_spoil_it() {
 fn features_without_sd_and_frames_without_pose_are_used() {
     let scene = ArmScene::<4>::of("default.toml");
     let mut recording = scene.recording(CameraErrors { late_s: 0.015, ..GOOD });
-    let whole = recording.sightings.clone();
-    for sighting in recording.sightings.iter_mut().skip(1) {
-        sighting.X_CO = None;
+    let whole = recording.observations.clone();
+    for observation in recording.observations.iter_mut().skip(1) {
+        observation.X_CO = None;
     }
     assert!((scene.found(&recording).unwrap().offset_s + 0.015).abs() < 2e-4);
-    recording.sightings = whole.iter().map(|s| s.with_sigma_px(0.0)).collect();
+    recording.observations = whole.iter().map(|s| s.with_sigma_px(0.0)).collect();
     assert!((scene.found(&recording).unwrap().offset_s + 0.015).abs() < 2e-4);
 }
 
@@ -241,13 +241,13 @@ fn what_cannot_be_found_is_told() {
     let error = |scene: &ArmScene<4>, recording: &Recording<4>| scene.found(recording).unwrap_err();
     let good = scene.recording(GOOD);
 
-    let few = Recording { sightings: good.sightings[..10].to_vec(), ..good.clone() };
+    let few = Recording { observations: good.observations[..10].to_vec(), ..good.clone() };
     assert_eq!(error(&scene, &few), LatencyError::TooFewFrames { found: 10, needed: MIN_FRAMES });
     let blind = Recording { track: super::super::JointTrack::default(), ..good.clone() };
     assert!(matches!(error(&scene, &blind), LatencyError::TooFewFrames { .. }));
 
     let mut without_pose = good.clone();
-    without_pose.sightings.iter_mut().for_each(|s| s.X_CO = None);
+    without_pose.observations.iter_mut().for_each(|s| s.X_CO = None);
     assert_eq!(error(&scene, &without_pose), LatencyError::NoPose);
 
     for late_s in [0.4, -0.4] {
@@ -258,7 +258,7 @@ fn what_cannot_be_found_is_told() {
     // The joints of another motion than the camera saw.
     let amplitude = scene.amplitude;
     scene.amplitude = SVector::from_fn(|i, _| amplitude[(i + 1) % 4] * if i == 2 { 0.0 } else { -1.0 });
-    let other = Recording { sightings: good.sightings.clone(), ..scene.recording(GOOD) };
+    let other = Recording { observations: good.observations.clone(), ..scene.recording(GOOD) };
     let found = error(&scene, &other);
     assert!(
         matches!(found, LatencyError::NotFollowing { .. } | LatencyError::OutOfRange { .. }),

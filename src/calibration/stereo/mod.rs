@@ -1,14 +1,14 @@
-//! Calibration of a stereo pair: both cameras and the pose between them, from pictures of one board taken at the same instants.
+//! Calibration of a stereo pair: both cameras and the pose between them, from images of one board taken at the same instants.
 //!
 //! ```text
 //! each camera alone ─► poses of the board ─► X_RL = X_RO X_LO^-1 of each pair (as (10.62)) ─► the one nearest to all
 //!                                              └─► joint least squares over both lenses, X_RL, the board's shape and its poses
 //! ```
-//! `X_LR` is the pose of the right camera in the left one. m, rad, px. The corner of an id must be the same one in both pictures of a
+//! `X_LR` is the pose of the right camera in the left one. m, rad, px. The corner of an id must be the same one in both images of a
 //! pair: boards that look the same after half a turn do not serve.
 
 use super::bundle::{
-    BoardSighting, BundleProblem, BundleState, Freedom, Optics, Selected, adjust_selected,
+    BoardObservation, BundleProblem, BundleState, Freedom, Optics, Selected, adjust_selected,
     covariance_with_dropped,
 };
 use super::camera::{
@@ -24,13 +24,13 @@ use std::collections::HashMap;
 /// A base line whose squared distance from none, in standard deviations, is less is none: chi-square with three degrees of freedom
 /// exceeds this once in 10^5.
 const NO_BASELINE: f64 = 25.9;
-/// No two pictures of one camera pass for a base line of more, m: pictures too few to tell such a one stay what they are, uncertain.
+/// No two images of one camera pass for a base line of more, m: images too few to tell such a one stay what they are, uncertain.
 const SURE_BASELINE_M: f64 = 0.01;
 
 /// Two cameras, and where they are to each other.
 #[derive(Debug, Clone)]
 pub struct StereoCalibration {
-    /// The left camera as the pair tells it; its pictures are those of the pairs.
+    /// The left camera as the pair tells it; its images are those of the pairs.
     pub left: CameraCalibration,
     /// The right camera.
     pub right: CameraCalibration,
@@ -55,7 +55,7 @@ impl StereoCalibration {
     }
 }
 
-/// The pair that took these pictures, the same number of each, `left[i]` and `right[i]` at one instant; sizes in columns and rows.
+/// The pair that took these images, the same number of each, `left[i]` and `right[i]` at one instant; sizes in columns and rows.
 ///
 /// # Errors
 /// [`CameraCalibrationError`]; pairs that are of no use are told in the result.
@@ -81,11 +81,11 @@ pub fn calibrate_stereo(
     let X_RL = nearest_to_all(poses.iter().map(|(X_LO, X_RO)| X_RO * X_LO.inverse()).collect())
         .ok_or(CameraCalibrationError::TooFewViews { usable: 0, needed: 1 })?;
     let extent = BoardExtent::of(left.iter().chain(right).flatten());
-    let sighting = |camera: usize, view: &BoardView| BoardSighting {
+    let observation = |camera: usize, view: &BoardView| BoardObservation {
         camera,
         points: view.iter().map(|p| extent.point(p, settings.model_sd_px)).collect(),
     };
-    let pair = |i: &usize| Some(vec![sighting(0, left.get(*i)?), sighting(1, right.get(*i)?)]);
+    let pair = |i: &usize| Some(vec![observation(0, left.get(*i)?), observation(1, right.get(*i)?)]);
     let problem = BundleProblem {
         freedom: alone.iter().map(|one| one.freedom).collect(),
         warp: settings.warp,

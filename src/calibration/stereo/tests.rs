@@ -94,7 +94,7 @@ fn unequal_numbers_are_refused() {
     assert!(error.to_string().contains("in pairs"));
 }
 
-/// The same pictures twice, and pictures of one camera that stood still: there is no pair, and the sentence names why.
+/// The same images twice, and images of one camera that stood still: there is no pair, and the sentence names why.
 #[test]
 fn one_camera_is_no_pair() {
     let one = camera(560.0, 315.0);

@@ -198,7 +198,7 @@ impl CameraAnswer {
     }
 }
 
-/// Why a picture takes no part: what the finder said goes before what the calibration says.
+/// Why an image takes no part: what the finder said goes before what the calibration says.
 pub(super) fn reasons<'a>(
     calibration: &'a CameraCalibration,
     boards: &'a Boards,
@@ -260,7 +260,7 @@ pub(super) fn lines(examined: &Examined, boards: &Boards) -> String {
     }
     let _ = writeln!(
         text,
-        "{} of {} pictures, rms {:.3} px, noise of a coordinate {:.3} px, corners in {:.0} % of the image",
+        "{} of {} images, rms {:.3} px, noise of a coordinate {:.3} px, corners in {:.0} % of the image",
         calibration.views_used(),
         calibration.views.len(),
         calibration.rms_px,
@@ -281,7 +281,7 @@ pub(super) fn lines(examined: &Examined, boards: &Boards) -> String {
     if let Some(h) = halves {
         let _ = writeln!(
             text,
-            "halves of the pictures differ by {:.3} px over the image, {:.2} times what the noise explains",
+            "halves of the images differ by {:.3} px over the image, {:.2} times what the noise explains",
             h.difference_px, h.ratio
         );
     }

@@ -1,7 +1,7 @@
-//! Pictures of a board: files -> corners, each picture with its name and, where there is no board, why.
+//! Images of a board: files -> corners, each image with its name and, where there is no board, why.
 
 use super::super::BoardArguments;
-use super::super::detect::picture;
+use super::super::detect::image_file;
 use super::CalibrateError;
 use crate::calibration::camera::{BoardPoint, BoardView};
 use crate::detect::Found;
@@ -15,14 +15,14 @@ use std::io::{IsTerminal, Write, stderr};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-/// Most pictures of a camera: more take long and tell little.
-const MAX_PICTURES: usize = 500;
+/// Most images of a camera: more take long and tell little.
+const MAX_IMAGES: usize = 500;
 
 /// Squares of boards that people hold before cameras, m: those of a microscope's slide to those of a wall. What lies beyond is a length
 /// in another unit, by which every length of the result would be wrong.
 const SQUARES_M: RangeInclusive<f64> = 1e-3..=1.0;
 
-/// What the pictures of one camera show.
+/// What the images of one camera show.
 pub(super) struct Boards {
     /// Columns and rows of all of them.
     pub(super) size: (u32, u32),
@@ -74,10 +74,10 @@ pub(super) fn believable_square(board: &Chessboard) -> Result<(), CalibrateError
 }
 
 impl Boards {
-    /// Reads the pictures and looks for the board in each.
+    /// Reads the images and looks for the board in each.
     pub(super) fn find(paths: &[PathBuf], board: &Chessboard) -> Result<Self, CalibrateError> {
-        if paths.len() > MAX_PICTURES {
-            let message = format!("{} pictures, at most {MAX_PICTURES} are taken: choose", paths.len());
+        if paths.len() > MAX_IMAGES {
+            let message = format!("{} images, at most {MAX_IMAGES} are taken: choose", paths.len());
             return Err(CalibrateError::usage(message));
         }
         let mut boards = Self { size: (0, 0), names: Vec::new(), views: Vec::new(), misses: Vec::new() };
@@ -89,8 +89,8 @@ impl Boards {
                 let line = format!("\r\x1b[K{}/{} {}", i + 1, paths.len(), printable(&name));
                 let _ = Stderr.write_all(line.as_bytes());
             }
-            let image =
-                picture::load(path).map_err(|reason| CalibrateError::input(format!("{name}: {reason}")))?;
+            let image = image_file::load(path)
+                .map_err(|reason| CalibrateError::input(format!("{name}: {reason}")))?;
             let size = image.dimensions();
             if i == 0 {
                 boards.size = size;

@@ -50,7 +50,7 @@ fn examined(arguments: &CalibrateCameraArguments) -> Result<(Examined, Boards), 
     Ok((examined, boards))
 }
 
-/// An error with what the pictures lack, where that is why.
+/// An error with what the images lack, where that is why.
 pub(super) fn explained(error: CameraCalibrationError, boards: &Boards) -> CalibrateError {
     let mut refusal = CalibrateError::from(error);
     let misses =

@@ -1,16 +1,16 @@
-//! `vservo calibrate hand-eye`: pictures of a board and the robot's poses -> where the camera sits. With `--drive` the (simulated) arm
-//! takes the pictures itself.
+//! `vservo calibrate hand-eye`: images of a board and the robot's poses -> where the camera sits. With `--drive` the (simulated) arm
+//! takes the images itself.
 
 mod answer;
 mod drive;
 mod poses;
 
-use super::super::detect::{calibration, picture};
+use super::super::detect::{calibration, image_file};
 use super::super::{check_writable, json, shown, write_result};
 use super::CalibrateError;
 use super::boards::believable_square;
 use crate::calibration::hand_eye::{
-    BoardCorner, CameraMount, HandEyeSettings, HandEyeView, MAX_VIEWS, RobotDeviation, calibrate_hand_eye,
+    BoardCorner, CameraMount, HandEyeSettings, HandEyeView, MAX_VIEWS, RobotSd, calibrate_hand_eye,
     fits_as_w_x_y_z,
 };
 use crate::camera_model::CameraModel;
@@ -78,10 +78,8 @@ pub struct HandEyeArguments {
 impl HandEyeArguments {
     fn settings(&self) -> HandEyeSettings {
         let place = if self.eye_to_hand { CameraMount::EyeToHand } else { CameraMount::EyeInHand };
-        let robot = RobotDeviation {
-            rotation_rad: self.robot_sd_deg.to_radians(),
-            translation_m: self.robot_sd_mm * 1e-3,
-        };
+        let robot =
+            RobotSd { rotation_rad: self.robot_sd_deg.to_radians(), translation_m: self.robot_sd_mm * 1e-3 };
         HandEyeSettings { place, robot, time_offset: self.time_offset }
     }
 
@@ -158,7 +156,7 @@ fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError>
     if fits_as_w_x_y_z(&views, &camera, &settings, &report) {
         return Err(CalibrateError::with_code(
             Outcome::NotConverged.exit_code(),
-            "--poses: the poses do not belong to the pictures as they are written, but do where the four numbers of each rotation are \
+            "--poses: the poses do not belong to the images as they are written, but do where the four numbers of each rotation are \
              w x y z: write them in the order x y z w, in the columns qx,qy,qz,qw",
         ));
     }
@@ -167,7 +165,7 @@ fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError>
     Ok(HandEyeAnswer::new(report, &views, unused))
 }
 
-/// The target, if its points can be told apart in a single picture.
+/// The target, if its points can be told apart in a single image.
 fn one_look(kind: Kind) -> Result<Target, CalibrateError> {
     let refuse = |what: &str| Err(CalibrateError::with_code(2, format!("--target: {what}")));
     if kind.any_tag {
@@ -175,7 +173,7 @@ fn one_look(kind: Kind) -> Result<Target, CalibrateError> {
     }
     if kind.target.symmetry().turns > 1 {
         return refuse(
-            "looks the same when it is turned, so that its points cannot be told apart from picture to picture: take a board with \
+            "looks the same when it is turned, so that its points cannot be told apart from image to image: take a board with \
              an even number of inner corners one way and an odd number the other, such as 9x6",
         );
     }
@@ -188,7 +186,7 @@ fn one_look(kind: Kind) -> Result<Target, CalibrateError> {
     Ok(kind.target)
 }
 
-/// Finds the board in pictures of one camera.
+/// Finds the board in images of one camera.
 struct BoardFinder {
     camera: CameraModel,
     vision: Vision,
@@ -205,7 +203,7 @@ impl BoardFinder {
     /// What is seen of the board in an image file; the reason where nothing is.
     fn corners(&mut self, path: &Path) -> Result<Result<Vec<BoardCorner>, String>, CalibrateError> {
         let named = |what: String| CalibrateError::with_code(3, format!("{}: {what}", path.display()));
-        let image = picture::load(path).map_err(named)?;
+        let image = image_file::load(path).map_err(named)?;
         let (width, height) = image.dimensions();
         let i = self.camera.intrinsics();
         if (i.width_px, i.height_px) != (width, height) {

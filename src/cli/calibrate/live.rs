@@ -1,4 +1,4 @@
-//! `vservo calibrate camera --live`: pictures from a running camera process, taken where a board is held still and shows something new.
+//! `vservo calibrate camera --live`: images from a running camera process, taken where a board is held still and shows something new.
 
 use super::super::CalibrateCameraArguments;
 use super::CalibrateError;
@@ -18,17 +18,17 @@ use nalgebra::Point3;
 use std::path::Path;
 use std::time::Duration;
 
-/// The longest silence of the camera, and the longest time without a new picture of the board.
+/// The longest silence of the camera, and the longest time without a new image of the board.
 const LONGEST_SILENCE: SpanNs = SpanNs(10_000_000_000);
 const LONGEST_SEARCH: SpanNs = SpanNs(120_000_000_000);
 /// A board is held still whose corners move by less than this from one frame to the next, px.
 const STILL_PX: f64 = 0.5;
 /// A view is new whose corners lie farther than this share of the image's width from those of each other, on average.
 const NEW_SHARE: f64 = 0.06;
-/// Pictures before which nothing can be told of the camera.
+/// Images before which nothing can be told of the camera.
 const FEWEST: usize = 4;
 
-/// Takes pictures until there are `--views`, a stop is asked for, or nothing comes any more; `run_file` is that of the camera process.
+/// Takes images until there are `--views`, a stop is asked for, or nothing comes any more; `run_file` is that of the camera process.
 pub(super) fn watch(
     run_file: &Path,
     arguments: &CalibrateCameraArguments,
@@ -60,7 +60,7 @@ pub(super) fn watch(
             break;
         }
         if now() - taken > LONGEST_SEARCH {
-            tell(format_args!("vservo: no new picture of the board for {} s", LONGEST_SEARCH.as_s()));
+            tell(format_args!("vservo: no new image of the board for {} s", LONGEST_SEARCH.as_s()));
             break;
         }
         frames.wait(Duration::from_millis(50)).map_err(|e| input(&e))?;
@@ -112,7 +112,7 @@ impl<'a> LiveCapture<'a> {
     /// How far it is: the verdict of what there is, and the next view.
     fn progress(&self) -> String {
         let count = self.boards.views.len();
-        let so_far = format!("{count} of {} pictures", self.arguments.views);
+        let so_far = format!("{count} of {} images", self.arguments.views);
         if count < FEWEST {
             return so_far;
         }

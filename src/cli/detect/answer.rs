@@ -1,4 +1,4 @@
-//! What is told of one picture: a line for people, an object for programs.
+//! What is told of one image: a line for people, an object for programs.
 
 use super::DetectedImage;
 use crate::detect::Found;
@@ -18,7 +18,7 @@ pub(super) struct ImageAnswer {
     pub(super) reason: Option<String>,
     pub(super) features: Vec<FeatureOut>,
     pub(super) pose: Option<PoseOut>,
-    /// Where two poses explain the picture almost equally well: the less likely one.
+    /// Where two poses explain the image almost equally well: the less likely one.
     pub(super) other_pose: Option<OtherPose>,
     pub(super) reprojection_rms_px: Option<f64>,
     /// The variance of points over the one that noise explains, where they do not fit the pose as they should.
@@ -26,7 +26,7 @@ pub(super) struct ImageAnswer {
     pub(super) misfit: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) tags: Option<Vec<TagOut>>,
-    /// What the picture cannot tell of what was found.
+    /// What the image cannot tell of what was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) note: Option<String>,
     pub(super) time_us: f64,

@@ -1,4 +1,4 @@
-//! What was found, drawn over the picture.
+//! What was found, drawn over the image.
 
 use super::ImageAnswer;
 use crate::camera_model::CameraModel;
@@ -13,13 +13,13 @@ const AXES: [Rgb<u8>; 3] = [Rgb([255, 48, 48]), Rgb([48, 255, 48]), Rgb([80, 120
 
 /// PNG bytes; `None` where they cannot be made.
 pub(super) fn draw(
-    picture: &GrayImage,
+    image: &GrayImage,
     answer: &ImageAnswer,
     kind: &Kind,
     camera: &CameraModel,
 ) -> Option<Vec<u8>> {
-    let mut out = RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
-        let [level] = picture.get_pixel(x, y).0;
+    let mut out = RgbImage::from_fn(image.width(), image.height(), |x, y| {
+        let [level] = image.get_pixel(x, y).0;
         Rgb([level; 3])
     });
     for tag in answer.tags.iter().flatten() {

@@ -1,4 +1,4 @@
-//! Grey pictures side by side with what is drawn over them and words below, as PNG or as SVG.
+//! Grey images side by side with what is drawn over them and words below, as PNG or as SVG.
 
 use crate::cli::detect::overlay;
 use crate::print::{base64, letters};
@@ -6,7 +6,7 @@ use image::{ExtendedColorType, GrayImage, ImageEncoder, Rgb, RgbImage, codecs::p
 use nalgebra::Vector2;
 use std::fmt::Write;
 
-/// About the pictures, px.
+/// About the images, px.
 const EDGE: u32 = 12;
 /// Of a line of words, px, and the size of a cell of its letters.
 const LINE: u32 = 18;
@@ -29,7 +29,7 @@ pub(super) enum Colour {
     Outside,
     /// The way to the goal.
     Way,
-    /// The middle of the picture.
+    /// The middle of the image.
     Middle,
     /// The optical axis.
     Axis,
@@ -39,7 +39,7 @@ pub(super) enum Colour {
     Y,
     /// z of the object.
     Z,
-    /// Words beside the pictures.
+    /// Words beside the images.
     Words,
 }
 
@@ -64,18 +64,18 @@ impl Colour {
     }
 }
 
-/// A picture, and what is drawn over it in its pixels.
+/// An image, and what is drawn over it in its pixels.
 #[derive(Debug, Clone)]
 pub(super) struct ImagePanel {
     title: &'static str,
-    picture: GrayImage,
+    image: GrayImage,
     lines: Vec<(Vector2<f64>, Vector2<f64>, Colour)>,
     labels: Vec<(Vector2<f64>, String, Colour)>,
 }
 
 impl ImagePanel {
-    pub(super) fn new(title: &'static str, picture: GrayImage) -> Self {
-        Self { title, picture, lines: Vec::new(), labels: Vec::new() }
+    pub(super) fn new(title: &'static str, image: GrayImage) -> Self {
+        Self { title, image, lines: Vec::new(), labels: Vec::new() }
     }
 
     /// A straight line.
@@ -101,7 +101,7 @@ impl ImagePanel {
     /// Words near `at`, beside those that are there.
     pub(super) fn free_label(&mut self, at: Vector2<f64>, text: &str, colour: Colour) {
         let step =
-            if at.y > 0.5 * f64::from(self.picture.height()) { -f64::from(LINE) } else { f64::from(LINE) };
+            if at.y > 0.5 * f64::from(self.image.height()) { -f64::from(LINE) } else { f64::from(LINE) };
         let length = |words: &str| f64::from(ADVANCE) * words.chars().count() as f64;
         let covers = |place: &Vector2<f64>| {
             self.labels.iter().any(|(other, words, _)| {
@@ -121,7 +121,7 @@ impl ImagePanel {
     }
 }
 
-/// Pictures side by side, and lines of words below them.
+/// Images side by side, and lines of words below them.
 #[derive(Debug, Clone)]
 pub(super) struct ImageSheet {
     pub(super) panels: Vec<ImagePanel>,
@@ -130,8 +130,8 @@ pub(super) struct ImageSheet {
 
 impl ImageSheet {
     fn letters_a_line(&self) -> u32 {
-        let pictures: u32 = self.panels.iter().map(|panel| panel.picture.width() + EDGE).sum();
-        (pictures.saturating_sub(EDGE) / ADVANCE).max(MIN_LETTERS)
+        let images: u32 = self.panels.iter().map(|panel| panel.image.width() + EDGE).sum();
+        (images.saturating_sub(EDGE) / ADVANCE).max(MIN_LETTERS)
     }
 
     /// The words, broken where a line is full; what follows is set in.
@@ -156,23 +156,23 @@ impl ImageSheet {
     }
 
     fn size(&self, lines: usize) -> (u32, u32) {
-        let height = self.panels.iter().map(|panel| panel.picture.height()).max().unwrap_or(0);
+        let height = self.panels.iter().map(|panel| panel.image.height()).max().unwrap_or(0);
         let width = self.letters_a_line() * ADVANCE + 2 * EDGE;
         (width, EDGE + LINE + height + EDGE + LINE * lines as u32 + EDGE)
     }
 
-    /// Left column and upper row of each picture.
+    /// Left column and upper row of each image.
     fn places(&self) -> impl Iterator<Item = (&ImagePanel, u32, u32)> {
         let mut x = EDGE;
         self.panels.iter().map(move |panel| {
             let at = x;
-            x += panel.picture.width() + EDGE;
+            x += panel.image.width() + EDGE;
             (panel, at, EDGE + LINE)
         })
     }
 
     fn foot(&self) -> u32 {
-        EDGE + LINE + self.panels.iter().map(|panel| panel.picture.height()).max().unwrap_or(0) + EDGE
+        EDGE + LINE + self.panels.iter().map(|panel| panel.image.height()).max().unwrap_or(0) + EDGE
     }
 
     /// The file's bytes; `None` where they cannot be made.
@@ -181,8 +181,8 @@ impl ImageSheet {
         let (width, height) = self.size(words.len());
         let mut out = RgbImage::from_pixel(width, height, Rgb([244; 3]));
         for (panel, x, y) in self.places() {
-            let mut drawn = RgbImage::from_fn(panel.picture.width(), panel.picture.height(), |x, y| {
-                let [level] = panel.picture.get_pixel(x, y).0;
+            let mut drawn = RgbImage::from_fn(panel.image.width(), panel.image.height(), |x, y| {
+                let [level] = panel.image.get_pixel(x, y).0;
                 Rgb([level; 3])
             });
             for (from, to, colour) in &panel.lines {
@@ -203,7 +203,7 @@ impl ImageSheet {
         encoded(out.as_raw(), width, height, ExtendedColorType::Rgb8)
     }
 
-    /// The same with the pictures as they are and everything else as lines and letters.
+    /// The same with the images as they are and everything else as lines and letters.
     pub(super) fn svg(&self) -> Option<Vec<u8>> {
         let words = self.broken();
         let (width, height) = self.size(words.len());
@@ -213,15 +213,15 @@ impl ImageSheet {
              <rect width=\"{width}\" height=\"{height}\" fill=\"#f4f4f4\"/>\n"
         );
         for (panel, x, y) in self.places() {
-            let (w, h) = panel.picture.dimensions();
-            let picture = base64(&encoded(panel.picture.as_raw(), w, h, ExtendedColorType::L8)?);
+            let (w, h) = panel.image.dimensions();
+            let image = base64(&encoded(panel.image.as_raw(), w, h, ExtendedColorType::L8)?);
             // a String takes everything
             let _ = writeln!(out, "<text x=\"{x}\" y=\"{}\">{}</text>", y - 5, panel.title);
             // pixels' centres are whole numbers
             let _ = writeln!(
                 out,
                 "<svg x=\"{x}\" y=\"{y}\" width=\"{w}\" height=\"{h}\" viewBox=\"-0.5 -0.5 {w} {h}\">\n<image x=\"-0.5\" y=\"-0.5\" \
-                 width=\"{w}\" height=\"{h}\" href=\"data:image/png;base64,{picture}\"/>"
+                 width=\"{w}\" height=\"{h}\" href=\"data:image/png;base64,{image}\"/>"
             );
             for (from, to, colour) in &panel.lines {
                 let _ = writeln!(

@@ -12,10 +12,10 @@ use crate::servo::SetPoint;
 use crate::vision::{SpacePoint, StereoVision, TaughtPoint, TaughtView};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Pairs of pictures from which a simulated pair is taught: its noise is then a quarter of that of one pair.
-const LESSONS: u64 = 16;
+/// Pairs of images from which a simulated pair is taught: its noise is then a quarter of that of one pair.
+const TEACH_FRAMES: u64 = 16;
 /// Their number, which is that of no frame of a run.
-const FIRST_LESSON: u64 = 1 << 48;
+const FIRST_TEACH_FRAME: u64 = 1 << 48;
 
 /// The pair of a configuration, and its right camera.
 fn pair(config: &Config) -> Result<(&Stereo, &Camera), AssembleError> {
@@ -47,7 +47,7 @@ pub fn taught_view(config: &Config) -> Result<TaughtView, AssembleError> {
     let mut left = SimulatedEye::new(config, (&config.camera, scene.camera), X_DO, scene)?;
     let mut right = SimulatedEye::new(config, (right, right.model), X_LR.inv_mul(&X_DO), scene)?;
     let mut lessons = Vec::new();
-    for lesson in FIRST_LESSON..FIRST_LESSON + LESSONS {
+    for lesson in FIRST_TEACH_FRAME..FIRST_TEACH_FRAME + TEACH_FRAMES {
         let (left, right) = (left.look(lesson)?, right.look(lesson)?);
         let points = StereoVision::points_in(&stereo.rig, left, right);
         lessons.push(points.map_err(|(side, status)| AssembleError::NotSeen {
@@ -119,7 +119,7 @@ impl SimulatedEye {
         })
     }
 
-    /// A picture, and who looks at it.
+    /// An image, and who looks at it.
     fn look(&mut self, lesson: u64) -> Result<(&mut Finder, ImageView<'_>), AssembleError> {
         self.renderer.render(&[self.X_CO], lesson, &mut self.pixels);
         let (width, height) = self.size;

@@ -207,7 +207,7 @@ table! {
         limit_avoidance_1_s: f64 = 0.0,
         /// Whether the arm goes back to where it saw the whole target last when it has lost it.
         return_to_last_seen: bool = false,
-        /// `[servo.visibility]`: keeps the target in the picture.
+        /// `[servo.visibility]`: keeps the target in the image.
         visibility: RawVisibility = RawVisibility::default(),
         /// `[servo.object]`: estimate the target's own motion, carry views by it and follow it.
         object: RawObject = RawObject::default(),
@@ -224,7 +224,7 @@ table! {
 }
 
 table! {
-    /// Keeps the target in the picture: features near its border slow and bend the motion.
+    /// Keeps the target in the image: features near its border slow and bend the motion.
     RawVisibility {
         /// Whether it does.
         guard: bool = true,

@@ -65,8 +65,7 @@ pub(super) fn drive(
             check.wrong("drive.external.folder", message);
         }
         if !raw.camera.source.closes_the_loop() {
-            check
-                .wrong("drive.kind", "replayed pictures do not show the arm: no external drive can be moved");
+            check.wrong("drive.kind", "replayed images do not show the arm: no external drive can be moved");
         }
     }
     let external = DriveProgram {

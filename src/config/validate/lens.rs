@@ -6,7 +6,7 @@ use crate::config::raw::{RawLens, RawTrueLens};
 use std::ops::RangeInclusive;
 
 const FOCAL_PX: RangeInclusive<f64> = 1.0..=1e6;
-/// The principal point of a cropped picture may lie outside of it.
+/// The principal point of a cropped image may lie outside of it.
 const CENTRE_PX: RangeInclusive<f64> = -1e5..=1e5;
 
 /// Long lenses see small radii only: their higher factors are large.

@@ -19,7 +19,7 @@ const FRICTION_SCALE: RangeInclusive<f64> = 0.0..=10.0;
 /// Farther off no joint is that has ever been referenced, rad or m.
 const OFFSET_RAD_OR_M: RangeInclusive<f64> = -1.0..=1.0;
 
-/// Checks all of `[scene]`; the scene of a run whose pictures are rendered, where camera, target and robot are good.
+/// Checks all of `[scene]`; the scene of a run whose images are rendered, where camera, target and robot are good.
 pub(super) fn scene(
     raw: &RawConfig,
     (camera, believed_target, robot): (Option<&Camera>, Option<&Target>, Option<&RobotDescription>),

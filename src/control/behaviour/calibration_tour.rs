@@ -1,4 +1,4 @@
-//! From posture to posture before a board, with a rest in each: by the pictures taken there the camera's mounting is found.
+//! From posture to posture before a board, with a rest in each: by the images taken there the camera's mounting is found.
 //!
 //! Between two postures all joints follow `q(t) = q_a + (q_b - q_a) s(t / T)`, `s(u) = 10 u^3 - 15 u^4 + 6 u^5`: velocity and acceleration
 //! begin and end with zero, with T such that a quarter of each joint's limits is used. It is wished as a velocity; where the arm
@@ -22,14 +22,14 @@ const LIMIT_SHARE: f64 = 0.25;
 const PEAKS: [f64; 3] = [1.875, 5.7735, 60.0];
 /// Shortest motion, s.
 const SHORTEST_S: f64 = 0.2;
-/// The arm rests so long in each posture, long enough to settle and for pictures that show it.
+/// The arm rests so long in each posture, long enough to settle and for images that show it.
 const REST: SpanNs = SpanNs(1_200_000_000);
 
 const OVER: Finish =
     Finish { outcome: Outcome::Finished, reason: "all views of the board have been visited" };
 const TOO_FEW: Finish = Finish {
     outcome: Outcome::NotConverged,
-    reason: "too few views of the board are within reach: start with the board in the middle of the picture and small in it, and \
+    reason: "too few views of the board are within reach: start with the board in the middle of the image and small in it, and \
              with the joints away from the ends of their ranges",
 };
 const ONE_AXIS: Finish = Finish {
@@ -37,7 +37,7 @@ const ONE_AXIS: Finish = Finish {
     reason: "this arm turns the camera about one axis only: the camera's position along it cannot show",
 };
 const NOTHING_SEEN: &str =
-    "the board was not seen where the arm starts: bring it into the picture, and check [target]";
+    "the board was not seen where the arm starts: bring it into the image, and check [target]";
 const TOO_SHORT: &str = "run.duration_s is over before all views were visited";
 
 /// A tour of all views.

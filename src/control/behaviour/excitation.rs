@@ -1,7 +1,7 @@
-//! A gentle motion before the target, by which the stamps of camera and encoders are compared.
+//! An excitation motion before the target, by which the stamps of camera and encoders are compared.
 
 use super::{ArmModel, Behaviour, MotionCommand};
-use crate::calibration::{GentleMotion, image_reach};
+use crate::calibration::{ExcitationTrajectory, image_reach};
 use crate::camera_model::CameraModel;
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::safety::{Freshness, MeasurementWatch};
@@ -17,7 +17,7 @@ const OVER: Finish = Finish { outcome: Outcome::Finished, reason: "the calibrati
 /// What is lost of the motion would be missing in what is found.
 const TARGET_LOST: Finish = Finish {
     outcome: Outcome::NotConverged,
-    reason: "the target was lost while the arm moved: start with the target near the middle of the picture, and see to \
+    reason: "the target was lost while the arm moved: start with the target near the middle of the image, and see to \
              its light",
 };
 const TOO_SHORT: &str = "run.duration_s is over before the calibration motion was: raise it to 15 or more";
@@ -29,7 +29,7 @@ pub struct ExcitationMotion<const N: usize> {
     servo: VisualServo<N>,
     camera: CameraModel,
     watch: MeasurementWatch,
-    motion: Option<GentleMotion<N>>,
+    motion: Option<ExcitationTrajectory<N>>,
 }
 
 impl<const N: usize> ExcitationMotion<N> {
@@ -58,7 +58,7 @@ impl<const N: usize> Behaviour<N> for ExcitationMotion<N> {
             if self.motion.is_none() {
                 let mount = &self.servo.settings().mount;
                 let reach = image_reach(&arm.robot, mount, &self.camera, points, &arm.limits, q, m);
-                self.motion = reach.map(|reach| GentleMotion::new(q, &reach, &arm.limits));
+                self.motion = reach.map(|reach| ExcitationTrajectory::new(q, &reach, &arm.limits));
             }
             if self.motion.is_some() {
                 self.watch.good(now); // whatever its stamp says: that is what is to be found out
@@ -93,7 +93,7 @@ impl<const N: usize> Behaviour<N> for ExcitationMotion<N> {
     fn teach(&mut self) {}
 
     fn finished(&self) -> Option<Finish> {
-        self.motion.as_ref().is_some_and(GentleMotion::is_over).then_some(OVER)
+        self.motion.as_ref().is_some_and(ExcitationTrajectory::is_over).then_some(OVER)
     }
 
     fn has_goal(&self) -> bool {

@@ -3,8 +3,8 @@
 //! | behaviour | goes by | wishes |
 //! | --- | --- | --- |
 //! | [`Servoing`] | views of the target | what the servo law says |
-//! | [`Servoing::dry`] | the same without an arm, or before pictures of another one | nothing, and tells what the law says |
-//! | [`ExcitationMotion`] | measurements, whatever their stamps say | a gentle motion of the joints, to calibrate by |
+//! | [`Servoing::dry`] | the same without an arm, or before images of another one | nothing, and tells what the law says |
+//! | [`ExcitationMotion`] | measurements, whatever their stamps say | an excitation motion of the joints, to calibrate by |
 //! | [`CalibrationTour`] | where the board is seen at the start | a motion from posture to posture, with rests, to calibrate by |
 //! | standing, braking | nothing | rest: what the controller does where no behaviour moves the arm |
 

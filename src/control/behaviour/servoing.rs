@@ -27,7 +27,7 @@ impl<const N: usize> Servoing<N> {
         Self { servo, watch, lesson, dry: false }
     }
 
-    /// The same with an arm that does not move: there is none, or the pictures show another one.
+    /// The same with an arm that does not move: there is none, or the images show another one.
     #[must_use]
     pub fn dry(self) -> Self {
         Self { dry: true, ..self }

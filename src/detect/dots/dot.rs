@@ -17,7 +17,7 @@ use crate::detect::Found;
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
-/// How far the plate is sampled beyond the rim where pictures are sharp, px, and at most.
+/// How far the plate is sampled beyond the rim where images are sharp, px, and at most.
 const REACH_PX: f64 = 3.0;
 const LARGEST_REACH_PX: f64 = 10.0;
 /// Shortest half axis of what counts whole within a dot, px.

@@ -4,8 +4,8 @@
 //! regions ─► each a seed: the lattice about it (walk.rs) ─► homography of the cells ─► large or small
 //!         ─► of all ways to lay what is seen into the grid the one in which all sizes agree (lay.rs); else the next seed
 //! ```
-//! Steps that are short in the picture need not be the grid's own: a tilted grid may be walked along a diagonal. That is
-//! put right when sizes are compared. The picture is never mirrored. The work of a search is bounded by the cells of all its walks.
+//! Steps that are short in the image need not be the grid's own: a tilted grid may be walked along a diagonal. That is
+//! put right when sizes are compared. The image is never mirrored. The work of a search is bounded by the cells of all its walks.
 //!
 //! Equal dots are a grid when they are all there; of the ways in which it looks the same the upright one is taken.
 
@@ -34,7 +34,7 @@ const MAX_WALKED: usize = 8;
 struct LatticeDot {
     at: [i32; 2],
     candidate: usize,
-    /// The steps at this place, px of the undistorted picture.
+    /// The steps at this place, px of the undistorted image.
     steps: [Vector2<f64>; 2],
     /// Of the dot, in cells.
     area: f64,
@@ -50,7 +50,7 @@ pub(super) struct Lattice {
     grid: DotGrid,
     /// Mean focal length, px.
     focal_px: f64,
-    /// Candidates in the undistorted picture, px.
+    /// Candidates in the undistorted image, px.
     points: Vec<Vector2<f64>>,
     /// Of the same their areas there, px^2.
     areas: Vec<f64>,

@@ -1,6 +1,6 @@
 //! Which four regions are the target, and which of them is P1.
 //!
-//! Four regions in convex order can be P1..P4 in four ways: the picture is not thought to be mirrored, and a chiral target must fit better
+//! Four regions in convex order can be P1..P4 in four ways: the image is not thought to be mirrored, and a chiral target must fit better
 //! than its mirror image in each of them. Each way gives a
 //! homography of the square (closed form), and that predicts every dot's ellipse, in pixels, without any free scale.
 //! The way that fits best is taken: it must fit at every dot, and clearly better than each other way, whether that fits or
@@ -18,7 +18,7 @@ use nalgebra::{Matrix2, Vector2};
 
 /// Most regions among which the target is looked for: 1820 choices of four.
 pub(super) const MAX_CANDIDATES: usize = 16;
-/// Choices that may fit; more of them are no clear picture.
+/// Choices that may fit; more of them are no clear image.
 const MAX_FITS: usize = 64;
 /// Greatest error of shape, or of the area's logarithm, at which a dot still fits.
 const TOLERANCE: f64 = 0.35;

@@ -23,7 +23,7 @@ const SMOOTH_SHARE: f64 = 0.004;
 /// Greatest change of light from a dot's middle outwards, and along one pixel.
 const MAX_RELATIVE: f64 = 0.4;
 const STEEPEST: f64 = 0.02;
-/// Share of the light that may be lost in a picture's corners: what curvature is expected.
+/// Share of the light that may be lost in an image's corners: what curvature is expected.
 const LOSS: f64 = 0.4;
 /// Samples that say something: their greatest distance from the first guess, as a share of the level.
 const FAR_SHARE: f64 = 0.1;
@@ -66,7 +66,7 @@ impl LightFit {
     }
 
     /// The light that fits samples about some dots, whose own places and levels give a first guess. Samples are means of `pixels`, each
-    /// with this `noise`. `largest_px`: half axis of the largest dot; `half_diagonal_px`: of the picture.
+    /// with this `noise`. `largest_px`: half axis of the largest dot; `half_diagonal_px`: of the image.
     pub(super) fn fit(
         dots: &Samples,
         samples: &Samples,

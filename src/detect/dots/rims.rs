@@ -1,4 +1,4 @@
-//! Dots of one picture, looked at by their rims.
+//! Dots of one image, looked at by their rims.
 //!
 //! What covers a part of a dot, or lights it, moves the dot's centroid; of the rim it moves that part alone, and a robust fit leaves it
 //! out. Where the two contradict each other, the rim is right.

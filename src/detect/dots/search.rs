@@ -45,7 +45,7 @@ impl DotFinder {
         found.clear();
         let histogram = sampled(dark);
         let Some(otsu) = histogram.otsu() else { return Err(TargetStatus::NoContrast) };
-        // what is put off may be the clearest picture of a grid, of which not all thresholds are tried
+        // what is put off may be the clearest image of a grid, of which not all thresholds are tried
         let few = (dark.width() * dark.height() / PIXELS_OF_RUN).max(FEW_RUNS);
         let most = if self.insists() { few } else { usize::MAX };
         self.runs.limit_to(most);
@@ -187,7 +187,7 @@ impl<'a> Tried<'a> {
         Self { histogram, thresholds: [first; SWEEP as usize + 1], count: 1, few: TAIL * all }
     }
 
-    /// Whether a threshold (pixels at most that level are dark) shows another picture than each of those before it; it is then one of those.
+    /// Whether a threshold (pixels at most that level are dark) shows another image than each of those before it; it is then one of those.
     fn shows_more(&mut self, threshold: u8) -> bool {
         let bins = self.histogram.bins();
         let between = |other: u8| {

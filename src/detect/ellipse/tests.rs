@@ -6,7 +6,7 @@ use crate::linalg::Random;
 use nalgebra::SVector;
 use proptest::prelude::*;
 
-fn picture(size: usize, blur_px: f64) -> SyntheticImage {
+fn image(size: usize, blur_px: f64) -> SyntheticImage {
     SyntheticImage { width: size, height: size, dark: 40.0, light: 200.0, blur_px, noise_levels: 2.0 }
 }
 
@@ -25,8 +25,8 @@ fn centres_and_covariances_on_rendered_ellipses() {
                 Ellipse::new(centre, radius, radius * random.between(0.85, 1.0), random.between(0.0, 3.0));
             let light = k % 2 == 0;
             let sign = if light { -1.0 } else { 1.0 };
-            let picture = picture(size, blur_px);
-            let bytes = picture.render(&mut random, |x, y| sign * truth.distance_px(&Vector2::new(x, y)));
+            let image = image(size, blur_px);
+            let bytes = image.render(&mut random, |x, y| sign * truth.distance_px(&Vector2::new(x, y)));
             let view = ImageView::new(&bytes, size, size).unwrap();
             let mut finder = EllipseFinder::new(size, size, EllipseSettings::default());
             let mut found = Vec::new();
@@ -65,7 +65,7 @@ fn occluders_and_glare_do_not_pull() {
     for k in 0..trials {
         let centre = Vector2::new(60.0 + random.uniform(), 60.0 + random.uniform());
         let truth = Ellipse::new(centre, 32.0, 24.0, random.between(0.0, 3.0));
-        let mut bytes = picture(121, 0.5).render(&mut random, |x, y| truth.distance_px(&Vector2::new(x, y)));
+        let mut bytes = image(121, 0.5).render(&mut random, |x, y| truth.distance_px(&Vector2::new(x, y)));
         let (sin, cos) = random.between(0.0, 6.2).sin_cos();
         for (i, p) in bytes.iter_mut().enumerate() {
             let d = Vector2::new((i % 121) as f64, (i / 121) as f64) - centre;
@@ -104,10 +104,10 @@ fn several_are_found_and_tracked() {
             Ellipse::new(centre, 14.0 + 3.0 * f64::from(i), 12.0 + 2.0 * f64::from(i), 0.4 * f64::from(i))
         })
         .collect();
-    let picture =
+    let image =
         SyntheticImage { width: 260, height: 170, dark: 30.0, light: 180.0, blur_px: 0.6, noise_levels: 2.0 };
     let mut render = |shift: &Vector2<f64>| {
-        picture.render(&mut random, |x, y| {
+        image.render(&mut random, |x, y| {
             truth.iter().map(|e| e.distance_px(&(Vector2::new(x, y) - shift))).fold(f64::INFINITY, f64::min)
         })
     };

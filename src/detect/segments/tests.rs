@@ -5,7 +5,7 @@ use crate::imaging::test_image::{SyntheticImage, any_image};
 use crate::linalg::Random;
 use proptest::prelude::*;
 
-fn picture(blur_px: f64) -> SyntheticImage {
+fn image(blur_px: f64) -> SyntheticImage {
     SyntheticImage { width: 90, height: 90, dark: 40.0, light: 200.0, blur_px, noise_levels: 2.0 }
 }
 
@@ -21,7 +21,7 @@ fn lines_and_their_covariance_on_rendered_edges() {
             let (n, t) = (Vector2::new(angle.cos(), angle.sin()), Vector2::new(-angle.sin(), angle.cos()));
             let middle = Vector2::new(44.5 + random.uniform(), 44.5 + random.uniform());
             // lit on the right of the way along -t; 50 px long, a corner of a square at either end
-            let bytes = picture(blur_px).render(&mut random, |x, y| {
+            let bytes = image(blur_px).render(&mut random, |x, y| {
                 let d = Vector2::new(x, y) - middle;
                 let (u, v) = (n.dot(&d), t.dot(&d).abs());
                 u.min(25.0 - v).min(30.0 - u)
@@ -61,7 +61,7 @@ fn lines_and_their_covariance_on_rendered_edges() {
 #[test]
 fn a_square_has_four_sides_and_misses_have_reasons() {
     let mut random = Random::new(7);
-    let bytes = picture(0.5).render(&mut random, |x, y| {
+    let bytes = image(0.5).render(&mut random, |x, y| {
         let (u, v) = ((x - 45.0) * 0.96 + (y - 44.0) * 0.28, (y - 44.0) * 0.96 - (x - 45.0) * 0.28);
         25.0 - u.abs().max(v.abs())
     });

@@ -3,7 +3,7 @@
 //! ```text
 //! I(p) = inside (1 - Phi((d - delta) / s)) + outside Phi((d - delta) / s)      d: distance of pixel p from the assumed edge, outward
 //! ```
-//! Phi is the normal distribution: the picture of a step behind a lens of Gaussian blur, with the pixel's own square in it. Offset
+//! Phi is the normal distribution: the image of a step behind a lens of Gaussian blur, with the pixel's own square in it. Offset
 //! and both levels are fitted to each piece, in one step from an offset of 0; what the blur s lacks is summed up over all pieces. Every
 //! pixel belongs to one piece: their errors are independent.
 
@@ -223,7 +223,7 @@ mod tests {
     }
 
     /// A straight edge, by its definition: each pixel is the mean of 9 x 9 points of the blurred step.
-    fn picture(offset: f64, angle: f64, sigma: f64, noise: f64, seed: u64) -> Vec<u8> {
+    fn image(offset: f64, angle: f64, sigma: f64, noise: f64, seed: u64) -> Vec<u8> {
         let n = Vector2::new(angle.cos(), angle.sin());
         let mut random = Random::new(seed);
         (0..60 * 60)
@@ -249,7 +249,7 @@ mod tests {
                 random.between(-0.3, 0.3),
                 random.between(0.5, 1.5),
             );
-            let pixels = picture(offset, angle, sigma, 2.0, seed);
+            let pixels = image(offset, angle, sigma, 2.0, seed);
             let image = ImageView::new(&pixels, 60, 60).unwrap();
             let outward = Vector2::new(angle.cos(), angle.sin());
             let piece = Piece {

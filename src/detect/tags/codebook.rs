@@ -13,7 +13,7 @@ const PARTS: usize = 3;
 pub(super) struct Reading {
     /// Which tag.
     pub(super) id: u32,
-    /// Quarter turns, counter-clockwise, by which the picture shows it turned.
+    /// Quarter turns, counter-clockwise, by which the image shows it turned.
     pub(super) turns: u32,
     /// Bits that were wrong.
     pub(super) hamming: u32,
@@ -57,7 +57,7 @@ impl Codebook {
     pub(super) fn read(&self, word: u64, most: u32) -> Option<Reading> {
         let mut best: Option<Reading> = None;
         for turns in 0..4 {
-            // what the picture shows turned counter-clockwise, upright again
+            // what the image shows turned counter-clockwise, upright again
             let upright = self.family.turned(word, 4 - turns);
             for (part, (entries, begins)) in self.entries.iter().zip(&self.begins).enumerate() {
                 let value = self.part(upright, part);

@@ -217,7 +217,7 @@ fn inside(white: &Whites, cells: usize, paper: &LightPlane, quad: &Quad) -> [Ins
 /// By what share light grows in x and y at the middle of each side, per px.
 fn growth(paper: &LightPlane, quad: &Quad) -> [Vector2<f64>; 4] {
     let [a, b, c, d] = *quad;
-    // half sides of the tag, as the picture shows them
+    // half sides of the tag, as the image shows them
     let (x, y) = (0.25 * (b - a + c - d), 0.25 * (d - a + c - b));
     let gradient =
         Vector2::new(paper.along_x * y.y - paper.along_y * x.y, paper.along_y * x.x - paper.along_x * y.x)

@@ -258,7 +258,7 @@ impl TagFinder {
         for region in self.regions.iter() {
             let (w, h) = (region.right - region.left + 1, region.bottom - region.y + 1);
             let small = w.max(h) < MIN_BOX_PX.0 || w.min(h) < MIN_BOX_PX.1 || region.count < MIN_PIXELS;
-            // a tag has its margin in the picture
+            // a tag has its margin in the image
             let cut = region.left == 0
                 || region.y == 0
                 || region.right as usize + 1 >= width

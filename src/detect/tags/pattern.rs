@@ -2,14 +2,14 @@
 
 /// Cells along a side of the largest family, with the margin.
 pub(super) const MAX_CELLS: usize = 10;
-/// White cells are 1: by rows, as the picture shows the tag that was read.
+/// White cells are 1: by rows, as the image shows the tag that was read.
 pub(super) type Whites = [[f64; MAX_CELLS]; MAX_CELLS];
 
 /// Cells before the first one that may be asked for.
 const BEFORE: i32 = 8;
 const ROWS: usize = MAX_CELLS + 2 * BEFORE as usize;
 
-/// A tag as the picture shows it, its margin white.
+/// A tag as the image shows it, its margin white.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct CellPattern {
     /// Bit `i + BEFORE` of row `j + BEFORE` is the cell in column `i`, row `j`.

@@ -4,7 +4,7 @@
 
 use super::threshold::DarkBits;
 
-/// Of more regions the last are left out: no picture of tags has them.
+/// Of more regions the last are left out: no image of tags has them.
 const MAX_REGIONS: usize = 1 << 17;
 
 /// A dark region.

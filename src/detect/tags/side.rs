@@ -19,7 +19,7 @@ const LEVEL_SHARE: f64 = 0.35;
 /// Rows keep so many deviations of the blur away from the neighbouring sides.
 const CLEAR_BLURS: f64 = 3.2;
 /// What other cells shine into a side is reckoned to this share of the blur, which falls with the cell's width in blurs (measured on
-/// pictures of 2 to 15 px a cell, blur 0.3 to 2 px).
+/// images of 2 to 15 px a cell, blur 0.3 to 2 px).
 const DOUBT: f64 = 1.2;
 const DOUBT_FALL: f64 = 1.1;
 /// How much of what uneven light moves may be reckoned wrongly; beside it, whether light falls before the blur or behind it is not known.

@@ -11,7 +11,7 @@ const TILE: usize = 4;
 /// Least and greatest contrast that is asked of 3 x 3 tiles, grey levels.
 const MIN_CONTRAST: f64 = 10.0;
 const MAX_CONTRAST: f64 = 40.0;
-/// The noise of a picture spreads 16 pixels by 2.9 deviations or less in one tile of five, and 144 pixels by 5.3 on average, by more
+/// The noise of an image spreads 16 pixels by 2.9 deviations or less in one tile of five, and 144 pixels by 5.3 on average, by more
 /// than 7 hardly ever.
 const QUIET_SHARE: usize = 5;
 const CONTRAST_IN_SPREADS: f64 = 2.4;
@@ -150,7 +150,7 @@ impl DarkBits {
         }
     }
 
-    /// The contrast to ask for: more than the picture's noise gives.
+    /// The contrast to ask for: more than the image's noise gives.
     fn contrast(&self) -> f64 {
         let mut counts = [0usize; 256];
         for (low, high) in self.low.iter().zip(&self.high) {

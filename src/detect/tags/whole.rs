@@ -1,7 +1,7 @@
 //! A small or blurred tag, fitted as a whole: all of its cells at once, as a camera shows them ([`super::whole_model`]).
 //!
 //! Where a cell is but a few deviations of the blur wide no side can be measured by itself: what lies beside it shines in. But then all of
-//! the tag is known, and its picture is too. Least squares (Gauss and Newton) over its pixels; noise is what is left over.
+//! the tag is known, and its image is too. Least squares (Gauss and Newton) over its pixels; noise is what is left over.
 
 use super::edges::Corners;
 use super::pattern::CellPattern;
@@ -38,7 +38,7 @@ const MIN_CONTRAST: f64 = 5.0;
 /// Variance of rounding to whole grey levels: no residual is believed to be less.
 const ROUNDING: f64 = 1.0 / 12.0;
 /// What a blur that is not a normal one moves, as a share of it, where it is all motion and cells are not wider than it; and how much
-/// that falls with their width in blurs (measured on pictures of tags that moved by up to 4 px).
+/// that falls with their width in blurs (measured on images of tags that moved by up to 4 px).
 const SMEAR_DOUBT: f64 = 0.42;
 const SMEAR_FALL: f64 = 1.75;
 
@@ -90,7 +90,7 @@ impl WholeMeter {
         let cells = pattern.cells as f64;
         let most_px = LOST_CELLS * radius * std::f64::consts::SQRT_2 / cells;
         let mut quad = from.px;
-        let mut picture = TagImage {
+        let mut tag_image = TagImage {
             back: PlaneMap::of_square(&quad, cells)?.inverse()?,
             origin,
             radius,
@@ -105,21 +105,21 @@ impl WholeMeter {
         let every = (area(&around_tag(&quad, cells)?) / ENOUGH_PIXELS).ceil().clamp(1.0, 1e6) as usize;
         for _ in 0..STEPS {
             self.load(image, &around_tag(&quad, cells)?, origin, every)?;
-            let model = TagModel::new(&picture, pattern, &quad, GATE * GATE * variance)?;
+            let model = TagModel::new(&tag_image, pattern, &quad, GATE * GATE * variance)?;
             let mut sums = RowProducts { products: [[0.0; COUNT + 1]; COUNT + 1], count: 0.0 };
             accumulate(&model, &self.pixels, &mut self.rows, &mut sums);
-            let solved = solve(&sums, picture.contrast, variance)?;
+            let solved = solve(&sums, tag_image.contrast, variance)?;
             variance = solved.variance;
             let fields = quad.map(|p| field((p - origin) / radius));
             let moved = quad_moved(&mut quad, &fields, &solved.by);
-            if !(moved < most_px) || !is_sound(&quad) || !add(&mut picture, &solved.by) {
+            if !(moved < most_px) || !is_sound(&quad) || !add(&mut tag_image, &solved.by) {
                 return None;
             }
-            picture.back = PlaneMap::of_square(&quad, cells)?.inverse()?;
+            tag_image.back = PlaneMap::of_square(&quad, cells)?.inverse()?;
             if moved * moved < LEFT_PX * around.sqrt() {
                 let inverse = solved.factors.inverse();
                 let noise = variance.max(ROUNDING);
-                let doubt = FLOOR_PX.powi(2) + smear(&picture.blur, from.cell_blurs * from.blur_px);
+                let doubt = FLOOR_PX.powi(2) + smear(&tag_image.blur, from.cell_blurs * from.blur_px);
                 let covariance_px2 = fields.map(|field| covariance(&field, &inverse, noise, doubt));
                 return Some(Corners { px: quad, covariance_px2, ..*from });
             }
@@ -248,25 +248,25 @@ fn quad_moved(quad: &mut Quad, fields: &[[Vector2<f64>; 8]; 4], by: &[f64; COUNT
 }
 
 /// Adds a step to all but the geometry; whether there is still a tag.
-fn add(picture: &mut TagImage, by: &[f64; COUNT]) -> bool {
+fn add(tag_image: &mut TagImage, by: &[f64; COUNT]) -> bool {
     let mut to = [0.0; COUNT];
     to.copy_from_slice(by);
-    for (value, by) in picture.blur.iter_mut().zip(to.iter().skip(BLUR)) {
+    for (value, by) in tag_image.blur.iter_mut().zip(to.iter().skip(BLUR)) {
         *value += by;
     }
-    let [xx, xy, yy] = picture.blur;
+    let [xx, xy, yy] = tag_image.blur;
     let (xx, yy) = (xx.max(MIN_BLUR_PX2), yy.max(MIN_BLUR_PX2));
     let bound = MAX_ASLANT * (xx * yy).sqrt();
-    picture.blur = [xx, xy.clamp(-bound, bound), yy];
-    picture.ink += to[INK];
-    picture.contrast += to[CONTRAST];
-    for (value, by) in picture.light.iter_mut().zip(to.iter().skip(LIGHT)) {
+    tag_image.blur = [xx, xy.clamp(-bound, bound), yy];
+    tag_image.ink += to[INK];
+    tag_image.contrast += to[CONTRAST];
+    for (value, by) in tag_image.light.iter_mut().zip(to.iter().skip(LIGHT)) {
         *value += by;
     }
-    for (value, by) in picture.ground.iter_mut().zip(to.iter().skip(GROUND)) {
+    for (value, by) in tag_image.ground.iter_mut().zip(to.iter().skip(GROUND)) {
         *value += by;
     }
-    picture.contrast > MIN_CONTRAST
+    tag_image.contrast > MIN_CONTRAST
 }
 
 /// What the shape of the blur may move, px^2: motion smears evenly, which shows as a blur that is longer than wide.

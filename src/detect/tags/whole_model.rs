@@ -62,7 +62,7 @@ pub(super) fn field(q: Vector2<f64>) -> [Vector2<f64>; 8] {
     [v(1.0, 0.0), v(x, 0.0), v(y, 0.0), v(0.0, 1.0), v(0.0, x), v(0.0, y), v(x * x, x * y), v(x * y, y * y)]
 }
 
-/// A picture of a tag as far as it is known.
+/// An image of a tag as far as it is known.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TagImage {
     /// From pixels to cells.
@@ -80,7 +80,7 @@ pub(super) struct TagImage {
     pub(super) ground: [f64; 4],
 }
 
-/// A picture, ready for pixels.
+/// An image, ready for pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TagModel<'a> {
     pattern: &'a CellPattern,
@@ -116,16 +116,16 @@ struct White {
 impl<'a> TagModel<'a> {
     /// Of a tag that is seen at `corners` (px); `None` where blur reaches across too many of its cells.
     pub(super) fn new(
-        picture: &TagImage,
+        tag_image: &TagImage,
         pattern: &'a CellPattern,
         corners: &[Vector2<f64>; 4],
         most_square: f64,
     ) -> Option<Self> {
-        let [xx, xy, yy] = picture.blur;
+        let [xx, xy, yy] = tag_image.blur;
         let blur = Matrix2::new(xx, xy, xy, yy);
         let mut most = Vector2::zeros();
         for corner in corners {
-            let (_, slope) = picture.back.at_with_slope(*corner);
+            let (_, slope) = tag_image.back.at_with_slope(*corner);
             let spread = slope * blur * slope.transpose();
             most = Vector2::sup(&most, &Vector2::new(spread.m11, spread.m22));
         }
@@ -135,13 +135,13 @@ impl<'a> TagModel<'a> {
         }
         Some(Self {
             pattern,
-            back: picture.back.about(picture.origin).map(|v| v as f32),
-            per_radius: (1.0 / picture.radius) as f32,
-            blur: picture.blur.map(|v| v as f32),
-            ink: picture.ink as f32,
-            contrast: picture.contrast as f32,
-            light: picture.light.map(|v| v as f32),
-            ground: picture.ground.map(|v| v as f32),
+            back: tag_image.back.about(tag_image.origin).map(|v| v as f32),
+            per_radius: (1.0 / tag_image.radius) as f32,
+            blur: tag_image.blur.map(|v| v as f32),
+            ink: tag_image.ink as f32,
+            contrast: tag_image.contrast as f32,
+            light: tag_image.light.map(|v| v as f32),
+            ground: tag_image.ground.map(|v| v as f32),
             beside: beside.map(|b| b as i32),
             most_square: most_square.min(1e12) as f32,
         })
@@ -187,7 +187,7 @@ impl<'a> TagModel<'a> {
         let lit = lit * weight;
 
         let half = lit * 0.5;
-        // the picture moves by the field, and levels change against it; that the blur stays as it is, while what moves is stretched, is left
+        // the image moves by the field, and levels change against it; that the blur stays as it is, while what moves is stretched, is left
         // to the blur's own parameters
         let gx = -((by_c * cx + by_r * rx) * lit);
         let gy = -((by_c * cy + by_r * ry) * lit);

@@ -210,7 +210,7 @@ pub(super) fn gain_delay(options: &Options<'_>) -> Result<Findings, ExperimentEr
         "gain-delay",
         "Largest stable gain, and 2 % settling time at the best gain of `frame` and at the quickest gain of `predict` \
          that bears 10 ms of stamp error and 20 % of depth error; dashed: ideal arm. Under `predict` an object at rest is \
-         reached as soon as its first picture has come, however old that is.",
+         reached as soon as its first image has come, however old that is.",
         figure(3, [limits, times, responses]),
     );
     Ok(out)

@@ -99,14 +99,14 @@ impl Scanner {
         let steps = header.steps.get(luma).copied().flatten();
         let steps = steps.ok_or(JpegError::Damaged("the luma's quantization table is missing"))?;
         let steps = std::array::from_fn(|k| Dequantizer { step: steps[k], place: PLACES[k].into() });
-        let mut picture = GreyOutput { out, width: header.width as usize, height: header.height as usize };
+        let mut image = GreyOutput { out, width: header.width as usize, height: header.height as usize };
         #[cfg(target_arch = "x86_64")]
         if self.wide {
             // SAFETY: `wide` is set only where the processor has AVX2, BMI1 and BMI2.
             #[allow(unsafe_code)]
-            return unsafe { self.run_wide(&layout, &steps, bytes, scan.data, &mut picture) };
+            return unsafe { self.run_wide(&layout, &steps, bytes, scan.data, &mut image) };
         }
-        self.run(&layout, &steps, bytes, scan.data, &mut picture, idct::portable)
+        self.run(&layout, &steps, bytes, scan.data, &mut image, idct::portable)
     }
 
     /// Sets the tables for a scan, and says what is in its units.
@@ -164,9 +164,9 @@ impl Scanner {
         steps: &[Dequantizer; 64],
         bytes: &[u8],
         from: usize,
-        picture: &mut GreyOutput<'_>,
+        image: &mut GreyOutput<'_>,
     ) -> Result<Option<usize>, JpegError> {
-        self.run(layout, steps, bytes, from, picture, |block| idct::x86::avx2(block))
+        self.run(layout, steps, bytes, from, image, |block| idct::x86::avx2(block))
     }
 
     #[inline(always)]
@@ -176,7 +176,7 @@ impl Scanner {
         steps: &[Dequantizer; 64],
         bytes: &[u8],
         from: usize,
-        picture: &mut GreyOutput<'_>,
+        image: &mut GreyOutput<'_>,
         transform: impl Fn(&Block) -> Tile,
     ) -> Result<Option<usize>, JpegError> {
         let units = layout.units_across * layout.units_down;
@@ -196,7 +196,7 @@ impl Scanner {
                                 for column in 0..across {
                                     let (x, y) = (x * across + column, y * down + row);
                                     let tile = self.luma_block(&mut bits, steps, &mut mean, &transform)?;
-                                    picture.put(&tile, 8 * x, 8 * y);
+                                    image.put(&tile, 8 * x, 8 * y);
                                 }
                             }
                         }
@@ -320,7 +320,7 @@ impl Other {
 }
 
 impl GreyOutput<'_> {
-    /// Puts a block at column `x`, row `y`; what lies outside of the picture is left out.
+    /// Puts a block at column `x`, row `y`; what lies outside of the image is left out.
     #[inline(always)]
     fn put(&mut self, tile: &Tile, x: usize, y: usize) {
         let (width, height) = (self.width, self.height);

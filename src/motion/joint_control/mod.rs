@@ -41,7 +41,7 @@ pub struct JointController<const N: usize> {
     law: JointLaw<N>,
     observer: JointObserver<N>,
     /// The velocity at the end of the step that a wished acceleration leads to, while accelerations are what is wished.
-    wished_velocity: Option<SVector<f64, N>>,
+    requested_velocity: Option<SVector<f64, N>>,
     /// Whether errors are worked off gently.
     soft: bool,
     /// Whether nothing is done but to take motion away.
@@ -68,7 +68,7 @@ impl<const N: usize> JointController<N> {
         Self {
             law,
             observer: JointObserver::new(observer),
-            wished_velocity: None,
+            requested_velocity: None,
             soft: false,
             damps: false,
             stall: StallGuard::default(),
@@ -78,7 +78,7 @@ impl<const N: usize> JointController<N> {
     /// Begins anew on an arm that moves like this; what was learnt of its disturbance stays.
     pub fn reset_to_measured(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         self.observer.reset_to_measured(q, qd);
-        self.wished_velocity = None;
+        self.requested_velocity = None;
         self.stall.forget();
     }
 
@@ -140,7 +140,7 @@ impl<const N: usize> JointController<N> {
         if self.law == JointLaw::PassThrough {
             return JointTorque { tau: SVector::zeros(), saturated: 0, stalled: 0 };
         }
-        self.wished_velocity = None;
+        self.requested_velocity = None;
         if self.damps {
             return self.damped(robot, q, qd);
         }
@@ -164,9 +164,9 @@ impl<const N: usize> JointController<N> {
         }
         let h = TICK.as_s();
         // Friction made up for at a measured velocity drives an arm that has less of it than believed.
-        let before = self.wished_velocity.unwrap_or(*qd);
+        let before = self.requested_velocity.unwrap_or(*qd);
         let after = before + (qdd + (qd - before) * FOLLOWS_1_S) * h;
-        self.wished_velocity = Some(after);
+        self.requested_velocity = Some(after);
         let zero = SVector::zeros();
         let feedback = Feedback { u: *qdd, expected: *qdd, torque: zero, velocity: after, slip: zero };
         self.compensated(robot, q, qd, &feedback)

@@ -18,21 +18,21 @@ const REMEMBERED: usize = 16;
 
 /// The last corrections, each with its time.
 #[derive(Debug, Clone)]
-pub(super) struct SeenMotion<const N: usize> {
+pub(super) struct ObservedMotion<const N: usize> {
     corrections: [(MonoNs, SVector<f64, N>); REMEMBERED],
     next: usize,
     /// How much it is the camera that tells of each joint's motion, 0 to 1.
     trust: SVector<f64, N>,
 }
 
-impl<const N: usize> Default for SeenMotion<N> {
+impl<const N: usize> Default for ObservedMotion<N> {
     fn default() -> Self {
         let none = (MonoNs::ZERO, SVector::zeros());
         Self { corrections: [none; REMEMBERED], next: 0, trust: SVector::zeros() }
     }
 }
 
-impl<const N: usize> SeenMotion<N> {
+impl<const N: usize> ObservedMotion<N> {
     /// The correction of the velocities, rad/s or m/s, that `drift` asks for at `now`. More than a step is nothing that encoders of
     /// `step` would not tell, and while the reference moves with `velocity` steps come by often enough: both are left alone.
     pub(super) fn correction(
@@ -91,7 +91,7 @@ mod tests {
     /// An arm that drifts by 1 mrad/s is believed to stand; what is left of that after `frames`, whose measurements come `latency` ms
     /// after their exposures, every `period` ms.
     fn left_after(frames: i64, period: i64, latency: i64) -> Vec<f64> {
-        let mut seen = SeenMotion::<1>::default();
+        let mut seen = ObservedMotion::<1>::default();
         let (mut error, mut errors) = (1e-3, vec![]);
         let mut history = vec![error];
         let mut under_way: VecDeque<(i64, Drift<1>)> = VecDeque::new();
@@ -130,7 +130,7 @@ mod tests {
         let drift = Drift { dq: Vector1::new(1e-4), from: MonoNs::ZERO, span: SpanNs(40 * MS) };
         let ask = |drift: Drift<1>, step: f64, velocity: f64| {
             let (step, velocity) = (Vector1::new(step), Vector1::new(velocity));
-            SeenMotion::default().correction(&drift, MonoNs(60 * MS), &step, &velocity)[0]
+            ObservedMotion::default().correction(&drift, MonoNs(60 * MS), &step, &velocity)[0]
         };
         assert!(ask(drift, 5e-4, 0.0) > 1e-3);
         assert_eq!(ask(drift, 0.0, 0.0), 0.0);

@@ -78,7 +78,7 @@ pub(super) fn run(
         (silence, told) = (Silence::begin(outlet.now()), false);
         let shot = numbers.shot(&captured);
         match outlet.publish(&shot, &mut |out| source.fill(out))? {
-            Filled::Picture => numbers.published += 1,
+            Filled::Image => numbers.published += 1,
             Filled::Damaged => numbers.gaps += 1,
         }
     }

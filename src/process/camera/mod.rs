@@ -131,7 +131,7 @@ impl Outlet for SharedMemory<'_> {
         let header = shot.header(self.camera);
         let mut frame = self.frames.borrow(header.width_px as usize * header.height_px as usize)?;
         let filled = fill(frame.pixels_mut())?;
-        if filled == Filled::Picture {
+        if filled == Filled::Image {
             self.frames.send(frame, FrameHeader { sent: now(), ..header })?;
         }
         Ok(filled)

@@ -26,7 +26,7 @@ use std::collections::VecDeque;
 use tracing::{error, info, warn};
 
 /// A wait for a measurement that takes so long is worth a line.
-const TELL_AFTER: SpanNs = SpanNs(2_000_000_000);
+const REPORT_AFTER: SpanNs = SpanNs(2_000_000_000);
 /// A measurement that has not come by then will not come: camera or vision hangs.
 const PEERS_PATIENCE: SpanNs = SpanNs(10_000_000_000);
 
@@ -250,9 +250,9 @@ impl MeasurementWait {
     fn is_over(&mut self, frame_id: u64, seeing: &[Role], membership: &Membership) -> bool {
         let time = now();
         let waited = self.silence.look(time);
-        if waited > TELL_AFTER && !std::mem::replace(&mut self.told, true) {
+        if waited > REPORT_AFTER && !std::mem::replace(&mut self.told, true) {
             let instance = membership.services().instance();
-            let hangs = |role| instance.last_heartbeat(role).is_none_or(|last| time - last > TELL_AFTER);
+            let hangs = |role| instance.last_heartbeat(role).is_none_or(|last| time - last > REPORT_AFTER);
             let hanging: Vec<_> = seeing.iter().filter(|r| hangs(**r)).map(ToString::to_string).collect();
             let who = if hanging.is_empty() { "none".into() } else { hanging.join(", ") };
             warn!(

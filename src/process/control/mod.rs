@@ -222,8 +222,8 @@ fn summary<const N: usize>(
     pace: Pace,
     wall: SpanNs,
 ) -> Summary {
-    let sightings = control.measurements();
-    let m = sightings.last().copied().unwrap_or_default();
+    let measurement_log = control.measurements();
+    let m = measurement_log.last().copied().unwrap_or_default();
     let lockstep = config.clock == Clock::Lockstep;
     let reason = match pace.camera_is_away {
         Some(away) if pace.finish.outcome == Outcome::NotConverged => {
@@ -243,8 +243,8 @@ fn summary<const N: usize>(
         missed_deadlines: pace.missed_deadlines,
         skipped_ticks: pace.skipped_ticks,
         frames: m.frames_received,
-        measurements: sightings.count(),
-        intake: *sightings.verdicts(),
+        measurements: measurement_log.count(),
+        intake: *measurement_log.verdicts(),
         frames_dropped: m.frames_dropped,
         target_lost: m.target_lost,
         late_drive_states: control.late_drive_states(),

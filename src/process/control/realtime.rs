@@ -46,7 +46,7 @@ const COMPANION_PERIOD_WITH_DRIVE: Duration = Duration::from_micros(200);
 /// Between two tries of what has failed; a fifth of a tick, as with a drive.
 const PAUSE_WHEN_BROKEN: Duration = COMPANION_PERIOD_WITH_DRIVE;
 /// Measurements that stay away for so long are worth a line.
-const TELL_AFTER: SpanNs = SpanNs(3_000_000_000);
+const REPORT_AFTER: SpanNs = SpanNs(3_000_000_000);
 
 /// Ticks to the end of the run.
 pub(super) fn run<const N: usize>(
@@ -259,10 +259,10 @@ impl<const N: usize> Companion<'_, N> {
             sent = sent
                 .and(self.ports.joint_state.send_quietly(&record.joint_state))
                 .and(self.ports.trace.send(|| record.record()));
-            if self.silence.as_mut().is_some_and(|silence| silence.look(rt::now()) > TELL_AFTER) {
+            if self.silence.as_mut().is_some_and(|silence| silence.look(rt::now()) > REPORT_AFTER) {
                 warn!(
                     "no measurement for {:.0} s: the arm holds; do camera and vision run?",
-                    TELL_AFTER.as_s()
+                    REPORT_AFTER.as_s()
                 );
                 self.silence = None;
             }

@@ -21,10 +21,10 @@ const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(8_000_000_000);
 const SLOWEST_DRIVE: f64 = 10.0;
 /// Time in which the others end.
 const SHUTDOWN_OF_OTHERS: SpanNs = SpanNs(600_000_000);
-/// The same where vision has pictures to write.
-const SHUTDOWN_WITH_PICTURES: SpanNs = SpanNs(15_000_000_000);
+/// The same where vision has images to write.
+const SHUTDOWN_WITH_IMAGES: SpanNs = SpanNs(15_000_000_000);
 /// A stop that takes so long is worth a line.
-const TELL_EVERY: SpanNs = SpanNs(2_000_000_000);
+const REPORT_EVERY: SpanNs = SpanNs(2_000_000_000);
 
 /// Control and the processes around it.
 pub(super) struct Children {
@@ -45,7 +45,7 @@ impl Children {
         report: Option<&ReportFolder>,
     ) -> Result<Self, ProcessError> {
         let longest_stop = longest_stop(config);
-        let shutdown_of_others = if report.is_some() { SHUTDOWN_WITH_PICTURES } else { SHUTDOWN_OF_OTHERS };
+        let shutdown_of_others = if report.is_some() { SHUTDOWN_WITH_IMAGES } else { SHUTDOWN_OF_OTHERS };
         let control = Child::spawn(Role::Control, instance, written, report)?;
         // From here on whatever fails ends what was started in order.
         let mut children =
@@ -100,7 +100,7 @@ impl Children {
             {
                 return;
             }
-            if time - told > TELL_EVERY {
+            if time - told > REPORT_EVERY {
                 told = time;
                 tell(format_args!(
                     "stopping: waiting for the arm to come to rest, for {:.0} s now",

@@ -15,7 +15,7 @@ use tracing::warn;
 /// Looks at the signs of life lie so far apart.
 const PERIOD: SpanNs = SpanNs(100_000_000);
 /// A silence that is worth a line.
-const TELL_AFTER: SpanNs = SpanNs(2_000_000_000);
+const REPORT_AFTER: SpanNs = SpanNs(2_000_000_000);
 /// A silence that ends the run.
 const GIVE_UP_AFTER: SpanNs = SpanNs(6_000_000_000);
 /// From the start of a process to its first sign: a busy machine may take its time.
@@ -26,7 +26,7 @@ pub(super) struct HangWatch {
     instance: Instance,
     clock: Clock,
     next_look: MonoNs,
-    pulses: Vec<(Role, Sign)>,
+    heartbeats: Vec<(Role, Sign)>,
     ticks: Sign,
 }
 
@@ -34,8 +34,8 @@ impl HangWatch {
     /// Over control and those that see for it.
     pub(super) fn new(instance: &Instance, clock: Clock, seeing: Vec<Role>, now: MonoNs) -> Self {
         let sign = Sign::new(now);
-        let pulses = std::iter::once(Role::Control).chain(seeing).map(|role| (role, sign)).collect();
-        Self { instance: instance.clone(), clock, next_look: now, pulses, ticks: sign }
+        let heartbeats = std::iter::once(Role::Control).chain(seeing).map(|role| (role, sign)).collect();
+        Self { instance: instance.clone(), clock, next_look: now, heartbeats, ticks: sign }
     }
 
     /// Control said where the run stands.
@@ -55,7 +55,7 @@ impl HangWatch {
         }
         self.next_look = now + PERIOD;
         let mut hangs = None;
-        for (role, sign) in &mut self.pulses {
+        for (role, sign) in &mut self.heartbeats {
             if let Some(heartbeat) = self.instance.last_heartbeat(*role) {
                 sign.seen(heartbeat.0, now);
             }
@@ -91,7 +91,7 @@ impl Sign {
     fn judge(&mut self, role: Role, what: &str, now: MonoNs) -> Option<(Role, SpanNs)> {
         let silent = self.silence.look(now);
         let patience = if self.last.is_some() { GIVE_UP_AFTER } else { START_UP };
-        if silent > TELL_AFTER && !std::mem::replace(&mut self.told, true) {
+        if silent > REPORT_AFTER && !std::mem::replace(&mut self.told, true) {
             warn!(
                 "the {role} process {what} for {:.0} s; the run ends after {:.0} s",
                 silent.as_s(),

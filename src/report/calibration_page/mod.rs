@@ -1,6 +1,6 @@
 //! A calibration as a page: one HTML file with its figures in it, which needs nothing else.
 //!
-//! verdict · parameters · errors of corners · uncertainty over the image · coverage · the next view · pictures
+//! verdict · parameters · errors of corners · uncertainty over the image · coverage · the next view · images
 
 mod figures;
 
@@ -17,9 +17,9 @@ use std::fmt::Write;
 pub struct CalibrationPage<'a> {
     /// What the camera is called.
     pub name: &'a str,
-    /// Names of the pictures, in the order of the calibration's views.
+    /// Names of the images, in the order of the calibration's views.
     pub images: &'a [String],
-    /// Why a picture took no part, where it did not.
+    /// Why an image took no part, where it did not.
     pub reasons: Vec<Option<String>>,
     /// The calibration.
     pub calibration: &'a CameraCalibration,
@@ -29,7 +29,7 @@ pub struct CalibrationPage<'a> {
     pub halves: Option<&'a CrossValidation>,
     /// Where corners were seen.
     pub coverage: &'a ImageCoverage,
-    /// The picture that is missing.
+    /// The image that is missing.
     pub next: Option<&'a NextView>,
     /// All of it in words.
     pub verdict: &'a CalibrationVerdict,
@@ -96,12 +96,12 @@ impl CalibrationPage<'_> {
             );
         }
         out += "</div>\n";
-        self.pictures(&mut out);
+        self.images(&mut out);
         out += "</section>\n";
         out
     }
 
-    /// Corners of the used pictures that were left out.
+    /// Corners of the used images that were left out.
     fn left_out(&self) -> u64 {
         let used = self.calibration.views.iter().filter(|view| view.unused.is_none());
         used.flat_map(|view| &view.points).filter(|point| !point.used).count() as u64
@@ -133,7 +133,7 @@ impl CalibrationPage<'_> {
         if let Some(halves) = self.halves {
             let _ = writeln!(
                 out,
-                " Halves of the pictures differ by {:.3} px over the image, {:.2} times what the noise explains.",
+                " Halves of the images differ by {:.3} px over the image, {:.2} times what the noise explains.",
                 halves.difference_px, halves.ratio
             );
         }
@@ -155,8 +155,8 @@ impl CalibrationPage<'_> {
         out.push_str("</p>\n");
     }
 
-    fn pictures(&self, out: &mut String) {
-        out.push_str("<h2>Pictures</h2><table><tr><th>picture</th><th>rms, px</th><th></th><th>corners</th><th></th></tr>\n");
+    fn images(&self, out: &mut String) {
+        out.push_str("<h2>Images</h2><table><tr><th>image</th><th>rms, px</th><th></th><th>corners</th><th></th></tr>\n");
         let views = self.calibration.views.iter().zip(self.images).zip(&self.reasons);
         let most = self.calibration.views.iter().filter_map(|v| v.rms_px).fold(1e-9, f64::max);
         for ((fit, name), reason) in views {

@@ -32,7 +32,7 @@ pub struct RunHistory {
     /// Ids of the target's points, rising: a column each.
     ids: Vec<u32>,
     ticks: Thinned<TickRow>,
-    measurements: Thinned<SeenRow>,
+    measurements: Thinned<DetectionRow>,
     /// `u, v` of each measurement's points, px; NaN for one that was not seen.
     px: Vec<f32>,
     /// Those of the last one.
@@ -59,7 +59,7 @@ struct TickRow {
 
 /// One measurement, and what became of it.
 #[derive(Debug, Clone, Copy)]
-struct SeenRow {
+struct DetectionRow {
     frame_id: u64,
     camera: u32,
     exposure: MonoNs,
@@ -150,7 +150,7 @@ impl RunHistory {
 
     /// Takes a measurement in as it comes.
     pub fn note_measurement(&mut self, m: &Measurement) {
-        let kept = self.measurements.push(SeenRow {
+        let kept = self.measurements.push(DetectionRow {
             frame_id: m.frame_id,
             camera: m.camera,
             exposure: m.exposure,
@@ -186,8 +186,8 @@ impl RunHistory {
     /// Takes a tick in.
     pub fn note(&mut self, trace: &Trace) {
         self.first.get_or_insert(trace.time);
-        if let Some(sighting) = &trace.measurement_record {
-            self.settle(trace.time, sighting);
+        if let Some(latest) = &trace.measurement_record {
+            self.settle(trace.time, latest);
         }
         let (js, command) = (&trace.joint_state, &trace.command);
         let single = |values: &[f64; MAX_JOINTS]| values.map(|v| v as f32);
@@ -211,16 +211,16 @@ impl RunHistory {
     }
 
     /// What became of a measurement.
-    fn settle(&mut self, now: MonoNs, sighting: &MeasurementRecord) {
-        let is_it = |row: &&mut SeenRow| {
-            (row.frame_id, row.camera) == (sighting.frame.frame_id, sighting.frame.camera)
+    fn settle(&mut self, now: MonoNs, latest: &MeasurementRecord) {
+        let is_it = |row: &&mut DetectionRow| {
+            (row.frame_id, row.camera) == (latest.frame.frame_id, latest.frame.camera)
         };
         let newest = self.measurements.rows.iter_mut().rev().take(MAX_UNDER_WAY).find(is_it);
         for row in newest.into_iter().chain(self.measurements.last.as_mut().filter(is_it)) {
             row.taken = Some(now);
-            row.error_px = sighting.error_px;
-            row.verdict = sighting.verdict;
-            row.latency = sighting.latency;
+            row.error_px = latest.error_px;
+            row.verdict = latest.verdict;
+            row.latency = latest.latency;
         }
     }
 

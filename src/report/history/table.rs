@@ -1,6 +1,6 @@
 //! The history as CSV: what people plot, and what the page is made of.
 
-use super::{RunHistory, SeenRow, TickRow};
+use super::{DetectionRow, RunHistory, TickRow};
 use crate::control::trace::LatencyStages;
 use crate::messages::{ControlState, TargetStatus, measurement_flag};
 use crate::motion::Limit;
@@ -78,7 +78,7 @@ impl RunHistory {
         out
     }
 
-    fn measurement_line(&self, out: &mut String, row: &SeenRow, px: &[f32]) {
+    fn measurement_line(&self, out: &mut String, row: &DetectionRow, px: &[f32]) {
         let _ = write!(out, "{},{},{:.9},", row.frame_id, row.camera, self.seconds(row.exposure));
         if let Some(taken) = row.taken {
             let _ = write!(out, "{:.9}", self.seconds(taken));

@@ -1,4 +1,4 @@
-//! Bytes as text, for pictures that stand in the page itself.
+//! Bytes as text, for images that stand in the page itself.
 
 const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 

@@ -13,7 +13,7 @@ mod timeline;
 mod view3d;
 
 pub use facts::{run_facts, run_verdict};
-pub use record::{JointSummary, PictureData, RunRecord};
+pub use record::{ImageData, JointSummary, RunRecord};
 
 use crate::report::page::{document, escaped, heading};
 use std::fmt::Write;

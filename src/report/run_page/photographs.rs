@@ -26,15 +26,15 @@ pub(super) fn photographs(r: &RunRecord) -> String {
             format!("The target was lost {losses} times; {without} of {} show none", counted(frames, "frame"))
         }
     };
-    let shown = r.pictures.iter().filter(|p| p.file.contains("-lost-")).count() as u64;
+    let shown = r.images.iter().filter(|p| p.file.contains("-lost-")).count() as u64;
     if losses > shown {
         says += &format!("; {} of the losses are shown", shown);
     }
     let mut html = heading(TITLE, &format!("{says}."));
-    html += "<div class=\"pictures\">\n";
-    for picture in &r.pictures {
+    html += "<div class=\"images\">\n";
+    for image in &r.images {
         let rows: Vec<usize> =
-            (0..r.frames.rows()).filter(|row| r.frames.word("file", *row) == picture.file).collect();
+            (0..r.frames.rows()).filter(|row| r.frames.word("file", *row) == image.file).collect();
         let Some(first) = rows.first() else { continue };
         let id = r.frames.number("frame_id", *first);
         let row = r.measurements.numbers("frame_id").iter().position(|f| *f == id);
@@ -50,14 +50,14 @@ pub(super) fn photographs(r: &RunRecord) -> String {
         // a String takes everything
         let _ = writeln!(
             html,
-            "<figure><div class=\"picture\"><img src=\"{}\" alt=\"{1}\">{2}</div><figcaption>{1}</figcaption></figure>",
-            picture.data,
+            "<figure><div class=\"image\"><img src=\"{}\" alt=\"{1}\">{2}</div><figcaption>{1}</figcaption></figure>",
+            image.data,
             escaped(&caption),
             marks(r, &rows)
         );
     }
     html + "</div><p class=\"note\">Green crosses: points that were found; dashed circles: where they are to be. The files beside this page are the \
-            pictures as vision had them, without marks.</p>\n"
+            images as vision had them, without marks.</p>\n"
 }
 
 fn marks(r: &RunRecord, rows: &[usize]) -> String {
@@ -83,19 +83,19 @@ fn marks(r: &RunRecord, rows: &[usize]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::record::PictureData;
+    use super::super::record::ImageData;
     use super::*;
     use crate::report::csv_table::CsvTable;
 
     #[test]
-    fn pictures_have_their_points_and_their_words() {
+    fn images_have_their_points_and_their_words() {
         let text = "file,why,frame_id,status,point,u_px,v_px,frames,frames_without_target,losses\n\
                     frame-first-000000.png,first,0,\"found\",1,10,20,9,3,2\nframe-lost-000005.png,lost,5,\"no contrast in the frame\",,,,9,3,2\n";
-        let picture = |file: &str| PictureData { file: file.into(), data: "data:x".into() };
+        let image = |file: &str| ImageData { file: file.into(), data: "data:x".into() };
         let r = RunRecord {
             image_px: [100.0, 50.0],
             frames: CsvTable::parse(text),
-            pictures: vec![picture("frame-first-000000.png"), picture("frame-lost-000005.png")],
+            images: vec![image("frame-first-000000.png"), image("frame-lost-000005.png")],
             measurements: CsvTable::parse("frame_id,exposure_s\n0,0.25\n"),
             ..RunRecord::default()
         };

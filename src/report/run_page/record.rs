@@ -45,7 +45,7 @@ pub struct RunRecord {
     pub goal: CsvTable,
     /// Frames of the cell.
     pub poses: CsvTable,
-    /// What is in the kept pictures.
+    /// What is in the kept images.
     pub frames: CsvTable,
     /// When something happened, s, and what.
     pub events: Vec<(f64, String)>,
@@ -55,8 +55,8 @@ pub struct RunRecord {
     pub tick_times: Vec<(f64, u64)>,
     /// Ticks that missed their deadline.
     pub missed_deadlines: u64,
-    /// Kept pictures by the name of their file, as `data:` addresses.
-    pub pictures: Vec<PictureData>,
+    /// Kept images by the name of their file, as `data:` addresses.
+    pub images: Vec<ImageData>,
     /// Files beside the page, and what is in them.
     pub files: Vec<(String, String)>,
 }
@@ -78,11 +78,11 @@ pub struct JointSummary {
     pub effort: f64,
 }
 
-/// A picture in the page.
+/// An image in the page.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct PictureData {
+pub struct ImageData {
     /// The name of its file.
     pub file: String,
-    /// The picture itself, smaller where it is large.
+    /// The image itself, smaller where it is large.
     pub data: String,
 }

@@ -215,7 +215,7 @@ fn dots_are_the_same_by_both_ways() {
     for bent in [false, true] {
         let X_CO = pose(&FourDots::default().plate(), rotation_z(0.4) * rotation_x(0.6), [0.01, 0.0, 0.3]);
         let camera = camera(bent);
-        let pictures = [vec![], vec![far.clone()]].map(|bystanders| {
+        let images = [vec![], vec![far.clone()]].map(|bystanders| {
             let scene = scene(bystanders);
             let sensor = SensorModel { blur_sd_px: 0.6, ..SensorModel::ideal() };
             let mut renderer = Renderer::new(camera, scene.target, SceneLook::default(), sensor)
@@ -225,7 +225,7 @@ fn dots_are_the_same_by_both_ways() {
             renderer.render(&[X_CO, X_CO], 0, &mut image);
             image
         });
-        let [dots, layers] = &pictures;
+        let [dots, layers] = &images;
         let errors = dots.iter().zip(layers).map(|(a, b)| a.abs_diff(*b));
         // small dots of 2 px under this blur: the first way takes the blur of a bent edge as that of a straight one
         assert!(errors.clone().max().unwrap() < 12, "{:?}", errors.max());
@@ -236,7 +236,7 @@ fn dots_are_the_same_by_both_ways() {
 fn backdrops_fill_the_background_alone_or_are_refused() {
     let board = Chessboard::with_squares(6, 4, 0.02).unwrap();
     let X_CO = pose(&board.plate(), rotation_z(0.4) * rotation_x(0.6), [0.0, 0.0, 0.25]);
-    let picture = |backdrop: Backdrop| {
+    let image = |backdrop: Backdrop| {
         let mut renderer =
             Renderer::new(camera(true), board.clone(), SceneLook::default(), SensorModel::ideal())
                 .unwrap()
@@ -247,9 +247,9 @@ fn backdrops_fill_the_background_alone_or_are_refused() {
         image
     };
     let backdrop = Backdrop { texture_levels: 60.0, clutter: 30, seed: 3, ..Backdrop::default() };
-    let (plain, one, two) = (picture(Backdrop::default()), picture(backdrop), picture(backdrop));
+    let (plain, one, two) = (image(Backdrop::default()), image(backdrop), image(backdrop));
     assert_eq!(one, two);
-    assert_ne!(one, picture(Backdrop { seed: 4, ..backdrop }));
+    assert_ne!(one, image(Backdrop { seed: 4, ..backdrop }));
     let background: Vec<_> =
         plain.iter().zip(&one).filter(|(p, _)| **p == 90).map(|(_, b)| f64::from(*b)).collect();
     let differ = plain.iter().zip(&one).filter(|(p, b)| **p != 90 && p.abs_diff(**b) > 1);

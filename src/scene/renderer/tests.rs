@@ -13,7 +13,7 @@ fn camera(width_px: u32, height_px: u32, f: f64, distortion: Distortion) -> Came
         .unwrap()
 }
 
-/// What the picture shows.
+/// What the image shows.
 struct Shown {
     target: Target,
     occluder: Option<Occluder>,
@@ -111,7 +111,7 @@ fn compare(camera: CameraModel, shown: &Shown, X_CO: &Pose) {
 }
 
 #[test]
-fn picture_is_that_of_brute_force() {
+fn image_is_that_of_brute_force() {
     let ideal = camera(160, 120, 150.0, Distortion::default());
     let bent = camera(160, 120, 130.0, Distortion { k1: -0.2, k2: 0.02, p1: 0.002, p2: -0.001, k3: 0.0 });
     for camera in [ideal, bent] {
@@ -189,7 +189,7 @@ proptest! {
         let middle = (X_CO * nalgebra::Point3::new(0.05, 0.05, 0.0)).coords;
         let normal = X_CO.rotation * nalgebra::Vector3::z();
         prop_assume!(middle.normalize().dot(&normal).abs() > 0.2);
-        // Past the angle at which r (1 + k1 r^2) turns back the bent lens has no picture. A plate that reaches beyond it, out of
+        // Past the angle at which r (1 + k1 r^2) turns back the bent lens has no image. A plate that reaches beyond it, out of
         // the frame, may have its edge wrong by a third of a pixel inside: a known limit of the renderer.
         let (low, high) = (FourDots::default().plate().low_m.x, FourDots::default().plate().high_m.x);
         let past_the_turn = [(low, low), (low, high), (high, high), (high, low)].into_iter().any(|(px, py)| {

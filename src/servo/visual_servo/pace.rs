@@ -4,7 +4,7 @@ use super::{ServoSettings, View};
 use nalgebra::Vector2;
 
 /// Feature error at which a gain has fallen half-way to the calm one, root mean square, normalized: a pixel of a usual lens.
-const CALM_ERROR: f64 = 1.25e-3;
+const GAIN_AT_GOAL_ERROR: f64 = 1.25e-3;
 /// Rate that no swinging arm makes slower, 1/s.
 const SLOW_1_S: f64 = 1.0;
 /// Gain times age from which on a held law is not kept up with.
@@ -15,19 +15,19 @@ impl ServoSettings {
     /// towards `gain_at_goal_1_s` where `view` is within about a pixel.
     pub(super) fn gain_at(&self, gain_share: f64, rate_1_s: f64, view: &View) -> f64 {
         let slower = if rate_1_s > SLOW_1_S { gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
-        slower * self.calmed_near(gain_share, rate_1_s * slower, view)
+        slower * self.reduced_near_goal(gain_share, rate_1_s * slower, view)
     }
 
-    fn calmed_near(&self, gain_share: f64, rate_1_s: f64, view: &View) -> f64 {
-        let calm_1_s = self.gain_at_goal_1_s * gain_share;
-        if !(rate_1_s > calm_1_s) {
+    fn reduced_near_goal(&self, gain_share: f64, rate_1_s: f64, view: &View) -> f64 {
+        let at_goal_1_s = self.gain_at_goal_1_s * gain_share;
+        if !(rate_1_s > at_goal_1_s) {
             return 1.0;
         }
         let error = self.set_point.error_rms_px(view, &Vector2::repeat(1.0));
-        let far = error * error / (error * error + CALM_ERROR * CALM_ERROR);
+        let far = error * error / (error * error + GAIN_AT_GOAL_ERROR * GAIN_AT_GOAL_ERROR);
         // No error can be told: nothing speaks for calm.
         let far = if far.is_nan() { 1.0 } else { far };
-        (calm_1_s + (rate_1_s - calm_1_s) * far) / rate_1_s
+        (at_goal_1_s + (rate_1_s - at_goal_1_s) * far) / rate_1_s
     }
 }
 

@@ -26,7 +26,7 @@ use thiserror::Error;
 
 /// So many of the best places are tried in a run each.
 const TRIED: usize = 8;
-/// Share of the picture's shorter side that stays free about the marks at the goal.
+/// Share of the image's shorter side that stays free about the marks at the goal.
 const FREE_SHARE: f64 = 0.24;
 /// Decimals of what is proposed, m and rad.
 const DECIMALS: f64 = 1e6;
@@ -46,13 +46,13 @@ pub enum Look {
 
 /// What is wished of a proposal.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PlaceWishes {
+pub struct PlaceRequest {
     /// Where the camera is to look; `None`: down where the arm can, else as suits it.
     pub look: Option<Look>,
     /// Where the object lies in the frame in which it rests; `None`: where it suits. Without an orientation its z goes where the camera
     /// is to look.
     pub object: Option<(nalgebra::Vector3<f64>, Option<nalgebra::UnitQuaternion<f64>>)>,
-    /// From the camera to the target's plane at the goal, m; `None`: so that the target fills a good part of the picture.
+    /// From the camera to the target's plane at the goal, m; `None`: so that the target fills a good part of the image.
     pub distance_m: Option<f64>,
 }
 
@@ -107,9 +107,9 @@ pub enum PlaceError {
         /// Why not.
         reason: String,
     },
-    /// The target does not fit into the picture from anywhere.
+    /// The target does not fit into the image from anywhere.
     #[error(
-        "--distance: from {distance_m} m the target is not in the picture as a whole; it is {size_m:.3} m large"
+        "--distance: from {distance_m} m the target is not in the image as a whole; it is {size_m:.3} m large"
     )]
     Distance {
         /// How far.
@@ -123,10 +123,10 @@ pub enum PlaceError {
 ///
 /// # Errors
 /// [`PlaceError`].
-pub fn place(draft: &Draft, wishes: &PlaceWishes) -> Result<Placement, PlaceError> {
+pub fn place(draft: &Draft, request: &PlaceRequest) -> Result<Placement, PlaceError> {
     let robot = crate::robot::load(&draft.raw.robot.model)
         .map_err(|e| draft.error(vec![("robot.model", e.to_string())]))?;
-    crate::dispatch_robot!(robot, |arm| Search::new(draft, &robot, arm).and_then(|s| s.run(wishes)))?
+    crate::dispatch_robot!(robot, |arm| Search::new(draft, &robot, arm).and_then(|s| s.run(request)))?
 }
 
 /// A draft whose run can be simulated: an external drive is replaced by the simulated arm.
@@ -183,9 +183,9 @@ impl<'a, const N: usize> Search<'a, N> {
         PostureSearch { robot: &self.arm, mount: self.mount() }
     }
 
-    fn run(&self, wishes: &PlaceWishes) -> Result<Placement, PlaceError> {
-        let X_DO = self.desired(wishes)?;
-        let stands = self.stands(wishes, &X_DO);
+    fn run(&self, request: &PlaceRequest) -> Result<Placement, PlaceError> {
+        let X_DO = self.desired(request)?;
+        let stands = self.stands(request, &X_DO);
         if stands.is_empty() {
             return Err(PlaceError::Nowhere { tried: stand::POSTURES });
         }
@@ -202,8 +202,8 @@ impl<'a, const N: usize> Search<'a, N> {
         Err(PlaceError::NoRun { tried, reason })
     }
 
-    /// The target in its middle and square to the camera, as large in the picture as is good.
-    fn desired(&self, wishes: &PlaceWishes) -> Result<Pose, PlaceError> {
+    /// The target in its middle and square to the camera, as large in the image as is good.
+    fn desired(&self, request: &PlaceRequest) -> Result<Pose, PlaceError> {
         let plate = self.config.target.plate();
         let middle = (plate.low_m + plate.high_m) * 0.5;
         let size_m = (plate.high_m - plate.low_m).norm();
@@ -213,7 +213,7 @@ impl<'a, const N: usize> Search<'a, N> {
             let visibility = Visibility::of(&self.config.target, camera, &at(z));
             if visibility.whole == visibility.points.len() { visibility.room_px } else { f64::NEG_INFINITY }
         };
-        if let Some(distance_m) = wishes.distance_m {
+        if let Some(distance_m) = request.distance_m {
             if room_px(distance_m) > 0.0 {
                 return Ok(at(distance_m));
             }

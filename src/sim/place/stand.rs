@@ -1,7 +1,7 @@
 //! Where the camera may stand at the goal: postures in which it looks as wished, has room to move, and sees the object in a place where
 //! one can lie.
 
-use super::{Look, PlaceWishes, Search};
+use super::{Look, PlaceRequest, Search};
 use crate::geometry::Pose;
 use crate::linalg::Random;
 use crate::robot::Mount;
@@ -31,13 +31,13 @@ pub(super) struct Stand<const N: usize> {
 
 impl<const N: usize> Search<'_, N> {
     /// The best stands, the best one first.
-    pub(super) fn stands(&self, wishes: &PlaceWishes, X_DO: &Pose) -> Vec<Stand<N>> {
-        let look = wishes.look.unwrap_or(Look::Down);
-        let mut found = match wishes.object {
+    pub(super) fn stands(&self, request: &PlaceRequest, X_DO: &Pose) -> Vec<Stand<N>> {
+        let look = request.look.unwrap_or(Look::Down);
+        let mut found = match request.object {
             Some((p_WO, R_WO)) => self.about(&p_WO, R_WO, look, X_DO),
             None => self.anywhere(look, X_DO),
         };
-        if found.is_empty() && wishes.look.is_none() && wishes.object.is_none() {
+        if found.is_empty() && request.look.is_none() && request.object.is_none() {
             found = self.anywhere(Look::Any, X_DO);
         }
         let dexterity = |stand: &Stand<N>| self.posture().dexterity(&stand.q);
@@ -191,12 +191,12 @@ impl<const N: usize> Search<'_, N> {
         let up = -self.down;
         let aside = |p: &Vector3<f64>| (p - up * up.dot(p)).norm() / reach_m;
         let height = |p: &Vector3<f64>| up.dot(p) / reach_m;
-        let bell = |x: f64, wanted: f64, width: f64| (-((x - wanted) / width).powi(2)).exp();
+        let gaussian = |x: f64, wanted: f64, width: f64| (-((x - wanted) / width).powi(2)).exp();
         // neither in the base nor at the end of its reach, not far below the base's foot, not behind
         let apart = if aside(&object) < 0.15 { 0.1 } else { 1.0 };
-        let reach = bell(aside(&camera), 0.5, 0.3).max(0.05);
+        let reach = gaussian(aside(&camera), 0.5, 0.3).max(0.05);
         let low = if height(&object) < -0.3 { 0.3 } else { 1.0 };
-        let high = bell(height(&camera), 0.35, 0.5).max(0.05);
+        let high = gaussian(height(&camera), 0.35, 0.5).max(0.05);
         let front = X_BE.translation.x / X_BE.translation.vector.norm().max(1e-9);
         // the arm is not between the camera and what it looks at
         let sight = (object - camera).normalize();

@@ -1,4 +1,4 @@
-//! Starts beside a goal: the camera some centimetres and degrees off, the target still well in its picture.
+//! Starts beside a goal: the camera some centimetres and degrees off, the target still well in its image.
 
 use super::Search;
 use super::stand::Stand;
@@ -17,7 +17,7 @@ const ROLL_RAD: f64 = 0.25;
 /// The widest displacement of a joint of an arm of few joints, rad, and in distances from the target for one that slides.
 const JOINT_RAD: f64 = 0.3;
 const SLIDE: f64 = 0.25;
-/// Share of the picture's shorter side that stays free about the marks.
+/// Share of the image's shorter side that stays free about the marks.
 const FREE_SHARE: f64 = 0.05;
 /// An error that is worth a run, px.
 const MIN_ERROR_PX: f64 = 10.0;

@@ -1,21 +1,21 @@
-use super::{Look, PlaceError, PlaceWishes, Placement, place};
+use super::{Look, PlaceError, PlaceRequest, Placement, place};
 use crate::config::Draft;
 use crate::control::outcome::Outcome;
 use nalgebra::{Vector2, Vector3};
 use std::path::Path;
 
-const ANYTHING: PlaceWishes = PlaceWishes { look: None, object: None, distance_m: None };
+const ANYTHING: PlaceRequest = PlaceRequest { look: None, object: None, distance_m: None };
 
 fn draft(set: &[&str]) -> Draft {
     let set: Vec<_> = set.iter().map(ToString::to_string).collect();
     Draft::parse("run.toml", "", Path::new("."), &set).unwrap()
 }
 
-fn placed(set: &[&str], wishes: &PlaceWishes) -> Placement {
-    place(&draft(set), wishes).unwrap_or_else(|e| panic!("{set:?}: {e}"))
+fn placed(set: &[&str], request: &PlaceRequest) -> Placement {
+    place(&draft(set), request).unwrap_or_else(|e| panic!("{set:?}: {e}"))
 }
 
-/// The middle of the target lies on the optical axis at the goal, all of it is in the picture at both ends, and a run converges.
+/// The middle of the target lies on the optical axis at the goal, all of it is in the image at both ends, and a run converges.
 #[test]
 fn arms_of_all_kinds_get_a_place() {
     for arm in ["scara", "ur5", "panda", "pan_tilt"] {
@@ -43,23 +43,23 @@ fn the_same_question_has_the_same_answer() {
 #[test]
 fn wishes_are_kept() {
     let set = ["robot.model=ur5", "camera.mount.position_m=[0.0, 0.0, 0.05]"];
-    let level = placed(&set, &PlaceWishes { look: Some(Look::Level), ..ANYTHING });
+    let level = placed(&set, &PlaceRequest { look: Some(Look::Level), ..ANYTHING });
     let looks = Vector3::from(level.preflight.goal.unwrap().camera.unwrap().looks);
     assert!(looks.z.abs() < 1e-3, "{looks}");
-    let far = placed(&set, &PlaceWishes { distance_m: Some(0.6), ..ANYTHING });
+    let far = placed(&set, &PlaceRequest { distance_m: Some(0.6), ..ANYTHING });
     assert_eq!(far.X_DO.translation.z, 0.6);
     let there = Vector3::new(0.5, 0.1, -0.05);
-    let fixed = placed(&set, &PlaceWishes { object: Some((there, None)), ..ANYTHING });
+    let fixed = placed(&set, &PlaceRequest { object: Some((there, None)), ..ANYTHING });
     assert!((fixed.X_WO.translation.vector - there).norm() < 1e-6);
     assert!(fixed.preflight.goal.unwrap().camera.unwrap().looks[2] < -0.999, "seen from above");
 }
 
 #[test]
 fn what_cannot_be_placed_is_told() {
-    let error = |set: &[&str], wishes: &PlaceWishes| place(&draft(set), wishes).unwrap_err();
-    let away = PlaceWishes { object: Some((Vector3::new(3.0, 0.0, 0.0), None)), ..ANYTHING };
+    let error = |set: &[&str], request: &PlaceRequest| place(&draft(set), request).unwrap_err();
+    let away = PlaceRequest { object: Some((Vector3::new(3.0, 0.0, 0.0), None)), ..ANYTHING };
     assert!(matches!(error(&["robot.model=ur5"], &away), PlaceError::Nowhere { .. }));
-    let near = PlaceWishes { distance_m: Some(0.05), ..ANYTHING };
+    let near = PlaceRequest { distance_m: Some(0.05), ..ANYTHING };
     assert!(matches!(error(&["robot.model=ur5"], &near), PlaceError::Distance { .. }));
     let unknown = error(&["robot.model=r2d2"], &ANYTHING).to_string();
     assert!(unknown.contains("--set robot.model=r2d2: robot.model: robot `r2d2`"), "{unknown}");

@@ -2,7 +2,7 @@
 //! there, and by which way.
 //!
 //! ```text
-//!            ┌─ Visibility   whole marks and plate in the picture, at start and goal
+//!            ┌─ Visibility   whole marks and plate in the image, at start and goal
 //! Config ────┼─ Reach   inverse kinematics with limits: the goal's posture, or the nearest one
 //!            └─ Way     the straight way of the camera: singular postures, ends of ranges
 //! ```
@@ -57,7 +57,7 @@ pub struct Viewpoint {
     pub camera: Option<CameraPlace>,
     /// Where the optical axis goes; `None` where it does not meet the target's plane.
     pub axis: Option<AxisFoot>,
-    /// The target in the picture.
+    /// The target in the image.
     pub visibility: Visibility,
 }
 

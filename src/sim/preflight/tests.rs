@@ -91,7 +91,7 @@ fn what_is_not_asked_is_not_looked_at() {
     assert!(!moving.object_rests && moving.notes.iter().any(|note| note.contains("moves")));
 }
 
-/// Whole marks, not centres alone: what `Visibility` says can be found is found in the rendered picture, and what it says cannot is not.
+/// Whole marks, not centres alone: what `Visibility` says can be found is found in the rendered image, and what it says cannot is not.
 #[test]
 fn what_can_be_found_is_found_and_nothing_else() {
     let config = Config::load(None, &[]).unwrap();

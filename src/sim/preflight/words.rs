@@ -79,7 +79,7 @@ fn visibility(visibility: &Visibility) -> String {
     let marks = if !visibility.front {
         "the back of the target is seen".into()
     } else if visibility.whole == visibility.points.len() {
-        format!("all of the target's points are in the picture, {:.0} px from its border", visibility.room_px)
+        format!("all of the target's points are in the image, {:.0} px from its border", visibility.room_px)
     } else {
         let cut = visibility.points.iter().filter(|point| !point.whole).take(TOLD_POINTS);
         let cut: Vec<_> = cut.map(PointVisibility::fault).collect();

@@ -274,7 +274,7 @@ record! {
     }
 }
 
-/// Most planes that a picture may have.
+/// Most planes that an image may have.
 pub(super) const MAX_PLANES: usize = 8;
 
 const V: u8 = b'V';

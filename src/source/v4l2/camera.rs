@@ -20,7 +20,7 @@ use super::name::{self, Identity, OpenedNode};
 use super::node::{CameraHost, Waited};
 use super::session::{Losses, Session};
 use super::track::Track;
-use super::{CaptureFacts, CaptureWish, V4l2Error};
+use super::{CaptureFacts, CaptureRequest, V4l2Error};
 use crate::messages::CameraState;
 use crate::source::{Captured, Filled, FreeRunningSource, SourceError, SourceHealth};
 use crate::time::{MonoNs, SpanNs};
@@ -60,7 +60,7 @@ enum DeviceState {
 #[derive(Debug)]
 pub struct V4l2Camera {
     host: Box<dyn CameraHost>,
-    wish: CaptureWish,
+    request: CaptureRequest,
     identity: Identity,
     link: DeviceState,
     track: Track,
@@ -82,11 +82,11 @@ pub struct V4l2Camera {
 
 impl V4l2Camera {
     /// Opens the camera and begins to stream.
-    pub(super) fn open(host: Box<dyn CameraHost>, wish: CaptureWish) -> Result<Self, V4l2Error> {
+    pub(super) fn open(host: Box<dyn CameraHost>, request: CaptureRequest) -> Result<Self, V4l2Error> {
         let mut backoff = Backoff::new();
         let mut attempt = 1;
         let (identity, session, news) = loop {
-            match Self::open_once(host.as_ref(), &wish) {
+            match Self::open_once(host.as_ref(), &request) {
                 Ok(opened) => break opened,
                 Err(e) if e.may_pass() && attempt < ATTEMPTS => {
                     warn!("{e}; trying again ({attempt} of {ATTEMPTS})");
@@ -98,9 +98,9 @@ impl V4l2Camera {
         };
         let now = host.now();
         let mut camera = Self {
-            track: Track::new(&wish, session.buffers()),
+            track: Track::new(&request, session.buffers()),
             host,
-            wish,
+            request,
             identity,
             link: DeviceState::Closed(now),
             backoff: Backoff::new(),
@@ -123,11 +123,11 @@ impl V4l2Camera {
 
     fn open_once(
         host: &dyn CameraHost,
-        wish: &CaptureWish,
+        request: &CaptureRequest,
     ) -> Result<(Identity, Session, Vec<String>), V4l2Error> {
-        let OpenedNode { file, node } = name::resolve(host, &wish.settings.device)?;
+        let OpenedNode { file, node } = name::resolve(host, &request.settings.device)?;
         let identity = Identity::of(&file, node.info());
-        let (mut session, news) = Session::prepare(&file.path, node, wish)?;
+        let (mut session, news) = Session::prepare(&file.path, node, request)?;
         session.begin()?;
         Ok((identity, session, news))
     }
@@ -160,7 +160,7 @@ impl V4l2Camera {
     /// Tells something once.
     fn tell(&mut self, line: String) {
         if self.told.len() < MAX_NOTES && !self.told.contains(&line) {
-            warn!("camera {}: {line}", self.wish.settings.device);
+            warn!("camera {}: {line}", self.request.settings.device);
             self.told.insert(line);
         }
     }
@@ -207,7 +207,7 @@ impl V4l2Camera {
         let now = self.host.now();
         if is_gone(cause) {
             if self.state != CameraState::Gone {
-                warn!("camera {}: unplugged; it is looked for", self.wish.settings.device);
+                warn!("camera {}: unplugged; it is looked for", self.request.settings.device);
             }
             drop(session);
             self.enter(CameraState::Gone);
@@ -218,7 +218,7 @@ impl V4l2Camera {
         if self.state != CameraState::Recovering {
             warn!(
                 "camera {}: its stream failed: {}; it is begun anew",
-                self.wish.settings.device,
+                self.request.settings.device,
                 std::io::Error::from(cause)
             );
             self.backoff = Backoff::new();
@@ -249,7 +249,7 @@ impl V4l2Camera {
     /// Looks for the device, and opens it with all its settings.
     fn reopen(&mut self) {
         let opened = name::find_again(self.host.as_ref(), &self.identity).map(|OpenedNode { file, node }| {
-            let (mut session, news) = Session::prepare(&file.path, node, &self.wish)?;
+            let (mut session, news) = Session::prepare(&file.path, node, &self.request)?;
             session.begin()?;
             Ok((session, news))
         });
@@ -257,7 +257,7 @@ impl V4l2Camera {
             Some(Ok((session, news))) => {
                 self.reopened += 1;
                 self.restarts = 0;
-                info!("camera {}: it is back", self.wish.settings.device);
+                info!("camera {}: it is back", self.request.settings.device);
                 self.adopt(session, news);
                 self.enter(CameraState::Recovering); // until a frame has come
             }
@@ -281,7 +281,7 @@ impl V4l2Camera {
         if matches!(self.state, CameraState::Starting | CameraState::Streaming) {
             warn!(
                 "camera {}: no frame for {:.1} s; it is waited for",
-                self.wish.settings.device,
+                self.request.settings.device,
                 silent.as_s()
             );
             self.enter(CameraState::Stalled);
@@ -350,7 +350,7 @@ impl FreeRunningSource for V4l2Camera {
                 if self.state.is_away() {
                     info!(
                         "camera {}: frames are back after {:.1} s",
-                        self.wish.settings.device,
+                        self.request.settings.device,
                         (self.host.now() - self.since).as_s()
                     );
                 }
@@ -375,7 +375,7 @@ impl FreeRunningSource for V4l2Camera {
             self.failed(session, cause);
         }
         match converted {
-            Ok(()) => Ok(Filled::Picture),
+            Ok(()) => Ok(Filled::Image),
             Err(cause) => {
                 self.damaged_in_conversion += 1;
                 self.tell(format!("a frame could not be turned into grey: {cause}"));

@@ -90,10 +90,10 @@ pub(super) fn number_of(offer: &ControlOffer, value: &ControlValue) -> Result<i6
         (ControlKind::Boolean | ControlKind::Button, ControlValue::Switch(on)) => Ok(i64::from(*on)),
         (ControlKind::Boolean | ControlKind::Button, ControlValue::Number(n @ 0..=1)) => Ok(*n),
         (ControlKind::Boolean | ControlKind::Button, _) => Err(wrong("allowed is true or false".into())),
-        (ControlKind::Menu | ControlKind::IntegerMenu, ControlValue::Entry(wished)) => offer
+        (ControlKind::Menu | ControlKind::IntegerMenu, ControlValue::Entry(requested)) => offer
             .menu
             .iter()
-            .find(|(_, name)| name.eq_ignore_ascii_case(wished))
+            .find(|(_, name)| name.eq_ignore_ascii_case(requested))
             .map(|(n, _)| *n)
             .ok_or_else(|| wrong(entries())),
         (ControlKind::Menu | ControlKind::IntegerMenu, ControlValue::Number(n)) => {

@@ -1,8 +1,8 @@
-//! A region of the picture: cut by the device where it can, else while the frame is turned into grey.
+//! A region of the image: cut by the device where it can, else while the frame is turned into grey.
 
 use super::fault::refused;
 use super::node::{SensorArea, VideoNode};
-use super::{CaptureWish, V4l2Error};
+use super::{CaptureRequest, V4l2Error};
 use crate::imaging::grey::{NotGrey, ToGrey};
 use rustix::io::Errno;
 
@@ -17,7 +17,7 @@ pub(super) struct Cut {
     pub(super) left: u32,
     /// First row.
     pub(super) top: u32,
-    /// A whole picture, where only whole ones can be decoded.
+    /// A whole image, where only whole ones can be decoded.
     whole: Vec<u8>,
 }
 
@@ -35,11 +35,11 @@ fn text(area: &SensorArea) -> String {
 /// Cuts as the run file says.
 pub(super) fn cut(
     node: &mut dyn VideoNode,
-    wish: &CaptureWish,
+    request: &CaptureRequest,
     news: &mut Vec<String>,
 ) -> Result<Cut, V4l2Error> {
-    let full = (wish.width, wish.height);
-    let Some(region) = wish.region else {
+    let full = (request.width, request.height);
+    let Some(region) = request.region else {
         // What somebody cut before stays with the device.
         if let (Ok(whole), Ok(now)) = (node.whole_area(), node.area())
             && whole != now
@@ -50,7 +50,7 @@ pub(super) fn cut(
     };
     let kept = (region.width, region.height);
     let here = Cut::new(full, (region.left.cast_unsigned(), region.top.cast_unsigned()), kept);
-    // Where the sensor has another size than the picture, a region of one is not a region of the other: cut here.
+    // Where the sensor has another size than the image, a region of one is not a region of the other: cut here.
     match node.whole_area() {
         Ok(bounds) if (bounds.width, bounds.height) == full => {
             let asked =
@@ -75,7 +75,7 @@ pub(super) fn cut(
     Ok(here)
 }
 
-/// Turns a picture into grey that can only be decoded as a whole, and keeps the region.
+/// Turns an image into grey that can only be decoded as a whole, and keeps the region.
 pub(super) fn convert_whole(
     grey: &mut ToGrey,
     raw: &[u8],
@@ -104,9 +104,9 @@ mod tests {
     use crate::imaging::grey::PixelFormat;
     use image::codecs::jpeg::JpegEncoder;
 
-    /// A picture of a slope: the grey level says where a pixel was.
+    /// An image of a slope: the grey level says where a pixel was.
     #[test]
-    fn a_region_of_a_jpeg_is_that_of_the_whole_picture() {
+    fn a_region_of_a_jpeg_is_that_of_the_whole_image() {
         const W: u32 = 32;
         const H: u32 = 16;
         let slope: Vec<u8> = (0..H).flat_map(|y| (0..W).map(move |x| (4 * x + 6 * y) as u8)).collect();

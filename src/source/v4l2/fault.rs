@@ -40,7 +40,7 @@ pub enum V4l2Error {
         path: PathBuf,
         /// What it is.
         kind: &'static str,
-        /// Where the pictures are.
+        /// Where the images are.
         remedy: String,
     },
     /// The system does not let this user open it.
@@ -62,14 +62,14 @@ pub enum V4l2Error {
         path: PathBuf,
     },
     /// The device has none of the formats that can be turned into grey, or not the one that is asked for.
-    #[error("camera.v4l2.format: the device does not offer {wished}; it offers {offered}")]
+    #[error("camera.v4l2.format: the device does not offer {requested}; it offers {offered}")]
     NoFormat {
         /// What was asked for.
-        wished: String,
+        requested: String,
         /// What there is.
         offered: String,
     },
-    /// The device has no pictures of this size.
+    /// The device has no images of this size.
     #[error(
         "camera.width_px, camera.height_px: the device does not offer {width}x{height}{format}; it offers {offered}"
     )]
@@ -94,9 +94,9 @@ pub enum V4l2Error {
         /// What it says to offer.
         offered: String,
     },
-    /// The device gives half pictures.
+    /// The device gives half images.
     #[error(
-        "the device gives interlaced pictures (field order {field}), whose rows are of two exposures: choose another \
+        "the device gives interlaced images (field order {field}), whose rows are of two exposures: choose another \
              camera.v4l2.input or size"
     )]
     Interlaced {
@@ -160,8 +160,8 @@ pub enum V4l2Error {
         /// What it takes.
         taken: String,
     },
-    /// A picture that the grey levels cannot be taken from.
-    #[error("the device's pictures cannot be turned into grey: {0}")]
+    /// An image that the grey levels cannot be taken from.
+    #[error("the device's images cannot be turned into grey: {0}")]
     Layout(String),
     /// The device went away while it was opened.
     #[error("{path}: the camera was unplugged", path = path.display())]

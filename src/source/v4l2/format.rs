@@ -107,7 +107,7 @@ fn sizes_line<'a>(offers: impl IntoIterator<Item = &'a OfferedFormat>) -> String
 
 /// What is wanted of a device.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct FormatWish {
+pub(super) struct FormatRequest {
     pub(super) width: u32,
     pub(super) height: u32,
     pub(super) rate_hz: f64,
@@ -118,11 +118,11 @@ pub(super) struct FormatWish {
 /// former, the fastest among the latter. `rates` gives those of a format at the wanted size.
 pub(super) fn candidates(
     offers: &[OfferedFormat],
-    wish: &FormatWish,
+    request: &FormatRequest,
     rates: impl Fn(FourCc) -> Vec<RateOffer>,
 ) -> Result<Vec<(PixelFormat, FourCc)>, V4l2Error> {
-    let FormatWish { width, height, .. } = *wish;
-    let wanted = |format: PixelFormat| wish.format.is_none_or(|only| only == format);
+    let FormatRequest { width, height, .. } = *request;
+    let wanted = |format: PixelFormat| request.format.is_none_or(|only| only == format);
     let offer_of = |format| offers.iter().find(|offer| known(offer.format.fourcc) == Some(format));
     let has_format: Vec<_> = PixelFormat::ALL
         .into_iter()
@@ -131,11 +131,11 @@ pub(super) fn candidates(
         .collect();
     if has_format.is_empty() {
         let known: Vec<_> = PixelFormat::ALL.iter().map(|format| letters(*format).to_string()).collect();
-        let wished = wish.format.map_or_else(
+        let requested = request.format.map_or_else(
             || format!("any of {}, which are those that can be turned into grey", known.join(", ")),
             |format| letters(format).to_string(),
         );
-        return Err(V4l2Error::NoFormat { wished, offered: formats_line(offers) });
+        return Err(V4l2Error::NoFormat { requested, offered: formats_line(offers) });
     }
     let has_size = |offer: &OfferedFormat| {
         offer.sizes.is_empty() || offer.sizes.iter().any(|s| s.size.has(width, height))
@@ -146,14 +146,14 @@ pub(super) fn candidates(
         .filter(|(_, (_, offer))| has_size(offer))
         .map(|(cost, (format, offer))| {
             let rates = rates(offer.format.fourcc);
-            let fits = rates.is_empty() || rates.iter().any(|rate| rate.has(wish.rate_hz));
+            let fits = rates.is_empty() || rates.iter().any(|rate| rate.has(request.rate_hz));
             let fastest = rates.iter().map(|rate| rate.highest_hz()).fold(0.0, f64::max);
             let shortfall = if fits { 0.0 } else { -fastest };
             ((!fits, shortfall, cost), (*format, offer.format.fourcc))
         })
         .collect();
     if ranked.is_empty() {
-        let format = wish.format.map_or(String::new(), |format| format!(" in {}", letters(format)));
+        let format = request.format.map_or(String::new(), |format| format!(" in {}", letters(format)));
         let offered = sizes_line(has_format.iter().map(|(_, offer)| *offer));
         return Err(V4l2Error::NoSize { width, height, format, offered });
     }
@@ -174,35 +174,35 @@ pub(super) struct Agreed {
 pub(super) fn negotiate(
     node: &mut dyn VideoNode,
     path: &Path,
-    wish: &FormatWish,
+    request: &FormatRequest,
     strict_rate: bool,
 ) -> Result<(Agreed, Option<String>), V4l2Error> {
     let offers = offered(node);
-    let rates = |node: &dyn VideoNode, fourcc| node.rates(fourcc, wish.width, wish.height);
+    let rates = |node: &dyn VideoNode, fourcc| node.rates(fourcc, request.width, request.height);
     let mut tried = Vec::new();
-    let asked = candidates(&offers, wish, |fourcc| rates(node, fourcc))?;
+    let asked = candidates(&offers, request, |fourcc| rates(node, fourcc))?;
     for (format, fourcc) in asked {
-        let layout = match node.set_format(fourcc, wish.width, wish.height) {
+        let layout = match node.set_format(fourcc, request.width, request.height) {
             Ok(layout) => layout,
             Err(Errno::BUSY) => return Err(V4l2Error::Busy { path: path.into() }),
             Err(e) if is_gone(e) => return Err(V4l2Error::Gone { path: path.into() }),
             Err(Errno::INVAL) => {
-                tried.push(format!("{fourcc} {}x{} is refused", wish.width, wish.height));
+                tried.push(format!("{fourcc} {}x{} is refused", request.width, request.height));
                 continue;
             }
-            Err(e) => return Err(refused(format!("{fourcc} {}x{}", wish.width, wish.height), e)),
+            Err(e) => return Err(refused(format!("{fourcc} {}x{}", request.width, request.height), e)),
         };
-        if (layout.fourcc, layout.width, layout.height) != (fourcc, wish.width, wish.height) {
+        if (layout.fourcc, layout.width, layout.height) != (fourcc, request.width, request.height) {
             tried.push(format!(
                 "{fourcc} {}x{} became {} {}x{}",
-                wish.width, wish.height, layout.fourcc, layout.width, layout.height
+                request.width, request.height, layout.fourcc, layout.width, layout.height
             ));
             continue;
         }
         if layout.field > FIELD_NONE {
             return Err(V4l2Error::Interlaced { field: layout.field });
         }
-        let interval = node.set_interval(Interval::of_rate(wish.rate_hz)).map_err(|e| {
+        let interval = node.set_interval(Interval::of_rate(request.rate_hz)).map_err(|e| {
             if is_gone(e) { V4l2Error::Gone { path: path.into() } } else { refused("a rate".into(), e) }
         })?;
         let kept = node.layout().map_err(|e| refused("the question for its format".into(), e))?;
@@ -211,7 +211,7 @@ pub(super) fn negotiate(
             continue;
         }
         check_layout(format, &layout)?;
-        let news = rate_news(wish.rate_hz, interval, &rates(node, fourcc), strict_rate)?;
+        let news = rate_news(request.rate_hz, interval, &rates(node, fourcc), strict_rate)?;
         return Ok((Agreed { format, layout, interval }, news));
     }
     let offered = format!("{} in {}", formats_line(&offers), sizes_line(&offers));
@@ -223,7 +223,7 @@ fn check_layout(format: PixelFormat, layout: &BufferFormat) -> Result<(), V4l2Er
     let least = format.least_payload_bytes(layout.width, layout.height, stride);
     if stride < row || least > layout.size as usize {
         return Err(V4l2Error::Layout(format!(
-            "the driver says {} bytes from row to row and {} in a picture of {} {}x{}, whose rows have {row}",
+            "the driver says {} bytes from row to row and {} in an image of {} {}x{}, whose rows have {row}",
             stride, layout.size, layout.fourcc, layout.width, layout.height
         )));
     }

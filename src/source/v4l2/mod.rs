@@ -54,10 +54,10 @@ use std::path::PathBuf;
 
 /// What is wanted of a camera.
 #[derive(Debug, Clone, PartialEq)]
-pub struct CaptureWish {
+pub struct CaptureRequest {
     /// Its table in the run file.
     pub settings: V4l2Settings,
-    /// Columns of the whole picture, px.
+    /// Columns of the whole image, px.
     pub width: u32,
     /// Rows of it, px.
     pub height: u32,
@@ -69,7 +69,7 @@ pub struct CaptureWish {
     pub exposure: SpanNs,
 }
 
-impl CaptureWish {
+impl CaptureRequest {
     /// Of a camera of a run file.
     #[must_use]
     pub fn of(camera: &config::Camera, settings: &V4l2Settings) -> Self {
@@ -128,6 +128,6 @@ pub struct CaptureFacts {
 ///
 /// # Errors
 /// [`V4l2Error`].
-pub fn open(wish: CaptureWish) -> Result<V4l2Camera, V4l2Error> {
-    V4l2Camera::open(Box::new(host::ThisMachine), wish)
+pub fn open(request: CaptureRequest) -> Result<V4l2Camera, V4l2Error> {
+    V4l2Camera::open(Box::new(host::ThisMachine), request)
 }

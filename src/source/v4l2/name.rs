@@ -101,18 +101,18 @@ fn by_path(host: &dyn CameraHost, device: &str) -> Result<OpenedNode, V4l2Error>
     Ok(OpenedNode { file, node })
 }
 
-/// Refuses a node that gives no pictures; where they are, if another node of the same device has them.
+/// Refuses a node that gives no images; where they are, if another node of the same device has them.
 fn require_capture(host: &dyn CameraHost, path: &Path, info: &NodeInfo) -> Result<(), V4l2Error> {
     if info.kind == NodeKind::Capture {
         return Ok(());
     }
-    let has_pictures = |file: &NodeFile| {
+    let has_images = |file: &NodeFile| {
         host.open(&file.path)
             .is_ok_and(|node| node.info().kind == NodeKind::Capture && node.info().bus_info == info.bus_info)
     };
-    let remedy = match host.nodes().iter().find(|file| has_pictures(file)) {
-        Some(file) => format!("the pictures are at {}", file.path.display()),
-        None => "`vservo camera --list` shows the nodes that have pictures".into(),
+    let remedy = match host.nodes().iter().find(|file| has_images(file)) {
+        Some(file) => format!("the images are at {}", file.path.display()),
+        None => "`vservo camera --list` shows the nodes that have images".into(),
     };
     Err(V4l2Error::NotCapture { path: path.into(), kind: info.kind.describe(), remedy })
 }

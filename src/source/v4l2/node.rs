@@ -51,15 +51,15 @@ impl Serialize for FourCc {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NodeKind {
-    /// It gives pictures, into mapped buffers.
+    /// It gives images, into mapped buffers.
     Capture,
-    /// It gives pictures by `read` alone.
+    /// It gives images by `read` alone.
     CaptureWithoutStreaming,
-    /// It gives what stands beside the pictures of another node.
+    /// It gives what stands beside the images of another node.
     Metadata,
     /// It converts what it is given.
     Converter,
-    /// It takes pictures, or tunes a radio, or anything else.
+    /// It takes images, or tunes a radio, or anything else.
     Other,
 }
 
@@ -71,7 +71,7 @@ impl NodeKind {
             Self::Capture => "a capture device",
             Self::CaptureWithoutStreaming => "a capture device that cannot stream into mapped buffers",
             Self::Metadata => "the metadata node of a camera",
-            Self::Converter => "a converter of pictures (codec or scaler)",
+            Self::Converter => "a converter of images (codec or scaler)",
             Self::Other => "not a capture device",
         }
     }
@@ -88,7 +88,7 @@ pub struct NodeInfo {
     pub bus_info: String,
     /// What it is for.
     pub kind: NodeKind,
-    /// Whether its pictures come in planes.
+    /// Whether its images come in planes.
     pub planar: bool,
 }
 
@@ -124,7 +124,7 @@ impl Interval {
     }
 }
 
-/// Sizes of pictures that are offered, px.
+/// Sizes of images that are offered, px.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SizeOffer {
@@ -147,7 +147,7 @@ pub enum SizeOffer {
 }
 
 impl SizeOffer {
-    /// Whether a picture of so many columns and rows is among them.
+    /// Whether an image of so many columns and rows is among them.
     #[must_use]
     pub fn has(self, width: u32, height: u32) -> bool {
         match self {
@@ -214,8 +214,8 @@ impl RateOffer {
 
 /// Whether a device that runs at `obtained_hz` does what was asked for.
 #[must_use]
-pub(super) fn is_rate(obtained_hz: f64, wished_hz: f64) -> bool {
-    (obtained_hz - wished_hz).abs() <= 0.01 * wished_hz
+pub(super) fn is_rate(obtained_hz: f64, requested_hz: f64) -> bool {
+    (obtained_hz - requested_hz).abs() <= 0.01 * requested_hz
 }
 
 impl fmt::Display for RateOffer {
@@ -237,7 +237,7 @@ pub struct FormatName {
     pub description: String,
 }
 
-/// What a picture of a node looks like in memory, as the driver has set it.
+/// What an image of a node looks like in memory, as the driver has set it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct BufferFormat {
     /// Pixel format.
@@ -246,15 +246,15 @@ pub(super) struct BufferFormat {
     pub(super) width: u32,
     /// Rows, px.
     pub(super) height: u32,
-    /// The kernel's number of the order of fields; 1: whole pictures.
+    /// The kernel's number of the order of fields; 1: whole images.
     pub(super) field: u32,
     /// From row to row of the first plane, bytes.
     pub(super) stride: u32,
-    /// Largest picture in the first plane, bytes.
+    /// Largest image in the first plane, bytes.
     pub(super) size: u32,
 }
 
-/// Pictures whose rows all come from one exposure.
+/// Images whose rows all come from one exposure.
 pub(super) const FIELD_NONE: u32 = 1;
 
 /// Kinds of controls.
@@ -325,7 +325,7 @@ pub enum StampClock {
     Monotonic,
     /// Nobody knows.
     Unknown,
-    /// That of whoever gave the picture to an output device.
+    /// That of whoever gave the image to an output device.
     Copied,
 }
 
@@ -334,9 +334,9 @@ pub enum StampClock {
 pub(super) struct FilledBuffer {
     /// Which buffer.
     pub(super) index: u32,
-    /// First byte of the picture.
+    /// First byte of the image.
     pub(super) offset: usize,
-    /// Bytes of the picture.
+    /// Bytes of the image.
     pub(super) length: usize,
     /// The driver's stamp.
     pub(super) stamp: MonoNs,
@@ -348,7 +348,7 @@ pub(super) struct FilledBuffer {
     pub(super) sequence: u32,
     /// Order of fields.
     pub(super) field: u32,
-    /// The driver's word that the picture is damaged.
+    /// The driver's word that the image is damaged.
     pub(super) damaged: bool,
 }
 
@@ -367,7 +367,7 @@ pub(super) enum Waited {
 pub(super) trait VideoNode: fmt::Debug {
     /// What it says of itself.
     fn info(&self) -> &NodeInfo;
-    /// Takes pictures from this input.
+    /// Takes images from this input.
     fn select_input(&mut self, index: u32) -> Result<(), Errno>;
     /// Formats that it offers.
     fn formats(&self) -> Vec<FormatName>;

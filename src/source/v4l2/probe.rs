@@ -101,7 +101,7 @@ impl Probe {
     /// Frames that are measured at most.
     const MOST: usize = 1_000_000;
 
-    /// Of a camera whose pictures have so many pixels.
+    /// Of a camera whose images have so many pixels.
     #[must_use]
     pub fn new(asked_hz: f64, pixels: usize, now: MonoNs) -> Self {
         let (mids, latencies, conversions) = (Vec::new(), Vec::new(), Vec::new());

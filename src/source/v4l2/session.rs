@@ -12,14 +12,14 @@ use super::V4l2Error;
 use super::controls::{self, ExposureControls};
 use super::crop::{self, Cut};
 use super::fault::{is_gone, refused};
-use super::format::{self, Agreed, FormatWish};
+use super::format::{self, Agreed, FormatRequest};
 use super::node::{FIELD_NONE, FilledBuffer, VideoNode};
 use crate::imaging::grey::{NotGrey, PixelFormat, ToGrey};
 use crate::time::SpanNs;
 use rustix::io::Errno;
 use std::path::{Path, PathBuf};
 
-use super::CaptureWish;
+use super::CaptureRequest;
 
 /// Fewest buffers with which one can be converted while another is filled.
 const FEWEST_BUFFERS: u32 = 2;
@@ -52,10 +52,10 @@ impl Session {
     pub(super) fn prepare(
         path: &Path,
         mut node: Box<dyn VideoNode>,
-        wish: &CaptureWish,
+        request: &CaptureRequest,
     ) -> Result<(Self, Vec<String>), V4l2Error> {
         let mut news = Vec::new();
-        let settings = &wish.settings;
+        let settings = &request.settings;
         let failed = |what: &str, e: Errno| match e {
             Errno::BUSY => V4l2Error::Busy { path: path.into() },
             e if is_gone(e) => V4l2Error::Gone { path: path.into() },
@@ -64,12 +64,12 @@ impl Session {
         if let Some(input) = settings.input {
             node.select_input(input).map_err(|e| failed(&format!("input {input}"), e))?;
         }
-        let cut = crop::cut(node.as_mut(), wish, &mut news)?;
+        let cut = crop::cut(node.as_mut(), request, &mut news)?;
         let (width, height) = cut.captured;
-        let wished = FormatWish { width, height, rate_hz: wish.rate_hz, format: settings.format };
-        let (agreed, told) = format::negotiate(node.as_mut(), path, &wished, settings.strict_rate)?;
+        let requested = FormatRequest { width, height, rate_hz: request.rate_hz, format: settings.format };
+        let (agreed, told) = format::negotiate(node.as_mut(), path, &requested, settings.strict_rate)?;
         news.extend(told);
-        news.extend(controls::apply(node.as_mut(), settings, wish.exposure)?);
+        news.extend(controls::apply(node.as_mut(), settings, request.exposure)?);
         let exposure = ExposureControls::of(&node.controls());
         let (out_width, out_height) = cut.kept;
         let grey = if agreed.format == PixelFormat::Mjpg {
@@ -161,7 +161,7 @@ impl Session {
             || self.node.payload(buffer).len() < self.least_bytes()
     }
 
-    /// Bytes without which a picture is not whole.
+    /// Bytes without which an image is not whole.
     fn least_bytes(&self) -> usize {
         let layout = &self.agreed.layout;
         self.agreed.format.least_payload_bytes(layout.width, layout.height, layout.stride as usize)

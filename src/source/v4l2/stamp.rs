@@ -11,7 +11,7 @@
 //!                                                                   = end - readout / 2 - exposure / 2
 //! ```
 //! The kernel says which of the two a stamp is, and by what clock. A driver that says nothing, copies the stamp of somebody else, or says
-//! what cannot be (a time that stands still, goes back, or is more than a second from now) is not believed: then the picture's arrival
+//! what cannot be (a time that stands still, goes back, or is more than a second from now) is not believed: then the image's arrival
 //! counts as its end, which is late by what the bus takes. `vservo calibrate latency` finds the constant part of such errors.
 //!
 //! What cannot be is left out first, as a frame that is lost: buffers that were filled before this process was held up are old and right.
@@ -24,7 +24,7 @@ use crate::time::{MonoNs, SpanNs};
 /// Farthest from now that a stamp may be.
 const FARTHEST: SpanNs = SpanNs(1_000_000_000);
 
-/// What a driver says of a picture's time, and when it came.
+/// What a driver says of an image's time, and when it came.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct DriverStamp {
     pub(super) stamp: MonoNs,
@@ -59,7 +59,7 @@ impl StampDoubt {
     }
 }
 
-/// What becomes of a picture by its stamp.
+/// What becomes of an image by its stamp.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Dated {
     /// The middle of its exposure.
@@ -73,7 +73,7 @@ pub(super) enum Dated {
 pub(super) struct Stamps {
     shutter: Shutter,
     readout: SpanNs,
-    /// Impossible stamps in a row that may be of pictures from before a pause.
+    /// Impossible stamps in a row that may be of images from before a pause.
     patience: u32,
     impossible: u32,
     last: Option<MonoNs>,
@@ -97,12 +97,12 @@ impl Stamps {
         self.doubt
     }
 
-    /// How many pictures would have been exposed in the future, by their stamps.
+    /// How many images would have been exposed in the future, by their stamps.
     pub(super) fn clamped(&self) -> u64 {
         self.clamped
     }
 
-    /// When the picture was exposed.
+    /// When the image was exposed.
     pub(super) fn date(&mut self, driver: &DriverStamp, exposure: SpanNs) -> Dated {
         if self.doubt.is_none() {
             self.doubt = match driver.clock {
@@ -170,7 +170,7 @@ mod tests {
     }
 
     fn mid_ms(dated: Dated) -> i64 {
-        let Dated::Mid(mid) = dated else { panic!("the picture has a time") };
+        let Dated::Mid(mid) = dated else { panic!("the image has a time") };
         mid.0 / MS
     }
 
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn no_picture_is_of_the_future() {
+    fn no_image_is_of_the_future() {
         let mut s = stamps(Shutter::Rolling, 0);
         let dated = s.date(&at(135, false, 100), SpanNs(4 * MS));
         assert_eq!((dated, s.clamped()), (Dated::Mid(MonoNs(100 * MS)), 1));
@@ -243,7 +243,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever a driver says, no picture is dated later than it came, and the count of doubtful ones is bounded.
+        /// Whatever a driver says, no image is dated later than it came, and the count of doubtful ones is bounded.
         #[test]
         fn any_stamps_are_survived(
             said in proptest::collection::vec((any::<i64>(), 0..3_u8, any::<bool>(), 0..200_i64), 1..50),

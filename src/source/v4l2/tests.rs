@@ -14,8 +14,8 @@ use std::time::Duration;
 
 const SLICE: Duration = Duration::from_millis(50);
 
-fn wish(device: &str) -> CaptureWish {
-    CaptureWish {
+fn request(device: &str) -> CaptureRequest {
+    CaptureRequest {
         settings: V4l2Settings::of_device(device, None),
         width: WIDTH,
         height: HEIGHT,
@@ -25,12 +25,12 @@ fn wish(device: &str) -> CaptureWish {
     }
 }
 
-fn open_as(bench: &Bench, wish: CaptureWish) -> Result<V4l2Camera, V4l2Error> {
-    V4l2Camera::open(Box::new(bench.clone()), wish)
+fn open_as(bench: &Bench, request: CaptureRequest) -> Result<V4l2Camera, V4l2Error> {
+    V4l2Camera::open(Box::new(bench.clone()), request)
 }
 
 fn open(bench: &Bench) -> V4l2Camera {
-    open_as(bench, wish("/dev/video0")).unwrap()
+    open_as(bench, request("/dev/video0")).unwrap()
 }
 
 /// Waits so many times; the frames that came, each with its grey level.
@@ -39,7 +39,7 @@ fn play(camera: &mut V4l2Camera, waits: usize) -> Vec<(Captured, u8)> {
     let mut out = [0; (WIDTH * HEIGHT) as usize];
     for _ in 0..waits {
         if let Some(captured) = camera.wait(SLICE).unwrap()
-            && camera.fill(&mut out).unwrap() == Filled::Picture
+            && camera.fill(&mut out).unwrap() == Filled::Image
         {
             assert!(out.iter().all(|level| *level == out[0]), "a frame of one exposure");
             seen.push((captured, out[0]));
@@ -147,7 +147,7 @@ fn a_stream_that_fails_again_and_again_is_opened_anew() {
 #[test]
 fn an_unplugged_camera_is_known_again_wherever_it_comes_back() {
     let bench = Bench::with(&[(5, Mishap::Unplugged(75))]); // three seconds
-    let mut settings = wish("/dev/video0");
+    let mut settings = request("/dev/video0");
     settings.settings.controls.insert("gain".into(), crate::config::ControlValue::Number(7));
     let mut camera = open_as(&bench, settings).unwrap();
     assert_eq!(play(&mut camera, 6).len(), 5);
@@ -229,7 +229,7 @@ fn requests_that_fail_once_do_no_harm() {
         assert_eq!(play(&mut open(&at_the_start), 5).len(), 5);
     }
     at_the_start.0.borrow_mut().failing_start = 100;
-    let error = open_as(&at_the_start, wish("/dev/video0")).unwrap_err();
+    let error = open_as(&at_the_start, request("/dev/video0")).unwrap_err();
     assert!(error.is_internal() && error.to_string().contains("the driver refuses to stream"), "{error}");
     assert_eq!(at_the_start.0.borrow().open_nodes, 0);
 }
@@ -239,7 +239,7 @@ fn a_busy_device_and_a_full_bus_are_told_at_once() {
     for (error, words) in [(Errno::BUSY, "another program"), (Errno::NOSPC, "no bandwidth left")] {
         let bench = Bench::new();
         (bench.0.borrow_mut().error, bench.0.borrow_mut().failing_start) = (error, 1);
-        let told = open_as(&bench, wish("/dev/video0")).unwrap_err();
+        let told = open_as(&bench, request("/dev/video0")).unwrap_err();
         assert!(told.to_string().contains(words) && !told.is_internal(), "{told}");
     }
 }
@@ -256,7 +256,7 @@ fn what_cannot_be_opened_is_told_with_what_there_is() {
         let other = FakeCamera::new(2, "Fake Camera", "usb-2");
         world.cameras.extend([second, other, locked]);
     }
-    let told = |device: &str| open_as(&bench, wish(device)).unwrap_err().to_string();
+    let told = |device: &str| open_as(&bench, request(device)).unwrap_err().to_string();
     let absent = told("/dev/video9");
     assert!(
         absent.contains("there is no `/dev/video9`") && absent.contains("/dev/video0 (Fake Camera, usb-1)"),
@@ -267,20 +267,20 @@ fn what_cannot_be_opened_is_told_with_what_there_is() {
     assert!(several.contains("several cameras: /dev/video0") && several.contains("usb-2"), "{several}");
     let metadata = told("/dev/video1");
     assert!(
-        metadata.contains("metadata node") && metadata.contains("pictures are at /dev/video0"),
+        metadata.contains("metadata node") && metadata.contains("images are at /dev/video0"),
         "{metadata}"
     );
     let locked = told("/dev/video3");
     assert!(locked.contains("permission denied"), "{locked}");
     for device in ["usb-2", "/dev/video2"] {
         assert_eq!(
-            open_as(&bench, wish(device)).unwrap().facts().unwrap().path.to_str(),
+            open_as(&bench, request(device)).unwrap().facts().unwrap().path.to_str(),
             Some("/dev/video2")
         );
     }
     let substituted = Bench::new();
     substituted.0.borrow_mut().substitutes = Some((32, 32));
-    let error = open_as(&substituted, wish("/dev/video0")).unwrap_err().to_string();
+    let error = open_as(&substituted, request("/dev/video0")).unwrap_err().to_string();
     assert!(
         error.contains("GREY 16x16 became GREY 32x32") && error.contains("it offers GREY in 8x8 to 16x16"),
         "{error}"
@@ -290,7 +290,7 @@ fn what_cannot_be_opened_is_told_with_what_there_is() {
 #[test]
 fn the_exposure_is_set_by_hand_and_read_while_it_is_automatic() {
     let bench = Bench::new();
-    let mut by_hand = wish("/dev/video0");
+    let mut by_hand = request("/dev/video0");
     by_hand.settings.set_exposure = true;
     let camera = open_as(&bench, by_hand.clone()).unwrap();
     assert_eq!(bench.0.borrow().set_controls, [(0x009a_0901, 1), (0x009a_0902, 40)], "mode, then time");
@@ -329,10 +329,10 @@ const REGION: SensorArea = SensorArea { left: 2, top: 4, width: 10, height: 8 };
 /// The first frame of a camera with [`REGION`], whose device cuts in such steps, if it does.
 fn cut(bench: &Bench, cuts: Option<u32>) -> Result<Vec<u8>, V4l2Error> {
     (bench.0.borrow_mut().cuts, bench.0.borrow_mut().numbered) = (cuts, true);
-    let mut camera = open_as(bench, CaptureWish { region: Some(REGION), ..wish("/dev/video0") })?;
+    let mut camera = open_as(bench, CaptureRequest { region: Some(REGION), ..request("/dev/video0") })?;
     camera.wait(SLICE).unwrap().unwrap();
     let mut out = vec![0; (REGION.width * REGION.height) as usize];
-    assert_eq!(camera.fill(&mut out).unwrap(), Filled::Picture);
+    assert_eq!(camera.fill(&mut out).unwrap(), Filled::Image);
     Ok(out)
 }
 
@@ -392,7 +392,7 @@ proptest! {
             if let Some(ms) = pauses.next() {
                 bench.pass(ms);
             }
-            if camera.fill(&mut out).unwrap() == Filled::Picture {
+            if camera.fill(&mut out).unwrap() == Filled::Image {
                 prop_assert!(out.iter().all(|level| *level == out[0]));
                 frames += 1;
             }

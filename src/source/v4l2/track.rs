@@ -4,7 +4,7 @@ use super::count::{RateMeter, ReadingPlan, SequenceCount};
 use super::node::{CameraHost, FilledBuffer, is_rate};
 use super::session::Session;
 use super::stamp::{Dated, DriverStamp, Stamps};
-use super::{CaptureFacts, CaptureWish};
+use super::{CaptureFacts, CaptureRequest};
 use crate::source::{Captured, SourceHealth};
 use crate::time::{MonoNs, SpanNs};
 
@@ -18,8 +18,8 @@ pub(super) struct Track {
     stamps: Stamps,
     rate: RateMeter,
     reading: ReadingPlan,
-    wished_hz: f64,
-    wished_exposure: SpanNs,
+    requested_hz: f64,
+    requested_exposure: SpanNs,
     /// From frame to frame, as the device says, or as it was asked for.
     period: SpanNs,
     /// Of the device, where it says; else as configured.
@@ -31,16 +31,16 @@ pub(super) struct Track {
 }
 
 impl Track {
-    pub(super) fn new(wish: &CaptureWish, buffers: u32) -> Self {
+    pub(super) fn new(request: &CaptureRequest, buffers: u32) -> Self {
         Self {
             sequence: SequenceCount::default(),
-            stamps: Stamps::new(wish.settings.shutter, wish.settings.readout, buffers),
+            stamps: Stamps::new(request.settings.shutter, request.settings.readout, buffers),
             rate: RateMeter::default(),
             reading: ReadingPlan::new(),
-            wished_hz: wish.rate_hz,
-            wished_exposure: wish.exposure,
-            period: SpanNs::from_s(1.0 / wish.rate_hz),
-            exposure: wish.exposure,
+            requested_hz: request.rate_hz,
+            requested_exposure: request.exposure,
+            period: SpanNs::from_s(1.0 / request.rate_hz),
+            exposure: request.exposure,
             exposure_is_read: false,
             exposure_is_automatic: false,
             undated: 0,
@@ -52,7 +52,7 @@ impl Track {
     pub(super) fn adopt(&mut self, session: &Session) -> String {
         let (read, automatic) = session.exposure();
         let said_hz = session.agreed().interval.map(|i| i.rate_hz()).filter(|hz| *hz > 0.0);
-        self.period = SpanNs::from_s(1.0 / said_hz.unwrap_or(self.wished_hz));
+        self.period = SpanNs::from_s(1.0 / said_hz.unwrap_or(self.requested_hz));
         (self.exposure_is_automatic, self.exposure_is_read) = (automatic, read.is_some());
         self.set_exposure(read);
         self.begin();
@@ -74,7 +74,7 @@ impl Track {
     }
 
     fn set_exposure(&mut self, read: Option<SpanNs>) {
-        let Some(read) = read else { return self.exposure = self.wished_exposure };
+        let Some(read) = read else { return self.exposure = self.requested_exposure };
         // Some devices say what they would like: no exposure is longer than the time between frames.
         let longest = match self.rate.measured_hz() {
             Some(hz) => self.period.max(SpanNs::from_s(1.0 / hz)),
@@ -124,7 +124,7 @@ impl Track {
             tell(format!(
                 "it exposes at {hz:.0} Hz, {} Hz were asked for: in the dark an automatic exposure takes longer than a frame; \
                  set the exposure, or controls exposure_dynamic_framerate = 0",
-                self.wished_hz
+                self.requested_hz
             ));
         }
         Some(Captured { mid, span: self.exposure, sequence, lost: 0 })
@@ -134,7 +134,7 @@ impl Track {
     fn missed_rate_hz(&self) -> Option<f64> {
         self.rate
             .measured_hz()
-            .filter(|hz| !is_rate(*hz, self.wished_hz) && *hz < RATE_MISSED * self.wished_hz)
+            .filter(|hz| !is_rate(*hz, self.requested_hz) && *hz < RATE_MISSED * self.requested_hz)
     }
 
     /// From frame to frame.

@@ -156,7 +156,7 @@ impl StereoVision {
         })
     }
 
-    /// The points in one pair of pictures by themselves: what a view is taught from. Empty where fewer than three are in both.
+    /// The points in one pair of images by themselves: what a view is taught from. Empty where fewer than three are in both.
     ///
     /// # Errors
     /// The camera that does not see the target, and why.

@@ -19,9 +19,9 @@ pub struct SpacePoint {
     pub covariance: Matrix3<f64>,
     /// Squared distance of the two rays over its variance: chi-square with one degree of freedom.
     pub misfit: f64,
-    /// What is called one standard deviation of a pixel's coordinate here, as normalized coordinate: the mean of both pictures.
+    /// What is called one standard deviation of a pixel's coordinate here, as normalized coordinate: the mean of both images.
     pub sigma: f64,
-    /// The same, px of the left picture.
+    /// The same, px of the left image.
     pub sigma_px: f64,
     /// Image in the left camera, px.
     pub left_px: Vector2<f64>,
@@ -75,7 +75,7 @@ impl StereoRig {
         &self.X_LR
     }
 
-    /// Images of a point of the left frame in both pictures, px; `None` where one of the cameras cannot see it.
+    /// Images of a point of the left frame in both images, px; `None` where one of the cameras cannot see it.
     #[must_use]
     pub fn project(&self, p_L: &Point3<f64>) -> Option<[Vector2<f64>; 2]> {
         Some([self.left.project(p_L)?, self.right.project(&self.X_LR.inverse_transform_point(p_L))?])
@@ -104,7 +104,7 @@ impl StereoRig {
         let (at_left, at_right) = (scale(&self.left, &pair.s_1), scale(&self.right, &pair.s_2));
         let model = self.model_sd_px * self.model_sd_px;
         let square = |found: &Found, scale: f64| (found.sigma_px * found.sigma_px + model) / scale;
-        // The optimum takes both pictures as equally sharp.
+        // The optimum takes both images as equally sharp.
         let variance = 0.5 * (square(left, at_left) + square(right, at_right));
         let point = SpacePoint {
             id: left.id,

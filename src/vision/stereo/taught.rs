@@ -34,7 +34,7 @@ pub struct TaughtPoint {
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum TaughtViewError {
     /// Too few of them.
-    #[error("has {0} points: three at least fix a pose; teach with more of the object in both pictures")]
+    #[error("has {0} points: three at least fix a pose; teach with more of the object in both images")]
     TooFew(usize),
     /// More than a measurement carries.
     #[error("has {0} points, at most 64 are possible; leave some out")]

@@ -62,7 +62,7 @@ fn seen(
     lists
 }
 
-/// A view taught from `count` noisy pairs of pictures.
+/// A view taught from `count` noisy pairs of images.
 fn taught(
     rig: &StereoRig,
     points: &[(u32, Point3<f64>)],
@@ -211,7 +211,7 @@ fn a_measurement_carries_pose_covariance_and_the_left_features() {
         assert!((f.x - p.x / p.z).abs() < 1e-3 && (f.sigma_px - 0.05).abs() < 0.01);
     }
     assert!(m.reprojection_rms_px < 0.3);
-    // one point that is somewhere else in the right picture goes, and the rest stays
+    // one point that is somewhere else in the right image goes, and the rest stays
     lists[1][5].px.y += 8.0;
     lists[0].remove(2);
     let m = file(&mut vision, &lists).measurement;

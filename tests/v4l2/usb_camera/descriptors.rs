@@ -1,7 +1,7 @@
 //! What the emulated camera says of itself: descriptors of USB 2.0 and of the video class (UVC 1.0 and 1.1), and the control
 //! blocks that the host reads and writes. All numbers are those of the two specifications.
 
-/// Sizes of pictures, px; the number of a frame descriptor is its place here, from 1.
+/// Sizes of images, px; the number of a frame descriptor is its place here, from 1.
 pub const SIZES: [(u16, u16); 2] = [(640, 480), (320, 240)];
 /// Time between frames, in units of 100 ns: 30, 25 and 15 Hz.
 pub const INTERVALS: [u32; 3] = [333_333, 400_000, 666_666];
@@ -10,7 +10,7 @@ pub const PAYLOAD: usize = 16384;
 /// Streaming endpoint, to the host.
 pub const ENDPOINT: u8 = 0x81;
 
-/// Form of the pictures; the number of a format descriptor is its place here, from 1.
+/// Form of the images; the number of a format descriptor is its place here, from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Format {
     Yuyv,
@@ -21,7 +21,7 @@ pub enum Format {
 pub const FORMATS: [Format; 3] = [Format::Yuyv, Format::Mjpg, Format::Grey];
 
 impl Format {
-    /// The most bytes of a picture.
+    /// The most bytes of an image.
     pub fn largest(self, (width, height): (u16, u16)) -> u32 {
         let pixels = u32::from(width) * u32::from(height);
         if self == Self::Yuyv { 2 * pixels } else { pixels }

@@ -4,14 +4,14 @@
 //! ```text
 //! uvcvideo ── vhci-hcd ── socket ──► control thread: answers questions, keeps transfers that wait for data
 //!                            ▲                 │
-//!                            └──── stream thread: a picture at every interval, in transfers of 16 KiB
+//!                            └──── stream thread: an image at every interval, in transfers of 16 KiB
 //! ```
 //! It can be unplugged, stall, lose frames, cut them short or flag them as wrong, on demand.
 
 mod controls;
 mod descriptors;
-pub mod picture;
 mod stream;
+pub mod test_image;
 mod usbip;
 
 pub use descriptors::{Model, Stream};
@@ -32,7 +32,7 @@ pub enum Fault {
     ErrorBit,
     /// Only its first half is sent.
     Short,
-    /// It is not sent at all, and nothing tells of it: the number in the picture goes on.
+    /// It is not sent at all, and nothing tells of it: the number in the image goes on.
     Lost,
     /// Nothing is sent for so long.
     Stall(Duration),

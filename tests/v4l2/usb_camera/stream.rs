@@ -1,7 +1,7 @@
-//! The stream thread of the emulated camera: a picture at every interval, in transfers with a header of two bytes each.
+//! The stream thread of the emulated camera: an image at every interval, in transfers with a header of two bytes each.
 
 use super::descriptors::{Format, PAYLOAD, Stream};
-use super::picture::{self, Marks};
+use super::test_image::{self, Marks};
 use super::usbip::Answers;
 use super::{Device, Fault};
 use std::time::Duration;
@@ -19,12 +19,12 @@ pub const JPEGS: u64 = 16;
 
 /// Streams while the host wants it, until the plug is pulled.
 pub(super) fn run(device: &Device, answers: &Answers) {
-    let mut made: Option<(Stream, Pictures)> = None;
+    let mut made: Option<(Stream, Images)> = None;
     let mut parity = 0;
     while let Some((session, stream)) = wait_for_stream(device) {
-        let (_, pictures) = match made.take_if(|(of, _)| *of == stream) {
+        let (_, images) = match made.take_if(|(of, _)| *of == stream) {
             Some(same) => made.insert(same),
-            None => made.insert((stream, Pictures::of(&stream))),
+            None => made.insert((stream, Images::of(&stream))),
         };
         let mut due = rt::now();
         while device.goes_on(session) {
@@ -36,7 +36,7 @@ pub(super) fn run(device: &Device, answers: &Answers) {
                 state.exposed += 1;
                 state.exposed
             };
-            let bytes = pictures.draw(Marks::new(number, exposed));
+            let bytes = images.draw(Marks::new(number, exposed));
             rt::sleep_until(due);
             let fault = device.state().faults.pop_front();
             let mut bytes = bytes.as_slice();
@@ -85,8 +85,8 @@ impl Device {
     }
 }
 
-fn send(device: &Device, answers: &Answers, session: u64, picture: &[u8], header: u8) {
-    let mut parts = picture.chunks(PAYLOAD - HEADER).peekable();
+fn send(device: &Device, answers: &Answers, session: u64, image: &[u8], header: u8) {
+    let mut parts = image.chunks(PAYLOAD - HEADER).peekable();
     while let Some(part) = parts.next() {
         let Some(transfer) = device.transfer(session) else { return };
         let last = if parts.peek().is_none() { LAST } else { 0 };
@@ -95,24 +95,24 @@ fn send(device: &Device, answers: &Answers, session: u64, picture: &[u8], header
     }
 }
 
-/// Pictures in the form of a stream; what takes too long to make between two frames is made beforehand.
-enum Pictures {
-    /// A picture without marks, its columns, and the bytes of a pixel.
+/// Images in the form of a stream; what takes too long to make between two frames is made beforehand.
+enum Images {
+    /// An image without marks, its columns, and the bytes of a pixel.
     Raw { background: Vec<u8>, width: usize, pixel_bytes: usize },
     /// One for each number.
     Jpeg(Vec<Vec<u8>>),
 }
 
-impl Pictures {
+impl Images {
     fn of(stream: &Stream) -> Self {
         let (width, height) = (usize::from(stream.size.0), usize::from(stream.size.1));
-        let grey = picture::background(width, height);
+        let grey = test_image::background(width, height);
         match stream.format {
             Format::Grey => Self::Raw { background: grey, width, pixel_bytes: 1 },
-            Format::Yuyv => Self::Raw { background: picture::yuyv(&grey), width, pixel_bytes: 2 },
+            Format::Yuyv => Self::Raw { background: test_image::yuyv(&grey), width, pixel_bytes: 2 },
             Format::Mjpg => {
-                let grey = |number| picture::draw(jpeg_marks(number), width, height);
-                Self::Jpeg((0..JPEGS).map(|number| picture::jpeg(&grey(number), width, height)).collect())
+                let grey = |number| test_image::draw(jpeg_marks(number), width, height);
+                Self::Jpeg((0..JPEGS).map(|number| test_image::jpeg(&grey(number), width, height)).collect())
             }
         }
     }
@@ -120,9 +120,9 @@ impl Pictures {
     fn draw(&self, marks: Marks) -> Vec<u8> {
         match self {
             Self::Raw { background, width, pixel_bytes } => {
-                let mut picture = background.clone();
-                picture::mark(&mut picture, *pixel_bytes, *width, marks);
-                picture
+                let mut image = background.clone();
+                test_image::mark(&mut image, *pixel_bytes, *width, marks);
+                image
             }
             Self::Jpeg(all) => all[(u64::from(marks.number) % JPEGS) as usize].clone(),
         }

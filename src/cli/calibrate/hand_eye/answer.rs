@@ -179,7 +179,7 @@ impl HandEyeAnswer {
         Self { report, views: told, driven: None }
     }
 
-    /// Whether pictures and robot contradict each other.
+    /// Whether images and robot contradict each other.
     pub(super) fn is_contradicted(&self) -> bool {
         self.report.is_contradicted()
     }

@@ -87,7 +87,7 @@ impl Lattice {
         (0..=rows - w).any(|y| (0..=columns - w).any(|x| (0..w * w).all(|i| there(x + i % w, y + i / w))))
     }
 
-    /// All cells of a grid of equal dots, in the one of its turns that stands upright in the picture.
+    /// All cells of a grid of equal dots, in the one of its turns that stands upright in the image.
     pub(super) fn lay_upright(
         &self,
         candidates: &[(f64, Blob)],

@@ -38,7 +38,7 @@ const AREA: f64 = 0.8;
 const AREA_ROUGH: f64 = 1.8;
 
 impl Lattice {
-    /// The candidates in the undistorted picture.
+    /// The candidates in the undistorted image.
     pub(super) fn place(&mut self, candidates: &[(f64, Blob)]) {
         let undistorted = |b: &Blob| self.camera.normalized_of(&Vector2::new(b.x, b.y)) * self.focal_px;
         self.points.clear();

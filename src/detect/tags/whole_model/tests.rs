@@ -19,7 +19,7 @@ fn corners() -> [Vector2<f64>; 4] {
     [v(101.3, 82.1), v(117.9, 86.4), v(119.2, 104.7), v(99.0, 97.6)]
 }
 
-fn picture(corners: &[Vector2<f64>; 4]) -> TagImage {
+fn tag_image(corners: &[Vector2<f64>; 4]) -> TagImage {
     TagImage {
         back: PlaneMap::of_square(corners, CELLS as f64).unwrap().inverse().unwrap(),
         origin: Vector2::new(109.0, 93.0),
@@ -35,28 +35,28 @@ fn picture(corners: &[Vector2<f64>; 4]) -> TagImage {
 /// Eight pixels of level 0, those of them that lie on the tag or near it.
 fn pixels(row: i32) -> TagPixels {
     let mut pixels = TagPixels::NONE;
-    let picture = picture(&corners());
+    let tag_image = tag_image(&corners());
     for i in 0..8 {
         pixels.x.0[i] = i as f32 * 3.1 - 11.0;
         pixels.y.0[i] = row as f32 + 0.4 * i as f32;
         let p = Vector2::new(f64::from(pixels.x.0[i]), f64::from(pixels.y.0[i]));
-        let at = picture.back.at(picture.origin + p);
+        let at = tag_image.back.at(tag_image.origin + p);
         let near = at.iter().all(|v| *v > -0.6 && *v < CELLS as f64 + 0.6);
         pixels.weight.0[i] = f32::from(u8::from(near));
     }
     pixels
 }
 
-fn rows(picture: &TagImage, corners: &[Vector2<f64>; 4], pixels: &TagPixels) -> TagJacobian {
+fn rows(tag_image: &TagImage, corners: &[Vector2<f64>; 4], pixels: &TagPixels) -> TagJacobian {
     let pattern = pattern();
-    TagModel::new(picture, &pattern, corners, 1e9).unwrap().at(pixels)
+    TagModel::new(tag_image, &pattern, corners, 1e9).unwrap().at(pixels)
 }
 
 /// The model's own sum, counted out: cells, paper and grounds under a fine grid of the blur.
-fn counted(picture: &TagImage, corners: &[Vector2<f64>; 4], p: Vector2<f64>) -> f64 {
+fn counted(tag_image: &TagImage, corners: &[Vector2<f64>; 4], p: Vector2<f64>) -> f64 {
     let back = PlaneMap::of_square(corners, CELLS as f64).unwrap().inverse().unwrap();
     let (pattern, n) = (pattern(), CELLS as f64);
-    let [xx, xy, yy] = picture.blur;
+    let [xx, xy, yy] = tag_image.blur;
     let (a, b) = (xx.sqrt(), xy / xx.sqrt());
     let c = (yy - b * b).sqrt();
     let (mut sum, mut weights, fine) = (0.0, 0.0, 160);
@@ -66,7 +66,7 @@ fn counted(picture: &TagImage, corners: &[Vector2<f64>; 4], p: Vector2<f64>) -> 
             let (u, v) = (z(i), z(j));
             let weight = (-0.5 * (u * u + v * v)).exp();
             let q = back.at(p + Vector2::new(a * u, b * u + c * v));
-            let [left, right, above, below] = picture.ground;
+            let [left, right, above, below] = tag_image.ground;
             let ground = if q.x < -1.0 {
                 left
             } else if q.x > n + 1.0 {
@@ -79,26 +79,26 @@ fn counted(picture: &TagImage, corners: &[Vector2<f64>; 4], p: Vector2<f64>) -> 
                 0.0
             };
             let white = pattern.bits_at(q.x.floor() as i32, q.y.floor() as i32) & 1;
-            sum += weight * (picture.ink + picture.contrast * f64::from(white) + ground);
+            sum += weight * (tag_image.ink + tag_image.contrast * f64::from(white) + ground);
             weights += weight;
         }
     }
-    let q = (p - picture.origin) / picture.radius;
-    sum / weights * (1.0 + picture.light[0] * q.x + picture.light[1] * q.y)
+    let q = (p - tag_image.origin) / tag_image.radius;
+    sum / weights * (1.0 + tag_image.light[0] * q.x + tag_image.light[1] * q.y)
 }
 
 #[test]
 fn levels_are_those_of_blurred_cells() {
     let (corners, mut worst) = (corners(), 0.0f64);
-    let picture = picture(&corners);
+    let tag_image = tag_image(&corners);
     for y in -12..12 {
         let pixels = pixels(y);
-        let row = rows(&picture, &corners, &pixels);
+        let row = rows(&tag_image, &corners, &pixels);
         for i in 0..8 {
-            let p = picture.origin + Vector2::new(f64::from(pixels.x.0[i]), f64::from(pixels.y.0[i]));
+            let p = tag_image.origin + Vector2::new(f64::from(pixels.x.0[i]), f64::from(pixels.y.0[i]));
             if pixels.weight.0[i] > 0.0 {
                 // the level that is left over from 0
-                worst = worst.max((-f64::from(row[COUNT].0[i]) - counted(&picture, &corners, p)).abs());
+                worst = worst.max((-f64::from(row[COUNT].0[i]) - counted(&tag_image, &corners, p)).abs());
             }
         }
     }
@@ -109,16 +109,16 @@ fn levels_are_those_of_blurred_cells() {
 #[test]
 fn derivatives_are_those_of_levels() {
     let base_corners = corners();
-    let base = picture(&base_corners);
+    let base = tag_image(&base_corners);
     let shifted = |index: usize, by: f64| {
-        let (mut picture, mut corners) = (base, base_corners);
+        let (mut tag_image, mut corners) = (base, base_corners);
         match index {
             0..BLUR => {
                 for p in &mut corners {
                     *p += field((*p - base.origin) / base.radius)[index] * by;
                 }
-                picture.back = PlaneMap::of_square(&corners, CELLS as f64).unwrap().inverse().unwrap();
-                // derivatives are those of a picture that moves, and its blur with it
+                tag_image.back = PlaneMap::of_square(&corners, CELLS as f64).unwrap().inverse().unwrap();
+                // derivatives are those of an image that moves, and its blur with it
                 let at = |x: f64, y: f64| field(Vector2::new(x, y))[index];
                 let stretch =
                     Matrix2::from_columns(&[at(1.0, 0.0) - at(0.0, 0.0), at(0.0, 1.0) - at(0.0, 0.0)])
@@ -128,16 +128,16 @@ fn derivatives_are_those_of_levels() {
                 let blur = blur + stretch * blur + blur * stretch.transpose();
                 // of the two that bend only the middle keeps its blur
                 if index < 6 {
-                    picture.blur = [blur.m11, blur.m12, blur.m22];
+                    tag_image.blur = [blur.m11, blur.m12, blur.m22];
                 }
             }
-            BLUR..INK => picture.blur[index - BLUR] += by,
-            INK => picture.ink += by,
-            CONTRAST => picture.contrast += by,
-            LIGHT..GROUND => picture.light[index - LIGHT] += by,
-            _ => picture.ground[index - GROUND] += by,
+            BLUR..INK => tag_image.blur[index - BLUR] += by,
+            INK => tag_image.ink += by,
+            CONTRAST => tag_image.contrast += by,
+            LIGHT..GROUND => tag_image.light[index - LIGHT] += by,
+            _ => tag_image.ground[index - GROUND] += by,
         }
-        (picture, corners)
+        (tag_image, corners)
     };
     for index in 0..COUNT {
         let h = [0.03, 0.02, 0.5, 0.5, 0.01, 0.5][match index {
@@ -153,8 +153,8 @@ fn derivatives_are_those_of_levels() {
             let pixels = pixels(y);
             let derivative = rows(&base, &base_corners, &pixels)[index];
             let [low, high] = [-h, h].map(|by| {
-                let (picture, corners) = shifted(index, by);
-                rows(&picture, &corners, &pixels)[COUNT]
+                let (tag_image, corners) = shifted(index, by);
+                rows(&tag_image, &corners, &pixels)[COUNT]
             });
             for i in 0..8 {
                 // what is left over falls where levels rise
@@ -171,8 +171,8 @@ fn derivatives_are_those_of_levels() {
 #[test]
 fn products_are_sums_over_pixels_that_count() {
     let corners = corners();
-    let (picture, pattern) = (picture(&corners), pattern());
-    let model = TagModel::new(&picture, &pattern, &corners, 120.0f64.powi(2)).unwrap();
+    let (tag_image, pattern) = (tag_image(&corners), pattern());
+    let model = TagModel::new(&tag_image, &pattern, &corners, 120.0f64.powi(2)).unwrap();
     let mut blocks: Vec<TagPixels> = (-20..20).map(|y| pixels(y % 12)).collect();
     blocks[3].weight = Eight::ZERO;
     let mut room = [[Eight::ZERO; COUNT + 1]; CHUNK];
@@ -200,7 +200,7 @@ fn blur_across_too_many_cells_is_refused() {
     let corners = corners();
     let pattern = pattern();
     for blur in [[60.0, 0.0, 60.0], [f64::NAN, 0.0, 1.0], [1.0, 0.0, f64::INFINITY], [-1.0, 0.0, -1.0]] {
-        let picture = TagImage { blur, ..picture(&corners) };
-        assert!(TagModel::new(&picture, &pattern, &corners, 1e9).is_none(), "{blur:?}");
+        let tag_image = TagImage { blur, ..tag_image(&corners) };
+        assert!(TagModel::new(&tag_image, &pattern, &corners, 1e9).is_none(), "{blur:?}");
     }
 }

@@ -46,7 +46,7 @@ impl FreeRunningSource for Metronome {
     fn fill(&mut self, out: &mut [u8]) -> Result<Filled, SourceError> {
         let given = self.given.expect("a frame was given");
         out.fill(given as u8);
-        Ok(if self.damaged == Some(given) { Filled::Damaged } else { Filled::Picture })
+        Ok(if self.damaged == Some(given) { Filled::Damaged } else { Filled::Image })
     }
 
     fn health(&self) -> SourceHealth {
@@ -74,7 +74,7 @@ impl Outlet for RecordingSink {
     fn publish(&mut self, shot: &Shot, fill: &mut Fill<'_>) -> Result<Filled, ProcessError> {
         let mut pixels = [0; 4];
         let filled = fill(&mut pixels)?;
-        if filled == Filled::Picture {
+        if filled == Filled::Image {
             self.shots.push((*shot, pixels[3]));
         }
         Ok(filled)

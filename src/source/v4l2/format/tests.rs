@@ -20,46 +20,46 @@ fn rate(hz: u32) -> RateOffer {
     RateOffer::Discrete(Interval { numerator: 1, denominator: hz })
 }
 
-const WISH: FormatWish = FormatWish { width: 640, height: 480, rate_hz: 30.0, format: None };
+const REQUEST: FormatRequest = FormatRequest { width: 640, height: 480, rate_hz: 30.0, format: None };
 const VGA: [(u32, u32); 1] = [(640, 480)];
 
 /// What is asked for, in this order, where the rates are those that the offers say.
-fn asked(offers: &[OfferedFormat], wish: &FormatWish) -> Result<Vec<String>, V4l2Error> {
+fn asked(offers: &[OfferedFormat], request: &FormatRequest) -> Result<Vec<String>, V4l2Error> {
     let rates = |fourcc| {
         let of = offers.iter().find(|o| o.format.fourcc == fourcc).unwrap();
         of.sizes.first().map_or(Vec::new(), |s| s.rates.clone())
     };
-    Ok(candidates(offers, wish, rates)?.iter().map(|(_, fourcc)| fourcc.to_string()).collect())
+    Ok(candidates(offers, request, rates)?.iter().map(|(_, fourcc)| fourcc.to_string()).collect())
 }
 
 #[test]
 fn the_cheapest_format_comes_first() {
     let all = [b"MJPG", b"Y12 ", b"UYVY", b"YUYV", b"RGB3", b"Y10 ", b"NV12", b"GREY", b"Y16 "];
     let offers = all.map(|fourcc| offer(fourcc, &VGA, &[30]));
-    let order = asked(&offers, &WISH).unwrap();
+    let order = asked(&offers, &REQUEST).unwrap();
     assert_eq!(order, ["GREY", "NV12", "YUYV", "UYVY", "Y16", "Y12", "Y10", "MJPG"]);
-    let only = FormatWish { format: Some(PixelFormat::Mjpg), ..WISH };
+    let only = FormatRequest { format: Some(PixelFormat::Mjpg), ..REQUEST };
     assert_eq!(asked(&offers, &only).unwrap(), ["MJPG"]);
 }
 
-/// The usual USB camera: uncompressed pictures are slow, and the rate is what was asked for.
+/// The usual USB camera: uncompressed images are slow, and the rate is what was asked for.
 #[test]
 fn a_format_with_the_rate_precedes_a_cheaper_one_without() {
     let offers = [offer(b"YUYV", &VGA, &[5]), offer(b"UYVY", &VGA, &[10]), offer(b"MJPG", &VGA, &[30, 15])];
-    assert_eq!(asked(&offers, &WISH).unwrap(), ["MJPG", "UYVY", "YUYV"]);
+    assert_eq!(asked(&offers, &REQUEST).unwrap(), ["MJPG", "UYVY", "YUYV"]);
     let silent = [offer(b"YUYV", &VGA, &[]), offer(b"MJPG", &VGA, &[30])];
-    assert_eq!(asked(&silent, &WISH).unwrap(), ["YUYV", "MJPG"], "one that says no rates may have it");
+    assert_eq!(asked(&silent, &REQUEST).unwrap(), ["YUYV", "MJPG"], "one that says no rates may have it");
 }
 
 #[test]
 fn what_is_not_offered_is_told_with_what_is() {
     let offers = [offer(b"YUYV", &[(320, 240), (1280, 720)], &[30, 15]), offer(b"RGB3", &VGA, &[30])];
-    let size = asked(&offers, &WISH).unwrap_err().to_string();
+    let size = asked(&offers, &REQUEST).unwrap_err().to_string();
     assert!(size.contains("640x480") && size.ends_with("it offers 320x240, 1280x720"), "{size}");
-    let wish = FormatWish { format: Some(PixelFormat::Grey), ..WISH };
-    let format = asked(&offers, &wish).unwrap_err().to_string();
+    let request = FormatRequest { format: Some(PixelFormat::Grey), ..REQUEST };
+    let format = asked(&offers, &request).unwrap_err().to_string();
     assert!(format.contains("does not offer GREY") && format.ends_with("YUYV, RGB3"), "{format}");
-    let none = asked(&offers[1..], &WISH).unwrap_err().to_string();
+    let none = asked(&offers[1..], &REQUEST).unwrap_err().to_string();
     assert!(none.contains("any of GREY, NV12") && none.ends_with("it offers RGB3"), "{none}");
 }
 

@@ -1,11 +1,11 @@
-//! A gentle motion of all joints at once, from rest back to the same rest, that shows in the picture how each moves.
+//! An excitation motion of all joints at once, from rest back to the same rest, that shows in the image how each moves.
 //!
 //! ```text
 //! q_i(t) = q_i(0) + a_i (1 - cos W t) / 2 (1 - cos n_i W t) / 2,   W = 2 pi / T,   n_i = 3, 4, ...
 //! ```
 //! Each joint has a whole number n_i of its own, so that after T all are back where they began, and the motion of one is
 //! not taken for that of another. Position, velocity, acceleration and jerk begin and end with zero. A joint moves to one
-//! side only, a_i of either sign: a target at the border of the picture moves inwards. Over the whole motion, position and
+//! side only, a_i of either sign: a target at the border of the image moves inwards. Over the whole motion, position and
 //! velocity are orthogonal: an error of the hand-eye pose, which goes with the first, is not taken for a delay, which goes
 //! with the second.
 
@@ -30,21 +30,21 @@ const RANGE_SHARE: f64 = 0.5;
 const FARTHEST: f64 = 0.15;
 /// A joint moves the camera by at most this share of its distance from the target.
 const DEPTH_SHARE: f64 = 0.15;
-/// What the motion of one joint shall be in the picture, from end to end, px.
+/// What the motion of one joint shall be in the image, from end to end, px.
 const MOTION_PX: f64 = 40.0;
-/// A target at the border of the picture still has so much room there, px.
+/// A target at the border of the image still has so much room there, px.
 const MIN_ROOM_PX: f64 = 2.0;
 /// Points stay away from the border by this share of the target's size: there is more to it than its points.
 const BORDER_SHARE: f64 = 0.25;
 
 /// The motion of `N` joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GentleMotion<const N: usize> {
+pub struct ExcitationTrajectory<const N: usize> {
     amplitude: SVector<f64, N>,
     elapsed: SpanNs,
 }
 
-impl<const N: usize> GentleMotion<N> {
+impl<const N: usize> ExcitationTrajectory<N> {
     /// A motion that begins in `q` and goes no farther than by `reach`, of either sign; both rad or m. It goes less far
     /// where that keeps a joint well within its range and its limits on velocity, acceleration and jerk.
     #[must_use]
@@ -111,7 +111,7 @@ fn room<const N: usize>(joint: usize, q: &SVector<f64, N>, limits: &MotionLimits
     if sign < 0.0 { q[joint] - limits.lower[joint] } else { limits.upper[joint] - q[joint] }
 }
 
-/// How far each joint may go, rad or m and to which side, so that the target moves clearly and yet stays in the picture:
+/// How far each joint may go, rad or m and to which side, so that the target moves clearly and yet stays in the image:
 /// about 40 px for each joint, less where the target has no room for that. `None` where the measurement does not tell the
 /// target's pose.
 ///
@@ -126,24 +126,24 @@ pub fn image_reach<const N: usize>(
     q: &SVector<f64, N>,
     seen: &Measurement,
 ) -> Option<SVector<f64, N>> {
-    let picture = PointMotions::of(robot, mount, camera, points, q, seen)?;
+    let image = PointMotions::of(robot, mount, camera, points, q, seen)?;
     let mut reach = SVector::<f64, N>::zeros();
     for (i, reach) in reach.iter_mut().enumerate() {
         let mut wanted = FARTHEST;
         // A division by zero leaves a joint that moves nothing its farthest.
-        wanted = wanted.min(MOTION_PX / picture.px_per_joint(i)).min(picture.depth_m / picture.camera_m(i));
-        // The side on which the least of what there is, of the picture and of the joint's range, is used up.
+        wanted = wanted.min(MOTION_PX / image.px_per_joint(i)).min(image.depth_m / image.camera_m(i));
+        // The side on which the least of what there is, of the image and of the joint's range, is used up.
         let used = |sign: f64| {
             let range = room(i, q, limits, sign).max(f64::MIN_POSITIVE);
-            picture.used(|k| if k == i { sign * wanted } else { 0.0 }).max(wanted / range)
+            image.used(|k| if k == i { sign * wanted } else { 0.0 }).max(wanted / range)
         };
         *reach = if used(-1.0) < used(1.0) { -wanted } else { wanted };
     }
-    let used = picture.used(|i| reach[i]);
+    let used = image.used(|i| reach[i]);
     Some(reach / used.max(1.0))
 }
 
-/// The target in the picture, and how the joints move it there.
+/// The target in the image, and how the joints move it there.
 struct PointMotions<const N: usize> {
     /// Each point's motion with the joints, px/rad or px/m.
     rows: [SMatrix<f64, 2, N>; MAX_FEATURES],
@@ -172,7 +172,7 @@ impl<const N: usize> PointMotions<N> {
         let first = places().next()?;
         let (low, high) = places().fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
         let border = Vector2::repeat(BORDER_SHARE * (high - low).norm());
-        let mut picture = Self {
+        let mut image = Self {
             rows: [SMatrix::zeros(); MAX_FEATURES],
             rooms: [[Vector2::zeros(); 2]; MAX_FEATURES],
             count: 0,
@@ -180,7 +180,7 @@ impl<const N: usize> PointMotions<N> {
             J_C,
         };
         let known = seen.features().iter().zip(points);
-        for ((feature, p_O), (rows, rooms)) in known.zip(picture.rows.iter_mut().zip(&mut picture.rooms)) {
+        for ((feature, p_O), (rows, rooms)) in known.zip(image.rows.iter_mut().zip(&mut image.rooms)) {
             let (s, z_m) = (Vector2::new(feature.x, feature.y), (X_CO * p_O).z);
             if !(z_m > 0.0) {
                 return None;
@@ -190,10 +190,10 @@ impl<const N: usize> PointMotions<N> {
             let px = Vector2::new(feature.u_px, feature.v_px);
             let least = Vector2::repeat(MIN_ROOM_PX);
             *rooms = [(end - px - border).sup(&least), (px - border).sup(&least)];
-            picture.depth_m = picture.depth_m.min(DEPTH_SHARE * z_m);
-            picture.count += 1;
+            image.depth_m = image.depth_m.min(DEPTH_SHARE * z_m);
+            image.count += 1;
         }
-        Some(picture)
+        Some(image)
     }
 
     /// The motion of the fastest point, px/rad or px/m.

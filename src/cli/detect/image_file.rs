@@ -1,10 +1,10 @@
-//! Image files that somebody names, as grey pictures: bounded before anything is decoded.
+//! Image files that somebody names, as grey images: bounded before anything is decoded.
 
 use crate::source::{SourceError, load_image};
 use image::GrayImage;
 use std::path::Path;
 
-/// The picture in a file: PNG, PNM or JPEG, of any depth and colour; or why there is none.
+/// The image in a file: PNG, PNM or JPEG, of any depth and colour; or why there is none.
 pub(in crate::cli) fn load(path: &Path) -> Result<GrayImage, String> {
     load_image(path).map_err(|error| match error {
         SourceError::Image { cause, .. } => format!("cannot be decoded: {cause}"),

@@ -1,4 +1,4 @@
-//! Pictures of a run for `--report`: the first frame, the last one, and those in which a target that had been found is lost. All
+//! Images of a run for `--report`: the first frame, the last one, and those in which a target that had been found is lost. All
 //! memory is had before the first frame; keeping one is a copy.
 
 use crate::messages::{FeaturePoint, FrameHeader, Measurement, TargetStatus};
@@ -9,7 +9,7 @@ const MAX_LOST: usize = 24;
 /// Most memory for them, bytes.
 const MAX_BYTES: usize = 96 << 20;
 
-/// Why a picture is kept.
+/// Why an image is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Keepsake {
     /// The first frame of the run.
@@ -32,9 +32,9 @@ impl Keepsake {
     }
 }
 
-/// A grey picture and what was found in it.
+/// A grey image and what was found in it.
 #[derive(Debug, Clone)]
-pub struct KeptPicture {
+pub struct KeptImage {
     /// Why it is kept.
     pub why: Keepsake,
     /// Columns and rows, px.
@@ -45,7 +45,7 @@ pub struct KeptPicture {
     pub measurement: Measurement,
 }
 
-impl KeptPicture {
+impl KeptImage {
     /// Its file's name.
     #[must_use]
     pub fn file_name(&self) -> String {
@@ -58,12 +58,12 @@ impl KeptPicture {
     }
 }
 
-/// The pictures of a run.
+/// The images of a run.
 #[derive(Debug)]
-pub struct PictureBook {
-    first: KeptPicture,
-    last: KeptPicture,
-    lost: Vec<KeptPicture>,
+pub struct FrameArchive {
+    first: KeptImage,
+    last: KeptImage,
+    lost: Vec<KeptImage>,
     /// How many of `lost` are in use.
     kept: usize,
     /// Frames in which the target was lost.
@@ -75,14 +75,14 @@ pub struct PictureBook {
     size_px: (u32, u32),
 }
 
-impl PictureBook {
+impl FrameArchive {
     /// For frames of this size, px.
     #[must_use]
     pub fn new((width, height): (u32, u32)) -> Self {
         let bytes = width as usize * height as usize;
         let room = (MAX_BYTES / bytes.max(1)).saturating_sub(2).min(MAX_LOST);
         // Written to, so that the memory is there and not only promised.
-        let empty = |why| KeptPicture {
+        let empty = |why| KeptImage {
             why,
             size_px: (width, height),
             grey: vec![1; bytes],
@@ -137,26 +137,26 @@ impl PictureBook {
         }
     }
 
-    /// The pictures in the order of time.
-    pub fn pictures(&self) -> impl Iterator<Item = &KeptPicture> {
+    /// The images in the order of time.
+    pub fn images(&self) -> impl Iterator<Item = &KeptImage> {
         let first = (self.frames > 0).then_some(&self.first);
         let last = (self.frames > 1).then_some(&self.last);
         first.into_iter().chain(self.lost.iter().take(self.kept)).chain(last)
     }
 
-    /// `frames.csv`: a row for each point that was found in each picture, and one for a picture without; what was counted stands in
+    /// `frames.csv`: a row for each point that was found in each image, and one for an image without; what was counted stands in
     /// columns of its own.
     #[must_use]
     pub fn to_csv(&self) -> String {
         let mut out =
             String::from("file,why,frame_id,status,point,u_px,v_px,frames,frames_without_target,losses\n");
-        for picture in self.pictures() {
-            let (status, points) = picture.seen();
+        for image in self.images() {
+            let (status, points) = image.seen();
             let start = format!(
                 "{},{},{},\"{status}\"",
-                picture.file_name(),
-                picture.why.as_str(),
-                picture.measurement.frame_id
+                image.file_name(),
+                image.why.as_str(),
+                image.measurement.frame_id
             );
             let end = format!("{},{},{}", self.frames, self.without, self.losses);
             if points.is_empty() {
@@ -170,7 +170,7 @@ impl PictureBook {
     }
 }
 
-fn copy(from: &KeptPicture, to: &mut KeptPicture) {
+fn copy(from: &KeptImage, to: &mut KeptImage) {
     to.grey.copy_from_slice(&from.grey);
     to.measurement = from.measurement;
 }
@@ -179,7 +179,7 @@ fn copy(from: &KeptPicture, to: &mut KeptPicture) {
 mod tests {
     use super::*;
 
-    fn see(book: &mut PictureBook, frame_id: u64, found: bool) {
+    fn see(book: &mut FrameArchive, frame_id: u64, found: bool) {
         let header = FrameHeader { frame_id, width_px: 4, height_px: 2, ..FrameHeader::default() };
         book.note_frame(&header, &[frame_id as u8; 8]);
         let status = if found { TargetStatus::Found } else { TargetStatus::NoContrast } as u32;
@@ -188,11 +188,11 @@ mod tests {
 
     #[test]
     fn first_last_and_each_loss_are_kept() {
-        let mut book = PictureBook::new((4, 2));
+        let mut book = FrameArchive::new((4, 2));
         for (frame, found) in [(3, false), (4, true), (5, false), (6, false), (7, true), (8, true)] {
             see(&mut book, frame, found);
         }
-        let told: Vec<_> = book.pictures().map(|p| (p.file_name(), p.grey[0])).collect();
+        let told: Vec<_> = book.images().map(|p| (p.file_name(), p.grey[0])).collect();
         let wanted =
             [("frame-first-000003.png", 3), ("frame-lost-000005.png", 5), ("frame-last-000008.png", 8)];
         assert_eq!(told, wanted.map(|(name, level)| (name.to_owned(), level)));
@@ -205,20 +205,20 @@ mod tests {
 
     #[test]
     fn more_losses_than_there_is_room_for_are_counted() {
-        let mut book = PictureBook::new((4, 2));
+        let mut book = FrameArchive::new((4, 2));
         (0..100).for_each(|frame| see(&mut book, frame, frame % 2 == 0));
-        assert_eq!(book.pictures().count(), MAX_LOST + 2);
+        assert_eq!(book.images().count(), MAX_LOST + 2);
         assert!(book.to_csv().lines().nth(1).unwrap().ends_with(",100,50,50"));
     }
 
     #[test]
     fn frames_and_measurements_that_do_not_match_are_ignored() {
-        let mut book = PictureBook::new((4, 2));
+        let mut book = FrameArchive::new((4, 2));
         let header = FrameHeader { width_px: 5, height_px: 2, ..FrameHeader::default() };
         book.note_frame(&header, &[0; 10]);
         book.note_measurement(&Measurement { frame_id: 9, ..Measurement::default() });
-        assert_eq!(book.pictures().count(), 0);
+        assert_eq!(book.images().count(), 0);
         // no room but for two
-        assert_eq!(PictureBook::new((8192, 8192)).lost.len(), 0);
+        assert_eq!(FrameArchive::new((8192, 8192)).lost.len(), 0);
     }
 }

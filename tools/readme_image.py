@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""The picture of the README, from the files of a report: needs matplotlib.
+"""The image of the README, from the files of a report: needs matplotlib.
 
     vservo run ur5 --clock lockstep --report seen
-    python3 tools/readme_picture.py seen docs/images/first_run.png
+    python3 tools/readme_image.py seen docs/images/first_run.png
 """
 
 import csv

@@ -34,7 +34,7 @@ proptest! {
         limits.acceleration *= strength;
         limits.jerk *= strength;
         let q = Vector4::from_fn(|i, _| limits.lower[i] + start[i] * (limits.upper[i] - limits.lower[i]));
-        let mut motion = GentleMotion::new(&q, &Vector4::from(reach), &limits);
+        let mut motion = ExcitationTrajectory::new(&q, &Vector4::from(reach), &limits);
         let mut reference = Reference::new(limits.clone(), q);
         let (mut farthest, mut ticks) = (Vector4::zeros(), 0);
         while !motion.is_over() || reference.state().qd.amax() > 1e-9 {
@@ -62,9 +62,9 @@ fn a_joint_at_the_end_of_its_range_stays() {
     let robot = crate::robot::load("scara").unwrap().build::<4>().unwrap();
     let limits = limits(&robot);
     let q = limits.upper;
-    let out = GentleMotion::new(&q, &Vector4::repeat(0.1), &limits);
+    let out = ExcitationTrajectory::new(&q, &Vector4::repeat(0.1), &limits);
     assert_eq!(out.amplitude(), &Vector4::zeros());
-    let back = GentleMotion::new(&(q * 1.1), &Vector4::repeat(-0.1), &limits);
+    let back = ExcitationTrajectory::new(&(q * 1.1), &Vector4::repeat(-0.1), &limits);
     assert!(back.amplitude().iter().all(|a| *a <= 0.0 && a.is_finite()));
 }
 
@@ -80,8 +80,8 @@ fn seen(config: &Config, X_CO: &crate::geometry::Pose) -> Option<Measurement> {
     Some(m)
 }
 
-/// The whole motion of a run file's arm, with the target moved aside by `shift`: how far the points move in the picture,
-/// px. Points that leave the picture fail the test.
+/// The whole motion of a run file's arm, with the target moved aside by `shift`: how far the points move in the image,
+/// px. Points that leave the image fail the test.
 fn motion_px<const N: usize>(file: &str, shift: &Vector3<f64>) -> Option<f64> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
     let config = Config::load(Some(&path), &[]).unwrap();
@@ -97,11 +97,11 @@ fn motion_px<const N: usize>(file: &str, shift: &Vector3<f64>) -> Option<f64> {
     let points = config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>();
     let mount = &config.camera.mount;
     let reach = image_reach(&robot, mount, &config.camera.model, &points, &limits, &q, &first).unwrap();
-    let mut motion = GentleMotion::new(&q, &reach, &limits);
+    let mut motion = ExcitationTrajectory::new(&q, &reach, &limits);
     let mut most: f64 = 0.0;
     while !motion.is_over() {
         q += motion.advance(TICK) * TICK.as_s();
-        let now = seen(&config, &X_CO_at(&q)).expect("the target stays in the picture");
+        let now = seen(&config, &X_CO_at(&q)).expect("the target stays in the image");
         for (a, b) in now.features().iter().zip(first.features()) {
             most = most.max((a.u_px - b.u_px).hypot(a.v_px - b.v_px));
         }
@@ -110,7 +110,7 @@ fn motion_px<const N: usize>(file: &str, shift: &Vector3<f64>) -> Option<f64> {
 }
 
 #[test]
-fn the_target_moves_clearly_and_stays_in_the_picture() {
+fn the_target_moves_clearly_and_stays_in_the_image() {
     let (mut tried, mut clear) = (0, 0);
     for shift in (0..60).map(|k| {
         let (a, b) = (f64::from(k) * 2.4, 0.003 * f64::from(k));

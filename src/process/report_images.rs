@@ -1,23 +1,23 @@
-//! Pictures that vision leaves for a report.
+//! ReportImages that vision leaves for a report.
 
 use super::report_folder::FRAMES;
 use super::{ProcessError, ReportFolder};
 use crate::config::Camera;
 use crate::ipc::ReceivedFrame;
 use crate::messages::Measurement;
-use crate::report::pictures::{KeptPicture, PictureBook};
+use crate::report::frame_archive::{FrameArchive, KeptImage};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use std::io::{Error, ErrorKind};
 use tracing::error;
 
-/// The pictures of a run, where a report was asked for; else nothing.
-pub(super) struct Pictures(Option<(ReportFolder, PictureBook)>);
+/// The images of a run, where a report was asked for; else nothing.
+pub(super) struct ReportImages(Option<(ReportFolder, FrameArchive)>);
 
-impl Pictures {
+impl ReportImages {
     pub(super) fn new(folder: Option<&ReportFolder>, camera: &Camera) -> Self {
         let i = camera.model.intrinsics();
-        Self(folder.map(|folder| (folder.clone(), PictureBook::new((i.width_px, i.height_px)))))
+        Self(folder.map(|folder| (folder.clone(), FrameArchive::new((i.width_px, i.height_px)))))
     }
 
     pub(super) fn note_frame(&mut self, frame: &ReceivedFrame) {
@@ -35,12 +35,12 @@ impl Pictures {
     /// Encodes and writes them, after the run. A failure is told; the page does without them.
     pub(super) fn write(&self) {
         let Some((folder, book)) = &self.0 else { return };
-        let written = book.pictures().try_for_each(|picture| {
-            let png = encoded(picture).map_err(|e| ProcessError::Write {
-                path: folder.path().join(picture.file_name()),
+        let written = book.images().try_for_each(|image| {
+            let png = encoded(image).map_err(|e| ProcessError::Write {
+                path: folder.path().join(image.file_name()),
                 cause: Error::new(ErrorKind::InvalidData, e),
             })?;
-            folder.write(&picture.file_name(), png).map(drop)
+            folder.write(&image.file_name(), png).map(drop)
         });
         let written = written.and_then(|()| folder.write(FRAMES, book.to_csv()));
         if let Err(cause) = written {
@@ -50,10 +50,10 @@ impl Pictures {
 }
 
 /// A grey PNG; quickly, because the supervisor waits.
-fn encoded(picture: &KeptPicture) -> Result<Vec<u8>, image::ImageError> {
+fn encoded(image: &KeptImage) -> Result<Vec<u8>, image::ImageError> {
     let mut png = Vec::new();
     let encoder = PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Adaptive);
-    let (width, height) = picture.size_px;
-    encoder.write_image(&picture.grey, width, height, ExtendedColorType::L8)?;
+    let (width, height) = image.size_px;
+    encoder.write_image(&image.grey, width, height, ExtendedColorType::L8)?;
     Ok(png)
 }

@@ -1,4 +1,4 @@
-//! What the emulated camera shows: a smooth picture with its own number and the time of its exposure in squares of black and
+//! What the emulated camera shows: a smooth image with its own number and the time of its exposure in squares of black and
 //! white, so that whoever receives a frame can say which one it is, when it was, and whether every pixel of it is right.
 //!
 //! ```text
@@ -15,10 +15,10 @@ const DATA_BITS: usize = 16;
 const CHECK_BITS: usize = 4;
 const BLACK: u8 = 16;
 const WHITE: u8 = 235;
-/// Colour of the whole picture, added to red, green and blue; together they are no luminance.
+/// Colour of the whole image, added to red, green and blue; together they are no luminance.
 const TINT: [i16; 3] = [20, -8, -12];
 
-/// What is written into a picture.
+/// What is written into an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Marks {
     /// Counts the camera's exposures since it was plugged in.
@@ -37,14 +37,14 @@ impl Marks {
     }
 }
 
-/// Grey levels of a picture.
+/// Grey levels of an image.
 pub fn draw(marks: Marks, width: usize, height: usize) -> Vec<u8> {
     let mut grey = background(width, height);
     mark(&mut grey, 1, width, marks);
     grey
 }
 
-/// A picture without marks.
+/// An image without marks.
 pub fn background(width: usize, height: usize) -> Vec<u8> {
     let mut grey = Vec::with_capacity(width * height);
     for y in 0..height {
@@ -54,21 +54,21 @@ pub fn background(width: usize, height: usize) -> Vec<u8> {
     grey
 }
 
-/// Writes `marks` into a picture whose pixels have so many bytes each, the first of which is the grey level.
-pub fn mark(picture: &mut [u8], pixel_bytes: usize, width: usize, marks: Marks) {
+/// Writes `marks` into an image whose pixels have so many bytes each, the first of which is the grey level.
+pub fn mark(image: &mut [u8], pixel_bytes: usize, width: usize, marks: Marks) {
     for (row, value) in marks.rows().into_iter().enumerate() {
         for bit in 0..DATA_BITS + CHECK_BITS {
             let level = if squares(value) >> bit & 1 == 1 { WHITE } else { BLACK };
             for y in row * SQUARE..(row + 1) * SQUARE {
                 let start = (y * width + bit * SQUARE) * pixel_bytes;
-                let line = &mut picture[start..start + SQUARE * pixel_bytes];
+                let line = &mut image[start..start + SQUARE * pixel_bytes];
                 line.iter_mut().step_by(pixel_bytes).for_each(|grey| *grey = level);
             }
         }
     }
 }
 
-/// What is written in a picture; `None` where a square is neither black nor white, or the check does not hold.
+/// What is written in an image; `None` where a square is neither black nor white, or the check does not hold.
 pub fn read(grey: &[u8], width: usize) -> Option<Marks> {
     let row = |row: usize| {
         let mut bits = 0;
@@ -92,12 +92,12 @@ fn squares(value: u16) -> u32 {
     u32::from(value) | ((nibbles ^ 0b1010) & 15) << DATA_BITS
 }
 
-/// The same picture as YUYV: luminance and a constant colour in turn.
+/// The same image as YUYV: luminance and a constant colour in turn.
 pub fn yuyv(grey: &[u8]) -> Vec<u8> {
     grey.chunks_exact(2).flat_map(|pair| [pair[0], 90, pair[1], 200]).collect()
 }
 
-/// The same picture, tinted, as JPEG.
+/// The same image, tinted, as JPEG.
 pub fn jpeg(grey: &[u8], width: usize, height: usize) -> Vec<u8> {
     let rgb: Vec<u8> = grey
         .iter()
@@ -110,7 +110,7 @@ pub fn jpeg(grey: &[u8], width: usize, height: usize) -> Vec<u8> {
     bytes
 }
 
-/// The largest difference of two pictures in grey levels.
+/// The largest difference of two images in grey levels.
 pub fn difference(a: &[u8], b: &[u8]) -> u8 {
     assert_eq!(a.len(), b.len());
     a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0)
