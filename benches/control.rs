@@ -185,8 +185,8 @@ fn reference_7_joints(bencher: Bencher, speed: f64) {
     let mut tick = 0.0;
     bencher.bench_local(|| {
         tick += 1e-3;
-        let wish = SVector::<f64, 7>::from_fn(|i, _| speed * (1.0 + 0.1 * f64::sin(tick + i as f64)));
-        *reference.advance(black_box(&wish), SpanNs::MILLISECOND)
+        let requested_qd = SVector::<f64, 7>::from_fn(|i, _| speed * (1.0 + 0.1 * f64::sin(tick + i as f64)));
+        *reference.advance(black_box(&requested_qd), SpanNs::MILLISECOND)
     });
 }
 
@@ -196,9 +196,15 @@ fn evade_6_joints(bencher: Bencher) {
     let robot = ur5.controller.arm().robot.clone();
     let X_EC = Pose::translation(0.0, 0.0, 0.05);
     let J_C = robot.jacobian_of_frame(&ur5.q, &X_EC, ExpressedIn::Moving);
-    let wish = Vector6::repeat(0.1);
+    let requested_qd = Vector6::repeat(0.1);
     bencher.bench_local(|| {
-        damp_singularity(black_box(&robot), &ur5.q, black_box(&J_C), black_box(&wish), &Vector6::zeros())
+        damp_singularity(
+            black_box(&robot),
+            &ur5.q,
+            black_box(&J_C),
+            black_box(&requested_qd),
+            &Vector6::zeros(),
+        )
     });
 }
 

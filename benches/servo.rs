@@ -37,7 +37,7 @@ fn law(bencher: Bencher, count: usize, law: Law) {
     let arm = Arm { J: CameraJacobian::of_moving_camera(J), qd, gravity };
     bencher.bench_local(|| {
         let task = law.task(black_box(&set_point), black_box(&view))?;
-        law.wish(&task, black_box(&arm))
+        law.output(&task, black_box(&arm))
     });
 }
 

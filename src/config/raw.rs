@@ -208,7 +208,7 @@ word! {
         Ideal,
         /// Another process: a simulator, or the driver of a robot.
         External,
-        /// No arm: nothing moves, and the run shows the velocity that the law wishes of the camera.
+        /// No arm: nothing moves, and the run shows the velocity that the law asks of the camera.
         None,
     }
 }

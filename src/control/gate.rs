@@ -10,7 +10,7 @@
 //! the gate, or an arm that does what its model does not know. It is counted, and told where it does not stop.
 //!
 //! Nobody steps what has passed. Before a drive that obeys torques a reference may be put on an arm that stands elsewhere, or be that of
-//! an arm under a law that wishes torques: `q_r`, `qd_r` then come to it within the limits, and tell a drive what to hold.
+//! an arm under a law that outputs torques: `q_r`, `qd_r` then come to it within the limits, and tell a drive what to hold.
 
 use super::safety::Fault;
 use crate::drive::{CommandMode, DriveCommand};
@@ -214,20 +214,20 @@ mod tests {
             }
         }
 
-        /// What a reference makes passes as it is, of wishes for velocities and for accelerations.
+        /// What a reference makes passes as it is, of motion commands for velocities and for accelerations.
         #[test]
         fn a_reference_passes_unchanged(
-            wishes in prop::collection::vec((-5.0..5.0f64, -5.0..5.0f64, 1usize..200, any::<bool>()), 1..12)
+            requests in prop::collection::vec((-5.0..5.0f64, -5.0..5.0f64, 1usize..200, any::<bool>()), 1..12)
         ) {
             let mut gate = gate(CommandMode::Position);
             let mut r = Reference::new(limits(), Vector2::zeros());
-            for (a, b, ticks, by_acceleration) in wishes {
+            for (a, b, ticks, by_acceleration) in requests {
                 for _ in 0..ticks {
-                    let wish = Vector2::new(a, b);
+                    let requested_qd = Vector2::new(a, b);
                     if by_acceleration {
-                        r.accelerate(&wish, SpanNs::MILLISECOND);
+                        r.accelerate(&requested_qd, SpanNs::MILLISECOND);
                     } else {
-                        r.advance(&wish, SpanNs::MILLISECOND);
+                        r.advance(&requested_qd, SpanNs::MILLISECOND);
                     }
                     let passed = gate.pass(r.state(), &Vector2::zeros());
                     prop_assert_eq!(gate.changed(), 0, "{:?} {:?}", r.state(), passed);

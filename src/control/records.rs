@@ -10,7 +10,7 @@ use nalgebra::SVector;
 /// What a tick commanded.
 pub(super) fn command_trace<const N: usize>(output: &ControlOutput<N>) -> CommandTrace {
     CommandTrace {
-        wish: padded(&output.wish),
+        requested_qd: padded(&output.requested_qd),
         tau: padded(&output.command.tau),
         q_r: padded(&output.command.q_r),
         qd_r: padded(&output.command.qd_r),

@@ -46,8 +46,8 @@ pub struct Trace {
 /// The command of a tick; entries beyond the arm's joints are zero.
 #[derive(Debug, Clone, Copy)]
 pub struct CommandTrace {
-    /// What the servo law wished, before limits, rad/s or m/s.
-    pub wish: [f64; MAX_JOINTS],
+    /// What the servo law requested, before limits, rad/s or m/s.
+    pub requested_qd: [f64; MAX_JOINTS],
     /// Torques or forces, N m or N.
     pub tau: [f64; MAX_JOINTS],
     /// Reference positions, rad or m.

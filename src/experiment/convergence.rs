@@ -284,16 +284,16 @@ impl ClosedLoop for Course<'_> {
     fn act(&mut self, frame: u64, seen: Option<Self::Observation>) -> ControlFlow<Self::Outcome> {
         let J = CameraJacobian::of_moving_camera(Matrix6::identity());
         let arm = Arm { J, qd: self.V, gravity: Vector6::zeros() };
-        let wish = seen
+        let law_output = seen
             .and_then(|s| View::new(s.into_iter(), self.estimate))
             .map(|view| view.with_known(Some(self.X_CO)))
             .and_then(|view| {
                 let task = self.law.task(self.set_point, &view)?;
-                let wish = self.law.wish(&task, &arm)?;
-                let Some(guard) = &self.guard else { return Some(wish) };
-                Some(guard.hold(self.set_point, &view, (&task, &self.law.joint_damping()), &arm, wish))
+                let law_output = self.law.output(&task, &arm)?;
+                let Some(guard) = &self.guard else { return Some(law_output) };
+                Some(guard.hold(self.set_point, &view, (&task, &self.law.joint_damping()), &arm, law_output))
             });
-        let still = match wish {
+        let still = match law_output {
             None => return Break((Fate::NoAnswer, time_s(frame))),
             Some(LawOutput::Velocity(twist)) => {
                 self.V = twist;

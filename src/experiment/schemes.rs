@@ -197,7 +197,7 @@ impl<'a> Pilot<'a> {
             qd: frame.qd,
             gravity: self.cell.arm.gravity(&frame.q),
         };
-        self.law.wish(&task, &arm).ok_or_else(|| "the law has no finite answer".into())
+        self.law.output(&task, &arm).ok_or_else(|| "the law has no finite answer".into())
     }
 }
 

@@ -71,7 +71,7 @@ pub fn simulate_at(
         qd: Vector4::zeros(),
         X_CO: cell.X_DO,
         s: [Vector2::zeros(); 4],
-        wish: LawOutput::Velocity(Vector4::zeros()),
+        law_output: LawOutput::Velocity(Vector4::zeros()),
         at_frame: (0, cell.q_start),
         rows: Vec::with_capacity(steps as usize + 1),
     };
@@ -93,7 +93,7 @@ struct Textbook<'a, F> {
     /// The object in the camera at this step, and its points there.
     X_CO: Pose,
     s: [Vector2<f64>; 4],
-    wish: LawOutput<4>,
+    law_output: LawOutput<4>,
     /// The step of the last frame, and the joint positions there.
     at_frame: (u64, Vector4<f64>),
     rows: Vec<TrajectoryRow>,
@@ -123,14 +123,14 @@ impl<F: FnMut(&LawInput) -> Result<LawOutput<4>, String>> ClosedLoop for Textboo
     fn act(&mut self, step: u64, seen: Option<LawInput>) -> ControlFlow<Self::Outcome> {
         if let Some(input) = seen {
             match (self.law)(&input) {
-                Ok(wish) => (self.wish, self.at_frame) = (wish, (step, self.q)),
+                Ok(law_output) => (self.law_output, self.at_frame) = (law_output, (step, self.q)),
                 Err(reason) => return Break(Some(reason)),
             }
         }
-        let (LawOutput::Torque(u) | LawOutput::Velocity(u)) = self.wish;
+        let (LawOutput::Torque(u) | LawOutput::Velocity(u)) = self.law_output;
         let (time_s, x_c) = (step as f64 * STEP_S, self.cell.camera(&self.q));
         self.rows.push(TrajectoryRow { time_s, x_c, s: self.s, q: self.q, u });
-        match self.wish {
+        match self.law_output {
             LawOutput::Torque(tau) => {
                 (self.q, self.qd) = self.cell.arm.integrate(&self.q, &self.qd, &tau, STEP_S)
             }

@@ -106,7 +106,7 @@ pub struct Status {
     pub vision_us: f64,
     /// Finished measurement to the command that used it, us; NaN in lockstep.
     pub measurement_to_command_us: f64,
-    /// The twist `[v; w]` that the law wishes of a camera which no arm moves (`drive.kind = "none"`, replayed images), in the
+    /// The twist `[v; w]` that the law asks for of a camera which no arm moves (`drive.kind = "none"`, replayed images), in the
     /// camera's frame, m/s and rad/s; NaN where an arm moves it, and without a view.
     pub V_C: [f64; 6],
     /// Measurements used.

@@ -67,8 +67,8 @@ pub struct TraceMsg {
     pub q_true: [f64; MAX_JOINTS],
     /// With [`trace_flag::TRUTH`], its true velocities.
     pub qd_true: [f64; MAX_JOINTS],
-    /// What the servo law wished, before limits, rad/s or m/s.
-    pub wish: [f64; MAX_JOINTS],
+    /// What the servo law requested, before limits, rad/s or m/s.
+    pub requested_qd: [f64; MAX_JOINTS],
     /// The command of this tick: torques or forces, N m or N.
     pub tau: [f64; MAX_JOINTS],
     /// The command of this tick: reference positions.

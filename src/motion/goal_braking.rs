@@ -1,7 +1,7 @@
-//! Wishes that the arm can still brake from: what makes high gains usable under limits on acceleration and jerk.
+//! Motion commands that the arm can still brake from: what makes high gains usable under limits on acceleration and jerk.
 //!
-//! A law of gain lambda wishes `v = lambda d` at the distance `d` of its goal. Far out that is more than the arm could
-//! take back in time, and it would run past the goal. So the wish is cut to the speed from which braking over `d` ends
+//! A law of gain lambda asks for `v = lambda d` at the distance `d` of its goal. Far out that is more than the arm could
+//! take back in time, and it would run past the goal. So the motion command is cut to the speed from which braking over `d` ends
 //! at rest; close to the goal, where the law itself is slower than that, nothing is cut.
 
 use super::braking::{Bounds, JointMotionState};
@@ -13,18 +13,18 @@ use nalgebra::SVector;
 /// Share of acceleration and jerk that braking counts upon: the distance to go is the law's estimate.
 const SHARE: f64 = 0.7;
 
-/// `wish` as far as an arm whose reference is in `state` can brake from it on its way to the goal; all joints together,
+/// `requested_qd` as far as an arm whose reference is in `state` can brake from it on its way to the goal; all joints together,
 /// so that it keeps its direction.
 #[must_use]
 pub fn brakeable<const N: usize>(
-    wish: &SVector<f64, N>,
+    requested_qd: &SVector<f64, N>,
     convergence: &Convergence<N>,
     state: &ReferenceState<N>,
     limits: &MotionLimits<N>,
 ) -> (SVector<f64, N>, ActingLimits) {
     let mut acting = ActingLimits::default();
     let kept = convergence.follow + convergence.free;
-    let towards = wish - kept;
+    let towards = requested_qd - kept;
     let (mut factor, mut slowest) = (1.0_f64, None);
     for i in 0..N {
         let speed = towards[i].abs();
@@ -89,8 +89,8 @@ mod tests {
             let longest = ((3.0 + 12.0 / rate_1_s) * 1e3) as u32;
             let (mut farthest, mut tick) = (0.0_f64, 0);
             while tick < longest && !(r.state().q[0].abs() < 1e-4 && r.state().qd[0].abs() < 1e-4) {
-                let wish = Vector1::new(-rate_1_s * r.state().q[0]);
-                let (cut, _) = brakeable(&wish, &Convergence::at(rate_1_s), r.state(), &limits);
+                let requested_qd = Vector1::new(-rate_1_s * r.state().q[0]);
+                let (cut, _) = brakeable(&requested_qd, &Convergence::at(rate_1_s), r.state(), &limits);
                 r.advance(&cut, SpanNs::MILLISECOND);
                 farthest = farthest.max(r.state().q[0] * distance.signum());
                 tick += 1;
@@ -100,7 +100,7 @@ mod tests {
         }
 
         #[test]
-        fn the_cut_wish_keeps_its_direction_and_is_never_longer(
+        fn the_cut_request_keeps_its_direction_and_is_never_longer(
             v in prop::array::uniform2(-5.0..5.0f64), follow in prop::array::uniform2(-1.0..1.0f64), rate_1_s in 0.1..200.0f64
         ) {
             let (v, follow) = (Vector2::from(v), Vector2::from(follow));
@@ -114,7 +114,7 @@ mod tests {
         }
     }
 
-    /// A wish that was slowed down for another reason is not taken for one that is nearly there.
+    /// A motion command that was slowed down for another reason is not taken for one that is nearly there.
     #[test]
     fn slowing_a_motion_down_keeps_its_distance_to_the_goal() {
         let limits = limits::<2>(10.0, 500.0);

@@ -109,7 +109,7 @@ pub(super) struct Commanded<const N: usize> {
     pub(super) u: SVector<f64, N>,
     /// Mean velocity for which friction is made up.
     pub(super) w: SVector<f64, N>,
-    /// Velocity that is wished.
+    /// Velocity that is requested.
     pub(super) velocity: SVector<f64, N>,
     /// Torque of the feedback.
     pub(super) feedback: SVector<f64, N>,

@@ -1,4 +1,4 @@
-//! From wished joint velocities to what a drive obeys: arm limits ahead of the reference, the limited reference, and
+//! From requested joint velocities to what a drive obeys: arm limits ahead of the reference, the limited reference, and
 //! the joint controller that follows it.
 //!
 //! ```text

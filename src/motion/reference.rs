@@ -1,13 +1,13 @@
-//! The joint reference `q_r(t)` of (10.75): the integral of the wished velocity, kept within the limits on
+//! The joint reference `q_r(t)` of (10.75): the integral of the requested velocity, kept within the limits on
 //! position, velocity, acceleration and jerk.
 //!
 //! ```text
-//! wish ─► scaled to the velocity limits ─► a* = g (wish - qd) ─► scaled to the jerk limits ─► can it still brake? ─► q_r
+//! motion command ─► scaled to the velocity limits ─► a* = g (motion command - qd) ─► scaled to the jerk limits ─► can it still brake? ─► q_r
 //!         (all joints together)            (all joints together)   (all joints together)        (each joint)
 //! ```
 //! Scaling acts on all joints together, so that the camera keeps its direction. The last stage makes the limits
 //! certain: a joint takes a step only if it can brake from there within all limits (`braking`); else it takes the
-//! part of the step that it can. Since it can always go on braking, no limit is ever passed, whatever is wished.
+//! part of the step that it can. Since it can always go on braking, no limit is ever passed, whatever is requested.
 
 use super::braking::{Bounds, Breach, JointMotionState, braked, braking_time_s, breach};
 use super::limits::{ActingLimits, Limit};
@@ -113,7 +113,7 @@ pub struct ReferenceState<const N: usize> {
     pub qdd: SVector<f64, N>,
     /// Acceleration at the point.
     pub a: SVector<f64, N>,
-    /// The limits that held the wish back.
+    /// The limits that held the motion command back.
     pub limits: ActingLimits,
 }
 
@@ -156,7 +156,7 @@ impl<const N: usize> Reference<N> {
         self.state = ReferenceState { q: *q, qd, qdd: zero, a: zero, limits };
     }
 
-    /// Places the reference where the arm is, moving as it moves, and accelerating as before: under laws that wish
+    /// Places the reference where the arm is, moving as it moves, and accelerating as before: under laws that ask for
     /// accelerations.
     pub fn track_measured(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         let a = self.state.a;
@@ -238,14 +238,14 @@ impl<const N: usize> Reference<N> {
         admits
     }
 
-    /// Advances by `dt` towards the velocity `wish` (rad/s or m/s). A wish that is not finite counts as standstill.
-    pub fn advance(&mut self, wish: &SVector<f64, N>, dt: SpanNs) -> &ReferenceState<N> {
+    /// Advances by `dt` towards the velocity `requested_qd` (rad/s or m/s). A motion command that is not finite counts as standstill.
+    pub fn advance(&mut self, requested_qd: &SVector<f64, N>, dt: SpanNs) -> &ReferenceState<N> {
         let dt_s = dt.as_s();
         if dt_s <= 0.0 {
             return &self.state;
         }
         let mut acting = ActingLimits::default();
-        let wanted = self.wanted_acceleration(wish, dt_s, &mut acting);
+        let wanted = self.wanted_acceleration(requested_qd, dt_s, &mut acting);
         let previous = self.state.qd;
         for i in 0..N {
             let now = JointMotionState { q: self.state.q[i], v: previous[i], a: self.state.a[i] };
@@ -276,17 +276,18 @@ impl<const N: usize> Reference<N> {
         taken
     }
 
-    /// The acceleration at the end of the step that leads towards the wish, within acceleration and jerk limits.
+    /// The acceleration at the end of the step that leads towards the motion command, within acceleration and jerk limits.
     fn wanted_acceleration(
         &self,
-        wish: &SVector<f64, N>,
+        requested_qd: &SVector<f64, N>,
         dt_s: f64,
         acting: &mut ActingLimits,
     ) -> SVector<f64, N> {
         let limits = &self.limits;
-        let mut wish = if wish.iter().all(|v| v.is_finite()) { *wish } else { SVector::zeros() };
-        wish *= shrink(&wish, &limits.velocity, Limit::Velocity, acting);
-        let error = wish - self.state.qd;
+        let mut requested_qd =
+            if requested_qd.iter().all(|v| v.is_finite()) { *requested_qd } else { SVector::zeros() };
+        requested_qd *= shrink(&requested_qd, &limits.velocity, Limit::Velocity, acting);
+        let error = requested_qd - self.state.qd;
         if error.amax() < VELOCITY_DUST && self.state.a.amax() < ACCELERATION_DUST {
             return SVector::zeros();
         }

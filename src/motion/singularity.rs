@@ -1,7 +1,7 @@
-//! Slows the arm down ahead of singular postures and ends of ranges, whatever law made the wish.
+//! Slows the arm down ahead of singular postures and ends of ranges, whatever law made the motion command.
 //!
-//! The camera twist `V = J_C qd` of a wish is brought back into joint space by damped least squares
-//! (`Robot::damped_velocity`). Away from singular postures and ends of ranges that gives the wish itself: with six
+//! The camera twist `V = J_C qd` of a motion command is brought back into joint space by damped least squares
+//! (`Robot::damped_velocity`). Away from singular postures and ends of ranges that gives the motion command itself: with six
 //! joints there is no other solution, with fewer the least-squares one has no other, with more the one of least
 //! motion is the law's own; a motion that only joints feel, such as the one away from ends of ranges, is the preferred
 //! velocity `qd_p` of the least squares and so kept beside it. Near a singular posture the damping bounds the joints' speed and the arm slows down; near
@@ -11,8 +11,8 @@ use super::limits::{ActingLimits, Limit};
 use crate::robot::{InverseOptions, Robot};
 use nalgebra::{SMatrix, SVector};
 
-/// The wish `qd` (rad/s or m/s) as the arm can follow it at the posture `q`, and what held it back. `J_C` is the
-/// camera's Jacobian there; `free` is the part of the wish that moves joints and not the camera.
+/// The motion command `qd` (rad/s or m/s) as the arm can follow it at the posture `q`, and what held it back. `J_C` is the
+/// camera's Jacobian there; `free` is the part of the motion command that moves joints and not the camera.
 #[must_use]
 pub fn damp_singularity<const N: usize>(
     robot: &Robot<N>,
@@ -56,7 +56,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn an_easy_wish_is_left_alone(qd in prop::array::uniform6(-0.3..0.3f64)) {
+        fn an_easy_request_is_left_alone(qd in prop::array::uniform6(-0.3..0.3f64)) {
             let robot = load("ur5").unwrap().build::<6>().unwrap();
             let q = Vector6::new(0.4, -1.7, 1.5, -1.3, -1.8, 0.9);
             let (got, acting) = damp_singularity(&robot, &q, &camera_jacobian(&robot, &q), &Vector6::from(qd), &Vector6::zeros());
@@ -74,7 +74,7 @@ mod tests {
         }
     }
 
-    /// The motion that the camera does not feel stays in the wish of an arm with more joints than the task needs.
+    /// The motion that the camera does not feel stays in the motion command of an arm with more joints than the task needs.
     #[test]
     fn a_seventh_joint_keeps_the_motion_that_only_joints_feel() {
         let robot = load("panda").unwrap().build::<7>().unwrap();
@@ -96,9 +96,9 @@ mod tests {
         let J = camera_jacobian(&robot, &q);
         // Straight along the arm: only the elbow could do it, faster and faster.
         let V = crate::geometry::Twist::new(0.0, 0.05, 0.05, 0.0, 0.0, 0.0);
-        let wish = J.lu().solve(&V).unwrap();
-        let (got, acting) = damp_singularity(&robot, &q, &J, &wish, &Vector6::zeros());
-        assert!(wish.amax() > 100.0 && got.amax() < 3.0, "{wish} {got}");
+        let requested_qd = J.lu().solve(&V).unwrap();
+        let (got, acting) = damp_singularity(&robot, &q, &J, &requested_qd, &Vector6::zeros());
+        assert!(requested_qd.amax() > 100.0 && got.amax() < 3.0, "{requested_qd} {got}");
         assert_eq!(acting.joints(Limit::Singularity), 0b11_1111);
     }
 }

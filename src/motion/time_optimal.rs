@@ -80,8 +80,8 @@ mod tests {
             let mut r = Reference::new(limits.clone(), Vector1::zeros());
             let mut tick = 0;
             while r.state().q[0] < 0.99 * distance || r.state().qd[0] > 0.02 * distance {
-                let wish = Vector1::new(20.0 * (distance - r.state().q[0]));
-                let (cut, _) = brakeable(&wish, &Convergence::at(20.0), r.state(), &limits);
+                let requested_qd = Vector1::new(20.0 * (distance - r.state().q[0]));
+                let (cut, _) = brakeable(&requested_qd, &Convergence::at(20.0), r.state(), &limits);
                 r.advance(&cut, SpanNs::MILLISECOND);
                 tick += 1;
             }

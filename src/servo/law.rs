@@ -1,4 +1,4 @@
-//! The family of servo laws behind one interface: a view becomes a task, a task and the arm become a wish.
+//! The family of servo laws behind one interface: a view becomes a task, a task and the arm become a law output.
 
 use super::{
     FeatureGains, Gain, HybridGains, Interaction, OperationalSpace, OperationalSpaceError, OrientationError,
@@ -9,7 +9,7 @@ use crate::messages::MAX_JOINTS;
 use crate::robot::CameraJacobian;
 use nalgebra::SVector;
 
-/// The arm at the moment for which a wish is made.
+/// The arm at the moment for which a law output is made.
 #[derive(Debug, Clone, Copy)]
 pub struct Arm<const N: usize> {
     /// The camera's Jacobian.
@@ -194,7 +194,7 @@ impl Law {
         }
     }
 
-    /// Rate at which the quickest part of the error falls if a wish about `task` is obeyed, 1/s; zero for torque laws.
+    /// Rate at which the quickest part of the error falls if a law output about `task` is obeyed, 1/s; zero for torque laws.
     #[must_use]
     pub fn rate_1_s(&self, task: &Task) -> f64 {
         let (gain, quickest) = match self {
@@ -213,7 +213,7 @@ impl Law {
 
     /// What the joints shall do about `task`. `None` where there is no finite answer.
     #[must_use]
-    pub fn wish<const N: usize>(&self, task: &Task, arm: &Arm<N>) -> Option<LawOutput<N>> {
+    pub fn output<const N: usize>(&self, task: &Task, arm: &Arm<N>) -> Option<LawOutput<N>> {
         match (self, task) {
             (
                 Self::PositionVelocity { gain, .. }

@@ -1,13 +1,13 @@
 //! The servo laws of Sects. 10.6 to 10.10: from what the camera sees to what the joints shall do.
 //!
 //! ```text
-//! Measurement ─► View ─► Law::task: error, normal equations or wrench ─► Law::wish: joint velocity or torque
-//!                │ frame:   task and wish once for a measurement, held
-//!                │ tick:    task once, wish at every tick with the newest J(q), qd, g(q)
-//!                └ predict: view carried to now by the arm's own motion, task and wish at every tick
+//! Measurement ─► View ─► Law::task: error, normal equations or wrench ─► Law::output: joint velocity or torque
+//!                │ frame:   task and law output once for a measurement, held
+//!                │ tick:    task once, law output at every tick with the newest J(q), qd, g(q)
+//!                └ predict: view carried to now by the arm's own motion, task and law output at every tick
 //! ```
 //!
-//! | scheme | task | wish |
+//! | scheme | task | law output |
 //! | --- | --- | --- |
 //! | A, (10.74) | [`OperationalSpaceError::wrench`] | [`joint_torque`] |
 //! | B, (10.76) | [`OperationalSpaceError::twist_task`] | [`joint_velocity`] |
@@ -19,7 +19,7 @@
 //! camera's motion in the frame in which the object rests, so that one implementation serves a camera in the hand and one beside
 //! the arm, and m = 4 and m = 6: with the four joints of a SCARA the least-squares solution among the motions that it can
 //! make is the square system of the text. To step a law without processes: a [`SetPoint`], a [`View`] of the present
-//! features (and pose), [`Law::task`], and [`Law::wish`] with an [`Arm`].
+//! features (and pose), [`Law::task`], and [`Law::output`] with an [`Arm`].
 
 mod convergence;
 mod drift;

@@ -209,7 +209,7 @@ impl ObjectMotion {
         Twist::new(v.x, v.y, v.z, e.w.x, e.w.y, e.w.z)
     }
 
-    /// Share of the wished velocity that the estimate of the place at `time` justifies: 1 for a good one, 0 where its
+    /// Share of the requested velocity that the estimate of the place at `time` justifies: 1 for a good one, 0 where its
     /// standard deviation has reached the largest one, and before a second measurement has told of the speed.
     #[must_use]
     pub fn confidence(&self, time: MonoNs) -> f64 {

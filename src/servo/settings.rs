@@ -8,7 +8,7 @@ use crate::time::SpanNs;
 /// When the servo law is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UpdatePolicy {
-    /// Once for each measurement; the wish is held.
+    /// Once for each measurement; the law output is held.
     Frame,
     /// At every tick with the newest joint positions; the feature error is held.
     Tick,

@@ -1,8 +1,8 @@
-//! Keeps features in the image: bends and slows a wished motion that would carry them over its border.
+//! Keeps features in the image: bends and slows a requested motion that would carry them over its border.
 //!
 //! Each seen feature at the pixel u may move outward no faster than the distance d that is left to a margin before the
 //! border allows: a velocity damper, `n . u_dot <= k max(d, 0)` with n the outward normal of a side and
-//! `u_dot = (du/ds) L_s V`. The camera twist V of the wish is replaced by the nearest one that fulfils this for every
+//! `u_dot = (du/ds) L_s V`. The camera twist V of the law output is replaced by the nearest one that fulfils this for every
 //! feature and side,
 //!
 //! ```text
@@ -10,7 +10,7 @@
 //! ```
 //!
 //! among the twists that the arm can make. Standing still fulfils everything, so there always is a solution; it is found
-//! by Gauss-Seidel on the multipliers (Hildreth), a bounded number of sweeps without memory of its own. Wishes that carry
+//! by Gauss-Seidel on the multipliers (Hildreth), a bounded number of sweeps without memory of its own. Law outputs that carry
 //! nothing out are left as they are, to the last bit.
 //!
 //! A torque law `u = g + J^T (h - D J qd) - K_D qd` moves the arm, if nothing else does, with
@@ -64,7 +64,7 @@ struct Bound {
 }
 
 impl VisibilityGuard {
-    /// `wish` about `task`, so that no feature of `view` is carried out of the image.
+    /// `law_output` about `task`, so that no feature of `view` is carried out of the image.
     #[must_use]
     pub fn hold<const N: usize>(
         &self,
@@ -72,9 +72,9 @@ impl VisibilityGuard {
         view: &View,
         (task, joint_damping): (&Task, &SVector<f64, N>),
         arm: &Arm<N>,
-        wish: LawOutput<N>,
+        law_output: LawOutput<N>,
     ) -> LawOutput<N> {
-        let held = match (wish, task) {
+        let held = match (law_output, task) {
             (LawOutput::Velocity(qd), _) => {
                 self.held_back(set_point, view, arm, &qd, 0.0).map(LawOutput::Velocity)
             }
@@ -83,7 +83,7 @@ impl VisibilityGuard {
             }
             (LawOutput::Torque(_), Task::Twist(_)) => None,
         };
-        held.filter(LawOutput::is_finite).unwrap_or(wish)
+        held.filter(LawOutput::is_finite).unwrap_or(law_output)
     }
 
     fn held_torque<const N: usize>(
@@ -320,8 +320,8 @@ mod tests {
     fn hold<const N: usize>(X_CO: &Pose, arm: &Arm<N>, qd: &SVector<f64, N>) -> SVector<f64, N> {
         let (set_point, view, law) = (goal(), seen(X_CO), law());
         let task = law.task(&set_point, &view).unwrap();
-        let wish = LawOutput::Velocity(*qd);
-        match guard().hold(&set_point, &view, (&task, &law.joint_damping()), arm, wish) {
+        let law_output = LawOutput::Velocity(*qd);
+        match guard().hold(&set_point, &view, (&task, &law.joint_damping()), arm, law_output) {
             LawOutput::Velocity(qd) => qd,
             LawOutput::Torque(_) => panic!("a velocity"),
         }
@@ -342,7 +342,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
 
-        /// Whatever is wished, no mark comes nearer to the border than the margin, and what is within it no nearer.
+        /// Whatever is requested, no mark comes nearer to the border than the margin, and what is within it no nearer.
         #[test]
         fn nothing_is_carried_out(start in anywhere(), V in prop::array::uniform6(-1.0..1.0f64)) {
             let V = Vector6::from(V);
@@ -423,18 +423,18 @@ mod tests {
         // terminal velocity of a wrench is a quarter of it.
         let speeds = |V: Vector6<f64>| {
             let arm = flier(V);
-            let wish = law.wish(&task, &arm).unwrap();
-            let held = guard().hold(&goal(), &view, (&task, &law.joint_damping()), &arm, wish);
-            [wish, held].map(|wish| {
-                let LawOutput::Torque(wrench) = wish else { panic!("a torque law") };
+            let law_output = law.output(&task, &arm).unwrap();
+            let held = guard().hold(&goal(), &view, (&task, &law.joint_damping()), &arm, law_output);
+            [law_output, held].map(|law_output| {
+                let LawOutput::Torque(wrench) = law_output else { panic!("a torque law") };
                 let of =
                     |i: usize| -(point_rows(view.feature(i).unwrap(), 0.6) * (wrench / 4.0 + V)).x * 800.0;
                 of(0).max(of(3))
             })
         };
         let to_go = 4.0 * (nearest_px(&X_CO) - 10.0);
-        let [wished, held] = speeds(Vector6::zeros());
-        assert!(wished > 2.0 * to_go && held < 1.1 * to_go, "{wished} {held} {to_go}");
+        let [requested, held] = speeds(Vector6::zeros());
+        assert!(requested > 2.0 * to_go && held < 1.1 * to_go, "{requested} {held} {to_go}");
         let [_, braked] = speeds(Vector6::x() * 0.3);
         assert!(braked < held - 200.0, "{braked} {held} {to_go}");
     }

@@ -1,5 +1,5 @@
 //! When the law is computed, and for which view: takes measurements as they come, late or early or twice, and gives a
-//! wish at every tick.
+//! law output at every tick.
 //!
 //! A measurement is placed in time by its exposure stamp alone. Under `predict` the camera's own motion since then is
 //! known from the joint history, so that for an object at rest the view now is exact, whatever the latency. The own motion
@@ -52,7 +52,7 @@ struct LastMeasurement {
 /// What the law says, and how that leads to the goal.
 #[derive(Debug, Clone, Copy)]
 struct LawAnswer<const N: usize> {
-    wish: LawOutput<N>,
+    law_output: LawOutput<N>,
     convergence: Convergence<N>,
 }
 
@@ -68,7 +68,7 @@ pub struct VisualServo<const N: usize> {
     q_whole: Option<SVector<f64, N>>,
     held: Option<LawAnswer<N>>,
     fresh: bool,
-    /// First wished velocity, and when: what a smooth start takes off.
+    /// First requested velocity, and when: what a smooth start takes off.
     start: Option<(MonoNs, SVector<f64, N>)>,
     goal_teacher: GoalTeacher,
     object: Option<ObjectMotion>,
@@ -111,7 +111,7 @@ impl<const N: usize> VisualServo<N> {
         &self.settings
     }
 
-    /// Makes what the camera sees the goal: the mean of the next `measurements` good ones. Until then nothing is wished.
+    /// Makes what the camera sees the goal: the mean of the next `measurements` good ones. Until then nothing is requested.
     pub fn teach(&mut self, measurements: u32) {
         self.goal_teacher = GoalTeacher::new(measurements);
         self.held = None;
@@ -145,7 +145,7 @@ impl<const N: usize> VisualServo<N> {
         self.gain_share = 1.0;
     }
 
-    /// The next wish starts smoothly again, as the first one did; after a stop or a hold.
+    /// The next law output starts smoothly again, as the first one did; after a stop or a hold.
     pub fn restart(&mut self) {
         self.start = None;
     }
@@ -262,7 +262,7 @@ impl<const N: usize> VisualServo<N> {
 
     /// What the joints shall do at this tick, at which they stand in `q` and move with `qd`. `None` before the first
     /// measurement, while the goal is taught, and where the law has no answer.
-    pub fn wish(
+    pub fn law_output(
         &mut self,
         q: &SVector<f64, N>,
         qd: &SVector<f64, N>,
@@ -274,13 +274,13 @@ impl<const N: usize> VisualServo<N> {
         if !held {
             let now = self.history.newest().unwrap_or(last.exposure);
             let object = self.object.as_ref().map(|object| (object, now));
-            self.held = self.settings.wish(last, object, q, qd, robot, self.gain_share);
+            self.held = self.settings.law_output(last, object, q, qd, robot, self.gain_share);
         }
-        let LawAnswer { wish, .. } = self.held?;
-        Some(self.started(wish)).filter(LawOutput::is_finite)
+        let LawAnswer { law_output, .. } = self.held?;
+        Some(self.started(law_output)).filter(LawOutput::is_finite)
     }
 
-    /// Share of the wished velocity that is justified by what is known of the object's motion at `now`, 0 to 1: less and
+    /// Share of the requested velocity that is justified by what is known of the object's motion at `now`, 0 to 1: less and
     /// less when a moving object has not been seen for a while. 1 for an object at rest.
     #[must_use]
     pub fn confidence(&self, now: MonoNs) -> f64 {
@@ -288,7 +288,7 @@ impl<const N: usize> VisualServo<N> {
     }
 
     /// Back to the posture in which the arm saw the whole target last, for an arm in `q` that has lost it and holds: the joint
-    /// velocity, rad/s or m/s, and how it leads there. `None` where that is not wished for
+    /// velocity, rad/s or m/s, and how it leads there. `None` where that is not asked for
     /// ([`ServoSettings::returns`]), nothing was ever seen, or the arm is there already.
     #[must_use]
     pub fn way_back(&self, q: &SVector<f64, N>) -> Option<(SVector<f64, N>, Convergence<N>)> {
@@ -298,31 +298,31 @@ impl<const N: usize> VisualServo<N> {
             .then(|| (to_go * RETURN_RATE_1_S, Convergence::at(RETURN_RATE_1_S)))
     }
 
-    /// The twist that the law wishes of a camera which moves freely, `V_WC_C`, m/s and rad/s, for the last view as it was at its
-    /// exposure. `None` where [`wish`](Self::wish) has none, and for a torque law.
+    /// The twist that the law asks for of a camera which moves freely, `V_WC_C`, m/s and rad/s, for the last view as it was at its
+    /// exposure. `None` where [`law_output`](Self::law_output) has none, and for a torque law.
     #[must_use]
-    pub fn camera_wish(&self) -> Option<Vector6<f64>> {
+    pub fn camera_law_output(&self) -> Option<Vector6<f64>> {
         let last = self.last.as_ref().filter(|_| self.goal_teacher.left == 0)?;
         let J = CameraJacobian::of_moving_camera(Matrix6::identity());
         let camera = Arm { J, qd: Vector6::zeros(), gravity: Vector6::zeros() };
-        match self.settings.answer((&last.view, &last.task), &camera, None, self.gain_share)?.wish {
+        match self.settings.answer((&last.view, &last.task), &camera, None, self.gain_share)?.law_output {
             LawOutput::Velocity(V_C) => Some(V_C).filter(|V_C| V_C.iter().all(|x| x.is_finite())),
             LawOutput::Torque(_) => None,
         }
     }
 
-    /// How the last wished velocity leads to its goal; `None` without one.
+    /// How the last requested velocity leads to its goal; `None` without one.
     #[must_use]
     pub fn convergence(&self) -> Option<&Convergence<N>> {
         self.held.as_ref().map(|answer| &answer.convergence)
     }
 
-    /// The wish less what is left of the first one, `v(t) - exp(-rate t) v(0)`: from rest without a jump.
-    fn started(&mut self, wish: LawOutput<N>) -> LawOutput<N> {
+    /// The law output less what is left of the first one, `v(t) - exp(-rate t) v(0)`: from rest without a jump.
+    fn started(&mut self, law_output: LawOutput<N>) -> LawOutput<N> {
         let (Some(rate_1_s), LawOutput::Velocity(qd), Some(now)) =
-            (self.settings.smooth_start_1_s, wish, self.history.newest())
+            (self.settings.smooth_start_1_s, law_output, self.history.newest())
         else {
-            return wish;
+            return law_output;
         };
         let (since, first) = *self.start.get_or_insert((now, qd));
         LawOutput::Velocity(qd - first * (-rate_1_s * (now - since).as_s()).exp())
@@ -330,7 +330,7 @@ impl<const N: usize> VisualServo<N> {
 }
 
 impl ServoSettings {
-    fn wish<const N: usize>(
+    fn law_output<const N: usize>(
         &self,
         last: &LastMeasurement,
         object: Option<(&ObjectMotion, MonoNs)>,
@@ -362,7 +362,7 @@ impl ServoSettings {
         let view = last.view.carried(&X_WC.inv_mul(&X_WC_then), &self.set_point)?;
         let task = self.law.task(&self.set_point, &view)?;
         let mut answer = self.answer((&view, &task), &arm, secondary.as_ref(), gain_share)?;
-        if let (LawOutput::Velocity(qd), Some((object, then))) = (&mut answer.wish, object) {
+        if let (LawOutput::Velocity(qd), Some((object, then))) = (&mut answer.law_output, object) {
             answer.convergence.follow = follow(object, then, &X_WC, &J);
             *qd += answer.convergence.follow;
         }
@@ -378,31 +378,33 @@ impl ServoSettings {
         secondary: Option<&SVector<f64, N>>,
         gain_share: f64,
     ) -> Option<LawAnswer<N>> {
-        let mut wish = self.law.wish(task, arm)?;
+        let mut law_output = self.law.output(task, arm)?;
         let mut rate_1_s = self.law.rate_1_s(task);
-        if let LawOutput::Velocity(qd) = &mut wish
+        if let LawOutput::Velocity(qd) = &mut law_output
             && self.object.is_none()
         {
             let share = self.gain_at(gain_share, rate_1_s, view);
             *qd *= share;
             rate_1_s *= share;
         }
-        if let (LawOutput::Velocity(qd), UpdatePolicy::Predict) = (&mut wish, self.update) {
+        if let (LawOutput::Velocity(qd), UpdatePolicy::Predict) = (&mut law_output, self.update) {
             let factor = pace::as_quick_as_held(rate_1_s * self.held_lag.as_s());
             *qd *= factor;
             rate_1_s *= factor;
         }
         let mut convergence = Convergence::at(rate_1_s);
-        if let LawOutput::Velocity(qd) = &wish {
+        if let LawOutput::Velocity(qd) = &law_output {
             convergence.to_go = qd / rate_1_s;
         }
-        let wish = match &self.visibility {
-            Some(guard) => guard.hold(&self.set_point, view, (task, &self.law.joint_damping()), arm, wish),
-            None => wish,
+        let law_output = match &self.visibility {
+            Some(guard) => {
+                guard.hold(&self.set_point, view, (task, &self.law.joint_damping()), arm, law_output)
+            }
+            None => law_output,
         };
-        let mut answer = LawAnswer { wish, convergence };
+        let mut answer = LawAnswer { law_output, convergence };
         if let (LawOutput::Velocity(qd), Task::Twist(task), Some(wanted)) =
-            (&mut answer.wish, task, secondary)
+            (&mut answer.law_output, task, secondary)
             && let Some(free) = seek_null_motion(task, &arm.J, wanted)
         {
             answer.convergence.free = free;

@@ -108,7 +108,7 @@ fn stays_within_limits<const N: usize>(name: &str, wild: &Wild) -> Result<(), Te
         }
         let out = controller.step(MonoNs(k * MS), &DriveState { q, qd, truth: None }, m.as_ref());
         let c = &out.command;
-        let values = c.q_r.iter().chain(&c.qd_r).chain(&c.tau).chain(&out.wish);
+        let values = c.q_r.iter().chain(&c.qd_r).chain(&c.tau).chain(&out.requested_qd);
         prop_assert!(values.into_iter().all(|x| x.is_finite()), "{name} {k}: {out:?}");
         let qdd_now = (c.qd_r - qd) / DT_S;
         for i in 0..N {

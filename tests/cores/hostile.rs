@@ -170,7 +170,7 @@ fn campaign(see: bool) {
     for seed in 0..seeds() {
         let file = FILES[(seed % FILES.len() as u64) as usize];
         let mode = MODES[(seed / FILES.len() as u64 % 3) as usize];
-        // Laws that wish torques need a drive that obeys them.
+        // Laws that output torques need a drive that obeys them.
         let mode = if file == "scara-a.toml" || file == "scara-c.toml" { "torque" } else { mode };
         let mut set = vec![format!("drive.mode={mode}"), "run.duration_s=4.0".into()];
         if mode != "torque" {
@@ -250,7 +250,7 @@ fn turmoil<const N: usize>(config: &Config, robot: &Robot<N>, seed: u64) -> Vec<
     ticks.iter().map(|tick| tick.command).collect()
 }
 
-/// Nothing steps the reference: not a view that comes back while the arm brakes, no fault, no request, no law that wishes torques.
+/// Nothing steps the reference: not a view that comes back while the arm brakes, no fault, no request, no law that outputs torques.
 #[test]
 fn no_sequence_of_inputs_makes_the_gate_output_jump() {
     for seed in 0..seeds() {

@@ -1,4 +1,4 @@
-//! Runs without an arm, `drive.kind = "none"`: vision and law go, nothing moves, and the wished velocity of the camera is shown.
+//! Runs without an arm, `drive.kind = "none"`: vision and law go, nothing moves, and the requested velocity of the camera is shown.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, non_snake_case)] // helpers of tests are tests
 
@@ -30,7 +30,7 @@ fn run(name: &str, set: &[&str]) -> (Option<i32>, Value, String) {
 }
 
 #[test]
-fn the_law_runs_and_the_line_shows_what_it_wishes_of_the_camera() {
+fn the_law_runs_and_the_line_shows_what_it_asks_of_the_camera() {
     // Long enough for lines of progress: one a second where stderr is no terminal.
     let (code, summary, told) = run("dry-real", &["drive.kind=none", "run.duration_s=4"]);
     assert_eq!(code, Some(0), "{told}");
@@ -41,7 +41,7 @@ fn the_law_runs_and_the_line_shows_what_it_wishes_of_the_camera() {
 }
 
 #[test]
-fn nothing_moves_and_the_wish_stays_that_of_the_first_view() {
+fn nothing_moves_and_the_request_stays_that_of_the_first_view() {
     let config = config(&["camera.synthetic.noise_sd_levels=0"]).unwrap();
     let robot = config.robot.build::<4>().unwrap();
     let q_start = config.start.q.clone();
@@ -75,7 +75,7 @@ fn nothing_moves_and_the_wish_stays_that_of_the_first_view() {
 }
 
 #[test]
-fn an_arm_that_moves_shows_no_wish_of_the_camera() {
+fn an_arm_that_moves_shows_no_request_of_the_camera() {
     let config = Config::load(None, &["run.clock=lockstep".into(), "run.duration_s=0.2".into()]).unwrap();
     let mut control = assemble::control_loop(&config, config.robot.build::<4>().unwrap()).unwrap();
     let trace = control.tick(0, vservo::time::MonoNs(0), None);

@@ -103,7 +103,7 @@ fn what_a_run_file_says_stays() {
 }
 
 #[test]
-fn wishes_that_cannot_be_are_told() {
+fn requests_that_cannot_be_are_told() {
     for (arguments, code, words) in [
         (vec!["--object", "5,0,0"], 5, "no posture has the camera before such a place"),
         (vec!["--object", "0.5,here,0"], 2, "is no list of numbers"),

@@ -65,7 +65,7 @@ fn every_tick_of_a_lockstep_run_is_there_without_a_gap() {
         assert_eq!((r.tick, r.sequence, r.lost, r.stamp.0), (k, k, 0, k as i64 * 1_000_000));
         assert_eq!((r.joints, r.arm, r.camera, r.fault), (4, 0, 0, 0));
         assert!(r.flags & trace_flag::TRUTH != 0 && r.q_true == r.q, "exact encoders: {k}");
-        assert!(r.tau.iter().chain(&r.q_r).chain(&r.qd_r).chain(&r.wish).all(|x| x.is_finite()));
+        assert!(r.tau.iter().chain(&r.q_r).chain(&r.qd_r).chain(&r.requested_qd).all(|x| x.is_finite()));
     }
     let measured: Vec<_> = records.iter().filter(|r| r.flags & trace_flag::MEASUREMENT != 0).collect();
     assert_eq!(measured.len() as u64, summary["measurements"].as_u64().unwrap());
@@ -76,7 +76,7 @@ fn every_tick_of_a_lockstep_run_is_there_without_a_gap() {
     let servoing = |r: &TraceMsg| r.state == ControlState::Servoing as u32;
     let moved = records.iter().find(|r| servoing(r)).unwrap();
     assert_eq!(moved.frame_id, 0, "from the first measurement on");
-    assert!(moved.wish.iter().any(|w| *w != 0.0));
+    assert!(moved.requested_qd.iter().any(|w| *w != 0.0));
     assert!(moved.limits.iter().any(|joints| *joints != 0), "its acceleration is limited: {moved:?}");
     // The command of a tick is in the joint state of the next: what the arm did follows from the records.
     let last = records.last().unwrap();

@@ -14,20 +14,21 @@ const PATIENCE: SpanNs = SpanNs(20_000_000_000);
 
 /// What is asked of a device.
 #[derive(Debug, Clone, Copy)]
-pub struct Wish<'a> {
+pub struct CaptureRequest<'a> {
     pub format: &'a str,
     pub size: (usize, usize),
     pub rate_hz: f64,
 }
 
-impl Wish<'_> {
+impl CaptureRequest<'_> {
     /// A VGA camera at 25 Hz.
-    pub const VGA: Wish<'static> = Wish { format: "GREY", size: (640, 480), rate_hz: 25.0 };
+    pub const VGA: CaptureRequest<'static> =
+        CaptureRequest { format: "GREY", size: (640, 480), rate_hz: 25.0 };
 }
 
 /// The text of a run file with this camera; `extra` are more keys of `[camera.v4l2]`.
-pub fn run_file(device: &str, request: Wish<'_>, extra: &str) -> String {
-    let Wish { format, size: (width, height), rate_hz } = request;
+pub fn run_file(device: &str, request: CaptureRequest<'_>, extra: &str) -> String {
+    let CaptureRequest { format, size: (width, height), rate_hz } = request;
     // As much of the world as the default camera shows.
     let f_px = 800.0 * (width as f64 / 640.0).min(height as f64 / 480.0);
     format!(
@@ -37,7 +38,7 @@ pub fn run_file(device: &str, request: Wish<'_>, extra: &str) -> String {
 }
 
 /// A configuration with this camera.
-pub fn config(device: &Path, request: Wish<'_>, extra: &str) -> Config {
+pub fn config(device: &Path, request: CaptureRequest<'_>, extra: &str) -> Config {
     let text = run_file(device.to_str().unwrap(), request, extra);
     Config::parse("cell.toml", &text, Path::new("."), &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
 }
@@ -50,7 +51,7 @@ pub struct Capture {
 }
 
 impl Capture {
-    pub fn open(device: &Path, request: Wish<'_>) -> Self {
+    pub fn open(device: &Path, request: CaptureRequest<'_>) -> Self {
         Self::with(&config(device, request, "")).unwrap()
     }
 

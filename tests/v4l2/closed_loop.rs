@@ -9,7 +9,7 @@
 //! The output takes a frame at every period of 60 Hz and blocks the player meanwhile: the image that is captured is a constant time old.
 //! How old is measured first, with images that say when they were drawn, and given to the run as `camera.stamp_offset_ms`.
 
-use crate::capture::{self, Capture, Wish};
+use crate::capture::{self, Capture, CaptureRequest};
 use crate::common::{Instance, read_summary, vservo, wait_until};
 use crate::guest::{self, Vivid, sh};
 use crate::usb_camera::test_image::{self, Marks};
@@ -71,7 +71,7 @@ impl Player {
 
     /// Plays images that say when they were drawn, and captures them: the mean of how much later the stamps of the captures are.
     fn age_at_capture(&mut self, device: &Path) -> SpanNs {
-        let request = Wish { rate_hz: RATE_HZ, ..Wish::VGA };
+        let request = CaptureRequest { rate_hz: RATE_HZ, ..CaptureRequest::VGA };
         let config = capture::config(device, request, "");
         let done = AtomicBool::new(false);
         let ages_us: Vec<i32> = std::thread::scope(|scope| {

@@ -1,6 +1,6 @@
 //! The other formats that vivid has, by both of the kernel's interfaces: the same grey image from each.
 
-use crate::capture::{CHECKERS, Capture, Wish, assert_checkers};
+use crate::capture::{CHECKERS, Capture, CaptureRequest, assert_checkers};
 use crate::guest::{Vivid, sh};
 
 const FORMATS: [&str; 7] = ["GREY", "Y10", "Y12", "Y16", "YUYV", "UYVY", "NV12"];
@@ -14,7 +14,8 @@ fn every_format_gives_the_same_image() {
         let has = sh(&format!("v4l2-ctl -d {} --list-formats", vivid.capture().display()));
         for format in FORMATS {
             assert!(has.contains(&format!("'{format:<4}'")), "{format}: {has}");
-            let mut capture = Capture::open(&vivid.capture(), Wish { format, ..Wish::VGA });
+            let mut capture =
+                Capture::open(&vivid.capture(), CaptureRequest { format, ..CaptureRequest::VGA });
             vivid.set(CHECKERS);
             capture.next();
             capture.next();
@@ -24,7 +25,8 @@ fn every_format_gives_the_same_image() {
         // A ramp of grey, with all of its levels in every format.
         vivid.set("quantization=1,osd_text_mode=2,test_pattern=20");
         let ramp = |format| {
-            let mut capture = Capture::open(&vivid.capture(), Wish { format, ..Wish::VGA });
+            let mut capture =
+                Capture::open(&vivid.capture(), CaptureRequest { format, ..CaptureRequest::VGA });
             capture.next();
             capture.grey
         };

@@ -1,6 +1,6 @@
 //! Opening and closing for ever: nothing is left open, mapped, or taken from the driver.
 
-use crate::capture::{Capture, Wish};
+use crate::capture::{Capture, CaptureRequest};
 use crate::guest::{self, Vivid, sh};
 use crate::usb_camera::{Model, UsbCamera};
 use std::fs;
@@ -29,14 +29,14 @@ fn resident() -> i64 {
     line.split_whitespace().next().unwrap().parse().unwrap()
 }
 
-fn open_and_close(device: &Path, request: Wish<'_>, cycles: usize) {
+fn open_and_close(device: &Path, request: CaptureRequest<'_>, cycles: usize) {
     for _ in 0..cycles {
         let mut capture = Capture::open(device, request);
         capture.next();
     }
 }
 
-fn assert_nothing_stays(device: &Path, request: Wish<'_>) {
+fn assert_nothing_stays(device: &Path, request: CaptureRequest<'_>) {
     open_and_close(device, request, 20);
     let (before, memory) = (held(), resident());
     assert_eq!(before.mapped, 0);
@@ -52,7 +52,10 @@ fn assert_nothing_stays(device: &Path, request: Wish<'_>) {
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
 fn nothing_is_left_of_a_vivid_camera() {
     let vivid = Vivid::webcam();
-    assert_nothing_stays(&vivid.capture(), Wish { size: (320, 180), rate_hz: 60.0, ..Wish::VGA });
+    assert_nothing_stays(
+        &vivid.capture(),
+        CaptureRequest { size: (320, 180), rate_hz: 60.0, ..CaptureRequest::VGA },
+    );
 }
 
 #[test]
@@ -60,5 +63,5 @@ fn nothing_is_left_of_a_vivid_camera() {
 fn nothing_is_left_of_a_usb_camera() {
     guest::load_usb();
     let camera = UsbCamera::plug(&Model::default());
-    assert_nothing_stays(&camera.node(), Wish { format: "YUYV", size: (320, 240), rate_hz: 30.0 });
+    assert_nothing_stays(&camera.node(), CaptureRequest { format: "YUYV", size: (320, 240), rate_hz: 30.0 });
 }

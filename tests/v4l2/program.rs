@@ -1,6 +1,6 @@
 //! The program on the guest's devices: what it says of them, what it refuses and why, and its exit codes.
 
-use crate::capture::{CHECKERS, Wish, assert_checkers, assert_image, run_file};
+use crate::capture::{CHECKERS, CaptureRequest, assert_checkers, assert_image, run_file};
 use crate::common::{kill, vservo, wait_until};
 use crate::guest::{self, Vivid};
 use crate::usb_camera::{Model, UsbCamera};
@@ -146,7 +146,11 @@ fn a_snapshot_is_the_image() {
     }
     // Of a run file's camera.
     let file = folder.path().join("cell.toml");
-    std::fs::write(&file, run_file("Emulated Camera", Wish { rate_hz: 30.0, ..Wish::VGA }, "")).unwrap();
+    std::fs::write(
+        &file,
+        run_file("Emulated Camera", CaptureRequest { rate_hz: 30.0, ..CaptureRequest::VGA }, ""),
+    )
+    .unwrap();
     assert_image(&image(&[file.to_str().unwrap()]), (640, 480), false);
 }
 
@@ -217,7 +221,7 @@ fn what_a_device_does_not_offer_is_told_with_what_it_does() {
     let device = device.to_str().unwrap();
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("cell.toml");
-    let refused = |request: Wish<'_>, extra: &str, words: &[&str]| {
+    let refused = |request: CaptureRequest<'_>, extra: &str, words: &[&str]| {
         std::fs::write(&file, run_file(device, request, extra)).unwrap();
         let png = folder.path().join("image.png");
         let (code, out, told) = camera(&[file.to_str().unwrap(), "--snapshot", png.to_str().unwrap()]);
@@ -226,12 +230,24 @@ fn what_a_device_does_not_offer_is_told_with_what_it_does() {
             assert!(told.contains(word), "{word}: {told}");
         }
     };
-    refused(Wish { format: "Y16", ..Wish::VGA }, "", &["camera.v4l2.format", "Y16", "YUYV", "MJPG", "GREY"]);
-    refused(Wish { size: (1280, 720), ..Wish::VGA }, "", &["1280x720", "640x480", "320x240"]);
-    refused(Wish { rate_hz: 90.0, ..Wish::VGA }, "strict_rate = true", &["90", "30", "25", "15"]);
-    refused(Wish::VGA, "controls = { gain = 101 }", &["camera.v4l2.controls.gain", "101", "100"]);
-    refused(Wish::VGA, "controls = { iris = 1 }", &["camera.v4l2.controls.iris", "brightness"]);
-    refused(Wish::VGA, "controls = { auto_exposure = \"Sideways\" }", &["Sideways", "Manual Mode"]);
+    refused(
+        CaptureRequest { format: "Y16", ..CaptureRequest::VGA },
+        "",
+        &["camera.v4l2.format", "Y16", "YUYV", "MJPG", "GREY"],
+    );
+    refused(
+        CaptureRequest { size: (1280, 720), ..CaptureRequest::VGA },
+        "",
+        &["1280x720", "640x480", "320x240"],
+    );
+    refused(
+        CaptureRequest { rate_hz: 90.0, ..CaptureRequest::VGA },
+        "strict_rate = true",
+        &["90", "30", "25", "15"],
+    );
+    refused(CaptureRequest::VGA, "controls = { gain = 101 }", &["camera.v4l2.controls.gain", "101", "100"]);
+    refused(CaptureRequest::VGA, "controls = { iris = 1 }", &["camera.v4l2.controls.iris", "brightness"]);
+    refused(CaptureRequest::VGA, "controls = { auto_exposure = \"Sideways\" }", &["Sideways", "Manual Mode"]);
 }
 
 /// The exposure of the run file is set on the device, read back, and counts in the stamps.
@@ -243,7 +259,7 @@ fn exposure_and_gain_are_set_on_the_device() {
     assert_eq!(usb.exposure_us(), 20_000);
     let text = run_file(
         usb.node().to_str().unwrap(),
-        Wish { rate_hz: 30.0, ..Wish::VGA },
+        CaptureRequest { rate_hz: 30.0, ..CaptureRequest::VGA },
         "set_exposure = true\ncontrols = { gain = 42 }",
     );
     let text = text.replace("[camera.v4l2]", "exposure_ms = 8.0\n[camera.v4l2]");

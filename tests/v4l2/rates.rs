@@ -1,6 +1,6 @@
 //! Every format at its rate: nothing lost, stamps that grow, pixels that are right.
 
-use crate::capture::{CHECKERS, Capture, Wish, assert_checkers, assert_image, number_after};
+use crate::capture::{CHECKERS, Capture, CaptureRequest, assert_checkers, assert_image, number_after};
 use crate::guest::{self, Vivid};
 use crate::usb_camera::test_image;
 use crate::usb_camera::{Model, UsbCamera};
@@ -16,7 +16,7 @@ fn vivid_at_25_and_30_frames_a_second() {
     // The webcam of vivid has no 30 Hz at 640x480.
     for (size, rate_hz) in [((640, 480), 25.0), ((640, 360), 30.0)] {
         for format in ["GREY", "YUYV"] {
-            let mut capture = Capture::open(&vivid.capture(), Wish { format, size, rate_hz });
+            let mut capture = Capture::open(&vivid.capture(), CaptureRequest { format, size, rate_hz });
             capture.next();
             let mut count = 0;
             let taken = capture.run(TEN_SECONDS, |_, grey| {
@@ -38,7 +38,7 @@ fn the_usb_camera_at_25_and_30_frames_a_second() {
     for rate_hz in [25.0, 30.0] {
         for format in ["GREY", "YUYV", "MJPG"] {
             let is_jpeg = format == "MJPG";
-            let request = Wish { format, size: (640, 480), rate_hz };
+            let request = CaptureRequest { format, size: (640, 480), rate_hz };
             let mut capture = Capture::open(&camera.node(), request);
             let (_, first) = capture.next_marked();
             let mut number = first.number;
@@ -62,7 +62,7 @@ fn the_usb_camera_at_25_and_30_frames_a_second() {
 fn stamps_keep_step_with_the_exposures() {
     guest::load_usb();
     let camera = UsbCamera::plug(&Model::default());
-    let mut capture = Capture::open(&camera.node(), Wish { rate_hz: 30.0, ..Wish::VGA });
+    let mut capture = Capture::open(&camera.node(), CaptureRequest { rate_hz: 30.0, ..CaptureRequest::VGA });
     // The first frames find camera and driver still at their start.
     for _ in 0..5 {
         capture.next();

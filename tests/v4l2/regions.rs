@@ -1,6 +1,6 @@
 //! A part of the sensor (`[camera.roi]`): the same pixels as in the whole image, whoever cuts it.
 
-use crate::capture::{Capture, Wish, config};
+use crate::capture::{Capture, CaptureRequest, config};
 use crate::guest::{Vivid, sh};
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use std::path::Path;
 type Region = [usize; 4];
 
 /// A still image with every level, whole and by regions.
-fn assert_regions(device: &Path, request: Wish<'_>, regions: &[Region]) {
+fn assert_regions(device: &Path, request: CaptureRequest<'_>, regions: &[Region]) {
     let whole = {
         let mut capture = Capture::open(device, request);
         capture.next();
@@ -39,7 +39,7 @@ fn a_device_that_cannot_cut_is_cut_on_the_way_to_grey() {
     // The last one is odd, begins within a pair of pixels, and ends with the last column.
     let regions = [[0, 0, 640, 480], [32, 20, 560, 430], [31, 17, 609, 463]];
     for format in ["GREY", "YUYV", "UYVY", "Y16", "NV12"] {
-        assert_regions(&vivid.capture(), Wish { format, ..Wish::VGA }, &regions);
+        assert_regions(&vivid.capture(), CaptureRequest { format, ..CaptureRequest::VGA }, &regions);
     }
 }
 
@@ -51,7 +51,7 @@ fn a_device_that_can_cut_does() {
     let tool = |what: &str| sh(&format!("v4l2-ctl -d {} {what}", device.display()));
     tool("--set-dv-bt-timings cvt,width=640,height=480,fps=60");
     vivid.set("quantization=1,osd_text_mode=2,test_pattern=20");
-    let request = Wish { rate_hz: 60.0, ..Wish::VGA };
+    let request = CaptureRequest { rate_hz: 60.0, ..CaptureRequest::VGA };
     assert_regions(&device, request, &[[32, 20, 560, 432]]);
     let area = tool("--get-selection target=crop");
     assert!(area.contains("Left 32, Top 20, Width 560, Height 432"), "{area}");

@@ -1,6 +1,6 @@
 //! A USB camera that is pulled out, put back, exchanged, or sends what is wrong.
 
-use crate::capture::{Capture, Wish, assert_image, config, run_file};
+use crate::capture::{Capture, CaptureRequest, assert_image, config, run_file};
 use crate::guest;
 use crate::usb_camera::test_image;
 use crate::usb_camera::{Fault, Model, UsbCamera};
@@ -11,7 +11,7 @@ use vservo::messages::CameraState;
 use vservo::time::SpanNs;
 
 const SECOND: SpanNs = SpanNs(1_000_000_000);
-const AT_30: Wish<'_> = Wish { rate_hz: 30.0, ..Wish::VGA };
+const AT_30: CaptureRequest<'_> = CaptureRequest { rate_hz: 30.0, ..CaptureRequest::VGA };
 
 fn assert_streams(capture: &mut Capture, count: usize) {
     for _ in 0..count {
@@ -108,7 +108,7 @@ fn what_it_sends_wrong_is_never_shown() {
 fn half_a_jpeg_is_not_shown() {
     guest::load_usb();
     let camera = UsbCamera::plug(&Model::default());
-    let request = Wish { format: "MJPG", ..AT_30 };
+    let request = CaptureRequest { format: "MJPG", ..AT_30 };
     let mut capture = Capture::open(&camera.node(), request);
     let first = capture.next();
     camera.inject(&[Fault::Short]);

@@ -1,6 +1,6 @@
 //! Everything that vivid can do wrong on demand: what a run sees of it, and that it goes on.
 
-use crate::capture::{CHECKERS, Capture, Taken, Wish, assert_checkers, config};
+use crate::capture::{CHECKERS, Capture, CaptureRequest, Taken, assert_checkers, config};
 use crate::guest::Vivid;
 use vservo::messages::CameraState;
 use vservo::time::SpanNs;
@@ -29,14 +29,14 @@ fn assert_streams(capture: &mut Capture, count: usize) -> Taken {
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
 fn dropped_buffers_are_counted() {
     let vivid = checkers();
-    let mut capture = Capture::open(&vivid.capture(), Wish::VGA);
+    let mut capture = Capture::open(&vivid.capture(), CaptureRequest::VGA);
     capture.next();
     vivid.set("percentage_of_dropped_buffers=30");
     let taken = capture.run(SpanNs(8 * SECOND.0), |_, _| {});
     taken.assert_stamps_grow();
     // What came and what did not are all that there were, by the time that passed.
     let (first, last) = (taken.frames[0], taken.frames[taken.frames.len() - 1]);
-    let exposed = (last.0 - first.0).as_s() * Wish::VGA.rate_hz;
+    let exposed = (last.0 - first.0).as_s() * CaptureRequest::VGA.rate_hz;
     let counted = taken.frames.len() as f64 - 1.0 + taken.gaps() as f64;
     assert!((exposed - counted).abs() < 1.5, "{exposed} exposed, {counted} counted");
     assert!((20..120).contains(&taken.gaps()), "{} lost of {exposed}", taken.gaps());
@@ -49,7 +49,7 @@ fn dropped_buffers_are_counted() {
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
 fn a_stall_passes() {
     let vivid = checkers();
-    let mut capture = Capture::open(&vivid.capture(), Wish::VGA);
+    let mut capture = Capture::open(&vivid.capture(), CaptureRequest::VGA);
     assert_streams(&mut capture, 3);
     vivid.set("percentage_of_dropped_buffers=100");
     capture.within(SpanNs(SECOND.0 / 4));
@@ -64,7 +64,7 @@ fn a_stall_passes() {
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
 fn a_buffer_with_the_error_flag_is_not_shown() {
     let vivid = checkers();
-    let mut capture = Capture::open(&vivid.capture(), Wish::VGA);
+    let mut capture = Capture::open(&vivid.capture(), CaptureRequest::VGA);
     let before = assert_streams(&mut capture, 5);
     vivid.set("inject_v4l2_buf_flag_error=1");
     let after = assert_streams(&mut capture, 10);
@@ -78,7 +78,7 @@ fn a_buffer_with_the_error_flag_is_not_shown() {
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
 fn a_stream_error_is_started_over() {
     let vivid = checkers();
-    let mut capture = Capture::open(&vivid.capture(), Wish::VGA);
+    let mut capture = Capture::open(&vivid.capture(), CaptureRequest::VGA);
     assert_streams(&mut capture, 5);
     for _ in 0..3 {
         vivid.set("inject_fatal_streaming_error=1");
@@ -92,7 +92,7 @@ fn a_stream_error_is_started_over() {
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
 fn a_device_that_disconnects_is_opened_again() {
     let vivid = checkers();
-    let mut capture = Capture::open(&vivid.capture(), Wish::VGA);
+    let mut capture = Capture::open(&vivid.capture(), CaptureRequest::VGA);
     assert_streams(&mut capture, 5);
     vivid.set("disconnect=1");
     assert_streams(&mut capture, 25);
@@ -103,7 +103,7 @@ fn a_device_that_disconnects_is_opened_again() {
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
 fn requests_that_fail_while_it_streams_are_survived() {
     let vivid = checkers();
-    let mut capture = Capture::open(&vivid.capture(), Wish::VGA);
+    let mut capture = Capture::open(&vivid.capture(), CaptureRequest::VGA);
     assert_streams(&mut capture, 5);
     vivid.set("inject_vidioc_qbuf_error=1");
     assert_streams(&mut capture, 25);
@@ -122,7 +122,7 @@ fn requests_that_fail_while_it_streams_are_survived() {
 #[ignore = "runs in the virtual machine: tests/vm/run.py"]
 fn requests_that_fail_at_the_start_are_told() {
     let vivid = checkers();
-    let config = config(&vivid.capture(), Wish::VGA, "");
+    let config = config(&vivid.capture(), CaptureRequest::VGA, "");
     for request in ["streamon", "reqbufs", "qbuf"] {
         vivid.set(&format!("inject_vidioc_{request}_error=1"));
         match Capture::with(&config) {
@@ -139,7 +139,7 @@ fn requests_that_fail_at_the_start_are_told() {
 fn a_sequence_number_that_wraps_is_no_loss() {
     let vivid = checkers();
     vivid.set("wrap_sequence_number=1");
-    let mut capture = Capture::open(&vivid.capture(), Wish::VGA);
+    let mut capture = Capture::open(&vivid.capture(), CaptureRequest::VGA);
     // The driver begins 128 frames before the wrap.
     let taken = assert_streams(&mut capture, 160);
     assert_eq!((taken.gaps(), taken.lost), (0, 0));
@@ -152,7 +152,7 @@ fn stamps_that_wrap_are_not_believed() {
     let vivid = checkers();
     for bits in [1, 2] {
         vivid.set(&format!("wrap_timestamp={bits}"));
-        let mut capture = Capture::open(&vivid.capture(), Wish::VGA);
+        let mut capture = Capture::open(&vivid.capture(), CaptureRequest::VGA);
         for _ in 0..5 {
             capture.next();
         }

@@ -1,6 +1,6 @@
 //! Whole processes on a device of the guest: camera, vision and control.
 
-use crate::capture::{CHECKERS, Wish, assert_checkers, assert_image, number_after, run_file};
+use crate::capture::{CHECKERS, CaptureRequest, assert_checkers, assert_image, number_after, run_file};
 use crate::common::{Instance, kill, read_summary, vservo};
 use crate::guest::{self, Vivid};
 use crate::usb_camera::{Model, UsbCamera};
@@ -26,7 +26,11 @@ fn the_camera_process_hands_over_every_frame() {
     guest::load_usb();
     let camera = UsbCamera::plug(&Model::default());
     let folder = tempfile::tempdir().unwrap();
-    let text = run_file(camera.node().to_str().unwrap(), Wish { rate_hz: 30.0, ..Wish::VGA }, "");
+    let text = run_file(
+        camera.node().to_str().unwrap(),
+        CaptureRequest { rate_hz: 30.0, ..CaptureRequest::VGA },
+        "",
+    );
     let file = written(&folder, &text);
     let config = Config::load(Some(&file), &[]).unwrap();
     let instance = Instance::new("camera");
@@ -40,7 +44,8 @@ fn the_camera_process_hands_over_every_frame() {
             frames.wait(Duration::from_millis(50)).unwrap();
             assert!(process.try_wait().unwrap().is_none(), "the camera process has ended");
             let Some(frame) = frames.receive().unwrap() else { continue };
-            let (header, marks) = (frame.header(), assert_image(frame.pixels(), Wish::VGA.size, false));
+            let (header, marks) =
+                (frame.header(), assert_image(frame.pixels(), CaptureRequest::VGA.size, false));
             if let Some((id, number, exposure)) = before {
                 assert_eq!((header.frame_id, header.lost), (id + 1, 0));
                 assert_eq!(marks.number, number_after(number, false));
@@ -66,7 +71,11 @@ fn a_test_image_passes_all_processes_to_the_end_of_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let text = format!(
         "[run]\nduration_s = 6.0\n[drive]\nkind = \"none\"\n{}",
-        run_file(vivid.capture().to_str().unwrap(), Wish { format: "YUYV", ..Wish::VGA }, "")
+        run_file(
+            vivid.capture().to_str().unwrap(),
+            CaptureRequest { format: "YUYV", ..CaptureRequest::VGA },
+            ""
+        )
     );
     let file = written(&folder, &text);
     let config = Config::load(Some(&file), &[]).unwrap();
@@ -90,7 +99,7 @@ fn a_test_image_passes_all_processes_to_the_end_of_the_run() {
             frames.wait(Duration::from_millis(10)).unwrap();
             if let Some(frame) = frames.receive().unwrap() {
                 if seen % 25 == 0 {
-                    assert_checkers(frame.pixels(), Wish::VGA.size.0);
+                    assert_checkers(frame.pixels(), CaptureRequest::VGA.size.0);
                 }
                 seen += 1;
             }
@@ -122,7 +131,7 @@ fn a_run_holds_while_its_camera_is_away() {
     let folder = tempfile::tempdir().unwrap();
     let text = format!(
         "[run]\nduration_s = 12.0\n[drive]\nkind = \"none\"\n{}",
-        run_file("Emulated Camera", Wish { rate_hz: 30.0, ..Wish::VGA }, "")
+        run_file("Emulated Camera", CaptureRequest { rate_hz: 30.0, ..CaptureRequest::VGA }, "")
     );
     let file = written(&folder, &text);
     let summary = folder.path().join("summary.json");

@@ -30,7 +30,7 @@ const SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.3];
 const BORDER: f64 = 0.1;
 /// Share of a joint's range that is kept free at each of its ends.
 const RANGE_SHARE: f64 = 0.03;
-/// A posture is as wished within this, m and rad.
+/// A posture is as requested within this, m and rad.
 const REACHED: f64 = 0.02;
 const STEPS: usize = 200;
 const LONGEST_STEP: f64 = 0.1;

@@ -1,7 +1,7 @@
 //! From posture to posture before a board, with a rest in each: by the images taken there the camera's mounting is found.
 //!
 //! Between two postures all joints follow `q(t) = q_a + (q_b - q_a) s(t / T)`, `s(u) = 10 u^3 - 15 u^4 + 6 u^5`: velocity and acceleration
-//! begin and end with zero, with T such that a quarter of each joint's limits is used. It is wished as a velocity; where the arm
+//! begin and end with zero, with T such that a quarter of each joint's limits is used. It is requested as a velocity; where the arm
 //! really is when it rests shows in its encoders.
 
 use super::{ArmModel, Behaviour, MotionCommand};

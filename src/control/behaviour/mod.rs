@@ -1,6 +1,6 @@
-//! Why the arm moves: what there is to go by, and what is wished at a tick. The controller does not know it.
+//! Why the arm moves: what there is to go by, and what is requested at a tick. The controller does not know it.
 //!
-//! | behaviour | goes by | wishes |
+//! | behaviour | input | motion command |
 //! | --- | --- | --- |
 //! | [`Servoing`] | views of the target | what the servo law says |
 //! | [`Servoing::dry`] | the same without an arm, or before images of another one | nothing, and tells what the law says |
@@ -39,7 +39,7 @@ pub struct ArmModel<const N: usize> {
 pub enum MotionCommand<const N: usize> {
     /// Stand.
     Stand,
-    /// Stand, although a law that is only looked at wishes this velocity, rad/s or m/s.
+    /// Stand, although a law that is only looked at asks for this velocity, rad/s or m/s.
     Look(SVector<f64, N>),
     /// Move like this, rad/s or m/s, whatever the camera's posture: a motion of joints.
     Joints(SVector<f64, N>),
@@ -74,7 +74,7 @@ pub trait Behaviour<const N: usize>: Send + std::fmt::Debug {
         arm: &ArmModel<N>,
     ) -> MeasurementVerdict;
 
-    /// Share of a wished velocity that what is known at `now` justifies, 0 to 1; at 0 there is nothing to go by.
+    /// Share of a requested velocity that what is known at `now` justifies, 0 to 1; at 0 there is nothing to go by.
     fn confidence(&self, now: MonoNs) -> f64;
 
     /// What the joints shall do at this tick.
@@ -91,9 +91,9 @@ pub trait Behaviour<const N: usize>: Send + std::fmt::Debug {
     /// Where the camera moves with the joints: for what holds an arm back near singular postures.
     fn camera_jacobian(&self, robot: &Robot<N>, q: &SVector<f64, N>) -> nalgebra::SMatrix<f64, 6, N>;
 
-    /// The twist of the camera that is wished at `now` of one that no arm holds, `V_WC_C`, m/s and rad/s; `None` where an arm moves it,
+    /// The twist of the camera that is requested at `now` of one that no arm holds, `V_WC_C`, m/s and rad/s; `None` where an arm moves it,
     /// and where there is nothing to go by.
-    fn camera_wish(&self, _now: MonoNs) -> Option<Vector6<f64>> {
+    fn camera_law_output(&self, _now: MonoNs) -> Option<Vector6<f64>> {
         None
     }
 

@@ -61,7 +61,7 @@ impl<const N: usize> Behaviour<N> for Servoing<N> {
     }
 
     fn motion_command(&mut self, state: &DriveState<N>, robot: &Robot<N>) -> MotionCommand<N> {
-        match (self.servo.wish(&state.q, &state.qd, robot), self.servo.convergence()) {
+        match (self.servo.law_output(&state.q, &state.qd, robot), self.servo.convergence()) {
             (Some(LawOutput::Velocity(qd)), _) if self.dry => MotionCommand::Look(qd),
             (Some(LawOutput::Velocity(qd)), Some(convergence)) => MotionCommand::Velocity(qd, *convergence),
             (Some(LawOutput::Torque(tau)), _) if !self.dry => MotionCommand::Torque(tau),
@@ -85,9 +85,9 @@ impl<const N: usize> Behaviour<N> for Servoing<N> {
         *self.servo.settings().mount.camera(robot, q).1.matrix()
     }
 
-    fn camera_wish(&self, now: MonoNs) -> Option<Vector6<f64>> {
+    fn camera_law_output(&self, now: MonoNs) -> Option<Vector6<f64>> {
         let goes = self.dry && matches!(self.watch.check(now), Freshness::Fresh);
-        goes.then(|| self.servo.camera_wish()).flatten()
+        goes.then(|| self.servo.camera_law_output()).flatten()
     }
 
     fn take_drift(&mut self) -> Option<Drift<N>> {

@@ -76,7 +76,7 @@ impl<const N: usize> ControlLoop<N> {
             frame_to_vision_us: us(latency.frame_to_vision),
             vision_us: us(latency.vision),
             measurement_to_command_us: us(latency.measurement_to_command),
-            V_C: self.controller.behaviour().camera_wish(now).map_or([f64::NAN; 6], Into::into),
+            V_C: self.controller.behaviour().camera_law_output(now).map_or([f64::NAN; 6], Into::into),
             measurements: self.measurements.count(),
             frames: m.frames_received,
             frames_dropped: m.frames_dropped,

@@ -7,7 +7,7 @@
 //! Each entry into motion of an arm that stands, and each fault, puts the reference on the measured arm where it is not there already.
 //! A view that comes back while the arm brakes does not: the reference goes on within the limits. A joint
 //! controller gets the reference of this tick and its acceleration from here on, and is in step with the state that it acts
-//! upon; a law that wishes torques moves the reference by the acceleration that they would bring about.
+//! upon; a law that outputs torques moves the reference by the acceleration that they would bring about.
 //! `step` is total: it does not allocate, log, fail or look at a clock.
 
 mod motion;
@@ -261,7 +261,7 @@ impl<const N: usize> Controller<N> {
             command,
             state: self.state,
             fault: self.fault,
-            wish: motion_command.velocity(),
+            requested_qd: motion_command.velocity(),
             limits,
             verdict,
             events: std::mem::take(&mut self.events),

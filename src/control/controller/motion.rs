@@ -23,7 +23,7 @@ pub(super) struct TickMotion<const N: usize> {
     pub(super) now: ReferenceState<N>,
     /// Limits that acted.
     pub(super) limits: ActingLimits,
-    /// The joint controller follows a reference; else the acceleration of a law that wishes torques.
+    /// The joint controller follows a reference; else the acceleration of a law that outputs torques.
     pub(super) follows: bool,
     /// How far each joint should go in this tick, rad or m.
     pub(super) way: SVector<f64, N>,
@@ -38,7 +38,7 @@ impl<const N: usize> Controller<N> {
         confidence: f64,
     ) -> TickMotion<N> {
         let mut limits = ActingLimits::default();
-        let wish = match motion_command {
+        let requested_qd = match motion_command {
             MotionCommand::Torque(tau) => return self.pushed(state, tau, confidence),
             MotionCommand::Stand | MotionCommand::Look(_)
                 if self.mode == CommandMode::Position && self.fault.is_some() =>
@@ -59,13 +59,13 @@ impl<const N: usize> Controller<N> {
             self.gate.relocate(&state.q);
         }
         let before = *self.reference.state();
-        let after = self.reference.advance(&wish, TICK);
+        let after = self.reference.advance(&requested_qd, TICK);
         let now = ReferenceState { q: before.q, qd: before.qd, ..*after };
         let way = now.qd * TICK.as_s();
         TickMotion { now, limits: limits.with(&after.limits), follows: true, way }
     }
 
-    /// A law that wishes torques: the reference goes on from the arm with the acceleration that they bring about.
+    /// A law that outputs torques: the reference goes on from the arm with the acceleration that they bring about.
     fn pushed(&mut self, state: &DriveState<N>, tau: &SVector<f64, N>, confidence: f64) -> TickMotion<N> {
         let robot = &self.arm.robot;
         let within = SVector::from_fn(|i, _| {
@@ -94,24 +94,25 @@ impl<const N: usize> Controller<N> {
         TickMotion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
     }
 
-    /// The wish, slowed down so that the arm can brake at the goal, where the view is old or uncertain, and ahead of
+    /// The motion command, slowed down so that the arm can brake at the goal, where the view is old or uncertain, and ahead of
     /// singular postures and ends of ranges.
     fn held_back(
         &self,
         q: &SVector<f64, N>,
-        wish: &SVector<f64, N>,
+        requested_qd: &SVector<f64, N>,
         convergence: &Convergence<N>,
         confidence: f64,
     ) -> (SVector<f64, N>, ActingLimits) {
         let ArmModel { robot, limits } = &self.arm;
-        let (mut wish, mut acting) = brakeable(wish, convergence, self.reference.state(), limits);
+        let (mut requested_qd, mut acting) =
+            brakeable(requested_qd, convergence, self.reference.state(), limits);
         if confidence < 1.0 {
-            wish *= confidence;
+            requested_qd *= confidence;
             (0..N).for_each(|i| acting.set(Limit::View, i));
         }
         let J_C = self.behaviour.camera_jacobian(robot, q);
-        let (wish, damping) = damp_singularity(robot, q, &J_C, &wish, &convergence.free);
-        (wish, acting.with(&damping))
+        let (requested_qd, damping) = damp_singularity(robot, q, &J_C, &requested_qd, &convergence.free);
+        (requested_qd, acting.with(&damping))
     }
 
     /// The torque for the time until the next tick, N m or N.

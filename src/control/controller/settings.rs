@@ -70,7 +70,7 @@ pub struct ControlOutput<const N: usize> {
     /// Why it does nothing more, in fault.
     pub fault: Option<Fault>,
     /// The joint velocity that the behaviour asks for, before limits; rad/s or m/s.
-    pub wish: SVector<f64, N>,
+    pub requested_qd: SVector<f64, N>,
     /// The limits that acted, and on which joints.
     pub limits: ActingLimits,
     /// What became of the measurement, if there was one.

@@ -34,7 +34,7 @@ impl MeasurementWatch {
         self.last = Some(self.last.map_or(exposure, |last| last.max(exposure)));
     }
 
-    /// Share of the wished velocity that the age of the last good measurement still justifies at `now`: 1 for a young
+    /// Share of the requested velocity that the age of the last good measurement still justifies at `now`: 1 for a young
     /// one, falling evenly to 0 at the timeout.
     #[must_use]
     pub fn confidence(&self, now: MonoNs) -> f64 {

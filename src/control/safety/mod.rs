@@ -2,7 +2,7 @@
 //!
 //! | fault | reaction |
 //! | --- | --- |
-//! | the last good measurement grows old, from `slow_down_from` of `measurement_timeout` on | the wish fades: the arm slows down |
+//! | the last good measurement grows old, from `slow_down_from` of `measurement_timeout` on | the motion command fades: the arm slows down |
 //! | no good measurement for `measurement_timeout`, or a moving object too uncertain | reference slows down within its limits, arm holds, run goes on; the next good measurement resumes it |
 //! | the arm does not start within `start_tolerance` of where the run file says | it does not move, run ends as fault, unless it may start elsewhere |
 //! | drive reports NaN, infinity, or what no arm does (10 times the speed limit, a leap, a range away from the range) | the arm is thought to be on its reference, which slows down; run ends as fault |

@@ -36,7 +36,7 @@ impl Trace {
             qd: js.qd,
             q_true: js.q_true,
             qd_true: js.qd_true,
-            wish: command.wish,
+            requested_qd: command.requested_qd,
             tau: command.tau,
             q_r: command.q_r,
             qd_r: command.qd_r,

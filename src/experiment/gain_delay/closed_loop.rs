@@ -209,7 +209,7 @@ impl ClosedLoop for AtWork<'_> {
         if let Some(m) = seen {
             self.servo.take(time(tick), &m, &self.cell.arm);
         }
-        let reference = match self.servo.wish(&self.q, &self.qd, &self.cell.arm) {
+        let reference = match self.servo.law_output(&self.q, &self.qd, &self.cell.arm) {
             Some(LawOutput::Velocity(reference)) => reference,
             Some(LawOutput::Torque(_)) | None => Vector4::zeros(),
         };

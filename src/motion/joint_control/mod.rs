@@ -40,7 +40,7 @@ const SOFT_SHARE: f64 = 0.2;
 pub struct JointController<const N: usize> {
     law: JointLaw<N>,
     observer: JointObserver<N>,
-    /// The velocity at the end of the step that a wished acceleration leads to, while accelerations are what is wished.
+    /// The velocity at the end of the step that a requested acceleration leads to, while accelerations are what is requested.
     requested_velocity: Option<SVector<f64, N>>,
     /// Whether errors are worked off gently.
     soft: bool,

@@ -12,10 +12,10 @@ fn limits() -> MotionLimits<2> {
     }
 }
 
-fn check(r: &mut Reference<2>, wish: &Vector2<f64>) -> Result<(), TestCaseError> {
+fn check(r: &mut Reference<2>, requested_qd: &Vector2<f64>) -> Result<(), TestCaseError> {
     let (l, dt_s) = (r.limits.clone(), 1e-3);
     let (before, a_before) = (*r.state(), r.state().a);
-    let s = *r.advance(wish, SpanNs::MILLISECOND);
+    let s = *r.advance(requested_qd, SpanNs::MILLISECOND);
     for i in 0..2 {
         prop_assert!(s.q[i] >= l.lower[i] - 1e-9 && s.q[i] <= l.upper[i] + 1e-9, "position {}", s.q);
         prop_assert!(s.qd[i].abs() <= l.velocity[i] * (1.0 + 1e-9), "velocity {}", s.qd);
@@ -41,10 +41,10 @@ proptest! {
     #[test]
     fn no_limit_is_ever_passed(
         start in (-0.5..0.8f64, -0.1..0.2f64),
-        wishes in prop::collection::vec((-5.0..5.0f64, -5.0..5.0f64, 1usize..400), 1..12)
+        requests in prop::collection::vec((-5.0..5.0f64, -5.0..5.0f64, 1usize..400), 1..12)
     ) {
         let mut r = Reference::new(limits(), Vector2::new(start.0, start.1));
-        for (a, b, ticks) in wishes {
+        for (a, b, ticks) in requests {
             for _ in 0..ticks {
                 check(&mut r, &Vector2::new(a, b))?;
             }
@@ -56,44 +56,44 @@ proptest! {
         prop_assert!(r.state().qd.amax() < 1e-9 && r.state().a.amax() < 1e-6, "{:?}", r.state());
     }
 
-    /// Wishes that change at every tick, as noise makes them.
+    /// Motion commands that change at every tick, as noise makes them.
     #[test]
-    fn no_noise_passes_a_limit(wishes in prop::collection::vec((-2.0..2.0f64, -2.0..2.0f64), 300)) {
+    fn no_noise_passes_a_limit(requests in prop::collection::vec((-2.0..2.0f64, -2.0..2.0f64), 300)) {
         let mut r = Reference::new(limits(), Vector2::new(0.7, -0.05));
-        for (a, b) in wishes.iter().cycle().take(1200) {
+        for (a, b) in requests.iter().cycle().take(1200) {
             check(&mut r, &Vector2::new(*a, *b))?;
         }
     }
 
     /// Overshoot is a matter of the tick: a few times the velocity that one tick of full jerk makes.
     #[test]
-    fn a_steady_wish_inside_the_limits_is_reached_without_overshoot(a in -0.9..0.9f64, b in -0.25..0.25f64) {
+    fn a_steady_request_is_reached_without_overshoot(a in -0.9..0.9f64, b in -0.25..0.25f64) {
         let mut free = limits();
         free.lower.fill(f64::NEG_INFINITY);
         free.upper.fill(f64::INFINITY);
-        let wish = Vector2::new(a, b);
+        let requested_qd = Vector2::new(a, b);
         let mut r = Reference::new(free, Vector2::zeros());
         for _ in 0..1000 {
-            let s = r.advance(&wish, SpanNs::MILLISECOND);
+            let s = r.advance(&requested_qd, SpanNs::MILLISECOND);
             for i in 0..2 {
                 let quantum = limits().jerk[i] * 1e-6;
-                prop_assert!(s.qd[i].abs() <= wish[i].abs() + 4.0 * quantum, "{} {wish}", s.qd);
+                prop_assert!(s.qd[i].abs() <= requested_qd[i].abs() + 4.0 * quantum, "{} {requested_qd}", s.qd);
             }
             prop_assert!((s.qd[0] * b - s.qd[1] * a).abs() < 1e-9, "direction {}", s.qd);
         }
-        prop_assert!((r.state().qd - wish).amax() < 1e-9);
+        prop_assert!((r.state().qd - requested_qd).amax() < 1e-9);
         prop_assert!(!r.state().limits.any());
     }
 
     /// A joint that starts outside its range goes no farther out and may come back.
     #[test]
-    fn outside_the_range_the_way_back_is_open(beyond in 0.001..0.5f64, wish in -1.0..1.0f64) {
+    fn outside_the_range_the_way_back_is_open(beyond in 0.001..0.5f64, requested_qd in -1.0..1.0f64) {
         let mut r = Reference::new(limits(), Vector2::new(0.8 + beyond, 0.0));
         for _ in 0..3000 {
-            r.advance(&Vector2::new(wish, 0.0), SpanNs::MILLISECOND);
+            r.advance(&Vector2::new(requested_qd, 0.0), SpanNs::MILLISECOND);
             prop_assert!(r.state().q[0] <= 0.8 + beyond + 1e-9);
         }
-        if wish < -0.1 {
+        if requested_qd < -0.1 {
             prop_assert!(r.state().q[0] < 0.8 + beyond - 0.05);
         }
     }

@@ -54,7 +54,7 @@ struct TickRow {
     qd: [f32; MAX_JOINTS],
     qd_r: [f32; MAX_JOINTS],
     tau: [f32; MAX_JOINTS],
-    wish: [f32; MAX_JOINTS],
+    requested_qd: [f32; MAX_JOINTS],
 }
 
 /// One measurement, and what became of it.
@@ -206,7 +206,7 @@ impl RunHistory {
             qd: single(&js.qd),
             qd_r: single(&command.qd_r),
             tau: single(&command.tau),
-            wish: single(&command.wish),
+            requested_qd: single(&command.requested_qd),
         });
     }
 

@@ -10,8 +10,8 @@ use std::fmt::{Display, Write};
 
 /// Names of the columns of a pose.
 const POSE: [&str; 7] = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"];
-/// Columns of each joint: measured, commanded, wished.
-const JOINT: [&str; 6] = ["q", "qd", "tau", "q_r", "qd_r", "wish"];
+/// Columns of each joint: measured, commanded, requested.
+const JOINT: [&str; 6] = ["q", "qd", "tau", "q_r", "qd_r", "requested_qd"];
 
 impl RunHistory {
     /// `trace.csv`: a row a tick. `places` gives, of an arm whose joints are at q (rad or m), the flange in B, m, and the
@@ -54,7 +54,7 @@ impl RunHistory {
         cells(out, row.q.iter().take(n).map(nano));
         cells(out, row.qd.iter().take(n).chain(row.tau.iter().take(n)));
         cells(out, row.q_r.iter().take(n).map(nano));
-        cells(out, row.qd_r.iter().take(n).chain(row.wish.iter().take(n)));
+        cells(out, row.qd_r.iter().take(n).chain(row.requested_qd.iter().take(n)));
         let (p_BE, X_BC) = places(row.q.get(..n).unwrap_or(&row.q));
         cells(out, p_BE.iter().chain(&X_BC).map(nano));
         out.push('\n');

@@ -31,7 +31,7 @@ fn falls(
         let X_CO = view_at(q);
         let view = seen(&X_CO, &square()).with_known(Some(X_CO));
         let arm = Arm { J: mount.camera(&robot, q).1, qd: *qd, gravity: robot.gravity(q) };
-        match law.wish(&law.task(&set_point, &view).unwrap(), &arm) {
+        match law.output(&law.task(&set_point, &view).unwrap(), &arm) {
             Some(LawOutput::Torque(tau)) => robot.forward_dynamics(q, qd, &tau),
             other => panic!("{other:?}"),
         }
@@ -111,7 +111,7 @@ proptest! {
                 Task::Wrench(_) => unreachable!("a velocity law"),
             };
             let task = law.task(&set_point, &seen(&now, &square())).unwrap();
-            let Some(LawOutput::Velocity(V)) = law.wish(&task, &arm) else { panic!("no velocity") };
+            let Some(LawOutput::Velocity(V)) = law.output(&task, &arm) else { panic!("no velocity") };
             let h = 1e-3;
             let next = integrate_body_twist(&Pose::identity(), &V, h).inverse() * now;
             let (before, after) = (error_at(&now), error_at(&next));

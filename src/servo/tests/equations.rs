@@ -19,14 +19,14 @@ fn arm<const N: usize>(J: SMatrix<f64, 6, N>, qd: SVector<f64, N>, gravity: SVec
 }
 
 fn velocity<const N: usize>(law: &Law, set_point: &SetPoint, view: &View, arm: &Arm<N>) -> SVector<f64, N> {
-    match law.wish(&law.task(set_point, view).unwrap(), arm) {
+    match law.output(&law.task(set_point, view).unwrap(), arm) {
         Some(LawOutput::Velocity(qd)) => qd,
         other => panic!("{other:?}"),
     }
 }
 
 fn torque<const N: usize>(law: &Law, set_point: &SetPoint, view: &View, arm: &Arm<N>) -> SVector<f64, N> {
-    match law.wish(&law.task(set_point, view).unwrap(), arm) {
+    match law.output(&law.task(set_point, view).unwrap(), arm) {
         Some(LawOutput::Torque(tau)) => tau,
         other => panic!("{other:?}"),
     }
@@ -422,7 +422,7 @@ fn views_of_other_features_and_tasks_of_other_laws_are_refused() {
         assert!(law.task(&goal(&X_DO), &few).is_none(), "{law:?}");
         let task = law.task(&goal(&X_DO), &seen(&X_DO, &square())).unwrap();
         for other in laws {
-            assert_eq!(other.wish(&task, &arm).is_some(), other.is_torque() == law.is_torque());
+            assert_eq!(other.output(&task, &arm).is_some(), other.is_torque() == law.is_torque());
         }
     }
 }

@@ -81,7 +81,7 @@ impl<const N: usize> SimulatedLoop<N> {
         {
             assert!(self.servo.take(now, &m, &self.robot).is_used());
         }
-        self.qd = match self.servo.wish(&self.q, &self.qd, &self.robot) {
+        self.qd = match self.servo.law_output(&self.q, &self.qd, &self.robot) {
             Some(LawOutput::Velocity(qd)) => qd,
             Some(LawOutput::Torque(_)) => panic!("a velocity law"),
             None => SVector::zeros(),
@@ -229,14 +229,14 @@ fn joints_leave_their_limits_where_the_task_lets_them() {
 
 /// Without an arm the law speaks to whoever holds the camera: obeyed, that brings it to its goal.
 #[test]
-fn a_hand_that_obeys_the_camera_wish_reaches_the_goal() {
+fn a_hand_that_obeys_the_camera_request_reaches_the_goal() {
     let law_of_a_hand = |law: &Law| {
         !matches!(law, Law::ImageVelocity { interaction: Interaction { depth: DepthSource::Known, .. }, .. })
     };
     for law in laws().into_iter().filter(law_of_a_hand) {
         let SimulatedLoop { servo, robot, q, .. } = scara();
         let mut servo = VisualServo::new(ServoSettings { law, X_WO: None, ..servo.settings().clone() });
-        assert_eq!(servo.camera_wish(), None, "nothing was seen");
+        assert_eq!(servo.camera_law_output(), None, "nothing was seen");
         let mut X_CO = Pose::new([-0.05, 0.08, 0.75].into(), [0.1, -0.15, -0.6].into());
         let error = |X_CO: &Pose, servo: &VisualServo<4>| {
             servo.set_point().error_rms_px_at(X_CO, &nalgebra::Vector2::new(1.0, 1.0))
@@ -247,7 +247,7 @@ fn a_hand_that_obeys_the_camera_wish_reaches_the_goal() {
             servo.note_arm(now, &q, &Vector4::zeros());
             let seen = perfect_measurement(&square(), &X_CO, now).unwrap();
             assert!(servo.take(now, &seen, &robot).is_used());
-            let step = servo.camera_wish().unwrap() * (FRAME_TICKS as f64 * 1e-3);
+            let step = servo.camera_law_output().unwrap() * (FRAME_TICKS as f64 * 1e-3);
             let moved = Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into());
             X_CO = moved.inv_mul(&X_CO);
         }

@@ -45,8 +45,8 @@ fn moved_to(servo: &mut VisualServo<4>, ms: std::ops::RangeInclusive<i64>) {
     }
 }
 
-fn velocity(wish: Option<LawOutput<4>>) -> Vector4<f64> {
-    match wish.unwrap() {
+fn velocity(law_output: Option<LawOutput<4>>) -> Vector4<f64> {
+    match law_output.unwrap() {
         LawOutput::Velocity(qd) => qd,
         LawOutput::Torque(_) => panic!("a velocity law"),
     }
@@ -62,15 +62,15 @@ fn a_late_measurement_is_worth_a_fresh_one_under_predict() {
     assert_eq!(late.take(MonoNs(100 * MS), &seen_at(40), &robot), MeasurementVerdict::Used);
     assert_eq!(fresh.take(MonoNs(100 * MS), &seen_at(100), &robot), MeasurementVerdict::Used);
     let (a, b) = (
-        velocity(late.wish(&q_at(100), &Vector4::zeros(), &robot)),
-        velocity(fresh.wish(&q_at(100), &Vector4::zeros(), &robot)),
+        velocity(late.law_output(&q_at(100), &Vector4::zeros(), &robot)),
+        velocity(fresh.law_output(&q_at(100), &Vector4::zeros(), &robot)),
     );
     assert!((a - b).norm() < 1e-9, "{a} {b}");
     let mut held = servo(UpdatePolicy::Tick);
     moved_to(&mut held, 0..=100);
     held.take(MonoNs(100 * MS), &seen_at(40), &robot);
     assert!(
-        (velocity(held.wish(&q_at(100), &Vector4::zeros(), &robot)) - b).norm() > 1e-3,
+        (velocity(held.law_output(&q_at(100), &Vector4::zeros(), &robot)) - b).norm() > 1e-3,
         "without prediction the delay shows"
     );
 }
@@ -85,8 +85,11 @@ fn a_lead_looks_at_where_a_lagging_arm_will_come_to_rest() {
         s.take(MonoNs(100 * MS), &seen_at(100), &robot);
     }
     let (q, qd) = (q_at(100), Vector4::new(0.2, 0.0, 0.1, 0.0));
-    let (a, b) = (velocity(ahead.wish(&q, &qd, &robot)), velocity(there.wish(&(q + qd * 0.1), &qd, &robot)));
-    let without = velocity(there.wish(&q, &qd, &robot));
+    let (a, b) = (
+        velocity(ahead.law_output(&q, &qd, &robot)),
+        velocity(there.law_output(&(q + qd * 0.1), &qd, &robot)),
+    );
+    let without = velocity(there.law_output(&q, &qd, &robot));
     // The Jacobian alone is that of q.
     assert!((a - b).norm() < 0.2 * (without - b).norm(), "{a} {b} {without}");
 }
@@ -98,8 +101,8 @@ fn frame_holds_and_tick_follows_the_arm() {
         let mut s = servo(update);
         moved_to(&mut s, 0..=10);
         s.take(MonoNs(10 * MS), &seen_at(10), &robot);
-        let first = velocity(s.wish(&q_at(10), &Vector4::zeros(), &robot));
-        let later = velocity(s.wish(&q_at(400), &Vector4::zeros(), &robot));
+        let first = velocity(s.law_output(&q_at(10), &Vector4::zeros(), &robot));
+        let later = velocity(s.law_output(&q_at(400), &Vector4::zeros(), &robot));
         assert_eq!(first == later, holds);
     }
 }
@@ -112,7 +115,7 @@ fn restore_gain_returns_to_full_gain() {
     *gain = Gain::Constant(4.0); // slow ones are not slowed down
     moved_to(&mut s, 0..=10);
     s.take(MonoNs(10 * MS), &seen_at(10), &robot);
-    let speed = |s: &mut VisualServo<4>| velocity(s.wish(&q_at(400), &Vector4::zeros(), &robot)).norm();
+    let speed = |s: &mut VisualServo<4>| velocity(s.law_output(&q_at(400), &Vector4::zeros(), &robot)).norm();
     let full = speed(&mut s);
     while s.reduce_gain() {}
     assert!(speed(&mut s) < 0.7 * full, "{} of {full}", speed(&mut s));
@@ -126,7 +129,7 @@ fn stamps_decide_what_is_used() {
     let mut s = servo(UpdatePolicy::Predict);
     moved_to(&mut s, 1000..=1100);
     let now = MonoNs(1100 * MS);
-    assert!(s.wish(&q_at(1100), &Vector4::zeros(), &robot).is_none());
+    assert!(s.law_output(&q_at(1100), &Vector4::zeros(), &robot).is_none());
     assert_eq!(s.take(now, &seen_at(1160), &robot), MeasurementVerdict::RefusedFromFuture);
     assert_eq!(s.take(now, &seen_at(1080), &robot), MeasurementVerdict::Used);
     assert_eq!(s.take(now, &seen_at(1080), &robot), MeasurementVerdict::NotNewer, "repeated");
@@ -180,7 +183,7 @@ fn poses_that_no_object_before_a_camera_has_are_refused() {
         moved_to(&mut s, 0..=20);
         let verdict = s.take(MonoNs(20 * MS), &m, &robot);
         assert_eq!(verdict, MeasurementVerdict::ImpossiblePose, "{what}");
-        assert!(!verdict.is_used() && s.wish(&q_at(20), &Vector4::zeros(), &robot).is_none(), "{what}");
+        assert!(!verdict.is_used() && s.law_output(&q_at(20), &Vector4::zeros(), &robot).is_none(), "{what}");
         // Without the flag there is no pose that could be wrong.
         let unposed = Measurement { flags: 0, ..m };
         assert_eq!(s.take(MonoNs(20 * MS), &unposed, &robot), MeasurementVerdict::Used, "{what}");
@@ -193,7 +196,7 @@ fn the_way_back_leads_to_where_the_whole_target_was_seen() {
     let mut s = servo(UpdatePolicy::Predict);
     moved_to(&mut s, 0..=100);
     s.take(MonoNs(100 * MS), &seen_at(40), &robot);
-    assert!(s.way_back(&q_at(100)).is_none(), "not wished for");
+    assert!(s.way_back(&q_at(100)).is_none(), "not asked for");
     s.settings.returns = true;
     let (qd, convergence) = s.way_back(&q_at(100)).unwrap();
     assert!((q_at(100) + qd / convergence.rate_1_s - q_at(40)).norm() < 1e-9, "{qd}");
@@ -293,7 +296,7 @@ fn spoil(m: &mut Measurement, which: usize, at: usize, bits: u64) {
 }
 
 proptest! {
-    /// Shared memory may hold anything: a measurement is refused, or what is wished for is finite.
+    /// Shared memory may hold anything: a measurement is refused, or what is asked for is finite.
     #[test]
     fn any_measurement_gives_a_finite_output_without_panic(
         spoilt in prop::collection::vec((0usize..20, 0usize..36, bits()), 1..4),
@@ -312,8 +315,8 @@ proptest! {
             }
             for m in [shifted(40), bad, shifted(80), bad] {
                 s.take(at(100), &m, &robot);
-                if let Some(wish) = s.wish(&q_at(100), &Vector4::new(0.2, 0.0, 0.1, 0.0), &robot) {
-                    prop_assert!(wish.is_finite(), "{:?}: {wish:?}", s.settings().law);
+                if let Some(law_output) = s.law_output(&q_at(100), &Vector4::new(0.2, 0.0, 0.1, 0.0), &robot) {
+                    prop_assert!(law_output.is_finite(), "{:?}: {law_output:?}", s.settings().law);
                 }
                 prop_assert!(s.confidence(at(100)) <= 1.0);
             }

@@ -1,7 +1,7 @@
 //! Proposes where an object may lie before an arm, from where a run may start, and how the object is to look in the end.
 //!
 //! ```text
-//! postures anywhere ─► camera turned as wished ─► away from limits and singular postures, room for the object ─► the best few
+//! postures anywhere ─► camera turned as requested ─► away from limits and singular postures, room for the object ─► the best few
 //!        each: object before the camera (X_WO = X_WC X_DO) ─► a start beside it ─► Preflight without doubt ─► a run that converges
 //! ```
 //! The object is put where the camera looks, and not the camera where the object is: so that arms of few joints get a goal too. Obstacles
@@ -44,7 +44,7 @@ pub enum Look {
     Any,
 }
 
-/// What is wished of a proposal.
+/// What is requested of a proposal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlaceRequest {
     /// Where the camera is to look; `None`: down where the arm can, else as suits it.

@@ -1,4 +1,4 @@
-//! Where the camera may stand at the goal: postures in which it looks as wished, has room to move, and sees the object in a place where
+//! Where the camera may stand at the goal: postures in which it looks as requested, has room to move, and sees the object in a place where
 //! one can lie.
 
 use super::{Look, PlaceRequest, Search};
@@ -14,7 +14,7 @@ const STARTS_EACH: usize = 12;
 /// Share of its range that a joint keeps from its ends at the goal: the least, and what is good enough.
 const MIN_SHARE: f64 = 0.08;
 const GOOD_SHARE: f64 = 0.25;
-/// The camera is turned as wished within this, rad; an arm of few joints may be off by the other.
+/// The camera is turned as requested within this, rad; an arm of few joints may be off by the other.
 const TURNED: f64 = 1e-3;
 const TURNED_OF_FEW: f64 = 0.7;
 /// Stands whose postures differ by less, rad or m, are the same.

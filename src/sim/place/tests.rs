@@ -41,7 +41,7 @@ fn the_same_question_has_the_same_answer() {
 }
 
 #[test]
-fn wishes_are_kept() {
+fn requests_are_kept() {
     let set = ["robot.model=ur5", "camera.mount.position_m=[0.0, 0.0, 0.05]"];
     let level = placed(&set, &PlaceRequest { look: Some(Look::Level), ..ANYTHING });
     let looks = Vector3::from(level.preflight.goal.unwrap().camera.unwrap().looks);
