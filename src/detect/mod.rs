@@ -10,6 +10,37 @@
 //! [`segments`] and [`ellipse`] find straight edges and ellipses by their rims, without a target.
 //!
 //! All positions are pixels of the distorted image.
+//!
+//! # Terms
+//!
+//! | term | meaning |
+//! | --- | --- |
+//! | target | What is to be found: points with ids, known in the object's frame (`target`). |
+//! | finder | Finds the points of one kind of target in a frame; it owns its buffers ([`Finder`]). |
+//! | search | Detection in the whole frame, without knowledge of where the target is. |
+//! | track | Detection in windows about the points where they are expected ([`Expected`]). |
+//! | detection | A point with its id, its position and its standard deviation ([`Found`]). |
+//! | identity | Which point of the target a region, a corner or an edge is. A finder that cannot decide reports an ambiguity. |
+//! | region | Connected pixels on one side of a threshold. |
+//! | rim, edge | The border of a dot; the straight border of a square, a tag or an outline. |
+//! | edge profile | The grey levels across a border: a step, blurred by lens and pixels. |
+//! | covered | A dot or a corner on which something lies, or light falls unevenly, so that its centre is off. |
+//!
+//! # Example
+//!
+//! ```
+//! use vservo::prelude::*;
+//!
+//! let lens = Intrinsics { fx_px: 600.0, fy_px: 600.0, cx_px: 319.5, cy_px: 239.5, width_px: 640, height_px: 480 };
+//! let camera = CameraModel::new(lens, Distortion::default())?;
+//! let mut finder = Finder::new(camera, &Target::from(FourDots::default()));
+//!
+//! let pixels = vec![200; 640 * 480]; // an empty scene: no target, and no false one
+//! let mut detections = Vec::new();
+//! assert!(finder.search(&ImageView::new(&pixels, 640, 480)?, &mut detections).is_err());
+//! assert!(detections.is_empty());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod chessboard;
 mod dots;

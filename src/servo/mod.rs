@@ -20,6 +20,36 @@
 //! the arm, and m = 4 and m = 6: with the four joints of a SCARA the least-squares solution among the motions that it can
 //! make is the square system of the text. To step a law without processes: a [`SetPoint`], a [`View`] of the present
 //! features (and pose), [`Law::task`], and [`Law::output`] with an [`Arm`].
+//!
+//! # Terms
+//!
+//! | term | meaning |
+//! | --- | --- |
+//! | feature, `s` | A number that the image of the target yields: a normalized coordinate of a point, the length of a segment, an area. |
+//! | set-point | The features, and where it is known the pose, that the camera shall see at the goal ([`SetPoint`]). |
+//! | view | The features of one instant, and where it is known the pose of the object in the camera's frame ([`View`]). |
+//! | task | What a law computes from a view and a set-point in the camera's frame: an error with its normal equations, or a wrench ([`Task`]). |
+//! | law output | What a law asks of the joints: velocities (rad/s or m/s), or torques (N m or N) ([`LawOutput`]). |
+//! | interaction matrix, `L_s` | The derivative of the features by the relative motion of camera and object, (10.21). |
+//! | gain | The rate at which a resolved-velocity law reduces its error, 1/s ([`Gain`]). |
+//! | convergence | How a joint velocity leads to its goal: at what rate, and which part of it has no goal ([`Convergence`]). |
+//! | posture | The joint positions of the arm, rad or m. |
+//!
+//! # Example
+//!
+//! ```
+//! use vservo::prelude::*;
+//!
+//! // The object lies 5 cm to the right of where the goal has it, so that the camera moves to the right.
+//! let points: Vec<_> = FourDots::default().points_O().into();
+//! let goal = SetPoint::from_pose(&Pose::translation(0.0, 0.0, 0.5), &points).ok_or("behind the camera")?;
+//! let now = SetPoint::from_pose(&Pose::translation(0.05, 0.0, 0.5), &points).ok_or("behind the camera")?;
+//! let view = View::new(now.features().iter().copied(), None).ok_or("no features")?;
+//! let task = image_task(&goal, &view, Interaction::TEXTBOOK).ok_or("no interaction matrix")?;
+//! let V_BC_C = task.twist(1.0).ok_or("the points do not fix the camera's motion")?;
+//! assert!(V_BC_C.x > 0.04 && V_BC_C.x < 0.06);
+//! # Ok::<(), &str>(())
+//! ```
 
 mod convergence;
 mod drift;

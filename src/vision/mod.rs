@@ -7,6 +7,39 @@
 //! No clock, no allocation, no error: what goes wrong is a [`TargetStatus`]. What was found is believed only where one
 //! pose explains it, see [`VisionSettings::model_sd_px`]. A target that is partly hidden is tracked on as long as what is left of
 //! it fixes its pose: three dots of four, as many of a grid as tell where in it they are.
+//!
+//! # Terms
+//!
+//! | term | meaning |
+//! | --- | --- |
+//! | frame | One image of a stream, with its header and the stamp of the middle of its exposure ([`Frame`]). |
+//! | prior | What is known before the frame is examined: the predicted pose of the object, or of the camera ([`Prior`]). |
+//! | tracking, search | Detection in small windows about the predicted points; detection in the whole frame. |
+//! | measurement | The record that vision sends for each frame: points with their covariance, pose, status ([`Measurement`]). |
+//! | estimate | Points and pose of one frame before they are accepted as a measurement. |
+//! | misfit | The reprojection error of the pose, compared with the chi-square distribution that noise alone would give. |
+//! | ambiguity | Two poses explain the same points almost equally well, as they do for a plane seen from afar. |
+//! | occlusion | A part of the target is hidden in the frame. |
+//! | pair | Two frames of a left and a right camera with the same exposure stamp, within a tolerance ([`Pairing`]). |
+//!
+//! # Example
+//!
+//! ```
+//! use vservo::prelude::*;
+//!
+//! let lens = Intrinsics { fx_px: 600.0, fy_px: 600.0, cx_px: 319.5, cy_px: 239.5, width_px: 640, height_px: 480 };
+//! let camera = CameraModel::new(lens, Distortion::default())?;
+//! let mut vision = Vision::new(camera, FourDots::default(), VisionSettings::default());
+//!
+//! let pixels = vec![200; 640 * 480]; // an empty scene
+//! let header = FrameHeader { width_px: 640, height_px: 480, ..FrameHeader::default() };
+//! let frame = Frame { header, image: ImageView::new(&pixels, 640, 480)? };
+//! let measurement = vision.process(&frame, &Prior::default());
+//! assert_ne!(measurement.target_status(), TargetStatus::Found);
+//! assert!(measurement.pose().is_none() && measurement.features().is_empty());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//! `examples/pose.rs` measures a rendered target and compares the pose with its truth.
 
 mod carrier;
 mod expectation;
