@@ -21,9 +21,11 @@ pub mod hand_eye;
 mod joint_track;
 mod latency;
 mod recording;
+mod response;
 pub mod stereo;
 
 pub use excitation_motion::{ExcitationTrajectory, image_reach};
 pub use joint_track::JointTrack;
 pub use latency::{KnownCell, LatencyError, StampOffset, stamp_offset};
 pub use recording::{Recording, TargetDetection};
+pub use response::{GammaEstimate, ResponseEvidence};

@@ -15,6 +15,60 @@ pub enum Response {
     Srgb,
     /// `level = light^(1 / gamma)`.
     Gamma(f64),
+    /// As it was measured.
+    Table(LightTable),
+}
+
+/// The light of equally spaced levels, from the least to the greatest, with straight lines between; scaled to 0..=1, which moves no edge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LightTable {
+    light: [f32; Self::MAX],
+    count: usize,
+}
+
+impl LightTable {
+    /// Most entries: between 33 a gamma of 2.2 bends by 2e-4 of the greatest light.
+    const MAX: usize = 33;
+
+    /// Of two to 33 rising numbers; `None` of others.
+    #[must_use]
+    pub fn new(light: &[f64]) -> Option<Self> {
+        let (first, last) = (*light.first()?, *light.last()?);
+        let rising = light.windows(2).all(|pair| matches!(pair, [a, b] if a < b));
+        if !rising || !(2..=Self::MAX).contains(&light.len()) || !(last - first).is_finite() {
+            return None;
+        }
+        let mut scaled = [0.0; Self::MAX];
+        scaled.iter_mut().zip(light).for_each(|(to, l)| *to = ((l - first) / (last - first)) as f32);
+        Some(Self { light: scaled, count: light.len() })
+    }
+
+    fn entries(&self) -> &[f32] {
+        self.light.get(..self.count).unwrap_or_default()
+    }
+
+    /// Entries before and after place `i`, the first and last ones beyond the ends.
+    fn pair(&self, i: usize) -> (f64, f64) {
+        match self.entries().get(i..).unwrap_or_default() {
+            [a, b, ..] => (f64::from(*a), f64::from(*b)),
+            _ => (0.0, 1.0),
+        }
+    }
+
+    fn light(&self, level: f64) -> f64 {
+        let place = level.clamp(0.0, 1.0) * (self.count - 1) as f64;
+        let i = (place as usize).min(self.count - 2);
+        let (a, b) = self.pair(i);
+        a + (b - a) * (place - i as f64)
+    }
+
+    fn level(&self, light: f64) -> f64 {
+        let light = light.clamp(0.0, 1.0);
+        let above = self.entries().partition_point(|l| f64::from(*l) <= light);
+        let i = above.clamp(1, self.count - 1) - 1;
+        let (a, b) = self.pair(i);
+        (i as f64 + (light - a) / (b - a)) / (self.count - 1) as f64
+    }
 }
 
 impl Response {
@@ -29,6 +83,7 @@ impl Response {
             Self::Srgb if level <= 0.040_45 => level / 12.92,
             Self::Srgb => ((level + 0.055) / 1.055).powf(2.4),
             Self::Gamma(gamma) => level.max(0.0).powf(*gamma),
+            Self::Table(table) => table.light(level),
         }
     }
 
@@ -40,6 +95,7 @@ impl Response {
             Self::Srgb if light <= 0.003_130_8 => 12.92 * light,
             Self::Srgb => 1.055 * light.powf(1.0 / 2.4) - 0.055,
             Self::Gamma(gamma) => light.max(0.0).powf(1.0 / gamma),
+            Self::Table(table) => table.level(light),
         }
     }
 
@@ -88,11 +144,20 @@ impl FromStr for Response {
             Some(("gamma", number)) => {
                 number.parse().ok().filter(|gamma| Self::GAMMA.contains(gamma)).map(Self::Gamma)
             }
+            Some(("table", numbers)) => {
+                let light: Option<Vec<f64>> = numbers.split(',').map(|n| n.trim().parse().ok()).collect();
+                light.and_then(|light| LightTable::new(&light)).map(Self::Table)
+            }
             _ => None,
         };
         let (least, greatest) = (Self::GAMMA.start(), Self::GAMMA.end());
         response.ok_or_else(|| {
-            format!("must be linear, srgb or gamma:G with G from {least} to {greatest}, not {text:?}")
+            let shown: String = text.chars().take(60).collect();
+            format!(
+                "must be linear, srgb, gamma:G with G from {least} to {greatest}, or table:L,L,... with the light of 2 to {} \
+                 equally spaced levels, rising; not {shown:?}",
+                LightTable::MAX
+            )
         })
     }
 }
@@ -103,6 +168,10 @@ impl fmt::Display for Response {
             Self::Linear => f.write_str("linear"),
             Self::Srgb => f.write_str("srgb"),
             Self::Gamma(gamma) => write!(f, "gamma:{gamma}"),
+            Self::Table(table) => {
+                let light: Vec<_> = table.entries().iter().map(f32::to_string).collect();
+                write!(f, "table:{}", light.join(","))
+            }
         }
     }
 }
@@ -113,7 +182,7 @@ mod tests {
 
     #[test]
     fn level_and_light_undo_each_other() {
-        for text in ["linear", "srgb", "gamma:0.5", "gamma:2.2"] {
+        for text in ["linear", "srgb", "gamma:0.5", "gamma:2.2", "table:0,0.05,0.25,0.5,1", "table:0,1"] {
             let response: Response = text.parse().unwrap();
             assert_eq!(response.to_string(), text);
             for i in 0..=100 {
@@ -141,10 +210,37 @@ mod tests {
     }
 
     #[test]
+    fn a_table_is_the_curve_it_was_taken_from() {
+        let curve = |i: u32, scale: f64| (scale * (f64::from(i) / 32.0).powf(2.2) - 3.0).to_string();
+        for scale in [1.0, 4095.0] {
+            let text = (0..33).map(|i| curve(i, scale)).collect::<Vec<_>>().join(", ");
+            let table: Response = format!("table:{text}").parse().unwrap();
+            let (ours, truth) = (table.to(&Response::Linear), Response::Gamma(2.2).to(&Response::Linear));
+            assert!(ours.0.iter().zip(truth.0).all(|(a, b)| a.abs_diff(b) <= 1), "{ours:?}");
+        }
+    }
+
+    #[test]
     fn nonsense_is_refused() {
-        for text in
-            ["", "Linear", "gamma", "gamma:", "gamma:0", "gamma:nan", "gamma:inf", "gamma:9", "srgb:2"]
-        {
+        for text in [
+            "",
+            "Linear",
+            "gamma",
+            "gamma:",
+            "gamma:0",
+            "gamma:nan",
+            "gamma:inf",
+            "gamma:9",
+            "srgb:2",
+            "table",
+            "table:",
+            "table:1",
+            "table:0,1,1",
+            "table:0,nan,1",
+            "table:0,inf",
+            "table:1,0",
+            "table:-1e308,0,1e308",
+        ] {
             assert!(text.parse::<Response>().unwrap_err().contains("gamma:G"), "{text}");
         }
     }

@@ -88,8 +88,8 @@ table! {
         latency_ms: f64 = 20.0,
         /// Added to every exposure stamp that the camera gives, ms: what `vservo calibrate latency` found.
         stamp_offset_ms: f64 = 0.0,
-        /// How its levels depend on light: `linear` (levels are light), `srgb` or `gamma:G`; levels are made proportional to light
-        /// before anything is measured.
+        /// How its levels depend on light: `linear` (levels are light), `srgb`, `gamma:G`, or `table:L,L,...` with the light of 2 to 33
+        /// equally spaced levels; levels are made proportional to light before anything is measured.
         response: String = "linear".to_owned(),
         /// `[camera.roi]`; left out: all of the sensor.
         roi: Option<RawRoi> = None,

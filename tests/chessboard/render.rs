@@ -80,6 +80,8 @@ pub(crate) struct View {
     pub(crate) homography: Matrix3<f64>,
     /// Radial distortion about the image's middle: `r (1 + k r^2)`, r in half widths.
     pub(crate) k: f64,
+    /// Another lens: where each sample would lie without it, px, row by row.
+    pub(crate) undistorted: Option<std::rc::Rc<Vec<Vector2<f64>>>>,
     pub(crate) behind: Vec<Thing>,
     pub(crate) before: Vec<Thing>,
     pub(crate) background: f64,
@@ -127,6 +129,7 @@ impl View {
             light: 200.0,
             homography: H,
             k: 0.0,
+            undistorted: None,
             behind: Vec::new(),
             before: Vec::new(),
             background: 120.0,
@@ -151,8 +154,8 @@ impl View {
         self.middle() + d * (1.0 + self.k * d.norm_squared()) * (0.5 * self.width as f64)
     }
 
-    /// Level at a point of the image.
-    fn at(&self, inverse: &Matrix3<f64>, p: Vector2<f64>) -> f64 {
+    /// Level at a point of the image, the `sample`-th.
+    fn at(&self, inverse: &Matrix3<f64>, p: Vector2<f64>, sample: usize) -> f64 {
         if let Some(level) = self.before.iter().rev().find_map(|t| t.at(p)) {
             return level;
         }
@@ -164,7 +167,7 @@ impl View {
                 u = d / (1.0 + self.k * u.norm_squared());
             }
         }
-        let q = self.middle() + u * half;
+        let q = self.undistorted.as_ref().map_or(self.middle() + u * half, |all| all[sample]);
         let v = inverse * Vector3::new(q.x, q.y, 1.0);
         let (x, y) = (v.x / v.z, v.y / v.z);
         let (c, r) = (self.columns as f64, self.rows as f64);
@@ -187,7 +190,7 @@ impl View {
         let mut samples = vec![0.0f32; w * h];
         for (i, s) in samples.iter_mut().enumerate() {
             let at = |k: usize| (k as f64 + 0.5) / fine as f64 - 0.5;
-            *s = self.at(&inverse, Vector2::new(at(i % w), at(i / w))) as f32;
+            *s = self.at(&inverse, Vector2::new(at(i % w), at(i / w)), i) as f32;
         }
         // the Gaussian by samples of it, along rows and then along columns
         let reach = (3.5 * blur * fine as f64).ceil() as isize;

@@ -2,6 +2,7 @@
 
 mod arm_unlike_model;
 mod boundary;
+mod calibration_rendered;
 mod chessboard;
 mod comparison_metrics;
 mod controller_limits;

@@ -123,6 +123,14 @@ struct WarpOut {
     sd_y_m: f64,
 }
 
+#[derive(Serialize)]
+struct ResponseOut {
+    gamma: f64,
+    sd: f64,
+    /// What to set; `null` where levels are not told from light.
+    setting: Option<String>,
+}
+
 /// One camera as JSON.
 #[derive(Serialize)]
 pub(super) struct CameraAnswer {
@@ -140,6 +148,7 @@ pub(super) struct CameraAnswer {
     next_view: Option<NextOut>,
     dropped: Vec<DroppedOut>,
     warp: Option<WarpOut>,
+    response: Option<ResponseOut>,
 }
 
 impl CameraAnswer {
@@ -193,6 +202,11 @@ impl CameraAnswer {
                 y_m: warp.y,
                 sd_x_m: sd.x,
                 sd_y_m: sd.y,
+            }),
+            response: boards.response.gamma().map(|estimate| ResponseOut {
+                gamma: estimate.gamma,
+                sd: estimate.sd,
+                setting: estimate.response().map(|response| response.to_string()),
             }),
         }
     }
@@ -257,6 +271,15 @@ pub(super) fn lines(examined: &Examined, boards: &Boards) -> String {
         let mm = |x: f64| x * 1e3;
         let (x, y, sx, sy) = (mm(warp.x), mm(warp.y), mm(sd.x), mm(sd.y));
         let _ = writeln!(text, "board bent by {x:.3} +- {sx:.3} mm along x, {y:.3} +- {sy:.3} mm along y");
+    }
+    if let Some(estimate) = boards.response.gamma()
+        && let Some(response) = estimate.response()
+    {
+        let _ = writeln!(
+            text,
+            "levels are not proportional to light: gamma {:.2} +- {:.2}; set camera.response (or --response) to \"{response}\"",
+            estimate.gamma, estimate.sd
+        );
     }
     let _ = writeln!(
         text,

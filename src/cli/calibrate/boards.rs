@@ -3,6 +3,7 @@
 use super::super::BoardArguments;
 use super::super::detect::image_file;
 use super::CalibrateError;
+use crate::calibration::ResponseEvidence;
 use crate::calibration::camera::{BoardPoint, BoardView};
 use crate::detect::Found;
 use crate::detect::chessboard::ChessboardFinder;
@@ -31,6 +32,8 @@ pub(super) struct Boards {
     pub(super) views: Vec<BoardView>,
     /// Why there is none.
     pub(super) misses: Vec<Option<String>>,
+    /// What their edges tell of the camera's response.
+    pub(super) response: ResponseEvidence,
 }
 
 /// The board that is meant, and a depth that can be.
@@ -74,13 +77,19 @@ pub(super) fn believable_square(board: &Chessboard) -> Result<(), CalibrateError
 }
 
 impl Boards {
+    /// No images yet, of this size.
+    pub(super) fn of(size: (u32, u32)) -> Self {
+        let (names, views, misses) = (Vec::new(), Vec::new(), Vec::new());
+        Self { size, names, views, misses, response: ResponseEvidence::default() }
+    }
+
     /// Reads the images and looks for the board in each.
     pub(super) fn find(paths: &[PathBuf], board: &Chessboard) -> Result<Self, CalibrateError> {
         if paths.len() > MAX_IMAGES {
             let message = format!("{} images, at most {MAX_IMAGES} are taken: choose", paths.len());
             return Err(CalibrateError::usage(message));
         }
-        let mut boards = Self { size: (0, 0), names: Vec::new(), views: Vec::new(), misses: Vec::new() };
+        let mut boards = Self::of((0, 0));
         let mut finder: Option<ChessboardFinder> = None;
         let on_terminal = stderr().is_terminal();
         for (i, path) in paths.iter().enumerate() {
@@ -102,7 +111,7 @@ impl Boards {
                 let (w, h) = boards.size;
                 (Vec::new(), Some(format!("the image is {width}x{height} px, the first one {w}x{h}")))
             } else {
-                match corners(finder, &image, board) {
+                match corners(finder, &image, board, &mut boards.response) {
                     Ok(view) => (view, None),
                     Err(why) => (Vec::new(), Some(why)),
                 }
@@ -122,11 +131,14 @@ fn corners(
     finder: &mut ChessboardFinder,
     image: &image::GrayImage,
     board: &Chessboard,
+    response: &mut ResponseEvidence,
 ) -> Result<BoardView, String> {
     let (width, height) = image.dimensions();
     let view = ImageView::new(image.as_raw(), width as usize, height as usize)
         .map_err(|_| "the image has no pixels".to_string())?;
-    corners_of(finder, &view, board)
+    let corners = corners_of(finder, &view, board)?;
+    response.add(&view, &corners, board.columns() as u32);
+    Ok(corners)
 }
 
 /// The corners of the board in an image; or why there are none.

@@ -89,8 +89,7 @@ impl<'a> LiveCapture<'a> {
     fn new(arguments: &'a CalibrateCameraArguments, board: &'a Chessboard, size: (u32, u32)) -> Self {
         let (width, height) = (size.0 as usize, size.1 as usize);
         let finder = ChessboardFinder::new(board.columns(), board.rows(), width, height);
-        let boards = Boards { size, names: Vec::new(), views: Vec::new(), misses: Vec::new() };
-        Self { arguments, board, finder, boards, before: BoardView::new() }
+        Self { arguments, board, finder, boards: Boards::of(size), before: BoardView::new() }
     }
 
     /// Whether a frame is taken: the board is in it, still, and not where it was seen before.
@@ -105,6 +104,7 @@ impl<'a> LiveCapture<'a> {
             self.boards.names.push(format!("frame {frame_id}"));
             self.boards.views.push(view.clone());
             self.boards.misses.push(None);
+            self.boards.response.add(image, view, self.board.columns() as u32);
         }
         is_still && !known
     }

@@ -9,6 +9,7 @@
 //!   corner ──── outer light square ─┤ light margin          0 ... t ... t + step:   light, light, light
 //! ```
 
+use super::strongest::follows;
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
@@ -31,6 +32,8 @@ const EVEN: f64 = 0.1;
 /// Least number of dark and of light squares that must agree.
 const MIN_DARK: usize = 2;
 const MIN_LIGHT: usize = 1;
+/// Least number of places without a corner that show that squares stop.
+const MIN_STOPS: i32 = 2;
 /// Share of the squares that must agree.
 const SHARE: f64 = 0.7;
 const SHARE_PAPER: f64 = 0.6;
@@ -119,6 +122,41 @@ pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -
         (false, true, _) | (false, _, true) => BoardEnd::Likely,
         _ => BoardEnd::Unseen,
     }
+}
+
+/// Whether the squares of one side stop there, whatever lies behind them: outer squares are seen whole, and no corner follows where two of
+/// them meet. What hides the rest of a board cuts its squares anywhere, and hardly along a line of corners.
+pub(super) fn stops(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -> bool {
+    let (mut stop, mut go_on) = (0, 0);
+    let mut vote = |rim: Vector2<f64>, inner: Vector2<f64>| match follows(image, rim, 2.0 * rim - inner) {
+        Some(true) => go_on += 1,
+        Some(false) => stop += 1,
+        None => {}
+    };
+    // the outer corner of the squares so far, where all that were seen beside it are whole
+    let mut open: Option<Outer> = None;
+    let mut cut: Option<Vector2<f64>> = None;
+    for square in squares {
+        let whole = look(image, &square).is_some_and(|s| s.end >= *WHOLE.start());
+        let before = open.take();
+        if whole && cut != Some(square.rim[0]) {
+            vote(square.rim[0], square.inner[0]);
+        }
+        match before {
+            // a gap ends a run of squares
+            Some(b) if b.rim[1] != square.rim[0] => vote(b.rim[1], b.inner[1]),
+            _ => {}
+        }
+        if whole {
+            open = Some(square);
+        } else {
+            cut = Some(square.rim[1]);
+        }
+    }
+    if let Some(last) = open {
+        vote(last.rim[1], last.inner[1]);
+    }
+    stop >= MIN_STOPS && f64::from(stop) >= SHARE * f64::from(stop + go_on)
 }
 
 /// Follows one square outwards: where the dark square becomes light, or the light one dark. `None` out of the image and without contrast.

@@ -50,7 +50,7 @@ const SIDE: std::ops::RangeInclusive<usize> = 2..=60;
 const SHORT: f32 = 0.15;
 /// Places about a part of a board into which it may grow.
 const ROOM: i16 = 3;
-/// Lattices that a search looks at in one level: clutter has a few that are large enough, and each takes up to 5 ms.
+/// Lattices that a search looks at: clutter has a few that are large enough, and each takes up to 5 ms.
 const MAX_LATTICES: usize = 32;
 /// Contradictory links of a lattice that is still looked at: one in so many corners.
 const CONTRADICTIONS: u16 = 12;
@@ -75,10 +75,10 @@ pub struct ChessboardFinder {
     board: Board,
     predicted: Board,
     blur_px: f64,
-    /// Lattices that the search may still look at in the current level.
+    /// Lattices that the search may still look at.
     left: usize,
-    /// Whether a side of the current lattice shows the board's end.
-    end_seen: bool,
+    /// At how many sides of the current lattice its end is seen, in both directions.
+    ends_seen: [usize; 2],
 }
 
 impl ChessboardFinder {
@@ -113,7 +113,7 @@ impl ChessboardFinder {
             predicted: Board::new(columns, rows),
             blur_px: BLUR_PX,
             left: 0,
-            end_seen: false,
+            ends_seen: [0; 2],
         }
     }
 
@@ -138,6 +138,7 @@ impl ChessboardFinder {
         if (image.width(), image.height()) != (self.width, self.height) {
             return Err(ChessboardMiss::WrongSize);
         }
+        self.left = MAX_LATTICES;
         let mut halves = std::mem::take(&mut self.halves);
         let result = self.search_levels(image, &mut halves);
         self.halves = halves;
@@ -235,7 +236,6 @@ impl ChessboardFinder {
         level: &ImageView<'_>,
         scale: f64,
     ) -> Result<(), ChessboardMiss> {
-        self.left = MAX_LATTICES;
         let corners = self.detector.find(level, MIN_RESPONSE);
         if corners.is_empty() {
             return Err(ChessboardMiss::NoCorners);
@@ -292,7 +292,7 @@ impl ChessboardFinder {
                         why = telling(why, ChessboardMiss::TooFewCorners);
                     } else if beyond.contains(&BoardSide::More) {
                         why = telling(why, ChessboardMiss::TooLarge);
-                    } else if !beyond.contains(&BoardSide::End) || (fitted < count && !self.end_seen) {
+                    } else if !beyond.contains(&BoardSide::End) || !self.is_bounded(fitted == count) {
                         // it may go on outside the image, or under what covers a part of it
                         why = telling(why, ChessboardMiss::NoBorder);
                     } else {
@@ -304,6 +304,12 @@ impl ChessboardFinder {
         }
         self.order = order;
         first.map(|_| ()).ok_or(why)
+    }
+
+    /// Whether the ends that are seen bound the board: one in both directions, or, where all of its corners are there and the image's border
+    /// cuts its squares, both in one. A floor shows as much only where it ends, too, and all else of it is hidden.
+    fn is_bounded(&self, whole: bool) -> bool {
+        self.ends_seen.iter().all(|n| *n > 0) || (whole && self.ends_seen.contains(&2))
     }
 
     /// Whether the current lattice lies off the board that was fitted.
@@ -366,9 +372,11 @@ impl ChessboardFinder {
         }
         let mut seen = [BoardEnd::Unseen; 4];
         for (i, end) in (0u8..).zip(&mut seen) {
-            *end = border::end(image, self.outer(low, high, i));
+            let stops = border::stops(image, self.outer(low, high, i));
+            *end = if stops { BoardEnd::Seen } else { border::end(image, self.outer(low, high, i)) };
         }
-        self.end_seen = seen.iter().any(|end| *end != BoardEnd::Unseen);
+        self.ends_seen =
+            [0, 2].map(|i| seen.iter().skip(i).take(2).filter(|e| **e != BoardEnd::Unseen).count());
         let mut extent = LatticeExtent { low, high, ends: seen.map(|e| e == BoardEnd::Seen), even_light };
         for axis in 0..2 {
             let span = high[axis] - low[axis] + 1;

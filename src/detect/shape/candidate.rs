@@ -37,15 +37,26 @@ pub(super) struct ShapeCandidate {
     moments: Moments,
     /// Square root of the area, px.
     size_px: f64,
+    /// Area within the border, px^2.
+    pub(super) area_px2: u64,
+    /// Distances that were looked at, since somebody set it to 0.
+    pub(super) work: u64,
 }
 
 impl ShapeCandidate {
     pub(super) fn new() -> Self {
-        Self { border: Vec::with_capacity(MAX_BORDER), moments: Moments::default(), size_px: 0.0 }
+        Self {
+            border: Vec::with_capacity(MAX_BORDER),
+            moments: Moments::default(),
+            size_px: 0.0,
+            area_px2: 0,
+            work: 0,
+        }
     }
 
-    /// Takes over a region by its moments and its border.
-    pub(super) fn set(&mut self, moments: &Moments, border: &[Point]) {
+    /// Takes over a region by its moments, its border and the area within that.
+    pub(super) fn set(&mut self, moments: &Moments, border: &[Point], area_px2: u64) {
+        self.area_px2 = area_px2;
         self.moments = moments.of_squares();
         self.size_px = moments.m00.sqrt();
         self.border.clear();
@@ -54,10 +65,16 @@ impl ShapeCandidate {
         self.border.extend(places.map(|p| Vector2::new(f64::from(p.x), f64::from(p.y))));
     }
 
-    /// The turns after which outline and region look alike, the best first, rad. How many there are.
-    pub(super) fn turns(&self, outline: &ShapeOutline, turns: &mut [f64; MAX_TURNS]) -> usize {
+    /// How far borders lie from the outline that were aligned to it, px.
+    pub(super) fn reach_px(&self) -> f64 {
+        APART_PX + APART * self.size_px
+    }
+
+    /// The turns after which outline and region look alike, the best first, rad. How many there are, and how much their extents differ.
+    pub(super) fn turns(&self, outline: &ShapeOutline, turns: &mut [f64; MAX_TURNS]) -> (usize, f64) {
+        let none = (0, f64::INFINITY);
         let m = &self.moments;
-        let Some(white) = whitening([m.mu20 / m.m00, m.mu11 / m.m00, m.mu02 / m.m00]) else { return 0 };
+        let Some(white) = whitening([m.mu20 / m.m00, m.mu11 / m.m00, m.mu02 / m.m00]) else { return none };
         let centre = Vector2::new(m.x, m.y);
         let seen = extents(self.border.iter().map(|p| white * (p - centre)));
         let apart = |shift: usize| {
@@ -81,12 +98,15 @@ impl ShapeCandidate {
             }
         }
         turns.iter_mut().zip(best).for_each(|(turn, (_, angle))| *turn = angle);
-        best.iter().filter(|(value, _)| value.is_finite()).count()
+        (
+            best.iter().filter(|(value, _)| value.is_finite()).count(),
+            best.first().map_or(f64::INFINITY, |b| b.0),
+        )
     }
 
     /// The homography that brings the outline, turned so, onto the region's border; `None` where none does.
     pub(super) fn settle(
-        &self,
+        &mut self,
         camera: &CameraModel,
         outline: &ShapeOutline,
         turn: f64,
@@ -102,6 +122,7 @@ impl ShapeCandidate {
         let mut warp = by_points(&[pair(-1.0, -1.0), pair(1.0, -1.0), pair(1.0, 1.0), pair(-1.0, 1.0)])?;
         let mut apart_px = f64::INFINITY;
         for step in 0..STEPS {
+            self.work += u64::from(PLACES) * self.border.len() as u64;
             let (next, rms_px) = self.step(camera, outline, &warp, step < AFFINE_STEPS)?;
             let settled = step > AFFINE_STEPS && rms_px > 0.98 * apart_px;
             (warp, apart_px) = (next, rms_px);
@@ -109,7 +130,7 @@ impl ShapeCandidate {
                 break;
             }
         }
-        (apart_px < APART_PX + APART * self.size_px).then_some(warp)
+        (apart_px < self.reach_px()).then_some(warp)
     }
 
     /// One step towards the nearest border pixels. How far they were, root mean square, px.

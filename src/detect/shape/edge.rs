@@ -8,7 +8,7 @@
 //! pixel belongs to one piece: their errors are independent.
 
 use crate::imaging::ImageView;
-use crate::linalg::Ldlt;
+use crate::linalg::{Ldlt, normal};
 use nalgebra::Vector2;
 
 /// Most pixels of a piece; of more the rest is left out.
@@ -19,8 +19,9 @@ const FEWEST_PIXELS: usize = 8;
 /// Where a piece of the edge is assumed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Piece {
-    /// Place of its middle along the outline.
+    /// Place of its middle along the outline, and which part of it that is.
     pub(super) arc: f64,
+    pub(super) part: usize,
     /// Its middle, px.
     pub(super) middle: Vector2<f64>,
     /// Unit vectors along it and outward.
@@ -62,17 +63,6 @@ pub(super) fn level(image: &ImageView<'_>, p: &Vector2<f64>) -> Option<f64> {
     let top = at(j, i)? * (1.0 - a) + at(j, i + 1)? * a;
     let bottom = at(j + 1, i)? * (1.0 - a) + at(j + 1, i + 1)? * a;
     Some(top * (1.0 - b) + bottom * b)
-}
-
-/// The normal distribution function, to 1e-7 (Abramowitz and Stegun 26.2.17), and its density.
-fn normal(z: f64) -> (f64, f64) {
-    let density = (-0.5 * z * z).exp() * 0.398_942_280_401_432_7;
-    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let poly = t
-        * (0.319_381_530
-            + t * (-0.356_563_782 + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
-    let tail = density * poly;
-    (if z > 0.0 { 1.0 - tail } else { tail }, density)
 }
 
 impl Piece {
@@ -215,13 +205,6 @@ mod tests {
     use super::*;
     use crate::linalg::Random;
 
-    #[test]
-    fn the_normal_distribution() {
-        for (z, wanted) in [(0.0, 0.5), (1.0, 0.841_344_746), (-2.0, 0.022_750_132), (3.5, 0.999_767_371)] {
-            assert!((normal(z).0 - wanted).abs() < 1e-7);
-        }
-    }
-
     /// A straight edge, by its definition: each pixel is the mean of 9 x 9 points of the blurred step.
     fn image(offset: f64, angle: f64, sigma: f64, noise: f64, seed: u64) -> Vec<u8> {
         let n = Vector2::new(angle.cos(), angle.sin());
@@ -254,6 +237,7 @@ mod tests {
             let outward = Vector2::new(angle.cos(), angle.sin());
             let piece = Piece {
                 arc: 0.0,
+                part: 0,
                 middle: Vector2::repeat(30.0),
                 along: Vector2::new(-outward.y, outward.x),
                 outward,

@@ -8,6 +8,7 @@
 //! contradict do not count (Tukey's weights). Weights come from the pixels' own noise, the covariance also from what the offsets
 //! leave.
 
+use super::chance::{Evidence, surplus};
 use super::edge::{EdgeEstimate, MAX_PIXELS, Piece};
 use super::outline::{OutlinePart, ShapeOutline};
 use super::warp::Warp;
@@ -35,6 +36,13 @@ const CUT: f64 = 5.0;
 const MIN_STEP: f64 = 12.0;
 /// Variance of the rounding to whole levels.
 const ROUNDING: f64 = 1.0 / 12.0;
+/// After three turns a fit with a smaller share of the outline, or with larger offsets (px, and share of the length), is given up: half
+/// and twice of what is good.
+const HOPELESS_SHARE: f64 = 0.5 * super::SEEN_TRACKED;
+const HOPELESS_PX: f64 = 2.0 * super::OFF_PX;
+const HOPELESS: f64 = 2.0 * super::OFF;
+/// What a search for a piece's step costs, in pixels of a fit: three lines of some forty places.
+const SEARCHED: u64 = 60;
 /// A piece counts with its own noise where that exceeds the usual one so many times.
 const NOISIER: f64 = 4.0;
 
@@ -56,6 +64,8 @@ pub(super) struct Fitted<const N: usize, W> {
     pub(super) blur_px: f64,
     /// Length in the image, px.
     pub(super) length_px: f64,
+    /// What its edges tell it by.
+    pub(super) evidence: Evidence,
 }
 
 /// What the fit works with. The buffers are reused.
@@ -68,6 +78,10 @@ pub(super) struct Fitter {
     /// Normalized offsets at the start of an estimate.
     rest: Vec<f64>,
     length_px: f64,
+    /// Pieces of each part that count.
+    told: Vec<u32>,
+    /// Pixels that were looked at, since somebody set it to 0.
+    pub(super) work: u64,
 }
 
 impl Fitter {
@@ -79,6 +93,8 @@ impl Fitter {
             sorted: Vec::with_capacity(MAX_PIECES),
             rest: Vec::with_capacity(MAX_PIECES),
             length_px: 0.0,
+            told: Vec::with_capacity(MAX_PIECES),
+            work: 0,
         }
     }
 
@@ -104,6 +120,9 @@ impl Fitter {
             let (next, moved_px) = self.estimate(image, camera, outline, warp, &mut sigma_px, rise)?;
             warp = next.warp;
             fitted = Some(next);
+            if turn > 1 && hopeless(&next) {
+                return None;
+            }
             if turn > 1 && moved_px < SETTLED_PX {
                 break;
             }
@@ -131,7 +150,7 @@ impl Fitter {
         // the blur rounds what lies within this of a corner
         let corner_px = 2.5 * sigma_px;
         let width_px = (2.5 * sigma_px + 1.0).max(2.0);
-        for part in &outline.parts {
+        for (place, part) in outline.parts.iter().enumerate() {
             let whole_px = length_px(part, steps(part));
             let span = part.to - part.from;
             if !(whole_px > 0.0 && whole_px < 1e6) {
@@ -156,7 +175,7 @@ impl Fitter {
             for k in 0..count {
                 let at = |i: usize| from + (to - from) * i as f64 / count as f64;
                 if self.pieces.len() < MAX_PIECES {
-                    let piece = piece(camera, outline, warp, (at(k), at(k + 1)), width_px);
+                    let piece = piece(camera, outline, warp, (at(k), at(k + 1)), place, width_px);
                     self.pieces.extend(piece);
                 }
             }
@@ -176,6 +195,7 @@ impl Fitter {
         self.edges.clear();
         for piece in &self.pieces {
             let offset = piece.search(image, reach_px, rise, MIN_STEP);
+            self.work += SEARCHED;
             self.edges.push(offset.map(|offset_px| {
                 let edge = EdgeEstimate {
                     offset_px,
@@ -211,6 +231,7 @@ impl Fitter {
                 let step = rise * (edge.levels[1] - edge.levels[0]);
                 step >= MIN_STEP && edge.offset_px.abs() < 3.0 * sigma + 0.5
             });
+            self.work += self.pixels.len() as u64;
             self.sorted.extend(edge.map(|edge| edge.noise));
             self.edges.push(edge.map(|edge| (edge, 0.0)));
         }
@@ -235,10 +256,17 @@ impl Fitter {
         }
         let (mut edge_px, mut all_px, mut moved_px) = (0.0, 0.0, 0.0f64);
         let mut levels = [0.0; 2];
+        self.told.clear();
+        self.told.resize(outline.parts.len(), 0);
+        let mut variance_px2 = 0.0;
         for ((piece, edge), weight) in self.pieces.iter().zip(&self.edges).zip(&self.rest) {
             all_px += piece.length_px;
-            if let Some((edge, _)) = edge.filter(|_| *weight > 0.0) {
+            if let Some((edge, variance)) = edge.filter(|_| *weight > 0.0) {
                 edge_px += piece.length_px;
+                variance_px2 += variance / used;
+                if let Some(count) = self.told.get_mut(piece.part) {
+                    *count += 1;
+                }
                 levels = [0, 1].map(|i| levels[i] + piece.length_px * edge.levels[i]);
             }
             let u = outline.at(piece.arc).0;
@@ -249,6 +277,8 @@ impl Fitter {
         const PRIOR: f64 = 8.0;
         let scale = (chi2 + PRIOR) / (free.max(0.0) + PRIOR) / weights.max(0.1);
         let inverse = SMatrix::<f64, N, N>::from(Ldlt::of(&normal)?.inverse());
+        let classes = outline.parts.iter().map(|part| part.class);
+        let (numbers, surplus) = surplus(self.told.iter().copied().zip(classes), N);
         let fitted = Fitted {
             warp: next,
             covariance: inverse * scale,
@@ -258,6 +288,7 @@ impl Fitter {
             levels: levels.map(|sum| sum / edge_px.max(f64::MIN_POSITIVE)),
             blur_px: sigma,
             length_px: self.length_px,
+            evidence: Evidence::new(surplus, numbers, used, chi2, variance_px2),
         };
         Some((fitted, moved_px))
     }
@@ -318,6 +349,11 @@ impl Fitter {
     }
 }
 
+/// Whether a fit will not be good in any more turns: these move edges by hundredths of a pixel.
+fn hopeless<const N: usize, W>(fitted: &Fitted<N, W>) -> bool {
+    fitted.share < HOPELESS_SHARE || fitted.rms_px > HOPELESS_PX + HOPELESS * fitted.length_px
+}
+
 struct Solved<const N: usize> {
     step: SVector<f64, N>,
     normal: SMatrix<f64, N, N>,
@@ -346,6 +382,7 @@ fn piece<const N: usize, W: Warp<N>>(
     outline: &ShapeOutline,
     warp: &W,
     (from, to): (f64, f64),
+    part: usize,
     width_px: f64,
 ) -> Option<Piece> {
     let px = |u: &Vector2<f64>| camera.pixel_of(&warp.at(u));
@@ -366,6 +403,7 @@ fn piece<const N: usize, W: Warp<N>>(
     let width_px = room_px.map(|room| width_px.min(0.5 * room));
     (width_px[0] > 1.2 && width_px[1] > 1.2).then_some(Piece {
         arc,
+        part,
         middle,
         along,
         outward,

@@ -18,6 +18,11 @@ pub enum ShapeMiss {
     /// Regions, but none has the outline.
     #[error("no region has the outline that is looked for")]
     NoMatch,
+    /// What fits is no better than chance makes it among so many outlines that are nearly as good.
+    #[error(
+        "what fits the outline is no better than chance makes it among so many regions that are much like it"
+    )]
+    ByChance,
     /// More regions that are much like the shape than one search looks at.
     #[error("too many regions with the shape's proportions: the search was given up")]
     GivenUp,
@@ -26,13 +31,30 @@ pub enum ShapeMiss {
     Several,
 }
 
+impl ShapeMiss {
+    /// Whether another threshold may show the shape.
+    pub(super) fn may_change(self) -> bool {
+        matches!(self, Self::NoRegion | Self::NoMatch | Self::ByChance)
+    }
+
+    /// Of two that may change the one that came further.
+    pub(super) fn telling(self, other: Self) -> Self {
+        let rank = |miss: Self| match miss {
+            Self::NoRegion => 0,
+            Self::NoMatch => 1,
+            _ => 2,
+        };
+        if rank(other) > rank(self) { other } else { self }
+    }
+}
+
 impl From<ShapeMiss> for TargetStatus {
     fn from(miss: ShapeMiss) -> Self {
         match miss {
             ShapeMiss::WrongSize => Self::WrongSize,
             ShapeMiss::NoContrast => Self::NoContrast,
             ShapeMiss::NoRegion => Self::TooFewRegions,
-            ShapeMiss::NoMatch => Self::NoMatch,
+            ShapeMiss::NoMatch | ShapeMiss::ByChance => Self::NoMatch,
             ShapeMiss::GivenUp => Self::GivenUp,
             ShapeMiss::Several => Self::Ambiguous,
         }

@@ -9,6 +9,7 @@
 //! are pixels of the distorted image.
 
 mod candidate;
+mod chance;
 mod distinct;
 mod edge;
 mod fit;
@@ -79,8 +80,9 @@ pub struct ShapeFinder {
     local: LocalThreshold,
     /// Regions that may be the shape: area, index.
     order: Vec<(u64, usize)>,
-    /// Fits that the current search may still try.
-    left: usize,
+    /// Borders that the current search has aligned to the outline, and whether one of them fits no better than chance makes it.
+    aligned: usize,
+    by_chance: bool,
     candidate: ShapeCandidate,
     fitter: Fitter,
     pairs: Vec<Correspondence>,
@@ -108,7 +110,8 @@ impl ShapeFinder {
             contours: Contours::with_limits(limit, (pixels / 4).clamp(4096, MAX_BORDER)),
             local: LocalThreshold::with_size(width, height),
             order: Vec::with_capacity(search::MAX_CANDIDATES + 1),
-            left: 0,
+            aligned: 0,
+            by_chance: false,
             candidate: ShapeCandidate::new(),
             fitter: Fitter::new(),
             pairs: Vec::with_capacity(count),

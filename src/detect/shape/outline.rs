@@ -9,6 +9,8 @@ use nalgebra::{Matrix2, Vector2};
 
 /// Turns above this are corners, rad.
 const SHARP: f64 = 0.14;
+/// Directions that differ by less are one, rad: two degrees, which people hardly see.
+const SAME_WAY: f64 = 0.035;
 /// Corners of the polygon that stands for a circle.
 const CIRCLE: u32 = 360;
 /// Places along the outline at which it is known how much room there is.
@@ -23,6 +25,8 @@ pub(super) struct OutlinePart {
     pub(super) to: f64,
     /// It closes in itself: it has no ends.
     pub(super) closed: bool,
+    /// Of a straight part the first one that it is parallel to, or its own place; of a curve nothing.
+    pub(super) class: Option<usize>,
 }
 
 /// The outline.
@@ -144,14 +148,12 @@ impl ShapeOutline {
             .filter_map(|i| arc.get(i).copied())
             .collect();
         let parts = match sharp.first() {
-            None => vec![OutlinePart { from: 0.0, to: sum, closed: true }],
+            None => vec![OutlinePart { from: 0.0, to: sum, closed: true, class: None }],
             Some(first) => {
                 let ends = sharp.iter().skip(1).copied().chain([first + sum]);
-                sharp
-                    .iter()
-                    .zip(ends)
-                    .map(|(from, to)| OutlinePart { from: *from, to, closed: false })
-                    .collect()
+                let part =
+                    |(from, to): (&f64, f64)| OutlinePart { from: *from, to, closed: false, class: None };
+                sharp.iter().zip(ends).map(part).collect()
             }
         };
         let flat: Vec<[f64; 2]> = corners.iter().map(|c| [c.x, c.y]).collect();
@@ -169,10 +171,29 @@ impl ShapeOutline {
             extents: [0.0; DIRECTIONS],
             points,
         };
+        this.sort_parallels();
         let white = whitening(spread).unwrap_or_else(Matrix2::identity);
         this.extents = extents((0..4096).map(|i| white * this.at(sum * f64::from(i) / 4096.0).0));
         this.rooms = (0..ROOMS).map(|i| this.room_at(sum * i as f64 / ROOMS as f64, &plate)).collect();
         this
+    }
+
+    /// Tells which parts are straight, and which are parallel.
+    fn sort_parallels(&mut self) {
+        let chord = |part: &OutlinePart| {
+            let (a, b) = (self.at(part.from).0, self.at(part.to).0);
+            let straight =
+                !part.closed && (b - a).norm() > (1.0 - SAME_WAY * SAME_WAY) * (part.to - part.from);
+            straight.then(|| (b - a).normalize())
+        };
+        let ways: Vec<_> = self.parts.iter().map(chord).collect();
+        let class = |i: usize| {
+            let way = ways.get(i).copied().flatten()?;
+            let along = |other: &Option<Vector2<f64>>| other.is_some_and(|o| o.perp(&way).abs() < SAME_WAY);
+            ways.iter().position(along)
+        };
+        let classes: Vec<_> = (0..ways.len()).map(class).collect();
+        self.parts.iter_mut().zip(classes).for_each(|(part, class)| part.class = class);
     }
 
     /// Length of the outline.
@@ -270,6 +291,8 @@ mod tests {
             [0.0, 3.0],
         ]));
         assert_eq!(l.parts.len(), 6);
+        let classes: Vec<_> = l.parts.iter().map(|p| p.class).collect();
+        assert_eq!(classes, [0, 1, 0, 1, 0, 1].map(Some));
         assert!((l.length() * l.scale_m - 10.0).abs() < 1e-12);
         assert!((l.area * l.scale_m.powi(2) - 4.0).abs() < 1e-12);
         // in the middle of the upper side of the foot: the foot is 1 high, and above it there is the plate up to 3.5
@@ -285,7 +308,9 @@ mod tests {
     fn an_ellipse_is_a_circle_without_ends() {
         let e = ShapeOutline::of(&Shape::ellipse([0.04, 0.02], 0.5, 0.02).unwrap());
         assert_eq!(e.parts.len(), 1);
-        assert!(e.parts[0].closed && (e.area - std::f64::consts::PI).abs() < 1e-3);
+        assert!(
+            e.parts[0].closed && e.parts[0].class.is_none() && (e.area - std::f64::consts::PI).abs() < 1e-3
+        );
         assert!(e.extents.iter().all(|r| (r - 2.0).abs() < 1e-3));
         let [inside, outside] = e.room(1.0, 1.1);
         assert!((inside - 2.0).abs() < 0.01 && outside > 0.2 && outside < 1.0, "{outside}");

@@ -5,18 +5,24 @@
 //! ```
 //! The first one that shows the outline ends the search, by the outline or, where it is there twice, without.
 
+use super::candidate::MAX_TURNS;
+use super::chance::Evidence;
 use super::fit::Fitted;
 use super::outline::whitening;
 use super::warp::{Oval, Projective, Warp};
 use super::{FittedShape, REACH_PX, SEEN, ShapeFinder, ShapeMiss};
-use crate::imaging::{Component, Connectivity, Histogram, ImageView, Moments, Polarity, Window};
+use crate::imaging::{Connectivity, Contour, Histogram, ImageView, Polarity, Window};
 use nalgebra::{SVector, Vector2};
 
 /// Regions of one threshold that are looked at, the largest first.
 pub(super) const MAX_CANDIDATES: usize = 40;
-/// Fits that one search tries, of all thresholds: two thresholds' worth of regions, each in all its turns. A fit takes about a millisecond;
-/// a poster would call for 3000.
-const MAX_FITS: usize = 400;
+/// Work of one search in all its thresholds, in pixels of a fit. A target alone takes a hundredth of it; a poster of a hundred polygons
+/// would call for thirty times as much.
+const MAX_WORK: u64 = 6_000_000;
+/// Distances of an alignment in the time of a pixel of a fit.
+const DISTANCES: u64 = 12;
+/// Borders that are expected to be as good by chance, among those that were aligned: with more, what was found is none.
+const MAX_CHANCE: f64 = 0.01;
 /// Least area, px^2, and greatest share of the frame.
 const MIN_AREA_PX2: u64 = 120;
 const MAX_OF_FRAME: f64 = 0.7;
@@ -42,15 +48,14 @@ const DOUBTFUL: f64 = 2.0;
 
 impl ShapeFinder {
     pub(super) fn search_thresholds(&mut self, image: &ImageView<'_>) -> Result<FittedShape, ShapeMiss> {
-        self.left = MAX_FITS;
+        (self.fitter.work, self.candidate.work, self.aligned) = (0, 0, 0);
         let polarity = if self.light_on_dark { Polarity::Light } else { Polarity::Dark };
         let histogram = Histogram::of_rows(image, image.height() / SAMPLED_ROWS);
         let otsu = histogram.otsu().ok_or(ShapeMiss::NoContrast)?;
         let window = Window::whole(image);
         self.runs.binarize(image, &window, otsu.threshold, polarity);
         let mut why = match self.search_runs(image) {
-            Err(ShapeMiss::NoMatch) => ShapeMiss::NoMatch,
-            Err(ShapeMiss::NoRegion) => ShapeMiss::NoRegion,
+            Err(miss) if miss.may_change() => miss,
             sure => return sure,
         };
         // what is neither dark nor light stays background
@@ -63,8 +68,7 @@ impl ShapeFinder {
             self.local.move_to(share);
             self.runs.binarize_local(image, &mut self.local, polarity);
             match self.search_runs(image) {
-                Err(ShapeMiss::NoMatch) => why = ShapeMiss::NoMatch,
-                Err(ShapeMiss::NoRegion) => {}
+                Err(miss) if miss.may_change() => why = why.telling(miss),
                 sure => return sure,
             }
         }
@@ -73,8 +77,7 @@ impl ShapeFinder {
             let threshold = low + (high - low) * k / (SWEEP + 1);
             self.runs.binarize(image, &window, threshold as u8, polarity);
             match self.search_runs(image) {
-                Err(ShapeMiss::NoMatch) => why = ShapeMiss::NoMatch,
-                Err(ShapeMiss::NoRegion) => {}
+                Err(miss) if miss.may_change() => why = why.telling(miss),
                 sure => return sure,
             }
         }
@@ -92,11 +95,13 @@ impl ShapeFinder {
             return Err(ShapeMiss::NoRegion);
         }
         self.contours.find(&self.runs, Connectivity::Eight);
+        self.sort_by_extents();
         let mut order = std::mem::take(&mut self.order);
         let mut first: Option<FittedShape> = None;
         let mut several = false;
+        self.by_chance = false;
         for (_, region) in &order {
-            if self.left == 0 {
+            if self.spent() {
                 break;
             }
             let seen = match self.region(image, *region) {
@@ -120,10 +125,47 @@ impl ShapeFinder {
             return Err(ShapeMiss::Several);
         }
         // what was found may be there again among what was not looked at
-        if self.left == 0 {
+        if self.spent() {
             return Err(ShapeMiss::GivenUp);
         }
-        first.ok_or(ShapeMiss::NoMatch)
+        first.ok_or(if self.by_chance { ShapeMiss::ByChance } else { ShapeMiss::NoMatch })
+    }
+
+    /// Whether the search has done all its work.
+    fn spent(&self) -> bool {
+        self.fitter.work + self.candidate.work / DISTANCES > MAX_WORK
+    }
+
+    /// Whether a fit is better than chance makes one of all that were aligned.
+    fn is_told(&mut self, evidence: &Evidence) -> bool {
+        let told = self.aligned as f64 * evidence.chance(self.candidate.reach_px()) <= MAX_CHANCE;
+        self.by_chance |= !told;
+        told
+    }
+
+    /// The regions that look most like the outline first; those that never do are left out.
+    fn sort_by_extents(&mut self) {
+        let mut order = std::mem::take(&mut self.order);
+        if !self.ellipse {
+            for (rank, region) in &mut order {
+                // no distance but one beyond all
+                *rank = self.take(*region).map_or(u64::MAX, |(.., apart)| (apart * 1e6) as u64);
+            }
+            order.retain(|(rank, _)| *rank != u64::MAX);
+            order.sort_unstable();
+        }
+        self.order = order;
+    }
+
+    /// Takes a region for the candidate: its turns, how many there are, how much its extents differ from the outline's.
+    fn take(&mut self, region: usize) -> Option<([f64; MAX_TURNS], usize, f64)> {
+        let moments = self.components.sums(&self.runs, region).central()?;
+        let of_region = |c: &&Contour| !c.hole && c.region as usize == region;
+        let contour = self.contours.as_slice().iter().find(of_region).copied()?;
+        self.candidate.set(&moments, self.contours.points(&contour), contour.area_px2);
+        let mut turns = [0.0; MAX_TURNS];
+        let (count, apart) = self.candidate.turns(&self.outline, &mut turns);
+        (count > 0).then_some((turns, count, apart))
     }
 
     /// Regions whose area and spread are possible, the largest first.
@@ -152,30 +194,25 @@ impl ShapeFinder {
 
     /// The outline on one region; an error where it fits in two ways.
     fn region(&mut self, image: &ImageView<'_>, region: usize) -> Result<Option<FittedShape>, ()> {
-        let Some(component) = self.components.as_slice().get(region).copied() else { return Ok(None) };
-        let Some(moments) = self.components.sums(&self.runs, region).central() else { return Ok(None) };
         if self.ellipse {
-            self.left = self.left.saturating_sub(1);
-            return Ok(self.oval(image, &component, &moments));
+            return Ok(self.oval(image, region));
         }
-        let of_region = |c: &&crate::imaging::Contour| !c.hole && c.region as usize == region;
-        let Some(contour) = self.contours.as_slice().iter().find(of_region).copied() else { return Ok(None) };
-        self.candidate.set(&moments, self.contours.points(&contour));
-        let mut turns = [0.0; super::candidate::MAX_TURNS];
-        let count = self.candidate.turns(&self.outline, &mut turns);
+        let Some((turns, count, _)) = self.take(region) else { return Ok(None) };
         let mut best: Option<Fitted<8, Projective>> = None;
         let mut second = f64::INFINITY;
         for turn in turns.iter().take(count) {
-            if self.left == 0 {
+            if self.spent() {
                 break;
             }
-            self.left -= 1;
             let Some(start) = self.candidate.settle(&self.camera, &self.outline, *turn) else { continue };
+            self.aligned += 1;
             let rise = self.rise();
             let fitted = self.fitter.fit(image, &self.camera, &self.outline, start, REACH_PX, rise);
             let good = |f: &Fitted<8, Projective>| self.is_good(&FittedShape::Polygon(*f), SEEN);
             let Some(fitted) = fitted.filter(good) else { continue };
-            if !self.has_area(&FittedShape::Polygon(fitted), contour.area_px2) {
+            if !self.has_area(&FittedShape::Polygon(fitted), self.candidate.area_px2)
+                || !self.is_told(&fitted.evidence)
+            {
                 continue;
             }
             match best {
@@ -196,13 +233,9 @@ impl ShapeFinder {
     }
 
     /// An ellipse with the region's moments, and the one that its edges are on.
-    fn oval(
-        &mut self,
-        image: &ImageView<'_>,
-        component: &Component,
-        moments: &Moments,
-    ) -> Option<FittedShape> {
-        let m = moments.of_squares();
+    fn oval(&mut self, image: &ImageView<'_>, region: usize) -> Option<FittedShape> {
+        let component = self.components.as_slice().get(region).copied()?;
+        let m = self.components.sums(&self.runs, region).central()?.of_squares();
         let [xx, xy, yy] = [m.mu20 / m.m00, m.mu11 / m.m00, m.mu02 / m.m00];
         // its image is the circle's by twice the root of the spread
         let det = (xx * yy - xy * xy).sqrt();

@@ -4,6 +4,7 @@
 //! `-w` where the cell behind it is white, that cell's end at `-2 w`, and the margin's end at `w`. A step's share of a window
 //! is an integral of the normal distribution; what does not come from the edge itself is taken off.
 
+use crate::linalg::normal;
 use nalgebra::Vector2;
 
 /// What a quadrilateral is known to hold, for the side that is measured: the colours of the first two rows of cells inside the border,
@@ -70,9 +71,9 @@ impl Shine {
         let (first, second) = (begins(w.cell, level), begins(2.0 * w.cell, level));
         Self {
             // the levels beside the window change with the edge, too: what they take is missing
-            gain: 2.0 * distribution(w.half / s)
+            gain: 2.0 * normal(w.half / s).0
                 - 1.0
-                - 2.0 * w.half * (distribution(w.far / s) - distribution(w.near / s)) / (w.far - w.near),
+                - 2.0 * w.half * (normal(w.far / s).0 - normal(w.near / s).0) / (w.far - w.near),
             own: mean(0.0, -w.far, -w.near),
             inner: [first, second],
             outer: first,
@@ -98,17 +99,8 @@ pub(super) fn blur_of(share: f64) -> f64 {
 
 /// Integral of the normal distribution function up to `z`.
 fn ramp(z: f64) -> f64 {
-    z * distribution(z) + (-0.5 * z * z).exp() * 0.398_942_280_401_432_7
-}
-
-/// Normal distribution function, to 1e-7 (Abramowitz and Stegun 26.2.17).
-fn distribution(z: f64) -> f64 {
-    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let poly = t
-        * (0.319_381_53
-            + t * (-0.356_563_782 + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
-    let tail = 0.398_942_280_401_432_7 * (-0.5 * z * z).exp() * poly;
-    if z > 0.0 { 1.0 - tail } else { tail }
+    let (below, density) = normal(z);
+    z * below + density
 }
 
 #[cfg(test)]
@@ -123,7 +115,7 @@ mod tests {
         let fine = 20_000;
         let mean = |at: f64, a: f64, b: f64| {
             let x = |i: i32| a + (f64::from(i) + 0.5) * (b - a) / f64::from(fine);
-            (0..fine).map(|i| distribution((x(i) - at) / s)).sum::<f64>() / f64::from(fine)
+            (0..fine).map(|i| normal((x(i) - at) / s).0).sum::<f64>() / f64::from(fine)
         };
         assert!((shine.outer[0] - 3.0 * mean(2.5, -1.5, 1.5)).abs() < 1e-5);
         assert!((shine.outer[1] - mean(2.5, 1.2, 2.4)).abs() < 1e-5);

@@ -5,15 +5,11 @@
 //! ```
 //! A floor of squares of which a part has the board's size, and a larger board that is half hidden, look like the board but for that.
 
-use super::{Board, MIN_REACH_PX};
-use crate::detect::chessboard::strongest::greatest;
+use super::Board;
+use crate::detect::chessboard::strongest::follows;
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
-/// Least ring response of a corner that follows, in that of the last one: a lone square's corner has none at all, and clutter rarely half.
-const FOLLOWS: f32 = 0.5;
-/// How far from its place it is looked for beyond the usual, in squares: the lens bends rows.
-const BENT: f64 = 0.05;
 /// So many corners in a line, and that share of those that could be seen, are no chance: things lie on a floor, too.
 const LEAST: usize = 2;
 const SHARE: usize = 3;
@@ -71,12 +67,10 @@ impl Board {
             let (Some(a), Some(b)) = (fitted(k, 0), fitted(k, 1)) else { continue };
             // constant second difference
             let next: Vector2<f64> = fitted(k, 2).map_or(2.0 * a - b, |c| 3.0 * a - 3.0 * b + c);
-            let radius = MIN_REACH_PX + BENT * (a - b).norm();
-            let (Some(own), Some(there)) = (greatest(image, a, 1.0), greatest(image, next, radius)) else {
-                continue;
-            };
-            seen += 1;
-            more += usize::from(there > FOLLOWS * own);
+            if let Some(follows) = follows(image, a, next) {
+                seen += 1;
+                more += usize::from(follows);
+            }
         }
         (seen, more)
     }
