@@ -1,7 +1,7 @@
 //! From a validated configuration to the cores that it describes.
 
 use crate::config::raw::{Clock, DriveKind, JointControl, Task, Update};
-use crate::config::{Config, Scene, Source};
+use crate::config::{Config, Scene, SimulatedArm, Source};
 use crate::control::behaviour::{ArmModel, Behaviour, CalibrationTour, ExcitationMotion, Servoing};
 use crate::control::control_loop::{ControlLoop, RunPlan, Service};
 use crate::control::controller::{Controller, ControllerSettings};
@@ -11,11 +11,12 @@ use crate::drive::{
     CommandMode, Drive, EncoderModel, IdealDrive, SimulatedDrive, SimulatedDriveSettings, StandstillDrive,
 };
 use crate::imaging::ImageSizeError;
+use crate::linalg::Random;
 use crate::messages::MAX_JOINTS;
 use crate::motion::{
     InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, PdGravityControl,
 };
-use crate::robot::{Robot, RobotError};
+use crate::robot::{Friction, Robot, RobotError};
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
 use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
 use crate::time::SpanNs;
@@ -225,13 +226,23 @@ pub fn simulated_settings<const N: usize>(
     config: &Config,
 ) -> Result<SimulatedDriveSettings<N>, AssembleError> {
     let arm = &config.drive.simulated;
+    let truth: Option<Robot<N>> = config.scene.as_ref().map(|scene| scene.arm.build()).transpose()?;
+    let q_start = q_start::<N>(config)?;
+    let rotor_inertia = truth
+        .as_ref()
+        .map_or(SVector::zeros(), |robot| robot.mass_matrix(&q_start).diagonal() * arm.untold_rotor_share);
     Ok(SimulatedDriveSettings {
         mode: config.drive.mode,
         substeps: arm.substeps,
         friction: arm.friction,
+        hard_friction: arm.hard_friction,
+        rotor_inertia,
         effort_limits: arm.effort_limits,
         command_delay_ticks: arm.command_delay_ticks,
-        arm: config.scene.as_ref().map(|scene| scene.arm.build()).transpose()?,
+        arm: truth.map(|robot| {
+            let friction = true_friction(&robot, arm, config.seed);
+            robot.with_friction(friction)
+        }),
         q_offset: true_offset(config)?,
         payload: arm.payload,
         encoder: EncoderModel {
@@ -241,6 +252,19 @@ pub fn simulated_settings<const N: usize>(
             seed: config.seed,
         },
         servo: arm.servo,
+    })
+}
+
+/// The friction of a simulated arm: that of its file, spread over the joints, and what no file tells.
+fn true_friction<const N: usize>(robot: &Robot<N>, arm: &SimulatedArm, seed: u64) -> [Friction; N] {
+    let mut random = Random::new(seed);
+    std::array::from_fn(|i| {
+        let (told, limit) = (&robot.friction()[i], &robot.limits()[i]);
+        let scale = random.between(1.0 - arm.friction_spread, 1.0 + arm.friction_spread);
+        Friction {
+            viscous: told.viscous * scale,
+            coulomb: (told.coulomb + arm.untold_coulomb_share * limit.effort) * scale,
+        }
     })
 }
 

@@ -41,7 +41,7 @@ pub use source::Document;
 pub use stereo::{Stereo, taught_file};
 pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 
-use crate::drive::{CommandMode, InnerServo, Payload};
+use crate::drive::{CommandMode, HardFriction, InnerServo, Payload};
 use crate::robot::RobotDescription;
 use crate::servo::{Law, ObjectDynamics, SetPoint, VisibilityGuard};
 use crate::target::Target;
@@ -194,6 +194,14 @@ pub struct SimulatedArm {
     pub substeps: u32,
     /// Whether friction acts.
     pub friction: bool,
+    /// How it acts near to a standstill; `None`: smoothly.
+    pub hard_friction: Option<HardFriction>,
+    /// Coulomb friction that the robot file does not tell, as a share of the effort limits.
+    pub untold_coulomb_share: f64,
+    /// Spread of the friction over the joints, as a share.
+    pub friction_spread: f64,
+    /// Inertia of rotors that the robot file does not tell, as a share of the joints' own.
+    pub untold_rotor_share: f64,
     /// Whether effort limits act.
     pub effort_limits: bool,
     /// Delay of commands, ticks.

@@ -234,6 +234,18 @@ table! {
         substeps: u32 = 1,
         /// Whether the friction of the robot file acts.
         friction: bool = true,
+        /// Whether joints that stand are held until static friction is overcome, and jerk then; else friction changes its sign smoothly.
+        hard_friction: bool = false,
+        /// Of hard friction: static over Coulomb friction.
+        static_friction_ratio: f64 = 1.2,
+        /// Of hard friction: speed over which the one becomes the other (Stribeck), rad/s or m/s.
+        stribeck_speed_rad_s_or_m_s: f64 = 0.05,
+        /// Coulomb friction beyond that of the robot file, as a share of each joint's effort limit.
+        untold_coulomb_share: f64 = 0.0,
+        /// Spread of the friction over the joints: each has its own times 1 - spread to 1 + spread, by the seed.
+        friction_spread: f64 = 0.0,
+        /// Inertia of rotors beyond that of the robot file, as a share of each joint's inertia about its axis at the start.
+        untold_rotor_share: f64 = 0.0,
         /// Whether torques are cut at the effort limits of the robot file.
         effort_limits: bool = true,
         /// Ticks from the writing of a command to its effect, beside the one in which it is computed.

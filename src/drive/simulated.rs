@@ -11,6 +11,7 @@
 use super::delay::{Delay, MAX_DELAY};
 use super::encoder::Encoder;
 use super::friction::{after_friction, has_friction};
+use super::hard_friction::HardFriction;
 use super::inner_servo::VelocityLoop;
 use super::{CommandMode, Drive, DriveCommand, DriveState, EncoderModel, InnerServo};
 use crate::robot::Robot;
@@ -50,6 +51,10 @@ pub struct SimulatedDriveSettings<const N: usize> {
     pub substeps: u32,
     /// Whether the joints' friction acts.
     pub friction: bool,
+    /// How it does near to a standstill; `None`: it changes its sign smoothly, as in the model.
+    pub hard_friction: Option<HardFriction>,
+    /// Inertia of the rotors beyond that of the arm's file, as the joints feel it, kg m^2 or kg.
+    pub rotor_inertia: SVector<f64, N>,
     /// Whether torques are cut at the effort limits.
     pub effort_limits: bool,
     /// Commands between the one that is written and the one that acts.
@@ -73,6 +78,8 @@ impl<const N: usize> Default for SimulatedDriveSettings<N> {
             mode: CommandMode::Torque,
             substeps: 1,
             friction: true,
+            hard_friction: None,
+            rotor_inertia: SVector::zeros(),
             effort_limits: true,
             command_delay_ticks: 0,
             arm: None,
@@ -99,6 +106,7 @@ pub struct SimulatedDrive<const N: usize> {
     step_ns: i64,
     mode: CommandMode,
     friction: bool,
+    hard_friction: Option<HardFriction>,
     effort_limits: bool,
     commands: Delay<N>,
     servo: VelocityLoop<N>,
@@ -131,7 +139,8 @@ impl<const N: usize> SimulatedDrive<N> {
             step_ns: (LONGEST_STEP_NS / i64::from(settings.substeps)).max(1),
             mode: settings.mode,
             friction: settings.friction && has_friction(&arm),
-            robot: arm.with_payload(payload.mass_kg, &payload.com_E),
+            hard_friction: settings.hard_friction,
+            robot: arm.with_payload(payload.mass_kg, &payload.com_E).with_armature(&settings.rotor_inertia),
             nominal: robot,
             effort_limits: settings.effort_limits,
             commands: Delay::new(settings.command_delay_ticks),
@@ -169,13 +178,25 @@ impl<const N: usize> SimulatedDrive<N> {
         let Some(tau) = self.torque(h) else { return };
         let v = self.qd;
         // The friction of the step's beginning acts throughout; what it changes by is settled at the end.
-        let friction = if self.friction { self.robot.friction_torque(&v) } else { SVector::zeros() };
-        let tau = tau - friction;
-        (self.q, self.qd) = self.robot.integrate(&self.q, &v, &tau, h);
+        let friction = match (self.friction, self.hard_friction) {
+            (false, _) => SVector::zeros(),
+            (true, None) => self.robot.friction_torque(&v),
+            (true, Some(hard)) => hard.torque(&self.robot, &v),
+        };
+        let before = self.q;
+        (self.q, self.qd) = self.robot.integrate(&self.q, &v, &(tau - friction), h);
         if self.friction {
             let smooth = self.qd;
-            self.qd = after_friction(&self.robot, &self.q, v, (&smooth, &(friction * h)), h);
+            let impulse = friction * h;
+            self.qd = match self.hard_friction {
+                None => after_friction(&self.robot, &self.q, v, (&smooth, &impulse), h),
+                Some(hard) => hard.after(&self.robot, &self.q, &v, (&smooth, &impulse), h),
+            };
             self.q += (self.qd - smooth) * (h / 2.0);
+            if self.hard_friction.is_some() {
+                // What is held does not creep, not even by the last digits.
+                (0..N).filter(|i| v[*i] == 0.0 && self.qd[*i] == 0.0).for_each(|i| self.q[i] = before[i]);
+            }
         }
     }
 }

@@ -137,6 +137,13 @@ impl<const N: usize> Robot<N> {
         self
     }
 
+    /// The same arm with `armature` (kg m^2 or kg) more on each entry of the diagonal of B(q): the inertia of rotors as their joints feel it.
+    #[must_use]
+    pub fn with_armature(mut self, armature: &SVector<f64, N>) -> Self {
+        self.bodies.iter_mut().zip(armature.iter()).for_each(|(body, more)| body.rotor_own += more);
+        self
+    }
+
     /// The same arm with other joint friction.
     #[must_use]
     pub fn with_friction(mut self, friction: [Friction; N]) -> Self {

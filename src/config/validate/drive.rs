@@ -1,9 +1,9 @@
 //! The tables of the drive.
 
 use crate::config::check::Validation;
-use crate::config::raw::{DriveKind, RawConfig, SchemeKind, Task};
+use crate::config::raw::{DriveKind, RawConfig, RawSimulated, SchemeKind, Task};
 use crate::config::{DriveProgram, DriveSettings, SimulatedArm};
-use crate::drive::{CommandMode, InnerServo, MAX_DELAY, Payload};
+use crate::drive::{CommandMode, HardFriction, InnerServo, MAX_DELAY, Payload};
 use crate::robot::RobotDescription;
 use crate::time::SpanNs;
 use nalgebra::Vector3;
@@ -19,6 +19,18 @@ pub(super) fn drive(
     let simulated = SimulatedArm {
         substeps: check.count("drive.simulated.substeps", s.substeps, 1..=100),
         friction: s.friction,
+        hard_friction: hard_friction(s, check),
+        untold_coulomb_share: check.range(
+            "drive.simulated.untold_coulomb_share",
+            s.untold_coulomb_share,
+            0.0..=0.5,
+        ),
+        friction_spread: check.range("drive.simulated.friction_spread", s.friction_spread, 0.0..=0.9),
+        untold_rotor_share: check.range(
+            "drive.simulated.untold_rotor_share",
+            s.untold_rotor_share,
+            0.0..=100.0,
+        ),
         effort_limits: s.effort_limits,
         command_delay_ticks: check.count(
             "drive.simulated.command_delay_ticks",
@@ -75,6 +87,23 @@ pub(super) fn drive(
         connect_timeout: SpanNs::from_s(connect_timeout_s),
     };
     DriveSettings { kind: d.kind, mode: mode(raw, check), simulated, external }
+}
+
+/// Friction with a jump at standstill, where it is asked for.
+fn hard_friction(s: &RawSimulated, check: &mut Validation<'_>) -> Option<HardFriction> {
+    let hard = HardFriction {
+        static_ratio: check.range(
+            "drive.simulated.static_friction_ratio",
+            s.static_friction_ratio,
+            1.0..=3.0,
+        ),
+        stribeck_speed: check.range(
+            "drive.simulated.stribeck_speed_rad_s_or_m_s",
+            s.stribeck_speed_rad_s_or_m_s,
+            1e-4..=1.0,
+        ),
+    };
+    s.hard_friction.then_some(hard)
 }
 
 /// What cannot be had where `drive.kind` is `none`.

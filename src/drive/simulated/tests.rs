@@ -117,6 +117,64 @@ fn implicit_friction_agrees_with_the_model() {
 }
 
 #[test]
+fn static_friction_holds_and_the_stribeck_curve_brakes() {
+    let mut friction = [Friction::default(); 6];
+    friction[5] = Friction { viscous: 1.0, coulomb: 1.0 };
+    let robot = arm::<6>("ur5").with_friction(friction).with_gravity(Vector3::zeros());
+    let hard_friction = Some(HardFriction { static_ratio: 1.5, stribeck_speed: 0.05 });
+    let settings = Settings { hard_friction, ..Settings::default() };
+    let mut drive = SimulatedDrive::new(robot, posture(), settings).unwrap();
+    let (mut ms, start) = (0, posture::<6>()[5]);
+    let mut push = |drive: &mut SimulatedDrive<6>, tau: f64| {
+        for _ in 0..400 {
+            drive.read(at(ms));
+            let tau = SVector::from_column_slice(&[0.0, 0.0, 0.0, 0.0, 0.0, tau]);
+            drive.write(&command(tau, SVector::zeros(), SVector::zeros()));
+            ms += 1;
+        }
+        (drive.q[5] - start, drive.qd[5])
+    };
+    assert_eq!(push(&mut drive, 1.49), (0.0, 0.0), "held, without any creeping");
+    assert!((push(&mut drive, 1.51).1 - 0.51).abs() < 1e-2, "1.51 = 1 + v, far above the Stribeck speed");
+    assert!(
+        (push(&mut drive, 1.3).1 - 0.3).abs() < 1e-2,
+        "it goes on, although that would not have moved it"
+    );
+    assert_eq!(push(&mut drive, 0.0).1, 0.0, "it stands for good");
+}
+
+#[test]
+fn hard_friction_never_drives() {
+    let robot = arm::<7>("xarm7").with_gravity(Vector3::zeros());
+    let qd = SVector::from_fn(|i, _| if i % 2 == 0 { 0.8 } else { -0.6 });
+    let hard_friction = Some(HardFriction { static_ratio: 1.2, stribeck_speed: 0.05 });
+    let settings = Settings { hard_friction, ..Settings::default() };
+    let mut drive = SimulatedDrive::new(robot, posture(), settings).unwrap().with_velocity(qd);
+    drive.read(at(0));
+    drive.write(&free());
+    let mut energy = drive.energy_j();
+    for ms in 1..=3000 {
+        drive.read(at(ms));
+        let next = drive.energy_j();
+        assert!(next <= energy + 1e-9, "at {ms} ms friction drives: {energy} -> {next}");
+        energy = next;
+    }
+    assert_eq!(drive.qd.amax(), 0.0, "at rest for good");
+}
+
+#[test]
+fn rotors_make_a_joint_heavier_by_as_much() {
+    let accelerated = |rotor: f64| {
+        let rotor_inertia = Vector4::new(rotor, 0.0, 0.0, 0.0);
+        let settings = Settings { rotor_inertia, friction: false, ..Settings::default() };
+        let drive = SimulatedDrive::new(arm::<4>("scara"), Vector4::zeros(), settings).unwrap();
+        drive.robot.mass_matrix(&Vector4::zeros())
+    };
+    let difference = accelerated(3.0) - accelerated(0.0);
+    assert!((difference[(0, 0)] - 3.0).abs() < 1e-12 && difference.norm() < 3.0 + 1e-12, "{difference}");
+}
+
+#[test]
 fn torques_are_cut_at_the_effort_limits() {
     let run = |tau: f64, effort_limits| {
         let settings = Settings { effort_limits, ..Settings::default() };
