@@ -12,6 +12,7 @@ mod control;
 mod drive;
 mod edges;
 mod imaging;
+mod jpeg;
 #[path = "../chessboard/render.rs"]
 mod render;
 mod robot;

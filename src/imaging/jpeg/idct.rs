@@ -49,53 +49,29 @@ pub(super) struct Block(pub(super) [i16; 64]);
 /// Grey levels of a block, row by row.
 pub(super) type Tile = [u8; 64];
 
-/// Where each coefficient of the file, which come in zigzag, lies in a [`Block`].
-pub(super) static PLACES: [u8; 64] = places();
+/// Row and column of the coefficients, an octal digit each, in the order of the file: zigzag (T.81, figure A.6).
+#[rustfmt::skip]
+const ZIGZAG: [usize; 64] = [
+    0o00, 0o01, 0o10, 0o20, 0o11, 0o02, 0o03, 0o12, 0o21, 0o30, 0o40, 0o31, 0o22, 0o13, 0o04, 0o05,
+    0o14, 0o23, 0o32, 0o41, 0o50, 0o60, 0o51, 0o42, 0o33, 0o24, 0o15, 0o06, 0o07, 0o16, 0o25, 0o34,
+    0o43, 0o52, 0o61, 0o70, 0o71, 0o62, 0o53, 0o44, 0o35, 0o26, 0o17, 0o27, 0o36, 0o45, 0o54, 0o63,
+    0o72, 0o73, 0o64, 0o55, 0o46, 0o37, 0o47, 0o56, 0o65, 0o74, 0o75, 0o66, 0o57, 0o67, 0o76, 0o77,
+];
 
-const fn places() -> [u8; 64] {
+/// Where each coefficient of the file lies in a [`Block`]: its row's pair and which of the two it is, its column's lane.
+pub(super) static PLACES: [u8; 64] = {
     let mut places = [0; 64];
-    let (mut row, mut column) = (0usize, 0usize);
-    let mut k = 0;
-    while k < 64 {
-        let mut place = 0;
-        let mut pair = 0;
-        while pair < 4 {
-            let mut lane = 0;
-            while lane < 8 {
-                let mut which = 0;
-                while which < 2 {
-                    if PAIRS[pair][which] == row && COLUMNS[lane] == column {
-                        place = pair * 16 + lane * 2 + which;
-                    }
-                    which += 1;
-                }
-                lane += 1;
-            }
-            pair += 1;
+    let mut at = 0;
+    while at < 64 {
+        let mut k = 0;
+        while ZIGZAG[k] != 8 * PAIRS[at / 16][at % 2] + COLUMNS[at / 2 % 8] {
+            k += 1;
         }
-        places[k] = place as u8;
-        // up and to the right on even diagonals, down and to the left on odd ones, turning at the borders
-        if (row + column).is_multiple_of(2) {
-            if column == 7 {
-                row += 1;
-            } else if row == 0 {
-                column += 1;
-            } else {
-                row -= 1;
-                column += 1;
-            }
-        } else if row == 7 {
-            column += 1;
-        } else if column == 0 {
-            row += 1;
-        } else {
-            row += 1;
-            column -= 1;
-        }
-        k += 1;
+        places[k] = at as u8;
+        at += 1;
     }
     places
-}
+};
 
 /// Grey level of a block that is nothing but its mean: what the transform makes of it.
 #[inline(always)]
@@ -288,7 +264,7 @@ mod tests {
 
     /// T.81, figure A.6, by rows.
     #[rustfmt::skip]
-    const ZIGZAG: [[usize; 8]; 8] = [
+    const ORDER: [[usize; 8]; 8] = [
         [ 0,  1,  5,  6, 14, 15, 27, 28], [ 2,  4,  7, 13, 16, 26, 29, 42],
         [ 3,  8, 12, 17, 25, 30, 41, 43], [ 9, 11, 18, 24, 31, 40, 44, 53],
         [10, 19, 23, 32, 39, 45, 52, 54], [20, 22, 33, 38, 46, 51, 55, 60],
@@ -297,7 +273,7 @@ mod tests {
 
     fn block_of(x: &[[i16; 8]; 8]) -> Block {
         let mut block = Block([0; 64]);
-        for (line, order) in x.iter().zip(&ZIGZAG) {
+        for (line, order) in x.iter().zip(&ORDER) {
             for (&c, &k) in line.iter().zip(order) {
                 block.0[usize::from(PLACES[k])] = c;
             }

@@ -9,6 +9,25 @@
 //! allocated once the largest image has passed.
 //!
 //! Images that are damaged or cut short are errors: a decoder for viewers would fill in grey.
+//!
+//! Why this is our own: `zune-jpeg`, asked for luma in its strict mode, was measured beside it (November 2026, in the same minutes on two
+//! busy cores). Images are those of the tests here: grey and the five samplings of chroma. Where one release is wrong, the other one agrees
+//! with what is here.
+//!
+//! ```text
+//!                                                           here             zune-jpeg 0.5.15      0.5.16-rc3
+//! without restarts, 2400 of up to 149 x 89 px               all right        213 wrong (up to 255  all right
+//!                                                                            levels), 111 refused,
+//!                                                                            99 panics
+//! the same, 72 of VGA and 1280 x 720 px                     all right        5, 2, 4               all right
+//! restart markers, 2472 of all these sizes                  all right        26 wrong              63 wrong
+//! a scan for each component, 5                              all right        2 wrong               all right
+//! no Huffman tables, as many USB cameras send, 100          all right        all refused           all refused
+//! cut short, 3000                                           all refused      14 taken as whole     all refused
+//! 512 bytes lost in the middle, 9670                        all refused      9572 taken            7191 taken
+//! allocations for one image                                 0                15                    27
+//! VGA of 37, 44, 58 kB, median, us                          503, 540, 581    612, 688, 813         608, 668, 783
+//! ```
 
 mod bits;
 mod header;

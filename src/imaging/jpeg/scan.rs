@@ -14,24 +14,17 @@ pub(super) struct Scanner {
     luma_dc: Box<Table>,
     luma_ac: Box<Table>,
     others: [Other; COMPONENTS - 1],
-    wide: bool,
 }
 
 /// The codes of a component that is passed over.
 struct Other {
     dc: Box<Table>,
-    ac: Box<Table>,
-    skip: Box<SkipTable>,
+    ac: Box<SkipTable>,
 }
 
 impl Other {
     fn new() -> Self {
-        let (dc, ac) = (&standard::DC[1], &standard::AC[1]);
-        Self {
-            dc: Table::new(TableClass::Dc, dc),
-            ac: Table::new(TableClass::Ac, ac),
-            skip: SkipTable::new(ac),
-        }
+        Self { dc: Table::new(TableClass::Dc, &standard::DC[1]), ac: SkipTable::new(&standard::AC[1]) }
     }
 }
 
@@ -70,18 +63,11 @@ struct GreyOutput<'a> {
 impl Scanner {
     /// With room for images of that many coded bytes.
     pub(super) fn new(coded_bytes: usize) -> Self {
-        #[cfg(target_arch = "x86_64")]
-        let wide = std::arch::is_x86_feature_detected!("avx2")
-            && std::arch::is_x86_feature_detected!("bmi1")
-            && std::arch::is_x86_feature_detected!("bmi2");
-        #[cfg(not(target_arch = "x86_64"))]
-        let wide = false;
         Self {
             coded: Coded::with_capacity(coded_bytes),
             luma_dc: Table::new(TableClass::Dc, &standard::DC[0]),
             luma_ac: Table::new(TableClass::Ac, &standard::AC[0]),
             others: [Other::new(), Other::new()],
-            wide,
         }
     }
 
@@ -101,8 +87,8 @@ impl Scanner {
         let steps = std::array::from_fn(|k| Dequantizer { step: steps[k], place: PLACES[k].into() });
         let mut image = GreyOutput { out, width: header.width as usize, height: header.height as usize };
         #[cfg(target_arch = "x86_64")]
-        if self.wide {
-            // SAFETY: `wide` is set only where the processor has AVX2, BMI1 and BMI2.
+        if crate::imaging::simd::has_avx2() {
+            // SAFETY: the processor has AVX2, BMI1 and BMI2.
             #[allow(unsafe_code)]
             return unsafe { self.run_wide(&layout, &steps, bytes, scan.data, &mut image) };
         }
@@ -144,7 +130,6 @@ impl Scanner {
             {
                 other.dc.set(dc);
                 other.ac.set(ac);
-                other.skip.set(ac);
                 *out = McuPart::Other { blocks: component.across * component.down, codes };
                 codes += 1;
             }
@@ -297,7 +282,7 @@ impl Other {
         let mut k = 0;
         while k < 63 {
             bits.refill();
-            let some = self.skip.next(bits);
+            let some = self.ac.next(bits);
             let steps = usize::from(some.steps);
             // What reaches to the last coefficient may belong to the next block: then symbol by symbol.
             if some.bits > 0 && k + steps < 63 {
@@ -307,7 +292,7 @@ impl Other {
                     break;
                 }
             } else {
-                let entry = self.ac.next(bits).ok_or(BAD_CODE)?;
+                let entry = self.ac.single(bits).ok_or(BAD_CODE)?;
                 bits.skip(entry.bits());
                 k += entry.steps();
                 if k > 63 {
