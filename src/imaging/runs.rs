@@ -2,6 +2,7 @@
 
 #[cfg(any(test, not(target_arch = "x86_64")))]
 use super::mask::{dark_mask_each_portable, dark_mask_portable};
+use super::simd::has_avx2;
 use super::{ImageView, LocalMean, LocalThreshold};
 
 /// Which side of a threshold the objects are on.
@@ -72,11 +73,7 @@ impl Runs {
     /// A buffer for at most `limit` runs, allocated at once.
     #[must_use]
     pub fn with_limit(limit: usize) -> Self {
-        #[cfg(target_arch = "x86_64")]
-        let wide = std::arch::is_x86_feature_detected!("avx2");
-        #[cfg(not(target_arch = "x86_64"))]
-        let wide = false;
-        Self { runs: Vec::with_capacity(limit), limit, full: false, wide }
+        Self { runs: Vec::with_capacity(limit), limit, full: false, wide: has_avx2() }
     }
 
     /// From now on holds at most so many runs, and never more than were allocated: more are given up early.

@@ -28,10 +28,16 @@ macro_rules! kernel {
 pub(crate) use kernel;
 
 /// Whether the processor has AVX2, and what came with it.
-#[cfg(target_arch = "x86_64")]
 #[inline]
 pub(crate) fn has_avx2() -> bool {
-    use std::arch::is_x86_feature_detected as has;
-    // the first answer is kept by the standard library
-    has!("avx2") && has!("bmi1") && has!("bmi2") && has!("lzcnt") && has!("popcnt")
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::is_x86_feature_detected as has;
+        // the first answer is kept by the standard library
+        has!("avx2") && has!("bmi1") && has!("bmi2") && has!("lzcnt") && has!("popcnt")
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        false
+    }
 }

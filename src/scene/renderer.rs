@@ -8,10 +8,11 @@ use super::occluder::Occluder;
 use super::profile::{EdgeProfile, LANES};
 use super::rays::{Rays, RowOfRays};
 use super::scenery::{Bystander, Scenery};
-use super::sensor::{LEVEL_BITS, Sensor, SensorModel, wide_available};
+use super::sensor::{LEVEL_BITS, Sensor, SensorModel};
 use super::view::SceneView;
 use crate::camera_model::{CameraModel, LevelTable, Response};
 use crate::geometry::Pose;
+use crate::imaging::simd::has_avx2;
 use crate::target::Target;
 use nalgebra::Vector2;
 
@@ -81,7 +82,7 @@ impl Renderer {
             sums: vec![0; width],
             // the chunks of each band, the last one of which may be cut
             directions: RowOfRays::new(width / LANES + PER_ROW),
-            wide: wide_available(),
+            wide: has_avx2(),
             bent: None,
         })
     }

@@ -9,6 +9,7 @@
 
 use super::error::{SceneError, in_range};
 use crate::camera_model::Region;
+use crate::imaging::simd::has_avx2;
 use crate::linalg::Random;
 use std::ops::RangeInclusive;
 
@@ -82,7 +83,7 @@ impl Sensor {
             noise: noise_table(model.noise_sd_levels, model.seed),
             row_gain: (0..read.height_px).map(|y| 65535 - loss(f64::from(y + read.y_px) - cy)).collect(),
             column_loss: (0..read.width_px).map(|x| loss(f64::from(x + read.x_px) - cx)).collect(),
-            wide: wide_available(),
+            wide: has_avx2(),
         }
     }
 
@@ -101,18 +102,6 @@ impl Sensor {
             return;
         }
         expose_row(gain, &self.column_loss, levels, noise, out);
-    }
-}
-
-/// Whether the processor has AVX2.
-pub(super) fn wide_available() -> bool {
-    #[cfg(target_arch = "x86_64")]
-    {
-        std::arch::is_x86_feature_detected!("avx2")
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    {
-        false
     }
 }
 
@@ -232,7 +221,7 @@ mod tests {
                 prop_assert_eq!(i64::from(byte), exact);
             }
             #[cfg(target_arch = "x86_64")]
-            if wide_available() {
+            if has_avx2() {
                 let mut wide = vec![0; pixels.len()];
                 // SAFETY: the feature was just detected.
                 #[allow(unsafe_code)]

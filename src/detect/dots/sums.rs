@@ -89,10 +89,7 @@ pub(super) fn weighted_sums(
     scale: &Scale,
 ) -> WeightSums {
     #[cfg(target_arch = "x86_64")]
-    if inner.is_none()
-        && std::arch::is_x86_feature_detected!("avx2")
-        && std::arch::is_x86_feature_detected!("popcnt")
-    {
+    if inner.is_none() && crate::imaging::simd::has_avx2() {
         // SAFETY: the features were just detected.
         #[allow(unsafe_code)]
         let sums = unsafe { x86::weighted_sums_avx2(image, ellipses, scale) };

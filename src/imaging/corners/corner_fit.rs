@@ -8,6 +8,7 @@ use super::corner_model::parameter::{
 };
 use super::corner_model::{CornerJacobian, CornerModel, CornerPixels};
 use crate::imaging::ImageView;
+use crate::imaging::simd::has_avx2;
 use crate::linalg::Eight;
 use crate::linalg::Ldlt;
 use nalgebra::Vector2;
@@ -102,16 +103,12 @@ struct CornerEquations {
 impl Default for CornerFitter {
     fn default() -> Self {
         let zero = Eight::ZERO;
-        #[cfg(target_arch = "x86_64")]
-        let wide = std::arch::is_x86_feature_detected!("avx2");
-        #[cfg(not(target_arch = "x86_64"))]
-        let wide = false;
         Self {
             pixels: [CornerPixels { x: zero, y: zero, level: zero, weight: zero }; BLOCKS],
             rows: [CornerJacobian { residual: zero, derivative: [zero; COUNT] }; BLOCKS],
             blocks: 0,
             count: 0,
-            wide,
+            wide: has_avx2(),
         }
     }
 }

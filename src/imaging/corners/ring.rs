@@ -12,6 +12,7 @@
 
 use super::lane::{Lane, PortableBytes};
 use crate::imaging::ImageView;
+use crate::imaging::simd::has_avx2;
 
 /// Radius of the ring, px: that far from the rim there is no response.
 pub const RING_RADIUS_PX: usize = 5;
@@ -53,11 +54,7 @@ impl RingResponse {
     /// A buffer for images of up to `pixels` pixels, allocated at once; larger ones make it grow.
     #[must_use]
     pub fn with_capacity(pixels: usize) -> Self {
-        #[cfg(target_arch = "x86_64")]
-        let wide = std::arch::is_x86_feature_detected!("avx2");
-        #[cfg(not(target_arch = "x86_64"))]
-        let wide = false;
-        Self { values: Vec::with_capacity(pixels), width: 0, height: 0, wide }
+        Self { values: Vec::with_capacity(pixels), width: 0, height: 0, wide: has_avx2() }
     }
 
     /// Responses of row `y`, grey levels; empty outside of the image.

@@ -1,5 +1,7 @@
 //! The kernels: every luma of a line, written once and widened by the compiler to what the processor offers.
 
+use crate::imaging::simd::has_avx2;
+
 /// How the levels of a line are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Pick {
@@ -23,11 +25,7 @@ pub(super) struct LumaKernel {
 
 impl LumaKernel {
     fn new(pick: Pick) -> Self {
-        #[cfg(target_arch = "x86_64")]
-        let wide = std::arch::is_x86_feature_detected!("avx2");
-        #[cfg(not(target_arch = "x86_64"))]
-        let wide = false;
-        Self { pick, wide }
+        Self { pick, wide: has_avx2() }
     }
 
     pub(super) fn copy() -> Self {
