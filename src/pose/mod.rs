@@ -54,7 +54,7 @@ pub use p3p::{P3pPoses, p3p};
 pub use planar::{PlanarPose, planar_pose};
 pub use pnp::pnp;
 pub use points::{Correspondence, Correspondence3, PointSource, PoseSolution, reprojection_rms};
-pub use ransac::{ConsensusPose, ConsensusSettings, PoseConsensus};
+pub use ransac::{ConsensusPose, ConsensusResult, ConsensusSettings, PoseConsensus};
 pub use refine::{RefinedPose, refine, refine_3d};
 pub use refine_pixels::{Loss, PixelCorrespondence, RefinedPixelPose, normalized_error, refine_pixels};
 pub use virtual_servoing::{

@@ -1,64 +1,35 @@
 //! Pose from points of which some are wrong: random samples of three, P3P, and refinement of the best on all that agree.
 //!
-//! A trial's score is the sum over the points of the squared reprojection error (10.36), cut at the threshold's square
-//! (MSAC, Torr and Zisserman 2000). Each new best is refined on its inliers (local optimisation, Chum, Matas, Kittler 2003).
-//! Repeatable: the samples are a function of the seed.
+//! The loop is that of all consensus here ([`crate::linalg::sampling`]); errors are those of reprojection (10.36).
 
 use super::points::check;
 use super::{Correspondence3, PoseError, RefinedPose, p3p, refine_3d};
 use crate::geometry::Pose;
-use crate::linalg::Random;
-use crate::linalg::sampling::{distinct, trials};
+use crate::linalg::sampling::{Consensus, ConsensusModel};
 
-/// How long to search, and what agrees.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ConsensusSettings {
-    /// Greatest distance of an inlier from where it should be, normalized units; three standard deviations do.
-    pub threshold: f64,
-    /// Probability of having met a sample without outliers.
-    pub confidence: f64,
-    /// Most samples.
-    pub most_trials: u32,
-    /// Seed of the samples.
-    pub seed: u64,
-}
+pub use crate::linalg::sampling::{ConsensusResult, ConsensusSettings};
 
-impl Default for ConsensusSettings {
-    /// Two pixels at a focal length of 800.
-    fn default() -> Self {
-        Self { threshold: 2.5e-3, confidence: 0.999, most_trials: 2000, seed: 1 }
-    }
-}
+/// Fewest points that make a pose.
+const FEWEST: usize = 4;
 
 /// The pose that most points agree on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ConsensusPose {
-    /// The pose refined on the inliers, with its covariance.
-    pub refined: RefinedPose,
-    /// Points that agree.
-    pub inliers: usize,
-    /// Samples tried.
-    pub trials: u32,
-}
+pub type ConsensusPose = ConsensusResult<RefinedPose>;
 
 /// Owns the buffers of the search; made once and reused.
-#[derive(Debug, Clone, Default)]
-pub struct PoseConsensus {
-    inliers: Vec<bool>,
-    subset: Vec<Correspondence3>,
-}
+#[derive(Debug, Clone)]
+pub struct PoseConsensus(Consensus<Correspondence3>);
 
 impl PoseConsensus {
     /// Buffers for `count` points; more are made room for when they come.
     #[must_use]
     pub fn with_capacity(count: usize) -> Self {
-        Self { inliers: Vec::with_capacity(count), subset: Vec::with_capacity(count) }
+        Self(Consensus::with_capacity(count))
     }
 
     /// Which points agreed in the last search that succeeded.
     #[must_use]
     pub fn inliers(&self) -> &[bool] {
-        &self.inliers
+        self.0.inliers()
     }
 
     /// Searches the pose that most of at least four points agree on.
@@ -74,111 +45,48 @@ impl PoseConsensus {
         settings: &ConsensusSettings,
         sigma: f64,
     ) -> Result<ConsensusPose, PoseError> {
-        check(points, 4)?;
-        let cut = settings.threshold * settings.threshold;
-        if !(cut > 0.0 && cut.is_finite() && settings.confidence < 1.0 && sigma >= 0.0) {
+        check(points, FEWEST)?;
+        if !settings.are_usable(sigma) {
             return Err(PoseError::BadGuess);
         }
-        let mut random = Random::new(settings.seed);
-        let mut best = Trial { score: f64::INFINITY, inliers: 0, X_CO: Pose::identity() };
-        let (mut needed, mut tried) = (settings.most_trials, 0);
-        while tried < needed {
-            tried += 1;
-            let sample = distinct::<3>(&mut random, points.len());
-            let Ok(poses) = p3p(&sample.map(|i| points[i])) else { continue };
-            for X_CO in poses.as_slice() {
-                let trial = Trial::of(X_CO, points, cut, best.score);
-                if trial.score < best.score {
-                    best = self.optimised(trial, points, cut);
-                    let share = best.inliers as f64 / points.len() as f64;
-                    needed = trials(share, 3, settings.confidence, settings.most_trials);
-                }
-            }
-        }
-        if best.inliers < 4 {
-            return Err(PoseError::TooFewPoints { needed: 4, given: best.inliers });
-        }
-        // To the end: until the set of inliers stays.
-        let mut refined = None;
-        for _ in 0..10 {
-            self.select(&best.X_CO, points, cut);
-            refined = Some(refine_3d(&best.X_CO, &self.subset, sigma)?);
-            let next = refined.map_or(best, |r| Trial::of(&r.X_CO, points, cut, f64::INFINITY));
-            if !(next.score < best.score * (1.0 - 1e-9)) {
-                break;
-            }
-            best = next;
-        }
-        let refined = refined.ok_or(PoseError::Degenerate)?;
-        Ok(ConsensusPose { refined, inliers: self.subset.len(), trials: tried })
-    }
-
-    /// The best of refinements on the inliers, at first with a wider threshold, which lets more of the true ones in.
-    fn optimised(&mut self, trial: Trial, points: &[Correspondence3], cut: f64) -> Trial {
-        let mut best = trial;
-        for wider in [4.0, 2.0, 1.0] {
-            self.select(&best.X_CO, points, wider * cut);
-            let Ok(end) = refine_3d(&best.X_CO, &self.subset, 0.0) else { break };
-            let next = Trial::of(&end.X_CO, points, cut, best.score);
-            if next.score < best.score {
-                best = next;
-            }
-        }
-        best
-    }
-
-    fn select(&mut self, X_CO: &Pose, points: &[Correspondence3], cut: f64) {
-        self.inliers.clear();
-        self.subset.clear();
-        let view = PoseMatrix::new(X_CO);
-        for point in points {
-            let agrees = view.error2(point) <= cut;
-            self.inliers.push(agrees);
-            if agrees {
-                self.subset.push(*point);
-            }
-        }
+        self.0.search::<3, PoseModel>(points, settings, sigma)
     }
 }
 
-/// A pose and how well it does.
-#[derive(Debug, Clone, Copy)]
-struct Trial {
-    score: f64,
-    inliers: usize,
+/// A pose, also as matrix.
+#[derive(Clone, Copy)]
+struct PoseModel {
     X_CO: Pose,
-}
-
-impl Trial {
-    /// Gives up, with an infinite score, once the score has reached `hopeless`.
-    fn of(X_CO: &Pose, points: &[Correspondence3], cut: f64, hopeless: f64) -> Self {
-        let view = PoseMatrix::new(X_CO);
-        let (mut score, mut inliers) = (0.0, 0);
-        for point in points {
-            let error2 = view.error2(point);
-            inliers += usize::from(error2 <= cut);
-            score += if error2 < cut { error2 } else { cut };
-            if score >= hopeless {
-                return Self { score: f64::INFINITY, inliers: 0, X_CO: *X_CO };
-            }
-        }
-        Self { score, inliers, X_CO: *X_CO }
-    }
-}
-
-/// A pose as matrix.
-struct PoseMatrix {
     R: [[f64; 3]; 3],
     p: [f64; 3],
 }
 
-impl PoseMatrix {
+impl PoseModel {
     fn new(X_CO: &Pose) -> Self {
         let R = X_CO.rotation.to_rotation_matrix();
         Self {
+            X_CO: *X_CO,
             R: std::array::from_fn(|i| std::array::from_fn(|j| R[(i, j)])),
             p: X_CO.translation.vector.into(),
         }
+    }
+}
+
+impl ConsensusModel<3> for PoseModel {
+    type Datum = Correspondence3;
+    type Refined = RefinedPose;
+    type Error = PoseError;
+    const FEWEST: usize = FEWEST;
+    const WIDER: &'static [f64] = &[4.0, 2.0, 1.0];
+
+    fn of_sample(sample: &[Correspondence3; 3]) -> impl Iterator<Item = Self> {
+        let poses = p3p(sample).ok();
+        let count = poses.as_ref().map_or(0, |poses| poses.as_slice().len());
+        (0..count).filter_map(move |i| Some(Self::new(poses.as_ref()?.as_slice().get(i)?)))
+    }
+
+    fn settled(self, _: &[Correspondence3; 3]) -> Option<Self> {
+        Some(self)
     }
 
     /// Squared reprojection error; infinite behind the camera.
@@ -196,12 +104,25 @@ impl PoseMatrix {
         let (ex, ey) = (point.s.x - x * over, point.s.y - y * over);
         ex * ex + ey * ey
     }
+
+    fn refine(&self, points: &[Correspondence3], sigma: f64) -> Result<RefinedPose, PoseError> {
+        refine_3d(&self.X_CO, points, sigma)
+    }
+
+    fn of_refined(refined: &RefinedPose) -> Self {
+        Self::new(&refined.X_CO)
+    }
+
+    fn too_few(agree: usize) -> PoseError {
+        PoseError::TooFewPoints { needed: FEWEST, given: agree }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::testing::{gap, gauss, see_3d};
     use super::*;
+    use crate::linalg::Random;
     use nalgebra::Vector2;
 
     /// 60 points, `wrong` of them anywhere in the image.
@@ -241,14 +162,14 @@ mod tests {
         let (_, points) = scene(60, 9);
         let settings =
             ConsensusSettings { threshold: 1e-5, most_trials: 200, ..ConsensusSettings::default() };
-        let found = PoseConsensus::default().search(&points, &settings, 1e-4);
+        let found = PoseConsensus::with_capacity(60).search(&points, &settings, 1e-4);
         assert!(matches!(found, Err(PoseError::TooFewPoints { needed: 4, .. })), "{found:?}");
     }
 
     #[test]
     fn bad_input_is_refused() {
         let (_, mut points) = scene(0, 1);
-        let mut search = PoseConsensus::default();
+        let mut search = PoseConsensus::with_capacity(60);
         let settings = ConsensusSettings::default();
         assert_eq!(
             search.search(&points[..3], &settings, 0.0),

@@ -1,47 +1,37 @@
 //! Displacement of a camera from conjugate points of which some are wrong: random samples of five, and refinement.
 //!
-//! As [`crate::pose::PoseConsensus`]: scores are Sampson errors cut at the threshold (MSAC), each new best is refined on its
-//! inliers, the samples are a function of the seed.
+//! The loop is that of all consensus here ([`crate::linalg::sampling`]); errors are Sampson's.
 
 use super::StereoError;
 use super::epipolar::{Conjugates, check, essential_matrix, sampson_error2};
 use super::five_point::essential_5_point;
-use super::relative_pose::{RefinedRelativePose, cut_score, refine_relative, relative_pose};
+use super::relative_pose::{RefinedRelativePose, refine_relative, relative_pose};
 use crate::geometry::Pose;
-use crate::linalg::Random;
-use crate::linalg::sampling::{distinct, trials};
-use crate::pose::ConsensusSettings;
+use crate::linalg::sampling::{Consensus, ConsensusModel};
+use crate::pose::{ConsensusResult, ConsensusSettings};
 use nalgebra::Matrix3;
 
+/// Fewest pairs that make a displacement: one more than a sample.
+const FEWEST: usize = 6;
+
 /// The displacement that most pairs agree on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RelativeConsensusPose {
-    /// The displacement refined on the inliers, with its covariance.
-    pub refined: RefinedRelativePose,
-    /// Pairs that agree.
-    pub inliers: usize,
-    /// Samples tried.
-    pub trials: u32,
-}
+pub type RelativeConsensusPose = ConsensusResult<RefinedRelativePose>;
 
 /// Owns the buffers of the search; made once and reused.
-#[derive(Debug, Clone, Default)]
-pub struct RelativeConsensus {
-    inliers: Vec<bool>,
-    subset: Vec<Conjugates>,
-}
+#[derive(Debug, Clone)]
+pub struct RelativeConsensus(Consensus<Conjugates>);
 
 impl RelativeConsensus {
     /// Buffers for `count` pairs; more are made room for when they come.
     #[must_use]
     pub fn with_capacity(count: usize) -> Self {
-        Self { inliers: Vec::with_capacity(count), subset: Vec::with_capacity(count) }
+        Self(Consensus::with_capacity(count))
     }
 
     /// Which pairs agreed in the last search that succeeded.
     #[must_use]
     pub fn inliers(&self) -> &[bool] {
-        &self.inliers
+        self.0.inliers()
     }
 
     /// Searches the displacement that most of at least six pairs agree on; the threshold is that of the Sampson error.
@@ -58,78 +48,59 @@ impl RelativeConsensus {
         settings: &ConsensusSettings,
         sigma: f64,
     ) -> Result<RelativeConsensusPose, StereoError> {
-        check(pairs, 6)?;
-        let cut = settings.threshold * settings.threshold;
-        if !(cut > 0.0 && cut.is_finite() && settings.confidence < 1.0 && sigma >= 0.0) {
+        check(pairs, FEWEST)?;
+        if !settings.are_usable(sigma) {
             return Err(StereoError::BadGuess);
         }
-        let mut random = Random::new(settings.seed);
-        let (mut best, mut least, mut agree) = (Pose::identity(), f64::INFINITY, 0);
-        let (mut needed, mut tried) = (settings.most_trials, 0);
-        while tried < needed {
-            tried += 1;
-            let sample = distinct::<5>(&mut random, pairs.len()).map(|i| pairs[i]);
-            let Ok(found) = essential_5_point(&sample) else { continue };
-            let (mut E, mut score): (Option<Matrix3<f64>>, f64) = (None, least);
-            for candidate in found.as_slice() {
-                let (this, _) = cut_score(candidate, pairs, cut, score);
-                if this < score {
-                    (E, score) = (Some(*candidate), this);
-                }
-            }
-            // The sample itself has to lie in front of both cameras.
-            let Some(Ok((X, 5))) = E.map(|E| relative_pose(&E, &sample)) else { continue };
-            best = self.optimised(X, pairs, cut);
-            (least, agree) = cut_score(&essential_matrix(&best), pairs, cut, f64::INFINITY);
-            needed = trials(agree as f64 / pairs.len() as f64, 5, settings.confidence, settings.most_trials);
-        }
-        if agree < 6 {
-            return Err(StereoError::TooFewPoints { needed: 6, given: agree });
-        }
-        let mut refined = self.on_inliers(&best, pairs, cut, sigma)?;
-        for _ in 0..10 {
-            let (score, _) = cut_score(&essential_matrix(&refined.X_12), pairs, cut, f64::INFINITY);
-            if !(score < least * (1.0 - 1e-9)) {
-                break;
-            }
-            least = score;
-            refined = self.on_inliers(&refined.X_12, pairs, cut, sigma)?;
-        }
-        Ok(RelativeConsensusPose { refined, inliers: self.subset.len(), trials: tried })
+        self.0.search::<5, EssentialModel>(pairs, settings, sigma)
+    }
+}
+
+/// An essential matrix, and the displacement that it stands for once that is known.
+#[derive(Clone, Copy)]
+struct EssentialModel {
+    E: Matrix3<f64>,
+    X_12: Pose,
+}
+
+impl ConsensusModel<5> for EssentialModel {
+    type Datum = Conjugates;
+    type Refined = RefinedRelativePose;
+    type Error = StereoError;
+    const FEWEST: usize = FEWEST;
+    const WIDER: &'static [f64] = &[4.0, 1.0];
+
+    fn of_sample(sample: &[Conjugates; 5]) -> impl Iterator<Item = Self> {
+        let found = essential_5_point(sample).ok();
+        let count = found.as_ref().map_or(0, |found| found.as_slice().len());
+        (0..count).filter_map(move |i| {
+            Some(Self { E: *found.as_ref()?.as_slice().get(i)?, X_12: Pose::identity() })
+        })
     }
 
-    fn on_inliers(
-        &mut self,
-        X_12: &Pose,
-        pairs: &[Conjugates],
-        cut: f64,
-        sigma: f64,
-    ) -> Result<RefinedRelativePose, StereoError> {
-        self.inliers.clear();
-        self.subset.clear();
-        let E = essential_matrix(X_12);
-        for pair in pairs {
-            let agrees = sampson_error2(&E, pair) < cut;
-            self.inliers.push(agrees);
-            if agrees {
-                self.subset.push(*pair);
-            }
+    /// The sample itself has to lie in front of both cameras.
+    fn settled(self, sample: &[Conjugates; 5]) -> Option<Self> {
+        match relative_pose(&self.E, sample) {
+            Ok((X_12, 5)) => Some(Self { E: essential_matrix(&X_12), X_12 }),
+            _ => None,
         }
-        refine_relative(X_12, &self.subset, sigma)
     }
 
-    /// The best of refinements on the inliers, at first with a wider threshold.
-    fn optimised(&mut self, X_12: Pose, pairs: &[Conjugates], cut: f64) -> Pose {
-        let score = |X: &Pose| cut_score(&essential_matrix(X), pairs, cut, f64::INFINITY).0;
-        let (mut best, mut least) = (X_12, score(&X_12));
-        for wider in [4.0, 1.0] {
-            let Ok(end) = self.on_inliers(&best, pairs, wider * cut, 0.0) else { break };
-            let this = score(&end.X_12);
-            if this < least {
-                (best, least) = (end.X_12, this);
-            }
-        }
-        best
+    #[inline(always)]
+    fn error2(&self, pair: &Conjugates) -> f64 {
+        sampson_error2(&self.E, pair)
+    }
+
+    fn refine(&self, pairs: &[Conjugates], sigma: f64) -> Result<RefinedRelativePose, StereoError> {
+        refine_relative(&self.X_12, pairs, sigma)
+    }
+
+    fn of_refined(refined: &RefinedRelativePose) -> Self {
+        Self { E: essential_matrix(&refined.X_12), X_12: refined.X_12 }
+    }
+
+    fn too_few(agree: usize) -> StereoError {
+        StereoError::TooFewPoints { needed: FEWEST, given: agree }
     }
 }
 
@@ -137,6 +108,7 @@ impl RelativeConsensus {
 mod tests {
     use super::super::testing::{camera_pose, noisy, scene};
     use super::*;
+    use crate::linalg::Random;
     use nalgebra::Vector2;
 
     #[test]
@@ -164,7 +136,7 @@ mod tests {
     #[test]
     fn bad_input_is_refused() {
         let pairs: Vec<_> = scene(&camera_pose(), 9, 3).iter().map(|p| p.0).collect();
-        let mut search = RelativeConsensus::default();
+        let mut search = RelativeConsensus::with_capacity(9);
         let settings = ConsensusSettings::default();
         assert_eq!(
             search.search(&pairs[..5], &settings, 0.0).err(),

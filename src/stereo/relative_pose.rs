@@ -1,7 +1,7 @@
 //! Displacement of a camera from an essential matrix, and its refinement. The base line has length one.
 
 use super::StereoError;
-use super::epipolar::{Conjugates, check, sampson_error2};
+use super::epipolar::{Conjugates, check};
 use crate::geometry::{Pose, skew};
 use crate::linalg::{Ldlt, symmetric_eigen};
 use nalgebra::{Matrix3, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector3};
@@ -202,23 +202,6 @@ impl EssentialState {
         }
         sums
     }
-}
-
-/// Sum over the pairs of the squared Sampson error, each cut at `cut`; infinite once it reaches `hopeless`. And how many are
-/// below.
-#[inline]
-pub(super) fn cut_score(E: &Matrix3<f64>, pairs: &[Conjugates], cut: f64, hopeless: f64) -> (f64, usize) {
-    let (mut score, mut agree) = (0.0, 0);
-    for pair in pairs {
-        let error2 = sampson_error2(E, pair);
-        let below = error2 < cut;
-        agree += usize::from(below);
-        score += if below { error2 } else { cut };
-        if score >= hopeless {
-            return (f64::INFINITY, 0);
-        }
-    }
-    (score, agree)
 }
 
 #[cfg(test)]
