@@ -191,7 +191,7 @@ fn reference_7_joints(bencher: Bencher, speed: f64) {
 }
 
 #[divan::bench]
-fn evade_6_joints(bencher: Bencher) {
+fn damp_singularity_6_joints(bencher: Bencher) {
     let ur5 = ur5(UpdatePolicy::Tick);
     let robot = ur5.controller.arm().robot.clone();
     let X_EC = Pose::translation(0.0, 0.0, 0.05);

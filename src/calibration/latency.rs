@@ -25,9 +25,9 @@ const MIN_FRAMES: usize = 12;
 /// A target that moves by less than this, root mean square, shows no delay, px.
 const MIN_MOTION_PX: f64 = 1.0;
 /// Standard deviation above which the offset counts as not found, s.
-const LARGEST_SD_S: f64 = 1e-3;
+const MAX_SD_S: f64 = 1e-3;
 /// Residuals above this share of the motion: it is not the arm that moves the image.
-const LARGEST_RESIDUAL_SHARE: f64 = 0.25;
+const MAX_RESIDUAL_SHARE: f64 = 0.25;
 /// Steps of the last search, and of that at each coarse offset.
 const MAX_ITERATIONS: u32 = 50;
 const COARSE_ITERATIONS: u32 = 8;
@@ -140,7 +140,7 @@ pub fn stamp_offset<const N: usize>(
     let out_of_range = LatencyError::OutOfRange { range_ms: RANGE_S * 1e3 };
     let coarse = search(&fit.thinned(COARSE_FRAMES), &without).ok_or(out_of_range)?;
     let residual_px = fit.rms_px(&coarse);
-    if !(residual_px <= LARGEST_RESIDUAL_SHARE * motion_px) {
+    if !(residual_px <= MAX_RESIDUAL_SHARE * motion_px) {
         return Err(LatencyError::NotFollowing { residual_px, motion_px });
     }
     let with = fit.descend(coarse, Free::All, MAX_ITERATIONS);
@@ -151,7 +151,7 @@ pub fn stamp_offset<const N: usize>(
         return Err(out_of_range);
     }
     let sd_s = fit.sd_s(&with.state);
-    if !(sd_s <= LARGEST_SD_S) {
+    if !(sd_s <= MAX_SD_S) {
         return Err(LatencyError::Uncertain { sd_ms: sd_s * 1e3 });
     }
     Ok(StampOffset {

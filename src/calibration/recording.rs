@@ -56,7 +56,7 @@ impl TargetDetection {
     }
 }
 
-/// Joint states and sightings of one run.
+/// Joint states and detections of the target in one run.
 #[derive(Debug, Clone, Default)]
 pub struct Recording<const N: usize> {
     /// The joints.
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_finite_target_is_a_sighting() {
+    fn only_a_finite_target_is_a_detection() {
         assert_eq!(TargetDetection::of(&found()).unwrap().points().len(), 4);
         assert_eq!(TargetDetection::of(&found()).unwrap().points()[1].s.x, 0.25);
         assert!(TargetDetection::of(&Measurement { feature_count: 4, ..Measurement::default() }).is_none());

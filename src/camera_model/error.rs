@@ -6,13 +6,13 @@ use thiserror::Error;
 /// The longest telephoto lens, 5 m, before the smallest pixels, 0.5 um.
 pub(super) const LONGEST_FOCAL_PX: f64 = 1e7;
 /// Principal points and coefficients that are further from zero than this belong to no lens, and to no finite computation.
-pub(super) const LARGEST_NUMBER: f64 = 1e7;
+pub(super) const MAX_NUMBER: f64 = 1e7;
 
 /// Camera parameters that describe no usable camera.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum CameraModelError {
     /// A parameter is NaN, infinite, or larger than that of any camera.
-    #[error("camera: {name} is {value:?}; give a number between -{LARGEST_NUMBER:e} and {LARGEST_NUMBER:e}")]
+    #[error("camera: {name} is {value:?}; give a number between -{MAX_NUMBER:e} and {MAX_NUMBER:e}")]
     NotFinite {
         /// Which parameter.
         name: &'static str,

@@ -1,6 +1,6 @@
 //! Intrinsic parameters and the map between directions and pixels.
 
-use super::error::{LARGEST_NUMBER, LONGEST_FOCAL_PX};
+use super::error::{LONGEST_FOCAL_PX, MAX_NUMBER};
 use super::{CameraModelError, Lens, Region};
 use nalgebra::{Matrix2, Point3, Vector2};
 
@@ -48,7 +48,7 @@ impl CameraModel {
         let numbers = [("fx_px", fx_px), ("fy_px", fy_px), ("cx_px", cx_px), ("cy_px", cy_px)];
         for (name, value) in numbers.into_iter().chain(lens.coefficients()) {
             let is_focal_length = name == "fx_px" || name == "fy_px";
-            if !value.is_finite() || (value.abs() > LARGEST_NUMBER && !is_focal_length) {
+            if !value.is_finite() || (value.abs() > MAX_NUMBER && !is_focal_length) {
                 return Err(CameraModelError::NotFinite { name, value });
             }
         }

@@ -23,7 +23,7 @@ use nalgebra::Vector2;
 use std::path::Path;
 
 /// Longest calibration file, bytes: real ones have a thousand.
-const LARGEST_CALIBRATION: u64 = 1 << 20;
+const MAX_CALIBRATION: u64 = 1 << 20;
 /// Real lenses and targets are no nearer to their description, px.
 const MODEL_SD_PX: f64 = 0.2;
 
@@ -262,7 +262,7 @@ pub(super) fn refused(message: &str, exit_code: u8) -> u8 {
 /// The camera of a calibration file, or why there is none.
 pub(super) fn calibration(path: &Path) -> Result<CameraModel, String> {
     let named = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
-    let text = file::read(path, LARGEST_CALIBRATION).map_err(|e| named(&e))?;
+    let text = file::read(path, MAX_CALIBRATION).map_err(|e| named(&e))?;
     CameraInfo::read(&text).map_err(|e| named(&e))?.camera().map_err(|e| named(&e))
 }
 

@@ -35,16 +35,16 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
     check_writable(&arguments.out)?;
     let image = arguments.out.with_extension("png");
     check_writable(&image)?;
-    let mut pupil = Pupil::of(&config, arguments.measurements);
+    let mut goal_recorder = GoalRecorder::of(&config, arguments.measurements);
     if arguments.images.is_empty() {
-        pupil.look_through(open(&config)?, &stop)?;
+        goal_recorder.look_through(open(&config)?, &stop)?;
     } else {
         for path in &arguments.images {
             let image = load_image(path)?;
-            pupil.look_at(image.as_raw(), image.dimensions())?;
+            goal_recorder.look_at(image.as_raw(), image.dimensions())?;
         }
     }
-    let (goal, grey) = pupil.lesson()?;
+    let (goal, grey) = goal_recorder.goal()?;
     let size = config.camera.full_size_px();
     let name = image.file_name().map(|name| name.to_string_lossy().into_owned());
     let shot = super::camera::encoded(&grey, size).map_err(std::io::Error::other);
@@ -69,7 +69,7 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
 }
 
 /// Who learns: vision, and the sums of what it saw.
-struct Pupil<'a> {
+struct GoalRecorder<'a> {
     config: &'a Config,
     vision: Vision,
     wanted: u32,
@@ -90,7 +90,7 @@ struct Sum {
     px2: f64,
 }
 
-impl<'a> Pupil<'a> {
+impl<'a> GoalRecorder<'a> {
     fn of(config: &'a Config, wanted: u32) -> Self {
         let sums = config.servo.set_point.ids().iter().map(|&id| Sum { id, ..Sum::default() }).collect();
         let vision = assemble::vision(config);
@@ -200,7 +200,7 @@ impl<'a> Pupil<'a> {
     }
 
     /// The mean of what was seen, and its last image.
-    fn lesson(self) -> Result<(GoalFile, Vec<u8>), ProcessError> {
+    fn goal(self) -> Result<(GoalFile, Vec<u8>), ProcessError> {
         if self.taken == 0 {
             return Err(ProcessError::NothingTaught { images: self.frames, status: self.status });
         }

@@ -18,7 +18,7 @@ pub(super) fn teach_view(arguments: &TeachViewArguments) -> Result<u8, ProcessEr
     let Some(stereo) = &config.stereo else { return Err(AssembleError::NoStereo.into()) };
     let rig = &stereo.rig;
     let mut finders = [rig.left(), rig.right()].map(|camera| Finder::new(*camera, &config.target));
-    let mut lessons = Vec::new();
+    let mut taught = Vec::new();
     for pair in arguments.images.chunks(2) {
         let [left, right] = pair else { return Err(ProcessError::OddImages(arguments.images.len())) };
         let [left, right] = [(left, rig.left()), (right, rig.right())].map(|(path, camera)| {
@@ -45,12 +45,12 @@ pub(super) fn teach_view(arguments: &TeachViewArguments) -> Result<u8, ProcessEr
         };
         let [a, b] = &mut finders;
         let points = StereoVision::points_in(rig, (a, view(&left)?), (b, view(&right)?));
-        lessons.push(points.map_err(|(side, status)| AssembleError::NotSeen {
+        taught.push(points.map_err(|(side, status)| AssembleError::NotSeen {
             side: side.as_str(),
             status: status.as_str(),
         })?);
     }
-    let points = taught_points(&lessons);
+    let points = taught_points(&taught);
     // Whether a run will take it.
     TaughtView::new(&points, stereo.X_DO).map_err(AssembleError::from)?;
     let text = taught_file(&points);

@@ -320,15 +320,15 @@ pub fn control_loop_with<const N: usize>(
         object: config.servo.object,
     });
     let watch = MeasurementWatch::new(config.safety.measurement_timeout, config.safety.slow_down_from);
-    let lesson = config.effective.servo.set_point.measurements;
+    let teach_measurements = config.effective.servo.set_point.measurements;
     let behaviour: Box<dyn Behaviour<N>> = match (config.task, closed_loop) {
         (Task::CalibrateLatency, _) => Box::new(ExcitationMotion::new(servo, config.camera.model, watch)),
         (Task::CalibrateHandEye, _) => {
             let points = config.target.points().iter().map(|point| point.p_O).collect();
             Box::new(CalibrationTour::new(servo, config.camera.model, points))
         }
-        (Task::Servo, true) => Box::new(Servoing::new(servo, watch, lesson)),
-        (Task::Servo, false) => Box::new(Servoing::new(servo, watch, lesson).dry()),
+        (Task::Servo, true) => Box::new(Servoing::new(servo, watch, teach_measurements)),
+        (Task::Servo, false) => Box::new(Servoing::new(servo, watch, teach_measurements).dry()),
     };
     let settings = ControllerSettings {
         effort_rise: config.motion.effort_rise,

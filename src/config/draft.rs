@@ -42,7 +42,7 @@ impl Draft {
         if let Some(shipped) = path.to_str().and_then(ShippedFile::find).filter(|_| !path.is_file()) {
             return Self::of_shipped(shipped, set);
         }
-        let text = file::read(path, file::LARGEST_TOML).map_err(|e| {
+        let text = file::read(path, file::MAX_TOML).map_err(|e| {
             ConfigError::new(vec![Problem::of_file(&name, format!("cannot be read: {e}{}", hint(path)))], 0)
         })?;
         // A file that is named without a folder has an empty parent: it stands in the working directory.

@@ -94,7 +94,7 @@ pub(super) fn resolve(
     }
     let path = absolute(KEY, &name);
     let place = path.display();
-    let text = match file::read(&path, file::LARGEST_TOML) {
+    let text = match file::read(&path, file::MAX_TOML) {
         Ok(text) => text,
         Err(e) => return wrong(format!("{place} cannot be read: {e}; `vservo teach --out FILE` writes one")),
     };

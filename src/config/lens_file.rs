@@ -10,7 +10,7 @@ use std::path::Path;
 use toml::Table;
 
 /// Longest calibration file, bytes: real ones have a thousand.
-const LARGEST_FILE: u64 = 1 << 20;
+const MAX_FILE: u64 = 1 << 20;
 
 /// Puts the lens of each camera right: that of its file, or the coefficients that its model has. `absolute` makes a path of the run file
 /// absolute.
@@ -58,7 +58,7 @@ fn one(
         wrong(&format!("lens.{key}"), format!("is in {at}.lens.file already: leave out one of them"));
     }
     let path = absolute(&format!("{at}.lens.file"), &file);
-    let read = file::read(&path, LARGEST_FILE).map_err(|e| format!("{} cannot be read: {e}", path.display()));
+    let read = file::read(&path, MAX_FILE).map_err(|e| format!("{} cannot be read: {e}", path.display()));
     let info = read.and_then(|text| {
         CameraInfo::read(&text)
             .map_err(|e| format!("{}: {e}; a calibration file of ROS is expected", path.display()))

@@ -11,7 +11,7 @@ use crate::servo::{
 /// are a hundred times greater.
 const MIN_SHARE: f64 = 1e-12;
 /// Of an interaction matrix of features that are defined.
-const LARGEST_SQUARE: f64 = 1e12;
+const MAX_SQUARE: f64 = 1e12;
 
 /// The selection for a target of so many `points`; `None` where it cannot be made.
 pub(super) fn selection(s: &RawServo, points: usize, check: &mut Validation<'_>) -> Option<Selection> {
@@ -83,7 +83,7 @@ pub(super) fn doubtful_features(law: &Law, set_point: &SetPoint, joints: usize, 
     let at_goal = View::new(set_point.features().iter().copied(), None);
     let at_desired = Interaction { at: InteractionAt::Desired, depth: DepthSource::Desired };
     let task = at_goal.and_then(|view| image_task(set_point, &view, at_desired));
-    let matrix = task.map(|task| task.matrix).filter(|m| m.iter().all(|x| x.abs() < LARGEST_SQUARE));
+    let matrix = task.map(|task| task.matrix).filter(|m| m.iter().all(|x| x.abs() < MAX_SQUARE));
     let key = if set_point.selection().needs_outline() { "servo.area" } else { "servo.points" };
     let Some(matrix) = matrix else {
         let none = "at the goal this area has no longest axis, so no orientation: name other points of it in servo.outline, three that \

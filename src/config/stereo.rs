@@ -70,7 +70,7 @@ pub(super) fn resolve(
     }
     let path = absolute(KEY, &name);
     let place = path.display();
-    match file::read(&path, file::LARGEST_TOML) {
+    match file::read(&path, file::MAX_TOML) {
         Err(e) => wrong(format!("{place} cannot be read: {e}")),
         Ok(text) => match toml::from_str::<RawTaughtView>(&text) {
             Err(e) => {

@@ -6,9 +6,9 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
 /// Longest run file and TOML file of a robot, bytes: real ones have some thousand.
-pub const LARGEST_TOML: u64 = 1 << 20;
+pub const MAX_TOML: u64 = 1 << 20;
 /// Longest URDF, bytes: real ones have some hundred thousand.
-pub const LARGEST_URDF: u64 = 8 << 20;
+pub const MAX_URDF: u64 = 8 << 20;
 
 /// The text of the file at `path`, of at most `largest` bytes.
 ///

@@ -24,10 +24,10 @@ const FOOT_MM: f64 = 14.0;
 /// Narrowest sheet: the text wants room.
 const NARROWEST_MM: f64 = 60.0;
 /// Largest sheet of a PDF: 14 400 units of 1/72 inch.
-const LARGEST_PDF_MM: f64 = 5000.0;
+const MAX_PDF_MM: f64 = 5000.0;
 /// Resolution and largest size of a PNG.
 const PX_PER_MM: f64 = 300.0 / 25.4;
-const LARGEST_PNG_PX: f64 = 16_384.0;
+const MAX_PNG_PX: f64 = 16_384.0;
 /// Outlines of curves leave them by no more, mm.
 const SAG_MM: f64 = 0.002;
 
@@ -207,11 +207,11 @@ pub fn print(target: &Target, format: Format) -> Result<Vec<u8>, PrintError> {
     match format {
         Format::Svg => Ok(svg::write(&sheet).into_bytes()),
         Format::Pdf => {
-            refuse("PDF", LARGEST_PDF_MM, "; take SVG")?;
+            refuse("PDF", MAX_PDF_MM, "; take SVG")?;
             Ok(pdf::write(&sheet))
         }
         Format::Png => {
-            refuse("PNG", LARGEST_PNG_PX / PX_PER_MM, "; take SVG or PDF")?;
+            refuse("PNG", MAX_PNG_PX / PX_PER_MM, "; take SVG or PDF")?;
             png::write(&sheet)
         }
     }

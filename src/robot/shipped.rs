@@ -3,7 +3,7 @@
 use super::description::RobotDescription;
 use super::error::RobotError;
 use super::file::{parse_toml, parse_urdf};
-use crate::input::file::{self, LARGEST_TOML, LARGEST_URDF};
+use crate::input::file::{self, MAX_TOML, MAX_URDF};
 use std::path::Path;
 
 /// Names of the robots whose files are part of the program.
@@ -52,13 +52,13 @@ pub fn load(name_or_path: &str) -> Result<RobotDescription, RobotError> {
     };
     let path = Path::new(file);
     match path.extension().and_then(|extension| extension.to_str()) {
-        Some("toml") => parse_toml(&read(path, LARGEST_TOML)?, file, |urdf| {
+        Some("toml") => parse_toml(&read(path, MAX_TOML)?, file, |urdf| {
             let urdf = path.with_file_name(urdf);
-            Ok((urdf.display().to_string(), read(&urdf, LARGEST_URDF)?))
+            Ok((urdf.display().to_string(), read(&urdf, MAX_URDF)?))
         }),
         Some("urdf") => {
             let name = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("robot");
-            parse_urdf(&read(path, LARGEST_URDF)?, name, file, tip)
+            parse_urdf(&read(path, MAX_URDF)?, name, file, tip)
         }
         _ => Err(unknown()),
     }

@@ -38,7 +38,7 @@ pub(crate) use ink::{BorderSegment, Ink, PixelKernel};
 pub use look::SceneLook;
 pub use motion::SceneMotion;
 pub use occluder::Occluder;
-pub use renderer::{LARGEST_SIDE_PX, Renderer};
+pub use renderer::{MAX_SIDE_PX, Renderer};
 pub use scenery::Bystander;
 pub use schedule::{FrameSchedule, Irregularity};
 pub use sensor::SensorModel;

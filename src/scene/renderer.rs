@@ -17,7 +17,7 @@ use crate::target::Target;
 use nalgebra::Vector2;
 
 /// Longest side of an image that can be rendered, px.
-pub const LARGEST_SIDE_PX: u32 = 4096;
+pub const MAX_SIDE_PX: u32 = 4096;
 
 /// Renders the target, and what lies around it, as the camera sees it: perspective, lens, edges to a hundredth of a pixel's coverage,
 /// motion blur, vignetting, noise. The same poses, frame number and seed give the same bytes.
@@ -60,7 +60,7 @@ impl Renderer {
         in_range("dots", look.dots, &SceneLook::LEVEL)?;
         sensor.check()?;
         let (width_px, height_px) = (camera.intrinsics().width_px, camera.intrinsics().height_px);
-        if width_px > LARGEST_SIDE_PX || height_px > LARGEST_SIDE_PX {
+        if width_px > MAX_SIDE_PX || height_px > MAX_SIDE_PX {
             return Err(SceneError::ImageSize { width_px, height_px });
         }
         let (width, height) = (width_px as usize, height_px as usize);

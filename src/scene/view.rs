@@ -29,7 +29,7 @@ const ALL: u64 = u64::MAX;
 const CENTRE_LANE: f64 = 1.5;
 const FROM_CENTRE: [f32; LANES] = [-1.5, -0.5, 0.5, 1.5];
 /// No level is larger.
-const LARGEST_LEVEL: f32 = 65535.0;
+const MAX_LEVEL: f32 = 65535.0;
 
 /// A linear form of the pixel (ideal camera) or of the normalized direction: `x a + y b + c`.
 type Form = Vector3<f64>;
@@ -185,7 +185,7 @@ impl SceneView {
                 }
                 sum.iter_mut().zip(cover).for_each(|(s, c)| *s += (*level as f32 - *s) * c);
             }
-            let exact = sum.map(|s| cast(s * scale + 0.5, LARGEST_LEVEL) as u16);
+            let exact = sum.map(|s| cast(s * scale + 0.5, MAX_LEVEL) as u16);
             if let [a, b, c, d] = levels {
                 [*a, *b, *c, *d] = exact;
             } else {

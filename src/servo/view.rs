@@ -13,7 +13,7 @@ const ENOUGH: usize = 4;
 const FARTHEST_M: f64 = 1e3;
 const FARTHEST_ASIDE: f64 = 573.0;
 /// Variances of a pose are less than this, m^2 and rad^2.
-const LARGEST_VARIANCE: f64 = 1e6;
+const MAX_VARIANCE: f64 = 1e6;
 /// How far the norm of a rotation's quaternion may be from 1.
 const ROTATION_SLACK: f64 = 1e-6;
 const HIDDEN: Vector2<f64> = Vector2::new(f64::NAN, f64::NAN);
@@ -78,7 +78,7 @@ impl View {
         let is_near = X_CO.translation.vector.iter().all(|x| x.abs() <= FARTHEST_M);
         is_rotation
             && is_near
-            && covariance.iter().all(|x| x.abs() <= LARGEST_VARIANCE)
+            && covariance.iter().all(|x| x.abs() <= MAX_VARIANCE)
             && covariance.diagonal().iter().all(|x| *x >= 0.0)
             && self.features().iter().zip(set_point.points()).all(|(s, p_O)| {
                 let z_m = (X_CO * p_O).z;

@@ -26,7 +26,7 @@ const LONGEST_FUTURE: SpanNs = SpanNs(50_000_000);
 const LONGEST_GUESS: SpanNs = SpanNs(3_000_000_000);
 /// Root mean square distance, normalized, of features that are seen from where that motion has them, beyond which the object has
 /// moved, or the camera's mount is not what it is believed to be.
-const LARGEST_CONTRADICTION: f64 = 0.03;
+const MAX_CONTRADICTION: f64 = 0.03;
 /// Standard deviation of features of which some are taken to be there, normalized: half a pixel of a usual lens.
 const SIGMA_OF_A_GUESS: f64 = 6e-4;
 
@@ -257,7 +257,7 @@ impl<const N: usize> VisualServo<N> {
         let moved = self.object.as_ref().map(|object| object.displacement(from.exposure, exposure));
         let X_WC_then = moved.map_or(from.X_WC, |moved| moved * from.X_WC);
         let guess = from.view.carried(&X_WC.inv_mul(&X_WC_then), set_point)?;
-        seen.with_hidden_of(&guess, set_point, (LARGEST_CONTRADICTION, SIGMA_OF_A_GUESS))
+        seen.with_hidden_of(&guess, set_point, (MAX_CONTRADICTION, SIGMA_OF_A_GUESS))
     }
 
     /// What the joints shall do at this tick, at which they stand in `q` and move with `qd`. `None` before the first

@@ -1,7 +1,7 @@
 //! What the dots of one frame say: features, pose, and whether they can be believed.
 
 use super::expectation::find;
-use super::misfit::{self, ENOUGH_TO_CHOOSE, Growth, LARGEST_MISFIT};
+use super::misfit::{self, ENOUGH_TO_CHOOSE, Growth, MAX_MISFIT};
 use super::{Prior, VisionSettings};
 use crate::camera_model::CameraModel;
 use crate::detect::{Expected, Finder, Found};
@@ -14,9 +14,9 @@ use nalgebra::{Matrix6, Point3, Vector2};
 /// Changes of the centres' offsets below this need no second turn, px.
 const SMALL_CHANGE_PX: f64 = 0.05;
 /// A centre's offset that may be believed before the pose is known, in standard deviations of a point of the dot.
-const LARGEST_OFFSET: f64 = 0.5;
+const MAX_OFFSET: f64 = 0.5;
 /// Largest shift of one dot by what is dark beside it, px: two dots at a shadow's edge may move as a pose would move them.
-const LARGEST_DISTURBANCE_PX: f64 = 0.5;
+const MAX_DISTURBANCE_PX: f64 = 0.5;
 
 /// A point of one image that lies off by so many robust deviations of the others is left out.
 const STRAY: f64 = 5.0;
@@ -100,7 +100,7 @@ impl PoseEstimator {
     ) {
         if estimate.dots.len() >= ENOUGH_TO_CHOOSE {
             let (count, dots) = (estimate.dots.len(), &mut estimate.dots);
-            let good = |d: &Found| d.disturbance_px <= LARGEST_DISTURBANCE_PX;
+            let good = |d: &Found| d.disturbance_px <= MAX_DISTURBANCE_PX;
             if dots.iter().filter(|d| good(d)).count() >= (2 * count).div_ceil(3) {
                 dots.retain(good);
             }
@@ -180,7 +180,7 @@ impl PoseEstimator {
                 let offset = finder.bias_px(dot.id, &known);
                 let [xx, _, yy] = dot.covariance_px2;
                 // what somebody predicts may be absurd, or no number: no centre lies so far off
-                if offset.norm_squared() <= LARGEST_OFFSET * LARGEST_OFFSET * xx.max(yy) {
+                if offset.norm_squared() <= MAX_OFFSET * MAX_OFFSET * xx.max(yy) {
                     *px = dot.px - offset;
                 }
             }
@@ -269,7 +269,7 @@ impl PoseEstimator {
             && (count < 4.0
                 || count * estimate.rms_px * estimate.rms_px
                     <= largest_misfit(estimate.dots.len()) * variance)
-            && estimate.dots.iter().all(|d| d.disturbance_px <= LARGEST_DISTURBANCE_PX)
+            && estimate.dots.iter().all(|d| d.disturbance_px <= MAX_DISTURBANCE_PX)
     }
 
     /// Of two poses that explain the image of `count` points almost equally well, the one nearer to the `known` one; and
@@ -317,7 +317,7 @@ fn in_plane(r: &Vector2<f64>) -> Point3<f64> {
 
 /// Largest misfit of `count` dots, four or more.
 fn largest_misfit(count: usize) -> f64 {
-    if count <= 4 { LARGEST_MISFIT } else { misfit::largest(2.0 * count as f64 - 6.0) }
+    if count <= 4 { MAX_MISFIT } else { misfit::largest(2.0 * count as f64 - 6.0) }
 }
 
 #[cfg(test)]

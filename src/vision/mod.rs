@@ -128,13 +128,13 @@ impl TrustedEstimate {
 pub struct Vision {
     estimator: PoseEstimator,
     finder: Finder,
-    /// Sights of the present frame: in windows, and in the whole frame.
+    /// Estimates from the present frame: in windows, and in the whole frame.
     tracked: FrameEstimate,
     searched: FrameEstimate,
     /// The last estimate that was believed, and the one before it, as long as the target was not lost since.
     last: Option<TrustedEstimate>,
     before: Option<TrustedEstimate>,
-    /// Buffers of sights that nobody holds.
+    /// Buffers of estimates that are not in use.
     spare: Vec<FrameEstimate>,
     expected: Vec<Expected>,
     /// Ids of points of one image on which something lies.

@@ -7,7 +7,7 @@ use crate::pose::Loss;
 const MAX_ITERATIONS: u32 = 100;
 const FIRST_DAMPING: f64 = 1e-4;
 /// A damping at which the equations are given up.
-const LARGEST_DAMPING: f64 = 1e12;
+const MAX_DAMPING: f64 = 1e12;
 /// The promised fall, relative to the loss by degree of freedom, that ends it: steps of less than a thousandth of a standard deviation.
 const LAST_PROMISE: f64 = 1e-7;
 /// A loss by degree of freedom that is none: what is left of exact data.
@@ -88,7 +88,7 @@ impl<'a> Adjustment<'a> {
             let size = (self.end.sums.loss / self.dof).max(NOTHING);
             let Some(step) = self.end.sums.step(damping) else {
                 damping *= 10.0;
-                if damping > LARGEST_DAMPING {
+                if damping > MAX_DAMPING {
                     return Err(BundleFailure::Degenerate);
                 }
                 continue;
@@ -111,7 +111,7 @@ impl<'a> Adjustment<'a> {
                 self.settled = true;
                 return Ok(self);
             }
-            if damping > LARGEST_DAMPING {
+            if damping > MAX_DAMPING {
                 return Err(BundleFailure::Degenerate);
             }
         }

@@ -40,7 +40,7 @@ pub(crate) struct Selected {
     pub(crate) views: Vec<usize>,
     /// Of the whole problem, by view: why it was left out.
     pub(crate) misfits: Vec<Option<Misfit>>,
-    /// Of the whole problem, by view, sighting and corner: used.
+    /// Of the whole problem, by view, observation and corner: used.
     pub(crate) kept: Vec<Vec<Vec<bool>>>,
 }
 
@@ -56,7 +56,7 @@ impl Selected {
     }
 }
 
-/// Squared sizes of errors by view, sighting and corner; infinite behind the camera.
+/// Squared sizes of errors by view, observation and corner; infinite behind the camera.
 fn sizes(problem: &BundleProblem, state: &BundleState) -> Vec<Vec<Vec<f64>>> {
     let of = |view: usize, observation: &BoardObservation| {
         let size = |point| {

@@ -205,7 +205,7 @@ mod tests {
         let q = SVector::<f64, 6>::from([0.4617, -1.7204, 1.4481, -1.2809, -1.8176, 0.9664]);
         let X_CO = Pose::translation(-0.04, -0.025, 0.35);
         let X_EC = Pose::translation(0.0, 0.0, 0.05);
-        // the same sights by an eye in the hand and one beside the arm
+        // the same views from a camera in the hand and from one beside the arm
         let X_BC = robot.forward(&q) * Pose::translation(0.0, 0.0, 0.4) * Pose::rotation(Vector3::x() * 3.1);
         for (mount, X_CO) in [(Mount::EyeInHand { X_EC }, X_CO), (Mount::EyeToHand { X_BC }, X_CO)] {
             let cell = TourCell {

@@ -46,26 +46,26 @@ pub fn taught_view(config: &Config) -> Result<TaughtView, AssembleError> {
     let X_LR = between(&scene.mount, &right.mount).ok_or(AssembleError::NoStereo)?;
     let mut left = SimulatedEye::new(config, (&config.camera, scene.camera), X_DO, scene)?;
     let mut right = SimulatedEye::new(config, (right, right.model), X_LR.inv_mul(&X_DO), scene)?;
-    let mut lessons = Vec::new();
-    for lesson in FIRST_TEACH_FRAME..FIRST_TEACH_FRAME + TEACH_FRAMES {
-        let (left, right) = (left.look(lesson)?, right.look(lesson)?);
+    let mut views = Vec::new();
+    for frame_id in FIRST_TEACH_FRAME..FIRST_TEACH_FRAME + TEACH_FRAMES {
+        let (left, right) = (left.look(frame_id)?, right.look(frame_id)?);
         let points = StereoVision::points_in(&stereo.rig, left, right);
-        lessons.push(points.map_err(|(side, status)| AssembleError::NotSeen {
+        views.push(points.map_err(|(side, status)| AssembleError::NotSeen {
             side: side.as_str(),
             status: status.as_str(),
         })?);
     }
-    Ok(TaughtView::new(&taught_points(&lessons), X_DO)?)
+    Ok(TaughtView::new(&taught_points(&views), X_DO)?)
 }
 
-/// The points that are in all lessons, each the mean of all.
+/// The points that are in all views, each with the mean of its positions.
 #[must_use]
-pub fn taught_points(lessons: &[Vec<SpacePoint>]) -> Vec<TaughtPoint> {
-    let (Some(first), over) = (lessons.first(), 1.0 / lessons.len() as f64) else { return Vec::new() };
+pub fn taught_points(views: &[Vec<SpacePoint>]) -> Vec<TaughtPoint> {
+    let (Some(first), over) = (views.first(), 1.0 / views.len() as f64) else { return Vec::new() };
     let of = |id: u32| {
-        let each = lessons.iter().map(|lesson| {
-            let at = lesson.binary_search_by_key(&id, |point| point.id).ok()?;
-            lesson.get(at).map(|point| (point.p_L.coords, point.covariance))
+        let each = views.iter().map(|view| {
+            let at = view.binary_search_by_key(&id, |point| point.id).ok()?;
+            view.get(at).map(|point| (point.p_L.coords, point.covariance))
         });
         let sum = each.collect::<Option<Vec<_>>>()?.into_iter();
         let (p, covariance) = sum.fold((Vector3::zeros(), Matrix3::zeros()), |s, e| (s.0 + e.0, s.1 + e.1));
@@ -120,8 +120,8 @@ impl SimulatedEye {
     }
 
     /// An image, and who looks at it.
-    fn look(&mut self, lesson: u64) -> Result<(&mut Finder, ImageView<'_>), AssembleError> {
-        self.renderer.render(&[self.X_CO], lesson, &mut self.pixels);
+    fn look(&mut self, frame_id: u64) -> Result<(&mut Finder, ImageView<'_>), AssembleError> {
+        self.renderer.render(&[self.X_CO], frame_id, &mut self.pixels);
         let (width, height) = self.size;
         Ok((&mut self.finder, ImageView::new(&self.pixels, width, height)?))
     }

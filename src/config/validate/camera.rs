@@ -9,7 +9,7 @@ use crate::config::stereo::right_mount;
 use crate::config::{Camera, Document};
 use crate::messages::{CameraId, MAX_CAMERAS};
 use crate::robot::Mount;
-use crate::scene::{FrameSchedule, Irregularity, LARGEST_SIDE_PX, SceneLook};
+use crate::scene::{FrameSchedule, Irregularity, MAX_SIDE_PX, SceneLook};
 use crate::time::SpanNs;
 
 /// Least columns and rows of an image.
@@ -61,8 +61,8 @@ fn camera(
     let (lens, synthetic) = (&c.lens, &c.synthetic);
     let key = |name: &str| format!("{at}.{name}");
     let before = check.count_problems();
-    let width_px = check.count(&key("width_px"), c.width_px, MIN_SIDE_PX..=LARGEST_SIDE_PX);
-    let height_px = check.count(&key("height_px"), c.height_px, MIN_SIDE_PX..=LARGEST_SIDE_PX);
+    let width_px = check.count(&key("width_px"), c.width_px, MIN_SIDE_PX..=MAX_SIDE_PX);
+    let height_px = check.count(&key("height_px"), c.height_px, MIN_SIDE_PX..=MAX_SIDE_PX);
     let rate_hz = check.range(&key("rate_hz"), c.rate_hz, 0.1..=1000.0);
     let exposure = check.span_ms(&key("exposure_ms"), c.exposure_ms, 0.0..=1000.0);
     let latency = check.span_ms(&key("latency_ms"), c.latency_ms, 0.0..=500.0);

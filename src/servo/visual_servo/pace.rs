@@ -8,7 +8,7 @@ const GAIN_AT_GOAL_ERROR: f64 = 1.25e-3;
 /// Rate that no swinging arm makes slower, 1/s.
 const SLOW_1_S: f64 = 1.0;
 /// Gain times age from which on a held law is not kept up with.
-const LARGEST_HELD: f64 = 0.2;
+const MAX_HELD: f64 = 0.2;
 
 impl ServoSettings {
     /// Share of a law's rate that is left: of all that is above [`SLOW_1_S`] the `gain_share` that an arm that swings has, and near the goal it falls
@@ -35,7 +35,7 @@ impl ServoSettings {
 /// they are, the more it asks for. `e' = -lambda e(t - T)` falls with the rate `s = lambda x`, `x = exp(x lambda T)`, here as its
 /// series. Held laws of higher gains begin to swing; there is nothing to keep up with.
 pub(super) fn as_quick_as_held(lambda_T: f64) -> f64 {
-    let r = lambda_T.clamp(0.0, LARGEST_HELD);
+    let r = lambda_T.clamp(0.0, MAX_HELD);
     let x = 1.0 + r * (1.0 + r * (1.5 + r * (8.0 / 3.0 + r * 125.0 / 24.0)));
     if lambda_T > r { (x * r / lambda_T).max(1.0) } else { x }
 }

@@ -3,7 +3,7 @@
 use crate::time::{MonoNs, SpanNs};
 
 /// A step of the driver's count that is one; a larger one is a count that was begun anew.
-const LARGEST_GAP: u32 = 1 << 20;
+const MAX_GAP: u32 = 1 << 20;
 
 /// From the driver's count of 32 bits, which wraps and begins anew with each stream, to one that goes on.
 #[derive(Debug, Clone, Copy, Default)]
@@ -18,7 +18,7 @@ impl SequenceCount {
     pub(super) fn number(&mut self, raw: u32) -> u64 {
         let first = self.last.is_none() && self.number == 0;
         let step = match self.last.map(|last| raw.wrapping_sub(last)) {
-            Some(step @ 1..=LARGEST_GAP) => u64::from(step),
+            Some(step @ 1..=MAX_GAP) => u64::from(step),
             Some(_) => 1,
             None => u64::from(!first),
         };
@@ -104,7 +104,7 @@ pub(super) struct ReadingPlan {
 
 impl ReadingPlan {
     const MAX_OFTEN: u32 = 8;
-    const LARGEST_SHARE: f64 = 0.01;
+    const MAX_SHARE: f64 = 0.01;
 
     pub(super) fn new() -> Self {
         Self { every: Self::MAX_OFTEN, left: Self::MAX_OFTEN }
@@ -122,7 +122,7 @@ impl ReadingPlan {
 
     /// Reading took `cost`, where frames are `period` apart.
     pub(super) fn took(&mut self, cost: SpanNs, period: SpanNs) {
-        let frames = cost.as_s() / (Self::LARGEST_SHARE * period.as_s().max(1e-6));
+        let frames = cost.as_s() / (Self::MAX_SHARE * period.as_s().max(1e-6));
         self.every = (frames.ceil() as u32).clamp(Self::MAX_OFTEN, 10_000);
         self.left = self.every;
     }

@@ -61,7 +61,7 @@ pub struct StereoVision {
     right: Finder,
     taught: TaughtView,
     pairing: Pairing<CameraDetections>,
-    /// Buffers of sightings that nobody holds.
+    /// Buffers of detections that are not in use.
     spare: Vec<Vec<Found>>,
     room: usize,
     points: Vec<SpacePoint>,
