@@ -6,7 +6,7 @@
 use divan::{Bencher, black_box};
 use nalgebra::{Matrix6, Point3, SVector, Vector2, Vector6};
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
-use vservo::control::behaviour::{ArmModel, Servoing};
+use vservo::control::behaviour::{ArmModel, Behaviour, Servoing};
 use vservo::control::controller::{ControlOutput, Controller, ControllerSettings};
 use vservo::control::lifecycle::Request;
 use vservo::control::safety::MeasurementWatch;
@@ -116,7 +116,7 @@ impl<const N: usize> Running<N> {
             JointController::new(JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)), observer);
         let arm = ArmModel { robot, limits: limits.clone() };
         let settings = ControllerSettings::new(arm, joint_control, CommandMode::Torque, q);
-        let mut controller = Controller::new(settings, Box::new(Servoing::new(servo, watch, 10)));
+        let mut controller = Controller::new(settings, servo, Behaviour::Servoing(Servoing::new(watch)));
         controller.request(Request::Start).unwrap();
         Self { controller, limits, q, qd: SVector::zeros(), X_BO, tick: 0 }
     }

@@ -63,7 +63,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         // what was exposed 20 ms ago has arrived
         let arrived = seen.take_if(|_| tick % 40 == 20);
-        if let Some(finish) = control.act(tick, mid, arrived.as_ref()).finish {
+        if let Some(finish) = control.act(mid, arrived.as_ref()).finish {
             let errors = control.final_errors();
             let mm = errors.position_error_m.unwrap_or(f64::NAN) * 1e3;
             println!(

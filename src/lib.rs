@@ -24,6 +24,7 @@ pub mod imaging;
 pub mod input;
 pub mod linalg;
 pub mod messages;
+pub mod mission;
 pub mod motion;
 pub mod pose;
 pub mod prelude;

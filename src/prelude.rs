@@ -26,6 +26,7 @@ pub use crate::features::{
 pub use crate::geometry::Pose;
 pub use crate::imaging::ImageView;
 pub use crate::messages::{FrameHeader, JointState, Measurement, TargetStatus};
+pub use crate::mission::{LockstepRun, Mission};
 pub use crate::pose::{Correspondence, PlanarPose, planar_pose, pnp, refine};
 pub use crate::robot::Robot;
 pub use crate::scene::{Exposure, SyntheticCamera};

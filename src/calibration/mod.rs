@@ -1,7 +1,7 @@
 //! What a cell can find out about itself: from the motion of its own arm, and from images of a board.
 //!
 //! ```text
-//! control: ExcitationMotion instead of the servo law ─► JointStates ──┐
+//! control: the excitation motion instead of the servo law ─► JointStates ──┐
 //! vision:                                          Measurements ──┴─► Recording ─► stamp_offset
 //! ```
 //! `vservo calibrate latency`: the offset between the camera's stamps and the encoders'. `vservo calibrate hand-eye`: where the camera
@@ -16,15 +16,15 @@
 
 pub mod bundle;
 pub mod camera;
-mod excitation_motion;
 pub mod hand_eye;
+mod image_reach;
 mod joint_track;
 mod latency;
 mod recording;
 mod response;
 pub mod stereo;
 
-pub use excitation_motion::{ExcitationTrajectory, image_reach};
+pub use image_reach::image_reach;
 pub use joint_track::JointTrack;
 pub use latency::{KnownCell, LatencyError, StampOffset, stamp_offset};
 pub use recording::{Recording, TargetDetection};

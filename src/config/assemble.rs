@@ -1,18 +1,19 @@
 //! From a validated configuration to the cores that it describes.
 
-use crate::config::raw::{Clock, DriveKind, JointControl, Task, Update};
+use crate::config::raw::{self, Clock, DriveKind, JointControl, Update};
 use crate::config::{Config, Scene, SimulatedArm, Source};
-use crate::control::behaviour::{ArmModel, Behaviour, CalibrationTour, ExcitationMotion, Servoing};
-use crate::control::control_loop::{ControlLoop, RunPlan, Service};
+use crate::control::behaviour::{ArmModel, Behaviour, Excitation, Servoing, Waypoints};
+use crate::control::control_loop::{ControlLoop, LoopSettings};
 use crate::control::controller::{Controller, ControllerSettings};
 use crate::control::safety::MeasurementWatch;
-use crate::control::truth::Truth;
 use crate::drive::{
     CommandMode, Drive, EncoderModel, IdealDrive, SimulatedDrive, SimulatedDriveSettings, StandstillDrive,
 };
 use crate::imaging::ImageSizeError;
 use crate::linalg::Random;
 use crate::messages::MAX_JOINTS;
+use crate::mission::truth::Truth;
+use crate::mission::{BelievedCell, Goal, LockstepRun, Mission, RunPlan, RunTask, Service};
 use crate::motion::{
     InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, PdGravityControl,
 };
@@ -268,19 +269,19 @@ fn true_friction<const N: usize>(robot: &Robot<N>, arm: &SimulatedArm, seed: u64
     })
 }
 
-/// The control core of a configuration, with its drive.
+/// Control and mission of a configuration, with its drive.
 ///
 /// # Errors
 /// [`AssembleError`]; after [`Config::load`] only where lists do not fit `N`.
 pub fn control_loop<const N: usize>(
     config: &Config,
     robot: Robot<N>,
-) -> Result<ControlLoop<N>, AssembleError> {
+) -> Result<LockstepRun<N>, AssembleError> {
     let drive = drive(config, &robot)?;
     control_loop_with(config, robot, drive)
 }
 
-/// The control core of a configuration with a drive that was made elsewhere.
+/// Control and mission of a configuration with a drive that was made elsewhere.
 ///
 /// # Errors
 /// As for [`control_loop`].
@@ -288,7 +289,7 @@ pub fn control_loop_with<const N: usize>(
     config: &Config,
     robot: Robot<N>,
     drive: AnyDrive<N>,
-) -> Result<ControlLoop<N>, AssembleError> {
+) -> Result<LockstepRun<N>, AssembleError> {
     require_controllable(config)?;
     let q_start = q_start::<N>(config)?;
     let limits = motion_limits(config, &robot)?;
@@ -320,15 +321,22 @@ pub fn control_loop_with<const N: usize>(
         object: config.servo.object,
     });
     let watch = MeasurementWatch::new(config.safety.measurement_timeout, config.safety.slow_down_from);
-    let teach_measurements = config.effective.servo.set_point.measurements;
-    let behaviour: Box<dyn Behaviour<N>> = match (config.task, closed_loop) {
-        (Task::CalibrateLatency, _) => Box::new(ExcitationMotion::new(servo, config.camera.model, watch)),
-        (Task::CalibrateHandEye, _) => {
-            let points = config.target.points().iter().map(|point| point.p_O).collect();
-            Box::new(CalibrationTour::new(servo, config.camera.model, points))
+    let cell = || BelievedCell {
+        robot: robot.clone(),
+        limits: limits.clone(),
+        mount: config.camera.mount,
+        camera: config.camera.model,
+        points: config.target.points().iter().map(|point| point.p_O).collect(),
+    };
+    let (task, behaviour) = match (config.task, closed_loop) {
+        (raw::Task::CalibrateLatency, _) => {
+            (RunTask::excitation(cell()), Behaviour::Excitation(Excitation::new(watch)))
         }
-        (Task::Servo, true) => Box::new(Servoing::new(servo, watch, teach_measurements)),
-        (Task::Servo, false) => Box::new(Servoing::new(servo, watch, teach_measurements).dry()),
+        (raw::Task::CalibrateHandEye, _) => {
+            (RunTask::tour(cell()), Behaviour::Waypoints(Waypoints::default()))
+        }
+        (raw::Task::Servo, true) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch))),
+        (raw::Task::Servo, false) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch).dry())),
     };
     let settings = ControllerSettings {
         effort_rise: config.motion.effort_rise,
@@ -342,19 +350,29 @@ pub fn control_loop_with<const N: usize>(
     let service = if config.serve {
         Service::Served
     } else {
-        Service::OneShot { teaches: config.task == Task::Servo && config.servo.teach > 0 }
+        Service::OneShot { teaches: config.task == raw::Task::Servo && config.servo.teach > 0 }
     };
     let plan = RunPlan {
         service,
-        feature_error_px: config.goal.feature_error_px,
-        hold: config.goal.hold,
+        lesson: config.effective.servo.set_point.measurements,
         duration: (!plays_once && !config.serve).then_some(config.duration),
         closed_loop,
-        one_clock: config.clock == Clock::Realtime,
         f_px: Vector2::new(i.fx_px, i.fy_px),
     };
+    let goal = Goal {
+        id: 0,
+        set_point: servo.set_point().clone(),
+        tolerance_px: config.goal.feature_error_px,
+        hold: config.goal.hold,
+    };
     let truth = config.scene.as_ref().map(truth).transpose()?;
-    Ok(ControlLoop::new(Controller::new(settings, behaviour), drive, plan, truth))
+    let of_loop = LoopSettings {
+        served: config.serve,
+        moves_an_arm: closed_loop,
+        one_clock: config.clock == Clock::Realtime,
+    };
+    let control = ControlLoop::new(Controller::new(settings, servo, behaviour), drive, of_loop);
+    Ok(LockstepRun::new(control, Mission::new(plan, task, goal, truth)))
 }
 
 fn truth<const N: usize>(scene: &Scene) -> Result<Truth<N>, AssembleError> {

@@ -65,7 +65,7 @@ pub struct Config {
     /// Seed of all random numbers.
     pub seed: u64,
     /// When the run counts as converged.
-    pub goal: Goal,
+    pub goal: GoalTolerance,
     /// The arm.
     pub robot: RobotDescription,
     /// Whether the run does what it is told, until it is told to end.
@@ -113,7 +113,7 @@ pub struct Start {
 
 /// When the run counts as converged.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Goal {
+pub struct GoalTolerance {
     /// Largest root mean square feature error, px.
     pub feature_error_px: f64,
     /// How long it must stay below.

@@ -13,7 +13,7 @@ use super::selection::doubtful_features;
 use super::servo::servo;
 use super::stereo::stereo;
 use super::target::target;
-use super::{Camera, Config, Document, Goal, Problem, Realtime, RealtimeRequest, Safety, Start};
+use super::{Camera, Config, Document, GoalTolerance, Problem, Realtime, RealtimeRequest, Safety, Start};
 use crate::scene::SceneMotion;
 use crate::time::SpanNs;
 use crate::vision::VisionSettings;
@@ -38,7 +38,7 @@ pub(super) fn validate(
     let check = &mut check;
 
     let duration = SpanNs::from_s(check.range("run.duration_s", raw.run.duration_s, 0.01..=86_400.0));
-    let goal = Goal {
+    let goal = GoalTolerance {
         feature_error_px: check.range("goal.feature_error_px", raw.goal.feature_error_px, 1e-6..=100.0),
         hold: SpanNs::from_s(check.range("goal.hold_s", raw.goal.hold_s, 0.0..=60.0)),
     };

@@ -1,12 +1,11 @@
-//! Control: from a measurement and the arm's state to the command of a tick, and how a run ends.
+//! Control: from a measurement and the arm's state to the command of a tick. What the real-time thread runs, and nothing else.
 //!
 //! ```text
-//! [`control_loop`] one run: drive, controller, goal, what is counted      [`run_end`] every end is an arm at rest
+//! [`control_loop`] drive and controller, and the way to an arm at rest
 //! [`controller`]   one tick: watch ─► lifecycle ─► behaviour ─► reference ─► joint control ─► gate
 //! [`lifecycle`]    what the run is doing: a table                         [`behaviour`] why the arm moves
-//! [`gate`]         the last thing before the drive
-//! [`trace`]        what a tick leaves: the report reads it, control does not know the report
-//! [`residual`]     an arm that stands before an error which stays
+//! [`order`]        what the mission wants                                 [`gate`] the last thing before the drive
+//! [`trace`]        what a tick leaves: mission and report read it, control knows neither
 //! [`safety`]       faults and reactions, the watches over measurements and measured arm
 //! ```
 //!
@@ -40,11 +39,8 @@ pub mod control_loop;
 pub mod controller;
 pub mod gate;
 pub mod lifecycle;
-pub mod measurement_log;
+pub mod order;
 pub mod outcome;
 mod records;
-pub mod residual;
-pub mod run_end;
 pub mod safety;
 pub mod trace;
-pub mod truth;

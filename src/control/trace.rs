@@ -1,5 +1,7 @@
-//! What one tick leaves behind: what goes out, and everything that the report counts. The report reads it; control does not
-//! know the report.
+//! What one tick leaves behind: what goes out, everything that the mission goes by, and what the report counts. Mission and report read it;
+//! control knows neither.
+//!
+//! The mission adds what it makes of the tick: the feature error, its events, the status and the end of the run.
 
 mod record;
 
@@ -11,8 +13,8 @@ use crate::motion::ActingLimits;
 use crate::servo::MeasurementVerdict;
 use crate::time::{MonoNs, SpanNs};
 
-/// Most events of one tick.
-const MAX_EVENTS: usize = 4;
+/// Most events of one tick, of control and mission.
+const MAX_EVENTS: usize = 8;
 
 /// One tick.
 #[derive(Debug, Clone, Copy)]
@@ -25,22 +27,56 @@ pub struct Trace {
     pub command: CommandTrace,
     /// When that command was written.
     pub commanded: MonoNs,
-    /// What control does.
+    /// Deadlines missed so far.
+    pub missed_deadlines: u64,
+    /// The twist that a law wishes of a camera that no arm holds, `V_WC_C`, m/s and rad/s; `None` where an arm does.
+    pub V_C: Option<[f64; 6]>,
+    /// What control does; with the last record, how the run ended.
     pub state: ControlState,
     /// Why it does nothing more.
     pub fault: Option<Fault>,
+    /// Why the arm was brought to rest, and the run is to end, where control itself was told so; from that tick on.
+    pub stopped: Option<&'static str>,
+    /// Whether no tick follows.
+    pub over: bool,
     /// Traces before this one that were dropped because nobody took them in time.
     pub lost: u64,
-    /// The run after the tick, every 20 ms.
-    pub status: Option<Status>,
     /// The measurement that came, and what became of it.
     pub measurement_record: Option<MeasurementRecord>,
     /// The limits that acted.
     pub limits: ActingLimits,
-    /// What happened.
+    /// What happened; the mission adds its own.
     pub events: Events,
-    /// Set at the tick that ends the run.
+    /// The run after the tick, every 20 ms: the mission's.
+    pub status: Option<Status>,
+    /// How the run ended, with the last record: the mission's.
     pub finish: Option<Finish>,
+}
+
+impl Trace {
+    /// A tick at `time` of which nothing is known yet.
+    #[must_use]
+    pub fn at(time: MonoNs) -> Self {
+        let zero = [0.0; MAX_JOINTS];
+        Self {
+            time,
+            joint_state: JointState::default(),
+            command: CommandTrace { wish: zero, tau: zero, q_r: zero, qd_r: zero },
+            commanded: time,
+            missed_deadlines: 0,
+            V_C: None,
+            state: ControlState::Waiting,
+            fault: None,
+            stopped: None,
+            over: false,
+            lost: 0,
+            measurement_record: None,
+            limits: ActingLimits::default(),
+            events: Events::default(),
+            status: None,
+            finish: None,
+        }
+    }
 }
 
 /// The command of a tick; entries beyond the arm's joints are zero.
@@ -57,7 +93,7 @@ pub struct CommandTrace {
 }
 
 /// Where a measurement came from, and when.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameStamps {
     /// Which frame.
     pub frame_id: u64,
@@ -95,7 +131,9 @@ pub struct MeasurementRecord {
     pub frame: FrameStamps,
     /// What became of it; `None` where the controller could not look at it.
     pub verdict: Option<MeasurementVerdict>,
-    /// Root mean square feature error, px; NaN where it says nothing about the goal.
+    /// Whether the law works with a part of its features, the others being hidden.
+    pub degraded: bool,
+    /// Root mean square feature error, px, which the mission tells; NaN where it says nothing about the goal.
     pub error_px: f64,
     /// Where its time went, once its command was written.
     pub latency: Option<LatencyStages>,
@@ -134,6 +172,8 @@ pub enum Event {
     GainReduced,
     /// The arm goes back to where it saw the whole target last.
     Returning,
+    /// The motion that was asked for has come to its end.
+    MotionOver,
 }
 
 /// The events of one tick, in their order.
@@ -145,7 +185,7 @@ pub struct Events {
 
 impl Events {
     /// Notes an event; past [`MAX_EVENTS`] of one tick nothing new can have happened.
-    pub(super) fn push(&mut self, event: Event) {
+    pub(crate) fn push(&mut self, event: Event) {
         if let Some(place) = self.list.get_mut(self.count) {
             *place = Some(event);
             self.count += 1;
@@ -185,17 +225,17 @@ pub struct LatencyStages {
 const LONGEST_STAGE: SpanNs = SpanNs(3_600_000_000_000);
 
 impl LatencyStages {
-    /// The stages of `m`, whose command was written at `command`. `one_clock`: all stamps are of the same clock.
+    /// The stages of the frame `m`, whose command was written at `command`. `one_clock`: all stamps are of the same clock.
     #[must_use]
-    pub fn of(m: &Measurement, command: MonoNs, one_clock: bool) -> Self {
+    pub fn of(m: &FrameStamps, command: MonoNs, one_clock: bool) -> Self {
         let span = |from: MonoNs, to: MonoNs| {
             let span = SpanNs(to.0.saturating_sub(from.0));
             (span.0.unsigned_abs() <= LONGEST_STAGE.0.unsigned_abs()).then_some(span)
         };
         let if_one_clock = |span: Option<SpanNs>| span.filter(|_| one_clock);
         Self {
-            exposure_to_frame: if_one_clock(span(m.exposure, m.frame_sent)),
-            frame_to_vision: span(m.frame_sent, m.vision_start),
+            exposure_to_frame: if_one_clock(span(m.exposure, m.sent)),
+            frame_to_vision: span(m.sent, m.vision_start),
             vision: span(m.vision_start, m.vision_end),
             measurement_to_command: if_one_clock(span(m.vision_end, command)),
             exposure_to_command: span(m.exposure, command),

@@ -7,6 +7,7 @@
 //! ```
 
 mod braking;
+mod excitation_motion;
 mod goal_braking;
 mod joint_control;
 mod joint_observer;
@@ -15,6 +16,7 @@ mod reference;
 mod singularity;
 mod time_optimal;
 
+pub use excitation_motion::{ExcitationMotion, MAX_EXCITATION};
 pub use goal_braking::brakeable;
 pub use joint_control::{InverseDynamicsControl, JointController, JointLaw, JointTorque, PdGravityControl};
 pub use joint_observer::ObserverSettings;

@@ -90,6 +90,12 @@ impl<const N: usize> MotionLimits<N> {
         self.velocity[i].clamp(1.0, FASTEST)
     }
 
+    /// The way of joint `i`, counted from 0, from `q` to that end of its range that lies in the direction of `sign`, rad or m.
+    #[must_use]
+    pub fn room(&self, i: usize, q: &SVector<f64, N>, sign: f64) -> f64 {
+        if sign < 0.0 { q[i] - self.lower[i] } else { self.upper[i] - q[i] }
+    }
+
     /// The limits of joint `i`, counted from 0.
     pub(super) fn bounds(&self, i: usize) -> Bounds {
         Bounds {

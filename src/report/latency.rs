@@ -51,6 +51,7 @@ impl LatencyTable {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::trace::FrameStamps;
     use crate::messages::Measurement;
     use crate::time::MonoNs;
 
@@ -66,7 +67,7 @@ mod tests {
 
     #[test]
     fn stages_add_up_to_the_whole() {
-        let s = LatencyStages::of(&measurement(), MonoNs(40_000), true);
+        let s = LatencyStages::of(&FrameStamps::of(&measurement()), MonoNs(40_000), true);
         let parts = [s.exposure_to_frame, s.frame_to_vision, s.vision, s.measurement_to_command];
         let sum: i64 = parts.iter().map(|p| p.unwrap().0).sum();
         assert_eq!(sum, s.exposure_to_command.unwrap().0);
@@ -79,7 +80,7 @@ mod tests {
     #[test]
     fn spans_across_two_clocks_are_not_counted() {
         let mut table = LatencyTable::default();
-        table.record(&LatencyStages::of(&measurement(), MonoNs(20_001_000), false));
+        table.record(&LatencyStages::of(&FrameStamps::of(&measurement()), MonoNs(20_001_000), false));
         let q = table.quantiles_us();
         assert_eq!((q.exposure_to_frame.max, q.measurement_to_command.max), (0.0, 0.0));
         assert_eq!((q.exposure_to_command.max, q.vision.max), (20_000.0, 7.0));
@@ -90,7 +91,7 @@ mod tests {
         let mut table = LatencyTable::default();
         for wild in [i64::MIN, -9_000_000_000_000_000_000, 9_000_000_000_000_000_000, i64::MAX] {
             let m = Measurement { exposure: MonoNs(wild), vision_end: MonoNs(wild), ..measurement() };
-            table.record(&LatencyStages::of(&m, MonoNs(40_000), true));
+            table.record(&LatencyStages::of(&FrameStamps::of(&m), MonoNs(40_000), true));
         }
         let q = table.quantiles_us();
         assert_eq!((q.exposure_to_command.max, q.vision.max, q.frame_to_vision.max), (0.0, 0.0, 3.0));

@@ -184,6 +184,7 @@ fn describe(event: Event) -> String {
         Event::Requested(request) => return format!("{} on request", request.as_str()),
         Event::GoalReached => "the goal was reached and held",
         Event::Returning => "the arm goes back to where it saw the whole target last",
+        Event::MotionOver => "the motion that was asked for is over",
         Event::GainReduced => "the arm moves about its goal and gets no nearer: gain and learning go down",
         Event::ImpossiblePose => {
             "a measurement was refused, its pose is none that an object before a camera has: see to the vision process"

@@ -4,8 +4,9 @@ mod stamp_calibration;
 
 pub use stamp_calibration::StampCalibration;
 
-use crate::control::measurement_log::VerdictCounts;
-use crate::control::outcome::{FinalErrors, Outcome};
+use crate::control::outcome::Outcome;
+use crate::mission::FinalErrors;
+use crate::mission::measurement_log::VerdictCounts;
 use crate::report::histogram::Quantiles;
 use crate::report::numbers::significant;
 use crate::time::TICK;

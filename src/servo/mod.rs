@@ -54,7 +54,6 @@
 mod convergence;
 mod drift;
 mod gain;
-mod goal_teacher;
 mod hybrid;
 mod image;
 mod interaction;

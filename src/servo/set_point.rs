@@ -73,7 +73,7 @@ impl SetPoint {
     /// The same features with the desired pose and the depths that explain them best, from a pose near it: for points that are no
     /// plane. `None` where they fix none.
     #[must_use]
-    pub(super) fn posed_near(&self, guess: &Pose) -> Option<Self> {
+    pub(crate) fn posed_near(&self, guess: &Pose) -> Option<Self> {
         let mut seen = [Correspondence3 { r: Point3::origin(), s: Vector2::zeros() }; MAX_FEATURES];
         for ((place, s), p) in seen.iter_mut().zip(self.features()).zip(self.points()) {
             *place = Correspondence3 { r: *p, s: *s };

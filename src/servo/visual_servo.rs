@@ -10,8 +10,7 @@ mod pace;
 use super::drift::{LONGEST_SPAN, unbelieved_motion};
 use super::{
     Arm, Convergence, Drift, LawOutput, MeasurementVerdict, ObjectMotion, ServoSettings, SetPoint, Task,
-    TwistTask, UpdatePolicy, View, away_from_limits, goal_teacher::GoalTeacher, joint_velocity,
-    seek_null_motion,
+    TwistTask, UpdatePolicy, View, away_from_limits, joint_velocity, seek_null_motion,
 };
 use crate::geometry::{Pose, rotate_twist};
 use crate::messages::{Measurement, TargetStatus};
@@ -70,7 +69,6 @@ pub struct VisualServo<const N: usize> {
     fresh: bool,
     /// First requested velocity, and when: what a smooth start takes off.
     start: Option<(MonoNs, SVector<f64, N>)>,
-    goal_teacher: GoalTeacher,
     object: Option<ObjectMotion>,
     /// What the last measurement told of the joints.
     drift: Option<Drift<N>>,
@@ -92,7 +90,6 @@ impl<const N: usize> VisualServo<N> {
             held: None,
             fresh: false,
             start: None,
-            goal_teacher: GoalTeacher::new(0),
             object,
             drift: None,
             gain_share: 1.0,
@@ -111,16 +108,14 @@ impl<const N: usize> VisualServo<N> {
         &self.settings
     }
 
-    /// Makes what the camera sees the goal: the mean of the next `measurements` good ones. Until then nothing is requested.
-    pub fn teach(&mut self, measurements: u32) {
-        self.goal_teacher = GoalTeacher::new(measurements);
+    /// From now on `goal` is sought, also by what was measured before.
+    pub fn set_goal(&mut self, goal: SetPoint) {
+        self.settings.set_point = goal;
         self.held = None;
-    }
-
-    /// Whether the goal is still being taught.
-    #[must_use]
-    pub fn is_teaching(&self) -> bool {
-        self.goal_teacher.left > 0
+        self.last = self.last.and_then(|last| {
+            let task = self.settings.law.task(&self.settings.set_point, &last.view)?;
+            Some(LastMeasurement { task, ..last })
+        });
     }
 
     /// Whether the law works with a view in which features are hidden.
@@ -141,7 +136,7 @@ impl<const N: usize> VisualServo<N> {
     }
 
     /// From now on the goal is sought at full gain, as at first.
-    pub fn seek_at_full_gain(&mut self) {
+    pub fn restore_gain(&mut self) {
         self.gain_share = 1.0;
     }
 
@@ -184,9 +179,6 @@ impl<const N: usize> VisualServo<N> {
         let Some(q) = self.history.joints(exposure).filter(|_| full || standing_start) else {
             return MeasurementVerdict::TooOld;
         };
-        if let Some(taught) = self.goal_teacher.add(&seen, &self.settings.set_point) {
-            self.settings.set_point = taught;
-        }
         let X_WC = self.settings.mount.X_WC(&robot.forward(&q));
         let partial = seen.is_partial();
         let by_motion = if partial && seen.X_CO().is_none() {
@@ -261,14 +253,14 @@ impl<const N: usize> VisualServo<N> {
     }
 
     /// What the joints shall do at this tick, at which they stand in `q` and move with `qd`. `None` before the first
-    /// measurement, while the goal is taught, and where the law has no answer.
-    pub fn law_output(
+    /// measurement, and where the law has no answer.
+    pub fn wish(
         &mut self,
         q: &SVector<f64, N>,
         qd: &SVector<f64, N>,
         robot: &Robot<N>,
     ) -> Option<LawOutput<N>> {
-        let last = self.last.as_ref().filter(|_| self.goal_teacher.left == 0)?;
+        let last = self.last.as_ref()?;
         let fresh = std::mem::take(&mut self.fresh);
         let held = self.settings.update == UpdatePolicy::Frame && !fresh;
         if !held {
@@ -301,8 +293,8 @@ impl<const N: usize> VisualServo<N> {
     /// The twist that the law asks for of a camera which moves freely, `V_WC_C`, m/s and rad/s, for the last view as it was at its
     /// exposure. `None` where [`law_output`](Self::law_output) has none, and for a torque law.
     #[must_use]
-    pub fn camera_law_output(&self) -> Option<Vector6<f64>> {
-        let last = self.last.as_ref().filter(|_| self.goal_teacher.left == 0)?;
+    pub fn camera_wish(&self) -> Option<Vector6<f64>> {
+        let last = self.last.as_ref()?;
         let J = CameraJacobian::of_moving_camera(Matrix6::identity());
         let camera = Arm { J, qd: Vector6::zeros(), gravity: Vector6::zeros() };
         match self.settings.answer((&last.view, &last.task), &camera, None, self.gain_share)?.law_output {

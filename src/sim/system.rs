@@ -8,11 +8,11 @@
 use super::closed_loop::{self, ClosedLoop};
 use crate::config::assemble::{self, AnyDrive, AssembleError};
 use crate::config::{Camera, Config};
-use crate::control::control_loop::ControlLoop;
-use crate::control::outcome::{FinalErrors, Finish, Outcome};
+use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
 use crate::imaging::{ImageSizeError, ImageView};
 use crate::messages::{FrameHeader, Measurement};
+use crate::mission::{FinalErrors, LockstepRun};
 use crate::report::statistics::RunStatistics;
 use crate::robot::{Robot, RobotError};
 use crate::scene::{Exposure, SyntheticCamera};
@@ -127,7 +127,7 @@ pub fn simulate_system_with(
             finish,
             errors: system.control.final_errors(),
             settling_time_s: system.statistics.settling_time_s(),
-            target_lost: system.control.measurements().last().map_or(0, |m| m.target_lost),
+            target_lost: system.control.mission.measurements().last().map_or(0, |m| m.target_lost),
             state_hash: system.statistics.state_hash(),
         })
     })?
@@ -189,7 +189,7 @@ fn exposed<'a, const N: usize>(
 /// The cores of the processes.
 struct System<'a, const N: usize> {
     config: &'a Config,
-    control: ControlLoop<N>,
+    control: LockstepRun<N>,
     eyes: Eyes,
     carrier: Box<dyn Carrier>,
     camera: SyntheticCamera<N>,
@@ -242,7 +242,7 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
     }
 
     fn act(&mut self, tick: u64, seen: Option<Measurement>) -> ControlFlow<Self::Outcome> {
-        let trace = self.control.act(tick, time(tick), seen.as_ref());
+        let trace = self.control.act(time(tick), seen.as_ref());
         self.statistics.note(&trace);
         let watched = (self.watch)(&Moment::Tick(&trace, &self.control.final_errors()));
         match trace.finish.or(watched.is_break().then_some(WATCHED_ENOUGH)) {

@@ -7,10 +7,11 @@ use nalgebra::SVector;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use vservo::config::{Config, assemble};
-use vservo::control::control_loop::{ControlLoop, Finish};
+use vservo::control::outcome::Finish;
 use vservo::control::trace::Event;
 use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState, SimulatedDrive};
 use vservo::messages::Measurement;
+use vservo::mission::LockstepRun;
 use vservo::robot::Robot;
 use vservo::sim::perfect_measurement;
 use vservo::time::MonoNs;
@@ -114,7 +115,7 @@ pub fn run<const N: usize>(
     see: &mut dyn FnMut(i64, Option<Measurement>) -> Option<Measurement>,
 ) -> Over<N> {
     let log = plant.log.clone();
-    let mut control: ControlLoop<N> =
+    let mut control: LockstepRun<N> =
         assemble::control_loop_with(config, robot.clone(), Box::new(plant)).unwrap();
     let points_O: Vec<_> = config.target.points().iter().map(|point| point.p_O).collect();
     let mut on_its_way = None;
@@ -128,7 +129,7 @@ pub fn run<const N: usize>(
             on_its_way = see(k, perfect_measurement(&points_O, &X_CO, MonoNs(k * MS)));
         }
         let m = if k % 40 == 20 { on_its_way.take() } else { None };
-        let trace = control.act(k as u64, MonoNs(k * MS), m.as_ref());
+        let trace = control.act(MonoNs(k * MS), m.as_ref());
         over.events.extend(trace.events.iter().map(|event| (k, event)));
         if trace.finish.is_some() {
             over.finish = trace.finish;

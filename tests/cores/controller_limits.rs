@@ -8,8 +8,7 @@ use proptest::prelude::*;
 use std::path::Path;
 use vservo::config::Config;
 use vservo::config::assemble;
-use vservo::control::behaviour::{ArmModel, Servoing};
-use vservo::control::control_loop::ControlLoop;
+use vservo::control::behaviour::{ArmModel, Behaviour, Servoing};
 use vservo::control::controller::{Controller, ControllerSettings};
 use vservo::control::lifecycle::{Request, State};
 use vservo::control::safety::{Fault, MeasurementWatch};
@@ -17,6 +16,7 @@ use vservo::control::trace::Trace;
 use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState};
 use vservo::geometry::Pose;
 use vservo::messages::{ControlState, JointState, Measurement};
+use vservo::mission::LockstepRun;
 use vservo::motion::{
     InverseDynamicsControl, JointController, JointLaw, Limit, MotionLimits, ObserverSettings,
 };
@@ -60,7 +60,7 @@ fn started<const N: usize>(
     );
     let arm = ArmModel { robot, limits };
     let settings = ControllerSettings::new(arm, joint_control, CommandMode::Torque, q);
-    let mut controller = Controller::new(settings, Box::new(Servoing::new(servo, watch, 10)));
+    let mut controller = Controller::new(settings, servo, Behaviour::Servoing(Servoing::new(watch)));
     controller.request(Request::Start).unwrap();
     controller
 }
@@ -239,7 +239,7 @@ fn perfect_run(file: Option<&str>, set: &[&str], seconds: i64) -> Outcome {
 fn perfect_loop<const N: usize>(
     config: &Config,
     robot: &Robot<N>,
-    mut control: ControlLoop<N>,
+    mut control: LockstepRun<N>,
     seconds: i64,
 ) -> Outcome {
     let mut outcome =
@@ -254,7 +254,7 @@ fn perfect_loop<const N: usize>(
         assert!((within - q).amax() < 1e-6, "{k}: {q}");
         let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO().unwrap());
         let m = if k % 40 == 0 { seen(k, &X_CO) } else { None };
-        let trace = control.act(k as u64, now, m.as_ref());
+        let trace = control.act(now, m.as_ref());
         statistics.note(&trace);
         let finish = trace.finish;
         if let Some(status) = trace.status {

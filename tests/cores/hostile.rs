@@ -8,7 +8,6 @@
 use crate::plant::{MS, Plant, Report, config, run};
 use nalgebra::SVector;
 use vservo::config::{Config, assemble};
-use vservo::control::control_loop::ControlLoop;
 use vservo::control::lifecycle::Request;
 use vservo::control::outcome::Outcome;
 use vservo::control::safety::Fault;
@@ -16,6 +15,7 @@ use vservo::drive::{CommandMode, DriveCommand, DriveState};
 use vservo::geometry::Pose;
 use vservo::linalg::Random;
 use vservo::messages::{FeaturePoint, MAX_FEATURES, Measurement};
+use vservo::mission::LockstepRun;
 use vservo::robot::Robot;
 use vservo::sim::perfect_measurement;
 use vservo::time::MonoNs;
@@ -204,7 +204,7 @@ fn turmoil<const N: usize>(config: &Config, robot: &Robot<N>, seed: u64) -> Vec<
     }
     let wild_views = random.bits().is_multiple_of(2);
     let log = plant.log();
-    let mut control: ControlLoop<N> =
+    let mut control: LockstepRun<N> =
         assemble::control_loop_with(config, robot.clone(), Box::new(plant)).unwrap();
     let points_O: Vec<_> = config.target.points().iter().map(|point| point.p_O).collect();
     let (mut last, mut on_its_way) = (None, None);
@@ -242,7 +242,7 @@ fn turmoil<const N: usize>(config: &Config, robot: &Robot<N>, seed: u64) -> Vec<
                 on_its_way = tampered(&mut random, &mut last, k, on_its_way);
             }
         }
-        if control.act(k as u64, MonoNs(k * MS), m.as_ref()).finish.is_some() {
+        if control.act(MonoNs(k * MS), m.as_ref()).finish.is_some() {
             break;
         }
     }

@@ -5,9 +5,10 @@
 use std::collections::VecDeque;
 use std::path::Path;
 use vservo::config::{Config, assemble};
-use vservo::control::outcome::{FinalErrors, Outcome};
+use vservo::control::outcome::Outcome;
 use vservo::imaging::ImageView;
 use vservo::messages::FrameHeader;
+use vservo::mission::FinalErrors;
 use vservo::scene::Exposure;
 use vservo::sim::{SystemRun, simulate_system};
 use vservo::time::{MonoNs, TICK};
@@ -187,7 +188,7 @@ fn a_loop_that_knows_no_truth_closes_too() {
             on_its_way.push_back((schedule.usable_tick(frame_id), measurement));
         }
         let arrived = on_its_way.pop_front_if(|(usable, _)| *usable <= tick).map(|(_, m)| m);
-        control.act(tick, now, arrived.as_ref()).finish
+        control.act(now, arrived.as_ref()).finish
     });
     assert_eq!(finish.unwrap().outcome, Outcome::Converged, "{finish:?}");
     let errors = control.final_errors();

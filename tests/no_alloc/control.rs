@@ -7,10 +7,10 @@ use nalgebra::SVector;
 use std::path::Path;
 use vservo::config::Config;
 use vservo::config::assemble;
-use vservo::control::control_loop::ControlLoop;
 use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState};
 use vservo::geometry::Pose;
 use vservo::messages::Measurement;
+use vservo::mission::LockstepRun;
 use vservo::robot::Robot;
 use vservo::sim::perfect_measurement;
 use vservo::time::MonoNs;
@@ -26,7 +26,7 @@ fn seen(config: &Config, k: i64, X_CO: &Pose) -> Measurement {
     .unwrap()
 }
 
-fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLoop<N>) {
+fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: LockstepRun<N>) {
     for k in 0..2000_i64 {
         let joint = control.sense(k as u64, MonoNs(k * MS));
         let q = SVector::<f64, N>::from_fn(|i, _| joint.q[i]);

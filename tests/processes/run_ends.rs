@@ -8,10 +8,10 @@ use nalgebra::SVector;
 use std::path::Path;
 use vservo::config::Config;
 use vservo::config::assemble;
-use vservo::control::control_loop::{ControlLoop, Finish};
-use vservo::control::outcome::Outcome;
+use vservo::control::outcome::{Finish, Outcome};
 use vservo::control::safety::Fault;
 use vservo::messages::frame_flag;
+use vservo::mission::LockstepRun;
 use vservo::report::statistics::RunStatistics;
 use vservo::time::MonoNs;
 
@@ -46,7 +46,7 @@ struct End {
 fn run<const N: usize>(
     config: &Config,
     robot: &vservo::robot::Robot<N>,
-    mut control: ControlLoop<N>,
+    mut control: LockstepRun<N>,
     cause: Cause,
 ) -> End {
     let limits = assemble::motion_limits(config, robot).unwrap();
@@ -74,7 +74,7 @@ fn run<const N: usize>(
         if let Some(m) = m.as_mut().filter(|_| cause == Cause::LastFrame && k == END_AT) {
             m.flags |= frame_flag::LAST;
         }
-        let trace = control.act(k as u64, now, m.as_ref());
+        let trace = control.act(now, m.as_ref());
         statistics.note(&trace);
         if let Some(finish) = trace.finish {
             // What the drive makes of the end itself.

@@ -7,7 +7,7 @@ use nalgebra::SVector;
 use std::path::Path;
 use vservo::config::Config;
 use vservo::config::assemble;
-use vservo::control::control_loop::ControlLoop;
+use vservo::mission::LockstepRun;
 use vservo::robot::Robot;
 use vservo::time::MonoNs;
 
@@ -16,7 +16,7 @@ const LOST_AT: i64 = 600;
 
 /// Joint speed when the measurements stop, largest until the law has to give up and the arm has braked (200 ms after the last
 /// measurement), largest after that, and at the end.
-fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLoop<N>) -> [f64; 4] {
+fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: LockstepRun<N>) -> [f64; 4] {
     let (mut at_loss, mut until, mut after, mut last) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
     for k in 0..2500_i64 {
         let joint = control.sense(k as u64, MonoNs(k * MS));
@@ -31,7 +31,7 @@ fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: ControlLo
             until = until.max(last);
         }
         let m = (k % 40 == 0 && k < LOST_AT).then(|| seen(config, robot, &q, k));
-        let finish = control.act(k as u64, MonoNs(k * MS), m.as_ref()).finish;
+        let finish = control.act(MonoNs(k * MS), m.as_ref()).finish;
         assert!(finish.is_none(), "{k} {finish:?}");
     }
     [at_loss, until, after, last]

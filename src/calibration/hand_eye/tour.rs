@@ -67,6 +67,61 @@ pub struct TourCell<'a, const N: usize> {
     pub limits: &'a MotionLimits<N>,
 }
 
+/// A tour in the making, view by view: each takes up to a millisecond.
+#[derive(Debug)]
+pub struct TourPlanner<const N: usize> {
+    /// Where the tour begins, rad or m, and where the board is seen from there.
+    start: SVector<f64, N>,
+    X_CO: Pose,
+    /// The next view.
+    view: usize,
+    postures: Vec<SVector<f64, N>>,
+    samples: Vec<LoopSample>,
+}
+
+impl<const N: usize> TourPlanner<N> {
+    /// A tour that begins in `q`, from where the board is seen at `X_CO`.
+    #[must_use]
+    pub fn new(q: &SVector<f64, N>, X_CO: &Pose) -> Self {
+        Self { start: *q, X_CO: *X_CO, view: 0, postures: Vec::new(), samples: Vec::new() }
+    }
+
+    /// Looks for the posture of the next view. After the last one: all that were found, rad or m, or why there is no tour.
+    pub fn next_view(&mut self, cell: &TourCell<'_, N>) -> Option<Result<Vec<SVector<f64, N>>, TourError>> {
+        let X_CO = &self.X_CO;
+        let X_WO = cell.X_WC(&self.start) * X_CO;
+        let sum = cell.points.iter().fold(Vector3::zeros(), |sum, p| sum + p.coords);
+        let middle_O = Pose::from(sum / cell.points.len().max(1) as f64);
+        let distance_m = (X_CO * middle_O).translation.z;
+        let ahead = Pose::translation(0.0, 0.0, distance_m);
+        let from = self.postures.last().unwrap_or(&self.start);
+        let found = SHARES.iter().find_map(|share| {
+            let view =
+                ahead * Pose::from_parts(Vector3::zeros().into(), turn(self.view, *share) * X_CO.rotation);
+            let wanted_CO = view * middle_O.inverse();
+            let q = cell.posture(from, &X_WO, &wanted_CO)?;
+            cell.sees_all(&q, &X_WO).then_some(q)
+        });
+        if let Some(q) = found {
+            let X_CO = cell.X_WC(&q).inv_mul(&X_WO);
+            self.samples.push(LoopSample { X_WM: cell.place().X_WM(&cell.robot.forward(&q)), X_CO });
+            self.postures.push(q);
+        }
+        self.view += 1;
+        (self.view == VIEWS).then(|| self.judged())
+    }
+
+    fn judged(&mut self) -> Result<Vec<SVector<f64, N>>, TourError> {
+        if self.postures.len() < LEAST {
+            return Err(TourError::TooFewViews);
+        }
+        match rotation_spread(&self.samples) {
+            Some(spread) if spread.across_rad > MIN_ACROSS_RAD => Ok(std::mem::take(&mut self.postures)),
+            _ => Err(TourError::OneAxis),
+        }
+    }
+}
+
 /// The postures of a tour that begins in `q`, from where the board is seen at `X_CO`; rad or m.
 ///
 /// # Errors
@@ -76,33 +131,11 @@ pub fn plan_tour<const N: usize>(
     q: &SVector<f64, N>,
     X_CO: &Pose,
 ) -> Result<Vec<SVector<f64, N>>, TourError> {
-    let X_WO = cell.X_WC(q) * X_CO;
-    let sum = cell.points.iter().fold(Vector3::zeros(), |sum, p| sum + p.coords);
-    let middle_O = Pose::from(sum / cell.points.len().max(1) as f64);
-    let distance_m = (X_CO * middle_O).translation.z;
-    let ahead = Pose::translation(0.0, 0.0, distance_m);
-    let mut from = *q;
-    let (mut postures, mut samples) = (Vec::new(), Vec::new());
-    for k in 0..VIEWS {
-        let found = SHARES.iter().find_map(|share| {
-            let view = ahead * Pose::from_parts(Vector3::zeros().into(), turn(k, *share) * X_CO.rotation);
-            let wanted_CO = view * middle_O.inverse();
-            let q = cell.posture(&from, &X_WO, &wanted_CO)?;
-            cell.sees_all(&q, &X_WO).then_some(q)
-        });
-        if let Some(q) = found {
-            let X_CO = cell.X_WC(&q).inv_mul(&X_WO);
-            samples.push(LoopSample { X_WM: cell.place().X_WM(&cell.robot.forward(&q)), X_CO });
-            postures.push(q);
-            from = q;
+    let mut planner = TourPlanner::new(q, X_CO);
+    loop {
+        if let Some(plan) = planner.next_view(cell) {
+            return plan;
         }
-    }
-    if postures.len() < LEAST {
-        return Err(TourError::TooFewViews);
-    }
-    match rotation_spread(&samples) {
-        Some(spread) if spread.across_rad > MIN_ACROSS_RAD => Ok(postures),
-        _ => Err(TourError::OneAxis),
     }
 }
 

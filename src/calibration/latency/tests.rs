@@ -1,10 +1,11 @@
 //! Arms of the run files that move before a target at rest, with noise and stamps that are off by a known time.
 
 use super::*;
-use crate::calibration::{ExcitationTrajectory, image_reach};
+use crate::calibration::image_reach;
 use crate::config::Config;
 use crate::geometry::Pose;
 use crate::messages::{FeaturePoint, JointState, Measurement, TargetStatus};
+use crate::motion::ExcitationMotion;
 use crate::motion::MotionLimits;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector3};
@@ -60,11 +61,11 @@ impl<const N: usize> ArmScene<N> {
         let points = scene.config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>();
         let reach =
             image_reach(&scene.robot, &camera.mount, &camera.model, &points, &limits, &q, &seen).unwrap();
-        scene.amplitude = *ExcitationTrajectory::new(&q, &reach, &limits).amplitude();
+        scene.amplitude = *ExcitationMotion::new(&q, &reach, &limits).amplitude();
         scene
     }
 
-    /// A motion from rest to rest, not that of [`ExcitationTrajectory`].
+    /// A motion from rest to rest, not that of [`ExcitationMotion`].
     fn joints(&self, t: f64) -> (SVector<f64, N>, SVector<f64, N>) {
         let t = t.clamp(0.0, DURATION_S);
         let (w, w_dot) = {

@@ -1,29 +1,30 @@
-//! Why the arm moves: what there is to go by, and what is requested at a tick. The controller does not know it.
+//! Why the arm moves: what there is to go by, and what is asked of the joints at a tick.
 //!
-//! | behaviour | input | motion command |
+//! | behaviour | goes by | asks for |
 //! | --- | --- | --- |
 //! | [`Servoing`] | views of the target | what the servo law says |
 //! | [`Servoing::dry`] | the same without an arm, or before images of another one | nothing, and tells what the law says |
-//! | [`ExcitationMotion`] | measurements, whatever their stamps say | an excitation motion of the joints, to calibrate by |
-//! | [`CalibrationTour`] | where the board is seen at the start | a motion from posture to posture, with rests, to calibrate by |
+//! | [`Waypoints`] | a list of postures, whatever is in view | a motion from posture to posture, with rests |
+//! | [`Excitation`] | measurements that keep coming, whatever their stamps say | the excitation motion of the joints |
 //! | standing, braking | nothing | rest: what the controller does where no behaviour moves the arm |
+//!
+//! None of them plans: what is to be reached comes from the mission ([`Order`](super::order::Order)).
 
-mod calibration_tour;
 mod excitation;
 mod servoing;
+mod waypoints;
 
-pub use calibration_tour::CalibrationTour;
-pub use excitation::ExcitationMotion;
+pub use excitation::Excitation;
 pub use servoing::Servoing;
+pub use waypoints::Waypoints;
 
-use super::outcome::Finish;
 use crate::drive::DriveState;
 use crate::messages::Measurement;
-use crate::motion::MotionLimits;
+use crate::motion::{ExcitationMotion, MotionLimits};
 use crate::robot::Robot;
-use crate::servo::{Convergence, Drift, MeasurementVerdict, SetPoint};
+use crate::servo::{Convergence, MeasurementVerdict, VisualServo};
 use crate::time::MonoNs;
-use nalgebra::{SVector, Vector6};
+use nalgebra::SVector;
 
 /// The arm as control knows it.
 #[derive(Debug, Clone)]
@@ -60,89 +61,84 @@ impl<const N: usize> MotionCommand<N> {
     }
 }
 
-/// Something to move for.
-pub trait Behaviour<const N: usize>: Send + std::fmt::Debug {
-    /// Notes where the arm is; at every tick, before anything else.
-    fn note_arm(&mut self, now: MonoNs, state: &DriveState<N>);
+/// What the arm moves for. One in a run, made before the first tick.
+#[derive(Debug)]
+pub enum Behaviour<const N: usize> {
+    /// To the goal by what the camera sees.
+    Servoing(Servoing),
+    /// From posture to posture.
+    Waypoints(Waypoints<N>),
+    /// The motion by which stamps are compared.
+    Excitation(Excitation<N>),
+}
 
-    /// Takes a measurement in; the arm stands in `q`.
-    fn take(
+impl<const N: usize> Behaviour<N> {
+    /// Takes in what `servo` made of a measurement at `now`.
+    pub fn note(
         &mut self,
         now: MonoNs,
-        q: &SVector<f64, N>,
         m: &Measurement,
-        arm: &ArmModel<N>,
-    ) -> MeasurementVerdict;
+        verdict: MeasurementVerdict,
+        servo: &VisualServo<N>,
+    ) {
+        match self {
+            Self::Servoing(servoing) => servoing.note(m, verdict),
+            Self::Waypoints(_) => {}
+            Self::Excitation(excitation) => excitation.note(now, m, servo),
+        }
+    }
 
-    /// Share of a requested velocity that what is known at `now` justifies, 0 to 1; at 0 there is nothing to go by.
-    fn confidence(&self, now: MonoNs) -> f64;
+    /// Share of a velocity that what is known at `now` justifies, 0 to 1; at 0 there is nothing to go by.
+    #[must_use]
+    pub fn confidence(&self, now: MonoNs, servo: &VisualServo<N>) -> f64 {
+        match self {
+            Self::Servoing(servoing) => servoing.confidence(now, servo),
+            Self::Waypoints(waypoints) => waypoints.confidence(),
+            Self::Excitation(excitation) => excitation.confidence(now),
+        }
+    }
 
     /// What the joints shall do at this tick.
-    fn motion_command(&mut self, state: &DriveState<N>, robot: &Robot<N>) -> MotionCommand<N>;
-
-    /// The arm does not move by this behaviour in this tick.
-    fn pause(&mut self);
-
-    /// What an arm in `q` that has lost its view may do to find it again; `None`: it stands.
-    fn way_back(&self, _q: &SVector<f64, N>) -> Option<MotionCommand<N>> {
-        None
+    pub fn motion_command(
+        &mut self,
+        state: &DriveState<N>,
+        arm: &ArmModel<N>,
+        servo: &mut VisualServo<N>,
+    ) -> MotionCommand<N> {
+        match self {
+            Self::Servoing(servoing) => servoing.motion_command(state, &arm.robot, servo),
+            Self::Waypoints(waypoints) => waypoints.motion_command(&state.q, &arm.limits),
+            Self::Excitation(excitation) => excitation.motion_command(),
+        }
     }
 
-    /// Where the camera moves with the joints: for what holds an arm back near singular postures.
-    fn camera_jacobian(&self, robot: &Robot<N>, q: &SVector<f64, N>) -> nalgebra::SMatrix<f64, 6, N>;
-
-    /// The twist of the camera that is requested at `now` of one that no arm holds, `V_WC_C`, m/s and rad/s; `None` where an arm moves it,
-    /// and where there is nothing to go by.
-    fn camera_law_output(&self, _now: MonoNs) -> Option<Vector6<f64>> {
-        None
+    /// Whether a law is only looked at: nothing moves, whatever it says.
+    #[must_use]
+    pub fn is_dry(&self) -> bool {
+        matches!(self, Self::Servoing(servoing) if servoing.is_dry())
     }
 
-    /// What the measurement that was taken in told of the joints' motion beyond their encoders, once.
-    fn take_drift(&mut self) -> Option<Drift<N>> {
-        None
+    /// One more posture to go to, rad or m. Without room for it, or as another behaviour, it changes nothing.
+    pub fn add_waypoint(&mut self, q: &SVector<f64, N>) {
+        if let Self::Waypoints(waypoints) = self {
+            waypoints.add(q);
+        }
     }
 
-    /// The goal.
-    fn set_point(&self) -> &SetPoint;
-
-    /// Makes what the camera sees the goal.
-    fn teach(&mut self);
-
-    /// Whether the goal is still being taught.
-    fn is_teaching(&self) -> bool {
-        false
+    /// The motion by which to calibrate. As another behaviour it changes nothing.
+    pub fn excite(&mut self, motion: &ExcitationMotion<N>) {
+        if let Self::Excitation(excitation) = self {
+            excitation.begin(motion);
+        }
     }
 
-    /// From now on the goal is sought more slowly. Whether it is.
-    fn reduce_gain(&mut self) -> bool {
-        false
-    }
-
-    /// From now on the goal is sought as quickly as at first.
-    fn seek_at_full_gain(&mut self) {}
-
-    /// Whether a part of the target is hidden.
-    fn is_degraded(&self) -> bool {
-        false
-    }
-
-    /// The end of the run, where the behaviour has come to its own.
-    fn finished(&self) -> Option<Finish> {
-        None
-    }
-
-    /// Whether the run goes by a goal to be reached and held.
-    fn has_goal(&self) -> bool {
-        true
-    }
-
-    /// The end of a run that loses its view, where that cannot be made good.
-    fn when_lost(&self) -> Option<Finish> {
-        None
-    }
-
-    /// Why the time of the run was too short, where the behaviour knows.
-    fn when_late(&self) -> Option<&'static str> {
-        None
+    /// Whether the motion that was asked for has come to its end.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        match self {
+            Self::Servoing(_) => false,
+            Self::Waypoints(waypoints) => waypoints.is_over(),
+            Self::Excitation(excitation) => excitation.is_over(),
+        }
     }
 }

@@ -22,11 +22,12 @@ use crate::control::safety::{ArmWatch, Fault, RestWatch};
 use crate::control::trace::{Event, Events};
 use crate::drive::{CommandMode, DriveState};
 use crate::messages::Measurement;
-use crate::motion::{JointController, Limit, Reference};
+use crate::motion::{ExcitationMotion, JointController, Limit, Reference};
+use crate::servo::{MeasurementVerdict, SetPoint, VisualServo};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use motion::TickMotion;
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector6};
 
 /// A reference so near to the measured arm (rad or m; rad/s or m/s) is on it.
 const ON_THE_ARM: (f64, f64) = (2e-3, 0.1);
@@ -45,7 +46,11 @@ const PATIENCE: SpanNs = SpanNs(3_000_000_000);
 #[derive(Debug)]
 pub struct Controller<const N: usize> {
     arm: ArmModel<N>,
-    behaviour: Box<dyn Behaviour<N>>,
+    /// Places measurements in time, and has the law.
+    servo: VisualServo<N>,
+    behaviour: Behaviour<N>,
+    /// It was told that the behaviour's motion is over.
+    over_told: bool,
     joint_control: JointController<N>,
     /// Share of its rate at which it learns.
     learning: f64,
@@ -81,9 +86,9 @@ struct StartCheck<const N: usize> {
 }
 
 impl<const N: usize> Controller<N> {
-    /// A controller of an arm that stands, and moves for `behaviour` once it is started.
+    /// A controller of an arm that stands, and moves for `behaviour`, by what `servo` makes of measurements, once it is started.
     #[must_use]
-    pub fn new(settings: ControllerSettings<N>, behaviour: Box<dyn Behaviour<N>>) -> Self {
+    pub fn new(settings: ControllerSettings<N>, servo: VisualServo<N>, behaviour: Behaviour<N>) -> Self {
         let gate = settings.gate();
         let ControllerSettings { arm, joint_control, mode, q_start, .. } = settings;
         let limits = arm.limits.clone();
@@ -94,7 +99,9 @@ impl<const N: usize> Controller<N> {
             gate: Gate::new(gate, limits.clone(), q_start),
             reference: Reference::new(limits, q_start),
             arm,
+            servo,
             behaviour,
+            over_told: false,
             joint_control,
             learning: 1.0,
             start: StartCheck {
@@ -124,10 +131,20 @@ impl<const N: usize> Controller<N> {
         &self.arm
     }
 
-    /// What the arm moves for.
+    /// What the law goes by.
     #[must_use]
-    pub fn behaviour(&self) -> &dyn Behaviour<N> {
-        self.behaviour.as_ref()
+    pub fn servo(&self) -> &VisualServo<N> {
+        &self.servo
+    }
+
+    /// The twist that is wished of a camera that no arm holds, `V_WC_C`, m/s and rad/s; `None` where an arm moves it, and where there is
+    /// nothing to go by at `now`.
+    #[must_use]
+    pub fn camera_wish(&self, now: MonoNs) -> Option<Vector6<f64>> {
+        let goes = self.behaviour.is_dry()
+            && self.state != State::Teaching
+            && self.behaviour.confidence(now, &self.servo) > 0.0;
+        goes.then(|| self.servo.camera_wish()).flatten()
     }
 
     /// What the controller does.
@@ -140,12 +157,6 @@ impl<const N: usize> Controller<N> {
     #[must_use]
     pub fn rest(&self) -> Rest {
         self.rest
-    }
-
-    /// Whether the measured arm has stood for 100 ms, whatever it is to do.
-    #[must_use]
-    pub fn arm_stands(&self) -> bool {
-        self.rest_watch.is_at_rest()
     }
 
     /// Commands that the gate had to change.
@@ -166,12 +177,9 @@ impl<const N: usize> Controller<N> {
                 if request == Request::Reset {
                     (self.fault, self.failure) = (None, None);
                 }
-                if request == Request::Teach {
-                    self.behaviour.teach();
-                }
                 if matches!(request, Request::Start | Request::Reset) {
                     self.restore_gain();
-                    self.behaviour.seek_at_full_gain();
+                    self.servo.restore_gain();
                 }
                 self.state = next;
                 Ok(())
@@ -184,22 +192,38 @@ impl<const N: usize> Controller<N> {
         self.failure.get_or_insert(fault);
     }
 
-    /// The arm moves about its goal and gets no nearer: from now on it goes there, and learns, more slowly. Whether it does.
+    /// From now on `goal` is sought. While it is taught, that ends the lesson.
+    pub fn set_goal(&mut self, goal: SetPoint) {
+        self.servo.set_goal(goal);
+        self.cue(Cue::Taught);
+    }
+
+    /// One more posture to go to, rad or m.
+    pub fn add_waypoint(&mut self, q: &SVector<f64, N>) {
+        self.behaviour.add_waypoint(q);
+    }
+
+    /// The motion by which to calibrate.
+    pub fn excite(&mut self, motion: &ExcitationMotion<N>) {
+        self.behaviour.excite(motion);
+    }
+
+    /// The arm moves about its goal and gets no nearer: from now on it goes there, and learns, more slowly. Whether it does, which is an
+    /// event too.
     pub fn reduce_gain(&mut self) -> bool {
-        let reduced = self.state == State::Servoing && self.behaviour.reduce_gain();
+        let reduced = self.state == State::Servoing && !self.behaviour.is_dry() && self.servo.reduce_gain();
         if reduced {
             self.learning *= REDUCED_SHARE;
             self.joint_control.learn_at(self.learning);
+            self.events.push(Event::GainReduced);
         }
         reduced
     }
 
-    /// The arm stands before its goal: what was slowed down learns at its full rate again, which frees a joint that sticks. Whether it does.
-    pub fn restore_gain(&mut self) -> bool {
-        let slow = self.learning < 1.0;
+    /// The arm stands before its goal: what was slowed down learns at its full rate again, which frees a joint that sticks.
+    pub fn restore_gain(&mut self) {
         self.learning = 1.0;
         self.joint_control.learn_at(1.0);
-        slow
     }
 
     /// The drive's state is an old one: that the arm stands in it does not say that it does not follow.
@@ -222,27 +246,31 @@ impl<const N: usize> Controller<N> {
             DriveState { q, qd, ..state }
         });
         if let Some(observed) = &observed {
-            self.behaviour.note_arm(now, observed);
-            verdict = measurement.map(|m| self.behaviour.take(now, &observed.q, m, &self.arm));
-            confidence = self.behaviour.confidence(now);
-            if let Some(drift) = self.behaviour.take_drift() {
-                self.joint_control.learn(&drift, now);
-            }
+            self.servo.note_arm(now, &observed.q, &observed.qd);
+            verdict = measurement.map(|m| self.take(now, m));
+            confidence = self.behaviour.confidence(now, &self.servo);
         }
-        let way_back = observed.as_ref().and_then(|state| self.behaviour.way_back(&state.q));
+        let returns =
+            |state: &DriveState<N>| self.servo.way_back(&state.q).filter(|_| !self.behaviour.is_dry());
+        let way_back = observed.as_ref().and_then(returns);
         self.live(state.as_ref(), confidence, way_back.is_some());
         if self.state != State::Servoing {
-            self.behaviour.pause();
+            self.servo.restart();
         }
         let motion_command = match (&observed, self.state, way_back) {
-            (Some(state), State::Servoing, _) => self.behaviour.motion_command(state, &self.arm.robot),
-            (Some(_), State::Returning, Some(back)) => {
+            (Some(state), State::Servoing, _) => {
+                self.behaviour.motion_command(state, &self.arm, &mut self.servo)
+            }
+            (Some(_), State::Returning, Some((qd, convergence))) => {
                 // It goes by where the arm was, not by a view.
                 confidence = 1.0;
-                back
+                MotionCommand::Velocity(qd, convergence)
             }
             _ => MotionCommand::Stand,
         };
+        if self.behaviour.is_over() && !std::mem::replace(&mut self.over_told, true) {
+            self.events.push(Event::MotionOver);
+        }
         self.joint_control.soften(self.fault.is_some());
         // A state that is none: the arm is thought to be where its reference is.
         let seen = state.is_some();
@@ -266,6 +294,15 @@ impl<const N: usize> Controller<N> {
             verdict,
             events: std::mem::take(&mut self.events),
         }
+    }
+
+    fn take(&mut self, now: MonoNs, m: &Measurement) -> MeasurementVerdict {
+        let verdict = self.servo.take(now, m, &self.arm.robot);
+        self.behaviour.note(now, m, verdict, &self.servo);
+        if let Some(drift) = self.servo.take_drift() {
+            self.joint_control.learn(&drift, now);
+        }
+        verdict
     }
 
     /// The drive's state, if it can be one of this arm.
@@ -309,9 +346,6 @@ impl<const N: usize> Controller<N> {
         }
         if self.rest == Rest::AtRest || (self.rest == Rest::Unknown && self.fault.is_some()) {
             self.cue(Cue::AtRest);
-        }
-        if self.state == State::Teaching && !self.behaviour.is_teaching() {
-            self.cue(Cue::Taught);
         }
         self.cue(if confidence > 0.0 && state.is_some() { Cue::InView } else { Cue::OutOfView });
         // Once for each loss: noise about the end of the way back begins no other.

@@ -110,9 +110,9 @@ impl<const N: usize> Controller<N> {
             requested_qd *= confidence;
             (0..N).for_each(|i| acting.set(Limit::View, i));
         }
-        let J_C = self.behaviour.camera_jacobian(robot, q);
-        let (requested_qd, damping) = damp_singularity(robot, q, &J_C, &requested_qd, &convergence.free);
-        (requested_qd, acting.with(&damping))
+        let J_C = self.servo.settings().mount.camera(robot, q).1;
+        let (wish, damping) = damp_singularity(robot, q, J_C.matrix(), &wish, &convergence.free);
+        (wish, acting.with(&damping))
     }
 
     /// The torque for the time until the next tick, N m or N.

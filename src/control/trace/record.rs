@@ -105,5 +105,6 @@ fn event_number(event: Event) -> u32 {
         Event::ImpossiblePose => 12,
         Event::GainReduced => 13,
         Event::Returning => 14,
+        Event::MotionOver => 15,
     }
 }

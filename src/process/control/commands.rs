@@ -8,6 +8,7 @@
 //!
 //! Whoever asks can do what it likes: requests that cannot be taken are counted and told, and never end a run.
 
+use super::requests::{Answered, Numbered};
 use super::stops::Stops;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::trace::Trace;
@@ -15,21 +16,6 @@ use crate::ipc::{Asked, CommandServer};
 use crate::messages::{ControlAnswer, ControlCommand, ControlState, MAX_JOINTS, Status, answer_flag};
 use std::collections::VecDeque;
 use tracing::{info, warn};
-
-/// A request on its way to the loop.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Numbered {
-    pub(super) number: u64,
-    pub(super) request: Request,
-}
-
-/// What the loop says to it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Answered {
-    pub(super) number: u64,
-    pub(super) refusal: Option<Refusal>,
-    pub(super) state: ControlState,
-}
 
 /// Commands that came, and those that wait for their answers.
 pub(super) struct Commands {

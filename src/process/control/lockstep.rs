@@ -4,16 +4,17 @@
 //! exactly `latency` later, and the loop waits there until it has come. Nothing else decides: not the machine's load, not
 //! the order in which processes run.
 
-use super::commands::{Answered, Commands, Numbered};
+use super::commands::Commands;
 use super::external_drive::{self, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL, WaitOutcome};
+use super::requests::{Answered, Numbered};
 use super::stops::Stops;
 use super::{Listeners, Pace, Ports};
 use crate::config::Config;
-use crate::control::control_loop::ControlLoop;
 use crate::control::safety::Fault;
 use crate::drive::DriveFault;
 use crate::ipc::{Role, Spin};
 use crate::messages::{Measurement, frame_flag};
+use crate::mission::LockstepRun;
 use crate::process::STOP_REASON;
 use crate::process::silence::Silence;
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, WAKE_AHEAD};
@@ -74,12 +75,12 @@ pub(super) fn wait_for_peers(
 /// Ticks to the end of the run.
 pub(super) fn run<const N: usize>(
     config: &Config,
-    mut control: ControlLoop<N>,
+    mut control: LockstepRun<N>,
     ports: &Ports<'_>,
     (mut drive, mut commands): (Option<DrivePorts<'_>>, Commands),
     listeners: &mut Listeners<N>,
     stops: &Stops,
-) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
+) -> Result<(LockstepRun<N>, RunStatistics, Pace), ProcessError> {
     let schedule = &config.camera.schedule;
     let spin = Spin::new(LONGEST_SPIN);
     let seeing = seeing_roles(config);
@@ -95,6 +96,8 @@ pub(super) fn run<const N: usize>(
     let mut statistics = RunStatistics::new();
     let mut next_frame = 0;
     let mut tick = 0;
+    // No state of it will come: the run ends with the next tick.
+    let mut drive_is_gone = false;
     // The first failure of the transport: from then on nothing is waited for but the drive, and the arm comes to rest.
     let mut broken = None;
     loop {
@@ -102,11 +105,16 @@ pub(super) fn run<const N: usize>(
         // The first state came when the drive was connected.
         if let Some(drive) = &mut drive
             && tick > 0
+            && !drive_is_gone
         {
             match drive.wait_for_state(tick, stops) {
                 Ok(WaitOutcome::Here) => {}
-                Ok(WaitOutcome::Failed(fault)) => control.fail(Fault::Drive(fault)),
+                Ok(WaitOutcome::Failed(fault)) => {
+                    drive_is_gone = !config.serve;
+                    control.fail(Fault::Drive(fault));
+                }
                 Err(error) => {
+                    drive_is_gone = !config.serve;
                     control.fail(Fault::Drive(DriveFault::Silent));
                     note(&mut broken, Err(error));
                 }
@@ -120,7 +128,7 @@ pub(super) fn run<const N: usize>(
         } else {
             note(&mut broken, ports.joint_state.send_quietly(&state));
         }
-        stops.obey(&mut control);
+        stops.obey(&mut control.control);
         if broken.is_some() {
             control.stop(STOP_REASON);
         }
@@ -149,8 +157,7 @@ pub(super) fn run<const N: usize>(
         if let Some(m) = &measurement {
             listeners.note_measurement(m);
         }
-        let mut trace = control.act(tick, now, measurement.as_ref());
-        control.commanded(now, &mut trace);
+        let trace = control.act(now, measurement.as_ref());
         note(&mut broken, ports.trace.send(|| trace.record()));
         statistics.note(&trace);
         listeners.note(&trace);
@@ -161,11 +168,11 @@ pub(super) fn run<const N: usize>(
         if let Some(status) = &trace.status {
             note(&mut broken, ports.status.send_quietly(status));
         }
-        if let Some(finish) = trace.finish {
+        if trace.finish.is_some() {
             let said = external_drive::farewell(drive);
             return match broken {
                 Some(error) => Err(error),
-                None => said.map(|_| (control, statistics, Pace::without_deadlines(finish))),
+                None => said.map(|_| (control, statistics, Pace::without_deadlines())),
             };
         }
         tick += 1;

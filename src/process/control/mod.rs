@@ -11,6 +11,7 @@ mod external_drive;
 mod lockstep;
 mod realtime;
 mod realtime_thread;
+mod requests;
 mod run_files;
 mod stops;
 
@@ -18,11 +19,11 @@ use super::{Membership, ProcessError, ReportFolder, StopFlag};
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
 use crate::config::raw::{Clock, Task};
-use crate::control::control_loop::{ControlLoop, Finish};
-use crate::control::outcome::Outcome;
+use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
 use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, WakeListener};
 use crate::messages::{CameraId, JointState, Measurement, Status, TraceMsg};
+use crate::mission::LockstepRun;
 use crate::report::history::RunHistory;
 use crate::report::statistics::RunStatistics;
 use crate::report::summary::{RealtimeReport, StampCalibration, Summary, TickTimes};
@@ -36,6 +37,8 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use stops::Stops;
 
+/// Of a run whose last trace does not say how it ended: there is no such run.
+const WITHOUT_AN_END: Finish = Finish { outcome: Outcome::Stopped, reason: "the run ended without a reason" };
 /// How long recorders have to take the last records of a run.
 const TRACE_FAREWELL: Duration = Duration::from_millis(200);
 
@@ -109,7 +112,6 @@ impl<'a> Ports<'a> {
 
 /// How a run went by the clock.
 struct Pace {
-    finish: Finish,
     missed_deadlines: u64,
     skipped_ticks: u64,
     tick_us: TickTimes,
@@ -124,9 +126,8 @@ struct Pace {
 
 impl Pace {
     /// Of a run in simulated time.
-    fn without_deadlines(finish: Finish) -> Self {
+    fn without_deadlines() -> Self {
         Self {
-            finish,
             missed_deadlines: 0,
             skipped_ticks: 0,
             tick_us: TickTimes::default(),
@@ -167,7 +168,7 @@ fn run_robot<const N: usize>(
     let start = now();
     let mut listeners = Listeners {
         calibration: (config.task == Task::CalibrateLatency).then(Recording::default),
-        history: report.map(|_| run_files::history(config, &control)),
+        history: report.map(|_| run_files::history(config, &control.mission)),
     };
     let (control, statistics, pace) = match config.clock {
         Clock::Realtime => {
@@ -191,17 +192,16 @@ fn run_robot<const N: usize>(
 /// Works out what a calibration run was for. Without a result the run counts as one that did not reach its goal.
 fn calibrate<const N: usize>(
     config: &Config,
-    control: &ControlLoop<N>,
+    run: &LockstepRun<N>,
     recording: &Recording<N>,
     summary: &mut Summary,
 ) {
-    let controller = control.controller();
     let i = config.camera.model.intrinsics();
     let cell = KnownCell {
-        robot: &controller.arm().robot,
+        robot: &run.controller().arm().robot,
         mount: &config.camera.mount,
         f_px: Vector2::new(i.fx_px, i.fy_px),
-        points: controller.behaviour().set_point().points(),
+        points: run.mission.goal().set_point.points(),
     };
     match stamp_offset(&cell, recording) {
         Ok(found) => {
@@ -217,27 +217,29 @@ fn calibrate<const N: usize>(
 
 fn summary<const N: usize>(
     config: &Config,
-    control: &ControlLoop<N>,
+    run: &LockstepRun<N>,
     statistics: &RunStatistics,
     pace: Pace,
     wall: SpanNs,
 ) -> Summary {
-    let measurement_log = control.measurements();
-    let m = measurement_log.last().copied().unwrap_or_default();
+    let LockstepRun { control, mission } = run;
+    let sightings = mission.measurements();
+    let finish = mission.finish().unwrap_or(WITHOUT_AN_END);
+    let m = sightings.last().copied().unwrap_or_default();
     let lockstep = config.clock == Clock::Lockstep;
     let reason = match pace.camera_is_away {
-        Some(away) if pace.finish.outcome == Outcome::NotConverged => {
+        Some(away) if finish.outcome == Outcome::NotConverged => {
             format!("run.duration_s is over: {away}")
         }
-        _ => pace.finish.reason.into(),
+        _ => finish.reason.into(),
     };
     Summary {
-        outcome: pace.finish.outcome,
+        outcome: finish.outcome,
         reason,
         clock: config.clock_name().into(),
         scheme: config.scheme_name().into(),
         seed: config.seed,
-        duration_s: control.duration_s(),
+        duration_s: mission.duration_s(),
         wall_s: wall.as_s(),
         ticks: control.ticks(),
         missed_deadlines: pace.missed_deadlines,
@@ -249,12 +251,12 @@ fn summary<const N: usize>(
         target_lost: m.target_lost,
         late_drive_states: control.late_drive_states(),
         settling_time_s: statistics.settling_time_s(),
-        final_errors: control.final_errors(),
+        final_errors: mission.final_errors(),
         latency_us: statistics.latencies(),
         tick_us: pace.tick_us,
         realtime: pace.realtime,
         processes: BTreeMap::new(),
-        safety: statistics.safety_report(control.state()),
+        safety: statistics.safety_report(mission.state()),
         lost_traces: pace.lost_traces,
         lost_commands: pace.lost_commands,
         gated_commands: control.controller().gated(),

@@ -2,24 +2,27 @@
 //!
 //! ```text
 //! companion thread                              real-time thread
-//! measurement port ──ring──────────────────────► newest ─► ControlLoop::tick
-//! joint_state, status ports ◄──ring────────────── records
+//! measurement port ──ring──────────────────────► newest ─► ControlLoop
+//! Mission, clients ──ring──────────────────────► orders, requests
+//! joint_state, status ports ◄─ Mission ◄──ring── records
 //! drive/state, drive/command ◄─rings─────────────► ExternalDrive, where there is one
 //! ```
 //! With an external drive the companion runs at the priority below.
 
 use super::camera_watch::CameraWatch;
-use super::commands::{Answered, Commands, Numbered};
+use super::commands::Commands;
 use super::external_drive::{self, DrivePorts};
 use super::realtime_thread::{AtEnd, Panic, RealtimeThread};
+use super::requests::{Answered, Asking};
 use super::stops::Stops;
 use super::{Listeners, Pace, Ports};
 use crate::config::raw::RealtimePolicy;
 use crate::config::{Config, RealtimeRequest};
 use crate::control::control_loop::ControlLoop;
-use crate::control::trace::Trace;
+use crate::control::trace::{FrameStamps, Trace};
 use crate::ipc::IpcError;
 use crate::messages::Measurement;
+use crate::mission::{LockstepRun, Mission};
 use crate::process::priority::Rank;
 use crate::process::silence::Silence;
 use crate::process::{ProcessError, StopFlag};
@@ -29,6 +32,7 @@ use crate::rt::{self, Awake, Obtained};
 use crate::time::SpanNs;
 use crate::time::TICK;
 use rtrb::{Consumer, Producer, RingBuffer};
+use std::collections::VecDeque;
 use std::sync::mpsc;
 use std::time::Duration;
 use tracing::{debug, error, info, warn};
@@ -37,8 +41,8 @@ use tracing::{debug, error, info, warn};
 const RECORDS: usize = 1024;
 /// Measurements that wait for a tick.
 const MEASUREMENTS: usize = 64;
-/// Requests that wait for a tick.
-const REQUESTS: usize = 16;
+/// Requests and orders that wait for a tick: a tour of postures, and clients.
+const REQUESTS: usize = 32;
 /// The companion looks after the rings at least so often.
 const COMPANION_PERIOD: Duration = Duration::from_millis(1);
 /// With an external drive its states wake the companion; nobody wakes it for a command, so it looks more often.
@@ -51,12 +55,12 @@ const REPORT_AFTER: SpanNs = SpanNs(3_000_000_000);
 /// Ticks to the end of the run.
 pub(super) fn run<const N: usize>(
     config: &Config,
-    control: ControlLoop<N>,
+    LockstepRun { control, mission }: LockstepRun<N>,
     ports: &Ports<'_>,
     (mut drive, commands, camera): (Option<DrivePorts<'_>>, Commands, CameraWatch),
     listeners: &mut Listeners<N>,
     stops: Stops,
-) -> Result<(ControlLoop<N>, RunStatistics, Pace), ProcessError> {
+) -> Result<(LockstepRun<N>, RunStatistics, Pace), ProcessError> {
     let (records, to_send) = RingBuffer::new(RECORDS);
     let (received, measurements) = RingBuffer::new(MEASUREMENTS);
     let (asked, requests) = RingBuffer::new(REQUESTS);
@@ -111,6 +115,8 @@ pub(super) fn run<const N: usize>(
     let statistics = RunStatistics::new();
     let mut companion = Companion {
         ports,
+        mission,
+        taken: VecDeque::with_capacity(MEASUREMENTS),
         received,
         to_send,
         commands,
@@ -153,9 +159,13 @@ pub(super) fn run<const N: usize>(
     }
     match thread.join() {
         Ok(Some((Ok(at_end), scheduling, spin))) => {
+            if let Some(last) = at_end.last {
+                companion.note(last);
+            }
             let (control, pace) = pace(at_end, scheduling, spin);
             let camera_is_away = companion.camera.why_away(rt::now());
-            Ok((control, companion.statistics, Pace { lost_commands, camera_is_away, ..pace }))
+            let run = LockstepRun { control, mission: companion.mission };
+            Ok((run, companion.statistics, Pace { lost_commands, camera_is_away, ..pace }))
         }
         Ok(Some((Err(Panic(reason)), ..))) => {
             error!("the real-time thread panicked, the drive was told that no command follows: {reason}");
@@ -174,9 +184,8 @@ fn report(request: Option<&RealtimeRequest>, obtained: &Obtained, spin: SpanNs) 
 }
 
 fn pace<const N: usize>(at_end: AtEnd<N>, scheduling: String, spin: SpanNs) -> (ControlLoop<N>, Pace) {
-    let AtEnd { control, finish, deadlines, lost_traces, page_faults, spin_share } = at_end;
+    let AtEnd { control, deadlines, lost_traces, page_faults, spin_share, last: _ } = at_end;
     let pace = Pace {
-        finish,
         realtime: Some(RealtimeReport { scheduling, page_faults, spin_us: spin.as_us(), spin_share }),
         missed_deadlines: deadlines.missed(),
         skipped_ticks: deadlines.skipped(),
@@ -188,14 +197,17 @@ fn pace<const N: usize>(at_end: AtEnd<N>, scheduling: String, spin: SpanNs) -> (
     (control, pace)
 }
 
-/// Carries messages between the ports and the rings.
+/// Carries messages between the ports and the rings, and has the mission.
 struct Companion<'a, const N: usize> {
     ports: &'a Ports<'a>,
+    mission: Mission<N>,
+    /// Measurements that went to the real-time thread: a trace names the one that it took.
+    taken: VecDeque<Measurement>,
     received: Producer<Measurement>,
     to_send: Consumer<Trace>,
     commands: Commands,
     camera: CameraWatch,
-    asked: Producer<Numbered>,
+    asked: Producer<Asking<N>>,
     answered: Consumer<Answered>,
     listeners: &'a mut Listeners<N>,
     statistics: RunStatistics,
@@ -215,10 +227,15 @@ impl<const N: usize> Companion<'_, N> {
         while let Ok(answered) = self.answered.pop() {
             self.commands.answer(&answered);
         }
+        // The mission's orders first: what they are about is older.
         while self.asked.slots() > 0
-            && let Some(request) = self.commands.next()
+            && let Some(asking) = self
+                .mission
+                .next_order()
+                .map(Asking::Order)
+                .or_else(|| self.commands.next().map(Asking::Request))
         {
-            let _ = self.asked.push(request); // there is room
+            let _ = self.asked.push(asking); // there is room
         }
         Ok(measured.and(looked).and(told)?)
     }
@@ -230,7 +247,12 @@ impl<const N: usize> Companion<'_, N> {
             self.listeners.note_measurement(&measurement);
             if self.received.push(measurement).is_err() {
                 self.unsent += 1;
+                continue;
             }
+            if self.taken.len() == MEASUREMENTS {
+                self.taken.pop_front();
+            }
+            self.taken.push_back(measurement);
         }
         Ok(())
     }
@@ -250,12 +272,22 @@ impl<const N: usize> Companion<'_, N> {
         Ok(())
     }
 
+    /// The trace of a tick, with what the mission makes of it.
+    fn note(&mut self, mut trace: Trace) -> Trace {
+        let frame = trace.measurement_record.map(|record| record.frame);
+        let measurement =
+            frame.and_then(|frame| self.taken.iter().rev().find(|m| FrameStamps::of(m) == frame));
+        self.mission.note(&mut trace, measurement);
+        self.statistics.note(&trace);
+        self.commands.note(&trace);
+        self.listeners.note(&trace);
+        trace
+    }
+
     fn send_records(&mut self) -> Result<(), IpcError> {
         let mut sent = Ok(());
         while let Ok(record) = self.to_send.pop() {
-            self.statistics.note(&record);
-            self.commands.note(&record);
-            self.listeners.note(&record);
+            let record = self.note(record);
             sent = sent
                 .and(self.ports.joint_state.send_quietly(&record.joint_state))
                 .and(self.ports.trace.send(|| record.record()));

@@ -1,15 +1,15 @@
 //! The real-time thread: everything that it does between its first tick and its last.
 //!
 //! ```text
-//! wait ─► newest measurement from its ring ─► ControlLoop::tick ─► trace into its ring ─► wait
+//! wait ─► orders and requests, newest measurement from their rings ─► ControlLoop ─► trace into its ring ─► wait
 //! ```
 //! It makes no system call but its sleep, and does not allocate. A late tick is counted; ticks that have passed are
 //! skipped, never caught up.
 
-use super::commands::{Answered, Numbered};
 use super::deadlines::Deadlines;
+use super::requests::{Answered, Asking, Numbered};
 use super::stops::Stops;
-use crate::control::control_loop::{ControlLoop, Finish};
+use crate::control::control_loop::ControlLoop;
 use crate::control::safety::Fault;
 use crate::control::trace::Trace;
 use crate::messages::Measurement;
@@ -28,8 +28,8 @@ pub(super) struct RealtimeThread<const N: usize> {
     pub(super) control: ControlLoop<N>,
     pub(super) measurements: Consumer<Measurement>,
     pub(super) records: Producer<Trace>,
-    /// What somebody wants of the loop, and what it says to that.
-    pub(super) requests: Consumer<Numbered>,
+    /// What mission and clients want of the loop, and what it says to the latter.
+    pub(super) requests: Consumer<Asking<N>>,
     pub(super) answers: Producer<Answered>,
     /// What is asked for from outside.
     pub(super) stops: Stops,
@@ -40,27 +40,28 @@ pub(super) struct RealtimeThread<const N: usize> {
 
 /// How its ticks went.
 struct Ticked {
-    finish: Finish,
     deadlines: Deadlines,
     lost_traces: u64,
+    last: Option<Trace>,
     page_faults: u64,
     spin_share: f64,
 }
 
 impl Ticked {
     fn with<const N: usize>(self, control: ControlLoop<N>) -> AtEnd<N> {
-        let Self { finish, deadlines, lost_traces, page_faults, spin_share } = self;
-        AtEnd { control, finish, deadlines, lost_traces, page_faults, spin_share }
+        let Self { deadlines, lost_traces, last, page_faults, spin_share } = self;
+        AtEnd { control, deadlines, lost_traces, last, page_faults, spin_share }
     }
 }
 
 /// What it leaves at its end.
 pub(super) struct AtEnd<const N: usize> {
     pub(super) control: ControlLoop<N>,
-    pub(super) finish: Finish,
     pub(super) deadlines: Deadlines,
     /// Traces that found no room in the ring.
     pub(super) lost_traces: u64,
+    /// The last trace, where that found none: how the run ended must not be lost.
+    pub(super) last: Option<Trace>,
     pub(super) page_faults: u64,
     /// Share of the time that it spun.
     pub(super) spin_share: f64,
@@ -91,7 +92,7 @@ impl<const N: usize> RealtimeThread<N> {
         let mut deadlines = Deadlines::new(start + LEAD);
         let mut wait = DeadlineWait::new(spin);
         let mut lost_traces = 0;
-        let finish: Finish = loop {
+        let last = loop {
             let woken = wait.until(deadlines.next());
             let (tick, time) = deadlines.woken(woken);
             if deadlines.missed_in_a_row() > self.max_missed_in_a_row {
@@ -101,11 +102,8 @@ impl<const N: usize> RealtimeThread<N> {
                 self.control.stop(STOP_REASON);
             }
             self.stops.obey(&mut self.control);
-            while let Ok(Numbered { number, request }) = self.requests.pop() {
-                let refusal = self.control.request(request).err();
-                let state = self.control.controller().state().told();
-                // There is room for as many answers as for requests.
-                let _ = self.answers.push(Answered { number, refusal, state });
+            while let Ok(asking) = self.requests.pop() {
+                self.obey(&asking);
             }
             let mut newest: Option<Measurement> = None;
             while let Ok(m) = self.measurements.pop() {
@@ -113,26 +111,40 @@ impl<const N: usize> RealtimeThread<N> {
                     newest = Some(m);
                 }
             }
-            let mut trace = self.control.tick(tick, time, newest.as_ref());
+            self.control.sense(tick, time);
+            let mut trace = self.control.act(time, newest.as_ref());
             let done = rt::now();
             self.control.commanded(done, &mut trace);
             deadlines.done(done);
-            if let Some(status) = &mut trace.status {
-                status.missed_deadlines = deadlines.missed();
-            }
+            trace.missed_deadlines = deadlines.missed();
             trace.lost = lost_traces;
             // Full only when the companion hangs; control goes on.
-            lost_traces += u64::from(self.records.push(trace).is_err());
-            if let Some(finish) = trace.finish {
-                break finish;
+            let unsent = self.records.push(trace).is_err();
+            if trace.over {
+                break unsent.then_some(trace);
             }
+            lost_traces += u64::from(unsent);
         };
         Ticked {
-            finish,
             deadlines,
             lost_traces,
+            last,
             page_faults: rt::page_faults() - faults_before,
             spin_share: wait.spun().as_s() / (rt::now() - start).as_s(),
+        }
+    }
+}
+
+impl<const N: usize> RealtimeThread<N> {
+    fn obey(&mut self, asking: &Asking<N>) {
+        match asking {
+            Asking::Order(order) => self.control.obey(order),
+            Asking::Request(Numbered { number, request }) => {
+                let refusal = self.control.request(*request).err();
+                let state = self.control.controller().state().told();
+                // There is room for as many answers as for requests.
+                let _ = self.answers.push(Answered { number: *number, refusal, state });
+            }
         }
     }
 }
@@ -187,8 +199,8 @@ mod tests {
         let was_ended = Arc::new(AtomicBool::new(false));
         let q = assemble::q_start::<4>(&config).unwrap();
         let drive = Box::new(Defective { q, reads: 0, was_ended: was_ended.clone() });
-        let control =
-            assemble::control_loop_with::<4>(&config, config.robot.build().unwrap(), drive).unwrap();
+        let robot = config.robot.build().unwrap();
+        let control = assemble::control_loop_with::<4>(&config, robot, drive).unwrap().control;
         let (records, _kept) = RingBuffer::new(16);
         let (_kept, measurements) = RingBuffer::new(1);
         let place: crate::ipc::Instance = format!("u-panic-{}", std::process::id()).parse().unwrap();

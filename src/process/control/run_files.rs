@@ -1,8 +1,8 @@
 //! What control leaves for a report: the history of the run, its goal, and where the frames of the cell were.
 
 use crate::config::{Config, Source};
-use crate::control::control_loop::ControlLoop;
 use crate::geometry::Pose;
+use crate::mission::{LockstepRun, Mission};
 use crate::process::report_folder::{GOAL, MEASUREMENTS, POSES, TRACE};
 use crate::process::{Membership, ProcessError, ReportFolder};
 use crate::report::history::RunHistory;
@@ -16,8 +16,8 @@ use tracing::error;
 const MARGIN: SpanNs = SpanNs(2_000_000_000);
 
 /// Room for the history of a run.
-pub(super) fn history<const N: usize>(config: &Config, control: &ControlLoop<N>) -> RunHistory {
-    let set_point = control.controller().behaviour().set_point();
+pub(super) fn history<const N: usize>(config: &Config, mission: &Mission<N>) -> RunHistory {
+    let set_point = &mission.goal().set_point;
     let plays_once = matches!(config.camera.source, Source::Replay { repeat: false, .. });
     let has_end = !config.serve && !plays_once;
     let longest = if has_end { SpanNs(config.duration.0.saturating_add(MARGIN.0)) } else { SpanNs(i64::MAX) };
@@ -28,11 +28,11 @@ pub(super) fn history<const N: usize>(config: &Config, control: &ControlLoop<N>)
 pub(super) fn write<const N: usize>(
     folder: &ReportFolder,
     config: &Config,
-    control: &ControlLoop<N>,
+    run: &LockstepRun<N>,
     history: &RunHistory,
     membership: &Membership,
 ) {
-    let robot = &control.controller().arm().robot;
+    let robot = &run.controller().arm().robot;
     let places = |q: &[f64]| {
         let X_BE = robot.forward(&joints(q));
         let X_BC = camera(&config.camera.mount, &X_BE);
@@ -42,8 +42,8 @@ pub(super) fn write<const N: usize>(
     let files: [(&str, &dyn Fn() -> String); 4] = [
         (TRACE, &|| history.trace_csv(places)),
         (MEASUREMENTS, &|| history.measurements_csv()),
-        (GOAL, &|| goal(config, control)),
-        (POSES, &|| poses(config, control, history)),
+        (GOAL, &|| goal(config, run)),
+        (POSES, &|| poses(config, run, history)),
     ];
     for (name, text) in files {
         // A long history takes its time, and the supervisor wants signs of life.
@@ -68,8 +68,8 @@ fn camera(mount: &Mount, X_BE: &Pose) -> Pose {
 }
 
 /// Where each point of the target is to be in the image.
-fn goal<const N: usize>(config: &Config, control: &ControlLoop<N>) -> String {
-    let set_point = control.controller().behaviour().set_point();
+fn goal<const N: usize>(config: &Config, run: &LockstepRun<N>) -> String {
+    let set_point = &run.mission.goal().set_point;
     let mut out = String::from("point,u_px,v_px\n");
     for (id, s) in set_point.ids().iter().zip(set_point.features()) {
         let px = config.camera.model.pixel_of(s);
@@ -80,9 +80,9 @@ fn goal<const N: usize>(config: &Config, control: &ControlLoop<N>) -> String {
 
 /// Frames of the cell in B at the first tick and at the last, and the origins of the joints' frames. Without an arm that moves the
 /// camera: the desired camera in the frame of the object.
-fn poses<const N: usize>(config: &Config, control: &ControlLoop<N>, history: &RunHistory) -> String {
+fn poses<const N: usize>(config: &Config, run: &LockstepRun<N>, history: &RunHistory) -> String {
     let mut out = String::from("frame,x_m,y_m,z_m,qx,qy,qz,qw\n");
-    let X_DO = control.controller().behaviour().set_point().X_DO().copied();
+    let X_DO = run.mission.goal().set_point.X_DO().copied();
     if !config.closes_the_loop() {
         pose(&mut out, "O", &Pose::identity());
         if let Some(X_DO) = X_DO {
@@ -92,7 +92,7 @@ fn poses<const N: usize>(config: &Config, control: &ControlLoop<N>, history: &Ru
     }
     let Some((first, last, span)) = history.ends() else { return out };
     pose(&mut out, "B", &Pose::identity());
-    let robot = &control.controller().arm().robot;
+    let robot = &run.controller().arm().robot;
     let mut object = None;
     for (when, q, at) in [("start", first, SpanNs::ZERO), ("end", last, span)] {
         let q = joints(q);

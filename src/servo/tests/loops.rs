@@ -188,27 +188,21 @@ fn an_adaptive_gain_ends_faster() {
 }
 
 #[test]
-fn a_taught_goal_is_what_was_seen() {
+fn a_new_goal_is_sought_also_by_what_was_measured_before() {
     let mut run = scara();
-    run.servo.teach(5);
-    let seen = run.X_CO();
-    assert!(run.servo.is_teaching());
-    for _ in 0..400 {
-        assert_eq!(run.step(), Vector4::zeros(), "no motion while teaching, and none at the goal");
-        if !run.servo.is_teaching() {
-            break;
-        }
-    }
-    assert!(!run.servo.is_teaching());
-    let X_DO = *run.servo.set_point().X_DO().unwrap();
-    assert!((X_DO.to_homogeneous() - seen.to_homogeneous()).norm() < 1e-6);
-    run.q += Vector4::new(0.05, 0.02, 0.03, 0.1);
+    run.step();
+    let elsewhere = Pose::translation(0.02, 0.0, 0.0) * run.X_CO();
+    let goal = SetPoint::from_pose(&elsewhere, run.servo.set_point().points()).unwrap();
+    let (robot, q) = (run.robot.clone(), run.q);
+    let wish = |run: &mut Loop<4>| run.servo.wish(&q, &Vector4::zeros(), &robot).unwrap();
+    let before = wish(&mut run);
+    run.servo.set_goal(goal);
+    assert_ne!(wish(&mut run), before, "without another measurement");
     for _ in 0..10_000 {
         run.step();
     }
     assert!(run.error() < 1e-4);
-    run.servo.teach(1);
-    assert!(run.servo.is_teaching());
+    assert!((run.X_CO().translation.vector - elsewhere.translation.vector).norm() < 1e-4);
 }
 
 #[test]

@@ -119,7 +119,7 @@ fn restore_gain_returns_to_full_gain() {
     let full = speed(&mut s);
     while s.reduce_gain() {}
     assert!(speed(&mut s) < 0.7 * full, "{} of {full}", speed(&mut s));
-    s.seek_at_full_gain();
+    s.restore_gain();
     assert_eq!(speed(&mut s), full);
 }
 

@@ -1,15 +1,15 @@
 //! Teaching a set-point: the mean of what the camera sees in a few measurements.
 
-use super::{SetPoint, View};
 use crate::messages::MAX_FEATURES;
+use crate::servo::{SetPoint, View};
 use nalgebra::Vector2;
 
 /// A set-point in the making.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct GoalTeacher {
     wanted: u32,
     /// Measurements still to come.
-    pub(super) left: u32,
+    left: u32,
     sum: [Vector2<f64>; MAX_FEATURES],
 }
 
@@ -42,5 +42,39 @@ impl GoalTeacher {
         // Points that are no plane tell their pose from near it.
         let posed = view.X_CO().filter(|_| taught.X_DO().is_none()).and_then(|X_CO| taught.posed_near(X_CO));
         posed.unwrap_or(taught).with_ids(before.ids())?.with_selection(*before.selection())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+    use nalgebra::Point3;
+
+    /// The goal is the mean of what was seen, with its pose.
+    #[test]
+    fn what_is_seen_becomes_the_goal() {
+        let points: Vec<_> =
+            [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1)].map(|(x, y)| Point3::new(x, y, 0.0)).into();
+        let before = SetPoint::from_pose(&Pose::translation(0.0, 0.0, 0.6), &points).unwrap();
+        let before = before.with_ids(&[2, 3, 5, 7]).unwrap();
+        let X_CO = Pose::new([-0.06, -0.04, 0.5].into(), [0.1, -0.2, 0.3].into());
+        let exact = SetPoint::from_pose(&X_CO, &points).unwrap();
+        let seen = |error: f64| {
+            let features: Vec<_> = exact.features().iter().map(|s| s + Vector2::new(error, -error)).collect();
+            View::new(features.into_iter(), Some(X_CO)).unwrap()
+        };
+        let mut teacher = GoalTeacher::new(4);
+        for error in [1e-3, -1e-3, 2e-3] {
+            assert_eq!(teacher.add(&seen(error), &before), None);
+        }
+        let taught = teacher.add(&seen(-2e-3), &before).unwrap();
+        for (s, s_d) in taught.features().iter().zip(exact.features()) {
+            assert!((s - s_d).norm() < 1e-12);
+        }
+        let off = taught.X_DO().unwrap().inv_mul(&X_CO);
+        assert!(off.translation.vector.norm() < 1e-6 && off.rotation.angle() < 1e-6, "{off}");
+        assert_eq!(taught.ids(), before.ids());
+        assert_eq!(teacher.add(&seen(0.0), &before), None, "it is over");
     }
 }

@@ -1,12 +1,7 @@
-//! How a run ends: what was decided, and that the arm is at rest before the last command.
-//!
-//! ```text
-//! decided (goal, time, request, fault, last frame) ─► the arm brakes within its limits ─► measured arm at rest ─► over
-//!                                                                    └─ still moving 2 s later: a fault ─► over
-//! ```
+//! How a run ends: what was decided, by goal, time, request, fault or last frame, and why it was late. That the arm is at rest before the
+//! last command is the business of [`ControlLoop`](crate::control::control_loop::ControlLoop).
 
-use crate::control::controller::Rest;
-use crate::control::measurement_log::MeasurementLog;
+use super::measurement_log::MeasurementLog;
 use crate::control::outcome::{Finish, Outcome};
 use crate::messages::{ControlState, TargetStatus};
 
@@ -14,19 +9,6 @@ use crate::messages::{ControlState, TargetStatus};
 #[derive(Debug, Clone, Default)]
 pub(crate) struct RunEnd {
     decided: Option<Finish>,
-}
-
-/// What there is to do about the end of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum NextStep {
-    /// No end was decided.
-    GoOn,
-    /// The arm has to come to rest first.
-    Brake,
-    /// The arm does not come to rest.
-    GiveUp,
-    /// The run is over.
-    Over(Finish),
 }
 
 impl RunEnd {
@@ -41,17 +23,6 @@ impl RunEnd {
     /// What was decided.
     pub(crate) fn decided(&self) -> Option<Finish> {
         self.decided
-    }
-
-    /// What is next. The arm cannot be waited for where it does not move by the loop, or nothing moves it any more.
-    pub(crate) fn next(&self, rest: Rest, waits_for_arm: bool) -> NextStep {
-        match (self.decided, rest) {
-            (None, _) => NextStep::GoOn,
-            (Some(finish), _) if !waits_for_arm => NextStep::Over(finish),
-            (Some(finish), Rest::AtRest | Rest::Unknown) => NextStep::Over(finish),
-            (Some(_), Rest::Restless) => NextStep::GiveUp,
-            (Some(_), Rest::Moving) => NextStep::Brake,
-        }
     }
 }
 
@@ -170,17 +141,5 @@ mod tests {
         end.decide(Finish::fault(Fault::TrackingError));
         end.decide(Finish::fault(Fault::DeadlinesMissed));
         assert_eq!(end.decided(), Some(Finish::fault(Fault::TrackingError)));
-    }
-
-    #[test]
-    fn a_run_is_over_when_the_arm_stands_or_cannot_be_waited_for() {
-        let mut end = RunEnd::default();
-        assert_eq!(end.next(Rest::AtRest, true), NextStep::GoOn);
-        end.decide(DONE);
-        assert_eq!(end.next(Rest::Moving, true), NextStep::Brake);
-        assert_eq!(end.next(Rest::AtRest, true), NextStep::Over(DONE));
-        assert_eq!(end.next(Rest::Unknown, true), NextStep::Over(DONE));
-        assert_eq!(end.next(Rest::Restless, true), NextStep::GiveUp);
-        assert_eq!(end.next(Rest::Moving, false), NextStep::Over(DONE));
     }
 }

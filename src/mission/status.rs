@@ -1,15 +1,15 @@
-//! What a loop says of itself: errors and status.
+//! What a mission says of its run: errors and status.
 
-use super::ControlLoop;
-use crate::control::outcome::{FinalErrors, MeasuredErrors};
+use super::{FinalErrors, MeasuredErrors, Mission};
+use crate::control::trace::Trace;
 use crate::geometry::{Pose, rotation_angle};
 use crate::messages::{Status, status_flag};
-use crate::time::{MonoNs, SpanNs};
+use crate::time::SpanNs;
 
-impl<const N: usize> ControlLoop<N> {
+impl<const N: usize> Mission<N> {
     /// The object in the camera in simulated truth, m.
     fn true_view(&self) -> Option<Pose> {
-        let (q, _) = self.sensed.truth?;
+        let q = self.q_true()?;
         Some(self.truth.as_ref()?.X_CO(&q, self.last - self.first.unwrap_or(self.last)))
     }
 
@@ -26,7 +26,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Distance, m, and angle, rad, of the camera from the desired one when it sees the object at `X_CO`.
     fn off_goal(&self, X_CO: &Pose) -> Option<(f64, f64)> {
-        let X_DC = self.controller.behaviour().set_point().X_DO()? * X_CO.inverse();
+        let X_DC = self.goal.set_point.X_DO()? * X_CO.inverse();
         Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
     }
 
@@ -38,7 +38,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Errors now: against simulated truth where there is one, else from the last measurement.
     pub(super) fn errors(&self) -> FinalErrors {
-        let set_point = self.controller.behaviour().set_point();
+        let set_point = &self.goal.set_point;
         let believed = MeasuredErrors::new(
             self.measurements.error_px(),
             self.measured_view().and_then(|X_CO| self.off_goal(&X_CO)),
@@ -58,15 +58,15 @@ impl<const N: usize> ControlLoop<N> {
         }
     }
 
-    pub(super) fn status(&self, tick: u64, now: MonoNs) -> Status {
+    pub(super) fn status(&self, trace: &Trace) -> Status {
         let (position_error_m, orientation_error_rad) = self.pose_errors().unwrap_or((f64::NAN, f64::NAN));
         let m = self.measurements.last().copied().unwrap_or_default();
         let latency = self.measurements.latency();
         let us = |span: Option<SpanNs>| span.map_or(f64::NAN, SpanNs::as_us);
         Status {
-            tick,
+            tick: trace.joint_state.tick,
             sequence: self.statuses,
-            stamp: now,
+            stamp: trace.time,
             time_s: self.duration_s(),
             feature_error_px: self.measurements.error_px(),
             position_error_m,
@@ -76,12 +76,12 @@ impl<const N: usize> ControlLoop<N> {
             frame_to_vision_us: us(latency.frame_to_vision),
             vision_us: us(latency.vision),
             measurement_to_command_us: us(latency.measurement_to_command),
-            V_C: self.controller.behaviour().camera_law_output(now).map_or([f64::NAN; 6], Into::into),
+            V_C: trace.V_C.unwrap_or([f64::NAN; 6]),
             measurements: self.measurements.count(),
             frames: m.frames_received,
             frames_dropped: m.frames_dropped,
             target_lost: m.target_lost,
-            missed_deadlines: 0,
+            missed_deadlines: trace.missed_deadlines,
             camera_state_s: f64::NAN,
             state: self.state as u32,
             target: m.status,

@@ -1,6 +1,6 @@
-//! What control remembers of the measurements that reached it, for the goal, the status and the reason of an end.
+//! What the mission remembers of the measurements that reached control, for the goal, the status and the reason of an end.
 
-use super::trace::{Event, Events, LatencyStages};
+use crate::control::trace::{Event, Events, LatencyStages};
 use crate::messages::Measurement;
 use crate::servo::MeasurementVerdict;
 use serde::{Deserialize, Serialize};
@@ -125,8 +125,9 @@ impl MeasurementLog {
         self.degraded
     }
 
-    pub(super) fn commanded(&mut self, latency: LatencyStages) {
-        self.latency = latency;
+    /// The command that used the last one was written.
+    pub(super) fn commanded(&mut self, latency: Option<LatencyStages>) {
+        self.latency = latency.unwrap_or(self.latency);
     }
 
     /// Good and bad measurements that reached control.

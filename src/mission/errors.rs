@@ -1,0 +1,52 @@
+//! How near to its goal a run came.
+
+use serde::{Deserialize, Serialize};
+
+/// Errors as control believes them, from the last measurement; `null` where unknown.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct MeasuredErrors {
+    /// Root mean square, px.
+    pub feature_error_px: Option<f64>,
+    /// Distance of the camera from its desired place, m.
+    pub position_error_m: Option<f64>,
+    /// Angle of the camera from its desired orientation, rad.
+    pub orientation_error_rad: Option<f64>,
+}
+
+impl MeasuredErrors {
+    /// From a feature error, px, NaN where unknown, and the distance, m, and angle, rad, of the camera.
+    pub(super) fn new(feature_error_px: f64, pose: Option<(f64, f64)>) -> Self {
+        Self {
+            feature_error_px: Some(feature_error_px).filter(|e| e.is_finite()),
+            position_error_m: pose.map(|(distance, _)| distance),
+            orientation_error_rad: pose.map(|(_, angle)| angle),
+        }
+    }
+}
+
+/// Errors at the end of the run, against simulated truth where there is one; `null` where unknown.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct FinalErrors {
+    /// Root mean square, px.
+    pub feature_error_px: Option<f64>,
+    /// Distance of the camera from its desired place, m.
+    pub position_error_m: Option<f64>,
+    /// Angle of the camera from its desired orientation, rad.
+    pub orientation_error_rad: Option<f64>,
+    /// The same as control believes them: another lens, mount, target or arm than it knows of shows in the difference.
+    #[serde(default)]
+    pub believed: MeasuredErrors,
+}
+
+impl FinalErrors {
+    /// Whether what control believes is farther from the truth than the noise of a picture explains.
+    #[must_use]
+    pub fn is_not_as_believed(&self) -> bool {
+        const NOISE_M: f64 = 1e-3;
+        const NOISE_RAD: f64 = 3e-3;
+        let apart =
+            |a: Option<f64>, b: Option<f64>, noise| a.zip(b).is_some_and(|(a, b)| (a - b).abs() > noise);
+        apart(self.position_error_m, self.believed.position_error_m, NOISE_M)
+            || apart(self.orientation_error_rad, self.believed.orientation_error_rad, NOISE_RAD)
+    }
+}

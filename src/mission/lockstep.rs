@@ -1,0 +1,90 @@
+//! Control and mission on one thread: what lockstep and everything simulated runs in.
+
+use super::{FinalErrors, Mission};
+use crate::control::control_loop::ControlLoop;
+use crate::control::controller::Controller;
+use crate::control::lifecycle::{Refusal, Request};
+use crate::control::safety::Fault;
+use crate::control::trace::Trace;
+use crate::messages::{ControlState, JointState, Measurement};
+use crate::time::MonoNs;
+
+/// A run whose mission looks at each tick as soon as it is over: an order of tick k takes effect at tick k + 1, always.
+pub struct LockstepRun<const N: usize> {
+    /// The loop.
+    pub control: ControlLoop<N>,
+    /// The mission.
+    pub mission: Mission<N>,
+}
+
+impl<const N: usize> LockstepRun<N> {
+    /// A run that has not ticked yet.
+    #[must_use]
+    pub fn new(control: ControlLoop<N>, mission: Mission<N>) -> Self {
+        let mut run = Self { control, mission };
+        run.obey();
+        run
+    }
+
+    /// First half of a tick: reads the drive at the tick's time.
+    pub fn sense(&mut self, tick: u64, now: MonoNs) -> JointState {
+        self.control.sense(tick, now)
+    }
+
+    /// Second half: control acts, its command is written at once, and the mission looks at it. A finish ends the run.
+    pub fn act(&mut self, now: MonoNs, measurement: Option<&Measurement>) -> Trace {
+        let mut trace = self.control.act(now, measurement);
+        self.control.commanded(now, &mut trace);
+        self.mission.note(&mut trace, measurement);
+        self.obey();
+        trace
+    }
+
+    /// A whole tick.
+    pub fn tick(&mut self, tick: u64, now: MonoNs, measurement: Option<&Measurement>) -> Trace {
+        self.sense(tick, now);
+        self.act(now, measurement)
+    }
+
+    fn obey(&mut self) {
+        while let Some(order) = self.mission.next_order() {
+            self.control.obey(&order);
+        }
+    }
+
+    /// Brings the arm to rest and ends the run with `reason`.
+    pub fn stop(&mut self, reason: &'static str) {
+        self.control.stop(reason);
+    }
+
+    /// Does what a client wants.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn request(&mut self, request: Request) -> Result<(), Refusal> {
+        self.control.request(request)
+    }
+
+    /// Something failed outside of the cores.
+    pub fn fail(&mut self, fault: Fault) {
+        self.control.fail(fault);
+    }
+
+    /// The controller.
+    #[must_use]
+    pub fn controller(&self) -> &Controller<N> {
+        self.control.controller()
+    }
+
+    /// What control does, or did last.
+    #[must_use]
+    pub fn state(&self) -> ControlState {
+        self.mission.state()
+    }
+
+    /// Errors when the end of the run was decided, or now: braking at the end is no part of what was reached.
+    #[must_use]
+    pub fn final_errors(&self) -> FinalErrors {
+        self.mission.final_errors()
+    }
+}

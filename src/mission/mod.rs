@@ -1,0 +1,397 @@
+//! The mission: what a run is for, what is to be reached next, and how the run ends. It goes by the [`Trace`] of each tick and speaks to
+//! control by [`Order`]s, which take effect before the next tick.
+//!
+//! ```text
+//! control: tick k ─► Trace k ─► [`Mission::note`]: counts, teaches, plans, judges ─► Order ─► control: before tick k + 1
+//!                                   └► adds to Trace k: feature error, events, status, how the run ended ─► ports, report
+//! ```
+//! On one thread ([`LockstepRun`]) an order of tick k takes effect at tick k + 1; in real time the mission runs beside the
+//! real-time thread, and it does so when its ring has been carried, mostly one or two ticks later. Nothing that keeps the arm safe
+//! waits for it: control alone holds, stops and comes to rest.
+//!
+//! | term | what it is |
+//! | --- | --- |
+//! | [`Goal`] | the features to be reached, how near, and for how long |
+//! | [`RunTask`] | what the run is for: servoing, the excitation motion, a calibration tour |
+//! | [`RunPlan`] | what makes the run begin and end |
+//! | end | decided first ([`run_end`]); then the arm comes to rest, and the last trace says so |
+//! | residual | the error of an arm that stands before its goal, or moves about it ([`residual`]) |
+
+mod errors;
+mod lockstep;
+pub mod measurement_log;
+pub mod residual;
+pub mod run_end;
+mod status;
+mod task;
+mod teaching;
+pub mod truth;
+
+pub use errors::{FinalErrors, MeasuredErrors};
+pub use lockstep::LockstepRun;
+pub use task::{BelievedCell, RunTask};
+
+use crate::control::lifecycle::Request;
+use crate::control::order::Order;
+use crate::control::outcome::{Finish, Outcome};
+use crate::control::safety::{Fault, RestWatch};
+use crate::control::trace::{Event, Trace};
+use crate::drive::DriveState;
+use crate::messages::{ControlState, JointState, Measurement, frame_flag, joint_flag};
+use crate::motion::ActingLimits;
+use crate::servo::{MeasurementVerdict, SetPoint, View};
+use crate::time::{MonoNs, SpanNs, TICK};
+use measurement_log::MeasurementLog;
+use nalgebra::{SVector, Vector2};
+use residual::{NO_NEARER, OUT_OF_REACH, ResidualWatch};
+use run_end::RunEnd;
+use std::collections::VecDeque;
+use teaching::GoalTeacher;
+use truth::Truth;
+
+/// Ticks between two status records: 50 Hz.
+const STATUS_PERIOD: u64 = 20;
+/// An arm swings whose error does not fall below so many times that of the goal: nearer to it, it is given time.
+const SWINGS_FROM: f64 = 1.5;
+/// Orders that wait to be taken: room for a tour and what comes beside it, so that nothing grows while ticks go on.
+const ORDERS: usize = 32;
+/// The end of an open loop whose frames are over.
+const LAST_FRAME: Finish = Finish { outcome: Outcome::Finished, reason: "the last frame was used" };
+/// The end of a closed loop whose camera has no more frames.
+const NO_MORE_FRAMES: Finish = Finish {
+    outcome: Outcome::NotConverged,
+    reason: "the camera said that its last frame has come, before the goal was reached",
+};
+const CONVERGED: Finish = Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" };
+
+/// What makes a run begin, and end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Service {
+    /// It starts by itself, after a lesson where the goal is taught, and ends when it is done.
+    OneShot {
+        /// Whether the goal is taught first.
+        teaches: bool,
+    },
+    /// It does what it is told, and ends when it is told.
+    Served,
+}
+
+/// What is to be reached.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Goal {
+    /// Which of the run's goals: 0 is that of its file, each one that is taught has the next number.
+    pub id: u32,
+    /// The features.
+    pub set_point: SetPoint,
+    /// Largest root mean square feature error at which it counts as reached, px.
+    pub tolerance_px: f64,
+    /// How long it must be held.
+    pub hold: SpanNs,
+}
+
+/// What makes a run begin and end.
+#[derive(Debug, Clone, Copy)]
+pub struct RunPlan {
+    /// Whether it does what it is told, or what its file says.
+    pub service: Service,
+    /// Measurements of a lesson.
+    pub lesson: u32,
+    /// When the arm is brought to rest at the latest; `None` ends with the last frame only.
+    pub duration: Option<SpanNs>,
+    /// Whether the loop is closed: without it there is no goal to reach.
+    pub closed_loop: bool,
+    /// Focal lengths that turn normalized errors into pixels.
+    pub f_px: Vector2<f64>,
+}
+
+/// The mission of one run.
+pub struct Mission<const N: usize> {
+    plan: RunPlan,
+    task: RunTask<N>,
+    goal: Goal,
+    truth: Option<Truth<N>>,
+    measurements: MeasurementLog,
+    lesson: Option<GoalTeacher>,
+    first: Option<MonoNs>,
+    last: MonoNs,
+    joint_state: JointState,
+    state: ControlState,
+    goal_since: Option<MonoNs>,
+    /// Whether it was told that the goal was held.
+    goal_told: bool,
+    rest: RestWatch<N>,
+    residual: ResidualWatch,
+    /// Whether control goes to its goal more slowly than at first.
+    is_reduced: bool,
+    last_frame_seen: bool,
+    end: RunEnd,
+    /// Whether control was told.
+    end_sent: bool,
+    errors_at_end: Option<FinalErrors>,
+    finish: Option<Finish>,
+    statuses: u64,
+    /// Limits that acted since the last status.
+    acted: ActingLimits,
+    orders: VecDeque<Order<N>>,
+}
+
+impl<const N: usize> Mission<N> {
+    /// A mission whose first orders wait to be taken; `truth` is that of a simulated cell.
+    #[must_use]
+    pub fn new(plan: RunPlan, task: RunTask<N>, goal: Goal, truth: Option<Truth<N>>) -> Self {
+        let mut orders = VecDeque::with_capacity(ORDERS);
+        let teaches = plan.service == Service::OneShot { teaches: true };
+        if plan.service != Service::Served {
+            let first = if teaches { Request::Teach } else { Request::Start };
+            orders.push_back(Order::Request(first));
+        }
+        Self {
+            plan,
+            task,
+            goal,
+            truth,
+            measurements: MeasurementLog::new(),
+            lesson: teaches.then(|| GoalTeacher::new(plan.lesson)),
+            first: None,
+            last: MonoNs::ZERO,
+            joint_state: JointState::default(),
+            state: ControlState::Waiting,
+            goal_since: None,
+            goal_told: false,
+            rest: RestWatch::default(),
+            residual: ResidualWatch::default(),
+            is_reduced: false,
+            last_frame_seen: false,
+            end: RunEnd::default(),
+            end_sent: false,
+            errors_at_end: None,
+            finish: None,
+            statuses: 0,
+            acted: ActingLimits::default(),
+            orders,
+        }
+    }
+
+    /// Takes in what a tick left, with the measurement that it took, and adds to it what the run makes of it. A trace that never comes
+    /// is missing in what is counted; nothing else depends on it.
+    pub fn note(&mut self, trace: &mut Trace, measurement: Option<&Measurement>) {
+        let (now, js) = (trace.time, trace.joint_state);
+        self.first.get_or_insert(now);
+        (self.last, self.joint_state, self.state) = (now, js, trace.state);
+        self.rest.note(&DriveState { q: vector(&js.q), qd: vector(&js.qd), truth: None });
+        self.acted = self.acted.with(&trace.limits);
+        self.hear(trace);
+        if let (Some(m), Some(verdict)) = (measurement, trace.measurement_record.map(|record| record.verdict))
+        {
+            self.learn(m, verdict);
+            self.count(trace, m, verdict);
+            self.task.note(m, &vector(&js.q));
+        }
+        self.orders.extend(self.task.next_orders());
+        if self.plan.service != Service::Served
+            && let Some(fault) = trace.fault
+        {
+            self.end.decide(Finish::fault(fault));
+        }
+        let tells = js.tick.is_multiple_of(STATUS_PERIOD);
+        if tells {
+            self.residual.note_arm(now, self.rest.is_at_rest());
+            self.adapt_gain();
+        }
+        self.judge(trace);
+        if tells || trace.over {
+            trace.status = Some(self.status(trace));
+            self.statuses += 1;
+            self.acted = ActingLimits::default();
+        }
+    }
+
+    /// The next order to control.
+    pub fn next_order(&mut self) -> Option<Order<N>> {
+        self.orders.pop_front()
+    }
+
+    /// What control was told from outside, and what came of it.
+    fn hear(&mut self, trace: &Trace) {
+        if let Some(reason) = trace.stopped {
+            self.end.decide(Finish { outcome: Outcome::Stopped, reason });
+        }
+        for event in trace.events.iter() {
+            match event {
+                Event::Requested(Request::Start) => {
+                    (self.goal_since, self.goal_told, self.is_reduced) = (None, false, false);
+                    // What an earlier start came to says nothing about this one.
+                    self.residual.begin_anew();
+                }
+                Event::Requested(Request::Reset) => self.is_reduced = false,
+                Event::Requested(Request::Teach) => self.lesson = Some(GoalTeacher::new(self.plan.lesson)),
+                Event::GainReduced => {
+                    self.is_reduced = true;
+                    self.residual.begin_anew();
+                }
+                // The fault that came first is the reason, this one its consequence.
+                Event::Fault(Fault::NotAtRest) => self.end.decide(Finish::fault(Fault::NotAtRest)),
+                Event::Holding | Event::MotionOver => {
+                    self.task.end_by(event).into_iter().for_each(|finish| self.end.decide(finish));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// A lesson takes what the law could work with, and is given up where control does something else.
+    fn learn(&mut self, m: &Measurement, verdict: Option<MeasurementVerdict>) {
+        if self.state != ControlState::Teaching {
+            self.lesson = None;
+        }
+        let Some(lesson) = &mut self.lesson else { return };
+        let view = View::of(m, &self.goal.set_point);
+        let view = view.filter(|_| verdict.is_some_and(MeasurementVerdict::is_used));
+        let Some(taught) = view.and_then(|view| lesson.add(&view, &self.goal.set_point)) else { return };
+        self.lesson = None;
+        (self.goal.set_point, self.goal.id) = (taught.clone(), self.goal.id.saturating_add(1));
+        self.orders.push_back(Order::Goal(taught));
+        if self.plan.service == (Service::OneShot { teaches: true }) {
+            self.orders.push_back(Order::Request(Request::Start));
+        }
+    }
+
+    fn count(&mut self, trace: &mut Trace, m: &Measurement, verdict: Option<MeasurementVerdict>) {
+        self.last_frame_seen |= m.flags & frame_flag::LAST != 0;
+        let set_point = &self.goal.set_point;
+        // What the law refused says nothing about the goal: it is old, or of another target. Nor does braking at the end.
+        let has_ended = self.end.decided().is_some();
+        let is_of_goal =
+            !matches!(verdict, Some(MeasurementVerdict::TooFewFeatures | MeasurementVerdict::ImpossiblePose));
+        let judged = is_of_goal && !has_ended;
+        let view = View::of(m, set_point).filter(|_| judged);
+        let error_px = view.map_or(f64::NAN, |view| set_point.error_rms_px(&view, &self.plan.f_px));
+        self.measurements.note(m, verdict, error_px, &mut trace.events);
+        if let Some(record) = &mut trace.measurement_record {
+            record.error_px = error_px;
+            if verdict.is_some_and(MeasurementVerdict::is_used) {
+                self.measurements.note_degraded(record.degraded, &mut trace.events);
+            }
+            self.measurements.commanded(record.latency);
+        }
+        if verdict.is_some_and(MeasurementVerdict::is_refused) {
+            return;
+        }
+        self.residual.note_error(trace.time, error_px);
+        if error_px.is_nan() || error_px > self.goal.tolerance_px {
+            self.goal_since = None;
+        } else {
+            self.goal_since.get_or_insert(trace.time);
+        }
+    }
+
+    /// An arm that moves about a goal which it does not reach is slowed down; one that then sticks before it is not any more.
+    fn adapt_gain(&mut self) {
+        let goal_px = self.goal.tolerance_px;
+        if self.end.decided().is_some() {
+            return;
+        }
+        if self.residual.constant_px(goal_px).is_some() {
+            if std::mem::take(&mut self.is_reduced) {
+                self.orders.push_back(Order::RestoreGain);
+                self.residual.begin_anew();
+            }
+        } else if self.residual.is_no_nearer(SWINGS_FROM * goal_px) {
+            // Control tells whether it can.
+            self.orders.push_back(Order::ReduceGain);
+        }
+    }
+
+    /// Decides on the end, and tells it once the arm has come to rest.
+    fn judge(&mut self, trace: &mut Trace) {
+        if self.end.decided().is_none()
+            && let Some(finish) = self.reached(trace)
+        {
+            self.end.decide(finish);
+        }
+        let Some(finish) = self.end.decided() else { return };
+        if self.errors_at_end.is_none() {
+            self.errors_at_end = Some(self.errors());
+        }
+        if !std::mem::replace(&mut self.end_sent, true) {
+            self.orders.push_back(Order::End);
+        }
+        if trace.over {
+            self.state = match finish.outcome {
+                Outcome::Converged => ControlState::Converged,
+                Outcome::Fault => ControlState::Fault,
+                Outcome::NotConverged | Outcome::Finished | Outcome::Stopped => ControlState::Stopped,
+            };
+            (self.finish, trace.finish, trace.state) = (Some(finish), Some(finish), self.state);
+        }
+    }
+
+    /// How the run ends by itself, if it does at this tick.
+    fn reached(&mut self, trace: &mut Trace) -> Option<Finish> {
+        let (now, servoing) = (trace.time, self.state == ControlState::Servoing);
+        let has_goal = self.plan.closed_loop && matches!(self.task, RunTask::Servo);
+        let held = servoing && has_goal && self.goal_since.is_some_and(|since| now - since >= self.goal.hold);
+        if self.plan.service == Service::Served {
+            if held && !std::mem::replace(&mut self.goal_told, true) {
+                trace.events.push(Event::GoalReached);
+            }
+            return None;
+        }
+        if let Some(finish) = self.task.refused() {
+            return Some(finish);
+        }
+        if held {
+            return Some(CONVERGED);
+        }
+        if self.last_frame_seen {
+            return Some(if self.plan.closed_loop { NO_MORE_FRAMES } else { LAST_FRAME });
+        }
+        let time = now - self.first.unwrap_or(now);
+        let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
+        let goal_px = self.goal.tolerance_px;
+        let no_nearer = || self.residual.is_no_nearer(goal_px).then_some(NO_NEARER);
+        let stays = || self.residual.constant_px(goal_px).map(|_| OUT_OF_REACH).or_else(no_nearer);
+        let when_late = self.task.when_late().or_else(|| stays().filter(|_| servoing));
+        let (closed_loop, state) = (self.plan.closed_loop, self.state);
+        time_is_up.then(|| run_end::time_is_up(closed_loop, state, when_late, &self.measurements))
+    }
+
+    /// How the run ended; `None` before.
+    #[must_use]
+    pub fn finish(&self) -> Option<Finish> {
+        self.finish
+    }
+
+    /// The goal.
+    #[must_use]
+    pub fn goal(&self) -> &Goal {
+        &self.goal
+    }
+
+    /// What control does, or did last; at the end, how it ended.
+    #[must_use]
+    pub fn state(&self) -> ControlState {
+        self.state
+    }
+
+    /// What the mission remembers of the measurements.
+    pub(crate) fn measurements(&self) -> &MeasurementLog {
+        &self.measurements
+    }
+
+    /// Time from the first tick to the last one, that one included, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.first.map_or(0.0, |first| (self.last + TICK - first).as_s())
+    }
+
+    /// Where the simulated arm truly is.
+    fn q_true(&self) -> Option<SVector<f64, N>> {
+        let js = &self.joint_state;
+        (js.flags & joint_flag::TRUTH != 0).then(|| vector(&js.q_true))
+    }
+}
+
+fn vector<const N: usize>(numbers: &[f64]) -> SVector<f64, N> {
+    SVector::from_fn(|i, _| numbers.get(i).copied().unwrap_or_default())
+}

@@ -1,0 +1,160 @@
+//! What a run is for beside servoing, where the arm moves by a plan: the plan is made here, and control is told the motion.
+
+use crate::calibration::hand_eye::{TourCell, TourError, TourPlanner};
+use crate::calibration::image_reach;
+use crate::camera_model::CameraModel;
+use crate::control::order::Order;
+use crate::control::outcome::{Finish, Outcome};
+use crate::control::trace::Event;
+use crate::messages::Measurement;
+use crate::motion::{ExcitationMotion, MotionLimits};
+use crate::robot::{Mount, Robot};
+use nalgebra::{Point3, SVector};
+
+const EXCITATION_OVER: Finish =
+    Finish { outcome: Outcome::Finished, reason: "the calibration motion is over" };
+/// What is lost of the motion would be missing in what is found.
+const TARGET_LOST: Finish = Finish {
+    outcome: Outcome::NotConverged,
+    reason: "the target was lost while the arm moved: start with the target near the middle of the picture, and see to \
+             its light",
+};
+const EXCITATION_TOO_SHORT: &str =
+    "run.duration_s is over before the calibration motion was: raise it to 15 or more";
+
+const TOUR_OVER: Finish =
+    Finish { outcome: Outcome::Finished, reason: "all views of the board have been visited" };
+const TOO_FEW: Finish = Finish {
+    outcome: Outcome::NotConverged,
+    reason: "too few views of the board are within reach: start with the board in the middle of the picture and small in it, and \
+             with the joints away from the ends of their ranges",
+};
+const ONE_AXIS: Finish = Finish {
+    outcome: Outcome::NotConverged,
+    reason: "this arm turns the camera about one axis only: the camera's position along it cannot show",
+};
+const NOTHING_SEEN: &str =
+    "the board was not seen where the arm starts: bring it into the picture, and check [target]";
+const TOUR_TOO_SHORT: &str = "run.duration_s is over before all views were visited";
+
+/// The cell as it is believed to be, for planning in it.
+#[derive(Debug, Clone)]
+pub struct BelievedCell<const N: usize> {
+    /// The arm.
+    pub robot: Robot<N>,
+    /// Limits of its motion.
+    pub limits: MotionLimits<N>,
+    /// Where its camera is thought to sit.
+    pub mount: Mount,
+    /// The lens.
+    pub camera: CameraModel,
+    /// The target's points in O, m.
+    pub points: Vec<Point3<f64>>,
+}
+
+/// What a run is for.
+#[derive(Debug)]
+#[allow(clippy::large_enum_variant)] // one in a run
+pub enum RunTask<const N: usize> {
+    /// To reach the goal by what the camera sees.
+    Servo,
+    /// To move gently before the target, once it is seen whole.
+    Excitation {
+        /// The cell.
+        cell: BelievedCell<N>,
+        /// The motion still to be told.
+        order: Option<Order<N>>,
+        /// Whether it was planned.
+        planned: bool,
+    },
+    /// To visit views of a board, once it is seen.
+    Tour {
+        /// The cell.
+        cell: BelievedCell<N>,
+        /// The plan in the making.
+        planner: Option<TourPlanner<N>>,
+        /// What came of it: how many postures, or why there are none.
+        planned: Option<Result<usize, TourError>>,
+    },
+}
+
+impl<const N: usize> RunTask<N> {
+    /// The excitation motion in `cell`.
+    #[must_use]
+    pub fn excitation(cell: BelievedCell<N>) -> Self {
+        Self::Excitation { cell, order: None, planned: false }
+    }
+
+    /// A tour of `cell`.
+    #[must_use]
+    pub fn tour(cell: BelievedCell<N>) -> Self {
+        Self::Tour { cell, planner: None, planned: None }
+    }
+
+    /// Takes a measurement in; the arm is in `q`, rad or m.
+    pub(super) fn note(&mut self, m: &Measurement, q: &SVector<f64, N>) {
+        match self {
+            Self::Servo => {}
+            Self::Excitation { cell, order, planned } => {
+                if !*planned && m.found() && m.features().len() == cell.points.len() {
+                    let BelievedCell { robot, limits, mount, camera, points } = cell;
+                    let reach = image_reach(robot, mount, camera, points, limits, q, m);
+                    *order = reach.map(|reach| Order::Excite(ExcitationMotion::new(q, &reach, limits)));
+                    *planned = order.is_some();
+                }
+            }
+            Self::Tour { planner, planned, .. } => {
+                if planned.is_none() && planner.is_none() && m.found() {
+                    *planner = m.pose().map(|X_CO| TourPlanner::new(q, &X_CO));
+                }
+            }
+        }
+    }
+
+    /// Plans on, one view of a tour a tick: whoever carries messages beside it is not kept. What there is to tell control.
+    pub(super) fn next_orders(&mut self) -> impl Iterator<Item = Order<N>> + use<N> {
+        let (mut one, mut all) = (None, None);
+        match self {
+            Self::Servo => {}
+            Self::Excitation { order, .. } => one = order.take(),
+            Self::Tour { cell, planner, planned } => {
+                let BelievedCell { robot, limits, mount, camera, points } = cell;
+                let cell = TourCell { robot, mount, camera, points, limits };
+                if let Some(plan) = planner.as_mut().and_then(|planner| planner.next_view(&cell)) {
+                    *planned = Some(plan.as_ref().map(Vec::len).map_err(|why| *why));
+                    (*planner, all) = (None, plan.ok());
+                }
+            }
+        }
+        one.into_iter().chain(all.into_iter().flatten().map(Order::Waypoint))
+    }
+
+    /// The end that an event means.
+    pub(super) fn end_by(&self, event: Event) -> Option<Finish> {
+        match (self, event) {
+            (Self::Excitation { .. }, Event::Holding) => Some(TARGET_LOST),
+            (Self::Excitation { .. }, Event::MotionOver) => Some(EXCITATION_OVER),
+            (Self::Tour { .. }, Event::MotionOver) => Some(TOUR_OVER),
+            _ => None,
+        }
+    }
+
+    /// The end where there is no plan.
+    pub(super) fn refused(&self) -> Option<Finish> {
+        match self {
+            Self::Tour { planned: Some(Err(TourError::TooFewViews)), .. } => Some(TOO_FEW),
+            Self::Tour { planned: Some(Err(TourError::OneAxis)), .. } => Some(ONE_AXIS),
+            _ => None,
+        }
+    }
+
+    /// Why the time of the run was too short, where the task knows.
+    pub(super) fn when_late(&self) -> Option<&'static str> {
+        match self {
+            Self::Excitation { planned: true, .. } => Some(EXCITATION_TOO_SHORT),
+            Self::Servo | Self::Excitation { .. } => None,
+            Self::Tour { planned: Some(_), .. } => Some(TOUR_TOO_SHORT),
+            Self::Tour { planned: None, .. } => Some(NOTHING_SEEN),
+        }
+    }
+}

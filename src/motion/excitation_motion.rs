@@ -1,0 +1,97 @@
+//! The excitation motion: a gentle motion of all joints at once, from rest back to the same rest, that shows in the image how each moves.
+//!
+//! ```text
+//! q_i(t) = q_i(0) + a_i (1 - cos W t) / 2 (1 - cos n_i W t) / 2,   W = 2 pi / T,   n_i = 3, 4, ...
+//! ```
+//! Each joint has a whole number n_i of its own, so that after T all are back where they began, and the motion of one is
+//! not taken for that of another. Position, velocity, acceleration and jerk begin and end with zero. A joint moves to one
+//! side only, a_i of either sign. Over the whole motion, position and velocity are orthogonal: an error of the hand-eye pose, which
+//! goes with the first, is not taken for a delay, which goes with the second.
+
+use super::MotionLimits;
+use crate::time::SpanNs;
+use nalgebra::SVector;
+use std::f64::consts::TAU;
+
+/// T: how long the motion takes.
+const DURATION: SpanNs = SpanNs(8_000_000_000);
+/// n of the first joint.
+const FIRST_CYCLES: usize = 3;
+/// Share of a joint's limits on velocity, acceleration and jerk that the motion may use.
+const LIMIT_SHARE: f64 = 0.25;
+/// Share of the way to the end of its range that a joint may go.
+const RANGE_SHARE: f64 = 0.5;
+/// Farthest that a joint goes, whatever the camera sees of it, rad or m.
+pub const MAX_EXCITATION: f64 = 0.15;
+
+/// The motion of `N` joints.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExcitationMotion<const N: usize> {
+    amplitude: SVector<f64, N>,
+    elapsed: SpanNs,
+}
+
+impl<const N: usize> ExcitationMotion<N> {
+    /// A motion that begins in `q` and goes no farther than by `reach`, of either sign; both rad or m. It goes less far
+    /// where that keeps a joint well within its range and its limits on velocity, acceleration and jerk.
+    #[must_use]
+    pub fn new(q: &SVector<f64, N>, reach: &SVector<f64, N>, limits: &MotionLimits<N>) -> Self {
+        let amplitude = SVector::from_fn(|i, _| {
+            // A sum of cosines of up to n + 1 cycles within +-a/2 of its middle: its k-th derivative is at most
+            // a/2 ((n + 1) W)^k (Bernstein).
+            let fastest_rad_s = (cycles(i) + 1.0) * base_rad_s();
+            let largest = [
+                MAX_EXCITATION,
+                RANGE_SHARE * limits.room(i, q, reach[i]),
+                2.0 * LIMIT_SHARE * limits.velocity[i] / fastest_rad_s,
+                2.0 * LIMIT_SHARE * limits.acceleration[i] / fastest_rad_s.powi(2),
+                2.0 * LIMIT_SHARE * limits.jerk[i] / fastest_rad_s.powi(3),
+            ];
+            largest.into_iter().fold(reach[i].abs(), f64::min).max(0.0).copysign(reach[i])
+        });
+        Self { amplitude, elapsed: SpanNs(0) }
+    }
+
+    /// The velocity for the next `dt`, rad/s or m/s. Time passes only here: a tick that was missed shifts the motion, but
+    /// leaves nothing of it out.
+    pub fn advance(&mut self, dt: SpanNs) -> SVector<f64, N> {
+        let qd = self.velocity(self.elapsed);
+        self.elapsed = SpanNs(self.elapsed.0.saturating_add(dt.0));
+        qd
+    }
+
+    /// Whether the motion has come to its end.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.elapsed >= DURATION
+    }
+
+    /// How far each joint goes from where it began, rad or m.
+    #[must_use]
+    pub fn amplitude(&self) -> &SVector<f64, N> {
+        &self.amplitude
+    }
+
+    fn velocity(&self, time: SpanNs) -> SVector<f64, N> {
+        if time >= DURATION {
+            return SVector::zeros();
+        }
+        let phase = base_rad_s() * time.as_s();
+        let (window, window_slope) = (0.5 * (1.0 - phase.cos()), 0.5 * phase.sin());
+        SVector::from_fn(|i, _| {
+            let (sin, cos) = (cycles(i) * phase).sin_cos();
+            self.amplitude[i] * base_rad_s() * 0.5 * (window_slope * (1.0 - cos) + window * cycles(i) * sin)
+        })
+    }
+}
+
+fn cycles(joint: usize) -> f64 {
+    (FIRST_CYCLES + joint) as f64
+}
+
+fn base_rad_s() -> f64 {
+    TAU / DURATION.as_s()
+}
+
+#[cfg(test)]
+mod tests;

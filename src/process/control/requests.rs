@@ -1,0 +1,30 @@
+//! What crosses from the companion to the real-time thread, and what comes back, beside measurements and traces.
+
+use crate::control::lifecycle::{Refusal, Request};
+use crate::control::order::Order;
+use crate::messages::ControlState;
+
+/// On its way to the loop.
+#[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant)] // the ring allocates once
+pub(super) enum Asking<const N: usize> {
+    /// The mission's.
+    Order(Order<N>),
+    /// A client's, which wants an answer.
+    Request(Numbered),
+}
+
+/// A request on its way to the loop.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Numbered {
+    pub(super) number: u64,
+    pub(super) request: Request,
+}
+
+/// What the loop says to it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Answered {
+    pub(super) number: u64,
+    pub(super) refusal: Option<Refusal>,
+    pub(super) state: ControlState,
+}
