@@ -101,9 +101,8 @@ impl<const N: usize> Running<N> {
             mark_radius_m: 0.015,
             rate_1_s: 5.0,
         };
-        let servo =
-            ServoSettings { visibility: Some(guard), ..ServoSettings::new(law, set_point, update, mount) };
-        let servo = VisualServo::new(servo);
+        let servo = ServoSettings { visibility: Some(guard), ..ServoSettings::new(law, update, mount) };
+        let servo = VisualServo::new(servo, set_point);
         let watch = MeasurementWatch::new(SpanNs(200 * MS), 0.75);
         let observer = ObserverSettings {
             disturbance_rad_s: 10.0,

@@ -5,14 +5,14 @@ Usage: rt_path.py [--root FOLDER]     prints lines, lines of code and path of ea
 
 Lines are those of a file without its tests; lines of code are those without comments and blanks too. A name that a folder hands on
 leads to the file that it comes from. What a trait object stands for no path names: all that implement such a trait count. Not
-followed: what the thread calls neither while it ticks nor at its end, and the drives and links of simulations.
+followed: what the thread calls neither while it ticks nor at its end, what the mission beside it does, and the drives and links of simulations.
 """
 import argparse, pathlib, re
 
 # The thread; what stands behind its traits on a real arm; and methods of `Robot` that no path names.
 ROOTS = ["process/control/realtime_thread", "process/control/drive_rings", "drive/external", "robot/dynamics"]
-# Traits whose objects the thread calls, beside those of the drive: what implements them belongs to the path.
-TRAITS = ["Behaviour"]
+# Traits whose objects the thread calls, beside those of the drive: what implements them belongs to the path. None so far.
+TRAITS = []
 # The record that is made of the histograms at the end, and the trait's other ends.
 NOT_FOLLOWED = ["report/summary"]
 
@@ -77,6 +77,15 @@ class Tree:
                 found |= self.modules_of(module, parts)
         for start in re.finditer(r"(?<![\w:])rt::(\w+)", self.code[module]):
             found |= self.modules_of(module, ["crate", "rt", start[1]])
+        # Modules of its own: what it takes from them for itself, and does not only hand on.
+        for child in re.findall(r"^ *(?:pub(?:\([a-z]+\))? )?mod (\w+);", self.code[module], re.M):
+            if module + (child,) not in self.code:
+                continue
+            body = re.sub(r'"(?:\\.|[^"\\])*"', "", re.sub(r"\b(?:use|mod) [^;]*;", "", self.code[module]))
+            uses = re.findall(rf"\buse {child}::([^;]*);", self.code[module])
+            items = [path[-1] for use in uses for path in names([], "x::" + " ".join(use.split()))]
+            if re.search(rf"(?<![\w:]){child}::", body) or any(re.search(rf"\b{item}\b", body) for item in items):
+                found.add(module + (child,))
         for trait in re.findall(r"\bdyn (?:\w+::)*(\w+)", self.code[module]):
             if trait in TRAITS:
                 implements = re.compile(rf"\bimpl<[^{{;]*>\s+{trait}\b[^{{;]*\bfor\b")

@@ -304,9 +304,8 @@ pub fn control_loop_with<const N: usize>(
         Some(_) => stereo_set_point(config)?,
         None => config.servo.set_point.clone(),
     };
-    let servo = VisualServo::new(ServoSettings {
+    let servo = ServoSettings {
         law: config.servo.law,
-        set_point,
         update,
         mount: config.camera.mount,
         X_WO: config.X_WO(),
@@ -319,7 +318,8 @@ pub fn control_loop_with<const N: usize>(
         gain_at_goal_1_s: config.servo.gain_at_goal_1_s,
         held_lag: SpanNs::from_s(config.camera.latency.as_s() + 0.75 / config.camera.rate_hz),
         object: config.servo.object,
-    });
+    };
+    let servo = VisualServo::new(servo, set_point);
     let watch = MeasurementWatch::new(config.safety.measurement_timeout, config.safety.slow_down_from);
     let cell = || BelievedCell {
         robot: robot.clone(),

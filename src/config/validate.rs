@@ -69,13 +69,6 @@ pub(super) fn validate(
     if raw.drive.kind == DriveKind::None {
         drive::without_arm(&raw, check);
     }
-    // it plans its way within a tick
-    if raw.run.task == Task::CalibrateHandEye && raw.run.clock == Clock::Realtime {
-        check.wrong(
-            "run.clock",
-            "must be `lockstep` for run.task = \"calibrate_hand_eye\": so far its arm is a simulated one",
-        );
-    }
     if raw.run.task != Task::Servo {
         if !raw.camera.source.closes_the_loop() {
             check.wrong(

@@ -8,9 +8,9 @@
 //! ```
 //! It does not allocate, log or fail.
 
-use crate::control::controller::{ControlOutput, Controller, Rest};
+use crate::control::controller::{Controller, Rest};
 use crate::control::lifecycle::{Refusal, Request};
-use crate::control::order::Order;
+use crate::control::order::ControlOrder;
 use crate::control::records::{command_trace, joint_state};
 use crate::control::safety::Fault;
 use crate::control::trace::{Event, Events, FrameStamps, LatencyStages, MeasurementRecord, Trace};
@@ -88,9 +88,12 @@ impl<const N: usize> ControlLoop<N> {
         self.command = output.command;
         self.ticks += 1;
         output.events.iter().for_each(|event| self.events.push(event));
-        let over = self.ends && self.comes_to_its_end(&output);
+        // In lockstep no state comes any more where the drive does not answer: nothing is left to be waited for.
+        let is_cut_off = !self.settings.one_clock && matches!(output.fault, Some(Fault::Drive(_)));
+        let over =
+            (is_cut_off && (self.ends || !self.settings.served)) || (self.ends && self.comes_to_its_end());
         if over {
-            self.drive.end();
+            self.drive.end(&self.controller.last_command());
         }
         let record = measurement.map(|m| MeasurementRecord {
             frame: FrameStamps::of(m),
@@ -102,7 +105,7 @@ impl<const N: usize> ControlLoop<N> {
         Trace {
             joint_state: self.joint_state,
             command: command_trace(&output),
-            V_C: self.controller.camera_wish(now).map(Into::into),
+            V_C: self.controller.camera_law_output(now).map(Into::into),
             state: output.state.told(),
             fault: output.fault,
             stopped: self.stopped,
@@ -123,10 +126,8 @@ impl<const N: usize> ControlLoop<N> {
     }
 
     /// Whether this was the last tick of a loop that is to end: the arm stands, cannot be waited for, or does not come to rest.
-    fn comes_to_its_end(&mut self, output: &ControlOutput<N>) -> bool {
-        // In lockstep no state comes any more where the drive does not answer.
-        let drive_is_gone = !self.settings.one_clock && matches!(output.fault, Some(Fault::Drive(_)));
-        if !self.settings.moves_an_arm || drive_is_gone {
+    fn comes_to_its_end(&mut self) -> bool {
+        if !self.settings.moves_an_arm {
             return true;
         }
         match self.controller.rest() {
@@ -177,20 +178,20 @@ impl<const N: usize> ControlLoop<N> {
     }
 
     /// Does what the mission wants.
-    pub fn obey(&mut self, order: &Order<N>) {
+    pub fn obey(&mut self, order: &ControlOrder<N>) {
         match order {
-            Order::End => self.end(),
+            ControlOrder::End => self.end(),
             // Refused where somebody wants something else.
-            Order::Request(request) => {
+            ControlOrder::Request(request) => {
                 let _ = self.controller.request(*request);
             }
-            Order::Goal(goal) => self.controller.set_goal(goal.clone()),
-            Order::Waypoint(q) => self.controller.add_waypoint(q),
-            Order::Excite(motion) => self.controller.excite(motion),
-            Order::ReduceGain => {
+            ControlOrder::Goal(goal) => self.controller.set_goal(goal.clone()),
+            ControlOrder::Waypoint(q) => self.controller.add_waypoint(q),
+            ControlOrder::Excite(motion) => self.controller.excite(motion),
+            ControlOrder::ReduceGain => {
                 let _ = self.controller.reduce_gain();
             }
-            Order::RestoreGain => self.controller.restore_gain(),
+            ControlOrder::RestoreGain => self.controller.restore_gain(),
         }
     }
 
@@ -201,7 +202,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// No tick follows, whatever state the loop is in: the drive is to stop by its own means.
     pub fn abandon(&mut self) {
-        self.drive.end();
+        self.drive.end(&self.controller.last_command());
     }
 
     /// Ticks that found no new state of the drive in time.

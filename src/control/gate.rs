@@ -2,27 +2,30 @@
 //! velocity, acceleration, jerk, effort and effort rate.
 //!
 //! ```text
-//! reference ─► may it go there from where it was, and brake from there? ─► q_r, qd_r ─► drive
-//!              no: a reference of the gate's own goes after it
-//! torque ────► finite? within effort and effort rate? ───────────────────► tau
+//! reference ─► may each joint go there from where it was, and stop from there? ─► q_r, qd_r ─► drive
+//!              no: it comes to it within the limits (`joint_bound`)
+//! torque ────► finite? within effort and effort rate? ─────────────────────────► tau
 //! ```
-//! What comes from a reference and a joint controller passes as it is; a command that has to be changed is a defect before
+//! It is joint by joint and for itself: nothing of it is shared with the reference that it judges, and its bounds are checked once, in
+//! [`Gate::new`]. What comes from a reference and a joint controller passes as it is; a command that has to be changed is a defect before
 //! the gate, or an arm that does what its model does not know. It is counted, and told where it does not stop.
 //!
 //! Nobody steps what has passed. Before a drive that obeys torques a reference may be put on an arm that stands elsewhere, or be that of
 //! an arm under a law that outputs torques: `q_r`, `qd_r` then come to it within the limits, and tell a drive what to hold.
 
+mod joint_bound;
+
 use super::safety::Fault;
 use crate::drive::{CommandMode, DriveCommand};
-use crate::motion::{MotionLimits, Reference, ReferenceState};
+use crate::motion::{MotionLimits, ReferenceState};
 use crate::time::TICK;
+use joint_bound::{JointBound, JointMotion};
 use nalgebra::SVector;
 
 /// Commands in a row that had to be changed in what the drive obeys, before that is a fault.
 const PATIENCE: u32 = 100;
-/// Rate at which what passes comes to a reference that it may not follow at once, 1/s: as quickly as a law of the default gain lets
-/// its error die out, so that the acceleration of 10 rad/s^2 suffices from up to 0.1 rad away without passing by.
-const CATCH_UP_1_S: f64 = 10.0;
+/// What a limit counts as that is none, not positive or no number: the joint hardly moves, and the gate says so.
+const NO_LIMIT: f64 = 1e-9;
 
 /// What the gate holds commands to, beside the limits of motion.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,9 +42,9 @@ pub struct GateSettings<const N: usize> {
 #[derive(Debug, Clone)]
 pub struct Gate<const N: usize> {
     settings: GateSettings<N>,
-    /// What has passed.
-    reference: Reference<N>,
-    /// Torque that has passed; `None` while the brakes hold.
+    bounds: [JointBound; N],
+    /// What has passed, and the torque, which is `None` while the brakes hold.
+    passed: [JointMotion; N],
     tau: Option<SVector<f64, N>>,
     changed: u64,
     in_a_row: u32,
@@ -59,10 +62,25 @@ pub struct Passed<const N: usize> {
 }
 
 impl<const N: usize> Gate<N> {
-    /// A gate through which nothing has passed, before an arm that stands in `q`.
+    /// A gate through which nothing has passed, before an arm that stands in `q`. A limit that is none holds a joint still.
     #[must_use]
-    pub fn new(settings: GateSettings<N>, limits: MotionLimits<N>, q: SVector<f64, N>) -> Self {
-        Self { settings, reference: Reference::new(limits, q), tau: None, changed: 0, in_a_row: 0 }
+    pub fn new(settings: GateSettings<N>, limits: &MotionLimits<N>, q: &SVector<f64, N>) -> Self {
+        let limit = |x: f64| if x > 0.0 { x } else { NO_LIMIT };
+        let finite = |x: f64| if x.is_finite() { limit(x) } else { NO_LIMIT };
+        // In this form NaN is no effort.
+        let effort = |x: f64| if x >= 0.0 { x } else { 0.0 };
+        let settings = GateSettings {
+            effort: settings.effort.map(effort),
+            effort_rate: settings.effort_rate.map(effort),
+            mode: settings.mode,
+        };
+        let bounds = std::array::from_fn(|i| JointBound {
+            range: (limits.lower[i], limits.upper[i]),
+            v: limit(limits.velocity[i]),
+            a: finite(limits.acceleration[i]),
+            j: finite(limits.jerk[i]),
+        });
+        Self { settings, bounds, passed: standing(q), tau: None, changed: 0, in_a_row: 0 }
     }
 
     /// Commands that had to be changed.
@@ -77,33 +95,40 @@ impl<const N: usize> Gate<N> {
         self.tau.is_some()
     }
 
-    /// The arm stands in `q`: what passes begins there. Once something has passed it goes on from that, and this does nothing.
+    /// The arm stands in `q`: what passes begins there. Once something has passed it goes on from that, and this does nothing, as it does
+    /// for a `q` that is not finite.
     pub fn begin_at(&mut self, q: &SVector<f64, N>) {
-        if !self.is_open() {
-            self.reference.reset_to_measured(q, &SVector::zeros());
+        if !self.is_open() && q.iter().all(|q| q.is_finite()) {
+            self.passed = standing(q);
         }
     }
 
     /// The arm is in `q`, before a drive that obeys velocities alone; what passes keeps its velocity. Before any other drive positions are
-    /// those that have passed, and this does nothing.
+    /// those that have passed, and this does nothing, as it does for a `q` that is not finite.
     pub fn relocate(&mut self, q: &SVector<f64, N>) {
-        if self.settings.mode == CommandMode::Velocity {
-            self.reference.relocate(q);
+        if self.settings.mode == CommandMode::Velocity && q.iter().all(|q| q.is_finite()) {
+            for ((passed, bound), q) in self.passed.iter_mut().zip(&self.bounds).zip(q) {
+                passed.q = q.max(bound.range.0).min(bound.range.1);
+            }
         }
     }
 
     /// Lets the reference and the torque of a tick through, as far as they may.
     pub fn pass(&mut self, reference: &ReferenceState<N>, tau: &SVector<f64, N>) -> Passed<N> {
-        let moved = !self.reference.admit(reference, TICK);
-        if moved {
-            let behind = reference.q - self.reference.state().q;
-            self.reference.advance(&(reference.qd + behind * CATCH_UP_1_S), TICK);
+        let dt = TICK.as_s();
+        let wanted: [_; N] =
+            std::array::from_fn(|i| JointMotion { q: reference.q[i], v: reference.qd[i], a: reference.a[i] });
+        let mut moved = false;
+        for ((passed, bound), wanted) in self.passed.iter_mut().zip(&self.bounds).zip(wanted) {
+            let admitted = bound.admits(*passed, wanted, dt);
+            *passed = if admitted { wanted } else { bound.approach(*passed, wanted, dt) };
+            moved |= !admitted;
         }
         let (mut held, mut cut) = (SVector::zeros(), 0u8);
         for i in 0..N {
             let last = self.tau.map(|tau| tau[i]);
             // Where the brakes held so far, the first torque carries the arm's weight at once.
-            let rise = last.map_or(f64::INFINITY, |_| self.settings.effort_rate[i] * TICK.as_s());
+            let rise = last.map_or(f64::INFINITY, |_| self.settings.effort_rate[i] * dt);
             let last = last.unwrap_or(0.0);
             let wanted = if tau[i].is_finite() { tau[i] } else { last };
             let effort = self.settings.effort[i];
@@ -113,18 +138,33 @@ impl<const N: usize> Gate<N> {
         self.tau = Some(held);
         let changed = if self.settings.mode == CommandMode::Torque { cut != 0 } else { moved };
         self.changed += u64::from(changed);
-        self.in_a_row = if changed { self.in_a_row + 1 } else { 0 };
+        self.in_a_row = if changed { self.in_a_row.saturating_add(1) } else { 0 };
         let numbers = reference.q.iter().chain(&reference.qd).chain(tau).all(|x| x.is_finite());
         let fault = (!numbers || self.in_a_row > PATIENCE).then_some(Fault::CommandsRefused);
-        let passed = self.reference.state();
-        Passed { command: DriveCommand { tau: held, q_r: passed.q, qd_r: passed.qd }, cut, fault }
+        Passed { command: self.command(), cut, fault }
     }
+
+    /// What holds once no command follows: what passed last, without its velocity. An arm that has come to rest has none that is more
+    /// than two ticks of its jerk; after a defect it may have any, and one that is told with the last command would never end.
+    #[must_use]
+    pub fn last(&self) -> DriveCommand<N> {
+        DriveCommand { qd_r: SVector::zeros(), ..self.command() }
+    }
+
+    fn command(&self) -> DriveCommand<N> {
+        let of = |part: fn(&JointMotion) -> f64| SVector::from_iterator(self.passed.iter().map(part));
+        DriveCommand { tau: self.tau.unwrap_or_else(SVector::zeros), q_r: of(|m| m.q), qd_r: of(|m| m.v) }
+    }
+}
+
+fn standing<const N: usize>(q: &SVector<f64, N>) -> [JointMotion; N] {
+    std::array::from_fn(|i| JointMotion { q: q[i], v: 0.0, a: 0.0 })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::ActingLimits;
+    use crate::motion::{ActingLimits, Reference};
     use crate::time::SpanNs;
     use nalgebra::Vector2;
     use proptest::prelude::*;
@@ -145,7 +185,7 @@ mod tests {
     }
 
     fn gate(mode: CommandMode) -> Gate<2> {
-        Gate::new(settings(mode), limits(), Vector2::zeros())
+        Gate::new(settings(mode), &limits(), &Vector2::zeros())
     }
 
     /// Checks by itself what has passed.
@@ -235,6 +275,42 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn limits_that_are_none_hold_a_joint_still() {
+        let bad = [f64::NAN, -1.0, 0.0, f64::NEG_INFINITY];
+        for bad in bad {
+            let limits = MotionLimits {
+                velocity: Vector2::repeat(bad),
+                acceleration: Vector2::repeat(bad),
+                jerk: Vector2::repeat(bad),
+                ..limits()
+            };
+            let settings = GateSettings { effort: Vector2::repeat(bad), ..settings(CommandMode::Position) };
+            let mut gate = Gate::new(settings, &limits, &Vector2::zeros());
+            for _ in 0..1000 {
+                let wanted = point(Vector2::new(0.1, 0.1), Vector2::new(0.5, 0.1), Vector2::zeros());
+                let command = gate.pass(&wanted, &Vector2::new(5.0, 5.0)).command;
+                assert_eq!(command.tau, Vector2::zeros());
+                assert!(command.q_r.amax() < 1e-6 && command.qd_r.amax() < 1e-6, "{bad}: {command:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_it_may_not_follow_at_once_is_come_to_and_reached() {
+        let mut gate = gate(CommandMode::Torque);
+        let wanted = point(Vector2::new(0.4, 0.05), Vector2::zeros(), Vector2::zeros());
+        let mut passed = gate.pass(&wanted, &Vector2::zeros()).command;
+        let mut farthest = Vector2::zeros();
+        for _ in 0..3000 {
+            passed = gate.pass(&wanted, &Vector2::zeros()).command;
+            farthest = farthest.sup(&passed.q_r);
+        }
+        assert!((passed.q_r - wanted.q).amax() < 1e-5 && passed.qd_r.amax() < 1e-4, "{passed:?}");
+        assert!((farthest - wanted.q).max() < 0.02, "it does not pass by: {farthest}");
+        assert_eq!(gate.last(), DriveCommand { qd_r: Vector2::zeros(), ..passed });
     }
 
     #[test]

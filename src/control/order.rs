@@ -8,7 +8,7 @@ use nalgebra::SVector;
 /// One order. It takes effect before the next tick; one that cannot be obeyed changes nothing.
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant)] // it crosses a ring to the real-time thread, which allocates and frees nothing
-pub enum Order<const N: usize> {
+pub enum ControlOrder<const N: usize> {
     /// What a client could ask for too.
     Request(Request),
     /// From now on these features are the goal. It ends a lesson.

@@ -34,7 +34,8 @@ pub struct ExternalDrive<const N: usize> {
     stamp: MonoNs,
     first: Option<MonoNs>,
     now: MonoNs,
-    last_command: Option<DriveCommandMsg>,
+    /// That of the last command.
+    last_tick: Option<u64>,
     health: DriveHealth,
 }
 
@@ -51,9 +52,24 @@ impl<const N: usize> ExternalDrive<N> {
             stamp: MonoNs(i64::MIN),
             first: None,
             now: MonoNs::ZERO,
-            last_command: None,
+            last_tick: None,
             health: DriveHealth::default(),
         }
+    }
+
+    fn send(&mut self, command: &DriveCommand<N>, tick: u64, flags: u32) {
+        self.link.send(&DriveCommandMsg {
+            tick,
+            sequence: 0, // whoever sends it counts
+            stamp: self.now,
+            joints: N as u32,
+            mode: self.mode as u32,
+            flags,
+            arm: 0,
+            q_r: padded(&command.q_r),
+            qd_r: padded(&command.qd_r),
+            tau: padded(&command.tau),
+        });
     }
 
     fn take(&mut self, m: &DriveStateMsg) {
@@ -93,20 +109,9 @@ impl<const N: usize> Drive<N> for ExternalDrive<N> {
     }
 
     fn write(&mut self, command: &DriveCommand<N>) {
-        let message = DriveCommandMsg {
-            tick: ((self.now - self.first.unwrap_or(self.now)).0 / TICK.0).max(0).unsigned_abs(),
-            sequence: 0, // whoever sends it counts
-            stamp: self.now,
-            joints: N as u32,
-            mode: self.mode as u32,
-            flags: 0,
-            arm: 0,
-            q_r: padded(&command.q_r),
-            qd_r: padded(&command.qd_r),
-            tau: padded(&command.tau),
-        };
-        self.link.send(&message);
-        self.last_command = Some(message);
+        let tick = ((self.now - self.first.unwrap_or(self.now)).0 / TICK.0).max(0).unsigned_abs();
+        self.send(command, tick, 0);
+        self.last_tick = Some(tick);
     }
 
     /// What the drive takes is asked when it is connected, before the first tick.
@@ -122,10 +127,9 @@ impl<const N: usize> Drive<N> for ExternalDrive<N> {
         self.health.fault = None;
     }
 
-    fn end(&mut self) {
-        if let Some(last) = self.last_command.take() {
-            let flags = drive_flag::LAST;
-            self.link.send(&DriveCommandMsg { tick: last.tick + 1, flags, qd_r: [0.0; MAX_JOINTS], ..last });
+    fn end(&mut self, last: &DriveCommand<N>) {
+        if let Some(tick) = self.last_tick.take() {
+            self.send(last, tick + 1, drive_flag::LAST);
         }
     }
 }

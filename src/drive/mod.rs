@@ -115,6 +115,6 @@ pub trait Drive<const N: usize> {
     /// Forgets why its states could not be used: somebody has seen to it.
     fn reset(&mut self) {}
 
-    /// No command follows: the arm stays where it is by its own means.
-    fn end(&mut self) {}
+    /// No command follows: the arm stays where it is by its own means, `last` being what it is to hold.
+    fn end(&mut self, _last: &DriveCommand<N>) {}
 }

@@ -288,7 +288,7 @@ impl ClosedLoop for Course<'_> {
             .and_then(|s| View::new(s.into_iter(), self.estimate))
             .map(|view| view.with_known(Some(self.X_CO)))
             .and_then(|view| {
-                let task = self.law.task(self.set_point, &view)?;
+                let task = self.law.task(self.set_point, &view).ok()?;
                 let law_output = self.law.output(&task, &arm)?;
                 let Some(guard) = &self.guard else { return Some(law_output) };
                 Some(guard.hold(self.set_point, &view, (&task, &self.law.joint_damping()), &arm, law_output))

@@ -187,7 +187,7 @@ impl<'a> Pilot<'a> {
         let known = self.knows_depth.then(|| self.cell.X_CO(&frame.q));
         let view =
             View::new(frame.seen.into_iter(), X_CO).ok_or("a feature is not finite")?.with_known(known);
-        let task = self.law.task(&self.set_point, &view).ok_or("the law has no task for this view")?;
+        let task = self.law.task(&self.set_point, &view).map_err(|_| "the law has no task for this view")?;
         let arm = Arm {
             J: CameraJacobian::of_moving_camera(self.cell.arm.jacobian_of_frame(
                 &frame.q,

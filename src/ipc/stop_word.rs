@@ -8,18 +8,15 @@
 //! ```
 //! Control makes the page anew when it takes its role; it is reserved then, and removed with the rest of the instance.
 
-use super::InstanceError;
-use super::runtime_dir::RuntimeDir;
+mod file;
+
 use crate::messages::ControlState;
-use rustix::fs::{FallocateFlags, OFlags, fallocate, fstat};
 use rustix::io::Errno;
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use std::os::fd::{AsFd, OwnedFd};
-use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-const FILE: &str = "stop";
 /// One page, on every machine whose pages are no smaller.
 const BYTES: usize = 4096;
 
@@ -66,26 +63,6 @@ unsafe impl Send for StopWord {}
 unsafe impl Sync for StopWord {}
 
 impl StopWord {
-    /// A new one in `place`; what lay there before is replaced.
-    pub(super) fn create(place: &RuntimeDir, folder: &Path) -> Result<Self, InstanceError> {
-        let file = place.new_file(FILE)?;
-        let fault = |cause| InstanceError::Place { path: folder.join(FILE), cause };
-        // Reserved, not only made that long: a page that is missing when a tick looks at it would end the process.
-        fallocate(&file, FallocateFlags::empty(), 0, BYTES as u64).map_err(fault)?;
-        Self::map(&file).map_err(fault)
-    }
-
-    /// That of a running control; `None` when there is none, or none yet.
-    pub(super) fn open(place: &RuntimeDir, folder: &Path) -> Result<Option<Self>, InstanceError> {
-        let Some(file) = place.open_file(FILE, OFlags::RDWR)? else { return Ok(None) };
-        let fault = |cause| InstanceError::Place { path: folder.join(FILE), cause };
-        // Control fills a file before it gives it this name; one that is shorter is none of ours.
-        if fstat(&file).map_err(fault)?.st_size < BYTES as i64 {
-            return Ok(None);
-        }
-        Self::map(&file).map(Some).map_err(fault)
-    }
-
     #[allow(unsafe_code)]
     fn map(file: &OwnedFd) -> Result<Self, Errno> {
         let rights = ProtFlags::READ | ProtFlags::WRITE;

@@ -2,7 +2,7 @@
 
 use crate::control::trace::{Event, Events, LatencyStages};
 use crate::messages::Measurement;
-use crate::servo::MeasurementVerdict;
+use crate::servo::{MeasurementVerdict, NoTask};
 use serde::{Deserialize, Serialize};
 
 /// What became of the measurements that reached control, by their exposure stamps.
@@ -23,6 +23,12 @@ pub struct VerdictCounts {
     /// Refused: so much of the target was hidden that the law had no answer.
     #[serde(default)]
     pub refused_too_few: u64,
+    /// Refused: the law goes by poses, and there was none.
+    #[serde(default)]
+    pub refused_no_pose: u64,
+    /// Refused: what was seen fixes no motion.
+    #[serde(default)]
+    pub refused_singular: u64,
     /// Refused: a pose that no object before a camera has.
     #[serde(default)]
     pub refused_pose: u64,
@@ -90,6 +96,9 @@ impl MeasurementLog {
             MeasurementVerdict::Used => &mut counts.used,
             MeasurementVerdict::UsedFromFuture => &mut counts.used_from_future,
             MeasurementVerdict::NoTarget => &mut counts.no_target,
+            MeasurementVerdict::NoTask(NoTask::NoPose) => &mut counts.refused_no_pose,
+            MeasurementVerdict::NoTask(NoTask::TooFew) => &mut counts.refused_too_few,
+            MeasurementVerdict::NoTask(NoTask::Singular) => &mut counts.refused_singular,
             MeasurementVerdict::OtherFeatures => &mut counts.refused_features,
             MeasurementVerdict::TooFewFeatures => &mut counts.refused_too_few,
             MeasurementVerdict::ImpossiblePose => &mut counts.refused_pose,

@@ -1,5 +1,5 @@
 //! The mission: what a run is for, what is to be reached next, and how the run ends. It goes by the [`Trace`] of each tick and speaks to
-//! control by [`Order`]s, which take effect before the next tick.
+//! control by [`ControlOrder`]s, which take effect before the next tick.
 //!
 //! ```text
 //! control: tick k ─► Trace k ─► [`Mission::note`]: counts, teaches, plans, judges ─► Order ─► control: before tick k + 1
@@ -32,7 +32,7 @@ pub use lockstep::LockstepRun;
 pub use task::{BelievedCell, RunTask};
 
 use crate::control::lifecycle::Request;
-use crate::control::order::Order;
+use crate::control::order::ControlOrder;
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::safety::{Fault, RestWatch};
 use crate::control::trace::{Event, Trace};
@@ -132,7 +132,7 @@ pub struct Mission<const N: usize> {
     statuses: u64,
     /// Limits that acted since the last status.
     acted: ActingLimits,
-    orders: VecDeque<Order<N>>,
+    orders: VecDeque<ControlOrder<N>>,
 }
 
 impl<const N: usize> Mission<N> {
@@ -143,7 +143,7 @@ impl<const N: usize> Mission<N> {
         let teaches = plan.service == Service::OneShot { teaches: true };
         if plan.service != Service::Served {
             let first = if teaches { Request::Teach } else { Request::Start };
-            orders.push_back(Order::Request(first));
+            orders.push_back(ControlOrder::Request(first));
         }
         Self {
             plan,
@@ -207,7 +207,7 @@ impl<const N: usize> Mission<N> {
     }
 
     /// The next order to control.
-    pub fn next_order(&mut self) -> Option<Order<N>> {
+    pub fn next_order(&mut self) -> Option<ControlOrder<N>> {
         self.orders.pop_front()
     }
 
@@ -226,6 +226,8 @@ impl<const N: usize> Mission<N> {
                 Event::Requested(Request::Reset) => self.is_reduced = false,
                 Event::Requested(Request::Teach) => self.lesson = Some(GoalTeacher::new(self.plan.lesson)),
                 Event::GainReduced => {
+                    // One that was asked for again before the answer came has been met.
+                    self.orders.retain(|order| *order != ControlOrder::ReduceGain);
                     self.is_reduced = true;
                     self.residual.begin_anew();
                 }
@@ -250,9 +252,9 @@ impl<const N: usize> Mission<N> {
         let Some(taught) = view.and_then(|view| lesson.add(&view, &self.goal.set_point)) else { return };
         self.lesson = None;
         (self.goal.set_point, self.goal.id) = (taught.clone(), self.goal.id.saturating_add(1));
-        self.orders.push_back(Order::Goal(taught));
+        self.orders.push_back(ControlOrder::Goal(taught));
         if self.plan.service == (Service::OneShot { teaches: true }) {
-            self.orders.push_back(Order::Request(Request::Start));
+            self.orders.push_back(ControlOrder::Request(Request::Start));
         }
     }
 
@@ -293,12 +295,14 @@ impl<const N: usize> Mission<N> {
         }
         if self.residual.constant_px(goal_px).is_some() {
             if std::mem::take(&mut self.is_reduced) {
-                self.orders.push_back(Order::RestoreGain);
+                self.orders.push_back(ControlOrder::RestoreGain);
                 self.residual.begin_anew();
             }
         } else if self.residual.is_no_nearer(SWINGS_FROM * goal_px) {
-            // Control tells whether it can.
-            self.orders.push_back(Order::ReduceGain);
+            // Control tells whether it can. Of traces that come all at once each would ask.
+            if !self.orders.contains(&ControlOrder::ReduceGain) {
+                self.orders.push_back(ControlOrder::ReduceGain);
+            }
         }
     }
 
@@ -314,7 +318,7 @@ impl<const N: usize> Mission<N> {
             self.errors_at_end = Some(self.errors());
         }
         if !std::mem::replace(&mut self.end_sent, true) {
-            self.orders.push_back(Order::End);
+            self.orders.push_back(ControlOrder::End);
         }
         if trace.over {
             self.state = match finish.outcome {

@@ -105,6 +105,15 @@ fn why_not_used(measurements: &MeasurementLog) -> Option<&'static str> {
             "run.duration_s is over: too much of the target was hidden for the law to go on",
         ),
         (
+            verdicts.refused_no_pose,
+            "run.duration_s is over: the law goes by the target's pose, and what was seen of it gave none: use a target of four points or more \
+             in one plane, or servo.scheme = \"image_resolved_velocity\"",
+        ),
+        (
+            verdicts.refused_singular,
+            "run.duration_s is over: what was seen of the target fixes no motion of the camera: its points lie on a line or on each other",
+        ),
+        (
             verdicts.refused_pose,
             "run.duration_s is over: measurements carry poses that no object before a camera has: see to the vision process",
         ),
@@ -129,8 +138,28 @@ fn why_not_used(measurements: &MeasurementLog) -> Option<&'static str> {
 mod tests {
     use super::*;
     use crate::control::safety::Fault;
+    use crate::control::trace::Events;
+    use crate::messages::Measurement;
+    use crate::servo::{MeasurementVerdict, NoTask};
 
     const DONE: Finish = Finish { outcome: Outcome::Stopped, reason: "asked for" };
+
+    /// The target is found and the law has no task for it: the end says why.
+    #[test]
+    fn a_law_without_a_task_is_told() {
+        let found = Measurement { status: TargetStatus::Found as u32, ..Measurement::default() };
+        for (why, word) in [
+            (NoTask::NoPose, "by the target's pose"),
+            (NoTask::TooFew, "too much of the target was hidden"),
+            (NoTask::Singular, "fixes no motion"),
+        ] {
+            let mut log = MeasurementLog::new();
+            log.note(&found, Some(MeasurementVerdict::NoTask(why)), 1.0, &mut Events::default());
+            let finish = time_is_up(true, ControlState::Waiting, None, &log);
+            assert_eq!(finish.outcome, Outcome::NotConverged);
+            assert!(finish.reason.contains(word), "{why:?}: {}", finish.reason);
+        }
+    }
 
     #[test]
     fn a_fault_is_the_last_word() {

@@ -3,7 +3,7 @@
 use crate::calibration::hand_eye::{TourCell, TourError, TourPlanner};
 use crate::calibration::image_reach;
 use crate::camera_model::CameraModel;
-use crate::control::order::Order;
+use crate::control::order::ControlOrder;
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Event;
 use crate::messages::Measurement;
@@ -63,7 +63,7 @@ pub enum RunTask<const N: usize> {
         /// The cell.
         cell: BelievedCell<N>,
         /// The motion still to be told.
-        order: Option<Order<N>>,
+        order: Option<ControlOrder<N>>,
         /// Whether it was planned.
         planned: bool,
     },
@@ -99,7 +99,8 @@ impl<const N: usize> RunTask<N> {
                 if !*planned && m.found() && m.features().len() == cell.points.len() {
                     let BelievedCell { robot, limits, mount, camera, points } = cell;
                     let reach = image_reach(robot, mount, camera, points, limits, q, m);
-                    *order = reach.map(|reach| Order::Excite(ExcitationMotion::new(q, &reach, limits)));
+                    *order =
+                        reach.map(|reach| ControlOrder::Excite(ExcitationMotion::new(q, &reach, limits)));
                     *planned = order.is_some();
                 }
             }
@@ -112,7 +113,7 @@ impl<const N: usize> RunTask<N> {
     }
 
     /// Plans on, one view of a tour a tick: whoever carries messages beside it is not kept. What there is to tell control.
-    pub(super) fn next_orders(&mut self) -> impl Iterator<Item = Order<N>> + use<N> {
+    pub(super) fn next_orders(&mut self) -> impl Iterator<Item = ControlOrder<N>> + use<N> {
         let (mut one, mut all) = (None, None);
         match self {
             Self::Servo => {}
@@ -126,7 +127,7 @@ impl<const N: usize> RunTask<N> {
                 }
             }
         }
-        one.into_iter().chain(all.into_iter().flatten().map(Order::Waypoint))
+        one.into_iter().chain(all.into_iter().flatten().map(ControlOrder::Waypoint))
     }
 
     /// The end that an event means.

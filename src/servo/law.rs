@@ -110,6 +110,18 @@ pub enum Task {
     Wrench(WrenchTask),
 }
 
+/// Why a law has no task for a view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NoTask {
+    /// It goes by poses, and the view, or the goal, has none.
+    NoPose,
+    /// Fewer of its features are seen than it needs.
+    TooFew,
+    /// What is seen fixes no motion: points on a line, one on top of the other or behind the camera, an orientation at which Euler
+    /// angles are singular.
+    Singular,
+}
+
 /// What a law asks of the joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LawOutput<const N: usize> {
@@ -152,12 +164,17 @@ impl Law {
         }
     }
 
-    /// The task that `view` poses. `None` when the view does not have what the law needs.
-    #[must_use]
-    pub fn task(&self, set_point: &SetPoint, view: &View) -> Option<Task> {
+    /// The task that `view` poses.
+    ///
+    /// # Errors
+    /// [`NoTask`] when the view does not have what the law needs.
+    pub fn task(&self, set_point: &SetPoint, view: &View) -> Result<Task, NoTask> {
+        let why = || if self.has_enough(set_point, view) { NoTask::Singular } else { NoTask::TooFew };
         let pose_error = |space, orientation| {
-            let X_CO = operational_pose(set_point, view, space)?;
-            Some(OperationalSpaceError::new(set_point.X_DO()?, &X_CO, orientation))
+            let X_DO = set_point.X_DO().ok_or(NoTask::NoPose)?;
+            let X_CO = operational_pose(set_point, view, space);
+            let none = if space == OperationalSpace::Six { NoTask::NoPose } else { why() };
+            Ok(OperationalSpaceError::new(X_DO, &X_CO.ok_or(none)?, orientation))
         };
         match self {
             Self::PositionTorque { K_P, damping, orientation, space } => {
@@ -165,33 +182,51 @@ impl Law {
                     Damping::Task(K_D) => *K_D,
                     Damping::Joints(_) => PoseGains::zeros(),
                 };
-                pose_error(*space, *orientation)?.wrench(K_P, &K_D).map(Task::Wrench)
+                let wrench = pose_error(*space, *orientation)?.wrench(K_P, &K_D);
+                wrench.map(Task::Wrench).ok_or(NoTask::Singular)
             }
             Self::PositionVelocity { K, orientation, space, .. } => {
-                Some(Task::Twist(pose_error(*space, *orientation)?.twist_task(K)))
+                Ok(Task::Twist(pose_error(*space, *orientation)?.twist_task(K)))
             }
             Self::ImageTorque { k_P, damping, interaction } => {
                 let k_D = match damping {
                     Damping::Task(k_D) => *k_D,
                     Damping::Joints(_) => 0.0,
                 };
-                let task = image_task(set_point, view, *interaction)?;
-                Some(Task::Wrench(image_wrench(&task, *k_P, k_D)))
+                let task = image_task(set_point, view, *interaction).ok_or_else(why)?;
+                Ok(Task::Wrench(image_wrench(&task, *k_P, k_D)))
             }
             Self::PreconditionedTorque { K_Ps, damping, interaction } => {
                 let K_D = match damping {
                     Damping::Task(K_D) => *K_D,
                     Damping::Joints(_) => PoseGains::zeros(),
                 };
-                preconditioned_wrench(set_point, view, K_Ps, &K_D, *interaction).map(Task::Wrench)
+                let task = preconditioned_wrench(set_point, view, K_Ps, &K_D, *interaction);
+                task.map(Task::Wrench).ok_or_else(why)
             }
             Self::ImageVelocity { interaction, .. } => {
-                image_task(set_point, view, *interaction).map(Task::Twist)
+                image_task(set_point, view, *interaction).map(Task::Twist).ok_or_else(why)
             }
             Self::Hybrid { gains, orientation, space, .. } => {
-                hybrid_task(set_point, view, gains, *orientation, *space).map(Task::Twist)
+                hybrid_task(set_point, view, gains, *orientation, *space).map(Task::Twist).ok_or_else(why)
             }
         }
+    }
+
+    /// Whether as many of the set-point's features are seen as the law has to have at the least: a homography takes four points, the
+    /// motions of a camera that keeps its axis upright two.
+    fn has_enough(&self, set_point: &SetPoint, view: &View) -> bool {
+        let seen = set_point.selection().points().filter(|i| view.feature(*i).is_some()).count();
+        let needed = match self {
+            Self::PositionTorque { space, .. }
+            | Self::PositionVelocity { space, .. }
+            | Self::Hybrid { space, .. } => match space {
+                OperationalSpace::Four => 2,
+                OperationalSpace::Six => 4,
+            },
+            Self::ImageTorque { .. } | Self::PreconditionedTorque { .. } | Self::ImageVelocity { .. } => 1,
+        };
+        seen >= needed && view.features().len() == set_point.features().len()
     }
 
     /// Rate at which the quickest part of the error falls if a law output about `task` is obeyed, 1/s; zero for torque laws.

@@ -1,5 +1,6 @@
 //! What becomes of a measurement that reaches the servo law.
 
+use super::NoTask;
 #[cfg(doc)]
 use crate::messages::TargetStatus;
 
@@ -10,8 +11,10 @@ pub enum MeasurementVerdict {
     Used,
     /// Used, although its stamp lies in the future.
     UsedFromFuture,
-    /// It has no target, or none that the law can work with.
+    /// It has no target.
     NoTarget,
+    /// The law has no task for what it shows.
+    NoTask(NoTask),
     /// None of its features is one of the set-point's, or one of them is nowhere a camera looks.
     OtherFeatures,
     /// So much of the target is hidden that the law has no answer.

@@ -1,10 +1,11 @@
 //! The goal: desired features of (10.78), from a desired pose, given, or taught from what the camera sees.
 
+mod from_features;
+
 use super::view::is_there;
 use super::{Selection, View};
 use crate::geometry::Pose;
 use crate::messages::MAX_FEATURES;
-use crate::pose::{Correspondence, Correspondence3, planar_pose, refine_3d};
 use nalgebra::{Point3, Vector2, Vector3};
 
 /// Desired feature points `s_d`, their depths in the desired pose, and which of them the law compares.
@@ -41,46 +42,6 @@ impl SetPoint {
         let n_D = X_DO.rotation * Vector3::z();
         set_point.n_D = if n_D.z < 0.0 { -n_D } else { n_D };
         Some(set_point)
-    }
-
-    /// Given features `s_d` (normalized) of the points `p_O` (m), for example measured in the desired pose.
-    ///
-    /// Four or more coplanar points with z = 0 also give the desired pose and the depths; otherwise there is no
-    /// desired pose and `z_d_m` stands for all depths. `None` when the lists do not fit each other, a number is not
-    /// finite, or the depth is not positive.
-    #[must_use]
-    pub fn from_features(s_d: &[Vector2<f64>], points: &[Point3<f64>], z_d_m: f64) -> Option<Self> {
-        let finite = s_d.iter().all(|s| s.x.is_finite() && s.y.is_finite());
-        if s_d.len() != points.len() || !finite || !(z_d_m > 0.0) {
-            return None;
-        }
-        let mut seen = [Correspondence { r: Vector2::zeros(), s: Vector2::zeros() }; MAX_FEATURES];
-        for ((place, s), p) in seen.iter_mut().zip(s_d).zip(points) {
-            *place = Correspondence { r: p.coords.xy(), s: *s };
-        }
-        let planar = points.iter().all(|p| p.z == 0.0);
-        let X_DO = seen.get(..points.len()).filter(|_| planar).and_then(|p| planar_pose(p).ok());
-        let mut set_point = match X_DO.and_then(|found| Self::from_pose(&found.best.X_CO, points)) {
-            Some(set_point) => set_point,
-            None => Self { z_d_m: [z_d_m; MAX_FEATURES], ..Self::empty(points)? },
-        };
-        for (place, s) in set_point.s_d.iter_mut().zip(s_d) {
-            *place = *s;
-        }
-        Some(set_point)
-    }
-
-    /// The same features with the desired pose and the depths that explain them best, from a pose near it: for points that are no
-    /// plane. `None` where they fix none.
-    #[must_use]
-    pub(crate) fn posed_near(&self, guess: &Pose) -> Option<Self> {
-        let mut seen = [Correspondence3 { r: Point3::origin(), s: Vector2::zeros() }; MAX_FEATURES];
-        for ((place, s), p) in seen.iter_mut().zip(self.features()).zip(self.points()) {
-            *place = Correspondence3 { r: *p, s: *s };
-        }
-        let found = refine_3d(guess, seen.get(..self.count)?, 1.0).ok()?;
-        let posed = Self::from_pose(&found.X_CO, self.points())?;
-        Some(Self { s_d: self.s_d, ids: self.ids, selection: self.selection, ..posed })
     }
 
     fn empty(points: &[Point3<f64>]) -> Option<Self> {

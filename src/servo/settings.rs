@@ -1,6 +1,6 @@
-//! What visual servoing is made of.
+//! What visual servoing is made of. What changes while it goes on, goal and pace, is none of it.
 
-use super::{Law, ObjectDynamics, SetPoint, VisibilityGuard};
+use super::{Law, ObjectDynamics, VisibilityGuard};
 use crate::geometry::Pose;
 use crate::robot::Mount;
 use crate::time::SpanNs;
@@ -21,8 +21,6 @@ pub enum UpdatePolicy {
 pub struct ServoSettings {
     /// Law and gains.
     pub law: Law,
-    /// Goal.
-    pub set_point: SetPoint,
     /// When the law is computed.
     pub update: UpdatePolicy,
     /// Where the camera sits.
@@ -54,10 +52,9 @@ pub struct ServoSettings {
 impl ServoSettings {
     /// Settings without smooth start and secondary task.
     #[must_use]
-    pub fn new(law: Law, set_point: SetPoint, update: UpdatePolicy, mount: Mount) -> Self {
+    pub fn new(law: Law, update: UpdatePolicy, mount: Mount) -> Self {
         Self {
             law,
-            set_point,
             update,
             mount,
             X_WO: None,

@@ -55,10 +55,19 @@ struct LawAnswer<const N: usize> {
     convergence: Convergence<N>,
 }
 
+/// What is sought at a tick, and at what pace.
+#[derive(Debug, Clone, Copy)]
+struct Pursuit<'a> {
+    goal: &'a SetPoint,
+    /// Share of each gain that resolved velocities have.
+    gain_share: f64,
+}
+
 /// Visual servoing of an arm with `N` joints.
 #[derive(Debug, Clone)]
 pub struct VisualServo<const N: usize> {
     settings: ServoSettings,
+    goal: SetPoint,
     history: JointHistory<N>,
     last: Option<LastMeasurement>,
     /// The last one without hidden features, and with a pose.
@@ -77,12 +86,13 @@ pub struct VisualServo<const N: usize> {
 }
 
 impl<const N: usize> VisualServo<N> {
-    /// Servoing as `settings` say.
+    /// Servoing to `goal` as `settings` say.
     #[must_use]
-    pub fn new(settings: ServoSettings) -> Self {
+    pub fn new(settings: ServoSettings, goal: SetPoint) -> Self {
         let object = settings.object.map(ObjectMotion::new);
         Self {
             settings,
+            goal,
             history: JointHistory::new(),
             last: None,
             whole: None,
@@ -99,7 +109,7 @@ impl<const N: usize> VisualServo<N> {
     /// The goal.
     #[must_use]
     pub fn set_point(&self) -> &SetPoint {
-        &self.settings.set_point
+        &self.goal
     }
 
     /// The settings.
@@ -110,10 +120,10 @@ impl<const N: usize> VisualServo<N> {
 
     /// From now on `goal` is sought, also by what was measured before.
     pub fn set_goal(&mut self, goal: SetPoint) {
-        self.settings.set_point = goal;
+        self.goal = goal;
         self.held = None;
         self.last = self.last.and_then(|last| {
-            let task = self.settings.law.task(&self.settings.set_point, &last.view)?;
+            let task = self.settings.law.task(&self.goal, &last.view).ok()?;
             Some(LastMeasurement { task, ..last })
         });
     }
@@ -156,7 +166,7 @@ impl<const N: usize> VisualServo<N> {
         if measurement.target_status() == TargetStatus::Inconsistent {
             return MeasurementVerdict::Inconsistent;
         }
-        let set_point = &self.settings.set_point;
+        let set_point = &self.goal;
         let Some(seen) = View::of(measurement, set_point) else {
             return if measurement.found() {
                 MeasurementVerdict::OtherFeatures
@@ -187,14 +197,14 @@ impl<const N: usize> VisualServo<N> {
             None
         };
         let supposed = by_motion.is_some();
-        let stated =
-            || seen.sufficient(&self.settings.set_point).map(|view| (view, stated_covariance(measurement)));
+        let stated = || seen.sufficient(&self.goal).map(|view| (view, stated_covariance(measurement)));
         let Some((view, covariance)) = by_motion.or_else(stated) else {
             return MeasurementVerdict::TooFewFeatures;
         };
         let view = view.with_known(self.settings.X_WO.map(|X_WO| X_WC.inv_mul(&X_WO)));
-        let Some(task) = self.settings.law.task(&self.settings.set_point, &view) else {
-            return MeasurementVerdict::NoTarget;
+        let task = match self.settings.law.task(&self.goal, &view) {
+            Ok(task) => task,
+            Err(why) => return MeasurementVerdict::NoTask(why),
         };
         if let (Some(object), Some(X_CO)) = (&mut self.object, view.X_CO()) {
             object.observe(exposure, &(X_WC * X_CO), &covariance_in(&X_WC, &covariance));
@@ -220,7 +230,7 @@ impl<const N: usize> VisualServo<N> {
         if !at_rest || before.supposed || now.supposed || span > LONGEST_SPAN {
             return None;
         }
-        let set_point = &self.settings.set_point;
+        let set_point = &self.goal;
         let carried = before.view.carried(&now.X_WC.inv_mul(&before.X_WC), set_point)?;
         let (_, J) = self.settings.mount.camera(robot, q);
         let dq = unbelieved_motion(set_point, &carried, &now.view, &J)?;
@@ -241,7 +251,7 @@ impl<const N: usize> VisualServo<N> {
         exposure: MonoNs,
         X_WC: &Pose,
     ) -> Option<(View, Matrix6<f64>)> {
-        let set_point = &self.settings.set_point;
+        let set_point = &self.goal;
         let whole = self.whole.as_ref().filter(|whole| exposure - whole.exposure <= LONGEST_GUESS)?;
         // An object at rest is where it was when it was seen whole; one that moves is carried from frame to frame, so that what
         // is wrong with its estimated speed does not add up before it is put right.
@@ -254,7 +264,7 @@ impl<const N: usize> VisualServo<N> {
 
     /// What the joints shall do at this tick, at which they stand in `q` and move with `qd`. `None` before the first
     /// measurement, and where the law has no answer.
-    pub fn wish(
+    pub fn law_output(
         &mut self,
         q: &SVector<f64, N>,
         qd: &SVector<f64, N>,
@@ -266,7 +276,7 @@ impl<const N: usize> VisualServo<N> {
         if !held {
             let now = self.history.newest().unwrap_or(last.exposure);
             let object = self.object.as_ref().map(|object| (object, now));
-            self.held = self.settings.law_output(last, object, q, qd, robot, self.gain_share);
+            self.held = self.settings.law_output(self.pursuit(), last, object, (q, qd), robot);
         }
         let LawAnswer { law_output, .. } = self.held?;
         Some(self.started(law_output)).filter(LawOutput::is_finite)
@@ -293,14 +303,18 @@ impl<const N: usize> VisualServo<N> {
     /// The twist that the law asks for of a camera which moves freely, `V_WC_C`, m/s and rad/s, for the last view as it was at its
     /// exposure. `None` where [`law_output`](Self::law_output) has none, and for a torque law.
     #[must_use]
-    pub fn camera_wish(&self) -> Option<Vector6<f64>> {
+    pub fn camera_law_output(&self) -> Option<Vector6<f64>> {
         let last = self.last.as_ref()?;
         let J = CameraJacobian::of_moving_camera(Matrix6::identity());
         let camera = Arm { J, qd: Vector6::zeros(), gravity: Vector6::zeros() };
-        match self.settings.answer((&last.view, &last.task), &camera, None, self.gain_share)?.law_output {
+        match self.settings.answer(self.pursuit(), (&last.view, &last.task), &camera, None)?.law_output {
             LawOutput::Velocity(V_C) => Some(V_C).filter(|V_C| V_C.iter().all(|x| x.is_finite())),
             LawOutput::Torque(_) => None,
         }
+    }
+
+    fn pursuit(&self) -> Pursuit<'_> {
+        Pursuit { goal: &self.goal, gain_share: self.gain_share }
     }
 
     /// How the last requested velocity leads to its goal; `None` without one.
@@ -324,12 +338,11 @@ impl<const N: usize> VisualServo<N> {
 impl ServoSettings {
     fn law_output<const N: usize>(
         &self,
+        pursuit: Pursuit<'_>,
         last: &LastMeasurement,
         object: Option<(&ObjectMotion, MonoNs)>,
-        q: &SVector<f64, N>,
-        qd: &SVector<f64, N>,
+        (q, qd): (&SVector<f64, N>, &SVector<f64, N>),
         robot: &Robot<N>,
-        gain_share: f64,
     ) -> Option<LawAnswer<N>> {
         let (X_WC, J) = self.mount.camera(robot, q);
         let arm = Arm {
@@ -339,7 +352,7 @@ impl ServoSettings {
         };
         let secondary = self.limit_avoidance_1_s.map(|gain| away_from_limits(q, robot.limits(), gain));
         if self.update != UpdatePolicy::Predict {
-            return self.answer((&last.view, &last.task), &arm, secondary.as_ref(), gain_share);
+            return self.answer(pursuit, (&last.view, &last.task), &arm, secondary.as_ref());
         }
         // With a first-order lag T the arm, told to stand, would come to rest in q + T qd: the error there is what can
         // still be acted upon, and the lag drops out of the loop.
@@ -351,9 +364,9 @@ impl ServoSettings {
         let object = object.map(|(object, now)| (object, now + self.lead));
         let moved = object.map(|(object, then)| object.displacement(last.exposure, then));
         let X_WC_then = moved.map_or(last.X_WC, |moved| moved * last.X_WC);
-        let view = last.view.carried(&X_WC.inv_mul(&X_WC_then), &self.set_point)?;
-        let task = self.law.task(&self.set_point, &view)?;
-        let mut answer = self.answer((&view, &task), &arm, secondary.as_ref(), gain_share)?;
+        let view = last.view.carried(&X_WC.inv_mul(&X_WC_then), pursuit.goal)?;
+        let task = self.law.task(pursuit.goal, &view).ok()?;
+        let mut answer = self.answer(pursuit, (&view, &task), &arm, secondary.as_ref())?;
         if let (LawOutput::Velocity(qd), Some((object, then))) = (&mut answer.law_output, object) {
             answer.convergence.follow = follow(object, then, &X_WC, &J);
             *qd += answer.convergence.follow;
@@ -365,17 +378,17 @@ impl ServoSettings {
     /// feel.
     fn answer<const N: usize>(
         &self,
+        pursuit: Pursuit<'_>,
         (view, task): (&View, &Task),
         arm: &Arm<N>,
         secondary: Option<&SVector<f64, N>>,
-        gain_share: f64,
     ) -> Option<LawAnswer<N>> {
         let mut law_output = self.law.output(task, arm)?;
         let mut rate_1_s = self.law.rate_1_s(task);
         if let LawOutput::Velocity(qd) = &mut law_output
             && self.object.is_none()
         {
-            let share = self.gain_at(gain_share, rate_1_s, view);
+            let share = self.gain_at(pursuit, rate_1_s, view);
             *qd *= share;
             rate_1_s *= share;
         }
@@ -389,9 +402,7 @@ impl ServoSettings {
             convergence.to_go = qd / rate_1_s;
         }
         let law_output = match &self.visibility {
-            Some(guard) => {
-                guard.hold(&self.set_point, view, (task, &self.law.joint_damping()), arm, law_output)
-            }
+            Some(guard) => guard.hold(pursuit.goal, view, (task, &self.law.joint_damping()), arm, law_output),
             None => law_output,
         };
         let mut answer = LawAnswer { law_output, convergence };

@@ -52,7 +52,7 @@ fn started<const N: usize>(
     };
     let mount = Mount::EyeInHand { X_EC: Pose::translation(0.0, 0.0, 0.05) };
     let limits = MotionLimits::of(&robot, SVector::repeat(10.0), SVector::repeat(500.0));
-    let servo = VisualServo::new(ServoSettings::new(law, set_point, update, mount));
+    let servo = VisualServo::new(ServoSettings::new(law, update, mount), set_point);
     let watch = MeasurementWatch::new(SpanNs(200 * MS), 0.75);
     let joint_control = JointController::new(
         JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)),

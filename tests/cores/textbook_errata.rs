@@ -92,7 +92,8 @@ fn an_estimated_depth_scales_the_hybrid_error_equation() {
         qd: Vector6::zeros(),
         gravity: Vector6::zeros(),
     };
-    let Some(LawOutput::Velocity(V)) = law.task(&goal, &view).and_then(|task| law.output(&task, &arm)) else {
+    let Some(LawOutput::Velocity(V)) = law.task(&goal, &view).ok().and_then(|task| law.output(&task, &arm))
+    else {
         panic!("no velocity");
     };
     let (p_D, s_D) = (X_DO * POINTS[0], project(&X_DO).unwrap()[0]);

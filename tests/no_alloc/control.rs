@@ -7,9 +7,10 @@ use nalgebra::SVector;
 use std::path::Path;
 use vservo::config::Config;
 use vservo::config::assemble;
+use vservo::config::raw::Task;
 use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState};
 use vservo::geometry::Pose;
-use vservo::messages::Measurement;
+use vservo::messages::{ControlState, Measurement, measurement_flag};
 use vservo::mission::LockstepRun;
 use vservo::robot::Robot;
 use vservo::sim::perfect_measurement;
@@ -26,23 +27,44 @@ fn seen(config: &Config, k: i64, X_CO: &Pose) -> Measurement {
     .unwrap()
 }
 
-fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: LockstepRun<N>) {
-    for k in 0..2000_i64 {
-        let joint = control.sense(k as u64, MonoNs(k * MS));
+/// `m` without its pose, and without the first `hidden` features.
+fn hide(mut m: Measurement, hidden: usize) -> Measurement {
+    m.features.rotate_left(hidden);
+    m.feature_count -= hidden as u32;
+    m.flags &= !measurement_flag::POSE;
+    m
+}
+
+fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut run: LockstepRun<N>) {
+    // The mission may allocate; for a plan it does, elsewhere it does not.
+    let plans = config.task == Task::CalibrateHandEye;
+    for k in 0..2500_i64 {
+        let now = MonoNs(k * MS);
+        let joint = run.sense(k as u64, now);
         let q = SVector::<f64, N>::from_fn(|i, _| joint.q[i]);
         let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO().unwrap());
         let m = match k % 80 {
-            0 => Some(seen(config, k, &X_CO)),
-            40 if k < 500 => Some(Measurement { exposure: MonoNs(k * MS), ..Measurement::default() }),
+            0 if k < 700 || plans => Some(seen(config, k, &X_CO)),
+            0 => Some(hide(seen(config, k, &X_CO), (k / 80 % 3) as usize)),
+            40 if k < 500 => Some(Measurement { exposure: now, ..Measurement::default() }),
             // A view far off: the limits act.
             40 => Some(seen(config, k, &Pose::translation(0.3, -0.2, 0.3))),
             _ => None,
         };
-        if k == 1500 {
-            control.stop("the test asks for it");
+        if k == 2300 {
+            run.stop("the test asks for it");
         }
-        assert_no_alloc(|| control.tick(k as u64, MonoNs(k * MS), m.as_ref()));
+        if plans {
+            let mut trace = assert_no_alloc(|| run.control.act(now, m.as_ref()));
+            run.mission.note(&mut trace, m.as_ref());
+            while let Some(order) = run.mission.next_order() {
+                assert_no_alloc(|| run.control.obey(&order));
+            }
+        } else {
+            assert_no_alloc(|| run.act(now, m.as_ref()));
+        }
     }
+    assert!(!plans || run.state() == ControlState::Stopped, "{:?}", run.state());
 }
 
 #[test]
@@ -75,6 +97,13 @@ fn no_tick_allocates() {
         config_of("pan_tilt.toml", &[]),
         config_of("default.toml", &["run.task=calibrate_latency"]),
         config_of("panda.toml", &["run.task=calibrate_latency"]),
+        config_of("ur5.toml", &["run.task=calibrate_hand_eye"]),
+        config_of("default.toml", &["servo.object.moves=true"]),
+        config_of("ur5.toml", &["servo.return_to_last_seen=true"]),
+        config_of("stereo.toml", &[]),
+        config_of("shape-moments.toml", &[]),
+        config_of("shape.toml", &["servo.area=area"]),
+        config_of("dot-grid.toml", &[]),
     ] {
         vservo::dispatch_robot!(config.robot, |robot| {
             let copy = robot.clone();

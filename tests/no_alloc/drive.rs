@@ -40,7 +40,7 @@ fn exercise<D: Drive<7>>(drive: &mut D) {
             drive.write(&command);
         }
         drive.health();
-        drive.end();
+        drive.end(&command);
     });
 }
 

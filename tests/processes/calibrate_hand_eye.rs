@@ -295,3 +295,20 @@ fn an_arm_that_cannot_says_so() {
     let ended = ended(&all);
     assert!(ended.code == Some(5) && ended.err.contains("one axis"), "{:?} {}", ended.code, ended.err);
 }
+
+/// The tour is planned beside the real-time thread, and followed by it.
+#[test]
+fn an_arm_visits_views_of_its_board_by_the_clock() {
+    let arguments = ["chessboard", "--clock", "realtime", "--set", "run.task=calibrate_hand_eye"];
+    let short = [&arguments[..], &["--set", "run.duration_s=8"]].concat();
+    let run = crate::common::run("tour", &short);
+    assert_eq!(run.summary["outcome"], "not_converged", "{}", run.text());
+    // It knows so once the postures are found, and only then.
+    assert_eq!(
+        run.summary["reason"],
+        "run.duration_s is over before all views were visited",
+        "{}",
+        run.text()
+    );
+    assert_eq!(run.summary["safety"]["state"], "stopped", "{}", run.text());
+}

@@ -8,7 +8,7 @@
 //! | [`Excitation`] | measurements that keep coming, whatever their stamps say | the excitation motion of the joints |
 //! | standing, braking | nothing | rest: what the controller does where no behaviour moves the arm |
 //!
-//! None of them plans: what is to be reached comes from the mission ([`Order`](super::order::Order)).
+//! None of them plans: what is to be reached comes from the mission ([`Order`](super::order::ControlOrder)).
 
 mod excitation;
 mod servoing;

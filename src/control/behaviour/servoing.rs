@@ -52,7 +52,7 @@ impl Servoing {
         robot: &Robot<N>,
         servo: &mut VisualServo<N>,
     ) -> MotionCommand<N> {
-        match (servo.wish(&state.q, &state.qd, robot), servo.convergence()) {
+        match (servo.law_output(&state.q, &state.qd, robot), servo.convergence()) {
             (Some(LawOutput::Velocity(qd)), _) if self.dry => MotionCommand::Look(qd),
             (Some(LawOutput::Velocity(qd)), Some(convergence)) => MotionCommand::Velocity(qd, *convergence),
             (Some(LawOutput::Torque(tau)), _) if !self.dry => MotionCommand::Torque(tau),

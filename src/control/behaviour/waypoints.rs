@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn no_more_than_there_is_room_for_and_nothing_that_is_no_posture() {
+    fn a_full_list_and_what_is_no_posture_are_refused() {
         let mut waypoints = Waypoints::<2>::default();
         assert!(!waypoints.add(&Vector2::new(0.0, f64::NAN)));
         assert!((0..MAX_WAYPOINTS).all(|_| waypoints.add(&Vector2::zeros())));

@@ -11,19 +11,20 @@
 //! `step` is total: it does not allocate, log, fail or look at a clock.
 
 mod motion;
+mod orders;
 mod settings;
 
 pub use settings::{ControlOutput, ControllerSettings, Rest};
 
 use crate::control::behaviour::{ArmModel, Behaviour, MotionCommand};
 use crate::control::gate::{Gate, Passed};
-use crate::control::lifecycle::{Cue, Refusal, Request, State, Step};
+use crate::control::lifecycle::{Cue, State, Step};
 use crate::control::safety::{ArmWatch, Fault, RestWatch};
 use crate::control::trace::{Event, Events};
-use crate::drive::{CommandMode, DriveState};
+use crate::drive::{CommandMode, DriveCommand, DriveState};
 use crate::messages::Measurement;
-use crate::motion::{ExcitationMotion, JointController, Limit, Reference};
-use crate::servo::{MeasurementVerdict, SetPoint, VisualServo};
+use crate::motion::{JointController, Limit, Reference};
+use crate::servo::{MeasurementVerdict, VisualServo};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use motion::TickMotion;
@@ -31,8 +32,6 @@ use nalgebra::{SVector, Vector6};
 
 /// A reference so near to the measured arm (rad or m; rad/s or m/s) is on it.
 const ON_THE_ARM: (f64, f64) = (2e-3, 0.1);
-/// Share of the rate of learning that is left to an arm that swings.
-const REDUCED_SHARE: f64 = 0.4;
 /// Share of the largest tracking error beyond which a braking reference is put back on the arm.
 const ASTRAY: f64 = 0.3;
 /// Speed below which an arm whose motion was taken away is held again, rad/s or m/s.
@@ -96,7 +95,7 @@ impl<const N: usize> Controller<N> {
         let longest_braking = SpanNs(PATIENCE.0.saturating_add(braking.0));
         Self {
             mode,
-            gate: Gate::new(gate, limits.clone(), q_start),
+            gate: Gate::new(gate, &limits, &q_start),
             reference: Reference::new(limits, q_start),
             arm,
             servo,
@@ -140,11 +139,11 @@ impl<const N: usize> Controller<N> {
     /// The twist that is wished of a camera that no arm holds, `V_WC_C`, m/s and rad/s; `None` where an arm moves it, and where there is
     /// nothing to go by at `now`.
     #[must_use]
-    pub fn camera_wish(&self, now: MonoNs) -> Option<Vector6<f64>> {
+    pub fn camera_law_output(&self, now: MonoNs) -> Option<Vector6<f64>> {
         let goes = self.behaviour.is_dry()
             && self.state != State::Teaching
             && self.behaviour.confidence(now, &self.servo) > 0.0;
-        goes.then(|| self.servo.camera_wish()).flatten()
+        goes.then(|| self.servo.camera_law_output()).flatten()
     }
 
     /// What the controller does.
@@ -159,71 +158,16 @@ impl<const N: usize> Controller<N> {
         self.rest
     }
 
+    /// What the drive is to hold when no command follows: nothing but what has passed the gate, at rest.
+    #[must_use]
+    pub fn last_command(&self) -> DriveCommand<N> {
+        self.gate.last()
+    }
+
     /// Commands that the gate had to change.
     #[must_use]
     pub fn gated(&self) -> u64 {
         self.gate.changed()
-    }
-
-    /// Somebody wants something; it is so from the next step on.
-    ///
-    /// # Errors
-    /// Why not.
-    pub fn request(&mut self, request: Request) -> Result<(), Refusal> {
-        match self.state.next(Cue::Request(request)) {
-            Step::Refuse(refusal) => Err(refusal),
-            Step::Stay => Ok(()),
-            Step::To(next) => {
-                if request == Request::Reset {
-                    (self.fault, self.failure) = (None, None);
-                }
-                if matches!(request, Request::Start | Request::Reset) {
-                    self.restore_gain();
-                    self.servo.restore_gain();
-                }
-                self.state = next;
-                Ok(())
-            }
-        }
-    }
-
-    /// Something outside has failed. The first fault is the one that is told.
-    pub fn fail(&mut self, fault: Fault) {
-        self.failure.get_or_insert(fault);
-    }
-
-    /// From now on `goal` is sought. While it is taught, that ends the lesson.
-    pub fn set_goal(&mut self, goal: SetPoint) {
-        self.servo.set_goal(goal);
-        self.cue(Cue::Taught);
-    }
-
-    /// One more posture to go to, rad or m.
-    pub fn add_waypoint(&mut self, q: &SVector<f64, N>) {
-        self.behaviour.add_waypoint(q);
-    }
-
-    /// The motion by which to calibrate.
-    pub fn excite(&mut self, motion: &ExcitationMotion<N>) {
-        self.behaviour.excite(motion);
-    }
-
-    /// The arm moves about its goal and gets no nearer: from now on it goes there, and learns, more slowly. Whether it does, which is an
-    /// event too.
-    pub fn reduce_gain(&mut self) -> bool {
-        let reduced = self.state == State::Servoing && !self.behaviour.is_dry() && self.servo.reduce_gain();
-        if reduced {
-            self.learning *= REDUCED_SHARE;
-            self.joint_control.learn_at(self.learning);
-            self.events.push(Event::GainReduced);
-        }
-        reduced
-    }
-
-    /// The arm stands before its goal: what was slowed down learns at its full rate again, which frees a joint that sticks.
-    pub fn restore_gain(&mut self) {
-        self.learning = 1.0;
-        self.joint_control.learn_at(1.0);
     }
 
     /// The drive's state is an old one: that the arm stands in it does not say that it does not follow.

@@ -5,7 +5,7 @@ use crate::control::outcome::Outcome;
 use crate::control::safety::Fault;
 use crate::messages::{TRACE_LIMITS, TraceMsg, joint_flag, trace_flag};
 use crate::motion::Limit;
-use crate::servo::MeasurementVerdict;
+use crate::servo::{MeasurementVerdict, NoTask};
 
 impl Trace {
     /// The record of `control/trace`.
@@ -75,6 +75,9 @@ fn verdict_code(verdict: MeasurementVerdict) -> u32 {
         MeasurementVerdict::RefusedFromFuture => 8,
         MeasurementVerdict::TooOld => 9,
         MeasurementVerdict::ImpossiblePose => 10,
+        MeasurementVerdict::NoTask(NoTask::NoPose) => 11,
+        MeasurementVerdict::NoTask(NoTask::TooFew) => 12,
+        MeasurementVerdict::NoTask(NoTask::Singular) => 13,
     }
 }
 

@@ -93,14 +93,15 @@ fn commands_are_numbered_by_time_and_the_last_one_says_so() {
         q_r: Vector2::new(3.0, 4.0),
         qd_r: Vector2::new(5.0, 6.0),
     };
-    d.end();
+    let last = DriveCommand { qd_r: Vector2::zeros(), ..c };
+    d.end(&last);
     assert!(wire.sent().is_empty(), "nothing was begun, nothing is ended");
     for ms in [50, 51, 53] {
         d.read(at(ms));
         d.write(&c);
     }
-    d.end();
-    d.end();
+    d.end(&last);
+    d.end(&last);
     let sent = wire.sent();
     let ticks: Vec<_> = sent.iter().map(|m| m.tick).collect();
     assert_eq!(ticks, [0, 1, 3, 4]);
@@ -111,7 +112,8 @@ fn commands_are_numbered_by_time_and_the_last_one_says_so() {
         (&[1.0, 2.0, 0.0][..], &[3.0, 4.0, 0.0][..], &[5.0, 6.0, 0.0][..])
     );
     assert_eq!(sent[3].flags, drive_flag::LAST);
-    assert_eq!(sent[3].qd_r, [0.0; MAX_JOINTS]);
+    let held = (&sent[3].tau[..2], &sent[3].q_r[..2], sent[3].qd_r);
+    assert_eq!(held, (&[1.0, 2.0][..], &[3.0, 4.0][..], [0.0; MAX_JOINTS]), "what it was given, no more");
 }
 
 #[test]

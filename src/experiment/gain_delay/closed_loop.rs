@@ -104,9 +104,9 @@ impl DelayedLoop {
                 cause: "the desired pose does not show the points".into(),
             })?;
         let mount = Mount::EyeInHand { X_EC: Pose::identity() };
-        let mut settings = ServoSettings::new(law(self.scheme, gain_1_s), goal, self.update, mount);
+        let mut settings = ServoSettings::new(law(self.scheme, gain_1_s), self.update, mount);
         settings.lead = SpanNs((self.lag_s * 1e9).round() as i64);
-        Ok(VisualServo::new(settings))
+        Ok(VisualServo::new(settings, goal))
     }
 
     /// The error (distance in m plus angle in rad) at every tick; it ends early when the run does.

@@ -96,8 +96,6 @@ pub(super) fn run<const N: usize>(
     let mut statistics = RunStatistics::new();
     let mut next_frame = 0;
     let mut tick = 0;
-    // No state of it will come: the run ends with the next tick.
-    let mut drive_is_gone = false;
     // The first failure of the transport: from then on nothing is waited for but the drive, and the arm comes to rest.
     let mut broken = None;
     loop {
@@ -105,16 +103,11 @@ pub(super) fn run<const N: usize>(
         // The first state came when the drive was connected.
         if let Some(drive) = &mut drive
             && tick > 0
-            && !drive_is_gone
         {
             match drive.wait_for_state(tick, stops) {
                 Ok(WaitOutcome::Here) => {}
-                Ok(WaitOutcome::Failed(fault)) => {
-                    drive_is_gone = !config.serve;
-                    control.fail(Fault::Drive(fault));
-                }
+                Ok(WaitOutcome::Failed(fault)) => control.fail(Fault::Drive(fault)),
                 Err(error) => {
-                    drive_is_gone = !config.serve;
                     control.fail(Fault::Drive(DriveFault::Silent));
                     note(&mut broken, Err(error));
                 }

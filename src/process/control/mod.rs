@@ -223,9 +223,9 @@ fn summary<const N: usize>(
     wall: SpanNs,
 ) -> Summary {
     let LockstepRun { control, mission } = run;
-    let sightings = mission.measurements();
+    let measurement_log = mission.measurements();
     let finish = mission.finish().unwrap_or(WITHOUT_AN_END);
-    let m = sightings.last().copied().unwrap_or_default();
+    let m = measurement_log.last().copied().unwrap_or_default();
     let lockstep = config.clock == Clock::Lockstep;
     let reason = match pace.camera_is_away {
         Some(away) if finish.outcome == Outcome::NotConverged => {

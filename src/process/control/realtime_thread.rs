@@ -188,7 +188,7 @@ mod tests {
             &CommandMode::ALL
         }
 
-        fn end(&mut self) {
+        fn end(&mut self, _last: &DriveCommand<N>) {
             self.was_ended.store(true, Ordering::Relaxed);
         }
     }

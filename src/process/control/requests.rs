@@ -1,7 +1,7 @@
 //! What crosses from the companion to the real-time thread, and what comes back, beside measurements and traces.
 
 use crate::control::lifecycle::{Refusal, Request};
-use crate::control::order::Order;
+use crate::control::order::ControlOrder;
 use crate::messages::ControlState;
 
 /// On its way to the loop.
@@ -9,7 +9,7 @@ use crate::messages::ControlState;
 #[allow(clippy::large_enum_variant)] // the ring allocates once
 pub(super) enum Asking<const N: usize> {
     /// The mission's.
-    Order(Order<N>),
+    Order(ControlOrder<N>),
     /// A client's, which wants an answer.
     Request(Numbered),
 }

@@ -4,7 +4,7 @@ use super::{DetectionRow, RunHistory, TickRow};
 use crate::control::trace::LatencyStages;
 use crate::messages::{ControlState, TargetStatus, measurement_flag};
 use crate::motion::Limit;
-use crate::servo::MeasurementVerdict;
+use crate::servo::{MeasurementVerdict, NoTask};
 use crate::time::SpanNs;
 use std::fmt::{Display, Write};
 
@@ -141,6 +141,9 @@ fn verdict_word(verdict: MeasurementVerdict) -> &'static str {
         MeasurementVerdict::Used => "used",
         MeasurementVerdict::UsedFromFuture => "used_from_future",
         MeasurementVerdict::NoTarget => "no_target",
+        MeasurementVerdict::NoTask(NoTask::NoPose) => "no_pose",
+        MeasurementVerdict::NoTask(NoTask::TooFew) => "too_few_for_the_law",
+        MeasurementVerdict::NoTask(NoTask::Singular) => "singular",
         MeasurementVerdict::OtherFeatures => "other_features",
         MeasurementVerdict::TooFewFeatures => "too_few_features",
         MeasurementVerdict::ImpossiblePose => "impossible_pose",

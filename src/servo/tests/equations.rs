@@ -419,7 +419,7 @@ fn views_of_other_features_and_tasks_of_other_laws_are_refused() {
     ];
     let arm = arm(Matrix6::identity(), Vector6::zeros(), Vector6::zeros());
     for law in laws {
-        assert!(law.task(&goal(&X_DO), &few).is_none(), "{law:?}");
+        assert_eq!(law.task(&goal(&X_DO), &few), Err(NoTask::TooFew), "{law:?}");
         let task = law.task(&goal(&X_DO), &seen(&X_DO, &square())).unwrap();
         for other in laws {
             assert_eq!(other.output(&task, &arm).is_some(), other.is_torque() == law.is_torque());

@@ -45,8 +45,8 @@ impl<const N: usize> SimulatedLoop<N> {
         let X_WO = mount.X_WC(&robot.forward(&q_d)) * X_DO;
         let set_point = SetPoint::from_pose(X_DO, &square()).unwrap();
         let law = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: Interaction::TEXTBOOK };
-        let settings = ServoSettings::new(law, set_point, UpdatePolicy::Predict, mount);
-        let servo = VisualServo::new(settings);
+        let settings = ServoSettings::new(law, UpdatePolicy::Predict, mount);
+        let servo = VisualServo::new(settings, set_point);
         Self { robot, servo, X_WO, q, qd: SVector::zeros(), tick: 0, exposed: None }
     }
 
@@ -54,7 +54,7 @@ impl<const N: usize> SimulatedLoop<N> {
         let mut settings = self.servo.settings().clone();
         settings.X_WO = Some(self.X_WO);
         change(&mut settings);
-        self.servo = VisualServo::new(settings);
+        self.servo = VisualServo::new(settings, self.servo.set_point().clone());
         self
     }
 
@@ -194,7 +194,7 @@ fn a_new_goal_is_sought_also_by_what_was_measured_before() {
     let elsewhere = Pose::translation(0.02, 0.0, 0.0) * run.X_CO();
     let goal = SetPoint::from_pose(&elsewhere, run.servo.set_point().points()).unwrap();
     let (robot, q) = (run.robot.clone(), run.q);
-    let wish = |run: &mut Loop<4>| run.servo.wish(&q, &Vector4::zeros(), &robot).unwrap();
+    let wish = |run: &mut SimulatedLoop<4>| run.servo.law_output(&q, &Vector4::zeros(), &robot).unwrap();
     let before = wish(&mut run);
     run.servo.set_goal(goal);
     assert_ne!(wish(&mut run), before, "without another measurement");
@@ -229,7 +229,8 @@ fn a_hand_that_obeys_the_camera_request_reaches_the_goal() {
     };
     for law in laws().into_iter().filter(law_of_a_hand) {
         let SimulatedLoop { servo, robot, q, .. } = scara();
-        let mut servo = VisualServo::new(ServoSettings { law, X_WO: None, ..servo.settings().clone() });
+        let settings = ServoSettings { law, X_WO: None, ..servo.settings().clone() };
+        let mut servo = VisualServo::new(settings, servo.set_point().clone());
         assert_eq!(servo.camera_law_output(), None, "nothing was seen");
         let mut X_CO = Pose::new([-0.05, 0.08, 0.75].into(), [0.1, -0.15, -0.6].into());
         let error = |X_CO: &Pose, servo: &VisualServo<4>| {

@@ -1,6 +1,6 @@
 //! How fast a resolved velocity leads to the goal: slower near it, and on an arm that swings; quicker where a law looks ahead.
 
-use super::{ServoSettings, View};
+use super::{Pursuit, ServoSettings, View};
 use nalgebra::Vector2;
 
 /// Feature error at which a gain has fallen half-way to the calm one, root mean square, normalized: a pixel of a usual lens.
@@ -11,19 +11,19 @@ const SLOW_1_S: f64 = 1.0;
 const MAX_HELD: f64 = 0.2;
 
 impl ServoSettings {
-    /// Share of a law's rate that is left: of all that is above [`SLOW_1_S`] the `gain_share` that an arm that swings has, and near the goal it falls
+    /// Share of a law's rate that is left: of all that is above [`SLOW_1_S`] the gain's share that an arm that swings has, and near the goal it falls
     /// towards `gain_at_goal_1_s` where `view` is within about a pixel.
-    pub(super) fn gain_at(&self, gain_share: f64, rate_1_s: f64, view: &View) -> f64 {
-        let slower = if rate_1_s > SLOW_1_S { gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
-        slower * self.reduced_near_goal(gain_share, rate_1_s * slower, view)
+    pub(super) fn gain_at(&self, pursuit: Pursuit<'_>, rate_1_s: f64, view: &View) -> f64 {
+        let slower = if rate_1_s > SLOW_1_S { pursuit.gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
+        slower * self.reduced_near_goal(pursuit, rate_1_s * slower, view)
     }
 
-    fn reduced_near_goal(&self, gain_share: f64, rate_1_s: f64, view: &View) -> f64 {
-        let at_goal_1_s = self.gain_at_goal_1_s * gain_share;
+    fn reduced_near_goal(&self, pursuit: Pursuit<'_>, rate_1_s: f64, view: &View) -> f64 {
+        let at_goal_1_s = self.gain_at_goal_1_s * pursuit.gain_share;
         if !(rate_1_s > at_goal_1_s) {
             return 1.0;
         }
-        let error = self.set_point.error_rms_px(view, &Vector2::repeat(1.0));
+        let error = pursuit.goal.error_rms_px(view, &Vector2::repeat(1.0));
         let far = error * error / (error * error + GAIN_AT_GOAL_ERROR * GAIN_AT_GOAL_ERROR);
         // No error can be told: nothing speaks for calm.
         let far = if far.is_nan() { 1.0 } else { far };

@@ -25,7 +25,7 @@ fn servo(update: UpdatePolicy) -> VisualServo<4> {
     let interaction = Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated };
     let law = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction };
     let mount = Mount::EyeInHand { X_EC: Pose::identity() };
-    VisualServo::new(ServoSettings::new(law, set_point, update, mount))
+    VisualServo::new(ServoSettings::new(law, update, mount), set_point)
 }
 
 fn q_at(ms: i64) -> Vector4<f64> {
@@ -241,7 +241,7 @@ fn every_law() -> Vec<VisualServo<4>> {
             acceleration_rad_s2: 0.3,
             largest_sd_m: 0.05,
         });
-        VisualServo::new(settings)
+        VisualServo::new(settings, servo(UpdatePolicy::Predict).set_point().clone())
     };
     all.into_iter().enumerate().map(of).collect()
 }

@@ -1,0 +1,149 @@
+//! One joint before the drive: whether it may go where it is told, and where it goes if not. It shares nothing with the reference that
+//! it judges, neither the way of going to a velocity nor the condition for being able to brake.
+//!
+//! From velocity `v >= 0` and no acceleration the shortest stop takes the distance
+//! ```text
+//! d_0(v) = v sqrt(v / J)             v <= A^2 / J: the acceleration goes to -sqrt(J v) and back
+//!          v / 2 (v / A + A / J)     beyond: it stays at -A for a while
+//! ```
+//! An acceleration `a` is on that curve, shifted: bringing `a` to zero leads to `v + a^2 / 2J` and takes `v a / J + a^3 / 3 J^2`, and so
+//! does, backwards in time, an `a < 0` from braking that has begun. Of both
+//! ```text
+//! d(v, a) = v a / J + a^3 / 3 J^2 + d_0(v + a^2 / 2J),    a > 0 or v >= a^2 / 2J;   else the joint turns, and the same holds of -v, -a
+//! ```
+
+/// Rounding of positions, rad or m, of velocities and of accelerations that is no passing of a limit.
+const ROUNDING: f64 = 1e-6;
+/// Rate at which a joint comes to a command that it may not follow at once, 1/s: as quickly as a law of the default gain lets
+/// its error die out, so that the acceleration of 10 rad/s^2 suffices from up to 0.1 rad away without passing by.
+const CATCH_UP_1_S: f64 = 10.0;
+/// Share of a velocity error that a tick takes away: below 0.34, `6 - sqrt 32`, an acceleration that follows it does not swing.
+const TICK_SHARE: f64 = 0.3;
+/// Halvings in search of as much of the way to a command as can be stopped from: a part in 64.
+const HALVINGS: u32 = 6;
+
+/// Where a joint is, rad or m, and how it moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct JointMotion {
+    pub(super) q: f64,
+    pub(super) v: f64,
+    pub(super) a: f64,
+}
+
+/// What a joint may do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct JointBound {
+    /// Ends of its range, rad or m.
+    pub(super) range: (f64, f64),
+    /// Largest velocity, acceleration and jerk; positive.
+    pub(super) v: f64,
+    pub(super) a: f64,
+    pub(super) j: f64,
+}
+
+impl JointMotion {
+    /// After `t` seconds of the jerk `j`.
+    fn after(self, j: f64, t: f64) -> Self {
+        let Self { q, v, a } = self;
+        Self { q: q + t * (v + t * (a / 2.0 + t * j / 6.0)), v: v + t * (a + t * j / 2.0), a: a + t * j }
+    }
+
+    /// The same motion as it looks from the other side.
+    fn mirrored(self) -> Self {
+        Self { q: -self.q, v: -self.v, a: -self.a }
+    }
+}
+
+impl JointBound {
+    /// Whether a joint at `now` may be at `next` a tick of `dt` seconds later: within the limits on the way, and able to stop from there.
+    pub(super) fn admits(&self, now: JointMotion, next: JointMotion, dt: f64) -> bool {
+        let change = self.j * dt;
+        // Every comparison fails for what is no number.
+        next.a.abs() <= self.a + ROUNDING * self.a
+            && (next.a - now.a).abs() <= change + ROUNDING * (1.0 + change)
+            && (next.v - now.v - dt * (now.a + next.a) / 2.0).abs() <= dt * (change / 2.0 + ROUNDING)
+            && (next.q - now.q - dt * (now.v + next.v) / 2.0).abs() <= dt * (dt * change + ROUNDING)
+            && self.can_stop(next, now.q, ROUNDING)
+    }
+
+    /// The next motion of a joint that is at `now` and shall come to `wanted`, which may be anything.
+    pub(super) fn approach(&self, now: JointMotion, wanted: JointMotion, dt: f64) -> JointMotion {
+        let velocity = wanted.v + CATCH_UP_1_S * (wanted.q - now.q);
+        let velocity = if velocity.is_finite() { velocity.clamp(-self.v, self.v) } else { 0.0 };
+        let error = velocity - now.v;
+        // An acceleration from which the jerk still brings it to zero when the velocity is reached.
+        let most = self.a.min((1.6 * self.j * error.abs()).sqrt()).min(TICK_SHARE * error.abs() / dt);
+        let jerk = ((most.copysign(error) - now.a) / dt).clamp(-self.j, self.j);
+        let (step, stop) = (now.after(jerk, dt), self.stopping(now, dt));
+        if self.can_stop(step, now.q, 0.0) {
+            return step;
+        }
+        let (mut best, mut low, mut high) = (stop, 0.0, 1.0);
+        for _ in 0..HALVINGS {
+            let share = 0.5 * (low + high);
+            let mix = |a: f64, b: f64| a + share * (b - a);
+            let part = JointMotion { q: mix(stop.q, step.q), v: mix(stop.v, step.v), a: mix(stop.a, step.a) };
+            if self.can_stop(part, now.q, 0.0) {
+                (best, low) = (part, share);
+            } else {
+                high = share;
+            }
+        }
+        best
+    }
+
+    /// Whether it can stop from `at` within range and velocity, to `slack` of both. Outside of its range it may not go farther out than `q_now`.
+    fn can_stop(&self, at: JointMotion, q_now: f64, slack: f64) -> bool {
+        let (lower, upper) = (self.range.0.min(q_now) - slack, self.range.1.max(q_now) + slack);
+        // Its velocity once its acceleration is zero.
+        let fastest = at.v + at.a * at.a.abs() / (2.0 * self.j);
+        let limit = self.v * (1.0 + slack.max(1e-12));
+        let (low, high) = self.extent(at);
+        at.v.abs() <= limit && fastest.abs() <= limit && low >= lower && high <= upper
+    }
+
+    /// The lowest and the highest position on the shortest way to rest.
+    fn extent(&self, at: JointMotion) -> (f64, f64) {
+        let j = self.j;
+        if at.v + at.a * at.a.abs() / (2.0 * j) < 0.0 {
+            let (low, high) = self.extent(at.mirrored());
+            return (-high, -low);
+        }
+        let JointMotion { q, v, a } = at;
+        let peak = v + a * a / (2.0 * j);
+        let d_0 = if peak <= self.a * self.a / j {
+            peak * (peak / j).sqrt()
+        } else {
+            peak / 2.0 * (peak / self.a + self.a / j)
+        };
+        let end = q + v * a / j + a * a * a / (3.0 * j * j) + d_0;
+        // One that still moves the other way turns first, where v + a t - J t^2 / 2 is zero.
+        let turn = if v < 0.0 {
+            let t = (a - (a * a + 2.0 * j * v).max(0.0).sqrt()) / j;
+            q + t * (v + t * (a / 2.0 - t * j / 6.0))
+        } else {
+            q
+        };
+        (q.min(end).min(turn), q.max(end).max(turn))
+    }
+
+    /// A tick of `dt` seconds along the shortest way to rest.
+    fn stopping(&self, at: JointMotion, dt: f64) -> JointMotion {
+        let j = self.j;
+        let side = at.v + at.a * at.a.abs() / (2.0 * j);
+        if side < 0.0 {
+            return self.stopping(at.mirrored(), dt).mirrored();
+        }
+        // Down to -p, on at -p, and up to zero.
+        let square = (j * at.v + at.a * at.a / 2.0).max(0.0);
+        let p = square.sqrt().min(self.a);
+        let hold = if p > 0.0 { ((square - p * p) / (j * p)).max(0.0) } else { 0.0 };
+        let (mut motion, mut left) = (at, dt);
+        for (jerk, lasts) in [(-j, ((at.a + p) / j).max(0.0)), (0.0, hold), (j, p / j)] {
+            let part = lasts.min(left);
+            motion = motion.after(jerk, part);
+            left -= part;
+        }
+        if left > 0.0 { JointMotion { q: motion.q, v: 0.0, a: 0.0 } } else { motion }
+    }
+}
