@@ -40,7 +40,7 @@ pub fn image_reach<const N: usize>(
         // The side on which the least of what there is, of the image and of the joint's range, is used up.
         let used = |sign: f64| {
             let range = limits.room(i, q, sign).max(f64::MIN_POSITIVE);
-            picture.used(|k| if k == i { sign * wanted } else { 0.0 }).max(wanted / range)
+            image.used(|k| if k == i { sign * wanted } else { 0.0 }).max(wanted / range)
         };
         *reach = if used(-1.0) < used(1.0) { -wanted } else { wanted };
     }

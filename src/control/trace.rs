@@ -61,7 +61,7 @@ impl Trace {
         Self {
             time,
             joint_state: JointState::default(),
-            command: CommandTrace { wish: zero, tau: zero, q_r: zero, qd_r: zero },
+            command: CommandTrace { requested_qd: zero, tau: zero, q_r: zero, qd_r: zero },
             commanded: time,
             missed_deadlines: 0,
             V_C: None,
