@@ -301,7 +301,7 @@ mod tests {
     #[test]
     fn what_it_may_not_follow_at_once_is_come_to_and_reached() {
         let mut gate = gate(CommandMode::Torque);
-        let wanted = point(Vector2::new(0.4, 0.05), Vector2::zeros(), Vector2::zeros());
+        let wanted = point(Vector2::new(0.1, 0.05), Vector2::zeros(), Vector2::zeros());
         let mut passed = gate.pass(&wanted, &Vector2::zeros()).command;
         let mut farthest = Vector2::zeros();
         for _ in 0..3000 {
