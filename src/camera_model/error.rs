@@ -3,9 +3,10 @@
 use super::Region;
 use thiserror::Error;
 
-/// The longest telephoto lens, 5 m, before the smallest pixels, 0.5 um.
+/// The longest telephoto lens, 5 m, before the smallest pixels, 0.5 um: what is larger must be a slip.
 pub(super) const LONGEST_FOCAL_PX: f64 = 1e7;
-/// Principal points and coefficients that are further from zero than this belong to no lens, and to no finite computation.
+/// Principal points and coefficients that are further from zero than this belong to no lens, and to no finite computation: chosen
+/// to be the largest focal length.
 pub(super) const MAX_NUMBER: f64 = 1e7;
 
 /// Camera parameters that describe no usable camera.

@@ -3,6 +3,13 @@
 use super::{Distortion, Equidistant, RationalPolynomial};
 use nalgebra::{Matrix2, Vector2};
 
+/// Least slope of the distorted radius: one pixel of the image is spread over a hundred there, so that a detection's tenth of a pixel
+/// would be ten.
+const MIN_SLOPE: f64 = 0.01;
+/// Least area in the image of a unit of area in directions, for the same reason: the least slope, with the other direction a tenth of what it
+/// is on the axis.
+const MIN_AREA: f64 = 1e-3;
+
 /// How a lens bends directions: a model with its coefficients, which have no units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Lens {
@@ -207,16 +214,17 @@ impl Lens {
         }
     }
 
-    /// Whether neighbouring directions at `s` are told apart in the image. A slope of a hundredth: beyond that one pixel is
-    /// spread over a hundred.
+    /// Whether neighbouring directions at `s` are told apart in the image.
     pub(super) fn tells_apart(&self, s: &Vector2<f64>) -> bool {
         let r = s.norm();
         match self {
-            Self::PlumbBob(lens) => lens.radius_slope(r) >= 0.01 && lens.jacobian(s).determinant() >= 1e-3,
-            Self::RationalPolynomial(lens) => {
-                lens.radius_slope(r) >= 0.01 && lens.jacobian(s).determinant() >= 1e-3
+            Self::PlumbBob(lens) => {
+                lens.radius_slope(r) >= MIN_SLOPE && lens.jacobian(s).determinant() >= MIN_AREA
             }
-            Self::Equidistant(lens) => lens.slope_by_angle(r) >= 0.01,
+            Self::RationalPolynomial(lens) => {
+                lens.radius_slope(r) >= MIN_SLOPE && lens.jacobian(s).determinant() >= MIN_AREA
+            }
+            Self::Equidistant(lens) => lens.slope_by_angle(r) >= MIN_SLOPE,
         }
     }
 
@@ -244,11 +252,13 @@ fn newton(
     let mut rest = apply(&s) - d;
     let mut size = rest.norm_squared();
     for _ in 0..50 {
+        // The square of 3e-16: rounding of coordinates about one, so that no step finds anything nearer.
         if size < 1e-31 {
             break;
         }
         let J = jacobian(&s);
         let det = J.m11 * J.m22 - J.m12 * J.m21;
+        // On the fold there is no inverse; the step as if there were no lens is halved until it serves, or none does.
         let inverse = if det.abs() > 1e-12 { 1.0 / det } else { 1.0 };
         let step = Vector2::new(
             inverse * (J.m22 * rest.x - J.m12 * rest.y),

@@ -4,7 +4,8 @@ use super::error::{LONGEST_FOCAL_PX, MAX_NUMBER};
 use super::{CameraModelError, Lens, Region};
 use nalgebra::{Matrix2, Point3, Vector2};
 
-/// Nearest depth that is projected, m: closer points are as good as in the image plane's pole.
+/// Nearest depth that is projected, m: no lens has a point a micrometre before its centre in focus, and at depth zero there is no projection
+/// at all, so that closer points count as behind the camera.
 const NEAREST_M: f64 = 1e-6;
 
 /// Omega of (5.45) and the image's size. `fx_px = f alpha_x`, `cx_px = X_0`.
@@ -186,6 +187,8 @@ impl CameraModel {
         if self.ideal {
             return Ok(());
         }
+        // A fold is a circle, or as the tangential part bends it: a grid of a thirty-second of the image finds it at the border or not at
+        // all. Chosen.
         const STEPS: u32 = 32;
         let (w, h) = (f64::from(self.intrinsics.width_px), f64::from(self.intrinsics.height_px));
         for j in 0..=STEPS {
@@ -194,6 +197,7 @@ impl CameraModel {
                 let px = Vector2::new(w * a - 0.5, h * b - 0.5);
                 let d = self.plane_of(&px);
                 let (s, rest) = self.lens.undistort(&d, self.fold_radius);
+                // 1e-11 of a focal length is 1e-8 px: what is more was not found.
                 if !(rest <= 1e-11) || s.norm() >= self.fold_radius || !self.lens.tells_apart(&s) {
                     let finite = self.fold_radius.is_finite();
                     let fold_radius = if finite { self.lens.radius(self.fold_radius) } else { f64::INFINITY };

@@ -72,7 +72,8 @@ impl LightTable {
 }
 
 impl Response {
-    /// What a gamma may be.
+    /// What a gamma may be: those of displays and cameras are 0.45 to 2.6; at five the lower half of the levels would hold
+    /// a thirty-second of the light, and 256 of them would not tell it any more.
     pub const GAMMA: RangeInclusive<f64> = 0.2..=5.0;
 
     /// The light of a level.
@@ -80,6 +81,7 @@ impl Response {
     pub fn light(&self, level: f64) -> f64 {
         match self {
             Self::Linear => level,
+            // The standard's own figures, here and in `level`.
             Self::Srgb if level <= 0.040_45 => level / 12.92,
             Self::Srgb => ((level + 0.055) / 1.055).powf(2.4),
             Self::Gamma(gamma) => level.max(0.0).powf(*gamma),
@@ -92,6 +94,7 @@ impl Response {
     pub fn level(&self, light: f64) -> f64 {
         match self {
             Self::Linear => light,
+            // IEC 61966-2-1 again.
             Self::Srgb if light <= 0.003_130_8 => 12.92 * light,
             Self::Srgb => 1.055 * light.powf(1.0 / 2.4) - 0.055,
             Self::Gamma(gamma) => light.max(0.0).powf(1.0 / gamma),

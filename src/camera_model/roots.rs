@@ -1,6 +1,6 @@
 //! Where a polynomial that begins positive stops being so.
 
-/// Farthest place that is looked at.
+/// Farthest place that is looked at, the square of a radius or of an angle: tan(89.9 degrees)^2 is 3e5, so that all that a lens sees is nearer.
 const FAR: f64 = 1e6;
 
 /// The first `t` in 0..1e6 at which `c[0] + c[1] t + c[2] t^2 + ...` is not greater than 0, if there is one. Between its own turning

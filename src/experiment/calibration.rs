@@ -3,6 +3,8 @@
 //! A computed set-point is right for the true camera; the wrong calibration then makes every scheme stop beside the goal.
 //! A taught one was measured from the goal through the same wrong calibration, which takes the error away again.
 //! Not so for scheme C with a focal length believed 10 % short: that raises its loop gain beyond the sampled-data limit.
+//!
+//! The numbers here are the study's settings, chosen; its page tells them, and what it shows is shown for them.
 
 use super::cell::{POINTS, pose_of, project};
 use super::feature_source::{FeatureSource, Miscalibration, camera};

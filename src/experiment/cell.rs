@@ -1,6 +1,8 @@
 //! The cell of Sect. 10.9: SCARA arm, camera in its hand, square of four points, start and goal.
 //!
 //! Base z, camera z and object z point down; angles are right-handed about down.
+//!
+//! The numbers here are the textbook's, where it has any, and else chosen settings of the simulation.
 
 use super::ExperimentError;
 use super::metrics::CellGoal;

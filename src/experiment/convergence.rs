@@ -2,6 +2,8 @@
 //!
 //! The camera flies freely. Under the velocity schemes it takes the twist of each frame for 0.04 s; under the torque
 //! schemes it is a ball of 1 kg with the camera in its middle, on which the held wrench acts.
+//!
+//! The numbers here are the study's settings, chosen; its page tells them, and what it shows is shown for them.
 
 use super::cell::{POINTS, project};
 use super::feature_source::camera;

@@ -1,4 +1,6 @@
 //! Examples 10.1, 10.4 and 10.5, Problems 10.4 and 10.5: pose and homography from features.
+//!
+//! The numbers here are the textbook's, where it has any, and else chosen settings of the simulation.
 
 use super::ExperimentError;
 use super::cell::{POINTS, desired_object, pose_of, project};

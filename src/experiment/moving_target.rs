@@ -1,5 +1,7 @@
 //! A target that moves by itself, followed with the feed-forward of its estimated velocity and without: the whole system,
 //! rendered images, 25 Hz, 40 ms from exposure to use.
+//!
+//! The numbers here are the study's settings, chosen; its page tells them, and what it shows is shown for them.
 
 use super::findings::Findings;
 use super::plot::{Panel, Series, Symbol, figure};

@@ -3,6 +3,8 @@
 //! The four points lie symmetrically about the axis. On straight image paths their distance from the centre shrinks to
 //! `cos(theta/2)` of what it was, so that with the true depth in the interaction matrix the camera must draw back to
 //! `z / z_0 = 1 / cos(theta/2)`. The law is computed at every millisecond: the effect is the law's, not the sampling's.
+//!
+//! The numbers here are the study's settings, chosen; its page tells them, and what it shows is shown for them.
 
 use super::findings::Findings;
 use super::plot::{Panel, Series, Symbol, figure};

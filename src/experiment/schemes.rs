@@ -1,4 +1,6 @@
 //! The schemes of Sect. 10.9 and Example 10.6 with their gains, and the pose estimation that A and B need.
+//!
+//! The numbers here are the textbook's, where it has any, and else chosen settings of the simulation.
 
 use super::cell::{POINTS, desired_object, pose_of};
 use super::{Cell, ExperimentError, LawInput};

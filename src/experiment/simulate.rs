@@ -3,6 +3,8 @@
 //! Torque laws: the torque is held for 0.04 s and the rigid-body model is integrated by Runge-Kutta of fourth order.
 //! Resolved-velocity laws: the arm is an ideal positioning device, (10.75), and moves with the held joint velocity.
 //! Limits of effort and position do not act here, as in the text.
+//!
+//! The numbers here are the textbook's, where it has any, and else chosen settings of the simulation.
 
 use super::cell::{Cell, project};
 use super::feature_source::FeatureSource;

@@ -1,5 +1,7 @@
 //! Gain and delay in the whole system: what `gain-delay` studies near the goal with a bare arm, from the start of the
 //! default run, with rendered images, the arm's dynamics and its limits.
+//!
+//! The numbers here are the study's settings, chosen; its page tells them, and what it shows is shown for them.
 
 use super::findings::Findings;
 use super::plot::{Panel, Series, figure};

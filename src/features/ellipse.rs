@@ -9,7 +9,8 @@ use super::flow::Flow;
 use super::moments::{AreaFeature, Central, ImageMoments, finite, rows, values};
 use nalgebra::{SMatrix, Vector2, Vector3, Vector5};
 
-/// Least product of the principal second moments, as a share of their sum squared.
+/// Least product of the principal second moments, as a share of their sum squared: an ellipse a million times as long as wide. The
+/// determinant is a difference that rounds to 1e-16, so that its width would have two digits left.
 const MIN_WIDTH: f64 = 1e-12;
 
 /// An ellipse in the image, or the one that has the second moments of an area there.

@@ -17,7 +17,7 @@ use super::flow::Flow;
 use super::{Feature, wrap_rad};
 use nalgebra::{SMatrix, SVector, Vector2, Vector3, Vector4, Vector6};
 
-/// Orders of the moments that are known: those of third order move with those of the fourth.
+/// Orders of the moments that are known, 0 to 4, because those of third order move with those of the fourth.
 const ORDERS: usize = 5;
 /// Asymmetry below which nothing tells the two senses of the axis.
 const MIN_ASYMMETRY: f64 = 1e-6;

@@ -5,9 +5,9 @@ use std::io::{Error, ErrorKind, Read, Result};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
-/// Longest run file and TOML file of a robot, bytes: real ones have some thousand.
+/// Longest run file and TOML file of a robot, bytes, so that a hostile one takes no memory: real ones have some thousand.
 pub const MAX_TOML: u64 = 1 << 20;
-/// Longest URDF, bytes: real ones have some hundred thousand.
+/// Longest URDF, bytes, for the same reason: real ones have some hundred thousand, so that this must be more than any.
 pub const MAX_URDF: u64 = 8 << 20;
 
 /// The text of the file at `path`, of at most `largest` bytes.

@@ -17,7 +17,7 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Between two looks. Each takes about 0.1 ms with the 50 segments of a run.
+/// Between two looks. Each takes about 0.1 ms with the 50 segments of a run, measured, so that they are 0.2 % of a core.
 const PERIOD: Duration = Duration::from_millis(50);
 /// A file is without a size for some microseconds. On a machine with much to do its maker may be kept from its processor for longer, just
 /// there; of one in another container, whose files cannot be seen, a connection would be removed that its maker goes on with.

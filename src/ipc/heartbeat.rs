@@ -8,7 +8,7 @@ use rustix::io::{pread, pwrite};
 use std::cell::Cell;
 use std::os::fd::{AsFd, OwnedFd};
 
-/// Signs of life come no more often than this.
+/// Signs of life come no more often than this, since a silence is told after twenty of them.
 const PERIOD: SpanNs = SpanNs(100_000_000);
 
 /// The signs of life of this process; it holds the role as the lock does, because they share its file. Costs a look at the clock, and ten times a second a system call.

@@ -25,7 +25,7 @@ use std::path::{Path as FsPath, PathBuf};
 use std::str::FromStr;
 use thiserror::Error;
 
-/// Paths of sockets have 107 characters at most, and the transport does not look: longer ones run over its stack. The longest is
+/// Paths of sockets have 107 characters at most (the kernel's `sun_path`), and the transport does not look, so that longer ones run over its stack. The longest is
 /// `/dev/shm/vservo-NAME/vservo.NAME.ID.event` with up to 39 digits of the port's number.
 const LONGEST_NAME: usize = 18;
 const CONFIG: &str = "config.toml";

@@ -24,11 +24,11 @@ use std::fmt::Debug;
 const MAX_NODES: usize = 16;
 /// Who may want something of control at once.
 const MAX_CLIENTS: usize = 8;
-/// Ticks of joint state that a reader may lag behind: the camera looks back by its exposure and its latency.
+/// Ticks of joint state that a reader may lag behind, because the camera looks back by its exposure and its latency, which is 500 ms at most.
 const JOINT_STATE_BUFFER: usize = 1024;
-/// Ticks that a recorder may lag behind.
+/// Ticks that a recorder may lag behind: a second, so that a write to a slow disk loses none. Chosen.
 const TRACE_BUFFER: usize = 1024;
-/// Measurements in flight in lockstep; more than any latency at any rate.
+/// Measurements in flight in lockstep, where none must be lost; more than any latency at any rate.
 const MEASUREMENT_BUFFER: usize = 1024;
 
 /// Changes of a camera's health that wait for their reader.

@@ -8,7 +8,7 @@
 use crate::rt::now;
 use crate::time::SpanNs;
 
-/// Most waits without a spin between two attempts.
+/// Most waits without a spin between two attempts, so that spins that never help cost a sixty-fourth. Chosen.
 const LONGEST_PAUSE: u32 = 64;
 /// The thread looks after the message at least every few nanoseconds. If the clock has jumped by so much, another thread ran
 /// in its place: there is no free core.

@@ -17,7 +17,7 @@ use std::os::fd::{AsFd, OwnedFd};
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-/// One page, on every machine whose pages are no smaller.
+/// One page, on every machine whose pages are no smaller, since less cannot be mapped.
 const BYTES: usize = 4096;
 
 /// What can be asked for.

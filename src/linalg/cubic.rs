@@ -1,6 +1,7 @@
 //! Real roots of a cubic by Newton's method: no trigonometric function, hence the same bits on every machine.
 
-/// A third of the exponent's bits, with the bias put right: cube root to 6 %.
+/// A third of the exponent's bits, with the bias put right: cube root to 6 %. `(1023 - 1023 / 3 - 0.03306235651) 2^20` in the upper half, as
+/// fdlibm's `s_cbrt.c` has it, whose last term halves the largest error.
 const CUBE_ROOT_BITS: u64 = 0x2A9F_7893_782D_A1CE;
 
 /// Real roots of `t^3 + b t^2 + c t + d`, that of greatest distance from their mean first; one or three.
@@ -28,7 +29,7 @@ pub(crate) fn cubic_roots(b: f64, c: f64, d: f64) -> ([f64; 3], usize) {
             let step = ((s2 + p) * s + q) / (3.0 * s2 + p);
             s -= step;
             if !(step.abs() > 1e-7 * s) {
-                break; // quadratic: what is left is below rounding
+                break; // quadratic: what is left is the square of it, so that it is below rounding
             }
         }
         if !(s > 0.0) {

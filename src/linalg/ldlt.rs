@@ -7,7 +7,8 @@
 
 use nalgebra::SMatrix;
 
-/// Smallest `d_i / a_ii` that still counts as full rank: singular values in a ratio of about 1e-6.
+/// Smallest `d_i / a_ii` that still counts as full rank: singular values in a ratio of about 1e-6. A pivot is a difference that rounds to
+/// some 1e-16 of `a_ii`, so that four digits of the smallest that counts are its own.
 pub(crate) const RANK_TOLERANCE: f64 = 1e-12;
 
 /// The factors of an `N x N` matrix.

@@ -2,6 +2,7 @@
 //! random numbers.
 
 mod cubic;
+pub(crate) mod damping;
 mod eight;
 mod lanes;
 mod ldlt;

@@ -6,11 +6,13 @@
 
 use nalgebra::{SMatrix, SVector};
 
-/// Each sweep squares what is left off the diagonal, so six or seven reach the last digit.
+/// Each sweep squares what is left off the diagonal, so six or seven reach the last digit, and thirty are there so that the loop is bounded.
 const MAX_SWEEPS: usize = 30;
-/// The sum of the squares off the diagonal, as share of the matrix's squared norm, that ends the sweeps.
+/// The sum of the squares off the diagonal, as share of the matrix's squared norm, that ends the sweeps: what is left, 1e-17 of the norm,
+/// is less than the rounding of one entry.
 const DIAGONAL: f64 = 1e-34;
-/// Share of an entry that is not worth a rotation: all of up to 15 x 15 matrices together stay below [`DIAGONAL`].
+/// Share of the squared norm up to which an entry's square is not worth a rotation: the 91 of a 14 x 14 matrix together stay below
+/// [`DIAGONAL`], so that the sweeps still end by it.
 const NEGLIGIBLE: f64 = 1e-36;
 
 /// Eigenvalues in decreasing order and the orthonormal eigenvectors as columns, of a matrix of which only the lower

@@ -7,7 +7,8 @@
 //! control ◄─ state k+1 ───────────────────── drive     ... and answer exactly once
 //! control ── LAST ─────────────────────────► drive     hold the arm; no command follows
 //! ```
-//! In real time the drive sends states by its own clock, 1 kHz or faster, and obeys the newest command.
+//! In real time the drive sends states by its own clock, 1 kHz or faster, and obeys the newest command. The numbers here are bits of the
+//! protocol, which every drive's program must share.
 
 use super::MAX_JOINTS;
 use crate::time::MonoNs;

@@ -5,7 +5,7 @@ use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// Bits of [`Measurement::flags`] beside those of [`super::frame_flag`].
+/// Bits of [`Measurement::flags`] beside those of [`super::frame_flag`]: part of the protocol, from 8 on because those below are the frame's.
 pub mod measurement_flag {
     /// `pose` and `pose_covariance` are valid.
     pub const POSE: u32 = 1 << 8;

@@ -33,11 +33,12 @@ pub use measurement::{FeaturePoint, Measurement, TargetStatus, measurement_flag}
 pub use status::{ControlState, Status, status_flag};
 pub use trace::{TRACE_LIMITS, TraceMsg, trace_flag};
 
-/// Most joints that an arm may have.
+/// Most joints that an arm may have, so that records have a fixed layout: seven are what a redundant arm of today has.
 pub const MAX_JOINTS: usize = 7;
 
-/// Most cameras that a cell may have.
+/// Most cameras that a cell may have, so that each has its services and locks. Chosen.
 pub const MAX_CAMERAS: usize = 4;
 
-/// Most features that one measurement carries.
+/// Most features that one measurement carries, so that records have a fixed layout. Chosen: a grid of 8 by 8; of more, one point lowers the
+/// standard deviation of a pose by less than a hundredth.
 pub const MAX_FEATURES: usize = 64;

@@ -51,6 +51,7 @@ pub fn algorithmic_step<P: PointSource>(
 pub(super) fn pose_rate(phi: &Vector3<f64>, V: &Vector6<f64>) -> Result<Vector6<f64>, PoseError> {
     let T: Matrix3<f64> = euler_zyx_rate(phi);
     let phi_dot = match T.try_inverse() {
+        // det T is the cosine of the middle angle up to sign: 1e-9 rad from the singular one the rates would be seven digits of rounding.
         Some(inverse) if T.determinant().abs() > 1e-9 => inverse * V.fixed_rows::<3>(3),
         _ => return Err(PoseError::Degenerate),
     };

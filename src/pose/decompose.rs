@@ -81,7 +81,8 @@ pub fn decompose_homography_seen(
     }
 }
 
-/// `b`, unless it is `a` up to rounding (square roots of rounding errors, hence the wide threshold).
+/// `b`, unless it is `a` up to rounding. The threshold is wide because the solutions hold square roots of differences that vanish where they
+/// meet: rounding of 1e-15 becomes 3e-8 there.
 fn different(a: &HomographySolution, b: HomographySolution) -> Option<HomographySolution> {
     let gap = (a.R_12.matrix() - b.R_12.matrix()).norm() + (a.p_12_1_over_d2 - b.p_12_1_over_d2).norm();
     (gap > 1e-6).then_some(b)
@@ -94,6 +95,7 @@ fn readings(H: &Matrix3<f64>) -> Result<(HomographySolution, HomographySolution)
     }
     let H = H / size;
     let det = H.determinant();
+    // Of unit norm: the camera was nearer to the plane than 1e-12 of the other distance, or the matrix is none of a plane.
     if det.abs() <= 1e-12 || det.is_nan() {
         return Err(PoseError::Degenerate);
     }
@@ -104,6 +106,7 @@ fn readings(H: &Matrix3<f64>) -> Result<(HomographySolution, HomographySolution)
     let v3 = v1.cross(&v2); // right-handed
     // H keeps the length of vectors in two planes through v2. Each is orthogonal to one of the normals.
     let spread = s1 - s3;
+    // Equal to rounding: H is a rotation, for which any normal serves, since nothing was translated.
     let (a, b) = if spread > 1e-14 {
         let x = ((1.0 - s3) / spread).max(0.0).sqrt();
         (x, ((s1 - 1.0) / spread).max(0.0).sqrt())

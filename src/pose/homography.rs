@@ -6,7 +6,8 @@ use super::{Correspondence, PoseError};
 use crate::geometry::{Pose, closest_rotation};
 use nalgebra::{Matrix2, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// Twice the area of a triangle over the square of its set's size, below which it counts as collinear.
+/// Twice the area of a triangle over the square of its set's size, below which it counts as collinear: the area of a triangle of doubles
+/// is rounded to 1e-16, so that seven digits of a homography from such points are still its own.
 const COLLINEAR: f64 = 1e-9;
 
 /// The homography H with `s~ ~ H [r_x, r_y, 1]^T`, (10.7).
@@ -125,6 +126,7 @@ pub fn pose_from_homography(H: &Matrix3<f64>) -> Option<Pose> {
     let spread = (C.trace() + 2.0 * area).sqrt();
     let root = (C + Matrix2::identity() * area) / spread;
     let zeta = 2.0 / spread;
+    // A plane seen nearly edge-on: the root loses half of the digits of its determinant, and the general way keeps them.
     let R = if area > 1e-6 * C.trace() {
         let polar = columns * root.try_inverse()?;
         let (r1, r2) = (polar.column(0).into_owned(), polar.column(1).into_owned());
@@ -132,6 +134,7 @@ pub fn pose_from_homography(H: &Matrix3<f64>) -> Option<Pose> {
     } else {
         let (r1, r2) = (columns.column(0) * zeta, columns.column(1) * zeta);
         let r3 = r1.cross(&r2);
+        // Columns of unit size are parallel to rounding: no plane has that homography.
         if r3.norm() <= 1e-12 || r3.norm().is_nan() {
             return None;
         }

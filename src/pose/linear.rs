@@ -10,7 +10,8 @@
 use super::PoseError;
 use crate::linalg::Ldlt;
 
-/// Second-smallest pivot, relative to the mean eigenvalue, below which p3 is not unique.
+/// Second-smallest pivot, relative to the mean eigenvalue, below which p3 is not unique. Pivots are squares: points 1e-5 from a
+/// degenerate set, three orders above the shift by which the factors are kept from zero.
 const UNIQUE: f64 = 1e-10;
 
 /// A scale and a shift that make coordinates have zero mean and unit spread.
@@ -116,6 +117,7 @@ fn mirror<const D: usize>(a: &mut [[f64; D]; D]) {
 #[inline(always)]
 fn smallest_eigenvector<const D: usize>(s: &[[f64; D]; D], size: f64) -> Option<[f64; D]> {
     // A matrix of rank r has exactly D - r vanishing pivots, in whatever order it is factored.
+    // Sums of squares of `size` round to about 1e-15 of it, so that a hundred times as much keeps every pivot of a true eigenvalue.
     let shift = 1e-13 * size;
     let mut lower = [[0.0; D]; D];
     let mut pivots = [0.0; D];
@@ -163,6 +165,7 @@ fn smallest_eigenvector<const D: usize>(s: &[[f64; D]; D], size: f64) -> Option<
         let inverse = 1.0 / norm;
         let change: f64 = x.iter().zip(v).map(|(a, b)| (a * inverse - b) * (a * inverse - b)).sum();
         v = x.map(|c| c * inverse);
+        // The square of 1e-14: what is left is rounding of unit vectors.
         if change < 1e-28 {
             break;
         }

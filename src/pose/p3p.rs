@@ -14,9 +14,11 @@ use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// Twice the area of the triangle over its longest side squared, below which its points count as collinear.
 const COLLINEAR: f64 = 1e-9;
-/// A discriminant of this share of its terms below zero still counts as a double solution.
+/// A discriminant of this share of its terms below zero still counts as a double solution: it is a difference of products that
+/// rounding moves by 1e-16 for each of the some hundred operations before it, and polishing judges what comes of it.
 const DOUBLE: f64 = 1e-12;
-/// Misfit of the squared lengths, relative to the longest, that is left of a solution after polishing.
+/// Misfit of the squared lengths, relative to the longest, that is left of a solution after polishing. Newton's method on a simple solution
+/// leaves rounding, and what is left above this after two steps was no solution.
 const SOLVED: f64 = 1e-7;
 
 /// Up to four poses; their order has no meaning.
@@ -58,6 +60,7 @@ pub fn p3p<P: PointSource>(points: &[P; 3]) -> Result<P3pPoses, PoseError> {
         for direction in directions {
             let Some(z) = forms.scaled(direction).and_then(|z| forms.polished(z)) else { continue };
             let known = depths.get(..found.len).unwrap_or(&[]);
+            // Both lines meet the conic there: polished depths of one solution differ by rounding.
             let same = |a: &[f64; 3]| (0..3).all(|i| (a[i] - z[i]).abs() < 1e-9 * z[i]);
             if known.iter().any(same) {
                 continue;
@@ -176,6 +179,7 @@ impl QuadraticForms {
         // The cubic's own values decide the last digits: sums over roots of other sizes have cost some.
         let slope = (3.0 * k3 * root + 2.0 * k2) * root + k1;
         let step = (((k3 * root + k2) * root + k1) * root + k0) / slope;
+        // At a double root the slope vanishes, and a longer step than rounding explains would leave it.
         let g = if step.is_finite() && step.abs() < 1e-4 * root.abs() { root - step } else { root };
         let pair: Conic = std::array::from_fn(|i| d1[i] + g * d2[i]);
         let lines = split(&pair, &adjugate(&pair))?;
@@ -218,7 +222,7 @@ impl QuadraticForms {
             let (r, t) = (n1 * x - c13 * z, n3 * z - c13 * x);
             let (u, v) = (n2 * y - c23 * z, n3 * z - c23 * y);
             let det = -2.0 * (p * t * u + q * r * v);
-            // Near a double solution the step is cut rather than let go.
+            // Near a double solution the determinant is rounding, and the step is left out rather than let go.
             let over = if det.abs() > 1e-14 { 1.0 / det } else { 0.0 };
             x -= (-t * u * f12 - q * v * f13 + q * t * f23) * over;
             y -= (-r * v * f12 + p * v * f13 - p * t * f23) * over;

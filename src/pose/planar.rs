@@ -12,7 +12,8 @@ use crate::geometry::Pose;
 use crate::linalg::F2;
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// Two rotations nearer than this (rad) are one solution.
+/// Two rotations nearer than this (rad) are one solution: they meet where the plane is seen along its normal, as roots of tilts squared,
+/// so that rounding of 1e-16 parts them by 1e-8.
 const SAME_RAD: f64 = 1e-4;
 
 /// The solutions of the planar problem.
@@ -178,7 +179,8 @@ impl Tilts {
         Some(Self { to_ray, block: a.map(|row| row.map(|x| x * root)), third })
     }
 
-    /// Whether both tilts are zero up to rounding: the plane is seen along its normal.
+    /// Whether both tilts are zero up to rounding: the plane is seen along its normal. They are roots of differences that round to 1e-16, so
+    /// that rounding alone makes them 1e-8.
     fn is_frontal(&self) -> bool {
         self.third[0].abs() + self.third[1].abs() < 1e-7
     }

@@ -10,8 +10,9 @@ use super::rotation_form::Axes;
 use super::{Correspondence, PlanarPose, PointSource, PoseError, PoseSolution, p3p, planar_pose};
 use nalgebra::{Vector2, Vector3};
 
-/// Most points that are solved without the heap: more, and planar ones are copied to it.
-const ON_STACK: usize = 64;
+/// Most points that are solved without the heap, because a measurement holds no more ([`crate::messages::MAX_FEATURES`]): more, and
+/// planar ones are copied to it.
+const ON_STACK: usize = crate::messages::MAX_FEATURES;
 
 impl From<PlanarPose> for PnpPoses {
     fn from(planar: PlanarPose) -> Self {

@@ -10,11 +10,12 @@ use super::{PointSource, PoseError};
 use crate::camera_model::CameraModel;
 use crate::features::{NormalEquations, point_image_jacobian};
 use crate::geometry::{Pose, skew};
-use crate::linalg::Ldlt;
+use crate::linalg::{Ldlt, damping};
 use nalgebra::{Matrix2, Matrix6, Point3, SMatrix, Vector2, Vector3, Vector6};
 
+/// So that a start from which nothing converges ends.
 const MAX_ITERATIONS: u32 = 100;
-/// Steps (rad, and relative to the distance) below this are the last, squared.
+/// Steps (rad, and relative to the distance) below this are the last, squared: what Gauss and Newton leave after a step of 1e-8 is rounding.
 const LAST_STEP_SQUARED: f64 = 1e-16;
 
 /// A point of the object and the pixel where it is seen.
@@ -113,6 +114,7 @@ pub fn refine_pixels(
         finite
             && C.m11 > 0.0
             && C.m11 * C.m22 - C.m21 * C.m12 > 0.0
+            // Symmetric to far more than the noise of any covariance, and to less than its rounding.
             && (C.m12 - C.m21).abs() <= 1e-9 * C.norm()
     };
     if !loss.is_valid() || !points.iter().all(|p| definite(&p.covariance_px2)) {
@@ -136,12 +138,12 @@ pub fn refine_pixels(
         match PixelEquations::at(&candidate, points, &center, camera, loss) {
             Some(next) if next.loss <= here.loss => {
                 (state, here) = (candidate, next);
-                damping = if damping > 1e-6 { 0.1 * damping } else { 0.0 };
+                damping = damping::eased(damping);
             }
             // At the minimum rounding alone decides whether the loss falls.
             _ if short && damping < 1.0 => {}
             _ => {
-                damping = (8.0 * damping).max(1e-3);
+                damping = damping::raised(damping, damping::FIRST);
                 continue;
             }
         }

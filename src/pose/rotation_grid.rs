@@ -1,10 +1,10 @@
 //! The 60 rotations of the icosahedron: no rotation is farther than 44.5 degrees from the nearest of them.
 
-/// Rotations in the grid.
+/// Rotations in the grid: the order of the icosahedron's group, which the tests check for closure.
 pub(super) const COUNT: usize = 60;
-/// Nearest neighbours of each, all 72 degrees away.
+/// Nearest neighbours of each, all 72 degrees away: a fifth of a turn about each of the twelve vertices, as the tests show.
 const NEIGHBOURS: usize = 12;
-/// Golden ratio.
+/// Golden ratio, (1 + sqrt 5) / 2, from which the coordinates of the icosahedron are derived.
 const PHI: f64 = 1.618_033_988_749_895;
 
 /// Columns of each rotation matrix, one after the other.

@@ -4,9 +4,9 @@
 use crate::messages::{FeaturePoint, FrameHeader, Measurement, TargetStatus};
 use std::fmt::Write;
 
-/// Most frames without the target that are kept; the others are counted.
+/// Most frames without the target that are kept; the others are counted. Chosen.
 const MAX_LOST: usize = 24;
-/// Most memory for them, bytes.
+/// Most memory for them, bytes, so that frames of many megapixels are fewer. Chosen.
 const MAX_BYTES: usize = 96 << 20;
 
 /// Why an image is kept.

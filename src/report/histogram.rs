@@ -7,13 +7,13 @@
 use crate::time::SpanNs;
 use serde::{Deserialize, Serialize};
 
-/// Sub-buckets in each octave, as power of two.
+/// Sub-buckets in each octave, as power of two: 32, so that a bucket is 3 % of its value wide at most.
 const SUB_BITS: u32 = 5;
 const SUB: usize = 1 << SUB_BITS;
-/// Octaves above the linear range: up to 2^36 units = 65 s.
+/// Octaves above the linear range, so that it ends at 2^36 units = 65 s, longer than any wait of a run.
 const OCTAVES: usize = 31;
 const BUCKETS: usize = SUB * (OCTAVES + 1);
-/// A nanosecond is `UNITS / PER_NS` units: 2^20 / 10^6, reduced.
+/// A nanosecond is `UNITS / PER_NS` units: 2^20 / 10^6, reduced, so that a millisecond, at which a tick is missed, is an edge of buckets.
 const UNITS: u64 = 16_384;
 const PER_NS: u64 = 15_625;
 /// Longer than the range, and far from overflow.

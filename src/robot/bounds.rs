@@ -1,5 +1,6 @@
 //! What a number in a robot's file may be: ranges that no real arm leaves, wide enough for a crane and for a fingertip,
-//! and so narrow that no computation on them leaves the finite numbers.
+//! and so narrow that no computation on them leaves the finite numbers. The numbers here are chosen by what there is, not by what the
+//! program could bear: `tests/cores/plausible_numbers.rs` tries the ends of every range.
 
 use super::error::Defect;
 use nalgebra::Vector3;

@@ -8,7 +8,8 @@ use crate::geometry::{Pose, rotation_x};
 use crate::linalg::Ldlt;
 use nalgebra::{Matrix3, SVector, UnitQuaternion, UnitVector3, Vector3};
 
-/// Least inertia that a joint moves while the others are free, kg m^2 or kg: what is less accelerates without bounds.
+/// Least inertia that a joint moves while the others are free, kg m^2 or kg: what is less accelerates without bounds. A milligram
+/// at a millimetre, which must be less than any real joint moves.
 const MIN_INERTIA: f64 = 1e-12;
 
 impl RobotDescription {

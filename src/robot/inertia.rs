@@ -92,7 +92,7 @@ impl Inertia {
             return Err(Defect::Mass { mass_kg: self.mass });
         }
         let [large, _, small] = self.principal_moments()?;
-        // A few units in the last place may come from the eigenvalues themselves.
+        // A few units in the last place may come from the eigenvalues themselves, by rounding, and more from digits of the file.
         if small < -1e-12 * large.abs() {
             return Err(Defect::NotPositiveDefinite { least_kg_m2: small });
         }

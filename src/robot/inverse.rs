@@ -22,6 +22,8 @@ pub struct InverseOptions {
 }
 
 impl Default for InverseOptions {
+    /// Both 0.05, so that a singular direction answers with about `s / s_0^2`: no more than the `1 / s_0` = 20 at which the damping begins,
+    /// and steadily less down to nothing in the singular posture.
     fn default() -> Self {
         Self { singular_below: 0.05, damping_max: 0.05, limit_horizon_s: 0.1 }
     }

@@ -3,7 +3,7 @@
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
-/// States kept: a second at 1 kHz, twice what the longest latency needs.
+/// States kept: a second at 1 kHz, twice what the longest latency needs, since `camera.latency_ms` is at most 500.
 const CAPACITY: usize = 1024;
 /// How far a motion is carried on beyond its last state; after that the arm counts as standing.
 const LONGEST_EXTRAPOLATION: SpanNs = SpanNs(20_000_000);

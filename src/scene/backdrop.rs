@@ -10,11 +10,11 @@ use crate::target::{ClosedOutline, Disc, Mark, Plate};
 use nalgebra::{Matrix3, Vector2, Vector3};
 use std::ops::RangeInclusive;
 
-/// Sizes of spots: each half as large as the one before, and half as strong.
+/// Sizes of spots: each half as large as the one before, and half as strong, so that a fifth would add a sixteenth. Chosen by eye.
 const OCTAVES: u32 = 4;
-/// Columns between exact places of the surface; its level runs straight between them.
+/// Columns between exact places of the surface; its level runs straight between them, which is hardly seen because a spot is twice as wide.
 const STEP: usize = 4;
-/// Smallest spots that are drawn, px: then that is hardly seen.
+/// Smallest spots that are drawn, px, so that two steps lie in each.
 const MIN_SPOT_PX: f64 = 8.0;
 
 /// What lies around the plate. Without texture and clutter it is the plain background.
@@ -49,11 +49,11 @@ impl Default for Backdrop {
 }
 
 impl Backdrop {
-    /// What [`Self::texture_levels`] may be.
+    /// What [`Self::texture_levels`] may be: more than all levels that there are would change nothing.
     pub const TEXTURE_LEVELS: RangeInclusive<f64> = 0.0..=255.0;
-    /// What sizes and the reach may be, m.
+    /// What sizes and the reach may be, m: chosen, since a tenth of a millimetre is no spot and a hundred metres no table.
     pub const SIZE_M: RangeInclusive<f64> = 1e-4..=100.0;
-    /// Most shapes that lie about.
+    /// Most shapes that lie about: chosen, so that a frame takes milliseconds and not seconds.
     pub const MAX_CLUTTER: u32 = 2000;
 
     pub(super) fn check(&self) -> Result<(), SceneError> {
@@ -181,6 +181,7 @@ fn spots(r: Vector2<f64>, strengths: &[f64; OCTAVES as usize], seed: u64) -> f64
 
 /// Smooth between random values, -1 to 1, at whole coordinates.
 fn value_noise(r: Vector2<f64>, seed: u64) -> f64 {
+    // What is farther away than whole numbers of a double's precision has no place between two of them.
     let floor = r.map(|x| x.floor().clamp(-1e9, 1e9));
     let part = r - floor;
     let smooth = part.map(|t| t * t * (3.0 - 2.0 * t));

@@ -2,7 +2,8 @@
 //!
 //! Pixels outside of all bands see one flat surface, so only the bands are evaluated one by one.
 
-/// Most intervals that a row keeps; further ones widen the first (slower, never wrong).
+/// Most intervals that a row keeps; further ones widen the first (slower, never wrong). Chosen so that a row of a dozen dots has one for
+/// each side of each.
 pub(super) const PER_ROW: usize = 24;
 
 /// Columns `first..=last` of one row that lie near the edges in `mask`.
@@ -62,6 +63,7 @@ impl Bands {
         let (dx, height) = (x1 - x0, y1 - y0);
         let (low, high) = (x0.min(x1) - margin, x0.max(x1) + margin);
         // A row meets the strip of half width `margin` about the line within `margin / |normal's x|` of the line.
+        // A billionth of a pixel is a level line, whose slope would be rounding.
         let steep = height > 1e-9;
         let (slope, half) = if steep {
             (dx / height, margin * (dx * dx + height * height).sqrt() / height)

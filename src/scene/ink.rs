@@ -9,15 +9,18 @@
 //! The border within the reach of a row is cut into short pieces. Each is a node: `dK` of its ends is its weight, and its share of the pixels
 //! to its right; those within the kernel's reach see a part of it. Weights are added up along the row.
 
-/// The kernel is cut off beyond this many standard deviations of the blur.
+/// The kernel is cut off beyond this many standard deviations of the blur: 0.02 % of a step at each end is spread over the rest, which is a
+/// twentieth of a level of 255. `coverage_is_that_of_brute_force` is the test of it, of the steps and of the phases.
 const CUT_SIGMA: f64 = 3.5;
-/// Steps of the table.
+/// Steps of the table. It is interpolated, so that with a kernel seven deviations wide it is off by `(7 / 1024)^2 / 8` times the greatest
+/// curvature of the distribution, 0.24: 1.4e-6.
 const STEPS: usize = 1024;
-/// Places of a node between two pixels for which its share of each pixel is kept; between them it is interpolated.
+/// Places of a node between two pixels for which its share of each pixel is kept; between them it is interpolated:
+/// off by 7e-6 with a blur of half a pixel, by the same derivation.
 const PHASES: usize = 128;
-/// Shares of pixels that are added side by side.
+/// Shares of pixels that are added side by side, as many as single-precision numbers in a register of AVX, so that one instruction does.
 const LANES: usize = 8;
-/// Pixels that are painted together where no border is near.
+/// Pixels that are painted together where no border is near: two registers of levels. Chosen.
 const BLOCK: usize = 16;
 
 /// A straight piece of a border, px.
@@ -228,6 +231,7 @@ impl Ink {
                     let below = f32::from(*out);
                     *out = (below + (level - below) * covered + 0.5) as u16;
                 }
+            // A ten-thousandth of a step between black and white is a fortieth of a level, and would round to none.
             } else if sum > 0.9999 {
                 levels.fill((level + 0.5) as u16);
             } else if sum > 0.0001 {

@@ -15,7 +15,7 @@ use nalgebra::{Vector2, Vector3};
 
 /// How far a piece of a border may be from the curve that the lens makes of it, px.
 const SAG_PX: f64 = 0.004;
-/// Nearest depth that is drawn, m.
+/// Nearest depth that is drawn, m, because at depth zero there is no projection; no lens has it in focus.
 const NEAR_M: f64 = 1e-6;
 /// Most pieces of one side.
 const MAX_PIECES: f64 = 512.0;
@@ -105,7 +105,7 @@ impl Layers {
             let columns = R.matrix();
             let facing = columns.column(2).dot(&X_CS.translation.vector);
             let front = facing > 0.0;
-            // edge-on it is a line without width
+            // edge-on it is a line without width, and would have a normal of rounding
             if !facing.is_finite() || facing.abs() < 1e-9 || !(front || sheet.both_sides) {
                 continue;
             }

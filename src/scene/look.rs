@@ -22,7 +22,7 @@ impl SceneLook {
         if plate.light { (self.plate, self.dots) } else { (self.dots, self.plate) }
     }
 
-    /// What each level may be.
+    /// What each level may be: frames have eight bits, and must hold it.
     pub const LEVEL: RangeInclusive<f64> = 0.0..=255.0;
 }
 

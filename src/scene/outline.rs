@@ -36,6 +36,7 @@ impl<'a> OutlinePainter<'a> {
 
     /// Clips a segment to what lies in front of the camera.
     fn in_front(&self, from: &Point3<f64>, to: &Point3<f64>) -> Option<[Vector2<f64>; 2]> {
+        // m, as in `layers`, because at depth zero there is no projection.
         const NEAR: f64 = 1e-6;
         let (mut a, mut b) = (self.X_CO * from, self.X_CO * to);
         if (a.z + b.z).is_nan() || a.z.max(b.z) <= NEAR {
@@ -56,6 +57,7 @@ impl<'a> OutlinePainter<'a> {
         let d = b - a;
         let (A, B, C) = (d.norm_squared(), a.dot(&d), a.norm_squared() - self.reach * self.reach);
         let root = B * B - A * C;
+        // A length of 1e-12 in normalized coordinates is a point: the roots would be rounding.
         let (start, end) = if A < 1e-24 {
             if C > 0.0 {
                 return;
@@ -138,7 +140,8 @@ impl<'a> OutlinePainter<'a> {
             (Some(a), Some(m), Some(b)) => {
                 let far = |s: &Vector2<f64>| s.norm() > 1.5 * self.reach;
                 let apart = (a - b).norm();
-                // all three outside, and too close together to reach the image between them
+                // all three outside, and too close together to reach the image between them: a rim would have to bend by 0.5 between
+                // places 0.2 apart
                 if far(&a) && far(&m) && far(&b) && apart < 0.2 * self.reach {
                     return;
                 }

@@ -4,14 +4,15 @@
 //! `(a, b)` covers the mean over the pixel's square of `Phi((d + a x + b y) / sigma)`. That depends on `d` and
 //! on the smaller of `|a|`, `|b|`: a table of both is interpolated.
 
-/// Blur is cut off beyond this many standard deviations (0.07 % of the step is lost).
+/// Blur is cut off beyond this many standard deviations: 0.07 % of the step is lost, so that the edge of a band lies a quarter of a level off
+/// at most, and bands stay narrow, which is what a frame's time goes by.
 const CUT_SIGMA: f64 = 3.2;
-/// Steps of the table: the nearest entry is off by at most 0.003.
+/// Steps of the table: the nearest entry is off by at most 0.003, as `coverage_agrees_with_brute_force` shows.
 const ORIENTATIONS: usize = 16;
 const DISTANCES: usize = 1024;
 const STRIDE: usize = DISTANCES + 1;
 
-/// Pixels that are evaluated together.
+/// Pixels that are evaluated together, as many single-precision numbers as a register of SSE2 has, so that one instruction does.
 pub(super) const LANES: usize = 4;
 
 /// Table of pixel coverage.
@@ -94,6 +95,7 @@ pub(super) fn cast(x: f32, limit: f32) -> i32 {
 
 /// Mean over the unit square of the blurred step, `a >= b >= 0`.
 pub(super) fn coverage(d: f64, a: f64, b: f64, sigma: f64) -> f64 {
+    // The midpoint rule errs by the square of a step, so that 32 leave a thousandth of what one would.
     const STEPS: u32 = 32;
     let ramp = |d: f64| {
         if sigma <= 0.0 {

@@ -8,6 +8,8 @@
 use crate::camera_model::{CameraModel, Distortion, Lens, RationalPolynomial};
 use nalgebra::{Matrix2, Vector2};
 
+/// Side of a cell of the grid of exact directions, px: chosen, so that the start within a cell is near enough for one step of Newton's method.
+/// `rays_are_the_cameras_inverse` is the test of it.
 const CELL_PX: f64 = 16.0;
 
 /// Direction of a pixel: `s` and the derivative of `s` by the pixel, row by row.

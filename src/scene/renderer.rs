@@ -8,16 +8,13 @@ use super::occluder::Occluder;
 use super::profile::{EdgeProfile, LANES};
 use super::rays::{Rays, RowOfRays};
 use super::scenery::{Bystander, Scenery};
-use super::sensor::{LEVEL_BITS, Sensor, SensorModel};
+use super::sensor::{LEVEL_BITS, MAX_SIDE_PX, Sensor, SensorModel};
 use super::view::SceneView;
 use crate::camera_model::{CameraModel, LevelTable, Response};
 use crate::geometry::Pose;
 use crate::imaging::simd::has_avx2;
 use crate::target::Target;
 use nalgebra::Vector2;
-
-/// Longest side of an image that can be rendered, px.
-pub const MAX_SIDE_PX: u32 = 4096;
 
 /// Renders the target, and what lies around it, as the camera sees it: perspective, lens, edges to a hundredth of a pixel's coverage,
 /// motion blur, vignetting, noise. The same poses, frame number and seed give the same bytes.

@@ -12,7 +12,8 @@ use crate::geometry::Pose;
 use crate::target::{ClosedOutline, Disc, Target};
 use nalgebra::{Point3, Translation3, Vector2, Vector3};
 
-/// Corners of a curved outline are so close that it leaves them by no more than this share of its size.
+/// Corners of a curved outline are so close that it leaves them by no more than this share of its size: of one that is 100 px large by a
+/// hundredth of a pixel, which is what edges are rendered to otherwise too.
 const SAG: f64 = 1e-4;
 
 /// Least radius of curvature of a dot's rim, px, of which `SceneView` knows the coverage: within a pixel it takes the rim as a parabola.

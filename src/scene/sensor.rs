@@ -13,11 +13,16 @@ use crate::imaging::simd::has_avx2;
 use crate::linalg::Random;
 use std::ops::RangeInclusive;
 
-/// Fraction bits of a grey level.
+/// Longest side of an image that can be rendered, px: chosen above every camera that a loop is closed with, so that tables of a row have a
+/// bound.
+pub const MAX_SIDE_PX: u32 = 4096;
+
+/// Fraction bits of a grey level: eight bits of level and seven of fraction must fit a signed word of 16, in which noise is added.
 pub(super) const LEVEL_BITS: u32 = 7;
+/// Samples of noise. An image in VGA takes five times as many, from another place for each row, so that rows are alike by chance alone.
 const TABLE: usize = 1 << 16;
 /// Rows enter the table anywhere and read on: as many samples again as a row may have.
-const LONGEST_ROW: usize = 4096;
+const LONGEST_ROW: usize = MAX_SIDE_PX as usize;
 
 /// What the sensor and the optics add to an ideal image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,11 +45,12 @@ impl Default for SensorModel {
 }
 
 impl SensorModel {
-    /// What [`Self::noise_sd_levels`] may be.
+    /// What [`Self::noise_sd_levels`] may be. Four of the largest deviations fit the table's words of 16 bits with
+    /// their seven of fraction, so that hardly a sample is cut off.
     pub const NOISE_SD_LEVELS: RangeInclusive<f64> = 0.0..=64.0;
-    /// What [`Self::blur_sd_px`] may be.
+    /// What [`Self::blur_sd_px`] may be. Chosen, since bands about edges grow with it, and an image so blurred has no small dots any more.
     pub const BLUR_SD_PX: RangeInclusive<f64> = 0.0..=8.0;
-    /// What [`Self::vignetting`] may be.
+    /// What [`Self::vignetting`] may be: a share of the light that is lost, since no lens gives any.
     pub const VIGNETTING: RangeInclusive<f64> = 0.0..=1.0;
 
     /// Neither noise, nor blur, nor vignetting.

@@ -6,9 +6,9 @@ use crate::messages::JointState;
 use crate::robot::Mount;
 use crate::time::{MonoNs, SpanNs, TICK};
 
-/// Most sub-exposures of one frame.
+/// Most sub-exposures of one frame, since each costs a rendering. Chosen: what moves by more than eight pixels in an exposure is drawn in steps.
 const MAX_SUB_EXPOSURES: usize = 16;
-/// A sub-exposure for so many pixels of motion: edges then differ by less than the blur of a good lens.
+/// A sub-exposure for so many pixels of motion, so that edges differ by less than the blur of a good lens.
 const PX_PER_SUB_EXPOSURE: f64 = 0.5;
 
 /// One exposure that is due.

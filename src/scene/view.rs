@@ -18,17 +18,18 @@ use crate::geometry::Pose;
 use crate::target::Target;
 use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 
-/// Bits of the four plate edges in a band's mask; the dots follow, of many several to a bit; the last bit is the occluder's.
+/// Bits of the four plate edges in a band's mask; the dots follow, of many several to a bit; the last bit is the occluder's: what a word of 64
+/// bits has to hold follows from that.
 const EDGES: u64 = 0x0f;
 const DOT_SHIFT: u32 = 4;
 const DOT_BITS: usize = 59;
 const OCCLUDER: u64 = 1 << 63;
 const ALL: u64 = u64::MAX;
 
-/// Pixels evaluated together, and their columns from the middle one.
+/// Pixels evaluated together, and their columns from the middle one, as follows from four lanes.
 const CENTRE_LANE: f64 = 1.5;
 const FROM_CENTRE: [f32; LANES] = [-1.5, -0.5, 0.5, 1.5];
-/// No level is larger.
+/// No level is larger, since levels with their fraction bits are words of 16 bits.
 const MAX_LEVEL: f32 = 65535.0;
 
 /// A linear form of the pixel (ideal camera) or of the normalized direction: `x a + y b + c`.
@@ -83,7 +84,7 @@ impl SceneView {
         let R = X_CO.rotation.to_rotation_matrix();
         let p = X_CO.translation.vector;
         let facing = R.matrix().column(2).dot(&p);
-        // edge-on the plate is a line without width
+        // edge-on the plate is a line without width, and would have a normal of rounding
         if !facing.is_finite() || facing.abs() < 1e-9 {
             return;
         }

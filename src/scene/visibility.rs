@@ -6,7 +6,8 @@ use crate::target::{Mark, Target};
 use nalgebra::{Point3, Vector2, Vector3};
 use serde::Serialize;
 
-/// Outlines of dots leave them by no more than this share of their radius.
+/// Outlines of dots leave them by no more than this share of their radius: a dot of 50 px is as good as drawn by a tenth of a pixel, so that
+/// whether it is in the image is told right to that.
 const SAG: f64 = 0.002;
 /// So much about a dot must be in the image, px: dark that touches the border is no dot to the finder, and one that just fits does not.
 const ROOM_ABOUT_A_DOT_PX: f64 = 0.0;

@@ -25,6 +25,7 @@ impl Gain {
             Self::Constant(gain) => gain,
             Self::Adaptive { at_zero_1_s, at_infinity_1_s, slope_1_s } => {
                 let span = at_zero_1_s - at_infinity_1_s;
+                // The slope is divided by the span; gains as equal as this are one gain, because lambda stays between the two.
                 if span.abs() < 1e-12 {
                     return at_infinity_1_s;
                 }

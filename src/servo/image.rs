@@ -15,7 +15,7 @@ use crate::features::{
 use crate::messages::MAX_FEATURES;
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector2, Vector3, Vector6};
 
-/// Most numbers of an error: normalized moments have six.
+/// Most numbers of an error, since of all features normalized moments have the most, six.
 const MAX_NUMBERS: usize = 6 * MAX_FEATURES;
 
 /// Image points with their depths, current or desired.

@@ -14,22 +14,28 @@ use crate::geometry::{Pose, Twist};
 use crate::time::MonoNs;
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, Translation3, UnitQuaternion, Vector3};
 
-/// Standard deviation of the speed that an object may have when it is first seen, m/s and rad/s.
+/// Standard deviation of the speed that an object may have when it is first seen, m/s and rad/s: more than an arm could follow, so that the
+/// second measurement decides. Half and twice of it change no unit test.
 const FIRST_SPEED: f64 = 1.0;
-/// Least standard deviation of a measured place, m, and of a measured orientation, rad: calibration is never perfect.
+/// Least standard deviation of a measured place, m, and of a measured orientation, rad: calibration is never perfect. Chosen by hand: half and
+/// twice of each change no unit test, which draw their errors by these numbers though.
 const MIN_PLACE_SD_M: f64 = 5e-5;
 const MIN_ORIENTATION_SD_RAD: f64 = 2e-4;
-/// Between measurements farther apart than this the old estimate is worth nothing.
+/// Between measurements farther apart than this the old estimate is worth nothing. Chosen by hand: half and twice change no unit test.
 const LONGEST_GAP_S: f64 = 1.0;
 
-/// Share of the accelerations that the quiet filter allows for.
+/// Share of the accelerations that the quiet filter allows for. Chosen by hand: half and twice of it change no unit test.
 const QUIET_SHARE: f64 = 0.03;
-/// Of the mean of so many innovations it is judged.
+/// Of the mean of so many innovations it is judged: a third of a second at 25 Hz. With half of it `an_object_at_rest_is_not_set_in_motion_by_noise`
+/// fails, with twice of it no test.
 const JUDGED: f64 = 8.0;
-/// It is believed up to the first, and not at all from the second mean on.
+/// It is believed up to the first, and not at all from the second mean on. Of a filter that fits, each squared innovation is
+/// chi-square / 3 of three degrees of freedom, variance 2 / 3, and the running mean of eight has the standard deviation
+/// sqrt(2 / 3 / 15) = 0.21: the first is three of these above 1, the second seven, so that noise alone seldom wakes the agile filter.
+/// With half of both the test of an object at rest fails, with twice of both none.
 const FITS: (f64, f64) = (1.6, 2.6);
-/// Squared speed in units of its covariance, three degrees of freedom: noise up to the first (99.5 %), all of it counts from the
-/// second on.
+/// Squared speed in units of its covariance, three degrees of freedom: noise up to the first, the 99.5 % quantile of chi-square (12.8),
+/// and all of it counts from the second on, which noise reaches once in 700 000 frames.
 const SIGNIFICANT: (f64, f64) = (13.0, 30.0);
 
 /// How quickly an object may change its motion.

@@ -108,6 +108,7 @@ fn planar_pose_4(set_point: &SetPoint, view: &View) -> Option<Pose> {
     let point = |i: usize| Some((*set_point.points().get(i)?, *view.feature(i)?));
     let seen = set_point.selection().points().filter_map(point);
     let height_m = seen.clone().next()?.0.z;
+    // A nanometre: heights that are written equal differ by rounding alone.
     if !seen.clone().all(|(p, _)| (p.z - height_m).abs() <= 1e-9) {
         return None;
     }

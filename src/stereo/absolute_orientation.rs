@@ -8,7 +8,8 @@ use crate::geometry::{Pose, closest_rotation, skew};
 use crate::linalg::{Ldlt, symmetric_eigen};
 use nalgebra::{Matrix3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
 
-/// Width over length of a set, below which it counts as collinear.
+/// Width over length of a set, below which it counts as collinear: roots of eigenvalues that round to 1e-16 of the largest, so that ratios
+/// below 1e-8 are not told from zero.
 const COLLINEAR: f64 = 1e-7;
 
 /// A displacement and how well it explains the points.
@@ -89,6 +90,7 @@ fn orientation_of(
 pub fn absolute_orientation_weighted(
     pairs: &[MeasuredPair],
 ) -> Result<(AbsoluteOrientation, Matrix6<f64>), StereoError> {
+    // So that a start from which nothing converges ends; Gauss-Newton near the closed form needs a handful.
     const MAX_STEPS: u32 = 50;
     let plain = pairs.iter().map(|pair| (pair.p, pair.p_prime));
     let mut X = orientation_of(plain.clone())?.X;
@@ -118,6 +120,7 @@ pub fn absolute_orientation_weighted(
             turn * X.rotation,
         );
         let size = 1.0 + X.translation.vector.norm();
+        // Steps shrink by the share of the curvature that is left out: what follows is below rounding.
         if d.norm() < 1e-11 * size {
             let sum: f64 = plain.map(|(p, q)| (p - X * q).norm_squared()).sum();
             let rms_m = (sum / pairs.len() as f64).sqrt();

@@ -11,7 +11,7 @@ use crate::imaging::ImageView;
 use nalgebra::{Point3, Vector2};
 use thiserror::Error;
 
-/// Most places that one search looks at.
+/// Most places that one search looks at, so that its memory is bounded. Chosen: two a pixel of a row of 4096.
 const MAX_PLACES: usize = 8192;
 /// Greatest half width of the window, px.
 const MAX_RADIUS_PX: usize = 15;
@@ -221,7 +221,7 @@ impl ConjugateSearch {
             product += a * b;
         }
         let spread = squares - sum * sum / self.window.len() as f64;
-        // The window has zero mean and unit length.
+        // The window has zero mean and unit length. An even patch, whose levels differ by rounding, must not be like anything.
         Some(if spread > 1e-6 { product / spread.sqrt() } else { 0.0 })
     }
 }

@@ -80,6 +80,7 @@ fn null_space(pairs: &[Conjugates; 5]) -> Option<[[f64; 9]; 4]> {
         w[..i].fill(0.0);
         let whole: f64 = a[i].iter().map(|x| x * x).sum();
         let size2: f64 = w.iter().map(|x| x * x).sum();
+        // Of what was there 1e-10 is left: six digits more and the row would be rounding of those before.
         if !(size2 > 1e-20 * whole) {
             return None;
         }

@@ -7,12 +7,13 @@
 
 use super::StereoError;
 use super::epipolar::{Conjugates, check};
-use crate::linalg::Ldlt;
+use crate::linalg::{Ldlt, damping};
 use crate::pose::{
     Correspondence, HomographySolution, HomographySolutions, decompose_homography_seen, homography,
 };
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
+/// So that a start from which nothing converges ends; what does takes a handful of steps from the linear solution.
 const MAX_ITERATIONS: u32 = 30;
 
 /// The homography of a plane between two views, and what it says.
@@ -78,10 +79,11 @@ fn refined(start: Matrix3<f64>, pairs: &[Conjugates]) -> Matrix3<f64> {
         let sums = PlaneEquations::of(&next, pairs);
         if sums.cost <= here.cost {
             (H, here) = (next, sums);
-            damping = if damping > 1e-6 { 0.1 * damping } else { 0.0 };
+            damping = damping::eased(damping);
         } else {
-            damping = (8.0 * damping).max(1e-3);
+            damping = damping::raised(damping, damping::FIRST);
         }
+        // H has unit norm, so that a step of 1e-10 is 1e-7 px; and what no step bends downwards even with a damping of 1e6 is a minimum to rounding.
         if step.norm() < 1e-10 || damping > 1e6 {
             break;
         }

@@ -20,7 +20,7 @@ const MAX_DISTURBANCE_PX: f64 = 0.5;
 
 /// A point of one image that lies off by so many robust deviations of the others is left out.
 const STRAY: f64 = 5.0;
-/// Median of chi-square with 2 degrees of freedom.
+/// Median of chi-square with 2 degrees of freedom, 2 ln 2.
 const MEDIAN_SQUARE: f64 = 1.386;
 
 /// Three dots cannot contradict each other: what lies beside them may shift them no more than this, px,

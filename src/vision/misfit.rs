@@ -4,7 +4,7 @@
 /// the mean variance of a coordinate. With 6 parameters of the pose it has a chi-square distribution with 2 degrees of
 /// freedom, which exceeds 20 once in 22 000 times; in strong blur the stated variances are a few times too small.
 pub(super) const MAX_MISFIT: f64 = 50.0;
-/// The normal deviate of that probability.
+/// The normal deviate of that probability, exp(-10), by the normal distribution's quantile.
 const MISFIT_DEVIATE: f64 = 3.91;
 
 /// Largest misfit with `freedom` degrees of freedom: the quantile of the chi-square distribution (Wilson and Hilferty's
@@ -23,7 +23,7 @@ fn quantile(freedom: f64, deviate: f64) -> f64 {
 const CHANCE_DEVIATE: f64 = 3.09;
 /// So many times greater than stated the variance of points may be by noise alone: stated ones are right to a quarter.
 const NOISE: f64 = 1.5;
-/// From so many points on some may be left out.
+/// From so many points on some may be left out: four of six are left at least, and four are what one needs to contradict each other.
 pub(super) const ENOUGH_TO_CHOOSE: usize = 6;
 
 /// What a misfit says of one image's pose.

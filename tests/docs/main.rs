@@ -1,6 +1,7 @@
 //! What the documents say: their commands, the examples, the layers of the crate.
 
 mod architecture;
+mod constants;
 mod docs_commands;
 mod examples;
 mod first_hour;

@@ -4,15 +4,20 @@ use super::equations::BundleSums;
 use super::problem::{BundleProblem, BundleState};
 use crate::pose::Loss;
 
+/// So that a start from which nothing converges ends.
 const MAX_ITERATIONS: u32 = 100;
+/// Chosen by hand, as Marquardt's rule is: a start from homographies is near, so that little damping is needed.
 const FIRST_DAMPING: f64 = 1e-4;
-/// A damping at which the equations are given up.
+/// A damping at which the equations are given up: a step of 1e-12 of what is wanted changes no loss any more, since that rounds to 1e-16 of sums
+/// of its squares.
 const MAX_DAMPING: f64 = 1e12;
-/// The promised fall, relative to the loss by degree of freedom, that ends it: steps of less than a thousandth of a standard deviation.
+/// The promised fall, relative to the loss by degree of freedom, that ends it. The promise over that is the square of the step in standard
+/// deviations, so that the last steps are less than a thousandth of one.
 const LAST_PROMISE: f64 = 1e-7;
-/// A loss by degree of freedom that is none: what is left of exact data.
+/// A loss by degree of freedom that is none, what is left of exact data: residuals of 1e-5 standard deviations, without which the promise would
+/// be measured by rounding.
 const NOTHING: f64 = 1e-10;
-/// As good as the end, where the last steps crawl.
+/// As good as the end, where the last steps crawl: by the same derivation a hundredth of a standard deviation.
 const GOOD_ENOUGH: f64 = 1e-4;
 
 /// Why there is no minimum.

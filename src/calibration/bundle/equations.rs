@@ -6,13 +6,14 @@ use crate::linalg::Ldlt;
 use crate::pose::Loss;
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix6, Matrix6xX, Vector6};
 
-/// Unknowns of a row beside its shared ones: the twist of the board, and the error.
+/// Unknowns of a row beside its shared ones: the twist of the board, 6, and the error, from which the 7 follows.
 const POSE_AND_ERROR: usize = 7;
-/// Entries of a row: parameters of the camera, its pose, the warp, the board's pose, the error; rounded up.
+/// Entries of a row: parameters of the camera, its pose, the warp, the board's pose, the error; rounded up, so that rows are whole registers.
 const WIDEST: usize = 28;
-/// The same where that is enough.
+/// The same where that is enough, since the products go with the square: a third of them are left.
 const USUAL: usize = 16;
-/// A shared unknown of which so little of its information is left, by the others, is not told by the images.
+/// A shared unknown of which so little of its information is left, by the others, is not told by the images: the rest is a difference that
+/// rounds to 1e-16, so that three digits of a larger one are its own.
 const UNTOLD: f64 = 1e-13;
 
 /// What one view adds.

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, Matrix2, Matrix2x3, Vector2, Vector3};
 
 /// Focal lengths, principal point, and the coefficients of the lens.
 pub(crate) const MAX_PARAMETERS: usize = 4 + Lens::MAX_COEFFICIENTS;
-/// Points nearer than this to the focal plane have no image, m.
+/// Points nearer than this to the focal plane have no image, m, because at depth zero there is no projection; no lens has them in focus.
 const NEAREST_M: f64 = 1e-6;
 
 /// A camera while it is being estimated: not checked, as [`CameraModel`] is.

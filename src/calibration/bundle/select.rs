@@ -10,7 +10,7 @@ use crate::pose::Loss;
 
 /// Errors of exact data, squared and in standard deviations: rounding is no outlier.
 const EXACT: f64 = 1e-12;
-/// Median of chi-square with two degrees of freedom.
+/// Median of chi-square with two degrees of freedom, 2 ln 2.
 const CHI_SQUARE_MEDIAN: f64 = 1.386;
 /// An image whose corners fit so many times worse than those of the others, in standard deviations, is left out as a whole.
 const WORSE: f64 = 4.0;

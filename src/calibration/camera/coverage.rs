@@ -3,10 +3,10 @@
 use super::CameraCalibration;
 use nalgebra::Vector2;
 
-/// Cells of the image.
+/// Cells of the image, of its shape of four to three. Chosen, so that a board of usual size covers some in each direction.
 const COLUMNS: usize = 12;
 const ROWS: usize = 9;
-/// An edge of which fewer cells than this share hold corners is not covered.
+/// An edge of which fewer cells than this share hold corners is not covered. Chosen by hand: a third.
 const MIN_SHARE: f64 = 0.34;
 
 /// Whether a cell, by column and row, belongs to an edge.

@@ -19,7 +19,7 @@ use crate::pose::Loss;
 use nalgebra::{DMatrix, Translation3, Vector2};
 use std::collections::HashSet;
 
-/// Fewest images of a half.
+/// Fewest images of a half, because three views of a plane are what fixes four intrinsic parameters and leaves something over.
 const MIN_VIEWS: usize = 3;
 /// Ways to halve.
 const SPLITS: u64 = 8;

@@ -18,9 +18,11 @@ use crate::linalg::symmetric_eigen;
 use crate::pose::{Correspondence, homography, planar_pose};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
-/// Focal lengths that a camera may have, in image widths: views of 150 to 3 degrees.
+/// Focal lengths that a camera may have, in image widths: views of 150 to 3 degrees, as follows from tan of half of them. Beyond, what
+/// homographies tell is noise.
 const PLAUSIBLE: std::ops::RangeInclusive<f64> = 0.13..=20.0;
-/// Focal lengths to begin with where homographies do not tell them, in image widths.
+/// Focal lengths to begin with where homographies do not tell them, in image widths: each about 1.4 to 1.8 times the one before, so that the
+/// nearest is never off by more than a third. The best end counts.
 const GUESSES: [f64; 8] = [0.25, 0.35, 0.5, 0.7, 1.0, 1.5, 2.2, 4.0];
 
 /// A plane's points with their pixels.

@@ -22,7 +22,7 @@ use nalgebra::{
     UnitQuaternion, Vector2, Vector3, Vector6,
 };
 
-/// Shallowest and farthest depth at which a pixel is asked for, m.
+/// Shallowest and farthest depth at which a pixel is asked for, m: chosen wider than any work of an arm; beyond, the answer is that at the bound.
 const DEPTHS_M: std::ops::RangeInclusive<f64> = 1e-3..=1e6;
 
 /// The uncertainty of pixels at one depth.
@@ -172,6 +172,7 @@ pub(crate) fn refitted(from: &Optics, to: &Optics, points: &[Point3<f64>]) -> Op
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(wx, wy, wz));
         let about = Translation3::from(now + Vector3::new(vx, vy, vz)) * turn * Translation3::from(-now);
         X = about * X;
+        // Newton's method is quadratic: what follows a step so short is rounding.
         if turn.angle() < 1e-10 && Vector3::new(vx, vy, vz).norm() < 1e-10 * now.norm() {
             break;
         }

@@ -3,15 +3,15 @@
 use super::{BoardBend, CameraCalibration, CrossValidation, ImageCoverage, ProjectionUncertainty};
 use std::fmt;
 
-/// The share of the image's width and height that is its middle.
+/// The share of the image's width and height that is its middle. Chosen; the verdict tells of what lies outside of it, so that it may be small.
 const MIDDLE: f64 = 0.8;
 /// Corners of the image that are so many times worse than the middle are told.
 const MUCH_WORSE: f64 = 2.0;
 /// Halves that differ by so many times what the noise predicts are told.
 const UNEXPLAINED: f64 = 1.5;
-/// Fewer images are told.
+/// Fewer images are told, since halves of them would be three or less (`halves`). Chosen.
 const FEW_VIEWS: usize = 8;
-/// Beyond this a camera is of no use for measuring, px.
+/// Beyond this a camera is of no use for measuring, px: images or board must be wrong. Chosen by hand.
 const USELESS_PX: f64 = 3.0;
 
 /// What the numbers say.

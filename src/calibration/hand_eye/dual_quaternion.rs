@@ -89,5 +89,6 @@ fn length_m(samples: &[LoopSample]) -> f64 {
         count += 2.0;
     }
     let length = (sum / f64::max(count, 1.0)).sqrt();
+    // An arm that only turned has no length, and needs none.
     if length > 1e-9 { length } else { 1.0 }
 }

@@ -54,9 +54,9 @@ pub use visp_pose::read_visp_pose;
 use crate::geometry::{Pose, Twist};
 use nalgebra::{Point3, Vector2};
 
-/// Most views of a calibration: leave-one-out fits all of them once for each.
+/// Most views of a calibration: leave-one-out fits all of them once for each, so that its time grows with the square. Chosen.
 pub const MAX_VIEWS: usize = 200;
-/// Fewest views: two motions about different axes.
+/// Fewest views, because two motions about different axes are needed (Tsai and Lenz 1989).
 pub const MIN_VIEWS: usize = 3;
 
 /// Where the camera is.

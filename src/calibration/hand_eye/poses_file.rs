@@ -12,9 +12,10 @@ use crate::geometry::{Pose, Twist, rotate_twist};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use thiserror::Error;
 
-/// Most lines of poses; a table may have more than there are images.
+/// Most lines of poses, so that a hostile file takes no memory; a table may have more than there are images.
 const MAX_LINES: usize = 50 * MAX_VIEWS;
-/// How far from 1 the norm of a quaternion may be: some digits less than written.
+/// How far from 1 the norm of a quaternion may be: that of one written with three digits after the point is off by 1e-3 at
+/// most, and one of numbers that are no quaternion must not pass.
 const NORM_SLACK: f64 = 0.01;
 /// Farthest from the base, m; mm would be beyond.
 const FARTHEST_M: f64 = 20.0;

@@ -5,7 +5,7 @@ use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, rotate_twist};
 use nalgebra::{Quaternion, UnitQuaternion};
 
-/// Rotations of camera and robot that agree to this belong together, rad: 1 degree, where those of other images or another order
+/// Rotations of camera and robot that agree to this belong together, rad: 1 degree. Chosen, since those of other images or another order
 /// differ by tens of degrees.
 const ALIKE_RAD: f64 = 0.017;
 

@@ -26,15 +26,16 @@ const HUBER: f64 = 2.0;
 const PRIOR_SD: [f64; 6] = [0.02, 0.02, 0.02, 0.05, 0.05, 0.05];
 /// Vision's own standard deviations are taken as no smaller than this, px.
 const MIN_SIGMA_PX: f64 = 0.01;
-/// Median of the length of two unit normal residuals.
+/// Median of the length of two unit normal residuals, that of the Rayleigh distribution: sqrt(2 ln 2), since their square is chi-square.
 const RAYLEIGH_MEDIAN: f64 = 1.1774;
+/// A step halved so often is 1 / 4096 of what was asked for: what is still no better is rounding, or a model that is wrong there.
 const MAX_HALVINGS: u32 = 12;
-/// The last step: s, and rad or m.
+/// The last step: s, and rad or m. A hundredth of a microsecond must be less than any stamp tells.
 const LAST_STEP: f64 = 1e-8;
 /// A step that makes nothing better although it is so short is one of rounding.
 const ROUNDING_STEP: f64 = 1e-6;
 
-/// tau, the twist of O, and that of C.
+/// tau, the twist of O, and that of C: 1 + 6 + 6 follows.
 const UNKNOWNS: usize = 13;
 type Unknowns = SVector<f64, UNKNOWNS>;
 type Hessian = SMatrix<f64, UNKNOWNS, UNKNOWNS>;

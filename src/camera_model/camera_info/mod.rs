@@ -17,7 +17,7 @@ use std::fmt::Write;
 use thiserror::Error;
 use yaml::Entries;
 
-/// Longest name of a camera, characters.
+/// Longest name of a camera, characters: it comes into messages and files, which it must not fill. Chosen.
 const LONGEST_NAME: usize = 200;
 
 /// A calibration file that cannot be used.

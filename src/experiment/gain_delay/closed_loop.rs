@@ -1,4 +1,6 @@
 //! One loop of the study: an arm that obeys at once or lags, vision that is late, lost, wrongly stamped or wrong in depth.
+//!
+//! The numbers here are the study's settings, chosen; its page tells them, and what it shows is shown for them.
 
 use crate::experiment::cell::POINTS;
 use crate::experiment::schemes::Scheme;

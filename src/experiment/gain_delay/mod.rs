@@ -6,6 +6,8 @@
 //!
 //! `predict` is judged at one gain: the quickest that stays well stable when stamps or depths are wrong (it may then
 //! take four times as long as the best `frame`). That gain must do as well when frames are lost or late.
+//!
+//! The numbers here are the study's settings, chosen; its page tells them, and what it shows is shown for them.
 
 mod closed_loop;
 

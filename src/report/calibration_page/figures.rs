@@ -1,4 +1,5 @@
-//! Figures over the image, SVG in pixels of the image.
+//! Figures over the image, SVG in pixels of the image. The numbers here are a layout's, chosen by eye so that figures read well, but for the
+//! colours, which are five of the scale Viridis (Smith and van der Walt).
 
 use crate::calibration::camera::{CameraCalibration, ImageCoverage, NextView, ProjectionUncertainty};
 use nalgebra::Vector2;

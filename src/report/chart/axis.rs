@@ -8,9 +8,9 @@ pub struct Axis {
     log: bool,
 }
 
-/// Least distance of the ends of a logarithmic axis from each other: a factor.
+/// Least distance of the ends of a logarithmic axis from each other: a factor, so that one of 1, 2 and 5 lies between.
 const MIN_FACTOR: f64 = 4.0;
-/// Most decades of a logarithmic axis.
+/// Most decades of a logarithmic axis. Chosen: more cannot be read.
 const MAX_DECADES: f64 = 18.0;
 
 impl Axis {

@@ -1,4 +1,7 @@
 //! SVG text: shapes by class, colours by the style sheet, so that light and dark are one drawing.
+//!
+//! The numbers here are a layout's, chosen by eye so that pages read well; `tests/processes/report.rs` looks whether
+//! a letter is small, cut off or under another.
 
 use super::style::CHART_STYLE;
 use std::fmt::Write;

@@ -18,9 +18,9 @@ use crate::motion::Limit;
 use crate::servo::MeasurementVerdict;
 use crate::time::{MonoNs, SpanNs};
 
-/// Most ticks that are kept: two minutes at 1 kHz.
+/// Most ticks that are kept, so that memory has a bound: two minutes at 1 kHz, and thinned by two beyond. Chosen.
 const MAX_TICKS: usize = 120_000;
-/// Most measurements that are kept: two minutes at 100 Hz.
+/// Most measurements that are kept, for the same reason: two minutes at 100 Hz.
 const MAX_MEASUREMENTS: usize = 12_000;
 /// So far back a measurement is looked for when control tells what became of it.
 const MAX_UNDER_WAY: usize = 64;

@@ -4,18 +4,14 @@
 use super::syntax::XmlFault;
 use super::tags::tags;
 
-/// Deepest nesting of elements; a URDF needs six, extensions of simulators a few more.
+/// Deepest nesting of elements; a URDF needs six, extensions of simulators a few more. These bounds are chosen, each ten times and more what
+/// a robot needs, so that a hostile file ends in a message and not in the memory or the time of the parser (`tests/processes/hostile_files.rs`).
 const DEEPEST: usize = 64;
-/// Elements of all kinds; a humanoid has some thousand.
-const MAX_ELEMENTS: usize = 50_000;
-/// Links, and joints.
-const MAX_PARTS: usize = 1000;
-/// Longest tag, bytes.
-const LONGEST_TAG: usize = 8 << 10;
-/// Namespaces that are declared.
-const MAX_NAMESPACES: usize = 1000;
-/// Each of `<` and `=`, for which the parser sets memory aside before it looks.
-const MAX_SIGNS: usize = 400_000;
+const MAX_ELEMENTS: usize = 50_000; // of all kinds; a humanoid has some thousand
+const MAX_PARTS: usize = 1000; // links, and joints
+const LONGEST_TAG: usize = 8 << 10; // bytes
+const MAX_NAMESPACES: usize = 1000; // that are declared
+const MAX_SIGNS: usize = 400_000; // each of `<` and `=`, for which the parser sets memory aside before it looks
 
 /// The first thing in `text` that is too much, or the first tag without end. What else is wrong with it is for the parser
 /// to find.

@@ -131,7 +131,7 @@ fn in_a_tag(text: &str, offset: usize) -> bool {
 
 /// The beginning of that tag, on one line.
 fn tag_at(text: &str, offset: usize) -> String {
-    /// As much of a tag as one wants to read in a message.
+    /// As much of a tag as one wants to read in a message, so that it stays a line.
     const SHOWN: usize = 60;
     let rest = text.get(tag_start(text, offset)..).unwrap_or("");
     let line = rest.lines().next().unwrap_or("");

@@ -1,5 +1,6 @@
 //! What the kernel's video interface looks like in memory: records, request numbers and constants of `<linux/videodev2.h>`, for
-//! 64-bit machines (x86-64 and aarch64 agree in all of them). Nothing but layout: who calls is `device.rs`.
+//! 64-bit machines (x86-64 and aarch64 agree in all of them). The numbers here are the kernel's, as that header has them, and the C compiler's
+//! sizes must be ours. Nothing but layout: who calls is `device.rs`.
 //!
 //! Every record holds plain integers, for which zeroes are a value, and its size is asserted below.
 

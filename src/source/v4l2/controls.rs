@@ -6,10 +6,11 @@ use super::node::{ControlKind, ControlOffer, VideoNode};
 use crate::config::{ControlValue, V4l2Settings};
 use crate::time::SpanNs;
 
-/// The numbers of the controls that mean the exposure; drivers and kernels name them in more than one way.
+/// The numbers of the controls that mean the exposure, as `<linux/v4l2-controls.h>` has them, because drivers and kernels name them in more than
+/// one way.
 const EXPOSURE_MODE: u32 = 0x009a_0901;
 const EXPOSURE_TIME: u32 = 0x009a_0902;
-/// The unit of the exposure time.
+/// The unit of the exposure time, by the kernel's specification of V4L2_CID_EXPOSURE_ABSOLUTE.
 const EXPOSURE_UNIT: SpanNs = SpanNs(100_000);
 /// Modes in which the exposure time is what it was set to: all by hand, and the aperture automatic.
 const FIXED_EXPOSURE: [i64; 2] = [1, 2];
@@ -30,6 +31,7 @@ pub(super) struct Restrictions {
 
 /// The kind of a control that can be used, from the kernel's numbers; `None` for headings and disabled ones.
 pub(super) fn usable(kind: u32, flags: u32) -> Option<(ControlKind, Restrictions)> {
+    // Bits of the kernel's V4L2_CTRL_FLAG_*, as that header has them.
     const DISABLED: u32 = 1;
     const READ_ONLY: u32 = 4;
     const INACTIVE: u32 = 0x10;

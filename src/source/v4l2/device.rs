@@ -18,10 +18,11 @@ use rustix::ioctl::{Getter, Opcode, Setter, Updater, ioctl};
 use std::path::Path;
 use std::time::Duration;
 
-/// Entries of a list that a driver is asked for: more than any has, and an end for one whose list has none.
+/// Entries of a list that a driver is asked for: more than any has, so that there is an end with one whose list has none.
 const MAX_ENTRIES: u32 = 256;
 const MAX_CONTROLS: usize = 1024;
 
+// V4L2_BUF_FLAG_*, as the kernel's header has them.
 const BUFFER_ERROR: u32 = 0x40;
 const STAMP_CLOCK: u32 = 0xe000;
 const STAMP_MONOTONIC: u32 = 0x2000;

@@ -30,9 +30,9 @@ use crate::stereo::{MeasuredPair, StereoError};
 use crate::target::Target;
 use crate::time::{MonoNs, SpanNs};
 
-/// From so many points on some are left out that do not fit, up to a third of them.
+/// From so many points on some are left out that do not fit, up to a third of them, so that four at least are left to contradict each other.
 const ENOUGH_TO_CHOOSE: usize = 6;
-/// So many points fix a pose.
+/// So many points fix a pose, since points of a pair have all three coordinates.
 const LEAST: usize = 3;
 
 /// What one camera saw in one frame.

@@ -10,7 +10,8 @@
 use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
 
-/// Frames of one camera that may wait for those of the other.
+/// Frames of one camera that may wait for those of the other: half a second at 30 Hz, as long as `camera.latency_ms` may be, so that more
+/// of them wait for what does not come.
 const MAX_WAITING: usize = 16;
 
 /// Which of the two cameras.

@@ -12,9 +12,9 @@ use crate::stereo::{MeasuredPair, StereoError, absolute_orientation_weighted};
 use nalgebra::{Matrix3, Matrix6, Point3};
 use thiserror::Error;
 
-/// So many points fix a pose.
+/// So many points fix a pose, since each has all three coordinates.
 const LEAST: usize = 3;
-/// A position is known no better than this, m: keeps covariances definite that are given as zero.
+/// A position is known no better than this, m, so that covariances stay definite that are given as zero.
 const FLOOR_M: f64 = 1e-9;
 /// Width over length of the points below which they count as one line.
 const LINE: f64 = 1e-3;

@@ -1,4 +1,7 @@
 //! How a panel is drawn: axes with their values, series, legend.
+//!
+//! The numbers here are a layout's, chosen by eye so that pages read well; `tests/processes/report.rs` looks whether
+//! a letter is small, cut off or under another.
 
 use super::super::axis::Axis;
 use super::super::canvas::{Anchor, Area, Canvas, text_width, wrapped};
