@@ -26,6 +26,7 @@ pub mod linalg;
 pub mod messages;
 pub mod mission;
 pub mod motion;
+pub mod pipeline;
 pub mod pose;
 pub mod prelude;
 pub mod report;

@@ -6,6 +6,7 @@ use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArgume
 pub use super::camera_arguments::CameraArguments;
 use super::completion;
 use super::place_arguments::{PlaceArguments, ViewArguments};
+use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
 use crate::camera_model::Response;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
@@ -73,6 +74,16 @@ pub enum Command {
     Experiment(ExperimentArguments),
     /// Find a target in image files
     Detect(DetectArguments),
+    /// Do image processing step by step on a picture: thresholds, gradients, contours, regions, moments, with a picture of each
+    Process(ProcessArguments),
+    /// The pose of an object from the image of its points, by each of the textbook's ways, with all solutions
+    Pose(PoseArguments),
+    /// Two views of one scene: conjugate points, rectified images, positions, displacement of the camera
+    Stereo {
+        /// What to do
+        #[command(subcommand)]
+        what: StereoCommand,
+    },
     /// Make a target to print, in true size
     Target(TargetArguments),
     /// Make what the camera sees now the goal of later runs: features, pose, an image
@@ -356,7 +367,8 @@ pub struct DetectArguments {
     #[arg(required = true, value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
     /// What to look for: four_dots[:SIDE_M[:chiral]], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners),
-    /// tag:FAMILY:SIZE_M[:ID] (without an id all tags of the family), polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes)
+    /// tag:FAMILY:SIZE_M[:ID] (without an id all tags of the family), polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes); or what edges show: segments[:MIN_LENGTH_PX],
+    /// ellipses[:MIN_AXIS_PX]
     #[arg(long, value_name = "KIND")]
     pub target: String,
     /// Calibration file of ROS (YAML): with it the pose is told too

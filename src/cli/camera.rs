@@ -6,9 +6,10 @@ use crate::config::{Config, PixelFormatName, Source, V4l2Settings};
 use crate::input::printable;
 use crate::process::{ProcessError, StopFlag};
 use crate::rt::{now, write_file};
-use crate::source::SourceError;
 use crate::source::v4l2::{self, CaptureRequest, Probe, V4l2Camera};
+use crate::source::{SourceError, encode_png};
 use crate::time::SpanNs;
+use image::ExtendedColorType;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -171,36 +172,12 @@ fn snapshot(arguments: &CameraArguments, out: &Path) -> Result<u8, ProcessError>
             return Err(ProcessError::NoFrame { device, waited_s: (now() - begin).as_s() });
         }
         if let Some(grey) = probe.take(&mut camera, &mut now)? {
-            break encoded(grey, (width, height));
+            break encode_png(grey, width, height, ExtendedColorType::L8);
         }
     };
     let written = png.map_err(std::io::Error::other).and_then(|png| write_file(out, png));
     match written {
         Ok(()) => Ok(shown(&format!("{}: {width}x{height} px\n", printable(&out.display().to_string())), 0)),
         Err(cause) => Ok(lost(out, cause, 0)),
-    }
-}
-
-pub(super) fn encoded(grey: &[u8], (width, height): (u32, u32)) -> Result<Vec<u8>, image::ImageError> {
-    use image::ImageEncoder;
-    let mut png = Vec::new();
-    image::codecs::png::PngEncoder::new(&mut png).write_image(
-        grey,
-        width,
-        height,
-        image::ExtendedColorType::L8,
-    )?;
-    Ok(png)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_snapshot_is_a_png_of_its_grey_levels() {
-        let png = encoded(&[0, 50, 100, 150, 200, 250], (3, 2)).unwrap();
-        let read = image::load_from_memory(&png).unwrap().into_luma8();
-        assert_eq!((read.width(), read.height(), read.as_raw()[4]), (3, 2, 200));
     }
 }

@@ -5,6 +5,7 @@ use super::Cli;
 use crate::config::SHIPPED_FILES;
 use crate::config::raw::RawConfig;
 use crate::experiment::EXPERIMENTS;
+use crate::pipeline::STEPS;
 use clap::CommandFactory;
 use clap_complete::engine::{CompletionCandidate, PathCompleter, ValueCompleter};
 use clap_complete::env::{CompleteEnv, Shells};
@@ -46,6 +47,22 @@ pub(super) fn run_file(current: &OsStr) -> Vec<CompletionCandidate> {
     let shipped = run_files().into_iter().filter(begun);
     let toml = |path: &std::path::Path| path.is_dir() || path.extension().is_some_and(|e| e == "toml");
     shipped.chain(PathCompleter::any().filter(toml).complete(current)).collect()
+}
+
+/// Steps of `vservo process`: what is typed up to the last bar stays, and a name follows.
+pub(super) fn steps(current: &OsStr) -> Vec<CompletionCandidate> {
+    let Some(typed) = current.to_str() else { return Vec::new() };
+    let at = typed.rfind('|').map_or(0, |bar| bar + 1);
+    let (kept, begun) = typed.split_at(at);
+    let space = if kept.is_empty() { "" } else { " " };
+    STEPS
+        .iter()
+        .filter(|info| info.name.starts_with(begun.trim_start()))
+        .map(|info| {
+            let whole = format!("{kept}{space}{}", info.name);
+            CompletionCandidate::new(whole).help(Some(format!("{}: {}", info.usage, info.about).into()))
+        })
+        .collect()
 }
 
 /// Names of the experiments.

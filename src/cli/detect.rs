@@ -3,6 +3,7 @@
 mod answer;
 pub(super) mod image_file;
 pub(super) mod overlay;
+mod shapes;
 
 use super::{DetectArguments, check_writable, shown, write_result};
 use crate::camera_model::camera_info::CameraInfo;
@@ -15,11 +16,12 @@ use crate::messages::TargetStatus;
 use crate::pose::RefinedPose;
 use crate::process::ProcessError;
 use crate::rt::{now, tell};
-use crate::target::{DotGrid, Kind, Tags, Target};
+use crate::target::{DotGrid, Kind, KindError, Tags, Target};
 use crate::vision::{Growth, Vision, VisionSettings};
 use answer::{ImageAnswer, word};
 use image::GrayImage;
 use nalgebra::Vector2;
+use shapes::{ShapeKind, ShapeSearch};
 use std::path::Path;
 
 /// Longest calibration file, bytes: real ones have a thousand.
@@ -193,9 +195,65 @@ fn smallest() -> CameraModel {
     CameraModel::new(intrinsics, Distortion::default()).expect("a camera of constants")
 }
 
+/// What is looked for: a target, or shapes.
+enum Wanted {
+    Target(Box<Kind>),
+    Shapes(ShapeKind),
+}
+
+impl Wanted {
+    fn parse(text: &str) -> Result<Self, String> {
+        match ShapeKind::parse(text) {
+            Some(shapes) => shapes.map(Self::Shapes),
+            None => {
+                text.parse().map(|kind| Self::Target(Box::new(kind))).map_err(|e: KindError| e.to_string())
+            }
+        }
+    }
+
+    fn search(self, calibration: Option<CameraModel>) -> WantedSearch {
+        match self {
+            Self::Target(kind) => WantedSearch::Target { kind, calibration, bench: None },
+            Self::Shapes(kind) => WantedSearch::Shapes(ShapeSearch::new(kind, calibration)),
+        }
+    }
+}
+
+/// The same with what is made once for images of one size.
+enum WantedSearch {
+    Target { kind: Box<Kind>, calibration: Option<CameraModel>, bench: Option<ImageDetector> },
+    Shapes(ShapeSearch),
+}
+
+impl WantedSearch {
+    fn look(&mut self, name: String, image: &GrayImage) -> ImageAnswer {
+        match self {
+            Self::Target { kind, calibration, bench } => {
+                let size = image.dimensions();
+                let mut at = match bench.take() {
+                    Some(bench) if bench.size == size => bench,
+                    _ => ImageDetector::new(kind, size, *calibration),
+                };
+                let answer = one(&mut at, name, image);
+                *bench = Some(at);
+                answer
+            }
+            Self::Shapes(search) => search.look(name, image),
+        }
+    }
+
+    /// The target that is looked for, with the camera that is believed.
+    fn target(&self) -> Option<(&Kind, &CameraModel)> {
+        match self {
+            Self::Target { kind, bench, .. } => bench.as_ref().map(|bench| (kind.as_ref(), &bench.camera)),
+            Self::Shapes(_) => None,
+        }
+    }
+}
+
 pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
-    let kind: Kind = match arguments.target.parse() {
-        Ok(kind) => kind,
+    let wanted = match Wanted::parse(&arguments.target) {
+        Ok(wanted) => wanted,
         Err(e) => return Ok(refused(&format!("--target: {e}"), 2)),
     };
     if arguments.overlay.is_some() && arguments.images.len() > 1 {
@@ -209,7 +267,7 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
         check_writable(path)?;
     }
     let (mut unreadable, mut any, mut lost) = (false, false, 0);
-    let mut bench: Option<ImageDetector> = None;
+    let mut search = wanted.search(calibration);
     for path in &arguments.images {
         let name = path.display().to_string();
         let (answer, image) = match image_file::load(path) {
@@ -222,12 +280,7 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
                 if let Some(table) = arguments.response.linearization() {
                     table.apply(&mut image);
                 }
-                let size = image.dimensions();
-                if bench.as_ref().is_none_or(|bench| bench.size != size) {
-                    bench = Some(ImageDetector::new(&kind, size, calibration));
-                }
-                let answer = bench.as_mut().map(|bench| one(bench, name, &image));
-                (answer.unwrap_or_else(ImageAnswer::empty), Some(image))
+                (search.look(name, &image), Some(image))
             }
         };
         any |= answer.status == "found";
@@ -240,8 +293,8 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
         if lost == 0 {
             lost = shown(&text, 0);
         }
-        if let (Some(path), Some(image), Some(bench)) = (&arguments.overlay, image, &bench) {
-            let drawn = overlay::draw(&image, &answer, &kind, &bench.camera);
+        if let (Some(path), Some(image)) = (&arguments.overlay, image) {
+            let drawn = overlay::draw(&image, &answer, search.target());
             lost = drawn.map_or(1, |bytes| write_result(path, bytes, lost));
         }
     }

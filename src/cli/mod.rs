@@ -12,10 +12,14 @@ mod detect;
 pub mod doctor;
 mod place;
 mod place_arguments;
+mod pose_tool;
+mod process_image;
 mod repeat;
+mod stereo_tool;
 mod target;
 mod teach;
 mod teach_view;
+mod tool_arguments;
 mod view;
 
 pub use arguments::{
@@ -28,6 +32,10 @@ pub use calibrate_arguments::{
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
+pub use tool_arguments::{
+    MotionMethod, PoseArguments, PoseMethod, ProcessArguments, StereoCommand, StereoMatchArguments,
+    StereoMotionArguments, StereoRectifyArguments, StereoTriangulateArguments, TriangulationMethod,
+};
 
 use crate::config::assemble::require_controllable;
 use crate::config::{Config, Draft, SHIPPED_FILES, ShippedFile};
@@ -78,6 +86,9 @@ pub fn main() -> ExitCode {
         },
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
         Some(Command::Detect(arguments)) => detect::detect(&arguments),
+        Some(Command::Process(arguments)) => process_image::process_image(&arguments),
+        Some(Command::Pose(arguments)) => pose_tool::pose(&arguments),
+        Some(Command::Stereo { what }) => stereo_tool::stereo(&what),
         Some(Command::Target(arguments)) => target::target(&arguments),
         Some(Command::Teach(arguments)) => teach::teach(&arguments),
         Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),

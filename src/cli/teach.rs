@@ -13,9 +13,10 @@ use crate::process::{ProcessError, StopFlag};
 use crate::rt::{now, write_file};
 use crate::scene::Exposure;
 use crate::servo::SetPoint;
-use crate::source::{AnySource, Filled, Position, load_image, open};
+use crate::source::{AnySource, Filled, Position, encode_png, load_image, open};
 use crate::time::{MonoNs, SpanNs, TICK};
 use crate::vision::{Frame, Prior, Vision};
+use image::ExtendedColorType;
 use nalgebra::Vector2;
 use std::time::Duration;
 
@@ -47,7 +48,7 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
     let (goal, grey) = goal_recorder.goal()?;
     let size = config.camera.full_size_px();
     let name = image.file_name().map(|name| name.to_string_lossy().into_owned());
-    let shot = super::camera::encoded(&grey, size).map_err(std::io::Error::other);
+    let shot = encode_png(&grey, size.0, size.1, ExtendedColorType::L8).map_err(std::io::Error::other);
     let thumbnail = match shot.and_then(|png| write_file(&image, png)) {
         Ok(()) => name,
         // the goal counts, not its image

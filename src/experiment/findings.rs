@@ -2,7 +2,10 @@
 
 use super::ExperimentError;
 use super::plot::Drawing;
-use crate::report::page::{document, escaped, heading};
+use crate::pipeline::ColourImage;
+use crate::report::page::{base64, document, escaped, heading};
+use crate::source::encode_png;
+use image::ExtendedColorType;
 use serde_json::{Map, Value};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -37,6 +40,38 @@ impl Figure {
     }
 }
 
+/// An image of an experiment.
+#[derive(Debug, Clone)]
+pub struct StepFigure {
+    /// File name, `*.png`.
+    pub file: String,
+    /// What it is.
+    pub title: String,
+    /// What it shows, in a sentence.
+    pub says: String,
+    /// Its pixels.
+    pub drawn: ColourImage,
+}
+
+/// Images in a page are no wider, so that it can be opened; files beside it are whole.
+const WIDEST_PX: u32 = 1280;
+
+/// An image as an element of a page, in the page itself.
+#[must_use]
+pub fn embedded_image(image: &ColourImage, alt: &str) -> String {
+    let small = image.thinned(WIDEST_PX);
+    match encode_png(&small.rgb, small.width, small.height, ExtendedColorType::Rgb8) {
+        Ok(bytes) => {
+            format!(
+                "<img style=\"max-width:100%;height:auto\" alt=\"{}\" src=\"data:image/png;base64,{}\">",
+                escaped(alt),
+                base64(&bytes)
+            )
+        }
+        Err(e) => format!("<p class=\"note\">The image cannot be shown: {}</p>", escaped(&e.to_string())),
+    }
+}
+
 /// All that one experiment gives.
 #[derive(Debug, Clone, Default)]
 pub struct Findings {
@@ -44,6 +79,8 @@ pub struct Findings {
     pub tables: Vec<(String, String)>,
     /// Figures in reading order.
     pub figures: Vec<Figure>,
+    /// Images in reading order, after the figures.
+    pub images: Vec<StepFigure>,
     /// `metrics.json`.
     pub metrics: Map<String, Value>,
     /// A few lines for people.
@@ -67,6 +104,11 @@ impl Findings {
         self.figures.push(Figure { file: format!("{name}.svg"), caption: caption.into(), says, drawing });
     }
 
+    /// Adds an image.
+    pub fn image(&mut self, image: StepFigure) {
+        self.images.push(image);
+    }
+
     /// Adds an entry to the metrics. What is not a number becomes `null`.
     pub fn metric(&mut self, name: &str, value: impl serde::Serialize) {
         self.metrics.insert(name.into(), serde_json::to_value(value).unwrap_or(Value::Null));
@@ -87,7 +129,16 @@ impl Findings {
         let mut written = Vec::new();
         for (name, text) in tables.chain(figures).chain(others) {
             let path = folder.join(name);
-            write_file(&path, &text)?;
+            write_file(&path, text)?;
+            written.push(path);
+        }
+        for StepFigure { file, drawn, .. } in &self.images {
+            let path = folder.join(file);
+            let png =
+                encode_png(&drawn.rgb, drawn.width, drawn.height, ExtendedColorType::Rgb8).map_err(|e| {
+                    ExperimentError::Write { path: path.clone(), cause: std::io::Error::other(e) }
+                })?;
+            write_file(&path, png)?;
             written.push(path);
         }
         Ok(written)
@@ -102,10 +153,16 @@ impl Findings {
             .iter()
             .map(|figure| figure.drawing.html(figure.title(), &figure.says, &figure.caption));
         sections.extend(figures);
+        sections.extend(self.images.iter().map(|p| {
+            let image = embedded_image(&p.drawn, &p.title);
+            format!("<figure>{}{image}</figure>\n", heading(&p.title, &p.says))
+        }));
         let mut files = heading("Data", "The figures are drawn from these files, and are files themselves.");
         files += "<p>";
         let tables = self.tables.iter().map(|(name, _)| name.as_str());
-        for file in tables.chain(["metrics.json"]).chain(self.figures.iter().map(|f| f.file.as_str())) {
+        let figures = self.figures.iter().map(|f| f.file.as_str());
+        let images = self.images.iter().map(|p| p.file.as_str());
+        for file in tables.chain(["metrics.json"]).chain(figures).chain(images) {
             let _ = write!(files, "<a href=\"{0}\">{0}</a> ", escaped(file)); // a String takes everything
         }
         sections.push(files + "</p>\n");
@@ -130,12 +187,12 @@ pub(super) fn make_folder(folder: &Path) -> Result<(), ExperimentError> {
     std::fs::create_dir_all(folder).map_err(|cause| ExperimentError::Write { path: folder.into(), cause })
 }
 
-/// Writes a text file, whole or not at all.
+/// Writes a file, whole or not at all.
 ///
 /// # Errors
 /// [`ExperimentError::Write`].
-pub(super) fn write_file(path: &Path, text: &str) -> Result<(), ExperimentError> {
-    crate::rt::write_file(path, text).map_err(|cause| ExperimentError::Write { path: path.into(), cause })
+pub(super) fn write_file(path: &Path, contents: impl AsRef<[u8]>) -> Result<(), ExperimentError> {
+    crate::rt::write_file(path, contents).map_err(|cause| ExperimentError::Write { path: path.into(), cause })
 }
 
 /// The page that leads to those of `all`.
@@ -144,7 +201,7 @@ pub(super) fn index_page(all: &[(&'static str, &'static str, Findings)]) -> Stri
     let sections: Vec<String> = all
         .iter()
         .map(|(name, about, findings)| {
-            let count = findings.figures.len();
+            let count = findings.figures.len() + findings.images.len();
             let figures = if count == 1 { "its figure".to_owned() } else { format!("its {count} figures") };
             format!(
                 "<section id=\"{name}\"><h2><a href=\"{name}/{PAGE}\">{name}</a></h2><p>{}</p>{}<p><a href=\"{name}/{PAGE}\">{figures} and \

@@ -17,6 +17,7 @@ mod examples;
 mod feature_source;
 mod findings;
 mod gain_delay;
+mod image_figures;
 mod metrics;
 mod moving_target;
 mod plot;
@@ -32,7 +33,7 @@ pub use comparison::run_scheme;
 pub use convergence::{FLIERS, Fate, Flier, Flight, flights, fly, start};
 pub use error::ExperimentError;
 pub use feature_source::{FeatureSource, Miscalibration, RenderedFeatures};
-pub use findings::{Figure, Findings};
+pub use findings::{Figure, Findings, StepFigure, embedded_image};
 pub use gain_delay::{DELAYS_MS, DelayedLoop, Disturbance, Finding, errors_to_bear, study};
 pub use metrics::{CellGoal, Metrics, RemainingErrors, SettlingTimes, path_deviation, settling_time};
 pub use plot::{Drawing, Panel, Series, Symbol, figure};
@@ -78,6 +79,12 @@ pub struct Experiment {
 
 /// Every experiment, in the order of the textbook.
 pub const EXPERIMENTS: &[Experiment] = &[
+    Experiment {
+        name: "figures-10-2",
+        about: "Figs. 10.1 to 10.4 from a rendered scene: histogram, binary image, contours by Roberts and Sobel, principal axes.",
+        renders: false,
+        run: |_| image_figures::figures(),
+    },
     Experiment {
         name: "example-10-1",
         about: "Pose of a planar square from the homography of its four points.",

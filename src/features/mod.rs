@@ -22,8 +22,8 @@ pub use moments::{AreaFeature, ImageMoments, MomentFeature};
 pub use normal_equations::{NormalEquations, TwistSolution};
 pub(crate) use point::PointRows;
 pub use point::{PointFeature, point_image_jacobian, point_rows};
-pub use segment::{SegmentFeature, segment_ends, segment_features, segment_rows, wrap_rad};
-pub use stack::{FeatureStack, StackError, StackRow, solve_planar_twist, solve_twist};
+pub use segment::{SegmentFeature, segment_features, segment_rows, wrap_rad};
+pub use stack::{FeatureStack, StackError, StackRow, solve_twist};
 
 use nalgebra::{SMatrix, SVector};
 

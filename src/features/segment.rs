@@ -38,14 +38,6 @@ pub fn segment_features(s: &[Vector2<f64>; 2]) -> Vector4<f64> {
     Vector4::new(mean.x, mean.y, delta.norm(), delta.y.atan2(delta.x))
 }
 
-/// The ends of the segment with the features `[x_mean, y_mean, L, alpha]`: the inverse of [`segment_features`].
-#[must_use]
-pub fn segment_ends(features: &Vector4<f64>) -> [Vector2<f64>; 2] {
-    let mean = Vector2::new(features.x, features.y);
-    let half = Vector2::new(features.w.cos(), features.w.sin()) * (0.5 * features.z);
-    [mean - half, mean + half]
-}
-
 /// The interaction matrix of a segment from its ends and their depths in m.
 ///
 /// `None` when the ends coincide, where alpha is not defined, or a depth is not positive.

@@ -98,16 +98,6 @@ impl<const CAPACITY: usize> FeatureStack<CAPACITY> {
         }
         equations
     }
-
-    /// The normal equations for the motions `[v_x v_y v_z w_z]` of a SCARA arm's camera.
-    #[must_use]
-    pub fn planar_normal_equations(&self, gain_1_s: f64) -> NormalEquations<4> {
-        let mut equations = NormalEquations::new();
-        for StackRow { row: [vx, vy, vz, _, _, wz], error, weight } in self.rows() {
-            equations.add_row(&[*vx, *vy, *vz, *wz], gain_1_s * error, *weight);
-        }
-        equations
-    }
 }
 
 /// The camera's twist for `s_dot = K_s e_s` in the weighted least-squares sense, (10.89), (10.91), K_s = `gain_1_s` I.
@@ -134,16 +124,6 @@ pub fn solve_twist<const CAPACITY: usize>(
     damping: f64,
 ) -> Option<TwistSolution<6>> {
     stack.normal_equations(gain_1_s).solve(damping)
-}
-
-/// As [`solve_twist`] for the motions `[v_x v_y v_z w_z]`; two points make it the square system of (10.89) for m = 4.
-#[must_use]
-pub fn solve_planar_twist<const CAPACITY: usize>(
-    stack: &FeatureStack<CAPACITY>,
-    gain_1_s: f64,
-    damping: f64,
-) -> Option<TwistSolution<4>> {
-    stack.planar_normal_equations(gain_1_s).solve(damping)
 }
 
 #[cfg(test)]
@@ -217,14 +197,13 @@ mod tests {
     }
 
     #[test]
-    fn two_points_are_square_for_four_motions_and_too_few_for_six() {
+    fn two_points_are_too_few_for_six_motions() {
         let mut stack = FeatureStack::<8>::new();
         let V = Vector4::new(0.1, -0.2, 0.05, 0.3);
         for point in &corners()[..2] {
             let rate = planar_columns(&point_rows(&point.s, point.z_m)) * V;
             stack.push(point, &(point.s + rate), 1.0).unwrap();
         }
-        assert!((solve_planar_twist(&stack, 1.0, 0.0).unwrap().twist - V).norm() < 1e-12);
         assert!(solve_twist(&stack, 1.0, 0.0).is_none());
         assert!(solve_twist(&stack, 1.0, 1e-3).is_some());
     }

@@ -41,8 +41,10 @@ proptest! {
         let feature = SegmentFeature { s: [project(&a), project(&b)], z_m: [a.z, b.z] };
         let L = feature.interaction().unwrap();
         prop_assert!((L - camera_difference(at)).norm() < 1e-5 * L.norm());
-        let ends = segment_ends(&feature.value());
-        prop_assert!((ends[0] - feature.s[0]).norm() + (ends[1] - feature.s[1]).norm() < 1e-12);
+        // midpoint, length and angle are those of the ends
+        let [x, y, length, alpha] = feature.value().into();
+        let (mean, half) = (Vector2::new(x, y), Vector2::new(alpha.cos(), alpha.sin()) * (0.5 * length));
+        prop_assert!((mean - half - feature.s[0]).norm() + (mean + half - feature.s[1]).norm() < 1e-12);
     }
 
     #[test]

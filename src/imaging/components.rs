@@ -47,17 +47,6 @@ pub struct Component {
     pub touches_border: bool,
 }
 
-/// Principal axes of a region: those of the ellipse with the same moments.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PrincipalAxes {
-    /// Half of the longer axis, px.
-    pub major_px: f64,
-    /// Half of the shorter axis, px.
-    pub minor_px: f64,
-    /// Angle from the columns' axis to the longer one, towards the rows' axis, in (-pi/2, pi/2].
-    pub angle_rad: f64,
-}
-
 impl Component {
     /// Centroid (column, row), px.
     #[must_use]
@@ -79,18 +68,6 @@ impl Component {
         let area = self.m00.max(1) as f64;
         let mean = |s: u128| s as f64 / area;
         [mean(sxx) - mean(sx).powi(2), mean(sxy) - mean(sx) * mean(sy), mean(syy) - mean(sy).powi(2)]
-    }
-
-    /// Axes of the ellipse with the same second moments.
-    #[must_use]
-    pub fn principal_axes(&self) -> PrincipalAxes {
-        let [xx, xy, yy] = self.covariance();
-        let (mean, half) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
-        PrincipalAxes {
-            major_px: 2.0 * (mean + half).max(0.0).sqrt(),
-            minor_px: 2.0 * (mean - half).max(0.0).sqrt(),
-            angle_rad: 0.5 * (2.0 * xy).atan2(xx - yy),
-        }
     }
 
     /// A region of one run, as far as is known without the window: not whether it touches its border.

@@ -6,10 +6,16 @@ use super::Plane;
 use super::simd::kernel;
 
 /// 255 where the magnitude is greater than `threshold`, in the units of the magnitude; else 0.
-pub fn edges_by_magnitude(magnitude: &Plane<u16>, threshold: u16, out: &mut Plane<u8>) {
+pub fn edges_by_magnitude<T: Copy + Default + PartialOrd>(
+    magnitude: &Plane<T>,
+    threshold: T,
+    out: &mut Plane<u8>,
+) {
     out.reshape(magnitude.width(), magnitude.height());
     for y in 0..magnitude.height() {
-        magnitude_row(magnitude.row(y), threshold, out.row_mut(y));
+        for (out, &m) in out.row_mut(y).iter_mut().zip(magnitude.row(y)) {
+            *out = u8::from(m > threshold).wrapping_neg();
+        }
     }
 }
 
@@ -32,15 +38,7 @@ pub fn edges_by_laplacian(
     }
 }
 
-kernel!(fn magnitude_row(magnitude: &[u16], threshold: u16, out: &mut [u8]) = magnitude_body);
 kernel!(fn laplacian_row(laplacian: &[i16], threshold: u16, magnitude: &[u16], least: u16, out: &mut [u8]) = laplacian_body);
-
-#[inline(always)]
-fn magnitude_body(magnitude: &[u16], threshold: u16, out: &mut [u8]) {
-    for (out, &m) in out.iter_mut().zip(magnitude) {
-        *out = u8::from(m > threshold).wrapping_neg();
-    }
-}
 
 #[inline(always)]
 fn laplacian_body(laplacian: &[i16], threshold: u16, magnitude: &[u16], least: u16, out: &mut [u8]) {

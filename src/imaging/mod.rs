@@ -45,7 +45,7 @@ mod valley;
 mod view;
 
 pub use chains::{Chain, Chains};
-pub use components::{Component, Components, Connectivity, PrincipalAxes};
+pub use components::{Component, Components, Connectivity};
 pub use contours::{Contour, Contours, Point};
 pub use dual_conic::DualConic;
 pub use edge_scan::{Crossing, EdgeScan, ScanAxis};

@@ -44,6 +44,19 @@ impl HomographySolutions {
             _ => self.first,
         }
     }
+
+    /// The solution whose base line points most along `direction` (in frame 1), for a motion that is known roughly.
+    #[must_use]
+    pub fn nearest_direction(&self, direction: &Vector3<f64>) -> HomographySolution {
+        let along = |s: &HomographySolution| {
+            let p = s.p_12_1_over_d2;
+            p.dot(direction) / p.norm().max(f64::MIN_POSITIVE)
+        };
+        match self.second {
+            Some(second) if along(&second) > along(&self.first) => second,
+            _ => self.first,
+        }
+    }
 }
 
 /// The solutions of (10.59) for a homography given up to a factor (of either sign).

@@ -4,7 +4,9 @@
 //! JPEG, `IEND` of a PNG. The samples of a PGM are counted by its decoder.
 
 use super::SourceError;
-use image::{DynamicImage, GrayImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::codecs::png::PngEncoder;
+use image::{DynamicImage, ExtendedColorType, GrayImage, ImageDecoder, ImageEncoder, ImageFormat};
+use image::{ImageError, ImageReader, Limits};
 use rustix::fs::OFlags;
 use std::borrow::Cow;
 use std::fs::{File, FileType, OpenOptions};
@@ -111,6 +113,26 @@ pub fn load_any(path: &Path) -> Result<GrayImage, SourceError> {
         let fits = found.0 <= LARGEST.width && found.1 <= LARGEST.height;
         if fits { Ok(LARGEST) } else { check_size(path, found, LARGEST).map(|()| LARGEST) }
     })
+}
+
+/// The bytes of a PNG file of these pixels, row by row.
+///
+/// # Errors
+/// When there are not as many bytes as such an image has, or it has no pixels.
+pub fn encode_png(
+    pixels: &[u8],
+    width: u32,
+    height: u32,
+    colours: ExtendedColorType,
+) -> Result<Vec<u8>, ImageError> {
+    let wanted = u64::from(width) * u64::from(height) * u64::from(colours.bits_per_pixel() / 8);
+    if pixels.len() as u64 != wanted {
+        let cause = image::error::ParameterErrorKind::DimensionMismatch;
+        return Err(ImageError::Parameter(image::error::ParameterError::from_kind(cause)));
+    }
+    let mut bytes = Vec::new();
+    PngEncoder::new(&mut bytes).write_image(pixels, width, height, colours)?;
+    Ok(bytes)
 }
 
 /// Opens a plain file, or a link to one; never waits for the other end of a pipe, and does not touch devices.
@@ -284,5 +306,13 @@ mod tests {
         assert!(matches!(check(&path, Size { width: 5, height: 4 }), Err(SourceError::Size { .. })));
         std::fs::remove_file(&path).unwrap();
         assert_eq!(read, image);
+    }
+
+    #[test]
+    fn a_png_is_read_back_with_its_levels() {
+        let png = encode_png(&[0, 50, 100, 150, 200, 250], 3, 2, ExtendedColorType::L8).unwrap();
+        let read = image::load_from_memory(&png).unwrap().into_luma8();
+        assert_eq!((read.width(), read.height(), read.as_raw()[4]), (3, 2, 200));
+        assert!(encode_png(&[0; 5], 3, 2, ExtendedColorType::L8).is_err());
     }
 }

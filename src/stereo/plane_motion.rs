@@ -11,7 +11,7 @@ use crate::linalg::{Ldlt, damping};
 use crate::pose::{
     Correspondence, HomographySolution, HomographySolutions, decompose_homography_seen, homography,
 };
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2};
 
 /// So that a start from which nothing converges ends; what does takes a handful of steps from the linear solution.
 const MAX_ITERATIONS: u32 = 30;
@@ -132,27 +132,12 @@ impl PlaneEquations {
     }
 }
 
-impl PlaneMotion {
-    /// The reading whose base line points most along `direction` (in frame 1), for a motion that is known roughly.
-    #[must_use]
-    pub fn nearest_direction(&self, direction: &Vector3<f64>) -> HomographySolution {
-        let along = |s: &HomographySolution| {
-            let p = s.p_12_1_over_d2;
-            p.dot(direction) / p.norm().max(f64::MIN_POSITIVE)
-        };
-        match self.solutions.second {
-            Some(second) if along(&second) > along(&self.solutions.first) => second,
-            _ => self.solutions.first,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::geometry::Pose;
     use crate::linalg::Random;
-    use nalgebra::Point3;
+    use nalgebra::{Point3, Vector3};
 
     /// A plane 1 m ahead of camera 2 with normal n, seen from both cameras.
     fn plane(
@@ -202,7 +187,7 @@ mod tests {
         assert!(errors_deg(&b.0, &X, &n).iter().all(|e| *e < 1e-5), "{:?}", errors_deg(&b.0, &X, &n));
         assert!(errors_deg(&b.1, &Y, &n).iter().all(|e| *e < 1e-5));
         assert!((b.0.p_12_1_over_d2 - X.translation.vector).norm() < 1e-9 && a.rms < 1e-12);
-        assert_eq!(a.nearest_direction(&X.translation.vector), b.0);
+        assert_eq!(a.solutions.nearest_direction(&X.translation.vector), b.0);
         assert_eq!(a.solutions.nearest_normal(&n), b.0);
     }
 

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers beside the tests
 #![allow(non_snake_case)] // X, Y, H, T as in the text
 
+use clap::CommandFactory;
 use nalgebra::{Matrix6, Vector3, Vector6};
 use std::path::Path;
 use vservo::experiment::{
@@ -139,10 +140,25 @@ fn every_function_and_test_of_the_equations_page_exists() {
     for line in page.lines().filter(|line| line.starts_with('|')) {
         let cells: Vec<&str> = line.trim_matches('|').split('|').collect();
         let checks = match cells.as_slice() {
-            [_, _, names, file, checks] if file.contains(".rs") => {
+            [_, _, names, file, checks, reached] if file.contains("src/") => {
+                if !reached.trim().starts_with("library: ") {
+                    let commands = quoted(reached).into_iter().filter(|c| c.starts_with("vservo "));
+                    let words: Vec<_> =
+                        commands.map(|c| c.split(' ').nth(1).unwrap_or_default().to_owned()).collect();
+                    assert!(!words.is_empty(), "nothing reaches: {line}");
+                    for word in words {
+                        let named = vservo::cli::Cli::command().find_subcommand(&word).is_some();
+                        assert!(named, "no command {word}: {line}");
+                    }
+                }
                 let path = root.join(quoted(file).first().unwrap());
-                let text =
-                    std::fs::read_to_string(&path).unwrap_or_else(|_| panic!("no file {}", path.display()));
+                let mut text = String::new();
+                if path.is_dir() {
+                    texts(&path, &mut text);
+                } else {
+                    text = std::fs::read_to_string(&path)
+                        .unwrap_or_else(|_| panic!("no file {}", path.display()));
+                }
                 for name in quoted(names) {
                     let own = name.rsplit("::").next().unwrap();
                     let found = ["fn", "struct", "enum"].iter().any(|kind| defines(&text, kind, own));

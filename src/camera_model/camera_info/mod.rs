@@ -10,9 +10,11 @@
 //! ```
 //! Everything else in a file is passed over. Angles between the axes of pixels (skew) are not known here, and refused.
 
+mod pair;
 mod yaml;
 
 use super::{CameraModel, CameraModelError, Intrinsics, Lens, LensModel};
+pub use pair::PairInfo;
 use std::fmt::Write;
 use thiserror::Error;
 use yaml::Entries;

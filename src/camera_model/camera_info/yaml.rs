@@ -230,6 +230,22 @@ impl Entries {
         Ok(Some(data))
     }
 
+    /// The list of finite numbers at `key`.
+    pub(super) fn numbers(&self, key: &str) -> Result<Vec<f64>, CameraInfoError> {
+        let list = match self.find(key).map(|entry| &entry.value) {
+            None => return Err(self.missing(key)),
+            Some(YamlValue::List(list)) => list,
+            Some(_) => return Err(self.wrong(key, "must be a list of numbers")),
+        };
+        let mut data = Vec::new();
+        for (i, word) in list.iter().enumerate() {
+            let value: Option<f64> = word.parse().ok().filter(|value: &f64| value.is_finite());
+            let message = || format!("has `{}` as entry {}, a number is expected", told(word), i + 1);
+            data.push(value.ok_or_else(|| self.wrong(key, message()))?);
+        }
+        Ok(data)
+    }
+
     /// Rows, columns and numbers of the matrix at `key`, as many as rows and columns say.
     fn sized(&self, key: &str) -> Result<Option<YamlMatrix>, CameraInfoError> {
         let Some(entry) = self.find(key) else { return Ok(None) };
@@ -239,20 +255,10 @@ impl Entries {
         let count = |name: &str| self.number(&format!("{key}.{name}"), "a whole number");
         let (rows, cols): (usize, usize) = (count("rows")?, count("cols")?);
         let data_key = format!("{key}.data");
-        let list = match self.find(&data_key).map(|entry| &entry.value) {
-            None => return Err(self.missing(&data_key)),
-            Some(YamlValue::List(list)) => list,
-            Some(_) => return Err(self.wrong(&data_key, "must be a list of numbers")),
-        };
-        if rows.checked_mul(cols) != Some(list.len()) {
-            let message = format!("has {} entries, {rows} rows of {cols} are announced", list.len());
+        let data = self.numbers(&data_key)?;
+        if rows.checked_mul(cols) != Some(data.len()) {
+            let message = format!("has {} entries, {rows} rows of {cols} are announced", data.len());
             return Err(self.wrong(&data_key, message));
-        }
-        let mut data = Vec::new();
-        for (i, word) in list.iter().enumerate() {
-            let value: Option<f64> = word.parse().ok().filter(|value: &f64| value.is_finite());
-            let message = || format!("has `{}` as entry {}, a number is expected", told(word), i + 1);
-            data.push(value.ok_or_else(|| self.wrong(&data_key, message()))?);
         }
         Ok(Some(((rows, cols), data)))
     }

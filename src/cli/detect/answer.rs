@@ -1,6 +1,7 @@
 //! What is told of one image: a line for people, an object for programs.
 
 use super::DetectedImage;
+use super::shapes::{EllipseOut, SegmentOut};
 use crate::detect::Found;
 use crate::detect::tags::TagFound;
 use crate::input::printable;
@@ -26,6 +27,10 @@ pub(super) struct ImageAnswer {
     pub(super) misfit: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) tags: Option<Vec<TagOut>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) segments: Option<Vec<SegmentOut>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) ellipses: Option<Vec<EllipseOut>>,
     /// What the image cannot tell of what was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) note: Option<String>,
@@ -97,10 +102,6 @@ pub(super) fn word(status: TargetStatus) -> &'static str {
 }
 
 impl ImageAnswer {
-    pub(super) fn empty() -> Self {
-        Self::nothing(String::new(), "no_match", String::new())
-    }
-
     pub(super) fn nothing(image: String, status: &'static str, reason: String) -> Self {
         Self {
             image,
@@ -112,9 +113,16 @@ impl ImageAnswer {
             reprojection_rms_px: None,
             misfit: None,
             tags: None,
+            segments: None,
+            ellipses: None,
             note: None,
             time_us: 0.0,
         }
+    }
+
+    /// Something that has yet to be told.
+    pub(super) fn found(image: String) -> Self {
+        Self { status: "found", reason: None, ..Self::nothing(image, "found", String::new()) }
     }
 
     pub(super) fn of(image: String, seen: &DetectedImage, time_us: f64) -> Self {
@@ -143,6 +151,8 @@ impl ImageAnswer {
             reprojection_rms_px: seen.rms_px,
             misfit: (seen.growth != Growth::NONE).then_some(seen.growth.points),
             tags: (!seen.tags.is_empty()).then(|| seen.tags.iter().map(Into::into).collect()),
+            segments: None,
+            ellipses: None,
             note: seen.note(),
             time_us,
         }
@@ -152,7 +162,14 @@ impl ImageAnswer {
     pub(super) fn line(&self) -> String {
         let mut line = format!("{}: ", printable(&self.image));
         match &self.reason {
-            None => line += &format!("{} points", self.features.len()),
+            None => {
+                let what = match (&self.segments, &self.ellipses) {
+                    (Some(_), _) => "segments",
+                    (_, Some(_)) => "ellipses",
+                    _ => "points",
+                };
+                line += &format!("{} {what}", self.features.len());
+            }
             Some(reason) => line += &format!("{}: {}", self.status, printable(reason)),
         }
         if let Some(tags) = &self.tags {

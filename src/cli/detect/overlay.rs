@@ -1,10 +1,12 @@
 //! What was found, drawn over the image.
 
-use super::ImageAnswer;
+use super::{ImageAnswer, shapes};
 use crate::camera_model::CameraModel;
+use crate::pipeline::segment_pixels;
 use crate::print::letters;
+use crate::source::encode_png;
 use crate::target::Kind;
-use image::{ExtendedColorType, GrayImage, ImageEncoder, Rgb, RgbImage, codecs::png::PngEncoder};
+use image::{ExtendedColorType, GrayImage, Rgb, RgbImage};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector2};
 
 const POINT: Rgb<u8> = Rgb([0, 255, 64]);
@@ -15,13 +17,13 @@ const AXES: [Rgb<u8>; 3] = [Rgb([255, 48, 48]), Rgb([48, 255, 48]), Rgb([80, 120
 pub(super) fn draw(
     image: &GrayImage,
     answer: &ImageAnswer,
-    kind: &Kind,
-    camera: &CameraModel,
+    target: Option<(&Kind, &CameraModel)>,
 ) -> Option<Vec<u8>> {
     let mut out = RgbImage::from_fn(image.width(), image.height(), |x, y| {
         let [level] = image.get_pixel(x, y).0;
         Rgb([level; 3])
     });
+    shapes::draw(&mut out, answer);
     for tag in answer.tags.iter().flatten() {
         for (from, to) in tag.corners_px.iter().zip(tag.corners_px.iter().cycle().skip(1)) {
             line(&mut out, Vector2::from(*from), Vector2::from(*to), TAG);
@@ -35,7 +37,7 @@ pub(super) fn draw(
         line(&mut out, p - Vector2::y() * 4.0, p + Vector2::y() * 4.0, POINT);
         text(&mut out, p + Vector2::new(3.0, -9.0), &feature.id.to_string(), POINT);
     }
-    if let Some(pose) = &answer.pose {
+    if let (Some(pose), Some((kind, camera))) = (&answer.pose, target) {
         let [x, y, z, w] = pose.rotation_xyzw;
         let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
         let X_CO = Isometry3::from_parts(Translation3::from(pose.position_m), rotation);
@@ -52,10 +54,7 @@ pub(super) fn draw(
             }
         }
     }
-    let mut bytes = Vec::new();
-    let encoder = PngEncoder::new(&mut bytes);
-    encoder.write_image(out.as_raw(), out.width(), out.height(), ExtendedColorType::Rgb8).ok()?;
-    Some(bytes)
+    encode_png(out.as_raw(), out.width(), out.height(), ExtendedColorType::Rgb8).ok()
 }
 
 fn dot(out: &mut RgbImage, p: Vector2<f64>, colour: Rgb<u8>) {
@@ -66,14 +65,7 @@ fn dot(out: &mut RgbImage, p: Vector2<f64>, colour: Rgb<u8>) {
 }
 
 pub(in crate::cli) fn line(out: &mut RgbImage, from: Vector2<f64>, to: Vector2<f64>, colour: Rgb<u8>) {
-    let length = (to - from).amax();
-    if !(length < 1e5) {
-        return;
-    }
-    let steps = length.ceil().max(1.0);
-    for i in 0..=steps as u32 {
-        dot(out, from + (to - from) * (f64::from(i) / steps), colour);
-    }
+    segment_pixels(from, to).for_each(|px| dot(out, px, colour));
 }
 
 fn text(out: &mut RgbImage, at: Vector2<f64>, text: &str, colour: Rgb<u8>) {

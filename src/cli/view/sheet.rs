@@ -2,7 +2,8 @@
 
 use crate::cli::detect::overlay;
 use crate::print::{base64, letters};
-use image::{ExtendedColorType, GrayImage, ImageEncoder, Rgb, RgbImage, codecs::png::PngEncoder};
+use crate::source::encode_png;
+use image::{ExtendedColorType, GrayImage, Rgb, RgbImage};
 use nalgebra::Vector2;
 use std::fmt::Write;
 
@@ -200,7 +201,7 @@ impl ImageSheet {
         for (line, y) in words.iter().zip(rows) {
             write(&mut out, Vector2::new(f64::from(EDGE), f64::from(y)), line, Colour::Words.rgb());
         }
-        encoded(out.as_raw(), width, height, ExtendedColorType::Rgb8)
+        encode_png(out.as_raw(), width, height, ExtendedColorType::Rgb8).ok()
     }
 
     /// The same with the images as they are and everything else as lines and letters.
@@ -214,7 +215,7 @@ impl ImageSheet {
         );
         for (panel, x, y) in self.places() {
             let (w, h) = panel.image.dimensions();
-            let image = base64(&encoded(panel.image.as_raw(), w, h, ExtendedColorType::L8)?);
+            let image = base64(&encode_png(panel.image.as_raw(), w, h, ExtendedColorType::L8).ok()?);
             // a String takes everything
             let _ = writeln!(out, "<text x=\"{x}\" y=\"{}\">{}</text>", y - 5, panel.title);
             // pixels' centres are whole numbers
@@ -257,12 +258,6 @@ impl ImageSheet {
 
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
-}
-
-fn encoded(pixels: &[u8], width: u32, height: u32, colours: ExtendedColorType) -> Option<Vec<u8>> {
-    let mut bytes = Vec::new();
-    PngEncoder::new(&mut bytes).write_image(pixels, width, height, colours).ok()?;
-    Some(bytes)
 }
 
 /// Writes `text` from its upper left end, in letters of [`CELL`] px a cell.

@@ -191,15 +191,6 @@ impl ShapeFinder {
         &self.covariances
     }
 
-    /// Places along the outline found last, px: `count` of them.
-    pub fn outline_px(&self, count: usize) -> impl Iterator<Item = Vector2<f64>> {
-        let at = move |i: usize| {
-            let u = self.outline.at(self.outline.length() * i as f64 / count as f64).0;
-            self.seen.as_ref().map(|seen| self.image_of(seen, &u))
-        };
-        (0..count).filter_map(at)
-    }
-
     /// The ellipse found last, where that is what is looked for; of a lens with distortion it is the ellipse that the image is about its
     /// centre.
     #[must_use]

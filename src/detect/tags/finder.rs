@@ -163,13 +163,6 @@ impl TagFinder {
         }
     }
 
-    /// The same, correcting at most so many wrong bits (two at most).
-    #[must_use]
-    pub fn with_most_wrong_bits(mut self, most: u32) -> Self {
-        self.most_wrong_bits = most.min(2);
-        self
-    }
-
     /// How many wrong bits are corrected where nothing else is said: as many as random bits hardly ever come near a code, which they do
     /// in 2e-5, 1e-4 and 2e-3 of the cases (36h11, 25h9, 16h5).
     #[must_use]

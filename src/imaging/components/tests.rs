@@ -77,7 +77,7 @@ proptest! {
 }
 
 #[test]
-fn axes_of_an_ellipse() {
+fn second_moments_of_an_ellipse() {
     let (a, b, angle) = (40.0f64, 25.0, 0.5f64);
     let mut pixels = vec![255; 200 * 150];
     for y in 0..150 {
@@ -91,9 +91,16 @@ fn axes_of_an_ellipse() {
     }
     let found = find(&pixels, 200, Connectivity::Eight);
     assert_eq!(found.len(), 1);
-    let axes = found[0].principal_axes();
-    assert!((axes.major_px - a).abs() < 0.1 && (axes.minor_px - b).abs() < 0.1, "{axes:?}");
-    assert!((axes.angle_rad - angle).abs() < 0.01);
+    // R diag(a^2, b^2) R^T / 4
+    let (sin, cos) = angle.sin_cos();
+    let wanted = [
+        0.25 * (a * a * cos * cos + b * b * sin * sin),
+        0.25 * (a * a - b * b) * sin * cos,
+        0.25 * (a * a * sin * sin + b * b * cos * cos),
+    ];
+    for (own, wanted) in found[0].covariance().iter().zip(wanted) {
+        assert!((own - wanted).abs() < 0.005 * a * a, "{own} {wanted}");
+    }
     let (x, y) = found[0].centroid();
     assert!((x - 100.3).abs() < 0.05 && (y - 70.8).abs() < 0.05);
 }

@@ -1,0 +1,376 @@
+//! `vservo stereo motion`: displacement of a camera between two images of points, (10.43)-(10.46), or of a plane, (10.58)-(10.61).
+
+use super::pairs::{PairFile, intrinsic_matrix};
+use super::{finite, rows};
+use crate::camera_model::CameraModel;
+use crate::cli::detect::{calibration, refused};
+use crate::cli::{MotionMethod, StereoMotionArguments, json, shown};
+use crate::geometry::Pose;
+use crate::pose::{ConsensusSettings, HomographySolution, HomographySolutions, decompose_homography};
+use crate::process::ProcessError;
+use crate::stereo::{
+    Conjugates, RefinedRelativePose, RelativeConsensus, StereoError, epipoles, essential_5_point,
+    essential_8_point, fundamental_8_point, fundamental_matrix, plane_motion, plane_motion_consistent,
+    refine_relative, relative_pose, sampson_error2,
+};
+use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
+
+/// An inlier lies within so many standard deviations of its epipolar line, of which one in 400 beyond.
+const INLIER_SDS: f64 = 3.0;
+
+#[derive(Serialize)]
+struct MotionAnswer {
+    method: &'static str,
+    pairs: usize,
+    /// Of points; the one that most points lie in front of first.
+    solutions: Vec<PointMotion>,
+    /// Of a plane: both readings.
+    plane: Option<PlaneAnswer>,
+    /// For pixels without the cameras: F alone, (10.46).
+    fundamental: Option<Fundamental>,
+    ambiguous: bool,
+    reason: Option<String>,
+}
+
+/// Camera 2 in camera 1; the base line has length 1.
+#[derive(Serialize)]
+struct PointMotion {
+    essential: [[f64; 3]; 3],
+    fundamental: Option<[[f64; 3]; 3]>,
+    /// Normalized; `null` at infinity.
+    epipole_1: Option<[f64; 2]>,
+    epipole_2: Option<[f64; 2]>,
+    rotation_xyzw: [f64; 4],
+    direction: [f64; 3],
+    in_front: usize,
+    /// Of the first-order error, normalized units.
+    rms: f64,
+    inliers: Option<Vec<u64>>,
+    /// Of the rotation vector (rad) and the direction of the base line along two unit vectors across it (rad), by rows.
+    covariance: Option<Vec<f64>>,
+    tangents: Option<[[f64; 3]; 2]>,
+}
+
+#[derive(Serialize)]
+struct PlaneAnswer {
+    homography: [[f64; 3]; 3],
+    rms: Option<f64>,
+    /// Lengths in units of the plane's distance from camera 2.
+    readings: Vec<PlaneReading>,
+}
+
+#[derive(Serialize)]
+struct PlaneReading {
+    rotation: [[f64; 3]; 3],
+    position_over_distance: [f64; 3],
+    normal_2: [f64; 3],
+}
+
+#[derive(Serialize)]
+struct Fundamental {
+    matrix: [[f64; 3]; 3],
+    epipole_1_px: Option<[f64; 2]>,
+    epipole_2_px: Option<[f64; 2]>,
+    rms_px: f64,
+}
+
+pub(super) fn motion(arguments: &StereoMotionArguments) -> Result<u8, ProcessError> {
+    match run(arguments) {
+        Ok(answer) => Ok(shown(&if arguments.json { json(&answer) } else { told(&answer) }, 0)),
+        Err((message, code)) => Ok(refused(&message, code)),
+    }
+}
+
+type Refused = (String, u8);
+
+fn run(a: &StereoMotionArguments) -> Result<MotionAnswer, Refused> {
+    let failed = |e: StereoError| (e.to_string(), 5);
+    if let Some(text) = &a.homography {
+        let H = matrix_of(text).map_err(|e| (format!("--homography: {e}"), 2))?;
+        let solutions = decompose_homography(&H).map_err(|e| (e.to_string(), 5))?;
+        return Ok(of_plane("homography", 0, &H, None, &chosen(a, solutions)?));
+    }
+    let path = a.pairs.as_ref().ok_or(("PAIRS.csv or --homography is needed".to_owned(), 2))?;
+    let file = PairFile::read(path).map_err(|e| (e, 3))?;
+    let cameras = cameras(a).map_err(|e| (format!("--camera: {e}"), 3))?;
+    let cameras = cameras.as_ref().map(|(one, two)| (one, two));
+    if file.in_px && cameras.is_none() {
+        if a.method != MotionMethod::EightPoint {
+            let message =
+                "points in px without --camera give the fundamental matrix alone: --method eight_point";
+            return Err((message.into(), 2));
+        }
+        let F = fundamental_8_point(&file.pairs).map_err(failed)?;
+        return Ok(fundamental_alone(&F, &file.pairs));
+    }
+    let pairs = file.normalized(cameras).map_err(|e| (e, 2))?;
+    // one standard deviation of a coordinate, normalized
+    let f_px = cameras.filter(|_| file.in_px).map_or(1.0, |(camera, _)| {
+        let i = camera.intrinsics();
+        (i.fx_px * i.fy_px).sqrt()
+    });
+    let sd = a.sigma.map(|sd| sd / f_px);
+    match a.method {
+        MotionMethod::Plane => {
+            let motion = plane_motion(&pairs).map_err(failed)?;
+            let solutions = chosen(a, motion.solutions)?;
+            let solutions = match &a.third {
+                None => solutions,
+                Some(path) => {
+                    let third =
+                        PairFile::read(path).map_err(|e| (e, 3))?.normalized(cameras).map_err(|e| (e, 2))?;
+                    let second = plane_motion(&third).map_err(failed)?;
+                    let (first, _) = plane_motion_consistent(&solutions, &second.solutions);
+                    HomographySolutions { first, second: None }
+                }
+            };
+            Ok(of_plane("plane", pairs.len(), &motion.H, Some(motion.rms), &solutions))
+        }
+        method => of_points(method, &file.ids, &pairs, sd, cameras).map_err(failed),
+    }
+}
+
+fn cameras(a: &StereoMotionArguments) -> Result<Option<(CameraModel, CameraModel)>, String> {
+    let first = a.camera.as_deref().map(calibration).transpose()?;
+    let second = a.camera_2.as_deref().map(calibration).transpose()?;
+    Ok(first.map(|first| (first, second.unwrap_or(first))))
+}
+
+fn matrix_of(text: &str) -> Result<Matrix3<f64>, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
+    let numbers: [f64; 9] =
+        numbers.try_into().map_err(|_| format!("`{text}`: nine numbers by rows are expected"))?;
+    Ok(Matrix3::from_row_slice(&numbers))
+}
+
+fn vector_of(text: &str) -> Result<Vector3<f64>, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
+    let numbers: [f64; 3] =
+        numbers.try_into().map_err(|_| format!("`{text}`: three numbers are expected"))?;
+    Ok(Vector3::from(numbers))
+}
+
+/// Both readings, or the one that what is known besides tells.
+fn chosen(a: &StereoMotionArguments, solutions: HomographySolutions) -> Result<HomographySolutions, Refused> {
+    let one = |first: HomographySolution| HomographySolutions { first, second: None };
+    if let Some(text) = &a.normal {
+        let n_2 = vector_of(text).map_err(|e| (format!("--normal: {e}"), 2))?;
+        return Ok(one(solutions.nearest_normal(&n_2)));
+    }
+    if let Some(text) = &a.direction {
+        let direction = vector_of(text).map_err(|e| (format!("--direction: {e}"), 2))?;
+        return Ok(one(solutions.nearest_direction(&direction)));
+    }
+    Ok(solutions)
+}
+
+fn of_plane(
+    method: &'static str,
+    pairs: usize,
+    H: &Matrix3<f64>,
+    rms: Option<f64>,
+    solutions: &HomographySolutions,
+) -> MotionAnswer {
+    let both = [Some(solutions.first), solutions.second];
+    let readings: Vec<_> = both
+        .into_iter()
+        .flatten()
+        .map(|s| PlaneReading {
+            rotation: rows(s.R_12.matrix()),
+            position_over_distance: s.p_12_1_over_d2.into(),
+            normal_2: s.n_2.into(),
+        })
+        .collect();
+    let ambiguous = readings.len() > 1;
+    let reason = ambiguous.then(|| {
+        "two images of a plane have two readings: a third view (--third), the plane's normal (--normal) or the way (--direction) tells"
+            .to_owned()
+    });
+    let plane = PlaneAnswer { homography: rows(H), rms, readings };
+    MotionAnswer {
+        method,
+        pairs,
+        solutions: Vec::new(),
+        plane: Some(plane),
+        fundamental: None,
+        ambiguous,
+        reason,
+    }
+}
+
+fn fundamental_alone(F: &Matrix3<f64>, pairs: &[Conjugates]) -> MotionAnswer {
+    let both = epipoles(F);
+    let fundamental = Fundamental {
+        matrix: rows(F),
+        epipole_1_px: both.as_ref().and_then(|e| finite(&e.0)),
+        epipole_2_px: both.as_ref().and_then(|e| finite(&e.1)),
+        rms_px: rms(F, pairs),
+    };
+    MotionAnswer {
+        method: MotionMethod::EightPoint.word(),
+        pairs: pairs.len(),
+        solutions: Vec::new(),
+        plane: None,
+        fundamental: Some(fundamental),
+        ambiguous: false,
+        reason: Some("without --camera there is no essential matrix and no displacement".into()),
+    }
+}
+
+fn rms(E: &Matrix3<f64>, pairs: &[Conjugates]) -> f64 {
+    (pairs.iter().map(|pair| sampson_error2(E, pair)).sum::<f64>() / pairs.len().max(1) as f64).sqrt()
+}
+
+fn of_points(
+    method: MotionMethod,
+    ids: &[u64],
+    pairs: &[Conjugates],
+    sd: Option<f64>,
+    cameras: Option<(&CameraModel, &CameraModel)>,
+) -> Result<MotionAnswer, StereoError> {
+    let one =
+        |E: &Matrix3<f64>, X_12: Pose, in_front: usize| point_motion(E, &X_12, in_front, pairs, cameras);
+    let mut solutions = Vec::new();
+    match method {
+        MotionMethod::FivePoint => {
+            let first: &[Conjugates; 5] =
+                pairs.first_chunk().ok_or(StereoError::TooFewPoints { needed: 5, given: pairs.len() })?;
+            // further pairs tell which of the solutions is true
+            for E in essential_5_point(first)?.as_slice() {
+                if let Ok((X_12, in_front)) = relative_pose(E, pairs) {
+                    solutions.push(one(E, X_12, in_front));
+                }
+            }
+        }
+        MotionMethod::EightPoint => {
+            let E = essential_8_point(pairs)?;
+            let (X_12, in_front) = relative_pose(&E, pairs)?;
+            let mut solution = one(&E, X_12, in_front);
+            if let Ok(refined) = refine_relative(&X_12, pairs, sd.unwrap_or(0.0)) {
+                solution = refined_motion(&refined, in_front, pairs, cameras, sd);
+            }
+            solutions.push(solution);
+        }
+        MotionMethod::Consensus => {
+            let settings = ConsensusSettings::default();
+            let threshold = sd.map_or(settings.threshold, |sd| INLIER_SDS * sd);
+            let mut consensus = RelativeConsensus::with_capacity(pairs.len());
+            let settings = ConsensusSettings { threshold, ..settings };
+            let found = consensus.search(pairs, &settings, sd.unwrap_or(0.0))?;
+            let agree: Vec<_> =
+                pairs.iter().zip(consensus.inliers()).filter(|(_, is)| **is).map(|(p, _)| *p).collect();
+            let mut solution = refined_motion(&found.refined, found.inliers, &agree, cameras, sd);
+            let inliers = ids.iter().zip(consensus.inliers()).filter(|(_, is)| **is).map(|(id, _)| *id);
+            solution.inliers = Some(inliers.collect());
+            solutions.push(solution);
+        }
+        MotionMethod::Plane => {}
+    }
+    if solutions.is_empty() {
+        return Err(StereoError::BehindCamera);
+    }
+    solutions.sort_by(|a, b| b.in_front.cmp(&a.in_front).then(a.rms.total_cmp(&b.rms)));
+    let equal = |s: &PointMotion| {
+        solutions.first().is_some_and(|best| s.in_front == best.in_front && s.rms <= 2.0 * best.rms + 1e-9)
+    };
+    let count = solutions.iter().filter(|s| equal(s)).count();
+    let ambiguous = count > 1;
+    let reason = ambiguous.then(|| {
+        format!(
+            "{count} displacements explain these pairs equally well: give more than five, not of one plane"
+        )
+    });
+    let method = method.word();
+    Ok(MotionAnswer {
+        method,
+        pairs: pairs.len(),
+        solutions,
+        plane: None,
+        fundamental: None,
+        ambiguous,
+        reason,
+    })
+}
+
+fn point_motion(
+    E: &Matrix3<f64>,
+    X_12: &Pose,
+    in_front: usize,
+    pairs: &[Conjugates],
+    cameras: Option<(&CameraModel, &CameraModel)>,
+) -> PointMotion {
+    let both = epipoles(E);
+    let fundamental = cameras.and_then(|(one, two)| {
+        fundamental_matrix(E, &intrinsic_matrix(one), &intrinsic_matrix(two)).map(|F| rows(&(F / F.norm())))
+    });
+    let q = X_12.rotation.coords;
+    PointMotion {
+        essential: rows(E),
+        fundamental,
+        epipole_1: both.as_ref().and_then(|e| finite(&e.0)),
+        epipole_2: both.as_ref().and_then(|e| finite(&e.1)),
+        rotation_xyzw: [q.x, q.y, q.z, q.w],
+        direction: X_12.translation.vector.into(),
+        in_front,
+        rms: rms(E, pairs),
+        inliers: None,
+        covariance: None,
+        tangents: None,
+    }
+}
+
+fn refined_motion(
+    refined: &RefinedRelativePose,
+    in_front: usize,
+    pairs: &[Conjugates],
+    cameras: Option<(&CameraModel, &CameraModel)>,
+    sd: Option<f64>,
+) -> PointMotion {
+    let E = crate::stereo::essential_matrix(&refined.X_12);
+    PointMotion {
+        // symmetric: by rows is by columns
+        covariance: sd.map(|_| refined.covariance.iter().copied().collect()),
+        tangents: Some(refined.tangents.map(Into::into)),
+        ..point_motion(&E, &refined.X_12, in_front, pairs, cameras)
+    }
+}
+
+/// For people.
+fn told(answer: &MotionAnswer) -> String {
+    let list = |numbers: &[f64]| numbers.iter().map(|v| format!("{v:.6}")).collect::<Vec<_>>().join(", ");
+    let matrix = |m: &[[f64; 3]; 3]| m.iter().map(|row| format!("      {}\n", list(row))).collect::<String>();
+    let mut text = format!("{}: {} pairs", answer.method, answer.pairs);
+    if let Some(reason) = &answer.reason {
+        text += &format!("; {}{reason}", if answer.ambiguous { "ambiguous: " } else { "" });
+    }
+    text.push('\n');
+    for (i, s) in (1..).zip(&answer.solutions) {
+        text += &format!(
+            "{i}: base line along ({}), rotation ({}), {} in front, rms {:.3e}\n   E\n{}",
+            list(&s.direction),
+            list(&s.rotation_xyzw),
+            s.in_front,
+            s.rms,
+            matrix(&s.essential)
+        );
+        if let Some(inliers) = &s.inliers {
+            text += &format!("   {} of {} pairs agree\n", inliers.len(), answer.pairs);
+        }
+    }
+    if let Some(plane) = &answer.plane {
+        text += &format!("H\n{}", matrix(&plane.homography));
+        for (i, r) in (1..).zip(&plane.readings) {
+            text += &format!(
+                "{i}: position over distance ({}), normal in frame 2 ({})\n   R\n{}",
+                list(&r.position_over_distance),
+                list(&r.normal_2),
+                matrix(&r.rotation)
+            );
+        }
+    }
+    if let Some(f) = &answer.fundamental {
+        text += &format!("F, rms {:.4} px\n{}", f.rms_px, matrix(&f.matrix));
+    }
+    text
+}
