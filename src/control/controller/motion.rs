@@ -111,7 +111,8 @@ impl<const N: usize> Controller<N> {
             (0..N).for_each(|i| acting.set(Limit::View, i));
         }
         let J_C = self.servo.settings().mount.camera(robot, q).1;
-        let (requested_qd, damping) = damp_singularity(robot, q, J_C.matrix(), &requested_qd, &convergence.free);
+        let (requested_qd, damping) =
+            damp_singularity(robot, q, J_C.matrix(), &requested_qd, &convergence.free);
         (requested_qd, acting.with(&damping))
     }
 
