@@ -25,8 +25,17 @@ const NOISE_SD_LEVELS: f64 = 1.0;
 const ROBERTS: &str = "roberts | magnitude | threshold:0.0146:normalized";
 const SOBEL: &str = "sobel | magnitude | threshold:0.02:normalized";
 
+/// A rendered image.
+struct RenderedScene {
+    pixels: Vec<u8>,
+    /// Width and height, px.
+    size: (usize, usize),
+    /// Corners of the object's outline in the image, px, projected from its shape.
+    outline: Vec<[f64; 2]>,
+}
+
 /// The scene and the object's outline in it.
-fn scene() -> Result<(Vec<u8>, (usize, usize), Vec<[f64; 2]>), ExperimentError> {
+fn scene() -> Result<RenderedScene, ExperimentError> {
     let failed = |cause: String| ExperimentError::Computation { experiment: NAME, cause };
     let camera = feature_source::camera()?;
     let corners = OUTLINE_M.map(Vector2::from);
@@ -57,13 +66,14 @@ fn scene() -> Result<(Vec<u8>, (usize, usize), Vec<[f64; 2]>), ExperimentError> 
     let outline = places
         .map(|c| camera.project(&(X_CO * Point3::new(c.x, c.y, 0.0))).map(Into::into))
         .collect::<Option<Vec<_>>>();
-    Ok((pixels, size, outline.ok_or_else(|| failed("the object is behind the camera".into()))?))
+    let outline = outline.ok_or_else(|| failed("the object is behind the camera".into()))?;
+    Ok(RenderedScene { pixels, size, outline })
 }
 
 /// All four figures.
 pub(super) fn figures() -> Result<Findings, ExperimentError> {
     let failed = |cause: String| ExperimentError::Computation { experiment: NAME, cause };
-    let (pixels, (width, height), outline) = scene()?;
+    let RenderedScene { pixels, size: (width, height), outline } = scene()?;
     let view = ImageView::new(&pixels, width, height).map_err(|e| failed(e.to_string()))?;
     let run = |steps: &str| -> Result<Vec<StepOutcome>, ExperimentError> {
         let pipeline = Pipeline::parse(steps).map_err(|e| failed(e.to_string()))?;

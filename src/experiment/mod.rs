@@ -263,7 +263,7 @@ pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>,
         done.push((experiment.name, experiment.about, findings));
     }
     let index = out.join(findings::PAGE);
-    let written = findings::write_file(&index, &findings::index_page(&done));
+    let written = findings::write_file(&index, findings::index_page(&done));
     reports.push(Report { name: "all", lines: Vec::new(), files: written.map(|()| vec![index]) });
     Ok(reports)
 }

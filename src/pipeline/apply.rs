@@ -1,10 +1,9 @@
 //! What each step does with what it is given: the kernels of `imaging` and the finders of `detect`, in order.
 
 use super::StepFailure;
-use super::colour_image::ColourImage;
 use super::measure;
 use super::step::{PipelineStep, ThresholdRule};
-use super::table::StepTable;
+use super::step_output::{MIN_PROMINENCE, StepOutput};
 use super::value::{Binary, ContourSet, Field, FieldKind, RegionSet, Shapes, SourceImage, StepValue};
 use crate::detect::ellipse::{EllipseFinder, EllipseMiss, EllipseSettings};
 use crate::detect::segments::{SegmentFinder, SegmentMiss, SegmentSettings};
@@ -20,37 +19,11 @@ use std::sync::Arc;
 const MAX_RUNS: usize = 1 << 22;
 /// Most corners that are told.
 const MAX_CORNERS: usize = 4096;
-/// Modes of the histogram rise above their valleys by this share of the greatest: the start that [`Histogram::valley`] names.
-pub(super) const MIN_PROMINENCE: f64 = 0.02;
-
-/// What a step gave.
-pub(super) struct Done {
-    pub(super) value: StepValue,
-    pub(super) facts: Vec<(&'static str, f64)>,
-    pub(super) table: Option<StepTable>,
-    /// Of a step whose result is not its value.
-    pub(super) drawn: Option<ColourImage>,
-}
-
-impl Done {
-    pub(super) fn new(value: StepValue, facts: impl Into<Vec<(&'static str, f64)>>) -> Self {
-        Self { value, facts: facts.into(), table: None, drawn: None }
-    }
-
-    pub(super) fn with_table(self, table: StepTable) -> Self {
-        Self { table: Some(table), ..self }
-    }
-
-    pub(super) fn with_drawn(self, drawn: ColourImage) -> Self {
-        Self { drawn: Some(drawn), ..self }
-    }
-}
-
 type Result<T> = std::result::Result<T, StepFailure>;
 
 impl PipelineStep {
     /// Does the step. What it does not take, which parsing refuses, it hands on as it is.
-    pub(super) fn apply(self, value: StepValue) -> Result<Done> {
+    pub(super) fn apply(self, value: StepValue) -> Result<StepOutput> {
         match value {
             StepValue::Image(image) => of_image(self, image),
             StepValue::Gradient(gradient, operator, source) => {
@@ -58,25 +31,25 @@ impl PipelineStep {
             }
             StepValue::Field(field) => match self {
                 Self::Above { value, normalized } => above(&field, value, normalized),
-                _ => Ok(Done::new(StepValue::Field(field), [])),
+                _ => Ok(StepOutput::new(StepValue::Field(field), [])),
             },
             StepValue::Binary(binary) => match self {
                 Self::Regions(connectivity) => Ok(regions_of(binary, connectivity)),
                 Self::Contours => contours_of(binary),
-                _ => Ok(Done::new(StepValue::Binary(binary), [])),
+                _ => Ok(StepOutput::new(StepValue::Binary(binary), [])),
             },
             StepValue::Regions(regions) => Ok(match self {
                 Self::Moments => measure::moments(regions),
                 Self::GreyMoments => measure::grey_moments(regions),
                 Self::Axes => measure::axes(regions),
-                _ => Done::new(StepValue::Regions(regions), []),
+                _ => StepOutput::new(StepValue::Regions(regions), []),
             }),
             StepValue::Contours(set) => Ok(match self {
                 Self::Moments => measure::moments_of_borders(set),
                 Self::Axes => measure::axes_of_borders(set),
                 Self::Perimeter => measure::perimeters(set),
                 Self::Polygons { tolerance_px } => measure::polygons(set, tolerance_px),
-                _ => Done::new(StepValue::Contours(set), []),
+                _ => StepOutput::new(StepValue::Contours(set), []),
             }),
             StepValue::Edges(edges, source) => match self {
                 Self::Chains { min_points } => {
@@ -84,15 +57,15 @@ impl PipelineStep {
                     chains.link(&edges, min_points);
                     Ok(measure::chains(chains, source))
                 }
-                _ => Ok(Done::new(StepValue::Edges(edges, source), [])),
+                _ => Ok(StepOutput::new(StepValue::Edges(edges, source), [])),
             },
-            StepValue::Chains(..) | StepValue::Shapes(..) => Ok(Done::new(value, [])),
+            StepValue::Chains(..) | StepValue::Shapes(..) => Ok(StepOutput::new(value, [])),
         }
     }
 }
 
-fn of_image(step: PipelineStep, source: SourceImage) -> Result<Done> {
-    let Some(view) = source.view() else { return Ok(Done::new(StepValue::Image(source), [])) };
+fn of_image(step: PipelineStep, source: SourceImage) -> Result<StepOutput> {
+    let Some(view) = source.view() else { return Ok(StepOutput::new(StepValue::Image(source), [])) };
     match step {
         PipelineStep::Histogram(polarity) => {
             let histogram = Histogram::of(&view);
@@ -144,7 +117,7 @@ fn of_image(step: PipelineStep, source: SourceImage) -> Result<Done> {
                 ("greatest_first", most(gradient.first()).into()),
                 ("greatest_second", most(gradient.second()).into()),
             ];
-            Ok(Done::new(StepValue::Gradient(gradient, operator, source), facts))
+            Ok(StepOutput::new(StepValue::Gradient(gradient, operator, source), facts))
         }
         PipelineStep::Laplacian => {
             let mut quarters = Plane::default();
@@ -197,11 +170,16 @@ fn of_image(step: PipelineStep, source: SourceImage) -> Result<Done> {
             let found = detector.find(&view, response).to_vec();
             Ok(measure::shapes(Shapes::Crossings(found), source))
         }
-        _ => Ok(Done::new(StepValue::Image(source), [])),
+        _ => Ok(StepOutput::new(StepValue::Image(source), [])),
     }
 }
 
-fn of_gradient(step: PipelineStep, gradient: Box<Gradient>, operator: Operator, source: SourceImage) -> Done {
+fn of_gradient(
+    step: PipelineStep,
+    gradient: Box<Gradient>,
+    operator: Operator,
+    source: SourceImage,
+) -> StepOutput {
     let mut values = Plane::default();
     let what = match step {
         PipelineStep::Magnitude { sum: false } => {
@@ -218,7 +196,7 @@ fn of_gradient(step: PipelineStep, gradient: Box<Gradient>, operator: Operator, 
             direction(&gradient, &mut values);
             FieldKind::Direction
         }
-        _ => return Done::new(StepValue::Gradient(gradient, operator, source), []),
+        _ => return StepOutput::new(StepValue::Gradient(gradient, operator, source), []),
     };
     // the amounts of an operator's weights add up to so much
     let weights = match operator {
@@ -259,7 +237,7 @@ fn runs_of_mask(mask: &Plane<u8>) -> Result<Runs> {
     binarized(&view, |runs| runs.binarize(&view, &Window::whole(&view), 127, Polarity::Light))
 }
 
-fn above(field: &Field, value: f64, normalized: bool) -> Result<Done> {
+fn above(field: &Field, value: f64, normalized: bool) -> Result<StepOutput> {
     let value = if normalized { value * field.full } else { value };
     let mut mask = Plane::default();
     edges_by_magnitude(&field.values, value as f32, &mut mask);
@@ -279,7 +257,7 @@ fn mapped<T: Copy + Default>(plane: &Plane<T>, f: impl Fn(T) -> f32) -> Plane<f3
     out
 }
 
-fn regions_of(binary: Binary, connectivity: Connectivity) -> Done {
+fn regions_of(binary: Binary, connectivity: Connectivity) -> StepOutput {
     let Binary { runs, source } = binary;
     let Some(view) = source.view() else { return measure::regions(RegionSet::none(source)) };
     let mut components = Components::with_limit(runs.as_slice().len());
@@ -302,7 +280,7 @@ fn merged(
     uniformity: Uniformity,
     min_area_px2: u32,
     source: &SourceImage,
-) -> Result<Done> {
+) -> Result<StepOutput> {
     let mut segmentation = Segmentation::with_limit((view.width() * view.height()).min(1 << 24));
     segmentation.find(view, uniformity, min_area_px2)?;
     let mut set = RegionSet::none(source.clone());
@@ -326,7 +304,7 @@ fn merged(
     Ok(measure::regions(set))
 }
 
-fn contours_of(binary: Binary) -> Result<Done> {
+fn contours_of(binary: Binary) -> Result<StepOutput> {
     let Binary { runs, source } = binary;
     // a pixel's border is passed four times at most, and no region has more border than pixels beside it
     let limit = runs.as_slice().iter().map(|r: &Run| 2 * (r.x1 - r.x0) as usize + 2).sum::<usize>();

@@ -43,17 +43,17 @@ pub enum PipelineError {
         /// Which, from 1.
         number: usize,
         /// What is written.
-        step: String,
+        step: Box<str>,
         /// What it takes.
-        takes: String,
+        takes: Box<str>,
         /// The step before, or the file.
-        before: String,
+        before: Box<str>,
         /// What that gives.
         given: ValueKind,
         /// Steps that take it.
-        takers: String,
+        takers: Box<str>,
         /// Steps that give what this one takes.
-        givers: String,
+        givers: Box<str>,
     },
 }
 

@@ -1,8 +1,8 @@
 //! What is told of each value: single numbers, and tables.
 
-use super::apply::{Done, MIN_PROMINENCE};
 use super::colour_image::{ColourImage, dimmed};
 use super::outline;
+use super::step_output::{MIN_PROMINENCE, StepOutput};
 use super::table::StepTable;
 use super::value::{Binary, ContourSet, Field, RegionSet, Shapes, SourceImage, StepValue};
 use crate::imaging::{
@@ -23,7 +23,7 @@ impl RegionSet {
     }
 }
 
-pub(super) fn image(image: SourceImage) -> Done {
+pub(super) fn image(image: SourceImage) -> StepOutput {
     let levels = image.as_slice();
     let sum: u64 = levels.iter().map(|v| u64::from(*v)).sum();
     let facts = [
@@ -33,11 +33,11 @@ pub(super) fn image(image: SourceImage) -> Done {
         ("greatest_level", levels.iter().max().copied().unwrap_or(0).into()),
         ("mean_level", sum as f64 / levels.len().max(1) as f64),
     ];
-    Done::new(StepValue::Image(image), facts)
+    StepOutput::new(StepValue::Image(image), facts)
 }
 
 /// The histogram with its normalized values, and both thresholds.
-pub(super) fn histogram(histogram: &Histogram, polarity: Polarity, source: SourceImage) -> Done {
+pub(super) fn histogram(histogram: &Histogram, polarity: Polarity, source: SourceImage) -> StepOutput {
     let shares = histogram.normalized();
     let mut facts = vec![("pixels", histogram.count() as f64)];
     if let Some(otsu) = histogram.otsu() {
@@ -59,10 +59,10 @@ pub(super) fn histogram(histogram: &Histogram, polarity: Polarity, source: Sourc
         let inked = share / most * height as f64 > (height - 1 - y) as f64;
         if inked { [40; 3] } else { [255; 3] }
     });
-    Done::new(StepValue::Image(source), facts).with_table(table).with_drawn(bars)
+    StepOutput::new(StepValue::Image(source), facts).with_table(table).with_drawn(bars)
 }
 
-pub(super) fn field(field: Field) -> Done {
+pub(super) fn field(field: Field) -> StepOutput {
     let values = field.values.as_slice();
     let extreme = |pick: fn(f64, f64) -> f64, start| values.iter().fold(start, |m, v| pick(m, f64::from(*v)));
     let sum: f64 = values.iter().map(|v| f64::from(*v)).sum();
@@ -72,18 +72,18 @@ pub(super) fn field(field: Field) -> Done {
         ("mean", sum / values.len().max(1) as f64),
         ("normalized_one", field.full),
     ];
-    Done::new(StepValue::Field(field), facts)
+    StepOutput::new(StepValue::Field(field), facts)
 }
 
-pub(super) fn binary(binary: Binary, threshold: Option<f64>) -> Done {
+pub(super) fn binary(binary: Binary, threshold: Option<f64>) -> StepOutput {
     let objects: u64 = binary.runs.as_slice().iter().map(|r| u64::from(r.x1 - r.x0)).sum();
     let all = binary.source.as_slice().len().max(1);
     let mut facts = vec![("object_pixels", objects as f64), ("object_share", objects as f64 / all as f64)];
     facts.extend(threshold.map(|threshold| ("threshold", threshold)));
-    Done::new(StepValue::Binary(binary), facts)
+    StepOutput::new(StepValue::Binary(binary), facts)
 }
 
-pub(super) fn regions(set: RegionSet) -> Done {
+pub(super) fn regions(set: RegionSet) -> StepOutput {
     let rows = (0..).zip(set.sums.iter().zip(&set.grey).zip(&set.boxes)).map(|(i, ((sums, grey), b))| {
         let mean = grey.m00 as f64 / sums.m00.max(1) as f64;
         let [x0, y0, x1, y1] = b.map(f64::from);
@@ -91,10 +91,10 @@ pub(super) fn regions(set: RegionSet) -> Done {
     });
     let names = ["region", "area_px2", "mean_level", "first_x_px", "first_y_px", "last_x_px", "last_y_px"];
     let table = StepTable::new("region", names, rows);
-    Done::new(StepValue::Regions(set), [("regions", table.rows.len() as f64)]).with_table(table)
+    StepOutput::new(StepValue::Regions(set), [("regions", table.rows.len() as f64)]).with_table(table)
 }
 
-pub(super) fn contours(set: ContourSet) -> Done {
+pub(super) fn contours(set: ContourSet) -> StepOutput {
     let rows = (0..).zip(set.contours.as_slice()).map(|(i, c)| {
         let parent = c.parent().map_or(f64::NAN, |p| p as f64);
         let hole = f64::from(u8::from(c.hole));
@@ -102,42 +102,42 @@ pub(super) fn contours(set: ContourSet) -> Done {
     });
     let names = ["contour", "region", "is_hole", "depth", "parent", "pixels", "area_px2"];
     let table = StepTable::new("contour", names, rows);
-    Done::new(StepValue::Contours(set), [("contours", table.rows.len() as f64)]).with_table(table)
+    StepOutput::new(StepValue::Contours(set), [("contours", table.rows.len() as f64)]).with_table(table)
 }
 
-pub(super) fn moments(set: RegionSet) -> Done {
+pub(super) fn moments(set: RegionSet) -> StepOutput {
     let table = moment_table(&set.sums);
-    Done::new(StepValue::Regions(set), [("regions", table.rows.len() as f64)]).with_table(table)
+    StepOutput::new(StepValue::Regions(set), [("regions", table.rows.len() as f64)]).with_table(table)
 }
 
-pub(super) fn grey_moments(set: RegionSet) -> Done {
+pub(super) fn grey_moments(set: RegionSet) -> StepOutput {
     let table = moment_table(&set.grey);
-    Done::new(StepValue::Regions(set), [("regions", table.rows.len() as f64)]).with_table(table)
+    StepOutput::new(StepValue::Regions(set), [("regions", table.rows.len() as f64)]).with_table(table)
 }
 
-pub(super) fn grey_moments_of_image(sums: &MomentSums, image: SourceImage) -> Done {
+pub(super) fn grey_moments_of_image(sums: &MomentSums, image: SourceImage) -> StepOutput {
     let table = moment_table(std::slice::from_ref(sums));
-    Done::new(StepValue::Image(image), [("mass", sums.m00 as f64)]).with_table(table)
+    StepOutput::new(StepValue::Image(image), [("mass", sums.m00 as f64)]).with_table(table)
 }
 
-pub(super) fn moments_of_borders(set: ContourSet) -> Done {
+pub(super) fn moments_of_borders(set: ContourSet) -> StepOutput {
     let table = moment_table(&sums_of_borders(&set));
-    Done::new(StepValue::Contours(set), [("regions", table.rows.len() as f64)]).with_table(table)
+    StepOutput::new(StepValue::Contours(set), [("regions", table.rows.len() as f64)]).with_table(table)
 }
 
-pub(super) fn axes(set: RegionSet) -> Done {
+pub(super) fn axes(set: RegionSet) -> StepOutput {
     let table = axes_table(&set.sums);
-    Done::new(StepValue::Regions(set), [("regions", table.rows.len() as f64)]).with_table(table)
+    StepOutput::new(StepValue::Regions(set), [("regions", table.rows.len() as f64)]).with_table(table)
 }
 
-pub(super) fn axes_of_borders(set: ContourSet) -> Done {
+pub(super) fn axes_of_borders(set: ContourSet) -> StepOutput {
     let table = axes_table(&sums_of_borders(&set));
     let mut drawn = dimmed(&set.source);
     for moments in sums_of_borders(&set).iter().filter_map(MomentSums::central) {
         let centre = Vector2::new(moments.x, moments.y);
         outline::half_axes(&moments).iter().for_each(|half| drawn.line(centre - half, centre + half, CORNER));
     }
-    Done::new(StepValue::Contours(set), [("regions", table.rows.len() as f64)])
+    StepOutput::new(StepValue::Contours(set), [("regions", table.rows.len() as f64)])
         .with_table(table)
         .with_drawn(drawn)
 }
@@ -200,7 +200,7 @@ fn axes_table(sums: &[MomentSums]) -> StepTable {
     StepTable::new("region", names, rows)
 }
 
-pub(super) fn perimeters(set: ContourSet) -> Done {
+pub(super) fn perimeters(set: ContourSet) -> StepOutput {
     let rows = (0..).zip(set.contours.as_slice()).map(|(i, contour): (u32, &Contour)| {
         let points = set.contours.points(contour);
         let length = perimeter_px(points);
@@ -221,10 +221,10 @@ pub(super) fn perimeters(set: ContourSet) -> Done {
     });
     let names = ["contour", "region", "is_hole", "area_px2", "chain_px", "perimeter_px", "circularity"];
     let table = StepTable::new("contour", names, rows);
-    Done::new(StepValue::Contours(set), [("contours", table.rows.len() as f64)]).with_table(table)
+    StepOutput::new(StepValue::Contours(set), [("contours", table.rows.len() as f64)]).with_table(table)
 }
 
-pub(super) fn polygons(set: ContourSet, tolerance_px: f64) -> Done {
+pub(super) fn polygons(set: ContourSet, tolerance_px: f64) -> StepOutput {
     let mut polygons = Polygons::default();
     let mut rows = Vec::new();
     let mut drawn = dimmed(&set.source);
@@ -237,19 +237,20 @@ pub(super) fn polygons(set: ContourSet, tolerance_px: f64) -> Done {
     }
     let table = StepTable::new("corner", ["contour", "corner", "x_px", "y_px"], rows);
     let facts = [("contours", set.contours.as_slice().len() as f64), ("corners", table.rows.len() as f64)];
-    Done::new(StepValue::Contours(set), facts).with_table(table).with_drawn(drawn)
+    StepOutput::new(StepValue::Contours(set), facts).with_table(table).with_drawn(drawn)
 }
 
-pub(super) fn edges(edges: Box<Edges>, source: SourceImage) -> Done {
+pub(super) fn edges(edges: Box<Edges>, source: SourceImage) -> StepOutput {
     let rows = (0..).zip(edges.pixels()).map(|(i, p): (u32, _)| {
         let (dx, dy) = (f64::from(p.dx), f64::from(p.dy));
         [i.into(), p.x_px.into(), p.y_px.into(), dx.hypot(dy), dy.atan2(dx)]
     });
     let table = StepTable::new("edge pixel", ["pixel", "x_px", "y_px", "magnitude", "direction_rad"], rows);
-    Done::new(StepValue::Edges(edges, source), [("edge_pixels", table.rows.len() as f64)]).with_table(table)
+    StepOutput::new(StepValue::Edges(edges, source), [("edge_pixels", table.rows.len() as f64)])
+        .with_table(table)
 }
 
-pub(super) fn chains(chains: Box<Chains>, source: SourceImage) -> Done {
+pub(super) fn chains(chains: Box<Chains>, source: SourceImage) -> StepOutput {
     let rows = (0..).zip(chains.as_slice()).map(|(i, chain): (u32, _)| {
         let points = chains.of(chain);
         let place = |p: Option<&crate::imaging::EdgePixel>| {
@@ -260,10 +261,11 @@ pub(super) fn chains(chains: Box<Chains>, source: SourceImage) -> Done {
     });
     let names = ["chain", "points", "is_closed", "first_x_px", "first_y_px", "last_x_px", "last_y_px"];
     let table = StepTable::new("chain", names, rows);
-    Done::new(StepValue::Chains(chains, source), [("chains", table.rows.len() as f64)]).with_table(table)
+    StepOutput::new(StepValue::Chains(chains, source), [("chains", table.rows.len() as f64)])
+        .with_table(table)
 }
 
-pub(super) fn shapes(shapes: Shapes, source: SourceImage) -> Done {
+pub(super) fn shapes(shapes: Shapes, source: SourceImage) -> StepOutput {
     let table = match &shapes {
         Shapes::Segments(segments) => {
             let rows = (0..).zip(segments).map(|(i, s): (u32, _)| {
@@ -335,5 +337,5 @@ pub(super) fn shapes(shapes: Shapes, source: SourceImage) -> Done {
             StepTable::new("crossing", ["crossing", "x_px", "y_px", "response_levels"], rows)
         }
     };
-    Done::new(StepValue::Shapes(shapes, source), [("found", table.rows.len() as f64)]).with_table(table)
+    StepOutput::new(StepValue::Shapes(shapes, source), [("found", table.rows.len() as f64)]).with_table(table)
 }

@@ -32,6 +32,7 @@ mod measure;
 mod outline;
 mod parse;
 mod step;
+mod step_output;
 mod table;
 mod value;
 
@@ -88,7 +89,7 @@ impl Pipeline {
             outcomes.push(StepOutcome {
                 step: text.clone(),
                 kind: done.value.kind(),
-                drawn: done.drawn.unwrap_or_else(|| done.value.drawn()),
+                drawn: done.drawn.unwrap_or_else(|| ColourImage::of(&done.value)),
                 facts: done.facts,
                 table: done.table,
             });

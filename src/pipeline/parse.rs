@@ -60,14 +60,14 @@ fn mismatch(number: usize, written: &str, info: &StepInfo, before: &str, given: 
     PipelineError::Mismatch {
         number,
         step: written.into(),
-        takes: takes.join(" or "),
+        takes: takes.join(" or ").into(),
         before: before.into(),
         given,
-        takers: listed(|other| other.takes.contains(&given)),
+        takers: listed(|other| other.takes.contains(&given)).into(),
         givers: if info.takes.contains(&ValueKind::Image) {
             "the file itself, and filters".into()
         } else {
-            listed(|other| other.gives.is_some_and(|gives| info.takes.contains(&gives)))
+            listed(|other| other.gives.is_some_and(|gives| info.takes.contains(&gives))).into()
         },
     }
 }

@@ -1,6 +1,5 @@
 //! What passes from step to step.
 
-use super::colour_image::ColourImage;
 use crate::detect::ellipse::FoundEllipse;
 use crate::detect::segments::Segment;
 use crate::imaging::corners::{RingCorner, StructureCorner};
@@ -155,9 +154,5 @@ impl StepValue {
             Self::Chains(..) => ValueKind::Chains,
             Self::Shapes(..) => ValueKind::Shapes,
         }
-    }
-
-    pub(super) fn drawn(&self) -> ColourImage {
-        ColourImage::of(self)
     }
 }

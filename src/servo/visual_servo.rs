@@ -5,6 +5,7 @@
 //! known from the joint history, so that for an object at rest the view now is exact, whatever the latency. The own motion
 //! of an object that moves is estimated, where that is asked for.
 
+mod covariance;
 mod pace;
 
 use super::drift::{LONGEST_SPAN, unbelieved_motion};
@@ -16,6 +17,7 @@ use crate::geometry::{Pose, rotate_twist};
 use crate::messages::{Measurement, TargetStatus};
 use crate::robot::{CameraJacobian, JointHistory, Robot};
 use crate::time::{MonoNs, SpanNs};
+use covariance::{covariance_in, stated_covariance};
 use nalgebra::{Matrix6, SVector, Vector6};
 
 /// How far an exposure stamp may lie in the future, since some drivers stamp the planned end of a frame: a period of 20 Hz. Half and twice of it
@@ -431,20 +433,6 @@ fn follow<const N: usize>(
     let V_C = rotate_twist(&X_WC.rotation.inverse().to_rotation_matrix(), &V_W);
     let task = TwistTask { matrix: Matrix6::identity(), vector: V_C, error: V_C.norm() };
     joint_velocity(&task, 1.0, J).unwrap_or_else(SVector::zeros)
-}
-
-/// What vision states of its pose: of the twist `[v; w]` expressed in C.
-fn stated_covariance(measurement: &Measurement) -> Matrix6<f64> {
-    Matrix6::from_row_slice(&measurement.pose_covariance)
-}
-
-/// A covariance of a twist `[v; w]` expressed in C, expressed in W.
-fn covariance_in(X_WC: &Pose, covariance: &Matrix6<f64>) -> Matrix6<f64> {
-    let R = X_WC.rotation.to_rotation_matrix();
-    let mut both = Matrix6::zeros();
-    both.fixed_view_mut::<3, 3>(0, 0).copy_from(R.matrix());
-    both.fixed_view_mut::<3, 3>(3, 3).copy_from(R.matrix());
-    both * covariance * both.transpose()
 }
 
 #[cfg(test)]

@@ -18,13 +18,11 @@ use vservo::time::MonoNs;
 
 const MS: i64 = 1_000_000;
 
+/// What a perfect camera sees; once the target is not wholly before the camera any more, nothing.
 fn seen(config: &Config, k: i64, X_CO: &Pose) -> Measurement {
-    perfect_measurement(
-        &config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>(),
-        X_CO,
-        MonoNs(k * MS),
-    )
-    .unwrap()
+    let points: Vec<_> = config.target.points().iter().map(|point| point.p_O).collect();
+    let exposure = MonoNs(k * MS);
+    perfect_measurement(&points, X_CO, exposure).unwrap_or(Measurement { exposure, ..Measurement::default() })
 }
 
 /// `m` without its pose, and without the first `hidden` features.

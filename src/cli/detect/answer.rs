@@ -1,7 +1,6 @@
 //! What is told of one image: a line for people, an object for programs.
 
 use super::DetectedImage;
-use super::shapes::{EllipseOut, SegmentOut};
 use crate::detect::Found;
 use crate::detect::tags::TagFound;
 use crate::input::printable;
@@ -65,6 +64,34 @@ pub(super) struct TagOut {
     pub(super) id: u32,
     pub(super) corners_px: [[f64; 2]; 4],
     pub(super) hamming: u32,
+}
+
+/// A straight piece of an edge, the light on its right from the first end to the second.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct SegmentOut {
+    pub(super) id: u32,
+    pub(super) ends_px: [[f64; 2]; 2],
+    /// Of each end `[uu, uv, vv]`, px^2.
+    pub(super) end_covariance_px2: [[f64; 3]; 2],
+    pub(super) length_px: f64,
+    pub(super) orientation_rad: f64,
+    pub(super) orientation_sd_rad: f64,
+    /// `[x, y, L, alpha]` of (10.28), normalized; with a camera.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) features: Option<[f64; 4]>,
+}
+
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct EllipseOut {
+    pub(super) id: u32,
+    /// Half axes, the longer first.
+    pub(super) axes_px: [f64; 2],
+    pub(super) axis_rad: f64,
+    /// Of centre u, v (px) and the shape's uu, uv, vv (px^2), by rows: 25 numbers.
+    pub(super) covariance: Vec<f64>,
+    /// Share of the rim that is seen and fits.
+    pub(super) rim_share: f64,
+    pub(super) is_light: bool,
 }
 
 impl From<&RefinedPose> for PoseOut {

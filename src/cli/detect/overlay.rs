@@ -1,6 +1,6 @@
 //! What was found, drawn over the image.
 
-use super::{ImageAnswer, shapes};
+use super::ImageAnswer;
 use crate::camera_model::CameraModel;
 use crate::pipeline::segment_pixels;
 use crate::print::letters;
@@ -13,6 +13,10 @@ const POINT: Rgb<u8> = Rgb([0, 255, 64]);
 const TAG: Rgb<u8> = Rgb([255, 64, 255]);
 const AXES: [Rgb<u8>; 3] = [Rgb([255, 48, 48]), Rgb([48, 255, 48]), Rgb([80, 120, 255])];
 
+const EDGE_SHAPE: Rgb<u8> = Rgb([255, 160, 0]);
+/// Corners of an ellipse that is drawn.
+const CORNERS: u32 = 90;
+
 /// PNG bytes; `None` where they cannot be made.
 pub(super) fn draw(
     image: &GrayImage,
@@ -23,7 +27,7 @@ pub(super) fn draw(
         let [level] = image.get_pixel(x, y).0;
         Rgb([level; 3])
     });
-    shapes::draw(&mut out, answer);
+    edge_shapes(&mut out, answer);
     for tag in answer.tags.iter().flatten() {
         for (from, to) in tag.corners_px.iter().zip(tag.corners_px.iter().cycle().skip(1)) {
             line(&mut out, Vector2::from(*from), Vector2::from(*to), TAG);
@@ -55,6 +59,23 @@ pub(super) fn draw(
         }
     }
     encode_png(out.as_raw(), out.width(), out.height(), ExtendedColorType::Rgb8).ok()
+}
+
+/// Segments and ellipses.
+fn edge_shapes(out: &mut RgbImage, answer: &ImageAnswer) {
+    for segment in answer.segments.iter().flatten() {
+        let [from, to] = segment.ends_px.map(Vector2::from);
+        line(out, from, to, EDGE_SHAPE);
+    }
+    for (ellipse, at) in answer.ellipses.iter().flatten().zip(&answer.features) {
+        let (sin, cos) = ellipse.axis_rad.sin_cos();
+        let [a, b] = ellipse.axes_px;
+        let rim = |i: u32| {
+            let (s, c) = (std::f64::consts::TAU * f64::from(i) / f64::from(CORNERS)).sin_cos();
+            Vector2::new(at.u_px + a * c * cos - b * s * sin, at.v_px + a * c * sin + b * s * cos)
+        };
+        (0..CORNERS).for_each(|i| line(out, rim(i), rim(i + 1), EDGE_SHAPE));
+    }
 }
 
 fn dot(out: &mut RgbImage, p: Vector2<f64>, colour: Rgb<u8>) {

@@ -1,20 +1,13 @@
 //! `--target segments` and `--target ellipses`: what edges show, whatever it belongs to.
 
-use super::answer::{FeatureOut, ImageAnswer};
-use super::overlay;
+use super::answer::{EllipseOut, FeatureOut, ImageAnswer, SegmentOut};
 use crate::camera_model::CameraModel;
 use crate::detect::ellipse::{EllipseFinder, EllipseMiss, EllipseSettings, FoundEllipse};
 use crate::detect::segments::{Segment, SegmentFinder, SegmentMiss, SegmentSettings};
 use crate::features::segment_features;
 use crate::imaging::ImageView;
 use crate::rt::now;
-use image::{GrayImage, Rgb};
-use nalgebra::Vector2;
-use serde::Serialize;
-
-const COLOUR: Rgb<u8> = Rgb([255, 160, 0]);
-/// Corners of an ellipse that is drawn.
-const CORNERS: u32 = 90;
+use image::GrayImage;
 
 /// A kind of shape, from `segments[:MIN_LENGTH_PX]` or `ellipses[:MIN_AXIS_PX]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,34 +36,6 @@ impl ShapeKind {
             _ => None,
         }
     }
-}
-
-/// A straight piece of an edge, the light on its right from the first end to the second.
-#[derive(Debug, Clone, Serialize)]
-pub(super) struct SegmentOut {
-    pub(super) id: u32,
-    pub(super) ends_px: [[f64; 2]; 2],
-    /// Of each end `[uu, uv, vv]`, px^2.
-    pub(super) end_covariance_px2: [[f64; 3]; 2],
-    pub(super) length_px: f64,
-    pub(super) orientation_rad: f64,
-    pub(super) orientation_sd_rad: f64,
-    /// `[x, y, L, alpha]` of (10.28), normalized; with a camera.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) features: Option<[f64; 4]>,
-}
-
-#[derive(Debug, Clone, Serialize)]
-pub(super) struct EllipseOut {
-    pub(super) id: u32,
-    /// Half axes, the longer first.
-    pub(super) axes_px: [f64; 2],
-    pub(super) axis_rad: f64,
-    /// Of centre u, v (px) and the shape's uu, uv, vv (px^2), by rows: 25 numbers.
-    pub(super) covariance: Vec<f64>,
-    /// Share of the rim that is seen and fits.
-    pub(super) rim_share: f64,
-    pub(super) is_light: bool,
 }
 
 /// A finder for images of one size.
@@ -186,23 +151,6 @@ fn ellipses(name: String, found: &[FoundEllipse]) -> ImageAnswer {
 
 fn missed(name: String, no_edges: bool, reason: String) -> ImageAnswer {
     ImageAnswer::nothing(name, if no_edges { "no_contrast" } else { "no_match" }, reason)
-}
-
-/// Draws them.
-pub(super) fn draw(out: &mut image::RgbImage, answer: &ImageAnswer) {
-    for segment in answer.segments.iter().flatten() {
-        let [from, to] = segment.ends_px.map(Vector2::from);
-        overlay::line(out, from, to, COLOUR);
-    }
-    for (ellipse, at) in answer.ellipses.iter().flatten().zip(&answer.features) {
-        let (sin, cos) = ellipse.axis_rad.sin_cos();
-        let [a, b] = ellipse.axes_px;
-        let rim = |i: u32| {
-            let (s, c) = (std::f64::consts::TAU * f64::from(i) / f64::from(CORNERS)).sin_cos();
-            Vector2::new(at.u_px + a * c * cos - b * s * sin, at.v_px + a * c * sin + b * s * cos)
-        };
-        (0..CORNERS).for_each(|i| overlay::line(out, rim(i), rim(i + 1), COLOUR));
-    }
 }
 
 #[cfg(test)]

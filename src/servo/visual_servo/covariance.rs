@@ -1,0 +1,19 @@
+//! The covariance of a measured pose as the estimate of an object's motion needs it.
+
+use crate::geometry::Pose;
+use crate::messages::Measurement;
+use nalgebra::Matrix6;
+
+/// What vision states of its pose: of the twist `[v; w]` expressed in C.
+pub(super) fn stated_covariance(measurement: &Measurement) -> Matrix6<f64> {
+    Matrix6::from_row_slice(&measurement.pose_covariance)
+}
+
+/// A covariance of a twist `[v; w]` expressed in C, expressed in W.
+pub(super) fn covariance_in(X_WC: &Pose, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    let R = X_WC.rotation.to_rotation_matrix();
+    let mut both = Matrix6::zeros();
+    both.fixed_view_mut::<3, 3>(0, 0).copy_from(R.matrix());
+    both.fixed_view_mut::<3, 3>(3, 3).copy_from(R.matrix());
+    both * covariance * both.transpose()
+}
