@@ -28,7 +28,7 @@ fn seen(config: &Config, k: i64, X_CO: &Pose) -> Measurement {
 /// `m` without its pose, and without the first `hidden` features.
 fn hide(mut m: Measurement, hidden: usize) -> Measurement {
     m.features.rotate_left(hidden);
-    m.feature_count -= hidden as u32;
+    m.feature_count = m.feature_count.saturating_sub(hidden as u32);
     m.flags &= !measurement_flag::POSE;
     m
 }
