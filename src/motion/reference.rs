@@ -25,8 +25,6 @@ const ACCELERATION_DUST: f64 = 1e-9;
 /// What stands for a range or a speed limit that there is not, rad or m, rad/s or m/s.
 const LONGEST_RANGE: f64 = 1e6;
 const FASTEST: f64 = 1e3;
-/// Rounding that is no passing of a limit.
-const ROUNDING: f64 = 1e-6;
 /// Halvings in search of the largest part of a step from which a joint can brake.
 const HALVINGS: u32 = 6;
 
@@ -213,35 +211,6 @@ impl<const N: usize> Reference<N> {
         }
         self.state.limits = acting;
         &self.state
-    }
-
-    /// Whether `next`, whoever made it, is a point to which the reference may go within `dt`, and from which it can still
-    /// brake; goes there if it is.
-    pub fn admit(&mut self, next: &ReferenceState<N>, dt: SpanNs) -> bool {
-        let dt_s = dt.as_s();
-        let admits = (0..N).all(|i| {
-            let b = self.limits.bounds(i);
-            let now = JointMotionState { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
-            let then = JointMotionState { q: next.q[i], v: next.qd[i], a: next.a[i] };
-            let loose = Bounds {
-                lower: b.lower - ROUNDING,
-                upper: b.upper + ROUNDING,
-                velocity: b.velocity * (1.0 + ROUNDING),
-                ..b
-            };
-            let change = b.jerk * dt_s;
-            // Every comparison fails for what is no number.
-            then.a.abs() <= b.acceleration * (1.0 + ROUNDING)
-                && (then.a - now.a).abs() <= change * (1.0 + ROUNDING) + ROUNDING
-                && (then.v - now.v - dt_s * (now.a + then.a) / 2.0).abs() <= dt_s * (change / 2.0 + ROUNDING)
-                && (then.q - now.q - dt_s * (now.v + then.v) / 2.0).abs()
-                    <= dt_s * dt_s * change + ROUNDING * dt_s
-                && breach(then, &loose, now.q).is_none()
-        });
-        if admits {
-            self.state = *next;
-        }
-        admits
     }
 
     /// Advances by `dt` towards the velocity `requested_qd` (rad/s or m/s). A motion command that is not finite counts as standstill.

@@ -16,7 +16,7 @@ use nalgebra::{SVector, Vector2};
 
 /// Regions of one threshold that are looked at, the largest first.
 pub(super) const MAX_CANDIDATES: usize = 40;
-/// Work of one search in all its thresholds, in pixels of a fit, which bounds its time: of 50 posters that were searched under load the
+/// Work of one search in all its thresholds, in pixels of a fit, chosen since it bounds the time: of 50 posters, measured under load, the
 /// longest took 1.9 s of wall time. Posters of a hundred polygons call for more, and are given up.
 const MAX_WORK: u64 = 6_000_000;
 /// Distances of an alignment in the time of a pixel of a fit.
