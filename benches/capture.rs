@@ -10,8 +10,8 @@ fn main() {
 }
 
 fn lines(bencher: Bencher, format: PixelFormat, width: u32, height: u32) {
-    let stride = format.least_stride_bytes(width);
-    let raw = vec![100; format.least_payload_bytes(width, height, stride)];
+    let stride = format.min_stride_bytes(width);
+    let raw = vec![100; format.min_payload_bytes(width, height, stride)];
     let mut out = vec![0; (width * height) as usize];
     let mut grey = ToGrey::new(format, width, height);
     bencher.bench_local(|| grey.convert(&raw, stride, &mut out).unwrap());

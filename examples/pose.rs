@@ -41,7 +41,7 @@ fn main() -> Result<(), AnyError> {
     let seen = vision.process(&Frame { header, image }, &Prior::default());
     let Some(X_CO) = seen.pose() else { return Err(seen.target_status().as_str().into()) };
     for f in seen.features() {
-        println!("P{} at {:8.3} {:8.3} px, give or take {:.3}", f.id + 1, f.u_px, f.v_px, f.sigma_px);
+        println!("P{} at {:8.3} {:8.3} px, give or take {:.3}", f.id + 1, f.u_px, f.v_px, f.sd_px);
     }
     println!(
         "the target lies at {:.5} m, turned by {:.5} rad",

@@ -3,7 +3,7 @@
 //! ```text
 //! cargo run --release --example settling -- config/ur5.toml config/panda.toml --set servo.gain_1_s=10
 //! ```
-//! The bound is [`vservo::motion::least_time_s`]: each joint by itself from rest at the start to rest where the run ended, within
+//! The bound is [`vservo::motion::min_time_s`]: each joint by itself from rest at the start to rest where the run ended, within
 //! its limits on speed, acceleration and jerk; the slowest joint counts. It does not know of the camera: the first frame alone
 //! comes `camera.latency_ms` late. A run settles when its feature error is 2 % of the first one and stays below.
 
@@ -14,7 +14,7 @@ use std::error::Error;
 use std::ops::ControlFlow::Continue;
 use std::path::Path;
 use vservo::config::{Config, assemble};
-use vservo::motion::least_time_s;
+use vservo::motion::min_time_s;
 use vservo::sim::{Moment, simulate_system};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let bound_s = vservo::dispatch_robot!(config.robot, |robot| {
             assemble::motion_limits(&config, &robot).map(|limits| {
                 let end = SVector::from_fn(|i, _| q_end[i]);
-                least_time_s(&limits, &SVector::from_column_slice(&config.start.q), &end)
+                min_time_s(&limits, &SVector::from_column_slice(&config.start.q), &end)
             })
         })??;
         let settled_s = run.settling_time_s.unwrap_or(f64::NAN);

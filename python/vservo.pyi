@@ -54,7 +54,7 @@ class Measurement:
     ids: NDArray[np.uint64]
     px: NDArray[np.float64]
     normalized: NDArray[np.float64]
-    sigma_px: NDArray[np.float64]
+    sd_px: NDArray[np.float64]
     pose: NDArray[np.float64] | None
     covariance: NDArray[np.float64] | None
     ambiguous: bool

@@ -46,8 +46,8 @@ impl Measurement {
 
     /// One standard deviation of each coordinate (n,), px.
     #[getter]
-    fn sigma_px<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_vec(py, self.record.features().iter().map(|f| f.sigma_px).collect())
+    fn sd_px<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.record.features().iter().map(|f| f.sd_px).collect())
     }
 
     /// X_CO, the target in the camera's frame (4, 4), or None.

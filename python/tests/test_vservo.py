@@ -80,7 +80,7 @@ class Eye(unittest.TestCase):
             np.testing.assert_allclose(seen.pose[:3, 3], p, atol=1e-3)
             np.testing.assert_allclose(seen.pose[:3, :3], R, atol=5e-3)
             self.assertEqual(seen.covariance.shape, (6, 6))
-            self.assertTrue((seen.sigma_px > 0).all())
+            self.assertTrue((seen.sd_px > 0).all())
 
     def test_a_part_of_a_larger_array_and_what_is_no_image(self):
         R, p = np.eye(3), np.array([-0.05, -0.05, 0.5])

@@ -26,7 +26,7 @@ pub struct DetectedPoint {
     /// Normalized coordinates, undistorted.
     pub s: Vector2<f64>,
     /// Standard deviation of each coordinate, px; 0 where it is not known.
-    pub sigma_px: f64,
+    pub sd_px: f64,
 }
 
 impl TargetDetection {
@@ -36,10 +36,10 @@ impl TargetDetection {
         let mut points = [DetectedPoint::default(); MAX_FEATURES];
         let mut count = 0;
         for (point, f) in points.iter_mut().zip(m.features()).filter(|_| m.found()) {
-            *point = DetectedPoint { s: Vector2::new(f.x, f.y), sigma_px: f.sigma_px };
+            *point = DetectedPoint { s: Vector2::new(f.x, f.y), sd_px: f.sd_px };
             count += 1;
         }
-        let finite = points.iter().all(|p| p.s.iter().all(|c| c.is_finite()) && p.sigma_px.is_finite());
+        let finite = points.iter().all(|p| p.s.iter().all(|c| c.is_finite()) && p.sd_px.is_finite());
         (count > 0 && finite).then(|| Self { stamp: m.exposure, X_CO: m.pose(), points, count })
     }
 
@@ -50,8 +50,8 @@ impl TargetDetection {
     }
 
     #[cfg(test)]
-    pub(super) fn with_sigma_px(mut self, sigma_px: f64) -> Self {
-        self.points.iter_mut().for_each(|p| p.sigma_px = sigma_px);
+    pub(super) fn with_sd_px(mut self, sd_px: f64) -> Self {
+        self.points.iter_mut().for_each(|p| p.sd_px = sd_px);
         self
     }
 }

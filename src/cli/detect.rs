@@ -170,7 +170,7 @@ fn corners(tag: &TagFound) -> [Found; 4] {
     [0, 1, 2, 3].map(|corner| Found {
         id: 4 * tag.id + corner as u32,
         px: tag.corners_px.get(corner).copied().unwrap_or_default(),
-        sigma_px: tag.sigma_px(corner),
+        sd_px: tag.sd_px(corner),
         area_px2: 0.0,
         covariance_px2: [0.0; 3],
         dark_level: tag.dark_level,

@@ -90,7 +90,7 @@ pub(super) fn pose(arguments: &PoseArguments) -> Result<u8, ProcessError> {
         Ok(camera) => camera,
         Err(e) => return Ok(refused(&format!("--camera: {e}"), 3)),
     };
-    let points = match Points::read(&arguments.points, camera, arguments.sigma) {
+    let points = match Points::read(&arguments.points, camera, arguments.sd) {
         Ok(points) => points,
         Err(e) => return Ok(refused(&e, 3)),
     };

@@ -34,8 +34,8 @@ pub struct ProcessArguments {
 /// Arguments of `vservo pose`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Columns: id,x_m,y_m,z_m with u_px,v_px (and sigma_px) in pixels, or with X,Y (and sigma) normalized.\n\
-                  Example: vservo pose square.csv --method planar --sigma 0.0005 --json"
+    after_help = "Columns: id,x_m,y_m,z_m with u_px,v_px (and sd_px) in pixels, or with X,Y (and sd) normalized.\n\
+                  Example: vservo pose square.csv --method planar --sd 0.0005 --json"
 )]
 pub struct PoseArguments {
     /// CSV file of points: where they are on the object, and where they are seen
@@ -49,7 +49,7 @@ pub struct PoseArguments {
     pub camera: Option<PathBuf>,
     /// Standard deviation of each coordinate where the file states none: px, or normalized as the points are
     #[arg(long, value_name = "SD")]
-    pub sigma: Option<f64>,
+    pub sd: Option<f64>,
     /// virtual_servoing: where it starts, m and the angles of Rz Ry Rx, rad; left out: in front of the points, not turned
     #[arg(long, value_name = "x,y,z,phi_z,phi_y,phi_x", allow_hyphen_values = true)]
     pub start: Option<String>,
@@ -178,7 +178,7 @@ pub struct StereoRectifyArguments {
 /// Arguments of `vservo stereo triangulate`.
 #[derive(Debug, Args)]
 #[command(after_help = "Columns: id,u1_px,v1_px,u2_px,v2_px in pixels, or id,X1,Y1,X2,Y2 normalized.\n\
-                  Example: vservo stereo triangulate matches.csv --pair pair.yaml --sigma 0.1")]
+                  Example: vservo stereo triangulate matches.csv --pair pair.yaml --sd 0.1")]
 pub struct StereoTriangulateArguments {
     /// CSV file of conjugate points
     #[arg(value_name = "PAIRS.csv")]
@@ -191,7 +191,7 @@ pub struct StereoTriangulateArguments {
     pub method: TriangulationMethod,
     /// Standard deviation of each coordinate, px or normalized as the points are: with it the positions' covariances are told
     #[arg(long, value_name = "SD")]
-    pub sigma: Option<f64>,
+    pub sd: Option<f64>,
     /// Print JSON in place of CSV
     #[arg(long)]
     pub json: bool,
@@ -212,7 +212,7 @@ pub enum TriangulationMethod {
 /// Arguments of `vservo stereo motion`.
 #[derive(Debug, Args)]
 #[command(after_help = "Columns: id,u1_px,v1_px,u2_px,v2_px in pixels, or id,X1,Y1,X2,Y2 normalized.\n\
-                  Example: vservo stereo motion matches.csv --camera camera.yaml --method consensus --sigma 0.2 --json")]
+                  Example: vservo stereo motion matches.csv --camera camera.yaml --method consensus --sd 0.2 --json")]
 pub struct StereoMotionArguments {
     /// CSV file of conjugate points
     #[arg(value_name = "PAIRS.csv", required_unless_present = "homography")]
@@ -228,7 +228,7 @@ pub struct StereoMotionArguments {
     pub camera_2: Option<PathBuf>,
     /// Standard deviation of each coordinate, px or normalized as the points are: with it covariances are told
     #[arg(long, value_name = "SD")]
-    pub sigma: Option<f64>,
+    pub sd: Option<f64>,
     /// plane: a homography in place of pairs, nine numbers by rows, (10.58)
     #[arg(long, value_name = "h11,h12,...", conflicts_with = "pairs", allow_hyphen_values = true)]
     pub homography: Option<String>,

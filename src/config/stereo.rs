@@ -288,7 +288,7 @@ fn in_view(
         None => {
             let all = target.points();
             let seen = all.iter().filter(|point| !hidden(&(X_DO * point.p_O))).count();
-            if seen < target.least_to_find() {
+            if seen < target.min_to_find() {
                 let message = format!(
                     "only {seen} of the target's {} points would be in both images in the desired pose: move it away, or the \
                      cameras together",

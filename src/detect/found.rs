@@ -10,7 +10,7 @@ pub struct Found {
     /// Centroid of its dot in the distorted image, px.
     pub px: Vector2<f64>,
     /// One standard deviation of each coordinate of `px`, px.
-    pub sigma_px: f64,
+    pub sd_px: f64,
     /// Area, px^2.
     pub area_px2: f64,
     /// Covariance `[xx, xy, yy]` of a point uniform in the dot's image, px^2.

@@ -80,7 +80,7 @@ impl<const M: usize> NormalEquations<M> {
         let factors = Ldlt::new(&self.matrix, &[damping; M])?;
         let twist = factors.solve(&self.vector);
         let finite = twist.iter().all(|x| x.is_finite());
-        finite.then(|| TwistSolution { twist: SVector::from(twist), conditioning: factors.least_ratio() })
+        finite.then(|| TwistSolution { twist: SVector::from(twist), conditioning: factors.min_ratio() })
     }
 
     /// The whole matrix L^T W L.

@@ -34,12 +34,12 @@ pub struct EdgeScan {
     /// How far from the predicted place the edge is looked for, px, at most 64.
     pub search_px: usize,
     /// Least step, grey levels.
-    pub least_step: f32,
+    pub min_step: f32,
 }
 
 impl Default for EdgeScan {
     fn default() -> Self {
-        Self { half_px: 2, search_px: 3, least_step: 12.0 }
+        Self { half_px: 2, search_px: 3, min_step: 12.0 }
     }
 }
 
@@ -49,7 +49,7 @@ pub struct Crossing {
     /// Position along the scan line, px.
     pub position_px: f64,
     /// Standard deviation of the position for noise of 1 grey level, px.
-    pub sigma_px_per_level: f64,
+    pub sd_px_per_level: f64,
     /// Level before the edge, in the order of columns or rows.
     pub before: f64,
     /// Level behind it.
@@ -125,7 +125,7 @@ impl EdgeScan {
         } else {
             best.0 = i32::MAX;
         }
-        if (best.0 as f32) < self.least_step {
+        if (best.0 as f32) < self.min_step {
             return None;
         }
         // the window is centred on the edge: one step more where it is nearer to a neighbour
@@ -135,7 +135,7 @@ impl EdgeScan {
                 return None;
             }
             let crossing = measure(at, centre as usize, half)?;
-            if f64::from(sign) * (crossing.behind - crossing.before) < f64::from(self.least_step) {
+            if f64::from(sign) * (crossing.behind - crossing.before) < f64::from(self.min_step) {
                 return None;
             }
             let off = crossing.position_px - centre as f64;
@@ -188,7 +188,7 @@ fn measure(at: impl Fn(usize) -> i32, centre: usize, half: usize) -> Option<Cros
     let mean = first / step;
     Some(Crossing {
         position_px: centre as f64 + off,
-        sigma_px_per_level: weights.sqrt() / step.abs(),
+        sd_px_per_level: weights.sqrt() / step.abs(),
         before: a,
         behind: b,
         scatter: scatter_a.max(0.0) + scatter_b.max(0.0),
@@ -210,10 +210,10 @@ mod tests {
             image in any_image(), line in -5i64..200, place in -50.0..300.0f64, half in 0usize..12, search in 0usize..99,
             row in any::<bool>(), rising in any::<bool>(),
         ) {
-            let scan = EdgeScan { half_px: half, search_px: search, least_step: 5.0 };
+            let scan = EdgeScan { half_px: half, search_px: search, min_step: 5.0 };
             let axis = if row { ScanAxis::Row } else { ScanAxis::Column };
             if let Some(c) = scan.cross(&image.view(), axis, line, place, rising) {
-                prop_assert!((c.behind > c.before) == rising && c.sigma_px_per_level > 0.0);
+                prop_assert!((c.behind > c.before) == rising && c.sd_px_per_level > 0.0);
                 prop_assert!((c.position_px - place).abs() < search as f64 + 4.0);
             }
         }
@@ -243,7 +243,7 @@ mod tests {
                 // levels are rounded
                 assert!((c.position_px - place).abs() < 0.005, "{} {place}", c.position_px);
             } else {
-                let z = (c.position_px - place) / (c.sigma_px_per_level * (4.0f64 + 1.0 / 12.0).sqrt());
+                let z = (c.position_px - place) / (c.sd_px_per_level * (4.0f64 + 1.0 / 12.0).sqrt());
                 squares += z * z;
                 bias += z;
                 blur += c.blur_px2;

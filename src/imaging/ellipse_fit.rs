@@ -78,12 +78,12 @@ impl Ellipse {
     #[must_use]
     pub fn fit(points: &[EdgePoint]) -> Option<EllipseFit> {
         let misfit = |e: &Self, points: &[EdgePoint]| {
-            super::robust::spread(points, |p| e.distance_px(&p.px) / p.sigma_px)
+            super::robust::spread(points, |p| e.distance_px(&p.px) / p.sd_px)
         };
         let mut start = Self::fit_direct(points).map(|e| (misfit(&e, points), e));
         if !start.is_some_and(|(misfit, _)| misfit < 3.0) {
             let mut random = Random::new(points.len() as u64);
-            let none = EdgePoint { px: Vector2::zeros(), sigma_px: 1.0 };
+            let none = EdgePoint { px: Vector2::zeros(), sd_px: 1.0 };
             let mut judges = [none; JUDGES];
             let step = points.len().div_ceil(JUDGES).max(1);
             let count = judges.iter_mut().zip(points.iter().step_by(step)).map(|(j, p)| *j = *p).count();
@@ -139,21 +139,20 @@ impl Ellipse {
         let mut last = None;
         for round in 0..ROUNDS {
             // those at the start may be far off: the robust spread lets them in
-            let spread =
-                super::robust::spread(points, |p| ellipse.distance_px(&local(p)) * scale / p.sigma_px);
+            let spread = super::robust::spread(points, |p| ellipse.distance_px(&local(p)) * scale / p.sd_px);
             let (mut N, mut r) = (SMatrix::<f64, 5, 5>::zeros(), SVector::<f64, 5>::zeros());
             let (mut chi2, mut used) = (0.0, 0);
             for p in points {
                 let q = local(p);
                 let g = ellipse.gradient(&(q - ellipse.centre_px)).norm();
-                let sigma = p.sigma_px / scale;
-                let distance = ellipse.distance_px(&q) / sigma;
+                let sd = p.sd_px / scale;
+                let distance = ellipse.distance_px(&q) / sd;
                 // what is not less is not a number either
                 if !(distance.abs() < CUT * spread) {
                     continue;
                 }
                 // F = phi . theta - 1 over its gradient is the distance
-                let w = (g * sigma).powi(-2);
+                let w = (g * sd).powi(-2);
                 let phi = SVector::<f64, 5>::new(q.x * q.x, 2.0 * q.x * q.y, q.y * q.y, 2.0 * q.x, 2.0 * q.y);
                 N += phi * phi.transpose() * w;
                 r += phi * w;
@@ -203,11 +202,11 @@ impl Ellipse {
         let mut N = SMatrix::<f64, 5, 5>::zeros();
         for p in points {
             let q = (p.px - middle) / scale;
-            let sigma = p.sigma_px / scale;
+            let sd = p.sd_px / scale;
             let g = Vector2::new(a * q.x + b * q.y + d, b * q.x + c * q.y + e) * 2.0;
-            if fit.ellipse.distance_px(&q).abs() < CUT * sigma * fit.chi2.max(1.0).sqrt() {
+            if fit.ellipse.distance_px(&q).abs() < CUT * sd * fit.chi2.max(1.0).sqrt() {
                 let phi = SVector::<f64, 5>::new(q.x * q.x, 2.0 * q.x * q.y, q.y * q.y, 2.0 * q.x, 2.0 * q.y);
-                N += phi * phi.transpose() / (g.norm() * sigma).powi(2);
+                N += phi * phi.transpose() / (g.norm() * sd).powi(2);
             }
         }
         let inverse = SMatrix::<f64, 5, 5>::from(Ldlt::of(&N)?.inverse());
@@ -241,15 +240,15 @@ mod tests {
         random: &mut Random,
         e: &Ellipse,
         count: usize,
-        sigma_px: f64,
+        sd_px: f64,
         arc: f64,
         wrong: usize,
     ) -> Vec<EdgePoint> {
         (0..count)
             .map(|i| {
                 let (p, n) = e.rim(1.0 + arc * i as f64 / count as f64);
-                let off = if i < wrong { random.between(1.0, 4.0) } else { sigma_px * random.gaussian() };
-                EdgePoint { px: p + n * off, sigma_px: sigma_px.max(1e-6) }
+                let off = if i < wrong { random.between(1.0, 4.0) } else { sd_px * random.gaussian() };
+                EdgePoint { px: p + n * off, sd_px: sd_px.max(1e-6) }
             })
             .collect()
     }
@@ -280,7 +279,7 @@ mod tests {
 
         #[test]
         fn any_points_are_taken(p in prop::collection::vec((-9.0..9.0f64, -9.0..9.0f64), 0..12), same in any::<bool>()) {
-            let points: Vec<_> = p.iter().map(|&(x, y)| EdgePoint { px: Vector2::new(x, if same { x } else { y }), sigma_px: 0.1 }).collect();
+            let points: Vec<_> = p.iter().map(|&(x, y)| EdgePoint { px: Vector2::new(x, if same { x } else { y }), sd_px: 0.1 }).collect();
             if let Some(e) = Ellipse::fit_direct(&points) {
                 prop_assert!(e.is_real());
                 if let Some(fit) = e.refine(&points) {

@@ -18,7 +18,7 @@ pub struct EdgePoint {
     /// Where, px.
     pub px: Vector2<f64>,
     /// One standard deviation across the edge, px.
-    pub sigma_px: f64,
+    pub sd_px: f64,
 }
 
 /// A straight line.
@@ -51,7 +51,7 @@ impl Line {
 
     /// One standard deviation of the line's place across itself, `along_px` from [`Self::px`], px.
     #[must_use]
-    pub fn sigma_px(&self, along_px: f64) -> f64 {
+    pub fn sd_px(&self, along_px: f64) -> f64 {
         let c = &self.covariance;
         // turning the normal by an angle moves the line at this place by the angle times the distance
         (c[(0, 0)] - 2.0 * along_px * c[(0, 1)] + along_px * along_px * c[(1, 1)]).max(0.0).sqrt()
@@ -63,7 +63,7 @@ impl Line {
     /// deviations explain, the covariance grows with them.
     #[must_use]
     pub fn fit(points: &[EdgePoint]) -> Option<Self> {
-        let mut line = weighted(points, 3, |p| p.sigma_px.powi(-2))?;
+        let mut line = weighted(points, 3, |p| p.sd_px.powi(-2))?;
         if line.chi2 > 4.0 {
             line = by_pairs(points).unwrap_or(line);
         }
@@ -71,8 +71,8 @@ impl Line {
         for _ in 0..30 {
             let before = line;
             let robust = |p: &EdgePoint| {
-                let z = before.distance_px(&p.px) / (p.sigma_px * scale * TUKEY);
-                (1.0 - z * z).max(0.0).powi(2) * p.sigma_px.powi(-2)
+                let z = before.distance_px(&p.px) / (p.sd_px * scale * TUKEY);
+                (1.0 - z * z).max(0.0).powi(2) * p.sd_px.powi(-2)
             };
             let Some(next) = weighted(points, 3, robust) else { break };
             line = next;
@@ -87,8 +87,8 @@ impl Line {
         for _ in 0..3 {
             let before = line;
             let cut = |p: &EdgePoint| {
-                let inside = before.distance_px(&p.px).abs() <= CUT * scale * p.sigma_px;
-                if inside { p.sigma_px.powi(-2) } else { 0.0 }
+                let inside = before.distance_px(&p.px).abs() <= CUT * scale * p.sd_px;
+                if inside { p.sd_px.powi(-2) } else { 0.0 }
             };
             line = weighted(points, 3, cut)?;
         }
@@ -114,7 +114,7 @@ fn by_pairs(points: &[EdgePoint]) -> Option<Line> {
         let step = points.len().div_ceil(JUDGES).max(1);
         let mut count = 0;
         for (r, p) in residuals.iter_mut().zip(points.iter().step_by(step)) {
-            *r = line.distance_px(&p.px).abs() / p.sigma_px;
+            *r = line.distance_px(&p.px).abs() / p.sd_px;
             count += 1;
         }
         let Some(used) = residuals.get_mut(..count) else { continue };
@@ -128,7 +128,7 @@ fn by_pairs(points: &[EdgePoint]) -> Option<Line> {
 
 /// Robust scale of the residuals over their deviations, at least 1.
 fn spread(points: &[EdgePoint], line: &Line) -> f64 {
-    super::robust::spread(points, |p| line.distance_px(&p.px) / p.sigma_px)
+    super::robust::spread(points, |p| line.distance_px(&p.px) / p.sd_px)
 }
 
 /// Weighted least squares: the direction of least spread.
@@ -173,12 +173,12 @@ mod tests {
         let middle = Vector2::new(random.between(0.0, 600.0), random.between(0.0, 400.0));
         let points = (0..count)
             .map(|i| {
-                let sigma_px = random.between(0.02, 0.1);
-                let mut off = sigma_px * random.gaussian();
+                let sd_px = random.between(0.02, 0.1);
+                let mut off = sd_px * random.gaussian();
                 if i < outliers {
                     off = random.between(1.0, 20.0);
                 }
-                EdgePoint { px: middle + t * random.between(-25.0, 25.0) + n * off, sigma_px }
+                EdgePoint { px: middle + t * random.between(-25.0, 25.0) + n * off, sd_px }
             })
             .collect();
         (points, middle, angle)
@@ -207,7 +207,7 @@ mod tests {
                 let e = line.distance_px(&(middle + at));
                 let along =
                     Vector2::new(-line.normal_rad.sin(), line.normal_rad.cos()).dot(&(middle + at - line.px));
-                both += (e / line.sigma_px(along)).powi(2) / f64::from(n);
+                both += (e / line.sd_px(along)).powi(2) / f64::from(n);
             }
             for share in [offset, turn, both] {
                 assert!((0.8..1.25).contains(&share), "{outliers} {offset} {turn} {both}");
@@ -217,12 +217,12 @@ mod tests {
 
     #[test]
     fn degenerate_points_have_no_line() {
-        let p = |x: f64, y: f64| EdgePoint { px: Vector2::new(x, y), sigma_px: 0.1 };
+        let p = |x: f64, y: f64| EdgePoint { px: Vector2::new(x, y), sd_px: 0.1 };
         assert!(Line::fit(&[]).is_none());
         assert!(Line::fit(&[p(1.0, 2.0), p(2.0, 3.0)]).is_none());
         assert!(Line::fit(&[p(1.0, 2.0); 9]).is_none());
         assert!(Line::fit(&[p(f64::NAN, 2.0); 9]).is_none());
-        assert!(Line::fit(&[EdgePoint { sigma_px: 0.0, ..p(1.0, 2.0) }; 9]).is_none());
+        assert!(Line::fit(&[EdgePoint { sd_px: 0.0, ..p(1.0, 2.0) }; 9]).is_none());
         let exact: Vec<_> = (0..9).map(|i| p(f64::from(i), 2.0 * f64::from(i))).collect();
         let line = Line::fit(&exact).unwrap();
         assert!(line.distance_px(&Vector2::new(100.0, 200.0)).abs() < 1e-9);

@@ -129,7 +129,7 @@ impl Segmentation {
         &self.labels
     }
 
-    /// Segments an image. Regions below `least_area_px` are given to neighbours, whether that is uniform or not; 0 or 1 leaves all.
+    /// Segments an image. Regions below `min_area_px` are given to neighbours, whether that is uniform or not; 0 or 1 leaves all.
     ///
     /// # Errors
     /// [`TooManyPixels`] when the buffers are too small; nothing is found then.
@@ -137,7 +137,7 @@ impl Segmentation {
         &mut self,
         image: &ImageView<'_>,
         uniformity: Uniformity,
-        least_area_px: u32,
+        min_area_px: u32,
     ) -> Result<(), TooManyPixels> {
         let (width, height) = (image.width(), image.height());
         let (pixels, limit) = (width.saturating_mul(height), self.limit);
@@ -159,8 +159,8 @@ impl Segmentation {
         }
         self.sort_pairs(image);
         self.merge_pairs(width, |a, b| uniformity.holds(a, b));
-        if least_area_px > 1 {
-            self.merge_pairs(width, |a, b| a.count.min(b.count) < least_area_px);
+        if min_area_px > 1 {
+            self.merge_pairs(width, |a, b| a.count.min(b.count) < min_area_px);
         }
         self.gather(image);
         Ok(())

@@ -34,13 +34,13 @@ impl Histogram {
         self.bins().map(|n| f64::from(n) * scale)
     }
 
-    /// The valley beside the background's mode. `least_prominence`, 0..=1, says how far a peak of the smoothed histogram must rise
+    /// The valley beside the background's mode. `min_prominence`, 0..=1, says how far a peak of the smoothed histogram must rise
     /// above the valleys on both sides, as a share of the greatest peak, to be a mode: 0.02 is a start; small objects need less,
     /// noise more. `None` with fewer than two modes.
     #[must_use]
-    pub fn valley(&self, polarity: Polarity, least_prominence: f64) -> Option<Valley> {
+    pub fn valley(&self, polarity: Polarity, min_prominence: f64) -> Option<Valley> {
         let smooth = smoothed(&self.normalized());
-        let least = smooth.iter().fold(0.0, |a: f64, &b| a.max(b)) * least_prominence.clamp(0.0, 1.0);
+        let least = smooth.iter().fold(0.0, |a: f64, &b| a.max(b)) * min_prominence.clamp(0.0, 1.0);
         let mut modes = (0..256).filter(|&level| is_mode(&smooth, level, least));
         let (background, object) = match polarity {
             Polarity::Dark => {

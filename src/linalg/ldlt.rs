@@ -17,7 +17,7 @@ pub(crate) struct Ldlt<const N: usize> {
     /// Unit lower triangle; the diagonal is implied.
     lower: [[f64; N]; N],
     inverse_pivots: [f64; N],
-    least_ratio: f64,
+    min_ratio: f64,
 }
 
 impl<const N: usize> Ldlt<N> {
@@ -29,7 +29,7 @@ impl<const N: usize> Ldlt<N> {
         let mut lower = [[0.0; N]; N];
         let mut scaled = [[0.0; N]; N]; // rows of L D
         let mut inverse_pivots = [0.0; N];
-        let mut least_ratio = f64::INFINITY;
+        let mut min_ratio = f64::INFINITY;
         let mut regular = true;
         for j in 0..N {
             let diagonal = a[j][j] + damping[j];
@@ -42,8 +42,8 @@ impl<const N: usize> Ldlt<N> {
             let inverse = 1.0 / pivot;
             inverse_pivots[j] = inverse;
             let ratio = pivot / diagonal;
-            if ratio < least_ratio {
-                least_ratio = ratio;
+            if ratio < min_ratio {
+                min_ratio = ratio;
             }
             for i in j + 1..N {
                 let mut x = a[i][j];
@@ -54,7 +54,7 @@ impl<const N: usize> Ldlt<N> {
                 lower[i][j] = x * inverse;
             }
         }
-        regular.then_some(Self { lower, inverse_pivots, least_ratio })
+        regular.then_some(Self { lower, inverse_pivots, min_ratio })
     }
 
     /// Factors the symmetric matrix `A`; `None` as [`Self::new`].
@@ -64,14 +64,14 @@ impl<const N: usize> Ldlt<N> {
     }
 
     /// The least pivot, in the units of `A`.
-    pub(crate) fn least_pivot(&self) -> f64 {
+    pub(crate) fn min_pivot(&self) -> f64 {
         self.inverse_pivots.iter().copied().fold(0.0, f64::max).recip()
     }
 
     /// The least `d_i / a_ii`, in (0, 1].
     #[inline]
-    pub(crate) fn least_ratio(&self) -> f64 {
-        self.least_ratio
+    pub(crate) fn min_ratio(&self) -> f64 {
+        self.min_ratio
     }
 
     /// Solves `A x = b`.
@@ -165,8 +165,8 @@ mod tests {
             prop_assert!((A * inverse - SMatrix::<f64, 4, 4>::identity()).norm() < 1e-8);
             prop_assert!((factors.inverse_trace() - inverse.trace()).abs() < 1e-9 * inverse.trace());
             let D = SVector::<f64, 4>::from(factors.inverse_pivots).map(f64::recip);
-            prop_assert!((D.product() - A.determinant()).abs() < 1e-9 * D.product() && factors.least_pivot() == D.min());
-            prop_assert!(factors.least_ratio() > 0.0 && factors.least_ratio() <= 1.0);
+            prop_assert!((D.product() - A.determinant()).abs() < 1e-9 * D.product() && factors.min_pivot() == D.min());
+            prop_assert!(factors.min_ratio() > 0.0 && factors.min_ratio() <= 1.0);
         }
     }
 

@@ -17,7 +17,7 @@ pub struct ConsensusSettings {
     /// Probability of having met a sample without outliers.
     pub confidence: f64,
     /// Most samples.
-    pub most_trials: u32,
+    pub max_trials: u32,
     /// Seed of the samples.
     pub seed: u64,
 }
@@ -25,15 +25,15 @@ pub struct ConsensusSettings {
 impl Default for ConsensusSettings {
     /// Two pixels at a focal length of 800.
     fn default() -> Self {
-        Self { threshold: 2.5e-3, confidence: 0.999, most_trials: 2000, seed: 1 }
+        Self { threshold: 2.5e-3, confidence: 0.999, max_trials: 2000, seed: 1 }
     }
 }
 
 impl ConsensusSettings {
-    /// Whether a search can be made with them, for inliers of deviation `sigma`.
-    pub(crate) fn are_usable(&self, sigma: f64) -> bool {
+    /// Whether a search can be made with them, for inliers of deviation `sd`.
+    pub(crate) fn are_usable(&self, sd: f64) -> bool {
         let cut = self.threshold * self.threshold;
-        cut > 0.0 && cut.is_finite() && self.confidence < 1.0 && sigma >= 0.0
+        cut > 0.0 && cut.is_finite() && self.confidence < 1.0 && sd >= 0.0
     }
 }
 
@@ -67,8 +67,8 @@ pub(crate) trait ConsensusModel<const K: usize>: Copy {
     fn settled(self, sample: &[Self::Datum; K]) -> Option<Self>;
     /// Squared error of a datum, infinite where it cannot be.
     fn error2(&self, datum: &Self::Datum) -> f64;
-    /// The best model near this one for data that agree with it, whose coordinates have the standard deviation `sigma`.
-    fn refine(&self, data: &[Self::Datum], sigma: f64) -> Result<Self::Refined, Self::Error>;
+    /// The best model near this one for data that agree with it, whose coordinates have the standard deviation `sd`.
+    fn refine(&self, data: &[Self::Datum], sd: f64) -> Result<Self::Refined, Self::Error>;
     /// A refined model, to compare data with.
     fn of_refined(refined: &Self::Refined) -> Self;
     /// What to say where only so many data agree.
@@ -127,12 +127,12 @@ impl<D: Copy> Consensus<D> {
         &mut self,
         data: &[D],
         settings: &ConsensusSettings,
-        sigma: f64,
+        sd: f64,
     ) -> Result<ConsensusResult<M::Refined>, M::Error> {
         let cut = settings.threshold * settings.threshold;
         let mut random = Random::new(settings.seed);
         let mut best: Option<ScoredModel<M>> = None;
-        let (mut needed, mut tried) = (settings.most_trials, 0);
+        let (mut needed, mut tried) = (settings.max_trials, 0);
         while tried < needed {
             tried += 1;
             let sample = distinct::<K>(&mut random, data.len()).map(|i| data[i]);
@@ -149,20 +149,20 @@ impl<D: Copy> Consensus<D> {
             let Some(model) = trial.model.settled(&sample) else { continue };
             let trial = self.optimised(ScoredModel { model, ..trial }, data, cut);
             let share = trial.agree as f64 / data.len() as f64;
-            needed = trials(share, K as u32, settings.confidence, settings.most_trials);
+            needed = trials(share, K as u32, settings.confidence, settings.max_trials);
             best = Some(trial);
         }
         let agree = best.map_or(0, |best| best.agree);
         let Some(mut best) = best.filter(|_| agree >= M::FEWEST) else { return Err(M::too_few(agree)) };
         // to the end: until the set of inliers stays
-        let mut refined = self.on_inliers(&best.model, data, cut, sigma)?;
+        let mut refined = self.on_inliers(&best.model, data, cut, sd)?;
         for _ in 0..10 {
             let next = ScoredModel::of(M::of_refined(&refined), data, cut, f64::INFINITY);
             if !(next.score < best.score * (1.0 - 1e-9)) {
                 break;
             }
             best = next;
-            refined = self.on_inliers(&best.model, data, cut, sigma)?;
+            refined = self.on_inliers(&best.model, data, cut, sd)?;
         }
         Ok(ConsensusResult { refined, inliers: self.subset.len(), trials: tried })
     }
@@ -190,7 +190,7 @@ impl<D: Copy> Consensus<D> {
         model: &M,
         data: &[D],
         cut: f64,
-        sigma: f64,
+        sd: f64,
     ) -> Result<M::Refined, M::Error> {
         self.inliers.clear();
         self.subset.clear();
@@ -201,7 +201,7 @@ impl<D: Copy> Consensus<D> {
                 self.subset.push(*datum);
             }
         }
-        model.refine(&self.subset, sigma)
+        model.refine(&self.subset, sd)
     }
 }
 

@@ -99,7 +99,7 @@ pub struct FeaturePoint {
     /// Y of the feature in normalized coordinates.
     pub y: f64,
     /// One standard deviation of `u_px` and `v_px`, px.
-    pub sigma_px: f64,
+    pub sd_px: f64,
 }
 
 /// What vision saw in one frame.

@@ -63,7 +63,7 @@ pub struct ObserverSettings<const N: usize> {
     /// Step of each encoder, with its noise, rad or m.
     pub encoder_step: SVector<f64, N>,
     /// Largest disturbance of each joint, rad/s^2 or m/s^2.
-    pub most_acceleration: SVector<f64, N>,
+    pub max_acceleration: SVector<f64, N>,
     /// Inertia of each joint while the others are free, about, kg m^2 or kg.
     pub inertia: SVector<f64, N>,
 }
@@ -96,7 +96,7 @@ impl<const N: usize> ObserverSettings<N> {
             disturbance_rad_s: 0.0,
             velocity_rad_s: 0.0,
             encoder_step: zero,
-            most_acceleration: zero,
+            max_acceleration: zero,
             inertia: zero,
         }
     }
@@ -207,7 +207,7 @@ impl<const N: usize> JointObserver<N> {
         let dv = self.seen.correction(drift, now, &self.settings.encoder_step, &velocity);
         *v += dv;
         if !self.settled && self.settings.disturbance_rad_s > 0.0 {
-            let most = &self.settings.most_acceleration;
+            let most = &self.settings.max_acceleration;
             self.p = (self.p + dv * seen::RATE_1_S).zip_map(most, |p, most| p.clamp(-most, most));
         }
     }
@@ -267,7 +267,7 @@ impl<const N: usize> JointObserver<N> {
                     gain: rate * h,
                 };
                 self.friction.learn(i, friction, &residual, h);
-                let most = settings.most_acceleration[i];
+                let most = settings.max_acceleration[i];
                 self.p[i] = (self.p[i] + rate * accelerated).clamp(-most, most);
                 let most = robot.limits()[i].effort;
                 self.t[i] = (self.t[i] + rate * h * (rubbed - commanded.feedback[i])).clamp(-most, most);

@@ -23,4 +23,4 @@ pub use joint_observer::ObserverSettings;
 pub use limits::{ActingLimits, Limit, LimitWatch, LongActing};
 pub use reference::{MotionLimits, Reference, ReferenceState};
 pub use singularity::damp_singularity;
-pub use time_optimal::least_time_s;
+pub use time_optimal::min_time_s;

@@ -9,7 +9,7 @@ use nalgebra::SVector;
 
 /// Least time from rest in `from` to rest in `to` (rad or m), s: a lower bound, which no controller within `limits` beats.
 #[must_use]
-pub fn least_time_s<const N: usize>(
+pub fn min_time_s<const N: usize>(
     limits: &MotionLimits<N>,
     from: &SVector<f64, N>,
     to: &SVector<f64, N>,
@@ -76,7 +76,7 @@ mod tests {
                 acceleration: Vector1::new(A),
                 jerk: Vector1::new(J),
             };
-            let least = least_time_s(&limits, &Vector1::zeros(), &Vector1::new(0.98 * distance));
+            let least = min_time_s(&limits, &Vector1::zeros(), &Vector1::new(0.98 * distance));
             let mut r = Reference::new(limits.clone(), Vector1::zeros());
             let mut tick = 0;
             while r.state().q[0] < 0.99 * distance || r.state().qd[0] > 0.02 * distance {

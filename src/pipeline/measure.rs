@@ -29,7 +29,7 @@ pub(super) fn image(image: SourceImage) -> StepOutput {
     let facts = [
         ("width_px", image.width() as f64),
         ("height_px", image.height() as f64),
-        ("least_level", levels.iter().min().copied().unwrap_or(0).into()),
+        ("min_level", levels.iter().min().copied().unwrap_or(0).into()),
         ("greatest_level", levels.iter().max().copied().unwrap_or(0).into()),
         ("mean_level", sum as f64 / levels.len().max(1) as f64),
     ];
@@ -270,7 +270,7 @@ pub(super) fn shapes(shapes: Shapes, source: SourceImage) -> StepOutput {
         Shapes::Segments(segments) => {
             let rows = (0..).zip(segments).map(|(i, s): (u32, _)| {
                 let ([a, b], middle) = (s.ends_px, s.midpoint_px());
-                let sd = s.line.sigma_px(0.0);
+                let sd = s.line.sd_px(0.0);
                 [
                     i.into(),
                     a.x,

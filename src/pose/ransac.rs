@@ -34,7 +34,7 @@ impl PoseConsensus {
 
     /// Searches the pose that most of at least four points agree on.
     ///
-    /// `sigma`: standard deviation of an inlier's coordinates, normalized units; it scales the covariance only.
+    /// `sd`: standard deviation of an inlier's coordinates, normalized units; it scales the covariance only.
     ///
     /// # Errors
     /// [`PoseError::TooFewPoints`] (also when fewer than four agree on any pose), [`PoseError::NotFinite`],
@@ -43,13 +43,13 @@ impl PoseConsensus {
         &mut self,
         points: &[Correspondence3],
         settings: &ConsensusSettings,
-        sigma: f64,
+        sd: f64,
     ) -> Result<ConsensusPose, PoseError> {
         check(points, FEWEST)?;
-        if !settings.are_usable(sigma) {
+        if !settings.are_usable(sd) {
             return Err(PoseError::BadGuess);
         }
-        self.0.search::<3, PoseModel>(points, settings, sigma)
+        self.0.search::<3, PoseModel>(points, settings, sd)
     }
 }
 
@@ -105,8 +105,8 @@ impl ConsensusModel<3> for PoseModel {
         ex * ex + ey * ey
     }
 
-    fn refine(&self, points: &[Correspondence3], sigma: f64) -> Result<RefinedPose, PoseError> {
-        refine_3d(&self.X_CO, points, sigma)
+    fn refine(&self, points: &[Correspondence3], sd: f64) -> Result<RefinedPose, PoseError> {
+        refine_3d(&self.X_CO, points, sd)
     }
 
     fn of_refined(refined: &RefinedPose) -> Self {
@@ -160,8 +160,7 @@ mod tests {
     #[test]
     fn nothing_agrees_with_noise() {
         let (_, points) = scene(60, 9);
-        let settings =
-            ConsensusSettings { threshold: 1e-5, most_trials: 200, ..ConsensusSettings::default() };
+        let settings = ConsensusSettings { threshold: 1e-5, max_trials: 200, ..ConsensusSettings::default() };
         let found = PoseConsensus::with_capacity(60).search(&points, &settings, 1e-4);
         assert!(matches!(found, Err(PoseError::TooFewPoints { needed: 4, .. })), "{found:?}");
     }

@@ -34,27 +34,27 @@ pub struct RefinedPose {
 
 /// The pose of least reprojection error near `X_CO`, for planar points.
 ///
-/// `sigma`: standard deviation of each image coordinate, normalized units; it scales the covariance only.
+/// `sd`: standard deviation of each image coordinate, normalized units; it scales the covariance only.
 /// At least three points, not collinear.
 ///
 /// # Errors
 /// Every variant of [`PoseError`]: too few points, numbers that are not finite, a degenerate set, points behind the
 /// camera at the start, or no convergence within 100 steps.
-pub fn refine(X_CO: &Pose, points: &[Correspondence], sigma: f64) -> Result<RefinedPose, PoseError> {
-    refine_points(X_CO, points, sigma)
+pub fn refine(X_CO: &Pose, points: &[Correspondence], sd: f64) -> Result<RefinedPose, PoseError> {
+    refine_points(X_CO, points, sd)
 }
 
 /// The pose of least reprojection error near `X_CO`, for points in space; otherwise as [`refine`].
 ///
 /// # Errors
 /// As [`refine`].
-pub fn refine_3d(X_CO: &Pose, points: &[Correspondence3], sigma: f64) -> Result<RefinedPose, PoseError> {
-    refine_points(X_CO, points, sigma)
+pub fn refine_3d(X_CO: &Pose, points: &[Correspondence3], sd: f64) -> Result<RefinedPose, PoseError> {
+    refine_points(X_CO, points, sd)
 }
 
-fn refine_points<P: PointSource>(X_CO: &Pose, points: &[P], sigma: f64) -> Result<RefinedPose, PoseError> {
+fn refine_points<P: PointSource>(X_CO: &Pose, points: &[P], sd: f64) -> Result<RefinedPose, PoseError> {
     check(points, 3)?;
-    if sigma < 0.0 || !sigma.is_finite() {
+    if sd < 0.0 || !sd.is_finite() {
         return Err(PoseError::BadGuess);
     }
     let center = centroid(points);
@@ -68,7 +68,7 @@ fn refine_points<P: PointSource>(X_CO: &Pose, points: &[P], sigma: f64) -> Resul
     let mut A = Matrix6::identity();
     let d = end.state.rotation() * Vector3::from(center) * -1.0;
     A.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew(&d));
-    let covariance = A * Matrix6::from(inverse) * A.transpose() * (sigma * sigma);
+    let covariance = A * Matrix6::from(inverse) * A.transpose() * (sd * sd);
     let covariance = (covariance + covariance.transpose()) * 0.5; // rounding leaves it not quite symmetric
     Ok(RefinedPose {
         X_CO: end.state.pose(&center),

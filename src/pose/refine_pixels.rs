@@ -252,14 +252,14 @@ mod tests {
         Pose::new([0.05, -0.03, 0.6].into(), [0.4, -0.3, 0.7].into())
     }
 
-    /// A grid of 5 x 5 with a bump; each point with a covariance of its own, in proportion to `sigma_px` squared.
-    fn scene(sigma_px: f64, noise: &mut impl FnMut() -> f64) -> Vec<PixelCorrespondence> {
+    /// A grid of 5 x 5 with a bump; each point with a covariance of its own, in proportion to `sd_px` squared.
+    fn scene(sd_px: f64, noise: &mut impl FnMut() -> f64) -> Vec<PixelCorrespondence> {
         let one = |i: usize| {
             let (x, y) = (i % 5, i / 5);
             let r = Point3::new(0.05 * x as f64 - 0.1, 0.05 * y as f64 - 0.1, 0.03 * ((x * y) % 3) as f64);
             let (long, short, angle) = (2.0 + (i % 3) as f64, 0.5, i as f64);
             let turn = nalgebra::Rotation2::new(angle);
-            let axes = turn.matrix() * Matrix2::new(long, 0.0, 0.0, short) * sigma_px;
+            let axes = turn.matrix() * Matrix2::new(long, 0.0, 0.0, short) * sd_px;
             let px = camera().project(&(truth() * r)).unwrap() + axes * Vector2::new(noise(), noise());
             PixelCorrespondence { r, px, covariance_px2: axes * axes.transpose() }
         };

@@ -42,13 +42,13 @@ pub struct VirtualServoing {
     /// It also ends where a step lowers the norm by less than this share: at the least error that noise leaves.
     pub stall: f64,
     /// Most steps.
-    pub most_steps: u32,
+    pub max_steps: u32,
 }
 
 impl Default for VirtualServoing {
     /// The textbook's gain and step (Example 10.4).
     fn default() -> Self {
-        Self { gain_1_s: 160.0, dt_s: 1e-3, tolerance: 1e-12, stall: 1e-9, most_steps: 1000 }
+        Self { gain_1_s: 160.0, dt_s: 1e-3, tolerance: 1e-12, stall: 1e-9, max_steps: 1000 }
     }
 }
 
@@ -125,7 +125,7 @@ fn settle<const M: usize>(
     step: impl Fn(&SVector<f64, M>) -> Result<AlgorithmicStep<M>, PoseError>,
 ) -> Result<VirtualPose<M>, PoseError> {
     let (mut x, mut before) = (*x, f64::INFINITY);
-    for steps in 0..=settings.most_steps {
+    for steps in 0..=settings.max_steps {
         let next = step(&x)?;
         // A first step may be too long and raise the error once: only a small change is an end.
         let stalled = (before - next.error).abs() <= settings.stall * next.error;
@@ -134,7 +134,7 @@ fn settle<const M: usize>(
         }
         (x, before) = (next.x, next.error);
     }
-    Err(PoseError::NotConverged { iterations: settings.most_steps })
+    Err(PoseError::NotConverged { iterations: settings.max_steps })
 }
 
 /// The least-squares twist of O relative to C for the wanted rates K_s e_s.
@@ -240,7 +240,7 @@ mod tests {
         let longer = VirtualServoing { dt_s: 0.3, gain_1_s: 1.0, ..VirtualServoing::default() };
         assert!(virtual_servoing(&near, &points, &longer).unwrap().steps < end.steps);
         assert_eq!(
-            virtual_servoing(&near, &points, &VirtualServoing { most_steps: 3, ..longer }).map(|_| ()),
+            virtual_servoing(&near, &points, &VirtualServoing { max_steps: 3, ..longer }).map(|_| ()),
             Err(PoseError::NotConverged { iterations: 3 })
         );
     }

@@ -64,7 +64,7 @@ impl RobotDescription {
         for k in 0..5 {
             let q = SVector::from_fn(|i, _| f64::from(k) * (0.7 + 0.31 * i as f64));
             let factors = Ldlt::of(&robot.mass_matrix(&q));
-            if !factors.is_some_and(|factors| factors.least_pivot() >= MIN_INERTIA) {
+            if !factors.is_some_and(|factors| factors.min_pivot() >= MIN_INERTIA) {
                 return Err(self.error(format!("robot \"{}\"", self.name), Defect::MassMatrix));
             }
         }

@@ -93,11 +93,11 @@ pub enum Defect {
     },
     /// The inertia has a principal moment that is not positive.
     #[error(
-        "inertia is not positive definite (least principal moment {least_kg_m2:e} kg m^2); check signs and units"
+        "inertia is not positive definite (least principal moment {min_kg_m2:e} kg m^2); check signs and units"
     )]
     NotPositiveDefinite {
         /// The least principal moment.
-        least_kg_m2: f64,
+        min_kg_m2: f64,
     },
     /// A principal moment exceeds the sum of the other two: no body has such moments.
     #[error(

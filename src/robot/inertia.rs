@@ -68,7 +68,7 @@ impl Inertia {
         }
         let [large, middle, small] = self.principal_moments()?;
         if small <= 0.0 {
-            return Err(Defect::NotPositiveDefinite { least_kg_m2: small });
+            return Err(Defect::NotPositiveDefinite { min_kg_m2: small });
         }
         // Published inertias are rounded to a few digits: thin bodies may miss equality by that much.
         if large > (small + middle) * (1.0 + TRIANGLE_SLACK) {
@@ -94,7 +94,7 @@ impl Inertia {
         let [large, _, small] = self.principal_moments()?;
         // A few units in the last place may come from the eigenvalues themselves, by rounding, and more from digits of the file.
         if small < -1e-12 * large.abs() {
-            return Err(Defect::NotPositiveDefinite { least_kg_m2: small });
+            return Err(Defect::NotPositiveDefinite { min_kg_m2: small });
         }
         Ok(())
     }

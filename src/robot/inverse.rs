@@ -35,7 +35,7 @@ pub struct JointVelocity<const N: usize> {
     /// The joint velocities, rad/s or m/s; inside the velocity limits and leading into no position limit.
     pub qd: SVector<f64, N>,
     /// The measure `s` of the least singular value over the joints that were free.
-    pub least_singular_value: f64,
+    pub min_singular_value: f64,
     /// The damping `lambda` that was used; zero away from singular postures.
     pub damping: f64,
     /// Joints that a position limit holds back.
@@ -69,7 +69,7 @@ impl<const N: usize> Robot<N> {
             held[joint] = bound;
             solution = free_velocity(J, V, preferred_qd, &held, &at_limit, options);
         }
-        let (mut qd, least_singular_value, damping) = solution;
+        let (mut qd, min_singular_value, damping) = solution;
         let mut scale: f64 = 1.0;
         for (qd, limit) in qd.iter().zip(&self.limits) {
             if qd.abs() > limit.velocity {
@@ -82,7 +82,7 @@ impl<const N: usize> Robot<N> {
         if !(inputs.into_iter().all(finite) && finite(qd.as_slice())) {
             (qd, scale) = (SVector::zeros(), 0.0);
         }
-        JointVelocity { qd, least_singular_value, damping, at_limit, scale }
+        JointVelocity { qd, min_singular_value, damping, at_limit, scale }
     }
 
     /// The free joint that goes farthest past the speed its position limit allows, and that speed.

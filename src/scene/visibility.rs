@@ -111,7 +111,7 @@ impl Visibility {
         let plate_outside = OutlineBounds::of(&edge, camera, X_CO).map(|extent| extent.overhang(camera));
         let facing = (X_CO.rotation * Vector3::z()).dot(&X_CO.translation.vector);
         let whole = points.iter().filter(|point| point.whole).count();
-        Self { points, front: facing > 0.0, plate_outside, room_px, whole, needed: target.least_to_find() }
+        Self { points, front: facing > 0.0, plate_outside, room_px, whole, needed: target.min_to_find() }
     }
 
     /// Whether the finder can find the target: enough whole marks, from the side where they are.

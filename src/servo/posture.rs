@@ -160,7 +160,7 @@ impl<const N: usize> PostureSearch<'_, N> {
             &SVector::zeros(),
             &InverseOptions::default(),
         );
-        still.least_singular_value
+        still.min_singular_value
     }
 
     fn clamped(&self, q: &SVector<f64, N>) -> SVector<f64, N> {

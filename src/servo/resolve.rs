@@ -129,7 +129,7 @@ pub(super) fn damped_factors<const M: usize>(matrix: &[[f64; M]; M]) -> Option<L
     let largest = diagonal().copied().fold(0.0, f64::max);
     let scale = diagonal().copied().fold(f64::INFINITY, f64::min) / largest;
     let plain = Ldlt::new(matrix, &[0.0; M]);
-    let conditioning = plain.as_ref().map_or(0.0, Ldlt::least_ratio).min(scale);
+    let conditioning = plain.as_ref().map_or(0.0, Ldlt::min_ratio).min(scale);
     match plain {
         Some(factors) if conditioning >= WEAKEST_DIRECTION => Some(factors),
         _ => {

@@ -161,13 +161,13 @@ impl View {
     }
 
     /// This view with its hidden features and its pose from a `guess` of the same instant, the pose put right by the features that
-    /// are seen; and the covariance of that pose, as twist `[v; w]` in C, for features of `sigma`. `None` when these lie farther
+    /// are seen; and the covariance of that pose, as twist `[v; w]` in C, for features of `sd`. `None` when these lie farther
     /// than `largest` from the guess, root mean square. Normalized units.
     pub(super) fn with_hidden_of(
         mut self,
         guess: &Self,
         set_point: &SetPoint,
-        (largest, sigma): (f64, f64),
+        (largest, sd): (f64, f64),
     ) -> Option<(Self, Matrix6<f64>)> {
         let (mut sum, mut count) = (0.0, 0.0);
         for (s, g) in self.s.iter_mut().take(guess.count).zip(&guess.s) {
@@ -185,7 +185,7 @@ impl View {
         for (pair, (r, s)) in pairs.iter_mut().zip(set_point.points().iter().zip(self.features())) {
             *pair = Correspondence3 { r: *r, s: *s };
         }
-        let refined = refine_3d(guess.X_CO()?, pairs.get(..self.count)?, sigma).ok()?;
+        let refined = refine_3d(guess.X_CO()?, pairs.get(..self.count)?, sd).ok()?;
         self.X_CO = Some(refined.X_CO);
         Some((self, refined.covariance))
     }

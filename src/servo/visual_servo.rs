@@ -30,7 +30,7 @@ const LONGEST_GUESS: SpanNs = SpanNs(3_000_000_000);
 /// moved, or the camera's mount is not what it is believed to be: 24 px of a lens of 800 px. Chosen by hand; no unit test of servo comes to it.
 const MAX_CONTRADICTION: f64 = 0.03;
 /// Standard deviation of features of which some are taken to be there, normalized: half a pixel of a lens of 800 px. Chosen by hand.
-const SIGMA_OF_A_GUESS: f64 = 6e-4;
+const SD_OF_A_GUESS: f64 = 6e-4;
 
 /// The share of its gains above which a swinging arm is slowed down once more. Shares are halved, so that a half and a quarter
 /// come, and any number in between here says the same: twice. That twice is enough is chosen by hand.
@@ -263,7 +263,7 @@ impl<const N: usize> VisualServo<N> {
         let moved = self.object.as_ref().map(|object| object.displacement(from.exposure, exposure));
         let X_WC_then = moved.map_or(from.X_WC, |moved| moved * from.X_WC);
         let guess = from.view.carried(&X_WC.inv_mul(&X_WC_then), set_point)?;
-        seen.with_hidden_of(&guess, set_point, (MAX_CONTRADICTION, SIGMA_OF_A_GUESS))
+        seen.with_hidden_of(&guess, set_point, (MAX_CONTRADICTION, SD_OF_A_GUESS))
     }
 
     /// What the joints shall do at this tick, at which they stand in `q` and move with `qd`. `None` before the first

@@ -116,7 +116,7 @@ impl ViewTaker<'_> {
                 .zip(still.px)
                 .filter_map(|(found, px)| {
                     let p_O = points.iter().find(|point| point.id == found.id)?.p_O;
-                    Some(BoardCorner { p_O, px: *px, sd_px: found.sigma_px.max(MIN_SD_PX) })
+                    Some(BoardCorner { p_O, px: *px, sd_px: found.sd_px.max(MIN_SD_PX) })
                 })
                 .collect();
             if corners.len() >= 4 {

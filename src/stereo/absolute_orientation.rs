@@ -175,7 +175,7 @@ mod tests {
     fn triangulated_points_move_with_an_honest_covariance() {
         let rig = Triangulator::new(&camera_pose()).unwrap();
         let X = Pose::new([0.05, 0.02, -0.1].into(), [0.1, -0.05, 0.2].into());
-        let sigma = 0.3 / 800.0;
+        let sd = 0.3 / 800.0;
         let mut random = Random::new(8);
         let count = 300;
         let (mut normalized, mut plain, mut weighted) = (0.0, 0.0, 0.0);
@@ -193,8 +193,8 @@ mod tests {
             let at = |pairs: Vec<super::super::Conjugates>| {
                 pairs.iter().map(|p| rig.point(p).unwrap()).collect::<Vec<_>>()
             };
-            let (a, b) = (at(noisy(&before, sigma, &mut random)), at(noisy(&after, sigma, &mut random)));
-            let v = sigma * sigma;
+            let (a, b) = (at(noisy(&before, sd, &mut random)), at(noisy(&after, sd, &mut random)));
+            let v = sd * sd;
             let pairs: Vec<_> = a
                 .iter()
                 .zip(&b)

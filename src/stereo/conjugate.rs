@@ -27,7 +27,7 @@ pub struct ConjugateSettings {
     /// Greatest depth in camera 1, m; may be infinite.
     pub farthest_m: f64,
     /// Least correlation, 0 to 1.
-    pub least_correlation: f64,
+    pub min_correlation: f64,
     /// A second place farther than the window's radius from the best, whose correlation comes as close to it as this,
     /// makes the match ambiguous.
     pub margin: f64,
@@ -35,7 +35,7 @@ pub struct ConjugateSettings {
 
 impl Default for ConjugateSettings {
     fn default() -> Self {
-        Self { radius_px: 5, nearest_m: 0.1, farthest_m: f64::INFINITY, least_correlation: 0.8, margin: 0.02 }
+        Self { radius_px: 5, nearest_m: 0.1, farthest_m: f64::INFINITY, min_correlation: 0.8, margin: 0.02 }
     }
 }
 
@@ -122,7 +122,7 @@ impl ConjugateSearch {
         let usable = (1..=MAX_RADIUS_PX).contains(&settings.radius_px)
             && settings.nearest_m > 0.0
             && settings.farthest_m > settings.nearest_m
-            && (0.0..=1.0).contains(&settings.least_correlation)
+            && (0.0..=1.0).contains(&settings.min_correlation)
             && settings.margin >= 0.0
             && camera_1.contains(px_1, 0.0)
             && X_12.translation.vector.iter().chain(X_12.rotation.coords.iter()).all(|x| x.is_finite());
@@ -141,7 +141,7 @@ impl ConjugateSearch {
         let best = (0..self.places.len()).max_by(|&a, &b| self.places[a].2.total_cmp(&self.places[b].2));
         let best = best.unwrap_or(0);
         let (_, at, correlation) = self.places[best];
-        if !(correlation >= settings.least_correlation - 0.1) {
+        if !(correlation >= settings.min_correlation - 0.1) {
             return Err(NoConjugate::NotFound);
         }
         let apart = settings.radius_px as f64;
@@ -152,7 +152,7 @@ impl ConjugateSearch {
             return Err(NoConjugate::Ambiguous);
         }
         let found = self.refined(&views, best, settings);
-        if found.correlation >= settings.least_correlation { Ok(found) } else { Err(NoConjugate::NotFound) }
+        if found.correlation >= settings.min_correlation { Ok(found) } else { Err(NoConjugate::NotFound) }
     }
 
     /// Looks at places at most a pixel apart.

@@ -36,7 +36,7 @@ impl RelativeConsensus {
 
     /// Searches the displacement that most of at least six pairs agree on; the threshold is that of the Sampson error.
     ///
-    /// `sigma`: standard deviation of an inlier's coordinates, normalized units; it scales the covariance only.
+    /// `sd`: standard deviation of an inlier's coordinates, normalized units; it scales the covariance only.
     ///
     /// # Errors
     /// [`StereoError::TooFewPoints`] (also when fewer than six agree on anything), [`StereoError::NotFinite`],
@@ -46,13 +46,13 @@ impl RelativeConsensus {
         &mut self,
         pairs: &[Conjugates],
         settings: &ConsensusSettings,
-        sigma: f64,
+        sd: f64,
     ) -> Result<RelativeConsensusPose, StereoError> {
         check(pairs, FEWEST)?;
-        if !settings.are_usable(sigma) {
+        if !settings.are_usable(sd) {
             return Err(StereoError::BadGuess);
         }
-        self.0.search::<5, EssentialModel>(pairs, settings, sigma)
+        self.0.search::<5, EssentialModel>(pairs, settings, sd)
     }
 }
 
@@ -91,8 +91,8 @@ impl ConsensusModel<5> for EssentialModel {
         sampson_error2(&self.E, pair)
     }
 
-    fn refine(&self, pairs: &[Conjugates], sigma: f64) -> Result<RefinedRelativePose, StereoError> {
-        refine_relative(&self.X_12, pairs, sigma)
+    fn refine(&self, pairs: &[Conjugates], sd: f64) -> Result<RefinedRelativePose, StereoError> {
+        refine_relative(&self.X_12, pairs, sd)
     }
 
     fn of_refined(refined: &RefinedRelativePose) -> Self {
@@ -113,23 +113,23 @@ mod tests {
 
     #[test]
     fn outliers_are_left_out() {
-        let (X, sigma) = (camera_pose(), 0.5 / 800.0);
+        let (X, sd) = (camera_pose(), 0.5 / 800.0);
         let mut search = RelativeConsensus::with_capacity(50);
         for (wrong, seed) in [(0, 1), (15, 2), (25, 3)] {
             let mut random = Random::new(seed);
-            let mut pairs = noisy(&scene(&X, 50, seed), sigma, &mut random);
+            let mut pairs = noisy(&scene(&X, 50, seed), sd, &mut random);
             for pair in pairs.iter_mut().take(wrong) {
                 pair.s_2 = Vector2::new(random.between(-0.4, 0.4), random.between(-0.3, 0.3));
             }
             let settings = ConsensusSettings { threshold: 2e-3, ..ConsensusSettings::default() };
-            let found = search.search(&pairs, &settings, sigma).unwrap();
-            let best = refine_relative(&X, &pairs[wrong..], sigma).unwrap();
+            let found = search.search(&pairs, &settings, sd).unwrap();
+            let best = refine_relative(&X, &pairs[wrong..], sd).unwrap();
             let off = found.refined.X_12.rotation.angle_to(&X.rotation);
             let floor = best.X_12.rotation.angle_to(&X.rotation);
             assert!(off < 2.0 * floor + 2e-3, "{wrong}: {off} {floor}");
             assert!(found.refined.X_12.translation.vector.dot(&X.translation.vector) > 0.0);
             assert!(found.inliers >= 48 - wrong, "{}", found.inliers);
-            assert_eq!(search.search(&pairs, &settings, sigma), Ok(found));
+            assert_eq!(search.search(&pairs, &settings, sd), Ok(found));
         }
     }
 

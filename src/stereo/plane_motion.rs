@@ -140,13 +140,7 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     /// A plane 1 m ahead of camera 2 with normal n, seen from both cameras.
-    fn plane(
-        X_12: &Pose,
-        n: &Vector3<f64>,
-        count: usize,
-        sigma: f64,
-        random: &mut Random,
-    ) -> Vec<Conjugates> {
+    fn plane(X_12: &Pose, n: &Vector3<f64>, count: usize, sd: f64, random: &mut Random) -> Vec<Conjugates> {
         let mut all = Vec::new();
         while all.len() < count {
             let s_2 = Vector2::new(random.between(-0.35, 0.35), random.between(-0.25, 0.25));
@@ -154,7 +148,7 @@ mod tests {
             let p1 = X_12 * Point3::from(s_2.push(1.0) * z);
             let s_1 = p1.xy().coords / p1.z;
             if p1.z > 0.1 && z > 0.0 && s_1.x.abs() < 0.6 && s_1.y.abs() < 0.5 {
-                let mut noise = || Vector2::new(random.gaussian(), random.gaussian()) * sigma;
+                let mut noise = || Vector2::new(random.gaussian(), random.gaussian()) * sd;
                 let (a, b) = (noise(), noise());
                 all.push(Conjugates { s_1: s_1 + a, s_2: s_2 + b });
             }

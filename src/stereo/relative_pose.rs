@@ -80,7 +80,7 @@ pub struct RefinedRelativePose {
 
 /// The displacement of least squared Sampson error near `X_12`, five pairs at least. The length of its base line is ignored.
 ///
-/// `sigma`: standard deviation of each image coordinate, normalized units; it scales the covariance only.
+/// `sd`: standard deviation of each image coordinate, normalized units; it scales the covariance only.
 ///
 /// # Errors
 /// [`StereoError::TooFewPoints`], [`StereoError::NotFinite`], [`StereoError::BadGuess`] for a start without base line or a
@@ -88,15 +88,15 @@ pub struct RefinedRelativePose {
 pub fn refine_relative(
     X_12: &Pose,
     pairs: &[Conjugates],
-    sigma: f64,
+    sd: f64,
 ) -> Result<RefinedRelativePose, StereoError> {
     check(pairs, 5)?;
     let o = X_12.translation.vector;
     let usable = o.norm() > 0.0
         && o.norm().is_finite()
         && X_12.rotation.coords.iter().all(|x| x.is_finite())
-        && sigma >= 0.0
-        && sigma.is_finite();
+        && sd >= 0.0
+        && sd.is_finite();
     if !usable {
         return Err(StereoError::BadGuess);
     }
@@ -128,7 +128,7 @@ pub fn refine_relative(
             return Ok(RefinedRelativePose {
                 X_12: Pose::from_parts(Translation3::from(state.o), q),
                 rms: (here.cost / pairs.len() as f64).sqrt(),
-                covariance: SMatrix::from(inverse) * (sigma * sigma),
+                covariance: SMatrix::from(inverse) * (sd * sd),
                 tangents: state.tangents(),
                 iterations,
             });
@@ -245,14 +245,14 @@ mod tests {
     #[test]
     fn refinement_reaches_the_least_error_with_an_honest_covariance() {
         let X = camera_pose();
-        let sigma = 0.5 / 800.0;
+        let sd = 0.5 / 800.0;
         let mut random = Random::new(6);
         let (mut normalized, count) = (0.0, 400);
         for seed in 0..count {
-            let pairs = noisy(&scene(&X, 30, seed), sigma, &mut random);
+            let pairs = noisy(&scene(&X, 30, seed), sd, &mut random);
             let start = relative_pose(&essential_8_point(&pairs).unwrap(), &pairs).unwrap().0;
-            let end = refine_relative(&start, &pairs, sigma).unwrap();
-            let again = refine_relative(&X, &pairs, sigma).unwrap();
+            let end = refine_relative(&start, &pairs, sd).unwrap();
+            let again = refine_relative(&X, &pairs, sd).unwrap();
             assert!(gap(&end.X_12, &again.X_12) < 1e-5 && end.rms <= again.rms * (1.0 + 1e-9));
             let w = (X.rotation * end.X_12.rotation.inverse()).scaled_axis();
             let d = X.translation.vector.normalize() - end.X_12.translation.vector;
@@ -286,7 +286,7 @@ mod tests {
     #[test]
     fn bad_input_is_refused() {
         let pairs: Vec<_> = scene(&camera_pose(), 6, 3).iter().map(|p| p.0).collect();
-        let run = |X: &Pose, n: usize, sigma| refine_relative(X, &pairs[..n], sigma).map(|_| ());
+        let run = |X: &Pose, n: usize, sd| refine_relative(X, &pairs[..n], sd).map(|_| ());
         assert_eq!(run(&camera_pose(), 4, 0.0), Err(StereoError::TooFewPoints { needed: 5, given: 4 }));
         assert_eq!(run(&Pose::identity(), 6, 0.0), Err(StereoError::BadGuess));
         assert_eq!(run(&camera_pose(), 6, f64::NAN), Err(StereoError::BadGuess));

@@ -22,8 +22,8 @@ pub(super) fn scene(X_12: &Pose, count: usize, seed: u64) -> Vec<(Conjugates, Po
     std::iter::repeat_with(one).take(count).collect()
 }
 
-/// The images with noise of standard deviation `sigma`.
-pub(super) fn noisy(scene: &[(Conjugates, Point3<f64>)], sigma: f64, random: &mut Random) -> Vec<Conjugates> {
-    let mut noise = || Vector2::new(random.gaussian(), random.gaussian()) * sigma;
+/// The images with noise of standard deviation `sd`.
+pub(super) fn noisy(scene: &[(Conjugates, Point3<f64>)], sd: f64, random: &mut Random) -> Vec<Conjugates> {
+    let mut noise = || Vector2::new(random.gaussian(), random.gaussian()) * sd;
     scene.iter().map(|(pair, _)| Conjugates { s_1: pair.s_1 + noise(), s_2: pair.s_2 + noise() }).collect()
 }

@@ -236,17 +236,17 @@ mod tests {
     fn covariances_are_honest_and_errors_those_of_the_optimum() {
         let X = camera_pose();
         let both = Triangulator::new(&X).unwrap();
-        let sigma = 0.5 / 800.0;
+        let sd = 0.5 / 800.0;
         let mut random = Random::new(3);
         let (mut normalized, mut error, mut count) = (0.0, 0.0, 0.0);
         for seed in 0..1000 {
             let all = scene(&X, 1, seed);
-            let pair = noisy(&all, sigma, &mut random)[0];
+            let pair = noisy(&all, sd, &mut random)[0];
             let found = both.point(&pair).unwrap();
             let d = found.p_1 - all[0].1;
             let solved = Ldlt::of(&found.covariance).unwrap().solve(&d.into());
-            normalized += d.dot(&Vector3::from(solved)) / (sigma * sigma);
-            error += found.error2 / (sigma * sigma);
+            normalized += d.dot(&Vector3::from(solved)) / (sd * sd);
+            error += found.error2 / (sd * sd);
             count += 1.0;
         }
         // Chi-square with three degrees of freedom, and with one.

@@ -151,7 +151,7 @@ impl DotGrid {
 
     /// Fewest dots by which it is found: a window, or of equal dots all.
     #[must_use]
-    pub fn least_to_find(&self) -> usize {
+    pub fn min_to_find(&self) -> usize {
         if self.is_equal() { self.points.len() } else { self.window * self.window }
     }
 
@@ -335,7 +335,7 @@ mod tests {
         assert_eq!(symmetry(6, 6), Symmetry { turns: 4, mirrored: true });
         assert_eq!(symmetry(7, 5), Symmetry { turns: 2, mirrored: true });
         let grid = DotGrid::equal(7, 5, 0.03).unwrap();
-        assert!(grid.is_equal() && grid.least_to_find() == 35);
+        assert!(grid.is_equal() && grid.min_to_find() == 35);
         assert!(!DotGrid::with_pitch(7, 5, 0.03).unwrap().is_equal());
         assert!(DotGrid::equal(2, 5, 0.03).is_err() && DotGrid::equal(5, 5, -1.0).is_err());
     }

@@ -120,10 +120,10 @@ impl Target {
 
     /// Fewest points by which it can be found in a whole frame.
     #[must_use]
-    pub fn least_to_find(&self) -> usize {
+    pub fn min_to_find(&self) -> usize {
         match self {
             Self::FourDots(_) => 4,
-            Self::DotGrid(grid) => grid.least_to_find(),
+            Self::DotGrid(grid) => grid.min_to_find(),
             Self::Chessboard(_) => 9,
             Self::Tags(_) => 4,
             Self::Shape(shape) => shape.points().len(),

@@ -62,7 +62,7 @@ impl FrameEstimate {
 
     /// How much less certain points and pose are than stated, as the misfit says.
     pub(super) fn growth(&self) -> Growth {
-        let variance = self.dots.iter().map(|d| d.sigma_px * d.sigma_px).sum::<f64>();
+        let variance = self.dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>();
         let count = self.dots.len() as f64;
         Growth::of(self.dots.len(), count * count * self.rms_px * self.rms_px / variance)
     }
@@ -116,7 +116,7 @@ impl PoseEstimator {
             let misfit = |(i, dot): (usize, &Found)| {
                 let (pair, px) = (estimate.pairs.get(i)?, estimate.px.get(i)?);
                 let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)))?;
-                Some((seen - px).norm() / dot.sigma_px.max(1e-6))
+                Some((seen - px).norm() / dot.sd_px.max(1e-6))
             };
             let of = |entry: &(usize, &Found)| misfit(*entry).unwrap_or(f64::INFINITY);
             let worst =
@@ -135,7 +135,7 @@ impl PoseEstimator {
             let Some(pose) = &estimate.pose else { break };
             let square = |((dot, px), pair): ((&Found, &Vector2<f64>), &Correspondence)| {
                 let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)));
-                let variance = dot.sigma_px * dot.sigma_px;
+                let variance = dot.sd_px * dot.sd_px;
                 seen.map_or(f64::INFINITY, |seen| (seen - px).norm_squared() / variance.max(1e-12))
             };
             let squares: Vec<f64> =
@@ -192,7 +192,7 @@ impl PoseEstimator {
         let i = self.camera.intrinsics();
         let f = (i.fx_px * i.fy_px).sqrt();
         let count = dots.len() as f64;
-        let sigma_px = (dots.iter().map(|d| d.sigma_px * d.sigma_px).sum::<f64>() / count).sqrt();
+        let sd_px = (dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>() / count).sqrt();
         pairs.extend(hidden.and_then(|hidden| pair(hidden.id, &hidden.px)));
         let both = planar_pose(pairs);
         pairs.truncate(dots.len());
@@ -201,7 +201,7 @@ impl PoseEstimator {
             known.map_or(both.best.X_CO, |known| both.nearest(&known).X_CO)
         } else {
             let chosen;
-            (chosen, *ambiguous) = self.choose(&both, known.as_ref(), count, sigma_px / f);
+            (chosen, *ambiguous) = self.choose(&both, known.as_ref(), count, sd_px / f);
             chosen
         };
         // the offsets depend on the pose, and it on them: each turn leaves a few hundredths of what was wrong
@@ -216,7 +216,7 @@ impl PoseEstimator {
             let refined = if hidden.is_some() {
                 Ok(RefinedPose { X_CO, rms: 0.0, covariance: Matrix6::zeros(), iterations: 0 })
             } else {
-                refine(&X_CO, pairs, sigma_px / f)
+                refine(&X_CO, pairs, sd_px / f)
             };
             let Ok(refined) = refined else { break };
             X_CO = refined.X_CO;
@@ -231,10 +231,10 @@ impl PoseEstimator {
             let apart = |X: &Pose| X.rotation.angle_to(&pose.X_CO.rotation);
             let start =
                 if apart(&second.X_CO) > apart(&both.best.X_CO) { second.X_CO } else { both.best.X_CO };
-            let sigma = sigma_px / f;
-            *other = refine(&start, pairs, sigma).ok().map(|second| {
+            let sd = sd_px / f;
+            *other = refine(&start, pairs, sd).ok().map(|second| {
                 let squares = count * (second.rms * second.rms - pose.rms * pose.rms);
-                (second, 0.5 * squares / (sigma * sigma).max(1e-30))
+                (second, 0.5 * squares / (sd * sd).max(1e-30))
             });
         }
         let squares = pairs.iter().zip(px.iter()).map(|(pair, px)| {
@@ -262,7 +262,7 @@ impl PoseEstimator {
     /// Whether the dots can be believed: one pose explains them, and nothing dark lies beside one.
     pub(super) fn believes(&self, estimate: &FrameEstimate) -> bool {
         let count = estimate.dots.len() as f64;
-        let stated = estimate.dots.iter().map(|d| d.sigma_px * d.sigma_px).sum::<f64>() / count;
+        let stated = estimate.dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>() / count;
         let variance = stated + self.settings.model_sd_px * self.settings.model_sd_px;
         estimate.pose.is_some()
             && estimate.plausible
@@ -274,11 +274,11 @@ impl PoseEstimator {
 
     /// Of two poses that explain the image of `count` points almost equally well, the one nearer to the `known` one; and
     /// whether there are two.
-    fn choose(&self, both: &PlanarPose, known: Option<&Pose>, count: f64, sigma: f64) -> (Pose, bool) {
+    fn choose(&self, both: &PlanarPose, known: Option<&Pose>, count: f64, sd: f64) -> (Pose, bool) {
         let PlanarPose { best, other } = both;
         let Some(other) = other else { return (best.X_CO, false) };
         // rms over the points: their sum of squares grows by the square of the limit
-        let limit = self.settings.ambiguity_sigmas * sigma;
+        let limit = self.settings.ambiguity_sds * sd;
         if count * (other.rms * other.rms - best.rms * best.rms) > limit * limit {
             return (best.X_CO, false);
         }
@@ -292,8 +292,8 @@ impl PoseEstimator {
         let features = seen.filter(|((dot, _), _)| self.serves.get(dot.id as usize) == Some(&true));
         let mut count = 0;
         for (place, ((dot, px), pair)) in m.features.iter_mut().zip(features) {
-            let (id, sigma_px) = (u64::from(dot.id), dot.sigma_px);
-            *place = FeaturePoint { id, u_px: px.x, v_px: px.y, x: pair.s.x, y: pair.s.y, sigma_px };
+            let (id, sd_px) = (u64::from(dot.id), dot.sd_px);
+            *place = FeaturePoint { id, u_px: px.x, v_px: px.y, x: pair.s.x, y: pair.s.y, sd_px };
             count += 1;
         }
         m.feature_count = count.min(MAX_FEATURES as u32);

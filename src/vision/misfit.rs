@@ -1,6 +1,6 @@
 //! How badly a model may explain what was measured before it is not believed.
 
-/// Largest misfit of four good dots: `T = 4 rms^2 / sigma^2`, the sum of squares of the 8 reprojection errors over
+/// Largest misfit of four good dots: `T = 4 rms^2 / sd^2`, the sum of squares of the 8 reprojection errors over
 /// the mean variance of a coordinate. With 6 parameters of the pose it has a chi-square distribution with 2 degrees of
 /// freedom, which exceeds 20 once in 22 000 times; in strong blur the stated variances are a few times too small.
 pub(super) const MAX_MISFIT: f64 = 50.0;

@@ -95,7 +95,7 @@ pub struct VisionSettings {
     pub slack_px: f64,
     /// Two poses count as ambiguous when the worse one's error, in standard deviations of the features,
     /// exceeds the better one's by less than this.
-    pub ambiguity_sigmas: f64,
+    pub ambiguity_sds: f64,
     /// How far the real lens and the real dots are from their description, one standard deviation of each coordinate,
     /// px. Allows for so much when it is asked whether one pose explains the dots; not part of any stated deviation.
     pub model_sd_px: f64,
@@ -103,7 +103,7 @@ pub struct VisionSettings {
 
 impl Default for VisionSettings {
     fn default() -> Self {
-        Self { track: true, slack_px: 3.0, ambiguity_sigmas: 3.0, model_sd_px: 0.0 }
+        Self { track: true, slack_px: 3.0, ambiguity_sds: 3.0, model_sd_px: 0.0 }
     }
 }
 

@@ -67,7 +67,7 @@ fn good_images_raise_no_alarm() {
                         continue;
                     }
                     found += 1;
-                    let variance = m.features().iter().map(|f| f.sigma_px.powi(2)).sum::<f64>() / 4.0;
+                    let variance = m.features().iter().map(|f| f.sd_px.powi(2)).sum::<f64>() / 4.0;
                     let misfit = 4.0 * m.reprojection_rms_px.powi(2) / variance;
                     greatest = greatest.max(misfit);
                     sum += misfit;

@@ -37,7 +37,7 @@ fn rms_error_px(k1: f64, noise: f64) -> (f64, f64, f64) {
             assert_eq!(m.target_status(), TargetStatus::Found, "{X_CO}");
             for (error, feature) in bench.errors(&X_CO, &m).iter().zip(m.features()) {
                 sum += error.norm_squared() / 2.0;
-                normalized += error.norm_squared() / 2.0 / feature.sigma_px.powi(2);
+                normalized += error.norm_squared() / 2.0 / feature.sd_px.powi(2);
                 worst = worst.max(error.norm());
                 n += 1.0;
             }

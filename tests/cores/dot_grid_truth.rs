@@ -99,8 +99,8 @@ fn grids_found(around: Around, seed: u64, count: usize, (low_px, high_px): (f64,
             let error = dot.px - finder.bias_px(dot.id, &scene.X_CO) - truth[dot.id as usize];
             assert!(error.norm() < 2.0, "{around:?}, view {k}: dot {} off by {error}", dot.id);
         }
-        found += usize::from(dots.len() >= grid.least_to_find());
-        if dots.len() < grid.least_to_find() {
+        found += usize::from(dots.len() >= grid.min_to_find());
+        if dots.len() < grid.min_to_find() {
             println!("missed: view {k}, {result:?}, {:?}", scene.X_CO);
         }
     }

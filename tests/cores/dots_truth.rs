@@ -184,7 +184,7 @@ fn look(cell: &Cell, count: usize, seed: u64) -> (f64, f64, f64) {
         for (dot, truth) in dots.iter().zip(scene.truth()) {
             let error = dot.px - finder.bias_px(dot.id, &scene.X_CO) - truth;
             square += error.norm_squared() / 2.0;
-            normalized += error.norm_squared() / 2.0 / dot.sigma_px.powi(2);
+            normalized += error.norm_squared() / 2.0 / dot.sd_px.powi(2);
             n += 1.0;
         }
         let settings = VisionSettings { track: false, ..VisionSettings::default() };

@@ -54,7 +54,7 @@ fn the_edge_is_tracked_over_all_frames() {
         assert!(segment.length_px() > 320.0 && segment.share > 0.95, "{i}: {segment:?}");
         assert!(found[0].line.distance_px(&segment.midpoint_px()).abs() < 0.1, "{i}");
         assert!(segment.line.normal().x < -0.7 && segment.step_levels > 100.0, "{i}");
-        println!("{i}: {:.2?} sd {:.4} px", segment.ends_px, segment.line.sigma_px(0.0));
+        println!("{i}: {:.2?} sd {:.4} px", segment.ends_px, segment.line.sd_px(0.0));
         let [a, b] = segment.ends_px;
         overlay(&image, &format!("line{i}.png"), (0..4000).map(|k| a + (b - a) * (f64::from(k) / 4000.0)));
         // upside down it is not there

@@ -80,7 +80,7 @@ fn campaign(target: &Target, z_m: f64, sensor: SensorModel, views: u32) -> Outco
             assert!(error.norm() < 1.0, "point {} is {error} off at {X_CO}", point.id);
             squares += error.norm_squared() / 2.0;
             outward += error.dot(&(true_px - middle).normalize());
-            normalized += error.norm_squared() / (2.0 * point.sigma_px * point.sigma_px);
+            normalized += error.norm_squared() / (2.0 * point.sd_px * point.sd_px);
             count += 1.0;
         }
         let still = vision.still(&image).unwrap();

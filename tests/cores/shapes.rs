@@ -130,7 +130,7 @@ fn campaign(of: &[[f64; 2]], views: u32, seed: u64, change: impl Fn(&mut Scene))
                 scene.blur_px,
                 scene.plate_level - scene.dot_level,
                 scene.X_CO.translation.z,
-                found[0].sigma_px
+                found[0].sd_px
             );
         }
         assert_eq!(found.len(), of.len());
@@ -307,7 +307,7 @@ fn of_an_ellipse_the_centre_and_the_axes_are_told() {
     let centre = scene.project(&Vector2::zeros());
     assert!(found.len() == 1 && (found[0].px - centre).norm() < 0.02, "{found:?} {centre}");
     let seen = finder.ellipse().unwrap();
-    println!("{seen:?} {}", found[0].sigma_px);
+    println!("{seen:?} {}", found[0].sd_px);
     assert!((seen.semi_axes_px[0] - 60.0).abs() < 0.05 && (seen.semi_axes_px[1] - 36.0).abs() < 0.05);
     assert!(seen.turn_rad.abs() < 0.002);
 }

@@ -172,14 +172,14 @@ fn corners_lie_where_they_are_and_as_surely_as_stated() {
 #[test]
 fn a_response_that_nobody_told_is_found_by_the_edges() {
     for (blur_px, side_px) in [(0.7, (60.0, 80.0)), (1.0, (70.0, 90.0)), (1.2, (90.0, 130.0))] {
-        for (gamma, most_px, most) in
+        for (gamma, max_px, most) in
             [(1.0, 0.016, 1.35), (1.2, 0.035, 4.0), (1.4, 0.03, 1.4), (1.8, 0.04, 1.4), (2.4, 0.05, 1.4)]
         {
             let kind = Kind { side_px, blur_px, gamma, ..USUAL };
             let seen = look_at(&kind, 24, 4, &mut Dice(77));
             let (rms, chi2) = (seen.rms_px(), seen.normalized());
             println!("gamma {gamma}, blur {blur_px}: rms {rms:.4} px, {chi2:.2}");
-            assert!(seen.seen == seen.views && rms < most_px, "{kind:?}: {rms} px");
+            assert!(seen.seen == seen.views && rms < max_px, "{kind:?}: {rms} px");
             assert!((0.7..most).contains(&chi2), "normalized square {chi2}, {kind:?}");
         }
     }

@@ -18,7 +18,7 @@ use vservo::vision::{Vision, VisionSettings};
 
 /// What `vservo detect` allows for.
 const SETTINGS: VisionSettings =
-    VisionSettings { model_sd_px: 0.2, track: false, slack_px: 3.0, ambiguity_sigmas: 3.0 };
+    VisionSettings { model_sd_px: 0.2, track: false, slack_px: 3.0, ambiguity_sds: 3.0 };
 
 #[derive(Debug, Clone, Copy)]
 enum Harm {
@@ -101,12 +101,12 @@ struct Told {
     untrue: Vec<String>,
     /// Sum of squares of normalized errors of poses over their degrees of freedom.
     nees: f64,
-    most_mm: f64,
+    max_mm: f64,
 }
 
 /// Standard deviations of a point, and the square of a pose's normalized error (six degrees of freedom), from which on what is told is
 /// untrue. Errors scaled by a misfit of two degrees of freedom have long tails: no chi-square.
-const MAX_SIGMAS: f64 = 6.0;
+const MAX_SDS: f64 = 6.0;
 const MAX_SQUARE: f64 = 120.0;
 
 impl Told {
@@ -133,7 +133,7 @@ impl Told {
             let Some(truth) = truth.get(found.id as usize) else { continue };
             let off = (seen - truth).norm();
             px = px.max(off);
-            sigmas = sigmas.max(off / found.sigma_px / still.growth.points.sqrt());
+            sigmas = sigmas.max(off / found.sd_px / still.growth.points.sqrt());
         }
         self.off += u32::from(px > 0.1);
         let pose = still.pose.unwrap();
@@ -143,17 +143,17 @@ impl Told {
         let error = Vector6::new(moved.x, moved.y, moved.z, turned.x, turned.y, turned.z);
         let square = (error.transpose() * pose.covariance.try_inverse().unwrap() * error)[0];
         self.nees += square / 6.0;
-        self.most_mm = self.most_mm.max(1000.0 * moved.norm());
-        if sigmas > MAX_SIGMAS || square > MAX_SQUARE {
+        self.max_mm = self.max_mm.max(1000.0 * moved.norm());
+        if sigmas > MAX_SDS || square > MAX_SQUARE {
             self.untrue.push(format!("{k}: {px:.2} px, {sigmas:.0} sd; pose {square:.0}"));
         }
     }
 
     fn tell(&self, name: &str) {
-        let Self { unseen, refused, found, by_rim, off, untrue, nees, most_mm } = self;
+        let Self { unseen, refused, found, by_rim, off, untrue, nees, max_mm } = self;
         let nees = nees / f64::from(*found);
         println!(
-            "{name}: {found} found ({by_rim} by rims, {off} off), {refused} refused, {unseen} unseen; NEES {nees:.2}, {most_mm:.2} mm at most; {} untrue {untrue:?}",
+            "{name}: {found} found ({by_rim} by rims, {off} off), {refused} refused, {unseen} unseen; NEES {nees:.2}, {max_mm:.2} mm at most; {} untrue {untrue:?}",
             untrue.len()
         );
     }

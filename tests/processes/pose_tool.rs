@@ -113,7 +113,7 @@ fn poses_go_on_to_base_and_end_effector() {
     let path = path.to_str().unwrap();
     // a camera that looks down from (0.4, 0, 1): a half turn about x
     let camera = "0.4,0,1,1,0,0,0";
-    let ours = answer(&[path, "--method", "planar", "--sigma", "0.001", "--camera-in-base", camera]);
+    let ours = answer(&[path, "--method", "planar", "--sd", "0.001", "--camera-in-base", camera]);
     let first = &ours["solutions"][0];
     same(&first["object_in_base"]["position_m"], &serde_json::json!([0.4, 0.0, 0.5]), 1e-6);
     // turned about x by half a turn: y and z change their signs, variances stay

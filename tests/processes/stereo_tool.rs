@@ -174,7 +174,7 @@ fn the_deviation_of_a_depth_is_that_of_its_disparity() {
     let X_12 = Isometry3::translation(0.1, 0.0, 0.0);
     let pair = pair(folder.path(), &X_12);
     let file = pairs_file(folder.path(), "pairs.csv", &X_12, &[Point3::new(0.05, 0.0, 0.8)]);
-    let answer = json(&["triangulate", &file, "--pair", &pair, "--sigma", "0.2"]);
+    let answer = json(&["triangulate", &file, "--pair", &pair, "--sd", "0.2"]);
     let covariance = list(&answer["points"][0]["covariance"]);
     let wanted = 0.8f64.powi(2) * 2f64.sqrt() * 0.2 / (F_PX * 0.1);
     assert!((covariance[8].sqrt() / wanted - 1.0).abs() < 1e-6, "{covariance:?} against {wanted}");
@@ -240,7 +240,7 @@ fn the_displacement_comes_back_from_points() {
         own.angle_to(&truth) < 1e-6 && along > 1.0 - 1e-9
     };
     for method in ["five_point", "eight_point", "consensus"] {
-        let answer = json(&["motion", &file, "--camera", camera, "--method", method, "--sigma", "0.2"]);
+        let answer = json(&["motion", &file, "--camera", camera, "--method", method, "--sd", "0.2"]);
         let first = &answer["solutions"][0];
         assert!(is_truth(first) && answer["ambiguous"] == false, "{method}: {first}");
         assert_eq!(first["in_front"], 14, "{first}");
@@ -258,7 +258,7 @@ fn the_displacement_comes_back_from_points() {
     let text = std::fs::read_to_string(&file).unwrap();
     let wrong = folder.path().join("wrong.csv");
     std::fs::write(&wrong, format!("{text}14,30,200,290,20\n15,300,30,20,230\n")).unwrap();
-    let answer = json(&["motion", wrong.to_str().unwrap(), "--camera", camera, "--sigma", "0.2"]);
+    let answer = json(&["motion", wrong.to_str().unwrap(), "--camera", camera, "--sd", "0.2"]);
     let first = &answer["solutions"][0];
     assert!(is_truth(first), "{first}");
     assert_eq!(list(&first["inliers"]), (0..14).map(f64::from).collect::<Vec<_>>());

@@ -76,8 +76,8 @@ fn what_each_process_used_is_told() {
             assert!(cpu_s > 0.0 && share > 0.0, "{role}: {}", r.summary);
             // The share is that of the time which the process lived: as long as the run, and no longer than all of this.
             let lived_s = cpu_s / share;
-            let least_s = if clock == "realtime" { 2.0 } else { 0.0 };
-            assert!(lived_s >= least_s && lived_s <= all_s, "{role}: {lived_s} of {all_s} s: {}", r.summary);
+            let min_s = if clock == "realtime" { 2.0 } else { 0.0 };
+            assert!(lived_s >= min_s && lived_s <= all_s, "{role}: {lived_s} of {all_s} s: {}", r.summary);
             // One thread works, in control two.
             assert!(share < if role == "control" { 2.0 } else { 1.05 }, "{role}: {}", r.summary);
             assert!((1.0..60.0).contains(&used(role, "max_resident_mb")), "{role}: {}", r.summary);

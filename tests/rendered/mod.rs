@@ -130,14 +130,14 @@ impl Random {
         (self.within(0.0, count as f64) as usize).min(count - 1)
     }
 
-    /// A pose with all dots in view, of at least `least_px` of radius in their flat direction, tilted by up to 1 rad.
-    pub fn pose(&mut self, renderer: &Renderer, least_px: f64) -> Pose {
+    /// A pose with all dots in view, of at least `min_px` of radius in their flat direction, tilted by up to 1 rad.
+    pub fn pose(&mut self, renderer: &Renderer, min_px: f64) -> Pose {
         loop {
             let (z, tilt) = (self.within(0.25, 1.4), self.within(0.0, 1.0));
             let (x, y) = (self.within(-0.35, 0.35) * z, self.within(-0.25, 0.25) * z);
             let X_CO = pose(x, y, z, self.within(-3.2, 3.2), tilt, self.within(-3.2, 3.2));
             let margin = 600.0 * 0.015 / z * 1.3 + 6.0;
-            if 600.0 * 0.01 / z * tilt.cos() > least_px
+            if 600.0 * 0.01 / z * tilt.cos() > min_px
                 && renderer.truth(&X_CO).iter().all(|px| renderer.camera().contains(px, margin))
             {
                 return X_CO;

@@ -50,7 +50,7 @@ pub fn corner_speed_px_s(before: &[Found], now: &[Found], dt_s: f64) -> Option<f
     for point in now {
         let Some(was) = before.iter().find(|was| was.id == point.id) else { continue };
         squares += (point.px - was.px).norm_squared();
-        noise += 2.0 * (point.sigma_px.powi(2) + was.sigma_px.powi(2));
+        noise += 2.0 * (point.sd_px.powi(2) + was.sd_px.powi(2));
         count += 1.0;
     }
     (count > 0.0 && dt_s > 0.0).then(|| ((squares - noise).max(0.0) / count).sqrt() / dt_s)

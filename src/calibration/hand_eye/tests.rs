@@ -328,7 +328,7 @@ fn motion_is_seen_by_poses_and_by_corners() {
     let found = |id: u32, u: f64| crate::detect::Found {
         id,
         px: nalgebra::Vector2::new(u, 50.0),
-        sigma_px: 0.05,
+        sd_px: 0.05,
         area_px2: 0.0,
         covariance_px2: [0.0; 3],
         dark_level: 0.0,

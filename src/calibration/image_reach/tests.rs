@@ -22,7 +22,7 @@ fn seen(config: &Config, X_CO: &crate::geometry::Pose) -> Option<Measurement> {
     for (f, point) in m.features.iter_mut().zip(config.target.points()) {
         let (i, p) = (point.id, X_CO * point.p_O);
         let px = config.camera.model.project(&p).filter(|px| config.camera.model.contains(px, 0.0))?;
-        *f = FeaturePoint { id: i as u64, u_px: px.x, v_px: px.y, x: p.x / p.z, y: p.y / p.z, sigma_px: 0.0 };
+        *f = FeaturePoint { id: i as u64, u_px: px.x, v_px: px.y, x: p.x / p.z, y: p.y / p.z, sd_px: 0.0 };
     }
     m.set_pose(X_CO);
     Some(m)

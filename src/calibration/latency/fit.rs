@@ -25,7 +25,7 @@ const HUBER: f64 = 2.0;
 /// Standard deviations of the camera's pose in the run file, m and rad.
 const PRIOR_SD: [f64; 6] = [0.02, 0.02, 0.02, 0.05, 0.05, 0.05];
 /// Vision's own standard deviations are taken as no smaller than this, px.
-const MIN_SIGMA_PX: f64 = 0.01;
+const MIN_SD_PX: f64 = 0.01;
 /// Median of the length of two unit normal residuals, that of the Rayleigh distribution: sqrt(2 ln 2), since their square is chi-square.
 const RAYLEIGH_MEDIAN: f64 = 1.1774;
 /// A step halved so often is 1 / 4096 of what was asked for: what is still no better is rounding, or a model that is wrong there.
@@ -96,7 +96,7 @@ struct PointResidual {
     r: Vector2<f64>,
     J: SMatrix<f64, 2, UNKNOWNS>,
     /// What one is in px.
-    sigma_px: f64,
+    sd_px: f64,
 }
 
 /// The problem.
@@ -170,8 +170,8 @@ impl<'a, const N: usize> LatencyProblem<'a, N> {
             let s = p_C.coords.xy() / p_C.z;
             let r_o_C: Vector3<f64> = R_CO * p_O.coords;
             let (L_s, J_O) = (point_rows(&s, p_C.z), point_image_jacobian(&s, p_C.z, &r_o_C));
-            let sigma_px = if seen.sigma_px > 0.0 { seen.sigma_px.max(MIN_SIGMA_PX) } else { 1.0 };
-            let scale = f_px / sigma_px;
+            let sd_px = if seen.sd_px > 0.0 { seen.sd_px.max(MIN_SD_PX) } else { 1.0 };
+            let scale = f_px / sd_px;
             let mut J = SMatrix::<f64, 2, UNKNOWNS>::zeros();
             J.set_column(0, &(L_s * V_WC_C));
             // The object's twist is expressed in O.
@@ -181,7 +181,7 @@ impl<'a, const N: usize> LatencyProblem<'a, N> {
             for mut column in J.column_iter_mut() {
                 column.component_mul_assign(&scale);
             }
-            each(&PointResidual { r: (s - seen.s).component_mul(&scale), J, sigma_px });
+            each(&PointResidual { r: (s - seen.s).component_mul(&scale), J, sd_px });
         }
     }
 
@@ -275,7 +275,7 @@ impl<'a, const N: usize> LatencyProblem<'a, N> {
     pub(super) fn rms_px(&self, at: &LatencyUnknowns) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         self.each_residual(at, |e| {
-            sum += e.r.norm_squared() * e.sigma_px * e.sigma_px;
+            sum += e.r.norm_squared() * e.sd_px * e.sd_px;
             count += 1.0;
         });
         (sum / count).sqrt()

@@ -98,7 +98,7 @@ impl<const N: usize> ArmScene<N> {
             let i_px = camera.model.intrinsics();
             let (dx, dy) = (noise(2 * i) / i_px.fx_px, noise(2 * i + 1) / i_px.fy_px);
             let (x, y) = (p.x / p.z + dx, p.y / p.z + dy);
-            *f = FeaturePoint { id: i as u64, u_px: px.x, v_px: px.y, x, y, sigma_px: 0.05 };
+            *f = FeaturePoint { id: i as u64, u_px: px.x, v_px: px.y, x, y, sd_px: 0.05 };
         }
         m.set_pose(&X_CO);
         m
@@ -232,7 +232,7 @@ fn features_without_sd_and_frames_without_pose_are_used() {
         observation.X_CO = None;
     }
     assert!((scene.found(&recording).unwrap().offset_s + 0.015).abs() < 2e-4);
-    recording.observations = whole.iter().map(|s| s.with_sigma_px(0.0)).collect();
+    recording.observations = whole.iter().map(|s| s.with_sd_px(0.0)).collect();
     assert!((scene.found(&recording).unwrap().offset_s + 0.015).abs() < 2e-4);
 }
 

@@ -221,7 +221,7 @@ impl BoardFinder {
             .iter()
             .zip(still.px)
             .filter_map(|(found, px)| {
-                let sd_px = found.sigma_px.max(MIN_SD_PX);
+                let sd_px = found.sd_px.max(MIN_SD_PX);
                 Some(BoardCorner { p_O: *self.places.get(&found.id)?, px: *px, sd_px })
             })
             .collect();

@@ -58,8 +58,8 @@ pub(super) fn table(device: &str, r: &ProbeReport) -> String {
     let exposure_ms = (r.exposure_ms.min(period_ms) * 100.0).floor() / 100.0;
     let latency_ms = r.latency.p99_ms.ceil().clamp(1.0, 500.0);
     // Two periods and a latency: a frame may be lost before the arm slows down.
-    let least_ms = 2.0 * period_ms + 2.0 * latency_ms;
-    let timeout_ms = (least_ms / 0.75 / 10.0).ceil() * 10.0;
+    let min_ms = 2.0 * period_ms + 2.0 * latency_ms;
+    let timeout_ms = (min_ms / 0.75 / 10.0).ceil() * 10.0;
     let mut text = String::new();
     let _ = write!(
         text,

@@ -41,7 +41,9 @@ pub(super) struct FeatureOut {
     pub(super) id: u32,
     pub(super) u_px: f64,
     pub(super) v_px: f64,
-    pub(super) sigma_px: f64,
+    /// Under the key that it has had since the first answers.
+    #[serde(rename = "sigma_px")]
+    pub(super) sd_px: f64,
 }
 
 #[derive(Debug, Clone, Serialize)]
@@ -158,7 +160,7 @@ impl ImageAnswer {
             u_px: px.x,
             v_px: px.y,
             // what misfits is in what is told of each
-            sigma_px: found.sigma_px * seen.growth.points.sqrt(),
+            sd_px: found.sd_px * seen.growth.points.sqrt(),
         };
         let other = seen.other.as_ref().map(|(pose, log_ratio)| OtherPose {
             pose: pose.into(),

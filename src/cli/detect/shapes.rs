@@ -67,12 +67,11 @@ impl ShapeSearch {
             _ => match self.kind {
                 ShapeKind::Segments { min_length_px } => {
                     let settings =
-                        SegmentSettings { least_length_px: min_length_px, ..SegmentSettings::default() };
+                        SegmentSettings { min_length_px: min_length_px, ..SegmentSettings::default() };
                     EdgeShapeFinder::Segments(Box::new(SegmentFinder::new(width, height, settings)))
                 }
                 ShapeKind::Ellipses { min_axis_px } => {
-                    let settings =
-                        EllipseSettings { least_axis_px: min_axis_px, ..EllipseSettings::default() };
+                    let settings = EllipseSettings { min_axis_px: min_axis_px, ..EllipseSettings::default() };
                     EdgeShapeFinder::Ellipses(Box::new(EllipseFinder::new(width, height, settings)))
                 }
             },
@@ -102,7 +101,7 @@ impl ShapeSearch {
     fn segments(&self, name: String, found: &[Segment]) -> ImageAnswer {
         let feature = |(id, s): (u32, &Segment)| {
             let middle = s.midpoint_px();
-            FeatureOut { id, u_px: middle.x, v_px: middle.y, sigma_px: s.line.sigma_px(0.0) }
+            FeatureOut { id, u_px: middle.x, v_px: middle.y, sd_px: s.line.sd_px(0.0) }
         };
         let out = |(id, s): (u32, &Segment)| SegmentOut {
             id,
@@ -130,8 +129,8 @@ impl ShapeSearch {
 fn ellipses(name: String, found: &[FoundEllipse]) -> ImageAnswer {
     let feature = |(id, e): (u32, &FoundEllipse)| {
         let centre = e.fit.ellipse.centre_px;
-        let sigma_px = (0.5 * e.fit.centre_covariance_px2().trace()).sqrt();
-        FeatureOut { id, u_px: centre.x, v_px: centre.y, sigma_px }
+        let sd_px = (0.5 * e.fit.centre_covariance_px2().trace()).sqrt();
+        FeatureOut { id, u_px: centre.x, v_px: centre.y, sd_px }
     };
     let out = |(id, e): (u32, &FoundEllipse)| EllipseOut {
         id,

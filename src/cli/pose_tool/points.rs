@@ -24,14 +24,14 @@ pub(super) struct Points {
 }
 
 impl Points {
-    /// Reads a CSV file; `sigma` is one standard deviation of each coordinate where the file has none, in the file's unit.
-    pub(super) fn read(path: &Path, camera: Option<CameraModel>, sigma: Option<f64>) -> Result<Self, String> {
+    /// Reads a CSV file; `sd` is one standard deviation of each coordinate where the file has none, in the file's unit.
+    pub(super) fn read(path: &Path, camera: Option<CameraModel>, sd: Option<f64>) -> Result<Self, String> {
         let named = |e: String| format!("{}: {e}", path.display());
         let text = file::read(path, LARGEST).map_err(|e| named(e.to_string()))?;
-        Self::parse(&text, camera, sigma).map_err(named)
+        Self::parse(&text, camera, sd).map_err(named)
     }
 
-    fn parse(text: &str, camera: Option<CameraModel>, sigma: Option<f64>) -> Result<Self, String> {
+    fn parse(text: &str, camera: Option<CameraModel>, sd: Option<f64>) -> Result<Self, String> {
         let table = CsvTable::parse(text);
         let has = |name: &str| table.names().iter().any(|n| n == name);
         for name in ["x_m", "y_m"] {
@@ -41,12 +41,12 @@ impl Points {
                 ));
             }
         }
-        let (u, v, sd, camera, unit) = match (has("u_px") && has("v_px"), has("X") && has("Y")) {
+        let (u, v, sd_column, camera, unit) = match (has("u_px") && has("v_px"), has("X") && has("Y")) {
             (true, false) => {
                 let camera = camera.ok_or("points in px need the camera: --camera FILE, as ROS has it")?;
-                ("u_px", "v_px", "sigma_px", camera, 1.0)
+                ("u_px", "v_px", "sd_px", camera, 1.0)
             }
-            (false, true) => ("X", "Y", "sigma", stand_in()?, 1.0 / STAND_IN_F_PX),
+            (false, true) => ("X", "Y", "sd", stand_in()?, 1.0 / STAND_IN_F_PX),
             (true, true) => return Err("columns u_px,v_px and X,Y exclude each other".into()),
             (false, false) => {
                 return Err(format!("there are neither columns u_px,v_px nor X,Y; columns are {COLUMNS}"));
@@ -61,17 +61,17 @@ impl Points {
             };
             let z = if has("z_m") { number("z_m")? } else { 0.0 };
             let seen = Vector2::new(number(u)?, number(v)?);
-            let deviation = if has(sd) { Some(number(sd)?) } else { sigma };
+            let deviation = if has(sd_column) { Some(number(sd_column)?) } else { sd };
             if deviation.is_some_and(|sd| !(sd > 0.0)) {
                 return Err(format!("line {}: a standard deviation is greater than 0", row + 2));
             }
             points.stated &= deviation.is_some();
             let px = if unit == 1.0 { seen } else { points.camera.pixel_of(&seen) };
-            let sigma_px = deviation.map_or(1.0, |sd| sd / unit);
+            let sd_px = deviation.map_or(1.0, |sd| sd / unit);
             points.pixels.push(PixelCorrespondence {
                 r: Point3::new(number("x_m")?, number("y_m")?, z),
                 px,
-                covariance_px2: Matrix2::identity() * (sigma_px * sigma_px),
+                covariance_px2: Matrix2::identity() * (sd_px * sd_px),
             });
         }
         Ok(points)
@@ -92,7 +92,7 @@ impl Points {
     }
 }
 
-const COLUMNS: &str = "id,x_m,y_m,z_m,u_px,v_px,sigma_px or id,x_m,y_m,z_m,X,Y,sigma";
+const COLUMNS: &str = "id,x_m,y_m,z_m,u_px,v_px,sd_px or id,x_m,y_m,z_m,X,Y,sd";
 
 fn stand_in() -> Result<CameraModel, String> {
     let (f, size, centre) = (STAND_IN_F_PX, 1001, 500.0);
@@ -116,13 +116,13 @@ mod tests {
         assert!(refusal("x_m,y_m,u_px,v_px\n0,0,1,1\n").contains("--camera"));
         assert!(refusal("x_m,y_m,u_px,v_px,X,Y\n").contains("exclude"));
         assert!(refusal("x_m,y_m,X,Y\n0,0,1,1\n0,zero,1,1\n").contains("line 3: `y_m`"));
-        assert!(refusal("x_m,y_m,X,Y,sigma\n0,0,1,1,0\n").contains("greater than 0"));
+        assert!(refusal("x_m,y_m,X,Y,sd\n0,0,1,1,0\n").contains("greater than 0"));
     }
 
     #[test]
     fn normalized_points_keep_their_places_and_deviations() {
         let points =
-            Points::parse("id,x_m,y_m,z_m,X,Y,sigma\n7,0.1,0.2,0.3,0.25,-0.5,0.002\n", None, None).unwrap();
+            Points::parse("id,x_m,y_m,z_m,X,Y,sd\n7,0.1,0.2,0.3,0.25,-0.5,0.002\n", None, None).unwrap();
         let one = points.spatial()[0];
         assert!((one.s - Vector2::new(0.25, -0.5)).norm() < 1e-12 && one.r == Point3::new(0.1, 0.2, 0.3));
         assert!((points.pixels[0].covariance_px2[(0, 0)] - 4.0).abs() < 1e-9 && points.stated);

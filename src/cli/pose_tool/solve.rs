@@ -64,7 +64,7 @@ fn servoed(points: &Points, arguments: &PoseArguments) -> Result<(Pose, Option<u
         Some(text) => start_of(text).map_err(|e| format!("--start: {e}"))?,
         None => in_front(points),
     };
-    let settings = VirtualServoing { most_steps: arguments.max_steps, ..VirtualServoing::default() };
+    let settings = VirtualServoing { max_steps: arguments.max_steps, ..VirtualServoing::default() };
     let told = |e: PoseError| format!("{e} (virtual servoing came from --start {start:?})");
     if arguments.parallel {
         let x = Vector4::new(start[0], start[1], start[2], start[3]);

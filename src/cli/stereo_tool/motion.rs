@@ -110,7 +110,7 @@ fn run(a: &StereoMotionArguments) -> Result<MotionAnswer, Refused> {
         let i = camera.intrinsics();
         (i.fx_px * i.fy_px).sqrt()
     });
-    let sd = a.sigma.map(|sd| sd / f_px);
+    let sd = a.sd.map(|sd| sd / f_px);
     match a.method {
         MotionMethod::Plane => {
             let motion = plane_motion(&pairs).map_err(failed)?;

@@ -42,7 +42,7 @@ fn run(arguments: &StereoTriangulateArguments) -> Result<Vec<Place>, String> {
     let rectified = Rectification::new(&rig.camera_1, &rig.camera_2, &rig.X_12);
     // one standard deviation of a coordinate, normalized
     let i = rig.camera_1.intrinsics();
-    let sd = arguments.sigma.map(|sd| if file.in_px { sd / (i.fx_px * i.fy_px).sqrt() } else { sd });
+    let sd = arguments.sd.map(|sd| if file.in_px { sd / (i.fx_px * i.fy_px).sqrt() } else { sd });
     let solve = |pair: &Conjugates| -> Result<(Point3<f64>, Option<Matrix3<f64>>), String> {
         match arguments.method {
             TriangulationMethod::Optimal => {

@@ -18,7 +18,7 @@ const MIN_REACH_PX: f64 = 1.5;
 const BLUR_UNKNOWN: f64 = 0.7;
 const BLUR_KNOWN: f64 = 0.2;
 /// Largest stated deviation of a corner that is used, px.
-const MAX_SIGMA_PX: f64 = 0.6;
+const MAX_SD_PX: f64 = 0.6;
 /// On squares larger than that the windows do not reach to the next edges, px and blurs.
 const SMALL_PX: f64 = 8.0;
 const SMALL_BLURS: f64 = 3.0;
@@ -240,7 +240,7 @@ impl Board {
         let guess = CornerGuess { px, steps_px, changes_px, blur_px, blur_spread, goes_on };
         let fit = self.fitter.fit(image, &guess, reach_px)?;
         let light = ((c + r) % 2 == 0) == self.even_light;
-        ((fit.half_contrast > 0.0) == light && sigma(&fit) < MAX_SIGMA_PX).then_some(fit)
+        ((fit.half_contrast > 0.0) == light && corner_sd_px(&fit) < MAX_SD_PX).then_some(fit)
     }
 
     /// Fits a corner where it was predicted, and keeps it; whether there is one.
@@ -348,7 +348,7 @@ impl Board {
 }
 
 /// One deviation of a coordinate, px.
-pub(super) fn sigma(fit: &CornerFit) -> f64 {
+pub(super) fn corner_sd_px(fit: &CornerFit) -> f64 {
     let [xx, _, yy] = fit.covariance_px2;
     (0.5 * (xx + yy)).sqrt()
 }

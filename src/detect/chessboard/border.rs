@@ -76,11 +76,11 @@ pub(super) enum BoardEnd {
 pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -> BoardEnd {
     let mut seen = [OuterSquare::default(); MOST];
     let mut count = 0;
-    let mut least_px = f64::INFINITY;
+    let mut min_px = f64::INFINITY;
     for (square, slot) in squares.zip(&mut seen) {
         let Some(s) = look(image, &square) else { continue };
         let step = 0.5 * (square.rim[0] + square.rim[1] - square.inner[0] - square.inner[1]);
-        least_px = least_px.min(step.norm());
+        min_px = min_px.min(step.norm());
         *slot = s;
         count += 1;
     }
@@ -94,7 +94,7 @@ pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -
     let dark = || seen.iter().filter(|s| !s.light);
     let all = dark().count();
     // the line that most dark squares end at
-    let near = |a: &OuterSquare, b: &OuterSquare| (a.end - b.end).abs() < LINE + LINE_PX / least_px;
+    let near = |a: &OuterSquare, b: &OuterSquare| (a.end - b.end).abs() < LINE + LINE_PX / min_px;
     let mut best: (usize, Option<&OuterSquare>) = (0, None);
     for a in dark().filter(|a| CUTS.contains(&a.end)) {
         let agree = dark().filter(|b| near(a, b)).count();
@@ -107,7 +107,7 @@ pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -
         return BoardEnd::Unseen;
     }
     let line = dark().filter(|b| near(line, b)).map(|b| b.end).sum::<f64>() / agree as f64;
-    let past = PAST.max(PAST_PX / least_px);
+    let past = PAST.max(PAST_PX / min_px);
     let light = || seen.iter().filter(|s| s.light);
     let far = light().count();
     let go_on = light().filter(|s| s.end > line + past).count();

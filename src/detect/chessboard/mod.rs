@@ -25,7 +25,7 @@ use super::{Expected, Found};
 use crate::imaging::ImageView;
 use crate::imaging::corners::{RingDetector, halve};
 use crate::messages::TargetStatus;
-use board::{Board, BoardSide, sigma};
+use board::{Board, BoardSide, corner_sd_px};
 use border::{BoardEnd, Outer};
 use lattice::{Links, Placed};
 use nalgebra::Vector2;
@@ -187,7 +187,7 @@ impl ChessboardFinder {
             found.push(Found {
                 id,
                 px: fit.px,
-                sigma_px: sigma(fit),
+                sd_px: corner_sd_px(fit),
                 area_px2: (a.x * b.y - a.y * b.x).abs(),
                 covariance_px2: [spread.m11, spread.m12, spread.m22],
                 dark_level: fit.middle_level - fit.half_contrast.abs(),

@@ -50,10 +50,10 @@ impl Blob {
 
     /// Whether filling a region's holes may make an ellipse of it: large enough, whole, and not full already, but full enough to become
     /// one by growing at most so many times.
-    pub(super) fn may_have_holes(component: &Component, most_grown: u64) -> bool {
+    pub(super) fn may_have_holes(component: &Component, max_grown: u64) -> bool {
         let box_area = f64::from(component.x1 - component.x0) * f64::from(component.y1 - component.y0);
         let area = component.m00 as f64;
-        let grown = area * most_grown as f64;
+        let grown = area * max_grown as f64;
         !component.touches_border
             && (MIN_HOLED_AREA_PX2..box_area).contains(&area)
             && grown >= MIN_SHARE_OF_BOX * box_area

@@ -27,7 +27,7 @@ const MIN_CONTRAST: f64 = 12.0;
 /// Standard deviation of rounding to whole levels, and a little for what neighbouring pixels have in common of it.
 const ROUNDING: f64 = 0.32;
 /// A normal deviate that is cut off at 0 has the variance of one that counts from here on and not below, wherever its mean lies.
-const FREE_SIGMAS: f64 = 0.38;
+const FREE_SDS: f64 = 0.38;
 /// What a pixel on the rim may be off, as a share of the contrast: none is a perfect square.
 const PIXEL_SHARE: f64 = 0.0032;
 /// Below this deviation of an edge, pixels included, centroids depend on where pixels lie: so much more for each px, as far as `SHARPEST_PX`
@@ -98,7 +98,7 @@ struct Weighed {
 pub(super) struct DotMeter {
     /// Free distance around the dot of each id, in its radii.
     gaps: Box<[f64]>,
-    least_gap: f64,
+    min_gap: f64,
     /// Whether dots are lighter than the plate.
     light_on_dark: bool,
     levels: Vec<Option<Levels>>,
@@ -115,7 +115,7 @@ impl DotMeter {
     pub(super) fn new(gaps: Box<[f64]>, light_on_dark: bool) -> Self {
         let most = gaps.len();
         Self {
-            least_gap: gaps.iter().copied().fold(3.0, f64::min),
+            min_gap: gaps.iter().copied().fold(3.0, f64::min),
             gaps,
             light_on_dark,
             levels: Vec::with_capacity(most),
@@ -129,7 +129,7 @@ impl DotMeter {
 
     /// Level half-way between a dot and the plate around it; `None` without contrast.
     pub(super) fn middle(&self, image: &ImageView<'_>, blob: &Blob) -> Option<f64> {
-        let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.least_gap * axis));
+        let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.min_gap * axis));
         let inner = PixelEllipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
         let (sum, count, ..) = inner_sums(image, &inner);
         let plate = Ring::of(image, (blob.x, blob.y), &around, false).level()?;
@@ -142,7 +142,7 @@ impl DotMeter {
     /// Whether a region is of another level than nearly all that is around it: clutter mostly is not. Costs less than to look for the
     /// target among whatever is round.
     pub(super) fn stands_out(&self, image: &ImageView<'_>, blob: &Blob) -> bool {
-        let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.least_gap * axis));
+        let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.min_gap * axis));
         let ring = Ring::of(image, (blob.x, blob.y), &around, false);
         let inner = PixelEllipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
         let (sum, count, ..) = inner_sums(image, &inner);
@@ -305,7 +305,7 @@ impl DotMeter {
             return None;
         }
         let relative = light.relative(blob.x, blob.y, blob.axes().0 + reach);
-        let margin = (16.0 * FREE_SIGMAS * noise).round() as i16;
+        let margin = (16.0 * FREE_SDS * noise).round() as i16;
         let scale =
             Scale { edge: edge as i16, span: span as i16, margin, light: self.light_on_dark, relative };
         let outer = PixelEllipse::new(blob.x, blob.y, self.around(id, blob, reach));
@@ -338,7 +338,7 @@ impl DotMeter {
         Some(Found {
             id,
             px,
-            sigma_px: from_noise.hypot(light_px),
+            sd_px: from_noise.hypot(light_px),
             area_px2: area,
             covariance_px2: blob.covariance.map(|c| c * by_area),
             dark_level: levels.dot,

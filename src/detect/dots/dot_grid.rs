@@ -99,7 +99,7 @@ impl Lattice {
 
     /// Fewest dots that tell which part of the grid they are.
     pub(super) fn least(&self) -> usize {
-        self.grid.least_to_find()
+        self.grid.min_to_find()
     }
 
     /// The dots' radius, m, where the target does not say it: as it was found last.
@@ -125,7 +125,7 @@ impl Lattice {
         chosen.clear();
         self.place(candidates);
         let mut reason = TargetStatus::NoMatch;
-        let mut left = self.most_walked();
+        let mut left = self.max_walked();
         for seed in 0..self.points.len() {
             if self.taken.get(seed) != Some(&false) {
                 continue;
@@ -147,7 +147,7 @@ impl Lattice {
         Err(reason)
     }
 
-    fn most_walked(&self) -> usize {
+    fn max_walked(&self) -> usize {
         MAX_WALKED * self.points.capacity()
     }
 

@@ -108,8 +108,8 @@ pub struct DotFinder {
     pub(super) local: LocalThreshold,
     pattern: DotPattern,
     /// Fewer regions cannot be the target, and of more the largest are looked at.
-    least_candidates: usize,
-    most_candidates: usize,
+    min_candidates: usize,
+    max_candidates: usize,
     meter: DotMeter,
     candidates: Vec<(f64, Blob)>,
     chosen: Vec<(u32, Blob)>,
@@ -123,7 +123,7 @@ impl DotFinder {
     #[must_use]
     pub fn new(camera: CameraModel, target: &Target, light_on_dark: bool) -> Self {
         let count = target.points().len();
-        let (pattern, most_candidates) = match target {
+        let (pattern, max_candidates) = match target {
             Target::FourDots(dots) => {
                 (DotPattern::FourDots(Box::new(Square::new(camera, dots))), MAX_CANDIDATES)
             }
@@ -135,10 +135,10 @@ impl DotFinder {
         };
         let meter = DotMeter::new(free_distances(target), light_on_dark);
         let discs = target.discs().into();
-        let least_candidates = target.least_to_find();
+        let min_candidates = target.min_to_find();
         Self {
-            least_candidates,
-            ..Self::with(camera, pattern, discs, count, most_candidates, meter, light_on_dark)
+            min_candidates,
+            ..Self::with(camera, pattern, discs, count, max_candidates, meter, light_on_dark)
         }
     }
 
@@ -155,7 +155,7 @@ impl DotFinder {
         pattern: DotPattern,
         discs: Box<[Disc]>,
         count: usize,
-        most_candidates: usize,
+        max_candidates: usize,
         meter: DotMeter,
         light_on_dark: bool,
     ) -> Self {
@@ -171,10 +171,10 @@ impl DotFinder {
             near_components: Components::with_limit((limit / 4).max(MIN_RUNS)),
             local: LocalThreshold::with_size(i.width_px as usize, i.height_px as usize),
             pattern,
-            least_candidates: 1,
-            most_candidates,
+            min_candidates: 1,
+            max_candidates,
             meter,
-            candidates: Vec::with_capacity(most_candidates + 1),
+            candidates: Vec::with_capacity(max_candidates + 1),
             chosen: Vec::with_capacity(count),
             inverted: vec![0; if light_on_dark { pixels } else { 0 }],
             light_on_dark,
@@ -301,11 +301,11 @@ impl DotFinder {
     ) -> Result<(), TargetStatus> {
         let round = self.gather(image, look);
         let cluttered =
-            look == SearchEffort::Quick && self.most_candidates == MAX_CANDIDATES && round > FEW_CANDIDATES;
+            look == SearchEffort::Quick && self.max_candidates == MAX_CANDIDATES && round > FEW_CANDIDATES;
         if cluttered {
             self.gather(image, SearchEffort::Careful);
         }
-        if self.candidates.len() < self.least_candidates {
+        if self.candidates.len() < self.min_candidates {
             return Err(TargetStatus::TooFewRegions);
         }
         if look != SearchEffort::Quick {
@@ -355,11 +355,11 @@ impl DotFinder {
             round += 1;
             // of too many the largest are kept: specks go first
             let at = self.candidates.partition_point(|(area, _)| *area >= blob.area);
-            if at < self.most_candidates
+            if at < self.max_candidates
                 && (look == SearchEffort::Quick || self.meter.stands_out(image, &blob))
             {
                 self.candidates.insert(at, (blob.area, blob));
-                self.candidates.truncate(self.most_candidates);
+                self.candidates.truncate(self.max_candidates);
             }
         }
         round

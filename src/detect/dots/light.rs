@@ -18,7 +18,7 @@ use samples::{LightResidual, LightSums, ring_rest};
 /// From this half axis on the light's curvature matters, px.
 const QUADRIC_FROM_PX: f64 = 9.0;
 /// What light may leave over that is still followed: so many standard deviations of samples, and beside these, a share of its level.
-const SMOOTH_SIGMAS: f64 = 2.0;
+const SMOOTH_SDS: f64 = 2.0;
 const SMOOTH_SHARE: f64 = 0.004;
 /// Greatest change of light from a dot's middle outwards, and along one pixel.
 const MAX_RELATIVE: f64 = 0.4;
@@ -28,7 +28,7 @@ const LOSS: f64 = 0.4;
 /// Samples that say something: their greatest distance from the first guess, as a share of the level.
 const FAR_SHARE: f64 = 0.1;
 /// Their greatest distance from the fit, in standard deviations, and beside these, levels.
-const FAR_SIGMAS: f64 = 3.5;
+const FAR_SDS: f64 = 3.5;
 const FAR_LEVELS: f64 = 1.0;
 /// Fewest samples for a plane and for a quadric.
 const MIN_PLANE: usize = 12;
@@ -87,7 +87,7 @@ impl LightFit {
         if dots.len() >= 3 {
             light.take_plane(dots);
         }
-        light.limit = (FAR_SHARE * level).max(FAR_SIGMAS * noise + FAR_LEVELS);
+        light.limit = (FAR_SHARE * level).max(FAR_SDS * noise + FAR_LEVELS);
         let quadric = largest_px >= QUADRIC_FROM_PX && dots.len() >= 3;
         // curvature as a lens's loss of light towards the corners may make it; what samples say against that must outweigh their noise
         let curvature = LOSS * level * (extent / half_diagonal_px).powi(2);
@@ -107,14 +107,14 @@ impl LightFit {
             let LightResidual { square, count, greatest } = LightResidual::of(samples, &light);
             let free = count - if quadric { 6.0 } else { 3.0 };
             (light.variance, light.samples) = (square / free.max(1.0), count as usize);
-            let limit = FAR_SIGMAS * light.variance.sqrt() + FAR_LEVELS;
+            let limit = FAR_SDS * light.variance.sqrt() + FAR_LEVELS;
             light.limit = limit.min(light.limit);
             if greatest <= light.limit || (light.samples, light.limit) == before {
                 break;
             }
         }
         // what no smooth light explains is a shadow, or another thing on the plate
-        let smooth = SMOOTH_SIGMAS * variance.sqrt() + SMOOTH_SHARE * level;
+        let smooth = SMOOTH_SDS * variance.sqrt() + SMOOTH_SHARE * level;
         if light.variance > smooth * smooth {
             return Self { variance: light.variance, samples: light.samples, ..Self::even(level) };
         }

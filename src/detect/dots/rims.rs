@@ -18,7 +18,7 @@ const SLACK_PX: f64 = 2.0;
 /// How far it is looked for at most, as a share of the half axis.
 const FAR: f64 = 0.5;
 /// Centroid and rim contradict each other from so many standard deviations on; the chance of that is below 1e-4.
-const MAX_SIGMAS: f64 = 4.5;
+const MAX_SDS: f64 = 4.5;
 /// Both are this good at the most where light and lens are not as simple as both take them to be, px.
 const MODEL_PX: f64 = 0.02;
 /// Of what moved a centroid a part moves the rim's scans too, a shadow's slope foremost. Chosen, not derived: without it centres under
@@ -39,9 +39,9 @@ pub(super) fn look_closely(
         }
         let contrast = (dot.plate_level - dot.dark_level).abs() as f32;
         let settings = EllipseSettings {
-            least_axis_px: 0.8 * MIN_AXIS_PX,
-            least_share: MIN_SHARE,
-            least_step: MIN_STEP * contrast,
+            min_axis_px: 0.8 * MIN_AXIS_PX,
+            min_share: MIN_SHARE,
+            min_step: MIN_STEP * contrast,
             ..EllipseSettings::default()
         };
         // a centroid that was drawn far off leaves the rim further away
@@ -54,10 +54,10 @@ pub(super) fn look_closely(
         let covariance = rim.fit.centre_covariance_px2();
         let variance = 0.5 * covariance.trace() + MODEL_PX * MODEL_PX;
         let off = rim.fit.ellipse.centre_px - dot.px;
-        if off.norm_squared() > MAX_SIGMAS * MAX_SIGMAS * (variance + dot.sigma_px * dot.sigma_px) {
+        if off.norm_squared() > MAX_SDS * MAX_SDS * (variance + dot.sd_px * dot.sd_px) {
             harmed.push(dot.id);
             dot.px = rim.fit.ellipse.centre_px;
-            dot.sigma_px = (variance + MOVED_SHARE * MOVED_SHARE * off.norm_squared()).sqrt();
+            dot.sd_px = (variance + MOVED_SHARE * MOVED_SHARE * off.norm_squared()).sqrt();
             dot.covariance_px2 = rim.fit.ellipse.shape_px2.map(|c| 0.25 * c);
         }
     }

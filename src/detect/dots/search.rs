@@ -18,10 +18,10 @@ const SAMPLED_ROWS: (usize, usize) = (60, 120);
 /// Rows whose neighbouring pixels tell the noise.
 const NOISE_ROWS: usize = 40;
 /// Least contrast of a part of the frame in which something may be dark: so many times the noise, within these levels.
-const CONTRAST_SIGMAS: f64 = 10.0;
+const CONTRAST_SDS: f64 = 10.0;
 const CONTRAST_LEVELS: (f64, f64) = (12.0, 80.0);
 /// Noise and uneven light alone make no more contrast than this anywhere.
-const FLAT_SIGMAS: f64 = 10.5;
+const FLAT_SDS: f64 = 10.5;
 const FLAT_LEVELS: f64 = 8.0;
 /// Thresholds of the sweep.
 const SWEEP: u32 = 21;
@@ -64,9 +64,9 @@ impl DotFinder {
         // instead, and nothing where these are noise.
         let noise = noise(dark);
         let (least, most) = CONTRAST_LEVELS;
-        let contrast = (CONTRAST_SIGMAS * noise).clamp(least, most);
+        let contrast = (CONTRAST_SDS * noise).clamp(least, most);
         let greatest = self.local.set(dark, contrast as u8, 0);
-        if f64::from(greatest) < (FLAT_SIGMAS * noise + FLAT_LEVELS).max(least) {
+        if f64::from(greatest) < (FLAT_SDS * noise + FLAT_LEVELS).max(least) {
             let found = put_off && self.search_otsu(dark, image, otsu.threshold, found).is_ok();
             return if found { Ok(()) } else { Err(TargetStatus::NoContrast) };
         }

@@ -29,26 +29,26 @@ pub struct EllipseSettings {
     /// What counts as an edge.
     pub thresholds: EdgeThresholds,
     /// Least half axis, px; below 5 px a rim cannot be scanned.
-    pub least_axis_px: f64,
+    pub min_axis_px: f64,
     /// Least share of the rim that is seen, 0..=1.
-    pub least_share: f64,
+    pub min_share: f64,
     /// Least step across the rim, grey levels.
-    pub least_step: f32,
+    pub min_step: f32,
     /// Light ellipses on dark ground, dark ones on light, or both.
     pub light: Option<bool>,
     /// Most ellipses of a frame.
-    pub most: usize,
+    pub max_count: usize,
 }
 
 impl Default for EllipseSettings {
     fn default() -> Self {
         Self {
             thresholds: EdgeThresholds::default(),
-            least_axis_px: 5.0,
-            least_share: 0.4,
-            least_step: 16.0,
+            min_axis_px: 5.0,
+            min_share: 0.4,
+            min_step: 16.0,
             light: None,
-            most: 64,
+            max_count: 64,
         }
     }
 }
@@ -171,7 +171,7 @@ impl EllipseFinder {
         self.ranges.push((0, points.len()));
         while let Some((from, to)) = self.ranges.pop() {
             let Some(arc) = points.get(from..to) else { return };
-            if found.len() >= self.settings.most || arc.len() < MIN_ARC {
+            if found.len() >= self.settings.max_count || arc.len() < MIN_ARC {
                 continue;
             }
             // on an ellipse that is known nothing new begins
@@ -204,15 +204,13 @@ impl EllipseFinder {
     fn of_arc(&mut self, image: &ImageView<'_>, arc: &[EdgePixel]) -> Result<FoundEllipse, EllipseMiss> {
         let step = arc.len().div_ceil(ARC_POINTS).max(1);
         self.points.clear();
-        let point = |p: &EdgePixel| EdgePoint {
-            px: Vector2::new(f64::from(p.x_px), f64::from(p.y_px)),
-            sigma_px: 0.15,
-        };
+        let point =
+            |p: &EdgePixel| EdgePoint { px: Vector2::new(f64::from(p.x_px), f64::from(p.y_px)), sd_px: 0.15 };
         self.points.extend(arc.iter().step_by(step).map(point));
         let start = Ellipse::fit_direct(&self.points).ok_or(EllipseMiss::NoArc)?;
         let (a, b) = start.axes_px();
         let size = (image.width() + image.height()) as f64;
-        if b < 0.8 * self.settings.least_axis_px || a > size {
+        if b < 0.8 * self.settings.min_axis_px || a > size {
             return Err(EllipseMiss::NoArc);
         }
         let (mut near, mut inward) = (0, 0i32);

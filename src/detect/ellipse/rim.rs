@@ -31,9 +31,9 @@ struct RimScan {
 /// Measures rims. Owns its buffers.
 #[derive(Debug, Clone)]
 pub(in crate::detect) struct RimMeter {
-    least_axis_px: f64,
-    least_share: f64,
-    least_step: f32,
+    min_axis_px: f64,
+    min_share: f64,
+    min_step: f32,
     scans: Vec<RimScan>,
     points: Vec<EdgePoint>,
     values: Vec<f64>,
@@ -42,11 +42,11 @@ pub(in crate::detect) struct RimMeter {
 impl RimMeter {
     /// A meter of rims of the settings' least size, share and step.
     pub(in crate::detect) fn new(settings: &EllipseSettings) -> Self {
-        let EllipseSettings { least_axis_px, least_share, least_step, .. } = *settings;
+        let EllipseSettings { min_axis_px, min_share, min_step, .. } = *settings;
         Self {
-            least_axis_px,
-            least_share,
-            least_step,
+            min_axis_px,
+            min_share,
+            min_step,
             scans: Vec::with_capacity(MAX_SCANS),
             points: Vec::with_capacity(MAX_SCANS),
             values: Vec::with_capacity(MAX_SCANS),
@@ -65,7 +65,7 @@ impl RimMeter {
         let mut scan = EdgeScan {
             half_px: if start.axes_px().1 < 8.0 { 1 } else { 2 },
             search_px: (slack_px.clamp(0.0, 60.0).ceil() as usize) + 2,
-            least_step: self.least_step,
+            min_step: self.min_step,
         };
         let mut best = Err(EllipseMiss::Hidden);
         for round in 0..ROUNDS {
@@ -99,13 +99,12 @@ impl RimMeter {
         }
         let found = best?;
         let (_, b) = found.fit.ellipse.axes_px();
-        if found.share < self.least_share {
+        if found.share < self.min_share {
             return Err(EllipseMiss::Hidden);
         }
         // what is drawn without grey levels has steps of half a pixel
-        let sigma2 =
-            self.points.iter().map(|p| p.sigma_px * p.sigma_px).sum::<f64>() / self.points.len() as f64;
-        if b < self.least_axis_px || !(found.fit.chi2 * sigma2 < MAX_RMS_PX * MAX_RMS_PX) {
+        let sigma2 = self.points.iter().map(|p| p.sd_px * p.sd_px).sum::<f64>() / self.points.len() as f64;
+        if b < self.min_axis_px || !(found.fit.chi2 * sigma2 < MAX_RMS_PX * MAX_RMS_PX) {
             return Err(EllipseMiss::NoEllipse);
         }
         Ok(found)
@@ -114,10 +113,7 @@ impl RimMeter {
     fn plausible(&self, ellipse: &Ellipse, image: &ImageView<'_>) -> bool {
         let (a, b) = ellipse.axes_px();
         let size = (image.width() + image.height()) as f64;
-        ellipse.is_real()
-            && b >= 0.7 * self.least_axis_px
-            && a <= size
-            && ellipse.centre_px.norm() < 4.0 * size
+        ellipse.is_real() && b >= 0.7 * self.min_axis_px && a <= size && ellipse.centre_px.norm() < 4.0 * size
     }
 
     /// Fills `scans`; the number of lines that cross the rim, in the image or not.
@@ -162,9 +158,9 @@ impl RimMeter {
             let shift = 0.5 * blur_px2 * bend;
             // at the ends of an axis, where the formula does not hold, there are no scans
             let place = scan.crossing.position_px - shift.clamp(-0.5, 0.5);
-            let sigma = scan.crossing.sigma_px_per_level * noise2.sqrt();
+            let sd = scan.crossing.sd_px_per_level * noise2.sqrt();
             let px = if row { Vector2::new(place, scan.line) } else { Vector2::new(scan.line, place) };
-            self.points.push(EdgePoint { px, sigma_px: sigma.hypot(FLOOR_PX) * scan.along });
+            self.points.push(EdgePoint { px, sd_px: sd.hypot(FLOOR_PX) * scan.along });
         }
     }
 

@@ -139,7 +139,7 @@ fn several_are_found_and_tracked() {
 proptest! {
     #[test]
     fn any_image_is_taken(image in any_image(), x in -20.0..160.0f64, y in -20.0..30.0f64, a in 0.1..90.0f64, slack in -1.0..99.0f64) {
-        let mut finder = EllipseFinder::new(20, 20, EllipseSettings { least_axis_px: 1.0, ..EllipseSettings::default() });
+        let mut finder = EllipseFinder::new(20, 20, EllipseSettings { min_axis_px: 1.0, ..EllipseSettings::default() });
         let mut found = Vec::new();
         let _ = finder.search(&image.view(), &mut found);
         let _ = finder.track(&image.view(), &Ellipse::new(Vector2::new(x, y), a, 0.6 * a, 1.0), true, slack);

@@ -40,23 +40,23 @@ pub struct SegmentSettings {
     /// What counts as an edge.
     pub thresholds: EdgeThresholds,
     /// Least length, px, at least 8.
-    pub least_length_px: f64,
+    pub min_length_px: f64,
     /// Least step across the edge, grey levels.
-    pub least_step: f32,
+    pub min_step: f32,
     /// Pixels over which the edge spreads on either side of its middle, see [`EdgeScan::half_px`].
     pub half_px: usize,
     /// Most segments of a frame.
-    pub most: usize,
+    pub max_count: usize,
 }
 
 impl Default for SegmentSettings {
     fn default() -> Self {
         Self {
             thresholds: EdgeThresholds::default(),
-            least_length_px: 20.0,
-            least_step: 12.0,
+            min_length_px: 20.0,
+            min_step: 12.0,
             half_px: 2,
-            most: 256,
+            max_count: 256,
         }
     }
 }
@@ -121,8 +121,8 @@ impl SegmentFinder {
         if self.edges.pixels().is_empty() {
             return Err(SegmentMiss::NoEdges);
         }
-        let least_px = self.settings.least_length_px.max(8.0);
-        self.chains.link(&self.edges, (0.7 * least_px) as usize);
+        let min_px = self.settings.min_length_px.max(8.0);
+        self.chains.link(&self.edges, (0.7 * min_px) as usize);
         let chains = std::mem::take(&mut self.chains);
         for chain in chains.as_slice() {
             let points = chains.of(chain);
@@ -134,7 +134,7 @@ impl SegmentFinder {
                 if let Some(at) = at {
                     self.ranges.push((from + at, to));
                     self.ranges.push((from, from + at + 1));
-                } else if length >= least_px && found.len() < self.settings.most {
+                } else if length >= min_px && found.len() < self.settings.max_count {
                     found.extend(self.of_part(image, part, found));
                 }
             }
@@ -206,7 +206,7 @@ impl SegmentFinder {
             result = Some(found);
         }
         result.filter(|s: &Segment| {
-            s.share > 0.6 && s.length_px() >= self.settings.least_length_px.max(8.0) - 2.0
+            s.share > 0.6 && s.length_px() >= self.settings.min_length_px.max(8.0) - 2.0
         })
     }
 
@@ -230,8 +230,7 @@ impl SegmentFinder {
         let low = (a.min(b) - beyond_px).max(0.0).ceil() as i64;
         let high = (a.max(b) + beyond_px).min(lines - 1.0).floor() as i64;
         let step = (high.saturating_sub(low) / MAX_SCANS as i64 + 1).max(1);
-        let scan =
-            EdgeScan { half_px: self.settings.half_px, search_px, least_step: self.settings.least_step };
+        let scan = EdgeScan { half_px: self.settings.half_px, search_px, min_step: self.settings.min_step };
         let middle = predicted.px;
         self.scans.clear();
         for y in (low..=high).step_by(step as usize) {
@@ -243,9 +242,9 @@ impl SegmentFinder {
         let noise = (self.median(|c| c.scatter).max(0.25) / MEDIAN_SCATTER).sqrt();
         self.points.clear();
         let point = |&(y, ref c): &(i64, Crossing)| {
-            let sigma = (c.sigma_px_per_level * noise).hypot(FLOOR_PX) * along_scan.abs();
+            let sd = (c.sd_px_per_level * noise).hypot(FLOOR_PX) * along_scan.abs();
             let (at, y) = (c.position_px, y as f64);
-            EdgePoint { px: if row { Vector2::new(at, y) } else { Vector2::new(y, at) }, sigma_px: sigma }
+            EdgePoint { px: if row { Vector2::new(at, y) } else { Vector2::new(y, at) }, sd_px: sd }
         };
         // the line from what lies between the ends: once they are known, without the scans that reach around a corner
         let reach =
@@ -264,7 +263,7 @@ impl SegmentFinder {
         }
         let on = |scan: &(i64, Crossing)| {
             let p = point(scan);
-            line.distance_px(&p.px).abs() < BESIDE_PX.max(5.0 * p.sigma_px)
+            line.distance_px(&p.px).abs() < BESIDE_PX.max(5.0 * p.sd_px)
         };
         let (first, last) = longest(&self.scans, GAP as i64 * step, on)?;
         let (y0, y1) = (first as f64, last as f64);

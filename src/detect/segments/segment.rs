@@ -4,7 +4,7 @@ use crate::imaging::Line;
 use nalgebra::{Matrix2, Vector2};
 
 /// Standard deviation of an end along the segment, px.
-const END_SIGMA_PX: f64 = 0.7;
+const END_SD_PX: f64 = 0.7;
 
 /// A segment of an edge, the light on its right as the image is seen, looking from the first end to the second.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,7 +64,7 @@ impl Segment {
         let n = self.line.normal();
         let along = Vector2::new(-n.y, n.x);
         let px = self.ends_px[usize::from(end != 0)];
-        let across2 = self.line.sigma_px(along.dot(&(px - self.line.px))).powi(2);
-        n * n.transpose() * across2 + along * along.transpose() * END_SIGMA_PX.powi(2)
+        let across2 = self.line.sd_px(along.dot(&(px - self.line.px))).powi(2);
+        n * n.transpose() * across2 + along * along.transpose() * END_SD_PX.powi(2)
     }
 }

@@ -47,7 +47,7 @@ fn lines_and_their_covariance_on_rendered_edges() {
             let along = Vector2::new(-s.line.normal_rad.sin(), s.line.normal_rad.cos());
             let e = s.line.distance_px(&middle);
             squares += e * e;
-            offset += (e / s.line.sigma_px(along.dot(&(middle - s.line.px)))).powi(2);
+            offset += (e / s.line.sd_px(along.dot(&(middle - s.line.px)))).powi(2);
             let a = (s.line.normal_rad - angle).sin();
             turn += a * a / s.line.covariance[(1, 1)];
         }
@@ -93,7 +93,7 @@ fn a_square_has_four_sides_and_misses_have_reasons() {
 proptest! {
     #[test]
     fn any_image_is_taken(image in any_image(), ends in prop::array::uniform4(-50.0..250.0f64), slack in -1.0..99.0f64) {
-        let settings = SegmentSettings { least_length_px: 0.0, ..SegmentSettings::default() };
+        let settings = SegmentSettings { min_length_px: 0.0, ..SegmentSettings::default() };
         let mut finder = SegmentFinder::new(20, 20, settings);
         let mut found = Vec::new();
         let _ = finder.search(&image.view(), &mut found);

@@ -104,14 +104,14 @@ impl Piece {
         best.1
     }
 
-    /// Fits offset and levels for an edge of blur `sigma_px`. `None` where there are too few pixels, or part of it lies outside the image.
+    /// Fits offset and levels for an edge of blur `blur_px`. `None` where there are too few pixels, or part of it lies outside the image.
     pub(super) fn fit(
         &self,
         image: &ImageView<'_>,
-        sigma_px: f64,
+        blur_px: f64,
         pixels: &mut Vec<[f64; 4]>,
     ) -> Option<EdgeEstimate> {
-        self.gather(image, sigma_px, pixels)?;
+        self.gather(image, blur_px, pixels)?;
         // levels alone
         let (mut aa, mut ab, mut bb, mut a, mut b) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for [level, above, ..] in pixels.iter() {
@@ -135,7 +135,7 @@ impl Piece {
         let (mut m, mut r, mut blur) = ([[0.0; 3]; 3], [0.0; 3], [[0.0; 3], [0.0; 3]]);
         let mut squares = 0.0;
         for [level, above, density, z] in pixels.iter() {
-            let slope = rise * density / sigma_px;
+            let slope = rise * density / blur_px;
             let (row, by_blur) = ([-slope, 1.0 - above, *above], -slope * z);
             let rest = level - inside * (1.0 - above) - outside * above;
             squares += rest * rest;
@@ -166,7 +166,7 @@ impl Piece {
     }
 
     /// Level, distribution, density and normalized distance of each pixel.
-    fn gather(&self, image: &ImageView<'_>, sigma_px: f64, pixels: &mut Vec<[f64; 4]>) -> Option<()> {
+    fn gather(&self, image: &ImageView<'_>, blur_px: f64, pixels: &mut Vec<[f64; 4]>) -> Option<()> {
         pixels.clear();
         let [inside, outside] = self.width_px;
         let half = 0.5 * self.length_px;
@@ -189,7 +189,7 @@ impl Piece {
                 let bent = self.sag_px * (2.0 * t / self.length_px).powi(2);
                 let d = p.dot(&self.outward) + bent;
                 if t >= -half && t < half && d >= -inside && d <= outside && pixels.len() < MAX_PIXELS {
-                    let z = d / sigma_px;
+                    let z = d / blur_px;
                     let (above, density) = normal(z);
                     let level = row.get(x).copied().unwrap_or(0);
                     pixels.push([f64::from(level), above, density, z]);
@@ -206,7 +206,7 @@ mod tests {
     use crate::linalg::Random;
 
     /// A straight edge, by its definition: each pixel is the mean of 9 x 9 points of the blurred step.
-    fn image(offset: f64, angle: f64, sigma: f64, noise: f64, seed: u64) -> Vec<u8> {
+    fn image(offset: f64, angle: f64, blur: f64, noise: f64, seed: u64) -> Vec<u8> {
         let n = Vector2::new(angle.cos(), angle.sin());
         let mut random = Random::new(seed);
         (0..60 * 60)
@@ -215,7 +215,7 @@ mod tests {
                 let mut sum = 0.0;
                 for k in 0..81 {
                     let q = Vector2::new(f64::from(k % 9) - 4.0, f64::from(k / 9) - 4.0) / 9.0;
-                    sum += normal(((p + q).dot(&n) - offset) / sigma).0;
+                    sum += normal(((p + q).dot(&n) - offset) / blur).0;
                 }
                 (50.0 + 120.0 * sum / 81.0 + noise * random.gaussian()).round() as u8
             })
@@ -227,12 +227,12 @@ mod tests {
         let (mut squares, mut count) = (0.0, 0.0);
         for seed in 0..300 {
             let mut random = Random::new(seed);
-            let (angle, offset, sigma) = (
+            let (angle, offset, blur) = (
                 random.between(0.0, std::f64::consts::TAU),
                 random.between(-0.3, 0.3),
                 random.between(0.5, 1.5),
             );
-            let pixels = image(offset, angle, sigma, 2.0, seed);
+            let pixels = image(offset, angle, blur, 2.0, seed);
             let image = ImageView::new(&pixels, 60, 60).unwrap();
             let outward = Vector2::new(angle.cos(), angle.sin());
             let piece = Piece {
@@ -246,7 +246,7 @@ mod tests {
                 width_px: [4.5; 2],
                 room_px: [20.0; 2],
             };
-            let with_pixel = (sigma * sigma + 1.0 / 12.0).sqrt();
+            let with_pixel = (blur * blur + 1.0 / 12.0).sqrt();
             let mut buffer = Vec::new();
             let edge = piece.fit(&image, with_pixel, &mut buffer).unwrap();
             squares += (edge.offset_px - offset).powi(2) / (edge.noise * edge.unit_variance);

@@ -113,11 +113,11 @@ impl Fitter {
             self.lay(camera, outline, &warp, BLUR_PX);
             warp = self.approach(image, camera, outline, warp, (share * reach_px).max(2.0), rise)?;
         }
-        let mut sigma_px = BLUR_PX;
+        let mut blur_px = BLUR_PX;
         let mut fitted = None;
         for turn in 0..MAX_TURNS {
-            self.lay(camera, outline, &warp, sigma_px);
-            let (next, moved_px) = self.estimate(image, camera, outline, warp, &mut sigma_px, rise)?;
+            self.lay(camera, outline, &warp, blur_px);
+            let (next, moved_px) = self.estimate(image, camera, outline, warp, &mut blur_px, rise)?;
             warp = next.warp;
             fitted = Some(next);
             if turn > 1 && hopeless(&next) {
@@ -136,7 +136,7 @@ impl Fitter {
         camera: &CameraModel,
         outline: &ShapeOutline,
         warp: &W,
-        sigma_px: f64,
+        blur_px: f64,
     ) {
         self.pieces.clear();
         let px = |s: f64| camera.pixel_of(&warp.at(&outline.at(s).0));
@@ -148,8 +148,8 @@ impl Fitter {
         self.length_px = outline.parts.iter().map(|p| length_px(p, steps(p))).sum();
         let target_px = PIECE_PX.max(self.length_px / PIECES);
         // the blur rounds what lies within this of a corner
-        let corner_px = 2.5 * sigma_px;
-        let width_px = (2.5 * sigma_px + 1.0).max(2.0);
+        let corner_px = 2.5 * blur_px;
+        let width_px = (2.5 * blur_px + 1.0).max(2.0);
         for (place, part) in outline.parts.iter().enumerate() {
             let whole_px = length_px(part, steps(part));
             let span = part.to - part.from;
@@ -220,16 +220,16 @@ impl Fitter {
         camera: &CameraModel,
         outline: &ShapeOutline,
         warp: W,
-        sigma_px: &mut f64,
+        blur_px: &mut f64,
         rise: f64,
     ) -> Option<(Fitted<N, W>, f64)> {
         self.edges.clear();
         self.sorted.clear();
-        let sigma = *sigma_px;
+        let blur = *blur_px;
         for piece in &self.pieces {
-            let edge = piece.fit(image, sigma, &mut self.pixels).filter(|edge| {
+            let edge = piece.fit(image, blur, &mut self.pixels).filter(|edge| {
                 let step = rise * (edge.levels[1] - edge.levels[0]);
-                step >= MIN_STEP && edge.offset_px.abs() < 3.0 * sigma + 0.5
+                step >= MIN_STEP && edge.offset_px.abs() < 3.0 * blur + 0.5
             });
             self.work += self.pixels.len() as u64;
             self.sorted.extend(edge.map(|edge| edge.noise));
@@ -251,8 +251,8 @@ impl Fitter {
             return None;
         }
         if curvature > 0.0 {
-            let most = 0.5 * sigma;
-            *sigma_px = (sigma + (slope / curvature).clamp(-most, most)).clamp(BLURS_PX.0, BLURS_PX.1);
+            let most = 0.5 * blur;
+            *blur_px = (blur + (slope / curvature).clamp(-most, most)).clamp(BLURS_PX.0, BLURS_PX.1);
         }
         let (mut edge_px, mut all_px, mut moved_px) = (0.0, 0.0, 0.0f64);
         let mut levels = [0.0; 2];
@@ -286,7 +286,7 @@ impl Fitter {
             rms_px: (squares / used.max(1.0)).sqrt(),
             chi2: chi2 / free.max(1.0),
             levels: levels.map(|sum| sum / edge_px.max(f64::MIN_POSITIVE)),
-            blur_px: sigma,
+            blur_px: blur,
             length_px: self.length_px,
             evidence: Evidence::new(surplus, numbers, used, chi2, variance_px2),
         };

@@ -272,7 +272,7 @@ impl ShapeFinder {
             found.push(Found {
                 id,
                 px,
-                sigma_px: (0.5 * covariance.trace()).sqrt(),
+                sd_px: (0.5 * covariance.trace()).sqrt(),
                 area_px2,
                 covariance_px2: [spread.m11, spread.m12, spread.m22],
                 dark_level: levels[0].min(levels[1]),

@@ -84,7 +84,7 @@ pub(super) fn decode(
     quad: &Quad,
     book: &Codebook,
     family: TagFamily,
-    most_wrong: u32,
+    max_wrong: u32,
 ) -> Result<Decoded, NoTag> {
     let cells = family.cells_per_side() as usize;
     let n = cells as f64;
@@ -169,7 +169,7 @@ pub(super) fn decode(
     if clearness / bits < MIN_CLEARNESS {
         return Err(NoTag::Unclear);
     }
-    let reading = book.read(word, most_wrong).ok_or(NoTag::NoCode)?;
+    let reading = book.read(word, max_wrong).ok_or(NoTag::NoCode)?;
     let mean = |(sum, count): (f64, f64)| if count > 0.0 { sum / count } else { f64::INFINITY };
     let margin_levels = mean(whites).min(mean(blacks));
     let white = white(family, &reading);

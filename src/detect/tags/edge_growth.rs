@@ -121,9 +121,9 @@ fn growth(
             continue;
         }
         let (dark, light) = if white(from.0, from.1) { (to, from) } else { (from, to) };
-        let least_px = LEAST_STEP_BLURS * corners.blur_px;
+        let min_px = LEAST_STEP_BLURS * corners.blur_px;
         if let (Some(edge), Some(slot)) =
-            (edge(image, (&map, &grown), (dark, light), (cells, least_px)), edges.get_mut(count))
+            (edge(image, (&map, &grown), (dark, light), (cells, min_px)), edges.get_mut(count))
         {
             *slot = edge;
             count += 1;
@@ -154,7 +154,7 @@ fn edge(
     image: &ImageView<'_>,
     (map, grown): (&PlaneMap, &PlaneMap),
     (dark, light): ((usize, usize), (usize, usize)),
-    (cells, least_px): (f64, f64),
+    (cells, min_px): (f64, f64),
 ) -> Option<CellEdge> {
     let middle = |(column, row): (usize, usize)| Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
     let (from, to) = (middle(dark), middle(light));
@@ -167,7 +167,7 @@ fn edge(
     let normal = Vector2::new(border.y, -border.x).try_normalize(1e-9)?;
     let towards_dark = if normal.dot(&d) > 0.0 { -normal } else { normal };
     let square = towards_dark.dot(&d).abs();
-    if !(length * square >= least_px) {
+    if !(length * square >= min_px) {
         return None;
     }
     let level = |p: Vector2<f64>| level_at(image, map.at(p));

@@ -63,14 +63,14 @@ impl Corners {
 pub(super) struct EdgeMeter {
     rows: Vec<SideRow>,
     /// Most rows of a side.
-    most_rows: usize,
+    max_rows: usize,
 }
 
 impl EdgeMeter {
     /// For images of at most this size.
     pub(super) fn with_size(width: usize, height: usize) -> Self {
-        let most_rows = width.max(height);
-        Self { rows: Vec::with_capacity(most_rows), most_rows }
+        let max_rows = width.max(height);
+        Self { rows: Vec::with_capacity(max_rows), max_rows }
     }
 
     /// The corners of the black square near `quad`, whose sides have `cells` cells, with what is known to lie inside each side;
@@ -125,8 +125,8 @@ impl EdgeMeter {
             .abs()
             .min((corner(2) - b).perp(&((b - a) / length)).abs());
         let cell = depth / cells;
-        let most_half = (0.5 * cell).clamp(MIN_HALF_PX, MAX_HALF_PX);
-        let mut half = HALF_PX.min(most_half);
+        let max_half = (0.5 * cell).clamp(MIN_HALF_PX, MAX_HALF_PX);
+        let mut half = HALF_PX.min(max_half);
         let neighbours = [(corner(3), corner(0)), (corner(1), corner(2))].map(|(p, q)| {
             let along = (q - p).normalize();
             let normal = Vector2::new(along.y, -along.x);
@@ -140,16 +140,16 @@ impl EdgeMeter {
             let normal = Vector2::new(along.y, -along.x);
             let line = NormalFormLine { normal, offset: normal.dot(&a) };
             let scan = SideScan { image, line, half, cell, neighbours, length, blur, from: a, to: b, inside };
-            let along_y = scan.read(&mut self.rows, if round == 0 { FIRST_ROWS } else { self.most_rows });
+            let along_y = scan.read(&mut self.rows, if round == 0 { FIRST_ROWS } else { self.max_rows });
             let SideFit { side, gain, shift, blur: seen } = scan.fit(along_y, &mut self.rows)?;
             let sharper = seen - blur;
             blur = seen;
             let move_to = |p: Vector2<f64>| p - side.normal * (side.normal.dot(&p) - side.offset);
             (a, b) = (move_to(a), move_to(b));
             last = Some(side);
-            let grow = gain < ENOUGH_GAIN && half < most_half;
+            let grow = gain < ENOUGH_GAIN && half < max_half;
             if grow {
-                half = (1.6 * half).min(most_half);
+                half = (1.6 * half).min(max_half);
             } else if shift < STILL_PX && sharper < 0.1 && round > 0 {
                 break;
             }

@@ -52,7 +52,7 @@ pub struct TagFound {
 impl TagFound {
     /// One standard deviation of each coordinate of a corner, px: the root of their mean variance. Infinite for other corners than 0 to 3.
     #[must_use]
-    pub fn sigma_px(&self, corner: usize) -> f64 {
+    pub fn sd_px(&self, corner: usize) -> f64 {
         self.covariance_px2.get(corner).map_or(f64::INFINITY, |[xx, _, yy]| (0.5 * (xx + yy)).sqrt())
     }
 
@@ -133,7 +133,7 @@ impl From<NoTag> for TagMiss {
 #[derive(Debug, Clone)]
 pub struct TagFinder {
     family: TagFamily,
-    most_wrong_bits: u32,
+    max_wrong_bits: u32,
     width: usize,
     height: usize,
     book: Codebook,
@@ -151,7 +151,7 @@ impl TagFinder {
         let (width, height) = (width_px.min(MAX_SIDE), height_px.min(MAX_SIDE));
         Self {
             family,
-            most_wrong_bits: Self::usual_wrong_bits(family),
+            max_wrong_bits: Self::usual_wrong_bits(family),
             width,
             height,
             book: Codebook::new(family),
@@ -276,7 +276,7 @@ impl TagFinder {
                 &quad,
                 &self.book,
                 self.family,
-                self.most_wrong_bits,
+                self.max_wrong_bits,
                 &mut self.meter,
                 &mut self.whole,
             ) {
@@ -295,19 +295,19 @@ fn read(
     quad: &Quad,
     book: &Codebook,
     family: TagFamily,
-    most_wrong: u32,
+    max_wrong: u32,
     meter: &mut EdgeMeter,
     whole: &mut WholeMeter,
 ) -> Result<TagFound, TagMiss> {
     let cells = family.cells_per_side();
-    let (decoded, corners) = match decode(image, quad, book, family, most_wrong) {
+    let (decoded, corners) = match decode(image, quad, book, family, max_wrong) {
         Ok(decoded) => {
             (decoded, meter.refine(image, quad, cells, Some(&decoded.inside)).ok_or(TagMiss::NoEdges)?)
         }
         Err(NoTag::Border) => return Err(TagMiss::NoBorder),
         Err(_) => {
             let corners = meter.refine(image, quad, cells, None).ok_or(TagMiss::NoEdges)?;
-            let decoded = decode(image, &corners.px, book, family, most_wrong)?;
+            let decoded = decode(image, &corners.px, book, family, max_wrong)?;
             (decoded, meter.refine(image, &corners.px, cells, Some(&decoded.inside)).ok_or(TagMiss::NoEdges)?)
         }
     };

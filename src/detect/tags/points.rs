@@ -72,7 +72,7 @@ impl TagPoints {
                 found.push(Found {
                     id: 4 * place + corner as u32,
                     px: *px,
-                    sigma_px: tag.sigma_px(corner),
+                    sd_px: tag.sd_px(corner),
                     area_px2,
                     covariance_px2: tag.covariance_px2.get(corner).copied().unwrap_or_default(),
                     dark_level: tag.dark_level,

@@ -88,7 +88,7 @@ impl WholeMeter {
         let origin = (0.25 * (a + b + c + d)).map(f64::round);
         let radius = from.px.iter().map(|p| (p - origin).norm()).fold(0.0, f64::max);
         let cells = pattern.cells as f64;
-        let most_px = LOST_CELLS * radius * std::f64::consts::SQRT_2 / cells;
+        let max_px = LOST_CELLS * radius * std::f64::consts::SQRT_2 / cells;
         let mut quad = from.px;
         let mut tag_image = TagImage {
             back: PlaneMap::of_square(&quad, cells)?.inverse()?,
@@ -112,7 +112,7 @@ impl WholeMeter {
             variance = solved.variance;
             let fields = quad.map(|p| field((p - origin) / radius));
             let moved = quad_moved(&mut quad, &fields, &solved.by);
-            if !(moved < most_px) || !is_sound(&quad) || !add(&mut tag_image, &solved.by) {
+            if !(moved < max_px) || !is_sound(&quad) || !add(&mut tag_image, &solved.by) {
                 return None;
             }
             tag_image.back = PlaneMap::of_square(&quad, cells)?.inverse()?;

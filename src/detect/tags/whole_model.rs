@@ -94,7 +94,7 @@ pub(super) struct TagModel<'a> {
     /// Cells on either side that a pixel sees, along columns and rows.
     beside: [i32; 2],
     /// Residuals whose square is larger do not count.
-    most_square: f32,
+    max_square: f32,
 }
 
 /// Along one direction of the tag: the first cell, and the shares of each with three derivatives by the place; shares are doubled.
@@ -119,7 +119,7 @@ impl<'a> TagModel<'a> {
         tag_image: &TagImage,
         pattern: &'a CellPattern,
         corners: &[Vector2<f64>; 4],
-        most_square: f64,
+        max_square: f64,
     ) -> Option<Self> {
         let [xx, xy, yy] = tag_image.blur;
         let blur = Matrix2::new(xx, xy, xy, yy);
@@ -143,7 +143,7 @@ impl<'a> TagModel<'a> {
             light: tag_image.light.map(|v| v as f32),
             ground: tag_image.ground.map(|v| v as f32),
             beside: beside.map(|b| b as i32),
-            most_square: most_square.min(1e12) as f32,
+            max_square: max_square.min(1e12) as f32,
         })
     }
 
@@ -182,7 +182,7 @@ impl<'a> TagModel<'a> {
         let (x, y) = (p.x * self.per_radius, p.y * self.per_radius);
         let lit = x * self.light[0] + y * self.light[1] + 1.0;
         let residual = p.level - lit * raw;
-        let fits = residual.each(|r| f32::from(u8::from(r * r <= self.most_square)));
+        let fits = residual.each(|r| f32::from(u8::from(r * r <= self.max_square)));
         let weight = p.weight * fits;
         let lit = lit * weight;
 

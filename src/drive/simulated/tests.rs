@@ -232,7 +232,7 @@ fn the_inner_servo_accelerates_as_its_commands_do() {
             let mut drive = SimulatedDrive::new(arm("ur5"), q, settings).unwrap();
             let (mut q_r, mut qd_r, mut a_r) = (q, SVector::<f64, 6>::zeros(), 0.0);
             let (mut qd, mut a) = (SVector::<f64, 6>::zeros(), SVector::<f64, 6>::zeros());
-            let (mut most, mut most_jerk) = (0.0_f64, 0.0_f64);
+            let (mut most, mut max_jerk) = (0.0_f64, 0.0_f64);
             drive.read(at(0));
             for ms in 1..600_i32 {
                 // Jerk 500, acceleration 10.
@@ -246,14 +246,11 @@ fn the_inner_servo_accelerates_as_its_commands_do() {
                 let state = drive.read(at(ms.into()));
                 let acceleration = (state.qd - qd) * 1e3;
                 most = most.max(acceleration.amax());
-                most_jerk = most_jerk.max(((acceleration - a) * 1e3_f64).amax());
+                max_jerk = max_jerk.max(((acceleration - a) * 1e3_f64).amax());
                 (qd, a) = (state.qd, acceleration);
                 assert!((state.q - q_r).amax() < 1e-5, "{mode}, {ms} ms: {}", state.q - q_r);
             }
-            assert!(
-                most < 1.005 * 10.0 && most_jerk < 1.02 * 500.0,
-                "{mode}, {substeps}: {most} {most_jerk}"
-            );
+            assert!(most < 1.005 * 10.0 && max_jerk < 1.02 * 500.0, "{mode}, {substeps}: {most} {max_jerk}");
         }
     }
 }

@@ -68,7 +68,7 @@ impl PixelFormat {
 
     /// Least bytes of a line of luma; 0 for `MJPG`, which has no lines.
     #[must_use]
-    pub fn least_stride_bytes(self, width_px: u32) -> usize {
+    pub fn min_stride_bytes(self, width_px: u32) -> usize {
         let width = width_px as usize;
         match self {
             Self::Grey | Self::Nv12 => width,
@@ -82,7 +82,7 @@ impl PixelFormat {
     /// Least bytes of a whole frame with lines of `stride_bytes`, the last of which may lack its padding: with its chroma
     /// plane for `NV12`; for `MJPG` those of the smallest JPEG there is.
     #[must_use]
-    pub fn least_payload_bytes(self, width_px: u32, height_px: u32, stride_bytes: usize) -> usize {
+    pub fn min_payload_bytes(self, width_px: u32, height_px: u32, stride_bytes: usize) -> usize {
         let rows = height_px as usize;
         match self {
             Self::Mjpg => SMALLEST_JPEG_BYTES,
@@ -93,7 +93,7 @@ impl PixelFormat {
 
     fn lines(self, width_px: u32, rows: usize, stride_bytes: usize) -> usize {
         let Some(padded) = rows.checked_sub(1) else { return 0 };
-        padded.saturating_mul(stride_bytes).saturating_add(self.least_stride_bytes(width_px))
+        padded.saturating_mul(stride_bytes).saturating_add(self.min_stride_bytes(width_px))
     }
 }
 
@@ -190,7 +190,7 @@ impl ToGrey {
         // Of a part of a wider frame that ends with a pixel of a pair, the other one is not needed.
         let line = match self.format {
             PixelFormat::Yuyv | PixelFormat::Uyvy => (width_px as usize).saturating_mul(2),
-            _ => self.format.least_stride_bytes(width_px),
+            _ => self.format.min_stride_bytes(width_px),
         };
         if stride_bytes < line {
             return Err(NotGrey::Stride { stride_bytes, needed: line });

@@ -30,13 +30,13 @@ fn four_letters_and_back() {
 
 #[test]
 fn sizes_of_a_frame() {
-    assert_eq!(PixelFormat::Yuyv.least_stride_bytes(641), 1284);
-    assert_eq!(PixelFormat::Yuyv.least_payload_bytes(640, 480, 1280), 614_400);
-    assert_eq!(PixelFormat::Grey.least_payload_bytes(640, 480, 700), 479 * 700 + 640);
-    assert_eq!(PixelFormat::Nv12.least_payload_bytes(640, 480, 640), 460_800);
-    assert_eq!(PixelFormat::Nv12.least_payload_bytes(3, 3, 4), 4 * 4 + 3);
-    assert_eq!(PixelFormat::Y16.least_payload_bytes(u32::MAX, u32::MAX, usize::MAX), usize::MAX);
-    assert_eq!(PixelFormat::Grey.least_payload_bytes(640, 0, 640), 0);
+    assert_eq!(PixelFormat::Yuyv.min_stride_bytes(641), 1284);
+    assert_eq!(PixelFormat::Yuyv.min_payload_bytes(640, 480, 1280), 614_400);
+    assert_eq!(PixelFormat::Grey.min_payload_bytes(640, 480, 700), 479 * 700 + 640);
+    assert_eq!(PixelFormat::Nv12.min_payload_bytes(640, 480, 640), 460_800);
+    assert_eq!(PixelFormat::Nv12.min_payload_bytes(3, 3, 4), 4 * 4 + 3);
+    assert_eq!(PixelFormat::Y16.min_payload_bytes(u32::MAX, u32::MAX, usize::MAX), usize::MAX);
+    assert_eq!(PixelFormat::Grey.min_payload_bytes(640, 0, 640), 0);
 }
 
 #[test]
@@ -79,7 +79,7 @@ proptest! {
         cut in any::<bool>(),
         seed in any::<u64>(),
     ) {
-        let stride = format.least_stride_bytes(width) + padding;
+        let stride = format.min_stride_bytes(width) + padding;
         let lines = format.lines(width, height as usize, stride);
         let length = if cut { lines } else { stride * height as usize };
         let mut random = seed | 1;

@@ -26,8 +26,8 @@ fn pd<const N: usize>(robot: &Robot<N>, q: &SVector<f64, N>) -> JointLaw<N> {
 }
 
 fn observing<const N: usize>(robot: &Robot<N>, q: &SVector<f64, N>) -> ObserverSettings<N> {
-    let most_acceleration = ObserverSettings::bound(robot, q);
-    ObserverSettings { disturbance_rad_s: 10.0, most_acceleration, ..ObserverSettings::none() }
+    let max_acceleration = ObserverSettings::bound(robot, q);
+    ObserverSettings { disturbance_rad_s: 10.0, max_acceleration, ..ObserverSettings::none() }
 }
 
 /// The same arm with its friction times `scale`.

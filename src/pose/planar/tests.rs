@@ -116,18 +116,18 @@ fn both_planar_solutions_ranked_right_at_low_noise() {
 #[test]
 fn never_worse_than_a_refinement_from_the_truth() {
     for (n, distance) in [(2, 0.4), (2, 1.5), (2, 5.0), (4, 1.5)] {
-        for sigma in [1e-5, 1e-4, 1e-3] {
+        for sd in [1e-5, 1e-4, 1e-3] {
             let mut noise = gauss(5);
             for k in 0..100 {
                 let tilt = 0.012 * f64::from(k % 100);
                 let X = tilted([0.05, -0.02, distance], f64::from(k) * 0.7, tilt, f64::from(k));
-                let points = see(&X, &grid(n), || sigma * noise());
-                let Ok(reference) = refine(&X, &points, sigma) else { continue };
+                let points = see(&X, &grid(n), || sd * noise());
+                let Ok(reference) = refine(&X, &points, sd) else { continue };
                 let Ok(solved) = planar_pose(&points) else {
-                    assert!(sigma * distance > 1e-3, "refused at sigma {sigma}, {distance} m");
+                    assert!(sd * distance > 1e-3, "refused at sd {sd}, {distance} m");
                     continue;
                 };
-                assert!(solved.best.rms <= reference.rms * (1.0 + 1e-6), "{n} {distance} {sigma} {k}");
+                assert!(solved.best.rms <= reference.rms * (1.0 + 1e-6), "{n} {distance} {sd} {k}");
             }
         }
     }

@@ -110,16 +110,16 @@ fn covariance_agrees_with_monte_carlo() {
     // The object's origin lies beside its points, so that the transport from the centroid matters.
     let plane: Vec<_> = grid(3).iter().map(|r| [r[0] + 0.3, r[1] - 0.1]).collect();
     let X = tilted([-0.2, 0.1, 0.6], 0.5, 0.7, 0.3);
-    let sigma = 1e-4;
+    let sd = 1e-4;
     let mut noise = gauss(23);
     let count = 4000;
     let mut measured = Matrix6::zeros();
     for _ in 0..count {
-        let end = refine(&X, &see(&X, &plane, || sigma * noise()), sigma).unwrap();
+        let end = refine(&X, &see(&X, &plane, || sd * noise()), sd).unwrap();
         let d = between(&X, &end.X_CO);
         measured += d * d.transpose() / f64::from(count);
     }
-    let predicted = refine(&X, &see(&X, &plane, || 0.0), sigma).unwrap().covariance;
+    let predicted = refine(&X, &see(&X, &plane, || 0.0), sd).unwrap().covariance;
     assert_eq!(predicted, predicted.transpose());
     for i in 0..6 {
         for j in 0..6 {

@@ -247,14 +247,14 @@ fn panel(quantity: Quantity, curve: &Curve<'_>) -> Panel {
         }
     }
     // What hardly moves is not blown up to what its encoder or arithmetic leaves.
-    let least_span = match quantity {
+    let min_span = match quantity {
         Quantity::Position => 1e-3,
         Quantity::Velocity => 1e-2,
         Quantity::Torque => 1e-1,
     };
-    if most - least < least_span {
+    if most - least < min_span {
         let middle = 0.5 * (most + least);
-        panel = panel.y_range(middle - 0.5 * least_span, middle + 0.5 * least_span);
+        panel = panel.y_range(middle - 0.5 * min_span, middle + 0.5 * min_span);
     }
     panel
 }

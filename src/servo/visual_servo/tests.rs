@@ -287,7 +287,7 @@ fn spoil(m: &mut Measurement, which: usize, at: usize, bits: u64) {
         11 => (m.features[feature].u_px, m.features[feature].v_px) = (number, number),
         12 => m.features[feature].x = number,
         13 => m.features[feature].y = number,
-        14 => m.features[feature].sigma_px = number,
+        14 => m.features[feature].sd_px = number,
         15 | 16 => m.pose[at % 7] = number,
         17 => m.pose_covariance[at % 36] = number,
         18 => m.pose_covariance = [number; 36],

@@ -189,8 +189,8 @@ fn set_exposure(
     let units = (exposure.0 + EXPOSURE_UNIT.0 / 2) / EXPOSURE_UNIT.0;
     let ms = |units: i64| units as f64 * EXPOSURE_UNIT.as_s() * 1e3;
     if !(time.minimum..=time.maximum).contains(&units) {
-        let (least_ms, most_ms) = (ms(time.minimum), ms(time.maximum));
-        return Err(V4l2Error::Exposure { asked_ms: exposure.as_s() * 1e3, least_ms, most_ms });
+        let (min_ms, max_ms) = (ms(time.minimum), ms(time.maximum));
+        return Err(V4l2Error::Exposure { asked_ms: exposure.as_s() * 1e3, min_ms, max_ms });
     }
     if let Some(mode) = by_id(EXPOSURE_MODE) {
         let fixed = FIXED_EXPOSURE.into_iter().find(|n| mode.menu.iter().any(|(entry, _)| entry == n));

@@ -141,16 +141,14 @@ pub enum V4l2Error {
     )]
     NoExposureControl,
     /// An exposure that the device cannot have.
-    #[error(
-        "camera.exposure_ms: {asked_ms} is out of the device's range, allowed is {least_ms} to {most_ms}"
-    )]
+    #[error("camera.exposure_ms: {asked_ms} is out of the device's range, allowed is {min_ms} to {max_ms}")]
     Exposure {
         /// What was asked for, ms.
         asked_ms: f64,
         /// Shortest, ms.
-        least_ms: f64,
+        min_ms: f64,
         /// Longest, ms.
-        most_ms: f64,
+        max_ms: f64,
     },
     /// A region that the device takes elsewhere.
     #[error("camera.roi: the device cuts {taken} instead of {asked}; set that")]

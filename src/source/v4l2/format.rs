@@ -219,8 +219,8 @@ pub(super) fn negotiate(
 }
 
 fn check_layout(format: PixelFormat, layout: &BufferFormat) -> Result<(), V4l2Error> {
-    let (row, stride) = (format.least_stride_bytes(layout.width), layout.stride as usize);
-    let least = format.least_payload_bytes(layout.width, layout.height, stride);
+    let (row, stride) = (format.min_stride_bytes(layout.width), layout.stride as usize);
+    let least = format.min_payload_bytes(layout.width, layout.height, stride);
     if stride < row || least > layout.size as usize {
         return Err(V4l2Error::Layout(format!(
             "the driver says {} bytes from row to row and {} in an image of {} {}x{}, whose rows have {row}",

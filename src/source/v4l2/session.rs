@@ -158,13 +158,13 @@ impl Session {
         buffer.damaged
             || buffer.field > FIELD_NONE
             || buffer.index >= self.buffers
-            || self.node.payload(buffer).len() < self.least_bytes()
+            || self.node.payload(buffer).len() < self.min_bytes()
     }
 
     /// Bytes without which an image is not whole.
-    fn least_bytes(&self) -> usize {
+    fn min_bytes(&self) -> usize {
         let layout = &self.agreed.layout;
-        self.agreed.format.least_payload_bytes(layout.width, layout.height, layout.stride as usize)
+        self.agreed.format.min_payload_bytes(layout.width, layout.height, layout.stride as usize)
     }
 
     /// Converts the taken buffer, where it lies, into `out`. The one pass over a frame's pixels.
@@ -175,7 +175,7 @@ impl Session {
         if format == PixelFormat::Mjpg {
             return crop::convert_whole(&mut self.grey, payload, &mut self.cut, out);
         }
-        let bytes_per_pixel = format.least_stride_bytes(2) / 2;
+        let bytes_per_pixel = format.min_stride_bytes(2) / 2;
         let from = self.cut.top as usize * stride + bytes_per_pixel * self.cut.left as usize;
         self.grey.convert(payload.get(from..).unwrap_or_default(), stride, out)
     }

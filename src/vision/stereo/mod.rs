@@ -263,7 +263,7 @@ impl StereoVision {
                 v_px: point.left_px.y,
                 x: point.left_s.x,
                 y: point.left_s.y,
-                sigma_px: point.sigma_px,
+                sd_px: point.sd_px,
             };
             let expected = self.taught.p_O(point.id).and_then(|p_O| self.rig.project(&(pose.X_CO * p_O)));
             if let Some([left, right]) = expected {

@@ -20,9 +20,9 @@ pub struct SpacePoint {
     /// Squared distance of the two rays over its variance: chi-square with one degree of freedom.
     pub misfit: f64,
     /// What is called one standard deviation of a pixel's coordinate here, as normalized coordinate: the mean of both images.
-    pub sigma: f64,
+    pub sd: f64,
     /// The same, px of the left image.
-    pub sigma_px: f64,
+    pub sd_px: f64,
     /// Image in the left camera, px.
     pub left_px: Vector2<f64>,
     /// Image in the right camera, px.
@@ -103,7 +103,7 @@ impl StereoRig {
         let scale = |camera: &CameraModel, s: &Vector2<f64>| camera.pixel_jacobian(s).determinant().abs();
         let (at_left, at_right) = (scale(&self.left, &pair.s_1), scale(&self.right, &pair.s_2));
         let model = self.model_sd_px * self.model_sd_px;
-        let square = |found: &Found, scale: f64| (found.sigma_px * found.sigma_px + model) / scale;
+        let square = |found: &Found, scale: f64| (found.sd_px * found.sd_px + model) / scale;
         // The optimum takes both images as equally sharp.
         let variance = 0.5 * (square(left, at_left) + square(right, at_right));
         let point = SpacePoint {
@@ -111,8 +111,8 @@ impl StereoRig {
             p_L: found.p_1,
             covariance: found.covariance * variance,
             misfit: found.error2 / variance,
-            sigma: variance.sqrt(),
-            sigma_px: (variance * at_left).sqrt(),
+            sd: variance.sqrt(),
+            sd_px: (variance * at_left).sqrt(),
             left_px: left.px,
             right_px: right.px,
             left_s: pair.s_1,

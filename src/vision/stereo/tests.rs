@@ -30,11 +30,11 @@ fn lump(count: usize, seed: u64) -> Vec<(u32, Point3<f64>)> {
     (0..count as u32).map(|k| (3 * k + 1, one())).collect()
 }
 
-fn found(id: u32, px: Vector2<f64>, sigma_px: f64) -> Found {
+fn found(id: u32, px: Vector2<f64>, sd_px: f64) -> Found {
     Found {
         id,
         px,
-        sigma_px,
+        sd_px,
         area_px2: 0.0,
         covariance_px2: [0.0; 3],
         dark_level: 30.0,
@@ -48,15 +48,15 @@ fn seen(
     rig: &StereoRig,
     points: &[(u32, Point3<f64>)],
     X_CO: &Pose,
-    sigma_px: [f64; 2],
+    sd_px: [f64; 2],
     random: &mut Random,
 ) -> [Vec<Found>; 2] {
     let mut lists = [Vec::new(), Vec::new()];
     for (id, p_O) in points {
         let images = rig.project(&(X_CO * p_O)).unwrap();
-        for ((list, px), sigma) in lists.iter_mut().zip(images).zip(sigma_px) {
-            let noise = Vector2::new(random.gaussian(), random.gaussian()) * sigma;
-            list.push(found(*id, px + noise, sigma));
+        for ((list, px), sd) in lists.iter_mut().zip(images).zip(sd_px) {
+            let noise = Vector2::new(random.gaussian(), random.gaussian()) * sd;
+            list.push(found(*id, px + noise, sd));
         }
     }
     lists
@@ -66,10 +66,10 @@ fn seen(
 fn taught(
     rig: &StereoRig,
     points: &[(u32, Point3<f64>)],
-    sigma_px: [f64; 2],
+    sd_px: [f64; 2],
     random: &mut Random,
 ) -> TaughtView {
-    let [left, right] = seen(rig, points, &X_DO(), sigma_px, random);
+    let [left, right] = seen(rig, points, &X_DO(), sd_px, random);
     let mut space = Vec::new();
     rig.triangulate(&left, &right, &mut space);
     let points: Vec<_> =
@@ -124,16 +124,15 @@ proptest! {
 fn covariance_and_misfit_are_chi_square() {
     let rig = rig();
     let mut random = Random::new(11);
-    for (count, sigma_px, tolerance) in
-        [(4, [0.1, 0.1], 0.05), (16, [0.3, 0.3], 0.05), (9, [0.08, 0.14], 0.12)]
+    for (count, sd_px, tolerance) in [(4, [0.1, 0.1], 0.05), (16, [0.3, 0.3], 0.05), (9, [0.08, 0.14], 0.12)]
     {
         const DRAWS: u64 = 2000;
         let (mut sum, mut squares, mut misfit, mut covered) = (0.0, 0.0, 0.0, 0);
         for draw in 0..DRAWS {
             let points = lump(count, draw);
-            let view = taught(&rig, &points, sigma_px, &mut random);
+            let view = taught(&rig, &points, sd_px, &mut random);
             let X_CO = somewhere(&mut random);
-            let [left, right] = seen(&rig, &points, &X_CO, sigma_px, &mut random);
+            let [left, right] = seen(&rig, &points, &X_CO, sd_px, &mut random);
             let (mut space, mut pairs) = (Vec::new(), Vec::new());
             rig.triangulate(&left, &right, &mut space);
             let pose = view.pose(&space, &mut pairs).unwrap();
@@ -208,7 +207,7 @@ fn a_measurement_carries_pose_covariance_and_the_left_features() {
     );
     for (f, (_, p_O)) in m.features().iter().zip(&points) {
         let p = X_CO * p_O;
-        assert!((f.x - p.x / p.z).abs() < 1e-3 && (f.sigma_px - 0.05).abs() < 0.01);
+        assert!((f.x - p.x / p.z).abs() < 1e-3 && (f.sd_px - 0.05).abs() < 0.01);
     }
     assert!(m.reprojection_rms_px < 0.3);
     // one point that is somewhere else in the right image goes, and the rest stays

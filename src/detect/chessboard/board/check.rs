@@ -1,6 +1,6 @@
 //! Which of the corners that were fitted belong to the board.
 
-use super::{Board, EMPTY, Slot, sigma};
+use super::{Board, EMPTY, Slot, corner_sd_px};
 use crate::imaging::corners::CornerFit;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
@@ -9,8 +9,8 @@ const CONTRAST: std::ops::RangeInclusive<f64> = 0.3..=3.0;
 const RESIDUAL_TIMES: f64 = 2.5;
 const RESIDUAL_PART: f64 = 0.03;
 const BLUR_TIMES: f64 = 2.0;
-const SIGMA_TIMES: f64 = 2.5;
-const SIGMA_PX: f64 = 0.02;
+const SD_TIMES: f64 = 2.5;
+const SD_PX: f64 = 0.02;
 /// Greatest distance from where the board as a whole has a corner, in squares.
 const BENT: f64 = 0.35;
 /// The same from where its neighbours' distances lead, in squares and px; and its contrast in theirs.
@@ -51,14 +51,14 @@ impl Board {
         else {
             return;
         };
-        let Some(spread) = self.middle_of(sigma) else { return };
+        let Some(spread) = self.middle_of(corner_sd_px) else { return };
         for slot in &mut self.slots {
             let alike = |f: &CornerFit| {
                 let ratio = f.half_contrast.abs() / contrast;
                 CONTRAST.contains(&ratio)
                     && f.residual_levels < RESIDUAL_TIMES * residual + RESIDUAL_PART * f.half_contrast.abs()
                     && f.blur_px < BLUR_TIMES * blur + 0.5
-                    && sigma(f) < SIGMA_TIMES * spread + SIGMA_PX
+                    && corner_sd_px(f) < SD_TIMES * spread + SD_PX
             };
             if slot.fit.as_ref().is_some_and(|f| !alike(f)) {
                 *slot = Slot { tried: true, ..EMPTY };

@@ -33,9 +33,9 @@ impl Lattice {
     pub(super) fn lay(&self) -> Result<(GridTransform, usize), TargetStatus> {
         let (columns, rows) = (self.grid.columns() as i32, self.grid.rows() as i32);
         let (mut best, mut second) = (None::<GridTransform>, usize::MAX);
-        let most_wrong = (WRONG_SHARE * self.best.len().saturating_sub(NONE_WRONG) as f64) as usize;
+        let max_wrong = (WRONG_SHARE * self.best.len().saturating_sub(NONE_WRONG) as f64) as usize;
         // who counts more is neither the best way nor one that makes it doubtful
-        let hopeless = most_wrong + CLEARLY_WORSE;
+        let hopeless = max_wrong + CLEARLY_WORSE;
         for M in ways() {
             let (low, high) = self.extent(M);
             // a few cells may belong to something beside the grid
@@ -62,7 +62,7 @@ impl Lattice {
             }
         }
         match best {
-            Some(way) if way.wrong > most_wrong => Err(TargetStatus::NoMatch),
+            Some(way) if way.wrong > max_wrong => Err(TargetStatus::NoMatch),
             // no two windows are alike, so that without a disagreement one way alone is without
             Some(way) if second < way.wrong + if way.wrong == 0 { 1 } else { CLEARLY_WORSE } => {
                 Err(TargetStatus::Ambiguous)

@@ -59,7 +59,7 @@ impl Lattice {
     pub(in crate::detect::dots) fn thin(&mut self, candidates: &mut Vec<(f64, Blob)>) {
         self.rough = true;
         self.place(candidates);
-        let mut left = self.most_walked();
+        let mut left = self.max_walked();
         for seed in 0..self.points.len() {
             if left > 0 && self.taken.get(seed) == Some(&false) {
                 self.walk(seed, candidates);
