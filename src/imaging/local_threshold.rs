@@ -3,11 +3,16 @@
 use super::ImageView;
 use super::simd::kernel;
 
-/// Thresholds that follow the local light: one per tile of [`LocalThreshold::TILE`] px.
-#[derive(Debug, Clone, Default)]
+/// Thresholds that follow the local light: one per tile of [`LocalThreshold::TILE`] px, or of [`LocalThreshold::FINE_TILE`].
+#[derive(Debug, Clone)]
 pub struct LocalThreshold {
+    tile: usize,
+    /// Tiles in a row.
+    columns: usize,
     low: Vec<u8>,
     high: Vec<u8>,
+    /// Of the tiles before the extremes of those beside them are taken in.
+    beside: Vec<u8>,
     tiles: Vec<u8>,
     /// Least and greatest level about each tile; the other way round where they differ too little.
     extremes: Vec<(u8, u8)>,
@@ -17,18 +22,39 @@ pub struct LocalThreshold {
     column_high: Vec<u8>,
 }
 
+impl Default for LocalThreshold {
+    fn default() -> Self {
+        Self::with_size(0, 0)
+    }
+}
+
 impl LocalThreshold {
     /// Side of a tile, px.
     pub const TILE: usize = 32;
+    /// Side of a tile where the light margin of a small thing counts, px.
+    pub const FINE_TILE: usize = 4;
 
     /// Buffers for images of at most this size, allocated at once.
     #[must_use]
     pub fn with_size(width: usize, height: usize) -> Self {
-        let tiles = width.div_ceil(Self::TILE) * height.div_ceil(Self::TILE);
+        Self::with_tiles(Self::TILE, width, height)
+    }
+
+    /// The same with fine tiles.
+    #[must_use]
+    pub fn fine(width: usize, height: usize) -> Self {
+        Self::with_tiles(Self::FINE_TILE, width, height)
+    }
+
+    fn with_tiles(tile: usize, width: usize, height: usize) -> Self {
+        let tiles = width.div_ceil(tile) * height.div_ceil(tile);
         let (of_tiles, of_columns) = (|| Vec::with_capacity(tiles), || Vec::with_capacity(width));
         Self {
+            tile,
+            columns: 0,
             low: of_tiles(),
             high: of_tiles(),
+            beside: of_tiles(),
             tiles: of_tiles(),
             extremes: Vec::with_capacity(tiles),
             row: of_columns(),
@@ -40,54 +66,104 @@ impl LocalThreshold {
     /// Half-way between the least and the greatest level of each tile and its eight neighbours; `otherwise` where
     /// they differ by less than `contrast`. The greatest difference anywhere.
     pub fn set(&mut self, image: &ImageView<'_>, contrast: u8, otherwise: u8) -> u8 {
-        let (columns, rows) = (image.width().div_ceil(Self::TILE), image.height().div_ceil(Self::TILE));
-        for (buffer, value) in [(&mut self.low, 255), (&mut self.high, 0), (&mut self.tiles, otherwise)] {
-            buffer.clear();
-            buffer.resize(columns * rows, value);
+        self.measure(image);
+        self.take_in_neighbours(contrast, otherwise, 0)
+    }
+
+    /// The same for pixels *below* their threshold, which a pixel half-way is too ([`Runs::find_below`](super::Runs::find_below)): where
+    /// the extremes differ by less than is asked for, no pixel is below. `contrast` is told the spread of levels within a tile that one
+    /// in `quiet` of the tiles have at most, and says what to ask for, at least 1. Whether there is as much anywhere.
+    pub fn set_below(
+        &mut self,
+        image: &ImageView<'_>,
+        quiet: usize,
+        contrast: impl FnOnce(u8) -> u8,
+    ) -> bool {
+        self.measure(image);
+        let contrast = contrast(self.quiet_spread(quiet)).max(1);
+        self.take_in_neighbours(contrast, 0, 1) >= contrast
+    }
+
+    /// The spread of levels within a tile that one in `quiet` of the tiles have at most.
+    fn quiet_spread(&self, quiet: usize) -> u8 {
+        let mut counts = [0usize; 256];
+        for (low, high) in self.low.iter().zip(&self.high) {
+            counts[usize::from(high.saturating_sub(*low))] += 1;
         }
-        self.extremes.clear();
-        self.extremes.resize(columns * rows, (255, 0));
-        for (buffer, value) in
-            [(&mut self.column_low, 255), (&mut self.column_high, 0), (&mut self.row, otherwise)]
-        {
+        let (wanted, mut passed) = (self.low.len() / quiet.max(1), 0);
+        let spread = counts.iter().position(|count| {
+            passed += count;
+            passed > wanted
+        });
+        spread.map_or(0, |spread| spread as u8)
+    }
+
+    /// Least and greatest level of each tile.
+    fn measure(&mut self, image: &ImageView<'_>) {
+        let (columns, rows) = (image.width().div_ceil(self.tile), image.height().div_ceil(self.tile));
+        self.columns = columns;
+        for buffer in [&mut self.low, &mut self.high] {
             buffer.clear();
-            buffer.resize(image.width(), value);
+            buffer.resize(columns * rows, 0);
+        }
+        for buffer in [&mut self.column_low, &mut self.column_high, &mut self.row] {
+            buffer.clear();
+            buffer.resize(image.width(), 0);
         }
         let bands = self.low.chunks_mut(columns).zip(self.high.chunks_mut(columns));
         for (band, (low, high)) in bands.enumerate() {
             self.column_low.fill(255);
             self.column_high.fill(0);
-            let (from, last) = (band * Self::TILE, image.height() - 1);
-            for y in (from..=last).take(Self::TILE).step_by(4) {
+            let (from, last) = (band * self.tile, image.height() - 1);
+            for y in (from..=last).take(self.tile).step_by(4) {
                 // the last row again where there are no more
                 let rows = [y, y + 1, y + 2, y + 3].map(|y| image.row(y.min(last)));
                 four_rows(rows, &mut self.column_low, &mut self.column_high);
             }
-            for (low, part) in low.iter_mut().zip(self.column_low.chunks(Self::TILE)) {
-                *low = part.iter().fold(255, |a, &p| a.min(p));
-            }
-            for (high, part) in high.iter_mut().zip(self.column_high.chunks(Self::TILE)) {
-                *high = part.iter().fold(0, |a, &p| a.max(p));
+            let columns = [&self.column_low[..], &self.column_high];
+            match self.tile {
+                Self::FINE_TILE => of_tiles::<{ Self::FINE_TILE }>(columns, [low, high]),
+                _ => of_tiles::<{ Self::TILE }>(columns, [low, high]),
             }
         }
+    }
+
+    /// Thresholds half-way between the extremes of 3 x 3 tiles, and `above` that; `otherwise` where they differ by less than `contrast`. The
+    /// greatest difference.
+    fn take_in_neighbours(&mut self, contrast: u8, otherwise: u8, above: u8) -> u8 {
+        let columns = self.columns;
+        // along the rows in place by way of a copy, across them while the thresholds are set
+        for (tiles, pick) in [(&mut self.low, u8::min as fn(u8, u8) -> u8), (&mut self.high, u8::max)] {
+            self.beside.clear();
+            self.beside.extend_from_slice(tiles);
+            for (row, from) in tiles.chunks_mut(columns).zip(self.beside.chunks(columns)) {
+                for (tile, &other) in row.iter_mut().zip(from.get(1..).unwrap_or(&[])) {
+                    *tile = pick(*tile, other);
+                }
+                for (tile, &other) in row.get_mut(1..).unwrap_or(&mut []).iter_mut().zip(from) {
+                    *tile = pick(*tile, other);
+                }
+            }
+        }
+        self.tiles.clear();
+        self.extremes.clear();
         let mut greatest = 0;
-        for ty in 0..rows {
-            for tx in 0..columns {
-                let (mut low, mut high) = (255u8, 0u8);
-                for ny in ty.saturating_sub(1)..(ty + 2).min(rows) {
-                    for nx in tx.saturating_sub(1)..(tx + 2).min(columns) {
-                        low = self.low.get(ny * columns + nx).map_or(low, |&v| v.min(low));
-                        high = self.high.get(ny * columns + nx).map_or(high, |&v| v.max(high));
-                    }
-                }
-                greatest = greatest.max(high.saturating_sub(low));
-                if high.saturating_sub(low) >= contrast
-                    && let Some(tile) = self.tiles.get_mut(ty * columns + tx)
-                    && let Some(extremes) = self.extremes.get_mut(ty * columns + tx)
-                {
-                    *extremes = (low, high);
-                    *tile = ((u16::from(low) + u16::from(high)) / 2) as u8;
-                }
+        let rows = self.low.len() / columns;
+        for row in 0..rows {
+            let near = [row.saturating_sub(1), row, (row + 1).min(rows - 1)];
+            let [a, b, c] = near.map(|row| self.low.get(row * columns..(row + 1) * columns).unwrap_or(&[]));
+            let [d, e, f] = near.map(|row| self.high.get(row * columns..(row + 1) * columns).unwrap_or(&[]));
+            for ((((a, b), c), (d, e)), f) in a.iter().zip(b).zip(c).zip(d.iter().zip(e)).zip(f) {
+                let (low, high) = (*a.min(b).min(c), *d.max(e).max(f));
+                let difference = high - low;
+                greatest = greatest.max(difference);
+                let is_clear = difference >= contrast;
+                self.extremes.push(if is_clear { (low, high) } else { (255, 0) });
+                self.tiles.push(if is_clear {
+                    (low + difference / 2).saturating_add(above)
+                } else {
+                    otherwise
+                });
             }
         }
         greatest
@@ -103,17 +179,49 @@ impl LocalThreshold {
         }
     }
 
+    /// The threshold of a pixel.
+    #[inline]
+    pub(super) fn at(&self, x: u32, y: u32) -> u8 {
+        let (column, row) = (x as usize / self.tile, y as usize / self.tile);
+        self.tiles.get(row * self.columns + column).copied().unwrap_or(0)
+    }
+
     /// Thresholds of the pixels of row `y`, to be asked for in order.
     pub(super) fn row(&mut self, y: usize) -> &[u8] {
-        let columns = self.row.len().div_ceil(Self::TILE);
-        if y.is_multiple_of(Self::TILE)
-            && let Some(tiles) = self.tiles.get(y / Self::TILE * columns..)
+        if y.is_multiple_of(self.tile)
+            && let Some(tiles) = self.tiles.get(y / self.tile * self.columns..)
         {
-            for (part, &tile) in self.row.chunks_mut(Self::TILE).zip(tiles) {
-                part.fill(tile);
+            match self.tile {
+                Self::FINE_TILE => fill::<{ Self::FINE_TILE }>(tiles, &mut self.row),
+                _ => fill::<{ Self::TILE }>(tiles, &mut self.row),
             }
         }
         &self.row
+    }
+}
+
+/// A value for each `TILE` pixels.
+fn fill<const TILE: usize>(tiles: &[u8], row: &mut [u8]) {
+    let (whole, rest) = row.as_chunks_mut::<TILE>();
+    for (pixels, tile) in whole.iter_mut().zip(tiles) {
+        *pixels = [*tile; TILE];
+    }
+    if let Some(tile) = tiles.get(whole.len()) {
+        rest.fill(*tile);
+    }
+}
+
+/// Least and greatest of each `TILE` columns.
+fn of_tiles<const TILE: usize>([low, high]: [&[u8]; 2], [low_out, high_out]: [&mut [u8]; 2]) {
+    let least = |part: &[u8]| part.iter().fold(255, |a: u8, &b| a.min(b));
+    let greatest = |part: &[u8]| part.iter().fold(0, |a: u8, &b| a.max(b));
+    let ((lows, low_rest), (highs, high_rest)) = (low.as_chunks::<TILE>(), high.as_chunks::<TILE>());
+    low_out.iter_mut().zip(lows).for_each(|(out, part)| *out = least(part));
+    high_out.iter_mut().zip(highs).for_each(|(out, part)| *out = greatest(part));
+    if !low_rest.is_empty()
+        && let (Some(low), Some(high)) = (low_out.get_mut(lows.len()), high_out.get_mut(highs.len()))
+    {
+        (*low, *high) = (least(low_rest), greatest(high_rest));
     }
 }
 
@@ -178,6 +286,48 @@ mod tests {
                 (low, high)
             };
             prop_assert_eq!(extremes(four_rows), extremes(four_rows_body));
+        }
+
+        /// From the definition, pixel by pixel.
+        #[test]
+        fn fine_thresholds_ask_for_more_than_quiet_tiles_have(
+            size in (1usize..90, 1usize..40), gap in 0usize..5, kind in 0u8..4, seed in any::<u64>(), more in 0u8..60, quiet in 2usize..9,
+        ) {
+            const TILE: usize = LocalThreshold::FINE_TILE;
+            let image = TestImage::new(size.0, size.1, gap, kind, seed);
+            let view = image.view();
+            let (columns, rows) = (view.width().div_ceil(TILE), view.height().div_ceil(TILE));
+            let about = |x: usize, y: usize, reach: usize| {
+                let (mut low, mut high) = (255u8, 0u8);
+                let near = |at: usize, count: usize, size: usize| {
+                    at.saturating_sub(reach) * TILE..((at + reach + 1).min(count) * TILE).min(size)
+                };
+                for v in near(y, rows, view.height()) {
+                    for &p in &view.row(v)[near(x, columns, view.width())] {
+                        (low, high) = (low.min(p), high.max(p));
+                    }
+                }
+                (low, high - low)
+            };
+            let mut spreads: Vec<u8> = (0..columns * rows).map(|i| about(i % columns, i / columns, 0).1).collect();
+            spreads.sort_unstable();
+            let (mut local, mut told) = (LocalThreshold::fine(0, 0), 0);
+            let any = local.set_below(&view, quiet, |spread| {
+                told = spread;
+                spread.saturating_add(more)
+            });
+            prop_assert_eq!(told, spreads[spreads.len() / quiet]);
+            let contrast = told.saturating_add(more).max(1);
+            let mut is_anywhere = false;
+            for y in 0..view.height() {
+                for (x, got) in local.row(y).to_vec().into_iter().enumerate() {
+                    let (low, difference) = about(x / TILE, y / TILE, 1);
+                    is_anywhere |= difference >= contrast;
+                    let wanted = if difference >= contrast { (low + difference / 2).saturating_add(1) } else { 0 };
+                    prop_assert_eq!((got, local.at(x as u32, y as u32)), (wanted, wanted));
+                }
+            }
+            prop_assert_eq!(any, is_anywhere);
         }
     }
 }

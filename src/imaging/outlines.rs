@@ -105,27 +105,23 @@ impl Outlines {
         }
     }
 
+    /// Goes along an outline found last once more, and tells `walker` each step.
+    #[inline(always)]
+    pub(super) fn retrace(&self, runs: &[Run], outline: &Outline, walker: &mut impl Walker) {
+        trace(&self.next, runs, 2 * outline.run + u32::from(outline.hole), walker, |_, _| {});
+    }
+
     /// Goes once along the outline `own` from its first end, and returns its area.
     #[inline(always)]
     fn walk(&mut self, runs: &[Run], first: u32, own: u32, walker: &mut impl Walker) -> u64 {
-        let (mut area, mut end) = (0i64, first);
-        let Some(&(mut run)) = runs.get(first as usize / 2) else { return 0 };
-        walker.start(&run, first & 1 == 1);
-        // each end is passed once
-        for _ in 0..self.next.len() {
-            if let Some(of) = self.of.get_mut(end as usize) {
+        let mut area = 0i64;
+        let of = &mut self.of;
+        trace(&self.next, runs, first, walker, |end, run| {
+            if let Some(of) = of.get_mut(end as usize) {
                 *of = own;
             }
             area += if end & 1 == 1 { i64::from(run.x1) } else { -i64::from(run.x0) };
-            let Some(&next) = self.next.get(end as usize) else { break };
-            let Some(&to) = runs.get(next as usize / 2) else { break };
-            walker.step(end & 1 == 1, &run, next & 1 == 1, &to);
-            (end, run) = (next, to);
-            if end == first {
-                break;
-            }
-        }
-        walker.end();
+        });
         area.unsigned_abs()
     }
 
@@ -201,6 +197,26 @@ impl Outlines {
             }
         }
     }
+}
+
+/// Goes once along the outline from its end `first`: `visit` is told each end with its run, `walker` each step.
+#[inline(always)]
+fn trace(next: &[u32], runs: &[Run], first: u32, walker: &mut impl Walker, mut visit: impl FnMut(u32, &Run)) {
+    let mut end = first;
+    let Some(&(mut run)) = runs.get(first as usize / 2) else { return };
+    walker.start(&run, first & 1 == 1);
+    // each end is passed once
+    for _ in 0..next.len() {
+        visit(end, &run);
+        let Some(&next) = next.get(end as usize) else { break };
+        let Some(&to) = runs.get(next as usize / 2) else { break };
+        walker.step(end & 1 == 1, &run, next & 1 == 1, &to);
+        (end, run) = (next, to);
+        if end == first {
+            break;
+        }
+    }
+    walker.end();
 }
 
 /// Is told the steps of all outlines, one after the other.

@@ -15,6 +15,11 @@ pub enum Polarity {
     Light,
 }
 
+/// Sides of a threshold.
+const AT_MOST: u8 = 0;
+const ABOVE: u8 = 1;
+const BELOW: u8 = 2;
+
 /// Pixels `x0..x1` of row `y`, all on one side of the threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Run {
@@ -124,9 +129,16 @@ impl Runs {
         self.runs.clear();
         self.full = false;
         match polarity {
-            Polarity::Dark => self.find_each::<false>(image, thresholds),
-            Polarity::Light => self.find_each::<true>(image, thresholds),
+            Polarity::Dark => self.find_each::<AT_MOST>(image, thresholds),
+            Polarity::Light => self.find_each::<ABOVE>(image, thresholds),
         }
+    }
+
+    /// Finds the pixels of the whole image that are below their threshold: [`LocalThreshold::set_below`].
+    pub fn find_below(&mut self, image: &ImageView<'_>, thresholds: &mut LocalThreshold) {
+        self.runs.clear();
+        self.full = false;
+        self.find_each::<BELOW>(image, thresholds);
     }
 
     /// Finds the pixels of the whole image that are at most their threshold by the mean of their surroundings, or those that are
@@ -171,48 +183,52 @@ impl Runs {
     }
 
     #[inline(always)]
-    fn find_each<const LIGHT: bool>(&mut self, image: &ImageView<'_>, thresholds: &mut LocalThreshold) {
+    fn find_each<const SIDE: u8>(&mut self, image: &ImageView<'_>, thresholds: &mut LocalThreshold) {
         #[cfg(target_arch = "x86_64")]
         if self.wide {
             // SAFETY: `wide` is set only where the processor has AVX2.
             #[allow(unsafe_code)]
             unsafe {
-                self.find_each_avx2::<LIGHT>(image, thresholds);
+                self.find_each_avx2::<SIDE>(image, thresholds);
             }
             return;
         }
         #[cfg(target_arch = "x86_64")]
-        self.find_each_with::<LIGHT>(image, thresholds, super::mask::x86::dark_mask_each_sse2);
+        self.find_each_with::<SIDE>(image, thresholds, super::mask::x86::dark_mask_each_sse2);
         #[cfg(not(target_arch = "x86_64"))]
-        self.find_each_with::<LIGHT>(image, thresholds, dark_mask_each_portable);
+        self.find_each_with::<SIDE>(image, thresholds, dark_mask_each_portable);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt")]
-    fn find_each_avx2<const LIGHT: bool>(&mut self, image: &ImageView<'_>, thresholds: &mut LocalThreshold) {
-        self.find_each_with::<LIGHT>(image, thresholds, |p, t| super::mask::x86::dark_mask_each_avx2(p, t));
+    fn find_each_avx2<const SIDE: u8>(&mut self, image: &ImageView<'_>, thresholds: &mut LocalThreshold) {
+        self.find_each_with::<SIDE>(image, thresholds, |p, t| super::mask::x86::dark_mask_each_avx2(p, t));
     }
 
     #[inline(always)]
-    fn find_each_with<const LIGHT: bool>(
+    fn find_each_with<const SIDE: u8>(
         &mut self,
         image: &ImageView<'_>,
         thresholds: &mut LocalThreshold,
         kernel: impl Fn(&[u8; 64], &[u8; 64]) -> u64,
     ) {
-        let flip = if LIGHT { u64::MAX } else { 0 };
+        let mask = |pixels: &[u8; 64], levels: &[u8; 64]| match SIDE {
+            AT_MOST => kernel(pixels, levels),
+            ABOVE => !kernel(pixels, levels),
+            _ => !kernel(levels, pixels),
+        };
         for y in 0..image.height() {
             let mut row = RowScan::new(y, 0);
             let (chunks, rest) = image.row(y).as_chunks::<64>();
             let (levels, rest_levels) = thresholds.row(y).as_chunks::<64>();
             for (chunk, levels) in chunks.iter().zip(levels) {
-                row.add(kernel(chunk, levels) ^ flip, 64, self);
+                row.add(mask(chunk, levels), 64, self);
             }
             if !rest.is_empty() {
                 let (mut last, mut last_levels) = ([255; 64], [0; 64]);
                 last.iter_mut().zip(rest).for_each(|(a, b)| *a = *b);
                 last_levels.iter_mut().zip(rest_levels).for_each(|(a, b)| *a = *b);
-                row.add((kernel(&last, &last_levels) ^ flip) & valid(rest), rest.len() as u32, self);
+                row.add(mask(&last, &last_levels) & valid(rest), rest.len() as u32, self);
             }
             row.end(self);
             if self.full {

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! frame -> dark pixels by tiles -> regions -> outlines -> quadrilaterals -> bits -> tag -> sub-pixel corners
-//!          threshold               regions    outline     quad              decode, codebook  edges
+//!          imaging's LocalThreshold, Runs, Components, Outlines
+//!                                             finder      quad              decode, codebook  edges
 //!          cells narrower than six blurs: the whole tag at once instead of its sides                  whole, whole_model
 //!          wider ones: what all edges show that light areas have grown by                             edge_growth
 //! tracking: the same in windows about the expected tags
@@ -14,16 +15,13 @@ mod decode;
 mod edge_growth;
 mod edges;
 mod finder;
-mod outline;
 mod pattern;
 mod plane_map;
 mod plate;
 mod points;
 mod quad;
-mod regions;
 mod shine;
 mod side;
-mod threshold;
 mod whole;
 mod whole_model;
 

@@ -1,6 +1,6 @@
 //! From an outline to a convex quadrilateral: four corners, and a straight line through the points of each side.
 
-use super::outline::WindowPoint;
+use crate::imaging::WindowPoint;
 use nalgebra::Vector2;
 
 /// Shortest side, px.

@@ -57,6 +57,7 @@ proptest! {
         let whole = Window::whole(&image);
         let wanted = slow(&image, &whole, |x, y| image.row(y)[x] <= levels[y][x]);
         let light = slow(&image, &whole, |x, y| image.row(y)[x] > levels[y][x]);
+        let below = slow(&image, &whole, |x, y| image.row(y)[x] < levels[y][x]);
         let mut runs = Runs::with_limit(4000);
         for wide in [runs.wide, false] {
             runs.wide = wide;
@@ -64,9 +65,11 @@ proptest! {
             prop_assert_eq!(runs.as_slice(), &wanted[..]);
             runs.binarize_local(&image, &mut local, Polarity::Light);
             prop_assert_eq!(runs.as_slice(), &light[..]);
+            runs.find_below(&image, &mut local);
+            prop_assert_eq!(runs.as_slice(), &below[..]);
         }
         runs.runs.clear();
-        runs.find_each_with::<false>(&image, &mut local, dark_mask_each_portable);
+        runs.find_each_with::<AT_MOST>(&image, &mut local, dark_mask_each_portable);
         prop_assert_eq!(runs.as_slice(), &wanted[..]);
     }
 }
