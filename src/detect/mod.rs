@@ -26,6 +26,23 @@
 //! | edge profile | The grey levels across a border: a step, blurred by lens and pixels. |
 //! | covered | A dot or a corner on which something lies, or light falls unevenly, so that its centre is off. |
 //!
+//! # What all finders share, and what they do not
+//! Runs, regions ([`Components`](crate::imaging::Components)), outlines ([`Outlines`](crate::imaging::Outlines)) and thresholds that follow the
+//! light ([`LocalThreshold`](crate::imaging::LocalThreshold)) are those of [`crate::imaging`]; a camera's response is taken out of the levels
+//! before any finder sees them. What looks alike and stays apart:
+//!
+//! | where an edge lies | by | because |
+//! |---|---|---|
+//! | [`EdgeScan`](crate::imaging::EdgeScan): segments, rims | the sum of one row's levels between two plateaus | nothing is known beyond three pixels on either side; hundreds of scans are fitted |
+//! | sides of tags | the same sum, windows of any length, levels from all rows of the side | cells one and two away are known to be black or white, and what blur carries over from them is taken off |
+//! | outlines of shapes | offset, blur and both levels of a piece, by all pixels about it | the outline bends, its pieces are short, and neither levels nor blur are known |
+//! | corners of chessboards | the product of two edges | no pixel about a corner belongs to one edge alone |
+//! | tags of narrow cells | all cells at once | no side has a plateau |
+//! | dots | moments, without an edge | every pixel of a dot tells its centre; its rim is scanned only where the dot is covered or lit in part |
+//!
+//! [`Segmentation`](crate::imaging::Segmentation) joins pixels by their levels, without a threshold, and [`LocalMean`](crate::imaging::LocalMean)
+//! is the adaptive threshold of Sect. 10.2: both are the textbook's, and no finder uses them.
+//!
 //! # Example
 //!
 //! ```
