@@ -15,7 +15,8 @@ pub struct LocalThreshold {
     beside: Vec<u8>,
     tiles: Vec<u8>,
     /// Least and greatest level about each tile; the other way round where they differ too little.
-    extremes: Vec<(u8, u8)>,
+    lowest: Vec<u8>,
+    highest: Vec<u8>,
     row: Vec<u8>,
     /// Least and greatest level of each column of a band of tiles.
     column_low: Vec<u8>,
@@ -56,7 +57,8 @@ impl LocalThreshold {
             high: of_tiles(),
             beside: of_tiles(),
             tiles: of_tiles(),
-            extremes: Vec::with_capacity(tiles),
+            lowest: of_tiles(),
+            highest: of_tiles(),
             row: of_columns(),
             column_low: of_columns(),
             column_high: of_columns(),
@@ -132,39 +134,20 @@ impl LocalThreshold {
     /// greatest difference.
     fn take_in_neighbours(&mut self, contrast: u8, otherwise: u8, above: u8) -> u8 {
         let columns = self.columns;
-        // along the rows in place by way of a copy, across them while the thresholds are set
-        for (tiles, pick) in [(&mut self.low, u8::min as fn(u8, u8) -> u8), (&mut self.high, u8::max)] {
-            self.beside.clear();
-            self.beside.extend_from_slice(tiles);
-            for (row, from) in tiles.chunks_mut(columns).zip(self.beside.chunks(columns)) {
-                for (tile, &other) in row.iter_mut().zip(from.get(1..).unwrap_or(&[])) {
-                    *tile = pick(*tile, other);
-                }
-                for (tile, &other) in row.get_mut(1..).unwrap_or(&mut []).iter_mut().zip(from) {
-                    *tile = pick(*tile, other);
-                }
-            }
+        beside_in_rows(&mut self.low, &mut self.beside, columns, u8::min);
+        beside_in_rows(&mut self.high, &mut self.beside, columns, u8::max);
+        for buffer in [&mut self.tiles, &mut self.lowest, &mut self.highest] {
+            buffer.clear();
+            buffer.resize(self.low.len(), 0);
         }
-        self.tiles.clear();
-        self.extremes.clear();
-        let mut greatest = 0;
-        let rows = self.low.len() / columns;
-        for row in 0..rows {
+        let out = self.tiles.chunks_mut(columns).zip(self.lowest.chunks_mut(columns));
+        let (rows, mut greatest) = (self.low.len() / columns, 0);
+        for (row, ((tiles, lowest), highest)) in out.zip(self.highest.chunks_mut(columns)).enumerate() {
             let near = [row.saturating_sub(1), row, (row + 1).min(rows - 1)];
-            let [a, b, c] = near.map(|row| self.low.get(row * columns..(row + 1) * columns).unwrap_or(&[]));
-            let [d, e, f] = near.map(|row| self.high.get(row * columns..(row + 1) * columns).unwrap_or(&[]));
-            for ((((a, b), c), (d, e)), f) in a.iter().zip(b).zip(c).zip(d.iter().zip(e)).zip(f) {
-                let (low, high) = (*a.min(b).min(c), *d.max(e).max(f));
-                let difference = high - low;
-                greatest = greatest.max(difference);
-                let is_clear = difference >= contrast;
-                self.extremes.push(if is_clear { (low, high) } else { (255, 0) });
-                self.tiles.push(if is_clear {
-                    (low + difference / 2).saturating_add(above)
-                } else {
-                    otherwise
-                });
-            }
+            let [low, high] = [&self.low, &self.high]
+                .map(|tiles| near.map(|row| tiles.get(row * columns..(row + 1) * columns).unwrap_or(&[])));
+            greatest =
+                greatest.max(halves(low, high, [contrast, otherwise, above], [tiles, lowest, highest]));
         }
         greatest
     }
@@ -172,7 +155,7 @@ impl LocalThreshold {
     /// Moves the thresholds that were [`set`](Self::set) to another `share` of the way from the least level to the greatest, in
     /// 256ths.
     pub fn move_to(&mut self, share: u8) {
-        for (tile, &(low, high)) in self.tiles.iter_mut().zip(&self.extremes) {
+        for (tile, (&low, &high)) in self.tiles.iter_mut().zip(self.lowest.iter().zip(&self.highest)) {
             if high >= low {
                 *tile = (u16::from(low) + ((u16::from(high - low) * u16::from(share)) >> 8)) as u8;
             }
@@ -223,6 +206,49 @@ fn of_tiles<const TILE: usize>([low, high]: [&[u8]; 2], [low_out, high_out]: [&m
     {
         (*low, *high) = (least(low_rest), greatest(high_rest));
     }
+}
+
+/// Extremes of each tile and those beside it in its row; `before` is room for a copy.
+fn beside_in_rows(tiles: &mut [u8], before: &mut Vec<u8>, columns: usize, pick: impl Fn(u8, u8) -> u8) {
+    before.clear();
+    before.extend_from_slice(tiles);
+    for (row, from) in tiles.chunks_mut(columns).zip(before.chunks(columns)) {
+        for (tile, &other) in row.iter_mut().zip(from.get(1..).unwrap_or(&[])) {
+            *tile = pick(*tile, other);
+        }
+        for (tile, &other) in row.get_mut(1..).unwrap_or(&mut []).iter_mut().zip(from) {
+            *tile = pick(*tile, other);
+        }
+    }
+}
+
+kernel!(fn halves(low: [&[u8]; 3], high: [&[u8]; 3], rule: [u8; 3], out: [&mut [u8]; 3]) -> u8 = halves_body);
+
+/// The thresholds of a row of tiles by the extremes of three rows, and these extremes; the rule is that of
+/// [`take_in_neighbours`](LocalThreshold::take_in_neighbours). The greatest difference.
+#[inline(always)]
+fn halves_body(
+    [a, b, c]: [&[u8]; 3],
+    [d, e, f]: [&[u8]; 3],
+    [contrast, otherwise, above]: [u8; 3],
+    [tiles, lowest, highest]: [&mut [u8]; 3],
+) -> u8 {
+    let low = a.iter().zip(b).zip(c);
+    let high = d.iter().zip(e).zip(f);
+    let out = tiles.iter_mut().zip(lowest).zip(highest);
+    let mut greatest = 0;
+    for ((((&a, &b), &c), ((&d, &e), &f)), ((tile, lowest), highest)) in low.zip(high).zip(out) {
+        let (low, high) = (a.min(b).min(c), d.max(e).max(f));
+        let difference = high - low;
+        greatest = greatest.max(difference);
+        let half = (low + difference / 2).saturating_add(above);
+        let is_clear = difference >= contrast;
+        *tile = if is_clear { half } else { otherwise };
+        // the other way round where they differ too little
+        *lowest = if is_clear { low } else { 255 };
+        *highest = if is_clear { high } else { 0 };
+    }
+    greatest
 }
 
 kernel!(fn four_rows(rows: [&[u8]; 4], low: &mut [u8], high: &mut [u8]) = four_rows_body);
