@@ -4,7 +4,8 @@
 //! ```text
 //! reference ─► may each joint go there from where it was, and stop from there? ─► q_r, qd_r ─► drive
 //!              no: it comes to it within the limits (`joint_bound`)
-//! torque ────► finite? within effort and effort rate? ─────────────────────────► tau
+//! torque ────► finite? does it drive a measured joint that is too fast or too far? (`arm_bound`)
+//!              within effort and effort rate? ─────────────────────────────────► tau
 //! ```
 //! It is joint by joint and for itself: nothing of it is shared with the reference that it judges, and its bounds are checked once, in
 //! [`Gate::new`]. What comes from a reference and a joint controller passes as it is; a command that has to be changed is a defect before
@@ -13,12 +14,14 @@
 //! Nobody steps what has passed. Before a drive that obeys torques a reference may be put on an arm that stands elsewhere, or be that of
 //! an arm under a law that outputs torques: `q_r`, `qd_r` then come to it within the limits, and tell a drive what to hold.
 
+mod arm_bound;
 mod joint_bound;
 
 use super::safety::Fault;
-use crate::drive::{CommandMode, DriveCommand};
+use crate::drive::{CommandMode, DriveCommand, DriveState};
 use crate::motion::{MotionLimits, ReferenceState};
 use crate::time::TICK;
+use arm_bound::{ArmBound, not_driving};
 use joint_bound::{JointBound, JointMotion};
 use nalgebra::SVector;
 
@@ -36,6 +39,8 @@ pub struct GateSettings<const N: usize> {
     pub effort_rate: SVector<f64, N>,
     /// What the drive obeys.
     pub mode: CommandMode,
+    /// How far a measured joint may leave its range, rad or m.
+    pub max_excess: f64,
 }
 
 /// The gate.
@@ -43,6 +48,7 @@ pub struct GateSettings<const N: usize> {
 pub struct Gate<const N: usize> {
     settings: GateSettings<N>,
     bounds: [JointBound; N],
+    arm_bounds: [ArmBound; N],
     /// What has passed, and the torque, which is `None` while the brakes hold.
     passed: [JointMotion; N],
     tau: Option<SVector<f64, N>>,
@@ -73,14 +79,19 @@ impl<const N: usize> Gate<N> {
             effort: settings.effort.map(effort),
             effort_rate: settings.effort_rate.map(effort),
             mode: settings.mode,
+            max_excess: effort(settings.max_excess),
         };
-        let bounds = std::array::from_fn(|i| JointBound {
+        let bounds: [_; N] = std::array::from_fn(|i| JointBound {
             range: (limits.lower[i], limits.upper[i]),
             v: limit(limits.velocity[i]),
             a: finite(limits.acceleration[i]),
             j: finite(limits.jerk[i]),
         });
-        Self { settings, bounds, passed: standing(q), tau: None, changed: 0, in_a_row: 0 }
+        let arm_bounds = bounds.map(|JointBound { range: (lower, upper), v, .. }| ArmBound {
+            range: (lower - settings.max_excess, upper + settings.max_excess),
+            v,
+        });
+        Self { settings, bounds, arm_bounds, passed: standing(q), tau: None, changed: 0, in_a_row: 0 }
     }
 
     /// Commands that had to be changed.
@@ -113,8 +124,15 @@ impl<const N: usize> Gate<N> {
         }
     }
 
-    /// Lets the reference and the torque of a tick through, as far as they may.
-    pub fn pass(&mut self, reference: &ReferenceState<N>, tau: &SVector<f64, N>) -> Passed<N> {
+    /// Lets the reference and the torque of a tick through, as far as they may; the arm is measured at `arm`, where the torques of
+    /// `gravity` carry it.
+    pub fn pass(
+        &mut self,
+        reference: &ReferenceState<N>,
+        tau: &SVector<f64, N>,
+        arm: &DriveState<N>,
+        gravity: impl FnOnce() -> SVector<f64, N>,
+    ) -> Passed<N> {
         let dt = TICK.as_s();
         let wanted: [_; N] =
             std::array::from_fn(|i| JointMotion { q: reference.q[i], v: reference.qd[i], a: reference.a[i] });
@@ -124,6 +142,8 @@ impl<const N: usize> Gate<N> {
             *passed = if admitted { wanted } else { bound.approach(*passed, wanted, dt) };
             moved |= !admitted;
         }
+        let forbidden = self.forbidden(arm);
+        let carrying = if forbidden == [0.0; N] { SVector::zeros() } else { gravity() };
         let (mut held, mut cut) = (SVector::zeros(), 0u8);
         for i in 0..N {
             let last = self.tau.map(|tau| tau[i]);
@@ -131,6 +151,7 @@ impl<const N: usize> Gate<N> {
             let rise = last.map_or(f64::INFINITY, |_| self.settings.effort_rate[i] * dt);
             let last = last.unwrap_or(0.0);
             let wanted = if tau[i].is_finite() { tau[i] } else { last };
+            let wanted = not_driving(forbidden[i], wanted, carrying[i]);
             let effort = self.settings.effort[i];
             held[i] = wanted.max(last - rise).min(last + rise).clamp(-effort, effort);
             cut |= u8::from(held[i] != tau[i]) << i;
@@ -142,6 +163,14 @@ impl<const N: usize> Gate<N> {
         let numbers = reference.q.iter().chain(&reference.qd).chain(tau).all(|x| x.is_finite());
         let fault = (!numbers || self.in_a_row > PATIENCE).then_some(Fault::CommandsRefused);
         Passed { command: self.command(), cut, fault }
+    }
+
+    /// The direction of each joint in which a torque may not drive the measured arm; before a drive that obeys references there is none.
+    fn forbidden(&self, arm: &DriveState<N>) -> [f64; N] {
+        if self.settings.mode != CommandMode::Torque {
+            return [0.0; N];
+        }
+        std::array::from_fn(|i| self.arm_bounds[i].forbidden(arm.q[i], arm.qd[i]))
     }
 
     /// What holds once no command follows: what passed last, without its velocity. An arm that has come to rest has none that is more
@@ -181,7 +210,7 @@ mod tests {
 
     fn settings(mode: CommandMode) -> GateSettings<2> {
         let (effort, effort_rate) = (Vector2::new(150.0, 28.0), Vector2::new(15_000.0, 2_800.0));
-        GateSettings { effort, effort_rate, mode }
+        GateSettings { effort, effort_rate, mode, max_excess: 0.05 }
     }
 
     fn gate(mode: CommandMode) -> Gate<2> {
@@ -225,6 +254,15 @@ mod tests {
         }
     }
 
+    /// Past the gate, with an arm that does as it is told, of joints without weight.
+    fn pass(gate: &mut Gate<2>, reference: &ReferenceState<2>, tau: &Vector2<f64>) -> Passed<2> {
+        gate.pass(reference, tau, &at(Vector2::zeros(), Vector2::zeros()), Vector2::zeros)
+    }
+
+    fn at(q: Vector2<f64>, qd: Vector2<f64>) -> DriveState<2> {
+        DriveState { q, qd, truth: None }
+    }
+
     fn any_bits() -> impl Strategy<Value = f64> {
         prop_oneof![any::<u64>().prop_map(f64::from_bits), -3.0..3.0f64, -400.0..400.0f64]
     }
@@ -242,11 +280,11 @@ mod tests {
             let mut gate = gate(CommandMode::Torque);
             let mut judge = Judge::default();
             let zero = Vector2::zeros();
-            judge.judge(&gate.pass(&point(zero, zero, zero), &zero).command)?;
+            judge.judge(&pass(&mut gate, &point(zero, zero, zero), &zero).command)?;
             for c in commands {
                 let pair = |i: usize| Vector2::new(c[i], c[i + 1]);
                 for _ in 0..repeat {
-                    let passed = gate.pass(&point(pair(2), pair(4), pair(6)), &pair(0));
+                    let passed = pass(&mut gate, &point(pair(2), pair(4), pair(6)), &pair(0));
                     judge.judge(&passed.command)?;
                     let numbers = c[..6].iter().all(|x| x.is_finite());
                     prop_assert!(numbers || passed.fault == Some(Fault::CommandsRefused));
@@ -269,7 +307,7 @@ mod tests {
                     } else {
                         r.advance(&requested_qd, SpanNs::MILLISECOND);
                     }
-                    let passed = gate.pass(r.state(), &Vector2::zeros());
+                    let passed = pass(&mut gate, r.state(), &Vector2::zeros());
                     prop_assert_eq!(gate.changed(), 0, "{:?} {:?}", r.state(), passed);
                     prop_assert_eq!((passed.command.q_r, passed.command.qd_r), (r.state().q, r.state().qd));
                 }
@@ -291,7 +329,7 @@ mod tests {
             let mut gate = Gate::new(settings, &limits, &Vector2::zeros());
             for _ in 0..1000 {
                 let wanted = point(Vector2::new(0.1, 0.1), Vector2::new(0.5, 0.1), Vector2::zeros());
-                let command = gate.pass(&wanted, &Vector2::new(5.0, 5.0)).command;
+                let command = pass(&mut gate, &wanted, &Vector2::new(5.0, 5.0)).command;
                 assert_eq!(command.tau, Vector2::zeros());
                 assert!(command.q_r.amax() < 1e-6 && command.qd_r.amax() < 1e-6, "{bad}: {command:?}");
             }
@@ -302,10 +340,10 @@ mod tests {
     fn what_it_may_not_follow_at_once_is_come_to_and_reached() {
         let mut gate = gate(CommandMode::Torque);
         let wanted = point(Vector2::new(0.1, 0.05), Vector2::zeros(), Vector2::zeros());
-        let mut passed = gate.pass(&wanted, &Vector2::zeros()).command;
+        let mut passed = pass(&mut gate, &wanted, &Vector2::zeros()).command;
         let mut farthest = Vector2::zeros();
         for _ in 0..3000 {
-            passed = gate.pass(&wanted, &Vector2::zeros()).command;
+            passed = pass(&mut gate, &wanted, &Vector2::zeros()).command;
             farthest = farthest.sup(&passed.q_r);
         }
         assert!((passed.q_r - wanted.q).amax() < 1e-5 && passed.qd_r.amax() < 1e-4, "{passed:?}");
@@ -314,10 +352,37 @@ mod tests {
     }
 
     #[test]
+    fn no_torque_drives_an_arm_that_is_too_fast_or_too_far() {
+        let gravity = Vector2::new(20.0, -5.0);
+        let rest = point(Vector2::zeros(), Vector2::zeros(), Vector2::zeros());
+        // what comes out after the effort rate let it
+        let torque = |mode, q: [f64; 2], qd: [f64; 2], tau: [f64; 2]| {
+            let mut gate = gate(mode);
+            let mut through =
+                || gate.pass(&rest, &tau.into(), &at(q.into(), qd.into()), || gravity).command.tau.into();
+            (0..100).map(|_| through()).last().unwrap()
+        };
+        let by_torque = |q, qd, tau| -> [f64; 2] { torque(CommandMode::Torque, q, qd, tau) };
+        // as fast as the limits allow, and a little more: all passes
+        assert_eq!(by_torque([0.0; 2], [2.2, -0.33], [50.0, -20.0]), [50.0, -20.0]);
+        // too fast: what would drive it is down to its weight, what brakes passes
+        assert_eq!(by_torque([0.0; 2], [2.6, -0.4], [50.0, -20.0]), [20.0, -5.0]);
+        assert_eq!(by_torque([0.0; 2], [2.6, -0.4], [-50.0, 20.0]), [-50.0, 20.0]);
+        // out of its range, and going farther or standing; on its way back it may be braked
+        assert_eq!(by_torque([1.06, -0.16], [0.0, -0.1], [50.0, -20.0]), [20.0, -5.0]);
+        assert_eq!(by_torque([1.06, -0.16], [-0.1, 0.1], [50.0, -20.0]), [50.0, -20.0]);
+        assert_eq!(by_torque([1.04, -0.14], [0.1, -0.1], [50.0, -20.0]), [50.0, -20.0]);
+        // no numbers forbid nothing, and drives that obey references bound themselves
+        assert_eq!(by_torque([f64::NAN; 2], [f64::NAN; 2], [50.0, -20.0]), [50.0, -20.0]);
+        let by_position: [f64; 2] = torque(CommandMode::Position, [0.0; 2], [2.6, -0.4], [50.0, -20.0]);
+        assert_eq!(by_position, [50.0, -20.0]);
+    }
+
+    #[test]
     fn only_repeated_wrong_commands_are_a_fault() {
         let mut gate = gate(CommandMode::Torque);
         let rest = point(Vector2::zeros(), Vector2::zeros(), Vector2::zeros());
-        let mut command = |tau| gate.pass(&rest, &Vector2::new(tau, 0.0)).fault;
+        let mut command = |tau| pass(&mut gate, &rest, &Vector2::new(tau, 0.0)).fault;
         assert_eq!(command(0.0), None);
         assert_eq!(command(400.0), None);
         assert_eq!(command(10.0), None);

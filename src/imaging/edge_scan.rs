@@ -54,15 +54,11 @@ pub struct Crossing {
     pub before: f64,
     /// Level behind it.
     pub behind: f64,
-    /// Squared deviations of both sides' pixels from their levels, grey levels^2; of [`Crossing::FREEDOM`] degrees of freedom.
+    /// Squared deviations of both sides' pixels from their levels, grey levels^2; of as many degrees of freedom as there are
+    /// pixels, less the two levels.
     pub scatter: f64,
     /// Variance of the blur along the scan line, px^2, the pixel's own included; of one crossing a rough number.
     pub blur_px2: f64,
-}
-
-impl Crossing {
-    /// Degrees of freedom of [`Crossing::scatter`].
-    pub const FREEDOM: f64 = 2.0 * (PLATEAU as f64 - 1.0);
 }
 
 impl EdgeScan {

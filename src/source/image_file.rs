@@ -107,7 +107,7 @@ const LARGEST: Size = Size { width: 8192, height: 8192 };
 ///
 /// # Errors
 /// [`SourceError`] names the file, and what is wrong with it.
-pub fn load_any(path: &Path) -> Result<GrayImage, SourceError> {
+pub fn load_image(path: &Path) -> Result<GrayImage, SourceError> {
     let bytes = read(path, open(path, LARGEST)?, LARGEST)?;
     decode(path, &bytes, |found| {
         let fits = found.0 <= LARGEST.width && found.1 <= LARGEST.height;
@@ -301,7 +301,7 @@ mod tests {
         }
         let path = std::env::temp_dir().join(format!("vservo-profile-{}.png", std::process::id()));
         std::fs::write(&path, &with_profile).unwrap();
-        let read = load_any(&path).unwrap();
+        let read = load_image(&path).unwrap();
         check(&path, Size { width: 5, height: 3 }).unwrap();
         assert!(matches!(check(&path, Size { width: 5, height: 4 }), Err(SourceError::Size { .. })));
         std::fs::remove_file(&path).unwrap();

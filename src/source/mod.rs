@@ -13,7 +13,7 @@ mod replay;
 pub mod v4l2;
 
 pub use crate::scene::Exposure;
-pub use image_file::{encode_png, load_any as load_image};
+pub use image_file::{encode_png, load_image};
 use linear::Linearized;
 pub use replay::Replay;
 use v4l2::{CaptureRequest, V4l2Error};

@@ -47,8 +47,8 @@ pub use quaternion_order::fits_as_w_x_y_z;
 pub use report::{AtDistance, HandEyeReport, ViewResidual};
 pub use scatter::{LoopScatter, loop_scatter};
 pub use separate::separate_solution;
-pub use settled::{corner_speed_px_s, flange_speed_px_s, is_settled, pose_speed};
-pub use tour::{TourCell, TourError, TourPlanner, plan_tour};
+pub use settled::{corner_speed_px_s, flange_speed_px_s, is_settled};
+pub use tour::{TourCell, TourError, TourPlanner};
 pub use visp_pose::read_visp_pose;
 
 use crate::geometry::{Pose, Twist};

@@ -30,18 +30,6 @@ pub fn flange_speed_px_s(camera: &CameraModel, V_BE_E: &Twist, distance_m: f64) 
     f_px * (v / distance_m + w)
 }
 
-/// The twist of the flange, expressed in E, that leads from one pose to the next within `dt_s`, to first order; zeros where no time
-/// passes.
-#[must_use]
-pub fn pose_speed(X_BE_before: &Pose, X_BE: &Pose, dt_s: f64) -> Twist {
-    if !(dt_s > 0.0) {
-        return Twist::zeros();
-    }
-    let D = X_BE_before.inv_mul(X_BE);
-    let (v, w) = (D.translation.vector / dt_s, D.rotation.scaled_axis() / dt_s);
-    Twist::new(v.x, v.y, v.z, w.x, w.y, w.z)
-}
-
 /// How fast the corners move from one image to the next, `dt_s` later: root mean square over the corners seen in both, less what their
 /// own deviations explain, px/s. `None` without common corners or time.
 #[must_use]

@@ -122,23 +122,6 @@ impl<const N: usize> TourPlanner<N> {
     }
 }
 
-/// The postures of a tour that begins in `q`, from where the board is seen at `X_CO`; rad or m.
-///
-/// # Errors
-/// [`TourError`].
-pub fn plan_tour<const N: usize>(
-    cell: &TourCell<'_, N>,
-    q: &SVector<f64, N>,
-    X_CO: &Pose,
-) -> Result<Vec<SVector<f64, N>>, TourError> {
-    let mut planner = TourPlanner::new(q, X_CO);
-    loop {
-        if let Some(plan) = planner.next_view(cell) {
-            return plan;
-        }
-    }
-}
-
 /// How the board is turned in view `k`: tilted to one side after the other, rolled to and fro.
 fn turn(k: usize, share: f64) -> UnitQuaternion<f64> {
     // golden angle: the sides are spread evenly, however many views there are
@@ -227,6 +210,15 @@ mod tests {
         (0..54).map(|i| Point3::new(f64::from(i % 9) * 0.01, f64::from(i / 9) * 0.01, 0.0)).collect()
     }
 
+    fn planned<const N: usize>(
+        cell: &TourCell<'_, N>,
+        q: &SVector<f64, N>,
+        X_CO: &Pose,
+    ) -> Result<Vec<SVector<f64, N>>, TourError> {
+        let mut planner = TourPlanner::new(q, X_CO);
+        std::iter::repeat_with(|| planner.next_view(cell)).flatten().next().unwrap()
+    }
+
     fn limits<const N: usize>(robot: &Robot<N>) -> MotionLimits<N> {
         MotionLimits::of(robot, SVector::repeat(10.0), SVector::repeat(100.0))
     }
@@ -248,7 +240,7 @@ mod tests {
                 points: &points(),
                 limits: &limits,
             };
-            let tour = plan_tour(&cell, &q, &X_CO).unwrap();
+            let tour = planned(&cell, &q, &X_CO).unwrap();
             assert!(tour.len() >= 8, "{mount:?}: {}", tour.len());
             let X_WO = cell.X_WC(&q) * X_CO;
             let samples: Vec<_> = tour
@@ -275,8 +267,8 @@ mod tests {
         let cell =
             TourCell { robot: &scara, mount: &mount, camera: &camera, points: &points, limits: &limits_4 };
         let q = SVector::<f64, 4>::from([0.0, 1.57, 0.5, -0.7]);
-        assert_eq!(plan_tour(&cell, &q, &Pose::translation(-0.04, -0.025, 0.5)), Err(TourError::OneAxis));
+        assert_eq!(planned(&cell, &q, &Pose::translation(-0.04, -0.025, 0.5)), Err(TourError::OneAxis));
         // a board that fills the image has no room
-        assert_eq!(plan_tour(&cell, &q, &Pose::translation(-0.04, -0.025, 0.1)), Err(TourError::TooFewViews));
+        assert_eq!(planned(&cell, &q, &Pose::translation(-0.04, -0.025, 0.1)), Err(TourError::TooFewViews));
     }
 }

@@ -223,7 +223,8 @@ impl<const N: usize> Controller<N> {
         let motion = self.motion(&state, &motion_command, confidence);
         let mut limits = motion.limits;
         let tau = self.torque(&state, &motion, seen, &mut limits);
-        let Passed { command, cut, fault } = self.gate.pass(self.reference.state(), &tau);
+        let Passed { command, cut, fault } =
+            self.gate.pass(self.reference.state(), &tau, &measured, || self.arm.robot.gravity(&measured.q));
         limits.add(Limit::Effort, cut);
         if let Some(fault) = fault.or_else(|| self.astray(&measured, &state.qd, &motion, seen)) {
             self.fail(fault);

@@ -56,7 +56,13 @@ impl<const N: usize> ControllerSettings<N> {
     pub(super) fn gate(&self) -> GateSettings<N> {
         let limits = self.arm.robot.limits();
         let effort = SVector::from_fn(|i, _| limits[i].effort);
-        GateSettings { effort, effort_rate: effort / self.effort_rise.as_s(), mode: self.mode }
+        GateSettings {
+            effort,
+            effort_rate: effort / self.effort_rise.as_s(),
+            mode: self.mode,
+            // Half-way to where the watch of the tracking error ends the run at the latest.
+            max_excess: 0.5 * self.max_tracking_error,
+        }
     }
 }
 

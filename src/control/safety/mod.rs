@@ -12,6 +12,7 @@
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
 //! | the measured arm still moves 2 s after its reference came to rest | the run ends as fault, with the last command |
+//! | the companion takes no trace for 3 s | likewise: no measurement and no order comes any more, and nobody would end the run |
 //! | lockstep: a measurement does not come for 10 s | reference slows down, arm holds, run ends as fault |
 //! | external drive: states stop, drive leaves, hangs or answers out of step | as for NaN; in lockstep, where no state comes without a drive, the run is over |
 //!
@@ -52,11 +53,13 @@ pub enum Fault {
     DoesNotFollow,
     /// Commands would have passed the limits, or were no numbers.
     CommandsRefused,
+    /// Real time: the thread beside the real-time thread takes no traces any more.
+    CompanionSilent,
 }
 
 impl Fault {
     /// All faults, with their codes in messages; those of a drive count from 17.
-    const CODES: [(Self, u32); 14] = [
+    const CODES: [(Self, u32); 15] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -67,6 +70,7 @@ impl Fault {
         (Self::TooFast, 9),
         (Self::DoesNotFollow, 10),
         (Self::CommandsRefused, 11),
+        (Self::CompanionSilent, 12),
         (Self::Drive(DriveFault::Stale), 17),
         (Self::Drive(DriveFault::Left), 18),
         (Self::Drive(DriveFault::Silent), 19),
@@ -124,6 +128,10 @@ impl Fault {
             }
             Self::CommandsRefused => {
                 "commands to the drive would have passed the limits, or were no numbers, and were held back"
+            }
+            Self::CompanionSilent => {
+                "the thread that carries messages to and from the real-time thread hangs: look for a full pipe at stderr, or for a \
+                 disk that does not answer"
             }
         }
     }

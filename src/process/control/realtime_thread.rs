@@ -22,6 +22,12 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// From the start of the thread to its first tick.
 const LEAD: SpanNs = SpanNs(2_000_000);
+/// Ticks in a row whose traces may find no room in their ring, which holds a second of them: after 3 s the companion is taken to hang. The
+/// arm is safe that long, as it holds `safety.measurement_timeout_ms` after the last measurement that was carried. Chosen by hand between that
+/// and the 6 s after which the supervisor ends a run whose control process hangs.
+const MAX_UNSENT_IN_A_ROW: u32 = 2000;
+/// Why a run ends that nobody else could end.
+const COMPANION_SILENT: &str = "the thread that carries the messages of control hangs";
 
 /// What the thread works with.
 pub(super) struct RealtimeThread<const N: usize> {
@@ -91,7 +97,7 @@ impl<const N: usize> RealtimeThread<N> {
         let start = rt::now();
         let mut deadlines = Deadlines::new(start + LEAD);
         let mut wait = DeadlineWait::new(spin);
-        let mut lost_traces = 0;
+        let (mut lost_traces, mut unsent_in_a_row) = (0, 0u32);
         let last = loop {
             let woken = wait.until(deadlines.next());
             let (tick, time) = deadlines.woken(woken);
@@ -100,6 +106,10 @@ impl<const N: usize> RealtimeThread<N> {
             }
             if self.halt.is_requested() {
                 self.control.stop(STOP_REASON);
+            }
+            if unsent_in_a_row > MAX_UNSENT_IN_A_ROW {
+                self.control.fail(Fault::CompanionSilent);
+                self.control.stop(COMPANION_SILENT);
             }
             self.stops.obey(&mut self.control);
             while let Ok(asking) = self.requests.pop() {
@@ -124,6 +134,7 @@ impl<const N: usize> RealtimeThread<N> {
                 break unsent.then_some(trace);
             }
             lost_traces += u64::from(unsent);
+            unsent_in_a_row = if unsent { unsent_in_a_row.saturating_add(1) } else { 0 };
         };
         Ticked {
             deadlines,
@@ -161,7 +172,10 @@ fn words_of(cause: &(dyn Any + Send)) -> String {
 mod tests {
     use super::*;
     use crate::config::{Config, assemble};
-    use crate::drive::{CommandMode, Drive, DriveCommand, DriveState};
+    use crate::drive::{
+        CommandMode, Drive, DriveCommand, DriveState, SimulatedDrive, SimulatedDriveSettings,
+    };
+    use crate::ipc::Instance;
     use crate::time::MonoNs;
     use nalgebra::SVector;
     use rtrb::RingBuffer;
@@ -193,33 +207,51 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_panic_ends_the_drive_and_is_told() {
+    /// A thread for the default run with this drive; rings that nobody empties, of 16 traces.
+    fn worker(
+        drive: impl FnOnce(SVector<f64, 4>) -> Box<dyn Drive<4>>,
+        place: &Instance,
+    ) -> RealtimeThread<4> {
         let config = Config::load(None, &[]).unwrap();
-        let was_ended = Arc::new(AtomicBool::new(false));
-        let q = assemble::q_start::<4>(&config).unwrap();
-        let drive = Box::new(Defective { q, reads: 0, was_ended: was_ended.clone() });
         let robot = config.robot.build().unwrap();
-        let control = assemble::control_loop_with::<4>(&config, robot, drive).unwrap().control;
-        let (records, _kept) = RingBuffer::new(16);
-        let (_kept, measurements) = RingBuffer::new(1);
-        let place: crate::ipc::Instance = format!("u-panic-{}", std::process::id()).parse().unwrap();
-        let stops = Stops::new(StopFlag::default(), place.make_stop_word().unwrap(), false);
-        let (_kept, requests) = RingBuffer::new(1);
-        let (answers, _kept) = RingBuffer::new(1);
-        let worker = RealtimeThread {
-            control,
-            measurements,
-            records,
-            requests,
-            answers,
-            stops,
+        let drive = drive(assemble::q_start::<4>(&config).unwrap());
+        RealtimeThread {
+            control: assemble::control_loop_with::<4>(&config, robot, drive).unwrap().control,
+            measurements: RingBuffer::new(1).1,
+            records: RingBuffer::new(16).0,
+            requests: RingBuffer::new(1).1,
+            answers: RingBuffer::new(1).0,
+            stops: Stops::new(StopFlag::default(), place.make_stop_word().unwrap(), false),
             halt: StopFlag::default(),
             max_missed_in_a_row: 1_000_000,
-        };
+        }
+    }
+
+    fn place(name: &str) -> Instance {
+        format!("u-{name}-{}", std::process::id()).parse().unwrap()
+    }
+
+    #[test]
+    fn a_panic_ends_the_drive_and_is_told() {
+        let place = place("panic");
+        let was_ended = Arc::new(AtomicBool::new(false));
+        let worker = worker(|q| Box::new(Defective { q, reads: 0, was_ended: was_ended.clone() }), &place);
         let Err(Panic(reason)) = worker.run(SpanNs::ZERO) else { panic!("it ran to its end") };
         assert_eq!(reason, "index 5 out of range");
         assert!(was_ended.load(Ordering::Relaxed), "the drive knows that no command follows");
+        place.remove_leftovers(None);
+    }
+
+    #[test]
+    fn a_companion_that_hangs_ends_the_run() {
+        let place = place("hang");
+        let robot = Config::load(None, &[]).unwrap().robot.build::<4>().unwrap();
+        let arm =
+            |q| Box::new(SimulatedDrive::new(robot, q, SimulatedDriveSettings::default()).unwrap()) as _;
+        let Ok(end) = worker(arm, &place).run(SpanNs::ZERO) else { panic!("it panicked") };
+        let last = end.last.unwrap();
+        assert_eq!((last.fault, last.stopped), (Some(Fault::CompanionSilent), Some(COMPANION_SILENT)));
+        assert!(last.over && end.lost_traces >= u64::from(MAX_UNSENT_IN_A_ROW));
         place.remove_leftovers(None);
     }
 }
