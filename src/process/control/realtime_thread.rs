@@ -209,7 +209,7 @@ mod tests {
 
     /// A thread for the default run with this drive; rings that nobody empties, of 16 traces.
     fn worker(
-        drive: impl FnOnce(SVector<f64, 4>) -> Box<dyn Drive<4>>,
+        drive: impl FnOnce(SVector<f64, 4>) -> Box<dyn Drive<4> + Send>,
         place: &Instance,
     ) -> RealtimeThread<4> {
         let config = Config::load(None, &[]).unwrap();
