@@ -2,8 +2,7 @@
 //! with it, experiments, and the keys of a run file.
 
 use super::Cli;
-use crate::config::SHIPPED_FILES;
-use crate::config::raw::RawConfig;
+use crate::config::{SHIPPED_FILES, default_keys};
 use crate::experiment::EXPERIMENTS;
 use crate::pipeline::STEPS;
 use clap::CommandFactory;
@@ -78,9 +77,7 @@ pub(super) fn experiments() -> Vec<CompletionCandidate> {
 /// The keys of a run file that have a default, each with it.
 pub(super) fn keys() -> Vec<CompletionCandidate> {
     let mut keys = Vec::new();
-    if let Ok(Value::Table(all)) = Value::try_from(RawConfig::default()) {
-        walk("", &all, &mut keys);
-    }
+    walk("", &default_keys(), &mut keys);
     keys
 }
 

@@ -2,7 +2,7 @@
 
 use super::{PlaceArguments, check_writable, json, shown, write_result};
 use crate::config::Draft;
-use crate::config::raw::SetPointKind;
+use crate::config::SetPointKind;
 use crate::geometry::{Pose, roll_pitch_yaw};
 use crate::input::printable;
 use crate::process::ProcessError;
@@ -148,7 +148,7 @@ fn run_file(draft: &Draft, placement: &Placement) -> String {
     let q_start = placement.q_start.iter().map(|q| Value::Float(*q)).collect();
     let q_start = Value::Array(q_start);
     change(&mut table, &["robot"], &mut |robot| {
-        robot.insert("model".into(), Value::String(draft.raw.robot.model.clone()));
+        robot.insert("model".into(), Value::String(draft.robot_model().into()));
         robot.insert("q_start_rad_or_m".into(), q_start.clone());
     });
     for (path, X) in [(["scene", "object"], &placement.X_WO), (["servo", "desired"], &placement.X_DO)] {
@@ -157,7 +157,7 @@ fn run_file(draft: &Draft, placement: &Placement) -> String {
             place.extend(pose(X).map(|(key, value)| (key.to_string(), value)));
         });
     }
-    if draft.raw.servo.set_point.kind != SetPointKind::Pose {
+    if draft.set_point_kind() != SetPointKind::Pose {
         change(&mut table, &["servo", "set_point"], &mut |set_point| {
             set_point.retain(|key, _| key != "file" && key != "features");
             set_point.insert("kind".into(), Value::String("pose".into()));

@@ -4,7 +4,7 @@
 //! one looks from where the arm starts. Or the images are files.
 
 use super::{TeachArguments, check_writable, lost, shown, write_result};
-use crate::config::raw::Task;
+use crate::config::Task;
 use crate::config::{Config, GoalFeature, GoalFile, assemble};
 use crate::imaging::ImageView;
 use crate::input::printable;
@@ -93,7 +93,7 @@ struct Sum {
 
 impl<'a> GoalRecorder<'a> {
     fn of(config: &'a Config, wanted: u32) -> Self {
-        let sums = config.servo.set_point.ids().iter().map(|&id| Sum { id, ..Sum::default() }).collect();
+        let sums = config.set_point.ids().iter().map(|&id| Sum { id, ..Sum::default() }).collect();
         let vision = assemble::vision(config);
         Self {
             config,
@@ -217,7 +217,7 @@ impl<'a> GoalRecorder<'a> {
             .collect();
         let s_d: Vec<_> = features.iter().map(|f| Vector2::from(f.s)).collect();
         let depth_m = self.config.effective.servo.constant_depth_m;
-        let set_point = SetPoint::from_features(&s_d, self.config.servo.set_point.points(), depth_m);
+        let set_point = SetPoint::from_features(&s_d, self.config.set_point.points(), depth_m);
         let pose = set_point.as_ref().and_then(SetPoint::X_DO).map(GoalFile::pose_of);
         let target = GoalFile::target_word(self.config);
         Ok((GoalFile { target, measurements: self.taken, thumbnail: None, pose, features }, self.image))

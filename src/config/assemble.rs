@@ -1,7 +1,6 @@
 //! From a validated configuration to the cores that it describes.
 
-use crate::config::raw::{self, Clock, DriveKind, JointControl, Update};
-use crate::config::{Config, Scene, SimulatedArm, Source};
+use crate::config::{Clock, Config, DriveKind, JointControl, Scene, SimulatedArm, Source, Task};
 use crate::control::behaviour::{ArmModel, Behaviour, Excitation, Servoing, Waypoints};
 use crate::control::control_loop::{ControlLoop, LoopSettings};
 use crate::control::controller::{Controller, ControllerSettings};
@@ -19,8 +18,7 @@ use crate::motion::{
 };
 use crate::robot::{Friction, Robot, RobotError};
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
-use crate::servo::{ServoSettings, UpdatePolicy, VisualServo};
-use crate::time::SpanNs;
+use crate::servo::VisualServo;
 use crate::vision::{ArmCarrier, Carrier, TaughtViewError, Vision};
 use nalgebra::{SVector, Vector2};
 use thiserror::Error;
@@ -294,32 +292,12 @@ pub fn control_loop_with<const N: usize>(
     let q_start = q_start::<N>(config)?;
     let limits = motion_limits(config, &robot)?;
     let closed_loop = config.closes_the_loop();
-    let update = match config.servo.update {
-        Update::Frame => UpdatePolicy::Frame,
-        Update::Tick => UpdatePolicy::Tick,
-        Update::Predict => UpdatePolicy::Predict,
-    };
     let joint_control = joint_controller(config, &robot, &q_start)?;
     let set_point = match &config.stereo {
         Some(_) => stereo_set_point(config)?,
-        None => config.servo.set_point.clone(),
+        None => config.set_point.clone(),
     };
-    let servo = ServoSettings {
-        law: config.servo.law,
-        update,
-        mount: config.camera.mount,
-        X_WO: config.X_WO(),
-        smooth_start_1_s: config.servo.smooth_start_1_s,
-        lead: config.servo.lead,
-        limit_avoidance_1_s: config.servo.limit_avoidance_1_s,
-        visibility: config.servo.visibility,
-        returns: config.servo.returns,
-        watches_drift: config.motion.encoder_step.iter().any(|step| *step > 0.0),
-        gain_at_goal_1_s: config.servo.gain_at_goal_1_s,
-        held_lag: SpanNs::from_s(config.camera.latency.as_s() + 0.75 / config.camera.rate_hz),
-        object: config.servo.object,
-    };
-    let servo = VisualServo::new(servo, set_point);
+    let servo = VisualServo::new(config.servo.clone(), set_point);
     let watch = MeasurementWatch::new(config.safety.measurement_timeout, config.safety.slow_down_from);
     let cell = || BelievedCell {
         robot: robot.clone(),
@@ -329,14 +307,14 @@ pub fn control_loop_with<const N: usize>(
         points: config.target.points().iter().map(|point| point.p_O).collect(),
     };
     let (task, behaviour) = match (config.task, closed_loop) {
-        (raw::Task::CalibrateLatency, _) => {
+        (Task::CalibrateLatency, _) => {
             (RunTask::excitation(cell()), Behaviour::Excitation(Excitation::new(watch)))
         }
-        (raw::Task::CalibrateHandEye, _) => {
+        (Task::CalibrateHandEye, _) => {
             (RunTask::tour(cell()), Behaviour::Waypoints(Waypoints::default()))
         }
-        (raw::Task::Servo, true) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch))),
-        (raw::Task::Servo, false) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch).dry())),
+        (Task::Servo, true) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch))),
+        (Task::Servo, false) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch).dry())),
     };
     let settings = ControllerSettings {
         effort_rise: config.motion.effort_rise,
@@ -350,11 +328,11 @@ pub fn control_loop_with<const N: usize>(
     let service = if config.serve {
         Service::Served
     } else {
-        Service::OneShot { teaches: config.task == raw::Task::Servo && config.servo.teach > 0 }
+        Service::OneShot { teaches: config.task == Task::Servo && config.goal.is_taught }
     };
     let plan = RunPlan {
         service,
-        lesson: config.effective.servo.set_point.measurements,
+        lesson: config.goal.measurements,
         duration: (!plays_once && !config.serve).then_some(config.duration),
         closed_loop,
         f_px: Vector2::new(i.fx_px, i.fy_px),

@@ -1,7 +1,7 @@
 //! A run file that is read and not yet judged: what a command needs that fills in what the file leaves open.
 
 use super::check::pose;
-use super::raw::{MountKind, RawConfig};
+use super::raw::{DriveKind, MountKind, RawConfig, RawDrive, RawMotion, SetPointKind, Task};
 use super::{Config, ConfigError, DEFAULT_TOML, Document, Problem, SHIPPED_FILES, ShippedFile};
 use super::{goal_file, lens_file, pose_forms, stereo, tables, validate};
 use crate::geometry::{Pose, roll_pitch_yaw};
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone)]
 pub struct Draft {
     /// Every key; those that cannot be read have their defaults.
-    pub raw: RawConfig,
+    raw: RawConfig,
     document: Document,
     folder: PathBuf,
     /// What is wrong so far.
@@ -119,6 +119,31 @@ impl Draft {
         (self.raw.scene.object.position_m, self.raw.scene.object.rotation_rpy_rad) = parts(X_WO);
         (self.raw.servo.desired.position_m, self.raw.servo.desired.rotation_rpy_rad) = parts(X_DO);
         self
+    }
+
+    /// The same cell servoing to a pose in simulation: an external drive is replaced by the simulated arm.
+    #[must_use]
+    pub fn simulated(mut self) -> Self {
+        if matches!(self.raw.drive.kind, DriveKind::External | DriveKind::None) {
+            self.raw.drive = RawDrive { simulated: self.raw.drive.simulated.clone(), ..RawDrive::default() };
+            self.raw.motion.controller = RawMotion::default().controller;
+        }
+        self.raw.run.task = Task::Servo;
+        self.raw.run.serve = false;
+        self.raw.servo.set_point.kind = SetPointKind::Pose;
+        self
+    }
+
+    /// File or shipped name of the robot.
+    #[must_use]
+    pub fn robot_model(&self) -> &str {
+        &self.raw.robot.model
+    }
+
+    /// Where the goal comes from.
+    #[must_use]
+    pub fn set_point_kind(&self) -> SetPointKind {
+        self.raw.servo.set_point.kind
     }
 
     /// Where the first camera sits.

@@ -139,10 +139,10 @@ mod tests {
     #[test]
     fn a_taught_goal_is_that_of_its_features() {
         let config = load(&goal("four_dots", 4), &[]).unwrap();
-        let s = config.servo.set_point.features();
+        let s = config.set_point.features();
         assert_eq!((s.len(), s[2].x), (4, 0.1));
         // 0.2 wide, of a square of 0.1 m
-        let X_DO = config.servo.set_point.X_DO().unwrap();
+        let X_DO = config.set_point.X_DO().unwrap();
         assert!((X_DO.translation.vector.z - 0.5).abs() < 1e-9);
         assert!(GoalFile::pose_of(X_DO).rotation_rpy_rad.iter().all(|a| a.abs() < 1e-6));
     }

@@ -9,7 +9,7 @@ use crate::input::file;
 use std::path::Path;
 use toml::Table;
 
-/// Longest calibration file, bytes: real ones have a thousand.
+/// Longest calibration file, bytes, so that a hostile one takes no memory: real ones have a thousand.
 const MAX_FILE: u64 = 1 << 20;
 
 /// Puts the lens of each camera right: that of its file, or the coefficients that its model has. `absolute` makes a path of the run file

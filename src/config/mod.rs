@@ -18,7 +18,7 @@ mod lens_file;
 mod place;
 mod pose_forms;
 mod problem;
-pub mod raw;
+mod raw;
 mod scene;
 mod selection;
 mod servo;
@@ -35,6 +35,7 @@ pub use draft::Draft;
 pub use frame_source::{Source, Timing};
 pub use goal_file::{GoalFeature, GoalFile, GoalPose};
 pub use problem::{ConfigError, Problem};
+pub use raw::{Clock, DriveKind, JointControl, RealtimePolicy, SchemeKind, SetPointKind, Task};
 pub use scene::Scene;
 pub use shipped::{SHIPPED_FILES, ShippedFile};
 pub use source::Document;
@@ -43,11 +44,11 @@ pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 
 use crate::drive::{CommandMode, HardFriction, InnerServo, Payload};
 use crate::robot::RobotDescription;
-use crate::servo::{Law, ObjectDynamics, SetPoint, VisibilityGuard};
+use crate::servo::{ServoSettings, SetPoint};
 use crate::target::Target;
 use crate::time::SpanNs;
 use crate::vision::VisionSettings;
-use raw::{Clock, DriveKind, JointControl, RawConfig, RealtimePolicy, SchemeKind, Task, Update};
+use raw::RawConfig;
 use std::path::{Path, PathBuf};
 
 /// The configuration that runs when none is named.
@@ -85,7 +86,10 @@ pub struct Config {
     /// How vision works.
     pub vision: VisionSettings,
     /// The servo law.
-    pub servo: Servo,
+    pub servo: ServoSettings,
+    /// The goal's features; where it is taught, what is known of them before. A pair of cameras has the points of its taught view instead
+    /// ([`assemble`]).
+    pub set_point: SetPoint,
     /// Joint reference and joint controller.
     pub motion: Motion,
     /// The drive.
@@ -118,33 +122,10 @@ pub struct GoalTolerance {
     pub feature_error_px: f64,
     /// How long it must stay below.
     pub hold: SpanNs,
-}
-
-/// The servo law and its goal.
-#[derive(Debug, Clone)]
-pub struct Servo {
-    /// When the law is computed.
-    pub update: Update,
-    /// Law with its gains.
-    pub law: Law,
-    /// Goal; when it is taught, what is known of it before.
-    pub set_point: SetPoint,
-    /// Measurements from which the goal is taught; 0 for a goal that is given.
-    pub teach: u32,
-    /// Gain to which a higher one falls near the goal, 1/s.
-    pub gain_at_goal_1_s: f64,
-    /// Rate at which the first velocity is let in, 1/s.
-    pub smooth_start_1_s: Option<f64>,
-    /// How much later the arm moves as it is told.
-    pub lead: SpanNs,
-    /// Gain of the motion away from joint limits in the null space, 1/s.
-    pub limit_avoidance_1_s: Option<f64>,
-    /// Whether the arm goes back to where it saw the whole target last when it has lost it.
-    pub returns: bool,
-    /// Keeps the target in the image; `None` where the law is to go its own way.
-    pub visibility: Option<VisibilityGuard>,
-    /// How the target's own motion is estimated; `None` for a target at rest.
-    pub object: Option<ObjectDynamics>,
+    /// Whether what the camera sees at the start is the goal.
+    pub is_taught: bool,
+    /// Measurements from which a goal is taught.
+    pub measurements: u32,
 }
 
 /// Joint reference and joint controller.
@@ -266,6 +247,12 @@ pub struct RealtimeRequest {
     pub cpu: Option<u32>,
     /// Whether to lock the process's memory.
     pub lock_memory: bool,
+}
+
+/// The keys of a run file that have a default, each with it.
+#[must_use]
+pub fn default_keys() -> toml::Table {
+    toml::Table::try_from(RawConfig::default()).unwrap_or_default()
 }
 
 impl Config {

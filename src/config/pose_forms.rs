@@ -26,7 +26,7 @@ const MATRIX: &str = "matrix";
 const POSITION: &str = "position_m";
 const ALL: [&str; 5] = [RPY_RAD, RPY_DEG, XYZW, VECTOR_RAD, MATRIX];
 
-/// A turn and some, as for `rotation_rpy_rad`.
+/// A turn and some, as for `rotation_rpy_rad`; ranges wider than any use, chosen, so that a slip is told.
 const DEG: RangeInclusive<f64> = -361.0..=361.0;
 const RAD: RangeInclusive<f64> = -6.3..=6.3;
 const POSITION_M: RangeInclusive<f64> = -100.0..=100.0;

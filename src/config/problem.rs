@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// More than these nobody reads: they are told, the others counted.
+/// So many problems are told, the others counted, so that they fit a terminal.
 const TOLD: usize = 20;
 
 /// One thing that is wrong, and where.

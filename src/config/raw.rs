@@ -12,16 +12,16 @@ mod servo;
 mod stereo;
 mod truth;
 
-pub use super::frame_source::{LensWord, RawCamera, RawLens, RawReplay, RawRoi, RawSynthetic, SourceKind};
-pub use super::place::{Carrier, MountKind, RawBackdrop, RawBystander, RawMount, RawObject, RawOccluder};
-pub use super::v4l2::RawV4l2;
-pub use motion::{JointControl, RawMotion};
-pub use servo::{
-    AreaKind, At, DampingOn, Depth, FeatureGain, Gains, Orientation, RawAdaptive, RawPd, RawServo,
-    RawSetPoint, SchemeKind, SetPointKind, Update,
+pub(super) use super::frame_source::{LensWord, RawCamera, RawLens, RawRoi};
+pub(super) use super::place::{
+    Carrier, MountKind, RawBackdrop, RawBystander, RawMount, RawObject, RawOccluder,
 };
-pub use stereo::{RawStereo, RawTaughtPoint, RawTaughtView};
-pub use truth::{RawTrueArm, RawTrueCamera, RawTrueLens, RawTrueMount, RawTrueTarget};
+pub use motion::JointControl;
+pub(super) use motion::RawMotion;
+pub(super) use servo::{AreaKind, DampingOn, Depth, FeatureGain, Gains, RawServo};
+pub use servo::{SchemeKind, SetPointKind};
+pub(super) use stereo::{RawStereo, RawTaughtPoint, RawTaughtView};
+pub(super) use truth::{RawTrueArm, RawTrueCamera, RawTrueLens, RawTrueTarget};
 
 table! {
     /// A whole run file.

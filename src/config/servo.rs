@@ -1,38 +1,42 @@
 //! `[servo]`: from words and lists to a law and its goal.
 
-use super::Servo;
+use super::Camera;
 use super::check::Validation;
 use super::raw::{
-    At, DampingOn, Depth, DriveKind, FeatureGain, Gains, Orientation, RawConfig, RawServo, SceneMotionKind,
-    SchemeKind, SetPointKind, Update,
+    DampingOn, Depth, DriveKind, FeatureGain, Gains, RawConfig, RawServo, SceneMotionKind, SchemeKind,
+    SetPointKind,
 };
 use super::selection::selection;
-use crate::camera_model::CameraModel;
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
 use crate::messages::MAX_JOINTS;
 use crate::servo::{
-    Damping, DepthSource, FeatureGains, Gain, HybridGains, Interaction, InteractionAt, Law, ObjectDynamics,
-    OperationalSpace, OrientationError, PoseGains, SetPoint, VisibilityGuard,
+    Damping, DepthSource, FeatureGains, Gain, HybridGains, Interaction, Law, ObjectDynamics,
+    OperationalSpace, PoseGains, ServoSettings, SetPoint, UpdatePolicy, VisibilityGuard,
 };
 use crate::target::Target;
 use crate::time::SpanNs;
 use nalgebra::{Vector2, Vector3};
 use std::ops::RangeInclusive;
 
+/// Ranges wider than any use, chosen, so that a slip is told; `tests/cores/plausible_numbers.rs` tries their ends.
 const GAIN_1_S: RangeInclusive<f64> = 1e-3..=100.0;
 const PD_GAIN: RangeInclusive<f64> = 0.0..=1e6;
 
-/// How far a rotation may tilt the target against the image with m = 4.
+/// How long a wish that is held between measurements is on its way in the mean, frames: between half and a whole one, as
+/// [`ServoSettings::held_lag`] says. Chosen.
+const HELD_FOR: f64 = 0.75;
+
+/// How far a rotation may tilt the target against the image with m = 4: angles that a file has with six decimals must pass.
 const TILT: f64 = 1e-6;
 
-/// The law and the goal; `None` when they cannot be built.
+/// The law and the goal, as far as the scene and the joints do not matter; `None` when they cannot be built.
 pub(super) fn servo(
     raw: &RawConfig,
-    (target, camera): (&Target, Option<&CameraModel>),
+    (target, camera): (&Target, Option<&Camera>),
     X_DO: &Pose,
     check: &mut Validation<'_>,
-) -> Option<Servo> {
+) -> Option<(ServoSettings, SetPoint)> {
     let s = &raw.servo;
     let before = check.count_problems();
     let law = law(s, check);
@@ -58,8 +62,7 @@ pub(super) fn servo(
             found
         }
     };
-    let measurements = check.count("servo.set_point.measurements", s.set_point.measurements, 1..=10_000);
-    let teach = if s.set_point.kind == SetPointKind::Taught { measurements } else { 0 };
+    check.count("servo.set_point.measurements", s.set_point.measurements, 1..=10_000);
     if s.dimension == 4 && tilted(X_DO) && uses_dimension(s.scheme) {
         check.wrong("servo.dimension", "is 4, which needs servo.desired to be turned about z only");
     }
@@ -84,11 +87,8 @@ pub(super) fn servo(
     if check.count_problems() > before {
         return None;
     }
-    Some(Servo {
-        update: s.update,
-        law,
-        set_point: set_point?.with_ids(&ids)?.with_selection(selection?)?,
-        teach,
+    let (camera, set_point) = (camera?, set_point?.with_ids(&ids)?.with_selection(selection?)?);
+    let settings = ServoSettings {
         gain_at_goal_1_s: calm,
         smooth_start_1_s: (smooth > 0.0).then_some(smooth),
         lead: SpanNs::from_s(lead_ms * 1e-3),
@@ -96,7 +96,10 @@ pub(super) fn servo(
         returns: s.return_to_last_seen,
         visibility,
         object,
-    })
+        held_lag: SpanNs::from_s(camera.latency.as_s() + HELD_FOR / camera.rate_hz),
+        ..ServoSettings::new(law, s.update, camera.mount)
+    };
+    Some((settings, set_point))
 }
 
 /// Normalized coordinates are tangents: those of a camera that sees farther to the side than 89 degrees are beyond 57.
@@ -111,7 +114,7 @@ fn features_in_view(s: &RawServo, check: &mut Validation<'_>) {
 fn visibility(
     s: &RawServo,
     target: &Target,
-    camera: Option<&CameraModel>,
+    camera: Option<&Camera>,
     check: &mut Validation<'_>,
 ) -> Option<VisibilityGuard> {
     let (margin_px, rate_1_s) = (
@@ -119,7 +122,7 @@ fn visibility(
         check.range("servo.visibility.rate_1_s", s.visibility.rate_1_s, 0.1..=100.0),
     );
     let guard = VisibilityGuard {
-        camera: *camera?,
+        camera: camera?.model,
         margin_px,
         mark_radius_m: target.discs().iter().map(|disc| disc.radius_m).fold(0.0, f64::max),
         rate_1_s,
@@ -142,7 +145,7 @@ fn object(s: &RawServo, check: &mut Validation<'_>) -> Option<ObjectDynamics> {
         ),
         largest_sd_m: check.range("servo.object.max_uncertainty_m", s.object.max_uncertainty_m, 1e-4..=10.0),
     };
-    if s.object.moves && s.update != Update::Predict {
+    if s.object.moves && s.update != UpdatePolicy::Predict {
         check.wrong("servo.object.moves", "needs servo.update = \"predict\": the others do not look ahead");
     }
     s.object.moves.then_some(dynamics)
@@ -159,10 +162,7 @@ pub(super) fn tilted(X_CO: &Pose) -> bool {
 }
 
 fn law(s: &RawServo, check: &mut Validation<'_>) -> Law {
-    let orientation = match s.orientation_error {
-        Orientation::EulerZyx => OrientationError::EulerZyx,
-        Orientation::AngleAxis => OrientationError::AngleAxis,
-    };
+    let orientation = s.orientation_error;
     let space = match s.dimension {
         4 => OperationalSpace::Four,
         6 => OperationalSpace::Six,
@@ -175,11 +175,7 @@ fn law(s: &RawServo, check: &mut Validation<'_>) -> Law {
     let pd = pd_gains(s, check);
     let (K, gain) = velocity_gains(s, check);
     let interaction = Interaction {
-        at: match s.interaction {
-            At::Current => InteractionAt::Current,
-            At::Desired => InteractionAt::Desired,
-            At::Mean => InteractionAt::Mean,
-        },
+        at: s.interaction,
         depth: match s.depth {
             Depth::Desired => DepthSource::Desired,
             Depth::Estimated => DepthSource::Estimated,

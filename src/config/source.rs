@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
 
-/// Most parts that a key of `--set` may have: far more than any key has, and no depth that a walk could not take.
+/// Most parts that a key of `--set` may have, so that no depth can overflow the stack: far more than any key has.
 const DEEPEST_KEY: usize = 16;
 /// Entries of a list whose places are remembered; behind them the list's own place is told.
 const PLACED_ENTRIES: usize = 64;

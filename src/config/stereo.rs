@@ -23,6 +23,7 @@ use nalgebra::{Matrix3, Point3};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
+/// Ranges wider than any use, chosen, so that a slip is told; `tests/cores/plausible_numbers.rs` tries their ends.
 const TOLERANCE_MS: RangeInclusive<f64> = 0.01..=100.0;
 const PLACE_M: RangeInclusive<f64> = -100.0..=100.0;
 const COVARIANCE_M2: RangeInclusive<f64> = -1.0..=1.0;

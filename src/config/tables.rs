@@ -9,7 +9,7 @@ use super::source::Document;
 use crate::input::number;
 use toml::{Table, Value};
 
-/// Longest list that any key takes.
+/// Longest list that any key takes, so that a hostile one is told once: the widest, taught points, has 64 entries of some numbers.
 const LONGEST_LIST: usize = 256;
 
 /// Reads the tables; adds what is wrong to `problems`. Gives how many unknown keys there are beside those.

@@ -8,18 +8,21 @@ mod start;
 mod truth;
 
 use super::check::Validation;
-use super::raw::{Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, Task};
+use super::raw::{
+    Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SetPointKind, Task,
+};
 use super::selection::doubtful_features;
 use super::servo::servo;
 use super::stereo::stereo;
 use super::target::target;
 use super::{Camera, Config, Document, GoalTolerance, Problem, Realtime, RealtimeRequest, Safety, Start};
 use crate::scene::SceneMotion;
+use crate::servo::ServoSettings;
 use crate::time::SpanNs;
 use crate::vision::VisionSettings;
 use std::ops::RangeInclusive;
 
-/// Frames that may be on their way at once: bounds the shared memory that a lockstep run takes.
+/// Bytes of frames that may be on their way at once, so that a lockstep run leaves room in a usual /dev/shm. Chosen.
 const MAX_FRAME_BYTES_IN_FLIGHT: f64 = 512e6;
 
 const MEASUREMENT_TIMEOUT_MS: RangeInclusive<f64> = 1.0..=60_000.0;
@@ -41,6 +44,8 @@ pub(super) fn validate(
     let goal = GoalTolerance {
         feature_error_px: check.range("goal.feature_error_px", raw.goal.feature_error_px, 1e-6..=100.0),
         hold: SpanNs::from_s(check.range("goal.hold_s", raw.goal.hold_s, 0.0..=60.0)),
+        is_taught: raw.servo.set_point.kind == SetPointKind::Taught,
+        measurements: raw.servo.set_point.measurements,
     };
     let (camera, further_cameras) = camera::cameras(&mut raw, document, check)
         .map_or((None, Vec::new()), |(first, rest)| (Some(first), rest));
@@ -83,8 +88,7 @@ pub(super) fn validate(
     let desired = &raw.servo.desired;
     let X_DO = check.pose("servo.desired", desired.position_m, desired.rotation_rpy_rad);
     let stereo = stereo(&raw, (camera.as_ref(), &further_cameras), (target.as_ref(), &X_DO), check);
-    let lens = camera.as_ref().map(|camera| &camera.model);
-    let servo = target.as_ref().and_then(|target| servo(&raw, (target, lens), &X_DO, check));
+    let servo = target.as_ref().and_then(|target| servo(&raw, (target, camera.as_ref()), &X_DO, check));
     let safety = Safety {
         measurement_timeout: check.span_ms(
             "safety.measurement_timeout_ms",
@@ -120,8 +124,8 @@ pub(super) fn validate(
         check.range("robot.start_tolerance_rad_or_m", raw.robot.start_tolerance_rad_or_m, 1e-6..=10.0);
     let before_arm = check.count_problems();
     let robot = start::arm(&raw, check);
-    if let (Some(servo), Some(robot)) = (&servo, &robot) {
-        doubtful_features(&servo.law, &servo.set_point, robot.joint_count(), check);
+    if let (Some((servo, set_point)), Some(robot)) = (&servo, &robot) {
+        doubtful_features(&servo.law, set_point, robot.joint_count(), check);
     }
     let drive = drive::drive(&raw, robot.as_ref(), check);
     let motion = motion::motion(&raw, (drive.mode, &drive.simulated), robot.as_ref(), check);
@@ -141,6 +145,12 @@ pub(super) fn validate(
         timing(&raw, camera, check);
     }
 
+    let (servo, set_point) = servo?;
+    let servo = ServoSettings {
+        X_WO: scene.as_ref().map(|scene| scene.X_WO),
+        watches_drift: motion.encoder_step.iter().any(|step| *step > 0.0),
+        ..servo
+    };
     Some(Config {
         task: raw.run.task,
         clock: raw.run.clock,
@@ -160,7 +170,8 @@ pub(super) fn validate(
         target: target?,
         scene,
         vision,
-        servo: servo?,
+        servo,
+        set_point,
         motion,
         drive,
         safety,

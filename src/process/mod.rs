@@ -24,7 +24,7 @@ pub use signals::follow_parent;
 use stop::STOP_REASON;
 pub use stop::StopFlag;
 
-use crate::config::raw::Clock;
+use crate::config::Clock;
 use crate::config::{Camera, Config};
 use crate::ipc::{FrameShape, Role};
 use crate::time::SpanNs;

@@ -8,7 +8,7 @@
 //! | vision: measures what was exposed | 10 below |
 
 use super::ProcessError;
-use crate::config::raw::{Clock, RealtimePolicy};
+use crate::config::{Clock, RealtimePolicy};
 use crate::config::{Config, RealtimeRequest};
 use crate::rt;
 use tracing::info;

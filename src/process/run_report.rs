@@ -2,8 +2,8 @@
 
 use super::report_folder::{CONFIG, EVENTS, FRAMES, GOAL, MEASUREMENTS, PAGE, POSES, SUMMARY, TICKS, TRACE};
 use super::{NewReport, ProcessError, ReportFolder};
+use crate::config::Clock;
 use crate::config::Config;
-use crate::config::raw::Clock;
 use crate::control::outcome::Outcome;
 use crate::report::csv_table::{CsvTable, csv_cell};
 use crate::report::page::base64;

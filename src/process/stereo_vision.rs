@@ -12,7 +12,7 @@ use super::priority::{self, Rank};
 use super::report_images::ReportImages;
 use super::vision::FrameCounter;
 use super::{LONGEST_WAIT, Membership, ProcessError, ReportFolder, StopFlag, shape_of};
-use crate::config::raw::Clock;
+use crate::config::Clock;
 use crate::config::{Camera, Config, assemble};
 use crate::imaging::ImageView;
 use crate::ipc::{FrameReceiver, Instance, ReceivedFrame, Role, Sender, Services};

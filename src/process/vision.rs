@@ -3,7 +3,7 @@
 use super::priority::{self, Rank};
 use super::report_images::ReportImages;
 use super::{LONGEST_WAIT, Membership, ProcessError, ReportFolder, StopFlag, frame_shape};
-use crate::config::raw::Clock;
+use crate::config::Clock;
 use crate::config::{Config, assemble};
 use crate::geometry::Pose;
 use crate::imaging::ImageView;

@@ -1,5 +1,7 @@
 //! Where the interaction matrix of an image-based law is taken: features, and their depths.
 
+use serde::{Deserialize, Serialize};
+
 /// Which depth goes into the interaction matrix.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DepthSource {
@@ -14,7 +16,8 @@ pub enum DepthSource {
 }
 
 /// Which features go into the interaction matrix.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum InteractionAt {
     /// The current ones.
     Current,

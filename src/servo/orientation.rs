@@ -6,12 +6,18 @@
 use crate::features::euler_zyx_rate;
 use crate::geometry::skew;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
-/// Least |cos| of the middle Euler angle at which T(phi) is inverted.
+/// Least |cos| of the middle Euler angle at which T(phi) is inverted: the inverse grows as 1 / cos, so that a thousandth of the angular
+/// velocity, which no measurement has right, would be all of the rate of the angles. 0.06 degrees from the singularity.
 const GIMBAL_LOCK: f64 = 1e-3;
+/// Angle, rad, below which the coefficients of a rotation vector's rate come from two terms of their series: there the third, at most
+/// angle^4 / 720, is below the precision of a double, and the rounding of the closed forms, 1e-16 / angle^2, would be 1e-10.
+const SMALL_ANGLE_RAD: f64 = 1e-3;
 
 /// How an orientation error is written as three numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum OrientationError {
     /// Angles about z, y and x of `R = Rz Ry Rx`, in this order, as in the text.
     EulerZyx,
@@ -37,7 +43,7 @@ impl OrientationError {
             Self::AngleAxis => {
                 let (angle2, S) = (phi.norm_squared(), skew(phi));
                 let angle = angle2.sqrt();
-                let (a, b) = if angle < 1e-3 {
+                let (a, b) = if angle < SMALL_ANGLE_RAD {
                     (0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0)
                 } else {
                     ((1.0 - angle.cos()) / angle2, (angle - angle.sin()) / (angle2 * angle))
@@ -60,7 +66,7 @@ impl OrientationError {
             Self::AngleAxis => {
                 let (angle2, S) = (phi.norm_squared(), skew(phi));
                 let angle = angle2.sqrt();
-                let b = if angle < 1e-3 {
+                let b = if angle < SMALL_ANGLE_RAD {
                     1.0 / 12.0 + angle2 / 720.0
                 } else {
                     (1.0 - 0.5 * angle / (0.5 * angle).tan()) / angle2

@@ -4,9 +4,11 @@ use super::{Law, ObjectDynamics, VisibilityGuard};
 use crate::geometry::Pose;
 use crate::robot::Mount;
 use crate::time::SpanNs;
+use serde::{Deserialize, Serialize};
 
 /// When the servo law is computed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum UpdatePolicy {
     /// Once for each measurement; the law output is held.
     Frame,

@@ -7,7 +7,7 @@ use nalgebra::SVector;
 use std::path::Path;
 use vservo::config::Config;
 use vservo::config::assemble;
-use vservo::config::raw::Task;
+use vservo::config::Task;
 use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState};
 use vservo::geometry::Pose;
 use vservo::messages::{ControlState, Measurement, measurement_flag};

@@ -12,9 +12,9 @@ use crate::servo::SetPoint;
 use crate::vision::{SpacePoint, StereoVision, TaughtPoint, TaughtView};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Pairs of images from which a simulated pair is taught: its noise is then a quarter of that of one pair.
+/// Pairs of images from which a simulated pair is taught, so that its noise is a quarter of that of one pair, 1 / sqrt(16).
 const TEACH_FRAMES: u64 = 16;
-/// Their number, which is that of no frame of a run.
+/// Their number, which must be that of no frame of a run: noise is drawn by it.
 const FIRST_TEACH_FRAME: u64 = 1 << 48;
 
 /// The pair of a configuration, and its right camera.

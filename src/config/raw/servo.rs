@@ -1,6 +1,7 @@
 //! `[servo]` and its tables.
 
 use super::RawPose;
+use crate::servo::{InteractionAt, OrientationError, UpdatePolicy};
 use serde::de::{SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
@@ -23,18 +24,6 @@ word! {
 }
 
 word! {
-    /// When the law is computed.
-    Update {
-        /// When a measurement arrives; held in between.
-        Frame,
-        /// At every tick with fresh joint positions; the feature error is held in between.
-        Tick,
-        /// At every tick for the view of that tick, carried there from the last exposure by the arm's own motion.
-        Predict,
-    }
-}
-
-word! {
     /// Where the depth in the interaction matrix comes from.
     Depth {
         /// From the desired pose (the textbook's choice).
@@ -50,18 +39,6 @@ word! {
 }
 
 word! {
-    /// At which features the interaction matrix is taken.
-    At {
-        /// The current ones.
-        Current,
-        /// The desired ones.
-        Desired,
-        /// The mean of both matrices.
-        Mean,
-    }
-}
-
-word! {
     /// What a law compares of the area within the outline.
     AreaKind {
         /// Nothing.
@@ -72,16 +49,6 @@ word! {
         Moments,
         /// Centroid and second moments, as of an ellipse: five numbers.
         Ellipse,
-    }
-}
-
-word! {
-    /// How an orientation error is written.
-    Orientation {
-        /// Angles about z, y, x, as in the text.
-        EulerZyx,
-        /// Axis times angle.
-        AngleAxis,
     }
 }
 
@@ -170,7 +137,7 @@ table! {
         /// Law.
         scheme: SchemeKind = SchemeKind::ImageResolvedVelocity,
         /// When it is computed.
-        update: Update = Update::Predict,
+        update: UpdatePolicy = UpdatePolicy::Predict,
         /// Gain of the resolved-velocity laws, 1/s. B and hybrid also take four (x, y, z, rotation) or six.
         gain_1_s: Gains = Gains::One(15.0),
         /// Gain to which a higher one falls within about a pixel of the goal, where encoders and noise would make the arm tremble, 1/s.
@@ -186,9 +153,9 @@ table! {
         /// That depth, m, where it is constant.
         constant_depth_m: f64 = 0.6,
         /// Features of the interaction matrix.
-        interaction: At = At::Current,
+        interaction: InteractionAt = InteractionAt::Current,
         /// Orientation error of A, B and hybrid.
-        orientation_error: Orientation = Orientation::EulerZyx,
+        orientation_error: OrientationError = OrientationError::EulerZyx,
         /// Points of the target that the law compares, from 1; all when neither points nor segments nor an area are named.
         points: Vec<usize> = Vec::new(),
         /// Line segments between two points that it compares.

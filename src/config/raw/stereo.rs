@@ -32,7 +32,8 @@ table! {
 }
 
 table! {
-    /// A file with a taught view.
+    /// A file with a taught view, which is read and not kept.
+    #[allow(unreachable_pub)] // as all tables are
     RawTaughtView {
         /// `[[points]]`
         points: Vec<RawTaughtPoint> = Vec::new(),

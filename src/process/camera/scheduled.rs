@@ -1,8 +1,8 @@
 //! The loops of a source that is told when to expose: by the machine's clock, or by the ticks of a lockstep control.
 
 use super::Shot;
+use crate::config::Clock;
 use crate::config::Config;
-use crate::config::raw::Clock;
 use crate::ipc::{BorrowedFrame, FrameSender, Receiver, Spin, WakeListener};
 use crate::messages::{FrameHeader, JointState, frame_flag};
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD};

@@ -6,8 +6,8 @@
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests are tests
 
 use super::run;
+use crate::config::Clock;
 use crate::config::Config;
-use crate::config::raw::Clock;
 
 use crate::ipc::{Channel, Instance, Services, breakage};
 use crate::messages::{CameraId, DriveCommandMsg, DriveStateMsg, Measurement, drive_flag};

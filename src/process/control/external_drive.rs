@@ -12,7 +12,7 @@ use super::commands::Commands;
 use super::drive_rings::{Lost, Rings};
 use super::stops::Stops;
 use crate::config::Config;
-use crate::config::raw::{Clock, DriveKind};
+use crate::config::{Clock, DriveKind};
 use crate::drive::{CommandMode, DriveFault, ExternalDrive};
 use crate::ipc::{DrivePresence, Receiver, Sender, Spin, WakeListener};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};

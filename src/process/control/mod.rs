@@ -18,7 +18,7 @@ mod stops;
 use super::{Membership, ProcessError, ReportFolder, StopFlag};
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
-use crate::config::raw::{Clock, Task};
+use crate::config::{Clock, Task};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
 use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, WakeListener};

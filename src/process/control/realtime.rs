@@ -16,7 +16,7 @@ use super::realtime_thread::{AtEnd, Panic, RealtimeThread};
 use super::requests::{Answered, Asking};
 use super::stops::Stops;
 use super::{Listeners, Pace, Ports};
-use crate::config::raw::RealtimePolicy;
+use crate::config::RealtimePolicy;
 use crate::config::{Config, RealtimeRequest};
 use crate::control::control_loop::ControlLoop;
 use crate::control::trace::{FrameStamps, Trace};

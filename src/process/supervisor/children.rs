@@ -4,7 +4,7 @@
 use super::Watch;
 use super::child::{Child, ProcessEnd};
 use crate::config::Config;
-use crate::config::raw::{Clock, DriveKind};
+use crate::config::{Clock, DriveKind};
 use crate::ipc::{Instance, Role};
 use crate::process::{ProcessError, ReportFolder, seeing_roles};
 use crate::report::summary::{ProcessUsage, Summary};

@@ -5,7 +5,7 @@
 //! | its heartbeat, in the file of its role's lock | camera, vision, control | its main loop |
 //! | `control/status` goes on | control's real-time thread | its ticks, once they have begun |
 
-use crate::config::raw::Clock;
+use crate::config::Clock;
 use crate::ipc::{Instance, Role};
 use crate::messages::Status;
 use crate::process::silence::Silence;

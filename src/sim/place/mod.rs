@@ -10,7 +10,6 @@
 mod stand;
 mod start;
 
-use crate::config::raw::{DriveKind, RawDrive, RawMotion, SetPointKind, Task};
 use crate::config::{Config, ConfigError, Draft};
 use crate::control::outcome::Outcome;
 use crate::geometry::{Pose, roll_pitch_yaw};
@@ -124,21 +123,9 @@ pub enum PlaceError {
 /// # Errors
 /// [`PlaceError`].
 pub fn place(draft: &Draft, request: &PlaceRequest) -> Result<Placement, PlaceError> {
-    let robot = crate::robot::load(&draft.raw.robot.model)
+    let robot = crate::robot::load(draft.robot_model())
         .map_err(|e| draft.error(vec![("robot.model", e.to_string())]))?;
     crate::dispatch_robot!(robot, |arm| Search::new(draft, &robot, arm).and_then(|s| s.run(request)))?
-}
-
-/// A draft whose run can be simulated: an external drive is replaced by the simulated arm.
-fn simulated(mut draft: Draft) -> Draft {
-    if matches!(draft.raw.drive.kind, DriveKind::External | DriveKind::None) {
-        draft.raw.drive = RawDrive { simulated: draft.raw.drive.simulated.clone(), ..RawDrive::default() };
-        draft.raw.motion.controller = RawMotion::default().controller;
-    }
-    draft.raw.run.task = Task::Servo;
-    draft.raw.run.serve = false;
-    draft.raw.servo.set_point.kind = SetPointKind::Pose;
-    draft
 }
 
 /// An arm that looks for a place.
@@ -165,7 +152,7 @@ impl<'a, const N: usize> Search<'a, N> {
         let q: Vec<f64> = robot.joints.iter().map(middle).collect();
         let X_WC = draft.mount().X_WC(&arm.forward(&SVector::from_column_slice(&q)));
         let far = Pose::translation(0.0, 0.0, 10.0);
-        let stand_in = simulated(draft.clone()).placed(&q, &(X_WC * far), &far);
+        let stand_in = draft.clone().simulated().placed(&q, &(X_WC * far), &far);
         let config = stand_in.validate()?;
         if config.scene.is_none() {
             return Err(PlaceError::NoScene);
@@ -235,7 +222,7 @@ impl<'a, const N: usize> Search<'a, N> {
     ) -> Result<Result<Placement, String>, PlaceError> {
         let q_start: Vec<f64> = q_start.iter().map(|q| rounded(*q)).collect();
         let (X_WO, X_DO) = (rounded_pose(&stand.X_WO), rounded_pose(&stand.X_DO));
-        let config = match simulated(self.draft.clone()).placed(&q_start, &X_WO, &X_DO).validate() {
+        let config = match self.draft.clone().simulated().placed(&q_start, &X_WO, &X_DO).validate() {
             Ok(config) => config,
             Err(e) => return Ok(Err(e.to_string())),
         };

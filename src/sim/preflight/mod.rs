@@ -14,8 +14,8 @@ mod words;
 
 pub use reach::{CameraPath, Posture, Reach};
 
-use crate::config::raw::{DriveKind, SetPointKind, Task};
 use crate::config::{Config, Scene};
+use crate::config::{DriveKind, SetPointKind, Task};
 use crate::geometry::Pose;
 use crate::robot::{Mount, Robot, RobotError};
 use crate::scene::{SceneMotion, Visibility};
@@ -97,10 +97,10 @@ impl Preflight {
     fn of_arm<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<Self, RobotError> {
         let q_start = SVector::<f64, N>::from_fn(|i, _| config.start.q.get(i).copied().unwrap_or_default());
         let start = config.scene.as_ref().map(|scene| start(config, scene, &q_start)).transpose()?;
-        let taught = config.servo.teach > 0;
+        let taught = config.goal.is_taught;
         let X_WO = config.X_WO();
         let X_DO = match config.task {
-            Task::Servo if !taught => config.servo.set_point.X_DO().copied(),
+            Task::Servo if !taught => config.set_point.X_DO().copied(),
             _ => None,
         };
         let goal = X_DO.map(|X_DO| {
@@ -123,7 +123,7 @@ impl Preflight {
             (Some(why), ..) => Reach::Unasked { why },
             (None, Some(X_WO), Some(X_DO)) => {
                 let question =
-                    ReachProblem { config, robot, q_start, set_point: &config.servo.set_point, X_WO, X_DO };
+                    ReachProblem { config, robot, q_start, set_point: &config.set_point, X_WO, X_DO };
                 let (reach, found) = question.reach();
                 preflight.way = found.map(|_| question.way());
                 reach
@@ -181,7 +181,7 @@ fn unasked(config: &Config) -> Option<&'static str> {
         Some("a calibration finds its postures by itself")
     } else if config.drive.kind == DriveKind::None || !config.closes_the_loop() {
         Some("no arm moves in this run")
-    } else if config.servo.teach > 0 {
+    } else if config.goal.is_taught {
         Some("the goal is what the camera sees at the start")
     } else if config.scene.is_none() {
         Some("where the object lies is known when the camera sees it")

@@ -27,7 +27,7 @@ fn the_posture_of_the_goal_shows_the_goal() {
             .forward(&nalgebra::SVector::from_column_slice(&posture.q)))
         .unwrap();
         let X_CO = config.camera.mount.X_WC(&X_BE).inv_mul(&config.X_WO().unwrap());
-        let off = X_CO.inv_mul(config.servo.set_point.X_DO().unwrap());
+        let off = X_CO.inv_mul(config.set_point.X_DO().unwrap());
         assert!(off.translation.vector.norm() < 1e-4 && off.rotation.angle() < 1e-4, "{file}: {off}");
     }
 }
