@@ -332,7 +332,7 @@ pub fn control_loop_with<const N: usize>(
     };
     let plan = RunPlan {
         service,
-        lesson: config.goal.measurements,
+        teaching_measurements: config.goal.measurements,
         duration: (!plays_once && !config.serve).then_some(config.duration),
         closed_loop,
         f_px: Vector2::new(i.fx_px, i.fy_px),

@@ -1,10 +1,10 @@
-//! The loop of the real-time thread: drive, controller, and the way to an arm at rest. What a run is for, and how it ends, is the
-//! mission's business; that it ends with an arm that stands is decided here.
+//! The loop of the real-time thread: drive, controller, and bringing the arm to rest. The task of a run, and its end, belong to the
+//! mission. That a run ends only when the arm is at rest is ensured here.
 //!
 //! ```text
 //! orders, requests, stops ─► [ControlLoop] ─► Trace, one a tick
 //! end asked for ─► the arm brakes within its limits ─► measured arm at rest ─► the last tick
-//!                       └─ still moving 2 s after its reference came to rest: a fault ─► the last tick
+//!                       └─ still moving 3 s after its reference came to rest: a fault ─► the last tick
 //! ```
 //! It does not allocate, log or fail.
 
@@ -22,12 +22,12 @@ use nalgebra::SVector;
 /// The reason of a run that ends because a client asked for it.
 const SHUT_DOWN: &str = "somebody asked for the end";
 
-/// What a loop has to know of its run.
+/// Settings of a loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LoopSettings {
-    /// Whether it goes on after a stop, idle, until it is told to shut down.
+    /// Whether it continues after a stop, idle, until a request to shut down.
     pub served: bool,
-    /// Whether the arm moves by it, so that its end waits for the arm.
+    /// Whether this loop moves the arm, so that its end waits until the arm is at rest.
     pub moves_an_arm: bool,
     /// Whether ticks, frames and measurements are stamped by one clock: in real time, not in lockstep.
     pub one_clock: bool,
@@ -41,7 +41,7 @@ pub struct ControlLoop<const N: usize> {
     ticks: u64,
     sensed: DriveState<N>,
     command: DriveCommand<N>,
-    /// Whether it is to end, and why, where that was not the mission's word.
+    /// The end, with its reason, where it was not decided by the mission.
     ends: bool,
     stopped: Option<&'static str>,
     joint_state: JointState,
@@ -49,7 +49,7 @@ pub struct ControlLoop<const N: usize> {
 }
 
 impl<const N: usize> ControlLoop<N> {
-    /// A loop that has not ticked yet.
+    /// A loop before its first tick.
     #[must_use]
     pub fn new(controller: Controller<N>, drive: Box<dyn Drive<N> + Send>, settings: LoopSettings) -> Self {
         let zero = SVector::zeros();
@@ -117,7 +117,7 @@ impl<const N: usize> ControlLoop<N> {
         }
     }
 
-    /// Tells when the command of the tick of `trace` was written, which closes the latency of the measurement that it used.
+    /// Notes when the command of the tick of `trace` was written, which completes the latency of the measurement that it used.
     pub fn commanded(&self, at: MonoNs, trace: &mut Trace) {
         trace.commanded = at;
         if let Some(record) = &mut trace.measurement_record {
@@ -157,10 +157,10 @@ impl<const N: usize> ControlLoop<N> {
         let _ = self.controller.request(Request::Shutdown); // nothing refuses it
     }
 
-    /// Does what a client wants.
+    /// Takes a request of a client.
     ///
     /// # Errors
-    /// Why not.
+    /// When the lifecycle refuses the request, with the reason.
     pub fn request(&mut self, request: Request) -> Result<(), Refusal> {
         if self.ends {
             return Err(Refusal::Ending);
@@ -177,7 +177,7 @@ impl<const N: usize> ControlLoop<N> {
         Ok(())
     }
 
-    /// Does what the mission wants.
+    /// Takes an order of the mission.
     pub fn obey(&mut self, order: &ControlOrder<N>) {
         match order {
             ControlOrder::End => self.end(),
@@ -195,7 +195,7 @@ impl<const N: usize> ControlLoop<N> {
         }
     }
 
-    /// Something failed outside of the cores: the arm comes to rest from the next [`act`](Self::act) on.
+    /// Reports a fault from outside the control core: the arm is brought to rest from the next [`act`](Self::act) on.
     pub fn fail(&mut self, fault: Fault) {
         self.controller.fail(fault);
     }

@@ -1,4 +1,4 @@
-//! The last thing before the drive: whatever happened before it, what passes is finite and within the limits on position,
+//! The last stage before the drive: whatever happened before it, the command is finite and within the limits on position,
 //! velocity, acceleration, jerk, effort and effort rate.
 //!
 //! ```text
@@ -7,12 +7,12 @@
 //! torque ────► finite? does it drive a measured joint that is too fast or too far? (`arm_bound`)
 //!              within effort and effort rate? ─────────────────────────────────► tau
 //! ```
-//! It is joint by joint and for itself: nothing of it is shared with the reference that it judges, and its bounds are checked once, in
-//! [`Gate::new`]. What comes from a reference and a joint controller passes as it is; a command that has to be changed is a defect before
-//! the gate, or an arm that does what its model does not know. It is counted, and told where it does not stop.
+//! The gate checks each joint separately. It shares no code with the reference that it checks, and its bounds are checked once, in
+//! [`Gate::new`]. Commands of a correct reference and joint controller pass unchanged. A command that must be changed reveals a defect before
+//! the gate, or an arm that deviates from its model. It is counted, and it becomes a fault when it persists.
 //!
-//! Nobody steps what has passed. Before a drive that obeys torques a reference may be put on an arm that stands elsewhere, or be that of
-//! an arm under a law that outputs torques: `q_r`, `qd_r` then come to it within the limits, and tell a drive what to hold.
+//! What has passed never jumps. With a drive in torque mode the reference may be reset to an arm that stands elsewhere, or be that of
+//! an arm under a law that outputs torques: `q_r` and `qd_r` then approach it within the limits, and are what the drive is to hold.
 
 mod arm_bound;
 mod joint_bound;
@@ -25,12 +25,14 @@ use arm_bound::{ArmBound, not_driving};
 use joint_bound::{JointBound, JointMotion};
 use nalgebra::SVector;
 
-/// Commands in a row that had to be changed in what the drive obeys, before that is a fault.
+/// Commands in a row that the gate had to change before that is a fault: 100 ms. Chosen by hand: single changes are counted and do not
+/// stop the arm, because what passes is within the limits either way.
 const PATIENCE: u32 = 100;
-/// What a limit counts as that is none, not positive or no number: the joint hardly moves, and the gate says so.
+/// Replaces a limit that is not positive or not a number. Chosen by hand: not zero, because the gate divides by it, and so small
+/// that the joint hardly moves and the changed commands become a fault.
 const NO_LIMIT: f64 = 1e-9;
 
-/// What the gate holds commands to, beside the limits of motion.
+/// The limits of the gate beside those of motion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GateSettings<const N: usize> {
     /// Largest torque or force of each joint, N m or N.
@@ -63,12 +65,12 @@ pub struct Passed<const N: usize> {
     pub command: DriveCommand<N>,
     /// The joints whose torque was cut, as a mask.
     pub cut: u8,
-    /// What is wrong with what comes before the gate.
+    /// The fault of what comes before the gate.
     pub fault: Option<Fault>,
 }
 
 impl<const N: usize> Gate<N> {
-    /// A gate through which nothing has passed, before an arm that stands in `q`. A limit that is none holds a joint still.
+    /// A gate before its first command, for an arm at rest in `q`. An invalid limit keeps its joint still.
     #[must_use]
     pub fn new(settings: GateSettings<N>, limits: &MotionLimits<N>, q: &SVector<f64, N>) -> Self {
         let limit = |x: f64| if x > 0.0 { x } else { NO_LIMIT };
@@ -124,8 +126,8 @@ impl<const N: usize> Gate<N> {
         }
     }
 
-    /// Lets the reference and the torque of a tick through, as far as they may; the arm is measured at `arm`, where the torques of
-    /// `gravity` carry it.
+    /// Passes the reference and the torque of a tick, changed as far as the limits require. The measured arm is in the state `arm`, and
+    /// the torques of `gravity` carry it there.
     pub fn pass(
         &mut self,
         reference: &ReferenceState<N>,
@@ -217,7 +219,7 @@ mod tests {
         Gate::new(settings(mode), &limits(), &Vector2::zeros())
     }
 
-    /// Checks by itself what has passed.
+    /// Independent check of what has passed.
     #[derive(Default)]
     struct Judge {
         last: Option<(DriveCommand<2>, Vector2<f64>)>,
@@ -272,7 +274,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is commanded, of whatever bits: no limit is passed, and nothing is no number.
+        /// For commands of arbitrary bits: no limit is exceeded, and everything is finite.
         #[test]
         fn nothing_beyond_the_limits_passes(
             commands in prop::collection::vec(prop::array::uniform8(any_bits()), 1..200), repeat in 1usize..50

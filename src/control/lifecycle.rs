@@ -1,4 +1,4 @@
-//! What a run is doing, and what makes it do something else: one table, pure and total.
+//! The states of a run and their transitions: one table, a pure and total function.
 //!
 //! ```text
 //!                     start                in view                 out of view
@@ -12,64 +12,64 @@
 //!               │ taught, hold    stop: from everywhere to Stopping; failed: from everywhere to Failing
 //!               └──── reset ──── Fault ◄── at rest ── Failing
 //! ```
-//! The arm moves by itself in `Servoing`, by what is seen, and in `Returning`, to where the target was seen last. Everywhere else it
-//! stands, or slows down until it does.
+//! The arm moves in `Servoing`, under the servo law, and in `Returning`, to the posture from which the target was seen last. In all
+//! other states it is at rest, or brakes until it is.
 
 use crate::messages::ControlState;
 
-/// What a run is doing.
+/// The state of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum State {
-    /// Nothing: the arm stands until somebody says `start`.
+    /// The arm is at rest until the request `start`.
     Idle,
-    /// Started, and no view to go by yet: the arm stands.
+    /// Started, without a usable view yet: the arm is at rest.
     Waiting,
-    /// The arm stands, and what the camera sees becomes the goal.
+    /// The arm is at rest, and the features in view become the goal.
     Teaching,
     /// The law moves the arm.
     Servoing,
-    /// The view was lost: the arm slows down and stands, and goes on by itself when the view is back.
+    /// The view was lost: the arm brakes and rests, and resumes by itself when the view is back.
     Holding,
-    /// The view was lost: the arm goes back to where it saw the whole target last, and goes on by itself when the view is back.
+    /// The view was lost: the arm returns to where it saw the whole target last, and resumes by itself when the view is back.
     Returning,
-    /// Held on request: the arm slows down and stands until somebody says `start`.
+    /// Held on request: the arm brakes and rests until the request `start`.
     Held,
-    /// The arm slows down, and is idle when it stands.
+    /// The arm brakes, and is idle once it is at rest.
     Stopping,
-    /// Something failed: the arm slows down.
+    /// A fault: the arm brakes.
     Failing,
-    /// Something failed, and the arm stands until somebody says `reset`.
+    /// A fault: the arm is at rest until the request `reset`.
     Fault,
 }
 
-/// What somebody wants of a run.
+/// A request of a client.
 #[repr(u32)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Request {
-    /// Go for the goal.
+    /// Servo to the goal.
     Start = 1,
-    /// Stand, until the next start.
+    /// Brake and hold, until the next start.
     Hold = 2,
-    /// Make what the camera sees the goal.
+    /// Take the features in view as the goal.
     Teach = 3,
-    /// Forget the fault.
+    /// Clear the fault.
     Reset = 4,
-    /// Stand, and be idle.
+    /// Brake, and be idle.
     Stop = 5,
-    /// Stop, and end the run.
+    /// Brake, and end the run.
     Shutdown = 6,
 }
 
-/// What happens to a run.
+/// The events that cause transitions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Cue {
-    /// Somebody wants something.
+    /// A request of a client.
     Request(Request),
-    /// There is a view to go by.
+    /// There is a usable view.
     InView,
     /// There is none, or none any more.
     OutOfView,
-    /// There is a way back to where the target was seen last.
+    /// There is a posture to return to, from which the target was seen last.
     WayBack,
     /// There is none, or none any more.
     Returned,
@@ -81,18 +81,18 @@ pub enum Cue {
     Failed,
 }
 
-/// What a cue leads to.
+/// The result of a cue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Step {
-    /// Everything goes on.
+    /// The state stays.
     Stay,
-    /// From now on this.
+    /// The next state.
     To(State),
-    /// Not now.
+    /// The request is refused.
     Refuse(Refusal),
 }
 
-/// Why a request is not met.
+/// The reason why a request is refused.
 #[repr(u32)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Refusal {
@@ -158,7 +158,7 @@ impl Refusal {
         Self::NotReady,
     ];
 
-    /// Why, and what to do, for people.
+    /// The reason and the remedy, for people.
     #[must_use]
     pub fn describe(self) -> &'static str {
         match self {
@@ -205,7 +205,7 @@ impl State {
         matches!(self, Self::Servoing | Self::Returning)
     }
 
-    /// How it is told.
+    /// Its code in a message.
     #[must_use]
     pub fn told(self) -> ControlState {
         match self {

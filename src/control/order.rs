@@ -1,26 +1,26 @@
-//! What the mission wants of control: it says what is to be reached, control decides how, and alone stops and comes to rest.
+//! Orders of the mission to control. The mission states what is to be reached; control decides how, and control alone brings the arm to rest.
 
 use super::lifecycle::Request;
 use crate::motion::ExcitationMotion;
 use crate::servo::SetPoint;
 use nalgebra::SVector;
 
-/// One order. It takes effect before the next tick; one that cannot be obeyed changes nothing.
+/// One order. It takes effect before the next tick; an order that is not possible in the present state is ignored.
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant)] // it crosses a ring to the real-time thread, which allocates and frees nothing
 pub enum ControlOrder<const N: usize> {
-    /// What a client could ask for too.
+    /// A request, as a client could make it too.
     Request(Request),
-    /// From now on these features are the goal. It ends a lesson.
+    /// Sets the goal, which ends the state `Teaching`.
     Goal(SetPoint),
-    /// One more posture to go to, rad or m.
+    /// Appends a waypoint, rad or m.
     Waypoint(SVector<f64, N>),
-    /// The motion by which to calibrate.
+    /// Sets the excitation motion of a calibration.
     Excite(ExcitationMotion<N>),
-    /// The arm moves about its goal and gets no nearer: from now on it goes there, and learns, more slowly.
+    /// Reduces the gain and the estimation rate, for an arm that oscillates about its goal.
     ReduceGain,
-    /// What was slowed down learns at its full rate again.
+    /// Restores the full estimation rate.
     RestoreGain,
-    /// Bring the arm to rest, and tick no more.
+    /// Brings the arm to rest and ends the loop.
     End,
 }

@@ -9,18 +9,18 @@ use serde::{Deserialize, Serialize};
 pub enum Outcome {
     /// The goal was reached and held.
     Converged,
-    /// The time was over before.
+    /// The time of the run was over before the goal was reached.
     NotConverged,
-    /// An open-loop run, or the motion of a calibration, came to its end.
+    /// An open-loop run, or the motion of a calibration, was completed.
     Finished,
-    /// Somebody asked for the end.
+    /// The end was requested.
     Stopped,
-    /// Something failed.
+    /// A fault.
     Fault,
 }
 
 impl Outcome {
-    /// The word of the summary.
+    /// The word for it in the summary.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -46,9 +46,9 @@ impl Outcome {
 /// The end of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Finish {
-    /// How.
+    /// The outcome.
     pub outcome: Outcome,
-    /// Why.
+    /// The reason, for people.
     pub reason: &'static str,
 }
 

@@ -1,4 +1,4 @@
-//! From vectors of as many entries as the arm has joints to records that have room for any arm.
+//! Converts vectors with one entry for each joint into records with room for any arm.
 
 use super::controller::ControlOutput;
 use super::trace::CommandTrace;

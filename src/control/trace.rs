@@ -1,7 +1,7 @@
-//! What one tick leaves behind: what goes out, everything that the mission goes by, and what the report counts. Mission and report read it;
-//! control knows neither.
+//! The record of one tick: everything that is published, that the mission uses, and that the report counts. Mission and report read it;
+//! control depends on neither.
 //!
-//! The mission adds what it makes of the tick: the feature error, its events, the status and the end of the run.
+//! The mission adds the feature error, its events, the status and the end of the run.
 
 mod record;
 
@@ -13,7 +13,7 @@ use crate::motion::ActingLimits;
 use crate::servo::MeasurementVerdict;
 use crate::time::{MonoNs, SpanNs};
 
-/// Most events of one tick, of control and mission.
+/// Most events of one tick, of control and mission together. Chosen by hand, above the transitions and reports that one tick can make.
 const MAX_EVENTS: usize = 8;
 
 /// One tick.
@@ -29,23 +29,23 @@ pub struct Trace {
     pub commanded: MonoNs,
     /// Deadlines missed so far.
     pub missed_deadlines: u64,
-    /// The twist that a law wishes of a camera that no arm holds, `V_WC_C`, m/s and rad/s; `None` where an arm does.
+    /// The law output for a camera without an arm, `V_WC_C`, m/s and rad/s; `None` where an arm moves the camera.
     pub V_C: Option<[f64; 6]>,
-    /// What control does; with the last record, how the run ended.
+    /// The state of control; in the last record, the outcome of the run.
     pub state: ControlState,
-    /// Why it does nothing more.
+    /// The fault.
     pub fault: Option<Fault>,
-    /// Why the arm was brought to rest, and the run is to end, where control itself was told so; from that tick on.
+    /// The reason for bringing the arm to rest and ending the run, where control itself decided it; from that tick on.
     pub stopped: Option<&'static str>,
     /// Whether no tick follows.
     pub over: bool,
-    /// Traces before this one that were dropped because nobody took them in time.
+    /// Earlier traces that were dropped because they were not read in time.
     pub lost: u64,
-    /// The measurement that came, and what became of it.
+    /// The measurement of this tick, and the verdict on it.
     pub measurement_record: Option<MeasurementRecord>,
     /// The limits that acted.
     pub limits: ActingLimits,
-    /// What happened; the mission adds its own.
+    /// The events of the tick; the mission adds its own.
     pub events: Events,
     /// The run after the tick, every 20 ms: the mission's.
     pub status: Option<Status>,
@@ -54,7 +54,7 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// A tick at `time` of which nothing is known yet.
+    /// An empty trace of the tick at `time`.
     #[must_use]
     pub fn at(time: MonoNs) -> Self {
         let zero = [0.0; MAX_JOINTS];
@@ -92,7 +92,7 @@ pub struct CommandTrace {
     pub qd_r: [f64; MAX_JOINTS],
 }
 
-/// Where a measurement came from, and when.
+/// The origin and the stamps of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameStamps {
     /// Which frame.
@@ -124,18 +124,18 @@ impl FrameStamps {
     }
 }
 
-/// A measurement that reached control.
+/// A measurement that arrived at control.
 #[derive(Debug, Clone, Copy)]
 pub struct MeasurementRecord {
     /// Which one.
     pub frame: FrameStamps,
-    /// What became of it; `None` where the controller could not look at it.
+    /// The verdict on it; `None` where the controller had no joint state to judge it.
     pub verdict: Option<MeasurementVerdict>,
-    /// Whether the law works with a part of its features, the others being hidden.
+    /// Whether some features are hidden, so that the law uses the others.
     pub degraded: bool,
-    /// Root mean square feature error, px, which the mission tells; NaN where it says nothing about the goal.
+    /// Root mean square feature error, px, computed by the mission; NaN where the measurement has none.
     pub error_px: f64,
-    /// Where its time went, once its command was written.
+    /// Its latency by stages, once its command was written.
     pub latency: Option<LatencyStages>,
 }
 
@@ -156,23 +156,23 @@ pub enum Event {
     Inconsistent,
     /// A part of the target is hidden: the law goes on with the rest.
     Degraded,
-    /// The whole target is seen again.
+    /// The whole target is in view again.
     WholeAgain,
     /// The arm does not start where the run file says.
     StartsElsewhere,
     /// The goal is taught.
     Taught,
-    /// Somebody wanted something, and it is so.
+    /// A request took effect.
     Requested(Request),
     /// The goal was reached and held, and the run goes on.
     GoalReached,
     /// The first measurement with a pose that no object before a camera has.
     ImpossiblePose,
-    /// The arm swings about its goal: from now on it goes there, and learns, more slowly.
+    /// The arm oscillates about its goal: gain and estimation rate were reduced.
     GainReduced,
-    /// The arm goes back to where it saw the whole target last.
+    /// The arm returns to where it saw the whole target last.
     Returning,
-    /// The motion that was asked for has come to its end.
+    /// The requested motion is complete.
     MotionOver,
 }
 
@@ -184,7 +184,7 @@ pub struct Events {
 }
 
 impl Events {
-    /// Notes an event; past [`MAX_EVENTS`] of one tick nothing new can have happened.
+    /// Notes an event; more than [`MAX_EVENTS`] in one tick are dropped.
     pub(crate) fn push(&mut self, event: Event) {
         if let Some(place) = self.list.get_mut(self.count) {
             *place = Some(event);
@@ -221,7 +221,8 @@ pub struct LatencyStages {
     pub exposure_to_command: Option<SpanNs>,
 }
 
-/// Stamps that lie further apart are of different clocks, or of none: a process that was stopped for an hour is let go before.
+/// Stamps that lie further apart are of different clocks, or invalid. Chosen by hand: a process that is suspended for an hour is given up
+/// long before.
 const LONGEST_STAGE: SpanNs = SpanNs(3_600_000_000_000);
 
 impl LatencyStages {

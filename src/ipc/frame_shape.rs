@@ -1,10 +1,10 @@
 //! How large frames are, and what a run takes of shared memory with them and beside them.
 
-/// Readers of a service: the next process, a recorder, a view, one to spare.
+/// Most readers of a service. Chosen by hand: the next process, a recorder, a view, and one to spare. Each one more needs buffers of its own.
 pub(super) const MAX_READERS: usize = 4;
-/// What the transport and the header add to a frame at most, bytes.
+/// Upper bound of what transport and header add to a frame, bytes. Chosen by hand.
 const FRAME_OVERHEAD_BYTES: u64 = 512;
-/// What all services of a run take that carry no frames, bytes: 14.6 MB of measurements, 2.6 and 2.0 MB of traces and joint states,
+/// Shared memory of all services of a run that carry no frames, bytes. Measured: 14.6 MB of measurements, 2.6 and 2.0 MB of traces and joint states,
 /// 0.4 MB for an external drive, each with room for every reader, and the connections.
 pub const SPACE_BESIDE_FRAMES_BYTES: u64 = 24 << 20;
 

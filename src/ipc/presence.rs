@@ -98,7 +98,7 @@ impl DrivePresence {
     }
 }
 
-/// The version of the transport; programs of another one do not see each other.
+/// The version of the transport, as Cargo.lock has it; programs with another one would not see each other.
 const TRANSPORT: &str = "0.10.0";
 
 /// Living programs in the instance that are none of ours.

@@ -20,11 +20,12 @@ use std::path::{Path, PathBuf};
 
 /// Where shared memory lies.
 pub(super) const SHARED_MEMORY: &str = "/dev/shm";
-/// Nothing of an instance is nested deeper: `nodes/ID/FILE`.
+/// Depth to which the files of an instance are nested, which follows from the transport's `nodes/ID/FILE`, with one level to spare.
 const DEEPEST: u32 = 4;
+/// Permission bits of group and others, and of these the write bits, by the POSIX standard.
 const OTHERS: u32 = 0o077;
 const OTHERS_WRITE: u32 = 0o022;
-/// What `stat` counts in, whatever the file system.
+/// The unit of `st_blocks`, bytes, as Linux has it on every file system (stat(2)).
 const BLOCK_BYTES: u64 = 512;
 
 /// The opened directory of an instance.

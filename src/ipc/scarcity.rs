@@ -9,13 +9,13 @@ use std::fmt;
 use super::runtime_dir::SHARED_MEMORY;
 use crate::messages::MAX_CAMERAS;
 
-/// A clean-up holds the locks of all roles; one step of the transport opens fewer descriptors, and gives them back when it fails.
+/// Descriptors that must be free: a clean-up holds the locks of all roles. One step of the transport needs fewer, and closes them when it fails.
 const DESCRIPTORS: usize = 10 + 2 * MAX_CAMERAS;
 /// Likewise for the files that it makes.
 const INODES: u64 = DESCRIPTORS as u64;
 /// The smallest segments need a page or two each.
 const SPACE_BYTES: u64 = 64 * 1024;
-/// What is always enough: a process of a run holds 30 to 60.
+/// A limit of descriptors that is always enough: a process of a run holds 30 to 60, as measured.
 const ENOUGH_DESCRIPTORS: u64 = 1024;
 
 /// Something that there is too little of.

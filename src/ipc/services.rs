@@ -20,20 +20,21 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use std::fmt::Debug;
 
-/// Processes that may open a service.
+/// Processes that may open a service. Chosen by hand: a run has at most six of its own, and others are clients and recorders. The transport
+/// needs a fixed number.
 const MAX_NODES: usize = 16;
-/// Who may want something of control at once.
+/// Clients that may wait for an answer of control at the same time. Chosen by hand; others wait for a free slot.
 const MAX_CLIENTS: usize = 8;
 /// Ticks of joint state that a reader may lag behind, because the camera looks back by its exposure and its latency, which is 500 ms at most.
 const JOINT_STATE_BUFFER: usize = 1024;
-/// Ticks that a recorder may lag behind: a second, so that a write to a slow disk loses none. Chosen.
+/// Ticks that a recorder may lag behind: a second, so that a write to a slow disk loses none. Chosen by hand.
 const TRACE_BUFFER: usize = 1024;
 /// Measurements in flight in lockstep, where none must be lost; more than any latency at any rate.
 const MEASUREMENT_BUFFER: usize = 1024;
 
-/// Changes of a camera's health that wait for their reader.
+/// Changes of a camera's health that wait for their reader. Chosen by hand: they come a few times a second at most, and are read every tick.
 const HEALTH_BUFFER: usize = 16;
-/// Commands and states of an external drive that wait for their reader.
+/// Commands and states of an external drive that wait for their reader: 64 ticks. Chosen by hand: a reader that lags more must have stopped.
 const DRIVE_BUFFER: usize = 64;
 
 type CommandService = iceoryx2::service::port_factory::request_response::PortFactory<

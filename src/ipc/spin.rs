@@ -8,10 +8,10 @@
 use crate::rt::now;
 use crate::time::SpanNs;
 
-/// Most waits without a spin between two attempts, so that spins that never help cost a sixty-fourth. Chosen.
+/// Most waits without a spin between two attempts, so that spins that never help cost a sixty-fourth. Chosen by hand.
 const LONGEST_PAUSE: u32 = 64;
-/// The thread looks after the message at least every few nanoseconds. If the clock has jumped by so much, another thread ran
-/// in its place: there is no free core.
+/// The thread looks for the message every few nanoseconds. If the clock has advanced by this much in between, another thread must have run
+/// in its place, so that there is no free core. Chosen by hand: less than a time slice of the scheduler, and longer than an interrupt.
 const INTERRUPTED: SpanNs = SpanNs(500_000);
 
 /// Decides for one reader whether and how long to spin.

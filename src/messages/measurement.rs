@@ -1,4 +1,4 @@
-//! What vision saw in one frame: `vision/N/measurement`.
+//! The measurement of one frame: `vision/N/measurement`. The numbers here are those of the protocol.
 
 use super::MAX_FEATURES;
 use crate::time::MonoNs;

@@ -5,7 +5,7 @@ use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// Kinds of limits, in the order of [`TraceMsg::limits`].
+/// Kinds of limits, in the order of [`TraceMsg::limits`]: a part of the protocol, which must change its version with it.
 pub const TRACE_LIMITS: usize = 8;
 
 /// One tick: what control knew, what it did, and why. Codes are 0 where there is nothing to say; those of the enumerations of

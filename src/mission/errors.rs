@@ -1,8 +1,8 @@
-//! How near to its goal a run came.
+//! The errors at the end of a run.
 
 use serde::{Deserialize, Serialize};
 
-/// Errors as control believes them, from the last measurement; `null` where unknown.
+/// Errors as control estimates them, from the last measurement; `null` where unknown.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredErrors {
     /// Root mean square, px.
@@ -33,15 +33,17 @@ pub struct FinalErrors {
     pub position_error_m: Option<f64>,
     /// Angle of the camera from its desired orientation, rad.
     pub orientation_error_rad: Option<f64>,
-    /// The same as control believes them: another lens, mount, target or arm than it knows of shows in the difference.
+    /// The errors as control estimates them. A lens, mount, target or arm that differs from the configuration shows in the difference.
     #[serde(default)]
     pub believed: MeasuredErrors,
 }
 
 impl FinalErrors {
-    /// Whether what control believes is farther from the truth than the noise of a picture explains.
+    /// Whether the estimated pose differs from the truth by more than image noise explains.
     #[must_use]
     pub fn is_not_as_believed(&self) -> bool {
+        // Chosen by hand. Points that span 200 px at 0.5 m and f = 800 px and are found to 0.05 px give the distance to about
+        // 0.5 m * 0.05 / 200 = 0.13 mm, and a tilt to about 2 mrad, for it changes half of the target by 25 px a rad.
         const NOISE_M: f64 = 1e-3;
         const NOISE_RAD: f64 = 3e-3;
         let apart =

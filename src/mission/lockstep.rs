@@ -1,4 +1,4 @@
-//! Control and mission on one thread: what lockstep and everything simulated runs in.
+//! Control and mission on one thread: the loop of lockstep and simulated runs.
 
 use super::{FinalErrors, Mission};
 use crate::control::control_loop::ControlLoop;
@@ -9,7 +9,7 @@ use crate::control::trace::Trace;
 use crate::messages::{ControlState, JointState, Measurement};
 use crate::time::MonoNs;
 
-/// A run whose mission looks at each tick as soon as it is over: an order of tick k takes effect at tick k + 1, always.
+/// A run whose mission is called after each tick: an order of tick k always takes effect at tick k + 1.
 pub struct LockstepRun<const N: usize> {
     /// The loop.
     pub control: ControlLoop<N>,
@@ -18,7 +18,7 @@ pub struct LockstepRun<const N: usize> {
 }
 
 impl<const N: usize> LockstepRun<N> {
-    /// A run that has not ticked yet.
+    /// A run before its first tick.
     #[must_use]
     pub fn new(control: ControlLoop<N>, mission: Mission<N>) -> Self {
         let mut run = Self { control, mission };
@@ -31,7 +31,7 @@ impl<const N: usize> LockstepRun<N> {
         self.control.sense(tick, now)
     }
 
-    /// Second half: control acts, its command is written at once, and the mission looks at it. A finish ends the run.
+    /// Second half: control acts, its command is written at once, and the mission evaluates the tick. A finish ends the run.
     pub fn act(&mut self, now: MonoNs, measurement: Option<&Measurement>) -> Trace {
         let mut trace = self.control.act(now, measurement);
         self.control.commanded(now, &mut trace);
@@ -57,15 +57,15 @@ impl<const N: usize> LockstepRun<N> {
         self.control.stop(reason);
     }
 
-    /// Does what a client wants.
+    /// Takes a request of a client.
     ///
     /// # Errors
-    /// Why not.
+    /// When the lifecycle refuses the request, with the reason.
     pub fn request(&mut self, request: Request) -> Result<(), Refusal> {
         self.control.request(request)
     }
 
-    /// Something failed outside of the cores.
+    /// Reports a fault from outside the control core.
     pub fn fail(&mut self, fault: Fault) {
         self.control.fail(fault);
     }
@@ -76,13 +76,13 @@ impl<const N: usize> LockstepRun<N> {
         self.control.controller()
     }
 
-    /// What control does, or did last.
+    /// The last state of control.
     #[must_use]
     pub fn state(&self) -> ControlState {
         self.mission.state()
     }
 
-    /// Errors when the end of the run was decided, or now: braking at the end is no part of what was reached.
+    /// Errors when the end of the run was decided, or now: the displacement of braking at the end does not count.
     #[must_use]
     pub fn final_errors(&self) -> FinalErrors {
         self.mission.final_errors()

@@ -1,20 +1,20 @@
-//! What the mission remembers of the measurements that reached control, for the goal, the status and the reason of an end.
+//! The log of the measurements that reached control, for the goal, the status and the reason of an end.
 
 use crate::control::trace::{Event, Events, LatencyStages};
 use crate::messages::Measurement;
 use crate::servo::{MeasurementVerdict, NoTask};
 use serde::{Deserialize, Serialize};
 
-/// What became of the measurements that reached control, by their exposure stamps.
+/// Counts of the measurements that reached control, by verdict.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct VerdictCounts {
-    /// The servo law worked with them.
+    /// Used by the servo law.
     pub used: u64,
     /// Likewise, although their stamps lay in the future.
     pub used_from_future: u64,
     /// Without a target.
     pub no_target: u64,
-    /// Of those that the servo law worked with: a part of the target was hidden.
+    /// Of the used ones: those in which a part of the target was hidden.
     #[serde(default)]
     pub degraded: u64,
     /// Refused: none of the set-point's features.
@@ -23,13 +23,13 @@ pub struct VerdictCounts {
     /// Refused: so much of the target was hidden that the law had no answer.
     #[serde(default)]
     pub refused_too_few: u64,
-    /// Refused: the law goes by poses, and there was none.
+    /// Refused: the law needs a pose, and there was none.
     #[serde(default)]
     pub refused_no_pose: u64,
-    /// Refused: what was seen fixes no motion.
+    /// Refused: the visible features do not determine a motion.
     #[serde(default)]
     pub refused_singular: u64,
-    /// Refused: a pose that no object before a camera has.
+    /// Refused: an impossible pose.
     #[serde(default)]
     pub refused_pose: u64,
     /// Refused by vision: the points do not fit one pose.
@@ -39,7 +39,7 @@ pub struct VerdictCounts {
     pub refused_not_newer: u64,
     /// Refused: too far in the future.
     pub refused_from_future: u64,
-    /// Refused: from before all that is known of the arm.
+    /// Refused: older than the joint history.
     pub refused_too_old: u64,
 }
 
@@ -68,7 +68,7 @@ impl MeasurementLog {
         }
     }
 
-    /// Takes a measurement in; `error_px` is its feature error, or NaN where it says nothing about the goal.
+    /// Takes in a measurement; `error_px` is its feature error, or NaN where it has none.
     pub(super) fn note(
         &mut self,
         m: &Measurement,
@@ -144,7 +144,7 @@ impl MeasurementLog {
         self.count
     }
 
-    /// What became of them.
+    /// The counts by verdict.
     pub(crate) fn verdicts(&self) -> &VerdictCounts {
         &self.verdict
     }
@@ -154,7 +154,7 @@ impl MeasurementLog {
         self.last.as_ref()
     }
 
-    /// The newest one that says something about the goal.
+    /// The newest one with a feature error.
     pub(super) fn last_found(&self) -> Option<&Measurement> {
         self.last_found.as_ref()
     }

@@ -1,21 +1,21 @@
-//! The mission: what a run is for, what is to be reached next, and how the run ends. It goes by the [`Trace`] of each tick and speaks to
-//! control by [`ControlOrder`]s, which take effect before the next tick.
+//! The mission: the task of a run, its next goal, and its end. It reads the [`Trace`] of each tick and sends
+//! [`ControlOrder`]s to control, which take effect before the next tick.
 //!
 //! ```text
 //! control: tick k ─► Trace k ─► [`Mission::note`]: counts, teaches, plans, judges ─► Order ─► control: before tick k + 1
 //!                                   └► adds to Trace k: feature error, events, status, how the run ended ─► ports, report
 //! ```
 //! On one thread ([`LockstepRun`]) an order of tick k takes effect at tick k + 1; in real time the mission runs beside the
-//! real-time thread, and it does so when its ring has been carried, mostly one or two ticks later. Nothing that keeps the arm safe
-//! waits for it: control alone holds, stops and comes to rest.
+//! real-time thread, and its order takes effect when the ring was read, mostly one or two ticks later. Nothing that keeps the arm safe
+//! depends on the mission: control alone holds, stops and brings the arm to rest.
 //!
 //! | term | what it is |
 //! | --- | --- |
 //! | [`Goal`] | the features to be reached, how near, and for how long |
-//! | [`RunTask`] | what the run is for: servoing, the excitation motion, a calibration tour |
-//! | [`RunPlan`] | what makes the run begin and end |
-//! | end | decided first ([`run_end`]); then the arm comes to rest, and the last trace says so |
-//! | residual | the error of an arm that stands before its goal, or moves about it ([`residual`]) |
+//! | [`RunTask`] | the task of the run: servoing, the excitation motion, a calibration tour |
+//! | [`RunPlan`] | the conditions under which the run begins and ends |
+//! | end | decided first ([`run_end`]); then the arm is brought to rest, and the last trace contains the outcome |
+//! | residual | the remaining error of an arm that has come to rest, or oscillates, away from its goal ([`residual`]) |
 
 mod errors;
 mod lockstep;
@@ -49,11 +49,12 @@ use std::collections::VecDeque;
 use teaching::GoalTeacher;
 use truth::Truth;
 
-/// Ticks between two status records: 50 Hz.
+/// Ticks between two status records. Chosen by hand: 50 Hz is more than a person follows and 5 % of the ticks.
 const STATUS_PERIOD: u64 = 20;
-/// An arm swings whose error does not fall below so many times that of the goal: nearer to it, it is given time.
+/// The gain is reduced for an arm whose error does not fall and is more than so many times the goal's tolerance. Chosen by hand: nearer to
+/// the goal the arm is given time, because noise alone may keep the error about the tolerance.
 const SWINGS_FROM: f64 = 1.5;
-/// Orders that wait to be taken: room for a tour and what comes beside it, so that nothing grows while ticks go on.
+/// Orders that can wait: a tour of 14 postures and the orders beside it, so that the queue never grows during a run.
 const ORDERS: usize = 32;
 /// The end of an open loop whose frames are over.
 const LAST_FRAME: Finish = Finish { outcome: Outcome::Finished, reason: "the last frame was used" };
@@ -64,38 +65,38 @@ const NO_MORE_FRAMES: Finish = Finish {
 };
 const CONVERGED: Finish = Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" };
 
-/// What makes a run begin, and end.
+/// Who begins and ends a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Service {
-    /// It starts by itself, after a lesson where the goal is taught, and ends when it is done.
+    /// It starts by itself, after teaching where the goal is taught, and ends when its task is done.
     OneShot {
         /// Whether the goal is taught first.
         teaches: bool,
     },
-    /// It does what it is told, and ends when it is told.
+    /// It waits for requests, and ends on request.
     Served,
 }
 
-/// What is to be reached.
+/// A goal of the run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Goal {
-    /// Which of the run's goals: 0 is that of its file, each one that is taught has the next number.
+    /// Its number in the run: 0 is that of the run file, and each taught goal has the next number.
     pub id: u32,
     /// The features.
     pub set_point: SetPoint,
     /// Largest root mean square feature error at which it counts as reached, px.
     pub tolerance_px: f64,
-    /// How long it must be held.
+    /// Time for which it must be held.
     pub hold: SpanNs,
 }
 
-/// What makes a run begin and end.
+/// The conditions under which a run begins and ends.
 #[derive(Debug, Clone, Copy)]
 pub struct RunPlan {
-    /// Whether it does what it is told, or what its file says.
+    /// Whether the run serves requests, or executes its file.
     pub service: Service,
-    /// Measurements of a lesson.
-    pub lesson: u32,
+    /// Measurements of which a taught goal is the mean.
+    pub teaching_measurements: u32,
     /// When the arm is brought to rest at the latest; `None` ends with the last frame only.
     pub duration: Option<SpanNs>,
     /// Whether the loop is closed: without it there is no goal to reach.
@@ -111,21 +112,21 @@ pub struct Mission<const N: usize> {
     goal: Goal,
     truth: Option<Truth<N>>,
     measurements: MeasurementLog,
-    lesson: Option<GoalTeacher>,
+    teacher: Option<GoalTeacher>,
     first: Option<MonoNs>,
     last: MonoNs,
     joint_state: JointState,
     state: ControlState,
     goal_since: Option<MonoNs>,
-    /// Whether it was told that the goal was held.
+    /// Whether it was reported that the goal was held.
     goal_told: bool,
     rest: RestWatch<N>,
     residual: ResidualWatch,
-    /// Whether control goes to its goal more slowly than at first.
+    /// Whether the gain of control is reduced.
     is_reduced: bool,
     last_frame_seen: bool,
     end: RunEnd,
-    /// Whether control was told.
+    /// Whether control was given the order.
     end_sent: bool,
     errors_at_end: Option<FinalErrors>,
     finish: Option<Finish>,
@@ -151,7 +152,7 @@ impl<const N: usize> Mission<N> {
             goal,
             truth,
             measurements: MeasurementLog::new(),
-            lesson: teaches.then(|| GoalTeacher::new(plan.lesson)),
+            teacher: teaches.then(|| GoalTeacher::new(plan.teaching_measurements)),
             first: None,
             last: MonoNs::ZERO,
             joint_state: JointState::default(),
@@ -172,8 +173,8 @@ impl<const N: usize> Mission<N> {
         }
     }
 
-    /// Takes in what a tick left, with the measurement that it took, and adds to it what the run makes of it. A trace that never comes
-    /// is missing in what is counted; nothing else depends on it.
+    /// Takes in the trace of a tick, with its measurement, and adds the feature error, events, status and end. A trace that is lost
+    /// is missing in the counts; nothing else depends on it.
     pub fn note(&mut self, trace: &mut Trace, measurement: Option<&Measurement>) {
         let (now, js) = (trace.time, trace.joint_state);
         self.first.get_or_insert(now);
@@ -211,7 +212,7 @@ impl<const N: usize> Mission<N> {
         self.orders.pop_front()
     }
 
-    /// What control was told from outside, and what came of it.
+    /// Takes in the requests of clients that took effect, and the events of control.
     fn hear(&mut self, trace: &Trace) {
         if let Some(reason) = trace.stopped {
             self.end.decide(Finish { outcome: Outcome::Stopped, reason });
@@ -224,7 +225,9 @@ impl<const N: usize> Mission<N> {
                     self.residual.begin_anew();
                 }
                 Event::Requested(Request::Reset) => self.is_reduced = false,
-                Event::Requested(Request::Teach) => self.lesson = Some(GoalTeacher::new(self.plan.lesson)),
+                Event::Requested(Request::Teach) => {
+                    self.teacher = Some(GoalTeacher::new(self.plan.teaching_measurements));
+                }
                 Event::GainReduced => {
                     // One that was asked for again before the answer came has been met.
                     self.orders.retain(|order| *order != ControlOrder::ReduceGain);
@@ -241,16 +244,16 @@ impl<const N: usize> Mission<N> {
         }
     }
 
-    /// A lesson takes what the law could work with, and is given up where control does something else.
+    /// Teaching takes the views that the law could use, and is given up where control leaves the state `Teaching`.
     fn learn(&mut self, m: &Measurement, verdict: Option<MeasurementVerdict>) {
         if self.state != ControlState::Teaching {
-            self.lesson = None;
+            self.teacher = None;
         }
-        let Some(lesson) = &mut self.lesson else { return };
+        let Some(teacher) = &mut self.teacher else { return };
         let view = View::of(m, &self.goal.set_point);
         let view = view.filter(|_| verdict.is_some_and(MeasurementVerdict::is_used));
-        let Some(taught) = view.and_then(|view| lesson.add(&view, &self.goal.set_point)) else { return };
-        self.lesson = None;
+        let Some(taught) = view.and_then(|view| teacher.add(&view, &self.goal.set_point)) else { return };
+        self.teacher = None;
         (self.goal.set_point, self.goal.id) = (taught.clone(), self.goal.id.saturating_add(1));
         self.orders.push_back(ControlOrder::Goal(taught));
         if self.plan.service == (Service::OneShot { teaches: true }) {
@@ -287,7 +290,7 @@ impl<const N: usize> Mission<N> {
         }
     }
 
-    /// An arm that moves about a goal which it does not reach is slowed down; one that then sticks before it is not any more.
+    /// Reduces the gain for an arm that oscillates about its goal, and restores it for one that then sticks before the goal.
     fn adapt_gain(&mut self) {
         let goal_px = self.goal.tolerance_px;
         if self.end.decided().is_some() {
@@ -306,7 +309,7 @@ impl<const N: usize> Mission<N> {
         }
     }
 
-    /// Decides on the end, and tells it once the arm has come to rest.
+    /// Decides on the end, and reports it once the arm is at rest.
     fn judge(&mut self, trace: &mut Trace) {
         if self.end.decided().is_none()
             && let Some(finish) = self.reached(trace)
@@ -330,7 +333,7 @@ impl<const N: usize> Mission<N> {
         }
     }
 
-    /// How the run ends by itself, if it does at this tick.
+    /// The end by goal, time or last frame, if it is reached at this tick.
     fn reached(&mut self, trace: &mut Trace) -> Option<Finish> {
         let (now, servoing) = (trace.time, self.state == ControlState::Servoing);
         let has_goal = self.plan.closed_loop && matches!(self.task, RunTask::Servo);
@@ -360,7 +363,7 @@ impl<const N: usize> Mission<N> {
         time_is_up.then(|| run_end::time_is_up(closed_loop, state, when_late, &self.measurements))
     }
 
-    /// How the run ended; `None` before.
+    /// The end of the run; `None` before.
     #[must_use]
     pub fn finish(&self) -> Option<Finish> {
         self.finish
@@ -372,13 +375,13 @@ impl<const N: usize> Mission<N> {
         &self.goal
     }
 
-    /// What control does, or did last; at the end, how it ended.
+    /// The last state of control; at the end, the outcome.
     #[must_use]
     pub fn state(&self) -> ControlState {
         self.state
     }
 
-    /// What the mission remembers of the measurements.
+    /// The log of the measurements.
     pub(crate) fn measurements(&self) -> &MeasurementLog {
         &self.measurements
     }
@@ -389,7 +392,7 @@ impl<const N: usize> Mission<N> {
         self.first.map_or(0.0, |first| (self.last + TICK - first).as_s())
     }
 
-    /// Where the simulated arm truly is.
+    /// The true joint positions of the simulated arm.
     fn q_true(&self) -> Option<SVector<f64, N>> {
         let js = &self.joint_state;
         (js.flags & joint_flag::TRUTH != 0).then(|| vector(&js.q_true))

@@ -1,5 +1,5 @@
-//! How a run ends: what was decided, by goal, time, request, fault or last frame, and why it was late. That the arm is at rest before the
-//! last command is the business of [`ControlLoop`](crate::control::control_loop::ControlLoop).
+//! The end of a run: decided by goal, time, request, fault or last frame, with the reason why the goal was missed. That the arm is at rest before the
+//! last command is ensured by [`ControlLoop`](crate::control::control_loop::ControlLoop).
 
 use super::measurement_log::MeasurementLog;
 use crate::control::outcome::{Finish, Outcome};
@@ -12,7 +12,7 @@ pub(crate) struct RunEnd {
 }
 
 impl RunEnd {
-    /// Decides how the run ends. The first word counts, but for a fault, which is the last one.
+    /// Decides the end of the run. The first decision counts, except that a fault replaces any other.
     pub(crate) fn decide(&mut self, finish: Finish) {
         let has_failed = self.decided.is_some_and(|f| f.outcome == Outcome::Fault);
         if self.decided.is_none() || (finish.outcome == Outcome::Fault && !has_failed) {
@@ -91,7 +91,7 @@ fn why_late(state: ControlState, measurements: &MeasurementLog) -> &'static str 
     }
 }
 
-/// The target is found, and yet nothing could be done about it: what most measurements were refused for, where they were.
+/// The target was found, and the measurements could not be used: the most frequent reason for refusing them.
 fn why_not_used(measurements: &MeasurementLog) -> Option<&'static str> {
     let verdicts = measurements.verdicts();
     let reasons = [
@@ -144,7 +144,7 @@ mod tests {
 
     const DONE: Finish = Finish { outcome: Outcome::Stopped, reason: "asked for" };
 
-    /// The target is found and the law has no task for it: the end says why.
+    /// The target is found and the law has no task for it: the end gives the reason.
     #[test]
     fn a_law_without_a_task_is_told() {
         let found = Measurement { status: TargetStatus::Found as u32, ..Measurement::default() };

@@ -1,4 +1,4 @@
-//! What a mission says of its run: errors and status.
+//! Errors and status of a run.
 
 use super::{FinalErrors, MeasuredErrors, Mission};
 use crate::control::trace::Trace;
@@ -30,7 +30,7 @@ impl<const N: usize> Mission<N> {
         Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
     }
 
-    /// Errors when the end of the run was decided, or now: braking at the end is no part of what was reached.
+    /// Errors when the end of the run was decided, or now: the displacement of braking at the end does not count.
     #[must_use]
     pub fn final_errors(&self) -> FinalErrors {
         self.errors_at_end.unwrap_or_else(|| self.errors())

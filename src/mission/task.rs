@@ -1,4 +1,4 @@
-//! What a run is for beside servoing, where the arm moves by a plan: the plan is made here, and control is told the motion.
+//! The tasks of a run beside servoing, in which the arm follows a plan: the plan is made here and sent to control.
 
 use crate::calibration::hand_eye::{TourCell, TourError, TourPlanner};
 use crate::calibration::image_reach;
@@ -19,6 +19,7 @@ const TARGET_LOST: Finish = Finish {
     reason: "the target was lost while the arm moved: start with the target near the middle of the picture, and see to \
              its light",
 };
+// The motion takes 8 s (`motion/excitation_motion.rs`); start and rest need some seconds more, and 15 leaves room.
 const EXCITATION_TOO_SHORT: &str =
     "run.duration_s is over before the calibration motion was: raise it to 15 or more";
 
@@ -37,14 +38,14 @@ const NOTHING_SEEN: &str =
     "the board was not seen where the arm starts: bring it into the picture, and check [target]";
 const TOUR_TOO_SHORT: &str = "run.duration_s is over before all views were visited";
 
-/// The cell as it is believed to be, for planning in it.
+/// The nominal cell, in which motions are planned.
 #[derive(Debug, Clone)]
 pub struct BelievedCell<const N: usize> {
     /// The arm.
     pub robot: Robot<N>,
     /// Limits of its motion.
     pub limits: MotionLimits<N>,
-    /// Where its camera is thought to sit.
+    /// The nominal mount of its camera.
     pub mount: Mount,
     /// The lens.
     pub camera: CameraModel,
@@ -52,28 +53,28 @@ pub struct BelievedCell<const N: usize> {
     pub points: Vec<Point3<f64>>,
 }
 
-/// What a run is for.
+/// The task of a run.
 #[derive(Debug)]
 #[allow(clippy::large_enum_variant)] // one in a run
 pub enum RunTask<const N: usize> {
-    /// To reach the goal by what the camera sees.
+    /// Visual servoing to the goal.
     Servo,
-    /// To move gently before the target, once it is seen whole.
+    /// The excitation motion in view of the target, once the whole target is in view.
     Excitation {
         /// The cell.
         cell: BelievedCell<N>,
-        /// The motion still to be told.
+        /// The motion that is still to be sent.
         order: Option<ControlOrder<N>>,
         /// Whether it was planned.
         planned: bool,
     },
-    /// To visit views of a board, once it is seen.
+    /// A calibration tour of views of a board, once the board is in view.
     Tour {
         /// The cell.
         cell: BelievedCell<N>,
         /// The plan in the making.
         planner: Option<TourPlanner<N>>,
-        /// What came of it: how many postures, or why there are none.
+        /// The result: the number of postures, or why there are none.
         planned: Option<Result<usize, TourError>>,
     },
 }
@@ -91,7 +92,7 @@ impl<const N: usize> RunTask<N> {
         Self::Tour { cell, planner: None, planned: None }
     }
 
-    /// Takes a measurement in; the arm is in `q`, rad or m.
+    /// Takes in a measurement; the arm is in `q`, rad or m.
     pub(super) fn note(&mut self, m: &Measurement, q: &SVector<f64, N>) {
         match self {
             Self::Servo => {}
@@ -112,7 +113,7 @@ impl<const N: usize> RunTask<N> {
         }
     }
 
-    /// Plans on, one view of a tour a tick: whoever carries messages beside it is not kept. What there is to tell control.
+    /// Plans one view of a tour a tick, so that the thread can carry messages in between; returns the next order to control.
     pub(super) fn next_orders(&mut self) -> impl Iterator<Item = ControlOrder<N>> + use<N> {
         let (mut one, mut all) = (None, None);
         match self {
@@ -130,7 +131,7 @@ impl<const N: usize> RunTask<N> {
         one.into_iter().chain(all.into_iter().flatten().map(ControlOrder::Waypoint))
     }
 
-    /// The end that an event means.
+    /// The end that an event causes.
     pub(super) fn end_by(&self, event: Event) -> Option<Finish> {
         match (self, event) {
             (Self::Excitation { .. }, Event::Holding) => Some(TARGET_LOST),

@@ -18,8 +18,8 @@ impl GoalTeacher {
         Self { wanted: measurements, left: measurements, sum: [Vector2::zeros(); MAX_FEATURES] }
     }
 
-    /// Takes a view in, unless a feature is hidden and cannot be told from the pose; the last one completes the set-point, which keeps the selection and, where the new features
-    /// give no pose even with that of the view to start from, the mean depth of `before`.
+    /// Takes in a view, unless a feature is hidden and cannot be computed from the pose. The last view completes the set-point. It keeps the
+    /// selection of `before` and, where the new features give no pose even when started from that of the view, its mean depth.
     pub(super) fn add(&mut self, view: &View, before: &SetPoint) -> Option<SetPoint> {
         if self.left == 0 {
             return None;
@@ -39,7 +39,7 @@ impl GoalTeacher {
         let depths_m = before.depths_m();
         let z_d_m = depths_m.iter().sum::<f64>() / depths_m.len() as f64;
         let taught = SetPoint::from_features(s_d.get(..view.features().len())?, before.points(), z_d_m)?;
-        // Points that are no plane tell their pose from near it.
+        // The pose of points that are not coplanar is found by iteration from a near one.
         let posed = view.X_CO().filter(|_| taught.X_DO().is_none()).and_then(|X_CO| taught.posed_near(X_CO));
         posed.unwrap_or(taught).with_ids(before.ids())?.with_selection(*before.selection())
     }

@@ -1,4 +1,4 @@
-//! What is true in a simulated cell: errors are told against it. Nothing that control does depends on it.
+//! The ground truth of a simulated cell, for the reported errors. Control does not use it.
 
 use crate::geometry::Pose;
 use crate::robot::{Mount, Robot};
@@ -6,12 +6,12 @@ use crate::scene::SceneMotion;
 use crate::time::SpanNs;
 use nalgebra::SVector;
 
-/// The simulated cell as it is.
+/// The true simulated cell.
 #[derive(Debug, Clone)]
 pub struct Truth<const N: usize> {
     /// The arm.
     pub robot: Robot<N>,
-    /// Where the camera sits.
+    /// The true mount of the camera.
     pub mount: Mount,
     /// Where the object is at the first tick, in the frame in which it rests.
     pub X_WO: Pose,
@@ -20,7 +20,7 @@ pub struct Truth<const N: usize> {
 }
 
 impl<const N: usize> Truth<N> {
-    /// The object before the camera of an arm whose joints are at `q`, so long after the first tick.
+    /// The pose of the object in the camera of an arm with joints at `q`, the given time after the first tick.
     #[must_use]
     pub fn X_CO(&self, q: &SVector<f64, N>, since: SpanNs) -> Pose {
         self.mount.X_WC(&self.robot.forward(q)).inv_mul(&self.motion.object_at(&self.X_WO, since))

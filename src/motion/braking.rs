@@ -4,7 +4,7 @@
 //! acceleration is `-p`, a while at `-p = -A` if that is reached, jerk `+J` until it is zero (all signs turned where
 //! the joint moves backwards). With `v + a |a| / 2J > 0` the peak is `p = min(A, sqrt(J v + a^2 / 2))`.
 
-/// Relative slack of the velocity limit, for rounding at the limit itself.
+/// Relative slack of the velocity limit: at the limit itself the sums are off by some units of rounding, 2e-16 each.
 const SLACK: f64 = 1e-12;
 
 /// Position, velocity, acceleration of a joint; rad or m.
@@ -25,7 +25,7 @@ pub(super) struct Bounds {
     pub(super) jerk: f64,
 }
 
-/// What a joint would pass on its way to rest.
+/// The limit that a joint would exceed while braking.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Breach {
     Position,
@@ -70,7 +70,7 @@ pub(super) fn braking_time_s(s: JointMotionState, b: &Bounds) -> f64 {
     phases(s, b).iter().map(|(_, duration)| duration).sum()
 }
 
-/// Where braking for `t` seconds leads; at rest once it is over.
+/// The state after braking for `t` seconds; at rest once braking is complete.
 pub(super) fn braked(s: JointMotionState, b: &Bounds, t: f64) -> JointMotionState {
     let (mut at, mut left) = (s, t);
     for (jerk, duration) in phases(s, b) {
@@ -84,7 +84,7 @@ pub(super) fn braked(s: JointMotionState, b: &Bounds, t: f64) -> JointMotionStat
     JointMotionState { q: at.q, v: 0.0, a: 0.0 }
 }
 
-/// What braking from `s` would pass, if anything. A joint that is outside its range already may not go farther out.
+/// The limit that braking from `s` would exceed, if any. A joint that is already outside its range may not move farther out.
 pub(super) fn breach(s: JointMotionState, b: &Bounds, q_now: f64) -> Option<Breach> {
     let (lower, upper) = (b.lower.min(q_now), b.upper.max(q_now));
     let J = b.jerk;

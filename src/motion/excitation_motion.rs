@@ -13,15 +13,18 @@ use crate::time::SpanNs;
 use nalgebra::SVector;
 use std::f64::consts::TAU;
 
-/// T: how long the motion takes.
+/// T: how long the motion takes. Chosen by hand: 200 frames of a camera at 25 Hz. The velocity limit bounds the amplitude to
+/// `2 share v_max / ((n + 1) 2 pi / T)`, which is proportional to T.
 const DURATION: SpanNs = SpanNs(8_000_000_000);
-/// n of the first joint.
+/// n of the first joint. Derived: the spectrum of the windowed cosine has lines at n - 1, n and n + 1, and the window, which all joints
+/// share, has one at 1. So n must be more than 2. A larger n makes the motion faster, and the limits then bound its amplitude.
 const FIRST_CYCLES: usize = 3;
-/// Share of a joint's limits on velocity, acceleration and jerk that the motion may use.
+/// Share of a joint's limits on velocity, acceleration and jerk that the motion may use. Chosen by hand, as for waypoints: the reference,
+/// which may use all of them, must never cut the motion (tested).
 const LIMIT_SHARE: f64 = 0.25;
-/// Share of the way to the end of its range that a joint may go.
+/// Share of the distance to the end of its range that a joint may go. Chosen by hand: half of it stays free for overshoot.
 const RANGE_SHARE: f64 = 0.5;
-/// Farthest that a joint goes, whatever the camera sees of it, rad or m.
+/// Largest amplitude of a joint, whatever the camera sees of it, rad or m. Chosen by hand: 0.15 rad is 9 degrees.
 pub const MAX_EXCITATION: f64 = 0.15;
 
 /// The motion of `N` joints.

@@ -1,8 +1,8 @@
 //! Motion commands that the arm can still brake from: what makes high gains usable under limits on acceleration and jerk.
 //!
-//! A law of gain lambda asks for `v = lambda d` at the distance `d` of its goal. Far out that is more than the arm could
-//! take back in time, and it would run past the goal. So the motion command is cut to the speed from which braking over `d` ends
-//! at rest; close to the goal, where the law itself is slower than that, nothing is cut.
+//! A law of gain lambda asks for the velocity `v = lambda d` at the distance `d` from its goal. Far from the goal the arm cannot brake
+//! from that velocity in time and would overshoot. Therefore the motion command is limited to the speed from which braking over the distance
+//! `d` ends at rest. Near the goal the law itself asks for less than that, and the command passes unchanged.
 
 use super::braking::{Bounds, JointMotionState};
 use super::limits::{ActingLimits, Limit};
@@ -10,11 +10,13 @@ use super::reference::{MotionLimits, ReferenceState};
 use crate::servo::Convergence;
 use nalgebra::SVector;
 
-/// Share of acceleration and jerk that braking counts upon: the distance to go is the law's estimate.
+/// Share of the acceleration and jerk limits with which the braking distance is computed. Chosen by hand: the distance to the goal is an
+/// estimate of the law, so that the rest must be left for its errors. With 1 an error of the distance becomes overshoot; with half of
+/// this value braking over the same distance takes up to `sqrt 2` times as long.
 const SHARE: f64 = 0.7;
 
-/// `requested_qd` as far as an arm whose reference is in `state` can brake from it on its way to the goal; all joints together,
-/// so that it keeps its direction.
+/// Scales `requested_qd` (rad/s or m/s) down to what an arm whose reference is in `state` can brake from before the goal. All joints are
+/// scaled by the same factor, so that the direction of the motion is kept. Also returns the limits that acted.
 #[must_use]
 pub fn brakeable<const N: usize>(
     requested_qd: &SVector<f64, N>,
@@ -44,9 +46,10 @@ pub fn brakeable<const N: usize>(
     (kept + towards * factor, acting)
 }
 
-/// The speed towards a goal at the distance `now.q` (not negative) from which braking ends there at rest. Without
-/// acceleration `d = v^1.5 / sqrt(J)` while the acceleration limit is not reached, `d = v (v / A + A / J) / 2` beyond; what the
-/// joint gains until its present acceleration is taken back comes off first.
+/// The speed towards a goal at the distance `now.q` (not negative) from which braking ends there at rest. From zero
+/// acceleration the braking distance is `d = v^1.5 / sqrt(J)` while the acceleration limit is not reached, and
+/// `d = v (v / A + A / J) / 2` otherwise. The distance that the joint covers while its present acceleration is reduced to zero is
+/// subtracted first.
 fn braking_speed(now: JointMotionState, bounds: &Bounds) -> f64 {
     let (A, J) = (SHARE * bounds.acceleration, SHARE * bounds.jerk);
     let (a, v) = (now.a.max(0.0), now.v.max(0.0));

@@ -2,7 +2,7 @@
 
 use crate::time::{MonoNs, SpanNs};
 
-/// A limit that acts for so long is worth telling: a start or a turn takes less.
+/// A limit that acts for so long is reported. Chosen by hand: a start or a reversal within the usual limits takes less, so that it is not.
 const LONG: SpanNs = SpanNs(1_000_000_000);
 
 /// What can hold a joint back.

@@ -5,9 +5,9 @@
 //! motion command ─► scaled to the velocity limits ─► a* = g (motion command - qd) ─► scaled to the jerk limits ─► can it still brake? ─► q_r
 //!         (all joints together)            (all joints together)   (all joints together)        (each joint)
 //! ```
-//! Scaling acts on all joints together, so that the camera keeps its direction. The last stage makes the limits
-//! certain: a joint takes a step only if it can brake from there within all limits (`braking`); else it takes the
-//! part of the step that it can. Since it can always go on braking, no limit is ever passed, whatever is requested.
+//! All joints are scaled by the same factor, so that the camera keeps its direction of motion. The last stage guarantees the limits:
+//! a joint takes a step only if it can brake from the end of that step within all limits (`braking`). Otherwise it takes the
+//! part of the step from which it can. Since braking can always be continued, no limit is ever exceeded, whatever is requested.
 
 use super::braking::{Bounds, Breach, JointMotionState, braked, braking_time_s, breach};
 use super::limits::{ActingLimits, Limit};
@@ -15,17 +15,23 @@ use crate::robot::Robot;
 use crate::time::SpanNs;
 use nalgebra::SVector;
 
-/// The acceleration falls with the velocity error along `sqrt(2 share J e)`: the rest of the jerk is for corrections.
+/// The acceleration falls with the velocity error along `sqrt(2 share J e)`. Chosen by hand: with 1 the whole jerk would be needed on that
+/// curve, and a tick that begins beside it could not correct; with half of the value a change of velocity takes up to `sqrt 2` times as long.
 const JERK_SHARE: f64 = 0.8;
-/// Gain of the last bit of a velocity change times the tick: critical damping, `6 - sqrt(32)`.
+/// Gain from velocity error to acceleration near the end of a velocity change, times the tick T. Derived: with `a' = g e / T` and
+/// `e' = e - T (a + a') / 2` the characteristic polynomial is `z^2 - (1 - g / 2) z + g / 2`, which has a double root (critical damping)
+/// where `g^2 - 12 g + 4 = 0`: `g = 6 - sqrt(32) = 0.3431`. Twice the value would oscillate.
 const LAST_GAIN: f64 = 0.343;
-/// Velocity errors (rad/s or m/s) and accelerations that are no longer worked off.
+/// Velocity errors (rad/s or m/s) and accelerations below these count as zero, so that rounding is not followed. Chosen by hand: far
+/// above the rounding of a speed of 10 rad/s (2e-15), and far below what an encoder resolves.
 const VELOCITY_DUST: f64 = 1e-12;
 const ACCELERATION_DUST: f64 = 1e-9;
-/// What stands for a range or a speed limit that there is not, rad or m, rad/s or m/s.
+/// What replaces an infinite range (rad or m) or speed limit (rad/s or m/s) when a state is checked for plausibility. Chosen by hand,
+/// beyond every robot: a joint that has turned 160 000 times, a speed of 160 turns a second.
 const LONGEST_RANGE: f64 = 1e6;
 const FASTEST: f64 = 1e3;
-/// Halvings in search of the largest part of a step from which a joint can brake.
+/// Bisections in search of the largest part of a step from which a joint can brake: it is found to `2^-6`, 1.6 % of a step, so that
+/// at most that much of a tick's acceleration is lost. Chosen by hand; each one costs a closed-form braking distance.
 const HALVINGS: u32 = 6;
 
 /// Limits of the reference; rad or m, per second.
@@ -66,9 +72,9 @@ impl<const N: usize> MotionLimits<N> {
         (0..N).map(joint).fold(0.0, f64::max)
     }
 
-    /// Whether an arm can be like this at all: no joint `times` faster than its limit, or a whole range away from its
-    /// range. Beyond everything that a fault of the arm or noisy encoders bring about (where a limit is small, one rad/s,
-    /// rad, or m counts), and far below the numbers whose squares are infinite.
+    /// Whether a state is physically plausible: no joint is more than `times` as fast as its limit, or farther outside its range than
+    /// the range is long. The bounds lie outside of what faults of the arm or noisy encoders cause (where a limit is small, one rad/s,
+    /// rad or m counts instead), and far below the numbers whose squares overflow.
     #[must_use]
     pub fn is_plausible(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>, times: f64) -> bool {
         (0..N).all(|i| {
@@ -82,13 +88,13 @@ impl<const N: usize> MotionLimits<N> {
         })
     }
 
-    /// The velocity limit of joint `i`, counted from 0, in judging what can be: never less than 1, and never absurd.
+    /// The velocity limit of joint `i`, counted from 0, for plausibility checks: at least 1 rad/s or m/s, and finite.
     #[must_use]
     pub fn speed(&self, i: usize) -> f64 {
         self.velocity[i].clamp(1.0, FASTEST)
     }
 
-    /// The way of joint `i`, counted from 0, from `q` to that end of its range that lies in the direction of `sign`, rad or m.
+    /// The distance of joint `i`, counted from 0, from `q` to the end of its range in the direction of `sign`, rad or m.
     #[must_use]
     pub fn room(&self, i: usize, q: &SVector<f64, N>, sign: f64) -> f64 {
         if sign < 0.0 { q[i] - self.lower[i] } else { self.upper[i] - q[i] }
@@ -152,7 +158,7 @@ impl<const N: usize> Reference<N> {
         })
     }
 
-    /// Places the reference where the arm is, moving as it moves, as far as the velocity limits let it.
+    /// Sets the reference to the measured position and velocity, the latter clamped to the velocity limits.
     pub fn reset_to_measured(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         let limits = ActingLimits::default();
         let qd = SVector::from_fn(|i, _| qd[i].clamp(-self.limits.velocity[i], self.limits.velocity[i]));
@@ -160,30 +166,28 @@ impl<const N: usize> Reference<N> {
         self.state = ReferenceState { q: *q, qd, qdd: zero, a: zero, limits };
     }
 
-    /// Places the reference where the arm is, moving as it moves, and accelerating as before: under laws that ask for
-    /// accelerations.
+    /// Sets the reference to the measured position and velocity and keeps its acceleration: for laws that output torques.
     pub fn track_measured(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         let a = self.state.a;
         self.reset_to_measured(q, qd);
         let limits = &self.limits;
         self.state.a = SVector::from_fn(|i, _| {
-            // No more than can be taken back before the velocity limit.
+            // No more than can be reduced to zero before the velocity limit is reached.
             let room = (limits.velocity[i] - self.state.qd[i] * a[i].signum()).max(0.0);
             let most = (2.0 * limits.jerk[i] * room).sqrt();
             a[i].clamp(-most, most)
         });
     }
 
-    /// Puts the reference in `q`, or at the end of the range that is nearest to it; velocity and acceleration go on. A `q` that is not
-    /// finite changes nothing.
+    /// Moves the reference to `q`, clamped to the joints' ranges, without a change of its velocity and acceleration. A `q` that is not
+    /// finite is ignored.
     pub fn relocate(&mut self, q: &SVector<f64, N>) {
         if q.iter().all(|q| q.is_finite()) {
             self.state.q = SVector::from_fn(|i, _| q[i].max(self.limits.lower[i]).min(self.limits.upper[i]));
         }
     }
 
-    /// Advances by `dt` with the acceleration `qdd` (rad/s^2 or m/s^2), the same throughout, as far as the limits let it. One
-    /// that is not finite counts as none.
+    /// Advances by `dt` with the constant acceleration `qdd` (rad/s^2 or m/s^2), within the limits. A value that is not finite counts as zero.
     pub fn accelerate(&mut self, qdd: &SVector<f64, N>, dt: SpanNs) -> &ReferenceState<N> {
         let dt_s = dt.as_s();
         if dt_s <= 0.0 {
@@ -232,7 +236,7 @@ impl<const N: usize> Reference<N> {
         &self.state
     }
 
-    /// Joint `i` takes `step`, or what of it lets it brake; where it then is.
+    /// Joint `i` takes `step`, or the part of it from which it can still brake. Returns the new state.
     fn take(
         &mut self,
         i: usize,
@@ -288,8 +292,8 @@ impl<const N: usize> Reference<N> {
     }
 }
 
-/// The step, if the joint can brake from its end within all limits; else as much of it as lets it, and what stood in
-/// its way. Parts of a step lie between braking and the step: the limits are convex, so they are kept on the way too.
+/// The step, if the joint can brake from its end within all limits; otherwise the largest part of it from which it can, and the limit that
+/// was in the way. Parts of a step are interpolated between braking and the step: the limits are convex, so that they hold there too.
 fn admissible(
     now: JointMotionState,
     step: JointMotionState,
@@ -311,7 +315,7 @@ fn admissible(
     (best, Some(reason))
 }
 
-/// The factor that makes the whole vector fit, and the joint that asks for it.
+/// The factor that brings the whole vector within `largest`; the joint that determines it is noted in `acting`.
 fn shrink<const N: usize>(
     v: &SVector<f64, N>,
     largest: &SVector<f64, N>,

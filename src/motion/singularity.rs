@@ -1,11 +1,11 @@
-//! Slows the arm down ahead of singular postures and ends of ranges, whatever law made the motion command.
+//! Slows the arm down near singular postures and near the ends of joint ranges, for every law.
 //!
-//! The camera twist `V = J_C qd` of a motion command is brought back into joint space by damped least squares
-//! (`Robot::damped_velocity`). Away from singular postures and ends of ranges that gives the motion command itself: with six
-//! joints there is no other solution, with fewer the least-squares one has no other, with more the one of least
-//! motion is the law's own; a motion that only joints feel, such as the one away from ends of ranges, is the preferred
-//! velocity `qd_p` of the least squares and so kept beside it. Near a singular posture the damping bounds the joints' speed and the arm slows down; near
-//! the end of a range a joint is held to the speed it may still have, and the others take over what they can.
+//! The camera twist `V = J_C qd` of a motion command is mapped back to joint velocities by damped least squares
+//! (`Robot::damped_velocity`). Away from singular postures and ends of ranges this returns the motion command itself: with six
+//! joints the solution is unique, with fewer the least-squares solution is, and with more the minimum-norm solution is the
+//! law's own. A null-space motion, such as the one away from the ends of ranges, is the preferred
+//! velocity `qd_p` of the least squares and is kept. Near a singular posture the damping bounds the joint speeds, so that the arm slows
+//! down. Near the end of a range a joint is limited to the speed from which it can stop, and the other joints compensate where they can.
 
 use super::limits::{ActingLimits, Limit};
 use crate::robot::{InverseOptions, Robot};

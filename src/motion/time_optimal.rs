@@ -1,8 +1,8 @@
-//! The least time in which joints can come from rest to rest under their limits: what a run's settling time is held against.
+//! The minimum time in which joints can move from rest to rest within their limits. The settling time of a run is compared with it.
 //!
-//! Each joint by itself speeds up with jerk J to the acceleration A as far as that is reached, cruises with its largest speed
-//! V as far as that is reached, and brakes likewise. From rest to the speed v that takes `t(v) = 2 sqrt(v / J)`, and
-//! `v / A + A / J` where A is reached (`v > A^2 / J`); on the way, `v t(v) / 2` is covered. The slowest joint counts.
+//! Each joint accelerates with jerk J, at most with the acceleration A, cruises at its velocity limit V if that is reached, and
+//! brakes symmetrically. Accelerating from rest to the speed v takes `t(v) = 2 sqrt(v / J)`, or
+//! `v / A + A / J` where A is reached (`v > A^2 / J`), and covers the distance `v t(v) / 2`. The slowest joint determines the time.
 
 use super::reference::MotionLimits;
 use nalgebra::SVector;

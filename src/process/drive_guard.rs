@@ -15,7 +15,7 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Command, ExitStatus};
 use std::time::Duration;
 
-/// Time in which the program ends by itself when it is asked to.
+/// Time that the program has to end by itself on request, before it is killed, and the period of the look. Chosen by hand.
 const GRACE: SpanNs = SpanNs(400_000_000);
 const PERIOD: Duration = Duration::from_millis(5);
 

@@ -30,7 +30,8 @@ use crate::ipc::{FrameShape, Role};
 use crate::time::SpanNs;
 use std::time::Duration;
 
-/// Longest wait for a message: how late a request to stop may be noticed.
+/// Longest wait for a message, and so the delay with which a request to stop is noticed at most. Chosen by hand: below what people perceive as
+/// a delay, and 20 wake-ups a second.
 const LONGEST_WAIT: Duration = Duration::from_millis(50);
 
 /// The processes beside control that see for it: vision first, then its cameras.
@@ -43,12 +44,12 @@ fn seeing_roles(config: &Config) -> Vec<Role> {
         .collect()
 }
 
-/// How long a lockstep process spins before it waits for another one, where a core is free: about what a frame takes from its
+/// Longest spin of a lockstep process before it sleeps, where a core is free. Measured: about the time of a frame from its
 /// exposure to its measurement.
 const LONGEST_SPIN: SpanNs = SpanNs(250_000);
 
-/// So many ticks before that of a frame a lockstep control wakes the camera: what it takes to wake up, the camera then has
-/// behind it when the frame's state comes.
+/// Ticks before that of a frame at which lockstep control wakes the camera, so that the camera has woken up
+/// when the state of the frame's tick arrives. Chosen by hand: sixteen ticks of lockstep take longer than a wake-up.
 const WAKE_AHEAD: u64 = 16;
 
 /// Size and number of the frames of a run: the newest alone in real time, all that are on their way in lockstep.

@@ -36,7 +36,7 @@ const FILES: [&str; 10] = [PAGE, TRACE, MEASUREMENTS, GOAL, POSES, FRAMES, EVENT
 /// The folder in which a report is made has this name around the number of the process that makes it.
 const WORK: &str = ".vservo-report-";
 const WORK_END: &str = ".tmp";
-/// Longest file of a report that is read back, bytes.
+/// Longest file of a report that is read back, bytes. Chosen by hand: a history is bounded to 120 000 rows (`report/history`).
 const LONGEST: u64 = 512 << 20;
 
 /// The folder in which the files of a report are made.

@@ -17,9 +17,9 @@ use std::fmt::Write;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// ReportImages in the page are no wider; the files beside it are whole.
+/// Largest width of the images in the page; the files beside it have full size. Chosen by hand: the width of a page on a screen.
 const WIDEST_PX: u32 = 1280;
-/// Quality of the images in the page.
+/// JPEG quality of the images in the page. Chosen by hand.
 const JPEG_QUALITY: u8 = 88;
 /// Of the program.
 const VERSION: &str = env!("CARGO_PKG_VERSION");

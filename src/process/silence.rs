@@ -1,12 +1,13 @@
-//! How long nothing has come, in time that counts: only while this process itself came round to look. Whoever was stopped
-//! together with the others (a suspended machine, a frozen container) owes them their time.
+//! Duration of a silence, counting only the time in which this process itself was running. When all processes were stopped
+//! together (a suspended machine, a frozen container), that time must not count against the others.
 
 use crate::time::{MonoNs, SpanNs};
 
-/// Two looks that lie farther apart than this count as so far apart.
+/// Longest time that counts between two calls. Chosen by hand: twice the period of 0.1 s at which the watches call, so that a
+/// late call counts in full and a suspension hardly.
 const LONGEST_LOOK: SpanNs = SpanNs(200_000_000);
 
-/// Time without a sign.
+/// Time without a sign of life.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Silence {
     looked: MonoNs,
@@ -19,7 +20,7 @@ impl Silence {
         Self { looked: now, lasted: SpanNs(0) }
     }
 
-    /// Still nothing at `now`: how long it has lasted.
+    /// Notes that the silence still lasts at `now`; returns its duration.
     pub(super) fn look(&mut self, now: MonoNs) -> SpanNs {
         self.lasted.0 += (now - self.looked).min(LONGEST_LOOK).0.max(0);
         self.looked = now;

@@ -23,7 +23,7 @@ use crate::vision::{Frame, PairingCounts, Side, StereoMeasurement, StereoVision}
 use std::time::Duration;
 use tracing::{info, warn};
 
-/// So many frames that are alone, and no pair, are worth a line.
+/// Number of single frames, without any pair, that is reported. Chosen by hand: 0.8 s at 25 Hz.
 const ALONE: u64 = 20;
 
 /// Runs vision for the pair of cameras of `config` until a stop is requested, and leaves images of the left one in the folder

@@ -15,7 +15,8 @@ use crate::time::{MonoNs, SpanNs, TICK};
 use crate::vision::{Carrier, Frame, Prior, Vision};
 use tracing::{info, warn};
 
-/// In lockstep, the longest wait for the joint state that the camera had already: sending it to two takes microseconds.
+/// Longest wait in lockstep for the joint state that the camera already has. Chosen by hand: it was sent to both within microseconds, so that
+/// only load can delay it.
 const LONGEST_FOR_STATE: SpanNs = SpanNs(50_000_000);
 
 /// Runs vision for the camera of `config` until a stop is requested, and leaves images in the folder `report`, where there is one.

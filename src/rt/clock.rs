@@ -5,6 +5,7 @@ use rustix::io::Errno;
 use rustix::thread::{ClockId as SleepClock, clock_nanosleep_absolute};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
+/// Nanoseconds in a second, as the kernel's timespec has them.
 const NS_PER_S: i64 = 1_000_000_000;
 
 /// The time now.

@@ -8,10 +8,10 @@ use std::io::{self, IsTerminal, Write, stderr};
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 
-/// A write of so many bytes to a pipe that is ready does not block (PIPE_BUF).
+/// A write of so many bytes to a pipe that is ready does not block: PIPE_BUF, as Linux has it (pipe(7)).
 const WITHOUT_WAITING: usize = 4096;
 
-/// Takes away what stands on the terminal's line.
+/// Clears the terminal's line: carriage return, and the sequence EL of the standard ECMA-48.
 pub const CLEAR_LINE: &str = "\r\x1b[2K";
 
 /// stderr, for lines that matter less than the run: what cannot be written at once is lost.

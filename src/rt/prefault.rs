@@ -1,5 +1,5 @@
-//! No page of memory is to be fetched in the middle of a tick: all that the process has mapped for itself is touched
-//! before the first one, and what was fetched nevertheless is counted.
+//! Prefaulting: no page fault must happen in the middle of a tick. All private memory of the process is touched
+//! before the first tick, and page faults that happen nevertheless are counted.
 //!
 //! Code, constants, heap and stacks are fetched. Memory that is shared with other processes is not: the real-time thread never
 //! touches it, and every buffer of every service would become resident.
@@ -7,7 +7,7 @@
 use rustix::mm::{Advice, madvise};
 use std::hint::black_box;
 
-/// Stack below the caller that is touched also where the kernel does not fetch on demand.
+/// Stack below the caller that is touched where the kernel cannot be asked to fetch it, bytes. Chosen by hand: several times what a tick uses.
 const STACK: usize = 256 * 1024;
 
 /// Fetches all memory that the process has now. On kernels before 5.14 only the stack of the calling thread.

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use thiserror::Error;
 
+/// Longest chain of symbolic links, as the kernel's path resolution has it (path_resolution(7): 40).
 const LONGEST_CHAIN: usize = 40;
 
 /// The file is one that this program has read.

@@ -1,4 +1,4 @@
-//! An excitation motion before the target, by which the stamps of camera and encoders are compared.
+//! The excitation motion in view of the target, from which the stamps of camera and encoders are compared.
 
 use super::MotionCommand;
 use crate::control::safety::{Freshness, MeasurementWatch};
@@ -15,7 +15,7 @@ pub struct Excitation<const N: usize> {
 }
 
 impl<const N: usize> Excitation<N> {
-    /// A motion still to be told, which goes on while `watch` says that the whole target is seen.
+    /// A motion that is still to be set, and continues while by `watch` the whole target is in view.
     #[must_use]
     pub fn new(watch: MeasurementWatch) -> Self {
         Self { watch, motion: None }

@@ -1,14 +1,14 @@
-//! Why the arm moves: what there is to go by, and what is asked of the joints at a tick.
+//! The behaviours that move the arm: what each uses as its input, and the motion command that it gives at each tick.
 //!
-//! | behaviour | goes by | asks for |
+//! | behaviour | input | motion command |
 //! | --- | --- | --- |
-//! | [`Servoing`] | views of the target | what the servo law says |
-//! | [`Servoing::dry`] | the same without an arm, or before images of another one | nothing, and tells what the law says |
-//! | [`Waypoints`] | a list of postures, whatever is in view | a motion from posture to posture, with rests |
-//! | [`Excitation`] | measurements that keep coming, whatever their stamps say | the excitation motion of the joints |
-//! | standing, braking | nothing | rest: what the controller does where no behaviour moves the arm |
+//! | [`Servoing`] | views of the target | the output of the servo law |
+//! | [`Servoing::dry`] | the same without an arm, or with images of another arm | none; the output of the law is reported |
+//! | [`Waypoints`] | a list of postures, independent of the view | a motion from posture to posture, with rests |
+//! | [`Excitation`] | measurements that keep arriving, whatever their stamps | the excitation motion of the joints |
+//! | standing, braking | none | standstill, where no behaviour moves the arm |
 //!
-//! None of them plans: what is to be reached comes from the mission ([`Order`](super::order::ControlOrder)).
+//! None of them plans: goals, waypoints and motions come from the mission ([`Order`](super::order::ControlOrder)).
 
 mod excitation;
 mod servoing;
@@ -31,27 +31,27 @@ use nalgebra::SVector;
 pub struct ArmModel<const N: usize> {
     /// Kinematics and dynamics.
     pub robot: Robot<N>,
-    /// What its reference is held to.
+    /// The limits of its reference.
     pub limits: MotionLimits<N>,
 }
 
-/// What the joints shall do in a tick.
+/// The motion command of a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MotionCommand<const N: usize> {
     /// Stand.
     Stand,
-    /// Stand, although a law that is only looked at asks for this velocity, rad/s or m/s.
+    /// Stand, while the output of a law that is only observed is reported, rad/s or m/s.
     Look(SVector<f64, N>),
-    /// Move like this, rad/s or m/s, whatever the camera's posture: a motion of joints.
+    /// Joint velocities of a motion in joint space, rad/s or m/s.
     Joints(SVector<f64, N>),
-    /// Move like this, rad/s or m/s, on the way to a goal.
+    /// Joint velocities of a law, rad/s or m/s, on the way to a goal.
     Velocity(SVector<f64, N>, Convergence<N>),
-    /// Push like this, N m or N, gravity included.
+    /// Joint torques, N m or N, gravity included.
     Torque(SVector<f64, N>),
 }
 
 impl<const N: usize> MotionCommand<N> {
-    /// The velocity that it names, rad/s or m/s.
+    /// Its velocity, rad/s or m/s; zero for torques and standstill.
     #[must_use]
     pub fn velocity(&self) -> SVector<f64, N> {
         match self {
@@ -61,14 +61,14 @@ impl<const N: usize> MotionCommand<N> {
     }
 }
 
-/// What the arm moves for. One in a run, made before the first tick.
+/// The behaviour of a run, made before the first tick.
 #[derive(Debug)]
 pub enum Behaviour<const N: usize> {
-    /// To the goal by what the camera sees.
+    /// Visual servoing to the goal.
     Servoing(Servoing),
-    /// From posture to posture.
+    /// Motion from posture to posture.
     Waypoints(Waypoints<N>),
-    /// The motion by which stamps are compared.
+    /// The excitation motion of a latency calibration.
     Excitation(Excitation<N>),
 }
 
@@ -88,7 +88,7 @@ impl<const N: usize> Behaviour<N> {
         }
     }
 
-    /// Share of a velocity that what is known at `now` justifies, 0 to 1; at 0 there is nothing to go by.
+    /// Confidence in the input at `now`, 0 to 1: the factor of a velocity. At 0 there is no usable input.
     #[must_use]
     pub fn confidence(&self, now: MonoNs, servo: &VisualServo<N>) -> f64 {
         match self {
@@ -98,7 +98,7 @@ impl<const N: usize> Behaviour<N> {
         }
     }
 
-    /// What the joints shall do at this tick.
+    /// The motion command of this tick.
     pub fn motion_command(
         &mut self,
         state: &DriveState<N>,
@@ -112,27 +112,27 @@ impl<const N: usize> Behaviour<N> {
         }
     }
 
-    /// Whether a law is only looked at: nothing moves, whatever it says.
+    /// Whether the law is only observed: nothing moves, whatever its output.
     #[must_use]
     pub fn is_dry(&self) -> bool {
         matches!(self, Self::Servoing(servoing) if servoing.is_dry())
     }
 
-    /// One more posture to go to, rad or m. Without room for it, or as another behaviour, it changes nothing.
+    /// Appends a waypoint, rad or m. Without room for it, or in another behaviour, it changes nothing.
     pub fn add_waypoint(&mut self, q: &SVector<f64, N>) {
         if let Self::Waypoints(waypoints) = self {
             waypoints.add(q);
         }
     }
 
-    /// The motion by which to calibrate. As another behaviour it changes nothing.
+    /// Sets the excitation motion of a calibration. In another behaviour it changes nothing.
     pub fn excite(&mut self, motion: &ExcitationMotion<N>) {
         if let Self::Excitation(excitation) = self {
             excitation.begin(motion);
         }
     }
 
-    /// Whether the motion that was asked for has come to its end.
+    /// Whether the requested motion is complete.
     #[must_use]
     pub fn is_over(&self) -> bool {
         match self {

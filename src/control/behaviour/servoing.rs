@@ -1,4 +1,4 @@
-//! Servoing to the goal by what the camera sees.
+//! Visual servoing to the goal.
 
 use super::MotionCommand;
 use crate::control::safety::{Freshness, MeasurementWatch};
@@ -8,11 +8,11 @@ use crate::robot::Robot;
 use crate::servo::{LawOutput, MeasurementVerdict, VisualServo};
 use crate::time::MonoNs;
 
-/// The watch over what a servo law goes by.
+/// Servoing, while measurements are fresh enough to be trusted.
 #[derive(Debug)]
 pub struct Servoing {
     watch: MeasurementWatch,
-    /// Whether the law is only looked at.
+    /// Whether the law is only observed.
     dry: bool,
 }
 

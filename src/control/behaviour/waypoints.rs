@@ -1,24 +1,25 @@
-//! From posture to posture, with a rest in each. The postures come from the mission: nothing is planned here.
+//! Moves from posture to posture and rests in each. The postures come from the mission: nothing is planned here.
 //!
 //! Between two postures all joints follow `q(t) = q_a + (q_b - q_a) s(t / T)`, `s(u) = 10 u^3 - 15 u^4 + 6 u^5`: velocity and acceleration
-//! begin and end with zero, with T such that a quarter of each joint's limits is used. It is asked for as a velocity; where the arm
-//! really is when it rests shows in its encoders.
+//! begin and end with zero, and T is such that at most a quarter of each joint's limits is used. The motion command is a velocity; the
+//! posture that was reached is read from the encoders at rest.
 
 use super::MotionCommand;
 use crate::motion::MotionLimits;
 use crate::time::{SpanNs, TICK};
 use nalgebra::SVector;
 
-/// Share of a joint's limits on velocity, acceleration and jerk that the motion uses: the reference, which uses all of them, never
-/// holds it back.
+/// Share of a joint's limits on velocity, acceleration and jerk that the motion uses. Chosen by hand, so that the reference, which may
+/// use all of them, never cuts the motion. Twice the share halves the time of long legs.
 const LIMIT_SHARE: f64 = 0.25;
-/// Largest velocity, acceleration and jerk of s(u): `s'(1/2) = 15/8`, `s''((3 - sqrt 3) / 6) = 10 / sqrt 3`, `s'''(0) = 60`.
+/// Largest velocity, acceleration and jerk of s(u), which follows from its derivatives: `s'(1/2) = 15/8`,
+/// `s''((3 - sqrt 3) / 6) = 10 / sqrt 3`, `s'''(0) = 60`.
 const PEAKS: [f64; 3] = [1.875, 5.7735, 60.0];
-/// Shortest motion, s.
+/// Shortest motion, s. Chosen by hand; it bounds the velocity where two postures are nearly the same.
 const SHORTEST_S: f64 = 0.2;
-/// The arm rests so long in each posture, long enough to settle and for frames that show it.
+/// Rest in each posture. Chosen by hand: 30 frames of a camera at 25 Hz, of which the last show an arm that has settled.
 const REST: SpanNs = SpanNs(1_200_000_000);
-/// Postures that wait to be visited: a calibration tour has 14.
+/// Postures that can wait to be visited. A calibration tour has 14, so that it needs this capacity, rounded up to a power of two.
 const MAX_WAYPOINTS: usize = 16;
 
 /// A list of postures, of which one after the other is visited.
@@ -57,7 +58,7 @@ impl<const N: usize> Leg<N> {
 
     /// The velocity of the next tick; `None` at the end.
     fn advance(&mut self) -> Option<SVector<f64, N>> {
-        // that of the tick's middle: what is covered is then what was meant
+        // the velocity in the middle of the tick: its sum over the ticks is then the displacement, by the midpoint rule
         let u = (self.elapsed.as_s() + 0.5 * TICK.as_s()) / self.duration_s;
         self.elapsed = SpanNs(self.elapsed.0.saturating_add(TICK.0));
         (u < 1.0).then(|| self.way * (30.0 * u * u * (1.0 - u) * (1.0 - u) / self.duration_s))
@@ -77,7 +78,7 @@ impl<const N: usize> Waypoints<N> {
         true
     }
 
-    /// The way is known once there is one, whether anything is in view on it or not.
+    /// 1 once there is a waypoint: the motion does not depend on a view.
     pub(super) fn confidence(&self) -> f64 {
         if self.begun { 1.0 } else { 0.0 }
     }

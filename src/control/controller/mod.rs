@@ -4,10 +4,10 @@
 //! DriveState ─► watch ─► lifecycle ─► behaviour's motion command, or rest ─► reference ─► joint controller ─► gate ─► DriveCommand
 //! Measurement ──────────► behaviour                                   (limits)      (torque)
 //! ```
-//! Each entry into motion of an arm that stands, and each fault, puts the reference on the measured arm where it is not there already.
-//! A view that comes back while the arm brakes does not: the reference goes on within the limits. A joint
-//! controller gets the reference of this tick and its acceleration from here on, and is in step with the state that it acts
-//! upon; a law that outputs torques moves the reference by the acceleration that they would bring about.
+//! When an arm at rest begins to move, and at each fault, the reference is reset to the measured arm if it is not there already.
+//! A view that returns while the arm brakes does not reset it: the reference continues within the limits. A joint
+//! controller gets the reference of this tick and its acceleration until the next, synchronous with the state that it acts
+//! upon; a law that outputs torques moves the reference by the acceleration that they would cause.
 //! `step` is total: it does not allocate, log, fail or look at a clock.
 
 mod motion;
@@ -30,15 +30,19 @@ use crate::time::{MonoNs, SpanNs};
 use motion::TickMotion;
 use nalgebra::{SVector, Vector6};
 
-/// A reference so near to the measured arm (rad or m; rad/s or m/s) is on it.
+/// A reference that is this near to the measured arm (rad or m; rad/s or m/s) is not reset to it. Chosen by hand: four steps of the
+/// coarsest encoders that are tested, and a velocity that the joint controller corrects within the limits.
 const ON_THE_ARM: (f64, f64) = (2e-3, 0.1);
-/// Share of the largest tracking error beyond which a braking reference is put back on the arm.
+/// Share of `safety.max_tracking_error_rad_or_m` above which, in a fault, the reference is reset to the arm that does not brake as commanded.
+/// Chosen by hand: well below 1, so that the torque towards the reference stays small.
 const ASTRAY: f64 = 0.3;
-/// Speed below which an arm whose motion was taken away is held again, rad/s or m/s.
+/// Speed below which an arm that was damped is held in position again, rad/s or m/s. Chosen by hand: an arm that sinks more slowly than this
+/// under a wrong gravity model is caught, and a faster one is damped only.
 const SLOW: f64 = 0.1;
-/// Difference of a joint's velocity from that of its reference up to which it is what is expected, rad/s or m/s.
+/// Velocity error up to which a drive that reported impossible values is trusted again, rad/s or m/s. Chosen by hand: the position must
+/// agree too, and noisy encoders report velocity errors of tenths of a rad/s.
 const EXPECTED_SPEED: f64 = 1.0;
-/// How long an arm whose reference rests may go on moving.
+/// How long an arm may go on moving after its reference has come to rest. Chosen by hand: a run must end even if an arm never rests.
 const PATIENCE: SpanNs = SpanNs(3_000_000_000);
 
 /// The controller of one arm with `N` joints.
@@ -48,10 +52,10 @@ pub struct Controller<const N: usize> {
     /// Places measurements in time, and has the law.
     servo: VisualServo<N>,
     behaviour: Behaviour<N>,
-    /// It was told that the behaviour's motion is over.
+    /// Whether the end of the behaviour's motion was reported.
     over_told: bool,
     joint_control: JointController<N>,
-    /// Share of its rate at which it learns.
+    /// Factor of the disturbance estimation rate.
     learning: f64,
     gate: Gate<N>,
     start: StartCheck<N>,
@@ -59,7 +63,7 @@ pub struct Controller<const N: usize> {
     mode: CommandMode,
     reference: Reference<N>,
     state: State,
-    /// Of this loss of the view the way back is over.
+    /// Whether the arm has already returned after this loss of the view.
     has_returned: bool,
     fault: Option<Fault>,
     /// A fault from outside that the next step takes in.
@@ -67,15 +71,15 @@ pub struct Controller<const N: usize> {
     watch: ArmWatch<N>,
     rest_watch: RestWatch<N>,
     rest: Rest,
-    /// Since when the reference rests while the arm is to stand, and since when it is braked.
+    /// When the reference came to rest while the arm is to stand, and when braking began.
     rests_since: Option<MonoNs>,
     brakes_since: Option<MonoNs>,
-    /// From whatever motion to rest, with some patience.
+    /// Longest time from any motion to rest, plus `PATIENCE`.
     longest_braking: SpanNs,
     events: Events,
 }
 
-/// Where the arm starts.
+/// The check of the start posture.
 #[derive(Debug, Clone, Copy)]
 struct StartCheck<const N: usize> {
     q: SVector<f64, N>,
@@ -85,7 +89,7 @@ struct StartCheck<const N: usize> {
 }
 
 impl<const N: usize> Controller<N> {
-    /// A controller of an arm that stands, and moves for `behaviour`, by what `servo` makes of measurements, once it is started.
+    /// A controller of an arm at rest, which moves by `behaviour` and the law of `servo` once it is started.
     #[must_use]
     pub fn new(settings: ControllerSettings<N>, servo: VisualServo<N>, behaviour: Behaviour<N>) -> Self {
         let gate = settings.gate();
@@ -130,14 +134,14 @@ impl<const N: usize> Controller<N> {
         &self.arm
     }
 
-    /// What the law goes by.
+    /// The law and its inputs.
     #[must_use]
     pub fn servo(&self) -> &VisualServo<N> {
         &self.servo
     }
 
-    /// The twist that is wished of a camera that no arm holds, `V_WC_C`, m/s and rad/s; `None` where an arm moves it, and where there is
-    /// nothing to go by at `now`.
+    /// The law output for a camera without an arm, `V_WC_C`, m/s and rad/s; `None` where an arm moves the camera, and where there is
+    /// no usable view at `now`.
     #[must_use]
     pub fn camera_law_output(&self, now: MonoNs) -> Option<Vector6<f64>> {
         let goes = self.behaviour.is_dry()
@@ -146,31 +150,31 @@ impl<const N: usize> Controller<N> {
         goes.then(|| self.servo.camera_law_output()).flatten()
     }
 
-    /// What the controller does.
+    /// The state of the lifecycle.
     #[must_use]
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// Whether the arm stands.
+    /// Whether the arm is at rest.
     #[must_use]
     pub fn rest(&self) -> Rest {
         self.rest
     }
 
-    /// What the drive is to hold when no command follows: nothing but what has passed the gate, at rest.
+    /// The command that the drive is to hold when no other follows: the last one that passed the gate, at zero velocity.
     #[must_use]
     pub fn last_command(&self) -> DriveCommand<N> {
         self.gate.last()
     }
 
-    /// Commands that the gate had to change.
+    /// Number of commands that the gate had to change.
     #[must_use]
     pub fn gated(&self) -> u64 {
         self.gate.changed()
     }
 
-    /// The drive's state is an old one: that the arm stands in it does not say that it does not follow.
+    /// Restarts the supervision of following, because the state of the drive is an old one.
     pub fn follow_anew(&mut self) {
         self.watch.restart();
     }
@@ -250,7 +254,7 @@ impl<const N: usize> Controller<N> {
         verdict
     }
 
-    /// The drive's state, if it can be one of this arm.
+    /// The state of the drive, if it is plausible.
     fn sense(&mut self, now: MonoNs, drive: &DriveState<N>) -> Option<DriveState<N>> {
         let wrong = self.watch.note(now, drive, &self.arm.limits);
         if let Some(fault) = wrong {
@@ -279,7 +283,7 @@ impl<const N: usize> Controller<N> {
         Some(*drive)
     }
 
-    /// Where the lifecycle goes by what is seen, and by whether there is a way back to where the target was.
+    /// Updates the lifecycle by the view and by whether there is a posture to return to.
     fn live(&mut self, state: Option<&DriveState<N>>, confidence: f64, way_back: bool) {
         let before = self.state;
         if let Some(fault) = self.failure.take() {
@@ -320,8 +324,8 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Puts the reference on the measured arm, where it is not there already. While one of them moves that is a leap of its velocity,
-    /// which is made in a fault alone: a torque towards where the arm is not would drive it on. What passes the gate never leaps.
+    /// Resets the reference to the measured arm, if it is not there already. While one of them moves this is a jump of its velocity,
+    /// which is made in a fault only: a torque towards a wrong reference would keep the arm moving. What passes the gate never jumps.
     fn reset_to_measured(&mut self, state: &DriveState<N>) {
         let stands = !self.gate.is_open() || self.rest == Rest::AtRest;
         // What a drive obeys goes on from what it was told: there the way back to the arm is one within the limits.
@@ -340,14 +344,14 @@ impl<const N: usize> Controller<N> {
         self.joint_control.reset_to_measured(&state.q, &qd);
     }
 
-    /// The arm where its reference is.
+    /// The state of an arm that is on its reference.
     fn believed(&self) -> DriveState<N> {
         let r = self.reference.state();
         DriveState { q: r.q, qd: r.qd, truth: None }
     }
 
-    /// What the arm does against its reference that it may not do. A reference that brakes is put back on the arm, which moves at
-    /// `qd`: not what a coarse encoder says at a single tick.
+    /// The fault of an arm that does not follow its reference. In a fault the reference is reset to the arm, which moves at
+    /// `qd`, the estimated velocity instead of that of a coarse encoder at a single tick.
     fn astray(
         &mut self,
         state: &DriveState<N>,

@@ -8,16 +8,20 @@ use crate::servo::Convergence;
 use crate::time::TICK;
 use nalgebra::SVector;
 
-/// Rate at which an arm under a torque law is braked where its view is not to be trusted, 1/s.
+/// Rate at which an arm under a torque law is braked without a trusted view, 1/s. Chosen by hand: its speed falls to 5 % in 0.4 s. The
+/// deceleration is this rate times the speed: 10 rad/s^2 is needed from 1.25 rad/s on, and with twice the rate from 0.6 rad/s on.
 const BRAKE_1_S: f64 = 8.0;
-/// A joint that moves has all its Coulomb friction, rad/s or m/s.
+/// Speed at which a joint has its whole Coulomb friction, rad/s or m/s. Chosen by hand; it must lie above the width over which the
+/// friction model changes its sign, 1e-3 (`robot/model.rs`).
 const MOVES: f64 = 0.05;
-/// Mean time for which a joint under a torque law is taken to have accelerated, where it has to move.
+/// Mean time for which a joint under a torque law is assumed to have accelerated, s: its mean speed over the 0.4 s in which joints must
+/// follow (`control/safety/arm.rs`) is, from rest, the acceleration times half of that time.
 const START_S: f64 = 0.2;
-/// Rate at which a reference that a drive obeys goes back to an arm that has not followed it, 1/s.
+/// Rate at which a reference goes back to an arm that has not followed it, after a fault in position mode, 1/s. Chosen by hand: the
+/// difference falls to 5 % in 0.6 s, within the limits of the reference.
 const BACK_1_S: f64 = 5.0;
 
-/// What a tick wants of the joints, within the limits.
+/// The motion of the joints in one tick, within the limits.
 pub(super) struct TickMotion<const N: usize> {
     /// Where the reference is at the time of the state, and its acceleration from there on.
     pub(super) now: ReferenceState<N>,
@@ -25,7 +29,7 @@ pub(super) struct TickMotion<const N: usize> {
     pub(super) limits: ActingLimits,
     /// The joint controller follows a reference; else the acceleration of a law that outputs torques.
     pub(super) follows: bool,
-    /// How far each joint should go in this tick, rad or m.
+    /// Displacement that each joint should make in this tick, rad or m.
     pub(super) way: SVector<f64, N>,
 }
 
@@ -54,7 +58,7 @@ impl<const N: usize> Controller<N> {
             }
         };
         if self.mode == CommandMode::Velocity {
-            // The drive obeys velocities alone: positions that were summed up from them would drift away from the arm.
+            // The drive obeys velocities alone: positions that are integrated from them would drift away from the arm.
             self.reference.relocate(&state.q);
             self.gate.relocate(&state.q);
         }
@@ -65,14 +69,14 @@ impl<const N: usize> Controller<N> {
         TickMotion { now, limits: limits.with(&after.limits), follows: true, way }
     }
 
-    /// A law that outputs torques: the reference goes on from the arm with the acceleration that they bring about.
+    /// For a law that outputs torques: the reference starts at the measured arm and moves with the acceleration that the torques cause.
     fn pushed(&mut self, state: &DriveState<N>, tau: &SVector<f64, N>, confidence: f64) -> TickMotion<N> {
         let robot = &self.arm.robot;
         let within = SVector::from_fn(|i, _| {
             let effort = robot.limits().get(i).map_or(0.0, |limit| limit.effort);
             tau[i].clamp(-effort, effort)
         });
-        // Friction is made up for, as the laws have it, which know of none.
+        // Friction is compensated separately, because the torque laws assume a model without friction.
         let qdd = robot.forward_dynamics(&state.q, &state.qd, &within);
         let trusted = qdd * confidence - state.qd * (BRAKE_1_S * (1.0 - confidence));
         self.reference.track_measured(&state.q, &state.qd);
@@ -84,7 +88,7 @@ impl<const N: usize> Controller<N> {
         for i in (0..N).filter(|i| within[*i] != tau[*i]) {
             limits.set(Limit::Effort, i);
         }
-        // A joint that stands is pushed through twice its friction before it has to move.
+        // A joint at rest is expected to move only when it is pushed with more than twice its friction.
         let stiction = robot.friction_torque(&qdd.map(|a| MOVES * a.signum())) * 2.0;
         let loose = robot.forward_dynamics(&state.q, &state.qd, &(within - stiction));
         let way =
@@ -94,7 +98,7 @@ impl<const N: usize> Controller<N> {
         TickMotion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
     }
 
-    /// The motion command, slowed down so that the arm can brake at the goal, where the view is old or uncertain, and ahead of
+    /// The motion command, slowed down so that the arm can brake before the goal, while the view is old or uncertain, and near
     /// singular postures and ends of ranges.
     fn held_back(
         &self,

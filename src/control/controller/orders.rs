@@ -1,4 +1,4 @@
-//! What clients and the mission want of a controller: it is so from the next step on.
+//! Requests of clients and orders of the mission. They take effect from the next step on.
 
 use super::Controller;
 use crate::control::lifecycle::{Cue, Refusal, Request, State, Step};
@@ -8,14 +8,15 @@ use crate::motion::ExcitationMotion;
 use crate::servo::SetPoint;
 use nalgebra::SVector;
 
-/// Share of the rate of learning that is left to an arm that swings.
+/// Factor of the disturbance estimation rate each time that an arm oscillates. Chosen by hand.
+/// `arm_unlike_model::an_arm_that_swings_is_calmed_and_comes_home` is the test of it.
 const REDUCED_SHARE: f64 = 0.4;
 
 impl<const N: usize> Controller<N> {
-    /// Somebody wants something; it is so from the next step on.
+    /// Takes a request, which takes effect from the next step on.
     ///
     /// # Errors
-    /// Why not.
+    /// When the lifecycle refuses the request in its present state, with the reason.
     pub fn request(&mut self, request: Request) -> Result<(), Refusal> {
         match self.state.next(Cue::Request(request)) {
             Step::Refuse(refusal) => Err(refusal),
@@ -34,29 +35,29 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Something outside has failed. The first fault is the one that is told.
+    /// Reports a fault from outside the controller. The first fault is the one that is kept.
     pub fn fail(&mut self, fault: Fault) {
         self.failure.get_or_insert(fault);
     }
 
-    /// From now on `goal` is sought. While it is taught, that ends the lesson.
+    /// Sets the goal. In the state `Teaching` this also ends teaching.
     pub fn set_goal(&mut self, goal: SetPoint) {
         self.servo.set_goal(goal);
         self.cue(Cue::Taught);
     }
 
-    /// One more posture to go to, rad or m.
+    /// Appends a waypoint, rad or m.
     pub fn add_waypoint(&mut self, q: &SVector<f64, N>) {
         self.behaviour.add_waypoint(q);
     }
 
-    /// The motion by which to calibrate.
+    /// Sets the excitation motion for a calibration.
     pub fn excite(&mut self, motion: &ExcitationMotion<N>) {
         self.behaviour.excite(motion);
     }
 
-    /// The arm moves about its goal and gets no nearer: from now on it goes there, and learns, more slowly. Whether it does, which is an
-    /// event too.
+    /// Reduces the gain of the law and the estimation rate, for an arm that oscillates about its goal. Returns whether they were reduced,
+    /// which is reported as an event too.
     pub fn reduce_gain(&mut self) -> bool {
         let reduced = self.state == State::Servoing && !self.behaviour.is_dry() && self.servo.reduce_gain();
         if reduced {
@@ -67,7 +68,7 @@ impl<const N: usize> Controller<N> {
         reduced
     }
 
-    /// The arm stands before its goal: what was slowed down learns at its full rate again, which frees a joint that sticks.
+    /// Restores the full estimation rate, for an arm that stands before its goal: this frees a joint that sticks.
     pub fn restore_gain(&mut self) {
         self.learning = 1.0;
         self.joint_control.learn_at(1.0);

@@ -1,4 +1,4 @@
-//! What a controller is made of, and what its steps lead to.
+//! Settings of a controller and the output of its steps.
 
 use crate::control::behaviour::ArmModel;
 use crate::control::gate::GateSettings;
@@ -11,7 +11,7 @@ use crate::servo::MeasurementVerdict;
 use crate::time::SpanNs;
 use nalgebra::SVector;
 
-/// What a controller is made of.
+/// Settings of a controller.
 #[derive(Debug, Clone)]
 pub struct ControllerSettings<const N: usize> {
     /// The arm.
@@ -22,9 +22,9 @@ pub struct ControllerSettings<const N: usize> {
     pub mode: CommandMode,
     /// Time in which the effort of a joint may rise from zero to its largest.
     pub effort_rise: SpanNs,
-    /// Where the run file has the arm start, rad or m.
+    /// Start posture of the run file, rad or m.
     pub q_start: SVector<f64, N>,
-    /// Distance of a joint from there beyond which the arm is not where the run file says.
+    /// Largest distance of a joint from there at the start, rad or m.
     pub start_tolerance: f64,
     /// Whether it may start elsewhere.
     pub may_start_elsewhere: bool,
@@ -66,34 +66,34 @@ impl<const N: usize> ControllerSettings<N> {
     }
 }
 
-/// What a step leads to.
+/// The output of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControlOutput<const N: usize> {
-    /// For the drive.
+    /// The command for the drive.
     pub command: DriveCommand<N>,
-    /// What the controller does.
+    /// The state of the lifecycle.
     pub state: State,
-    /// Why it does nothing more, in fault.
+    /// The fault, where there is one.
     pub fault: Option<Fault>,
-    /// The joint velocity that the behaviour asks for, before limits; rad/s or m/s.
+    /// The joint velocity that the behaviour requests, before limits; rad/s or m/s.
     pub requested_qd: SVector<f64, N>,
     /// The limits that acted, and on which joints.
     pub limits: ActingLimits,
-    /// What became of the measurement, if there was one.
+    /// The verdict on the measurement, if there was one.
     pub verdict: Option<MeasurementVerdict>,
-    /// What happened.
+    /// The events of the step.
     pub events: Events,
 }
 
 /// Whether the arm stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rest {
-    /// Reference or measured arm move.
+    /// The reference or the measured arm moves.
     Moving,
-    /// Both stand.
+    /// Both are at rest.
     AtRest,
-    /// The arm goes on moving although its reference has rested for 2 s.
+    /// The arm keeps moving although its reference has been at rest for 3 s.
     Restless,
-    /// The reference stands; the arm cannot be seen.
+    /// The reference is at rest; the state of the arm is unknown.
     Unknown,
 }

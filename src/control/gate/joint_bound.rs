@@ -1,5 +1,5 @@
-//! One joint before the drive: whether it may go where it is told, and where it goes if not. It shares nothing with the reference that
-//! it judges, neither the way of going to a velocity nor the condition for being able to brake.
+//! The gate of one joint: whether a command is admissible, and the command that replaces it if not. It shares no code with the reference
+//! that it checks, neither for reaching a velocity nor for the condition of being able to brake.
 //!
 //! From velocity `v >= 0` and no acceleration the shortest stop takes the distance
 //! ```text
@@ -12,14 +12,15 @@
 //! d(v, a) = v a / J + a^3 / 3 J^2 + d_0(v + a^2 / 2J),    a > 0 or v >= a^2 / 2J;   else the joint turns, and the same holds of -v, -a
 //! ```
 
-/// Rounding of positions, rad or m, of velocities and of accelerations that is no passing of a limit.
+/// Tolerance for rounding of positions (rad or m), velocities and accelerations. Chosen by hand: far above rounding, below any encoder step.
 const ROUNDING: f64 = 1e-6;
-/// Rate at which a joint comes to a command that it may not follow at once, 1/s: as quickly as a law of the default gain lets
-/// its error die out, so that the acceleration of 10 rad/s^2 suffices from up to 0.1 rad away without passing by.
+/// Rate at which a joint approaches a command that it cannot follow at once, 1/s: about as fast as the error of a law of the default gain
+/// decays, so that an acceleration of 10 rad/s^2 suffices from up to 0.1 rad away without overshoot.
 const CATCH_UP_1_S: f64 = 10.0;
-/// Share of a velocity error that a tick takes away: below 0.34, `6 - sqrt 32`, an acceleration that follows it does not swing.
+/// Share of a velocity error that is corrected in a tick. Derived: below `6 - sqrt 32 = 0.34` the acceleration does not oscillate
+/// (`LAST_GAIN` in `motion/reference.rs`).
 const TICK_SHARE: f64 = 0.3;
-/// Halvings in search of as much of the way to a command as can be stopped from: a part in 64.
+/// Bisections in search of the largest part of a step from which the joint can stop: found to one part in 64.
 const HALVINGS: u32 = 6;
 
 /// Where a joint is, rad or m, and how it moves.
@@ -30,7 +31,7 @@ pub(super) struct JointMotion {
     pub(super) a: f64,
 }
 
-/// What a joint may do.
+/// The limits of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct JointBound {
     /// Ends of its range, rad or m.
@@ -48,14 +49,14 @@ impl JointMotion {
         Self { q: q + t * (v + t * (a / 2.0 + t * j / 6.0)), v: v + t * (a + t * j / 2.0), a: a + t * j }
     }
 
-    /// The same motion as it looks from the other side.
+    /// The same motion with the opposite sign.
     fn mirrored(self) -> Self {
         Self { q: -self.q, v: -self.v, a: -self.a }
     }
 }
 
 impl JointBound {
-    /// Whether a joint at `now` may be at `next` a tick of `dt` seconds later: within the limits on the way, and able to stop from there.
+    /// Whether a joint at `now` may be at `next` a tick of `dt` seconds later: within the limits in between, and able to stop from there.
     pub(super) fn admits(&self, now: JointMotion, next: JointMotion, dt: f64) -> bool {
         let change = self.j * dt;
         // Every comparison fails for what is no number.
@@ -66,7 +67,7 @@ impl JointBound {
             && self.can_stop(next, now.q, ROUNDING)
     }
 
-    /// The next motion of a joint that is at `now` and shall come to `wanted`, which may be anything.
+    /// The next motion of a joint that is at `now` and shall approach `wanted`, which may be any numbers, also not finite.
     pub(super) fn approach(&self, now: JointMotion, wanted: JointMotion, dt: f64) -> JointMotion {
         let velocity = wanted.v + CATCH_UP_1_S * (wanted.q - now.q);
         let velocity = if velocity.is_finite() { velocity.clamp(-self.v, self.v) } else { 0.0 };
@@ -97,12 +98,13 @@ impl JointBound {
         let (lower, upper) = (self.range.0.min(q_now) - slack, self.range.1.max(q_now) + slack);
         // Its velocity once its acceleration is zero.
         let fastest = at.v + at.a * at.a.abs() / (2.0 * self.j);
+        // At the velocity limit itself the sums above are off by some units of rounding, 2e-16 each.
         let limit = self.v * (1.0 + slack.max(1e-12));
         let (low, high) = self.extent(at);
         at.v.abs() <= limit && fastest.abs() <= limit && low >= lower && high <= upper
     }
 
-    /// The lowest and the highest position on the shortest way to rest.
+    /// The lowest and the highest position while stopping.
     fn extent(&self, at: JointMotion) -> (f64, f64) {
         let j = self.j;
         if at.v + at.a * at.a.abs() / (2.0 * j) < 0.0 {

@@ -1,14 +1,18 @@
-//! What the measured arm does that it may not do, or does not do that it should.
+//! Supervision of the measured arm: faults of its state, of its speed, and of following its reference.
 //!
 //! | fault | by |
 //! | --- | --- |
 //! | the state is not finite | its numbers |
-//! | the state is none that an arm has | positions and speeds far beyond range and limit; a jump that no speed explains |
-//! | positions and velocities contradict each other: one of them is frozen | their ways over some ticks |
+//! | the state is implausible | positions and speeds far outside range and limit; a jump that no speed explains |
+//! | positions and velocities contradict each other: one of them is frozen | their displacements over 300 ticks |
 //! | a joint is too fast | its displacement over some ticks, against its velocity limit |
 //! | a joint does not follow | its displacement over some ticks, against that of its reference |
 //!
-//! Speeds are those of displacements: encoders in steps, or noisy ones, report velocities that nothing has.
+//! Speeds are computed from displacements, because quantized or noisy encoders report velocities that the joint does not have.
+//!
+//! The numbers here were chosen by hand. The tests below bound them from both sides: with motions that must be reported, and within how
+//! long, and with motions of healthy arms with coarse, noisy or late encoders, that must not. `tests/cores/hostile.rs` adds
+//! the random states of a hostile drive.
 
 use super::Fault;
 use crate::drive::DriveState;
@@ -17,40 +21,41 @@ use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
-/// Ticks over which the speed of a joint is judged.
+/// Ticks over which the speed of a joint is judged. A fault at 2.5 times the limit of 2 rad/s is then reported within 22 ms.
 const SPEED_WINDOW: usize = 20;
-/// Positions that stay the same for longer, of a joint that moves, come late.
+/// Positions of a moving joint that stay the same for longer arrived late.
 const LATE: SpanNs = SpanNs(2 * TICK.0);
-/// Times its velocity limit that a joint may have: an arm that is a little late catches up.
+/// Factor of the velocity limit above which a joint is too fast: an arm that lags a little behind catches up.
 const FASTEST: f64 = 1.5;
-/// Times its velocity limit beyond which a single reading is no joint's.
+/// Factor of the velocity limit above which a single reading is implausible.
 const ABSURD_SPEED: f64 = 10.0;
-/// Displacements below this are encoder noise, rad or m.
+/// Displacements below this are encoder noise, rad or m. In the speed window it allows 0.25 rad/s more.
 const JITTER: f64 = 5e-3;
 /// Ticks over which positions and velocities are compared.
 const GLIDE: usize = 300;
-/// Difference of their ways from which on they contradict each other, rad or m, and share of the way beside it.
+/// Positions and velocities contradict each other when their displacements differ by more than this, rad or m, plus this share of the
+/// larger of them. In the comparison's 0.3 s this allows a velocity offset of 0.05 rad/s.
 const CONTRADICTION: f64 = 0.015;
 const CONTRADICTING_SHARE: f64 = 0.4;
-/// Ticks over which a joint is to follow its reference, in so many parts.
+/// Ticks of one part, and the number of parts, over which the distances of a joint and its reference are summed: 0.4 s.
 const FOLLOW_PART: usize = 100;
 const FOLLOW_PARTS: usize = 4;
-/// Way of the reference in that time from which on a joint has to follow, rad or m.
+/// Distance of the reference in that time from which on a joint has to follow, rad or m: 0.05 rad/s.
 const FOLLOW_WAY: f64 = 0.02;
-/// Share of that way that is following.
+/// Share of that distance that a joint must have moved.
 const FOLLOWS: f64 = 0.2;
 
 /// Watches the measured arm.
 #[derive(Debug, Clone)]
 pub struct ArmWatch<const N: usize> {
-    /// The last positions that were new, and when they came.
+    /// The last positions that differed from the ones before, and when they arrived.
     last: Option<(MonoNs, SVector<f64, N>)>,
     /// The last positions and their times, the oldest at `next`.
     recent: [(MonoNs, SVector<f64, N>); SPEED_WINDOW],
     next: usize,
-    /// How many of them there are since the watch began anew.
+    /// How many of them there are since the last restart.
     filled: usize,
-    /// What the velocities say of the way.
+    /// The displacement by the velocities.
     glide: Glide<N>,
     follow: Follow<N>,
 }
@@ -64,7 +69,7 @@ impl<const N: usize> Default for ArmWatch<N> {
 }
 
 impl<const N: usize> ArmWatch<N> {
-    /// Takes the drive's state at `now` in; what is wrong with it. A state that cannot be one is not remembered.
+    /// Takes in the drive's state at `now`; returns its fault. An implausible state is not remembered.
     pub fn note(&mut self, now: MonoNs, state: &DriveState<N>, limits: &MotionLimits<N>) -> Option<Fault> {
         if !state.q.iter().chain(state.qd.iter()).all(|x| x.is_finite()) {
             return Some(Fault::DriveStateNotFinite);
@@ -86,7 +91,7 @@ impl<const N: usize> ArmWatch<N> {
         if state.q != last {
             self.last = Some((now, state.q));
             if passed > LATE {
-                // What came late made its way before: it is no speed.
+                // The displacement took longer than a tick, so that it does not measure a speed.
                 self.filled = 0;
             }
         }
@@ -105,19 +110,19 @@ impl<const N: usize> ArmWatch<N> {
         (0..N).any(|i| (state.q[i] - oldest[i]).abs() > farthest(i)).then_some(Fault::TooFast)
     }
 
-    /// Takes in where the joints are and how far their reference went in this tick, rad or m; `Some` when one does not follow.
+    /// Takes in the joint positions and the displacement of their reference in this tick, rad or m; `Some` when a joint does not follow.
     pub fn follow(&mut self, q: &SVector<f64, N>, way: &SVector<f64, N>) -> Option<Fault> {
         self.follow.note(q, way).then_some(Fault::DoesNotFollow)
     }
 
-    /// The arm is watched anew: it begins to move, its reference was put elsewhere, or its states come late.
+    /// Restarts the supervision: the arm begins to move, its reference was reset, or its states arrive late.
     pub fn restart(&mut self) {
         self.follow = Follow::default();
         self.filled = 0;
     }
 }
 
-/// The way that velocities tell of.
+/// The displacement by integrated velocities.
 #[derive(Debug, Clone)]
 struct Glide<const N: usize> {
     /// So far, rad or m.
@@ -130,7 +135,7 @@ struct Glide<const N: usize> {
 }
 
 impl<const N: usize> Glide<N> {
-    /// Whether positions went another way than velocities say: one of them stands still in the drive.
+    /// Whether positions and integrated velocities disagree: then one of them is frozen in the drive.
     fn contradicts(&mut self, now: MonoNs, state: &DriveState<N>) -> bool {
         self.way += state.qd * (now - self.until).as_s();
         self.until = now;
@@ -138,11 +143,11 @@ impl<const N: usize> Glide<N> {
         if self.ticks < GLIDE {
             return false;
         }
-        let (told, gone) = (self.way, state.q - self.from);
+        let (integrated, gone) = (self.way, state.q - self.from);
         *self = Self { way: SVector::zeros(), ticks: 0, from: state.q, until: now };
         (0..N).any(|i| {
-            let way = gone[i].abs().max(told[i].abs());
-            (gone[i] - told[i]).abs() > CONTRADICTION + CONTRADICTING_SHARE * way
+            let way = gone[i].abs().max(integrated[i].abs());
+            (gone[i] - integrated[i]).abs() > CONTRADICTION + CONTRADICTING_SHARE * way
         })
     }
 }
@@ -165,8 +170,8 @@ impl<const N: usize> Default for Follow<N> {
 }
 
 impl<const N: usize> Follow<N> {
-    /// Whether a joint has not followed. Ways are summed whatever their direction: one that lags behind a reference which turns
-    /// goes the other way for a while.
+    /// Whether a joint has not followed. Distances are summed without sign, because a joint that lags behind a reversing reference moves
+    /// in the opposite direction for a while.
     fn note(&mut self, q: &SVector<f64, N>, way: &SVector<f64, N>) -> bool {
         let (_, gone) = self.now.get_or_insert((*q, SVector::zeros()));
         *gone += way;

@@ -1,8 +1,8 @@
-//! Whether good measurements keep coming.
+//! Whether good measurements keep arriving.
 
 use crate::time::{MonoNs, SpanNs};
 
-/// Watches that good measurements keep coming.
+/// Watches that good measurements keep arriving.
 #[derive(Debug, Clone, Copy)]
 pub struct MeasurementWatch {
     timeout: SpanNs,
@@ -10,7 +10,7 @@ pub struct MeasurementWatch {
     last: Option<MonoNs>,
 }
 
-/// How old the last good measurement is, as the watch says.
+/// The age of the last good measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Freshness {
     /// There has been no good measurement yet.
@@ -46,7 +46,7 @@ impl MeasurementWatch {
         ((1.0 - age) / (1.0 - self.slow_down_from)).clamp(0.0, 1.0)
     }
 
-    /// How things stand at `now`.
+    /// The freshness at `now`.
     #[must_use]
     pub fn check(&self, now: MonoNs) -> Freshness {
         match self.last {

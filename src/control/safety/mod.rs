@@ -1,18 +1,18 @@
-//! What can go wrong, and what the arm then does.
+//! Faults and the reactions to them.
 //!
 //! | fault | reaction |
 //! | --- | --- |
 //! | the last good measurement grows old, from `slow_down_from` of `measurement_timeout` on | the motion command fades: the arm slows down |
 //! | no good measurement for `measurement_timeout`, or a moving object too uncertain | reference slows down within its limits, arm holds, run goes on; the next good measurement resumes it |
 //! | the arm does not start within `start_tolerance` of where the run file says | it does not move, run ends as fault, unless it may start elsewhere |
-//! | drive reports NaN, infinity, or what no arm does (10 times the speed limit, a leap, a range away from the range) | the arm is thought to be on its reference, which slows down; run ends as fault |
+//! | drive reports NaN, infinity, or an implausible state (10 times the speed limit, a jump, a whole range outside the range) | the arm is assumed to be on its reference, which slows down; run ends as fault |
 //! | a joint is faster than 1.5 times its limit over 20 ms | reference is put on the measured arm and slows down, run ends as fault |
 //! | a joint does not follow its reference over 400 ms, or is farther from it than `tracking_error` | likewise |
-//! | commands had to be changed before the drive for 100 ms, or are no numbers | likewise |
+//! | commands had to be changed before the drive for 100 ms, or are not finite | likewise |
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
-//! | the measured arm still moves 2 s after its reference came to rest | the run ends as fault, with the last command |
-//! | the companion takes no trace for 3 s | likewise: no measurement and no order comes any more, and nobody would end the run |
+//! | the measured arm still moves 3 s after its reference came to rest | the run ends as fault, with the last command |
+//! | the companion takes no trace for 3 s | likewise: no measurement and no order arrives any more, and nothing else would end the run |
 //! | lockstep: a measurement does not come for 10 s | reference slows down, arm holds, run ends as fault |
 //! | external drive: states stop, drive leaves, hangs or answers out of step | as for NaN; in lockstep, where no state comes without a drive, the run is over |
 //!
@@ -28,22 +28,22 @@ pub use rest::RestWatch;
 
 use crate::drive::DriveFault;
 
-/// Why a run ended in a fault.
+/// The faults that end a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
     /// The drive reported a joint state that is not finite.
     DriveStateNotFinite,
-    /// The drive reported a joint state that no arm has.
+    /// The drive reported an implausible joint state.
     DriveStateImplausible,
     /// A joint is too far from its reference.
     TrackingError,
     /// Too many deadlines in a row were missed.
     DeadlinesMissed,
-    /// The drive's states cannot be used any more.
+    /// The drive's states are no longer usable.
     Drive(DriveFault),
     /// The measured arm did not come to rest although its reference did.
     NotAtRest,
-    /// In lockstep: camera and vision owe a measurement and do not answer.
+    /// In lockstep: camera and vision do not deliver a measurement that is due.
     PeersSilent,
     /// The arm does not start where the run file says.
     StartsElsewhere,
@@ -51,14 +51,14 @@ pub enum Fault {
     TooFast,
     /// A joint stands while its reference moves.
     DoesNotFollow,
-    /// Commands would have passed the limits, or were no numbers.
+    /// Commands would have exceeded the limits, or were not finite.
     CommandsRefused,
     /// Real time: the thread beside the real-time thread takes no traces any more.
     CompanionSilent,
 }
 
 impl Fault {
-    /// All faults, with their codes in messages; those of a drive count from 17.
+    /// All faults, with their codes in the protocol of the messages; those of a drive count from 17. A code never changes its meaning.
     const CODES: [(Self, u32); 15] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
@@ -89,13 +89,13 @@ impl Fault {
         Self::CODES.iter().find(|(_, known)| *known == code).map(|(fault, _)| *fault)
     }
 
-    /// Whether there is no joint state any more to compute with.
+    /// Whether there is no usable joint state any more.
     #[must_use]
     pub fn blinds(self) -> bool {
         matches!(self, Self::DriveStateNotFinite | Self::DriveStateImplausible | Self::Drive(_))
     }
 
-    /// What happened, for people.
+    /// The description, for people.
     #[must_use]
     pub fn describe(self) -> &'static str {
         match self {

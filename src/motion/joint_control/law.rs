@@ -1,4 +1,4 @@
-//! The laws of the joint controller: what it does about an error.
+//! The feedback laws of the joint controller.
 
 use crate::linalg::Ldlt;
 use crate::motion::ReferenceState;
@@ -6,7 +6,7 @@ use crate::robot::Robot;
 use crate::time::TICK;
 use nalgebra::SVector;
 
-/// What a joint controller does about an error.
+/// The feedback law of a joint controller.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum JointLaw<const N: usize> {
     /// Inverse dynamics in joint space.
@@ -31,27 +31,27 @@ pub struct PdGravityControl<const N: usize> {
     pub stiffness: SVector<f64, N>,
     /// K_D, N m s/rad or N s/m.
     pub damping: SVector<f64, N>,
-    /// Rate at which an error goes against viscous friction alone, 1/s.
+    /// Rate at which an error decays against viscous friction alone, 1/s.
     pub rate_1_s: f64,
 }
 
-/// What a law asks for.
+/// The output of a feedback law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Feedback<const N: usize> {
     /// Acceleration.
     pub(super) u: SVector<f64, N>,
-    /// Of that, what the reference asks for.
+    /// The part of it that the reference requires.
     pub(super) expected: SVector<f64, N>,
-    /// Torque beside it.
+    /// Additional torque.
     pub(super) torque: SVector<f64, N>,
-    /// Velocity at the end of the step, for which friction is made up.
+    /// Velocity at the end of the step, for which friction is compensated.
     pub(super) velocity: SVector<f64, N>,
-    /// Velocity at which the error shall go: viscous friction is made up for it too.
+    /// Velocity at which the error is to decay: viscous friction is compensated for it too.
     pub(super) slip: SVector<f64, N>,
 }
 
 impl<const N: usize> JointLaw<N> {
-    /// Against the position error `e` and the velocity error `ed`.
+    /// The feedback to the position error `e` and the velocity error `ed`.
     pub(super) fn feedback(
         &self,
         e: &SVector<f64, N>,

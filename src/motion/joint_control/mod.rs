@@ -1,4 +1,4 @@
-//! From the reference to what a drive obeys.
+//! Joint control: from the reference to the command of the drive.
 //!
 //! | law | gives | closed loop, with `e = q_r - q` |
 //! | --- | --- | --- |
@@ -9,10 +9,10 @@
 //! ```text
 //! tau = B(q) (u - p) + C(q, qd) qd + g(q) + F(qd_r) + D rate e + f - t
 //! ```
-//! The friction that the robot file states, `F`, is that of the reference's velocity, which does not chatter about zero as
-//! a measured one does; its viscous part `D` also that of the velocity `rate e` at which an error shall go: a light wrist
-//! with much friction has to be pushed through its friction, not through its inertia. `B p + t` is the disturbance that
-//! the [observer](super::joint_observer) has learnt. The model is evaluated where the arm is in the middle of the step.
+//! The friction `F` of the robot file is evaluated at the reference's velocity, which does not chatter about zero as
+//! a measured one does. Its viscous part `D` is also compensated for the velocity `rate e` at which an error is to decay: a light wrist
+//! with much friction is moved against its friction, not against its inertia. `B p + t` is the disturbance that
+//! the [observer](super::joint_observer) estimates. The model is evaluated at the posture in the middle of the step.
 
 mod law;
 mod stall;
@@ -32,7 +32,8 @@ use stall::StallGuard;
 /// Rate at which the velocity for which a torque law's friction is made up follows the measured one, 1/s.
 const FOLLOWS_1_S: f64 = 10.0;
 
-/// Share of its natural frequency that a soft controller has.
+/// Share of its natural frequency that a softened controller keeps, after a fault. Chosen by hand: the stiffness falls to 4 %, because it
+/// goes with the square, and the damping to 20 %, so that an arm that a stiff controller made oscillate can come to rest.
 const SOFT_SHARE: f64 = 0.2;
 
 /// A joint controller.
@@ -42,11 +43,11 @@ pub struct JointController<const N: usize> {
     observer: JointObserver<N>,
     /// The velocity at the end of the step that a requested acceleration leads to, while accelerations are what is requested.
     requested_velocity: Option<SVector<f64, N>>,
-    /// Whether errors are worked off gently.
+    /// Whether the controller is softened, after a fault.
     soft: bool,
-    /// Whether nothing is done but to take motion away.
+    /// Whether the controller only damps motion.
     damps: bool,
-    /// What a joint that does not move is pushed with.
+    /// Bounds the torque on joints that do not move.
     stall: StallGuard<N>,
 }
 
@@ -57,12 +58,12 @@ pub struct JointTorque<const N: usize> {
     pub tau: SVector<f64, N>,
     /// The joints whose effort limit cut it, as a mask.
     pub saturated: u8,
-    /// The joints that do not move and are not pushed with all that was asked for, as a mask.
+    /// The joints that do not move and whose torque was bounded, as a mask.
     pub stalled: u8,
 }
 
 impl<const N: usize> JointController<N> {
-    /// A controller that knows of no disturbance yet.
+    /// A controller with a zero disturbance estimate.
     #[must_use]
     pub fn new(law: JointLaw<N>, observer: ObserverSettings<N>) -> Self {
         Self {
@@ -75,15 +76,15 @@ impl<const N: usize> JointController<N> {
         }
     }
 
-    /// Begins anew on an arm that moves like this; what was learnt of its disturbance stays.
+    /// Resets position and velocity to the measured ones; the disturbance estimate is kept.
     pub fn reset_to_measured(&mut self, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         self.observer.reset_to_measured(q, qd);
         self.requested_velocity = None;
         self.stall.forget();
     }
 
-    /// From now on errors are worked off gently, and no disturbance is learnt: what made an arm thrash (a delay, a load, a
-    /// model that is another's) makes a stiff controller thrash on. Or no more so.
+    /// Softens the controller and freezes the disturbance estimate, or ends that: what made an arm oscillate (a delay, a load, a
+    /// wrong model) would keep a stiff controller oscillating.
     pub fn soften(&mut self, soft: bool) {
         if soft != self.soft {
             self.soft = soft;
@@ -92,14 +93,14 @@ impl<const N: usize> JointController<N> {
         }
     }
 
-    /// From now on what disturbs the joints is learnt at `share` of the rate: what is learnt of a load that makes a joint much
-    /// heavier than believed makes it swing.
+    /// Scales the rate of disturbance estimation by `share`: with a load that makes a joint much
+    /// heavier than modelled, the estimate makes the joint oscillate.
     pub fn learn_at(&mut self, share: f64) {
         self.observer.learn_at(share);
     }
 
-    /// While soft: from now on weight is carried and motion taken away, whatever the reference; what the model says of inertia in
-    /// motion and of friction is left out, as it may drive an arm that is another's. Or no more so.
+    /// While soft: compensates gravity and damps motion, whatever the reference, or ends that. Inertia in
+    /// motion and friction of the model are left out, because a wrong model could drive the arm.
     pub fn damp(&mut self, damps: bool) {
         self.damps = damps && self.soft;
         if self.soft {
@@ -107,13 +108,13 @@ impl<const N: usize> JointController<N> {
         }
     }
 
-    /// Whether motion is taken away, whatever the reference.
+    /// Whether motion is damped, whatever the reference.
     #[must_use]
     pub fn damps(&self) -> bool {
         self.damps
     }
 
-    /// Position and velocity of the joints at this tick as far as the encoders tell, once a tick and before its torque.
+    /// Estimated position and velocity of the joints at this tick; called once a tick, before the torque.
     pub fn observe(
         &mut self,
         robot: &Robot<N>,
@@ -123,7 +124,7 @@ impl<const N: usize> JointController<N> {
         if self.law == JointLaw::PassThrough { (*q, *qd) } else { self.observer.observe(robot, q, qd) }
     }
 
-    /// Learns from `drift`, at `now`, what coarse encoders do not tell.
+    /// Corrects the velocities, at `now`, by the `drift` that a camera measured and coarse encoders do not resolve.
     pub fn learn(&mut self, drift: &Drift<N>, now: MonoNs) {
         self.observer.learn(drift, now);
     }
@@ -172,7 +173,7 @@ impl<const N: usize> JointController<N> {
         self.compensated(robot, q, qd, &feedback)
     }
 
-    /// The torque for an arm that is thought to be on the reference, with the last estimate of its disturbance: for
+    /// The torque for an arm that is assumed to be on the reference, with the last estimate of its disturbance: for
     /// braking without a usable state.
     #[must_use]
     pub fn blind_torque(&self, robot: &Robot<N>, reference: &ReferenceState<N>) -> JointTorque<N> {
@@ -184,13 +185,13 @@ impl<const N: usize> JointController<N> {
         cut(robot, &self.torques(robot, &reference.q, &reference.qd, &feedback).wanted)
     }
 
-    /// What is thought to disturb the joints: as accelerations, rad/s^2 or m/s^2, and beside them as torques, N m or N.
+    /// The estimated disturbance: its part as accelerations, rad/s^2 or m/s^2, and its part as torques, N m or N.
     #[must_use]
     pub fn disturbance(&self) -> (&SVector<f64, N>, &SVector<f64, N>) {
         self.observer.disturbance()
     }
 
-    /// The torque of a feedback, cut, and noted as what acts until the next tick.
+    /// The torque of a feedback, limited, and noted as the command until the next tick.
     fn compensated(
         &mut self,
         robot: &Robot<N>,
@@ -211,8 +212,8 @@ impl<const N: usize> JointController<N> {
         JointTorque { stalled, ..torque }
     }
 
-    /// The weight of the arm, what is known to disturb it, and `-c B qd` or the damping of the PD law: whatever its inertia, the arm
-    /// loses energy by it.
+    /// Gravity, the estimated disturbance, and `-c B qd` or the damping of the PD law: whatever its inertia, the arm
+    /// loses energy.
     fn damped(&mut self, robot: &Robot<N>, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> JointTorque<N> {
         let zero = SVector::zeros();
         let (p, t) = self.observer.disturbance();
@@ -279,13 +280,13 @@ impl<const N: usize> JointController<N> {
     }
 }
 
-/// Torques or forces of a tick, N m or N.
+/// Unlimited torques or forces of a tick, N m or N.
 struct Torques<const N: usize> {
-    /// What is asked for, whatever it is limited to.
+    /// The requested torque, before limits.
     wanted: SVector<f64, N>,
-    /// What the model expects the reference to take, without any error or disturbance.
+    /// The torque of the model for the reference, without error or disturbance.
     expected: SVector<f64, N>,
-    /// The friction that the model expects, that of the errors' way included.
+    /// The friction of the model, including that of the error's decay.
     friction: SVector<f64, N>,
 }
 

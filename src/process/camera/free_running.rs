@@ -19,11 +19,11 @@ use tracing::{info, warn};
 /// How long a source may be silent.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SilenceLimits {
-    /// A silence that is worth a line.
+    /// A silence that is reported.
     tell: SpanNs,
-    /// One that is the end.
+    /// A silence that ends the run.
     end: SpanNs,
-    /// One that is the end while the source says that its camera is away.
+    /// A silence that ends the run while the source reports its camera as disconnected.
     away: SpanNs,
 }
 
@@ -120,6 +120,7 @@ struct Bulletin {
 }
 
 impl Bulletin {
+    /// Period of the records. Chosen by hand: it must be well below the time after which a silent camera is reported, 2 s.
     const PERIOD: SpanNs = SpanNs(200_000_000);
 
     /// The record that is to be sent at `now`, if one is. A source that says nothing of itself has none.

@@ -13,7 +13,8 @@ use std::collections::VecDeque;
 use std::time::Duration;
 use tracing::info;
 
-/// From the start to the first exposure: the other processes have joined by then.
+/// Time from the start to the first exposure. Chosen by hand: the other processes have joined by then, mostly; a frame that comes too early
+/// is lost, not an error.
 const LEAD: SpanNs = SpanNs(50_000_000);
 
 /// A camera whose source is told when to expose.

@@ -25,32 +25,32 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use std::time::Duration;
 use tracing::{info, warn};
 
-/// No joint of a robot file may be faster.
+/// The fastest joint that a robot file may have. Chosen by hand, beyond every robot.
 const FASTEST_RAD_S_OR_M_S: f64 = 1e3;
-/// States that wait for a tick.
+/// States that wait for a tick. Chosen by hand: the newest one alone is used, and a companion that lags more ticks must have stopped.
 const STATES: usize = 64;
-/// Commands that wait for the companion.
+/// Commands that wait for the companion: a quarter of a second. Chosen by hand; a command that finds no room is counted as lost.
 const COMMANDS: usize = 256;
-/// A start that was not answered is asked for again.
+/// Time after which an unanswered start is requested again. Chosen by hand: some hundred times an answer, which takes a tick or two.
 const ASK_AGAIN: SpanNs = SpanNs(500_000_000);
-/// A drive that does not answer for so long is looked for.
+/// Time without an answer after which control looks for the drive's process. Chosen by hand.
 const LOOK_AFTER: SpanNs = SpanNs(500_000_000);
-/// A wait for the drive is told so often.
+/// Period of the messages while the drive is awaited. Chosen by hand, for people.
 pub(super) const TELL: SpanNs = SpanNs(4_000_000_000);
-/// A drive that is about to come is met at once; one that stays away is looked for now and then.
+/// Periods of the search for a drive: 2 ms in the first half second, so that one that is starting is met at once, then 20 ms. Chosen by hand.
 pub(super) const LOOK_FIRST: Duration = Duration::from_millis(2);
 pub(super) const LOOK_LATER: Duration = Duration::from_millis(20);
 pub(super) const HURRY: SpanNs = SpanNs(500_000_000);
-/// How long a drive has to hear that the run is over.
+/// Time that the drive has to receive the end of the run. Chosen by hand: 200 of its ticks, because messages vanish with their sender.
 const FAREWELL: SpanNs = SpanNs(200_000_000);
-/// How long a run that is to stop still waits for the drive.
+/// Time that a run which is to stop still waits for the drive. Chosen by hand.
 const STOP_PATIENCE: SpanNs = SpanNs(300_000_000);
 
-/// What became of the wait for a state.
+/// The result of the wait for a state.
 pub(super) enum WaitOutcome {
-    /// It is there.
+    /// The state arrived.
     Here,
-    /// It will not come.
+    /// The state will not arrive.
     Failed(DriveFault),
 }
 
@@ -60,9 +60,9 @@ pub(super) struct DrivePorts<'a> {
     presence: DrivePresence,
     received: Producer<DriveStateMsg>,
     to_send: Consumer<DriveCommandMsg>,
-    /// Commands that found no room in the ring.
+    /// Commands that were lost because the ring was full.
     lost_commands: Lost,
-    /// States that found none.
+    /// States that were lost because the ring was full.
     lost_states: u64,
     command: Sender<DriveCommandMsg>,
     /// Commands sent.
@@ -242,7 +242,7 @@ impl DrivePorts<'_> {
     }
 }
 
-/// The wait for a drive: told from time to time, and not without end.
+/// The wait for a drive: reported from time to time, and bounded.
 struct DriveWait {
     began: MonoNs,
     told: Option<MonoNs>,
@@ -264,7 +264,7 @@ impl DriveWait {
         }
     }
 
-    /// To be called again and again until the drive has answered.
+    /// Must be called repeatedly until the drive has answered.
     fn look(&mut self, presence: &DrivePresence, asked: bool) -> Result<(), ProcessError> {
         let time = now();
         let there = presence.is_there();
@@ -300,7 +300,7 @@ impl DriveWait {
     }
 }
 
-/// Messages vanish with their sender: after the last command, gives the drive the time to hear it and leave. Gives the number
+/// Messages vanish with their sender: after the last command, waits until the drive has received it and left. Returns the number
 /// of commands that were lost on their way here.
 pub(super) fn farewell(drive: Option<DrivePorts<'_>>) -> Result<u64, ProcessError> {
     let Some(mut drive) = drive else { return Ok(0) };

@@ -26,12 +26,12 @@ use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
 use tracing::{error, info, warn};
 
-/// A wait for a measurement that takes so long is worth a line.
+/// Time after which a wait for a measurement is reported. Chosen by hand: a frame takes some milliseconds, even on a loaded machine.
 const REPORT_AFTER: SpanNs = SpanNs(2_000_000_000);
-/// A measurement that has not come by then will not come: camera or vision hangs.
+/// Time after which a measurement is given up, because camera or vision must hang. Chosen by hand: a suspended process has that time to resume.
 const PEERS_PATIENCE: SpanNs = SpanNs(10_000_000_000);
 
-/// Waits until camera and vision have joined: what is sent before would be lost to them. They come within a moment, so that
+/// Waits until camera and vision have joined, because they would miss what is sent before. They join within a moment, so that
 /// requests wait for the first tick; a stop does not.
 pub(super) fn wait_for_peers(
     membership: &Membership,
@@ -172,7 +172,7 @@ pub(super) fn run<const N: usize>(
     }
 }
 
-/// Keeps the first failure, and tells it.
+/// Keeps the first failure, and reports it.
 fn note<E: Into<ProcessError>>(broken: &mut Option<ProcessError>, result: Result<(), E>) {
     if let (Err(error), None) = (result.map_err(Into::into), &broken) {
         error!("{error}: the arm is brought to rest, then the run ends");
@@ -180,13 +180,13 @@ fn note<E: Into<ProcessError>>(broken: &mut Option<ProcessError>, result: Result
     }
 }
 
-/// Measurements that have come, in the order of their frames.
+/// Measurements that have arrived, in the order of their frames.
 struct Inbox {
     waiting: VecDeque<Measurement>,
     last_frame: Option<u64>,
     /// All of shared memory was, when the first measurement came: nothing moves before.
     is_reserved: bool,
-    /// Camera and vision were waited for in vain, and are not waited for any more.
+    /// Camera and vision did not answer in time, and are not waited for any more.
     peers_hang: bool,
     /// Who is waited for.
     seeing: Vec<Role>,
@@ -236,7 +236,7 @@ impl Inbox {
     }
 }
 
-/// A wait for a measurement: after a while it is told what is waited for, and then it ends.
+/// A wait for a measurement: it is reported after a while, and bounded.
 struct MeasurementWait {
     silence: Silence,
     told: bool,

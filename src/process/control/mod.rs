@@ -39,7 +39,7 @@ use stops::Stops;
 
 /// Of a run whose last trace does not say how it ended: there is no such run.
 const WITHOUT_AN_END: Finish = Finish { outcome: Outcome::Stopped, reason: "the run ended without a reason" };
-/// How long recorders have to take the last records of a run.
+/// Time that recorders have to read the last records of a run, because these vanish with their sender. Chosen by hand.
 const TRACE_FAREWELL: Duration = Duration::from_millis(200);
 
 /// Runs control to the end of the run, and leaves its history in the folder `report`, where there is one.

@@ -37,19 +37,20 @@ use std::sync::mpsc;
 use std::time::Duration;
 use tracing::{debug, error, info, warn};
 
-/// Records that wait for the companion: a second of them.
+/// Records that wait for the companion: a second of them, so that a companion that is kept from its core loses none. Chosen by hand.
 const RECORDS: usize = 1024;
-/// Measurements that wait for a tick.
+/// Measurements that wait for a tick. Chosen by hand: the newest one is used; a camera at 1 kHz fills it in 64 ms.
 const MEASUREMENTS: usize = 64;
-/// Requests and orders that wait for a tick: a tour of postures, and clients.
+/// Requests and orders that wait for a tick: it must hold a tour of 14 postures and the requests of 8 clients.
 const REQUESTS: usize = 32;
 /// The companion looks after the rings at least so often.
 const COMPANION_PERIOD: Duration = Duration::from_millis(1);
-/// With an external drive its states wake the companion; nobody wakes it for a command, so it looks more often.
+/// The states of an external drive wake the companion, and its commands do not, so that the companion must look more often: a fifth of a
+/// tick, so that a command is at most that much late. Chosen by hand.
 const COMPANION_PERIOD_WITH_DRIVE: Duration = Duration::from_micros(200);
 /// Between two tries of what has failed; a fifth of a tick, as with a drive.
 const PAUSE_WHEN_BROKEN: Duration = COMPANION_PERIOD_WITH_DRIVE;
-/// Measurements that stay away for so long are worth a line.
+/// Time without measurements after which that is reported. Chosen by hand, for people.
 const REPORT_AFTER: SpanNs = SpanNs(3_000_000_000);
 
 /// Ticks to the end of the run.

@@ -20,7 +20,7 @@ use rtrb::{Consumer, Producer};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// From the start of the thread to its first tick.
+/// Time from the start of the thread to its first tick. Chosen by hand: two ticks, so that the first deadline lies ahead.
 const LEAD: SpanNs = SpanNs(2_000_000);
 /// Ticks in a row whose traces may find no room in their ring, which holds a second of them: after 3 s the companion is taken to hang. The
 /// arm is safe that long, as it holds `safety.measurement_timeout_ms` after the last measurement that was carried. Chosen by hand between that

@@ -15,15 +15,16 @@ use std::fs::File;
 use std::time::Duration;
 use tracing::warn;
 
-/// What control takes beside braking: the measured arm comes to rest, the drive hears of it, the summary is made.
+/// Time that control may take to end, beside braking. Chosen by hand: 3 s until an arm that does not rest is given up, the farewell to the drive,
+/// and the summary, with room for a loaded machine.
 const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(8_000_000_000);
-/// In lockstep a drive may be slower than the clock.
+/// Factor by which a lockstep run may be slower than its simulated clock. Chosen by hand.
 const SLOWEST_DRIVE: f64 = 10.0;
-/// Time in which the others end.
+/// Time in which the other processes end: they notice a stop within 50 ms. Chosen by hand; those that do not are killed.
 const SHUTDOWN_OF_OTHERS: SpanNs = SpanNs(600_000_000);
-/// The same where vision has images to write.
+/// The same where vision has images to write. Chosen by hand: hundreds of PNG files on a slow disk.
 const SHUTDOWN_WITH_IMAGES: SpanNs = SpanNs(15_000_000_000);
-/// A stop that takes so long is worth a line.
+/// Period of the messages while a stop takes long. Chosen by hand, for people.
 const REPORT_EVERY: SpanNs = SpanNs(2_000_000_000);
 
 /// Control and the processes around it.
@@ -138,5 +139,5 @@ fn longest_stop(config: &Config) -> SpanNs {
     SpanNs(SHUTDOWN_OF_CONTROL.0 + braking.0)
 }
 
-/// An hour: whatever the limits say.
+/// Bound of the braking time: an hour, whatever the limits of the robot file say. Chosen by hand.
 const MAX_BRAKING_S: f64 = 3600.0;

@@ -1,4 +1,6 @@
-//! Watches that the processes of a run not only exist but live: a process that hangs never ends, and never says a word.
+//! Watchdog of the processes of a run: a process that hangs neither ends nor reports anything.
+//!
+//! The numbers here were chosen by hand, so that a process that is kept from its core by load is reported before it ends the run.
 //!
 //! | sign of life | of | by |
 //! | --- | --- | --- |
@@ -12,9 +14,9 @@ use crate::process::silence::Silence;
 use crate::time::{MonoNs, SpanNs};
 use tracing::warn;
 
-/// Looks at the signs of life lie so far apart.
+/// Period of the checks.
 const PERIOD: SpanNs = SpanNs(100_000_000);
-/// A silence that is worth a line.
+/// A silence that is reported.
 const REPORT_AFTER: SpanNs = SpanNs(2_000_000_000);
 /// A silence that ends the run.
 const GIVE_UP_AFTER: SpanNs = SpanNs(6_000_000_000);
@@ -48,7 +50,7 @@ impl HangWatch {
         self.ticks.last.is_some()
     }
 
-    /// Looks at `now`; the process that has been silent for too long, and how long.
+    /// Checks at `now`; returns the process that has been silent for too long, and for how long.
     pub(super) fn look(&mut self, now: MonoNs) -> Option<(Role, SpanNs)> {
         if now < self.next_look {
             return None;

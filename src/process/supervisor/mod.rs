@@ -29,9 +29,10 @@ use std::fs::File;
 use std::time::Duration;
 use tracing::error;
 
-/// How long the children of a supervisor that was just killed may take to bring the arm to rest and end.
+/// Time that the children of a supervisor that was just killed have to bring the arm to rest and end. Chosen by hand: braking takes less than
+/// 2 s within the limits of the shipped arms.
 const PREDECESSOR: SpanNs = SpanNs(5_000_000_000);
-/// From the orderly end of an external drive's program to that of control.
+/// Time from the orderly end of an external drive's program to that of control, and the period at which the children are watched. Chosen by hand.
 const DRIVE_LEAVES: SpanNs = SpanNs(2_000_000_000);
 const WATCH_PERIOD: Duration = Duration::from_millis(10);
 

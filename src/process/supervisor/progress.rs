@@ -5,6 +5,7 @@ use crate::rt::{CLEAR_LINE, LogFormat, Stderr, log_format, now, tell};
 use crate::time::{MonoNs, SpanNs};
 use std::io::{IsTerminal, Write, stderr};
 
+/// Periods of the line on a terminal, where it is rewritten, and elsewhere, where each one stays. Chosen by hand, for people.
 const ON_TERMINAL: SpanNs = SpanNs(100_000_000);
 const ELSEWHERE: SpanNs = SpanNs(1_000_000_000);
 
