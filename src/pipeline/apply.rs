@@ -145,7 +145,7 @@ fn of_image(step: PipelineStep, source: SourceImage) -> Result<StepOutput> {
             Ok(measure::edges(edges, source))
         }
         PipelineStep::Segments { min_length_px } => {
-            let settings = SegmentSettings { min_length_px: min_length_px, ..SegmentSettings::default() };
+            let settings = SegmentSettings { min_length_px, ..SegmentSettings::default() };
             let mut found = Vec::new();
             match SegmentFinder::new(view.width(), view.height(), settings).search(&view, &mut found) {
                 Err(SegmentMiss::TooManyEdges) => Err(too_many_edges(&view)),
@@ -153,7 +153,7 @@ fn of_image(step: PipelineStep, source: SourceImage) -> Result<StepOutput> {
             }
         }
         PipelineStep::Ellipses { min_axis_px } => {
-            let settings = EllipseSettings { min_axis_px: min_axis_px, ..EllipseSettings::default() };
+            let settings = EllipseSettings { min_axis_px, ..EllipseSettings::default() };
             let mut found = Vec::new();
             match EllipseFinder::new(view.width(), view.height(), settings).search(&view, &mut found) {
                 Err(EllipseMiss::TooManyEdges) => Err(too_many_edges(&view)),

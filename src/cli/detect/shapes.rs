@@ -66,12 +66,11 @@ impl ShapeSearch {
             Some((made_for, finder)) if made_for == size => finder,
             _ => match self.kind {
                 ShapeKind::Segments { min_length_px } => {
-                    let settings =
-                        SegmentSettings { min_length_px: min_length_px, ..SegmentSettings::default() };
+                    let settings = SegmentSettings { min_length_px, ..SegmentSettings::default() };
                     EdgeShapeFinder::Segments(Box::new(SegmentFinder::new(width, height, settings)))
                 }
                 ShapeKind::Ellipses { min_axis_px } => {
-                    let settings = EllipseSettings { min_axis_px: min_axis_px, ..EllipseSettings::default() };
+                    let settings = EllipseSettings { min_axis_px, ..EllipseSettings::default() };
                     EdgeShapeFinder::Ellipses(Box::new(EllipseFinder::new(width, height, settings)))
                 }
             },
