@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Vector2};
 /// Least slope of the distorted radius: one pixel of the image is spread over a hundred there, so that a detection's tenth of a pixel
 /// would be ten.
 const MIN_SLOPE: f64 = 0.01;
-/// Least area in the image of a unit of area in directions, for the same reason: the least slope, with the other direction a tenth of what it
+/// Smallest area in the image of a unit of area in directions. It follows from `MIN_SLOPE`: that slope, with the other direction a tenth of what it
 /// is on the axis.
 const MIN_AREA: f64 = 1e-3;
 

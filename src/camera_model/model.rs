@@ -197,7 +197,7 @@ impl CameraModel {
                 let px = Vector2::new(w * a - 0.5, h * b - 0.5);
                 let d = self.plane_of(&px);
                 let (s, rest) = self.lens.undistort(&d, self.fold_radius);
-                // 1e-11 of a focal length is 1e-8 px: what is more was not found.
+                // 1e-11 of a focal length is 1e-8 px, far above rounding: with a larger residual the iteration has not converged.
                 if !(rest <= 1e-11) || s.norm() >= self.fold_radius || !self.lens.tells_apart(&s) {
                     let finite = self.fold_radius.is_finite();
                     let fold_radius = if finite { self.lens.radius(self.fold_radius) } else { f64::INFINITY };

@@ -4,6 +4,8 @@
 //! Preflight ─► poses of the object ─► renderer ─► grey images ─┐
 //!        └─► marks, axes, the features' way, words ────────────┴─► Sheet ─► png | svg
 //! ```
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 mod sheet;
 

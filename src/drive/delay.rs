@@ -2,7 +2,7 @@
 
 use super::DriveCommand;
 
-/// Longest delay, ticks.
+/// Longest delay, ticks. Chosen by hand, above the latency of usual robot controllers.
 pub const MAX_DELAY: usize = 50;
 
 /// A delay line.

@@ -19,7 +19,7 @@ use crate::time::MonoNs;
 use nalgebra::{SVector, Vector3};
 use thiserror::Error;
 
-/// Longest integration step: the dynamics of an arm is well resolved below it.
+/// Longest integration step. Chosen by hand: the tick of control; the energy tests of `tests/cores/robot_energy.rs` measure the integrator.
 const LONGEST_STEP_NS: i64 = 1_000_000;
 
 /// A simulated arm cannot be made like this.

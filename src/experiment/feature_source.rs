@@ -11,7 +11,7 @@ use crate::time::MonoNs;
 use crate::vision::{Frame, Prior, Vision, VisionSettings};
 use nalgebra::Vector2;
 
-/// Between two frames: 25 Hz.
+/// Time between two frames, as the chapter has it: T = 0.04 s.
 const FRAME_NS: i64 = 40_000_000;
 
 /// The lens of the rendered runs and of the calibration experiment: 800 px, VGA, no distortion.

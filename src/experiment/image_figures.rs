@@ -21,7 +21,7 @@ const OUTLINE_M: [[f64; 2]; 6] =
 const LEVELS: [f64; 3] = [45.0, 125.0, 205.0];
 /// One grey level of noise, so that the text's thresholds, 7.4 levels of the Roberts operator, stand above it.
 const NOISE_SD_LEVELS: f64 = 1.0;
-/// Thresholds of Fig. 10.3 on gradients that are normalized to 1 for white beside black.
+/// Thresholds of Fig. 10.3, from the textbook, on gradients that are normalized to 1 for white beside black.
 const ROBERTS: &str = "roberts | magnitude | threshold:0.0146:normalized";
 const SOBEL: &str = "sobel | magnitude | threshold:0.02:normalized";
 

@@ -277,6 +277,7 @@ const FILES_MB: f64 = 36.0;
 fn forewarning(options: &Options<'_>, out: &Path) -> String {
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let seconds = (CORE_S + CORE_S_A_START * options.count as f64) / cores as f64;
+    // Chosen by hand: minutes are easier to read from here on.
     let time = if seconds < 90.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) };
     let longer = if options.camera == CameraKind::Rendered { ", longer with rendered images" } else { "" };
     format!(

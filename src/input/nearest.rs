@@ -1,6 +1,7 @@
-//! What somebody who misspelt a word may have meant.
+//! Suggestions for misspelt words.
 
-/// A word is meant when so many letters, of this share of all, have to be changed.
+/// A candidate is suggested when at most this many letters, and one of this many, must be changed. Chosen by hand: more changes
+/// would suggest unrelated short words.
 const MAX_LETTERS: usize = 3;
 const LETTERS_FOR_ONE: usize = 3;
 

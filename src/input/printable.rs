@@ -1,8 +1,8 @@
-//! Text from outside, as it may stand in one line on a terminal.
+//! Makes text from outside printable in one line of a terminal.
 
 use std::fmt::Write;
 
-/// Longest line, characters; of a longer one beginning and end are kept. The longest of our own, a list of keys, has
+/// Longest line, characters; of a longer one beginning and end are kept. Chosen by hand: the longest of our own, a list of keys, has
 /// some five hundred.
 const LONGEST: usize = 1000;
 const END: usize = 300;
@@ -43,6 +43,7 @@ fn is_hidden(c: char) -> bool {
 #[must_use]
 pub fn number(value: f64) -> String {
     let size = value.abs();
+    // Chosen by hand: outside of this range an exponent is shorter than the zeros.
     if size >= 1e12 || (size > 0.0 && size < 1e-6) { format!("{value:e}") } else { value.to_string() }
 }
 

@@ -36,7 +36,7 @@ impl Eight {
     /// processors a hundredfold.
     #[inline(always)]
     fn exp_of_negative(self) -> Self {
-        // 2^t with t = whole + part; adding 1.5 * 2^23 rounds to the nearest whole number
+        // 2^t with t = whole + part. Adding 1.5 * 2^23 rounds to the nearest whole number, because a float of that size has no fraction bits
         const MAGIC: f32 = 12_582_912.0;
         self.each(|x| {
             // the bound from below is what keeps products from becoming subnormal

@@ -15,9 +15,9 @@ use crate::imaging::{
 };
 use std::sync::Arc;
 
-/// Most runs, edge pixels and pixels of contours: an image of 8 megapixels with a change at every second pixel.
+/// Most runs, edge pixels and pixels of contours. Chosen by hand: an image of 8 megapixels with a change at every second pixel.
 const MAX_RUNS: usize = 1 << 22;
-/// Most corners that are told.
+/// Most corners that are listed. Chosen by hand: more than any use of them needs, and a page stays readable.
 const MAX_CORNERS: usize = 4096;
 type Result<T> = std::result::Result<T, StepFailure>;
 
@@ -198,7 +198,7 @@ fn of_gradient(
         }
         _ => return StepOutput::new(StepValue::Gradient(gradient, operator, source), []),
     };
-    // the amounts of an operator's weights add up to so much
+    // The sum of the magnitudes of the operator's weights, which follows from its mask: 2 or 8.
     let weights = match operator {
         Operator::FirstDifferences | Operator::Roberts => 2.0,
         Operator::Sobel => 8.0,

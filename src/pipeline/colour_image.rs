@@ -1,4 +1,6 @@
 //! What a step gives, to be looked at: grey levels, numbers as grey levels, or colours over the image.
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 use super::outline;
 use super::value::{Field, FieldKind, RegionSet, Shapes, StepValue};

@@ -1,4 +1,6 @@
 //! Lines that stand for moments and ellipses, in px.
+//!
+//! The numbers here are layout, in px of the drawing or shares of it, and were chosen by eye.
 
 use crate::imaging::{Ellipse, Moments};
 use nalgebra::Vector2;

@@ -98,6 +98,7 @@ pub fn decompose_homography_seen(
 /// meet: rounding of 1e-15 becomes 3e-8 there.
 fn different(a: &HomographySolution, b: HomographySolution) -> Option<HomographySolution> {
     let gap = (a.R_12.matrix() - b.R_12.matrix()).norm() + (a.p_12_1_over_d2 - b.p_12_1_over_d2).norm();
+    // Solutions that coincide differ by the square root of rounding, 1e-8, because they are roots of a double eigenvalue.
     (gap > 1e-6).then_some(b)
 }
 
@@ -108,7 +109,7 @@ fn readings(H: &Matrix3<f64>) -> Result<(HomographySolution, HomographySolution)
     }
     let H = H / size;
     let det = H.determinant();
-    // Of unit norm: the camera was nearer to the plane than 1e-12 of the other distance, or the matrix is none of a plane.
+    // H has unit norm. Otherwise the camera would be nearer to the plane than 1e-12 of the other distance, or H is not the homography of a plane.
     if det.abs() <= 1e-12 || det.is_nan() {
         return Err(PoseError::Degenerate);
     }

@@ -10,7 +10,7 @@
 use super::PoseError;
 use crate::linalg::Ldlt;
 
-/// Second-smallest pivot, relative to the mean eigenvalue, below which p3 is not unique. Pivots are squares: points 1e-5 from a
+/// Second-smallest pivot, relative to the mean eigenvalue, below which p3 is not unique. Chosen by hand. Pivots are squares: points 1e-5 from a
 /// degenerate set, three orders above the shift by which the factors are kept from zero.
 const UNIQUE: f64 = 1e-10;
 

@@ -14,7 +14,8 @@ use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 /// Width over length of a set, below which it counts as collinear: extents are roots of eigenvalues, which round to 1e-16 of the largest,
 /// so that ratios below 1e-8 are not told from zero.
 const COLLINEAR: f64 = 1e-7;
-/// Thickness over width of a set, below which it counts as planar: for the same reason, with the width itself a hundredth of the length.
+/// Thickness over width of a set, below which it counts as planar. Derived: thickness over length rounds to 1e-8 for the same reason, and the
+/// width may be a hundredth of the length.
 const FLAT: f64 = 1e-6;
 /// Starts on the grid of rotations, by which the least error over all rotations is found: `no_minimum_is_lower_than_the_first` is the test of
 /// it, against random starts. Chosen by hand.

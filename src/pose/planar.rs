@@ -182,6 +182,7 @@ impl Tilts {
     /// Whether both tilts are zero up to rounding: the plane is seen along its normal. They are roots of differences that round to 1e-16, so
     /// that rounding alone makes them 1e-8.
     fn is_frontal(&self) -> bool {
+        // The square root of rounding, 1e-8, with a margin: nearer to it the two solutions cannot be computed apart.
         self.third[0].abs() + self.third[1].abs() < 1e-7
     }
 

@@ -9,7 +9,7 @@ use crate::linalg::sampling::{Consensus, ConsensusModel};
 
 pub use crate::linalg::sampling::{ConsensusResult, ConsensusSettings};
 
-/// Fewest points that make a pose.
+/// Fewest points of a pose: three of a sample, and one that must agree with it.
 const FEWEST: usize = 4;
 
 /// The pose that most points agree on.
@@ -77,6 +77,7 @@ impl ConsensusModel<3> for PoseModel {
     type Refined = RefinedPose;
     type Error = PoseError;
     const FEWEST: usize = FEWEST;
+    // Chosen by hand: the pose of three noisy points is off by several times their noise, and each refinement narrows the bound.
     const WIDER: &'static [f64] = &[4.0, 2.0, 1.0];
 
     fn of_sample(sample: &[Correspondence3; 3]) -> impl Iterator<Item = Self> {

@@ -114,7 +114,7 @@ const fn neighbours() -> [[u8; NEIGHBOURS]; COUNT] {
         let (mut j, mut n) = (0, 0);
         while j < COUNT {
             let dot = q[i][0] * q[j][0] + q[i][1] * q[j][1] + q[i][2] * q[j][2] + q[i][3] * q[j][3];
-            // cos 36 degrees for the neighbours, 1 for itself, less for the rest.
+            // The 600-cell's neighbours lie at cos 36 degrees (its square is 0.654), the vertex itself at 1; all others must be below (0.25).
             if dot * dot > 0.6 && dot * dot < 0.7 {
                 all[i][n] = j as u8;
                 n += 1;

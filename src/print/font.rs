@@ -1,4 +1,6 @@
 //! Letters of 5 x 7 cells, for images: capitals, digits, a few marks.
+//!
+//! The numbers here are layout: the usual shapes of such letters in a 5 x 7 matrix, a column apart, chosen by eye.
 
 use super::PrintSheet;
 use nalgebra::Vector2;

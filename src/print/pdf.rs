@@ -4,8 +4,9 @@ use super::{PrintShape, PrintSheet};
 use nalgebra::Vector2;
 use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str};
 
+/// The unit of the PDF specification is 1/72 inch.
 const POINTS_PER_MM: f32 = 72.0 / 25.4;
-/// Handles of a quarter of a circle, in radii.
+/// Handles of a quarter of a circle, in radii. Derived: `4/3 (sqrt 2 - 1)`, with which the middle of the curve lies on the circle.
 const HANDLE: f64 = 0.552_284_75;
 
 pub(super) fn write(sheet: &PrintSheet) -> Vec<u8> {

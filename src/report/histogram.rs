@@ -16,7 +16,7 @@ const BUCKETS: usize = SUB * (OCTAVES + 1);
 /// A nanosecond is `UNITS / PER_NS` units: 2^20 / 10^6, reduced, so that a millisecond, at which a tick is missed, is an edge of buckets.
 const UNITS: u64 = 16_384;
 const PER_NS: u64 = 15_625;
-/// Longer than the range, and far from overflow.
+/// Longest duration that is converted to units, ns: 18 minutes, above the range, and so short that the product with `UNITS` must not overflow.
 const LONGEST_NS: u64 = 1 << 40;
 
 /// Counts durations in log-linear buckets. Negative durations count as zero.

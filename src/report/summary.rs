@@ -206,6 +206,7 @@ pub struct Summary {
 
 /// A duration of a histogram, us, to the digits that its buckets resolve: their width is 1.6 to 3.1 % of the duration.
 fn counted_us(us: f64) -> String {
+    // 1 / 32, the widest bucket of the histogram, which follows from its `SUB_BITS`.
     const WIDTH: f64 = 0.031;
     let power = |x: f64| x.log10().floor();
     significant(us, if us > 0.0 { (power(us) - power(us * WIDTH)) as usize + 1 } else { 1 })

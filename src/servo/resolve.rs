@@ -16,7 +16,7 @@ use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 /// others do not explain, and the smallest column against the largest. It is a ratio of singular values of 1e-5, a hundred times
 /// above the rank tolerance of the factors, so that a direction is damped before the factors would be refused.
 const WEAKEST_DIRECTION: f64 = 1e-10;
-/// Damping at a singularity, as share of the largest diagonal entry of the normal matrix. A direction of singular value s answers with
+/// Damping at a singularity, as a share of the largest diagonal entry of the normal matrix. Derived: a direction of singular value s answers with
 /// `s / (s^2 + lambda)`, at most `1 / (2 sqrt(lambda))`: 500 times what the best seen direction answers with, whatever s is.
 const DAMPING: f64 = 1e-6;
 

@@ -14,7 +14,7 @@ const ENOUGH: usize = 4;
 /// no lens of the crate looks farther aside than tan(89.9 degrees), normalized.
 const FARTHEST_M: f64 = 1e3;
 const FARTHEST_ASIDE: f64 = 573.0;
-/// Variances of a pose are less than this, m^2 and rad^2: the square of the farthest distance, which leaves nothing known.
+/// Largest variance of a pose, m^2 and rad^2: the square of the farthest distance. A larger one would contain no information.
 const MAX_VARIANCE: f64 = 1e6;
 /// How far the norm of a rotation's quaternion may be from 1: a program that computes in single precision is right to 1e-7.
 const ROTATION_SLACK: f64 = 1e-6;

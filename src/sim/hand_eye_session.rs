@@ -20,11 +20,12 @@ use crate::vision::{Vision, VisionSettings};
 use nalgebra::SVector;
 use std::ops::ControlFlow;
 
-/// The arm must have been at rest for so long before an image counts.
+/// The arm must have been at rest for this time before an image counts.
 const REST: SpanNs = SpanNs(250_000_000);
-/// Lens and board may be so far from their description without a corner being left out for it, px.
+/// Standard deviation that is allowed for errors of lens and board before a corner is left out, px.
 const MODEL_SD_PX: f64 = 2.0;
-/// No corner counts as better than this, px.
+/// Smallest standard deviation of a corner, px. Chosen by hand: a smaller
+/// one would let a few corners dominate the weighted fit.
 const MIN_SD_PX: f64 = 0.01;
 
 /// Runs the tour of `config`, whose task must be `calibrate_hand_eye`, in simulated time; the run, and a view for each rest in which

@@ -18,7 +18,7 @@ use std::path::Path;
 const BYTES_PER_PIXEL: u64 = 16;
 /// For everything else in a file: comments, profiles, thumbnails.
 const BYTES_BESIDE: u64 = 16 << 20;
-/// What a decoder may allocate beside that: lines and tables.
+/// What a decoder may allocate beside the image, bytes. Chosen by hand: lines and tables need far less, and a hostile file must not take all memory.
 const DECODER_BYTES: u64 = 64 << 20;
 
 /// Columns and rows that files must have.
@@ -100,7 +100,7 @@ fn decode(
     Ok(DynamicImage::from_decoder(decoder).map_err(failed)?.into_luma8())
 }
 
-/// Largest image of any camera, px.
+/// Largest image, px. Chosen by hand: 64 megapixels are more than industrial cameras have, and a hostile header must not ask for more.
 const LARGEST: Size = Size { width: 8192, height: 8192 };
 
 /// Reads an image of any size up to 8192 x 8192 px, any depth and colour, as grey levels.
@@ -209,6 +209,7 @@ fn check_size(path: &Path, (width, height): (u32, u32), size: Size) -> Result<()
 
 /// Whether a JPEG has its end: walks its segments, and the coded data between them, to `EOI` behind at least one scan.
 fn jpeg_is_whole(bytes: &[u8]) -> bool {
+    // Markers of the JPEG standard, ITU-T T.81, table B.1: SOI, EOI and SOS.
     const START: u8 = 0xD8;
     const END: u8 = 0xD9;
     const SCAN: u8 = 0xDA;
@@ -232,13 +233,14 @@ fn jpeg_is_whole(bytes: &[u8]) -> bool {
     false
 }
 
-/// Bytes of a PNG before its first chunk.
+/// Bytes of a PNG before its first chunk: the signature of the PNG specification, Sect. 5.2.
 const PNG_SIGNATURE: usize = 8;
-/// The signature, and the first chunk up to the image's size.
+/// The signature, and the first chunk up to the image's size: length, type, width and height of the specification's IHDR.
 const PNG_HEAD: usize = PNG_SIGNATURE + 16;
 
 /// The chunks of a PNG, where each begins and ends, and of what kind it is; up to the first that the file does not hold whole.
 fn png_chunks(bytes: &[u8]) -> impl Iterator<Item = (std::ops::Range<usize>, &[u8])> {
+    // Length, type and CRC, four bytes each, by the specification.
     const LENGTH_TYPE_AND_SUM: usize = 12;
     let mut at = PNG_SIGNATURE;
     std::iter::from_fn(move || {

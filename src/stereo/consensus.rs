@@ -11,7 +11,7 @@ use crate::linalg::sampling::{Consensus, ConsensusModel};
 use crate::pose::{ConsensusResult, ConsensusSettings};
 use nalgebra::Matrix3;
 
-/// Fewest pairs that make a displacement: one more than a sample.
+/// Fewest pairs of a displacement: five of a sample, and one that must agree with it.
 const FEWEST: usize = 6;
 
 /// The displacement that most pairs agree on.
@@ -68,6 +68,7 @@ impl ConsensusModel<5> for EssentialModel {
     type Refined = RefinedRelativePose;
     type Error = StereoError;
     const FEWEST: usize = FEWEST;
+    // Chosen by hand: the displacement of five noisy pairs is off by several times their noise, and the refinement narrows the bound.
     const WIDER: &'static [f64] = &[4.0, 1.0];
 
     fn of_sample(sample: &[Conjugates; 5]) -> impl Iterator<Item = Self> {

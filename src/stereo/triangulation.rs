@@ -10,7 +10,7 @@ use crate::geometry::Pose;
 use crate::linalg::Ldlt;
 use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 
-/// Sine of the angle between two rays, squared, below which they count as parallel: 1e-8 rad, a point 1e8 base lines away. The determinant
+/// Sine of the angle between two rays, squared, below which they count as parallel: 1e-8 rad, a point 1e8 base lines away. Derived: the determinant
 /// of the two equations is that square, and it rounds to 1e-16.
 const PARALLEL: f64 = 1e-16;
 

@@ -13,9 +13,11 @@ use crate::linalg::Random;
 use nalgebra::{Point3, Vector2};
 use std::ops::RangeInclusive;
 
-/// Smallest window that tells its place.
+/// Smallest window that identifies its place in the grid. Chosen by hand: 3 x 3 dots have 2^9 patterns, 2 x 2 would have 16, too few
+/// for a grid.
 const MIN_WINDOW: usize = 3;
-/// Patterns that are tried for each size of window.
+/// Random patterns that are tried for each window size. Chosen by hand; each trial draws the whole grid, and a larger window is
+/// tried when all of them fail, so that more trials can only keep a window smaller.
 const TRIALS: u64 = 2000;
 
 /// A grid of dots, in the object frame (m).

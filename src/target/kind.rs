@@ -8,7 +8,7 @@ use thiserror::Error;
 /// What is accepted.
 const GRAMMAR: &str = "four_dots[:SIDE_M[:chiral]], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners), tag:FAMILY:SIZE_M[:ID], polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes, m)";
 
-/// Margin of a shape's plate, as share of its size.
+/// Margin of a shape's plate, as a share of its size. Chosen by hand: the border of the shape needs light ground beside it to be found.
 const MARGIN: f64 = 0.25;
 
 /// A word that names no target.

@@ -1,4 +1,4 @@
-//! Where the target's points should be in the next frame.
+//! Prediction of the target's points in the next frame.
 
 use super::{Prior, Vision};
 use crate::detect::{Expected, Found, dot_covariance_px2};
@@ -6,7 +6,8 @@ use crate::geometry::Pose;
 use crate::time::MonoNs;
 use nalgebra::Vector2;
 
-/// What of a motion may be wrong when it goes on.
+/// Share by which the extrapolated motion may be wrong, which widens the search windows. Chosen by hand: the window has to cover a change of
+/// speed by 30 % from frame to frame; a wider one costs time and contains more clutter.
 const SHARE_OF_MOTION: f64 = 0.3;
 
 impl Vision {

@@ -18,14 +18,15 @@ const MAX_OFFSET: f64 = 0.5;
 /// Largest shift of one dot by what is dark beside it, px: two dots at a shadow's edge may move as a pose would move them.
 const MAX_DISTURBANCE_PX: f64 = 0.5;
 
-/// A point of one image that lies off by so many robust deviations of the others is left out.
+/// A point whose distance from its prediction exceeds this many robust standard deviations is left out. Chosen by hand: by noise alone,
+/// two coordinates exceed five once in 270 000 cases (`exp(-12.5)`).
 const STRAY: f64 = 5.0;
 /// Median of chi-square with 2 degrees of freedom, 2 ln 2.
 const MEDIAN_SQUARE: f64 = 1.386;
 
-/// Three dots cannot contradict each other: what lies beside them may shift them no more than this, px,
+/// Three dots cannot contradict each other. They are used only if their surroundings shift them by no more than this, px, and if their
+/// contrast is that of the last frame within this share. Both chosen by hand.
 const LONE_DISTURBANCE_PX: f64 = 0.1;
-/// and their contrast is that of the last frame within this share.
 const LONE_CONTRAST: f64 = 0.2;
 
 /// The dots of one frame, and what they say.

@@ -19,9 +19,10 @@ fn quantile(freedom: f64, deviate: f64) -> f64 {
     freedom * (1.0 - spread + deviate * spread.sqrt()).powi(3)
 }
 
-/// A misfit above the quantile of this deviate is no chance: one image in a thousand.
+/// Normal deviate of the quantile above which a misfit is not chance: one image in a thousand.
 const CHANCE_DEVIATE: f64 = 3.09;
-/// So many times greater than stated the variance of points may be by noise alone: stated ones are right to a quarter.
+/// Factor by which the variance of points may exceed the stated one without a misfit. Chosen by hand: stated variances are right to a
+/// quarter, and the rest is margin.
 const NOISE: f64 = 1.5;
 /// From so many points on some may be left out: four of six are left at least, and four are what one needs to contradict each other.
 pub(super) const ENOUGH_TO_CHOOSE: usize = 6;

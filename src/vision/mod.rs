@@ -64,7 +64,8 @@ pub use stereo::{
 };
 pub use still::Still;
 
-/// While a part of the target is hidden the whole frame is searched in every so manieth frame.
+/// While a part of the target is hidden, the whole frame is searched in one of so many frames. Chosen by hand: at 25 Hz a point that
+/// reappears is found within 0.2 s, and the mean cost rises by a fifth of a search.
 const SEARCH_AGAIN: u32 = 5;
 
 /// A frame as the camera published it.

@@ -1,4 +1,6 @@
 //! What was found, drawn over the image.
+//!
+//! The numbers here are layout, in px of the drawing or shares of it, and were chosen by eye.
 
 use super::ImageAnswer;
 use crate::camera_model::CameraModel;

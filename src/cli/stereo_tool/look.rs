@@ -1,4 +1,6 @@
 //! Two images side by side, with what was found in them.
+//!
+//! The numbers here are layout, in px of the drawing or shares of it, and were chosen by eye.
 
 use crate::cli::detect::overlay::line;
 use crate::source::encode_png;

@@ -1,6 +1,8 @@
 //! A calibration as a page: one HTML file with its figures in it, which needs nothing else.
 //!
 //! verdict · parameters · errors of corners · uncertainty over the image · coverage · the next view · images
+//!
+//! The numbers here are layout, in px of the drawing or shares of it, and were chosen by eye.
 
 mod figures;
 

@@ -1,4 +1,6 @@
 //! An axis: from values to places, and the values that are written beside it.
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 /// Values from one end to the other, evenly or by their logarithms.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,4 +1,6 @@
 //! Panels: curves and symbols between axes, with a legend beside which nothing is hidden.
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 use super::axis::Axis;
 

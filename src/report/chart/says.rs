@@ -1,5 +1,7 @@
 //! What panels show, in a sentence: where curves end or between which values they lie, how straight paths are, and which curve lies
 //! under another.
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 use super::panel::{Panel, Series, Symbol};
 use crate::report::numbers::significant;

@@ -18,11 +18,11 @@ use crate::motion::Limit;
 use crate::servo::MeasurementVerdict;
 use crate::time::{MonoNs, SpanNs};
 
-/// Most ticks that are kept, so that memory has a bound: two minutes at 1 kHz, and thinned by two beyond. Chosen.
+/// Most ticks that are kept, so that memory has a bound: two minutes at 1 kHz; longer runs are thinned by two. Chosen by hand.
 const MAX_TICKS: usize = 120_000;
-/// Most measurements that are kept, for the same reason: two minutes at 100 Hz.
+/// Most measurements that are kept, so that memory has a bound: two minutes at 100 Hz. Chosen by hand.
 const MAX_MEASUREMENTS: usize = 12_000;
-/// So far back a measurement is looked for when control tells what became of it.
+/// Number of the last measurements among which that of a verdict is searched. Chosen by hand: more than can be in flight.
 const MAX_UNDER_WAY: usize = 64;
 
 /// What a run left behind, tick by tick.

@@ -1,4 +1,6 @@
 //! Pages: one HTML file with its figures in it, which needs nothing else. One style for all of them, light, dark and on paper.
+//!
+//! The numbers here are layout, in px of the drawing or shares of it, and were chosen by eye.
 
 mod base64;
 

@@ -1,4 +1,6 @@
 //! Errors over time: in the image, and of the camera before its goal, as vision measures them.
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 use super::record::RunRecord;
 use crate::input::number;

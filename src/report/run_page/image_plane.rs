@@ -1,4 +1,6 @@
 //! The image plane: the points of the target on their way to where they are to be.
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 use super::record::RunRecord;
 use crate::report::chart::{Panel, Series, Symbol, figure_svg};

@@ -1,4 +1,6 @@
 //! The joints: how near they come to their limits, and positions, velocities, torques over time.
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 use super::record::{JointSummary, RunRecord};
 use crate::report::chart::{Panel, Series, Symbol, figure_svg};

@@ -1,4 +1,6 @@
 //! Where the time goes: latencies of the measurements, stage by stage, and how late ticks were.
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 use super::record::RunRecord;
 use crate::report::chart::{Panel, Series, Symbol, figure_svg, spans_decades};

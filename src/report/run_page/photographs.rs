@@ -1,4 +1,6 @@
 //! The first frame, the last one, and those in which the target was lost, with what was found in them.
+//!
+//! The numbers here are layout, in px of the drawing or shares of it, and were chosen by eye.
 
 use super::record::RunRecord;
 use crate::report::numbers::counted;

@@ -1,4 +1,6 @@
 //! What happened when: states of control, the target, limits that acted, and numbered events.
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 use super::errors::blind_spans;
 use super::record::RunRecord;

@@ -1,4 +1,6 @@
 //! The cell in a true isometric view: all three axes of B are as long on paper.
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 mod draw;
 

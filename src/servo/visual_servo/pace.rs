@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 const GAIN_AT_GOAL_ERROR: f64 = 1.25e-3;
 /// Rate that no swinging arm makes slower, 1/s. Chosen by hand: half and twice of it change no unit test.
 const SLOW_1_S: f64 = 1.0;
-/// Gain times age from which on a held law is not kept up with. Up to here the series of [`as_quick_as_held`] is right to 0.5 %; its
+/// Product of gain and age above which the gain is not raised to match a held law. Derived: up to here the series of [`as_quick_as_held`] is exact to 0.5 %; its
 /// equation has no real solution beyond 1 / e = 0.37, from where on the held law swings.
 const MAX_HELD: f64 = 0.2;
 

@@ -23,11 +23,13 @@ use stand::Stand;
 use std::ops::ControlFlow;
 use thiserror::Error;
 
-/// So many of the best places are tried in a run each.
+/// Number of the best places that are tried in a simulated run each. Chosen by hand: a run takes about a tenth of a second, so that
+/// the search ends within a second or two.
 const TRIED: usize = 8;
-/// Share of the image's shorter side that stays free about the marks at the goal.
+/// Margin around the marks at the goal, as a share of the image's shorter side. Chosen by hand: the target then takes about half of the
+/// image, and a start beside it keeps it in view.
 const FREE_SHARE: f64 = 0.24;
-/// Decimals of what is proposed, m and rad.
+/// Resolution of the proposed numbers, 1/m and 1/rad. Chosen by hand: a micrometre is far below what a place can be measured to.
 const DECIMALS: f64 = 1e6;
 
 /// Where the camera is to look.

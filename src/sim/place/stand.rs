@@ -1,8 +1,9 @@
-//! Where the camera may stand at the goal: postures in which it looks as requested, has room to move, and sees the object in a place where
+//! Postures at the goal in which the camera looks in the requested direction, the joints have room to move, and the object is in a place where
 //! one can lie.
 //!
-//! The numbers here are wishes, chosen by hand. What is proposed is tried in a run before it is told, and `tests/processes/place.rs` begins
-//! with nothing but a robot's file; how often another choice would find more is not measured.
+//! The numbers here were chosen by hand. They only rank proposals: each proposal is checked and tried in a simulated run before it is given,
+//! so that a bad score costs a better place, never a wrong one. `tests/processes/place.rs` begins
+//! with nothing but a robot's file. How often another choice would find more is not measured.
 
 use super::{Look, PlaceRequest, Search};
 use crate::geometry::Pose;
@@ -10,17 +11,17 @@ use crate::linalg::Random;
 use crate::robot::Mount;
 use nalgebra::{Rotation3, SVector, UnitQuaternion, Vector3};
 
-/// Postures that are tried, and those about an object that lies where it lies.
+/// Random postures that are tried where the object may lie anywhere; rolls of the camera and random starts for each where its pose is given.
 pub(super) const POSTURES: usize = 1500;
 const ROLLS: usize = 24;
 const STARTS_EACH: usize = 12;
-/// Share of its range that a joint keeps from its ends at the goal: the least, and what is good enough.
+/// Distance of a joint from the ends of its range at the goal, as a share of the range: the minimum, and what scores full.
 const MIN_SHARE: f64 = 0.08;
 const GOOD_SHARE: f64 = 0.25;
-/// The camera is turned as requested within this, rad; an arm of few joints may be off by the other.
+/// Largest error of the requested viewing direction, rad, and that for an arm of fewer than six joints, which cannot choose it.
 const TURNED: f64 = 1e-3;
 const TURNED_OF_FEW: f64 = 0.7;
-/// Stands whose postures differ by less, rad or m, are the same.
+/// Postures that differ by less than this in each joint, rad or m, count as the same.
 const ALIKE: f64 = 0.5;
 
 /// A posture at the goal, and the object that it looks at.
@@ -51,6 +52,7 @@ impl<const N: usize> Search<'_, N> {
         }
         found.sort_by(|a, b| b.score.total_cmp(&a.score));
         let mut distinct: Vec<Stand<N>> = Vec::new();
+        // The worst of these factors together make 1e-3.
         for stand in found.into_iter().filter(|stand| stand.score > 1e-3) {
             if distinct.len() < 64 && distinct.iter().all(|other| (other.q - stand.q).amax() > ALIKE) {
                 distinct.push(stand);
@@ -183,7 +185,7 @@ impl<const N: usize> Search<'_, N> {
         if least < MIN_SHARE { 0.0 } else { (least / GOOD_SHARE).min(1.0) }
     }
 
-    /// How good a place for an object that is, 0 to 1.
+    /// Score of a place for the object, 0 to 1. Lengths are shares of the reach.
     fn place_score(&self, q: &SVector<f64, N>, X_WO: &Pose, look: Look, reach_m: f64) -> f64 {
         let X_BE = self.arm.forward(q);
         if let Mount::EyeToHand { .. } = self.mount() {

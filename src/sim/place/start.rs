@@ -1,7 +1,7 @@
-//! Starts beside a goal: the camera some centimetres and degrees off, the target still well in its image.
+//! Start postures near a goal: the camera is displaced by some centimetres and degrees, and the target is still well inside the image.
 //!
-//! The numbers here are wishes, chosen by hand. What is proposed is tried in a run before it is told, and `tests/processes/place.rs` begins
-//! with nothing but a robot's file; how often another choice would find more is not measured.
+//! The numbers here were chosen by hand. Smaller displacements follow until the target stays in view. Each start is checked
+//! and tried in a simulated run before it is proposed; how often another choice would find more is not measured.
 
 use super::Search;
 use super::stand::Stand;
@@ -11,20 +11,20 @@ use nalgebra::{SVector, UnitQuaternion, Vector2, Vector3};
 
 /// Shares of the widest displacement, the widest first.
 const SHARES: [f64; 5] = [1.0, 0.7, 0.45, 0.28, 0.15];
-/// The widest displacement, in distances from the target: aside, away from it.
+/// The largest displacement to the side and away from the target, as shares of the distance to it.
 const ASIDE: f64 = 0.15;
 const AWAY: f64 = 0.3;
-/// And its tilt and roll, rad.
+/// The largest tilt and roll, rad.
 const TILT_RAD: f64 = 0.14;
 const ROLL_RAD: f64 = 0.25;
-/// The widest displacement of a joint of an arm of few joints, rad, and in distances from the target for one that slides.
+/// The largest displacement of a joint of an arm with few joints, rad, and as a share of the distance to the target for a prismatic one.
 const JOINT_RAD: f64 = 0.3;
 const SLIDE: f64 = 0.25;
-/// Share of the image's shorter side that stays free about the marks.
+/// Margin around the marks, as a share of the image's shorter side.
 const FREE_SHARE: f64 = 0.05;
-/// An error that is worth a run, px.
+/// Smallest feature error at the start, px: below it a run would show no motion.
 const MIN_ERROR_PX: f64 = 10.0;
-/// So many starts of a stand are tried.
+/// Most starts for each posture at the goal.
 const TRIED: usize = 3;
 
 impl<const N: usize> Search<'_, N> {

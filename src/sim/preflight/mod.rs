@@ -23,7 +23,7 @@ use nalgebra::{Point3, SVector, Vector3};
 use reach::ReachProblem;
 use serde::Serialize;
 
-/// With fewer points no target is tracked.
+/// With fewer points no target is tracked: three points determine an affine motion of the plane, two do not.
 const MIN_TRACKED: usize = 3;
 
 /// What a run has before it.

@@ -1,4 +1,4 @@
-//! Whether the arm can have the camera where the goal asks for it, and what lies on the straight way there.
+//! Whether the arm can bring the camera to the goal, and what lies on the straight path there: ends of ranges and singular postures.
 
 use crate::config::Config;
 use crate::geometry::Pose;
@@ -8,16 +8,18 @@ use crate::servo::{PostureSearch, SetPoint, nearest_limit};
 use nalgebra::{SVector, Vector2};
 use serde::Serialize;
 
-/// Postures anywhere in the ranges from which the search begins anew.
+/// Random postures from which the inverse kinematics is restarted. Chosen by hand: if one
+/// start in ten finds one, 60 fail together in 0.2 % of the cases (0.9^60).
 const STARTS: usize = 60;
-/// Steps of the straight way.
+/// Steps of the straight path. Chosen by hand: about a centimetre each for a path of half a metre.
 const WAY_STEPS: u32 = 60;
-/// An arm that is farther beside the way than this has left it, m and rad.
+/// An arm that is farther from the path than this has left it, m and rad. Chosen by hand.
 const BESIDE: f64 = 2e-3;
-/// A posture with a smaller share of the dexterity that it has at both ends, or with less than the other, is near a singular one.
+/// A posture counts as nearly singular when its dexterity is below this share of that at both ends of the path, or below this number. Chosen
+/// by hand; it only leads to a remark, and the arm is slowed down there anyway.
 const SINGULAR_SHARE: f64 = 0.25;
 const SINGULAR: f64 = 0.02;
-/// A radian counts as much as so many metres where the nearest of several poses is taken.
+/// Weight of a radian in metres where the nearest of several poses is chosen. Chosen by hand: a point 0.3 m away moves by as much.
 const M_PER_RAD: f64 = 0.3;
 
 /// Whether the goal is within reach.

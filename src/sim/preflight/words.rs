@@ -3,7 +3,7 @@
 use super::{CameraPath, Posture, Preflight, Reach, Viewpoint};
 use crate::scene::{Overhang, PointVisibility, Visibility};
 
-/// Of more points than these only those that are not whole are told one by one.
+/// With more points than these only those that are cut off are listed one by one. Chosen by hand: two tags' corners.
 const TOLD_POINTS: usize = 8;
 
 /// A line each; the first words say what it is about.

@@ -29,20 +29,21 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 use tracing::{info, warn};
 
-/// Attempts at the start of a stream, before the process gives it up.
+/// Attempts to start a stream before the process gives up. Chosen by hand: with the pauses of [`Backoff`] they take two seconds.
 const ATTEMPTS: u32 = 5;
-/// Wake-ups in a row for nothing, after which the stream counts as broken.
+/// Wake-ups without a frame in a row after which the stream counts as broken. Chosen by hand: single ones are normal.
 const IDLE_WAKES: u32 = 10;
-/// Attempts at beginning a stream anew, before the device is opened anew.
+/// Attempts to restart a stream before the device is reopened. Chosen by hand.
 const RESTARTS: u32 = 3;
-/// Periods without a frame after which a camera counts as stalled, and the least time.
+/// Periods without a frame, and shortest time, after which a camera counts as stalled. Chosen by hand: automatic exposure may halve a rate, and
+/// USB may lose a few frames.
 const STALLED_PERIODS: f64 = 5.0;
 const STALLED: SpanNs = SpanNs(500_000_000);
-/// The least time from the start of a stream: a sensor may have to wake up.
+/// Shortest such time after the start of a stream. Chosen by hand: a sensor may have to wake up.
 const STALLED_AT_START: SpanNs = SpanNs(3_000_000_000);
-/// A stall after which the stream is begun anew; the pauses between such attempts grow.
+/// Duration of a stall after which the stream is restarted; the pauses between such attempts grow. Chosen by hand, longer than the start.
 const RESTART_STALLED: SpanNs = SpanNs(5_000_000_000);
-/// Different notes that are told of a device.
+/// Most different notes about a device. Chosen by hand: a broken driver must not fill the log.
 const MAX_NOTES: usize = 64;
 
 /// What there is of the device.

@@ -2,7 +2,7 @@
 
 use crate::time::{MonoNs, SpanNs};
 
-/// A step of the driver's count that is one; a larger one is a count that was begun anew.
+/// Largest step of the driver's count; a larger one means that the count has restarted. Chosen by hand: a million frames are ten hours at 25 Hz.
 const MAX_GAP: u32 = 1 << 20;
 
 /// From the driver's count of 32 bits, which wraps and begins anew with each stream, to one that goes on.
@@ -42,6 +42,7 @@ pub(super) struct Backoff {
 }
 
 impl Backoff {
+    // Chosen by hand: a device that was just plugged in is usable within some tenths of a second, and one attempt a second costs nothing.
     const FIRST: SpanNs = SpanNs(100_000_000);
     const LONGEST: SpanNs = SpanNs(1_000_000_000);
 
@@ -94,7 +95,7 @@ impl RateMeter {
     }
 }
 
-/// When the exposure of a device in automatic mode is read anew: so rarely that it takes no more than a share of the time, as the request
+/// When the exposure of a device in automatic mode is read again: so rarely that it takes no more than a share of the time, because the request
 /// may go to the camera and back.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ReadingPlan {
@@ -103,6 +104,7 @@ pub(super) struct ReadingPlan {
 }
 
 impl ReadingPlan {
+    // Chosen by hand: at most every 8th frame, since automatic exposure changes over many frames, and at most 1 % of the time.
     const MAX_OFTEN: u32 = 8;
     const MAX_SHARE: f64 = 0.01;
 

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// The kernel's number of video devices.
 const VIDEO_MAJOR: u32 = 81;
 const DEVICES: &str = "/dev";
-/// Nodes that are looked at.
+/// Most nodes that are examined: the number of minors that the kernel's V4L2 core has (VIDEO_NUM_DEVICES).
 const MAX_NODES: usize = 256;
 
 /// This machine.

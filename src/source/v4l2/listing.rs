@@ -106,6 +106,7 @@ pub fn usual(
 }
 
 fn usual_of(node: &dyn VideoNode, format: Option<PixelFormat>, size: Option<(u32, u32)>) -> UsualCapture {
+    // Chosen by hand: the size and rate of the shipped run files, which nearly all cameras have.
     const VGA: (u32, u32) = (640, 480);
     const USUAL_HZ: f64 = 30.0;
     let is_wanted =

@@ -106,11 +106,13 @@ impl Interval {
     #[must_use]
     pub fn of_rate(rate_hz: f64) -> Self {
         let nearest = rate_hz.round();
+        // A whole rate, up to rounding of the number in the run file.
         if (rate_hz - nearest).abs() < 1e-9 && nearest >= 1.0 {
             return Self { numerator: 1, denominator: nearest as u32 };
         }
         // 29.97 and its kin are meant as 30000/1001.
         let ntsc = (rate_hz * 1.001).round();
+        // A rate of the NTSC standard, n / 1.001, written with two decimals: 29.97.
         if ntsc >= 1.0 && (ntsc / 1.001 - rate_hz).abs() < 0.006 {
             return Self { numerator: 1001, denominator: (ntsc * 1000.0) as u32 };
         }
@@ -215,6 +217,7 @@ impl RateOffer {
 /// Whether a device that runs at `obtained_hz` does what was asked for.
 #[must_use]
 pub(super) fn is_rate(obtained_hz: f64, requested_hz: f64) -> bool {
+    // Chosen by hand: 30 Hz and 29.97 Hz of the NTSC standard are the same rate, 25 and 24 Hz are not.
     (obtained_hz - requested_hz).abs() <= 0.01 * requested_hz
 }
 

@@ -21,7 +21,7 @@ use super::node::StampClock;
 use crate::config::Shutter;
 use crate::time::{MonoNs, SpanNs};
 
-/// Farthest from now that a stamp may be.
+/// Largest distance of a stamp from the arrival of its frame. Chosen by hand: a frame that old is useless, and another clock is off by far more.
 const FARTHEST: SpanNs = SpanNs(1_000_000_000);
 
 /// What a driver says of an image's time, and when it came.

@@ -1,4 +1,6 @@
 //! From space to paper.
+//!
+//! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 use super::SceneDrawing;
 use crate::report::chart::{Anchor, Area, Canvas, Width};
