@@ -310,9 +310,7 @@ pub fn control_loop_with<const N: usize>(
         (Task::CalibrateLatency, _) => {
             (RunTask::excitation(cell()), Behaviour::Excitation(Excitation::new(watch)))
         }
-        (Task::CalibrateHandEye, _) => {
-            (RunTask::tour(cell()), Behaviour::Waypoints(Waypoints::default()))
-        }
+        (Task::CalibrateHandEye, _) => (RunTask::tour(cell()), Behaviour::Waypoints(Waypoints::default())),
         (Task::Servo, true) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch))),
         (Task::Servo, false) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch).dry())),
     };

@@ -89,8 +89,7 @@ fn the_start_is_far_from_the_goal() {
         })
         .unwrap();
         // X_DC = X_DO X_OB X_BC
-        let X_DC =
-            c.set_point.X_DO().unwrap() * c.X_WO().unwrap().inverse() * c.camera.mount.X_WC(&X_BE);
+        let X_DC = c.set_point.X_DO().unwrap() * c.X_WO().unwrap().inverse() * c.camera.mount.X_WC(&X_BE);
         let turn = X_DC.rotation.scaled_axis();
         assert!((X_DC.translation.vector.norm() - 0.3).abs() < 0.01, "{arm}: {X_DC}");
         assert!(turn.iter().all(|angle| angle.abs() > 0.1), "{arm}: {turn}");
