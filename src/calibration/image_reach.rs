@@ -7,16 +7,16 @@ use crate::motion::{MAX_EXCITATION, MotionLimits};
 use crate::robot::{Mount, Robot};
 use nalgebra::{Matrix2, Point3, SMatrix, SVector, Vector2};
 
-/// A joint moves the camera by at most this share of its distance from the target.
+/// Largest motion of the camera by one joint, as a share of its distance from the target. Chosen by hand: the linear prediction of the image must hold.
 const DEPTH_SHARE: f64 = 0.15;
-/// What the motion of one joint shall be in the image, from end to end, px.
+/// Motion of the image by one joint, from end to end, px. Chosen by hand: hundreds of times the noise of a point, and a small part of an image.
 const MOTION_PX: f64 = 40.0;
-/// A target at the border of the image still has so much room there, px.
+/// Smallest room that is assumed for a target at the border of the image, px.
 const MIN_ROOM_PX: f64 = 2.0;
-/// Points stay away from the border by this share of the target's size: there is more to it than its points.
+/// Distance that points keep from the border, as a share of the target's size, because the target is larger than its points. Chosen by hand.
 const BORDER_SHARE: f64 = 0.25;
 
-/// How far each joint may go, rad or m and to which side, so that the target moves clearly and yet stays in the picture:
+/// How far each joint may move, rad or m with its sign, so that the target moves clearly and stays in the image:
 /// about 40 px for each joint, less where the target has no room for that. `None` where the measurement does not tell the
 /// target's pose.
 ///

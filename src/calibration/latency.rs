@@ -14,21 +14,22 @@ use fit::{Free, LatencyProblem, LatencyUnknowns};
 use nalgebra::{Point3, Vector2};
 use thiserror::Error;
 
-/// Offsets are searched up to this, s.
+/// Offsets are searched up to this, s. Chosen by hand: a quarter of a second, six frames at 25 Hz.
 const RANGE_S: f64 = 0.25;
-/// Step of the coarse search, s.
+/// Step of the coarse search, s. Chosen by hand: no joint moves with more than 10 cycles in 8 s, so that a step is at most a fortieth of a
+/// period, and the fine search starts near the minimum.
 const COARSE_STEP_S: f64 = 0.02;
-/// Frames of the coarse search; of more, every n-th is taken.
+/// Frames of the coarse search; of more, every n-th is used. Chosen by hand, for its time.
 const COARSE_FRAMES: usize = 100;
-/// Fewer frames with the target than this are no basis.
+/// Fewest frames with the target. Chosen by hand: with the pose's six unknowns and the offset there must be enough to see a motion.
 const MIN_FRAMES: usize = 12;
-/// A target that moves by less than this, root mean square, shows no delay, px.
+/// Smallest motion of the target that shows a delay, root mean square, px.
 const MIN_MOTION_PX: f64 = 1.0;
-/// Standard deviation above which the offset counts as not found, s.
+/// Standard deviation above which the offset counts as not found, s. Chosen by hand: a tick; a larger error would not improve control.
 const MAX_SD_S: f64 = 1e-3;
-/// Residuals above this share of the motion: it is not the arm that moves the image.
+/// Share of the motion above which residuals mean that the arm does not move the image. Chosen by hand: a right model leaves per cents.
 const MAX_RESIDUAL_SHARE: f64 = 0.25;
-/// Steps of the last search, and of that at each coarse offset.
+/// Most steps of the last search, and of that at each coarse offset. Chosen by hand: a bound; converging ends them earlier.
 const MAX_ITERATIONS: u32 = 50;
 const COARSE_ITERATIONS: u32 = 8;
 

@@ -6,7 +6,7 @@ use crate::messages::{JointState, MAX_FEATURES, Measurement};
 use crate::time::MonoNs;
 use nalgebra::{SVector, Vector2};
 
-/// Before the target is first seen, states older than this many are of no use.
+/// Number of joint states that are kept before the target is first in view. Chosen by hand: 2 s, more than any offset that is searched.
 const STATES_BEFORE: usize = 2000;
 
 /// The target in one frame.

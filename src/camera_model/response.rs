@@ -96,6 +96,7 @@ impl Response {
             Self::Linear => light,
             // IEC 61966-2-1 again.
             Self::Srgb if light <= 0.003_130_8 => 12.92 * light,
+            // IEC 61966-2-1, like the line above.
             Self::Srgb => 1.055 * light.powf(1.0 / 2.4) - 0.055,
             Self::Gamma(gamma) => light.max(0.0).powf(1.0 / gamma),
             Self::Table(table) => table.level(light),

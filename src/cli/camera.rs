@@ -15,11 +15,11 @@ use std::path::Path;
 
 mod suggestion;
 
-/// Before a measurement: automatic exposures settle, and the first frames of a stream are old.
+/// Time before a measurement, in which automatic exposure settles and old frames of a stream pass. Chosen by hand.
 const WARM_UP: SpanNs = SpanNs(500_000_000);
-/// Longest wait for the first frame.
+/// Longest wait for the first frame. Chosen by hand: USB cameras take up to a second or two to start.
 const FIRST_FRAME: SpanNs = SpanNs(5_000_000_000);
-/// Longest measurement, s.
+/// Longest measurement, s. Chosen by hand.
 const LONGEST_PROBE_S: f64 = 600.0;
 
 /// Does what was asked for, if anything was beside the process.

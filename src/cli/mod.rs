@@ -288,7 +288,7 @@ fn write_summary(path: Option<&Path>, summary: &Summary, exit_code: u8) -> u8 {
     path.map_or(exit_code, |path| write_result(path, json(summary), exit_code))
 }
 
-/// From the interruption of a call by a signal to the flag that says so.
+/// Longest time from the interruption of a call by a signal to the flag of the thread that handles it. Chosen by hand, for a loaded machine.
 const SIGNAL_DELIVERY: Duration = Duration::from_millis(100);
 
 fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {

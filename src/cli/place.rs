@@ -109,6 +109,7 @@ fn request(arguments: &PlaceArguments) -> Result<PlaceRequest, String> {
             )
         };
         let numbers = numbers.map_err(|_| of("is no list of numbers"))?;
+        // The ranges of the run file's keys, since these numbers are written to one.
         if !numbers.iter().all(|n| n.abs() <= 361.0) || numbers.iter().take(3).any(|m| m.abs() > 100.0) {
             return Err(of("is out of range, allowed are 100 m and 361 deg"));
         }

@@ -14,7 +14,8 @@ use points::Points;
 use serde::Serialize;
 use solve::Solution;
 
-/// Less than so many times as likely, another solution may be the true one: what `detect` and vision call ambiguous lies well below.
+/// Likelihood ratio below which another solution may be the true one. Chosen by hand: an error rate of 1 % with equal priors; ratios that `detect` and
+/// vision call ambiguous lie well below.
 const SURE_RATIO: f64 = 100.0;
 
 #[derive(Serialize)]

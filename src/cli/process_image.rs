@@ -60,6 +60,7 @@ fn list() -> String {
 
 /// Numbers of a step for people; of a long table its first rows.
 fn lines(outcome: &StepOutcome) -> String {
+    // Chosen by hand: half of a terminal's usual height.
     const ROWS: usize = 12;
     let facts: Vec<_> = outcome.facts.iter().map(|(name, v)| format!("{name} {}", short(*v))).collect();
     let mut text = format!("{} -> {}: {}\n", printable(&outcome.step), outcome.kind.word(), facts.join(", "));
@@ -80,6 +81,7 @@ fn short(value: f64) -> String {
     if !value.is_finite() {
         return "-".into();
     }
+    // Six significant digits, chosen by hand.
     let digits = (5.0 - value.abs().max(1e-12).log10().floor()).clamp(0.0, 12.0) as usize;
     let text = format!("{value:.digits$}");
     let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };

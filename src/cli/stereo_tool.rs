@@ -28,5 +28,6 @@ fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
 
 /// A homogeneous point as coordinates; `None` at infinity.
 fn finite(p: &Vector3<f64>) -> Option<[f64; 2]> {
+    // Otherwise the point is at infinity, up to rounding.
     (p.z.abs() > 1e-12 * p.norm()).then(|| [p.x / p.z, p.y / p.z])
 }

@@ -20,9 +20,9 @@ use image::ExtendedColorType;
 use nalgebra::Vector2;
 use std::time::Duration;
 
-/// Longest wait for a frame of a real camera.
+/// Longest wait for a frame of a real camera. Chosen by hand: USB cameras take up to a second or two to start.
 const FIRST_FRAME: SpanNs = SpanNs(5_000_000_000);
-/// Automatic exposures settle before this.
+/// Time in which automatic exposure settles. Chosen by hand, as for `vservo camera --probe`.
 const WARM_UP: SpanNs = SpanNs(500_000_000);
 /// Images that show no target, in a row, after which it is given up.
 const MAX_WITHOUT: u32 = 100;

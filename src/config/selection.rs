@@ -10,7 +10,8 @@ use crate::servo::{
 /// Directions whose square is a smaller share of the greatest one's are not told of; those of a target that is a fiftieth of its distance
 /// are a hundred times greater.
 const MIN_SHARE: f64 = 1e-12;
-/// Of an interaction matrix of features that are defined.
+/// Bound of the entries of an interaction matrix of features that are defined. Chosen by hand: beyond it a feature has nearly lost its meaning
+/// (the axis of a nearly round area), and squares lose the small ones.
 const MAX_SQUARE: f64 = 1e12;
 
 /// The selection for a target of so many `points`; `None` where it cannot be made.

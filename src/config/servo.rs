@@ -20,6 +20,7 @@ use nalgebra::{Vector2, Vector3};
 use std::ops::RangeInclusive;
 
 /// Ranges wider than any use, chosen, so that a slip is told; `tests/cores/plausible_numbers.rs` tries their ends.
+/// Ranges of gains. Chosen by hand: outside of them a number has another unit; whether a gain is stable is a matter of the run.
 const GAIN_1_S: RangeInclusive<f64> = 1e-3..=100.0;
 const PD_GAIN: RangeInclusive<f64> = 0.0..=1e6;
 

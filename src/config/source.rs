@@ -7,7 +7,7 @@ use toml::{Spanned, Table, Value};
 
 /// Most parts that a key of `--set` may have, so that no depth can overflow the stack: far more than any key has.
 const DEEPEST_KEY: usize = 16;
-/// Entries of a list whose places are remembered; behind them the list's own place is told.
+/// Entries of a list whose positions are remembered; for later ones that of the list is reported. Chosen by hand, above the lists of run files.
 const PLACED_ENTRIES: usize = 64;
 
 /// A parsed document that remembers where each key stands.

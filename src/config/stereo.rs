@@ -24,6 +24,7 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// Ranges wider than any use, chosen, so that a slip is told; `tests/cores/plausible_numbers.rs` tries their ends.
+/// Ranges of numbers. Chosen by hand: outside of them a number has another unit.
 const TOLERANCE_MS: RangeInclusive<f64> = 0.01..=100.0;
 const PLACE_M: RangeInclusive<f64> = -100.0..=100.0;
 const COVARIANCE_M2: RangeInclusive<f64> = -1.0..=1.0;

@@ -7,7 +7,7 @@
 
 use super::edges::{EdgePixel, Edges, NONE};
 
-/// Fewest points of an open chain whose ends can meet.
+/// Fewest points of an open chain whose ends can meet. Chosen by hand: the smallest loop of pixels around a pixel has eight.
 const MIN_LOOP: usize = 8;
 
 /// One chain: a range of [`Chains::points`].

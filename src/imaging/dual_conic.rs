@@ -21,7 +21,7 @@ type M5 = SMatrix<f64, 5, 5>;
 
 /// What noise does not explain of a pixel of rim: pixels are squares; px.
 const FLOOR_PX: f64 = 0.0125;
-/// Largest part of an image that is looked at, px^2.
+/// Largest part of an image that is used, px^2. Chosen by hand: it bounds time and memory, and a dot of 1000 px is larger than any in use.
 const MAX_PIXELS: usize = 1 << 20;
 
 /// The fit. Owns its buffer.

@@ -11,10 +11,10 @@
 
 use super::ImageView;
 
-/// Pixels on either side that tell the level there.
+/// Pixels on either side whose mean is the level there. Chosen by hand: more would average better and need more room beside the edge.
 const PLATEAU: usize = 3;
 
-/// Pixels that the widest scan looks at.
+/// Pixels of the widest scan, which follows from the largest reach, margins and plateaus.
 const MAX_LEVELS: usize = 2 * (64 + 8 + PLATEAU + 8 + 3) + 1;
 
 /// Along what is scanned.
@@ -135,6 +135,7 @@ impl EdgeScan {
                 return None;
             }
             let off = crossing.position_px - centre as f64;
+            // Half a pixel, and some more so that it must not alternate between two.
             if off.abs() <= 0.6 {
                 return Some(crossing);
             }

@@ -10,12 +10,12 @@ use super::{EdgePoint, Ellipse};
 use crate::linalg::{Ldlt, Random, symmetric_eigen};
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-/// Residuals over their deviations from which on a point does not belong to the ellipse.
+/// Residual, in standard deviations, above which a point is left out. Chosen by hand: by noise alone one point in 16 000 lies beyond 4.
 const CUT: f64 = 4.0;
-/// Reweighted solutions.
+/// Most reweighted solutions. Chosen by hand: a bound; they converge earlier.
 const ROUNDS: usize = 12;
 
-/// Points of one attempt of [`Ellipse::fit`], attempts (with a third of the points wrong, nine of a hundred are right), and points that
+/// Points of one attempt of [`Ellipse::fit`], attempts (derived: with a third of the points wrong, `(2/3)^6` = 9 % are free of them), and points that
 /// judge one.
 const SAMPLE: usize = 6;
 const SAMPLES: usize = 100;

@@ -13,7 +13,7 @@ mod x86;
 
 /// Greatest standard deviation, px: beyond, filter a smaller image of the pyramid.
 const MAX_SIGMA_PX: f64 = 20.0;
-/// Fractional bits between the passes: the sum of two levels with them fits 16 bits.
+/// Fractional bits between the passes. Derived: the sum of two levels with them, 2 * 255 * 2^7 = 65 280, fits 16 bits.
 const FRACTION: u32 = 7;
 
 /// The standard deviation asked for is none.

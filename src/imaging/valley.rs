@@ -6,7 +6,7 @@
 
 use super::{Histogram, Polarity};
 
-/// Passes of the binomial filter `[1 2 1] / 4`: together a standard deviation of 2 levels.
+/// Passes of the binomial filter `[1 2 1] / 4`. Derived: each has a variance of 1/2, so that together they have a standard deviation of 2 levels.
 const SMOOTHING: usize = 8;
 
 /// A threshold between two modes.

@@ -5,7 +5,7 @@ use nalgebra::SVector;
 
 /// States kept: a second at 1 kHz, twice what the longest latency needs, since `camera.latency_ms` is at most 500.
 const CAPACITY: usize = 1024;
-/// How far a motion is carried on beyond its last state; after that the arm counts as standing.
+/// Longest extrapolation of a motion beyond its last state; after that the arm counts as standing. Chosen by hand: 20 ticks.
 const LONGEST_EXTRAPOLATION: SpanNs = SpanNs(20_000_000);
 
 /// The last states of `N` joints. Memory is taken once, at the start.

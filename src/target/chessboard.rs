@@ -24,7 +24,7 @@ pub struct Chessboard {
 }
 
 impl Chessboard {
-    /// How many inner corners a row and a column may have.
+    /// How many inner corners a row and a column may have. Chosen by hand.
     pub const COUNT: RangeInclusive<u32> = 3..=32;
     /// The light margin about the outer squares where nothing else is said, in squares.
     pub const MARGIN: f64 = 0.5;

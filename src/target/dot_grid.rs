@@ -45,7 +45,7 @@ impl DotGrid {
     pub const LARGE_RADIUS: f64 = 0.32;
     /// See [`Self::RADIUS`].
     pub const MARGIN: f64 = 0.75;
-    /// Largest radius of equal dots that is thought of, in pitches: what lies beside a dot is looked at no farther than it leaves free.
+    /// Largest radius of equal dots that is expected, in pitches. Chosen by hand: the surroundings of a dot are searched no farther than it leaves free.
     const EQUAL_RADIUS: f64 = 0.36;
 
     /// A grid with the usual radii and margin.

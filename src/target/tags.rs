@@ -33,7 +33,7 @@ pub struct Tags {
 }
 
 impl Tags {
-    /// Most tags of one plate.
+    /// Most tags of one plate. Chosen by hand: a plate of 8 x 16.
     pub const MOST: usize = 128;
     /// The light margin about the black squares where nothing else is said, in cells.
     pub const MARGIN_CELLS: f64 = 2.0;

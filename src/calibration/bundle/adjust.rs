@@ -101,7 +101,8 @@ impl<'a> Adjustment<'a> {
             let candidate = self.problem.moved(&self.end.state, &step.shared, &step.poses);
             let next = BundleSums::at(self.problem, &candidate, self.loss)
                 .filter(|next| next.loss <= self.end.sums.loss);
-            // a small promise under strong damping says nothing
+            // A small predicted decrease under strong damping says nothing, because the step is short. The damping follows Levenberg and
+            // Marquardt with the usual factors of ten, chosen by hand.
             let last = step.promise < LAST_PROMISE * size && damping < 1e-2;
             crawling = step.promise < GOOD_ENOUGH * size && damping < 1.0;
             match next {

@@ -3,7 +3,7 @@
 use crate::camera_model::{CameraModel, Intrinsics, Lens, LensModel};
 use nalgebra::{DMatrix, Matrix2, Matrix2x3, Vector2, Vector3};
 
-/// Focal lengths, principal point, and the coefficients of the lens.
+/// Focal lengths and principal point, which are four, and the coefficients of the lens: the count follows from the camera model.
 pub(crate) const MAX_PARAMETERS: usize = 4 + Lens::MAX_COEFFICIENTS;
 /// Points nearer than this to the focal plane have no image, m, because at depth zero there is no projection; no lens has them in focus.
 const NEAREST_M: f64 = 1e-6;

@@ -169,6 +169,7 @@ fn unmirrored(
         let found = start::pose(&camera, &plane(views.get(*i)?, extent)).0;
         let now = end.views.iter().position(|v| *v == place).and_then(|at| end.end.state.poses.get(at));
         mirrored |= match (&found, now) {
+            // Chosen by hand: the two poses of a planar board in the ambiguity differ by far more, and rounding by far less.
             (Some(found), Some(now)) => found.rotation.angle_to(&now.rotation) > 0.1,
             _ => false,
         };

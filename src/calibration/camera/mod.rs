@@ -39,7 +39,7 @@ pub use settings::CalibrationSettings;
 pub use uncertainty::ProjectionUncertainty;
 pub use verdict::CalibrationVerdict;
 
-/// Fewest corners of an image: its pose takes six of their equations.
+/// Fewest corners of an image. Chosen by hand: its pose takes six of their twelve equations, so that as many remain for the camera.
 pub const MIN_POINTS: usize = 6;
 
 #[cfg(test)]

@@ -78,6 +78,7 @@ impl CalibrationVerdict {
 
 /// Two digits that count.
 fn px(value: f64) -> String {
+    // Two significant digits after rounding: 0.095 becomes 0.10 and 9.5 becomes 10. This needs the bounds below the round numbers.
     let digits = if value < 0.095 {
         3
     } else if value < 9.5 {

@@ -19,7 +19,7 @@ use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 
 /// So that a start from which nothing converges ends.
 const MAX_ITERATIONS: u32 = 100;
-/// Steps below this (m, rad, s) are the last: sums over all corners of all views are not right to more digits.
+/// Steps below this (m, rad, s) are the last. Chosen by hand: rounding in sums over all corners of all views allows no more digits.
 const LAST_STEP: f64 = 1e-11;
 /// A step that promises no more than this part of the loss is the last: gain over loss is the square of the step in standard deviations, over
 /// the degrees of freedom, so that it moves the mount by less than 1e-6 of its standard deviation times their root.
@@ -109,7 +109,7 @@ pub fn refine_jointly(
             return Err(here.undetermined(settings.time_offset));
         };
         let candidate = state.after(&step);
-        // a step that is damped much is short by force: it proves nothing
+        // A strongly damped step is short because of the damping, so that it does not show convergence.
         let last = damping < 1e-3 && (step.size < LAST_STEP || step.gain <= LAST_GAIN * here.loss);
         // one so long that the board comes behind the camera fails
         match problem.sums(&candidate) {

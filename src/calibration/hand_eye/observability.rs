@@ -11,7 +11,8 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Turns below this show nothing, rad.
 const MIN_RAD: f64 = 0.02;
-/// A difference between the angles of arm and camera that no noise explains, rad, and as a share of the arm's.
+/// Difference between the rotation angles of arm and camera that noise does not explain, rad, and as a share of the arm's angle. Chosen by hand: poses of boards
+/// are wrong by some mrad, and wrong units or frames by far more than a tenth.
 const CONTRADICTION_RAD: f64 = 0.1;
 const CONTRADICTION_SHARE: f64 = 0.2;
 

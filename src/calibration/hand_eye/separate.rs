@@ -12,7 +12,8 @@ use crate::geometry::{Pose, closest_rotation};
 use crate::linalg::Ldlt;
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// Turns beyond this angle have no sure sign at first, rad.
+/// Rotations by more than this angle have no reliable sign at first, rad: a rotation by 180 degrees has two axes. Chosen by hand: 149 degrees, which
+/// leaves half a radian for errors.
 const SURE_RAD: f64 = 2.6;
 
 /// The camera's pose `X_MC` that closes the loop over all pairs of views; at least three views, with turns about two axes.

@@ -8,9 +8,9 @@ use crate::camera_model::CameraModel;
 use crate::detect::Found;
 use crate::geometry::{Pose, Twist};
 
-/// How far stamps of robot and camera may lie apart where nobody has calibrated them, s.
+/// Assumed difference between the clocks' stamps of robot and camera where they are not calibrated, s. Chosen by hand: half a frame at 25 Hz.
 const STAMPS_S: f64 = 0.02;
-/// What an image may move in that time and still count as taken at rest, px.
+/// Largest motion of the image in that time that counts as rest, px. Chosen by hand: the error of corners with an inexact lens.
 const SETTLED_PX: f64 = 0.3;
 
 /// Whether an image that moves at this speed, px/s, counts as taken at rest: within 20 ms, by which stamps of robot and camera may

@@ -15,22 +15,23 @@ use crate::robot::{Mount, Robot};
 use nalgebra::{Matrix6, Point3, SVector, UnitQuaternion, Vector3};
 use thiserror::Error;
 
-/// Views that are tried.
+/// Number of planned views. Chosen by hand: the errors fall with the square root of the number, and each view takes some seconds.
 const VIEWS: usize = 14;
-/// Fewer than this are no basis.
+/// Fewest views of a tour. Chosen by hand: three determine the mount, and the rest tell its uncertainty.
 const LEAST: usize = 6;
-/// Turns across the least axis that a tour must have, rad.
+/// Rotation about the second axis that a tour must have, rad, so that both axes of rotation are observable.
 const MIN_ACROSS_RAD: f64 = 0.2;
-/// Tilt and roll of the widest views, rad.
+/// Tilt and roll of the widest views, rad. Chosen by hand: boards are found at a tilt of 26 degrees, and larger rotations improve the result.
 const TILT_RAD: f64 = 0.45;
 const ROLL_RAD: f64 = 0.9;
 /// Shares of them that are tried, until one is within reach.
 const SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.3];
-/// Share of the image's width about its border that the board keeps out of.
+/// Margin between the board and the border of the image, as a share of the image's width. Chosen by hand: the true mount may differ from the nominal one.
 const BORDER: f64 = 0.1;
-/// Share of a joint's range that is kept free at each of its ends.
+/// Share of a joint's range that is kept free at each end. Chosen by hand.
 const RANGE_SHARE: f64 = 0.03;
-/// A posture is as requested within this, m and rad.
+/// Accuracy of the inverse kinematics, m and rad, and its steps, largest change of a joint and damping. Chosen by hand: a view may differ from its plan, because
+/// the measured postures alone are used.
 const REACHED: f64 = 0.02;
 const STEPS: usize = 200;
 const LONGEST_STEP: f64 = 0.1;
@@ -153,6 +154,7 @@ impl<const N: usize> TourCell<'_, N> {
             let off = X_WC.inv_mul(&wanted_WC);
             let (v, w) = (off.translation.vector, off.rotation.scaled_axis());
             let V = Twist::new(v.x, v.y, v.z, w.x, w.y, w.z);
+            // A micrometre and a microrad, since the tolerance above is far larger.
             if !(V.amax() > 1e-6) {
                 break;
             }

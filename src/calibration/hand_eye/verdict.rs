@@ -3,13 +3,14 @@
 use super::report::HandEyeReport;
 use std::fmt::Write;
 
-/// Turns across the least axis below this make the camera's position along it unsure, degrees.
+/// Rotation about the second axis below which the camera's position is called uncertain, degrees. Chosen by hand: the error of the position along
+/// the first axis grows with the inverse of this angle.
 const WEAK_DEG: f64 = 12.0;
-/// A view is told where leaving it out shows it so many times worse than the middle one.
+/// A view is reported when it fits this many times worse than the median one, with itself left out.
 const STANDS_OUT: f64 = 3.0;
 /// Lens and board as their files say leave corners within this, px.
 const LENS_PX: f64 = 0.15;
-/// Fewer views than this are few.
+/// Number of views below which more are recommended. Chosen by hand, for a wording.
 const FEW: usize = 8;
 
 /// One sentence a line; the first is the sum of all.

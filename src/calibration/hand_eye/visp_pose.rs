@@ -13,7 +13,7 @@ use crate::geometry::Pose;
 use nalgebra::Vector3;
 use saphyr_parser::{Event, Parser};
 
-/// Most words of a file: rows, cols, data and their numbers are some ten.
+/// Most words of a file. Chosen by hand: rows, cols, data and their numbers are some ten.
 const MAX_WORDS: usize = 64;
 
 /// The pose in a file's text.

@@ -24,7 +24,7 @@ use std::collections::HashMap;
 /// A base line whose squared distance from none, in standard deviations, is less is none: chi-square with three degrees of freedom
 /// exceeds this once in 10^5.
 const NO_BASELINE: f64 = 25.9;
-/// No two images of one camera pass for a base line of more, m: images too few to tell such a one stay what they are, uncertain.
+/// Longest base line with which two images may be suspected to be of one camera, m. Chosen by hand: longer ones are those of two cameras, however uncertain.
 const SURE_BASELINE_M: f64 = 0.01;
 
 /// Two cameras, and where they are to each other.

@@ -28,7 +28,7 @@ use std::path::{Path, PathBuf};
 
 /// Lens and board may be so far from their description: what they are worth is found out here, so that no corner is left out for it, px.
 const MODEL_SD_PX: f64 = 2.0;
-/// No corner counts as better than this, px.
+/// Smallest standard deviation of a corner, px. Chosen by hand: a smaller one would let a few corners dominate the weighted fit.
 const MIN_SD_PX: f64 = 0.01;
 
 /// Arguments of `vservo calibrate hand-eye`.

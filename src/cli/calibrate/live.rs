@@ -18,14 +18,16 @@ use nalgebra::Point3;
 use std::path::Path;
 use std::time::Duration;
 
-/// The longest silence of the camera, and the longest time without a new image of the board.
+/// The longest silence of the camera, and the longest time without a new view of the board. Chosen by hand: people need a while to move a board.
 const LONGEST_SILENCE: SpanNs = SpanNs(10_000_000_000);
 const LONGEST_SEARCH: SpanNs = SpanNs(120_000_000_000);
 /// A board is held still whose corners move by less than this from one frame to the next, px.
 const STILL_PX: f64 = 0.5;
-/// A view is new whose corners lie farther than this share of the image's width from those of each other, on average.
+/// A view is new when the mean distance of its corners from those of every other view exceeds this share of the image's width. Chosen by hand:
+/// smaller differences would add little information.
 const NEW_SHARE: f64 = 0.06;
-/// Images before which nothing can be told of the camera.
+/// Fewest views for a calibration. Chosen by hand: two views of a plane determine four intrinsic parameters, and
+/// distortion and an uncertainty need more.
 const FEWEST: usize = 4;
 
 /// Takes images until there are `--views`, a stop is asked for, or nothing comes any more; `run_file` is that of the camera process.

@@ -52,6 +52,7 @@ pub(super) fn lines(r: &ProbeReport) -> Vec<String> {
 
 /// Tables for a run file that fit what was found.
 pub(super) fn table(device: &str, r: &ProbeReport) -> String {
+    // Chosen by hand: a measurement over a second is off by a frame, and 29.97 Hz of the NTSC standard is written as 30.
     let near = (r.obtained_hz - r.asked_hz).abs() <= 0.02 * r.asked_hz;
     let rate_hz = if near { r.asked_hz } else { (r.obtained_hz * 10.0).round() / 10.0 }.clamp(0.1, 1000.0);
     let period_ms = 1e3 / rate_hz;
@@ -72,12 +73,14 @@ pub(super) fn table(device: &str, r: &ProbeReport) -> String {
     );
     if (r.width, r.height) != (640, 480) {
         let f_px = 800.0 * (f64::from(r.width) / 640.0).min(f64::from(r.height) / 480.0);
+        // Chosen by hand: the least that the file's validation would take with a margin.
         let f_px = f_px.max(10.0).round();
         let _ = write!(
             text,
             "\n# A guess: calibrate the lens.\n[camera.lens]\nfx_px = {f_px:?}\nfy_px = {f_px:?}\n"
         );
     }
+    // Chosen by hand: the default of the key, which needs no line.
     if timeout_ms > 200.0 {
         let _ = write!(text, "\n[safety]\nmeasurement_timeout_ms = {timeout_ms:?}\n");
     }

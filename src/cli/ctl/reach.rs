@@ -11,9 +11,9 @@ use std::time::Duration;
 
 /// Looks for an answer lie so far apart.
 const LOOK: Duration = Duration::from_millis(2);
-/// Where all slots are taken: one of those who ask is answered, and leaves, within some milliseconds.
+/// Pause where all slots are taken. Chosen by hand: one of the clients is answered, and leaves, within some milliseconds.
 const CROWDED: Duration = Duration::from_millis(20);
-/// What leaving takes after the answer, or after the last look for it.
+/// Time for leaving after the answer, or after the last look for it. Chosen by hand, some hundred times what it takes on an idle machine.
 const LEAVING: SpanNs = SpanNs(500_000_000);
 
 /// How long there is, and whether whoever asked still wants to know.

@@ -164,6 +164,7 @@ impl ImageAnswer {
         };
         let other = seen.other.as_ref().map(|(pose, log_ratio)| OtherPose {
             pose: pose.into(),
+            // exp(709) is the largest double: otherwise JSON would get an infinity.
             likelihood_ratio: log_ratio.min(700.0).exp(),
         });
         // points that no pose explains are told all the same: whoever asks by hand may know why

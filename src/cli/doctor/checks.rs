@@ -8,7 +8,7 @@ use rustix::process::{Resource, getrlimit};
 use rustix::time::{ClockId, clock_getres};
 use std::fs;
 
-/// Shared memory that a run of the default size takes, with room for a second one.
+/// Free shared memory that `doctor` asks for. Chosen by hand: a run of the default size needs about 25 MB, and a second one must fit too.
 const SHARED_MEMORY_WANTED: u64 = 64 << 20;
 
 pub(super) fn all() -> Vec<DoctorCheck> {

@@ -10,7 +10,7 @@ use serde::Serialize;
 use std::fmt::Write as _;
 
 const PERIOD: SpanNs = SpanNs::MILLISECOND;
-/// Upper edges of the bars that are printed, us.
+/// Upper edges of the bars that are printed, us, and the length of the longest bar, columns. Chosen by hand.
 const EDGES_US: [u64; 11] = [1, 5, 10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000];
 const BAR: usize = 40;
 /// Both ways of waiting take turns of so many wake-ups, A B B A, so that they see the same machine.
@@ -139,6 +139,7 @@ impl WaitTrial {
             wakes: self.wakes,
             scheduling: scheduling.into(),
             spin_us: self.spin.as_us(),
+            // Otherwise a run without a wake-up would divide by zero.
             spin_share: self.wait.spun().as_s() / self.took.as_s().max(1e-9),
             wake_us: self.histogram.quantiles_us(),
             histogram: self.bars,

@@ -93,11 +93,11 @@ impl Examination {
     }
 }
 
-/// A wake-up that is later has missed its tick.
+/// A wake-up that is later than the period of 1 ms has missed its tick, since the next one is due.
 const TICK_US: u64 = 1_000;
-/// Of a machine that is fit, 999 of 1000 wake-ups are at most so late: a fifth of the period.
+/// Largest latency of 999 of 1000 wake-ups of a suitable machine, us. Chosen by hand: a fifth of the period; a tick's own work takes microseconds.
 const FIT_US: f64 = 200.0;
-/// Share of missed ticks that the arm's watches bear in a trial.
+/// Share of missed ticks that is tolerable for a trial. Chosen by hand: one a second, which the supervision of the arm tolerates.
 const BEARABLE: f64 = 1e-3;
 
 #[cfg(test)]

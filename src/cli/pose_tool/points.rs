@@ -7,9 +7,10 @@ use crate::report::csv_table::CsvTable;
 use nalgebra::{Matrix2, Point3, Vector2};
 use std::path::Path;
 
-/// Longest file of points, bytes.
+/// Longest file of points, bytes. Chosen by hand, far more than the points that a solver uses.
 const LARGEST: u64 = 16 << 20;
-/// Focal length of the camera that stands in where points are normalized, px: any does, for an ideal camera only scales them.
+/// Focal length of the camera that replaces a missing one where points are normalized, px. Chosen by hand: any would do, because an ideal camera
+/// only scales them.
 const STAND_IN_F_PX: f64 = 1000.0;
 
 /// Points of an object and where they are seen.

@@ -97,6 +97,7 @@ fn in_front(points: &Points) -> [f64; 6] {
     let middle_s = spatial.iter().fold(nalgebra::Vector2::zeros(), |sum, p| sum + p.s / n);
     let spread_r: f64 = spatial.iter().map(|p| (p.r.coords - middle_r).norm_squared()).sum();
     let spread_s: f64 = spatial.iter().map(|p| (p.s - middle_s).norm_squared()).sum();
+    // Bounds of a start only, chosen by hand: otherwise points that coincide would start at infinity.
     let z = (spread_r / spread_s.max(1e-18)).sqrt().clamp(1e-3, 1e6);
     [z * middle_s.x - middle_r.x, z * middle_s.y - middle_r.y, z - middle_r.z, 0.0, 0.0, 0.0]
 }

@@ -7,9 +7,10 @@ use crate::report::chart::{Panel, Series, Symbol, figure_svg};
 use crate::report::page::{document, escaped, figure};
 use image::GrayImage;
 
-/// Rows of a table in the page; the file beside it has all.
+/// Rows of a table in the page, chosen by hand for readers; the file beside it has all.
 const ROWS: usize = 40;
 
+/// Layout, chosen by eye.
 const STYLE: &str = ".step img{max-width:100%;height:auto;image-rendering:pixelated;border:1px solid var(--frame)}\
 .rows{overflow-x:auto}";
 

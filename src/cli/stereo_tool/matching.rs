@@ -15,10 +15,11 @@ use image::GrayImage;
 use nalgebra::Vector2;
 use serde::Serialize;
 
+/// Colours, chosen by eye.
 const FOUND: [u8; 3] = [0, 224, 74];
 const LINE: [u8; 3] = [86, 180, 233];
 const MISSED: [u8; 3] = [213, 94, 0];
-/// Squared grey levels per px^2 of a corner that is searched for, as `vservo process --steps corners` has it.
+/// Smallest strength of a corner, squared grey levels per px^2: the same number must stand as the default of `vservo process --steps corners`.
 const CORNER_STRENGTH: f32 = 400.0;
 
 #[derive(Serialize)]

@@ -10,7 +10,7 @@ use crate::stereo::Conjugates;
 use nalgebra::{Matrix3, Vector2};
 use std::path::Path;
 
-/// Longest file of points and of a pair, bytes.
+/// Longest file of points and of a pair, bytes. Chosen by hand, far more than the points that a solver uses.
 const LARGEST: u64 = 16 << 20;
 
 /// Two calibrated cameras and where the second is in the first, m.

@@ -12,7 +12,7 @@ use crate::stereo::{Rectification, RectificationMap};
 use image::{ExtendedColorType, GrayImage};
 use serde_json::json as object;
 
-/// Rows that are drawn through both images.
+/// Rows that are drawn through both images. Chosen by eye, about ten in an image: this number was chosen by hand.
 const ROWS: u32 = 12;
 
 pub(super) fn rectify(arguments: &StereoRectifyArguments) -> Result<u8, ProcessError> {

@@ -7,11 +7,13 @@ use crate::config::check::Validation;
 use crate::config::raw::{RawLens, RawTrueLens};
 use std::ops::RangeInclusive;
 
+/// Focal lengths. Chosen by hand: outside of them a number has another unit.
 const FOCAL_PX: RangeInclusive<f64> = 1.0..=1e6;
-/// The principal point of a cropped image may lie outside of it.
+/// Range of the principal point. Chosen by hand: that of a cropped image may lie outside of the image.
 const CENTRE_PX: RangeInclusive<f64> = -1e5..=1e5;
 
-/// Long lenses see small radii only: their higher factors are large.
+/// Ranges of coefficients. Chosen by hand: long lenses see small radii only, so that their higher coefficients are large. A coefficient of r^2k
+/// grows with (f / w)^2k.
 fn allowed(coefficient: &str) -> RangeInclusive<f64> {
     let most = match coefficient {
         "k1" | "k4" => 1e3,

@@ -7,7 +7,7 @@ use crate::drive::CommandMode;
 use crate::robot::RobotDescription;
 use std::ops::RangeInclusive;
 
-/// Bandwidth of the velocity observer where encoders have steps or noise.
+/// Bandwidth of the velocity observer where encoders have steps or noise. Chosen by hand: several times that of the joint controllers.
 const VELOCITY_OBSERVER_RAD_S: f64 = 150.0;
 
 /// The table `[motion]` for the joints of `robot`, where there is one, and a drive that obeys `mode`, of which

@@ -11,7 +11,7 @@ use crate::scene::{PointVisibility, Visibility};
 use crate::target::Target;
 use nalgebra::SVector;
 
-/// Of more hidden points than these only their being is told.
+/// Most hidden points that are listed. Chosen by hand, for a readable line.
 const TOLD: usize = 8;
 
 /// The robot, with a start inside its limits.

@@ -15,10 +15,11 @@ use crate::time::SpanNs;
 use nalgebra::Vector2;
 use std::ops::RangeInclusive;
 
+/// Ranges of factors between truth and model. Chosen by hand: they contain every error that is worth a simulation.
 const SCALE: RangeInclusive<f64> = 0.01..=100.0;
 const MASS_SCALE: RangeInclusive<f64> = 0.1..=10.0;
 const FRICTION_SCALE: RangeInclusive<f64> = 0.0..=10.0;
-/// Farther off no joint is that has ever been referenced, rad or m.
+/// Range of encoder offsets, rad or m. Chosen by hand: no joint that was ever referenced is farther off.
 const OFFSET_RAD_OR_M: RangeInclusive<f64> = -1.0..=1.0;
 
 /// Checks all of `[scene]`; the scene of a run whose images are rendered, where camera, target and robot are good.

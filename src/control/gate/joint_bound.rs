@@ -20,7 +20,7 @@ const CATCH_UP_1_S: f64 = 10.0;
 /// Share of a velocity error that is corrected in a tick. Derived: below `6 - sqrt 32 = 0.34` the acceleration does not oscillate
 /// (`LAST_GAIN` in `motion/reference.rs`).
 const TICK_SHARE: f64 = 0.3;
-/// Bisections in search of the largest part of a step from which the joint can stop: found to one part in 64.
+/// Bisections in search of the largest part of a step from which the joint can stop. Chosen by hand: found to one part in 64.
 const HALVINGS: u32 = 6;
 
 /// Where a joint is, rad or m, and how it moves.

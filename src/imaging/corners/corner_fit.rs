@@ -22,13 +22,13 @@ const WINDOW_BLURS: f64 = 4.5;
 const MIN_HALF_PX: i32 = 2;
 /// Blocks of eight pixels in the greatest window.
 const BLOCKS: usize = ((2 * MAX_HALF_PX as usize + 1).pow(2)).div_ceil(8);
-/// Steps of Gauss and Newton.
+/// Most Gauss-Newton steps. Chosen by hand: a bound; a small step ends them earlier.
 const MAX_STEPS: usize = 12;
-/// Least part of a step that is gone.
+/// Smallest part of a step that is taken. Chosen by hand, so that the iteration must come to an end.
 const MIN_PART: f64 = 0.2;
-/// A step this small is the last, px: what remains is a twentieth of it.
+/// A step this small is the last, px. Chosen by hand: what remains is a twentieth of it, a thousandth of a pixel.
 const LAST_STEP_PX: f64 = 0.02;
-/// Bounds of the blur, px; the pixel alone has 0.29.
+/// Bounds of the blur, px. Derived: the pixel alone has `1 / sqrt 12` = 0.29. The upper bound was chosen by hand.
 const BLURS_PX: std::ops::RangeInclusive<f64> = 0.25..=5.0;
 /// What is known beforehand of directions (rad) and of light's change (1/px), as deviations. Squares smaller than some deviations of
 /// the blur are waves, which tell little of directions.

@@ -91,6 +91,7 @@ pub(super) mod x86 {
     pub(in super::super) struct Sse2Bytes(__m128i);
 
     impl Lane for Sse2Bytes {
+        // Bytes of the register: 128 bits by the instruction set's specification.
         const COUNT: usize = 16;
 
         #[inline(always)]
@@ -156,6 +157,7 @@ pub(super) mod x86 {
 
     // All methods are inlined into a function with the feature, which is called only where the processor has it.
     impl Lane for Avx2 {
+        // Bytes of the register: 256 bits by the instruction set's specification.
         const COUNT: usize = 32;
 
         #[inline(always)]

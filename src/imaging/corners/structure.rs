@@ -12,11 +12,11 @@ use crate::imaging::ImageView;
 
 /// Half side of the window that the tensor sums over, px.
 const HALF: usize = 2;
-/// A corner is the strongest within so many pixels in x and y.
+/// A corner is the strongest within this many pixels in x and y. Chosen by hand: half the window and one more, so that two corners do not share one.
 const ALONE_PX: usize = 3;
 /// Pixels at the rim without a whole window and a neighbourhood.
 const RIM: usize = HALF + 2;
-/// Half side of the window for the place of a corner, px.
+/// Half side of the window for the position of a corner, px. Chosen by hand: a larger one averages more noise and needs more room.
 const PLACE_HALF: usize = 3;
 
 /// A corner by the structure tensor.

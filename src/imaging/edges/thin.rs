@@ -6,11 +6,11 @@ use super::super::magnitude::sum_row;
 use super::super::simd::kernel;
 use super::{Around, EdgeCandidate, Norm};
 
-/// Pixels that are looked at together.
+/// Pixels that are processed together. Chosen by hand: two or four registers.
 const BLOCK: usize = 32;
-/// Pixels of which each is compared with its neighbours.
+/// Pixels that are compared with their neighbours together. Chosen by hand: half a block.
 const HALF: usize = 16;
-/// `tan(22.5 degrees)` in units of 2^-15.
+/// `tan(22.5 degrees)` in units of 2^-15, by which the four directions of Canny's paper are distinguished.
 const TAN_22_5: u32 = 13573;
 /// Derivatives of one row, each as long as a whole number of blocks.
 #[derive(Debug, Clone, Default)]

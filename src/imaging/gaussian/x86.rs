@@ -11,6 +11,7 @@ use std::arch::x86_64::{
 
 /// Pixels of a block, in `PARTS` registers of `LANES`.
 const BLOCK: usize = LANES * PARTS;
+/// 16-bit numbers of a 256-bit register, by the instruction set's specification, and registers in a block, chosen by hand.
 const LANES: usize = 16;
 const PARTS: usize = 4;
 

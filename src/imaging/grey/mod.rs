@@ -97,7 +97,7 @@ impl PixelFormat {
     }
 }
 
-/// Start, a quantization table, frame, scan, a byte and the end.
+/// Start, a quantization table, frame, scan, a byte and the end: the segments' lengths of ITU-T T.81.
 const SMALLEST_JPEG_BYTES: usize = 2 + 69 + 13 + 10 + 1 + 2;
 
 /// Why a payload became no grey image.

@@ -3,7 +3,7 @@
 use super::huffman::Code;
 use super::{JpegError, standard};
 
-/// Most components of an image that is read here: a luma and two chroma.
+/// Most components of an image that is read here: a luma and two chroma, as JFIF has them (ITU-T T.871).
 pub(super) const COMPONENTS: usize = 3;
 
 fn damaged(what: &'static str) -> JpegError {

@@ -5,13 +5,13 @@
 use super::JpegError;
 use super::bits::Bits;
 
-/// Bits that a table looks at; longer codes are rare.
+/// Bits of the look-up table. Chosen by hand: longer codes are rare, and a table of 2^11 entries fits the first-level cache.
 const LOOK: u32 = 11;
-/// Bits of the longest code.
+/// Bits of the longest code, by ITU-T T.81.
 const LONGEST: usize = 16;
 /// Lengths of codes beyond those that are looked at.
 const LONG: usize = LONGEST - LOOK as usize;
-/// Most bits of a value: of a difference of means, and of any other coefficient of an 8-bit image.
+/// Most bits of a value: of a difference of means, and of any other coefficient of an 8-bit image (ITU-T T.81, tables F.1 and F.2).
 const DC_VALUE_BITS: u8 = 11;
 const AC_VALUE_BITS: u8 = 10;
 /// What the end of a block adds to the position in it: more than a block has, so that it is told from a run too long.

@@ -12,16 +12,16 @@
 //! Pairs of coefficients that are multiplied together lie together in memory, because processors multiply pairs and add
 //! them up in one step. Both kernels give the same bits.
 
-/// Bits behind the point of the factors.
+/// Fractional bits of the factors. Derived: C1, the largest, is 1.387, so that 13 fractional bits fit a signed number of 16 bits.
 const FACTOR_BITS: u32 = 13;
-/// Bits behind the point that are kept between the passes.
+/// Fractional bits that are kept between the passes. Chosen by hand: the values of an image then need 14 of 16 bits (see above).
 const KEPT_BITS: u32 = 3;
-/// Shifts after the first and the second pass; the second takes the eighth with it.
+/// Shifts after the first and the second pass, which follow from these; the second includes the division by 8.
 const SHIFT: [u32; 2] = [FACTOR_BITS - KEPT_BITS, FACTOR_BITS + KEPT_BITS + 3];
-/// What is added before them: a half, and in the second pass the grey level of zero.
+/// Added before the shifts for rounding: a half, and in the second pass also the grey level of zero, 128.
 const BIAS: [i32; 2] = [1 << (SHIFT[0] - 1), (1 << (SHIFT[1] - 1)) + (128 << SHIFT[1])];
 
-/// sqrt 2 cos(k pi / 16), for k = 4 that is 1.
+/// `sqrt 2 cos(k pi / 16)` in units of 2^-13, from the definition of the DCT in the standard; for k = 4 it is 1.
 const C1: i16 = 11363;
 const C2: i16 = 10703;
 const C3: i16 = 9633;
@@ -36,9 +36,9 @@ const TURN: [[i16; 2]; 2] = [[C2, C6], [C6, -C2]];
 const ODD: [[[i16; 2]; 2]; 4] =
     [[[C1, C3], [C5, C7]], [[C3, -C7], [-C1, -C5]], [[C5, -C1], [C7, C3]], [[C7, -C5], [C3, -C1]]];
 
-/// Which coefficients of a column (of a row) are pairs.
+/// Pairs of coefficients of a column (of a row) that the same factors multiply, which follows from the symmetry of the cosines.
 const PAIRS: [[usize; 2]; 4] = [[0, 4], [2, 6], [1, 3], [5, 7]];
-/// The order of columns in memory: behind the first pass the columns of a pair are four apart.
+/// The order of columns in memory, chosen so that after the first pass the columns of a pair are four apart.
 const COLUMNS: [usize; 8] = [0, 2, 1, 5, 4, 6, 3, 7];
 
 /// A block's coefficients: four pairs of rows, in each the columns in their order, in each column the two of the pair.

@@ -104,6 +104,7 @@ impl LumaDecoder {
     /// # Errors
     /// [`JpegError`]; `out` holds nothing of use then.
     pub fn decode(&mut self, jpeg: &[u8], out: &mut [u8]) -> Result<(), JpegError> {
+        // SOI and the first byte of the next marker, by the standard ITU-T T.81.
         const START: [u8; 3] = [0xFF, 0xD8, 0xFF];
         if !jpeg.starts_with(&START) {
             return Err(JpegError::NotJpeg);

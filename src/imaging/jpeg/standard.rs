@@ -1,4 +1,5 @@
 //! The Huffman tables of ITU-T T.81, annex K.3: those of most cameras, which therefore often leave them out.
+//! The numbers here are those of the standard.
 
 use super::huffman::Code;
 

@@ -1,9 +1,9 @@
 //! Centroid and central moments, and what they say about pose and shape.
 
-/// Least difference of the principal moments over their sum at which there is a principal axis: a raster disc of radius 5 px has
+/// Smallest difference of the principal moments over their sum at which there is a principal axis. Measured: a raster disc of radius 5 px has
 /// less than a tenth of it.
 const MIN_ELONGATION: f64 = 1e-3;
-/// Least asymmetry, see [`Moments::asymmetry`], that is told from the raster's own.
+/// Smallest asymmetry, see [`Moments::asymmetry`], that is distinguished from that of the raster. Chosen by hand.
 const MIN_ASYMMETRY: f64 = 1e-2;
 
 /// Mass, centroid and central moments to third order; px, masses in px^2 (pixels) or sums of levels.

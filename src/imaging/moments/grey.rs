@@ -4,10 +4,10 @@ use super::MomentSums;
 use crate::imaging::simd::kernel;
 use crate::imaging::{ImageView, Window};
 
-/// Pixels whose sums fit the lanes: the third power of the last index is 29 791, that times 255, added up, below 2^31.
+/// Pixels whose sums fit the lanes. Derived: the third power of the last index is 29 791, that times 255, added up, below 2^31.
 const BLOCK: usize = 32;
 
-/// `x`, `x^2`, `x^3` within a block.
+/// `x`, `x^2`, `x^3` within a block, as the definition of moments has them.
 const POWERS: [[i16; BLOCK]; 3] = {
     let mut powers = [[0; BLOCK]; 3];
     let mut x = 0;

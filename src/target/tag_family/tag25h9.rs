@@ -1,5 +1,6 @@
 //! The code words of AprilTag 25h9: 35 words of 25 bits, from `tag25h9.c` of github.com/AprilRobotics/apriltag (BSD-2-Clause, Copyright (C)
 //! 2013-2016, The Regents of The University of Michigan). First bit of the layout highest, 1 = white.
+//! The numbers here must be those of that file.
 
 #[rustfmt::skip]
 pub(super) const CODES: [u64; 35] = [
