@@ -119,7 +119,7 @@ pub fn motion_limits<const N: usize>(
     ))
 }
 
-/// Refuses what control cannot do: to go by several cameras that are no pair, or by a pair that has no goal.
+/// Refuses what control cannot do: to use several cameras that are no pair, or a pair that has no goal.
 ///
 /// # Errors
 /// [`AssembleError::SeveralCameras`], [`AssembleError::NotTaught`].
@@ -140,7 +140,7 @@ pub fn vision(config: &Config) -> Vision {
     Vision::new(config.camera.model, config.target.clone(), config.vision)
 }
 
-/// The arm of a configuration as vision goes by it.
+/// The arm of a configuration as vision uses it.
 ///
 /// # Errors
 /// When the robot cannot be built.

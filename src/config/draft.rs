@@ -33,7 +33,7 @@ impl Draft {
     /// Reads a run file, or the embedded default where `path` is `None`, and applies `--set` arguments.
     ///
     /// # Errors
-    /// When the file cannot be read or is no TOML. What else is wrong is told by [`Self::validate`].
+    /// When the file cannot be read or is no TOML. Other problems are reported by [`Self::validate`].
     pub fn load(path: Option<&Path>, set: &[String]) -> Result<Self, ConfigError> {
         let Some(path) = path else {
             return Self::parse("embedded default configuration", DEFAULT_TOML, Path::new("."), set);

@@ -23,7 +23,7 @@ pub struct GoalFile {
     /// An image of the view, beside the file, for people.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub thumbnail: Option<String>,
-    /// The target in the camera, for people: runs go by the features.
+    /// The target in the camera, for people: runs use the features.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose: Option<GoalPose>,
     /// The points of the target.

@@ -36,7 +36,7 @@ macro_rules! table {
 }
 
 /// Declares a table that holds a pose: `position_m` and `rotation_rpy_rad`, which it names with their defaults, and beside them all
-/// other ways to write a pose, of which `pose_forms` makes those two.
+/// other ways to write a pose, which `pose_forms` converts to those two.
 macro_rules! pose_table {
     ($(#[$doc:meta])* $name:ident { $($own:tt)* }) => {
         table! {

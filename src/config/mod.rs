@@ -69,11 +69,11 @@ pub struct Config {
     pub goal: GoalTolerance,
     /// The arm.
     pub robot: RobotDescription,
-    /// Whether the run does what it is told, until it is told to end.
+    /// Whether the run serves requests, until one ends it.
     pub serve: bool,
     /// Where the arm starts.
     pub start: Start,
-    /// The camera that control goes by.
+    /// The camera that control uses.
     pub camera: Camera,
     /// The cameras beside it: the right one of a pair, or such as have processes but no say yet.
     pub further_cameras: Vec<Camera>,
@@ -202,7 +202,7 @@ pub struct SimulatedArm {
 /// A drive in another process.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DriveProgram {
-    /// Program and arguments; empty where somebody else starts it.
+    /// Program and arguments; empty where it is started from outside.
     pub command: Vec<String>,
     /// Where it is started.
     pub folder: PathBuf,

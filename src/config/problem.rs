@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// So many problems are told, the others counted, so that they fit a terminal.
+/// Most problems that are listed, so that they fit a terminal; the others are counted.
 const TOLD: usize = 20;
 
 /// One thing that is wrong, and where.
@@ -60,7 +60,7 @@ impl ConfigError {
         self
     }
 
-    /// What people are told, line by line.
+    /// The message for people, line by line.
     pub fn lines(&self) -> impl Iterator<Item = String> {
         let more = (self.more > 0).then(|| {
             let problems = if self.more == 1 { "problem" } else { "problems" };
@@ -84,7 +84,7 @@ impl fmt::Display for ConfigError {
 
 impl std::error::Error for ConfigError {}
 
-/// The first of `found` in the order of `offset`, as many as may be told, and how many are left.
+/// The first of `found` in the order of `offset`, as many as are listed, and the number of the others.
 pub(super) fn first<T>(mut found: Vec<T>, offset: impl Fn(&T) -> usize) -> (Vec<T>, usize) {
     found.sort_by_key(offset);
     let more = found.len().saturating_sub(TOLD);

@@ -24,7 +24,7 @@ use std::ops::RangeInclusive;
 const GAIN_1_S: RangeInclusive<f64> = 1e-3..=100.0;
 const PD_GAIN: RangeInclusive<f64> = 0.0..=1e6;
 
-/// How long a wish that is held between measurements is on its way in the mean, frames: between half and a whole one, as
+/// Mean delay of a law output that is held between measurements, frames: between half and a whole one, as
 /// [`ServoSettings::held_lag`] says. Chosen.
 const HELD_FOR: f64 = 0.75;
 
@@ -230,7 +230,7 @@ struct PdGains {
     joints: [f64; MAX_JOINTS],
 }
 
-/// All of them, whichever law is used: a number that is wrong is told before it is needed.
+/// All of them, whichever law is used: a wrong number is reported before it is needed.
 fn pd_gains(s: &RawServo, check: &mut Validation<'_>) -> PdGains {
     let pd = &s.pd;
     PdGains {

@@ -1,4 +1,4 @@
-//! From a document to its tables: what cannot be read is told and set aside, so that the rest of the file can be.
+//! From a document to its tables: what cannot be read is reported and set aside, so that the rest of the file can be checked.
 //!
 //! Each pass through the document sets aside all unknown keys of a table, or a known key whose value is wrong. There are few
 //! tables and few known keys, so the number of passes does not grow with the file.
@@ -9,7 +9,7 @@ use super::source::Document;
 use crate::input::number;
 use toml::{Table, Value};
 
-/// Longest list that any key takes, so that a hostile one is told once: the widest, taught points, has 64 entries of some numbers.
+/// Longest list that any key takes, so that a hostile one is reported once: the widest, taught points, has 64 entries of some numbers.
 const LONGEST_LIST: usize = 256;
 
 /// Reads the tables; adds what is wrong to `problems`. Gives how many unknown keys there are beside those.

@@ -205,7 +205,7 @@ pub(super) fn target(raw: &RawTarget, check: &mut Validation<'_>) -> Option<Targ
     made("target", raw, check)
 }
 
-/// The target that lengths within their ranges make; what they do not make is told at `key`.
+/// The target with these lengths, which are within their ranges; a target that cannot be built is reported at `key`.
 pub(super) fn made(key: &str, raw: &RawTarget, check: &mut Validation<'_>) -> Option<Target> {
     let made = match raw.kind {
         TargetKind::FourDots => FourDots::new(raw.side_m, raw.radius_p1_m, raw.radius_m, raw.margin_m)

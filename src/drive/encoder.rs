@@ -1,4 +1,4 @@
-//! What a joint's encoder makes of its true position: steps, noise, and a velocity that is only the filtered
+//! Model of a joint's encoder: quantization, noise, and a velocity that is only the filtered
 //! difference of positions. All noise comes from the seed.
 
 use crate::linalg::Random;

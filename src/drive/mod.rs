@@ -46,7 +46,7 @@ pub struct DriveState<const N: usize> {
     pub truth: Option<(SVector<f64, N>, SVector<f64, N>)>,
 }
 
-/// What a drive is told; which part it obeys is its [`CommandMode`].
+/// The command of a drive; which part of it the drive obeys is its [`CommandMode`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveCommand<const N: usize> {
     /// Torques or forces, N m or N.
@@ -112,7 +112,7 @@ pub trait Drive<const N: usize> {
         DriveHealth::default()
     }
 
-    /// Forgets why its states could not be used: somebody has seen to it.
+    /// Clears the fault of its states, after a reset.
     fn reset(&mut self) {}
 
     /// No command follows: the arm stays where it is by its own means, `last` being what it is to hold.

@@ -1,4 +1,4 @@
-//! An arm that does not move, whatever it is told: for runs whose images come from files, where the loop is open.
+//! An arm that does not move, whatever the commands: for runs whose images come from files, where the loop is open.
 
 use super::{CommandMode, Drive, DriveCommand, DriveState};
 use crate::time::MonoNs;

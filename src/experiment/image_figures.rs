@@ -1,4 +1,4 @@
-//! Figs. 10.1 to 10.4: a rendered scene of a dark and a lighter object on a light ground, and what Sect. 10.2 makes of it.
+//! Figs. 10.1 to 10.4: a rendered scene of a dark and a lighter object on a light ground, processed as in Sect. 10.2.
 //!
 //! Everything is done by the steps of [`crate::pipeline`], as `vservo process` does them; the truth is the object's outline, projected.
 

@@ -268,7 +268,7 @@ pub fn run(name: &str, out: &Path, options: &Options<'_>) -> Result<Vec<Report>,
     Ok(reports)
 }
 
-/// Work of all experiments but `convergence`, and of each of its starts, seconds of one core; their files, MB. As measured, to be told before.
+/// Work of all experiments but `convergence`, and of each of its starts, seconds of one core; their files, MB. As measured, to be announced before the start.
 const CORE_S: f64 = 26.0;
 const CORE_S_A_START: f64 = 0.0062;
 const FILES_MB: f64 = 36.0;

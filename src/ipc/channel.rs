@@ -18,7 +18,7 @@ pub enum Channel {
     Trace,
     /// Where the run stands.
     Status,
-    /// What somebody wants of control.
+    /// Requests to control.
     Command,
     /// Commands to an external drive.
     DriveCommand,

@@ -21,7 +21,7 @@ pub struct Asked(ActiveRequest<IpcService, ControlCommand, (), ControlAnswer, ()
 #[derive(Debug)]
 pub struct Pending(PendingResponse<IpcService, ControlCommand, (), ControlAnswer, ()>);
 
-/// The end of whoever wants something.
+/// The client's end.
 #[derive(Debug)]
 pub struct CommandClient(Client<IpcService, ControlCommand, (), ControlAnswer, ()>);
 

@@ -94,7 +94,7 @@ impl IpcError {
         }
     }
 
-    /// What was tried and did not succeed, told by what has run out, where something has.
+    /// The operation that failed, with the resource that is exhausted, where one is.
     pub(super) fn scarce_or(action: impl FnOnce() -> String, cause: &str, otherwise: Self) -> Self {
         match Scarcity::found() {
             Some(scarcity) => Self::Scarce { action: action(), scarcity, cause: cause.into() },

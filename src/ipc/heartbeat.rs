@@ -1,6 +1,6 @@
-//! Signs of life: each process leaves the time of its last one in the file of its role's lock, where the others can read it.
+//! Heartbeats: each process writes the time of its last one to the file of its role's lock, where the others can read it.
 //!
-//! A process that hangs still holds its lock, its node and its ports: only that its main loop comes round shows that it lives.
+//! A process that hangs still holds its lock, its node and its ports: only the progress of its main loop shows that it is alive.
 
 use crate::rt::now;
 use crate::time::{MonoNs, SpanNs};
@@ -8,7 +8,7 @@ use rustix::io::{pread, pwrite};
 use std::cell::Cell;
 use std::os::fd::{AsFd, OwnedFd};
 
-/// Signs of life come no more often than this, since a silence is told after twenty of them.
+/// Heartbeats come no more often than this, since a silence is reported after twenty of them.
 const PERIOD: SpanNs = SpanNs(100_000_000);
 
 /// The signs of life of this process; it holds the role as the lock does, because they share its file. Costs a look at the clock, and ten times a second a system call.
@@ -25,7 +25,7 @@ impl Heartbeat {
         heartbeat
     }
 
-    /// The main loop has come round.
+    /// Marks a pass of the main loop.
     pub fn beat(&self) {
         let time = now();
         if time - self.last.get() >= PERIOD {

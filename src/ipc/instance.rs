@@ -324,7 +324,7 @@ impl Instance {
     }
 
     /// Removes what dead processes of this instance left in shared memory, unless a living one plays any other role
-    /// or has joined the transport. To be called at the start by whoever holds a role, and at the end by everybody.
+    /// or has joined the transport. To be called at the start by the holder of a role, and at the end by every process.
     pub fn remove_leftovers(&self, own: Option<Role>) {
         // All other roles are held meanwhile: nobody can start in a directory that is about to vanish.
         let others = || Role::all().filter(|role| Some(*role) != own);

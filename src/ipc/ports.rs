@@ -156,7 +156,7 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
     }
 }
 
-/// Sends records to whoever listens, and wakes nobody; where nobody listens, nothing is made.
+/// Sends records to their readers without waking them; without a reader no record is made.
 #[derive(Debug)]
 pub struct QuietSender<T: ZeroCopySend + Debug + Copy + 'static> {
     service: Channel,

@@ -1,13 +1,13 @@
 //! The instance's directory in shared memory, and the transport's segments beside it: what may be trusted there.
 //!
-//! Everybody may write into `/dev/shm`, and whoever comes first may take a name. Three rules keep others out:
+//! Every user may write into `/dev/shm` and take a name first. Three rules keep others out:
 //! - The directory is opened once, never through a link, and looked at through its descriptor: it must be ours, and
 //!   writable for nobody else. All files in it are opened from that descriptor, so that no path is walked twice.
 //! - `/dev/shm` must have the sticky bit: then nobody else can rename or remove what is ours. What was found to be ours
 //!   stays what it is.
 //! - Segments lie in `/dev/shm` itself. Under the instance's prefix nothing may lie there that is not a plain file of ours.
 //!
-//! Nothing that belongs to somebody else is written, repaired or removed.
+//! Nothing that belongs to another user is written, repaired or removed.
 
 use super::InstanceError;
 use rustix::fs::{AtFlags, Dir, FallocateFlags, FileType, Mode, OFlags, Stat, fallocate};
@@ -147,7 +147,7 @@ impl RuntimeDir {
         }
     }
 
-    /// Removes the directory, if it is empty: whoever has come meanwhile keeps it.
+    /// Removes the directory, if it is empty: a process that has joined meanwhile keeps it.
     pub(super) fn remove_directory(self) {
         if same(
             fstat(&self.directory),

@@ -212,7 +212,7 @@ impl Services {
         Ok(CommandServer::new(port.map_err(|e| port_error(Channel::Command, e))?))
     }
 
-    /// The end of `control/command` of whoever wants something. Control alone makes the service: one that a client made and gave up again
+    /// The client's end of `control/command`. Control alone makes the service: one that a client made and gave up again
     /// while control came to it would be another one than the next client's.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 //! another process takes longer than the message itself.
 //!
 //! It is bounded, it is done only where the process may use another core beside its own, and it gives itself up where it does
-//! not help: after each spin in vain twice as many waits are made without one, and a success starts anew. On a busy machine
+//! not help: after each unsuccessful spin twice as many waits are made without one, and a success resets that. On a busy machine
 //! nearly all waits sleep at once.
 
 use crate::rt::now;
@@ -18,7 +18,7 @@ const INTERRUPTED: SpanNs = SpanNs(500_000);
 #[derive(Debug, Clone)]
 pub struct Spin {
     longest: SpanNs,
-    /// Waits without a spin after the next spin in vain.
+    /// Waits without a spin after the next unsuccessful spin.
     pause: u32,
     /// Waits still to be made without one.
     left: u32,

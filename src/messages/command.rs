@@ -1,4 +1,4 @@
-//! What somebody wants of control, and what it says to that: `control/command`.
+//! Requests to control and its answers: `control/command`.
 
 use super::MAX_JOINTS;
 #[cfg(feature = "transport")]
@@ -60,7 +60,7 @@ pub struct ControlAnswer {
 
 /// Bits of [`ControlAnswer::flags`].
 pub mod answer_flag {
-    /// The run does what it is told, and ends when it is told.
+    /// The run serves requests, and ends on request.
     pub const SERVED: u32 = 1;
 }
 

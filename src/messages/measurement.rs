@@ -21,7 +21,7 @@ pub mod measurement_flag {
 #[repr(u32)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub enum TargetStatus {
-    /// Found, and its points told apart; whole, or as much of it as is needed ([`measurement_flag::PARTIAL`]).
+    /// Found, with its points identified: all of them, or as many as are needed ([`measurement_flag::PARTIAL`]).
     Found = 0,
     /// The frame has no contrast: covered lens, no light, over-exposed.
     #[default]
@@ -30,7 +30,7 @@ pub enum TargetStatus {
     TooFewRegions = 2,
     /// There are enough regions, but no choice of them has the target's geometry.
     NoMatch = 3,
-    /// The geometry fits in more than one way: features cannot be told apart.
+    /// The geometry fits in more than one way: the features cannot be identified.
     Ambiguous = 4,
     /// The frame does not have the size of the configured camera.
     WrongSize = 5,

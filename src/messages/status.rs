@@ -25,7 +25,7 @@ pub enum ControlState {
     Idle = 6,
     /// What the camera sees becomes the goal: the arm stands.
     Teaching = 7,
-    /// The arm slows down because somebody said so, or because the run ends.
+    /// The arm slows down on request, or because the run ends.
     Stopping = 8,
     /// Held on request: the arm slows down and stands.
     Held = 9,

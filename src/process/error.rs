@@ -76,7 +76,7 @@ pub enum ProcessError {
     /// A word that is no command, or names nothing that there is.
     #[error("{0}")]
     NoCommand(String),
-    /// A goal of which nothing was seen.
+    /// A goal in whose view nothing of the target was found.
     #[error(
         "the whole target was seen in none of {images} images: {status}; see to lens, light and target, or to where the arm stands"
     )]
@@ -149,7 +149,7 @@ pub enum ProcessError {
         /// The system's word for it.
         cause: std::io::Error,
     },
-    /// There is no run to be told something.
+    /// There is no run that could take a request.
     #[error(
         "no run of instance `{0}` is there: start one with `vservo serve`, or name another with --instance"
     )]
@@ -226,7 +226,7 @@ pub enum ProcessError {
 }
 
 impl ProcessError {
-    /// What people are told, line by line, whatever stands in names and files that they gave.
+    /// The message for people, line by line; names and paths in it are made printable.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         match self {

@@ -4,7 +4,7 @@ use super::ProcessError;
 use crate::ipc::{Heartbeat, Instance, Role, RoleLock, Services};
 
 /// A held role and the connection to shared memory. The fields are given back in the order in which they stand:
-/// first the connection, then the role, and then, by whoever is the last, the instance's place itself.
+/// first the connection, then the role, and then, by the last process, the instance's directory itself.
 #[derive(Debug)]
 pub struct Membership {
     services: Services,

@@ -1,4 +1,4 @@
-//! The processes: thin loops around the cores. Each joins an instance under its role, works until it is told to stop,
+//! The processes: thin loops around the cores. Each joins an instance under its role, works until a stop is requested,
 //! and takes its run files with it.
 
 pub mod camera;

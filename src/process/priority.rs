@@ -40,7 +40,7 @@ impl Rank {
     }
 }
 
-/// Asks for the priority of `rank` for this thread, in real time and as `realtime.policy` says; what came of it is told.
+/// Asks for the priority of `rank` for this thread, in real time and as `realtime.policy` says; the result is reported.
 ///
 /// # Errors
 /// Under policy `enforce`, when it is refused.

@@ -32,7 +32,7 @@ impl ReportImages {
         }
     }
 
-    /// Encodes and writes them, after the run. A failure is told; the page does without them.
+    /// Encodes and writes them, after the run. A failure is reported, and the page is made without them.
     pub(super) fn write(&self) {
         let Some((folder, book)) = &self.0 else { return };
         let written = book.images().try_for_each(|image| {

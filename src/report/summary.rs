@@ -380,7 +380,7 @@ impl Summary {
     }
 }
 
-/// How a spin and its cost are told, behind what scheduling was obtained; nothing where there is none.
+/// The words for a spin and its cost, after the scheduling that was obtained; empty where there is none.
 #[must_use]
 pub fn spin_text(spin_us: f64, share: f64) -> String {
     if spin_us <= 0.0 {

@@ -13,7 +13,7 @@ use tracing_subscriber::util::SubscriberInitExt;
 const LEVELS: &str = "off, error, warn, info, debug or trace";
 
 /// Starts logging, in the form that was asked for on the command line, or else by the environment. What is wrong with the latter is
-/// told, and left out.
+/// reported, and left out.
 pub fn start_logging(asked: Option<LogFormat>) {
     let variable = |name| std::env::var(name).ok().filter(|value| !value.is_empty());
     let by_environment = variable(FORMAT).map(|word| word.parse::<LogFormat>());

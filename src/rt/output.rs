@@ -1,4 +1,4 @@
-//! What goes to stdout and stderr. Nothing here panics, and nothing that is told on the way of a run waits: a full disk, a
+//! Output to stdout and stderr. Nothing here panics, and no message during a run blocks: a full disk, a
 //! closed terminal or a reader that stopped reading must never reach the arm.
 
 use super::log_format::{LogFormat, log_format};
@@ -79,7 +79,7 @@ pub fn print(text: &str) -> io::Result<()> {
     }
 }
 
-/// A line that is told, as an object like those of the log.
+/// A message as a JSON object like those of the log.
 fn object(message: &str) -> String {
     let mut timestamp = String::new();
     // of a clock that gives none, none

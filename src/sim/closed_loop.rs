@@ -12,7 +12,7 @@ use std::ops::ControlFlow;
 
 /// What goes on in a tick. Each part may end the loop.
 pub trait ClosedLoop {
-    /// What the camera makes of a frame.
+    /// The image of the camera.
     type Observation;
     /// How the loop ends.
     type Outcome;

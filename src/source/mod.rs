@@ -1,7 +1,7 @@
-//! Producers of frames, each behind one of two traits: whoever replaces one changes nothing behind it.
+//! Sources of frames, each behind one of two traits, so that one can be replaced without a change behind it.
 //!
 //! ```text
-//! arm states (1 kHz) ─► synthetic ─┐  scheduled: told when to expose
+//! arm states (1 kHz) ─► synthetic ─┐  scheduled: triggered
 //! folder of images   ─► replay    ─┴─► expose(exposure, buffer in shared memory)
 //!                                      free-running: tells when it did
 //! a real camera      ────────────────► wait() ─► Captured { mid, span, sequence, lost }, fill(buffer in shared memory)
@@ -124,7 +124,7 @@ impl SourceError {
     }
 }
 
-/// A producer of frames that exposes when it is told to.
+/// A source of frames whose exposures are triggered.
 pub trait ScheduledSource {
     /// Tells where the arm is; in the order of time.
     fn arm(&mut self, state: &JointState);

@@ -9,7 +9,7 @@ use tracing::warn;
 
 const ENDINGS: [&str; 4] = ["png", "pgm", "jpg", "jpeg"];
 
-/// Plays image files. One that is damaged is told, counted and left out, unless that is to end the play.
+/// Plays image files. A damaged one is reported, counted and left out, unless it is to end the replay.
 #[derive(Debug)]
 pub struct Replay {
     files: Vec<PathBuf>,

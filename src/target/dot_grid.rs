@@ -194,7 +194,7 @@ impl DotGrid {
         self.large.get(row * self.columns + column).copied().filter(|_| inside)
     }
 
-    /// Side, in dots, of the windows of which no two look alike.
+    /// Side, in dots, of the windows that are all different.
     #[must_use]
     pub fn window(&self) -> usize {
         self.window

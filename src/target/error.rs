@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-/// A target that cannot be built, or whose corners cannot be told apart.
+/// A target that cannot be built, or whose corners cannot be identified.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum TargetError {
     /// A length is not a positive, finite number.
@@ -61,7 +61,7 @@ pub enum TargetError {
         /// Radius of the large dots.
         mark_radius_m: f64,
     },
-    /// A grid is too small to be told apart, or too large.
+    /// A grid is too small to be identified, or too large.
     #[error("target: {columns} x {rows} dots; give 3 to 32 columns and rows")]
     Count {
         /// Dots in a row.

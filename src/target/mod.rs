@@ -53,7 +53,7 @@ pub struct Symmetry {
 pub enum Target {
     /// Four dots at the corners of a square, one of them larger (Fig. 10.6).
     FourDots(FourDots),
-    /// Dots in rows and columns, told apart by the large ones among them; serves also where it is partly hidden.
+    /// Dots in rows and columns, identified by the large ones among them; also usable where it is partly hidden.
     DotGrid(DotGrid),
     /// Dark and light squares by turns.
     Chessboard(Chessboard),

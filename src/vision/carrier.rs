@@ -29,7 +29,7 @@ pub struct ArmCarrier<const N: usize> {
 }
 
 impl<const N: usize> ArmCarrier<N> {
-    /// An arm of which no state is known yet.
+    /// An arm without a known state yet.
     #[must_use]
     pub fn new(robot: Robot<N>, mount: Mount) -> Self {
         Self { robot, mount, joints: JointHistory::new() }

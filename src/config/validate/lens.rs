@@ -1,6 +1,6 @@
-//! The numbers of a lens, whoever says them: `[camera.lens]` and, where it is not as believed, `[scene.camera.lens]`.
+//! The numbers of a lens: `[camera.lens]` and, where the true lens differs from it, `[scene.camera.lens]`.
 //!
-//! The numbers here are ranges wider than any use, chosen, so that a slip is told; `tests/cores/plausible_numbers.rs` tries their ends.
+//! The numbers here are ranges wider than any use, chosen, so that a slip of the pen is reported; `tests/cores/plausible_numbers.rs` tries their ends.
 
 use crate::camera_model::{Intrinsics, Lens, LensModel};
 use crate::config::check::Validation;

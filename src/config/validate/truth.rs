@@ -1,6 +1,6 @@
 //! `[scene]`: what is true in a simulated cell, from what is believed and what the file says is otherwise.
 //!
-//! The numbers here are ranges wider than any use, chosen, so that a slip is told; `tests/cores/plausible_numbers.rs` tries their ends.
+//! The numbers here are ranges wider than any use, chosen, so that a slip of the pen is reported; `tests/cores/plausible_numbers.rs` tries their ends.
 
 use super::lens;
 use crate::camera_model::{CameraModel, Intrinsics, Lens};

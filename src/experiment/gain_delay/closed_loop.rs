@@ -57,7 +57,7 @@ pub struct DelayedLoop {
     pub update: UpdatePolicy,
     /// From exposure to use, ms.
     pub delay_ms: usize,
-    /// Lag of the joints behind their reference rate, s; 0 for the ideal arm. `predict` is told of it.
+    /// Lag of the joints behind their reference rate, s; 0 for the ideal arm. `predict` compensates it.
     pub lag_s: f64,
     /// What is wrong.
     pub disturbance: Disturbance,

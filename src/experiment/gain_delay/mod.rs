@@ -56,7 +56,7 @@ pub struct Finding {
     pub frame_largest_stable_gain_1_s: f64,
     /// The quickest gain of `frame`.
     pub frame: Best,
-    /// Largest stable gain under `predict`, 1/s, where nothing is wrong; 4000 and beyond are not told apart.
+    /// Largest stable gain under `predict`, 1/s, without model errors; values of 4000 and more are not distinguished.
     pub predict_largest_stable_gain_1_s: f64,
     /// The quickest gain of `predict` that bears every wrong stamp and depth too.
     pub predict: Best,

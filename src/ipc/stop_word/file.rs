@@ -1,4 +1,4 @@
-//! The stop word as a file of the instance: made by control before its first tick, and opened by whoever asks.
+//! The stop word as a file of the instance: made by control before its first tick, and opened by those that request a stop.
 
 use super::{BYTES, StopWord};
 use crate::ipc::InstanceError;

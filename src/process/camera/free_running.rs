@@ -5,7 +5,7 @@
 //! frame_id                 0   1        3   4     5   6
 //! lost                     0   0        1   1     1   1        and what the source itself says it lost
 //! ```
-//! A source that falls silent is told of, and then ends the process. One that knows that its camera is away, and looks for it, is
+//! A source that falls silent is reported, and later ends the process. One that knows that its camera is away, and looks for it, is
 //! waited for longer (`camera.v4l2.give_up_s`). What it says of itself goes out at each change, and five times a second.
 
 use super::{Outlet, Shot};

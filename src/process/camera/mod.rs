@@ -1,4 +1,4 @@
-//! The camera process: frames, straight into shared memory. One loop for sources that are told when to expose, one for those
+//! The camera process: frames, straight into shared memory. One loop for sources whose exposures are triggered, one for those
 //! that tell when they did.
 
 mod free_running;

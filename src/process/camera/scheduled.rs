@@ -1,4 +1,4 @@
-//! The loops of a source that is told when to expose: by the machine's clock, or by the ticks of a lockstep control.
+//! The loops of a source whose exposures are triggered: by the machine's clock, or by the ticks of a lockstep control.
 
 use super::Shot;
 use crate::config::Clock;
@@ -17,7 +17,7 @@ use tracing::info;
 /// is lost, not an error.
 const LEAD: SpanNs = SpanNs(50_000_000);
 
-/// A camera whose source is told when to expose.
+/// A camera whose exposures are triggered.
 pub(super) struct ScheduledCamera<'a> {
     config: &'a Config,
     membership: &'a Membership,

@@ -25,14 +25,14 @@ const N: usize = 4;
 /// An arm this fast is on its way, rad/s or m/s.
 const MOVES: f64 = 0.3;
 
-/// What the drive was told.
+/// The commands that the drive was given.
 #[derive(Default)]
 struct Record {
     qd_r: Vec<SVector<f64, N>>,
     last: bool,
 }
 
-/// A drive that does as it is told at once, and the camera and vision of the same cell.
+/// A drive that follows its commands at once, and the camera and vision of the same cell.
 struct FakeCell {
     config: Config,
     q: SVector<f64, N>,

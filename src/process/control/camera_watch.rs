@@ -8,7 +8,7 @@ use crate::messages::{CameraHealth, CameraState, Status};
 use crate::rt::now;
 use crate::time::MonoNs;
 
-/// The newest words of the cameras that control goes by: of one, or of a pair.
+/// The latest health records of the cameras that control uses: of one, or of a pair.
 pub(super) struct CameraWatch {
     cameras: Vec<WatchedCamera>,
 }
@@ -38,7 +38,7 @@ impl CameraWatch {
         Ok(Self { cameras })
     }
 
-    /// Takes in what has come; an event where there is one to be told.
+    /// Takes in new health records; returns an event that is to be reported.
     pub(super) fn look(&mut self) -> Result<Option<String>, IpcError> {
         let mut events = Vec::new();
         for camera in &mut self.cameras {

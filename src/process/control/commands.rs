@@ -6,7 +6,7 @@
 //! ```
 //! Questions for the state alone are answered here, and requests that mean nothing are refused here.
 //!
-//! Whoever asks can do what it likes: requests that cannot be taken are counted and told, and never end a run.
+//! Clients cannot disturb a run: requests that cannot be taken are counted and reported, and never end it.
 
 use super::requests::{Answered, Numbered};
 use super::stops::Stops;
@@ -129,7 +129,7 @@ impl Commands {
         }
     }
 
-    /// Hands an answer of the loop to whoever waits for it.
+    /// Hands an answer of the loop to the client that waits for it.
     pub(super) fn answer(&mut self, answered: &Answered) {
         while let Some((_, asked)) = self.waiting.pop_front_if(|(number, _)| *number <= answered.number) {
             let request = asked.command().request;

@@ -6,7 +6,7 @@ use rtrb::{Consumer, Producer};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Messages that found no room, counted where they are dropped and told at the end of the run.
+/// Messages that were dropped because a ring was full. They are counted there and reported at the end of the run.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Lost(Arc<AtomicU64>);
 

@@ -102,7 +102,7 @@ impl<'a> Ports<'a> {
         Ok(Self { membership, measurements, wake_listener, joint_state, status, trace })
     }
 
-    /// Records vanish with their sender: gives whoever listens the time to take the last ones.
+    /// Records vanish with their sender: gives the readers time to take the last ones.
     fn farewell(&self) {
         if self.trace.is_heard() {
             std::thread::sleep(TRACE_FAREWELL);

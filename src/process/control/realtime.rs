@@ -215,7 +215,7 @@ struct Companion<'a, const N: usize> {
     unsent: u64,
     /// All of shared memory was, when the first measurement came.
     is_reserved: bool,
-    /// Since the last measurement; `None` once its length was told.
+    /// The silence since the last measurement; `None` once it was reported.
     silence: Option<Silence>,
 }
 
@@ -273,7 +273,7 @@ impl<const N: usize> Companion<'_, N> {
         Ok(())
     }
 
-    /// The trace of a tick, with what the mission makes of it.
+    /// The trace of a tick, completed by the mission.
     fn note(&mut self, mut trace: Trace) -> Trace {
         let frame = trace.measurement_record.map(|record| record.frame);
         let measurement =

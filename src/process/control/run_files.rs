@@ -24,7 +24,7 @@ pub(super) fn history<const N: usize>(config: &Config, mission: &Mission<N>) -> 
     RunHistory::new(N, set_point.ids(), longest, config.camera.rate_hz)
 }
 
-/// Writes it all. A failure is told and changes nothing: the run is over, and the arm at rest.
+/// Writes all files. A failure is reported and changes nothing: the run is over, and the arm is at rest.
 pub(super) fn write<const N: usize>(
     folder: &ReportFolder,
     config: &Config,

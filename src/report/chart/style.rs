@@ -1,6 +1,6 @@
 //! The one style of all charts: light, dark, and light on paper.
 
-/// Rules for the classes of the drawings. The palette is Okabe and Ito's, told apart by colour-blind readers; lighter on dark ground.
+/// Rules for the classes of the drawings. The palette is Okabe and Ito's, distinguishable for colour-blind readers, as their paper says; lighter on dark ground.
 pub const CHART_STYLE: &str = "\
 :root{color-scheme:light dark;--paper:#fff;--ink:#1d1d1d;--soft:#555;--faint:#e4e4e4;--frame:#999;--red:#c0392b;\
 --c0:#0072b2;--c1:#d55e00;--c2:#00805c;--c3:#b0508a;--c4:#2f8fd0;--c5:#a87400;--c6:#5a5a5a;--blind:#d55e0026;--busy:#0072b21f;--hold:#a8740038}\

@@ -76,7 +76,7 @@ struct DetectionRow {
     latency: Option<LatencyStages>,
 }
 
-/// Rows of which every `stride`-th is kept, and the last.
+/// Rows: every `stride`-th is kept, and the last one.
 #[derive(Debug, Clone)]
 struct Thinned<T> {
     rows: Vec<T>,

@@ -237,7 +237,7 @@ fn several(count: usize) -> String {
     if count == 1 { "a number".to_owned() } else { format!("{count} numbers") }
 }
 
-/// What is wrong between the attributes of an element, each of which is right.
+/// An inconsistency between the attributes of an element, each of which is valid by itself.
 fn contradiction(node: Node, version: Version) -> Option<String> {
     match node.tag_name().name() {
         "origin" if version >= V1_1 && node.has_attribute("rpy") && node.has_attribute("quat_xyzw") => {

@@ -11,7 +11,7 @@
 //!                    ENODEV    └───────────────────────► Gone: closed; looked for with growing pauses,
 //!                                                              by what it is, not by its node's number
 //! ```
-//! A frame's way: taken from the driver, dated, converted once into shared memory, given back. Nothing here waits longer than it was told,
+//! A frame's way: taken from the driver, dated, converted once into shared memory, given back. Nothing here waits longer than its caller allows,
 //! but for the driver's own opening and starting.
 
 use super::count::Backoff;

@@ -119,7 +119,7 @@ fn is_mode(kind: ControlKind) -> bool {
     matches!(kind, ControlKind::Boolean | ControlKind::Menu | ControlKind::IntegerMenu)
 }
 
-/// Sets what the run file says, and the exposure where it is to be set. Gives what is worth telling.
+/// Sets what the run file says, and the exposure where it is to be set. Returns notes for people.
 pub(super) fn apply(
     node: &mut dyn VideoNode,
     settings: &V4l2Settings,

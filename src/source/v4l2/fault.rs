@@ -83,7 +83,7 @@ pub enum V4l2Error {
         /// What there is.
         offered: String,
     },
-    /// The device takes another format or size than it was told.
+    /// The device takes another format or size than was requested.
     #[error(
         "the device does not keep to what it is told: {tried}; set camera.width_px, camera.height_px and \
              camera.v4l2.format to what it makes of it; it offers {offered}"

@@ -76,7 +76,7 @@ pub(super) fn offered(node: &dyn VideoNode) -> Vec<OfferedFormat> {
         .collect()
 }
 
-/// So many things are told in a line; `vservo camera --list` shows the others.
+/// Most entries of a line, chosen by hand; `vservo camera --list` shows the others.
 const TOLD: usize = 24;
 
 fn told(mut all: Vec<String>) -> String {
@@ -170,7 +170,7 @@ pub(super) struct Agreed {
     pub(super) interval: Option<Interval>,
 }
 
-/// Asks for format, size and rate. Gives what is worth telling beside what was agreed on.
+/// Asks for format, size and rate. Returns notes for people beside the agreed capture.
 pub(super) fn negotiate(
     node: &mut dyn VideoNode,
     path: &Path,

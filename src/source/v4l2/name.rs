@@ -49,7 +49,7 @@ pub(super) struct OpenedNode {
     pub(super) node: Box<dyn VideoNode>,
 }
 
-/// Opens the device that somebody named.
+/// Opens the named device.
 pub(super) fn resolve(host: &dyn CameraHost, device: &str) -> Result<OpenedNode, V4l2Error> {
     if device.starts_with('/') {
         return by_path(host, device);

@@ -1,5 +1,5 @@
 //! A video node as everything here sees it: plain values and one trait. `device.rs` is the kernel's; tests put a scripted one in
-//! its place, which unplugs itself, lies and fails when it is told to.
+//! its place, which unplugs itself, lies and fails as the script says.
 
 use rustix::io::Errno;
 use serde::{Serialize, Serializer};

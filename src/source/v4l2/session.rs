@@ -48,7 +48,7 @@ pub(super) struct Session {
 }
 
 impl Session {
-    /// Sets everything but the stream. Gives what is worth telling beside.
+    /// Sets everything but the stream. Returns notes for people.
     pub(super) fn prepare(
         path: &Path,
         mut node: Box<dyn VideoNode>,

@@ -38,7 +38,7 @@ pub(super) struct DriverStamp {
 pub enum StampDoubt {
     /// It does not say by what clock.
     UnknownClock,
-    /// They are of somebody else.
+    /// They are of another program.
     Copied,
     /// They do not go on.
     NotIncreasing,

@@ -1,4 +1,4 @@
-//! The vision core of two cameras: frames of both in, [`Measurement`]s out, of an object of which nothing is known but the names of
+//! The vision core of two cameras: frames of both in, [`Measurement`]s out, of an object that is known only by the ids of
 //! its points.
 //!
 //! ```text

@@ -17,7 +17,7 @@ const MAX_WAITING: usize = 16;
 /// Which of the two cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Side {
-    /// The first one, in whose frame positions are told.
+    /// The first one, in whose frame positions are given.
     Left,
     /// The second one.
     Right,
