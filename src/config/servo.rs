@@ -216,7 +216,7 @@ fn law(s: &RawServo, check: &mut Validation<'_>) -> Law {
         }
         SchemeKind::Hybrid => {
             let gains = HybridGains { K_p: K.fixed_rows::<3>(0).into(), K_o: K.fixed_rows::<3>(3).into() };
-            Law::Hybrid { gains, gain, orientation, space }
+            Law::Hybrid { gains, gain, orientation, space, depth: interaction.depth }
         }
     }
 }

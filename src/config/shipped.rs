@@ -3,7 +3,7 @@
 /// A run file that is part of the program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ShippedFile {
-    /// Its name, without folder and ending.
+    /// Its name: its path below `config/`, without the ending.
     pub name: &'static str,
     /// Its text.
     pub text: &'static str,
@@ -41,6 +41,11 @@ shipped! {
     "shape-moments";
     "stereo";
     "tag";
+    "textbook/scara-a";
+    "textbook/scara-b";
+    "textbook/scara-c";
+    "textbook/scara-d";
+    "textbook/scara-hybrid";
     "ur5";
     "ur5-b";
     "ur5-hybrid";
@@ -74,11 +79,13 @@ mod tests {
     #[test]
     fn every_run_file_is_embedded_and_valid_anywhere() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
-        let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-        let mut names: Vec<_> = files
-            .filter(|path| path.extension().is_some_and(|e| e == "toml"))
-            .map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned())
-            .collect();
+        let mut names = Vec::new();
+        for below in ["", "textbook/"] {
+            let files = std::fs::read_dir(folder.join(below)).unwrap().map(|entry| entry.unwrap().path());
+            names.extend(files.filter(|path| path.extension().is_some_and(|e| e == "toml")).map(|path| {
+                format!("{below}{}", path.file_stem().unwrap().to_str().unwrap())
+            }));
+        }
         names.sort();
         assert_eq!(names, SHIPPED_FILES.iter().map(|file| file.name).collect::<Vec<_>>());
         let elsewhere = tempfile::tempdir().unwrap();

@@ -176,6 +176,7 @@ fn law(flier: &Flier) -> Law {
             gain: Gain::Constant(1.0),
             orientation,
             space,
+            depth: DepthSource::Desired,
         },
     }
 }

@@ -9,7 +9,7 @@ use crate::geometry::Pose;
 use crate::pose::{Correspondence, algorithmic_step_4, algorithmic_step_segment};
 use crate::robot::{CameraJacobian, ExpressedIn};
 use crate::servo::{
-    Arm, Damping, FeatureKind, Gain, HybridGains, Interaction, Law, LawOutput, OperationalSpace,
+    Arm, Damping, DepthSource, FeatureKind, Gain, HybridGains, Interaction, Law, LawOutput, OperationalSpace,
     OrientationError, Selection, SetPoint, View, pose_gains_4,
 };
 use nalgebra::{Vector2, Vector3, Vector4};
@@ -85,6 +85,7 @@ impl Scheme {
                 gain: Gain::Constant(1.0),
                 orientation,
                 space: OperationalSpace::Four, // as in Example 10.5
+                depth: DepthSource::Desired,
             },
         }
     }

@@ -4,7 +4,7 @@
 //! Two signs differ from the printed text: `w_r = + T(phi_cd) K_o phi_cd` in (10.92), without which (10.93) does not
 //! follow, and `-ln(rho_z)` in e_p, without which it does not fit J_p and J_o.
 
-use super::{OperationalSpace, OrientationError, SetPoint, TwistTask, View, fit_similarity};
+use super::{DepthSource, OperationalSpace, OrientationError, SetPoint, TwistTask, View, fit_similarity};
 use crate::features::{NormalEquations, point_rows};
 use crate::geometry::rotation_z;
 use crate::messages::MAX_FEATURES;
@@ -104,7 +104,11 @@ pub fn J_o(s: &Vector2<f64>) -> Matrix3<f64> {
 }
 
 /// The rows `J_p v + J_o w = K_p e_p`, `w = T K_o phi_cd` as a task: solved for the twist they are (10.92), (10.97). The first
-/// point of the selection that is seen is the one of e_p, its desired depth stands for z_d.
+/// point of the selection that is seen is the one of e_p.
+///
+/// z_c of J_p is `rho_z z_d`. Where z_d is not known a [`DepthSource::Constant`] stands for it, which makes the translation too fast or too
+/// slow by its ratio and leaves the goal where it is; with [`DepthSource::Known`] z_c is the true one. The other choices are z_d of the
+/// set-point: the law needs no pose of the object.
 ///
 /// `None` when there is no homography or the view is of other features.
 #[must_use]
@@ -113,7 +117,7 @@ pub fn hybrid_task(
     view: &View,
     gains: &HybridGains,
     orientation: OrientationError,
-    space: OperationalSpace,
+    (space, depth): (OperationalSpace, DepthSource),
 ) -> Option<TwistTask> {
     let displacement = Displacement::new(set_point, view, space)?;
     let i = set_point.selection().points().find(|i| view.feature(*i).is_some())?;
@@ -123,7 +127,13 @@ pub fn hybrid_task(
     let phi = orientation.of(&displacement.R_CD);
     let w = orientation.rate(&phi) * gains.K_o.component_mul(&phi);
     let rate = gains.K_p.component_mul(&e_p);
-    let rows = extended_rows(s, z_d * rho);
+    let known = || -> Option<f64> { Some((view.X_CO_known()? * set_point.points().get(i)?).z) };
+    let z_c = match depth {
+        DepthSource::Constant(z_d) => z_d * rho,
+        DepthSource::Known => known().filter(|z| *z > 0.0).unwrap_or(z_d * rho),
+        DepthSource::Desired | DepthSource::Estimated => z_d * rho,
+    };
+    let rows = extended_rows(s, z_c);
     let mut equations = NormalEquations::<6>::new();
     for k in 0..3 {
         let row = std::array::from_fn(|j| rows[(k, j)]);

@@ -1,7 +1,7 @@
 //! The family of servo laws behind one interface: a view becomes a task, a task and the arm become a law output.
 
 use super::{
-    FeatureGains, Gain, HybridGains, Interaction, OperationalSpace, OperationalSpaceError, OrientationError,
+    DepthSource, FeatureGains, Gain, HybridGains, Interaction, OperationalSpace, OperationalSpaceError, OrientationError,
     PoseGains, SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task, image_wrench, joint_torque,
     joint_velocity, operational_pose, preconditioned_wrench,
 };
@@ -98,6 +98,8 @@ pub enum Law {
         orientation: OrientationError,
         /// m of the homography.
         space: OperationalSpace,
+        /// z_d.
+        depth: DepthSource,
     },
 }
 
@@ -207,8 +209,9 @@ impl Law {
             Self::ImageVelocity { interaction, .. } => {
                 image_task(set_point, view, *interaction).map(Task::Twist).ok_or_else(why)
             }
-            Self::Hybrid { gains, orientation, space, .. } => {
-                hybrid_task(set_point, view, gains, *orientation, *space).map(Task::Twist).ok_or_else(why)
+            Self::Hybrid { gains, orientation, space, depth, .. } => {
+                let task = hybrid_task(set_point, view, gains, *orientation, (*space, *depth));
+                task.map(Task::Twist).ok_or_else(why)
             }
         }
     }

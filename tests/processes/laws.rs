@@ -35,6 +35,34 @@ fn a_on_the_scara() {
     converges("scara-a.toml", "position_pd", &["servo.pd.damping=joints", joints]);
 }
 
+/// The runs of Sect. 10.9 as they stand there: held between frames, with the text's gains.
+#[test]
+fn the_runs_of_the_text_converge() {
+    for (name, scheme) in [
+        ("a", "position_pd"),
+        ("b", "position_resolved_velocity"),
+        ("c", "image_pd"),
+        ("d", "image_resolved_velocity"),
+        ("hybrid", "hybrid"),
+    ] {
+        converges(&format!("textbook/scara-{name}.toml"), scheme, &[]);
+    }
+}
+
+/// A z_d that is wrong changes how the hybrid law goes to its goal, and not where that is.
+#[test]
+fn the_hybrid_law_takes_a_constant_depth() {
+    let hash = |depth_m: &str| {
+        let r = lockstep(
+            "scara-hybrid.toml",
+            &["servo.depth=constant", &format!("servo.constant_depth_m={depth_m}")],
+        );
+        assert_accurate(&r);
+        r.summary["state_hash"].clone()
+    };
+    assert_ne!(hash("0.45"), hash("0.6"));
+}
+
 #[test]
 fn b_on_the_scara() {
     for update in ["predict", "tick", "frame"] {

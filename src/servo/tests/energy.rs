@@ -104,7 +104,7 @@ proptest! {
         for law in [
             Law::PositionVelocity { K: Vector6::repeat(1.0), gain, orientation, space },
             Law::ImageVelocity { gain, interaction },
-            Law::Hybrid { gains, gain, orientation, space },
+            Law::Hybrid { gains, gain, orientation, space, depth: DepthSource::Desired },
         ] {
             let error_at = |X_CO: &Pose| match law.task(&set_point, &seen(X_CO, &square())).unwrap() {
                 Task::Twist(task) => task.error,

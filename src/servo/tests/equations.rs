@@ -216,8 +216,16 @@ proptest! {
             let v = J_p(&s, z_c).try_inverse().unwrap() * (K_p.component_mul(&e_p) - J_o(&s) * w);
             let wanted = J.lu().solve(&Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)).unwrap();
             let gains = HybridGains { K_p, K_o };
-            let law = Law::Hybrid { gains, gain: Gain::Constant(1.0), orientation, space: OperationalSpace::Six };
-            let got = velocity(&law, &set_point, &view, &arm(J, Vector6::zeros(), Vector6::zeros()));
+            let (gain, space) = (Gain::Constant(1.0), OperationalSpace::Six);
+            let law = |depth| Law::Hybrid { gains, gain, orientation, space, depth };
+            let of = |depth| velocity(&law(depth), &set_point, &view, &arm(J, Vector6::zeros(), Vector6::zeros()));
+            let got = of(DepthSource::Desired);
+            prop_assert!((got - wanted).norm() < 1e-5 * (1.0 + wanted.norm()), "{orientation:?} {got} {wanted}");
+            prop_assert_eq!(of(DepthSource::Constant(z_d)), got);
+            // a wrong z_d puts z_c wrong by the same ratio, which only J_p^-1 has
+            let v = J_p(&s, 1.5 * z_c).try_inverse().unwrap() * (K_p.component_mul(&e_p) - J_o(&s) * w);
+            let wanted = J.lu().solve(&Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)).unwrap();
+            let got = of(DepthSource::Constant(1.5 * z_d));
             prop_assert!((got - wanted).norm() < 1e-5 * (1.0 + wanted.norm()), "{orientation:?} {got} {wanted}");
         }
     }
@@ -415,7 +423,7 @@ fn views_of_other_features_and_tasks_of_other_laws_are_refused() {
         Law::PositionVelocity { K: one, gain, orientation, space },
         Law::ImageTorque { k_P: 1.0, damping: Damping::Task(1.0), interaction: Interaction::TEXTBOOK },
         Law::ImageVelocity { gain, interaction: Interaction::TEXTBOOK },
-        Law::Hybrid { gains, gain, orientation, space },
+        Law::Hybrid { gains, gain, orientation, space, depth: DepthSource::Desired },
     ];
     let arm = arm(Matrix6::identity(), Vector6::zeros(), Vector6::zeros());
     for law in laws {

@@ -220,7 +220,7 @@ fn every_law() -> Vec<VisualServo<4>> {
         let gains = HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(1.0) };
         all.push(Law::PositionVelocity { K, gain, orientation, space });
         all.push(Law::PositionTorque { K_P: K, damping: Damping::Task(K), orientation, space });
-        all.push(Law::Hybrid { gains, gain, orientation, space });
+        all.push(Law::Hybrid { gains, gain, orientation, space, depth: DepthSource::Desired });
     }
     for (at, depth) in [
         (InteractionAt::Current, DepthSource::Estimated),
