@@ -8,6 +8,7 @@
 #[macro_use]
 mod keys;
 
+mod agreement;
 pub mod assemble;
 mod camera;
 mod check;

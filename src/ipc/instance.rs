@@ -7,6 +7,7 @@
 //! A role is held by a lock on a file, which the kernel releases when the process dies in whatever way. Whoever
 //! leaves last removes everything.
 
+use super::agreement::{self, Agreement};
 use super::caretaker::Caretaker;
 use super::heartbeat::{self, Heartbeat};
 use super::role::Role;
@@ -119,6 +120,11 @@ impl RoleLock {
     #[must_use]
     pub fn heartbeat(&self) -> Option<Heartbeat> {
         self.file.try_clone().ok().map(Heartbeat::new)
+    }
+
+    /// Lets the others know what they must have in common with the process that holds the role.
+    pub fn state(&self, agreement: &Agreement) {
+        agreement::write(&self.file, agreement);
     }
 }
 
@@ -302,6 +308,14 @@ impl Instance {
     pub fn last_heartbeat(&self, role: Role) -> Option<MonoNs> {
         let place = RuntimeDir::open(&self.directory_name()).ok()??;
         place.open_file(&lock_name(role), OFlags::RDONLY).ok()?.and_then(heartbeat::read)
+    }
+
+    /// What the process that plays `role` now has in common with the others; `None` where there is none, or it has not said it yet.
+    pub(super) fn agreement_of(&self, role: Role) -> Option<Agreement> {
+        let place = RuntimeDir::open(&self.directory_name()).ok()??;
+        let file = place.open_file(&lock_name(role), OFlags::RDWR).ok()??;
+        let is_held = flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK);
+        if is_held { agreement::read(&file) } else { None }
     }
 
     /// Makes the page through which this run's control is stopped; for control, once it holds its role.

@@ -15,6 +15,7 @@
 //! ```
 //! All but health, status, trace and command have an event of the same name beside them that wakes the reader.
 
+mod agreement;
 mod caretaker;
 mod channel;
 mod command;
@@ -33,6 +34,7 @@ mod services;
 mod spin;
 mod stop_word;
 
+pub use agreement::{Agreement, Disagreement};
 pub use channel::Channel;
 pub use command::{Asked, CommandClient, CommandServer, Pending};
 pub use error::IpcError;

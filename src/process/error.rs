@@ -4,11 +4,12 @@ use crate::config::ConfigError;
 use crate::config::assemble::AssembleError;
 use crate::experiment::ExperimentError;
 use crate::input::printable;
-use crate::ipc::{InstanceError, IpcError};
+use crate::ipc::{Disagreement, InstanceError, IpcError};
 use crate::robot::RobotError;
 use crate::rt::IsRead;
 use crate::rt::SchedulingError;
 use crate::source::SourceError;
+use std::fmt;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -139,6 +140,16 @@ pub enum ProcessError {
         /// What there was of it.
         state: String,
     },
+    /// A process that is there already was started with other numbers.
+    #[error(
+        "instance `{instance}`: {disagreements}; start all processes of a run with the same run file and the same --set"
+    )]
+    Disagree {
+        /// Which.
+        instance: String,
+        /// In what.
+        disagreements: Disagreements,
+    },
     /// The program of the external drive cannot be started.
     #[error("drive.external.command: cannot start `{program}` in {folder}: {cause}", folder = folder.display())]
     DriveProgram {
@@ -225,6 +236,25 @@ pub enum ProcessError {
     Toml(#[from] toml::ser::Error),
 }
 
+/// In what two processes of a run differ.
+#[derive(Debug)]
+pub struct Disagreements(pub Vec<Disagreement>);
+
+/// So many are told, the others counted.
+const TOLD: usize = 5;
+
+impl fmt::Display for Disagreements {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = |value: &Option<String>| value.as_deref().unwrap_or("not set").to_owned();
+        for (i, d) in self.0.iter().take(TOLD).enumerate() {
+            let (there, here) = (value(&d.there), value(&d.here));
+            write!(f, "{}{} is {there} in its {} process and {here} here", if i == 0 { "" } else { ", " }, d.key, d.role)?;
+        }
+        let more = self.0.len().saturating_sub(TOLD);
+        if more > 0 { write!(f, ", and {more} more") } else { Ok(()) }
+    }
+}
+
 impl ProcessError {
     /// The message for people, line by line; names and paths in it are made printable.
     #[must_use]
@@ -257,6 +287,7 @@ impl ProcessError {
             | Self::DriveState { .. }
             | Self::DriveAbsent { .. }
             | Self::DriveProgram { .. }
+            | Self::Disagree { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
             Self::Timeout(_)
             | Self::ProbeDuration(_)

@@ -1,6 +1,8 @@
 //! A process's place in an instance, from the lock of its role to the removal of what the last one leaves.
 
 use super::ProcessError;
+use super::error::Disagreements;
+use crate::config::Config;
 use crate::ipc::{Heartbeat, Instance, Role, RoleLock, Services};
 
 /// A held role and the connection to shared memory. The fields are given back in the order in which they stand:
@@ -27,9 +29,16 @@ impl Membership {
     /// Takes `role`, removes what a dead run left, and joins.
     ///
     /// # Errors
-    /// When the role is taken or shared memory is not usable.
-    pub fn join(instance: &Instance, role: Role) -> Result<Self, ProcessError> {
+    /// When the role is taken, shared memory is not usable, or a process of the instance was started with another camera, target, robot or
+    /// clock.
+    pub fn join(instance: &Instance, role: Role, config: &Config) -> Result<Self, ProcessError> {
         let lock = instance.lock(role)?;
+        let agreement = config.agreement();
+        lock.state(&agreement);
+        let disagreements = instance.disagreements(role, &agreement);
+        if !disagreements.is_empty() {
+            return Err(ProcessError::Disagree { instance: instance.to_string(), disagreements: Disagreements(disagreements) });
+        }
         let place = LeftoversGuard(instance.clone());
         instance.remove_leftovers(Some(role));
         let services = Services::join(instance)?;

@@ -42,7 +42,7 @@ pub fn run(
     };
     // Before joining: control waits for a vision that is ready.
     let vision = assemble::stereo_vision(config)?;
-    let membership = Membership::join(instance, Role::Vision(config.camera.id))?;
+    let membership = Membership::join(instance, Role::Vision(config.camera.id), config)?;
     let services = membership.services();
     let mut worker = StereoVisionWorker {
         clock: config.clock,

@@ -30,7 +30,7 @@ pub fn run(
     report: Option<&ReportFolder>,
 ) -> Result<(), ProcessError> {
     let id = config.camera.id;
-    let membership = Membership::join(instance, Role::Vision(id))?;
+    let membership = Membership::join(instance, Role::Vision(id), config)?;
     let services = membership.services();
     let frames = services.frame_receiver(id, frame_shape(config))?;
     let (states, _) = services.joint_state_receiver()?;

@@ -184,3 +184,46 @@ fn missing_peers_are_named() {
     vision.wait().unwrap();
     instance.assert_gone();
 }
+
+/// Who comes second with another camera, target or clock is refused, and told what differs; what one process alone needs may differ.
+#[test]
+fn processes_of_unlike_run_files_are_refused() {
+    let instance = Instance::new("unlike");
+    let lockstep = ["--set", "run.clock=lockstep"];
+    let mut control = vservo()
+        .args(["control", "--instance", &instance.name])
+        .args(lockstep)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = Lines::of(&mut control);
+    lines.wait_for("camera and vision have not joined");
+    let join = |role: &str, set: &[&str]| {
+        let mut command = vservo();
+        command.args([role, "--instance", &instance.name]).args(set.iter().flat_map(|set| ["--set", set]));
+        command
+    };
+    for (role, set, said) in [
+        ("vision", "camera.rate_hz=50", "camera.rate_hz is 25.0 in its control process and 50.0 here"),
+        ("camera", "camera.lens.fx_px=790", "camera.lens.fx_px is 800.0 in its control process and 790.0 here"),
+        ("vision", "target.kind=tags", "target.kind is \"dots\" in its control process and \"tags\" here"),
+    ] {
+        let output = join(role, &["run.clock=lockstep", set]).output().unwrap();
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(3), "{text}");
+        assert!(text.contains(said) && text.contains("the same run file"), "{text}");
+    }
+    let clock = join("camera", &["run.clock=realtime"]).output().unwrap();
+    let text = String::from_utf8_lossy(&clock.stderr).into_owned();
+    assert!(clock.status.code() == Some(3) && text.contains("run.clock is \"lockstep\""), "{text}");
+    let own = ["run.clock=lockstep", "camera.synthetic.noise_sd_levels=1", "run.seed=9"];
+    let mut camera = join("camera", &own).stderr(Stdio::null()).spawn().unwrap();
+    lines.wait_for("vision has not joined");
+    for child in [&control, &camera] {
+        kill(child.id() as i32, "INT");
+    }
+    control.wait().unwrap();
+    camera.wait().unwrap();
+    instance.assert_gone();
+}

@@ -21,7 +21,7 @@ use tracing::info;
 pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), ProcessError> {
     let id = config.camera.id;
     let source = source::open(config)?;
-    let membership = Membership::join(instance, Role::Camera(id))?;
+    let membership = Membership::join(instance, Role::Camera(id), config)?;
     let services = membership.services();
     match source {
         AnySource::Scheduled(source) => {

@@ -146,7 +146,7 @@ fn run_robot<const N: usize>(
     stop: &StopFlag,
     report: Option<&ReportFolder>,
 ) -> Result<Summary, ProcessError> {
-    let membership = Membership::join(instance, Role::Control)?;
+    let membership = Membership::join(instance, Role::Control, config)?;
     let stops = Stops::new(stop.clone(), instance.make_stop_word()?, config.serve);
     let (control, mut drive) = match external_drive::open::<N>(config, &membership)? {
         Some((drive, ports)) => {
