@@ -81,5 +81,9 @@ fn b_position_velocity(bencher: Bencher) {
 fn hybrid(bencher: Bencher, count: usize) {
     let gains = HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(1.0) };
     let gain = Gain::Constant(1.0);
-    law(bencher, count, Law::Hybrid { gains, gain, orientation: EULER, space: SPACE });
+    law(
+        bencher,
+        count,
+        Law::Hybrid { gains, gain, orientation: EULER, space: SPACE, depth: DepthSource::Desired },
+    );
 }

@@ -66,7 +66,8 @@ mod tests {
 
     #[test]
     fn what_one_process_alone_needs_is_left_out() {
-        let own = ["camera.synthetic.noise_sd_levels=5", "run.seed=7", "servo.gain_1_s=3", "scene.plate_level=200"];
+        let own =
+            ["camera.synthetic.noise_sd_levels=5", "run.seed=7", "servo.gain_1_s=3", "scene.plate_level=200"];
         assert_eq!(agreement(&own), agreement(&[]));
     }
 

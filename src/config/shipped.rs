@@ -82,9 +82,11 @@ mod tests {
         let mut names = Vec::new();
         for below in ["", "textbook/"] {
             let files = std::fs::read_dir(folder.join(below)).unwrap().map(|entry| entry.unwrap().path());
-            names.extend(files.filter(|path| path.extension().is_some_and(|e| e == "toml")).map(|path| {
-                format!("{below}{}", path.file_stem().unwrap().to_str().unwrap())
-            }));
+            names.extend(
+                files
+                    .filter(|path| path.extension().is_some_and(|e| e == "toml"))
+                    .map(|path| format!("{below}{}", path.file_stem().unwrap().to_str().unwrap())),
+            );
         }
         names.sort();
         assert_eq!(names, SHIPPED_FILES.iter().map(|file| file.name).collect::<Vec<_>>());

@@ -31,7 +31,8 @@ pub struct Disagreement {
 
 /// Writes into the file of a lock. A file system that is full leaves it out: nothing is compared then.
 pub(super) fn write(file: impl AsFd, agreement: &Agreement) {
-    let text: String = agreement.iter().map(|(key, value)| format!("{key}\t{}\n", value.replace('\n', " "))).collect();
+    let text: String =
+        agreement.iter().map(|(key, value)| format!("{key}\t{}\n", value.replace('\n', " "))).collect();
     let written = pwrite(&file, text.as_bytes(), AT + 8);
     if written == Ok(text.len()) {
         // Its length last: what has none yet is not read.
@@ -43,7 +44,9 @@ pub(super) fn write(file: impl AsFd, agreement: &Agreement) {
 pub(super) fn read(file: impl AsFd) -> Option<Agreement> {
     let mut length = [0; 8];
     let complete = pread(&file, &mut length, AT) == Ok(8);
-    let length = usize::try_from(u64::from_le_bytes(length)).ok().filter(|n| complete && (1..=MAX_BYTES).contains(n))?;
+    let length = usize::try_from(u64::from_le_bytes(length))
+        .ok()
+        .filter(|n| complete && (1..=MAX_BYTES).contains(n))?;
     let mut text = vec![0; length];
     (pread(&file, &mut text, AT + 8) == Ok(length)).then_some(())?;
     let line = |line: &str| line.split_once('\t').map(|(key, value)| (key.to_owned(), value.to_owned()));
@@ -80,7 +83,11 @@ mod tests {
     #[test]
     fn what_differs_is_named_while_the_other_lives() {
         let place: Instance = format!("u-agree-{}", std::process::id()).parse().unwrap();
-        let ours = agreement(&[("camera.rate_hz", "25.0"), ("run.clock", "\"lockstep\""), ("target.kind", "\"tags\"")]);
+        let ours = agreement(&[
+            ("camera.rate_hz", "25.0"),
+            ("run.clock", "\"lockstep\""),
+            ("target.kind", "\"tags\""),
+        ]);
         let theirs = agreement(&[("camera.rate_hz", "50.0"), ("run.clock", "\"lockstep\""), ("stereo", "1")]);
         let lock = place.lock(Role::Control).unwrap();
         let heartbeat = lock.heartbeat().unwrap();

@@ -248,7 +248,13 @@ impl fmt::Display for Disagreements {
         let value = |value: &Option<String>| value.as_deref().unwrap_or("not set").to_owned();
         for (i, d) in self.0.iter().take(TOLD).enumerate() {
             let (there, here) = (value(&d.there), value(&d.here));
-            write!(f, "{}{} is {there} in its {} process and {here} here", if i == 0 { "" } else { ", " }, d.key, d.role)?;
+            write!(
+                f,
+                "{}{} is {there} in its {} process and {here} here",
+                if i == 0 { "" } else { ", " },
+                d.key,
+                d.role
+            )?;
         }
         let more = self.0.len().saturating_sub(TOLD);
         if more > 0 { write!(f, ", and {more} more") } else { Ok(()) }

@@ -37,7 +37,10 @@ impl Membership {
         lock.state(&agreement);
         let disagreements = instance.disagreements(role, &agreement);
         if !disagreements.is_empty() {
-            return Err(ProcessError::Disagree { instance: instance.to_string(), disagreements: Disagreements(disagreements) });
+            return Err(ProcessError::Disagree {
+                instance: instance.to_string(),
+                disagreements: Disagreements(disagreements),
+            });
         }
         let place = LeftoversGuard(instance.clone());
         instance.remove_leftovers(Some(role));

@@ -1,9 +1,9 @@
 //! The family of servo laws behind one interface: a view becomes a task, a task and the arm become a law output.
 
 use super::{
-    DepthSource, FeatureGains, Gain, HybridGains, Interaction, OperationalSpace, OperationalSpaceError, OrientationError,
-    PoseGains, SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task, image_wrench, joint_torque,
-    joint_velocity, operational_pose, preconditioned_wrench,
+    DepthSource, FeatureGains, Gain, HybridGains, Interaction, OperationalSpace, OperationalSpaceError,
+    OrientationError, PoseGains, SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task,
+    image_wrench, joint_torque, joint_velocity, operational_pose, preconditioned_wrench,
 };
 use crate::messages::MAX_JOINTS;
 use crate::robot::CameraJacobian;

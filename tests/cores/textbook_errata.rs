@@ -86,6 +86,7 @@ fn an_estimated_depth_scales_the_hybrid_error_equation() {
         gain: Gain::Constant(1.0),
         orientation: OrientationError::EulerZyx,
         space: OperationalSpace::Six,
+        depth: DepthSource::Desired,
     };
     let view = View::new(project(&X_CO).unwrap().into_iter(), None).unwrap();
     let arm = Arm {

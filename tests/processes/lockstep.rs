@@ -206,8 +206,16 @@ fn processes_of_unlike_run_files_are_refused() {
     };
     for (role, set, said) in [
         ("vision", "camera.rate_hz=50", "camera.rate_hz is 25.0 in its control process and 50.0 here"),
-        ("camera", "camera.lens.fx_px=790", "camera.lens.fx_px is 800.0 in its control process and 790.0 here"),
-        ("vision", "target.kind=tags", "target.kind is \"four_dots\" in its control process and \"tags\" here"),
+        (
+            "camera",
+            "camera.lens.fx_px=790",
+            "camera.lens.fx_px is 800.0 in its control process and 790.0 here",
+        ),
+        (
+            "vision",
+            "target.kind=tags",
+            "target.kind is \"four_dots\" in its control process and \"tags\" here",
+        ),
     ] {
         let output = join(role, &["run.clock=lockstep", set]).output().unwrap();
         let text = String::from_utf8_lossy(&output.stderr).into_owned();

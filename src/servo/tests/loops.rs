@@ -104,8 +104,20 @@ fn laws() -> [Law; 7] {
         image(InteractionAt::Current, DepthSource::Desired),
         image(InteractionAt::Mean, DepthSource::Estimated),
         image(InteractionAt::Desired, DepthSource::Known),
-        Law::Hybrid { gains, gain, orientation: OrientationError::EulerZyx, space, depth: DepthSource::Desired },
-        Law::Hybrid { gains, gain, orientation: OrientationError::AngleAxis, space, depth: DepthSource::Constant(0.5) },
+        Law::Hybrid {
+            gains,
+            gain,
+            orientation: OrientationError::EulerZyx,
+            space,
+            depth: DepthSource::Desired,
+        },
+        Law::Hybrid {
+            gains,
+            gain,
+            orientation: OrientationError::AngleAxis,
+            space,
+            depth: DepthSource::Constant(0.5),
+        },
     ]
 }
 
