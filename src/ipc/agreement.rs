@@ -8,9 +8,9 @@ use rustix::io::{pread, pwrite};
 use std::collections::BTreeMap;
 use std::os::fd::AsFd;
 
-/// Where it begins in the file; before it is the sign of life, of 8 bytes.
+/// Where it begins in the file: in the next cache line, since the sign of life before it, of 8 bytes, is written ten times a second.
 const AT: u64 = 64;
-/// A text that is longer is taken for none. That of a pair of cameras has 5 kB.
+/// Longer texts are ignored, so that a damaged length allocates little. Chosen by hand: four cameras need some 10 kB.
 const MAX_BYTES: usize = 1 << 20;
 
 /// Names with their values, as text.

@@ -240,7 +240,7 @@ pub enum ProcessError {
 #[derive(Debug)]
 pub struct Disagreements(pub Vec<Disagreement>);
 
-/// So many are told, the others counted.
+/// How many differences are listed; the others are counted, so that two unlike run files do not fill the screen. Chosen by hand.
 const TOLD: usize = 5;
 
 impl fmt::Display for Disagreements {
