@@ -10,7 +10,7 @@
 //! ([`ArmWatch`](crate::control::safety::ArmWatch)) end the run soon after.
 
 /// Times the limit of velocity from which on a joint is too fast: half-way from the limit, at which a reference may go, to the 1.5 times
-/// at which the watches call it a fault, so that it acts before them and never on a reference's own overshoot. Chosen by hand.
+/// at which the watches call it a fault, so that it acts before them. Chosen by hand.
 const TOO_FAST: f64 = 1.25;
 
 /// What the measured joint may do.
