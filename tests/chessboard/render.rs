@@ -183,12 +183,52 @@ impl View {
         level * (1.0 + self.slope.dot(&d))
     }
 
+    /// Mean level over the area of a sample well inside a board with nothing before it and even light; `all`: where samples lie on the
+    /// board. Exact for straight edges: points alone, nine a pixel, are 0.02 px off.
+    fn covered(&self, all: &[Vector2<f64>], i: usize, width: usize) -> Option<f64> {
+        let p = all[i];
+        let (c, r) = (self.columns as f64 - 0.2, self.rows as f64 - 0.2);
+        let inside = p.x > -0.8 && p.y > -0.8 && p.x < c && p.y < r;
+        if !inside || !self.before.is_empty() || self.slope != Vector2::zeros() {
+            return None;
+        }
+        let step = |k: usize| (all.get(i + k).copied().unwrap_or(p) - all[i.saturating_sub(k)]) * 0.5;
+        let (across, down) = (step(1), step(width));
+        // of a line x = n that crosses a sample, which x spans by a trapezoid of sides a and b: twice the share beyond it, less one
+        let side = |x: f64, a: f64, b: f64| {
+            let n = x.round();
+            let long = a.abs().max(b.abs());
+            let short = a.abs().min(b.abs()).max(0.01 * long);
+            let ramp = |t: f64| 0.5 * t.max(0.0).powi(2);
+            let (l, s) = (0.5 * long, 0.5 * short);
+            let d = x - n;
+            let beyond =
+                (ramp(d + l + s) - ramp(d + l - s) - ramp(d - l + s) + ramp(d - l - s)) / (long * short);
+            let odd = n.rem_euclid(2.0) > 0.5;
+            if odd { 1.0 - 2.0 * beyond } else { 2.0 * beyond - 1.0 }
+        };
+        // dark above left of corner 0
+        let both = side(p.x, across.x, down.x) * side(p.y, across.y, down.y);
+        Some(0.5 * (self.dark + self.light) + both * 0.5 * (self.dark - self.light))
+    }
+
     /// Pixels: `fine x fine` samples each, blurred by a Gaussian of `blur` px, with noise.
     pub(crate) fn render(&self, fine: usize, blur: f64, noise: f64, random: &mut Random) -> Vec<u8> {
         let inverse = self.homography.try_inverse().unwrap();
         let (w, h) = (self.width * fine, self.height * fine);
         let mut samples = vec![0.0f32; w * h];
+        let on_board: Option<Vec<Vector2<f64>>> = self.undistorted.as_ref().map(|all| {
+            let of = |q: &Vector2<f64>| {
+                let v = inverse * Vector3::new(q.x, q.y, 1.0);
+                Vector2::new(v.x, v.y) / v.z
+            };
+            all.iter().map(of).collect()
+        });
         for (i, s) in samples.iter_mut().enumerate() {
+            if let Some(level) = on_board.as_ref().and_then(|all| self.covered(all, i, w)) {
+                *s = level as f32;
+                continue;
+            }
             let at = |k: usize| (k as f64 + 0.5) / fine as f64 - 0.5;
             *s = self.at(&inverse, Vector2::new(at(i % w), at(i / w)), i) as f32;
         }

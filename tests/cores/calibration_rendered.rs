@@ -1,6 +1,6 @@
 //! Calibrations from rendered views, of lenses whose highest coefficients are there: what is told of the camera's own error against what
-//! happens. Renderer, lens and poses are the tests' own. `VSERVO_CAMPAIGN=n` looks at `n` times as many sets of poses, `VSERVO_SEED=n` at
-//! others.
+//! happens. Renderer, lens and poses are the tests' own. `VSERVO_CAMPAIGN=n` looks at `n` times as many sets of poses (5: 200 calibrations of
+//! each lens), `VSERVO_SEED=n` at others.
 
 #![allow(non_snake_case)]
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests; numbers for people
@@ -22,8 +22,9 @@ const SIZE: [usize; 2] = [320, 240];
 const FINE: usize = 3;
 const SQUARE_M: f64 = 0.03;
 const VIEWS: usize = 15;
-/// Noise is drawn so often for each set of poses.
-const DRAWS: usize = 10;
+/// Sets of poses, and how often noise is drawn for each.
+const SETS: usize = 10;
+const DRAWS: usize = 4;
 const DISTANCE_M: f64 = 0.5;
 /// Centre, edge, corners.
 const PIXELS: [[f64; 2]; 4] = [[159.5, 119.5], [0.0, 119.5], [0.0, 0.0], [319.0, 239.0]];
@@ -183,18 +184,18 @@ fn found(light: &[u8], noise: f64, random: &mut Random) -> BoardView {
     corners.iter().zip(finder.covariances_px2()).map(point).collect()
 }
 
-/// What is told over what happens, root mean squares over all calibrations, at [`PIXELS`].
+/// What is told over what happens at [`PIXELS`]: by the mean of the squares of what happens over what is told, since some sets of views tell
+/// a corner ten times better than others.
 fn told_over_happened(camera: &Camera, sets: usize, noise: f64, random: &mut Random) -> [f64; 4] {
     let truth = camera.model();
     let settings = CalibrationSettings::of(truth.lens().model());
-    let (mut happened, mut told, mut dropped, mut lost) = ([0.0; 4], [0.0; 4], 0, 0);
+    let (mut happened, mut squares, mut dropped) = ([0.0; 4], [0.0; 4], 0);
     for _ in 0..sets {
         let (views, poses): (Vec<_>, Vec<_>) = (0..VIEWS).map(|_| camera.view(random)).unzip();
         let light: Vec<_> = views.iter().map(|v| v.render(FINE, 0.6, 0.0, random)).collect();
         let corners: Vec<_> = poses.iter().flat_map(|X| (0..54).map(move |id| X * corner(id))).collect();
         for _ in 0..DRAWS {
             let views: Vec<_> = light.iter().map(|light| found(light, noise, random)).collect();
-            lost += views.iter().filter(|v| v.is_empty()).count();
             let found = calibrate_camera(&views, (SIZE[0] as u32, SIZE[1] as u32), &settings).unwrap();
             dropped += usize::from(!found.dropped.is_empty());
             let uncertainty = ProjectionUncertainty::new(&found, DISTANCE_M).unwrap();
@@ -207,42 +208,74 @@ fn told_over_happened(camera: &Camera, sets: usize, noise: f64, random: &mut Ran
                 })
                 .collect();
             let X = refine_pixels(&Pose::identity(), &seen, &found.camera, Loss::Squares).unwrap().X_CO;
-            for ((px, happened), told) in PIXELS.iter().zip(&mut happened).zip(&mut told) {
+            for ((px, happened), squares) in PIXELS.iter().zip(&mut happened).zip(&mut squares) {
                 let px = Vector2::from(*px);
                 let s = camera.glass.straight((px - camera.centre).component_div(&camera.f));
                 let p = Point3::from(s.push(1.0) * DISTANCE_M);
-                *happened += (found.camera.project(&(X * p)).unwrap() - px).norm_squared();
-                *told += uncertainty.covariance_px2(&px).trace();
+                let off2 = (found.camera.project(&(X * p)).unwrap() - px).norm_squared();
+                *happened += off2;
+                *squares += off2 / uncertainty.covariance_px2(&px).trace();
             }
         }
     }
-    let rms = happened.map(|h: f64| (h / (sets * DRAWS) as f64).sqrt());
+    let n = (sets * DRAWS) as f64;
     println!(
-        "{:?}, noise {noise}: {dropped} of {} leave a coefficient out, {lost} boards not found; happened {rms:.3?} px",
+        "{:?}, noise {noise}: {dropped} of {n} leave a coefficient out; happened {:.3?} px",
         camera.glass,
-        sets * DRAWS
+        happened.map(|h| (h / n).sqrt())
     );
-    std::array::from_fn(|i| (told[i] / happened[i]).sqrt())
+    squares.map(|k2| (n / k2).sqrt())
 }
 
-/// Told is what happens, and more where a coefficient is left out: how large it may be is a rule there (`bundle/dropped.rs`). Ten draws of
-/// one set of poses, as without a campaign, tell it to a third.
+/// Within a fifth, and what as many draws leave open: at a pixel one direction of the lens rules, so that a draw adds one degree of freedom to
+/// the chi-square of what happens over what is told, whose standard deviation by draw is the root of 2. Three of them are let through.
 #[test]
 fn what_is_told_of_rendered_calibrations_happens() {
     let seed = std::env::var("VSERVO_SEED").ok().and_then(|n| n.parse().ok()).unwrap_or(15);
-    let sets = campaign();
+    let sets = SETS * campaign();
+    let open = 3.0 * (2.0 / (sets * DRAWS) as f64).sqrt();
+    let bounds = 0.8 / (1.0 + open).sqrt()..1.2 / (1.0 - open).sqrt();
     let cases = [
-        (Glass::PlumbBob([-0.28, 0.1, 1e-3, -5e-4, -0.03]), 260.0, 2.2),
-        (Glass::PlumbBob([-0.28, 0.1, 1e-3, -5e-4, 0.08]), 260.0, 1.5),
-        (Glass::Fisheye([-0.02, 0.01, -0.02, 0.01]), 200.0, 4.0),
-        (Glass::Fisheye([0.05, -0.03, 0.02, -0.01]), 200.0, 8.0),
+        (Glass::PlumbBob([-0.28, 0.1, 1e-3, -5e-4, -0.03]), 260.0),
+        (Glass::PlumbBob([-0.28, 0.1, 1e-3, -5e-4, 0.08]), 260.0),
+        (Glass::Fisheye([-0.02, 0.01, -0.02, 0.01]), 200.0),
+        (Glass::Fisheye([0.05, -0.03, 0.02, -0.01]), 200.0),
     ];
-    for (k, (glass, f, most)) in (0..).zip(cases) {
+    for (k, (glass, f)) in (0..).zip(cases) {
         let mut random = Random(seed + 1000 * k);
         let ratios = told_over_happened(&Camera::new(glass, f), sets, 2.0, &mut random);
-        println!("  told over happened, centre, edge, corners: {ratios:.2?}");
-        for ratio in ratios {
-            assert!((0.6..most).contains(&ratio), "{glass:?}: {ratios:?}");
+        println!("  told over happened, centre, edge, corners: {ratios:.2?}, bounds {bounds:.2?}");
+        assert!(ratios.iter().all(|r| bounds.contains(r)), "{glass:?}: {ratios:?}, not in {bounds:?}");
+    }
+}
+
+/// Lenses bend the edges of squares, and bent edges draw a fit of straight ones towards their hollow side: 0.004 px at 100 px from the axis of
+/// these lenses, 0.010 px near their corners, which is more than the mean of a thousand corners is off by noise.
+#[test]
+fn corners_under_a_lens_lie_where_they_are() {
+    for (glass, f) in [
+        (Glass::PlumbBob([-0.28, 0.1, 1e-3, -5e-4, 0.08]), 260.0),
+        (Glass::Fisheye([0.05, -0.03, 0.02, -0.01]), 200.0),
+    ] {
+        let camera = Camera::new(glass, f);
+        let mut random = Random(33);
+        let (mut n, mut outwards, mut nees) = (0.0, 0.0, 0.0);
+        for _ in 0..60 {
+            let (view, X) = camera.view(&mut random);
+            let light = view.render(FINE, 0.6, 0.0, &mut random);
+            for p in found(&light, 2.0, &mut random) {
+                let truth = camera.pixel(&(X * p.p_O));
+                let (off, out) = (p.px - truth, truth - camera.centre);
+                if out.norm() > 80.0 {
+                    n += 1.0;
+                    outwards += off.dot(&out.normalize());
+                    nees += 0.5 * off.dot(&(p.covariance_px2.try_inverse().unwrap() * off));
+                }
+            }
         }
+        println!("{glass:?}: {n} corners, {:+.4} px outwards, NEES {:.2}", outwards / n, nees / n);
+        // half a thousand corners and more: the mean of their noise of 0.0075 px is within 0.001 px
+        assert!(n > 500.0 && (outwards / n).abs() < 0.0015, "{glass:?}: {}", outwards / n);
+        assert!((0.8..1.4).contains(&(nees / n)), "{glass:?}: {}", nees / n);
     }
 }

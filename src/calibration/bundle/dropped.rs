@@ -15,7 +15,7 @@
 //! `C_c + c^ c^'` is the mean square of `c` about zero, given the images and that lenses are tame.
 
 use super::equations::{BundleSums, covariance_of};
-use super::optics::Freedom;
+use super::optics::{Freedom, Optics};
 use super::problem::BundleProblem;
 use super::select::Selected;
 use crate::camera_model::CameraModel;
@@ -82,32 +82,45 @@ fn dropped_columns(whole: &BundleProblem, fitted: &BundleProblem) -> Vec<usize> 
     whole.freedom.iter().zip(&fitted.freedom).enumerate().flat_map(of_camera).collect()
 }
 
-/// By shared unknown: the standard deviation of a coefficient of a lens before any image, infinite for what is none. The terms of
-/// a lens fall with their order: at the corner of the image that is farthest from the axis, one that was left out is as large as the
-/// largest that was found, not larger. Where the images tell the coefficient better than that, it makes no difference; in an
-/// equidistant lens whose corners no board reached it is what keeps the stated error finite.
+/// The standard deviation of a coefficient of the first camera's lens before any image, by a fit without it.
+pub(crate) fn expected_coefficient(end: &Selected, name: &str) -> f64 {
+    let of = |optics: &Optics| {
+        let expected = expected_of_lens(optics);
+        let at = optics.lens.coefficients().into_iter().position(|(own, _)| own == name);
+        at.and_then(|at| expected.get(at).copied())
+    };
+    end.end.state.optics.first().and_then(of).unwrap_or(0.0)
+}
+
+/// By coefficient of a lens: its standard deviation before any image. The terms of a lens fall with their order: at the corner of the
+/// image that is farthest from the axis, one that was left out is as large as the largest that was found, not larger. Where the images
+/// tell the coefficient better than that, it makes no difference; in an equidistant lens whose corners no board reached it is what keeps
+/// the stated error finite.
+fn expected_of_lens(optics: &Optics) -> Vec<f64> {
+    let Ok(model) = CameraModel::new(optics.intrinsics, optics.lens) else { return Vec::new() };
+    let (width, height) = (f64::from(optics.intrinsics.width_px), f64::from(optics.intrinsics.height_px));
+    let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
+    let farthest = corners
+        .map(|(u, v)| model.normalized_of(&Vector2::new(u - 0.5, v - 0.5)))
+        .into_iter()
+        .max_by(|a, b| a.norm().total_cmp(&b.norm()))
+        .unwrap_or_default();
+    let shifts: Vec<f64> = optics.lens.by_coefficients(&farthest).into_iter().map(|by| by.norm()).collect();
+    let values = optics.lens.coefficients();
+    let found = values.iter().zip(&shifts).map(|((_, value), shift)| value.abs() * shift).fold(0.0, f64::max);
+    shifts.into_iter().take(values.len()).map(|shift| found / shift).collect()
+}
+
+/// By shared unknown: [`expected_of_lens`], infinite for what is no coefficient.
 fn expected_coefficients(whole: &BundleProblem, end: &Selected) -> Vec<f64> {
     let mut expected = vec![f64::INFINITY; whole.shared()];
     for (camera, (all, optics)) in whole.freedom.iter().zip(&end.end.state.optics).enumerate() {
-        let Ok(model) = CameraModel::new(optics.intrinsics, optics.lens) else { continue };
-        let (width, height) = (f64::from(optics.intrinsics.width_px), f64::from(optics.intrinsics.height_px));
-        let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
-        let farthest = corners
-            .map(|(u, v)| model.normalized_of(&Vector2::new(u - 0.5, v - 0.5)))
-            .into_iter()
-            .max_by(|a, b| a.norm().total_cmp(&b.norm()))
-            .unwrap_or_default();
-        let shifts: Vec<f64> =
-            optics.lens.by_coefficients(&farthest).into_iter().map(|by| by.norm()).collect();
-        let values = optics.lens.coefficients();
-        let found =
-            values.iter().zip(&shifts).map(|((_, value), shift)| value.abs() * shift).fold(0.0, f64::max);
-        let from = whole.optics_from(camera);
+        let (of_lens, from) = (expected_of_lens(optics), whole.optics_from(camera));
         for (i, place) in all.places().enumerate() {
-            if let (Some(shift), Some(expected)) =
-                (place.checked_sub(4).and_then(|j| shifts.get(j)), expected.get_mut(from + i))
+            if let (Some(of_lens), Some(expected)) =
+                (place.checked_sub(4).and_then(|j| of_lens.get(j)), expected.get_mut(from + i))
             {
-                *expected = found / shift;
+                *expected = *of_lens;
             }
         }
     }

@@ -21,7 +21,7 @@ mod rows;
 mod select;
 
 pub(crate) use adjust::{BundleFailure, adjust};
-pub(crate) use dropped::covariance_with_dropped;
+pub(crate) use dropped::{covariance_with_dropped, expected_coefficient};
 pub(crate) use equations::{BundleSums, covariance_of};
 pub(crate) use optics::PointImage;
 pub use optics::{Freedom, Optics};

@@ -6,12 +6,13 @@ use super::start::{self, PlaneView};
 use super::{BoardExtent, BoardView, CalibrationSettings, CameraCalibrationError, Unused, usable};
 use crate::calibration::bundle::{
     BoardObservation, BundleProblem, BundleState, Freedom, Optics, Selected, adjust_selected,
+    expected_coefficient,
 };
 use crate::camera_model::{CameraModel, CameraModelError, Lens, LensModel};
 use nalgebra::Vector2;
 
 /// A coefficient within so many standard deviations of zero is not told from it: noise is outside of three once in 370 times, the quantile of
-/// the normal distribution.
+/// the normal distribution. It is left out where zero is the better guess: where the images tell it worse than that lenses are tame.
 const TOLD_SD: f64 = 3.0;
 
 /// The camera that took these images, images of `size` columns and rows.
@@ -64,21 +65,14 @@ pub fn calibrate_camera(
             end = other;
         }
     }
-    loop {
+    let camera = loop {
         let optics = *end.end.state.optics.first().ok_or(CameraCalibrationError::NoStart)?;
         let camera = CameraModel::new(optics.intrinsics, optics.lens);
         let folds = matches!(camera, Err(CameraModelError::Folded { .. }));
         let Some(without) = high_coefficient(&end, &freedom, settings, folds) else {
-            let camera = camera.map_err(CameraCalibrationError::Camera)?;
-            for (i, misfit) in posed.iter().zip(&end.misfits) {
-                if let (Some(why), Some(misfit)) = (unused.get_mut(*i), misfit) {
-                    *why = Some((*misfit).into());
-                }
-            }
-            let fitted = fits(0, &camera, views, &posed, unused, &end, &extent);
-            return result(0, &end, &[settings.freedom], camera, fitted, dropped, settings);
+            break camera.map_err(CameraCalibrationError::Camera)?;
         };
-        freedom = freedom.without(settings.model, without.name);
+        let rest = freedom.without(settings.model, without.name);
         let lens = Lens::of(settings.model, |name| {
             let kept =
                 optics.lens.coefficients().into_iter().find(|(own, _)| *own == name && name != without.name);
@@ -89,10 +83,23 @@ pub fn calibrate_camera(
             state = BundleState { poses: end.all_poses(&state), ..end.end.state.clone() };
             state.optics = vec![Optics { lens, ..optics }];
         }
+        let problem = BundleProblem { freedom: vec![rest], ..problem.clone() };
+        let end_without = adjust_selected(&problem, &state, settings.outlier_sd)?;
+        if let (Some(sd), Ok(camera)) = (without.sd, camera)
+            && sd < expected_coefficient(&end_without, without.name)
+        {
+            break camera;
+        }
+        (freedom, end) = (rest, end_without);
         dropped.push(without);
-        let problem = BundleProblem { freedom: vec![freedom], ..problem.clone() };
-        end = adjust_selected(&problem, &state, settings.outlier_sd)?;
+    };
+    for (i, misfit) in posed.iter().zip(&end.misfits) {
+        if let (Some(why), Some(misfit)) = (unused.get_mut(*i), misfit) {
+            *why = Some((*misfit).into());
+        }
     }
+    let fitted = fits(0, &camera, views, &posed, unused, &end, &extent);
+    result(0, &end, &[settings.freedom], camera, fitted, dropped, settings)
 }
 
 /// The images that may take part.

@@ -148,8 +148,9 @@ fn predicted_uncertainty_is_that_of_200_calibrations() {
     assert!((0.8..1.25).contains(&ratio), "{ratio}");
 }
 
-/// A coefficient that is there and hardly told is left out of most of these fits. What that does to pixels is told: never less than
-/// happens, and not much more where the coefficient is as large as its neighbours.
+/// A coefficient that is there and hardly told is left out of most fits of the fisheyes, and of none of the other lenses, whose images tell it
+/// better than that lenses are tame. What that does to pixels is told: never less than happens, and not much more where the coefficient is as
+/// large as its neighbours.
 #[test]
 fn the_error_of_leaving_a_coefficient_out_is_told() {
     let plumb_bob = |k3| camera(Distortion { k3, ..bent() }, 520.0);
@@ -163,6 +164,7 @@ fn the_error_of_leaving_a_coefficient_out_is_told() {
         (equidistant(0.005, 0.0), 0.08, 3.0),
         (equidistant(0.0, 0.002), 0.03, 3.0),
     ];
+    let mut left_out = [0; 2];
     for (seed, (truth, noise_px, most)) in (40..).zip(&cases) {
         let mut random = Random::new(seed);
         let poses = poses(truth, 15, &mut random);
@@ -189,12 +191,13 @@ fn the_error_of_leaving_a_coefficient_out_is_told() {
                 *told += uncertainty.covariance_px2(&Vector2::from(*px)).trace();
             }
         }
-        assert!(dropped > 100, "{:?}: {dropped}", truth.lens());
+        left_out[usize::from(truth.lens().model() == LensModel::Equidistant)] += dropped;
         for ((px, happened), told) in PIXELS.iter().zip(&happened).zip(told) {
             let ratio = (told / happened).sqrt();
             assert!((0.8..*most).contains(&ratio), "{:?} {px:?}: {ratio}", truth.lens());
         }
     }
+    assert!(left_out[0] == 0 && left_out[1] > 200, "{left_out:?}");
 }
 
 #[test]

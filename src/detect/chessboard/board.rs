@@ -173,6 +173,28 @@ impl Board {
         Vector2::zeros()
     }
 
+    /// Half the second difference of corners along a direction, px: about the corner, or, at the board's rim and beside what is hidden, next to
+    /// it. Nothing where no three corners follow each other.
+    fn half_difference(&self, column: i64, row: i64, right: bool) -> Vector2<f64> {
+        let (dx, dy) = if right { (1, 0) } else { (0, 1) };
+        let about = [0, 1, -1].into_iter().flat_map(|side| [0, 1, -1].map(|on| (on, side)));
+        let mut of = about.filter_map(|(on, side)| {
+            let (c, r) = (column + on * dx + side * dy, row + on * dy + side * dx);
+            let (a, b, c) = (self.px(c - dx, r - dy)?, self.px(c, r)?, self.px(c + dx, r + dy)?);
+            Some(0.5 * (a + c) - b)
+        });
+        of.next().unwrap_or_default()
+    }
+
+    /// Where each fitted corner is with its edges as bent as the lens bends them, px, ids rising.
+    pub(super) fn unbent(&self) -> impl Iterator<Item = Vector2<f64>> {
+        self.fitted().map(|(id, fit)| {
+            let (c, r) = self.place(id as usize);
+            let halves = [self.half_difference(c, r, true), self.half_difference(c, r, false)];
+            self.steps(id).map_or(fit.px, |steps| fit.unbent(steps, halves))
+        })
+    }
+
     /// Fits all corners that have a position, and those that can be told from them, until none is added; how many there are.
     pub(super) fn fit(&mut self, image: &ImageView<'_>, blur_px: f64) -> usize {
         self.fit_known(image, blur_px);

@@ -182,11 +182,12 @@ impl ChessboardFinder {
         if let Some(blur) = self.board.blur_px() {
             self.blur_px = blur;
         }
-        for ((id, fit), [a, b]) in self.board.fitted().zip(self.board.all_steps()) {
+        let places = self.board.all_steps().zip(self.board.unbent());
+        for ((id, fit), ([a, b], px)) in self.board.fitted().zip(places) {
             let spread = (a * a.transpose() + b * b.transpose()) / 12.0;
             found.push(Found {
                 id,
-                px: fit.px,
+                px,
                 sd_px: corner_sd_px(fit),
                 area_px2: (a.x * b.y - a.y * b.x).abs(),
                 covariance_px2: [spread.m11, spread.m12, spread.m22],
@@ -290,7 +291,7 @@ impl ChessboardFinder {
                     let beyond = self.board.beyond(image);
                     if fitted < least {
                         why = telling(why, ChessboardMiss::TooFewCorners);
-                    } else if beyond.contains(&BoardSide::More) {
+                    } else if beyond.contains(&BoardSide::More) || self.board.goes_on_behind(image) {
                         why = telling(why, ChessboardMiss::TooLarge);
                     } else if !beyond.contains(&BoardSide::End) || !self.is_bounded(fitted == count) {
                         // it may go on outside the image, or under what covers a part of it

@@ -5,10 +5,10 @@ use crate::imaging::corners::{RING, RING_RADIUS_PX};
 use nalgebra::Vector2;
 
 /// Least ring response of a corner that follows, in that of the last one.
-const FOLLOWS: f32 = 0.5;
+pub(super) const FOLLOWS: f32 = 0.5;
 /// How far from its place it is looked for, px and squares: the lens bends rows.
-const MIN_REACH_PX: f64 = 1.5;
-const BENT: f64 = 0.05;
+pub(super) const MIN_REACH_PX: f64 = 1.5;
+pub(super) const BENT: f64 = 0.05;
 /// Greatest radius of a window, px.
 const MAX_PX: f64 = 64.0;
 
@@ -45,12 +45,12 @@ pub(super) fn strongest(
 /// lone square's corner has no response at all, and clutter rarely half of a corner's.
 pub(super) fn follows(image: &ImageView<'_>, last: Vector2<f64>, next: Vector2<f64>) -> Option<bool> {
     let radius = MIN_REACH_PX + BENT * (next - last).norm();
-    let (own, there) = (greatest(image, last, 1.0)?, greatest(image, next, radius)?);
+    let (own, there) = (strength(image, last, 1.0)?, strength(image, next, radius)?);
     Some(there > FOLLOWS * own)
 }
 
 /// The strongest ring response within `radius` px of a point, all of which the image shows.
-fn greatest(image: &ImageView<'_>, about: Vector2<f64>, radius: f64) -> Option<f32> {
+pub(super) fn strength(image: &ImageView<'_>, about: Vector2<f64>, radius: f64) -> Option<f32> {
     let room = radius + RING_RADIUS_PX as f64 + 1.0;
     let inside = |at: f64, size: usize| at > room && at + room < size as f64;
     if !(inside(about.x, image.width()) && inside(about.y, image.height())) {

@@ -2,6 +2,15 @@
 //!
 //! One model serves every blur, which is measured with the corner: under strong blur it is a saddle, at a sharp corner two edges.
 //! The covariance is the fit's own: residual variance times the inverse normal matrix.
+//!
+//! The edges of the model are straight. A lens bends them, and a bent edge draws the fit to its hollow side. By how much follows from the
+//! fit's own equations: where the edge `u = 0` lies at `u = b a^2`, `a` px along it, levels differ by `d_u b a^2`, `d_u` their derivative by a
+//! shift of the edge, so that
+//!
+//! ```text
+//! fitted - true = b N^-1 J' (d_u a^2)       N = J' J with what is known beforehand
+//! ```
+//! The bend is known once the neighbours are ([`CornerFit::unbent`]).
 
 use super::corner_model::parameter::{
     AMPLITUDE, BLUR, COUNT, LIGHT_X, LIGHT_Y, MIDDLE, TURN_U, TURN_V, X, Y,
@@ -75,6 +84,34 @@ pub struct CornerFit {
     pub half_contrast: f64,
     /// Standard deviation of the residuals, grey levels.
     pub residual_levels: f64,
+    /// How far the position is drawn to the hollow side of edges that are bent, for a bend of 1 / px of either edge, px^2.
+    pub drawn_by_bend_px2: [Vector2<f64>; 2],
+}
+
+/// Unit normals of the edges along `steps[1]` and along `steps[0]`, pointing along `steps[0]` and `steps[1]`.
+fn edge_normals([su, sv]: [Vector2<f64>; 2]) -> [Vector2<f64>; 2] {
+    let side = (su.x * sv.y - su.y * sv.x).signum();
+    [Vector2::new(sv.y, -sv.x) * (side / sv.norm()), Vector2::new(-su.y, su.x) * (side / su.norm())]
+}
+
+impl CornerFit {
+    /// The position with the edges as bent as they are: with steps to the next corners and half the second differences of corners along
+    /// both directions, px, an edge runs as `t step + t^2 half difference`.
+    #[must_use]
+    pub fn unbent(
+        &self,
+        steps_px: [Vector2<f64>; 2],
+        half_differences_px: [Vector2<f64>; 2],
+    ) -> Vector2<f64> {
+        let drawn_px = |normal: Vector2<f64>, step: Vector2<f64>, half_difference: Vector2<f64>| {
+            // of two edges the one with this normal: the fit may have had a turned board
+            let [p, q] = self.drawn_by_bend_px2;
+            let drawn = if p.dot(&normal).abs() > q.dot(&normal).abs() { p } else { q };
+            drawn * drawn.dot(&normal).signum() * (normal.dot(&half_difference) / step.norm_squared())
+        };
+        let ([along, across], [su, sv], [cu, cv]) = (edge_normals(steps_px), steps_px, half_differences_px);
+        self.px - drawn_px(along, sv, cv) - drawn_px(across, su, cu)
+    }
 }
 
 /// Fits corners. Owns its buffers.
@@ -138,10 +175,7 @@ impl CornerFitter {
         }
         let most = ((WINDOW_BLURS * guess.blur_px) as i32).clamp(SHARP_HALF_PX, MAX_HALF_PX);
         let half = ((0.75 * next[0].min(next[1])) as i32).clamp(MIN_HALF_PX, most);
-        // normals point along the steps
-        let side = area.signum();
-        let normal_u = Vector2::new(sv.y, -sv.x) * (side / len_v);
-        let normal_v = Vector2::new(-su.y, su.x) * (side / len_u);
+        let [normal_u, normal_v] = edge_normals(guess.steps_px);
         // little, or the guess is bad
         let [cu, cv] = guess.changes_px;
         let longer = [normal_u.dot(&cu) / next[0], normal_v.dot(&cv) / next[1]]
@@ -220,6 +254,10 @@ impl CornerFitter {
                     middle_level: p[MIDDLE],
                     half_contrast: p[AMPLITUDE],
                     residual_levels: variance.sqrt(),
+                    drawn_by_bend_px2: self.drawn_by_bend(&p).map(|right| {
+                        let drawn = factor.solve(&right);
+                        Vector2::new(drawn[X], drawn[Y])
+                    }),
                 });
             }
         }
@@ -312,6 +350,28 @@ impl CornerFitter {
         p[MIDDLE] = 0.5 * (a + b);
         // blur takes off about a third of it
         p[AMPLITUDE] = 0.7 * (a - b);
+    }
+
+    /// `J' (d a^2)` of both edges, from the rows of the last step: a shift of the corner by (x, y) shifts the edges by `n_u (x, y)` and
+    /// `n_v (x, y)`, which gives the derivatives by a shift of either.
+    fn drawn_by_bend(&self, p: &Vector) -> [Vector; 2] {
+        let ((su, cu), (sv, cv)) = (p[TURN_U].sin_cos(), p[TURN_V].sin_cos());
+        let scale = 1.0 / (cu * sv - su * cv);
+        let [by_u, by_v] = [[sv, -cv], [-su, cu]].map(|both| both.map(|k| (k * scale) as f32));
+        let along = [[-su, cu], [-sv, cv]].map(|both| both.map(|k| k as f32));
+        let (x, y) = (p[X] as f32, p[Y] as f32);
+        let mut out = [[0.0; COUNT]; 2];
+        for (pixels, row) in self.pixels.iter().zip(&self.rows).take(self.blocks) {
+            let (dx, dy) = (pixels.x + (-x), pixels.y + (-y));
+            for ((out, by), along) in out.iter_mut().zip([by_u, by_v]).zip(along) {
+                let a = dx * along[0] + dy * along[1];
+                let level = (row.derivative[X] * by[0] + row.derivative[Y] * by[1]) * (a * a);
+                for (out, derivative) in out.iter_mut().zip(&row.derivative) {
+                    *out += f64::from((*derivative * level).sum());
+                }
+            }
+        }
+        out
     }
 
     fn normal(&mut self, model: &CornerModel) -> CornerEquations {

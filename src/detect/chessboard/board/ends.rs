@@ -6,13 +6,19 @@
 //! A floor of squares of which a part has the board's size, and a larger board that is half hidden, look like the board but for that.
 
 use super::Board;
-use crate::detect::chessboard::strongest::follows;
+use crate::detect::chessboard::strongest::{BENT, FOLLOWS, MIN_REACH_PX, follows, strength};
 use crate::imaging::ImageView;
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
 /// So many corners in a line, and that share of those that could be seen, are no chance: things lie on a floor, too.
 const LEAST: usize = 2;
 const SHARE: usize = 3;
+/// So many corners behind what hides a side's end, and that share of the places that are seen there, are no chance either: more of them are
+/// asked for, since these places are known by the whole board alone.
+const LEAST_BEHIND: usize = 3;
+const SHARE_BEHIND: usize = 4;
+/// How many squares beyond the last corners these are looked for: what lies on a board is rarely wider.
+const BEHIND: i64 = 3;
 
 /// What is beyond one side of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,6 +41,39 @@ impl Board {
             self.beyond_line(image, columns, |k, i| (k, i)),
             self.beyond_line(image, columns, |k, i| (k, rows - 1 - i)),
         ]
+    }
+
+    /// Whether beyond a side of the board its pattern goes on behind something that hides where it would end: corners lie where the board as a
+    /// whole would have its next ones.
+    pub(in crate::detect::chessboard) fn goes_on_behind(&mut self, image: &ImageView<'_>) -> bool {
+        let Some(whole) = self.homography() else { return false };
+        self.values.clear();
+        self.values
+            .extend(self.slots.iter().filter_map(|s| Some(f64::from(strength(image, s.fit?.px, 1.0)?))));
+        let middle = self.values.len() / 2;
+        if self.values.is_empty() {
+            return false;
+        }
+        let own = *self.values.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let at = |(column, row): (i64, i64)| {
+            let v = whole * Vector3::new(column as f64, row as f64, 1.0);
+            (v.z > 1e-9).then(|| Vector2::new(v.x, v.y) / v.z)
+        };
+        let (columns, rows) = (self.columns as i64, self.rows as i64);
+        let goes_on = |count: i64, corner: &dyn Fn(i64, i64) -> (i64, i64)| {
+            let places = (-1..=count).flat_map(|k| (1..=BEHIND).map(move |i| (k, i)));
+            let seen = places.filter_map(|(k, i)| {
+                let (here, before) = (at(corner(k, i))?, at(corner(k, i - 1))?);
+                let there = strength(image, here, MIN_REACH_PX + BENT * (here - before).norm())?;
+                Some(f64::from(there) > f64::from(FOLLOWS) * own)
+            });
+            let (seen, more) = seen.fold((0, 0), |(n, more), follows| (n + 1, more + usize::from(follows)));
+            more >= LEAST_BEHIND && SHARE_BEHIND * more >= seen
+        };
+        goes_on(rows, &|k, i| (-i, k))
+            || goes_on(rows, &|k, i| (columns - 1 + i, k))
+            || goes_on(columns, &|k, i| (k, -i))
+            || goes_on(columns, &|k, i| (k, rows - 1 + i))
     }
 
     /// Of one side: `corner` is the column and row of the k-th corner along it, i lines inwards.
