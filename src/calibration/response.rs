@@ -55,7 +55,7 @@ pub struct GammaEstimate {
 }
 
 impl GammaEstimate {
-    /// The response that the estimate tells; `None` where it is not told from a linear one.
+    /// The estimated response; `None` where it cannot be distinguished from a linear one.
     #[must_use]
     pub fn response(&self) -> Option<Response> {
         let off = (self.gamma - 1.0).abs();

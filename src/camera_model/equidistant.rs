@@ -7,7 +7,7 @@
 use super::roots::first_not_positive;
 use nalgebra::{Matrix2, Vector2};
 
-/// Farthest from the axis that a direction is told apart from the next, 89 degrees: normalized coordinates end at 90, so that a degree
+/// Largest angle from the axis at which neighbouring directions can be distinguished, 89 degrees: normalized coordinates end at 90, so that a degree
 /// there is as long as all before.
 const FARTHEST_RAD: f64 = 89.0 / 180.0 * std::f64::consts::PI;
 /// Below this r^2 two terms of the series of atan are exact, since the third, r^4 / 5, is 2e-17 there.

@@ -214,7 +214,7 @@ impl Lens {
         }
     }
 
-    /// Whether neighbouring directions at `s` are told apart in the image.
+    /// Whether neighbouring directions at `s` can be distinguished in the image.
     pub(super) fn tells_apart(&self, s: &Vector2<f64>) -> bool {
         let r = s.norm();
         match self {

@@ -272,7 +272,7 @@ pub struct CtlArguments {
     pub timeout_s: f64,
 }
 
-/// What control can be told.
+/// Requests to control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Order {
     /// Say how it stands
@@ -371,7 +371,7 @@ pub struct DetectArguments {
     /// ellipses[:MIN_AXIS_PX]
     #[arg(long, value_name = "KIND")]
     pub target: String,
-    /// Calibration file of ROS (YAML): with it the pose is told too
+    /// Calibration file of ROS (YAML); with it the pose is computed too
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
     /// How grey levels depend on light: linear, srgb (most images in files), gamma:G, or table:L,L,... (light of 2 to 33 equally spaced levels)

@@ -18,7 +18,7 @@ pub(super) use stereo::stereo;
 use super::detect::refused;
 use crate::calibration::camera::CameraCalibrationError;
 
-/// Why a command ends before it has a result: its exit code is told with it.
+/// Why a command ends before it has a result, with its exit code.
 struct CalibrateError {
     message: String,
     exit_code: u8,

@@ -51,7 +51,7 @@ pub struct BoardArguments {
     /// Corners with errors beyond so many standard deviations are left out; inf keeps all
     #[arg(long, value_name = "SD", default_value_t = 5.0)]
     pub outlier_sd: f64,
-    /// Depth at which uncertainties are told, m; where it is left out, that of the boards
+    /// Depth at which uncertainties are stated, m; by default that of the boards
     #[arg(long, value_name = "M")]
     pub distance_m: Option<f64>,
     /// Print JSON

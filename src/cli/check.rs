@@ -77,7 +77,7 @@ fn first_line(path: Option<&Path>, config: &Config) -> String {
     )
 }
 
-/// What is told by its key.
+/// The lines by key.
 type Told = Vec<(&'static str, String)>;
 
 /// What makes the run futile, and what is only doubtful. Where the object moves by itself, nothing is certain.

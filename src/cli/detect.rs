@@ -32,7 +32,7 @@ const MODEL_SD_PX: f64 = 0.2;
 
 const EQUAL_DOTS: &str = "equal dots: numbered as the image stands, for the grid looks the same after a turn";
 
-/// What one image shows, before it is told.
+/// What was found in one image, before it is printed.
 struct DetectedImage {
     found: Vec<Found>,
     px: Vec<Vector2<f64>>,

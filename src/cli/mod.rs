@@ -269,7 +269,7 @@ fn check_writable(path: &Path) -> Result<(), ProcessError> {
     rt::check_writable(path).map_err(|cause| ProcessError::Write { path: path.into(), cause })
 }
 
-/// Writes what is also on stdout into a file. When that fails it is told, and is the exit code, unless there was a graver
+/// Writes what is also on stdout into a file. A failure is reported and determines the exit code, unless there was a graver
 /// one already.
 fn write_result(path: &Path, text: impl AsRef<[u8]>, exit_code: u8) -> u8 {
     let Err(cause) = rt::write_file(path, text) else { return exit_code };

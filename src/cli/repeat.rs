@@ -4,7 +4,7 @@ use super::{CellArguments, RunArguments};
 use crate::input::shell_word;
 use crate::report::summary::Summary;
 
-/// What `vservo run` was told beside its cell, and beside where its results go.
+/// The arguments of `vservo run` beside its cell and the places of its results.
 #[must_use]
 pub(super) fn of_run(arguments: &RunArguments) -> Vec<String> {
     let duration = arguments.duration_s.map(|s| ["--duration-s".to_owned(), s.to_string()]);

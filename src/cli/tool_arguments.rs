@@ -189,7 +189,7 @@ pub struct StereoTriangulateArguments {
     /// How a position is found
     #[arg(long, value_enum, default_value = "optimal")]
     pub method: TriangulationMethod,
-    /// Standard deviation of each coordinate, px or normalized as the points are: with it the positions' covariances are told
+    /// Standard deviation of each coordinate, px or normalized as the points are; with it the positions' covariances are computed
     #[arg(long, value_name = "SD")]
     pub sd: Option<f64>,
     /// Print JSON in place of CSV
@@ -226,7 +226,7 @@ pub struct StereoMotionArguments {
     /// Calibration file of camera 2
     #[arg(long, value_name = "FILE", requires = "camera")]
     pub camera_2: Option<PathBuf>,
-    /// Standard deviation of each coordinate, px or normalized as the points are: with it covariances are told
+    /// Standard deviation of each coordinate, px or normalized as the points are; with it covariances are computed
     #[arg(long, value_name = "SD")]
     pub sd: Option<f64>,
     /// plane: a homography in place of pairs, nine numbers by rows, (10.58)
@@ -254,7 +254,7 @@ pub enum MotionMethod {
     FivePoint,
     /// Eight pairs or more, linear, then of least error; in px without a camera the fundamental matrix
     EightPoint,
-    /// Six pairs or more, of which some may be wrong
+    /// Six pairs or more; some may be outliers
     Consensus,
     /// Four pairs or more of one plane: both readings
     Plane,

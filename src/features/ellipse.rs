@@ -22,7 +22,7 @@ pub struct EllipseFeature {
 
 impl EllipseFeature {
     /// An ellipse by half its axes and the angle from x to the first, rad, in normalized coordinates; and `[A, B, C]` of the object's
-    /// plane `1/z_c = A x + B y + C`, 1/m, of which an estimate or that of the goal will do.
+    /// plane `1/z_c = A x + B y + C`, 1/m; an estimate or that of the goal suffices.
     #[must_use]
     pub fn new(s: Vector2<f64>, semi_axes: [f64; 2], turn_rad: f64, plane: Vector3<f64>) -> Self {
         let ((sin, cos), [a, b]) = (turn_rad.sin_cos(), semi_axes.map(|a| 0.25 * a * a));

@@ -30,7 +30,7 @@ impl Feature<4> for SegmentFeature {
     }
 }
 
-/// The features `[x_mean, y_mean, L, alpha]` of (10.28); alpha in (-pi, pi], so that the ends are told apart.
+/// The features `[x_mean, y_mean, L, alpha]` of (10.28); alpha in (-pi, pi], so that the ends are distinguished.
 #[must_use]
 pub fn segment_features(s: &[Vector2<f64>; 2]) -> Vector4<f64> {
     let mean = (s[0] + s[1]) * 0.5;

@@ -28,7 +28,7 @@ pub struct EllipseFit {
     pub ellipse: Ellipse,
     /// Covariance of centre x, y (px) and of `xx`, `xy`, `yy` of the shape (px^2).
     pub covariance: SMatrix<f64, 5, 5>,
-    /// Squared residuals over their variances, per degree of freedom: 1 when these are told rightly.
+    /// Squared residuals over their variances, per degree of freedom: 1 when these are stated correctly.
     pub chi2: f64,
     /// Number of points that were used.
     pub used: usize,

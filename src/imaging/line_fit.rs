@@ -1,6 +1,6 @@
 //! A straight line through edge points: robust, with covariance.
 //!
-//! The line is told by a point on it, the weighted mean `p` of what lies on it, and the angle of its normal `n`: `n^T (x - p) = 0`.
+//! The line is given by a point on it, the weighted mean `p` of what lies on it, and the angle of its normal `n`: `n^T (x - p) = 0`.
 //! It minimises the squared distances across the line over their variances, with Tukey's weights, so that points beside the line
 //! count less and those far off not at all.
 
@@ -30,7 +30,7 @@ pub struct Line {
     pub normal_rad: f64,
     /// Covariance of the offset along the normal at `px` (px) and of `normal_rad` (rad).
     pub covariance: Matrix2<f64>,
-    /// Squared residuals over their variances, per degree of freedom, of the points that were used: 1 when these are told rightly.
+    /// Squared residuals over their variances, per degree of freedom, of the points that were used: 1 when these are stated correctly.
     pub chi2: f64,
     /// Number of points on the line.
     pub used: usize,

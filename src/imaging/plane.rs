@@ -15,7 +15,7 @@ impl<T: Copy + Default> Plane<T> {
         Self { values: vec![T::default(); width.saturating_mul(height)], width, height }
     }
 
-    /// Takes another size. The values are those of before, in no order: whoever reshapes a plane fills it. Allocates only when no
+    /// Takes another size. The values are the earlier ones, in no order: the caller must fill the plane. Allocates only when no
     /// image before was as large.
     pub fn reshape(&mut self, width: usize, height: usize) {
         self.values.resize(width.saturating_mul(height), T::default());

@@ -1,4 +1,4 @@
-//! A borrowed grey image: rows of bytes in memory that somebody else owns (usually a shared-memory sample).
+//! A borrowed grey image: rows of bytes in memory of another owner (usually a shared-memory sample).
 
 use super::Window;
 use thiserror::Error;

@@ -1,4 +1,4 @@
-//! What is told of each value: single numbers, and tables.
+//! The measures of each value: single numbers, and tables.
 //!
 //! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 

@@ -1,4 +1,4 @@
-//! Image processing of Sect. 10.2 as a chain of steps that somebody writes down: `gaussian:1.0 | sobel | magnitude | threshold:60`.
+//! Image processing of Sect. 10.2 as a chain of steps, written as text: `gaussian:1.0 | sobel | magnitude | threshold:60`.
 //!
 //! ```text
 //! text --Pipeline::parse--> steps, of which each takes what the one before gives --Pipeline::run--> StepOutcome of each step

@@ -3,7 +3,7 @@
 use super::ValueKind;
 use crate::imaging::{Connectivity, EdgeThresholds, Operator, Polarity, Uniformity};
 
-/// A step as people are told of it.
+/// A step with its description for people.
 #[derive(Debug, Clone, Copy)]
 pub struct StepInfo {
     /// Its word.

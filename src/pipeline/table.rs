@@ -1,4 +1,4 @@
-//! Numbers by rows: what is told of each region, contour, level and so on.
+//! Tables of numbers: a row for each region, contour, level and so on.
 
 use crate::input::number;
 

@@ -8,7 +8,7 @@
 //! | [`dlt_pose`] | (10.13) | six or more points that are not coplanar |
 //! | [`p3p`] | (10.6) | three points, all solutions |
 //! | [`pnp`] | (10.6) | any three points or more: the global minimum, and others that are close |
-//! | [`PoseConsensus`] | (10.6) | points of which some are wrong |
+//! | [`PoseConsensus`] | (10.6) | points with outliers |
 //! | [`refine`], [`refine_3d`] | least squares on (10.36) | a near guess to the optimum, with covariance |
 //! | [`refine_pixels`] | least squares on (10.36) | the same in pixels: lens, covariances of points, outliers |
 //! | [`object_in_base`], [`object_in_effector`] | (10.14), (10.15) | beyond the camera |

@@ -1,4 +1,4 @@
-//! Pose from points of which some are wrong: random samples of three, P3P, and refinement of the best on all that agree.
+//! Pose from points with outliers: random samples of three, P3P, and refinement of the best on all that agree.
 //!
 //! The loop is that of all consensus here ([`crate::linalg::sampling`]); errors are those of reprojection (10.36).
 

@@ -21,7 +21,7 @@ pub enum ObjectFeature {
         /// Where it is seen, normalized.
         s: Vector2<f64>,
     },
-    /// A line segment with ends that are told apart.
+    /// A line segment with distinguishable ends.
     Segment {
         /// Its ends in the object frame, m.
         ends_O: [Point3<f64>; 2],

@@ -1,4 +1,4 @@
-//! Where the arm that carries a synthetic camera was, told by its joint states.
+//! The past motion of the arm that carries a synthetic camera, from its joint states.
 
 use crate::geometry::Pose;
 use crate::messages::{JointState, joint_flag};

@@ -13,7 +13,7 @@ use crate::geometry::Pose;
 use crate::target::ClosedOutline;
 use nalgebra::{Vector2, Vector3};
 
-/// How far a piece of a border may be from the curve that the lens makes of it, px.
+/// Largest distance of a piece of a border from its curve in the image, px.
 const SAG_PX: f64 = 0.004;
 /// Nearest depth that is drawn, m, because at depth zero there is no projection; no lens has it in focus.
 const NEAR_M: f64 = 1e-6;

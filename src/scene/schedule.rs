@@ -95,7 +95,7 @@ impl FrameSchedule {
         (longest as f64 / self.period_ns).ceil() as usize + 2
     }
 
-    /// An even random number in [0, 1) that belongs to frame `id`, whoever asks.
+    /// An even random number in [0, 1) that belongs to frame `id`, in every process.
     fn random(&self, id: u64, purpose: u64) -> f64 {
         let seed = self.irregularity.seed ^ purpose.rotate_right(8);
         (xxh3_64_with_seed(&id.to_le_bytes(), seed) >> 11) as f64 / (1u64 << 53) as f64

@@ -9,7 +9,7 @@ use crate::linalg::{Ldlt, symmetric_eigen};
 use nalgebra::{Matrix3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
 
 /// Width over length of a set, below which it counts as collinear: roots of eigenvalues that round to 1e-16 of the largest, so that ratios
-/// below 1e-8 are not told from zero.
+/// below 1e-8 cannot be distinguished from zero.
 const COLLINEAR: f64 = 1e-7;
 
 /// A displacement and how well it explains the points.

@@ -1,4 +1,4 @@
-//! Displacement of a camera from conjugate points of which some are wrong: random samples of five, and refinement.
+//! Displacement of a camera from conjugate points with outliers: random samples of five, and refinement.
 //!
 //! The loop is that of all consensus here ([`crate::linalg::sampling`]); errors are Sampson's.
 

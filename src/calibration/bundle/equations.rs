@@ -12,7 +12,7 @@ const POSE_AND_ERROR: usize = 7;
 const WIDEST: usize = 28;
 /// The same where that is enough, since the products go with the square: a third of them are left.
 const USUAL: usize = 16;
-/// A shared unknown of which so little of its information is left, by the others, is not told by the images: the rest is a difference that
+/// A shared unknown that keeps so small a share of its information beside the others is not determined by the images: the rest is a difference that
 /// rounds to 1e-16, so that three digits of a larger one are its own.
 const UNTOLD: f64 = 1e-13;
 

@@ -13,7 +13,7 @@ pub struct BoardPoint {
     pub p_O: Point3<f64>,
     /// Where it is seen, px.
     pub px: Vector2<f64>,
-    /// Covariance of `px`, px^2. All may be wrong by a common factor: it is told by the errors.
+    /// Covariance of `px`, px^2. All may be wrong by a common factor, which is estimated from the errors.
     pub covariance_px2: Matrix2<f64>,
 }
 

@@ -1,4 +1,4 @@
-//! From the minimum of the least squares to what is told of one camera of the rig.
+//! From the minimum of the least squares to the result of one camera of the rig.
 
 use super::calibration::{CameraCalibration, DroppedCoefficient, PointFit, ViewFit};
 use super::start::{self, PlaneView};

@@ -5,11 +5,11 @@ use std::fmt;
 
 /// The share of the image's width and height that is its middle. Chosen; the verdict tells of what lies outside of it, so that it may be small.
 const MIDDLE: f64 = 0.8;
-/// Corners of the image that are so many times worse than the middle are told.
+/// Corners of the image that are this many times worse than its centre are reported.
 const MUCH_WORSE: f64 = 2.0;
-/// Halves that differ by so many times what the noise predicts are told.
+/// Halves that differ by this many times the difference that noise predicts are reported.
 const UNEXPLAINED: f64 = 1.5;
-/// Fewer images are told, since halves of them would be three or less (`halves`). Chosen.
+/// Fewer images are reported, since halves of them would be three or less (`halves`). Chosen by hand.
 const FEW_VIEWS: usize = 8;
 /// Beyond this a camera is of no use for measuring, px: images or board must be wrong. Chosen by hand.
 const USELESS_PX: f64 = 3.0;
@@ -17,7 +17,7 @@ const USELESS_PX: f64 = 3.0;
 /// What the numbers say.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CalibrationVerdict {
-    /// Depth at which uncertainties are told, m.
+    /// Depth at which uncertainties are stated, m.
     pub distance_m: f64,
     /// Uncertainty in the middle of the image, px: one standard deviation in the worst direction.
     pub center_px: f64,

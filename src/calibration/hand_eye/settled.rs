@@ -1,4 +1,4 @@
-//! Samples taken in motion told from settled ones: by the joints' velocities, by poses that follow each other, or by what the
+//! Distinguishes samples taken in motion from those taken at rest: by the joints' velocities, by poses that follow each other, or by what the
 //! corners do from one image to the next.
 //!
 //! An image and a robot pose are never of the same moment; what the image moves in the meantime is an error of the sample.

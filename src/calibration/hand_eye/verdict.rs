@@ -1,4 +1,4 @@
-//! What a hand-eye calibration is worth, in words: what it is good to, what contradicts it, and what would mend it.
+//! The verdict on a hand-eye calibration in words: its accuracy, what contradicts it, and what would improve it.
 
 use super::report::HandEyeReport;
 use std::fmt::Write;

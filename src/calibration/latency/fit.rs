@@ -264,7 +264,7 @@ impl<'a, const N: usize> LatencyProblem<'a, N> {
         Descent { state, converged: false }
     }
 
-    /// Sum of the residuals' lengths: comparable between states without a common spread, and calm about outliers.
+    /// Sum of the residuals' lengths: comparable between states without a common spread, and robust against outliers.
     pub(super) fn sum_of_lengths(&self, at: &LatencyUnknowns) -> f64 {
         let mut sum = 0.0;
         self.each_residual(at, |e| sum += e.r.norm());

@@ -58,7 +58,7 @@ impl StereoCalibration {
 /// The pair that took these images, the same number of each, `left[i]` and `right[i]` at one instant; sizes in columns and rows.
 ///
 /// # Errors
-/// [`CameraCalibrationError`]; pairs that are of no use are told in the result.
+/// [`CameraCalibrationError`]; unusable pairs are listed in the result.
 pub fn calibrate_stereo(
     left: &[BoardView],
     right: &[BoardView],

@@ -9,7 +9,7 @@ use std::str::FromStr;
 
 /// Most keys and most entries of a list, so that a hostile file takes no memory: real files have some twenty, and twelve.
 const MOST: usize = 256;
-/// Longest word that is told in a message, characters, so that the message stays a line.
+/// Longest word that is quoted in a message, characters, so that the message stays a line.
 const TOLD: usize = 60;
 
 /// A value and where it stands.

@@ -1,4 +1,4 @@
-//! What is told of a camera: as JSON and in lines.
+//! The result for a camera, as JSON and as lines for people.
 
 use super::boards::Boards;
 use crate::calibration::camera::{
@@ -127,7 +127,7 @@ struct WarpOut {
 struct ResponseOut {
     gamma: f64,
     sd: f64,
-    /// What to set; `null` where levels are not told from light.
+    /// What to set; `null` where the response cannot be distinguished from a linear one.
     setting: Option<String>,
 }
 

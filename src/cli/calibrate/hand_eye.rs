@@ -165,7 +165,7 @@ fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError>
     Ok(HandEyeAnswer::new(report, &views, unused))
 }
 
-/// The target, if its points can be told apart in a single image.
+/// The target, if its points can be identified in a single image.
 fn one_look(kind: Kind) -> Result<Target, CalibrateError> {
     let refuse = |what: &str| Err(CalibrateError::with_code(2, format!("--target: {what}")));
     if kind.any_tag {

@@ -16,7 +16,7 @@ const CROWDED: Duration = Duration::from_millis(20);
 /// Time for leaving after the answer, or after the last look for it. Chosen by hand, some hundred times what it takes on an idle machine.
 const LEAVING: SpanNs = SpanNs(500_000_000);
 
-/// How long there is, and whether whoever asked still wants to know.
+/// The time that is left, and whether the answer is still awaited.
 #[derive(Debug, Clone)]
 pub(super) struct AnswerTimeout {
     timeout_s: f64,
@@ -49,7 +49,7 @@ impl AnswerTimeout {
     }
 }
 
-/// Makes sure that there is somebody to ask.
+/// Makes sure that there is a run to ask.
 pub(super) fn find(instance: &Instance) -> Result<(), ProcessError> {
     match instance.find(Role::Control) {
         Ok(true) => Ok(()),

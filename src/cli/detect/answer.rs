@@ -1,4 +1,4 @@
-//! What is told of one image: a line for people, an object for programs.
+//! The answer for one image: a line for people, an object for programs.
 
 use super::DetectedImage;
 use crate::detect::Found;

@@ -1,4 +1,4 @@
-//! Image files that somebody names, as grey images: bounded before anything is decoded.
+//! Image files from the command line, as grey images; sizes are checked before anything is decoded.
 
 use crate::source::{SourceError, load_image};
 use image::GrayImage;

@@ -1,4 +1,4 @@
-//! What a camera makes of the place where four squares meet.
+//! Model of the image of a point where four squares meet.
 //!
 //! Two straight edges through the corner `c`, with unit normals `n_u`, `n_v`, split the plane; `u = n_u (p - c) / sigma` and `v` are
 //! the distances in deviations of the blur. A blurred product of signs is an orthant probability of two normal deviates with

@@ -14,7 +14,7 @@ const LONG: usize = LONGEST - LOOK as usize;
 /// Most bits of a value: of a difference of means, and of any other coefficient of an 8-bit image (ITU-T T.81, tables F.1 and F.2).
 const DC_VALUE_BITS: u8 = 11;
 const AC_VALUE_BITS: u8 = 10;
-/// What the end of a block adds to the position in it: more than a block has, so that it is told from a run too long.
+/// What the end of a block adds to the position in it: more than a block has, so that it differs from a run that is too long.
 pub(super) const END_OF_BLOCK: usize = 128;
 
 /// A code as a file has it: how many symbols there are with codes of each length, and the symbols.
@@ -248,7 +248,7 @@ impl Table {
     }
 }
 
-/// A code of coefficients that nobody wants: finds several symbols at once, which is worth 4 to 7 % of a colour image's time.
+/// A code of coefficients that are skipped: finds several symbols at once, which is worth 4 to 7 % of a colour image's time.
 pub(super) struct SkipTable {
     single: Box<Table>,
     lookup: [Skip; 1 << LOOK],

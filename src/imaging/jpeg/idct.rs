@@ -73,7 +73,7 @@ pub(super) static PLACES: [u8; 64] = {
     places
 };
 
-/// Grey level of a block that is nothing but its mean: what the transform makes of it.
+/// Grey level of a block with nothing but its mean, the same as by the transform.
 #[inline(always)]
 pub(super) fn flat(mean: i16) -> u8 {
     (((i32::from(mean) + 4) >> 3) + 128).clamp(0, 255) as u8

@@ -1,4 +1,4 @@
-//! What is told of a hand-eye calibration: JSON for programs, lines for people, TOML for the run file.
+//! The result of a hand-eye calibration: JSON for programs, lines for people, TOML for the run file.
 
 use crate::calibration::hand_eye::{CameraMount, HandEyeReport, HandEyeView, HeldOutView, LoopScatter};
 use crate::geometry::Pose;
