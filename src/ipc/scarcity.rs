@@ -15,7 +15,7 @@ const DESCRIPTORS: usize = 10 + 2 * MAX_CAMERAS;
 const INODES: u64 = DESCRIPTORS as u64;
 /// The smallest segments need a page or two each.
 const SPACE_BYTES: u64 = 64 * 1024;
-/// A limit of descriptors that is always enough: a process of a run holds 30 to 60, as measured.
+/// A limit of descriptors that is always enough. Chosen by hand: a process of a run holds 30 to 60.
 const ENOUGH_DESCRIPTORS: u64 = 1024;
 
 /// Something that there is too little of.

@@ -44,7 +44,7 @@ fn seeing_roles(config: &Config) -> Vec<Role> {
         .collect()
 }
 
-/// Longest spin of a lockstep process before it sleeps, where a core is free. Measured: about the time of a frame from its
+/// Longest spin of a lockstep process before it sleeps, where a core is free. Chosen by hand: about the time of a frame from its
 /// exposure to its measurement.
 const LONGEST_SPIN: SpanNs = SpanNs(250_000);
 

@@ -1,7 +1,7 @@
 //! Centroid and central moments, and what they say about pose and shape.
 
-/// Smallest difference of the principal moments over their sum at which there is a principal axis. Measured: a raster disc of radius 5 px has
-/// less than a tenth of it.
+/// Smallest difference of the principal moments over their sum at which there is a principal axis. Chosen by hand, above rounding: it says that
+/// there is an axis, not that it is significant. The raster alone gives a disc of radius 5 px up to 0.1, measured at 400 random centres.
 const MIN_ELONGATION: f64 = 1e-3;
 /// Smallest asymmetry, see [`Moments::asymmetry`], that is distinguished from that of the raster. Chosen by hand.
 const MIN_ASYMMETRY: f64 = 1e-2;
