@@ -11,14 +11,14 @@ use crate::calibration::bundle::{
 use crate::camera_model::{CameraModel, CameraModelError, Lens, LensModel};
 use nalgebra::Vector2;
 
-/// A coefficient within this many standard deviations of zero is not distinguished from it: noise is outside of three once in 370 times, the quantile of
+/// A coefficient within so many standard deviations of zero is not told from it: noise is outside of three once in 370 times, the quantile of
 /// the normal distribution.
 const TOLD_SD: f64 = 3.0;
 
 /// The camera that took these images, images of `size` columns and rows.
 ///
 /// # Errors
-/// [`CameraCalibrationError`]; images that are unusable by themselves are listed in the result.
+/// [`CameraCalibrationError`]; images that are of no use alone are told in the result.
 pub fn calibrate_camera(
     views: &[BoardView],
     size: (u32, u32),
