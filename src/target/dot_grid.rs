@@ -37,9 +37,10 @@ pub struct DotGrid {
 }
 
 impl DotGrid {
-    /// How many columns and rows there may be.
+    /// Numbers of columns and rows. Chosen by hand: a window must fit, and 32 is more than any print has.
     pub const COUNT: RangeInclusive<u32> = MIN_WINDOW as u32..=32;
-    /// Radii of small and large dots, and the plate's margin about the outer centres, in pitches, where nothing else is said.
+    /// Default radii of small and large dots, and margin of the plate about the outer centres, in pitches. Chosen by hand: large dots are 1.6
+    /// times as large as small ones, and neighbouring large ones still leave a third of a pitch between them.
     pub const RADIUS: f64 = 0.2;
     /// See [`Self::RADIUS`].
     pub const LARGE_RADIUS: f64 = 0.32;

@@ -14,10 +14,10 @@ use super::lane::{Lane, PortableBytes};
 use crate::imaging::ImageView;
 use crate::imaging::simd::has_avx2;
 
-/// Radius of the ring, px: that far from the rim there is no response.
+/// Radius of the ring, px, as the paper has it; within this distance from the image's border there is no response.
 pub const RING_RADIUS_PX: usize = 5;
 
-/// The ring's samples `[x, y]` relative to its middle, px, by rising angle from x to y.
+/// The ring's samples `[x, y]` relative to its centre, px, by rising angle from x to y, as the paper has them.
 pub const RING: [[i8; 2]; 16] = [
     [5, 0],
     [5, 2],
