@@ -24,6 +24,16 @@ pub fn calibrate_camera(
     size: (u32, u32),
     settings: &CalibrationSettings,
 ) -> Result<CameraCalibration, CameraCalibrationError> {
+    calibrate_keeping(views, size, settings, true)
+}
+
+/// The same; `keep`: coefficients that are not told from zero stay where zero is no better guess.
+pub(crate) fn calibrate_keeping(
+    views: &[BoardView],
+    size: (u32, u32),
+    settings: &CalibrationSettings,
+    keep: bool,
+) -> Result<CameraCalibration, CameraCalibrationError> {
     settings.check(size)?;
     let (mut unused, usable): (Vec<_>, Vec<_>) = {
         let all: Vec<Option<Unused>> = views.iter().map(|view| usable(view).err()).collect();
@@ -85,7 +95,7 @@ pub fn calibrate_camera(
         }
         let problem = BundleProblem { freedom: vec![rest], ..problem.clone() };
         let end_without = adjust_selected(&problem, &state, settings.outlier_sd)?;
-        if let (Some(sd), Ok(camera)) = (without.sd, camera)
+        if let (true, Some(sd), Ok(camera)) = (keep, without.sd, camera)
             && sd < expected_coefficient(&end_without, without.name)
         {
             break camera;

@@ -29,6 +29,7 @@ pub use bend::{BoardBend, board_bend};
 pub(crate) use board_view::{BoardExtent, usable};
 pub use board_view::{BoardPoint, BoardView};
 pub use calibrate::calibrate_camera;
+pub(crate) use calibrate::calibrate_keeping;
 pub use calibration::{CameraCalibration, DroppedCoefficient, PointFit, ViewFit};
 pub use coverage::ImageCoverage;
 pub use error::{CameraCalibrationError, Unused};

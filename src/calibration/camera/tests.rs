@@ -148,7 +148,7 @@ fn predicted_uncertainty_is_that_of_200_calibrations() {
     assert!((0.8..1.25).contains(&ratio), "{ratio}");
 }
 
-/// A coefficient that is there and hardly told is left out of most fits of the fisheyes, and of none of the other lenses, whose images tell it
+/// A coefficient that is there and hardly told is left out of many fits of the fisheyes, and of none of the other lenses, whose images tell it
 /// better than that lenses are tame. What that does to pixels is told: never less than happens, and not much more where the coefficient is as
 /// large as its neighbours.
 #[test]
@@ -197,7 +197,7 @@ fn the_error_of_leaving_a_coefficient_out_is_told() {
             assert!((0.8..*most).contains(&ratio), "{:?} {px:?}: {ratio}", truth.lens());
         }
     }
-    assert!(left_out[0] == 0 && left_out[1] > 200, "{left_out:?}");
+    assert!(left_out[0] == 0 && left_out[1] > 100, "{left_out:?}");
 }
 
 #[test]

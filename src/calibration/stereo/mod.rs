@@ -13,9 +13,9 @@ use super::bundle::{
 };
 use super::camera::{
     BoardExtent, BoardView, CalibrationSettings, CameraCalibration, CameraCalibrationError, PointFit, Unused,
-    calibrate_camera, fits, result, rms_px,
+    calibrate_keeping, fits, result, rms_px,
 };
-use crate::camera_model::CameraModel;
+use crate::camera_model::{CameraModel, CameraModelError};
 use crate::geometry::{Pose, skew};
 use crate::stereo::Rectification;
 use nalgebra::{Matrix6, Translation3, Vector2};
@@ -62,14 +62,33 @@ impl StereoCalibration {
 pub fn calibrate_stereo(
     left: &[BoardView],
     right: &[BoardView],
+    sizes: ((u32, u32), (u32, u32)),
+    settings: &CalibrationSettings,
+) -> Result<StereoCalibration, CameraCalibrationError> {
+    match calibrate_pair(left, right, sizes, settings, true) {
+        // a coefficient that is hardly told may fold a lens in the pair that it does not fold alone
+        Err(CameraCalibrationError::Camera(CameraModelError::Folded { .. })) if settings.drop_untold => {
+            calibrate_pair(left, right, sizes, settings, false)
+        }
+        pair => pair,
+    }
+}
+
+/// `keep`: coefficients that are not told from zero stay where zero is no better guess.
+fn calibrate_pair(
+    left: &[BoardView],
+    right: &[BoardView],
     (size_left, size_right): ((u32, u32), (u32, u32)),
     settings: &CalibrationSettings,
+    keep: bool,
 ) -> Result<StereoCalibration, CameraCalibrationError> {
     if left.len() != right.len() {
         return Err(CameraCalibrationError::Pairs { left: left.len(), right: right.len() });
     }
-    let alone =
-        [calibrate_camera(left, size_left, settings)?, calibrate_camera(right, size_right, settings)?];
+    let alone = [
+        calibrate_keeping(left, size_left, settings, keep)?,
+        calibrate_keeping(right, size_right, settings, keep)?,
+    ];
     let [alone_left, alone_right] = &alone;
     let both = |i: &usize| {
         let fit =
