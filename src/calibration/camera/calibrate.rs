@@ -12,7 +12,7 @@ use crate::camera_model::{CameraModel, CameraModelError, Lens, LensModel};
 use nalgebra::Vector2;
 
 /// A coefficient within so many standard deviations of zero is not told from it: noise is outside of three once in 370 times, the quantile of
-/// the normal distribution.
+/// the normal distribution. It is left out where zero is the better guess: where the images tell it worse than that lenses are tame.
 const TOLD_SD: f64 = 3.0;
 
 /// The camera that took these images, images of `size` columns and rows.

@@ -18,8 +18,7 @@ use super::corner_model::parameter::{
 use super::corner_model::{CornerJacobian, CornerModel, CornerPixels};
 use crate::imaging::ImageView;
 use crate::imaging::simd::has_avx2;
-use crate::linalg::Eight;
-use crate::linalg::Ldlt;
+use crate::linalg::{Eight, Ldlt};
 use nalgebra::Vector2;
 
 /// Greatest half side of a window, px; of a sharp one, where more pixels add little.
