@@ -79,7 +79,7 @@ mod tests {
             ("camera.lens.fx_px=810", "camera.lens.fx_px"),
             ("camera.response=srgb", "camera.response"),
             ("run.clock=lockstep", "run.clock"),
-            ("target.side_m=0.3", "target.side_m"),
+            ("target.side_m=0.095", "target.side_m"),
         ] {
             let changed = agreement(&[set]);
             let differing: Vec<_> = plain.keys().filter(|key| plain.get(*key) != changed.get(*key)).collect();

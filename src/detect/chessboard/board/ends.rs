@@ -15,9 +15,9 @@ const LEAST: usize = 2;
 const SHARE: usize = 3;
 /// So many corners behind what hides a side's end, and that share of the places that are seen there, are no chance either: more of them are
 /// asked for, since these places are known by the whole board alone.
-const LEAST_BEHIND: usize = 3;
+const MIN_BEHIND: usize = 3;
 const SHARE_BEHIND: usize = 4;
-/// How many squares beyond the last corners these are looked for: what lies on a board is rarely wider.
+/// How many squares beyond the last corners these are looked for: chosen by hand, as wide as what lies on a board may be.
 const BEHIND: i64 = 3;
 
 /// What is beyond one side of a board.
@@ -68,7 +68,7 @@ impl Board {
                 Some(f64::from(there) > f64::from(FOLLOWS) * own)
             });
             let (seen, more) = seen.fold((0, 0), |(n, more), follows| (n + 1, more + usize::from(follows)));
-            more >= LEAST_BEHIND && SHARE_BEHIND * more >= seen
+            more >= MIN_BEHIND && SHARE_BEHIND * more >= seen
         };
         goes_on(rows, &|k, i| (-i, k))
             || goes_on(rows, &|k, i| (columns - 1 + i, k))
