@@ -21,7 +21,7 @@ use super::safety::Fault;
 use crate::drive::{CommandMode, DriveCommand, DriveState};
 use crate::motion::{MotionLimits, ReferenceState};
 use crate::time::TICK;
-use arm_bound::{ArmBound, not_driving};
+use arm_bound::{ArmBound, Overspeed, not_driving};
 use joint_bound::{JointBound, JointMotion};
 use nalgebra::SVector;
 
@@ -56,6 +56,7 @@ pub struct Gate<const N: usize> {
     tau: Option<SVector<f64, N>>,
     changed: u64,
     in_a_row: u32,
+    overspeed: Overspeed,
 }
 
 /// What passed.
@@ -93,7 +94,16 @@ impl<const N: usize> Gate<N> {
             range: (lower - settings.max_excess, upper + settings.max_excess),
             v,
         });
-        Self { settings, bounds, arm_bounds, passed: standing(q), tau: None, changed: 0, in_a_row: 0 }
+        Self {
+            settings,
+            bounds,
+            arm_bounds,
+            passed: standing(q),
+            tau: None,
+            changed: 0,
+            in_a_row: 0,
+            overspeed: Overspeed::default(),
+        }
     }
 
     /// Commands that had to be changed.
@@ -163,7 +173,13 @@ impl<const N: usize> Gate<N> {
         self.changed += u64::from(changed);
         self.in_a_row = if changed { self.in_a_row.saturating_add(1) } else { 0 };
         let numbers = reference.q.iter().chain(&reference.qd).chain(tau).all(|x| x.is_finite());
-        let fault = (!numbers || self.in_a_row > PATIENCE).then_some(Fault::CommandsRefused);
+        let is_too_fast = self.settings.mode == CommandMode::Torque
+            && self.arm_bounds.iter().zip(&arm.qd).any(|(bound, qd)| bound.is_too_fast(*qd));
+        let fault = if self.overspeed.note(is_too_fast) {
+            Some(Fault::TooFast)
+        } else {
+            (!numbers || self.in_a_row > PATIENCE).then_some(Fault::CommandsRefused)
+        };
         Passed { command: self.command(), cut, fault }
     }
 
@@ -370,14 +386,39 @@ mod tests {
         // too fast: what would drive it is down to its weight, what brakes passes
         assert_eq!(by_torque([0.0; 2], [2.6, -0.4], [50.0, -20.0]), [20.0, -5.0]);
         assert_eq!(by_torque([0.0; 2], [2.6, -0.4], [-50.0, 20.0]), [-50.0, 20.0]);
-        // out of its range, and going farther or standing; on its way back it may be braked
-        assert_eq!(by_torque([1.06, -0.16], [0.0, -0.1], [50.0, -20.0]), [20.0, -5.0]);
+        // out of its range and going farther; where it stands it may be held, on its way back braked
+        assert_eq!(by_torque([1.06, -0.16], [0.1, -0.1], [50.0, -20.0]), [20.0, -5.0]);
+        assert_eq!(by_torque([1.06, -0.16], [0.01, -0.01], [50.0, -20.0]), [50.0, -20.0]);
         assert_eq!(by_torque([1.06, -0.16], [-0.1, 0.1], [50.0, -20.0]), [50.0, -20.0]);
         assert_eq!(by_torque([1.04, -0.14], [0.1, -0.1], [50.0, -20.0]), [50.0, -20.0]);
         // no numbers forbid nothing, and drives that obey references bound themselves
         assert_eq!(by_torque([f64::NAN; 2], [f64::NAN; 2], [50.0, -20.0]), [50.0, -20.0]);
         let by_position: [f64; 2] = torque(CommandMode::Position, [0.0; 2], [2.6, -0.4], [50.0, -20.0]);
         assert_eq!(by_position, [50.0, -20.0]);
+    }
+
+    #[test]
+    fn an_arm_that_trembles_too_fast_is_a_fault() {
+        let rest = point(Vector2::zeros(), Vector2::zeros(), Vector2::zeros());
+        let zero = Vector2::zeros();
+        // the fault that comes within `ticks` where every `period`-th one shows the second joint at `qd`, to and fro
+        let fault = |mode, qd: f64, period: u32, ticks: u32| {
+            let mut gate = gate(mode);
+            (0..ticks).find_map(|k| {
+                let side = if k.is_multiple_of(2 * period) { 1.0 } else { -1.0 };
+                let qd = Vector2::new(0.0, if k.is_multiple_of(period) { side * qd } else { 0.0 });
+                gate.pass(&rest, &zero, &at(zero, qd), || zero).fault
+            })
+        };
+        let by_torque = |qd, period, ticks| fault(CommandMode::Torque, qd, period, ticks);
+        assert_eq!(by_torque(0.4, 3, 500), Some(Fault::TooFast));
+        assert_eq!(by_torque(0.4, 1, 99), None);
+        assert_eq!(by_torque(0.4, 1, 101), Some(Fault::TooFast));
+        // as fast as the limit and a little more, or seldom
+        assert_eq!(by_torque(0.37, 1, 2000), None);
+        assert_eq!(by_torque(0.4, 12, 5000), None);
+        assert_eq!(by_torque(f64::NAN, 1, 2000), None);
+        assert_eq!(fault(CommandMode::Velocity, 0.4, 1, 2000), None);
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! | no good measurement for `measurement_timeout`, or a moving object too uncertain | reference slows down within its limits, arm holds, run goes on; the next good measurement resumes it |
 //! | the arm does not start within `start_tolerance` of where the run file says | it does not move, run ends as fault, unless it may start elsewhere |
 //! | drive reports NaN, infinity, or an implausible state (10 times the speed limit, a jump, a whole range outside the range) | the arm is assumed to be on its reference, which slows down; run ends as fault |
-//! | a joint is faster than 1.5 times its limit over 20 ms | reference is put on the measured arm and slows down, run ends as fault |
+//! | a joint is faster than 1.5 times its limit over 20 ms, or before a drive that obeys torques 1.25 times in most of 100 ms or a third of 0.4 s | reference is put on the measured arm and slows down, run ends as fault |
 //! | a joint does not follow its reference over 400 ms, or is farther from it than `tracking_error` | likewise |
 //! | commands had to be changed before the drive for 100 ms, or are not finite | likewise |
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |

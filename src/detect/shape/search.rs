@@ -23,8 +23,9 @@ const MAX_WORK: u64 = 6_000_000;
 /// Distances of an alignment in the time of a pixel of a fit.
 const DISTANCES: u64 = 12;
 /// Borders that are expected to be as good by chance, among those that were aligned: with more, what was found is none. Of 400 searches of
-/// posters 10 found something at 0.01, eight of them at more than 0.002: polygons in pictures are more alike than drawn ones.
-const MAX_CHANCE: f64 = 0.001;
+/// posters of random polygons 10 found something, eight of them at more than 0.002. A tenth of it refuses honest views of simple outlines
+/// (tested: `random_views_are_found_where_they_are`).
+const MAX_CHANCE: f64 = 0.01;
 /// Least area, px^2, and greatest share of the frame.
 const MIN_AREA_PX2: u64 = 120;
 const MAX_OF_FRAME: f64 = 0.7;
