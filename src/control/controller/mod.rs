@@ -227,8 +227,10 @@ impl<const N: usize> Controller<N> {
         let motion = self.motion(&state, &motion_command, confidence);
         let mut limits = motion.limits;
         let tau = self.torque(&state, &motion, seen, &mut limits);
-        let Passed { command, cut, fault } =
-            self.gate.pass(self.reference.state(), &tau, &measured, || self.arm.robot.gravity(&measured.q));
+        // In a fault the arm is only braked and held, also by what carries a load that its model does not know: that drives nothing.
+        let bounded = if self.fault.is_some() { self.believed() } else { measured };
+        let gravity = || self.arm.robot.gravity(&bounded.q);
+        let Passed { command, cut, fault } = self.gate.pass(self.reference.state(), &tau, &bounded, gravity);
         limits.add(Limit::Effort, cut);
         if let Some(fault) = fault.or_else(|| self.astray(&measured, &state.qd, &motion, seen)) {
             self.fail(fault);
