@@ -114,7 +114,7 @@ def quaternion(R):
 
 
 def csv(points, images, sd):
-    head = "id,x_m,y_m,z_m,X,Y,sigma\n"
+    head = "id,x_m,y_m,z_m,X,Y,sd\n"
     return head + "".join(
         f"{i},{p[0]!r},{p[1]!r},{p[2]!r},{s[0]!r},{s[1]!r},{sd!r}\n" for i, (p, s) in enumerate(zip(points.tolist(), images.tolist()))
     )

@@ -154,7 +154,7 @@ fn a_far_frontal_square_is_ambiguous() {
     let path = folder.path().join("far.csv");
     // a square of 0.1 m seen from 2 m, turned by 10 degrees about y, to a thousandth of the distance
     let (sin, cos) = 10f64.to_radians().sin_cos();
-    let mut text = String::from("x_m,y_m,X,Y,sigma\n");
+    let mut text = String::from("x_m,y_m,X,Y,sd\n");
     for (x, y) in [(-0.05, -0.05), (0.05, -0.05), (0.05, 0.05), (-0.05, 0.05)] {
         let z = 2.0 - sin * x;
         text += &format!("{x},{y},{},{},0.001\n", cos * x / z, y / z);
