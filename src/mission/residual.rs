@@ -92,7 +92,7 @@ impl ResidualWatch {
         matches!(self.means, [Some(before), Some(after)] if after > goal_px && after > (1.0 - NEARER_SHARE) * before)
     }
 
-    /// The constant error, px, of an arm that has stood for [`LONG`]; `None` while the arm or the error moves, or the error is within `goal_px`.
+    /// The constant error, px, of an arm that has stood for 2 s; `None` while the arm or the error moves, or the error is within `goal_px`.
     pub fn constant_px(&self, goal_px: f64) -> Option<f64> {
         let (since, error_px) = self.since?;
         let long = self.now - since >= LONG && self.measurements >= FEWEST;
