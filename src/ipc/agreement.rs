@@ -33,6 +33,8 @@ pub struct Disagreement {
 pub(super) fn write(file: impl AsFd, agreement: &Agreement) {
     let text: String =
         agreement.iter().map(|(key, value)| format!("{key}\t{}\n", value.replace('\n', " "))).collect();
+    // What a dead process of the role left is no longer read.
+    let _ = pwrite(&file, &[0; 8], AT);
     let written = pwrite(&file, text.as_bytes(), AT + 8);
     if written == Ok(text.len()) {
         // Its length last: what has none yet is not read.
