@@ -27,6 +27,7 @@
 //! measures the motion ([`Drift`]): the joint displacement between two exposures, minus the estimated one, is an error of `v^`.
 
 mod camera_correction;
+mod confirmed_friction;
 mod friction;
 
 use crate::linalg::Ldlt;
@@ -34,6 +35,7 @@ use crate::robot::Robot;
 use crate::servo::Drift;
 use crate::time::{MonoNs, TICK};
 use camera_correction::CameraCorrection;
+use confirmed_friction::{ConfirmedFriction, FrictionResponse};
 use friction::{FrictionShare, TorqueResidual};
 use nalgebra::SVector;
 
@@ -54,6 +56,9 @@ const STEPS_TO_LEARN_1_S: f64 = 100.0;
 /// Encoder steps per second below which a velocity cannot be distinguished from standstill, for the sign of Coulomb friction. Chosen by
 /// hand: one in five ticks.
 const STEPS_WIDE_1_S: f64 = 200.0;
+/// Acceleration that the velocity observer takes from an encoder step, in steps times the square of its bandwidth: its gain `1 + 2 m` with
+/// `m` = 1.
+const STEP_GAIN: f64 = 3.0;
 /// Ticks over which the mean of a disturbance is taken. It must be longer than the detection of a blocked or oscillating arm takes, so
 /// that the mean before it is still good: a joint that does not follow is reported within 0.6 s (tested in `control/safety/arm.rs`).
 const MEAN_TICKS: u32 = 1000;
@@ -121,8 +126,10 @@ pub(super) struct Commanded<const N: usize> {
     pub(super) velocity: SVector<f64, N>,
     /// Torque of the feedback.
     pub(super) feedback: SVector<f64, N>,
-    /// Friction of the model, which was compensated.
+    /// Friction of the model.
     pub(super) friction: SVector<f64, N>,
+    /// The part of it that was compensated.
+    pub(super) compensated: SVector<f64, N>,
 }
 
 /// Velocities and disturbances of the joints.
@@ -141,12 +148,16 @@ pub(super) struct JointObserver<const N: usize> {
     a: SVector<f64, N>,
     /// Whether the estimation is frozen.
     settled: bool,
+    /// Whether the model's friction is believed wholly, after a fault: what is estimated then carries an arm that sinks.
+    believed: bool,
     /// Factor of the estimation rate, less than 1 for an arm that oscillates.
     share: f64,
     /// Velocity corrections from the camera.
     camera: CameraCorrection<N>,
     /// The estimated share of friction.
     friction: FrictionShare<N>,
+    /// How much of the model's friction there is at all.
+    confirmed: ConfirmedFriction<N>,
 }
 
 impl<const N: usize> JointObserver<N> {
@@ -160,10 +171,12 @@ impl<const N: usize> JointObserver<N> {
             t: zero,
             past: Past::default(),
             settled: false,
+            believed: false,
             share: 1.0,
             a: zero,
             camera: CameraCorrection::default(),
             friction: FrictionShare::default(),
+            confirmed: ConfirmedFriction::new(&settings.inertia),
         }
     }
 
@@ -177,9 +190,20 @@ impl<const N: usize> JointObserver<N> {
         &self.settings.encoder_step
     }
 
-    /// Friction beyond the model's, as a share of it.
-    pub(super) fn friction_share(&self) -> &SVector<f64, N> {
-        self.friction.share()
+    /// The share of the model's friction that is compensated.
+    pub(super) fn friction_share(&self) -> SVector<f64, N> {
+        self.friction.share().add_scalar(1.0).component_mul(self.confirmed.share())
+    }
+
+    /// Lets the joints of an arm be probed that is to move next, or not; whether that is still to be done.
+    pub(super) fn probe(&mut self, wanted: bool) -> bool {
+        self.confirmed.probe(wanted)
+    }
+
+    /// The velocities that the joints of a standing arm, at the distances `e` to their reference (rad or m), are asked for while their friction
+    /// is probed, rad/s or m/s.
+    pub(super) fn probe_velocity(&self, e: &SVector<f64, N>) -> SVector<f64, N> {
+        self.confirmed.probe_velocity(e)
     }
 
     /// Resets position and velocity to the measured ones, and keeps the disturbance estimate.
@@ -193,6 +217,7 @@ impl<const N: usize> JointObserver<N> {
     /// blocked oscillates and pushes itself.
     pub(super) fn settle(&mut self, settled: bool) {
         self.settled = settled;
+        self.believed = settled;
         if settled {
             (self.p, self.t) = self.past.before;
         }
@@ -241,6 +266,7 @@ impl<const N: usize> JointObserver<N> {
         };
         let (mut q_now, mut v_now) = (*q, *qd);
         let trust = self.camera.trust();
+        let probing = !self.believed && self.confirmed.is_probing();
         for i in 0..N {
             let mut rate = if self.settled { 0.0 } else { settings.disturbance_rad_s * self.share };
             if settings.velocity_rad_s > 0.0 {
@@ -262,14 +288,27 @@ impl<const N: usize> JointObserver<N> {
                 v_now[i] = v + k_v * h * e;
                 self.a[i] += h * (k_a * e - FORGET_RAD_S * self.a[i]);
             }
-            if rate > 0.0 {
-                let friction = &robot.friction()[i];
-                let accelerated = v_now[i] - v_before[i] - h * commanded.u[i];
-                // The mean over the step, as for the compensation: at its end the friction of a joint that reverses has the other sign.
-                let width = STEPS_WIDE_1_S * settings.encoder_step[i];
-                let rubbed = friction.viscous * ((q_now[i] - q_before[i]) / h - commanded.w[i])
-                    + friction.coulomb_part((q_now[i] - q_before[i]) / h, width)
-                    - friction.coulomb_part(commanded.w[i], width);
+            let friction = &robot.friction()[i];
+            let width = STEPS_WIDE_1_S * settings.encoder_step[i];
+            let speed = (q_now[i] - q_before[i]) / h;
+            let accelerated = v_now[i] - v_before[i] - h * commanded.u[i];
+            let response = FrictionResponse {
+                torque: commanded.compensated[i],
+                excess: accelerated / h,
+                inertia: settings.inertia[i],
+                requested: commanded.w[i],
+                speed,
+                noise: (width, STEP_GAIN * settings.encoder_step[i] * settings.velocity_rad_s.powi(2)),
+            };
+            self.confirmed.note(i, friction, &response);
+            if rate > 0.0 && !probing {
+                // The mean over the step, as for the compensation: at its end the friction of a joint that reverses has the other sign. What
+                // is not confirmed neither acts nor is compensated.
+                let confirmed = if self.believed { 1.0 } else { self.confirmed.share()[i] };
+                let rubbed = confirmed
+                    * confirmed.min(1.0)
+                    * (friction.viscous * (speed - commanded.w[i]) + friction.coulomb_part(speed, width)
+                        - friction.coulomb_part(commanded.w[i], width));
                 let residual = TorqueResidual {
                     rho: settings.inertia[i] * accelerated / h + rubbed - commanded.feedback[i],
                     friction: commanded.friction[i],

@@ -12,6 +12,7 @@ mod dot_grid;
 mod dot_grid_truth;
 mod dots_truth;
 mod edges_real;
+mod friction;
 mod hostile;
 mod identity;
 mod lens;

@@ -42,6 +42,8 @@ impl<const N: usize> Controller<N> {
         confidence: f64,
     ) -> TickMotion<N> {
         let mut limits = ActingLimits::default();
+        let moves = matches!(motion_command, MotionCommand::Joints(_) | MotionCommand::Velocity(..));
+        let probes = self.joint_control.probe(moves) && self.mode == CommandMode::Torque;
         let requested_qd = match motion_command {
             MotionCommand::Torque(tau) => return self.pushed(state, tau, confidence),
             MotionCommand::Stand | MotionCommand::Look(_)
@@ -50,6 +52,8 @@ impl<const N: usize> Controller<N> {
                 (state.q - self.reference.state().q) * BACK_1_S
             }
             MotionCommand::Stand | MotionCommand::Look(_) => SVector::zeros(),
+            // Friction is confirmed before the arm moves for the first time.
+            _ if probes => SVector::zeros(),
             MotionCommand::Joints(qd) => *qd,
             MotionCommand::Velocity(qd, convergence) => {
                 let (qd, acting) = self.held_back(&state.q, qd, convergence, confidence);

@@ -124,6 +124,12 @@ impl<const N: usize> JointController<N> {
         if self.law == JointLaw::PassThrough { (*q, *qd) } else { self.observer.observe(robot, q, qd) }
     }
 
+    /// Lets the friction of an arm be probed that stands and is to move next, or not; whether that is still to be done, so that the arm is
+    /// to stand.
+    pub fn probe(&mut self, wanted: bool) -> bool {
+        self.law != JointLaw::PassThrough && self.observer.probe(wanted)
+    }
+
     /// Corrects the velocities, at `now`, by the `drift` that a camera measured and coarse encoders do not resolve.
     pub fn learn(&mut self, drift: &Drift<N>, now: MonoNs) {
         self.observer.learn(drift, now);
@@ -147,7 +153,12 @@ impl<const N: usize> JointController<N> {
         }
         let share = if self.soft { SOFT_SHARE } else { 1.0 };
         let (e, ed) = ((reference.q - q) * (share * share), (reference.qd - qd) * share);
-        let feedback = self.law.feedback(&e, &ed, reference);
+        let mut feedback = self.law.feedback(&e, &ed, reference);
+        if !self.soft && reference.qd.amax() == 0.0 && reference.qdd.amax() == 0.0 {
+            let probe = self.observer.probe_velocity(&e);
+            feedback.velocity += probe;
+            feedback.slip.zip_apply(&probe, |slip, probe| *slip = if probe == 0.0 { *slip } else { 0.0 });
+        }
         self.compensated(robot, q, qd, &feedback)
     }
 
@@ -208,7 +219,8 @@ impl<const N: usize> JointController<N> {
             &(wanted - expected),
         );
         let given = if stalled == 0 { wanted } else { expected + beyond };
-        let torque = self.commanded(robot, q, &wanted, &given, feedback, friction);
+        let compensated = friction.component_mul(&self.observer.friction_share());
+        let torque = self.commanded(robot, q, &wanted, &given, feedback, (friction, compensated));
         JointTorque { stalled, ..torque }
     }
 
@@ -221,10 +233,11 @@ impl<const N: usize> JointController<N> {
         let feedback = self.law.feedback(&zero, &(-qd * SOFT_SHARE), &rest);
         let wanted = robot.inverse_dynamics(q, &zero, &(feedback.u - p)) + feedback.torque - t;
         let unheld = Feedback { velocity: feedback.u * (0.5 * TICK.as_s()), ..feedback };
-        self.commanded(robot, q, &wanted, &wanted, &unheld, zero)
+        self.commanded(robot, q, &wanted, &wanted, &unheld, (zero, zero))
     }
 
-    /// Cuts the torque that is `given` of the one that is `wanted`, and notes what acts until the next tick.
+    /// Cuts the torque that is `given` of the one that is `wanted`, and notes what acts until the next tick, with the `friction` of the model and
+    /// the part of it that was compensated.
     fn commanded(
         &mut self,
         robot: &Robot<N>,
@@ -232,7 +245,7 @@ impl<const N: usize> JointController<N> {
         wanted: &SVector<f64, N>,
         given: &SVector<f64, N>,
         feedback: &Feedback<N>,
-        friction: SVector<f64, N>,
+        (friction, compensated): (SVector<f64, N>, SVector<f64, N>),
     ) -> JointTorque<N> {
         let torque = cut(robot, given);
         let missing = if torque.tau == *wanted {
@@ -248,6 +261,7 @@ impl<const N: usize> JointController<N> {
             velocity: feedback.velocity,
             feedback: feedback.torque,
             friction,
+            compensated,
         });
         torque
     }
@@ -264,7 +278,7 @@ impl<const N: usize> JointController<N> {
         let (p, t) = self.observer.disturbance();
         let qd_mid = qd + feedback.u * half;
         let q_mid = q + (qd + qd_mid) * (0.5 * half);
-        let share = self.observer.friction_share().add_scalar(1.0);
+        let share = self.observer.friction_share();
         let model = robot.friction_torque(&feedback.velocity);
         let mut friction = model;
         for (i, joint) in robot.friction().iter().enumerate() {
