@@ -13,21 +13,27 @@ use super::strongest::follows;
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
-/// How far outwards is looked, in squares.
+/// How far outwards is looked, in squares. Derived: to the end of [`CUTS`] and well past it, where the light squares must still be light.
 const REACH: f64 = 1.5;
-/// Between samples, in squares.
+/// Between samples, in squares. Chosen by hand: between two of them the level is linear, on squares of 20 px they are the pixels; on a
+/// larger step an edge could begin and end, a smaller one only costs time.
 const STEP: f64 = 0.05;
-/// Where dark outer squares may end, in squares: some boards cut them short.
+/// Where dark outer squares may end, in squares: some boards cut them short. Chosen by hand: what ends before 0.35 cannot be distinguished
+/// from blur at 0.25, where the square's own level is read.
 const CUTS: std::ops::RangeInclusive<f64> = 0.35..=1.15;
-/// Where whole ones end.
+/// Where whole ones end. Chosen by hand: the outer square is foretold from the one behind it, and perspective and lens make one square up to an
+/// eighth longer than the next. Halved, boards seen aslant have no end; doubled, a square that is cut by a quarter passes for whole.
 const WHOLE: std::ops::RangeInclusive<f64> = 0.88..=1.12;
-/// How far the ends of the dark squares may lie from their line: in squares, and in pixels.
+/// How far the ends of the dark squares may lie from their line: in squares, and in pixels. Chosen by hand: the ends of one side differ by
+/// what perspective and the reading of levels leave, some tenths of a pixel; twice of it lets the rim of a thing that lies there be a line.
 const LINE: f64 = 0.03;
 const LINE_PX: f64 = 0.4;
-/// How far past the line the light squares must go on: in squares, and in pixels.
+/// How far past the line the light squares must go on: in squares, and in pixels. Chosen by hand: twice and three times the line's own
+/// tolerance, so that an edge at the same place, as the paper's end would be, is not past it.
 const PAST: f64 = 0.065;
 const PAST_PX: f64 = 1.2;
-/// How far the ends of the light squares may lie from each other where squares are cut short, in squares.
+/// How far the ends of the light squares may lie from each other where squares are cut short, in squares. Chosen by hand: paper is cut less
+/// straight than squares are printed; twice of it takes a round thing's rim for paper.
 const EVEN: f64 = 0.1;
 /// Least number of dark and of light squares that must agree.
 const MIN_DARK: usize = 2;
@@ -37,7 +43,7 @@ const MIN_STOPS: i32 = 2;
 /// Share of the squares that must agree.
 const SHARE: f64 = 0.7;
 const SHARE_PAPER: f64 = 0.6;
-/// Most squares along a side that are looked at.
+/// Most squares along a side that are looked at. Derived: a board has at most 60 corners along a side, so that all of them fit in.
 const MOST: usize = 64;
 
 /// One outer square: between two neighbours on the lattice's rim, and the next two inwards.
@@ -174,6 +180,7 @@ fn look(image: &ImageView<'_>, square: &Outer) -> Option<OuterSquare> {
     };
     let (own, other) = (at(0.25)?, at(-0.5)?);
     let middle = 0.5 * (own + other);
+    // chosen by hand: less than the twelve levels from which corners are found, more than what shade makes within a square
     if (own > other) != square.light || (own - other).abs() < 8.0 {
         return None;
     }
@@ -185,10 +192,12 @@ fn look(image: &ImageView<'_>, square: &Outer) -> Option<OuterSquare> {
         if (now > middle) != square.light {
             let part = ((before - middle) / (before - now)).clamp(0.0, 1.0);
             let end = t - STEP * (1.0 - part);
+            // above 0, since that is what an unused slot has
             return Some(OuterSquare { middle: middle.max(1e-3), end, light: square.light });
         }
         before = now;
     }
+    // above 0, since that is what an unused slot has
     Some(OuterSquare { middle: middle.max(1e-3), end: REACH, light: square.light })
 }
 

@@ -7,8 +7,7 @@
 //! normal away from the camera are right-handed, as OpenCV has them; a board in a mirror looks like one that is not, and is labelled
 //! the same way. Which corner is the first tells the table of `place`: for 9x6 the one at a dark corner square.
 //!
-//! A part of a board is found when its place can be told: by its size, its colours, and the ends of the board that are seen.
-//! Otherwise it is refused.
+//! A part of a board is found when its size, its colours and the ends that are seen tell its place; otherwise it is refused.
 
 mod board;
 mod border;
@@ -33,26 +32,26 @@ use part::{Affine, trimmed};
 use place::{BoardPlacement, LatticeExtent, placements};
 use track::Prediction;
 
-/// Least ring response of a corner, grey levels.
+/// Least ring response of a corner, grey levels. Chosen by hand: squares 12 levels apart; half lets texture in, twice refuses dim boards.
 const MIN_RESPONSE: u8 = 6;
-/// Search begins at the first half that is at most so wide, px.
+/// Search begins at the first half at most so wide, px. Chosen by hand: a level costs a quarter of the next; at 200 most squares are too small.
 const FIRST_WIDTH_PX: usize = 400;
-/// Least number of corners of a part, and least part of the board.
+/// Least corners of a part, and one in so many of the board. Chosen by hand: a homography needs four corners, two more can contradict it.
 const MIN_CORNERS: usize = 6;
 const MIN_PART: usize = 6;
-/// A second board this large, compared with the first, makes the choice ambiguous.
+/// A second board with this share of the first one's corners makes the choice ambiguous. Chosen by hand: less lets clutter refuse boards.
 const SECOND: f64 = 0.6;
 /// Blur before anything is known of it, px.
 const BLUR_PX: f64 = 1.0;
-/// Bounds of a board: inner corners along a side.
+/// Bounds of a board: inner corners along a side. A lattice needs two lines; 60 was chosen by hand: buffers grow with its square.
 const SIDE: std::ops::RangeInclusive<usize> = 2..=60;
-/// Links that are looked for first, in image widths.
+/// Links that are looked for first, in image widths. Chosen by hand: a 9x6 board across the whole image has squares of a tenth.
 const SHORT: f32 = 0.15;
-/// Places about a part of a board into which it may grow.
+/// Places about a part of a board into which it may grow. Chosen by hand: one would do for a missed rim; six make a larger grid to clear.
 const ROOM: i16 = 3;
-/// Lattices that a search looks at: clutter has a few that are large enough, and each takes up to 5 ms.
+/// Lattices that a search looks at. Chosen by hand: clutter has a few large enough ones; each takes up to 5 ms, so all of them 160 ms.
 const MAX_LATTICES: usize = 32;
-/// Contradictory links of a lattice that is still looked at: one in so many corners.
+/// Contradictory links of a lattice that is looked at: one in so many corners. Chosen by hand: with 24 one bad link refuses a part of 23.
 const CONTRADICTIONS: u16 = 12;
 
 /// Finds one chessboard. Owns all buffers: nothing is allocated after construction and the first frame.
@@ -350,7 +349,7 @@ impl ChessboardFinder {
             let px = placed.px.map(|p| (f64::from(p) + 0.5) * scale - 0.5);
             self.part.put(placed.at[0] - from[0], placed.at[1] - from[1], px.into());
         }
-        self.part.fit(image, if scale > 1.5 { BLUR_PX } else { 0.8 * BLUR_PX });
+        self.part.fit(image, if scale > 1.5 { BLUR_PX } else { 0.8 * BLUR_PX }); // 1 or 2 and more, since levels are halves
         // only what was fitted counts from here on
         let side = self.grid_side();
         self.placed.clear();

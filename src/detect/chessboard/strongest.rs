@@ -4,12 +4,13 @@ use crate::imaging::ImageView;
 use crate::imaging::corners::{RING, RING_RADIUS_PX};
 use nalgebra::Vector2;
 
-/// Least ring response of a corner that follows, in that of the last one.
+/// Least ring response of a corner that follows, in that of the last one. Chosen by hand: see [`follows`].
 pub(super) const FOLLOWS: f32 = 0.5;
-/// How far from its place it is looked for, px and squares: the lens bends rows.
+/// How far from its place it is looked for, px and squares: the lens bends rows. Chosen by hand: places are foretold with the second
+/// difference, a twentieth of a square is what lenses add over one more; twice of it is a window in which clutter is met more often.
 pub(super) const MIN_REACH_PX: f64 = 1.5;
 pub(super) const BENT: f64 = 0.05;
-/// Greatest radius of a window, px.
+/// Greatest radius of a window, px. Chosen by hand: a bound on time, since a window costs its square; predictions are better than that.
 const MAX_PX: f64 = 64.0;
 
 /// The strongest ring response above `least` within `radius` px of a point.
@@ -20,6 +21,7 @@ pub(super) fn strongest(
     least: f32,
 ) -> Option<Vector2<f64>> {
     let r = radius.min(MAX_PX).ceil() as i64;
+    // no place of any image, else the loop below would count from there
     if !(about.x.abs() < 1e6 && about.y.abs() < 1e6) {
         return None;
     }

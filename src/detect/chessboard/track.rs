@@ -8,13 +8,16 @@ use super::strongest::strongest;
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
-/// Greatest part of a square that a prediction may be off: further away another corner is as near.
+/// Greatest part of a square that a prediction may be off. Derived: the next corner of the same colours is a diagonal away, 1.41 squares, and
+/// from half of that on would be as near; a little is left for perspective.
 const MAX_SLACK: f64 = 0.6;
-/// Greatest displacement that a fit alone takes in, px, and in squares.
+/// Greatest displacement that a fit alone takes in, px. Chosen by hand: the fit sees an edge only within some deviations of the blur, of
+/// which 0.3 to 1 px are usual; from further away the ring is searched first.
 const FIT_PX: f64 = 1.5;
-/// Least ring response, grey levels.
+/// Least ring response, grey levels. Chosen by hand: two thirds of a search's, since here a corner is known to be near.
 const MIN_RESPONSE: f32 = 4.0;
-/// How far a corner may be from where its neighbours' displacement has it: part of the slack, added to [`FIT_PX`].
+/// How far a corner may be from where its neighbours' displacement has it: part of the slack, added to [`FIT_PX`]. Chosen by hand: neighbours
+/// move alike but for the change of scale and turn over one square; 0 loses boards that turn quickly, 0.3 lets a fit end at something else.
 const UNEVEN: f64 = 0.15;
 
 /// Where a corner is expected, px, and how far off that may be.

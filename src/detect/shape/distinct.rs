@@ -7,7 +7,7 @@ use crate::pose::{Correspondence, homography};
 use crate::target::{Mark, Shape, TargetError};
 use nalgebra::{Vector2, Vector3};
 
-/// Fewest corners: four are met by a homography wherever they are.
+/// Fewest corners: since a homography takes any four to any four, the fifth is the first that tells.
 const FEWEST: usize = 5;
 /// Corners nearer than this share of the size to where they would be for another first one are alike.
 const ALIKE: f64 = 0.03;

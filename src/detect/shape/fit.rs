@@ -17,22 +17,26 @@ use crate::imaging::ImageView;
 use crate::linalg::Ldlt;
 use nalgebra::{SMatrix, SVector, Vector2};
 
-/// Most pieces of an outline.
+/// Most pieces of an outline. Chosen by hand: [`PIECES`] and two more on each of 150 sides; what is beyond is not looked at.
 const MAX_PIECES: usize = 512;
-/// A piece's length, px, and so many of them at most on an outline; longer pieces where there would be more.
+/// A piece's length, px, and so many of them at most on an outline; longer pieces where there would be more. Chosen by hand: the offset of 10 px
+/// of an edge is known to a hundredth of a pixel; shorter ones make more of the same equations, on longer ones a curve is no parabola.
 const PIECE_PX: f64 = 10.0;
 const PIECES: f64 = 200.0;
-/// Shortest piece, px.
+/// Shortest piece, px. Chosen by hand: it has some eight pixels, of which three numbers are fitted; half has too few, twice loses the short
+/// sides of small shapes.
 const SHORTEST_PX: f64 = 2.5;
-/// Blur with the pixel in it: before anything is known, and its bounds, px.
+/// Blur with the pixel in it: before anything is known, and its bounds, px. Derived: the pixel alone has `1 / sqrt 12` = 0.29, with a usual lens
+/// nearly one; the upper bound was chosen by hand, where windows would be 22 px wide.
 const BLUR_PX: f64 = 0.9;
 const BLURS_PX: (f64, f64) = (0.3, 4.0);
-/// Turns at most, and how little the outline moves in the last one, px.
+/// Turns at most, and how little the outline moves in the last one, px. Chosen by hand: a tenth of what corners are known to; Gauss-Newton is
+/// there in a few turns, and the bound is for what sways.
 const MAX_TURNS: usize = 8;
 const SETTLED_PX: f64 = 2e-3;
-/// Deviations at which an offset does not count any more.
+/// Deviations at which an offset does not count any more. Derived: Tukey's weights have 95 % of the efficiency of least squares at 4.7.
 const CUT: f64 = 5.0;
-/// Least step at an edge, levels.
+/// Least step at an edge, levels. Chosen by hand: six deviations of the noise of a usual camera, 2 levels; half lets clutter be edges.
 const MIN_STEP: f64 = 12.0;
 /// Variance of the rounding to whole levels.
 const ROUNDING: f64 = 1.0 / 12.0;
@@ -41,9 +45,11 @@ const ROUNDING: f64 = 1.0 / 12.0;
 const HOPELESS_SHARE: f64 = 0.5 * super::SEEN_TRACKED;
 const HOPELESS_PX: f64 = 2.0 * super::OFF_PX;
 const HOPELESS: f64 = 2.0 * super::OFF;
-/// What a search for a piece's step costs, in pixels of a fit: three lines of some forty places.
+/// What a search for a piece's step costs, in pixels of a fit. Chosen by hand from what it does: three lines of some forty places, each half of
+/// the work of such a pixel. Half or twice changes when a search is given up, nothing else.
 const SEARCHED: u64 = 60;
-/// A piece counts with its own noise where that exceeds the usual one so many times.
+/// A piece counts with its own noise where that exceeds the usual one so many times. Chosen by hand: of 60 pixels a variance is known to a fifth,
+/// so that four times is no chance; nearer to 1 each piece would weigh itself by chance.
 const NOISIER: f64 = 4.0;
 
 /// A map that was fitted.
@@ -153,6 +159,7 @@ impl Fitter {
         for (place, part) in outline.parts.iter().enumerate() {
             let whole_px = length_px(part, steps(part));
             let span = part.to - part.from;
+            // no length of any image: it must pass the camera's plane
             if !(whole_px > 0.0 && whole_px < 1e6) {
                 continue;
             }
@@ -229,6 +236,7 @@ impl Fitter {
         for piece in &self.pieces {
             let edge = piece.fit(image, blur, &mut self.pixels).filter(|edge| {
                 let step = rise * (edge.levels[1] - edge.levels[0]);
+                // further away the pixels of the window would not show the whole step
                 step >= MIN_STEP && edge.offset_px.abs() < 3.0 * blur + 0.5
             });
             self.work += self.pixels.len() as u64;
@@ -273,8 +281,9 @@ impl Fitter {
             moved_px = moved_px.max((camera.pixel_of(&next.at(&u)) - piece.middle).norm());
         }
         let free = used - N as f64;
-        // few offsets say little of their own deviation: as if so many more were as stated
+        // few offsets say little of their own deviation: as if so many more were as stated. Chosen by hand, as many as the map has parameters
         const PRIOR: f64 = 8.0;
+        // mean weights below a tenth would be of offsets that are all but left out
         let scale = (chi2 + PRIOR) / (free.max(0.0) + PRIOR) / weights.max(0.1);
         let inverse = SMatrix::<f64, N, N>::from(Ldlt::of(&normal)?.inverse());
         let classes = outline.parts.iter().map(|part| part.class);
@@ -391,6 +400,7 @@ fn piece<const N: usize, W: Warp<N>>(
     let (a, b, middle) = (px(&outline.at(from).0), px(&outline.at(to).0), px(&u));
     let chord = b - a;
     let length_px = chord.norm();
+    // a direction needs a pixel; no piece of any image is longer than the other
     if !(length_px > 1.0 && length_px < 1e4) {
         return None;
     }
@@ -401,6 +411,7 @@ fn piece<const N: usize, W: Warp<N>>(
     let scale = (beside - middle).dot(&outward) / small;
     let room_px = outline.room(from, to).map(|room| room * scale.max(0.0));
     let width_px = room_px.map(|room| width_px.min(0.5 * room));
+    // chosen by hand: one pixel beside the edge on either side, at any angle; with less a level would be the blur's
     (width_px[0] > 1.2 && width_px[1] > 1.2).then_some(Piece {
         arc,
         part,

@@ -14,37 +14,49 @@ use super::{FittedShape, REACH_PX, SEEN, ShapeFinder, ShapeMiss};
 use crate::imaging::{Connectivity, Contour, Histogram, ImageView, Polarity, Window};
 use nalgebra::{SVector, Vector2};
 
-/// Regions of one threshold that are looked at, the largest first.
+/// Regions of one threshold that are looked at, the largest first. Chosen by hand: half misses a shape among larger things, twice costs time
+/// where [`MAX_WORK`] does not end the search before.
 pub(super) const MAX_CANDIDATES: usize = 40;
 /// Work of one search in all its thresholds, in pixels of a fit, chosen since it bounds the time: half a second of one core of the machine
 /// where it was measured, 0.52 s the longest of 400 searches of posters. Other work on the core comes on top. Posters of a hundred polygons
 /// call for more, and are given up.
 const MAX_WORK: u64 = 6_000_000;
-/// Distances of an alignment in the time of a pixel of a fit.
+/// Distances of an alignment in the time of a pixel of a fit. Chosen by hand, from what both compute: a distance is a few sums and products, a
+/// pixel of a fit takes an exponential and two passes. Half or twice changes when a search is given up, nothing else.
 const DISTANCES: u64 = 12;
-/// Borders that are expected to be as good by chance, among those that were aligned: with more, what was found is none. Of 400 searches of
-/// posters of random polygons 10 found something, eight of them at more than 0.002. A tenth of it refuses honest views of simple outlines
-/// (tested: `random_views_are_found_where_they_are`).
+/// Borders that are expected to be as good by chance, among those that were aligned: with more, what was found is none. Measured: of 400
+/// searches of posters of random polygons 10 found something, eight of them at more than 0.002. A tenth of it refuses honest views of simple
+/// outlines (test `random_views_are_found_where_they_are`).
 const MAX_CHANCE: f64 = 0.01;
-/// Least area, px^2, and greatest share of the frame.
+/// Least area, px^2, and greatest share of the frame. Derived: six sides about 120 px^2 have some 7 px each, of which the corners' blur takes
+/// 4.5, so that the shortest piece of an edge is left. The share was chosen by hand: what fills more is the background, and the plate about a
+/// shape needs room in the image, too.
 const MIN_AREA_PX2: u64 = 120;
 const MAX_OF_FRAME: f64 = 0.7;
-/// How far spread over area may be from the outline's own: a ratio that affine maps do not change, and perspective does a little.
+/// How far spread over area may be from the outline's own: a ratio that affine maps do not change, and perspective does a little. Chosen by
+/// hand, wide, for it only saves time: what is left is aligned and fitted.
 const SPREADS: (f64, f64) = (0.6, 1.7);
-/// The same for an ellipse, whose images are ellipses.
+/// The same for an ellipse, whose images are ellipses. Chosen by hand: pixels and threshold change the ratio by some percent on the smallest
+/// regions; twice as wide takes in rectangles (whose ratio is 1.1), which only cost time.
 const SPREADS_ELLIPSE: (f64, f64) = (0.93, 1.08);
-/// How far the area may be from that of the outline where it was found.
+/// How far the area may be from that of the outline where it was found. Derived: a border that lies 0.3 px off all around changes the smallest
+/// region by a tenth.
 const AREAS: (f64, f64) = (0.9, 1.11);
-/// Rows that the histogram samples.
+/// Rows that the histogram samples. Chosen by hand: of a frame 640 px wide 77 000 pixels, of which [`TAIL`] is 38; a fourth would do as well.
 const SAMPLED_ROWS: usize = 120;
-/// Least contrast of a part of the frame in which something may lie, levels.
+/// Least contrast of a part of the frame in which something may lie, levels. Chosen by hand: nearly twice the least step of an edge, since both
+/// extremes hold noise; half makes regions of noise everywhere, twice misses a shape in the shade.
 const CONTRAST: u8 = 22;
-/// Places of a threshold between the local extremes, in 256ths of their difference.
+/// Places of a threshold between the local extremes, in 256ths of their difference. Chosen by hand: half-way moves no edge; the others divide
+/// what blur or a dirty plate joins there, on the darker side and on the lighter one.
 const SHARES: [u8; 4] = [128, 80, 176, 48];
-/// Thresholds of the sweep, and pixels beyond it, as share of all.
+/// Thresholds of the sweep, and pixels beyond it, as share of all. Chosen by hand: steps of a twelfth of the levels; twice as many take twice the
+/// time of a search that finds nothing, half as many miss a shape whose levels are like its surroundings'. The tail leaves out single pixels
+/// that are dead or glare.
 const SWEEP: u32 = 11;
 const TAIL: f64 = 5e-4;
-/// Two ways that differ by less than this share of the size are one.
+/// Two ways that differ by less than this share of the size are one. Chosen by hand: two fits to the same edges differ by hundredths of a pixel,
+/// two copies of the shape by its size.
 const SAME: f64 = 0.1;
 /// A second way must not fit worse than so many times the first one, to make it doubtful.
 const DOUBTFUL: f64 = 2.0;
@@ -271,6 +283,7 @@ impl ShapeFinder {
 
     /// Area of the outline in the image, px^2.
     fn polygon_px(&self, seen: &FittedShape) -> f64 {
+        // the area of a circle by so many corners is short of it by a ten-thousandth: it follows from (2 pi / 256)^2 / 6
         const COUNT: u32 = 256;
         let at = |i: u32| {
             let s = self.outline.length() * f64::from(i) / f64::from(COUNT);

@@ -10,7 +10,9 @@ use crate::detect::chessboard::strongest::{BENT, FOLLOWS, MIN_REACH_PX, follows,
 use crate::imaging::ImageView;
 use nalgebra::{Vector2, Vector3};
 
-/// So many corners in a line, and that share of those that could be seen, are no chance: things lie on a floor, too.
+/// So many corners in a line, and one in so many of those that could be seen, are no chance: things lie on a floor, too. Chosen by hand: what
+/// lies beside a board makes one corner in line, rarely two; with every second one asked for, a floor that is half hidden would be a board.
+/// `a_floor_is_no_board` tests it.
 const LEAST: usize = 2;
 const SHARE: usize = 3;
 /// So many corners behind what hides a side's end, and that share of the places that are seen there, are no chance either: more of them are
@@ -57,6 +59,7 @@ impl Board {
         let own = *self.values.select_nth_unstable_by(middle, f64::total_cmp).1;
         let at = |(column, row): (i64, i64)| {
             let v = whole * Vector3::new(column as f64, row as f64, 1.0);
+            // else it lies at infinity or behind the camera: z is 1 in the board's middle
             (v.z > 1e-9).then(|| Vector2::new(v.x, v.y) / v.z)
         };
         let (columns, rows) = (self.columns as i64, self.rows as i64);
