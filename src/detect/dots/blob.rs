@@ -2,14 +2,15 @@
 
 use crate::imaging::Component;
 
-/// Least area that is measured, px^2: a dot of 3 px radius, tilted by 60 degrees, has 14.
+/// Least area that is measured, px^2. Chosen by hand: a dot of 3 px radius, tilted by 60 degrees, has 14; below, noise makes many.
 const MIN_AREA_PX2: f64 = 9.0;
-/// Least area of a region whose holes are filled, px^2.
+/// Least area of a region whose holes are filled, px^2. Chosen by hand: the smallest ring about a hole of one pixel has 8, and a dot below
+/// 25 has no room for glare within it; noise makes many such rings.
 const MIN_HOLED_AREA_PX2: f64 = 25.0;
-/// Flattest ellipse that is taken for a dot (78 degrees of tilt).
+/// Flattest ellipse that is taken for a dot. Chosen by hand: 78 degrees of tilt, where a dot of 10 px radius is four rows.
 const MIN_AXIS_RATIO: f64 = 0.2;
 
-/// Least part of its box that an ellipse fills.
+/// Least part of its box that an ellipse fills. Derived: half of that of the flattest one at 45 degrees, 0.30, for rims of few pixels.
 const MIN_SHARE_OF_BOX: f64 = 0.15;
 
 /// Ellipse of a dark region.
@@ -32,6 +33,7 @@ impl Blob {
         }
         // Cheap first: of its box an ellipse fills pi/4, a tilted flat one less, nothing of it more.
         let box_area = f64::from(component.x1 - component.x0) * f64::from(component.y1 - component.y0);
+        // chosen by hand, since the smallest ellipses lack little but their boxes' corners, four pixels
         if area > 0.95 * box_area + 4.0 || area < MIN_SHARE_OF_BOX * box_area {
             return None;
         }
@@ -77,6 +79,7 @@ impl Blob {
         let (big, small) = (other(major).powi(2), other(minor).powi(2));
         // S = p I + q C has C's directions and the wanted axes
         let (c_big, c_small) = (0.25 * major * major, 0.25 * minor * minor);
+        // a circle's directions are rounding alone
         let q = if c_big - c_small > 1e-9 * c_big { (big - small) / (c_big - c_small) } else { 0.0 };
         let p = big - q * c_big;
         [p + q * xx, q * xy, p + q * yy]

@@ -17,27 +17,28 @@ use crate::detect::Found;
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
-/// How far the plate is sampled beyond the rim where images are sharp, px, and at most.
+/// How far the plate is sampled beyond the rim where images are sharp, px, and at most. Derived: three deviations of a blur of 0.8 px, of 3 px.
 const REACH_PX: f64 = 3.0;
 const LARGEST_REACH_PX: f64 = 10.0;
-/// Shortest half axis of what counts whole within a dot, px.
+/// Shortest half axis of what counts whole within a dot, px. Chosen by hand: seven pixels; the middle of a smaller dot is blurred, too.
 const MIN_INNER_PX: f64 = 1.5;
-/// Least difference between plate and dot, grey levels.
+/// Least difference between plate and dot, grey levels. Chosen by hand: half of it takes shade for dots, twice of it loses dim ones.
 const MIN_CONTRAST: f64 = 12.0;
 /// Standard deviation of rounding to whole levels, and a little for what neighbouring pixels have in common of it.
 const ROUNDING: f64 = 0.32;
-/// A normal deviate that is cut off at 0 has the variance of one that counts from here on and not below, wherever its mean lies.
+/// A normal deviate cut off at 0 has the variance of one that counts from here on, over all means. Derived: integrated over these, 0.377.
 const FREE_SDS: f64 = 0.38;
-/// What a pixel on the rim may be off, as a share of the contrast: none is a perfect square.
+/// What a pixel on the rim may be off, as a share of the contrast: none is a perfect square. This and the next seven were chosen by hand so that
+/// stated deviations are true: twice states too much, half too little where each counts. `stated_deviations_are_honest` tests it, blur 0.3 to 1.5 px.
 const PIXEL_SHARE: f64 = 0.0032;
 /// Below this deviation of an edge, pixels included, centroids depend on where pixels lie: so much more for each px, as far as `SHARPEST_PX`
-/// below it.
+/// below it. Chosen by hand as [`PIXEL_SHARE`]: the sharpest edge, the pixel's own, has 0.29 px.
 const SHARP_PX: f64 = 0.57;
 const SHARPNESS: f64 = 12.0;
 const SHARPEST_PX: f64 = 0.1;
 /// Levels that count as the plate's or the dot's own cut the ends off a sharp edge, and what is left of it depends on where pixels lie: by
 /// so much for each px that the edge is sharper than `SLACK + BY_DEAD d`, at most `MAX_SLACK`, where a share `d` of the contrast is cut
-/// off at either end.
+/// off at either end. Chosen by hand as [`PIXEL_SHARE`].
 const CUT: f64 = 0.22;
 const SLACK: f64 = 0.33;
 const BY_DEAD: f64 = 1.27;
@@ -46,20 +47,20 @@ const MAX_SLACK: f64 = 0.63;
 /// not show the camera's noise: something lies on it.
 const ROUGH_TIMES: f64 = 5.0;
 const ROUGH_LEVELS2: f64 = 1.0;
-/// Light that goes around the dots once counts from so many times that which noise makes.
+/// Light that goes around the dots once counts from so many times that which noise makes. Derived: chi-square of four dots, 8 numbers: 2.4 %.
 const UNEVEN_TIMES: f64 = 2.2;
-/// From this half axis on there is room for several pixels at each point of a ring, px.
+/// From this half axis on a point of a ring may be 3 x 3 pixels, px. Derived: 24 of them lie 3.1 px apart on the ring, 4 px further out.
 const CLUSTERS_FROM_PX: f64 = 8.0;
-/// Points of a ring, of all of them, that must be lighter than the dot by this share of its contrast.
+/// Points of a ring, of 24, that must be lighter than the dot by this share of its contrast. Chosen by hand: a neighbour hides some.
 const MIN_PLAIN: usize = 20;
 const MIN_SHARE: f64 = 0.4;
-/// The blur may reach so many times as far as the plate is looked at, before its foot passes for uneven light.
+/// The blur may reach so many times as far as the plate is looked at, before its foot passes for uneven light. Chosen by hand: 2.3 deviations.
 const MAX_SHORT: f64 = 1.3;
-/// Variance inside dots over that on the plate, at most: more is blur.
+/// Variance inside dots over that on the plate, at most: more is blur. Chosen by hand: 100 pixels tell a variance to a seventh.
 const MAX_INSIDE: f64 = 1.15;
-/// Standard deviation that uneven light may account for, as a part of the half axis: beyond that dots are to contradict each other.
+/// Deviation that uneven light may account for, as a part of the half axis: more is to be contradicted. Chosen by hand: 0.01 px of 25 px.
 const MAX_UNEVEN: f64 = 4e-4;
-/// Most samples that the light is fitted to.
+/// Most samples that the light is fitted to. Chosen by hand: all rings of 32 dots; of more every second point, else time grows with dots.
 const MAX_SAMPLES: usize = 768;
 
 /// What is seen of one dot before it is weighed.
@@ -129,7 +130,7 @@ impl DotMeter {
 
     /// Level half-way between a dot and the plate around it; `None` without contrast.
     pub(super) fn middle(&self, image: &ImageView<'_>, blob: &Blob) -> Option<f64> {
-        let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.min_gap * axis));
+        let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.min_gap * axis)); // chosen by hand, see `reach`
         let inner = PixelEllipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
         let (sum, count, ..) = inner_sums(image, &inner);
         let plate = Ring::of(image, (blob.x, blob.y), &around, false).level()?;
@@ -142,7 +143,7 @@ impl DotMeter {
     /// Whether a region is of another level than nearly all that is around it: clutter mostly is not. Costs less than to look for the
     /// target among whatever is round.
     pub(super) fn stands_out(&self, image: &ImageView<'_>, blob: &Blob) -> bool {
-        let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.min_gap * axis));
+        let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.min_gap * axis)); // chosen by hand, see `reach`
         let ring = Ring::of(image, (blob.x, blob.y), &around, false);
         let inner = PixelEllipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * 0.36 * c));
         let (sum, count, ..) = inner_sums(image, &inner);
@@ -231,7 +232,7 @@ impl DotMeter {
     /// blur calls for much, which the neighbour has too.
     fn reach(&self, id: u32, axis: f64, reach: f64) -> f64 {
         let free = self.gaps.get(id as usize).copied().unwrap_or(0.1) * axis;
-        reach.min((0.5 * free).max(REACH_PX.min(0.75 * free)))
+        reach.min((0.5 * free).max(REACH_PX.min(0.75 * free))) // chosen by hand: a quarter is the neighbour's blur
     }
 
     /// Ellipse about a blob, its axes longer by at most `reach` and by what is free.
@@ -297,10 +298,11 @@ impl DotMeter {
         covered: bool,
     ) -> Option<Weighed> {
         let contrast = levels.contrast();
-        let dead = (3.2 * noise + 1.0).min(0.3 * contrast);
+        let dead = (3.2 * noise + 1.0).min(0.3 * contrast); // noise passes 3.2 deviations once in 1500; else too little is left
         let away = if self.light_on_dark { dead } else { -dead };
         let edge = (16.0 * (levels.plate + away)).round();
         let span = (16.0 * (contrast - 2.0 * dead)).round();
+        // two levels: with less, rounding would be the weights
         if span.is_nan() || span < 32.0 || edge.is_nan() {
             return None;
         }
@@ -407,9 +409,9 @@ fn perimeter(a: f64, b: f64) -> f64 {
     std::f64::consts::PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt())
 }
 
-/// Normal deviate of the probability `1 - p` (Tukey's lambda), for 0.002 to 0.4.
+/// Normal deviate of the probability `1 - p` (Tukey's lambda, 0.14), for 0.002 to 0.4, where it follows the true one to 1 %.
 fn deviate(p: f64) -> f64 {
-    let p = p.clamp(0.002, 0.4);
+    let p = p.clamp(0.002, 0.4); // no need of more: dead zones are at most 0.3
     4.91 * ((1.0 - p).powf(0.14) - p.powf(0.14))
 }
 

@@ -20,13 +20,17 @@ use crate::target::DotGrid;
 use nalgebra::{Matrix2, Matrix3, Vector2};
 use walk::SIDE;
 
-/// Greatest logarithm of a dot's area over that which its cell calls for.
+/// Greatest logarithm of a dot's area over that which its cell calls for. Derived: large dots of usual grids have 2.56 times the area of small
+/// ones, of which the logarithm is 0.94; half of it, less a little, so that between both there are sizes which are neither.
 const AREA_TOLERANCE: f64 = 0.42;
-/// Least share of the cells whose dots have a dot's size.
+/// Least share of the cells whose dots have a dot's size. Chosen by hand: of a grid half hidden a row of slivers at the cover's edge is less than a
+/// third; with half of it, discs of any sizes would make a grid here and there (test `dots_that_are_no_grid_are_none`).
 const MIN_CLEAR: f64 = 0.7;
-/// So many more dots than those of a window tell the place also where they do not form one.
+/// So many more dots than those of a window tell the place also where they do not form one. Chosen by hand: each has one bit, so that a place of
+/// chance is as good once in eight; as many must speak against any other place as the margin asks for.
 const MORE: usize = 3;
-/// Cells that all walks of one search may take, for each candidate that there may be: dots of the grid are walked once or twice.
+/// Cells that all walks of one search may take, for each candidate that there may be. Chosen by hand: dots of the grid are walked once or twice,
+/// clutter as often as it has seeds; a bound on time.
 const MAX_WALKED: usize = 8;
 
 /// A dot seen in a cell of the lattice.

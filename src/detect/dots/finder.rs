@@ -21,15 +21,18 @@ use crate::messages::TargetStatus;
 use crate::target::{Disc, Target};
 use nalgebra::Vector2;
 
-/// A region may grow so many times by filling its holes.
+/// A region may grow so many times by filling its holes. Chosen by hand: glare over two thirds of a dot leaves a rim; of a thinner ring it is
+/// likelier that it is a letter or a cable.
 const MAX_FILLED: u64 = 3;
-/// Among more ellipses than these, those are looked for that stand out from what is around them.
+/// Among more ellipses than these, those are looked for that stand out from what is around them. Chosen by hand: eight are 70 choices of four,
+/// sixteen 1820, so that a look around each pays.
 const FEW_CANDIDATES: usize = 8;
-/// Runs that there is room for in the smallest frame.
+/// Runs that there is room for in the smallest frame. Chosen by hand: one run in 16 px, as larger frames have, of 256 x 256 px.
 const MIN_RUNS: usize = 4096;
-/// Candidates for a grid that there is room for at least: its dots may be the smallest of all that is round in the frame.
+/// Candidates for a grid that there is room for at least: its dots may be the smallest of all that is round in the frame. Chosen by hand: a small
+/// grid among 450 other dots; twice as many take twice the time of clutter.
 const MIN_ROOM: usize = 512;
-/// Regions of a search whose holes are filled.
+/// Regions of a search whose holes are filled. Chosen by hand, as a bound on time: texture makes thousands of regions with holes.
 const MAX_HOLED: usize = 64;
 
 /// What tells which region is which dot: one kind for each kind of target.
@@ -373,6 +376,7 @@ impl DotFinder {
     /// A region as tracking would see it: at the level half-way between dot and plate.
     fn settled(&mut self, image: &ImageView<'_>, blob: &Blob) -> Blob {
         let Some(level) = self.meter.middle(image, blob) else { return *blob };
+        // chosen by hand, wider than in tracking: a threshold near either level may take half of a small dot
         let near = |b: &Blob| b.area > 0.4 * blob.area && b.area < 2.5 * blob.area;
         let place = Vector2::new(blob.x, blob.y);
         self.region(image, &place, &blob.covariance, 4.0, level as u8, near).unwrap_or(*blob)
@@ -402,6 +406,7 @@ fn free_distances(target: &Target) -> Box<[f64]> {
         for (_, other) in marks.iter().enumerate().filter(|(j, _)| *j != i) {
             least = least.min((mark.centre_m - other.centre_m).norm() - mark.radius_m - other.radius_m);
         }
+        // chosen by hand: dots that all but touch still need something between them; from three radii on more room does not help
         (least / mark.radius_m).clamp(0.1, 3.0)
     };
     marks.iter().enumerate().map(free).collect()

@@ -9,7 +9,7 @@ use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
 use nalgebra::{Matrix2, Point3, Vector2};
 
-/// Nearest depth of a point in view, m.
+/// Nearest depth of a point in view, m: what is nearer lies in the camera's plane but for rounding.
 const NEAREST_M: f64 = 1e-6;
 
 /// Centroid of the image of a disc in the object plane less the image of its centre, px (distorted image).
@@ -26,7 +26,7 @@ pub fn centre_offset(
     let p = X_CO * Point3::new(centre.x, centre.y, 0.0);
     let s = Vector2::new(p.x / p.z, p.y / p.z);
     let middle = camera.pixel_of(&s);
-    // radius sqrt(2/3), every 60 degrees
+    // derived for a disc of radius 1: weight 1/4 in the middle, 1/8 each at radius sqrt(2/3), every 60 degrees; B is half of A
     const A: f64 = 0.816_496_580_927_726;
     const B: f64 = 0.408_248_290_463_863;
     const C: f64 = std::f64::consts::FRAC_1_SQRT_2;

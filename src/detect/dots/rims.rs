@@ -7,19 +7,22 @@ use crate::detect::Found;
 use crate::detect::ellipse::{EllipseSettings, RimMeter};
 use crate::imaging::{Ellipse, ImageView};
 
-/// Shortest half axis of a dot whose rim is scanned, px.
+/// Shortest half axis of a dot whose rim is scanned, px. Chosen by hand: a rim of 31 px; a shorter one has too few scans to leave some out, and
+/// its edge bends within the blur.
 const MIN_AXIS_PX: f64 = 5.0;
-/// A step of the rim is at least this share of the dot's contrast.
+/// A step of the rim is at least this share of the dot's contrast. Chosen by hand: the rim is still one in a shadow that leaves a
+/// quarter of the light; half of it takes the shadow's own edges, twice of it loses the rim within the shadow.
 const MIN_STEP: f32 = 0.25;
-/// The least share of a rim that tells its ellipse: the half beyond a straight cover through the centre, and something for scans that fail.
+/// The least share of a rim that tells its ellipse. Chosen by hand: less than the half beyond a straight cover through the centre, for scans fail.
 const MIN_SHARE: f64 = 0.35;
 /// How far beyond the centroid's ellipse the rim is looked for, px.
 const SLACK_PX: f64 = 2.0;
 /// How far it is looked for at most, as a share of the half axis.
 const FAR: f64 = 0.5;
-/// Centroid and rim contradict each other from so many standard deviations on; the chance of that is below 1e-4.
+/// Centroid and rim contradict each other from so many standard deviations on. Derived: of two normal coordinates chance makes it once in 25 000.
 const MAX_SDS: f64 = 4.5;
-/// Both are this good at the most where light and lens are not as simple as both take them to be, px.
+/// Both are this good at the most where light and lens are not as simple as both take them to be, px. Chosen by hand: without it rims of large
+/// dots, known to thousandths, contradict every centroid under uneven light; twice of it hides covers that move a centroid by 0.18 px.
 const MODEL_PX: f64 = 0.02;
 /// Of what moved a centroid a part moves the rim's scans too, a shadow's slope foremost. Chosen, not derived: without it centres under
 /// rendered shadows were up to 7 stated deviations off.

@@ -18,9 +18,10 @@ use nalgebra::Vector2;
 pub(super) use rim::RimMeter;
 use thiserror::Error;
 
-/// Fewest points of an arc.
+/// Fewest points of an arc. Chosen by hand: half the rim of the smallest ellipse, 31 px; of shorter ones the bend is that of noise.
 const MIN_ARC: usize = 16;
-/// Points of an arc that are fitted.
+/// Points of an arc that are fitted. Chosen by hand: ten for each number of an ellipse; it is only where scans of the rim begin, and twice as many
+/// take twice the time.
 const ARC_POINTS: usize = 48;
 
 /// What counts as an ellipse.
@@ -177,6 +178,7 @@ impl EllipseFinder {
             // on an ellipse that is known nothing new begins
             let known = |e: &FoundEllipse| {
                 let on = |p: &EdgePixel| {
+                    // chosen by hand: an edge's pixels lie within one pixel of it, half a pixel is for blur
                     e.fit.ellipse.distance_px(&Vector2::new(f64::from(p.x_px), f64::from(p.y_px))).abs() < 1.5
                 };
                 arc.iter().step_by(4).filter(|p| on(p)).count() * 5 >= arc.len().div_ceil(4) * 4
@@ -210,6 +212,7 @@ impl EllipseFinder {
         let start = Ellipse::fit_direct(&self.points).ok_or(EllipseMiss::NoArc)?;
         let (a, b) = start.axes_px();
         let size = (image.width() + image.height()) as f64;
+        // chosen by hand: a fit to part of a rim may be off by a fifth; the rim's own decides in the end
         if b < 0.8 * self.settings.min_axis_px || a > size {
             return Err(EllipseMiss::NoArc);
         }
@@ -227,10 +230,12 @@ impl EllipseFinder {
     }
 }
 
-/// Whether two ellipses are one.
+/// Whether two ellipses are one: from two parts of one rim they are much nearer to each other than this, and two rims about one centre, as of
+/// a ring, mostly further apart. Chosen by hand.
 fn same(a: &Ellipse, b: &Ellipse) -> bool {
     let ((a1, a2), (b1, b2)) = (a.axes_px(), b.axes_px());
-    let near = (a.centre_px - b.centre_px).norm() < 0.2 * a2.min(b2);
+    let near = (a.centre_px - b.centre_px).norm() < 0.2 * a2.min(b2); // chosen by hand, as above
+    // chosen by hand, as above: 0.15 is a ring whose line is a seventh of its radius
     near && (a1 / b1 - 1.0).abs() < 0.15 && (a2 / b2 - 1.0).abs() < 0.15
 }
 

@@ -4,15 +4,16 @@ use super::{EllipseMiss, EllipseSettings, FoundEllipse};
 use crate::imaging::{Crossing, EdgePoint, EdgeScan, Ellipse, ImageView, ScanAxis};
 use nalgebra::Vector2;
 
-/// Scans of one rim: of greater ones every second line, or fewer.
+/// Scans of one rim: of greater ones every second line, or fewer. Chosen by hand: errors fall with their root; twice as many take twice the time.
 const MAX_SCANS: usize = 600;
-/// Fewest scans that make an ellipse.
+/// Fewest scans that make an ellipse. Chosen by hand: five numbers, and seven scans that can contradict them.
 const MIN_SCANS: usize = 12;
-/// Fits of one rim.
+/// Fits of one rim. Chosen by hand, as a bound: a rim that moves less than 0.02 px ends them.
 const ROUNDS: usize = 8;
 /// Median of the scatter of a scan of noise 1: chi-square of four degrees of freedom.
 const MEDIAN_SCATTER: f64 = 3.357;
-/// Share of an edge's position that no noise explains: pixels are squares, levels are rounded; px.
+/// Share of an edge's position that no noise explains: pixels are squares, levels are rounded; px. Chosen by hand: a sharp edge through square
+/// pixels is off by some thousandths to hundredths; without it, images without noise would state nothing.
 const FLOOR_PX: f64 = 0.01;
 /// Most that the rim's points may be off the ellipse, root mean square, px.
 const MAX_RMS_PX: f64 = 0.5;
@@ -63,6 +64,7 @@ impl RimMeter {
     ) -> Result<FoundEllipse, EllipseMiss> {
         let mut ellipse = *start;
         let mut scan = EdgeScan {
+            // chosen by hand: a third of a small half axis is still one pixel
             half_px: if start.axes_px().1 < 8.0 { 1 } else { 2 },
             search_px: (slack_px.clamp(0.0, 60.0).ceil() as usize) + 2,
             min_step: self.min_step,
@@ -76,7 +78,9 @@ impl RimMeter {
             if self.scans.len() < MIN_SCANS {
                 return Err(EllipseMiss::Hidden);
             }
+            // derived: rounding to whole levels alone has a variance of 1 / 12, which 0.25 is over the median
             let noise2 = self.median(|s| s.crossing.scatter).max(0.25) / MEDIAN_SCATTER;
+            // the pixel's own is 1 / 12 px^2; the upper bound was chosen by hand: 4 px of blur
             let blur_px2 = self.median(|s| s.crossing.blur_px2 * s.along * s.along).clamp(0.05, 16.0);
             self.collect(&ellipse, noise2, blur_px2);
             let fit =
@@ -89,6 +93,7 @@ impl RimMeter {
             ellipse = fit.ellipse;
             best =
                 Ok(FoundEllipse { fit, light, share, noise_levels: noise2.sqrt(), blur_px: blur_px2.sqrt() });
+            // chosen by hand: the next step would be a small part of it, below the floor
             if moved < 0.02 && round > 0 {
                 break;
             }
@@ -113,6 +118,7 @@ impl RimMeter {
     fn plausible(&self, ellipse: &Ellipse, image: &ImageView<'_>) -> bool {
         let (a, b) = ellipse.axes_px();
         let size = (image.width() + image.height()) as f64;
+        // chosen by hand, wide: between rounds an ellipse may be a third too small, and of a great one a part is seen
         ellipse.is_real() && b >= 0.7 * self.min_axis_px && a <= size && ellipse.centre_px.norm() < 4.0 * size
     }
 

@@ -19,19 +19,22 @@ use nalgebra::Vector2;
 pub use segment::Segment;
 use thiserror::Error;
 
-/// Scans of one segment; longer ones are scanned in every second line, or fewer.
+/// Scans of one segment; longer ones are scanned in every second line, or fewer. Chosen by hand: errors fall with their root, time grows with them.
 const MAX_SCANS: usize = 1024;
 /// Median of the scatter of a scan of noise 1: chi-square of four degrees of freedom.
 const MEDIAN_SCATTER: f64 = 3.357;
-/// Share of an edge's position that no noise explains, px.
+/// Share of an edge's position that no noise explains, px. Chosen by hand: rounding of levels and square pixels, which along a straight edge
+/// differ from scan to scan; without it, images without noise would state nothing.
 const FLOOR_PX: f64 = 0.004;
-/// Lines in a row without edge that end a segment.
+/// Lines in a row without edge that end a segment. Chosen by hand: a speck takes one or two; with twice as many, segments in line become one.
 const GAP: usize = 3;
 /// Points of a chain this far from the chord divide it, px.
 const STRAIGHT_PX: f64 = 1.0;
-/// An edge's point this far from the line is not on the segment, px; or five of its deviations.
+/// An edge's point this far from the line is not on the segment, px; or five of its deviations. Chosen by hand: a slightly bent edge stays one,
+/// and half of it breaks those up.
 const BESIDE_PX: f64 = 0.6;
-/// How far beyond the last scan an end may lie, px: near a corner no scan has room.
+/// How far beyond the last scan an end may lie, px: near a corner no scan has room. Derived: a scan takes five pixels on either side of the
+/// edge, which at 45 degrees are seven along it.
 const END_REACH_PX: f64 = 8.0;
 
 /// What counts as a segment.
@@ -121,6 +124,7 @@ impl SegmentFinder {
         if self.edges.pixels().is_empty() {
             return Err(SegmentMiss::NoEdges);
         }
+        // chosen by hand: with fewer scans a direction is off by degrees
         let min_px = self.settings.min_length_px.max(8.0);
         self.chains.link(&self.edges, (0.7 * min_px) as usize);
         let chains = std::mem::take(&mut self.chains);
@@ -180,6 +184,7 @@ impl SegmentFinder {
             other.line.distance_px(&middle).abs() < 1.0
                 && at > 0.0
                 && at < other.length_px()
+                // chosen by hand: 26 degrees, when the middles are within a pixel of the other's line
                 && t.dot(&along) > 0.9 * along.norm()
         };
         (!known.iter().any(same)).then_some(segment)
@@ -206,6 +211,7 @@ impl SegmentFinder {
             result = Some(found);
         }
         result.filter(|s: &Segment| {
+            // chosen by hand: more than half of it is edge, and each end may have lost a pixel
             s.share > 0.6 && s.length_px() >= self.settings.min_length_px.max(8.0) - 2.0
         })
     }
@@ -239,6 +245,7 @@ impl SegmentFinder {
             let crossing = scan.cross(image, axis, y, place, along_scan > 0.0);
             self.scans.extend(crossing.map(|c| (y, c)));
         }
+        // derived: rounding to whole levels alone has a variance of 1 / 12, which 0.25 is over the median
         let noise = (self.median(|c| c.scatter).max(0.25) / MEDIAN_SCATTER).sqrt();
         self.points.clear();
         let point = |&(y, ref c): &(i64, Crossing)| {
@@ -249,7 +256,7 @@ impl SegmentFinder {
         // the line from what lies between the ends: once they are known, without the scans that reach around a corner
         let reach =
             if ends_known { (scan.half_px + 3) as f64 * (normal.x * normal.y).abs() + 2.0 } else { -1.0 };
-        let reach = reach.min(0.2 * (b - a).abs());
+        let reach = reach.min(0.2 * (b - a).abs()); // chosen by hand: three fifths of it must remain
         let between =
             |&&(y, _): &&(i64, Crossing)| (y as f64) > a.min(b) + reach && (y as f64) < a.max(b) - reach;
         self.points.extend(self.scans.iter().filter(between).map(point));
@@ -258,11 +265,13 @@ impl SegmentFinder {
         if line.normal().dot(&normal) < 0.0 {
             line.normal_rad += std::f64::consts::PI;
         }
+        // chosen by hand: 37 degrees off is another edge, and rows and columns would change places
         if line.normal().dot(&normal) < 0.8 {
             return None;
         }
         let on = |scan: &(i64, Crossing)| {
             let p = point(scan);
+            // of normal errors none is five deviations off by chance: derived, 6e-7
             line.distance_px(&p.px).abs() < BESIDE_PX.max(5.0 * p.sd_px)
         };
         let (first, last) = longest(&self.scans, GAP as i64 * step, on)?;
@@ -326,6 +335,7 @@ fn end(
 
 /// Level between pixels; none outside of their centres.
 fn bilinear(image: &ImageView<'_>, p: &Vector2<f64>) -> Option<f64> {
+    // beyond any image, so that the next pixel's place does not overflow
     if !(p.x >= 0.0 && p.y >= 0.0 && p.x < 1e9 && p.y < 1e9) {
         return None;
     }

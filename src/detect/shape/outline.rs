@@ -266,7 +266,7 @@ impl ShapeOutline {
             // along the plate's edge it is never met: rounding must not say that it is
             if n > 1e-9 {
                 (high - p) / n
-                // and as little the opposite edge
+                // nor must it of the opposite edge
             } else if n < -1e-9 {
                 (low - p) / n
             } else {

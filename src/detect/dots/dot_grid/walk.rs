@@ -11,29 +11,34 @@ use crate::pose::{Correspondence, homography};
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::PI;
 
-/// Cells on each side of the seed.
+/// Cells on each side of the seed. Derived: grids have at most 32 columns and rows, so that any dot may be the seed; some are left for diagonals.
 const REACH: i32 = 40;
 pub(super) const SIDE: usize = 2 * REACH as usize + 1;
 /// Neighbours of a seed among which its steps are chosen: those of a dot amid others in a lattice.
 const NEIGHBOURS: usize = 8;
 /// Where the seed is a circle, its steps are at right angles and of one length. Perspective, and rims of a few pixels, leave this much:
-/// greatest cosine between them, and greatest ratio of their lengths.
+/// greatest cosine between them, and greatest ratio of their lengths. Chosen by hand: 70 degrees; diagonals make 45 degrees and 1.41, of which
+/// sizes tell later. Half loses seeds of small dots. Views on which nothing was tuned test these: `grids_are_found_whatever_lies_around`.
 const MAX_COSINE: f64 = 0.35;
 const MAX_RATIO: f64 = 1.45;
 /// A step is as long as the dots' radii make it, up to this factor; and before they are seen at their own threshold, where blur may take
-/// half of the radius of a dot of 2 px.
+/// half of the radius of a dot of 2 px. Chosen by hand: a diagonal is just out of the first; twice as wide only takes time.
 const STEP_TOLERANCE: f64 = 1.4;
 const STEP_TOLERANCE_ROUGH: f64 = 2.0;
-/// Length of a step of equal dots, in radii: from dots that nearly touch to dots that are small.
+/// Length of a step of equal dots, in radii: from dots that touch, which is derived, to dots of a fourteenth, chosen by hand: printed grids have
+/// radii of a fifth to a third, and smaller dots in more room are likelier clutter.
 const EQUAL_STEPS: (f64, f64) = (2.0, 14.0);
-/// How far a dot may lie from where the lattice goes on, in steps: perspective changes one into the next by less.
+/// How far a dot may lie from where the lattice goes on, in steps: perspective changes one into the next by less. Chosen by hand, with some room
+/// to the half of a step, where another dot would be as near; half of it loses grids seen aslant from near.
 const OFF_LATTICE: f64 = 0.28;
 /// How far it may lie from its place under the homography of all, in steps. A lens that is not the camera's bends a lattice by about as much.
+/// Chosen by hand: half of it breaks such lattices up, twice of it leaves what stood beside the grid by chance.
 const OFF_PLANE: f64 = 0.15;
 /// Greatest share of the cells that are left out for that; where more would be, the lattice is bent, and stays as it was walked.
 const MAX_OFF: f64 = 0.3;
 /// Greatest logarithm of a region's area over that of the smallest or the largest dot in a cell, as rough as one step tells it; and again
-/// before a dot is seen at its own threshold.
+/// before a dot is seen at its own threshold. Chosen by hand: steps that are off by a quarter in both directions make 0.45, thresholds the rest;
+/// half a radius lost is 1.4 of the second, and the rest as before. Sizes are compared with all cells later, so that these only keep time short.
 const AREA: f64 = 0.8;
 const AREA_ROUGH: f64 = 1.8;
 
@@ -241,6 +246,7 @@ impl Lattice {
     /// Leaves out of `best` what lies off the plane's homography, the worst first: what stood beside the grid by chance.
     fn straighten(&mut self) {
         let walked = self.best.len();
+        // a homography needs four
         let least = ((1.0 - MAX_OFF) * walked as f64).max(4.0);
         let mut left_out = 0;
         loop {

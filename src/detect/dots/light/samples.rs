@@ -4,7 +4,7 @@ use super::LightFit;
 use crate::detect::dots::ring::{RING, Ring};
 use crate::imaging::simd::kernel;
 
-/// Samples that are summed side by side.
+/// Samples that are summed side by side: as many as AVX2 has lanes of `f64`.
 const LANES: usize = 4;
 
 /// Places and levels. A level that is NaN was not seen.

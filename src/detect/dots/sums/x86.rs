@@ -17,6 +17,7 @@ use std::arch::x86_64::{
     _mm256_storeu_pd, _mm256_sub_epi16, _mm256_sub_pd, _mm256_subs_epu16,
 };
 
+/// Pixels that are weighed at once. Derived: a register of AVX2 has as many 16-bit lanes, and two of SSE2.
 const LANES: usize = 16;
 /// The window of 16 that starts at `16 - n` keeps the first `n` lanes.
 static KEEP: [u8; 2 * LANES] = {
@@ -106,7 +107,8 @@ impl RowBlock {
     }
 }
 
-/// Largest half side of an ellipse whose sums fit 32 bits in each lane, px.
+/// Largest half side of an ellipse whose sums fit 32 bits in each lane, px. Derived: half a square of 180 px, weights of 4080 sixteenths, 90 px away,
+/// over eight lanes: 7.4e8 of 2.1e9; twice as far it would be eight times as much.
 const MAX_PX: f64 = 90.0;
 
 /// See [`super::weighted_sums`]; without an inner ellipse. `None` for ellipses that are too large.
