@@ -31,7 +31,7 @@ impl MonoNs {
 impl SpanNs {
     /// No time at all.
     pub const ZERO: Self = Self(0);
-    /// A thousandth of a second.
+    /// A thousandth of a second, which follows from the unit.
     pub const MILLISECOND: Self = Self(1_000_000);
 
     /// The nearest span to `seconds`; saturates at the ends of the range.

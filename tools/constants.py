@@ -15,10 +15,10 @@ CONST = re.compile(r"\s*(?:pub(?:\([a-z]+\))? )?const (\w+): [^=]*=(.*)")
 # 0, 1, 2 and their halves are what a formula is made of.
 DIGITS = re.compile(r"(?<![\w.])(?!(?:[012]|0\.0|0\.5|1\.0|2\.0)(?![\w.]))\d[\d_]*(?:\.\d+)?(?:e-?\d+)?")
 # Whole numbers in comparisons count things, and the count is the reason.
-THRESHOLD = re.compile(r"(?:(?<![<>])[<>]=? -?|\.(?:min|max|clamp)\(-?)(?=\d+(?:\.|e-?\d))(" + DIGITS.pattern + ")")
+THRESHOLD = re.compile(r"(?:(?<![<>=-])[<>]=? -?|\.(?:min|max|clamp)\(-?)(?=\d+(?:\.|e-?\d))(" + DIGITS.pattern + ")")
 WHY = re.compile(
     r"because|so that|\bsince\b|otherwise|\belse\b|\bwould\b|\bneeds?\b|\bmust\b|chosen|halv|doubl(?:ed|ing)|twice the|measured|\bshows?\b"
-    r"|\bbench|tests?\b|stud(?:y|ies)\b|\bEq\b|\(1\d\.\d+[a-z]?\)|Sect\.|chapter|textbook|standard(?! deviation)|specif|RFC|IEC|ISO|ITU|paper|\bet al\b"
+    r"|\bbench|\btests?\b|stud(?:y|ies)\b|\bEq\b|\(1\d\.\d+[a-z]?\)|Sect\.|chapter|textbook|standard(?! deviation)|specif|\b(?:RFC|IEC|ISO|ITU)\b|\bpaper\b|\bet al\b"
     r"|deriv|follows|rounding|precision|chi-square|quantile|protocol|kernel's|format's|as (?:\w+ ){1,3}(?:does|do|has|have|says?|asks?)\b",
     re.IGNORECASE,
 )
@@ -26,7 +26,7 @@ WHY = re.compile(
 
 def numbers(text):
     """(line, what) of each number without an origin, and how many were looked at."""
-    text = re.split(r"#\[cfg\(test\)\]\n\s*(?:pub(?:\([a-z]+\))? )?mod \w+ \{", text)[0]
+    text = re.split(r"#\[cfg\(test\)\]\n(?:\s*#\[.*\]\n)*\s*(?:pub(?:\([a-z]+\))? )?mod \w+ \{", text)[0]
     head = re.match(r"(?://!.*\n)*", text)[0]
     if "numbers here" in head.lower() and WHY.search(head):
         return [], len(re.findall(r"(?m)^ *(?:pub(?:\([a-z]+\))? )?const \w+:", text))

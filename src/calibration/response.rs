@@ -21,7 +21,7 @@ const LENGTH: f64 = 0.4;
 /// 1.5 px, where the profile is within 3e-5 of the contrast of its level; at half of it 2 % would be left.
 const WIDTH: f64 = 0.4;
 const MAX_WIDTH_PX: f64 = 6.0;
-/// Narrower edges hold no level that only one side has, px.
+/// Narrower edges hold no level that only one side has, px. Chosen by hand: two deviations of the same blur; half of it is all slope.
 const MIN_WIDTH_PX: f64 = 3.0;
 /// Fewest pixels of an edge. Chosen by hand: four times its unknowns.
 const MIN_PIXELS: usize = 16;
@@ -219,14 +219,18 @@ fn fit(edges: &mut [BoardEdge], start: f64) -> Option<(GammaEstimate, Vec<f64>)>
         if !(information > 0.0) {
             return None;
         }
+        // chosen by hand: a first step from far off must not leap beyond 1; the later ones are small
         let change = (slope / information).clamp(-0.3, 0.3);
         for (edge, (by_own, by_gamma)) in edges.iter_mut().zip(moves) {
             let moved = edge.own + by_own - by_gamma * change;
             // sides that stay sides, places within reach, blurs that are some
             edge.own = Vector4::new(
+                // light is above 0, of which no power of gamma would have a slope
                 moved[0].clamp(1e-4, 2.0),
+                // as above: must have a slope
                 moved[1].clamp(1e-4, 2.0),
                 moved[2].clamp(-2.0, 2.0),
+                // less than the pixel's own 0.29 px must be noise
                 moved[3].clamp(0.5 * edge.own[3], 2.0 * edge.own[3]).clamp(0.2, MAX_WIDTH_PX),
             );
         }

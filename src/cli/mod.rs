@@ -383,6 +383,7 @@ fn config_on_stdin(name: &Path, set: &[String]) -> Result<Config, ProcessError> 
 fn doctor(json: bool, jitter_s: f64) -> u8 {
     let checks = doctor::examine();
     let request = crate::config::RealtimeRequest { priority: 80, cpu: None, lock_memory: false };
+    // chosen by hand: an hour tells all that such a measurement tells
     let measured = (jitter_s > 0.0).then(|| doctor::measure(jitter_s.min(3600.0), request)).flatten();
     let (jitter, jitter_with_spin) = measured.map(|m| (m.sleeping, m.spinning)).unzip();
     let report = doctor::Examination { checks, jitter, jitter_with_spin };

@@ -141,7 +141,9 @@ fn answer(method: PoseMethod, points: &Points, solutions: &[Solution], frames: &
     let least = solutions.iter().filter_map(chi).fold(f64::INFINITY, f64::min);
     // where no deviation is stated, the misfit of the best tells it: chi-square per degree of freedom is 1
     let freedom = (2 * points.pixels.len()).saturating_sub(6) as f64;
+    // an exact fit has no misfit, and must not divide by it
     let growth = if points.stated { 1.0 } else { (least / freedom.max(1.0)).max(1e-18) };
+    // `exp(710)` is beyond the largest number, and would be infinite
     let ratio = |s: &Solution| chi(s).map(|chi| (0.5 * (chi - least) / growth).min(700.0).exp());
     let out = |s: &Solution| solution_out(s, points, frames, ratio(s));
     let mut told: Vec<_> = solutions.iter().map(out).collect();

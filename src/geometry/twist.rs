@@ -28,7 +28,8 @@ pub fn integrate_body_twist(X_BC: &Pose, V_BC_C: &Twist, dt_s: f64) -> Pose {
     let phi: Vector3<f64> = V_BC_C.fixed_rows::<3>(3) * dt_s;
     let theta2 = phi.norm_squared();
     let theta = theta2.sqrt();
-    // Series below 1e-3 rad: the closed forms lose their digits there.
+    // Series below 1e-3 rad: the closed forms lose their digits there. Derived: the next terms are below theta^4 / 720 = 1.4e-15, and
+    // rounding leaves `1 - cos(theta)` off by 2e-10 of itself.
     let (a, b) = if theta < 1e-3 {
         (0.5 - theta2 / 24.0, 1.0 / 6.0 - theta2 / 120.0)
     } else {

@@ -19,7 +19,7 @@ use nalgebra::{SMatrix, SVector, Vector2};
 type V5 = SVector<f64, 5>;
 type M5 = SMatrix<f64, 5, 5>;
 
-/// What noise does not explain of a pixel of rim: pixels are squares; px.
+/// What noise does not explain of a pixel of rim: pixels are squares; px. Chosen by hand: without it sharp images without noise would state nothing.
 const FLOOR_PX: f64 = 0.0125;
 /// Largest part of an image that is used, px^2. Chosen by hand: it bounds time and memory, and a dot of 1000 px is larger than any in use.
 const MAX_PIXELS: usize = 1 << 20;

@@ -79,6 +79,7 @@ impl EdgeScan {
             ScanAxis::Row => (image.width(), image.height()),
             ScanAxis::Column => (image.height(), image.width()),
         };
+        // no place of any image, else the sums below could overflow
         if line >= lines || !(predicted_px > -1e6 && predicted_px < 1e9) {
             return None;
         }

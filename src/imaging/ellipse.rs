@@ -54,7 +54,7 @@ impl Ellipse {
         let (sin, cos) = t.sin_cos();
         let [xx, xy, yy] = self.shape_px2;
         // L (cos, sin) with S = L L^T
-        let l11 = xx.max(1e-300).sqrt();
+        let l11 = xx.max(1e-300).sqrt(); // not 0, else the next line would divide by it
         let l21 = xy / l11;
         let l22 = (yy - l21 * l21).max(0.0).sqrt();
         let d = Vector2::new(l11 * cos, l21 * cos + l22 * sin);

@@ -81,6 +81,7 @@ impl Ellipse {
             super::robust::spread(points, |p| e.distance_px(&p.px) / p.sd_px)
         };
         let mut start = Self::fit_direct(points).map(|e| (misfit(&e, points), e));
+        // chosen by hand: honest deviations give 1, and one point in three that is elsewhere far more
         if !start.is_some_and(|(misfit, _)| misfit < 3.0) {
             let mut random = Random::new(points.len() as u64);
             let none = EdgePoint { px: Vector2::zeros(), sd_px: 1.0 };
@@ -170,6 +171,7 @@ impl Ellipse {
             // weights were those of gradients that belong to the conic before, whose scale is another
             ellipse = next;
             last = Some((theta, used, chi2));
+            // in units of the points' extent: a few digits above rounding
             if moved < 1e-10 && round > 1 {
                 break;
             }

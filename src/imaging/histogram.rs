@@ -96,6 +96,7 @@ impl Histogram {
             threshold: threshold as u8,
             dark_mean: dark_sum as f64 / dark as f64,
             light_mean: (sum - dark_sum) as f64 / (total - dark) as f64,
+            // an image of one level has no variance, and would divide by it
             separability: (between / (n * n) / variance.max(1e-12)).min(1.0),
         })
     }

@@ -64,6 +64,7 @@ impl Line {
     #[must_use]
     pub fn fit(points: &[EdgePoint]) -> Option<Self> {
         let mut line = weighted(points, 3, |p| p.sd_px.powi(-2))?;
+        // chosen by hand: honest deviations give 1; points that are elsewhere must not draw the start to them
         if line.chi2 > 4.0 {
             line = by_pairs(points).unwrap_or(line);
         }
@@ -78,6 +79,7 @@ impl Line {
             line = next;
             let new_scale = spread(points, &line).min(scale);
             let moved = before.distance_px(&line.px).abs() + (line.normal_rad - before.normal_rad).abs();
+            // chosen by hand: far below what any edge is known to, px and rad; the scale only weighs
             if moved < 1e-9 && (scale - new_scale).abs() < 1e-3 * scale {
                 break;
             }

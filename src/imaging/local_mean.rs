@@ -3,7 +3,7 @@
 use super::ImageView;
 use super::simd::kernel;
 
-/// Greatest half side, px: sums over the square, and the products they are compared with, fit 32 bits.
+/// Greatest half side, px. Derived: 2895^2 pixels by 256 levels are 2.1455e9, the last below 2^31, so that sums and products fit 32 bits.
 const GREATEST_RADIUS_PX: u16 = 1447;
 
 /// Thresholds that follow the mean level of the square of `2 r + 1` px about each pixel, as far as the image reaches.

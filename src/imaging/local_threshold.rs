@@ -30,9 +30,11 @@ impl Default for LocalThreshold {
 }
 
 impl LocalThreshold {
-    /// Side of a tile, px.
+    /// Side of a tile, px. Chosen by hand: with its neighbours 96 px, across which something dark and something light lie; half misses that about
+    /// things of more than 48 px, twice no longer follows light that changes within a target.
     pub const TILE: usize = 32;
-    /// Side of a tile where the light margin of a small thing counts, px.
+    /// Side of a tile where the light margin of a small thing counts, px. Chosen by hand: with its neighbours 12 px, a few cells of a small tag; of a
+    /// larger thing's inside it says nothing.
     pub const FINE_TILE: usize = 4;
 
     /// Buffers for images of at most this size, allocated at once.

@@ -28,8 +28,9 @@ pub(crate) fn cubic_roots(b: f64, c: f64, d: f64) -> ([f64; 3], usize) {
             let s2 = s * s;
             let step = ((s2 + p) * s + q) / (3.0 * s2 + p);
             s -= step;
+            // quadratic: what is left is the square of it, so that it is below rounding
             if !(step.abs() > 1e-7 * s) {
-                break; // quadratic: what is left is the square of it, so that it is below rounding
+                break;
             }
         }
         if !(s > 0.0) {

@@ -9,6 +9,7 @@ use std::ops::{Add, Mul, Neg, Sub};
 pub(crate) struct Eight(pub(crate) [f32; 8]);
 
 impl Eight {
+    /// All zero; eight, since a register of AVX holds as many.
     pub(crate) const ZERO: Self = Self([0.0; 8]);
 
     /// Of each number.
@@ -39,7 +40,7 @@ impl Eight {
         // 2^t with t = whole + part. Adding 1.5 * 2^23 rounds to the nearest whole number, because a float of that size has no fraction bits
         const MAGIC: f32 = 12_582_912.0;
         self.each(|x| {
-            // the bound from below is what keeps products from becoming subnormal
+            // otherwise products of several would become subnormal, see above
             let t = (x * std::f32::consts::LOG2_E).max(-40.0);
             let shifted = t + MAGIC;
             let part = t - (shifted - MAGIC);

@@ -153,6 +153,7 @@ impl QuadraticForms {
         // det(D1 + g D2) = k0 + k1 g + k2 g^2 + k3 g^3; or with the roles changed, so that no root is far out.
         let (mut d1, mut d2, mut k) =
             if k3.abs() >= k0.abs() { (d1, d2, [k0, k1, k2, k3]) } else { (d2, d1, [k3, k2, k1, k0]) };
+        // Chosen by hand: else a root would lie 20 times as far out as the others, and cost them a digit.
         if k[3].abs() < 0.05 * k1.abs().max(k2.abs()) {
             (d1, d2, k) = turned(d1, d2, k);
         }
@@ -214,6 +215,7 @@ impl QuadraticForms {
             // The sums have terms far above one when the triangle is far away.
             let rounding = 1e-15 * (n1 * x * x + n2 * y * y + n3 * z * z);
             if off < rounding || last {
+                // chosen by hand: each of three forms may be off by its own rounding
                 let solved = off < SOLVED.max(4.0 * rounding) && x > 0.0 && y > 0.0 && z > 0.0;
                 return solved.then_some([x, y, z]);
             }

@@ -279,14 +279,16 @@ pub(super) fn minimise<L: Lanes, P: PointSource>(
         match next {
             // At the minimum the cost is flat: there, rounding alone decides whether it falls.
             Some(next) if next.cost <= normal.cost || (last && damping == 0.0) => {
-                // Where the step gained far less than the quadratic model said, the model is too flat. A quarter and three quarters are
-                // Fletcher's (1971), as most programs since have them; the damping itself is chosen by hand, and half and twice
-                // of its numbers change no unit test.
+                // Where the step gained far less than the quadratic model said, the model is too flat. Half and twice of the numbers that were
+                // chosen by hand change no unit test.
                 let bent: f64 = (0..6).map(|i| diagonal[i] * step[i] * step[i]).sum();
                 let gained = (normal.cost - next.cost) / (promised + bent);
                 damping = match damping {
+                    // A quarter and, below, three quarters are Fletcher's (1971), as most programs since have them; four times was chosen by hand.
                     _ if gained < 0.25 => (4.0 * damping).max(0.25),
+                    // Chosen by hand: so little shortens a step by a thousandth.
                     small if small < 1e-3 => 0.0,
+                    // Fletcher's; a fifth was chosen by hand.
                     some if gained > 0.75 => 0.2 * some,
                     some => some,
                 };
@@ -297,6 +299,7 @@ pub(super) fn minimise<L: Lanes, P: PointSource>(
                 }
             }
             _ if last => return Ok(Minimum { state, normal, iterations, converged: true }),
+            // Chosen by hand: more than where a step gained little, since this one gained nothing.
             _ => damping = (8.0 * damping).max(0.25),
         }
     }

@@ -100,8 +100,8 @@ impl<const N: usize> Robot<N> {
             let least = ((limit.lower - q[i]) / options.limit_horizon_s).min(0.0);
             let most = ((limit.upper - q[i]) / options.limit_horizon_s).max(0.0);
             let bound = qd[i].max(least).min(most);
-            // A relative margin, or a joint held at its bound would be found again by rounding.
             let breach = (qd[i] - bound).abs();
+            // A relative margin, or a joint held at its bound would be found again by rounding.
             if breach > 1e-12 * bound.abs() && worst.is_none_or(|(_, _, other)| breach > other) {
                 worst = Some((i, bound, breach));
             }

@@ -234,6 +234,7 @@ impl Ink {
             // A ten-thousandth of a step between black and white is a fortieth of a level, and would round to none.
             } else if sum > 0.9999 {
                 levels.fill((level + 0.5) as u16);
+            // So would this much of it.
             } else if sum > 0.0001 {
                 for out in levels {
                     let below = f32::from(*out);

@@ -13,11 +13,11 @@ use crate::geometry::Pose;
 use crate::target::ClosedOutline;
 use nalgebra::{Vector2, Vector3};
 
-/// Largest distance of a piece of a border from its curve in the image, px.
+/// Largest distance of a piece of a border from its curve in the image, px. Derived: it changes a pixel by 0.4 % of the contrast, a level of 255.
 const SAG_PX: f64 = 0.004;
 /// Nearest depth that is drawn, m, because at depth zero there is no projection; no lens has it in focus.
 const NEAR_M: f64 = 1e-6;
-/// Most pieces of one side.
+/// Most pieces of one side. Chosen by hand, as a bound on time: 512 chords of a quarter of a circle lie within 0.004 px up to a radius of 3400 px.
 const MAX_PIECES: f64 = 512.0;
 
 /// Outlines in one plane, painted in one grey level.

@@ -134,12 +134,13 @@ impl<'a> OutlinePainter<'a> {
         let middle = (angle, rim(angle));
         let place = |p: &Point3<f64>| {
             let c = self.X_CO * p;
+            // because at depth zero there is no projection; no lens has it in focus
             (c.z > 1e-6).then(|| Vector2::new(c.x / c.z, c.y / c.z))
         };
         match (place(&from.1), place(&middle.1), place(&to.1)) {
             (None, None, None) => return,
             (Some(a), Some(m), Some(b)) => {
-                let far = |s: &Vector2<f64>| s.norm() > 1.5 * self.reach;
+                let far = |s: &Vector2<f64>| s.norm() > 1.5 * self.reach; // chosen by hand, with the bound below
                 let apart = (a - b).norm();
                 // all three outside, and too close together to reach the image between them: a rim would have to bend by 0.5 between
                 // places 0.2 apart

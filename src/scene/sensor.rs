@@ -142,6 +142,7 @@ fn noise_table(sd_levels: f64, seed: u64) -> Vec<i16> {
         let radius = (-2.0 * (1.0 - unit(2 * i)).ln()).sqrt() * sd_levels;
         let (sin, cos) = (2.0 * std::f64::consts::PI * unit(2 * i + 1)).sin_cos();
         for sample in [radius * cos, radius * sin] {
+            // the bounds of a word, since no more than four of the largest deviations fit it
             table.push(((sample + 0.5) * scale).round().clamp(-32768.0, 32767.0) as i16);
         }
     }

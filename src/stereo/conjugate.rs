@@ -13,7 +13,7 @@ use thiserror::Error;
 
 /// Most places that one search looks at, so that its memory is bounded. Chosen: two a pixel of a row of 4096.
 const MAX_PLACES: usize = 8192;
-/// Greatest half width of the window, px.
+/// Greatest half width of the window, px. Chosen by hand: 961 pixels; time grows with them, and over so wide a window depth is hardly one.
 const MAX_RADIUS_PX: usize = 15;
 const MAX_WINDOW: usize = (2 * MAX_RADIUS_PX + 1) * (2 * MAX_RADIUS_PX + 1);
 
@@ -188,6 +188,7 @@ impl ConjugateSearch {
     /// The greatest correlation between the neighbours of a place, by parabolas through three ever nearer places.
     fn refined(&self, views: &Views<'_>, best: usize, settings: &ConjugateSettings) -> Conjugate {
         let (mut middle, mut px, mut correlation) = self.places[best];
+        // places are at most a pixel apart: further away is a gap, and would be no neighbour
         let neighbour = |i: usize| self.places.get(i).filter(|n| (n.1 - px).norm() < 3.0).map(|n| n.0);
         let gaps = [best.checked_sub(1).and_then(neighbour), neighbour(best + 1)];
         let mut step = gaps.iter().flatten().map(|n| (n - middle).abs()).fold(0.0, f64::max);

@@ -108,9 +108,9 @@ pub fn refine_relative(
         let factors = Ldlt::new(&here.normal, &diagonal).ok_or(StereoError::Degenerate)?;
         let step = factors.solve(&here.right);
         let promised: f64 = step.iter().zip(&here.right).map(|(d, g)| d * g).sum();
-        // Steps of 1e-9 rad, or a promise by which the pose would move 1e-6 of its standard deviation; a step that is damped
-        // much is short by force, so that it proves nothing.
+        // A step that is damped much is short by force, so that it proves nothing.
         let last = damping < 1.0
+            // Chosen by hand: 1e-9 rad, squared, or a promise by which the pose would move 1e-6 of its standard deviation.
             && (step.iter().map(|x| x * x).sum::<f64>() < 1e-18 || promised < 1e-12 * here.cost);
         let candidate = state.moved(&step);
         let next = candidate.sums(pairs);

@@ -122,6 +122,7 @@ fn polished<const N: usize>(a: &[f64; N], mut low: f64, mut high: f64, rises: bo
         let next = if next > low && next < high { next } else { 0.5 * (low + high) };
         let step = (next - t).abs();
         t = next;
+        // a few units of rounding; at a root of 0 there is no relative one
         if step <= 1e-15 * t.abs() || step < 1e-300 {
             return t;
         }

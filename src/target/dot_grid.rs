@@ -42,9 +42,9 @@ impl DotGrid {
     /// Default radii of small and large dots, and margin of the plate about the outer centres, in pitches. Chosen by hand: large dots are 1.6
     /// times as large as small ones, and neighbouring large ones still leave a third of a pitch between them.
     pub const RADIUS: f64 = 0.2;
-    /// See [`Self::RADIUS`].
+    /// Chosen by hand with [`Self::RADIUS`].
     pub const LARGE_RADIUS: f64 = 0.32;
-    /// See [`Self::RADIUS`].
+    /// Chosen by hand with [`Self::RADIUS`]: about a large dot there is a little more room than between two.
     pub const MARGIN: f64 = 0.75;
     /// Largest radius of equal dots that is expected, in pitches. Chosen by hand: the surroundings of a dot are searched no farther than it leaves free.
     const EQUAL_RADIUS: f64 = 0.36;
@@ -78,6 +78,7 @@ impl DotGrid {
             ("large_radius_m", large_radius_m),
             ("margin_m", margin_m),
         ])?;
+        // chosen by hand: half the logarithm of the areas' ratio is then 0.26, which blur must not take from a small dot
         if large_radius_m < 1.3 * radius_m {
             return Err(TargetError::Radii { first_radius_m: large_radius_m, radius_m });
         }

@@ -130,6 +130,7 @@ fn length(part: &str) -> Result<f64, KindError> {
 fn corner(part: &str) -> Result<Vector2<f64>, KindError> {
     let wrong = || KindError::Part { part: shown(part), wanted: "corner X_M,Y_M within 100 m" };
     let (x, y) = part.split_once(',').ok_or_else(wrong)?;
+    // chosen by hand, as the longest length: no target is larger, and a slip in the unit is seen
     let of = |m: &str| m.parse::<f64>().ok().filter(|m| m.abs() <= 100.0).ok_or_else(wrong);
     Ok(Vector2::new(of(x)?, of(y)?))
 }

@@ -51,6 +51,7 @@ impl Mark {
 
 fn round(centre_m: &Vector2<f64>, [a, b]: [f64; 2], turn_rad: f64, sag_m: f64) -> ClosedOutline {
     // a chord over the angle 2 t leaves a circle of radius r by r t^2 / 2; an ellipse is one that is squeezed
+    // not 0, else there would be no end of corners; 4096 are the most anyway
     let half = (2.0 * sag_m / a.max(b)).sqrt().max(1e-3);
     let count = ((std::f64::consts::PI / half).ceil() as u32).clamp(8, 4096);
     let (sin, cos) = turn_rad.sin_cos();

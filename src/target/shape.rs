@@ -42,6 +42,7 @@ impl Shape {
         let twice = double_area(corners_m);
         let first = corners_m.first().copied().unwrap_or_default();
         let size2 = corners_m.iter().map(|c| (c - first).norm_squared()).fold(0.0, f64::max);
+        // an area that may be rounding alone is none
         if crosses_itself(corners_m) || !(twice.abs() > 1e-9 * size2) {
             return Err(TargetError::OutlineCrosses);
         }

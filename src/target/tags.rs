@@ -66,6 +66,7 @@ impl Tags {
                 if other.id == tag.id {
                     return Err(TargetError::TagTwice { id: tag.id });
                 }
+                // one cell, but for the rounding of lengths that are written with few digits
                 if apart_m(tag, other, size_m) < 0.999 * cell_m {
                     return Err(TargetError::TagsTouch { id: tag.id, other: other.id, cell_m });
                 }

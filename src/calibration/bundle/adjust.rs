@@ -108,8 +108,10 @@ impl<'a> Adjustment<'a> {
             match next {
                 Some(next) => {
                     (self.end.state, self.end.sums) = (candidate, next);
+                    // below rounding it damps nothing
                     damping = (damping * 0.1).max(1e-15);
                 }
+                // chosen by hand: from nearly nothing back to what shortens a step within a few attempts
                 None => damping = (damping * 10.0).max(1e-6),
             }
             // at the minimum rounding alone decides whether the loss falls

@@ -179,6 +179,7 @@ pub(crate) fn adjust_selected(
     // outliers pull less and less, as the scale falls to that of the others
     for _ in 0..3 {
         let all = sizes(problem, &state).into_iter().flatten().flatten().collect();
+        // of corners without any noise the scale would be 0, and nothing would weigh anything
         let scale = (median(all) / CHI_SQUARE_MEDIAN).sqrt().clamp(1e-9, 1e9);
         state = approach(problem, state, Loss::Cauchy(ROBUST * scale), ROBUST_STEPS)?;
     }

@@ -65,8 +65,9 @@ pub(crate) fn usable(view: &BoardView) -> Result<(), Unused> {
     let good = |p: &BoardPoint| {
         let C = &p.covariance_px2;
         let finite = p.p_O.iter().chain(p.px.iter()).chain(C.iter()).all(|x| x.is_finite());
-        // Semidefinite and symmetric to the rounding of who wrote it; a pixel or a variance of a million must be a slip.
+        // semidefinite but for the rounding of a singular one
         let definite = C.m11 >= 0.0 && C.m22 >= 0.0 && C.determinant() >= -1e-12 * C.norm_squared();
+        // Symmetric to the rounding of who wrote it; a pixel or a variance of a million must be a slip.
         finite && definite && (C.m12 - C.m21).abs() <= 1e-9 * C.norm() && p.px.amax() < 1e6 && C.amax() < 1e6
     };
     match view.iter().position(|p| !good(p)) {

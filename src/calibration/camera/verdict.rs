@@ -81,6 +81,7 @@ fn px(value: f64) -> String {
     // Two significant digits after rounding: 0.095 becomes 0.10 and 9.5 becomes 10. This needs the bounds below the round numbers.
     let digits = if value < 0.095 {
         3
+        // as the first bound, since 9.5 becomes 10
     } else if value < 9.5 {
         2
     } else {

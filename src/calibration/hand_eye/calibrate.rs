@@ -149,7 +149,9 @@ fn fitted(
         let RobotSd { rotation_rad, translation_m } = joint.robot;
         let (mut way_squares, mut turn_squares) = (0.0, 0.0);
         for d in &fit.corrections {
+            // an arm said to be exact has a deviation of 0, and would divide by it
             way_squares += d.fixed_rows::<3>(0).norm_squared() / translation_m.max(1e-12).powi(2);
+            // as above: else a division by 0
             turn_squares += d.fixed_rows::<3>(3).norm_squared() / rotation_rad.max(1e-12).powi(2);
         }
         // the images tell each view's pose well: of 6 corrections a view 12 go into X_MC and X_WO

@@ -52,6 +52,7 @@ pub fn dual_quaternion_solution(samples: &[LoopSample], near: &UnitQuaternion<f6
         .max_by(|a, b| halves(a).0.norm().total_cmp(&halves(b).0.norm()))?;
     let (q, q_dual) = halves(&best);
     let size = q.norm();
+    // otherwise rounding would be its direction: of the two vectors of length 1 at least one has a real part
     if !(size > 1e-6) {
         return None;
     }

@@ -203,7 +203,7 @@ impl RefinementProblem<'_> {
     fn sums(&self, state: &HandEyeUnknowns) -> Result<JointEquations, HandEyeError> {
         let RobotSd { rotation_rad, translation_m } = self.settings.robot;
         let exact = rotation_rad == 0.0 && translation_m == 0.0;
-        // a deviation of one kind alone holds the other firmly, by a weight that still leaves digits
+        // a deviation of one kind alone holds the other firmly, by a weight that still leaves digits: 0 would leave none
         let weight = |sd: f64| 1.0 / sd.max(1e-9).powi(2);
         let prior = Vector6::from_fn(|i, _| weight(if i < 3 { translation_m } else { rotation_rad }));
         let mut sums = JointEquations {

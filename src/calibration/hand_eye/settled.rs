@@ -46,6 +46,7 @@ pub fn corner_speed_px_s(before: &[Found], now: &[Found], dt_s: f64) -> Option<f
 
 /// Speed of a view's image by the flange's stated twist, px/s; `None` where none is stated.
 pub(super) fn view_speed_px_s(view: &HandEyeView, camera: &CameraModel, X_CO: &Pose) -> Option<f64> {
+    // nearer no lens is in focus; at 0 the speed would be infinite
     let distance_m = X_CO.translation.z.max(1e-3);
     view.V_BE_E.map(|V| flange_speed_px_s(camera, &V, distance_m))
 }

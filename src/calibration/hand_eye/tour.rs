@@ -24,7 +24,7 @@ const MIN_ACROSS_RAD: f64 = 0.2;
 /// Tilt and roll of the widest views, rad. Chosen by hand: boards are found at a tilt of 26 degrees, and larger rotations improve the result.
 const TILT_RAD: f64 = 0.45;
 const ROLL_RAD: f64 = 0.9;
-/// Shares of them that are tried, until one is within reach.
+/// Shares of them that are tried, until one is within reach. Chosen by hand: below a third of the tilt a view adds little.
 const SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.3];
 /// Margin between the board and the border of the image, as a share of the image's width. Chosen by hand: the true mount may differ from the nominal one.
 const BORDER: f64 = 0.1;

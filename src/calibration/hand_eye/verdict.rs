@@ -6,7 +6,8 @@ use std::fmt::Write;
 /// Rotation about the second axis below which the camera's position is called uncertain, degrees. Chosen by hand: the error of the position along
 /// the first axis grows with the inverse of this angle.
 const WEAK_DEG: f64 = 12.0;
-/// A view is reported when it fits this many times worse than the median one, with itself left out.
+/// A view is reported when it fits this many times worse than the median one, with itself left out. Chosen by hand, for a wording: by noise alone
+/// the worst of a dozen views is not twice as bad.
 const STANDS_OUT: f64 = 3.0;
 /// Lens and board as their files say leave corners within this, px.
 const LENS_PX: f64 = 0.15;

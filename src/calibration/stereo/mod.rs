@@ -154,6 +154,7 @@ fn nearest_to_all(poses: Vec<Pose>) -> Option<Pose> {
     let mean_m = poses.iter().map(|X| X.translation.vector.norm()).sum::<f64>() / poses.len().max(1) as f64;
     let apart = |a: &Pose, b: &Pose| {
         a.rotation.angle_to(&b.rotation)
+            // cameras that all stand in one place have a mean of 0, and would divide by it
             + (a.translation.vector - b.translation.vector).norm() / mean_m.max(1e-12)
     };
     let sum = |a: &Pose| poses.iter().map(|b| apart(a, b)).sum::<f64>();

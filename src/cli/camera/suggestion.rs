@@ -54,6 +54,7 @@ pub(super) fn lines(r: &ProbeReport) -> Vec<String> {
 pub(super) fn table(device: &str, r: &ProbeReport) -> String {
     // Chosen by hand: a measurement over a second is off by a frame, and 29.97 Hz of the NTSC standard is written as 30.
     let near = (r.obtained_hz - r.asked_hz).abs() <= 0.02 * r.asked_hz;
+    // the range that run files must keep to
     let rate_hz = if near { r.asked_hz } else { (r.obtained_hz * 10.0).round() / 10.0 }.clamp(0.1, 1000.0);
     let period_ms = 1e3 / rate_hz;
     let exposure_ms = (r.exposure_ms.min(period_ms) * 100.0).floor() / 100.0;

@@ -19,8 +19,8 @@ const SAMPLED_ROWS: (usize, usize) = (60, 120);
 /// Rows whose neighbouring pixels tell the noise. Chosen by hand: 12 800 pairs of a frame 640 px wide, of which the median is known to 1 %.
 const NOISE_ROWS: usize = 40;
 /// Least contrast of a part of the frame in which something may be dark: so many times the noise, within these levels. Derived: extremes of
-/// 300 000 normal deviates lie 9.2 deviations apart, so that noise alone makes hardly a region. The levels were chosen by hand: the least difference of
-/// a dot that is measured, and what a dot has in any light.
+/// 300 000 normal deviates lie 9.2 deviations apart, so that noise alone makes hardly a region. The levels were chosen by hand: the least
+/// difference of a dot that is measured, and what a dot has in any light.
 const CONTRAST_SDS: f64 = 10.0;
 const CONTRAST_LEVELS: (f64, f64) = (12.0, 80.0);
 /// Noise and uneven light alone make no more contrast than this anywhere. Derived: extremes of a million normal deviates are further apart in one

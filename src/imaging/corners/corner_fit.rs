@@ -21,14 +21,14 @@ use crate::imaging::simd::has_avx2;
 use crate::linalg::{Eight, Ldlt};
 use nalgebra::Vector2;
 
-/// Greatest half side of a window, px; of a sharp one, where more pixels add little.
+/// Greatest half side of a window, px; of a sharp one, where more pixels add little. Chosen by hand: time grows with the square.
 const MAX_HALF_PX: i32 = 8;
 const SHARP_HALF_PX: i32 = 5;
 /// Between both, the half side in standard deviations of the blur. Chosen by hand: in a smaller window blur and contrast can hardly be distinguished.
 const WINDOW_BLURS: f64 = 4.5;
 /// Least half side, px.
 const MIN_HALF_PX: i32 = 2;
-/// Blocks of eight pixels in the greatest window.
+/// Blocks of eight pixels in the greatest window, which follows from its side.
 const BLOCKS: usize = ((2 * MAX_HALF_PX as usize + 1).pow(2)).div_ceil(8);
 /// Most Gauss-Newton steps. Chosen by hand: a bound; a small step ends them earlier.
 const MAX_STEPS: usize = 12;
@@ -38,15 +38,15 @@ const MIN_PART: f64 = 0.2;
 const LAST_STEP_PX: f64 = 0.02;
 /// Bounds of the blur, px. Derived: the pixel alone has `1 / sqrt 12` = 0.29. The upper bound was chosen by hand.
 const BLURS_PX: std::ops::RangeInclusive<f64> = 0.25..=5.0;
-/// What is known beforehand of directions (rad) and of light's change (1/px), as deviations. Squares smaller than some deviations of
-/// the blur are waves, which tell little of directions.
+/// What is known beforehand of directions (rad) and of light's change (1/px), as deviations. Squares smaller than `WAVES` deviations of the
+/// blur are waves, which tell little of directions. Chosen by hand: half binds fits to their guesses, twice lets waves turn them.
 const PRIOR_TURN_RAD: f64 = 0.1;
 const PRIOR_TURN_WAVES_RAD: f64 = 0.03;
 const WAVES: f64 = 4.5;
 const PRIOR_LIGHT: f64 = 0.02;
-/// Greatest believed change of a step, as part of it.
+/// Greatest believed change of a step, as part of it. Chosen by hand: more is a neighbour that is wrong, and perspective hardly.
 const MAX_CHANGE: f64 = 0.15;
-/// Error that next edges in sight make where they are not parallel, in changes of a step: from views of boards.
+/// Error that next edges in sight make where they are not parallel, in changes of a step. Chosen from views of boards.
 const CONVERGENCE: f64 = 0.04;
 /// Variance of rounding to whole grey levels: no residual is believed to be less.
 const ROUNDING: f64 = 1.0 / 12.0;
@@ -166,9 +166,9 @@ impl CornerFitter {
     pub fn fit(&mut self, image: &ImageView<'_>, guess: &CornerGuess, reach_px: f64) -> Option<CornerFit> {
         let [su, sv] = guess.steps_px;
         let (len_u, len_v) = (su.norm(), sv.norm());
-        // area of the parallelogram over a side: distance between parallel edges
-        let area = su.x * sv.y - su.y * sv.x;
+        let area = su.x * sv.y - su.y * sv.x; // of the parallelogram; over a side: distance between parallel edges
         let next = [(area / len_v).abs(), (area / len_u).abs()];
+        // between edges there must be a pixel; no image has the other
         if !(next[0] > 2.0 && next[1] > 2.0 && len_u < 1e4 && len_v < 1e4) {
             return None;
         }
@@ -195,6 +195,7 @@ impl CornerFitter {
         let (mut part, mut previous) = (1.0, [0.0; 2]);
         for step in 0..MAX_STEPS {
             let at = Vector2::new(p[X] + middle[0], p[Y] + middle[1]);
+            // half a pixel, and some more so that it must not alternate
             if p[X].abs().max(p[Y].abs()) > 0.8 && reloads < 3 {
                 reloads += 1;
                 middle = self.load(image, at, half, [normal_u, normal_v], bounds)?;
@@ -222,9 +223,8 @@ impl CornerFitter {
             }
             part = part_of_step(part, previous, [delta[X], delta[Y]]);
             previous = [delta[X], delta[Y]];
-            // far from the corner a whole step may lead astray
-            let most = 0.7 * p[BLUR].max(0.7);
-            let shorter = (most / size.max(1e-9)).min(0.5 * p[BLUR] / delta[BLUR].abs().max(1e-9)).min(part);
+            let most = 0.7 * p[BLUR].max(0.7); // chosen by hand: far from the corner a whole step may lead astray
+            let shorter = (most / size.max(1e-9)).min(0.5 * p[BLUR] / delta[BLUR].abs().max(1e-9)).min(part); // else 0 / 0
             for (p, delta) in p.iter_mut().zip(&mut delta) {
                 *delta *= shorter;
                 *p += *delta;
@@ -269,7 +269,7 @@ impl CornerFitter {
         let mut bounds = [f64::INFINITY; 4];
         for (i, (bound, goes_on)) in bounds.iter_mut().zip(guess.goes_on).enumerate() {
             if !goes_on {
-                *bound = (next.get(i / 2).copied().unwrap_or(0.0) - 2.2 * blur).max(1.6);
+                *bound = (next.get(i / 2).copied().unwrap_or(0.0) - 2.2 * blur).max(1.6); // chosen by hand: a pixel must be left
             }
         }
         bounds
@@ -435,7 +435,7 @@ fn with_prior(
     for (index, sd) in [
         (TURN_U, turn),
         (TURN_V, turn),
-        (BLUR, blur.max(1e-3) * before[BLUR]),
+        (BLUR, blur.max(1e-3) * before[BLUR]), // not 0, else it would weigh infinitely
         (LIGHT_X, PRIOR_LIGHT),
         (LIGHT_Y, PRIOR_LIGHT),
     ] {

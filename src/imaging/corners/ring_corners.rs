@@ -4,7 +4,8 @@ use super::ring::{RING, RING_RADIUS_PX, RingResponse};
 use crate::imaging::ImageView;
 use std::f32::consts::PI;
 
-/// A maximum is the greatest response within so many pixels in x and y.
+/// A maximum is the greatest response within so many pixels in x and y. Chosen by hand: a corner's response is some pixels wide, more when it is
+/// blurred; twice as many would merge corners of squares of 6 px.
 const ALONE_PX: usize = 3;
 
 /// Where four squares meet, as the ring about it shows it; good to some tenths of a pixel.

@@ -193,6 +193,7 @@ fn place(image: &ImageView<'_>, x: usize, y: usize, strength: f32) -> Option<Str
         }
         let [xx, xy, yy] = n;
         let det = xx * yy - xy * xy;
+        // otherwise all edges run one way to a thousandth, and along them the place is unknown
         if !(det > 1e-6 * (xx + yy) * (xx + yy)) {
             return None;
         }
@@ -201,6 +202,7 @@ fn place(image: &ImageView<'_>, x: usize, y: usize, strength: f32) -> Option<Str
         if off > PLACE_HALF as f64 {
             return None;
         }
+        // half a pixel, and some more so that it must not alternate between two
         if off > 0.6 && round < 3 {
             // about the nearer pixel once more
             mx = mx.checked_add_signed(c[0].round() as isize)?;

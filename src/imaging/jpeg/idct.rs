@@ -16,7 +16,7 @@
 const FACTOR_BITS: u32 = 13;
 /// Fractional bits that are kept between the passes. Chosen by hand: the values of an image then need 14 of 16 bits (see above).
 const KEPT_BITS: u32 = 3;
-/// Shifts after the first and the second pass, which follow from these; the second includes the division by 8.
+/// Shifts after the first and the second pass. Derived: the bits of the factors, less those that are kept, and with them; and the division by 8.
 const SHIFT: [u32; 2] = [FACTOR_BITS - KEPT_BITS, FACTOR_BITS + KEPT_BITS + 3];
 /// Added before the shifts for rounding: a half, and in the second pass also the grey level of zero, 128.
 const BIAS: [i32; 2] = [1 << (SHIFT[0] - 1), (1 << (SHIFT[1] - 1)) + (128 << SHIFT[1])];
@@ -49,7 +49,7 @@ pub(super) struct Block(pub(super) [i16; 64]);
 /// Grey levels of a block, row by row.
 pub(super) type Tile = [u8; 64];
 
-/// Row and column of the coefficients, an octal digit each, in the order of the file: zigzag (T.81, figure A.6).
+/// Row and column of the coefficients, an octal digit each, in the order of the file: zigzag, from the standard (T.81, figure A.6).
 #[rustfmt::skip]
 const ZIGZAG: [usize; 64] = [
     0o00, 0o01, 0o10, 0o20, 0o11, 0o02, 0o03, 0o12, 0o21, 0o30, 0o40, 0o31, 0o22, 0o13, 0o04, 0o05,

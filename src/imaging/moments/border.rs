@@ -38,6 +38,7 @@ impl MomentSums {
     }
 }
 
+/// Directions in eighths of a turn, so that half of a turn is four.
 const EAST: u8 = 0;
 const WEST: u8 = 4;
 

@@ -7,7 +7,7 @@ use crate::imaging::{ImageView, Window};
 /// Pixels whose sums fit the lanes. Derived: the third power of the last index is 29 791, that times 255, added up, below 2^31.
 const BLOCK: usize = 32;
 
-/// `x`, `x^2`, `x^3` within a block, as the definition of moments has them.
+/// `x`, `x^2`, `x^3` within a block. Derived: moments up to the third order need these.
 const POWERS: [[i16; BLOCK]; 3] = {
     let mut powers = [[0; BLOCK]; 3];
     let mut x = 0;

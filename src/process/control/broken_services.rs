@@ -20,9 +20,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;
 
-/// The joints of the default arm.
+/// Joints, as the default arm has them.
 const N: usize = 4;
-/// An arm this fast is on its way, rad/s or m/s.
+/// An arm this fast is on its way, rad/s or m/s. Chosen by hand: far above what an arm at rest is commanded.
 const MOVES: f64 = 0.3;
 
 /// The commands that the drive was given.
@@ -179,6 +179,7 @@ fn an_arm_is_braked_to_the_end_whatever_service_fails() {
             // A simulator that is not heard, or has not heard, is told that nothing follows; no time passes in which it could brake.
             let may_brake =
                 clock == "realtime" || !matches!(service, Channel::DriveState | Channel::DriveCommand);
+            // at rest, as braking must end: far below what a moving arm has
             assert!(!may_brake || at_the_end < 1e-3, "{clock} {service}: {at_the_end}");
         }
     }
@@ -189,6 +190,7 @@ fn requests_that_cannot_be_taken_end_no_run() {
     for clock in ["realtime", "lockstep"] {
         let (end, record) = broken(Channel::Command, clock, u32::MAX);
         end.unwrap_or_else(|e| panic!("{clock}: {e}"));
+        // at rest, as braking must end
         assert!(record.last && record.qd_r.last().unwrap().amax() < 1e-3, "{clock}");
     }
 }

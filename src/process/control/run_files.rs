@@ -12,7 +12,8 @@ use nalgebra::{SVector, Vector3};
 use std::fmt::Write;
 use tracing::error;
 
-/// What a run may go on for beyond its latest end: the arm comes to rest.
+/// What a run may go on for beyond its latest end: the arm comes to rest. Chosen by hand: of a run that brakes
+/// for longer every second tick is kept, nothing worse.
 const MARGIN: SpanNs = SpanNs(2_000_000_000);
 
 /// Room for the history of a run.

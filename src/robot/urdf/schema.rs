@@ -58,6 +58,7 @@ use AttributeValue::{Bound, Numbers, Sizes, Text, Word};
 use Count::{Any, AtMostOne, Choice, One};
 use Need::{Always, Before, Never, NeverSince};
 
+/// Scalars and vectors of space, as the format has them.
 const ONE: AttributeValue = Numbers(1);
 const THREE: AttributeValue = Numbers(3);
 const JOINT_TYPES: AttributeValue =

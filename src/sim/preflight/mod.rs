@@ -23,7 +23,7 @@ use nalgebra::{Point3, SVector, Vector3};
 use reach::ReachProblem;
 use serde::Serialize;
 
-/// With fewer points no target is tracked: three points determine an affine motion of the plane, two do not.
+/// With fewer points no target is tracked, since an affine motion of the plane needs three.
 const MIN_TRACKED: usize = 3;
 
 /// What a run has before it.
@@ -268,6 +268,7 @@ fn axis_foot(X_CO: &Pose) -> Option<(Point3<f64>, f64)> {
     let normal = X_CO.rotation * Vector3::z();
     let ahead_m = normal.dot(&X_CO.translation.vector) / normal.z;
     let foot = X_CO.inverse_transform_point(&Point3::new(0.0, 0.0, ahead_m));
+    // chosen by hand: an axis that meets the plane a kilometre away runs along it, for a reader
     (ahead_m.is_finite() && ahead_m > 0.0 && ahead_m < 1e3).then_some((foot, ahead_m))
 }
 

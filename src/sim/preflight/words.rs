@@ -52,11 +52,15 @@ fn viewpoint(what: &str, view: &Viewpoint, lines: &mut Vec<String>) {
     lines.push(format!("         {}", visibility(&view.visibility)));
 }
 
+/// A direction in words.
 fn direction(from_down_deg: f64) -> String {
     match from_down_deg {
         d if d < 1.0 => "straight down".into(),
+        // chosen by hand: what is within 5 degrees of level looks level
         d if d < 85.0 => format!("down, {d:.0} deg from the plumb line"),
+        // the same above the horizon, so that the words are alike
         d if d <= 95.0 => "level".into(),
+        // chosen by hand: one degree from the plumb line is none to the eye, as below
         d if d > 179.0 => "straight up".into(),
         d => format!("up, {:.0} deg from the plumb line", 180.0 - d),
     }

@@ -124,6 +124,7 @@ impl ReadingPlan {
 
     /// Reading took `cost`, where frames are `period` apart.
     pub(super) fn took(&mut self, cost: SpanNs, period: SpanNs) {
+        // a stream that says no period must not divide by 0
         let frames = cost.as_s() / (Self::MAX_SHARE * period.as_s().max(1e-6));
         self.every = (frames.ceil() as u32).clamp(Self::MAX_OFTEN, 10_000);
         self.left = self.every;

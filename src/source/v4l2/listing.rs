@@ -127,6 +127,7 @@ fn usual_of(node: &dyn VideoNode, format: Option<PixelFormat>, size: Option<(u32
     let rates: Vec<_> = formats.iter().flat_map(|fourcc| node.rates(*fourcc, width, height)).collect();
     let fastest = rates.iter().map(|rate| rate.highest_hz()).fold(0.0, f64::max);
     let has_usual = rates.is_empty() || rates.iter().any(|rate| rate.has(USUAL_HZ));
+    // the highest rate that a run file may ask for, else the suggestion would be refused
     let rate_hz = if has_usual || fastest <= 0.0 { USUAL_HZ } else { fastest.min(1000.0) };
     UsualCapture { width, height, rate_hz }
 }
