@@ -11,7 +11,8 @@ use serde::Serialize;
 const SAG: f64 = 0.002;
 /// So much about a dot must be in the image, px: dark that touches the border is no dot to the finder, and one that just fits does not.
 const ROOM_ABOUT_A_DOT_PX: f64 = 0.0;
-/// What a corner of a tag or of an outline, and one of a chessboard needs about it, px.
+/// What a corner of a tag or of an outline, and one of a chessboard need about them, px. Chosen by hand for the first, so that the blur of both
+/// edges is in the image; derived for the second: the ring by which it is found has a radius of 5 px.
 const ROOM_ABOUT_A_CORNER_PX: f64 = 2.0;
 const ROOM_ABOUT_A_SADDLE_PX: f64 = 5.0;
 

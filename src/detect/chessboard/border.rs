@@ -40,7 +40,8 @@ const MIN_DARK: usize = 2;
 const MIN_LIGHT: usize = 1;
 /// Least number of places without a corner that show that squares stop.
 const MIN_STOPS: i32 = 2;
-/// Share of the squares that must agree.
+/// Share of the squares that must agree; of the light ones less where paper must end evenly. Chosen by hand: more than half, so that what lies on
+/// the border does not decide, and two of three dark squares are not enough; with 0.85 one thing on the border hides the end.
 const SHARE: f64 = 0.7;
 const SHARE_PAPER: f64 = 0.6;
 /// Most squares along a side that are looked at. Derived: a board has at most 60 corners along a side, so that all of them fit in.

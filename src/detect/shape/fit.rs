@@ -38,7 +38,7 @@ const SETTLED_PX: f64 = 2e-3;
 const CUT: f64 = 5.0;
 /// Least step at an edge, levels. Chosen by hand: six deviations of the noise of a usual camera, 2 levels; half lets clutter be edges.
 const MIN_STEP: f64 = 12.0;
-/// Variance of the rounding to whole levels.
+/// Variance of the rounding to whole levels. Derived: of a number uniform in a unit.
 const ROUNDING: f64 = 1.0 / 12.0;
 /// After three turns a fit with a smaller share of the outline, or with larger offsets (px, and share of the length), is given up: half
 /// and twice of what is good.

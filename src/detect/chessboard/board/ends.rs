@@ -15,8 +15,8 @@ use nalgebra::{Vector2, Vector3};
 /// `a_floor_is_no_board` tests it.
 const LEAST: usize = 2;
 const SHARE: usize = 3;
-/// So many corners behind what hides a side's end, and that share of the places that are seen there, are no chance either: more of them are
-/// asked for, since these places are known by the whole board alone.
+/// So many corners behind what hides a side's end, and one in so many of the places that are seen there, are no chance either. Chosen by hand: more
+/// corners than above, since these places are known by the whole board alone, and a smaller share, since most of them are hidden.
 const MIN_BEHIND: usize = 3;
 const SHARE_BEHIND: usize = 4;
 /// How many squares beyond the last corners these are looked for: chosen by hand, as wide as what lies on a board may be.

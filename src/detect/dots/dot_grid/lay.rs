@@ -4,11 +4,12 @@ use super::{Lattice, LatticeDot};
 use crate::detect::dots::blob::Blob;
 use crate::messages::TargetStatus;
 
-/// Share of the dots seen beyond the first few that may disagree with the grid: dots at something's edge, dots of something else.
-/// Chance then agrees less than once in a thousand views of a foreign grid.
+/// Share of the dots seen beyond the first few that may disagree with the grid: dots at something's edge, dots of something else. Chosen by hand,
+/// so that chance agrees less than once in a thousand views of a foreign grid; `grids_are_found_whatever_lies_around` tests both sides.
 const WRONG_SHARE: f64 = 0.2;
 const NONE_WRONG: usize = 12;
-/// By how many dots the second-best way must be worse, where the best one is not without fault.
+/// By how many dots the second-best way must be worse, where the best one is not without fault. Chosen by hand: with one, a single dot that is
+/// taken for large would turn the choice; with six, half a grid in view is often ambiguous.
 const CLEARLY_WORSE: usize = 3;
 /// The grid's own steps in terms of those walked: turns follow by rotation.
 const SHEARS: [[i32; 4]; 5] = [[1, 0, 0, 1], [1, 1, 0, 1], [1, -1, 0, 1], [1, 0, 1, 1], [1, 0, -1, 1]];

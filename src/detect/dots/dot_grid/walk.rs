@@ -34,7 +34,8 @@ const OFF_LATTICE: f64 = 0.28;
 /// How far it may lie from its place under the homography of all, in steps. A lens that is not the camera's bends a lattice by about as much.
 /// Chosen by hand: half of it breaks such lattices up, twice of it leaves what stood beside the grid by chance.
 const OFF_PLANE: f64 = 0.15;
-/// Greatest share of the cells that are left out for that; where more would be, the lattice is bent, and stays as it was walked.
+/// Greatest share of the cells that are left out for that; where more would be, the lattice is bent, and stays as it was walked. Chosen by hand:
+/// what chance puts beside a grid is a cell here and there; half of it leaves those of a grid amid clutter in.
 const MAX_OFF: f64 = 0.3;
 /// Greatest logarithm of a region's area over that of the smallest or the largest dot in a cell, as rough as one step tells it; and again
 /// before a dot is seen at its own threshold. Chosen by hand: steps that are off by a quarter in both directions make 0.45, thresholds the rest;

@@ -57,7 +57,7 @@ fn keep(left: usize) -> __m128i {
     load(KEEP.get(LANES.saturating_sub(left)..).and_then(|k| k.first_chunk()).unwrap_or(&none))
 }
 
-/// Rows that are made side by side, so that their roots do not wait for each other.
+/// Rows that are made side by side, so that their roots do not wait for each other. Derived: a register of AVX holds as many `f64`.
 const BLOCK: usize = 4;
 
 /// Rows one after the other: where each begins and ends (nothing where `x0 >= x1`), and [`PixelEllipse::rim_at`] of it.
