@@ -88,7 +88,7 @@ impl<const N: usize> ControlLoop<N> {
         self.command = output.command;
         self.ticks += 1;
         output.events.iter().for_each(|event| self.events.push(event));
-        // In lockstep no state comes any more where the drive does not answer: nothing is left to be waited for.
+        // In lockstep there are no more states when the drive does not answer, so that it makes no sense to wait for the arm to come to rest.
         let is_cut_off = !self.settings.one_clock && matches!(output.fault, Some(Fault::Drive(_)));
         let over =
             (is_cut_off && (self.ends || !self.settings.served)) || (self.ends && self.comes_to_its_end());
@@ -167,7 +167,7 @@ impl<const N: usize> ControlLoop<N> {
         }
         self.controller.request(request)?;
         self.events.push(Event::Requested(request));
-        // Idle is what a run that is not served never is.
+        // A run that is not served has no idle state: a stop ends it.
         if request == Request::Shutdown || (request == Request::Stop && !self.settings.served) {
             (self.ends, self.stopped) = (true, Some(SHUT_DOWN));
         }
@@ -181,7 +181,7 @@ impl<const N: usize> ControlLoop<N> {
     pub fn obey(&mut self, order: &ControlOrder<N>) {
         match order {
             ControlOrder::End => self.end(),
-            // Refused where somebody wants something else.
+            // The lifecycle refuses it where a client's request contradicts it.
             ControlOrder::Request(request) => {
                 let _ = self.controller.request(*request);
             }

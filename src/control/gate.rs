@@ -112,22 +112,22 @@ impl<const N: usize> Gate<N> {
         self.changed
     }
 
-    /// Whether anything has passed.
+    /// Whether a command has passed the gate.
     #[must_use]
     pub fn is_open(&self) -> bool {
         self.tau.is_some()
     }
 
-    /// The arm stands in `q`: what passes begins there. Once something has passed it goes on from that, and this does nothing, as it does
-    /// for a `q` that is not finite.
+    /// Sets the posture `q` of an arm at rest, from which the commands begin. Once a command has passed, the next ones continue from it: this
+    /// then does nothing, and neither for a `q` that is not finite.
     pub fn begin_at(&mut self, q: &SVector<f64, N>) {
         if !self.is_open() && q.iter().all(|q| q.is_finite()) {
             self.passed = standing(q);
         }
     }
 
-    /// The arm is in `q`, before a drive that obeys velocities alone; what passes keeps its velocity. Before any other drive positions are
-    /// those that have passed, and this does nothing, as it does for a `q` that is not finite.
+    /// Sets the position of the command to the measured `q` and keeps its velocity, for a drive that obeys velocities alone. For any other drive
+    /// the positions are those that have passed: this then does nothing, and neither for a `q` that is not finite.
     pub fn relocate(&mut self, q: &SVector<f64, N>) {
         if self.settings.mode == CommandMode::Velocity && q.iter().all(|q| q.is_finite()) {
             for ((passed, bound), q) in self.passed.iter_mut().zip(&self.bounds).zip(q) {
@@ -191,8 +191,9 @@ impl<const N: usize> Gate<N> {
         std::array::from_fn(|i| self.arm_bounds[i].forbidden(arm.q[i], arm.qd[i]))
     }
 
-    /// What holds once no command follows: what passed last, without its velocity. An arm that has come to rest has none that is more
-    /// than two ticks of its jerk; after a defect it may have any, and one that is told with the last command would never end.
+    /// The command that a drive is to hold when no other follows: the one that passed last, with a velocity of zero. The command of an arm that
+    /// has come to rest has at most the velocity of two ticks of its jerk. After a defect it may have any, and a drive that obeys velocities
+    /// would keep that one for ever.
     #[must_use]
     pub fn last(&self) -> DriveCommand<N> {
         DriveCommand { qd_r: SVector::zeros(), ..self.command() }

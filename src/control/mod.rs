@@ -5,7 +5,7 @@
 //! [`controller`]   one tick: watch ─► lifecycle ─► behaviour ─► reference ─► joint control ─► gate
 //! [`lifecycle`]    what the run is doing: a table                         [`behaviour`] why the arm moves
 //! [`order`]        what the mission wants                                 [`gate`] the last thing before the drive
-//! [`trace`]        what a tick leaves: mission and report read it, control knows neither
+//! [`trace`]        the record of a tick: mission and report read it; control depends on neither
 //! [`safety`]       faults and reactions, the watches over measurements and measured arm
 //! ```
 //!

@@ -154,7 +154,7 @@ pub enum Event {
     StampFromFuture,
     /// The first measurement whose dots fit no pose.
     Inconsistent,
-    /// A part of the target is hidden: the law goes on with the rest.
+    /// A part of the target is occluded: the law continues with the rest.
     Degraded,
     /// The whole target is in view again.
     WholeAgain,
@@ -166,7 +166,7 @@ pub enum Event {
     Requested(Request),
     /// The goal was reached and held, and the run goes on.
     GoalReached,
-    /// The first measurement with a pose that no object before a camera has.
+    /// The first measurement with an impossible pose: no object in front of a camera can have it.
     ImpossiblePose,
     /// The arm oscillates about its goal: gain and estimation rate were reduced.
     GainReduced,

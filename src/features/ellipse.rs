@@ -13,7 +13,7 @@ use nalgebra::{SMatrix, Vector2, Vector3, Vector5};
 /// determinant is a difference that rounds to 1e-16, so that its width would have two digits left.
 const MIN_WIDTH: f64 = 1e-12;
 
-/// An ellipse in the image, or the one that has the second moments of an area there.
+/// An ellipse in the image, or the ellipse with the second moments of an area in the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EllipseFeature {
     moments: ImageMoments,
@@ -49,7 +49,7 @@ impl Feature<5> for EllipseFeature {
 
     fn interaction(&self) -> Option<SMatrix<f64, 5, 6>> {
         let [.., n20, n11, n02] = self.flows().map(|flow| flow.value);
-        // a line has no area but that of rounding
+        // the area of a line is rounding alone
         let wide = n20 * n02 - n11 * n11 > MIN_WIDTH * (n20 + n02) * (n20 + n02);
         if !(n20 > 0.0 && wide && self.moments.is_there(&self.plane)) {
             return None;

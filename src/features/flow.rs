@@ -1,4 +1,4 @@
-//! A number together with its row of an interaction matrix: what is made of such numbers has its row by the rules of derivatives.
+//! A number together with its row of an interaction matrix. The row of a function of such numbers follows by the rules of derivatives.
 
 use nalgebra::SVector;
 use std::ops::{Add, Div, Mul, Neg, Sub};
@@ -11,7 +11,7 @@ pub(super) struct Flow {
 }
 
 impl Flow {
-    /// The same for a function of the value with this result and derivative.
+    /// The number and rates of a function of this value, given the function's result and derivative.
     fn chain(self, value: f64, derivative: f64) -> Self {
         Self { value, row: self.row * derivative }
     }

@@ -179,8 +179,8 @@ impl Central {
         [(mu30 + mu12) * scale, (mu21 + mu03) * scale]
     }
 
-    /// Orientation, over the full turn where third moments tell the senses apart, and the skew in the axes of the object. Of the two
-    /// senses the one whose skew lies on the side of `sense`.
+    /// Orientation, over the full turn where third moments distinguish the two senses of the axis, and the skew in the axes of the object. Of
+    /// the two senses the one whose skew lies on the side of `sense` is taken.
     fn orientation(&self, m: &ImageMoments, plane: &Vector3<f64>, sense: &Vector2<f64>) -> (Flow, [Flow; 2]) {
         let [a, b] = self.skew(m, plane);
         let mut alpha = self.axis();
@@ -195,11 +195,11 @@ impl Central {
     }
 }
 
-/// Towards the heavy end, as `imaging` has it. What is as long before as behind, like a flat isosceles triangle, has its sense from
-/// [`AreaFeature::in_sense_of`] alone.
+/// The sense of the axis that points towards the heavy end, as in `imaging`. The sense of a shape that extends as far to one side as to the
+/// other, such as a flat isosceles triangle, comes from [`AreaFeature::in_sense_of`] alone.
 const HEAVY_END: Vector2<f64> = Vector2::new(-1.0, 0.0);
 
-/// An angle's error: of what has no sense modulo half a turn.
+/// The error of an angle; for a shape without sense it is taken modulo half a turn.
 fn angle_error(error_rad: f64, skew: &Vector2<f64>) -> f64 {
     if skew.norm() >= MIN_ASYMMETRY { wrap_rad(error_rad) } else { 0.5 * wrap_rad(2.0 * error_rad) }
 }
@@ -212,7 +212,7 @@ pub(super) fn values<const K: usize>(flows: [Flow; K]) -> SVector<f64, K> {
     SVector::from(flows.map(|flow| flow.value))
 }
 
-/// An interaction matrix of numbers.
+/// The interaction matrix, where all of its numbers are finite.
 pub(super) fn finite<const K: usize>(L: SMatrix<f64, K, 6>) -> Option<SMatrix<f64, K, 6>> {
     L.iter().all(|x| x.is_finite()).then_some(L)
 }
@@ -226,15 +226,15 @@ pub struct AreaFeature {
 }
 
 impl AreaFeature {
-    /// The area with these moments in the image; `plane` is `[A, B, C]` of the object's plane `1/z_c = A x + B y + C`, 1/m, an estimate
-    /// or that of the goal will do. Its orientation points towards its heavy end.
+    /// The area with these moments in the image. `plane` is `[A, B, C]` of the object's plane `1/z_c = A x + B y + C`, 1/m: an estimate of it,
+    /// or the plane at the goal, is sufficient. The orientation points towards the heavy end of the area.
     #[must_use]
     pub fn new(moments: ImageMoments, plane: Vector3<f64>) -> Self {
         Self { moments, plane, sense: HEAVY_END }
     }
 
-    /// The same area, with that of the two senses of its axis in which it is more like `goal`: third moments along the axis may be
-    /// small, and their sign noise, where those across it are not.
+    /// The same area, with the sense of its axis in which it is more like `goal`: third moments along the axis may be small, so that noise
+    /// determines their sign, where those across it are not small.
     #[must_use]
     pub fn in_sense_of(self, goal: &Self) -> Self {
         let (_, skew) = goal.flows();
@@ -280,15 +280,15 @@ impl Feature<4> for AreaFeature {
     }
 }
 
-/// `[x_n, y_n, a_n, p_x, p_y, alpha]`: normalized moments that each go mainly with one motion, where the object is nearly parallel to
-/// the image.
+/// `[x_n, y_n, a_n, p_x, p_y, alpha]`: normalized moments, each of which changes mainly with one motion where the object is nearly parallel
+/// to the image.
 ///
 /// ```text
 /// a_n = z_d sqrt(a_d / a)    x_n = a_n x_g    y_n = a_n y_g       go with v_z, v_x, v_y; in m, where the object is parallel
 /// p_x, p_y: (mu30 + mu12, mu21 + mu03) sqrt(a) / (mu20 + mu02)^(3/2) in the object's axes: free of place, size and turn
 /// alpha: orientation (10.2)                                           goes with w_z
 /// ```
-/// `p_x`, `p_y` are 0, and say nothing, for an object that looks the same after half a turn.
+/// `p_x`, `p_y` are 0, and contain no information, for an object that looks the same after half a turn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MomentFeature {
     area: AreaFeature,

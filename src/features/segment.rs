@@ -62,7 +62,7 @@ pub fn segment_rows(s: &[Vector2<f64>; 2], z_m: [f64; 2]) -> Option<SMatrix<f64,
     ]))
 }
 
-/// `angle` rad, carried to (-pi, pi].
+/// `angle` rad, wrapped to (-pi, pi].
 #[must_use]
 pub fn wrap_rad(angle: f64) -> f64 {
     let wrapped = angle.rem_euclid(TAU);

@@ -24,7 +24,7 @@ const FIRST_CYCLES: usize = 3;
 const LIMIT_SHARE: f64 = 0.25;
 /// Share of the distance to the end of its range that a joint may go. Chosen by hand: half of it stays free for overshoot.
 const RANGE_SHARE: f64 = 0.5;
-/// Largest amplitude of a joint, whatever the camera sees of it, rad or m. Chosen by hand: 0.15 rad is 9 degrees.
+/// Largest amplitude of a joint, however little of its motion the image shows, rad or m. Chosen by hand: 0.15 rad is 9 degrees.
 pub const MAX_EXCITATION: f64 = 0.15;
 
 /// The motion of `N` joints.
@@ -55,8 +55,8 @@ impl<const N: usize> ExcitationMotion<N> {
         Self { amplitude, elapsed: SpanNs(0) }
     }
 
-    /// The velocity for the next `dt`, rad/s or m/s. Time passes only here: a tick that was missed shifts the motion, but
-    /// leaves nothing of it out.
+    /// The velocity for the next `dt`, rad/s or m/s. The motion advances only here: a missed tick delays the motion, but
+    /// no part of it is skipped.
     pub fn advance(&mut self, dt: SpanNs) -> SVector<f64, N> {
         let qd = self.velocity(self.elapsed);
         self.elapsed = SpanNs(self.elapsed.0.saturating_add(dt.0));

@@ -5,7 +5,7 @@ use crate::time::{MonoNs, SpanNs};
 /// A limit that acts for so long is reported. Chosen by hand: a start or a reversal within the usual limits takes less, so that it is not.
 const LONG: SpanNs = SpanNs(1_000_000_000);
 
-/// What can hold a joint back.
+/// The limits that can hold a joint back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Limit {
     /// The end of its range.
@@ -20,9 +20,9 @@ pub enum Limit {
     Effort = 4,
     /// A singular posture near by: the whole arm is damped.
     Singularity = 5,
-    /// A view that is old or uncertain.
+    /// A view that is old or uncertain: the whole arm is slowed down.
     View = 6,
-    /// A joint that does not move: no more than a gentle push beyond what is expected.
+    /// A joint that does not move: it gets only a little more torque than the model predicts.
     Stall = 7,
 }
 
@@ -76,7 +76,7 @@ impl ActingLimits {
         }
     }
 
-    /// These and those.
+    /// The limits of both.
     #[must_use]
     pub fn with(mut self, others: &Self) -> Self {
         for (mask, other) in self.0.iter_mut().zip(others.0) {
@@ -120,7 +120,7 @@ pub struct LongActing {
 }
 
 impl LongActing {
-    /// For people; joints count from 1.
+    /// The description for people; joints are counted from 1.
     #[must_use]
     pub fn describe(&self) -> String {
         let what = self.limit.describe();
@@ -142,7 +142,7 @@ pub struct LimitWatch {
 }
 
 impl LimitWatch {
-    /// Takes a tick in; hands every limit that has just become long-acting to `tell`.
+    /// Takes in the limits of a tick; calls `tell` with each limit that has now acted for long.
     pub fn note(&mut self, now: MonoNs, acting: &ActingLimits, mut tell: impl FnMut(LongActing)) {
         let places = self.since.iter_mut().zip(&mut self.told).zip(&mut self.ticks);
         for (limit, ((since, told), ticks)) in Limit::ALL.into_iter().zip(places) {

@@ -1,5 +1,5 @@
-//! What a number in a robot's file may be: ranges that no real arm leaves, wide enough for a crane and for a fingertip,
-//! and so narrow that no computation on them leaves the finite numbers. The numbers here are chosen by what there is, not by what the
+//! Bounds of the numbers in a robot's file: ranges that no real arm leaves, wide enough for a crane and for a fingertip,
+//! and so narrow that no computation on them overflows. The numbers here are chosen by what exists, not by what the
 //! program could bear: `tests/cores/plausible_numbers.rs` tries the ends of every range.
 
 use super::error::Defect;

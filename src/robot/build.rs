@@ -1,4 +1,4 @@
-//! From a description to the chain that computes: link frames turned so that z is the joint's axis, motors put in.
+//! From a description to the chain with which everything is computed: link frames are turned so that z is the joint's axis, and motors are added.
 
 use super::description::RobotDescription;
 use super::error::{Defect, RobotError};
@@ -59,7 +59,7 @@ impl RobotDescription {
             p_flange: X_flange.translation.vector,
             gravity_B: self.gravity_B,
         };
-        // Idealised links pass link by link; what counts is that every motion costs energy. Five postures spread
+        // Idealised links are not checked one by one; it is sufficient that every motion needs energy. Five postures spread
         // over the turn leave no room for a zero that depends on the posture.
         for k in 0..5 {
             let q = SVector::from_fn(|i, _| f64::from(k) * (0.7 + 0.31 * i as f64));

@@ -47,7 +47,7 @@ pub struct JointDescription {
     pub idealised: bool,
 }
 
-/// A serial arm as a file describes it. [`Self::build`] makes the [`super::Robot`] that computes.
+/// A serial arm as a file describes it. [`Self::build`] makes the [`super::Robot`] with which everything is computed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotDescription {
     /// The robot's name.

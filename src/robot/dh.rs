@@ -92,7 +92,7 @@ pub(super) struct MotorRecord {
 }
 
 impl MotorRecord {
-    /// The motor, if its numbers can be one's.
+    /// The motor, where its numbers are possible ones.
     pub(super) fn motor(&self) -> Result<Motor, Defect> {
         Ok(Motor {
             mass: bounds::mass("motor.mass_kg", self.mass_kg)?,

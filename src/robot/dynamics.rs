@@ -12,7 +12,7 @@ use crate::linalg::products3::{cross, dot, mul, tr_mul};
 use nalgebra::{Matrix3, SVector, Vector3};
 
 impl<const N: usize> Robot<N> {
-    /// The joint torques (N m or N) that make the arm accelerate with `qdd`; rotors and gravity in, friction not.
+    /// The joint torques (N m or N) that make the arm accelerate with `qdd`; rotors and gravity are included, friction is not.
     #[must_use]
     pub fn inverse_dynamics(
         &self,

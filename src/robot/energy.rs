@@ -5,7 +5,7 @@ use crate::linalg::products3::{dot, mul};
 use nalgebra::SVector;
 
 impl<const N: usize> Robot<N> {
-    /// `qd^T B(q) qd / 2` in J; rotors in.
+    /// `qd^T B(q) qd / 2` in J; rotors are included.
     #[must_use]
     pub fn kinetic_energy(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> f64 {
         0.5 * qd.dot(&(self.mass_matrix(q) * qd))

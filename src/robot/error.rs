@@ -3,7 +3,7 @@
 use super::model::JointKind;
 use crate::input::number;
 
-/// How a joint of a URDF is held: URDF itself has no place for it.
+/// How a joint of a URDF is held at a position, for which URDF has no element of its own.
 const HOLD: &str = "hold it: a robot file in TOML, with `[urdf]`, `file = \"ARM.urdf\"`, `tip = \"LINK\"` and \
                     `fixed_joints = { JOINT = 0.0 }`, as robot.model";
 
@@ -64,7 +64,7 @@ pub enum Defect {
     /// A number is NaN or infinite.
     #[error("a number is not finite; every length, mass and moment must be")]
     NotFinite,
-    /// A number that no real arm has.
+    /// A number outside of the range that real arms have.
     #[error("{what}: {} is out of range, allowed is {} to {}", number(*value), number(*low), number(*high))]
     OutOfRange {
         /// Its key, or element and attribute.

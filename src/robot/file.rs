@@ -23,7 +23,7 @@ struct RobotFile {
     tool: Option<ToolRecord>,
 }
 
-/// Which URDF, which part of it, and what URDF has no place for.
+/// The URDF, the part of it that is the arm, and properties for which URDF has no element.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct UrdfRecord {

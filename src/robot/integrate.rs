@@ -5,7 +5,7 @@ use nalgebra::SVector;
 
 impl<const N: usize> Robot<N> {
     /// One Runge-Kutta step of fourth order, `h` s long, under the constant torques `tau`: positions and velocities at its
-    /// end. Rotors and gravity in, friction not.
+    /// end. Rotors and gravity are included, friction is not.
     #[must_use]
     pub fn integrate(
         &self,

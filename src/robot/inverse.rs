@@ -1,7 +1,7 @@
 //! From a wanted twist to joint velocities by damped least squares, inside the joints' limits.
 //!
-//! `qd = qd_p + argmin |V - J qd|^2 + lambda^2 |qd - qd_p|^2`, where `qd_p` is a preferred velocity, felt only where
-//! the twist leaves the arm free. The damping rises as the arm nears a singular posture, by
+//! `qd = qd_p + argmin |V - J qd|^2 + lambda^2 |qd - qd_p|^2`, where `qd_p` is a preferred velocity. It acts only on motions that
+//! the twist does not determine. The damping rises as the arm nears a singular posture, by
 //! `s = tr((J J^T)^-1)^(-1/2)`, which lies between the least singular value over sqrt(6) and that value, and costs
 //! one small factorisation: `lambda^2 = lambda_max^2 (1 - (s/s_0)^2)` for `s < s_0`, else zero.
 
@@ -47,9 +47,9 @@ pub struct JointVelocity<const N: usize> {
 impl<const N: usize> Robot<N> {
     /// Joint velocities for the wanted twist `V` at the posture `q`, given the Jacobian `J` in the twist's frame.
     ///
-    /// A joint that would run into its limit is held to the speed it may still have and the others take over what
-    /// they can. Velocity limits scale all joints alike, so the path is kept and only the pace falls. Input that is
-    /// not finite gives zero velocity and `scale` zero.
+    /// A joint that would run into its position limit is held at the speed that it may still have, and the others take over as far as
+    /// they can. Velocity limits scale all joints alike, so that the path is kept and only the speed falls. Input that is
+    /// not finite gives zero velocity and a `scale` of zero.
     #[must_use]
     pub fn damped_velocity(
         &self,
@@ -85,7 +85,7 @@ impl<const N: usize> Robot<N> {
         JointVelocity { qd, min_singular_value, damping, at_limit, scale }
     }
 
-    /// The free joint that goes farthest past the speed its position limit allows, and that speed.
+    /// The free joint that exceeds the speed allowed by its position limit the most, and that speed.
     fn worst_breach(
         &self,
         q: &SVector<f64, N>,

@@ -1,4 +1,4 @@
-//! Where the joints were: their last states, and their positions at any time among them.
+//! The history of the joints: their last states, and their positions at any time between these.
 
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;

@@ -16,7 +16,7 @@ pub enum ExpressedIn {
     Moving,
 }
 
-/// Sine and cosine of every joint's position; of a sliding joint nobody asks.
+/// Sine and cosine of every joint's position; those of a sliding joint are not used.
 pub(super) type Trig<const N: usize> = [(f64, f64); N];
 
 /// Orientation and origin of every body's frame in B.

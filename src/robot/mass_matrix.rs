@@ -64,7 +64,7 @@ impl Symmetric {
 }
 
 impl<const N: usize> Robot<N> {
-    /// The inertia matrix B(q), N x N, symmetric; rotors in.
+    /// The inertia matrix B(q), N x N, symmetric; rotors are included.
     #[must_use]
     pub fn mass_matrix(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
         self.composite_bodies(&self.trig(q), q)
@@ -104,7 +104,7 @@ impl<const N: usize> Robot<N> {
         B
     }
 
-    /// The accelerations (rad/s^2 or m/s^2) under the torques `tau`; rotors and gravity in, friction not.
+    /// The accelerations (rad/s^2 or m/s^2) under the torques `tau`; rotors and gravity are included, friction is not.
     ///
     /// A state that is not finite gives NaN.
     #[must_use]

@@ -1,7 +1,7 @@
-//! Serial chains out of URDF files: the path from a base link to a tip link, everything else welded on.
+//! Serial chains from URDF files: the path from a base link to a tip link; everything else is fixed to it.
 //!
 //! Links behind fixed joints, on the path or beside it, become part of the moving link that carries them, with mass
-//! and inertia. Visual and collision elements, and the meshes they name, are not looked at.
+//! and inertia. Visual and collision elements, and the meshes that they name, are ignored.
 
 mod document;
 mod prolog;
@@ -219,7 +219,7 @@ impl<'a> Tree<'a> {
         }
         path.reverse();
 
-        // What hangs on the base, welded to it or moving beside the arm, has no part in the arm's motion.
+        // Links on the base that are fixed to it, or that move beside the arm, do not take part in the arm's motion.
         let mut joints = Vec::new();
         let mut X_before = Pose::identity();
         for joint in &path {

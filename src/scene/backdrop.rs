@@ -1,4 +1,4 @@
-//! What lies in the object's plane behind the target: a mottled surface, and shapes that are no target.
+//! The background in the object's plane: a mottled surface, and shapes that are no target (clutter).
 
 use super::error::{SceneError, in_range};
 use super::layers::PaintedPlane;
@@ -12,12 +12,13 @@ use std::ops::RangeInclusive;
 
 /// Sizes of spots: each half as large as the one before, and half as strong, so that a fifth would add a sixteenth. Chosen by eye.
 const OCTAVES: u32 = 4;
-/// Columns between exact places of the surface; its level runs straight between them, which is hardly seen because a spot is twice as wide.
+/// Columns between two places at which the surface's level is exact; between them it is interpolated, which hardly shows because a spot is twice as
+/// wide.
 const STEP: usize = 4;
 /// Smallest spots that are drawn, px, so that two steps lie in each.
 const MIN_SPOT_PX: f64 = 8.0;
 
-/// What lies around the plate. Without texture and clutter it is the plain background.
+/// The surroundings of the plate. Without texture and clutter they are the plain background.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Backdrop {
     /// Largest deviation of the mottled surface from the background's level, grey levels, [`Self::TEXTURE_LEVELS`]; 0: none.
@@ -30,12 +31,12 @@ pub struct Backdrop {
     pub clutter_size_m: f64,
     /// How far from the plate's edge they may lie, m, [`Self::SIZE_M`].
     pub clutter_reach_m: f64,
-    /// Another seed, other spots and shapes.
+    /// Seed of the random spots and shapes.
     pub seed: u64,
 }
 
 impl Default for Backdrop {
-    /// Plain.
+    /// A plain background.
     fn default() -> Self {
         Self {
             texture_levels: 0.0,
@@ -69,7 +70,7 @@ impl Backdrop {
         let mut random = Random::new(self.seed ^ 0x00c1_077e);
         let sheet =
             |level| PaintedPlane { X_OS: Pose::identity(), loops: Vec::new(), level, both_sides: true };
-        // each of its own: they may lie one over the other
+        // one loop for each shape, because shapes may overlap
         let mut sheets = Vec::new();
         let (low, high) =
             (plate.low_m.add_scalar(-self.clutter_reach_m), plate.high_m.add_scalar(self.clutter_reach_m));

@@ -1,6 +1,6 @@
 //! Which pixels lie near an edge of the scene: per row a few intervals, each with the set of edges it is near.
 //!
-//! Pixels outside of all bands see one flat surface, so only the bands are evaluated one by one.
+//! Pixels outside of all bands show a single flat surface, so that only the pixels of bands are evaluated one by one.
 
 /// Most intervals that a row keeps; further ones widen the first (slower, never wrong). Chosen so that a row of a dozen dots has one for
 /// each side of each.

@@ -31,7 +31,7 @@ pub(super) struct PaintedPlane {
     pub(super) both_sides: bool,
 }
 
-/// One sheet as the camera sees it.
+/// One sheet in the image.
 #[derive(Debug, Clone, Default)]
 struct Layer {
     level: f32,
@@ -55,7 +55,7 @@ pub(super) struct Layers {
     spare: Vec<Vector2<f64>>,
 }
 
-/// What of a plane the camera can see, in normalized coordinates.
+/// The part of a plane that the camera can see, in normalized coordinates.
 #[derive(Debug, Clone, Copy)]
 struct Clip {
     low: Vector2<f64>,
@@ -106,7 +106,7 @@ impl Layers {
             let columns = R.matrix();
             let facing = columns.column(2).dot(&X_CS.translation.vector);
             let front = facing > 0.0;
-            // edge-on it is a line without width, and would have a normal of rounding
+            // a sheet that is seen edge-on is a line without width, and rounding would determine its normal
             if !facing.is_finite() || facing.abs() < 1e-9 || !(front || sheet.both_sides) {
                 continue;
             }
@@ -153,8 +153,8 @@ impl Layers {
     }
 }
 
-/// Leaves of a polygon what the camera can see (Sutherland and Hodgman); parts that are joined by sides along the cut have no
-/// area between.
+/// Cuts a polygon to what the camera can see (Sutherland and Hodgman). Parts of it stay joined by sides along the cut, which enclose no
+/// area.
 fn cut(corners: &mut Vec<Vector2<f64>>, spare: &mut Vec<Vector2<f64>>, map: &[Vector3<f64>; 3], clip: &Clip) {
     let [a, b, p] = map;
     let forms = [

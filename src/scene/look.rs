@@ -1,4 +1,4 @@
-//! Grey levels of the scene, and what else a row is painted with.
+//! The grey levels of the scene, and the other inputs of painting a row.
 
 use super::profile::EdgeProfile;
 use super::rays::Rays;
@@ -32,7 +32,7 @@ impl Default for SceneLook {
     }
 }
 
-/// What a row is painted with.
+/// The inputs of painting a row.
 #[derive(Clone, Copy)]
 pub(super) struct Paint<'a> {
     pub(super) rays: &'a Rays,

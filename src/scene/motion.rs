@@ -16,11 +16,11 @@ pub enum SceneMotion {
         /// Velocity.
         velocity_m_s: Vector3<f64>,
     },
-    /// Swings about its place: `amplitude sin(2 pi f t)`.
+    /// Oscillates about its place: `amplitude sin(2 pi f t)`.
     Pendulum {
         /// Largest displacement in B, m.
         amplitude_m: Vector3<f64>,
-        /// Swings per second.
+        /// Oscillations per second.
         frequency_hz: f64,
     },
 }

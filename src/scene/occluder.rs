@@ -1,4 +1,4 @@
-//! Something in front of the target, for a while.
+//! An occluder: a sheet that is in front of the target for some time.
 
 use crate::time::SpanNs;
 use nalgebra::Vector2;

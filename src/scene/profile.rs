@@ -5,7 +5,7 @@
 //! on the smaller of `|a|`, `|b|`: a table of both is interpolated.
 
 /// Blur is cut off beyond this many standard deviations: 0.07 % of the step is lost, so that the edge of a band lies a quarter of a level off
-/// at most, and bands stay narrow, which is what a frame's time goes by.
+/// at most, and bands stay narrow, which determines the time that a frame takes.
 const CUT_SIGMA: f64 = 3.2;
 /// Steps of the table: the nearest entry is off by at most 0.003, as `coverage_agrees_with_brute_force` shows.
 const ORIENTATIONS: usize = 16;

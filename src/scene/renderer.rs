@@ -24,7 +24,7 @@ pub struct Renderer {
     target: Target,
     occluder: Option<Occluder>,
     look: SceneLook,
-    /// Of a scene that is more than dots, on a plain background, behind one sheet.
+    /// The layers of a scene that consists of more than dots on a plain background behind one sheet.
     scenery: Scenery,
     rays: Rays,
     profile: EdgeProfile,
@@ -96,7 +96,7 @@ impl Renderer {
         &self.target
     }
 
-    /// The same, with something about the plate.
+    /// The same renderer, with a backdrop around the plate.
     ///
     /// # Errors
     /// [`SceneError`] when a property of the backdrop is out of range.
@@ -106,8 +106,8 @@ impl Renderer {
         Ok(self)
     }
 
-    /// The same, with images of a camera of this response that is `believed` to have another one: levels are bent by the one, and
-    /// straightened by the other.
+    /// The same renderer, for a camera with this `response` whose images are corrected as if its response were the one `believed`: levels are
+    /// mapped by the first, and back by the inverse of the second.
     #[must_use]
     pub fn with_response(mut self, response: &Response, believed: &Response) -> Self {
         let bent = Response::Linear.to(response).then(&believed.to(&Response::Linear));
@@ -115,7 +115,7 @@ impl Renderer {
         self
     }
 
-    /// The same, with other targets beside the one that is looked for.
+    /// The same renderer, with other targets beside the one that is looked for.
     #[must_use]
     pub fn with_bystanders(mut self, bystanders: &[Bystander]) -> Self {
         self.scenery.set_bystanders(bystanders);
@@ -140,7 +140,7 @@ impl Renderer {
         }
     }
 
-    /// Levels as light gives them.
+    /// Renders levels that are proportional to light: those before the camera's response.
     fn render_light(&mut self, X_CO_over_exposure: &[Pose], frame_id: u64, out: &mut [u8]) {
         let i = self.camera.intrinsics();
         let (width, height) = (i.width_px as usize, i.height_px as usize);
@@ -320,7 +320,7 @@ fn fill_row(
             } else {
                 fixed(view.flat_level(0.5 * (from + to - 1) as f64, v, paint))
             };
-            // What stands above it on the same surface stands there already, where the row above is still in the buffer.
+            // Where the row above is still in the buffer, the pixels below its span of the same surface have their level already.
             let (start, end) = if kept && follows && above.level == level {
                 (above.from.clamp(from, to) - from, above.to.clamp(from, to) - from)
             } else {
@@ -341,7 +341,7 @@ fn fill_row(
         }
         from = next;
     }
-    // spans that this row does not have
+    // forget the spans of the row above that have no counterpart in this row
     if let Some(rest) = memory.spans.get_mut(bands.len() + 1..) {
         rest.fill(LevelSpan::default());
     }

@@ -1,4 +1,4 @@
-//! All that lies in a scene in layers, and its images at the instants of one exposure.
+//! Everything in a scene of layers, and its images at the instants of one exposure.
 
 use super::backdrop::{Backdrop, Texture, rectangle};
 use super::ink::{Ink, PixelKernel};
@@ -12,14 +12,14 @@ use crate::geometry::Pose;
 use crate::target::{ClosedOutline, Disc, Target};
 use nalgebra::{Point3, Translation3, Vector2, Vector3};
 
-/// Corners of a curved outline are so close that it leaves them by no more than this share of its size: of one that is 100 px large by a
-/// hundredth of a pixel, which is what edges are rendered to otherwise too.
+/// The polygon that stands for a curved outline deviates from it by at most this share of its size. Derived: of an outline 100 px large that is a
+/// hundredth of a pixel, as exact as other edges are rendered.
 const SAG: f64 = 1e-4;
 
 /// Least radius of curvature of a dot's rim, px, of which `SceneView` knows the coverage: within a pixel it takes the rim as a parabola.
 const MIN_CURVE_PX: f64 = 0.5;
 
-/// A target that is not looked for, beside the one that is: it lies under that where they overlap.
+/// A target that is not looked for, beside the one that is. Where the two overlap, it lies under the other one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bystander {
     /// What it is.
@@ -33,7 +33,7 @@ pub struct Bystander {
 /// The scene in layers.
 #[derive(Debug, Clone)]
 pub(super) struct Scenery {
-    /// Whether it is no more than dots on a plain background and at most one sheet before them, which `SceneView` draws.
+    /// Whether it consists of dots on a plain background and at most one sheet in front of them, which `SceneView` draws.
     dots: bool,
     discs: Box<[Disc]>,
     simple_front: bool,
@@ -102,7 +102,7 @@ impl Scenery {
         self.simple_front = self.occluders.len() < 2;
     }
 
-    /// Whether `SceneView` can draw it at these poses: not where a dot is seen so aslant, or from so far, that its rim turns within a pixel.
+    /// Whether `SceneView` can draw it at these poses. It cannot where a dot is seen so obliquely, or from so far, that its rim bends within a pixel.
     pub(super) fn is_simple(&self, X_CO_over_exposure: &[Pose]) -> bool {
         self.is_made_of_dots() && !X_CO_over_exposure.iter().any(|X_CO| self.has_thin_dots(X_CO))
     }

@@ -7,11 +7,11 @@ use xxhash_rust::xxh3::xxh3_64_with_seed;
 /// How irregular a simulated camera is.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Irregularity {
-    /// A frame is late by up to this, evenly distributed.
+    /// Largest delay of a frame; delays are uniformly distributed.
     pub jitter: SpanNs,
     /// Share of the frames that are lost, 0 to 1.
     pub loss: f64,
-    /// Of the random numbers.
+    /// Seed of the random numbers.
     pub seed: u64,
 }
 
@@ -72,8 +72,8 @@ impl FrameSchedule {
     #[must_use]
     pub fn next_exposure_tick(&self, tick: u64) -> u64 {
         let near = (tick as f64 * TICK.0 as f64 / self.period_ns).floor() as u64;
-        // The next frame is this one or the one after, of which a frame faster than the ticks has several. Numbers that no run comes
-        // to are not exact any more: then there is none.
+        // The next frame is this one or one of those after it, several where frames are faster than ticks. Numbers far beyond any run are not
+        // exact any more: then no frame is found.
         let reach = 2 + (TICK.0 as f64 / self.period_ns).ceil() as u64;
         let mut ticks = (near..near.saturating_add(reach)).map(|id| self.exposure_tick(id));
         ticks.find(|exposure| *exposure > tick).unwrap_or(u64::MAX)
@@ -82,7 +82,7 @@ impl FrameSchedule {
     /// The first tick that may use the measurement of frame `id`. Frames do not overtake one another.
     #[must_use]
     pub fn usable_tick(&self, id: u64) -> u64 {
-        // A later frame is handed over no earlier than those before it; jitter reaches back so many frames.
+        // A later frame is handed over no earlier than those before it. By jitter, so many earlier frames can be later than this one.
         let reach = (self.irregularity.jitter.0 as f64 / self.period_ns).ceil() as u64;
         let tick = |i| self.exposure_tick(i) + ceil_ticks(self.latency(i));
         (id.saturating_sub(reach)..=id).map(tick).max().unwrap_or(0)
@@ -95,7 +95,7 @@ impl FrameSchedule {
         (longest as f64 / self.period_ns).ceil() as usize + 2
     }
 
-    /// An even random number in [0, 1) that belongs to frame `id`, in every process.
+    /// A uniform random number in [0, 1) of frame `id`, the same in every process.
     fn random(&self, id: u64, purpose: u64) -> f64 {
         let seed = self.irregularity.seed ^ purpose.rotate_right(8);
         (xxh3_64_with_seed(&id.to_le_bytes(), seed) >> 11) as f64 / (1u64 << 53) as f64

@@ -3,8 +3,8 @@
 //! ```text
 //! byte = clamp((gain(x, y) * level + noise) rounded),   gain = 1 - fall-off (r / r_corner)^2
 //! ```
-//! The gain is a row's value less a column's, so no table of pixels is needed. Noise comes from one table of
-//! Gaussian samples that each row of each frame enters at a hashed place. Integer arithmetic: the same bytes on every
+//! The gain is a row's value minus a column's, so that no table of pixels is needed. Noise comes from one table of Gaussian samples, which each
+//! row of each frame reads from a hashed place on. The arithmetic is that of integers: the bytes are the same on every
 //! machine, whichever instructions are used.
 
 use super::error::{SceneError, in_range};
@@ -19,9 +19,10 @@ pub const MAX_SIDE_PX: u32 = 4096;
 
 /// Fraction bits of a grey level: eight bits of level and seven of fraction must fit a signed word of 16, in which noise is added.
 pub(super) const LEVEL_BITS: u32 = 7;
-/// Samples of noise. An image in VGA takes five times as many, from another place for each row, so that rows are alike by chance alone.
+/// Samples of noise. Chosen by hand: an image in VGA needs five times as many, but begins at another place for each row, so that two rows are alike
+/// by chance alone.
 const TABLE: usize = 1 << 16;
-/// Rows enter the table anywhere and read on: as many samples again as a row may have.
+/// Samples that are appended to the table, so that a row can begin anywhere in it: as many as the longest row has pixels.
 const LONGEST_ROW: usize = MAX_SIDE_PX as usize;
 
 /// What the sensor and the optics add to an ideal image.

@@ -1,4 +1,4 @@
-//! The synthetic camera: what a camera in the arm's hand, or beside the arm, would see, rendered from the arm's true motion.
+//! The synthetic camera: renders the image of a camera that is mounted eye-in-hand or eye-to-hand, from the arm's true motion.
 
 use super::{ArmHistory, Occluder, Renderer, SceneMotion};
 use crate::geometry::Pose;

@@ -84,7 +84,7 @@ impl SceneView {
         let R = X_CO.rotation.to_rotation_matrix();
         let p = X_CO.translation.vector;
         let facing = R.matrix().column(2).dot(&p);
-        // edge-on the plate is a line without width, and would have a normal of rounding
+        // a plate that is seen edge-on is a line without width, and rounding would determine its normal
         if !facing.is_finite() || facing.abs() < 1e-9 {
             return;
         }
@@ -157,7 +157,7 @@ impl SceneView {
         let Paint { rays, profile, look } = paint;
         let (background, plate, dots) = (look.background as f32, look.plate as f32, look.dots as f32);
         let scale = f32::from(1u16 << LEVEL_BITS);
-        // at the rim of what lies in front of it all, the surface behind may be any
+        // behind the edge of the occluder there may be any surface, so that all edges are evaluated
         let mask = if mask & OCCLUDER == 0 { mask } else { ALL };
         for (chunk, levels) in levels.chunks_mut(LANES).enumerate() {
             let u = middle(u0, chunk);

@@ -1,4 +1,4 @@
-//! What of the target is in the image: whole marks, not centres alone.
+//! Which marks of the target are in the image as a whole, not by their centres alone.
 
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
@@ -6,10 +6,11 @@ use crate::target::{Mark, Target};
 use nalgebra::{Point3, Vector2, Vector3};
 use serde::Serialize;
 
-/// Outlines of dots leave them by no more than this share of their radius: a dot of 50 px is as good as drawn by a tenth of a pixel, so that
-/// whether it is in the image is told right to that.
+/// The polygons that stand for dots deviate from them by at most this share of the radius: of a dot of 50 px by a tenth of a pixel, so that
+/// whether the dot is in the image is right to that distance.
 const SAG: f64 = 0.002;
-/// So much about a dot must be in the image, px: dark that touches the border is no dot to the finder, and one that just fits does not.
+/// Margin about a dot that must be in the image, px. Derived: the finder refuses a dark region that touches the border, and a dot that just fits
+/// does not touch it.
 const ROOM_ABOUT_A_DOT_PX: f64 = 0.0;
 /// What a corner of a tag or of an outline, and one of a chessboard need about them, px. Chosen by hand for the first, so that the blur of both
 /// edges is in the image; derived for the second: the ring by which it is found has a radius of 5 px.
@@ -58,9 +59,9 @@ pub struct PointVisibility {
     pub point: usize,
     /// Where its centre is, px; `None` behind the camera or beyond what the lens shows.
     pub px: Option<[f64; 2]>,
-    /// Whether all that the finder needs of it is in the image.
+    /// Whether everything about it that the finder needs is in the image.
     pub whole: bool,
-    /// By how much it is not.
+    /// How far it lies outside of the image.
     pub outside: Overhang,
 }
 
@@ -75,7 +76,7 @@ pub struct Visibility {
     pub plate_outside: Option<Overhang>,
     /// Least distance of a mark from the border, px; negative where one is cut.
     pub room_px: f64,
-    /// How many points are there whole.
+    /// How many points are in the image as a whole.
     pub whole: usize,
     /// How many it takes to find the target.
     pub needed: usize,
@@ -186,7 +187,7 @@ struct OutlineBounds {
 }
 
 impl OutlineBounds {
-    /// `None` where a part of it is not to be seen by any pixel.
+    /// `None` where no pixel can see a part of it.
     fn of(outline: &[Vector2<f64>], camera: &CameraModel, X_CO: &Pose) -> Option<Self> {
         let mut extent =
             Self { low: Vector2::repeat(f64::INFINITY), high: Vector2::repeat(f64::NEG_INFINITY) };

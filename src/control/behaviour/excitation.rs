@@ -15,20 +15,20 @@ pub struct Excitation<const N: usize> {
 }
 
 impl<const N: usize> Excitation<N> {
-    /// A motion that is still to be set, and continues while by `watch` the whole target is in view.
+    /// A behaviour whose motion is set later, and which continues as long as `watch` finds the whole target in view.
     #[must_use]
     pub fn new(watch: MeasurementWatch) -> Self {
         Self { watch, motion: None }
     }
 
-    /// The motion, once.
+    /// Sets the motion; a second one is ignored.
     pub(super) fn begin(&mut self, motion: &ExcitationMotion<N>) {
         self.motion.get_or_insert(*motion);
     }
 
     pub(super) fn note(&mut self, now: MonoNs, m: &Measurement, servo: &VisualServo<N>) {
         if m.found() && m.features().len() == servo.set_point().points().len() {
-            self.watch.good(now); // whatever its stamp says: that is what is to be found out
+            self.watch.good(now); // not the stamp of the measurement: whether that is right is what the calibration is to find
         }
     }
 

@@ -56,7 +56,7 @@ impl Servoing {
             (Some(LawOutput::Velocity(qd)), _) if self.dry => MotionCommand::Look(qd),
             (Some(LawOutput::Velocity(qd)), Some(convergence)) => MotionCommand::Velocity(qd, *convergence),
             (Some(LawOutput::Torque(tau)), _) if !self.dry => MotionCommand::Torque(tau),
-            // At a singularity of task or arm there may be nothing to follow.
+            // At a singularity of the task or of the arm there may be no law output.
             _ => MotionCommand::Stand,
         }
     }

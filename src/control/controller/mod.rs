@@ -210,7 +210,7 @@ impl<const N: usize> Controller<N> {
                 self.behaviour.motion_command(state, &self.arm, &mut self.servo)
             }
             (Some(_), State::Returning, Some((qd, convergence))) => {
-                // It goes by where the arm was, not by a view.
+                // The way back follows the arm's earlier postures and needs no view.
                 confidence = 1.0;
                 MotionCommand::Velocity(qd, convergence)
             }
@@ -220,14 +220,15 @@ impl<const N: usize> Controller<N> {
             self.events.push(Event::MotionOver);
         }
         self.joint_control.soften(self.fault.is_some());
-        // A state that is none: the arm is thought to be where its reference is.
+        // Without a usable state the arm is assumed to be on its reference.
         let seen = state.is_some();
         let measured = state.unwrap_or_else(|| self.believed());
         let state = observed.unwrap_or(measured);
         let motion = self.motion(&state, &motion_command, confidence);
         let mut limits = motion.limits;
         let tau = self.torque(&state, &motion, seen, &mut limits);
-        // In a fault the arm is only braked and held, also by what carries a load that its model does not know: that drives nothing.
+        // In a fault the arm is only braked and held. A torque that carries a load unknown to the model may be needed for that and drives nothing,
+        // so that the bound on the measured arm is not applied.
         let bounded = if self.fault.is_some() { self.believed() } else { measured };
         let gravity = || self.arm.robot.gravity(&bounded.q);
         let Passed { command, cut, fault } = self.gate.pass(self.reference.state(), &tau, &bounded, gravity);
@@ -266,7 +267,7 @@ impl<const N: usize> Controller<N> {
             return None;
         }
         if self.fault.is_some_and(Fault::blinds) {
-            // A drive that has reported what cannot be is believed again where it reports what is expected.
+            // A drive that has reported an impossible state is trusted again once its states agree with the reference.
             let r = self.reference.state();
             if (drive.q - r.q).amax() > self.max_tracking_error || (drive.qd - r.qd).amax() > EXPECTED_SPEED {
                 return None;
@@ -299,7 +300,7 @@ impl<const N: usize> Controller<N> {
             self.cue(Cue::AtRest);
         }
         self.cue(if confidence > 0.0 && state.is_some() { Cue::InView } else { Cue::OutOfView });
-        // Once for each loss: noise about the end of the way back begins no other.
+        // Only one return for each loss of the view: noise about the end of the way back must not start another one.
         self.cue(if way_back && !self.has_returned { Cue::WayBack } else { Cue::Returned });
         self.has_returned = match self.state {
             State::Holding => self.has_returned || before == State::Returning,
@@ -326,16 +327,16 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Resets the reference to the measured arm, if it is not there already. While one of them moves this is a jump of its velocity,
-    /// which is made in a fault only: a torque towards a wrong reference would keep the arm moving. What passes the gate never jumps.
+    /// Resets the reference to the measured arm, if it is not there already. While one of the two moves, this makes the reference's velocity
+    /// jump, which is allowed in a fault only: a torque towards a wrong reference would keep the arm moving. What passes the gate never jumps.
     fn reset_to_measured(&mut self, state: &DriveState<N>) {
         let stands = !self.gate.is_open() || self.rest == Rest::AtRest;
-        // What a drive obeys goes on from what it was told: there the way back to the arm is one within the limits.
+        // A drive in position or velocity mode continues from its last command: there the reference approaches the arm within the limits.
         let obeyed = self.mode != CommandMode::Torque && self.gate.is_open();
         if obeyed || !(stands || self.fault.is_some()) {
             return;
         }
-        // What stands, stands: the velocity of a noisy encoder is none.
+        // The velocity that a noisy encoder reports of an arm at rest is ignored.
         let qd = if stands { SVector::zeros() } else { state.qd };
         let r = self.reference.state();
         if (r.q - state.q).amax() <= ON_THE_ARM.0 && (r.qd - qd).amax() <= ON_THE_ARM.1 {
@@ -366,7 +367,7 @@ impl<const N: usize> Controller<N> {
         }
         let distance = (motion.now.q - state.q).amax();
         if self.fault.is_some() {
-            // One that does not brake as told is not as believed: motion is taken away from it until it has hardly any.
+            // An arm that does not brake as commanded deviates from its model: it is damped until it has nearly stopped.
             let astray = distance > ASTRAY * self.max_tracking_error || self.joint_control.damps();
             if self.mode == CommandMode::Torque && astray {
                 self.reference.reset_to_measured(&state.q, qd);

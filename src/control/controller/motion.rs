@@ -23,11 +23,11 @@ const BACK_1_S: f64 = 5.0;
 
 /// The motion of the joints in one tick, within the limits.
 pub(super) struct TickMotion<const N: usize> {
-    /// Where the reference is at the time of the state, and its acceleration from there on.
+    /// The reference at the time of the state, and its acceleration from there on.
     pub(super) now: ReferenceState<N>,
     /// Limits that acted.
     pub(super) limits: ActingLimits,
-    /// The joint controller follows a reference; else the acceleration of a law that outputs torques.
+    /// Whether the joint controller follows a reference; otherwise the motion is the acceleration of a law that outputs torques.
     pub(super) follows: bool,
     /// Displacement that each joint should make in this tick, rad or m.
     pub(super) way: SVector<f64, N>,

@@ -60,7 +60,7 @@ impl<const N: usize> ControllerSettings<N> {
             effort,
             effort_rate: effort / self.effort_rise.as_s(),
             mode: self.mode,
-            // Half-way to where the watch of the tracking error ends the run at the latest.
+            // Half of the tracking error at which the supervision ends the run at the latest.
             max_excess: 0.5 * self.max_tracking_error,
         }
     }

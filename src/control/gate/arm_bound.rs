@@ -1,43 +1,43 @@
-//! One joint of the measured arm, before a drive that obeys torques. There the bounds on the reference bound nothing that moves: an arm
-//! that does what its model does not know may be faster than its reference, or leave its range.
+//! The bound on one joint of the measured arm, for a drive in torque mode. In that mode the bounds on the reference do not bound the arm
+//! itself: an arm that deviates from its model may be faster than its reference, or leave its range.
 //!
-//! Where the joint is too fast, or outside of its range and on its way farther out, no torque passes that drives it farther than its weight
-//! does: with `s` the direction in which it goes too fast or too far,
+//! Where the joint is too fast, or outside of its range and moving farther out, a torque passes only as far as it drives the joint no
+//! farther than its weight does. With `s` the direction in which it moves too fast or too far,
 //! ```text
 //! s (tau - g(q)) <= 0
 //! ```
-//! What carries the arm's weight and what brakes passes as it is. This is neither a brake nor a stop: the watches
-//! ([`ArmWatch`](crate::control::safety::ArmWatch)) end the run soon after, and where a joint trembles, of which they see no distance,
-//! [`Overspeed`] does.
+//! Torques that carry the arm's weight, and torques that brake, pass unchanged. This is neither a brake nor a stop: the supervision of the arm
+//! ([`ArmWatch`](crate::control::safety::ArmWatch)) ends the run soon after. A joint that trembles covers no distance by which that supervision
+//! could notice it; there [`Overspeed`] ends the run.
 
-/// Times the limit of velocity from which on a joint is too fast: half-way from the limit, at which a reference may go, to the 1.5 times
-/// at which the watches call it a fault, so that it acts before them. Chosen by hand.
+/// Factor of the velocity limit above which a joint is too fast: half-way from the limit, at which a reference may move, to the factor of 1.5
+/// from which on the supervision reports a fault, so that this bound acts before it. Chosen by hand.
 const TOO_FAST: f64 = 1.25;
-/// Speed from which on a joint is on its way, rad/s or m/s: that of an arm at rest at the most. One that stands out there must be held, also
-/// by what carries a load that the model does not know (tested: `an_overloaded_arm_is_brought_to_rest`).
+/// Speed above which a joint counts as moving, rad/s or m/s: an arm at rest is slower. A joint that stands outside of its range must still be
+/// held, also by a torque that carries a load unknown to the model (tested: `an_overloaded_arm_is_brought_to_rest`).
 const MOVES: f64 = 0.02;
-/// What a tick with a joint too fast weighs against one without. Chosen by hand: a joint that trembles is slow at each turn, and a tenth of
-/// the ticks is too many; no noise of encoders makes as much of a velocity near its limit.
+/// Weight of a tick in which a joint is too fast, against one in which it is not. Chosen by hand: a joint that trembles is slow at each
+/// reversal, so that a tenth of the ticks is already too many; noise of encoders does not make that many of a velocity near its limit.
 const WEIGHT: u32 = 9;
-/// Ticks with a joint too fast, all in a row, that are a fault: five times the 20 ms over which the watches take their mean. Chosen by
+/// Ticks in a row with a joint too fast that are a fault: five times the 20 ms over which the supervision takes its mean. Chosen by
 /// hand. A wrist that trembled at up to four times its limit, above this bound in a third of the ticks, is a fault after 0.4 s.
 const PATIENCE: u32 = 100;
 
 /// What the measured joint may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ArmBound {
-    /// Ends of its range, rad or m, with what it may be off its reference.
+    /// Ends of its range, rad or m, widened by the distance that it may have from its reference.
     pub(super) range: (f64, f64),
     /// Largest velocity, positive.
     pub(super) v: f64,
 }
 
-/// How often a joint has been too fast of late.
+/// How often a joint has recently been too fast.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Overspeed(u32);
 
 impl Overspeed {
-    /// Takes in a tick; whether it was too often.
+    /// Takes in a tick. Returns whether the joint has been too fast too often.
     pub(super) fn note(&mut self, is_too_fast: bool) -> bool {
         self.0 =
             if is_too_fast { (self.0 + WEIGHT).min(WEIGHT * PATIENCE) } else { self.0.saturating_sub(1) };
@@ -46,13 +46,12 @@ impl Overspeed {
 }
 
 impl ArmBound {
-    /// Whether `v` is too fast; what is no number is not.
+    /// Whether `v` is too fast; NaN is not.
     pub(super) fn is_too_fast(&self, v: f64) -> bool {
         v.abs() > TOO_FAST * self.v
     }
 
-    /// The direction in which the joint, measured at `q` with the velocity `v`, may not be driven; 0 where there is none, as for what is
-    /// no number.
+    /// The direction in which the joint, measured at `q` with the velocity `v`, must not be driven; 0 where there is none, and for NaN.
     pub(super) fn forbidden(&self, q: f64, v: f64) -> f64 {
         if self.is_too_fast(v) {
             v.signum()
@@ -66,7 +65,7 @@ impl ArmBound {
     }
 }
 
-/// As much of the torque `tau` as does not drive a joint in the `forbidden` direction, where `gravity` carries its weight.
+/// The part of the torque `tau` that does not drive a joint in the `forbidden` direction; the torque `gravity` carries the joint's weight.
 pub(super) fn not_driving(forbidden: f64, tau: f64, gravity: f64) -> f64 {
     if forbidden > 0.0 {
         tau.min(gravity)

@@ -59,7 +59,7 @@ impl JointBound {
     /// Whether a joint at `now` may be at `next` a tick of `dt` seconds later: within the limits in between, and able to stop from there.
     pub(super) fn admits(&self, now: JointMotion, next: JointMotion, dt: f64) -> bool {
         let change = self.j * dt;
-        // Every comparison fails for what is no number.
+        // Every comparison with NaN is false, so that NaN is not admissible.
         next.a.abs() <= self.a + ROUNDING * self.a
             && (next.a - now.a).abs() <= change + ROUNDING * (1.0 + change)
             && (next.v - now.v - dt * (now.a + next.a) / 2.0).abs() <= dt * (change / 2.0 + ROUNDING)
@@ -67,7 +67,7 @@ impl JointBound {
             && self.can_stop(next, now.q, ROUNDING)
     }
 
-    /// The next motion of a joint that is at `now` and shall approach `wanted`, which may be any numbers, also not finite.
+    /// The next motion of a joint that is at `now` and is to approach `wanted`, whose numbers may be anything, NaN and infinity included.
     pub(super) fn approach(&self, now: JointMotion, wanted: JointMotion, dt: f64) -> JointMotion {
         let velocity = wanted.v + CATCH_UP_1_S * (wanted.q - now.q);
         let velocity = if velocity.is_finite() { velocity.clamp(-self.v, self.v) } else { 0.0 };

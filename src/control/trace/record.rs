@@ -1,4 +1,4 @@
-//! A tick as it travels: flat, enumerations as codes.
+//! The record of a tick as it is sent: a flat structure, in which enumerations are codes.
 
 use super::{Event, Trace};
 use crate::control::outcome::Outcome;

@@ -29,7 +29,7 @@ use law::Feedback;
 use nalgebra::SVector;
 use stall::StallGuard;
 
-/// Rate at which the velocity for which a torque law's friction is made up follows the measured one, 1/s.
+/// Rate at which the velocity for which a torque law's friction is compensated follows the measured one, 1/s.
 const FOLLOWS_1_S: f64 = 10.0;
 
 /// Share of its natural frequency that a softened controller keeps, after a fault. Chosen by hand: the stiffness falls to 4 %, because it
@@ -162,7 +162,7 @@ impl<const N: usize> JointController<N> {
         self.compensated(robot, q, qd, &feedback)
     }
 
-    /// The torque that gives the arm the acceleration `qdd` (rad/s^2 or m/s^2), friction and disturbance made up for, cut
+    /// The torque that gives the arm the acceleration `qdd` (rad/s^2 or m/s^2), with friction and disturbance compensated, cut
     /// at the effort limits; zero from the pass-through.
     pub fn torque_for(
         &mut self,
@@ -175,7 +175,7 @@ impl<const N: usize> JointController<N> {
             return JointTorque { tau: SVector::zeros(), saturated: 0, stalled: 0 };
         }
         let h = TICK.as_s();
-        // Friction made up for at a measured velocity drives an arm that has less of it than believed.
+        // Friction that is compensated at the measured velocity drives an arm that has less friction than its model.
         let before = self.requested_velocity.unwrap_or(*qd);
         let after = before + (qdd + (qd - before) * FOLLOWS_1_S) * h;
         self.requested_velocity = Some(after);

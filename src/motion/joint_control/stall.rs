@@ -53,15 +53,15 @@ impl<const N: usize> Default for StallGuard<N> {
 }
 
 impl<const N: usize> StallGuard<N> {
-    /// Of the reference's accelerations, what is expected of the joints.
+    /// The part of the reference's accelerations that the joints are expected to make.
     pub(super) fn expected(&self, u: &SVector<f64, N>) -> SVector<f64, N> {
         self.last.as_ref().map_or(*u, |last| {
             SVector::from_fn(|i, _| if last[i].ahead.abs() > AHEAD * BAND { 0.0 } else { u[i] })
         })
     }
 
-    /// Of `beyond`, the torque beyond what the model expects, what may be applied to joints at `q` that shall move with `velocity`;
-    /// the joints where that is less, as a mask. `steps` are those of the encoders.
+    /// Bounds `beyond`, the torque beyond the one that the model predicts, of joints at `q` that are to move with `velocity`. Returns the bounded
+    /// torque and, as a mask, the joints where it is less. `steps` are those of the encoders.
     pub(super) fn bound(
         &mut self,
         robot: &Robot<N>,
@@ -92,7 +92,7 @@ impl<const N: usize> StallGuard<N> {
         (bounded, stalled)
     }
 
-    /// The arm is taken over anew.
+    /// Forgets all joints, because control takes the arm over again.
     pub(super) fn forget(&mut self) {
         self.last = None;
     }

@@ -57,7 +57,7 @@ impl<const N: usize> CameraCorrection<N> {
         let dv = SVector::from_fn(|i, _| {
             let (dq, step) = (drift.dq[i], step[i]);
             let slow = 1.0 - velocity[i].abs() * span_s / step;
-            // The comparison also leaves joints without steps alone, and NaN.
+            // The comparison is false for joints without encoder steps and for NaN, which are not corrected.
             if !(dq.abs() < step && slow > 0.0) {
                 return 0.0;
             }

@@ -1,12 +1,12 @@
-//! What a URDF says, as it says it: links and joints with their numbers, not yet joined and not yet judged.
+//! The content of a URDF as it is written: links and joints with their numbers, not yet connected and not yet checked.
 //!
 //! ```text
 //! text ─ prolog ─► size ─► roxmltree ─► schema ─► Document      syntax: what is not XML, in words
 //! ```
 //!
-//! Of an element only what the format knows is looked at; other elements and attributes, those of simulators, stay
-//! what they are. The version in `<robot>` decides, as in the format: `quat_xyzw` counts from 1.1 on, and from 1.2
-//! on a limit that is missing is none.
+//! Only what the format defines is read; other elements and attributes, such as those of simulators, are ignored. As in the format, the
+//! version in `<robot>` decides: `quat_xyzw` is read from version 1.1 on, and from 1.2 on a missing limit means that
+//! there is no limit.
 
 use super::prolog::without_prolog;
 use super::schema::{self, V1_0, V1_1, V1_2, Version, child, parts};
@@ -53,9 +53,9 @@ pub(super) struct Joint {
     pub(super) name: String,
     pub(super) kind: JointType,
     pub(super) origin: Origin,
-    /// The link before it.
+    /// The parent link.
     pub(super) parent: String,
-    /// The link behind it.
+    /// The child link.
     pub(super) child: String,
     /// Of any length, in the joint's frame.
     pub(super) axis: [f64; 3],
@@ -140,7 +140,7 @@ fn version_of(text: &str) -> Option<Version> {
     Some((major.parse().ok()?, minor.parse().ok()?))
 }
 
-// Behind the schema's check these find what they need; what the schema would let through by mistake ends as `None`.
+// After the schema's check these functions find what they need; where the schema lets something through by mistake they return `None`.
 
 fn link(node: Node, version: Version) -> Option<UrdfLink> {
     let inertial = match child(node, "inertial") {

@@ -1,4 +1,4 @@
-//! What may stand before the first element of an XML text, and says nothing to a reader of robots.
+//! The prolog of an XML text: what may stand before its first element. It holds nothing that describes a robot.
 
 use std::borrow::Cow;
 

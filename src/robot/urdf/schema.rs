@@ -1,6 +1,6 @@
-//! What links and joints of a URDF hold, and what is wrong with one in the words of the format.
+//! The elements and attributes of links and joints in a URDF, and what is wrong with one in the words of the format.
 //!
-//! The one place that says which values an element has and must have; `document` reads behind it.
+//! This is the only place that states which values an element has and must have; `document` reads what has passed this check.
 
 use roxmltree::Node;
 
@@ -13,7 +13,7 @@ pub(super) const V1_1: Version = (1, 1);
 /// Limits may be missing, and sizes and limits are checked.
 pub(super) const V1_2: Version = (1, 2);
 
-/// What an attribute's value is.
+/// The kind of an attribute's value.
 #[derive(Clone, Copy)]
 enum AttributeValue {
     /// So many numbers.
@@ -39,7 +39,7 @@ enum Need {
     NeverSince(Version),
 }
 
-/// How many elements of a name another one holds.
+/// How many elements of one name an element may contain.
 #[derive(Clone, Copy, PartialEq)]
 enum Count {
     One,
@@ -49,7 +49,7 @@ enum Count {
     Choice,
 }
 
-/// An element, its attributes, and what is looked at in it.
+/// An element, its attributes, and the elements that are checked within it.
 type Element = (&'static str, &'static [Attribute], &'static [(&'static str, Count)]);
 /// An attribute: its name, its value, and whether it must be there.
 type Attribute = (&'static str, AttributeValue, Need);
@@ -149,7 +149,7 @@ const ELEMENTS: &[Element] = &[
 /// An element that is not as URDF wants it, and what is wrong with it.
 pub(super) type SchemaViolation<'a, 'input> = (Node<'a, 'input>, String);
 
-/// Checks `node` and all that is looked at in it, in the file's order.
+/// Checks `node` and the elements within it, in the file's order.
 ///
 /// # Errors
 /// The first thing that URDF does not allow.

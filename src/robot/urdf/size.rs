@@ -1,5 +1,5 @@
-//! Whether a URDF is of a size that a robot may have. The parser compares the attributes of a tag with one another, and
-//! each element with the namespaces around it: what is deep or wide beyond all robots must not reach it.
+//! Checks that a URDF is not larger than a robot's description can be. The parser compares the attributes of a tag with one another, and
+//! each element with the namespaces around it, so that a text far deeper or wider than any robot must not reach it.
 
 use super::syntax::XmlFault;
 use super::tags::tags;
@@ -13,8 +13,8 @@ const LONGEST_TAG: usize = 8 << 10; // bytes
 const MAX_NAMESPACES: usize = 1000; // that are declared
 const MAX_SIGNS: usize = 400_000; // each of `<` and `=`, for which the parser sets memory aside before it looks
 
-/// The first thing in `text` that is too much, or the first tag without end. What else is wrong with it is for the parser
-/// to find.
+/// The first part of `text` that exceeds a bound, or the first tag without end. The parser finds all other
+/// faults.
 pub(super) fn excess(text: &str) -> Option<XmlFault> {
     let at = |offset: usize, message: String| Some(XmlFault::at(text, offset, message));
     let (mut depth, mut elements, mut links, mut joints) = (0_usize, 0, 0, 0);

@@ -1,5 +1,5 @@
-//! The tags of an XML text one after the other, with where they stand, in one pass and without recursion: for what is
-//! looked at before a text is parsed, and where it cannot be.
+//! The tags of an XML text in their order, with their offsets, in one pass and without recursion. They are read before a text is parsed, and
+//! where it cannot be parsed.
 
 /// A tag between its brackets, and where it begins and ends in the text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -45,7 +45,7 @@ pub(super) fn place_at(joint: &Joint, position: f64) -> Result<Pose, Defect> {
     Ok(X * motion)
 }
 
-/// The place of a joint behind the tip that nobody named: at zero, or at the end of its range that is nearest to it.
+/// The position of a joint beyond the tip that the user has not given: zero, or the end of its range that is nearest to zero.
 pub(super) fn held_at_rest(joint: &Joint) -> Result<Pose, Defect> {
     let end = |side: fn(&UrdfLimit) -> Option<f64>| joint.limit.as_ref().and_then(side).unwrap_or(0.0);
     let (lower, upper) = (end(|limit| limit.lower), end(|limit| limit.upper));
