@@ -17,9 +17,9 @@ use crate::target::FourDots;
 use nalgebra::{Matrix2, Vector2};
 
 /// Most regions among which the target is looked for. Chosen by hand: 1820 choices of four; twice as many regions make 20 times as many choices,
-/// half as many leave out a target among eight larger things.
+/// half as many leave out a target among five larger things.
 pub(super) const MAX_CANDIDATES: usize = 16;
-/// Choices that may fit. Chosen by hand: more of them are no clear image, and it is not taken for one anyway.
+/// Choices that may fit. Chosen by hand: an image with more of them is ambiguous.
 const MAX_FITS: usize = 64;
 /// Greatest error of shape, or of the area's logarithm, at which a dot still fits. Chosen by hand: the square through four centres is a little off
 /// where dots are seen aslant, and a threshold moves rims; half of it loses views of 70 degrees, twice of it lets clutter be P1.

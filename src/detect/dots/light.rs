@@ -15,8 +15,8 @@ use crate::linalg::Ldlt;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use samples::{LightResidual, LightSums, ring_rest};
 
-/// From this half axis on the light's curvature matters, px. Chosen by hand: what a curved light moves a centroid grows with the cube of the axis;
-/// `centres_are_true_in_any_light` tests dots of 5, 10 and 25 px under a plane and a quadric.
+/// From this half axis on the light's curvature matters, px. Chosen by hand: a slope that a plane leaves over moves rims, and so a centroid, in
+/// proportion to the axis. The test `centres_are_true_in_any_light` has dots of 5, 10 and 25 px.
 const QUADRIC_FROM_PX: f64 = 9.0;
 /// What light may leave over that is still followed: so many standard deviations of samples, and beside these, a share of its level. Chosen by
 /// hand: noise alone leaves one deviation; 0.4 % is one level of a bright plate, and a shadow's edge leaves many levels.

@@ -27,8 +27,8 @@ const CONTRAST_LEVELS: (f64, f64) = (12.0, 80.0);
 /// frame of forty; the levels, for light, were chosen by hand.
 const FLAT_SDS: f64 = 10.5;
 const FLAT_LEVELS: f64 = 8.0;
-/// Thresholds of the sweep. Chosen by hand: every other one first, 11, then those between; twice as many take twice the time of a search that
-/// finds nothing, which this nearly always is.
+/// Thresholds of the sweep. Chosen by hand: every other one first, 11, then those between; twice as many take twice the time of a search
+/// that finds nothing, and the sweep begins where all else has found nothing.
 const SWEEP: u32 = 21;
 /// Share of the pixels that may be darker, or lighter, than the sweep goes. Chosen by hand: a third of what four dots of 4 px radius have of a
 /// frame of 640 x 480, so that a target is not cut off.
@@ -38,7 +38,7 @@ const TAIL: f64 = 2e-4;
 const SHARES: [u8; 5] = [36, 184, 72, HALF, 220];
 const HALF: u8 = 128;
 /// Pixels for each run: with fewer, another threshold is likelier to show the target, and sooner. Small frames may have so many runs. Chosen by
-/// hand: a scene has some runs a row, a row of noise one in ten pixels; what is put off is searched later, so that it only changes the order.
+/// hand: a scene has some runs a row, a row of noise one in four pixels; what is put off is searched later, so that it only changes the order.
 const PIXELS_OF_RUN: usize = 64;
 const FEW_RUNS: usize = 1000;
 

@@ -64,7 +64,7 @@ impl RimMeter {
     ) -> Result<FoundEllipse, EllipseMiss> {
         let mut ellipse = *start;
         let mut scan = EdgeScan {
-            // chosen by hand: a third of a small half axis is still one pixel
+            // chosen by hand: with 2 a scan reaches five pixels inside, to the middle of the smallest rim
             half_px: if start.axes_px().1 < 8.0 { 1 } else { 2 },
             search_px: (slack_px.clamp(0.0, 60.0).ceil() as usize) + 2,
             min_step: self.min_step,

@@ -14,7 +14,7 @@ use nalgebra::Vector2;
 /// Most pixels of a piece; of more the rest is left out. Chosen by hand, since it bounds the buffer: a piece of 20 px, under the strongest blur
 /// 22 px wide, has 440.
 pub(super) const MAX_PIXELS: usize = 4096;
-/// Fewest pixels of a piece. Chosen by hand: three numbers are fitted to them, so that five remain for the noise; with four nothing would.
+/// Fewest pixels of a piece. Chosen by hand: three numbers are fitted to them, so that five remain for the noise; with four it would be one.
 const FEWEST_PIXELS: usize = 8;
 
 /// Where a piece of the edge is assumed.

@@ -23,8 +23,8 @@ const MAX_PIECES: usize = 512;
 /// of an edge is known to a hundredth of a pixel; shorter ones make more of the same equations, on longer ones a curve is no parabola.
 const PIECE_PX: f64 = 10.0;
 const PIECES: f64 = 200.0;
-/// Shortest piece, px. Chosen by hand: it has some eight pixels, of which three numbers are fitted; half has too few, twice loses the short
-/// sides of small shapes.
+/// Shortest piece, px. Chosen by hand: it has sixteen pixels, eight where there is little room beside it, to which three numbers are fitted; half
+/// has too few, twice loses the short sides of small shapes.
 const SHORTEST_PX: f64 = 2.5;
 /// Blur with the pixel in it: before anything is known, and its bounds, px. Derived: the pixel alone has `1 / sqrt 12` = 0.29, with a usual lens
 /// nearly one; the upper bound was chosen by hand, where windows would be 22 px wide.

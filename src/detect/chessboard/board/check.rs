@@ -5,7 +5,7 @@ use crate::imaging::corners::CornerFit;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 /// Contrast, residual, blur and stated deviation of a corner compared with the board's medians. Chosen by hand, so wide that light may fall
-/// off to a third over the board and focus change by half; what lies on a corner is mostly further off. Half the excess over 1 removes
+/// off to a third over the board and blur may double; what lies on a corner is mostly further off. Half the excess over 1 removes
 /// corners of boards that are lit from aside, twice of it keeps what lies on corners. The tests `no_wrong_label` and
 /// `photographs_with_a_quarter_covered` hold them.
 const CONTRAST: std::ops::RangeInclusive<f64> = 0.3..=3.0;
