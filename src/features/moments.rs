@@ -296,7 +296,7 @@ pub struct MomentFeature {
 }
 
 impl MomentFeature {
-    /// Of an area; `reference_m` is `z_d sqrt(a_d)`, m: depth and image area at the goal.
+    /// The features of an area; `reference_m` is `z_d sqrt(a_d)`, m, with the depth and the image area at the goal.
     #[must_use]
     pub fn new(area: AreaFeature, reference_m: f64) -> Self {
         Self { area, reference_m }

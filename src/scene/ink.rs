@@ -56,7 +56,7 @@ pub(crate) struct PixelKernel {
 }
 
 impl PixelKernel {
-    /// Of a Gaussian blur of `sigma` px.
+    /// The kernel of a Gaussian blur with the standard deviation `sigma` px.
     pub(crate) fn new(sigma: f64) -> Self {
         let reach_px = 0.5 + CUT_SIGMA * sigma;
         let steps_per_px = STEPS as f64 / (2.0 * reach_px);

@@ -27,7 +27,7 @@ pub(super) struct EdgeProfile {
 }
 
 impl EdgeProfile {
-    /// Table for a Gaussian blur of `sigma` px.
+    /// The table for a Gaussian blur with the standard deviation `sigma` px.
     pub(super) fn new(sigma: f64) -> Self {
         let half_px = std::f64::consts::FRAC_1_SQRT_2 + CUT_SIGMA * sigma;
         let bins_per_px = DISTANCES as f64 / (2.0 * half_px);

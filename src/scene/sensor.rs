@@ -79,7 +79,8 @@ pub(super) struct Sensor {
 }
 
 impl Sensor {
-    /// Of a whole image, `(columns, rows)`, of which the part `read` is read: light is lost about the middle of the whole.
+    /// The tables for an image of `(columns, rows)`, of which the part `read` is read out. The loss of light is that about the middle of the whole
+    /// image.
     pub(super) fn new(model: &SensorModel, (width, height): (u32, u32), read: &Region) -> Self {
         let (cx, cy) = (0.5 * (f64::from(width) - 1.0), 0.5 * (f64::from(height) - 1.0));
         let corner2 = (cx * cx + cy * cy).max(1.0);

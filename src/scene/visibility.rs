@@ -162,7 +162,7 @@ impl PointVisibility {
     }
 }
 
-/// Of each point its mark, as an outline in the object's plane, m, and what the finder needs about that, px.
+/// The mark of each point, as an outline in the object's plane, m, and the margin that the finder needs about it, px.
 fn outlines(target: &Target) -> Vec<(Vec<Vector2<f64>>, f64)> {
     let discs = target.discs();
     if !discs.is_empty() {

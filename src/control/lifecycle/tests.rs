@@ -1,4 +1,4 @@
-//! The whole table, written down anew.
+//! The whole table of transitions, written down a second time.
 
 use super::*;
 use std::collections::{HashMap, HashSet};
@@ -19,7 +19,7 @@ const CUES: [Cue; 13] = [
     Cue::Failed,
 ];
 
-/// One row a state, one column a cue. `.` nothing; a state by its first letters; a refusal in capitals.
+/// A row for each state and a column for each cue: `.` where nothing happens, the first letters of the next state, or a refusal in capitals.
 const TABLE: &str = "
           start     hold      teach     reset     stop      shutdown  in_view   no_view   way_back  returned  taught    at_rest   failed
 Idle      Waiting   NOSTART   Teaching  NOFAULT   .         Stopping  .         .         .         .         .         .         Failing

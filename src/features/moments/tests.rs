@@ -103,12 +103,12 @@ proptest! {
     fn interaction_matrices_of_moment_features(
         X_CO in view(), lengths in prop::array::uniform7(0.5..1.5f64)
     ) {
-        // a random polygon that is no symmetric one
+        // random polygons are not symmetric
         let corners: Vec<[f64; 2]> =
             ARROW.iter().zip(lengths).map(|(c, by)| [c[0] * by, c[1] * by]).collect();
         let area = |X: &Pose| AreaFeature::new(ImageMoments::of_polygon(&image(X, &corners)), plane(X));
         let full = |X: &Pose| MomentFeature::new(area(X), 0.02);
-        // where the senses of the axis, or the axes, are hardly told apart there is a step
+        // where the senses of the axis, or the axes, can hardly be distinguished, the features have a step
         let s = full(&X_CO).value();
         let c = Central::of(&area(&X_CO).moments, &plane(&X_CO));
         let elongation = (c.mu20.value - c.mu02.value).hypot(2.0 * c.mu11.value) / (c.mu20.value + c.mu02.value);

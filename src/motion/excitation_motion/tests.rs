@@ -20,7 +20,7 @@ fn limits<const N: usize>(robot: &Robot<N>) -> MotionLimits<N> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(20))]
 
-    /// Through the reference, whose limits must not act: the end is where the beginning was, at rest.
+    /// The motion passes through the reference, whose limits must not act, and ends where it began, at rest.
     #[test]
     fn it_ends_where_it_began_and_no_limit_acts(
         start in prop::array::uniform4(0.02..0.98f64), reach in prop::array::uniform4(-0.5..0.5f64),

@@ -151,8 +151,8 @@ fn effort_limits_cut_and_tell_the_joint() {
     assert_eq!((torque.tau, torque.saturated), (Vector6::zeros(), 0));
 }
 
-/// Torques for the acceleration of the reference belong to PD too: without them the arm runs behind it, and the faster it
-/// turns the farther.
+/// PD control needs the torques for the acceleration of the reference too: without them the arm lags behind it, and the more the faster it
+/// turns.
 #[test]
 fn every_law_follows_a_reference_that_accelerates() {
     let robot = robot::<7>("panda");
@@ -163,7 +163,7 @@ fn every_law_follows_a_reference_that_accelerates() {
     }
 }
 
-/// Of an arm that is as its model says nothing is learnt, and it goes as it goes without an observer.
+/// Hardly anything is learnt of an arm that agrees with its model, and it moves as it does without an observer.
 #[test]
 fn an_exact_model_leaves_nothing_to_learn() {
     let robot = robot::<7>("xarm7");
@@ -179,7 +179,7 @@ fn an_exact_model_leaves_nothing_to_learn() {
             let (p, t) = tick.control.disturbance();
             learnt = learnt.max(p.amax()).max(t.amax());
         });
-        // what is learnt where a joint turns about is forgotten on its way
+        // what is learnt at a reversal of a joint is forgotten while it moves on
         assert!(off < 2e-5 && learnt < 0.1, "{law:?}: {off:e} rad apart, {learnt:e} learnt");
     }
 }
@@ -204,7 +204,7 @@ fn what_the_model_does_not_know_is_learnt() {
     }
 }
 
-/// Encoders with steps: the arm neither shakes nor strays.
+/// Encoders with steps: the arm neither oscillates nor drifts away.
 #[test]
 fn encoder_steps_do_not_shake_the_arm() {
     for step in [2e-4, 5e-4] {

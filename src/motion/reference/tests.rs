@@ -65,7 +65,7 @@ proptest! {
         }
     }
 
-    /// Overshoot is a matter of the tick: a few times the velocity that one tick of full jerk makes.
+    /// The overshoot depends on the tick: it is at most a few times the velocity that one tick of full jerk makes.
     #[test]
     fn a_steady_request_is_reached_without_overshoot(a in -0.9..0.9f64, b in -0.25..0.25f64) {
         let mut free = limits();
@@ -85,7 +85,7 @@ proptest! {
         prop_assert!(!r.state().limits.any());
     }
 
-    /// A joint that starts outside its range goes no farther out and may come back.
+    /// A joint that starts outside its range moves no farther out and may come back.
     #[test]
     fn outside_the_range_the_way_back_is_open(beyond in 0.001..0.5f64, requested_qd in -1.0..1.0f64) {
         let mut r = Reference::new(limits(), Vector2::new(0.8 + beyond, 0.0));

@@ -18,7 +18,7 @@ pub(super) fn pose(origin: &Origin) -> Result<Pose, Defect> {
             for (i, component) in components.into_iter().enumerate() {
                 within(&format!("origin quat_xyzw[{i}]"), component, &bounds::DIRECTION)?;
             }
-            // one of length zero is no rotation, and nobody means it
+            // a quaternion of length zero is no rotation: it must be a mistake
             let q = Quaternion::from(components);
             within("length of origin quat_xyzw", q.norm(), &(1e-9..=2.0 * *bounds::DIRECTION.end()))?;
             UnitQuaternion::new_normalize(q)

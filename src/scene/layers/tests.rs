@@ -1,4 +1,4 @@
-//! Scenes in layers against rays: each pixel as the mean over many places in it, from the definition of what is where.
+//! Scenes in layers against rays: each pixel as the mean over many places in it, each computed from the definition of the scene.
 
 use crate::camera_model::{CameraModel, Distortion, Intrinsics};
 use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
@@ -227,7 +227,7 @@ fn dots_are_the_same_by_both_ways() {
         });
         let [dots, layers] = &images;
         let errors = dots.iter().zip(layers).map(|(a, b)| a.abs_diff(*b));
-        // small dots of 2 px under this blur: the first way takes the blur of a bent edge as that of a straight one
+        // small dots of 2 px under this blur: `SceneView` approximates the blur of a bent edge by that of a straight one
         assert!(errors.clone().max().unwrap() < 12, "{:?}", errors.max());
     }
 }

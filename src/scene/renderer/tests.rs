@@ -164,7 +164,7 @@ fn grids_and_occluders_agree_with_brute_force() {
     }
 }
 
-/// Dots seen so aslant that they are thinner than a pixel, which the closed form for wider ones had wrong by a third of the contrast.
+/// Dots that are seen so obliquely that they are thinner than a pixel. The closed form for wider dots was wrong there by a third of the contrast.
 #[test]
 fn thin_dots_are_those_of_brute_force() {
     let bent = camera(96, 64, 80.0, Distortion { k1: -0.2, ..Distortion::default() });
@@ -175,7 +175,7 @@ fn thin_dots_are_those_of_brute_force() {
 }
 
 proptest! {
-    // Always the same poses, so that a failure is one of the code.
+    // The poses are always the same, so that only a change of the code can make it fail.
     #![proptest_config(ProptestConfig { rng_seed: RngSeed::Fixed(10), ..ProptestConfig::with_cases(24) })]
     #[test]
     fn any_pose_is_rendered_right(
