@@ -15,11 +15,12 @@ use std::path::Path;
 
 mod suggestion;
 
-/// Time before a measurement, in which automatic exposure settles and old frames of a stream pass. Chosen by hand.
+/// Time before a measurement, in which automatic exposure settles and old frames of a stream pass. Chosen by hand: some ten frames; twice only
+/// makes one wait.
 const WARM_UP: SpanNs = SpanNs(500_000_000);
 /// Longest wait for the first frame. Chosen by hand: USB cameras take up to a second or two to start.
 const FIRST_FRAME: SpanNs = SpanNs(5_000_000_000);
-/// Longest measurement, s. Chosen by hand.
+/// Longest measurement, s. Chosen by hand: ten minutes are enough for rates and latencies to drift, and a slip of the unit is refused.
 const LONGEST_PROBE_S: f64 = 600.0;
 
 /// Does what was asked for, if anything was beside the process.

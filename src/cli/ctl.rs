@@ -16,7 +16,7 @@ use reach::AnswerTimeout;
 use serde::Serialize;
 use std::fmt::Write as _;
 
-/// The longest wait for an answer, s. Chosen by hand.
+/// The longest wait for an answer, s. Chosen by hand: longer than any calibration takes, and a slip of the unit is refused.
 const LONGEST_S: f64 = 3600.0;
 
 /// An answer, for programs; `null` where unknown.

@@ -8,7 +8,8 @@
 use crate::rt::now;
 use crate::time::SpanNs;
 
-/// Most waits without a spin between two attempts, so that spins that never help cost a sixty-fourth. Chosen by hand.
+/// Most waits without a spin between two attempts, so that spins that never help cost a sixty-fourth. Chosen by hand: with
+/// more it takes longer to notice that they help again.
 const LONGEST_PAUSE: u32 = 64;
 /// The thread looks for the message every few nanoseconds. If the clock has advanced by this much in between, another thread must have run
 /// in its place, so that there is no free core. Chosen by hand: less than a time slice of the scheduler, and longer than an interrupt.

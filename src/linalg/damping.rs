@@ -3,8 +3,8 @@
 //! None at first: near a good start a plain step of Gauss and Newton is best. The factors are chosen by hand, about
 //! Marquardt's ten; a success undoes more than a failure, so that the steps end undamped.
 
-/// The damping of the first step that failed: Marquardt's first guess was 0.01; a thousandth shortens
-/// what is hardly determined and leaves the rest. Chosen.
+/// The damping of the first step that failed. Chosen by hand: Marquardt's first guess was 0.01; a thousandth shortens
+/// what is hardly determined and leaves the rest, and each failure takes eight times as much.
 pub(crate) const FIRST: f64 = 1e-3;
 /// Below this a step is one of Gauss and Newton's, and its end quadratic again, because the damping is then none at all.
 const NONE_BELOW: f64 = 1e-6;

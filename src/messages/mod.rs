@@ -36,7 +36,8 @@ pub use trace::{TRACE_LIMITS, TraceMsg, trace_flag};
 /// Most joints that an arm may have, so that records have a fixed layout: seven are what a redundant arm of today has.
 pub const MAX_JOINTS: usize = 7;
 
-/// Most cameras that a cell may have, so that each has its services and locks. Chosen.
+/// Most cameras that a cell may have, so that each has its services and locks. Chosen by hand: a pair, and two that look on;
+/// each one more takes names and locks alone.
 pub const MAX_CAMERAS: usize = 4;
 
 /// Most features that one measurement carries, so that records have a fixed layout. Chosen: a grid of 8 by 8; of more, one point lowers the

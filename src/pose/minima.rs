@@ -18,7 +18,7 @@ const COLLINEAR: f64 = 1e-7;
 /// width may be a hundredth of the length.
 const FLAT: f64 = 1e-6;
 /// Starts on the grid of rotations, by which the least error over all rotations is found: `no_minimum_is_lower_than_the_first` is the test of
-/// it, against random starts. Chosen by hand.
+/// it, against random starts. Chosen by hand: half may miss a basin, twice takes more time in each solution.
 const STARTS: usize = 8;
 /// Minima that are kept, since each start may have one of its own, and each of the four solutions of three points.
 const BASINS: usize = STARTS + 4;

@@ -15,7 +15,8 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Command, ExitStatus};
 use std::time::Duration;
 
-/// Time that the program has to end by itself on request, before it is killed, and the period of the look. Chosen by hand.
+/// Time that the program has to end by itself on request, before it is killed, and the period at which that is looked at. Chosen by hand: less
+/// than the 0.6 s that a supervisor gives its own children, and enough to close files.
 const GRACE: SpanNs = SpanNs(400_000_000);
 const PERIOD: Duration = Duration::from_millis(5);
 

@@ -240,7 +240,8 @@ pub enum ProcessError {
 #[derive(Debug)]
 pub struct Disagreements(pub Vec<Disagreement>);
 
-/// How many differences are listed; the others are counted, so that two unlike run files do not fill the screen. Chosen by hand.
+/// How many differences are listed; the others are counted, so that two unlike run files do not fill the screen. Chosen by hand: one
+/// wrong option makes one or two.
 const TOLD: usize = 5;
 
 impl fmt::Display for Disagreements {

@@ -4,9 +4,10 @@
 use crate::messages::{FeaturePoint, FrameHeader, Measurement, TargetStatus};
 use std::fmt::Write;
 
-/// Most frames without the target that are kept; the others are counted. Chosen.
+/// Most frames without the target that are kept; the others are counted. Chosen by hand: as many as one looks through on a page.
 const MAX_LOST: usize = 24;
-/// Most memory for them, bytes, so that frames of many megapixels are fewer. Chosen.
+/// Most memory for them, bytes, so that frames of many megapixels are fewer. Chosen by hand: all of them up to 4 megapixels; memory is taken before the
+/// first frame.
 const MAX_BYTES: usize = 96 << 20;
 
 /// Why an image is kept.

@@ -9,9 +9,10 @@ const MIDDLE: f64 = 0.8;
 const MUCH_WORSE: f64 = 2.0;
 /// Halves that differ by this many times the difference that noise predicts are reported.
 const UNEXPLAINED: f64 = 1.5;
-/// Fewer images are reported, since halves of them would be three or less (`halves`). Chosen by hand.
+/// Fewer images are reported, since halves of them would be three or less (`halves`). Chosen by hand, for a wording.
 const FEW_VIEWS: usize = 8;
-/// Beyond this a camera is of no use for measuring, px: images or board must be wrong. Chosen by hand.
+/// Beyond this a camera is of no use for measuring, px: images or board must be wrong. Chosen by hand: tens of times
+/// what a usual calibration reaches.
 const USELESS_PX: f64 = 3.0;
 
 /// What the numbers say.

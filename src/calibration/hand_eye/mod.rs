@@ -54,7 +54,8 @@ pub use visp_pose::read_visp_pose;
 use crate::geometry::{Pose, Twist};
 use nalgebra::{Point3, Vector2};
 
-/// Most views of a calibration: leave-one-out fits all of them once for each, so that its time grows with the square. Chosen.
+/// Most views of a calibration: leave-one-out fits all of them once for each, so that its time grows with the square. Chosen by
+/// hand: far more than a tour has, and errors fall with the root alone.
 pub const MAX_VIEWS: usize = 200;
 /// Fewest views, because two motions about different axes are needed (Tsai and Lenz 1989).
 pub const MIN_VIEWS: usize = 3;

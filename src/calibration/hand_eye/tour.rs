@@ -28,7 +28,8 @@ const ROLL_RAD: f64 = 0.9;
 const SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.3];
 /// Margin between the board and the border of the image, as a share of the image's width. Chosen by hand: the true mount may differ from the nominal one.
 const BORDER: f64 = 0.1;
-/// Share of a joint's range that is kept free at each end. Chosen by hand.
+/// Share of a joint's range that is kept free at each end. Chosen by hand: so near to the end the reference slows a joint down, and a view at
+/// the very end says no more than one beside it.
 const RANGE_SHARE: f64 = 0.03;
 /// Accuracy of the inverse kinematics, m and rad, and its steps, largest change of a joint and damping. Chosen by hand: a view may differ from its plan, because
 /// the measured postures alone are used.

@@ -10,7 +10,8 @@ use serde::Serialize;
 use std::fmt::Write as _;
 
 const PERIOD: SpanNs = SpanNs::MILLISECOND;
-/// Upper edges of the bars that are printed, us, and the length of the longest bar, columns. Chosen by hand.
+/// Upper edges of the bars that are printed, us, and the length of the longest bar, columns. Chosen by hand: usual steps of a
+/// logarithmic scale over what kernels do, in a terminal of 80 columns.
 const EDGES_US: [u64; 11] = [1, 5, 10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000];
 const BAR: usize = 40;
 /// Both ways of waiting take turns of so many wake-ups, A B B A, so that they see the same machine.

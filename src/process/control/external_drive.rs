@@ -33,17 +33,19 @@ const STATES: usize = 64;
 const COMMANDS: usize = 256;
 /// Time after which an unanswered start is requested again. Chosen by hand: some hundred times an answer, which takes a tick or two.
 const ASK_AGAIN: SpanNs = SpanNs(500_000_000);
-/// Time without an answer after which control looks for the drive's process. Chosen by hand.
+/// Time without an answer after which control looks for the drive's process. Chosen by hand: hundreds of ticks, so that a drive that pauses is not
+/// searched for in each of them, and short for a user who waits.
 const LOOK_AFTER: SpanNs = SpanNs(500_000_000);
 /// Period of the messages while the drive is awaited. Chosen by hand, for people.
 pub(super) const TELL: SpanNs = SpanNs(4_000_000_000);
-/// Periods of the search for a drive: 2 ms in the first half second, so that one that is starting is met at once, then 20 ms. Chosen by hand.
+/// Periods of the search for a drive: 2 ms in the first half second, so that one that is starting is met at once, then 20 ms. Chosen by hand:
+/// with the second the wait costs little while no drive comes, and a user hardly notices that it is longer.
 pub(super) const LOOK_FIRST: Duration = Duration::from_millis(2);
 pub(super) const LOOK_LATER: Duration = Duration::from_millis(20);
 pub(super) const HURRY: SpanNs = SpanNs(500_000_000);
 /// Time that the drive has to receive the end of the run. Chosen by hand: 200 of its ticks, because messages vanish with their sender.
 const FAREWELL: SpanNs = SpanNs(200_000_000);
-/// Time that a run which is to stop still waits for the drive. Chosen by hand.
+/// Time that a run which is to stop still waits for the drive. Chosen by hand: hundreds of its ticks; a user who has pressed Ctrl-C hardly notices it.
 const STOP_PATIENCE: SpanNs = SpanNs(300_000_000);
 
 /// The result of the wait for a state.

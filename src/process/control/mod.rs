@@ -39,7 +39,8 @@ use stops::Stops;
 
 /// Of a run whose last trace does not say how it ended: there is no such run.
 const WITHOUT_AN_END: Finish = Finish { outcome: Outcome::Stopped, reason: "the run ended without a reason" };
-/// Time that recorders have to read the last records of a run, because these vanish with their sender. Chosen by hand.
+/// Time that recorders have to read the last records of a run, because these vanish with their sender. Chosen by hand: four of the 50 ms after which
+/// a waiting reader looks again; each run with a recorder takes so much longer.
 const TRACE_FAREWELL: Duration = Duration::from_millis(200);
 
 /// Runs control to the end of the run, and leaves its history in the folder `report`, where there is one.

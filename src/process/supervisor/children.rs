@@ -18,7 +18,8 @@ use tracing::warn;
 /// Time that control may take to end, beside braking. Chosen by hand: 3 s until an arm that does not rest is given up, the farewell to the drive,
 /// and the summary, with room for a loaded machine.
 const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(8_000_000_000);
-/// Factor by which a lockstep run may be slower than its simulated clock. Chosen by hand.
+/// Factor by which a lockstep run may be slower than its simulated clock. Chosen by hand: a simulator on a loaded machine; with less its arm
+/// is killed while it brakes, with more an end that hangs is noticed later.
 const SLOWEST_DRIVE: f64 = 10.0;
 /// Time in which the other processes end: they notice a stop within 50 ms. Chosen by hand; those that do not are killed.
 const SHUTDOWN_OF_OTHERS: SpanNs = SpanNs(600_000_000);
@@ -139,5 +140,6 @@ fn longest_stop(config: &Config) -> SpanNs {
     SpanNs(SHUTDOWN_OF_CONTROL.0 + braking.0)
 }
 
-/// Bound of the braking time: an hour, whatever the limits of the robot file say. Chosen by hand.
+/// Bound of the braking time: an hour, whatever the limits of the robot file say. Chosen by hand: somebody waits for the end of the run, and limits
+/// near zero would make it infinite.
 const MAX_BRAKING_S: f64 = 3600.0;

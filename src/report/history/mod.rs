@@ -18,9 +18,10 @@ use crate::motion::Limit;
 use crate::servo::MeasurementVerdict;
 use crate::time::{MonoNs, SpanNs};
 
-/// Most ticks that are kept, so that memory has a bound: two minutes at 1 kHz; longer runs are thinned by two. Chosen by hand.
+/// Most ticks that are kept, so that memory has a bound: two minutes at 1 kHz; longer runs are thinned by two. Chosen by hand: usual
+/// runs fit in whole, and the curves of a page have far fewer pixels.
 const MAX_TICKS: usize = 120_000;
-/// Most measurements that are kept, so that memory has a bound: two minutes at 100 Hz. Chosen by hand.
+/// Most measurements that are kept, so that memory has a bound: two minutes at 100 Hz. Chosen by hand, for the same reasons.
 const MAX_MEASUREMENTS: usize = 12_000;
 /// Number of the last measurements among which that of a verdict is searched. Chosen by hand: more than can be in flight.
 const MAX_UNDER_WAY: usize = 64;

@@ -13,7 +13,8 @@ use serde::Serialize;
 const STARTS: usize = 60;
 /// Steps of the straight path. Chosen by hand: about a centimetre each for a path of half a metre.
 const WAY_STEPS: u32 = 60;
-/// An arm that is farther from the path than this has left it, m and rad. Chosen by hand.
+/// An arm that is farther from the path than this has left it, m and rad. Chosen by hand: above what the inverse kinematics leaves at a posture
+/// within reach, and below what a user sees; it only leads to a remark.
 const BESIDE: f64 = 2e-3;
 /// A posture counts as nearly singular when its dexterity is below this share of that at both ends of the path, or below this number. Chosen
 /// by hand; it only leads to a remark, and the arm is slowed down there anyway.

@@ -33,7 +33,8 @@ use tracing::{info, warn};
 const ATTEMPTS: u32 = 5;
 /// Wake-ups without a frame in a row after which the stream counts as broken. Chosen by hand: single ones are normal.
 const IDLE_WAKES: u32 = 10;
-/// Attempts to restart a stream before the device is reopened. Chosen by hand.
+/// Attempts to restart a stream before the device is reopened. Chosen by hand: a restart is quicker than opening, but does not mend a device that was
+/// reset or unplugged; each one in vain takes a pause.
 const RESTARTS: u32 = 3;
 /// Periods without a frame, and shortest time, after which a camera counts as stalled. Chosen by hand: automatic exposure may halve a rate, and
 /// USB may lose a few frames.
