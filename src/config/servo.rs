@@ -181,6 +181,7 @@ fn law(s: &RawServo, check: &mut Validation<'_>) -> Law {
             Depth::Desired => DepthSource::Desired,
             Depth::Estimated => DepthSource::Estimated,
             Depth::Known => DepthSource::Known,
+            Depth::Initial => DepthSource::Initial,
             Depth::Constant => DepthSource::Constant(constant_depth_m),
         },
     };

@@ -107,8 +107,9 @@ pub fn J_o(s: &Vector2<f64>) -> Matrix3<f64> {
 /// point of the selection that is seen is the one of e_p.
 ///
 /// z_c of J_p is `rho_z z_d`. Where z_d is not known a [`DepthSource::Constant`] stands for it, which makes the translation too fast or too
-/// slow by its ratio and leaves the goal where it is; with [`DepthSource::Known`] z_c is the true one. The other choices are z_d of the
-/// set-point: the law needs no pose of the object.
+/// slow by its ratio and leaves the goal where it is; with [`DepthSource::Known`] z_c is the true one, and with [`DepthSource::Initial`] it keeps
+/// the value that the pose of the first measurement gave, so that this ratio is `z_c(0) / z_c`. The other choices are z_d of the set-point: the
+/// law needs no pose of the object.
 ///
 /// `None` when there is no homography or the view is of other features.
 #[must_use]
@@ -128,9 +129,11 @@ pub fn hybrid_task(
     let w = orientation.rate(&phi) * gains.K_o.component_mul(&phi);
     let rate = gains.K_p.component_mul(&e_p);
     let known = || -> Option<f64> { Some((view.X_CO_known()? * set_point.points().get(i)?).z) };
+    let initial = || -> Option<f64> { Some(view.initial_depths()?.depth_m(set_point.points().get(i)?)) };
     let z_c = match depth {
         DepthSource::Constant(z_d) => z_d * rho,
         DepthSource::Known => known().filter(|z| *z > 0.0).unwrap_or(z_d * rho),
+        DepthSource::Initial => initial().filter(|z| *z > 0.0).unwrap_or(z_d * rho),
         DepthSource::Desired | DepthSource::Estimated => z_d * rho,
     };
     let rows = extended_rows(s, z_c);

@@ -5,8 +5,8 @@
 
 use super::resolve::damped_factors;
 use super::{
-    DepthSource, FeatureKind, Interaction, InteractionAt, OutlineFeature, PoseGains, SetPoint, TwistTask,
-    View, WrenchTask,
+    DepthRow, DepthSource, FeatureKind, Interaction, InteractionAt, OutlineFeature, PoseGains, SetPoint,
+    TwistTask, View, WrenchTask,
 };
 use crate::features::{
     AreaFeature, EllipseFeature, Feature, ImageMoments, MomentFeature, NormalEquations, PointFeature,
@@ -29,8 +29,8 @@ struct ImagePoints<'a> {
 enum Depths<'a> {
     Listed(&'a [f64]),
     Same(f64),
-    /// Third row of a pose `X_CO` over the points in O.
-    Row([f64; 4], &'a [nalgebra::Point3<f64>]),
+    /// Those that a pose gives to the points in O.
+    Row(DepthRow, &'a [nalgebra::Point3<f64>]),
 }
 
 impl ImagePoints<'_> {
@@ -39,10 +39,7 @@ impl ImagePoints<'_> {
         let z_m = match self.depths {
             Depths::Listed(z) => *z.get(i)?,
             Depths::Same(z) => z,
-            Depths::Row([x, y, z, t], points) => {
-                let p = points.get(i)?;
-                x * p.x + y * p.y + z * p.z + t
-            }
+            Depths::Row(row, points) => row.depth_m(points.get(i)?),
         };
         // The comparison also catches NaN.
         (z_m > 0.0).then_some(PointFeature { s: *self.s.get(i)?, z_m })
@@ -199,16 +196,13 @@ fn sides<'a>(
         DepthSource::Constant(z_m) => Depths::Same(z_m),
         _ => Depths::Listed(set_point.depths_m()),
     };
-    let pose = match interaction.depth {
-        DepthSource::Estimated => view.X_CO(),
-        DepthSource::Known => view.X_CO_known(),
+    let row = match interaction.depth {
+        DepthSource::Estimated => view.X_CO().map(DepthRow::of),
+        DepthSource::Known => view.X_CO_known().map(DepthRow::of),
+        DepthSource::Initial => view.initial_depths().copied(),
         DepthSource::Desired | DepthSource::Constant(_) => None,
     };
-    let z = pose.map_or(z_d, |X_CO| {
-        let R = X_CO.rotation.to_rotation_matrix();
-        let row = R.matrix().row(2);
-        Depths::Row([row[0], row[1], row[2], X_CO.translation.z], set_point.points())
-    });
+    let z = row.map_or(z_d, |row| Depths::Row(row, set_point.points()));
     let now = ImagePoints { s: view.features(), depths: z };
     Some((now, ImagePoints { s: set_point.features(), depths: z_d }))
 }

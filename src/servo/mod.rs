@@ -80,7 +80,7 @@ pub use drift::Drift;
 pub use gain::Gain;
 pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
 pub use image::{FeatureGains, image_error, image_task, image_wrench, preconditioned_wrench};
-pub use interaction::{DepthSource, Interaction, InteractionAt};
+pub use interaction::{DepthRow, DepthSource, Interaction, InteractionAt};
 pub use law::{Arm, Damping, Law, LawOutput, NoTask, Task};
 pub use measurement_verdict::MeasurementVerdict;
 pub use null_space::{away_from_limits, seek_null_motion};

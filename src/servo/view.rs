@@ -1,7 +1,7 @@
 //! What the camera sees at one instant: measured, or carried from its exposure to another time by the camera's known
 //! motion. Some of the features may be hidden: their places hold NaN, so that a law which overlooks that has no finite answer.
 
-use super::SetPoint;
+use super::{DepthRow, SetPoint};
 use crate::geometry::Pose;
 use crate::messages::{MAX_FEATURES, Measurement};
 use crate::pose::{Correspondence3, refine_3d};
@@ -27,6 +27,7 @@ pub struct View {
     count: usize,
     X_CO: Option<Pose>,
     X_CO_known: Option<Pose>,
+    initial: Option<DepthRow>,
 }
 
 /// Whether a feature is in the view.
@@ -49,7 +50,7 @@ impl View {
         }
         let ids = set_point.ids();
         let (X_CO, count) = (measurement.pose(), ids.len());
-        let mut view = Self { s: [HIDDEN; MAX_FEATURES], count, X_CO, X_CO_known: None };
+        let mut view = Self { s: [HIDDEN; MAX_FEATURES], count, X_CO, X_CO_known: None, initial: None };
         let mut seen = 0;
         // ids rise on both sides, and mostly none is missing
         let mut next = 0;
@@ -95,7 +96,7 @@ impl View {
         if count == 0 || count > MAX_FEATURES {
             return None;
         }
-        let mut view = Self { s: [HIDDEN; MAX_FEATURES], count, X_CO, X_CO_known: None };
+        let mut view = Self { s: [HIDDEN; MAX_FEATURES], count, X_CO, X_CO_known: None, initial: None };
         for (place, s) in view.s.iter_mut().zip(s) {
             if !(s.x.is_finite() && s.y.is_finite()) {
                 return None;
@@ -194,6 +195,18 @@ impl View {
     #[must_use]
     pub fn with_known(self, X_CO_known: Option<Pose>) -> Self {
         Self { X_CO_known, ..self }
+    }
+
+    /// The same view with the depths that the first measurement of the run gave ([`DepthSource::Initial`](super::DepthSource::Initial)).
+    #[must_use]
+    pub fn with_initial(self, initial: Option<DepthRow>) -> Self {
+        Self { initial, ..self }
+    }
+
+    /// The depths that the first measurement of the run gave.
+    #[must_use]
+    pub fn initial_depths(&self) -> Option<&DepthRow> {
+        self.initial.as_ref()
     }
 
     /// Depth of point `p_O` of the object, m; `fallback_m` where the pose is unknown or puts the point behind the camera.

@@ -10,8 +10,8 @@ mod pace;
 
 use super::drift::{LONGEST_SPAN, unbelieved_motion};
 use super::{
-    Arm, Convergence, Drift, LawOutput, MeasurementVerdict, ObjectMotion, ServoSettings, SetPoint, Task,
-    TwistTask, UpdatePolicy, View, away_from_limits, joint_velocity, seek_null_motion,
+    Arm, Convergence, DepthRow, Drift, LawOutput, MeasurementVerdict, ObjectMotion, ServoSettings, SetPoint,
+    Task, TwistTask, UpdatePolicy, View, away_from_limits, joint_velocity, seek_null_motion,
 };
 use crate::geometry::{Pose, rotate_twist};
 use crate::messages::{Measurement, TargetStatus};
@@ -76,6 +76,8 @@ pub struct VisualServo<const N: usize> {
     last: Option<LastMeasurement>,
     /// The last one without hidden features, and with a pose.
     whole: Option<LastMeasurement>,
+    /// The depths that the first measurement with a pose gave; kept over goals, stops and losses of the target.
+    initial: Option<DepthRow>,
     /// The arm's posture at the last exposure that showed the whole target, rad or m.
     q_whole: Option<SVector<f64, N>>,
     held: Option<LawAnswer<N>>,
@@ -100,6 +102,7 @@ impl<const N: usize> VisualServo<N> {
             history: JointHistory::new(),
             last: None,
             whole: None,
+            initial: None,
             q_whole: None,
             held: None,
             fresh: false,
@@ -205,7 +208,8 @@ impl<const N: usize> VisualServo<N> {
         let Some((view, covariance)) = by_motion.or_else(stated) else {
             return MeasurementVerdict::TooFewFeatures;
         };
-        let view = view.with_known(self.settings.X_WO.map(|X_WO| X_WC.inv_mul(&X_WO)));
+        let initial = self.initial.or_else(|| view.X_CO().map(DepthRow::of));
+        let view = view.with_known(self.settings.X_WO.map(|X_WO| X_WC.inv_mul(&X_WO))).with_initial(initial);
         let task = match self.settings.law.task(&self.goal, &view) {
             Ok(task) => task,
             Err(why) => return MeasurementVerdict::NoTask(why),
@@ -222,6 +226,7 @@ impl<const N: usize> VisualServo<N> {
             self.whole = Some(last);
         }
         self.last = Some(last);
+        self.initial = initial;
         self.fresh = true;
         if exposure > now { MeasurementVerdict::UsedFromFuture } else { MeasurementVerdict::Used }
     }

@@ -84,7 +84,7 @@ fn no_tick_allocates() {
             &["servo.segments=[[3, 4]]", "servo.interaction=mean", "servo.depth=known"],
         ),
         config_of("scara-d.toml", &["servo.set_point.kind=taught"]),
-        config_of("scara-hybrid.toml", &[]),
+        config_of("scara-hybrid.toml", &["servo.depth=initial"]),
         config_of("scara-eye-to-hand.toml", &[]),
         config_of("ur5-b.toml", &[]),
         config_of("ur5-hybrid.toml", &["servo.adaptive_gain.at_zero=2"]),

@@ -63,6 +63,22 @@ fn the_hybrid_law_takes_a_constant_depth() {
     assert_ne!(hash("0.45"), hash("0.6"));
 }
 
+/// Every choice of the depth is a run of its own, and all end at the goal.
+#[test]
+fn each_depth_is_another_run() {
+    for file in ["scara-d.toml", "scara-hybrid.toml"] {
+        let mut hashes = Vec::new();
+        for depth in ["servo.depth=constant", "servo.depth=known", "servo.depth=initial"] {
+            let r = lockstep(file, &[depth, "servo.constant_depth_m=0.45"]);
+            assert_accurate(&r);
+            hashes.push(r.summary["state_hash"].to_string());
+        }
+        hashes.sort();
+        hashes.dedup();
+        assert_eq!(hashes.len(), 3, "{file}");
+    }
+}
+
 #[test]
 fn b_on_the_scara() {
     for update in ["predict", "tick", "frame"] {

@@ -33,6 +33,8 @@ word! {
         /// The true one, from the object's place in a simulated scene.
         #[serde(alias = "true")]
         Known,
+        /// From the pose in the first measurement, kept from then on.
+        Initial,
         /// `servo.constant_depth_m`.
         Constant,
     }

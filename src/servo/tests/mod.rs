@@ -1,6 +1,7 @@
 //! The laws against the printed equations with dense matrices, and in closed loops without dynamics.
 
 mod areas;
+mod depths;
 mod energy;
 mod equations;
 mod loops;

@@ -9,6 +9,7 @@
 //! All of it is geometry: what an object, a hand or the light do later is not known here. The start is as the simulated cell really is,
 //! the goal as it is believed.
 
+mod law;
 mod reach;
 mod words;
 
@@ -37,6 +38,8 @@ pub struct Preflight {
     pub reach: Reach,
     /// The straight way there; `None` where there is none to look at.
     pub way: Option<CameraPath>,
+    /// Where the depths in the law's matrix come from; `None` for a law without depths.
+    pub depth: Option<String>,
     /// What was left out, and why.
     pub notes: Vec<&'static str>,
     /// Whether the object rests, so that what is seen now stays true.
@@ -116,6 +119,7 @@ impl Preflight {
             goal,
             reach: Reach::Unasked { why: "" },
             way: None,
+            depth: law::depth(config),
             notes: notes(config),
             object_rests: config.scene.as_ref().is_none_or(|scene| scene.motion == SceneMotion::Still),
         };

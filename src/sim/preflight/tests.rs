@@ -51,6 +51,27 @@ fn goals_out_of_reach_are_told_with_what_holds_the_arm() {
     }
 }
 
+/// `check` names the depth that the law really takes, and none for laws without.
+#[test]
+fn the_depth_of_the_law_is_told() {
+    for (file, set, words) in [
+        ("default.toml", &[][..], "L_s takes the depths that vision estimates"),
+        ("scara-d.toml", &["servo.depth=initial"], "L_s keeps the depths of the first measurement"),
+        ("scara-d.toml", &["servo.depth=constant", "servo.constant_depth_m=0.7"], "L_s takes 0.7 m"),
+        ("scara-d.toml", &["servo.depth=known", "servo.interaction=desired"], "of the desired features"),
+        ("scara-c.toml", &["servo.depth=desired"], "L_s takes the depths of the desired pose"),
+        ("scara-hybrid.toml", &["servo.depth=estimated"], "J_p takes z_d of the desired pose"),
+        ("scara-hybrid.toml", &["servo.depth=initial"], "J_p keeps the depth of the first measurement"),
+        ("scara-hybrid.toml", &["servo.depth=constant"], "J_p takes 0.6 m for z_d"),
+    ] {
+        let lines = preflight(file, set).lines();
+        assert!(lines.iter().any(|line| line.contains(words)), "{file} {set:?}: {lines:?}");
+    }
+    for file in ["scara-b.toml", "scara-a.toml"] {
+        assert_eq!(preflight(file, &["servo.depth=initial"]).depth, None);
+    }
+}
+
 /// Start and goal differ in a joint of the wrist alone, which passes the middle, where two axes of the wrist are one.
 #[test]
 fn a_way_past_a_singular_posture_is_doubtful() {

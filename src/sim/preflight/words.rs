@@ -21,6 +21,7 @@ pub(super) fn lines(preflight: &Preflight) -> Vec<String> {
     if let Some(way) = &preflight.way {
         lines.push(format!("  way:   {}", straight_way(way)));
     }
+    lines.extend(preflight.depth.iter().map(|depth| format!("  depth: {depth}")));
     lines.extend(preflight.notes.iter().map(|note| format!("  note:  {note}")));
     lines
 }
