@@ -84,7 +84,7 @@ impl<const N: usize> Running<N> {
         let X_BO = robot.forward(&q) * X_EC * near;
         let limits = MotionLimits::of(&robot, SVector::repeat(10.0), SVector::repeat(500.0));
         let set_point = SetPoint::from_pose(&goal(), &points(4)).unwrap();
-        let law = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: ESTIMATED };
+        let law = Law::ImageVelocity { K_s: 1.0.into(), gain: Gain::Constant(1.0), interaction: ESTIMATED };
         let mount = Mount::EyeInHand { X_EC };
         let lens = Intrinsics {
             fx_px: 800.0,

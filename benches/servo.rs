@@ -9,7 +9,7 @@ use vservo::geometry::Pose;
 use vservo::robot::CameraJacobian;
 use vservo::servo::{
     Arm, Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, Law, OperationalSpace,
-    OrientationError, SetPoint, View, image_task,
+    OrientationError, PoseGains, SetPoint, View, image_task,
 };
 
 fn main() {
@@ -50,36 +50,44 @@ fn camera_twist(bencher: Bencher, count: usize) {
 
 #[divan::bench(args = [4, 16])]
 fn d_image_velocity(bencher: Bencher, count: usize) {
-    law(bencher, count, Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: CURRENT });
+    law(
+        bencher,
+        count,
+        Law::ImageVelocity { K_s: 1.0.into(), gain: Gain::Constant(1.0), interaction: CURRENT },
+    );
 }
 
 #[divan::bench(args = [4, 16])]
 fn d_mean_interaction(bencher: Bencher, count: usize) {
     let interaction = Interaction { at: InteractionAt::Mean, ..CURRENT };
-    law(bencher, count, Law::ImageVelocity { gain: Gain::Constant(1.0), interaction });
+    law(bencher, count, Law::ImageVelocity { K_s: 1.0.into(), gain: Gain::Constant(1.0), interaction });
 }
 
 #[divan::bench(args = [4, 16])]
 fn c_image_torque(bencher: Bencher, count: usize) {
-    law(bencher, count, Law::ImageTorque { k_P: 300.0, damping: Damping::Task(330.0), interaction: CURRENT });
+    law(
+        bencher,
+        count,
+        Law::ImageTorque { K_Ps: 300.0.into(), damping: Damping::Task(330.0.into()), interaction: CURRENT },
+    );
 }
 
 #[divan::bench]
 fn a_position_torque(bencher: Bencher) {
-    let K = Vector6::repeat(100.0);
+    let K = PoseGains::repeat(100.0);
     let damping = Damping::Task(K);
     law(bencher, 4, Law::PositionTorque { K_P: K, damping, orientation: EULER, space: SPACE });
 }
 
 #[divan::bench]
 fn b_position_velocity(bencher: Bencher) {
-    let K = Vector6::repeat(1.0);
+    let K = PoseGains::repeat(1.0);
     law(bencher, 4, Law::PositionVelocity { K, gain: Gain::Constant(1.0), orientation: EULER, space: SPACE });
 }
 
 #[divan::bench(args = [4, 16])]
 fn hybrid(bencher: Bencher, count: usize) {
-    let gains = HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(1.0) };
+    let gains = HybridGains { K_p: Vector3::repeat(1.0).into(), K_o: Vector3::repeat(1.0).into() };
     let gain = Gain::Constant(1.0);
     law(
         bencher,

@@ -14,6 +14,7 @@ mod camera;
 mod check;
 mod draft;
 mod frame_source;
+mod gains;
 mod goal_file;
 mod lens_file;
 mod place;

@@ -75,12 +75,27 @@ fn area_feature(area: AreaKind) -> Option<OutlineFeature> {
     }
 }
 
+/// Warns of weights that change nothing: where the arm can meet every error of the law, no compromise weighs them.
+fn useless_weights(law: &Law, selection: &Selection, directions: usize, check: &mut Validation<'_>) {
+    let weights = || selection.features().iter().map(|(_, weight)| *weight);
+    let alike = weights().all(|weight| weights().next() == Some(weight));
+    let numbers = selection.numbers();
+    if matches!(law, Law::ImageVelocity { .. }) && !alike && numbers <= directions {
+        let message = format!(
+            "change nothing: the law compares {numbers} numbers and the arm moves in {directions} directions, so that every error is met; give \
+             servo.gain_1_s a list of {numbers} for errors that fall at different rates"
+        );
+        check.doubtful("servo.weights", message);
+    }
+}
+
 /// Warns where the features do not tell enough at the goal: the arm would stop, or wander about, with an error left.
 pub(super) fn doubtful_features(law: &Law, set_point: &SetPoint, joints: usize, check: &mut Validation<'_>) {
     if !matches!(law, Law::ImageVelocity { .. } | Law::ImageTorque { .. } | Law::PreconditionedTorque { .. })
     {
         return;
     }
+    useless_weights(law, set_point.selection(), joints.min(6), check);
     let at_goal = View::new(set_point.features().iter().copied(), None);
     let at_desired = Interaction { at: InteractionAt::Desired, depth: DepthSource::Desired };
     let task = at_goal.and_then(|view| image_task(set_point, &view, at_desired));

@@ -2,27 +2,15 @@
 
 use super::Camera;
 use super::check::Validation;
-use super::raw::{
-    DampingOn, Depth, DriveKind, FeatureGain, Gains, RawConfig, RawServo, SceneMotionKind, SchemeKind,
-    SetPointKind,
-};
+use super::gains::{GAIN_1_S, law};
+use super::raw::{Depth, DriveKind, RawConfig, RawServo, SceneMotionKind, SchemeKind, SetPointKind};
 use super::selection::selection;
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
-use crate::messages::MAX_JOINTS;
-use crate::servo::{
-    Damping, DepthSource, FeatureGains, Gain, HybridGains, Interaction, Law, ObjectDynamics,
-    OperationalSpace, PoseGains, ServoSettings, SetPoint, UpdatePolicy, VisibilityGuard,
-};
+use crate::servo::{ObjectDynamics, Selection, ServoSettings, SetPoint, UpdatePolicy, VisibilityGuard};
 use crate::target::Target;
 use crate::time::SpanNs;
 use nalgebra::{Vector2, Vector3};
-use std::ops::RangeInclusive;
-
-/// Ranges wider than any use, chosen, so that a slip is told; `tests/cores/plausible_numbers.rs` tries their ends.
-/// Ranges of gains. Chosen by hand: outside of them a number has another unit; whether a gain is stable is a matter of the run.
-const GAIN_1_S: RangeInclusive<f64> = 1e-3..=100.0;
-const PD_GAIN: RangeInclusive<f64> = 0.0..=1e6;
 
 /// Mean delay of a law output that is held between measurements, frames: between half and a whole one, as
 /// [`ServoSettings::held_lag`] says. Chosen.
@@ -40,9 +28,9 @@ pub(super) fn servo(
 ) -> Option<(ServoSettings, SetPoint)> {
     let s = &raw.servo;
     let before = check.count_problems();
-    let law = law(s, check);
     let (points, ids): (Vec<_>, Vec<_>) = target.features().map(|point| (point.p_O, point.id)).unzip();
     let selection = selection(s, points.len(), check);
+    let law = law(s, selection.as_ref().map(Selection::numbers), check);
     features_in_view(s, check);
     let set_point = match s.set_point.kind {
         SetPointKind::Pose | SetPointKind::Taught => SetPoint::from_pose(X_DO, &points),
@@ -160,172 +148,4 @@ pub(super) fn uses_dimension(scheme: SchemeKind) -> bool {
 /// Whether the pose shows the target's plane tilted against the image.
 pub(super) fn tilted(X_CO: &Pose) -> bool {
     (X_CO.rotation * Vector3::z() - Vector3::z()).norm() > TILT
-}
-
-fn law(s: &RawServo, check: &mut Validation<'_>) -> Law {
-    let orientation = s.orientation_error;
-    let space = match s.dimension {
-        4 => OperationalSpace::Four,
-        6 => OperationalSpace::Six,
-        other => {
-            check.wrong("servo.dimension", format!("{other} is neither 4 nor 6"));
-            OperationalSpace::Six
-        }
-    };
-    let constant_depth_m = check.range("servo.constant_depth_m", s.constant_depth_m, 1e-3..=1e3);
-    let pd = pd_gains(s, check);
-    let (K, gain) = velocity_gains(s, check);
-    let interaction = Interaction {
-        at: s.interaction,
-        depth: match s.depth {
-            Depth::Desired => DepthSource::Desired,
-            Depth::Estimated => DepthSource::Estimated,
-            Depth::Known => DepthSource::Known,
-            Depth::Initial => DepthSource::Initial,
-            Depth::Constant => DepthSource::Constant(constant_depth_m),
-        },
-    };
-    match s.scheme {
-        SchemeKind::PositionPd => {
-            let damping = match s.pd.damping {
-                DampingOn::Task => Damping::Task(pd.K_D),
-                DampingOn::Joints => Damping::Joints(pd.joints),
-            };
-            Law::PositionTorque { K_P: pd.K_P, damping, orientation, space }
-        }
-        SchemeKind::PositionResolvedVelocity => Law::PositionVelocity { K, gain, orientation, space },
-        SchemeKind::ImagePd if s.pd.feature_gain == FeatureGain::Preconditioned => {
-            let damping = match s.pd.damping {
-                DampingOn::Task => Damping::Task(pd.K_D),
-                DampingOn::Joints => Damping::Joints(pd.joints),
-            };
-            let K_Ps = FeatureGains { K_P: pd.K_P, rest: pd.k_P };
-            Law::PreconditionedTorque { K_Ps, damping, interaction }
-        }
-        SchemeKind::ImagePd => {
-            let damping = match s.pd.damping {
-                DampingOn::Task => Damping::Task(pd.k_D),
-                DampingOn::Joints => Damping::Joints(pd.joints),
-            };
-            Law::ImageTorque { k_P: pd.k_P, damping, interaction }
-        }
-        SchemeKind::ImageResolvedVelocity => {
-            if matches!(s.gain_1_s, Gains::Each(_)) {
-                check.wrong("servo.gain_1_s", "image_resolved_velocity takes one gain; see servo.weights");
-            }
-            Law::ImageVelocity { gain: scaled(gain, K[0]), interaction }
-        }
-        SchemeKind::Hybrid => {
-            let gains = HybridGains { K_p: K.fixed_rows::<3>(0).into(), K_o: K.fixed_rows::<3>(3).into() };
-            Law::Hybrid { gains, gain, orientation, space, depth: interaction.depth }
-        }
-    }
-}
-
-/// Gains of the torque laws A and C.
-struct PdGains {
-    K_P: PoseGains,
-    K_D: PoseGains,
-    k_P: f64,
-    k_D: f64,
-    joints: [f64; MAX_JOINTS],
-}
-
-/// All of them, whichever law is used: a wrong number is reported before it is needed.
-fn pd_gains(s: &RawServo, check: &mut Validation<'_>) -> PdGains {
-    let pd = &s.pd;
-    PdGains {
-        K_P: pose_gains(
-            check,
-            ("servo.pd.position_stiffness_n_m", &pd.position_stiffness_n_m),
-            ("servo.pd.orientation_stiffness_nm_rad", &pd.orientation_stiffness_nm_rad),
-        ),
-        K_D: pose_gains(
-            check,
-            ("servo.pd.position_damping_ns_m", &pd.position_damping_ns_m),
-            ("servo.pd.orientation_damping_nms_rad", &pd.orientation_damping_nms_rad),
-        ),
-        k_P: check.range("servo.pd.feature_stiffness_nm", pd.feature_stiffness_nm, PD_GAIN),
-        k_D: check.range("servo.pd.feature_damping_nms", pd.feature_damping_nms, PD_GAIN),
-        joints: joint_damping(s, check),
-    }
-}
-
-/// The gain times `factor`.
-fn scaled(gain: Gain, factor: f64) -> Gain {
-    match gain {
-        Gain::Constant(gain) => Gain::Constant(gain * factor),
-        Gain::Adaptive { at_zero_1_s, at_infinity_1_s, slope_1_s } => Gain::Adaptive {
-            at_zero_1_s: at_zero_1_s * factor,
-            at_infinity_1_s: at_infinity_1_s * factor,
-            slope_1_s: slope_1_s * factor,
-        },
-    }
-}
-
-/// Component gains, and the common factor: the adaptive one, or 1.
-fn velocity_gains(s: &RawServo, check: &mut Validation<'_>) -> (PoseGains, Gain) {
-    let K = match &s.gain_1_s {
-        Gains::One(gain) => PoseGains::repeat(check.range("servo.gain_1_s", *gain, GAIN_1_S)),
-        Gains::Each(list) => {
-            for (i, gain) in list.iter().enumerate() {
-                check.range(&format!("servo.gain_1_s[{i}]"), *gain, GAIN_1_S);
-            }
-            match *list.as_slice() {
-                [x, y, z, alpha] => PoseGains::new(x, y, z, alpha, alpha, alpha),
-                [x, y, z, a, b, c] => PoseGains::new(x, y, z, a, b, c),
-                _ => {
-                    check.wrong("servo.gain_1_s", format!("has {} entries, needs 1, 4 or 6", list.len()));
-                    PoseGains::repeat(1.0)
-                }
-            }
-        }
-    };
-    let gain = s.adaptive_gain.as_ref().map_or(Gain::Constant(1.0), |a| Gain::Adaptive {
-        at_zero_1_s: check.range("servo.adaptive_gain.at_zero", a.at_zero, 1e-3..=100.0),
-        at_infinity_1_s: check.range("servo.adaptive_gain.at_infinity", a.at_infinity, 1e-3..=100.0),
-        slope_1_s: check.range("servo.adaptive_gain.slope", a.slope, 0.0..=1e4),
-    });
-    (K, gain)
-}
-
-fn pose_gains(
-    check: &mut Validation<'_>,
-    position: (&str, &Gains),
-    orientation: (&str, &Gains),
-) -> PoseGains {
-    let mut three = |(key, gains): (&str, &Gains)| match gains {
-        Gains::One(gain) => Vector3::repeat(check.range(key, *gain, PD_GAIN)),
-        Gains::Each(list) => {
-            for (i, gain) in list.iter().enumerate() {
-                check.range(&format!("{key}[{i}]"), *gain, PD_GAIN);
-            }
-            match *list.as_slice() {
-                [x, y, z] => Vector3::new(x, y, z),
-                _ => {
-                    check.wrong(key, format!("has {} entries, needs 1 or 3", list.len()));
-                    Vector3::zeros()
-                }
-            }
-        }
-    };
-    let (p, o) = (three(position), three(orientation));
-    PoseGains::new(p.x, p.y, p.z, o.x, o.y, o.z)
-}
-
-fn joint_damping(s: &RawServo, check: &mut Validation<'_>) -> [f64; MAX_JOINTS] {
-    let key = "servo.pd.joint_damping_nms_rad_or_ns_m";
-    let mut damping = [0.0; MAX_JOINTS];
-    match &s.pd.joint_damping_nms_rad_or_ns_m {
-        Gains::One(gain) => damping = [check.range(key, *gain, PD_GAIN); MAX_JOINTS],
-        Gains::Each(list) if list.len() > MAX_JOINTS => {
-            check.wrong(key, format!("has {} entries, more than {MAX_JOINTS} joints", list.len()));
-        }
-        Gains::Each(list) => {
-            for (i, (place, gain)) in damping.iter_mut().zip(list).enumerate() {
-                *place = check.range(&format!("{key}[{i}]"), *gain, PD_GAIN);
-            }
-        }
-    }
-    damping
 }

@@ -84,7 +84,7 @@ fn segment_pilot(cell: &Cell, scheme: Scheme) -> Result<Pilot<'_>, ExperimentErr
     }
     let law = match scheme {
         Scheme::C => Law::ImageTorque {
-            k_P: SEGMENT_STIFFNESS,
+            K_Ps: SEGMENT_STIFFNESS.into(),
             damping: Damping::Joints(std::array::from_fn(|i| SEGMENT_DAMPING.get(i).copied().unwrap_or(0.0))),
             interaction: Interaction::TEXTBOOK,
         },

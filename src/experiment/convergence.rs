@@ -146,33 +146,33 @@ fn law(flier: &Flier) -> Law {
     let inertia = Vector6::new(MASS_KG, MASS_KG, MASS_KG, INERTIA_KG_M2, INERTIA_KG_M2, INERTIA_KG_M2);
     match flier.scheme {
         Scheme::A => Law::PositionTorque {
-            K_P: inertia * 4.0,
-            damping: Damping::Task(inertia * 4.0),
+            K_P: (inertia * 4.0).into(),
+            damping: Damping::Task((inertia * 4.0).into()),
             orientation,
             space,
         },
         Scheme::B => Law::PositionVelocity {
-            K: Vector6::new(1.0, 1.0, 1.0, 2.0, 2.0, 2.0),
+            K: Vector6::new(1.0, 1.0, 1.0, 2.0, 2.0, 2.0).into(),
             gain: Gain::Constant(1.0),
             orientation,
             space,
         },
         // K_P and K_D of A; L_s at the goal too, which with such gains is quicker than at the current features.
         Scheme::C if flier.depth != DepthSource::Desired => Law::PreconditionedTorque {
-            K_Ps: FeatureGains { K_P: inertia * 4.0, rest: 10.0 },
-            damping: Damping::Task(inertia * 4.0),
+            K_Ps: FeatureGains { K_P: (inertia * 4.0).into(), rest: 10.0 },
+            damping: Damping::Task((inertia * 4.0).into()),
             interaction: Interaction { at: InteractionAt::Desired, ..interaction },
         },
         // Damped on the camera's twist: damping in the image leaves the weak directions to swing. A transposed Jacobian
         // is as slow in them as L_s is ill-conditioned; the strong ones take no more at 25 Hz.
         Scheme::C => Law::ImageTorque {
-            k_P: 10.0,
+            K_Ps: 10.0.into(),
             damping: Damping::Joints([12.0, 12.0, 12.0, 3.0, 3.0, 3.0, 0.0]),
             interaction,
         },
-        Scheme::D => Law::ImageVelocity { gain: Gain::Constant(1.0), interaction },
+        Scheme::D => Law::ImageVelocity { K_s: 1.0.into(), gain: Gain::Constant(1.0), interaction },
         Scheme::Hybrid => Law::Hybrid {
-            gains: HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(2.0) },
+            gains: HybridGains { K_p: Vector3::repeat(1.0).into(), K_o: Vector3::repeat(2.0).into() },
             gain: Gain::Constant(1.0),
             orientation,
             space,

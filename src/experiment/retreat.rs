@@ -33,7 +33,7 @@ pub fn pure_rotation(angle_rad: f64, depth: DepthSource) -> Result<Trajectory, E
     cell.X_BO = cell.arm.forward(&cell.q_start) * X_CO;
     cell.X_DO = Pose::new(Vector3::new(0.0, 0.0, DISTANCE_M), Vector3::new(0.0, 0.0, angle_rad)) * centred;
     let interaction = Interaction { at: InteractionAt::Current, depth };
-    let law = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction };
+    let law = Law::ImageVelocity { K_s: 1.0.into(), gain: Gain::Constant(1.0), interaction };
     let goal = set_point(&cell.X_DO, Selection::all_points(4))?;
     let mut pilot = Pilot::new(&cell, law, goal, None).knowing_depth();
     let name = format!("{:.0}deg", angle_rad.to_degrees());

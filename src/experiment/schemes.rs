@@ -75,13 +75,17 @@ impl Scheme {
                 space,
             },
             Self::C => Law::ImageTorque {
-                k_P: 300.0,
-                damping: Damping::Task(330.0),
+                K_Ps: 300.0.into(),
+                damping: Damping::Task(330.0.into()),
                 interaction: Interaction::TEXTBOOK,
             },
-            Self::D => Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: Interaction::TEXTBOOK },
+            Self::D => Law::ImageVelocity {
+                K_s: 1.0.into(),
+                gain: Gain::Constant(1.0),
+                interaction: Interaction::TEXTBOOK,
+            },
             Self::Hybrid => Law::Hybrid {
-                gains: HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(2.0) },
+                gains: HybridGains { K_p: Vector3::repeat(1.0).into(), K_o: Vector3::repeat(2.0).into() },
                 gain: Gain::Constant(1.0),
                 orientation,
                 space: OperationalSpace::Four, // as in Example 10.5

@@ -4,7 +4,9 @@
 //! Two signs differ from the printed text: `w_r = + T(phi_cd) K_o phi_cd` in (10.92), without which (10.93) does not
 //! follow, and `-ln(rho_z)` in e_p, without which it does not fit J_p and J_o.
 
-use super::{DepthSource, OperationalSpace, OrientationError, SetPoint, TwistTask, View, fit_similarity};
+use super::{
+    DepthSource, GainMatrix, OperationalSpace, OrientationError, SetPoint, TwistTask, View, fit_similarity,
+};
 use crate::features::{NormalEquations, point_rows};
 use crate::geometry::rotation_z;
 use crate::messages::MAX_FEATURES;
@@ -14,10 +16,10 @@ use nalgebra::{Matrix3, Rotation3, RowVector6, SMatrix, Vector2, Vector3, Vector
 /// Gains of the hybrid law, 1/s: K_p for the image point and its depth, K_o for the orientation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HybridGains {
-    /// Diagonal of K_p.
-    pub K_p: Vector3<f64>,
-    /// Diagonal of K_o, in the order of the orientation error's numbers.
-    pub K_o: Vector3<f64>,
+    /// K_p.
+    pub K_p: GainMatrix<3>,
+    /// K_o, in the order of the orientation error's numbers.
+    pub K_o: GainMatrix<3>,
 }
 
 /// What the homography tells about the camera's displacement; lengths in units of the plane's distance d_d.
@@ -126,8 +128,8 @@ pub fn hybrid_task(
     let rho = displacement.depth_ratio(s, s_d)?;
     let e_p = Vector3::new(s_d.x - s.x, s_d.y - s.y, -rho.ln());
     let phi = orientation.of(&displacement.R_CD);
-    let w = orientation.rate(&phi) * gains.K_o.component_mul(&phi);
-    let rate = gains.K_p.component_mul(&e_p);
+    let w = orientation.rate(&phi) * gains.K_o.times(&phi);
+    let rate = gains.K_p.times(&e_p);
     let known = || -> Option<f64> { Some((view.X_CO_known()? * set_point.points().get(i)?).z) };
     let initial = || -> Option<f64> { Some(view.initial_depths()?.depth_m(set_point.points().get(i)?)) };
     let z_c = match depth {

@@ -3,6 +3,10 @@
 //! C hands over the wrench `L^T K_Ps e_s` and the damping `L^T K_Ds L`, so that `u = g + J^T (...)` is (10.84) with
 //! `J_L = L_s J` of (10.83). D hands over the normal equations of (10.91).
 
+mod stacked;
+
+pub use stacked::{image_error, image_task_by, image_wrench_by};
+
 use super::resolve::damped_factors;
 use super::{
     DepthRow, DepthSource, FeatureKind, Interaction, InteractionAt, OutlineFeature, PoseGains, SetPoint,
@@ -13,10 +17,7 @@ use crate::features::{
     SegmentFeature,
 };
 use crate::messages::MAX_FEATURES;
-use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector2, Vector3, Vector6};
-
-/// Most numbers of an error, since of all features normalized moments have the most, six.
-const MAX_NUMBERS: usize = 6 * MAX_FEATURES;
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
 /// Image points with their depths, current or desired.
 #[derive(Clone, Copy)]
@@ -80,6 +81,9 @@ trait Visitor {
         goal: &impl Feature<K>,
         weight: f64,
     ) -> Option<()>;
+
+    /// So many numbers of a hidden feature are left out.
+    fn skip(&mut self, _numbers: usize) {}
 }
 
 /// Shows a visitor the selected features, those that are hidden left out.
@@ -95,17 +99,23 @@ fn visit(
             FeatureKind::Point(i) => {
                 if view.feature(i).is_some() {
                     visitor.point(now, goal, i, weight)?;
+                } else {
+                    visitor.skip(kind.numbers());
                 }
             }
             FeatureKind::Segment(i, j) => {
                 if view.feature(i).is_some() && view.feature(j).is_some() {
                     visitor.pair(&now.segment(i, j)?, &goal.segment(i, j)?, weight)?;
+                } else {
+                    visitor.skip(kind.numbers());
                 }
             }
             FeatureKind::Outline(feature) => {
                 let outline = selection.outline();
                 if outline.iter().all(|i| view.feature(usize::from(*i)).is_some()) {
                     visit_area(feature, &now.area(outline)?, &goal.area(outline)?, weight, visitor)?;
+                } else {
+                    visitor.skip(kind.numbers());
                 }
             }
         }
@@ -279,8 +289,8 @@ pub fn preconditioned_wrench(
         B.set_column(i, &solve(column.into()));
     }
     let twist = solve(all.at_goal);
-    let wrench = B.tr_mul(&K_Ps.K_P.component_mul(&twist)) + (all.now - all.mixed.tr_mul(&twist)) * K_Ps.rest;
-    Some(WrenchTask { wrench, damping: Matrix6::from_diagonal(K_D) })
+    let wrench = B.tr_mul(&K_Ps.K_P.times(&twist)) + (all.now - all.mixed.tr_mul(&twist)) * K_Ps.rest;
+    Some(WrenchTask { wrench, damping: K_D.matrix() })
 }
 
 impl Interaction {
@@ -310,34 +320,4 @@ fn mean<const K: usize>(a: &impl Feature<K>, b: &impl Feature<K>) -> Option<SMat
 #[must_use]
 pub fn image_wrench(task: &TwistTask, k_P: f64, k_D: f64) -> WrenchTask {
     WrenchTask { wrench: task.vector * k_P, damping: task.matrix * k_D }
-}
-
-/// The stacked error e_s of the selected features that are seen, and how many numbers it has; for plots and checks.
-#[must_use]
-pub fn image_error(set_point: &SetPoint, view: &View) -> Option<(SVector<f64, MAX_NUMBERS>, usize)> {
-    let (now, goal) = sides(set_point, view, Interaction::TEXTBOOK)?;
-    let mut errors = StackedErrors { e: SVector::zeros(), count: 0 };
-    visit((set_point, view), (&now, &goal), &mut errors)?;
-    Some((errors.e, errors.count))
-}
-
-struct StackedErrors {
-    e: SVector<f64, MAX_NUMBERS>,
-    count: usize,
-}
-
-impl Visitor for StackedErrors {
-    fn pair<const K: usize>(
-        &mut self,
-        now: &impl Feature<K>,
-        goal: &impl Feature<K>,
-        _weight: f64,
-    ) -> Option<()> {
-        let e = now.error(&goal.value());
-        for (place, e) in self.e.as_mut_slice().get_mut(self.count..)?.iter_mut().zip(e.iter()) {
-            *place = *e;
-            self.count += 1;
-        }
-        Some(())
-    }
 }

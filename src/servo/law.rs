@@ -1,9 +1,10 @@
 //! The family of servo laws behind one interface: a view becomes a task, a task and the arm become a law output.
 
 use super::{
-    DepthSource, FeatureGains, Gain, HybridGains, Interaction, OperationalSpace, OperationalSpaceError,
-    OrientationError, PoseGains, SetPoint, TwistTask, View, WrenchTask, hybrid_task, image_task,
-    image_wrench, joint_torque, joint_velocity, operational_pose, preconditioned_wrench,
+    DepthSource, FeatureGains, FeatureMatrix, Gain, HybridGains, Interaction, OperationalSpace,
+    OperationalSpaceError, OrientationError, PoseGains, SetPoint, TwistTask, View, WrenchTask, hybrid_task,
+    image_task, image_task_by, image_wrench, image_wrench_by, joint_torque, joint_velocity, operational_pose,
+    preconditioned_wrench,
 };
 use crate::messages::MAX_JOINTS;
 use crate::robot::CameraJacobian;
@@ -39,7 +40,7 @@ impl<K> Damping<K> {
 }
 
 /// A servo law with its gains.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Law {
     /// Scheme A, position-based PD with gravity compensation, (10.74).
     PositionTorque {
@@ -65,10 +66,10 @@ pub enum Law {
     },
     /// Scheme C, image-based PD with gravity compensation, (10.84).
     ImageTorque {
-        /// K_Ps = k_P W, W the features' weights; N m.
-        k_P: f64,
-        /// K_Ds = k_D W, N m s, or damping on the joints.
-        damping: Damping<f64>,
+        /// K_Ps, N m; a number stands for that times the features' weights, which have no part in a matrix.
+        K_Ps: FeatureMatrix,
+        /// K_Ds, N m s, likewise; or damping on the joints.
+        damping: Damping<FeatureMatrix>,
         /// L_s.
         interaction: Interaction,
     },
@@ -83,7 +84,9 @@ pub enum Law {
     },
     /// Scheme D, image-based resolved velocity, (10.89)-(10.91).
     ImageVelocity {
-        /// K_s = gain I, 1/s.
+        /// K_s, as multiple of `gain`.
+        K_s: FeatureMatrix,
+        /// Common factor, 1/s.
         gain: Gain,
         /// L_s.
         interaction: Interaction,
@@ -190,13 +193,23 @@ impl Law {
             Self::PositionVelocity { K, orientation, space, .. } => {
                 Ok(Task::Twist(pose_error(*space, *orientation)?.twist_task(K)))
             }
-            Self::ImageTorque { k_P, damping, interaction } => {
-                let k_D = match damping {
-                    Damping::Task(k_D) => *k_D,
-                    Damping::Joints(_) => 0.0,
+            Self::ImageTorque { K_Ps, damping, interaction } => {
+                let K_Ds = match damping {
+                    Damping::Task(K_D) => Some(K_D),
+                    Damping::Joints(_) => None,
                 };
-                let task = image_task(set_point, view, *interaction).ok_or_else(why)?;
-                Ok(Task::Wrench(image_wrench(&task, *k_P, k_D)))
+                let k_D = match K_Ds {
+                    None => Some(0.0),
+                    Some(FeatureMatrix::Scalar(k_D)) => Some(*k_D),
+                    Some(FeatureMatrix::Entries(_)) => None,
+                };
+                let task = match (K_Ps, k_D) {
+                    (FeatureMatrix::Scalar(k_P), Some(k_D)) => {
+                        image_task(set_point, view, *interaction).map(|task| image_wrench(&task, *k_P, k_D))
+                    }
+                    _ => image_wrench_by(set_point, view, *interaction, K_Ps, K_Ds),
+                };
+                task.map(Task::Wrench).ok_or_else(why)
             }
             Self::PreconditionedTorque { K_Ps, damping, interaction } => {
                 let K_D = match damping {
@@ -206,8 +219,13 @@ impl Law {
                 let task = preconditioned_wrench(set_point, view, K_Ps, &K_D, *interaction);
                 task.map(Task::Wrench).ok_or_else(why)
             }
-            Self::ImageVelocity { interaction, .. } => {
-                image_task(set_point, view, *interaction).map(Task::Twist).ok_or_else(why)
+            Self::ImageVelocity { K_s, interaction, .. } => {
+                let task = match K_s {
+                    FeatureMatrix::Scalar(k) => image_task(set_point, view, *interaction)
+                        .map(|task| TwistTask { vector: task.vector * *k, ..task }),
+                    FeatureMatrix::Entries(_) => image_task_by(set_point, view, *interaction, K_s),
+                };
+                task.map(Task::Twist).ok_or_else(why)
             }
             Self::Hybrid { gains, orientation, space, depth, .. } => {
                 let task = hybrid_task(set_point, view, gains, *orientation, (*space, *depth));
@@ -236,9 +254,9 @@ impl Law {
     #[must_use]
     pub fn rate_1_s(&self, task: &Task) -> f64 {
         let (gain, quickest) = match self {
-            Self::PositionVelocity { gain, K, .. } => (gain, K.max()),
-            Self::ImageVelocity { gain, .. } => (gain, 1.0),
-            Self::Hybrid { gain, gains, .. } => (gain, gains.K_p.max().max(gains.K_o.max())),
+            Self::PositionVelocity { gain, K, .. } => (gain, K.largest()),
+            Self::ImageVelocity { gain, K_s, .. } => (gain, K_s.largest()),
+            Self::Hybrid { gain, gains, .. } => (gain, gains.K_p.largest().max(gains.K_o.largest())),
             Self::PositionTorque { .. } | Self::ImageTorque { .. } | Self::PreconditionedTorque { .. } => {
                 return 0.0;
             }

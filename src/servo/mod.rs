@@ -11,8 +11,8 @@
 //! | --- | --- | --- |
 //! | A, (10.74) | [`OperationalSpaceError::wrench`] | [`joint_torque`] |
 //! | B, (10.76) | [`OperationalSpaceError::twist_task`] | [`joint_velocity`] |
-//! | C, (10.84) | [`image_task`], [`image_wrench`] | [`joint_torque`] |
-//! | D, (10.87), (10.89)-(10.91) | [`image_task`] | [`joint_velocity`] |
+//! | C, (10.84) | [`image_task`], [`image_wrench`]; [`image_wrench_by`] with matrices | [`joint_torque`] |
+//! | D, (10.87), (10.89)-(10.91) | [`image_task`]; [`image_task_by`] with a matrix | [`joint_velocity`] |
 //! | hybrid, (10.92)-(10.97) | [`hybrid_task`] | [`joint_velocity`] |
 //!
 //! A task lives in the camera's frame and knows nothing of the arm. The arm enters by [`CameraJacobian`](crate::robot::CameraJacobian), the
@@ -54,6 +54,7 @@
 mod convergence;
 mod drift;
 mod gain;
+mod gain_matrix;
 mod hybrid;
 mod image;
 mod interaction;
@@ -78,8 +79,12 @@ mod visual_servo;
 pub use convergence::Convergence;
 pub use drift::Drift;
 pub use gain::Gain;
+pub use gain_matrix::{FeatureMatrix, GainMatrix, NoGainMatrix, eigenvalue_range};
 pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
-pub use image::{FeatureGains, image_error, image_task, image_wrench, preconditioned_wrench};
+pub use image::{
+    FeatureGains, image_error, image_task, image_task_by, image_wrench, image_wrench_by,
+    preconditioned_wrench,
+};
 pub use interaction::{DepthRow, DepthSource, Interaction, InteractionAt};
 pub use law::{Arm, Damping, Law, LawOutput, NoTask, Task};
 pub use measurement_verdict::MeasurementVerdict;

@@ -3,18 +3,18 @@
 //! With the camera's twist expressed in C instead of B, (10.71) reads `x~_dot = -E V_WC_C`,
 //! `E = T_A^-1(phi_dc) diag(R_DC, R_DC)`, and `J_Ad = E J` is (10.73). Both mounts and m = 4 follow from J alone.
 
-use super::{OrientationError, SetPoint, TwistTask, View, WrenchTask, fit_similarity};
+use super::{GainMatrix, OrientationError, SetPoint, TwistTask, View, WrenchTask, fit_similarity};
 use crate::geometry::{Pose, rotation_z};
 use nalgebra::{Matrix3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 
-/// Gains of x, y, z and of the three numbers of the orientation error: the diagonal of a 6 x 6 gain matrix.
-pub type PoseGains = Vector6<f64>;
+/// Gains of x, y, z and of the three numbers of the orientation error, 6 x 6.
+pub type PoseGains = GainMatrix<6>;
 
 /// The diagonal `{x, y, z, alpha}` of m = 4 for all three numbers of the orientation.
 #[must_use]
 pub fn pose_gains_4(gains: &[f64; 4]) -> PoseGains {
     let [x, y, z, alpha] = *gains;
-    Vector6::new(x, y, z, alpha, alpha, alpha)
+    Vector6::new(x, y, z, alpha, alpha, alpha).into()
 }
 
 /// Where the pose of a position-based law comes from.
@@ -65,7 +65,7 @@ impl OperationalSpaceError {
     /// Scheme B: the camera twist `E^-1 K x~` of (10.76), expressed in C, m/s and rad/s.
     #[must_use]
     pub fn twist(&self, K_1_s: &PoseGains) -> Vector6<f64> {
-        let y = K_1_s.component_mul(&self.x);
+        let y = K_1_s.times(&self.x);
         let R_CD = self.R_DC.transpose();
         let v = R_CD * y.fixed_rows::<3>(0);
         let w = R_CD * (self.orientation.rate(&self.phi_dc()) * y.fixed_rows::<3>(3));
@@ -84,10 +84,7 @@ impl OperationalSpaceError {
     #[must_use]
     pub fn wrench(&self, K_P: &PoseGains, K_D: &PoseGains) -> Option<WrenchTask> {
         let E = self.rate()?;
-        Some(WrenchTask {
-            wrench: E.tr_mul(&K_P.component_mul(&self.x)),
-            damping: E.tr_mul(&(Matrix6::from_diagonal(K_D) * E)),
-        })
+        Some(WrenchTask { wrench: E.tr_mul(&K_P.times(&self.x)), damping: E.tr_mul(&(K_D.matrix() * E)) })
     }
 }
 

@@ -13,6 +13,19 @@ pub enum FeatureKind {
     Outline(OutlineFeature),
 }
 
+impl FeatureKind {
+    /// How many numbers the feature has.
+    #[must_use]
+    pub fn numbers(self) -> usize {
+        match self {
+            Self::Point(_) => 2,
+            Self::Segment(..) | Self::Outline(OutlineFeature::Area) => 4,
+            Self::Outline(OutlineFeature::Ellipse) => 5,
+            Self::Outline(OutlineFeature::Moments) => 6,
+        }
+    }
+}
+
 /// What is compared of an area.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OutlineFeature {
@@ -78,6 +91,12 @@ impl Selection {
     #[must_use]
     pub fn features(&self) -> &[(FeatureKind, f64)] {
         self.entries.get(..self.count).unwrap_or(&self.entries)
+    }
+
+    /// How many numbers the features have together: k of the text.
+    #[must_use]
+    pub fn numbers(&self) -> usize {
+        self.features().iter().map(|(kind, _)| kind.numbers()).sum()
     }
 
     /// The points along the area's outline, by index.

@@ -307,7 +307,7 @@ mod tests {
     }
 
     fn law() -> Law {
-        Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: Interaction::TEXTBOOK }
+        Law::ImageVelocity { K_s: 1.0.into(), gain: Gain::Constant(1.0), interaction: Interaction::TEXTBOOK }
     }
 
     /// Pixel distances of the four points from the nearest borders, less their radius in the image.

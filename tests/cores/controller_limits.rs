@@ -47,6 +47,7 @@ fn started<const N: usize>(
     let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0, 0.0, 0.3].into());
     let set_point = SetPoint::from_pose(&goal, &FourDots::default().points_O()).unwrap();
     let law = Law::ImageVelocity {
+        K_s: 1.0.into(),
         gain: Gain::Constant(gain_1_s),
         interaction: Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated },
     };

@@ -38,7 +38,11 @@ fn scheme_c_is_close_to_its_limit() {
     let cell = Cell::textbook().unwrap();
     let fly = |gain: f64, depth| {
         let interaction = Interaction { at: InteractionAt::Current, depth };
-        let law = Law::ImageTorque { k_P: 300.0 * gain, damping: Damping::Task(330.0 * gain), interaction };
+        let law = Law::ImageTorque {
+            K_Ps: (300.0 * gain).into(),
+            damping: Damping::Task((330.0 * gain).into()),
+            interaction,
+        };
         let goal = set_point(&cell.X_DO, Scheme::C.selection()).unwrap();
         let mut pilot = Pilot::new(&cell, law, goal, None).knowing_depth();
         simulate(&cell, "C", &mut FeatureSource::Ideal, 40.0, |frame| pilot.control(frame))
@@ -61,8 +65,11 @@ fn scheme_c_is_close_to_its_limit() {
 #[test]
 fn the_text_has_no_gains_for_the_segment() {
     let cell = Cell::textbook().unwrap();
-    let law =
-        Law::ImageTorque { k_P: 300.0, damping: Damping::Task(330.0), interaction: Interaction::TEXTBOOK };
+    let law = Law::ImageTorque {
+        K_Ps: 300.0.into(),
+        damping: Damping::Task(330.0.into()),
+        interaction: Interaction::TEXTBOOK,
+    };
     let goal = set_point(&cell.X_DO, segment_selection().unwrap()).unwrap();
     let mut pilot = Pilot::new(&cell, law, goal, None);
     let run = simulate(&cell, "C", &mut FeatureSource::Ideal, 8.0, |frame| pilot.control(frame));
@@ -82,7 +89,7 @@ fn an_estimated_depth_scales_the_hybrid_error_equation() {
     let goal = SetPoint::from_pose(&larger, &POINTS.map(|p| p * r)).unwrap();
     let (K_p, K_o) = (Vector3::new(1.0, 1.5, 0.7), Vector3::repeat(2.0));
     let law = Law::Hybrid {
-        gains: HybridGains { K_p, K_o },
+        gains: HybridGains { K_p: K_p.into(), K_o: K_o.into() },
         gain: Gain::Constant(1.0),
         orientation: OrientationError::EulerZyx,
         space: OperationalSpace::Six,
@@ -232,8 +239,8 @@ fn scheme_c_taught_at_a_short_focal_length_diverges() {
     let seen = project(&cell.X_DO).unwrap().map(|s| wrong.believed(&s));
     let taught = SetPoint::from_features(&seen, &POINTS, cell.X_DO.translation.z).unwrap();
     let taught = taught.with_selection(Scheme::C.selection()).unwrap();
-    let (k_P, damping) = (270.0, Damping::Task(297.0));
-    let law = Law::ImageTorque { k_P, damping, interaction: Interaction::TEXTBOOK };
+    let (K_Ps, damping) = (270.0.into(), Damping::Task(297.0.into()));
+    let law = Law::ImageTorque { K_Ps, damping, interaction: Interaction::TEXTBOOK };
     let mut pilot = Pilot::new(&cell, law, taught, None);
     let run =
         simulate(&cell, "C", &mut FeatureSource::Miscalibrated(wrong), 30.0, |frame| pilot.control(frame));

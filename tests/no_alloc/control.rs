@@ -65,6 +65,9 @@ fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut run: LockstepRun<N
     assert!(!plans || run.state() == ControlState::Stopped, "{:?}", run.state());
 }
 
+const MATRIX_OF_FOUR: &str =
+    "servo.gain_1_s=[[2, 0.5, 0, 0], [0.5, 2, 0, 0], [0, 0, 1, 0.1], [0, 0, 0.1, 1]]";
+
 #[test]
 fn no_tick_allocates() {
     let config_of = |file: &str, set: &[&str]| {
@@ -80,6 +83,10 @@ fn no_tick_allocates() {
         config_of("scara-b.toml", &["servo.smooth_start_1_s=3"]),
         config_of("scara-c.toml", &["servo.update=tick"]),
         config_of(
+            "scara-c.toml",
+            &["servo.pd.feature_gain=matrix", "servo.pd.feature_stiffness_nm=[300, 200, 300, 200]"],
+        ),
+        config_of(
             "scara-d.toml",
             &["servo.segments=[[3, 4]]", "servo.interaction=mean", "servo.depth=known"],
         ),
@@ -87,6 +94,8 @@ fn no_tick_allocates() {
         config_of("scara-hybrid.toml", &["servo.depth=initial"]),
         config_of("scara-eye-to-hand.toml", &[]),
         config_of("ur5-b.toml", &[]),
+        config_of("scara-b.toml", &[MATRIX_OF_FOUR]),
+        config_of("scara-d.toml", &[MATRIX_OF_FOUR]),
         config_of("ur5-hybrid.toml", &["servo.adaptive_gain.at_zero=2"]),
         config_of("panda.toml", &["servo.limit_avoidance_1_s=0.5"]),
         config_of("ur5.toml", &["servo.update=predict"]),

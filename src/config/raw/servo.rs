@@ -2,7 +2,7 @@
 
 use super::RawPose;
 use crate::servo::{InteractionAt, OrientationError, UpdatePolicy};
-use serde::de::{SeqAccess, Visitor};
+use serde::de::{Error, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
 use std::path::PathBuf;
@@ -59,6 +59,8 @@ word! {
     FeatureGain {
         /// k I (the textbook's choice): as unlike along the camera's motions as L_s is ill-conditioned.
         Scalar,
+        /// As `feature_stiffness_nm` and `feature_damping_nms` have it: a list is its diagonal.
+        Matrix,
         /// A constant matrix from L_s at the goal, there as stiff along the camera's motions as scheme A.
         Preconditioned,
     }
@@ -86,7 +88,7 @@ word! {
     }
 }
 
-/// One number for all components, or a list.
+/// One number for all components, a list of one each, or a matrix row by row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Gains {
@@ -94,6 +96,8 @@ pub enum Gains {
     One(f64),
     /// One each.
     Each(Vec<f64>),
+    /// Rows.
+    Matrix(Vec<Vec<f64>>),
 }
 
 impl<'de> Deserialize<'de> for Gains {
@@ -109,7 +113,7 @@ impl<'de> Visitor<'de> for GainsVisitor {
     type Value = Gains;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a number or a list of numbers")
+        f.write_str("a number or a list of numbers, or a list of lists for a matrix")
     }
 
     fn visit_f64<E>(self, v: f64) -> Result<Gains, E> {
@@ -125,11 +129,20 @@ impl<'de> Visitor<'de> for GainsVisitor {
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Gains, A::Error> {
-        let mut gains = Vec::new();
-        while let Some(gain) = list.next_element()? {
-            gains.push(gain);
+        let (mut gains, mut rows) = (Vec::new(), Vec::new());
+        while let Some(entry) = list.next_element()? {
+            match entry {
+                Gains::One(gain) if rows.is_empty() => gains.push(gain),
+                Gains::Each(row) if gains.is_empty() => rows.push(row),
+                _ => {
+                    return Err(A::Error::invalid_type(
+                        Unexpected::Other("numbers and lists in one list"),
+                        &self,
+                    ));
+                }
+            }
         }
-        Ok(Gains::Each(gains))
+        Ok(if rows.is_empty() { Gains::Each(gains) } else { Gains::Matrix(rows) })
     }
 }
 
@@ -140,7 +153,8 @@ table! {
         scheme: SchemeKind = SchemeKind::ImageResolvedVelocity,
         /// When it is computed.
         update: UpdatePolicy = UpdatePolicy::Predict,
-        /// Gain of the resolved-velocity laws, 1/s. B and hybrid also take four (x, y, z, rotation) or six.
+        /// Gain of the resolved-velocity laws, 1/s: a number, a list or a matrix. B and hybrid take four (x, y, z, rotation) or six, D one for
+        /// each number that it compares.
         gain_1_s: Gains = Gains::One(15.0),
         /// Gain to which a higher one falls within about a pixel of the goal, where encoders and noise would make the arm tremble, 1/s.
         gain_at_goal_1_s: f64 = 2.0,
@@ -233,7 +247,7 @@ table! {
 table! {
     /// Gains of the torque laws A and C; those of Sect. 10.9.
     RawPd {
-        /// A: K_P of the position, N/m; one number or three.
+        /// A: K_P of the position, N/m; one number, three, or a matrix.
         position_stiffness_n_m: Gains = Gains::Each(vec![500.0, 500.0, 10.0]),
         /// A: K_P of the orientation, N m/rad.
         orientation_stiffness_nm_rad: Gains = Gains::One(10.0),
@@ -241,12 +255,12 @@ table! {
         position_damping_ns_m: Gains = Gains::Each(vec![500.0, 500.0, 10.0]),
         /// A: K_D of the orientation, N m s/rad.
         orientation_damping_nms_rad: Gains = Gains::One(10.0),
-        /// C: whether K_Ps is a number, or made so that the stiffnesses and dampings of A hold at the goal.
+        /// C: whether K_Ps is a number, a matrix, or made so that the stiffnesses and dampings of A hold at the goal.
         feature_gain: FeatureGain = FeatureGain::Preconditioned,
         /// C: K_Ps per squared feature unit (normalized), N m.
-        feature_stiffness_nm: f64 = 300.0,
+        feature_stiffness_nm: Gains = Gains::One(300.0),
         /// C: K_Ds, N m s.
-        feature_damping_nms: f64 = 330.0,
+        feature_damping_nms: Gains = Gains::One(330.0),
         /// Damping on the task or on the joints.
         damping: DampingOn = DampingOn::Task,
         /// K_D on the joints, one for all or one each.

@@ -74,7 +74,7 @@ fn law(scheme: Scheme, gain_1_s: f64) -> Law {
             space: OperationalSpace::Six,
         },
         Scheme::C | Scheme::D | Scheme::Hybrid => {
-            Law::ImageVelocity { gain, interaction: Interaction::TEXTBOOK }
+            Law::ImageVelocity { K_s: 1.0.into(), gain, interaction: Interaction::TEXTBOOK }
         }
     }
 }

@@ -4,7 +4,7 @@ use super::{goal, pose, seen, square};
 use crate::features::{AreaFeature, EllipseFeature, Feature, ImageMoments, MomentFeature, point_rows};
 use crate::geometry::Pose;
 use crate::servo::*;
-use nalgebra::{DMatrix, DVector, Vector2, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 use proptest::prelude::*;
 
 const ESTIMATED: Interaction = Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated };
@@ -55,8 +55,8 @@ proptest! {
             let vector = DVector::from_column_slice(task.vector.as_slice());
             prop_assert!((&matrix - &A).norm() < 1e-8 * (1.0 + A.norm()), "{feature:?} {matrix} {A}");
             prop_assert!((&vector - &y).norm() < 1e-8 * (1.0 + y.norm()), "{feature:?} {vector} {y}");
-            let gains = FeatureGains { K_P: Vector6::repeat(2.0), rest: 1.0 };
-            let wrench = preconditioned_wrench(&set_point, &view, &gains, &Vector6::repeat(1.0), ESTIMATED);
+            let gains = FeatureGains { K_P: PoseGains::repeat(2.0), rest: 1.0 };
+            let wrench = preconditioned_wrench(&set_point, &view, &gains, &PoseGains::repeat(1.0), ESTIMATED);
             prop_assert!(wrench.is_some_and(|task| task.wrench.iter().all(|x| x.is_finite())));
         }
     }

@@ -27,7 +27,8 @@ fn flight(law: Law, known: bool) -> Vec<Matrix4<f64>> {
     let robot: Robot<4> = crate::robot::load("scara").unwrap().build().unwrap();
     let set_point = SetPoint::from_pose(&X_DO(), &square()).unwrap();
     let mount = Mount::EyeToHand { X_BC: Pose::identity() };
-    let mut servo = VisualServo::new(ServoSettings::new(law, UpdatePolicy::Frame, mount), set_point.clone());
+    let mut servo =
+        VisualServo::new(ServoSettings::new(law.clone(), UpdatePolicy::Frame, mount), set_point.clone());
     let q = Vector4::new(0.1, 1.5, 0.4, -0.7);
     let mut X_CO = start();
     let mut poses = vec![X_CO.to_homogeneous()];
@@ -169,6 +170,7 @@ fn compare(
 #[test]
 fn scheme_d_flies_as_the_text_with_every_depth() {
     let law = |depth| Law::ImageVelocity {
+        K_s: 1.0.into(),
         gain: Gain::Constant(1.0),
         interaction: Interaction { at: InteractionAt::Current, depth },
     };
@@ -179,7 +181,7 @@ fn scheme_d_flies_as_the_text_with_every_depth() {
 #[test]
 fn the_hybrid_law_flies_as_the_text_with_every_depth() {
     let law = |depth| Law::Hybrid {
-        gains: HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(2.0) },
+        gains: HybridGains { K_p: Vector3::repeat(1.0).into(), K_o: Vector3::repeat(2.0).into() },
         gain: Gain::Constant(1.0),
         orientation: OrientationError::AngleAxis,
         space: OperationalSpace::Six,
@@ -193,6 +195,7 @@ fn the_hybrid_law_flies_as_the_text_with_every_depth() {
 fn the_first_pose_of_the_run_is_kept() {
     let robot: Robot<4> = crate::robot::load("scara").unwrap().build().unwrap();
     let law = Law::ImageVelocity {
+        K_s: 1.0.into(),
         gain: Gain::Constant(1.0),
         interaction: Interaction { at: InteractionAt::Current, depth: DepthSource::Initial },
     };

@@ -74,12 +74,12 @@ proptest! {
             let a = Law::PositionTorque { K_P: K, damping, orientation, space };
             let (first, last) = falls(a, mount, X_WO, X_DO, q, |X_CO| {
                 let x = OperationalSpaceError::new(&X_DO, X_CO, orientation).x;
-                0.5 * x.dot(&K.component_mul(&x))
+                0.5 * x.dot(&K.times(&x))
             });
             prop_assert!(last < 0.5 * first + 1e-9);
         }
         let interaction = Interaction { at: InteractionAt::Current, depth: DepthSource::Known };
-        let c = Law::ImageTorque { k_P: 300.0, damping: Damping::Task(330.0), interaction };
+        let c = Law::ImageTorque { K_Ps: 300.0.into(), damping: Damping::Task(330.0.into()), interaction };
         let (first, last) = falls(c, mount, X_WO, X_DO, q, |X_CO| {
             let (e, _) = image_error(&goal(&X_DO), &seen(X_CO, &square())).unwrap();
             0.5 * 300.0 * e.norm_squared()
@@ -98,12 +98,12 @@ proptest! {
         let arm = Arm { J: camera, qd: Vector6::zeros(), gravity: Vector6::zeros() };
         let set_point = goal(&X_DO);
         let gain = Gain::Constant(1.0);
-        let gains = HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(1.0) };
+        let gains = HybridGains { K_p: Vector3::repeat(1.0).into(), K_o: Vector3::repeat(1.0).into() };
         let (orientation, space) = (OrientationError::EulerZyx, OperationalSpace::Six);
         let interaction = Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated };
         for law in [
-            Law::PositionVelocity { K: Vector6::repeat(1.0), gain, orientation, space },
-            Law::ImageVelocity { gain, interaction },
+            Law::PositionVelocity { K: Vector6::repeat(1.0).into(), gain, orientation, space },
+            Law::ImageVelocity { K_s: 1.0.into(), gain, interaction },
             Law::Hybrid { gains, gain, orientation, space, depth: DepthSource::Desired },
         ] {
             let error_at = |X_CO: &Pose| match law.task(&set_point, &seen(X_CO, &square())).unwrap() {

@@ -101,17 +101,17 @@ proptest! {
             let Some(E) = error.rate() else { continue };
             let J_Ad = E * J;
             let space = OperationalSpace::Six;
-            let a = Law::PositionTorque { K_P, damping: Damping::Task(K_D), orientation, space };
+            let a = Law::PositionTorque { K_P: K_P.into(), damping: Damping::Task(K_D.into()), orientation, space };
             let u = g + J_Ad.transpose() * (K_P.component_mul(&error.x) - K_D.component_mul(&(J_Ad * qd)));
             let got = torque(&a, &set_point, &view, &arm);
             prop_assert!((got - u).norm() < 1e-9 * (1.0 + u.norm()));
             let mut on_joints = [0.0; crate::messages::MAX_JOINTS];
             on_joints[..6].copy_from_slice(&d);
-            let a = Law::PositionTorque { K_P, damping: Damping::Joints(on_joints), orientation, space };
+            let a = Law::PositionTorque { K_P: K_P.into(), damping: Damping::Joints(on_joints), orientation, space };
             let u = g + J_Ad.transpose() * K_P.component_mul(&error.x) - K_D.component_mul(&qd);
             prop_assert!((torque(&a, &set_point, &view, &arm) - u).norm() < 1e-9 * (1.0 + u.norm()));
 
-            let b = Law::PositionVelocity { K: K_P, gain: Gain::Constant(1.0), orientation, space };
+            let b = Law::PositionVelocity { K: K_P.into(), gain: Gain::Constant(1.0), orientation, space };
             let qd_r = J_Ad.lu().solve(&K_P.component_mul(&error.x)).unwrap();
             let got = velocity(&b, &set_point, &view, &arm);
             prop_assert!((got - qd_r).norm() < 1e-8 * (1.0 + qd_r.norm()), "{got} {qd_r}");
@@ -128,13 +128,13 @@ proptest! {
         let qd_ = DVector::from_column_slice(qd.as_slice());
         let u = DVector::from_column_slice(g.as_slice())
             + J_L.transpose() * (&e * 300.0 - &J_L * &qd_ * 330.0);
-        let c = Law::ImageTorque { k_P: 300.0, damping: Damping::Task(330.0), interaction: ESTIMATED };
+        let c = Law::ImageTorque { K_Ps: 300.0.into(), damping: Damping::Task(330.0.into()), interaction: ESTIMATED };
         let got = torque(&c, &set_point, &view, &arm);
         prop_assert!((&u - DVector::from_column_slice(got.as_slice())).norm() < 1e-9 * (1.0 + u.norm()));
 
         let Some(V) = least_squares(&L, &(e * 2.0)) else { return Ok(()) };
         let qd_r = J.lu().solve(&Vector6::from_column_slice(V.as_slice())).unwrap();
-        let d = Law::ImageVelocity { gain: Gain::Constant(2.0), interaction: ESTIMATED };
+        let d = Law::ImageVelocity { K_s: 1.0.into(), gain: Gain::Constant(2.0), interaction: ESTIMATED };
         let got = velocity(&d, &set_point, &view, &arm);
         prop_assert!((got - qd_r).norm() < 1e-6 * (1.0 + qd_r.norm()), "{got} {qd_r}");
         let twist = image_task(&set_point, &view, ESTIMATED).unwrap().twist(2.0).unwrap();
@@ -215,7 +215,7 @@ proptest! {
             let w = orientation.rate(&phi) * K_o.component_mul(&phi);
             let v = J_p(&s, z_c).try_inverse().unwrap() * (K_p.component_mul(&e_p) - J_o(&s) * w);
             let wanted = J.lu().solve(&Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)).unwrap();
-            let gains = HybridGains { K_p, K_o };
+            let gains = HybridGains { K_p: K_p.into(), K_o: K_o.into() };
             let (gain, space) = (Gain::Constant(1.0), OperationalSpace::Six);
             let law = |depth| Law::Hybrid { gains, gain, orientation, space, depth };
             let of = |depth| velocity(&law(depth), &set_point, &view, &arm(J, Vector6::zeros(), Vector6::zeros()));
@@ -293,10 +293,10 @@ proptest! {
             e.fixed_rows_mut::<2>(2 * i).copy_from(&(set_point.features()[i] - view.features()[i]));
         }
         let J_L = L * arm.J.matrix();
-        let c = Law::ImageTorque { k_P: 300.0, damping: Damping::Task(330.0), interaction: Interaction::TEXTBOOK };
+        let c = Law::ImageTorque { K_Ps: 300.0.into(), damping: Damping::Task(330.0.into()), interaction: Interaction::TEXTBOOK };
         let u = arm.gravity + J_L.transpose() * (e * 300.0 - J_L * qd * 330.0);
         prop_assert!((torque(&c, &set_point, &view, &arm) - u).norm() < 1e-9 * (1.0 + u.norm()));
-        let d = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: Interaction::TEXTBOOK };
+        let d = Law::ImageVelocity { K_s: 1.0.into(), gain: Gain::Constant(1.0), interaction: Interaction::TEXTBOOK };
         let qd_r = J_L.lu().solve(&e).unwrap();
         prop_assert!((velocity(&d, &set_point, &view, &arm) - qd_r).norm() < 1e-7 * (1.0 + qd_r.norm()));
 
@@ -337,12 +337,14 @@ fn a_preconditioned_scheme_c_is_scheme_a_near_its_goal() {
     let near = Pose::new([1e-5, -2e-5, 1e-5].into(), [1e-5, 2e-5, -1e-5].into()) * X_DO;
     let K = Vector6::new(500.0, 400.0, 300.0, 20.0, 10.0, 30.0);
     let (set_point, view) = (goal(&X_DO), seen(&near, &square()));
-    let K_Ps = FeatureGains { K_P: K, rest: 300.0 };
+    let K_Ps = FeatureGains { K_P: K.into(), rest: 300.0 };
     let wrench = |at| {
         let interaction = Interaction { at, depth: DepthSource::Estimated };
-        preconditioned_wrench(&set_point, &view, &K_Ps, &K, interaction).unwrap()
+        preconditioned_wrench(&set_point, &view, &K_Ps, &K.into(), interaction).unwrap()
     };
-    let a = OperationalSpaceError::new(&X_DO, &near, OrientationError::AngleAxis).wrench(&K, &K).unwrap();
+    let a = OperationalSpaceError::new(&X_DO, &near, OrientationError::AngleAxis)
+        .wrench(&K.into(), &K.into())
+        .unwrap();
     for at in [InteractionAt::Current, InteractionAt::Desired, InteractionAt::Mean] {
         let c = wrench(at);
         assert!((c.wrench - a.wrench).norm() < 1e-3 * a.wrench.norm(), "{at:?}: {} {}", c.wrench, a.wrench);
@@ -372,10 +374,10 @@ fn gimbal_lock_has_no_torque_but_a_velocity() {
     let R_DC = euler_zyx_rotation(&Vector3::new(0.2, FRAC_PI_2, 0.0));
     let X_CO = Pose::from_parts([0.0, 0.0, 0.0].into(), R_DC.inverse().into()) * X_DO;
     let error = OperationalSpaceError::new(&X_DO, &X_CO, OrientationError::EulerZyx);
-    assert!(error.wrench(&Vector6::repeat(1.0), &Vector6::repeat(1.0)).is_none());
-    assert!(error.twist(&Vector6::repeat(1.0)).iter().all(|v| v.is_finite()));
+    assert!(error.wrench(&PoseGains::repeat(1.0), &PoseGains::repeat(1.0)).is_none());
+    assert!(error.twist(&PoseGains::repeat(1.0)).iter().all(|v| v.is_finite()));
     let error = OperationalSpaceError::new(&X_DO, &X_CO, OrientationError::AngleAxis);
-    assert!(error.wrench(&Vector6::repeat(1.0), &Vector6::repeat(1.0)).is_some());
+    assert!(error.wrench(&PoseGains::repeat(1.0), &PoseGains::repeat(1.0)).is_some());
 }
 
 #[test]
@@ -416,20 +418,24 @@ fn views_of_other_features_and_tasks_of_other_laws_are_refused() {
     let few = seen(&X_DO, &square()[..3]);
     let (orientation, space, gain) =
         (OrientationError::EulerZyx, OperationalSpace::Four, Gain::Constant(1.0));
-    let one = Vector6::repeat(1.0);
-    let gains = HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(1.0) };
+    let one = PoseGains::repeat(1.0);
+    let gains = HybridGains { K_p: Vector3::repeat(1.0).into(), K_o: Vector3::repeat(1.0).into() };
     let laws = [
         Law::PositionTorque { K_P: one, damping: Damping::Task(one), orientation, space },
         Law::PositionVelocity { K: one, gain, orientation, space },
-        Law::ImageTorque { k_P: 1.0, damping: Damping::Task(1.0), interaction: Interaction::TEXTBOOK },
-        Law::ImageVelocity { gain, interaction: Interaction::TEXTBOOK },
+        Law::ImageTorque {
+            K_Ps: 1.0.into(),
+            damping: Damping::Task(1.0.into()),
+            interaction: Interaction::TEXTBOOK,
+        },
+        Law::ImageVelocity { K_s: 1.0.into(), gain, interaction: Interaction::TEXTBOOK },
         Law::Hybrid { gains, gain, orientation, space, depth: DepthSource::Desired },
     ];
     let arm = arm(Matrix6::identity(), Vector6::zeros(), Vector6::zeros());
-    for law in laws {
+    for law in &laws {
         assert_eq!(law.task(&goal(&X_DO), &few), Err(NoTask::TooFew), "{law:?}");
         let task = law.task(&goal(&X_DO), &seen(&X_DO, &square())).unwrap();
-        for other in laws {
+        for other in &laws {
             assert_eq!(other.output(&task, &arm).is_some(), other.is_torque() == law.is_torque());
         }
     }

@@ -44,7 +44,11 @@ impl<const N: usize> SimulatedLoop<N> {
         };
         let X_WO = mount.X_WC(&robot.forward(&q_d)) * X_DO;
         let set_point = SetPoint::from_pose(X_DO, &square()).unwrap();
-        let law = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction: Interaction::TEXTBOOK };
+        let law = Law::ImageVelocity {
+            K_s: 1.0.into(),
+            gain: Gain::Constant(1.0),
+            interaction: Interaction::TEXTBOOK,
+        };
         let settings = ServoSettings::new(law, UpdatePolicy::Predict, mount);
         let servo = VisualServo::new(settings, set_point);
         Self { robot, servo, X_WO, q, qd: SVector::zeros(), tick: 0, exposed: None }
@@ -94,10 +98,11 @@ impl<const N: usize> SimulatedLoop<N> {
 
 fn laws() -> [Law; 7] {
     let gain = Gain::Constant(2.0);
-    let K = Vector6::repeat(1.0);
-    let gains = HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(1.0) };
+    let K = PoseGains::repeat(1.0);
+    let gains = HybridGains { K_p: Vector3::repeat(1.0).into(), K_o: Vector3::repeat(1.0).into() };
     let space = OperationalSpace::Six;
-    let image = |at, depth| Law::ImageVelocity { gain, interaction: Interaction { at, depth } };
+    let image =
+        |at, depth| Law::ImageVelocity { K_s: 1.0.into(), gain, interaction: Interaction { at, depth } };
     [
         Law::PositionVelocity { K, gain, orientation: OrientationError::EulerZyx, space },
         Law::PositionVelocity { K, gain, orientation: OrientationError::AngleAxis, space },
@@ -126,7 +131,7 @@ const POLICIES: [UpdatePolicy; 3] = [UpdatePolicy::Frame, UpdatePolicy::Tick, Up
 fn converges<const N: usize>(make: impl Fn() -> SimulatedLoop<N>) -> Result<(), TestCaseError> {
     for law in laws() {
         for update in POLICIES {
-            let mut run = make().with(|s| (s.law, s.update) = (law, update));
+            let mut run = make().with(|s| (s.law, s.update) = (law.clone(), update));
             let start = run.error();
             for _ in 0..8000 {
                 run.step();
@@ -192,7 +197,7 @@ fn a_smooth_start_has_no_jump_and_ends_as_well() {
 fn an_adaptive_gain_ends_faster() {
     let settled = |gain| {
         let interaction = Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated };
-        let mut run = scara().with(|s| s.law = Law::ImageVelocity { gain, interaction });
+        let mut run = scara().with(|s| s.law = Law::ImageVelocity { K_s: 1.0.into(), gain, interaction });
         (0..20_000).find(|_| run.step() != Vector4::zeros() && run.error() < 1e-5).unwrap()
     };
     let adaptive = Gain::Adaptive { at_zero_1_s: 4.0, at_infinity_1_s: 1.0, slope_1_s: 20.0 };
@@ -243,7 +248,7 @@ fn a_hand_that_obeys_the_camera_request_reaches_the_goal() {
     };
     for law in laws().into_iter().filter(law_of_a_hand) {
         let SimulatedLoop { servo, robot, q, .. } = scara();
-        let settings = ServoSettings { law, X_WO: None, ..servo.settings().clone() };
+        let settings = ServoSettings { law: law.clone(), X_WO: None, ..servo.settings().clone() };
         let mut servo = VisualServo::new(settings, servo.set_point().clone());
         assert_eq!(servo.camera_law_output(), None, "nothing was seen");
         let mut X_CO = Pose::new([-0.05, 0.08, 0.75].into(), [0.1, -0.15, -0.6].into());

@@ -4,6 +4,7 @@ mod areas;
 mod depths;
 mod energy;
 mod equations;
+mod gains;
 mod loops;
 
 use super::{SetPoint, View};

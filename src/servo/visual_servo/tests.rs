@@ -23,7 +23,7 @@ fn servo(update: UpdatePolicy) -> VisualServo<4> {
     let goal = Pose::new([-0.1, 0.1, 0.6].into(), [0.0, 0.0, -1.0].into());
     let set_point = SetPoint::from_pose(&goal, &square()).unwrap();
     let interaction = Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated };
-    let law = Law::ImageVelocity { gain: Gain::Constant(1.0), interaction };
+    let law = Law::ImageVelocity { K_s: 1.0.into(), gain: Gain::Constant(1.0), interaction };
     let mount = Mount::EyeInHand { X_EC: Pose::identity() };
     VisualServo::new(ServoSettings::new(law, update, mount), set_point)
 }
@@ -214,10 +214,10 @@ fn the_way_back_leads_to_where_the_whole_target_was_seen() {
 /// Every law, with everything on that looks at a measurement.
 fn every_law() -> Vec<VisualServo<4>> {
     let gain = Gain::Constant(1.0);
-    let (orientation, K) = (OrientationError::AngleAxis, nalgebra::Vector6::repeat(1.0));
+    let (orientation, K) = (OrientationError::AngleAxis, crate::servo::PoseGains::repeat(1.0));
     let mut all = Vec::new();
     for space in [OperationalSpace::Four, OperationalSpace::Six] {
-        let gains = HybridGains { K_p: Vector3::repeat(1.0), K_o: Vector3::repeat(1.0) };
+        let gains = HybridGains { K_p: Vector3::repeat(1.0).into(), K_o: Vector3::repeat(1.0).into() };
         all.push(Law::PositionVelocity { K, gain, orientation, space });
         all.push(Law::PositionTorque { K_P: K, damping: Damping::Task(K), orientation, space });
         all.push(Law::Hybrid { gains, gain, orientation, space, depth: DepthSource::Desired });
@@ -228,8 +228,8 @@ fn every_law() -> Vec<VisualServo<4>> {
         (InteractionAt::Desired, DepthSource::Desired),
     ] {
         let interaction = Interaction { at, depth };
-        all.push(Law::ImageVelocity { gain, interaction });
-        all.push(Law::ImageTorque { k_P: 1.0, damping: Damping::Task(1.0), interaction });
+        all.push(Law::ImageVelocity { K_s: 1.0.into(), gain, interaction });
+        all.push(Law::ImageTorque { K_Ps: 1.0.into(), damping: Damping::Task(1.0.into()), interaction });
     }
     let of = |(i, law)| {
         let mut settings = servo(UpdatePolicy::Predict).settings().clone();

@@ -1,0 +1,138 @@
+//! The numbers of an image error one after the other: gain matrices mix them, plots show them.
+
+use super::{Interaction, Visitor, sides, visit};
+use crate::features::{Feature, NormalEquations, StackRow};
+use crate::messages::MAX_FEATURES;
+use crate::servo::{FeatureMatrix, SetPoint, TwistTask, View, WrenchTask};
+use nalgebra::{Matrix6, SVector, Vector6};
+
+/// Most numbers of an error, since of all features normalized moments have the most, six.
+const MAX_NUMBERS: usize = 6 * MAX_FEATURES;
+const EMPTY: StackRow = StackRow { row: [0.0; 6], error: 0.0, weight: 0.0 };
+
+/// L_s, e_s and the weights, a row for each number of the selected features; rows of hidden features are zero, so that what a gain matrix
+/// does with the others is as if it had no rows and columns for them.
+struct Rows {
+    interaction: Interaction,
+    rows: [StackRow; MAX_NUMBERS],
+    count: usize,
+}
+
+impl Rows {
+    fn of(set_point: &SetPoint, view: &View, interaction: Interaction) -> Option<Self> {
+        let (now, goal) = sides(set_point, view, interaction)?;
+        let mut all = Self { interaction, rows: [EMPTY; MAX_NUMBERS], count: 0 };
+        visit((set_point, view), (&now, &goal), &mut all)?;
+        Some(all)
+    }
+
+    fn rows(&self) -> &[StackRow] {
+        self.rows.get(..self.count).unwrap_or(&self.rows)
+    }
+
+    /// `L_s^T K x` for the numbers x of the rows.
+    fn moved(&self, K: &FeatureMatrix, x: impl Iterator<Item = f64> + Clone) -> Vector6<f64> {
+        let mut sum = Vector6::zeros();
+        for (i, row) in self.rows().iter().enumerate() {
+            sum += Vector6::from(row.row) * K.row_times(i, x.clone());
+        }
+        sum
+    }
+}
+
+impl Visitor for Rows {
+    fn pair<const K: usize>(
+        &mut self,
+        now: &impl Feature<K>,
+        goal: &impl Feature<K>,
+        weight: f64,
+    ) -> Option<()> {
+        let (L, e) = (self.interaction.of(now, goal)?, now.error(&goal.value()));
+        for k in 0..K {
+            let row = StackRow { row: std::array::from_fn(|j| L[(k, j)]), error: e[k], weight };
+            *self.rows.get_mut(self.count)? = row;
+            self.count += 1;
+        }
+        Some(())
+    }
+
+    fn skip(&mut self, numbers: usize) {
+        self.count = (self.count + numbers).min(MAX_NUMBERS);
+    }
+}
+
+/// Normal equations of the selected features, `L_s^T W L_s` and `L_s^T W K_s e_s`, for a matrix K_s: (10.91).
+///
+/// `None` as for [`image_task`](super::image_task), and when K_s is for another number of features.
+#[must_use]
+pub fn image_task_by(
+    set_point: &SetPoint,
+    view: &View,
+    interaction: Interaction,
+    K_s: &FeatureMatrix,
+) -> Option<TwistTask> {
+    let stacked = Rows::of(set_point, view, interaction).filter(|stacked| K_s.fits(stacked.count))?;
+    let (mut equations, mut error2) = (NormalEquations::new(), 0.0);
+    let errors = stacked.rows().iter().map(|row| row.error);
+    for (i, row) in stacked.rows().iter().enumerate() {
+        equations.add_row(&row.row, K_s.row_times(i, errors.clone()), row.weight);
+        error2 += row.error * row.error;
+    }
+    Some(TwistTask::new(&equations, error2.sqrt()))
+}
+
+/// Scheme C: wrench `L_s^T K_Ps e_s` and damping `L_s^T K_Ds L_s` of (10.84) for matrices K_Ps, in N m, and K_Ds, in N m s. The features'
+/// weights have no part in it. Without K_Ds damping is left to the joints.
+///
+/// `None` as for [`image_task_by`].
+#[must_use]
+pub fn image_wrench_by(
+    set_point: &SetPoint,
+    view: &View,
+    interaction: Interaction,
+    K_Ps: &FeatureMatrix,
+    K_Ds: Option<&FeatureMatrix>,
+) -> Option<WrenchTask> {
+    let stacked = Rows::of(set_point, view, interaction)?;
+    if !K_Ps.fits(stacked.count) || !K_Ds.is_none_or(|K_Ds| K_Ds.fits(stacked.count)) {
+        return None;
+    }
+    let wrench = stacked.moved(K_Ps, stacked.rows().iter().map(|row| row.error));
+    let mut damping = Matrix6::zeros();
+    if let Some(K_Ds) = K_Ds {
+        for j in 0..6 {
+            damping.set_column(j, &stacked.moved(K_Ds, stacked.rows().iter().map(|row| row.row[j])));
+        }
+    }
+    Some(WrenchTask { wrench, damping })
+}
+
+/// The stacked error e_s of the selected features that are seen, and how many numbers it has; for plots and checks.
+#[must_use]
+pub fn image_error(set_point: &SetPoint, view: &View) -> Option<(SVector<f64, MAX_NUMBERS>, usize)> {
+    let (now, goal) = sides(set_point, view, Interaction::TEXTBOOK)?;
+    let mut errors = StackedErrors { e: SVector::zeros(), count: 0 };
+    visit((set_point, view), (&now, &goal), &mut errors)?;
+    Some((errors.e, errors.count))
+}
+
+struct StackedErrors {
+    e: SVector<f64, MAX_NUMBERS>,
+    count: usize,
+}
+
+impl Visitor for StackedErrors {
+    fn pair<const K: usize>(
+        &mut self,
+        now: &impl Feature<K>,
+        goal: &impl Feature<K>,
+        _weight: f64,
+    ) -> Option<()> {
+        let e = now.error(&goal.value());
+        for (place, e) in self.e.as_mut_slice().get_mut(self.count..)?.iter_mut().zip(e.iter()) {
+            *place = *e;
+            self.count += 1;
+        }
+        Some(())
+    }
+}
