@@ -24,6 +24,7 @@ mod plot;
 mod retreat;
 mod schemes;
 mod simulate;
+mod stability;
 mod system_gain;
 mod trajectory;
 
@@ -40,6 +41,7 @@ pub use plot::{Drawing, Panel, Series, Symbol, figure};
 pub use retreat::{ROTATIONS_DEG, pure_rotation, retreat_of};
 pub use schemes::{Estimator, Pilot, PoseFeature, SCHEMES, Scheme, segment_selection, set_point};
 pub use simulate::{LawInput, SPAN_S, STEP_S, STEPS_PER_FRAME, simulate, simulate_at};
+pub use stability::{StabilityFinding, WrongKnowledge, stability_of};
 pub use trajectory::{HEADER, Trajectory, TrajectoryEnd, TrajectoryRow};
 
 use std::path::{Path, PathBuf};
@@ -162,6 +164,12 @@ pub const EXPERIMENTS: &[Experiment] = &[
         about: "What errors of focal length and principal point cost each scheme, set-point computed or taught.",
         renders: false,
         run: calibration::sensitivity,
+    },
+    Experiment {
+        name: "stability",
+        about: "The stability condition of scheme D against errors of depth, lens and mount, and whether errors then die out.",
+        renders: false,
+        run: stability::stability,
     },
     Experiment {
         name: "gain-delay",

@@ -5,7 +5,7 @@
 
 mod stacked;
 
-pub use stacked::{image_error, image_task_by, image_wrench_by};
+pub use stacked::{image_error, image_task_by, image_wrench_by, weighted_rows};
 
 use super::resolve::damped_factors;
 use super::{

@@ -70,6 +70,7 @@ mod selection;
 mod set_point;
 mod settings;
 mod similarity;
+mod stability;
 #[cfg(test)]
 mod tests;
 mod view;
@@ -83,7 +84,7 @@ pub use gain_matrix::{FeatureMatrix, GainMatrix, NoGainMatrix, eigenvalue_range}
 pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
 pub use image::{
     FeatureGains, image_error, image_task, image_task_by, image_wrench, image_wrench_by,
-    preconditioned_wrench,
+    preconditioned_wrench, weighted_rows,
 };
 pub use interaction::{DepthRow, DepthSource, Interaction, InteractionAt};
 pub use law::{Arm, Damping, Law, LawOutput, NoTask, Task};
@@ -98,6 +99,7 @@ pub use selection::{FeatureKind, OutlineFeature, Selection};
 pub use set_point::SetPoint;
 pub use settings::{ServoSettings, UpdatePolicy};
 use similarity::fit_similarity;
+pub use stability::{StabilityMargin, error_motion};
 pub use view::View;
 pub use visibility::VisibilityGuard;
 pub use visual_servo::VisualServo;

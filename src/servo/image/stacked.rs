@@ -4,7 +4,7 @@ use super::{Interaction, Visitor, sides, visit};
 use crate::features::{Feature, NormalEquations, StackRow};
 use crate::messages::MAX_FEATURES;
 use crate::servo::{FeatureMatrix, SetPoint, TwistTask, View, WrenchTask};
-use nalgebra::{Matrix6, SVector, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix6, SVector, Vector6};
 
 /// Most numbers of an error, since of all features normalized moments have the most, six.
 const MAX_NUMBERS: usize = 6 * MAX_FEATURES;
@@ -105,6 +105,23 @@ pub fn image_wrench_by(
         }
     }
     Some(WrenchTask { wrench, damping })
+}
+
+/// L_s as the law takes it, k x 6, and e_s of (10.79), each row times the square root of its feature's weight. For studies: it allocates.
+///
+/// `None` as for [`image_task`](super::image_task).
+#[must_use]
+pub fn weighted_rows(
+    set_point: &SetPoint,
+    view: &View,
+    interaction: Interaction,
+) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    let stacked = Rows::of(set_point, view, interaction)?;
+    let rows = stacked.rows();
+    let roots = || rows.iter().map(|row| (row, row.weight.sqrt()));
+    let L = DMatrix::from_row_iterator(rows.len(), 6, roots().flat_map(|(row, w)| row.row.map(|x| x * w)));
+    let e = DVector::from_iterator(rows.len(), roots().map(|(row, w)| row.error * w));
+    Some((L, e))
 }
 
 /// The stacked error e_s of the selected features that are seen, and how many numbers it has; for plots and checks.

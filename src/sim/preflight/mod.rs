@@ -11,9 +11,11 @@
 
 mod law;
 mod reach;
+mod stability;
 mod words;
 
 pub use reach::{CameraPath, Posture, Reach};
+pub use stability::{Margins, Stability};
 
 use crate::config::{Config, Scene};
 use crate::config::{DriveKind, SetPointKind, Task};
@@ -40,6 +42,9 @@ pub struct Preflight {
     pub way: Option<CameraPath>,
     /// Where the depths in the law's matrix come from; `None` for a law without depths.
     pub depth: Option<String>,
+    /// How far the law is from instability with what it believes of lens, mount, target and depth, (10.91); `None` for laws other than scheme
+    /// D, and without a scene.
+    pub stability: Option<Stability>,
     /// What was left out, and why.
     pub notes: Vec<&'static str>,
     /// Whether the object rests, so that what is seen now stays true.
@@ -120,9 +125,11 @@ impl Preflight {
             reach: Reach::Unasked { why: "" },
             way: None,
             depth: law::depth(config),
+            stability: None,
             notes: notes(config),
             object_rests: config.scene.as_ref().is_none_or(|scene| scene.motion == SceneMotion::Still),
         };
+        let mut q_goal = None;
         preflight.reach = match (unasked(config), X_WO, X_DO) {
             (Some(why), ..) => Reach::Unasked { why },
             (None, Some(X_WO), Some(X_DO)) => {
@@ -130,10 +137,12 @@ impl Preflight {
                     ReachProblem { config, robot, q_start, set_point: &config.set_point, X_WO, X_DO };
                 let (reach, found) = question.reach();
                 preflight.way = found.map(|_| question.way());
+                q_goal = found;
                 reach
             }
             _ => Reach::Unasked { why: "the desired features fix no pose of the camera" },
         };
+        preflight.stability = stability::stability(config, robot, &q_start, q_goal.as_ref())?;
         Ok(preflight)
     }
 
@@ -161,7 +170,9 @@ impl Preflight {
     pub fn doubts(&self) -> Vec<(&'static str, String)> {
         let cut = self.cut_at_the_goal().filter(|(_, futile)| !futile).map(|(message, _)| message);
         let way = self.way.iter().flat_map(words::doubts);
-        cut.into_iter().chain(way).map(|message| ("servo.desired", message)).collect()
+        let unstable = self.stability.iter().filter(|stability| stability.is_doubtful());
+        let unstable = unstable.map(|stability| ("servo.depth", words::unstable(stability)));
+        cut.into_iter().chain(way).map(|message| ("servo.desired", message)).chain(unstable).collect()
     }
 
     /// What is wrong with the view at the goal, and whether that makes the run futile: a target that is tracked already goes on with

@@ -72,6 +72,47 @@ fn the_depth_of_the_law_is_told() {
     }
 }
 
+/// What the law believes is right: all margins are 1. A camera turned in the hand shows in the joints alone, a depth in both.
+#[test]
+fn margins_tell_what_the_law_believes_wrong() {
+    let margins = |set: &[&str]| {
+        let found = preflight("ur5.toml", set).stability.unwrap();
+        let goal = found.goal.unwrap();
+        [found.start.camera, found.start.joints, goal.camera, goal.joints].map(|m| [m.definite, m.slowest])
+    };
+    let off = |m: &[f64; 2]| (m[0] - 1.0).abs().max((m[1] - 1.0).abs());
+    assert!(margins(&[]).iter().all(|m| off(m) < 1e-5), "{:?}", margins(&[]));
+    let turned = margins(&["scene.camera.mount.rotation_rpy_rad=[0.0, 0.0, 0.3]"]);
+    assert!(off(&turned[2]) < 1e-5 && off(&turned[3]) > 0.01 && turned[3][1] > 0.5, "{turned:?}");
+    for depth_m in ["0.3", "1.2"] {
+        let depth = format!("servo.constant_depth_m={depth_m}");
+        let wrong = margins(&["servo.depth=constant", &depth]);
+        assert!(wrong.iter().all(|m| m[0] < 0.99 && m[1] > 0.1), "{wrong:?}");
+    }
+    assert_eq!(preflight("scara-b.toml", &[]).stability, None);
+    let told = preflight("ur5.toml", &[]).lines();
+    assert!(
+        told.iter().any(|line| line.contains("smallest eigenvalue 1.000 at the start, 1.000 at the goal")),
+        "{told:?}"
+    );
+    assert!(preflight("ur5.toml", &[]).doubts().is_empty());
+}
+
+/// An error of the mount beyond a right angle: the goal is unstable, and `check` says so.
+#[test]
+fn an_unstable_goal_is_doubtful() {
+    let mut found = preflight("ur5.toml", &[]);
+    assert!(!found.stability.unwrap().is_doubtful());
+    let mut stability = found.stability.unwrap();
+    stability.goal.as_mut().unwrap().joints.slowest = -0.1;
+    found.stability = Some(stability);
+    let doubts = found.doubts();
+    assert!(
+        matches!(&doubts[..], [("servo.depth", message)] if message.contains("unstable") && message.contains("-0.100")),
+        "{doubts:?}"
+    );
+}
+
 /// Start and goal differ in a joint of the wrist alone, which passes the middle, where two axes of the wrist are one.
 #[test]
 fn a_way_past_a_singular_posture_is_doubtful() {

@@ -1,6 +1,6 @@
 //! The preflight in words.
 
-use super::{CameraPath, Posture, Preflight, Reach, Viewpoint};
+use super::{CameraPath, Margins, Posture, Preflight, Reach, Stability, Viewpoint};
 use crate::scene::{Overhang, PointVisibility, Visibility};
 
 /// With more points than these only those that are cut off are listed one by one. Chosen by hand: two tags' corners.
@@ -22,6 +22,9 @@ pub(super) fn lines(preflight: &Preflight) -> Vec<String> {
         lines.push(format!("  way:   {}", straight_way(way)));
     }
     lines.extend(preflight.depth.iter().map(|depth| format!("  depth: {depth}")));
+    if let Some([condition, slowest]) = preflight.stability.as_ref().map(stability) {
+        lines.extend([format!("  law:   {condition}"), format!("         {slowest}")]);
+    }
     lines.extend(preflight.notes.iter().map(|note| format!("  note:  {note}")));
     lines
 }
@@ -148,6 +151,39 @@ pub(super) fn out_of_reach(reach: &Reach) -> Option<String> {
             nearest(reach)
         )
     })
+}
+
+/// How far from instability the law is: the condition of the text, and how the slowest error falls.
+fn stability(stability: &Stability) -> [String; 2] {
+    let of = |share: &dyn Fn(&Margins) -> f64| {
+        let goal = stability
+            .goal
+            .as_ref()
+            .map_or_else(String::new, |goal| format!(", {:.3} at the goal", share(goal)));
+        format!("{:.3} at the start{goal}", share(&stability.start))
+    };
+    [
+        format!(
+            "L_s times the inverse of its estimate, (10.91), has the smallest eigenvalue {}; with the joints {} (symmetric part; above 0 every \
+             error falls all the time, 1: the estimate is right)",
+            of(&|m| m.camera.definite),
+            of(&|m| m.joints.definite)
+        ),
+        format!(
+            "the slowest error falls at this share of the gain: {}; with the joints {} (0 or less: unstable)",
+            of(&|m| m.camera.slowest),
+            of(&|m| m.joints.slowest)
+        ),
+    ]
+}
+
+/// The message of a law that is unstable at its goal.
+pub(super) fn unstable(found: &Stability) -> String {
+    let slowest = found.goal.map_or(f64::NAN, |goal| goal.joints.slowest);
+    format!(
+        "with what the law believes of depth, lens, mount and target its goal is unstable: the slowest error falls at {slowest:.3} times the gain; \
+         compare servo.depth, [camera.lens], [camera.mount] and [target] with the scene"
+    )
 }
 
 fn straight_way(way: &CameraPath) -> String {
