@@ -15,6 +15,11 @@ use std::ops::RangeInclusive;
 pub(super) const GAIN_1_S: RangeInclusive<f64> = 1e-3..=100.0;
 const PD_GAIN: RangeInclusive<f64> = 0.0..=1e6;
 
+/// Keys of gains of which a law uses some.
+const VELOCITY_KEY: &str = "servo.gain_1_s";
+const STIFFNESS_KEY: &str = "servo.pd.feature_stiffness_nm";
+const DAMPING_KEY: &str = "servo.pd.feature_damping_nms";
+
 /// A diagonal or a whole matrix as a file has it.
 #[derive(Debug, Clone, Copy)]
 enum Form<const M: usize> {
@@ -73,37 +78,39 @@ pub(super) fn law(s: &RawServo, numbers: Option<usize>, check: &mut Validation<'
     };
     match s.scheme {
         SchemeKind::PositionPd => {
-            velocity_gains(s, check); // of no use here, and reported all the same
+            unused(&[VELOCITY_KEY, STIFFNESS_KEY, DAMPING_KEY], s, check);
             Law::PositionTorque { K_P: pd.K_P, damping: pd.damping(s, pd.K_D), orientation, space }
         }
         SchemeKind::PositionResolvedVelocity => {
+            unused(&[STIFFNESS_KEY, DAMPING_KEY], s, check);
             Law::PositionVelocity { K: velocity_gains(s, check).gains(), gain, orientation, space }
         }
         SchemeKind::ImagePd if s.pd.feature_gain == FeatureGain::Preconditioned => {
-            velocity_gains(s, check);
-            let rest = only_number(&s.pd.feature_stiffness_nm, "servo.pd.feature_stiffness_nm", check);
+            unused(&[VELOCITY_KEY, DAMPING_KEY], s, check);
+            let rest = only_number(&s.pd.feature_stiffness_nm, STIFFNESS_KEY, check);
             let K_Ps = FeatureGains { K_P: pd.K_P, rest };
             Law::PreconditionedTorque { K_Ps, damping: pd.damping(s, pd.K_D), interaction }
         }
         SchemeKind::ImagePd => {
-            velocity_gains(s, check);
+            unused(&[VELOCITY_KEY], s, check);
             let [K_Ps, K_D] = feature_pd(s, numbers, check);
             Law::ImageTorque { K_Ps, damping: pd.damping(s, K_D), interaction }
         }
         SchemeKind::ImageResolvedVelocity => {
-            let (K_s, gain) = match feature_matrix(("servo.gain_1_s", &s.gain_1_s), numbers, &GAIN_1_S, check)
-            {
+            unused(&[STIFFNESS_KEY, DAMPING_KEY], s, check);
+            let (K_s, gain) = match feature_matrix((VELOCITY_KEY, &s.gain_1_s), numbers, &GAIN_1_S, check) {
                 FeatureMatrix::Scalar(gain_1_s) => (1.0.into(), scaled(gain, gain_1_s)),
                 K_s @ FeatureMatrix::Entries(_) => (K_s, gain),
             };
             Law::ImageVelocity { K_s, gain, interaction }
         }
         SchemeKind::Hybrid => {
+            unused(&[STIFFNESS_KEY, DAMPING_KEY], s, check);
             let K = velocity_gains(s, check);
             if K.matrix().fixed_view::<3, 3>(0, 3).amax() > 0.0 {
                 let message = "couples position and orientation: the hybrid law has a matrix K_p and a matrix K_o; write 0 in rows 1 to 3 from \
                                column 4 on, and in the rows below up to column 3";
-                check.wrong("servo.gain_1_s", message);
+                check.wrong(VELOCITY_KEY, message);
             }
             let gains = HybridGains { K_p: K.block(0).gains(), K_o: K.block(3).gains() };
             Law::Hybrid { gains, gain, orientation, space, depth: interaction.depth }
@@ -148,10 +155,7 @@ fn pd_gains(s: &RawServo, check: &mut Validation<'_>) -> PdGains {
 /// K_Ps and K_Ds of scheme C.
 fn feature_pd(s: &RawServo, numbers: Option<usize>, check: &mut Validation<'_>) -> [FeatureMatrix; 2] {
     let pd = &s.pd;
-    let keys = [
-        ("servo.pd.feature_stiffness_nm", &pd.feature_stiffness_nm),
-        ("servo.pd.feature_damping_nms", &pd.feature_damping_nms),
-    ];
+    let keys = [(STIFFNESS_KEY, &pd.feature_stiffness_nm), (DAMPING_KEY, &pd.feature_damping_nms)];
     if pd.feature_gain != FeatureGain::Matrix {
         return keys.map(|(key, gains)| only_number(gains, key, check).into());
     }
@@ -160,6 +164,24 @@ fn feature_pd(s: &RawServo, numbers: Option<usize>, check: &mut Validation<'_>) 
         check.wrong("servo.weights", message);
     }
     keys.map(|key| feature_matrix(key, numbers, &PD_GAIN, check))
+}
+
+/// A wrong number is reported before it is needed: the gains under `keys`, which the law does not use.
+fn unused(keys: &[&str], s: &RawServo, check: &mut Validation<'_>) {
+    for key in keys {
+        let (gains, range) = match *key {
+            VELOCITY_KEY => (&s.gain_1_s, GAIN_1_S),
+            STIFFNESS_KEY => (&s.pd.feature_stiffness_nm, PD_GAIN),
+            _ => (&s.pd.feature_damping_nms, PD_GAIN),
+        };
+        match gains {
+            Gains::One(gain) => {
+                check.range(key, *gain, range);
+            }
+            Gains::Each(list) => in_range(key, list, &range, check),
+            Gains::Matrix(rows) => rows_in_range(key, rows, &range, check),
+        }
+    }
 }
 
 /// The gain of a law that takes one number.
@@ -227,22 +249,21 @@ fn common_gain(s: &RawServo, check: &mut Validation<'_>) -> Gain {
 
 /// K of the laws that go by poses: x, y, z and the three numbers of the orientation.
 fn velocity_gains(s: &RawServo, check: &mut Validation<'_>) -> Form<6> {
-    const KEY: &str = "servo.gain_1_s";
     let one = Form::Diagonal(Vector6::repeat(1.0));
     match &s.gain_1_s {
-        Gains::One(gain) => Form::Diagonal(Vector6::repeat(check.range(KEY, *gain, GAIN_1_S))),
+        Gains::One(gain) => Form::Diagonal(Vector6::repeat(check.range(VELOCITY_KEY, *gain, GAIN_1_S))),
         Gains::Each(list) => {
-            in_range(KEY, list, &GAIN_1_S, check);
+            in_range(VELOCITY_KEY, list, &GAIN_1_S, check);
             match *list.as_slice() {
                 [x, y, z, alpha] => Form::Diagonal(Vector6::new(x, y, z, alpha, alpha, alpha)),
                 [x, y, z, a, b, c] => Form::Diagonal(Vector6::new(x, y, z, a, b, c)),
                 _ => {
-                    check.wrong(KEY, format!("has {} entries, needs 1, 4 or 6", list.len()));
+                    check.wrong(VELOCITY_KEY, format!("has {} entries, needs 1, 4 or 6", list.len()));
                     one
                 }
             }
         }
-        Gains::Matrix(rows) => match dense((KEY, rows), &[4, 6], &GAIN_1_S, check) {
+        Gains::Matrix(rows) => match dense((VELOCITY_KEY, rows), &[4, 6], &GAIN_1_S, check) {
             Some(K) if K.nrows() == 4 => Form::Full(of_four(&K, s.orientation_error)),
             Some(K) => Form::Full(K.fixed_view::<6, 6>(0, 0).into()),
             None => one,
@@ -325,6 +346,13 @@ fn in_range(key: &str, list: &[f64], range: &RangeInclusive<f64>, check: &mut Va
     }
 }
 
+/// No entry of a positive definite matrix is greater than its largest eigenvalue.
+fn rows_in_range(key: &str, rows: &[Vec<f64>], range: &RangeInclusive<f64>, check: &mut Validation<'_>) {
+    for (i, row) in rows.iter().enumerate() {
+        in_range(&format!("{key}[{i}]"), row, &(-range.end()..=*range.end()), check);
+    }
+}
+
 /// A symmetric and positive definite matrix of one of the `sizes`, its eigenvalues in `range`; `None` for another, which is told.
 fn dense(
     (key, rows): (&str, &[Vec<f64>]),
@@ -348,10 +376,7 @@ fn dense(
         return None;
     }
     let before = check.count_problems();
-    for (i, row) in rows.iter().enumerate() {
-        // no entry of a positive definite matrix is greater than its largest eigenvalue
-        in_range(&format!("{key}[{i}]"), row, &(-range.end()..=*range.end()), check);
-    }
+    rows_in_range(key, rows, range, check);
     if check.count_problems() > before {
         return None;
     }

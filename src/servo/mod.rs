@@ -80,7 +80,7 @@ mod visual_servo;
 pub use convergence::Convergence;
 pub use drift::Drift;
 pub use gain::Gain;
-pub use gain_matrix::{FeatureMatrix, GainMatrix, NoGainMatrix, eigenvalue_range};
+pub use gain_matrix::{FeatureEntries, FeatureMatrix, GainMatrix, NoGainMatrix, eigenvalue_range};
 pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
 pub use image::{
     FeatureGains, image_error, image_task, image_task_by, image_wrench, image_wrench_by,

@@ -132,6 +132,29 @@ fn what_is_no_gain_is_refused_with_place_and_remedy() {
     }
 }
 
+/// A number that no law may have is told also where the law at hand has no use for it.
+#[test]
+fn gains_of_other_laws_are_looked_at() {
+    for file in
+        ["scara-a.toml", "scara-b.toml", "scara-c.toml", "scara-d.toml", "scara-hybrid.toml", "default.toml"]
+    {
+        for set in [
+            "servo.pd.feature_damping_nms=1e9",
+            "servo.pd.feature_stiffness_nm=[[1e9]]",
+            "servo.gain_1_s=1e9",
+        ] {
+            let error = load(file, &[set]).expect_err(&format!("{file} {set}"));
+            assert!(error.contains(set.split('=').next().unwrap()), "{file} {set}: {error}");
+        }
+        let other = if file == "scara-c.toml" {
+            "servo.gain_1_s=[1,2,3,4,5,6,7,8]"
+        } else {
+            "servo.pd.feature_damping_nms=[1,2]"
+        };
+        assert!(load(file, &[other]).is_ok(), "{file}: of no use, and right");
+    }
+}
+
 #[test]
 fn weights_that_do_nothing_are_told() {
     let warned = |set: &[&str]| {
