@@ -22,12 +22,12 @@ const DAMPING_KEY: &str = "servo.pd.feature_damping_nms";
 
 /// A diagonal or a whole matrix as a file has it.
 #[derive(Debug, Clone, Copy)]
-enum Form<const M: usize> {
+enum GainForm<const M: usize> {
     Diagonal(SVector<f64, M>),
     Full(SMatrix<f64, M, M>),
 }
 
-impl<const M: usize> Form<M> {
+impl<const M: usize> GainForm<M> {
     fn matrix(&self) -> SMatrix<f64, M, M> {
         match self {
             Self::Diagonal(k) => SMatrix::from_diagonal(k),
@@ -36,10 +36,10 @@ impl<const M: usize> Form<M> {
     }
 
     /// Rows and columns `from` and on.
-    fn block<const B: usize>(&self, from: usize) -> Form<B> {
+    fn block<const B: usize>(&self, from: usize) -> GainForm<B> {
         match self {
-            Self::Diagonal(k) => Form::Diagonal(k.fixed_rows::<B>(from).into()),
-            Self::Full(K) => Form::Full(K.fixed_view::<B, B>(from, from).into()),
+            Self::Diagonal(k) => GainForm::Diagonal(k.fixed_rows::<B>(from).into()),
+            Self::Full(K) => GainForm::Full(K.fixed_view::<B, B>(from, from).into()),
         }
     }
 
@@ -248,15 +248,15 @@ fn common_gain(s: &RawServo, check: &mut Validation<'_>) -> Gain {
 }
 
 /// K of the laws that go by poses: x, y, z and the three numbers of the orientation.
-fn velocity_gains(s: &RawServo, check: &mut Validation<'_>) -> Form<6> {
-    let one = Form::Diagonal(Vector6::repeat(1.0));
+fn velocity_gains(s: &RawServo, check: &mut Validation<'_>) -> GainForm<6> {
+    let one = GainForm::Diagonal(Vector6::repeat(1.0));
     match &s.gain_1_s {
-        Gains::One(gain) => Form::Diagonal(Vector6::repeat(check.range(VELOCITY_KEY, *gain, GAIN_1_S))),
+        Gains::One(gain) => GainForm::Diagonal(Vector6::repeat(check.range(VELOCITY_KEY, *gain, GAIN_1_S))),
         Gains::Each(list) => {
             in_range(VELOCITY_KEY, list, &GAIN_1_S, check);
             match *list.as_slice() {
-                [x, y, z, alpha] => Form::Diagonal(Vector6::new(x, y, z, alpha, alpha, alpha)),
-                [x, y, z, a, b, c] => Form::Diagonal(Vector6::new(x, y, z, a, b, c)),
+                [x, y, z, alpha] => GainForm::Diagonal(Vector6::new(x, y, z, alpha, alpha, alpha)),
+                [x, y, z, a, b, c] => GainForm::Diagonal(Vector6::new(x, y, z, a, b, c)),
                 _ => {
                     check.wrong(VELOCITY_KEY, format!("has {} entries, needs 1, 4 or 6", list.len()));
                     one
@@ -264,8 +264,8 @@ fn velocity_gains(s: &RawServo, check: &mut Validation<'_>) -> Form<6> {
             }
         }
         Gains::Matrix(rows) => match dense((VELOCITY_KEY, rows), &[4, 6], &GAIN_1_S, check) {
-            Some(K) if K.nrows() == 4 => Form::Full(of_four(&K, s.orientation_error)),
-            Some(K) => Form::Full(K.fixed_view::<6, 6>(0, 0).into()),
+            Some(K) if K.nrows() == 4 => GainForm::Full(of_four(&K, s.orientation_error)),
+            Some(K) => GainForm::Full(K.fixed_view::<6, 6>(0, 0).into()),
             None => one,
         },
     }
@@ -291,32 +291,34 @@ fn pose_gains(
     orientation: (&str, &Gains),
 ) -> PoseGains {
     match [position, orientation].map(|key| three(key, check)) {
-        [Form::Diagonal(p), Form::Diagonal(o)] => PoseGains::from(Vector6::new(p.x, p.y, p.z, o.x, o.y, o.z)),
+        [GainForm::Diagonal(p), GainForm::Diagonal(o)] => {
+            PoseGains::from(Vector6::new(p.x, p.y, p.z, o.x, o.y, o.z))
+        }
         [p, o] => {
             let mut K = Matrix6::zeros();
             K.fixed_view_mut::<3, 3>(0, 0).copy_from(&p.matrix());
             K.fixed_view_mut::<3, 3>(3, 3).copy_from(&o.matrix());
-            Form::Full(K).gains()
+            GainForm::Full(K).gains()
         }
     }
 }
 
-fn three((key, gains): (&str, &Gains), check: &mut Validation<'_>) -> Form<3> {
+fn three((key, gains): (&str, &Gains), check: &mut Validation<'_>) -> GainForm<3> {
     match gains {
-        Gains::One(gain) => Form::Diagonal(SVector::repeat(check.range(key, *gain, PD_GAIN))),
+        Gains::One(gain) => GainForm::Diagonal(SVector::repeat(check.range(key, *gain, PD_GAIN))),
         Gains::Each(list) => {
             in_range(key, list, &PD_GAIN, check);
             match *list.as_slice() {
-                [x, y, z] => Form::Diagonal(SVector::from([x, y, z])),
+                [x, y, z] => GainForm::Diagonal(SVector::from([x, y, z])),
                 _ => {
                     check.wrong(key, format!("has {} entries, needs 1 or 3", list.len()));
-                    Form::Diagonal(SVector::zeros())
+                    GainForm::Diagonal(SVector::zeros())
                 }
             }
         }
         Gains::Matrix(rows) => match dense((key, rows), &[3], &PD_GAIN, check) {
-            Some(K) => Form::Full(K.fixed_view::<3, 3>(0, 0).into()),
-            None => Form::Diagonal(SVector::zeros()),
+            Some(K) => GainForm::Full(K.fixed_view::<3, 3>(0, 0).into()),
+            None => GainForm::Diagonal(SVector::zeros()),
         },
     }
 }

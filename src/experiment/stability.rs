@@ -159,8 +159,8 @@ pub fn stability_of(wrong: WrongKnowledge) -> Result<StabilityFinding, Experimen
     })
 }
 
-/// A kind of error.
-struct Kind {
+/// A kind of error of what is believed.
+struct KnowledgeError {
     name: &'static str,
     /// Axis of the figure.
     axis: &'static str,
@@ -168,7 +168,7 @@ struct Kind {
     cases: Vec<(f64, WrongKnowledge)>,
 }
 
-fn kinds() -> [Kind; 4] {
+fn kinds() -> [KnowledgeError; 4] {
     let none = WrongKnowledge::NONE;
     let turned = |axis: Vector3<f64>| {
         let of = |deg: f64| (deg, WrongKnowledge { turn_rad: axis * deg.to_radians(), ..none });
@@ -178,10 +178,18 @@ fn kinds() -> [Kind; 4] {
     let lenses = FOCAL_RATIOS.map(|r| (r, WrongKnowledge { focal_ratio: r, ..none }));
     let [z, x] = [Vector3::z(), Vector3::x()];
     [
-        Kind { name: "depth", axis: "believed depth / true depth", cases: depths.to_vec() },
-        Kind { name: "lens", axis: "believed focal length / true one", cases: lenses.to_vec() },
-        Kind { name: "mount_about_z", axis: "turn of the camera about its axis [deg]", cases: turned(z) },
-        Kind { name: "mount_about_x", axis: "turn of the camera across its axis [deg]", cases: turned(x) },
+        KnowledgeError { name: "depth", axis: "believed depth / true depth", cases: depths.to_vec() },
+        KnowledgeError { name: "lens", axis: "believed focal length / true one", cases: lenses.to_vec() },
+        KnowledgeError {
+            name: "mount_about_z",
+            axis: "turn of the camera about its axis [deg]",
+            cases: turned(z),
+        },
+        KnowledgeError {
+            name: "mount_about_x",
+            axis: "turn of the camera across its axis [deg]",
+            cases: turned(x),
+        },
     ]
 }
 
@@ -191,7 +199,7 @@ pub(super) fn stability(options: &Options<'_>) -> Result<Findings, ExperimentErr
         "error,value,definite_at_goal,definite_at_start,slowest_at_goal,dies_out_near,dies_out_far\n",
     );
     let (mut entries, mut panels) = (Vec::new(), Vec::new());
-    for Kind { name, axis, cases } in kinds() {
+    for KnowledgeError { name, axis, cases } in kinds() {
         let mut found = Vec::new();
         for (value, wrong) in cases {
             (options.progress)(&format!("{name} {value}"));
@@ -259,9 +267,9 @@ mod tests {
 
     /// The text's condition is enough, the eigenvalues' is exact: errors near the goal die out where they are positive, and nowhere else.
     #[test]
-    fn the_eigenvalues_tell_what_happens_and_the_condition_is_enough() {
+    fn the_eigenvalues_decide_and_the_condition_is_enough() {
         let (mut lost, mut indefinite) = (0, 0);
-        for Kind { name, cases, .. } in kinds() {
+        for KnowledgeError { name, cases, .. } in kinds() {
             for (value, wrong) in cases {
                 let StabilityFinding { margin: [margin, _], dies_out: [near, _] } =
                     stability_of(wrong).unwrap();
@@ -276,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn exact_knowledge_has_the_margin_one_and_a_camera_turned_by_more_than_a_right_angle_is_lost() {
+    fn exact_knowledge_has_margin_one_and_a_turned_camera_is_lost() {
         let exact = stability_of(WrongKnowledge::NONE).unwrap();
         let StabilityMargin { definite, slowest } = exact.margin[0].unwrap();
         assert!((definite - 1.0).abs() < 1e-5 && (slowest - 1.0).abs() < 1e-5, "{exact:?}");

@@ -6,7 +6,7 @@
 use nalgebra::{DMatrix, SMatrix, SVector};
 use std::sync::Arc;
 
-/// How far two entries that mirror each other may differ, and how small an eigenvalue may be, as a share of the largest entry: what a file
+/// How far two entries that mirror each other may differ, and how small an eigenvalue may be, as a share of the largest entry. Chosen: what a file
 /// with ten digits leaves.
 const PRECISION: f64 = 1e-9;
 
@@ -24,12 +24,12 @@ pub enum NoGainMatrix {
 /// A gain matrix over `M` numbers of a pose error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GainMatrix<const M: usize> {
-    entries: Entries<M>,
+    entries: GainEntries<M>,
     largest: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Entries<const M: usize> {
+enum GainEntries<const M: usize> {
     Diagonal(SVector<f64, M>),
     Full(SMatrix<f64, M, M>),
 }
@@ -37,7 +37,10 @@ enum Entries<const M: usize> {
 impl<const M: usize> From<SVector<f64, M>> for GainMatrix<M> {
     /// The diagonal matrix of these gains.
     fn from(diagonal: SVector<f64, M>) -> Self {
-        Self { entries: Entries::Diagonal(diagonal), largest: diagonal.iter().copied().fold(0.0, f64::max) }
+        Self {
+            entries: GainEntries::Diagonal(diagonal),
+            largest: diagonal.iter().copied().fold(0.0, f64::max),
+        }
     }
 }
 
@@ -60,15 +63,15 @@ impl<const M: usize> GainMatrix<M> {
     /// [`NoGainMatrix`] when it is not symmetric and positive definite.
     pub fn full(K: SMatrix<f64, M, M>) -> Result<Self, NoGainMatrix> {
         let [_, largest] = eigenvalue_range(&DMatrix::from_column_slice(M, M, K.as_slice()))?;
-        Ok(Self { entries: Entries::Full(K), largest })
+        Ok(Self { entries: GainEntries::Full(K), largest })
     }
 
     /// K x.
     #[must_use]
     pub fn times(&self, x: &SVector<f64, M>) -> SVector<f64, M> {
         match &self.entries {
-            Entries::Diagonal(k) => k.component_mul(x),
-            Entries::Full(K) => K * x,
+            GainEntries::Diagonal(k) => k.component_mul(x),
+            GainEntries::Full(K) => K * x,
         }
     }
 
@@ -76,8 +79,8 @@ impl<const M: usize> GainMatrix<M> {
     #[must_use]
     pub fn matrix(&self) -> SMatrix<f64, M, M> {
         match &self.entries {
-            Entries::Diagonal(k) => SMatrix::from_diagonal(k),
-            Entries::Full(K) => *K,
+            GainEntries::Diagonal(k) => SMatrix::from_diagonal(k),
+            GainEntries::Full(K) => *K,
         }
     }
 

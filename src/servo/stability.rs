@@ -15,10 +15,10 @@ use serde::Serialize;
 /// Singular values below this share of the largest one are none: the square root of what a double resolves, which is what derivatives by differences
 /// leave.
 const RANK_SHARE: f64 = 1e-8;
-/// An entry below the diagonal of this share of its neighbours is none; where eigenvalues lie together, of the next one. All are below the digits that
-/// are told.
+/// An entry below the diagonal of this share of its neighbours is none; where eigenvalues lie together, of the next one. Chosen:
+/// all are below the digits that are told.
 const DEFLATION: [f64; 3] = [1e-12, 1e-9, 1e-6];
-/// Most iterations: two or three an eigenvalue are usual.
+/// Most iterations. Chosen: two or three an eigenvalue are usual.
 const MAX_ITERATIONS: usize = 1000;
 
 /// `-de/dx` at x = 0 by central differences, a column for each of so many `numbers` of x, from `error(j, step)`: the error where number j of x is

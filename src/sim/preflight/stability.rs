@@ -63,14 +63,14 @@ pub(super) fn stability<const N: usize>(
         return Ok(None);
     };
     let arm = scene.arm.build::<N>()?;
-    let cell = Cell { config, scene, arm: &arm, robot, interaction: *interaction };
+    let cell = PreflightCell { config, scene, arm: &arm, robot, interaction: *interaction };
     let initial = cell.view(&cell.X_CO(q_start), None).and_then(|view| view.X_CO().map(DepthRow::of));
     let start = cell.margins(q_start, initial);
     let goal = q_goal.and_then(|q| cell.margins(q, initial));
     Ok(start.map(|start| Stability { start, goal }))
 }
 
-struct Cell<'a, const N: usize> {
+struct PreflightCell<'a, const N: usize> {
     config: &'a Config,
     scene: &'a Scene,
     /// As it is.
@@ -80,7 +80,7 @@ struct Cell<'a, const N: usize> {
     interaction: Interaction,
 }
 
-impl<const N: usize> Cell<'_, N> {
+impl<const N: usize> PreflightCell<'_, N> {
     /// Where the object really is in the camera when the encoders read `q`.
     fn X_CO(&self, q: &SVector<f64, N>) -> Pose {
         let offset = &self.scene.q_offset;
