@@ -11,6 +11,8 @@ pub enum Response {
     /// Levels are light: industrial cameras as they come.
     #[default]
     Linear,
+    /// Nobody told: levels are taken as light, and finders of tags look for what the camera makes of that.
+    Unknown,
     /// IEC 61966-2-1: most images in files, webcams nearly so.
     Srgb,
     /// `level = light^(1 / gamma)`.
@@ -80,7 +82,7 @@ impl Response {
     #[must_use]
     pub fn light(&self, level: f64) -> f64 {
         match self {
-            Self::Linear => level,
+            Self::Linear | Self::Unknown => level,
             // The standard's own figures, here and in `level`.
             Self::Srgb if level <= 0.040_45 => level / 12.92,
             Self::Srgb => ((level + 0.055) / 1.055).powf(2.4),
@@ -93,7 +95,7 @@ impl Response {
     #[must_use]
     pub fn level(&self, light: f64) -> f64 {
         match self {
-            Self::Linear => light,
+            Self::Linear | Self::Unknown => light,
             // IEC 61966-2-1 again.
             Self::Srgb if light <= 0.003_130_8 => 12.92 * light,
             // IEC 61966-2-1, like the line above.
@@ -110,10 +112,10 @@ impl Response {
         LevelTable(std::array::from_fn(|level| (255.0 * bent(level)).round().clamp(0.0, 255.0) as u8))
     }
 
-    /// What makes levels of images of this response proportional to light; `None` where they are.
+    /// What makes levels of images of this response proportional to light; `None` where they are, or nothing else is known.
     #[must_use]
     pub fn linearization(&self) -> Option<LevelTable> {
-        (*self != Self::Linear).then(|| self.to(&Self::Linear))
+        (!matches!(self, Self::Linear | Self::Unknown)).then(|| self.to(&Self::Linear))
     }
 }
 
@@ -144,6 +146,7 @@ impl FromStr for Response {
     fn from_str(text: &str) -> Result<Self, String> {
         let response = match text.split_once(':') {
             None if text == "linear" => Some(Self::Linear),
+            None if text == "unknown" => Some(Self::Unknown),
             None if text == "srgb" => Some(Self::Srgb),
             Some(("gamma", number)) => {
                 number.parse().ok().filter(|gamma| Self::GAMMA.contains(gamma)).map(Self::Gamma)
@@ -158,7 +161,7 @@ impl FromStr for Response {
         response.ok_or_else(|| {
             let shown: String = text.chars().take(60).collect();
             format!(
-                "must be linear, srgb, gamma:G with G from {least} to {greatest}, or table:L,L,... with the light of 2 to {} \
+                "must be linear, unknown, srgb, gamma:G with G from {least} to {greatest}, or table:L,L,... with the light of 2 to {} \
                  equally spaced levels, rising; not {shown:?}",
                 LightTable::MAX
             )
@@ -170,6 +173,7 @@ impl fmt::Display for Response {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Linear => f.write_str("linear"),
+            Self::Unknown => f.write_str("unknown"),
             Self::Srgb => f.write_str("srgb"),
             Self::Gamma(gamma) => write!(f, "gamma:{gamma}"),
             Self::Table(table) => {
@@ -186,7 +190,9 @@ mod tests {
 
     #[test]
     fn level_and_light_undo_each_other() {
-        for text in ["linear", "srgb", "gamma:0.5", "gamma:2.2", "table:0,0.05,0.25,0.5,1", "table:0,1"] {
+        for text in
+            ["linear", "unknown", "srgb", "gamma:0.5", "gamma:2.2", "table:0,0.05,0.25,0.5,1", "table:0,1"]
+        {
             let response: Response = text.parse().unwrap();
             assert_eq!(response.to_string(), text);
             for i in 0..=100 {
@@ -210,7 +216,7 @@ mod tests {
         let mut pixels: Vec<u8> = (0..=255).collect();
         there_and_back.apply(&mut pixels);
         assert!(pixels.iter().zip(0..=255u8).all(|(a, b)| a.abs_diff(b) <= 1));
-        assert_eq!(Response::Linear.linearization(), None);
+        assert_eq!([Response::Linear, Response::Unknown].map(|r| r.linearization()), [None, None]);
     }
 
     #[test]

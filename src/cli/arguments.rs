@@ -374,7 +374,7 @@ pub struct DetectArguments {
     /// Calibration file of ROS (YAML); with it the pose is computed too
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
-    /// How grey levels depend on light: linear, srgb (most images in files), gamma:G, or table:L,L,... (light of 2 to 33 equally spaced levels)
+    /// How grey levels depend on light: linear, unknown (tags tell it by their edges), srgb (most images in files), gamma:G, or table:L,L,... (light of 2 to 33 equally spaced levels)
     #[arg(long, value_name = "RESPONSE", default_value_t = Response::Linear)]
     pub response: Response,
     /// Print JSON, one object a line and image

@@ -7,7 +7,7 @@ mod shapes;
 
 use super::{DetectArguments, check_writable, shown, write_result};
 use crate::camera_model::camera_info::CameraInfo;
-use crate::camera_model::{CameraModel, Distortion, Intrinsics};
+use crate::camera_model::{CameraModel, Distortion, Intrinsics, Response};
 use crate::detect::Found;
 use crate::detect::tags::{TagFinder, TagFound};
 use crate::imaging::ImageView;
@@ -87,11 +87,15 @@ enum DetectionMethod {
 }
 
 impl ImageDetector {
-    fn new(kind: &Kind, size: (u32, u32), calibration: Option<CameraModel>) -> Self {
+    fn new(kind: &Kind, size: (u32, u32), calibration: Option<CameraModel>, response: &Response) -> Self {
         let camera = calibration.unwrap_or_else(|| nominal(size));
         let finder = match (&kind.target, kind.any_tag) {
             (Target::Tags(tags), true) => {
                 let finder = TagFinder::new(tags.family(), size.0 as usize, size.1 as usize);
+                let finder = match response {
+                    Response::Unknown => finder.for_unknown_response(),
+                    _ => finder,
+                };
                 DetectionMethod::AnyTag(Box::new(finder), tags.size_m())
             }
             (Target::DotGrid(grid), _) => {
@@ -102,7 +106,10 @@ impl ImageDetector {
                     Err(_) => DetectionMethod::Target(Box::new(known)),
                 }
             }
-            (target, _) => DetectionMethod::Target(Box::new(vision(camera, target.clone()))),
+            (target, _) => {
+                let settings = VisionSettings { response: *response, ..vision_settings() };
+                DetectionMethod::Target(Box::new(Vision::new(camera, target.clone(), settings)))
+            }
         };
         Self { size, calibrated: calibration.is_some(), camera, finder }
     }
@@ -146,8 +153,11 @@ impl ImageDetector {
 }
 
 fn vision(camera: CameraModel, target: Target) -> Vision {
-    let settings = VisionSettings { model_sd_px: MODEL_SD_PX, track: false, ..VisionSettings::default() };
-    Vision::new(camera, target, settings)
+    Vision::new(camera, target, vision_settings())
+}
+
+fn vision_settings() -> VisionSettings {
+    VisionSettings { model_sd_px: MODEL_SD_PX, track: false, ..VisionSettings::default() }
 }
 
 fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<DetectedImage, Missed> {
@@ -212,9 +222,11 @@ impl Wanted {
         }
     }
 
-    fn search(self, calibration: Option<CameraModel>) -> WantedSearch {
+    fn search(self, calibration: Option<CameraModel>, response: &Response) -> WantedSearch {
         match self {
-            Self::Target(kind) => WantedSearch::Target { kind, calibration, bench: None },
+            Self::Target(kind) => {
+                WantedSearch::Target { kind, calibration, response: Box::new(*response), bench: None }
+            }
             Self::Shapes(kind) => WantedSearch::Shapes(ShapeSearch::new(kind, calibration)),
         }
     }
@@ -222,18 +234,23 @@ impl Wanted {
 
 /// The same with what is made once for images of one size.
 enum WantedSearch {
-    Target { kind: Box<Kind>, calibration: Option<CameraModel>, bench: Option<ImageDetector> },
+    Target {
+        kind: Box<Kind>,
+        calibration: Option<CameraModel>,
+        response: Box<Response>,
+        bench: Option<ImageDetector>,
+    },
     Shapes(ShapeSearch),
 }
 
 impl WantedSearch {
     fn look(&mut self, name: String, image: &GrayImage) -> ImageAnswer {
         match self {
-            Self::Target { kind, calibration, bench } => {
+            Self::Target { kind, calibration, response, bench } => {
                 let size = image.dimensions();
                 let mut at = match bench.take() {
                     Some(bench) if bench.size == size => bench,
-                    _ => ImageDetector::new(kind, size, *calibration),
+                    _ => ImageDetector::new(kind, size, *calibration, response),
                 };
                 let answer = one(&mut at, name, image);
                 *bench = Some(at);
@@ -268,7 +285,7 @@ pub(super) fn detect(arguments: &DetectArguments) -> Result<u8, ProcessError> {
         check_writable(path)?;
     }
     let (mut unreadable, mut any, mut lost) = (false, false, 0);
-    let mut search = wanted.search(calibration);
+    let mut search = wanted.search(calibration, &arguments.response);
     for path in &arguments.images {
         let name = path.display().to_string();
         let (answer, image) = match image_file::load(path) {

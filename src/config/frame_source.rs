@@ -88,7 +88,8 @@ table! {
         latency_ms: f64 = 20.0,
         /// Added to every exposure stamp that the camera gives, ms: what `vservo calibrate latency` found.
         stamp_offset_ms: f64 = 0.0,
-        /// How its levels depend on light: `linear` (levels are light), `srgb`, `gamma:G`, or `table:L,L,...` with the light of 2 to 33
+        /// How its levels depend on light: `linear` (levels are light), `unknown` (taken as light; corners of tags are
+        /// corrected by what their edges tell, and stated to be so much less sure), `srgb`, `gamma:G`, or `table:L,L,...` with the light of 2 to 33
         /// equally spaced levels; levels are made proportional to light before anything is measured.
         response: String = "linear".to_owned(),
         /// `[camera.roi]`; left out: all of the sensor.
@@ -318,6 +319,9 @@ pub(super) fn source(
         seed,
     };
     let response = response(&key("synthetic.response"), &synthetic.response, check);
+    if response == Response::Unknown {
+        check.wrong(&key("synthetic.response"), "is what the simulated camera has, and cannot be unknown");
+    }
     let v4l2 = v4l2::settings(&c.v4l2, at, c.source == SourceKind::V4l2, check);
     match c.source {
         SourceKind::Synthetic => {

@@ -116,6 +116,7 @@ pub(super) fn validate(
     let vision = VisionSettings {
         track: raw.vision.track,
         model_sd_px: check.range("vision.model_sd_px", raw.vision.model_sd_px, 0.0..=10.0),
+        response: camera.as_ref().map(|camera| camera.response).unwrap_or_default(),
         ..VisionSettings::default()
     };
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);

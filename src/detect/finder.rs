@@ -4,7 +4,7 @@ use super::chessboard::ChessboardFinder;
 use super::shape::ShapeFinder;
 use super::tags::{TagFound, TagPlateFinder};
 use super::{DotFinder, Expected, Found};
-use crate::camera_model::CameraModel;
+use crate::camera_model::{CameraModel, Response};
 use crate::geometry::Pose;
 use crate::imaging::ImageView;
 use crate::messages::TargetStatus;
@@ -45,6 +45,17 @@ impl Finder {
                 )))
             }
             Target::Shape(shape) => Self::Shape(Box::new(ShapeFinder::new(camera, shape))),
+        }
+    }
+
+    /// The same for a camera of this response, of which images were made linear as far as it is known. Where it is not, corners of tags get
+    /// estimates of what it moved, and covariances that hold for them ([`super::tags::TagFinder::for_unknown_response`]); other targets are
+    /// found as before.
+    #[must_use]
+    pub fn for_response(self, response: &Response) -> Self {
+        match (self, response) {
+            (Self::Tags(finder), Response::Unknown) => Self::Tags(finder.for_unknown_response()),
+            (finder, _) => finder,
         }
     }
 

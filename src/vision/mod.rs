@@ -48,7 +48,7 @@ mod misfit;
 mod stereo;
 mod still;
 
-use crate::camera_model::CameraModel;
+use crate::camera_model::{CameraModel, Response};
 use crate::detect::{Expected, Finder};
 use crate::geometry::Pose;
 use crate::imaging::ImageView;
@@ -100,11 +100,13 @@ pub struct VisionSettings {
     /// How far the real lens and the real dots are from their description, one standard deviation of each coordinate,
     /// px. Allows for so much when it is asked whether one pose explains the dots; not part of any stated deviation.
     pub model_sd_px: f64,
+    /// The camera's response, for which images were made linear as far as it is known.
+    pub response: Response,
 }
 
 impl Default for VisionSettings {
     fn default() -> Self {
-        Self { track: true, slack_px: 3.0, ambiguity_sds: 3.0, model_sd_px: 0.0 }
+        Self { track: true, slack_px: 3.0, ambiguity_sds: 3.0, model_sd_px: 0.0, response: Response::Linear }
     }
 }
 
@@ -153,7 +155,7 @@ impl Vision {
         let count = target.points().len();
         let estimate = || FrameEstimate::with_room_for(count);
         Self {
-            finder: Finder::new(camera, &target),
+            finder: Finder::new(camera, &target).for_response(&settings.response),
             tracked: estimate(),
             searched: estimate(),
             last: None,

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests; numbers for people
 
+use crate::dots_truth::campaign;
 use crate::tag_scene::{Canvas, Dice, Look, Map};
 use nalgebra::Vector2;
 use std::path::{Path, PathBuf};
@@ -64,6 +65,8 @@ struct Kind {
     /// Of the camera, and the one that is undone before anything is measured.
     gamma: f64,
     undone: f64,
+    /// Whether the finder is told that it does not know the response; images are then exact.
+    unknown: bool,
 }
 
 const USUAL: Kind = Kind {
@@ -75,6 +78,7 @@ const USUAL: Kind = Kind {
     gradient: 1.0,
     gamma: 1.0,
     undone: 1.0,
+    unknown: false,
 };
 
 /// How well corners were found: deviations per coordinate.
@@ -119,8 +123,15 @@ fn look_at(kind: &Kind, views: usize, times: usize, dice: &mut Dice) -> Honesty 
         let map = any_view(family, kind.side_px, 1.0, dice);
         let id = dice.below(family.count());
         let mut canvas = Canvas::new(WIDTH, HEIGHT, look.ground);
-        let truth = canvas.draw(family, id, &map, &look, dice);
+        let truth = if kind.unknown {
+            canvas.draw_exact(family, id, &map, &look)
+        } else {
+            canvas.draw(family, id, &map, &look, dice)
+        };
         let mut finder = finder(family);
+        if kind.unknown {
+            finder = finder.for_unknown_response();
+        }
         for _ in 0..times {
             let mut pixels = canvas.expose(&look, dice);
             Response::Gamma(kind.undone).to(&Response::Linear).apply(&mut pixels);
@@ -183,6 +194,52 @@ fn a_response_that_nobody_told_is_found_by_the_edges() {
             assert!((0.7..most).contains(&chi2), "normalized square {chi2}, {kind:?}");
         }
     }
+}
+
+/// A finder that is told that it does not know the response takes off what there is of one, in large tags by their edges and in small ones
+/// with all their cells, and says how well it knows that; of a linear camera, too. `VSERVO_CAMPAIGN=n` looks at `n` times as many tags.
+#[test]
+fn an_unknown_response_is_in_what_is_stated() {
+    let count = 24 * campaign();
+    // four deviations of a mean of squares: eight coordinates a tag, of which those of the four corners hang together
+    let chance = 4.0 * (2.0 / (4.0 * count as f64)).sqrt();
+    for (side_px, blur_px) in [
+        ((20.0, 30.0), 0.7),
+        ((28.0, 42.0), 0.9),
+        ((40.0, 60.0), 0.8),
+        ((60.0, 100.0), 0.9),
+        ((80.0, 130.0), 0.6),
+    ] {
+        let (mut sum, mut kinds) = (0.0, 0.0);
+        for gamma in [1.0, 1.1, 1.2, 1.6, 2.0, 2.4] {
+            let kind = Kind { side_px, blur_px, gamma, unknown: true, ..USUAL };
+            let seen = look_at(&kind, count, 1, &mut Dice(1900 + (10.0 * gamma) as u64));
+            let (rms, chi2) = (seen.rms_px(), seen.normalized());
+            println!("{side_px:?} px, blur {blur_px}, gamma {gamma}: rms {rms:.4} px, {chi2:.2}");
+            assert!(seen.seen >= 0.9 * seen.views && rms < 0.045, "{kind:?}: {rms} px");
+            let honest = 0.8 * (1.0 - chance)..1.25 * (1.0 + chance);
+            assert!(honest.contains(&chi2), "normalized square {chi2}, {kind:?}");
+            sum += chi2;
+            kinds += 1.0;
+        }
+        let mean: f64 = sum / kinds;
+        println!("{side_px:?} px: {mean:.2}");
+        assert!((0.8..1.25).contains(&mean), "normalized square {mean} of {side_px:?} px");
+    }
+}
+
+/// An image without samples is that of very many.
+#[test]
+fn exact_images_are_those_of_many_samples() {
+    let map = Map::view(8.0, 40.0, 40.0, 40.0, 0.4, 0.5, 1.0, 600.0, (40.0, 40.0));
+    let look = Look { samples: 60, ..Look::default() };
+    let (mut sampled, mut exact) = (Canvas::new(80, 80, 120.0), Canvas::new(80, 80, 120.0));
+    let truth = sampled.draw(TagFamily::Tag36h11, 3, &map, &look, &mut Dice(5));
+    assert_eq!(exact.draw_exact(TagFamily::Tag36h11, 3, &map, &look), truth);
+    let off = || sampled.levels.iter().zip(&exact.levels).map(|(a, b)| a - b);
+    let (rms, mean) = ((off().map(|d| d * d).sum::<f64>() / 6400.0).sqrt(), off().sum::<f64>() / 6400.0);
+    // what 3600 samples leave by chance at an edge of 160 levels
+    assert!(rms < 0.2 && mean.abs() < 0.01, "{rms} {mean}");
 }
 
 /// Where the response is known it is undone, and corners are as exact as a linear camera's.

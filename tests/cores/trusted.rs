@@ -8,7 +8,7 @@ use crate::dots_truth::{camera, campaign};
 use crate::rendered_targets::{SIZE, board, camera as lens, tags, view as any_view};
 use crate::supersampled::{Dice, Scene};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector2, Vector3, Vector6};
-use vservo::camera_model::{CameraModel, Distortion};
+use vservo::camera_model::{CameraModel, Distortion, Response};
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::linalg::Random;
@@ -17,8 +17,13 @@ use vservo::target::{DotGrid, FourDots, TagFamily, Tags, Target};
 use vservo::vision::{Vision, VisionSettings};
 
 /// What `vservo detect` allows for.
-const SETTINGS: VisionSettings =
-    VisionSettings { model_sd_px: 0.2, track: false, slack_px: 3.0, ambiguity_sds: 3.0 };
+const SETTINGS: VisionSettings = VisionSettings {
+    model_sd_px: 0.2,
+    track: false,
+    slack_px: 3.0,
+    ambiguity_sds: 3.0,
+    response: Response::Linear,
+};
 
 #[derive(Debug, Clone, Copy)]
 enum Harm {

@@ -4,6 +4,8 @@
 
 #![allow(dead_code)] // each test uses its own part
 
+mod exact;
+
 use vservo::target::{TagCell, TagFamily};
 
 /// Repeatable random numbers (splitmix64).

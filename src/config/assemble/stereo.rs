@@ -27,9 +27,10 @@ fn pair(config: &Config) -> Result<(&Stereo, &Camera), AssembleError> {
 /// # Errors
 /// [`AssembleError`], where a simulated pair does not see the target in the desired pose.
 pub fn stereo_vision(config: &Config) -> Result<StereoVision, AssembleError> {
-    let (stereo, _) = pair(config)?;
+    let (stereo, right) = pair(config)?;
     let view = taught_view(config)?;
-    Ok(StereoVision::new(stereo.rig.clone(), &config.target, view, stereo.tolerance))
+    let vision = StereoVision::new(stereo.rig.clone(), &config.target, view, stereo.tolerance);
+    Ok(vision.for_responses(&config.camera.response, &right.response))
 }
 
 /// The view to come back to: as the run file has it, or as a simulated pair sees the target in the desired pose. The same to the last
@@ -112,7 +113,7 @@ impl SimulatedEye {
             renderer: Renderer::new(lens, scene.target.clone(), *look, *sensor)?
                 .with_backdrop(scene.backdrop)?
                 .with_bystanders(&scene.bystanders),
-            finder: Finder::new(camera.model, &config.target),
+            finder: Finder::new(camera.model, &config.target).for_response(&camera.response),
             X_CO,
             size,
             pixels: vec![0; size.0 * size.1],

@@ -13,7 +13,7 @@
 //! Least squares over all edges between a black and a white cell give `delta`, `a` and `c`.
 
 use super::decode::level_at;
-use super::edges::{Corners, SHARP_CELL_BLURS};
+use super::edges::Corners;
 use super::pattern::{CellPattern, MAX_CELLS};
 use super::plane_map::PlaneMap;
 use super::quad::Quad;
@@ -22,23 +22,31 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 
 /// Steps between the middles of cells take part from so many deviations of the blur on: at half of it a normal blur still shows 2e-4
 /// of a step. Of a tag that is seen aslant those of one direction are shorter, and the others tell enough.
-const LEAST_STEP_BLURS: f64 = 7.0;
-/// Corners that were fitted to the whole tag, because its cells are narrower than their sides need, have not moved by just that. Tuned on
-/// the test's own views: by gammas of 1.4 to 2.4, with this share the stated deviations of such tags hold.
-const DOUBT_OF_FITTED: f64 = 0.35;
+pub(super) const LEAST_STEP_BLURS: f64 = 7.0;
 /// Growth, light in both directions, bow.
 const UNKNOWNS: usize = 4;
 /// Fewest edges of which something is learnt: twice the unknowns. A 16h5 that is seen aslant has some ten.
 const LEAST_EDGES: usize = 2 * UNKNOWNS;
-/// Each edge is looked at along so many lines across it, by shares of a cell from its middle.
-const LINES: [f64; 3] = [-0.15, 0.0, 0.15];
-/// A level is the mean of places so far about the middle of a cell, shares of it.
+/// Lines across an edge, and places of a cell's level, keep so many deviations of an edge away from other cells, where less than 2e-3
+/// of a step still shows; a pixel apart, for nearer ones see the same noise, and so many at most.
+const CLEAR_BLURS: f64 = 3.0;
+const MAX_PLACES: u32 = 6;
+/// In cells too narrow for that a level is the mean of places so far about the middle, shares of a cell.
 const LEVEL_AROUND: f64 = 0.08;
+/// Half of the window across an edge: it holds all of the edge, also one that has grown by [`MOST_BLURS`], because beyond three deviations
+/// more hardly anything of a step is left.
+const WINDOW_BLURS: f64 = 4.0;
+/// A pixel's own square, 1/12, and what is put between pixels, 1/6 where it is most, px^2: it follows from what a straight line between two
+/// pixels does to a step.
+const PIXEL_VARIANCE: f64 = 0.25;
 /// Edges that lie off by more than so many deviations take no part: something covers them.
 const OUTLIER_SD: f64 = 3.0;
-/// A growth below so many deviations is none: a linear camera has none, and its corners stay as exact as they are. One in 16 000
-/// of its tags is moved.
-const TOLD_SD: f64 = 4.0;
+/// Of so many cameras that are said to be linear one is not, or its tags' print has grown. With what is usual that asks for a growth of 3 to 3.5
+/// deviations, and of a linear camera's tags one in 400 to 2 000 is moved. Chosen by hand: half and double of it move that by 0.2 deviations.
+const LINEAR_ODDS: f64 = 10.0;
+/// What unknown cameras move edges by, one standard deviation, in deviations of the blur: gammas of 1.2 to 2.4 do by 0.05 to 0.6, as the area
+/// under a bent step shows ([`MOST_BLURS`]).
+const USUAL_BLURS: f64 = 0.3;
 /// A gamma of 2.4 moves the edge of a black without any light by 0.92 deviations of the blur (0.62 where it has a hundredth of the
 /// white's, 0.26 where it has a fifth): the area under the bent normal step. What has grown by more is a print or a drawing.
 const MOST_BLURS: f64 = 1.0;
@@ -57,26 +65,51 @@ struct CellEdge {
 /// Most edges: two directions of neighbours within the largest family.
 const MOST_EDGES: usize = 2 * MAX_CELLS * (MAX_CELLS - 1);
 
-/// The corners, with what light areas have grown by taken off where it is told from none.
-pub(super) fn corrected(image: &ImageView<'_>, corners: Corners, pattern: &CellPattern) -> Corners {
-    let Some(outward) = outward(&corners.px) else { return corners };
-    let Some((growth_px, variance)) = growth(image, &corners, &outward, pattern) else { return corners };
-    // In this form what is no number is none.
-    if !(growth_px * growth_px > TOLD_SD * TOLD_SD * variance
-        && growth_px.abs() <= corners.blur_px * MOST_BLURS)
-    {
-        return corners;
-    }
-    let doubt = if corners.cell_blurs < SHARP_CELL_BLURS { DOUBT_OF_FITTED * growth_px } else { 0.0 };
-    let variance = variance + doubt * doubt;
-    let mut moved = corners;
+/// What is held of the camera's response.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Believed {
+    /// Levels are light; a growth, that of a print or of a response that was not told, has to be more likely than none.
+    Linear,
+    /// There is some growth, and nobody knows how much.
+    Bent,
+}
+
+/// The corners, with what light areas have grown by taken off: its estimate by the edges and by what is usual ([`USUAL_BLURS`]), what is not
+/// known of which is in their covariance. `None` where levels are believed to be light and no growth is told.
+pub(super) fn corrected(
+    image: &ImageView<'_>,
+    corners: &Corners,
+    pattern: &CellPattern,
+    believed: Believed,
+) -> Option<Corners> {
+    let outward = outward(&corners.px)?;
+    let usual = (USUAL_BLURS * corners.blur_px).powi(2);
+    let measured = growth(image, corners, &outward, pattern)
+        // In this form what is no number is none.
+        .filter(|(growth_px, variance)| {
+            growth_px.abs() <= corners.blur_px * MOST_BLURS && variance.is_finite()
+        });
+    let (growth_px, variance) = match measured {
+        Some((growth_px, variance)) => {
+            let share = usual / (usual + variance);
+            // log odds of some growth against none, before and after it was measured
+            let evidence = growth_px.powi(2) * share / variance - (usual / variance).ln_1p();
+            if believed == Believed::Linear && !(evidence > 2.0 * LINEAR_ODDS.ln()) {
+                return None;
+            }
+            (share * growth_px, share * variance)
+        }
+        None if believed == Believed::Linear => return None,
+        None => (0.0, usual),
+    };
+    let mut moved = *corners;
     for ((corner, covariance), by) in moved.px.iter_mut().zip(&mut moved.covariance_px2).zip(&outward) {
         *corner += by * growth_px;
         let [xx, xy, yy] = covariance;
         (*xx, *xy, *yy) =
             (*xx + variance * by.x * by.x, *xy + variance * by.x * by.y, *yy + variance * by.y * by.y);
     }
-    moved
+    Some(moved)
 }
 
 /// How each corner moves where all four sides move out by 1 px.
@@ -106,25 +139,39 @@ fn growth(
     pattern: &CellPattern,
 ) -> Option<(f64, f64)> {
     let cells = pattern.cells as f64;
-    let map = PlaneMap::of_square(&corners.px, cells)?;
     let mut grown = corners.px;
     for (corner, by) in grown.iter_mut().zip(outward) {
         *corner += by * STEP_PX;
     }
-    let grown = PlaneMap::of_square(&grown, cells)?;
+    let scan = GrowthScan {
+        image,
+        map: PlaneMap::of_square(&corners.px, cells)?,
+        grown: PlaneMap::of_square(&grown, cells)?,
+        cells,
+        blur_px: (corners.blur_px.powi(2) + PIXEL_VARIANCE).sqrt(),
+        least_step_px: LEAST_STEP_BLURS * corners.blur_px,
+    };
+    let middle = |column: usize, row: usize| Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
+    let mut levels = [[0.0; MAX_CELLS]; MAX_CELLS];
+    for (row, levels) in levels.iter_mut().enumerate().take(pattern.cells) {
+        for (column, level) in levels.iter_mut().enumerate().take(pattern.cells) {
+            *level = scan.of_cell(middle(column, row));
+        }
+    }
     let mut edges = [CellEdge::default(); MOST_EDGES];
     let mut count = 0;
     for (row, column, across) in pairs(pattern.cells) {
-        let white = |column: usize, row: usize| pattern.bits_at(column as i32, row as i32) & 1 == 1;
         let (from, to) = ((column, row), if across { (column + 1, row) } else { (column, row + 1) });
-        if white(from.0, from.1) == white(to.0, to.1) {
+        let of = |(column, row): (usize, usize)| {
+            let level = levels.get(row).and_then(|row| row.get(column)).copied().unwrap_or(0.0);
+            (pattern.bits_at(column as i32, row as i32) & 1 == 1, (middle(column, row), level))
+        };
+        let ((white, from), (other_white, to)) = (of(from), of(to));
+        if white == other_white {
             continue;
         }
-        let (dark, light) = if white(from.0, from.1) { (to, from) } else { (from, to) };
-        let min_px = LEAST_STEP_BLURS * corners.blur_px;
-        if let (Some(edge), Some(slot)) =
-            (edge(image, (&map, &grown), (dark, light), (cells, min_px)), edges.get_mut(count))
-        {
+        let (dark, light) = if white { (to, from) } else { (from, to) };
+        if let (Some(edge), Some(slot)) = (scan.edge(dark, light), edges.get_mut(count)) {
             *slot = edge;
             count += 1;
         }
@@ -149,62 +196,96 @@ fn pairs(cells: usize) -> impl Iterator<Item = (usize, usize, bool)> {
     })
 }
 
-/// The edge between two neighbours, by the area under the levels from the middle of one to that of the other.
-fn edge(
-    image: &ImageView<'_>,
-    (map, grown): (&PlaneMap, &PlaneMap),
-    (dark, light): ((usize, usize), (usize, usize)),
-    (cells, min_px): (f64, f64),
-) -> Option<CellEdge> {
-    let middle = |(column, row): (usize, usize)| Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
-    let (from, to) = (middle(dark), middle(light));
-    let along = Vector2::new(to.y - from.y, to.x - from.x);
-    let (start, end) = (map.at(from), map.at(to));
-    let length = (end - start).norm();
-    let d = (end - start) / length;
-    let at = 0.5 * (from + to);
-    let border = map.at(at + along * 0.5) - map.at(at - along * 0.5);
-    let normal = Vector2::new(border.y, -border.x).try_normalize(1e-9)?;
-    let towards_dark = if normal.dot(&d) > 0.0 { -normal } else { normal };
-    let square = towards_dark.dot(&d).abs();
-    if !(length * square >= min_px) {
-        return None;
+/// What a tag is looked at with.
+struct GrowthScan<'a> {
+    image: &'a ImageView<'a>,
+    map: PlaneMap,
+    /// The same where the four sides have moved out by [`STEP_PX`].
+    grown: PlaneMap,
+    cells: f64,
+    /// Deviation of an edge, blur, pixels and what is put between them, px.
+    blur_px: f64,
+    least_step_px: f64,
+}
+
+impl GrowthScan<'_> {
+    fn level(&self, at: Vector2<f64>) -> f64 {
+        level_at(self.image, self.map.at(at))
     }
-    let level = |p: Vector2<f64>| level_at(image, map.at(p));
-    let of_cell = |p: Vector2<f64>| {
-        let around = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
-        0.25 * around.iter().map(|(x, y)| level(p + Vector2::new(*x, *y) * LEVEL_AROUND)).sum::<f64>()
-    };
-    let (ink, paper) = (of_cell(from), of_cell(to));
-    if !(paper - ink >= 5.0) {
-        return None;
+
+    /// How far from its middle a cell shows nothing of its neighbours, shares of it, where it is so wide (px); and how many places stand
+    /// a pixel apart within it.
+    fn clear(&self, width_px: f64) -> (f64, u32) {
+        let reach = (0.5 - CLEAR_BLURS * self.blur_px / width_px).clamp(0.0, 0.4);
+        (reach, ((2.0 * reach * width_px) as u32 + 1).min(MAX_PLACES))
     }
-    let steps = (1.25 * length).ceil().clamp(4.0, 64.0);
-    let (mut bright, mut line_at) = (0.0, 0.0);
-    for lateral in LINES {
-        let shift = along * lateral;
-        let (a, b) = (map.at(from + shift), map.at(to + shift));
-        let way = b - a;
+
+    /// Level of a cell about its middle.
+    fn of_cell(&self, middle: Vector2<f64>) -> f64 {
+        let half = Vector2::new(0.5, 0.5);
+        let (a, b) = (self.map.at(middle - half), self.map.at(middle + half));
+        let (c, d) =
+            (self.map.at(middle + Vector2::new(0.5, -0.5)), self.map.at(middle + Vector2::new(-0.5, 0.5)));
+        // the narrower way through a cell
+        let (p, q) = (0.5 * (b - a + c - d), 0.5 * (b - a - c + d));
+        let area = p.perp(&q).abs();
+        let (reach, places) = self.clear(area / p.norm().max(q.norm()));
+        let places = places.max(2);
+        let reach = reach.max(LEVEL_AROUND);
+        let share = |k: u32| reach * ((2.0 * f64::from(k) + 1.0) / f64::from(places) - 1.0);
         let mut sum = 0.0;
-        for k in 0..steps as u32 {
-            sum += level_at(image, a + way * ((f64::from(k) + 0.5) / steps));
+        for (i, k) in (0..places).flat_map(|i| (0..places).map(move |k| (i, k))) {
+            sum += self.level(middle + Vector2::new(share(i), share(k)));
         }
-        bright += (sum / steps - ink) / (paper - ink);
-        // where the grid's line crosses the way
-        line_at += (map.at(at + shift) - a).dot(&way) / way.norm_squared();
+        sum / f64::from(places * places)
     }
-    let (bright, line_at) = (bright / LINES.len() as f64, line_at / LINES.len() as f64);
-    // From the dark cell to the light one: bright is the share behind the edge.
-    let off_px = (line_at - (1.0 - bright)) * length;
-    let motion = (grown.at(at) - map.at(at)) / STEP_PX;
-    // in cells: half of the tag is 1
-    let x = at * (2.0 / cells) - Vector2::repeat(1.0);
-    let bow = (map.at(at + x * ((4.0 / 3.0 - x.norm_squared()) * STEP_PX)) - map.at(at)) / STEP_PX;
-    let lit = -length * length / 8.0 * square;
-    Some(CellEdge {
-        by: Vector4::new(1.0 + towards_dark.dot(&motion), lit * d.x, lit * d.y, towards_dark.dot(&bow)),
-        off_px: off_px * square,
-    })
+
+    /// The edge between two neighbours, their middles and levels given, by the area under the levels about it.
+    fn edge(&self, (from, ink): (Vector2<f64>, f64), (to, paper): (Vector2<f64>, f64)) -> Option<CellEdge> {
+        let map = &self.map;
+        let along = Vector2::new(to.y - from.y, to.x - from.x);
+        let (start, end) = (map.at(from), map.at(to));
+        let length = (end - start).norm();
+        let d = (end - start) / length;
+        let at = 0.5 * (from + to);
+        let border = map.at(at + along * 0.5) - map.at(at - along * 0.5);
+        let normal = Vector2::new(border.y, -border.x).try_normalize(1e-9)?;
+        let towards_dark = if normal.dot(&d) > 0.0 { -normal } else { normal };
+        let square = towards_dark.dot(&d).abs();
+        if !(length * square >= self.least_step_px && paper - ink >= 5.0) {
+            return None;
+        }
+        // half of the window, share of the way from middle to middle
+        let half = (WINDOW_BLURS * self.blur_px / (length * square)).min(0.5);
+        let steps = (2.5 * half * length).ceil().clamp(4.0, 64.0);
+        let (reach, lines) = self.clear(border.norm() * square);
+        let (mut bright, mut line_at) = (0.0, 0.0);
+        for line in 0..lines {
+            let shift = along * (reach * ((2.0 * f64::from(line) + 1.0) / f64::from(lines) - 1.0));
+            let (a, b) = (map.at(from + shift), map.at(to + shift));
+            let way = b - a;
+            let mut sum = 0.0;
+            for k in 0..steps as u32 {
+                let share = 0.5 - half + 2.0 * half * (f64::from(k) + 0.5) / steps;
+                sum += level_at(self.image, a + way * share);
+            }
+            bright += (sum / steps - ink) / (paper - ink);
+            // where the grid's line crosses the way
+            line_at += (map.at(at + shift) - a).dot(&way) / way.norm_squared();
+        }
+        let (bright, line_at) = (bright / f64::from(lines), line_at / f64::from(lines));
+        // From the dark cell to the light one: bright is the share behind the edge.
+        let off_px = (line_at - (0.5 - half) - 2.0 * half * (1.0 - bright)) * length;
+        let motion = (self.grown.at(at) - map.at(at)) / STEP_PX;
+        // in cells: half of the tag is 1
+        let x = at * (2.0 / self.cells) - Vector2::repeat(1.0);
+        let bow = (map.at(at + x * ((4.0 / 3.0 - x.norm_squared()) * STEP_PX)) - map.at(at)) / STEP_PX;
+        let lit = -0.5 * half * (1.0 - half) * length * length * square;
+        let by = Vector4::new(1.0 + towards_dark.dot(&motion), lit * d.x, lit * d.y, towards_dark.dot(&bow));
+        // an area of many pixels is noisier, the mean of many lines less
+        let weight = (f64::from(lines) / (half * length)).sqrt() / square;
+        Some(CellEdge { by: by * weight, off_px: off_px * square * weight })
+    }
 }
 
 /// The unknowns, the diagonal of their inverse information, and the variance of an edge.

@@ -2,7 +2,7 @@
 
 use super::codebook::Codebook;
 use super::decode::{Decoded, NoTag, decode};
-use super::edge_growth;
+use super::edge_growth::{Believed, LEAST_STEP_BLURS, corrected};
 use super::edges::{Corners, EdgeMeter, SHARP_CELL_BLURS};
 use super::quad::{self, Quad};
 use super::whole::WholeMeter;
@@ -153,6 +153,7 @@ pub struct TagFinder {
     points: Vec<WindowPoint>,
     meter: EdgeMeter,
     whole: WholeMeter,
+    believed: Believed,
 }
 
 impl TagFinder {
@@ -173,7 +174,16 @@ impl TagFinder {
             points: Vec::with_capacity(longest_outline(width as u32, height as u32)),
             meter: EdgeMeter::with_size(width, height),
             whole: WholeMeter::new(),
+            believed: Believed::Linear,
         }
+    }
+
+    /// The same for a camera whose response is not known: what it may have moved is estimated from each tag's own greys, taken off its
+    /// corners, and what is left of it is in their covariance. Where levels are light that costs precision for nothing.
+    #[must_use]
+    pub fn for_unknown_response(mut self) -> Self {
+        self.believed = Believed::Bent;
+        self
     }
 
     /// How many wrong bits are corrected where nothing else is said: as many as random bits hardly ever come near a code, which they do
@@ -286,15 +296,8 @@ impl TagFinder {
             };
             let origin = Vector2::new(window.x0 as f64, window.y0 as f64);
             let quad = quad.map(|p| p + origin);
-            match read(
-                image,
-                &quad,
-                &self.book,
-                self.family,
-                Self::usual_wrong_bits(self.family),
-                &mut self.meter,
-                &mut self.whole,
-            ) {
+            match read(image, &quad, &self.book, self.family, self.believed, &mut self.meter, &mut self.whole)
+            {
                 Ok(tag) if found.len() < MAX_TAGS => found.push(tag),
                 Ok(_) => {}
                 Err(miss) => best = best.max(miss),
@@ -310,11 +313,11 @@ fn read(
     quad: &Quad,
     book: &Codebook,
     family: TagFamily,
-    max_wrong: u32,
+    believed: Believed,
     meter: &mut EdgeMeter,
     whole: &mut WholeMeter,
 ) -> Result<TagFound, TagMiss> {
-    let cells = family.cells_per_side();
+    let (cells, max_wrong) = (family.cells_per_side(), TagFinder::usual_wrong_bits(family));
     let (decoded, corners) = match decode(image, quad, book, family, max_wrong) {
         Ok(decoded) => {
             (decoded, meter.refine(image, quad, cells, Some(&decoded.inside)).ok_or(TagMiss::NoEdges)?)
@@ -326,13 +329,27 @@ fn read(
             (decoded, meter.refine(image, &corners.px, cells, Some(&decoded.inside)).ok_or(TagMiss::NoEdges)?)
         }
     };
-    let corners = if corners.cell_blurs < SHARP_CELL_BLURS {
-        let fitted = whole.refine(image, &corners, &decoded.pattern, decoded.dark_level, decoded.light_level);
-        fitted.unwrap_or_else(|| corners.doubted(UNFITTED_BLURS))
-    } else {
-        corners
+    // an edge that tells its growth asks for wider cells than a side that is measured
+    let sharp = if believed == Believed::Bent { LEAST_STEP_BLURS } else { SHARP_CELL_BLURS };
+    let mut fit = |believed| {
+        let narrow = corners.cell_blurs < sharp;
+        narrow.then(|| whole.refine(image, &corners, &decoded, believed)).flatten()
     };
-    let corners = edge_growth::corrected(image, corners, &decoded.pattern);
+    let corners = match (fit(believed), believed) {
+        (Some(fitted), Believed::Bent) => fitted,
+        // a tag that has grown was bent, and is fitted again with that
+        (Some(fitted), Believed::Linear) => {
+            match corrected(image, &fitted, &decoded.pattern, Believed::Linear) {
+                Some(moved) => fit(Believed::Bent).unwrap_or(moved),
+                None => fitted,
+            }
+        }
+        (None, _) => {
+            let blurred = corners.cell_blurs < SHARP_CELL_BLURS;
+            let corners = if blurred { corners.doubted(UNFITTED_BLURS) } else { corners };
+            corrected(image, &corners, &decoded.pattern, believed).unwrap_or(corners)
+        }
+    };
     Ok(found(&decoded, &corners))
 }
 

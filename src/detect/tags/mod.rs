@@ -15,6 +15,7 @@ mod decode;
 mod edge_growth;
 mod edges;
 mod finder;
+mod level_curve;
 mod pattern;
 mod plane_map;
 mod plate;

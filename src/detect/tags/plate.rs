@@ -45,6 +45,13 @@ impl TagPlateFinder {
         }
     }
 
+    /// The same for a camera whose response is not known: see [`TagFinder::for_unknown_response`].
+    #[must_use]
+    pub fn for_unknown_response(mut self) -> Self {
+        self.points = self.points.for_unknown_response();
+        self
+    }
+
     /// All tags of the family that were seen last, ids rising; also those that are none of the plate's.
     #[must_use]
     pub fn tags(&self) -> &[TagFound] {

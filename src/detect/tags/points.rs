@@ -24,6 +24,13 @@ impl TagPoints {
         Self { finder, tags: tags.into(), seen: Vec::with_capacity(MAX_TAGS) }
     }
 
+    /// The same for a camera whose response is not known: see [`TagFinder::for_unknown_response`].
+    #[must_use]
+    pub fn for_unknown_response(mut self) -> Self {
+        self.finder = self.finder.for_unknown_response();
+        self
+    }
+
     /// The tags seen last, listed or not.
     #[must_use]
     pub fn seen(&self) -> &[TagFound] {

@@ -3,14 +3,15 @@
 //! Where a cell is but a few deviations of the blur wide no side can be measured by itself: what lies beside it shines in. But then all of
 //! the tag is known, and its image is too. Least squares (Gauss and Newton) over its pixels; noise is what is left over.
 
+use super::decode::Decoded;
+use super::edge_growth::Believed;
 use super::edges::Corners;
-use super::pattern::CellPattern;
 use super::plane_map::PlaneMap;
 use super::quad::{Quad, is_sound};
 use super::side::FLOOR_PX;
 use super::whole_model::{
-    BLUR, CHUNK, CONTRAST, COUNT, GROUND, INK, LIGHT, RowProducts, TagImage, TagJacobian, TagModel,
-    TagPixels, accumulate, field,
+    BLUR, CHUNK, COLUMNS, CONTRAST, COUNT, GAMMA, GROUND, INK, LIGHT, RowProducts, TagImage, TagJacobian,
+    TagModel, TagPixels, accumulate, field,
 };
 use crate::imaging::ImageView;
 use crate::linalg::{Eight, Ldlt};
@@ -42,6 +43,14 @@ const ROUNDING: f64 = 1.0 / 12.0;
 const SMEAR_DOUBT: f64 = 0.42;
 const SMEAR_FALL: f64 = 1.75;
 
+/// All that is fitted; the logarithm of the camera's gamma is the last.
+const UNKNOWNS: usize = COUNT + 1;
+/// The gamma that nobody told: cameras have 1 (industrial ones) or 2.2, as IEC 61966-2-1 has it (webcams, files); mean and standard deviation
+/// of both logarithms. Estimates keep within those of 0.5 and 4, because no camera has others.
+const USUAL_LOG_GAMMA: f64 = 0.4;
+const LOG_GAMMA_SD: f64 = 0.4;
+const LOG_GAMMAS: [f64; 2] = [-0.7, 1.4];
+
 /// Fits tags as a whole. Owns its buffers.
 #[derive(Debug, Clone)]
 pub(super) struct WholeMeter {
@@ -51,28 +60,28 @@ pub(super) struct WholeMeter {
 
 /// A step and what it was worth.
 struct FitStep {
-    by: [f64; COUNT],
+    by: [f64; UNKNOWNS],
     /// Variance of a pixel after it, levels^2.
     variance: f64,
-    factors: Ldlt<COUNT>,
+    factors: Ldlt<UNKNOWNS>,
 }
 
 impl WholeMeter {
     pub(super) fn new() -> Self {
-        Self { pixels: Vec::with_capacity(BLOCKS), rows: Box::new([[Eight::ZERO; COUNT + 1]; CHUNK]) }
+        Self { pixels: Vec::with_capacity(BLOCKS), rows: Box::new([[Eight::ZERO; COLUMNS]; CHUNK]) }
     }
 
-    /// The corners of a tag from those that its sides gave, and their covariance; `None` where it does not look as it should.
+    /// The corners of a tag from those that its sides gave, and their covariance; `None` where it does not look as it should. A gamma that
+    /// is not known is fitted, too.
     pub(super) fn refine(
         &mut self,
         image: &ImageView<'_>,
         from: &Corners,
-        pattern: &CellPattern,
-        ink: f64,
-        paper: f64,
+        decoded: &Decoded,
+        believed: Believed,
     ) -> Option<Corners> {
         // sides that are smeared may show far less blur than there is, from which the first step goes astray
-        [1.0, 2.0].iter().find_map(|more| self.fit(image, from, pattern, (ink, paper), more * blur_of(from)))
+        [1.0, 2.0].iter().find_map(|more| self.fit(image, from, decoded, believed, more * blur_of(from)))
     }
 
     /// The same from a variance of the blur, px^2.
@@ -80,13 +89,14 @@ impl WholeMeter {
         &mut self,
         image: &ImageView<'_>,
         from: &Corners,
-        pattern: &CellPattern,
-        (ink, paper): (f64, f64),
+        decoded: &Decoded,
+        believed: Believed,
         around: f64,
     ) -> Option<Corners> {
         let [a, b, c, d] = from.px;
         let origin = (0.25 * (a + b + c + d)).map(f64::round);
         let radius = from.px.iter().map(|p| (p - origin).norm()).fold(0.0, f64::max);
+        let Decoded { pattern, dark_level: ink, light_level: paper, .. } = decoded;
         let cells = pattern.cells as f64;
         let max_px = LOST_CELLS * radius * std::f64::consts::SQRT_2 / cells;
         let mut quad = from.px;
@@ -95,10 +105,11 @@ impl WholeMeter {
             origin,
             radius,
             blur: [around, 0.0, around],
-            ink,
+            ink: *ink,
             contrast: paper - ink,
             light: [0.0; 2],
             ground: [0.0; 4],
+            log_gamma: (believed == Believed::Bent).then_some(USUAL_LOG_GAMMA),
         };
         let mut variance = f64::INFINITY;
         // the same ones for all steps, or they might go to and fro
@@ -106,9 +117,9 @@ impl WholeMeter {
         for _ in 0..STEPS {
             self.load(image, &around_tag(&quad, cells)?, origin, every)?;
             let model = TagModel::new(&tag_image, pattern, &quad, GATE * GATE * variance)?;
-            let mut sums = RowProducts { products: [[0.0; COUNT + 1]; COUNT + 1], count: 0.0 };
+            let mut sums = RowProducts { products: [[0.0; COLUMNS]; COLUMNS], count: 0.0 };
             accumulate(&model, &self.pixels, &mut self.rows, &mut sums);
-            let solved = solve(&sums, tag_image.contrast, variance)?;
+            let solved = solve(&sums, &tag_image, variance)?;
             variance = solved.variance;
             let fields = quad.map(|p| field((p - origin) / radius));
             let moved = quad_moved(&mut quad, &fields, &solved.by);
@@ -213,22 +224,33 @@ fn across(outline: &Quad, y: f64) -> (f64, f64) {
 }
 
 /// The step that makes the squares least.
-fn solve(sums: &RowProducts, contrast: f64, before: f64) -> Option<FitStep> {
+fn solve(sums: &RowProducts, at: &TagImage, before: f64) -> Option<FitStep> {
     let free = sums.count - COUNT as f64;
     if !(free > 2.0 * COUNT as f64) {
         return None;
     }
-    let mut matrix = [[0.0; COUNT]; COUNT];
-    for (to, from) in matrix.iter_mut().zip(&sums.products) {
-        to.copy_from_slice(from.get(..COUNT)?);
+    let squares = *sums.products.get(COUNT)?.get(COUNT)?;
+    let variance = (squares / sums.count).min(before).max(ROUNDING);
+    let mut matrix = [[0.0; UNKNOWNS]; UNKNOWNS];
+    let mut right = [0.0; UNKNOWNS];
+    let (last, by_gamma) = (sums.products.get(COUNT)?, sums.products.get(GAMMA)?);
+    let rows = sums.products.get(..COUNT)?.iter().chain([by_gamma]);
+    for (to, from) in matrix.iter_mut().zip(rows) {
+        to.get_mut(..COUNT)?.copy_from_slice(from.get(..COUNT)?);
     }
-    let last = sums.products.get(COUNT)?;
-    let mut right = [0.0; COUNT];
-    right.copy_from_slice(last.get(..COUNT)?);
-    let squares = *last.get(COUNT)?;
+    *matrix.last_mut()?.last_mut()? = *by_gamma.get(GAMMA)?;
+    right.get_mut(..COUNT)?.copy_from_slice(last.get(..COUNT)?);
+    // what was known of the gamma before draws it, too; one that is not fitted has no products, and stays what it is
+    let known = variance / LOG_GAMMA_SD.powi(2);
+    *right.last_mut()? =
+        *by_gamma.get(COUNT)? + at.log_gamma.map_or(0.0, |log| known * (USUAL_LOG_GAMMA - log));
     // the ground is hardly seen where cells are wide: as far as is known it is like paper, give or take the contrast
-    let guess = (squares / sums.count).min(before).max(ROUNDING) / contrast.powi(2);
-    let damping = std::array::from_fn(|i| if i >= GROUND { guess } else { 0.0 });
+    let guess = variance / at.contrast.powi(2);
+    let damping = std::array::from_fn(|i| match i {
+        0..GROUND => 0.0,
+        COUNT => known,
+        _ => guess,
+    });
     let factors = Ldlt::new(&matrix, &damping)?;
     let by = factors.solve(&right);
     let explained: f64 = by.iter().zip(&right).map(|(a, b)| a * b).sum();
@@ -236,7 +258,7 @@ fn solve(sums: &RowProducts, contrast: f64, before: f64) -> Option<FitStep> {
 }
 
 /// Moves the corners by a step; how far the farthest went, px.
-fn quad_moved(quad: &mut Quad, fields: &[[Vector2<f64>; 8]; 4], by: &[f64; COUNT]) -> f64 {
+fn quad_moved(quad: &mut Quad, fields: &[[Vector2<f64>; 8]; 4], by: &[f64; UNKNOWNS]) -> f64 {
     let mut most = 0.0f64;
     for (p, field) in quad.iter_mut().zip(fields) {
         let d: Vector2<f64> = field.iter().zip(by).map(|(f, by)| f * *by).sum();
@@ -248,8 +270,8 @@ fn quad_moved(quad: &mut Quad, fields: &[[Vector2<f64>; 8]; 4], by: &[f64; COUNT
 }
 
 /// Adds a step to all but the geometry; whether there is still a tag.
-fn add(tag_image: &mut TagImage, by: &[f64; COUNT]) -> bool {
-    let mut to = [0.0; COUNT];
+fn add(tag_image: &mut TagImage, by: &[f64; UNKNOWNS]) -> bool {
+    let mut to = [0.0; UNKNOWNS];
     to.copy_from_slice(by);
     for (value, by) in tag_image.blur.iter_mut().zip(to.iter().skip(BLUR)) {
         *value += by;
@@ -266,6 +288,8 @@ fn add(tag_image: &mut TagImage, by: &[f64; COUNT]) -> bool {
     for (value, by) in tag_image.ground.iter_mut().zip(to.iter().skip(GROUND)) {
         *value += by;
     }
+    let [least, most] = LOG_GAMMAS;
+    tag_image.log_gamma = tag_image.log_gamma.map(|log| (log + to[COUNT]).clamp(least, most));
     tag_image.contrast > MIN_CONTRAST
 }
 
@@ -282,7 +306,7 @@ fn smear(blur: &[f64; 3], cell: f64) -> f64 {
 /// Of a place that moves by a field, `[xx, xy, yy]` px^2.
 fn covariance(
     field: &[Vector2<f64>; 8],
-    inverse: &[[f64; COUNT]; COUNT],
+    inverse: &[[f64; UNKNOWNS]; UNKNOWNS],
     noise: f64,
     doubt: f64,
 ) -> [f64; 3] {

@@ -3,13 +3,15 @@
 //! With `W` the share of white at a place of the tag (1 on paper, 0 on ink), smoothed by the blur:
 //!
 //! ```text
-//! I(p) = (1 + k_x x + k_y y) (ink + contrast W + sum_i ground_i O_i)      O_i: what lies beyond the margin, on each side
+//! I(p) = (1 + k_x x + k_y y) (ink + contrast f(W) + sum_i ground_i O_i)
+//!            O_i: what lies beyond the margin, on each side; f: W itself, or what a gamma makes of it ([`LevelCurve`])
 //! W = exp(S_cr d/dc d/dr) sum_ij white_ij P_i(c) P_j(r)                   S: the blur's covariance at (c, r), in cells
 //! ```
 //! `P_i(c)` is the share of a normal deviate about `c` that falls into column `i`; the exponential, Mehler's series, is what a blur adds
 //! that lies aslant in the cells, as it does in a tilted tag. The blur contains the pixel's own square. A step of
 //! the geometry is a field of eight parameters, the projective motions of the plane ([`field`]).
 
+use super::level_curve::{CurveValues, LevelCurve};
 use super::pattern::CellPattern;
 use super::plane_map::PlaneMap;
 use crate::imaging::simd::kernel;
@@ -22,7 +24,12 @@ pub(super) const INK: usize = 11;
 pub(super) const CONTRAST: usize = 12;
 pub(super) const LIGHT: usize = 13;
 pub(super) const GROUND: usize = 15;
+/// So many are always fitted.
 pub(super) const COUNT: usize = 19;
+/// Column of the gamma's logarithm, behind that of the residuals; it is fitted where the camera's response is not known.
+pub(super) const GAMMA: usize = COUNT + 1;
+/// Columns: those of all that is fitted and of the residuals, and as many more as are needed because they are summed by fours.
+pub(super) const COLUMNS: usize = 24;
 
 /// A blur reaches so many deviations: beyond lies less than a thousandth.
 const REACH: f64 = 3.2;
@@ -46,13 +53,13 @@ impl TagPixels {
         Self { x: Eight::ZERO, y: Eight::ZERO, level: Eight::ZERO, weight: Eight::ZERO };
 }
 
-/// Derivatives at eight pixels, and last what is left of their levels.
-pub(super) type TagJacobian = [Eight; COUNT + 1];
+/// Derivatives at eight pixels, at [`COUNT`] what is left of their levels, and at [`GAMMA`] the derivative by the gamma's logarithm.
+pub(super) type TagJacobian = [Eight; COLUMNS];
 
-/// Sums of products of rows; the last row is that of the residuals. The lower triangle counts.
+/// Sums of products of columns of [`TagJacobian`]. The lower triangle counts.
 #[derive(Debug, Clone)]
 pub(super) struct RowProducts {
-    pub(super) products: [[f64; COUNT + 1]; COUNT + 1],
+    pub(super) products: [[f64; COLUMNS]; COLUMNS],
     pub(super) count: f64,
 }
 
@@ -78,6 +85,8 @@ pub(super) struct TagImage {
     pub(super) light: [f64; 2],
     /// What lies beyond the margin less the paper: left, right, above, below.
     pub(super) ground: [f64; 4],
+    /// Logarithm of the camera's gamma where that is not known; `None` where levels are light.
+    pub(super) log_gamma: Option<f64>,
 }
 
 /// An image, ready for pixels.
@@ -89,8 +98,12 @@ pub(super) struct TagModel<'a> {
     blur: [f32; 3],
     ink: f32,
     contrast: f32,
+    /// How the logarithm of paper / ink changes by both.
+    log_ratio_by: [f32; 2],
     light: [f32; 2],
     ground: [f32; 4],
+    /// What the camera makes of shares of light, where that is fitted.
+    curve: Option<LevelCurve>,
     /// Cells on either side that a pixel sees, along columns and rows.
     beside: [i32; 2],
     /// Residuals whose square is larger do not count.
@@ -133,6 +146,9 @@ impl<'a> TagModel<'a> {
         if !beside.iter().all(|b| *b >= 1.0 && *b <= f64::from(MAX_BESIDE)) {
             return None;
         }
+        // black that a camera has taken off leaves no ratio
+        let ink = tag_image.ink.max(1.0);
+        let paper = ink + tag_image.contrast;
         Some(Self {
             pattern,
             back: tag_image.back.about(tag_image.origin).map(|v| v as f32),
@@ -142,6 +158,8 @@ impl<'a> TagModel<'a> {
             contrast: tag_image.contrast as f32,
             light: tag_image.light.map(|v| v as f32),
             ground: tag_image.ground.map(|v| v as f32),
+            curve: tag_image.log_gamma.map(|log| LevelCurve::new(log, paper / ink)),
+            log_ratio_by: [1.0 / paper - 1.0 / ink, 1.0 / paper].map(|by| by as f32),
             beside: beside.map(|b| b as i32),
             max_square: max_square.min(1e12) as f32,
         })
@@ -170,15 +188,27 @@ impl<'a> TagModel<'a> {
         let between = -(sides.share[0] + sides.share[1]) + 1.0;
         let [before, behind, above, below] = self.ground;
         let beyond = [sides.share[0], sides.share[1], ends.share[0] * between, ends.share[1] * between];
-        let mut raw = white.value * self.contrast + self.ink;
+        // the response bends what blur has made: derivatives of white by place and by blur see its slope
+        let shown = match &self.curve {
+            Some(curve) => curve.at(white.value),
+            None => CurveValues {
+                value: white.value,
+                slope: Eight([1.0; 8]),
+                by_log_gamma: Eight::ZERO,
+                by_log_ratio: Eight::ZERO,
+            },
+        };
+        let (slope, by_ratio) = (shown.slope * self.contrast, shown.by_log_ratio * self.contrast);
+        let [by_ink, by_contrast] = self.log_ratio_by;
+        let mut raw = shown.value * self.contrast + self.ink;
         for (share, ground) in beyond.iter().zip(self.ground) {
             raw = raw + *share * ground;
         }
-        let by_c = white.by_c * self.contrast + sides.by[1] * behind - sides.by[0] * before;
-        let by_r = white.by_r * self.contrast + ends.by[1] * below - ends.by[0] * above;
-        let by_cc = white.by_cc * self.contrast + sides.twice[0] * before + sides.twice[1] * behind;
-        let by_rr = white.by_rr * self.contrast + ends.twice[0] * above + ends.twice[1] * below;
-        let by_cr = white.by_cr * self.contrast;
+        let by_c = white.by_c * slope + sides.by[1] * behind - sides.by[0] * before;
+        let by_r = white.by_r * slope + ends.by[1] * below - ends.by[0] * above;
+        let by_cc = white.by_cc * slope + sides.twice[0] * before + sides.twice[1] * behind;
+        let by_rr = white.by_rr * slope + ends.twice[0] * above + ends.twice[1] * below;
+        let by_cr = white.by_cr * slope;
         let (x, y) = (p.x * self.per_radius, p.y * self.per_radius);
         let lit = x * self.light[0] + y * self.light[1] + 1.0;
         let residual = p.level - lit * raw;
@@ -206,8 +236,8 @@ impl<'a> TagModel<'a> {
             (by_cc * cx * cx + by_cr * cx * rx * 2.0 + by_rr * rx * rx) * half,
             (by_cc * cx * cy + by_cr * (cx * ry + cy * rx) + by_rr * rx * ry) * lit,
             (by_cc * cy * cy + by_cr * cy * ry * 2.0 + by_rr * ry * ry) * half,
-            lit,
-            lit * white.value,
+            lit * (by_ratio * by_ink + 1.0),
+            lit * (by_ratio * by_contrast + shown.value),
             raw * x,
             raw * y,
             left,
@@ -215,6 +245,10 @@ impl<'a> TagModel<'a> {
             above,
             below,
             residual * weight,
+            lit * shown.by_log_gamma * self.contrast,
+            Eight::ZERO,
+            Eight::ZERO,
+            Eight::ZERO,
         ]
     }
 
@@ -329,7 +363,8 @@ fn accumulate_body(
         sums.count += f64::from(counted.sum());
         let rows = &rows[..chunk.len()];
         // eight sums at once: a processor that waits for one adds to the others
-        for i in (0..=COUNT).step_by(2) {
+        let last = if model.curve.is_some() { GAMMA } else { COUNT };
+        for i in (0..=last).step_by(2) {
             for k in (0..=i).step_by(4) {
                 let mut block = [[Eight::ZERO; 4]; 2];
                 for row in rows {

@@ -22,6 +22,7 @@ pub use rig::{SpacePoint, StereoRig};
 pub use taught::{ObjectPose, TaughtPoint, TaughtView, TaughtViewError};
 
 use super::{Frame, misfit};
+use crate::camera_model::Response;
 use crate::detect::{Finder, Found};
 use crate::imaging::ImageView;
 use crate::messages::{FeaturePoint, FrameHeader, MAX_FEATURES, Measurement, TargetStatus};
@@ -88,6 +89,14 @@ impl StereoVision {
             was_found: false,
             lost: 0,
         }
+    }
+
+    /// The same for cameras of these responses ([`Finder::for_response`]).
+    #[must_use]
+    pub fn for_responses(mut self, left: &Response, right: &Response) -> Self {
+        self.left = self.left.for_response(left);
+        self.right = self.right.for_response(right);
+        self
     }
 
     /// The cameras.

@@ -29,6 +29,7 @@ fn tag_image(corners: &[Vector2<f64>; 4]) -> TagImage {
         contrast: STEP_LEVELS,
         light: [0.04, -0.03],
         ground: [-60.0, 20.0, -90.0, 10.0],
+        log_gamma: Some(0.6),
     }
 }
 
@@ -59,7 +60,7 @@ fn counted(tag_image: &TagImage, corners: &[Vector2<f64>; 4], p: Vector2<f64>) -
     let [xx, xy, yy] = tag_image.blur;
     let (a, b) = (xx.sqrt(), xy / xx.sqrt());
     let c = (yy - b * b).sqrt();
-    let (mut sum, mut weights, fine) = (0.0, 0.0, 160);
+    let (mut grounds, mut whites, mut weights, fine) = (0.0, 0.0, 0.0, 160);
     let z = |i: i32| (f64::from(i) + 0.5) / f64::from(fine) * 9.0 - 4.5;
     for i in 0..fine {
         for j in 0..fine {
@@ -79,12 +80,17 @@ fn counted(tag_image: &TagImage, corners: &[Vector2<f64>; 4], p: Vector2<f64>) -
                 0.0
             };
             let white = pattern.bits_at(q.x.floor() as i32, q.y.floor() as i32) & 1;
-            sum += weight * (tag_image.ink + tag_image.contrast * f64::from(white) + ground);
+            whites += weight * f64::from(white);
+            grounds += weight * ground;
             weights += weight;
         }
     }
     let q = (p - tag_image.origin) / tag_image.radius;
-    sum / weights * (1.0 + tag_image.light[0] * q.x + tag_image.light[1] * q.y)
+    let white = whites / weights;
+    let gamma = tag_image.log_gamma.unwrap_or(0.0).exp();
+    let (ink, paper) = (tag_image.ink.powf(gamma), (tag_image.ink + tag_image.contrast).powf(gamma));
+    let level = (ink + white * (paper - ink)).powf(1.0 / gamma) + grounds / weights;
+    level * (1.0 + tag_image.light[0] * q.x + tag_image.light[1] * q.y)
 }
 
 #[test]
@@ -135,17 +141,19 @@ fn derivatives_are_those_of_levels() {
             INK => tag_image.ink += by,
             CONTRAST => tag_image.contrast += by,
             LIGHT..GROUND => tag_image.light[index - LIGHT] += by,
+            GAMMA => tag_image.log_gamma = tag_image.log_gamma.map(|log| log + by),
             _ => tag_image.ground[index - GROUND] += by,
         }
         (tag_image, corners)
     };
-    for index in 0..COUNT {
-        let h = [0.03, 0.02, 0.5, 0.5, 0.01, 0.5][match index {
+    for index in (0..COUNT).chain([GAMMA]) {
+        let h = [0.03, 0.02, 0.5, 0.5, 0.01, 0.5, 0.01][match index {
             0..BLUR => 0,
             BLUR..INK => 1,
             INK => 2,
             CONTRAST => 3,
             LIGHT..GROUND => 4,
+            GAMMA => 6,
             _ => 5,
         }];
         let (mut off, mut size) = (0.0, 0.0);
@@ -175,14 +183,14 @@ fn products_are_sums_over_pixels_that_count() {
     let model = TagModel::new(&tag_image, &pattern, &corners, 120.0f64.powi(2)).unwrap();
     let mut blocks: Vec<TagPixels> = (-20..20).map(|y| pixels(y % 12)).collect();
     blocks[3].weight = Eight::ZERO;
-    let mut room = [[Eight::ZERO; COUNT + 1]; CHUNK];
-    let mut sums = RowProducts { products: [[0.0; COUNT + 1]; COUNT + 1], count: 0.0 };
+    let mut room = [[Eight::ZERO; COLUMNS]; CHUNK];
+    let mut sums = RowProducts { products: [[0.0; COLUMNS]; COLUMNS], count: 0.0 };
     accumulate(&model, &blocks, &mut room, &mut sums);
     let rows: Vec<TagJacobian> = blocks.iter().map(|pixels| model.at(pixels)).collect();
     let left_over = |row: &TagJacobian| row[COUNT].0.iter().filter(|r| **r != 0.0).count();
     let count: usize = rows.iter().map(left_over).sum();
     assert!(count > 40 && count < 300 && sums.count == count as f64, "{count} {}", sums.count);
-    for i in 0..=COUNT {
+    for i in 0..=GAMMA {
         for k in 0..=i {
             let each = |row: &TagJacobian| {
                 (0..8).map(|l| f64::from(row[i].0[l]) * f64::from(row[k].0[l])).sum::<f64>()
