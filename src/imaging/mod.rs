@@ -73,4 +73,4 @@ pub use pyramid::Pyramid;
 pub use runs::{Polarity, Run, Runs, Window};
 pub use segmentation::{GreyRegion, Segmentation, TooManyPixels, Uniformity};
 pub use valley::Valley;
-pub use view::{ImageSizeError, ImageView};
+pub use view::{ImageSizeError, ImageView, MAX_LEVEL};

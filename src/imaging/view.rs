@@ -3,6 +3,9 @@
 use super::Window;
 use thiserror::Error;
 
+/// What grey levels end at: where an image shows it, there may have been more light.
+pub const MAX_LEVEL: f64 = 255.0;
+
 /// The buffer does not hold `width x height` bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[error("a {width}x{height} image needs {needed} bytes, the buffer holds {len}")]

@@ -65,8 +65,10 @@ struct Kind {
     /// Of the camera, and the one that is undone before anything is measured.
     gamma: f64,
     undone: f64,
-    /// Whether the finder is told that it does not know the response; images are then exact.
+    /// Whether the finder is told that it does not know the response.
     unknown: bool,
+    /// Whether images are exact, in the place of samples.
+    exact: bool,
 }
 
 const USUAL: Kind = Kind {
@@ -79,6 +81,7 @@ const USUAL: Kind = Kind {
     gamma: 1.0,
     undone: 1.0,
     unknown: false,
+    exact: false,
 };
 
 /// How well corners were found: deviations per coordinate.
@@ -123,7 +126,7 @@ fn look_at(kind: &Kind, views: usize, times: usize, dice: &mut Dice) -> Honesty 
         let map = any_view(family, kind.side_px, 1.0, dice);
         let id = dice.below(family.count());
         let mut canvas = Canvas::new(WIDTH, HEIGHT, look.ground);
-        let truth = if kind.unknown {
+        let truth = if kind.exact {
             canvas.draw_exact(family, id, &map, &look)
         } else {
             canvas.draw(family, id, &map, &look, dice)
@@ -212,7 +215,7 @@ fn an_unknown_response_is_in_what_is_stated() {
     ] {
         let (mut sum, mut kinds) = (0.0, 0.0);
         for gamma in [1.0, 1.1, 1.2, 1.6, 2.0, 2.4] {
-            let kind = Kind { side_px, blur_px, gamma, unknown: true, ..USUAL };
+            let kind = Kind { side_px, blur_px, gamma, unknown: true, exact: true, ..USUAL };
             let seen = look_at(&kind, count, 1, &mut Dice(1900 + (10.0 * gamma) as u64));
             let (rms, chi2) = (seen.rms_px(), seen.normalized());
             println!("{side_px:?} px, blur {blur_px}, gamma {gamma}: rms {rms:.4} px, {chi2:.2}");
@@ -225,6 +228,25 @@ fn an_unknown_response_is_in_what_is_stated() {
         let mean: f64 = sum / kinds;
         println!("{side_px:?} px: {mean:.2}");
         assert!((0.8..1.25).contains(&mean), "normalized square {mean} of {side_px:?} px");
+    }
+}
+
+/// Paper that is lighter than levels go is paper of which nobody knows how light it is: its pixels say so much and no more, and neither do
+/// the corners' stated deviations.
+#[test]
+fn of_clipped_paper_no_more_is_stated_than_is_known() {
+    let count = 24 * campaign();
+    let chance = 4.0 * (2.0 / (4.0 * count as f64)).sqrt();
+    for (side_px, blur_px) in [((24.0, 44.0), 0.7), ((50.0, 120.0), 0.9)] {
+        for (light, gamma) in [(262.0, 1.0), (300.0, 1.0), (290.0, 1.5), (350.0, 2.2)] {
+            let kind = Kind { side_px, blur_px, light, gamma, exact: true, ..USUAL };
+            let seen = look_at(&kind, count, 1, &mut Dice(2600 + light as u64));
+            let (rms, chi2) = (seen.rms_px(), seen.normalized());
+            println!("{side_px:?} px, light {light}, gamma {gamma}: rms {rms:.4} px, {chi2:.2}");
+            assert!(seen.seen >= 0.9 * seen.views && rms < 0.05, "{kind:?}: {rms} px");
+            let honest = 0.8 * (1.0 - chance)..1.25 * (1.0 + chance);
+            assert!(honest.contains(&chi2), "normalized square {chi2}, {kind:?}");
+        }
     }
 }
 

@@ -11,6 +11,7 @@
 use super::blob::Blob;
 use super::ellipse::PixelEllipse;
 use super::light::{LightFit, Samples};
+use super::noise::{Levels, common_noise, noise_of};
 use super::ring::{RING, Ring, directions};
 use super::sums::{Scale, WeightSums, inner_sums, weighted_sums};
 use crate::detect::Found;
@@ -43,11 +44,7 @@ const CUT: f64 = 0.22;
 const SLACK: f64 = 0.33;
 const BY_DEAD: f64 = 1.27;
 const MAX_SLACK: f64 = 0.63;
-/// A dot whose roughness (squared difference of neighbours) exceeds that of the others so many times, and by so much, does
-/// not show the camera's noise: something lies on it.
-const ROUGH_TIMES: f64 = 5.0;
-const ROUGH_LEVELS2: f64 = 1.0;
-/// Light that goes around the dots once counts from so many times that which noise makes. Derived: chi-square of four dots, 8 numbers: 2.4 %.
+/// Light that goes around the dots once counts from so many times that which noise makes.
 const UNEVEN_TIMES: f64 = 2.2;
 /// From this half axis on a point of a ring may be 3 x 3 pixels, px. Derived: 24 of them lie 3.1 px apart on the ring, 4 px further out.
 const CLUSTERS_FROM_PX: f64 = 8.0;
@@ -56,34 +53,10 @@ const MIN_PLAIN: usize = 20;
 const MIN_SHARE: f64 = 0.4;
 /// The blur may reach so many times as far as the plate is looked at, before its foot passes for uneven light. Chosen by hand: 2.3 deviations.
 const MAX_SHORT: f64 = 1.3;
-/// Variance inside dots over that on the plate, at most: more is blur. Chosen by hand: 100 pixels tell a variance to a seventh.
-const MAX_INSIDE: f64 = 1.15;
-/// Deviation that uneven light may account for, as a part of the half axis: more is to be contradicted. Chosen by hand: 0.01 px of 25 px.
+/// Standard deviation that uneven light may account for, as a part of the half axis: beyond that dots are to contradict each other.
 const MAX_UNEVEN: f64 = 4e-4;
 /// Most samples that the light is fitted to. Chosen by hand: all rings of 32 dots; of more every second point, else time grows with dots.
 const MAX_SAMPLES: usize = 768;
-
-/// What is seen of one dot before it is weighed.
-#[derive(Debug, Clone, Copy)]
-struct Levels {
-    dot: f64,
-    plate: f64,
-    /// Sum of squared differences of neighbours inside the dot, and their number.
-    rough: u32,
-    pairs: u32,
-    ring: Ring,
-}
-
-impl Levels {
-    /// Mean squared difference of neighbours.
-    fn roughness(&self) -> f64 {
-        f64::from(self.rough) / f64::from(self.pairs.max(1))
-    }
-
-    fn contrast(&self) -> f64 {
-        (self.plate - self.dot).abs()
-    }
-}
 
 /// One dot, weighed.
 #[derive(Debug, Clone, Copy)]
@@ -413,37 +386,4 @@ fn perimeter(a: f64, b: f64) -> f64 {
 fn deviate(p: f64) -> f64 {
     let p = p.clamp(0.002, 0.4); // no need of more: dead zones are at most 0.3
     4.91 * ((1.0 - p).powf(0.14) - p.powf(0.14))
-}
-
-/// Noise of pixels on the rim, between those inside dots and on the plate. Blur makes small dots uneven inside; the plate may show
-/// more than the dots where light itself is noisy.
-fn common_noise(inside: f64, levels: &[Option<Levels>], rests: &[[f64; RING]], light: &LightFit) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for (levels, rest) in levels.iter().zip(rests) {
-        let Some(ring) = levels.as_ref().map(|l| &l.ring).filter(|ring| ring.pixels > 1) else { continue };
-        for (variance, rest) in ring.variance.iter().zip(rest) {
-            let (variance, one) = if rest.is_nan() { (0.0, 0.0) } else { (*variance, 1.0) };
-            sum += variance;
-            count += one;
-        }
-    }
-    let (a, b) = (inside * inside, if count > 0.0 { sum / count } else { light.variance });
-    let many = count >= RING as f64 || light.samples >= RING;
-    if many { (0.5 * (a.min(MAX_INSIDE * b) + b)).sqrt() } else { inside }
-}
-
-/// Standard deviation of the pixels' noise, grey levels: neighbours differ by twice its variance. Dots on which something
-/// lies are left out: the smoothest quarter tells what is rough. With the roughness from which on a dot is such.
-fn noise_of(levels: &[Option<Levels>], roughness: &mut Vec<f64>) -> (f64, f64) {
-    roughness.clear();
-    roughness.extend(levels.iter().flatten().map(Levels::roughness));
-    roughness.sort_unstable_by(f64::total_cmp);
-    let Some(quarter) = roughness.get(roughness.len() / 4) else { return (0.0, f64::INFINITY) };
-    let most = ROUGH_TIMES * quarter + ROUGH_LEVELS2;
-    let (mut rough, mut pairs) = (0.0, 0.0);
-    for level in levels.iter().flatten().filter(|l| l.roughness() <= most) {
-        rough += f64::from(level.rough);
-        pairs += f64::from(level.pairs);
-    }
-    ((rough / (2.0 * pairs.max(1.0))).sqrt(), most)
 }

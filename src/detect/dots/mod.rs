@@ -15,6 +15,7 @@ mod fill;
 mod finder;
 mod four_dots;
 mod light;
+mod noise;
 mod offset;
 mod rims;
 mod ring;

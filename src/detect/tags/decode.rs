@@ -8,7 +8,7 @@ use super::pattern::{CellPattern, MAX_CELLS, Whites};
 use super::plane_map::PlaneMap;
 use super::quad::Quad;
 use super::shine::Inside;
-use crate::imaging::ImageView;
+use crate::imaging::{ImageView, MAX_LEVEL};
 use crate::target::TagFamily;
 use nalgebra::Vector2;
 
@@ -17,6 +17,8 @@ const MIN_CONTRAST: f64 = 10.0;
 /// So many of the cells of border and margin may be nearer to the other colour.
 const WRONG_BORDER_SHARE: f64 = 0.08;
 const WRONG_MARGIN_SHARE: f64 = 0.2;
+/// More of the margin at the end of levels is no chance of noise.
+const CLIPPED_SHARE: f64 = 0.1;
 /// A cell below this width is not seen by itself: its neighbours shine into it, px.
 const SHARP_CELL_PX: f64 = 4.0;
 /// What is given back of it.
@@ -43,6 +45,8 @@ pub(super) struct Decoded {
     pub(super) margin_levels: f64,
     pub(super) light_level: f64,
     pub(super) dark_level: f64,
+    /// Whether some of the paper is as light as levels go: how light it is then nobody knows.
+    pub(super) clipped: bool,
     /// What lies inside each side of the quadrilateral.
     pub(super) inside: [Inside; 4],
     /// All of its cells.
@@ -112,6 +116,8 @@ pub(super) fn decode(
     if !(paper.middle - ink.middle >= MIN_CONTRAST) {
         return Err(NoTag::Border);
     }
+    let full = margin.iter().filter(|(_, _, p)| *p >= MAX_LEVEL).count();
+    let clipped = full as f64 > CLIPPED_SHARE * margin.len() as f64;
     let half =
         |u: f64, v: f64| (0.5 * (paper.at(u, v) + ink.at(u, v)), 0.5 * (paper.at(u, v) - ink.at(u, v)));
     let wrong = |places: &[(f64, f64, f64)], white: bool| {
@@ -175,7 +181,15 @@ pub(super) fn decode(
     let white = white(family, &reading);
     let inside = inside(&white, cells, &paper, quad);
     let pattern = CellPattern::new(&white, cells);
-    Ok(Decoded { reading, margin_levels, light_level: paper.middle, dark_level: ink.middle, inside, pattern })
+    Ok(Decoded {
+        reading,
+        margin_levels,
+        light_level: paper.middle,
+        dark_level: ink.middle,
+        clipped,
+        inside,
+        pattern,
+    })
 }
 
 fn white(family: TagFamily, reading: &Reading) -> Whites {

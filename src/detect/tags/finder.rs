@@ -37,6 +37,10 @@ const LONGEST_OUTLINE: f64 = 1.6;
 /// What is looked at around an expected tag beyond its slack, px.
 const AROUND_PX: f64 = 14.0;
 
+/// Beyond 55 degrees the sides of a tag are measured worse than all of it: they meet at small angles, and what they are off by is stretched.
+/// A circle is seen there as an ellipse whose axes `1` and `c`, the cosine, give `c + 1 / c` so much.
+const STEEP: f64 = 2.32;
+
 /// How far off their corners are where they cannot be fitted as a whole either, in deviations of the blur.
 const UNFITTED_BLURS: f64 = 0.15;
 
@@ -331,9 +335,10 @@ fn read(
     };
     // an edge that tells its growth asks for wider cells than a side that is measured
     let sharp = if believed == Believed::Bent { LEAST_STEP_BLURS } else { SHARP_CELL_BLURS };
+    let believed = if decoded.clipped { Believed::Bent } else { believed };
     let mut fit = |believed| {
-        let narrow = corners.cell_blurs < sharp;
-        narrow.then(|| whole.refine(image, &corners, &decoded, believed)).flatten()
+        let whole_only = corners.cell_blurs < sharp || decoded.clipped || foreshortened(&corners.px) > STEEP;
+        whole_only.then(|| whole.refine(image, &corners, &decoded, believed)).flatten()
     };
     let corners = match (fit(believed), believed) {
         (Some(fitted), Believed::Bent) => fitted,
@@ -351,6 +356,13 @@ fn read(
         }
     };
     Ok(found(&decoded, &corners))
+}
+
+/// `c + 1 / c` of the ratio `c` of the axes of the ellipse that a circle in a square would be seen as.
+fn foreshortened(quad: &Quad) -> f64 {
+    let [a, b, c, d] = *quad;
+    let (x, y) = (b - a + c - d, d - a + c - b);
+    (x.norm_squared() + y.norm_squared()) / x.perp(&y).abs()
 }
 
 /// Corners in the order of the tag, from those of the quadrilateral, which go clockwise from anywhere.

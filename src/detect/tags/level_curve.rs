@@ -10,7 +10,8 @@
 
 use crate::linalg::Eight;
 
-/// Places of the polynomial: with six it is off by a thousandth of the contrast where paper has ten times the light of ink.
+/// Places of the polynomial: with six it is off by less than a thousandth of the contrast where paper has ten times the light of ink, and by six of them where
+/// it has thirty times.
 const COUNT: usize = 6;
 /// Where `q` is taken: the roots of Chebyshev's polynomial of that degree, from 0 to 1, because between these it errs least.
 const PLACES: [f32; COUNT] =
@@ -98,7 +99,7 @@ mod tests {
     #[test]
     fn a_curve_is_that_of_the_powers() {
         for (gamma, ink, paper) in
-            [(1.0, 40.0, 200.0), (1.4, 40.0, 200.0), (2.2, 80.0, 210.0), (2.4, 60.0, 240.0)]
+            [(1.0, 40.0, 200.0), (1.4, 40.0, 200.0), (2.2, 80.0, 210.0), (2.4, 90.0, 230.0)]
         {
             let curve = LevelCurve::new(f64::ln(gamma), paper / ink);
             let light = |level: f64| f64::powf(level, gamma);

@@ -13,7 +13,7 @@ use super::whole_model::{
     BLUR, CHUNK, COLUMNS, CONTRAST, COUNT, GAMMA, GROUND, INK, LIGHT, RowProducts, TagImage, TagJacobian,
     TagModel, TagPixels, accumulate, field,
 };
-use crate::imaging::ImageView;
+use crate::imaging::{ImageView, MAX_LEVEL};
 use crate::linalg::{Eight, Ldlt};
 use nalgebra::Vector2;
 
@@ -31,6 +31,11 @@ const LEFT_PX: f64 = 0.002;
 const LOST_CELLS: f64 = 0.7;
 /// Residuals beyond so many deviations of those before do not come from the tag.
 const GATE: f64 = 4.5;
+/// Pixels that should be lighter than this many deviations below the end of levels have lost some of their noise, and do not count where
+/// they show what they then may: 3.5 deviations less. More of a misfit is one. By what a pixel shows alone the darker ones of equal pixels
+/// would be left.
+const MEANT_FULL_SDS: f64 = 2.5;
+const SHOWN_FULL_SDS: f64 = 6.0;
 /// Least blur, a pixel's own square and little more, and the most correlation of both directions.
 const MIN_BLUR_PX2: f64 = 0.09;
 const MAX_ASLANT: f64 = 0.9;
@@ -109,12 +114,18 @@ impl WholeMeter {
             contrast: paper - ink,
             light: [0.0; 2],
             ground: [0.0; 4],
+            full: [f64::INFINITY; 2],
             log_gamma: (believed == Believed::Bent).then_some(USUAL_LOG_GAMMA),
         };
         let mut variance = f64::INFINITY;
         // the same ones for all steps, or they might go to and fro
         let every = (area(&around_tag(&quad, cells)?) / ENOUGH_PIXELS).ceil().clamp(1.0, 1e6) as usize;
         for _ in 0..STEPS {
+            if decoded.clipped {
+                // before the first step no noise is known
+                let noise = if variance.is_finite() { variance.sqrt() } else { 0.0 };
+                tag_image.full = [SHOWN_FULL_SDS, MEANT_FULL_SDS].map(|sds| MAX_LEVEL - sds * noise);
+            }
             self.load(image, &around_tag(&quad, cells)?, origin, every)?;
             let model = TagModel::new(&tag_image, pattern, &quad, GATE * GATE * variance)?;
             let mut sums = RowProducts { products: [[0.0; COLUMNS]; COLUMNS], count: 0.0 };

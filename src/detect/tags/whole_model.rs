@@ -85,6 +85,8 @@ pub(super) struct TagImage {
     pub(super) light: [f64; 2],
     /// What lies beyond the margin less the paper: left, right, above, below.
     pub(super) ground: [f64; 4],
+    /// Levels from which on pixels have lost light at the end of levels: what they show, and what they should; infinite where none has.
+    pub(super) full: [f64; 2],
     /// Logarithm of the camera's gamma where that is not known; `None` where levels are light.
     pub(super) log_gamma: Option<f64>,
 }
@@ -108,6 +110,8 @@ pub(super) struct TagModel<'a> {
     beside: [i32; 2],
     /// Residuals whose square is larger do not count.
     max_square: f32,
+    /// Nor do pixels that show so much and should show so much, levels.
+    full: [f32; 2],
 }
 
 /// Along one direction of the tag: the first cell, and the shares of each with three derivatives by the place; shares are doubled.
@@ -162,6 +166,7 @@ impl<'a> TagModel<'a> {
             log_ratio_by: [1.0 / paper - 1.0 / ink, 1.0 / paper].map(|by| by as f32),
             beside: beside.map(|b| b as i32),
             max_square: max_square.min(1e12) as f32,
+            full: tag_image.full.map(|level| level as f32),
         })
     }
 
@@ -213,6 +218,11 @@ impl<'a> TagModel<'a> {
         let lit = x * self.light[0] + y * self.light[1] + 1.0;
         let residual = p.level - lit * raw;
         let fits = residual.each(|r| f32::from(u8::from(r * r <= self.max_square)));
+        // of a pixel that shows no more only that it should is known, which its neighbours say as well
+        let [shown_from, meant_from] = self.full;
+        let full = p.level.each(|level| f32::from(u8::from(level >= shown_from)));
+        let over = (p.level - residual).each(|meant| f32::from(u8::from(meant >= meant_from)));
+        let fits = fits * (-(full * over) + 1.0);
         let weight = p.weight * fits;
         let lit = lit * weight;
 
