@@ -31,11 +31,11 @@ fn search(
 }
 
 /// A view with the tag's middle near the middle of the frame.
-fn any_view(family: TagFamily, side: (f64, f64), tilt: f64, dice: &mut Dice) -> Map {
+fn any_view(family: TagFamily, side: (f64, f64), tilt: (f64, f64), dice: &mut Dice) -> Map {
     let middle = (WIDTH as f64 / 2.0, HEIGHT as f64 / 2.0);
     let (u, v) = (middle.0 + dice.within(-10.0, 10.0), middle.1 + dice.within(-10.0, 10.0));
     let (long, roll) = (dice.within(side.0, side.1), dice.within(0.0, 6.3));
-    let (tilt, about) = (dice.within(0.0, tilt), dice.within(0.0, 6.3));
+    let (tilt, about) = (dice.within(tilt.0, tilt.1), dice.within(0.0, 6.3));
     Map::view(f64::from(family.cells_per_side()), u, v, long, roll, tilt, about, 600.0, middle)
 }
 
@@ -57,6 +57,8 @@ fn squares(tag: &TagFound, truth: &[(f64, f64); 4]) -> f64 {
 #[derive(Clone, Copy, Debug)]
 struct Kind {
     side_px: (f64, f64),
+    /// To the line of sight, rad.
+    tilt: (f64, f64),
     blur_px: f64,
     motion_px: f64,
     noise: f64,
@@ -73,6 +75,7 @@ struct Kind {
 
 const USUAL: Kind = Kind {
     side_px: (40.0, 80.0),
+    tilt: (0.0, 1.0),
     blur_px: 0.7,
     motion_px: 0.0,
     noise: 2.0,
@@ -123,7 +126,7 @@ fn look_at(kind: &Kind, views: usize, times: usize, dice: &mut Dice) -> Honesty 
             samples,
             ..Look::default()
         };
-        let map = any_view(family, kind.side_px, 1.0, dice);
+        let map = any_view(family, kind.side_px, kind.tilt, dice);
         let id = dice.below(family.count());
         let mut canvas = Canvas::new(WIDTH, HEIGHT, look.ground);
         let truth = if kind.exact {
@@ -231,6 +234,22 @@ fn an_unknown_response_is_in_what_is_stated() {
     }
 }
 
+/// Tags that are seen at 55 to 70 degrees, also nearly without noise.
+#[test]
+fn corners_of_steep_tags_are_as_sure_as_stated() {
+    let count = 45 * campaign();
+    let chance = 4.0 * (2.0 / (4.0 * count as f64)).sqrt();
+    for (noise, max_px) in [(0.5, 0.005), (2.0, 0.018)] {
+        let kind = Kind { side_px: (60.0, 120.0), tilt: (0.96, 1.22), noise, exact: true, ..USUAL };
+        let seen = look_at(&kind, count, 1, &mut Dice(3300));
+        let (rms, chi2) = (seen.rms_px(), seen.normalized());
+        println!("noise {noise}: rms {rms:.4} px, {chi2:.2}");
+        assert!(seen.seen >= 0.9 * seen.views && rms < max_px, "{kind:?}: {rms} px");
+        let honest = 0.8 * (1.0 - chance)..1.25 * (1.0 + chance);
+        assert!(honest.contains(&chi2), "normalized square {chi2}, {kind:?}");
+    }
+}
+
 /// Paper that is lighter than levels go is paper of which nobody knows how light it is: its pixels say so much and no more, and neither do
 /// the corners' stated deviations.
 #[test]
@@ -320,7 +339,7 @@ fn no_view_shows_another_tag() {
         let look = Look { samples: 3, noise, blur_px, gradient, ..Look::default() };
         let mut canvas = Canvas::new(WIDTH, HEIGHT, look.ground);
         canvas.clutter(30, &mut dice);
-        let map = any_view(family, (24.0, 120.0), 1.1, &mut dice);
+        let map = any_view(family, (24.0, 120.0), (0.0, 1.1), &mut dice);
         let id = dice.below(family.count());
         let truth = canvas.draw(family, id, &map, &look, &mut dice);
         let pixels = canvas.expose(&look, &mut dice);
@@ -438,7 +457,7 @@ fn tracking_finds_what_searching_finds() {
     for _ in 0..20 {
         let look = Look { samples: 4, ..Look::default() };
         let mut canvas = Canvas::new(WIDTH, HEIGHT, look.ground);
-        let map = any_view(family, (40.0, 90.0), 0.8, &mut dice);
+        let map = any_view(family, (40.0, 90.0), (0.0, 0.8), &mut dice);
         canvas.draw(family, 3, &map, &look, &mut dice);
         let pixels = canvas.expose(&look, &mut dice);
         let image = ImageView::new(&pixels, WIDTH, HEIGHT).unwrap();
