@@ -57,7 +57,7 @@ const STEPS_TO_LEARN_1_S: f64 = 100.0;
 /// Encoder steps per second below which a velocity cannot be distinguished from standstill, for the sign of Coulomb friction. Chosen by
 /// hand: one in five ticks.
 const STEPS_WIDE_1_S: f64 = 200.0;
-/// Acceleration that the velocity observer takes from an encoder step, in steps times the square of its bandwidth: its gain `1 + 2 m` with
+/// Acceleration that the velocity observer takes from an encoder step, in steps times the square of its bandwidth. Derived from its gain `1 + 2 m`, with
 /// `m` = 1.
 const STEP_GAIN: f64 = 3.0;
 /// Ticks over which the mean of a disturbance is taken. It must be longer than the detection of a blocked or oscillating arm takes, so
