@@ -10,7 +10,7 @@
 //! ```text
 //! share = (P - m x) / F(v)
 //! ```
-//! A joint that jerks loose instead of creeping has the share of `P` at that moment. A joint that sinks slowly before anything is applied
+//! Then the joint goes back to where it was. A joint that jerks loose instead of creeping has the share of `P` at that moment, and stays. A joint that sinks slowly before anything is applied
 //! carries a load that its model does not know: load and friction cannot be distinguished, and the model is believed.
 //!
 //! **In motion.** A share that could not be measured is adapted, by the speeds along `P`, requested `w` and true `v`:
@@ -92,6 +92,8 @@ const HIDDEN: f64 = 0.4;
 /// Speed from which on a joint creeps, rad/s or m/s: the smooth friction of the model has a fifth of its Coulomb friction there, and the
 /// joint is still far from leaping.
 const CREEPS: f64 = 2e-4;
+/// Share of that speed that such a joint has in the tick before; while the torque grows by `GROWS` it is 0.77.
+const CREPT: f64 = 0.5;
 /// Ticks for which the torque is held on a joint that creeps: first, until a speed is steady with commands up to three ticks late; then as
 /// many again to see that it is.
 const HOLD_FROM: u32 = 5;
@@ -140,6 +142,10 @@ struct Probe {
     hold_from: f64,
     /// Resisted torque over the model's friction at the joint's speed, some ticks ago.
     ratio: f64,
+    /// The speed in the last tick, and whether the joint crept before the torque was held; else it jerked loose, and what sticks cannot be
+    /// brought back.
+    speed: f64,
+    creeps: bool,
     /// Whether the share was measured.
     measured: bool,
 }
@@ -166,7 +172,7 @@ impl<const N: usize> ConfirmedFriction<N> {
     pub(super) fn probe_velocity(&self, e: &SVector<f64, N>) -> SVector<f64, N> {
         SVector::from_fn(|i, _| match self.speed[i] {
             speed if speed > 0.0 => speed,
-            _ if self.probes[i].settles > 0 => {
+            _ if self.probes[i].settles > 0 && self.probes[i].creeps => {
                 let since = f64::from(SETTLE_TICKS - self.probes[i].settles) / BACK_TICKS;
                 (BACK_1_S * since.min(1.0) * e[i]).clamp(-PROBE, PROBE)
             }
@@ -271,7 +277,9 @@ impl Probe {
             self.held += 1;
         } else if v > self.hold_from.max(CREEPS).max(3.0 * noise) {
             (self.held, self.hold_from) = (1, 2.0 * v);
+            self.creeps = self.speed > CREPT * v;
         }
+        self.speed = v;
         match self.held {
             HOLD_FROM => self.ratio = ratio,
             HOLD_TICKS => self.ratio = if (ratio - self.ratio).abs() < STEADY * ratio { ratio } else { 0.0 },

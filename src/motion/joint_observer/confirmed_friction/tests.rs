@@ -87,13 +87,11 @@ fn smooth_friction_is_measured_before_the_arm_moves() {
 /// Friction that changes its sign at once: the joint jerks loose.
 #[test]
 fn hard_friction_is_found_without_a_large_leap() {
-    for scale in [0.3, 0.5, 0.8, 1.0] {
+    for scale in [0.3, 0.5, 0.8, 1.0, 1.3, 2.0] {
         for delay in [0, 1, 2] {
             let end = pushed(INERTIA, scale, 1e-9, 0.0, delay);
-            assert!(end.share >= 0.8 * scale && end.share < 1.4 * scale, "{scale} {delay}: {end:?}");
-            // A joint that breaks loose accelerates until the command that is late by so many ticks takes the torque back.
-            let most = if delay == 2 { 120.0 } else { 80.0 };
-            assert!(end.hardest < most && end.v < 0.15, "{scale} {delay}: {end:?}");
+            assert!((end.share - scale).abs() < 0.05 * scale, "{scale} {delay}: {end:?}");
+            assert!(end.hardest < 20.0 && (end.v - 0.1).abs() < 0.02, "{scale} {delay}: {end:?}");
         }
     }
 }
