@@ -11,14 +11,15 @@
 //! share = (P - m x) / F(v)
 //! ```
 //! Then the joint goes back to where it was. A joint that jerks loose instead of creeping has the share of `P` at that moment, and stays. A joint that sinks slowly before anything is applied
-//! carries a load that its model does not know: load and friction cannot be distinguished, and the model is believed.
+//! carries a load that its model does not know: load and friction cannot be distinguished, and the model is believed. It is believed too where
+//! encoders are so coarse that the probing speed is not distinguished from none.
 //!
 //! **In motion.** A share that could not be measured is adapted, by the speeds along `P`, requested `w` and true `v`:
 //!
 //! | the joint | share |
 //! | --- | --- |
 //! | lags behind `w`, `x` is small | grows: all of the torque was resisted |
-//! | is faster than `w`, `x` is more than harmless | falls to the part that was resisted, `(P - m x) / P`; a measured one too |
+//! | is faster than `w`, `x` is more than harmless | falls to the part that was resisted, `(P - m x) / P` |
 //! | is faster than `w`, or `m x` is most of `P` | sinks |
 //!
 //! The bound does not depend on inertias that may not be known: a torque grows until the joint shows `x`, whatever its inertia is, and then no
@@ -83,10 +84,10 @@ const SINKING: f64 = 2e-5;
 const FALLS: f64 = 1.5;
 const EARLY_TICKS: u32 = 5;
 /// Rate at which a joint goes back after it was probed, 1/s, the ticks within which it comes to that rate, so that it keeps its limit of
-/// jerk, and the ticks that it is given: it is left with 0.1 % of the distance.
+/// jerk, and the ticks that it is given: it is left with 1e-4 of the distance.
 const BACK_1_S: f64 = 200.0;
 const BACK_TICKS: f64 = 15.0;
-const SETTLE_TICKS: u32 = 45;
+const SETTLE_TICKS: u32 = 60;
 /// Share of the probing speed that noise may hide.
 const HIDDEN: f64 = 0.4;
 /// Speed from which on a joint creeps, rad/s or m/s: the smooth friction of the model has a fifth of its Coulomb friction there, and the
@@ -121,20 +122,20 @@ pub(super) struct ConfirmedFriction<const N: usize> {
     share: SVector<f64, N>,
     /// The speed that is asked for while a joint is probed, rad/s or m/s.
     speed: SVector<f64, N>,
-    probes: [Probe; N],
+    probes: [FrictionProbe; N],
     /// Whether the arm is to move next, so that its joints may be probed.
     wanted: bool,
 }
 
 /// How far the probing of a joint is.
 #[derive(Debug, Clone, Copy, Default)]
-struct Probe {
+struct FrictionProbe {
     /// Ticks that are left for it.
     left: u32,
     /// Ticks since the start in which nothing was applied, and the speed early in them.
     rested: u32,
     early: f64,
-    /// Ticks that are left in which the joint comes to rest after it.
+    /// Ticks that are left in which the joint goes back, after all are probed: one that is probed moves the others.
     settles: u32,
     /// Ticks for which the torque has been held.
     held: u32,
@@ -153,7 +154,8 @@ struct Probe {
 impl<const N: usize> ConfirmedFriction<N> {
     /// Nothing is confirmed of joints of these inertias (kg m^2 or kg); where one is not known, the model is believed.
     pub(super) fn new(inertia: &SVector<f64, N>) -> Self {
-        let probe = |known| Probe { left: if known { PROBE_TICKS } else { 0 }, ..Probe::default() };
+        let probe =
+            |known| FrictionProbe { left: if known { PROBE_TICKS } else { 0 }, ..FrictionProbe::default() };
         Self {
             share: inertia.map(|m| if m > 0.0 { 0.0 } else { 1.0 }),
             speed: SVector::zeros(),
@@ -172,7 +174,7 @@ impl<const N: usize> ConfirmedFriction<N> {
     pub(super) fn probe_velocity(&self, e: &SVector<f64, N>) -> SVector<f64, N> {
         SVector::from_fn(|i, _| match self.speed[i] {
             speed if speed > 0.0 => speed,
-            _ if self.probes[i].settles > 0 && self.probes[i].creeps => {
+            _ if self.probes[i].settles > 0 && self.probes[i].measured && self.probes[i].creeps => {
                 let since = f64::from(SETTLE_TICKS - self.probes[i].settles) / BACK_TICKS;
                 (BACK_1_S * since.min(1.0) * e[i]).clamp(-PROBE, PROBE)
             }
@@ -195,15 +197,15 @@ impl<const N: usize> ConfirmedFriction<N> {
     fn believe(&mut self) {
         self.share.fill(1.0);
         self.speed.fill(0.0);
-        self.probes = [Probe { measured: true, ..Probe::default() }; N];
+        self.probes = [FrictionProbe { measured: true, ..FrictionProbe::default() }; N];
     }
 
     /// Takes in what joint `i`, counted from 0, did.
     pub(super) fn note(&mut self, i: usize, model: &Friction, response: &FrictionResponse) {
         let all = model.torque(SLOW);
         let FrictionResponse { torque, excess, inertia, requested, speed, noise } = *response;
-        if !(inertia > 0.0 && all > HARMLESS * inertia) {
-            (self.share[i], self.speed[i], self.probes[i]) = (1.0, 0.0, Probe::default());
+        if !(inertia > 0.0 && all > HARMLESS * inertia && noise.0 < PROBE) {
+            (self.share[i], self.speed[i], self.probes[i]) = (1.0, 0.0, FrictionProbe::default());
             return;
         }
         if self.probes[i].left > 0 && self.probes[i].rests(speed) {
@@ -212,6 +214,7 @@ impl<const N: usize> ConfirmedFriction<N> {
             }
             return;
         }
+        let is_busy = self.speed.amax() > 0.0;
         let (share, asked, probe) = (&mut self.share[i], &mut self.speed[i], &mut self.probes[i]);
         let along = torque.signum();
         let (torque, excess, v, w) = (torque.abs(), excess * along, speed * along, requested * along);
@@ -242,7 +245,7 @@ impl<const N: usize> ConfirmedFriction<N> {
             *asked = v.min(*asked);
         }
         *share = share.max(inertia * FIRST / all).min(MAX_SHARE);
-        probe.settles = if probes { SETTLE_TICKS } else { probe.settles.saturating_sub(1) };
+        probe.settles = if is_busy { SETTLE_TICKS } else { probe.settles.saturating_sub(1) };
         let top = (PROBE + 2.0 * noise.0).min(SLOW);
         if probe.left > 0 && *asked >= top {
             let is_found = *share >= MAX_SHARE || tells && !lags;
@@ -254,7 +257,7 @@ impl<const N: usize> ConfirmedFriction<N> {
     }
 }
 
-impl Probe {
+impl FrictionProbe {
     /// Takes in the speed of a joint to which nothing is applied; whether it is one of the first ticks.
     fn rests(&mut self, speed: f64) -> bool {
         self.rested = (self.rested + 1).min(REST_TICKS + 1);
