@@ -201,6 +201,11 @@ impl<const N: usize> JointObserver<N> {
         self.confirmed.probe(wanted)
     }
 
+    /// Believes the friction of the model.
+    pub(super) fn believe_friction(&mut self) {
+        self.confirmed.believe();
+    }
+
     /// The velocities that the joints of a standing arm, at the distances `e` to their reference (rad or m), are asked for while their friction
     /// is probed, rad/s or m/s.
     pub(super) fn probe_velocity(&self, e: &SVector<f64, N>) -> SVector<f64, N> {

@@ -174,6 +174,8 @@ impl<const N: usize> JointController<N> {
         if self.law == JointLaw::PassThrough {
             return JointTorque { tau: SVector::zeros(), saturated: 0, stalled: 0 };
         }
+        // Without a reference nothing tells a joint that lags behind from one that is held: friction cannot be confirmed.
+        self.observer.believe_friction();
         let h = TICK.as_s();
         // Friction that is compensated at the measured velocity drives an arm that has less friction than its model.
         let before = self.requested_velocity.unwrap_or(*qd);

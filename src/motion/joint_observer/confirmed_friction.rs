@@ -193,8 +193,8 @@ impl<const N: usize> ConfirmedFriction<N> {
         self.probes.iter().any(|probe| self.wanted && probe.left > 0 || probe.settles > 0)
     }
 
-    /// Believes the models, because something else than friction moves the arm.
-    fn believe(&mut self) {
+    /// Believes the models: where something else than friction moves the arm, or where no reference tells what a joint is to do.
+    pub(super) fn believe(&mut self) {
         self.share.fill(1.0);
         self.speed.fill(0.0);
         self.probes = [FrictionProbe { measured: true, ..FrictionProbe::default() }; N];
