@@ -387,7 +387,15 @@ fn joint_controller<const N: usize>(
         max_acceleration: ObserverSettings::bound(robot, q_start),
         inertia: ObserverSettings::free_inertia(robot, q_start),
     };
-    Ok(JointController::new(law, observer))
+    let controller = JointController::new(law, observer);
+    // What is not learnt at all is not learnt of the payload either.
+    let learns = observer.disturbance_rad_s > 0.0;
+    let acceleration = joint_vector("motion.max_acceleration_rad_s2_or_m_s2", &motion.max_acceleration)?;
+    Ok(if learns {
+        controller.with_payload_estimator(robot.clone(), acceleration, config.carries_tool)
+    } else {
+        controller
+    })
 }
 
 fn joint_vector<const N: usize>(key: &'static str, list: &[f64]) -> Result<SVector<f64, N>, AssembleError> {

@@ -71,6 +71,8 @@ pub struct Config {
     pub goal: GoalTolerance,
     /// The arm.
     pub robot: RobotDescription,
+    /// Whether the robot carries a tool that has a mass.
+    pub carries_tool: bool,
     /// Whether the run serves requests, until one ends it.
     pub serve: bool,
     /// Where the arm starts.

@@ -32,6 +32,8 @@ table! {
         goal: RawGoal = RawGoal::default(),
         /// `[robot]`
         robot: RawRobot = RawRobot::default(),
+        /// `[tool]`
+        tool: RawTool = RawTool::default(),
         /// `[camera]`
         camera: RawCamera = RawCamera::default(),
         /// `[[cameras]]`, instead of `[camera]`
@@ -117,6 +119,18 @@ table! {
         start_tolerance_rad_or_m: f64 = 0.02,
         /// Whether the arm may start elsewhere.
         start_elsewhere: bool = false,
+    }
+}
+
+table! {
+    /// What the flange carries that the robot file does not contain: a gripper, a camera, a load.
+    RawTool {
+        /// Mass, kg.
+        mass_kg: f64 = 0.0,
+        /// Centre of mass in the flange's frame, m.
+        com_m: [f64; 3] = [0.0; 3],
+        /// Moments of inertia about the centre of mass, along the flange's axes: xx, yy, zz, xy, xz, yz, kg m^2.
+        inertia_kg_m2: [f64; 6] = [0.0; 6],
     }
 }
 

@@ -159,6 +159,7 @@ pub(super) fn validate(
         seed: raw.run.seed,
         goal,
         robot: robot?,
+        carries_tool: raw.tool.mass_kg > 0.0,
         serve: raw.run.serve,
         start: Start {
             q: raw.robot.q_start_rad_or_m.clone(),

@@ -16,13 +16,15 @@ use nalgebra::SVector;
 const SHARE: f64 = 0.7;
 
 /// Scales `requested_qd` (rad/s or m/s) down to what an arm whose reference is in `state` can brake from before the goal. All joints are
-/// scaled by the same factor, so that the direction of the motion is kept. Also returns the limits that acted.
+/// scaled by the same factor, so that the direction of the motion is kept. Of the acceleration limits the share `acceleration_share` is
+/// used. Also returns the limits that acted.
 #[must_use]
 pub fn brakeable<const N: usize>(
     requested_qd: &SVector<f64, N>,
     convergence: &Convergence<N>,
     state: &ReferenceState<N>,
     limits: &MotionLimits<N>,
+    acceleration_share: f64,
 ) -> (SVector<f64, N>, ActingLimits) {
     let mut acting = ActingLimits::default();
     let kept = convergence.follow + convergence.free;
@@ -35,7 +37,9 @@ pub fn brakeable<const N: usize>(
             v: (state.qd[i] - kept[i]) * towards[i].signum(),
             a: state.qdd[i] * towards[i].signum(),
         };
-        let largest = braking_speed(now, &limits.bounds(i));
+        let bounds = limits.bounds(i);
+        let acceleration = bounds.acceleration * acceleration_share;
+        let largest = braking_speed(now, &Bounds { acceleration, ..bounds });
         if speed * factor > largest {
             (factor, slowest) = (largest / speed, Some(i));
         }
@@ -93,7 +97,7 @@ mod tests {
             let (mut farthest, mut tick) = (0.0_f64, 0);
             while tick < longest && !(r.state().q[0].abs() < 1e-4 && r.state().qd[0].abs() < 1e-4) {
                 let requested_qd = Vector1::new(-rate_1_s * r.state().q[0]);
-                let (cut, _) = brakeable(&requested_qd, &Convergence::at(rate_1_s), r.state(), &limits);
+                let (cut, _) = brakeable(&requested_qd, &Convergence::at(rate_1_s), r.state(), &limits, 1.0);
                 r.advance(&cut, SpanNs::MILLISECOND);
                 farthest = farthest.max(r.state().q[0] * distance.signum());
                 tick += 1;
@@ -109,7 +113,7 @@ mod tests {
             let (v, follow) = (Vector2::from(v), Vector2::from(follow));
             let limits = limits::<2>(10.0, 500.0);
             let r = Reference::new(limits.clone(), Vector2::zeros());
-            let (cut, acting) = brakeable(&v, &Convergence { follow, ..Convergence::at(rate_1_s) }, r.state(), &limits);
+            let (cut, acting) = brakeable(&v, &Convergence { follow, ..Convergence::at(rate_1_s) }, r.state(), &limits, 1.0);
             let (before, after) = (v - follow, cut - follow);
             prop_assert!(after.norm() <= before.norm() * (1.0 + 1e-12));
             prop_assert!((after.normalize() - before.normalize()).norm() < 1e-9);
@@ -124,9 +128,10 @@ mod tests {
         let r = Reference::new(limits.clone(), Vector2::zeros());
         let slowed = Vector2::new(0.5, -0.25);
         let convergence = Convergence { to_go: Vector2::new(0.4, -0.2), ..Convergence::at(100.0) };
-        assert_eq!(brakeable(&slowed, &convergence, r.state(), &limits).0, slowed);
+        assert_eq!(brakeable(&slowed, &convergence, r.state(), &limits, 1.0).0, slowed);
         assert!(
-            brakeable(&slowed, &Convergence::at(100.0), r.state(), &limits).0.norm() < 0.9 * slowed.norm()
+            brakeable(&slowed, &Convergence::at(100.0), r.state(), &limits, 1.0).0.norm()
+                < 0.9 * slowed.norm()
         );
     }
 
@@ -135,7 +140,7 @@ mod tests {
         let v = Vector2::new(2.0, -1.0);
         let limits = limits::<2>(10.0, 500.0);
         let r = Reference::new(limits.clone(), Vector2::zeros());
-        let (cut, acting) = brakeable(&v, &Convergence::at(2.0), r.state(), &limits);
+        let (cut, acting) = brakeable(&v, &Convergence::at(2.0), r.state(), &limits, 1.0);
         assert_eq!((cut, acting), (v, ActingLimits::default()));
     }
 }

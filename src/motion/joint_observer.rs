@@ -31,6 +31,7 @@ mod confirmed_friction;
 mod friction;
 
 use crate::linalg::Ldlt;
+use crate::motion::payload_estimator::PayloadEstimator;
 use crate::robot::Robot;
 use crate::servo::Drift;
 use crate::time::{MonoNs, TICK};
@@ -196,6 +197,15 @@ impl<const N: usize> JointObserver<N> {
         self.friction.share().add_scalar(1.0).component_mul(self.confirmed.share())
     }
 
+    pub(super) fn friction_sd(&self) -> SVector<f64, N> {
+        self.confirmed.sd()
+    }
+
+    /// The share of the model's friction that has been confirmed.
+    pub(super) fn confirmed_share(&self) -> SVector<f64, N> {
+        *self.confirmed.share()
+    }
+
     /// Lets the joints of an arm be probed that is to move next, or not; whether that is still to be done.
     pub(super) fn probe(&mut self, wanted: bool) -> bool {
         self.confirmed.probe(wanted)
@@ -227,6 +237,34 @@ impl<const N: usize> JointObserver<N> {
         if settled {
             (self.p, self.t) = self.past.before;
         }
+    }
+
+    /// Takes over another model of the arm, which stands in `q`: `payload` changes it. What was learnt of disturbances and friction before a
+    /// payload was found was the payload; after that, what disturbances take together with gravity stays the same torque, now without a part that is an
+    /// acceleration.
+    pub(super) fn change_model(&mut self, q: &SVector<f64, N>, payload: &mut PayloadEstimator<N>) {
+        let zero = SVector::zeros();
+        if payload.is_new() {
+            payload.adopt();
+            (self.p, self.t, self.past) = (zero, zero, Past::default());
+            self.friction = FrictionShare::default();
+        } else {
+            let kept = [(self.p, self.t), self.past.before, self.past.last];
+            let torques = kept.map(|(p, t)| payload.robot().inverse_dynamics(q, &zero, &-p) - t);
+            payload.adopt();
+            let gravity = payload.robot().gravity(q);
+            let [now, before, last] = torques.map(|torque| (zero, gravity - torque));
+            (self.p, self.t) = now;
+            self.past = Past { before, last, ..Past::default() };
+        }
+        self.settings.inertia = ObserverSettings::free_inertia(payload.robot(), q);
+    }
+
+    /// What coarse encoders hide of an acceleration in a mean of `ticks`, as a torque, N m or N.
+    pub(super) fn hidden_torque(&self, ticks: u32) -> SVector<f64, N> {
+        let settings = &self.settings;
+        let gain = STEP_GAIN * settings.velocity_rad_s / (f64::from(ticks) * TICK.as_s());
+        settings.encoder_step.component_mul(&settings.inertia) * gain
     }
 
     /// Freezes the disturbance estimate as it is, or releases it.

@@ -12,6 +12,7 @@ mod goal_braking;
 mod joint_control;
 mod joint_observer;
 mod limits;
+mod payload_estimator;
 mod reference;
 mod singularity;
 mod time_optimal;

@@ -132,6 +132,8 @@ pub struct ReferenceState<const N: usize> {
 pub struct Reference<const N: usize> {
     limits: MotionLimits<N>,
     state: ReferenceState<N>,
+    /// Share of the acceleration limits that is used to follow motion commands.
+    acceleration_share: f64,
 }
 
 impl<const N: usize> Reference<N> {
@@ -140,7 +142,13 @@ impl<const N: usize> Reference<N> {
     pub fn new(limits: MotionLimits<N>, q: SVector<f64, N>) -> Self {
         let zero = SVector::zeros();
         let state = ReferenceState { q, qd: zero, qdd: zero, a: zero, limits: ActingLimits::default() };
-        Self { limits, state }
+        Self { limits, state, acceleration_share: 1.0 }
+    }
+
+    /// Follows motion commands with the share `share` (above 0, up to 1) of the acceleration limits from now on: an arm whose efforts do not
+    /// suffice for more. It still brakes with all of them: one that became less while the arm moves must not lengthen its way.
+    pub fn set_acceleration_share(&mut self, share: f64) {
+        self.acceleration_share = share;
     }
 
     /// The current point.
@@ -274,8 +282,10 @@ impl<const N: usize> Reference<N> {
         let mut slowest = None;
         for i in 0..N {
             let e = error[i].abs();
+            let brakes = error[i] * self.state.qd[i] < 0.0;
+            let share = if brakes { 1.0 } else { self.acceleration_share };
             for (limit, largest) in [
-                (Limit::Acceleration, limits.acceleration[i]),
+                (Limit::Acceleration, limits.acceleration[i] * share),
                 (Limit::Jerk, (2.0 * JERK_SHARE * limits.jerk[i] * e).sqrt()),
             ] {
                 if gain * e > largest {

@@ -81,7 +81,7 @@ mod tests {
             let mut tick = 0;
             while r.state().q[0] < 0.99 * distance || r.state().qd[0] > 0.02 * distance {
                 let requested_qd = Vector1::new(20.0 * (distance - r.state().q[0]));
-                let (cut, _) = brakeable(&requested_qd, &Convergence::at(20.0), r.state(), &limits);
+                let (cut, _) = brakeable(&requested_qd, &Convergence::at(20.0), r.state(), &limits, 1.0);
                 r.advance(&cut, SpanNs::MILLISECOND);
                 tick += 1;
             }

@@ -136,6 +136,15 @@ pub struct LimitedTicks {
     pub stall: u64,
 }
 
+/// A payload that was estimated from the torques of the joints.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct FoundPayload {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Centre of mass in the flange's frame, m; nearer to the flange than it is where that is not sure.
+    pub com_m: [f64; 3],
+}
+
 /// The summary of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -197,6 +206,9 @@ pub struct Summary {
     /// Commands that the gate before the drive had to change.
     #[serde(default)]
     pub gated_commands: u64,
+    /// What the arm was found to carry and the run file does not tell; `null` where nothing was found.
+    #[serde(default)]
+    pub payload: Option<FoundPayload>,
     /// Over every joint state of a lockstep run, hexadecimal; `null` in real time.
     pub state_hash: Option<String>,
     /// What a calibration run found; left out in other runs.
@@ -243,6 +255,7 @@ impl Summary {
             lost_traces: 0,
             lost_commands: 0,
             gated_commands: 0,
+            payload: None,
             state_hash: None,
             calibration: None,
         }
@@ -311,6 +324,12 @@ impl Summary {
                 or_unknown(b.feature_error_px, 1.0, "px"),
                 or_unknown(b.position_error_m, 1e3, "mm"),
                 or_unknown(b.orientation_error_rad, 180.0 / std::f64::consts::PI, "deg"),
+            );
+        }
+        if let Some(FoundPayload { mass_kg, com_m: [x, y, z] }) = self.payload {
+            let _ = writeln!(
+                t,
+                "payload       {mass_kg:.2} kg at [{x:.3}, {y:.3}, {z:.3}] m of the flange, which [tool] does not tell"
             );
         }
         if self.late_drive_states > 0 {

@@ -82,6 +82,15 @@ impl RobotDescription {
         self
     }
 
+    /// The same arm with `tool` on its flange, a body in the flange's frame.
+    #[must_use]
+    pub fn carrying(mut self, tool: &Inertia) -> Self {
+        if let Some(last) = self.joints.last_mut() {
+            last.inertia = last.inertia.plus(&tool.in_frame(&self.X_LE));
+        }
+        self
+    }
+
     /// An error that names this file and `element`.
     pub(super) fn error(&self, element: String, problem: Defect) -> RobotError {
         RobotError::Element { file: self.file.clone(), element, problem }

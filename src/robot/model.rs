@@ -128,13 +128,52 @@ impl<const N: usize> Robot<N> {
     /// A negative mass takes a load off; the caller keeps the sum positive.
     #[must_use]
     pub fn with_payload(mut self, mass: f64, com_E: &Vector3<f64>) -> Self {
+        self.carry(mass, com_E);
+        self
+    }
+
+    /// Replaces what this arm carries: it is then `bare`, an arm with the same joints, with a point of `mass` kg at `com_E` (m).
+    pub(crate) fn set_payload(&mut self, bare: &Self, mass: f64, com_E: &Vector3<f64>) {
+        self.bodies = bare.bodies;
+        self.carry(mass, com_E);
+    }
+
+    fn carry(&mut self, mass: f64, com_E: &Vector3<f64>) {
         let c = self.R_flange * com_E + self.p_flange;
         if let Some(last) = self.bodies.last_mut() {
             last.mass += mass;
             last.h += c * mass;
             last.I += (Matrix3::identity() * c.norm_squared() - c * c.transpose()) * mass;
         }
-        self
+    }
+
+    /// The derivatives of this arm by a payload that is zero: by its mass (kg), and by its first moment about the flange along the axes of E
+    /// (kg m). Their inverse dynamics are the torques of a payload for each unit of these numbers.
+    pub(crate) fn payload_derivatives(&self) -> [Self; 4] {
+        let massless = |body: &Body| Body {
+            mass: 0.0,
+            h: Vector3::zeros(),
+            I: Matrix3::zeros(),
+            rotor_coupling: 0.0,
+            rotor_own: 0.0,
+            ..*body
+        };
+        let p = self.p_flange;
+        std::array::from_fn(|k| {
+            let mut arm = self.clone();
+            arm.bodies = self.bodies.map(|body| massless(&body));
+            if let Some(last) = arm.bodies.last_mut() {
+                if k == 0 {
+                    (last.mass, last.h) = (1.0, p);
+                    last.I = Matrix3::identity() * p.norm_squared() - p * p.transpose();
+                } else {
+                    let h = self.R_flange.column(k - 1).into_owned();
+                    last.h = h;
+                    last.I = Matrix3::identity() * (2.0 * p.dot(&h)) - p * h.transpose() - h * p.transpose();
+                }
+            }
+            arm
+        })
     }
 
     /// The same arm with `armature` (kg m^2 or kg) more on each entry of the diagonal of B(q): the inertia of rotors as their joints feel it.

@@ -67,6 +67,37 @@ fn friction_that_is_not_as_believed_does_not_drive_an_arm_away() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
+/// Payloads up to the rated ones, which the run file does not tell, under friction that is not as the file says. When torque control begins the arm sags:
+/// until the payload is found, accelerations are those with which it falls.
+#[test]
+fn a_rated_payload_that_is_not_told_is_carried() {
+    let campaign = std::env::var_os("VSERVO_CAMPAIGN").is_some();
+    let scales: &[f64] = if campaign { &[0.0, 0.5, 0.8, 1.0, 1.5, 2.0] } else { &[0.5, 2.0] };
+    let mut failures = Vec::new();
+    for (file, rated_kg) in [("xarm7", 3.5), ("ur5", 5.0), ("panda", 3.0), ("scara-b", 2.0)] {
+        for &scale in scales {
+            for delay in [0, 2] {
+                let payload = format!("drive.simulated.payload_kg={rated_kg}");
+                let (hardest, outcome) = ran(file, scale, delay, &[&payload, "run.duration_s=15.0"]);
+                if outcome != Outcome::Converged || hardest > 160.0 {
+                    failures.push(format!("{file} x {scale} delay {delay}: {hardest} {}", outcome.as_str()));
+                }
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+/// A payload that is told moves within the limits from the first tick on, and no faster than the efforts suffice for.
+#[test]
+fn a_payload_that_is_told_is_moved_within_the_limits() {
+    for (file, kg) in [("xarm7", 3.5), ("ur5", 5.0), ("panda", 3.0)] {
+        let tool = format!("tool.mass_kg={kg}");
+        let (hardest, outcome) = ran(file, 1.0, 0, &[&tool, "tool.com_m=[0.02, -0.03, 0.06]"]);
+        assert!(outcome == Outcome::Converged && hardest < 11.0, "{file}: {hardest} {}", outcome.as_str());
+    }
+}
+
 /// A law that outputs torques has no reference by which friction is confirmed: the model is believed. Scheme A does not bring this arm to its
 /// goal, but it does not shake it either.
 #[test]

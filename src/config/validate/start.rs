@@ -2,15 +2,18 @@
 
 use crate::camera_model::CameraModel;
 use crate::config::check::Validation;
-use crate::config::raw::RawConfig;
+use crate::config::raw::{RawConfig, RawTool};
 use crate::config::servo::{tilted, uses_dimension};
 use crate::config::{Camera, Scene};
 use crate::geometry::Pose;
-use crate::robot::{self, POSITION_RAD_OR_M, RobotDescription, RobotError};
+use crate::robot::{self, Inertia, POSITION_RAD_OR_M, RobotDescription, RobotError};
 use crate::scene::{PointVisibility, Visibility};
 use crate::target::Target;
-use nalgebra::SVector;
+use nalgebra::{Matrix3, SVector};
 
+/// Heaviest tool, kg, and its farthest centre of mass from the flange, m: beyond what any arm of two to seven joints is rated for.
+const MOST_KG: f64 = 1e3;
+const FARTHEST_M: f64 = 2.0;
 /// Most hidden points that are listed. Chosen by hand, for a readable line.
 const TOLD: usize = 8;
 
@@ -37,7 +40,20 @@ pub(super) fn arm(raw: &RawConfig, check: &mut Validation<'_>) -> Option<RobotDe
             format!("has {} entries, {} has {joints} joints", q.len(), robot.name),
         );
     }
-    Some(robot)
+    Some(robot.carrying(&tool(raw, check)))
+}
+
+/// The tool on the flange.
+pub(super) fn tool(raw: &RawConfig, check: &mut Validation<'_>) -> Inertia {
+    let RawTool { mass_kg, com_m, inertia_kg_m2: [xx, yy, zz, xy, xz, yz] } = raw.tool;
+    let mass = check.range("tool.mass_kg", mass_kg, 0.0..=MOST_KG);
+    let com = com_m.map(|x| check.range("tool.com_m", x, -FARTHEST_M..=FARTHEST_M));
+    let tool = Inertia { mass, com: com.into(), about_com: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) };
+    if let Err(problem) = tool.check_part() {
+        check.wrong("tool.inertia_kg_m2", problem.to_string());
+        return Inertia::ZERO;
+    }
+    tool
 }
 
 /// A point that the camera does not see.

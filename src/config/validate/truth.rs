@@ -202,7 +202,7 @@ fn true_arm(
     let other = match &arm.model {
         None => None,
         Some(model) => match robot::load(model) {
-            Ok(robot) => Some(robot),
+            Ok(robot) => Some(robot.carrying(&super::start::tool(raw, check))),
             Err(e) => {
                 check.wrong("scene.arm.model", e.to_string());
                 return None;

@@ -28,7 +28,7 @@ use crate::servo::{MeasurementVerdict, VisualServo};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use motion::TickMotion;
-use nalgebra::{SVector, Vector6};
+use nalgebra::{SVector, Vector3, Vector6};
 
 /// A reference that is this near to the measured arm (rad or m; rad/s or m/s) is not reset to it. Chosen by hand: four steps of the
 /// coarsest encoders that are tested, and a velocity that the joint controller corrects within the limits.
@@ -168,6 +168,12 @@ impl<const N: usize> Controller<N> {
         self.gate.last()
     }
 
+    /// What the arm was found to carry beyond its model: mass, kg, and centre of mass in the flange's frame, m.
+    #[must_use]
+    pub fn payload(&self) -> Option<(f64, Vector3<f64>)> {
+        self.joint_control.payload()
+    }
+
     /// Number of commands that the gate had to change.
     #[must_use]
     pub fn gated(&self) -> u64 {
@@ -230,7 +236,7 @@ impl<const N: usize> Controller<N> {
         // In a fault the arm is only braked and held. A torque that carries a load unknown to the model may be needed for that and drives nothing,
         // so that the bound on the measured arm is not applied.
         let bounded = if self.fault.is_some() { self.believed() } else { measured };
-        let gravity = || self.arm.robot.gravity(&bounded.q);
+        let gravity = || self.joint_control.carrying(&self.arm.robot).gravity(&bounded.q);
         let Passed { command, cut, fault } = self.gate.pass(self.reference.state(), &tau, &bounded, gravity);
         limits.add(Limit::Effort, cut);
         if let Some(fault) = fault.or_else(|| self.astray(&measured, &state.qd, &motion, seen)) {

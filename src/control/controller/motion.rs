@@ -66,6 +66,7 @@ impl<const N: usize> Controller<N> {
             self.reference.relocate(&state.q);
             self.gate.relocate(&state.q);
         }
+        self.reference.set_acceleration_share(self.joint_control.acceleration_share());
         let before = *self.reference.state();
         let after = self.reference.advance(&requested_qd, TICK);
         let now = ReferenceState { q: before.q, qd: before.qd, ..*after };
@@ -112,8 +113,13 @@ impl<const N: usize> Controller<N> {
         confidence: f64,
     ) -> (SVector<f64, N>, ActingLimits) {
         let ArmModel { robot, limits } = &self.arm;
-        let (mut requested_qd, mut acting) =
-            brakeable(requested_qd, convergence, self.reference.state(), limits);
+        let (mut requested_qd, mut acting) = brakeable(
+            requested_qd,
+            convergence,
+            self.reference.state(),
+            limits,
+            self.joint_control.acceleration_share(),
+        );
         if confidence < 1.0 {
             requested_qd *= confidence;
             (0..N).for_each(|i| acting.set(Limit::View, i));

@@ -20,13 +20,14 @@ mod stall;
 pub use law::{InverseDynamicsControl, JointLaw, PdGravityControl};
 
 use super::joint_observer::{Commanded, JointObserver, ObserverSettings};
+use super::payload_estimator::{JointMotion, PayloadEstimator, WINDOW};
 use super::{ActingLimits, ReferenceState};
 use crate::linalg::Ldlt;
 use crate::robot::Robot;
 use crate::servo::Drift;
 use crate::time::{MonoNs, TICK};
 use law::Feedback;
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 use stall::StallGuard;
 
 /// Rate at which the velocity for which a torque law's friction is compensated follows the measured one, 1/s.
@@ -49,6 +50,15 @@ pub struct JointController<const N: usize> {
     damps: bool,
     /// Bounds the torque on joints that do not move.
     stall: StallGuard<N>,
+    /// Estimates what the arm carries beyond its model.
+    payload: Option<Box<PayloadEstimator<N>>>,
+    /// The torque that acts until the next tick, N m or N.
+    applied: Option<SVector<f64, N>>,
+    /// The acceleration limits of the reference, rad/s^2 or m/s^2, and the share of them for which the efforts of the arm suffice with its payload.
+    acceleration: SVector<f64, N>,
+    acceleration_share: f64,
+    /// Whether the arm carries a payload, told or found, so that its efforts may not suffice for its accelerations.
+    is_laden: bool,
 }
 
 /// Torques or forces, N m or N.
@@ -73,7 +83,44 @@ impl<const N: usize> JointController<N> {
             soft: false,
             damps: false,
             stall: StallGuard::default(),
+            payload: None,
+            applied: None,
+            acceleration: SVector::zeros(),
+            acceleration_share: 1.0,
+            is_laden: false,
         }
+    }
+
+    /// The same controller of the arm `bare`, which estimates a payload that `bare` does not have and controls the arm with it from then on;
+    /// `acceleration` are the acceleration limits of its reference, rad/s^2 or m/s^2; `is_laden`: `bare` carries a payload that was told.
+    #[must_use]
+    pub fn with_payload_estimator(
+        mut self,
+        bare: Robot<N>,
+        acceleration: SVector<f64, N>,
+        is_laden: bool,
+    ) -> Self {
+        (self.acceleration, self.is_laden) = (acceleration, is_laden);
+        self.payload = Some(Box::new(PayloadEstimator::new(bare)));
+        self
+    }
+
+    /// The payload that was found: its mass, kg, and its centre of mass in the flange's frame, m; `None` where there is none.
+    #[must_use]
+    pub fn payload(&self) -> Option<(f64, Vector3<f64>)> {
+        self.payload.as_ref()?.payload()
+    }
+
+    /// The share of the acceleration limits for which the efforts of the arm suffice with the payload that was found.
+    #[must_use]
+    pub fn acceleration_share(&self) -> f64 {
+        self.acceleration_share
+    }
+
+    /// The arm with what it was found to carry; `robot` where nothing was.
+    #[must_use]
+    pub fn carrying<'a>(&'a self, robot: &'a Robot<N>) -> &'a Robot<N> {
+        self.payload.as_deref().map_or(robot, PayloadEstimator::robot)
     }
 
     /// Resets position and velocity to the measured ones; the disturbance estimate is kept.
@@ -121,7 +168,35 @@ impl<const N: usize> JointController<N> {
         q: &SVector<f64, N>,
         qd: &SVector<f64, N>,
     ) -> (SVector<f64, N>, SVector<f64, N>) {
-        if self.law == JointLaw::PassThrough { (*q, *qd) } else { self.observer.observe(robot, q, qd) }
+        if self.law == JointLaw::PassThrough {
+            return (*q, *qd);
+        }
+        let robot = self.payload.as_deref().map_or(robot, PayloadEstimator::robot);
+        let (q, qd) = self.observer.observe(robot, q, qd);
+        if let Some(payload) = &mut self.payload {
+            let friction_share = self.observer.confirmed_share();
+            let friction_sd = self.observer.friction_sd();
+            let motion = JointMotion {
+                q,
+                qd,
+                friction_share,
+                friction_sd,
+                noise: self.observer.hidden_torque(WINDOW),
+            };
+            match self.applied.take() {
+                Some(tau) if !self.soft => {
+                    if payload.note(&tau, &motion) {
+                        self.observer.change_model(&q, payload);
+                        self.is_laden = true;
+                    }
+                    if self.is_laden && payload.has_finished_window() {
+                        self.acceleration_share = payload.acceleration_share(&q, &self.acceleration);
+                    }
+                }
+                _ => payload.skip(),
+            }
+        }
+        (q, qd)
     }
 
     /// Lets the friction of an arm be probed that stands and is to move next, or not; whether that is still to be done, so that the arm is
@@ -149,7 +224,7 @@ impl<const N: usize> JointController<N> {
         }
         self.requested_velocity = None;
         if self.damps {
-            return self.damped(robot, q, qd);
+            return self.of_carrying(robot, |control, robot| control.damped(robot, q, qd));
         }
         let share = if self.soft { SOFT_SHARE } else { 1.0 };
         let (e, ed) = ((reference.q - q) * (share * share), (reference.qd - qd) * share);
@@ -159,7 +234,7 @@ impl<const N: usize> JointController<N> {
             feedback.velocity += probe;
             feedback.slip.zip_apply(&probe, |slip, probe| *slip = if probe == 0.0 { *slip } else { 0.0 });
         }
-        self.compensated(robot, q, qd, &feedback)
+        self.of_carrying(robot, |control, robot| control.compensated(robot, q, qd, &feedback))
     }
 
     /// The torque that gives the arm the acceleration `qdd` (rad/s^2 or m/s^2), with friction and disturbance compensated, cut
@@ -183,7 +258,7 @@ impl<const N: usize> JointController<N> {
         self.requested_velocity = Some(after);
         let zero = SVector::zeros();
         let feedback = Feedback { u: *qdd, expected: *qdd, torque: zero, velocity: after, slip: zero };
-        self.compensated(robot, q, qd, &feedback)
+        self.of_carrying(robot, |control, robot| control.compensated(robot, q, qd, &feedback))
     }
 
     /// The torque for an arm that is assumed to be on the reference, with the last estimate of its disturbance: for
@@ -195,6 +270,7 @@ impl<const N: usize> JointController<N> {
         }
         let zero = SVector::zeros();
         let feedback = self.law.feedback(&zero, &zero, reference);
+        let robot = self.carrying(robot);
         cut(robot, &self.torques(robot, &reference.q, &reference.qd, &feedback).wanted)
     }
 
@@ -202,6 +278,14 @@ impl<const N: usize> JointController<N> {
     #[must_use]
     pub fn disturbance(&self) -> (&SVector<f64, N>, &SVector<f64, N>) {
         self.observer.disturbance()
+    }
+
+    /// What `act` does with this controller and the arm with what it was found to carry.
+    fn of_carrying<T>(&mut self, robot: &Robot<N>, act: impl FnOnce(&mut Self, &Robot<N>) -> T) -> T {
+        let payload = self.payload.take();
+        let result = act(self, payload.as_deref().map_or(robot, PayloadEstimator::robot));
+        self.payload = payload;
+        result
     }
 
     /// The torque of a feedback, limited, and noted as the command until the next tick.
@@ -250,6 +334,7 @@ impl<const N: usize> JointController<N> {
         (friction, compensated): (SVector<f64, N>, SVector<f64, N>),
     ) -> JointTorque<N> {
         let torque = cut(robot, given);
+        self.applied = Some(torque.tau);
         let missing = if torque.tau == *wanted {
             SVector::zeros()
         } else {

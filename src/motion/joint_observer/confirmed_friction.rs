@@ -10,9 +10,10 @@
 //! ```text
 //! share = (P - m x) / F(v)
 //! ```
-//! Then the joint goes back to where it was. A joint that jerks loose instead of creeping has the share of `P` at that moment, and stays. A joint that sinks slowly before anything is applied
-//! carries a load that its model does not know: load and friction cannot be distinguished, and the model is believed. It is believed too where
-//! encoders are so coarse that the probing speed is not distinguished from none.
+//! Then the joint goes back to where it was. A joint that jerks loose instead of creeping has the share of `P` at that moment, and stays. A joint that
+//! sinks slowly before anything is applied carries a payload that its model does not know. Probing waits until it is
+//! [found](crate::motion::payload_estimator); where joints sink on, payload and friction cannot be distinguished, and the model is believed. It
+//! is believed too where encoders are so coarse that the probing speed is not distinguished from none.
 //!
 //! **In motion.** A share that could not be measured is adapted, by the speeds along `P`, requested `w` and true `v`:
 //!
@@ -79,6 +80,9 @@ const REST_TICKS: u32 = 20;
 /// Speed at the end of these above which a joint sinks, rad/s or m/s: the smooth friction of the model gives way like that
 /// to 2 % of its Coulomb friction.
 const SINKING: f64 = 2e-5;
+/// How often it is waited for so many ticks while joints sink, until the payload that makes them sink is found: 0.1 s together; the payload of
+/// an xArm7, half of its rated load or all of it, is found within 0.03 to 0.08 s.
+const WAITS: u32 = 5;
 /// How many times as fast as in this tick a joint may be at their end, and still sink slowly rather than fall. A joint with friction sinks
 /// with one speed; one without, held by a controller of 40 rad/s with critical damping, is 2.2 times as fast.
 const FALLS: f64 = 1.5;
@@ -95,6 +99,10 @@ const HIDDEN: f64 = 0.4;
 const CREEPS: f64 = 2e-4;
 /// Share of that speed that such a joint has in the tick before; while the torque grows by `GROWS` it is 0.77.
 const CREPT: f64 = 0.5;
+/// Standard deviation of a share that was measured: friction differs by some hundredths between two measurements, and by more when it warms
+/// up. Of one that was not, the tests go from none to twice the model's friction.
+const MEASURED_SD: f64 = 0.3;
+const UNMEASURED_SD: f64 = 1.0;
 /// Ticks for which the torque is held on a joint that creeps: first, until a speed is steady with commands up to three ticks late; then as
 /// many again to see that it is.
 const HOLD_FROM: u32 = 5;
@@ -125,6 +133,8 @@ pub(super) struct ConfirmedFriction<const N: usize> {
     probes: [FrictionProbe; N],
     /// Whether the arm is to move next, so that its joints may be probed.
     wanted: bool,
+    /// How often the ticks in which nothing is applied began anew because a joint sank.
+    waits: u32,
 }
 
 /// How far the probing of a joint is.
@@ -147,8 +157,9 @@ struct FrictionProbe {
     /// brought back.
     speed: f64,
     creeps: bool,
-    /// Whether the share was measured.
+    /// Whether the share was measured, and whether it is adapted no more, as it was measured or the model is believed.
     measured: bool,
+    kept: bool,
 }
 
 impl<const N: usize> ConfirmedFriction<N> {
@@ -161,7 +172,13 @@ impl<const N: usize> ConfirmedFriction<N> {
             speed: SVector::zeros(),
             probes: std::array::from_fn(|i| probe(inertia[i] > 0.0)),
             wanted: false,
+            waits: 0,
         }
+    }
+
+    /// Their standard deviations.
+    pub(super) fn sd(&self) -> SVector<f64, N> {
+        SVector::from_fn(|i, _| if self.probes[i].measured { MEASURED_SD } else { UNMEASURED_SD })
     }
 
     /// The shares, 0 to `MAX_SHARE`.
@@ -190,71 +207,124 @@ impl<const N: usize> ConfirmedFriction<N> {
 
     /// Whether a joint is being probed: the motion of the arm tells of no other disturbance then.
     pub(super) fn is_probing(&self) -> bool {
-        self.probes.iter().any(|probe| self.wanted && probe.left > 0 || probe.settles > 0)
+        self.probes
+            .iter()
+            .any(|probe| self.wanted && probe.left > 0 && probe.rested > REST_TICKS || probe.settles > 0)
     }
 
     /// Believes the models: where something else than friction moves the arm, or where no reference tells what a joint is to do.
     pub(super) fn believe(&mut self) {
         self.share.fill(1.0);
         self.speed.fill(0.0);
-        self.probes = [FrictionProbe { measured: true, ..FrictionProbe::default() }; N];
+        self.probes = [FrictionProbe { kept: true, ..FrictionProbe::default() }; N];
     }
 
     /// Takes in what joint `i`, counted from 0, did.
     pub(super) fn note(&mut self, i: usize, model: &Friction, response: &FrictionResponse) {
         let all = model.torque(SLOW);
-        let FrictionResponse { torque, excess, inertia, requested, speed, noise } = *response;
+        let FrictionResponse { inertia, speed, noise, .. } = *response;
         if !(inertia > 0.0 && all > HARMLESS * inertia && noise.0 < PROBE) {
             (self.share[i], self.speed[i], self.probes[i]) = (1.0, 0.0, FrictionProbe::default());
             return;
         }
         if self.probes[i].left > 0 && self.probes[i].rests(speed) {
             if self.probes[i].sinks(speed, noise.0) {
-                self.believe();
+                self.wait();
             }
             return;
         }
+        let along = Along::of(response, self.speed[i] > 0.0);
+        let tells = along.requested > 0.0 && along.torque > TELLS * self.share[i] * all;
+        let holds = self.probes[i].left > 0 && {
+            let resisted = along.torque * (1.0 - along.unresisted) / model.torque(along.speed);
+            self.probes[i].hold(along.speed, resisted, noise.0)
+        };
+        if !self.probes[i].kept {
+            self.share[i] = adapted(self.share[i], &along, response, tells, holds);
+        }
+        self.go_on(i, &along, noise.0, tells, holds);
+        self.share[i] = self.share[i].max(inertia * FIRST / all).min(MAX_SHARE);
+    }
+
+    /// Waits for a payload that makes joints sink, or believes the model.
+    fn wait(&mut self) {
+        self.waits += 1;
+        self.probes.iter_mut().for_each(|probe| probe.rested = 0);
+        if self.waits > WAITS {
+            self.believe();
+        }
+    }
+
+    /// Goes on with the probing of joint `i`: takes the share of a steady speed, and ends it where the joint was found to move.
+    fn go_on(&mut self, i: usize, along: &Along, noise: f64, tells: bool, holds: bool) {
         let is_busy = self.speed.amax() > 0.0;
         let (share, asked, probe) = (&mut self.share[i], &mut self.speed[i], &mut self.probes[i]);
-        let along = torque.signum();
-        let (torque, excess, v, w) = (torque.abs(), excess * along, speed * along, requested * along);
-        let probes = *asked > 0.0;
-        let same = if probes { SAME_AT_REST + noise.0.min(HIDDEN * w.abs()) } else { SAME + noise.0 };
-        let tells = w > 0.0 && torque > TELLS * *share * all;
-        let leads = v > LEADS * w + same;
-        let lags = v < LAGS * w - if probes { same - SAME_AT_REST } else { same };
-        let unresisted = inertia * excess / torque.max(f64::MIN_POSITIVE);
-        let holds = probe.left > 0 && probe.hold(v, torque * (1.0 - unresisted) / model.torque(v), noise.0);
-        if probe.measured {
-        } else if excess > HARMLESS + noise.1 {
-            if leads {
-                *share *= (1.0 - unresisted).max(0.0);
-            }
-        } else if tells {
-            if lags && excess < noise.1 + RESISTED * torque / inertia {
-                let grows = if *share < LITTLE { GROWS } else { GROWS_ON };
-                *share *= if holds { 1.0 } else { grows };
-            } else if leads || unresisted > UNRESISTED {
-                *share *= SINKS;
-            }
-        }
         if holds && probe.held == HOLD_TICKS && probe.ratio > STEADY {
             let same = (probe.ratio - 1.0).abs() < AS_MODELLED;
             *share = if same { 1.0 } else { probe.ratio };
-            (probe.left, probe.measured) = (0, true);
-            *asked = v.min(*asked);
+            (probe.left, probe.measured, probe.kept) = (0, true, true);
+            *asked = along.speed.min(*asked);
         }
-        *share = share.max(inertia * FIRST / all).min(MAX_SHARE);
         probe.settles = if is_busy { SETTLE_TICKS } else { probe.settles.saturating_sub(1) };
-        let top = (PROBE + 2.0 * noise.0).min(SLOW);
+        let top = (PROBE + 2.0 * noise).min(SLOW);
         if probe.left > 0 && *asked >= top {
-            let is_found = *share >= MAX_SHARE || tells && !lags;
+            let is_found = *share >= MAX_SHARE || tells && !along.lags;
             probe.left = if is_found { 0 } else { probe.left - 1 };
         }
         let slope = PROBE_SLOPE * top / PROBE * TICK.as_s();
         let goal = if self.wanted && probe.left > 0 { top } else { 0.0 };
         *asked += (goal - *asked).clamp(-slope, slope);
     }
+}
+
+/// What a joint did, along the torque that was applied against its friction.
+struct Along {
+    torque: f64,
+    excess: f64,
+    speed: f64,
+    requested: f64,
+    /// Whether it lags behind the requested speed, and whether it is faster.
+    lags: bool,
+    leads: bool,
+    /// The share of the torque that shows as an acceleration.
+    unresisted: f64,
+}
+
+impl Along {
+    /// Of a `response`; `probes`: to probing.
+    fn of(response: &FrictionResponse, probes: bool) -> Self {
+        let FrictionResponse { torque, excess, inertia, requested, speed, noise } = *response;
+        let along = torque.signum();
+        let (torque, excess, speed, requested) =
+            (torque.abs(), excess * along, speed * along, requested * along);
+        let same = if probes { SAME_AT_REST + noise.0.min(HIDDEN * requested.abs()) } else { SAME + noise.0 };
+        Self {
+            torque,
+            excess,
+            speed,
+            requested,
+            lags: speed < LAGS * requested - if probes { same - SAME_AT_REST } else { same },
+            leads: speed > LEADS * requested + same,
+            unresisted: inertia * excess / torque.max(f64::MIN_POSITIVE),
+        }
+    }
+}
+
+/// The `share` after a tick in which the joint did what `along` and `response` say; whether that `tells` of its friction, and whether the torque is
+/// held.
+fn adapted(share: f64, along: &Along, response: &FrictionResponse, tells: bool, holds: bool) -> f64 {
+    let noise = response.noise.1;
+    if along.excess > HARMLESS + noise {
+        return if along.leads { share * (1.0 - along.unresisted).max(0.0) } else { share };
+    }
+    if !tells {
+        return share;
+    }
+    if along.lags && along.excess < noise + RESISTED * along.torque / response.inertia {
+        let grows = if share < LITTLE { GROWS } else { GROWS_ON };
+        return share * if holds { 1.0 } else { grows };
+    }
+    share * if along.leads || along.unresisted > UNRESISTED { SINKS } else { 1.0 }
 }
 
 impl FrictionProbe {

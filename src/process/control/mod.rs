@@ -26,7 +26,7 @@ use crate::messages::{CameraId, JointState, Measurement, Status, TraceMsg};
 use crate::mission::LockstepRun;
 use crate::report::history::RunHistory;
 use crate::report::statistics::RunStatistics;
-use crate::report::summary::{RealtimeReport, StampCalibration, Summary, TickTimes};
+use crate::report::summary::{FoundPayload, RealtimeReport, StampCalibration, Summary, TickTimes};
 use crate::robot::Robot;
 use crate::rt::now;
 use crate::time::SpanNs;
@@ -261,6 +261,10 @@ fn summary<const N: usize>(
         lost_traces: pace.lost_traces,
         lost_commands: pace.lost_commands,
         gated_commands: control.controller().gated(),
+        payload: control
+            .controller()
+            .payload()
+            .map(|(mass_kg, com)| FoundPayload { mass_kg, com_m: com.into() }),
         state_hash: lockstep.then(|| statistics.state_hash()),
         calibration: None,
     }

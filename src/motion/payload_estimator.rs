@@ -1,0 +1,261 @@
+//! Estimates the payload of an arm that is not in its model, its mass and centre of mass, from the torques of the joints while it moves.
+//!
+//! The torques of a payload are linear in its mass `m` and its first moment `h` about the flange. Over windows of some ticks the mean torque
+//! that was applied, minus that of the model for the measured motion and minus friction, is
+//!
+//! ```text
+//! y = tau - (B qdd + C qd + g) - F(qd) = Y(q, qd, qdd) (m, h) + errors
+//! ```
+//! and `(m, h)` follows by least squares with a prior. The errors are not noise that a mean takes away: friction that differs from the
+//! model keeps its sign for as long as a joint moves one way. So a joint counts once for each [`WAY`] that it moves, however long that
+//! takes, and errors are stated as large as models are wrong: all of the friction where it was not confirmed, [`EFFORT`] of the largest effort, and inertias
+//! of rotors that no file tells. What is found is used only when it explains the torques far better than no payload does: an arm that
+//! is its model stays its model.
+//!
+//! The payload's own moment of inertia is taken as zero: joints that carry it close to their axes do not show it beside their friction.
+
+use crate::linalg::Ldlt;
+use crate::robot::Robot;
+use crate::time::TICK;
+use nalgebra::{Matrix4, SMatrix, SVector, Vector3, Vector4};
+
+/// Ticks of a window: long enough that a command that acts some ticks late hardly changes its mean, short against the 0.1 s in which an
+/// arm begins to move.
+pub(super) const WINDOW: u32 = 10;
+/// Standard deviations of the prior: mass, kg, and first moment, kg m. Arms that a person can stand beside are rated for up to 16 kg, and
+/// grippers have their mass within 0.15 m of the flange.
+const PRIOR_KG: f64 = 10.0;
+const PRIOR_KG_M: f64 = 0.3;
+/// Error of a joint's torque as a share of its largest effort: what gears rub that no file tells.
+const EFFORT: f64 = 0.02;
+/// Inertia of a joint that no file tells, times acceleration, as a share of its largest effort at 1 rad/s^2 or m/s^2: joints are built to
+/// accelerate at some 100 rad/s^2 at most, so a rotor takes up to a hundredth.
+const ROTOR: f64 = 0.01;
+/// Way after which the errors of a joint are new, rad or m. Chosen by hand: the play and the teeth of gears repeat on shorter ones.
+const WAY: f64 = 0.05;
+/// Largest weight of one window: one that is disturbed by something else has three others beside it.
+const WEIGHT: f64 = 0.3;
+/// Least fall of the weighted sum of squares by which a payload is believed: for four numbers that are zero it is 4 in the mean and above 23 in
+/// one of 10 000 cases; twice that, for the errors are not normal.
+const CONFIRMED: f64 = 23.0;
+/// Share of the way to a new estimate that is gone in a window: a time constant of 50 ms, so that torques never leap.
+const FOLLOW: f64 = 0.2;
+/// Standard deviations by which a first moment must differ from zero before it enters the inertia. A light wrist that is believed to carry
+/// its payload off its axis gets torques for an inertia that is not there, and swings; one that carries more than is believed is sluggish.
+const SURE: f64 = 2.0;
+/// Change of an estimate that is not worth a change of the model, kg and kg m.
+const SAME: f64 = 1e-4;
+/// Furthest centre of mass from the flange that is believed, m: what is held further out is no tool of such an arm.
+const FARTHEST_M: f64 = 0.3;
+/// Share of the efforts that references are planned with; the rest is for feedback.
+const EFFORT_USED: f64 = 0.9;
+/// Least share of accelerations that is used even where no effort is left: with none of it the arm could not leave such a posture.
+const LEAST_SHARE: f64 = 0.1;
+/// Speed beyond which a joint has its whole Coulomb friction, rad/s or m/s. At rest a joint that sticks may bear any part of it.
+const MOVES: f64 = 5e-3;
+
+/// What the joints did in a tick.
+pub(super) struct JointMotion<const N: usize> {
+    /// Positions and velocities at the end of the tick.
+    pub(super) q: SVector<f64, N>,
+    pub(super) qd: SVector<f64, N>,
+    /// Share of the model's friction that is compensated.
+    pub(super) friction_share: SVector<f64, N>,
+    /// Standard deviation of that share.
+    pub(super) friction_sd: SVector<f64, N>,
+    /// Acceleration that coarse encoders do not distinguish from none in a window, as a torque, N m or N.
+    pub(super) noise: SVector<f64, N>,
+}
+
+/// The estimator of an arm with `N` joints.
+#[derive(Debug, Clone)]
+pub(super) struct PayloadEstimator<const N: usize> {
+    bare: Robot<N>,
+    loaded: Robot<N>,
+    derivatives: [Robot<N>; 4],
+    /// State at the start of the present window, the sum of torques in it, and its ticks.
+    start: Option<(SVector<f64, N>, SVector<f64, N>)>,
+    tau: SVector<f64, N>,
+    ticks: u32,
+    /// The last window, and how many columns of `Y` are there: one a tick, so that no tick has all the work.
+    sample: Option<Sample<N>>,
+    columns: usize,
+    Y: SMatrix<f64, N, 4>,
+    /// Weights that are left to the joints until they have moved on.
+    fresh: SVector<f64, N>,
+    information: Matrix4<f64>,
+    right: Vector4<f64>,
+    /// Mass and first moment about the flange that are in the model.
+    believed: Vector4<f64>,
+    is_confirmed: bool,
+}
+
+/// The means of a window.
+#[derive(Debug, Clone, Copy)]
+struct Sample<const N: usize> {
+    q: SVector<f64, N>,
+    qd: SVector<f64, N>,
+    qdd: SVector<f64, N>,
+    tau: SVector<f64, N>,
+    friction: SVector<f64, N>,
+    /// Standard deviation of the torques.
+    sd: SVector<f64, N>,
+    moved: SVector<f64, N>,
+}
+
+impl<const N: usize> PayloadEstimator<N> {
+    /// No payload is known of the arm `bare`.
+    pub(super) fn new(bare: Robot<N>) -> Self {
+        Self {
+            loaded: bare.clone(),
+            derivatives: bare.payload_derivatives(),
+            bare,
+            start: None,
+            tau: SVector::zeros(),
+            ticks: 0,
+            sample: None,
+            columns: 0,
+            Y: SMatrix::zeros(),
+            fresh: SVector::repeat(1.0),
+            information: Matrix4::zeros(),
+            right: Vector4::zeros(),
+            believed: Vector4::zeros(),
+            is_confirmed: false,
+        }
+    }
+
+    /// The arm with the payload that was found.
+    pub(super) fn robot(&self) -> &Robot<N> {
+        &self.loaded
+    }
+
+    /// The payload that was found: its mass, kg, and its centre of mass in the flange's frame, m; `None` where there is none.
+    pub(super) fn payload(&self) -> Option<(f64, Vector3<f64>)> {
+        self.is_confirmed.then(|| mass_and_com(&self.believed))
+    }
+
+    /// Whether none of it is in the model yet.
+    pub(super) fn is_new(&self) -> bool {
+        self.believed == Vector4::zeros()
+    }
+
+    /// Whether a window has ended with the last tick.
+    pub(super) fn has_finished_window(&self) -> bool {
+        self.ticks == 0
+    }
+
+    /// Share of the accelerations `qdd` (rad/s^2 or m/s^2) for which the efforts of the arm suffice in `q`, whatever their signs are.
+    pub(super) fn acceleration_share(&self, q: &SVector<f64, N>, qdd: &SVector<f64, N>) -> f64 {
+        let (g, B) = (self.loaded.gravity(q), self.loaded.mass_matrix(q));
+        let mut share = 1.0_f64;
+        for (i, limit) in self.loaded.limits().iter().enumerate() {
+            let turns: f64 = B.row(i).iter().zip(qdd.iter()).map(|(b, a)| b.abs() * a).sum();
+            let rubs = self.loaded.friction()[i].coulomb;
+            share = share.min((EFFORT_USED * limit.effort - g[i].abs() - rubs) / turns);
+        }
+        share.max(LEAST_SHARE)
+    }
+
+    /// Forgets the present window: what moved the arm in it is not known.
+    pub(super) fn skip(&mut self) {
+        (self.start, self.ticks) = (None, 0);
+        self.tau = SVector::zeros();
+    }
+
+    /// Takes in what the joints did in the tick in which the torques `tau` acted, N m or N; whether the payload is to be [taken](Self::adopt).
+    pub(super) fn note(&mut self, tau: &SVector<f64, N>, motion: &JointMotion<N>) -> bool {
+        let Some((q, qd)) = self.start else {
+            self.start = Some((motion.q, motion.qd));
+            return false;
+        };
+        self.tau += tau;
+        self.ticks += 1;
+        if self.ticks == WINDOW {
+            self.sample = Some(self.sample_of((q, qd), motion));
+            self.columns = 0;
+            self.skip();
+            self.start = Some((motion.q, motion.qd));
+        }
+        let Some(sample) = &self.sample else { return false };
+        if let Some(derivative) = self.derivatives.get(self.columns) {
+            let column = derivative.inverse_dynamics(&sample.q, &sample.qd, &sample.qdd);
+            self.Y.set_column(self.columns, &column);
+            self.columns += 1;
+            return false;
+        }
+        let sample = *sample;
+        self.sample = None;
+        self.learn(&sample);
+        let (wanted, is_clear) = self.estimate();
+        self.is_confirmed |= is_clear;
+        self.is_confirmed && (wanted - self.believed).amax() > SAME
+    }
+
+    /// Puts the estimate into the model where none is yet, else moves the model towards it.
+    pub(super) fn adopt(&mut self) {
+        let (sure, _) = self.estimate();
+        self.believed += (sure - self.believed) * if self.is_new() { 1.0 } else { FOLLOW };
+        let (mass, com_E) = mass_and_com(&self.believed);
+        self.loaded.set_payload(&self.bare, mass, &com_E);
+    }
+
+    fn sample_of(&self, start: (SVector<f64, N>, SVector<f64, N>), end: &JointMotion<N>) -> Sample<N> {
+        let (q, qd) = ((start.0 + end.q) * 0.5, (start.1 + end.qd) * 0.5);
+        let window_s = f64::from(WINDOW) * TICK.as_s();
+        let qdd = (end.qd - start.1) / window_s;
+        let friction = self.bare.friction_torque(&qd).component_mul(&end.friction_share);
+        let sd = SVector::from_fn(|i, _| {
+            let model = &self.bare.friction()[i];
+            let effort = self.bare.limits()[i].effort;
+            let coulomb =
+                if qd[i].abs() < MOVES { model.coulomb } else { end.friction_sd[i] * model.coulomb };
+            let rubs = coulomb + end.friction_sd[i] * model.viscous * qd[i].abs();
+            let turns = ROTOR * effort * qdd[i].abs();
+            (rubs * rubs + turns * turns + (EFFORT * effort).powi(2) + end.noise[i].powi(2)).sqrt()
+        });
+        let tau = self.tau / f64::from(WINDOW);
+        Sample { q, qd, qdd, tau, friction, sd, moved: end.q - start.0 }
+    }
+
+    fn learn(&mut self, sample: &Sample<N>) {
+        let y = sample.tau - self.bare.inverse_dynamics(&sample.q, &sample.qd, &sample.qdd) - sample.friction;
+        for i in 0..N {
+            self.fresh[i] = (self.fresh[i] + sample.moved[i].abs() / WAY).min(1.0);
+            let weight = self.fresh[i].min(WEIGHT);
+            self.fresh[i] -= weight;
+            let (row, weight) = (self.Y.row(i), weight / (sample.sd[i] * sample.sd[i]));
+            if weight.is_finite() && y[i].is_finite() {
+                self.information += row.transpose() * row * weight;
+                self.right += row.transpose() * (y[i] * weight);
+            }
+        }
+    }
+
+    /// Mass and first moment, the latter nearer to zero by [`SURE`] standard deviations, and whether they explain the torques clearly better than
+    /// none.
+    fn estimate(&self) -> (Vector4<f64>, bool) {
+        let (m, h) = (PRIOR_KG.powi(-2), PRIOR_KG_M.powi(-2));
+        let A = self.information + Matrix4::from_diagonal(&Vector4::new(m, h, h, h));
+        let Some(factors) = Ldlt::of(&A) else { return (self.believed, false) };
+        let found: Vector4<f64> = factors.solve(&self.right.into()).into();
+        let is_clear = self.right.dot(&found) > CONFIRMED && found[0] > 0.0;
+        let covariance = factors.inverse();
+        let mut sure = found;
+        for k in 1..4 {
+            sure[k] = (found[k].abs() - SURE * covariance[k][k].sqrt()).max(0.0) * found[k].signum();
+        }
+        let mass = found[0].max(0.0);
+        let far = sure.fixed_rows::<3>(1).norm();
+        let h = sure.fixed_rows::<3>(1) * (FARTHEST_M * mass / far.max(f64::MIN_POSITIVE)).min(1.0);
+        (Vector4::new(mass, h.x, h.y, h.z), is_clear)
+    }
+}
+
+/// Mass, kg, and centre of mass, m, of a mass and its first moment.
+fn mass_and_com(load: &Vector4<f64>) -> (f64, Vector3<f64>) {
+    let h = load.fixed_rows::<3>(1).into_owned();
+    (load[0], if load[0] > 0.0 { h / load[0] } else { Vector3::zeros() })
+}
+
+#[cfg(test)]
+mod tests;
