@@ -5,7 +5,7 @@
 
 use crate::target::TagFamily;
 
-/// Parts of a word.
+/// Parts of a word: one more than the bits that may be wrong, so that one of the parts must be right.
 const PARTS: usize = 3;
 
 /// What a word was taken for.

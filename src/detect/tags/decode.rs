@@ -12,18 +12,28 @@ use crate::imaging::{ImageView, MAX_LEVEL};
 use crate::target::TagFamily;
 use nalgebra::Vector2;
 
-/// Least difference between paper and ink in the middle of the tag, grey levels.
+/// Least difference between paper and ink in the middle of the tag, grey levels. Chosen by hand, as much as the finder's threshold asks for at
+/// least: half reads tags whose contrast is little more than noise of 2 levels, the double loses tags in deep shadow.
 const MIN_CONTRAST: f64 = 10.0;
-/// So many of the cells of border and margin may be nearer to the other colour.
+/// Shares of the samples of the border and of the margin (4 for each cell of a side) that may be nearer to the other colour. Chosen by hand: of the
+/// border two samples (of 16h5 one), of the margin four to six, because what stands beside a tag covers its margin more easily. Half allows one
+/// sample of the border (of 16h5 none), so that a glint on a corner cell, which two samples read, refuses the tag; the double allows three to five.
 const WRONG_BORDER_SHARE: f64 = 0.08;
 const WRONG_MARGIN_SHARE: f64 = 0.2;
-/// More of the margin at the end of levels is no chance of noise.
+/// From this share of the margin's samples on at the end of levels the paper counts as clipped. A sample lies between four pixels and is at the
+/// end only where all of them are: noise does that in a tenth of the places where it lifts 0.1^(1/4) = 56 % of the pixels there, so that
+/// the paper's own level would lie beyond the end. Half asks for 47 %, the double for 67 %.
 const CLIPPED_SHARE: f64 = 0.1;
-/// A cell below this width is not seen by itself: its neighbours shine into it, px.
+/// Narrower cells are read in their middle alone and sharpened, wider ones as a mean of four places, px. Chosen by hand: at a blur of 1 px each
+/// neighbour contributes 2 % of its step to the middle of a cell of 4 px, 16 % to one of half the width, which needs sharpening, and 3e-5
+/// to one of twice the width, which does not.
 const SHARP_CELL_PX: f64 = 4.0;
-/// What is given back of it.
+/// Share of the Laplacian over the four neighbouring cells that sharpens a narrow cell, as AprilTag 3 does: its default of
+/// `decode_sharpening`, with the same kernel.
 const SHARPENING: f64 = 0.25;
-/// Least mean distance of the bits from their threshold, in half contrasts: what is no tag shows greys.
+/// Least mean distance of the bits from their threshold, in half contrasts: what is no tag shows greys. Chosen by hand: levels that are evenly
+/// distributed between ink and paper have 0.5, so that this refuses what lies mostly near the threshold; half refuses hardly anything, the
+/// double refuses blurred tags.
 const MIN_CLEARNESS: f64 = 0.35;
 
 /// Why a quadrilateral is no tag of the family.

@@ -1,11 +1,12 @@
 //! Which cells of a tag are white, as bits that eight pixels can look up side by side.
 
-/// Cells along a side of the largest family, with the margin.
+/// Cells along a side of the largest family, 36h11, with the margin: 6 of bits, 2 of border, 2 of margin, as its specification has it.
 pub(super) const MAX_CELLS: usize = 10;
 /// White cells are 1: by rows, as the image shows the tag that was read.
 pub(super) type Whites = [[f64; MAX_CELLS]; MAX_CELLS];
 
-/// Cells before the first one that may be asked for.
+/// Cells before the first one that may be asked for. Pixels lie at most 0.6 cells outside of the black square and are reached by 3 cells more
+/// (`whole::AROUND_CELLS`, `whole_model::MAX_BESIDE`), so that 4 would do; with 8 the widest row has 26 bits and still fits its 32.
 const BEFORE: i32 = 8;
 const ROWS: usize = MAX_CELLS + 2 * BEFORE as usize;
 

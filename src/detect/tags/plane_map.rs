@@ -14,6 +14,7 @@ impl PlaneMap {
         // two points at infinity, from what is missing to a parallelogram
         let (d1, d2, s) = (p1 - p2, p3 - p2, p0 - p1 + p2 - p3);
         let det = d1.x * d2.y - d1.y * d2.x;
+        // Twice the area of a triangle of corners, px^2: anything above rounding would do, since quadrilaterals have sides of 6 px at least.
         if !(det.abs() > 1e-9) {
             return None;
         }
@@ -28,6 +29,7 @@ impl PlaneMap {
     pub(super) fn inverse(&self) -> Option<Self> {
         let [a, b, c, d, e, f, g, h] = self.0;
         let whole = a * e - b * d;
+        // About the area of a cell, px^2: anything above rounding would do.
         if !(whole.abs() > 1e-12) {
             return None;
         }

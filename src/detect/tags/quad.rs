@@ -3,15 +3,20 @@
 use crate::imaging::WindowPoint;
 use nalgebra::Vector2;
 
-/// Shortest side, px.
+/// Shortest side, px. Chosen by hand: one pixel for each cell of the smallest family, below which no cell can be read; half costs time for regions
+/// that are no tags, the double loses tags that are seen aslant.
 pub(super) const MIN_SIDE_PX: f64 = 6.0;
-/// Points of a side that are left out at each end: the share of the side, and at least so many px.
+/// Points of a side that are left out at each end: the share of the side, and at least so many px, because blur rounds the corners of outlines. Chosen
+/// by hand: of a blur of 1 px half the contrast lies 0.1 px off the side 1.45 px before its end, and more behind. Half bends the lines of blurred tags inward, the double leaves a side of 6 px without points.
 const END_SHARE: f64 = 0.08;
 const END_PX: f64 = 1.5;
-/// Points may lie off their side by this on average (rms): px, and share of the side for curved ones.
+/// Points may lie off their side by this on average (rms): px, and share of the side for curved ones. Chosen by hand: above the 0.29 px of outlines
+/// through whole pixels; half would refuse noisy outlines. A quarter of a circle lies off its line by 0.04 of the chord, so that circles of more
+/// than 50 px are refused (`what_is_no_quadrilateral_is_refused` has one of 60 px); with the double none would be.
 const OFF_PX: f64 = 0.75;
 const OFF_SHARE: f64 = 0.02;
-/// Sine of the least angle at a corner, 15 degrees.
+/// Sine of the least angle at a corner, 15 degrees. Chosen by hand: a square that is turned about its diagonal has it at 82 degrees, where nothing is
+/// read any more; half lets slivers through, the double refuses tags from 74 degrees on.
 const MIN_SINE: f64 = 0.26;
 
 /// Corners of a convex quadrilateral, px, clockwise on the screen.
@@ -29,6 +34,7 @@ impl NormalFormLine {
     pub(super) fn meet(&self, other: &Self) -> Option<Vector2<f64>> {
         let (a, b) = (self.normal, other.normal);
         let det = a.x * b.y - a.y * b.x;
+        // Sine of the angle between the lines: anything above rounding would do, since the quadrilateral is looked at afterwards.
         if !(det.abs() > 1e-6) {
             return None;
         }
@@ -101,7 +107,8 @@ fn corners(points: &[WindowPoint]) -> Option<[usize; 4]> {
     };
     let (c, to_c) = farthest(points, right_of(a, b));
     let (d, to_d) = farthest(points, right_of(b, a));
-    // the outline goes clockwise: its order is the order of indices
+    // the outline goes clockwise: its order is the order of indices. Where nearly nothing lies on one side of `a b` it is a side, else a diagonal; the
+    // share is chosen by hand: half takes rough sides for diagonals, the double diagonals of tags in steep perspective for sides.
     let mut quad = if to_c.min(to_d) > 0.08 * to_c.max(to_d) {
         [a, c, b, d]
     } else {
@@ -161,6 +168,7 @@ fn side(points: &[WindowPoint], from: usize, to: usize) -> Option<NormalFormLine
                 yy += r.y * r.y;
             }
         }
+        // A line takes two points, its scatter needs more.
         if n < 4.0 {
             return None;
         }
@@ -173,10 +181,13 @@ fn side(points: &[WindowPoint], from: usize, to: usize) -> Option<NormalFormLine
         let normal = normal.try_normalize(1e-12)?;
         line = NormalFormLine { normal, offset: normal.dot(&(mean + a)) };
         let rms = small.sqrt();
+        // 1.2 % of normal errors lie beyond 2.5 deviations. An outline through whole pixels has a deviation of 1/12^0.5, about 0.3 px, so that no
+        // point of a clean one is left out; with half of it most would be where all lie on one line.
         most = (2.5 * rms).max(0.3);
         if round == 2 && rms > OFF_PX + OFF_SHARE * length {
             return None;
         }
+        // Chosen by hand: with strays still among the points; half refuses sides with a bump, the double only costs time.
         if round == 0 && rms > 3.0 * (OFF_PX + OFF_SHARE * length) {
             return None;
         }

@@ -17,29 +17,39 @@ use crate::imaging::{ImageView, MAX_LEVEL};
 use crate::linalg::{Eight, Ldlt};
 use nalgebra::Vector2;
 
-/// Pixels up to so many cells outside of the black square.
+/// Pixels up to so many cells outside of the black square. Chosen by hand: more than half of the margin, which is one cell wide; half would give up
+/// much of the outer edge, with the double pixels would lie beyond the margin, where the ground need not be even.
 const AROUND_CELLS: f64 = 0.6;
 /// Of more pixels than these only some are taken, evenly: a large tag is blurred where it is fitted as a whole, and is known well.
+/// Chosen by hand: time is proportional to it and errors fall with its root, so that half costs 1.4 times the error and the double twice the time.
 const ENOUGH_PIXELS: f64 = 1200.0;
-/// Room for pixels, in eights; the outline of a tag holds a few more than its area says.
+/// Room for pixels, in eights; the outline of a tag holds a few more than its area says. 2048 pixels are 1200 and what an outline may add; an outline
+/// that would hold more is not fitted.
 const BLOCKS: usize = 256;
-/// Most steps.
+/// Most steps. Chosen by hand: steps converge as squares, so that from half a cell three or four are enough; a tag that needs more does not look as
+/// it should. Half gives blurred tags up, the double only takes time for things that are no tags.
 const STEPS: usize = 6;
-/// Steps converge as squares: what is left of one is about its square over the blur, and may be so much, px.
+/// Steps converge as squares: what is left of one is about its square over the blur, and may be so much, px. Chosen by hand: a sixth of the 0.012 px
+/// that the best kind of `corners_lie_where_they_are_and_as_surely_as_stated` is allowed; half and double cost or save a step in some tags.
 const LEFT_PX: f64 = 0.002;
-/// Corners that move farther were not those of this tag, cells.
+/// Corners that move farther were not those of this tag, cells. Chosen by hand: beyond half a cell an edge is nearer to the next one; half would refuse
+/// blurred tags whose sides gave poor corners, the double allows a fit that has slipped by a cell.
 const LOST_CELLS: f64 = 0.7;
-/// Residuals beyond so many deviations of those before do not come from the tag.
+/// Residuals beyond so many deviations of those before do not come from the tag: noise has 7e-6 of them, less than one in 100 tags of 1200 pixels, as
+/// the normal distribution has it. Half would leave out 2.4 % of the good ones and understate the noise, the double keeps glints.
 const GATE: f64 = 4.5;
 /// Pixels that should be lighter than this many deviations below the end of levels have lost some of their noise, and do not count where
 /// they show what they then may: 3.5 deviations less. More of a misfit is one. By what a pixel shows alone the darker ones of equal pixels
 /// would be left.
 const MEANT_FULL_SDS: f64 = 2.5;
 const SHOWN_FULL_SDS: f64 = 6.0;
-/// Least blur, a pixel's own square and little more, and the most correlation of both directions.
+/// Least variance of the blur, a pixel's own square (1/12 px^2) and little more, and the most correlation of both directions. Chosen by hand, so that
+/// the covariance stays definite: at a correlation of 1 a blur has no width, and half of 0.9 would not hold a
+/// motion of 4 px at a blur of 0.7 px, 0.54, which `stated_covariances_hold_at_all_sizes_and_blurs` has.
 const MIN_BLUR_PX2: f64 = 0.09;
 const MAX_ASLANT: f64 = 0.9;
-/// Least contrast, grey levels.
+/// Least contrast, grey levels: half of what a tag must show to be read (`decode::MIN_CONTRAST`), chosen by hand. Less says that the fit has gone
+/// astray; half or double refuse such fits later or sooner.
 const MIN_CONTRAST: f64 = 5.0;
 /// Variance of rounding to whole grey levels: no residual is believed to be less.
 const ROUNDING: f64 = 1.0 / 12.0;

@@ -18,25 +18,29 @@ use crate::imaging::simd::kernel;
 use crate::linalg::Eight;
 use nalgebra::{Matrix2, Vector2};
 
-/// What is fitted, by its first index: geometry at 0, covariance of the blur (xx, xy, yy), ink, contrast, slopes of the light, grounds.
+/// What is fitted, by its first index: geometry at 0, covariance of the blur (xx, xy, yy), ink, contrast, slopes of the light, grounds. Each index
+/// follows from the one before and the number of its parameters.
 pub(super) const BLUR: usize = 8;
 pub(super) const INK: usize = 11;
 pub(super) const CONTRAST: usize = 12;
 pub(super) const LIGHT: usize = 13;
 pub(super) const GROUND: usize = 15;
-/// So many are always fitted.
+/// So many are always fitted: it follows from `GROUND` and the four grounds.
 pub(super) const COUNT: usize = 19;
 /// Column of the gamma's logarithm, behind that of the residuals; it is fitted where the camera's response is not known.
 pub(super) const GAMMA: usize = COUNT + 1;
 /// Columns: those of all that is fitted and of the residuals, and as many more as are needed because they are summed by fours.
 pub(super) const COLUMNS: usize = 24;
 
-/// A blur reaches so many deviations: beyond lies less than a thousandth.
+/// A blur reaches so many deviations: beyond lies less than a thousandth, 7e-4, as the normal distribution has it. Half would cut off 5 %, the double
+/// doubles the cells that each pixel needs.
 const REACH: f64 = 3.2;
-/// Most cells on either side of its own one that a pixel sees.
+/// Most cells on either side of its own one that a pixel sees: with [`REACH`] a blur of 3 / 3.2 = 0.94 cells, beyond which neighbouring cells are so mixed
+/// that bits cannot be read. Chosen by hand: half refuses tags that are read, the double takes more time for none.
 const MAX_BESIDE: i32 = 3;
 const MAX_SEEN: usize = 2 * MAX_BESIDE as usize + 1;
-/// Pixels of which the products are summed at once, in eights.
+/// Pixels of which the products are summed at once, in eights. Chosen by hand: the derivatives of 16 eights are 12 KiB, so that they stay in a first cache of
+/// 32 KiB, and sums of so few stay exact enough in single precision; half has more overhead, the double fills the cache.
 pub(super) const CHUNK: usize = 16;
 
 /// Eight pixels: places from the origin (px), levels, and 1 where they count, else 0.
@@ -165,6 +169,7 @@ impl<'a> TagModel<'a> {
             curve: tag_image.log_gamma.map(|log| LevelCurve::new(log, paper / ink)),
             log_ratio_by: [1.0 / paper - 1.0 / ink, 1.0 / paper].map(|by| by as f32),
             beside: beside.map(|b| b as i32),
+            // infinite before the first step: any finite number above 255^2 would do
             max_square: max_square.min(1e12) as f32,
             full: tag_image.full.map(|level| level as f32),
         })
@@ -327,7 +332,7 @@ fn beyond(place: Eight, per: Eight, n: f32) -> OutsideShares {
 /// The cells about `place`, of which `per` are a deviation's reciprocal.
 #[inline(always)]
 fn seen(place: Eight, per: Eight, beside: i32) -> CellShares {
-    // adding 1.5 * 2^23 rounds to the nearest whole number
+    // adding 1.5 * 2^23 rounds to the nearest whole number, because a number of single precision has 23 bits behind its first one
     const MAGIC: f32 = 12_582_912.0;
     let first = place.each(|p| ((p - 0.5) + MAGIC) - MAGIC - beside as f32);
     let one = Eight([1.0; 8]);
