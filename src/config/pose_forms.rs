@@ -152,6 +152,7 @@ fn of_matrix(
             good = false;
         }
     }
+    // The last row is written as whole numbers: anything above rounding would do.
     if !last.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(found, wanted)| (found - wanted).abs() <= 1e-6) {
         let message = "is not [0, 0, 0, 1]: the rows of the transformation are wanted, with the position in the last column, m";
         wrong(&format!("{MATRIX}[3]"), message.into());

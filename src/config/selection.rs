@@ -7,8 +7,8 @@ use crate::servo::{
     image_task,
 };
 
-/// Directions whose square is a smaller share of the greatest one's are not told of; those of a target that is a fiftieth of its distance
-/// are a hundred times greater.
+/// Directions whose square is a smaller share of the greatest one's count as not determined by the features. Chosen by hand between the rounding of
+/// squares, 2e-16, and the weakest direction of a target that is a fiftieth of its distance, which has a hundred times as much.
 const MIN_SHARE: f64 = 1e-12;
 /// Bound of the entries of an interaction matrix of features that are defined. Chosen by hand: beyond it a feature has nearly lost its meaning
 /// (the axis of a nearly round area), and squares lose the small ones.

@@ -25,6 +25,7 @@ use std::ops::RangeInclusive;
 /// Bytes of frames that may be on their way at once, so that a lockstep run leaves room in a usual /dev/shm. Chosen.
 const MAX_FRAME_BYTES_IN_FLIGHT: f64 = 512e6;
 
+/// Chosen by hand: no measurement could meet less than a tick, 1 ms, and an arm that waits for a minute is taken for one that stands.
 const MEASUREMENT_TIMEOUT_MS: RangeInclusive<f64> = 1.0..=60_000.0;
 /// Cores that the kernel's set of them has places for.
 const MAX_CPUS: u32 = 1024;

@@ -13,11 +13,13 @@ use crate::target::{Mark, Shape};
 use crate::time::SpanNs;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 
+/// After Sect. 10.2.
 const NAME: &str = "figures-10-2";
-/// The dark object, m: an angle piece, which no turn takes into itself.
+/// The dark object, m, chosen by hand: an angle piece, which no turn takes into itself, so that its axes are defined.
 const OUTLINE_M: [[f64; 2]; 6] =
     [[-0.03, -0.07], [0.01, -0.07], [0.01, 0.03], [0.05, 0.03], [0.05, 0.06], [-0.03, 0.06]];
-/// Levels as in Fig. 10.1, from left to right: the darkest object, the lightest one, the ground.
+/// Levels in the order of Fig. 10.1, from left to right: the darkest object, the lightest one, the ground. Chosen by hand, so that the textbook's
+/// threshold, 152, lies between the last two.
 const LEVELS: [f64; 3] = [45.0, 125.0, 205.0];
 /// One grey level of noise, so that the text's thresholds, 7.4 levels of the Roberts operator, stand above it.
 const NOISE_SD_LEVELS: f64 = 1.0;

@@ -55,9 +55,10 @@ impl<const N: usize> PostureSearch<'_, N> {
             if !(V.amax() > THERE) {
                 break;
             }
-            // One step is a second: a limit is met where it is. Damping fades with the error, so that the end is quick; its share is
-            // chosen by hand.
+            // One step is a second: a limit is met where it is.
             let options = InverseOptions {
+                // Damping fades with the error, so that the end is quick. Its share and bounds are chosen by hand: half lets steps near a
+                // singular posture swing, the double takes more of the steps that a search has.
                 damping_max: (0.3 * V.norm()).clamp(1e-4, 0.1),
                 limit_horizon_s: 1.0,
                 ..InverseOptions::default()
@@ -99,18 +100,22 @@ impl<const N: usize> PostureSearch<'_, N> {
             let J = J.matrix();
             let A: SMatrix<f64, N, N> = J.transpose() * equations.matrix() * J;
             let b: SVector<f64, N> = J.transpose() * equations.vector();
+            // so that the damping of an A of zeros is not zero
             let Some(factors) = Ldlt::new(&A.data.0, &[damping * A.trace().max(1e-12); N]) else { break };
             let next = self.clamped(&(q + SVector::from(factors.solve(&b.into()))));
             let found = error(&next);
             if found < least {
                 // Chosen: what is gained is a billionth of the error.
                 let done = least - found < 1e-9 * least;
+                // The damping of Levenberg and Marquardt; a bound above zero, so that it can grow again.
                 (q, least, damping) = (next, found, (damping * 0.2).max(1e-12));
                 if done {
                     break;
                 }
             } else {
                 damping *= 10.0;
+                // A step is then a thousandth of the one along the gradient: nothing better is to be found near. Chosen by hand, as the factors are:
+                // half or double end such a search a step sooner or later at most.
                 if damping > 1e3 {
                     break;
                 }
@@ -125,6 +130,7 @@ impl<const N: usize> PostureSearch<'_, N> {
         use std::f64::consts::PI;
         let limits = self.robot.limits();
         SVector::from_fn(|i, _| {
+            // joints without limits, whose range is infinite, must have one to draw from: 1000 rad are turned back below
             let (low, high) = (limits[i].lower.max(-1e3), limits[i].upper.min(1e3));
             // more than a turn either way is another posture only for the cable
             if high - low > 2.0 * PI && low <= -PI && high >= PI {

@@ -29,6 +29,8 @@ impl Vision {
         let ratio = before.map_or(0.0, |before| {
             let step = (last.exposure - before.exposure).as_s();
             let ahead = (exposure - last.exposure).as_s();
+            // Chosen by hand: three steps bridge two lost frames. Half would leave the window behind after one, the double sends it
+            // further astray where the velocity has changed meanwhile.
             if step > 0.0 && ahead > 0.0 { (ahead / step).min(3.0) } else { 0.0 }
         });
         let motion = |dot: &Found| {

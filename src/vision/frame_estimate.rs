@@ -117,6 +117,7 @@ impl PoseEstimator {
             let misfit = |(i, dot): (usize, &Found)| {
                 let (pair, px) = (estimate.pairs.get(i)?, estimate.px.get(i)?);
                 let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)))?;
+                // so that a finder that states no error does not divide by zero
                 Some((seen - px).norm() / dot.sd_px.max(1e-6))
             };
             let of = |entry: &(usize, &Found)| misfit(*entry).unwrap_or(f64::INFINITY);
@@ -137,6 +138,7 @@ impl PoseEstimator {
             let square = |((dot, px), pair): ((&Found, &Vector2<f64>), &Correspondence)| {
                 let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)));
                 let variance = dot.sd_px * dot.sd_px;
+                // so that a finder that states no error does not divide by zero
                 seen.map_or(f64::INFINITY, |seen| (seen - px).norm_squared() / variance.max(1e-12))
             };
             let squares: Vec<f64> =
@@ -235,6 +237,7 @@ impl PoseEstimator {
             let sd = sd_px / f;
             *other = refine(&start, pairs, sd).ok().map(|second| {
                 let squares = count * (second.rms * second.rms - pose.rms * pose.rms);
+                // so that a finder that states no error does not divide by zero
                 (second, 0.5 * squares / (sd * sd).max(1e-30))
             });
         }
@@ -267,6 +270,7 @@ impl PoseEstimator {
         let variance = stated + self.settings.model_sd_px * self.settings.model_sd_px;
         estimate.pose.is_some()
             && estimate.plausible
+            // three points have six coordinates, as a pose has unknowns, so that nothing is left to judge
             && (count < 4.0
                 || count * estimate.rms_px * estimate.rms_px
                     <= largest_misfit(estimate.dots.len()) * variance)

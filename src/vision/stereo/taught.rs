@@ -100,6 +100,7 @@ impl TaughtView {
             let eigen = symmetric_eigen(&point.covariance).map(|(values, _)| values);
             let is_good = point.p_D.iter().all(|x| x.is_finite())
                 && point.p_D.z > 0.0
+                // A singular covariance may have an eigenvalue below zero, which must be no more than rounding, m^2.
                 && eigen.is_some_and(|values| values.iter().all(|x| x.is_finite() && *x >= -1e-12));
             if !is_good {
                 return Err(TaughtViewError::Number(point.id));
