@@ -1,23 +1,25 @@
-//! What a requested joint velocity says about its goal.
+//! How a joint velocity that a law requests is related to the goal: the rate of convergence, the remaining joint displacement, and the parts of
+//! the velocity that do not serve to reduce the error (feed-forward for a moving object, null-space motion).
 
 use nalgebra::SVector;
 
-/// How a requested joint velocity leads to its goal.
+/// How a requested joint velocity leads to its goal. The braking before the goal (`motion`) computes from it
+/// from which distance on the arm must slow down.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Convergence<const N: usize> {
-    /// Rate at which the distance to the goal shrinks if the law output is obeyed, 1/s.
+    /// Rate at which the error falls exponentially where the arm follows the law output, 1/s.
     pub rate_1_s: f64,
-    /// How far each joint is from the goal as the law has it, rad or m, where the law output was slowed down or bent since; zero where it
-    /// was not.
+    /// Remaining displacement of each joint to the goal according to the law, rad or m, where the law output was scaled or modified afterwards;
+    /// zero where it was not.
     pub to_go: SVector<f64, N>,
-    /// The part of the law output that follows a goal in motion, rad/s or m/s: what remains when the goal is reached.
+    /// Feed-forward part of the law output, which follows a moving goal, rad/s or m/s: it remains when the goal is reached.
     pub follow: SVector<f64, N>,
-    /// The part of the law output that the task does not feel: a secondary motion of joints, which has no goal, rad/s or m/s.
+    /// Null-space part of the law output, which does not move the features: a secondary motion that has no goal, rad/s or m/s.
     pub free: SVector<f64, N>,
 }
 
 impl<const N: usize> Convergence<N> {
-    /// To a goal at rest.
+    /// For a goal at rest, with the rate in 1/s: no remaining displacement, feed-forward or null-space motion.
     #[must_use]
     pub fn at(rate_1_s: f64) -> Self {
         Self { rate_1_s, to_go: SVector::zeros(), follow: SVector::zeros(), free: SVector::zeros() }

@@ -1,7 +1,8 @@
-//! What a camera knows of the joints that coarse encoders do not: how much they moved between two views beyond what was believed.
+//! Joint motion that the encoders are too coarse to show, estimated from two views.
 //!
-//! For an object at rest the view of one exposure, carried to the next by the joints' believed motion, is what is seen then. What
-//! differs is motion that nobody believed, `s - s_carried = L J dq`, and in the sense of least squares, weak directions damped,
+//! Data flow: the view of one exposure is predicted at the next exposure by the joint motion of the history (`s_carried`); for an object at rest
+//! it should equal the measured view `s`. The difference is attributed to joint motion `dq` that the history does not contain,
+//! `s - s_carried = L J dq`, with the interaction matrix `L` and the camera's Jacobian `J`. It is estimated by damped least squares:
 //!
 //! ```text
 //! dq = (J^T L^T L J + lambda 1)^-1 J^T L^T (s - s_carried)
@@ -14,26 +15,27 @@ use crate::robot::CameraJacobian;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
-/// Lambda, as share of the largest diagonal entry: motions that are seen thirty times less than others, sqrt(1000), are believed half,
-/// because noise would move them thirty times as far. Chosen by hand: half and twice of it change no unit test.
+/// Lambda, as share of the largest diagonal entry: motions that move the features thirty times less than others, sqrt(1000), are halved,
+/// because noise of the features would appear as thirty times as much of them. Chosen by hand: half and twice of it change no unit test.
 const DAMPING: f64 = 1e-3;
 
 /// Exposures farther apart than this say nothing of a velocity, since the arm may have changed it in between: three frames at 20 Hz. Chosen by
 /// hand; no unit test comes near it.
 pub(super) const LONGEST_SPAN: SpanNs = SpanNs(150_000_000);
 
-/// How much the joints moved between two exposures beyond what was believed.
+/// Joint motion between two exposures that the joint history does not contain.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drift<const N: usize> {
     /// The motion, rad or m.
     pub dq: SVector<f64, N>,
     /// The first exposure.
     pub from: MonoNs,
-    /// From it to the second.
+    /// Time from the first to the second exposure.
     pub span: SpanNs,
 }
 
-/// The motion `dq` of the joints, rad or m, that makes of the `carried` view the `seen` one; `None` where that cannot be told.
+/// The joint motion `dq`, rad or m, that turns the predicted view `carried` into the measured view `seen`; `None` where the features do not
+/// determine it or something is not finite.
 pub(super) fn unbelieved_motion<const N: usize>(
     set_point: &SetPoint,
     carried: &View,
@@ -93,7 +95,7 @@ mod tests {
             let seen = view_at(&(q_now + dq));
             let (_, J) = mount.camera(&robot, &q_now);
             let found = unbelieved_motion(&set_point, &carried, &seen, &J).unwrap();
-            // What is left is not to be seen, or damped.
+            // The rest is not observable in the features, or damped.
             let left = view_at(&(q_now + dq - found));
             let off = |a: &View, b: &View| -> f64 {
                 a.features().iter().zip(b.features()).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)

@@ -1,7 +1,7 @@
 //! Gain matrices: symmetric and positive definite, diagonal or full.
 //!
-//! Those over poses have a fixed size and lie in the law itself. Those over image features have as many rows as the law compares numbers,
-//! which a run file decides: they are made once, shared, and only read in a tick.
+//! Matrices over a pose error have a fixed size and are stored in the law. Matrices over image features have one row for each number of the
+//! feature error, which depends on the selection of a run file: they are allocated once, shared, and only read in a tick.
 
 use nalgebra::{DMatrix, SMatrix, SVector};
 use std::sync::Arc;
@@ -10,18 +10,18 @@ use std::sync::Arc;
 /// with ten digits leaves.
 const PRECISION: f64 = 1e-9;
 
-/// What a matrix lacks of a gain matrix.
+/// Why a matrix is no gain matrix.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum NoGainMatrix {
-    /// It is not square, or has a number that is none.
+    /// It is not square, or has an entry that is not finite.
     NoMatrix,
-    /// Two entries that mirror each other differ: row and column, from 0, of the first of them.
+    /// It is not symmetric: row and column, from 0, of the first entry that differs from its mirrored one.
     Asymmetric(usize, usize),
-    /// Some error is not reduced: the smallest eigenvalue.
+    /// It is not positive definite: its smallest eigenvalue.
     NotPositive(f64),
 }
 
-/// A gain matrix over `M` numbers of a pose error.
+/// A gain matrix `K` (`M` x `M`) over the `M` numbers of a pose error. Units are those of the law that holds it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GainMatrix<const M: usize> {
     entries: GainEntries<M>,
@@ -51,7 +51,7 @@ impl<const M: usize> GainMatrix<M> {
         SVector::<f64, M>::repeat(gain).into()
     }
 
-    /// No gain.
+    /// The zero matrix.
     #[must_use]
     pub fn zeros() -> Self {
         Self::repeat(0.0)
@@ -66,7 +66,7 @@ impl<const M: usize> GainMatrix<M> {
         Ok(Self { entries: GainEntries::Full(K), largest })
     }
 
-    /// K x.
+    /// The product `K x`.
     #[must_use]
     pub fn times(&self, x: &SVector<f64, M>) -> SVector<f64, M> {
         match &self.entries {
@@ -75,7 +75,7 @@ impl<const M: usize> GainMatrix<M> {
         }
     }
 
-    /// K.
+    /// The matrix `K`, `M` x `M`.
     #[must_use]
     pub fn matrix(&self) -> SMatrix<f64, M, M> {
         match &self.entries {
@@ -91,7 +91,7 @@ impl<const M: usize> GainMatrix<M> {
     }
 }
 
-/// A gain matrix over the stacked numbers of an image error.
+/// A gain matrix over the stacked feature error `e_s` (k numbers): K_s, K_Ps or K_Ds of the laws C and D.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FeatureMatrix {
     /// k I, for any number of them.
@@ -142,7 +142,7 @@ impl FeatureMatrix {
         Ok(Self::Entries(FeatureEntries { entries: K.as_slice().into(), numbers: K.nrows(), largest }))
     }
 
-    /// Whether it fits an error of so many numbers.
+    /// Whether its size fits an error of `numbers` numbers; a scalar fits all.
     #[must_use]
     pub fn fits(&self, numbers: usize) -> bool {
         match self {
@@ -160,7 +160,7 @@ impl FeatureMatrix {
         }
     }
 
-    /// Row `i` of K times `x`; numbers beyond the matrix have no gain.
+    /// Element `i` of the product `K x`; 0 for rows beyond the matrix.
     #[must_use]
     pub fn row_times(&self, i: usize, x: impl Iterator<Item = f64> + Clone) -> f64 {
         let nth = |x: &mut dyn Iterator<Item = f64>| x.nth(i).unwrap_or_default();

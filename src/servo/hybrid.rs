@@ -1,6 +1,9 @@
 //! Hybrid law, (10.92)-(10.97): orientation from the planar homography between current and desired image, position
 //! from one image point and the ratio of its depths. The object's geometry is not needed.
 //!
+//! Data flow: the selected points of view and set-point give a homography, its decomposition the [`Displacement`] of the camera (rotation `R_CD`,
+//! plane normal, ratio of distances); with the point's error it forms the rows of a task, which [`joint_velocity`](super::joint_velocity) solves.
+//!
 //! Two signs differ from the printed text: `w_r = + T(phi_cd) K_o phi_cd` in (10.92), without which (10.93) does not
 //! follow, and `-ln(rho_z)` in e_p, without which it does not fit J_p and J_o.
 
@@ -22,7 +25,8 @@ pub struct HybridGains {
     pub K_o: GainMatrix<3>,
 }
 
-/// What the homography tells about the camera's displacement; lengths in units of the plane's distance d_d.
+/// The camera's displacement from the desired to the current pose, from the homography between both images. Lengths are in units of d_d, the
+/// distance of the plane from the desired camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Displacement {
     /// Orientation of the desired camera in the current one.
@@ -34,11 +38,11 @@ pub struct Displacement {
 }
 
 impl Displacement {
-    /// From the points of the selection, current against desired; of two readings the one nearer to the normal that
-    /// the set-point expects.
+    /// From the selected points of `view` and `set_point`. A homography has two decompositions; the one whose normal is nearer to the normal that
+    /// the set-point expects is taken. `None` for too few or degenerate points.
     ///
-    /// [`OperationalSpace::Four`]: the rotation is about the optical axis and the plane parallel to the image, as in
-    /// Example 10.5; two points suffice. Otherwise at least four, no three of them in line.
+    /// For [`OperationalSpace::Four`] the rotation is about the optical axis and the plane is parallel to the image, as in
+    /// Example 10.5, and two points suffice. Otherwise four points are needed, no three of them collinear.
     #[must_use]
     pub fn new(set_point: &SetPoint, view: &View, space: OperationalSpace) -> Option<Self> {
         if view.features().len() != set_point.features().len() {
@@ -76,7 +80,7 @@ impl Displacement {
         }
     }
 
-    /// rho_z = z_c / z_d, (10.94), of the point seen at `s` and wanted at `s_d`. `None` where it is not positive.
+    /// rho_z = z_c / z_d, (10.94), of a point with the current feature `s` and the desired one `s_d`, normalized. `None` where it is not positive.
     #[must_use]
     pub fn depth_ratio(&self, s: &Vector2<f64>, s_d: &Vector2<f64>) -> Option<f64> {
         let n_C = self.R_CD * self.n_D;
@@ -85,7 +89,7 @@ impl Displacement {
     }
 }
 
-/// `[J_p J_o]` of (10.96): the rows of the point, and that of `ln z_c`.
+/// `[J_p J_o]` of (10.96), 3 x 6: the two rows of the point `s` (normalized) at depth `z_m`, and the row of `ln z_c`.
 #[inline]
 fn extended_rows(s: &Vector2<f64>, z_m: f64) -> SMatrix<f64, 3, 6> {
     let L = point_rows(s, z_m);
@@ -93,27 +97,28 @@ fn extended_rows(s: &Vector2<f64>, z_m: f64) -> SMatrix<f64, 3, 6> {
     SMatrix::from_rows(&[L.row(0).into_owned(), L.row(1).into_owned(), depth])
 }
 
-/// J_p of (10.96) for a point seen at `s` in the depth `z_m`.
+/// J_p of (10.96), 3 x 3, for the point `s` (normalized) at depth `z_m`, m.
 #[must_use]
 pub fn J_p(s: &Vector2<f64>, z_m: f64) -> Matrix3<f64> {
     extended_rows(s, z_m).fixed_columns::<3>(0).into_owned()
 }
 
-/// J_o of (10.96).
+/// J_o of (10.96), 3 x 3, for the point `s` (normalized).
 #[must_use]
 pub fn J_o(s: &Vector2<f64>) -> Matrix3<f64> {
     extended_rows(s, 1.0).fixed_columns::<3>(3).into_owned()
 }
 
-/// The rows `J_p v + J_o w = K_p e_p`, `w = T K_o phi_cd` as a task: solved for the twist they are (10.92), (10.97). The first
-/// point of the selection that is seen is the one of e_p.
+/// The rows `J_p v + J_o w = K_p e_p` and `w = T K_o phi_cd` as a task for the camera's twist `[v; w]` in C; solved for the twist they are
+/// (10.92) and (10.97). e_p is the error of the first selected point that is not hidden.
 ///
-/// z_c of J_p is `rho_z z_d`. Where z_d is not known a [`DepthSource::Constant`] stands for it, which makes the translation too fast or too
-/// slow by its ratio and leaves the goal where it is; with [`DepthSource::Known`] z_c is the true one, and with [`DepthSource::Initial`] it keeps
-/// the value that the pose of the first measurement gave, so that this ratio is `z_c(0) / z_c`. The other choices are z_d of the set-point: the
+/// z_c of J_p is `rho_z z_d`. Where z_d is not known a [`DepthSource::Constant`] takes its place: the translation is then too fast or too
+/// slow by the ratio of both, and the goal stays the same. With [`DepthSource::Known`] z_c is the true one, and with [`DepthSource::Initial`] it keeps
+/// the value that the pose of the first measurement gave, so that this ratio is `z_c(0) / z_c`. The other choices take z_d from the set-point: then the
 /// law needs no pose of the object.
 ///
-/// `None` when there is no homography or the view is of other features.
+/// # Returns
+/// `None` when there is no homography or the view does not belong to the set-point's features.
 #[must_use]
 pub fn hybrid_task(
     set_point: &SetPoint,

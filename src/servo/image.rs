@@ -1,7 +1,8 @@
 //! Schemes C and D: image-based laws, (10.79)-(10.91), as a task for the camera's twist.
 //!
-//! C hands over the wrench `L^T K_Ps e_s` and the damping `L^T K_Ds L`, so that `u = g + J^T (...)` is (10.84) with
-//! `J_L = L_s J` of (10.83). D hands over the normal equations of (10.91).
+//! Data flow: the selected features of view and set-point and their interaction matrices `L_s` are collected feature by feature, hidden ones left
+//! out. Scheme C yields the wrench `L^T K_Ps e_s` and the damping `L^T K_Ds L`, so that `u = g + J^T (...)` is (10.84) with `J_L = L_s J` of
+//! (10.83). Scheme D yields the normal equations of (10.91).
 
 mod stacked;
 
@@ -19,7 +20,7 @@ use crate::features::{
 use crate::messages::MAX_FEATURES;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
-/// Image points with their depths, current or desired.
+/// Image points (normalized) with their depths (m), of the current view or of the set-point.
 #[derive(Clone, Copy)]
 struct ImagePoints<'a> {
     s: &'a [Vector2<f64>],
@@ -30,7 +31,7 @@ struct ImagePoints<'a> {
 enum Depths<'a> {
     Listed(&'a [f64]),
     Same(f64),
-    /// Those that a pose gives to the points in O.
+    /// Depths that a pose `X_CO` gives to the points, which are given in O.
     Row(DepthRow, &'a [nalgebra::Point3<f64>]),
 }
 
@@ -52,7 +53,7 @@ impl ImagePoints<'_> {
         Some(SegmentFeature { s: [a.s, b.s], z_m: [a.z_m, b.z_m] })
     }
 
-    /// The area within the polygon through the points `outline`. `None` where it encloses none.
+    /// Area feature of the polygon with the corners `outline` (indices of points). `None` where the polygon has no area.
     fn area(&self, outline: &[u8]) -> Option<AreaFeature> {
         let mut corners = [Vector2::zeros(); MAX_FEATURES];
         // 1/z = A x + B y + C by least squares: exact for points in a plane
@@ -69,7 +70,7 @@ impl ImagePoints<'_> {
     }
 }
 
-/// What is done with each selected feature that is seen. `None` ends it: a feature has no interaction matrix.
+/// What is done with each selected feature that is not hidden. `None` ends the loop: a feature has no interaction matrix.
 trait Visitor {
     fn point(&mut self, now: &ImagePoints<'_>, goal: &ImagePoints<'_>, i: usize, weight: f64) -> Option<()> {
         self.pair(&now.point(i)?, &goal.point(i)?, weight)
@@ -82,11 +83,11 @@ trait Visitor {
         weight: f64,
     ) -> Option<()>;
 
-    /// So many numbers of a hidden feature are left out.
+    /// Told of a hidden feature, of which that many numbers are left out.
     fn skip(&mut self, _numbers: usize) {}
 }
 
-/// Shows a visitor the selected features, those that are hidden left out.
+/// Calls the visitor for each selected feature that is not hidden.
 #[inline(always)]
 fn visit(
     (set_point, view): (&SetPoint, &View),
@@ -182,9 +183,10 @@ impl Visitor for Equations {
     }
 }
 
-/// Normal equations of the selected features for unit gain: `L_s^T W L_s` and `L_s^T W e_s`, e_s of (10.79).
+/// Normal equations of the selected features for unit gain: `L_s^T W L_s` (6 x 6) and `L_s^T W e_s`, with `e_s = s_d - s` of (10.79) and the
+/// features' weights W. The twist is that of the camera in C.
 ///
-/// Hidden features are left out. `None` when the view is of other features, or one of them has no interaction matrix.
+/// Hidden features are left out. `None` when the view does not belong to the set-point's features, or one of them has no interaction matrix.
 #[must_use]
 pub fn image_task(set_point: &SetPoint, view: &View, interaction: Interaction) -> Option<TwistTask> {
     let (now, goal) = sides(set_point, view, interaction)?;
@@ -193,7 +195,7 @@ pub fn image_task(set_point: &SetPoint, view: &View, interaction: Interaction) -
     Some(TwistTask::new(&all.equations, all.error2.sqrt()))
 }
 
-/// The current and the desired features with the depths of the law's choice; `None` when they are of different points.
+/// The current and the desired points with depths as `interaction` chooses them; `None` when they do not belong together.
 fn sides<'a>(
     set_point: &'a SetPoint,
     view: &'a View,
@@ -220,8 +222,9 @@ fn sides<'a>(
 /// The gain matrix of a preconditioned scheme C, constant and positive definite:
 /// `K_Ps = (L_d^+)^T K_P L_d^+ + k (1 - L_d L_d^+)`, L_d the interaction matrix at the goal.
 ///
-/// At the goal `L_d^T K_Ps L_d = K_P`: the camera is drawn home as stiffly along every direction, where the textbook's
-/// `K_Ps = k I` is as unlike as L_s is ill-conditioned. The second part draws at errors that no small motion explains.
+/// At the goal `L_d^T K_Ps L_d = K_P`, so that the stiffness towards the goal is K_P for every motion of the camera. With the textbook's
+/// `K_Ps = k I` the stiffnesses of different motions differ by the squared condition number of L_s. The second term acts on feature errors
+/// outside of the range of L_d, which no small motion of the camera explains.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FeatureGains {
     /// K_P: of translations, N/m, and rotations, N m/rad.
@@ -230,7 +233,8 @@ pub struct FeatureGains {
     pub rest: f64,
 }
 
-/// What scheme C collects of its features, W their weights: L_d taken at the goal, L as the law's choice has it.
+/// The sums that preconditioned scheme C forms over its features, with weights W: L_d is the interaction matrix at the goal, L the one that the
+/// law's [`Interaction`] chooses.
 struct Pairs {
     interaction: Interaction,
     /// L_d^T W L_d.
@@ -262,9 +266,9 @@ impl Visitor for Pairs {
 }
 
 /// Scheme C with a preconditioned K_Ps: the wrench `L^T K_Ps e_s` of (10.84), and the damping `L^T K_Ds L` with
-/// `K_Ds = (L^+)^T K_D L^+`, which is K_D on the camera's twist in every view.
+/// `K_Ds = (L^+)^T K_D L^+`, which is the damping K_D of the camera's twist at every view.
 ///
-/// Motions of the camera that the desired features do not show are left alone. `None` as for [`image_task`].
+/// Motions of the camera that do not move the desired features get neither force nor damping. `None` as for [`image_task`].
 #[must_use]
 pub fn preconditioned_wrench(
     set_point: &SetPoint,
@@ -294,7 +298,7 @@ pub fn preconditioned_wrench(
 }
 
 impl Interaction {
-    /// The interaction matrix of a feature that is `now` and shall be at `goal`.
+    /// The interaction matrix of a feature with the current value `now` and the desired value `goal`, as the [`Interaction`] chooses.
     fn of<const K: usize>(
         &self,
         now: &impl Feature<K>,
@@ -315,8 +319,7 @@ fn mean<const K: usize>(a: &impl Feature<K>, b: &impl Feature<K>) -> Option<SMat
 
 /// Scheme C: wrench and damping of (10.84) with `K_Ps = k_P W` and `K_Ds = k_D W`, W the features' weights.
 ///
-/// `k_P` in N m (force per normalized unit, brought to the joints by J_L), `k_D` in N m s. With `k_D` = 0 damping is left to
-/// the joints.
+/// `k_P` in N m (force per normalized unit, mapped to the joints by J_L^T), `k_D` in N m s. With `k_D` = 0 only the damping of the joints acts.
 #[must_use]
 pub fn image_wrench(task: &TwistTask, k_P: f64, k_D: f64) -> WrenchTask {
     WrenchTask { wrench: task.vector * k_P, damping: task.matrix * k_D }

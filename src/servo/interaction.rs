@@ -1,4 +1,7 @@
-//! Where the interaction matrix of an image-based law is taken: features, and their depths.
+//! At which features and depths the interaction matrix L_s of an image-based law is evaluated, as it enters (10.84), (10.89) and (10.91).
+//!
+//! The law's estimate of L_s may use the current or the desired features, or the mean of both matrices ([`InteractionAt`]), and depths from several
+//! sources ([`DepthSource`]). None of these moves the goal; they change the path and the stability ([`super::StabilityMargin`]).
 
 use crate::geometry::Pose;
 use nalgebra::Point3;
@@ -9,17 +12,17 @@ use serde::{Deserialize, Serialize};
 pub enum DepthSource {
     /// That of the desired pose (the textbook's choice).
     Desired,
-    /// That of the estimated pose; of the desired one where a view has no pose.
+    /// That of the measured pose; that of the desired pose where a view has none.
     Estimated,
-    /// That of the object's place as a simulation knows it; of the desired pose where it is not known.
+    /// That of the true pose of a simulation; that of the desired pose where there is none.
     Known,
     /// That of the pose in the first measurement of the run that has one, kept from then on; that of the desired pose before it.
     Initial,
-    /// The same for all features at all times, m.
+    /// A constant for all features at all times, m.
     Constant(f64),
 }
 
-/// The depths that a pose `X_CO` gives to the points of an object: its third row.
+/// The third row of a pose `X_CO`, which gives the depth of each point of the object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthRow([f64; 4]);
 
@@ -32,7 +35,7 @@ impl DepthRow {
         Self([row[0], row[1], row[2], X_CO.translation.z])
     }
 
-    /// Depth of the point `p_O`, m.
+    /// Depth z of the point `p_O` (object frame, m) in C, m.
     #[must_use]
     #[inline(always)]
     pub fn depth_m(&self, p_O: &Point3<f64>) -> f64 {
@@ -41,22 +44,22 @@ impl DepthRow {
     }
 }
 
-/// Which features go into the interaction matrix.
+/// At which features the interaction matrix is evaluated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum InteractionAt {
-    /// The current ones.
+    /// The current features.
     Current,
-    /// The desired ones, at their own depths.
+    /// The desired features, at their own depths.
     Desired,
-    /// The mean of the two matrices.
+    /// The mean of the matrices at current and desired features.
     Mean,
 }
 
 /// Choice of the interaction matrix.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interaction {
-    /// Features.
+    /// At which features.
     pub at: InteractionAt,
     /// Depths of the current features. At the desired features it is the depth of the desired pose, unless constant.
     pub depth: DepthSource,
