@@ -1,4 +1,8 @@
-//! The family of servo laws behind one interface: a view becomes a task, a task and the arm become a law output.
+//! The servo laws A, B, C, D and hybrid behind one interface.
+//!
+//! Data flow: [`Law::task`] turns a set-point and a view into a [`Task`] in the camera's frame, which does not depend on the arm. [`Law::output`] turns the
+//! task and the state of the arm ([`Arm`]) into a [`LawOutput`]: joint velocities of a resolved-velocity law, or joint torques of a PD law with
+//! gravity compensation.
 
 use super::{
     DepthSource, FeatureGains, FeatureMatrix, Gain, HybridGains, Interaction, OperationalSpace,
@@ -10,14 +14,14 @@ use crate::messages::MAX_JOINTS;
 use crate::robot::CameraJacobian;
 use nalgebra::SVector;
 
-/// The arm at the moment for which a law output is made.
+/// State of the arm at the time for which a law output is computed.
 #[derive(Debug, Clone, Copy)]
 pub struct Arm<const N: usize> {
-    /// The camera's Jacobian.
+    /// Geometric Jacobian of the camera, 6 x `N`, expressed in C.
     pub J: CameraJacobian<N>,
     /// Joint velocities, rad/s or m/s.
     pub qd: SVector<f64, N>,
-    /// g(q), N m or N; read by torque laws only.
+    /// Gravity torques g(q), N m or N; read by torque laws only.
     pub gravity: SVector<f64, N>,
 }
 
@@ -48,9 +52,9 @@ pub enum Law {
         K_P: PoseGains,
         /// K_D, N s/m and N m s/rad, or damping on the joints.
         damping: Damping<PoseGains>,
-        /// Orientation part of x~.
+        /// Representation of the orientation part of x~.
         orientation: OrientationError,
-        /// m.
+        /// Dimension m of the operational space.
         space: OperationalSpace,
     },
     /// Scheme B, position-based resolved velocity, (10.76).
@@ -59,21 +63,21 @@ pub enum Law {
         K: PoseGains,
         /// Common factor, 1/s.
         gain: Gain,
-        /// Orientation part of x~.
+        /// Representation of the orientation part of x~.
         orientation: OrientationError,
-        /// m.
+        /// Dimension m of the operational space.
         space: OperationalSpace,
     },
     /// Scheme C, image-based PD with gravity compensation, (10.84).
     ImageTorque {
-        /// K_Ps, N m; a number stands for that times the features' weights, which have no part in a matrix.
+        /// K_Ps, N m: a scalar is multiplied by the features' weights, a matrix is used as it is, without them.
         K_Ps: FeatureMatrix,
         /// K_Ds, N m s, likewise; or damping on the joints.
         damping: Damping<FeatureMatrix>,
         /// L_s.
         interaction: Interaction,
     },
-    /// Scheme C, (10.84), with a constant matrix K_Ps that makes all motions of the camera alike at the goal.
+    /// Scheme C, (10.84), with a constant matrix K_Ps that gives every motion of the camera its own stiffness at the goal.
     PreconditionedTorque {
         /// K_Ps, with stiffnesses of the camera's motions at the goal, N/m and N m/rad.
         K_Ps: FeatureGains,
@@ -97,37 +101,37 @@ pub enum Law {
         gains: HybridGains,
         /// Common factor, 1/s.
         gain: Gain,
-        /// Measure of R_CD.
+        /// Representation of the rotation R_CD.
         orientation: OrientationError,
-        /// m of the homography.
+        /// Dimension m: how the homography is estimated.
         space: OperationalSpace,
-        /// z_d.
+        /// Where the depth z_d of the point comes from.
         depth: DepthSource,
     },
 }
 
-/// What a law makes of a view: the error, and all that does not depend on the arm.
+/// What a law computes from a view and a set-point in the camera's frame, independent of the arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Task {
-    /// A wanted twist of the camera.
+    /// A desired twist of the camera, of resolved-velocity laws.
     Twist(TwistTask),
-    /// A wrench on the camera.
+    /// A wrench on the camera, of torque laws.
     Wrench(WrenchTask),
 }
 
 /// Why a law has no task for a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NoTask {
-    /// It goes by poses, and the view, or the goal, has none.
+    /// The law needs the pose of the object, and the view or the set-point has none.
     NoPose,
-    /// Fewer of its features are seen than it needs.
+    /// Fewer features are visible than the law needs.
     TooFew,
-    /// What is seen fixes no motion: points on a line, one on top of the other or behind the camera, an orientation at which Euler
-    /// angles are singular.
+    /// The visible features do not determine a motion: collinear or coincident points, points behind the camera, or an orientation at which the
+    /// Euler angles are singular.
     Singular,
 }
 
-/// What a law asks of the joints.
+/// What a law requests of the joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LawOutput<const N: usize> {
     /// A joint velocity for the reference, rad/s or m/s.
@@ -137,7 +141,7 @@ pub enum LawOutput<const N: usize> {
 }
 
 impl<const N: usize> LawOutput<N> {
-    /// Whether all of its numbers are.
+    /// Whether all of its numbers are finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         let (Self::Velocity(numbers) | Self::Torque(numbers)) = self;
@@ -146,7 +150,7 @@ impl<const N: usize> LawOutput<N> {
 }
 
 impl Law {
-    /// Whether it asks for torques, so that the drive must take them.
+    /// Whether it consists of torques, so that the drive must accept torque commands.
     #[must_use]
     pub fn is_torque(&self) -> bool {
         matches!(
@@ -169,7 +173,7 @@ impl Law {
         }
     }
 
-    /// The task that `view` poses.
+    /// The task for `view` and `set_point`: error and normal equations, or wrench and damping, in the camera's frame.
     ///
     /// # Errors
     /// [`NoTask`] when the view does not have what the law needs.
@@ -234,8 +238,8 @@ impl Law {
         }
     }
 
-    /// Whether as many of the set-point's features are seen as the law has to have at the least: a homography takes four points, the
-    /// motions of a camera that keeps its axis upright two.
+    /// Whether the view has as many of the set-point's features as the law needs at least: a homography needs four points, the four motions of a
+    /// camera whose optical axis keeps its direction (m = 4) two.
     fn has_enough(&self, set_point: &SetPoint, view: &View) -> bool {
         let seen = set_point.selection().points().filter(|i| view.feature(*i).is_some()).count();
         let needed = match self {
@@ -250,7 +254,7 @@ impl Law {
         seen >= needed && view.features().len() == set_point.features().len()
     }
 
-    /// Rate at which the quickest part of the error falls if a law output about `task` is obeyed, 1/s; zero for torque laws.
+    /// Largest rate at which a part of the error falls where the arm follows the law output for `task`, 1/s; zero for torque laws.
     #[must_use]
     pub fn rate_1_s(&self, task: &Task) -> f64 {
         let (gain, quickest) = match self {
@@ -267,7 +271,7 @@ impl Law {
         }
     }
 
-    /// What the joints shall do about `task`. `None` where there is no finite answer.
+    /// The law output for `task` and the state of the arm: rad/s or m/s, or N m or N. `None` where it is not finite.
     #[must_use]
     pub fn output<const N: usize>(&self, task: &Task, arm: &Arm<N>) -> Option<LawOutput<N>> {
         match (self, task) {

@@ -1,44 +1,44 @@
-//! What becomes of a measurement that reaches the servo law.
+//! Whether the servo law uses a measurement, and if not, why: the checks of stamp, status, features and pose that each measurement passes.
 
 use super::NoTask;
 #[cfg(doc)]
 use crate::messages::TargetStatus;
 
-/// What became of a measurement.
+/// Result of the checks of one measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MeasurementVerdict {
-    /// The servo law works with it.
+    /// The servo law uses it.
     Used,
     /// Used, although its stamp lies in the future.
     UsedFromFuture,
-    /// It has no target.
+    /// Vision did not find the target.
     NoTarget,
-    /// The law has no task for what it shows.
+    /// The law has no task for its features.
     NoTask(NoTask),
-    /// None of its features is one of the set-point's, or one of them is nowhere a camera looks.
+    /// None of its features is one of the set-point's, or one lies outside of what any lens can image.
     OtherFeatures,
-    /// So much of the target is hidden that the law has no answer.
+    /// So much of the target is hidden that the law has no output.
     TooFewFeatures,
-    /// Its pose, or what it states of its deviation, is none that an object before a camera has.
+    /// Its pose or the covariance of it is impossible for an object in front of a camera.
     ImpossiblePose,
-    /// Vision found the target and does not believe it: see [`TargetStatus::Inconsistent`].
+    /// Vision found the target, but one pose does not explain its points: see [`TargetStatus::Inconsistent`].
     Inconsistent,
-    /// It is not newer than the last one: repeated, or overtaken.
+    /// It is not newer than the last one: repeated, or out of order.
     NotNewer,
     /// Its stamp lies too far in the future.
     RefusedFromFuture,
-    /// Its exposure lies before everything that is known of the arm.
+    /// Its exposure is older than the joint history.
     TooOld,
 }
 
 impl MeasurementVerdict {
-    /// Whether the servo law works with it.
+    /// Whether the servo law uses it.
     #[must_use]
     pub fn is_used(self) -> bool {
         matches!(self, Self::Used | Self::UsedFromFuture)
     }
 
-    /// Whether its stamp alone spoke against it.
+    /// Whether it was refused because of its stamp alone.
     #[must_use]
     pub fn is_refused(self) -> bool {
         matches!(self, Self::NotNewer | Self::RefusedFromFuture | Self::TooOld)

@@ -1,22 +1,23 @@
-//! Secondary tasks in the null space of the servo task: motions of the joints that the features do not see.
+//! Secondary tasks in the null space of the servo task: joint motions that do not move the features.
 //!
-//! There are some with seven joints, and wherever the features fix fewer motions than there are joints.
+//! They exist for arms with seven joints, and wherever the features determine fewer motions than there are joints. The secondary task here is the avoidance
+//! of joint limits; its velocity is projected onto the null space of `L_s J` and added to the law output.
 
 use super::TwistTask;
 use crate::linalg::symmetric_eigen;
 use crate::robot::{CameraJacobian, JointLimits};
 use nalgebra::SVector;
 
-/// Squared singular values of the task in joint space, as share of the largest, up to which a motion counts as free: far above the
-/// rounding of the eigenvalues, 1e-15 of the largest, and a motion that the features see 3e-5 times as well as the best.
+/// Squared singular values of the task in joint space, as share of the largest, up to which a motion belongs to the null space: far above the
+/// rounding of the eigenvalues, 1e-15 of the largest; such a motion moves the features 3e-5 times as much as the best one.
 const FREE_DIRECTION: f64 = 1e-9;
-/// Share of half a joint's range, from its middle, in which limit avoidance leaves it alone. Chosen by hand: half of
+/// Share of half a joint's range, from its middle, in which limit avoidance is inactive. Chosen by hand: half of
 /// it changes no unit test; twice of it would be no avoidance at all, which they show.
 const QUIET_SHARE: f64 = 0.5;
 
-/// The part of the joint velocity `wanted` (rad/s or m/s) that does not move the features of `task`.
+/// The projection of the joint velocity `wanted` (rad/s or m/s) onto the null space of `task`: the part that does not move the features.
 ///
-/// `None` when the task leaves nothing free, or something is not finite.
+/// `None` when the null space is empty, or something is not finite.
 #[must_use]
 pub fn seek_null_motion<const N: usize>(
     task: &TwistTask,
@@ -38,8 +39,8 @@ pub fn seek_null_motion<const N: usize>(
     (free && motion.iter().all(|x| x.is_finite())).then_some(motion)
 }
 
-/// A joint velocity away from the ends of the joints' ranges: none in the inner half of a range, and up to
-/// `gain_1_s` times a quarter of the range at its end. Joints without limits stand.
+/// A joint velocity away from the joint limits, rad/s or m/s: zero in the inner half of a range, rising to `gain_1_s` times a quarter of the range
+/// at its ends. Zero for joints without limits.
 #[must_use]
 pub fn away_from_limits<const N: usize>(
     q: &SVector<f64, N>,

@@ -1,14 +1,17 @@
-//! The object's own motion, estimated from its measured poses: a Kalman filter with constant velocity between
-//! measurements and white acceleration, for place and orientation.
+//! The object's own motion, estimated from its measured poses by Kalman filters for position and orientation, with the model of constant velocity
+//! between measurements and white acceleration.
+//!
+//! Data flow: [`ObjectMotion::observe`] takes each measured pose `X_WO` with its covariance; [`ObjectMotion::displacement`] and
+//! [`ObjectMotion::twist_at`] predict motion between two times; [`ObjectMotion::confidence`] says how far the estimate can be relied on.
 //!
 //! Everything is expressed in the frame W in which an object without motion of its own would rest. The state of each
 //! half is a 3-vector error and its rate; the pose itself lives outside of the covariance, so that orientation needs no
 //! angles (error-state filter).
 //!
-//! Two such filters run side by side. The agile one allows for the accelerations that the object may have, and so its
-//! speed is a noisy one. The quiet one allows for hardly any: it is believed as long as what is measured fits it (the mean
-//! of its normalized squared innovations, 1 where it is right), and of its speed only what stands out of its covariance
-//! counts, so that an object at rest rests. Between the two the speed goes over evenly.
+//! Two such filters run side by side. The agile filter has the process noise of the accelerations that the object may have, and therefore a noisy
+//! velocity. The quiet filter has hardly any process noise. Its velocity is used as long as the measurements fit it, which the mean of its
+//! normalized squared innovations shows (1 for a consistent filter); the part of it that is not significant against its covariance is set
+//! to zero, so that an object at rest has no estimated motion. Between both filters the velocity is interpolated by that mean.
 
 use crate::geometry::{Pose, Twist};
 use crate::time::MonoNs;
@@ -26,12 +29,12 @@ const LONGEST_GAP_S: f64 = 1.0;
 
 /// Share of the accelerations that the quiet filter allows for. Chosen by hand: half and twice of it change no unit test.
 const QUIET_SHARE: f64 = 0.03;
-/// Of the mean of so many innovations it is judged: a third of a second at 25 Hz. With half of it `an_object_at_rest_is_not_set_in_motion_by_noise`
+/// Number of innovations in the mean by which the quiet filter is judged: a third of a second at 25 Hz. With half of it `an_object_at_rest_is_not_set_in_motion_by_noise`
 /// fails, with twice of it no test.
 const JUDGED: f64 = 8.0;
-/// It is believed up to the first, and not at all from the second mean on. Of a filter that fits, each squared innovation is
+/// Mean squared innovations up to which the quiet filter alone is used, and from which on the agile filter alone is. Of a filter that fits, each squared innovation is
 /// chi-square / 3 of three degrees of freedom, variance 2 / 3, and the running mean of eight has the standard deviation
-/// sqrt(2 / 3 / 15) = 0.21: the first is three of these above 1, the second seven, so that noise alone seldom wakes the agile filter.
+/// sqrt(2 / 3 / 15) = 0.21: the first is three of these above 1, the second seven, so that noise alone seldom switches to the agile filter.
 /// With half of both the test of an object at rest fails, with twice of both none.
 const FITS: (f64, f64) = (1.6, 2.6);
 /// Squared speed in units of its covariance, three degrees of freedom: noise up to the first, the 99.5 % quantile of chi-square (12.8),
@@ -45,7 +48,7 @@ pub struct ObjectDynamics {
     pub acceleration_m_s2: f64,
     /// Standard deviation of the angular acceleration, rad/s^2.
     pub acceleration_rad_s2: f64,
-    /// Standard deviation of the place at which the arm holds, m; it slows down from half of that on.
+    /// Standard deviation of the predicted position at which the arm holds, m; it slows down from half of that on.
     pub largest_sd_m: f64,
 }
 
@@ -58,7 +61,7 @@ pub struct ObjectMotion {
     quiet: Option<Estimate>,
     /// Mean normalized squared innovation of the quiet filter: place, orientation.
     misfit: [f64; 2],
-    /// The agile one's pose with the speeds that are believed.
+    /// The agile filter's pose with the velocity interpolated between both filters.
     believed: Option<Estimate>,
 }
 
@@ -70,11 +73,11 @@ struct Estimate {
     w: Vector3<f64>,
     place: Half,
     orientation: Half,
-    /// Whether more than one measurement told of the speed.
+    /// Whether there was more than one measurement, so that a velocity is observable.
     speed_is_seen: bool,
 }
 
-/// Covariance of three errors and their rates.
+/// Covariance of three errors (position or orientation) and their rates, 6 x 6.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Half {
     P: Matrix6<f64>,
@@ -120,7 +123,7 @@ impl Half {
         Some((x.fixed_rows::<3>(0).into(), x.fixed_rows::<3>(3).into(), square))
     }
 
-    /// As much of a `rate` as stands out of its covariance.
+    /// The significant part of a `rate`: 0 where it is within its covariance, all of it where it is far outside.
     fn significant(&self, rate: &Vector3<f64>) -> Vector3<f64> {
         let P: Matrix3<f64> = self.P.fixed_view::<3, 3>(3, 3).into();
         let square = P.try_inverse().map_or(0.0, |inverse| rate.dot(&(inverse * rate)));
@@ -134,7 +137,7 @@ fn share(x: f64, ends: (f64, f64)) -> f64 {
 }
 
 impl ObjectMotion {
-    /// Nothing seen yet.
+    /// An estimator without measurements.
     #[must_use]
     pub fn new(dynamics: ObjectDynamics) -> Self {
         Self { dynamics, estimate: None, quiet: None, misfit: [1.0; 2], believed: None }
@@ -181,8 +184,8 @@ impl ObjectMotion {
         }
     }
 
-    /// Speeds of the quiet filter as far as it fits, of the agile one as far as it does not; where it does not fit at all, it
-    /// starts anew from the agile one.
+    /// Interpolates the velocity between the quiet filter, as far as it fits, and the agile one; a quiet filter that does not fit at all is
+    /// initialized anew from the agile one.
     fn believe(&mut self, agile: Estimate) {
         let Some(quiet) = &mut self.quiet else { return };
         let mut believed = agile;
@@ -201,13 +204,13 @@ impl ObjectMotion {
         self.believed = Some(believed);
     }
 
-    /// The object's displacement in W from `from` to `to`: it brings where the object's points were to where they will be.
+    /// Predicted displacement of the object in W from time `from` to `to`: the transformation that maps old positions of its points to new ones.
     #[must_use]
     pub fn displacement(&self, from: MonoNs, to: MonoNs) -> Pose {
         self.believed.as_ref().map_or_else(Pose::identity, |e| e.at(to) * e.at(from).inverse())
     }
 
-    /// The object's twist in W, taken at the place `p_W`: that of a point which moves as if it were fixed to the object.
+    /// Predicted twist of the object in W, m/s and rad/s, with the point `p_W` (m) of the moving body as reference point.
     #[must_use]
     pub fn twist_at(&self, time: MonoNs, p_W: &Vector3<f64>) -> Twist {
         let Some(e) = &self.believed else { return Twist::zeros() };
@@ -215,8 +218,8 @@ impl ObjectMotion {
         Twist::new(v.x, v.y, v.z, e.w.x, e.w.y, e.w.z)
     }
 
-    /// Share of the requested velocity that the estimate of the place at `time` justifies: 1 for a good one, 0 where its
-    /// standard deviation has reached the largest one, and before a second measurement has told of the speed.
+    /// Factor in 0..=1 for the requested velocity, by the standard deviation of the position at `time`: 1 for a good estimate, 0 where the deviation
+    /// has reached [`ObjectDynamics::largest_sd_m`], and before a second measurement.
     #[must_use]
     pub fn confidence(&self, time: MonoNs) -> f64 {
         if !self.estimate.is_some_and(|e| e.speed_is_seen) {
@@ -225,7 +228,7 @@ impl ObjectMotion {
         (2.0 - 2.0 * self.place_sd_m(time) / self.dynamics.largest_sd_m).clamp(0.0, 1.0)
     }
 
-    /// Standard deviation of the place that the object is believed to have at `time`, m, the mean of the three axes;
+    /// Standard deviation of the object's predicted position at `time`, m, the mean of the three axes;
     /// infinite before the first measurement. It grows with the time since the last one.
     #[must_use]
     pub fn place_sd_m(&self, time: MonoNs) -> f64 {
@@ -266,7 +269,7 @@ impl Estimate {
         )
     }
 
-    /// Takes a measured pose in; the squares of its innovations as [`Half::correct`] gives them, place and orientation.
+    /// Corrects the filter by a measured pose. Returns the squared innovations of position and orientation as [`Half::correct`] gives them.
     fn update(
         &mut self,
         stamp: MonoNs,

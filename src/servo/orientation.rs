@@ -1,4 +1,4 @@
-//! Measures of an orientation error and the matrices that relate their rates to angular velocities (Sect. 10.7).
+//! Representations of an orientation error by three numbers, and the matrices that relate their rates to angular velocities (Sect. 10.7).
 //!
 //! For a rotation R of a frame 2 in a frame 1 with the angular velocity w of 2 relative to 1 expressed in 1:
 //! `w = T(phi) phi_dot`. Angles in rad.
@@ -26,7 +26,7 @@ pub enum OrientationError {
 }
 
 impl OrientationError {
-    /// phi of the rotation `R`, rad.
+    /// The three numbers phi of the rotation `R`, rad.
     #[must_use]
     pub fn of(self, R: &Rotation3<f64>) -> Vector3<f64> {
         match self {
@@ -35,7 +35,7 @@ impl OrientationError {
         }
     }
 
-    /// T(phi) with `w = T phi_dot`.
+    /// T(phi), 3 x 3, with `w = T phi_dot`.
     #[must_use]
     pub fn rate(self, phi: &Vector3<f64>) -> Matrix3<f64> {
         match self {

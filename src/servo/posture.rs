@@ -1,4 +1,6 @@
-//! Postures: where the joints must be for the camera to see the object from a wanted pose, inside the joints' ranges.
+//! Inverse kinematics of the camera: postures (joint positions) from which the camera has a desired pose or desired features, within the joint limits.
+//!
+//! For planning and checks; nothing of it runs in a tick. The first line is [`PostureSearch::towards`], the second [`PostureSearch::features_from`]:
 //!
 //! ```text
 //! V = log(X_WC^-1 X_WD), cut short ─► damped least squares, limits held (robot::damped_velocity) ─► q, again
@@ -25,24 +27,24 @@ const STOPPED: f64 = 1e-10;
 /// A joint this near the end of its range is at it: searches clamp to the end itself, so that anything above rounding would do.
 const AT_LIMIT: f64 = 1e-6;
 
-/// An arm and its camera.
+/// An arm with its camera, for which postures are sought.
 #[derive(Debug, Clone, Copy)]
 pub struct PostureSearch<'a, const N: usize> {
     /// The arm.
     pub robot: &'a Robot<N>,
-    /// Where its camera sits.
+    /// Where the camera is mounted.
     pub mount: &'a Mount,
 }
 
 impl<const N: usize> PostureSearch<'_, N> {
-    /// The camera in the frame W in which the object rests.
+    /// Pose of the camera at `q` in the frame W in which the object rests.
     #[must_use]
     pub fn X_WC(&self, q: &SVector<f64, N>) -> Pose {
         self.mount.X_WC(&self.robot.forward(q))
     }
 
-    /// From `q` towards the posture that has the camera at `X_WD`: that one, or where the search ends short of it. At most
-    /// `steps`.
+    /// From `q` towards a posture with the camera at `X_WD`, in at most `steps` steps. Returns that posture, or the one at which the search ended; the
+    /// caller compares [`Self::X_WC`] with `X_WD`.
     #[must_use]
     pub fn towards_within(&self, q: &SVector<f64, N>, X_WD: &Pose, steps: usize) -> SVector<f64, N> {
         let mut q = *q;
@@ -72,14 +74,14 @@ impl<const N: usize> PostureSearch<'_, N> {
         q
     }
 
-    /// [`Self::towards_within`] as many steps as it takes.
+    /// [`Self::towards_within`] with the usual bound on the steps, 150.
     #[must_use]
     pub fn towards(&self, q: &SVector<f64, N>, X_WD: &Pose) -> SVector<f64, N> {
         self.towards_within(q, X_WD, STEPS)
     }
 
-    /// From `q`, near a posture that shows the features of `set_point` of an object at `X_WO`, to the one near by that shows them best:
-    /// for arms that cannot have the camera just where it is wanted.
+    /// From `q` to the near posture with the least feature error to `set_point` for an object at `X_WO`: for arms that cannot reach the desired pose
+    /// of the camera exactly. Levenberg-Marquardt on the normal equations of (10.89).
     #[must_use]
     pub fn features_from(&self, q: &SVector<f64, N>, X_WO: &Pose, set_point: &SetPoint) -> SVector<f64, N> {
         let unit = Vector2::repeat(1.0);
@@ -124,7 +126,7 @@ impl<const N: usize> PostureSearch<'_, N> {
         q
     }
 
-    /// A posture anywhere in the ranges.
+    /// A random posture within the joint limits, evenly distributed; a joint that turns by more than a turn is drawn from -pi to pi.
     #[must_use]
     pub fn anywhere(&self, random: &mut Random) -> SVector<f64, N> {
         use std::f64::consts::PI;
@@ -141,7 +143,7 @@ impl<const N: usize> PostureSearch<'_, N> {
         })
     }
 
-    /// Joints at an end of their range in `q`, and whether it is the upper one.
+    /// Indices of the joints that are at a limit in `q`, and whether it is the upper limit.
     pub fn at_limits(&self, q: &SVector<f64, N>) -> impl Iterator<Item = (usize, bool)> {
         let ends = self.robot.limits().map(|limit| (limit.lower, limit.upper));
         let q = *q;
@@ -155,7 +157,7 @@ impl<const N: usize> PostureSearch<'_, N> {
         })
     }
 
-    /// How far the arm is from a singular posture: the measure of the least singular value of its camera's Jacobian, m and rad mixed.
+    /// Distance from a singular posture: the least singular value of the camera's Jacobian, with m and rad mixed.
     #[must_use]
     pub fn dexterity(&self, q: &SVector<f64, N>) -> f64 {
         let (_, J) = self.mount.camera(self.robot, q);
@@ -175,8 +177,8 @@ impl<const N: usize> PostureSearch<'_, N> {
     }
 }
 
-/// The joint that is nearest to an end of its range in `q`, by the share of the range: its index, and how far it is from there, rad or
-/// m. `None` for an arm of which all joints turn without end.
+/// The joint that is nearest to a limit in `q`, relative to its range: its index, and its distance from the limit, rad or m. `None` for an arm
+/// without joint limits.
 #[must_use]
 pub fn nearest_limit(robot: &RobotDescription, q: &[f64]) -> Option<(usize, f64)> {
     let bounded =

@@ -1,9 +1,9 @@
 //! From a task in the camera's frame to the joints: velocities by (10.76), (10.87), (10.90), torques by (10.74), (10.84).
 //!
-//! Every resolved-velocity law wants some rows `L V = r` of the camera's twist V; what it hands over are their 6 x 6
-//! normal equations, so that the k x 6 matrix is never formed. With `V = J qd` the joint velocity solves
+//! Every resolved-velocity law states rows `L V = r` for the camera's twist V; its task holds their 6 x 6 normal equations, so that the k x 6 matrix
+//! is never formed. With `V = J qd` the joint velocity solves
 //! `(J^T L^T L J) qd = J^T L^T r`. With six joints this is (10.90) after (10.91); with fewer it is the least-squares
-//! solution among the motions that the arm can make, which for the SCARA and two points is (10.87) itself.
+//! solution among the motions of which the arm is capable, which for the SCARA and two points is (10.87) itself.
 //!
 //! Every torque law is a wrench on the camera and a damping of its twist: `u = g + J^T (h - D J qd)`.
 
@@ -17,22 +17,22 @@ use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 /// above the rank tolerance of the factors, so that a direction is damped before the factors would be refused.
 const WEAKEST_DIRECTION: f64 = 1e-10;
 /// Damping at a singularity, as a share of the largest diagonal entry of the normal matrix. Derived: a direction of singular value s answers with
-/// `s / (s^2 + lambda)`, at most `1 / (2 sqrt(lambda))`: 500 times what the best seen direction answers with, whatever s is.
+/// `s / (s^2 + lambda)`, at most `1 / (2 sqrt(lambda))`: 500 times the answer of the best observed direction, whatever s is.
 const DAMPING: f64 = 1e-6;
 
-/// A wanted camera twist as normal equations `(L^T W L) V = L^T W r`, for unit gain.
+/// A desired camera twist `V = [v; w]` in C as normal equations `(L^T W L) V = L^T W r`, for unit gain.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TwistTask {
-    /// L^T W L.
+    /// `L^T W L`, 6 x 6.
     pub matrix: Matrix6<f64>,
-    /// L^T W r.
+    /// `L^T W r`.
     pub vector: Vector6<f64>,
-    /// Norm of the error, which an adaptive gain looks at.
+    /// Norm of the error, on which an adaptive gain depends.
     pub error: f64,
 }
 
 impl TwistTask {
-    /// The task that has collected its rows in `equations`.
+    /// The task with the rows that were added to `equations`, and the norm of its error.
     #[must_use]
     pub fn new(equations: &NormalEquations<6>, error: f64) -> Self {
         Self { matrix: equations.matrix(), vector: equations.vector(), error }

@@ -1,4 +1,4 @@
-//! Which features of the target a law compares, and how much each one counts.
+//! Which features of the target an image-based law compares (points, segments, one area), and their weights in the squared error.
 
 use crate::messages::MAX_FEATURES;
 
@@ -14,7 +14,7 @@ pub enum FeatureKind {
 }
 
 impl FeatureKind {
-    /// How many numbers the feature has.
+    /// How many numbers the feature has in the stacked error.
     #[must_use]
     pub fn numbers(self) -> usize {
         match self {
@@ -26,7 +26,7 @@ impl FeatureKind {
     }
 }
 
-/// What is compared of an area.
+/// Which features of an area are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OutlineFeature {
     /// Centroid, area and orientation, [`crate::features::AreaFeature`].

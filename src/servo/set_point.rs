@@ -1,4 +1,7 @@
-//! The goal: desired features of (10.78), from a desired pose, given, or taught from what the camera sees.
+//! The set-point of visual servoing: the desired features `s_d` of (10.78), from a desired pose, given as numbers, or taught from measurements.
+//!
+//! Points are given in the object frame O (m), features are normalized image coordinates, and `X_DO` is the pose of O in the frame D of the camera at
+//! the goal.
 
 mod from_features;
 
@@ -22,7 +25,7 @@ pub struct SetPoint {
 }
 
 impl SetPoint {
-    /// The view of the points `p_O` (object frame, m) when the object lies at `X_DO` in the camera. All points are
+    /// The features of the points `p_O` (object frame, m) for an object at `X_DO` in the camera. All points are
     /// selected.
     ///
     /// `None` when a point would lie behind the camera, or there are none or more than [`MAX_FEATURES`].
@@ -64,13 +67,13 @@ impl SetPoint {
         })
     }
 
-    /// The same goal, of which the law compares `selection` only. `None` when it names a point that there is not.
+    /// The same set-point, of which the law compares `selection` only. `None` when it names a point that does not exist.
     #[must_use]
     pub fn with_selection(self, selection: Selection) -> Option<Self> {
         selection.fits(self.count).then_some(Self { selection, ..self })
     }
 
-    /// The same goal for points with these ids, which rise. `None` when they are not as many as the points.
+    /// The same set-point for points with these rising ids. `None` when they are not as many as the points.
     #[must_use]
     pub fn with_ids(mut self, ids: &[u32]) -> Option<Self> {
         let good = ids.len() == self.count && ids.is_sorted_by(|a, b| a < b);
@@ -78,7 +81,7 @@ impl SetPoint {
         Some(self)
     }
 
-    /// The points' ids: what measurements are joined by.
+    /// Ids of the points, by which measurements are associated with them.
     #[must_use]
     pub fn ids(&self) -> &[u32] {
         self.ids.get(..self.count).unwrap_or(&self.ids)
@@ -120,8 +123,8 @@ impl SetPoint {
         self.p_O.get(..self.count).unwrap_or(&self.p_O)
     }
 
-    /// Root mean square distance between seen and desired features, in pixels of a camera with focal lengths
-    /// `f_px`, over those that the view has; NaN when it is of other features, or has none.
+    /// Root mean square distance between the current features of the view `seen` and the desired ones, in pixels of a camera with focal lengths
+    /// `f_px`, over the features that are not hidden; NaN when the view belongs to other features, or has none.
     #[must_use]
     pub fn error_rms_px(&self, seen: &View, f_px: &Vector2<f64>) -> f64 {
         if seen.features().len() != self.count {
