@@ -1,4 +1,4 @@
-//! What visual servoing is made of. What changes while it goes on, goal and pace, is none of it.
+//! Settings of visual servoing that are fixed for a run. What changes during a run, the set-point and the share of the gain, is not part of them.
 
 use super::{Law, ObjectDynamics, VisibilityGuard};
 use crate::geometry::Pose;
@@ -6,7 +6,7 @@ use crate::robot::Mount;
 use crate::time::SpanNs;
 use serde::{Deserialize, Serialize};
 
-/// When the servo law is computed.
+/// When the servo law is computed, and for which view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UpdatePolicy {
@@ -14,40 +14,40 @@ pub enum UpdatePolicy {
     Frame,
     /// At every tick with the newest joint positions; the feature error is held.
     Tick,
-    /// At every tick for the view of that tick, carried there from the last exposure by the arm's own motion.
+    /// At every tick, for the view predicted at that tick from the last exposure by the known motion of the arm.
     Predict,
 }
 
-/// What visual servoing is made of.
+/// Settings of visual servoing that are fixed for a run.
 #[derive(Debug, Clone)]
 pub struct ServoSettings {
     /// Law and gains.
     pub law: Law,
     /// When the law is computed.
     pub update: UpdatePolicy,
-    /// Where the camera sits.
+    /// Where the camera is mounted: eye-in-hand or eye-to-hand.
     pub mount: Mount,
-    /// The object in the frame W in which it rests, where a simulation knows it; for the true depth only.
+    /// True pose of the object in the frame W in which it rests, where a simulation has it; used for [`DepthSource::Known`](super::DepthSource::Known) alone.
     pub X_WO: Option<Pose>,
-    /// Smooth start: rate at which the first velocity is let in, 1/s; `None` starts at once.
+    /// Smooth start: rate at which the first velocity is faded in, 1/s; `None` applies it at once.
     pub smooth_start_1_s: Option<f64>,
     /// Secondary task: gain of the motion away from joint limits, 1/s.
     pub limit_avoidance_1_s: Option<f64>,
-    /// Keeps features in the image.
+    /// Keeps the features in the image by modifying the law output.
     pub visibility: Option<VisibilityGuard>,
-    /// Estimates the object's own motion: `predict` then carries views by it too, and velocity laws follow it. `None`
+    /// Dynamics for the estimate of the object's own motion: `predict` then predicts views by it too, and velocity laws add its feed-forward. `None`
     /// for an object at rest.
     pub object: Option<ObjectDynamics>,
-    /// Age of what the law would work with if it were held between measurements: latency and, in the mean, half of a frame's
-    /// period, at most a whole one. What `predict` asks for is quicker by so much as such a law would be for it.
+    /// Age of the view that a law held between measurements would use: latency and, in the mean, half of a frame's period, at most a whole one.
+    /// The gain under `predict` is raised so that the error falls as fast as it would under such a held law.
     pub held_lag: SpanNs,
-    /// Gain to which a higher one falls near the goal, where encoders and noise would make the arm tremble, 1/s.
+    /// Gain near the goal, 1/s, to which a higher one is reduced where encoder steps and noise would move the arm.
     pub gain_at_goal_1_s: f64,
-    /// Goes back to where the whole target was seen last when it is lost.
+    /// Whether the arm returns to the posture of the last complete view when the target is lost.
     pub returns: bool,
-    /// Whether views are compared for motion that coarse encoders do not tell ([`super::Drift`]).
+    /// Whether consecutive views are compared to estimate joint motion that coarse encoders do not show ([`super::Drift`]).
     pub watches_drift: bool,
-    /// How much later the arm moves as it is told: the lag of a drive. `predict` looks so far ahead.
+    /// Lag of the drive: by how much later the arm follows its commands. `predict` predicts the view that far ahead.
     pub lead: SpanNs,
 }
 

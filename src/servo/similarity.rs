@@ -1,4 +1,5 @@
-//! Least squares for m = 4, (10.33): with object and image plane parallel, the image of a plane is a similar figure.
+//! Similarity transformation between two sets of points by least squares, for m = 4, (10.33): where object and image plane are parallel, the image
+//! of a plane is a similar figure.
 
 use nalgebra::Vector2;
 
@@ -9,7 +10,7 @@ pub(super) struct Similarity {
     pub(super) scale: f64,
     /// Rotation, rad, in (-pi, pi].
     pub(super) angle_rad: f64,
-    /// Where r = 0 goes.
+    /// Image of the point r = 0.
     pub(super) offset: Vector2<f64>,
 }
 

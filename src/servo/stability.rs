@@ -1,18 +1,18 @@
 //! Whether an image-based law with an estimate of L_s is stable, after (10.91): with K_s = k I the error obeys
 //! `e_s' = -k L_s Lhat_s^+ e_s`, L_s the true matrix, Lhat_s the law's.
 //!
-//! The text asks that the product is positive definite: then the norm of the error falls all the time. That is enough, and far from necessary:
-//! L_s of a small target is ill-conditioned, and an estimate that turns its weak directions ever so little towards the strong ones lets the norm
-//! rise before it falls. What is necessary at the goal is that the eigenvalues of the product have positive real parts.
+//! The text requires the product to be positive definite: then the norm of the error falls at all times. That is sufficient, and far from necessary:
+//! L_s of a small target is ill-conditioned, and an estimate that rotates its weak directions slightly towards the strong ones lets the norm
+//! rise before it falls. Necessary for stability at the goal is that the eigenvalues of the product have positive real parts.
 //! [`StabilityMargin`] has both numbers.
 //!
-//! With more numbers than motions the product has directions without any motion. Both are asked of the errors that motions change, the range of L_s,
-//! which is what remains near the goal. For studies and checks: nothing of it runs in a tick.
+//! With more numbers than motions (k > 6) the product is singular. Both conditions are therefore applied to its restriction to the range of L_s, the
+//! errors that motions of the camera change. For studies and checks: nothing of it runs in a tick.
 
 use nalgebra::{DMatrix, DVector, Schur};
 use serde::Serialize;
 
-/// Singular values below this share of the largest one are none: the square root of what a double resolves, which is what derivatives by differences
+/// Singular values below this share of the largest one count as zero: the square root of what a double resolves, which is what derivatives by differences
 /// leave.
 const RANK_SHARE: f64 = 1e-8;
 /// An entry below the diagonal of this share of its neighbours is none; where eigenvalues lie together, of the next one. Chosen:
@@ -21,8 +21,8 @@ const DEFLATION: [f64; 3] = [1e-12, 1e-9, 1e-6];
 /// Most iterations. Chosen: two or three an eigenvalue are usual.
 const MAX_ITERATIONS: usize = 1000;
 
-/// `-de/dx` at x = 0 by central differences, a column for each of so many `numbers` of x, from `error(j, step)`: the error where number j of x is
-/// `step` and the others are 0. It is the true motion of the features, L_s or J_L, when `error` is that of a true camera. `None` where it has none.
+/// `-de/dx` at x = 0 by central differences, one column for each of the `numbers` elements of x. `error(j, step)` is the error for element j of x at
+/// `step` and all others at 0. With the error of a true camera this is the true matrix L_s or J_L. `None` where `error` is `None`.
 #[must_use]
 pub fn error_motion(
     numbers: usize,
@@ -34,7 +34,7 @@ pub fn error_motion(
     Some(DMatrix::from_columns(&columns?))
 }
 
-/// What the product of L_s and the inverse of its estimate tells; both numbers are 1 for an exact estimate.
+/// Stability of the product `L_s Lhat_s^+`; both numbers are 1 for an exact estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct StabilityMargin {
     /// Smallest eigenvalue of the symmetric part: above 0 the norm of every error falls, the condition of the text.

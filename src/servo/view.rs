@@ -1,5 +1,8 @@
-//! What the camera sees at one instant: measured, or carried from its exposure to another time by the camera's known
-//! motion. Some of the features may be hidden: their places hold NaN, so that a law which overlooks that has no finite answer.
+//! The view: features of the target at one instant, measured at an exposure, or predicted at another time by the known motion of the camera.
+//!
+//! Data flow: a measurement becomes a view of the set-point's features, associated by id ([`View::of`]); it is checked ([`View::is_possible`]), its hidden
+//! features are completed where the law needs them ([`View::sufficient`]), it is transformed to the pose of the camera now ([`View::carried`]), and
+//! the law reads it. Hidden features are NaN, so that a law which overlooks them has no finite output.
 
 use super::{DepthRow, SetPoint};
 use crate::geometry::Pose;
@@ -7,11 +10,11 @@ use crate::messages::{MAX_FEATURES, Measurement};
 use crate::pose::{Correspondence3, refine_3d};
 use nalgebra::{Matrix6, Point3, Vector2};
 
-/// So many points fix a camera's place without doubt, because three leave up to four poses ([`crate::pose::p3p`]): of fewer, the pose
-/// tells where the hidden ones are. With half of it a test of hidden features fails, with twice of it none.
+/// So many points determine the camera's pose uniquely, because three leave up to four poses ([`crate::pose::p3p`]): where fewer are visible, the
+/// hidden ones are placed by the pose. With half of it a test of hidden features fails, with twice of it none.
 const ENOUGH: usize = 4;
-/// What a measurement may hold at all, so that bits gone wrong are not taken for a view: no arm's object is a kilometre away, m, and
-/// no lens of the crate looks farther aside than tan(89.9 degrees), normalized.
+/// Largest distance, m, and largest normalized coordinate of a measurement, so that corrupted bits are not taken for a view: no arm's object is a
+/// kilometre away, and no lens of the crate images more than tan(89.9 degrees).
 const FARTHEST_M: f64 = 1e3;
 const FARTHEST_ASIDE: f64 = 573.0;
 /// Largest variance of a pose, m^2 and rad^2: the square of the farthest distance. A larger one would contain no information.
@@ -20,7 +23,7 @@ const MAX_VARIANCE: f64 = 1e6;
 const ROTATION_SLACK: f64 = 1e-6;
 const HIDDEN: Vector2<f64> = Vector2::new(f64::NAN, f64::NAN);
 
-/// Feature points, in normalized coordinates, and where known the object's pose.
+/// Feature points in normalized coordinates, in the order of the set-point's points, and the object's pose `X_CO` where it is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
     s: [Vector2<f64>; MAX_FEATURES],
@@ -37,8 +40,8 @@ pub(super) fn is_there(s: &Vector2<f64>) -> bool {
 }
 
 impl View {
-    /// What a measurement shows of the set-point's features. `None` when the target was not found, none of its points is one of the
-    /// set-point's, one that is seen is nowhere a camera looks, or the list is none that vision makes: too long, or without rising ids.
+    /// The view of the set-point's features in a measurement. `None` when the target was not found, when none of its points is one of the
+    /// set-point's, when a coordinate is outside of what a lens can image, or when the list is invalid: too long, or without rising ids.
     #[must_use]
     pub fn of(measurement: &Measurement, set_point: &SetPoint) -> Option<Self> {
         let list = measurement.features();
@@ -72,8 +75,8 @@ impl View {
         (seen > 0).then_some(view)
     }
 
-    /// Whether the pose, where there is one, is that of an object which can be seen like this, with a `covariance` that one can
-    /// have: a rotation, and no seen point behind the camera or a kilometre away.
+    /// Whether the pose, where there is one, and its `covariance` are possible for the visible features: a valid rotation, finite variances, and no
+    /// visible point behind the camera or more than a kilometre away.
     #[must_use]
     pub fn is_possible(&self, set_point: &SetPoint, covariance: &Matrix6<f64>) -> bool {
         let Some(X_CO) = &self.X_CO else { return true };
@@ -125,8 +128,8 @@ impl View {
         !self.features().iter().all(is_there)
     }
 
-    /// A view with which the laws can go on where features are hidden: as it is, if enough of those that the set-point selects are
-    /// seen; otherwise the hidden ones are put where the pose has them. `None` where that is unknown.
+    /// A view that is sufficient for the laws where features are hidden: unchanged if enough of those that the set-point selects are visible;
+    /// otherwise with the hidden ones projected from the pose. `None` where there is no pose.
     #[must_use]
     pub fn sufficient(self, set_point: &SetPoint) -> Option<Self> {
         let selected = set_point.selection().points();
@@ -136,7 +139,7 @@ impl View {
         if seen >= needed { Some(self) } else { self.completed(set_point) }
     }
 
-    /// The view with its hidden features where the pose has them. `None` where that is unknown.
+    /// The view with its hidden features projected from the pose. `None` where there is no pose.
     #[must_use]
     pub fn completed(mut self, set_point: &SetPoint) -> Option<Self> {
         for (s, p_O) in self.s.iter_mut().zip(set_point.points()).filter(|(s, _)| !is_there(s)) {
@@ -155,15 +158,15 @@ impl View {
         self.X_CO.as_ref()
     }
 
-    /// The object's pose as a simulation knows it, without vision.
+    /// The object's true pose, where a simulation has it.
     #[must_use]
     pub fn X_CO_known(&self) -> Option<&Pose> {
         self.X_CO_known.as_ref()
     }
 
-    /// This view with its hidden features and its pose from a `guess` of the same instant, the pose put right by the features that
-    /// are seen; and the covariance of that pose, as twist `[v; w]` in C, for features of `sd`. `None` when these lie farther
-    /// than `largest` from the guess, root mean square. Normalized units.
+    /// This view with its hidden features and its pose from a predicted view `guess` of the same instant, the pose refined by the visible features;
+    /// and the covariance of that pose, as twist `[v; w]` in C, for features with the standard deviation `sd`. `None` when the visible features
+    /// lie farther than `largest` from the prediction, root mean square. Normalized units.
     pub(super) fn with_hidden_of(
         mut self,
         guess: &Self,
@@ -191,7 +194,7 @@ impl View {
         Some((self, refined.covariance))
     }
 
-    /// The same view with the object's pose that a simulation knows.
+    /// The same view with the object's true pose of a simulation.
     #[must_use]
     pub fn with_known(self, X_CO_known: Option<Pose>) -> Self {
         Self { X_CO_known, ..self }
@@ -215,8 +218,8 @@ impl View {
         self.X_CO.map(|X| (X * p_O).z).filter(|z| *z > 0.0).unwrap_or(fallback_m)
     }
 
-    /// The view from another place: the camera frame C' lies such that `X_DC` brings coordinates from C to C' (D for
-    /// "destination"). The object does not move. `None` when a point would come to lie behind the camera.
+    /// The view from another camera frame C', where `X_DC` transforms coordinates from C to C' (D for
+    /// "destination"). The object does not move. `None` when a point would lie behind the camera.
     #[must_use]
     pub fn carried(&self, X_DC: &Pose, set_point: &SetPoint) -> Option<Self> {
         let mut there = *self;

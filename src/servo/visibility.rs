@@ -1,7 +1,7 @@
-//! Keeps features in the image: bends and slows a requested motion that would carry them over its border.
+//! Keeps features in the image: modifies a requested camera twist that would move them out of it.
 //!
-//! Each seen feature at the pixel u may move outward no faster than the distance d that is left to a margin before the
-//! border allows: a velocity damper, `n . u_dot <= k max(d, 0)` with n the outward normal of a side and
+//! The outward speed of each visible feature at the pixel u is limited in proportion to its distance d from a margin before the
+//! border: a velocity damper, `n . u_dot <= k max(d, 0)` with n the outward normal of a side and
 //! `u_dot = (du/ds) L_s V`. The camera twist V of the law output is replaced by the nearest one that fulfils this for every
 //! feature and side,
 //!
@@ -9,12 +9,12 @@
 //! V' = argmin |V' - V|^2_W   subject to   a_j V' <= b_j,        b_j >= 0
 //! ```
 //!
-//! among the twists that the arm can make. Standing still fulfils everything, so there always is a solution; it is found
-//! by Gauss-Seidel on the multipliers (Hildreth), a bounded number of sweeps without memory of its own. Law outputs that carry
-//! nothing out are left as they are, to the last bit.
+//! among the twists of which the arm is capable. Zero fulfils all constraints, so a solution always exists; it is computed
+//! by Gauss-Seidel on the multipliers (Hildreth), with a bounded number of sweeps from zero. Law outputs that fulfil
+//! all constraints are returned unchanged, to the last bit.
 //!
-//! A torque law `u = g + J^T (h - D J qd) - K_D qd` moves the arm, if nothing else does, with
-//! `(J^T D J + K_D) qd* = J^T h`. It is that velocity which is held back, and an arm that is already too fast is braked.
+//! A torque law `u = g + J^T (h - D J qd) - K_D qd` has the terminal velocity `qd*` with
+//! `(J^T D J + K_D) qd* = J^T h`. The constraints apply to it, and an arm that is already too fast is braked.
 
 use super::{Arm, LawOutput, SetPoint, Task, TwistTask, View, WrenchTask, joint_velocity};
 use crate::camera_model::CameraModel;
@@ -24,40 +24,40 @@ use crate::messages::MAX_FEATURES;
 use crate::robot::CameraJacobian;
 use nalgebra::{Matrix2x6, Matrix6, RowVector6, SMatrix, SVector, Vector2, Vector6};
 
-/// Of the distance between a desired feature and the border, the share that the margin leaves to it: a goal near the border
+/// Share of the distance between a desired feature and the border that the margin leaves free, so that a goal near the border
 /// can be reached. Chosen by hand: half of it changes no unit test; twice would leave goals no margin at all, and two of them fail.
 const GOAL_SHARE: f64 = 0.5;
 /// Most sweeps over all features and sides, so that the time of a tick is bounded. Chosen by hand: twice as many come within 0.2 % of what
 /// ten times as many find for a SCARA with four points at a border, and go 0.1 % beyond the bound of the unit test for it.
 const SWEEPS: usize = 60;
-/// Outward speed beyond what is allowed that is let pass, px/s. A thousandth of a pixel in a second is what no detection sees, so that
+/// Tolerance of the constraints on the outward speed, px/s. No detection resolves a thousandth of a pixel in a second, so that
 /// further sweeps would change nothing but the time of the tick.
 const SLACK_PX_S: f64 = 1e-3;
-/// How much a turn of 1 rad counts, m: what it moves the image of a target as far away. Chosen for targets at half a metre; what is held back
-/// is the same for any, how it bends is not.
+/// Weight of rotation against translation in W, m per rad: the distance of a target whose image both move alike. Chosen for targets at half a metre;
+/// it changes which twist is nearest, not the constraints.
 const TURN_M: f64 = 0.5;
-/// How much more than its own damping an arm under a torque law is braked when it is too fast towards a border. Chosen by hand: half and twice
+/// Factor on the law's own damping with which an arm under a torque law is braked when it is too fast towards a border. Chosen by hand: half and twice
 /// of it change no unit test.
 const BRAKING: f64 = 4.0;
 /// Damping in the solution for a torque law's velocity, as share of the largest diagonal entry: so that a law which leaves a motion free
-/// has a solution too. A thousand times the rank tolerance of the factors, and felt by motions alone that are damped 3e-5 times as
+/// has a solution too. A thousand times the rank tolerance of the factors; it affects only motions that are damped 3e-5 times as
 /// strongly as others.
 const DAMPING: f64 = 1e-9;
 
-/// What is kept in the image, and how.
+/// Settings: camera, margin and rate of the velocity damper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VisibilityGuard {
     /// The camera that sees the features.
     pub camera: CameraModel,
     /// Distance from the border that the target's marks keep, px.
     pub margin_px: f64,
-    /// Radius of the largest mark, m: what of the target lies beyond a feature's centre.
+    /// Radius of the largest mark of the target, m, which extends beyond a feature's centre.
     pub mark_radius_m: f64,
     /// Share of the distance to the margin that a feature may cover in a second, 1/s.
     pub rate_1_s: f64,
 }
 
-/// What a feature's motion may be: `rows V` is its velocity in the image, `growth V` that of the radius of a mark about it,
+/// Constraints on the motion of one feature: `rows V` is its velocity in the image, `growth V` the rate of the radius of its mark,
 /// px/s.
 #[derive(Clone, Copy)]
 struct Bound {
@@ -70,7 +70,7 @@ struct Bound {
 }
 
 impl VisibilityGuard {
-    /// `law_output` about `task`, so that no feature of `view` is carried out of the image.
+    /// `law_output` for `task`, modified so that no feature of `view` leaves the image.
     #[must_use]
     pub fn hold<const N: usize>(
         &self,
@@ -113,8 +113,8 @@ impl VisibilityGuard {
         Some(tau + damping * (held - qd))
     }
 
-    /// The joint velocity nearest to `qd` that carries nothing out; `None` where that is `qd` itself. `braking`: how much slower
-    /// than allowed a feature shall be for each px/s by which it is too fast now.
+    /// The joint velocity nearest to `qd` that fulfils all constraints; `None` where `qd` does. `braking`: by how much below its limit the speed
+    /// of a feature is set for each px/s by which it exceeds the limit now.
     fn held_back<const N: usize>(
         &self,
         set_point: &SetPoint,
@@ -158,7 +158,7 @@ impl VisibilityGuard {
         Some(qd + joint_velocity(&task, 1.0, &arm.J)?)
     }
 
-    /// The bounds of the features that are seen.
+    /// The constraints of the visible features.
     fn bounds<'a>(&'a self, set_point: &'a SetPoint, view: &'a View) -> impl Iterator<Item = Bound> + 'a {
         let seen = (0..view.features().len()).filter_map(|i| view.feature(i).map(|s| (i, *s)));
         seen.filter_map(move |(i, s)| {
@@ -194,7 +194,7 @@ impl VisibilityGuard {
         [of(px.x, i.width_px, i.fx_px), of(px.y, i.height_px, i.fy_px)]
     }
 
-    /// Largest outward speed, px/s, of a feature that has `left_px` to go and moves outward with `now_px_s`.
+    /// Largest outward speed, px/s, of a feature at the distance `left_px` from the margin that moves outward with `now_px_s`.
     fn largest_px_s(&self, left_px: f64, now_px_s: f64, braking: f64) -> f64 {
         let allowed = self.rate_1_s * left_px;
         allowed - braking * (now_px_s - allowed).max(0.0)
@@ -221,7 +221,7 @@ impl Bound {
         })
     }
 
-    /// Takes from V what breaks the bound, or gives back what was taken too much; by how much it was broken, px/s.
+    /// One Hildreth step for this constraint: corrects V and the multiplier. Returns by how much the constraint was violated, px/s.
     fn project(
         &mut self,
         V: &mut Vector6<f64>,
@@ -252,7 +252,7 @@ impl Bound {
     }
 }
 
-/// How a twist gives way: the inverse of the weights W, of the motions that the arm can make.
+/// Inverse of the weights W on the range of the camera's Jacobian, 6 x 6: the twists of which the arm is capable.
 fn mobility<const N: usize>(J: &CameraJacobian<N>) -> Option<Matrix6<f64>> {
     let turn = 1.0 / (TURN_M * TURN_M);
     let all = Vector6::new(1.0, 1.0, 1.0, turn, turn, turn);

@@ -1,9 +1,9 @@
-//! When the law is computed, and for which view: takes measurements as they come, late or early or twice, and gives a
-//! law output at every tick.
+//! The servo controller: accepts measurements with any latency and order, and computes a law output at every tick.
 //!
-//! A measurement is placed in time by its exposure stamp alone. Under `predict` the camera's own motion since then is
-//! known from the joint history, so that for an object at rest the view now is exact, whatever the latency. The own motion
-//! of an object that moves is estimated, where that is asked for.
+//! Data flow: [`VisualServo::note_arm`] (joint history) and [`VisualServo::take`] (measurement to checked view), then
+//! [`VisualServo::law_output`]: the view, predicted to now, gives a task, and task and arm a law output. Time is that of the exposure stamp
+//! alone. Under `predict` the camera's motion since then follows from the joint history, so that the view of an object at rest is exact for any
+//! latency; the motion of a moving object is estimated, where [`ServoSettings::object`] asks for it.
 
 mod covariance;
 mod pace;
@@ -24,42 +24,42 @@ use nalgebra::{Matrix6, SVector, Vector6};
 /// change no unit test.
 const LONGEST_FUTURE: SpanNs = SpanNs(50_000_000);
 
-/// How long hidden features are taken to be where the arm's motion has brought them. Chosen by hand.
+/// How long hidden features are predicted by the arm's motion from the last complete view. Chosen by hand.
 const LONGEST_GUESS: SpanNs = SpanNs(3_000_000_000);
-/// Root mean square distance, normalized, of features that are seen from where that motion has them, beyond which the object has
-/// moved, or the camera's mount is not what it is believed to be: 24 px of a lens of 800 px. Chosen by hand; no unit test of servo comes to it.
+/// Root mean square distance, normalized, of visible features from their prediction by that motion, beyond which the object has
+/// moved, or the calibration of the camera's mount is wrong: 24 px of a lens of 800 px. Chosen by hand; no unit test of servo comes to it.
 const MAX_CONTRADICTION: f64 = 0.03;
-/// Standard deviation of features of which some are taken to be there, normalized: half a pixel of a lens of 800 px. Chosen by hand.
+/// Standard deviation of the features of a view with predicted ones, normalized: half a pixel of a lens of 800 px. Chosen by hand.
 const SD_OF_A_GUESS: f64 = 6e-4;
 
 /// The share of its gains above which a swinging arm is slowed down once more. Shares are halved, so that a half and a quarter
 /// come, and any number in between here says the same: twice. That twice is enough is chosen by hand.
 const MIN_SHARE: f64 = 0.3;
-/// Gain of the way back to where the target was seen, 1/s, and how near to it is there, rad or m. Chosen by hand.
+/// Gain of the return to the last complete view, 1/s, and the distance from it that counts as arrived, rad or m. Chosen by hand.
 const RETURN_RATE_1_S: f64 = 2.0;
 const RETURNED: f64 = 1e-3;
-/// The last measurement in use.
+/// The last measurement that was used.
 #[derive(Debug, Clone, Copy)]
 struct LastMeasurement {
     exposure: MonoNs,
     view: View,
     task: Task,
-    /// Where the camera was at the exposure, in the frame of the object.
+    /// Pose of the camera at the exposure, in the frame W in which the object rests.
     X_WC: Pose,
     /// Whether features were hidden.
     partial: bool,
-    /// Features of it are where the arm's motion has them, not where they were seen.
+    /// Whether features of it were predicted by the arm's motion, not measured.
     supposed: bool,
 }
 
-/// What the law says, and how that leads to the goal.
+/// A law output, and how it leads to the goal.
 #[derive(Debug, Clone, Copy)]
 struct LawAnswer<const N: usize> {
     law_output: LawOutput<N>,
     convergence: Convergence<N>,
 }
 
-/// What is sought at a tick, and at what pace.
+/// Set-point and share of the gain at one tick.
 #[derive(Debug, Clone, Copy)]
 struct Pursuit<'a> {
     goal: &'a SetPoint,
@@ -74,18 +74,18 @@ pub struct VisualServo<const N: usize> {
     goal: SetPoint,
     history: JointHistory<N>,
     last: Option<LastMeasurement>,
-    /// The last one without hidden features, and with a pose.
+    /// The last complete measurement: without hidden features, and with a pose.
     whole: Option<LastMeasurement>,
     /// The depths that the first measurement with a pose gave; kept over goals, stops and losses of the target.
     initial: Option<DepthRow>,
-    /// The arm's posture at the last exposure that showed the whole target, rad or m.
+    /// The arm's posture at the exposure of the last complete measurement, rad or m.
     q_whole: Option<SVector<f64, N>>,
     held: Option<LawAnswer<N>>,
     fresh: bool,
-    /// First requested velocity, and when: what a smooth start takes off.
+    /// First requested velocity, and when: a smooth start subtracts its fading part.
     start: Option<(MonoNs, SVector<f64, N>)>,
     object: Option<ObjectMotion>,
-    /// What the last measurement told of the joints.
+    /// Joint motion that the last measurement showed beyond the history.
     drift: Option<Drift<N>>,
     /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
     gain_share: f64,
@@ -125,7 +125,7 @@ impl<const N: usize> VisualServo<N> {
         &self.settings
     }
 
-    /// From now on `goal` is sought, also by what was measured before.
+    /// Changes the set-point to `goal`; measurements that were already taken are used for it too.
     pub fn set_goal(&mut self, goal: SetPoint) {
         self.goal = goal;
         self.held = None;
@@ -135,14 +135,14 @@ impl<const N: usize> VisualServo<N> {
         });
     }
 
-    /// Whether the law works with a view in which features are hidden.
+    /// Whether the law uses a view in which features are hidden.
     #[must_use]
     pub fn is_degraded(&self) -> bool {
         self.last.as_ref().is_some_and(|last| last.partial)
     }
 
-    /// From now on resolved velocities lead to the goal half as fast: an arm that is not its model swings less. Whether they do; a
-    /// moving object is not followed more slowly, and laws that give torques have no such pace.
+    /// Halves the gain of resolved velocities from now on, so that an arm that differs from its model oscillates less. Returns whether it was
+    /// reduced; the feed-forward for a moving object is not, and laws that output torques have no such gain.
     pub fn reduce_gain(&mut self) -> bool {
         let has_pace = self.object.is_none() && !self.settings.law.is_torque();
         let reduced = has_pace && self.gain_share > MIN_SHARE;
@@ -152,7 +152,7 @@ impl<const N: usize> VisualServo<N> {
         reduced
     }
 
-    /// From now on the goal is sought at full gain, as at first.
+    /// Restores the full gain.
     pub fn restore_gain(&mut self) {
         self.gain_share = 1.0;
     }
@@ -162,12 +162,12 @@ impl<const N: usize> VisualServo<N> {
         self.start = None;
     }
 
-    /// Notes where the arm is; at every tick, before anything else.
+    /// Adds a joint state (rad or m, rad/s or m/s) to the history; called at every tick, before anything else.
     pub fn note_arm(&mut self, now: MonoNs, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
         self.history.push(now, q, qd);
     }
 
-    /// Takes a measurement in.
+    /// Checks a measurement and, if it is used, makes it the current view.
     pub fn take(&mut self, now: MonoNs, measurement: &Measurement, robot: &Robot<N>) -> MeasurementVerdict {
         let exposure = measurement.exposure;
         if measurement.target_status() == TargetStatus::Inconsistent {
@@ -231,7 +231,7 @@ impl<const N: usize> VisualServo<N> {
         if exposure > now { MeasurementVerdict::UsedFromFuture } else { MeasurementVerdict::Used }
     }
 
-    /// How much the joints, in `q` at this measurement, moved since the last one beyond what the history says.
+    /// Joint motion since the last measurement beyond the history, for joints at `q` at this one's exposure.
     fn drift_to(&self, now: &LastMeasurement, q: &SVector<f64, N>, robot: &Robot<N>) -> Option<Drift<N>> {
         let before = self.last.as_ref()?;
         let (from, span) = (before.exposure, now.exposure - before.exposure);
@@ -246,14 +246,14 @@ impl<const N: usize> VisualServo<N> {
         Some(Drift { dq, from, span })
     }
 
-    /// What the last measurement told of the joints, once.
+    /// Takes the joint motion that the last measurement showed beyond the history; `None` at the next call.
     pub fn take_drift(&mut self) -> Option<Drift<N>> {
         self.drift.take()
     }
 
-    /// A view in which so much is hidden that it has no pose: the hidden features are where the last whole view has them, carried
-    /// to this exposure by the arm's known motion (and the object's, where that is estimated); the pose is that of least
-    /// reprojection error for them all. `None` when there is no such view that is young enough, or the two contradict each other.
+    /// Completes a view in which so much is hidden that it has no pose: hidden features are predicted from the last complete view by the arm's
+    /// known motion (and the object's, where it is estimated); the pose is that of least reprojection error for all features. `None` when there
+    /// is no complete view that is recent enough, or prediction and visible features contradict each other.
     fn completed_by_motion(
         &self,
         seen: &View,
@@ -271,8 +271,8 @@ impl<const N: usize> VisualServo<N> {
         seen.with_hidden_of(&guess, set_point, (MAX_CONTRADICTION, SD_OF_A_GUESS))
     }
 
-    /// What the joints shall do at this tick, at which they stand in `q` and move with `qd`. `None` before the first
-    /// measurement, and where the law has no answer.
+    /// The law output at this tick for the joint positions `q` (rad or m) and velocities `qd` (rad/s or m/s). `None` before the first
+    /// measurement, and where the law has no finite output.
     pub fn law_output(
         &mut self,
         q: &SVector<f64, N>,
@@ -298,9 +298,9 @@ impl<const N: usize> VisualServo<N> {
         self.object.as_ref().map_or(1.0, |object| object.confidence(now + self.settings.lead))
     }
 
-    /// Back to the posture in which the arm saw the whole target last, for an arm in `q` that has lost it and holds: the joint
-    /// velocity, rad/s or m/s, and how it leads there. `None` where that is not asked for
-    /// ([`ServoSettings::returns`]), nothing was ever seen, or the arm is there already.
+    /// Return to the posture of the last complete measurement, for an arm at `q` that has lost the target and holds: the joint
+    /// velocity, rad/s or m/s, and how it leads there. `None` where it is not enabled
+    /// ([`ServoSettings::returns`]), there was no complete measurement, or the arm has arrived.
     #[must_use]
     pub fn way_back(&self, q: &SVector<f64, N>) -> Option<(SVector<f64, N>, Convergence<N>)> {
         let to_go = self.q_whole.filter(|_| self.settings.returns)? - q;
@@ -309,7 +309,7 @@ impl<const N: usize> VisualServo<N> {
             .then(|| (to_go * RETURN_RATE_1_S, Convergence::at(RETURN_RATE_1_S)))
     }
 
-    /// The twist that the law asks for of a camera which moves freely, `V_WC_C`, m/s and rad/s, for the last view as it was at its
+    /// The twist `V_WC_C` that the law would request of a camera without an arm, m/s and rad/s, for the last view at its
     /// exposure. `None` where [`law_output`](Self::law_output) has none, and for a torque law.
     #[must_use]
     pub fn camera_law_output(&self) -> Option<Vector6<f64>> {
@@ -332,7 +332,7 @@ impl<const N: usize> VisualServo<N> {
         self.held.as_ref().map(|answer| &answer.convergence)
     }
 
-    /// The law output less what is left of the first one, `v(t) - exp(-rate t) v(0)`: from rest without a jump.
+    /// Smooth start: the law output less the fading first one, `v(t) - exp(-rate t) v(0)`, which begins at rest without a jump.
     fn started(&mut self, law_output: LawOutput<N>) -> LawOutput<N> {
         let (Some(rate_1_s), LawOutput::Velocity(qd), Some(now)) =
             (self.settings.smooth_start_1_s, law_output, self.history.newest())
@@ -383,8 +383,7 @@ impl ServoSettings {
         Some(answer)
     }
 
-    /// What the law asks for as far as the target stays in the image, and of the `secondary` motion as much as `task` does not
-    /// feel.
+    /// The law output with the null-space part of the `secondary` motion, modified so that the target stays in the image.
     fn answer<const N: usize>(
         &self,
         pursuit: Pursuit<'_>,
@@ -426,7 +425,7 @@ impl ServoSettings {
     }
 }
 
-/// The joint velocity with which the camera keeps its place relative to a moving object: the feed-forward. None where
+/// Feed-forward: the joint velocity, rad/s or m/s, that keeps the camera's pose relative to a moving object. `None` where
 /// the arm cannot follow.
 fn follow<const N: usize>(
     object: &ObjectMotion,

@@ -1,4 +1,4 @@
-//! The numbers of an image error one after the other: gain matrices mix them, plots show them.
+//! The stacked feature error e_s and interaction matrix L_s of the selected features, for laws with full gain matrices, for studies and plots.
 
 use super::{Interaction, Visitor, sides, visit};
 use crate::features::{Feature, NormalEquations, StackRow};
@@ -10,8 +10,8 @@ use nalgebra::{DMatrix, DVector, Matrix6, SVector, Vector6};
 const MAX_NUMBERS: usize = 6 * MAX_FEATURES;
 const EMPTY: StackRow = StackRow { row: [0.0; 6], error: 0.0, weight: 0.0 };
 
-/// L_s, e_s and the weights, a row for each number of the selected features; rows of hidden features are zero, so that what a gain matrix
-/// does with the others is as if it had no rows and columns for them.
+/// L_s (k x 6), e_s (k) and the weights, a row for each number of the selected features. Rows of hidden features are zero, so that a gain matrix acts
+/// on the others as if it had no rows and columns for the hidden ones.
 struct Rows {
     interaction: Interaction,
     rows: [StackRow; MAX_NUMBERS],
@@ -30,7 +30,7 @@ impl Rows {
         self.rows.get(..self.count).unwrap_or(&self.rows)
     }
 
-    /// `L_s^T K x` for the numbers x of the rows.
+    /// `L_s^T K x` for a stacked vector x with an element for each row.
     fn moved(&self, K: &FeatureMatrix, x: impl Iterator<Item = f64> + Clone) -> Vector6<f64> {
         let mut sum = Vector6::zeros();
         for (i, row) in self.rows().iter().enumerate() {
@@ -82,7 +82,7 @@ pub fn image_task_by(
 }
 
 /// Scheme C: wrench `L_s^T K_Ps e_s` and damping `L_s^T K_Ds L_s` of (10.84) for matrices K_Ps, in N m, and K_Ds, in N m s. The features'
-/// weights have no part in it. Without K_Ds damping is left to the joints.
+/// weights do not enter. Without K_Ds only the damping of the joints acts.
 ///
 /// `None` as for [`image_task_by`].
 #[must_use]
@@ -107,7 +107,7 @@ pub fn image_wrench_by(
     Some(WrenchTask { wrench, damping })
 }
 
-/// L_s as the law takes it, k x 6, and e_s of (10.79), each row times the square root of its feature's weight. For studies: it allocates.
+/// The law's estimate of L_s, k x 6, and e_s of (10.79), each row times the square root of its feature's weight. For studies: it allocates.
 ///
 /// `None` as for [`image_task`](super::image_task).
 #[must_use]
@@ -124,7 +124,7 @@ pub fn weighted_rows(
     Some((L, e))
 }
 
-/// The stacked error e_s of the selected features that are seen, and how many numbers it has; for plots and checks.
+/// The stacked error e_s (normalized coordinates) of the selected features that are not hidden, and how many numbers it has; for plots and checks.
 #[must_use]
 pub fn image_error(set_point: &SetPoint, view: &View) -> Option<(SVector<f64, MAX_NUMBERS>, usize)> {
     let (now, goal) = sides(set_point, view, Interaction::TEXTBOOK)?;

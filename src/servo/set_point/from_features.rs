@@ -1,4 +1,4 @@
-//! A goal from features alone: given, or taught. It takes a search for the desired pose, which no tick makes.
+//! A set-point from desired features alone, given as numbers or taught. The desired pose is found by a search, which is not done in a tick.
 
 use super::SetPoint;
 use crate::geometry::Pose;
@@ -10,7 +10,7 @@ impl SetPoint {
     /// Given features `s_d` (normalized) of the points `p_O` (m), for example measured in the desired pose.
     ///
     /// Four or more coplanar points with z = 0 also give the desired pose and the depths; otherwise there is no
-    /// desired pose and `z_d_m` stands for all depths. `None` when the lists do not fit each other, a number is not
+    /// desired pose and `z_d_m` is used as the depth of all points. `None` when the lists do not fit each other, a number is not
     /// finite, or the depth is not positive.
     #[must_use]
     pub fn from_features(s_d: &[Vector2<f64>], points: &[Point3<f64>], z_d_m: f64) -> Option<Self> {
@@ -34,8 +34,8 @@ impl SetPoint {
         Some(set_point)
     }
 
-    /// The same features with the desired pose and the depths that explain them best, from a pose near it: for points that are no
-    /// plane. `None` where they fix none.
+    /// The same features with the desired pose of least reprojection error and its depths, refined from a pose near it: for points that are not
+    /// coplanar. `None` where they do not determine a pose.
     #[must_use]
     pub(crate) fn posed_near(&self, guess: &Pose) -> Option<Self> {
         let mut seen = [Correspondence3 { r: Point3::origin(), s: Vector2::zeros() }; MAX_FEATURES];

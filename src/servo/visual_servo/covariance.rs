@@ -1,15 +1,15 @@
-//! The covariance of a measured pose as the estimate of an object's motion needs it.
+//! The covariance of a measured pose, expressed in the frame in which the estimator of the object's motion needs it.
 
 use crate::geometry::Pose;
 use crate::messages::Measurement;
 use nalgebra::Matrix6;
 
-/// What vision states of its pose: of the twist `[v; w]` expressed in C.
+/// The covariance that vision states of its pose, 6 x 6, of the twist `[v; w]` expressed in C, m and rad.
 pub(super) fn stated_covariance(measurement: &Measurement) -> Matrix6<f64> {
     Matrix6::from_row_slice(&measurement.pose_covariance)
 }
 
-/// A covariance of a twist `[v; w]` expressed in C, expressed in W.
+/// The covariance of a twist `[v; w]`, given in C, transformed to W.
 pub(super) fn covariance_in(X_WC: &Pose, covariance: &Matrix6<f64>) -> Matrix6<f64> {
     let R = X_WC.rotation.to_rotation_matrix();
     let mut both = Matrix6::zeros();

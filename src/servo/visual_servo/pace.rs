@@ -1,20 +1,20 @@
-//! How fast a resolved velocity leads to the goal: slower near it, and on an arm that swings; quicker where a law looks ahead.
+//! The effective gain of a resolved-velocity law: reduced near the goal and for an arm that oscillates, raised where the law uses predicted views.
 
 use super::{Pursuit, ServoSettings, View};
 use nalgebra::Vector2;
 
-/// Feature error at which a gain has fallen half-way to the calm one, root mean square, normalized: a pixel of a lens of 800 px, below which it
-/// is noise and encoder steps that move the arm. Chosen by hand; no unit test of servo has such a gain.
+/// Feature error at which the gain has fallen half-way to `gain_at_goal_1_s`, root mean square, normalized: a pixel of a lens of 800 px, below which
+/// noise and encoder steps dominate the error. Chosen by hand; no unit test of servo has such a gain.
 const GAIN_AT_GOAL_ERROR: f64 = 1.25e-3;
-/// Rate that no swinging arm makes slower, 1/s. Chosen by hand: half and twice of it change no unit test.
+/// Rate below which the gain is not reduced for an oscillating arm, 1/s. Chosen by hand: half and twice of it change no unit test.
 const SLOW_1_S: f64 = 1.0;
 /// Product of gain and age above which the gain is not raised to match a held law. Derived: up to here the series of [`as_quick_as_held`] is exact to 0.5 %; its
 /// equation has no real solution beyond 1 / e = 0.37, from where on the held law swings.
 const MAX_HELD: f64 = 0.2;
 
 impl ServoSettings {
-    /// Share of a law's rate that is left: of all that is above [`SLOW_1_S`] the gain's share that an arm that swings has, and near the goal it falls
-    /// towards `gain_at_goal_1_s` where `view` is within about a pixel.
+    /// Factor on a law's rate `rate_1_s`: the part above [`SLOW_1_S`] is multiplied by the reduced share of the gain of an oscillating arm, and near the
+    /// goal, where the error of `view` is about a pixel, the rate falls towards `gain_at_goal_1_s`.
     pub(super) fn gain_at(&self, pursuit: Pursuit<'_>, rate_1_s: f64, view: &View) -> f64 {
         let slower = if rate_1_s > SLOW_1_S { pursuit.gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
         slower * self.reduced_near_goal(pursuit, rate_1_s * slower, view)
@@ -27,15 +27,15 @@ impl ServoSettings {
         }
         let error = pursuit.goal.error_rms_px(view, &Vector2::repeat(1.0));
         let far = error * error / (error * error + GAIN_AT_GOAL_ERROR * GAIN_AT_GOAL_ERROR);
-        // No error can be told: nothing speaks for calm.
+        // Without an error the gain is not reduced.
         let far = if far.is_nan() { 1.0 } else { far };
         (at_goal_1_s + (rate_1_s - at_goal_1_s) * far) / rate_1_s
     }
 }
 
-/// How much quicker than `exp(-lambda t)` the error falls under a law of gain lambda that works with errors of age T: the larger
-/// they are, the more it asks for. `e' = -lambda e(t - T)` falls with the rate `s = lambda x`, `x = exp(x lambda T)`, here as its
-/// series. Held laws of higher gains begin to swing; there is nothing to keep up with.
+/// Factor x by which the error falls faster than `exp(-lambda t)` under a held law of gain lambda whose errors have the age T, since an older error is
+/// larger: `e' = -lambda e(t - T)` falls with the rate `s = lambda x`, `x = exp(x lambda T)`, here as its series. Beyond
+/// [`MAX_HELD`] held laws begin to oscillate, and the gain is raised less and less.
 pub(super) fn as_quick_as_held(lambda_T: f64) -> f64 {
     let r = lambda_T.clamp(0.0, MAX_HELD);
     let x = 1.0 + r * (1.0 + r * (1.5 + r * (8.0 / 3.0 + r * 125.0 / 24.0)));
