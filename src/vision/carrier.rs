@@ -1,5 +1,7 @@
-//! Where the arm has the camera at an exposure, by its joint states: vision then expects the target where the arm's own motion has
-//! brought it, also where that is hundreds of pixels from where it was seen last.
+//! Pose of the camera at an exposure, from the joint states.
+//!
+//! Data flow: joint states are noted as they arrive; for the exposure stamp of a frame the joint positions are interpolated and forward kinematics
+//! gives `X_WC`. Vision then predicts the target by the known motion of the arm, also where it has moved by hundreds of pixels since the last frame.
 
 use crate::geometry::Pose;
 use crate::messages::JointState;
@@ -7,20 +9,20 @@ use crate::robot::{JointHistory, Mount, Robot};
 use crate::time::MonoNs;
 use nalgebra::SVector;
 
-/// An arm of any number of joints, and the camera that it carries or stands before.
+/// An arm of any number of joints with an eye-in-hand or eye-to-hand camera.
 pub trait Carrier: Send {
-    /// Takes a joint state in.
+    /// Adds a joint state to the history.
     fn note(&mut self, state: &JointState);
 
     /// Stamp of the newest state.
     fn newest(&self) -> Option<MonoNs>;
 
-    /// The camera's pose in the frame of the object (the base, or the flange for a camera beside the arm) at `time`; `None` before
+    /// Pose of the camera at `time` in the frame W to which the object is fixed: the base for eye-in-hand, the flange for eye-to-hand. `None` before
     /// the first state.
     fn X_WC(&self, time: MonoNs) -> Option<Pose>;
 }
 
-/// An arm of `N` joints, as the run file has it.
+/// An arm of `N` joints with the kinematics and the mount of the run file.
 #[derive(Debug, Clone)]
 pub struct ArmCarrier<const N: usize> {
     robot: Robot<N>,

@@ -1,4 +1,8 @@
-//! Prediction of the target's points in the next frame.
+//! Prediction of the target's points in the next frame, which gives the tracking windows.
+//!
+//! Data flow: with a predicted pose each point is projected from it, and the part of the last image motion that this pose does not explain is
+//! added. Without one, visible points are extrapolated with their velocity in the image, and hidden ones with the velocity of the visible ones
+//! from their projection by the last pose. Positions are pixels of the distorted image.
 
 use super::{Prior, Vision};
 use crate::detect::{Expected, Found, dot_covariance_px2};
@@ -11,15 +15,13 @@ use nalgebra::Vector2;
 const SHARE_OF_MOTION: f64 = 0.3;
 
 impl Vision {
-    /// Fills `expected`, ids rising. Whether anything is expected: how dark is dark is taken from the last estimate.
-    ///
-    /// With a predicted pose each point lies where that puts it, and where the object's own motion of late brings it. Otherwise the points seen last go on with their velocity, and hidden
-    /// ones with theirs from where the last pose puts them.
+    /// Fills `expected` with predictions for the frame of time `exposure`, ids rising. Returns whether there are any: without a last estimate, from
+    /// which the threshold is taken too, there are none.
     pub(super) fn expect(&mut self, exposure: MonoNs, prior: &Prior) -> bool {
         self.expected.clear();
         let Some(last) = &self.last else { return false };
         let (dots, estimator) = (&last.estimate.dots, &self.estimator);
-        // with the target partly hidden the arm may slow down, which no velocity of the last frames tells
+        // where the target is partly hidden the arm may slow down, which the velocity of the last frames does not contain
         let whole = dots.len() == estimator.target.points().len();
         let slack_px = estimator.settings.slack_px * if whole { 1.0 } else { 2.0 };
         let mean = dots.iter().map(|d| d.dark_level + d.plate_level).sum::<f64>() / dots.len().max(1) as f64;
@@ -38,7 +40,7 @@ impl Vision {
             old.map_or(Vector2::zeros(), |old| (dot.px - old.px) * ratio)
         };
         let common = dots.iter().map(motion).sum::<Vector2<f64>>() / dots.len().max(1) as f64;
-        // three dots tell the affine motion of the plane
+        // three dots determine the affine motion of the plane
         let plane = |id: u32| estimator.target.points().get(id as usize).map(|point| point.p_O.coords.xy());
         let hidden_motion = |id: u32| match dots.as_slice() {
             [a, b, c] => {
@@ -54,7 +56,7 @@ impl Vision {
                 dot_covariance_px2(X_CO, &estimator.camera, &disc.centre_m, disc.radius_m)?;
             Some((px, covariance.map(|c| c + 1.0 / 12.0), area_px2))
         };
-        // What the object did beside the camera's motion when it was seen last goes on.
+        // The motion of the object itself, which the camera's motion did not explain in the last frame, continues.
         let surprise = || {
             let X_CO = before?.carried(last.X_WC.as_ref())?;
             let off = |dot: &Found| Some(dot.px - placed(dot.id as usize, &X_CO)?.0);
@@ -103,7 +105,7 @@ impl Vision {
     }
 }
 
-/// Weights, of sum 1, with which three points make up `p`; `None` when they lie in line.
+/// Barycentric coordinates of `p`: weights of sum 1 of three points; `None` when these are collinear.
 fn barycentric(p: &Vector2<f64>, a: &Vector2<f64>, b: &Vector2<f64>, c: &Vector2<f64>) -> Option<[f64; 3]> {
     let (u, v, w) = (b - a, c - a, p - a);
     let area = u.perp(&v);

@@ -1,4 +1,10 @@
-//! What the dots of one frame say: features, pose, and whether they can be believed.
+//! From the detections of one frame to features, pose and covariance, and whether these are accepted.
+//!
+//! Data flow: the points of the finder are corrected for the offset of their centres at the known pose, two candidate poses of the plane are computed and
+//! one is chosen and refined; corrections and pose are repeated. Points that do not fit are left out. The estimate is accepted where the reprojection
+//! errors fit the stated variances ([`PoseEstimator::believes`]), and is then written into the measurement.
+//!
+//! "Dot" stands here for a point of any target.
 
 use super::expectation::find;
 use super::misfit::{self, ENOUGH_TO_CHOOSE, Growth, MAX_MISFIT};
@@ -11,11 +17,11 @@ use crate::pose::{Correspondence, PlanarPose, RefinedPose, planar_pose, refine};
 use crate::target::Target;
 use nalgebra::{Matrix6, Point3, Vector2};
 
-/// Changes of the centres' offsets below this need no second turn, px.
+/// Changes of the centres' offsets below this need no second iteration, px.
 const SMALL_CHANGE_PX: f64 = 0.05;
-/// A centre's offset that may be believed before the pose is known, in standard deviations of a point of the dot.
+/// Largest offset of a centre that is corrected before the pose is estimated, in standard deviations of the points of the dot's disc.
 const MAX_OFFSET: f64 = 0.5;
-/// Largest shift of one dot by what is dark beside it, px: two dots at a shadow's edge may move as a pose would move them.
+/// Largest shift of one dot's centroid by something dark beside it, px: two dots at the edge of a shadow may shift in a way that a pose explains.
 const MAX_DISTURBANCE_PX: f64 = 0.5;
 
 /// A point whose distance from its prediction exceeds this many robust standard deviations is left out. Chosen by hand: by noise alone,
@@ -24,35 +30,34 @@ const STRAY: f64 = 5.0;
 /// Median of chi-square with 2 degrees of freedom, 2 ln 2.
 const MEDIAN_SQUARE: f64 = 1.386;
 
-/// Three dots cannot contradict each other. They are used only if their surroundings shift them by no more than this, px, and if their
-/// contrast is that of the last frame within this share. Both chosen by hand.
+/// Three dots have no redundancy: any pose of theirs fits. They are used only if their surroundings shift them by no more than this, px, and if
+/// their contrast equals that of the last frame within this share. Both chosen by hand.
 const LONE_DISTURBANCE_PX: f64 = 0.1;
 const LONE_CONTRAST: f64 = 0.2;
 
-/// The dots of one frame, and what they say.
+/// The detections of one frame, and features and pose that were computed from them.
 #[derive(Debug, Clone, Default)]
 pub(super) struct FrameEstimate {
-    /// Ids rise.
+    /// Detections, ids rising.
     pub(super) dots: Vec<Found>,
-    /// Images of the points, px, likewise.
+    /// Images of the points' centres, px, in the same order.
     pub(super) px: Vec<Vector2<f64>>,
-    /// The points in the object's plane and in the image, likewise.
+    /// The points in the object's plane (m) and in the image (normalized), in the same order.
     pairs: Vec<Correspondence>,
-    /// Of three dots only a guess, with which their centres are put right: they leave up to four poses.
+    /// The refined pose. With three dots, which leave up to four poses, only the one nearest to the prediction, by which their centres are corrected.
     pub(super) pose: Option<RefinedPose>,
     pub(super) ambiguous: bool,
-    /// Of an ambiguous one: the other pose that explains the image, and how much less likely it is, the logarithm of the ratio of the
-    /// likelihoods.
+    /// Where the pose is ambiguous: the other pose, and the logarithm of the likelihood ratio of the first to it.
     pub(super) other: Option<(RefinedPose, f64)>,
-    /// Reprojection error of the pose; infinite without one.
+    /// Reprojection error of the pose, px, root mean square; infinite without one.
     pub(super) rms_px: f64,
-    /// Whether dots that cannot contradict each other are as they should be.
+    /// Whether dots without redundancy look as they did in the last frame.
     plausible: bool,
 }
 
 impl FrameEstimate {
     pub(super) fn with_room_for(count: usize) -> Self {
-        // one more: a hidden dot may be assumed for a first guess
+        // one more: the prediction of a hidden dot may take part in the first pose
         Self {
             dots: Vec::with_capacity(count),
             px: Vec::with_capacity(count),
@@ -61,7 +66,7 @@ impl FrameEstimate {
         }
     }
 
-    /// How much less certain points and pose are than stated, as the misfit says.
+    /// By how much the covariances of points and pose are larger than stated, according to the misfit.
     pub(super) fn growth(&self) -> Growth {
         let variance = self.dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>();
         let count = self.dots.len() as f64;
@@ -69,7 +74,7 @@ impl FrameEstimate {
     }
 }
 
-/// Camera, target and settings: all that a frame's dots are judged by.
+/// Camera, target and settings, with which the pose of a frame is estimated and checked.
 #[derive(Debug, Clone)]
 pub(super) struct PoseEstimator {
     pub(super) camera: CameraModel,
@@ -90,7 +95,8 @@ impl PoseEstimator {
         Self { camera, target, settings, serves }
     }
 
-    /// Features and pose from the dots' centroids. `last` is the estimate before, `expected` where dots were looked for.
+    /// Computes features and pose from the detections in `estimate`. `last` is the last accepted estimate, `expected` the predictions by which the
+    /// dots were found.
     pub(super) fn describe(
         &self,
         estimate: &mut FrameEstimate,
@@ -112,7 +118,7 @@ impl PoseEstimator {
             if estimate.dots.len() < ENOUGH_TO_CHOOSE || self.believes(estimate) {
                 break;
             }
-            // the one that fits least goes
+            // leave out the dot with the largest error
             let Some(pose) = &estimate.pose else { break };
             let misfit = |(i, dot): (usize, &Found)| {
                 let (pair, px) = (estimate.pairs.get(i)?, estimate.px.get(i)?);
@@ -128,7 +134,7 @@ impl PoseEstimator {
         }
     }
 
-    /// Leaves out points far off the pose of all: further than the others by so much that they are no chance, up to a third of them.
+    /// Leaves out outliers: points whose reprojection error exceeds [`STRAY`] robust standard deviations, up to a third of them.
     pub(super) fn leave_out_strays(&self, estimate: &mut FrameEstimate, finder: &Finder) {
         for _ in 0..estimate.dots.len() / 3 {
             if estimate.dots.len() < ENOUGH_TO_CHOOSE {
@@ -175,14 +181,14 @@ impl PoseEstimator {
             Some(Correspondence { r: place(id)?, s: self.camera.normalized_of(px) })
         };
         let known = prior.predicted_X_CO.or_else(|| last?.pose.map(|pose| pose.X_CO));
-        // three dots leave up to four poses: a guess takes the hidden one to be where it was expected
+        // three dots leave up to four poses: for the first pose the hidden dot is taken to be at its prediction
         let hidden = expected.iter().find(|e| dots.len() == 3 && find(dots, e.id).is_none());
-        // where the pose is about known, so is how far centroids lie from their points
+        // a predicted pose is good enough to correct the centroids
         if let Some(known) = known.filter(|_| hidden.is_none()) {
             for (px, dot) in px.iter_mut().zip(dots.iter()) {
                 let offset = finder.bias_px(dot.id, &known);
                 let [xx, _, yy] = dot.covariance_px2;
-                // what somebody predicts may be absurd, or no number: no centre lies so far off
+                // a predicted pose from outside may be absurd or not finite: no centre has such an offset
                 if offset.norm_squared() <= MAX_OFFSET * MAX_OFFSET * xx.max(yy) {
                     *px = dot.px - offset;
                 }
@@ -190,7 +196,7 @@ impl PoseEstimator {
         }
         pairs.extend(dots.iter().zip(px.iter()).filter_map(|(dot, px)| pair(dot.id, px)));
         if pairs.len() != dots.len() || dots.is_empty() {
-            return; // no point of this target
+            return; // an id that the target does not have
         }
         let i = self.camera.intrinsics();
         let f = (i.fx_px * i.fy_px).sqrt();
@@ -207,7 +213,7 @@ impl PoseEstimator {
             (chosen, *ambiguous) = self.choose(&both, known.as_ref(), count, sd_px / f);
             chosen
         };
-        // the offsets depend on the pose, and it on them: each turn leaves a few hundredths of what was wrong
+        // the offsets depend on the pose and the pose on them: each iteration leaves a few hundredths of the error
         for _ in 0..2 {
             let mut greatest = 0.0f64;
             for ((px, pair), dot) in px.iter_mut().zip(pairs.iter_mut()).zip(dots.iter()) {
@@ -230,7 +236,7 @@ impl PoseEstimator {
         }
         let Some(pose) = pose else { return };
         if *ambiguous && let Some(second) = both.other {
-            // whichever of the two was not taken
+            // the one of both that was not chosen
             let apart = |X: &Pose| X.rotation.angle_to(&pose.X_CO.rotation);
             let start =
                 if apart(&second.X_CO) > apart(&both.best.X_CO) { second.X_CO } else { both.best.X_CO };
@@ -251,11 +257,11 @@ impl PoseEstimator {
         }
     }
 
-    /// Whether dots that cannot contradict each other look as they did.
+    /// Whether three dots, which have no redundancy, have the contrast of the last frame and nothing dark beside them.
     fn is_plausible(dots: &[Found], last: Option<&FrameEstimate>) -> bool {
         let contrast = |dot: &Found| dot.plate_level - dot.dark_level;
         let alike = |dot: &Found| {
-            // a dot that was hidden has nothing to be compared with but the others of then
+            // a dot that was hidden is compared with another one of the last frame
             let before = last.and_then(|last| find(&last.dots, dot.id).or(last.dots.first()));
             dot.disturbance_px <= LONE_DISTURBANCE_PX
                 && before.is_some_and(|old| (contrast(dot) / contrast(old) - 1.0).abs() <= LONE_CONTRAST)
@@ -263,7 +269,7 @@ impl PoseEstimator {
         dots.len() == 3 && dots.iter().all(alike)
     }
 
-    /// Whether the dots can be believed: one pose explains them, and nothing dark lies beside one.
+    /// Whether the estimate is accepted: one pose explains the points within their variances, and nothing dark beside a dot shifts it.
     pub(super) fn believes(&self, estimate: &FrameEstimate) -> bool {
         let count = estimate.dots.len() as f64;
         let stated = estimate.dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>() / count;
@@ -277,12 +283,12 @@ impl PoseEstimator {
             && estimate.dots.iter().all(|d| d.disturbance_px <= MAX_DISTURBANCE_PX)
     }
 
-    /// Of two poses that explain the image of `count` points almost equally well, the one nearer to the `known` one; and
-    /// whether there are two.
+    /// Chooses between the two poses of a plane: the better one, or, where both explain the image of `count` points almost equally well
+    /// (ambiguity), the one nearer to the `known` pose. Returns it, and whether the pose is ambiguous. `sd`: of a feature, normalized.
     fn choose(&self, both: &PlanarPose, known: Option<&Pose>, count: f64, sd: f64) -> (Pose, bool) {
         let PlanarPose { best, other } = both;
         let Some(other) = other else { return (best.X_CO, false) };
-        // rms over the points: their sum of squares grows by the square of the limit
+        // rms is over the points; the criterion is the difference of the sums of squares
         let limit = self.settings.ambiguity_sds * sd;
         if count * (other.rms * other.rms - best.rms * best.rms) > limit * limit {
             return (best.X_CO, false);
@@ -290,7 +296,7 @@ impl PoseEstimator {
         (known.map_or(best.X_CO, |known| both.nearest(known).X_CO), true)
     }
 
-    /// Tells it.
+    /// Writes features, pose, covariance and flags into the measurement.
     pub(super) fn fill(&self, estimate: &FrameEstimate, tracked: bool, m: &mut Measurement) {
         m.status = TargetStatus::Found as u32;
         let seen = estimate.dots.iter().zip(&estimate.px).zip(&estimate.pairs);
@@ -315,7 +321,7 @@ impl PoseEstimator {
     }
 }
 
-/// A point of the object's plane.
+/// The point `r` (m) of the object's plane z = 0.
 fn in_plane(r: &Vector2<f64>) -> Point3<f64> {
     Point3::new(r.x, r.y, 0.0)
 }

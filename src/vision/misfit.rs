@@ -1,6 +1,7 @@
-//! How badly a model may explain what was measured before it is not believed.
+//! Bounds on the misfit (the reprojection error over its stated variance, chi-square distributed): up to where it is chance, and where a measurement is
+//! rejected.
 
-/// Largest misfit of four good dots: `T = 4 rms^2 / sd^2`, the sum of squares of the 8 reprojection errors over
+/// Largest misfit of four dots that is accepted: `T = 4 rms^2 / sd^2`, the sum of squares of the 8 reprojection errors over
 /// the mean variance of a coordinate. With 6 parameters of the pose it has a chi-square distribution with 2 degrees of
 /// freedom, which exceeds 20 once in 22 000 times; in strong blur the stated variances are a few times too small.
 pub(super) const MAX_MISFIT: f64 = 50.0;
@@ -24,20 +25,20 @@ const CHANCE_DEVIATE: f64 = 3.09;
 /// Factor by which the variance of points may exceed the stated one without a misfit. Chosen by hand: stated variances are right to a
 /// quarter, and the rest is margin.
 const NOISE: f64 = 1.5;
-/// From so many points on some may be left out: four of six are left at least, and four are what one needs to contradict each other.
+/// From so many points on some may be left out: four of six are left at least, and four are the fewest with redundancy.
 pub(super) const ENOUGH_TO_CHOOSE: usize = 6;
 
-/// What a misfit says of one image's pose.
+/// Factors on variances by the misfit of one image's pose: 1 where the misfit is within chance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Growth {
-    /// The variance of a point over the stated one.
+    /// Factor on the stated variance of a point.
     pub points: f64,
-    /// The covariance of the pose over that of points of the stated variance.
+    /// Factor on the covariance of the pose that follows from the stated variances of the points.
     pub pose: f64,
 }
 
 impl Growth {
-    /// What fits.
+    /// A misfit within chance: nothing is enlarged.
     pub const NONE: Self = Self { points: 1.0, pose: 1.0 };
 
     /// Of `count` points whose squares of reprojection errors over their variance have the sum `misfit`.

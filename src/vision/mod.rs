@@ -4,9 +4,9 @@
 //! Frame --> Finder (windows, else whole frame) --> centroids --> pose --> centre offsets --> features, pose, covariance
 //!             ^ expected points: carried by the arm's known motion, else constant velocity of the last two measurements
 //! ```
-//! No clock, no allocation, no error: what goes wrong is a [`TargetStatus`]. What was found is believed only where one
-//! pose explains it, see [`VisionSettings::model_sd_px`]. A target that is partly hidden is tracked on as long as what is left of
-//! it fixes its pose: three dots of four, as many of a grid as tell where in it they are.
+//! It reads no clock, allocates nothing and returns no errors: the [`TargetStatus`] of a measurement says why there is no target. Detections are accepted
+//! only where one pose explains them, see [`VisionSettings::model_sd_px`]. A partly hidden target is tracked as long as its visible points
+//! determine the pose: three dots of four, or enough dots of a grid to identify them.
 //!
 //! # Terms
 //!
@@ -68,37 +68,37 @@ pub use still::Still;
 /// reappears is found within 0.2 s, and the mean cost rises by a fifth of a search.
 const SEARCH_AGAIN: u32 = 5;
 
-/// A frame as the camera published it.
+/// A frame as the camera published it: header and 8-bit grey image.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame<'a> {
-    /// Stamps and shape.
+    /// Stamps, number and size.
     pub header: FrameHeader,
     /// The image.
     pub image: ImageView<'a>,
 }
 
-/// What is known about the scene before the frame is looked at.
+/// What is known of the scene before the frame is processed.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Prior {
-    /// Where the object should be at the frame's exposure. `None`: it is where the camera's motion brings it.
+    /// Predicted pose of the object in the camera at the frame's exposure. `None`: it is predicted by `X_WC`.
     pub predicted_X_CO: Option<Pose>,
-    /// Where the camera is at the frame's exposure, in a frame in which the object hardly moves ([`Carrier`]). `None`: the last two
-    /// measurements are extrapolated.
+    /// Pose of the camera at the frame's exposure, in a frame W in which the object hardly moves ([`Carrier`]). `None`: the last two
+    /// measurements are extrapolated in the image.
     pub X_WC: Option<Pose>,
 }
 
-/// How vision works.
+/// Settings of vision.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VisionSettings {
     /// Whether to look in predicted windows first; otherwise every frame is searched as a whole.
     pub track: bool,
-    /// How far off a prediction may be, px, beside what its age adds.
+    /// Error of a prediction for which a window allows, px, in addition to a share of the motion since the last frame.
     pub slack_px: f64,
     /// Two poses count as ambiguous when the worse one's error, in standard deviations of the features,
     /// exceeds the better one's by less than this.
     pub ambiguity_sds: f64,
-    /// How far the real lens and the real dots are from their description, one standard deviation of each coordinate,
-    /// px. Allows for so much when it is asked whether one pose explains the dots; not part of any stated deviation.
+    /// Model error: standard deviation of each coordinate, px, by which lens and target differ from their description. It is added to the variance of
+    /// the points when the misfit is checked, and is not part of any stated deviation.
     pub model_sd_px: f64,
     /// The camera's response, for which images were made linear as far as it is known.
     pub response: Response,
@@ -110,17 +110,17 @@ impl Default for VisionSettings {
     }
 }
 
-/// An estimate that was believed, and when it was.
+/// An accepted estimate with the time of its exposure.
 #[derive(Debug, Clone)]
 struct TrustedEstimate {
     exposure: MonoNs,
-    /// Where the camera was.
+    /// Pose of the camera at that exposure.
     X_WC: Option<Pose>,
     estimate: FrameEstimate,
 }
 
 impl TrustedEstimate {
-    /// Where the object of this estimate is before a camera at `X_WC`, if it rests.
+    /// Pose of an object at rest, as estimated here, in a camera at `X_WC`.
     fn carried(&self, X_WC: Option<&Pose>) -> Option<Pose> {
         Some(X_WC?.inv_mul(&self.X_WC?) * self.estimate.pose.as_ref()?.X_CO)
     }
@@ -134,21 +134,21 @@ pub struct Vision {
     /// Estimates from the present frame: in windows, and in the whole frame.
     tracked: FrameEstimate,
     searched: FrameEstimate,
-    /// The last estimate that was believed, and the one before it, as long as the target was not lost since.
+    /// The last accepted estimate, and the one before it; none after the target was lost.
     last: Option<TrustedEstimate>,
     before: Option<TrustedEstimate>,
-    /// Buffers of estimates that are not in use.
+    /// Unused buffers of estimates.
     spare: Vec<FrameEstimate>,
     expected: Vec<Expected>,
-    /// Ids of points of one image on which something lies.
+    /// Ids of points of one image that are partly occluded.
     harmed: Vec<u32>,
-    /// Frames since a part of the target is hidden.
+    /// Number of frames for which a part of the target has been hidden.
     hidden_for: u32,
     lost: u64,
 }
 
 impl Vision {
-    /// Prepares all buffers for one camera and target.
+    /// Vision for one camera and target. Allocates all buffers; [`Self::process`] allocates nothing.
     #[must_use]
     pub fn new(camera: CameraModel, target: impl Into<Target>, settings: VisionSettings) -> Self {
         let target = target.into();
@@ -169,7 +169,7 @@ impl Vision {
         }
     }
 
-    /// The camera that frames are taken to come from.
+    /// The model of the camera.
     #[must_use]
     pub fn camera(&self) -> &CameraModel {
         &self.estimator.camera
@@ -181,7 +181,7 @@ impl Vision {
         &self.estimator.target
     }
 
-    /// Measures one frame. All fields of the measurement are filled except `vision_start`, `vision_end`,
+    /// Measures the target in one frame; the status of the measurement says why it was not found. All fields are filled except `vision_start`, `vision_end`,
     /// `frames_received` and `frames_dropped`, which belong to the process around.
     pub fn process(&mut self, frame: &Frame<'_>, prior: &Prior) -> Measurement {
         let header = &frame.header;
@@ -202,7 +202,7 @@ impl Vision {
                     self.estimator.fill(estimate, !whole, &mut m);
                     self.keep(header.exposure, prior.X_WC, whole);
                 } else {
-                    // The target is there, only not to be believed: the last good estimate predicts the next one.
+                    // The target is visible, but no pose explains it: the last accepted estimate is kept for the prediction.
                     m.status = TargetStatus::Inconsistent as u32;
                     m.reprojection_rms_px = estimate.rms_px;
                 }
@@ -218,8 +218,8 @@ impl Vision {
         m
     }
 
-    /// Looks in the windows where the target should be, and, where that does not show as much of it as before, in the whole frame.
-    /// Whether it is the latter's estimate that counts.
+    /// Tracks the target in the predicted windows, and searches the whole frame where fewer points than before were tracked.
+    /// Returns whether the estimate of the search is the one to use.
     fn find(&mut self, frame: &Frame<'_>, prior: &Prior) -> Result<bool, TargetStatus> {
         let i = self.estimator.camera.intrinsics();
         if (frame.image.width(), frame.image.height()) != (i.width_px as usize, i.height_px as usize) {
@@ -254,7 +254,7 @@ impl Vision {
         }
     }
 
-    /// The estimate of the present frame becomes the last one.
+    /// Makes the estimate of the present frame the last accepted one.
     fn keep(&mut self, exposure: MonoNs, X_WC: Option<Pose>, whole: bool) {
         self.spare.extend(self.before.take().map(|seen| seen.estimate));
         self.before = self.last.take();

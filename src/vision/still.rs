@@ -1,4 +1,4 @@
-//! One image by itself: what `vservo detect` asks.
+//! Detection and pose in a single image, without tracking: what `vservo detect` reports.
 
 use super::{Growth, Prior, Vision};
 use crate::detect::Found;
@@ -8,31 +8,31 @@ use crate::messages::TargetStatus;
 use crate::pose::RefinedPose;
 use nalgebra::Vector2;
 
-/// What one image shows.
+/// Detections and pose of a single image.
 #[derive(Debug, Clone, Copy)]
 pub struct Still<'a> {
     /// The points of the target, ids rising.
     pub found: &'a [Found],
-    /// Images of the points, px, likewise: of dots put right for perspective and lens.
+    /// Images of the points' centres, px, in the same order; those of dots are corrected for perspective and lens.
     pub px: &'a [Vector2<f64>],
-    /// Where the target is; `None` where the points do not fix it.
+    /// Pose of the target in the camera; `None` where the points do not determine it.
     pub pose: Option<&'a RefinedPose>,
-    /// The other pose that explains the image almost as well, and the logarithm of how many times less likely it is.
+    /// Where the pose is ambiguous, the other pose, and the logarithm of the likelihood ratio of the first to it.
     pub other: Option<&'a (RefinedPose, f64)>,
-    /// Distance of the points from those of the pose, root mean square, px.
+    /// Reprojection error, root mean square, px.
     pub rms_px: f64,
     /// Whether one pose explains the points within their stated deviations.
     pub consistent: bool,
-    /// By how much the misfit makes points and pose less certain than what was found states; the pose's covariance has it.
+    /// Factors on the variances of points and pose by the misfit; the pose's covariance contains its factor already.
     pub growth: Growth,
-    /// Ids of dots that are covered or lit in part, and measured by the rest of their rims.
+    /// Ids of dots that are partly occluded or unevenly lit, and were measured by the rest of their rims.
     pub harmed: &'a [u32],
     /// All tags in the image, where the target is made of tags.
     pub tags: &'a [TagFound],
 }
 
 impl Vision {
-    /// Searches one image by itself; what was seen before does not matter, and is not touched.
+    /// Searches a single image. The state of tracking is neither used nor changed.
     ///
     /// # Errors
     /// The status that says why there is no target.
@@ -56,14 +56,14 @@ impl Vision {
             pose: estimate.pose.as_ref().filter(|_| estimate.dots.len() > 3),
             other: estimate.other.as_ref(),
             rms_px: estimate.rms_px,
-            // one point alone, an ellipse's centre, contradicts nothing
+            // a single point, the centre of an ellipse, has no redundancy
             consistent: self.estimator.target.points().len() == 1 || self.estimator.believes(estimate),
             harmed: &self.harmed,
             tags: self.finder.tags(),
         })
     }
 
-    /// The same where nothing is known of the lens: the points alone, as they were measured.
+    /// The same without a calibrated lens: the points alone, without corrections and pose.
     ///
     /// # Errors
     /// As for [`Self::still`].
