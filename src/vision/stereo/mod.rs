@@ -6,10 +6,14 @@
 //!                                        ├─► Pairing ─► pair ─► StereoRig ─► points in space, covariance ─┴─► X_CO, covariance
 //! right frame ─► Finder ─► points by id ─┘                      triangulation                   absolute orientation
 //! ```
-//! A frame is looked at when it comes and is then done with: what waits for its mate are the points that were found, not the pixels.
-//! Where the target of the run file lies on the object, and how large it is, does not enter: its description only tells the finders how
-//! points get their ids. Centres are taken as they are measured, without the offsets that a known target allows for; these are the
-//! same in the taught view, so that they vanish where the arm is going; [`StereoRig::with_model_sd_px`] allows for them on the way.
+//! A frame is processed when it arrives, and its pixels are not needed any longer: the detections, not the pixels, wait for those of the other
+//! camera. Position and size of the target on the object do not enter: the target's description only tells the finders how
+//! points get their ids. Centres are used as measured, without the corrections that a known target allows; the same offsets are in
+//! the taught view, so that they cancel at the goal; [`StereoRig::with_model_sd_px`] allows for them on the way.
+//!
+//! Terms: a *pair* is a frame of the left and one of the right camera whose exposure stamps lie within the tolerance; *triangulation* gives a point in space
+//! from both images, in the left camera's frame; the *taught view* holds the points at the goal; the *absolute orientation* is the
+//! rigid displacement between two sets of points, here from the taught points to the present ones, (10.54).
 
 mod pairing;
 mod rig;
@@ -31,30 +35,30 @@ use crate::stereo::{MeasuredPair, StereoError};
 use crate::target::Target;
 use crate::time::{MonoNs, SpanNs};
 
-/// From so many points on some are left out that do not fit, up to a third of them, so that four at least are left to contradict each other.
+/// From so many points on up to a third are left out as outliers, so that at least four remain and are redundant.
 const ENOUGH_TO_CHOOSE: usize = 6;
-/// So many points fix a pose, since points of a pair have all three coordinates.
+/// Fewest points that determine a pose, since triangulated points have all three coordinates.
 const LEAST: usize = 3;
 
-/// What one camera saw in one frame.
+/// Detections of one camera in one frame.
 #[derive(Debug, Clone)]
 struct CameraDetections {
     header: FrameHeader,
     found: Vec<Found>,
-    /// Why there are none.
+    /// Why there are no detections.
     miss: Option<TargetStatus>,
 }
 
-/// A measurement, and which camera is to blame where it has no target.
+/// A measurement, and which camera is the cause where it has no target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StereoMeasurement {
-    /// What both cameras say together. Without a pair it has the number and stamp of the frame that is alone.
+    /// The measurement of a pair. For a frame without its counterpart it has that frame's number and stamp, and no target.
     pub measurement: Measurement,
-    /// The camera that did not see the target, or whose frame is missing.
+    /// The camera that did not detect the target, or whose frame is missing.
     pub blind: Option<Side>,
 }
 
-/// Measures an object before two cameras.
+/// Measures the pose of an object with two calibrated cameras.
 #[derive(Debug, Clone)]
 pub struct StereoVision {
     rig: StereoRig,
@@ -62,7 +66,7 @@ pub struct StereoVision {
     right: Finder,
     taught: TaughtView,
     pairing: Pairing<CameraDetections>,
-    /// Buffers of detections that are not in use.
+    /// Unused buffers of detections.
     spare: Vec<Vec<Found>>,
     room: usize,
     points: Vec<SpacePoint>,
@@ -72,7 +76,7 @@ pub struct StereoVision {
 }
 
 impl StereoVision {
-    /// Prepares all buffers. Frames whose stamps lie `tolerance` apart or less are a pair.
+    /// Vision for the cameras `rig`. Allocates all buffers. Frames whose stamps differ by `tolerance` or less are a pair.
     #[must_use]
     pub fn new(rig: StereoRig, target: &Target, taught: TaughtView, tolerance: SpanNs) -> Self {
         let room = target.points().len();
@@ -105,19 +109,19 @@ impl StereoVision {
         &self.rig
     }
 
-    /// The view that the object is compared with.
+    /// The taught view: the points at the goal.
     #[must_use]
     pub fn taught(&self) -> &TaughtView {
         &self.taught
     }
 
-    /// How often frames found their mates.
+    /// Numbers of pairs and of frames without a pair.
     #[must_use]
     pub fn counts(&self) -> PairingCounts {
         self.pairing.counts()
     }
 
-    /// Looks for the points in a frame of `side`, and files them for pairing. The frame is not needed any more.
+    /// Detects the points in a frame of `side` and stores them until the other camera's frame comes. The frame is not needed afterwards.
     pub fn look(&mut self, side: Side, frame: &Frame<'_>) {
         let mut found = self.spare.pop().unwrap_or_else(|| Vec::with_capacity(self.room));
         let miss = self.find(side, &frame.image, &mut found).err();
@@ -128,24 +132,24 @@ impl StereoVision {
         );
     }
 
-    /// Files a frame of `side` that is none: its pixels do not fit its header.
+    /// Stores an invalid frame of `side`, whose pixels do not fit its header, as one without detections.
     pub fn look_past(&mut self, side: Side, header: FrameHeader) {
         let (found, miss) = (self.spare.pop().unwrap_or_default(), Some(TargetStatus::WrongSize));
         self.pairing.file(side, header.exposure, CameraDetections { header, found, miss });
     }
 
-    /// For frames of `side` exposed up to `until` no mate is to be waited for any more.
+    /// Ends the waiting of frames of `side` with exposures up to `until`: the other camera's frames are late or lost.
     pub fn give_up(&mut self, side: Side, until: MonoNs) {
         self.pairing.give_up(side, until);
     }
 
-    /// The oldest frame of `side` that waits for its mate.
+    /// Header of the oldest frame of `side` that waits for the other camera's.
     #[must_use]
     pub fn waiting(&self, side: Side) -> Option<&FrameHeader> {
         self.pairing.front(side).map(|detections| &detections.header)
     }
 
-    /// The next measurement, oldest first; `None` where all frames that are here wait for their mates. All fields are filled except
+    /// The next measurement, oldest first; `None` while all frames wait for the other camera's. All fields are filled except
     /// `vision_start`, `vision_end`, `frames_received` and `frames_dropped`, which belong to the process around.
     pub fn next_measurement(&mut self) -> Option<StereoMeasurement> {
         Some(match self.pairing.next_match()? {
@@ -165,10 +169,10 @@ impl StereoVision {
         })
     }
 
-    /// The points in one pair of images by themselves: what a view is taught from. Empty where fewer than three are in both.
+    /// Triangulated points of a single pair of images, from which a view is taught. Empty where fewer than three are in both.
     ///
     /// # Errors
-    /// The camera that does not see the target, and why.
+    /// The camera that does not detect the target, and why.
     pub fn points_in(
         rig: &StereoRig,
         left: (&mut Finder, ImageView<'_>),
@@ -203,7 +207,7 @@ impl StereoVision {
         finder.search(image, found)
     }
 
-    /// Fills pose and features; the camera that is to blame where there are none.
+    /// Fills pose and features; returns the camera that is the cause where there are none.
     fn measure(
         &mut self,
         left: &CameraDetections,
@@ -228,7 +232,7 @@ impl StereoVision {
         None
     }
 
-    /// The pose that explains the points, without those that do not fit.
+    /// The pose of the object by absolute orientation, without outliers.
     fn orientation(&mut self) -> Result<ObjectPose, TargetStatus> {
         let least = self.points.len() - self.points.len() / 3;
         loop {
@@ -284,7 +288,7 @@ impl StereoVision {
         m.reprojection_rms_px = f64::sqrt(squares / images);
     }
 
-    /// With how often the target was lost. A measurement that is refused, or has no mate, loses nothing.
+    /// Adds the count of target losses. A rejected measurement, or one without a pair, is no loss.
     fn counted(&mut self, mut m: Measurement) -> Measurement {
         match m.target_status() {
             TargetStatus::Found => self.was_found = true,
@@ -296,7 +300,7 @@ impl StereoVision {
     }
 }
 
-/// A measurement of a frame as far as the frame tells.
+/// A measurement with the fields that come from the frame's header.
 fn begun(header: &FrameHeader) -> Measurement {
     Measurement {
         frame_id: header.frame_id,

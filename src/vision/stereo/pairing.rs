@@ -1,17 +1,17 @@
-//! Which frame of the left camera shows the same instant as which one of the right: by their exposure stamps alone.
+//! Pairing of the frames of a left and a right camera, by their exposure stamps alone.
 //!
 //! ```text
 //! left   |--l0-----l1-----l2-----l3--►      l0 r0 and l3 r3 are pairs, |l - r| <= tolerance
-//! right  |--r0----------r2'------r3--►      l1 has no mate: r2' is later than l1 + tolerance; neither has r2'
+//! right  |--r0----------r2'------r3--►      l1 has no pair: r2' is later than l1 + tolerance; nor has r2'
 //! ```
-//! With a tolerance of at most half a period no stamp can belong to two pairs. What waits is bounded: a side that runs far ahead loses
-//! its oldest. Who files frames says when it expects no mate any more ([`Pairing::give_up`]): here is no clock.
+//! With a tolerance of at most half a period no stamp can belong to two pairs. The number of waiting frames is bounded: a side that runs far ahead loses
+//! its oldest ones. The module reads no clock: its caller says when frames are not to wait any longer ([`Pairing::give_up`]).
 
 use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
 
 /// Frames of one camera that may wait for those of the other: half a second at 30 Hz, as long as `camera.latency_ms` may be, so that more
-/// of them wait for what does not come.
+/// of them would wait for a frame that was lost.
 const MAX_WAITING: usize = 16;
 
 /// Which of the two cameras.
@@ -24,7 +24,7 @@ pub enum Side {
 }
 
 impl Side {
-    /// A word for people.
+    /// Its name for messages.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -43,21 +43,21 @@ impl Side {
     }
 }
 
-/// What came of waiting.
+/// Result of pairing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Match<T> {
-    /// Both cameras at one instant.
+    /// Frames of both cameras with the same stamp within the tolerance.
     Both {
-        /// What the left one saw.
+        /// Data of the left frame.
         left: T,
-        /// What the right one saw.
+        /// Data of the right frame.
         right: T,
     },
-    /// Nothing of the other camera at this instant.
+    /// A frame of this camera without one of the other.
     Alone(Side, T),
 }
 
-/// How often frames found their mates.
+/// Numbers of pairs and of frames without a pair.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct PairingCounts {
     /// Pairs.
@@ -66,24 +66,24 @@ pub struct PairingCounts {
     pub left_alone: u64,
     /// Frames of the right camera without one of the left.
     pub right_alone: u64,
-    /// Right stamp less left stamp where the last frame found its neighbour too far away; `None` while none did.
+    /// Right stamp less left stamp of the last two frames whose stamps differed by more than the tolerance; `None` while there were none.
     pub last_miss: Option<SpanNs>,
 }
 
-/// Frames of two cameras on their way to each other; `T` is whatever was made of them.
+/// Pairs the frames of two cameras; `T` is the data stored for each frame.
 #[derive(Debug, Clone)]
 pub struct Pairing<T> {
     tolerance: SpanNs,
     left: VecDeque<(MonoNs, T)>,
     right: VecDeque<(MonoNs, T)>,
-    /// Up to these exposures the frames of the other camera are not waited for.
+    /// Frames with exposures up to these do not wait for the other camera any longer.
     left_given_up: Option<MonoNs>,
     right_given_up: Option<MonoNs>,
     counts: PairingCounts,
 }
 
 impl<T> Pairing<T> {
-    /// Pairs are frames whose stamps lie `tolerance` apart or less.
+    /// Pairing of frames whose stamps differ by `tolerance` or less.
     #[must_use]
     pub fn new(tolerance: SpanNs) -> Self {
         let queue = || VecDeque::with_capacity(MAX_WAITING + 1);
@@ -97,12 +97,12 @@ impl<T> Pairing<T> {
         }
     }
 
-    /// Files what `side` saw at `stamp`. [`Self::next_match`] is to be asked until it has nothing more.
+    /// Stores the data `what` of a frame of `side` exposed at `stamp`. Call [`Self::next_match`] afterwards until it returns `None`.
     pub fn file(&mut self, side: Side, stamp: MonoNs, what: T) {
         self.queue(side).push_back((stamp, what));
     }
 
-    /// What `side` has waiting with stamps up to `until` is not to wait any longer.
+    /// Ends the waiting of frames of `side` with stamps up to `until`.
     pub fn give_up(&mut self, side: Side, until: MonoNs) {
         let place = match side {
             Side::Left => &mut self.left_given_up,
@@ -121,7 +121,7 @@ impl<T> Pairing<T> {
         .map(|(stamp, _)| *stamp)
     }
 
-    /// What the oldest frame of `side` that waits was made into.
+    /// Data of the oldest frame of `side` that waits.
     #[must_use]
     pub fn front(&self, side: Side) -> Option<&T> {
         let queue = match side {
@@ -131,7 +131,7 @@ impl<T> Pairing<T> {
         queue.front().map(|(_, what)| what)
     }
 
-    /// The next pair, or frame without one, oldest first; `None` when all that is here has to wait.
+    /// The next pair, or frame without one, oldest first; `None` when all stored frames have to wait.
     pub fn next_match(&mut self) -> Option<Match<T>> {
         let (left, right) = (self.waiting(Side::Left), self.waiting(Side::Right));
         if let (Some(left), Some(right)) = (left, right) {
@@ -142,7 +142,7 @@ impl<T> Pairing<T> {
                 self.counts.pairs += 1;
                 return Some(Match::Both { left, right });
             }
-            // The earlier one cannot have a mate any more: the other camera is past it.
+            // The earlier one cannot have a pair any more: the other camera's frames are later.
             self.counts.last_miss = Some(apart);
             return self.alone(if apart.0 > 0 { Side::Left } else { Side::Right });
         }
@@ -159,7 +159,7 @@ impl<T> Pairing<T> {
         None
     }
 
-    /// How often frames found their mates.
+    /// Numbers of pairs and of frames without a pair.
     #[must_use]
     pub fn counts(&self) -> PairingCounts {
         self.counts

@@ -1,6 +1,6 @@
-//! Two cameras that are fixed to each other: points that both see, by id, become points in space, (10.49)-(10.53).
+//! Triangulation with two cameras that are fixed to each other: points that both detect, associated by id, become points in space, (10.49)-(10.53).
 //!
-//! Nothing is known of the object but the names of its points.
+//! Positions are in the frame L of the left camera, m. Nothing is known of the object but the ids of its points.
 
 use crate::camera_model::CameraModel;
 use crate::detect::Found;
@@ -8,18 +8,18 @@ use crate::geometry::Pose;
 use crate::stereo::{Conjugates, StereoError, Triangulator};
 use nalgebra::{Matrix3, Point3, Vector2};
 
-/// A point that both cameras see, in the frame of the left one.
+/// A triangulated point, in the frame L of the left camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpacePoint {
     /// Which point.
     pub id: u32,
-    /// Where it is, m.
+    /// Its position in L, m.
     pub p_L: Point3<f64>,
     /// Covariance of `p_L`, m^2.
     pub covariance: Matrix3<f64>,
     /// Squared distance of the two rays over its variance: chi-square with one degree of freedom.
     pub misfit: f64,
-    /// What is called one standard deviation of a pixel's coordinate here, as normalized coordinate: the mean of both images.
+    /// Standard deviation of an image coordinate, normalized, root mean square over both images.
     pub sd: f64,
     /// The same, px of the left image.
     pub sd_px: f64,
@@ -31,7 +31,7 @@ pub struct SpacePoint {
     pub left_s: Vector2<f64>,
 }
 
-/// Two cameras, and where the right one is in the left one.
+/// Two cameras with their lenses and the pose `X_LR` of the right camera in the left one.
 #[derive(Debug, Clone)]
 pub struct StereoRig {
     left: CameraModel,
@@ -42,7 +42,7 @@ pub struct StereoRig {
 }
 
 impl StereoRig {
-    /// Cameras with their lenses; the right one sits at `X_LR` in the left one.
+    /// Cameras with their lenses, the right one at `X_LR` in the left one.
     ///
     /// # Errors
     /// [`StereoError::Degenerate`] for cameras in one place, [`StereoError::BadGuess`] for a pose that is not finite.
@@ -50,8 +50,8 @@ impl StereoRig {
         Ok(Self { left, right, X_LR, triangulator: Triangulator::new(&X_LR)?, model_sd_px: 0.0 })
     }
 
-    /// The same pair with lenses and marks that are so far from their description, one standard deviation of each coordinate, px. This
-    /// is part of all deviations that it states: nothing is known of the object by which offsets could be put right.
+    /// The same rig with a model error: standard deviation of each coordinate, px, by which lenses and marks differ from their description. It is
+    /// part of all stated covariances, because nothing is known of the object by which offsets could be corrected.
     #[must_use]
     pub fn with_model_sd_px(self, model_sd_px: f64) -> Self {
         Self { model_sd_px, ..self }
@@ -81,7 +81,7 @@ impl StereoRig {
         Some([self.left.project(p_L)?, self.right.project(&self.X_LR.inverse_transform_point(p_L))?])
     }
 
-    /// Fills `points` with those that are in both lists, whose ids rise. One that lies nowhere before the cameras is left out.
+    /// Triangulates the points that are in both lists (ids rising) into `points`. One that does not lie in front of both cameras is left out.
     pub fn triangulate(&self, left: &[Found], right: &[Found], points: &mut Vec<SpacePoint>) {
         points.clear();
         let mut others = right.iter().peekable();
@@ -104,7 +104,7 @@ impl StereoRig {
         let (at_left, at_right) = (scale(&self.left, &pair.s_1), scale(&self.right, &pair.s_2));
         let model = self.model_sd_px * self.model_sd_px;
         let square = |found: &Found, scale: f64| (found.sd_px * found.sd_px + model) / scale;
-        // The optimum takes both images as equally sharp.
+        // The optimal triangulation assumes equal variances in both images.
         let variance = 0.5 * (square(left, at_left) + square(right, at_right));
         let point = SpacePoint {
             id: left.id,

@@ -1,8 +1,8 @@
-//! The view that the arm is to come back to, as points in space: taught once, by the same two cameras, in the desired pose.
+//! The taught view: the points in space at the goal, measured once by the same two cameras in the desired pose.
 //!
-//! The object's frame O is a matter of agreement, since nobody knows the object: `X_DO` says where it is called to be in the taught view
-//! (D: the left camera there). All points are kept in O, so that the pose of the object before the cameras, `X_CO`, is by
-//! (10.54) the displacement between the points as they were taught and as they are now; at `X_CO = X_DO` the arm is there.
+//! The object's frame O is a convention, since the object is unknown: `X_DO` is its pose in the taught view (D: the left camera there). All
+//! points are stored in O, so that by (10.54) the pose `X_CO` of the object in the left camera is the displacement between the taught points and the
+//! present ones; at `X_CO = X_DO` the goal is reached.
 
 use super::rig::SpacePoint;
 use crate::geometry::Pose;
@@ -14,7 +14,7 @@ use thiserror::Error;
 
 /// Fewest points of a pose: three are enough, since each has all three coordinates.
 const LEAST: usize = 3;
-/// A position is known no better than this, m, so that covariances stay definite that are given as zero.
+/// Least standard deviation of a position, m, so that covariances that are given as zero stay definite.
 const FLOOR_M: f64 = 1e-9;
 /// Width over length of the points below which they count as collinear, so that the rotation about them would be undetermined. Chosen by
 /// hand: 0.1 mm over 0.1 m, the error of a measured point.
@@ -25,13 +25,13 @@ const LINE: f64 = 1e-3;
 pub struct TaughtPoint {
     /// Which point.
     pub id: u32,
-    /// Its place in the left camera in the desired pose, m.
+    /// Its position in the left camera in the desired pose, m.
     pub p_D: Point3<f64>,
     /// Covariance of `p_D`, m^2.
     pub covariance: Matrix3<f64>,
 }
 
-/// Why points are no view that an arm could come back to.
+/// Why points cannot serve as a taught view.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum TaughtViewError {
     /// Too few of them.
@@ -43,10 +43,10 @@ pub enum TaughtViewError {
     /// Ids do not rise.
     #[error("point {0} comes twice, or out of order: ids must rise")]
     Order(u32),
-    /// A number that no position or covariance is.
+    /// A position or covariance that is impossible: not finite, behind the camera, or not positive semi-definite.
     #[error("point {0}: its position must lie before the camera, its covariance be finite and not negative")]
     Number(u32),
-    /// All in one line.
+    /// All points are collinear.
     #[error("the points lie in one line, which fixes no pose; teach points beside it")]
     InLine,
 }
@@ -66,7 +66,7 @@ pub struct TaughtView {
     X_DO: Pose,
 }
 
-/// The object's pose, and how well it explains the points.
+/// Pose of the object with its covariance, and the misfit of the points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObjectPose {
     /// Pose of O in the left camera.
@@ -80,7 +80,7 @@ pub struct ObjectPose {
 }
 
 impl TaughtView {
-    /// Points as they were seen in the desired pose, ids rising; the object's frame is said to lie at `X_DO`.
+    /// A view of points that were measured in the desired pose, ids rising; `X_DO` is the pose of the object's frame by convention.
     ///
     /// # Errors
     /// [`TaughtViewError`].
@@ -124,7 +124,7 @@ impl TaughtView {
         Ok(Self { points: points.iter().map(in_O).collect(), X_DO })
     }
 
-    /// Ids and places of the points in the object's frame, m.
+    /// Ids and positions of the points in the object's frame, m.
     pub fn points_O(&self) -> impl Iterator<Item = (u32, Point3<f64>)> + Clone {
         self.points.iter().map(|p| (p.id, p.p_O))
     }
@@ -135,7 +135,7 @@ impl TaughtView {
         self.points.len()
     }
 
-    /// Where the object's frame is called to be in the desired pose.
+    /// Pose of the object's frame in the desired camera, by convention.
     #[must_use]
     pub fn X_DO(&self) -> &Pose {
         &self.X_DO
@@ -146,17 +146,17 @@ impl TaughtView {
         self.points.binary_search_by_key(&id, |p| p.id).ok().and_then(|i| self.points.get(i))
     }
 
-    /// Place of the point in the object's frame, m.
+    /// Position of the point in the object's frame, m.
     #[must_use]
     pub fn p_O(&self, id: u32) -> Option<Point3<f64>> {
         self.point(id).map(|p| p.p_O)
     }
 
-    /// The most likely pose of the object for what both cameras see of it now; `pairs` is a buffer. Points that were not taught do
-    /// not count.
+    /// The maximum-likelihood pose of the object for the triangulated points of the present pair; `pairs` is a buffer. Points that were not taught
+    /// are ignored.
     ///
     /// # Errors
-    /// [`StereoError::TooFewPoints`] for less than three, [`StereoError::Degenerate`] for points in one line,
+    /// [`StereoError::TooFewPoints`] for less than three, [`StereoError::Degenerate`] for collinear points,
     /// [`StereoError::NotConverged`].
     pub fn pose(
         &self,
