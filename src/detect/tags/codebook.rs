@@ -1,4 +1,4 @@
-//! From bits that were read to the tag they belong to, with a few of them wrong.
+//! Error-correcting lookup: from the bits that were read to the code of the family with the least Hamming distance.
 //!
 //! A word is cut into three parts. With at most two bits wrong one part is right: only the codes that share a part with the word
 //! are compared, instead of all of them in four turns.
@@ -8,12 +8,12 @@ use crate::target::TagFamily;
 /// Parts of a word: one more than the bits that may be wrong, so that one of the parts must be right.
 const PARTS: usize = 3;
 
-/// What a word was taken for.
+/// The code to which a word was decoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Reading {
     /// Which tag.
     pub(super) id: u32,
-    /// Quarter turns, counter-clockwise, by which the image shows it turned.
+    /// Quarter turns, counter-clockwise, by which the tag appears rotated in the image.
     pub(super) turns: u32,
     /// Bits that were wrong.
     pub(super) hamming: u32,

@@ -1,7 +1,7 @@
-//! What a quadrilateral shows: the bits of a tag, read with a model of the tag's own light.
+//! Decoding: the bits of a quadrilateral, read with a model of its own illumination.
 //!
-//! The black border and the white margin tell how light paper and ink are: a plane each over the tag. A bit is white where the middle of its
-//! cell is lighter than half-way between both.
+//! The levels of paper and ink are modelled by a plane each over the tag, fitted to samples of the white margin and of the black border. A bit is
+//! white where the middle of its cell is lighter than the mean of both planes there.
 
 use super::codebook::{Codebook, Reading};
 use super::pattern::{CellPattern, MAX_CELLS, Whites};
@@ -47,23 +47,23 @@ pub(super) enum NoTag {
     NoCode,
 }
 
-/// What was read.
+/// A decoded tag.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Decoded {
     pub(super) reading: Reading,
-    /// Mean distance of the bits from their threshold, of the white or of the black ones, whichever is less; grey levels.
+    /// Decision margin: mean distance of the bits' levels from their threshold, the smaller mean of white and black bits, grey levels.
     pub(super) margin_levels: f64,
     pub(super) light_level: f64,
     pub(super) dark_level: f64,
-    /// Whether some of the paper is as light as levels go: how light it is then nobody knows.
+    /// Whether the paper is clipped: at the last grey level, so that its true lightness is unknown.
     pub(super) clipped: bool,
-    /// What lies inside each side of the quadrilateral.
+    /// Colours of the cells inside each side of the quadrilateral.
     pub(super) inside: [Inside; 4],
-    /// All of its cells.
+    /// Colours of all cells.
     pub(super) pattern: CellPattern,
 }
 
-/// A plane over the tag: level in its middle, and slopes per half side.
+/// A plane of grey levels over the tag: level at its centre, and slopes per half side.
 #[derive(Debug, Clone, Copy, Default)]
 struct LightPlane {
     middle: f64,
@@ -77,7 +77,7 @@ impl LightPlane {
     }
 }
 
-/// Grey level between pixels, by four of them; beyond the image as at its edge.
+/// Bilinearly interpolated grey level at a point (px); beyond the image that of its edge.
 pub(super) fn level_at(image: &ImageView<'_>, at: Vector2<f64>) -> f64 {
     let (x, y) = (at.x.clamp(0.0, image.width() as f64 - 1.0), at.y.clamp(0.0, image.height() as f64 - 1.0));
     let (x0, y0) = (x as usize, y as usize);
@@ -92,7 +92,7 @@ pub(super) fn level_at(image: &ImageView<'_>, at: Vector2<f64>) -> f64 {
     above + fy * (below - above)
 }
 
-/// Reads the tag that fills `quad`.
+/// Decodes the tag whose black border has the corners `quad`, px, correcting at most `max_wrong` bits.
 pub(super) fn decode(
     image: &ImageView<'_>,
     quad: &Quad,
@@ -215,7 +215,7 @@ fn white(family: TagFamily, reading: &Reading) -> Whites {
     white
 }
 
-/// What the tag that was read holds inside of its sides.
+/// For each side the colours of the two rows of cells inside the border, and the slope of the light, as a decoded tag tells them.
 fn inside(white: &Whites, cells: usize, paper: &LightPlane, quad: &Quad) -> [Inside; 4] {
     let last = cells - 1;
     let growth = growth(paper, quad);
@@ -238,7 +238,7 @@ fn inside(white: &Whites, cells: usize, paper: &LightPlane, quad: &Quad) -> [Ins
     sides
 }
 
-/// By what share light grows in x and y at the middle of each side, per px.
+/// Relative slope of the illumination in x and y at the middle of each side, 1/px.
 fn growth(paper: &LightPlane, quad: &Quad) -> [Vector2<f64>; 4] {
     let [a, b, c, d] = *quad;
     // half sides of the tag, as the image shows them

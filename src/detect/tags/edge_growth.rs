@@ -1,16 +1,17 @@
-//! By how much light areas look too large: found by a tag's own edges, and taken off its corners.
+//! Growth: by how much light areas appear too large, estimated from a tag's own edges and corrected at its corners.
 //!
-//! A camera that bends its levels (gamma), light that spreads, and ink that shrinks move every edge towards its dark side by the same
-//! way. The sides of the black square are moved inward, the edges of white cells outward. Between the lines of a grid that is laid into the
-//! corners as they were measured, an edge inside the tag then lies off its line by
+//! A camera whose levels are not proportional to light (gamma), light that spreads, and ink that shrinks shift every edge towards its dark side by the same
+//! distance: the sides of the black square inward, the edges of white cells outward. Relative to the grid that the
+//! measured corners span, an edge between two cells then lies off its line by
 //!
 //! ```text
 //! off = delta (1 + u . p') - (a . d) L^2 / 8 + c u . f        u: unit normal of the edge towards its dark side, d: from dark to light
 //! ```
-//! with the growth `delta`, the motion `p'` of the grid's line where the four sides move out by 1 px, the share `a` by which the light
-//! grows per px, which moves the middle of a step of length `L` between the middles of two cells, and the bow `c` of a lens: it moves a place `x`
-//! of the tag, from -1 to 1 each way, by `f = x (4/3 - x . x)`, which is nothing in the mean of each side, where the corners come from.
-//! Least squares over all edges between a black and a white cell give `delta`, `a` and `c`.
+//! with the growth `delta` (px), the displacement `p'` of the grid's line where the four sides move outward by 1 px, the relative slope `a` of the
+//! illumination (1/px), which shifts the middle of a step of length `L` between the centres of two cells, and the coefficient `c` of the lens's distortion: it
+//! displaces a point `x` of the tag (-1 to 1 each way) by `f = x (4/3 - x . x)`, whose mean over each side, where the corners come from, is zero.
+//! Least squares over all edges between a black and a white cell give `delta`, `a` and `c`. The corners are then moved outward by the posterior mean of the
+//! growth, and its remaining variance is added to their covariance.
 
 use super::decode::level_at;
 use super::edges::Corners;
@@ -20,15 +21,15 @@ use super::quad::Quad;
 use crate::imaging::ImageView;
 use nalgebra::{Matrix4, Vector2, Vector4};
 
-/// Steps between the middles of cells take part from so many deviations of the blur on: at half of it a normal blur still shows 2e-4
-/// of a step. Of a tag that is seen aslant those of one direction are shorter, and the others tell enough.
+/// Least distance between the centres of two cells whose edge is used, in deviations of the blur, so that the cells' levels are their own: at half of it
+/// a normal blur has 2e-4 of a step left. Half would leave 4 %, the double would leave out most tags' edges. In a tilted tag the distances of one direction are shorter, and the edges of the other direction are enough.
 pub(super) const LEAST_STEP_BLURS: f64 = 7.0;
 /// Growth, light in both directions, bow: their number follows from the equation of the head.
 const UNKNOWNS: usize = 4;
-/// Fewest edges of which something is learnt: twice the unknowns. A 16h5 that is seen aslant has some ten.
+/// Fewest edges for an estimate: twice the unknowns, so that their scatter can be estimated. A tilted 16h5 has some ten.
 const LEAST_EDGES: usize = 2 * UNKNOWNS;
-/// Lines across an edge, and places of a cell's level, keep so many deviations of an edge away from other cells, where less than 2e-3
-/// of a step still shows; a pixel apart, for nearer ones see the same noise, and so many at most.
+/// Distance, in deviations of an edge, that scan lines across an edge and samples of a cell's level keep from other cells: less than 2e-3
+/// of a step is left there. They are a pixel apart, since nearer ones have the same noise, and at most so many.
 const CLEAR_BLURS: f64 = 3.0;
 const MAX_PLACES: u32 = 6;
 /// In cells too narrow for that a level is the mean of four places half of this share of a cell off its middle each way. Chosen by hand: in a cell
@@ -37,8 +38,8 @@ const LEVEL_AROUND: f64 = 0.08;
 /// Half of the window across an edge: it holds all of the edge, also one that has grown by [`MOST_BLURS`], because beyond three deviations
 /// more hardly anything of a step is left.
 const WINDOW_BLURS: f64 = 4.0;
-/// A pixel's own square, 1/12, and what is put between pixels, 1/6 where it is most, px^2: it follows from what a straight line between two
-/// pixels does to a step.
+/// Variance of the pixel's own square, 1/12 px^2, and of the bilinear interpolation, at most 1/6 px^2; the latter follows from what a straight line
+/// between two pixels does to a step.
 const PIXEL_VARIANCE: f64 = 0.25;
 /// Edges that lie off by more than so many deviations take no part: something covers them. Noise alone leaves out 0.27 % of the edges, as the
 /// normal distribution has it; half would leave out 13 %, and the double would keep edges that are half covered.
@@ -68,17 +69,17 @@ struct CellEdge {
 /// Most edges: two directions of neighbours within the largest family.
 const MOST_EDGES: usize = 2 * MAX_CELLS * (MAX_CELLS - 1);
 
-/// What is held of the camera's response.
+/// What is assumed of the camera's response.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Believed {
-    /// Levels are light; a growth, that of a print or of a response that was not told, has to be more likely than none.
+    /// Levels are proportional to light: a growth is corrected only where it is more likely than none.
     Linear,
-    /// There is some growth, and nobody knows how much.
+    /// The response is unknown: there is some growth.
     Bent,
 }
 
-/// The corners, with what light areas have grown by taken off: its estimate by the edges and by what is usual ([`USUAL_BLURS`]), what is not
-/// known of which is in their covariance. `None` where levels are believed to be light and no growth is told.
+/// The corners, corrected for the growth: for the posterior mean from the edges and the prior ([`USUAL_BLURS`]), whose variance is added to their
+/// covariance. `None` where the response is assumed linear and no growth is significant.
 pub(super) fn corrected(
     image: &ImageView<'_>,
     corners: &Corners,
@@ -115,7 +116,7 @@ pub(super) fn corrected(
     Some(moved)
 }
 
-/// How each corner moves where all four sides move out by 1 px.
+/// Displacement of each corner where all four sides move outward by 1 px.
 fn outward(quad: &Quad) -> Option<Quad> {
     let corner = |i: usize| quad.get(i % 4).copied().unwrap_or_default();
     let mut out = *quad;
@@ -135,7 +136,7 @@ fn outward(quad: &Quad) -> Option<Quad> {
     Some(out)
 }
 
-/// `delta` and its variance, px^2.
+/// The growth `delta`, px, and its variance, px^2; `None` with too few edges.
 fn growth(
     image: &ImageView<'_>,
     corners: &Corners,
@@ -200,7 +201,7 @@ fn pairs(cells: usize) -> impl Iterator<Item = (usize, usize, bool)> {
     })
 }
 
-/// What a tag is looked at with.
+/// What the edges of one tag are measured with.
 struct GrowthScan<'a> {
     image: &'a ImageView<'a>,
     map: PlaneMap,
@@ -217,14 +218,14 @@ impl GrowthScan<'_> {
         level_at(self.image, self.map.at(at))
     }
 
-    /// How far from its middle a cell shows nothing of its neighbours, shares of it, where it is so wide (px); and how many places stand
-    /// a pixel apart within it.
+    /// Half width, as share of the cell, of the region about the centre of a cell of `width_px` that is free of its neighbours; and how many samples a
+    /// pixel apart fit into it.
     fn clear(&self, width_px: f64) -> (f64, u32) {
         let reach = (0.5 - CLEAR_BLURS * self.blur_px / width_px).clamp(0.0, 0.4);
         (reach, ((2.0 * reach * width_px) as u32 + 1).min(MAX_PLACES))
     }
 
-    /// Level of a cell about its middle.
+    /// Mean grey level about the centre of a cell.
     fn of_cell(&self, middle: Vector2<f64>) -> f64 {
         let half = Vector2::new(0.5, 0.5);
         let (a, b) = (self.map.at(middle - half), self.map.at(middle + half));
@@ -244,7 +245,7 @@ impl GrowthScan<'_> {
         sum / f64::from(places * places)
     }
 
-    /// The edge between two neighbours, their middles and levels given, by the area under the levels about it.
+    /// Position of the edge between two neighbouring cells, given their centres and levels, from the mean level in a window across it.
     fn edge(&self, (from, ink): (Vector2<f64>, f64), (to, paper): (Vector2<f64>, f64)) -> Option<CellEdge> {
         let map = &self.map;
         let along = Vector2::new(to.y - from.y, to.x - from.x);
@@ -296,7 +297,7 @@ impl GrowthScan<'_> {
     }
 }
 
-/// The unknowns, the diagonal of their inverse information, and the variance of an edge.
+/// Solution, diagonal of the inverse of the normal matrix, and variance of an edge of unit weight.
 fn least_squares(
     edges: &[CellEdge],
     used: impl Fn(&CellEdge) -> bool,

@@ -1,14 +1,14 @@
-//! The corners of a tag to a fraction of a pixel, with their covariance.
+//! Sub-pixel corners of a tag and their covariance, as the intersections of its four sides.
 //!
-//! Each side of the black square is measured row by row (column by column where it lies flat): the sum of grey levels in a window
-//! about the side tells how much of the window is light, and so where the edge crosses the row; a pixel is a square, blur is
-//! even, and neither moves that place. With `mid` and `C` half-way and contrast of paper and ink beside the window of half length `a`:
+//! Each side of the black square is measured row by row (column by column where it is nearly horizontal). The sum of grey levels in a window
+//! across the side gives the share of the window that is light, and so the position at which the edge crosses the row; the square shape of pixels and
+//! a symmetric blur do not shift it. With the mean `mid` and the contrast `C` of paper and ink beside the window of half length `a`:
 //!
 //! ```text
-//!  delta = -(sum I - 2 a mid) / (C g)       g: what of the contrast the window's ends show, 1 where blur is short
+//!  delta = -(sum I - 2 a mid) / (C g)       g: share of the contrast at the window's ends, 1 for little blur
 //! ```
-//! A straight line through all rows, moved until the windows lie evenly about it; corners are where lines meet. Deviations come from
-//! the rows' own scatter about the line and from that of the levels, so that they hold for any noise.
+//! A straight line is fitted to the crossings of all rows, and the windows are centred on it, until it does not move. The covariance of the line
+//! follows from the scatter of the crossings about it and of the levels, so that it holds for any noise.
 
 use super::quad::{NormalFormLine, Quad, is_sound};
 use super::shine::Inside;
@@ -42,7 +42,8 @@ const ROUGH_PX: f64 = 0.4;
 /// are really worse than the others.
 const SHARED_ROWS: f64 = 12.0;
 
-/// Sides of tags whose cells are narrower than so many deviations of the blur cannot be measured by themselves.
+/// Width of a cell in deviations of the blur below which sides cannot be measured by themselves, since the neighbouring cells contribute to the window. At
+/// three deviations, half of it, 1e-3 of a step is left.
 pub(super) const SHARP_CELL_BLURS: f64 = 6.0;
 
 /// Corners, and the covariance `[xx, xy, yy]` of each, px^2.
@@ -50,14 +51,14 @@ pub(super) const SHARP_CELL_BLURS: f64 = 6.0;
 pub(super) struct Corners {
     pub(super) px: Quad,
     pub(super) covariance_px2: [[f64; 3]; 4],
-    /// Blur that the sides show, px; 0 where none shows any.
+    /// Blur as measured at the sides, px; 0 where it was not measurable.
     pub(super) blur_px: f64,
-    /// Width of a cell in blurs, where that is least; infinite where there is no blur.
+    /// Least width of a cell, in deviations of the blur; infinite without blur.
     pub(super) cell_blurs: f64,
 }
 
 impl Corners {
-    /// The same, known less well by a part of the blur.
+    /// The same corners with a variance of `(blurs * blur)^2` added to each coordinate.
     pub(super) fn doubted(mut self, blurs: f64) -> Self {
         let more = (blurs * self.blur_px).powi(2);
         for [xx, _, yy] in &mut self.covariance_px2 {
@@ -82,8 +83,8 @@ impl EdgeMeter {
         Self { rows: Vec::with_capacity(max_rows), max_rows }
     }
 
-    /// The corners of the black square near `quad`, whose sides have `cells` cells, with what is known to lie inside each side;
-    /// `None` when they form no quadrilateral.
+    /// The corners of the black square near `quad` (px), whose sides have `cells` cells. `inside`: the cells inside each side, once they are decoded.
+    /// `None` when the corners form no valid quadrilateral.
     pub(super) fn refine(
         &mut self,
         image: &ImageView<'_>,
@@ -128,7 +129,7 @@ impl EdgeMeter {
         let corner = |k: usize| quad.get((i + k) % 4).copied().unwrap_or_default();
         let (mut a, mut b) = (corner(0), corner(1));
         let length = (b - a).norm();
-        // the narrower of both ends of the tag's depth: how wide a cell is across this side
+        // width of a cell across this side, at the narrower end of the tag
         let depth = (corner(3) - a)
             .perp(&((b - a) / length))
             .abs()
@@ -169,7 +170,7 @@ impl EdgeMeter {
     }
 }
 
-/// Blur of the sides, px, and the least width of a cell in blurs.
+/// Root mean square blur of the sides, px, and the least width of a cell in deviations of the blur.
 fn sharpness(sides: &[TagSide; 4]) -> (f64, f64) {
     let (mut sum, mut count, mut least) = (0.0, 0.0, f64::INFINITY);
     for side in sides.iter().filter(|s| s.blur > 0.0) {
@@ -180,7 +181,7 @@ fn sharpness(sides: &[TagSide; 4]) -> (f64, f64) {
     if count > 0.0 { ((sum / count).sqrt(), least / (sum / count).sqrt()) } else { (0.0, f64::INFINITY) }
 }
 
-/// Few rows do not tell their scatter well: all sides see the same noise.
+/// Shrinks the variance of each side towards the noise that all sides have in common: few rows give a poor estimate of it.
 fn share_noise(sides: &mut [TagSide; 4]) {
     let (mut sum, mut count) = (0.0, 0.0);
     for side in sides.iter().filter(|s| s.per_noise > 0.0) {
@@ -195,7 +196,7 @@ fn share_noise(sides: &mut [TagSide; 4]) {
     }
 }
 
-/// A side that cannot be measured, because its margin is too narrow or hidden: as the outline has it.
+/// The side of the outline, for one that cannot be measured because its margin is too narrow or occluded.
 fn rough(quad: &Quad, i: usize) -> Option<TagSide> {
     let (a, b) = (*quad.get(i)?, *quad.get((i + 1) % 4)?);
     let along = (b - a).try_normalize(1e-9)?;
@@ -203,7 +204,7 @@ fn rough(quad: &Quad, i: usize) -> Option<TagSide> {
     let along_y = normal.x.abs() >= normal.y.abs();
     let (middle, length) =
         if along_y { (0.5 * (a.y + b.y), b.y - a.y) } else { (0.5 * (a.x + b.x), b.x - a.x) };
-    // as if two places, a quarter from the ends, had been seen
+    // as if two points, a quarter of the side from its ends, had been measured
     let (n, ss) = (2.0, 0.125 * length * length);
     Some(TagSide {
         normal,

@@ -1,4 +1,7 @@
-//! Finds the tags of a family in a frame: all of it, or in windows about where they are expected.
+//! Detection of the tags of one family: search of a whole frame, and tracking in windows about expected tags.
+//!
+//! Data flow: local threshold, dark regions, their outlines, quadrilaterals ([`quad`]), bits ([`decode`](super::decode)), corners from the sides
+//! ([`EdgeMeter`]) or from the whole tag ([`WholeMeter`]), correction for growth ([`super::edge_growth`]).
 
 use super::codebook::Codebook;
 use super::decode::{Decoded, NoTag, decode};
@@ -47,11 +50,11 @@ const LONGEST_OUTLINE: f64 = 1.6;
 /// tags whose margin has no threshold, the double takes more time and clutter in.
 const AROUND_PX: f64 = 14.0;
 
-/// Beyond 55 degrees the sides of a tag are measured worse than all of it: they meet at small angles, and what they are off by is stretched.
-/// A circle is seen there as an ellipse whose axes `1` and `c`, the cosine, give `c + 1 / c` so much.
+/// From a tilt of 55 degrees on corners are fitted with the whole tag, since sides intersect at small angles there, which amplifies their errors. Derived:
+/// a circle appears as an ellipse with the axes `1` and `c`, the cosine of the tilt, and `c + 1 / c` is 2.32 at 55 degrees.
 const STEEP: f64 = 2.32;
 
-/// How far off their corners are where they cannot be fitted as a whole either, in deviations of the blur. Chosen by hand: what the doubt about a
+/// Standard deviation added to corners of narrow-celled tags for which the fit of the whole tag failed, in deviations of the blur. Chosen by hand: what the doubt about a
 /// side says at two blurs a cell, 0.13 (`side::DOUBT`); half and double scale what is stated of such corners, and nothing else.
 const UNFITTED_BLURS: f64 = 0.15;
 
@@ -62,7 +65,7 @@ pub struct TagFound {
     pub id: u32,
     /// Bits that had to be corrected.
     pub hamming: u32,
-    /// How far the bits lie from where they would change, on average of the white or of the black ones, whichever is less; grey levels.
+    /// Decision margin: mean distance of the bits' levels from their threshold, the smaller mean of white and black bits, grey levels.
     pub margin_levels: f64,
     /// Corners of the black square in the distorted image, px, in the order of [`TagFamily::corner`].
     pub corners_px: [Vector2<f64>; 4],
@@ -81,7 +84,7 @@ impl TagFound {
         self.covariance_px2.get(corner).map_or(f64::INFINITY, |[xx, _, yy]| (0.5 * (xx + yy)).sqrt())
     }
 
-    /// Where the diagonals meet: the image of the tag's middle, px.
+    /// Intersection of the diagonals: the image of the tag's centre, px.
     #[must_use]
     pub fn middle_px(&self) -> Vector2<f64> {
         let [a, b, c, d] = self.corners_px;
@@ -91,18 +94,18 @@ impl TagFound {
     }
 }
 
-/// Where a tag should be.
+/// Prediction of a tag in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TagExpected {
     /// Which tag.
     pub id: u32,
     /// Its corners, px, in the order of [`TagFamily::corner`].
     pub corners_px: [Vector2<f64>; 4],
-    /// How far off each may be, px.
+    /// Largest error of each corner for which the prediction allows, px.
     pub slack_px: f64,
 }
 
-/// Why a frame shows no tag: how far its best candidate came.
+/// Why no tag was found in a frame: the stage at which the best candidate failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Error)]
 pub enum TagMiss {
     /// The frame is larger than the finder was made for.
@@ -120,10 +123,10 @@ pub enum TagMiss {
     /// No quadrilateral is black along its sides and white around them.
     #[error("no quadrilateral has a black border within a white margin")]
     NoBorder,
-    /// What a border holds is neither black nor white.
+    /// Cells within a border are neither black nor white.
     #[error("the cells within a border are neither black nor white")]
     Unclear,
-    /// What a border holds is no tag of the family.
+    /// The bits within a border are no code of the family.
     #[error("a border holds no code of the family")]
     NoCode,
     /// A tag was read, but its sides could not be measured.
@@ -193,16 +196,16 @@ impl TagFinder {
         }
     }
 
-    /// The same for a camera whose response is not known: what it may have moved is estimated from each tag's own greys, taken off its
-    /// corners, and what is left of it is in their covariance. Where levels are light that costs precision for nothing.
+    /// The same for a camera of unknown response: the growth that the response may have caused is estimated from each tag's own grey levels and
+    /// corrected, and the remaining uncertainty is in the covariance of the corners. For a linear camera this costs 4 to 15 % of precision.
     #[must_use]
     pub fn for_unknown_response(mut self) -> Self {
         self.believed = Believed::Bent;
         self
     }
 
-    /// How many wrong bits are corrected where nothing else is said: as many as random bits hardly ever come near a code, which they do
-    /// in 2e-5, 1e-4 and 2e-3 of the cases (36h11, 25h9, 16h5).
+    /// Number of wrong bits that are corrected by default. With it random bits are taken for a code in 2e-5, 1e-4 and 2e-3 of the cases (36h11, 25h9,
+    /// 16h5).
     #[must_use]
     pub const fn usual_wrong_bits(family: TagFamily) -> u32 {
         match family {
@@ -212,13 +215,13 @@ impl TagFinder {
         }
     }
 
-    /// The family looked for.
+    /// The family of the tags.
     #[must_use]
     pub fn family(&self) -> TagFamily {
         self.family
     }
 
-    /// Searches the whole frame: fills `found` with the tags that are seen, ids rising; the same tag may be there more than once.
+    /// Searches the whole frame: fills `found` with the detected tags, ids rising; the same tag may be detected more than once.
     ///
     /// # Errors
     /// [`TagMiss`] when there is none. `found` is then empty.
@@ -229,7 +232,7 @@ impl TagFinder {
         if found.is_empty() { Err(best) } else { Ok(()) }
     }
 
-    /// Looks for tags where they are expected, ids rising: fills `found` with those that are there. Whether there is any.
+    /// Tracks expected tags (ids rising) in windows: fills `found` with those that were detected. Returns whether there is any.
     pub fn track(
         &mut self,
         image: &ImageView<'_>,
@@ -270,7 +273,7 @@ impl TagFinder {
         !found.is_empty()
     }
 
-    /// Adds the tags of a window to `found`; how far the best candidate came that is no tag.
+    /// Adds the tags of a window to `found`; returns the stage at which the best other candidate failed.
     fn search_window(
         &mut self,
         image: &ImageView<'_>,
@@ -344,7 +347,7 @@ fn read(
             (decoded, meter.refine(image, &corners.px, cells, Some(&decoded.inside)).ok_or(TagMiss::NoEdges)?)
         }
     };
-    // an edge that tells its growth asks for wider cells than a side that is measured
+    // the growth is measured at edges between cells, for which these must be wider than for the sides
     let sharp = if believed == Believed::Bent { LEAST_STEP_BLURS } else { SHARP_CELL_BLURS };
     let believed = if decoded.clipped { Believed::Bent } else { believed };
     let mut fit = |believed| {
@@ -353,7 +356,7 @@ fn read(
     };
     let corners = match (fit(believed), believed) {
         (Some(fitted), Believed::Bent) => fitted,
-        // a tag that has grown was bent, and is fitted again with that
+        // a significant growth comes from a response that is not linear: fit again with a gamma
         (Some(fitted), Believed::Linear) => {
             match corrected(image, &fitted, &decoded.pattern, Believed::Linear) {
                 Some(moved) => fit(Believed::Bent).unwrap_or(moved),
@@ -369,7 +372,7 @@ fn read(
     Ok(found(&decoded, &corners))
 }
 
-/// `c + 1 / c` of the ratio `c` of the axes of the ellipse that a circle in a square would be seen as.
+/// `c + 1 / c` for the ratio `c` of the axes of the ellipse as which a circle in the tag would appear.
 fn foreshortened(quad: &Quad) -> f64 {
     let [a, b, c, d] = *quad;
     let (x, y) = (b - a + c - d, d - a + c - b);

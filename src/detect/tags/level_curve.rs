@@ -1,19 +1,19 @@
-//! The levels between ink and paper, as a camera of some gamma shows them.
+//! Grey levels between ink and paper under a camera's gamma, as a function of the share of paper.
 //!
-//! Where a share `w` of what a pixel sees is paper, a camera of `level = light^(1 / gamma)` shows `ink + contrast f(w)`,
+//! For a pixel of which the share `w` is paper, a camera of `level = light^(1 / gamma)` shows `ink + contrast f(w)`,
 //!
 //! ```text
 //! f(w) = ((1 + r w)^(1 / gamma) - 1) / ((1 + r)^(1 / gamma) - 1)          1 + r = (paper / ink)^gamma: their light
 //!      = w + w (1 - w) q(w)
 //! ```
-//! `q` is smooth, and a polynomial through four places gives it: a curve has to be cheap, for each pixel needs it.
+//! `q` is smooth and is approximated by an interpolating polynomial through six points, because it is evaluated for each pixel.
 
 use crate::linalg::Eight;
 
-/// Places of the polynomial: with six it is off by less than a thousandth of the contrast where paper has ten times the light of ink, and by six of them where
+/// Points of the polynomial: with six its error is less than a thousandth of the contrast where paper has ten times the light of ink, and by six of them where
 /// it has thirty times.
 const COUNT: usize = 6;
-/// Where `q` is taken: the roots of Chebyshev's polynomial of that degree, from 0 to 1, because between these it errs least.
+/// Points at which `q` is evaluated: the roots of Chebyshev's polynomial of that degree, from 0 to 1, because between these it errs least.
 const PLACES: [f32; COUNT] =
     [0.017_037_087, 0.146_446_6, 0.370_590_48, 0.629_409_5, 0.853_553_4, 0.982_962_9];
 /// Printed ink still reflects a thirtieth of what paper does; where levels say less the camera has taken black off them.
@@ -29,7 +29,7 @@ pub(super) struct LevelCurve {
     by_log_ratio: [f32; COUNT],
 }
 
-/// What a curve makes of shares of paper, and its derivatives.
+/// Values of a curve at eight shares of paper, and its derivatives.
 pub(super) struct CurveValues {
     pub(super) value: Eight,
     pub(super) slope: Eight,
@@ -38,7 +38,7 @@ pub(super) struct CurveValues {
 }
 
 impl LevelCurve {
-    /// For levels of paper and ink that stand to each other so.
+    /// The curve for the logarithm of a gamma and the ratio of the levels of paper and ink.
     pub(super) fn new(log_gamma: f64, paper_to_ink: f64) -> Self {
         let log_ratio = paper_to_ink.max(1.0).ln();
         let change = |gamma: f64, ratio: f64| {
@@ -79,7 +79,7 @@ impl LevelCurve {
 #[allow(clippy::indexing_slicing)] // indices below the length
 fn newton(log_gamma: f64, log_ratio: f64) -> [f64; COUNT] {
     let gamma = log_gamma.exp();
-    // of levels that are all but one nothing would be left to divide by
+    // for equal levels the curve would be 0 / 0
     let light = (gamma * log_ratio).exp().clamp(1.01, MAX_PAPER_TO_INK);
     let level = |w: f64| (1.0 + (light - 1.0) * w).powf(1.0 / gamma) - 1.0;
     let x = PLACES.map(f64::from);

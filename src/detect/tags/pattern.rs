@@ -1,4 +1,4 @@
-//! Which cells of a tag are white, as bits that eight pixels can look up side by side.
+//! The cells of a tag as bits (1 for white), in a layout that eight pixels can look up in parallel.
 
 /// Cells along a side of the largest family, 36h11, with the margin: 6 of bits, 2 of border, 2 of margin, as its specification has it.
 pub(super) const MAX_CELLS: usize = 10;
@@ -30,7 +30,7 @@ impl CellPattern {
         Self { rows, cells }
     }
 
-    /// The cells of row `j` from column `i` on, 16 of them at least: bit 0 is column `i`, -8 at least.
+    /// The cells of row `j` from column `i` (-8 or more) on, at least 16 of them: bit 0 is column `i`.
     #[inline(always)]
     pub(super) fn bits_at(&self, i: i32, j: i32) -> u32 {
         let row = self.rows.get((j + BEFORE).max(0) as usize).copied().unwrap_or(u32::MAX);

@@ -1,4 +1,4 @@
-//! The projective map from a square to a quadrilateral.
+//! The homography from a square to a quadrilateral, in closed form.
 
 use super::quad::Quad;
 use nalgebra::{Matrix2, Vector2};

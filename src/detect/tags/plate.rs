@@ -1,8 +1,7 @@
-//! The tags of a target's plate: what is expected of its points becomes what is expected of its tags, and what the lens does to their
-//! sides is told.
+//! The tags of a target's plate: predictions of its points become predictions of its tags, and the bias of corners by the lens's distortion is computed.
 //!
-//! A side is measured as a straight line. Under a lens that distorts it is bowed, and the line that fits it best meets that of
-//! the next side elsewhere than in the image of the corner: by 0.05 px for a side of 120 px at k1 = -0.15, [`TagPlateFinder::bias_px`].
+//! A side is measured as a straight line. A lens with distortion bends it, and the best line intersects that of
+//! the next side not at the image of the corner: by 0.05 px for a side of 120 px at k1 = -0.15, [`TagPlateFinder::bias_px`].
 
 use super::points::TagPoints;
 use super::{TagExpected, TagFinder, TagFound};
@@ -54,7 +53,7 @@ impl TagPlateFinder {
         self
     }
 
-    /// All tags of the family that were seen last, ids rising; also those that are none of the plate's.
+    /// All tags of the family in the last frame, ids rising, also those that do not belong to the plate.
     #[must_use]
     pub fn tags(&self) -> &[TagFound] {
         self.points.seen()
@@ -68,7 +67,7 @@ impl TagPlateFinder {
         self.points.search(image, found)
     }
 
-    /// Looks for the tags all of whose corners are expected. Whether there is any.
+    /// Tracks the tags of which all four corners are expected. Returns whether any was detected.
     pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
         self.expected.clear();
         for corners in expected.chunk_by(|a, b| a.id / 4 == b.id / 4) {
@@ -81,7 +80,7 @@ impl TagPlateFinder {
         self.points.track(image, &self.expected, found)
     }
 
-    /// How far the corner that is measured as point `id` lies from the image of the corner, px, for the plate at `X_CO`.
+    /// Bias of the measured corner `id`: its offset from the projection of the true corner by the lens's distortion, px, for the plate at `X_CO`.
     #[must_use]
     pub fn bias_px(&self, id: u32, X_CO: &Pose) -> Vector2<f64> {
         if self.camera.lens().is_ideal() {
@@ -94,7 +93,7 @@ impl TagPlateFinder {
         let corner = |k: usize| self.corners.get(i / 4 * 4 + k % 4).map(|point| point.p_O);
         let (before, here, after) = (corner(i + 3)?, corner(i)?, corner(i + 1)?);
         let (one, other) = (self.side(&before, &here, X_CO)?, self.side(&here, &after, X_CO)?);
-        // where the lines n p = d meet
+        // intersection of the lines n . p = d
         let det = one.0.perp(&other.0);
         let meet =
             Vector2::new(one.1 * other.0.y - other.1 * one.0.y, one.0.x * other.1 - other.0.x * one.1) / det;

@@ -31,13 +31,13 @@ impl TagPoints {
         self
     }
 
-    /// The tags seen last, listed or not.
+    /// All tags of the last frame, listed or not.
     #[must_use]
     pub fn seen(&self) -> &[TagFound] {
         &self.seen
     }
 
-    /// Searches the whole frame: fills `found` with the corners of the listed tags, ids rising. A tag that is seen twice tells nothing and
+    /// Searches the whole frame: fills `found` with the corners of the listed tags, ids rising. A tag that was detected twice is ambiguous and
     /// is left out.
     ///
     /// # Errors
@@ -53,7 +53,7 @@ impl TagPoints {
         }
     }
 
-    /// Looks for tags where they are expected: fills `found` with the corners of those that are there, ids rising. Whether there is any.
+    /// Tracks expected tags: fills `found` with the corners of those that were detected, ids rising. Returns whether there is any.
     pub fn track(&mut self, image: &ImageView<'_>, expected: &[TagExpected], found: &mut Vec<Found>) -> bool {
         found.clear();
         self.finder.track(image, expected, &mut self.seen);
@@ -61,7 +61,7 @@ impl TagPoints {
         !found.is_empty()
     }
 
-    /// Corners of the listed tags that were seen once. Whether any was seen twice.
+    /// Adds the corners of the listed tags that were detected once. Returns whether any was detected twice.
     fn collect(&self, found: &mut Vec<Found>) -> bool {
         let mut twice = false;
         for (i, tag) in self.seen.iter().enumerate() {

@@ -1,4 +1,5 @@
-//! From an outline to a convex quadrilateral: four corners, and a straight line through the points of each side.
+//! From the outline of a region to a convex quadrilateral: four corner points are chosen on it, a straight line is fitted to the points of each side, and
+//! the corners are the intersections of these lines. Pixels of the window.
 
 use crate::imaging::WindowPoint;
 use nalgebra::Vector2;
@@ -7,7 +8,8 @@ use nalgebra::Vector2;
 /// that are no tags, the double loses tags that are seen aslant.
 pub(super) const MIN_SIDE_PX: f64 = 6.0;
 /// Points of a side that are left out at each end: the share of the side, and at least so many px, because blur rounds the corners of outlines. Chosen
-/// by hand: of a blur of 1 px half the contrast lies 0.1 px off the side 1.45 px before its end, and more behind. Half bends the lines of blurred tags inward, the double leaves a side of 6 px without points.
+/// by hand: at a blur of 1 px the contour of half the contrast lies 0.1 px inside of the side 1.45 px before its end, and more behind. Half bends the
+/// lines of blurred tags inward, the double leaves a side of 6 px without points.
 const END_SHARE: f64 = 0.08;
 const END_PX: f64 = 1.5;
 /// Points may lie off their side by this on average (rms): px, and share of the side for curved ones. Chosen by hand: above the 0.29 px of outlines
@@ -30,11 +32,11 @@ pub(super) struct NormalFormLine {
 }
 
 impl NormalFormLine {
-    /// Where two lines meet; `None` when they are parallel.
+    /// Intersection of two lines; `None` when they are parallel.
     pub(super) fn meet(&self, other: &Self) -> Option<Vector2<f64>> {
         let (a, b) = (self.normal, other.normal);
         let det = a.x * b.y - a.y * b.x;
-        // Sine of the angle between the lines: anything above rounding would do, since the quadrilateral is looked at afterwards.
+        // Sine of the angle between the lines: anything above rounding would do, since the quadrilateral is checked afterwards.
         if !(det.abs() > 1e-6) {
             return None;
         }
@@ -48,7 +50,7 @@ fn turn(a: Vector2<f64>, b: Vector2<f64>, c: Vector2<f64>) -> f64 {
     (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
 }
 
-/// Whether corners go clockwise around a convex quadrilateral with sides and angles that a tag's image may have.
+/// Whether the corners go clockwise around a convex quadrilateral with sides of at least [`MIN_SIDE_PX`] and angles of at least 15 degrees.
 pub(super) fn is_sound(quad: &Quad) -> bool {
     let [a, b, c, d] = *quad;
     [(d, a, b), (a, b, c), (b, c, d), (c, d, a)].into_iter().all(|(p, q, r)| {
@@ -57,7 +59,7 @@ pub(super) fn is_sound(quad: &Quad) -> bool {
     })
 }
 
-/// The quadrilateral of a closed outline, px of the window; `None` when the outline is none.
+/// The quadrilateral of a closed outline, px of the window; `None` when the outline has not four straight sides.
 pub(super) fn of_outline(points: &[WindowPoint]) -> Option<Quad> {
     let mut at = corners(points)?;
     at.sort_unstable();
@@ -75,7 +77,7 @@ fn place(points: &[WindowPoint], i: usize) -> Vector2<f64> {
     points.get(i).map_or_else(Vector2::zeros, |p| Vector2::new(f64::from(p[0]), f64::from(p[1])))
 }
 
-/// The point for which `measure` is greatest, by its index, and that measure.
+/// Index of the point with the greatest `measure`, and that measure.
 fn farthest(points: &[WindowPoint], measure: impl Fn(f32, f32) -> f32) -> (usize, f32) {
     let mut best = (0, f32::MIN);
     for (i, p) in points.iter().enumerate() {
@@ -124,7 +126,7 @@ fn corners(points: &[WindowPoint]) -> Option<[usize; 4]> {
         quad.sort_unstable();
         for i in 0..4 {
             let (before, after) = (*quad.get((i + 3) % 4)?, *quad.get((i + 1) % 4)?);
-            // the corner lies left of the way from the one behind it back to the one before it
+            // the corner lies left of the line from the next corner to the previous one
             let (best, off) = farthest(points, right_of(after, before));
             if off > 0.0
                 && let Some(corner) = quad.get_mut(i)
@@ -137,7 +139,8 @@ fn corners(points: &[WindowPoint]) -> Option<[usize; 4]> {
     quad.windows(2).all(|w| w.first() != w.last()).then_some(quad)
 }
 
-/// The line through the points from index `from` on, to `to`, without its ends; fitted twice, the second time without what lies far off.
+/// The line through the points from index `from` to `to` without the ends of the side, by orthogonal least squares in three rounds, in the later ones
+/// without outliers. `None` when it is too short or its points do not lie on a line.
 fn side(points: &[WindowPoint], from: usize, to: usize) -> Option<NormalFormLine> {
     let (a, b) = (place(points, from), place(points, to));
     let along = b - a;

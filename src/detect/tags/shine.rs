@@ -1,25 +1,24 @@
-//! What blur carries from one cell into another, for the measuring of a side.
+//! Cross-talk: the contribution of neighbouring cells, by blur, to the window in which a side is measured.
 //!
-//! Across a side, `x` outward, the levels are steps smoothed by a Gaussian of deviation `s`: the edge itself at 0, the border's inner edge at
-//! `-w` where the cell behind it is white, that cell's end at `-2 w`, and the margin's end at `w`. A step's share of a window
-//! is an integral of the normal distribution; what does not come from the edge itself is taken off.
+//! Across a side, with `x` outward and cells of width `w`, the levels are steps smoothed by a Gaussian of deviation `s`: the side itself at 0, the border's
+//! inner edge at `-w` where the cell behind it is white, that cell's end at `-2 w`, and the margin's end at `w`. The contribution of
+//! a step to a window is an integral of the normal distribution; those of all steps but the side itself are subtracted.
 
 use crate::linalg::normal;
 use nalgebra::Vector2;
 
-/// What a quadrilateral is known to hold, for the side that is measured: the colours of the first two rows of cells inside the border,
-/// along the side.
+/// The cells inside one side of a decoded tag: the colours of the first two rows of cells inside the border, along the side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Inside {
-    /// White is 1: behind the border, and one further.
+    /// 1 for white: the row next to the border, and the one behind it.
     pub(super) white: [[f64; 10]; 2],
     pub(super) cells: usize,
-    /// By what share light grows in x and y, per px.
+    /// Relative slope of the illumination in x and y, 1/px.
     pub(super) light_per_px: Vector2<f64>,
 }
 
 impl Inside {
-    /// White behind the border at share `t` of the side, softened by `soft` (share).
+    /// Share of white in both rows at the position `t` (0 to 1) along the side, smoothed over `soft` (share of the side) each way.
     pub(super) fn at(&self, t: f64, soft: f64) -> [f64; 2] {
         self.white.map(|row| {
             let cell = |t: f64| {
@@ -31,20 +30,20 @@ impl Inside {
     }
 }
 
-/// Shares of steps in the windows of a side; lengths along the row, px.
+/// Contributions of unit steps to the windows of a side; lengths along the row, px.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shine {
-    /// Of a step at the edge in the sum less what the levels say it should be, per px that it moves.
+    /// Change of the window's sum, less what the levels beside it predict, per px by which the side moves.
     pub(super) gain: f64,
-    /// Of the edge itself in the window of the ink (and, as much, in that of the paper).
+    /// Of the side itself to the mean level of the ink window, and as much to that of the paper.
     pub(super) own: f64,
-    /// Of a light beginning at `-w`, `-2 w` inward: in sum, dark window, and the difference beside the edge.
+    /// Of steps to white at `-w` and `-2 w`: to the window's sum, the dark level, and the difference of the pixels beside the side.
     pub(super) inner: [[f64; 3]; 2],
-    /// Of what begins at the margin's end: in sum, light window, difference.
+    /// Of a step at the margin's end: to the window's sum, the light level, and the difference.
     pub(super) outer: [f64; 3],
 }
 
-/// Windows of a side along a row, px: half length, and from where to where levels are read.
+/// Windows of a side along a row, px: half length of the sum, range of the level windows, and width of a cell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Windows {
     pub(super) half: f64,
@@ -59,7 +58,7 @@ impl Shine {
         // integral of the distribution function from u0 to u1, about a step at `at`
         let integral = |at: f64, u0: f64, u1: f64| s * (ramp((u1 - at) / s) - ramp((u0 - at) / s));
         let mean = |at: f64, u0: f64, u1: f64| integral(at, u0, u1) / (u1 - u0);
-        // seen from inside, outward and inward are alike: a light from `at` on
+        // by symmetry the same holds inward and outward: a step to white at `at`
         let begins = |at: f64, level: (f64, f64)| {
             [
                 integral(at, -w.half, w.half),
@@ -70,7 +69,7 @@ impl Shine {
         let level = (w.near, w.far);
         let (first, second) = (begins(w.cell, level), begins(2.0 * w.cell, level));
         Self {
-            // the levels beside the window change with the edge, too: what they take is missing
+            // the levels beside the window change with the side's position too, which reduces the gain
             gain: 2.0 * normal(w.half / s).0
                 - 1.0
                 - 2.0 * w.half * (normal(w.far / s).0 - normal(w.near / s).0) / (w.far - w.near),
@@ -80,15 +79,15 @@ impl Shine {
         }
     }
 
-    /// Whether anything of other cells enters.
+    /// Whether the contribution of other cells is not negligible.
     pub(super) fn matters(&self) -> bool {
         // A thousandth of the contrast in a sum moves an edge by 0.001 px, less than the floor of what is stated (`side::FLOOR_PX`): chosen so that
-        // wide cells need no second look; half and double change when that is taken, and corners by less than the floor.
+        // wide cells need no second pass; half and double change when that is done, and corners by less than the floor.
         self.outer.iter().any(|share| share.abs() > 1e-3)
     }
 }
 
-/// The blur along the row, px, by which the pixels beside an edge differ by this share of its contrast; `scale` as in [`Shine`].
+/// The blur along the row, px, for which the pixels on both sides of an edge differ by `share` of its contrast, by bisection from 0.1 to 6 px.
 pub(super) fn blur_of(share: f64) -> f64 {
     let shown = |s: f64| 2.0 * s * (ramp(1.0 / s) - ramp(0.0)) - 1.0;
     let (mut low, mut high) = (0.1, 6.0);

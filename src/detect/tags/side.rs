@@ -1,11 +1,15 @@
-//! One look at one side of a tag: what each row across it tells, and the straight line through all of them.
+//! Measurement of one side of a tag: the position at which it crosses each pixel row (or column), and the straight line through these positions.
+//!
+//! Data flow: [`SideScan::read`] sums the grey levels of each row in a window across the side and reads the levels of paper and ink beside it;
+//! [`SideScan::fit`] subtracts the contribution of other cells ([`Shine`]), turns the sums into positions and fits the line. The caller moves the
+//! window onto the line and repeats.
 
 use super::quad::NormalFormLine;
 use super::shine::{Inside, Shine, Windows, blur_of};
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
-/// Paper and ink are looked at this far beyond the window, over such a length, px.
+/// Distance from the window, and length, of the windows in which the levels of paper and ink are read, px.
 pub(super) const GAP_PX: f64 = 0.5;
 pub(super) const LEVEL_PX: f64 = 2.0;
 /// Least share of the contrast at the ends of a window. Chosen by hand: the shortest window, 1 px to each side, has it at a blur of 1.5 px. A gain that is
@@ -25,33 +29,34 @@ const LEVEL_SHARE: f64 = 0.35;
 /// Rows keep so many deviations of the blur away from the neighbouring sides: beyond lies 7e-4 of their step, as the normal distribution has it. Half
 /// would let 5 % of it in, the double costs small tags most of their rows.
 const CLEAR_BLURS: f64 = 3.2;
-/// What other cells shine into a side is reckoned to this share of the blur, which falls with the cell's width in blurs (measured on
-/// images of 2 to 15 px a cell, blur 0.3 to 2 px).
+/// Standard deviation of the correction for neighbouring cells: `DOUBT` times the blur, falling exponentially with the cell's width in blurs (measured
+/// on images of 2 to 15 px a cell, blur 0.3 to 2 px).
 const DOUBT: f64 = 1.2;
 const DOUBT_FALL: f64 = 1.1;
-/// How much of what uneven light moves may be reckoned wrongly; beside it, whether light falls before the blur or behind it is not known. Chosen by
+/// Relative standard deviation of the correction for uneven illumination. In addition it is unknown whether the illumination varies before the blur (on
+/// the object) or behind it (in the lens). Chosen by
 /// hand: half and double scale this part of what is stated, and nothing else.
 const GROWTH_DOUBT: f64 = 0.1;
 
-/// One side, measured.
+/// A measured side: its line with the covariance.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct TagSide {
-    /// Normal and offset.
+    /// Unit normal, and offset of the line, px.
     pub(super) normal: Vector2<f64>,
     pub(super) offset: f64,
-    /// Rows (along y) or columns.
+    /// Whether rows (along y) or columns were measured.
     pub(super) along_y: bool,
-    /// Middle of the rows used, px along the side's axis; their number; sum of squares about the middle.
+    /// Mean coordinate of the used rows, px; their number; their sum of squares about the mean, px^2.
     pub(super) middle: f64,
     pub(super) n: f64,
     pub(super) ss: f64,
-    /// Variance of one row's crossing, px^2 along the row.
+    /// Variance of the position in one row, px^2 along the row.
     pub(super) variance: f64,
-    /// Variance of the whole line across itself, px^2.
+    /// Variance of the offset of the whole line that all rows have in common, px^2.
     pub(super) common: f64,
-    /// What `variance` is for one of a pixel's noise, (px/level)^2; 0 where it does not come from noise.
+    /// Factor from the variance of a pixel's level to `variance`, (px/level)^2; 0 where the side was not measured.
     pub(super) per_noise: f64,
-    /// Blur across the side, px; 0 where it was not asked for.
+    /// Blur across the side, px; 0 where it was not measured.
     pub(super) blur: f64,
     /// Width of a cell across the side, px.
     pub(super) cell: f64,
@@ -62,7 +67,7 @@ impl TagSide {
         NormalFormLine { normal: self.normal, offset: self.offset }
     }
 
-    /// Variance of the line's place across itself at a point, px^2.
+    /// Variance of the line's position across itself at the point `p`, px^2.
     pub(super) fn variance_at(&self, p: Vector2<f64>) -> f64 {
         let (s, across) = if self.along_y { (p.y, self.normal.x) } else { (p.x, self.normal.y) };
         let lever = if self.ss > 0.0 { (s - self.middle).powi(2) / self.ss } else { 0.0 };
@@ -70,12 +75,12 @@ impl TagSide {
     }
 }
 
-/// What one row tells.
+/// Measurements of one row.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct SideRow {
-    /// Along the side: the row's number from the side's middle.
+    /// Number of the row (or column), px.
     s: f64,
-    /// Sum over the window.
+    /// Sum of levels over the window, level px.
     sum: f64,
     light: f64,
     dark: f64,
@@ -85,12 +90,12 @@ pub(super) struct SideRow {
     near: f64,
     /// Level beyond the margin.
     beyond: f64,
-    /// White behind the border, and one cell further.
+    /// Share of white in the cell inside the border, and in the next one.
     white: [f64; 2],
     used: bool,
 }
 
-/// A straight line `a + b s` with the scatter about it.
+/// Regression line `a + b (s - mean_s)` of a value over the rows, with the variance about it.
 #[derive(Debug, Clone, Copy, Default)]
 struct Trend {
     a: f64,
@@ -130,19 +135,19 @@ impl Trend {
     }
 }
 
-/// What a look has shown.
+/// Result of one measurement of a side.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SideFit {
     pub(super) side: TagSide,
-    /// What of the contrast the windows hold.
+    /// Gain: share of the contrast at the window's ends.
     pub(super) gain: f64,
     /// How far the line has moved, px.
     pub(super) shift: f64,
-    /// Blur across the side, px; 0 where it was not asked for.
+    /// Blur across the side, px; 0 where it was not measured.
     pub(super) blur: f64,
 }
 
-/// One look at one side.
+/// One measurement of one side.
 pub(super) struct SideScan<'a> {
     pub(super) image: &'a ImageView<'a>,
     pub(super) line: NormalFormLine,
@@ -150,9 +155,9 @@ pub(super) struct SideScan<'a> {
     pub(super) half: f64,
     pub(super) cell: f64,
     pub(super) length: f64,
-    /// Blur across the side as far as it is known, px.
+    /// Blur across the side from the measurement before, px.
     pub(super) blur: f64,
-    /// The sides before and behind, normals outward.
+    /// The two neighbouring sides, normals outward.
     pub(super) neighbours: [NormalFormLine; 2],
     /// The side's ends.
     pub(super) from: Vector2<f64>,
@@ -161,13 +166,13 @@ pub(super) struct SideScan<'a> {
 }
 
 impl SideScan<'_> {
-    /// Where levels are read: beyond the window, within the cell; across the side, px.
+    /// Range in which levels are read, beyond the window and within the cell, px across the side.
     fn level_window(&self) -> (f64, f64) {
         let near = (self.half + GAP_PX).min((0.5 * self.cell - 0.5).max(0.5 * self.half));
         (near, (near + LEVEL_PX).min((0.7 * self.cell).max(near + 1.0)))
     }
 
-    /// Fills `rows`, `most` at most, evenly; whether they are rows, not columns.
+    /// Fills `rows` with at most `most` evenly spaced rows. Returns whether these are rows (true) or columns.
     pub(super) fn read(&self, rows: &mut Vec<SideRow>, most: usize) -> bool {
         rows.clear();
         let (a, b) = (self.from, self.to);
@@ -183,7 +188,7 @@ impl SideScan<'_> {
         let per = 1.0 / across.abs();
         let sign = across.signum();
         let (near, far) = self.level_window();
-        // what is white beyond the neighbouring sides shines in, too. 1.5 px keep the window's own pixels clear where there is no blur; 0.3 of the
+        // beyond the neighbouring sides it is white, which blur carries into the window. 1.5 px keep the window's own pixels clear where there is no blur; 0.3 of the
         // side at most, so that 40 % of it is left (chosen by hand: half lets more blur in, the double would leave no row)
         let clear = (self.half + 0.5).max(CLEAR_BLURS * self.blur).clamp(1.5, (0.3 * self.length).max(1.5));
         let reach = far * per;
@@ -244,7 +249,7 @@ impl SideScan<'_> {
         along_y
     }
 
-    /// The line through the rows.
+    /// Fits the line to the rows, without outliers. `None` with too few rows or too little contrast.
     pub(super) fn fit(&self, along_y: bool, rows: &mut [SideRow]) -> Option<SideFit> {
         let normal = self.line.normal;
         let (across, other) = if along_y { (normal.x, normal.y) } else { (normal.y, normal.x) };
@@ -272,7 +277,7 @@ impl SideScan<'_> {
             blur_px = blur;
             let mut shine = Shine::new(&windows, blur);
             if shine.matters() {
-                // contrast and blur once more without what others shine in. Of the contrast the level windows show `1 - 2 own`; noise
+                // contrast and blur once more without the contribution of other cells. Of the contrast the level windows show `1 - 2 own`; noise
                 // grows as it is divided by this, by 3.3 at most. Chosen by hand: half allows twice the noise, the double understates narrow cells
                 let full = contrast / (1.0 - 2.0 * shine.own).max(0.3);
                 let beside = Trend::of(rows, |r| r.near + shine.total(r, full, 2)).a;
@@ -300,10 +305,11 @@ impl SideScan<'_> {
             gain = shine.gain.clamp(MIN_GAIN, 1.0);
         }
         let own = contrast / (light.a - dark.a).max(1.0);
-        // light that grows across the side is read further out than the window reaches
+        // with uneven illumination the levels, which are read farther out than the window reaches, differ from those within it
         let (near, far) = self.level_window();
         let blur = blur_px * across.abs();
-        // half of what an even light would give a window in its lighter half, blur between both of its ways: before the light, behind it
+        // the effect of a unit slope on the window's sum, as the mean of both cases: illumination that varies before the blur, and behind it.
+        // Less blur than 0.1 px would divide by nothing
         let z = self.half / blur.max(0.1);
         let lit = 0.5 * self.half * self.half * gain
             + self.half * blur * (-0.5 * z * z).exp() * 0.398_942_280_401_432_7;
@@ -326,14 +332,14 @@ impl SideScan<'_> {
         if (trend.n as usize) < MIN_ROWS {
             return None;
         }
-        // the rows' own levels in place of the side's: the same line, and the scatter of both
+        // with each row's own levels instead of the side's: the same line, but a scatter that contains that of the levels
         let scatter = Trend::of(rows, |r| {
             let (l, d) = (light.at(r.s), dark.at(r.s));
             let apart = r.light - l + r.dark - d;
             // the same bound as above, so that the scatter is that of the same line
             delta(r) + sign * 0.5 * window * apart / ((own * (l - d)).max(0.25 * contrast) * gain)
         });
-        // the line so far is `c = (offset - other s) / across`; the rows say `c + delta`
+        // the line so far is `c = (offset - other s) / across`; the measured one is `c + delta`
         let slope = -other / across + trend.b;
         let crossing = (self.line.offset - other * trend.mean_s) / across + trend.a;
         let shift = (trend.a.abs() + trend.b.abs() * (trend.ss / trend.n).sqrt()) * across.abs();
@@ -362,20 +368,20 @@ impl SideScan<'_> {
 }
 
 impl Shine {
-    /// What the cells within the border add to sum, dark level or difference (`what` 0 to 2) of a row.
+    /// Contribution of the cells within the border to the sum, dark level or difference (`what` 0 to 2) of a row.
     fn within(&self, row: &SideRow, contrast: f64, what: usize) -> f64 {
         let share = |i: usize| self.inner.get(i).and_then(|s| s.get(what)).copied().unwrap_or(0.0);
         contrast * (row.white[0] * share(0) + (row.white[1] - row.white[0]) * share(1))
     }
 
-    /// What lies beyond the margin adds to sum, light level or difference.
+    /// Contribution of the ground beyond the margin to the sum, light level or difference.
     fn outside(&self, row: &SideRow, contrast: f64, what: usize) -> f64 {
-        // noise of one place is no ground for more than a full step
+        // a noisy level must not give more than a full step
         let step = (row.beyond - row.light).clamp(-contrast, contrast);
         step * self.outer.get(what).copied().unwrap_or(0.0)
     }
 
-    /// What both take from the difference beside the edge.
+    /// Both contributions together, as what they take from the difference beside the edge.
     fn total(&self, row: &SideRow, contrast: f64, what: usize) -> f64 {
         self.within(row, contrast, what) - self.outside(row, contrast, what)
     }

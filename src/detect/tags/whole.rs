@@ -1,7 +1,8 @@
-//! A small or blurred tag, fitted as a whole: all of its cells at once, as a camera shows them ([`super::whole_model`]).
+//! Corners of a small, blurred or steep tag, by fitting a model of its whole image ([`super::whole_model`]) to the pixels.
 //!
-//! Where a cell is but a few deviations of the blur wide no side can be measured by itself: what lies beside it shines in. But then all of
-//! the tag is known, and its image is too. Least squares (Gauss and Newton) over its pixels; noise is what is left over.
+//! Where a cell is only a few deviations of the blur wide, no side can be measured by itself, because neighbouring cells contribute to it. But the decoded
+//! tag is known completely, and so is its image up to 19 parameters (20 with a gamma): homography, blur, levels, illumination and ground. They
+//! are fitted by Gauss-Newton; the noise is estimated from the residuals.
 
 use super::decode::Decoded;
 use super::edge_growth::Believed;
@@ -38,9 +39,9 @@ const LOST_CELLS: f64 = 0.7;
 /// Residuals beyond so many deviations of those before do not come from the tag: noise has 7e-6 of them, less than one in 100 tags of 1200 pixels, as
 /// the normal distribution has it. Half would leave out 2.4 % of the good ones and understate the noise, the double keeps glints.
 const GATE: f64 = 4.5;
-/// Pixels that should be lighter than this many deviations below the end of levels have lost some of their noise, and do not count where
-/// they show what they then may: 3.5 deviations less. More of a misfit is one. By what a pixel shows alone the darker ones of equal pixels
-/// would be left.
+/// Pixels near the end of levels have lost a part of their noise by clipping. One does not count where the model predicts it above `MEANT_FULL_SDS`
+/// deviations of the noise below the last level and it shows more than `SHOWN_FULL_SDS` below it, 3.5 deviations less; a larger misfit does count. A selection
+/// by the shown level alone would keep the darker ones of equal pixels. Chosen by hand.
 const MEANT_FULL_SDS: f64 = 2.5;
 const SHOWN_FULL_SDS: f64 = 6.0;
 /// Least variance of the blur, a pixel's own square (1/12 px^2) and little more, and the most correlation of both directions. Chosen by hand, so that
@@ -51,16 +52,16 @@ const MAX_ASLANT: f64 = 0.9;
 /// Least contrast, grey levels: half of what a tag must show to be read (`decode::MIN_CONTRAST`), chosen by hand. Less says that the fit has gone
 /// astray; half or double refuse such fits later or sooner.
 const MIN_CONTRAST: f64 = 5.0;
-/// Variance of rounding to whole grey levels: no residual is believed to be less.
+/// Variance of rounding to whole grey levels, the least that is assumed of residuals.
 const ROUNDING: f64 = 1.0 / 12.0;
-/// What a blur that is not a normal one moves, as a share of it, where it is all motion and cells are not wider than it; and how much
-/// that falls with their width in blurs (measured on images of tags that moved by up to 4 px).
+/// Standard deviation of corners by a blur that is not Gaussian, as share of the blur, for pure motion blur and narrow cells; and its exponential
+/// fall with the cells' width in blurs (measured on images of tags that moved by up to 4 px).
 const SMEAR_DOUBT: f64 = 0.42;
 const SMEAR_FALL: f64 = 1.75;
 
 /// All that is fitted; the logarithm of the camera's gamma is the last.
 const UNKNOWNS: usize = COUNT + 1;
-/// The gamma that nobody told: cameras have 1 (industrial ones) or 2.2, as IEC 61966-2-1 has it (webcams, files); mean and standard deviation
+/// Prior of an unknown gamma: cameras have 1 (industrial ones) or 2.2, as IEC 61966-2-1 has it (webcams, files); mean and standard deviation
 /// of both logarithms. Estimates keep within those of 0.5 and 4, because no camera has others.
 const USUAL_LOG_GAMMA: f64 = 0.4;
 const LOG_GAMMA_SD: f64 = 0.4;
@@ -73,10 +74,10 @@ pub(super) struct WholeMeter {
     rows: Box<[TagJacobian; CHUNK]>,
 }
 
-/// A step and what it was worth.
+/// A Gauss-Newton step and its result.
 struct FitStep {
     by: [f64; UNKNOWNS],
-    /// Variance of a pixel after it, levels^2.
+    /// Variance of the residuals after it, levels^2.
     variance: f64,
     factors: Ldlt<UNKNOWNS>,
 }
@@ -86,8 +87,8 @@ impl WholeMeter {
         Self { pixels: Vec::with_capacity(BLOCKS), rows: Box::new([[Eight::ZERO; COLUMNS]; CHUNK]) }
     }
 
-    /// The corners of a tag from those that its sides gave, and their covariance; `None` where it does not look as it should. A gamma that
-    /// is not known is fitted, too.
+    /// Refines the corners of a tag, starting from those of its sides, and their covariance; `None` where the fit does not converge or the residuals
+    /// contradict the model. An unknown gamma is fitted too.
     pub(super) fn refine(
         &mut self,
         image: &ImageView<'_>,
@@ -95,11 +96,11 @@ impl WholeMeter {
         decoded: &Decoded,
         believed: Believed,
     ) -> Option<Corners> {
-        // sides that are smeared may show far less blur than there is, from which the first step goes astray
+        // motion blur may lead to a far too small blur at the sides, from which the fit does not converge
         [1.0, 2.0].iter().find_map(|more| self.fit(image, from, decoded, believed, more * blur_of(from)))
     }
 
-    /// The same from a variance of the blur, px^2.
+    /// The same, starting from the variance `around` of the blur, px^2.
     fn fit(
         &mut self,
         image: &ImageView<'_>,
@@ -128,7 +129,7 @@ impl WholeMeter {
             log_gamma: (believed == Believed::Bent).then_some(USUAL_LOG_GAMMA),
         };
         let mut variance = f64::INFINITY;
-        // the same ones for all steps, or they might go to and fro
+        // the same pixels in all steps, because the fit might oscillate otherwise
         let every = (area(&around_tag(&quad, cells)?) / ENOUGH_PIXELS).ceil().clamp(1.0, 1e6) as usize;
         for _ in 0..STEPS {
             if decoded.clipped {
@@ -159,7 +160,7 @@ impl WholeMeter {
         None
     }
 
-    /// Takes every so many of the pixels within an outline.
+    /// Loads every `every`-th pixel within an outline.
     fn load(
         &mut self,
         image: &ImageView<'_>,
@@ -170,7 +171,7 @@ impl WholeMeter {
         let top = outline.iter().map(|p| p.y).fold(f64::INFINITY, f64::min).ceil().max(0.0) as usize;
         let bottom = outline.iter().map(|p| p.y).fold(f64::NEG_INFINITY, f64::max);
         let bottom = bottom.floor().min(image.height() as f64 - 1.0) as usize;
-        // rows begin at other places each, so that columns are seen alike
+        // rows begin with different offsets, so that columns are sampled evenly
         let shift = (0.38 * every as f64).round().max(1.0) as usize;
         self.pixels.clear();
         let (mut block, mut lane) = (TagPixels::NONE, 0);
@@ -212,7 +213,7 @@ impl WholeMeter {
     }
 }
 
-/// Variance of the blur that the sides show, px^2.
+/// Variance of the blur as measured at the sides, px^2.
 fn blur_of(from: &Corners) -> f64 {
     from.blur_px.powi(2).max(2.0 * MIN_BLUR_PX2)
 }
@@ -231,7 +232,7 @@ fn area(quad: &Quad) -> f64 {
     0.5 * (c - a).perp(&(d - b)).abs()
 }
 
-/// Where a row enters a convex quadrilateral and leaves it, px.
+/// The range of x, px, in which row `y` lies within a convex quadrilateral.
 fn across(outline: &Quad, y: f64) -> (f64, f64) {
     let (mut from, mut to) = (f64::INFINITY, f64::NEG_INFINITY);
     let [a, b, c, d] = *outline;
@@ -244,7 +245,7 @@ fn across(outline: &Quad, y: f64) -> (f64, f64) {
     (from, to)
 }
 
-/// The step that makes the squares least.
+/// The Gauss-Newton step.
 fn solve(sums: &RowProducts, at: &TagImage, before: f64) -> Option<FitStep> {
     let free = sums.count - COUNT as f64;
     if !(free > 2.0 * COUNT as f64) {
@@ -261,11 +262,11 @@ fn solve(sums: &RowProducts, at: &TagImage, before: f64) -> Option<FitStep> {
     }
     *matrix.last_mut()?.last_mut()? = *by_gamma.get(GAMMA)?;
     right.get_mut(..COUNT)?.copy_from_slice(last.get(..COUNT)?);
-    // what was known of the gamma before draws it, too; one that is not fitted has no products, and stays what it is
+    // the prior of the gamma enters as a further equation; a gamma that is not fitted has no products and stays unchanged
     let known = variance / LOG_GAMMA_SD.powi(2);
     *right.last_mut()? =
         *by_gamma.get(COUNT)? + at.log_gamma.map_or(0.0, |log| known * (USUAL_LOG_GAMMA - log));
-    // the ground is hardly seen where cells are wide: as far as is known it is like paper, give or take the contrast
+    // where cells are wide the ground hardly contributes: its prior is the paper, with the contrast as standard deviation
     let guess = variance / at.contrast.powi(2);
     let damping = std::array::from_fn(|i| match i {
         0..GROUND => 0.0,
@@ -278,19 +279,19 @@ fn solve(sums: &RowProducts, at: &TagImage, before: f64) -> Option<FitStep> {
     Some(FitStep { by, variance: (squares - explained).max(0.0) / free, factors })
 }
 
-/// Moves the corners by a step; how far the farthest went, px.
+/// Moves the corners by a step. Returns the largest displacement, px.
 fn quad_moved(quad: &mut Quad, fields: &[[Vector2<f64>; 8]; 4], by: &[f64; UNKNOWNS]) -> f64 {
     let mut most = 0.0f64;
     for (p, field) in quad.iter_mut().zip(fields) {
         let d: Vector2<f64> = field.iter().zip(by).map(|(f, by)| f * *by).sum();
         *p += d;
-        // NaN is no small step
+        // NaN must not count as a small step
         most = if d.norm() <= most { most } else { d.norm() };
     }
     most
 }
 
-/// Adds a step to all but the geometry; whether there is still a tag.
+/// Adds a step to all parameters but the homography. Returns whether the contrast is still that of a tag.
 fn add(tag_image: &mut TagImage, by: &[f64; UNKNOWNS]) -> bool {
     let mut to = [0.0; UNKNOWNS];
     to.copy_from_slice(by);
@@ -314,17 +315,18 @@ fn add(tag_image: &mut TagImage, by: &[f64; UNKNOWNS]) -> bool {
     tag_image.contrast > MIN_CONTRAST
 }
 
-/// What the shape of the blur may move, px^2: motion smears evenly, which shows as a blur that is longer than wide.
+/// Variance of corners, px^2, by a blur that is not Gaussian: motion blur has an even profile, and is recognized by an anisotropic covariance. `cell`: width
+/// of a cell, px.
 fn smear(blur: &[f64; 3], cell: f64) -> f64 {
     let [xx, xy, yy] = *blur;
     let (mean, apart) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
     let long = mean + apart;
-    // a step that is smeared deviates from a normal one by the square of the motion's share in the variance
+    // the profile of a motion-blurred step deviates from a Gaussian one by the square of the motion's share in the variance
     let share = 2.0 * apart / long;
     long * (SMEAR_DOUBT * share * share * (-SMEAR_FALL * cell / long.sqrt()).exp()).powi(2)
 }
 
-/// Of a place that moves by a field, `[xx, xy, yy]` px^2.
+/// Covariance `[xx, xy, yy]`, px^2, of a point that the homography's parameters displace by `field`.
 fn covariance(
     field: &[Vector2<f64>; 8],
     inverse: &[[f64; UNKNOWNS]; UNKNOWNS],

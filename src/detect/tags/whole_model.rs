@@ -1,15 +1,15 @@
-//! What a camera makes of a tag: levels of pixels and their derivatives by all that is unknown, eight pixels at a time.
+//! Image model of a tag: grey levels of pixels and their derivatives by all parameters, for eight pixels at a time.
 //!
-//! With `W` the share of white at a place of the tag (1 on paper, 0 on ink), smoothed by the blur:
+//! With `W` the share of white at a point of the tag (1 on paper, 0 on ink), smoothed by the blur:
 //!
 //! ```text
 //! I(p) = (1 + k_x x + k_y y) (ink + contrast f(W) + sum_i ground_i O_i)
-//!            O_i: what lies beyond the margin, on each side; f: W itself, or what a gamma makes of it ([`LevelCurve`])
+//!            O_i: share of the ground beyond the margin on side i; f: W itself, or bent by a gamma ([`LevelCurve`])
 //! W = exp(S_cr d/dc d/dr) sum_ij white_ij P_i(c) P_j(r)                   S: the blur's covariance at (c, r), in cells
 //! ```
-//! `P_i(c)` is the share of a normal deviate about `c` that falls into column `i`; the exponential, Mehler's series, is what a blur adds
-//! that lies aslant in the cells, as it does in a tilted tag. The blur contains the pixel's own square. A step of
-//! the geometry is a field of eight parameters, the projective motions of the plane ([`field`]).
+//! `P_i(c)` is the share of a normal distribution about `c` that falls into column `i`. The exponential, Mehler's series, accounts for a blur whose axes
+//! are not those of the cells, as in a tilted tag. The blur contains the pixel's own square. A step of
+//! the homography is a displacement field of eight parameters ([`field`]).
 
 use super::level_curve::{CurveValues, LevelCurve};
 use super::pattern::CellPattern;
@@ -35,7 +35,7 @@ pub(super) const COLUMNS: usize = 24;
 /// A blur reaches so many deviations: beyond lies less than a thousandth, 7e-4, as the normal distribution has it. Half would cut off 5 %, the double
 /// doubles the cells that each pixel needs.
 const REACH: f64 = 3.2;
-/// Most cells on either side of its own one that a pixel sees: with [`REACH`] a blur of 3 / 3.2 = 0.94 cells, beyond which neighbouring cells are so mixed
+/// Most cells on either side of its own one that contribute to a pixel: with [`REACH`] a blur of 3 / 3.2 = 0.94 cells, beyond which neighbouring cells are so mixed
 /// that bits cannot be read. Chosen by hand: half refuses tags that are read, the double takes more time for none.
 const MAX_BESIDE: i32 = 3;
 const MAX_SEEN: usize = 2 * MAX_BESIDE as usize + 1;
@@ -43,7 +43,7 @@ const MAX_SEEN: usize = 2 * MAX_BESIDE as usize + 1;
 /// 32 KiB, and sums of so few stay exact enough in single precision; half has more overhead, the double fills the cache.
 pub(super) const CHUNK: usize = 16;
 
-/// Eight pixels: places from the origin (px), levels, and 1 where they count, else 0.
+/// Eight pixels: positions relative to the origin (px), levels, and weights, 1 where they count, else 0.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TagPixels {
     pub(super) x: Eight,
@@ -57,45 +57,45 @@ impl TagPixels {
         Self { x: Eight::ZERO, y: Eight::ZERO, level: Eight::ZERO, weight: Eight::ZERO };
 }
 
-/// Derivatives at eight pixels, at [`COUNT`] what is left of their levels, and at [`GAMMA`] the derivative by the gamma's logarithm.
+/// Derivatives of eight pixels' levels by the parameters; at [`COUNT`] the residuals, and at [`GAMMA`] the derivative by the gamma's logarithm.
 pub(super) type TagJacobian = [Eight; COLUMNS];
 
-/// Sums of products of columns of [`TagJacobian`]. The lower triangle counts.
+/// Normal equations: sums of products of the columns of [`TagJacobian`], of which the lower triangle is valid, and the number of pixels.
 #[derive(Debug, Clone)]
 pub(super) struct RowProducts {
     pub(super) products: [[f64; COLUMNS]; COLUMNS],
     pub(super) count: f64,
 }
 
-/// How a place moves for one of each parameter of geometry; from the origin, in radii.
+/// Displacement of the point `q` (relative to the origin, in radii) by a unit of each of the eight parameters of a projective motion.
 pub(super) fn field(q: Vector2<f64>) -> [Vector2<f64>; 8] {
     let (x, y, v) = (q.x, q.y, Vector2::new);
     [v(1.0, 0.0), v(x, 0.0), v(y, 0.0), v(0.0, 1.0), v(0.0, x), v(0.0, y), v(x * x, x * y), v(x * y, y * y)]
 }
 
-/// An image of a tag as far as it is known.
+/// The parameters of a tag's image at one step of the fit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TagImage {
-    /// From pixels to cells.
+    /// Homography from pixels to cells.
     pub(super) back: PlaneMap,
-    /// The point that pixels are counted from, and the radius, px.
+    /// Origin of the pixels' positions, and the radius by which they are normalized, px.
     pub(super) origin: Vector2<f64>,
     pub(super) radius: f64,
     /// Covariance of the blur `[xx, xy, yy]`, px^2.
     pub(super) blur: [f64; 3],
     pub(super) ink: f64,
     pub(super) contrast: f64,
-    /// Relative change of the light, per radius.
+    /// Relative slope of the illumination, per radius.
     pub(super) light: [f64; 2],
-    /// What lies beyond the margin less the paper: left, right, above, below.
+    /// Level of the ground beyond the margin less that of the paper: left, right, above, below.
     pub(super) ground: [f64; 4],
-    /// Levels from which on pixels have lost light at the end of levels: what they show, and what they should; infinite where none has.
+    /// Levels from which on pixels count as clipped: shown level, and level that the model predicts; infinite where none is.
     pub(super) full: [f64; 2],
-    /// Logarithm of the camera's gamma where that is not known; `None` where levels are light.
+    /// Logarithm of the camera's gamma where it is unknown; `None` where levels are proportional to light.
     pub(super) log_gamma: Option<f64>,
 }
 
-/// An image, ready for pixels.
+/// The parameters in single precision, prepared for the evaluation of pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TagModel<'a> {
     pattern: &'a CellPattern,
@@ -104,27 +104,27 @@ pub(super) struct TagModel<'a> {
     blur: [f32; 3],
     ink: f32,
     contrast: f32,
-    /// How the logarithm of paper / ink changes by both.
+    /// Derivatives of the logarithm of paper / ink by ink and contrast.
     log_ratio_by: [f32; 2],
     light: [f32; 2],
     ground: [f32; 4],
-    /// What the camera makes of shares of light, where that is fitted.
+    /// Response of the camera, where a gamma is fitted.
     curve: Option<LevelCurve>,
-    /// Cells on either side that a pixel sees, along columns and rows.
+    /// Number of cells on either side that contribute to a pixel, along columns and rows.
     beside: [i32; 2],
     /// Residuals whose square is larger do not count.
     max_square: f32,
-    /// Nor do pixels that show so much and should show so much, levels.
+    /// Nor do clipped pixels: those above both of these levels, shown and predicted.
     full: [f32; 2],
 }
 
-/// Along one direction of the tag: the first cell, and the shares of each with three derivatives by the place; shares are doubled.
+/// Along one direction of the tag: the first contributing cell, and twice the share of each cell with its three derivatives by position.
 struct CellShares {
     first: [i32; 8],
     shares: [[Eight; 4]; MAX_SEEN],
 }
 
-/// White and its derivatives by column and row, in cells.
+/// Share of white `W` and its derivatives by column and row, in cells.
 struct White {
     value: Eight,
     by_c: Eight,
@@ -135,7 +135,7 @@ struct White {
 }
 
 impl<'a> TagModel<'a> {
-    /// Of a tag that is seen at `corners` (px); `None` where blur reaches across too many of its cells.
+    /// The model of a tag with the corners `corners` (px); `None` where the blur reaches across too many cells.
     pub(super) fn new(
         tag_image: &TagImage,
         pattern: &'a CellPattern,
@@ -154,7 +154,7 @@ impl<'a> TagModel<'a> {
         if !beside.iter().all(|b| *b >= 1.0 && *b <= f64::from(MAX_BESIDE)) {
             return None;
         }
-        // black that a camera has taken off leaves no ratio
+        // a camera that subtracts a black level leaves no ratio of light
         let ink = tag_image.ink.max(1.0);
         let paper = ink + tag_image.contrast;
         Some(Self {
@@ -175,7 +175,7 @@ impl<'a> TagModel<'a> {
         })
     }
 
-    /// Derivatives of the levels, and levels less what they should be; all 0 where a pixel does not count.
+    /// Derivatives of the levels and residuals (level less prediction); all 0 where a pixel does not count.
     #[inline(always)]
     fn at(&self, p: &TagPixels) -> TagJacobian {
         let [a, b, c, d, e, f, g, h, i] = self.back;
@@ -194,11 +194,11 @@ impl<'a> TagModel<'a> {
 
         let n = self.pattern.cells as f32;
         let (sides, ends) = (beyond(column, per_c, n), beyond(row, per_r, n));
-        // what lies beyond a corner counts once
+        // the ground beyond a corner is counted once
         let between = -(sides.share[0] + sides.share[1]) + 1.0;
         let [before, behind, above, below] = self.ground;
         let beyond = [sides.share[0], sides.share[1], ends.share[0] * between, ends.share[1] * between];
-        // the response bends what blur has made: derivatives of white by place and by blur see its slope
+        // the response acts after the blur: derivatives of W by position and blur are multiplied by its slope
         let shown = match &self.curve {
             Some(curve) => curve.at(white.value),
             None => CurveValues {
@@ -223,7 +223,7 @@ impl<'a> TagModel<'a> {
         let lit = x * self.light[0] + y * self.light[1] + 1.0;
         let residual = p.level - lit * raw;
         let fits = residual.each(|r| f32::from(u8::from(r * r <= self.max_square)));
-        // of a pixel that shows no more only that it should is known, which its neighbours say as well
+        // a clipped pixel only says that its level is above the end, which its neighbours say too
         let [shown_from, meant_from] = self.full;
         let full = p.level.each(|level| f32::from(u8::from(level >= shown_from)));
         let over = (p.level - residual).each(|meant| f32::from(u8::from(meant >= meant_from)));
@@ -232,8 +232,8 @@ impl<'a> TagModel<'a> {
         let lit = lit * weight;
 
         let half = lit * 0.5;
-        // the image moves by the field, and levels change against it; that the blur stays as it is, while what moves is stretched, is left
-        // to the blur's own parameters
+        // the image moves by the field, and levels change by minus the gradient times it. That the field would stretch the blur too is left to
+        // the blur's own parameters
         let gx = -((by_c * cx + by_r * rx) * lit);
         let gy = -((by_c * cy + by_r * ry) * lit);
         let radial = gx * x + gy * y;
@@ -305,7 +305,7 @@ impl<'a> TagModel<'a> {
     }
 }
 
-/// What lies beyond the margin, one cell wide, before `n` cells and behind them: shares, and how they change outward, once and twice.
+/// Shares of the ground before and behind the `n` cells with their margin of one cell, and their first and second derivatives outward.
 struct OutsideShares {
     share: [Eight; 2],
     by: [Eight; 2],
@@ -329,7 +329,7 @@ fn beyond(place: Eight, per: Eight, n: f32) -> OutsideShares {
     }
 }
 
-/// The cells about `place`, of which `per` are a deviation's reciprocal.
+/// The cells that contribute at position `place` (cells), for the reciprocal `per` of the blur's deviation (1/cells).
 #[inline(always)]
 fn seen(place: Eight, per: Eight, beside: i32) -> CellShares {
     // adding 1.5 * 2^23 rounds to the nearest whole number, because a number of single precision has 23 bits behind its first one
@@ -357,7 +357,7 @@ fn seen(place: Eight, per: Eight, beside: i32) -> CellShares {
 }
 
 kernel!(
-    /// Adds the products of all pixels' derivatives to `sums`. `rows` is room for them.
+    /// Adds the normal equations of all pixels to `sums`. `rows` is a buffer.
     pub(super) fn accumulate(model: &TagModel<'_>, pixels: &[TagPixels], rows: &mut [TagJacobian; CHUNK], sums: &mut RowProducts) = accumulate_body
 );
 
@@ -377,7 +377,7 @@ fn accumulate_body(
         }
         sums.count += f64::from(counted.sum());
         let rows = &rows[..chunk.len()];
-        // eight sums at once: a processor that waits for one adds to the others
+        // eight independent sums at once, so that additions need not wait for each other
         let last = if model.curve.is_some() { GAMMA } else { COUNT };
         for i in (0..=last).step_by(2) {
             for k in (0..=i).step_by(4) {
