@@ -1,4 +1,4 @@
-//! The finder of each kind of target behind one face: a frame in, the points that are seen out.
+//! The finder of each kind of target behind one interface: a grey frame in, detections of the target's points out.
 
 use super::chessboard::ChessboardFinder;
 use super::shape::ShapeFinder;
@@ -11,17 +11,17 @@ use crate::messages::TargetStatus;
 use crate::target::Target;
 use nalgebra::Vector2;
 
-/// Finds one target. Owns all buffers: nothing is allocated after construction.
+/// Finder of one target. Owns all buffers: nothing is allocated after construction.
 #[derive(Debug, Clone)]
 #[allow(clippy::large_enum_variant)] // one in a process
 pub enum Finder {
-    /// Dots on a plate.
+    /// Finder of four dots and of grids of dots.
     Dots(DotFinder),
-    /// Squares.
+    /// Finder of the inner corners of a chessboard.
     Chessboard(Box<ChessboardFinder>),
-    /// Tags.
+    /// Finder of the corners of tags.
     Tags(TagPlateFinder),
-    /// A free outline.
+    /// Finder of a polygon or an ellipse by its outline.
     Shape(Box<ShapeFinder>),
 }
 
@@ -48,9 +48,9 @@ impl Finder {
         }
     }
 
-    /// The same for a camera of this response, of which images were made linear as far as it is known. Where it is not, corners of tags get
-    /// estimates of what it moved, and covariances that hold for them ([`super::tags::TagFinder::for_unknown_response`]); other targets are
-    /// found as before.
+    /// The same for a camera of this response. Images must have been linearized where the response is known. Where it is unknown, corners of tags are
+    /// corrected by an estimate of its effect, with covariances to match ([`super::tags::TagFinder::for_unknown_response`]); other targets are
+    /// detected as before.
     #[must_use]
     pub fn for_response(self, response: &Response) -> Self {
         match (self, response) {
@@ -59,7 +59,7 @@ impl Finder {
         }
     }
 
-    /// Searches the whole frame: fills `found` with the points that are seen, ids rising.
+    /// Searches the whole frame: fills `found` with the detected points, ids rising.
     ///
     /// # Errors
     /// The status that says why there is no target; never [`TargetStatus::Found`] or `WrongSize`. `found` is then empty.
@@ -72,8 +72,8 @@ impl Finder {
         }
     }
 
-    /// Looks once more at what was found in `image`, for what lies on a part of a point: where the rest tells the point's place, it counts
-    /// alone, and the point's id goes into `harmed`.
+    /// Checks the detections `found` of `image` for partial occlusion: where the visible part of a dot's rim determines its centre, the centre is
+    /// measured by that part alone, and the id is added to `harmed`.
     pub fn look_closely(&self, image: &ImageView<'_>, found: &mut [Found], harmed: &mut Vec<u32>) {
         harmed.clear();
         if let Self::Dots(finder) = self {
@@ -81,8 +81,8 @@ impl Finder {
         }
     }
 
-    /// Looks for the points where they are expected, ids rising: fills `found` with those that are there alone and whole. Whether they
-    /// can be the target; `found` is empty when not.
+    /// Tracks the points in windows about their predictions (ids rising): fills `found` with those that were detected unambiguously and not occluded.
+    /// Returns whether they can be the target; `found` is empty when not.
     pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
         match self {
             Self::Dots(finder) => finder.track(image, expected, found),
@@ -92,7 +92,7 @@ impl Finder {
         }
     }
 
-    /// How far what is measured of point `id` lies from the image of the point, px, for the target at `X_CO`.
+    /// Bias of the measured point `id`: its offset from the projection of the point, px, for the target at `X_CO`.
     #[must_use]
     pub fn bias_px(&self, id: u32, X_CO: &Pose) -> Vector2<f64> {
         match self {
@@ -102,7 +102,7 @@ impl Finder {
         }
     }
 
-    /// All tags that were seen last, also those that are no part of the target; empty for other kinds of targets.
+    /// All tags of the last frame, also those that do not belong to the target; empty for other kinds of targets.
     #[must_use]
     pub fn tags(&self) -> &[TagFound] {
         match self {

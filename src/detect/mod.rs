@@ -22,23 +22,24 @@
 //! | detection | A point with its id, its position and its standard deviation ([`Found`]). |
 //! | identity | Which point of the target a region, a corner or an edge is. A finder that cannot decide reports an ambiguity. |
 //! | region | Connected pixels on one side of a threshold. |
-//! | rim, edge | The border of a dot; the straight border of a square, a tag or an outline. |
+//! | rim, edge | The border of a dot or an ellipse; the straight border of a square, a tag or an outline. |
 //! | edge profile | The grey levels across a border: a step, blurred by lens and pixels. |
-//! | covered | A dot or a corner on which something lies, or light falls unevenly, so that its centre is off. |
+//! | partly occluded | A dot or a corner that something hides in part, so that its measured centre is shifted; treated like one that is unevenly lit. |
+//! | bias | The offset of what is measured (a centroid, a corner) from the projection of the point, by perspective and lens. |
 //!
 //! # What all finders share, and what they do not
 //! Runs, regions ([`Components`](crate::imaging::Components)), outlines ([`Outlines`](crate::imaging::Outlines)) and thresholds that follow the
 //! light ([`LocalThreshold`](crate::imaging::LocalThreshold)) are those of [`crate::imaging`]; a camera's response is taken out of the levels
-//! before any finder sees them. What looks alike and stays apart:
+//! before any finder processes them. Edges are located in several ways, for these reasons:
 //!
 //! | where an edge lies | by | because |
 //! |---|---|---|
 //! | [`EdgeScan`](crate::imaging::EdgeScan): segments, rims | the sum of one row's levels between two plateaus | nothing is known beyond three pixels on either side; hundreds of scans are fitted |
 //! | sides of tags | the same sum, windows of any length, levels from all rows of the side | cells one and two away are known to be black or white, and what blur carries over from them is taken off |
-//! | outlines of shapes | offset, blur and both levels of a piece, by all pixels about it | the outline bends, its pieces are short, and neither levels nor blur are known |
+//! | outlines of shapes | offset, blur and both levels of a piece, by all pixels about it | the outline is curved, its pieces are short, and neither levels nor blur are known |
 //! | corners of chessboards | the product of two edges | no pixel about a corner belongs to one edge alone |
 //! | tags of narrow cells | all cells at once | no side has a plateau |
-//! | dots | moments, without an edge | every pixel of a dot tells its centre; its rim is scanned only where the dot is covered or lit in part |
+//! | dots | moments, without an edge | every pixel of a dot contributes to its centroid; its rim is scanned only where the dot is partly occluded or unevenly lit |
 //!
 //! [`Segmentation`](crate::imaging::Segmentation) joins pixels by their levels, without a threshold, and [`LocalMean`](crate::imaging::LocalMean)
 //! is the adaptive threshold of Sect. 10.2: both are the textbook's, and no finder uses them.

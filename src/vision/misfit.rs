@@ -25,7 +25,7 @@ const CHANCE_DEVIATE: f64 = 3.09;
 /// Factor by which the variance of points may exceed the stated one without a misfit. Chosen by hand: stated variances are right to a
 /// quarter, and the rest is margin.
 const NOISE: f64 = 1.5;
-/// From so many points on some may be left out: four of six are left at least, and four are the fewest with redundancy.
+/// From so many points on some may be left out: four of six are left at least, because four are the fewest with redundancy.
 pub(super) const ENOUGH_TO_CHOOSE: usize = 6;
 
 /// Factors on variances by the misfit of one image's pose: 1 where the misfit is within chance.

@@ -1,4 +1,4 @@
-//! Corners of one board by their ids, and where those should be that are not there yet.
+//! The corners of one board by column and row: sub-pixel fits, and predictions of corners that are not fitted yet.
 
 mod check;
 mod ends;
@@ -37,9 +37,9 @@ const FIRST: usize = 6;
 /// A corner of the board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Slot {
-    /// Where it is, px; `NaN` where unknown.
+    /// Position, px; `NaN` where unknown.
     pub(super) px: Vector2<f64>,
-    /// What the fit says.
+    /// Result of the sub-pixel fit.
     pub(super) fit: Option<CornerFit>,
     /// Tried without success.
     tried: bool,
@@ -54,12 +54,12 @@ pub(super) struct Board {
     rows: usize,
     /// Whether the square right below a corner is light where column + row is even.
     even_light: bool,
-    /// Whether the board ends where the columns and rows do.
+    /// Whether the board has exactly these columns and rows.
     bounded: bool,
     slots: Vec<Slot>,
     fitter: Box<CornerFitter>,
     values: Vec<f64>,
-    /// How far each corner lies from where the board as a whole has it, px.
+    /// Residual of each corner to the homography of the whole board, px.
     residuals: Vec<Option<Vector2<f64>>>,
 }
 
@@ -79,18 +79,18 @@ impl Board {
         }
     }
 
-    /// Room for a part of a board of which size and place are not known.
+    /// A buffer for a part of a board of unknown placement.
     pub(super) fn unbounded(columns: usize, rows: usize) -> Self {
         Self { bounded: false, ..Self::new(columns, rows) }
     }
 
-    /// Forgets all corners; whether squares right below corners with an even sum are light.
+    /// Removes all corners. `even_light`: whether squares right below corners with an even sum of column and row are light.
     pub(super) fn clear(&mut self, even_light: bool) {
         self.slots.fill(EMPTY);
         self.even_light = even_light;
     }
 
-    /// Says where a corner is.
+    /// Sets the position of a corner, px.
     pub(super) fn put(&mut self, column: i16, row: i16, px: Vector2<f64>) {
         if let Some(id) = self.id(i64::from(column), i64::from(row))
             && let Some(slot) = self.slots.get_mut(id)
@@ -99,7 +99,7 @@ impl Board {
         }
     }
 
-    /// Takes a corner over that was fitted as part of an unbounded board.
+    /// Adopts a corner that was fitted as part of an unbounded board.
     pub(super) fn take(&mut self, column: i16, row: i16, fit: &CornerFit) {
         if let Some(id) = self.id(i64::from(column), i64::from(row))
             && let Some(slot) = self.slots.get_mut(id)
@@ -108,7 +108,7 @@ impl Board {
         }
     }
 
-    /// Fits anew where the next edges, or what lies behind the outer squares, are in sight: now the neighbours' places are known well.
+    /// Fits small squares anew, in whose windows the next edges or the surroundings are visible, now that the neighbours' positions are known well.
     pub(super) fn refit_small(&mut self, image: &ImageView<'_>, blur_px: f64) {
         for id in 0..self.slots.len() {
             let Some(fit) = self.slots.get(id).and_then(|s| s.fit) else { continue };
@@ -148,7 +148,7 @@ impl Board {
         ((id % self.columns) as i64, (id / self.columns) as i64)
     }
 
-    /// To the next corner in a direction, px, from what is known nearby.
+    /// Displacement to the next corner in a direction, px, from corners nearby.
     fn step(&self, column: i64, row: i64, right: bool) -> Option<Vector2<f64>> {
         let (dx, dy) = if right { (1, 0) } else { (0, 1) };
         // beside the corner, then on the lines next to it, the nearest first
@@ -166,7 +166,7 @@ impl Board {
         None
     }
 
-    /// How much longer than the mean of both the step after a corner is, px: half the second difference; nothing where that is unknown.
+    /// Half the second difference of positions along a direction, px: by how much the step behind a corner exceeds the mean of both; zero where unknown.
     fn change(&self, column: i64, row: i64, right: bool) -> Vector2<f64> {
         let (dx, dy) = if right { (1, 0) } else { (0, 1) };
         for side in [0, 1, -1] {
@@ -193,7 +193,7 @@ impl Board {
         of.next().unwrap_or_default()
     }
 
-    /// Where each fitted corner is with its edges as bent as the lens bends them, px, ids rising.
+    /// Position of each fitted corner, corrected for the curvature of its edges by the lens, px, ids rising.
     pub(super) fn unbent(&self) -> impl Iterator<Item = Vector2<f64>> {
         self.fitted().map(|(id, fit)| {
             let (c, r) = self.place(id as usize);
@@ -202,7 +202,7 @@ impl Board {
         })
     }
 
-    /// Fits all corners that have a position, and those that can be told from them, until none is added; how many there are.
+    /// Fits all corners that have a position, and those that can be predicted from them, until none is added. Returns their number.
     pub(super) fn fit(&mut self, image: &ImageView<'_>, blur_px: f64) -> usize {
         self.fit_known(image, blur_px);
         for _ in 0..self.columns + self.rows {
@@ -214,10 +214,10 @@ impl Board {
         self.check()
     }
 
-    /// Fits what has a position and no fit.
+    /// Fits corners with a position and without a fit.
     fn fit_known(&mut self, image: &ImageView<'_>, blur_px: f64) {
         let mut blur = self.middle_of(|f| f.blur_px);
-        // those that fail once more, with the blur of the others
+        // those that failed are fitted once more, with the blur of the others
         let passes = if blur.is_some() { 1 } else { 2 };
         for _ in 0..passes {
             for id in 0..self.slots.len() {
@@ -249,7 +249,7 @@ impl Board {
         }
     }
 
-    /// Fits one corner about `px`; `blur` with its relative uncertainty. Only with the board's colours, and only a good one.
+    /// Fits one corner about `px`; `blur` with its relative uncertainty. `None` where the colours are not the board's or the fit is poor.
     fn fit_one(
         &mut self,
         image: &ImageView<'_>,
@@ -272,7 +272,7 @@ impl Board {
         ((fit.half_contrast > 0.0) == light && corner_sd_px(&fit) < MAX_SD_PX).then_some(fit)
     }
 
-    /// Fits a corner where it was predicted, and keeps it; whether there is one.
+    /// Fits a corner at its prediction and stores it. Returns whether there is one.
     pub(super) fn follow(
         &mut self,
         image: &ImageView<'_>,
@@ -290,14 +290,14 @@ impl Board {
         false
     }
 
-    /// Removes what does not belong to the board; how many corners are left.
+    /// Removes corners that do not belong to the board. Returns how many are left.
     pub(super) fn check(&mut self) -> usize {
         self.reject_unlike();
         self.reject_off();
         self.fitted().count()
     }
 
-    /// The board's blur, px: of its middle corner.
+    /// Blur of the board, px: the median over its corners.
     pub(super) fn blur_px(&mut self) -> Option<f64> {
         self.middle_of(|f| f.blur_px)
     }
@@ -307,7 +307,7 @@ impl Board {
         ((id as usize) < self.slots.len()).then(|| self.place(id as usize))
     }
 
-    /// Positions for corners without one, from two on a line; how many.
+    /// Predicts positions of corners without one from two on a line. Returns how many.
     fn extend(&mut self, image: &ImageView<'_>) -> usize {
         let contrast = self.middle_of(|f| f.half_contrast.abs()).unwrap_or(0.0);
         let mut added = 0;
@@ -360,7 +360,7 @@ impl Board {
         Some(*median)
     }
 
-    /// Steps for what is told of each corner: its neighbours', or where these are missing the whole board's, px.
+    /// Displacements to the next column and row of each fitted corner, px: from its neighbours, or where these are missing from the whole board.
     pub(super) fn all_steps(&self) -> impl Iterator<Item = [Vector2<f64>; 2]> {
         let whole = self.homography();
         self.fitted().map(move |(id, _)| {
@@ -376,7 +376,7 @@ impl Board {
     }
 }
 
-/// One deviation of a coordinate, px.
+/// Standard deviation of a coordinate, px.
 pub(super) fn corner_sd_px(fit: &CornerFit) -> f64 {
     let [xx, _, yy] = fit.covariance_px2;
     (0.5 * (xx + yy)).sqrt()

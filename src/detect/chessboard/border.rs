@@ -1,8 +1,8 @@
-//! Whether the board is seen to end beyond a side of a lattice.
+//! Whether a board ends beyond a side of a lattice.
 //!
-//! That no corner follows proves nothing: something may lie on the board. Its end is seen where the outer dark squares all stop
-//! at one line along the side, and the light squares between them go on past that line into the light margin; on a board that goes
-//! on they would meet dark squares there.
+//! A missing next corner is no evidence: something may occlude the board. The end is visible where the outer dark squares all stop
+//! at one line along the side, and the light squares between them continue past that line into the light margin; on a board that
+//! continues, dark squares would follow there.
 //!
 //! ```text
 //!   corner ──── outer dark square ──┤ light margin          0 ... t ... t + step:   dark, dark | light
@@ -58,28 +58,28 @@ pub(super) struct Outer {
     pub(super) light: bool,
 }
 
-/// What one outer square shows.
+/// Measurement of one outer square.
 #[derive(Debug, Clone, Copy, Default)]
 struct OuterSquare {
     /// Levels outwards, from 0 to [`REACH`].
     middle: f64,
     end: f64,
-    /// For light squares: how far they stay light.
+    /// For light squares: the distance up to which they stay light.
     light: bool,
 }
 
-/// What the outer squares of one side show of the board's end.
+/// Evidence of the board's end at one side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum BoardEnd {
-    /// Nothing.
+    /// None.
     Unseen,
-    /// One dark square and its neighbours look like it: enough only where the other side does too, and the size between is right.
+    /// One dark square and its neighbours indicate it: sufficient only where the opposite side does too, and the size between them fits.
     Likely,
-    /// It is there.
+    /// The end is visible.
     Seen,
 }
 
-/// Whether the outer squares of one side show the board's end.
+/// The evidence of the board's end in the outer squares of one side.
 pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -> BoardEnd {
     let mut seen = [OuterSquare::default(); MOST];
     let mut count = 0;
@@ -131,8 +131,8 @@ pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -
     }
 }
 
-/// Whether the squares of one side stop there, whatever lies behind them: outer squares are seen whole, and no corner follows where two of
-/// them meet. What hides the rest of a board cuts its squares anywhere, and hardly along a line of corners.
+/// Whether the squares of one side end there, whatever lies behind them: the outer squares are complete, and no corner follows where two of
+/// them meet. An occluder cuts squares anywhere, and hardly along a line of corners.
 pub(super) fn stops(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -> bool {
     let (mut stop, mut go_on) = (0, 0);
     let mut vote = |rim: Vector2<f64>, inner: Vector2<f64>| match follows(image, rim, 2.0 * rim - inner) {
@@ -166,7 +166,7 @@ pub(super) fn stops(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>)
     stop >= MIN_STOPS && f64::from(stop) >= SHARE * f64::from(stop + go_on)
 }
 
-/// Follows one square outwards: where the dark square becomes light, or the light one dark. `None` out of the image and without contrast.
+/// Profile of one square outwards: where the dark square becomes light, or the light one dark. `None` outside of the image and without contrast.
 fn look(image: &ImageView<'_>, square: &Outer) -> Option<OuterSquare> {
     let [a, b] = square.rim;
     let outwards = 0.5 * (a + b - square.inner[0] - square.inner[1]);
@@ -202,7 +202,7 @@ fn look(image: &ImageView<'_>, square: &Outer) -> Option<OuterSquare> {
     Some(OuterSquare { middle: middle.max(1e-3), end: REACH, light: square.light })
 }
 
-/// Level between pixels.
+/// Bilinearly interpolated level; `None` outside of the image.
 fn level(image: &ImageView<'_>, at: Vector2<f64>) -> Option<f64> {
     if !(at.x >= 0.0 && at.y >= 0.0) {
         return None;

@@ -1,4 +1,4 @@
-//! Which corners are neighbours on a board: links along edges, and a place in a lattice for each.
+//! Links between neighbouring corners of a board, and integer lattice coordinates for each.
 //!
 //! Two corners are linked when each is the other's nearest along an edge, the colours beside that edge are swapped at them, and
 //! all the way between them one side of the edge is light and the other dark.
@@ -43,7 +43,7 @@ struct LatticeNode {
     /// Whether edges 0 and 2 (else 1 and 3) are those that become lighter with rising angle.
     even_rises: bool,
     links: [u16; 4],
-    /// Component, and which of its own edges is the lattice's first direction.
+    /// Connected component, and which of the corner's edges is the lattice's first direction.
     component: u16,
     turn: u8,
     at: [i16; 2],
@@ -72,10 +72,10 @@ impl LatticeNode {
     }
 }
 
-/// A corner with a place in its lattice.
+/// A corner with its lattice coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Placed {
-    /// Along both directions; the second follows the first by a turn from x to y.
+    /// Coordinates along both directions; the second follows the first by a rotation from x to y.
     pub(super) at: [i16; 2],
     /// Position, px of the searched image.
     pub(super) px: [f32; 2],
@@ -85,14 +85,14 @@ pub(super) struct Placed {
     pub(super) contrast: f32,
 }
 
-/// Links corners. Owns its buffers.
+/// Computes links and lattices. Owns its buffers.
 #[derive(Debug, Clone)]
 pub(super) struct Links {
     nodes: Vec<LatticeNode>,
     /// Positions of the nodes, side by side.
     px: Vec<[f32; 2]>,
     queue: Vec<u16>,
-    /// Corners of each component, and whether its cycles contradict each other.
+    /// Number of corners of each component, and how many of its cycles contradict each other.
     components: Vec<(u16, u16)>,
 }
 
@@ -207,7 +207,7 @@ impl Links {
         (j != NONE).then_some(usize::from(j))
     }
 
-    /// Which edge of `j` leads to `i`.
+    /// The edge of `j` that leads to `i`.
     fn back(&self, i: usize, j: usize) -> Option<usize> {
         self.nodes.get(j)?.links.iter().position(|&k| usize::from(k) == i)
     }
@@ -232,7 +232,7 @@ impl Links {
         self.cut(i, edge);
     }
 
-    /// Walks along the links from corner to corner.
+    /// Assigns lattice coordinates by following the links from corner to corner.
     fn place(&mut self) {
         self.components.clear();
         for start in 0..self.nodes.len() {

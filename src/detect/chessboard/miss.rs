@@ -1,4 +1,4 @@
-//! Why there is no chessboard.
+//! Reasons for which no chessboard was detected.
 
 use crate::messages::TargetStatus;
 use thiserror::Error;
@@ -24,10 +24,10 @@ pub enum ChessboardMiss {
     /// Colours, size and ends contradict every place on the board.
     #[error("a chessboard whose size or colours are not those of the one that is looked for")]
     NoMatch,
-    /// A part whose place on the board cannot be told: too little of the border is seen.
+    /// A part whose placement on the board is ambiguous: too little of the border is visible.
     #[error("a part of a chessboard without enough of its border to tell which part")]
     NoBorder,
-    /// More parts of chessboards than one search looks at.
+    /// More parts of chessboards than one search examines.
     #[error("too many parts of chessboards in the image: the search was given up")]
     GivenUp,
     /// Two boards that look alike.

@@ -1,13 +1,15 @@
-//! Chessboards: the inner corners of a board of known size, each under its own id, also where only a part is seen.
+//! Chessboards: the inner corners of a board of known size, each with its id, also where only a part of the board is visible.
 //!
 //! ```text
 //! image --halved--> ring corners --links--> lattices --ends, colours, size--> place on the board --fit--> corners with covariance
 //! ```
 //! Ids are `row x COLUMNS + column` of the inner corners. Rows and columns run so that x (along a row), y (along a column) and the
-//! normal away from the camera are right-handed, as OpenCV has them; a board in a mirror looks like one that is not, and is labelled
-//! the same way. Which corner is the first tells the table of `place`: for 9x6 the one at a dark corner square.
+//! normal away from the camera are right-handed, as in OpenCV; a mirrored board cannot be distinguished from one that is not, and is labelled
+//! the same way. The table of `place` says which corner is the first: for 9x6 the one at a dark corner square.
 //!
-//! A part of a board is found when its size, its colours and the ends that are seen tell its place; otherwise it is refused.
+//! A part of a board is accepted when its size, its colours and its visible ends determine its position on the board; otherwise it is refused. Terms: the
+//! *ring response* is large where four alternating squares meet; a *link* joins neighbouring corners along an edge; a *lattice* is a set of linked corners with
+//! integer coordinates; its *placement* is the quarter turn and shift to columns and rows; an *end* is a side beyond which the board is seen to stop.
 
 mod board;
 mod border;
@@ -54,7 +56,7 @@ const MAX_LATTICES: usize = 32;
 /// Contradictory links of a lattice that is looked at: one in so many corners. Chosen by hand: with 24 one bad link refuses a part of 23.
 const CONTRADICTIONS: u16 = 12;
 
-/// Finds one chessboard. Owns all buffers: nothing is allocated after construction and the first frame.
+/// Finder of one chessboard. Owns all buffers: nothing is allocated after construction and the first frame.
 #[derive(Debug, Clone)]
 pub struct ChessboardFinder {
     columns: i16,
@@ -69,14 +71,14 @@ pub struct ChessboardFinder {
     /// Positions of a lattice's corners, rows of [`Self::grid_side`].
     grid: Vec<Option<Placed>>,
     placements: Vec<BoardPlacement>,
-    /// A part of a board before its place is known.
+    /// A part of a board before its placement is known.
     part: Board,
     board: Board,
     predicted: Board,
     blur_px: f64,
-    /// Lattices that the search may still look at.
+    /// Number of lattices that the search may still examine.
     left: usize,
-    /// At how many sides of the current lattice its end is seen, in both directions.
+    /// Number of sides of the current lattice at which the end is visible, for both directions.
     ends_seen: [usize; 2],
 }
 
@@ -116,7 +118,7 @@ impl ChessboardFinder {
         }
     }
 
-    /// Searches the whole frame: fills `found` with the corners that are seen, ids rising.
+    /// Searches the whole frame: fills `found` with the detected corners, ids rising.
     ///
     /// # Errors
     /// The status that says why there is no board; [`Self::search_or_why`] tells more. `found` is then empty.
@@ -146,8 +148,8 @@ impl ChessboardFinder {
         Ok(())
     }
 
-    /// Looks for the corners where they are expected, ids rising: fills `found` with those that are there. Whether they are enough
-    /// to be the board; `found` is empty when not. A prediction that may be off by more than 0.6 squares is not followed.
+    /// Tracks the corners in windows about their predictions (ids rising): fills `found` with those that were detected. Returns whether they are enough
+    /// for the board; `found` is empty when not. Predictions that may be off by more than 0.6 squares are not tracked.
     pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
         found.clear();
         self.predicted.clear(false);
@@ -166,12 +168,12 @@ impl ChessboardFinder {
         true
     }
 
-    /// Covariance `[xx, xy, yy]` of each corner found last, px^2, by rising id.
+    /// Covariance `[xx, xy, yy]` of the position of each corner of the last frame, px^2, ids rising.
     pub fn covariances_px2(&self) -> impl Iterator<Item = (u32, [f64; 3])> {
         self.board.fitted().map(|(id, fit)| (id, fit.covariance_px2))
     }
 
-    /// The board's blur in the last frame with a board: one deviation, pixel included, px.
+    /// Blur of the board in the last frame with a board: standard deviation, the pixel's own included, px.
     #[must_use]
     pub fn blur_px(&self) -> f64 {
         self.blur_px
@@ -197,7 +199,7 @@ impl ChessboardFinder {
         }
     }
 
-    /// From the smallest half to the image itself, until there is a board.
+    /// Searches the image pyramid from its smallest level to the image itself, until a board is found.
     fn search_levels(
         &mut self,
         image: &ImageView<'_>,
@@ -242,7 +244,7 @@ impl ChessboardFinder {
         }
         let count = usize::from(self.columns.unsigned_abs()) * usize::from(self.rows.unsigned_abs());
         let least = (count / MIN_PART).max(MIN_CORNERS).min(count);
-        // short links are looked for first: it takes less time, and squares are rarely larger
+        // short links are tried first: it takes less time, and squares are rarely larger
         for longest_px in [SHORT * level.width() as f32, f32::INFINITY] {
             self.links.find(level, corners, longest_px);
             self.order.clear();
@@ -306,13 +308,13 @@ impl ChessboardFinder {
         first.map(|_| ()).ok_or(why)
     }
 
-    /// Whether the ends that are seen bound the board: one in both directions, or, where all of its corners are there and the image's border
-    /// cuts its squares, both in one. A floor shows as much only where it ends, too, and all else of it is hidden.
+    /// Whether the visible ends bound the board: one in each direction, or, where all of its corners are detected and the image's border
+    /// cuts its squares, both in one direction. A tiled floor has as much only where it ends too, with all the rest hidden.
     fn is_bounded(&self, whole: bool) -> bool {
         self.ends_seen.iter().all(|n| *n > 0) || (whole && self.ends_seen.contains(&2))
     }
 
-    /// Whether the current lattice lies off the board that was fitted.
+    /// Whether the current lattice lies outside of the board that was fitted.
     fn elsewhere(&self, scale: f64) -> bool {
         let mut sum = Vector2::zeros();
         for placed in &self.placed {
@@ -333,8 +335,7 @@ impl ChessboardFinder {
         sides.0 != 4 && sides.1 != 4
     }
 
-    /// Where on the board the current lattice lies. Its corners are fitted on the way, into [`Self::part`], and lattice places are those
-    /// of that.
+    /// The placement of the current lattice on the board. Fits its corners into [`Self::part`], whose lattice coordinates it refers to.
     fn place(&mut self, image: &ImageView<'_>, scale: f64) -> Result<BoardPlacement, ChessboardMiss> {
         let (low, high) = trimmed(&mut self.placed, self.columns, self.rows);
         let most = self.columns.max(self.rows);
@@ -428,14 +429,14 @@ impl ChessboardFinder {
     }
 }
 
-/// Whether a corner of squares could be told from the rest at all: its response is half of what they differ by, at most.
+/// Whether the image has enough contrast for the ring response of a corner, which is at most half of the difference of its squares.
 fn has_contrast(image: &ImageView<'_>) -> bool {
     let levels = || (0..image.height()).flat_map(|y| image.row(y).iter().copied());
     let (darkest, brightest) = (levels().min().unwrap_or(0), levels().max().unwrap_or(0));
     brightest - darkest >= 2 * MIN_RESPONSE
 }
 
-/// Of two reasons the one that came further.
+/// Of two reasons the one of the later stage.
 fn telling(a: ChessboardMiss, b: ChessboardMiss) -> ChessboardMiss {
     let rank = |m: &ChessboardMiss| match m {
         ChessboardMiss::WrongSize | ChessboardMiss::NoContrast | ChessboardMiss::NoCorners => 0,

@@ -1,4 +1,4 @@
-//! A part of a board as it was found: its bounds without what chance added, and where the rest of it would lie.
+//! A part of a board: its bounds without spurious rows and columns, and an affine map for the position of the rest.
 
 use super::lattice::Placed;
 use super::place::BoardPlacement;
@@ -9,7 +9,7 @@ use nalgebra::{Matrix2, Vector2};
 /// go, one that is seen as well as the line behind it is a floor's, which is refused (test `thin_rims_are_left_out`).
 const THIN: f64 = 0.35;
 const THIN_OVER: f64 = 0.7;
-/// Pixels of a lattice's places: the affine map that fits best.
+/// The affine map of least squares from lattice coordinates to pixels.
 pub(super) struct Affine {
     matrix: Matrix2<f64>,
     mean_at: Vector2<f64>,
@@ -43,8 +43,8 @@ impl Affine {
     }
 }
 
-/// Leaves out rims with far fewer corners than the line behind them, which chance or the board's edge may have put there, and of a
-/// lattice that is too large the thinnest rims; the bounds of what is left.
+/// Removes rims with far fewer corners than the line behind them, which may be spurious or at the board's edge, and of a
+/// lattice that is too large the thinnest rims. Returns the remaining bounds.
 pub(super) fn trimmed(placed: &mut Vec<Placed>, columns: i16, rows: i16) -> ([i16; 2], [i16; 2]) {
     loop {
         let (mut low, mut high) = ([i16::MAX; 2], [i16::MIN; 2]);

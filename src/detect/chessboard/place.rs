@@ -1,4 +1,4 @@
-//! Where on the board a lattice of corners lies: the quarter turn and the shift that colours, size and seen ends leave.
+//! The placement of a lattice on the board: the quarter turn and the shift that are consistent with colours, size and visible ends.
 //!
 //! Corner (0, 0) of a board has dark squares above left and below right of it, so colours alternate as `column + row`:
 //!
@@ -24,7 +24,7 @@ pub(super) struct LatticeExtent {
     pub(super) even_light: bool,
 }
 
-/// From a place in a lattice to a corner of the board.
+/// Transformation from lattice coordinates to columns and rows of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct BoardPlacement {
     /// Quarter turns from the lattice's directions to the board's.
@@ -34,13 +34,13 @@ pub(super) struct BoardPlacement {
 }
 
 impl BoardPlacement {
-    /// Column and row of a place.
+    /// Column and row for lattice coordinates.
     pub(super) fn corner(&self, at: [i16; 2]) -> [i16; 2] {
         let [u, v] = turned(at, self.turn);
         [u + self.shift[0], v + self.shift[1]]
     }
 
-    /// The place of a corner.
+    /// Lattice coordinates of a column and row.
     pub(super) fn at(&self, [column, row]: [i16; 2]) -> [i16; 2] {
         turned([column - self.shift[0], row - self.shift[1]], (4 - self.turn) % 4)
     }
@@ -56,10 +56,10 @@ fn turned([u, v]: [i16; 2], turn: u8) -> [i16; 2] {
     }
 }
 
-/// The placements that are left; more than one only where the board's own symmetry leaves them.
+/// The consistent placements; more than one only where the board is symmetric.
 ///
 /// # Errors
-/// [`ChessboardMiss::TooLarge`] when the lattice does not fit on the board, [`ChessboardMiss::NoBorder`] when its place cannot be told.
+/// [`ChessboardMiss::TooLarge`] when the lattice does not fit on the board, [`ChessboardMiss::NoBorder`] when its placement is ambiguous.
 pub(super) fn placements(
     extent: &LatticeExtent,
     columns: i16,

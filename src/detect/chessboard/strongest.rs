@@ -1,4 +1,4 @@
-//! Where in a small window the ring response is strongest.
+//! The maximum of the ring response in a small window.
 
 use crate::imaging::ImageView;
 use crate::imaging::corners::{RING, RING_RADIUS_PX};

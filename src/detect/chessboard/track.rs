@@ -1,7 +1,7 @@
-//! A board that was seen a moment ago: corners where they are expected, nothing else.
+//! Tracking of a board: corners in windows about their predictions.
 //!
-//! The first corners are looked for in the whole of their windows by the ring response; the others begin where their neighbours'
-//! displacement has them, and the fit alone finds them.
+//! The first corners are searched in their whole windows by the ring response; the others start at their prediction, shifted by their neighbours'
+//! displacement, and are found by the sub-pixel fit alone.
 
 use super::board::Board;
 use super::strongest::strongest;
@@ -20,7 +20,7 @@ const MIN_RESPONSE: f32 = 4.0;
 /// move alike but for the change of scale and turn over one square; 0 loses boards that turn quickly, 0.3 lets a fit end at something else.
 const UNEVEN: f64 = 0.15;
 
-/// Where a corner is expected, px, and how far off that may be.
+/// Prediction of a corner, px, and its largest error.
 pub(super) struct Prediction {
     pub(super) id: u32,
     pub(super) px: Vector2<f64>,

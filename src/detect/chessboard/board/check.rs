@@ -1,4 +1,4 @@
-//! Which of the corners that were fitted belong to the board.
+//! Outlier rejection: which of the fitted corners belong to the board, by contrast, blur, residual and position.
 
 use super::{Board, EMPTY, Slot, corner_sd_px};
 use crate::imaging::corners::CornerFit;
@@ -50,7 +50,7 @@ impl Few {
 }
 
 impl Board {
-    /// Removes fits that are unlike the others: something lies on the corner.
+    /// Removes fits whose contrast or blur differs from the others': the corner is partly occluded.
     pub(super) fn reject_unlike(&mut self) {
         let Some(contrast) = self.middle_of(|f| f.half_contrast.abs()) else { return };
         let (Some(residual), Some(blur)) =
@@ -73,8 +73,8 @@ impl Board {
         }
     }
 
-    /// Removes corners that do not lie where the board and their neighbours have them, or are lit unlike these: something on the board
-    /// may look like a corner of it.
+    /// Removes corners that do not lie where the homography and their neighbours predict them, or whose contrast differs from these: an object on the board
+    /// may look like a corner.
     pub(super) fn reject_off(&mut self) {
         for _ in 0..2 {
             let Some(whole) = self.homography() else { return };
@@ -98,7 +98,7 @@ impl Board {
         }
     }
 
-    /// Where a homography has a corner.
+    /// Image of a corner by a homography, px.
     fn by(&self, whole: &Matrix3<f64>, id: usize) -> Vector2<f64> {
         let (c, r) = self.place(id);
         let v = whole * Vector3::new(c as f64, r as f64, 1.0);

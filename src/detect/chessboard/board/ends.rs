@@ -1,9 +1,9 @@
-//! Whether a board ends where it should: a square beyond its last corners no more follow.
+//! Whether a board ends where it should: one square beyond its last corners no further corners follow.
 //!
 //! ```text
-//!   ─┬─ corner ── corner ─┤ outer square ├─ here a board that goes on has a corner, and one that ends the corner of one square
+//!   ─┬─ corner ── corner ─┤ outer square ├─ here a board that continues has a corner of four squares, and one that ends the corner of one square
 //! ```
-//! A floor of squares of which a part has the board's size, and a larger board that is half hidden, look like the board but for that.
+//! A tiled floor of which a part has the board's size, and a larger board that is half occluded, differ from the board in this alone.
 
 use super::Board;
 use crate::detect::chessboard::strongest::{BENT, FOLLOWS, MIN_REACH_PX, follows, strength};
@@ -22,7 +22,7 @@ const SHARE_BEHIND: usize = 4;
 /// How many squares beyond the last corners these are looked for: chosen by hand, as wide as what lies on a board may be.
 const BEHIND: i64 = 3;
 
-/// What is beyond one side of a board.
+/// What lies beyond one side of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::detect::chessboard) enum BoardSide {
     /// The image ends, or the board's last corners are hidden.
@@ -45,8 +45,8 @@ impl Board {
         ]
     }
 
-    /// Whether beyond a side of the board its pattern goes on behind something that hides where it would end: corners lie where the board as a
-    /// whole would have its next ones.
+    /// Whether the pattern continues behind something that hides the end of the board: corners lie where the homography of the board has the
+    /// next ones.
     pub(in crate::detect::chessboard) fn goes_on_behind(&mut self, image: &ImageView<'_>) -> bool {
         let Some(whole) = self.homography() else { return false };
         self.values.clear();
