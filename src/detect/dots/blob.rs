@@ -1,4 +1,4 @@
-//! A dark region that may be a dot: the ellipse with its moments.
+//! A blob: the ellipse with the area and the second moments of a dark region, which may be a dot.
 
 use crate::imaging::Component;
 
@@ -24,8 +24,8 @@ pub(super) struct Blob {
 }
 
 impl Blob {
-    /// The region's ellipse, if it is one: not too small, not cut by the border, not too flat, and of the area that
-    /// its second moments call for.
+    /// The ellipse of a region; `None` where the region is too small, cut by the image's border, too flat, or where its area does not fit
+    /// its second moments.
     pub(super) fn of(component: &Component) -> Option<Self> {
         let area = component.m00 as f64;
         if component.touches_border || area < MIN_AREA_PX2 {
@@ -50,8 +50,8 @@ impl Blob {
         good.then_some(blob)
     }
 
-    /// Whether filling a region's holes may make an ellipse of it: large enough, whole, and not full already, but full enough to become
-    /// one by growing at most so many times.
+    /// Whether filling a region's holes may turn it into an ellipse: it is large enough, not cut by the border, and its area would grow at most
+    /// `max_grown` times.
     pub(super) fn may_have_holes(component: &Component, max_grown: u64) -> bool {
         let box_area = f64::from(component.x1 - component.x0) * f64::from(component.y1 - component.y0);
         let area = component.m00 as f64;
@@ -61,7 +61,7 @@ impl Blob {
             && grown >= MIN_SHARE_OF_BOX * box_area
     }
 
-    /// Whether the ellipse touches the region's box on all four sides: a dot that is partly covered does not.
+    /// Whether the ellipse touches the region's box on all four sides: a partly occluded dot does not.
     fn fills(&self, c: &Component) -> bool {
         let side = |centre: f64, variance: f64, low: u32, high: u32| {
             let half = 2.0 * variance.max(0.0).sqrt();
@@ -77,7 +77,7 @@ impl Blob {
         let [xx, xy, yy] = self.covariance;
         let (major, minor) = self.axes();
         let (big, small) = (other(major).powi(2), other(minor).powi(2));
-        // S = p I + q C has C's directions and the wanted axes
+        // S = p I + q C has the eigenvectors of C and the required axes
         let (c_big, c_small) = (0.25 * major * major, 0.25 * minor * minor);
         // a circle's directions are rounding alone
         let q = if c_big - c_small > 1e-9 * c_big { (big - small) / (c_big - c_small) } else { 0.0 };

@@ -5,8 +5,8 @@
 //! weight of a pixel: 0 on the plate, 1 in the dot, between them by its level under the light of the centre
 //! centroid: of the weights in an ellipse a little larger than the dot
 //! ```
-//! Levels within what noise may reach count as those of plate or dot, so that only the rim is weighed. Blur widens the rim:
-//! where it is found wider than the ellipse allows for, all is measured again in a larger one.
+//! Levels that noise may explain count as those of plate or dot, so that only the rim has fractional weights. Blur widens the rim:
+//! where it is wider than the ellipse allows for, everything is measured again in a larger one.
 
 use super::blob::Blob;
 use super::ellipse::PixelEllipse;
@@ -18,10 +18,10 @@ use crate::detect::Found;
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
-/// How far the plate is sampled beyond the rim where images are sharp, px, and at most. Derived: three deviations of a blur of 0.8 px, of 3 px.
+/// Distance beyond the rim at which the plate is sampled, px: in sharp images, and at most. Derived: three deviations of a blur of 0.8 px, of 3 px.
 const REACH_PX: f64 = 3.0;
 const LARGEST_REACH_PX: f64 = 10.0;
-/// Shortest half axis of what counts whole within a dot, px. Chosen by hand: seven pixels; the middle of a smaller dot is blurred, too.
+/// Shortest half axis of the inner ellipse whose pixels have full weight, px. Chosen by hand: seven pixels; the middle of a smaller dot is blurred, too.
 const MIN_INNER_PX: f64 = 1.5;
 /// Least difference between plate and dot, grey levels. Chosen by hand: half of it takes shade for dots, twice of it loses dim ones.
 const MIN_CONTRAST: f64 = 12.0;
@@ -29,7 +29,7 @@ const MIN_CONTRAST: f64 = 12.0;
 const ROUNDING: f64 = 0.32;
 /// A normal deviate cut off at 0 has the variance of one that counts from here on, over all means. Derived: integrated over these, 0.377.
 const FREE_SDS: f64 = 0.38;
-/// What a pixel on the rim may be off, as a share of the contrast: none is a perfect square. This and the next seven were chosen by hand so that
+/// Error of a pixel on the rim, as share of the contrast, because no pixel is a perfect square. This and the next seven were chosen by hand so that
 /// stated deviations are true: twice states too much, half too little where each counts. `stated_deviations_are_honest` tests it, blur 0.3 to 1.5 px.
 const PIXEL_SHARE: f64 = 0.0032;
 /// Below this deviation of an edge, pixels included, centroids depend on where pixels lie: so much more for each px, as far as `SHARPEST_PX`
@@ -59,16 +59,16 @@ const MAX_UNEVEN: f64 = 4e-4;
 /// Most samples that the light is fitted to. Chosen by hand: all rings of 32 dots; of more every second point, else time grows with dots.
 const MAX_SAMPLES: usize = 768;
 
-/// One dot, weighed.
+/// Weighted sums of one dot.
 #[derive(Debug, Clone, Copy)]
 struct Weighed {
     sums: WeightSums,
     scale: Scale,
-    /// Its levels within so many of the plate's and the dot's own count as these.
+    /// Dead zone, levels: levels this near to the plate's or the dot's count as these.
     dead: f64,
 }
 
-/// Measures dots. Owns its buffers.
+/// Measures centroids of dots. Owns its buffers.
 #[derive(Debug, Clone)]
 pub(super) struct DotMeter {
     /// Free distance around the dot of each id, in its radii.
@@ -81,12 +81,12 @@ pub(super) struct DotMeter {
     roughness: Vec<f64>,
     dots: Samples,
     samples: Samples,
-    /// What the light leaves over of each dot's ring.
+    /// Residuals of the light at each dot's ring.
     rests: Vec<[f64; RING]>,
 }
 
 impl DotMeter {
-    /// With `gaps` radii of free plate about the dot of each id.
+    /// `gaps`: free distance around the dot of each id, in its radii.
     pub(super) fn new(gaps: Box<[f64]>, light_on_dark: bool) -> Self {
         let most = gaps.len();
         Self {
@@ -114,8 +114,8 @@ impl DotMeter {
         (contrast >= MIN_CONTRAST).then_some(0.5 * (dot + plate))
     }
 
-    /// Whether a region is of another level than nearly all that is around it: clutter mostly is not. Costs less than to look for the
-    /// target among whatever is round.
+    /// Whether a region differs in level from nearly all of its surroundings, which clutter mostly does not. Cheaper than searching the target among all
+    /// ellipses.
     pub(super) fn stands_out(&self, image: &ImageView<'_>, blob: &Blob) -> bool {
         let around = blob.with_axes(|axis| axis + REACH_PX.min(0.75 * self.min_gap * axis)); // chosen by hand, see `reach`
         let ring = Ring::of(image, (blob.x, blob.y), &around, false);
@@ -133,7 +133,7 @@ impl DotMeter {
     pub(super) fn measure(&mut self, image: &ImageView<'_>, blobs: &[(u32, Blob)], found: &mut Vec<Found>) {
         found.clear();
         let mut reach = REACH_PX;
-        // blur is told by the rim; a wider ellipse shows more of it
+        // the blur is measured at the rim, of which a wider ellipse contains more
         for _ in 0..4 {
             let measured = self.measure_within(image, blobs, reach, found);
             let wanted = (measured + 0.2).min(LARGEST_REACH_PX);
@@ -145,7 +145,7 @@ impl DotMeter {
         }
     }
 
-    /// Measures with a given reach beyond the rim; the reach that the blur calls for.
+    /// Measures with a given reach beyond the rim, px. Returns the reach that the measured blur requires.
     fn measure_within(
         &mut self,
         image: &ImageView<'_>,
@@ -182,7 +182,7 @@ impl DotMeter {
         let width = rim / length;
         let dead = share / length;
         let blur = width / (2.0 * deviate(dead));
-        // in the blur's own foot nothing is said about light
+        // within the blur of the rim the plate's light cannot be measured
         let wanted = 3.0 * blur + 0.5;
         let clear = wanted < MAX_SHORT * free / length;
         let uneven = if clear { self.unevenness(&levels, noise) } else { 0.0 };
@@ -202,8 +202,8 @@ impl DotMeter {
         wanted
     }
 
-    /// How far the plate is looked at beyond the end of an axis, px: three quarters of the free distance, and not beyond its middle where
-    /// blur calls for much, which the neighbour has too.
+    /// Reach beyond the end of an axis within which the plate is sampled, px: three quarters of the free distance, and not beyond its middle for
+    /// a strong blur, which the neighbour has too.
     fn reach(&self, id: u32, axis: f64, reach: f64) -> f64 {
         let free = self.gaps.get(id as usize).copied().unwrap_or(0.1) * axis;
         reach.min((0.5 * free).max(REACH_PX.min(0.75 * free))) // chosen by hand: a quarter is the neighbour's blur
@@ -261,7 +261,7 @@ impl DotMeter {
         LightFit::fit(&self.dots, samples, pixels, noise.max(ROUNDING), largest, half_diagonal)
     }
 
-    /// Weighs a dot that may be `covered` in part.
+    /// Weighted sums of a dot, which may be partly `covered` (occluded).
     fn weigh(
         &self,
         image: &ImageView<'_>,
@@ -286,7 +286,7 @@ impl DotMeter {
             Scale { edge: edge as i16, span: span as i16, margin, light: self.light_on_dark, relative };
         let outer = PixelEllipse::new(blob.x, blob.y, self.around(id, blob, reach));
         let rim = PixelEllipse::new(blob.x, blob.y, blob.covariance.map(|c| 4.0 * c));
-        // what lies well within a dot is the dot, also under glare
+        // pixels well within a dot belong to it, also under glare
         let hollow = covered && blob.axes().1 - reach > MIN_INNER_PX;
         let inner = hollow.then(|| PixelEllipse::new(blob.x, blob.y, blob.with_axes(|axis| axis - reach)));
         let sums = weighted_sums(image, [&outer, &rim], inner.as_ref(), &scale);
@@ -323,7 +323,7 @@ impl DotMeter {
         })
     }
 
-    /// What counts as dot between rim and ring, as the ring's points have it, moves the centroid towards it: by
+    /// Shift of the centroid by something between rim and ring that has the level of the dot, as the ring's points show: by
     /// `2 g mean(w u)` for a circle and a gap of `g` px, with the weight `w` of the point in the direction `u`. Blur, of
     /// optics or motion, is the same on opposite sides.
     fn disturbance_px(&self, id: u32, blob: &Blob, levels: &Levels, weighed: &Weighed, reach: f64) -> f64 {
@@ -353,7 +353,7 @@ impl DotMeter {
         2.0 * self.reach(id, major, reach) * sum.norm() / RING as f64
     }
 
-    /// Standard deviation, per coordinate, of light that the fit does not follow and that goes around dots once, levels.
+    /// Standard deviation, per coordinate, of the first harmonic around the dots of light that the fit does not follow, levels.
     fn unevenness(&self, levels: &[Option<Levels>], noise: f64) -> f64 {
         if self.light_on_dark {
             return 0.0;

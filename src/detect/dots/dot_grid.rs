@@ -1,13 +1,13 @@
-//! Which regions are which dots of a grid, also where a part of it is hidden.
+//! Identification of the dots of a grid among regions, also where a part of the grid is hidden.
 //!
 //! ```text
 //! regions ─► each a seed: the lattice about it (walk.rs) ─► homography of the cells ─► large or small
 //!         ─► of all ways to lay what is seen into the grid the one in which all sizes agree (lay.rs); else the next seed
 //! ```
-//! Steps that are short in the image need not be the grid's own: a tilted grid may be walked along a diagonal. That is
-//! put right when sizes are compared. The image is never mirrored. The work of a search is bounded by the cells of all its walks.
+//! A *walk* extends a lattice from a seed dot to its neighbours, cell by cell. Its steps may follow a diagonal of a tilted grid, which is
+//! corrected when the sizes of the dots are compared. Mirrored grids are not considered. The work of a search is bounded by the cells of all walks.
 //!
-//! Equal dots are a grid when they are all there; of the ways in which it looks the same the upright one is taken.
+//! A grid of equal dots is found only complete; of its symmetric orientations the upright one is taken.
 
 mod lay;
 mod walk;
@@ -33,21 +33,21 @@ const MORE: usize = 3;
 /// clutter as often as it has seeds; a bound on time.
 const MAX_WALKED: usize = 8;
 
-/// A dot seen in a cell of the lattice.
+/// A detected dot in a cell of the lattice.
 #[derive(Debug, Clone, Copy)]
 struct LatticeDot {
     at: [i32; 2],
     candidate: usize,
-    /// The steps at this place, px of the undistorted image.
+    /// Displacements to the next cells here, px of the undistorted image.
     steps: [Vector2<f64>; 2],
-    /// Of the dot, in cells.
+    /// Area of the dot, in areas of a cell.
     area: f64,
     large: bool,
-    /// Whether its size is that of a dot at all.
+    /// Whether its size is that of a small or a large dot.
     clear: bool,
 }
 
-/// Tells the dots of one grid. Owns its buffers.
+/// Identifies the dots of one grid. Owns its buffers.
 #[derive(Debug, Clone)]
 pub(super) struct Lattice {
     camera: CameraModel,
@@ -60,20 +60,20 @@ pub(super) struct Lattice {
     areas: Vec<f64>,
     /// Their x and indices, by x.
     by_x: Vec<(f64, usize)>,
-    /// Those that a lattice has been walked through, and those of the current walk.
+    /// Candidates that belong to a lattice already, and those of the current walk.
     taken: Vec<bool>,
     used: Vec<bool>,
     cells: Vec<LatticeDot>,
     best: Vec<LatticeDot>,
     /// Cells of the last walk.
     walked: usize,
-    /// Whether sizes are those of the frame's threshold, not the dots' own.
+    /// Whether sizes come from the threshold of the frame, not from one of each dot.
     rough: bool,
     /// Index in `cells` + 1 of the dot in each cell.
     map: Vec<u32>,
     pairs: Vec<Correspondence>,
     present: Vec<bool>,
-    /// Of a grid of equal dots found last: their radius, m.
+    /// Radius of the dots of the last grid of equal dots, m.
     radius_m: Option<f64>,
 }
 
@@ -101,17 +101,17 @@ impl Lattice {
         }
     }
 
-    /// Fewest dots that tell which part of the grid they are.
+    /// Fewest dots that identify a part of the grid.
     pub(super) fn least(&self) -> usize {
         self.grid.min_to_find()
     }
 
-    /// The dots' radius, m, where the target does not say it: as it was found last.
+    /// Radius of the dots, m, as measured in the last frame, where the target does not state it.
     pub(super) fn told_radius_m(&self) -> Option<f64> {
         self.radius_m
     }
 
-    /// Whether dots found where they were expected can be the grid: enough of them, not all in one row or column.
+    /// Whether tracked dots suffice for the grid: enough of them, not all in one row or column.
     pub(super) fn confirm(&self, found: &[(u32, Blob)]) -> bool {
         let place = |id: u32| (id as usize % self.grid.columns(), id as usize / self.grid.columns());
         let Some(first) = found.first().map(|(id, _)| place(*id)) else { return false };
@@ -155,7 +155,7 @@ impl Lattice {
         MAX_WALKED * self.points.capacity()
     }
 
-    /// Which dots of the grid the cells of the lattice are.
+    /// Identifies the cells of the lattice with dots of the grid.
     fn identify(
         &mut self,
         candidates: &[(f64, Blob)],
@@ -165,7 +165,7 @@ impl Lattice {
         if !self.tell_sizes(candidates) {
             return Err(TargetStatus::NoMatch);
         }
-        // slivers of dots at something's edge stand in their cells, and tell nothing
+        // partly occluded dots are in their cells, but their sizes are not informative
         let walked = self.best.len();
         self.best.retain(|cell| cell.clear);
         if self.best.len() < self.least() || (self.best.len() as f64) < MIN_CLEAR * walked as f64 {
@@ -196,7 +196,7 @@ impl Lattice {
         if self.has_window() || tells { Ok(()) } else { Err(TargetStatus::NoMatch) }
     }
 
-    /// Large or small: areas against those of the cells.
+    /// Classifies the dots as large or small, by their areas relative to the cells.
     fn tell_sizes(&mut self, candidates: &[(f64, Blob)]) -> bool {
         if !self.pairs_of_best(self.best.len()) {
             return false;
@@ -233,7 +233,7 @@ impl Lattice {
     }
 }
 
-/// By how much a homography enlarges areas at `r`.
+/// Factor by which a homography enlarges areas at `r`: the determinant of its derivative.
 fn area_scale(H: &Matrix3<f64>, r: &Vector2<f64>) -> f64 {
     let h = H * r.push(1.0);
     let s = h.xy() / h.z;

@@ -7,7 +7,7 @@ pub(super) struct PixelEllipse {
     pub(super) y: f64,
     /// Half of its extent in rows.
     pub(super) height: f64,
-    /// By how much its middle moves with each row.
+    /// Displacement of the middle of a row per row.
     pub(super) slope: f64,
     /// Half of its width in the row of its centre.
     pub(super) width: f64,

@@ -2,7 +2,7 @@
 
 use crate::imaging::{Component, Run};
 
-/// The region of what lies in a region's box, row by row from its first to its last dark pixel. `runs` are those that the region was made
+/// The region that contains each row of a region's box from its first to its last dark pixel. `runs` are those that the region was made
 /// of, in reading order.
 pub(super) fn filled(runs: &[Run], region: &Component) -> Component {
     let mut out = Component {

@@ -1,10 +1,10 @@
-//! From a grey frame to the points of a target made of dots: search of the whole frame, and tracking in windows.
+//! Detection of a target made of dots: search of the whole frame, and tracking in windows.
 //!
-//! What all targets made of dots share stands here: regions, windows, centroids. Which regions are which dots is
-//! the business of each kind: [`DotPattern`]. Thresholds: `search.rs`.
+//! This module has what all such targets share: regions, windows, centroids. The identification of the dots is
+//! that of each kind of target ([`DotPattern`]); `search.rs` chooses the thresholds.
 //!
-//! A square of four dots looks the same in a mirror, but for the order of its corners: seen in one, its corners are taken for
-//! each other across the diagonal through P1. Who looks over mirrors needs a grid of dots, which is never taken for its mirror image.
+//! A square of four dots and its mirror image differ only in the order of the corners: in a mirror, two corners are exchanged
+//! across the diagonal through P1. For a view over mirrors use a grid of dots, which is never confused with its mirror image.
 
 use super::blob::Blob;
 use super::dot::DotMeter;
@@ -35,19 +35,19 @@ const MIN_ROOM: usize = 512;
 /// Regions of a search whose holes are filled. Chosen by hand, as a bound on time: texture makes thousands of regions with holes.
 const MAX_HOLED: usize = 64;
 
-/// What tells which region is which dot: one kind for each kind of target.
+/// Identification of the dots, one variant for each kind of target.
 #[derive(Debug, Clone)]
 enum DotPattern {
     FourDots(Box<Square>),
     DotGrid(Box<Lattice>),
-    /// Dots of which nothing is known but where they were.
+    /// Unrelated dots, known only by their last positions.
     Any,
     /// A target without dots.
     None,
 }
 
 impl DotPattern {
-    /// The regions that are the target's, with their ids, rising.
+    /// The regions that belong to the target, with their ids, rising.
     fn find(
         &mut self,
         candidates: &[(f64, Blob)],
@@ -60,7 +60,7 @@ impl DotPattern {
         }
     }
 
-    /// Whether regions found where they were expected can be the target's.
+    /// Whether tracked regions can be the target's.
     fn confirm(&self, chosen: &[(u32, Blob)]) -> bool {
         match self {
             Self::FourDots(square) => square.confirm(chosen),
@@ -70,7 +70,7 @@ impl DotPattern {
         }
     }
 
-    /// The radius of all dots, m, where it is found with them.
+    /// Radius of all dots, m, where it is measured with them.
     fn told_radius_m(&self) -> Option<f64> {
         match self {
             Self::DotGrid(lattice) => lattice.told_radius_m(),
@@ -87,18 +87,18 @@ impl DotPattern {
     }
 }
 
-/// How closely the regions of a search are looked at.
+/// How thoroughly a search examines its regions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SearchEffort {
-    /// As they are.
+    /// As the threshold gives them.
     Quick,
-    /// Those that stand out from their surroundings, each at its own threshold.
+    /// Only those that differ from their surroundings, each with its own threshold.
     Careful,
-    /// Likewise, with their holes filled.
+    /// The same, with their holes filled.
     Filled,
 }
 
-/// Finds one target made of dots. Owns all buffers: nothing is allocated after construction.
+/// Finder of one target made of dots. Owns all buffers: nothing is allocated after construction.
 #[derive(Debug, Clone)]
 pub struct DotFinder {
     camera: CameraModel,
@@ -110,7 +110,7 @@ pub struct DotFinder {
     near_components: Components,
     pub(super) local: LocalThreshold,
     pattern: DotPattern,
-    /// Fewer regions cannot be the target, and of more the largest are looked at.
+    /// Bounds on the number of candidates: fewer cannot be the target, and of more the largest are used.
     min_candidates: usize,
     max_candidates: usize,
     meter: DotMeter,
@@ -145,8 +145,8 @@ impl DotFinder {
         }
     }
 
-    /// Follows dots of which nothing is known but where they were, with ids below `count`: [`Self::track`] alone, for there is nothing to
-    /// search for. Each dot lies at least its radius from all else; `px` is the centre of its image.
+    /// Tracker of unrelated dots, known only by their last positions, with ids below `count`: for [`Self::track`] alone. Each dot must lie at least its
+    /// radius from everything else; `px` is the centre of its image.
     #[must_use]
     pub fn of_any(camera: CameraModel, count: usize, light_on_dark: bool) -> Self {
         let meter = DotMeter::new(vec![1.0; count].into(), light_on_dark);
@@ -184,7 +184,7 @@ impl DotFinder {
         }
     }
 
-    /// Searches the whole frame: fills `found` with the points that are seen, ids rising. A target of four dots is found whole
+    /// Searches the whole frame: fills `found` with the detected points, ids rising. A target of four dots is detected completely
     /// or not at all.
     ///
     /// # Errors
@@ -199,14 +199,14 @@ impl DotFinder {
         result
     }
 
-    /// Looks at the rims of dots that were found in `image`: centres of those that are covered or lit in part come from the rest of their
-    /// rims, and their ids into `harmed`. Takes longer than to find them.
+    /// Examines the rims of the dots detected in `image`: centres of dots that are partly occluded or unevenly lit are measured by the rest of their
+    /// rims, and their ids are added to `harmed`. Takes longer than the detection.
     pub fn look_closely(&self, image: &ImageView<'_>, found: &mut [Found], harmed: &mut Vec<u32>) {
         rims::look_closely(image, found, self.light_on_dark, harmed);
     }
 
-    /// Looks for the points where they are expected, ids rising: fills `found` with those that are there alone and whole. Whether they
-    /// can be the target; `found` is empty when not.
+    /// Tracks the points in windows about their predictions (ids rising): fills `found` with those that were detected unambiguously and not occluded.
+    /// Returns whether they can be the target; `found` is empty when not.
     pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
         found.clear();
         self.chosen.clear();
@@ -226,7 +226,7 @@ impl DotFinder {
         true
     }
 
-    /// One dot is not two: it is the one that was expected nearest to it. Of a target the geometry tells.
+    /// Removes ids that were assigned to the same dot, except the one with the nearest prediction. (For a target its geometry excludes this.)
     fn leave_out_doubles(&mut self, expected: &[Expected]) {
         let off = |(id, blob): &(u32, Blob)| {
             let place = expected.iter().find(|dot| dot.id == *id);
@@ -245,7 +245,7 @@ impl DotFinder {
         }
     }
 
-    /// How far the centroid of the dot about point `id` lies from the image of the point, px, for the target at `X_CO`: the image
+    /// Bias of the centroid of dot `id`: its offset from the projection of the point, px, for the target at `X_CO`, because the projection
     /// of a disc's centre is not the centre of its image.
     #[must_use]
     pub fn bias_px(&self, id: u32, X_CO: &Pose) -> Vector2<f64> {
@@ -253,8 +253,7 @@ impl DotFinder {
         disc.map_or(Vector2::zeros(), |m| centre_offset(X_CO, &self.camera, &m.centre_m, m.radius_m))
     }
 
-    /// The region nearest to a place in a window `margin` px larger than its ellipse, of those that are `alike`; dots are what lies on
-    /// their side of `threshold`.
+    /// The region nearest to a prediction, of those that are `alike`, in a window `margin` px larger than its ellipse, by `threshold`.
     fn region(
         &mut self,
         image: &ImageView<'_>,
@@ -294,8 +293,8 @@ impl DotFinder {
         self.search_regions(image, look, found)
     }
 
-    /// The ellipses among the current regions, those that are the target, their centroids. A `careful` look takes ellipses at their own
-    /// threshold, and only those that stand out.
+    /// From the current regions to blobs, the target among them, and centroids. With more effort than quick, blobs are thresholded individually, and
+    /// only those that differ from their surroundings are used.
     pub(super) fn search_regions(
         &mut self,
         image: &ImageView<'_>,
@@ -331,7 +330,7 @@ impl DotFinder {
         chosen.iter_mut().for_each(|(_, blob)| *blob = self.settled(image, blob));
         self.chosen = chosen;
         self.meter.measure(image, &self.chosen, found);
-        // what has no contrast to its surroundings was no dot
+        // a region without contrast to its surroundings is no dot
         if found.len() == self.chosen.len() || self.pattern.serves_in_part(found.len()) {
             return Ok(());
         }
@@ -339,7 +338,7 @@ impl DotFinder {
         Err(TargetStatus::NoMatch)
     }
 
-    /// The ellipses among the regions, the largest first. How many there were.
+    /// Collects the blobs among the regions, the largest first. Returns their number.
     fn gather(&mut self, image: &ImageView<'_>, look: SearchEffort) -> usize {
         self.candidates.clear();
         let (mut round, mut holed) = (0, 0);
@@ -368,12 +367,12 @@ impl DotFinder {
         round
     }
 
-    /// Whether the target is looked for at every threshold of the frame too. Grids are not: those between local extremes show 99 of 100.
+    /// Whether all thresholds of the frame are tried too. They are not for grids, of which local thresholds find 99 in 100.
     pub(super) fn insists(&self) -> bool {
         matches!(self.pattern, DotPattern::FourDots(_))
     }
 
-    /// A region as tracking would see it: at the level half-way between dot and plate.
+    /// The region with the threshold half-way between its own dot and plate, as tracking uses it.
     fn settled(&mut self, image: &ImageView<'_>, blob: &Blob) -> Blob {
         let Some(level) = self.meter.middle(image, blob) else { return *blob };
         // chosen by hand, wider than in tracking: a threshold near either level may take half of a small dot

@@ -1,11 +1,9 @@
-//! Which four regions are the target, and which of them is P1.
+//! Identification of the four dots: which four regions are the target, and which of them is P1.
 //!
-//! Four regions in convex order can be P1..P4 in four ways: the image is not thought to be mirrored, and a chiral target must fit better
-//! than its mirror image in each of them. Each way gives a
-//! homography of the square (closed form), and that predicts every dot's ellipse, in pixels, without any free scale.
-//! The way that fits best is taken: it must fit at every dot, and clearly better than each other way, whether that fits or
-//! not. A true pose's homography has orthogonal first columns of equal length,
-//! which most chance quadrilaterals have not.
+//! Four regions in convex order can be P1..P4 in four orders; the image is assumed not to be mirrored, and a chiral target must fit better
+//! than its mirror image. Each order gives a homography of the square (closed form), which predicts every dot's ellipse in pixels
+//! without a free scale. The best order is accepted where it fits at every dot, and clearly better than each other order. The
+//! homography of a true pose has orthogonal first columns of equal length, which most accidental quadrilaterals have not.
 
 use super::blob::Blob;
 use super::offset::disc_moments;
@@ -37,16 +35,16 @@ struct FourDotsFit {
     error: f64,
 }
 
-/// What a choice of four regions is.
+/// Result for a choice of four regions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Choice {
     Fits(FourDotsFit),
-    /// Forms the square, but more than one corner may be P1; with the error of the best way.
+    /// Forms the square, but more than one corner may be P1; with the error of the best order.
     Ambiguous(f64),
     No,
 }
 
-/// A region, and what of it does not depend on the choice that it is in.
+/// A region with the quantities that do not depend on the other three.
 #[derive(Debug, Clone, Copy)]
 struct DotCandidate {
     blob: Blob,
@@ -57,7 +55,7 @@ struct DotCandidate {
     tolerance: f64,
 }
 
-/// Tells targets from other quadrilaterals. Owns its buffers.
+/// Identifies the target among quadrilaterals. Owns its buffers.
 #[derive(Debug, Clone)]
 pub(super) struct Square {
     camera: CameraModel,
@@ -66,7 +64,7 @@ pub(super) struct Square {
     log_radii2: [f64; 4],
     /// The same of its mirror image, where that looks different.
     mirrored: Option<[f64; 4]>,
-    /// By how much the second-best way must be worse.
+    /// By how much the error of the second-best order must be larger.
     margin: f64,
     seen: Vec<DotCandidate>,
     turns: Turns,
@@ -107,8 +105,7 @@ impl Square {
         Ok(())
     }
 
-    /// Whether regions that were found where the dots were expected can be those: all four must fit each other; three say too
-    /// little about each other, so that they only need to be there.
+    /// Whether tracked regions can be the target: all four must fit the square; three have too little redundancy for a check.
     pub(super) fn confirm(&self, found: &[(u32, Blob)]) -> bool {
         match found {
             [(_, a), (_, b), (_, c), (_, d)] => self.fits(&[*a, *b, *c, *d]),
@@ -200,7 +197,7 @@ impl Square {
         }
     }
 
-    /// Whether regions that are said to be P1..P4 fit that order.
+    /// Whether regions in the order P1..P4 fit that order.
     fn fits(&self, blobs: &[Blob; 4]) -> bool {
         let seen = blobs.each_ref().map(|blob| self.seen(blob));
         let seen = seen.each_ref();
@@ -208,7 +205,7 @@ impl Square {
             .is_some_and(|view| self.has_sizes(&view, &seen, 0, 0.0) && view.shape_errors(&seen).is_some())
     }
 
-    /// How the square looks whose corners are these regions; `None` when that is no square.
+    /// The view of the square with these regions as corners; `None` when they are no image of a square.
     fn view(&self, seen: &[&DotCandidate; 4]) -> Option<SquareView> {
         let H = UnitSquare::to(&seen.map(|seen| seen.s)).filter(UnitSquare::is_view_of_a_square)?;
         let mut view = SquareView { covariances: [[0.0; 3]; 4], areas: [0.0; 4], logs: [0.0; 4] };
@@ -238,7 +235,7 @@ fn way(log_radii2: &[f64; 4], view: &SquareView, first: usize) -> impl Iterator<
     view.logs.into_iter().zip(radii)
 }
 
-/// How dots of radius 1 m look at the corners of the square.
+/// Predicted ellipses of dots of radius 1 m at the corners of the square.
 #[derive(Debug, Clone, Copy)]
 struct SquareView {
     covariances: [[f64; 3]; 4],
@@ -267,7 +264,7 @@ impl SquareView {
     }
 }
 
-/// Choices that fit, as they are met.
+/// Collects the choices that fit.
 #[derive(Debug, Clone)]
 struct Tally {
     /// The best of them, and its regions as bits.

@@ -1,10 +1,10 @@
-//! The light over the plate: one quadric over what is sampled of it around all dots.
+//! Illumination of the plate: one quadric, fitted to the samples of all dots' rings.
 //!
 //! ```text
 //! P(u, v) = c0 + c1 u + c2 v + c3 u^2 + c4 u v + c5 v^2      u, v: from the dots' middle, in units of their extent
 //! ```
-//! Of small dots a plane: its curvature moves no centroid. Samples far off (a neighbour, the plate's edge, a shadow) are left out. What
-//! is left over is the noise of the plate, and its part that goes around a dot once is light that the quadric does not follow.
+//! For small dots a plane, since curvature does not shift their centroids. Outliers (a neighbour, the plate's edge, a shadow) are left out. The
+//! residuals are the noise of the plate; their first harmonic around a dot is light that the quadric does not follow.
 
 mod samples;
 
@@ -48,10 +48,10 @@ pub(super) struct LightFit {
     /// One over the extent, 1/px.
     unit: f64,
     c: [f64; 6],
-    /// Mean square of what is left over, levels^2, and the samples it is of.
+    /// Variance of the residuals, levels^2, and the number of samples.
     pub(super) variance: f64,
     pub(super) samples: usize,
-    /// Greatest distance from the fit of a sample that counts.
+    /// Largest residual of a sample that counts, levels.
     limit: f64,
     /// Standard deviation of how much the fit rises from a dot's middle to its rim, levels.
     pub(super) deviation: f64,
@@ -154,7 +154,7 @@ impl LightFit {
         self.at_scaled(u, v)
     }
 
-    /// What is left over of a ring's levels; NaN where something else than the plate in this light is seen.
+    /// Residuals of a ring's levels; NaN for outliers.
     pub(super) fn rest_of(&self, ring: &Ring) -> [f64; RING] {
         let mut rest = [f64::NAN; RING];
         ring_rest(ring, self, &mut rest);
@@ -175,7 +175,7 @@ impl LightFit {
         let k = k * self.unit;
         let relative = [-gx, -gy, gx * gx - k * c3, 2.0 * gx * gy - k * c4, gy * gy - k * c5];
         let [x, y, xx, xy, yy] = relative.map(f64::abs);
-        // no lamp, but what the fit makes of something else
+        // no illumination varies so fast: the fit has followed something else
         let steep = (x + y + (xx + xy + yy) * reach) * reach > MAX_RELATIVE || x > STEEPEST;
         if steep { [0.0; 5] } else { relative }
     }

@@ -1,4 +1,4 @@
-//! The image of a dot's centre is not the centre of the dot's image.
+//! Bias of a dot's centroid: the projection of its centre is not the centroid of its image.
 //!
 //! Under perspective the near half of a tilted disc covers more pixels than the far half, and the lens distorts both;
 //! the centroid lies off the centre's image by up to some tenths of a pixel. For a known pose the centroid is an

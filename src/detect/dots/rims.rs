@@ -1,7 +1,7 @@
-//! Dots of one image, looked at by their rims.
+//! Centres of dots by their rims, for dots that are partly occluded or unevenly lit.
 //!
-//! What covers a part of a dot, or lights it, moves the dot's centroid; of the rim it moves that part alone, and a robust fit leaves it
-//! out. Where the two contradict each other, the rim is right.
+//! An occluder or a spot of light on a dot shifts its centroid, but it changes only a part of its rim, which a robust fit of an ellipse leaves
+//! out. Where centroid and rim contradict each other, the rim is used.
 
 use crate::detect::Found;
 use crate::detect::ellipse::{EllipseSettings, RimMeter};

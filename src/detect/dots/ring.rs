@@ -1,4 +1,4 @@
-//! What is seen of the plate on an ellipse around a dot.
+//! The ring of a dot: samples of the plate on an ellipse around it.
 
 use crate::imaging::ImageView;
 use nalgebra::Vector2;

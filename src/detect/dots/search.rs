@@ -1,11 +1,11 @@
-//! The search of a whole frame: which threshold shows the target.
+//! Search of a whole frame with several thresholds, until the target is found.
 //!
 //! ```text
 //! one for the frame (Otsu) ─► between local extremes: nearer to the darkest, nearer to the lightest, half-way
 //!                         ─► a sweep over the frame's levels ─► the first and half-way again, holes filled
 //! ```
-//! The first is enough for most frames; each of the others is tried only after all before it have failed. The first is put off, and taken
-//! up again before the sweep, where it makes so many runs that it is mostly noise or texture.
+//! The first is sufficient for most frames; each of the others is tried only after all before it have failed. The first is postponed until before
+//! the sweep where it makes so many runs that they are mostly noise or texture.
 
 use super::finder::{DotFinder, SearchEffort};
 use crate::detect::Found;

@@ -4,7 +4,7 @@
 //! v = I r(x, y)                      level as it were under the light of the dot's centre
 //! w = clamp(edge - v, 0, span)       dark dots; light ones: clamp(v - edge, 0, span)
 //! ```
-//! `r` is a quadric about the centre. What lies well inside the dot counts whole, whatever its level.
+//! `r` is a quadric about the centre. Pixels well inside the dot have full weight, whatever their level.
 
 use super::ellipse::PixelEllipse;
 use crate::imaging::ImageView;

@@ -1,4 +1,4 @@
-//! Which way triples of points turn, and with that the order of the corners of all their convex quadrilaterals.
+//! Orientation of all triples of points, and from it the order of the corners of all their convex quadrilaterals.
 
 /// Of a few points, for each pair, as bits: the points behind both on one side, and on the other. The buffer is reused.
 #[derive(Debug, Clone)]

@@ -1,4 +1,4 @@
-//! The unit square as a camera sees it: a homography in closed form.
+//! The homography from the unit square to four image points, in closed form.
 
 use nalgebra::{Matrix2, Vector2};
 

@@ -1,4 +1,4 @@
-//! Where in the grid the cells of a lattice lie: in all turns, sheared as they may have been walked.
+//! Alignment of a lattice with the grid: the shift, the quarter turn and the shear (steps along a diagonal) with the fewest contradicting sizes.
 
 use super::{Lattice, LatticeDot};
 use crate::detect::dots::blob::Blob;
@@ -14,7 +14,7 @@ const CLEARLY_WORSE: usize = 3;
 /// The grid's own steps in terms of those walked: turns follow by rotation.
 const SHEARS: [[i32; 4]; 5] = [[1, 0, 0, 1], [1, 1, 0, 1], [1, -1, 0, 1], [1, 0, 1, 1], [1, 0, -1, 1]];
 
-/// A way to lay the cells into the grid: `at' = M at + shift`.
+/// A transformation of lattice coordinates to columns and rows of the grid: `at' = M at + shift`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct GridTransform {
     M: [i32; 4],
@@ -30,12 +30,12 @@ impl GridTransform {
 }
 
 impl Lattice {
-    /// The one way in which the cells are part of the grid, and by how many dots any other is worse.
+    /// The transformation with which the lattice is part of the grid, and by how many dots any other one is worse.
     pub(super) fn lay(&self) -> Result<(GridTransform, usize), TargetStatus> {
         let (columns, rows) = (self.grid.columns() as i32, self.grid.rows() as i32);
         let (mut best, mut second) = (None::<GridTransform>, usize::MAX);
         let max_wrong = (WRONG_SHARE * self.best.len().saturating_sub(NONE_WRONG) as f64) as usize;
-        // who counts more is neither the best way nor one that makes it doubtful
+        // one with more contradictions is neither the best nor near it
         let hopeless = max_wrong + CLEARLY_WORSE;
         for M in ways() {
             let (low, high) = self.extent(M);
@@ -81,14 +81,14 @@ impl Lattice {
         (large == cell.large).then_some((row * self.grid.columns() + column) as u32)
     }
 
-    /// Whether a whole window is among the dots that were told: no two of these are alike.
+    /// Whether the identified dots contain a complete window, which is unique in the grid.
     pub(super) fn has_window(&self) -> bool {
         let (columns, rows, w) = (self.grid.columns(), self.grid.rows(), self.grid.window());
         let there = |x: usize, y: usize| self.present.get(y * columns + x).copied().unwrap_or(false);
         (0..=rows - w).any(|y| (0..=columns - w).any(|x| (0..w * w).all(|i| there(x + i % w, y + i / w))))
     }
 
-    /// All cells of a grid of equal dots, in the one of its turns that stands upright in the image.
+    /// Ids of all cells of a grid of equal dots, in its orientation that is upright in the image.
     pub(super) fn lay_upright(
         &self,
         candidates: &[(f64, Blob)],

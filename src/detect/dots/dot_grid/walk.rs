@@ -1,8 +1,8 @@
-//! The lattice that a dot stands in: from it along two steps, cell by cell.
+//! The lattice around a seed dot, extended from it along two steps, cell by cell.
 //!
 //! ```text
 //! a seed, its ellipse ─► the metric in which it is a circle ─► two steps, there equal and at right angles, most of them also backwards
-//!                     ─► cell by cell where the lattice goes on, dots of a size that may be ─► what one homography does not carry is left out
+//!                     ─► cell by cell at the extrapolated positions, dots of a possible size ─► outliers of one homography are left out
 //! ```
 
 use super::{Lattice, LatticeDot};
