@@ -17,11 +17,14 @@ use crate::pose::{Correspondence, PlanarPose, RefinedPose, planar_pose, refine};
 use crate::target::Target;
 use nalgebra::{Matrix6, Point3, Vector2};
 
-/// Changes of the centres' offsets below this need no second iteration, px.
+/// Changes of the centres' offsets below this need no second iteration, px. Chosen by hand: an iteration leaves a few hundredths of the change, 0.002 px.
 const SMALL_CHANGE_PX: f64 = 0.05;
-/// Largest offset of a centre that is corrected before the pose is estimated, in standard deviations of the points of the dot's disc.
+/// Largest offset of a centre that is corrected before the pose is estimated, in standard deviations of the
+/// points of the dot's disc (half of its radius). Chosen by hand: offsets of centres are tenths of a pixel, a quarter of the radius only an absurd prediction
+/// has. Half may skip the correction of small tilted dots, so that only the first of two poses is less exact; the double lets wrong predictions in.
 const MAX_OFFSET: f64 = 0.5;
-/// Largest shift of one dot's centroid by something dark beside it, px: two dots at the edge of a shadow may shift in a way that a pose explains.
+/// Largest shift of one dot's centroid by something dark beside it, px: two dots at the edge of a shadow may shift in a way that a pose
+/// explains. Chosen by hand: half leaves out dots beside harmless shadows, the double lets a shadow shift dots by a pixel.
 const MAX_DISTURBANCE_PX: f64 = 0.5;
 
 /// A point whose distance from its prediction exceeds this many robust standard deviations is left out. Chosen by hand: by noise alone,

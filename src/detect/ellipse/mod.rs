@@ -1,13 +1,13 @@
-//! Ellipses in a frame, and one tracked near its predicted place.
+//! Detection of the ellipses of a frame, and tracking of one near its prediction.
 //!
 //! ```text
 //! whole frame:  edges -> chains -> arcs that an ellipse explains -> rim of that ellipse
 //! tracking:     rim of the predicted ellipse
-//! rim:          scans of rows and columns across it -> robust fit -> again, until it stands
+//! rim:          scans of rows and columns across it -> robust fit -> again, until it converges
 //! ```
-//! Whatever covers the rim (glare, an occluder, the frame's edge) costs the scans there, no more: the rest decides. Scans share no
-//! pixels, so the covariance is that of their noise, which the scans measure themselves. What blur does to a curved rim is taken
-//! out: the chord of row `y` is seen longer by `s^2 x''(y) / 2` for a blur of variance `s^2`, which the scans tell too.
+//! Where something hides the rim (glare, an occluder, the frame's edge) only the scans there are lost: the fit uses the others. Scans share no
+//! pixels, so the covariance follows from their noise, which the scans measure too. The bias of a curved rim by blur is
+//! corrected: the chord of row `y` appears longer by `s^2 x''(y) / 2` for a blur of variance `s^2`, which the scans also measure.
 //!
 //! All positions are pixels of the distorted image, pixel centres integers.
 
@@ -24,14 +24,14 @@ const MIN_ARC: usize = 16;
 /// take twice the time.
 const ARC_POINTS: usize = 48;
 
-/// What counts as an ellipse.
+/// Which ellipses are detected.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EllipseSettings {
-    /// What counts as an edge.
+    /// Thresholds of edge detection.
     pub thresholds: EdgeThresholds,
     /// Least half axis, px; below 5 px a rim cannot be scanned.
     pub min_axis_px: f64,
-    /// Least share of the rim that is seen, 0..=1.
+    /// Least visible share of the rim, 0..=1.
     pub min_share: f64,
     /// Least step across the rim, grey levels.
     pub min_step: f32,
@@ -54,14 +54,14 @@ impl Default for EllipseSettings {
     }
 }
 
-/// An ellipse, found and measured.
+/// A detected ellipse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FoundEllipse {
     /// Centre, shape and their covariance.
     pub fit: EllipseFit,
     /// Whether it is lighter than its ground.
     pub light: bool,
-    /// Share of the rim that was seen and lies on the ellipse, 0..=1.
+    /// Share of the rim that is visible and lies on the ellipse, 0..=1.
     pub share: f64,
     /// Standard deviation of the noise beside the rim, grey levels.
     pub noise_levels: f64,
@@ -69,7 +69,7 @@ pub struct FoundEllipse {
     pub blur_px: f64,
 }
 
-/// Why there is no ellipse.
+/// Why no ellipse was detected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum EllipseMiss {
     /// No edge is strong enough: no light, no contrast, out of focus.
@@ -78,18 +78,18 @@ pub enum EllipseMiss {
     /// More edges than the buffers take: noise or a fine texture.
     #[error("too many edges in the frame: noise or texture")]
     TooManyEdges,
-    /// There are edges, but none bends like an ellipse of the wanted size.
+    /// There are edges, but none is an arc of an ellipse of the requested size.
     #[error("no edge bends like an ellipse")]
     NoArc,
-    /// Too little of a rim is seen: covered, out of the frame, or not there.
+    /// Too little of a rim is visible: occluded, outside of the frame, or absent.
     #[error("too little of the rim is seen")]
     Hidden,
-    /// What was found is not of the wanted size, or far from an ellipse.
+    /// What was found is not of the requested size, or far from an ellipse.
     #[error("the rim is no ellipse of the wanted size")]
     NoEllipse,
 }
 
-/// Finds ellipses. Owns its buffers: nothing is allocated once the largest frame has been seen.
+/// Finder of ellipses. Owns its buffers: nothing is allocated after the largest frame.
 #[derive(Debug, Clone)]
 pub struct EllipseFinder {
     settings: EllipseSettings,
@@ -146,10 +146,10 @@ impl EllipseFinder {
         Ok(())
     }
 
-    /// Measures the ellipse that is predicted within `slack_px` (centre and rim).
+    /// Tracks the ellipse near a prediction whose centre and rim are within `slack_px`.
     ///
     /// # Errors
-    /// Why it is not there.
+    /// Why it was not detected.
     pub fn track(
         &mut self,
         image: &ImageView<'_>,

@@ -1,4 +1,4 @@
-//! Straight segments in a frame, and one tracked near its predicted place.
+//! Detection of the straight segments of a frame, and tracking of one near its prediction.
 //!
 //! ```text
 //! whole frame:  edges -> chains -> parts within a pixel of their chord -> rim of that segment
@@ -6,7 +6,7 @@
 //! rim:          scans of the rows (or columns) across it -> robust line -> again, on beyond both ends -> ends
 //! ```
 //! Each row or column is scanned once, so that errors of the points are independent and the line's covariance is that of the noise
-//! that the scans measure themselves. A segment is told by its ends, or by midpoint, length and orientation (Sect. 10.2.2).
+//! that the scans measure too. A segment is described by its ends, or by midpoint, length and orientation (Sect. 10.2.2).
 //!
 //! All positions are pixels of the distorted image, pixel centres integers.
 
@@ -28,7 +28,8 @@ const MEDIAN_SCATTER: f64 = 3.357;
 const FLOOR_PX: f64 = 0.004;
 /// Lines in a row without edge that end a segment. Chosen by hand: a speck takes one or two; with twice as many, segments in line become one.
 const GAP: usize = 3;
-/// Points of a chain this far from the chord divide it, px.
+/// Distance of a point of a chain from its chord from which on the chain is divided there, px. Chosen by hand: the pixels of a straight chain lie within a
+/// pixel of the line; half divides noisy edges, the double takes slightly curved ones for segments.
 const STRAIGHT_PX: f64 = 1.0;
 /// An edge's point this far from the line is not on the segment, px; or five of its deviations. Chosen by hand: a slightly bent edge stays one,
 /// and half of it breaks those up.
@@ -37,10 +38,10 @@ const BESIDE_PX: f64 = 0.6;
 /// edge, which at 45 degrees are seven along it.
 const END_REACH_PX: f64 = 8.0;
 
-/// What counts as a segment.
+/// Which segments are detected.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SegmentSettings {
-    /// What counts as an edge.
+    /// Thresholds of edge detection.
     pub thresholds: EdgeThresholds,
     /// Least length, px, at least 8.
     pub min_length_px: f64,
@@ -64,7 +65,7 @@ impl Default for SegmentSettings {
     }
 }
 
-/// Why there is no segment.
+/// Why no segment was detected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum SegmentMiss {
     /// No edge is strong enough: no light, no contrast, out of focus.
@@ -73,18 +74,18 @@ pub enum SegmentMiss {
     /// More edges than the buffers take: noise or a fine texture.
     #[error("too many edges in the frame: noise or texture")]
     TooManyEdges,
-    /// No edge is straight over the wanted length.
+    /// No edge is straight over the requested length.
     #[error("no edge is straight over the wanted length")]
     NoneStraight,
     /// The predicted segment is outside of the frame.
     #[error("the predicted segment is outside of the frame")]
     Outside,
-    /// Where the segment is predicted there is no straight edge with the light on that side.
+    /// Near the prediction there is no straight edge with the light on that side.
     #[error("no straight edge where the segment is predicted")]
     Lost,
 }
 
-/// Finds segments. Owns its buffers: nothing is allocated once the largest frame has been seen.
+/// Finder of segments. Owns its buffers: nothing is allocated after the largest frame.
 #[derive(Debug, Clone)]
 pub struct SegmentFinder {
     settings: SegmentSettings,
@@ -148,10 +149,10 @@ impl SegmentFinder {
         if found.is_empty() { Err(SegmentMiss::NoneStraight) } else { Ok(()) }
     }
 
-    /// Measures the segment that is predicted within `slack_px` (both ends).
+    /// Tracks the segment near a prediction whose ends are within `slack_px`.
     ///
     /// # Errors
-    /// Why it is not there.
+    /// Why it was not detected.
     pub fn track(
         &mut self,
         image: &ImageView<'_>,
@@ -333,7 +334,7 @@ fn end(
     from + along * s
 }
 
-/// Level between pixels; none outside of their centres.
+/// Bilinearly interpolated level; `None` outside of the pixels' centres.
 fn bilinear(image: &ImageView<'_>, p: &Vector2<f64>) -> Option<f64> {
     // beyond any image, so that the next pixel's place does not overflow
     if !(p.x >= 0.0 && p.y >= 0.0 && p.x < 1e9 && p.y < 1e9) {

@@ -1,4 +1,4 @@
-//! A segment, and what describes it (Sect. 10.2.2): ends, or midpoint, length and orientation.
+//! A segment and its descriptions (Sect. 10.2.2): ends, or midpoint, length and orientation.
 
 use crate::imaging::Line;
 use nalgebra::{Matrix2, Vector2};
@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, Vector2};
 /// tenths; no study tells more.
 const END_SD_PX: f64 = 0.7;
 
-/// A segment of an edge, the light on its right as the image is seen, looking from the first end to the second.
+/// A segment of an edge. The lighter side is on the right, as the image is displayed, looking from the first end to the second.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
     /// Its ends, px.
@@ -23,8 +23,8 @@ pub struct Segment {
 }
 
 impl Segment {
-    /// A segment to look for: between these ends, the light on the right of the way from the first to the second. `None` where
-    /// both are one point or no point.
+    /// A predicted segment between these ends (px), with the lighter side on the right looking from the first to the second. `None` where
+    /// both coincide or are not finite.
     #[must_use]
     pub fn expected(ends_px: [Vector2<f64>; 2]) -> Option<Self> {
         let d = ends_px[1] - ends_px[0];

@@ -1,11 +1,10 @@
-//! From a region to a first map of the outline onto it.
+//! Candidates: from a region to a first map of the outline onto it.
 //!
 //! ```text
-//! second moments ─► both whitened: alike up to a turn ─► the turns after which the extents in all directions agree best
+//! second moments ─► both whitened: equal up to a rotation ─► the rotations with which the extents in all directions agree best
 //! ─► affine map ─► homography through nearest border pixels, step by step
 //! ```
-//! Whatever lies askew is brought upright by the whitening: an affine map is what the camera's is near the centroid. A mirror image
-//! stays one, and is not looked for.
+//! The whitening removes the affine part of the camera's map near the centroid, but for a rotation. Mirror images are not considered.
 
 use super::outline::{DIRECTIONS, ShapeOutline, extents, whitening};
 use super::warp::{Projective, Warp};
@@ -35,7 +34,7 @@ const STEPS: usize = 14;
 const APART_PX: f64 = 1.0;
 const APART: f64 = 0.025;
 
-/// A region's border and what is known of it. The buffers are reused.
+/// Border of a region with its properties. The buffers are reused.
 #[derive(Debug, Clone)]
 pub(super) struct ShapeCandidate {
     border: Vec<Vector2<f64>>,
@@ -44,7 +43,7 @@ pub(super) struct ShapeCandidate {
     size_px: f64,
     /// Area within the border, px^2.
     pub(super) area_px2: u64,
-    /// Distances that were looked at, since somebody set it to 0.
+    /// Number of distances that were computed since it was set to 0.
     pub(super) work: u64,
 }
 
@@ -59,7 +58,7 @@ impl ShapeCandidate {
         }
     }
 
-    /// Takes over a region by its moments, its border and the area within that.
+    /// Sets the region by its moments, its border and the area within it.
     pub(super) fn set(&mut self, moments: &Moments, border: &[Point], area_px2: u64) {
         self.area_px2 = area_px2;
         self.moments = moments.of_squares();
@@ -70,12 +69,12 @@ impl ShapeCandidate {
         self.border.extend(places.map(|p| Vector2::new(f64::from(p.x), f64::from(p.y))));
     }
 
-    /// How far borders lie from the outline that were aligned to it, px.
+    /// Largest distance between a border and the aligned outline, px.
     pub(super) fn reach_px(&self) -> f64 {
         APART_PX + APART * self.size_px
     }
 
-    /// The turns after which outline and region look alike, the best first, rad. How many there are, and how much their extents differ.
+    /// The rotations (rad) with which outline and region agree, the best first. Returns their number, and the difference of the extents.
     pub(super) fn turns(&self, outline: &ShapeOutline, turns: &mut [f64; MAX_TURNS]) -> (usize, f64) {
         let none = (0, f64::INFINITY);
         let m = &self.moments;
@@ -109,7 +108,7 @@ impl ShapeCandidate {
         )
     }
 
-    /// The homography that brings the outline, turned so, onto the region's border; `None` where none does.
+    /// The homography that maps the rotated outline onto the region's border; `None` where none does.
     pub(super) fn settle(
         &mut self,
         camera: &CameraModel,
@@ -139,7 +138,7 @@ impl ShapeCandidate {
         (apart_px < self.reach_px()).then_some(warp)
     }
 
-    /// One step towards the nearest border pixels. How far they were, root mean square, px.
+    /// One step towards the nearest border pixels. Returns their root mean square distance, px.
     fn step(
         &self,
         camera: &CameraModel,
@@ -166,7 +165,7 @@ impl ShapeCandidate {
             normal += row * row.transpose();
             right += row * off;
         }
-        // perspective is what the border tells least of: held back by a little
+        // the border determines the perspective parameters least: they are damped
         let held = normal.trace() * if affine { 1e3 } else { 1e-9 };
         normal[(6, 6)] += held;
         normal[(7, 7)] += held;

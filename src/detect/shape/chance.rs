@@ -1,30 +1,30 @@
-//! How likely chance alone makes an outline as good as one that was fitted.
+//! The probability that an accidental outline fits as well as one that was fitted.
 //!
-//! A picture full of polygons holds some that are nearly the outline that is looked for: the map has eight parameters, and takes the
-//! first eight numbers of any polygon to where they should be. What remains are the constraints by which a polygon can be told:
+//! An image full of polygons contains some that are nearly the outline of the target: the map has eight parameters, and fulfils the
+//! first eight constraints for any polygon. The remaining constraints distinguish a polygon from the target:
 //!
 //! ```text
 //! k = min(C - p, L + D - 6)
 //! ```
 //! of `C` numbers that the edges give (two of a side of which two pieces are seen, one of a side with one piece or of a piece of a curve)
-//! and the map's `p` parameters. Letters and signs have parallel sides, which is no chance: `L` offsets of sides and `D` directions remain
-//! of them, of which an affine map takes six up.
+//! and the map's `p` parameters. Letters and signs have parallel sides, which is not by accident: of these, `L` offsets of sides and `D` directions
+//! count, of which an affine map determines six.
 //!
-//! A border that lies within `R` of the outline after the first alignment has these constraints anywhere within `R`; the chance that they
-//! lie as near to 0 as those of the fit, `rho` from it, is the volume of a ball over that of a cube,
+//! For a border that lies within `R` of the outline after the first alignment, these constraints are assumed uniform within `R`; the probability that they
+//! lie as near to 0 as those of the fit, at the distance `rho`, is the volume of a ball over that of a cube,
 //!
 //! ```text
 //! P = pi^(k/2) / Gamma(k/2 + 1) (rho / 2 R)^k        rho^2 = max(chi^2 - (pieces - C), k) v C / pieces
 //! ```
-//! with `v` the variance of a piece: misfit beyond noise counts, noise itself as little as it is. Of `n` borders that were aligned so far,
-//! `n P` are expected to be as good.
+//! with the variance `v` of a piece, so that noise alone sets the least `rho`. Of `n` borders that were aligned so far,
+//! `n P` are expected to fit as well by accident.
 
-/// What the edges of a fitted outline tell.
+/// Evidence of the edges of a fitted outline.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Evidence {
-    /// Constraints beyond what the map takes up; 0 where nothing is left to tell by.
+    /// Number `k` of constraints beyond those that the map's parameters fulfil; 0 where none is left.
     pub(super) surplus: u32,
-    /// `rho`: how far they lie from the outline's own, px.
+    /// Distance `rho` of the constraints from those of the target, px.
     pub(super) off_px: f64,
 }
 
@@ -59,7 +59,7 @@ impl Evidence {
         Self { surplus, off_px }
     }
 
-    /// How likely a border that was aligned to within `reach_px` is as good by chance.
+    /// Probability that an accidental border, aligned to within `reach_px`, fits as well.
     pub(super) fn chance(&self, reach_px: f64) -> f64 {
         if self.surplus == 0 {
             return 1.0;

@@ -1,7 +1,7 @@
-//! Whether the corners of an outline can be told apart.
+//! Whether the corners of an outline are distinguishable in any view.
 //!
-//! In perspective more looks alike than what is symmetric: any quadrilateral can be the image of any other, with any corner
-//! first. So each corner in turn is taken for the first one, and a homography is sought that brings all others where the next ones are.
+//! Under perspective not only symmetric outlines are ambiguous: any quadrilateral can be the image of any other, with any corner
+//! first. Each corner in turn is taken for the first one, and a homography is sought that maps all others to the next ones.
 
 use crate::pose::{Correspondence, homography};
 use crate::target::{Mark, Shape, TargetError};
@@ -14,10 +14,10 @@ const FEWEST: usize = 5;
 const ALIKE: f64 = 0.03;
 
 impl Shape {
-    /// Whether a finder can tell the shape's points apart in any view.
+    /// Checks that a finder can distinguish the shape's points in any view.
     ///
     /// # Errors
-    /// [`TargetError`] that says why not: an ellipse, too few corners, a symmetry, or what looks like one seen aslant.
+    /// [`TargetError`] that says why not: an ellipse, too few corners, a symmetry, or an outline whose tilted view equals one of a symmetry.
     pub fn check_distinct(&self) -> Result<(), TargetError> {
         if !matches!(self.mark(), Mark::Polygon(_)) {
             return Err(TargetError::OutlineEllipse);

@@ -1,11 +1,11 @@
-//! One piece of an edge: how far it lies from where it is assumed, by all grey levels about it.
+//! One piece of an edge: its offset from the assumed position, by a fit to all grey levels about it.
 //!
 //! ```text
 //! I(p) = inside (1 - Phi((d - delta) / s)) + outside Phi((d - delta) / s)      d: distance of pixel p from the assumed edge, outward
 //! ```
 //! Phi is the normal distribution: the image of a step behind a lens of Gaussian blur, with the pixel's own square in it. Offset
-//! and both levels are fitted to each piece, in one step from an offset of 0; what the blur s lacks is summed up over all pieces. Every
-//! pixel belongs to one piece: their errors are independent.
+//! and both levels are fitted to each piece, in one step from an offset of 0; the correction of the blur s is summed over all pieces. Every
+//! pixel belongs to one piece, so that their errors are independent.
 
 use crate::imaging::ImageView;
 use crate::linalg::{Ldlt, normal};
@@ -17,10 +17,10 @@ pub(super) const MAX_PIXELS: usize = 4096;
 /// Fewest pixels of a piece. Chosen by hand: three numbers are fitted to them, so that five remain for the noise; with four it would be one.
 const FEWEST_PIXELS: usize = 8;
 
-/// Where a piece of the edge is assumed.
+/// A piece of the edge at its assumed position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Piece {
-    /// Place of its middle along the outline, and which part of it that is.
+    /// Arc length of its middle along the outline, and the part of the outline it belongs to.
     pub(super) arc: f64,
     pub(super) part: usize,
     /// Its middle, px.
@@ -28,21 +28,21 @@ pub(super) struct Piece {
     /// Unit vectors along it and outward.
     pub(super) along: Vector2<f64>,
     pub(super) outward: Vector2<f64>,
-    /// Length of its chord, and how far its middle lies outside of it, px.
+    /// Length of its chord, and sag: distance of its middle outside of the chord, px.
     pub(super) length_px: f64,
     pub(super) sag_px: f64,
-    /// How far pixels are looked at, inside and outside, px.
+    /// Width of the window inside and outside of the edge, px.
     pub(super) width_px: [f64; 2],
-    /// How far the edge may lie without leaving its room, px.
+    /// Free distance to the next edge, inside and outside, px.
     pub(super) room_px: [f64; 2],
 }
 
-/// What the levels say of a piece.
+/// Result of the fit of one piece.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct EdgeEstimate {
-    /// How far outside of the assumed place the edge lies, px.
+    /// Offset of the edge outward from the assumed position, px.
     pub(super) offset_px: f64,
-    /// Variance of the offset for noise of variance 1.
+    /// Variance of the offset for noise of variance 1 level^2, px^2.
     pub(super) unit_variance: f64,
     /// Levels inside and outside.
     pub(super) levels: [f64; 2],
@@ -52,7 +52,7 @@ pub(super) struct EdgeEstimate {
     pub(super) blur: [f64; 2],
 }
 
-/// Level between pixels; `None` outside the image.
+/// Bilinearly interpolated level; `None` outside the image.
 pub(super) fn level(image: &ImageView<'_>, p: &Vector2<f64>) -> Option<f64> {
     if !(p.x >= 0.0 && p.y >= 0.0) {
         return None;
@@ -98,7 +98,7 @@ impl Piece {
         for k in window..total.saturating_sub(window) {
             let step = rise * (mean(k + 1, k + window + 1) - mean(k - window, k));
             let d = (k as f64 - inside as f64) * STEP;
-            // of steps that are nearly alike the nearer one
+            // prefer the nearer one of nearly equal steps
             let score = step * (1.0 - 0.3 * d.abs() / (reach_px + 1.0));
             if step >= least && score > best.0 {
                 best = (score, Some(d));

@@ -1,12 +1,12 @@
-//! The map of the outline into the image, by the edges all along it.
+//! Fit of the map from the outline to the image, by the offsets of the edges along the whole outline.
 //!
 //! ```text
 //! map ─► pieces of the outline in the image ─► offset of the edge from each ─► Gauss-Newton over the map's parameters ─► map, again
 //! first the strongest step within reach, then the levels about each piece
 //! ```
-//! The offsets are pixels of the distorted image along each piece's normal; the lens is in the derivative. Offsets that the others
-//! contradict do not count (Tukey's weights). Weights come from the pixels' own noise, the covariance also from what the offsets
-//! leave.
+//! Offsets are pixels of the distorted image along each piece's normal; the derivatives contain the lens. Outliers
+//! are rejected by Tukey's weights. The weights come from the noise of the pixels; the covariance is scaled by the residuals of the
+//! offsets.
 
 use super::chance::{Evidence, surplus};
 use super::edge::{EdgeEstimate, MAX_PIXELS, Piece};
@@ -34,7 +34,7 @@ const BLURS_PX: (f64, f64) = (0.3, 4.0);
 /// there in a few turns, and the bound is for what sways.
 const MAX_TURNS: usize = 8;
 const SETTLED_PX: f64 = 2e-3;
-/// Deviations at which an offset does not count any more. Derived: Tukey's weights have 95 % of the efficiency of least squares at 4.7.
+/// Standard deviations from which on an offset has no weight. Derived: Tukey's weights have 95 % of the efficiency of least squares at 4.7.
 const CUT: f64 = 5.0;
 /// Least step at an edge, levels. Chosen by hand: six deviations of the noise of a usual camera, 2 levels; half lets clutter be edges.
 const MIN_STEP: f64 = 12.0;
@@ -52,17 +52,17 @@ const SEARCHED: u64 = 60;
 /// so that four times is no chance; nearer to 1 each piece would weigh itself by chance.
 const NOISIER: f64 = 4.0;
 
-/// A map that was fitted.
+/// A fitted map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Fitted<const N: usize, W> {
     pub(super) warp: W,
     /// Covariance of the parameters.
     pub(super) covariance: SMatrix<f64, N, N>,
-    /// Share of the outline's length in the image that is edge where it should be.
+    /// Share of the outline's length in the image at which an edge was found.
     pub(super) share: f64,
-    /// Of those pieces the offsets, root mean square, px.
+    /// Root mean square of the offsets of the used pieces, px.
     pub(super) rms_px: f64,
-    /// Offsets squared over their variances, mean.
+    /// Mean of the squared offsets over their variances.
     pub(super) chi2: f64,
     /// Mean levels inside and outside.
     pub(super) levels: [f64; 2],
@@ -70,11 +70,11 @@ pub(super) struct Fitted<const N: usize, W> {
     pub(super) blur_px: f64,
     /// Length in the image, px.
     pub(super) length_px: f64,
-    /// What its edges tell it by.
+    /// Evidence against an accidental fit.
     pub(super) evidence: Evidence,
 }
 
-/// What the fit works with. The buffers are reused.
+/// The fit with its buffers, which are reused.
 #[derive(Debug, Clone)]
 pub(super) struct Fitter {
     pieces: Vec<Piece>,
@@ -86,7 +86,7 @@ pub(super) struct Fitter {
     length_px: f64,
     /// Pieces of each part that count.
     told: Vec<u32>,
-    /// Pixels that were looked at, since somebody set it to 0.
+    /// Number of pixels that were processed since it was set to 0.
     pub(super) work: u64,
 }
 
@@ -136,7 +136,7 @@ impl Fitter {
         fitted
     }
 
-    /// Parts the outline into pieces as they lie in the image.
+    /// Divides the outline into pieces by their length in the image.
     fn lay<const N: usize, W: Warp<N>>(
         &mut self,
         camera: &CameraModel,
@@ -159,7 +159,7 @@ impl Fitter {
         for (place, part) in outline.parts.iter().enumerate() {
             let whole_px = length_px(part, steps(part));
             let span = part.to - part.from;
-            // no length of any image: it must pass the camera's plane
+            // otherwise it is impossible for an image, since it must pass through the camera's plane
             if !(whole_px > 0.0 && whole_px < 1e6) {
                 continue;
             }
@@ -220,7 +220,7 @@ impl Fitter {
         next.is_plausible(1.0).then_some(next)
     }
 
-    /// One step by all levels about the edges, and what it says of the map. How far it moves the outline, px.
+    /// One Gauss-Newton step by the fits of all pieces, with its statistics. Returns the displacement of the outline, px.
     fn estimate<const N: usize, W: Warp<N>>(
         &mut self,
         image: &ImageView<'_>,
@@ -302,7 +302,7 @@ impl Fitter {
         Some((fitted, moved_px))
     }
 
-    /// Gauss-Newton step for the offsets, with weights from what is left after the step before. Leaves the weights in `rest`.
+    /// Gauss-Newton step for the offsets, with weights from the residuals of the step before. Leaves the weights in `rest`.
     fn solve<const N: usize, W: Warp<N>>(
         &mut self,
         camera: &CameraModel,
@@ -358,7 +358,7 @@ impl Fitter {
     }
 }
 
-/// Whether a fit will not be good in any more turns: these move edges by hundredths of a pixel.
+/// Whether further iterations, which move edges by hundredths of a pixel, cannot make a fit acceptable.
 fn hopeless<const N: usize, W>(fitted: &Fitted<N, W>) -> bool {
     fitted.share < HOPELESS_SHARE || fitted.rms_px > HOPELESS_PX + HOPELESS * fitted.length_px
 }

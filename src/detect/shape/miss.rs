@@ -1,4 +1,4 @@
-//! Why there is no shape.
+//! Reasons for which no shape was detected.
 
 use crate::messages::TargetStatus;
 use thiserror::Error;
@@ -9,7 +9,7 @@ pub enum ShapeMiss {
     /// The image does not have the size that the finder was made for.
     #[error("the image does not have the size that the finder was made for")]
     WrongSize,
-    /// Nothing stands out.
+    /// There is no contrast.
     #[error("nothing in the image stands out from what is around it")]
     NoContrast,
     /// No region could be the shape by its moments.
@@ -18,12 +18,12 @@ pub enum ShapeMiss {
     /// Regions, but none has the outline.
     #[error("no region has the outline that is looked for")]
     NoMatch,
-    /// What fits is no better than chance makes it among so many outlines that are nearly as good.
+    /// The best fit is not better than an accidental one among so many similar outlines.
     #[error(
         "what fits the outline is no better than chance makes it among so many regions that are much like it"
     )]
     ByChance,
-    /// More regions that are much like the shape than one search looks at.
+    /// More regions similar to the shape than one search examines.
     #[error("too many regions with the shape's proportions: the search was given up")]
     GivenUp,
     /// Two regions have the outline, or one has it in two ways.

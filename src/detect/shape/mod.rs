@@ -1,12 +1,16 @@
-//! A free shape: a dark outline on a light plate, or a light one on a dark plate, found by its form alone.
+//! Free shapes: a polygon or an ellipse, dark on a light plate or light on a dark one, detected by its outline alone.
 //!
 //! ```text
 //! thresholds ─► regions with moments ─► Candidate: whitened, turned, homography through the border's pixels
 //!                                          ─► Fitter: homography through sub-pixel edges all along the outline ─► images of the points
 //! ```
-//! The points of a polygon are its corners; each is where the fitted homography has it, with the covariance that follows from the edges',
-//! also where the corner itself is rounded or hidden. Of an ellipse the centre of its image is told, and the image itself. Positions
+//! The points of a polygon are its corners, projected by the fitted homography, with the covariance that follows from that of the edges,
+//! also where a corner itself is rounded or occluded. Of an ellipse the centre of its image is reported, and the ellipse itself. Positions
 //! are pixels of the distorted image.
+//!
+//! Terms: a *candidate* is a region whose moments may be the outline's; *whitening* is the affine map after which a region spreads alike in all directions;
+//! a *warp* is the map from the outline's plane to the image, a homography or that of an ellipse; a *piece* is a short stretch of the
+//! outline at which the offset of the edge is measured; the *chance* is the probability of an equally good accidental fit.
 
 mod candidate;
 mod chance;
@@ -51,7 +55,7 @@ const OFF: f64 = 0.002;
 const MAX_CHI2: f64 = 15.0;
 const WELL_PX: f64 = 0.15;
 
-/// What was fitted last.
+/// The last fit.
 #[derive(Debug, Clone, Copy)]
 #[allow(clippy::large_enum_variant)] // of values that live for a frame
 enum FittedShape {
@@ -70,13 +74,13 @@ pub struct EllipseSeen {
     pub turn_rad: f64,
 }
 
-/// Finds one shape. Owns all buffers: nothing is allocated after construction.
+/// Finder of one shape. Owns all buffers: nothing is allocated after construction.
 #[derive(Debug, Clone)]
 pub struct ShapeFinder {
     camera: CameraModel,
     outline: ShapeOutline,
     ellipse: bool,
-    /// Places of the points in the object's plane, m.
+    /// Positions of the points in the object's plane, m.
     points_m: Box<[Vector2<f64>]>,
     light_on_dark: bool,
     runs: Runs,
@@ -85,7 +89,7 @@ pub struct ShapeFinder {
     local: LocalThreshold,
     /// Regions that may be the shape: area, index.
     order: Vec<(u64, usize)>,
-    /// Borders that the current search has aligned to the outline, and whether one of them fits no better than chance makes it.
+    /// Number of borders that the current search has aligned to the outline, and whether one of them fits no better than by chance.
     aligned: usize,
     by_chance: bool,
     candidate: ShapeCandidate,
@@ -125,7 +129,7 @@ impl ShapeFinder {
         }
     }
 
-    /// Searches the whole frame: fills `found` with the points that lie in it, ids rising.
+    /// Searches the whole frame: fills `found` with the points that lie within it, ids rising.
     ///
     /// # Errors
     /// The status that says why there is no shape; [`Self::search_or_why`] tells more. `found` is then empty.
@@ -149,8 +153,8 @@ impl ShapeFinder {
         Ok(())
     }
 
-    /// Looks for the outline where its points are expected, four or more (of an ellipse the last image moves with its centre): fills
-    /// `found` with the points that lie in the frame. Whether it is there; `found` is empty when not.
+    /// Tracks the outline from predictions of four or more points (for an ellipse, the last image is shifted with its centre): fills
+    /// `found` with the points that lie within the frame. Returns whether it was detected; `found` is empty when not.
     pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
         found.clear();
         let slack_px = expected.iter().map(|e| e.slack_px).fold(0.0, f64::max).clamp(0.0, 40.0) + 1.0;
@@ -189,14 +193,14 @@ impl ShapeFinder {
         !found.is_empty()
     }
 
-    /// Covariance `[xx, xy, yy]` of each point found last, px^2, ids rising. Those of one frame are not independent: all follow from
+    /// Covariance `[xx, xy, yy]` of each point of the last frame, px^2, ids rising. The points of one frame are correlated: all follow from
     /// one homography.
     #[must_use]
     pub fn covariances_px2(&self) -> &[(u32, [f64; 3])] {
         &self.covariances
     }
 
-    /// The ellipse found last, where that is what is looked for; of a lens with distortion it is the ellipse that the image is about its
+    /// The ellipse of the last frame, where the target is an ellipse; for a lens with distortion, the ellipse that approximates its image about the
     /// centre.
     #[must_use]
     pub fn ellipse(&self) -> Option<EllipseSeen> {
@@ -214,7 +218,7 @@ impl ShapeFinder {
         })
     }
 
-    /// The outline's blur in the last frame, one deviation with the pixel included, px.
+    /// Blur of the outline in the last frame: standard deviation, the pixel's own included, px.
     #[must_use]
     pub fn blur_px(&self) -> Option<f64> {
         self.seen.as_ref().map(|seen| match seen {
@@ -223,7 +227,7 @@ impl ShapeFinder {
         })
     }
 
-    /// Whether what is around the shape is lighter, 1, or darker, -1.
+    /// 1 where the surroundings are lighter than the shape, -1 where they are darker.
     fn rise(&self) -> f64 {
         if self.light_on_dark { -1.0 } else { 1.0 }
     }
@@ -235,7 +239,7 @@ impl ShapeFinder {
         })
     }
 
-    /// Derivative of the image by the outline's coordinates at its centroid, px.
+    /// Derivative of the image (px) by the outline's coordinates at its centroid, 2 x 2.
     fn about_centre(&self, seen: &FittedShape) -> Matrix2<f64> {
         let small = 1e-4;
         let along = |u: Vector2<f64>| {
@@ -244,7 +248,7 @@ impl ShapeFinder {
         Matrix2::from_columns(&[along(Vector2::x()), along(Vector2::y())])
     }
 
-    /// Whether a fit is one of the outline, of which at least `least` is seen.
+    /// Whether a fit is acceptable: at least the share `least` of the outline is visible, and offsets and misfit are small.
     fn is_good(&self, seen: &FittedShape, least: f64) -> bool {
         let (share, rms_px, chi2) = match seen {
             FittedShape::Polygon(f) => (f.share, f.rms_px, f.chi2),

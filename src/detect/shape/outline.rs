@@ -1,7 +1,7 @@
-//! The outline that is looked for, in its own coordinates: about its centroid, its farthest point at distance 1.
+//! The outline of the target in normalized coordinates: origin at its centroid, farthest point at distance 1.
 //!
-//! It is parted at its sharp corners; between them it is smooth, be it straight or curved by many small turns. Edges are measured only
-//! on what is smooth, away from the corners, and only as far from the outline as nothing else lies there.
+//! It is divided into parts at its sharp corners; between them it is smooth, either straight or curved by many small turns. Edges are measured only
+//! on smooth parts, away from the corners, and only within the free distance to other parts of the outline.
 
 use crate::imaging::Moments;
 use crate::target::{Mark, Shape};
@@ -26,9 +26,9 @@ pub(super) const DIRECTIONS: usize = 72;
 pub(super) struct OutlinePart {
     pub(super) from: f64,
     pub(super) to: f64,
-    /// It closes in itself: it has no ends.
+    /// Whether it is closed, so that it has no ends.
     pub(super) closed: bool,
-    /// Of a straight part the first one that it is parallel to, or its own place; of a curve nothing.
+    /// For a straight part the index of the first part parallel to it (or its own); `None` for a curve.
     pub(super) class: Option<usize>,
 }
 
@@ -39,9 +39,9 @@ pub(super) struct ShapeOutline {
     /// Arc length to each corner, and to the first again.
     arc: Box<[f64]>,
     pub(super) parts: Box<[OutlinePart]>,
-    /// Room inside and outside.
+    /// Free distance inside and outside, at equal steps of arc length.
     rooms: Box<[[f64; 2]]>,
-    /// Where 0 lies in the object's plane, and the length of 1, m.
+    /// Origin in the object's plane, and the length of the unit, m.
     centre_m: Vector2<f64>,
     scale_m: f64,
     pub(super) area: f64,
@@ -181,7 +181,7 @@ impl ShapeOutline {
         this
     }
 
-    /// Tells which parts are straight, and which are parallel.
+    /// Classifies straight parts by their directions.
     fn sort_parallels(&mut self) {
         let chord = |part: &OutlinePart| {
             let (a, b) = (self.at(part.from).0, self.at(part.to).0);
@@ -204,8 +204,8 @@ impl ShapeOutline {
         self.arc.last().copied().unwrap_or(0.0)
     }
 
-    /// The place at arc length `s`, which counts on past the first corner, and the direction of the outline there; its inside lies
-    /// towards y from x.
+    /// Position at arc length `s`, which may exceed the length of the outline, and the direction of the outline there; its inside lies
+    /// from x towards y.
     pub(super) fn at(&self, s: f64) -> (Vector2<f64>, Vector2<f64>) {
         let s = s.rem_euclid(self.length());
         let i =
@@ -218,7 +218,7 @@ impl ShapeOutline {
         (a + direction * (s - from), direction)
     }
 
-    /// Least room inside and outside between two arc lengths.
+    /// Least free distance inside and outside between two arc lengths.
     pub(super) fn room(&self, from: f64, to: f64) -> [f64; 2] {
         let per = ROOMS as f64 / self.length();
         let (first, last) = ((from * per).floor() as usize, (to * per).ceil() as usize);
@@ -231,12 +231,12 @@ impl ShapeOutline {
         least
     }
 
-    /// A place of the object's plane in the outline's coordinates.
+    /// A point of the object's plane (m) in the outline's coordinates.
     pub(super) fn of_plane(&self, r_m: &Vector2<f64>) -> Vector2<f64> {
         (r_m - self.centre_m) / self.scale_m
     }
 
-    /// Free way from the outline to the next side of it, or to the plate's edge, straight in and straight out.
+    /// Free distance from the outline to its next side, or to the plate's edge, along the normal inward and outward.
     fn room_at(&self, s: f64, plate: &(Vector2<f64>, Vector2<f64>)) -> [f64; 2] {
         let (p, t) = self.at(s);
         let inward = Vector2::new(-t.y, t.x);

@@ -1,9 +1,9 @@
-//! The search of a whole frame: which threshold shows the shape, and which region it is.
+//! Search of a whole frame: several thresholds, and for each the regions that may be the shape.
 //!
 //! ```text
 //! one for the frame (Otsu) ─► between local extremes: half-way, then nearer to either ─► a sweep over the frame's levels
 //! ```
-//! The first one that shows the outline ends the search, by the outline or, where it is there twice, without.
+//! The first threshold with which the outline is found ends the search; where it is found twice the result is ambiguous.
 
 use super::candidate::MAX_TURNS;
 use super::chance::Evidence;
@@ -146,19 +146,19 @@ impl ShapeFinder {
         first.ok_or(if self.by_chance { ShapeMiss::ByChance } else { ShapeMiss::NoMatch })
     }
 
-    /// Whether the search has done all its work.
+    /// Whether the search has used up its work.
     fn spent(&self) -> bool {
         self.fitter.work + self.candidate.work / DISTANCES > MAX_WORK
     }
 
-    /// Whether a fit is better than chance makes one of all that were aligned.
+    /// Whether a fit is better than the best accidental one among all borders that were aligned.
     fn is_told(&mut self, evidence: &Evidence) -> bool {
         let told = self.aligned as f64 * evidence.chance(self.candidate.reach_px()) <= MAX_CHANCE;
         self.by_chance |= !told;
         told
     }
 
-    /// The regions that look most like the outline first; those that never do are left out.
+    /// Sorts the regions by the agreement of their extents with the outline's; impossible ones are removed.
     fn sort_by_extents(&mut self) {
         let mut order = std::mem::take(&mut self.order);
         if !self.ellipse {
@@ -172,7 +172,7 @@ impl ShapeFinder {
         self.order = order;
     }
 
-    /// Takes a region for the candidate: its turns, how many there are, how much its extents differ from the outline's.
+    /// Makes a region the candidate. Returns its rotations, their number, and the difference of its extents from the outline's.
     fn take(&mut self, region: usize) -> Option<([f64; MAX_TURNS], usize, f64)> {
         let moments = self.components.sums(&self.runs, region).central()?;
         let of_region = |c: &&Contour| !c.hole && c.region as usize == region;
@@ -207,7 +207,7 @@ impl ShapeFinder {
         }
     }
 
-    /// The outline on one region; an error where it fits in two ways.
+    /// Fits the outline to one region; an error where it fits in two ways.
     fn region(&mut self, image: &ImageView<'_>, region: usize) -> Result<Option<FittedShape>, ()> {
         if self.ellipse {
             return Ok(self.oval(image, region));
@@ -247,7 +247,7 @@ impl ShapeFinder {
         }
     }
 
-    /// An ellipse with the region's moments, and the one that its edges are on.
+    /// Fits an ellipse to one region, starting from its moments.
     fn oval(&mut self, image: &ImageView<'_>, region: usize) -> Option<FittedShape> {
         let component = self.components.as_slice().get(region).copied()?;
         let m = self.components.sums(&self.runs, region).central()?.of_squares();

@@ -1,4 +1,4 @@
-//! From the outline's own plane to normalized image coordinates: a homography, or, for an ellipse, what takes the unit circle to it.
+//! Maps from the outline's plane to normalized image coordinates: a homography, or, for an ellipse, the affine map of the unit circle.
 
 use nalgebra::{SMatrix, SVector, Vector2};
 
@@ -12,7 +12,7 @@ pub(super) trait Warp<const N: usize>: Copy {
     fn at(&self, u: &Vector2<f64>) -> Vector2<f64>;
     /// Derivative of the image of `u` by the parameters.
     fn derivative(&self, u: &Vector2<f64>) -> SMatrix<f64, 2, N>;
-    /// Whether the map is one that a camera could make about the outline, whose points are `all` within the given distance of 0.
+    /// Whether a camera could produce the map about the outline, whose points lie within the distance `reach` of the origin.
     fn is_plausible(&self, reach: f64) -> bool;
 }
 
