@@ -1,25 +1,25 @@
-//! How a real camera stands: `camera/N/health`.
+//! State and counters of a real camera: `camera/N/health`.
 
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// What a camera is doing.
+/// State of a camera's stream.
 #[repr(u32)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub enum CameraState {
-    /// Nobody says: a simulated camera, or one that was never heard of.
+    /// Unknown: a simulated camera, or one that has sent no record.
     #[default]
     Unknown = 0,
-    /// It streams, and no frame has come yet.
+    /// The stream is on, and no frame has arrived yet.
     Starting = 1,
-    /// Frames come.
+    /// Frames arrive.
     Streaming = 2,
-    /// It streams, and no frame comes.
+    /// The stream is on, but no frames arrive any more.
     Stalled = 3,
-    /// Its stream failed and is begun anew.
+    /// The stream failed and is restarted.
     Recovering = 4,
-    /// It was unplugged; it is looked for.
+    /// The device was unplugged; its return is awaited.
     Gone = 5,
 }
 
@@ -37,7 +37,7 @@ impl CameraState {
         }
     }
 
-    /// A word for people.
+    /// Its name for messages.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -50,7 +50,7 @@ impl CameraState {
         }
     }
 
-    /// Whether no frames can be expected, and the camera's own process knows it.
+    /// Whether the camera process itself knows that no frames can be expected.
     #[must_use]
     pub fn is_away(self) -> bool {
         matches!(self, Self::Stalled | Self::Recovering | Self::Gone)
@@ -59,36 +59,36 @@ impl CameraState {
 
 /// Bits of [`CameraHealth::flags`].
 pub mod health_flag {
-    /// The device's stamps are not believed: frames are dated by their arrival.
+    /// The device's stamps are implausible: frames are stamped by their arrival.
     pub const STAMPS_DOUBTED: u32 = 1;
-    /// The device gives another rate than it was asked for.
+    /// The device delivers another frame rate than requested.
     pub const RATE_MISSED: u32 = 2;
 }
 
-/// How a real camera stands; said at each change, and a few times a second.
+/// State and counters of a real camera, sent at each change and a few times a second.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.CameraHealth.v1"))]
 pub struct CameraHealth {
     /// Counts what its sender has sent, from 0: a gap is a record that was lost on the way.
     pub sequence: u64,
-    /// When it was said.
+    /// When the record was sent.
     pub stamp: MonoNs,
-    /// Since when the state is what it is.
+    /// Time of the last change of the state.
     pub since: MonoNs,
     /// Frames handed over.
     pub frames: u64,
     /// Frames lost, for whatever reason.
     pub lost: u64,
-    /// Among these: damaged.
+    /// Of these: damaged.
     pub corrupt: u64,
-    /// Among these: older than another one that was there too.
+    /// Of these: replaced by a newer frame that had arrived too.
     pub superseded: u64,
-    /// Among these: of unknown time.
+    /// Of these: without a usable stamp.
     pub undated: u64,
-    /// How often the camera was found again after it was unplugged, or opened anew.
+    /// How often the device was opened again, after it was unplugged or failed.
     pub reopened: u64,
-    /// How often its stream was begun anew.
+    /// How often its stream was restarted.
     pub restarted: u64,
     /// Frames whose stamps lay in the future.
     pub stamps_clamped: u64,

@@ -4,7 +4,7 @@ use super::MAX_JOINTS;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// A request.
+/// A request to control.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.ControlCommand.v1"))]
@@ -15,20 +15,20 @@ pub struct ControlCommand {
     pub arm: u32,
 }
 
-/// What became of it, and how things stand.
+/// The answer to a request, with the state of the run.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.ControlAnswer.v2"))]
 pub struct ControlAnswer {
     /// The request that this answers.
     pub request: u32,
-    /// Code of a [`crate::control::lifecycle::Refusal`]; 0: it is done.
+    /// Code of a [`crate::control::lifecycle::Refusal`]; 0: it was accepted.
     pub refusal: u32,
-    /// Code of a [`super::ControlState`]: what control does.
+    /// Code of a [`super::ControlState`].
     pub state: u32,
     /// Code of a [`crate::control::safety::Fault`]; 0: none.
     pub fault: u32,
-    /// Code of a [`super::TargetStatus`]: what vision said last.
+    /// Code of the [`super::TargetStatus`] of the last measurement.
     pub target: u32,
     /// Joints in use.
     pub joints: u32,
@@ -36,7 +36,7 @@ pub struct ControlAnswer {
     pub flags: u32,
     /// Which arm.
     pub arm: u32,
-    /// Code of a [`super::CameraState`]: how a real camera stands.
+    /// Code of a [`super::CameraState`] of a real camera.
     pub camera_state: u32,
     /// For later; zero.
     pub reserved: u32,
@@ -46,11 +46,11 @@ pub struct ControlAnswer {
     pub time_s: f64,
     /// Root mean square feature error, px; NaN before the first measurement.
     pub feature_error_px: f64,
-    /// Distance of the camera from its desired place, m; NaN where unknown.
+    /// Distance of the camera from its desired position, m; NaN where unknown.
     pub position_error_m: f64,
     /// Angle of the camera from its desired orientation, rad; NaN where unknown.
     pub orientation_error_rad: f64,
-    /// For how long the camera has been in its state, s; NaN where nobody says.
+    /// For how long the camera has been in its state, s; NaN where unknown.
     pub camera_state_s: f64,
     /// Measured joint positions, rad or m.
     pub q: [f64; MAX_JOINTS],

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! control ── START (q_r: start position) ──► drive     the arm stands there, held by its brakes
-//! control ◄─ INITIAL, tick 0 ─────────────── drive     its joints and the modes it takes
+//! control ◄─ INITIAL, tick 0 ─────────────── drive     its joints and the command modes that it supports
 //! control ── command k ────────────────────► drive     lockstep: integrate 1 ms ...
 //! control ◄─ state k+1 ───────────────────── drive     ... and answer exactly once
 //! control ── LAST ─────────────────────────► drive     hold the arm; no command follows
@@ -28,7 +28,7 @@ pub struct DriveCommandMsg {
     pub stamp: MonoNs,
     /// Joints in use.
     pub joints: u32,
-    /// The part to obey: 0 `tau`, 1 `qd_r`, 2 `q_r` and `qd_r`.
+    /// Command mode, which says what to follow: 0 `tau`, 1 `qd_r`, 2 `q_r` and `qd_r`.
     pub mode: u32,
     /// Bits of [`drive_flag`].
     pub flags: u32,
@@ -36,7 +36,7 @@ pub struct DriveCommandMsg {
     pub arm: u32,
     /// Reference positions, rad or m; with `START` the start position.
     pub q_r: [f64; MAX_JOINTS],
-    /// Reference velocities.
+    /// Reference velocities, rad/s or m/s.
     pub qd_r: [f64; MAX_JOINTS],
     /// Torques or forces, N m or N.
     pub tau: [f64; MAX_JOINTS],
@@ -47,15 +47,15 @@ pub struct DriveCommandMsg {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.DriveState.v2"))]
 pub struct DriveStateMsg {
-    /// Lockstep: the tick of the command that led here, plus one. Real time: counts the states.
+    /// Lockstep: the tick of the command that this answers, plus one. Real time: counts the states.
     pub tick: u64,
     /// Counts what the drive has sent since it joined, from 0.
     pub sequence: u64,
-    /// When it was sampled. Lockstep: the stamp of the command that led here, plus 1 ms. Real time: `CLOCK_MONOTONIC`.
+    /// When it was sampled. Lockstep: the stamp of the command that this answers, plus 1 ms. Real time: `CLOCK_MONOTONIC`.
     pub stamp: MonoNs,
     /// Joints in use.
     pub joints: u32,
-    /// The modes that the drive takes: bit 0 torque, bit 1 velocity, bit 2 position.
+    /// The command modes that the drive supports: bit 0 torque, bit 1 velocity, bit 2 position.
     pub modes: u32,
     /// Bits of [`drive_flag`].
     pub flags: u32,
@@ -63,13 +63,13 @@ pub struct DriveStateMsg {
     pub arm: u32,
     /// Measured positions, rad or m.
     pub q: [f64; MAX_JOINTS],
-    /// Measured velocities.
+    /// Measured velocities, rad/s or m/s.
     pub qd: [f64; MAX_JOINTS],
-    /// Measured torques or forces; zero where the drive has none to tell.
+    /// Measured torques or forces, N m or N; zero where the drive does not measure them.
     pub tau: [f64; MAX_JOINTS],
-    /// With `TRUTH`, the exact positions; what a synthetic camera renders.
+    /// With `TRUTH`, the true positions, rad or m, which a synthetic camera renders.
     pub q_true: [f64; MAX_JOINTS],
-    /// With `TRUTH`, the exact velocities.
+    /// With `TRUTH`, the true velocities, rad/s or m/s.
     pub qd_true: [f64; MAX_JOINTS],
 }
 

@@ -1,10 +1,10 @@
-//! What a camera sends with each image: `camera/N/frame`.
+//! Header that a camera sends with each image: `camera/N/frame`.
 
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// Stamps and shape of a grey frame; travels as user header of a `[u8]` payload.
+/// Stamps and size of an 8-bit grey frame; the user header of a `[u8]` payload of `width_px * height_px` bytes.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.FrameHeader.v2"))]
@@ -15,7 +15,7 @@ pub struct FrameHeader {
     pub sequence: u64,
     /// Middle of the exposure.
     pub exposure: MonoNs,
-    /// When the frame was handed over.
+    /// When the frame was sent.
     pub sent: MonoNs,
     /// Length of the exposure, ns.
     pub exposure_span_ns: u64,

@@ -1,11 +1,11 @@
-//! The arm at each tick: `control/joint_state`.
+//! State of the arm's joints at each tick: `control/joint_state`.
 
 use super::MAX_JOINTS;
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// The arm at one tick.
+/// State of the joints at one tick.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.JointState.v2"))]
@@ -30,13 +30,13 @@ pub struct JointState {
     pub qd: [f64; MAX_JOINTS],
     /// Torques or forces applied at the previous tick, N m or N.
     pub tau: [f64; MAX_JOINTS],
-    /// Reference positions.
+    /// Reference positions, rad or m.
     pub q_r: [f64; MAX_JOINTS],
-    /// Reference velocities.
+    /// Reference velocities, rad/s or m/s.
     pub qd_r: [f64; MAX_JOINTS],
-    /// True positions of a simulated arm; what a synthetic camera renders.
+    /// True positions of a simulated arm, rad or m, which a synthetic camera renders.
     pub q_true: [f64; MAX_JOINTS],
-    /// True velocities of a simulated arm.
+    /// True velocities of a simulated arm, rad/s or m/s.
     pub qd_true: [f64; MAX_JOINTS],
 }
 

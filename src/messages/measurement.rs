@@ -13,11 +13,11 @@ pub mod measurement_flag {
     pub const TRACKED: u32 = 1 << 9;
     /// A second pose explains the image almost as well (planar ambiguity).
     pub const AMBIGUOUS: u32 = 1 << 10;
-    /// Some of the target's points are hidden, or were left out because they are disturbed.
+    /// Some of the target's points are occluded, or were left out as outliers.
     pub const PARTIAL: u32 = 1 << 11;
 }
 
-/// What became of the target in one frame.
+/// Result of the detection of the target in one frame.
 #[repr(u32)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub enum TargetStatus {
@@ -28,19 +28,19 @@ pub enum TargetStatus {
     NoContrast = 1,
     /// There are fewer candidate regions than features.
     TooFewRegions = 2,
-    /// There are enough regions, but no choice of them has the target's geometry.
+    /// There are enough regions, but none of their combinations has the target's geometry.
     NoMatch = 3,
     /// The geometry fits in more than one way: the features cannot be identified.
     Ambiguous = 4,
     /// The frame does not have the size of the configured camera.
     WrongSize = 5,
-    /// The features were found, but are disturbed: no pose explains them within their stated deviations. Refused.
+    /// The features were detected, but no pose explains them within their stated standard deviations. Rejected.
     Inconsistent = 6,
-    /// Of two cameras: the other one has no frame of the same instant.
+    /// Of two cameras: the other one has no frame with the same stamp.
     NoPair = 7,
     /// Of two cameras: fewer than three taught points are in both images.
     TooFewShared = 8,
-    /// More in the frame looks like a part of the target than one search looks at.
+    /// The frame contains more candidates for parts of the target than one search examines.
     GivenUp = 9,
 }
 
@@ -63,7 +63,7 @@ impl TargetStatus {
         }
     }
 
-    /// A short clause for people.
+    /// A short clause for messages.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -102,7 +102,7 @@ pub struct FeaturePoint {
     pub sd_px: f64,
 }
 
-/// What vision saw in one frame.
+/// Features, pose and status that vision measured in one frame.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.Measurement.v2"))]
@@ -111,17 +111,17 @@ pub struct Measurement {
     pub frame_id: u64,
     /// Middle of that frame's exposure.
     pub exposure: MonoNs,
-    /// When the camera handed the frame over.
+    /// When the camera sent the frame.
     pub frame_sent: MonoNs,
-    /// When vision began to work on it.
+    /// When vision began to process it.
     pub vision_start: MonoNs,
-    /// When vision was done.
+    /// When vision had processed it.
     pub vision_end: MonoNs,
     /// Frames that vision has received since its start.
     pub frames_received: u64,
-    /// Frames that the camera sent and vision never worked on.
+    /// Frames that the camera sent and vision did not process.
     pub frames_dropped: u64,
-    /// How often a target that had been found was lost.
+    /// How often a target that had been detected was lost.
     pub target_lost: u64,
     /// Which camera.
     pub camera: u32,
@@ -137,7 +137,7 @@ pub struct Measurement {
     pub pose: [f64; 7],
     /// Covariance of the pose, row by row: m and rad, as twist `[v; w]` of O expressed in C.
     pub pose_covariance: [f64; 36],
-    /// Root mean square distance between seen features and those of the best pose, px; also of a refused measurement.
+    /// Reprojection error of the best pose, root mean square, px; also of a rejected measurement.
     pub reprojection_rms_px: f64,
 }
 
@@ -196,7 +196,7 @@ impl Measurement {
         ))
     }
 
-    /// Stores `X_CO` and says so in the flags.
+    /// Stores `X_CO` and sets [`measurement_flag::POSE`].
     pub fn set_pose(&mut self, X_CO: &crate::geometry::Pose) {
         let (p, r) = (&X_CO.translation, &X_CO.rotation);
         self.pose = [p.x, p.y, p.z, r.i, r.j, r.k, r.w];

@@ -1,8 +1,8 @@
 //! The plain records that flow between the cores, and between the processes over shared memory.
 //!
 //! Each is `repr(C)` without pointers and carries a versioned type name: a peer in another language binds by
-//! that name, and shared memory is read as it lies. Whoever changes a field raises the version in the name and
-//! mends the layout tests below. Enumerations travel as codes: shared memory may hold a value that no variant has.
+//! that name, and reads the bytes of shared memory directly. A change of a field requires a new version in the name and
+//! in the layout tests. Enumerations are sent as integer codes, because shared memory may hold a value that no variant has.
 //!
 //! ```text
 //! camera --FrameHeader + [u8]--> vision --Measurement--> control --JointState--> camera
@@ -36,8 +36,8 @@ pub use trace::{TRACE_LIMITS, TraceMsg, trace_flag};
 /// Most joints that an arm may have, so that records have a fixed layout: seven are what a redundant arm of today has.
 pub const MAX_JOINTS: usize = 7;
 
-/// Most cameras that a cell may have, so that each has its services and locks. Chosen by hand: a pair, and two that look on;
-/// each one more takes names and locks alone.
+/// Most cameras that a cell may have, so that each has its services and locks. Chosen by hand: a pair, and two that only observe;
+/// each further one needs names and locks alone.
 pub const MAX_CAMERAS: usize = 4;
 
 /// Most features that one measurement carries, so that records have a fixed layout. Chosen: a grid of 8 by 8; of more, one point lowers the

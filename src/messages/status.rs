@@ -1,14 +1,14 @@
-//! Where the run stands: `control/status`.
+//! State of the run, 50 times a second: `control/status`.
 
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// What the control process is doing.
+/// State of the control process.
 #[repr(u32)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub enum ControlState {
-    /// No measurement yet: the arm holds its place.
+    /// No measurement yet: the arm holds its position.
     #[default]
     Waiting = 0,
     /// The servo law moves the arm.
@@ -21,15 +21,15 @@ pub enum ControlState {
     Stopped = 4,
     /// A fault: the arm slows down and the run ends, or waits for a reset.
     Fault = 5,
-    /// Nothing was started: the arm stands.
+    /// No task was started: the arm stands.
     Idle = 6,
-    /// What the camera sees becomes the goal: the arm stands.
+    /// The present measurements become the set-point: the arm stands.
     Teaching = 7,
     /// The arm slows down on request, or because the run ends.
     Stopping = 8,
     /// Held on request: the arm slows down and stands.
     Held = 9,
-    /// Measurements stopped: the arm goes back to where it saw the whole target last.
+    /// Measurements stopped: the arm returns to the posture of the last complete measurement.
     Returning = 10,
 }
 
@@ -52,7 +52,7 @@ impl ControlState {
         }
     }
 
-    /// A word for people.
+    /// Its name for messages.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -73,11 +73,11 @@ impl ControlState {
 
 /// Bits of [`Status::flags`].
 pub mod status_flag {
-    /// The law works with a part of its features: others are hidden.
+    /// Some features are hidden; the law uses the others.
     pub const DEGRADED: u32 = 1;
 }
 
-/// Where the run stands; flat, so that plotting tools can show every field.
+/// State of the run, in a flat record, so that plotting tools can show every field.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.Status.v3"))]
@@ -92,21 +92,21 @@ pub struct Status {
     pub time_s: f64,
     /// Root mean square feature error in the image, px; NaN before the first measurement.
     pub feature_error_px: f64,
-    /// Distance of the camera from its desired place, m; NaN where unknown.
+    /// Distance of the camera from its desired position, m; NaN where unknown.
     pub position_error_m: f64,
     /// Angle of the camera from its desired orientation, rad; NaN where unknown.
     pub orientation_error_rad: f64,
     /// Exposure to command of the newest measurement, us; NaN before the first.
     pub exposure_to_command_us: f64,
-    /// Exposure to hand-over of its frame, us; NaN where the two have different clocks (lockstep).
+    /// From exposure to the sending of its frame, us; NaN where the two have different clocks (lockstep).
     pub exposure_to_frame_us: f64,
-    /// Hand-over to the start of vision's work on it, us.
+    /// From the frame's sending to the start of its processing in vision, us.
     pub frame_to_vision_us: f64,
-    /// Vision's work on it, us.
+    /// Time that vision needed to process it, us.
     pub vision_us: f64,
-    /// Finished measurement to the command that used it, us; NaN in lockstep.
+    /// From the finished measurement to the command that used it, us; NaN in lockstep.
     pub measurement_to_command_us: f64,
-    /// The twist `[v; w]` that the law asks for of a camera which no arm moves (`drive.kind = "none"`, replayed images), in the
+    /// The twist `[v; w]` that the law requests of a camera which no arm moves (`drive.kind = "none"`, replayed images), in the
     /// camera's frame, m/s and rad/s; NaN where an arm moves it, and without a view.
     pub V_C: [f64; 6],
     /// Measurements used.
@@ -119,11 +119,11 @@ pub struct Status {
     pub target_lost: u64,
     /// Deadlines missed.
     pub missed_deadlines: u64,
-    /// For how long the camera has been in its state, s; NaN where nobody says.
+    /// For how long the camera has been in its state, s; NaN where unknown.
     pub camera_state_s: f64,
-    /// Code of a [`ControlState`]: what control does.
+    /// Code of a [`ControlState`].
     pub state: u32,
-    /// Code of a [`super::TargetStatus`]: what vision said last.
+    /// Code of the [`super::TargetStatus`] of the last measurement.
     pub target: u32,
     /// The limits that acted since the last status: bits of [`crate::motion::Limit`].
     pub limits: u32,
@@ -133,7 +133,7 @@ pub struct Status {
     pub arm: u32,
     /// Bits of [`status_flag`].
     pub flags: u32,
-    /// Code of a [`super::CameraState`]: how a real camera stands.
+    /// Code of a [`super::CameraState`] of a real camera.
     pub camera_state: u32,
     /// For later; zero.
     pub reserved: u32,

@@ -1,4 +1,4 @@
-//! Everything about each tick of control: `control/trace`, 1 kHz.
+//! Full record of each tick of control, for replay and analysis: `control/trace`, 1 kHz.
 
 use super::MAX_JOINTS;
 use crate::time::MonoNs;
@@ -8,8 +8,8 @@ use iceoryx2::prelude::ZeroCopySend;
 /// Kinds of limits, in the order of [`TraceMsg::limits`]: a part of the protocol, which must change its version with it.
 pub const TRACE_LIMITS: usize = 8;
 
-/// One tick: what control knew, what it did, and why. Codes are 0 where there is nothing to say; those of the enumerations of
-/// control count from 1 in the order in which their variants stand there.
+/// One tick: the inputs of control, its command, and the reasons. A code of 0 means none; codes of control's enumerations count
+/// from 1 in the order of their variants.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.Trace.v1"))]
@@ -24,17 +24,17 @@ pub struct TraceMsg {
     pub stamp: MonoNs,
     /// When its command was written.
     pub commanded: MonoNs,
-    /// Frame of the measurement that came; valid with [`trace_flag::MEASUREMENT`], like the next five.
+    /// Frame of the measurement that arrived; valid with [`trace_flag::MEASUREMENT`], like the next five.
     pub frame_id: u64,
     /// Middle of its exposure.
     pub exposure: MonoNs,
-    /// When the camera handed it over.
+    /// When the camera sent it.
     pub frame_sent: MonoNs,
-    /// When vision began to work on it.
+    /// When vision began to process it.
     pub vision_start: MonoNs,
-    /// When vision was done.
+    /// When vision had processed it.
     pub vision_end: MonoNs,
-    /// Root mean square feature error, px; NaN where the measurement says nothing about the goal.
+    /// Root mean square feature error, px; NaN where the measurement has no feature error.
     pub feature_error_px: f64,
     /// Which arm.
     pub arm: u32,
@@ -44,16 +44,16 @@ pub struct TraceMsg {
     pub joints: u32,
     /// Bits of [`trace_flag`].
     pub flags: u32,
-    /// Code of a [`super::ControlState`], from 0: what control does.
+    /// Code of a [`super::ControlState`], from 0.
     pub state: u32,
-    /// What became of the measurement: code of a [`crate::servo::MeasurementVerdict`].
+    /// Whether the measurement was used, and if not why: code of a [`crate::servo::MeasurementVerdict`].
     pub verdict: u32,
     /// Code of a [`crate::control::safety::Fault`]; those of an external drive from 17 on, in the order of
     /// [`crate::drive::DriveFault`].
     pub fault: u32,
     /// With the last record, how the run ended: code of a [`crate::control::outcome::Outcome`].
     pub outcome: u32,
-    /// What happened in the tick: bit n is the n-th of [`crate::control::trace::Event`], from 0.
+    /// Events of the tick: bit n is the n-th of [`crate::control::trace::Event`], from 0.
     pub events: u32,
     /// Zero.
     pub reserved: u32,
@@ -67,7 +67,7 @@ pub struct TraceMsg {
     pub q_true: [f64; MAX_JOINTS],
     /// With [`trace_flag::TRUTH`], its true velocities.
     pub qd_true: [f64; MAX_JOINTS],
-    /// What the servo law requested, before limits, rad/s or m/s.
+    /// Joint velocities that the servo law requested, before limits, rad/s or m/s.
     pub requested_qd: [f64; MAX_JOINTS],
     /// The command of this tick: torques or forces, N m or N.
     pub tau: [f64; MAX_JOINTS],
@@ -79,7 +79,7 @@ pub struct TraceMsg {
 
 /// Bits of [`TraceMsg::flags`].
 pub mod trace_flag {
-    /// A measurement came with this tick.
+    /// A measurement arrived with this tick.
     pub const MEASUREMENT: u32 = 1;
     /// `q_true` and `qd_true` are valid.
     pub const TRUTH: u32 = 2;

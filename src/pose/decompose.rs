@@ -7,7 +7,7 @@ use super::PoseError;
 use crate::linalg::symmetric_eigen;
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 
-/// One reading of a homography.
+/// One solution of the decomposition of a homography.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HomographySolution {
     /// Rotation of frame 2 in frame 1.
@@ -31,7 +31,7 @@ impl HomographySolution {
 pub struct HomographySolutions {
     /// Always there.
     pub first: HomographySolution,
-    /// The second reading, unless it coincides with the first or cannot have seen the points.
+    /// The second solution, unless it coincides with the first or has points behind the camera.
     pub second: Option<HomographySolution>,
 }
 
@@ -45,7 +45,7 @@ impl HomographySolutions {
         }
     }
 
-    /// The solution whose base line points most along `direction` (in frame 1), for a motion that is known roughly.
+    /// The solution whose base line points most along `direction` (in frame 1), for a motion whose direction is known roughly.
     #[must_use]
     pub fn nearest_direction(&self, direction: &Vector3<f64>) -> HomographySolution {
         let along = |s: &HomographySolution| {

@@ -1,4 +1,4 @@
-//! The object's pose beyond the camera, (10.14) and (10.15), and what happens to covariances on the way.
+//! The object's pose in the base or end-effector frame, (10.14) and (10.15), and the propagation of covariances.
 //!
 //! Covariances are those of small twists `[v; w]` (m, rad) of the named frame relative to the other, as
 //! [`super::RefinedPose::covariance`] has them.
@@ -6,13 +6,13 @@
 use crate::geometry::{Pose, skew};
 use nalgebra::{Matrix3, Matrix6};
 
-/// The object in the base frame, (10.14): camera beside the arm (eye-to-hand), `X_BC` its extrinsic parameters.
+/// Pose of the object in the base frame, `X_BO`, (10.14), for an eye-to-hand camera with the extrinsic parameters `X_BC`.
 #[must_use]
 pub fn object_in_base(X_BC: &Pose, X_CO: &Pose) -> Pose {
     X_BC * X_CO
 }
 
-/// The object in the end-effector frame, (10.15): camera on the arm (eye-in-hand), `X_EC` its extrinsic parameters.
+/// Pose of the object in the end-effector frame, `X_EO`, (10.15), for an eye-in-hand camera with the extrinsic parameters `X_EC`.
 #[must_use]
 pub fn object_in_effector(X_EC: &Pose, X_CO: &Pose) -> Pose {
     X_EC * X_CO
@@ -21,7 +21,7 @@ pub fn object_in_effector(X_EC: &Pose, X_CO: &Pose) -> Pose {
 /// Covariance of the twist of C relative to A, expressed in A, for the product `X_AB * X_BC` of two uncertain poses.
 ///
 /// `covariance_AB` that of the twist of B relative to A, expressed in A; `covariance_BC` that of C relative to B, expressed
-/// in B. Zeros where a pose is known exactly: the second is then turned to A, no more. To first order.
+/// in B. Zeros where a pose is known exactly: the second is then only rotated to A. To first order.
 #[must_use]
 pub fn chained_covariance(
     X_AB: &Pose,

@@ -1,4 +1,4 @@
-//! Planar homographies, (10.7)-(10.10), and the pose that one of them stands for, (10.8), (10.11), (10.12).
+//! Planar homographies, (10.7)-(10.10), and the pose that follows from one, (10.8), (10.11), (10.12).
 
 use super::linear::{Whitening, direct_linear};
 use super::points::check;

@@ -1,4 +1,4 @@
-//! Every local minimum of the reprojection error that comes close to the least.
+//! All local minima of the reprojection error whose value is close to the global minimum.
 //!
 //! The minima of the object-space error over all rotations, from a grid that leaves none out ([`super::rotation_form`]),
 //! are refined on the reprojection error (10.36) and ranked by it.
@@ -74,7 +74,7 @@ impl PnpPoses {
         nearest
     }
 
-    /// Puts `new` in its place; the worst of more than four falls out, and of two that are the same the worse.
+    /// Inserts `new` by its error; the worst of more than four is dropped, and of two that are the same the worse.
     pub(super) fn insert(&mut self, new: PoseSolution) {
         let same = |old: &PoseSolution| {
             let way = (old.X_CO.translation.vector - new.X_CO.translation.vector).norm();

@@ -7,13 +7,13 @@
 //! | [`planar_pose`] | (10.8)-(10.12) and beyond | both planar solutions, refined and ranked |
 //! | [`dlt_pose`] | (10.13) | six or more points that are not coplanar |
 //! | [`p3p`] | (10.6) | three points, all solutions |
-//! | [`pnp`] | (10.6) | any three points or more: the global minimum, and others that are close |
+//! | [`pnp`] | (10.6) | any three points or more: the global minimum of the reprojection error, and others that are close |
 //! | [`PoseConsensus`] | (10.6) | points with outliers |
-//! | [`refine`], [`refine_3d`] | least squares on (10.36) | a near guess to the optimum, with covariance |
+//! | [`refine`], [`refine_3d`] | least squares on (10.36) | from a start value to the optimum, with covariance |
 //! | [`refine_pixels`] | least squares on (10.36) | the same in pixels: lens, covariances of points, outliers |
-//! | [`object_in_base`], [`object_in_effector`] | (10.14), (10.15) | beyond the camera |
+//! | [`object_in_base`], [`object_in_effector`] | (10.14), (10.15) | the pose in the base or end-effector frame |
 //! | [`algorithmic_step`], [`algorithmic_step_4`], [`algorithmic_step_segment`] | (10.28), (10.33)-(10.42) | the textbook's integration |
-//! | [`virtual_servoing`], [`virtual_servoing_4`] | (10.40)-(10.42) | the same from points and segments, to the end |
+//! | [`virtual_servoing`], [`virtual_servoing_4`] | (10.40)-(10.42) | the same from points and segments, until convergence |
 //! | [`decompose_homography`] | (10.58)-(10.61) | displacement of a camera from two images of a plane |
 //!
 //! Image coordinates are normalized and free of distortion; lengths are metres. Nothing here allocates up
@@ -64,7 +64,7 @@ pub use virtual_servoing::{
 
 use thiserror::Error;
 
-/// Why there is no pose.
+/// Why no pose was computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum PoseError {
     /// The problem has more unknowns than the points give equations.
@@ -84,13 +84,13 @@ pub enum PoseError {
     /// The start value given to a refinement is NaN or infinite, or the noise is negative or not finite.
     #[error("pose: the start pose or the noise is not finite; start from `planar_pose` or `dlt_pose`")]
     BadGuess,
-    /// The points do not fix the pose: collinear, repeated, coplanar where they must not be, or on one visual ray.
+    /// The points do not determine the pose: collinear, repeated, coplanar where they must not be, or on one visual ray.
     #[error("pose: the points are collinear, repeated or otherwise degenerate; use points that spread more")]
     Degenerate,
     /// No solution has all points in front of the camera.
     #[error("pose: some points would lie behind the camera; check their order and the start pose")]
     BehindCamera,
-    /// The refinement did not settle.
+    /// The refinement did not converge.
     #[error("pose: no convergence in {iterations} iterations; start nearer or use more points")]
     NotConverged {
         /// Iterations spent.

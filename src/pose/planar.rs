@@ -1,7 +1,7 @@
 //! Pose of a plane from four or more points, with both solutions that a plane can have.
 //!
 //! A small or distant plane looks nearly the same when its tilt is mirrored about the visual ray. The homography
-//! tells its derivative at the centroid, and that derivative fits exactly two rotations. Both are refined on the
+//! determines the derivative of the map at the centroid, which fits exactly two rotations. Both are refined on the
 //! reprojection error and ranked by it.
 
 use super::minima::{axes, everywhere};
@@ -40,8 +40,8 @@ impl PlanarPose {
 
 /// Pose of a plane z = 0 from at least four of its points, no three collinear when there are just four.
 ///
-/// A start that has not settled after 100 steps (flat minima under strong noise) is taken as it is: its error has
-/// only fallen since.
+/// A refinement that has not converged after 100 steps (flat minima under strong noise) is used as it is, since each step
+/// has reduced its error.
 ///
 /// ```
 /// use nalgebra::Vector2;
@@ -104,7 +104,7 @@ pub fn planar_pose(points: &[Correspondence]) -> Result<PlanarPose, PoseError> {
     }
 }
 
-/// Where the homography is of no use: the two best of all minima.
+/// For points whose homography is unusable: the two best of all minima.
 #[cold]
 fn from_all_rotations(points: &[Correspondence]) -> Result<PlanarPose, PoseError> {
     let (axes, flat) = axes(points)?;

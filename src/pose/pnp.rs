@@ -1,4 +1,4 @@
-//! Pose from any three points or more, planar or not: the global minimum of the reprojection error, and what comes close.
+//! Pose from any three points or more, planar or not (perspective-n-point): the global minimum of the reprojection error, and local minima close to it.
 //!
 //! Three points: [`super::p3p`]. Four or more in a plane: [`super::planar_pose`] in that plane, with both solutions. All
 //! others: every minimum that comes close, found over all rotations ([`super::minima`]). Planes whose homography does not

@@ -1,4 +1,4 @@
-//! Pairs of object point and image point, and the common view of planar and spatial sets.
+//! Correspondences of object point and image point, and the common interface of planar and spatial ones.
 
 use super::PoseError;
 use crate::geometry::Pose;
@@ -22,7 +22,7 @@ pub struct Correspondence3 {
     pub s: Vector2<f64>,
 }
 
-/// One pose and how well it explains the image.
+/// A pose with its reprojection error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseSolution {
     /// Pose of the object in the camera.
@@ -32,13 +32,13 @@ pub struct PoseSolution {
 }
 
 impl PoseSolution {
-    /// What fills places without a solution.
+    /// Placeholder for unused entries.
     pub(super) fn none() -> Self {
         Self { X_CO: Pose::identity(), rms: f64::INFINITY }
     }
 }
 
-/// What the solvers need to know of one correspondence.
+/// A correspondence, as the solvers read it.
 pub trait PointSource: Copy {
     /// Position in the object frame, m.
     fn object(&self) -> [f64; 3];
@@ -68,7 +68,7 @@ impl PointSource for Correspondence3 {
     }
 }
 
-/// Refuses sets that are too small or hold NaN or infinity.
+/// Errors for sets that are too small or contain NaN or infinity.
 pub(super) fn check<P: PointSource>(points: &[P], needed: usize) -> Result<(), PoseError> {
     if points.len() < needed {
         return Err(PoseError::TooFewPoints { needed, given: points.len() });
