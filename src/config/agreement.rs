@@ -1,14 +1,14 @@
-//! What camera, vision and control of one run must have in common, wherever they are started: clock, cameras, target and robot.
+//! The values that the camera, vision and control processes of one run must have in common, wherever they are started: clock, cameras, target and robot.
 
 use super::Config;
 use std::collections::BTreeMap;
 use toml::{Table, Value};
 
-/// Keys of a camera that are the business of the process which makes its frames.
+/// Keys of a camera that concern only the process which produces its frames.
 const OF_THE_SOURCE: [&str; 4] = ["source", "replay", "synthetic", "v4l2"];
 
 impl Config {
-    /// These keys with their values. Two processes of a run whose values differ would work with another camera, arm or target than they
+    /// These keys with their values. Two processes of a run whose values differ would use another camera, arm or target than they
     /// have.
     #[must_use]
     pub fn agreement(&self) -> BTreeMap<String, String> {

@@ -1,4 +1,4 @@
-//! From a validated configuration to the cores that it describes.
+//! Assembly: from a validated configuration to the cores (vision, control and mission, drive, renderer) that it describes.
 
 use crate::config::{Clock, Config, DriveKind, JointControl, Scene, SimulatedArm, Source, Task};
 use crate::control::behaviour::{ArmModel, Behaviour, Excitation, Servoing, Waypoints};
@@ -27,7 +27,7 @@ mod stereo;
 
 pub use stereo::{stereo_set_point, stereo_vision, taught_points, taught_view};
 
-/// A configuration that is valid in itself does not make a working whole.
+/// Why the cores of a valid configuration cannot be assembled.
 #[derive(Debug, Error)]
 pub enum AssembleError {
     /// A list does not have one entry for each joint.
@@ -40,19 +40,19 @@ pub enum AssembleError {
         /// The robot's joints.
         wanted: usize,
     },
-    /// The drive refuses its settings.
+    /// The drive rejects its settings.
     #[error(transparent)]
     Drive(#[from] crate::drive::SimulatedDriveError),
-    /// The renderer refuses the scene.
+    /// The renderer rejects the scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// Several cameras, and one control.
+    /// Several cameras that are no pair, which control does not support.
     #[error(
         "[[cameras]]: {0} cameras: control by several cameras is not built yet; leave one, or make two of them a pair by [stereo] \
          (processes of each may be started by hand: `vservo camera CONFIG --camera N`)"
     )]
     SeveralCameras(usize),
-    /// The arm as it really is cannot be built.
+    /// The true model of the simulated arm is invalid.
     #[error(transparent)]
     Arm(#[from] RobotError),
     /// The images do not come from a simulated scene.
@@ -60,16 +60,16 @@ pub enum AssembleError {
         "camera.source: only `synthetic` can be simulated in one process; other sources need `vservo run`"
     )]
     NoScene,
-    /// There is no pair of cameras.
+    /// The configuration has no pair of cameras.
     #[error("stereo: the run file has no pair of cameras, or its goal lies behind them")]
     NoStereo,
-    /// A real pair has nothing to come back to.
+    /// A real pair has no taught view.
     #[error(
         "stereo.taught_file: is missing: only a simulated pair can look from servo.desired by itself; make one with `vservo \
          teach-view`"
     )]
     NotTaught,
-    /// A simulated pair cannot be taught.
+    /// The view of a simulated pair cannot be computed.
     #[error(
         "[stereo]: the {side} camera does not see the target in the desired view: {status}; see to servo.desired, or to the images"
     )]
@@ -79,13 +79,13 @@ pub enum AssembleError {
         /// Why not.
         status: &'static str,
     },
-    /// What a simulated pair was taught is no view.
+    /// The points of a simulated pair are no valid taught view.
     #[error("[stereo]: what both cameras see in the desired view {0}")]
     Taught(#[from] TaughtViewError),
-    /// A camera without pixels.
+    /// The camera has no pixels.
     #[error(transparent)]
     Image(#[from] ImageSizeError),
-    /// An external drive lives in another process: only the control process can make its end.
+    /// An external drive is another process: only the control process can connect to it.
     #[error(
         "drive.kind: an external drive needs the processes of `vservo run`; in one process use simulated or ideal"
     )]
@@ -119,7 +119,7 @@ pub fn motion_limits<const N: usize>(
     ))
 }
 
-/// Refuses what control cannot do: to use several cameras that are no pair, or a pair that has no goal.
+/// Rejects configurations that control does not support: several cameras that are no pair, or a pair without a goal.
 ///
 /// # Errors
 /// [`AssembleError::SeveralCameras`], [`AssembleError::NotTaught`].
@@ -140,7 +140,7 @@ pub fn vision(config: &Config) -> Vision {
     Vision::new(config.camera.model, config.target.clone(), config.vision)
 }
 
-/// The arm of a configuration as vision uses it.
+/// The arm and mount of a configuration, by which vision predicts the target.
 ///
 /// # Errors
 /// When the robot cannot be built.
@@ -150,7 +150,7 @@ pub fn carrier(config: &Config) -> Result<Box<dyn Carrier>, RobotError> {
     })
 }
 
-/// What renders the scene of a configuration as it really is.
+/// The renderer of the true scene of a configuration.
 ///
 /// # Errors
 /// [`AssembleError`], also for a configuration without a simulated scene.
@@ -166,7 +166,7 @@ pub fn renderer(config: &Config) -> Result<Renderer, AssembleError> {
         .with_bystanders(&scene.bystanders))
 }
 
-/// The synthetic camera of a configuration, as it really is, before an arm that rests at its start.
+/// The synthetic camera of a configuration, with its true parameters, for an arm at rest at its start.
 ///
 /// # Errors
 /// [`AssembleError`], also for a configuration without a simulated scene.
@@ -192,7 +192,7 @@ fn q_offset<const N: usize>(scene: &Scene) -> Result<SVector<f64, N>, AssembleEr
     joint_vector("scene.arm.q_offset_rad_or_m", &scene.q_offset)
 }
 
-/// The drive of a configuration; an open loop has one that stands still.
+/// The drive of a configuration; that of an open loop does not move.
 ///
 /// # Errors
 /// [`AssembleError`]; an external drive cannot be made here.
@@ -254,7 +254,7 @@ pub fn simulated_settings<const N: usize>(
     })
 }
 
-/// The friction of a simulated arm: that of its file, spread over the joints, and what no file tells.
+/// Friction of a simulated arm: that of its robot file, varied over the joints, and the additional friction of the run file.
 fn true_friction<const N: usize>(robot: &Robot<N>, arm: &SimulatedArm, seed: u64) -> [Friction; N] {
     let mut random = Random::new(seed);
     std::array::from_fn(|i| {

@@ -26,8 +26,8 @@ impl Config {
         std::iter::once(&self.camera).chain(&self.further_cameras)
     }
 
-    /// The configuration as the processes of camera `id` have it: `camera` is that one. What `[scene.camera]` says is of the
-    /// first camera; the others are in truth what they are believed to be. `None` where there is no such camera.
+    /// The configuration for the processes of camera `id`: `camera` is that one. `[scene.camera]` describes the true
+    /// parameters of the first camera; those of the others are the nominal ones. `None` where there is no such camera.
     #[must_use]
     pub fn seen_by(mut self, id: CameraId) -> Option<Self> {
         let camera = self.cameras().find(|camera| camera.id == id)?.clone();
@@ -41,7 +41,7 @@ impl Config {
         Some(self)
     }
 
-    /// Whether the arm moves what the camera sees: its images show what an arm does, and there is an arm.
+    /// Whether the loop is closed: there is an arm, and the images show its motion.
     #[must_use]
     pub fn closes_the_loop(&self) -> bool {
         self.camera.source.kind().closes_the_loop() && self.drive.kind != DriveKind::None
@@ -51,9 +51,9 @@ impl Config {
 /// The camera.
 #[derive(Debug, Clone)]
 pub struct Camera {
-    /// Its number, which is in the names of its services.
+    /// Its number, which is part of the names of its services.
     pub id: CameraId,
-    /// What people call it; its number where it has no name.
+    /// Its name; its number where it has none.
     pub name: String,
     /// Producer of frames.
     pub source: Source,
@@ -61,7 +61,7 @@ pub struct Camera {
     pub response: Response,
     /// Lens and size of what is read; the whole image and the region of it are in there.
     pub model: CameraModel,
-    /// Where it sits.
+    /// Where it is mounted.
     pub mount: Mount,
     /// Frames per second.
     pub rate_hz: f64,
@@ -71,9 +71,9 @@ pub struct Camera {
     pub latency: SpanNs,
     /// Which frame is exposed when.
     pub schedule: FrameSchedule,
-    /// Added to every stamp that the camera gives: what calibration found.
+    /// Offset that is added to every stamp of the camera, from calibration.
     pub stamp_offset: SpanNs,
-    /// How wrong the stamps of a simulated camera are; positive: late.
+    /// Error of the stamps of a simulated camera; positive: late.
     pub stamp_error: SpanNs,
 }
 
@@ -91,7 +91,7 @@ impl Camera {
         Some(*self.model.region()).filter(|region| *region != Region::whole(width_px, height_px))
     }
 
-    /// The stamp of a frame whose exposure has its middle at `mid`: what the camera says, put right by calibration.
+    /// The stamp of a frame whose exposure has its middle at `mid`: that of the camera, corrected by the calibrated offset.
     #[must_use]
     pub fn stamp(&self, mid: MonoNs) -> MonoNs {
         mid + self.stamp_error + self.stamp_offset

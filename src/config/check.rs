@@ -1,4 +1,4 @@
-//! The bounds of single values, and the list of what is wrong: every key of a run file passes here.
+//! Range checks of single values, and the list of problems: every key of a run file passes through here.
 
 use super::{Document, Problem, pose_forms};
 use crate::geometry::{Pose, rotation_x, rotation_y, rotation_z};
@@ -7,7 +7,7 @@ use crate::time::SpanNs;
 use nalgebra::{Translation3, UnitQuaternion};
 use std::ops::RangeInclusive;
 
-/// What was found so far, each with its place in the document.
+/// The problems found so far, each with its position in the document.
 pub(super) struct Validation<'a> {
     document: &'a Document,
     problems: &'a mut Vec<Problem>,

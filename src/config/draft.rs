@@ -1,4 +1,4 @@
-//! A run file that is read and not yet judged: what a command needs that fills in what the file leaves open.
+//! A draft: a run file that was parsed but not validated yet, for commands that fill in values which the file leaves open.
 
 use super::check::pose;
 use super::raw::{DriveKind, MountKind, RawConfig, RawDrive, RawMotion, SetPointKind, Task};
@@ -16,11 +16,11 @@ pub struct Draft {
     raw: RawConfig,
     document: Document,
     folder: PathBuf,
-    /// What is wrong so far.
+    /// The problems so far.
     problems: Vec<Problem>,
-    /// Problems behind these.
+    /// Number of further problems.
     more: usize,
-    /// What a shipped file names and has not with it.
+    /// Files that a shipped run file names and that are not part of the program.
     needed: Option<Problem>,
     /// Keys that are written with the name that they had in the version before.
     renamed: Vec<Problem>,
@@ -83,18 +83,18 @@ impl Draft {
         Ok(Self { raw, document, folder: folder.into(), problems, more, needed: None, renamed })
     }
 
-    /// The configuration, where everything is as it should be.
+    /// The validated configuration.
     ///
     /// # Errors
-    /// All that is wrong with it.
+    /// All its problems.
     pub fn validate(self) -> Result<Config, ConfigError> {
         self.judged(true)
     }
 
-    /// The configuration, also where the target is out of the image at the start or at the goal: to look at, not to run.
+    /// The configuration, also where the target is outside of the image at the start or at the goal: for display, not for a run.
     ///
     /// # Errors
-    /// All else that is wrong with it.
+    /// All its other problems.
     pub fn validate_whatever_is_seen(self) -> Result<Config, ConfigError> {
         self.judged(false)
     }
@@ -146,7 +146,7 @@ impl Draft {
         self.raw.servo.set_point.kind
     }
 
-    /// Where the first camera sits.
+    /// Where the first camera is mounted.
     #[must_use]
     pub fn mount(&self) -> Mount {
         let camera = self.raw.cameras.first().unwrap_or(&self.raw.camera);
@@ -175,7 +175,7 @@ impl Draft {
         self.document.is_argument(key)
     }
 
-    /// What is wrong, or doubtful, with the values at keys, as an error that names their places.
+    /// Problems with the values at keys, or warnings, as an error that names their positions.
     #[must_use]
     pub fn error(&self, told: Vec<(&'static str, String)>) -> ConfigError {
         ConfigError::new(self.problems_of(told), 0)
@@ -188,7 +188,7 @@ impl Draft {
     }
 }
 
-/// What helps where a word is no file.
+/// A hint where a name is no file.
 fn hint(path: &Path) -> String {
     let is_word = path.extension().is_none() && path.components().count() == 1;
     let Some(word) = path.to_str().filter(|_| is_word) else { return String::new() };
@@ -197,7 +197,7 @@ fn hint(path: &Path) -> String {
     format!("; nor is it the name of a shipped run file: {meant}")
 }
 
-/// Gives the keys of the version before their new names; what to tell about it.
+/// Renames keys of the previous version. Returns the warnings about them.
 fn with_new_names(document: &mut Document) -> Vec<Problem> {
     RENAMED.iter().filter_map(|(table, old, new)| document.rename(table, old, new)).collect()
 }

@@ -1,7 +1,7 @@
 //! Where frames come from: keys, bounds and facts of every kind of source in one place.
 //!
-//! Two facts about it are apart from one another. A source that is *simulated* has a [`super::Scene`], against which errors are
-//! told; one that *closes the loop* shows what the arm does, so that there is a goal to reach:
+//! Two properties are independent of each other. A *simulated* source has a [`super::Scene`], whose truth gives the errors of measurements;
+//! a source that *closes the loop* shows the motion of the arm, so that a goal can be reached:
 //!
 //! ```text
 //!                   simulated    closes the loop    timing
@@ -31,7 +31,7 @@ word! {
 }
 
 impl SourceKind {
-    /// Who says when it exposes.
+    /// Who triggers its exposures.
     #[must_use]
     pub fn timing(self) -> Timing {
         match self {
@@ -59,12 +59,12 @@ impl SourceKind {
     }
 }
 
-/// Who says when a source exposes.
+/// Who triggers the exposures of a source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Timing {
-    /// Whoever asks it for a frame.
+    /// Its caller, which requests each frame.
     Scheduled,
-    /// The source itself; it tells when it did.
+    /// The source itself, which reports the time.
     FreeRunning,
 }
 

@@ -1,4 +1,4 @@
-//! The gains of the servo laws: in a run file a number, a list for a diagonal, or a matrix row by row; and the law that has them.
+//! The gains of the servo laws (in a run file a number, a list for a diagonal, or a matrix row by row), and the law with its gains.
 
 use super::check::Validation;
 use super::raw::{DampingOn, Depth, FeatureGain, Gains, RawServo, SchemeKind};
@@ -184,7 +184,7 @@ fn unused(keys: &[&str], s: &RawServo, check: &mut Validation<'_>) {
     }
 }
 
-/// The gain of a law that takes one number.
+/// The gain of a law that supports a single number only.
 fn only_number(gains: &Gains, key: &str, check: &mut Validation<'_>) -> f64 {
     match gains {
         Gains::One(gain) => check.range(key, *gain, PD_GAIN),

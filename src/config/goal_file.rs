@@ -1,4 +1,4 @@
-//! A goal that was taught: the file that `vservo teach` writes and `servo.set_point.file` reads.
+//! Taught set-points: the file that `vservo teach` writes and `servo.set_point.file` reads.
 
 use super::problem::Problem;
 use super::raw::{RawConfig, SetPointKind};
@@ -16,14 +16,14 @@ const KEY: &str = "servo.set_point.file";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GoalFile {
-    /// Kind of target that was seen.
+    /// Kind of target.
     pub target: String,
     /// How many measurements it is the mean of.
     pub measurements: u32,
     /// An image of the view, beside the file, for people.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub thumbnail: Option<String>,
-    /// The target in the camera, for people: runs use the features.
+    /// Pose of the target in the camera, for information: runs use the features.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose: Option<GoalPose>,
     /// The points of the target.
@@ -40,7 +40,7 @@ pub struct GoalPose {
     pub rotation_rpy_rad: [f64; 3],
 }
 
-/// A point of the target as it was seen.
+/// Measured features of one point of the target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GoalFeature {
@@ -48,9 +48,9 @@ pub struct GoalFeature {
     pub id: u32,
     /// Normalized coordinates.
     pub s: [f64; 2],
-    /// Place in the image, px.
+    /// Position in the image, px.
     pub px: [f64; 2],
-    /// How far single measurements were from it, root mean square, px.
+    /// Root mean square deviation of single measurements from it, px.
     pub spread_px: f64,
 }
 

@@ -59,7 +59,7 @@ pub const DEFAULT_TOML: &str = include_str!("../../config/default.toml");
 /// A validated run file.
 #[derive(Debug, Clone)]
 pub struct Config {
-    /// What the arm moves for.
+    /// Task of the run: servoing, or a calibration motion.
     pub task: Task,
     /// Pace of the control loop.
     pub clock: Clock,
@@ -79,19 +79,19 @@ pub struct Config {
     pub start: Start,
     /// The camera that control uses.
     pub camera: Camera,
-    /// The cameras beside it: the right one of a pair, or such as have processes but no say yet.
+    /// The other cameras: the right one of a pair, or cameras that control does not use.
     pub further_cameras: Vec<Camera>,
-    /// Whether the first two cameras measure together.
+    /// Settings of the pair, where the first two cameras measure together.
     pub stereo: Option<Stereo>,
     /// The target.
     pub target: Target,
-    /// What is true, where the cell is simulated.
+    /// The true scene, where the cell is simulated.
     pub scene: Option<Scene>,
-    /// How vision works.
+    /// Settings of vision.
     pub vision: VisionSettings,
     /// The servo law.
     pub servo: ServoSettings,
-    /// The goal's features; where it is taught, what is known of them before. A pair of cameras has the points of its taught view instead
+    /// The set-point; where it is taught, its provisional values. A pair of cameras has the points of its taught view instead
     /// ([`assemble`]).
     pub set_point: SetPoint,
     /// Joint reference and joint controller.
@@ -102,7 +102,7 @@ pub struct Config {
     pub safety: Safety,
     /// Scheduling of the control thread.
     pub realtime: Realtime,
-    /// What is allowed but hardly meant, with its remedy.
+    /// Warnings about values that are allowed but probably unintended, with remedies.
     pub warnings: Vec<Problem>,
     /// The file as read, with all defaults and absolute paths: what another process needs to run the same.
     pub effective: RawConfig,
@@ -113,7 +113,7 @@ pub struct Config {
 pub struct Start {
     /// Joint positions, rad or m; as many as the robot has joints.
     pub q: Vec<f64>,
-    /// Distance of a joint from there that is none, rad or m.
+    /// Distance of a joint from there that counts as no difference, rad or m.
     pub tolerance: f64,
     /// Whether it may start elsewhere.
     pub elsewhere: bool,
@@ -126,9 +126,9 @@ pub struct GoalTolerance {
     pub feature_error_px: f64,
     /// How long it must stay below.
     pub hold: SpanNs,
-    /// Whether what the camera sees at the start is the goal.
+    /// Whether the set-point is taught from the view at the start.
     pub is_taught: bool,
-    /// Measurements from which a goal is taught.
+    /// Number of measurements from which the set-point is taught.
     pub measurements: u32,
 }
 
@@ -151,9 +151,9 @@ pub struct Motion {
     pub stiffness: Vec<f64>,
     /// Damping of each joint under PD control, N m s/rad or N s/m; empty: from the damping ratio.
     pub damping: Vec<f64>,
-    /// Rate at which a disturbance is learnt, rad/s; 0: not at all.
+    /// Bandwidth of the disturbance observer, rad/s; 0: none.
     pub disturbance_rad_s: f64,
-    /// Bandwidth of the velocity observer, rad/s; 0: velocities are those that the drive reports.
+    /// Bandwidth of the velocity observer, rad/s; 0: the velocities that the drive reports are used.
     pub velocity_observer_rad_s: f64,
     /// Step of each encoder, rad or m.
     pub encoder_step: Vec<f64>,
@@ -164,7 +164,7 @@ pub struct Motion {
 pub struct DriveSettings {
     /// Kind of drive.
     pub kind: DriveKind,
-    /// What it is commanded by.
+    /// Its command mode.
     pub mode: CommandMode,
     /// Imperfections of the simulated arm.
     pub simulated: SimulatedArm,
@@ -179,7 +179,7 @@ pub struct SimulatedArm {
     pub substeps: u32,
     /// Whether friction acts.
     pub friction: bool,
-    /// How it acts near to a standstill; `None`: smoothly.
+    /// Stick-slip friction near standstill; `None`: smooth friction.
     pub hard_friction: Option<HardFriction>,
     /// Coulomb friction that the robot file does not tell, as a share of the effort limits.
     pub untold_coulomb_share: f64,
@@ -197,7 +197,7 @@ pub struct SimulatedArm {
     pub encoder_noise_sd: Vec<f64>,
     /// Cut-off of the velocity filter, Hz.
     pub velocity_filter_hz: f64,
-    /// A load that the controller does not know.
+    /// A load that is not in the controller's model.
     pub payload: Payload,
     /// The drive's own servo.
     pub servo: InnerServo,
@@ -234,7 +234,7 @@ pub struct Safety {
 /// Scheduling of the control thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Realtime {
-    /// Insistence.
+    /// Whether real-time scheduling is required.
     pub policy: RealtimePolicy,
     /// What is asked for.
     pub request: RealtimeRequest,

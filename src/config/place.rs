@@ -1,4 +1,4 @@
-//! Where the camera and the target are: `[camera.mount]`, `[scene.object]`.
+//! Poses of the camera and of the target: `[camera.mount]`, `[scene.object]`.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +13,7 @@ word! {
 }
 
 pose_table! {
-    /// Where the camera sits: in the flange frame, or in the base frame for `eye_to_hand`.
+    /// Pose of the camera: in the flange frame, or in the base frame for `eye_to_hand`.
     RawMount {
         /// Kind.
         kind: MountKind = MountKind::EyeInHand,

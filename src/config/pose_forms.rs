@@ -1,4 +1,4 @@
-//! The ways to write a pose: whichever a run file takes, position and roll, pitch, yaw come of it.
+//! Representations of a pose in a run file, which are all converted to position and roll, pitch, yaw.
 //!
 //! | key | what |
 //! |---|---|

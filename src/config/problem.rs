@@ -1,11 +1,11 @@
-//! What is wrong with a configuration, and where.
+//! Problems of a configuration, with their positions in the file.
 
 use std::fmt;
 
 /// Most problems that are listed, so that they fit a terminal; the others are counted.
 const TOLD: usize = 20;
 
-/// One thing that is wrong, and where.
+/// One problem, with its position.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
     /// `file:line:column`, or `--set key`, or the file alone.
@@ -36,12 +36,12 @@ impl Problem {
     }
 }
 
-/// What is wrong with a configuration: the first twenty problems, and how many more there are.
+/// The problems of a configuration: the first twenty, and how many more there are.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ConfigError {
     /// In the order of the file; never empty.
     pub problems: Vec<Problem>,
-    /// Problems behind these.
+    /// Number of further problems.
     pub more: usize,
 }
 

@@ -1,6 +1,6 @@
-//! The run file as it is written: every key with its default, nothing checked beyond its type.
+//! The run file as written: every key with its default, checked for its type alone.
 //!
-//! Each table denies unknown keys. What the values must fulfil stands in `validate`.
+//! Each table rejects unknown keys. `validate` checks the values.
 
 use super::target::RawTarget;
 use crate::drive::CommandMode;
@@ -93,7 +93,7 @@ table! {
         duration_s: f64 = 30.0,
         /// Seed of every random number in the run.
         seed: u64 = 1,
-        /// The run does what `vservo ctl` tells it, and ends when it is told; `vservo serve` sets it.
+        /// The run accepts requests of `vservo ctl`, and ends on request; `vservo serve` sets it.
         serve: bool = false,
     }
 }

@@ -1,4 +1,4 @@
-//! The simulated scene: what is true, apart from what the controller believes.
+//! The simulated scene: the true parameters, as distinct from the controller's model.
 
 use super::Config;
 use crate::camera_model::CameraModel;
@@ -7,25 +7,25 @@ use crate::robot::{Mount, RobotDescription};
 use crate::scene::{Backdrop, Bystander, Occluder, SceneMotion};
 use crate::target::Target;
 
-/// What is true in a simulated cell. Camera, target and arm of the [`Config`] are what the controller believes; where
-/// the run file does not say otherwise, they are the same.
+/// True parameters of a simulated cell. Camera, target and arm of the [`Config`] are the controller's model; where
+/// the run file does not say otherwise, both are the same.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// The lens that the camera has.
+    /// True lens of the camera.
     pub camera: CameraModel,
-    /// Where it sits.
+    /// True mount of the camera.
     pub mount: Mount,
-    /// The target, as large as it is.
+    /// The target in its true size.
     pub target: Target,
-    /// Where it is: in the base frame, or on the flange with a camera beside the arm.
+    /// Its pose: in the base frame, or on the flange for eye-to-hand.
     pub X_WO: Pose,
-    /// How it moves there.
+    /// Its motion.
     pub motion: SceneMotion,
-    /// What comes between it and the camera, each over those before it.
+    /// Occluders between it and the camera, each in front of those before it.
     pub occluders: Vec<Occluder>,
-    /// What lies around its plate.
+    /// The backdrop around its plate.
     pub backdrop: Backdrop,
-    /// Other targets beside it, which are not looked for.
+    /// Other targets beside it, which are not to be detected.
     pub bystanders: Vec<Bystander>,
     /// The arm.
     pub arm: RobotDescription,

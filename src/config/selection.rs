@@ -1,4 +1,4 @@
-//! What an image-based law compares: `servo.points`, `servo.segments`, `servo.area` and their weights.
+//! Features that an image-based law compares: `servo.points`, `servo.segments`, `servo.area` and their weights.
 
 use super::check::Validation;
 use super::raw::{AreaKind, RawServo, SchemeKind};
@@ -75,7 +75,7 @@ fn area_feature(area: AreaKind) -> Option<OutlineFeature> {
     }
 }
 
-/// Warns of weights that change nothing: where the arm can meet every error of the law, no compromise weighs them.
+/// Warns of weights without effect: where the arm can reduce every error of the law to zero, no compromise depends on them.
 fn useless_weights(law: &Law, selection: &Selection, directions: usize, check: &mut Validation<'_>) {
     let weights = || selection.features().iter().map(|(_, weight)| *weight);
     let alike = weights().all(|weight| weights().next() == Some(weight));
@@ -89,7 +89,7 @@ fn useless_weights(law: &Law, selection: &Selection, directions: usize, check: &
     }
 }
 
-/// Warns where the features do not tell enough at the goal: the arm would stop, or wander about, with an error left.
+/// Warns where the features do not determine the pose at the goal: the arm would stop, or drift, with a remaining error.
 pub(super) fn doubtful_features(law: &Law, set_point: &SetPoint, joints: usize, check: &mut Validation<'_>) {
     if !matches!(law, Law::ImageVelocity { .. } | Law::ImageTorque { .. } | Law::PreconditionedTorque { .. })
     {

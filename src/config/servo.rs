@@ -1,4 +1,4 @@
-//! `[servo]`: from words and lists to a law and its goal.
+//! `[servo]`: from keys to a servo law, its gains and its set-point.
 
 use super::Camera;
 use super::check::Validation;
@@ -19,7 +19,7 @@ const HELD_FOR: f64 = 0.75;
 /// How far a rotation may tilt the target against the image with m = 4: angles that a file has with six decimals must pass.
 const TILT: f64 = 1e-6;
 
-/// The law and the goal, as far as the scene and the joints do not matter; `None` when they cannot be built.
+/// The law and the set-point, as far as they do not depend on scene and joints; `None` when they cannot be built.
 pub(super) fn servo(
     raw: &RawConfig,
     (target, camera): (&Target, Option<&Camera>),

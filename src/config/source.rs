@@ -1,4 +1,4 @@
-//! Where each value of a configuration stands: file, line and column, or the `--set` argument it came from.
+//! Position of each value of a configuration: file, line and column, or the `--set` argument it came from.
 
 use super::problem::{ConfigError, Problem, first};
 use std::collections::HashMap;

@@ -1,10 +1,10 @@
-//! `[stereo]`: the first two of `[[cameras]]` look at one object together, the first one from the left.
+//! `[stereo]`: the first two of `[[cameras]]` measure one object as a pair, the first one as the left camera.
 //!
 //! | where | what |
 //! |---|---|
 //! | `cameras[0]`, `cameras[1]` | lenses, rates, sources, mounts |
-//! | `stereo.right_in_left` | where the right camera sits, instead of its mount |
-//! | `stereo.taught_file`, `[[stereo.points]]` | the view to come back to; without it, what a simulated pair sees in `servo.desired` |
+//! | `stereo.right_in_left` | pose of the right camera in the left one, instead of its mount |
+//! | `stereo.taught_file`, `[[stereo.points]]` | the taught view; without it, a simulated pair is taught at `servo.desired` |
 
 use super::check::{Validation, pose};
 use super::raw::{
@@ -32,13 +32,13 @@ const COVARIANCE_M2: RangeInclusive<f64> = -1.0..=1.0;
 /// Two cameras that measure together.
 #[derive(Debug, Clone)]
 pub struct Stereo {
-    /// Both cameras, as they are believed to be.
+    /// Both cameras, with their nominal parameters.
     pub rig: StereoRig,
-    /// Where the object's frame is called to be in the taught view.
+    /// Pose of the object's frame in the taught view, by convention.
     pub X_DO: Pose,
-    /// Greatest distance of the stamps of a pair.
+    /// Largest difference of the stamps of a pair.
     pub tolerance: SpanNs,
-    /// The view to come back to; `None`: what a simulated pair sees in the desired pose.
+    /// The taught view; `None`: a simulated pair is taught in the desired pose.
     pub taught: Option<TaughtView>,
 }
 
@@ -115,7 +115,7 @@ pub(super) fn between(left: &Mount, right: &Mount) -> Option<Pose> {
     }
 }
 
-/// Checks all of `[stereo]`, and what it asks of the rest.
+/// Checks all of `[stereo]`, and its requirements on other tables.
 pub(super) fn stereo(
     raw: &RawConfig,
     (camera, further): (Option<&Camera>, &[Camera]),
@@ -185,7 +185,7 @@ pub(super) fn stereo(
     }
 }
 
-/// What a pair of cameras asks of task and law.
+/// Requirements of a pair of cameras on task and law.
 fn of_the_run(raw: &RawConfig, check: &mut Validation<'_>) {
     if raw.run.task != Task::Servo {
         check.wrong("run.task", "must be `servo` with [stereo]: calibrate each camera's latency by itself");
@@ -211,7 +211,7 @@ fn of_the_run(raw: &RawConfig, check: &mut Validation<'_>) {
     }
 }
 
-/// What a pair of cameras asks of each of them.
+/// Requirements of a pair on each of its cameras.
 fn of_the_cameras(
     raw: &RawConfig,
     left: &Camera,
@@ -267,7 +267,7 @@ fn points(s: &RawStereo, check: &mut Validation<'_>) -> Option<Vec<TaughtPoint>>
     (check.count_problems() == before).then_some(points)
 }
 
-/// Whether the goal can be seen by both cameras. The left one's view of a target as described is asked elsewhere.
+/// Whether the goal is in the image of both cameras. The left camera's view of the described target is checked elsewhere.
 fn in_view(
     rig: &StereoRig,
     (target, X_DO): (&Target, &Pose),

@@ -1,4 +1,4 @@
-//! `[target]`: what the camera looks at. Keys and bounds of all kinds in one place.
+//! `[target]`: the target. Keys and bounds of all kinds in one place.
 
 use super::check::Validation;
 use crate::target::{Chessboard, DotGrid, FourDots, Shape, TagFamily, TagPlace, Tags, Target, TargetError};
@@ -14,7 +14,7 @@ const TAG_ID: RangeInclusive<u32> = 0..=586;
 pub(super) const LENGTH_M: RangeInclusive<f64> = 1e-6..=100.0;
 
 word! {
-    /// What the camera looks at.
+    /// Kind of target.
     TargetKind {
         /// Four dark dots on a light plate, the first one larger.
         FourDots,

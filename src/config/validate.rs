@@ -1,4 +1,4 @@
-//! What the values of a run file must fulfil, alone and together; every violation is reported, not the first one.
+//! Validation of a run file: conditions on single values and on combinations; all violations are reported, not only the first one.
 
 mod camera;
 mod drive;

@@ -135,7 +135,7 @@ pub(super) fn everywhere<P: PointSource>(
 ) -> Result<PnpPoses, PoseError> {
     let form = RotationForm::new(points, axes).ok_or(PoseError::Degenerate)?;
     let mut basins = Basins { form: &form, found: [None; BASINS], least: f64::INFINITY };
-    // Three points alone give what is true without noise, and near it with some.
+    // The solutions of three points are exact without noise, and close with some.
     for triple in triples(points) {
         if let Ok(poses) = p3p(&triple) {
             for X_CO in poses.as_slice() {

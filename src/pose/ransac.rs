@@ -1,4 +1,4 @@
-//! Pose from points with outliers: random samples of three, P3P, and refinement of the best on all that agree.
+//! Pose from points with outliers (RANSAC): random samples of three, P3P, and refinement of the best pose on its inliers.
 //!
 //! The loop is that of all consensus here ([`crate::linalg::sampling`]); errors are those of reprojection (10.36).
 
@@ -12,10 +12,10 @@ pub use crate::linalg::sampling::{ConsensusResult, ConsensusSettings};
 /// Fewest points of a pose: three of a sample, and one that must agree with it.
 const FEWEST: usize = 4;
 
-/// The pose that most points agree on.
+/// The pose with the most inliers.
 pub type ConsensusPose = ConsensusResult<RefinedPose>;
 
-/// Owns the buffers of the search; made once and reused.
+/// RANSAC for poses. Owns the buffers of the search, which are reused.
 #[derive(Debug, Clone)]
 pub struct PoseConsensus(Consensus<Correspondence3>);
 
@@ -26,13 +26,13 @@ impl PoseConsensus {
         Self(Consensus::with_capacity(count))
     }
 
-    /// Which points agreed in the last search that succeeded.
+    /// Which points were inliers of the last successful search.
     #[must_use]
     pub fn inliers(&self) -> &[bool] {
         self.0.inliers()
     }
 
-    /// Searches the pose that most of at least four points agree on.
+    /// Searches the pose with the most inliers among at least four points.
     ///
     /// `sd`: standard deviation of an inlier's coordinates, normalized units; it scales the covariance only.
     ///

@@ -1,4 +1,4 @@
-//! Least squares in pixels, through the lens, with a covariance of each point and a loss that outliers cannot pull.
+//! Robust least squares in pixels, through the lens, with a covariance of each point.
 //!
 //! `sum rho(e^T C^-1 e)`, e the pixel seen minus the one predicted (5.45), C its covariance. Gauss-Newton steps on the squares
 //! weighted by rho' (iteratively reweighted), damped by Levenberg and Marquardt's rule when one fails. The unknown is the
@@ -38,16 +38,16 @@ impl PointSource for PixelCorrespondence {
     }
 }
 
-/// What an error counts, by its size k in standard deviations (of two coordinates together).
+/// Loss rho of an error, by its size k in standard deviations (Mahalanobis distance of both coordinates).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Loss {
     /// `k^2`: least squares.
     Squares,
-    /// `k^2` up to the threshold, linear beyond: outliers pull, but not more for being far.
+    /// `k^2` up to the threshold, linear beyond: the influence of outliers is bounded.
     Huber(f64),
-    /// `c^2 ln(1 + k^2 / c^2)`: far outliers hardly pull.
+    /// `c^2 ln(1 + k^2 / c^2)`: the influence of far outliers decreases to zero.
     Cauchy(f64),
-    /// Tukey's biweight: beyond the threshold nothing pulls. Needs a start that is near.
+    /// Tukey's biweight: no influence beyond the threshold. Needs a start near the solution.
     Tukey(f64),
 }
 
@@ -87,7 +87,7 @@ pub struct RefinedPixelPose {
     /// Pose of the object in the camera.
     pub X_CO: Pose,
     /// Covariance of the twist `[v; w]` of O relative to C, expressed in C (m, rad): the inverse of the weighted normal
-    /// equations. A point that the loss trusts less counts as one with that much more noise.
+    /// equations, in which a down-weighted point counts as one with more noise.
     pub covariance: Matrix6<f64>,
     /// Sum of `e^T C^-1 e`, without the loss: chi-square with 2 n - 6 degrees of freedom when the covariances are right and
     /// nothing is an outlier.

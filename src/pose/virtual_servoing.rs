@@ -1,6 +1,6 @@
 //! Pose by virtual visual servoing, Sect. 10.3.3, from points, line segments, or both: (10.40)-(10.42).
 //!
-//! A camera in thought moves from a first guess so that what it would see approaches what is seen. `x = [p_CO_C; phi]` as in
+//! A virtual camera moves from a first guess so that its features approach the measured ones. `x = [p_CO_C; phi]` as in
 //! [`super::algorithmic`], with m = 6, or m = 4 where object and image plane are parallel, (10.33).
 
 use super::PoseError;
@@ -11,7 +11,7 @@ use crate::features::{
 use crate::geometry::rotation_z;
 use nalgebra::{Point3, Rotation3, SMatrix, SVector, Vector2, Vector3, Vector4, Vector6};
 
-/// What is seen of a known object.
+/// A measured feature of a known object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ObjectFeature {
     /// A point.
@@ -37,7 +37,7 @@ pub struct VirtualServoing {
     pub gain_1_s: f64,
     /// Euler step, s; a product with the gain below 1 keeps the way short and nearly straight, 1 is Gauss and Newton's.
     pub dt_s: f64,
-    /// The norm of e_s, (10.36), that counts as arrived.
+    /// The norm of e_s, (10.36), that counts as converged.
     pub tolerance: f64,
     /// It also ends where a step lowers the norm by less than this share: at the least error that noise leaves.
     pub stall: f64,
@@ -52,7 +52,7 @@ impl Default for VirtualServoing {
     }
 }
 
-/// Where the virtual camera has come to.
+/// Final pose of the virtual camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VirtualPose<const M: usize> {
     /// The estimate of x.
@@ -95,7 +95,7 @@ pub fn virtual_step_4(
     Ok(AlgorithmicStep { x: x + rate * dt_s, error })
 }
 
-/// Steps of (10.41), (10.42) from `x` until the features agree or come no closer, m = 6.
+/// Steps of (10.41), (10.42) from `x` until the features agree or the error stalls, m = 6.
 ///
 /// # Errors
 /// As [`virtual_step`], and [`PoseError::NotConverged`].

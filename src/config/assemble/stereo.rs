@@ -1,4 +1,4 @@
-//! Two cameras: the view that they are to come back to, the vision core that measures with them, and the goal of the law.
+//! Assembly for a pair of cameras: the taught view, the vision core, and the set-point of the law.
 
 use super::AssembleError;
 use crate::camera_model::CameraModel;
@@ -33,8 +33,7 @@ pub fn stereo_vision(config: &Config) -> Result<StereoVision, AssembleError> {
     Ok(vision.for_responses(&config.camera.response, &right.response))
 }
 
-/// The view to come back to: as the run file has it, or as a simulated pair sees the target in the desired pose. The same to the last
-/// bit to whoever asks.
+/// The taught view: that of the run file, or that of a simulated pair in the desired pose. It is bit-identical in all processes.
 ///
 /// # Errors
 /// As for [`stereo_vision`].
@@ -75,7 +74,7 @@ pub fn taught_points(views: &[Vec<SpacePoint>]) -> Vec<TaughtPoint> {
     first.iter().filter_map(|point| of(point.id)).collect()
 }
 
-/// The goal of a law before two cameras: the taught points, where they were taught.
+/// The set-point of a law with a pair of cameras: the taught points at their taught positions.
 ///
 /// # Errors
 /// As for [`stereo_vision`].

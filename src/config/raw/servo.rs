@@ -57,11 +57,11 @@ word! {
 word! {
     /// The matrix K_Ps of scheme C.
     FeatureGain {
-        /// k I (the textbook's choice): as unlike along the camera's motions as L_s is ill-conditioned.
+        /// k I (the textbook's choice): the stiffnesses of the camera's motions differ by the squared condition number of L_s.
         Scalar,
         /// As `feature_stiffness_nm` and `feature_damping_nms` have it: a list is its diagonal.
         Matrix,
-        /// A constant matrix from L_s at the goal, there as stiff along the camera's motions as scheme A.
+        /// A constant matrix from L_s at the goal, where every motion of the camera has the stiffness of scheme A.
         Preconditioned,
     }
 }
@@ -83,7 +83,7 @@ word! {
         Pose,
         /// `servo.set_point.features`.
         Features,
-        /// What the camera sees in the first measurements.
+        /// Taught from the first measurements.
         Taught,
     }
 }
@@ -156,7 +156,7 @@ table! {
         /// Gain of the resolved-velocity laws, 1/s: a number, a list or a matrix. B and hybrid take four (x, y, z, rotation) or six, D one for
         /// each number that it compares.
         gain_1_s: Gains = Gains::One(15.0),
-        /// Gain to which a higher one falls within about a pixel of the goal, where encoders and noise would make the arm tremble, 1/s.
+        /// Gain to which a higher one falls within about a pixel of the goal, where encoder steps and noise would move the arm, 1/s.
         gain_at_goal_1_s: f64 = 2.0,
         /// `[servo.adaptive_gain]`: factor on the gain that grows as the error shrinks.
         adaptive_gain: Option<RawAdaptive> = None,
@@ -182,17 +182,17 @@ table! {
         outline: Vec<usize> = Vec::new(),
         /// Weights of the squared errors, one for each point, then for each segment, then for the area; all 1 when empty.
         weights: Vec<f64> = Vec::new(),
-        /// Rate at which the first velocity is let in, 1/s; 0 starts at once.
+        /// Smooth start: rate at which the first velocity is faded in, 1/s; 0 applies it at once.
         smooth_start_1_s: f64 = 0.0,
-        /// How much later the arm moves as it is told: the lag of a drive, ms. `predict` looks so far ahead.
+        /// Lag of the drive, by which the arm follows its commands later, ms. `predict` predicts the view that far ahead.
         lead_ms: f64 = 0.0,
         /// Gain of the motion away from joint limits where the task leaves joints free, 1/s; 0 for none.
         limit_avoidance_1_s: f64 = 0.0,
-        /// Whether the arm goes back to where it saw the whole target last when it has lost it.
+        /// Whether the arm returns to the posture of the last complete view when the target is lost.
         return_to_last_seen: bool = false,
         /// `[servo.visibility]`: keeps the target in the image.
         visibility: RawVisibility = RawVisibility::default(),
-        /// `[servo.object]`: estimate the target's own motion, carry views by it and follow it.
+        /// `[servo.object]`: estimate the target's own motion, predict views by it and follow it.
         object: RawObject = RawObject::default(),
         /// `[servo.set_point]`
         set_point: RawSetPoint = RawSetPoint::default(),
@@ -221,7 +221,7 @@ table! {
 table! {
     /// The target's own motion.
     RawObject {
-        /// Whether it may move; a target at rest is seen more quietly without.
+        /// Whether it may move; for a target at rest the measurements are less noisy without.
         moves: bool = false,
         /// How quickly it may change its velocity: standard deviation of the acceleration, m/s^2.
         acceleration_m_s2: f64 = 0.3,

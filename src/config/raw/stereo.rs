@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 table! {
-    /// Two cameras as one pair of eyes.
+    /// Two cameras as a stereo pair.
     RawStereo {
-        /// Frames whose exposure stamps lie so far apart or less show one instant, ms.
+        /// Largest difference of the exposure stamps of a pair of frames, ms.
         pair_tolerance_ms: f64 = 2.0,
         /// Pose of the right camera in the left one, as a calibration of the pair gives it; left out: as the mounts say.
         right_in_left: Option<RawPose> = None,

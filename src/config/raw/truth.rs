@@ -1,5 +1,5 @@
-//! What a simulated cell really is where it differs from what the controller believes: `[scene.camera]`, `[scene.target]`,
-//! `[scene.arm]`. Each key has the name of the believed one; left out, what is believed is true.
+//! True parameters of a simulated cell where they differ from the controller's model: `[scene.camera]`, `[scene.target]`,
+//! `[scene.arm]`. Each key has the name of the nominal one; left out, the nominal value is true.
 
 use super::LensWord;
 use serde::{Deserialize, Serialize};

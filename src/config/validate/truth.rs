@@ -1,4 +1,4 @@
-//! `[scene]`: what is true in a simulated cell, from what is believed and what the file says is otherwise.
+//! `[scene]`: the true parameters of a simulated cell, from the nominal ones and the deviations in the file.
 //!
 //! The numbers here are ranges wider than any use, chosen, so that a slip of the pen is reported; `tests/cores/plausible_numbers.rs` tries their ends.
 
