@@ -19,7 +19,7 @@ use nalgebra::SVector;
 /// because noise of the features would appear as thirty times as much of them. Chosen by hand: half and twice of it change no unit test.
 const DAMPING: f64 = 1e-3;
 
-/// Exposures farther apart than this say nothing of a velocity, since the arm may have changed it in between: three frames at 20 Hz. Chosen by
+/// Exposures farther apart than this do not determine a velocity, since the arm may have changed it in between: three frames at 20 Hz. Chosen by
 /// hand; no unit test comes near it.
 pub(super) const LONGEST_SPAN: SpanNs = SpanNs(150_000_000);
 

@@ -17,7 +17,7 @@ use crate::geometry::{Pose, Twist};
 use crate::time::MonoNs;
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, Translation3, UnitQuaternion, Vector3};
 
-/// Standard deviation of the speed that an object may have when it is first seen, m/s and rad/s: more than an arm could follow, so that the
+/// Standard deviation of the speed that an object may have at its first measurement, m/s and rad/s: more than an arm could follow, so that the
 /// second measurement decides. Half and twice of it change no unit test.
 const FIRST_SPEED: f64 = 1.0;
 /// Least standard deviation of a measured place, m, and of a measured orientation, rad: calibration is never perfect. Chosen by hand: half and

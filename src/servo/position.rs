@@ -38,7 +38,7 @@ pub struct OperationalSpaceError {
 }
 
 impl OperationalSpaceError {
-    /// x~ of (10.68), (10.69) for an object that lies at `X_CO` and shall lie at `X_DO`.
+    /// x~ of (10.68), (10.69) for an object at `X_CO` with the desired pose `X_DO`.
     #[must_use]
     pub fn new(X_DO: &Pose, X_CO: &Pose, orientation: OrientationError) -> Self {
         let R_DC = X_DO.rotation.to_rotation_matrix() * X_CO.rotation.to_rotation_matrix().inverse();
@@ -72,7 +72,7 @@ impl OperationalSpaceError {
         Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
     }
 
-    /// Scheme B as a task for the joints: [`OperationalSpaceError::twist`], all directions alike.
+    /// Scheme B as a task for the joints: [`OperationalSpaceError::twist`] with unit weights in all directions.
     #[must_use]
     pub fn twist_task(&self, K_1_s: &PoseGains) -> TwistTask {
         TwistTask { matrix: Matrix6::identity(), vector: self.twist(K_1_s), error: self.x.norm() }
@@ -100,7 +100,7 @@ pub fn operational_pose(set_point: &SetPoint, view: &View, space: OperationalSpa
     }
 }
 
-/// `X_CO` with `R_CO = Rz(alpha)` from the points of the selection that are seen, which must have one height over O.
+/// `X_CO` with `R_CO = Rz(alpha)` from the visible points of the selection, which must have one height over O.
 fn planar_pose_4(set_point: &SetPoint, view: &View) -> Option<Pose> {
     let point = |i: usize| Some((*set_point.points().get(i)?, *view.feature(i)?));
     let seen = set_point.selection().points().filter_map(point);

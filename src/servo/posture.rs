@@ -20,7 +20,7 @@ const STEPS: usize = 150;
 const LONGEST_M: f64 = 0.3;
 const LONGEST_RAD: f64 = 0.6;
 const LONGEST_JOINT: f64 = 0.4;
-/// The camera is where it is wanted, and a search that steps no farther has ended: some thousand times the rounding of an arm's forward
+/// Remaining twist of the camera, and joint step, at which a search ends: some thousand times the rounding of an arm's forward
 /// kinematics. Half and twice of each change no unit test.
 const THERE: f64 = 1e-11;
 const STOPPED: f64 = 1e-10;

@@ -16,7 +16,7 @@ use serde::Serialize;
 /// leave.
 const RANK_SHARE: f64 = 1e-8;
 /// An entry below the diagonal of this share of its neighbours is none; where eigenvalues lie together, of the next one. Chosen:
-/// all are below the digits that are told.
+/// all are below the reported digits.
 const DEFLATION: [f64; 3] = [1e-12, 1e-9, 1e-6];
 /// Most iterations. Chosen: two or three an eigenvalue are usual.
 const MAX_ITERATIONS: usize = 1000;
@@ -119,7 +119,7 @@ mod tests {
         assert_eq!(StabilityMargin::of(&DMatrix::zeros(8, 6), &L), None);
     }
 
-    /// What it says of a turned square matrix is known: the cosine of the angle.
+    /// For a rotated square matrix the result is known: the cosine of the angle.
     #[test]
     fn a_turn_leaves_its_cosine() {
         for angle in [0.3_f64, 1.2, 1.9] {

@@ -33,7 +33,7 @@ const MAX_CONTRADICTION: f64 = 0.03;
 const SD_OF_A_GUESS: f64 = 6e-4;
 
 /// The share of its gains above which a swinging arm is slowed down once more. Shares are halved, so that a half and a quarter
-/// come, and any number in between here says the same: twice. That twice is enough is chosen by hand.
+/// are possible, and any number between these means the same: twice. That twice is enough is chosen by hand.
 const MIN_SHARE: f64 = 0.3;
 /// Gain of the return to the last complete view, 1/s, and the distance from it that counts as arrived, rad or m. Chosen by hand.
 const RETURN_RATE_1_S: f64 = 2.0;
@@ -262,7 +262,7 @@ impl<const N: usize> VisualServo<N> {
     ) -> Option<(View, Matrix6<f64>)> {
         let set_point = &self.goal;
         let whole = self.whole.as_ref().filter(|whole| exposure - whole.exposure <= LONGEST_GUESS)?;
-        // An object at rest is where it was when it was seen whole; one that moves is carried from frame to frame, so that what
+        // An object at rest is predicted from the last complete view; one that moves is predicted from frame to frame, so that what
         // is wrong with its estimated speed does not add up before it is put right.
         let from = if self.object.is_some() { self.last.as_ref()? } else { whole };
         let moved = self.object.as_ref().map(|object| object.displacement(from.exposure, exposure));
@@ -292,7 +292,7 @@ impl<const N: usize> VisualServo<N> {
     }
 
     /// Share of the requested velocity that is justified by what is known of the object's motion at `now`, 0 to 1: less and
-    /// less when a moving object has not been seen for a while. 1 for an object at rest.
+    /// less when a moving object has not been measured for a while. 1 for an object at rest.
     #[must_use]
     pub fn confidence(&self, now: MonoNs) -> f64 {
         self.object.as_ref().map_or(1.0, |object| object.confidence(now + self.settings.lead))

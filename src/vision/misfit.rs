@@ -14,7 +14,7 @@ pub(super) fn largest(freedom: f64) -> f64 {
     MAX_MISFIT * quantile(freedom, MISFIT_DEVIATE) / quantile(2.0, MISFIT_DEVIATE)
 }
 
-/// The quantile of the chi-square distribution that a normal deviate tells (Wilson and Hilferty's approximation).
+/// Quantile of the chi-square distribution for the probability of a normal deviate (Wilson and Hilferty's approximation).
 fn quantile(freedom: f64, deviate: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
     freedom * (1.0 - spread + deviate * spread.sqrt()).powi(3)

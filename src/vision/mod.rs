@@ -18,7 +18,7 @@
 //! | measurement | The record that vision sends for each frame: points with their covariance, pose, status ([`Measurement`]). |
 //! | estimate | Points and pose of one frame before they are accepted as a measurement. |
 //! | misfit | The reprojection error of the pose, compared with the chi-square distribution that noise alone would give. |
-//! | ambiguity | Two poses explain the same points almost equally well, as they do for a plane seen from afar. |
+//! | ambiguity | Two poses explain the same points almost equally well, as they do for a distant plane. |
 //! | occlusion | A part of the target is hidden in the frame. |
 //! | pair | Two frames of a left and a right camera with the same exposure stamp, within a tolerance ([`Pairing`]). |
 //!

@@ -27,7 +27,7 @@ const MAX_SD_PX: f64 = 0.6;
 /// fit), and a blurred edge three deviations towards it.
 const SMALL_PX: f64 = 8.0;
 const SMALL_BLURS: f64 = 3.0;
-/// Least ring response of a corner that was not seen before, in half contrasts. Chosen by hand: a sharp corner responds with nearly two of them,
+/// Least ring response of a corner that was not detected before, in half contrasts. Chosen by hand: a sharp corner responds with nearly two of them,
 /// and blur and small squares take most of that away. At an eighth much more is fitted in vain, at a half small squares are missed.
 const RESPONSE_PART: f32 = 0.25;
 /// Corners that are fitted before others profit from their blur. Chosen by hand: the median of six bears two that are wrong; three bear one,

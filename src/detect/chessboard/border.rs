@@ -22,7 +22,7 @@ const STEP: f64 = 0.05;
 /// from blur at 0.25, where the square's own level is read.
 const CUTS: std::ops::RangeInclusive<f64> = 0.35..=1.15;
 /// Where whole ones end. Chosen by hand: the outer square is foretold from the one behind it, and perspective and lens make one square up to an
-/// eighth longer than the next. Halved, boards seen aslant have no end; doubled, a square that is cut by a quarter passes for whole.
+/// eighth longer than the next. Halved, tilted boards have no end; doubled, a square that is cut by a quarter passes for whole.
 const WHOLE: std::ops::RangeInclusive<f64> = 0.88..=1.12;
 /// How far the ends of the dark squares may lie from their line: in squares, and in pixels. Chosen by hand: the ends of one side differ by
 /// what perspective and the reading of levels leave, some tenths of a pixel; twice of it lets the rim of a thing that lies there be a line.
@@ -44,7 +44,7 @@ const MIN_STOPS: i32 = 2;
 /// the border does not decide, and two of three dark squares are not enough; with 0.85 one thing on the border hides the end.
 const SHARE: f64 = 0.7;
 const SHARE_PAPER: f64 = 0.6;
-/// Most squares along a side that are looked at. Derived: a board has at most 60 corners along a side, so that all of them fit in.
+/// Most squares along a side that are examined. Derived: a board has at most 60 corners along a side, so that all of them fit in.
 const MOST: usize = 64;
 
 /// One outer square: between two neighbours on the lattice's rim, and the next two inwards.

@@ -11,7 +11,7 @@ const NONE: u16 = u16::MAX;
 /// Shortest link, px of the searched image. Derived: a corner is the greatest response within 3 px in x and y, so that none is nearer.
 const SHORTEST_PX: f32 = 3.0;
 /// Longest link of a corner in its shortest, so that the search can stop early. Chosen by hand: squares are five times as long as wide where
-/// the board is seen at 12 degrees to its plane; half of it loses boards from 24 degrees on, twice of it costs time.
+/// the board is viewed at 12 degrees to its plane; half of it loses boards from 24 degrees on, twice of it costs time.
 const LONGEST: f32 = 5.0;
 /// How far off a corner's edge the next may lie: tangent, 19 degrees. Chosen by hand: directions read from 16 samples of a ring are good to
 /// some degrees, less on small or aslant squares; from 0.41 on (half of 45 degrees) the diagonal is as near.
@@ -19,7 +19,7 @@ const ASIDE: f32 = 0.35;
 /// Cosine between a link and an edge at its end: 23 degrees. Chosen by hand, a little wider than [`ASIDE`], since the next corner's direction
 /// has an error of its own.
 const STRAIGHT: f32 = 0.92;
-/// What remains of the contrast beside an edge, where a link is believed. Chosen by hand: the samples lie between 1 and 3.5 px from the edge,
+/// Share of the contrast that must remain beside an edge for a link. Chosen by hand: the samples lie between 1 and 3.5 px from the edge,
 /// within its blur on small squares; at 0.15 noise passes for an edge, at 0.6 small and blurred squares have no links.
 const MIN_CONTRAST: f32 = 0.3;
 /// How unlike the contrasts of two neighbours may be. Chosen by hand: light that falls to half from one corner to the next is a shadow's

@@ -53,7 +53,7 @@ const SHORT: f32 = 0.15;
 const ROOM: i16 = 3;
 /// Lattices that a search looks at. Chosen by hand: clutter has a few large enough ones; each takes up to 5 ms, so all of them 160 ms.
 const MAX_LATTICES: usize = 32;
-/// Contradictory links of a lattice that is looked at: one in so many corners. Chosen by hand: with 24 one bad link refuses a part of 23.
+/// Contradictory links of a lattice that is still examined: one in so many corners. Chosen by hand: with 24 one bad link refuses a part of 23.
 const CONTRADICTIONS: u16 = 12;
 
 /// Finder of one chessboard. Owns all buffers: nothing is allocated after construction and the first frame.

@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Vector2};
 
 /// A rim is left out below this share of the line behind it; where the lattice is larger than the board, below that. Chosen by hand: chance adds
 /// one or two corners, a third of a short side; a rim of a board of which more is hidden is found again when the board grows. Where one rim must
-/// go, one that is seen as well as the line behind it is a floor's, which is refused (test `thin_rims_are_left_out`).
+/// go, one with as many corners as the line behind it is a floor's, which is refused (test `thin_rims_are_left_out`).
 const THIN: f64 = 0.35;
 const THIN_OVER: f64 = 0.7;
 /// The affine map of least squares from lattice coordinates to pixels.

@@ -44,14 +44,14 @@ const CUT: f64 = 0.22;
 const SLACK: f64 = 0.33;
 const BY_DEAD: f64 = 1.27;
 const MAX_SLACK: f64 = 0.63;
-/// Light that goes around the dots once counts from so many times that which noise makes. Derived: chi-square of four dots, 8 numbers: 2.4 %.
+/// The first harmonic of the light around the dots counts from so many times that of noise on. Derived: chi-square of four dots, 8 numbers: 2.4 %.
 const UNEVEN_TIMES: f64 = 2.2;
 /// From this half axis on a point of a ring may be 3 x 3 pixels, px. Derived: 24 of them lie 3.1 px apart on the ring, 4 px further out.
 const CLUSTERS_FROM_PX: f64 = 8.0;
 /// Points of a ring, of 24, that must be lighter than the dot by this share of its contrast. Chosen by hand: a neighbour hides some.
 const MIN_PLAIN: usize = 20;
 const MIN_SHARE: f64 = 0.4;
-/// The blur may reach so many times as far as the plate is looked at, before its foot passes for uneven light. Chosen by hand: 2.3 deviations.
+/// The blur may reach so many times as far as the plate is sampled, before its tail is taken for uneven light. Chosen by hand: 2.3 deviations.
 const MAX_SHORT: f64 = 1.3;
 /// Standard deviation that uneven light may account for, as a part of the half axis: beyond that dots are to contradict each other. Chosen by
 /// hand: 0.01 px of 25 px.
@@ -363,7 +363,7 @@ impl DotMeter {
             let Some(levels) = levels else { continue };
             let (mut sum, mut n) = (Vector2::zeros(), 0.0);
             for (off, u) in rest.iter().zip(directions()) {
-                // what the light does not explain says nothing
+                // points that the light does not explain are not used
                 let (off, one) = if off.is_nan() { (0.0, 0.0) } else { (*off, 1.0) };
                 sum += u * off;
                 n += one;

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! regions ─► each a seed: the lattice about it (walk.rs) ─► homography of the cells ─► large or small
-//!         ─► of all ways to lay what is seen into the grid the one in which all sizes agree (lay.rs); else the next seed
+//!         ─► the alignment with the grid in which all sizes agree (lay.rs); else the next seed
 //! ```
 //! A *walk* extends a lattice from a seed dot to its neighbours, cell by cell. Its steps may follow a diagonal of a tilted grid, which is
 //! corrected when the sizes of the dots are compared. Mirrored grids are not considered. The work of a search is bounded by the cells of all walks.
@@ -26,7 +26,7 @@ const AREA_TOLERANCE: f64 = 0.42;
 /// Least share of the cells whose dots have a dot's size. Chosen by hand: of a grid half hidden a row of slivers at the cover's edge is less than a
 /// third; with half of it, discs of any sizes would make a grid here and there (test `dots_that_are_no_grid_are_none`).
 const MIN_CLEAR: f64 = 0.7;
-/// So many more dots than those of a window tell the place also where they do not form one. Chosen by hand: each has one bit, so that a place of
+/// So many more dots than those of a window identify the part also where they do not form a window. Chosen by hand: each has one bit, so that a place of
 /// chance is as good once in eight; as many must speak against any other place as the margin asks for.
 const MORE: usize = 3;
 /// Cells that all walks of one search may take, for each candidate that there may be. Chosen by hand: dots of the grid are walked once or twice,

@@ -40,7 +40,7 @@ impl PixelEllipse {
     }
 
     /// Mean square of the distances of its rim's two points from its centre, so far from the centre's row, px^2. Beyond its ends there is
-    /// what the blur leaves: somewhere in the `length` px that are looked at there.
+    /// the tail of the blur: somewhere in the `length` px that are used there.
     #[inline(always)]
     pub(super) fn rim_at(&self, away: f64, length: f64) -> f64 {
         let square = away * away;

@@ -20,7 +20,7 @@ pub(super) const MAX_CANDIDATES: usize = 16;
 /// Choices that may fit. Chosen by hand: an image with more of them is ambiguous.
 const MAX_FITS: usize = 64;
 /// Greatest error of shape, or of the area's logarithm, at which a dot still fits. Chosen by hand: the square through four centres is a little off
-/// where dots are seen aslant, and a threshold moves rims; half of it loses views of 70 degrees, twice of it lets clutter be P1.
+/// where dots are tilted, and a threshold moves rims; half of it loses views of 70 degrees, twice of it lets clutter be P1.
 const TOLERANCE: f64 = 0.35;
 /// What a rim that is ragged or thresholded off its middle may add, for a dot of 1 px radius. Derived: a rim 0.4 px off changes the logarithm of
 /// an area by twice that over the radius.

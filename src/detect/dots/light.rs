@@ -29,7 +29,7 @@ const STEEPEST: f64 = 0.02;
 /// Share of the light that may be lost in an image's corners: what curvature is expected. Chosen by hand: cos^4 of 28 degrees, a usual lens's;
 /// it is only a prior, which many samples overrule.
 const LOSS: f64 = 0.4;
-/// Samples that say something: their greatest distance from the first guess, as a share of the level. Chosen by hand: the guess, a plane through
+/// Inliers: their greatest distance from the first guess, as a share of the level. Chosen by hand: the guess, a plane through
 /// the dots' own levels, misses a curved light by less, and the darkness of a neighbour is far beyond.
 const FAR_SHARE: f64 = 0.1;
 /// Their greatest distance from the fit, in standard deviations, and beside these, levels. Derived: of 96 normal samples one in twenty frames is
@@ -37,7 +37,7 @@ const FAR_SHARE: f64 = 0.1;
 const FAR_SDS: f64 = 3.5;
 const FAR_LEVELS: f64 = 1.0;
 /// Fewest samples for a plane and for a quadric. Chosen by hand: half a ring for three numbers, and most of two for six; with fewer, noise
-/// and what is no plate have the say.
+/// and outliers dominate.
 const MIN_PLANE: usize = 12;
 const MIN_QUADRIC: usize = 40;
 
@@ -96,7 +96,7 @@ impl LightFit {
         }
         light.limit = (FAR_SHARE * level).max(FAR_SDS * noise + FAR_LEVELS);
         let quadric = largest_px >= QUADRIC_FROM_PX && dots.len() >= 3;
-        // curvature as a lens's loss of light towards the corners may make it; what samples say against that must outweigh their noise
+        // curvature as a lens's loss of light towards the corners may make it; it is a prior, against which samples count by their noise
         let curvature = LOSS * level * (extent / half_diagonal_px).powi(2);
         let variance = noise * noise / pixels;
         let stiffness = variance / (curvature * curvature);
@@ -126,7 +126,7 @@ impl LightFit {
             return Self { variance: light.variance, samples: light.samples, ..Self::even(level) };
         }
         if quadric {
-            // four dots on a circle leave its curvature to what is seen around each of them, and to what was said of it before
+            // four dots on a circle determine its curvature only by their rings, and by the prior
             let seen = 6.0 * variance / light.samples.max(1) as f64;
             let known = 2.0 * (curvature * largest_px / extent).powi(2);
             light.deviation = (seen * known / (seen + known)).sqrt();
@@ -188,7 +188,7 @@ impl LightFit {
         }
         let (whole, [b0, b1, b2, ..]) = (sums.A(), sums.b);
         let (A, b) = (Matrix3::from_fn(|i, j| whole[i][j]), Vector3::new(b0, b1, b2));
-        // otherwise samples lie on a line but for 1 % of their extent, and say nothing of the slope across it
+        // otherwise samples lie on a line but for 1 % of their extent, and do not determine the slope across it
         if let Some(c) = A.try_inverse().map(|inverse| inverse * b)
             // since `A / A_00` holds mean squares in units of the extent
             && A.determinant() > 1e-4 * A[(0, 0)].powi(3)
@@ -202,7 +202,7 @@ impl LightFit {
         if sums.count < MIN_QUADRIC as f64 {
             return self.take_plane(samples);
         }
-        // what samples do not tell (rings that lie on one conic) stays small
+        // what samples do not determine (rings on one conic) stays small
         let (small, stiff) = (1e-6 * sums.count, 1e-6 * sums.count + stiffness);
         match Ldlt::new(&sums.A(), &[small, small, small, stiff, stiff, stiff]) {
             Some(ldlt) => self.c = ldlt.solve(&sums.b),

@@ -10,7 +10,7 @@ use crate::imaging::MAX_LEVEL;
 /// the double lets glare enlarge the noise.
 const ROUGH_TIMES: f64 = 5.0;
 const ROUGH_LEVELS2: f64 = 1.0;
-/// Variance inside dots over that on the plate, at most: more is blur. Chosen by hand: 100 pixels tell a variance to a seventh.
+/// Variance inside dots over that on the plate, at most: more is blur. Chosen by hand: 100 pixels determine a variance to a seventh.
 const MAX_INSIDE: f64 = 1.15;
 /// Levels as near as this many deviations to the greatest have lost some of their noise: at two a twentieth of its variance.
 const CUT_SDS: f64 = 2.0;

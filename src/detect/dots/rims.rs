@@ -13,7 +13,7 @@ const MIN_AXIS_PX: f64 = 5.0;
 /// A step of the rim is at least this share of the dot's contrast. Chosen by hand: the rim is still one in a shadow that leaves a
 /// quarter of the light; half of it takes the shadow's own edges, twice of it loses the rim within the shadow.
 const MIN_STEP: f32 = 0.25;
-/// The least share of a rim that tells its ellipse. Chosen by hand: less than the half beyond a straight cover through the centre, for scans fail.
+/// The least share of a rim that determines its ellipse. Chosen by hand: less than the half beyond a straight cover through the centre, for scans fail.
 const MIN_SHARE: f64 = 0.35;
 /// How far beyond the centroid's ellipse the rim is looked for, px.
 const SLACK_PX: f64 = 2.0;
@@ -28,7 +28,7 @@ const MODEL_PX: f64 = 0.02;
 /// rendered shadows were up to 7 stated deviations off.
 const MOVED_SHARE: f64 = 0.05;
 
-/// Puts the centres of dots that are covered or lit in part where the rest of their rims tells; the ids of these into `harmed`.
+/// Replaces the centres of dots that are partly occluded or unevenly lit by those of the rest of their rims; adds their ids to `harmed`.
 pub(super) fn look_closely(
     image: &ImageView<'_>,
     found: &mut [Found],
@@ -52,7 +52,7 @@ pub(super) fn look_closely(
         let mut meter = RimMeter::new(&settings);
         let mut measure = |slack_px| meter.measure(image, &start, light_on_dark, slack_px);
         let Ok(rim) = measure(SLACK_PX).or_else(|_| measure(far)) else { continue };
-        // of what lies beside a dot its rim tells more than what was seen around it
+        // an object beside a dot is measured better at its rim than on its ring
         dot.disturbance_px = 0.0;
         let covariance = rim.fit.centre_covariance_px2();
         let variance = 0.5 * covariance.trace() + MODEL_PX * MODEL_PX;

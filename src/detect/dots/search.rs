@@ -16,7 +16,7 @@ use crate::messages::TargetStatus;
 /// large frames cost what small ones do; [`TAIL`] is 15 of them. Half would do for Otsu's threshold, but leave the sweep's ends to chance.
 const SAMPLED_PIXELS: usize = 76_800;
 const SAMPLED_ROWS: (usize, usize) = (60, 120);
-/// Rows whose neighbouring pixels tell the noise. Chosen by hand: 12 800 pairs of a frame 640 px wide, of which the median is known to 1 %.
+/// Rows from whose neighbouring pixels the noise is estimated. Chosen by hand: 12 800 pairs of a frame 640 px wide, of which the median is known to 1 %.
 const NOISE_ROWS: usize = 40;
 /// Least contrast of a part of the frame in which something may be dark: so many times the noise, within these levels. Derived: extremes of
 /// 300 000 normal deviates lie 9.2 deviations apart, so that noise alone makes hardly a region. The levels were chosen by hand: the least
@@ -30,7 +30,7 @@ const FLAT_LEVELS: f64 = 8.0;
 /// Thresholds of the sweep. Chosen by hand: every other one first, 11, then those between; twice as many take twice the time of a search
 /// that finds nothing, and the sweep begins where all else has found nothing.
 const SWEEP: u32 = 21;
-/// Share of the pixels that may be darker, or lighter, than the sweep goes. Chosen by hand: a third of what four dots of 4 px radius have of a
+/// Share of the pixels that may be darker, or lighter, than the range of the sweep. Chosen by hand: a third of what four dots of 4 px radius have of a
 /// frame of 640 x 480, so that a target is not cut off.
 const TAIL: f64 = 2e-4;
 /// Places of a threshold between the local extremes, in 256ths of their difference: the first show most targets, in the fewest runs. Chosen by

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 /// Greatest difference from orthogonal columns of equal length: cosine, and half the logarithm of their squares' ratio. Chosen by hand: centres of
-/// small dots seen aslant and a lens that is not quite known leave some tenths; most quadrilaterals of chance are further off.
+/// small tilted dots and an inaccurate lens model leave some tenths; most accidental quadrilaterals are further off.
 const ORTHOGONALITY: f64 = 0.35;
 
 /// Homography of the unit square (0,0), (1,0), (1,1), (0,1) to a convex quadrilateral:

@@ -119,7 +119,7 @@ impl RimMeter {
     fn plausible(&self, ellipse: &Ellipse, image: &ImageView<'_>) -> bool {
         let (a, b) = ellipse.axes_px();
         let size = (image.width() + image.height()) as f64;
-        // chosen by hand, wide: between rounds an ellipse may be a third too small, and of a great one a part is seen
+        // chosen by hand, wide: between rounds an ellipse may be a third too small, and of a large one only a part is visible
         ellipse.is_real() && b >= 0.7 * self.min_axis_px && a <= size && ellipse.centre_px.norm() < 4.0 * size
     }
 

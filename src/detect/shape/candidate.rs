@@ -14,7 +14,7 @@ use crate::linalg::Ldlt;
 use crate::pose::{Correspondence, homography};
 use nalgebra::{Rotation2, SMatrix, SVector, Vector2};
 
-/// Most border pixels that are looked at. Chosen by hand: of a border of 2000 px every fourth, which the distance across it does not feel;
+/// Most border pixels that are used. Chosen by hand: of a border of 2000 px every fourth, which does not change the distance across it;
 /// twice as many take twice the time.
 const MAX_BORDER: usize = 512;
 /// Places along the outline that are held against them. Chosen by hand: sixteen for each of the map's parameters; half leaves short sides with
@@ -23,9 +23,9 @@ const PLACES: u32 = 128;
 /// Turns that are tried at most. Chosen by hand: an outline nearly alike in four directions, and one more; each costs an alignment and a fit.
 pub(super) const MAX_TURNS: usize = 5;
 /// Largest difference of the extents, root mean square over all directions, for whitened regions (whose own are about 2). Chosen by hand: a
-/// quarter of them, for perspective; half refuses shapes seen aslant from near, twice has nearly every region aligned, which takes time.
+/// quarter of them, for perspective; half refuses tilted shapes at a short distance, twice has nearly every region aligned, which takes time.
 const EXTENTS_APART: f64 = 0.45;
-/// Steps towards the border pixels: with the affine part alone, and of all. Chosen by hand: perspective is not told before the rest is nearly
+/// Steps towards the border pixels: with the affine part alone, and of all. Chosen by hand: perspective is not observable before the rest is nearly
 /// right; and a bound, since [`ShapeCandidate::settle`] ends when a step gains less than a fiftieth.
 const AFFINE_STEPS: usize = 4;
 const STEPS: usize = 14;

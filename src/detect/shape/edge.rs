@@ -75,7 +75,7 @@ impl Piece {
         const MOST: usize = 2 * 96 + 17;
         // chosen by hand: a fifth of the room is left, else the next edge would be in the profile
         let reach = [0, 1].map(|i| reach_px.min(0.8 * self.room_px[i]).clamp(0.0, 46.0));
-        // half the profile that the step is told from
+        // half the profile from which the step is measured
         let half = self.room_px[0].min(self.room_px[1]).clamp(1.0, 2.5);
         let count = |px: f64| (px / STEP).round() as usize;
         let (inside, outside, window) = (count(reach[0] + half), count(reach[1] + half), count(half));

@@ -17,7 +17,7 @@ use crate::imaging::ImageView;
 use crate::linalg::Ldlt;
 use nalgebra::{SMatrix, SVector, Vector2};
 
-/// Most pieces of an outline. Chosen by hand: [`PIECES`] and two more on each of 150 sides; what is beyond is not looked at.
+/// Most pieces of an outline. Chosen by hand: [`PIECES`] and two more on each of 150 sides; further ones are not used.
 const MAX_PIECES: usize = 512;
 /// A piece's length, px, and so many of them at most on an outline; longer pieces where there would be more. Chosen by hand: the offset of 10 px
 /// of an edge is known to a hundredth of a pixel; shorter ones make more of the same equations, on longer ones a curve is no parabola.
@@ -281,7 +281,7 @@ impl Fitter {
             moved_px = moved_px.max((camera.pixel_of(&next.at(&u)) - piece.middle).norm());
         }
         let free = used - N as f64;
-        // few offsets say little of their own deviation: as if so many more were as stated. Chosen by hand, as many as the map has parameters
+        // few offsets do not determine their own deviation: a prior counts as so many more with the stated one. Chosen by hand, as many as the map has parameters
         const PRIOR: f64 = 8.0;
         // mean weights below a tenth would be of offsets that are all but left out
         let scale = (chi2 + PRIOR) / (free.max(0.0) + PRIOR) / weights.max(0.1);

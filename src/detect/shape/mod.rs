@@ -40,7 +40,7 @@ use warp::{Oval, Projective, Warp};
 const MAX_BORDER: usize = 1 << 20;
 /// A search reaches so far from the border pixels, px.
 const REACH_PX: f64 = 2.0;
-/// Least share of the outline that is seen, in a search and in tracking. Chosen by hand: a region that is found whole shows all but what glare or
+/// Least visible share of the outline, in a search and in tracking. Chosen by hand: a region that is not occluded shows all but what glare or
 /// dust takes, and at 0.8 parts of other outlines pass; where the shape is known to be near, a bit more than half is enough, and what is half
 /// hidden is tracked (test `what_is_seen_before_is_tracked_also_half_hidden`).
 const SEEN: f64 = 0.9;
@@ -51,7 +51,7 @@ const SEEN_TRACKED: f64 = 0.6;
 const OFF_PX: f64 = 0.15;
 const OFF: f64 = 0.002;
 /// Largest ratio of the offsets' variance to what noise explains, beyond [`WELL_PX`]. Chosen by hand: offsets four times as large as noise makes
-/// them. Without noise the ratio says nothing, so that offsets as small as [`OFF_PX`] are always good.
+/// them. Without noise the ratio is meaningless, so that offsets as small as [`OFF_PX`] are always good.
 const MAX_CHI2: f64 = 15.0;
 const WELL_PX: f64 = 0.15;
 

@@ -14,7 +14,7 @@ use super::{FittedShape, REACH_PX, SEEN, ShapeFinder, ShapeMiss};
 use crate::imaging::{Connectivity, Contour, Histogram, ImageView, Polarity, Window};
 use nalgebra::{SVector, Vector2};
 
-/// Regions of one threshold that are looked at, the largest first. Chosen by hand: half misses a shape among larger things, twice costs time
+/// Regions of one threshold that are examined, the largest first. Chosen by hand: half misses a shape among larger things, twice costs time
 /// where [`MAX_WORK`] does not end the search before.
 pub(super) const MAX_CANDIDATES: usize = 40;
 /// Work of one search in all its thresholds, in pixels of a fit, chosen since it bounds the time: half a second of one core of the machine
@@ -139,7 +139,7 @@ impl ShapeFinder {
         if several {
             return Err(ShapeMiss::Several);
         }
-        // what was found may be there again among what was not looked at
+        // the shape may be there a second time among the regions that were not examined
         if self.spent() {
             return Err(ShapeMiss::GivenUp);
         }

@@ -37,7 +37,7 @@ const FIRST_ROWS: usize = 24;
 /// whole pixels and the 0.75 px that their points may be off (`quad::OFF_PX`). A corner beside such a side is stated with 1.6 times as much,
 /// and half and double scale that alone.
 const ROUGH_PX: f64 = 0.4;
-/// The noise that all sides show counts as much as so many rows when the scatter of one side is estimated. Chosen by hand: `n` rows tell a
+/// The common noise of all sides has the weight of so many rows when the scatter of one side is estimated. Chosen by hand: `n` rows determine a
 /// variance with a relative deviation of (2 / n)^0.5, 0.4 for 12; half trusts the scatter of short sides more, the double evens out sides that
 /// are really worse than the others.
 const SHARED_ROWS: f64 = 12.0;

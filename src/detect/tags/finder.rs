@@ -45,7 +45,7 @@ const CONTRAST_IN_SPREADS: f64 = 2.4;
 /// The outline of a convex region is as long as that of its box; noise makes it longer. Chosen by hand: half would refuse all tags, the double
 /// follows outlines of clutter for longer before they are refused.
 const LONGEST_OUTLINE: f64 = 1.6;
-/// What is looked at around an expected tag beyond its slack, px: three tiles of the threshold, whose values at the margin need the next tile
+/// Margin of the window around an expected tag beyond its slack, px: three tiles of the threshold, whose values at the margin need the next tile
 /// on each side, and two pixels, since regions that touch the window's border are left out. Chosen by hand: half loses
 /// tags whose margin has no threshold, the double takes more time and clutter in.
 const AROUND_PX: f64 = 14.0;

@@ -16,7 +16,7 @@ const COUNT: usize = 6;
 /// Points at which `q` is evaluated: the roots of Chebyshev's polynomial of that degree, from 0 to 1, because between these it errs least.
 const PLACES: [f32; COUNT] =
     [0.017_037_087, 0.146_446_6, 0.370_590_48, 0.629_409_5, 0.853_553_4, 0.982_962_9];
-/// Printed ink still reflects a thirtieth of what paper does; where levels say less the camera has taken black off them.
+/// Printed ink still reflects a thirtieth of what paper does; where levels are lower the camera has subtracted a black level.
 const MAX_PAPER_TO_INK: f64 = 30.0;
 /// Step of the derivatives by logarithms.
 const STEP: f64 = 1e-3;

@@ -98,7 +98,7 @@ impl TagPlateFinder {
         let meet =
             Vector2::new(one.1 * other.0.y - other.1 * one.0.y, one.0.x * other.1 - other.0.x * one.1) / det;
         let bias = meet - self.camera.project(&(X_CO * here))?;
-        // Chosen by hand, px: lenses move such corners by tenths of a pixel; more says that the pose must be wrong, and then nothing is put right.
+        // Chosen by hand, px: lenses move such corners by tenths of a pixel; more means that the pose must be wrong, and then nothing is corrected.
         (bias.norm() < 10.0).then_some(bias)
     }
 

@@ -5,7 +5,7 @@ use crate::imaging::WindowPoint;
 use nalgebra::Vector2;
 
 /// Shortest side, px. Chosen by hand: one pixel for each cell of the smallest family, below which no cell can be read; half costs time for regions
-/// that are no tags, the double loses tags that are seen aslant.
+/// that are no tags, the double loses tilted tags.
 pub(super) const MIN_SIDE_PX: f64 = 6.0;
 /// Points of a side that are left out at each end: the share of the side, and at least so many px, because blur rounds the corners of outlines. Chosen
 /// by hand: at a blur of 1 px the contour of half the contrast lies 0.1 px inside of the side 1.45 px before its end, and more behind. Half bends the

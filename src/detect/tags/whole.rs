@@ -49,8 +49,8 @@ const SHOWN_FULL_SDS: f64 = 6.0;
 /// motion of 4 px at a blur of 0.7 px, 0.54, which `stated_covariances_hold_at_all_sizes_and_blurs` has.
 const MIN_BLUR_PX2: f64 = 0.09;
 const MAX_ASLANT: f64 = 0.9;
-/// Least contrast, grey levels: half of what a tag must show to be read (`decode::MIN_CONTRAST`), chosen by hand. Less says that the fit has gone
-/// astray; half or double refuse such fits later or sooner.
+/// Least contrast, grey levels: half of what a tag must show to be read (`decode::MIN_CONTRAST`), chosen by hand. Less means that the fit has
+/// diverged; half or double refuse such fits later or sooner.
 const MIN_CONTRAST: f64 = 5.0;
 /// Variance of rounding to whole grey levels, the least that is assumed of residuals.
 const ROUNDING: f64 = 1.0 / 12.0;

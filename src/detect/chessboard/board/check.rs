@@ -194,7 +194,7 @@ impl Board {
         Some(to * centred * from)
     }
 
-    /// Where a corner of the board lies, seen or not, px.
+    /// Position of a corner of the board, visible or not, px.
     pub(in super::super) fn anywhere(&self, column: f64, row: f64) -> Option<Vector2<f64>> {
         let v = self.homography()? * Vector3::new(column, row, 1.0);
         // else it lies at infinity: z is 1 in the board's middle

@@ -10,12 +10,12 @@ use crate::detect::chessboard::strongest::{BENT, FOLLOWS, MIN_REACH_PX, follows,
 use crate::imaging::ImageView;
 use nalgebra::{Vector2, Vector3};
 
-/// So many corners in a line, and one in so many of those that could be seen, are no chance: things lie on a floor, too. Chosen by hand: what
+/// So many corners in a line, and one in so many of those that could be visible, are not by accident: objects lie on a floor, too. Chosen by hand: what
 /// lies beside a board makes one corner in line, rarely two; with every second one asked for, a floor that is half hidden would be a board.
 /// `a_floor_is_no_board` tests it.
 const LEAST: usize = 2;
 const SHARE: usize = 3;
-/// So many corners behind what hides a side's end, and one in so many of the places that are seen there, are no chance either. Chosen by hand: more
+/// So many corners behind an occluder of a side's end, and one in so many of the visible positions there, are not by accident either. Chosen by hand: more
 /// corners than above, since these places are known by the whole board alone, and a smaller share, since most of them are hidden.
 const MIN_BEHIND: usize = 3;
 const SHARE_BEHIND: usize = 4;
@@ -93,7 +93,7 @@ impl Board {
         }
     }
 
-    /// Of how many of its corners the next place is seen, and at how many of these a corner follows.
+    /// Number of its corners whose next position is visible, and at how many of these a corner follows.
     fn line(
         &self,
         image: &ImageView<'_>,

@@ -4,7 +4,7 @@ use super::{Lattice, LatticeDot};
 use crate::detect::dots::blob::Blob;
 use crate::messages::TargetStatus;
 
-/// Share of the dots seen beyond the first few that may disagree with the grid: dots at something's edge, dots of something else. Chosen by hand,
+/// Share of the detected dots, beyond the first few, that may disagree with the grid: partly occluded dots, dots of other objects. Chosen by hand,
 /// so that chance agrees less than once in a thousand views of a foreign grid; `grids_are_found_whatever_lies_around` tests both sides.
 const WRONG_SHARE: f64 = 0.2;
 const NONE_WRONG: usize = 12;

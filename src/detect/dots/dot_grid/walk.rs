@@ -21,15 +21,15 @@ const NEIGHBOURS: usize = 8;
 /// sizes tell later. Half loses seeds of small dots. Views on which nothing was tuned test these: `grids_are_found_whatever_lies_around`.
 const MAX_COSINE: f64 = 0.35;
 const MAX_RATIO: f64 = 1.45;
-/// A step is as long as the dots' radii make it, up to this factor; and before they are seen at their own threshold, where blur may take
+/// A step is as long as the dots' radii make it, up to this factor; and before they have their own threshold, where blur may take
 /// half of the radius of a dot of 2 px. Chosen by hand: a diagonal is just out of the first; twice as wide only takes time.
 const STEP_TOLERANCE: f64 = 1.4;
 const STEP_TOLERANCE_ROUGH: f64 = 2.0;
 /// Length of a step of equal dots, in radii: from dots that touch, which is derived, to dots of a fourteenth, chosen by hand: printed grids have
 /// radii of a fifth to a third, and smaller dots in more room are likelier clutter.
 const EQUAL_STEPS: (f64, f64) = (2.0, 14.0);
-/// How far a dot may lie from where the lattice goes on, in steps: perspective changes one into the next by less. Chosen by hand, with some room
-/// to the half of a step, where another dot would be as near; half of it loses grids seen aslant from near.
+/// Largest distance of a dot from its extrapolated position, in steps: perspective changes one into the next by less. Chosen by hand, with some room
+/// to the half of a step, where another dot would be as near; half of it loses tilted grids at a short distance.
 const OFF_LATTICE: f64 = 0.28;
 /// How far it may lie from its place under the homography of all, in steps. A lens that is not the camera's bends a lattice by about as much.
 /// Chosen by hand: half of it breaks such lattices up, twice of it leaves what stood beside the grid by chance.
@@ -37,8 +37,8 @@ const OFF_PLANE: f64 = 0.15;
 /// Greatest share of the cells that are left out for that; where more would be, the lattice is bent, and stays as it was walked. Chosen by hand:
 /// what chance puts beside a grid is a cell here and there; half of it leaves those of a grid amid clutter in.
 const MAX_OFF: f64 = 0.3;
-/// Greatest logarithm of a region's area over that of the smallest or the largest dot in a cell, as rough as one step tells it; and again
-/// before a dot is seen at its own threshold. Chosen by hand: steps that are off by a quarter in both directions make 0.45, thresholds the rest;
+/// Greatest logarithm of a region's area over that of the smallest or the largest dot in a cell, as roughly as one step determines it; and again
+/// before a dot has its own threshold. Chosen by hand: steps that are off by a quarter in both directions make 0.45, thresholds the rest;
 /// half a radius lost is 1.4 of the second, and the rest as before. Sizes are compared with all cells later, so that these only keep time short.
 const AREA: f64 = 0.8;
 const AREA_ROUGH: f64 = 1.8;
@@ -61,7 +61,7 @@ impl Lattice {
         self.taken.resize(self.points.len(), false);
     }
 
-    /// Leaves those candidates that stand in any lattice, before each is seen at its own threshold: which takes far longer.
+    /// Keeps only those candidates that belong to any lattice, before each gets its own threshold, which takes far longer.
     pub(in crate::detect::dots) fn thin(&mut self, candidates: &mut Vec<(f64, Blob)>) {
         self.rough = true;
         self.place(candidates);
@@ -148,7 +148,7 @@ impl Lattice {
         (radii(self.grid.large_radius_m()) / tolerance, radii(self.grid.radius_m()) * tolerance)
     }
 
-    /// Takes cell by cell what lies where the lattice goes on.
+    /// Extends the lattice cell by cell by the dots at the extrapolated positions.
     fn walk_from(&mut self, seed: usize, steps: [Vector2<f64>; 2]) {
         self.map.fill(0);
         self.cells.clear();

@@ -1,4 +1,4 @@
-//! Levels seen on the plate, and the loops over them that the light's fit is made of: each quantity on its own, four samples at a time.
+//! Samples of the plate's level, and the inner loops of the light's fit over them: each quantity in its own array, four samples at a time.
 
 use super::LightFit;
 use crate::detect::dots::ring::{RING, Ring};
@@ -7,7 +7,7 @@ use crate::imaging::simd::kernel;
 /// Samples that are summed side by side: as many as AVX2 has lanes of `f64`.
 const LANES: usize = 4;
 
-/// Places and levels. A level that is NaN was not seen.
+/// Positions and levels. A level that is NaN is missing.
 #[derive(Debug, Clone, Default)]
 pub(in crate::detect::dots) struct Samples {
     x: Vec<f64>,
@@ -93,7 +93,7 @@ impl LightSums {
     }
 }
 
-/// What a light leaves over of the samples that it explains.
+/// Residuals of a light over the samples that it explains.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct LightResidual {
     /// Sum of squares, levels^2.
@@ -123,7 +123,7 @@ kernel!(
 );
 
 kernel!(
-    /// What a light leaves over of a ring's levels: level less light; NaN where it does not explain what is seen.
+    /// Residuals of a ring's levels: level less light; NaN for outliers.
     pub(super) fn ring_rest(ring: &Ring, light: &LightFit, out: &mut [f64; RING]) = ring_rest_body
 );
 
@@ -136,7 +136,7 @@ fn ring_rest_body(ring: &Ring, light: &LightFit, out: &mut [f64; RING]) {
     }
 }
 
-/// Samples four at a time; the last ones are filled up with such as were not seen.
+/// Samples four at a time; the last four are filled up with missing ones.
 #[inline(always)]
 fn by_lanes([x, y, level]: [&[f64]; 3]) -> impl Iterator<Item = [[f64; LANES]; 3]> {
     let ((xs, x), (ys, y), (levels, level)) = (x.as_chunks(), y.as_chunks(), level.as_chunks());
