@@ -27,7 +27,7 @@ impl<'a> Validation<'a> {
         self.problems.len()
     }
 
-    /// Whether a pose is not known because it is written wrong: what depends on it says nothing then.
+    /// Whether a pose is unknown because it is invalid: checks that depend on it are then skipped.
     pub(super) fn misses_a_pose(&self) -> bool {
         self.problems.iter().any(|problem| pose_forms::is_form(&problem.key))
     }

@@ -89,7 +89,7 @@ table! {
         /// Added to every exposure stamp that the camera gives, ms: what `vservo calibrate latency` found.
         stamp_offset_ms: f64 = 0.0,
         /// How its levels depend on light: `linear` (levels are light), `unknown` (taken as light; corners of tags are
-        /// corrected by what their edges tell, and stated to be so much less sure), `srgb`, `gamma:G`, or `table:L,L,...` with the light of 2 to 33
+        /// corrected by an estimate from their edges, with larger covariances), `srgb`, `gamma:G`, or `table:L,L,...` with the light of 2 to 33
         /// equally spaced levels; levels are made proportional to light before anything is measured.
         response: String = "linear".to_owned(),
         /// `[camera.roi]`; left out: all of the sensor.
@@ -246,7 +246,7 @@ table! {
         folder: PathBuf = PathBuf::new(),
         /// Starts again after the last file instead of ending the run.
         repeat: bool = false,
-        /// The first file that is damaged ends the run; otherwise it is told, counted and left out.
+        /// The first file that is damaged ends the run; otherwise it is reported, counted and skipped.
         strict: bool = false,
     }
 }

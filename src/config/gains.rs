@@ -43,7 +43,7 @@ impl<const M: usize> GainForm<M> {
         }
     }
 
-    /// The gains; one that is refused has been told, and no run has it.
+    /// The gains; an invalid one has been reported, so that no run has it.
     fn gains(&self) -> GainMatrix<M> {
         match self {
             Self::Diagonal(k) => (*k).into(),
@@ -52,7 +52,7 @@ impl<const M: usize> GainForm<M> {
     }
 }
 
-/// The law, which compares so many `numbers` where it goes by the image.
+/// The law; an image-based one compares `numbers` numbers.
 pub(super) fn law(s: &RawServo, numbers: Option<usize>, check: &mut Validation<'_>) -> Law {
     let orientation = s.orientation_error;
     let space = match s.dimension {
@@ -355,7 +355,7 @@ fn rows_in_range(key: &str, rows: &[Vec<f64>], range: &RangeInclusive<f64>, chec
     }
 }
 
-/// A symmetric and positive definite matrix of one of the `sizes`, its eigenvalues in `range`; `None` for another, which is told.
+/// A symmetric and positive definite matrix of one of the `sizes`, its eigenvalues in `range`; `None` for another, which is reported.
 fn dense(
     (key, rows): (&str, &[Vec<f64>]),
     sizes: &[usize],
@@ -401,7 +401,7 @@ fn dense(
     }
 }
 
-/// Says what is wrong with the matrix `K` and how to mend it.
+/// Reports what is wrong with the matrix `K`, with a remedy.
 fn told(key: &str, why: NoGainMatrix, K: Option<&DMatrix<f64>>, check: &mut Validation<'_>) {
     let entry = |i: usize, j: usize| K.map_or(0.0, |K| K[(i, j)]);
     let message = match why {

@@ -77,7 +77,7 @@ impl GoalFile {
     }
 }
 
-/// Puts the features of `servo.set_point.file` where they could have been written. `absolute` makes a path of the run file absolute.
+/// Loads the features of `servo.set_point.file` into the table, as if they had been written there. `absolute` makes a path of the run file absolute.
 pub(super) fn resolve(
     raw: &mut RawConfig,
     document: &Document,

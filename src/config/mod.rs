@@ -181,11 +181,11 @@ pub struct SimulatedArm {
     pub friction: bool,
     /// Stick-slip friction near standstill; `None`: smooth friction.
     pub hard_friction: Option<HardFriction>,
-    /// Coulomb friction that the robot file does not tell, as a share of the effort limits.
+    /// Coulomb friction that is not in the robot file, as a share of the effort limits.
     pub untold_coulomb_share: f64,
     /// Spread of the friction over the joints, as a share.
     pub friction_spread: f64,
-    /// Inertia of rotors that the robot file does not tell, as a share of the joints' own.
+    /// Inertia of rotors that is not in the robot file, as a share of the joints' own.
     pub untold_rotor_share: f64,
     /// Whether effort limits act.
     pub effort_limits: bool,

@@ -49,9 +49,9 @@ pose_table! {
 table! {
     /// Something in front of the target for a while, in a simulated scene: a sheet parallel to its plane.
     RawOccluder {
-        /// When it comes, s.
+        /// Start time, s.
         from_s: f64 = 0.0,
-        /// When it goes, s; never there where that is not later.
+        /// End time, s; it never appears where that is not later.
         until_s: f64 = 0.0,
         /// Its middle along the target's x and y, m.
         center_m: [f64; 2] = [0.0, 0.0],

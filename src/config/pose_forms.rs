@@ -26,7 +26,7 @@ const MATRIX: &str = "matrix";
 const POSITION: &str = "position_m";
 const ALL: [&str; 5] = [RPY_RAD, RPY_DEG, XYZW, VECTOR_RAD, MATRIX];
 
-/// A turn and some, as for `rotation_rpy_rad`; ranges wider than any use, chosen, so that a slip is told.
+/// A turn and some, as for `rotation_rpy_rad`; ranges wider than any use, chosen, so that a slip is reported.
 const DEG: RangeInclusive<f64> = -361.0..=361.0;
 const RAD: RangeInclusive<f64> = -6.3..=6.3;
 const POSITION_M: RangeInclusive<f64> = -100.0..=100.0;
@@ -97,7 +97,7 @@ fn the_one(key: &str, document: &Document, wrong: &mut impl FnMut(&str, String))
     }
 }
 
-/// Whether all of `values` lie in `allowed`; tells which do not.
+/// Whether all of `values` lie in `allowed`; reports those that do not.
 fn within(
     name: &str,
     values: &[f64],

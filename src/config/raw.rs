@@ -115,7 +115,7 @@ table! {
         model: String = "scara".into(),
         /// Joint positions at the start, rad or m.
         q_start_rad_or_m: Vec<f64> = vec![0.0, std::f64::consts::FRAC_PI_2, 0.5, -std::f64::consts::FRAC_PI_4],
-        /// Distance of a joint from there up to which the arm starts there, rad or m.
+        /// Largest distance of a joint from there that counts as a start there, rad or m.
         start_tolerance_rad_or_m: f64 = 0.02,
         /// Whether the arm may start elsewhere.
         start_elsewhere: bool = false,
@@ -145,7 +145,7 @@ pose_table! {
 }
 
 table! {
-    /// A simulated scene: where the target is, how bright things are, and what is not as the controller believes.
+    /// A simulated scene: pose of the target, grey levels, and the true parameters that differ from the controller's model.
     RawScene {
         /// `[scene.object]`
         object: RawObject = RawObject::default(),
@@ -207,22 +207,22 @@ table! {
     RawVision {
         /// Searches predicted windows first; without it the whole frame every time.
         track: bool = true,
-        /// How far the real lens and dots are from their description, one standard deviation, px; a measurement is
-        /// refused when its points do not fit one pose.
+        /// Model error: standard deviation, px, by which lens and target differ from their description; a measurement is
+        /// rejected when its points do not fit one pose.
         model_sd_px: f64 = 0.0,
     }
 }
 
 word! {
-    /// What stands for the arm.
+    /// Kind of drive.
     DriveKind {
         /// Rigid-body dynamics.
         Simulated,
         /// The joints follow the reference exactly.
         Ideal,
-        /// Another process: a simulator, or the driver of a robot.
+        /// An external process: a simulator, or the driver of a robot.
         External,
-        /// No arm: nothing moves, and the run shows the velocity that the law asks of the camera.
+        /// No arm: nothing moves, and the run reports the twist that the law requests of the camera.
         None,
     }
 }
@@ -286,9 +286,9 @@ table! {
         command: Vec<String> = Vec::new(),
         /// Folder in which it is started; that of the run file where it is left out.
         folder: PathBuf = PathBuf::new(),
-        /// In lockstep: a drive that has not answered a command for so long has hung, s.
+        /// In lockstep: time without an answer to a command after which the drive counts as hanging, s.
         answer_timeout_s: f64 = 10.0,
-        /// A drive that the run has started must have joined by then, and any drive have answered the start, s.
+        /// Time within which a drive started by the run must have connected, and any drive have answered the start, s.
         connect_timeout_s: f64 = 30.0,
     }
 }
@@ -310,11 +310,11 @@ table! {
 }
 
 word! {
-    /// How much the control process insists on real-time scheduling.
+    /// Whether real-time scheduling is required.
     RealtimePolicy {
-        /// All of it, or no start.
+        /// All of it is required for a start.
         Enforce,
-        /// What can be had; a line says what was obtained.
+        /// As far as it is available; a line reports what was obtained.
         Try,
         /// None.
         Off,
@@ -324,7 +324,7 @@ word! {
 table! {
     /// Scheduling of the control thread.
     RawRealtime {
-        /// Insistence.
+        /// Whether it is required.
         policy: RealtimePolicy = RealtimePolicy::Try,
         /// SCHED_FIFO priority.
         priority: u32 = 80,

@@ -30,7 +30,7 @@ impl Document {
     /// Parses `text`; `name` is the file's name in messages.
     ///
     /// # Errors
-    /// The syntax errors that the parser can tell apart.
+    /// The syntax errors that the parser can distinguish.
     pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
         let lines = LineIndex::new(text);
         let (root, errors) = DeTable::parse_recoverable(text);
@@ -92,7 +92,7 @@ impl Document {
         Ok(())
     }
 
-    /// Gives the value at `table.old` the name `new`; what to tell about it. In a file that says both they stay, and one is unknown; an
+    /// Renames the value at `table.old` to `new`. Returns the warning about it. A file with both keeps both, of which one is unknown; an
     /// argument counts.
     pub fn rename(&mut self, table: &str, old: &str, new: &str) -> Option<Problem> {
         let counts = self.is_argument(&format!("{table}.{old}"));
@@ -140,7 +140,7 @@ impl Document {
             match (segments, value) {
                 ([last], Value::Table(t)) => t.remove(*last).is_some(),
                 ([first, rest @ ..], Value::Table(t)) => {
-                    // A wrong entry of a list spoils the list: the whole of it goes.
+                    // A wrong entry of a list invalidates the list: all of it is removed.
                     let (name, is_entry) = first.split_once('[').map_or((*first, false), |(n, _)| (n, true));
                     if is_entry {
                         return t.remove(name).is_some();

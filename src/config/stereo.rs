@@ -23,7 +23,7 @@ use nalgebra::{Matrix3, Point3};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-/// Ranges wider than any use, chosen, so that a slip is told; `tests/cores/plausible_numbers.rs` tries their ends.
+/// Ranges wider than any use, chosen, so that a slip is reported; `tests/cores/plausible_numbers.rs` tries their ends.
 /// Ranges of numbers. Chosen by hand: outside of them a number has another unit.
 const TOLERANCE_MS: RangeInclusive<f64> = 0.01..=100.0;
 const PLACE_M: RangeInclusive<f64> = -100.0..=100.0;
@@ -56,7 +56,7 @@ pub fn taught_file(points: &[TaughtPoint]) -> String {
     toml::to_string(&RawTaughtView { points: points.iter().map(raw).collect() }).unwrap_or_default()
 }
 
-/// Puts the points of `stereo.taught_file` where they could have been written. `absolute` makes a path of the run file absolute.
+/// Loads the points of `stereo.taught_file` into the table, as if they had been written there. `absolute` makes a path of the run file absolute.
 pub(super) fn resolve(
     raw: &mut RawConfig,
     document: &Document,
@@ -84,7 +84,7 @@ pub(super) fn resolve(
     }
 }
 
-/// The mount of the right camera, where `stereo.right_in_left` says it; `left` is that of the left one.
+/// The mount of the right camera, where `stereo.right_in_left` defines it; `left` is that of the left one.
 pub(super) fn right_mount(
     raw: &RawConfig,
     written: &RawMount,

@@ -83,7 +83,7 @@ impl<'de> Deserialize<'de> for ControlValue {
     }
 }
 
-/// Says what was found instead, which a derived choice does not.
+/// Reports what was found instead, which a derived choice does not.
 struct ControlValueVisitor;
 
 impl Visitor<'_> for ControlValueVisitor {
@@ -132,9 +132,9 @@ table! {
         shutter: Shutter = Shutter::Rolling,
         /// From the first row to the last, ms: how much later the last one is exposed (rolling) or read (global).
         readout_ms: f64 = 0.0,
-        /// Refuses a device that takes another rate than `camera.rate_hz`; without it that is told.
+        /// Rejects a device that delivers another rate than `camera.rate_hz`; otherwise this is only reported.
         strict_rate: bool = false,
-        /// A camera that gives no frames for so long ends the run, s; until then the arm holds and the camera is waited for.
+        /// Time without frames after which the run ends, s; until then the arm holds and the camera is awaited.
         give_up_s: f64 = 60.0,
         /// `[camera.v4l2.controls]`: by the names that `vservo camera --list` shows.
         #[serde(skip_serializing_if = "BTreeMap::is_empty")]

@@ -213,7 +213,7 @@ fn timing(raw: &RawConfig, camera: &Camera, check: &mut Validation<'_>) {
     let period_s = 1.0 / camera.rate_hz;
     let (timeout_ms, key) = (raw.safety.measurement_timeout_ms, "safety.measurement_timeout_ms");
     if !MEASUREMENT_TIMEOUT_MS.contains(&timeout_ms) {
-        return; // which has been told
+        return; // which has been reported
     }
     // Between two measurements the newest view grows this old; one lost frame adds a period.
     let age_ms = (period_s + camera.latency.as_s()) * 1e3;

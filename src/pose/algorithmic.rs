@@ -105,7 +105,7 @@ pub fn algorithmic_step_segment(
     Ok(AlgorithmicStep { x: x + rate * dt_s, error: e.norm() })
 }
 
-/// The least-squares twist of O relative to C for the wanted feature rate K_s e_s.
+/// The least-squares twist of O relative to C for the desired feature rate K_s e_s.
 ///
 /// J_s = L_s Gamma(-p), so that `Gamma(p) (L^T L)^-1 L^T K e` of (10.42) solves the same normal equations.
 fn relative_twist<P: PointSource, const M: usize>(

@@ -126,7 +126,7 @@ pub fn pose_from_homography(H: &Matrix3<f64>) -> Option<Pose> {
     let spread = (C.trace() + 2.0 * area).sqrt();
     let root = (C + Matrix2::identity() * area) / spread;
     let zeta = 2.0 / spread;
-    // A plane seen nearly edge-on: the root loses half of the digits of its determinant, and the general way keeps them. Derived: rounding of
+    // A plane viewed nearly edge-on: the root loses half of the digits of its determinant, and the general way keeps them. Derived: rounding of
     // the determinant by 1e-16 moves an area of 1e-6 by 5e-11.
     let R = if area > 1e-6 * C.trace() {
         let polar = columns * root.try_inverse()?;

@@ -12,7 +12,7 @@ use crate::linalg::{F2, symmetric_eigen};
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// Width over length of a set, below which it counts as collinear: extents are roots of eigenvalues, which round to 1e-16 of the largest,
-/// so that ratios below 1e-8 are not told from zero.
+/// so that ratios below 1e-8 are indistinguishable from zero.
 const COLLINEAR: f64 = 1e-7;
 /// Thickness over width of a set, below which it counts as planar. Derived: thickness over length rounds to 1e-8 for the same reason, and the
 /// width may be a hundredth of the length.

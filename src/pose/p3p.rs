@@ -36,7 +36,7 @@ impl P3pPoses {
     }
 }
 
-/// All poses `X_CO` that show three points exactly where they are seen, in front of the camera.
+/// All poses `X_CO` that project three points exactly to their images, in front of the camera.
 ///
 /// Where two solutions meet (the camera on the cylinder of danger), both or one of them come back, to half of the digits.
 ///

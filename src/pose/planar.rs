@@ -12,7 +12,7 @@ use crate::geometry::Pose;
 use crate::linalg::F2;
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// Two rotations nearer than this (rad) are one solution: they meet where the plane is seen along its normal, as roots of tilts squared,
+/// Two rotations nearer than this (rad) are one solution: they meet where the plane is viewed along its normal, as roots of tilts squared,
 /// so that rounding of 1e-16 parts them by 1e-8.
 const SAME_RAD: f64 = 1e-4;
 
@@ -22,7 +22,7 @@ pub struct PlanarPose {
     /// The one of least reprojection error.
     pub best: PoseSolution,
     /// The second local minimum, where there is one. When its `rms` is near that of `best`, the image alone does not
-    /// tell which is true: use the previous pose.
+    /// determine which is true: use the previous pose.
     pub other: Option<PoseSolution>,
 }
 
@@ -179,7 +179,7 @@ impl Tilts {
         Some(Self { to_ray, block: a.map(|row| row.map(|x| x * root)), third })
     }
 
-    /// Whether both tilts are zero up to rounding: the plane is seen along its normal. They are roots of differences that round to 1e-16, so
+    /// Whether both tilts are zero up to rounding: the plane is viewed along its normal. They are roots of differences that round to 1e-16, so
     /// that rounding alone makes them 1e-8.
     fn is_frontal(&self) -> bool {
         // The square root of rounding, 1e-8, with a margin: nearer to it the two solutions cannot be computed apart.

@@ -2,7 +2,7 @@
 //!
 //! Three points: [`super::p3p`]. Four or more in a plane: [`super::planar_pose`] in that plane, with both solutions. All
 //! others: every minimum that comes close, found over all rotations ([`super::minima`]). Planes whose homography does not
-//! exist (three of four points on a line, or seen so under noise) go the same way.
+//! exist (three of four points on a line, or nearly so under noise) are solved the same way.
 
 use super::minima::{PnpPoses, axes, everywhere, pose_of_axes};
 use super::points::check;

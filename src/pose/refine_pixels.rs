@@ -1,6 +1,6 @@
 //! Robust least squares in pixels, through the lens, with a covariance of each point.
 //!
-//! `sum rho(e^T C^-1 e)`, e the pixel seen minus the one predicted (5.45), C its covariance. Gauss-Newton steps on the squares
+//! `sum rho(e^T C^-1 e)`, e the measured pixel minus the predicted one (5.45), C its covariance. Gauss-Newton steps on the squares
 //! weighted by rho' (iteratively reweighted), damped by Levenberg and Marquardt's rule when one fails. The unknown is the
 //! twist `[v; w]` of the object's centroid relative to the camera, expressed in C, as in [`super::refine`].
 
@@ -18,12 +18,12 @@ const MAX_ITERATIONS: u32 = 100;
 /// Steps (rad, and relative to the distance) below this are the last, squared: what Gauss and Newton leave after a step of 1e-8 is rounding.
 const LAST_STEP_SQUARED: f64 = 1e-16;
 
-/// A point of the object and the pixel where it is seen.
+/// A point of the object and its measured pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelCorrespondence {
     /// Position in the object frame, m.
     pub r: Point3<f64>,
-    /// Where it is seen, through the lens, px.
+    /// Its measured position in the distorted image, px.
     pub px: Vector2<f64>,
     /// Covariance of `px`, px^2.
     pub covariance_px2: Matrix2<f64>,

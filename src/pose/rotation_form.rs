@@ -1,6 +1,6 @@
 //! The object-space error of a set of points as a quadratic form of the rotation alone, and its minima.
 //!
-//! Of a point at `p = R r + t` seen at (X, Y), the part of p that is not on its ray has the size `(p_x - X p_z, p_y - Y p_z)`:
+//! For a point at `p = R r + t` with the image (X, Y), the part of p that is not on its ray has the size `(p_x - X p_z, p_y - Y p_z)`:
 //! the reprojection error (10.36) times the depth. The sum of squares is quadratic in R and t together. The best t is linear
 //! in R; with it the sum is `r^T O r`, r the nine entries of R, column by column. Its minima over all rotations are found from
 //! a grid ([`super::rotation_grid`]) by Newton's method. The rotation searched for is that of the principal axes of the
@@ -48,7 +48,7 @@ impl Axes {
 }
 
 impl RotationForm {
-    /// The sums over all points; `None` when all are seen in one direction.
+    /// The sums over all points; `None` when all have the same image.
     #[inline]
     pub(super) fn new<P: PointSource>(points: &[P], axes: &Axes) -> Option<Self> {
         // Sums of {1, X, Y, X^2 + Y^2} times {1, r_a, r_a r_b}; the sums of r_a vanish, those of r_a r_b are one matrix.

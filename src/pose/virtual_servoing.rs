@@ -18,14 +18,14 @@ pub enum ObjectFeature {
     Point {
         /// Its position in the object frame, m.
         r_O: Point3<f64>,
-        /// Where it is seen, normalized.
+        /// Its measured image, normalized.
         s: Vector2<f64>,
     },
     /// A line segment with distinguishable ends.
     Segment {
         /// Its ends in the object frame, m.
         ends_O: [Point3<f64>; 2],
-        /// `[x y L alpha]` of (10.28) as seen, normalized and rad.
+        /// Measured `[x y L alpha]` of (10.28), normalized and rad.
         s: Vector4<f64>,
     },
 }
@@ -137,7 +137,7 @@ fn settle<const M: usize>(
     Err(PoseError::NotConverged { iterations: settings.max_steps })
 }
 
-/// The least-squares twist of O relative to C for the wanted rates K_s e_s.
+/// The least-squares twist of O relative to C for the desired rates K_s e_s.
 fn relative_twist<const M: usize>(
     R_CO: &Rotation3<f64>,
     x: &SVector<f64, M>,

@@ -34,12 +34,12 @@ table! {
         stiffness_n_m_rad_or_n_m: Vec<f64> = Vec::new(),
         /// Of `pd_gravity`: damping of each joint, N m s/rad or N s/m; likewise.
         damping_n_m_s_rad_or_n_s_m: Vec<f64> = Vec::new(),
-        /// Of torques: rate at which what the model does not know (load, friction, masses) is learnt, rad/s; 0: not at all.
+        /// Of torques: bandwidth of the observer of disturbances (load, friction, masses) that the model does not contain, rad/s; 0: none.
         disturbance_rad_s: f64 = 10.0,
-        /// Of torques: bandwidth of the observer that takes velocities from positions, rad/s; 0: they are taken as the drive
-        /// reports them. Left out: 150 where the simulated encoders have steps or noise, else 0.
+        /// Of torques: bandwidth of the observer that estimates velocities from positions, rad/s; 0: the velocities that the drive
+        /// reports are used. Left out: 150 where the simulated encoders have steps or noise, else 0.
         velocity_observer_rad_s: Option<f64> = None,
-        /// Step of each encoder and twice its noise, within which a position says nothing, rad or m; one value stands for
+        /// Step of each encoder and twice its noise, within which a position is not significant, rad or m; one value stands for
         /// all. Left out: that of the simulated drive, else 0.
         encoder_step_rad_or_m: Vec<f64> = Vec::new(),
     }

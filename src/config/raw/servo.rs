@@ -106,7 +106,7 @@ impl<'de> Deserialize<'de> for Gains {
     }
 }
 
-/// Says what was found instead of numbers, which a derived choice does not.
+/// Reports what was found instead of numbers, which a derived choice does not.
 struct GainsVisitor;
 
 impl<'de> Visitor<'de> for GainsVisitor {

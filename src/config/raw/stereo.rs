@@ -9,7 +9,7 @@ table! {
     RawStereo {
         /// Largest difference of the exposure stamps of a pair of frames, ms.
         pair_tolerance_ms: f64 = 2.0,
-        /// Pose of the right camera in the left one, as a calibration of the pair gives it; left out: as the mounts say.
+        /// Pose of the right camera in the left one, from a calibration of the pair; left out: from the mounts.
         right_in_left: Option<RawPose> = None,
         /// File with the taught points; they take its place.
         taught_file: Option<PathBuf> = None,
@@ -24,7 +24,7 @@ table! {
     RawTaughtPoint {
         /// Its id.
         id: u32 = 0,
-        /// Where it was in the left camera, m.
+        /// Its position in the left camera, m.
         position_m: [f64; 3] = [0.0; 3],
         /// Covariance of that: xx, xy, xz, yy, yz, zz, m^2.
         covariance_m2: [f64; 6] = [0.0; 6],

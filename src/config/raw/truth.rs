@@ -5,7 +5,7 @@ use super::LensWord;
 use serde::{Deserialize, Serialize};
 
 table! {
-    /// The simulated camera where it is not as `[camera]` says.
+    /// True parameters of the simulated camera where they differ from `[camera]`.
     RawTrueCamera {
         /// `[scene.camera.lens]`
         lens: RawTrueLens = RawTrueLens::default(),
@@ -15,7 +15,7 @@ table! {
 }
 
 table! {
-    /// The lens that the simulated camera really has; left out: as in `[camera.lens]`.
+    /// True lens of the simulated camera; left out: that of `[camera.lens]`.
     RawTrueLens {
         /// Which formula the coefficients are of; another one than that of `[camera.lens]` has none of its coefficients.
         model: Option<LensWord> = None,
@@ -56,7 +56,7 @@ impl RawTrueLens {
 }
 
 pose_table! {
-    /// Where the simulated camera really sits, in the frame of `[camera.mount]`; left out: as there.
+    /// True pose of the simulated camera, in the frame of `[camera.mount]`; left out: as there.
     RawTrueMount {
         /// Position, m.
         position_m: Option<[f64; 3]> = None,
@@ -66,7 +66,7 @@ pose_table! {
 }
 
 table! {
-    /// How large the simulated target really is; left out: as `[target]` says, times `scale`.
+    /// True size of the simulated target; left out: that of `[target]`, times `scale`.
     RawTrueTarget {
         /// Factor on every length of `[target]` that is not given here.
         scale: Option<f64> = None,
@@ -84,7 +84,7 @@ table! {
 }
 
 table! {
-    /// What the simulated arm really is; what its drive is like stands in `[drive.simulated]`.
+    /// True parameters of the simulated arm; those of its drive are in `[drive.simulated]`.
     RawTrueArm {
         /// Name of a shipped robot, or path of a robot file: lengths, masses and friction. Left out: `robot.model`.
         model: Option<String> = None,

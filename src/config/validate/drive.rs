@@ -89,7 +89,7 @@ pub(super) fn drive(
     DriveSettings { kind: d.kind, mode: mode(raw, check), simulated, external }
 }
 
-/// Friction with a jump at standstill, where it is asked for.
+/// Stick-slip friction, where it is requested.
 fn hard_friction(s: &RawSimulated, check: &mut Validation<'_>) -> Option<HardFriction> {
     let hard = HardFriction {
         static_ratio: check.range(
@@ -106,7 +106,7 @@ fn hard_friction(s: &RawSimulated, check: &mut Validation<'_>) -> Option<HardFri
     s.hard_friction.then_some(hard)
 }
 
-/// What cannot be had where `drive.kind` is `none`.
+/// Settings that are not available where `drive.kind` is `none`.
 pub(super) fn without_arm(raw: &RawConfig, check: &mut Validation<'_>) {
     if raw.run.serve {
         check.wrong("run.serve", "has nothing to tell an arm: drive.kind is `none`; use vservo run");
@@ -123,7 +123,7 @@ pub(super) fn without_arm(raw: &RawConfig, check: &mut Validation<'_>) {
     }
 }
 
-/// The mode that is asked for, if the kind of drive takes it. What an external drive takes is its own to say, when
+/// The requested command mode, if the kind of drive supports it. An external drive reports the modes that it supports when
 /// it is connected.
 fn mode(raw: &RawConfig, check: &mut Validation<'_>) -> CommandMode {
     let ideal = raw.drive.kind == DriveKind::Ideal;

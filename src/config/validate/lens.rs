@@ -54,7 +54,7 @@ pub(super) fn believed(
     (intrinsics, Lens::of(model, |name| lens.coefficient(name)))
 }
 
-/// `[scene.camera.lens]`: the believed lens but for what is given. With another model only what is given counts.
+/// `[scene.camera.lens]`: the nominal lens with the given values replaced. With another lens model only the given values count.
 pub(super) fn true_one(
     lens: &RawTrueLens,
     (i, d): (Intrinsics, Lens),

@@ -93,7 +93,7 @@ pub(super) fn hidden(target: &Target, camera: &CameraModel, X_CO: &Pose) -> Opti
     Some(HiddenPoint { point: first.point, why, how_far })
 }
 
-/// What the camera sees before the arm moves, and what the controller believes that it sees.
+/// Checks that the target is in the image before the arm moves, for the true scene and for the controller's model.
 pub(super) fn view(
     raw: &RawConfig,
     robot: &RobotDescription,

@@ -57,7 +57,7 @@ pub(super) fn scene(
 fn true_lens(raw: &RawConfig, camera: Option<&Camera>, check: &mut Validation<'_>) -> Option<CameraModel> {
     let before = check.count_problems();
     let believed = camera.map(|c| (c.model.full_intrinsics(), *c.model.lens()));
-    // Without a believed lens its numbers do not matter: those that are given are checked all the same.
+    // Without a nominal lens its numbers do not matter; those that are given are checked all the same.
     let nothing = Intrinsics { fx_px: 1.0, fy_px: 1.0, cx_px: 0.0, cy_px: 0.0, width_px: 16, height_px: 16 };
     let instead = believed.unwrap_or((nothing, Lens::default()));
     let (intrinsics, true_lens) = lens::true_one(&raw.scene.camera.lens, instead, check);
