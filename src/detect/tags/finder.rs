@@ -54,8 +54,8 @@ const AROUND_PX: f64 = 14.0;
 /// a circle appears as an ellipse with the axes `1` and `c`, the cosine of the tilt, and `c + 1 / c` is 2.32 at 55 degrees.
 const STEEP: f64 = 2.32;
 
-/// Standard deviation added to corners of narrow-celled tags for which the fit of the whole tag failed, in deviations of the blur. Chosen by hand: what the doubt about a
-/// side says at two blurs a cell, 0.13 (`side::DOUBT`); half and double scale what is stated of such corners, and nothing else.
+/// Standard deviation added to corners of narrow-celled tags for which the fit of the whole tag failed, in deviations of the blur. Chosen by hand: that
+/// of a side at two blurs a cell is 0.13 (`side::DOUBT`); half and double scale what is stated of such corners, and nothing else.
 const UNFITTED_BLURS: f64 = 0.15;
 
 /// One tag in a frame.

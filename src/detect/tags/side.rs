@@ -34,8 +34,7 @@ const CLEAR_BLURS: f64 = 3.2;
 const DOUBT: f64 = 1.2;
 const DOUBT_FALL: f64 = 1.1;
 /// Relative standard deviation of the correction for uneven illumination. In addition it is unknown whether the illumination varies before the blur (on
-/// the object) or behind it (in the lens). Chosen by
-/// hand: half and double scale this part of what is stated, and nothing else.
+/// the object) or behind it (in the lens). Chosen by hand: half and double scale this part of what is stated, and nothing else.
 const GROWTH_DOUBT: f64 = 0.1;
 
 /// A measured side: its line with the covariance.
