@@ -1,4 +1,6 @@
-//! Gains of the resolved-velocity laws, 1/s: constant, or growing as the error shrinks.
+//! Scalar gain lambda of the resolved-velocity laws, 1/s: constant, or adaptive, growing as the error shrinks (as ViSP's `vpAdaptiveGain`).
+//!
+//! A law multiplies its gain matrix (K of B, K_s of D, K_p and K_o of the hybrid law) by it at every law output.
 
 /// The scalar gain lambda of a resolved-velocity law.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,7 +20,7 @@ pub enum Gain {
 }
 
 impl Gain {
-    /// lambda for an error of norm `error`, 1/s.
+    /// lambda for an error of norm `error` (m and rad for B, normalized units for D), 1/s.
     #[must_use]
     pub fn at(&self, error: f64) -> f64 {
         match *self {

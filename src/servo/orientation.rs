@@ -2,6 +2,8 @@
 //!
 //! For a rotation R of a frame 2 in a frame 1 with the angular velocity w of 2 relative to 1 expressed in 1:
 //! `w = T(phi) phi_dot`. Angles in rad.
+//!
+//! Position-based laws use phi as the orientation part of x~, the hybrid law as its orientation error.
 
 use crate::features::euler_zyx_rate;
 use crate::geometry::skew;

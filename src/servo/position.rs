@@ -1,5 +1,8 @@
 //! Schemes A and B: position-based laws, (10.68)-(10.77), as a task for the camera's twist.
 //!
+//! Data flow: the pose `X_CO` of the view (or, for m = 4, one from its image points) and the desired pose `X_DO` give the operational space error x~; scheme A
+//! makes a wrench of it, scheme B a twist, both expressed in C.
+//!
 //! With the camera's twist expressed in C instead of B, (10.71) reads `x~_dot = -E V_WC_C`,
 //! `E = T_A^-1(phi_dc) diag(R_DC, R_DC)`, and `J_Ad = E J` is (10.73). Both mounts and m = 4 follow from J alone.
 

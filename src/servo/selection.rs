@@ -1,4 +1,6 @@
 //! Which features of the target an image-based law compares (points, segments, one area), and their weights in the squared error.
+//!
+//! The order of the selection is that of the rows of `L_s` and `e_s`. Points are indices into the points of the [`SetPoint`](super::SetPoint), from 0.
 
 use crate::messages::MAX_FEATURES;
 

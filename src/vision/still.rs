@@ -1,4 +1,6 @@
 //! Detection and pose in a single image, without tracking: what `vservo detect` reports.
+//!
+//! Data flow: search of the whole image, examination for partial occlusion, pose with its ambiguity, misfit; see [`Vision::process`] for sequences.
 
 use super::{Growth, Prior, Vision};
 use crate::detect::Found;
