@@ -374,8 +374,8 @@ pub struct DetectArguments {
     /// Calibration file of ROS (YAML); with it the pose is computed too
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
-    /// How grey levels depend on light: linear, unknown (tags tell it by their edges), srgb (most images in files), gamma:G, or table:L,L,... (light of 2 to 33 equally spaced levels)
-    #[arg(long, value_name = "RESPONSE", default_value_t = Response::Linear)]
+    /// How grey levels depend on light: unknown (tags tell it by their edges), linear, srgb (most images in files), gamma:G, or table:L,L,... (light of 2 to 33 equally spaced levels)
+    #[arg(long, value_name = "RESPONSE", default_value_t = Response::Unknown)]
     pub response: Response,
     /// Print JSON, one object a line and image
     #[arg(long)]

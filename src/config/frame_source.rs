@@ -88,10 +88,10 @@ table! {
         latency_ms: f64 = 20.0,
         /// Added to every exposure stamp that the camera gives, ms: what `vservo calibrate latency` found.
         stamp_offset_ms: f64 = 0.0,
-        /// How its levels depend on light: `linear` (levels are light), `unknown` (taken as light; corners of tags are
+        /// How its levels depend on light: `auto` (`unknown` for real cameras, else `linear`), `linear` (levels are light), `unknown` (taken as light; corners of tags are
         /// corrected by an estimate from their edges, with larger covariances), `srgb`, `gamma:G`, or `table:L,L,...` with the light of 2 to 33
         /// equally spaced levels; levels are made proportional to light before anything is measured.
-        response: String = "linear".to_owned(),
+        response: String = "auto".to_owned(),
         /// `[camera.roi]`; left out: all of the sensor.
         roi: Option<RawRoi> = None,
         /// `[camera.lens]`

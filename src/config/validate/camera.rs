@@ -88,7 +88,12 @@ fn camera(
     // Each camera has noise and losses of its own.
     let seed = raw.run.seed ^ u64::from(id.0).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     let source = frame_source::source(c, look, seed, at, check);
-    let response = frame_source::response(&key("response"), &c.response, check);
+    let text = match (c.response.as_str(), c.source) {
+        ("auto", frame_source::SourceKind::V4l2) => "unknown",
+        ("auto", _) => "linear",
+        (text, _) => text,
+    };
+    let response = frame_source::response(&key("response"), text, check);
     let (intrinsics, bends) = lens::believed(at, lens, (width_px, height_px), check);
     let region = region(c, at, check);
     let irregularity = Irregularity {
