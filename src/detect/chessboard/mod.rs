@@ -43,7 +43,7 @@ const MIN_CORNERS: usize = 6;
 const MIN_PART: usize = 6;
 /// A second board with this share of the first one's corners makes the choice ambiguous. Chosen by hand: less lets clutter refuse boards.
 const SECOND: f64 = 0.6;
-/// Blur before anything is known of it, px.
+/// Blur before it was measured, px. Chosen by hand: a start of the fit, which estimates it; half or double change how many first corners converge.
 const BLUR_PX: f64 = 1.0;
 /// Bounds of a board: inner corners along a side. A lattice needs two lines; 60 was chosen by hand: buffers grow with its square.
 const SIDE: std::ops::RangeInclusive<usize> = 2..=60;

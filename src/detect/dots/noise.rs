@@ -12,7 +12,8 @@ const ROUGH_TIMES: f64 = 5.0;
 const ROUGH_LEVELS2: f64 = 1.0;
 /// Variance inside dots over that on the plate, at most: more is blur. Chosen by hand: 100 pixels determine a variance to a seventh.
 const MAX_INSIDE: f64 = 1.15;
-/// Levels as near as this many deviations to the greatest have lost some of their noise: at two a twentieth of its variance.
+/// Levels as near as this many deviations to the greatest have lost some of their noise by clipping. Derived: at two 4 % of its variance, at one a
+/// quarter, at four nothing.
 const CUT_SDS: f64 = 2.0;
 
 /// Levels of one dot and its surroundings, before its centroid is computed.

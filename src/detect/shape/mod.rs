@@ -38,7 +38,8 @@ use warp::{Oval, Projective, Warp};
 
 /// Most border pixels of all regions of a frame. Chosen by hand: a bound on memory, 8 MB, which only noise all over a large frame reaches.
 const MAX_BORDER: usize = 1 << 20;
-/// A search reaches so far from the border pixels, px.
+/// A search reaches so far from the border pixels, px. Chosen by hand: thresholds move borders by a pixel or two in blur; half loses blurred shapes, the double
+/// takes in edges of things nearby.
 const REACH_PX: f64 = 2.0;
 /// Least visible share of the outline, in a search and in tracking. Chosen by hand: a region that is not occluded shows all but what glare or
 /// dust takes, and at 0.8 parts of other outlines pass; where the shape is known to be near, a bit more than half is enough, and what is half
