@@ -65,9 +65,11 @@ const STEP_GAIN: f64 = 3.0;
 /// that the mean before it is still good: a joint that does not follow is reported within 0.6 s (tested in `control/safety/arm.rs`).
 const MEAN_TICKS: u32 = 1000;
 /// Speed below which a joint stands, and speeds of its reference and of the decay of its error up to which it is left standing, rad/s or m/s: a
-/// tenth and four times the width over which friction changes its sign in the models of simulators; at 40 rad/s the error is then within 0.1 mrad.
+/// tenth of the width over which friction changes its sign in smooth models, and as much as that width; at 40 rad/s the error is then within 0.025 mrad.
 const STANDS: f64 = 1e-4;
-const STUCK: f64 = 4e-3;
+const STUCK: f64 = 1e-3;
+/// Share of the model's Coulomb friction from which on a joint may stick. Chosen by hand: with less, what it sticks with moves no arm visibly.
+const STICKS: f64 = 0.2;
 /// Share of the estimation rate that is kept at rest. Chosen by hand: 1 / 50, so that an arm that is held by friction still adapts.
 const RATE_AT_REST: f64 = 0.02;
 
@@ -367,11 +369,8 @@ impl<const N: usize> JointObserver<N> {
                 };
                 // A joint that sticks near its reference is left alone: torque that grows until it leaps would make it hunt.
                 let w = commanded.velocity[i].abs();
-                if speed.abs() < STANDS
-                    && w < STUCK
-                    && commanded.slip[i].abs() < STUCK
-                    && friction.coulomb > 0.0
-                {
+                let sticks = friction.coulomb * self.confirmed.share()[i] > STICKS * friction.coulomb;
+                if sticks && speed.abs() < STANDS && w.max(commanded.slip[i].abs()) < STUCK {
                     continue;
                 }
                 self.friction.learn(i, friction, &residual, h);
