@@ -1,5 +1,5 @@
 //! Bounds on the misfit (the reprojection error over its stated variance, chi-square distributed): up to where it is chance, and where a measurement is
-//! rejected. A misfit between both bounds enlarges the stated covariances ([`Growth`]).
+//! rejected. For single images, which are not rejected, a misfit beyond chance enlarges the stated covariances ([`Growth`]).
 
 /// Largest misfit of four dots that is accepted: `T = 4 rms^2 / sd^2`, the sum of squares of the 8 reprojection errors over
 /// the mean variance of a coordinate. With 6 parameters of the pose it has a chi-square distribution with 2 degrees of
