@@ -67,7 +67,10 @@ const MEAN_TICKS: u32 = 1000;
 /// Speed below which a joint stands, and speeds of its reference and of the decay of its error up to which it is left standing, rad/s or m/s: a
 /// tenth of the width over which friction changes its sign in smooth models, and as much as that width; at 40 rad/s the error is then within 0.025 mrad.
 const STANDS: f64 = 1e-4;
-const STUCK: f64 = 1e-3;
+const STUCK: f64 = 4e-3;
+/// Largest share of the model's friction that is compensated: a joint that sticks and slips makes the estimate grow, and more than its true
+/// friction drives it. A quarter more than the largest confirmed share.
+const MOST_FRICTION: f64 = 2.5;
 /// Share of the model's Coulomb friction from which on a joint may stick. Chosen by hand: with less, what it sticks with moves no arm visibly.
 const STICKS: f64 = 0.2;
 /// Share of the estimation rate that is kept at rest. Chosen by hand: 1 / 50, so that an arm that is held by friction still adapts.
@@ -202,7 +205,8 @@ impl<const N: usize> JointObserver<N> {
 
     /// The share of the model's friction that is compensated.
     pub(super) fn friction_share(&self) -> SVector<f64, N> {
-        self.friction.share().add_scalar(1.0).component_mul(self.confirmed.share())
+        let share = self.friction.share().add_scalar(1.0).component_mul(self.confirmed.share());
+        share.map(|share| share.min(MOST_FRICTION))
     }
 
     pub(super) fn friction_sd(&self) -> SVector<f64, N> {

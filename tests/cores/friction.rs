@@ -78,11 +78,24 @@ fn a_rated_payload_that_is_not_told_is_carried() {
         for &scale in scales {
             for delay in [0, 2] {
                 let payload = format!("drive.simulated.payload_kg={rated_kg}");
-                let (hardest, outcome) = ran(file, scale, delay, &[&payload, "run.duration_s=15.0"]);
+                let (hardest, outcome) = ran(file, scale, delay, &[&payload, "run.duration_s=30.0"]);
                 if outcome != Outcome::Converged || hardest > 160.0 {
                     failures.push(format!("{file} x {scale} delay {delay}: {hardest} {}", outcome.as_str()));
                 }
             }
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+/// Friction that sticks and slips (static friction above the sliding one), which the model does not have: no run hunts about its goal until its time is over.
+#[test]
+fn joints_that_stick_and_slip_come_to_rest_at_the_goal() {
+    let mut failures = Vec::new();
+    for scale in [0.5, 1.0, 1.5, 2.0] {
+        let (hardest, outcome) = ran("xarm7", scale, 0, &["drive.simulated.hard_friction=true"]);
+        if outcome != Outcome::Converged || hardest > 250.0 {
+            failures.push(format!("x {scale}: {hardest} {}", outcome.as_str()));
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));

@@ -234,7 +234,9 @@ impl<const N: usize> ConfirmedFriction<N> {
             return;
         }
         let along = Along::of(response, self.speed[i] > 0.0);
-        let tells = along.requested > 0.0 && along.torque > TELLS * self.share[i] * all;
+        // Near standstill a joint that sticks tells nothing of how much it rubs, unless it is probed.
+        let least = if self.speed[i] > 0.0 || self.probes[i].left > 0 { 0.0 } else { PROBE };
+        let tells = along.requested > least && along.torque > TELLS * self.share[i] * all;
         let holds = self.probes[i].left > 0 && {
             let resisted = along.torque * (1.0 - along.unresisted) / model.torque(along.speed);
             self.probes[i].hold(along.speed, resisted, noise.0)
