@@ -64,12 +64,13 @@ const STEP_GAIN: f64 = 3.0;
 /// Ticks over which the mean of a disturbance is taken. It must be longer than the detection of a blocked or oscillating arm takes, so
 /// that the mean before it is still good: a joint that does not follow is reported within 0.6 s (tested in `control/safety/arm.rs`).
 const MEAN_TICKS: u32 = 1000;
-/// Speed below which a joint stands, and speeds of its reference and of the decay of its error up to which it is left standing, rad/s or m/s: a
-/// tenth of the width over which friction changes its sign in smooth models, and as much as that width; at 40 rad/s the error is then within 0.025 mrad.
+/// Speed below which a joint stands, and speeds of its reference and of the decay of its error up to which it is left standing, rad/s or m/s.
+/// Chosen by hand: a tenth of the width over which friction changes its sign in smooth models, and four times that width; at 40 rad/s the error is
+/// then within 0.1 mrad. With a quarter of it an xArm7 that sticks and slips hunts for 9 to 17 s instead of 2 to 13 (tests/cores/friction.rs).
 const STANDS: f64 = 1e-4;
 const STUCK: f64 = 4e-3;
 /// Largest share of the model's friction that is compensated: a joint that sticks and slips makes the estimate grow, and more than its true
-/// friction drives it. A quarter more than the largest confirmed share.
+/// friction drives it. Chosen by hand: a quarter more than the largest confirmed share.
 const MOST_FRICTION: f64 = 2.5;
 /// Share of the model's Coulomb friction from which on a joint may stick. Chosen by hand: with less, what it sticks with moves no arm visibly.
 const STICKS: f64 = 0.2;

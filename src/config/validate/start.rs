@@ -11,7 +11,7 @@ use crate::scene::{PointVisibility, Visibility};
 use crate::target::Target;
 use nalgebra::{Matrix3, SVector};
 
-/// Heaviest tool, kg, and its farthest centre of mass from the flange, m: beyond what any arm of two to seven joints is rated for.
+/// Heaviest tool, kg, and its farthest centre of mass from the flange, m. Chosen by hand, beyond what any arm of two to seven joints is rated for.
 const MOST_KG: f64 = 1e3;
 const FARTHEST_M: f64 = 2.0;
 /// Most hidden points that are listed. Chosen by hand, for a readable line.
