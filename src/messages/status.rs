@@ -80,7 +80,7 @@ pub mod status_flag {
 /// State of the run, in a flat record, so that plotting tools can show every field.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.Status.v3"))]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.Status.v4"))]
 pub struct Status {
     /// Number of the control tick.
     pub tick: u64,
@@ -121,7 +121,10 @@ pub struct Status {
     pub missed_deadlines: u64,
     /// For how long the camera has been in its state, s; NaN where unknown.
     pub camera_state_s: f64,
-    /// Code of a [`ControlState`].
+    /// Share of the gain at which the slowest error near the goal falls with what the law believes of depth, lens, mount and target, as
+    /// `vservo check` tells it (`stability`); 0 or less: unstable. NaN for other laws than scheme D, and without a scene.
+    pub stability: f64,
+    /// Code of a [`ControlState`]: what control does.
     pub state: u32,
     /// Code of the [`super::TargetStatus`] of the last measurement.
     pub target: u32,

@@ -39,11 +39,11 @@ use crate::control::trace::{Event, Trace};
 use crate::drive::DriveState;
 use crate::messages::{ControlState, JointState, Measurement, frame_flag, joint_flag};
 use crate::motion::ActingLimits;
-use crate::servo::{MeasurementVerdict, SetPoint, View};
+use crate::servo::{Law, MeasurementVerdict, SetPoint, View};
 use crate::time::{MonoNs, SpanNs, TICK};
 use measurement_log::MeasurementLog;
 use nalgebra::{SVector, Vector2};
-use residual::{NO_NEARER, OUT_OF_REACH, ResidualWatch};
+use residual::{NO_NEARER, ResidualWatch, why_it_stays};
 use run_end::RunEnd;
 use std::collections::VecDeque;
 use teaching::GoalTeacher;
@@ -91,7 +91,7 @@ pub struct Goal {
 }
 
 /// The conditions under which a run begins and ends.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct RunPlan {
     /// Whether the run serves requests, or executes its file.
     pub service: Service,
@@ -103,6 +103,10 @@ pub struct RunPlan {
     pub closed_loop: bool,
     /// Focal lengths that turn normalized errors into pixels.
     pub f_px: Vector2<f64>,
+    /// The law, by which an error that stays is judged.
+    pub law: Law,
+    /// What a status tells as [`Status::stability`](crate::messages::Status::stability).
+    pub stability: f64,
 }
 
 /// The mission of one run.
@@ -142,6 +146,7 @@ impl<const N: usize> Mission<N> {
     pub fn new(plan: RunPlan, task: RunTask<N>, goal: Goal, truth: Option<Truth<N>>) -> Self {
         let mut orders = VecDeque::with_capacity(ORDERS);
         let teaches = plan.service == Service::OneShot { teaches: true };
+        let teacher = teaches.then(|| GoalTeacher::new(plan.teaching_measurements));
         if plan.service != Service::Served {
             let first = if teaches { Request::Teach } else { Request::Start };
             orders.push_back(ControlOrder::Request(first));
@@ -152,7 +157,7 @@ impl<const N: usize> Mission<N> {
             goal,
             truth,
             measurements: MeasurementLog::new(),
-            teacher: teaches.then(|| GoalTeacher::new(plan.teaching_measurements)),
+            teacher,
             first: None,
             last: MonoNs::ZERO,
             joint_state: JointState::default(),
@@ -357,10 +362,17 @@ impl<const N: usize> Mission<N> {
         let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
         let goal_px = self.goal.tolerance_px;
         let no_nearer = || self.residual.is_no_nearer(goal_px).then_some(NO_NEARER);
-        let stays = || self.residual.constant_px(goal_px).map(|_| OUT_OF_REACH).or_else(no_nearer);
+        let seen = self.measurements.last_found();
+        let why = |px| why_it_stays(&self.plan.law, &self.goal.set_point, seen, px);
+        let stays = || self.residual.constant_px(goal_px).map(why).or_else(no_nearer);
         let when_late = self.task.when_late().or_else(|| stays().filter(|_| servoing));
         let (closed_loop, state) = (self.plan.closed_loop, self.state);
         time_is_up.then(|| run_end::time_is_up(closed_loop, state, when_late, &self.measurements))
+    }
+
+    /// Tells the status of what is known of the law's stability: [`Status::stability`](crate::messages::Status::stability).
+    pub fn set_stability(&mut self, slowest: f64) {
+        self.plan.stability = slowest;
     }
 
     /// The end of the run; `None` before.

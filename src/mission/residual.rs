@@ -6,6 +6,8 @@
 //! The numbers here were chosen by hand. The tests below give errors that must be reported and errors that must not. Half of `LONG` reports an arm
 //! that has stood for 1.5 s only, and fails there.
 
+use crate::messages::Measurement;
+use crate::servo::{Law, SetPoint, View, felt_share};
 use crate::time::{MonoNs, SpanNs};
 
 /// Time for which the arm must have stood and the error stayed.
@@ -21,10 +23,50 @@ pub const OUT_OF_REACH: &str = "the arm stands and the error stays: the goal can
                                        joints; compare [camera.lens], [camera.mount] and [target] with what is there, or teach the \
                                        goal (servo.set_point.kind = \"taught\")";
 
+/// The reason that ends a run whose law has come to rest at a local minimum.
+pub const LOCAL_MINIMUM: &str = "the arm stands at a local minimum of the feature error: K_s e_s is in the null space of L_s^T, no motion of \
+                                 the camera makes the error fall from here, and the target is seen as it is, so that the goal lies \
+                                 elsewhere; start nearer to it, or let a law go that compares poses (servo.scheme = \
+                                 \"position_resolved_velocity\" or \"hybrid\")";
+
+/// The reason that ends a run whose torques do not move the arm any more.
+pub const TOO_WEAK: &str = "the arm stands and the error stays: what the law asks for is too little torque against friction and what the model does \
+                            not know; raise the stiffness in [servo.pd]. Or the goal cannot be reached with this lens, mount or number of joints: \
+                            compare [camera.lens], [camera.mount] and [target] with what is there";
+
 /// The reason that ends a run whose arm moves and gets no nearer.
 pub const NO_NEARER: &str = "the arm moves on and the error does not fall: lower servo.gain_1_s; see whether load, friction and delay of \
                              the arm are far from its model, its encoders coarser than motion.encoder_step_rad_or_m says, or the object \
                              moves (servo.object.moves)";
+
+/// Largest share of K_s e_s that motions of the camera still change at a local minimum, and largest share of the feature error
+/// by which what is seen may differ from an image of the target. Chosen, with room on
+/// both sides: a UR5 that creeps into such a minimum at a fifth of its gain is at 0.14 of the first, and at 1e-4 of the second; an arm of four
+/// joints before a tilted target is told by the first, and a lens that bends by more than it should by the second (`a_local_minimum_is_told`).
+const FELT_SHARE: f64 = 0.3;
+const MISFIT_SHARE: f64 = 0.1;
+
+/// Why an error of `error_px` stays before an arm that stands; `seen` is the last measurement.
+///
+/// It is a local minimum where the law asks for nothing, and what is seen is an image of the target from some other pose than the goal's: from
+/// there the goal's image can be had. Where lens or target are not as they are believed, an arm with enough joints comes to rest in the null space of
+/// L_s^T, too, but then no pose gives what is seen, by as much as the error.
+pub(super) fn why_it_stays(
+    law: &Law,
+    set_point: &SetPoint,
+    seen: Option<&Measurement>,
+    error_px: f64,
+) -> &'static str {
+    let is_local_minimum = |m: &Measurement| {
+        let felt = felt_share(law, set_point, &View::of(m, set_point)?)?;
+        Some(felt <= FELT_SHARE && m.reprojection_rms_px <= MISFIT_SHARE * error_px)
+    };
+    match seen.and_then(is_local_minimum) {
+        Some(true) => LOCAL_MINIMUM,
+        _ if law.is_torque() => TOO_WEAK,
+        _ => OUT_OF_REACH,
+    }
+}
 
 /// The mean error over this time is compared with that of the time before; if it falls by less than this share, the arm is no nearer.
 const SPELL: SpanNs = SpanNs(2_000_000_000);

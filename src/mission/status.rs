@@ -83,6 +83,7 @@ impl<const N: usize> Mission<N> {
             target_lost: m.target_lost,
             missed_deadlines: trace.missed_deadlines,
             camera_state_s: f64::NAN,
+            stability: self.plan.stability,
             state: self.state as u32,
             target: m.status,
             limits: self.acted.kinds(),

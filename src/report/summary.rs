@@ -9,6 +9,7 @@ use crate::mission::FinalErrors;
 use crate::mission::measurement_log::VerdictCounts;
 use crate::report::histogram::Quantiles;
 use crate::report::numbers::significant;
+use crate::servo::Stability;
 use crate::time::TICK;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -214,6 +215,10 @@ pub struct Summary {
     /// What a calibration run found; left out in other runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<StampCalibration>,
+    /// How far the law is from instability with what it believes, as `vservo check` tells it; left out for other laws than scheme D, and
+    /// without a scene.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stability: Option<Stability>,
 }
 
 /// A duration of a histogram, us, to the digits that its buckets resolve: their width is 1.6 to 3.1 % of the duration.
@@ -258,6 +263,7 @@ impl Summary {
             payload: None,
             state_hash: None,
             calibration: None,
+            stability: None,
         }
     }
 

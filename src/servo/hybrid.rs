@@ -117,8 +117,7 @@ pub fn J_o(s: &Vector2<f64>) -> Matrix3<f64> {
 /// the value that the pose of the first measurement gave, so that this ratio is `z_c(0) / z_c`. The other choices take z_d from the set-point: then the
 /// law needs no pose of the object.
 ///
-/// # Returns
-/// `None` when there is no homography or the view does not belong to the set-point's features.
+/// `None` when there is no homography, the view is of other features or the orientation error has no rate.
 #[must_use]
 pub fn hybrid_task(
     set_point: &SetPoint,
@@ -133,7 +132,7 @@ pub fn hybrid_task(
     let rho = displacement.depth_ratio(s, s_d)?;
     let e_p = Vector3::new(s_d.x - s.x, s_d.y - s.y, -rho.ln());
     let phi = orientation.of(&displacement.R_CD);
-    let w = orientation.rate(&phi) * gains.K_o.times(&phi);
+    let w = orientation.rate(&phi, &displacement.R_CD)? * gains.K_o.times(&phi);
     let rate = gains.K_p.times(&e_p);
     let known = || -> Option<f64> { Some((view.X_CO_known()? * set_point.points().get(i)?).z) };
     let initial = || -> Option<f64> { Some(view.initial_depths()?.depth_m(set_point.points().get(i)?)) };

@@ -6,6 +6,7 @@
 
 mod stacked;
 
+pub(super) use stacked::rows_by;
 pub use stacked::{image_error, image_task_by, image_wrench_by, weighted_rows};
 
 use super::resolve::damped_factors;

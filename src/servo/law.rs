@@ -126,8 +126,8 @@ pub enum NoTask {
     NoPose,
     /// Fewer features are visible than the law needs.
     TooFew,
-    /// The visible features do not determine a motion: collinear or coincident points, points behind the camera, or an orientation at which the
-    /// Euler angles are singular.
+    /// What is seen fixes no motion: points on a line, one on top of the other or behind the camera, an orientation at which
+    /// the orientation error has no rate.
     Singular,
 }
 
@@ -195,7 +195,8 @@ impl Law {
                 wrench.map(Task::Wrench).ok_or(NoTask::Singular)
             }
             Self::PositionVelocity { K, orientation, space, .. } => {
-                Ok(Task::Twist(pose_error(*space, *orientation)?.twist_task(K)))
+                let twist = pose_error(*space, *orientation)?.twist_task(K);
+                twist.map(Task::Twist).ok_or(NoTask::Singular)
             }
             Self::ImageTorque { K_Ps, damping, interaction } => {
                 let K_Ds = match damping {

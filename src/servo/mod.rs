@@ -99,7 +99,7 @@ pub use selection::{FeatureKind, OutlineFeature, Selection};
 pub use set_point::SetPoint;
 pub use settings::{ServoSettings, UpdatePolicy};
 use similarity::fit_similarity;
-pub use stability::{StabilityMargin, error_motion};
+pub use stability::{Margins, Stability, StabilityMargin, error_motion, felt_share};
 pub use view::View;
 pub use visibility::VisibilityGuard;
 pub use visual_servo::VisualServo;

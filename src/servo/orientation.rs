@@ -10,8 +10,9 @@ use crate::geometry::skew;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Least |cos| of the middle Euler angle at which T(phi) is inverted: the inverse grows as 1 / cos, so that a thousandth of the angular
-/// velocity, which no measurement has right, would be all of the rate of the angles. 0.06 degrees from the singularity.
+/// Least |cos| of the middle Euler angle, of the angle for `r sin`, and of half the angle for a quaternion, at which what relates rates and angular
+/// velocity is inverted: the inverse grows as 1 / cos, so that a thousandth of the angular velocity, which no measurement has right, would be all
+/// of the rate. 0.06 degrees from the singularity.
 const GIMBAL_LOCK: f64 = 1e-3;
 /// Angle, rad, below which the coefficients of a rotation vector's rate come from two terms of their series: there the third, at most
 /// angle^4 / 720, is below the precision of a double, and the rounding of the closed forms, 1e-16 / angle^2, would be 1e-10.
@@ -23,24 +24,41 @@ const SMALL_ANGLE_RAD: f64 = 1e-3;
 pub enum OrientationError {
     /// Angles about z, y and x of `R = Rz Ry Rx`, in this order, as in the text.
     EulerZyx,
-    /// Rotation vector: axis times angle.
+    /// Rotation vector: axis r times angle theta, up to half a turn.
     AngleAxis,
+    /// `r sin(theta)`, (3.86): half the sum of the cross products of the axes. Below a quarter of a turn only, beyond which it shrinks again.
+    RSin,
+    /// `2 r sin(theta / 2)`: twice the vector part of the unit quaternion of Sect. 3.7.3, so that gains mean what they mean for the others.
+    /// Below half a turn.
+    Quaternion,
 }
 
 impl OrientationError {
-    /// The three numbers phi of the rotation `R`, rad.
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::EulerZyx, Self::AngleAxis, Self::RSin, Self::Quaternion];
+
+    /// phi of the rotation `R`, rad.
     #[must_use]
     pub fn of(self, R: &Rotation3<f64>) -> Vector3<f64> {
         match self {
             Self::EulerZyx => euler_zyx(R),
             Self::AngleAxis => UnitQuaternion::from_rotation_matrix(R).scaled_axis(),
+            Self::RSin => {
+                let m = R.matrix();
+                Vector3::new(m.m32 - m.m23, m.m13 - m.m31, m.m21 - m.m12) * 0.5
+            }
+            Self::Quaternion => {
+                let (_, epsilon) = quaternion(R);
+                epsilon * 2.0
+            }
         }
     }
 
-    /// T(phi), 3 x 3, with `w = T phi_dot`.
+    /// T with `w = T phi_dot`, for the rotation `R` whose error is `phi`. `None` where it does not exist: from a quarter of a turn on for `r sin`, at
+    /// half a turn for a quaternion.
     #[must_use]
-    pub fn rate(self, phi: &Vector3<f64>) -> Matrix3<f64> {
-        match self {
+    pub fn rate(self, phi: &Vector3<f64>, R: &Rotation3<f64>) -> Option<Matrix3<f64>> {
+        Some(match self {
             Self::EulerZyx => euler_zyx_rate(phi),
             Self::AngleAxis => {
                 let (angle2, S) = (phi.norm_squared(), skew(phi));
@@ -52,12 +70,20 @@ impl OrientationError {
                 };
                 Matrix3::identity() + S * a + S * S * b
             }
-        }
+            Self::RSin => self.inverse_rate(phi, R)?.try_inverse()?,
+            Self::Quaternion => {
+                // (eta I - S)(eta^2 I + eta S + epsilon epsilon^T) = eta I, for a unit quaternion
+                let (eta, epsilon) = quaternion(R);
+                (eta >= GIMBAL_LOCK).then(|| {
+                    Matrix3::identity() * eta + skew(&epsilon) + epsilon * epsilon.transpose() / eta
+                })?
+            }
+        })
     }
 
-    /// T(phi)^-1 with `phi_dot = T^-1 w`; `None` where the middle Euler angle is at +-pi/2.
+    /// T^-1 with `phi_dot = T^-1 w`. `None` where the middle Euler angle is at +-pi/2, and from a quarter of a turn on for `r sin`.
     #[must_use]
-    pub fn inverse_rate(self, phi: &Vector3<f64>) -> Option<Matrix3<f64>> {
+    pub fn inverse_rate(self, phi: &Vector3<f64>, R: &Rotation3<f64>) -> Option<Matrix3<f64>> {
         match self {
             Self::EulerZyx => {
                 let ((sz, cz), (sy, cy)) = (phi.x.sin_cos(), phi.y.sin_cos());
@@ -75,8 +101,25 @@ impl OrientationError {
                 };
                 Some(Matrix3::identity() - S * 0.5 + S * S * b)
             }
+            Self::RSin => {
+                // of L in (3.91), for a frame 1 that does not turn; its smallest singular value is cos(theta)
+                let trace = R.matrix().trace();
+                let cos = 0.5 * (trace - 1.0);
+                (cos >= GIMBAL_LOCK).then(|| (Matrix3::identity() * trace - R.matrix()) * 0.5)
+            }
+            Self::Quaternion => {
+                let (eta, epsilon) = quaternion(R);
+                Some(Matrix3::identity() * eta - skew(&epsilon))
+            }
         }
     }
+}
+
+/// Scalar and vector part of the unit quaternion of `R`, the scalar part not negative.
+fn quaternion(R: &Rotation3<f64>) -> (f64, Vector3<f64>) {
+    let q = UnitQuaternion::from_rotation_matrix(R);
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    (sign * q.w, Vector3::new(q.i, q.j, q.k) * sign)
 }
 
 /// The angles (about z, y, x) of `R = Rz Ry Rx`, rad; the middle one in [-pi/2, pi/2].
@@ -92,7 +135,7 @@ mod tests {
     use crate::pose::euler_zyx_rotation;
     use proptest::prelude::*;
 
-    const BOTH: [OrientationError; 2] = [OrientationError::EulerZyx, OrientationError::AngleAxis];
+    const ALL: [OrientationError; 4] = OrientationError::ALL;
 
     proptest! {
         #[test]
@@ -106,32 +149,63 @@ mod tests {
             axis in prop::array::uniform3(-1.2..1.2f64), w in prop::array::uniform3(-1.0..1.0f64)
         ) {
             let (R, w) = (Rotation3::from_scaled_axis(Vector3::from(axis)), Vector3::from(w));
-            for kind in BOTH {
+            for kind in ALL {
                 let phi = kind.of(&R);
                 if kind == OrientationError::EulerZyx && phi.y.cos() < 0.1 { continue; }
                 let h = 1e-6;
                 let at = |t: f64| kind.of(&(Rotation3::from_scaled_axis(w * t) * R));
                 let difference = (at(h) - at(-h)) / (2.0 * h);
                 if difference.norm() > 100.0 { continue; } // a jump by 2 pi
-                let rate = kind.inverse_rate(&phi).unwrap();
+                let Some(rate) = kind.inverse_rate(&phi, &R) else {
+                    // only r sin ends here, and Euler angles have been left out
+                    prop_assert!(kind == OrientationError::RSin && R.angle().cos() < 1e-3);
+                    continue;
+                };
                 prop_assert!((rate * w - difference).norm() < 1e-5, "{kind:?} {} {}", rate * w, difference);
-                prop_assert!((kind.rate(&phi) * rate - Matrix3::identity()).norm() < 1e-9);
+                let product = kind.rate(&phi, &R).unwrap() * rate;
+                prop_assert!((product - Matrix3::identity()).norm() < 1e-9);
             }
         }
     }
 
+    /// (3.86), (3.88): r sin(theta) is half the sum of the cross products of the axes of both frames, and the quaternion's error twice
+    /// `r sin(theta / 2)`.
     #[test]
-    fn gimbal_lock_and_half_turns() {
+    fn they_are_those_of_the_text() {
+        let r = Vector3::new(0.6, -0.48, 0.64);
+        for angle in [1e-6, 0.4, 1.5, 2.5] {
+            let R = Rotation3::from_scaled_axis(r * angle);
+            let of_axes: Vector3<f64> =
+                (0..3).map(|i| Vector3::ith(i, 1.0).cross(&R.matrix().column(i)) * 0.5).sum();
+            assert!((OrientationError::RSin.of(&R) - of_axes).norm() < 1e-15);
+            assert!((of_axes - r * angle.sin()).norm() < 1e-15);
+            assert!((OrientationError::Quaternion.of(&R) - r * 2.0 * (0.5 * angle).sin()).norm() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn gimbal_lock_quarter_and_half_turns() {
         let up = Vector3::new(0.3, std::f64::consts::FRAC_PI_2, 0.0);
-        assert!(OrientationError::EulerZyx.inverse_rate(&up).is_none());
+        let R = euler_zyx_rotation(&up);
+        assert!(OrientationError::EulerZyx.inverse_rate(&up, &R).is_none());
+        let about = |angle: f64| Rotation3::from_scaled_axis(Vector3::new(0.0, 0.0, angle));
+        let half = about(std::f64::consts::PI);
         let half_turn = Vector3::new(0.0, 0.0, std::f64::consts::PI);
-        let rate = OrientationError::AngleAxis.inverse_rate(&half_turn).unwrap();
+        let rate = OrientationError::AngleAxis.inverse_rate(&half_turn, &half).unwrap();
         assert!(rate.iter().all(|x| x.is_finite()));
         assert!((rate * half_turn - half_turn).norm() < 1e-12, "the axis keeps its direction");
-        for kind in BOTH {
-            assert!(
-                (kind.rate(&Vector3::zeros()) - kind.inverse_rate(&Vector3::zeros()).unwrap()).norm() < 1.5
-            );
+        for (kind, end) in [(OrientationError::RSin, 0.5), (OrientationError::Quaternion, 1.0)] {
+            let rate = |share: f64| {
+                let R = about(share * end * std::f64::consts::PI);
+                kind.rate(&kind.of(&R), &R)
+            };
+            assert!(rate(0.99).is_some() && rate(1.0).is_none(), "{kind:?}");
+        }
+        let beyond = about(2.0);
+        assert!(OrientationError::RSin.rate(&OrientationError::RSin.of(&beyond), &beyond).is_none());
+        for kind in ALL {
+            let (none, R) = (Vector3::zeros(), Rotation3::identity());
+            assert!((kind.rate(&none, &R).unwrap() - kind.inverse_rate(&none, &R).unwrap()).norm() < 1.5);
         }
     }
 }

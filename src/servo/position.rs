@@ -8,7 +8,7 @@
 
 use super::{GainMatrix, OrientationError, SetPoint, TwistTask, View, WrenchTask, fit_similarity};
 use crate::geometry::{Pose, rotation_z};
-use nalgebra::{Matrix3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Matrix6, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
 
 /// Gains of x, y, z and of the three numbers of the orientation error, 6 x 6.
 pub type PoseGains = GainMatrix<6>;
@@ -36,7 +36,7 @@ pub struct OperationalSpaceError {
     /// x~ = -[p_DC_D; phi_dc], m and rad.
     pub x: Vector6<f64>,
     /// Orientation of the camera in the desired frame.
-    pub R_DC: Matrix3<f64>,
+    pub R_DC: Rotation3<f64>,
     orientation: OrientationError,
 }
 
@@ -47,43 +47,44 @@ impl OperationalSpaceError {
         let R_DC = X_DO.rotation.to_rotation_matrix() * X_CO.rotation.to_rotation_matrix().inverse();
         let p = X_DO.translation.vector - R_DC * X_CO.translation.vector;
         let phi = orientation.of(&R_DC);
-        Self { x: -Vector6::new(p.x, p.y, p.z, phi.x, phi.y, phi.z), R_DC: *R_DC.matrix(), orientation }
+        Self { x: -Vector6::new(p.x, p.y, p.z, phi.x, phi.y, phi.z), R_DC, orientation }
     }
 
     fn phi_dc(&self) -> Vector3<f64> {
         Vector3::new(-self.x[3], -self.x[4], -self.x[5])
     }
 
-    /// E, 6 x 6, with `x~_dot = -E V_WC_C`, (10.71), so that `J_Ad = E J`, (10.73). `None` where the Euler angles have no
-    /// rates.
+    /// E, 6 x 6, with `x~_dot = -E V_WC_C`, (10.71), so that `J_Ad = E J`, (10.73). `None` where the orientation error has
+    /// no rate ([`OrientationError::inverse_rate`]).
     #[must_use]
     pub fn rate(&self) -> Option<Matrix6<f64>> {
         let mut E = Matrix6::zeros();
-        E.fixed_view_mut::<3, 3>(0, 0).copy_from(&self.R_DC);
-        let angular = self.orientation.inverse_rate(&self.phi_dc())? * self.R_DC;
+        E.fixed_view_mut::<3, 3>(0, 0).copy_from(self.R_DC.matrix());
+        let angular = self.orientation.inverse_rate(&self.phi_dc(), &self.R_DC)? * self.R_DC;
         E.fixed_view_mut::<3, 3>(3, 3).copy_from(&angular);
         Some(E)
     }
 
-    /// Scheme B: the camera twist `E^-1 K x~` of (10.76), expressed in C, m/s and rad/s.
+    /// Scheme B: the camera twist `E^-1 K x~` of (10.76), expressed in C, m/s and rad/s. `None` where there is no
+    /// angular velocity for the error's rate ([`OrientationError::rate`]).
     #[must_use]
-    pub fn twist(&self, K_1_s: &PoseGains) -> Vector6<f64> {
+    pub fn twist(&self, K_1_s: &PoseGains) -> Option<Vector6<f64>> {
         let y = K_1_s.times(&self.x);
         let R_CD = self.R_DC.transpose();
         let v = R_CD * y.fixed_rows::<3>(0);
-        let w = R_CD * (self.orientation.rate(&self.phi_dc()) * y.fixed_rows::<3>(3));
-        Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
+        let w = R_CD * (self.orientation.rate(&self.phi_dc(), &self.R_DC)? * y.fixed_rows::<3>(3));
+        Some(Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z))
     }
 
     /// Scheme B as a task for the joints: [`OperationalSpaceError::twist`] with unit weights in all directions.
     #[must_use]
-    pub fn twist_task(&self, K_1_s: &PoseGains) -> TwistTask {
-        TwistTask { matrix: Matrix6::identity(), vector: self.twist(K_1_s), error: self.x.norm() }
+    pub fn twist_task(&self, K_1_s: &PoseGains) -> Option<TwistTask> {
+        Some(TwistTask { matrix: Matrix6::identity(), vector: self.twist(K_1_s)?, error: self.x.norm() })
     }
 
     /// Scheme A: wrench `E^T K_P x~` and damping `E^T K_D E` of (10.74). Gains in N/m, N m/rad and N s/m, N m s/rad.
     ///
-    /// `None` where the Euler angles have no rates.
+    /// `None` as for [`OperationalSpaceError::rate`].
     #[must_use]
     pub fn wrench(&self, K_P: &PoseGains, K_D: &PoseGains) -> Option<WrenchTask> {
         let E = self.rate()?;

@@ -9,8 +9,10 @@
 //! With more numbers than motions (k > 6) the product is singular. Both conditions are therefore applied to its restriction to the range of L_s, the
 //! errors that motions of the camera change. For studies and checks: nothing of it runs in a tick.
 
-use nalgebra::{DMatrix, DVector, Schur};
-use serde::Serialize;
+use super::image::rows_by;
+use super::{FeatureMatrix, Interaction, InteractionAt, Law, SetPoint, View, weighted_rows};
+use nalgebra::{DMatrix, DVector, Schur, Vector6};
+use serde::{Deserialize, Serialize};
 
 /// Singular values below this share of the largest one count as zero: the square root of what a double resolves, which is what derivatives by differences
 /// leave.
@@ -34,8 +36,8 @@ pub fn error_motion(
     Some(DMatrix::from_columns(&columns?))
 }
 
-/// Stability of the product `L_s Lhat_s^+`; both numbers are 1 for an exact estimate.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// What the product of L_s and the inverse of its estimate tells; both numbers are 1 for an exact estimate.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct StabilityMargin {
     /// Smallest eigenvalue of the symmetric part: above 0 the norm of every error falls, the condition of the text.
     pub definite: f64,
@@ -55,16 +57,8 @@ impl StabilityMargin {
         if L.shape() != estimate.shape() || L.is_empty() || !finite(L) || !finite(estimate) {
             return None;
         }
-        let svd = L.clone().svd(true, false);
-        let least = RANK_SHARE * svd.singular_values.max();
-        let kept: Vec<usize> =
-            svd.singular_values.iter().enumerate().filter(|(_, s)| **s > least).map(|(i, _)| i).collect();
-        if kept.is_empty() {
-            return None;
-        }
-        let range = svd.u?.select_columns(&kept);
-        let largest = estimate.singular_values().max();
-        let inverse = estimate.clone().pseudo_inverse(RANK_SHARE * largest).ok()?;
+        let range = range(L)?;
+        let inverse = pseudo_inverse(estimate)?;
         let product = range.transpose() * L * inverse * range;
         let symmetric = (&product + product.transpose()) * 0.5;
         Some(Self {
@@ -72,6 +66,79 @@ impl StabilityMargin {
             slowest: smallest_real_part(&product)?,
         })
     }
+}
+
+/// The margins of a law at the start and at the goal.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Stability {
+    /// At the start.
+    pub start: Margins,
+    /// In the posture that shows the goal; `None` where none is known.
+    pub goal: Option<Margins>,
+}
+
+/// The margins in one posture.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Margins {
+    /// Of L_s times the inverse of its estimate: errors of depth, lens and target.
+    pub camera: StabilityMargin,
+    /// Of J_L times the inverse of its estimate: of mount and arm as well.
+    pub joints: StabilityMargin,
+}
+
+impl Stability {
+    /// The share of the gain at which the slowest error falls, with the joints: at the goal, or at the start where no posture of the goal is known.
+    #[must_use]
+    pub fn slowest(&self) -> f64 {
+        self.goal.unwrap_or(self.start).joints.slowest
+    }
+
+    /// Whether errors near the goal do not all fall.
+    #[must_use]
+    pub fn is_doubtful(&self) -> bool {
+        self.goal.is_some_and(|margins| !(margins.joints.slowest > 0.0))
+    }
+}
+
+/// An orthonormal basis of the range of L, k x rank; `None` for a matrix of zeros.
+fn range(L: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let svd = L.clone().svd(true, false);
+    let least = RANK_SHARE * svd.singular_values.max();
+    let kept: Vec<usize> =
+        svd.singular_values.iter().enumerate().filter(|(_, s)| **s > least).map(|(i, _)| i).collect();
+    if kept.is_empty() { None } else { Some(svd.u?.select_columns(&kept)) }
+}
+
+fn pseudo_inverse(L: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    L.clone().pseudo_inverse(RANK_SHARE * L.singular_values().max()).ok()
+}
+
+/// Share, 0 to 1, of the norm of `K_s e_s` that motions of the camera change, in the `view` and with L_s as the law takes it. Where it is 0, K_s e_s
+/// is in the null space of L_s^T: the law asks for no motion, whatever the error is.
+///
+/// `None` for laws that are not image-based, for a view that poses them no task, and where there is no error. It allocates.
+#[must_use]
+pub fn felt_share(law: &Law, set_point: &SetPoint, view: &View) -> Option<f64> {
+    let (L, y) = match law {
+        Law::ImageVelocity { K_s, interaction, .. } => rows_by(set_point, view, *interaction, K_s, true)?,
+        Law::ImageTorque { K_Ps, interaction, .. } => {
+            let weighted = matches!(K_Ps, FeatureMatrix::Scalar(_));
+            rows_by(set_point, view, *interaction, K_Ps, weighted)?
+        }
+        Law::PreconditionedTorque { K_Ps, interaction, .. } => {
+            let at_goal = Interaction { at: InteractionAt::Desired, ..*interaction };
+            let (L, e) = weighted_rows(set_point, view, *interaction)?;
+            let (L_D, _) = weighted_rows(set_point, view, at_goal)?;
+            let inverse = pseudo_inverse(&L_D)?;
+            let twist = &inverse * &e;
+            let stiff = K_Ps.K_P.times(&Vector6::from_column_slice(twist.as_slice()));
+            let y = inverse.transpose() * stiff + (e - L_D * twist) * K_Ps.rest;
+            (L, y)
+        }
+        Law::PositionTorque { .. } | Law::PositionVelocity { .. } | Law::Hybrid { .. } => return None,
+    };
+    let share = (range(&L)?.transpose() * &y).norm() / y.norm();
+    share.is_finite().then_some(share)
 }
 
 /// The smallest real part of an eigenvalue; `None` where they are not found.

@@ -3,6 +3,7 @@
 mod architecture;
 mod constants;
 mod docs_commands;
+mod equations;
 mod examples;
 mod first_hour;
 mod names;

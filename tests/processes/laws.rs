@@ -202,3 +202,59 @@ fn laws_that_cannot_work_are_refused_at_the_start() {
         assert!(r.text().contains(key), "{file} {set:?}: {}", r.text());
     }
 }
+
+/// A plate of four dots looks nearly alike from two sides. A run from the wrong side ends where the error of the image has a local minimum, and that is
+/// told; laws that compare poses get from the same start to the goal. What really is out of reach keeps its reason: four joints before a
+/// tilted plate, and a lens that bends more than the law believes, where features have no motion left that brings them nearer, either.
+#[test]
+fn a_local_minimum_is_told() {
+    let position = "servo.desired.position_m=[0.0,0.0,0.45]";
+    let far_side = ["run.duration_s=8", position, "servo.desired.rotation_rpy_rad=[0.35,0.0,0.0]"];
+    let r = lockstep("ur5.toml", &far_side);
+    let reason = r.summary["reason"].as_str().unwrap();
+    assert!(reason.contains("local minimum") && !reason.contains("cannot be reached"), "{reason}");
+    assert_eq!(r.output.status.code(), Some(5));
+    // Far from the goal, on the other side of the plate.
+    assert!((5.0..10.0).contains(&number(&r.summary, &["final", "feature_error_px"])), "{}", r.summary);
+    assert!(number(&r.summary, &["final", "orientation_error_rad"]) > 0.5, "{}", r.summary);
+    for scheme in ["position_resolved_velocity", "hybrid"] {
+        let scheme = format!("servo.scheme={scheme}");
+        assert_accurate(&lockstep("ur5.toml", &[&far_side[..], &[&scheme]].concat()));
+    }
+
+    let tilted = ["run.duration_s=8", "scene.object.rotation_rpy_rad=[0.1,0.1,0.78]"];
+    let near_side = ["run.duration_s=8", position, "servo.desired.rotation_rpy_rad=[-0.35,0.0,0.0]"];
+    let lens = ["scene.camera.lens.k1=-0.05", "vision.model_sd_px=3"];
+    for (file, set) in [("default.toml", &tilted[..]), ("ur5.toml", &[&near_side[..], &lens].concat())] {
+        let r = lockstep(file, set);
+        let reason = r.summary["reason"].as_str().unwrap();
+        assert!(reason.contains("cannot be reached") && !reason.contains("local"), "{file}: {reason}");
+    }
+}
+
+/// Each way of writing the orientation error leads B and the hybrid law on six joints home, and A on four.
+#[test]
+fn each_orientation_error_leads_home() {
+    for orientation in ["euler_zyx", "angle_axis", "r_sin", "quaternion"] {
+        let set = format!("servo.orientation_error={orientation}");
+        for file in ["ur5-b.toml", "ur5-hybrid.toml", "scara-a.toml"] {
+            assert_accurate(&lockstep(file, &[&set]));
+        }
+    }
+}
+
+/// Control tells in its status and in its summary how far the law is from instability, as `vservo check` does.
+#[test]
+fn the_stability_of_a_run_is_told() {
+    let r = lockstep("ur5.toml", &["run.duration_s=2", "scene.camera.lens.fx_px=790"]);
+    let check = crate::common::vservo()
+        .args(["check", "ur5", "--json", "--set", "scene.camera.lens.fx_px=790"])
+        .output()
+        .unwrap();
+    let check: serde_json::Value = serde_json::from_slice(&check.stdout).unwrap();
+    let told = &r.summary["stability"];
+    assert!(told["start"]["joints"]["slowest"].is_f64(), "{}", r.summary);
+    let find = |v: &serde_json::Value| v["stability"].clone();
+    assert_eq!(*told, find(&check), "{check}");
+    assert_eq!(lockstep("ur5-b.toml", &["run.duration_s=2"]).summary["stability"], serde_json::Value::Null);
+}

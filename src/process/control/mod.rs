@@ -29,6 +29,7 @@ use crate::report::statistics::RunStatistics;
 use crate::report::summary::{FoundPayload, RealtimeReport, StampCalibration, Summary, TickTimes};
 use crate::robot::Robot;
 use crate::rt::now;
+use crate::sim::preflight::Preflight;
 use crate::time::SpanNs;
 use camera_watch::CameraWatch;
 use commands::Commands;
@@ -36,6 +37,7 @@ use nalgebra::Vector2;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use stops::Stops;
+use tracing::debug_span;
 
 /// Of a run whose last trace does not say how it ended: there is no such run.
 const WITHOUT_AN_END: Finish = Finish { outcome: Outcome::Stopped, reason: "the run ended without a reason" };
@@ -147,14 +149,19 @@ fn run_robot<const N: usize>(
     stop: &StopFlag,
     report: Option<&ReportFolder>,
 ) -> Result<Summary, ProcessError> {
+    let _span = debug_span!("run", clock = config.clock_name(), scheme = config.scheme_name()).entered();
     let membership = Membership::join(instance, Role::Control, config)?;
     let stops = Stops::new(stop.clone(), instance.make_stop_word()?, config.serve);
-    let (control, mut drive) = match external_drive::open::<N>(config, &membership)? {
+    let stability = Preflight::of(config).ok().and_then(|preflight| preflight.stability);
+    let (mut control, mut drive) = match external_drive::open::<N>(config, &membership)? {
         Some((drive, ports)) => {
             (crate::config::assemble::control_loop_with(config, robot, Box::new(drive))?, Some(ports))
         }
         None => (crate::config::assemble::control_loop(config, robot)?, None),
     };
+    if let Some(stability) = &stability {
+        control.mission.set_stability(stability.slowest());
+    }
     let ports = Ports::open(&membership, config.camera.id)?;
     let mut commands = Commands::new(membership.services().command_server()?, config.serve);
     let camera = CameraWatch::open(membership.services(), config)?;
@@ -181,6 +188,7 @@ fn run_robot<const N: usize>(
     let wall = now() - start;
     ports.farewell();
     let mut summary = summary(config, &control, &statistics, pace, wall);
+    summary.stability = stability;
     if let Some(recording) = listeners.calibration.filter(|_| summary.outcome == Outcome::Finished) {
         calibrate(config, &control, &recording, &mut summary);
     }
@@ -204,7 +212,7 @@ fn calibrate<const N: usize>(
         f_px: Vector2::new(i.fx_px, i.fy_px),
         points: run.mission.goal().set_point.points(),
     };
-    match stamp_offset(&cell, recording) {
+    match debug_span!("stage", name = "fit").in_scope(|| stamp_offset(&cell, recording)) {
         Ok(found) => {
             let configured_ms = config.effective.camera.stamp_offset_ms;
             summary.calibration = Some(StampCalibration::new(&found, configured_ms));
@@ -267,5 +275,6 @@ fn summary<const N: usize>(
             .map(|(mass_kg, com)| FoundPayload { mass_kg, com_m: com.into() }),
         state_hash: lockstep.then(|| statistics.state_hash()),
         calibration: None,
+        stability: None,
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::control::outcome::Outcome;
 use crate::report::summary::Summary;
+use crate::servo::{Margins, StabilityMargin};
 
 /// How the run ended, in a sentence.
 #[must_use]
@@ -58,6 +59,17 @@ pub fn run_facts(s: &Summary) -> Vec<(String, String)> {
     if f.is_not_as_believed() {
         let b = &f.believed;
         tell("the same as measured", errors(b.feature_error_px, b.position_error_m, b.orientation_error_rad));
+    }
+    if let Some(stability) = &s.stability {
+        let at = |place: &str, margins: &Margins| {
+            let StabilityMargin { definite, slowest } = margins.joints;
+            format!(
+                "{place} the slowest error falls at {slowest:.3} times the gain, least eigenvalue {definite:.3}"
+            )
+        };
+        let goal = stability.goal.as_ref().map(|margins| at("at the goal", margins));
+        let told: Vec<String> = goal.into_iter().chain([at("at the start", &stability.start)]).collect();
+        tell("stability, (10.91)", told.join("; "));
     }
     if let Some(realtime) = &s.realtime {
         tell("real time", format!("{}, {} page faults", realtime.scheduling, realtime.page_faults));

@@ -116,12 +116,28 @@ pub fn weighted_rows(
     view: &View,
     interaction: Interaction,
 ) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    let stacked = Rows::of(set_point, view, interaction)?;
+    rows_by(set_point, view, interaction, &FeatureMatrix::Scalar(1.0), true)
+}
+
+/// L_s, k x 6, and `K e_s` for a matrix K; where features are `weighted`, each row times the square root of its feature's weight. For studies:
+/// it allocates.
+///
+/// `None` as for [`image_task_by`].
+pub(in crate::servo) fn rows_by(
+    set_point: &SetPoint,
+    view: &View,
+    interaction: Interaction,
+    K: &FeatureMatrix,
+    weighted: bool,
+) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    let stacked = Rows::of(set_point, view, interaction).filter(|stacked| K.fits(stacked.count))?;
     let rows = stacked.rows();
-    let roots = || rows.iter().map(|row| (row, row.weight.sqrt()));
-    let L = DMatrix::from_row_iterator(rows.len(), 6, roots().flat_map(|(row, w)| row.row.map(|x| x * w)));
-    let e = DVector::from_iterator(rows.len(), roots().map(|(row, w)| row.error * w));
-    Some((L, e))
+    let errors = rows.iter().map(|row| row.error);
+    let root = |row: &StackRow| if weighted { row.weight.sqrt() } else { 1.0 };
+    let scaled = rows.iter().flat_map(|row| row.row.map(|x| x * root(row)));
+    let L = DMatrix::from_row_iterator(rows.len(), 6, scaled);
+    let e = rows.iter().enumerate().map(|(i, row)| K.row_times(i, errors.clone()) * root(row));
+    Some((L, DVector::from_iterator(rows.len(), e)))
 }
 
 /// The stacked error e_s (normalized coordinates) of the selected features that are not hidden, and how many numbers it has; for plots and checks.

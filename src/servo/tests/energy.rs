@@ -69,7 +69,7 @@ proptest! {
         let X_WO = mount.X_WC(&robot.forward(&q_d)) * X_DO;
         let q = q_d + Vector4::from(dq);
         let K = pose_gains_4(&[500.0, 500.0, 10.0, 10.0]);
-        for orientation in [OrientationError::EulerZyx, OrientationError::AngleAxis] {
+        for orientation in OrientationError::ALL {
             let (damping, space) = (Damping::Task(K), OperationalSpace::Six);
             let a = Law::PositionTorque { K_P: K, damping, orientation, space };
             let (first, last) = falls(a, mount, X_WO, X_DO, q, |X_CO| {

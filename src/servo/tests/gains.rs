@@ -142,12 +142,12 @@ proptest! {
         prop_assert!((error(&after) - wanted).norm() < 1e-8, "{} {wanted}", error(&after));
     }
 
-    /// B: position and orientation coupled by K, both orientation errors.
+    /// B: position and orientation coupled by K, every orientation error.
     #[test]
     fn pose_errors_fall_as_their_matrix_says(a in entries()) {
         let (X_DO, now) = start();
         let (set_point, K) = (goal(&X_DO), spd::<6>(&a));
-        for orientation in [OrientationError::EulerZyx, OrientationError::AngleAxis] {
+        for orientation in OrientationError::ALL {
             let law = Law::PositionVelocity {
                 K: PoseGains::full(K).unwrap(),
                 gain: Gain::Constant(1.0),

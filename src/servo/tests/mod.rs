@@ -5,6 +5,7 @@ mod depths;
 mod energy;
 mod equations;
 mod gains;
+mod local_minimum;
 mod loops;
 
 use super::{SetPoint, View};

@@ -15,13 +15,13 @@ mod stability;
 mod words;
 
 pub use reach::{CameraPath, Posture, Reach};
-pub use stability::{Margins, Stability};
 
 use crate::config::{Config, Scene};
 use crate::config::{DriveKind, SetPointKind, Task};
 use crate::geometry::Pose;
 use crate::robot::{Mount, Robot, RobotError};
 use crate::scene::{SceneMotion, Visibility};
+use crate::servo::Stability;
 use nalgebra::{Point3, SVector, Vector3};
 use reach::ReachProblem;
 use serde::Serialize;

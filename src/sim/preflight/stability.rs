@@ -12,40 +12,15 @@ use crate::geometry::{Pose, integrate_body_twist};
 use crate::messages::MAX_FEATURES;
 use crate::pose::{Correspondence3, refine_3d};
 use crate::robot::{Robot, RobotError};
-use crate::servo::{DepthRow, Interaction, Law, StabilityMargin, View, error_motion, weighted_rows};
+use crate::servo::{
+    DepthRow, Interaction, Law, Margins, Stability, StabilityMargin, View, error_motion, weighted_rows,
+};
 use nalgebra::{DMatrix, DVector, SVector, Vector2, Vector6};
-use serde::Serialize;
 
 /// Half a difference, m or rad: the errors of differences, its square, and of rounding, 1e-16 over it, are both far below a margin's digits.
 const STEP: f64 = 1e-5;
 /// Noise of the pixels by which vision would estimate the pose, normalized; without noise it has no part in the estimate.
 const SD: f64 = 1e-3;
-
-/// The margins of a law at the start and at the goal.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Stability {
-    /// At the start.
-    pub start: Margins,
-    /// In the posture that shows the goal; `None` where none is known.
-    pub goal: Option<Margins>,
-}
-
-/// The margins in one posture.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Margins {
-    /// Of L_s times the inverse of its estimate: errors of depth, lens and target.
-    pub camera: StabilityMargin,
-    /// Of J_L times the inverse of its estimate: of mount and arm as well.
-    pub joints: StabilityMargin,
-}
-
-impl Stability {
-    /// Whether errors near the goal do not all fall.
-    #[must_use]
-    pub fn is_doubtful(&self) -> bool {
-        self.goal.is_some_and(|margins| !(margins.joints.slowest > 0.0))
-    }
-}
 
 /// Of the law of `config` at `q_start` and `q_goal`; `None` for other laws than scheme D, and without a scene.
 ///

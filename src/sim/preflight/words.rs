@@ -1,7 +1,8 @@
 //! The preflight in words.
 
-use super::{CameraPath, Margins, Posture, Preflight, Reach, Stability, Viewpoint};
+use super::{CameraPath, Posture, Preflight, Reach, Viewpoint};
 use crate::scene::{Overhang, PointVisibility, Visibility};
+use crate::servo::{Margins, Stability};
 
 /// With more points than these only those that are cut off are listed one by one. Chosen by hand: two tags' corners.
 const TOLD_POINTS: usize = 8;
