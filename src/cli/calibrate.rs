@@ -7,6 +7,7 @@ mod camera;
 mod hand_eye;
 mod latency;
 mod live;
+mod stage;
 mod stereo;
 
 pub(super) use camera::camera;

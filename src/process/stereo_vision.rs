@@ -21,7 +21,7 @@ use crate::rt::now;
 use crate::time::{MonoNs, SpanNs};
 use crate::vision::{Frame, PairingCounts, Side, StereoMeasurement, StereoVision};
 use std::time::Duration;
-use tracing::{info, warn};
+use tracing::{debug_span, info, warn};
 
 /// Number of single frames, without any pair, that is reported. Chosen by hand: 0.8 s at 25 Hz.
 const ALONE: u64 = 20;
@@ -175,6 +175,7 @@ impl StereoVisionWorker<'_> {
     fn look(&mut self, side: Side, frame: &ReceivedFrame) {
         self.looked = now();
         let header = frame.header();
+        let _span = debug_span!("frame", frame = header.frame_id, camera = header.camera).entered();
         match ImageView::new(frame.pixels(), header.width_px as usize, header.height_px as usize) {
             Ok(image) => self.vision.look(side, &Frame { header, image }),
             Err(_) => self.vision.look_past(side, header),
@@ -188,6 +189,7 @@ impl StereoVisionWorker<'_> {
     /// frames are what control counts.
     fn send_all(&mut self, period: SpanNs) -> Result<(), ProcessError> {
         while let Some(StereoMeasurement { mut measurement, blind }) = self.vision.next_measurement() {
+            let _span = debug_span!("measurement", frame = measurement.frame_id).entered();
             let is_right = measurement.camera != u32::from(self.left.camera.id);
             let is_silent = self.clock == Clock::Realtime
                 && self.left.newest.is_none_or(|(_, came)| now() - came > SpanNs(2 * period.0));

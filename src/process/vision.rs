@@ -13,7 +13,7 @@ use crate::rt::now;
 use crate::scene::FrameSchedule;
 use crate::time::{MonoNs, SpanNs, TICK};
 use crate::vision::{Carrier, Frame, Prior, Vision};
-use tracing::{info, warn};
+use tracing::{debug_span, info, warn};
 
 /// Longest wait in lockstep for the joint state that the camera already has. Chosen by hand: it was sent to both within microseconds, so that
 /// only load can delay it.
@@ -53,6 +53,7 @@ pub fn run(
         membership.beat();
         while let Some(frame) = frames.receive()? {
             membership.beat();
+            let _span = debug_span!("frame", frame = frame.header().frame_id).entered();
             let measurement = worker.measure(&frame)?;
             measurements.send(&measurement)?;
             // What nobody waits for comes after what control waits for.
@@ -108,6 +109,7 @@ struct VisionWorker {
 
 impl VisionWorker {
     fn measure(&mut self, frame: &ReceivedFrame) -> Result<Measurement, ProcessError> {
+        let _span = debug_span!("measurement").entered();
         let vision_start = now();
         let header = frame.header();
         self.counter.count(&header);

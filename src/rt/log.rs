@@ -1,12 +1,16 @@
 //! What the processes log, where it goes, and in which form: lines for people, or one JSON object each for programs.
 //!
 //! `VSERVO_LOG` says how much (`info`, `warn`, `vservo::process=debug,error`), `--log-format` or `VSERVO_LOG_FORMAT` how.
+//!
+//! At the level `debug` there is a span around each part of a run: `run`, `frame`, `measurement`, `request`, `stage` of a calibration. A line tells when one
+//! ends, and how long it was busy and idle. The real-time thread has none.
 
 use super::log_format::{FILTER, FORMAT, LogFormat, USUAL, choose};
 use super::output::{StderrLines, tell};
 use std::io::{IsTerminal, stderr};
 use std::str::FromStr;
 use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::fmt::format::FmtSpan;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
@@ -27,8 +31,10 @@ pub fn start_logging(asked: Option<LogFormat>) {
     let registry = tracing_subscriber::registry().with(targets);
     // its word about a line that could not be written would panic where stderr is gone
     let lines = tracing_subscriber::fmt::layer().with_writer(|| StderrLines).log_internal_errors(false);
+    // spans are of the level debug
+    let lines = lines.with_span_events(FmtSpan::CLOSE);
     match format {
-        LogFormat::Json => registry.with(lines.json()).init(),
+        LogFormat::Json => registry.with(lines.json().with_thread_names(true)).init(),
         LogFormat::Text => registry.with(lines.with_ansi(stderr().is_terminal()).without_time()).init(),
     }
     if let Some(Err(wrong)) = filter {

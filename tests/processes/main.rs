@@ -37,6 +37,7 @@ mod result_files;
 mod run_ends;
 mod scarcity;
 mod serve;
+mod spans;
 mod stamps;
 mod stereo;
 mod stereo_tool;

@@ -5,6 +5,7 @@ use super::CalibrateError;
 use super::answer::{CameraAnswer, Examined, lines, reasons};
 use super::boards::{Boards, board};
 use super::live;
+use super::stage::stage;
 use crate::calibration::camera::{CameraCalibrationError, calibrate_camera};
 use crate::camera_model::camera_info::CameraInfo;
 use crate::control::outcome::Outcome;
@@ -39,13 +40,15 @@ pub(in crate::cli) fn camera(arguments: &CalibrateCameraArguments) -> Result<u8,
 fn examined(arguments: &CalibrateCameraArguments) -> Result<(Examined, Boards), CalibrateError> {
     let board = board(&arguments.board)?;
     let boards = match &arguments.live {
-        Some(run_file) => live::watch(run_file, arguments, &board)?,
-        None => Boards::find(&arguments.images, &board)?,
+        Some(run_file) => stage("boards", || live::watch(run_file, arguments, &board))?,
+        None => stage("boards", || Boards::find(&arguments.images, &board))?,
     };
-    let calibration = calibrate_camera(&boards.views, boards.size, &arguments.board.settings())
+    let settings = arguments.board.settings();
+    let calibration = stage("fit", || calibrate_camera(&boards.views, boards.size, &settings))
         .map_err(|error| explained(error, &boards))?;
     let points: Vec<Point3<f64>> = board.points().iter().map(|p| p.p_O).collect();
-    let examined = Examined::new(calibration, &boards, &points, arguments.board.distance_m)
+    let distance_m = arguments.board.distance_m;
+    let examined = stage("verdict", || Examined::new(calibration, &boards, &points, distance_m))
         .ok_or(CameraCalibrationError::Degenerate)?;
     Ok((examined, boards))
 }

@@ -9,6 +9,7 @@ use super::super::detect::{calibration, image_file};
 use super::super::{check_writable, json, shown, write_result};
 use super::CalibrateError;
 use super::boards::believable_square;
+use super::stage::stage;
 use crate::calibration::hand_eye::{
     BoardCorner, CameraMount, HandEyeSettings, HandEyeView, MAX_VIEWS, RobotSd, calibrate_hand_eye,
     fits_as_w_x_y_z,
@@ -143,7 +144,7 @@ fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError>
     let (mut views, mut unused) = (Vec::new(), Vec::new());
     for (at, (path, arm)) in arguments.images.iter().zip(poses).enumerate() {
         let name = printable(&path.display().to_string());
-        match finder.corners(path)? {
+        match stage("boards", || finder.corners(path))? {
             Ok(corners) => views.push(HandEyeView { name, X_BE: arm.X_BE, V_BE_E: arm.V_BE_E, corners }),
             Err(reason) => {
                 tell(format_args!("vservo: {name}: left out: {reason}"));
@@ -152,7 +153,7 @@ fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError>
         }
     }
     let settings = arguments.settings();
-    let report = calibrate_hand_eye(&views, &camera, &settings);
+    let report = stage("fit", || calibrate_hand_eye(&views, &camera, &settings));
     if fits_as_w_x_y_z(&views, &camera, &settings, &report) {
         return Err(CalibrateError::with_code(
             Outcome::NotConverged.exit_code(),

@@ -11,6 +11,7 @@ use super::CalibrateError;
 use super::answer::{CameraAnswer, Examined, PlaceOut, lines};
 use super::boards::{Boards, board};
 use super::camera::{explained, section};
+use super::stage::stage;
 use crate::calibration::camera::CameraCalibrationError;
 use crate::calibration::stereo::{StereoCalibration, calibrate_stereo};
 use crate::camera_model::CameraModel;
@@ -87,19 +88,27 @@ fn pair(arguments: &CalibrateStereoArguments) -> Result<CalibratedPair, Calibrat
     if left != right {
         return Err(CameraCalibrationError::Pairs { left, right }.into());
     }
-    let boards = [Boards::find(&arguments.left, &board)?, Boards::find(&arguments.right, &board)?];
+    let boards = stage("boards", || {
+        Ok::<_, CalibrateError>([
+            Boards::find(&arguments.left, &board)?,
+            Boards::find(&arguments.right, &board)?,
+        ])
+    })?;
     let [left, right] = &boards;
     let settings = arguments.board.settings();
     let found =
-        calibrate_stereo(&left.views, &right.views, (left.size, right.size), &settings).map_err(|error| {
-            explained(error, if left.misses.iter().any(Option::is_some) { left } else { right })
-        })?;
+        stage("fit", || calibrate_stereo(&left.views, &right.views, (left.size, right.size), &settings))
+            .map_err(|error| {
+                explained(error, if left.misses.iter().any(Option::is_some) { left } else { right })
+            })?;
     let points: Vec<Point3<f64>> = board.points().iter().map(|p| p.p_O).collect();
     let examine = |calibration: &crate::calibration::camera::CameraCalibration, boards: &Boards| {
         Examined::new(calibration.clone(), boards, &points, arguments.board.distance_m)
             .ok_or(CameraCalibrationError::Degenerate)
     };
-    let examined = [examine(&found.left, left)?, examine(&found.right, right)?];
+    let examined = stage("verdict", || {
+        Ok::<_, CameraCalibrationError>([examine(&found.left, left)?, examine(&found.right, right)?])
+    })?;
     Ok(CalibratedPair { found, examined, boards })
 }
 

@@ -14,7 +14,7 @@ use crate::process::silence::Silence;
 use crate::process::{LONGEST_WAIT, ProcessError, StopFlag};
 use crate::source::{Captured, Filled, FreeRunningSource, SourceHealth};
 use crate::time::{MonoNs, SpanNs};
-use tracing::{info, warn};
+use tracing::{debug_span, info, warn};
 
 /// How long a source may be silent.
 #[derive(Debug, Clone, Copy)]
@@ -77,6 +77,7 @@ pub(super) fn run(
         }
         (silence, told) = (Silence::begin(outlet.now()), false);
         let shot = numbers.shot(&captured);
+        let _span = debug_span!("frame", frame = shot.frame_id).entered();
         match outlet.publish(&shot, &mut |out| source.fill(out))? {
             Filled::Image => numbers.published += 1,
             Filled::Damaged => numbers.gaps += 1,

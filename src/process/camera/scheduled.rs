@@ -11,7 +11,7 @@ use crate::source::{Exposure, Position, ScheduledSource};
 use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
 use std::time::Duration;
-use tracing::info;
+use tracing::{debug_span, info};
 
 /// Time from the start to the first exposure. Chosen by hand: the other processes have joined by then, mostly; a frame that comes too early
 /// is lost, not an error.
@@ -143,6 +143,7 @@ impl<'a> ScheduledCamera<'a> {
 
     /// Exposes frame `frame_id` into shared memory.
     fn expose(&mut self, frame_id: u64, mid: MonoNs) -> Result<(BorrowedFrame, FrameHeader), ProcessError> {
+        let _span = debug_span!("frame", frame = frame_id).entered();
         self.membership.beat();
         let camera = &self.config.camera;
         let i = camera.model.intrinsics();

@@ -15,12 +15,13 @@ use crate::control::trace::Trace;
 use crate::ipc::{Asked, CommandServer};
 use crate::messages::{ControlAnswer, ControlCommand, ControlState, MAX_JOINTS, Status, answer_flag};
 use std::collections::VecDeque;
-use tracing::{info, warn};
+use tracing::{Span, debug_span, info, warn};
 
 /// Commands that came, and those that wait for their answers.
 pub(super) struct Commands {
     server: CommandServer,
-    waiting: VecDeque<(u64, Asked)>,
+    /// Each with its number and with a span from its coming to its answer.
+    waiting: VecDeque<(u64, Asked, Span)>,
     next: u64,
     standing: ControlAnswer,
     /// Looks for a request that failed.
@@ -95,7 +96,11 @@ impl Commands {
                 ParsedCommand::Nothing(refusal) => refusal as u32,
                 ParsedCommand::Request(request) => {
                     self.next += 1;
-                    self.waiting.push_back((self.next, asked));
+                    self.waiting.push_back((
+                        self.next,
+                        asked,
+                        debug_span!("request", request = request.as_str()),
+                    ));
                     return Some(Numbered { number: self.next, request });
                 }
             };
@@ -131,7 +136,10 @@ impl Commands {
 
     /// Hands an answer of the loop to the client that waits for it.
     pub(super) fn answer(&mut self, answered: &Answered) {
-        while let Some((_, asked)) = self.waiting.pop_front_if(|(number, _)| *number <= answered.number) {
+        while let Some((_, asked, span)) =
+            self.waiting.pop_front_if(|(number, ..)| *number <= answered.number)
+        {
+            let _span = span.entered();
             let request = asked.command().request;
             let refusal = answered.refusal.map_or(0, |refusal| refusal as u32);
             let word = Request::from_code(request).map_or("?", Request::as_str);

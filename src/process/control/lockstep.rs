@@ -24,7 +24,7 @@ use crate::rt::now;
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
-use tracing::{error, info, warn};
+use tracing::{debug_span, error, info, warn};
 
 /// Time after which a wait for a measurement is reported. Chosen by hand: a frame takes some milliseconds, even on a loaded machine.
 const REPORT_AFTER: SpanNs = SpanNs(2_000_000_000);
@@ -132,6 +132,7 @@ pub(super) fn run<const N: usize>(
         let (mut measurement, before) = (None, next_frame);
         while schedule.usable_tick(next_frame) == tick {
             if !schedule.is_lost(next_frame) && broken.is_none() {
+                let _span = debug_span!("measurement", frame = next_frame).entered();
                 match inbox.measurement_of(next_frame, ports, stops) {
                     Ok(here) => measurement = here.or(measurement),
                     Err(error) => note(&mut broken, Err(error)),

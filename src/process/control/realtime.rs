@@ -35,7 +35,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use std::collections::VecDeque;
 use std::sync::mpsc;
 use std::time::Duration;
-use tracing::{debug, error, info, warn};
+use tracing::{debug, debug_span, error, info, warn};
 
 /// Records that wait for the companion: a second of them, so that a companion that is kept from its core loses none. Chosen by hand:
 /// half loses traces where a loaded machine withholds the core for longer, twice only takes memory.
@@ -244,6 +244,7 @@ impl<const N: usize> Companion<'_, N> {
 
     fn take_measurements(&mut self) -> Result<(), IpcError> {
         while let Some(measurement) = self.ports.measurements.receive()? {
+            let _span = debug_span!("measurement", frame = measurement.frame_id).entered();
             self.silence = Some(Silence::begin(rt::now()));
             self.reserve()?;
             self.listeners.note_measurement(&measurement);
