@@ -96,10 +96,12 @@ impl<const N: usize> Controller<N> {
         // A joint at rest is expected to move only when it is pushed with more than twice its friction.
         let stiction = robot.friction_torque(&qdd.map(|a| MOVES * a.signum())) * 2.0;
         let loose = robot.forward_dynamics(&state.q, &state.qd, &(within - stiction));
-        let way =
-            SVector::from_fn(
-                |i, _| if loose[i] * qdd[i] > 0.0 { loose[i] * START_S * TICK.as_s() } else { 0.0 },
-            );
+        // Nor farther than the limits let it: they act joint by joint, and may hold one back that its torque would drive away.
+        let way = SVector::from_fn(|i, _| {
+            let agree = loose[i] * qdd[i] > 0.0 && after.qdd[i] * qdd[i] > 0.0;
+            let pushed = if agree { loose[i].abs().min(after.qdd[i].abs()) } else { 0.0 };
+            pushed * loose[i].signum() * START_S * TICK.as_s()
+        });
         TickMotion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
     }
 
