@@ -12,7 +12,7 @@ use crate::imaging::ImageSizeError;
 use crate::linalg::Random;
 use crate::messages::MAX_JOINTS;
 use crate::mission::truth::Truth;
-use crate::mission::{BelievedCell, Goal, LockstepRun, Mission, RunPlan, RunTask, Service};
+use crate::mission::{BelievedCell, Goal, LockstepRun, LookAndMove, Mission, RunPlan, RunTask, Service};
 use crate::motion::{
     InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, PdGravityControl,
 };
@@ -311,6 +311,9 @@ pub fn control_loop_with<const N: usize>(
             (RunTask::excitation(cell()), Behaviour::Excitation(Excitation::new(watch)))
         }
         (Task::CalibrateHandEye, _) => (RunTask::tour(cell()), Behaviour::Waypoints(Waypoints::default())),
+        (Task::Servo, true) if config.looks_and_moves() => {
+            (RunTask::LookAndMove(LookAndMove::new(cell())), Behaviour::Waypoints(Waypoints::passing()))
+        }
         (Task::Servo, true) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch))),
         (Task::Servo, false) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch).dry())),
     };

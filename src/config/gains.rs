@@ -85,6 +85,11 @@ pub(super) fn law(s: &RawServo, numbers: Option<usize>, check: &mut Validation<'
             unused(&[STIFFNESS_KEY, DAMPING_KEY], s, check);
             Law::PositionVelocity { K: velocity_gains(s, check).gains(), gain, orientation, space }
         }
+        // Its views are judged as those of scheme B, which goes by the pose too; the arm follows no law.
+        SchemeKind::LookAndMove => {
+            unused(&[VELOCITY_KEY, STIFFNESS_KEY, DAMPING_KEY], s, check);
+            Law::PositionVelocity { K: PoseGains::repeat(1.0), gain, orientation, space }
+        }
         SchemeKind::ImagePd if s.pd.feature_gain == FeatureGain::Preconditioned => {
             unused(&[VELOCITY_KEY, DAMPING_KEY], s, check);
             let rest = only_number(&s.pd.feature_stiffness_nm, STIFFNESS_KEY, check);

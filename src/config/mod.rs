@@ -296,7 +296,14 @@ impl Config {
             SchemeKind::ImagePd => "image_pd",
             SchemeKind::ImageResolvedVelocity => "image_resolved_velocity",
             SchemeKind::Hybrid => "hybrid",
+            SchemeKind::LookAndMove => "look_and_move",
         }
+    }
+
+    /// Whether the arm servoes in an open loop: one look, one motion.
+    #[must_use]
+    pub fn looks_and_moves(&self) -> bool {
+        self.task == Task::Servo && self.effective.servo.scheme == SchemeKind::LookAndMove
     }
 
     /// The effective configuration as a run file.

@@ -9,7 +9,8 @@ mod truth;
 
 use super::check::Validation;
 use super::raw::{
-    Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SetPointKind, Task,
+    Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SchemeKind,
+    SetPointKind, Task,
 };
 use super::selection::doubtful_features;
 use super::servo::servo;
@@ -71,6 +72,13 @@ pub(super) fn validate(
     }
     if raw.run.serve && !raw.camera.source.closes_the_loop() {
         check.wrong("run.serve", "needs a camera that sees the arm's own motion: camera.source is `replay`");
+    }
+    let moves_an_arm = raw.camera.source.closes_the_loop() && raw.drive.kind != DriveKind::None;
+    if raw.servo.scheme == SchemeKind::LookAndMove && !moves_an_arm {
+        check.wrong(
+            "servo.scheme",
+            "look_and_move has no law whose output could be shown: it needs an arm that moves, and a camera that sees its motion",
+        );
     }
     if raw.drive.kind == DriveKind::None {
         drive::without_arm(&raw, check);

@@ -18,6 +18,7 @@ mod feature_source;
 mod findings;
 mod gain_delay;
 mod image_figures;
+mod look_and_move;
 mod metrics;
 mod moving_target;
 mod plot;
@@ -116,6 +117,12 @@ pub const EXPERIMENTS: &[Experiment] = &[
         about: "Schemes A, B, C, D and hybrid on the task of Sect. 10.9, in one set.",
         renders: true,
         run: comparison::comparison,
+    },
+    Experiment {
+        name: "look-and-move",
+        about: "One look and one motion (Sect. 10.1.1) beside schemes B and D, with a mount and a joint that are not as described.",
+        renders: false,
+        run: look_and_move::look_and_move,
     },
     Experiment {
         name: "problem-10-4",

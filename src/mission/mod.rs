@@ -12,13 +12,14 @@
 //! | term | what it is |
 //! | --- | --- |
 //! | [`Goal`] | the features to be reached, how near, and for how long |
-//! | [`RunTask`] | the task of the run: servoing, the excitation motion, a calibration tour |
+//! | [`RunTask`] | the task of the run: servoing, look-and-move, the excitation motion, a calibration tour |
 //! | [`RunPlan`] | the conditions under which the run begins and ends |
 //! | end | decided first ([`run_end`]); then the arm is brought to rest, and the last trace contains the outcome |
 //! | residual | the remaining error of an arm that has come to rest, or oscillates, away from its goal ([`residual`]) |
 
 mod errors;
 mod lockstep;
+mod look_and_move;
 pub mod measurement_log;
 pub mod residual;
 pub mod run_end;
@@ -29,6 +30,7 @@ pub mod truth;
 
 pub use errors::{FinalErrors, MeasuredErrors};
 pub use lockstep::LockstepRun;
+pub use look_and_move::LookAndMove;
 pub use task::{BelievedCell, RunTask};
 
 use crate::control::lifecycle::Request;
@@ -187,11 +189,15 @@ impl<const N: usize> Mission<N> {
         self.rest.note(&DriveState { q: vector(&js.q), qd: vector(&js.qd), truth: None });
         self.acted = self.acted.with(&trace.limits);
         self.hear(trace);
+        if let RunTask::LookAndMove(task) = &mut self.task {
+            task.note_arm(now, self.state, self.rest.is_at_rest());
+        }
         if let (Some(m), Some(verdict)) = (measurement, trace.measurement_record.map(|record| record.verdict))
         {
             self.learn(m, verdict);
             self.count(trace, m, verdict);
             self.task.note(m, &vector(&js.q));
+            self.look(m, verdict, trace.measurement_record.map(|record| record.error_px));
         }
         self.orders.extend(self.task.next_orders());
         if self.plan.service != Service::Served
@@ -242,7 +248,7 @@ impl<const N: usize> Mission<N> {
                 // The fault that came first is the reason, this one its consequence.
                 Event::Fault(Fault::NotAtRest) => self.end.decide(Finish::fault(Fault::NotAtRest)),
                 Event::Holding | Event::MotionOver => {
-                    self.task.end_by(event).into_iter().for_each(|finish| self.end.decide(finish));
+                    self.task.hear(event).into_iter().for_each(|finish| self.end.decide(finish));
                 }
                 _ => {}
             }
@@ -295,10 +301,19 @@ impl<const N: usize> Mission<N> {
         }
     }
 
+    /// The next look of a look-and-move, until the end is decided.
+    fn look(&mut self, m: &Measurement, verdict: Option<MeasurementVerdict>, error_px: Option<f64>) {
+        let RunTask::LookAndMove(task) = &mut self.task else { return };
+        if self.end.decided().is_none() && verdict.is_some_and(MeasurementVerdict::is_used) {
+            task.look(m, error_px.unwrap_or(f64::NAN), &vector(&self.joint_state.q), &self.goal);
+        }
+    }
+
     /// Reduces the gain for an arm that oscillates about its goal, and restores it for one that then sticks before the goal.
     fn adapt_gain(&mut self) {
         let goal_px = self.goal.tolerance_px;
-        if self.end.decided().is_some() {
+        let has_gain = !matches!(self.task, RunTask::LookAndMove(_));
+        if self.end.decided().is_some() || !has_gain {
             return;
         }
         if self.residual.constant_px(goal_px).is_some() {
@@ -341,7 +356,7 @@ impl<const N: usize> Mission<N> {
     /// The end by goal, time or last frame, if it is reached at this tick.
     fn reached(&mut self, trace: &mut Trace) -> Option<Finish> {
         let (now, servoing) = (trace.time, self.state == ControlState::Servoing);
-        let has_goal = self.plan.closed_loop && matches!(self.task, RunTask::Servo);
+        let has_goal = self.plan.closed_loop && matches!(self.task, RunTask::Servo | RunTask::LookAndMove(_));
         let held = servoing && has_goal && self.goal_since.is_some_and(|since| now - since >= self.goal.hold);
         if self.plan.service == Service::Served {
             if held && !std::mem::replace(&mut self.goal_told, true) {
@@ -365,7 +380,8 @@ impl<const N: usize> Mission<N> {
         let seen = self.measurements.last_found();
         let why = |px| why_it_stays(&self.plan.law, &self.goal.set_point, seen, px);
         let stays = || self.residual.constant_px(goal_px).map(why).or_else(no_nearer);
-        let when_late = self.task.when_late().or_else(|| stays().filter(|_| servoing));
+        let in_view = self.measurements.last().is_some_and(Measurement::found);
+        let when_late = self.task.when_late(in_view).or_else(|| stays().filter(|_| servoing));
         let (closed_loop, state) = (self.plan.closed_loop, self.state);
         time_is_up.then(|| run_end::time_is_up(closed_loop, state, when_late, &self.measurements))
     }

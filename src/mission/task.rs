@@ -1,5 +1,6 @@
 //! The tasks of a run beside servoing, in which the arm follows a plan: the plan is made here and sent to control.
 
+use super::LookAndMove;
 use crate::calibration::hand_eye::{TourCell, TourError, TourPlanner};
 use crate::calibration::image_reach;
 use crate::camera_model::CameraModel;
@@ -59,6 +60,8 @@ pub struct BelievedCell<const N: usize> {
 pub enum RunTask<const N: usize> {
     /// Visual servoing to the goal.
     Servo,
+    /// One look, one motion, and another look, until the goal is held.
+    LookAndMove(LookAndMove<N>),
     /// The excitation motion in view of the target, once the whole target is in view.
     Excitation {
         /// The cell.
@@ -95,7 +98,7 @@ impl<const N: usize> RunTask<N> {
     /// Takes in a measurement; the arm is in `q`, rad or m.
     pub(super) fn note(&mut self, m: &Measurement, q: &SVector<f64, N>) {
         match self {
-            Self::Servo => {}
+            Self::Servo | Self::LookAndMove(_) => {}
             Self::Excitation { cell, order, planned } => {
                 if !*planned && m.found() && m.features().len() == cell.points.len() {
                     let BelievedCell { robot, limits, mount, camera, points } = cell;
@@ -113,11 +116,12 @@ impl<const N: usize> RunTask<N> {
         }
     }
 
-    /// Plans one view of a tour a tick, so that the thread can carry messages in between; returns the next order to control.
+    /// Plans one view of a tour, or tries one start of a search for a posture, a tick, so that the thread can carry messages in between; returns the next order to control.
     pub(super) fn next_orders(&mut self) -> impl Iterator<Item = ControlOrder<N>> + use<N> {
         let (mut one, mut all) = (None, None);
         match self {
             Self::Servo => {}
+            Self::LookAndMove(task) => one = task.next_waypoint().map(ControlOrder::Waypoint),
             Self::Excitation { order, .. } => one = order.take(),
             Self::Tour { cell, planner, planned } => {
                 let BelievedCell { robot, limits, mount, camera, points } = cell;
@@ -131,9 +135,13 @@ impl<const N: usize> RunTask<N> {
         one.into_iter().chain(all.into_iter().flatten().map(ControlOrder::Waypoint))
     }
 
-    /// The end that an event causes.
-    pub(super) fn end_by(&self, event: Event) -> Option<Finish> {
+    /// Takes in an event; the end that it causes.
+    pub(super) fn hear(&mut self, event: Event) -> Option<Finish> {
         match (self, event) {
+            (Self::LookAndMove(task), Event::MotionOver) => {
+                task.arrived();
+                None
+            }
             (Self::Excitation { .. }, Event::Holding) => Some(TARGET_LOST),
             (Self::Excitation { .. }, Event::MotionOver) => Some(EXCITATION_OVER),
             (Self::Tour { .. }, Event::MotionOver) => Some(TOUR_OVER),
@@ -144,17 +152,19 @@ impl<const N: usize> RunTask<N> {
     /// The end where there is no plan.
     pub(super) fn refused(&self) -> Option<Finish> {
         match self {
+            Self::LookAndMove(task) => task.refused(),
             Self::Tour { planned: Some(Err(TourError::TooFewViews)), .. } => Some(TOO_FEW),
             Self::Tour { planned: Some(Err(TourError::OneAxis)), .. } => Some(ONE_AXIS),
             _ => None,
         }
     }
 
-    /// Why the time of the run was too short, where the task knows.
-    pub(super) fn when_late(&self) -> Option<&'static str> {
+    /// Why the time of the run was too short, where the task knows; the last frame had the target `in_view` or not.
+    pub(super) fn when_late(&self, in_view: bool) -> Option<&'static str> {
         match self {
             Self::Excitation { planned: true, .. } => Some(EXCITATION_TOO_SHORT),
             Self::Servo | Self::Excitation { .. } => None,
+            Self::LookAndMove(task) => task.when_late(in_view),
             Self::Tour { planned: Some(_), .. } => Some(TOUR_TOO_SHORT),
             Self::Tour { planned: None, .. } => Some(NOTHING_SEEN),
         }

@@ -126,7 +126,20 @@ impl<const N: usize> PostureSearch<'_, N> {
         q
     }
 
-    /// A random posture within the joint limits, evenly distributed; a joint that turns by more than a turn is drawn from -pi to pi.
+    /// What a search from `q` for the features of `set_point` at `X_WO` finds, `X_WD` being where the camera sees them: the posture that has the
+    /// camera there, or comes nearest; then, for arms that cannot have it there, the one near by whose features are right all the same.
+    pub fn postures_from(
+        &self,
+        q: &SVector<f64, N>,
+        (X_WO, X_WD): (&Pose, &Pose),
+        set_point: &SetPoint,
+    ) -> impl Iterator<Item = SVector<f64, N>> {
+        let there = self.towards(q, X_WD);
+        std::iter::once(there)
+            .chain(std::iter::once_with(move || self.features_from(&there, X_WO, set_point)))
+    }
+
+    /// A posture anywhere in the ranges.
     #[must_use]
     pub fn anywhere(&self, random: &mut Random) -> SVector<f64, N> {
         use std::f64::consts::PI;

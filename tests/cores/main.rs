@@ -17,6 +17,7 @@ mod hostile;
 mod identity;
 mod lens;
 mod limit_avoidance;
+mod look_and_move;
 mod moments;
 mod object_at_rest;
 mod occlusion;

@@ -94,6 +94,33 @@ fn example_10_5_in_closed_form_and_in_print() {
     assert_close(&m["decomposition"]["R_12"], &[c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0], 1e-9);
 }
 
+/// Sect. 10.1.1: what one look leaves grows with the error of the description, and what laws that look on the way need does not.
+#[test]
+fn look_and_move_is_as_accurate_as_its_description() {
+    let m = findings("look-and-move").metrics;
+    let runs = |scheme: &str, error: &str| -> Vec<Value> {
+        let all = m["runs"].as_array().unwrap().iter();
+        let of: Vec<_> = all.filter(|r| r["scheme"] == scheme && r["error"] == error).cloned().collect();
+        assert!(of.len() >= 4 && of.iter().all(|r| r["converged"] == true), "{of:#?}");
+        of
+    };
+    for error in ["mount turned", "joint 2 off"] {
+        let open = runs("look_and_move", error);
+        let wrong: Vec<_> = open.iter().filter(|r| r["degrees"].as_f64().unwrap() > 0.0).collect();
+        let per_degree =
+            |r: &&Value| r["after_one_look_px"].as_f64().unwrap() / r["degrees"].as_f64().unwrap();
+        for run in &wrong[1..] {
+            assert!((per_degree(run) / per_degree(&wrong[0]) - 1.0).abs() < 0.15, "{run}");
+        }
+        assert!(wrong.last().unwrap()["motions"].as_u64().unwrap() >= 4, "{open:#?}");
+        for scheme in ["position_resolved_velocity", "image_resolved_velocity"] {
+            let times = runs(scheme, error);
+            let time_s = |r: &Value| r["settling_time_s"].as_f64().unwrap();
+            assert!(times.iter().all(|r| (time_s(r) / time_s(&times[0]) - 1.0).abs() < 0.25), "{times:#?}");
+        }
+    }
+}
+
 #[test]
 fn problems_10_4_and_10_5_find_the_desired_pose() {
     let (s, c) = (FRAC_PI_3.sin(), FRAC_PI_3.cos());

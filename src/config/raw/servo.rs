@@ -20,6 +20,8 @@ word! {
         ImageResolvedVelocity,
         /// Hybrid, (10.92)-(10.97).
         Hybrid,
+        /// The open loop that visual servoing is compared with (Sect. 10.1.1): one look, one motion, and another look.
+        LookAndMove,
     }
 }
 

@@ -125,6 +125,13 @@ impl<const N: usize> Behaviour<N> {
         }
     }
 
+    /// The arm does not move by this behaviour at this tick: it waits, or was held or stopped.
+    pub fn interrupt(&mut self) {
+        if let Self::Waypoints(waypoints) = self {
+            waypoints.interrupt();
+        }
+    }
+
     /// Sets the excitation motion of a calibration. In another behaviour it changes nothing.
     pub fn excite(&mut self, motion: &ExcitationMotion<N>) {
         if let Self::Excitation(excitation) = self {

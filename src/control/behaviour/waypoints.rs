@@ -33,6 +33,8 @@ pub struct Waypoints<const N: usize> {
     rested: SpanNs,
     /// Whether there has been any.
     begun: bool,
+    /// Whether postures are still wanted after the arm was held or stopped on the way.
+    passing: bool,
 }
 
 /// On the way between two postures.
@@ -66,6 +68,20 @@ impl<const N: usize> Leg<N> {
 }
 
 impl<const N: usize> Waypoints<N> {
+    /// A list of postures that are forgotten where the arm is held or stopped: each is worth as much as the look at the target that it was
+    /// planned from.
+    #[must_use]
+    pub fn passing() -> Self {
+        Self { passing: true, ..Self::default() }
+    }
+
+    /// The arm does not move by this behaviour at this tick.
+    pub(super) fn interrupt(&mut self) {
+        if self.passing && self.begun {
+            *self = Self::passing();
+        }
+    }
+
     /// Adds one, which must be finite, where there is room for it; whether it did.
     pub(super) fn add(&mut self, q: &SVector<f64, N>) -> bool {
         let place = self.list.get_mut((self.next + self.left) % MAX_WAYPOINTS);
@@ -147,6 +163,25 @@ mod tests {
         for (there, wanted) in visited[1..].iter().zip(&postures) {
             assert!((there - wanted).amax() < 1e-5, "{there} {wanted}");
         }
+    }
+
+    /// An interrupted tour goes on; a posture that is worth one look is given up.
+    #[test]
+    fn an_interruption_forgets_what_is_passing() {
+        let mut tour = Waypoints::<2>::default();
+        let mut passing = Waypoints::<2>::passing();
+        for waypoints in [&mut tour, &mut passing] {
+            waypoints.interrupt();
+            assert!(waypoints.add(&Vector2::new(0.5, 0.5)));
+            let moves = |w: &mut Waypoints<2>| {
+                w.motion_command(&Vector2::zeros(), &limits()).velocity() != Vector2::zeros()
+            };
+            assert!((0..2000).any(|_| moves(waypoints)));
+            waypoints.interrupt();
+        }
+        assert_eq!((tour.confidence(), passing.confidence()), (1.0, 0.0));
+        assert_eq!(passing.motion_command(&Vector2::zeros(), &limits()).velocity(), Vector2::zeros());
+        assert!(!passing.is_over());
     }
 
     #[test]

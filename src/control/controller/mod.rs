@@ -210,6 +210,7 @@ impl<const N: usize> Controller<N> {
         self.live(state.as_ref(), confidence, way_back.is_some());
         if self.state != State::Servoing {
             self.servo.restart();
+            self.behaviour.interrupt();
         }
         let motion_command = match (&observed, self.state, way_back) {
             (Some(state), State::Servoing, _) => {

@@ -47,8 +47,9 @@ impl<const N: usize> Controller<N> {
         self.cue(Cue::Taught);
     }
 
-    /// Appends a waypoint, rad or m.
+    /// Appends a waypoint, rad or m; that the motion is complete is reported after it.
     pub fn add_waypoint(&mut self, q: &SVector<f64, N>) {
+        self.over_told = false;
         self.behaviour.add_waypoint(q);
     }
 

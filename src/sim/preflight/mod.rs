@@ -136,7 +136,8 @@ impl Preflight {
                 let question =
                     ReachProblem { config, robot, q_start, set_point: &config.set_point, X_WO, X_DO };
                 let (reach, found) = question.reach();
-                preflight.way = found.map(|_| question.way());
+                // What lies on the way of a motion that does not look is not asked.
+                preflight.way = found.filter(|_| !config.looks_and_moves()).map(|_| question.way());
                 q_goal = found;
                 reach
             }
@@ -212,6 +213,10 @@ fn notes(config: &Config) -> Vec<&'static str> {
     }
     if config.start.elsewhere {
         notes.push("the arm may start elsewhere (robot.start_elsewhere): the start is that of the run file");
+    }
+    if config.looks_and_moves() {
+        notes.push("look_and_move: the arm goes there in the space of its joints, without looking; the goal is met as well as lens, mount and \
+                    arm are known");
     }
     if config.effective.servo.set_point.kind == SetPointKind::Features {
         notes.push("the goal is the pose from which the points look most like servo.set_point.features");

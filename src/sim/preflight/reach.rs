@@ -110,10 +110,7 @@ impl<const N: usize> ReachProblem<'_, N> {
         let mut nearest: Option<(f64, SVector<f64, N>)> = None;
         for start in 0..=STARTS {
             let from = if start == 0 { self.q_start } else { search.anywhere(&mut random) };
-            let q = search.towards(&from, &X_WD);
-            // where the camera cannot be just there, the features may be right all the same
-            let near = || search.features_from(&q, &self.X_WO, self.set_point);
-            for q in std::iter::once(q).chain(std::iter::once_with(near)) {
+            for q in search.postures_from(&from, (&self.X_WO, &X_WD), self.set_point) {
                 if self.error_px(&q) <= self.config.goal.feature_error_px {
                     return (Reach::Within(self.posture(&q)), Some(q));
                 }
