@@ -142,7 +142,7 @@ fn annotate(panel: &mut ImagePanel, view: &Viewpoint, target: &Target, camera: &
         panel.ring(foot, 7.0, Colour::Axis);
         panel.cross(foot, 3.0, Colour::Axis);
     }
-    for point in &view.visibility.points {
+    for point in view.visibility.points.iter().filter(|point| !point.turned_away) {
         mark(panel, point, view.visibility.points.len(), &size, &middle);
     }
     if !view.visibility.front {

@@ -67,6 +67,9 @@ pub(super) fn resolve(raw: &mut RawConfig, document: &Document, problems: &mut V
     for (i, camera) in raw.cameras.iter_mut().enumerate() {
         one(&format!("cameras[{i}].mount"), &mut camera.mount);
     }
+    for (i, face) in raw.target.points.tags.iter_mut().enumerate() {
+        one(&format!("target.points.tags[{i}]"), face);
+    }
     one("scene.object", &mut raw.scene.object);
     one("scene.camera.mount", &mut raw.scene.camera.mount);
     one("servo.desired", &mut raw.servo.desired);

@@ -4,6 +4,7 @@
 
 use super::target::RawTarget;
 use crate::drive::CommandMode;
+use crate::vision::PoseApproach;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -210,6 +211,8 @@ table! {
         /// Model error: standard deviation, px, by which lens and target differ from their description; a measurement is
         /// rejected when its points do not fit one pose.
         model_sd_px: f64 = 0.0,
+        /// Which way the pose is found (10.3).
+        pose: PoseApproach = PoseApproach::Both,
     }
 }
 

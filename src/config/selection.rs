@@ -109,6 +109,11 @@ pub(super) fn doubtful_features(law: &Law, set_point: &SetPoint, joints: usize, 
     let squares = matrix.symmetric_eigenvalues();
     let told = squares.iter().filter(|x| **x > MIN_SHARE * squares.max()).count();
     let needed = joints.min(6);
+    if set_point.selection().points().count() == 3 && needed == 6 {
+        let message = "three points look the same from up to four poses of the camera: the arm may come to rest in another one than the goal, with \
+                       all three where they should be; let the law compare a fourth point, or start near the goal";
+        check.doubtful("servo.points", message);
+    }
     if told < needed {
         let message = format!(
             "these features tell of {told} directions at the goal, the arm has {needed}: it may stop elsewhere; let the law compare more"

@@ -32,6 +32,9 @@ pub(super) fn servo(
     let selection = selection(s, points.len(), check);
     let law = law(s, selection.as_ref().map(Selection::numbers), check);
     features_in_view(s, check);
+    if !target.is_flat() {
+        in_space(s, selection.as_ref(), check);
+    }
     let set_point = match s.set_point.kind {
         SetPointKind::Pose | SetPointKind::Taught => SetPoint::from_pose(X_DO, &points),
         SetPointKind::Features => {
@@ -89,6 +92,22 @@ pub(super) fn servo(
         ..ServoSettings::new(law, s.update, camera.mount)
     };
     Some((settings, set_point))
+}
+
+/// What takes a target in one plane, of a target with points in space.
+fn in_space(s: &RawServo, selection: Option<&Selection>, check: &mut Validation<'_>) {
+    const FLAT: &str = "needs a target whose points lie in one plane, not target.kind = \"points\"";
+    if s.scheme == SchemeKind::Hybrid {
+        check.wrong("servo.scheme", format!("`hybrid` goes by the homography of a plane, and {FLAT}"));
+    } else if s.dimension == 4 && uses_dimension(s.scheme) {
+        check.wrong("servo.dimension", format!("is 4, which {FLAT}"));
+    }
+    if selection.is_some_and(Selection::needs_outline) {
+        check.wrong("servo.area", FLAT);
+    }
+    if s.set_point.kind == SetPointKind::Features {
+        check.wrong("servo.set_point.kind", format!("`features` {FLAT}; use `pose` or `taught`"));
+    }
 }
 
 /// Normalized coordinates are tangents: those of a camera that sees farther to the side than 89 degrees are beyond 57.

@@ -41,6 +41,7 @@ shipped! {
     "shape-moments";
     "stereo";
     "tag";
+    "tag-cube";
     "textbook/scara-a";
     "textbook/scara-b";
     "textbook/scara-c";

@@ -1,6 +1,6 @@
 //! `[target]`: the target. Keys and bounds of all kinds in one place.
 
-use super::check::Validation;
+use super::check::{Validation, pose};
 use crate::target::{Chessboard, DotGrid, FourDots, Shape, TagFamily, TagPlace, Tags, Target, TargetError};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
@@ -26,6 +26,8 @@ word! {
         Tags,
         /// A free outline.
         Shape,
+        /// Points in space: the corners of tags on the faces of a body.
+        Points,
     }
 }
 
@@ -54,6 +56,35 @@ table! {
         tags: RawTags = RawTags::default(),
         /// `[target.shape]`
         shape: RawShape = RawShape::default(),
+        /// `[target.points]`
+        points: RawPoints = RawPoints::default(),
+    }
+}
+
+table! {
+    /// Tags on the faces of a body: their corners are points in space.
+    RawPoints {
+        /// Family: 36h11, 25h9 or 16h5.
+        family: String = "36h11".into(),
+        /// Side of a tag's black square, m.
+        size_m: f64 = 0.04,
+        /// Light margin about the black squares, m; left out: two cells.
+        margin_m: Option<f64> = None,
+        /// `[[target.points.tags]]`
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        tags: Vec<RawFace> = Vec::new(),
+    }
+}
+
+pose_table! {
+    /// One tag: where its centre is, and how it is turned. Its z points into the body, x and y are those of a single tag.
+    RawFace {
+        /// Its id.
+        id: u32 = 0,
+        /// Its centre in the frame of the target, m.
+        position_m: [f64; 3] = [0.0, 0.0, 0.0],
+        /// Roll, pitch, yaw of its frame, rad.
+        rotation_rpy_rad: [f64; 3] = [0.0, 0.0, 0.0],
     }
 }
 
@@ -167,6 +198,8 @@ pub(super) fn target(raw: &RawTarget, check: &mut Validation<'_>) -> Option<Targ
         ("target.tags.pitch_m", Some(tags.pitch_m)),
         ("target.tags.margin_m", tags.margin_m),
         ("target.shape.margin_m", Some(raw.shape.margin_m)),
+        ("target.points.size_m", Some(raw.points.size_m)),
+        ("target.points.margin_m", raw.points.margin_m),
     ] {
         if let Some(length_m) = length_m {
             check.range(key, length_m, LENGTH_M);
@@ -196,8 +229,16 @@ pub(super) fn target(raw: &RawTarget, check: &mut Validation<'_>) -> Option<Targ
             check.range(&format!("target.shape.outline_m[{i}][{k}]"), *m, -100.0..=100.0);
         }
     }
-    if let Err(e) = tags.family.parse::<TagFamily>() {
-        check.wrong("target.tags.family", e.to_string());
+    for (i, face) in raw.points.tags.iter().enumerate() {
+        let at = format!("target.points.tags[{i}]");
+        check.count(&format!("{at}.id"), face.id, TAG_ID);
+        check.pose(&at, face.position_m, face.rotation_rpy_rad);
+    }
+    for (key, family) in [("target.tags.family", &tags.family), ("target.points.family", &raw.points.family)]
+    {
+        if let Err(e) = family.parse::<TagFamily>() {
+            check.wrong(key, e.to_string());
+        }
     }
     if check.count_problems() > before {
         return None;
@@ -235,6 +276,7 @@ pub(super) fn made(key: &str, raw: &RawTarget, check: &mut Validation<'_>) -> Op
             shape.check_distinct()?;
             Ok(shape.light_on_dark(raw.light_on_dark).into())
         }),
+        TargetKind::Points => points(&raw.points).map(Target::from),
     };
     made.map_err(|e| check.wrong(key, e.to_string())).ok()
 }
@@ -247,6 +289,15 @@ fn shape(raw: &RawShape) -> Result<Shape, TargetError> {
             Shape::polygon(&corners, raw.margin_m)
         }
     }
+}
+
+fn points(raw: &RawPoints) -> Result<Tags, TargetError> {
+    // which was looked at before
+    let family = raw.family.parse().unwrap_or(TagFamily::Tag36h11);
+    let cell_m = raw.size_m / f64::from(family.cells_per_side());
+    let margin_m = raw.margin_m.unwrap_or(Tags::MARGIN_CELLS * cell_m);
+    let of = |face: &RawFace| (face.id, pose(face.position_m, face.rotation_rpy_rad));
+    Tags::on_faces(family, raw.size_m, margin_m, &raw.tags.iter().map(of).collect::<Vec<_>>())
 }
 
 fn tags(raw: &RawTags) -> Result<Tags, TargetError> {
@@ -307,6 +358,17 @@ impl RawTarget {
                 outline_m: self.shape.outline_m.iter().map(|c| c.map(|m| m * scale)).collect(),
                 semi_axes_m: self.shape.semi_axes_m.map(|axes| axes.map(|m| m * scale)),
                 margin_m: self.shape.margin_m * scale,
+            },
+            points: RawPoints {
+                size_m: self.points.size_m * scale,
+                margin_m: times(self.points.margin_m),
+                tags: self
+                    .points
+                    .tags
+                    .iter()
+                    .map(|face| RawFace { position_m: face.position_m.map(|m| m * scale), ..face.clone() })
+                    .collect(),
+                ..self.points.clone()
             },
             ..self.clone()
         }

@@ -20,7 +20,7 @@ use super::{Camera, Config, Document, GoalTolerance, Problem, Realtime, Realtime
 use crate::scene::SceneMotion;
 use crate::servo::ServoSettings;
 use crate::time::SpanNs;
-use crate::vision::VisionSettings;
+use crate::vision::{PoseApproach, VisionSettings};
 use std::ops::RangeInclusive;
 
 /// Bytes of frames that may be on their way at once, so that a lockstep run leaves room in a usual /dev/shm. Chosen.
@@ -125,9 +125,23 @@ pub(super) fn validate(
     let vision = VisionSettings {
         track: raw.vision.track,
         model_sd_px: check.range("vision.model_sd_px", raw.vision.model_sd_px, 0.0..=10.0),
+        pose: raw.vision.pose,
         response: camera.as_ref().map(|camera| camera.response).unwrap_or_default(),
         ..VisionSettings::default()
     };
+    if let Some(target) = target.as_ref().filter(|target| !target.is_flat()) {
+        if raw.vision.pose == PoseApproach::Analytical {
+            let message = format!(
+                "is `analytical`, by the homography of a plane: the {} points of this target do not lie in one; use `both` or `iterative`",
+                target.points().len()
+            );
+            check.wrong("vision.pose", message);
+        }
+        if raw.run.task != Task::Servo {
+            check
+                .wrong("target.kind", "is `points`: to calibrate, the camera must see a target in one plane");
+        }
+    }
     let priority = check.count("realtime.priority", raw.realtime.priority, 1..=98);
     let spin_us = raw.realtime.spin_us.map(|us| check.range("realtime.spin_us", us, 0.0..=500.0));
     let start_tolerance =

@@ -22,19 +22,19 @@ const GAIN_1_S: f64 = 160.0;
 const STEP_S: f64 = 1e-3;
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-fn fail(experiment: &'static str) -> impl Fn(&dyn std::fmt::Display) -> ExperimentError {
+pub(super) fn fail(experiment: &'static str) -> impl Fn(&dyn std::fmt::Display) -> ExperimentError {
     move |cause| ExperimentError::Computation { experiment, cause: cause.to_string() }
 }
 
 /// The pose of Example 10.1.
-fn example_pose() -> Pose {
+pub(super) fn example_pose() -> Pose {
     Pose::from_parts(
         Vector3::new(0.0, 0.0, 0.5).into(),
         UnitQuaternion::from_rotation_matrix(&rotation_y(FRAC_PI_4)),
     )
 }
 
-fn correspondences(s: &[Vector2<f64>; 4]) -> [Correspondence; 4] {
+pub(super) fn correspondences(s: &[Vector2<f64>; 4]) -> [Correspondence; 4] {
     let mut out = [Correspondence { r: Vector2::zeros(), s: Vector2::zeros() }; 4];
     for ((slot, p), s) in out.iter_mut().zip(&POINTS).zip(s) {
         *slot = Correspondence { r: p.coords.xy(), s: *s };

@@ -45,7 +45,7 @@ use crate::servo::{Law, MeasurementVerdict, SetPoint, View};
 use crate::time::{MonoNs, SpanNs, TICK};
 use measurement_log::MeasurementLog;
 use nalgebra::{SVector, Vector2};
-use residual::{NO_NEARER, ResidualWatch, why_it_stays};
+use residual::{AMBIGUOUS_VIEW, NO_NEARER, ResidualWatch, why_it_stays};
 use run_end::RunEnd;
 use std::collections::VecDeque;
 use teaching::GoalTeacher;
@@ -56,6 +56,9 @@ const STATUS_PERIOD: u64 = 20;
 /// The gain is reduced for an arm whose error does not fall and is more than so many times the goal's tolerance. Chosen by hand: nearer to
 /// the goal the arm is given time, because noise alone may keep the error about the tolerance.
 const SWINGS_FROM: f64 = 1.5;
+/// The points that a law compares are where they should be when their error is this share of that of all. Chosen by hand: well above the noise of
+/// single points, and well below what is left where nothing is met.
+const MET_SHARE: f64 = 0.1;
 /// Orders that can wait: a tour of 14 postures and the orders beside it, so that the queue never grows during a run.
 const ORDERS: usize = 32;
 /// The end of an open loop whose frames are over.
@@ -378,7 +381,13 @@ impl<const N: usize> Mission<N> {
         let goal_px = self.goal.tolerance_px;
         let no_nearer = || self.residual.is_no_nearer(goal_px).then_some(NO_NEARER);
         let seen = self.measurements.last_found();
-        let why = |px| why_it_stays(&self.plan.law, &self.goal.set_point, seen, px);
+        let why = |px| {
+            if self.is_elsewhere() {
+                AMBIGUOUS_VIEW
+            } else {
+                why_it_stays(&self.plan.law, &self.goal.set_point, seen, px)
+            }
+        };
         let stays = || self.residual.constant_px(goal_px).map(why).or_else(no_nearer);
         let in_view = self.measurements.last().is_some_and(Measurement::found);
         let when_late = self.task.when_late(in_view).or_else(|| stays().filter(|_| servoing));
@@ -389,6 +398,17 @@ impl<const N: usize> Mission<N> {
     /// Tells the status of what is known of the law's stability: [`Status::stability`](crate::messages::Status::stability).
     pub fn set_stability(&mut self, slowest: f64) {
         self.plan.stability = slowest;
+    }
+
+    /// Whether the law compares three points and the last view has these where they should be: from up to four poses they look so.
+    fn is_elsewhere(&self) -> bool {
+        let set_point = &self.goal.set_point;
+        let view = self.measurements.last_found().and_then(|m| View::of(m, set_point));
+        set_point.selection().points().count() == 3
+            && view.is_some_and(|view| {
+                let met_px = (MET_SHARE * self.measurements.error_px()).max(self.goal.tolerance_px);
+                set_point.compared_error_rms_px(&view, &self.plan.f_px) <= met_px
+            })
     }
 
     /// The end of the run; `None` before.

@@ -33,6 +33,10 @@ pub const LOCAL_MINIMUM: &str = "the arm stands at a local minimum of the featur
 pub const TOO_WEAK: &str = "the arm stands and the error stays: what the law asks for is too little torque against friction and what the model does \
                             not know; raise the stiffness in [servo.pd]. Or the goal cannot be reached with this lens, mount or number of joints: \
                             compare [camera.lens], [camera.mount] and [target] with what is there";
+/// The reason that ends a run in which all that the law compares is where it should be, and the rest of the target is not.
+pub const AMBIGUOUS_VIEW: &str = "the three points that the law compares are where they should be, and the rest of the target is not: three points look the \
+                                  same from up to four poses of the camera, and this is another one than the goal; let the law compare a \
+                                  fourth point (servo.points), or start nearer to the goal";
 
 /// The reason that ends a run whose arm moves and gets no nearer.
 pub const NO_NEARER: &str = "the arm moves on and the error does not fall: lower servo.gain_1_s; see whether load, friction and delay of \

@@ -9,7 +9,7 @@ use super::rays::Rays;
 use super::sensor::LEVEL_BITS;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
-use crate::target::{ClosedOutline, Disc, Target};
+use crate::target::{ClosedOutline, Disc, Mark, Sheet, Target};
 use nalgebra::{Point3, Translation3, Vector2, Vector3};
 
 /// The polygon that stands for a curved outline deviates from it by at most this share of its size. Derived: of an outline 100 px large that is a
@@ -164,30 +164,26 @@ impl Scenery {
     }
 }
 
-/// A target's plate and its marks.
-fn sheets(target: &Target, X_OS: Pose, look: &SceneLook) -> Vec<PaintedPlane> {
-    let plate = target.plate();
-    let (plate_level, level) = look.of(&plate);
-    let size_m = (plate.high_m - plate.low_m).amax();
-    let loops = |mark: &crate::target::Mark| -> Vec<ClosedOutline> {
-        let radius_m = match mark {
-            crate::target::Mark::Disc(disc) => disc.radius_m,
-            _ => size_m,
+/// A target's flat parts, each with its marks. Faces of a body do not hide one another as long as it is convex.
+fn sheets(target: &Target, X_OT: Pose, look: &SceneLook) -> Vec<PaintedPlane> {
+    let painted = |sheet: Sheet| {
+        let Sheet { X_OS, plate, marks, is_face } = sheet;
+        let X_OS = X_OT * X_OS;
+        let (plate_level, level) = look.of(&plate);
+        let size_m = (plate.high_m - plate.low_m).amax();
+        let loops = |mark: &Mark| -> Vec<ClosedOutline> {
+            let radius_m = match mark {
+                Mark::Disc(disc) => disc.radius_m,
+                _ => size_m,
+            };
+            mark.loops(SAG * radius_m).into_vec()
         };
-        mark.loops(SAG * radius_m).into_vec()
+        let ground = vec![rectangle(&plate.low_m, &plate.high_m)];
+        let drawn = marks.iter().flat_map(loops).collect();
+        [
+            PaintedPlane { X_OS, loops: ground, level: plate_level, both_sides: !is_face },
+            PaintedPlane { X_OS, loops: drawn, level, both_sides: false },
+        ]
     };
-    vec![
-        PaintedPlane {
-            X_OS,
-            loops: vec![rectangle(&plate.low_m, &plate.high_m)],
-            level: plate_level,
-            both_sides: true,
-        },
-        PaintedPlane {
-            X_OS,
-            loops: target.marks().iter().flat_map(loops).collect(),
-            level,
-            both_sides: false,
-        },
-    ]
+    target.sheets().into_iter().flat_map(painted).collect()
 }

@@ -2,7 +2,7 @@
 
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
-use crate::target::{Mark, Target};
+use crate::target::{Mark, Sheet, Target};
 use nalgebra::{Point3, Vector2, Vector3};
 use serde::Serialize;
 
@@ -63,6 +63,9 @@ pub struct PointVisibility {
     pub whole: bool,
     /// How far it lies outside of the image.
     pub outside: Overhang,
+    /// It is on a face of a body that is turned away from the camera.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub turned_away: bool,
 }
 
 /// The target in the image.
@@ -95,25 +98,23 @@ impl Visibility {
             .zip(1..)
             .map(|((point, (outline, needs_px)), number)| {
                 let px = camera.project(&(X_CO * point.p_O)).map(Into::into);
+                let turned_away = !target.is_turned_to_camera(number - 1, X_CO);
                 let extent = OutlineBounds::of(outline, camera, X_CO);
                 let (outside, room) = extent.map_or((Overhang::default(), f64::NEG_INFINITY), |e| {
                     (e.overhang(camera), e.room(camera))
                 });
-                room_px = room_px.min(room);
-                PointVisibility { point: number, px, whole: extent.is_some() && room >= *needs_px, outside }
+                room_px = if turned_away { room_px } else { room_px.min(room) };
+                let whole = extent.is_some() && room >= *needs_px && !turned_away;
+                PointVisibility { point: number, px, whole, outside, turned_away }
             })
             .collect();
-        let plate = target.plate();
-        let (low, high) = (plate.low_m, plate.high_m);
-        let corners = [low, Vector2::new(high.x, low.y), high, Vector2::new(low.x, high.y)];
-        let along =
-            |a: Vector2<f64>, b: Vector2<f64>| (0..16).map(move |i| a + (b - a) * (f64::from(i) / 16.0));
-        let next = corners.into_iter().cycle().skip(1);
-        let edge: Vec<_> = corners.into_iter().zip(next).flat_map(|(a, b)| along(a, b)).collect();
-        let plate_outside = OutlineBounds::of(&edge, camera, X_CO).map(|extent| extent.overhang(camera));
-        let facing = (X_CO.rotation * Vector3::z()).dot(&X_CO.translation.vector);
+        let sheets = target.sheets();
+        let is_seen = |sheet: &&Sheet| !sheet.is_face || is_front(&(X_CO * sheet.X_OS));
+        let edges: Vec<_> = sheets.iter().filter(is_seen).flat_map(edge).collect();
+        let plate_outside = OutlineBounds::of(&edges, camera, X_CO).map(|extent| extent.overhang(camera));
+        let front = sheets.iter().any(|sheet| is_front(&(X_CO * sheet.X_OS)));
         let whole = points.iter().filter(|point| point.whole).count();
-        Self { points, front: facing > 0.0, plate_outside, room_px, whole, needed: target.min_to_find() }
+        Self { points, front, plate_outside, room_px, whole, needed: target.min_to_find() }
     }
 
     /// Whether the finder can find the target: enough whole marks, from the side where they are.
@@ -134,7 +135,7 @@ impl Visibility {
         if self.can_be_found() {
             return None;
         }
-        let cut: Vec<_> = self.points.iter().filter(|point| !point.whole).collect();
+        let cut: Vec<_> = self.points.iter().filter(|point| !point.whole && !point.turned_away).collect();
         let told: Vec<_> = cut.iter().take(4).map(|point| point.fault()).collect();
         let more = cut.len().saturating_sub(told.len());
         let more = if more > 0 { format!(", and {more} more") } else { String::new() };
@@ -152,7 +153,9 @@ impl PointVisibility {
     #[must_use]
     pub fn fault(&self) -> String {
         let n = self.point;
-        if self.px.is_none() {
+        if self.turned_away {
+            format!("point {n} is on a face that is turned away")
+        } else if self.px.is_none() {
             format!("point {n} lies behind the camera or beyond what its lens shows")
         } else if self.outside.is_none() {
             format!("point {n} touches the border of the image")
@@ -162,13 +165,32 @@ impl PointVisibility {
     }
 }
 
-/// The mark of each point, as an outline in the object's plane, m, and the margin that the finder needs about it, px.
-fn outlines(target: &Target) -> Vec<(Vec<Vector2<f64>>, f64)> {
+/// Whether a camera sees the side of a plane towards which its z does not point.
+fn is_front(X_CS: &Pose) -> bool {
+    (X_CS.rotation * Vector3::z()).dot(&X_CS.translation.vector) > 0.0
+}
+
+/// The edge of a sheet's plate, in O, in pieces that follow a lens.
+fn edge(sheet: &Sheet) -> Vec<Point3<f64>> {
+    let (low, high) = (sheet.plate.low_m, sheet.plate.high_m);
+    let corners = [low, Vector2::new(high.x, low.y), high, Vector2::new(low.x, high.y)];
+    let along = |a: Vector2<f64>, b: Vector2<f64>| (0..16).map(move |i| a + (b - a) * (f64::from(i) / 16.0));
+    let next = corners.into_iter().cycle().skip(1);
+    let places = corners.into_iter().zip(next).flat_map(|(a, b)| along(a, b));
+    places.map(|p| sheet.X_OS * in_plane(&p)).collect()
+}
+
+fn in_plane(p: &Vector2<f64>) -> Point3<f64> {
+    Point3::new(p.x, p.y, 0.0)
+}
+
+/// The mark of each point, as an outline in O, m, and the margin that the finder needs about it, px.
+fn outlines(target: &Target) -> Vec<(Vec<Point3<f64>>, f64)> {
     let discs = target.discs();
     if !discs.is_empty() {
         let outline = |disc: &crate::target::Disc| {
             let loops = Mark::Disc(*disc).loops(SAG * disc.radius_m);
-            (loops.iter().flat_map(|outline| outline.iter().copied()).collect(), ROOM_ABOUT_A_DOT_PX)
+            (loops.iter().flat_map(|outline| outline.iter().map(in_plane)).collect(), ROOM_ABOUT_A_DOT_PX)
         };
         return discs.iter().map(outline).collect();
     }
@@ -176,7 +198,7 @@ fn outlines(target: &Target) -> Vec<(Vec<Vector2<f64>>, f64)> {
         Target::Chessboard(_) => ROOM_ABOUT_A_SADDLE_PX,
         _ => ROOM_ABOUT_A_CORNER_PX,
     };
-    target.points().iter().map(|point| (vec![point.p_O.coords.xy()], needs_px)).collect()
+    target.points().iter().map(|point| (vec![point.p_O], needs_px)).collect()
 }
 
 /// Least and greatest column and row of an outline, px.
@@ -188,11 +210,11 @@ struct OutlineBounds {
 
 impl OutlineBounds {
     /// `None` where no pixel can see a part of it.
-    fn of(outline: &[Vector2<f64>], camera: &CameraModel, X_CO: &Pose) -> Option<Self> {
+    fn of(outline: &[Point3<f64>], camera: &CameraModel, X_CO: &Pose) -> Option<Self> {
         let mut extent =
             Self { low: Vector2::repeat(f64::INFINITY), high: Vector2::repeat(f64::NEG_INFINITY) };
         for p in outline {
-            let px = camera.project(&(X_CO * Point3::new(p.x, p.y, 0.0)))?;
+            let px = camera.project(&(X_CO * p))?;
             (extent.low, extent.high) = (extent.low.inf(&px), extent.high.sup(&px));
         }
         Some(extent)

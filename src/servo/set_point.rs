@@ -134,6 +134,16 @@ impl SetPoint {
         Self::rms_px(pairs.filter(|(s, _)| is_there(s)), f_px)
     }
 
+    /// The same over the points that the law compares.
+    #[must_use]
+    pub fn compared_error_rms_px(&self, seen: &View, f_px: &Vector2<f64>) -> f64 {
+        if seen.features().len() != self.count {
+            return f64::NAN;
+        }
+        let pairs = self.selection.points().filter_map(|i| Some((*seen.feature(i)?, self.s_d.get(i)?)));
+        Self::rms_px(pairs, f_px)
+    }
+
     /// The same for the view from a true pose `X_CO`, NaN when a point lies behind the camera.
     #[must_use]
     pub fn error_rms_px_at(&self, X_CO: &Pose, f_px: &Vector2<f64>) -> f64 {

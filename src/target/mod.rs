@@ -5,7 +5,8 @@
 //! Target ──┤
 //!          marks, plate ──────► scene: what the synthetic camera draws; print: a sheet in true size
 //! ```
-//! All targets of today are plates: their points lie in z_O = 0, and z_O points away from the camera that looks at them.
+//! Most targets are plates: their points lie in z_O = 0, and z_O points away from the camera that looks at them. Tags may lie on the faces of a
+//! body too; a face that is turned away is not seen.
 
 mod chessboard;
 mod dot_grid;
@@ -27,6 +28,7 @@ pub use shape::Shape;
 pub use tag_family::{TagCell, TagFamily, UnknownTagFamily};
 pub use tags::{TagPlace, Tags};
 
+use crate::geometry::Pose;
 use crate::messages::MAX_FEATURES;
 use nalgebra::Point3;
 
@@ -46,6 +48,19 @@ pub struct Symmetry {
     pub turns: u32,
     /// It looks like a mirror image of itself: seen in a mirror it is taken for what it is not.
     pub mirrored: bool,
+}
+
+/// A flat part of a target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sheet {
+    /// Its frame in that of the object; its plate and its marks lie in the plane z_S = 0.
+    pub X_OS: Pose,
+    /// What it is drawn on.
+    pub plate: Plate,
+    /// What is drawn.
+    pub marks: Vec<Mark>,
+    /// Whether it is a face of a body, which hides it from behind.
+    pub is_face: bool,
 }
 
 /// The kinds of targets.
@@ -110,6 +125,39 @@ impl Target {
     #[must_use]
     pub fn plate(&self) -> Plate {
         each!(self, target => target.plate())
+    }
+
+    /// Its flat parts: one of a plate, one for each face of a body.
+    #[must_use]
+    pub fn sheets(&self) -> Vec<Sheet> {
+        if let Self::Tags(tags) = self
+            && !tags.faces().is_empty()
+        {
+            let of = |(X_OS, mark): (&Pose, Mark)| Sheet {
+                X_OS: *X_OS,
+                plate: tags.face_plate(),
+                marks: vec![mark],
+                is_face: true,
+            };
+            return tags.faces().iter().zip(tags.marks()).map(of).collect();
+        }
+        let (plate, marks) = (self.plate(), self.marks());
+        vec![Sheet { X_OS: Pose::identity(), plate, marks, is_face: false }]
+    }
+
+    /// Whether all of its points lie in the plane z_O = 0.
+    #[must_use]
+    pub fn is_flat(&self) -> bool {
+        self.points().iter().all(|point| point.p_O.z == 0.0)
+    }
+
+    /// Whether point `i` is on a side that is turned towards a camera that has the target at `X_CO`; of a plate that is not asked.
+    #[must_use]
+    pub fn is_turned_to_camera(&self, i: usize, X_CO: &Pose) -> bool {
+        match self {
+            Self::Tags(tags) => tags.is_turned_to_camera(i, X_CO),
+            Self::FourDots(_) | Self::DotGrid(_) | Self::Chessboard(_) | Self::Shape(_) => true,
+        }
     }
 
     /// How it may be turned or mirrored without looking different.

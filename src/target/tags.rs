@@ -1,4 +1,4 @@
-//! AprilTags on a plate: one, several, a grid.
+//! AprilTags on a plate: one, several, a grid; or on the faces of a body.
 //!
 //! ```text
 //!   3 +------+ 2     --> x_o     points: corners of the black squares, id = 4 x index in the list + corner, corners as AprilTag
@@ -9,7 +9,8 @@
 use super::mark::outlines;
 use super::tag_family::{TagCell, TagFamily};
 use super::{Mark, Plate, Symmetry, TargetError, TargetPoint};
-use nalgebra::{Point3, Rotation2, Vector2};
+use crate::geometry::Pose;
+use nalgebra::{Point3, Rotation2, Vector2, Vector3};
 
 /// Where a tag lies on the plate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,7 +23,7 @@ pub struct TagPlace {
     pub turn_rad: f64,
 }
 
-/// Tags of one family and size on one plate, in the object frame (m).
+/// Tags of one family and size on one plate or on the faces of a body, in the object frame (m).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tags {
     family: TagFamily,
@@ -30,6 +31,8 @@ pub struct Tags {
     margin_m: f64,
     tags: Box<[TagPlace]>,
     points: Box<[TargetPoint]>,
+    /// The face of each tag, X_OF: the tag lies about its origin, and z_F points into the body. Empty for a plate.
+    faces: Box<[Pose]>,
 }
 
 impl Tags {
@@ -80,7 +83,61 @@ impl Tags {
                 TargetPoint { id: (4 * i + corner) as u32, p_O: Point3::new(place.x, place.y, 0.0) }
             })
         });
-        Ok(Self { family, size_m, margin_m, points: points.collect(), tags: tags.into() })
+        let (points, faces) = (points.collect(), Box::default());
+        Ok(Self { family, size_m, margin_m, points, tags: tags.into(), faces })
+    }
+
+    /// One tag on each face of a body: its id, and the face's pose X_OF, with the tag about the origin and z_F pointing into the body.
+    ///
+    /// # Errors
+    /// As for [`Self::new`]; whether faces lie one in another is not examined.
+    pub fn on_faces(
+        family: TagFamily,
+        size_m: f64,
+        margin_m: f64,
+        tags: &[(u32, Pose)],
+    ) -> Result<Self, TargetError> {
+        if !(1..=Self::MOST).contains(&tags.len()) {
+            return Err(TargetError::TagCount { count: tags.len() });
+        }
+        let (mut places, mut points) = (Vec::new(), Vec::new());
+        for (i, (id, X_OF)) in tags.iter().enumerate() {
+            let place = TagPlace { id: *id, centre_m: Vector2::zeros(), turn_rad: 0.0 };
+            let one = Self::new(family, size_m, margin_m, &[place])?;
+            if let Some(value_m) = X_OF.translation.vector.iter().find(|x| !x.is_finite()) {
+                return Err(TargetError::Length { name: "a face's place", value_m: *value_m });
+            }
+            if places.iter().any(|other: &TagPlace| other.id == *id) {
+                return Err(TargetError::TagTwice { id: *id });
+            }
+            let corner = |p: &TargetPoint| TargetPoint { id: 4 * i as u32 + p.id, p_O: X_OF * p.p_O };
+            points.extend(one.points.iter().map(corner));
+            places.push(place);
+        }
+        let faces = tags.iter().map(|(_, X_OF)| *X_OF).collect();
+        Ok(Self { family, size_m, margin_m, tags: places.into(), points: points.into(), faces })
+    }
+
+    /// The face of each tag of a body, X_OF; empty for a plate.
+    #[must_use]
+    pub fn faces(&self) -> &[Pose] {
+        &self.faces
+    }
+
+    /// Whether the tag of point `i` is turned towards a camera that has the target at `X_CO`; of a plate that is not asked.
+    #[must_use]
+    pub fn is_turned_to_camera(&self, i: usize, X_CO: &Pose) -> bool {
+        self.faces.get(i / 4).is_none_or(|X_OF| {
+            let X_CF = X_CO * X_OF;
+            (X_CF.rotation * Vector3::z()).dot(&X_CF.translation.vector) > 0.0
+        })
+    }
+
+    /// What a face's tag is drawn on, about the face's origin.
+    #[must_use]
+    pub fn face_plate(&self) -> Plate {
+        let reach = Vector2::repeat(0.5 * self.size_m + self.margin_m);
+        Plate { low_m: -reach, high_m: reach, light: true }
     }
 
     /// One tag about the origin, with the usual margin.
@@ -158,7 +215,7 @@ impl Tags {
         self.tags.iter().map(mark).collect()
     }
 
-    /// The plate.
+    /// The plate; of a body what it covers along x_o and y_o.
     #[must_use]
     pub fn plate(&self) -> Plate {
         let (mut low, mut high) = (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
@@ -236,6 +293,28 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_body_has_its_tags_on_faces_that_turn_away() {
+        let [top, side] = [
+            Pose::translation(0.0, 0.0, -0.03),
+            Pose::new([0.03, 0.0, 0.0].into(), [0.0, -std::f64::consts::FRAC_PI_2, 0.0].into()),
+        ];
+        let family = TagFamily::Tag36h11;
+        let body = Tags::on_faces(family, 0.04, 0.005, &[(3, top), (8, side)]).unwrap();
+        assert_eq!(body.points().len(), 8);
+        assert!(body.points().iter().zip(0..).all(|(point, id)| point.id == id));
+        assert!(body.points()[..4].iter().all(|p| (p.p_O.z + 0.03).abs() < 1e-12));
+        assert!(body.points()[4..].iter().all(|p| (p.p_O.x - 0.03).abs() < 1e-12));
+        // From above only the top is seen; from the side and above both are.
+        let above = Pose::translation(0.0, 0.0, 0.4);
+        assert_eq!([0, 4].map(|i| body.is_turned_to_camera(i, &above)), [true, false]);
+        let aside = Pose::new([0.0, 0.0, 0.4].into(), [0.0, 0.8, 0.0].into());
+        assert_eq!([0, 4].map(|i| body.is_turned_to_camera(i, &aside)), [true, true]);
+        let refused = |tags: &[(u32, Pose)]| Tags::on_faces(family, 0.04, 0.005, tags).is_err();
+        assert!(refused(&[]) && refused(&[(3, top), (3, side)]) && refused(&[(587, top)]));
+        assert!(refused(&[(3, Pose::translation(f64::NAN, 0.0, 0.0))]));
     }
 
     #[test]

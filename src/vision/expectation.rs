@@ -68,6 +68,9 @@ impl Vision {
             let seen = find(dots, point.id);
             let threshold = level(seen.map_or(mean, |dot| dot.dark_level + dot.plate_level));
             let expected = if let Some(X_CO) = &prior.predicted_X_CO {
+                if !estimator.target.is_turned_to_camera(i, X_CO) {
+                    continue;
+                }
                 placed(i, X_CO).map(|(px, covariance_px2, area_px2)| Expected {
                     id: point.id,
                     px: px + surprise,

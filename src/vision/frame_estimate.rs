@@ -8,14 +8,15 @@
 
 use super::expectation::find;
 use super::misfit::{self, ENOUGH_TO_CHOOSE, Growth, MAX_MISFIT};
+use super::pose_approach::{PoseApproach, analytical_pose, start};
 use super::{Prior, VisionSettings};
 use crate::camera_model::CameraModel;
 use crate::detect::{Expected, Finder, Found};
 use crate::geometry::Pose;
 use crate::messages::{FeaturePoint, MAX_FEATURES, Measurement, TargetStatus, measurement_flag};
-use crate::pose::{Correspondence, PlanarPose, RefinedPose, planar_pose, refine};
+use crate::pose::{Correspondence, Correspondence3, PlanarPose, RefinedPose, refine_3d};
 use crate::target::Target;
-use nalgebra::{Matrix6, Point3, Vector2};
+use nalgebra::{Matrix6, Vector2};
 
 /// Changes of the centres' offsets below this need no second iteration, px. Chosen by hand: an iteration leaves a few hundredths of the change, 0.002 px.
 const SMALL_CHANGE_PX: f64 = 0.05;
@@ -33,8 +34,12 @@ const STRAY: f64 = 5.0;
 /// Median of chi-square with 2 degrees of freedom, 2 ln 2.
 const MEDIAN_SQUARE: f64 = 1.386;
 
-/// Three dots have no redundancy: any pose of theirs fits. They are used only if their surroundings shift them by no more than this, px, and if
-/// their contrast equals that of the last frame within this share. Both chosen by hand.
+/// A point of a body is left out where its standard deviation is so many times that of the surest one. Chosen by hand: with a few such points among
+/// many the pose of least error is a little less exact than one that weighs them, and not a wrong one.
+const SURE_ENOUGH: f64 = 4.0;
+
+/// Three dots cannot contradict each other. They are used only if their surroundings shift them by no more than this, px, and if their
+/// contrast is that of the last frame within this share. Both chosen by hand.
 const LONE_DISTURBANCE_PX: f64 = 0.1;
 const LONE_CONTRAST: f64 = 0.2;
 
@@ -45,14 +50,16 @@ pub(super) struct FrameEstimate {
     pub(super) dots: Vec<Found>,
     /// Images of the points' centres, px, in the same order.
     pub(super) px: Vec<Vector2<f64>>,
-    /// The points in the object's plane (m) and in the image (normalized), in the same order.
-    pairs: Vec<Correspondence>,
-    /// The refined pose. With three dots, which leave up to four poses, only the one nearest to the prediction, by which their centres are corrected.
+    /// The points of the object and in the image, likewise.
+    pairs: Vec<Correspondence3>,
+    /// The same of a plane, while a solution for planes has them.
+    plane: Vec<Correspondence>,
+    /// Of three dots only a guess, with which their centres are put right: they leave up to four poses.
     pub(super) pose: Option<RefinedPose>,
     pub(super) ambiguous: bool,
     /// Where the pose is ambiguous: the other pose, and the logarithm of the likelihood ratio of the first to it.
     pub(super) other: Option<(RefinedPose, f64)>,
-    /// Reprojection error of the pose, px, root mean square; infinite without one.
+    /// Reprojection error of the pose of least error, by which it is judged whether one pose explains the dots; infinite without one.
     pub(super) rms_px: f64,
     /// Whether dots without redundancy look as they did in the last frame.
     plausible: bool,
@@ -65,6 +72,7 @@ impl FrameEstimate {
             dots: Vec::with_capacity(count),
             px: Vec::with_capacity(count),
             pairs: Vec::with_capacity(count + 1),
+            plane: Vec::with_capacity(count + 1),
             ..Self::default()
         }
     }
@@ -83,6 +91,8 @@ pub(super) struct PoseEstimator {
     pub(super) camera: CameraModel,
     pub(super) target: Target,
     pub(super) settings: VisionSettings,
+    /// Whether all of the target's points lie in one plane.
+    pub(super) is_flat: bool,
     /// Points that serve as features, by id.
     serves: Box<[bool]>,
 }
@@ -95,7 +105,7 @@ impl PoseEstimator {
                 *serves = true;
             }
         }
-        Self { camera, target, settings, serves }
+        Self { is_flat: target.is_flat(), camera, target, settings, serves }
     }
 
     /// Computes features and pose from the detections in `estimate`. `last` is the last accepted estimate, `expected` the predictions by which the
@@ -108,6 +118,11 @@ impl PoseEstimator {
         last: Option<&FrameEstimate>,
         expected: &[Expected],
     ) {
+        if !self.is_flat {
+            // All points count alike in a pose, and corners of a face that is seen edge-on are found to pixels.
+            let least = estimate.dots.iter().map(|dot| dot.sd_px).fold(f64::INFINITY, f64::min);
+            estimate.dots.retain(|dot| dot.sd_px <= SURE_ENOUGH * least);
+        }
         if estimate.dots.len() >= ENOUGH_TO_CHOOSE {
             let (count, dots) = (estimate.dots.len(), &mut estimate.dots);
             let good = |d: &Found| d.disturbance_px <= MAX_DISTURBANCE_PX;
@@ -116,17 +131,17 @@ impl PoseEstimator {
             }
         }
         let most = estimate.dots.len() / 3;
-        for _ in 0..=most {
+        for left_out in 0..=most {
             self.solve(estimate, finder, prior, last, expected);
-            if estimate.dots.len() < ENOUGH_TO_CHOOSE || self.believes(estimate) {
+            // dots and their places in the image belong together: none is left out without another solution
+            if left_out == most || estimate.dots.len() < ENOUGH_TO_CHOOSE || self.believes(estimate) {
                 break;
             }
             // leave out the dot with the largest error
             let Some(pose) = &estimate.pose else { break };
             let misfit = |(i, dot): (usize, &Found)| {
                 let (pair, px) = (estimate.pairs.get(i)?, estimate.px.get(i)?);
-                let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)))?;
-                // so that a finder that states no error does not divide by zero
+                let seen = self.camera.project(&(pose.X_CO * pair.r))?;
                 Some((seen - px).norm() / dot.sd_px.max(1e-6))
             };
             let of = |entry: &(usize, &Found)| misfit(*entry).unwrap_or(f64::INFINITY);
@@ -144,8 +159,8 @@ impl PoseEstimator {
                 break;
             }
             let Some(pose) = &estimate.pose else { break };
-            let square = |((dot, px), pair): ((&Found, &Vector2<f64>), &Correspondence)| {
-                let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)));
+            let square = |((dot, px), pair): ((&Found, &Vector2<f64>), &Correspondence3)| {
+                let seen = self.camera.project(&(pose.X_CO * pair.r));
                 let variance = dot.sd_px * dot.sd_px;
                 // so that a finder that states no error does not divide by zero
                 seen.map_or(f64::INFINITY, |seen| (seen - px).norm_squared() / variance.max(1e-12))
@@ -173,15 +188,32 @@ impl PoseEstimator {
         last: Option<&FrameEstimate>,
         expected: &[Expected],
     ) {
-        let FrameEstimate { dots, px, pairs, pose, ambiguous, other, rms_px, plausible } = estimate;
+        let method = self.settings.pose;
+        self.solve_by(method, estimate, finder, prior, last, expected);
+        if method == PoseApproach::Iterative && !self.believes(estimate) {
+            self.solve_by(PoseApproach::Both, estimate, finder, prior, last, expected);
+        }
+    }
+
+    #[allow(clippy::too_many_arguments)] // those of `solve`, and the method
+    fn solve_by(
+        &self,
+        method: PoseApproach,
+        estimate: &mut FrameEstimate,
+        finder: &Finder,
+        prior: &Prior,
+        last: Option<&FrameEstimate>,
+        expected: &[Expected],
+    ) {
+        let FrameEstimate { dots, px, pairs, plane, pose, ambiguous, other, rms_px, plausible } = estimate;
         (*pose, *ambiguous, *rms_px, *plausible) = (None, false, f64::INFINITY, true);
         *other = None;
         px.clear();
         px.extend(dots.iter().map(|dot| dot.px));
         pairs.clear();
-        let place = |id: u32| self.target.points().get(id as usize).map(|point| point.p_O.coords.xy());
+        let place = |id: u32| self.target.points().get(id as usize).map(|point| point.p_O);
         let pair = |id: u32, px: &Vector2<f64>| {
-            Some(Correspondence { r: place(id)?, s: self.camera.normalized_of(px) })
+            Some(Correspondence3 { r: place(id)?, s: self.camera.normalized_of(px) })
         };
         let known = prior.predicted_X_CO.or_else(|| last?.pose.map(|pose| pose.X_CO));
         // three dots leave up to four poses: for the first pose the hidden dot is taken to be at its prediction
@@ -206,7 +238,8 @@ impl PoseEstimator {
         let count = dots.len() as f64;
         let sd_px = (dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>() / count).sqrt();
         pairs.extend(hidden.and_then(|hidden| pair(hidden.id, &hidden.px)));
-        let both = planar_pose(pairs);
+        let method = if hidden.is_some() { PoseApproach::Both } else { method };
+        let both = start(method, self.is_flat, pairs, known.as_ref(), plane);
         pairs.truncate(dots.len());
         let Ok(both) = both else { return };
         let mut X_CO = if hidden.is_some() {
@@ -216,7 +249,12 @@ impl PoseEstimator {
             (chosen, *ambiguous) = self.choose(&both, known.as_ref(), count, sd_px / f);
             chosen
         };
-        // the offsets depend on the pose and the pose on them: each iteration leaves a few hundredths of the error
+        if method == PoseApproach::Iterative {
+            // Where centres lie off their points is asked at this frame's pose, not at the last one's.
+            X_CO = refine_3d(&X_CO, pairs, sd_px / f).map_or(X_CO, |refined| refined.X_CO);
+        }
+        let mut fitting = None;
+        // the offsets depend on the pose, and it on them: each turn leaves a few hundredths of what was wrong
         for _ in 0..2 {
             let mut greatest = 0.0f64;
             for ((px, pair), dot) in px.iter_mut().zip(pairs.iter_mut()).zip(dots.iter()) {
@@ -228,30 +266,36 @@ impl PoseEstimator {
             let refined = if hidden.is_some() {
                 Ok(RefinedPose { X_CO, rms: 0.0, covariance: Matrix6::zeros(), iterations: 0 })
             } else {
-                refine(&X_CO, pairs, sd_px / f)
+                refine_3d(&X_CO, pairs, sd_px / f)
             };
             let Ok(refined) = refined else { break };
             X_CO = refined.X_CO;
-            *pose = Some(refined);
+            fitting = Some(X_CO);
+            *pose = if method == PoseApproach::Analytical {
+                let found = analytical_pose(pairs, sd_px / f, plane);
+                found.map(|(X_CO, covariance)| RefinedPose { X_CO, covariance, ..refined })
+            } else {
+                Some(refined)
+            };
             if greatest < SMALL_CHANGE_PX * SMALL_CHANGE_PX {
                 break;
             }
         }
-        let Some(pose) = pose else { return };
+        let (Some(pose), Some(fitting)) = (pose, fitting) else { return };
         if *ambiguous && let Some(second) = both.other {
             // the one of both that was not chosen
             let apart = |X: &Pose| X.rotation.angle_to(&pose.X_CO.rotation);
-            let start =
+            let start_of_other =
                 if apart(&second.X_CO) > apart(&both.best.X_CO) { second.X_CO } else { both.best.X_CO };
             let sd = sd_px / f;
-            *other = refine(&start, pairs, sd).ok().map(|second| {
+            *other = refine_3d(&start_of_other, pairs, sd).ok().map(|second| {
                 let squares = count * (second.rms * second.rms - pose.rms * pose.rms);
                 // so that a finder that states no error does not divide by zero
                 (second, 0.5 * squares / (sd * sd).max(1e-30))
             });
         }
         let squares = pairs.iter().zip(px.iter()).map(|(pair, px)| {
-            let seen = self.camera.project(&(pose.X_CO * in_plane(&pair.r)));
+            let seen = self.camera.project(&(fitting * pair.r));
             seen.map_or(f64::INFINITY, |seen| (seen - px).norm_squared())
         });
         *rms_px = (squares.sum::<f64>() / count).sqrt();
@@ -322,11 +366,6 @@ impl PoseEstimator {
         }
         m.reprojection_rms_px = estimate.rms_px;
     }
-}
-
-/// The point `r` (m) of the object's plane z = 0.
-fn in_plane(r: &Vector2<f64>) -> Point3<f64> {
-    Point3::new(r.x, r.y, 0.0)
 }
 
 /// Largest misfit of `count` dots, four or more.

@@ -45,6 +45,7 @@ mod carrier;
 mod expectation;
 mod frame_estimate;
 mod misfit;
+mod pose_approach;
 mod stereo;
 mod still;
 
@@ -58,6 +59,7 @@ use crate::time::MonoNs;
 pub use carrier::{ArmCarrier, Carrier};
 use frame_estimate::{FrameEstimate, PoseEstimator};
 pub use misfit::Growth;
+pub use pose_approach::PoseApproach;
 pub use stereo::{
     Match, ObjectPose, Pairing, PairingCounts, Side, SpacePoint, StereoMeasurement, StereoRig, StereoVision,
     TaughtPoint, TaughtView, TaughtViewError,
@@ -100,13 +102,22 @@ pub struct VisionSettings {
     /// Model error: standard deviation of each coordinate, px, by which lens and target differ from their description. It is added to the variance of
     /// the points when the misfit is checked, and is not part of any stated deviation.
     pub model_sd_px: f64,
+    /// Which way the pose is found. Whether one pose explains the dots at all is judged by the one of least reprojection error, whichever is told.
+    pub pose: PoseApproach,
     /// The camera's response, for which images were made linear as far as it is known.
     pub response: Response,
 }
 
 impl Default for VisionSettings {
     fn default() -> Self {
-        Self { track: true, slack_px: 3.0, ambiguity_sds: 3.0, model_sd_px: 0.0, response: Response::Linear }
+        Self {
+            track: true,
+            slack_px: 3.0,
+            ambiguity_sds: 3.0,
+            model_sd_px: 0.0,
+            pose: PoseApproach::Both,
+            response: Response::Linear,
+        }
     }
 }
 

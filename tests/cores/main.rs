@@ -25,6 +25,8 @@ mod occlusion;
 mod plant;
 mod plausible_numbers;
 mod pnp_accuracy;
+mod points_in_space;
+mod pose_methods;
 #[path = "../chessboard/render.rs"]
 mod render;
 #[path = "../rendered/mod.rs"]
@@ -41,5 +43,6 @@ mod supersampled;
 mod tag_scene;
 mod tags;
 mod textbook_errata;
+mod three_points;
 mod trusted;
 mod truth;

@@ -22,6 +22,7 @@ const SETTINGS: VisionSettings = VisionSettings {
     track: false,
     slack_px: 3.0,
     ambiguity_sds: 3.0,
+    pose: vservo::vision::PoseApproach::Both,
     response: Response::Linear,
 };
 

@@ -38,11 +38,11 @@ fn six_degrees_of_freedom_converge() {
     }
 }
 
-/// Other targets than dots: a chessboard of which a corner is hidden for a while, a tag among other tags and clutter, a free
+/// Other targets than dots: a chessboard of which a corner is hidden for a while, a tag among other tags and clutter, a cube of tags, a free
 /// shape.
 #[test]
 fn chessboards_tags_and_shapes_are_servoed_on() {
-    for target in ["chessboard", "tag", "shape"] {
+    for target in ["chessboard", "tag", "tag-cube", "shape"] {
         let output = vservo().arg("check").arg(file(target)).output().unwrap();
         assert!(output.status.success(), "{target}: {}", String::from_utf8_lossy(&output.stderr));
         let r = lockstep(target, &[]);

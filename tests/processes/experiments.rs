@@ -73,6 +73,49 @@ fn example_10_4_converges_in_about_thirty_steps() {
     assert!(e[5..60].windows(2).all(|pair| (pair[1] / pair[0] - 0.84).abs() < 0.03));
 }
 
+/// The text's two vectors, and two more that the point's image does not feel: together four directions.
+#[test]
+fn example_10_2_has_four_motions_without_effect() {
+    let m = findings("example-10-2").metrics;
+    let (s, z) = (numbers(&m["s"]), m["z_m"].as_f64().unwrap());
+    let (X, Y) = (s[0], s[1]);
+    let printed =
+        [[-1.0 / z, 0.0, X / z, X * Y, -(1.0 + X * X), Y], [0.0, -1.0 / z, Y / z, 1.0 + Y * Y, -X * Y, -X]];
+    assert_close(&m["L_s"], printed.as_flattened(), 1e-12);
+    let basis: Vec<_> =
+        m["null_space"].as_array().unwrap().iter().map(|entry| numbers(&entry["v"])).collect();
+    assert_eq!(basis[0], [X, Y, 1.0, 0.0, 0.0, 0.0]);
+    assert_eq!(basis[1], [0.0, 0.0, 0.0, X, Y, 1.0]);
+    for v in &basis {
+        for row in printed {
+            let moved: f64 = row.iter().zip(v).map(|(l, v)| l * v).sum();
+            assert!(moved.abs() < 1e-12, "{v:?}");
+        }
+    }
+    let columns = nalgebra::SMatrix::<f64, 6, 4>::from_fn(|i, j| basis[j][i]);
+    assert!((columns.transpose() * columns).determinant() > 1e-3, "independent");
+}
+
+/// The note on Example 10.4: several poses show P1, P2 and P3 where they are, and the integration stays with the one that it starts beside.
+#[test]
+fn example_10_4_with_three_points_has_several_ends() {
+    let m = findings("example-10-4").metrics;
+    let solutions = m["three_points"].as_array().unwrap();
+    assert!((2..=4).contains(&solutions.len()), "{solutions:?}");
+    assert_eq!(solutions.iter().filter(|s| s["is_sought"] == true).count(), 1);
+    for solution in solutions {
+        assert!(solution["distance_from_beside"].as_f64().unwrap() < 1e-6, "{solution}");
+        let x = numbers(&solution["x"]);
+        let R = nalgebra::Rotation3::from_euler_angles(x[5], x[4], x[3]);
+        for ((rx, ry), s) in [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1)].into_iter().zip(0..) {
+            let p = R * nalgebra::Point3::new(rx, ry, 0.0) + nalgebra::Vector3::new(x[0], x[1], x[2]);
+            let r = 0.1 * FRAC_1_SQRT_2;
+            let seen = [[0.0, 0.0], [r / (0.5 - r), 0.0], [r / (0.5 - r), 0.1 / (0.5 - r)]][s];
+            assert!((p.x / p.z - seen[0]).abs() < 1e-9 && (p.y / p.z - seen[1]).abs() < 1e-9, "{solution}");
+        }
+    }
+}
+
 #[test]
 fn example_10_5_in_closed_form_and_in_print() {
     let m = findings("example-10-5").metrics;

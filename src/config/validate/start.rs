@@ -71,6 +71,7 @@ pub(super) struct HiddenPoint {
 pub(super) fn hidden(target: &Target, camera: &CameraModel, X_CO: &Pose) -> Option<HiddenPoint> {
     let visibility = Visibility::of(target, camera, X_CO);
     let why = |point: &PointVisibility| match point.px {
+        _ if point.turned_away => Some("on a face that is turned away"),
         None => Some("behind the camera"),
         Some(px) if !camera.contains(&px.into(), 0.0) => Some("outside the image"),
         Some(_) => None,

@@ -73,8 +73,8 @@ fn direction(from_down_deg: f64) -> String {
 
 fn points(visibility: &Visibility) -> String {
     let place = |px: Option<[f64; 2]>| px.map_or("unseen".into(), |[u, v]| format!("({u:.1}, {v:.1})"));
-    let told =
-        visibility.points.iter().filter(|point| visibility.points.len() <= TOLD_POINTS || !point.whole);
+    let turned = visibility.points.iter().filter(|point| !point.turned_away);
+    let told = turned.filter(|point| visibility.points.len() <= TOLD_POINTS || !point.whole);
     let told: Vec<_> =
         told.take(TOLD_POINTS).map(|point| format!("{} {}", point.point, place(point.px))).collect();
     match (visibility.points.len() <= TOLD_POINTS, told.is_empty()) {
@@ -85,14 +85,21 @@ fn points(visibility: &Visibility) -> String {
 }
 
 fn visibility(visibility: &Visibility) -> String {
+    let turned = visibility.points.iter().filter(|point| !point.turned_away).count();
     let marks = if !visibility.front {
         "the back of the target is seen".into()
-    } else if visibility.whole == visibility.points.len() {
-        format!("all of the target's points are in the image, {:.0} px from its border", visibility.room_px)
+    } else if visibility.whole == turned {
+        let which = if turned == visibility.points.len() {
+            "points"
+        } else {
+            "points on faces that look at the camera"
+        };
+        format!("all of the target's {which} are in the image, {:.0} px from its border", visibility.room_px)
     } else {
-        let cut = visibility.points.iter().filter(|point| !point.whole).take(TOLD_POINTS);
+        let cut =
+            visibility.points.iter().filter(|point| !point.whole && !point.turned_away).take(TOLD_POINTS);
         let cut: Vec<_> = cut.map(PointVisibility::fault).collect();
-        format!("{} of {} points are whole: {}", visibility.whole, visibility.points.len(), cut.join(", "))
+        format!("{} of {turned} points are whole: {}", visibility.whole, cut.join(", "))
     };
     let plate = match &visibility.plate_outside {
         None => "; a part of the plate is not before the lens".into(),
