@@ -45,7 +45,7 @@ use crate::servo::{Law, MeasurementVerdict, SetPoint, View};
 use crate::time::{MonoNs, SpanNs, TICK};
 use measurement_log::MeasurementLog;
 use nalgebra::{SVector, Vector2};
-use residual::{AMBIGUOUS_VIEW, NO_NEARER, ResidualWatch, why_it_stays};
+use residual::{AMBIGUOUS_VIEW, NO_NEARER, ResidualWatch, is_another_pose, why_it_stays};
 use run_end::RunEnd;
 use std::collections::VecDeque;
 use teaching::GoalTeacher;
@@ -381,13 +381,12 @@ impl<const N: usize> Mission<N> {
         let goal_px = self.goal.tolerance_px;
         let no_nearer = || self.residual.is_no_nearer(goal_px).then_some(NO_NEARER);
         let seen = self.measurements.last_found();
-        let why = |px| {
-            if self.is_elsewhere() {
-                AMBIGUOUS_VIEW
-            } else {
-                why_it_stays(&self.plan.law, &self.goal.set_point, seen, px)
-            }
-        };
+        let met_px = (MET_SHARE * self.measurements.error_px()).max(goal_px);
+        let why =
+            |px| match seen.filter(|m| is_another_pose(&self.goal.set_point, m, &self.plan.f_px, met_px)) {
+                Some(_) => AMBIGUOUS_VIEW,
+                None => why_it_stays(&self.plan.law, &self.goal.set_point, seen, px),
+            };
         let stays = || self.residual.constant_px(goal_px).map(why).or_else(no_nearer);
         let in_view = self.measurements.last().is_some_and(Measurement::found);
         let when_late = self.task.when_late(in_view).or_else(|| stays().filter(|_| servoing));
@@ -398,17 +397,6 @@ impl<const N: usize> Mission<N> {
     /// Tells the status of what is known of the law's stability: [`Status::stability`](crate::messages::Status::stability).
     pub fn set_stability(&mut self, slowest: f64) {
         self.plan.stability = slowest;
-    }
-
-    /// Whether the law compares three points and the last view has these where they should be: from up to four poses they look so.
-    fn is_elsewhere(&self) -> bool {
-        let set_point = &self.goal.set_point;
-        let view = self.measurements.last_found().and_then(|m| View::of(m, set_point));
-        set_point.selection().points().count() == 3
-            && view.is_some_and(|view| {
-                let met_px = (MET_SHARE * self.measurements.error_px()).max(self.goal.tolerance_px);
-                set_point.compared_error_rms_px(&view, &self.plan.f_px) <= met_px
-            })
     }
 
     /// The end of the run; `None` before.

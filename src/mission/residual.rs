@@ -9,6 +9,7 @@
 use crate::messages::Measurement;
 use crate::servo::{Law, SetPoint, View, felt_share};
 use crate::time::{MonoNs, SpanNs};
+use nalgebra::Vector2;
 
 /// Time for which the arm must have stood and the error stayed.
 const LONG: SpanNs = SpanNs(2_000_000_000);
@@ -70,6 +71,18 @@ pub(super) fn why_it_stays(
         _ if law.is_torque() => TOO_WEAK,
         _ => OUT_OF_REACH,
     }
+}
+
+/// Whether the law compares three points and the view `m` has these within `met_px` of where they should be, px, with the focal lengths `f_px`: from
+/// up to four poses they look so.
+pub(super) fn is_another_pose(
+    set_point: &SetPoint,
+    m: &Measurement,
+    f_px: &Vector2<f64>,
+    met_px: f64,
+) -> bool {
+    set_point.selection().points().count() == 3
+        && View::of(m, set_point).is_some_and(|view| set_point.compared_error_rms_px(&view, f_px) <= met_px)
 }
 
 /// The mean error over this time is compared with that of the time before; if it falls by less than this share, the arm is no nearer.

@@ -56,7 +56,7 @@ const LEAST_SHARE: f64 = 0.1;
 const MOVES: f64 = 5e-3;
 
 /// What the joints did in a tick.
-pub(super) struct JointMotion<const N: usize> {
+pub(super) struct JointTick<const N: usize> {
     /// Positions and velocities at the end of the tick.
     pub(super) q: SVector<f64, N>,
     pub(super) qd: SVector<f64, N>,
@@ -164,7 +164,7 @@ impl<const N: usize> PayloadEstimator<N> {
     }
 
     /// Takes in what the joints did in the tick in which the torques `tau` acted, N m or N; whether the payload is to be [taken](Self::adopt).
-    pub(super) fn note(&mut self, tau: &SVector<f64, N>, motion: &JointMotion<N>) -> bool {
+    pub(super) fn note(&mut self, tau: &SVector<f64, N>, motion: &JointTick<N>) -> bool {
         let Some((q, qd)) = self.start else {
             self.start = Some((motion.q, motion.qd));
             return false;
@@ -200,7 +200,7 @@ impl<const N: usize> PayloadEstimator<N> {
         self.loaded.set_payload(&self.bare, mass, &com_E);
     }
 
-    fn sample_of(&self, start: (SVector<f64, N>, SVector<f64, N>), end: &JointMotion<N>) -> Sample<N> {
+    fn sample_of(&self, start: (SVector<f64, N>, SVector<f64, N>), end: &JointTick<N>) -> Sample<N> {
         let (q, qd) = ((start.0 + end.q) * 0.5, (start.1 + end.qd) * 0.5);
         let window_s = f64::from(WINDOW) * TICK.as_s();
         let qdd = (end.qd - start.1) / window_s;

@@ -142,6 +142,7 @@ impl PoseEstimator {
             let misfit = |(i, dot): (usize, &Found)| {
                 let (pair, px) = (estimate.pairs.get(i)?, estimate.px.get(i)?);
                 let seen = self.camera.project(&(pose.X_CO * pair.r))?;
+                // so that a finder that states no error does not divide by zero
                 Some((seen - px).norm() / dot.sd_px.max(1e-6))
             };
             let of = |entry: &(usize, &Found)| misfit(*entry).unwrap_or(f64::INFINITY);

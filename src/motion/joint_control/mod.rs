@@ -20,7 +20,7 @@ mod stall;
 pub use law::{InverseDynamicsControl, JointLaw, PdGravityControl};
 
 use super::joint_observer::{Commanded, JointObserver, ObserverSettings};
-use super::payload_estimator::{JointMotion, PayloadEstimator, WINDOW};
+use super::payload_estimator::{JointTick, PayloadEstimator, WINDOW};
 use super::{ActingLimits, ReferenceState};
 use crate::linalg::Ldlt;
 use crate::robot::Robot;
@@ -186,13 +186,8 @@ impl<const N: usize> JointController<N> {
         if let Some(payload) = &mut self.payload {
             let friction_share = self.observer.confirmed_share();
             let friction_sd = self.observer.friction_sd();
-            let motion = JointMotion {
-                q,
-                qd,
-                friction_share,
-                friction_sd,
-                noise: self.observer.hidden_torque(WINDOW),
-            };
+            let motion =
+                JointTick { q, qd, friction_share, friction_sd, noise: self.observer.hidden_torque(WINDOW) };
             match self.applied.take() {
                 Some(tau) if !self.soft => {
                     if payload.note(&tau, &motion) {

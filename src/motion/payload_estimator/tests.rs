@@ -94,7 +94,7 @@ fn found<const N: usize>(
         let [q_mid, qd_mid, qdd_mid] = motion(&q0, (f64::from(k) + 0.5) * 1e-3);
         let tau = truth.inverse_dynamics(&q_mid, &qd_mid, &qdd_mid) + truth.friction_torque(&qd_mid);
         let ones = SVector::repeat(1.0);
-        let joints = JointMotion { q, qd, friction_share: ones, friction_sd: ones, noise: SVector::zeros() };
+        let joints = JointTick { q, qd, friction_share: ones, friction_sd: ones, noise: SVector::zeros() };
         if estimator.note(&tau, &joints) {
             estimator.adopt();
         }
