@@ -72,8 +72,11 @@ const STUCK: f64 = 4e-3;
 /// Largest share of the model's friction that is compensated: a joint that sticks and slips makes the estimate grow, and more than its true
 /// friction drives it. Chosen by hand: a quarter more than the largest confirmed share.
 const MOST_FRICTION: f64 = 2.5;
-/// Share of the model's Coulomb friction from which on a joint may stick. Chosen by hand: with less, what it sticks with moves no arm visibly.
-const STICKS: f64 = 0.2;
+/// A joint sticks that is slower than this, rad/s or m/s, for so many ticks, while its error is to decay with at least this speed: chosen by hand. Smooth
+/// friction lets a joint creep with 1e-6 rad/s and more under any torque; what sticks does not move at all.
+const STILL: f64 = 1e-9;
+const PULLED: f64 = 1e-4;
+const STILL_TICKS: u32 = 20;
 /// Share of the estimation rate that is kept at rest. Chosen by hand: 1 / 50, so that an arm that is held by friction still adapts.
 const RATE_AT_REST: f64 = 0.02;
 
@@ -144,6 +147,8 @@ pub(super) struct Commanded<const N: usize> {
     pub(super) compensated: SVector<f64, N>,
     /// Velocity at which the error is to decay.
     pub(super) slip: SVector<f64, N>,
+    /// Velocity beyond `w` for which viscous friction is compensated.
+    pub(super) extra: SVector<f64, N>,
 }
 
 /// Velocities and disturbances of the joints.
@@ -172,6 +177,9 @@ pub(super) struct JointObserver<const N: usize> {
     friction: FrictionShare<N>,
     /// How much of the model's friction there is at all.
     confirmed: ConfirmedFriction<N>,
+    /// Whether each joint has been found to stick, and for how many ticks it has been still.
+    sticks: [bool; N],
+    still_ticks: [u32; N],
 }
 
 impl<const N: usize> JointObserver<N> {
@@ -191,6 +199,8 @@ impl<const N: usize> JointObserver<N> {
             camera: CameraCorrection::default(),
             friction: FrictionShare::default(),
             confirmed: ConfirmedFriction::new(&settings.inertia),
+            sticks: [false; N],
+            still_ticks: [0; N],
         }
     }
 
@@ -210,8 +220,14 @@ impl<const N: usize> JointObserver<N> {
         share.map(|share| share.min(MOST_FRICTION))
     }
 
+    /// Its standard deviation.
     pub(super) fn friction_sd(&self) -> SVector<f64, N> {
         self.confirmed.sd()
+    }
+
+    /// Whether each joint has been found to stick.
+    pub(super) fn sticks(&self) -> &[bool; N] {
+        &self.sticks
     }
 
     /// The share of the model's friction that has been confirmed.
@@ -358,13 +374,17 @@ impl<const N: usize> JointObserver<N> {
                 noise: (width, STEP_GAIN * settings.encoder_step[i] * settings.velocity_rad_s.powi(2)),
             };
             self.confirmed.note(i, friction, &response);
+            let is_still = friction.coulomb > 0.0 && speed.abs() < STILL && commanded.slip[i].abs() > PULLED;
+            self.still_ticks[i] = if is_still && !probing { self.still_ticks[i] + 1 } else { 0 };
+            self.sticks[i] |= self.still_ticks[i] >= STILL_TICKS;
             if rate > 0.0 && !probing {
                 // The mean over the step, as for the compensation: at its end the friction of a joint that reverses has the other sign. What
                 // is not confirmed neither acts nor is compensated.
                 let confirmed = if self.believed { 1.0 } else { self.confirmed.share()[i] };
                 let rubbed = confirmed
                     * confirmed.min(1.0)
-                    * (friction.viscous * (speed - commanded.w[i]) + friction.coulomb_part(speed, width)
+                    * (friction.viscous * (speed - commanded.w[i] - commanded.extra[i])
+                        + friction.coulomb_part(speed, width)
                         - friction.coulomb_part(commanded.w[i], width));
                 let residual = TorqueResidual {
                     rho: settings.inertia[i] * accelerated / h + rubbed - commanded.feedback[i],
@@ -374,8 +394,7 @@ impl<const N: usize> JointObserver<N> {
                 };
                 // A joint that sticks near its reference is left alone: torque that grows until it leaps would make it hunt.
                 let w = commanded.velocity[i].abs();
-                let sticks = friction.coulomb * self.confirmed.share()[i] > STICKS * friction.coulomb;
-                if sticks && speed.abs() < STANDS && w.max(commanded.slip[i].abs()) < STUCK {
+                if self.sticks[i] && speed.abs() < STANDS && w.max(commanded.slip[i].abs()) < STUCK {
                     continue;
                 }
                 self.friction.learn(i, friction, &residual, h);

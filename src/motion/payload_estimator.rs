@@ -39,6 +39,9 @@ const WEIGHT: f64 = 0.3;
 /// Least fall of the weighted sum of squares by which a payload is believed. Derived: for four numbers that are zero it is chi-square with four
 /// degrees of freedom, 4 in the mean and above 23 in one of 10 000 cases.
 const CONFIRMED: f64 = 23.0;
+/// Least share of the weighted squares of the torques that it must explain. Chosen by hand: payloads explain nine tenths and more, and something that
+/// holds one joint, which the other joints do not feel, half of it or less.
+const EXPLAINED: f64 = 0.7;
 /// Share of the way to a new estimate that is gone in a window: a time constant of 50 ms, so that torques never leap.
 const FOLLOW: f64 = 0.2;
 /// Standard deviations by which a first moment must differ from zero before it enters the inertia. A light wrist that is believed to carry
@@ -52,6 +55,10 @@ const FARTHEST_M: f64 = 0.3;
 const EFFORT_USED: f64 = 0.9;
 /// Least share of accelerations that is used even where no effort is left. Chosen by hand: with none of it the arm could not leave such a posture.
 const LEAST_SHARE: f64 = 0.1;
+/// Share of a joint's effort that gravity may take, and the share before it in which the arm becomes slower. Chosen by hand: 3 % are left to hold it, and an
+/// xArm7 with 5 kg, which is too much for it, comes to rest before it can no more; with a third of the latter it sinks.
+const HOLDS: f64 = 0.97;
+const FADES: f64 = 0.15;
 /// Speed beyond which a joint has its whole Coulomb friction, rad/s or m/s. Derived: five times the width over which smooth models change its sign. At rest a joint that sticks may bear any part of it.
 const MOVES: f64 = 5e-3;
 
@@ -86,6 +93,8 @@ pub(super) struct PayloadEstimator<const N: usize> {
     fresh: SVector<f64, N>,
     information: Matrix4<f64>,
     right: Vector4<f64>,
+    /// Sum of the weighted squares of the torques.
+    squares: f64,
     /// Mass and first moment about the flange that are in the model.
     believed: Vector4<f64>,
     is_confirmed: bool,
@@ -120,6 +129,7 @@ impl<const N: usize> PayloadEstimator<N> {
             fresh: SVector::repeat(1.0),
             information: Matrix4::zeros(),
             right: Vector4::zeros(),
+            squares: 0.0,
             believed: Vector4::zeros(),
             is_confirmed: false,
         }
@@ -145,16 +155,31 @@ impl<const N: usize> PayloadEstimator<N> {
         self.ticks == 0
     }
 
-    /// Share of the accelerations `qdd` (rad/s^2 or m/s^2) for which the efforts of the arm suffice in `q`, whatever their signs are.
-    pub(super) fn acceleration_share(&self, q: &SVector<f64, N>, qdd: &SVector<f64, N>) -> f64 {
+    /// Whether the efforts of the arm hold it in `q` with the estimate, as far as that is not in the model yet. One that they do not hold is left
+    /// out: an arm that gives way to it comes to rest, and one that strains against it does not.
+    pub(super) fn is_held_in(&mut self, q: &SVector<f64, N>) -> bool {
+        if !self.is_new() {
+            return true;
+        }
+        let (mass, com_E) = mass_and_com(&self.estimate().0);
+        self.loaded.set_payload(&self.bare, mass, &com_E);
+        let gravity = self.loaded.gravity(q);
+        self.loaded.set_payload(&self.bare, 0.0, &Vector3::zeros());
+        self.loaded.limits().iter().zip(gravity.iter()).all(|(limit, g)| g.abs() < HOLDS * limit.effort)
+    }
+
+    /// Share of the accelerations `qdd` (rad/s^2 or m/s^2) for which the efforts of the arm suffice in `q`, whatever their signs are, and the share of
+    /// velocities with which it may move on: it comes to 0 where gravity takes all of a joint's effort.
+    pub(super) fn shares_of_effort(&self, q: &SVector<f64, N>, qdd: &SVector<f64, N>) -> (f64, f64) {
         let (g, B) = (self.loaded.gravity(q), self.loaded.mass_matrix(q));
-        let mut share = 1.0_f64;
+        let (mut share, mut strength) = (1.0_f64, 1.0_f64);
         for (i, limit) in self.loaded.limits().iter().enumerate() {
             let turns: f64 = B.row(i).iter().zip(qdd.iter()).map(|(b, a)| b.abs() * a).sum();
             let rubs = self.loaded.friction()[i].coulomb;
             share = share.min((EFFORT_USED * limit.effort - g[i].abs() - rubs) / turns);
+            strength = strength.min((HOLDS - g[i].abs() / limit.effort) / FADES);
         }
-        share.max(LEAST_SHARE)
+        (share.max(LEAST_SHARE), strength.max(0.0))
     }
 
     /// Forgets the present window: what moved the arm in it is not known.
@@ -228,6 +253,7 @@ impl<const N: usize> PayloadEstimator<N> {
             if weight.is_finite() && y[i].is_finite() {
                 self.information += row.transpose() * row * weight;
                 self.right += row.transpose() * (y[i] * weight);
+                self.squares += weight * y[i] * y[i];
             }
         }
     }
@@ -239,7 +265,8 @@ impl<const N: usize> PayloadEstimator<N> {
         let A = self.information + Matrix4::from_diagonal(&Vector4::new(m, h, h, h));
         let Some(factors) = Ldlt::of(&A) else { return (self.believed, false) };
         let found: Vector4<f64> = factors.solve(&self.right.into()).into();
-        let is_clear = self.right.dot(&found) > CONFIRMED && found[0] > 0.0;
+        let explained = self.right.dot(&found);
+        let is_clear = explained > CONFIRMED && explained > EXPLAINED * self.squares && found[0] > 0.0;
         let covariance = factors.inverse();
         let mut sure = found;
         for k in 1..4 {

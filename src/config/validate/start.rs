@@ -46,8 +46,12 @@ pub(super) fn arm(raw: &RawConfig, check: &mut Validation<'_>) -> Option<RobotDe
 /// The tool on the flange.
 pub(super) fn tool(raw: &RawConfig, check: &mut Validation<'_>) -> Inertia {
     let RawTool { mass_kg, com_m, inertia_kg_m2: [xx, yy, zz, xy, xz, yz] } = raw.tool;
+    let before = check.count_problems();
     let mass = check.range("tool.mass_kg", mass_kg, 0.0..=MOST_KG);
     let com = com_m.map(|x| check.range("tool.com_m", x, -FARTHEST_M..=FARTHEST_M));
+    if check.count_problems() > before {
+        return Inertia::ZERO;
+    }
     let tool = Inertia { mass, com: com.into(), about_com: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) };
     if let Err(problem) = tool.check_part() {
         check.wrong("tool.inertia_kg_m2", problem.to_string());

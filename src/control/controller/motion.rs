@@ -115,6 +115,7 @@ impl<const N: usize> Controller<N> {
         confidence: f64,
     ) -> (SVector<f64, N>, ActingLimits) {
         let ArmModel { robot, limits } = &self.arm;
+        let strength = self.joint_control.strength();
         let (mut requested_qd, mut acting) = brakeable(
             requested_qd,
             convergence,
@@ -122,6 +123,10 @@ impl<const N: usize> Controller<N> {
             limits,
             self.joint_control.acceleration_share(),
         );
+        if strength < 1.0 {
+            requested_qd *= strength;
+            (0..N).for_each(|i| acting.set(Limit::Effort, i));
+        }
         if confidence < 1.0 {
             requested_qd *= confidence;
             (0..N).for_each(|i| acting.set(Limit::View, i));

@@ -84,7 +84,8 @@ impl<const N: usize> StallGuard<N> {
             last.since_s += TICK.as_s();
             last.ahead += velocity[i] * TICK.as_s();
             let reach = SHARE * limit.effort + friction.coulomb;
-            bounded[i] = beyond[i].clamp(last.beyond - reach, last.beyond + reach);
+            // Not `clamp`, which panics where a torque of an arm that has gone wild is no number.
+            bounded[i] = beyond[i].max(last.beyond - reach).min(last.beyond + reach);
             if bounded[i] != beyond[i] {
                 stalled |= 1 << i;
             }
