@@ -17,6 +17,7 @@
 
 mod law;
 mod stall;
+mod sticking;
 
 pub use law::{InverseDynamicsControl, JointLaw, PdGravityControl};
 
@@ -37,16 +38,6 @@ const FOLLOWS_1_S: f64 = 10.0;
 /// Share of its natural frequency that a softened controller keeps, after a fault. Chosen by hand: the stiffness falls to 4 %, because it
 /// goes with the square, and the damping to 20 %, so that an arm that a stiff controller made oscillate can come to rest.
 const SOFT_SHARE: f64 = 0.2;
-
-/// Times the rate of the law at which an error is to decay against viscous friction. A joint that sticks is freed by the torque that this adds, and with
-/// once the rate it waits until the disturbance estimate has grown past its static friction, and leaps. Measured on an xArm7 with hard friction
-/// (static friction 1.2 times the sliding one): with 4 it creeps about its goal at 0.001 rad/s instead of chattering at 0.1 to 0.2.
-const SLIP_GAIN: f64 = 4.0;
-/// Share of the confirmed viscous friction that is given back as damping of the velocity error, because compensated friction does not
-/// damp: half, so that the loop gain stays below that of the joint's own friction, with which late commands are still stable; and the
-/// largest velocity error that is damped so, rad/s or m/s, which bounds the torque of a wrong velocity.
-const DAMPING_SHARE: f64 = 0.5;
-const DAMPED: f64 = 0.2;
 
 /// Ticks of control in which joints whose torque is bounded, because they do not move, still tell of a payload. Chosen by hand: an xArm7 that begins with
 /// its rated payload, which is not known, gives way within 20, and the payload is found within 80.
@@ -329,7 +320,7 @@ impl<const N: usize> JointController<N> {
         );
         let given = if stalled == 0 { wanted } else { expected + beyond };
         let compensated = friction.component_mul(&self.observer.friction_share());
-        let extra = self.extra_velocity(qd, feedback);
+        let extra = sticking::extra_velocity(self.observer.sticks(), qd, feedback);
         let torque = self.commanded(robot, q, &wanted, &given, feedback, (friction, compensated, extra));
         // What holds a joint is no payload; but one that is not known holds joints when control begins, until they give way.
         self.ticks = self.ticks.saturating_add(1);
@@ -386,17 +377,6 @@ impl<const N: usize> JointController<N> {
         torque
     }
 
-    /// Velocities for which viscous friction of joints that stick is compensated beyond those of the reference and of the error's decay, rad/s or
-    /// m/s: they free such a joint, and damp one that slips.
-    fn extra_velocity(&self, qd: &SVector<f64, N>, feedback: &Feedback<N>) -> SVector<f64, N> {
-        let sticks = self.observer.sticks();
-        SVector::from_fn(|i, _| {
-            let lead = (qd[i] - feedback.velocity[i]).clamp(-DAMPED, DAMPED);
-            let extra = (SLIP_GAIN - 1.0) * feedback.slip[i] - DAMPING_SHARE * lead;
-            if sticks[i] { extra } else { 0.0 }
-        })
-    }
-
     /// What a feedback asks for, and what the model expects of it, for the posture in the middle of the step.
     fn torques(
         &self,
@@ -411,7 +391,7 @@ impl<const N: usize> JointController<N> {
         let q_mid = q + (qd + qd_mid) * (0.5 * half);
         let share = self.observer.friction_share();
         let model = robot.friction_torque(&feedback.velocity);
-        let extra = self.extra_velocity(qd, feedback);
+        let extra = sticking::extra_velocity(self.observer.sticks(), qd, feedback);
         let mut friction = model;
         for (i, joint) in robot.friction().iter().enumerate() {
             friction[i] += joint.viscous * (feedback.slip[i] + extra[i]);
