@@ -66,13 +66,13 @@ const STEP_GAIN: f64 = 3.0;
 const MEAN_TICKS: u32 = 1000;
 /// Speed below which a joint stands, and speeds of its reference and of the decay of its error up to which it is left standing, rad/s or m/s.
 /// Chosen by hand: a tenth of the width over which friction changes its sign in smooth models, and four times that width; at 40 rad/s the error is
-/// then within 0.1 mrad. With a quarter of it an xArm7 that sticks and slips hunts for 9 to 17 s instead of 2 to 13 (tests/cores/friction.rs).
+/// then within 0.1 mrad. Where all joints were treated so, an xArm7 with hard friction hunted for 9 to 17 s with a quarter of it, and for 2 to 13 s with this.
 const STANDS: f64 = 1e-4;
 const STUCK: f64 = 4e-3;
 /// Largest share of the model's friction that is compensated: a joint that sticks and slips makes the estimate grow, and more than its true
 /// friction drives it. Chosen by hand: a quarter more than the largest confirmed share.
 const MOST_FRICTION: f64 = 2.5;
-/// A joint sticks that is slower than this, rad/s or m/s, for so many ticks, while its error is to decay with at least this speed: chosen by hand. Smooth
+/// A joint sticks that is slower than this, rad/s or m/s, for so many ticks, while its error is to decay with at least this speed: chosen by hand, and not varied. Smooth
 /// friction lets a joint creep with 1e-6 rad/s and more under any torque; what sticks does not move at all.
 const STILL: f64 = 1e-9;
 const PULLED: f64 = 1e-4;

@@ -23,11 +23,11 @@ use nalgebra::{Matrix4, SMatrix, SVector, Vector3, Vector4};
 /// arm begins to move.
 pub(super) const WINDOW: u32 = 10;
 /// Standard deviations of the prior: mass, kg, and first moment, kg m. Chosen by hand: arms that a person can stand beside are rated for up to 16 kg,
-/// and grippers of 2 kg have their centre of mass within 0.15 m of the flange. With half of them rated payloads are found as 5 % lighter.
+/// and grippers of 2 kg have their centre of mass within 0.15 m of the flange. Half and double were not tried.
 const PRIOR_KG: f64 = 10.0;
 const PRIOR_KG_M: f64 = 0.3;
-/// Error of a joint's torque as a share of its largest effort: what gears rub that no file tells. Chosen by hand; arms with untold
-/// friction of 5 % are known, and with twice the value a light payload is found later.
+/// Error of a joint's torque as a share of its largest effort: what gears rub that no file tells. Chosen by hand, and not varied;
+/// arms with untold friction of 5 % are known.
 const EFFORT: f64 = 0.02;
 /// Inertia of a joint that no file tells, times acceleration, as a share of its largest effort at 1 rad/s^2 or m/s^2: chosen by hand, because joints are built to
 /// accelerate at some 100 rad/s^2 at most, so a rotor takes up to a hundredth.
@@ -39,8 +39,8 @@ const WEIGHT: f64 = 0.3;
 /// Least fall of the weighted sum of squares by which a payload is believed. Derived: for four numbers that are zero it is chi-square with four
 /// degrees of freedom, 4 in the mean and above 23 in one of 10 000 cases.
 const CONFIRMED: f64 = 23.0;
-/// Least share of the weighted squares of the torques that it must explain. Chosen by hand: payloads explain nine tenths and more, and something that
-/// holds one joint, which the other joints do not feel, half of it or less.
+/// Least share of the weighted squares of the torques that it must explain. Chosen by hand, and not varied: something
+/// that holds one joint, which the other joints do not feel, is not explained by a payload (`a_jam_is_a_fault_within_a_second_and_a_released_joint_stands`).
 const EXPLAINED: f64 = 0.7;
 /// Share of the way to a new estimate that is gone in a window: a time constant of 50 ms, so that torques never leap.
 const FOLLOW: f64 = 0.2;
@@ -49,8 +49,9 @@ const FOLLOW: f64 = 0.2;
 const SURE: f64 = 2.0;
 /// Change of an estimate that is not worth a change of the model, kg and kg m. Chosen by hand: 1 mN of weight.
 const SAME: f64 = 1e-4;
-/// Farthest centre of mass from the flange that is believed, m. Chosen by hand: twice what grippers have.
+/// Farthest centre of mass from the flange, m, and largest mass, kg, that are believed. Chosen by hand: twice what grippers have, and three times the prior.
 const FARTHEST_M: f64 = 0.3;
+const MOST_KG: f64 = 30.0;
 /// Share of the efforts that references are planned with. Chosen by hand: a tenth is left to feedback and friction.
 const EFFORT_USED: f64 = 0.9;
 /// Least share of accelerations that is used even where no effort is left. Chosen by hand: with none of it the arm could not leave such a posture.
@@ -142,7 +143,7 @@ impl<const N: usize> PayloadEstimator<N> {
 
     /// The payload that was found: its mass, kg, and its centre of mass in the flange's frame, m; `None` where there is none.
     pub(super) fn payload(&self) -> Option<(f64, Vector3<f64>)> {
-        self.is_confirmed.then(|| mass_and_com(&self.believed))
+        (!self.is_new()).then(|| mass_and_com(&self.believed))
     }
 
     /// Whether none of it is in the model yet.
@@ -155,17 +156,20 @@ impl<const N: usize> PayloadEstimator<N> {
         self.ticks == 0
     }
 
-    /// Whether the efforts of the arm hold it in `q` with the estimate, as far as that is not in the model yet. One that they do not hold is left
-    /// out: an arm that gives way to it comes to rest, and one that strains against it does not.
+    /// Whether the efforts of the arm hold it in `q` with the estimate. One that they do not hold is not taken: an arm that gives way to it comes to
+    /// rest, and one that strains against it does not.
     pub(super) fn is_held_in(&mut self, q: &SVector<f64, N>) -> bool {
-        if !self.is_new() {
-            return true;
-        }
-        let (mass, com_E) = mass_and_com(&self.estimate().0);
-        self.loaded.set_payload(&self.bare, mass, &com_E);
-        let gravity = self.loaded.gravity(q);
-        self.loaded.set_payload(&self.bare, 0.0, &Vector3::zeros());
+        let wanted = self.estimate().0;
+        let gravity = self.carry(&wanted).gravity(q);
+        let believed = self.believed;
+        self.carry(&believed);
         self.loaded.limits().iter().zip(gravity.iter()).all(|(limit, g)| g.abs() < HOLDS * limit.effort)
+    }
+
+    fn carry(&mut self, payload: &Vector4<f64>) -> &Robot<N> {
+        let (mass, com_E) = mass_and_com(payload);
+        self.loaded.set_payload(&self.bare, mass, &com_E);
+        &self.loaded
     }
 
     /// Share of the accelerations `qdd` (rad/s^2 or m/s^2) for which the efforts of the arm suffice in `q`, whatever their signs are, and the share of
@@ -221,8 +225,8 @@ impl<const N: usize> PayloadEstimator<N> {
     pub(super) fn adopt(&mut self) {
         let (sure, _) = self.estimate();
         self.believed += (sure - self.believed) * if self.is_new() { 1.0 } else { FOLLOW };
-        let (mass, com_E) = mass_and_com(&self.believed);
-        self.loaded.set_payload(&self.bare, mass, &com_E);
+        let believed = self.believed;
+        self.carry(&believed);
     }
 
     fn sample_of(&self, start: (SVector<f64, N>, SVector<f64, N>), end: &JointTick<N>) -> Sample<N> {
@@ -272,7 +276,7 @@ impl<const N: usize> PayloadEstimator<N> {
         for k in 1..4 {
             sure[k] = (found[k].abs() - SURE * covariance[k][k].sqrt()).max(0.0) * found[k].signum();
         }
-        let mass = found[0].max(0.0);
+        let mass = found[0].clamp(0.0, MOST_KG);
         let far = sure.fixed_rows::<3>(1).norm();
         let h = sure.fixed_rows::<3>(1) * (FARTHEST_M * mass / far.max(f64::MIN_POSITIVE)).min(1.0);
         (Vector4::new(mass, h.x, h.y, h.z), is_clear)

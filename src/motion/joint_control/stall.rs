@@ -170,4 +170,15 @@ mod tests {
         guard.forget();
         assert_eq!(guard.expected(&u), u);
     }
+
+    /// Torques of an arm that has gone wild are no numbers; the tick goes on all the same, and the gate makes a fault of them.
+    #[test]
+    fn torques_that_are_no_numbers_do_not_panic() {
+        let mut guard = StallGuard::<6>::default();
+        for ask in [0.0, f64::NAN, f64::INFINITY, 1.0, f64::NAN] {
+            push(&mut guard, 3, |_| ask, |_| 0.0);
+        }
+        let mut guard = StallGuard::<6>::default();
+        push(&mut guard, 3, |_| f64::NAN, |_| 0.0);
+    }
 }

@@ -5,7 +5,7 @@ use nalgebra::SVector;
 
 /// Times the rate of the law at which an error is to decay against viscous friction. A joint that sticks is freed by the torque that this adds, and with
 /// once the rate it waits until the disturbance estimate has grown past its static friction, and leaps. Measured on an xArm7 with hard friction
-/// (static friction 1.2 times the sliding one): with 4 it creeps about its goal at 0.001 rad/s instead of chattering at 0.1 to 0.2.
+/// (static friction 1.2 times the sliding one): with 4 it creeps about its goal at 0.001 to 0.06 rad/s instead of chattering at 0.1 to 0.2. Smooth arms must not have it: it triples their jerk at the plant.
 const SLIP_GAIN: f64 = 4.0;
 /// Share of the confirmed viscous friction that is given back as damping of the velocity error, because compensated friction does not
 /// damp: half, so that the loop gain stays below that of the joint's own friction, with which late commands are still stable; and the
