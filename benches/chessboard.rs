@@ -5,7 +5,7 @@
 use divan::Bencher;
 use nalgebra::Vector2;
 use vservo::detect::chessboard::ChessboardFinder;
-use vservo::detect::{Expected, Found};
+use vservo::detect::{Detection, PredictedPoint};
 use vservo::imaging::ImageView;
 use vservo::imaging::corners::{RingDetector, RingResponse, StructureDetector};
 
@@ -71,12 +71,12 @@ fn track_vga(bencher: Bencher, slack_px: f64) {
     let pixels = board(640, 480, 30.0);
     let image = ImageView::new(&pixels, 640, 480).unwrap();
     let mut finder = ChessboardFinder::new(9, 6, 640, 480);
-    let mut found: Vec<Found> = Vec::new();
+    let mut found: Vec<Detection> = Vec::new();
     finder.search_or_why(&image, &mut found).unwrap();
     let off = Vector2::new(0.7, -0.7) * slack_px.min(2.0);
     let expected: Vec<_> = found
         .iter()
-        .map(|f| Expected {
+        .map(|f| PredictedPoint {
             id: f.id,
             px: f.px + off,
             covariance_px2: f.covariance_px2,

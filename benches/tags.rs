@@ -7,7 +7,7 @@ mod tag_scene;
 
 use divan::Bencher;
 use tag_scene::{Canvas, Dice, Look, Map};
-use vservo::detect::tags::{TagExpected, TagFinder, TagFound};
+use vservo::detect::tags::{PredictedTag, TagDetection, TagFinder};
 use vservo::imaging::ImageView;
 use vservo::target::TagFamily;
 
@@ -33,7 +33,7 @@ fn search_vga(bencher: Bencher, clutter: usize) {
     let pixels = image(clutter);
     let image = ImageView::new(&pixels, 640, 480).unwrap();
     let mut finder = TagFinder::new(TagFamily::Tag36h11, 640, 480);
-    let mut found: Vec<TagFound> = Vec::with_capacity(64);
+    let mut found: Vec<TagDetection> = Vec::with_capacity(64);
     bencher.bench_local(|| finder.search(&image, &mut found));
 }
 
@@ -42,9 +42,9 @@ fn track_one_vga(bencher: Bencher) {
     let pixels = image(0);
     let image = ImageView::new(&pixels, 640, 480).unwrap();
     let mut finder = TagFinder::new(TagFamily::Tag36h11, 640, 480);
-    let mut found: Vec<TagFound> = Vec::with_capacity(64);
+    let mut found: Vec<TagDetection> = Vec::with_capacity(64);
     finder.search(&image, &mut found).unwrap();
-    let expected = [TagExpected { id: found[5].id, corners_px: found[5].corners_px, slack_px: 5.0 }];
+    let expected = [PredictedTag { id: found[5].id, corners_px: found[5].corners_px, slack_px: 5.0 }];
     bencher.bench_local(|| finder.track(&image, &expected, &mut found));
 }
 
@@ -54,6 +54,6 @@ fn search_vga_noise(bencher: Bencher) {
     let pixels = Canvas::new(640, 480, look.ground).expose(&look, &mut dice);
     let image = ImageView::new(&pixels, 640, 480).unwrap();
     let mut finder = TagFinder::new(TagFamily::Tag36h11, 640, 480);
-    let mut found: Vec<TagFound> = Vec::with_capacity(64);
+    let mut found: Vec<TagDetection> = Vec::with_capacity(64);
     bencher.bench_local(|| finder.search(&image, &mut found));
 }

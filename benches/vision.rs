@@ -83,7 +83,7 @@ mod render {
 
 mod detect {
     use super::*;
-    use vservo::detect::{Expected, Finder};
+    use vservo::detect::{Finder, PredictedPoint};
     use vservo::imaging::{Components, Connectivity, Histogram, ImageView, PairCounter, Runs, Window};
     use vservo::messages::FrameHeader;
     use vservo::time::MonoNs;
@@ -146,7 +146,7 @@ mod detect {
         finder.search(&image, &mut found).unwrap();
         let expected: Vec<_> = found
             .iter()
-            .map(|dot| Expected {
+            .map(|dot| PredictedPoint {
                 id: dot.id,
                 px: dot.px,
                 covariance_px2: dot.covariance_px2,

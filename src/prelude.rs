@@ -17,7 +17,7 @@
 pub use crate::camera_model::{CameraModel, Distortion, Intrinsics, Lens};
 pub use crate::config::{Config, assemble};
 pub use crate::control::control_loop::ControlLoop;
-pub use crate::detect::{Expected, Finder, Found};
+pub use crate::detect::{Detection, Finder, PredictedPoint};
 pub use crate::drive::{CommandMode, Drive, DriveCommand, DriveState};
 pub use crate::features::{
     AreaFeature, EllipseFeature, Feature, FeatureStack, ImageMoments, MomentFeature, PointFeature,

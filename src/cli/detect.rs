@@ -8,8 +8,8 @@ mod shapes;
 use super::{DetectArguments, check_writable, shown, write_result};
 use crate::camera_model::camera_info::CameraInfo;
 use crate::camera_model::{CameraModel, Distortion, Intrinsics, Response};
-use crate::detect::Found;
-use crate::detect::tags::{TagFinder, TagFound};
+use crate::detect::Detection;
+use crate::detect::tags::{TagDetection, TagFinder};
 use crate::imaging::ImageView;
 use crate::input::{file, printable};
 use crate::messages::TargetStatus;
@@ -34,13 +34,13 @@ const EQUAL_DOTS: &str = "equal dots: numbered as the image stands, for the grid
 
 /// What was found in one image, before it is printed.
 struct DetectedImage {
-    found: Vec<Found>,
+    found: Vec<Detection>,
     px: Vec<Vector2<f64>>,
     pose: Option<RefinedPose>,
     other: Option<(RefinedPose, f64)>,
     rms_px: Option<f64>,
     inconsistent: bool,
-    tags: Vec<TagFound>,
+    tags: Vec<TagDetection>,
     note: Option<&'static str>,
     /// Dots that are covered or lit in part.
     harmed: Vec<u32>,
@@ -161,7 +161,7 @@ fn vision_settings() -> VisionSettings {
 }
 
 fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<DetectedImage, Missed> {
-    let still = if calibrated { vision.still(image)? } else { vision.points_of(image)? };
+    let still = if calibrated { vision.process_image(image)? } else { vision.points_of(image)? };
     Ok(DetectedImage {
         found: still.found.to_vec(),
         px: still.px.to_vec(),
@@ -177,8 +177,8 @@ fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<
 }
 
 /// The corners of a tag, numbered as if the tags of the family were listed by their ids.
-fn corners(tag: &TagFound) -> [Found; 4] {
-    [0, 1, 2, 3].map(|corner| Found {
+fn corners(tag: &TagDetection) -> [Detection; 4] {
+    [0, 1, 2, 3].map(|corner| Detection {
         id: 4 * tag.id + corner as u32,
         px: tag.corners_px.get(corner).copied().unwrap_or_default(),
         sd_px: tag.sd_px(corner),

@@ -2,8 +2,8 @@
 
 use super::chessboard::ChessboardFinder;
 use super::shape::ShapeFinder;
-use super::tags::{TagFound, TagPlateFinder};
-use super::{DotFinder, Expected, Found};
+use super::tags::{TagDetection, TagPlateFinder};
+use super::{Detection, DotFinder, PredictedPoint};
 use crate::camera_model::{CameraModel, Response};
 use crate::geometry::Pose;
 use crate::imaging::ImageView;
@@ -63,7 +63,7 @@ impl Finder {
     ///
     /// # Errors
     /// The status that says why there is no target; never [`TargetStatus::Found`] or `WrongSize`. `found` is then empty.
-    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Detection>) -> Result<(), TargetStatus> {
         match self {
             Self::Dots(finder) => finder.search(image, found),
             Self::Chessboard(finder) => finder.search(image, found),
@@ -74,16 +74,21 @@ impl Finder {
 
     /// Checks the detections `found` of `image` for partial occlusion: where the visible part of a dot's rim determines its centre, the centre is
     /// measured by that part alone, and the id is added to `harmed`.
-    pub fn look_closely(&self, image: &ImageView<'_>, found: &mut [Found], harmed: &mut Vec<u32>) {
+    pub fn examine_occlusion(&self, image: &ImageView<'_>, found: &mut [Detection], harmed: &mut Vec<u32>) {
         harmed.clear();
         if let Self::Dots(finder) = self {
-            finder.look_closely(image, found, harmed);
+            finder.examine_occlusion(image, found, harmed);
         }
     }
 
     /// Tracks the points in windows about their predictions (ids rising): fills `found` with those that were detected unambiguously and not occluded.
     /// Returns whether they can be the target; `found` is empty when not.
-    pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
+    pub fn track(
+        &mut self,
+        image: &ImageView<'_>,
+        expected: &[PredictedPoint],
+        found: &mut Vec<Detection>,
+    ) -> bool {
         match self {
             Self::Dots(finder) => finder.track(image, expected, found),
             Self::Chessboard(finder) => finder.track(image, expected, found),
@@ -104,7 +109,7 @@ impl Finder {
 
     /// All tags of the last frame, also those that do not belong to the target; empty for other kinds of targets.
     #[must_use]
-    pub fn tags(&self) -> &[TagFound] {
+    pub fn tags(&self) -> &[TagDetection] {
         match self {
             Self::Tags(finder) => finder.tags(),
             _ => &[],

@@ -1,10 +1,10 @@
-//! Points of a target in a frame: detections ([`Found`]) and predictions ([`Expected`]). Pixels of the distorted image.
+//! Points of a target in a frame: detections ([`Detection`]) and predictions ([`PredictedPoint`]). Pixels of the distorted image.
 
 use nalgebra::Vector2;
 
 /// Detection of one point of the target.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
+pub struct Detection {
     /// Which point.
     pub id: u32,
     /// Position in the distorted image, px: the centroid of its dot, or the corner.
@@ -25,7 +25,7 @@ pub struct Found {
 
 /// Prediction of a point of the target: its position, and the ellipse of its dot.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Expected {
+pub struct PredictedPoint {
     /// Which point.
     pub id: u32,
     /// Centroid, px.

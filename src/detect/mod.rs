@@ -1,7 +1,7 @@
 //! From a grey frame to the points of the target, each with its identity.
 //!
 //! ```text
-//! frame ─► Finder: search of the whole frame, or tracking where points are Expected ─► Found, by id
+//! frame ─► Finder: search of the whole frame, or tracking where points are PredictedPoint ─► Detection, by id
 //!            ├ dots: four dots, grids of dots
 //!            ├ chessboard: corners of squares, also of a part
 //!            ├ tags: corners of tags
@@ -18,8 +18,8 @@
 //! | target | What is to be found: points with ids, known in the object's frame (`target`). |
 //! | finder | Finds the points of one kind of target in a frame; it owns its buffers ([`Finder`]). |
 //! | search | Detection in the whole frame, without knowledge of where the target is. |
-//! | track | Detection in windows about the points where they are expected ([`Expected`]). |
-//! | detection | A point with its id, its position and its standard deviation ([`Found`]). |
+//! | track | Detection in windows about the points where they are expected ([`PredictedPoint`]). |
+//! | detection | A point with its id, its position and its standard deviation ([`Detection`]). |
 //! | identity | Which point of the target a region, a corner or an edge is. A finder that cannot decide reports an ambiguity. |
 //! | region | Connected pixels on one side of a threshold. |
 //! | rim, edge | The border of a dot or an ellipse; the straight border of a square, a tag or an outline. |
@@ -75,4 +75,4 @@ pub mod tags;
 
 pub use dots::{DotFinder, centre_offset, dot_covariance_px2};
 pub use finder::Finder;
-pub use found::{Expected, Found};
+pub use found::{Detection, PredictedPoint};

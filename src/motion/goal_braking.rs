@@ -27,13 +27,13 @@ pub fn brakeable<const N: usize>(
     acceleration_share: f64,
 ) -> (SVector<f64, N>, ActingLimits) {
     let mut acting = ActingLimits::default();
-    let kept = convergence.follow + convergence.free;
+    let kept = convergence.feed_forward + convergence.null_space;
     let towards = requested_qd - kept;
     let (mut factor, mut slowest) = (1.0_f64, None);
     for i in 0..N {
         let speed = towards[i].abs();
         let now = JointMotionState {
-            q: (speed / convergence.rate_1_s).max(convergence.to_go[i] * towards[i].signum()),
+            q: (speed / convergence.rate_1_s).max(convergence.remaining[i] * towards[i].signum()),
             v: (state.qd[i] - kept[i]) * towards[i].signum(),
             a: state.qdd[i] * towards[i].signum(),
         };
@@ -113,7 +113,7 @@ mod tests {
             let (v, follow) = (Vector2::from(v), Vector2::from(follow));
             let limits = limits::<2>(10.0, 500.0);
             let r = Reference::new(limits.clone(), Vector2::zeros());
-            let (cut, acting) = brakeable(&v, &Convergence { follow, ..Convergence::at(rate_1_s) }, r.state(), &limits, 1.0);
+            let (cut, acting) = brakeable(&v, &Convergence { feed_forward: follow, ..Convergence::at(rate_1_s) }, r.state(), &limits, 1.0);
             let (before, after) = (v - follow, cut - follow);
             prop_assert!(after.norm() <= before.norm() * (1.0 + 1e-12));
             prop_assert!((after.normalize() - before.normalize()).norm() < 1e-9);
@@ -127,7 +127,7 @@ mod tests {
         let limits = limits::<2>(10.0, 500.0);
         let r = Reference::new(limits.clone(), Vector2::zeros());
         let slowed = Vector2::new(0.5, -0.25);
-        let convergence = Convergence { to_go: Vector2::new(0.4, -0.2), ..Convergence::at(100.0) };
+        let convergence = Convergence { remaining: Vector2::new(0.4, -0.2), ..Convergence::at(100.0) };
         assert_eq!(brakeable(&slowed, &convergence, r.state(), &limits, 1.0).0, slowed);
         assert!(
             brakeable(&slowed, &Convergence::at(100.0), r.state(), &limits, 1.0).0.norm()

@@ -24,7 +24,7 @@
 //!
 //! Encoder steps carry information about the motion only when they occur. So `l` and `r` fall with the speed of the reference, and rise when
 //! the position error exceeds a step: at rest the estimate is frozen, and single steps do not excite the arm. Within a step the camera
-//! measures the motion ([`Drift`]): the joint displacement between two exposures, minus the estimated one, is an error of `v^`.
+//! measures the motion ([`UnobservedMotion`]): the joint displacement between two exposures, minus the estimated one, is an error of `v^`.
 
 mod camera_correction;
 mod confirmed_friction;
@@ -33,7 +33,7 @@ mod friction;
 use crate::linalg::Ldlt;
 use crate::motion::payload_estimator::PayloadEstimator;
 use crate::robot::Robot;
-use crate::servo::Drift;
+use crate::servo::UnobservedMotion;
 use crate::time::{MonoNs, TICK};
 use camera_correction::CameraCorrection;
 use confirmed_friction::{ConfirmedFriction, FrictionResponse};
@@ -307,7 +307,7 @@ impl<const N: usize> JointObserver<N> {
     }
 
     /// Corrects the velocities, at `now`, by the joint displacement that a camera measured in excess of the estimated one.
-    pub(super) fn learn(&mut self, drift: &Drift<N>, now: MonoNs) {
+    pub(super) fn learn(&mut self, drift: &UnobservedMotion<N>, now: MonoNs) {
         let (true, Some((_, v))) = (self.settings.velocity_rad_s > 0.0, &mut self.state) else { return };
         let velocity = self.commanded.map_or(SVector::zeros(), |commanded| commanded.velocity);
         let dv = self.camera.correction(drift, now, &self.settings.encoder_step, &velocity);

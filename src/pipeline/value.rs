@@ -1,6 +1,6 @@
 //! What passes from step to step.
 
-use crate::detect::ellipse::FoundEllipse;
+use crate::detect::ellipse::EllipseDetection;
 use crate::detect::segments::Segment;
 use crate::imaging::corners::{RingCorner, StructureCorner};
 use crate::imaging::{Chains, Contours, Edges, Gradient, ImageView, MomentSums, Operator, Plane, Runs};
@@ -127,7 +127,7 @@ pub(super) struct ContourSet {
 #[derive(Debug, Clone)]
 pub(super) enum Shapes {
     Segments(Vec<Segment>),
-    Ellipses(Vec<FoundEllipse>),
+    Ellipses(Vec<EllipseDetection>),
     Corners(Vec<StructureCorner>),
     Crossings(Vec<RingCorner>),
 }

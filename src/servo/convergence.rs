@@ -11,17 +11,22 @@ pub struct Convergence<const N: usize> {
     pub rate_1_s: f64,
     /// Remaining displacement of each joint to the goal according to the law, rad or m, where the law output was scaled or modified afterwards;
     /// zero where it was not.
-    pub to_go: SVector<f64, N>,
+    pub remaining: SVector<f64, N>,
     /// Feed-forward part of the law output, which follows a moving goal, rad/s or m/s: it remains when the goal is reached.
-    pub follow: SVector<f64, N>,
+    pub feed_forward: SVector<f64, N>,
     /// Null-space part of the law output, which does not move the features: a secondary motion that has no goal, rad/s or m/s.
-    pub free: SVector<f64, N>,
+    pub null_space: SVector<f64, N>,
 }
 
 impl<const N: usize> Convergence<N> {
     /// For a goal at rest, with the rate in 1/s: no remaining displacement, feed-forward or null-space motion.
     #[must_use]
     pub fn at(rate_1_s: f64) -> Self {
-        Self { rate_1_s, to_go: SVector::zeros(), follow: SVector::zeros(), free: SVector::zeros() }
+        Self {
+            rate_1_s,
+            remaining: SVector::zeros(),
+            feed_forward: SVector::zeros(),
+            null_space: SVector::zeros(),
+        }
     }
 }

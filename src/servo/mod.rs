@@ -52,7 +52,6 @@
 //! ```
 
 mod convergence;
-mod drift;
 mod gain;
 mod gain_matrix;
 mod hybrid;
@@ -73,12 +72,12 @@ mod similarity;
 mod stability;
 #[cfg(test)]
 mod tests;
+mod unobserved_motion;
 mod view;
 mod visibility;
 mod visual_servo;
 
 pub use convergence::Convergence;
-pub use drift::Drift;
 pub use gain::Gain;
 pub use gain_matrix::{FeatureEntries, FeatureMatrix, GainMatrix, NoGainMatrix, eigenvalue_range};
 pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
@@ -100,6 +99,7 @@ pub use set_point::SetPoint;
 pub use settings::{ServoSettings, UpdatePolicy};
 use similarity::fit_similarity;
 pub use stability::{Margins, Stability, StabilityMargin, error_motion, felt_share};
+pub use unobserved_motion::UnobservedMotion;
 pub use view::View;
 pub use visibility::VisibilityGuard;
 pub use visual_servo::VisualServo;

@@ -45,7 +45,7 @@ pub struct ServoSettings {
     pub gain_at_goal_1_s: f64,
     /// Whether the arm returns to the posture of the last complete view when the target is lost.
     pub returns: bool,
-    /// Whether consecutive views are compared to estimate joint motion that coarse encoders do not show ([`super::Drift`]).
+    /// Whether consecutive views are compared to estimate joint motion that coarse encoders do not show ([`super::UnobservedMotion`]).
     pub watches_drift: bool,
     /// Lag of the drive: by how much later the arm follows its commands. `predict` predicts the view that far ahead.
     pub lead: SpanNs,

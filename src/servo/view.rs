@@ -1,7 +1,7 @@
 //! The view: features of the target at one instant, measured at an exposure, or predicted at another time by the known motion of the camera.
 //!
 //! Data flow: a measurement becomes a view of the set-point's features, associated by id ([`View::of`]); it is checked ([`View::is_possible`]), its hidden
-//! features are completed where the law needs them ([`View::sufficient`]), it is transformed to the pose of the camera now ([`View::carried`]), and
+//! features are completed where the law needs them ([`View::sufficient`]), it is transformed to the pose of the camera now ([`View::predicted_at`]), and
 //! the law reads it. Hidden features are NaN, so that a law which overlooks them has no finite output.
 
 use super::{DepthRow, SetPoint};
@@ -221,7 +221,7 @@ impl View {
     /// The view from another camera frame C', where `X_DC` transforms coordinates from C to C' (D for
     /// "destination"). The object does not move. `None` when a point would lie behind the camera.
     #[must_use]
-    pub fn carried(&self, X_DC: &Pose, set_point: &SetPoint) -> Option<Self> {
+    pub fn predicted_at(&self, X_DC: &Pose, set_point: &SetPoint) -> Option<Self> {
         let mut there = *self;
         let known = set_point.points().iter().zip(set_point.depths_m());
         for (s, (p_O, z_d)) in there.s.iter_mut().take(self.count).zip(known).filter(|(s, _)| is_there(s)) {
@@ -263,9 +263,9 @@ mod tests {
             let pose = |v: [f64; 6]| Pose::new([v[0], v[1], v[2]].into(), [v[3], v[4], v[5]].into());
             let X_CO = pose(a) * Pose::translation(0.0, 0.0, 0.8);
             let X_DC = pose(b);
-            let carried = seen_from(&X_CO).carried(&X_DC, &set_point).unwrap();
+            let predicted = seen_from(&X_CO).predicted_at(&X_DC, &set_point).unwrap();
             let there = seen_from(&(X_DC * X_CO));
-            for (s, t) in carried.features().iter().zip(there.features()) {
+            for (s, t) in predicted.features().iter().zip(there.features()) {
                 prop_assert!((s - t).norm() < 1e-12);
             }
         }
@@ -276,9 +276,9 @@ mod tests {
         let goal = Pose::translation(0.0, 0.0, 0.5);
         let set_point = SetPoint::from_pose(&goal, &square()).unwrap();
         let view = View::new(set_point.features().to_vec().into_iter(), None).unwrap();
-        let carried = view.carried(&Pose::translation(0.01, 0.0, 0.0), &set_point).unwrap();
-        assert!((carried.features()[0].x - 0.02).abs() < 1e-12);
-        assert!(view.carried(&Pose::translation(0.0, 0.0, -0.6), &set_point).is_none());
+        let predicted = view.predicted_at(&Pose::translation(0.01, 0.0, 0.0), &set_point).unwrap();
+        assert!((predicted.features()[0].x - 0.02).abs() < 1e-12);
+        assert!(view.predicted_at(&Pose::translation(0.0, 0.0, -0.6), &set_point).is_none());
     }
 
     #[test]

@@ -8,10 +8,10 @@
 mod covariance;
 mod pace;
 
-use super::drift::{LONGEST_SPAN, unbelieved_motion};
+use super::unobserved_motion::{LONGEST_SPAN, unobserved_motion};
 use super::{
-    Arm, Convergence, DepthRow, Drift, LawOutput, MeasurementVerdict, ObjectMotion, ServoSettings, SetPoint,
-    Task, TwistTask, UpdatePolicy, View, away_from_limits, joint_velocity, seek_null_motion,
+    Arm, Convergence, DepthRow, LawOutput, MeasurementVerdict, ObjectMotion, ServoSettings, SetPoint, Task,
+    TwistTask, UnobservedMotion, UpdatePolicy, View, away_from_limits, joint_velocity, seek_null_motion,
 };
 use crate::geometry::{Pose, rotate_twist};
 use crate::messages::{Measurement, TargetStatus};
@@ -61,7 +61,7 @@ struct LawAnswer<const N: usize> {
 
 /// Set-point and share of the gain at one tick.
 #[derive(Debug, Clone, Copy)]
-struct Pursuit<'a> {
+struct ServoGoal<'a> {
     goal: &'a SetPoint,
     /// Share of each gain that resolved velocities have.
     gain_share: f64,
@@ -86,7 +86,7 @@ pub struct VisualServo<const N: usize> {
     start: Option<(MonoNs, SVector<f64, N>)>,
     object: Option<ObjectMotion>,
     /// Joint motion that the last measurement showed beyond the history.
-    drift: Option<Drift<N>>,
+    drift: Option<UnobservedMotion<N>>,
     /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
     gain_share: f64,
 }
@@ -168,7 +168,12 @@ impl<const N: usize> VisualServo<N> {
     }
 
     /// Checks a measurement and, if it is used, makes it the current view.
-    pub fn take(&mut self, now: MonoNs, measurement: &Measurement, robot: &Robot<N>) -> MeasurementVerdict {
+    pub fn add_measurement(
+        &mut self,
+        now: MonoNs,
+        measurement: &Measurement,
+        robot: &Robot<N>,
+    ) -> MeasurementVerdict {
         let exposure = measurement.exposure;
         if measurement.target_status() == TargetStatus::Inconsistent {
             return MeasurementVerdict::Inconsistent;
@@ -221,7 +226,7 @@ impl<const N: usize> VisualServo<N> {
             self.q_whole = Some(q);
         }
         let last = LastMeasurement { exposure, view, task, X_WC, partial, supposed };
-        self.drift = self.drift_to(&last, &q, robot);
+        self.drift = self.unobserved_motion_until(&last, &q, robot);
         if !partial && view.X_CO().is_some() {
             self.whole = Some(last);
         }
@@ -232,7 +237,12 @@ impl<const N: usize> VisualServo<N> {
     }
 
     /// Joint motion since the last measurement beyond the history, for joints at `q` at this one's exposure.
-    fn drift_to(&self, now: &LastMeasurement, q: &SVector<f64, N>, robot: &Robot<N>) -> Option<Drift<N>> {
+    fn unobserved_motion_until(
+        &self,
+        now: &LastMeasurement,
+        q: &SVector<f64, N>,
+        robot: &Robot<N>,
+    ) -> Option<UnobservedMotion<N>> {
         let before = self.last.as_ref()?;
         let (from, span) = (before.exposure, now.exposure - before.exposure);
         let at_rest = self.settings.watches_drift && self.object.is_none();
@@ -240,14 +250,14 @@ impl<const N: usize> VisualServo<N> {
             return None;
         }
         let set_point = &self.goal;
-        let carried = before.view.carried(&now.X_WC.inv_mul(&before.X_WC), set_point)?;
+        let predicted = before.view.predicted_at(&now.X_WC.inv_mul(&before.X_WC), set_point)?;
         let (_, J) = self.settings.mount.camera(robot, q);
-        let dq = unbelieved_motion(set_point, &carried, &now.view, &J)?;
-        Some(Drift { dq, from, span })
+        let dq = unobserved_motion(set_point, &predicted, &now.view, &J)?;
+        Some(UnobservedMotion { dq, from, span })
     }
 
     /// Takes the joint motion that the last measurement showed beyond the history; `None` at the next call.
-    pub fn take_drift(&mut self) -> Option<Drift<N>> {
+    pub fn take_unobserved_motion(&mut self) -> Option<UnobservedMotion<N>> {
         self.drift.take()
     }
 
@@ -267,7 +277,7 @@ impl<const N: usize> VisualServo<N> {
         let from = if self.object.is_some() { self.last.as_ref()? } else { whole };
         let moved = self.object.as_ref().map(|object| object.displacement(from.exposure, exposure));
         let X_WC_then = moved.map_or(from.X_WC, |moved| moved * from.X_WC);
-        let guess = from.view.carried(&X_WC.inv_mul(&X_WC_then), set_point)?;
+        let guess = from.view.predicted_at(&X_WC.inv_mul(&X_WC_then), set_point)?;
         seen.with_hidden_of(&guess, set_point, (MAX_CONTRADICTION, SD_OF_A_GUESS))
     }
 
@@ -303,10 +313,10 @@ impl<const N: usize> VisualServo<N> {
     /// ([`ServoSettings::returns`]), there was no complete measurement, or the arm has arrived.
     #[must_use]
     pub fn way_back(&self, q: &SVector<f64, N>) -> Option<(SVector<f64, N>, Convergence<N>)> {
-        let to_go = self.q_whole.filter(|_| self.settings.returns)? - q;
-        let is_finite = to_go.iter().all(|x| x.is_finite());
-        (is_finite && to_go.amax() > RETURNED)
-            .then(|| (to_go * RETURN_RATE_1_S, Convergence::at(RETURN_RATE_1_S)))
+        let remaining = self.q_whole.filter(|_| self.settings.returns)? - q;
+        let is_finite = remaining.iter().all(|x| x.is_finite());
+        (is_finite && remaining.amax() > RETURNED)
+            .then(|| (remaining * RETURN_RATE_1_S, Convergence::at(RETURN_RATE_1_S)))
     }
 
     /// The twist `V_WC_C` that the law would request of a camera without an arm, m/s and rad/s, for the last view at its
@@ -322,8 +332,8 @@ impl<const N: usize> VisualServo<N> {
         }
     }
 
-    fn pursuit(&self) -> Pursuit<'_> {
-        Pursuit { goal: &self.goal, gain_share: self.gain_share }
+    fn pursuit(&self) -> ServoGoal<'_> {
+        ServoGoal { goal: &self.goal, gain_share: self.gain_share }
     }
 
     /// How the last requested velocity leads to its goal; `None` without one.
@@ -347,7 +357,7 @@ impl<const N: usize> VisualServo<N> {
 impl ServoSettings {
     fn law_output<const N: usize>(
         &self,
-        pursuit: Pursuit<'_>,
+        pursuit: ServoGoal<'_>,
         last: &LastMeasurement,
         object: Option<(&ObjectMotion, MonoNs)>,
         (q, qd): (&SVector<f64, N>, &SVector<f64, N>),
@@ -373,12 +383,12 @@ impl ServoSettings {
         let object = object.map(|(object, now)| (object, now + self.lead));
         let moved = object.map(|(object, then)| object.displacement(last.exposure, then));
         let X_WC_then = moved.map_or(last.X_WC, |moved| moved * last.X_WC);
-        let view = last.view.carried(&X_WC.inv_mul(&X_WC_then), pursuit.goal)?;
+        let view = last.view.predicted_at(&X_WC.inv_mul(&X_WC_then), pursuit.goal)?;
         let task = self.law.task(pursuit.goal, &view).ok()?;
         let mut answer = self.answer(pursuit, (&view, &task), &arm, secondary.as_ref())?;
         if let (LawOutput::Velocity(qd), Some((object, then))) = (&mut answer.law_output, object) {
-            answer.convergence.follow = follow(object, then, &X_WC, &J);
-            *qd += answer.convergence.follow;
+            answer.convergence.feed_forward = follow(object, then, &X_WC, &J);
+            *qd += answer.convergence.feed_forward;
         }
         Some(answer)
     }
@@ -386,7 +396,7 @@ impl ServoSettings {
     /// The law output with the null-space part of the `secondary` motion, modified so that the target stays in the image.
     fn answer<const N: usize>(
         &self,
-        pursuit: Pursuit<'_>,
+        pursuit: ServoGoal<'_>,
         (view, task): (&View, &Task),
         arm: &Arm<N>,
         secondary: Option<&SVector<f64, N>>,
@@ -407,7 +417,7 @@ impl ServoSettings {
         }
         let mut convergence = Convergence::at(rate_1_s);
         if let LawOutput::Velocity(qd) = &law_output {
-            convergence.to_go = qd / rate_1_s;
+            convergence.remaining = qd / rate_1_s;
         }
         let law_output = match &self.visibility {
             Some(guard) => guard.hold(pursuit.goal, view, (task, &self.law.joint_damping()), arm, law_output),
@@ -418,7 +428,7 @@ impl ServoSettings {
             (&mut answer.law_output, task, secondary)
             && let Some(free) = seek_null_motion(task, &arm.J, wanted)
         {
-            answer.convergence.free = free;
+            answer.convergence.null_space = free;
             *qd += free;
         }
         Some(answer)

@@ -11,7 +11,7 @@ use crate::calibration::hand_eye::{
     BoardCorner, HandEyeView, corner_speed_px_s, flange_speed_px_s, is_settled,
 };
 use crate::config::Config;
-use crate::detect::Found;
+use crate::detect::Detection;
 use crate::geometry::{Pose, Twist};
 use crate::messages::JointState;
 use crate::robot::{ExpressedIn, Robot};
@@ -67,7 +67,7 @@ struct ViewTaker<'a> {
     arm: Option<(Pose, Twist, MonoNs)>,
     at_rest_since: Option<MonoNs>,
     /// What was found in the image before, and when.
-    before: Option<(Vec<Found>, MonoNs)>,
+    before: Option<(Vec<Detection>, MonoNs)>,
     /// This rest has its view.
     taken: bool,
     views: Vec<HandEyeView>,
@@ -104,7 +104,7 @@ impl ViewTaker<'_> {
         if self.taken || now - since < REST {
             return;
         }
-        let Ok(still) = self.vision.still(image) else { return };
+        let Ok(still) = self.vision.process_image(image) else { return };
         let found = still.found.to_vec();
         let steady = self.before.as_ref().is_some_and(|(before, then)| {
             corner_speed_px_s(before, &found, (now - *then).as_s()).is_some_and(is_settled)

@@ -5,7 +5,7 @@
 //! from their projection by the last pose. Positions are pixels of the distorted image.
 
 use super::{Prior, Vision};
-use crate::detect::{Expected, Found, dot_covariance_px2};
+use crate::detect::{Detection, PredictedPoint, dot_covariance_px2};
 use crate::geometry::Pose;
 use crate::time::MonoNs;
 use nalgebra::Vector2;
@@ -35,7 +35,7 @@ impl Vision {
             // further astray where the velocity has changed meanwhile.
             if step > 0.0 && ahead > 0.0 { (ahead / step).min(3.0) } else { 0.0 }
         });
-        let motion = |dot: &Found| {
+        let motion = |dot: &Detection| {
             let old = before.and_then(|before| find(&before.estimate.dots, dot.id));
             old.map_or(Vector2::zeros(), |old| (dot.px - old.px) * ratio)
         };
@@ -59,7 +59,7 @@ impl Vision {
         // The motion of the object itself, which the camera's motion did not explain in the last frame, continues.
         let surprise = || {
             let X_CO = before?.carried(last.X_WC.as_ref())?;
-            let off = |dot: &Found| Some(dot.px - placed(dot.id as usize, &X_CO)?.0);
+            let off = |dot: &Detection| Some(dot.px - placed(dot.id as usize, &X_CO)?.0);
             let sum = dots.iter().map(off).sum::<Option<Vector2<f64>>>()?;
             Some(sum * (ratio / dots.len().max(1) as f64))
         };
@@ -71,7 +71,7 @@ impl Vision {
                 if !estimator.target.is_turned_to_camera(i, X_CO) {
                     continue;
                 }
-                placed(i, X_CO).map(|(px, covariance_px2, area_px2)| Expected {
+                placed(i, X_CO).map(|(px, covariance_px2, area_px2)| PredictedPoint {
                     id: point.id,
                     px: px + surprise,
                     covariance_px2,
@@ -81,7 +81,7 @@ impl Vision {
                 })
             } else if let Some(dot) = seen {
                 let motion = motion(dot);
-                Some(Expected {
+                Some(PredictedPoint {
                     id: point.id,
                     px: dot.px + motion,
                     covariance_px2: dot.covariance_px2,
@@ -92,7 +92,7 @@ impl Vision {
             } else {
                 let motion = hidden_motion(point.id).unwrap_or(common);
                 last.estimate.pose.and_then(|pose| placed(i, &pose.X_CO)).map(
-                    |(px, covariance_px2, area_px2)| Expected {
+                    |(px, covariance_px2, area_px2)| PredictedPoint {
                         id: point.id,
                         px: px + motion,
                         covariance_px2,
@@ -117,6 +117,6 @@ fn barycentric(p: &Vector2<f64>, a: &Vector2<f64>, b: &Vector2<f64>, c: &Vector2
 }
 
 /// The dot of point `id`, among dots whose ids rise.
-pub(super) fn find(dots: &[Found], id: u32) -> Option<&Found> {
+pub(super) fn find(dots: &[Detection], id: u32) -> Option<&Detection> {
     dots.binary_search_by_key(&id, |dot| dot.id).ok().and_then(|i| dots.get(i))
 }

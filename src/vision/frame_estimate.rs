@@ -11,7 +11,7 @@ use super::misfit::{self, ENOUGH_TO_CHOOSE, Growth, MAX_MISFIT};
 use super::pose_approach::{PoseApproach, analytical_pose, start};
 use super::{Prior, VisionSettings};
 use crate::camera_model::CameraModel;
-use crate::detect::{Expected, Finder, Found};
+use crate::detect::{Detection, Finder, PredictedPoint};
 use crate::geometry::Pose;
 use crate::messages::{FeaturePoint, MAX_FEATURES, Measurement, TargetStatus, measurement_flag};
 use crate::pose::{Correspondence, Correspondence3, PlanarPose, RefinedPose, refine_3d};
@@ -47,7 +47,7 @@ const LONE_CONTRAST: f64 = 0.2;
 #[derive(Debug, Clone, Default)]
 pub(super) struct FrameEstimate {
     /// Detections, ids rising.
-    pub(super) dots: Vec<Found>,
+    pub(super) dots: Vec<Detection>,
     /// Images of the points' centres, px, in the same order.
     pub(super) px: Vec<Vector2<f64>>,
     /// The points of the object and in the image, likewise.
@@ -116,7 +116,7 @@ impl PoseEstimator {
         finder: &Finder,
         prior: &Prior,
         last: Option<&FrameEstimate>,
-        expected: &[Expected],
+        expected: &[PredictedPoint],
     ) {
         if !self.is_flat {
             // All points count alike in a pose, and corners of a face that is seen edge-on are found to pixels.
@@ -125,7 +125,7 @@ impl PoseEstimator {
         }
         if estimate.dots.len() >= ENOUGH_TO_CHOOSE {
             let (count, dots) = (estimate.dots.len(), &mut estimate.dots);
-            let good = |d: &Found| d.disturbance_px <= MAX_DISTURBANCE_PX;
+            let good = |d: &Detection| d.disturbance_px <= MAX_DISTURBANCE_PX;
             if dots.iter().filter(|d| good(d)).count() >= (2 * count).div_ceil(3) {
                 dots.retain(good);
             }
@@ -139,13 +139,13 @@ impl PoseEstimator {
             }
             // leave out the dot with the largest error
             let Some(pose) = &estimate.pose else { break };
-            let misfit = |(i, dot): (usize, &Found)| {
+            let misfit = |(i, dot): (usize, &Detection)| {
                 let (pair, px) = (estimate.pairs.get(i)?, estimate.px.get(i)?);
                 let seen = self.camera.project(&(pose.X_CO * pair.r))?;
                 // so that a finder that states no error does not divide by zero
                 Some((seen - px).norm() / dot.sd_px.max(1e-6))
             };
-            let of = |entry: &(usize, &Found)| misfit(*entry).unwrap_or(f64::INFINITY);
+            let of = |entry: &(usize, &Detection)| misfit(*entry).unwrap_or(f64::INFINITY);
             let worst =
                 estimate.dots.iter().enumerate().max_by(|a, b| of(a).total_cmp(&of(b))).map(|(i, _)| i);
             let Some(worst) = worst else { break };
@@ -160,7 +160,7 @@ impl PoseEstimator {
                 break;
             }
             let Some(pose) = &estimate.pose else { break };
-            let square = |((dot, px), pair): ((&Found, &Vector2<f64>), &Correspondence3)| {
+            let square = |((dot, px), pair): ((&Detection, &Vector2<f64>), &Correspondence3)| {
                 let seen = self.camera.project(&(pose.X_CO * pair.r));
                 let variance = dot.sd_px * dot.sd_px;
                 // so that a finder that states no error does not divide by zero
@@ -187,7 +187,7 @@ impl PoseEstimator {
         finder: &Finder,
         prior: &Prior,
         last: Option<&FrameEstimate>,
-        expected: &[Expected],
+        expected: &[PredictedPoint],
     ) {
         let method = self.settings.pose;
         self.solve_by(method, estimate, finder, prior, last, expected);
@@ -204,7 +204,7 @@ impl PoseEstimator {
         finder: &Finder,
         prior: &Prior,
         last: Option<&FrameEstimate>,
-        expected: &[Expected],
+        expected: &[PredictedPoint],
     ) {
         let FrameEstimate { dots, px, pairs, plane, pose, ambiguous, other, rms_px, plausible } = estimate;
         (*pose, *ambiguous, *rms_px, *plausible) = (None, false, f64::INFINITY, true);
@@ -306,9 +306,9 @@ impl PoseEstimator {
     }
 
     /// Whether three dots, which have no redundancy, have the contrast of the last frame and nothing dark beside them.
-    fn is_plausible(dots: &[Found], last: Option<&FrameEstimate>) -> bool {
-        let contrast = |dot: &Found| dot.plate_level - dot.dark_level;
-        let alike = |dot: &Found| {
+    fn is_plausible(dots: &[Detection], last: Option<&FrameEstimate>) -> bool {
+        let contrast = |dot: &Detection| dot.plate_level - dot.dark_level;
+        let alike = |dot: &Detection| {
             // a dot that was hidden is compared with another one of the last frame
             let before = last.and_then(|last| find(&last.dots, dot.id).or(last.dots.first()));
             dot.disturbance_px <= LONE_DISTURBANCE_PX

@@ -44,13 +44,13 @@
 mod carrier;
 mod expectation;
 mod frame_estimate;
+mod image_result;
 mod misfit;
 mod pose_approach;
 mod stereo;
-mod still;
 
 use crate::camera_model::{CameraModel, Response};
-use crate::detect::{Expected, Finder};
+use crate::detect::{Finder, PredictedPoint};
 use crate::geometry::Pose;
 use crate::imaging::ImageView;
 use crate::messages::{FrameHeader, Measurement, TargetStatus, frame_flag};
@@ -58,13 +58,13 @@ use crate::target::Target;
 use crate::time::MonoNs;
 pub use carrier::{ArmCarrier, Carrier};
 use frame_estimate::{FrameEstimate, PoseEstimator};
+pub use image_result::ImageResult;
 pub use misfit::Growth;
 pub use pose_approach::PoseApproach;
 pub use stereo::{
     Match, ObjectPose, Pairing, PairingCounts, Side, SpacePoint, StereoMeasurement, StereoRig, StereoVision,
     TaughtPoint, TaughtView, TaughtViewError,
 };
-pub use still::Still;
 
 /// While a part of the target is hidden, the whole frame is searched in one of so many frames. Chosen by hand: at 25 Hz a point that
 /// reappears is found within 0.2 s, and the mean cost rises by a fifth of a search.
@@ -150,7 +150,7 @@ pub struct Vision {
     before: Option<TrustedEstimate>,
     /// Unused buffers of estimates.
     spare: Vec<FrameEstimate>,
-    expected: Vec<Expected>,
+    expected: Vec<PredictedPoint>,
     /// Ids of points of one image that are partly occluded.
     harmed: Vec<u32>,
     /// Number of frames for which a part of the target has been hidden.

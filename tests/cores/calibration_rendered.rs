@@ -175,7 +175,7 @@ fn found(light: &[u8], noise: f64, random: &mut Random) -> BoardView {
     if finder.search_or_why(&image, &mut corners).is_err() {
         return BoardView::new();
     }
-    let point = |(found, (id, [xx, xy, yy])): (&vservo::detect::Found, (u32, [f64; 3]))| BoardPoint {
+    let point = |(found, (id, [xx, xy, yy])): (&vservo::detect::Detection, (u32, [f64; 3]))| BoardPoint {
         id,
         p_O: corner(id),
         px: found.px,

@@ -9,7 +9,7 @@ use std::path::Path;
 use vservo::calibration::ResponseEvidence;
 use vservo::calibration::camera::BoardPoint;
 use vservo::detect::chessboard::{ChessboardFinder, ChessboardMiss};
-use vservo::detect::{Expected, Found};
+use vservo::detect::{Detection, PredictedPoint};
 use vservo::imaging::ImageView;
 
 const REFERENCE: &str = include_str!("../fixtures/opencv_chessboard_corners.csv");
@@ -34,7 +34,7 @@ fn photographs() -> Vec<(String, image::GrayImage)> {
         .collect()
 }
 
-fn search(finder: &mut ChessboardFinder, image: &image::GrayImage) -> Result<Vec<Found>, ChessboardMiss> {
+fn search(finder: &mut ChessboardFinder, image: &image::GrayImage) -> Result<Vec<Detection>, ChessboardMiss> {
     let view = ImageView::new(image.as_raw(), image.width() as usize, image.height() as usize).unwrap();
     let mut found = Vec::new();
     finder.search_or_why(&view, &mut found).map(|()| found)
@@ -116,10 +116,10 @@ fn photographs_with_a_quarter_covered() {
 }
 
 /// The greatest distance between what was found and the truth, px; modulo the symmetry that colours leave.
-fn worst(view: &View, found: &[Found]) -> f64 {
+fn worst(view: &View, found: &[Detection]) -> f64 {
     let (c, r) = (view.columns, view.rows);
     let off = |turn: usize| {
-        let at = |f: &Found| {
+        let at = |f: &Detection| {
             let (x, y) = (f.id as usize % c, f.id as usize / c);
             match turn {
                 0 => (x, y),
@@ -315,9 +315,9 @@ fn a_moved_board_is_tracked() {
     let images = views.each_ref().map(|v| v.render(3, 0.8, 2.0, &mut random));
     let view = |i: usize| ImageView::new(&images[i], 360, 270).unwrap();
     finder.search_or_why(&view(0), &mut found).unwrap();
-    let expected: Vec<Expected> = found
+    let expected: Vec<PredictedPoint> = found
         .iter()
-        .map(|f| Expected {
+        .map(|f| PredictedPoint {
             id: f.id,
             px: f.px,
             covariance_px2: f.covariance_px2,
@@ -332,13 +332,15 @@ fn a_moved_board_is_tracked() {
     // a third of the predictions alone; and none where a prediction may be off by a square
     assert!(finder.track(&view(1), &expected[9..27], &mut found));
     assert!(found.len() == 18 && worst(&views[1], &found) < 0.15);
-    let blind: Vec<Expected> = expected.iter().map(|e| Expected { slack_px: 24.0, ..*e }).collect();
+    let blind: Vec<PredictedPoint> =
+        expected.iter().map(|e| PredictedPoint { slack_px: 24.0, ..*e }).collect();
     assert!(!finder.track(&view(1), &blind, &mut found) && found.is_empty());
     // somewhere else
-    let far: Vec<Expected> = expected.iter().map(|e| Expected { px: e.px * 30.0, ..*e }).collect();
+    let far: Vec<PredictedPoint> =
+        expected.iter().map(|e| PredictedPoint { px: e.px * 30.0, ..*e }).collect();
     assert!(!finder.track(&view(1), &far, &mut found));
-    let nan: Vec<Expected> =
-        expected.iter().map(|e| Expected { px: e.px * f64::NAN, slack_px: f64::NAN, ..*e }).collect();
+    let nan: Vec<PredictedPoint> =
+        expected.iter().map(|e| PredictedPoint { px: e.px * f64::NAN, slack_px: f64::NAN, ..*e }).collect();
     assert!(!finder.track(&view(1), &nan, &mut found));
 }
 
@@ -384,7 +386,7 @@ fn bad_images_are_refused() {
                 let result = finder.search(&image, &mut found);
                 // the last pattern is a chessboard, and fits some of these
                 assert!(kind == 5 || result.is_err(), "{w}x{h} {kind} {c}x{r}: {} corners", found.len());
-                let expected = [Expected {
+                let expected = [PredictedPoint {
                     id: 3,
                     px: Vector2::new(5.0, 5.0),
                     covariance_px2: [1.0, 0.0, 1.0],

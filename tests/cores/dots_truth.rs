@@ -8,7 +8,7 @@ use crate::supersampled::{Dice, Scene};
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, Unit, UnitQuaternion, Vector3, Vector6};
 use std::collections::BTreeMap;
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
-use vservo::detect::{DotFinder, Expected, Finder, Found};
+use vservo::detect::{Detection, DotFinder, Finder, PredictedPoint};
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, TargetStatus, measurement_flag};
 use vservo::rt::now;
@@ -74,8 +74,8 @@ fn any_view(dice: &mut Dice) -> Scene {
     }
 }
 
-fn expected(dots: &[Found]) -> Vec<Expected> {
-    let expected = |dot: &Found| Expected {
+fn expected(dots: &[Detection]) -> Vec<PredictedPoint> {
+    let expected = |dot: &Detection| PredictedPoint {
         id: dot.id,
         px: dot.px,
         covariance_px2: dot.covariance_px2,
@@ -280,7 +280,7 @@ fn light_dots_and_glare() {
         let camera = camera(&scene);
         let target = Target::from(FourDots::default());
         let mut dots = Vec::new();
-        let error = |finder: &DotFinder, scene: &Scene, dots: &[Found]| {
+        let error = |finder: &DotFinder, scene: &Scene, dots: &[Detection]| {
             let errors = dots
                 .iter()
                 .zip(scene.truth())

@@ -7,14 +7,14 @@ use crate::rendered::{Bench, HEIGHT, Random, WIDTH, camera, equal_dots, pose};
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector2, Vector3};
 use std::path::Path;
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
-use vservo::detect::{DotFinder, Expected, Finder, Found};
+use vservo::detect::{Detection, DotFinder, Finder, PredictedPoint};
 use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::TargetStatus;
 use vservo::scene::{Renderer, SceneLook, SensorModel};
 use vservo::target::FourDots;
 
-fn search(camera: CameraModel, image: &[u8]) -> Result<Vec<Found>, TargetStatus> {
+fn search(camera: CameraModel, image: &[u8]) -> Result<Vec<Detection>, TargetStatus> {
     let i = camera.intrinsics();
     let view = ImageView::new(image, i.width_px as usize, i.height_px as usize).unwrap();
     let mut found = Vec::new();
@@ -207,7 +207,7 @@ fn followed(
     let camera = CameraModel::new(intrinsics, Distortion::default()).unwrap();
     let mut finder = DotFinder::of_any(camera, starts.len(), light);
     let mut found = Vec::new();
-    let start = |(id, px): (u32, &[f64; 2])| Expected {
+    let start = |(id, px): (u32, &[f64; 2])| PredictedPoint {
         id,
         px: Vector2::from(*px),
         covariance_px2: [16.0, 0.0, 16.0],

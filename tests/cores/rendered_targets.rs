@@ -4,7 +4,7 @@
 
 use nalgebra::{Translation3, UnitQuaternion, Vector2};
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
-use vservo::detect::{Finder, Found};
+use vservo::detect::{Detection, Finder};
 use vservo::geometry::{Pose, rotation_x, rotation_y, rotation_z};
 use vservo::imaging::ImageView;
 use vservo::linalg::Random;
@@ -56,7 +56,7 @@ fn campaign(target: &Target, z_m: f64, sensor: SensorModel, views: u32) -> Outco
     let mut random = Random::new(7);
     let (mut squares, mut outward, mut normalized, mut count, mut pose) = (0.0, 0.0, 0.0, 0.0, 0.0);
     let mut image = vec![0u8; SIZE.0 * SIZE.1];
-    let mut found: Vec<Found> = Vec::new();
+    let mut found: Vec<Detection> = Vec::new();
     for n in 0..views {
         let X_CO = view(target, z_m, &mut random);
         renderer.render(&[X_CO], u64::from(n), &mut image);
@@ -83,7 +83,7 @@ fn campaign(target: &Target, z_m: f64, sensor: SensorModel, views: u32) -> Outco
             normalized += error.norm_squared() / (2.0 * point.sd_px * point.sd_px);
             count += 1.0;
         }
-        let still = vision.still(&image).unwrap();
+        let still = vision.process_image(&image).unwrap();
         assert!(still.consistent, "{X_CO}: {}", still.rms_px);
         let off = still.pose.unwrap().X_CO.inv_mul(&X_CO);
         pose += (off.translation.vector.norm() / z_m).powi(2);

@@ -9,7 +9,7 @@ use vservo::robot::{Robot, SHIPPED, load};
 const STEP_S: f64 = 1e-4;
 const STEPS: usize = 80_000;
 
-/// Drift of the total energy over the greatest kinetic energy on the way.
+/// UnobservedMotion of the total energy over the greatest kinetic energy on the way.
 fn drift<const N: usize>(robot: &Robot<N>) -> f64 {
     let mut q = SVector::<f64, N>::from_fn(|i, _| 0.3 + 0.4 * i as f64);
     let mut qd = SVector::<f64, N>::from_fn(|i, _| if i % 2 == 0 { 0.5 } else { -0.3 });

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector2, Vect
 use proptest::prelude::*;
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
 use vservo::detect::shape::{ShapeFinder, ShapeMiss};
-use vservo::detect::{Expected, Found};
+use vservo::detect::{Detection, PredictedPoint};
 use vservo::imaging::ImageView;
 use vservo::target::Shape;
 
@@ -171,7 +171,7 @@ fn image(of: &[[f64; 2]], X_CO: Isometry3<f64>) -> Scene {
     scene
 }
 
-fn search(scene: &Scene, pixels: &[u8], shape: &Shape) -> Result<Vec<Found>, ShapeMiss> {
+fn search(scene: &Scene, pixels: &[u8], shape: &Shape) -> Result<Vec<Detection>, ShapeMiss> {
     let mut found = Vec::new();
     let image = ImageView::new(pixels, scene.width, scene.height).unwrap();
     ShapeFinder::new(camera(scene), shape).search_or_why(&image, &mut found).map(|()| found)
@@ -185,7 +185,7 @@ fn what_is_seen_before_is_tracked_also_half_hidden() {
     let truth: Vec<_> = scene.outlines[0].iter().map(|c| scene.project(c)).collect();
     let expected: Vec<_> = (0..)
         .zip(&truth)
-        .map(|(id, px)| Expected {
+        .map(|(id, px)| PredictedPoint {
             id,
             px: px + Vector2::new(5.0, -4.0),
             covariance_px2: [0.0; 3],
@@ -212,7 +212,7 @@ fn what_is_seen_before_is_tracked_also_half_hidden() {
     }
     // somewhere else it is not
     let elsewhere: Vec<_> =
-        expected.iter().map(|e| Expected { px: e.px + Vector2::new(90.0, 60.0), ..*e }).collect();
+        expected.iter().map(|e| PredictedPoint { px: e.px + Vector2::new(90.0, 60.0), ..*e }).collect();
     let image = ImageView::new(&pixels, 640, 480).unwrap();
     assert!(!finder.track(&image, &elsewhere, &mut found) && found.is_empty());
 }
@@ -331,7 +331,7 @@ proptest! {
             if finder.search(&image, &mut found).is_err() {
                 prop_assert!(found.is_empty());
             }
-            let expected: Vec<_> = of.points().iter().map(|p| Expected {
+            let expected: Vec<_> = of.points().iter().map(|p| PredictedPoint {
                 id: p.id,
                 px: Vector2::new(dice.within(-50.0, 200.0), dice.within(-50.0, 200.0)),
                 covariance_px2: [1.0; 3],

@@ -7,7 +7,7 @@ use crate::tag_scene::{Canvas, Dice, Look, Map};
 use nalgebra::Vector2;
 use std::path::{Path, PathBuf};
 use vservo::camera_model::Response;
-use vservo::detect::tags::{TagExpected, TagFinder, TagFound, TagMiss, TagPoints};
+use vservo::detect::tags::{PredictedTag, TagDetection, TagFinder, TagMiss, TagPoints};
 use vservo::imaging::ImageView;
 use vservo::target::TagFamily;
 
@@ -23,7 +23,7 @@ fn search(
     pixels: &[u8],
     width: usize,
     height: usize,
-) -> Result<Vec<TagFound>, TagMiss> {
+) -> Result<Vec<TagDetection>, TagMiss> {
     let mut found = Vec::new();
     let result = finder.search(&ImageView::new(pixels, width, height).unwrap(), &mut found);
     assert_eq!(result.is_ok(), !found.is_empty());
@@ -40,7 +40,7 @@ fn any_view(family: TagFamily, side: (f64, f64), tilt: (f64, f64), dice: &mut Di
 }
 
 /// Squared deviation in units of the stated covariance, per coordinate.
-fn normalized(tag: &TagFound, truth: &[(f64, f64); 4]) -> f64 {
+fn normalized(tag: &TagDetection, truth: &[(f64, f64); 4]) -> f64 {
     let each = tag.corners_px.iter().zip(truth).zip(&tag.covariance_px2);
     each.map(|((p, t), &[xx, xy, yy])| {
         let e = Vector2::new(p.x - t.0, p.y - t.1);
@@ -49,7 +49,7 @@ fn normalized(tag: &TagFound, truth: &[(f64, f64); 4]) -> f64 {
     .sum()
 }
 
-fn squares(tag: &TagFound, truth: &[(f64, f64); 4]) -> f64 {
+fn squares(tag: &TagDetection, truth: &[(f64, f64); 4]) -> f64 {
     tag.corners_px.iter().zip(truth).map(|(p, t)| ((p.x - t.0).powi(2) + (p.y - t.1).powi(2)) / 8.0).sum()
 }
 
@@ -441,7 +441,7 @@ fn any_image_is_taken() {
             let corners_px = [corner(), corner(), corner(), corner()];
             let mut found = Vec::new();
             for slack_px in [0.0, -1.0, 30.0, f64::NAN, f64::INFINITY] {
-                let expected = [TagExpected { id: 1, corners_px, slack_px }];
+                let expected = [PredictedTag { id: 1, corners_px, slack_px }];
                 finder.track(&image, &expected, &mut found);
             }
         }
@@ -463,15 +463,15 @@ fn tracking_finds_what_searching_finds() {
         let image = ImageView::new(&pixels, WIDTH, HEIGHT).unwrap();
         finder.search(&image, &mut found).unwrap();
         let searched = found[0];
-        let mut expected = TagExpected { id: 3, corners_px: searched.corners_px, slack_px: 15.0 };
+        let mut expected = PredictedTag { id: 3, corners_px: searched.corners_px, slack_px: 15.0 };
         expected.corners_px = expected.corners_px.map(|p| p + Vector2::new(8.0, -7.0));
         assert!(finder.track(&image, &[expected], &mut found));
         for (a, b) in found[0].corners_px.iter().zip(&searched.corners_px) {
             assert!((a - b).norm() < 1e-3, "{a} {b}");
         }
         // another id, or farther off than the slack
-        assert!(!finder.track(&image, &[TagExpected { id: 4, ..expected }], &mut found));
-        assert!(!finder.track(&image, &[TagExpected { slack_px: 2.0, ..expected }], &mut found));
+        assert!(!finder.track(&image, &[PredictedTag { id: 4, ..expected }], &mut found));
+        assert!(!finder.track(&image, &[PredictedTag { slack_px: 2.0, ..expected }], &mut found));
         // points: the second of the list
         points.search(&image, &mut corners).unwrap();
         assert_eq!(corners.iter().map(|f| f.id).collect::<Vec<_>>(), [4, 5, 6, 7]);
@@ -491,7 +491,7 @@ fn shared() -> Option<PathBuf> {
     None
 }
 
-fn tags_in(path: &Path, family: TagFamily) -> Vec<TagFound> {
+fn tags_in(path: &Path, family: TagFamily) -> Vec<TagDetection> {
     let image = image::open(path).unwrap().into_luma8();
     let (w, h) = (image.width() as usize, image.height() as usize);
     search(&mut TagFinder::new(family, w, h), image.as_raw(), w, h).unwrap_or_default()
@@ -502,7 +502,7 @@ fn numbers(text: &str) -> Vec<f64> {
 }
 
 /// Largest distance of the corners from `reference`, in this order.
-fn off(tag: &TagFound, reference: &[Vector2<f64>]) -> f64 {
+fn off(tag: &TagDetection, reference: &[Vector2<f64>]) -> f64 {
     tag.corners_px.iter().zip(reference).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
 }
 

@@ -124,7 +124,7 @@ impl Told {
         truth: &[Vector2<f64>],
         k: usize,
     ) {
-        let Ok(still) = vision.still(image) else {
+        let Ok(still) = vision.process_image(image) else {
             self.unseen += 1;
             return;
         };

@@ -5,7 +5,7 @@
 use crate::render::{Random, Thing, View};
 use assert_no_alloc::assert_no_alloc;
 use vservo::detect::chessboard::ChessboardFinder;
-use vservo::detect::{Expected, Found};
+use vservo::detect::{Detection, PredictedPoint};
 use vservo::imaging::ImageView;
 
 #[test]
@@ -22,8 +22,8 @@ fn searching_and_tracking() {
     }
     images.push((0..640 * 480).map(|_| (random.bits() >> 56) as u8).collect());
     let mut finder = ChessboardFinder::new(9, 6, 640, 480);
-    let mut found: Vec<Found> = Vec::with_capacity(54);
-    let mut expected: Vec<Expected> = Vec::with_capacity(54);
+    let mut found: Vec<Detection> = Vec::with_capacity(54);
+    let mut expected: Vec<PredictedPoint> = Vec::with_capacity(54);
     finder.search(&ImageView::new(&images[0], 640, 480).unwrap(), &mut found).unwrap();
     let mut seen = 0;
     for pixels in &images {
@@ -31,7 +31,7 @@ fn searching_and_tracking() {
         assert_no_alloc(|| {
             seen += usize::from(finder.search(&image, &mut found).is_ok());
             expected.clear();
-            expected.extend(found.iter().map(|f| Expected {
+            expected.extend(found.iter().map(|f| PredictedPoint {
                 id: f.id,
                 px: f.px,
                 covariance_px2: f.covariance_px2,

@@ -4,7 +4,7 @@
 
 use crate::tag_scene::{Canvas, Dice, Look, Map};
 use assert_no_alloc::assert_no_alloc;
-use vservo::detect::tags::{MAX_TAGS, TagExpected, TagFinder, TagPoints};
+use vservo::detect::tags::{MAX_TAGS, PredictedTag, TagFinder, TagPoints};
 use vservo::imaging::ImageView;
 use vservo::target::TagFamily;
 
@@ -31,7 +31,7 @@ fn nothing_is_allocated_per_frame() {
             let _ = finder.search(&image, &mut found);
             counts[0] += found.len();
             if let Some(tag) = found.first().copied() {
-                let expected = [TagExpected { id: tag.id, corners_px: tag.corners_px, slack_px: 4.0 }];
+                let expected = [PredictedTag { id: tag.id, corners_px: tag.corners_px, slack_px: 4.0 }];
                 counts[1] += usize::from(finder.track(&image, &expected, &mut found));
             }
             let _ = points.search(&image, &mut corners);

@@ -5,7 +5,7 @@
 
 use super::HandEyeView;
 use crate::camera_model::CameraModel;
-use crate::detect::Found;
+use crate::detect::Detection;
 use crate::geometry::{Pose, Twist};
 
 /// Assumed difference between the clocks' stamps of robot and camera where they are not calibrated, s. Chosen by hand: half a frame at 25 Hz.
@@ -33,7 +33,7 @@ pub fn flange_speed_px_s(camera: &CameraModel, V_BE_E: &Twist, distance_m: f64) 
 /// How fast the corners move from one image to the next, `dt_s` later: root mean square over the corners seen in both, less what their
 /// own deviations explain, px/s. `None` without common corners or time.
 #[must_use]
-pub fn corner_speed_px_s(before: &[Found], now: &[Found], dt_s: f64) -> Option<f64> {
+pub fn corner_speed_px_s(before: &[Detection], now: &[Detection], dt_s: f64) -> Option<f64> {
     let (mut squares, mut noise, mut count) = (0.0, 0.0, 0.0);
     for point in now {
         let Some(was) = before.iter().find(|was| was.id == point.id) else { continue };

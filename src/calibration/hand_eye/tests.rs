@@ -322,7 +322,7 @@ fn motion_is_seen_by_poses_and_by_corners() {
     let V = Twist::new(0.1, 0.0, 0.05, 0.2, -0.1, 0.0);
     assert!(!is_settled(flange_speed_px_s(&camera(), &V, 0.5)));
     assert!(is_settled(flange_speed_px_s(&camera(), &(V * 1e-2), 0.5)) && !is_settled(f64::NAN));
-    let found = |id: u32, u: f64| crate::detect::Found {
+    let found = |id: u32, u: f64| crate::detect::Detection {
         id,
         px: nalgebra::Vector2::new(u, 50.0),
         sd_px: 0.05,

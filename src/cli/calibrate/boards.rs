@@ -5,7 +5,7 @@ use super::super::detect::image_file;
 use super::CalibrateError;
 use crate::calibration::ResponseEvidence;
 use crate::calibration::camera::{BoardPoint, BoardView};
-use crate::detect::Found;
+use crate::detect::Detection;
 use crate::detect::chessboard::ChessboardFinder;
 use crate::imaging::ImageView;
 use crate::input::printable;
@@ -147,9 +147,9 @@ pub(super) fn corners_of(
     view: &ImageView<'_>,
     board: &Chessboard,
 ) -> Result<BoardView, String> {
-    let mut found: Vec<Found> = Vec::new();
+    let mut found: Vec<Detection> = Vec::new();
     finder.search_or_why(view, &mut found).map_err(|miss| miss.to_string())?;
-    let point = |(found, (id, [xx, xy, yy])): (&Found, (u32, [f64; 3]))| {
+    let point = |(found, (id, [xx, xy, yy])): (&Detection, (u32, [f64; 3]))| {
         let p = board.points().get(id as usize).filter(|_| id == found.id)?;
         Some(BoardPoint { id, p_O: p.p_O, px: found.px, covariance_px2: Matrix2::new(xx, xy, xy, yy) })
     };

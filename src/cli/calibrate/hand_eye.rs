@@ -213,7 +213,7 @@ impl BoardFinder {
         }
         let view = ImageView::new(image.as_raw(), width as usize, height as usize)
             .map_err(|e| named(e.to_string()))?;
-        let still = match self.vision.still(&view) {
+        let still = match self.vision.process_image(&view) {
             Ok(still) => still,
             Err(status) => return Ok(Err(status.as_str().into())),
         };

@@ -1,8 +1,8 @@
 //! The answer for one image: a line for people, an object for programs.
 
 use super::DetectedImage;
-use crate::detect::Found;
-use crate::detect::tags::TagFound;
+use crate::detect::Detection;
+use crate::detect::tags::TagDetection;
 use crate::input::printable;
 use crate::messages::TargetStatus;
 use crate::pose::RefinedPose;
@@ -108,8 +108,8 @@ impl From<&RefinedPose> for PoseOut {
     }
 }
 
-impl From<&TagFound> for TagOut {
-    fn from(tag: &TagFound) -> Self {
+impl From<&TagDetection> for TagOut {
+    fn from(tag: &TagDetection) -> Self {
         Self { id: tag.id, corners_px: tag.corners_px.map(Into::into), hamming: tag.hamming }
     }
 }
@@ -155,7 +155,7 @@ impl ImageAnswer {
     }
 
     pub(super) fn of(image: String, seen: &DetectedImage, time_us: f64) -> Self {
-        let feature = |(found, px): (&Found, &Vector2<f64>)| FeatureOut {
+        let feature = |(found, px): (&Detection, &Vector2<f64>)| FeatureOut {
             id: found.id,
             u_px: px.x,
             v_px: px.y,

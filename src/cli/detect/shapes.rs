@@ -2,7 +2,7 @@
 
 use super::answer::{EllipseOut, FeatureOut, ImageAnswer, SegmentOut};
 use crate::camera_model::CameraModel;
-use crate::detect::ellipse::{EllipseFinder, EllipseMiss, EllipseSettings, FoundEllipse};
+use crate::detect::ellipse::{EllipseDetection, EllipseFinder, EllipseMiss, EllipseSettings};
 use crate::detect::segments::{Segment, SegmentFinder, SegmentMiss, SegmentSettings};
 use crate::features::segment_features;
 use crate::imaging::ImageView;
@@ -125,13 +125,13 @@ impl ShapeSearch {
     }
 }
 
-fn ellipses(name: String, found: &[FoundEllipse]) -> ImageAnswer {
-    let feature = |(id, e): (u32, &FoundEllipse)| {
+fn ellipses(name: String, found: &[EllipseDetection]) -> ImageAnswer {
+    let feature = |(id, e): (u32, &EllipseDetection)| {
         let centre = e.fit.ellipse.centre_px;
         let sd_px = (0.5 * e.fit.centre_covariance_px2().trace()).sqrt();
         FeatureOut { id, u_px: centre.x, v_px: centre.y, sd_px }
     };
-    let out = |(id, e): (u32, &FoundEllipse)| EllipseOut {
+    let out = |(id, e): (u32, &EllipseDetection)| EllipseOut {
         id,
         axes_px: e.fit.ellipse.axes_px().into(),
         axis_rad: e.fit.ellipse.angle_rad(),

@@ -256,9 +256,9 @@ impl<const N: usize> Controller<N> {
     }
 
     fn take(&mut self, now: MonoNs, m: &Measurement) -> MeasurementVerdict {
-        let verdict = self.servo.take(now, m, &self.arm.robot);
+        let verdict = self.servo.add_measurement(now, m, &self.arm.robot);
         self.behaviour.note(now, m, verdict, &self.servo);
-        if let Some(drift) = self.servo.take_drift() {
+        if let Some(drift) = self.servo.take_unobserved_motion() {
             self.joint_control.learn(&drift, now);
         }
         verdict

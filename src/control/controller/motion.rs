@@ -133,7 +133,7 @@ impl<const N: usize> Controller<N> {
         }
         let J_C = self.servo.settings().mount.camera(robot, q).1;
         let (requested_qd, damping) =
-            damp_singularity(robot, q, J_C.matrix(), &requested_qd, &convergence.free);
+            damp_singularity(robot, q, J_C.matrix(), &requested_qd, &convergence.null_space);
         (requested_qd, acting.with(&damping))
     }
 

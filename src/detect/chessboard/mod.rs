@@ -22,7 +22,7 @@ mod track;
 
 pub use miss::ChessboardMiss;
 
-use super::{Expected, Found};
+use super::{Detection, PredictedPoint};
 use crate::imaging::ImageView;
 use crate::imaging::corners::{RingDetector, halve};
 use crate::messages::TargetStatus;
@@ -122,7 +122,7 @@ impl ChessboardFinder {
     ///
     /// # Errors
     /// The status that says why there is no board; [`Self::search_or_why`] tells more. `found` is then empty.
-    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Detection>) -> Result<(), TargetStatus> {
         self.search_or_why(image, found).map_err(TargetStatus::from)
     }
 
@@ -133,7 +133,7 @@ impl ChessboardFinder {
     pub fn search_or_why(
         &mut self,
         image: &ImageView<'_>,
-        found: &mut Vec<Found>,
+        found: &mut Vec<Detection>,
     ) -> Result<(), ChessboardMiss> {
         found.clear();
         if (image.width(), image.height()) != (self.width, self.height) {
@@ -150,7 +150,12 @@ impl ChessboardFinder {
 
     /// Tracks the corners in windows about their predictions (ids rising): fills `found` with those that were detected. Returns whether they are enough
     /// for the board; `found` is empty when not. Predictions that may be off by more than 0.6 squares are not tracked.
-    pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
+    pub fn track(
+        &mut self,
+        image: &ImageView<'_>,
+        expected: &[PredictedPoint],
+        found: &mut Vec<Detection>,
+    ) -> bool {
         found.clear();
         self.predicted.clear(false);
         self.board.clear(false);
@@ -179,14 +184,14 @@ impl ChessboardFinder {
         self.blur_px
     }
 
-    fn report(&mut self, found: &mut Vec<Found>) {
+    fn report(&mut self, found: &mut Vec<Detection>) {
         if let Some(blur) = self.board.blur_px() {
             self.blur_px = blur;
         }
         let places = self.board.all_steps().zip(self.board.unbent());
         for ((id, fit), ([a, b], px)) in self.board.fitted().zip(places) {
             let spread = (a * a.transpose() + b * b.transpose()) / 12.0;
-            found.push(Found {
+            found.push(Detection {
                 id,
                 px,
                 sd_px: corner_sd_px(fit),

@@ -14,7 +14,7 @@ use super::light::{LightFit, Samples};
 use super::noise::{Levels, common_noise, noise_of};
 use super::ring::{RING, Ring, directions};
 use super::sums::{Scale, WeightSums, inner_sums, weighted_sums};
-use crate::detect::Found;
+use crate::detect::Detection;
 use crate::imaging::ImageView;
 use nalgebra::Vector2;
 
@@ -130,7 +130,12 @@ impl DotMeter {
     }
 
     /// Measures dots near the given ellipses into `found`. Those without contrast to their surroundings are left out.
-    pub(super) fn measure(&mut self, image: &ImageView<'_>, blobs: &[(u32, Blob)], found: &mut Vec<Found>) {
+    pub(super) fn measure(
+        &mut self,
+        image: &ImageView<'_>,
+        blobs: &[(u32, Blob)],
+        found: &mut Vec<Detection>,
+    ) {
         found.clear();
         let mut reach = REACH_PX;
         // the blur is measured at the rim, of which a wider ellipse contains more
@@ -151,7 +156,7 @@ impl DotMeter {
         image: &ImageView<'_>,
         blobs: &[(u32, Blob)],
         reach: f64,
-        found: &mut Vec<Found>,
+        found: &mut Vec<Detection>,
     ) -> f64 {
         let mut levels = std::mem::take(&mut self.levels);
         levels.clear();
@@ -302,7 +307,7 @@ impl DotMeter {
         (noise, pixel_share): (f64, f64),
         light_px: f64,
         reach: f64,
-    ) -> Option<Found> {
+    ) -> Option<Detection> {
         let Weighed { sums, scale, .. } = weighed;
         let (w, span) = (sums.w as f64, f64::from(scale.span));
         let px = Vector2::new(blob.x.round() + sums.wx as f64 / w, blob.y.round() + sums.wy as f64 / w);
@@ -311,7 +316,7 @@ impl DotMeter {
         let off = noise.hypot(pixel_share * levels.contrast());
         let from_noise = 16.0 * off / span * (0.5 * sums.rim_px4).sqrt() / area;
         let by_area = area / blob.area;
-        Some(Found {
+        Some(Detection {
             id,
             px,
             sd_px: from_noise.hypot(light_px),

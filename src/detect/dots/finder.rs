@@ -14,7 +14,7 @@ use super::four_dots::{MAX_CANDIDATES, Square};
 use super::offset::centre_offset;
 use super::rims;
 use crate::camera_model::CameraModel;
-use crate::detect::{Expected, Found};
+use crate::detect::{Detection, PredictedPoint};
 use crate::geometry::Pose;
 use crate::imaging::{Components, Connectivity, ImageView, LocalThreshold, Runs, Window};
 use crate::messages::TargetStatus;
@@ -189,7 +189,7 @@ impl DotFinder {
     ///
     /// # Errors
     /// The status that says why there is no target; never [`TargetStatus::Found`] or `WrongSize`. `found` is then empty.
-    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Detection>) -> Result<(), TargetStatus> {
         let mut inverted = std::mem::take(&mut self.inverted);
         let result = match invert(image, &Window::whole(image), &mut inverted) {
             Some(dark) if self.light_on_dark => self.search_dark(&dark, image, found),
@@ -201,13 +201,18 @@ impl DotFinder {
 
     /// Examines the rims of the dots detected in `image`: centres of dots that are partly occluded or unevenly lit are measured by the rest of their
     /// rims, and their ids are added to `harmed`. Takes longer than the detection.
-    pub fn look_closely(&self, image: &ImageView<'_>, found: &mut [Found], harmed: &mut Vec<u32>) {
-        rims::look_closely(image, found, self.light_on_dark, harmed);
+    pub fn examine_occlusion(&self, image: &ImageView<'_>, found: &mut [Detection], harmed: &mut Vec<u32>) {
+        rims::examine_occlusion(image, found, self.light_on_dark, harmed);
     }
 
     /// Tracks the points in windows about their predictions (ids rising): fills `found` with those that were detected unambiguously and not occluded.
     /// Returns whether they can be the target; `found` is empty when not.
-    pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
+    pub fn track(
+        &mut self,
+        image: &ImageView<'_>,
+        expected: &[PredictedPoint],
+        found: &mut Vec<Detection>,
+    ) -> bool {
         found.clear();
         self.chosen.clear();
         for dot in expected {
@@ -227,7 +232,7 @@ impl DotFinder {
     }
 
     /// Removes ids that were assigned to the same dot, except the one with the nearest prediction. (For a target its geometry excludes this.)
-    fn leave_out_doubles(&mut self, expected: &[Expected]) {
+    fn leave_out_doubles(&mut self, expected: &[PredictedPoint]) {
         let off = |(id, blob): &(u32, Blob)| {
             let place = expected.iter().find(|dot| dot.id == *id);
             place.map_or(f64::INFINITY, |dot| (dot.px - Vector2::new(blob.x, blob.y)).norm())
@@ -284,7 +289,7 @@ impl DotFinder {
         &mut self,
         image: &ImageView<'_>,
         look: SearchEffort,
-        found: &mut Vec<Found>,
+        found: &mut Vec<Detection>,
     ) -> Result<(), TargetStatus> {
         if self.runs.overflowed() {
             return Err(TargetStatus::NoMatch);
@@ -299,7 +304,7 @@ impl DotFinder {
         &mut self,
         image: &ImageView<'_>,
         look: SearchEffort,
-        found: &mut Vec<Found>,
+        found: &mut Vec<Detection>,
     ) -> Result<(), TargetStatus> {
         let round = self.gather(image, look);
         let cluttered =

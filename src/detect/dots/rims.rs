@@ -3,7 +3,7 @@
 //! An occluder or a spot of light on a dot shifts its centroid, but it changes only a part of its rim, which a robust fit of an ellipse leaves
 //! out. Where centroid and rim contradict each other, the rim is used.
 
-use crate::detect::Found;
+use crate::detect::Detection;
 use crate::detect::ellipse::{EllipseSettings, RimMeter};
 use crate::imaging::{Ellipse, ImageView};
 
@@ -31,9 +31,9 @@ const MODEL_PX: f64 = 0.02;
 const MOVED_SHARE: f64 = 0.05;
 
 /// Replaces the centres of dots that are partly occluded or unevenly lit by those of the rest of their rims; adds their ids to `harmed`.
-pub(super) fn look_closely(
+pub(super) fn examine_occlusion(
     image: &ImageView<'_>,
-    found: &mut [Found],
+    found: &mut [Detection],
     light_on_dark: bool,
     harmed: &mut Vec<u32>,
 ) {

@@ -8,7 +8,7 @@
 //! the sweep where it makes so many runs that they are mostly noise or texture.
 
 use super::finder::{DotFinder, SearchEffort};
-use crate::detect::Found;
+use crate::detect::Detection;
 use crate::imaging::{Histogram, ImageView, Window};
 use crate::messages::TargetStatus;
 
@@ -48,7 +48,7 @@ impl DotFinder {
         &mut self,
         dark: &ImageView<'_>,
         image: &ImageView<'_>,
-        found: &mut Vec<Found>,
+        found: &mut Vec<Detection>,
     ) -> Result<(), TargetStatus> {
         found.clear();
         let histogram = sampled(dark);
@@ -127,7 +127,7 @@ impl DotFinder {
         dark: &ImageView<'_>,
         image: &ImageView<'_>,
         threshold: u8,
-        found: &mut Vec<Found>,
+        found: &mut Vec<Detection>,
     ) -> Result<(), TargetStatus> {
         self.runs.find(dark, &Window::whole(dark), threshold);
         self.search_twice(image, found)
@@ -135,7 +135,11 @@ impl DotFinder {
 
     /// The current runs as they are, and where there are dots but not what they should be, carefully: the threshold may have spoiled
     /// their sizes.
-    fn search_twice(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+    fn search_twice(
+        &mut self,
+        image: &ImageView<'_>,
+        found: &mut Vec<Detection>,
+    ) -> Result<(), TargetStatus> {
         match self.search_runs(image, SearchEffort::Quick, found) {
             Err(quick) if quick != TargetStatus::TooFewRegions && !self.runs.overflowed() => {
                 self.search_regions(image, SearchEffort::Careful, found)
@@ -151,7 +155,7 @@ impl DotFinder {
         image: &ImageView<'_>,
         histogram: &Histogram,
         first: u8,
-        found: &mut Vec<Found>,
+        found: &mut Vec<Detection>,
     ) -> Result<(), TargetStatus> {
         let window = Window::whole(dark);
         let (low, high) = tails(histogram);

@@ -56,7 +56,7 @@ impl Default for EllipseSettings {
 
 /// A detected ellipse.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FoundEllipse {
+pub struct EllipseDetection {
     /// Centre, shape and their covariance.
     pub fit: EllipseFit,
     /// Whether it is lighter than its ground.
@@ -121,7 +121,7 @@ impl EllipseFinder {
     pub fn search(
         &mut self,
         image: &ImageView<'_>,
-        found: &mut Vec<FoundEllipse>,
+        found: &mut Vec<EllipseDetection>,
     ) -> Result<(), EllipseMiss> {
         found.clear();
         self.edges.find(image, &self.settings.thresholds);
@@ -141,7 +141,7 @@ impl EllipseFinder {
         if found.is_empty() {
             return Err(miss);
         }
-        let area = |e: &FoundEllipse| e.fit.ellipse.axes_px().0 * e.fit.ellipse.axes_px().1;
+        let area = |e: &EllipseDetection| e.fit.ellipse.axes_px().0 * e.fit.ellipse.axes_px().1;
         found.sort_unstable_by(|a, b| area(b).total_cmp(&area(a)));
         Ok(())
     }
@@ -156,7 +156,7 @@ impl EllipseFinder {
         expected: &Ellipse,
         light: bool,
         slack_px: f64,
-    ) -> Result<FoundEllipse, EllipseMiss> {
+    ) -> Result<EllipseDetection, EllipseMiss> {
         self.rim.measure(image, expected, light, slack_px)
     }
 
@@ -165,7 +165,7 @@ impl EllipseFinder {
         &mut self,
         image: &ImageView<'_>,
         points: &[EdgePixel],
-        found: &mut Vec<FoundEllipse>,
+        found: &mut Vec<EllipseDetection>,
         miss: &mut EllipseMiss,
     ) {
         self.ranges.clear();
@@ -176,7 +176,7 @@ impl EllipseFinder {
                 continue;
             }
             // on an ellipse that is known nothing new begins
-            let known = |e: &FoundEllipse| {
+            let known = |e: &EllipseDetection| {
                 let on = |p: &EdgePixel| {
                     // chosen by hand: an edge's pixels lie within one pixel of it, half a pixel is for blur
                     e.fit.ellipse.distance_px(&Vector2::new(f64::from(p.x_px), f64::from(p.y_px))).abs() < 1.5
@@ -203,7 +203,7 @@ impl EllipseFinder {
     }
 
     /// The ellipse that an arc is part of.
-    fn of_arc(&mut self, image: &ImageView<'_>, arc: &[EdgePixel]) -> Result<FoundEllipse, EllipseMiss> {
+    fn of_arc(&mut self, image: &ImageView<'_>, arc: &[EdgePixel]) -> Result<EllipseDetection, EllipseMiss> {
         let step = arc.len().div_ceil(ARC_POINTS).max(1);
         self.points.clear();
         let point =

@@ -1,6 +1,6 @@
 //! The rim of one ellipse: scans of rows and columns across it, a robust fit, and scans again, until it converges.
 
-use super::{EllipseMiss, EllipseSettings, FoundEllipse};
+use super::{EllipseDetection, EllipseMiss, EllipseSettings};
 use crate::imaging::{Crossing, EdgePoint, EdgeScan, Ellipse, ImageView, ScanAxis};
 use nalgebra::Vector2;
 
@@ -62,7 +62,7 @@ impl RimMeter {
         start: &Ellipse,
         light: bool,
         slack_px: f64,
-    ) -> Result<FoundEllipse, EllipseMiss> {
+    ) -> Result<EllipseDetection, EllipseMiss> {
         let mut ellipse = *start;
         let mut scan = EdgeScan {
             // chosen by hand: with 2 a scan reaches five pixels inside, to the middle of the smallest rim
@@ -92,8 +92,13 @@ impl RimMeter {
                 + (fit.ellipse.axes_px().0 - ellipse.axes_px().0).abs()
                 + (fit.ellipse.axes_px().1 - ellipse.axes_px().1).abs();
             ellipse = fit.ellipse;
-            best =
-                Ok(FoundEllipse { fit, light, share, noise_levels: noise2.sqrt(), blur_px: blur_px2.sqrt() });
+            best = Ok(EllipseDetection {
+                fit,
+                light,
+                share,
+                noise_levels: noise2.sqrt(),
+                blur_px: blur_px2.sqrt(),
+            });
             // chosen by hand: the next step would be a small part of it, below the floor
             if moved < 0.02 && round > 0 {
                 break;

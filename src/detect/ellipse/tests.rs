@@ -82,7 +82,7 @@ fn occluders_and_glare_do_not_pull() {
         let mut found = Vec::new();
         EllipseFinder::new(121, 121, EllipseSettings::default()).search(&view, &mut found).unwrap();
         let best = found.iter().min_by(|a, b| {
-            let off = |f: &FoundEllipse| (f.fit.ellipse.centre_px - centre).norm();
+            let off = |f: &EllipseDetection| (f.fit.ellipse.centre_px - centre).norm();
             off(a).total_cmp(&off(b))
         });
         let fit = best.unwrap().fit;

@@ -24,7 +24,7 @@ mod warp;
 
 pub use miss::ShapeMiss;
 
-use super::{Expected, Found};
+use super::{Detection, PredictedPoint};
 use crate::camera_model::CameraModel;
 use crate::imaging::{Components, Contours, ImageView, LocalThreshold, Moments, Runs};
 use crate::messages::TargetStatus;
@@ -134,7 +134,7 @@ impl ShapeFinder {
     ///
     /// # Errors
     /// The status that says why there is no shape; [`Self::search_or_why`] tells more. `found` is then empty.
-    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Detection>) -> Result<(), TargetStatus> {
         self.search_or_why(image, found).map_err(TargetStatus::from)
     }
 
@@ -142,7 +142,11 @@ impl ShapeFinder {
     ///
     /// # Errors
     /// Why there is no shape. `found` is then empty.
-    pub fn search_or_why(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), ShapeMiss> {
+    pub fn search_or_why(
+        &mut self,
+        image: &ImageView<'_>,
+        found: &mut Vec<Detection>,
+    ) -> Result<(), ShapeMiss> {
         found.clear();
         self.seen = None;
         let i = self.camera.intrinsics();
@@ -156,7 +160,12 @@ impl ShapeFinder {
 
     /// Tracks the outline from predictions of four or more points (for an ellipse, the last image is shifted with its centre): fills
     /// `found` with the points that lie within the frame. Returns whether it was detected; `found` is empty when not.
-    pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
+    pub fn track(
+        &mut self,
+        image: &ImageView<'_>,
+        expected: &[PredictedPoint],
+        found: &mut Vec<Detection>,
+    ) -> bool {
         found.clear();
         let slack_px = expected.iter().map(|e| e.slack_px).fold(0.0, f64::max).clamp(0.0, 40.0) + 1.0;
         let rise = self.rise();
@@ -259,7 +268,7 @@ impl ShapeFinder {
         share >= least && rms_px <= OFF_PX + OFF * size_px && (rms_px < WELL_PX || chi2 < MAX_CHI2)
     }
 
-    fn report(&mut self, found: &mut Vec<Found>) {
+    fn report(&mut self, found: &mut Vec<Detection>) {
         self.covariances.clear();
         let Some(seen) = self.seen else { return };
         let about = self.about_centre(&seen);
@@ -279,7 +288,7 @@ impl ShapeFinder {
                 continue;
             }
             self.covariances.push((id, [covariance.m11, covariance.m12, covariance.m22]));
-            found.push(Found {
+            found.push(Detection {
                 id,
                 px,
                 sd_px: (0.5 * covariance.trace()).sqrt(),

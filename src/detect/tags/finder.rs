@@ -60,7 +60,7 @@ const UNFITTED_BLURS: f64 = 0.15;
 
 /// One tag in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TagFound {
+pub struct TagDetection {
     /// Which tag of the family.
     pub id: u32,
     /// Bits that had to be corrected.
@@ -77,7 +77,7 @@ pub struct TagFound {
     pub light_level: f64,
 }
 
-impl TagFound {
+impl TagDetection {
     /// One standard deviation of each coordinate of a corner, px: the root of their mean variance. Infinite for other corners than 0 to 3.
     #[must_use]
     pub fn sd_px(&self, corner: usize) -> f64 {
@@ -96,7 +96,7 @@ impl TagFound {
 
 /// Prediction of a tag in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TagExpected {
+pub struct PredictedTag {
     /// Which tag.
     pub id: u32,
     /// Its corners, px, in the order of [`TagFamily::corner`].
@@ -225,7 +225,7 @@ impl TagFinder {
     ///
     /// # Errors
     /// [`TagMiss`] when there is none. `found` is then empty.
-    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<TagFound>) -> Result<(), TagMiss> {
+    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<TagDetection>) -> Result<(), TagMiss> {
         found.clear();
         let best = self.search_window(image, &Window::whole(image), found);
         sort(found);
@@ -236,8 +236,8 @@ impl TagFinder {
     pub fn track(
         &mut self,
         image: &ImageView<'_>,
-        expected: &[TagExpected],
-        found: &mut Vec<TagFound>,
+        expected: &[PredictedTag],
+        found: &mut Vec<TagDetection>,
     ) -> bool {
         found.clear();
         for tag in expected.iter().take(MAX_TAGS) {
@@ -252,11 +252,11 @@ impl TagFinder {
             let before = found.len();
             self.search_window(image, &window, found);
             // of those found in the window the expected one
-            let off = |t: &TagFound| {
+            let off = |t: &TagDetection| {
                 let offs = t.corners_px.iter().zip(&tag.corners_px).map(|(p, q)| (p - q).norm());
                 offs.fold(0.0, f64::max)
             };
-            let fits = |t: &&TagFound| t.id == tag.id && off(t) <= tag.slack_px + 1.0;
+            let fits = |t: &&TagDetection| t.id == tag.id && off(t) <= tag.slack_px + 1.0;
             let best = found
                 .get(before..)
                 .unwrap_or(&[])
@@ -278,7 +278,7 @@ impl TagFinder {
         &mut self,
         image: &ImageView<'_>,
         window: &Window,
-        found: &mut Vec<TagFound>,
+        found: &mut Vec<TagDetection>,
     ) -> TagMiss {
         if image.width() > self.width || image.height() > self.height {
             return TagMiss::WrongSize;
@@ -334,7 +334,7 @@ fn read(
     believed: Believed,
     meter: &mut EdgeMeter,
     whole: &mut WholeMeter,
-) -> Result<TagFound, TagMiss> {
+) -> Result<TagDetection, TagMiss> {
     let (cells, max_wrong) = (family.cells_per_side(), TagFinder::usual_wrong_bits(family));
     let (decoded, corners) = match decode(image, quad, book, family, max_wrong) {
         Ok(decoded) => {
@@ -380,9 +380,9 @@ fn foreshortened(quad: &Quad) -> f64 {
 }
 
 /// Corners in the order of the tag, from those of the quadrilateral, which go clockwise from anywhere.
-fn found(decoded: &Decoded, corners: &Corners) -> TagFound {
+fn found(decoded: &Decoded, corners: &Corners) -> TagDetection {
     let turns = decoded.reading.turns as usize;
-    let mut tag = TagFound {
+    let mut tag = TagDetection {
         id: decoded.reading.id,
         hamming: decoded.reading.hamming,
         margin_levels: decoded.margin_levels,
@@ -402,9 +402,9 @@ fn found(decoded: &Decoded, corners: &Corners) -> TagFound {
     tag
 }
 
-fn sort(found: &mut [TagFound]) {
+fn sort(found: &mut [TagDetection]) {
     found.sort_unstable_by(|a, b| {
-        let key = |t: &TagFound| t.corners_px[0].x;
+        let key = |t: &TagDetection| t.corners_px[0].x;
         a.id.cmp(&b.id).then(key(a).total_cmp(&key(b)))
     });
 }

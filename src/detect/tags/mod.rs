@@ -42,6 +42,6 @@ mod side;
 mod whole;
 mod whole_model;
 
-pub use finder::{MAX_TAGS, TagExpected, TagFinder, TagFound, TagMiss};
+pub use finder::{MAX_TAGS, PredictedTag, TagDetection, TagFinder, TagMiss};
 pub use plate::TagPlateFinder;
 pub use points::TagPoints;

@@ -4,9 +4,9 @@
 //! the next side not at the image of the corner: by 0.05 px for a side of 120 px at k1 = -0.15, [`TagPlateFinder::bias_px`].
 
 use super::points::TagPoints;
-use super::{TagExpected, TagFinder, TagFound};
+use super::{PredictedTag, TagDetection, TagFinder};
 use crate::camera_model::CameraModel;
-use crate::detect::{Expected, Found};
+use crate::detect::{Detection, PredictedPoint};
 use crate::geometry::Pose;
 use crate::imaging::ImageView;
 use crate::messages::TargetStatus;
@@ -25,7 +25,7 @@ pub struct TagPlateFinder {
     points: TagPoints,
     /// The id of each tag of the plate.
     ids: Box<[u32]>,
-    expected: Vec<TagExpected>,
+    expected: Vec<PredictedTag>,
     camera: CameraModel,
     corners: Box<[TargetPoint]>,
 }
@@ -55,7 +55,7 @@ impl TagPlateFinder {
 
     /// All tags of the family in the last frame, ids rising, also those that do not belong to the plate.
     #[must_use]
-    pub fn tags(&self) -> &[TagFound] {
+    pub fn tags(&self) -> &[TagDetection] {
         self.points.seen()
     }
 
@@ -63,19 +63,24 @@ impl TagPlateFinder {
     ///
     /// # Errors
     /// The status that says why there is none: `Ambiguous` where each is there more than once.
-    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Detection>) -> Result<(), TargetStatus> {
         self.points.search(image, found)
     }
 
     /// Tracks the tags of which all four corners are expected. Returns whether any was detected.
-    pub fn track(&mut self, image: &ImageView<'_>, expected: &[Expected], found: &mut Vec<Found>) -> bool {
+    pub fn track(
+        &mut self,
+        image: &ImageView<'_>,
+        expected: &[PredictedPoint],
+        found: &mut Vec<Detection>,
+    ) -> bool {
         self.expected.clear();
         for corners in expected.chunk_by(|a, b| a.id / 4 == b.id / 4) {
             let [a, b, c, d] = corners else { continue };
             let Some(id) = self.ids.get(a.id as usize / 4) else { continue };
             let slack_px = corners.iter().map(|corner| corner.slack_px).fold(0.0, f64::max);
             let corners_px = [a, b, c, d].map(|corner| corner.px);
-            self.expected.push(TagExpected { id: *id, corners_px, slack_px });
+            self.expected.push(PredictedTag { id: *id, corners_px, slack_px });
         }
         self.points.track(image, &self.expected, found)
     }

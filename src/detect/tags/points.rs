@@ -1,7 +1,7 @@
 //! A target made of tags, as points with ids: corner `c` of tag `i` of the list is point `4 i + c`.
 
-use super::finder::{MAX_TAGS, TagExpected, TagFinder, TagFound};
-use crate::detect::Found;
+use super::finder::{MAX_TAGS, PredictedTag, TagDetection, TagFinder};
+use crate::detect::Detection;
 use crate::imaging::ImageView;
 use crate::messages::TargetStatus;
 
@@ -11,7 +11,7 @@ pub struct TagPoints {
     finder: TagFinder,
     /// Ids of the tags and their places in the list, ids rising.
     tags: Box<[(u32, u32)]>,
-    seen: Vec<TagFound>,
+    seen: Vec<TagDetection>,
 }
 
 impl TagPoints {
@@ -33,7 +33,7 @@ impl TagPoints {
 
     /// All tags of the last frame, listed or not.
     #[must_use]
-    pub fn seen(&self) -> &[TagFound] {
+    pub fn seen(&self) -> &[TagDetection] {
         &self.seen
     }
 
@@ -42,7 +42,7 @@ impl TagPoints {
     ///
     /// # Errors
     /// The status that says why there is none of them; `found` is then empty.
-    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Found>) -> Result<(), TargetStatus> {
+    pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Detection>) -> Result<(), TargetStatus> {
         found.clear();
         self.finder.search(image, &mut self.seen).map_err(TargetStatus::from)?;
         let twice = self.collect(found);
@@ -54,7 +54,12 @@ impl TagPoints {
     }
 
     /// Tracks expected tags: fills `found` with the corners of those that were detected, ids rising. Returns whether there is any.
-    pub fn track(&mut self, image: &ImageView<'_>, expected: &[TagExpected], found: &mut Vec<Found>) -> bool {
+    pub fn track(
+        &mut self,
+        image: &ImageView<'_>,
+        expected: &[PredictedTag],
+        found: &mut Vec<Detection>,
+    ) -> bool {
         found.clear();
         self.finder.track(image, expected, &mut self.seen);
         self.collect(found);
@@ -62,7 +67,7 @@ impl TagPoints {
     }
 
     /// Adds the corners of the listed tags that were detected once. Returns whether any was detected twice.
-    fn collect(&self, found: &mut Vec<Found>) -> bool {
+    fn collect(&self, found: &mut Vec<Detection>) -> bool {
         let mut twice = false;
         for (i, tag) in self.seen.iter().enumerate() {
             let Ok(at) = self.tags.binary_search_by_key(&tag.id, |(id, _)| *id) else { continue };
@@ -76,7 +81,7 @@ impl TagPoints {
             let [a, b, c, d] = tag.corners_px;
             let area_px2 = 0.5 * (c - a).perp(&(d - b)).abs();
             for (corner, px) in tag.corners_px.iter().enumerate() {
-                found.push(Found {
+                found.push(Detection {
                     id: 4 * place + corner as u32,
                     px: *px,
                     sd_px: tag.sd_px(corner),

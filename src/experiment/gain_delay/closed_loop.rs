@@ -210,7 +210,7 @@ impl ClosedLoop for AtWork<'_> {
 
     fn act(&mut self, tick: u64, seen: Option<Measurement>) -> ControlFlow<()> {
         if let Some(m) = seen {
-            self.servo.take(time(tick), &m, &self.cell.arm);
+            self.servo.add_measurement(time(tick), &m, &self.cell.arm);
         }
         let reference = match self.servo.law_output(&self.q, &self.qd, &self.cell.arm) {
             Some(LawOutput::Velocity(reference)) => reference,

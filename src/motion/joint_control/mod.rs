@@ -26,7 +26,7 @@ use super::payload_estimator::{JointTick, PayloadEstimator, WINDOW};
 use super::{ActingLimits, ReferenceState};
 use crate::linalg::Ldlt;
 use crate::robot::Robot;
-use crate::servo::Drift;
+use crate::servo::UnobservedMotion;
 use crate::time::{MonoNs, TICK};
 use law::Feedback;
 use nalgebra::{SVector, Vector3};
@@ -220,7 +220,7 @@ impl<const N: usize> JointController<N> {
     }
 
     /// Corrects the velocities, at `now`, by the `drift` that a camera measured and coarse encoders do not resolve.
-    pub fn learn(&mut self, drift: &Drift<N>, now: MonoNs) {
+    pub fn learn(&mut self, drift: &UnobservedMotion<N>, now: MonoNs) {
         self.observer.learn(drift, now);
     }
 

@@ -2,7 +2,7 @@
 //! between them, is a velocity error. Corrections that were applied since those exposures are subtracted, because the images could not
 //! show them yet.
 
-use crate::servo::Drift;
+use crate::servo::UnobservedMotion;
 use crate::time::{MonoNs, SpanNs, TICK};
 use nalgebra::SVector;
 
@@ -41,7 +41,7 @@ impl<const N: usize> CameraCorrection<N> {
     /// visible to the encoder itself, and so is a motion of the reference with `velocity` that produces steps often enough: neither is corrected.
     pub(super) fn correction(
         &mut self,
-        drift: &Drift<N>,
+        drift: &UnobservedMotion<N>,
         now: MonoNs,
         step: &SVector<f64, N>,
         velocity: &SVector<f64, N>,
@@ -76,7 +76,7 @@ impl<const N: usize> CameraCorrection<N> {
     }
 
     /// The sum of the corrections since the exposures of `drift`, averaged over the time between them.
-    fn since(&self, drift: &Drift<N>) -> SVector<f64, N> {
+    fn since(&self, drift: &UnobservedMotion<N>) -> SVector<f64, N> {
         self.corrections.iter().fold(SVector::zeros(), |sum, (at, dv)| {
             let share = (*at - drift.from).as_s() / drift.span.as_s();
             sum + dv * share.clamp(0.0, 1.0)
@@ -98,14 +98,17 @@ mod tests {
         let mut seen = CameraCorrection::<1>::default();
         let (mut error, mut errors) = (1e-3, vec![]);
         let mut history = vec![error];
-        let mut under_way: VecDeque<(i64, Drift<1>)> = VecDeque::new();
+        let mut under_way: VecDeque<(i64, UnobservedMotion<1>)> = VecDeque::new();
         for ms in 1..frames * period {
             history.push(error);
             if ms % period == 0 {
                 let from = ms - period;
                 let dq: f64 = history[from as usize..ms as usize].iter().sum::<f64>() * 1e-3;
-                let drift =
-                    Drift { dq: Vector1::new(dq), from: MonoNs(from * MS), span: SpanNs(period * MS) };
+                let drift = UnobservedMotion {
+                    dq: Vector1::new(dq),
+                    from: MonoNs(from * MS),
+                    span: SpanNs(period * MS),
+                };
                 under_way.push_back((ms + latency, drift));
             }
             while let Some((_, drift)) = under_way.pop_front_if(|(at, _)| *at <= ms) {
@@ -131,8 +134,8 @@ mod tests {
 
     #[test]
     fn exact_encoders_moving_joints_and_leaps_are_left_alone() {
-        let drift = Drift { dq: Vector1::new(1e-4), from: MonoNs::ZERO, span: SpanNs(40 * MS) };
-        let ask = |drift: Drift<1>, step: f64, velocity: f64| {
+        let drift = UnobservedMotion { dq: Vector1::new(1e-4), from: MonoNs::ZERO, span: SpanNs(40 * MS) };
+        let ask = |drift: UnobservedMotion<1>, step: f64, velocity: f64| {
             let (step, velocity) = (Vector1::new(step), Vector1::new(velocity));
             CameraCorrection::default().correction(&drift, MonoNs(60 * MS), &step, &velocity)[0]
         };
@@ -140,7 +143,7 @@ mod tests {
         assert_eq!(ask(drift, 0.0, 0.0), 0.0);
         assert_eq!(ask(drift, 5e-4, 0.02), 0.0);
         assert_eq!(ask(drift, 1e-5, 0.0), 0.0);
-        assert_eq!(ask(Drift { dq: Vector1::new(f64::NAN), ..drift }, 5e-4, 0.0), 0.0);
-        assert_eq!(ask(Drift { span: SpanNs::ZERO, ..drift }, 5e-4, 0.0), 0.0);
+        assert_eq!(ask(UnobservedMotion { dq: Vector1::new(f64::NAN), ..drift }, 5e-4, 0.0), 0.0);
+        assert_eq!(ask(UnobservedMotion { span: SpanNs::ZERO, ..drift }, 5e-4, 0.0), 0.0);
     }
 }

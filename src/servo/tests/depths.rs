@@ -35,7 +35,11 @@ fn flight(law: Law, known: bool) -> Vec<Matrix4<f64>> {
     for k in 0..FRAMES {
         let now = MonoNs(k * 40_000_000);
         servo.note_arm(now, &q, &Vector4::zeros());
-        assert!(servo.take(now, &perfect_measurement(&square(), &X_CO, now).unwrap(), &robot).is_used());
+        assert!(
+            servo
+                .add_measurement(now, &perfect_measurement(&square(), &X_CO, now).unwrap(), &robot)
+                .is_used()
+        );
         let V = if known {
             // a camera in a hand has no place in a scene: the true pose is put into the view
             match law.task(&set_point, &seen(&X_CO, &square()).with_known(Some(X_CO))).unwrap() {
@@ -210,7 +214,7 @@ fn the_first_pose_of_the_run_is_kept() {
         if !has_pose {
             measurement.flags &= !measurement_flag::POSE;
         }
-        assert!(servo.take(now, &measurement, &robot).is_used());
+        assert!(servo.add_measurement(now, &measurement, &robot).is_used());
         servo.camera_law_output().unwrap()
     };
     let later = Pose::new([0.0, -0.07, 0.7].into(), [0.0, 0.1, 0.0].into());

@@ -83,7 +83,7 @@ impl<const N: usize> SimulatedLoop<N> {
         if self.tick % FRAME_TICKS == LATENCY_TICKS
             && let Some(m) = self.exposed.take()
         {
-            assert!(self.servo.take(now, &m, &self.robot).is_used());
+            assert!(self.servo.add_measurement(now, &m, &self.robot).is_used());
         }
         self.qd = match self.servo.law_output(&self.q, &self.qd, &self.robot) {
             Some(LawOutput::Velocity(qd)) => qd,
@@ -260,7 +260,7 @@ fn a_hand_that_obeys_the_camera_request_reaches_the_goal() {
             let now = MonoNs(frame * FRAME_TICKS * MS);
             servo.note_arm(now, &q, &Vector4::zeros());
             let seen = perfect_measurement(&square(), &X_CO, now).unwrap();
-            assert!(servo.take(now, &seen, &robot).is_used());
+            assert!(servo.add_measurement(now, &seen, &robot).is_used());
             let step = servo.camera_law_output().unwrap() * (FRAME_TICKS as f64 * 1e-3);
             let moved = Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into());
             X_CO = moved.inv_mul(&X_CO);

@@ -1,6 +1,6 @@
 //! The effective gain of a resolved-velocity law: reduced near the goal and for an arm that oscillates, raised where the law uses predicted views.
 
-use super::{Pursuit, ServoSettings, View};
+use super::{ServoGoal, ServoSettings, View};
 use nalgebra::Vector2;
 
 /// Feature error at which the gain has fallen half-way to `gain_at_goal_1_s`, root mean square, normalized: a pixel of a lens of 800 px, below which
@@ -15,12 +15,12 @@ const MAX_HELD: f64 = 0.2;
 impl ServoSettings {
     /// Factor on a law's rate `rate_1_s`: the part above [`SLOW_1_S`] is multiplied by the reduced share of the gain of an oscillating arm, and near the
     /// goal, where the error of `view` is about a pixel, the rate falls towards `gain_at_goal_1_s`.
-    pub(super) fn gain_at(&self, pursuit: Pursuit<'_>, rate_1_s: f64, view: &View) -> f64 {
+    pub(super) fn gain_at(&self, pursuit: ServoGoal<'_>, rate_1_s: f64, view: &View) -> f64 {
         let slower = if rate_1_s > SLOW_1_S { pursuit.gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
         slower * self.reduced_near_goal(pursuit, rate_1_s * slower, view)
     }
 
-    fn reduced_near_goal(&self, pursuit: Pursuit<'_>, rate_1_s: f64, view: &View) -> f64 {
+    fn reduced_near_goal(&self, pursuit: ServoGoal<'_>, rate_1_s: f64, view: &View) -> f64 {
         let at_goal_1_s = self.gain_at_goal_1_s * pursuit.gain_share;
         if !(rate_1_s > at_goal_1_s) {
             return 1.0;

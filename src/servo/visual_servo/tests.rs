@@ -59,8 +59,8 @@ fn a_late_measurement_is_worth_a_fresh_one_under_predict() {
     for s in [&mut late, &mut fresh] {
         moved_to(s, 0..=100);
     }
-    assert_eq!(late.take(MonoNs(100 * MS), &seen_at(40), &robot), MeasurementVerdict::Used);
-    assert_eq!(fresh.take(MonoNs(100 * MS), &seen_at(100), &robot), MeasurementVerdict::Used);
+    assert_eq!(late.add_measurement(MonoNs(100 * MS), &seen_at(40), &robot), MeasurementVerdict::Used);
+    assert_eq!(fresh.add_measurement(MonoNs(100 * MS), &seen_at(100), &robot), MeasurementVerdict::Used);
     let (a, b) = (
         velocity(late.law_output(&q_at(100), &Vector4::zeros(), &robot)),
         velocity(fresh.law_output(&q_at(100), &Vector4::zeros(), &robot)),
@@ -68,7 +68,7 @@ fn a_late_measurement_is_worth_a_fresh_one_under_predict() {
     assert!((a - b).norm() < 1e-9, "{a} {b}");
     let mut held = servo(UpdatePolicy::Tick);
     moved_to(&mut held, 0..=100);
-    held.take(MonoNs(100 * MS), &seen_at(40), &robot);
+    held.add_measurement(MonoNs(100 * MS), &seen_at(40), &robot);
     assert!(
         (velocity(held.law_output(&q_at(100), &Vector4::zeros(), &robot)) - b).norm() > 1e-3,
         "without prediction the delay shows"
@@ -82,7 +82,7 @@ fn a_lead_looks_at_where_a_lagging_arm_will_come_to_rest() {
     ahead.settings.lead = SpanNs(100 * MS);
     for s in [&mut ahead, &mut there] {
         moved_to(s, 0..=100);
-        s.take(MonoNs(100 * MS), &seen_at(100), &robot);
+        s.add_measurement(MonoNs(100 * MS), &seen_at(100), &robot);
     }
     let (q, qd) = (q_at(100), Vector4::new(0.2, 0.0, 0.1, 0.0));
     let (a, b) = (
@@ -100,7 +100,7 @@ fn frame_holds_and_tick_follows_the_arm() {
     for (update, holds) in [(UpdatePolicy::Frame, true), (UpdatePolicy::Tick, false)] {
         let mut s = servo(update);
         moved_to(&mut s, 0..=10);
-        s.take(MonoNs(10 * MS), &seen_at(10), &robot);
+        s.add_measurement(MonoNs(10 * MS), &seen_at(10), &robot);
         let first = velocity(s.law_output(&q_at(10), &Vector4::zeros(), &robot));
         let later = velocity(s.law_output(&q_at(400), &Vector4::zeros(), &robot));
         assert_eq!(first == later, holds);
@@ -114,7 +114,7 @@ fn restore_gain_returns_to_full_gain() {
     let Law::ImageVelocity { gain, .. } = &mut s.settings.law else { panic!("this law") };
     *gain = Gain::Constant(4.0); // slow ones are not slowed down
     moved_to(&mut s, 0..=10);
-    s.take(MonoNs(10 * MS), &seen_at(10), &robot);
+    s.add_measurement(MonoNs(10 * MS), &seen_at(10), &robot);
     let speed = |s: &mut VisualServo<4>| velocity(s.law_output(&q_at(400), &Vector4::zeros(), &robot)).norm();
     let full = speed(&mut s);
     while s.reduce_gain() {}
@@ -130,16 +130,16 @@ fn stamps_decide_what_is_used() {
     moved_to(&mut s, 1000..=1100);
     let now = MonoNs(1100 * MS);
     assert!(s.law_output(&q_at(1100), &Vector4::zeros(), &robot).is_none());
-    assert_eq!(s.take(now, &seen_at(1160), &robot), MeasurementVerdict::RefusedFromFuture);
-    assert_eq!(s.take(now, &seen_at(1080), &robot), MeasurementVerdict::Used);
-    assert_eq!(s.take(now, &seen_at(1080), &robot), MeasurementVerdict::NotNewer, "repeated");
-    assert_eq!(s.take(now, &seen_at(1040), &robot), MeasurementVerdict::NotNewer, "overtaken");
-    assert_eq!(s.take(now, &seen_at(1120), &robot), MeasurementVerdict::UsedFromFuture);
+    assert_eq!(s.add_measurement(now, &seen_at(1160), &robot), MeasurementVerdict::RefusedFromFuture);
+    assert_eq!(s.add_measurement(now, &seen_at(1080), &robot), MeasurementVerdict::Used);
+    assert_eq!(s.add_measurement(now, &seen_at(1080), &robot), MeasurementVerdict::NotNewer, "repeated");
+    assert_eq!(s.add_measurement(now, &seen_at(1040), &robot), MeasurementVerdict::NotNewer, "overtaken");
+    assert_eq!(s.add_measurement(now, &seen_at(1120), &robot), MeasurementVerdict::UsedFromFuture);
     let lost = Measurement { exposure: MonoNs(1130 * MS), ..Measurement::default() };
-    assert_eq!(s.take(now, &lost, &robot), MeasurementVerdict::NoTarget);
+    assert_eq!(s.add_measurement(now, &lost, &robot), MeasurementVerdict::NoTarget);
     // whatever else a refused measurement carries
     let refused = Measurement { status: TargetStatus::Inconsistent as u32, ..seen_at(1130) };
-    assert_eq!(s.take(now, &refused, &robot), MeasurementVerdict::Inconsistent);
+    assert_eq!(s.add_measurement(now, &refused, &robot), MeasurementVerdict::Inconsistent);
 }
 
 #[test]
@@ -147,12 +147,15 @@ fn a_frame_from_before_the_first_tick_shows_the_arm_at_rest() {
     let robot = scara();
     let mut s = servo(UpdatePolicy::Predict);
     moved_to(&mut s, 1000..=1001);
-    assert_eq!(s.take(MonoNs(1001 * MS), &seen_at(970), &robot), MeasurementVerdict::Used);
+    assert_eq!(s.add_measurement(MonoNs(1001 * MS), &seen_at(970), &robot), MeasurementVerdict::Used);
     let mut restarted = servo(UpdatePolicy::Predict);
     moved_to(&mut restarted, 1000..=1001);
-    restarted.take(MonoNs(1001 * MS), &seen_at(1000), &robot);
+    restarted.add_measurement(MonoNs(1001 * MS), &seen_at(1000), &robot);
     restarted.note_arm(MonoNs(5 * MS), &q_at(5), &Vector4::zeros());
-    assert_eq!(restarted.take(MonoNs(2000 * MS), &seen_at(1001), &robot), MeasurementVerdict::Used);
+    assert_eq!(
+        restarted.add_measurement(MonoNs(2000 * MS), &seen_at(1001), &robot),
+        MeasurementVerdict::Used
+    );
 }
 
 #[test]
@@ -181,12 +184,12 @@ fn poses_that_no_object_before_a_camera_has_are_refused() {
     ] {
         let mut s = servo(UpdatePolicy::Predict);
         moved_to(&mut s, 0..=20);
-        let verdict = s.take(MonoNs(20 * MS), &m, &robot);
+        let verdict = s.add_measurement(MonoNs(20 * MS), &m, &robot);
         assert_eq!(verdict, MeasurementVerdict::ImpossiblePose, "{what}");
         assert!(!verdict.is_used() && s.law_output(&q_at(20), &Vector4::zeros(), &robot).is_none(), "{what}");
         // Without the flag there is no pose that could be wrong.
         let unposed = Measurement { flags: 0, ..m };
-        assert_eq!(s.take(MonoNs(20 * MS), &unposed, &robot), MeasurementVerdict::Used, "{what}");
+        assert_eq!(s.add_measurement(MonoNs(20 * MS), &unposed, &robot), MeasurementVerdict::Used, "{what}");
     }
 }
 
@@ -195,7 +198,7 @@ fn the_way_back_leads_to_where_the_whole_target_was_seen() {
     let robot = scara();
     let mut s = servo(UpdatePolicy::Predict);
     moved_to(&mut s, 0..=100);
-    s.take(MonoNs(100 * MS), &seen_at(40), &robot);
+    s.add_measurement(MonoNs(100 * MS), &seen_at(40), &robot);
     assert!(s.way_back(&q_at(100)).is_none(), "not asked for");
     s.settings.returns = true;
     let (qd, convergence) = s.way_back(&q_at(100)).unwrap();
@@ -204,7 +207,7 @@ fn the_way_back_leads_to_where_the_whole_target_was_seen() {
     // A part of the target is not the whole of it.
     let mut partial = seen_at(80);
     partial.feature_count = 3;
-    assert!(s.take(MonoNs(100 * MS), &partial, &robot).is_used());
+    assert!(s.add_measurement(MonoNs(100 * MS), &partial, &robot).is_used());
     assert_eq!(s.way_back(&q_at(100)).unwrap().0, qd);
     let mut blind = servo(UpdatePolicy::Predict);
     blind.settings.returns = true;
@@ -314,7 +317,7 @@ proptest! {
                 spoil(&mut bad, *which, *place, *bits);
             }
             for m in [shifted(40), bad, shifted(80), bad] {
-                s.take(at(100), &m, &robot);
+                s.add_measurement(at(100), &m, &robot);
                 if let Some(law_output) = s.law_output(&q_at(100), &Vector4::new(0.2, 0.0, 0.1, 0.0), &robot) {
                     prop_assert!(law_output.is_finite(), "{:?}: {law_output:?}", s.settings().law);
                 }

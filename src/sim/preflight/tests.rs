@@ -182,7 +182,7 @@ fn what_can_be_found_is_found_and_nothing_else() {
         }
         tried += 1;
         renderer.render(&[X_CO], tried, &mut pixels);
-        let seen = vision.still(&ImageView::new(&pixels, width, height).unwrap()).is_ok();
+        let seen = vision.process_image(&ImageView::new(&pixels, width, height).unwrap()).is_ok();
         found += usize::from(seen);
         cut += usize::from(!visibility.can_be_found());
         if seen != visibility.can_be_found() {

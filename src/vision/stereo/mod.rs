@@ -27,7 +27,7 @@ pub use taught::{ObjectPose, TaughtPoint, TaughtView, TaughtViewError};
 
 use super::{Frame, misfit};
 use crate::camera_model::Response;
-use crate::detect::{Finder, Found};
+use crate::detect::{Detection, Finder};
 use crate::imaging::ImageView;
 use crate::messages::{FeaturePoint, FrameHeader, MAX_FEATURES, Measurement, TargetStatus};
 use crate::messages::{frame_flag, measurement_flag};
@@ -44,7 +44,7 @@ const LEAST: usize = 3;
 #[derive(Debug, Clone)]
 struct CameraDetections {
     header: FrameHeader,
-    found: Vec<Found>,
+    found: Vec<Detection>,
     /// Why there are no detections.
     miss: Option<TargetStatus>,
 }
@@ -67,7 +67,7 @@ pub struct StereoVision {
     taught: TaughtView,
     pairing: Pairing<CameraDetections>,
     /// Unused buffers of detections.
-    spare: Vec<Vec<Found>>,
+    spare: Vec<Vec<Detection>>,
     room: usize,
     points: Vec<SpacePoint>,
     pairs: Vec<MeasuredPair>,
@@ -193,7 +193,7 @@ impl StereoVision {
         &mut self,
         side: Side,
         image: &ImageView<'_>,
-        found: &mut Vec<Found>,
+        found: &mut Vec<Detection>,
     ) -> Result<(), TargetStatus> {
         found.clear();
         let (camera, finder) = match side {

@@ -3,7 +3,7 @@
 //! Positions are in the frame L of the left camera, m. Nothing is known of the object but the ids of its points.
 
 use crate::camera_model::CameraModel;
-use crate::detect::Found;
+use crate::detect::Detection;
 use crate::geometry::Pose;
 use crate::stereo::{Conjugates, StereoError, Triangulator};
 use nalgebra::{Matrix3, Point3, Vector2};
@@ -82,7 +82,7 @@ impl StereoRig {
     }
 
     /// Triangulates the points that are in both lists (ids rising) into `points`. One that does not lie in front of both cameras is left out.
-    pub fn triangulate(&self, left: &[Found], right: &[Found], points: &mut Vec<SpacePoint>) {
+    pub fn triangulate(&self, left: &[Detection], right: &[Detection], points: &mut Vec<SpacePoint>) {
         points.clear();
         let mut others = right.iter().peekable();
         for l in left {
@@ -95,7 +95,7 @@ impl StereoRig {
         }
     }
 
-    fn point(&self, left: &Found, right: &Found) -> Option<SpacePoint> {
+    fn point(&self, left: &Detection, right: &Detection) -> Option<SpacePoint> {
         let pair =
             Conjugates { s_1: self.left.normalized_of(&left.px), s_2: self.right.normalized_of(&right.px) };
         let found = self.triangulator.point(&pair).ok()?;
@@ -103,7 +103,7 @@ impl StereoRig {
         let scale = |camera: &CameraModel, s: &Vector2<f64>| camera.pixel_jacobian(s).determinant().abs();
         let (at_left, at_right) = (scale(&self.left, &pair.s_1), scale(&self.right, &pair.s_2));
         let model = self.model_sd_px * self.model_sd_px;
-        let square = |found: &Found, scale: f64| (found.sd_px * found.sd_px + model) / scale;
+        let square = |found: &Detection, scale: f64| (found.sd_px * found.sd_px + model) / scale;
         // The optimal triangulation assumes equal variances in both images.
         let variance = 0.5 * (square(left, at_left) + square(right, at_right));
         let point = SpacePoint {

@@ -30,8 +30,8 @@ fn lump(count: usize, seed: u64) -> Vec<(u32, Point3<f64>)> {
     (0..count as u32).map(|k| (3 * k + 1, one())).collect()
 }
 
-fn found(id: u32, px: Vector2<f64>, sd_px: f64) -> Found {
-    Found {
+fn found(id: u32, px: Vector2<f64>, sd_px: f64) -> Detection {
+    Detection {
         id,
         px,
         sd_px,
@@ -50,7 +50,7 @@ fn seen(
     X_CO: &Pose,
     sd_px: [f64; 2],
     random: &mut Random,
-) -> [Vec<Found>; 2] {
+) -> [Vec<Detection>; 2] {
     let mut lists = [Vec::new(), Vec::new()];
     for (id, p_O) in points {
         let images = rig.project(&(X_CO * p_O)).unwrap();
@@ -180,7 +180,7 @@ fn vision(view: TaughtView) -> StereoVision {
     StereoVision::new(rig(), &target, view, SpanNs(5_000_000))
 }
 
-fn file(vision: &mut StereoVision, lists: &[Vec<Found>; 2]) -> StereoMeasurement {
+fn file(vision: &mut StereoVision, lists: &[Vec<Detection>; 2]) -> StereoMeasurement {
     let header = FrameHeader { frame_id: 4, exposure: MonoNs(1_000), ..FrameHeader::default() };
     for (side, found) in [Side::Left, Side::Right].into_iter().zip(lists) {
         let detections = CameraDetections { header, found: found.clone(), miss: None };

@@ -3,8 +3,8 @@
 //! Data flow: search of the whole image, examination for partial occlusion, pose with its ambiguity, misfit; see [`Vision::process`] for sequences.
 
 use super::{Growth, Prior, Vision};
-use crate::detect::Found;
-use crate::detect::tags::TagFound;
+use crate::detect::Detection;
+use crate::detect::tags::TagDetection;
 use crate::imaging::ImageView;
 use crate::messages::TargetStatus;
 use crate::pose::RefinedPose;
@@ -12,9 +12,9 @@ use nalgebra::Vector2;
 
 /// Detections and pose of a single image.
 #[derive(Debug, Clone, Copy)]
-pub struct Still<'a> {
+pub struct ImageResult<'a> {
     /// The points of the target, ids rising.
-    pub found: &'a [Found],
+    pub found: &'a [Detection],
     /// Images of the points' centres, px, in the same order; those of dots are corrected for perspective and lens.
     pub px: &'a [Vector2<f64>],
     /// Pose of the target in the camera; `None` where the points do not determine it.
@@ -30,7 +30,7 @@ pub struct Still<'a> {
     /// Ids of dots that are partly occluded or unevenly lit, and were measured by the rest of their rims.
     pub harmed: &'a [u32],
     /// All tags in the image, where the target is made of tags.
-    pub tags: &'a [TagFound],
+    pub tags: &'a [TagDetection],
 }
 
 impl Vision {
@@ -38,7 +38,7 @@ impl Vision {
     ///
     /// # Errors
     /// The status that says why there is no target.
-    pub fn still(&mut self, image: &ImageView<'_>) -> Result<Still<'_>, TargetStatus> {
+    pub fn process_image(&mut self, image: &ImageView<'_>) -> Result<ImageResult<'_>, TargetStatus> {
         self.search_alone(image)?;
         let estimate = &mut self.searched;
         self.estimator.describe(estimate, &self.finder, &Prior::default(), None, &[]);
@@ -51,7 +51,7 @@ impl Vision {
             pose.covariance *= growth.pose;
             *log_ratio /= growth.points;
         }
-        Ok(Still {
+        Ok(ImageResult {
             growth,
             found: &estimate.dots,
             px: &estimate.px,
@@ -69,12 +69,12 @@ impl Vision {
     ///
     /// # Errors
     /// As for [`Self::still`].
-    pub fn points_of(&mut self, image: &ImageView<'_>) -> Result<Still<'_>, TargetStatus> {
+    pub fn points_of(&mut self, image: &ImageView<'_>) -> Result<ImageResult<'_>, TargetStatus> {
         self.search_alone(image)?;
         let estimate = &mut self.searched;
         estimate.px.clear();
         estimate.px.extend(estimate.dots.iter().map(|dot| dot.px));
-        Ok(Still {
+        Ok(ImageResult {
             found: &estimate.dots,
             px: &estimate.px,
             pose: None,
@@ -93,7 +93,7 @@ impl Vision {
             return Err(TargetStatus::WrongSize);
         }
         self.finder.search(image, &mut self.searched.dots)?;
-        self.finder.look_closely(image, &mut self.searched.dots, &mut self.harmed);
+        self.finder.examine_occlusion(image, &mut self.searched.dots, &mut self.harmed);
         Ok(())
     }
 }

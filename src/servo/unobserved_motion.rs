@@ -1,11 +1,11 @@
 //! Joint motion that the encoders are too coarse to show, estimated from two views.
 //!
-//! Data flow: the view of one exposure is predicted at the next exposure by the joint motion of the history (`s_carried`); for an object at rest
+//! Data flow: the view of one exposure is predicted at the next exposure by the joint motion of the history (`s_predicted`); for an object at rest
 //! it should equal the measured view `s`. The difference is attributed to joint motion `dq` that the history does not contain,
-//! `s - s_carried = L J dq`, with the interaction matrix `L` and the camera's Jacobian `J`. It is estimated by damped least squares:
+//! `s - s_predicted = L J dq`, with the interaction matrix `L` and the camera's Jacobian `J`. It is estimated by damped least squares:
 //!
 //! ```text
-//! dq = (J^T L^T L J + lambda 1)^-1 J^T L^T (s - s_carried)
+//! dq = (J^T L^T L J + lambda 1)^-1 J^T L^T (s - s_predicted)
 //! ```
 
 use super::{SetPoint, View};
@@ -25,7 +25,7 @@ pub(super) const LONGEST_SPAN: SpanNs = SpanNs(150_000_000);
 
 /// Joint motion between two exposures that the joint history does not contain.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Drift<const N: usize> {
+pub struct UnobservedMotion<const N: usize> {
     /// The motion, rad or m.
     pub dq: SVector<f64, N>,
     /// The first exposure.
@@ -34,18 +34,18 @@ pub struct Drift<const N: usize> {
     pub span: SpanNs,
 }
 
-/// The joint motion `dq`, rad or m, that turns the predicted view `carried` into the measured view `seen`; `None` where the features do not
+/// The joint motion `dq`, rad or m, that turns the predicted view `predicted` into the measured view `seen`; `None` where the features do not
 /// determine it or something is not finite.
-pub(super) fn unbelieved_motion<const N: usize>(
+pub(super) fn unobserved_motion<const N: usize>(
     set_point: &SetPoint,
-    carried: &View,
+    predicted: &View,
     seen: &View,
     J: &CameraJacobian<N>,
 ) -> Option<SVector<f64, N>> {
     let X_CO = seen.X_CO()?;
     let mut equations = NormalEquations::<6>::new();
     for (i, p_O) in set_point.points().iter().enumerate() {
-        if let (Some(s), Some(believed)) = (seen.feature(i), carried.feature(i)) {
+        if let (Some(s), Some(believed)) = (seen.feature(i), predicted.feature(i)) {
             equations.add_point(s, (X_CO * p_O).z, &(s - believed), 1.0);
         }
     }
@@ -91,16 +91,16 @@ mod tests {
             };
             let dq = Vector6::from(dq);
             let q_now = q + Vector6::from(believed);
-            let carried = view_at(&q).carried(&X_WC(&q_now).inv_mul(&X_WC(&q)), &set_point).unwrap();
+            let predicted = view_at(&q).predicted_at(&X_WC(&q_now).inv_mul(&X_WC(&q)), &set_point).unwrap();
             let seen = view_at(&(q_now + dq));
             let (_, J) = mount.camera(&robot, &q_now);
-            let found = unbelieved_motion(&set_point, &carried, &seen, &J).unwrap();
+            let found = unobserved_motion(&set_point, &predicted, &seen, &J).unwrap();
             // The rest is not observable in the features, or damped.
             let left = view_at(&(q_now + dq - found));
             let off = |a: &View, b: &View| -> f64 {
                 a.features().iter().zip(b.features()).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
             };
-            prop_assert!(off(&left, &carried) < 0.25 * off(&seen, &carried) + 1e-7, "{dq} {found}");
+            prop_assert!(off(&left, &predicted) < 0.25 * off(&seen, &predicted) + 1e-7, "{dq} {found}");
         }
     }
 }
