@@ -383,7 +383,10 @@ impl<const N: usize> Controller<N> {
             return None;
         }
         let behind = self.watch.follow(&state.q, &motion.way);
-        if distance > self.max_tracking_error { Some(Fault::TrackingError) } else { behind }
+        // A drive that obeys velocities has no position to be away from: its lag is what it did less than it was told.
+        let lag = if self.mode == CommandMode::Velocity { self.watch.lag() } else { distance };
+        let swings = if motion.follows { self.watch.swing(&state.q, &motion.way) } else { None };
+        if lag > self.max_tracking_error { Some(Fault::TrackingError) } else { behind.or(swings) }
     }
 
     fn note_rest(&mut self, now: MonoNs, seen: bool) {

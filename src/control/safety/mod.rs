@@ -8,6 +8,8 @@
 //! | drive reports NaN, infinity, or an implausible state (10 times the speed limit, a jump, a whole range outside the range) | the arm is assumed to be on its reference, which slows down; run ends as fault |
 //! | a joint is faster than 1.5 times its limit over 20 ms, or before a drive that obeys torques 1.25 times in most of 100 ms or a third of 0.4 s | reference is put on the measured arm and slows down, run ends as fault |
 //! | a joint does not follow its reference over 400 ms, or is farther from it than `tracking_error` | likewise |
+//! | a joint swings about its reference: four times within 0.5 s, with 0.5 rad/s and more | likewise |
+//! | a drive that obeys velocities does not do as commanded: the velocities differ by more than `max_tracking_error` in sum | likewise |
 //! | commands had to be changed before the drive for 100 ms, or are not finite | likewise |
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
@@ -21,6 +23,7 @@
 mod arm;
 mod freshness;
 mod rest;
+mod swing;
 
 pub use arm::ArmWatch;
 pub use freshness::{Freshness, MeasurementWatch};
@@ -51,6 +54,8 @@ pub enum Fault {
     TooFast,
     /// A joint stands while its reference moves.
     DoesNotFollow,
+    /// A joint oscillates about its reference.
+    Oscillates,
     /// Commands would have exceeded the limits, or were not finite.
     CommandsRefused,
     /// Real time: the thread beside the real-time thread takes no traces any more.
@@ -59,7 +64,7 @@ pub enum Fault {
 
 impl Fault {
     /// All faults, with their codes in the protocol of the messages; those of a drive count from 17. A code never changes its meaning.
-    const CODES: [(Self, u32); 15] = [
+    const CODES: [(Self, u32); 16] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -71,6 +76,7 @@ impl Fault {
         (Self::DoesNotFollow, 10),
         (Self::CommandsRefused, 11),
         (Self::CompanionSilent, 12),
+        (Self::Oscillates, 13),
         (Self::Drive(DriveFault::Stale), 17),
         (Self::Drive(DriveFault::Left), 18),
         (Self::Drive(DriveFault::Silent), 19),
@@ -125,6 +131,10 @@ impl Fault {
             }
             Self::DoesNotFollow => {
                 "a joint does not follow its reference: is it jammed, braked, or its drive switched off?"
+            }
+            Self::Oscillates => {
+                "a joint oscillates about its reference: lower motion.natural_frequency_rad_s or servo.gain_1_s, look for a delay between \
+                 command and motion, tell the rotors' inertia (armature_kg_m2) and what the arm carries ([tool])"
             }
             Self::CommandsRefused => {
                 "commands to the drive would have passed the limits, or were no numbers, and were held back"
