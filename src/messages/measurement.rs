@@ -15,6 +15,8 @@ pub mod measurement_flag {
     pub const AMBIGUOUS: u32 = 1 << 10;
     /// Some of the target's points are occluded, or were left out as outliers.
     pub const PARTIAL: u32 = 1 << 11;
+    /// The points fit no pose within noise, but steadily so: the description of lens, target or shutter is not exact. The stated uncertainties contain it.
+    pub const MODEL_ERROR: u32 = 1 << 12;
 }
 
 /// Result of the detection of the target in one frame.

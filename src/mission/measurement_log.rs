@@ -1,5 +1,6 @@
 //! The log of the measurements that reached control, for the goal, the status and the reason of an end.
 
+use super::model_error::ModelErrorLog;
 use crate::control::trace::{Event, Events, LatencyStages};
 use crate::messages::Measurement;
 use crate::servo::{MeasurementVerdict, NoTask};
@@ -53,6 +54,7 @@ pub(crate) struct MeasurementLog {
     error_px: f64,
     latency: LatencyStages,
     degraded: bool,
+    model_error: ModelErrorLog,
 }
 
 impl MeasurementLog {
@@ -65,6 +67,7 @@ impl MeasurementLog {
             error_px: f64::NAN,
             latency: LatencyStages::default(),
             degraded: false,
+            model_error: ModelErrorLog::default(),
         }
     }
 
@@ -81,6 +84,9 @@ impl MeasurementLog {
         if !error_px.is_nan() {
             self.last_found = Some(*m);
             self.error_px = error_px;
+        }
+        if m.found() {
+            self.model_error.note(m);
         }
         if let Some(verdict) = verdict {
             self.taken(verdict, events);
@@ -137,6 +143,11 @@ impl MeasurementLog {
     /// The command that used the last one was written.
     pub(super) fn commanded(&mut self, latency: Option<LatencyStages>) {
         self.latency = latency.unwrap_or(self.latency);
+    }
+
+    /// Measurements that fit the description only with a model error.
+    pub(crate) fn model_error(&self) -> &ModelErrorLog {
+        &self.model_error
     }
 
     /// Good and bad measurements that reached control.

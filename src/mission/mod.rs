@@ -21,6 +21,7 @@ mod errors;
 mod lockstep;
 mod look_and_move;
 pub mod measurement_log;
+mod model_error;
 pub mod residual;
 pub mod run_end;
 mod status;
@@ -31,6 +32,7 @@ pub mod truth;
 pub use errors::{FinalErrors, MeasuredErrors};
 pub use lockstep::LockstepRun;
 pub use look_and_move::LookAndMove;
+pub use model_error::{DescriptionError, ModelError};
 pub use task::{BelievedCell, RunTask};
 
 use crate::control::lifecycle::Request;

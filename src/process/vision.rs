@@ -8,7 +8,7 @@ use crate::config::{Config, assemble};
 use crate::geometry::Pose;
 use crate::imaging::ImageView;
 use crate::ipc::{Instance, ReceivedFrame, Receiver, Role};
-use crate::messages::{FrameHeader, JointState, Measurement, TargetStatus};
+use crate::messages::{FrameHeader, JointState, Measurement, TargetStatus, measurement_flag};
 use crate::rt::now;
 use crate::scene::FrameSchedule;
 use crate::time::{MonoNs, SpanNs, TICK};
@@ -45,6 +45,7 @@ pub fn run(
         vision: assemble::vision(config),
         counter: FrameCounter::default(),
         status: None,
+        model_error: false,
     };
     let mut images = ReportImages::new(report, &config.camera);
     priority::take(config, Rank::Vision)?;
@@ -105,6 +106,8 @@ struct VisionWorker {
     vision: Vision,
     counter: FrameCounter,
     status: Option<TargetStatus>,
+    /// Whether a model error was told.
+    model_error: bool,
 }
 
 impl VisionWorker {
@@ -129,6 +132,15 @@ impl VisionWorker {
 
     /// One line whenever the target is found or lost, or the reason changes.
     fn report(&mut self, measurement: &Measurement) {
+        if measurement.flags & measurement_flag::MODEL_ERROR != 0
+            && !std::mem::replace(&mut self.model_error, true)
+        {
+            warn!(
+                frame = measurement.frame_id,
+                rms_px = measurement.reprojection_rms_px,
+                "the target's points do not fit its description, but steadily so: lens, target or shutter is not as the run file says"
+            );
+        }
         let status = measurement.target_status();
         if self.status == Some(status) {
             return;

@@ -5,8 +5,8 @@ mod stamp_calibration;
 pub use stamp_calibration::StampCalibration;
 
 use crate::control::outcome::Outcome;
-use crate::mission::FinalErrors;
 use crate::mission::measurement_log::VerdictCounts;
+use crate::mission::{FinalErrors, ModelError};
 use crate::report::histogram::Quantiles;
 use crate::report::numbers::significant;
 use crate::servo::Stability;
@@ -210,6 +210,9 @@ pub struct Summary {
     /// What the arm was found to carry and the run file does not tell; `null` where nothing was found.
     #[serde(default)]
     pub payload: Option<FoundPayload>,
+    /// Measurements whose points fit the description of lens and target only with a model error; `null` where all fit.
+    #[serde(default)]
+    pub model_error: Option<ModelError>,
     /// Over every joint state of a lockstep run, hexadecimal; `null` in real time.
     pub state_hash: Option<String>,
     /// What a calibration run found; left out in other runs.
@@ -261,6 +264,7 @@ impl Summary {
             lost_commands: 0,
             gated_commands: 0,
             payload: None,
+            model_error: None,
             state_hash: None,
             calibration: None,
             stability: None,
@@ -314,6 +318,9 @@ impl Summary {
                 "refused       {} measurements whose points do not fit one pose",
                 i.refused_inconsistent
             );
+        }
+        if let Some(model_error) = &self.model_error {
+            let _ = writeln!(t, "model error   {}", model_error.to_text());
         }
         let _ = writeln!(
             t,

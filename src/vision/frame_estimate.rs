@@ -9,6 +9,7 @@
 use super::expectation::find;
 use super::misfit::{self, ENOUGH_TO_CHOOSE, Growth, MAX_MISFIT};
 use super::pose_approach::{PoseApproach, analytical_pose, start};
+use super::steady_misfit::Errors;
 use super::{Prior, VisionSettings};
 use crate::camera_model::CameraModel;
 use crate::detect::{Detection, Finder, PredictedPoint};
@@ -77,6 +78,18 @@ impl FrameEstimate {
         }
     }
 
+    /// Mean variance of the points in each coordinate, px^2.
+    pub(super) fn variance_px2(&self) -> f64 {
+        self.dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>() / self.dots.len().max(1) as f64
+    }
+
+    /// Extent of the target in the image: root mean square distance of its points from their centre, px.
+    pub(super) fn extent_px(&self) -> f64 {
+        let count = self.px.len().max(1) as f64;
+        let centre = self.px.iter().sum::<Vector2<f64>>() / count;
+        (self.px.iter().map(|px| (px - centre).norm_squared()).sum::<f64>() / count).sqrt()
+    }
+
     /// By how much the covariances of points and pose are larger than stated, according to the misfit.
     pub(super) fn growth(&self) -> Growth {
         let variance = self.dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>();
@@ -95,6 +108,8 @@ pub(super) struct PoseEstimator {
     pub(super) is_flat: bool,
     /// Points that serve as features, by id.
     serves: Box<[bool]>,
+    /// Root mean square reprojection error, px, that a known model error explains ([`super::steady_misfit`]).
+    pub(super) allowance_px: f64,
 }
 
 impl PoseEstimator {
@@ -105,7 +120,7 @@ impl PoseEstimator {
                 *serves = true;
             }
         }
-        Self { is_flat: target.is_flat(), camera, target, settings, serves }
+        Self { is_flat: target.is_flat(), camera, target, settings, serves, allowance_px: 0.0 }
     }
 
     /// Computes features and pose from the detections in `estimate`. `last` is the last accepted estimate, `expected` the predictions by which the
@@ -151,6 +166,27 @@ impl PoseEstimator {
             let Some(worst) = worst else { break };
             estimate.dots.remove(worst);
         }
+    }
+
+    /// The same of all detections, without leaving out any that does not fit.
+    pub(super) fn describe_all(
+        &self,
+        estimate: &mut FrameEstimate,
+        finder: &Finder,
+        prior: &Prior,
+        last: Option<&FrameEstimate>,
+    ) {
+        self.solve(estimate, finder, prior, last, &[]);
+    }
+
+    /// Reprojection errors of the estimate's points by their ids, px; none without a pose.
+    pub(super) fn errors(&self, estimate: &FrameEstimate, errors: &mut Errors) {
+        errors.clear();
+        let Some(pose) = &estimate.pose else { return };
+        let points = estimate.dots.iter().zip(&estimate.px).zip(&estimate.pairs);
+        errors.extend(points.filter_map(|((dot, px), pair)| {
+            Some((dot.id, self.camera.project(&(pose.X_CO * pair.r))? - px))
+        }));
     }
 
     /// Leaves out outliers: points whose reprojection error exceeds [`STRAY`] robust standard deviations, up to a third of them.
@@ -247,7 +283,9 @@ impl PoseEstimator {
             known.map_or(both.best.X_CO, |known| both.nearest(&known).X_CO)
         } else {
             let chosen;
-            (chosen, *ambiguous) = self.choose(&both, known.as_ref(), count, sd_px / f);
+            // A known model error does not choose either.
+            let model_sd_px = self.allowance_px * std::f64::consts::FRAC_1_SQRT_2;
+            (chosen, *ambiguous) = self.choose(&both, known.as_ref(), count, sd_px.hypot(model_sd_px) / f);
             chosen
         };
         if method == PoseApproach::Iterative {
@@ -326,9 +364,14 @@ impl PoseEstimator {
             && estimate.plausible
             // three points have six coordinates, as a pose has unknowns, so that nothing is left to judge
             && (count < 4.0
-                || count * estimate.rms_px * estimate.rms_px
+                || count * (estimate.rms_px * estimate.rms_px - self.allowance_px * self.allowance_px)
                     <= largest_misfit(estimate.dots.len()) * variance)
-            && estimate.dots.iter().all(|d| d.disturbance_px <= MAX_DISTURBANCE_PX)
+            && Self::is_undisturbed(estimate)
+    }
+
+    /// Whether nothing dark beside a dot shifts it.
+    pub(super) fn is_undisturbed(estimate: &FrameEstimate) -> bool {
+        estimate.dots.iter().all(|d| d.disturbance_px <= MAX_DISTURBANCE_PX)
     }
 
     /// Chooses between the two poses of a plane: the better one, or, where both explain the image of `count` points almost equally well
@@ -347,11 +390,13 @@ impl PoseEstimator {
     /// Writes features, pose, covariance and flags into the measurement.
     pub(super) fn fill(&self, estimate: &FrameEstimate, tracked: bool, m: &mut Measurement) {
         m.status = TargetStatus::Found as u32;
+        // A model error that is known is more uncertain than the noise of the points.
+        let growth = if self.allowance_px > 0.0 { estimate.growth() } else { Growth::NONE };
         let seen = estimate.dots.iter().zip(&estimate.px).zip(&estimate.pairs);
         let features = seen.filter(|((dot, _), _)| self.serves.get(dot.id as usize) == Some(&true));
         let mut count = 0;
         for (place, ((dot, px), pair)) in m.features.iter_mut().zip(features) {
-            let (id, sd_px) = (u64::from(dot.id), dot.sd_px);
+            let (id, sd_px) = (u64::from(dot.id), dot.sd_px * growth.points.sqrt());
             *place = FeaturePoint { id, u_px: px.x, v_px: px.y, x: pair.s.x, y: pair.s.y, sd_px };
             count += 1;
         }
@@ -360,10 +405,11 @@ impl PoseEstimator {
         say(measurement_flag::TRACKED, tracked);
         say(measurement_flag::AMBIGUOUS, estimate.ambiguous);
         say(measurement_flag::PARTIAL, estimate.dots.len() < self.target.points().len());
+        say(measurement_flag::MODEL_ERROR, growth != Growth::NONE);
         let Some(pose) = estimate.pose.as_ref().filter(|_| estimate.dots.len() > 3) else { return };
         m.set_pose(&pose.X_CO);
         for (row, values) in m.pose_covariance.chunks_exact_mut(6).zip(pose.covariance.row_iter()) {
-            row.iter_mut().zip(values.iter()).for_each(|(slot, value)| *slot = *value);
+            row.iter_mut().zip(values.iter()).for_each(|(slot, value)| *slot = *value * growth.pose);
         }
         m.reprojection_rms_px = estimate.rms_px;
     }

@@ -47,6 +47,7 @@ mod frame_estimate;
 mod image_result;
 mod misfit;
 mod pose_approach;
+mod steady_misfit;
 mod stereo;
 
 use crate::camera_model::{CameraModel, Response};
@@ -61,6 +62,7 @@ use frame_estimate::{FrameEstimate, PoseEstimator};
 pub use image_result::ImageResult;
 pub use misfit::Growth;
 pub use pose_approach::PoseApproach;
+use steady_misfit::{Errors, SteadyMisfit};
 pub use stereo::{
     Match, ObjectPose, Pairing, PairingCounts, Side, SpacePoint, StereoMeasurement, StereoRig, StereoVision,
     TaughtPoint, TaughtView, TaughtViewError,
@@ -153,6 +155,9 @@ pub struct Vision {
     expected: Vec<PredictedPoint>,
     /// Ids of points of one image that are partly occluded.
     harmed: Vec<u32>,
+    /// Misfit that stays from frame to frame, and room for the reprojection errors of the present one.
+    misfit: SteadyMisfit,
+    errors: Errors,
     /// Number of frames for which a part of the target has been hidden.
     hidden_for: u32,
     lost: u64,
@@ -173,7 +178,9 @@ impl Vision {
             before: None,
             spare: vec![estimate(), estimate()],
             expected: Vec::with_capacity(count),
-            harmed: Vec::new(),
+            harmed: Vec::with_capacity(count),
+            misfit: SteadyMisfit::with_room_for(count),
+            errors: Vec::with_capacity(count),
             hidden_for: 0,
             lost: 0,
             estimator: PoseEstimator::new(camera, target, settings),
@@ -208,18 +215,20 @@ impl Vision {
         };
         match self.find(frame, prior) {
             Ok(whole) => {
-                let estimate = if whole { &mut self.searched } else { &mut self.tracked };
-                if self.estimator.believes(estimate) {
+                let rms_px = if whole { self.searched.rms_px } else { self.tracked.rms_px };
+                if let Some(whole) = self.accepted(whole, frame, prior) {
+                    let estimate = if whole { &self.searched } else { &self.tracked };
                     self.estimator.fill(estimate, !whole, &mut m);
                     self.keep(header.exposure, prior.X_WC, whole);
                 } else {
                     // The target is visible, but no pose explains it: the last accepted estimate is kept for the prediction.
                     m.status = TargetStatus::Inconsistent as u32;
-                    m.reprojection_rms_px = estimate.rms_px;
+                    m.reprojection_rms_px = rms_px;
                 }
             }
             Err(status) => {
                 m.status = status as u32;
+                self.misfit.interrupt();
                 self.lost += u64::from(self.last.is_some());
                 self.spare.extend(self.last.take().map(|seen| seen.estimate));
                 self.spare.extend(self.before.take().map(|seen| seen.estimate));
@@ -263,6 +272,40 @@ impl Vision {
             Err(_) if in_windows => Ok(false),
             Err(status) => Err(status),
         }
+    }
+
+    /// Which estimate of the frame is accepted: the one of the search (true), that in the windows (false), or none. `whole`: the one that is proposed.
+    fn accepted(&mut self, whole: bool, frame: &Frame<'_>, prior: &Prior) -> Option<bool> {
+        let proposed = if whole { &self.searched } else { &self.tracked };
+        let fits = self.estimator.believes(proposed);
+        if fits && (!self.misfit.is_known() || proposed.dots.len() < 4) {
+            self.misfit.interrupt();
+            return Some(whole);
+        }
+        if !fits {
+            // All points count: a model error makes all of them uncertain, and leaving out some hides it.
+            self.finder.search(&frame.image, &mut self.searched.dots).ok()?;
+            let last = self.last.as_ref().map(|seen| &seen.estimate);
+            self.estimator.describe_all(&mut self.searched, &self.finder, prior, last);
+        }
+        let whole = whole || !fits;
+        let estimate = if whole { &mut self.searched } else { &mut self.tracked };
+        self.estimator.errors(estimate, &mut self.errors);
+        let variance_px2 = estimate.variance_px2();
+        let follows = self.misfit.note(&self.errors, variance_px2);
+        if !(follows && self.estimator.believes(estimate)) {
+            if !PoseEstimator::is_undisturbed(estimate) || !self.misfit.is_steady(estimate.extent_px()) {
+                return None;
+            }
+            // What lies still over the target's points leaves steady errors, too, but it is seen at their rims.
+            self.finder.examine_occlusion(&frame.image, &mut estimate.dots, &mut self.harmed);
+            if !self.harmed.is_empty() {
+                return None;
+            }
+        }
+        self.misfit.accept(variance_px2);
+        self.estimator.allowance_px = self.misfit.allowance_px();
+        Some(whole)
     }
 
     /// Makes the estimate of the present frame the last accepted one.

@@ -191,6 +191,84 @@ fn a_disturbed_target_is_refused() {
     assert!(100 * believed.len() as u32 <= 2 * refused, "{} of {refused}", believed.len());
 }
 
+/// What lies still on a dot leaves the same errors in frame after frame, as a wrong lens does: it is refused by what its rim shows.
+#[test]
+fn a_disturbance_that_stays_is_refused() {
+    for kind in [Harm::Shadow, Harm::Cover, Harm::Glare] {
+        let mut random = Random(19);
+        let (mut refused, mut accepted) = (0, Vec::new());
+        for i in 0..120 {
+            let (noise, blur) = ([0.0, 1.0, 2.0, 4.0][i % 4], [0.3, 0.5, 1.0][i % 3]);
+            let mut bench = Bench::new([0.0, -0.2][i % 2], sensor(blur, noise, 500 + i as u64));
+            let X_CO = random.pose(&bench.renderer, 4.0);
+            bench.render(&X_CO);
+            let camera = *bench.renderer.camera();
+            harm(kind, &mut random, &mut bench.image, &X_CO, &camera);
+            let first = bench.process(&Prior::default()).target_status();
+            let last = (0..9).map(|_| bench.process(&Prior::default())).next_back().unwrap();
+            match (first, last.target_status()) {
+                (TargetStatus::Inconsistent, TargetStatus::Found) => {
+                    accepted.push(error_px(&bench, &X_CO, &last));
+                }
+                (TargetStatus::Inconsistent, _) => refused += 1,
+                _ => {}
+            }
+        }
+        println!("{kind:?}: {refused} refused, {} accepted {accepted:.2?} px", accepted.len());
+        assert!(refused > 10 && 20 * accepted.len() <= refused, "{kind:?}: {accepted:?} of {refused}");
+        assert!(accepted.iter().all(|px| *px < 1.0), "{kind:?}: {accepted:?}");
+    }
+}
+
+/// A lens that is not as described: the measurement is accepted at the third frame, says so, and states what it does not know; what comes suddenly is refused as
+/// before, until it has gone.
+#[test]
+fn a_model_error_is_accepted_and_a_leap_is_not() {
+    let mut random = Random(23);
+    let (mut accepted, mut leaps) = (0, 0);
+    for k in 0..40 {
+        let mut bench = Bench::new(-0.15, sensor(0.5, 2.0, k));
+        let i = *bench.renderer.camera().intrinsics();
+        let share = if k % 2 == 0 { random.within(0.7, 0.9) } else { random.within(1.1, 1.3) };
+        let wrong =
+            vservo::camera_model::Intrinsics { fx_px: i.fx_px * share, fy_px: i.fy_px * share * 1.01, ..i };
+        let lens = *bench.renderer.camera().lens();
+        bench.vision = Vision::new(
+            CameraModel::new(wrong, lens).unwrap(),
+            FourDots::default(),
+            VisionSettings::default(),
+        );
+        let X_CO = random.pose(&bench.renderer, 6.0);
+        let statuses = [0; 5].map(|_| bench.see(&X_CO));
+        if statuses[0].target_status() != TargetStatus::Inconsistent {
+            continue; // so frontal that any lens explains it
+        }
+        assert_eq!(statuses[1].target_status(), TargetStatus::Inconsistent);
+        for m in &statuses[2..] {
+            assert_eq!(m.target_status(), TargetStatus::Found, "{k}: {} px", m.reprojection_rms_px);
+            assert!(m.flags & measurement_flag::MODEL_ERROR != 0);
+            let stated = m.features().iter().map(|f| f.sd_px).fold(0.0, f64::max);
+            assert!(stated >= m.reprojection_rms_px, "{stated} {}", m.reprojection_rms_px);
+        }
+        accepted += 1;
+        // something covers a part of a dot from one frame to the next
+        let camera = *bench.renderer.camera();
+        bench.render(&X_CO);
+        harm(Harm::Cover, &mut random, &mut bench.image, &X_CO, &camera);
+        let m = bench.process(&Prior::default());
+        let moved = if m.found() { error_px(&bench, &X_CO, &m) } else { 0.0 };
+        assert!(
+            moved < 0.3 + 0.5 * statuses[4].reprojection_rms_px,
+            "{k}: {moved} px, {}",
+            statuses[4].reprojection_rms_px
+        );
+        leaps += u32::from(!m.found());
+        assert_eq!(bench.see(&X_CO).target_status(), TargetStatus::Found, "{k}: it has gone");
+    }
+    println!("{accepted} accepted, {leaps} leaps refused");
+    assert!(accepted >= 25 && leaps >= 10, "{accepted} {leaps}");
+}
+
 /// Something before the target for a while: its own reason, no loss, and afterwards all goes on as before.
 #[test]
 fn a_passing_disturbance_is_no_loss() {

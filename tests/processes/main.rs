@@ -43,3 +43,4 @@ mod stereo;
 mod stereo_tool;
 mod torque_safety;
 mod trace;
+mod wrong_description;

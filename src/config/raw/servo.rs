@@ -191,7 +191,7 @@ table! {
         /// Gain of the motion away from joint limits where the task leaves joints free, 1/s; 0 for none.
         limit_avoidance_1_s: f64 = 0.0,
         /// Whether the arm returns to the posture of the last complete view when the target is lost.
-        return_to_last_seen: bool = false,
+        return_to_last_seen: bool = true,
         /// `[servo.visibility]`: keeps the target in the image.
         visibility: RawVisibility = RawVisibility::default(),
         /// `[servo.object]`: estimate the target's own motion, predict views by it and follow it.

@@ -44,6 +44,9 @@ pub fn run_facts(s: &Summary) -> Vec<(String, String)> {
             s.target_lost
         ),
     );
+    if let Some(model_error) = &s.model_error {
+        tell("model error", model_error.to_text());
+    }
     if let Some(settling_s) = s.settling_time_s {
         tell("settling", format!("{settling_s:.3} s to 2 % of the first feature error"));
     }

@@ -1,0 +1,74 @@
+//! Cells that are not as the run file says: lens, mount and size of the target. Image-based laws with a taught goal converge in spite of that, and the run tells
+//! what does not fit.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use crate::common::{run, vservo};
+use serde_json::Value;
+
+/// `--set` for each value.
+fn sets(values: &[String]) -> Vec<&str> {
+    values.iter().flat_map(|value| ["--set", value.as_str()]).collect()
+}
+
+fn lockstep(test: &str, file: &str, values: &[String]) -> Value {
+    let mut args = vec![file, "--clock", "lockstep", "--duration-s", "15"];
+    args.extend(sets(values));
+    run(test, &args).summary
+}
+
+fn lens(f_px: f64, cx_px: f64, cy_px: f64, k1: f64) -> Vec<String> {
+    let numbers = [("fx_px", f_px), ("fy_px", f_px), ("cx_px", cx_px), ("cy_px", cy_px), ("k1", k1)];
+    numbers.iter().map(|(key, value)| format!("scene.camera.lens.{key}={value}")).collect()
+}
+
+/// Goals that were taught in the cell as it is, at the posture in which the arm ends when all is as described.
+#[test]
+fn a_coarse_description_suffices_for_a_taught_goal() {
+    let folder = tempfile::tempdir().unwrap();
+    let goal = folder.path().join("goal.toml");
+    let at_goal = "robot.q_start_rad_or_m=[-0.02041,-1.60918,1.95122,-1.91285,-1.57077,-0.02044]".to_owned();
+    let cells = [
+        (lens(580.0, 360.0, 200.0, -0.10), [8.0, -6.0, 5.0], 1.0),
+        (lens(1020.0, 280.0, 270.0, -0.20), [-10.0, 4.0, -12.0], 1.08),
+        (lens(784.0, 325.0, 236.0, -0.13), [0.0, 15.0, 10.0], 0.93),
+        (lens(900.0, 319.5, 239.5, 0.0), [-5.0, -5.0, 18.0], 1.0),
+    ];
+    for (k, (mut cell, rpy, scale)) in cells.into_iter().enumerate() {
+        cell.push(format!("scene.camera.mount.rotation_rpy_deg={rpy:?}"));
+        cell.push(format!("scene.target.scale={scale}"));
+        let mut values = cell.clone();
+        values.push(at_goal.clone());
+        let taught =
+            vservo().args(["teach", "ur5", "--out"]).arg(&goal).args(sets(&values)).output().unwrap();
+        assert!(taught.status.success(), "{k}: {}", String::from_utf8_lossy(&taught.stderr));
+        cell.push(format!("servo.set_point.file={}", goal.display()));
+        let summary = lockstep("coarse", "ur5", &cell);
+        assert_eq!(summary["outcome"], "converged", "{k}: {summary}");
+        assert!(summary["final"]["feature_error_px"].as_f64().unwrap() < 0.1, "{k}: {}", summary["final"]);
+        std::fs::remove_file(&goal).unwrap();
+        std::fs::remove_file(goal.with_extension("png")).unwrap();
+    }
+}
+
+/// What the run tells of the lens is true within its deviation, for four dots, a grid and a board.
+#[test]
+fn a_run_tells_which_lens_fits() {
+    let cells = [
+        ("ur5", lens(880.0, 319.5, 239.5, -0.15), "camera.lens.fx_px", 880.0),
+        ("ur5", lens(700.0, 319.5, 239.5, -0.15), "camera.lens.fx_px", 700.0),
+        ("ur5", lens(800.0, 350.0, 239.5, -0.15), "camera.lens.cx_px", 350.0),
+        ("chessboard", lens(770.0, 319.5, 239.5, -0.15), "camera.lens.fx_px", 770.0),
+        ("dot-grid", lens(850.0, 319.5, 239.5, -0.15), "camera.lens.fx_px", 850.0),
+    ];
+    for (file, values, key, truth) in cells {
+        let summary = lockstep("lens", file, &values);
+        assert_eq!(summary["outcome"], "converged", "{file} {key} {truth}: {summary}");
+        let told = summary["model_error"]["differences"].as_array().unwrap();
+        let found =
+            told.iter().find(|d| d["key"] == key).unwrap_or_else(|| panic!("{file} {truth}: {summary}"));
+        let (estimated, sd) = (found["estimated"].as_f64().unwrap(), found["sd"].as_f64().unwrap());
+        assert!((estimated - truth).abs() < 4.0 * sd + 0.002 * truth, "{file}: {estimated} +- {sd}, {truth}");
+    }
+    assert_eq!(lockstep("lens", "ur5", &[])["model_error"], Value::Null, "all is as described");
+}
