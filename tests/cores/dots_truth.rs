@@ -248,20 +248,29 @@ fn stated_deviations_are_honest() {
     assert!((0.9..1.1).contains(&mean), "{mean}");
 }
 
-/// A plate that is lighter than levels go shows no noise, and the rims have it all the same.
+/// A plate that is lighter than levels go shows no noise and no light, and the rims have both all the same: up to 85 levels are cut off.
 #[test]
 fn deviations_on_clipped_plates_are_honest() {
-    let count = 12 * campaign();
+    let count = 16 * campaign();
     let chance = 4.0 * (2.0 / (8.0 * count as f64)).sqrt();
-    for contrast in [219.0, 228.0, 240.0, 255.0] {
-        for (noise, radius) in [(1.5, 20.0), (3.0, 9.0)] {
-            let cell = Cell { radius, contrast, noise, blur: 0.8, vignetting: 0.0, gradient: 1.0 };
+    let (mut sum, mut cells) = (0.0, 0.0);
+    for contrast in [219.0, 228.0, 240.0, 255.0, 285.0, 310.0] {
+        for (noise, radius, blur, gradient) in
+            [(1.5, 20.0, 0.8, 1.0), (3.0, 9.0, 0.8, 1.0), (1.5, 14.0, 0.6, 1.0), (2.0, 17.0, 1.0, 1.3)]
+        {
+            let cell = Cell { radius, contrast, noise, blur, vignetting: 0.0, gradient };
             let (rms, features, _) = look(&cell, count, cell.seed());
             println!("{cell:?}: {rms:.4} px rms, squared over stated: {features:.2}");
             let honest = 0.8 * (1.0 - chance)..1.25 * (1.0 + chance);
             assert!(honest.contains(&features), "{cell:?}: {features}");
+            assert!(rms < 0.008, "{cell:?}: {rms} px");
+            sum += features;
+            cells += 1.0;
         }
     }
+    let mean: f64 = sum / cells;
+    println!("mean over {cells} cells: {mean:.3}");
+    assert!((0.8..1.25).contains(&mean), "{mean}");
 }
 
 /// Light dots on a dark plate are found by who looks for them, as well as dark ones; glare on a dot does not hide it.

@@ -9,9 +9,10 @@
 //! where it is wider than the ellipse allows for, everything is measured again in a larger one.
 
 use super::blob::Blob;
+use super::clipped::{END_SHARE, EndSlope};
 use super::ellipse::PixelEllipse;
 use super::light::{LightFit, Samples};
-use super::noise::{Levels, common_noise, noise_of};
+use super::noise::{Levels, common_noise, is_clipped, noise_of};
 use super::ring::{RING, Ring, directions};
 use super::sums::{Scale, WeightSums, inner_sums, weighted_sums};
 use crate::detect::Detection;
@@ -66,6 +67,8 @@ struct Weighed {
     scale: Scale,
     /// Dead zone, levels: levels this near to the plate's or the dot's count as these.
     dead: f64,
+    /// Pixels of which the weight is in the last part ([`END_SHARE`]) before a clipped end; 0 where nothing is clipped.
+    at_end: u32,
 }
 
 /// Measures centroids of dots. Owns its buffers.
@@ -162,20 +165,23 @@ impl DotMeter {
         levels.clear();
         levels.extend(blobs.iter().map(|(id, blob)| self.levels(image, *id, blob, reach)));
         let (inside, most) = noise_of(&levels, &mut self.roughness);
-        let light = self.light(image, blobs, &levels, inside);
+        let clipped = is_clipped(&levels, self.light_on_dark, inside);
+        let light = self.light(image, blobs, &levels, inside, clipped.then_some(reach));
         self.rests.clear();
         let nothing = [f64::NAN; RING];
         self.rests.extend(levels.iter().map(|l| l.as_ref().map_or(nothing, |l| light.rest_of(&l.ring))));
         let noise = common_noise(inside, &levels, &self.rests, &light).max(ROUNDING);
         self.weighed.clear();
         let (mut rim, mut length, mut share, mut free) = (0.0, 0.0, 0.0, 0.0);
+        let mut at_end = 0.0;
         for ((id, blob), levels) in blobs.iter().zip(&levels) {
             let weighed = levels.as_ref().and_then(|l| {
-                self.weigh(image, (*id, blob), l, (&light, noise), reach, l.roughness() > most)
+                self.weigh(image, (*id, blob), l, (&light, noise), reach, [l.roughness() > most, clipped])
             });
             if let (Some(weighed), Some(levels)) = (&weighed, levels) {
                 let (major, minor) = blob.axes();
                 rim += f64::from(weighed.sums.rim);
+                at_end += f64::from(weighed.at_end);
                 let around = perimeter(major, minor);
                 length += around;
                 share += weighed.dead / levels.contrast() * around;
@@ -190,6 +196,7 @@ impl DotMeter {
         // within the blur of the rim the plate's light cannot be measured
         let wanted = 3.0 * blur + 0.5;
         let clear = wanted < MAX_SHORT * free / length;
+        let end = EndSlope::of(at_end, length, deviate(dead), blur);
         let uneven = if clear { self.unevenness(&levels, noise) } else { 0.0 };
         let uneven = uneven.hypot(light.deviation);
         let share = PIXEL_SHARE * (1.0 + SHARPNESS * (SHARP_PX - blur).clamp(0.0, SHARPEST_PX));
@@ -201,7 +208,8 @@ impl DotMeter {
             let (dot, plate) = (levels.dot, levels.plate);
             let per_level = 0.5 * (dot + plate) / (levels.contrast() * plate.max(dot)) * 2.5 * blur;
             let light_px = (uneven * per_level).min(MAX_UNEVEN * blob.axes().0);
-            found.extend(self.dot(*id, blob, levels, weighed, (noise, share), light_px, reach));
+            let model_px = if clipped { light_px.hypot(end.sd_px(&blob.covariance)) } else { light_px };
+            found.extend(self.dot(*id, blob, levels, weighed, (noise, share), model_px, reach));
         }
         self.levels = levels;
         wanted
@@ -237,36 +245,50 @@ impl DotMeter {
         (contrast >= MIN_CONTRAST).then_some(Levels { dot, plate, rough, pairs, ring })
     }
 
-    /// The light over the lighter of plate and dots.
+    /// The light over the lighter of plate and dots, or over the darker of both where the lighter is clipped.
     fn light(
         &mut self,
         image: &ImageView<'_>,
         blobs: &[(u32, Blob)],
         levels: &[Option<Levels>],
         noise: f64,
+        clipped: Option<f64>,
     ) -> LightFit {
         self.dots.clear();
         self.samples.clear();
         let step = (blobs.len() * RING).div_ceil(MAX_SAMPLES).max(1);
-        let (mut largest, mut pixels) = (0.0f64, 0);
+        let by_dots = self.light_on_dark != clipped.is_some();
+        let (mut largest, mut pixels, mut inner) = (0.0f64, 0, 0);
         for ((_, blob), levels) in blobs.iter().zip(levels) {
             let Some(levels) = levels else { continue };
             largest = largest.max(blob.axes().0);
-            let level = if self.light_on_dark { levels.dot } else { levels.plate };
+            // the blur of the rim lightens the inner pixels of small dots
+            if clipped.is_some_and(|reach| by_dots && !(0.4 * blob.axes().1 > 0.8 * reach)) {
+                continue;
+            }
+            let level = if by_dots { levels.dot } else { levels.plate };
             self.dots.push(blob.x, blob.y, level);
             pixels += levels.ring.pixels;
-            if !self.light_on_dark {
+            inner += 2 * levels.pairs;
+            if !by_dots {
                 self.samples.take(&levels.ring, step);
             }
         }
-        let samples = if self.light_on_dark { &self.dots } else { &self.samples };
-        let largest = if self.light_on_dark { 0.0 } else { largest };
+        let samples = if by_dots { &self.dots } else { &self.samples };
         let half_diagonal = 0.5 * (image.width() as f64).hypot(image.height() as f64);
-        let pixels = (pixels as f64 / self.dots.len().max(1) as f64).max(1.0);
-        LightFit::fit(&self.dots, samples, pixels, noise.max(ROUNDING), largest, half_diagonal)
+        let count = self.dots.len().max(1) as f64;
+        let pixels = (pixels as f64 / count).max(1.0);
+        let noise = noise.max(ROUNDING);
+        let curved = if by_dots { 0.0 } else { largest };
+        let light = LightFit::fit(&self.dots, samples, pixels, noise, curved, half_diagonal);
+        if clipped.is_none() {
+            return light;
+        }
+        let pixels = if by_dots { f64::from(inner) / count } else { pixels };
+        light.of_the_darker(samples, noise * noise / pixels.max(1.0), largest, half_diagonal)
     }
 
-    /// Weighted sums of a dot, which may be partly `covered` (occluded).
+    /// Weighted sums of a dot, which may be partly `covered` (occluded), and the lighter of it and its plate `clipped`.
     fn weigh(
         &self,
         image: &ImageView<'_>,
@@ -274,18 +296,24 @@ impl DotMeter {
         levels: &Levels,
         (light, noise): (&LightFit, f64),
         reach: f64,
-        covered: bool,
+        [covered, clipped]: [bool; 2],
     ) -> Option<Weighed> {
         let contrast = levels.contrast();
+        let relative = light.relative(blob.x, blob.y, blob.axes().0 + reach);
+        // what is clipped is even, and is not under the light that is taken off
+        let lost = if clipped {
+            levels.plate.max(levels.dot) * most_of(&relative, blob.axes().0 + reach)
+        } else {
+            0.0
+        };
         let dead = (3.2 * noise + 1.0).min(0.3 * contrast); // noise passes 3.2 deviations once in 1500; else too little is left
-        let away = if self.light_on_dark { dead } else { -dead };
+        let away = if self.light_on_dark { dead } else { -dead - lost };
         let edge = (16.0 * (levels.plate + away)).round();
-        let span = (16.0 * (contrast - 2.0 * dead)).round();
+        let span = (16.0 * (contrast - 2.0 * dead - lost)).round();
         // two levels: with less, rounding would be the weights
         if span.is_nan() || span < 32.0 || edge.is_nan() {
             return None;
         }
-        let relative = light.relative(blob.x, blob.y, blob.axes().0 + reach);
         let margin = (16.0 * FREE_SDS * noise).round() as i16;
         let scale =
             Scale { edge: edge as i16, span: span as i16, margin, light: self.light_on_dark, relative };
@@ -295,7 +323,15 @@ impl DotMeter {
         let hollow = covered && blob.axes().1 - reach > MIN_INNER_PX;
         let inner = hollow.then(|| PixelEllipse::new(blob.x, blob.y, blob.with_axes(|axis| axis - reach)));
         let sums = weighted_sums(image, [&outer, &rim], inner.as_ref(), &scale);
-        (sums.w > 0).then_some(Weighed { sums, scale, dead })
+        let at_end = if clipped {
+            let part = (END_SHARE * f64::from(scale.span)) as i16;
+            let from = if self.light_on_dark { scale.edge + scale.span - part } else { scale.edge };
+            weighted_sums(image, [&outer, &rim], None, &Scale { edge: from, span: part, margin: 0, ..scale })
+                .rim
+        } else {
+            0
+        };
+        (sums.w > 0).then_some(Weighed { sums, scale, dead, at_end })
     }
 
     fn dot(
@@ -305,7 +341,7 @@ impl DotMeter {
         levels: &Levels,
         weighed: &Weighed,
         (noise, pixel_share): (f64, f64),
-        light_px: f64,
+        model_px: f64,
         reach: f64,
     ) -> Option<Detection> {
         let Weighed { sums, scale, .. } = weighed;
@@ -319,7 +355,7 @@ impl DotMeter {
         Some(Detection {
             id,
             px,
-            sd_px: from_noise.hypot(light_px),
+            sd_px: from_noise.hypot(model_px),
             area_px2: area,
             covariance_px2: blob.covariance.map(|c| c * by_area),
             dark_level: levels.dot,
@@ -334,8 +370,7 @@ impl DotMeter {
     fn disturbance_px(&self, id: u32, blob: &Blob, levels: &Levels, weighed: &Weighed, reach: f64) -> f64 {
         let scale = &weighed.scale;
         let [x, y, xx, xy, yy] = scale.relative;
-        let far = blob.axes().0 + reach;
-        let most = (x.abs() + y.abs() + (xx.abs() + xy.abs() + yy.abs()) * far) * far;
+        let most = most_of(&scale.relative, blob.axes().0 + reach);
         let (least, greatest) = levels.ring.range();
         let edge = f64::from(scale.edge) / 16.0;
         // nothing around looks like a dot, in whatever light there is
@@ -381,6 +416,11 @@ impl DotMeter {
         }
         if square > UNEVEN_TIMES * by_noise { (0.5 * (square - by_noise) / count).sqrt() } else { 0.0 }
     }
+}
+
+/// Most that relative light differs from 1 within `far` px.
+fn most_of([x, y, xx, xy, yy]: &[f64; 5], far: f64) -> f64 {
+    (x.abs() + y.abs() + (xx.abs() + xy.abs() + yy.abs()) * far) * far
 }
 
 /// Length of an ellipse's rim (Ramanujan), px.

@@ -11,6 +11,7 @@ mod samples;
 pub(super) use samples::Samples;
 
 use super::ring::{RING, Ring};
+use crate::imaging::MAX_LEVEL;
 use crate::linalg::Ldlt;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use samples::{LightResidual, LightSums, ring_rest};
@@ -40,6 +41,10 @@ const FAR_LEVELS: f64 = 1.0;
 /// and outliers dominate.
 const MIN_PLANE: usize = 12;
 const MIN_QUADRIC: usize = 40;
+
+/// Standard deviation of the level that no light makes, levels: a camera's black level, or what glass and air add. Chosen by hand: 8-bit cameras have
+/// 0 to 8. It counts where the light is measured on what is dark.
+const BLACK_LEVELS: f64 = 4.0;
 
 /// The light as fitted, in grey levels of the plate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -132,6 +137,36 @@ impl LightFit {
             light.deviation = (seen * known / (seen + known)).sqrt();
         }
         light
+    }
+
+    /// The same with the deviation that a light has which was measured on the darker of plate and dots, at samples with this `variance`, because the
+    /// lighter is clipped: by their noise, and by what is dark without less light. Nobody knows the slope where it could not be measured.
+    pub(super) fn of_the_darker(
+        mut self,
+        samples: &Samples,
+        variance: f64,
+        largest_px: f64,
+        half_diagonal_px: f64,
+    ) -> Self {
+        let [level, c1, c2, ..] = self.c;
+        let level = level.max(1.0);
+        let away = |[x, y, _]: [f64; 3]| (x - self.middle.x).powi(2) + (y - self.middle.y).powi(2);
+        let spread: f64 = samples.iter().map(away).sum();
+        // relative rises over the largest dot; the spread of the samples is half along each direction
+        let lost = LOSS * largest_px / half_diagonal_px;
+        let slope = if self.is_even() {
+            lost
+        } else {
+            let unsure = largest_px * (2.0 * variance / spread).sqrt() / level;
+            unsure.hypot(c1.hypot(c2) * self.unit * largest_px * BLACK_LEVELS / (level * level))
+        };
+        self.deviation = MAX_LEVEL * slope;
+        self
+    }
+
+    /// Whether it has no slope.
+    fn is_even(&self) -> bool {
+        self.c.iter().skip(1).all(|c| *c == 0.0)
     }
 
     /// A place in units of the extent, from the dots' middle.

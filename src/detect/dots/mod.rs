@@ -14,6 +14,7 @@
 //! function of position.
 
 mod blob;
+mod clipped;
 mod dot;
 mod dot_grid;
 mod ellipse;

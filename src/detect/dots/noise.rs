@@ -16,6 +16,10 @@ const MAX_INSIDE: f64 = 1.15;
 /// quarter, at four nothing.
 const CUT_SDS: f64 = 2.0;
 
+/// From this share on of the places where the light would be measured at the end of levels it is not measured there. Chosen by hand: three points
+/// of a ring are a glint; half of it takes glints for a clipped plate, the double fits a light to plates that are clipped on one side.
+const CLIPPED_SHARE: f64 = 0.125;
+
 /// Levels of one dot and its surroundings, before its centroid is computed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Levels {
@@ -36,6 +40,22 @@ impl Levels {
     pub(super) fn contrast(&self) -> f64 {
         (self.plate - self.dot).abs()
     }
+}
+
+/// Whether the plate, or dots that are lighter, are at the end of levels, so that nobody knows how light they are, and how light changes over them.
+pub(super) fn is_clipped(levels: &[Option<Levels>], light_on_dark: bool, noise: f64) -> bool {
+    // of levels without noise rounding takes a half
+    let full = MAX_LEVEL - (CUT_SDS * noise).max(0.5);
+    let (mut clipped, mut all) = (0, 0);
+    for levels in levels.iter().flatten() {
+        let (over, count) = if light_on_dark {
+            (usize::from(levels.dot >= full), 1)
+        } else {
+            (levels.ring.levels().filter(|level| *level >= full).count(), levels.ring.count())
+        };
+        (clipped, all) = (clipped + over, all + count);
+    }
+    clipped as f64 > CLIPPED_SHARE * all as f64
 }
 
 /// Noise of pixels on the rim, between those inside dots and on the plate. Blur makes small dots uneven inside; the plate may show
