@@ -47,3 +47,16 @@ impl From<ChessboardMiss> for TargetStatus {
         }
     }
 }
+
+/// Of two reasons the one of the later stage.
+pub(super) fn telling(a: ChessboardMiss, b: ChessboardMiss) -> ChessboardMiss {
+    let rank = |m: &ChessboardMiss| match m {
+        ChessboardMiss::WrongSize | ChessboardMiss::NoContrast | ChessboardMiss::NoCorners => 0,
+        ChessboardMiss::TooFewCorners => 1,
+        ChessboardMiss::TooLarge | ChessboardMiss::NoMatch => 2,
+        ChessboardMiss::NoBorder => 3,
+        ChessboardMiss::Several => 4,
+        ChessboardMiss::GivenUp => 5,
+    };
+    if rank(&a) > rank(&b) { a } else { b }
+}

@@ -29,6 +29,7 @@ use crate::messages::TargetStatus;
 use board::{Board, BoardSide, corner_sd_px};
 use border::{BoardEnd, Outer};
 use lattice::{Links, Placed};
+use miss::telling;
 use nalgebra::Vector2;
 use part::{Affine, trimmed};
 use place::{BoardPlacement, LatticeExtent, placements};
@@ -439,17 +440,4 @@ fn has_contrast(image: &ImageView<'_>) -> bool {
     let levels = || (0..image.height()).flat_map(|y| image.row(y).iter().copied());
     let (darkest, brightest) = (levels().min().unwrap_or(0), levels().max().unwrap_or(0));
     brightest - darkest >= 2 * MIN_RESPONSE
-}
-
-/// Of two reasons the one of the later stage.
-fn telling(a: ChessboardMiss, b: ChessboardMiss) -> ChessboardMiss {
-    let rank = |m: &ChessboardMiss| match m {
-        ChessboardMiss::WrongSize | ChessboardMiss::NoContrast | ChessboardMiss::NoCorners => 0,
-        ChessboardMiss::TooFewCorners => 1,
-        ChessboardMiss::TooLarge | ChessboardMiss::NoMatch => 2,
-        ChessboardMiss::NoBorder => 3,
-        ChessboardMiss::Several => 4,
-        ChessboardMiss::GivenUp => 5,
-    };
-    if rank(&a) > rank(&b) { a } else { b }
 }
