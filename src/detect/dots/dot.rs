@@ -306,6 +306,8 @@ impl DotMeter {
         } else {
             0.0
         };
+        // chosen by hand as for the dead zone: a rim of which more is lost is measured as it stands
+        let (relative, lost) = if lost > 0.3 * contrast { ([0.0; 5], 0.0) } else { (relative, lost) };
         let dead = (3.2 * noise + 1.0).min(0.3 * contrast); // noise passes 3.2 deviations once in 1500; else too little is left
         let away = if self.light_on_dark { dead } else { -dead - lost };
         let edge = (16.0 * (levels.plate + away)).round();
