@@ -337,6 +337,7 @@ pub fn control_loop_with<const N: usize>(
         duration: (!plays_once && !config.serve).then_some(config.duration),
         closed_loop,
         f_px: Vector2::new(i.fx_px, i.fy_px),
+        path: config.servo.path.clone(),
         law: config.servo.law.clone(),
         stability: f64::NAN,
     };

@@ -16,6 +16,7 @@ mod draft;
 mod frame_source;
 mod gains;
 mod goal_file;
+mod goal_path;
 mod lens_file;
 mod place;
 mod pose_forms;

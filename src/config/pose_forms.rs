@@ -73,6 +73,9 @@ pub(super) fn resolve(raw: &mut RawConfig, document: &Document, problems: &mut V
     one("scene.object", &mut raw.scene.object);
     one("scene.camera.mount", &mut raw.scene.camera.mount);
     one("servo.desired", &mut raw.servo.desired);
+    for (i, pose) in raw.servo.path.poses.iter_mut().enumerate() {
+        one(&format!("servo.path.poses[{i}]"), pose);
+    }
     if let Some(X) = raw.stereo.as_mut().and_then(|stereo| stereo.right_in_left.as_mut()) {
         one("stereo.right_in_left", X);
     }

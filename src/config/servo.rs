@@ -3,6 +3,7 @@
 use super::Camera;
 use super::check::Validation;
 use super::gains::{GAIN_1_S, law};
+use super::goal_path::path;
 use super::raw::{Depth, DriveKind, RawConfig, RawServo, SceneMotionKind, SchemeKind, SetPointKind};
 use super::selection::selection;
 use crate::drive::CommandMode;
@@ -75,6 +76,7 @@ pub(super) fn servo(
     let avoid = check.range("servo.limit_avoidance_1_s", s.limit_avoidance_1_s, 0.0..=100.0);
     let object = object(s, check);
     let visibility = visibility(s, target, camera, check);
+    let path = path(raw, X_DO, check);
     let calm = check.range("servo.gain_at_goal_1_s", s.gain_at_goal_1_s, GAIN_1_S);
     if check.count_problems() > before {
         return None;
@@ -88,6 +90,7 @@ pub(super) fn servo(
         returns: s.return_to_last_seen,
         visibility,
         object,
+        path,
         held_lag: SpanNs::from_s(camera.latency.as_s() + HELD_FOR / camera.rate_hz),
         ..ServoSettings::new(law, s.update, camera.mount)
     };

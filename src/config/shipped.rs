@@ -51,6 +51,7 @@ shipped! {
     "ur5-b";
     "ur5-hybrid";
     "ur5-mujoco" needs "examples/mujoco/mujoco_drive.py", "config/robot/ur5.urdf";
+    "ur5-path";
     "xarm7";
 }
 

@@ -74,6 +74,9 @@ pub(super) fn validate(
         check.wrong("run.serve", "needs a camera that sees the arm's own motion: camera.source is `replay`");
     }
     let moves_an_arm = raw.camera.source.closes_the_loop() && raw.drive.kind != DriveKind::None;
+    if !raw.servo.path.poses.is_empty() && !moves_an_arm {
+        check.wrong("servo.path", "needs an arm that moves, and a camera that sees its motion");
+    }
     if raw.servo.scheme == SchemeKind::LookAndMove && !moves_an_arm {
         check.wrong(
             "servo.scheme",
@@ -162,6 +165,9 @@ pub(super) fn validate(
                 hidden.point, hidden.why, hidden.how_far
             );
             check.wrong("servo.desired", message);
+        }
+        if let Some(path) = servo.as_ref().and_then(|(servo, _)| servo.path.as_ref()).filter(|_| views) {
+            start::path_view(target, &camera.model, path, check);
         }
         if let (Some(robot), Some(scene), true) = (&robot, &scene, arm_is_good) {
             start::view(&raw, robot, (camera, scene), views, check);

@@ -110,6 +110,7 @@ impl<const N: usize> ControlLoop<N> {
             fault: output.fault,
             stopped: self.stopped,
             over,
+            path_began: self.controller.servo().path_began(),
             measurement_record: record,
             limits: output.limits,
             events: std::mem::take(&mut self.events),

@@ -43,6 +43,8 @@ pub struct Trace {
     pub lost: u64,
     /// The measurement of this tick, and the verdict on it.
     pub measurement_record: Option<MeasurementRecord>,
+    /// When the path of the goal began; `None` for a goal at rest.
+    pub path_began: Option<MonoNs>,
     /// The limits that acted.
     pub limits: ActingLimits,
     /// The events of the tick; the mission adds its own.
@@ -71,6 +73,7 @@ impl Trace {
             over: false,
             lost: 0,
             measurement_record: None,
+            path_began: None,
             limits: ActingLimits::default(),
             events: Events::default(),
             status: None,

@@ -18,10 +18,12 @@
 //! | residual | the remaining error of an arm that has come to rest, or oscillates, away from its goal ([`residual`]) |
 
 mod errors;
+mod goal_path;
 mod lockstep;
 mod look_and_move;
 pub mod measurement_log;
 mod model_error;
+mod plan;
 pub mod residual;
 pub mod run_end;
 mod status;
@@ -30,9 +32,11 @@ mod teaching;
 pub mod truth;
 
 pub use errors::{FinalErrors, MeasuredErrors};
+pub use goal_path::PathTracking;
 pub use lockstep::LockstepRun;
 pub use look_and_move::LookAndMove;
 pub use model_error::{DescriptionError, ModelError};
+pub use plan::{Goal, RunPlan, Service};
 pub use task::{BelievedCell, RunTask};
 
 use crate::control::lifecycle::Request;
@@ -43,10 +47,11 @@ use crate::control::trace::{Event, Trace};
 use crate::drive::DriveState;
 use crate::messages::{ControlState, JointState, Measurement, frame_flag, joint_flag};
 use crate::motion::ActingLimits;
-use crate::servo::{Law, MeasurementVerdict, SetPoint, View};
-use crate::time::{MonoNs, SpanNs, TICK};
+use crate::servo::{MeasurementVerdict, View};
+use crate::time::{MonoNs, TICK};
+use goal_path::TrackingSums;
 use measurement_log::MeasurementLog;
-use nalgebra::{SVector, Vector2};
+use nalgebra::SVector;
 use residual::{AMBIGUOUS_VIEW, NO_NEARER, ResidualWatch, is_another_pose, why_it_stays};
 use run_end::RunEnd;
 use std::collections::VecDeque;
@@ -72,50 +77,6 @@ const NO_MORE_FRAMES: Finish = Finish {
 };
 const CONVERGED: Finish = Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" };
 
-/// Who begins and ends a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Service {
-    /// It starts by itself, after teaching where the goal is taught, and ends when its task is done.
-    OneShot {
-        /// Whether the goal is taught first.
-        teaches: bool,
-    },
-    /// It waits for requests, and ends on request.
-    Served,
-}
-
-/// A goal of the run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Goal {
-    /// Its number in the run: 0 is that of the run file, and each taught goal has the next number.
-    pub id: u32,
-    /// The features.
-    pub set_point: SetPoint,
-    /// Largest root mean square feature error at which it counts as reached, px.
-    pub tolerance_px: f64,
-    /// Time for which it must be held.
-    pub hold: SpanNs,
-}
-
-/// The conditions under which a run begins and ends.
-#[derive(Debug, Clone)]
-pub struct RunPlan {
-    /// Whether the run serves requests, or executes its file.
-    pub service: Service,
-    /// Measurements of which a taught goal is the mean.
-    pub teaching_measurements: u32,
-    /// When the arm is brought to rest at the latest; `None` ends with the last frame only.
-    pub duration: Option<SpanNs>,
-    /// Whether the loop is closed: without it there is no goal to reach.
-    pub closed_loop: bool,
-    /// Focal lengths that turn normalized errors into pixels.
-    pub f_px: Vector2<f64>,
-    /// The law, by which an error that stays is judged.
-    pub law: Law,
-    /// What a status tells as [`Status::stability`](crate::messages::Status::stability).
-    pub stability: f64,
-}
-
 /// The mission of one run.
 pub struct Mission<const N: usize> {
     plan: RunPlan,
@@ -131,6 +92,9 @@ pub struct Mission<const N: usize> {
     goal_since: Option<MonoNs>,
     /// Whether it was reported that the goal was held.
     goal_told: bool,
+    /// When the goal began to move on its path.
+    path_began: Option<MonoNs>,
+    tracking: TrackingSums,
     rest: RestWatch<N>,
     residual: ResidualWatch,
     /// Whether the gain of control is reduced.
@@ -171,6 +135,8 @@ impl<const N: usize> Mission<N> {
             state: ControlState::Waiting,
             goal_since: None,
             goal_told: false,
+            path_began: None,
+            tracking: TrackingSums::default(),
             rest: RestWatch::default(),
             residual: ResidualWatch::default(),
             is_reduced: false,
@@ -194,6 +160,7 @@ impl<const N: usize> Mission<N> {
         self.rest.note(&DriveState { q: vector(&js.q), qd: vector(&js.qd), truth: None });
         self.acted = self.acted.with(&trace.limits);
         self.hear(trace);
+        self.move_goal(trace);
         if let RunTask::LookAndMove(task) = &mut self.task {
             task.note_arm(now, self.state, self.rest.is_at_rest());
         }
@@ -269,7 +236,7 @@ impl<const N: usize> Mission<N> {
         let view = View::of(m, &self.goal.set_point);
         let view = view.filter(|_| verdict.is_some_and(MeasurementVerdict::is_used));
         let Some(taught) = view.and_then(|view| teacher.add(&view, &self.goal.set_point)) else { return };
-        self.teacher = None;
+        (self.teacher, self.plan.path) = (None, None);
         (self.goal.set_point, self.goal.id) = (taught.clone(), self.goal.id.saturating_add(1));
         self.orders.push_back(ControlOrder::Goal(taught));
         if self.plan.service == (Service::OneShot { teaches: true }) {
@@ -279,7 +246,8 @@ impl<const N: usize> Mission<N> {
 
     fn count(&mut self, trace: &mut Trace, m: &Measurement, verdict: Option<MeasurementVerdict>) {
         self.last_frame_seen |= m.flags & frame_flag::LAST != 0;
-        let set_point = &self.goal.set_point;
+        let then = self.set_point_at(m.exposure);
+        let set_point = then.as_ref().unwrap_or(&self.goal.set_point);
         // What the law refused says nothing about the goal: it is old, or of another target. Nor does braking at the end.
         let has_ended = self.end.decided().is_some();
         let is_of_goal =
@@ -299,7 +267,8 @@ impl<const N: usize> Mission<N> {
             return;
         }
         self.residual.note_error(trace.time, error_px);
-        if error_px.is_nan() || error_px > self.goal.tolerance_px {
+        self.note_tracking(m.exposure, error_px);
+        if error_px.is_nan() || error_px > self.goal.tolerance_px || !self.has_arrived(m.exposure) {
             self.goal_since = None;
         } else {
             self.goal_since.get_or_insert(trace.time);

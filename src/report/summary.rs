@@ -1,12 +1,14 @@
 //! The summary of a run: what `--summary` writes and the last lines on stdout say.
 
+mod found_payload;
 mod stamp_calibration;
 
+pub use found_payload::FoundPayload;
 pub use stamp_calibration::StampCalibration;
 
 use crate::control::outcome::Outcome;
 use crate::mission::measurement_log::VerdictCounts;
-use crate::mission::{FinalErrors, ModelError};
+use crate::mission::{FinalErrors, ModelError, PathTracking};
 use crate::report::histogram::Quantiles;
 use crate::report::numbers::significant;
 use crate::servo::Stability;
@@ -137,15 +139,6 @@ pub struct LimitedTicks {
     pub stall: u64,
 }
 
-/// A payload that was estimated from the torques of the joints.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct FoundPayload {
-    /// Mass, kg.
-    pub mass_kg: f64,
-    /// Centre of mass in the flange's frame, m; nearer to the flange than it is where that is not sure.
-    pub com_m: [f64; 3],
-}
-
 /// The summary of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -222,6 +215,9 @@ pub struct Summary {
     /// without a scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stability: Option<Stability>,
+    /// How near the features stayed to a goal that moves on a path; left out for a goal at rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path: Option<PathTracking>,
 }
 
 /// A duration of a histogram, us, to the digits that its buckets resolve: their width is 1.6 to 3.1 % of the duration.
@@ -268,6 +264,7 @@ impl Summary {
             state_hash: None,
             calibration: None,
             stability: None,
+            path: None,
         }
     }
 
@@ -338,6 +335,9 @@ impl Summary {
                 or_unknown(b.position_error_m, 1e3, "mm"),
                 or_unknown(b.orientation_error_rad, 180.0 / std::f64::consts::PI, "deg"),
             );
+        }
+        if let Some(path) = &self.path {
+            let _ = writeln!(t, "path          {}", path.describe());
         }
         if let Some(FoundPayload { mass_kg, com_m: [x, y, z] }) = self.payload {
             let _ = writeln!(

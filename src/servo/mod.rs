@@ -29,6 +29,7 @@
 //! | set-point | The features, and where it is known the pose, that the camera shall see at the goal ([`SetPoint`]). |
 //! | view | The features of one instant, and where it is known the pose of the object in the camera's frame ([`View`]). |
 //! | task | What a law computes from a view and a set-point in the camera's frame: an error with its normal equations, or a wrench ([`Task`]). |
+//! | goal path | A set-point that moves: the desired pose over time, and its twist ([`GoalPath`]). |
 //! | law output | What a law asks of the joints: velocities (rad/s or m/s), or torques (N m or N) ([`LawOutput`]). |
 //! | interaction matrix, `L_s` | The derivative of the features by the relative motion of camera and object, (10.21). |
 //! | gain | The rate at which a resolved-velocity law reduces its error, 1/s ([`Gain`]). |
@@ -54,6 +55,7 @@
 mod convergence;
 mod gain;
 mod gain_matrix;
+mod goal_path;
 mod hybrid;
 mod image;
 mod interaction;
@@ -80,6 +82,7 @@ mod visual_servo;
 pub use convergence::Convergence;
 pub use gain::Gain;
 pub use gain_matrix::{FeatureEntries, FeatureMatrix, GainMatrix, NoGainMatrix, eigenvalue_range};
+pub use goal_path::{GoalPath, MovingGoal};
 pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
 pub use image::{
     FeatureGains, image_error, image_task, image_task_by, image_wrench, image_wrench_by,

@@ -32,19 +32,25 @@ impl SetPoint {
     #[must_use]
     pub fn from_pose(X_DO: &Pose, points: &[Point3<f64>]) -> Option<Self> {
         let mut set_point = Self::empty(points)?;
-        let places = set_point.s_d.iter_mut().zip(&mut set_point.z_d_m);
-        for ((s, z), p_O) in places.zip(points) {
+        set_point.move_to(X_DO).then_some(set_point)
+    }
+
+    /// Moves the desired pose to `X_DO`, and with it features, depths and normal. Returns false, and changes nothing, where a point would lie
+    /// behind the camera.
+    pub fn move_to(&mut self, X_DO: &Pose) -> bool {
+        if !self.points().iter().all(|p_O| (X_DO * p_O).z > 0.0) {
+            return false;
+        }
+        let places = self.s_d.iter_mut().zip(&mut self.z_d_m).zip(&self.p_O);
+        for ((s, z), p_O) in places.take(self.count) {
             let p_D = X_DO * p_O;
-            if !(p_D.z > 0.0) {
-                return None;
-            }
             *s = p_D.coords.xy() / p_D.z;
             *z = p_D.z;
         }
-        set_point.X_DO = Some(*X_DO);
+        self.X_DO = Some(*X_DO);
         let n_D = X_DO.rotation * Vector3::z();
-        set_point.n_D = if n_D.z < 0.0 { -n_D } else { n_D };
-        Some(set_point)
+        self.n_D = if n_D.z < 0.0 { -n_D } else { n_D };
+        true
     }
 
     fn empty(points: &[Point3<f64>]) -> Option<Self> {

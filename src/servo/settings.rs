@@ -1,6 +1,6 @@
 //! Settings of visual servoing that are fixed for a run. What changes during a run, the set-point and the share of the gain, is not part of them.
 
-use super::{Law, ObjectDynamics, VisibilityGuard};
+use super::{GoalPath, Law, ObjectDynamics, VisibilityGuard};
 use crate::geometry::Pose;
 use crate::robot::Mount;
 use crate::time::SpanNs;
@@ -38,6 +38,8 @@ pub struct ServoSettings {
     /// Dynamics for the estimate of the object's own motion: `predict` then predicts views by it too, and velocity laws add its feed-forward. `None`
     /// for an object at rest.
     pub object: Option<ObjectDynamics>,
+    /// The path of the goal, from the first law output on; `None` for a goal at rest.
+    pub path: Option<GoalPath>,
     /// Age of the view that a law held between measurements would use: latency and, in the mean, half of a frame's period, at most a whole one.
     /// The gain under `predict` is raised so that the error falls as fast as it would under such a held law.
     pub held_lag: SpanNs,
@@ -64,6 +66,7 @@ impl ServoSettings {
             limit_avoidance_1_s: None,
             visibility: None,
             object: None,
+            path: None,
             held_lag: SpanNs::ZERO,
             gain_at_goal_1_s: f64::INFINITY,
             returns: false,

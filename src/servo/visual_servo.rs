@@ -6,31 +6,27 @@
 //! latency; the motion of a moving object is estimated, where [`ServoSettings::object`] asks for it.
 
 mod covariance;
+mod feed_forward;
+mod hidden_features;
 mod pace;
 
 use super::unobserved_motion::{LONGEST_SPAN, unobserved_motion};
 use super::{
-    Arm, Convergence, DepthRow, LawOutput, MeasurementVerdict, ObjectMotion, ServoSettings, SetPoint, Task,
-    TwistTask, UnobservedMotion, UpdatePolicy, View, away_from_limits, joint_velocity, seek_null_motion,
+    Arm, Convergence, DepthRow, LawOutput, MeasurementVerdict, MovingGoal, ObjectMotion, ServoSettings,
+    SetPoint, Task, TwistTask, UnobservedMotion, UpdatePolicy, View, away_from_limits, joint_velocity,
+    seek_null_motion,
 };
-use crate::geometry::{Pose, rotate_twist};
+use crate::geometry::Pose;
 use crate::messages::{Measurement, TargetStatus};
 use crate::robot::{CameraJacobian, JointHistory, Robot};
 use crate::time::{MonoNs, SpanNs};
 use covariance::{covariance_in, stated_covariance};
+use feed_forward::{follow, follow_twist};
 use nalgebra::{Matrix6, SVector, Vector6};
 
 /// How far an exposure stamp may lie in the future, since some drivers stamp the planned end of a frame: a period of 20 Hz. Half and twice of it
 /// change no unit test.
 const LONGEST_FUTURE: SpanNs = SpanNs(50_000_000);
-
-/// How long hidden features are predicted by the arm's motion from the last complete view. Chosen by hand.
-const LONGEST_GUESS: SpanNs = SpanNs(3_000_000_000);
-/// Root mean square distance, normalized, of visible features from their prediction by that motion, beyond which the object has
-/// moved, or the calibration of the camera's mount is wrong: 24 px of a lens of 800 px. Chosen by hand; no unit test of servo comes to it.
-const MAX_CONTRADICTION: f64 = 0.03;
-/// Standard deviation of the features of a view with predicted ones, normalized: half a pixel of a lens of 800 px. Chosen by hand.
-const SD_OF_A_GUESS: f64 = 6e-4;
 
 /// The share of its gains above which a swinging arm is slowed down once more. Shares are halved, so that a half and a quarter
 /// are possible, and any number between these means the same: twice. That twice is enough is chosen by hand.
@@ -63,6 +59,8 @@ struct LawAnswer<const N: usize> {
 #[derive(Debug, Clone, Copy)]
 struct ServoGoal<'a> {
     goal: &'a SetPoint,
+    /// How the goal moves, where the arm is moved along with it.
+    motion: Option<MovingGoal>,
     /// Share of each gain that resolved velocities have.
     gain_share: f64,
 }
@@ -85,6 +83,10 @@ pub struct VisualServo<const N: usize> {
     /// First requested velocity, and when: a smooth start subtracts its fading part.
     start: Option<(MonoNs, SVector<f64, N>)>,
     object: Option<ObjectMotion>,
+    /// Whether the goal moves on its path: until another one is set.
+    follows_path: bool,
+    /// When the path of the goal began.
+    path_began: Option<MonoNs>,
     /// Joint motion that the last measurement showed beyond the history.
     drift: Option<UnobservedMotion<N>>,
     /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
@@ -108,6 +110,8 @@ impl<const N: usize> VisualServo<N> {
             fresh: false,
             start: None,
             object,
+            follows_path: true,
+            path_began: None,
             drift: None,
             gain_share: 1.0,
         }
@@ -125,8 +129,9 @@ impl<const N: usize> VisualServo<N> {
         &self.settings
     }
 
-    /// Changes the set-point to `goal`; measurements that were already taken are used for it too.
+    /// Changes the set-point to `goal`, which stays where it is; measurements that were already taken are used for it too.
     pub fn set_goal(&mut self, goal: SetPoint) {
+        (self.follows_path, self.path_began) = (false, None);
         self.goal = goal;
         self.held = None;
         self.last = self.last.and_then(|last| {
@@ -261,26 +266,6 @@ impl<const N: usize> VisualServo<N> {
         self.drift.take()
     }
 
-    /// Completes a view in which so much is hidden that it has no pose: hidden features are predicted from the last complete view by the arm's
-    /// known motion (and the object's, where it is estimated); the pose is that of least reprojection error for all features. `None` when there
-    /// is no complete view that is recent enough, or prediction and visible features contradict each other.
-    fn completed_by_motion(
-        &self,
-        seen: &View,
-        exposure: MonoNs,
-        X_WC: &Pose,
-    ) -> Option<(View, Matrix6<f64>)> {
-        let set_point = &self.goal;
-        let whole = self.whole.as_ref().filter(|whole| exposure - whole.exposure <= LONGEST_GUESS)?;
-        // An object at rest is predicted from the last complete view; one that moves is predicted from frame to frame, so that what
-        // is wrong with its estimated speed does not add up before it is put right.
-        let from = if self.object.is_some() { self.last.as_ref()? } else { whole };
-        let moved = self.object.as_ref().map(|object| object.displacement(from.exposure, exposure));
-        let X_WC_then = moved.map_or(from.X_WC, |moved| moved * from.X_WC);
-        let guess = from.view.predicted_at(&X_WC.inv_mul(&X_WC_then), set_point)?;
-        seen.with_hidden_of(&guess, set_point, (MAX_CONTRADICTION, SD_OF_A_GUESS))
-    }
-
     /// The law output at this tick for the joint positions `q` (rad or m) and velocities `qd` (rad/s or m/s). `None` before the first
     /// measurement, and where the law has no finite output.
     pub fn law_output(
@@ -289,13 +274,20 @@ impl<const N: usize> VisualServo<N> {
         qd: &SVector<f64, N>,
         robot: &Robot<N>,
     ) -> Option<LawOutput<N>> {
+        let motion = self.move_goal();
         let last = self.last.as_ref()?;
         let fresh = std::mem::take(&mut self.fresh);
         let held = self.settings.update == UpdatePolicy::Frame && !fresh;
         if !held {
             let now = self.history.newest().unwrap_or(last.exposure);
             let object = self.object.as_ref().map(|object| (object, now));
-            self.held = self.settings.law_output(self.pursuit(), last, object, (q, qd), robot);
+            self.held = self.settings.law_output(
+                ServoGoal { motion, ..self.pursuit() },
+                last,
+                object,
+                (q, qd),
+                robot,
+            );
         }
         let LawAnswer { law_output, .. } = self.held?;
         Some(self.started(law_output)).filter(LawOutput::is_finite)
@@ -333,7 +325,7 @@ impl<const N: usize> VisualServo<N> {
     }
 
     fn pursuit(&self) -> ServoGoal<'_> {
-        ServoGoal { goal: &self.goal, gain_share: self.gain_share }
+        ServoGoal { goal: &self.goal, motion: None, gain_share: self.gain_share }
     }
 
     /// How the last requested velocity leads to its goal; `None` without one.
@@ -390,6 +382,11 @@ impl ServoSettings {
             answer.convergence.feed_forward = follow(object, then, &X_WC, &J);
             *qd += answer.convergence.feed_forward;
         }
+        if let (LawOutput::Velocity(qd), Some(moving)) = (&mut answer.law_output, &pursuit.motion) {
+            let along = follow_twist(&moving.twist_of_camera(view.X_CO().unwrap_or(&moving.X_DO)), &J);
+            answer.convergence.feed_forward += along;
+            *qd += along;
+        }
         Some(answer)
     }
 
@@ -433,20 +430,6 @@ impl ServoSettings {
         }
         Some(answer)
     }
-}
-
-/// Feed-forward: the joint velocity, rad/s or m/s, that keeps the camera's pose relative to a moving object. `None` where
-/// the arm cannot follow.
-fn follow<const N: usize>(
-    object: &ObjectMotion,
-    now: MonoNs,
-    X_WC: &Pose,
-    J: &CameraJacobian<N>,
-) -> SVector<f64, N> {
-    let V_W = object.twist_at(now, &X_WC.translation.vector);
-    let V_C = rotate_twist(&X_WC.rotation.inverse().to_rotation_matrix(), &V_W);
-    let task = TwistTask { matrix: Matrix6::identity(), vector: V_C, error: V_C.norm() };
-    joint_velocity(&task, 1.0, J).unwrap_or_else(SVector::zeros)
 }
 
 #[cfg(test)]

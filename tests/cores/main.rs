@@ -13,6 +13,7 @@ mod dot_grid_truth;
 mod dots_truth;
 mod edges_real;
 mod friction;
+mod goal_path;
 mod hostile;
 mod identity;
 mod lens;

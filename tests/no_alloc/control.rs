@@ -107,6 +107,8 @@ fn no_tick_allocates() {
         config_of("ur5.toml", &["run.task=calibrate_hand_eye"]),
         config_of("default.toml", &["servo.object.moves=true"]),
         config_of("ur5.toml", &["servo.return_to_last_seen=true"]),
+        config_of("ur5-path.toml", &[]),
+        config_of("ur5-path.toml", &["servo.scheme=hybrid"]),
         config_of("stereo.toml", &[]),
         config_of("shape-moments.toml", &[]),
         config_of("shape.toml", &["servo.area=area"]),

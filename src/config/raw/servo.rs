@@ -196,6 +196,8 @@ table! {
         visibility: RawVisibility = RawVisibility::default(),
         /// `[servo.object]`: estimate the target's own motion, predict views by it and follow it.
         object: RawObject = RawObject::default(),
+        /// `[servo.path]`: the desired pose over time.
+        path: RawPath = RawPath::default(),
         /// `[servo.set_point]`
         set_point: RawSetPoint = RawSetPoint::default(),
         /// `X_DO`: the target in the desired camera frame.
@@ -205,6 +207,29 @@ table! {
                 rotation_rpy_rad: [0.0, 0.0, -std::f64::consts::FRAC_PI_3],
                 ..RawPose::default()
             },
+    }
+}
+
+pose_table! {
+    /// A pose on the path of the goal: `X_DO` at a time.
+    RawPathPose {
+        /// Time since the arm began to follow, s.
+        t_s: f64 = 0.0,
+        /// Position, m.
+        position_m: [f64; 3] = [0.0; 3],
+        /// Roll, pitch, yaw, rad.
+        rotation_rpy_rad: [f64; 3] = [0.0; 3],
+    }
+}
+
+table! {
+    /// The desired pose over time.
+    RawPath {
+        /// Whether the arm is moved along with the goal.
+        feed_forward: bool = true,
+        /// `[[servo.path.poses]]`: after `servo.desired` at 0 s; without one the goal rests.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        poses: Vec<RawPathPose> = Vec::new(),
     }
 }
 

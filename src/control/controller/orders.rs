@@ -29,6 +29,7 @@ impl<const N: usize> Controller<N> {
                 if matches!(request, Request::Start | Request::Reset) {
                     self.restore_gain();
                     self.servo.restore_gain();
+                    self.servo.restart_path();
                 }
                 self.state = next;
                 Ok(())

@@ -277,5 +277,6 @@ fn summary<const N: usize>(
         state_hash: lockstep.then(|| statistics.state_hash()),
         calibration: None,
         stability: None,
+        path: mission.path_tracking(),
     }
 }

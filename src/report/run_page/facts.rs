@@ -63,6 +63,9 @@ pub fn run_facts(s: &Summary) -> Vec<(String, String)> {
         let b = &f.believed;
         tell("the same as measured", errors(b.feature_error_px, b.position_error_m, b.orientation_error_rad));
     }
+    if let Some(path) = &s.path {
+        tell("path of the goal", path.describe());
+    }
     if let Some(stability) = &s.stability {
         let at = |place: &str, margins: &Margins| {
             let StabilityMargin { definite, slowest } = margins.joints;

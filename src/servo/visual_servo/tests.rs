@@ -4,7 +4,7 @@ use crate::robot::Mount;
 use crate::servo::{
     Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, OperationalSpace, OrientationError,
 };
-use crate::servo::{Law, ObjectDynamics};
+use crate::servo::{GoalPath, Law, ObjectDynamics};
 use crate::sim::perfect_measurement;
 use nalgebra::{Point3, Vector3, Vector4};
 use proptest::prelude::*;
@@ -336,4 +336,34 @@ fn low_gains_settle_as_held_ones_and_high_ones_as_set() {
     }
     let rates: Vec<f64> = (0..100).map(|i| 0.01 * f64::from(i)).map(|r| r * as_quick_as_held(r)).collect();
     assert!(rates.is_sorted() && (as_quick_as_held(0.4) - 1.0).abs() < 1e-12);
+}
+
+/// The path begins with the first law output, again where that is asked for, and ends where another goal is set; an arm that looks ahead follows the
+/// goal of then.
+#[test]
+fn a_path_begins_with_the_law_and_ends_with_another_goal() {
+    let (robot, still) = (scara(), Vector4::zeros());
+    let mut s = servo(UpdatePolicy::Predict);
+    let first = *s.set_point().X_DO().unwrap();
+    let last = Pose::new([-0.05, 0.1, 0.7].into(), [0.0, 0.0, -0.8].into());
+    let path = GoalPath::new(&[(0.0, first), (1.0, last)], true).unwrap();
+    s.settings.path = Some(path.clone());
+    s.settings.lead = SpanNs(50 * MS);
+    moved_to(&mut s, 0..=100);
+    s.add_measurement(MonoNs(100 * MS), &seen_at(100), &robot);
+    assert_eq!((s.path_began(), *s.set_point().X_DO().unwrap()), (None, first));
+    for (ms, t_s) in [(100, 0.05), (400, 0.35), (1100, 1.05)] {
+        moved_to(&mut s, ms..=ms);
+        velocity(s.law_output(&q_at(100), &still, &robot));
+        assert_eq!(s.path_began(), Some(MonoNs(100 * MS)));
+        assert_eq!(*s.set_point().X_DO().unwrap(), path.at(t_s).X_DO, "{ms}");
+    }
+    s.restart_path();
+    velocity(s.law_output(&q_at(100), &still, &robot));
+    assert_eq!(s.path_began(), Some(MonoNs(1100 * MS)));
+    let other = s.set_point().clone();
+    s.set_goal(other.clone());
+    moved_to(&mut s, 2000..=2000);
+    velocity(s.law_output(&q_at(100), &still, &robot));
+    assert_eq!((s.path_began(), s.set_point()), (None, &other));
 }

@@ -4,16 +4,19 @@
 //! ```text
 //!            ┌─ Visibility   whole marks and plate in the image, at start and goal
 //! Config ────┼─ Reach   inverse kinematics with limits: the goal's posture, or the nearest one
-//!            └─ Way     the straight way of the camera: singular postures, ends of ranges
+//!            ├─ Way     the straight way of the camera: singular postures, ends of ranges
+//!            └─ Path    of a goal that moves: speeds, reach of each pose
 //! ```
 //! All of it is geometry: what an object, a hand or the light do later is not known here. The start is as the simulated cell really is,
 //! the goal as it is believed.
 
 mod law;
+mod path;
 mod reach;
 mod stability;
 mod words;
 
+pub use path::GoalPathAhead;
 pub use reach::{CameraPath, Posture, Reach};
 
 use crate::config::{Config, Scene};
@@ -40,6 +43,8 @@ pub struct Preflight {
     pub reach: Reach,
     /// The straight way there; `None` where there is none to look at.
     pub way: Option<CameraPath>,
+    /// The path of a goal that moves; `None` for one at rest, or where nobody asks for its reach.
+    pub path: Option<GoalPathAhead>,
     /// Where the depths in the law's matrix come from; `None` for a law without depths.
     pub depth: Option<String>,
     /// How far the law is from instability with what it believes of lens, mount, target and depth, (10.91); `None` for laws other than scheme
@@ -124,6 +129,7 @@ impl Preflight {
             goal,
             reach: Reach::Unasked { why: "" },
             way: None,
+            path: None,
             depth: law::depth(config),
             stability: None,
             notes: notes(config),
@@ -138,6 +144,9 @@ impl Preflight {
                 let (reach, found) = question.reach();
                 // What lies on the way of a motion that does not look is not asked.
                 preflight.way = found.filter(|_| !config.looks_and_moves()).map(|_| question.way());
+                preflight.path = found
+                    .zip(config.servo.path.as_ref())
+                    .map(|(q, path)| GoalPathAhead::of(path, &ReachProblem { q_start: q, ..question }));
                 q_goal = found;
                 reach
             }
@@ -163,6 +172,7 @@ impl Preflight {
         if let Some(message) = words::out_of_reach(&self.reach) {
             faults.push(("servo.desired", message));
         }
+        faults.extend(self.path.iter().filter_map(|path| Some(("servo.path", path.fault()?))));
         faults
     }
 

@@ -22,6 +22,7 @@ pub(super) fn lines(preflight: &Preflight) -> Vec<String> {
     if let Some(way) = &preflight.way {
         lines.push(format!("  way:   {}", straight_way(way)));
     }
+    lines.extend(preflight.path.iter().map(|path| format!("  path:  {}", path.line())));
     lines.extend(preflight.depth.iter().map(|depth| format!("  depth: {depth}")));
     if let Some([condition, slowest]) = preflight.stability.as_ref().map(stability) {
         lines.extend([format!("  law:   {condition}"), format!("         {slowest}")]);
@@ -133,7 +134,7 @@ fn reach(reach: &Reach) -> String {
 }
 
 /// How near the arm comes to a goal that it does not reach.
-fn nearest(reach: &Reach) -> String {
+pub(super) fn nearest(reach: &Reach) -> String {
     let Reach::Beyond { nearest, off_m, off_rad, at_limits } = reach else { return String::new() };
     let held = if at_limits.is_empty() && nearest.q.len() < 6 {
         format!(" as far as {} joints can", nearest.q.len())
