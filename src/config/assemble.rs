@@ -372,6 +372,9 @@ fn joint_controller<const N: usize>(
         JointControl::InverseDynamics => {
             JointLaw::InverseDynamics(InverseDynamicsControl::new(omega_rad_s, zeta))
         }
+        JointControl::OperationalSpace => {
+            JointLaw::OperationalSpace(InverseDynamicsControl::new(omega_rad_s, zeta))
+        }
         JointControl::PdGravity => {
             let mut control = PdGravityControl::for_posture(robot, q_start, omega_rad_s, zeta);
             if !motion.stiffness.is_empty() {

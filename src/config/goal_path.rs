@@ -108,7 +108,7 @@ mod tests {
             (
                 "servo.path.poses[0].rotation_xyzw",
                 "has length",
-                poses(&format!("{{ t_s = 2, {there}, rotation_xyzw = [0, 0, 0, 2] }}")),
+                poses(&format!("{{ t_s = 2, {there}, rotation_xyzw = [0, 0, 0, 1.05] }}")),
             ),
             (
                 "servo.path.poses[0].position_m[0]",

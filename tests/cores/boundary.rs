@@ -61,6 +61,24 @@ fn the_plant_keeps_the_limits_of_the_run_file() {
     }
 }
 
+/// Motion control in operational space: four, six and seven joints and two, also where the gain is high.
+#[test]
+fn the_plant_keeps_the_limits_in_operational_space() {
+    for file in ["default.toml", "ur5.toml", "ur5-b.toml", "panda.toml", "xarm7.toml", "pan_tilt.toml"] {
+        for gain in ["servo.gain_1_s=2.0", "servo.gain_1_s=20.0"] {
+            let config = config(file, &["motion.controller=operational_space", gain]);
+            let (shares, finish) = with_robot!(config, |robot| {
+                let (shares, over) = shares(&config, &robot, 0.0);
+                (shares, over.finish)
+            });
+            // As in joint space, above.
+            let most = if file == "xarm7.toml" { [1.002, 1.03] } else { [1.001, 1.01] };
+            assert!(shares[0] <= most[0] && shares[1] <= most[1], "{file} {gain}: {shares:?}");
+            assert_eq!(finish.unwrap().outcome, Outcome::Converged, "{file} {gain}");
+        }
+    }
+}
+
 #[test]
 fn an_unexpected_start_is_refused_unless_allowed() {
     for file in ["default.toml", "ur5.toml", "scara-a.toml", "panda.toml"] {

@@ -102,6 +102,8 @@ fn no_tick_allocates() {
         config_of("ur5.toml", &["drive.mode=velocity", "motion.controller=pass_through"]),
         config_of("panda.toml", &["drive.kind=ideal"]),
         config_of("pan_tilt.toml", &[]),
+        config_of("panda.toml", &["motion.controller=operational_space"]),
+        config_of("pan_tilt.toml", &["motion.controller=operational_space"]),
         config_of("default.toml", &["run.task=calibrate_latency"]),
         config_of("panda.toml", &["run.task=calibrate_latency"]),
         config_of("ur5.toml", &["run.task=calibrate_hand_eye"]),

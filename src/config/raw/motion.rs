@@ -7,6 +7,8 @@ word! {
     JointControl {
         /// Torques by inverse dynamics.
         InverseDynamics,
+        /// Torques by inverse dynamics in operational space: of the flange's pose.
+        OperationalSpace,
         /// Torques by PD with gravity compensation.
         PdGravity,
         /// The reference itself, for drives that close their own loop.

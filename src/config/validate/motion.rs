@@ -24,7 +24,7 @@ pub(super) fn motion(
         check.wrong(
             "motion.controller",
             "pass_through gives no torque, and the drive is commanded by torque: set drive.mode to velocity or position, \
-             or take inverse_dynamics or pd_gravity",
+             or take inverse_dynamics, operational_space or pd_gravity",
         );
     }
     let pd = m.controller == JointControl::PdGravity;

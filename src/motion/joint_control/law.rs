@@ -11,17 +11,19 @@ use nalgebra::SVector;
 pub enum JointLaw<const N: usize> {
     /// Inverse dynamics in joint space.
     InverseDynamics(InverseDynamicsControl),
+    /// Inverse dynamics in operational space: the pose of the flange.
+    OperationalSpace(InverseDynamicsControl),
     /// PD with gravity compensation.
     PdGravity(PdGravityControl<N>),
     /// The reference itself.
     PassThrough,
 }
 
-/// Inverse dynamics control in joint space.
+/// Inverse dynamics control: of the joints, or of the pose of the flange.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InverseDynamicsControl {
-    omega_rad_s: f64,
-    zeta: f64,
+    pub(super) omega_rad_s: f64,
+    pub(super) zeta: f64,
 }
 
 /// PD control with gravity compensation, each joint with gains of its own.
@@ -61,7 +63,9 @@ impl<const N: usize> JointLaw<N> {
         let velocity = reference.qd + reference.qdd * TICK.as_s();
         let zero = SVector::zeros();
         match self {
-            Self::InverseDynamics(InverseDynamicsControl { omega_rad_s, zeta }) => Feedback {
+            // In operational space the joints' own acceleration is what is left where the pose leaves motion free.
+            Self::InverseDynamics(InverseDynamicsControl { omega_rad_s, zeta })
+            | Self::OperationalSpace(InverseDynamicsControl { omega_rad_s, zeta }) => Feedback {
                 u: reference.qdd + ed * (2.0 * zeta * omega_rad_s) + e * (omega_rad_s * omega_rad_s),
                 expected: reference.qdd,
                 torque: zero,

@@ -3,6 +3,7 @@
 //! | law | gives | closed loop, with `e = q_r - q` |
 //! | --- | --- | --- |
 //! | inverse dynamics | torque | `u = qdd_r + K_D e' + K_P e`: the arm behaves as double integrators, `e'' + 2 zeta omega e' + omega^2 e = 0` |
+//! | the same in operational space | torque | of the flange's pose: `x~'' + 2 zeta omega x~' + omega^2 x~ = 0` (`operational_space.rs`) |
 //! | PD with gravity compensation | torque | `u = qdd_r`, `f = K_P e + K_D e'` |
 //! | pass-through | no torque | `q_r`, `qd_r` as they are, for drives that close their own loop |
 //!
@@ -16,6 +17,7 @@
 //! the [observer](super::joint_observer) estimates. The model is evaluated at the posture in the middle of the step.
 
 mod law;
+mod operational_space;
 mod stall;
 mod sticking;
 
@@ -243,6 +245,9 @@ impl<const N: usize> JointController<N> {
         let share = if self.soft { SOFT_SHARE } else { 1.0 };
         let (e, ed) = ((reference.q - q) * (share * share), (reference.qd - qd) * share);
         let mut feedback = self.law.feedback(&e, &ed, reference);
+        if let (JointLaw::OperationalSpace(control), false) = (&self.law, self.soft) {
+            feedback.u = control.in_operational_space(robot, (q, qd), reference, &feedback.u);
+        }
         if !self.soft && reference.qd.amax() == 0.0 && reference.qdd.amax() == 0.0 {
             let probe = self.observer.probe_velocity(&e);
             feedback.velocity += probe;
