@@ -8,7 +8,9 @@ use super::raw::{Depth, DriveKind, RawConfig, RawServo, SceneMotionKind, SchemeK
 use super::selection::selection;
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
-use crate::servo::{ObjectDynamics, Selection, ServoSettings, SetPoint, UpdatePolicy, VisibilityGuard};
+use crate::servo::{
+    Law, ObjectDynamics, OperationalSpace, Selection, ServoSettings, SetPoint, UpdatePolicy, VisibilityGuard,
+};
 use crate::target::Target;
 use crate::time::SpanNs;
 use nalgebra::{Vector2, Vector3};
@@ -160,6 +162,24 @@ fn object(s: &RawServo, check: &mut Validation<'_>) -> Option<ObjectDynamics> {
         check.wrong("servo.object.moves", "needs servo.update = \"predict\": the others do not look ahead");
     }
     s.object.moves.then_some(dynamics)
+}
+
+/// Warns of a pose in six numbers that an arm of fewer joints is to reach: what is wrong with its measured tilt, which the arm cannot follow, the law takes for
+/// a displacement of the camera, by the distance of the target times it.
+pub(super) fn doubtful_dimension(law: &Law, set_point: &SetPoint, joints: usize, check: &mut Validation<'_>) {
+    let six = matches!(
+        law,
+        Law::PositionTorque { space: OperationalSpace::Six, .. }
+            | Law::PositionVelocity { space: OperationalSpace::Six, .. }
+    );
+    let level = set_point.X_DO().is_some_and(|X_DO| !tilted(X_DO));
+    if six && level && (4..6).contains(&joints) {
+        let message = format!(
+            "is 6, and the arm has {joints} joints: it cannot follow the tilt of the measured pose, and what is wrong with that moves the camera aside, \
+             by the distance of the target times the angle; with 4 the tilt is not estimated"
+        );
+        check.doubtful("servo.dimension", message);
+    }
 }
 
 /// Whether the scheme is computed with m = 4 or 6 by `servo.dimension`; the image-based ones follow the joints.

@@ -42,6 +42,7 @@ shipped! {
     "stereo";
     "tag";
     "tag-cube";
+    "textbook/problem-10-10";
     "textbook/scara-a";
     "textbook/scara-b";
     "textbook/scara-c";

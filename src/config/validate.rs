@@ -13,7 +13,7 @@ use super::raw::{
     SetPointKind, Task,
 };
 use super::selection::doubtful_features;
-use super::servo::servo;
+use super::servo::{doubtful_dimension, servo};
 use super::stereo::stereo;
 use super::target::target;
 use super::{Camera, Config, Document, GoalTolerance, Problem, Realtime, RealtimeRequest, Safety, Start};
@@ -153,6 +153,9 @@ pub(super) fn validate(
     let robot = start::arm(&raw, check);
     if let (Some((servo, set_point)), Some(robot)) = (&servo, &robot) {
         doubtful_features(&servo.law, set_point, robot.joint_count(), check);
+        if raw.stereo.is_none() && raw.servo.scheme != SchemeKind::LookAndMove {
+            doubtful_dimension(&servo.law, set_point, robot.joint_count(), check);
+        }
     }
     let drive = drive::drive(&raw, robot.as_ref(), check);
     let motion = motion::motion(&raw, (drive.mode, &drive.simulated), robot.as_ref(), check);

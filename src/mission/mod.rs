@@ -356,7 +356,7 @@ impl<const N: usize> Mission<N> {
         let why =
             |px| match seen.filter(|m| is_another_pose(&self.goal.set_point, m, &self.plan.f_px, met_px)) {
                 Some(_) => AMBIGUOUS_VIEW,
-                None => why_it_stays(&self.plan.law, &self.goal.set_point, seen, px),
+                None => why_it_stays(&self.plan.law, &self.goal.set_point, seen, (px, N)),
             };
         let stays = || self.residual.constant_px(goal_px).map(why).or_else(no_nearer);
         let in_view = self.measurements.last().is_some_and(Measurement::found);

@@ -28,6 +28,7 @@ mod plausible_numbers;
 mod pnp_accuracy;
 mod points_in_space;
 mod pose_methods;
+mod position_laws_on_arms;
 #[path = "../chessboard/render.rs"]
 mod render;
 #[path = "../rendered/mod.rs"]

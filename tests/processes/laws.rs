@@ -47,6 +47,7 @@ fn the_runs_of_the_text_converge() {
     ] {
         converges(&format!("textbook/scara-{name}.toml"), scheme, &[]);
     }
+    converges("textbook/problem-10-10.toml", "image_pd", &[]);
 }
 
 /// A z_d that is wrong changes how the hybrid law goes to its goal, and not where that is.

@@ -11,7 +11,7 @@ use nalgebra::SVector;
 /// Rate at which an arm under a torque law is braked without a trusted view, 1/s. Chosen by hand: its speed falls to 5 % in 0.4 s. The
 /// deceleration is this rate times the speed: 10 rad/s^2 is needed from 1.25 rad/s on, and with twice the rate from 0.6 rad/s on.
 const BRAKE_1_S: f64 = 8.0;
-/// Speed at which a joint has its whole Coulomb friction, rad/s or m/s. Chosen by hand; it must lie above the width over which the
+/// Speed at which a joint has its whole Coulomb friction, and below which it may be held, rad/s or m/s. Chosen by hand; it must lie above the width over which the
 /// friction model changes its sign, 1e-3 (`robot/model.rs`).
 const MOVES: f64 = 0.05;
 /// Mean time for which a joint under a torque law is assumed to have accelerated, s: its mean speed over the 0.4 s in which joints must
@@ -96,10 +96,12 @@ impl<const N: usize> Controller<N> {
         // A joint at rest is expected to move only when it is pushed with more than twice its friction.
         let stiction = robot.friction_torque(&qdd.map(|a| MOVES * a.signum())) * 2.0;
         let loose = robot.forward_dynamics(&state.q, &state.qd, &(within - stiction));
-        // Nor farther than the limits let it: they act joint by joint, and may hold one back that its torque would drive away.
+        // Nor farther than the limits let it: they act joint by joint, and may hold one back that its torque would drive away. Of a joint that moves it is
+        // seen that nothing holds it, also where it is braked and turns back.
         let way = SVector::from_fn(|i, _| {
             let agree = loose[i] * qdd[i] > 0.0 && after.qdd[i] * qdd[i] > 0.0;
-            let pushed = if agree { loose[i].abs().min(after.qdd[i].abs()) } else { 0.0 };
+            let stands = state.qd[i].abs() < MOVES;
+            let pushed = if agree && stands { loose[i].abs().min(after.qdd[i].abs()) } else { 0.0 };
             pushed * loose[i].signum() * START_S * TICK.as_s()
         });
         TickMotion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
