@@ -52,7 +52,8 @@ pub(super) fn path(raw: &RawConfig, X_DO: &Pose, check: &mut Validation<'_>) -> 
         let t_s = check.range(&format!("{key}.t_s"), pose.t_s, TIME_S);
         let X = check.pose(&key, pose.position_m, pose.rotation_rpy_rad);
         let (before_s, before) = poses.last().copied().unwrap_or((0.0, *X_DO));
-        if t_s < before_s + TIME_S.start() {
+        let is_time = TIME_S.contains(&t_s);
+        if is_time && t_s < before_s + TIME_S.start() {
             let message =
                 format!("{t_s} s is not later than {before_s} s before it, by {} s", TIME_S.start());
             check.wrong(&format!("{key}.t_s"), message);
@@ -64,10 +65,10 @@ pub(super) fn path(raw: &RawConfig, X_DO: &Pose, check: &mut Validation<'_>) -> 
             );
             check.wrong(&key, message);
         }
-        poses.push((t_s, X));
+        poses.push((if is_time { t_s } else { before_s }, X));
     }
     let end_s = poses.last().map_or(0.0, |(t_s, _)| *t_s);
-    if !raw.run.serve && TIME_S.contains(&end_s) && raw.run.duration_s <= end_s {
+    if !raw.run.serve && TIME_S.contains(&raw.run.duration_s) && raw.run.duration_s <= end_s {
         let message = format!("{} s are over before the path is, at {end_s} s", raw.run.duration_s);
         check.wrong("run.duration_s", message);
     }
