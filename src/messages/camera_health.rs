@@ -1,5 +1,6 @@
 //! State and counters of a real camera: `camera/N/health`.
 
+use super::layout::record;
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -65,43 +66,44 @@ pub mod health_flag {
     pub const RATE_MISSED: u32 = 2;
 }
 
-/// State and counters of a real camera, sent at each change and a few times a second.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.CameraHealth.v1"))]
-pub struct CameraHealth {
-    /// Counts what its sender has sent, from 0: a gap is a record that was lost on the way.
-    pub sequence: u64,
-    /// When the record was sent.
-    pub stamp: MonoNs,
-    /// Time of the last change of the state.
-    pub since: MonoNs,
-    /// Frames handed over.
-    pub frames: u64,
-    /// Frames lost, for whatever reason.
-    pub lost: u64,
-    /// Of these: damaged.
-    pub corrupt: u64,
-    /// Of these: replaced by a newer frame that had arrived too.
-    pub superseded: u64,
-    /// Of these: without a usable stamp.
-    pub undated: u64,
-    /// How often the device was opened again, after it was unplugged or failed.
-    pub reopened: u64,
-    /// How often its stream was restarted.
-    pub restarted: u64,
-    /// Frames whose stamps lay in the future.
-    pub stamps_clamped: u64,
-    /// Frames per second that the device really exposes; NaN while unknown.
-    pub rate_hz: f64,
-    /// Code of a [`CameraState`].
-    pub state: u32,
-    /// Which camera.
-    pub camera: u32,
-    /// Bits of [`health_flag`].
-    pub flags: u32,
-    /// For later; zero.
-    pub reserved: u32,
+record! {
+    "vservo.CameraHealth.v1",
+    /// State and counters of a real camera, sent at each change and a few times a second.
+    #[derive(Debug, Clone, Copy, Default, PartialEq)]
+    pub struct CameraHealth {
+        /// Counts what its sender has sent, from 0: a gap is a record that was lost on the way.
+        pub sequence: u64,
+        /// When the record was sent.
+        pub stamp: MonoNs,
+        /// Time of the last change of the state.
+        pub since: MonoNs,
+        /// Frames handed over.
+        pub frames: u64,
+        /// Frames lost, for whatever reason.
+        pub lost: u64,
+        /// Of these: damaged.
+        pub corrupt: u64,
+        /// Of these: replaced by a newer frame that had arrived too.
+        pub superseded: u64,
+        /// Of these: without a usable stamp.
+        pub undated: u64,
+        /// How often the device was opened again, after it was unplugged or failed.
+        pub reopened: u64,
+        /// How often its stream was restarted.
+        pub restarted: u64,
+        /// Frames whose stamps lay in the future.
+        pub stamps_clamped: u64,
+        /// Frames per second that the device really exposes; NaN while unknown.
+        pub rate_hz: f64,
+        /// Code of a [`CameraState`].
+        pub state: u32,
+        /// Which camera.
+        pub camera: u32,
+        /// Bits of [`health_flag`].
+        pub flags: u32,
+        /// For later; zero.
+        pub reserved: u32,
+    }
 }
 
 #[cfg(test)]

@@ -1,61 +1,64 @@
 //! Requests to control and its answers: `control/command`.
 
 use super::MAX_JOINTS;
+use super::layout::record;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// A request to control.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.ControlCommand.v1"))]
-pub struct ControlCommand {
-    /// Code of a [`crate::control::lifecycle::Request`]; 0 asks for the answer alone, and every other code is refused.
-    pub request: u32,
-    /// Which arm: 0; a request for any other is refused.
-    pub arm: u32,
+record! {
+    "vservo.ControlCommand.v1",
+    /// A request to control.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+    pub struct ControlCommand {
+        /// Code of a [`crate::control::lifecycle::Request`]; 0 asks for the answer alone, and every other code is refused.
+        pub request: u32,
+        /// Which arm: 0; a request for any other is refused.
+        pub arm: u32,
+    }
 }
 
-/// The answer to a request, with the state of the run.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.ControlAnswer.v2"))]
-pub struct ControlAnswer {
-    /// The request that this answers.
-    pub request: u32,
-    /// Code of a [`crate::control::lifecycle::Refusal`]; 0: it was accepted.
-    pub refusal: u32,
-    /// Code of a [`super::ControlState`].
-    pub state: u32,
-    /// Code of a [`crate::control::safety::Fault`]; 0: none.
-    pub fault: u32,
-    /// Code of the [`super::TargetStatus`] of the last measurement.
-    pub target: u32,
-    /// Joints in use.
-    pub joints: u32,
-    /// Bits of [`answer_flag`].
-    pub flags: u32,
-    /// Which arm.
-    pub arm: u32,
-    /// Code of a [`super::CameraState`] of a real camera.
-    pub camera_state: u32,
-    /// For later; zero.
-    pub reserved: u32,
-    /// Number of the control tick.
-    pub tick: u64,
-    /// Time since the first tick, s.
-    pub time_s: f64,
-    /// Root mean square feature error, px; NaN before the first measurement.
-    pub feature_error_px: f64,
-    /// Distance of the camera from its desired position, m; NaN where unknown.
-    pub position_error_m: f64,
-    /// Angle of the camera from its desired orientation, rad; NaN where unknown.
-    pub orientation_error_rad: f64,
-    /// For how long the camera has been in its state, s; NaN where unknown.
-    pub camera_state_s: f64,
-    /// Measured joint positions, rad or m.
-    pub q: [f64; MAX_JOINTS],
-    /// Measured joint velocities, rad/s or m/s.
-    pub qd: [f64; MAX_JOINTS],
+record! {
+    "vservo.ControlAnswer.v2",
+    /// The answer to a request, with the state of the run.
+    #[derive(Debug, Clone, Copy, Default, PartialEq)]
+    pub struct ControlAnswer {
+        /// The request that this answers.
+        pub request: u32,
+        /// Code of a [`crate::control::lifecycle::Refusal`]; 0: it was accepted.
+        pub refusal: u32,
+        /// Code of a [`super::ControlState`].
+        pub state: u32,
+        /// Code of a [`crate::control::safety::Fault`]; 0: none.
+        pub fault: u32,
+        /// Code of the [`super::TargetStatus`] of the last measurement.
+        pub target: u32,
+        /// Joints in use.
+        pub joints: u32,
+        /// Bits of [`answer_flag`].
+        pub flags: u32,
+        /// Which arm.
+        pub arm: u32,
+        /// Code of a [`super::CameraState`] of a real camera.
+        pub camera_state: u32,
+        /// For later; zero.
+        pub reserved: u32,
+        /// Number of the control tick.
+        pub tick: u64,
+        /// Time since the first tick, s.
+        pub time_s: f64,
+        /// Root mean square feature error, px; NaN before the first measurement.
+        pub feature_error_px: f64,
+        /// Distance of the camera from its desired position, m; NaN where unknown.
+        pub position_error_m: f64,
+        /// Angle of the camera from its desired orientation, rad; NaN where unknown.
+        pub orientation_error_rad: f64,
+        /// For how long the camera has been in its state, s; NaN where unknown.
+        pub camera_state_s: f64,
+        /// Measured joint positions, rad or m.
+        pub q: [f64; MAX_JOINTS],
+        /// Measured joint velocities, rad/s or m/s.
+        pub qd: [f64; MAX_JOINTS],
+    }
 }
 
 /// Bits of [`ControlAnswer::flags`].

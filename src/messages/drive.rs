@@ -11,66 +11,69 @@
 //! protocol, which every drive's program must share.
 
 use super::MAX_JOINTS;
+use super::layout::record;
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// A command to an external drive.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.DriveCommand.v2"))]
-pub struct DriveCommandMsg {
-    /// Number of the control tick, counted in whole milliseconds from the first.
-    pub tick: u64,
-    /// Counts what control has sent, `START` included, from 0: a gap is a command that was lost on the way.
-    pub sequence: u64,
-    /// Time of that tick.
-    pub stamp: MonoNs,
-    /// Joints in use.
-    pub joints: u32,
-    /// Command mode, which says what to follow: 0 `tau`, 1 `qd_r`, 2 `q_r` and `qd_r`.
-    pub mode: u32,
-    /// Bits of [`drive_flag`].
-    pub flags: u32,
-    /// Which arm: 0.
-    pub arm: u32,
-    /// Reference positions, rad or m; with `START` the start position.
-    pub q_r: [f64; MAX_JOINTS],
-    /// Reference velocities, rad/s or m/s.
-    pub qd_r: [f64; MAX_JOINTS],
-    /// Torques or forces, N m or N.
-    pub tau: [f64; MAX_JOINTS],
+record! {
+    "vservo.DriveCommand.v2",
+    /// A command to an external drive.
+    #[derive(Debug, Clone, Copy, Default, PartialEq)]
+    pub struct DriveCommandMsg {
+        /// Number of the control tick, counted in whole milliseconds from the first.
+        pub tick: u64,
+        /// Counts what control has sent, `START` included, from 0: a gap is a command that was lost on the way.
+        pub sequence: u64,
+        /// Time of that tick.
+        pub stamp: MonoNs,
+        /// Joints in use.
+        pub joints: u32,
+        /// Command mode, which says what to follow: 0 `tau`, 1 `qd_r`, 2 `q_r` and `qd_r`.
+        pub mode: u32,
+        /// Bits of [`drive_flag`].
+        pub flags: u32,
+        /// Which arm: 0.
+        pub arm: u32,
+        /// Reference positions, rad or m; with `START` the start position.
+        pub q_r: [f64; MAX_JOINTS],
+        /// Reference velocities, rad/s or m/s.
+        pub qd_r: [f64; MAX_JOINTS],
+        /// Torques or forces, N m or N.
+        pub tau: [f64; MAX_JOINTS],
+    }
 }
 
-/// A state of an external drive.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.DriveState.v2"))]
-pub struct DriveStateMsg {
-    /// Lockstep: the tick of the command that this answers, plus one. Real time: counts the states.
-    pub tick: u64,
-    /// Counts what the drive has sent since it joined, from 0.
-    pub sequence: u64,
-    /// When it was sampled. Lockstep: the stamp of the command that this answers, plus 1 ms. Real time: `CLOCK_MONOTONIC`.
-    pub stamp: MonoNs,
-    /// Joints in use.
-    pub joints: u32,
-    /// The command modes that the drive supports: bit 0 torque, bit 1 velocity, bit 2 position.
-    pub modes: u32,
-    /// Bits of [`drive_flag`].
-    pub flags: u32,
-    /// Which arm: 0.
-    pub arm: u32,
-    /// Measured positions, rad or m.
-    pub q: [f64; MAX_JOINTS],
-    /// Measured velocities, rad/s or m/s.
-    pub qd: [f64; MAX_JOINTS],
-    /// Measured torques or forces, N m or N; zero where the drive does not measure them.
-    pub tau: [f64; MAX_JOINTS],
-    /// With `TRUTH`, the true positions, rad or m, which a synthetic camera renders.
-    pub q_true: [f64; MAX_JOINTS],
-    /// With `TRUTH`, the true velocities, rad/s or m/s.
-    pub qd_true: [f64; MAX_JOINTS],
+record! {
+    "vservo.DriveState.v2",
+    /// A state of an external drive.
+    #[derive(Debug, Clone, Copy, Default, PartialEq)]
+    pub struct DriveStateMsg {
+        /// Lockstep: the tick of the command that this answers, plus one. Real time: counts the states.
+        pub tick: u64,
+        /// Counts what the drive has sent since it joined, from 0.
+        pub sequence: u64,
+        /// When it was sampled. Lockstep: the stamp of the command that this answers, plus 1 ms. Real time: `CLOCK_MONOTONIC`.
+        pub stamp: MonoNs,
+        /// Joints in use.
+        pub joints: u32,
+        /// The command modes that the drive supports: bit 0 torque, bit 1 velocity, bit 2 position.
+        pub modes: u32,
+        /// Bits of [`drive_flag`].
+        pub flags: u32,
+        /// Which arm: 0.
+        pub arm: u32,
+        /// Measured positions, rad or m.
+        pub q: [f64; MAX_JOINTS],
+        /// Measured velocities, rad/s or m/s.
+        pub qd: [f64; MAX_JOINTS],
+        /// Measured torques or forces, N m or N; zero where the drive does not measure them.
+        pub tau: [f64; MAX_JOINTS],
+        /// With `TRUTH`, the true positions, rad or m, which a synthetic camera renders.
+        pub q_true: [f64; MAX_JOINTS],
+        /// With `TRUTH`, the true velocities, rad/s or m/s.
+        pub qd_true: [f64; MAX_JOINTS],
+    }
 }
 
 /// Bits of [`DriveCommandMsg::flags`] and [`DriveStateMsg::flags`].

@@ -1,43 +1,45 @@
 //! State of the arm's joints at each tick: `control/joint_state`.
 
 use super::MAX_JOINTS;
+use super::layout::record;
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// State of the joints at one tick.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.JointState.v2"))]
-pub struct JointState {
-    /// Number of the control tick.
-    pub tick: u64,
-    /// Counts what its sender has sent, from 0: a gap is a record that was lost on the way.
-    pub sequence: u64,
-    /// When the drive was read.
-    pub stamp: MonoNs,
-    /// Joints in use.
-    pub joints: u32,
-    /// Bits of [`joint_flag`].
-    pub flags: u32,
-    /// Which arm.
-    pub arm: u32,
-    /// Zero.
-    pub reserved: u32,
-    /// Measured positions, rad or m.
-    pub q: [f64; MAX_JOINTS],
-    /// Measured velocities, rad/s or m/s.
-    pub qd: [f64; MAX_JOINTS],
-    /// Torques or forces applied at the previous tick, N m or N.
-    pub tau: [f64; MAX_JOINTS],
-    /// Reference positions, rad or m.
-    pub q_r: [f64; MAX_JOINTS],
-    /// Reference velocities, rad/s or m/s.
-    pub qd_r: [f64; MAX_JOINTS],
-    /// True positions of a simulated arm, rad or m, which a synthetic camera renders.
-    pub q_true: [f64; MAX_JOINTS],
-    /// True velocities of a simulated arm, rad/s or m/s.
-    pub qd_true: [f64; MAX_JOINTS],
+record! {
+    "vservo.JointState.v2",
+    /// State of the joints at one tick.
+    #[derive(Debug, Clone, Copy, Default, PartialEq)]
+    pub struct JointState {
+        /// Number of the control tick.
+        pub tick: u64,
+        /// Counts what its sender has sent, from 0: a gap is a record that was lost on the way.
+        pub sequence: u64,
+        /// When the drive was read.
+        pub stamp: MonoNs,
+        /// Joints in use.
+        pub joints: u32,
+        /// Bits of [`joint_flag`].
+        pub flags: u32,
+        /// Which arm.
+        pub arm: u32,
+        /// Zero.
+        pub reserved: u32,
+        /// Measured positions, rad or m.
+        pub q: [f64; MAX_JOINTS],
+        /// Measured velocities, rad/s or m/s.
+        pub qd: [f64; MAX_JOINTS],
+        /// Torques or forces applied at the previous tick, N m or N.
+        pub tau: [f64; MAX_JOINTS],
+        /// Reference positions, rad or m.
+        pub q_r: [f64; MAX_JOINTS],
+        /// Reference velocities, rad/s or m/s.
+        pub qd_r: [f64; MAX_JOINTS],
+        /// True positions of a simulated arm, rad or m, which a synthetic camera renders.
+        pub q_true: [f64; MAX_JOINTS],
+        /// True velocities of a simulated arm, rad/s or m/s.
+        pub qd_true: [f64; MAX_JOINTS],
+    }
 }
 
 /// Bits of [`JointState::flags`].

@@ -1,6 +1,7 @@
 //! The measurement of one frame: `vision/N/measurement`. The numbers here are those of the protocol.
 
 use super::MAX_FEATURES;
+use super::layout::record;
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -85,62 +86,64 @@ impl TargetStatus {
     }
 }
 
-/// One feature point.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.FeaturePoint.v2"))]
-pub struct FeaturePoint {
-    /// Which point of the target.
-    pub id: u64,
-    /// Column of the feature in the frame (distorted), px; pixel centres are integers.
-    pub u_px: f64,
-    /// Row of the feature in the frame, px.
-    pub v_px: f64,
-    /// X of the feature in normalized coordinates, undistorted (10.3).
-    pub x: f64,
-    /// Y of the feature in normalized coordinates.
-    pub y: f64,
-    /// One standard deviation of `u_px` and `v_px`, px.
-    pub sd_px: f64,
+record! {
+    "vservo.FeaturePoint.v2",
+    /// One feature point.
+    #[derive(Debug, Clone, Copy, Default, PartialEq)]
+    pub struct FeaturePoint {
+        /// Which point of the target.
+        pub id: u64,
+        /// Column of the feature in the frame (distorted), px; pixel centres are integers.
+        pub u_px: f64,
+        /// Row of the feature in the frame, px.
+        pub v_px: f64,
+        /// X of the feature in normalized coordinates, undistorted (10.3).
+        pub x: f64,
+        /// Y of the feature in normalized coordinates.
+        pub y: f64,
+        /// One standard deviation of `u_px` and `v_px`, px.
+        pub sd_px: f64,
+    }
 }
 
-/// Features, pose and status that vision measured in one frame.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.Measurement.v2"))]
-pub struct Measurement {
-    /// The frame it was taken from.
-    pub frame_id: u64,
-    /// Middle of that frame's exposure.
-    pub exposure: MonoNs,
-    /// When the camera sent the frame.
-    pub frame_sent: MonoNs,
-    /// When vision began to process it.
-    pub vision_start: MonoNs,
-    /// When vision had processed it.
-    pub vision_end: MonoNs,
-    /// Frames that vision has received since its start.
-    pub frames_received: u64,
-    /// Frames that the camera sent and vision did not process.
-    pub frames_dropped: u64,
-    /// How often a target that had been detected was lost.
-    pub target_lost: u64,
-    /// Which camera.
-    pub camera: u32,
-    /// Code of a [`TargetStatus`].
-    pub status: u32,
-    /// Bits of [`super::frame_flag`] and [`measurement_flag`].
-    pub flags: u32,
-    /// How many entries of `features` are valid; their ids rise.
-    pub feature_count: u32,
-    /// The features.
-    pub features: [FeaturePoint; MAX_FEATURES],
-    /// `X_CO` as position in m and quaternion `x y z w`.
-    pub pose: [f64; 7],
-    /// Covariance of the pose, row by row: m and rad, as twist `[v; w]` of O expressed in C.
-    pub pose_covariance: [f64; 36],
-    /// Reprojection error of the best pose, root mean square, px; also of a rejected measurement.
-    pub reprojection_rms_px: f64,
+record! {
+    "vservo.Measurement.v2",
+    /// Features, pose and status that vision measured in one frame.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    pub struct Measurement {
+        /// The frame it was taken from.
+        pub frame_id: u64,
+        /// Middle of that frame's exposure.
+        pub exposure: MonoNs,
+        /// When the camera sent the frame.
+        pub frame_sent: MonoNs,
+        /// When vision began to process it.
+        pub vision_start: MonoNs,
+        /// When vision had processed it.
+        pub vision_end: MonoNs,
+        /// Frames that vision has received since its start.
+        pub frames_received: u64,
+        /// Frames that the camera sent and vision did not process.
+        pub frames_dropped: u64,
+        /// How often a target that had been detected was lost.
+        pub target_lost: u64,
+        /// Which camera.
+        pub camera: u32,
+        /// Code of a [`TargetStatus`].
+        pub status: u32,
+        /// Bits of [`super::frame_flag`] and [`measurement_flag`].
+        pub flags: u32,
+        /// How many entries of `features` are valid; their ids rise.
+        pub feature_count: u32,
+        /// The features.
+        pub features: [FeaturePoint; MAX_FEATURES],
+        /// `X_CO` as position in m and quaternion `x y z w`.
+        pub pose: [f64; 7],
+        /// Covariance of the pose, row by row: m and rad, as twist `[v; w]` of O expressed in C.
+        pub pose_covariance: [f64; 36],
+        /// Reprojection error of the best pose, root mean square, px; also of a rejected measurement.
+        pub reprojection_rms_px: f64,
+    }
 }
 
 impl Default for Measurement {

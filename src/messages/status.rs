@@ -1,5 +1,6 @@
 //! State of the run, 50 times a second: `control/status`.
 
+use super::layout::record;
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -77,67 +78,68 @@ pub mod status_flag {
     pub const DEGRADED: u32 = 1;
 }
 
-/// State of the run, in a flat record, so that plotting tools can show every field.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.Status.v4"))]
-pub struct Status {
-    /// Number of the control tick.
-    pub tick: u64,
-    /// Counts what its sender has sent, from 0: a gap is a record that was lost on the way.
-    pub sequence: u64,
-    /// Time of that tick.
-    pub stamp: MonoNs,
-    /// Time since the first tick, s.
-    pub time_s: f64,
-    /// Root mean square feature error in the image, px; NaN before the first measurement.
-    pub feature_error_px: f64,
-    /// Distance of the camera from its desired position, m; NaN where unknown.
-    pub position_error_m: f64,
-    /// Angle of the camera from its desired orientation, rad; NaN where unknown.
-    pub orientation_error_rad: f64,
-    /// Exposure to command of the newest measurement, us; NaN before the first.
-    pub exposure_to_command_us: f64,
-    /// From exposure to the sending of its frame, us; NaN where the two have different clocks (lockstep).
-    pub exposure_to_frame_us: f64,
-    /// From the frame's sending to the start of its processing in vision, us.
-    pub frame_to_vision_us: f64,
-    /// Time that vision needed to process it, us.
-    pub vision_us: f64,
-    /// From the finished measurement to the command that used it, us; NaN in lockstep.
-    pub measurement_to_command_us: f64,
-    /// The twist `[v; w]` that the law requests of a camera which no arm moves (`drive.kind = "none"`, replayed images), in the
-    /// camera's frame, m/s and rad/s; NaN where an arm moves it, and without a view.
-    pub V_C: [f64; 6],
-    /// Measurements used.
-    pub measurements: u64,
-    /// Frames that vision received.
-    pub frames: u64,
-    /// Frames that vision skipped.
-    pub frames_dropped: u64,
-    /// How often the target was lost.
-    pub target_lost: u64,
-    /// Deadlines missed.
-    pub missed_deadlines: u64,
-    /// For how long the camera has been in its state, s; NaN where unknown.
-    pub camera_state_s: f64,
-    /// Share of the gain at which the slowest error near the goal falls with what the law believes of depth, lens, mount and target, as
-    /// `vservo check` tells it (`stability`); 0 or less: unstable. NaN for other laws than scheme D, and without a scene.
-    pub stability: f64,
-    /// Code of a [`ControlState`]: what control does.
-    pub state: u32,
-    /// Code of the [`super::TargetStatus`] of the last measurement.
-    pub target: u32,
-    /// The limits that acted since the last status: bits of [`crate::motion::Limit`].
-    pub limits: u32,
-    /// The joints on which they acted: bit 0 is the first.
-    pub limited_joints: u32,
-    /// Which arm.
-    pub arm: u32,
-    /// Bits of [`status_flag`].
-    pub flags: u32,
-    /// Code of a [`super::CameraState`] of a real camera.
-    pub camera_state: u32,
-    /// For later; zero.
-    pub reserved: u32,
+record! {
+    "vservo.Status.v4",
+    /// State of the run, in a flat record, so that plotting tools can show every field.
+    #[derive(Debug, Clone, Copy, Default, PartialEq)]
+    pub struct Status {
+        /// Number of the control tick.
+        pub tick: u64,
+        /// Counts what its sender has sent, from 0: a gap is a record that was lost on the way.
+        pub sequence: u64,
+        /// Time of that tick.
+        pub stamp: MonoNs,
+        /// Time since the first tick, s.
+        pub time_s: f64,
+        /// Root mean square feature error in the image, px; NaN before the first measurement.
+        pub feature_error_px: f64,
+        /// Distance of the camera from its desired position, m; NaN where unknown.
+        pub position_error_m: f64,
+        /// Angle of the camera from its desired orientation, rad; NaN where unknown.
+        pub orientation_error_rad: f64,
+        /// Exposure to command of the newest measurement, us; NaN before the first.
+        pub exposure_to_command_us: f64,
+        /// From exposure to the sending of its frame, us; NaN where the two have different clocks (lockstep).
+        pub exposure_to_frame_us: f64,
+        /// From the frame's sending to the start of its processing in vision, us.
+        pub frame_to_vision_us: f64,
+        /// Time that vision needed to process it, us.
+        pub vision_us: f64,
+        /// From the finished measurement to the command that used it, us; NaN in lockstep.
+        pub measurement_to_command_us: f64,
+        /// The twist `[v; w]` that the law requests of a camera which no arm moves (`drive.kind = "none"`, replayed images), in the
+        /// camera's frame, m/s and rad/s; NaN where an arm moves it, and without a view.
+        pub V_C: [f64; 6],
+        /// Measurements used.
+        pub measurements: u64,
+        /// Frames that vision received.
+        pub frames: u64,
+        /// Frames that vision skipped.
+        pub frames_dropped: u64,
+        /// How often the target was lost.
+        pub target_lost: u64,
+        /// Deadlines missed.
+        pub missed_deadlines: u64,
+        /// For how long the camera has been in its state, s; NaN where unknown.
+        pub camera_state_s: f64,
+        /// Share of the gain at which the slowest error near the goal falls with what the law believes of depth, lens, mount and target, as
+        /// `vservo check` tells it (`stability`); 0 or less: unstable. NaN for other laws than scheme D, and without a scene.
+        pub stability: f64,
+        /// Code of a [`ControlState`]: what control does.
+        pub state: u32,
+        /// Code of the [`super::TargetStatus`] of the last measurement.
+        pub target: u32,
+        /// The limits that acted since the last status: bits of [`crate::motion::Limit`].
+        pub limits: u32,
+        /// The joints on which they acted: bit 0 is the first.
+        pub limited_joints: u32,
+        /// Which arm.
+        pub arm: u32,
+        /// Bits of [`status_flag`].
+        pub flags: u32,
+        /// Code of a [`super::CameraState`] of a real camera.
+        pub camera_state: u32,
+        /// For later; zero.
+        pub reserved: u32,
+    }
 }

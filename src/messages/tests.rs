@@ -35,6 +35,67 @@ fn type_names_carry_their_version() {
     }
 }
 
+/// All records.
+const LAYOUTS: [&RecordLayout; 10] = [
+    CameraHealth::LAYOUT,
+    ControlAnswer::LAYOUT,
+    ControlCommand::LAYOUT,
+    DriveCommandMsg::LAYOUT,
+    DriveStateMsg::LAYOUT,
+    FrameHeader::LAYOUT,
+    JointState::LAYOUT,
+    Measurement::LAYOUT,
+    Status::LAYOUT,
+    TraceMsg::LAYOUT,
+];
+
+/// Where XCDR1 puts the fields of `layout` after `at` bytes, each held against where the compiler has put it in the record that begins at `begin`:
+/// every number at the next multiple of its own size, at most 8.
+fn assert_encoded_in_place(layout: &RecordLayout, begin: usize, mut at: usize) -> usize {
+    for field in layout.fields {
+        for entry in 0..field.count.unwrap_or(1) {
+            let lies = begin + field.offset + entry * field.kind.bytes();
+            at = match field.kind {
+                FieldType::Record(inner) => assert_encoded_in_place(inner, lies, at),
+                number => {
+                    let encoded = at.next_multiple_of(number.bytes());
+                    assert_eq!(encoded, lies, "{}.{}[{entry}]", layout.name, field.name);
+                    encoded + number.bytes()
+                }
+            };
+        }
+    }
+    assert_eq!(at, begin + layout.bytes, "{} has nothing behind its last field", layout.name);
+    at
+}
+
+#[test]
+fn records_lie_in_memory_as_xcdr1_encodes_them() {
+    for layout in LAYOUTS {
+        assert_encoded_in_place(layout, 0, 0);
+        assert!(layout.type_name.starts_with(&format!("vservo.{}", layout.name.trim_end_matches("Msg"))));
+    }
+}
+
+#[test]
+fn a_record_comes_back_from_its_bytes_to_the_bit() {
+    let mut trace = TraceMsg { tick: u64::MAX, stamp: crate::time::MonoNs(-7), ..TraceMsg::default() };
+    (trace.limits, trace.q_r) =
+        ([1, 2, 3, 4, 5, 6, 7, 255], [-0.0, f64::MIN_POSITIVE, 1e300, -1.5, 0.1, 0.2, 0.3]);
+    trace.feature_error_px = f64::from_bits(0x7ff8_0000_dead_beef);
+    let mut bytes = Vec::new();
+    trace.put(&mut bytes);
+    assert_eq!(bytes.len(), TraceMsg::LAYOUT.bytes);
+    let offset = offset_of!(TraceMsg, q_r);
+    assert_eq!(bytes[offset + 8..offset + 16], f64::MIN_POSITIVE.to_le_bytes());
+    let mut again = Vec::new();
+    TraceMsg::of_bytes(&bytes).unwrap().put(&mut again);
+    assert_eq!(bytes, again);
+    assert!(TraceMsg::of_bytes(&bytes[1..]).is_none());
+    bytes.push(0);
+    assert!(TraceMsg::of_bytes(&bytes).is_none());
+}
+
 #[test]
 fn codes_survive_the_message() {
     for code in 0..12 {

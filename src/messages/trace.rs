@@ -1,6 +1,7 @@
 //! Full record of each tick of control, for replay and analysis: `control/trace`, 1 kHz.
 
 use super::MAX_JOINTS;
+use super::layout::record;
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -8,73 +9,74 @@ use iceoryx2::prelude::ZeroCopySend;
 /// Kinds of limits, in the order of [`TraceMsg::limits`]: a part of the protocol, which must change its version with it.
 pub const TRACE_LIMITS: usize = 8;
 
-/// One tick: the inputs of control, its command, and the reasons. A code of 0 means none; codes of control's enumerations count
-/// from 1 in the order of their variants.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("vservo.Trace.v1"))]
-pub struct TraceMsg {
-    /// Number of the control tick; in real time a gap is a tick that was skipped.
-    pub tick: u64,
-    /// Counts the ticks that were served, from 0: a gap is a record that was lost on the way.
-    pub sequence: u64,
-    /// Records that control itself had to drop before this one.
-    pub lost: u64,
-    /// Time of the tick.
-    pub stamp: MonoNs,
-    /// When its command was written.
-    pub commanded: MonoNs,
-    /// Frame of the measurement that arrived; valid with [`trace_flag::MEASUREMENT`], like the next five.
-    pub frame_id: u64,
-    /// Middle of its exposure.
-    pub exposure: MonoNs,
-    /// When the camera sent it.
-    pub frame_sent: MonoNs,
-    /// When vision began to process it.
-    pub vision_start: MonoNs,
-    /// When vision had processed it.
-    pub vision_end: MonoNs,
-    /// Root mean square feature error, px; NaN where the measurement has no feature error.
-    pub feature_error_px: f64,
-    /// Which arm.
-    pub arm: u32,
-    /// Which camera.
-    pub camera: u32,
-    /// Joints in use.
-    pub joints: u32,
-    /// Bits of [`trace_flag`].
-    pub flags: u32,
-    /// Code of a [`super::ControlState`], from 0.
-    pub state: u32,
-    /// Whether the measurement was used, and if not why: code of a [`crate::servo::MeasurementVerdict`].
-    pub verdict: u32,
-    /// Code of a [`crate::control::safety::Fault`]; those of an external drive from 17 on, in the order of
-    /// [`crate::drive::DriveFault`].
-    pub fault: u32,
-    /// With the last record, how the run ended: code of a [`crate::control::outcome::Outcome`].
-    pub outcome: u32,
-    /// Events of the tick: bit n is the n-th of [`crate::control::trace::Event`], from 0.
-    pub events: u32,
-    /// Zero.
-    pub reserved: u32,
-    /// The joints on which each [`crate::motion::Limit`] acted: bit 0 is the first joint.
-    pub limits: [u8; TRACE_LIMITS],
-    /// Measured positions, rad or m.
-    pub q: [f64; MAX_JOINTS],
-    /// Measured velocities, rad/s or m/s.
-    pub qd: [f64; MAX_JOINTS],
-    /// With [`trace_flag::TRUTH`], the true positions of a simulated arm.
-    pub q_true: [f64; MAX_JOINTS],
-    /// With [`trace_flag::TRUTH`], its true velocities.
-    pub qd_true: [f64; MAX_JOINTS],
-    /// Joint velocities that the servo law requested, before limits, rad/s or m/s.
-    pub requested_qd: [f64; MAX_JOINTS],
-    /// The command of this tick: torques or forces, N m or N.
-    pub tau: [f64; MAX_JOINTS],
-    /// The command of this tick: reference positions.
-    pub q_r: [f64; MAX_JOINTS],
-    /// The command of this tick: reference velocities.
-    pub qd_r: [f64; MAX_JOINTS],
+record! {
+    "vservo.Trace.v1",
+    /// One tick: the inputs of control, its command, and the reasons. A code of 0 means none; codes of control's enumerations count
+    /// from 1 in the order of their variants.
+    #[derive(Debug, Clone, Copy, Default, PartialEq)]
+    pub struct TraceMsg {
+        /// Number of the control tick; in real time a gap is a tick that was skipped.
+        pub tick: u64,
+        /// Counts the ticks that were served, from 0: a gap is a record that was lost on the way.
+        pub sequence: u64,
+        /// Records that control itself had to drop before this one.
+        pub lost: u64,
+        /// Time of the tick.
+        pub stamp: MonoNs,
+        /// When its command was written.
+        pub commanded: MonoNs,
+        /// Frame of the measurement that arrived; valid with [`trace_flag::MEASUREMENT`], like the next five.
+        pub frame_id: u64,
+        /// Middle of its exposure.
+        pub exposure: MonoNs,
+        /// When the camera sent it.
+        pub frame_sent: MonoNs,
+        /// When vision began to process it.
+        pub vision_start: MonoNs,
+        /// When vision had processed it.
+        pub vision_end: MonoNs,
+        /// Root mean square feature error, px; NaN where the measurement has no feature error.
+        pub feature_error_px: f64,
+        /// Which arm.
+        pub arm: u32,
+        /// Which camera.
+        pub camera: u32,
+        /// Joints in use.
+        pub joints: u32,
+        /// Bits of [`trace_flag`].
+        pub flags: u32,
+        /// Code of a [`super::ControlState`], from 0.
+        pub state: u32,
+        /// Whether the measurement was used, and if not why: code of a [`crate::servo::MeasurementVerdict`].
+        pub verdict: u32,
+        /// Code of a [`crate::control::safety::Fault`]; those of an external drive from 17 on, in the order of
+        /// [`crate::drive::DriveFault`].
+        pub fault: u32,
+        /// With the last record, how the run ended: code of a [`crate::control::outcome::Outcome`].
+        pub outcome: u32,
+        /// Events of the tick: bit n is the n-th of [`crate::control::trace::Event`], from 0.
+        pub events: u32,
+        /// Zero.
+        pub reserved: u32,
+        /// The joints on which each [`crate::motion::Limit`] acted: bit 0 is the first joint.
+        pub limits: [u8; TRACE_LIMITS],
+        /// Measured positions, rad or m.
+        pub q: [f64; MAX_JOINTS],
+        /// Measured velocities, rad/s or m/s.
+        pub qd: [f64; MAX_JOINTS],
+        /// With [`trace_flag::TRUTH`], the true positions of a simulated arm.
+        pub q_true: [f64; MAX_JOINTS],
+        /// With [`trace_flag::TRUTH`], its true velocities.
+        pub qd_true: [f64; MAX_JOINTS],
+        /// Joint velocities that the servo law requested, before limits, rad/s or m/s.
+        pub requested_qd: [f64; MAX_JOINTS],
+        /// The command of this tick: torques or forces, N m or N.
+        pub tau: [f64; MAX_JOINTS],
+        /// The command of this tick: reference positions.
+        pub q_r: [f64; MAX_JOINTS],
+        /// The command of this tick: reference velocities.
+        pub qd_r: [f64; MAX_JOINTS],
+    }
 }
 
 /// Bits of [`TraceMsg::flags`].
