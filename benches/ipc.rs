@@ -68,7 +68,7 @@ fn run(
 }
 
 fn shape() -> FrameShape {
-    FrameShape { bytes: BYTES, in_flight: 1, held_back: 1 }
+    FrameShape { bytes: BYTES, in_flight: 1, recorded: 1, held_back: 1 }
 }
 
 fn paced(rounds: usize, mut send: impl FnMut()) {

@@ -51,6 +51,8 @@ pub mod print;
 #[cfg(feature = "cli")]
 pub mod process;
 #[cfg(feature = "cli")]
+pub mod record;
+#[cfg(feature = "cli")]
 pub mod rt;
 #[cfg(feature = "cli")]
 pub mod source;

@@ -4,9 +4,9 @@
 pub use super::calibrate::HandEyeArguments;
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
-use super::completion;
 use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
+use super::{completion, record::RecordArguments};
 use crate::camera_model::Response;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
@@ -64,6 +64,8 @@ pub enum Command {
     Vision(RoleArguments),
     /// The control process alone
     Control(RoleArguments),
+    /// Write down everything that a running instance sends into an MCAP file
+    Record(RecordArguments),
     /// Find out about the cell: cameras from images of a board, stamps by moving the arm
     Calibrate {
         /// What to find out
@@ -240,6 +242,9 @@ pub struct RunArguments {
     /// Write the summary to this file as JSON
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,
+    /// Write down everything that is sent into this file
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
     /// Write a report into this folder: index.html with figures, and all data as CSV; made when it does not exist
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
@@ -254,6 +259,9 @@ pub struct ServeArguments {
     /// Write the summary to this file as JSON, at the end
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,
+    /// Write down everything that is sent into this file
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
 }
 
 /// Arguments of `vservo ctl`.

@@ -14,6 +14,7 @@ mod place;
 mod place_arguments;
 mod pose_tool;
 mod process_image;
+mod record;
 mod repeat;
 mod stereo_tool;
 mod target;
@@ -32,6 +33,7 @@ pub use calibrate_arguments::{
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
+pub use record::RecordArguments;
 pub use tool_arguments::{
     MotionMethod, PoseArguments, PoseMethod, ProcessArguments, StereoCommand, StereoMatchArguments,
     StereoMotionArguments, StereoRectifyArguments, StereoTriangulateArguments, TriangulationMethod,
@@ -43,6 +45,7 @@ use crate::experiment;
 use crate::input::{nearest, printable};
 use crate::ipc::{Instance, Role};
 use crate::messages::CameraId;
+use crate::process::supervisor::RunOutputs;
 use crate::process::{self, NewReport, ProcessError, ReportFolder, StopFlag, run_report, supervisor};
 use crate::report::summary::Summary;
 use crate::rt::{self, print, tell};
@@ -69,7 +72,12 @@ pub fn main() -> ExitCode {
         },
         Some(Command::Run(arguments)) => run_command(&arguments),
         Some(Command::Serve(arguments)) => {
-            run(&arguments.cell, ["run.serve=true".to_owned()], arguments.summary.as_deref(), None)
+            let results = Results {
+                summary: arguments.summary.as_deref(),
+                recording: arguments.record.as_deref(),
+                report: None,
+            };
+            run(&arguments.cell, ["run.serve=true".to_owned()], results)
         }
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
         Some(Command::Camera(arguments)) => match camera::look(&arguments) {
@@ -78,6 +86,7 @@ pub fn main() -> ExitCode {
         },
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
+        Some(Command::Record(arguments)) => record::record(&arguments),
         Some(Command::Calibrate { what }) => match what {
             Calibration::Latency(arguments) => calibrate::latency(&arguments),
             Calibration::HandEye(arguments) => calibrate::hand_eye(&arguments),
@@ -205,26 +214,37 @@ fn run_command(arguments: &RunArguments) -> Result<u8, ProcessError> {
     let duration = arguments.duration_s.map(|s| format!("run.duration_s={s:?}"));
     let strict = arguments.strict.then(|| "camera.replay.strict=true".to_owned());
     let report = arguments.report.as_deref().map(|folder| (folder, repeat::of_run(arguments)));
-    run(&arguments.cell, duration.into_iter().chain(strict), arguments.summary.as_deref(), report)
+    let (summary, recording) = (arguments.summary.as_deref(), arguments.record.as_deref());
+    run(&arguments.cell, duration.into_iter().chain(strict), Results { summary, recording, report })
 }
 
-/// Runs a cell with settings of the command; the summary also goes to the file `summary`, and a report into the folder `report`,
-/// which has beside it the words of the command that repeats the run.
+/// Where the results of a run go, beside stdout.
+struct Results<'a> {
+    /// A file for the summary.
+    summary: Option<&'a Path>,
+    /// A file for everything that was sent.
+    recording: Option<&'a Path>,
+    /// A folder for the report, and the words of the command that repeats the run.
+    report: Option<(&'a Path, Vec<String>)>,
+}
+
+/// Runs a cell with settings of the command.
 fn run(
     cell: &CellArguments,
     settings: impl IntoIterator<Item = String>,
-    summary: Option<&Path>,
-    report: Option<(&Path, Vec<String>)>,
+    results: Results<'_>,
 ) -> Result<u8, ProcessError> {
     // First of all: a request to stop that comes early is one too.
     let stop = StopFlag::on_signals()?;
     let (config, instance) = prepare(cell, settings)?;
-    if let Some(path) = summary {
+    let Results { summary, recording, report } = results;
+    for path in summary.into_iter().chain(recording) {
         check_writable(path)?;
     }
     let (folder, words) = report.unzip();
     let report = folder.map(NewReport::begin).transpose()?;
-    let end = supervisor::run(&config, &instance, &stop, report.as_ref().map(NewReport::folder))?;
+    let outputs = RunOutputs { report: report.as_ref().map(NewReport::folder), recording };
+    let end = supervisor::run(&config, &instance, &stop, outputs)?;
     let exit_code = shown(&end.summary.to_text(), end.exit_code);
     let exit_code = write_summary(summary, &end.summary, exit_code);
     let command = repeat::command(&["run"], cell, &words.unwrap_or_default(), &end.summary);
@@ -324,7 +344,7 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
             };
             run.map(|()| None)
         }
-        Role::Control | Role::Supervisor | Role::Drive => {
+        Role::Control | Role::Supervisor | Role::Drive | Role::Recorder => {
             process::control::run(&config, &instance, &stop, report).map(Some)
         }
     };

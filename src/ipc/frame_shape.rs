@@ -6,7 +6,7 @@ pub(super) const MAX_READERS: usize = 4;
 /// thousandths.
 const FRAME_OVERHEAD_BYTES: u64 = 512;
 /// Shared memory of all services of a run that carry no frames, bytes. Measured: 14.6 MB of measurements, 2.6 and 2.0 MB of traces and joint states,
-/// 0.4 MB for an external drive, each with room for every reader, and the connections.
+/// 2.2 MB for an external drive, each with room for every reader, and the connections.
 pub const SPACE_BESIDE_FRAMES_BYTES: u64 = 24 << 20;
 
 /// How large frames are, and how many of them may be in flight.
@@ -16,15 +16,22 @@ pub struct FrameShape {
     pub bytes: usize,
     /// Frames that wait for vision: 1 in real time (the newest), more in lockstep.
     pub in_flight: usize,
+    /// Frames that wait for a recorder.
+    pub recorded: usize,
     /// Frames that the camera may hold back at once, exposed but not yet due.
     pub held_back: usize,
 }
 
 impl FrameShape {
+    /// Frames that may wait for a reader at most.
+    pub(super) fn buffer(&self) -> usize {
+        self.in_flight.max(self.recorded)
+    }
+
     /// What the frames of one camera take in shared memory, bytes: all that may be waiting, read or filled at once.
     #[must_use]
     pub fn space_bytes(&self) -> u64 {
-        let frames = MAX_READERS * (self.in_flight + 1) + self.held_back + 1;
+        let frames = MAX_READERS * (self.buffer() + 1) + self.held_back + 1;
         (frames as u64).saturating_mul(self.bytes as u64 + FRAME_OVERHEAD_BYTES)
     }
 }

@@ -2,14 +2,18 @@
 //!
 //! A process that hangs still holds its lock, its node and its ports: only the progress of its main loop shows that it is alive.
 
+use super::{Instance, Role};
 use crate::rt::now;
 use crate::time::{MonoNs, SpanNs};
 use rustix::io::{pread, pwrite};
 use std::cell::Cell;
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::OwnedFd;
 
 /// Heartbeats come no more often than this, since a silence is reported after twenty of them.
 const PERIOD: SpanNs = SpanNs(100_000_000);
+
+/// Where in the file stands how far its process has come: behind the sign of life, which needs so many bytes.
+const PROGRESS_AT: u64 = 8;
 
 /// The signs of life of this process; it holds the role as the lock does, because they share its file. Costs a look at the clock, and ten times a second a system call.
 #[derive(Debug)]
@@ -33,10 +37,28 @@ impl Heartbeat {
             let _ = pwrite(&self.file, &time.0.to_le_bytes(), 0);
         }
     }
+
+    /// Lets others know how far this process has come. Costs a system call.
+    pub fn tell_progress(&self, count: u64) {
+        let _ = pwrite(&self.file, &count.to_le_bytes(), PROGRESS_AT);
+    }
 }
 
-/// The last sign of life in the file of a role's lock.
-pub(super) fn read(file: impl AsFd) -> Option<MonoNs> {
-    let mut bytes = [0; 8];
-    (pread(file, &mut bytes, 0) == Ok(bytes.len())).then(|| MonoNs(i64::from_le_bytes(bytes)))
+impl Instance {
+    /// The last sign of life of the process that plays `role`; `None` before the first.
+    #[must_use]
+    pub fn last_heartbeat(&self, role: Role) -> Option<MonoNs> {
+        self.number_of(role, 0).map(|bytes| MonoNs(i64::from_le_bytes(bytes)))
+    }
+
+    /// How far the process that plays `role` said that it has come; `None` where it has not.
+    #[must_use]
+    pub fn progress(&self, role: Role) -> Option<u64> {
+        self.number_of(role, PROGRESS_AT).map(u64::from_le_bytes)
+    }
+
+    fn number_of(&self, role: Role, at: u64) -> Option<[u8; 8]> {
+        let mut bytes = [0; 8];
+        (pread(self.lock_file(role)?, &mut bytes, at) == Ok(bytes.len())).then_some(bytes)
+    }
 }

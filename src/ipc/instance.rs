@@ -9,12 +9,11 @@
 
 use super::agreement::{self, Agreement};
 use super::caretaker::Caretaker;
-use super::heartbeat::{self, Heartbeat};
+use super::heartbeat::Heartbeat;
 use super::role::Role;
 use super::runtime_dir::{self, RuntimeDir, SHARED_MEMORY};
 use super::scarcity::{Scarcity, remedy};
 use super::stop_word::StopWord;
-use crate::time::MonoNs;
 use iceoryx2::prelude::*;
 use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
@@ -303,11 +302,10 @@ impl Instance {
         Ok(flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK))
     }
 
-    /// The last sign of life of the process that plays `role`; `None` before the first.
-    #[must_use]
-    pub fn last_heartbeat(&self, role: Role) -> Option<MonoNs> {
+    /// The file of the lock of `role`; `None` where nobody has held it yet.
+    pub(super) fn lock_file(&self, role: Role) -> Option<OwnedFd> {
         let place = RuntimeDir::open(&self.directory_name()).ok()??;
-        place.open_file(&lock_name(role), OFlags::RDONLY).ok()?.and_then(heartbeat::read)
+        place.open_file(&lock_name(role), OFlags::RDONLY).ok()?
     }
 
     /// What the process that plays `role` now has in common with the others; `None` where there is none, or it has not said it yet.

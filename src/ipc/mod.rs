@@ -42,8 +42,8 @@ pub use frame_shape::{FrameShape, SPACE_BESIDE_FRAMES_BYTES};
 pub use heartbeat::Heartbeat;
 pub use instance::{Instance, InstanceError, RoleLock};
 pub use ports::{
-    BorrowedFrame, FrameReceiver, FrameSender, QuietSender, ReceivedFrame, Receiver, Sender, WakeListener,
-    WakeNotifier,
+    BorrowedFrame, FrameReceiver, FrameSender, QuietFrameReceiver, QuietSender, ReceivedFrame, Receiver,
+    Sender, WakeListener, WakeNotifier,
 };
 pub use presence::{DrivePresence, PeerPresence, Peers, type_of};
 pub use role::Role;

@@ -315,21 +315,16 @@ impl ReceivedFrame {
     }
 }
 
-/// Receives frames.
+/// Receives frames, woken by each.
 #[derive(Debug)]
 pub struct FrameReceiver {
-    service: Channel,
-    port: Subscriber<IpcService, [u8], FrameHeader>,
+    frames: QuietFrameReceiver,
     listener: WakeListener,
 }
 
 impl FrameReceiver {
-    pub(super) fn new(
-        service: Channel,
-        port: Subscriber<IpcService, [u8], FrameHeader>,
-        listener: WakeListener,
-    ) -> Self {
-        Self { service, port, listener }
+    pub(super) fn new(frames: QuietFrameReceiver, listener: WakeListener) -> Self {
+        Self { frames, listener }
     }
 
     /// Waits until a frame may be there, or for `longest`.
@@ -341,6 +336,27 @@ impl FrameReceiver {
     }
 
     /// The oldest waiting frame; the service keeps as many as its shape says, and drops older ones.
+    ///
+    /// # Errors
+    /// When the transport fails.
+    pub fn receive(&self) -> Result<Option<ReceivedFrame>, IpcError> {
+        self.frames.receive()
+    }
+}
+
+/// Receives frames; nothing rings.
+#[derive(Debug)]
+pub struct QuietFrameReceiver {
+    service: Channel,
+    port: Subscriber<IpcService, [u8], FrameHeader>,
+}
+
+impl QuietFrameReceiver {
+    pub(super) fn new(service: Channel, port: Subscriber<IpcService, [u8], FrameHeader>) -> Self {
+        Self { service, port }
+    }
+
+    /// The oldest waiting frame.
     ///
     /// # Errors
     /// When the transport fails.

@@ -16,6 +16,8 @@ pub enum Role {
     Control,
     /// Stands for the arm: the program of an external drive.
     Drive,
+    /// Writes down what the others send.
+    Recorder,
 }
 
 impl Role {
@@ -23,7 +25,7 @@ impl Role {
     pub fn all() -> impl Iterator<Item = Self> {
         let cameras = (0..MAX_CAMERAS as u8).map(CameraId);
         let of_cameras = cameras.flat_map(|id| [Self::Camera(id), Self::Vision(id)]);
-        [Self::Supervisor, Self::Control, Self::Drive].into_iter().chain(of_cameras)
+        [Self::Supervisor, Self::Control, Self::Drive, Self::Recorder].into_iter().chain(of_cameras)
     }
 
     /// The name of its sub-command.
@@ -35,6 +37,7 @@ impl Role {
             Self::Vision(_) => "vision",
             Self::Control => "control",
             Self::Drive => "drive",
+            Self::Recorder => "record",
         }
     }
 
@@ -43,7 +46,7 @@ impl Role {
     pub fn camera(self) -> Option<CameraId> {
         match self {
             Self::Camera(id) | Self::Vision(id) => Some(id),
-            Self::Supervisor | Self::Control | Self::Drive => None,
+            Self::Supervisor | Self::Control | Self::Drive | Self::Recorder => None,
         }
     }
 }
@@ -51,9 +54,12 @@ impl Role {
 /// The role's name, which is also that of its lock: `camera`, and `camera-1` for the second one.
 impl fmt::Display for Role {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.camera().filter(|id| *id != CameraId::FIRST) {
-            Some(id) => write!(f, "{}-{id}", self.command()),
-            None => f.pad(self.command()),
+        match self {
+            Self::Camera(id) | Self::Vision(id) if *id != CameraId::FIRST => {
+                write!(f, "{}-{id}", self.command())
+            }
+            Self::Recorder => f.pad("recorder"),
+            _ => f.pad(self.command()),
         }
     }
 }
@@ -66,7 +72,7 @@ mod tests {
     #[test]
     fn every_role_has_a_name_of_its_own() {
         let names: HashSet<_> = Role::all().map(|role| role.to_string()).collect();
-        assert_eq!(names.len(), 3 + 2 * MAX_CAMERAS);
+        assert_eq!(names.len(), 4 + 2 * MAX_CAMERAS);
         assert!(names.contains("camera") && names.contains("camera-1") && names.contains("vision-3"));
     }
 }

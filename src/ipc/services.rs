@@ -1,11 +1,15 @@
 //! Every service of an instance, with its limits, in one place: the process that comes first creates it, the others
 //! open it, and all must ask for the same.
 
+mod recorder;
+
 use super::caretaker::Caretaker;
 use super::channel::Channel;
 use super::command::{CommandClient, CommandServer};
 use super::frame_shape::{FrameShape, MAX_READERS};
-use super::ports::{FrameReceiver, FrameSender, QuietSender, Receiver, Sender, WakeListener, WakeNotifier};
+use super::ports::{
+    FrameReceiver, FrameSender, QuietFrameReceiver, QuietSender, Receiver, Sender, WakeListener, WakeNotifier,
+};
 use super::presence::{DrivePresence, PeerPresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError, Node, PubSub};
 use crate::messages::{
@@ -20,8 +24,7 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use std::fmt::Debug;
 
-/// Processes that may open a service. Chosen by hand: a run has at most six of its own, and others are clients and recorders. The transport
-/// needs a fixed number.
+/// Processes that may open a service. Chosen by hand, as the transport needs a number: a run has at most six of its own, others are clients.
 const MAX_NODES: usize = 16;
 /// Clients that may wait for an answer of control at the same time. Chosen by hand; others wait for a free slot.
 const MAX_CLIENTS: usize = 8;
@@ -31,12 +34,16 @@ const JOINT_STATE_BUFFER: usize = 1024;
 const TRACE_BUFFER: usize = 1024;
 /// Measurements in flight in lockstep, where none must be lost; more than any latency at any rate.
 const MEASUREMENT_BUFFER: usize = 1024;
-
 /// Changes of a camera's health that wait for their reader. Chosen by hand: they come a few times a second at most, and are read every tick.
 const HEALTH_BUFFER: usize = 16;
 /// Commands and states of an external drive that wait for their reader: 64 ticks. Chosen by hand: a reader that lags more must have stopped.
 const DRIVE_BUFFER: usize = 64;
+/// The same for a recorder: a second, as traces have it.
+const DRIVE_RECORDER_BUFFER: usize = 1024;
+/// States of a run that wait for a recorder: a second at 50 Hz, as traces have it, with some to spare; views take the newest alone.
+const STATUS_RECORDER_BUFFER: usize = 64;
 
+type EventService = iceoryx2::service::port_factory::event::PortFactory<ipc::Service>;
 type CommandService = iceoryx2::service::port_factory::request_response::PortFactory<
     ipc::Service,
     ControlCommand,
@@ -101,14 +108,24 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn frame_receiver(&self, camera: CameraId, shape: FrameShape) -> Result<FrameReceiver, IpcError> {
+        let frames = self.quiet_frame_receiver(camera, shape, shape.in_flight)?;
+        Ok(FrameReceiver::new(frames, self.wake_listener(Channel::Frame(camera))?))
+    }
+
+    fn quiet_frame_receiver(
+        &self,
+        camera: CameraId,
+        shape: FrameShape,
+        buffer: usize,
+    ) -> Result<QuietFrameReceiver, IpcError> {
         let service = Channel::Frame(camera);
         let port = self
             .frames(camera, shape)?
             .subscriber_builder()
-            .buffer_size(shape.in_flight)
+            .buffer_size(buffer)
             .create()
             .map_err(|e| port_error(service, e))?;
-        Ok(FrameReceiver::new(service, port, self.wake_listener(service)?))
+        Ok(QuietFrameReceiver::new(service, port))
     }
 
     /// A real camera's end of `camera/N/health`.
@@ -179,20 +196,12 @@ impl Services {
         Ok(QuietSender::new(service, made, port))
     }
 
-    /// A recorder's end of `control/trace`. Nothing rings: it is to look often enough for its buffer of 1024 ticks.
-    ///
-    /// # Errors
-    /// When the service or the port cannot be made.
-    pub fn trace_receiver(&self) -> Result<Receiver<TraceMsg>, IpcError> {
-        self.receiver(Channel::Trace, TRACE_BUFFER, TRACE_BUFFER)
-    }
-
     /// Control's end of `control/status`.
     ///
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn status_sender(&self) -> Result<Sender<Status>, IpcError> {
-        self.sender(Channel::Status, 1)
+        self.sender(Channel::Status, STATUS_RECORDER_BUFFER)
     }
 
     /// A view's end of `control/status`: the newest only.
@@ -200,7 +209,7 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn status_receiver(&self) -> Result<Receiver<Status>, IpcError> {
-        self.receiver(Channel::Status, 1, 1)
+        self.receiver(Channel::Status, STATUS_RECORDER_BUFFER, 1)
     }
 
     /// Control's end of `control/command`.
@@ -227,7 +236,7 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn drive_command_sender(&self) -> Result<Sender<DriveCommandMsg>, IpcError> {
-        self.sender(Channel::DriveCommand, DRIVE_BUFFER)
+        self.sender(Channel::DriveCommand, DRIVE_RECORDER_BUFFER)
     }
 
     /// An external drive's end of `drive/command`, and the waker that rings with it. To be made before that of
@@ -236,7 +245,7 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn drive_command_receiver(&self) -> Result<(Receiver<DriveCommandMsg>, WakeListener), IpcError> {
-        let receiver = self.receiver(Channel::DriveCommand, DRIVE_BUFFER, DRIVE_BUFFER)?;
+        let receiver = self.receiver(Channel::DriveCommand, DRIVE_RECORDER_BUFFER, DRIVE_BUFFER)?;
         Ok((receiver, self.wake_listener(Channel::DriveCommand)?))
     }
 
@@ -245,7 +254,7 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn drive_state_sender(&self) -> Result<Sender<DriveStateMsg>, IpcError> {
-        self.sender(Channel::DriveState, DRIVE_BUFFER)
+        self.sender(Channel::DriveState, DRIVE_RECORDER_BUFFER)
     }
 
     /// Control's end of `drive/state`, and the waker that rings with it.
@@ -253,7 +262,7 @@ impl Services {
     /// # Errors
     /// When the service or the port cannot be made.
     pub fn drive_state_receiver(&self) -> Result<(Receiver<DriveStateMsg>, WakeListener), IpcError> {
-        let receiver = self.receiver(Channel::DriveState, DRIVE_BUFFER, DRIVE_BUFFER)?;
+        let receiver = self.receiver(Channel::DriveState, DRIVE_RECORDER_BUFFER, DRIVE_BUFFER)?;
         Ok((receiver, self.wake_listener(Channel::DriveState)?))
     }
 
@@ -262,8 +271,9 @@ impl Services {
     /// # Errors
     /// When a service cannot be opened.
     pub fn drive_presence(&self) -> Result<DrivePresence, IpcError> {
-        let states = self.publish_subscribe::<DriveStateMsg>(Channel::DriveState, DRIVE_BUFFER)?;
-        let commands = self.publish_subscribe::<DriveCommandMsg>(Channel::DriveCommand, DRIVE_BUFFER)?;
+        let states = self.publish_subscribe::<DriveStateMsg>(Channel::DriveState, DRIVE_RECORDER_BUFFER)?;
+        let commands =
+            self.publish_subscribe::<DriveCommandMsg>(Channel::DriveCommand, DRIVE_RECORDER_BUFFER)?;
         Ok(DrivePresence::new(states, commands, self.node.config().clone()))
     }
 
@@ -303,7 +313,7 @@ impl Services {
             .publish_subscribe::<[u8]>()
             .user_header::<FrameHeader>()
             .enable_safe_overflow(true)
-            .subscriber_max_buffer_size(shape.in_flight)
+            .subscriber_max_buffer_size(shape.buffer())
             .subscriber_max_borrowed_samples(1)
             .history_size(0)
             .max_publishers(1)
@@ -405,10 +415,7 @@ impl Services {
         Ok(WakeListener::new(service, port))
     }
 
-    fn event(
-        &self,
-        service: Channel,
-    ) -> Result<iceoryx2::service::port_factory::event::PortFactory<ipc::Service>, IpcError> {
+    fn event(&self, service: Channel) -> Result<EventService, IpcError> {
         self.node
             .service_builder(&name(service)?)
             .event()

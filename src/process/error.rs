@@ -5,6 +5,7 @@ use crate::config::assemble::AssembleError;
 use crate::experiment::ExperimentError;
 use crate::input::printable;
 use crate::ipc::{Disagreement, InstanceError, IpcError};
+use crate::record::RecordingError;
 use crate::robot::RobotError;
 use crate::rt::IsRead;
 use crate::rt::SchedulingError;
@@ -217,6 +218,9 @@ pub enum ProcessError {
         path = .0.display()
     )]
     NoReport(PathBuf),
+    /// A recording cannot be written or read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
     /// A thread or a child process cannot be started.
     #[error("cannot start {what}: {cause}")]
     Start {
@@ -289,6 +293,7 @@ impl ProcessError {
             | Self::Assemble(_)
             | Self::Scheduling(_)
             | Self::Write { .. }
+            | Self::Recording(_)
             | Self::DriveJoints { .. }
             | Self::DriveMode { .. }
             | Self::DriveState { .. }

@@ -56,6 +56,13 @@ impl Membership {
         }
     }
 
+    /// Lets the other processes know how far this one has come.
+    pub fn tell_progress(&self, count: u64) {
+        if let Some(heartbeat) = &self.heartbeat {
+            heartbeat.tell_progress(count);
+        }
+    }
+
     /// The connection.
     #[must_use]
     pub fn services(&self) -> &Services {

@@ -7,6 +7,7 @@ pub mod drive_guard;
 mod error;
 mod membership;
 mod priority;
+pub mod recorder;
 mod report_folder;
 mod report_images;
 pub mod run_report;
@@ -52,6 +53,12 @@ const LONGEST_SPIN: SpanNs = SpanNs(250_000);
 /// when the state of the frame's tick arrives. Chosen by hand: sixteen ticks of lockstep take longer than a wake-up.
 const WAKE_AHEAD: u64 = 16;
 
+/// Time that a recorder may lag behind a camera without missing a frame. Chosen by hand: it has no real-time priority, and on a loaded machine
+/// waits some tens of milliseconds for its core; each frame more takes four of shared memory, one for every reader.
+const RECORDER_LAG: SpanNs = SpanNs(150_000_000);
+/// Most frames that wait for a recorder, whatever the rate. Chosen by hand: what 100 Hz needs.
+const MAX_RECORDER_FRAMES: usize = 16;
+
 /// Size and number of the frames of a run: the newest alone in real time, all that are on their way in lockstep.
 #[must_use]
 pub fn frame_shape(config: &Config) -> FrameShape {
@@ -66,5 +73,8 @@ fn shape_of(camera: &Camera, clock: Clock) -> FrameShape {
         Clock::Realtime => (1, on_their_way),
         Clock::Lockstep => (on_their_way, 1),
     };
-    FrameShape { bytes: i.width_px as usize * i.height_px as usize, in_flight, held_back }
+    let period = camera.schedule.exposure(1);
+    let recorded = RECORDER_LAG.0.div_euclid(period.0.max(1)).unsigned_abs() as usize + 1;
+    let bytes = i.width_px as usize * i.height_px as usize;
+    FrameShape { bytes, in_flight, recorded: recorded.min(MAX_RECORDER_FRAMES), held_back }
 }

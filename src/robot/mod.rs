@@ -44,7 +44,7 @@ pub use joint_history::JointHistory;
 pub use kinematics::ExpressedIn;
 pub use model::{Friction, JointKind, JointLimits, Robot};
 pub use mount::{CameraJacobian, Mount};
-pub use shipped::{SHIPPED, load};
+pub use shipped::{SHIPPED, files, load};
 
 #[cfg(test)]
 mod tests;

@@ -38,12 +38,32 @@ fn embedded(file: &str) -> Option<&'static str> {
 /// # Errors
 /// [`RobotError`] with file and element.
 pub fn load(name_or_path: &str) -> Result<RobotDescription, RobotError> {
+    load_noting(name_or_path, &mut |_, _| {})
+}
+
+/// Names and texts of the files that [`load`] reads.
+///
+/// # Errors
+/// As [`load`].
+pub fn files(name_or_path: &str) -> Result<Vec<(String, String)>, RobotError> {
+    let mut files = Vec::new();
+    load_noting(name_or_path, &mut |path: &str, text: &str| {
+        let name = Path::new(path).file_name().unwrap_or_default().to_string_lossy();
+        files.push((name.into_owned(), text.to_owned()));
+    })?;
+    Ok(files)
+}
+
+fn load_noting(name_or_path: &str, note: &mut dyn FnMut(&str, &str)) -> Result<RobotDescription, RobotError> {
     let unknown = || RobotError::Unknown { name: name_or_path.to_owned(), shipped: SHIPPED.join(", ") };
     if SHIPPED.contains(&name_or_path) {
         let file = format!("{name_or_path}.toml");
         let text = embedded(&file).ok_or_else(unknown)?;
+        note(&file, text);
         return parse_toml(text, &file, |urdf| {
-            embedded(urdf).map(|text| (urdf.to_owned(), text.to_owned())).ok_or_else(unknown)
+            let text = embedded(urdf).ok_or_else(unknown)?;
+            note(urdf, text);
+            Ok((urdf.to_owned(), text.to_owned()))
         });
     }
     let (file, tip) = match name_or_path.rsplit_once('#') {
@@ -52,13 +72,21 @@ pub fn load(name_or_path: &str) -> Result<RobotDescription, RobotError> {
     };
     let path = Path::new(file);
     match path.extension().and_then(|extension| extension.to_str()) {
-        Some("toml") => parse_toml(&read(path, MAX_TOML)?, file, |urdf| {
-            let urdf = path.with_file_name(urdf);
-            Ok((urdf.display().to_string(), read(&urdf, MAX_URDF)?))
-        }),
+        Some("toml") => {
+            let text = read(path, MAX_TOML)?;
+            note(file, &text);
+            parse_toml(&text, file, |urdf| {
+                let urdf = path.with_file_name(urdf);
+                let (file, text) = (urdf.display().to_string(), read(&urdf, MAX_URDF)?);
+                note(&file, &text);
+                Ok((file, text))
+            })
+        }
         Some("urdf") => {
             let name = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("robot");
-            parse_urdf(&read(path, MAX_URDF)?, name, file, tip)
+            let text = read(path, MAX_URDF)?;
+            note(file, &text);
+            parse_urdf(&text, name, file, tip)
         }
         _ => Err(unknown()),
     }

@@ -10,7 +10,7 @@ mod prefault;
 mod scheduling;
 mod write_file;
 
-pub use clock::{now, sleep_until};
+pub use clock::{now, sleep_until, unix_origin};
 pub use deadline_wait::DeadlineWait;
 pub use log::start_logging;
 pub use log_format::{LogFormat, log_environment, log_format};

@@ -32,6 +32,7 @@ mod pose_tool;
 mod process_image;
 mod rates;
 mod real_cameras;
+mod record;
 mod report;
 mod result_files;
 mod run_ends;

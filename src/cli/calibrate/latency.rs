@@ -4,7 +4,7 @@ use super::super::{
     LatencyArguments, check_writable, json, prepare, repeat, shown, write_report, write_result,
 };
 use crate::control::outcome::Outcome;
-use crate::process::supervisor::{self, FinishedRun};
+use crate::process::supervisor::{self, FinishedRun, RunOutputs};
 use crate::process::{NewReport, ProcessError, StopFlag};
 use crate::rt::tell;
 
@@ -19,7 +19,8 @@ pub(in crate::cli) fn latency(arguments: &LatencyArguments) -> Result<u8, Proces
         check_writable(path)?;
     }
     let report = arguments.report.as_deref().map(NewReport::begin).transpose()?;
-    let end = supervisor::run(&config, &instance, &stop, report.as_ref().map(NewReport::folder))?;
+    let outputs = RunOutputs { report: report.as_ref().map(NewReport::folder), recording: None };
+    let end = supervisor::run(&config, &instance, &stop, outputs)?;
     let exit_code = latency_found(arguments, &end);
     let command = repeat::command(&["calibrate", "latency"], &arguments.cell, &[], &end.summary);
     Ok(write_report(report, &config, &end.summary, command, exit_code))

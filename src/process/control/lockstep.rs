@@ -6,6 +6,7 @@
 
 use super::commands::Commands;
 use super::external_drive::{self, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL, WaitOutcome};
+use super::recorder_pace::RecorderPace;
 use super::requests::{Answered, Numbered};
 use super::stops::Stops;
 use super::{Listeners, Pace, Ports};
@@ -92,6 +93,7 @@ pub(super) fn run<const N: usize>(
         seeing,
         spin,
     };
+    let mut pace = RecorderPace::new(config);
     let mut next_exposure = schedule.next_exposure_tick(0);
     let mut statistics = RunStatistics::new();
     let mut next_frame = 0;
@@ -152,7 +154,11 @@ pub(super) fn run<const N: usize>(
             listeners.note_measurement(m);
         }
         let trace = control.act(now, measurement.as_ref());
+        let is_recorded = ports.trace.is_heard();
         note(&mut broken, ports.trace.send(|| trace.record()));
+        if is_recorded {
+            pace.keep(tick, ports.membership);
+        }
         statistics.note(&trace);
         listeners.note(&trace);
         commands.note(&trace);

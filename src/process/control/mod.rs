@@ -11,6 +11,7 @@ mod external_drive;
 mod lockstep;
 mod realtime;
 mod realtime_thread;
+mod recorder_pace;
 mod requests;
 mod run_files;
 mod stops;

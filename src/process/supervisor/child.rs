@@ -1,9 +1,10 @@
 //! A process that the supervisor started: this same executable in another role.
 
+use super::RunOutputs;
 use super::reap::{ChildState, Used, reap};
 use crate::config::DriveProgram;
 use crate::ipc::{Instance, Role};
-use crate::process::{ProcessError, ReportFolder};
+use crate::process::ProcessError;
 use crate::report::summary::ProcessUsage;
 use crate::rt::{log_environment, now};
 use crate::time::MonoNs;
@@ -61,7 +62,7 @@ impl Child {
         role: Role,
         instance: &Instance,
         config: &File,
-        report: Option<&ReportFolder>,
+        outputs: RunOutputs<'_>,
     ) -> Result<Self, ProcessError> {
         let failed = |cause| ProcessError::Start { what: role.command(), cause };
         let mut command = Command::new(std::env::current_exe().map_err(failed)?);
@@ -77,8 +78,11 @@ impl Child {
         if let Some(camera) = role.camera() {
             command.args(["--camera", &camera.to_string()]);
         }
-        if let Some(folder) = report.filter(|_| matches!(role, Role::Control | Role::Vision(_))) {
+        if let Some(folder) = outputs.report.filter(|_| matches!(role, Role::Control | Role::Vision(_))) {
             command.arg("--report").arg(folder.path());
+        }
+        if let Some(file) = outputs.recording.filter(|_| role == Role::Recorder) {
+            command.arg("--out").arg(file);
         }
         if role == Role::Control {
             command.arg("--json").stdout(Stdio::piped());

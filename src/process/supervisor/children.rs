@@ -1,12 +1,12 @@
 //! The processes of a run, which end in order however the supervisor ends: control first, because it brings the arm to rest,
 //! then the others.
 
-use super::Watch;
 use super::child::{Child, ProcessEnd};
+use super::{RunOutputs, Watch};
 use crate::config::Config;
 use crate::config::{Clock, DriveKind};
 use crate::ipc::{Instance, Role};
-use crate::process::{ProcessError, ReportFolder, seeing_roles};
+use crate::process::{ProcessError, seeing_roles};
 use crate::report::summary::{ProcessUsage, Summary};
 use crate::rt::{now, tell};
 use crate::time::{MonoNs, SpanNs};
@@ -25,6 +25,11 @@ const SLOWEST_DRIVE: f64 = 10.0;
 const SHUTDOWN_OF_OTHERS: SpanNs = SpanNs(600_000_000);
 /// The same where vision has images to write. Chosen by hand: hundreds of PNG files on a slow disk.
 const SHUTDOWN_WITH_IMAGES: SpanNs = SpanNs(15_000_000_000);
+/// The same of a recorder. Chosen by hand: what may wait for a disk is 64 MB, which a slow one writes in that time.
+const SHUTDOWN_OF_RECORDER: SpanNs = SpanNs(10_000_000_000);
+/// Longest wait for a recorder that starts, after which the run begins without it. Chosen by hand: it takes a fraction of a second, and a busy
+/// machine its time.
+const RECORDER_JOINS: SpanNs = SpanNs(10_000_000_000);
 /// Period of the messages while a stop takes long. Chosen by hand, for people.
 const REPORT_EVERY: SpanNs = SpanNs(2_000_000_000);
 
@@ -32,6 +37,7 @@ const REPORT_EVERY: SpanNs = SpanNs(2_000_000_000);
 pub(super) struct Children {
     pub(super) control: Child,
     pub(super) others: Vec<Child>,
+    recorder: Option<Child>,
     longest_stop: SpanNs,
     shutdown_of_others: SpanNs,
     is_down: bool,
@@ -39,21 +45,27 @@ pub(super) struct Children {
 
 impl Children {
     /// Starts the processes of a run, which read the effective configuration from the file `written`. What they have to tell beside
-    /// the summary goes into the folder `report`.
+    /// the summary goes where `outputs` says.
     pub(super) fn start(
         config: &Config,
         instance: &Instance,
         written: &File,
-        report: Option<&ReportFolder>,
+        outputs: RunOutputs<'_>,
     ) -> Result<Self, ProcessError> {
         let longest_stop = longest_stop(config);
-        let shutdown_of_others = if report.is_some() { SHUTDOWN_WITH_IMAGES } else { SHUTDOWN_OF_OTHERS };
-        let control = Child::spawn(Role::Control, instance, written, report)?;
+        let shutdown_of_others =
+            if outputs.report.is_some() { SHUTDOWN_WITH_IMAGES } else { SHUTDOWN_OF_OTHERS };
+        let mut recorder = None;
+        if outputs.recording.is_some() {
+            let child = recorder.insert(Child::spawn(Role::Recorder, instance, written, outputs)?);
+            wait_for_recorder(child, instance);
+        }
+        let control = Child::spawn(Role::Control, instance, written, outputs)?;
         // From here on whatever fails ends what was started in order.
         let mut children =
-            Self { control, others: Vec::new(), longest_stop, shutdown_of_others, is_down: false };
+            Self { control, others: Vec::new(), recorder, longest_stop, shutdown_of_others, is_down: false };
         for role in seeing_roles(config) {
-            children.others.push(Child::spawn(role, instance, written, report)?);
+            children.others.push(Child::spawn(role, instance, written, outputs)?);
         }
         if config.drive.kind == DriveKind::External {
             children.others.extend(Child::spawn_drive(&config.drive.external, instance)?);
@@ -71,19 +83,8 @@ impl Children {
             warn!("the control process does not end and is killed");
             self.control.kill();
         }
-        self.others.iter_mut().for_each(Child::terminate);
-        let deadline = now() + self.shutdown_of_others;
-        while self.others.iter_mut().any(|c| c.poll().is_none()) && now() < deadline {
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        for child in &mut self.others {
-            if child.poll().is_none() {
-                warn!("the {} process does not end and is killed", child.role());
-                child.kill();
-            }
-            // All are waited for: what a process used is known only after its end.
-            child.wait();
-        }
+        end_all(&mut self.others, self.shutdown_of_others);
+        end_all(self.recorder.as_mut_slice(), SHUTDOWN_OF_RECORDER);
         let end = self.control.wait();
         (end, self.control.take_output().and_then(|text| serde_json::from_str(&text).ok()))
     }
@@ -115,7 +116,7 @@ impl Children {
 
     /// What each process used; known after the shut-down.
     pub(super) fn usages(&self) -> BTreeMap<String, ProcessUsage> {
-        let all = self.others.iter().chain([&self.control]);
+        let all = self.others.iter().chain([&self.control]).chain(&self.recorder);
         all.filter_map(|c| Some((c.role().to_string(), c.usage()?))).collect()
     }
 }
@@ -126,6 +127,39 @@ impl Drop for Children {
         if !self.is_down {
             let _ = self.shut_down(None);
         }
+    }
+}
+
+/// Asks `children` to end, and kills those that have not after `patience`.
+fn end_all(children: &mut [Child], patience: SpanNs) {
+    children.iter_mut().for_each(Child::terminate);
+    let deadline = now() + patience;
+    while children.iter_mut().any(|c| c.poll().is_none()) && now() < deadline {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    for child in children {
+        if child.poll().is_none() {
+            warn!("the {} process does not end and is killed", child.role());
+            child.kill();
+        }
+        // All are waited for: what a process used is known only after its end.
+        child.wait();
+    }
+}
+
+/// Waits until the recorder misses nothing any more: its first sign of life comes when it joins, the second from its main loop.
+fn wait_for_recorder(recorder: &mut Child, instance: &Instance) {
+    let (start, mut first) = (now(), None);
+    while recorder.poll().is_none() {
+        if let Some(heartbeat) = instance.last_heartbeat(Role::Recorder)
+            && *first.get_or_insert(heartbeat) != heartbeat
+        {
+            return;
+        }
+        if now() - start > RECORDER_JOINS {
+            return warn!("the recorder does not come: the recording may lack the beginning of the run");
+        }
+        std::thread::sleep(Duration::from_millis(2));
     }
 }
 

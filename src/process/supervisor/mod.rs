@@ -26,6 +26,7 @@ use children::Children;
 use hang_watch::HangWatch;
 use progress::Progress;
 use std::fs::File;
+use std::path::Path;
 use std::time::Duration;
 use tracing::error;
 
@@ -37,6 +38,15 @@ const PREDECESSOR: SpanNs = SpanNs(5_000_000_000);
 const DRIVE_LEAVES: SpanNs = SpanNs(2_000_000_000);
 const WATCH_PERIOD: Duration = Duration::from_millis(10);
 
+/// What a run leaves beside its summary.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct RunOutputs<'a> {
+    /// The folder of its report.
+    pub report: Option<&'a ReportFolder>,
+    /// The file of its recording.
+    pub recording: Option<&'a Path>,
+}
+
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FinishedRun {
@@ -46,8 +56,8 @@ pub struct FinishedRun {
     pub exit_code: u8,
 }
 
-/// Runs camera, vision and control to the end of the run. With the folder `report` control and vision leave there what a report is
-/// made of; that of an earlier run is gone.
+/// Runs camera, vision and control to the end of the run. With the folder of a report control and vision leave there what it is
+/// made of; that of an earlier run is gone. With a recording a recorder is there before them and goes after them.
 ///
 /// # Errors
 /// When the run cannot be started.
@@ -55,10 +65,10 @@ pub fn run(
     config: &Config,
     instance: &Instance,
     stop: &StopFlag,
-    report: Option<&ReportFolder>,
+    outputs: RunOutputs<'_>,
 ) -> Result<FinishedRun, ProcessError> {
     let (_place, written) = InstanceGuard::take(config, instance)?;
-    supervise(config, &written, instance, stop, report)
+    supervise(config, &written, instance, stop, outputs)
 }
 
 /// The instance's place in shared memory, cleaned up when dropped.
@@ -73,7 +83,9 @@ impl InstanceGuard {
         let lock = instance.lock(Role::Supervisor)?;
         // Children of a supervisor that was just killed need a moment to end.
         let deadline = now() + PREDECESSOR;
-        let other = || Role::all().find(|r| *r != Role::Supervisor && instance.is_running(*r));
+        // A recorder may have come first, so as to miss nothing.
+        let disturbs = |role: &Role| !matches!(role, Role::Supervisor | Role::Recorder);
+        let other = || Role::all().find(|role| disturbs(role) && instance.is_running(*role));
         while let Some(role) = other() {
             if now() > deadline {
                 return Err(InstanceError::Taken { instance: instance.to_string(), role }.into());
@@ -102,13 +114,13 @@ fn supervise(
     written: &File,
     instance: &Instance,
     stop: &StopFlag,
-    report: Option<&ReportFolder>,
+    outputs: RunOutputs<'_>,
 ) -> Result<FinishedRun, ProcessError> {
     let start = now();
     if stop.is_requested() {
         return Ok(stopped_before_the_start(config, now() - start));
     }
-    let mut children = Children::start(config, instance, written, report)?;
+    let mut children = Children::start(config, instance, written, outputs)?;
     let (failure, end) = {
         // Attached after the children were started: a process must not fork once it has joined the transport.
         let services = Services::join(instance).ok();

@@ -1,0 +1,66 @@
+//! A recorder's ends of the services. Nothing rings: it is to look often enough for their buffers.
+
+use super::{
+    Channel, DRIVE_RECORDER_BUFFER, IpcError, JOINT_STATE_BUFFER, MEASUREMENT_BUFFER, STATUS_RECORDER_BUFFER,
+    Services, TRACE_BUFFER,
+};
+use crate::ipc::{FrameShape, QuietFrameReceiver, Receiver};
+use crate::messages::{CameraId, DriveCommandMsg, DriveStateMsg, JointState, Measurement, Status, TraceMsg};
+
+impl Services {
+    /// A recorder's end of `camera/N/frame`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn frame_recorder(
+        &self,
+        camera: CameraId,
+        shape: FrameShape,
+    ) -> Result<QuietFrameReceiver, IpcError> {
+        self.quiet_frame_receiver(camera, shape, shape.buffer())
+    }
+
+    /// A recorder's end of `control/trace`. Nothing rings: it is to look often enough for its buffer of 1024 ticks.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn trace_receiver(&self) -> Result<Receiver<TraceMsg>, IpcError> {
+        self.receiver(Channel::Trace, TRACE_BUFFER, TRACE_BUFFER)
+    }
+
+    /// A recorder's end of `control/status`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn status_recorder(&self) -> Result<Receiver<Status>, IpcError> {
+        self.receiver(Channel::Status, STATUS_RECORDER_BUFFER, STATUS_RECORDER_BUFFER)
+    }
+
+    /// A recorder's end of `vision/N/measurement`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn measurement_recorder(&self, camera: CameraId) -> Result<Receiver<Measurement>, IpcError> {
+        self.receiver(Channel::Measurement(camera), MEASUREMENT_BUFFER, MEASUREMENT_BUFFER)
+    }
+
+    /// A recorder's end of `control/joint_state`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn joint_state_recorder(&self) -> Result<Receiver<JointState>, IpcError> {
+        self.receiver(Channel::JointState, JOINT_STATE_BUFFER, JOINT_STATE_BUFFER)
+    }
+
+    /// A recorder's ends of `drive/command` and `drive/state`.
+    ///
+    /// # Errors
+    /// When a service or a port cannot be made.
+    pub fn drive_recorders(&self) -> Result<(Receiver<DriveCommandMsg>, Receiver<DriveStateMsg>), IpcError> {
+        let (limit, buffer) = (DRIVE_RECORDER_BUFFER, DRIVE_RECORDER_BUFFER);
+        Ok((
+            self.receiver(Channel::DriveCommand, limit, buffer)?,
+            self.receiver(Channel::DriveState, limit, buffer)?,
+        ))
+    }
+}

@@ -1,0 +1,152 @@
+//! A frame as `sensor_msgs/msg/Image`, of 8-bit grey, in XCDR1.
+
+use super::CDR_LITTLE_ENDIAN;
+use crate::messages::{FieldValue, FrameHeader};
+use crate::time::MonoNs;
+
+/// Name of the definition.
+pub(super) const NAME: &str = "sensor_msgs/msg/Image";
+/// The definition (sensor_msgs of ROS 2 Humble, without its comments).
+pub(super) const SCHEMA: &str = "std_msgs/Header header
+uint32 height
+uint32 width
+string encoding
+uint8 is_bigendian
+uint32 step
+uint8[] data
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+";
+/// 8-bit grey, as ROS calls it.
+const ENCODING: &str = "mono8";
+/// Nanoseconds in a second, which follows from the unit.
+const NS_PER_S: i64 = 1_000_000_000;
+
+/// A frame, as a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ImageMessage<'a> {
+    /// Middle of its exposure, to be shown as a stamp of ROS.
+    pub stamp: MonoNs,
+    /// Columns, px.
+    pub width_px: u32,
+    /// Rows, px.
+    pub height_px: u32,
+    /// Grey levels, row by row.
+    pub pixels: &'a [u8],
+}
+
+impl<'a> ImageMessage<'a> {
+    /// Of a frame as it was sent.
+    #[must_use]
+    pub fn new(header: &FrameHeader, pixels: &'a [u8]) -> Self {
+        let FrameHeader { exposure, width_px, height_px, .. } = *header;
+        Self { stamp: exposure, width_px, height_px, pixels }
+    }
+
+    /// Appends the message; `camera` is the name of its coordinate frame.
+    pub(super) fn put(&self, camera: &str, bytes: &mut Vec<u8>) {
+        bytes.extend_from_slice(&CDR_LITTLE_ENDIAN);
+        let begin = bytes.len();
+        let seconds = i32::try_from(self.stamp.0.div_euclid(NS_PER_S)).unwrap_or_default();
+        bytes.extend_from_slice(&seconds.to_le_bytes());
+        (self.stamp.0.rem_euclid(NS_PER_S) as u32).put(bytes);
+        put_text(camera, begin, bytes);
+        put_u32(self.height_px, begin, bytes);
+        put_u32(self.width_px, begin, bytes);
+        put_text(ENCODING, begin, bytes);
+        bytes.push(0); // little-endian, as far as bytes can be
+        put_u32(self.width_px, begin, bytes);
+        put_u32(u32::try_from(self.pixels.len()).unwrap_or_default(), begin, bytes);
+        bytes.extend_from_slice(self.pixels);
+    }
+
+    /// The frame in a message; `None` where it is none of 8-bit grey.
+    #[must_use]
+    pub fn take(message: &'a [u8]) -> Option<Self> {
+        let mut input = CdrInput { rest: message.strip_prefix(&CDR_LITTLE_ENDIAN)?, at: 0 };
+        let seconds = i64::from(input.u32()?.cast_signed());
+        let stamp = MonoNs(seconds * NS_PER_S + i64::from(input.u32()?));
+        input.sequence()?;
+        let (height_px, width_px) = (input.u32()?, input.u32()?);
+        let is_grey = input.sequence()?.strip_suffix(&[0]) == Some(ENCODING.as_bytes());
+        input.bytes(1)?;
+        let step = input.u32()?;
+        let pixels = input.sequence()?;
+        let size = u64::from(width_px) * u64::from(height_px);
+        let fits = step == width_px && pixels.len() as u64 == size;
+        (is_grey && fits).then_some(Self { stamp, width_px, height_px, pixels })
+    }
+}
+
+/// Fills up to a multiple of four bytes from `begin`, then the number.
+fn put_u32(value: u32, begin: usize, bytes: &mut Vec<u8>) {
+    while (bytes.len() - begin) % 4 != 0 {
+        bytes.push(0);
+    }
+    value.put(bytes);
+}
+
+fn put_text(text: &str, begin: usize, bytes: &mut Vec<u8>) {
+    put_u32(u32::try_from(text.len() + 1).unwrap_or_default(), begin, bytes);
+    bytes.extend_from_slice(text.as_bytes());
+    bytes.push(0);
+}
+
+/// Reads values where their alignment puts them.
+struct CdrInput<'a> {
+    rest: &'a [u8],
+    at: usize,
+}
+
+impl<'a> CdrInput<'a> {
+    fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.rest.split_at_checked(count)?;
+        self.rest = rest;
+        self.at += count;
+        Some(taken)
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        self.bytes(self.at.next_multiple_of(4) - self.at)?;
+        u32::take(&mut self.bytes(4)?)
+    }
+
+    fn sequence(&mut self) -> Option<&'a [u8]> {
+        let count = self.u32()?;
+        self.bytes(count as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_frame_comes_back_as_it_was(
+            stamp in -1_000_000_000_000_i64..i64::from(i32::MAX) * NS_PER_S,
+            width_px in 0_u32..20, height_px in 0_u32..20, camera in "[a-z0-9/_]{0,12}", seed: u8,
+        ) {
+            let pixels: Vec<u8> = (0..width_px * height_px).map(|i| (i as u8).wrapping_mul(seed)).collect();
+            let image = ImageMessage { stamp: MonoNs(stamp), width_px, height_px, pixels: &pixels };
+            let mut bytes = Vec::new();
+            image.put(&camera, &mut bytes);
+            prop_assert_eq!(ImageMessage::take(&bytes), Some(image));
+            for cut in 0..bytes.len() {
+                prop_assert_eq!(ImageMessage::take(&bytes[..cut]), None);
+            }
+        }
+
+        #[test]
+        fn other_bytes_are_no_frame(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
+            prop_assert_eq!(ImageMessage::take(&bytes), None);
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Reads a recording from its beginning, also one that has no end: what is damaged or cut off is left out from the first incomplete chunk on.
+
+use super::writer::TYPE_KEY;
+use super::{CDR_LITTLE_ENDIAN, ImageMessage, RecordingError};
+use crate::messages::Record;
+use mcap::McapError;
+use mcap::records::{Channel, MessageHeader, Record as McapRecord};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use std::collections::BTreeMap;
+use std::io::Read;
+
+/// Largest record and chunk that are read, bytes, so that a damaged length allocates little. Chosen by hand: 64 times what a recorder gathers
+/// for a chunk, which is one frame more than 4 MiB.
+const MAX_RECORD: usize = 256 << 20;
+
+/// A message as it stands in the file.
+#[derive(Debug, Clone, Copy)]
+pub struct RecordedMessage<'a> {
+    topic: &'a str,
+    type_name: Option<&'a str>,
+    /// Instant that it is about, ns of the run's clock.
+    pub stamp_ns: u64,
+    /// The sender's number, modulo 2^32.
+    pub sequence: u32,
+    data: &'a [u8],
+}
+
+impl<'a> RecordedMessage<'a> {
+    /// Its topic.
+    #[must_use]
+    pub fn topic(&self) -> &'a str {
+        self.topic
+    }
+
+    /// The record in it.
+    ///
+    /// # Errors
+    /// When the topic carries others, or the message is damaged.
+    pub fn record<T: Record>(&self) -> Result<T, RecordingError> {
+        let expected = T::LAYOUT.type_name;
+        if self.type_name != Some(expected) {
+            let found = self.type_name.unwrap_or("no records").to_owned();
+            return Err(RecordingError::Version { topic: self.topic.into(), found, expected });
+        }
+        let record = self.data.strip_prefix(&CDR_LITTLE_ENDIAN).and_then(T::of_bytes);
+        record.ok_or_else(|| RecordingError::Message { topic: self.topic.into(), expected })
+    }
+
+    /// The image in it.
+    ///
+    /// # Errors
+    /// When it is none.
+    pub fn image(&self) -> Result<ImageMessage<'a>, RecordingError> {
+        let expected = "image of 8-bit grey";
+        ImageMessage::take(self.data)
+            .ok_or_else(|| RecordingError::Message { topic: self.topic.into(), expected })
+    }
+}
+
+/// Reads a recording. Attachments and metadata that stand before the first message are there from the beginning, the others as soon as they are
+/// passed.
+pub struct RecordingReader<R: Read> {
+    input: R,
+    mcap: LinearReader,
+    channels: BTreeMap<u16, Channel>,
+    attachments: BTreeMap<String, Vec<u8>>,
+    metadata: BTreeMap<String, BTreeMap<String, String>>,
+    /// The message that comes next.
+    next: Option<MessageHeader>,
+    data: Vec<u8>,
+    end: Option<Option<String>>,
+}
+
+impl<R: Read> RecordingReader<R> {
+    /// Opens a recording.
+    ///
+    /// # Errors
+    /// When it cannot be read, or is none.
+    pub fn open(input: R) -> Result<Self, RecordingError> {
+        let options = LinearReaderOptions::default()
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(MAX_RECORD);
+        let mut reader = Self {
+            input,
+            mcap: LinearReader::new_with_options(options),
+            channels: BTreeMap::new(),
+            attachments: BTreeMap::new(),
+            metadata: BTreeMap::new(),
+            next: None,
+            data: Vec::new(),
+            end: None,
+        };
+        reader.advance()?;
+        if reader.channels.is_empty() && reader.metadata.is_empty() {
+            return Err(RecordingError::Format(McapError::BadMagic));
+        }
+        Ok(reader)
+    }
+
+    /// The attachments so far, by their names.
+    #[must_use]
+    pub fn attachments(&self) -> &BTreeMap<String, Vec<u8>> {
+        &self.attachments
+    }
+
+    /// The metadata so far, by their names.
+    #[must_use]
+    pub fn metadata(&self) -> &BTreeMap<String, BTreeMap<String, String>> {
+        &self.metadata
+    }
+
+    /// At the end, why the file has none of its own: it is cut off or damaged there.
+    #[must_use]
+    pub fn cut_off(&self) -> Option<&str> {
+        self.end.as_ref()?.as_deref()
+    }
+
+    /// The next message; `None` at the end, also at one where the file is cut off.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub fn next_message(&mut self) -> Result<Option<RecordedMessage<'_>>, RecordingError> {
+        if self.next.is_none() {
+            self.advance()?;
+        }
+        let Some(header) = self.next.take() else { return Ok(None) };
+        let channel = self.channels.get(&header.channel_id);
+        Ok(Some(RecordedMessage {
+            topic: channel.map_or("", |channel| &channel.topic),
+            type_name: channel.and_then(|c| c.metadata.get(TYPE_KEY)).map(String::as_str),
+            stamp_ns: header.log_time,
+            sequence: header.sequence,
+            data: &self.data,
+        }))
+    }
+
+    /// Reads on to the next message, or to the end.
+    fn advance(&mut self) -> Result<(), RecordingError> {
+        while self.next.is_none() && self.end.is_none() {
+            match self.mcap.next_event() {
+                None => self.end = Some(None),
+                Some(Ok(LinearReadEvent::ReadRequest(wanted))) => {
+                    let count = self.input.read(self.mcap.insert(wanted))?;
+                    self.mcap.notify_read(count);
+                }
+                Some(Ok(LinearReadEvent::Record { data, opcode })) => {
+                    match mcap::parse_record(opcode, data) {
+                        Ok(McapRecord::Message { header, data }) => {
+                            self.data.clear();
+                            self.data.extend_from_slice(&data);
+                            self.next = Some(header);
+                        }
+                        Ok(McapRecord::Channel(channel)) => {
+                            self.channels.insert(channel.id, channel);
+                        }
+                        Ok(McapRecord::Attachment { header, data, .. }) => {
+                            self.attachments.insert(header.name, data.into_owned());
+                        }
+                        Ok(McapRecord::Metadata(facts)) => {
+                            self.metadata.insert(facts.name, facts.metadata);
+                        }
+                        Ok(_) => {}
+                        Err(error) => self.end = Some(Some(error.to_string())),
+                    }
+                }
+                Some(Err(error)) => self.end = Some(Some(error.to_string())),
+            }
+        }
+        Ok(())
+    }
+}

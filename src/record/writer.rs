@@ -1,0 +1,167 @@
+//! Writes a recording.
+
+use super::{
+    ABOUT, CDR_LITTLE_ENDIAN, END, ImageMessage, RecordingError, image_message, ros2_name, ros2_schema,
+};
+use crate::messages::{FrameHeader, Record};
+use crate::time::MonoNs;
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use mcap::{Attachment, Compression, WriteOptions, Writer};
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::marker::PhantomData;
+
+/// What a topic's metadata calls the versioned type name of its records.
+pub(super) const TYPE_KEY: &str = "vservo.type";
+
+/// A topic for records of type `T`.
+#[derive(Debug, Clone, Copy)]
+pub struct RecordTopic<T> {
+    id: u16,
+    of: PhantomData<T>,
+}
+
+/// A topic for images.
+#[derive(Debug, Clone)]
+pub struct ImageTopic {
+    id: u16,
+    frame: String,
+}
+
+/// Writes a recording to `W`, chunk by chunk: between the ends of two chunks nothing is written.
+pub struct RecordingWriter<W: Write> {
+    mcap: Writer<NoSeek<W>>,
+    /// One message.
+    bytes: Vec<u8>,
+    /// Message bytes since the last end of a chunk.
+    waiting: usize,
+}
+
+impl<W: Write> RecordingWriter<W> {
+    /// Begins a recording with what it is `about`.
+    ///
+    /// # Errors
+    /// When `sink` fails, as for everything here.
+    pub fn new(sink: W, about: &BTreeMap<String, String>) -> Result<Self, RecordingError> {
+        let options = WriteOptions::new()
+            .profile("ros2")
+            .library(concat!("vservo ", env!("CARGO_PKG_VERSION")))
+            .compression(Some(Compression::Lz4))
+            // ends of chunks are the caller's
+            .chunk_size(None)
+            .disable_seeking(true);
+        let mut writer = Self { mcap: options.create(NoSeek::new(sink))?, bytes: Vec::new(), waiting: 0 };
+        writer.describe(ABOUT, about)?;
+        Ok(writer)
+    }
+
+    fn describe(&mut self, name: &str, facts: &BTreeMap<String, String>) -> Result<(), RecordingError> {
+        Ok(self.mcap.write_metadata(&Metadata { name: name.into(), metadata: facts.clone() })?)
+    }
+
+    /// Adds a file.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn attach(&mut self, name: &str, media_type: &str, data: &[u8]) -> Result<(), RecordingError> {
+        let attachment = Attachment {
+            log_time: 0,
+            create_time: 0,
+            name: name.into(),
+            media_type: media_type.into(),
+            data: data.into(),
+        };
+        Ok(self.mcap.attach(&attachment)?)
+    }
+
+    /// Adds a topic for records.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn add_records<T: Record>(&mut self, topic: &str) -> Result<RecordTopic<T>, RecordingError> {
+        let layout = T::LAYOUT;
+        let schema = self.mcap.add_schema(&ros2_name(layout), "ros2msg", ros2_schema(layout).as_bytes())?;
+        let kind = BTreeMap::from([(TYPE_KEY.to_owned(), layout.type_name.to_owned())]);
+        let id = self.mcap.add_channel(schema, topic, "cdr", &kind)?;
+        Ok(RecordTopic { id, of: PhantomData })
+    }
+
+    /// Adds a topic for images, whose coordinate frame ROS calls `frame`.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn add_images(&mut self, topic: &str, frame: &str) -> Result<ImageTopic, RecordingError> {
+        let schema =
+            self.mcap.add_schema(image_message::NAME, "ros2msg", image_message::SCHEMA.as_bytes())?;
+        let id = self.mcap.add_channel(schema, topic, "cdr", &BTreeMap::new())?;
+        Ok(ImageTopic { id, frame: frame.into() })
+    }
+
+    /// Adds a record: the `sequence`-th of its topic, about the instant `stamp`.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn write<T: Record>(
+        &mut self,
+        topic: RecordTopic<T>,
+        sequence: u64,
+        stamp: MonoNs,
+        record: &T,
+    ) -> Result<(), RecordingError> {
+        self.bytes.clear();
+        self.bytes.extend_from_slice(&CDR_LITTLE_ENDIAN);
+        record.put(&mut self.bytes);
+        self.write_message(topic.id, sequence, stamp)
+    }
+
+    /// Adds the pixels of a frame.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn write_image(
+        &mut self,
+        topic: &ImageTopic,
+        header: &FrameHeader,
+        pixels: &[u8],
+    ) -> Result<(), RecordingError> {
+        self.bytes.clear();
+        ImageMessage::new(header, pixels).put(&topic.frame, &mut self.bytes);
+        self.write_message(topic.id, header.frame_id, header.exposure)
+    }
+
+    fn write_message(&mut self, id: u16, sequence: u64, stamp: MonoNs) -> Result<(), RecordingError> {
+        let time = u64::try_from(stamp.0).unwrap_or_default();
+        let header =
+            MessageHeader { channel_id: id, sequence: sequence as u32, log_time: time, publish_time: time };
+        self.waiting += self.bytes.len();
+        Ok(self.mcap.write_to_known_channel(&header, &self.bytes)?)
+    }
+
+    /// Bytes of messages since the last end of a chunk.
+    #[must_use]
+    pub fn waiting_bytes(&self) -> usize {
+        self.waiting
+    }
+
+    /// Ends the chunk: what was added so far goes to the sink, which is flushed.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn end_chunk(&mut self) -> Result<(), RecordingError> {
+        self.waiting = 0;
+        Ok(self.mcap.flush()?)
+    }
+
+    /// Ends the recording with what there is to tell about its end.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn finish(mut self, end: &BTreeMap<String, String>) -> Result<W, RecordingError> {
+        self.describe(END, end)?;
+        self.mcap.finish()?;
+        let mut sink = self.mcap.into_inner().into_inner();
+        sink.flush()?;
+        Ok(sink)
+    }
+}
