@@ -79,7 +79,7 @@ pub trait FieldValue: Copy {
 }
 
 /// A record that travels between processes.
-pub trait Record: FieldValue {
+pub trait MessageRecord: FieldValue {
     /// Its fields.
     const LAYOUT: &'static RecordLayout;
 
@@ -163,7 +163,7 @@ macro_rules! record {
 
         impl $crate::messages::FieldValue for $Name {
             const KIND: $crate::messages::FieldType =
-                $crate::messages::FieldType::Record(<Self as $crate::messages::Record>::LAYOUT);
+                $crate::messages::FieldType::Record(<Self as $crate::messages::MessageRecord>::LAYOUT);
 
             fn put(&self, bytes: &mut Vec<u8>) {
                 $($crate::messages::FieldValue::put(&self.$field, bytes);)+
@@ -174,7 +174,7 @@ macro_rules! record {
             }
         }
 
-        impl $crate::messages::Record for $Name {
+        impl $crate::messages::MessageRecord for $Name {
             const LAYOUT: &'static $crate::messages::RecordLayout = &$crate::messages::RecordLayout {
                 type_name: $type_name,
                 name: stringify!($Name),

@@ -30,7 +30,7 @@ pub use command::{ControlAnswer, ControlCommand, answer_flag};
 pub use drive::{DriveCommandMsg, DriveStateMsg, drive_flag};
 pub use frame::{FrameHeader, frame_flag};
 pub use joint_state::{JointState, joint_flag};
-pub use layout::{FieldType, FieldValue, Record, RecordField, RecordLayout};
+pub use layout::{FieldType, FieldValue, MessageRecord, RecordField, RecordLayout};
 pub use measurement::{FeaturePoint, Measurement, TargetStatus, measurement_flag};
 pub use status::{ControlState, Status, status_flag};
 pub use trace::{TRACE_LIMITS, TraceMsg, trace_flag};

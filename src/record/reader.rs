@@ -2,7 +2,7 @@
 
 use super::writer::TYPE_KEY;
 use super::{CDR_LITTLE_ENDIAN, ImageMessage, RecordingError};
-use crate::messages::Record;
+use crate::messages::MessageRecord;
 use mcap::McapError;
 use mcap::records::{Channel, MessageHeader, Record as McapRecord};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -36,7 +36,7 @@ impl<'a> RecordedMessage<'a> {
     ///
     /// # Errors
     /// When the topic carries others, or the message is damaged.
-    pub fn record<T: Record>(&self) -> Result<T, RecordingError> {
+    pub fn record<T: MessageRecord>(&self) -> Result<T, RecordingError> {
         let expected = T::LAYOUT.type_name;
         if self.type_name != Some(expected) {
             let found = self.type_name.unwrap_or("no records").to_owned();

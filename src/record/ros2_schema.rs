@@ -52,7 +52,7 @@ fn plain(about: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::messages::{ControlCommand, JointState, Measurement, Record};
+    use crate::messages::{ControlCommand, JointState, Measurement, MessageRecord};
 
     #[test]
     fn a_definition_names_every_field_in_its_order() {

@@ -3,7 +3,7 @@
 use super::{
     ABOUT, CDR_LITTLE_ENDIAN, END, ImageMessage, RecordingError, image_message, ros2_name, ros2_schema,
 };
-use crate::messages::{FrameHeader, Record};
+use crate::messages::{FrameHeader, MessageRecord};
 use crate::time::MonoNs;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
@@ -79,7 +79,7 @@ impl<W: Write> RecordingWriter<W> {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn add_records<T: Record>(&mut self, topic: &str) -> Result<RecordTopic<T>, RecordingError> {
+    pub fn add_records<T: MessageRecord>(&mut self, topic: &str) -> Result<RecordTopic<T>, RecordingError> {
         let layout = T::LAYOUT;
         let schema = self.mcap.add_schema(&ros2_name(layout), "ros2msg", ros2_schema(layout).as_bytes())?;
         let kind = BTreeMap::from([(TYPE_KEY.to_owned(), layout.type_name.to_owned())]);
@@ -102,7 +102,7 @@ impl<W: Write> RecordingWriter<W> {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn write<T: Record>(
+    pub fn write<T: MessageRecord>(
         &mut self,
         topic: RecordTopic<T>,
         sequence: u64,

@@ -10,7 +10,7 @@ use tracing::warn;
 
 /// Most ticks that a recorder may lag behind. Chosen by hand: a tenth of its buffer of 1024, whose rest covers what is sent between two looks.
 const MAX_LAG: u64 = 96;
-/// Longest wait for a recorder. Chosen by hand: it was killed, or its disk hangs; then the run goes on, and it counts what it loses.
+/// Longest wait for a recorder. Chosen by hand: its disk hangs, or it was stopped; then the run goes on, and it counts what it loses.
 const PATIENCE: SpanNs = SpanNs(2_000_000_000);
 /// Between two looks. Chosen by hand: a recorder takes what there is every half millisecond.
 const LOOK_AGAIN: Duration = Duration::from_micros(100);
@@ -43,6 +43,9 @@ impl RecorderPace {
             && tick > taken.saturating_add(self.max_lag)
         {
             membership.beat();
+            if !membership.services().instance().is_running(Role::Recorder) {
+                return; // it has ended, and somebody else listens
+            }
             if now() - start > PATIENCE {
                 warn!("the recorder does not follow: the run goes on without waiting for it");
                 self.given_up = true;

@@ -3,8 +3,8 @@
 use crate::config::{Config, DriveKind};
 use crate::ipc::{Channel, QuietFrameReceiver, Receiver, Services};
 use crate::messages::{
-    CameraHealth, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, Record, Status,
-    TraceMsg,
+    CameraHealth, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, MessageRecord,
+    Status, TraceMsg,
 };
 use crate::process::vision::FrameCounter;
 use crate::process::{ProcessError, shape_of};
@@ -39,13 +39,13 @@ pub(super) trait ServiceTap<W: Write> {
 }
 
 /// Name and place of a record that travels by itself: the number that its sender gave it, and its instant.
-trait Numbered {
+trait SequencedRecord {
     fn number(&self) -> (u64, MonoNs);
 }
 
 macro_rules! numbered {
     ($($Record:ty: $sequence:ident, $stamp:ident;)+) => {
-        $(impl Numbered for $Record {
+        $(impl SequencedRecord for $Record {
             fn number(&self) -> (u64, MonoNs) {
                 (self.$sequence, self.$stamp)
             }
@@ -64,14 +64,14 @@ numbered! {
     DriveStateMsg: sequence, stamp;
 }
 
-struct RecordTap<T: Record + ZeroCopySend + Debug + 'static> {
+struct RecordTap<T: MessageRecord + ZeroCopySend + Debug + 'static> {
     service: Channel,
     receiver: Receiver<T>,
     topic: RecordTopic<T>,
     counter: SequenceCounter,
 }
 
-impl<W: Write, T: Record + Numbered + ZeroCopySend + Debug> ServiceTap<W> for RecordTap<T> {
+impl<W: Write, T: MessageRecord + SequencedRecord + ZeroCopySend + Debug> ServiceTap<W> for RecordTap<T> {
     fn take_all(&mut self, writer: &mut RecordingWriter<W>) -> Result<bool, ProcessError> {
         for taken in 0..MAX_IN_A_ROW {
             let Some(record) = self.receiver.receive()? else { return Ok(taken > 0) };
@@ -123,7 +123,7 @@ fn topic(service: Channel) -> String {
     format!("/{service}")
 }
 
-fn records<W: Write, T: Record + Numbered + ZeroCopySend + Debug + 'static>(
+fn records<W: Write, T: MessageRecord + SequencedRecord + ZeroCopySend + Debug + 'static>(
     service: Channel,
     receiver: Receiver<T>,
     writer: &mut RecordingWriter<W>,
