@@ -54,7 +54,7 @@ pub(super) fn record(arguments: &RecordArguments) -> Result<u8, ProcessError> {
     let end = recorder::run(&config, &instance, &stop, &arguments.out, &files(&config))?;
     let exit_code = if arguments.supervised_by.is_some() {
         // stdout belongs to the results of the run
-        end.to_text().lines().for_each(|line| tell(line));
+        end.to_text().lines().for_each(tell);
         0
     } else {
         shown(&end.to_text(), 0)

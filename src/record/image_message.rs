@@ -86,7 +86,7 @@ impl<'a> ImageMessage<'a> {
 
 /// Fills up to a multiple of four bytes from `begin`, then the number.
 fn put_u32(value: u32, begin: usize, bytes: &mut Vec<u8>) {
-    while (bytes.len() - begin) % 4 != 0 {
+    while !(bytes.len() - begin).is_multiple_of(4) {
         bytes.push(0);
     }
     value.put(bytes);
