@@ -8,13 +8,13 @@ use super::misfit::largest;
 use nalgebra::Vector2;
 
 /// So many frames with the same errors tell a model error. At 25 Hz the third comes 0.14 s after the last measurement, before `safety.slow_down_from` of
-/// `safety.measurement_timeout_ms` slows the arm down (0.15 s). What moves through a view changes from frame to frame by more than [`CHANGE`].
+/// `safety.measurement_timeout_ms` slows the arm down (0.15 s), so that it is chosen no larger. What moves through a view changes from frame to frame by more than [`CHANGE`].
 const ENOUGH: u32 = 3;
-/// Share of the misfit by which it may change from frame to frame. With a focal length that is 30 % wrong, a UR5 that turns by 60 degrees at its limits changes it by
-/// up to a fifth in 40 ms; what moves over a dot changes it from nothing to all within some frames. Chosen by hand between the two.
+/// Share of the misfit by which it may change from frame to frame. What moves over a dot changes it from nothing to all within some frames; an arm that
+/// moves changes the misfit of a wrong lens as little as the view. Chosen by hand between the two.
 const CHANGE: f64 = 0.3;
-/// Largest misfit, as a share of the target's extent in the image (root mean square distance of its points from their centre). Chosen by hand: a focal length that
-/// is 30 % wrong leaves up to 3 % where a tilted target fills the image, and points of another object, or mistaken ones, leave tenths.
+/// Largest misfit, as a share of the target's extent in the image (root mean square distance of its points from their centre). Chosen by hand: points of another
+/// object, or mistaken ones, leave tenths of it, and a wrong lens a few hundredths at most where a tilted target fills the image.
 const MAX_SHARE: f64 = 0.04;
 /// Factor by which the misfit may grow beyond the largest of the last second before it has to be found steady anew. Chosen by hand: three frames of [`CHANGE`].
 const GROWS: f64 = 2.0;

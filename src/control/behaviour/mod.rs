@@ -88,6 +88,15 @@ impl<const N: usize> Behaviour<N> {
         }
     }
 
+    /// Whether measurements keep coming at `now`, with or without a target; only servoing looks for one.
+    #[must_use]
+    pub fn sees(&self, now: MonoNs) -> bool {
+        match self {
+            Self::Servoing(servoing) => servoing.sees(now),
+            Self::Waypoints(_) | Self::Excitation(_) => false,
+        }
+    }
+
     /// Confidence in the input at `now`, 0 to 1: the factor of a velocity. At 0 there is no usable input.
     #[must_use]
     pub fn confidence(&self, now: MonoNs, servo: &VisualServo<N>) -> f64 {

@@ -34,9 +34,15 @@ impl Servoing {
     }
 
     pub(super) fn note(&mut self, m: &Measurement, verdict: MeasurementVerdict) {
+        self.watch.came(m.exposure);
         if verdict.is_used() {
             self.watch.good(m.exposure);
         }
+    }
+
+    /// Whether measurements keep coming at `now`, with or without a target.
+    pub(super) fn sees(&self, now: MonoNs) -> bool {
+        self.watch.sees(now)
     }
 
     pub(super) fn confidence<const N: usize>(&self, now: MonoNs, servo: &VisualServo<N>) -> f64 {

@@ -204,8 +204,9 @@ impl<const N: usize> Controller<N> {
             verdict = measurement.map(|m| self.take(now, m));
             confidence = self.behaviour.confidence(now, &self.servo);
         }
-        let returns =
-            |state: &DriveState<N>| self.servo.way_back(&state.q).filter(|_| !self.behaviour.is_dry());
+        // Without a camera an arm that has lost its target would go back for nothing.
+        let may_return = !self.behaviour.is_dry() && self.behaviour.sees(now);
+        let returns = |state: &DriveState<N>| self.servo.way_back(&state.q).filter(|_| may_return);
         let way_back = observed.as_ref().and_then(returns);
         self.live(state.as_ref(), confidence, way_back.is_some());
         if self.state != State::Servoing {

@@ -337,7 +337,7 @@ mod tests {
 
     /// A joint that stands while it is told to creep is too slow a way for the distances of 0.4 s; its lag tells.
     #[test]
-    fn a_lag_comes_to_a_sum_for_a_joint_that_stands_and_to_none_for_a_slow_drive() {
+    fn a_standing_joint_comes_to_a_sum_of_lag_and_a_slow_drive_not() {
         for (share, least, most) in [(0.0, 0.09, 0.11), (0.75, 0.0, 0.02), (1.3, 0.0, 0.02)] {
             let mut watch = ArmWatch::<2>::default();
             for k in 0..5000 {

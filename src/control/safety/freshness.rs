@@ -8,6 +8,8 @@ pub struct MeasurementWatch {
     timeout: SpanNs,
     slow_down_from: f64,
     last: Option<MonoNs>,
+    /// Exposure of the last measurement of any kind.
+    any: Option<MonoNs>,
 }
 
 /// The age of the last good measurement.
@@ -26,7 +28,19 @@ impl MeasurementWatch {
     /// less from the share `slow_down_from` of that time on (0 to 1; 1: not before).
     #[must_use]
     pub fn new(timeout: SpanNs, slow_down_from: f64) -> Self {
-        Self { timeout, slow_down_from, last: None }
+        Self { timeout, slow_down_from, last: None, any: None }
+    }
+
+    /// A measurement with this exposure stamp came, whatever it says.
+    pub fn came(&mut self, exposure: MonoNs) {
+        self.any = Some(self.any.map_or(exposure, |any| any.max(exposure)));
+    }
+
+    /// Whether measurements keep coming at `now`, good or not: camera and vision are at work. Twice the timeout of good ones, so that one that is late does not
+    /// count as an end.
+    #[must_use]
+    pub fn sees(&self, now: MonoNs) -> bool {
+        self.any.is_some_and(|any| now - any <= SpanNs(self.timeout.0.saturating_mul(2)))
     }
 
     /// A good measurement with this exposure stamp was used.
@@ -60,6 +74,15 @@ impl MeasurementWatch {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_camera_that_sees_no_target_is_at_work() {
+        let mut w = MeasurementWatch::new(SpanNs(100), 1.0);
+        assert!(!w.sees(MonoNs(0)));
+        w.came(MonoNs(1_000));
+        assert!(w.sees(MonoNs(1_200)) && !w.sees(MonoNs(1_201)));
+        assert_eq!(w.check(MonoNs(1_000)), Freshness::Never, "it was not good");
+    }
 
     #[test]
     fn measurements_grow_stale_and_recover() {

@@ -6,14 +6,14 @@
 
 use nalgebra::SVector;
 
-/// Ticks over which velocities are averaged: with encoder noise of 5e-4 rad its standard deviation is 0.07 rad/s.
+/// Ticks over which velocities are averaged: with encoder noise of 5e-4 rad the standard deviation of a mean velocity is 0.07 rad/s. Chosen by hand: the double would halve swings of 25 Hz.
 const SPAN: usize = 10;
 /// Velocity error of a half swing, rad/s or m/s: seven deviations of that noise, and a fifth of the smallest velocity limit of the shipped arms. Chosen by hand between
 /// what friction and an untold payload make of a healthy start and a wrist that oscillates at 2.6 rad/s.
 const AMPLITUDE: f64 = 0.5;
-/// Half swings that are a fault: four whole swings. A lag that is corrected swings once or twice.
+/// Half swings that are a fault: four whole swings. Chosen by hand: a lag that is corrected swings once or twice.
 const HALVES: usize = 8;
-/// Ticks within which they have to come: swings of 8 Hz and faster, above the 6.4 Hz of the joint controller (`motion.natural_frequency_rad_s` = 40).
+/// Ticks within which they have to come: swings of 8 Hz and faster. Chosen above the 6.4 Hz of the joint controller (`motion.natural_frequency_rad_s` = 40).
 const WITHIN: u64 = 500;
 
 /// Watches the joints for swings about their reference.
@@ -26,12 +26,12 @@ pub(super) struct SwingWatch<const N: usize> {
     next: usize,
     /// Ticks since the last restart.
     ticks: u64,
-    joints: [Joint; N],
+    joints: [HalfSwings; N],
 }
 
 /// The half swings of one joint.
 #[derive(Debug, Clone, Copy)]
-struct Joint {
+struct HalfSwings {
     /// Sign of the last one.
     sign: f64,
     /// When the last ones began, the oldest at `next`; none before the first.
@@ -41,7 +41,7 @@ struct Joint {
 
 impl<const N: usize> Default for SwingWatch<N> {
     fn default() -> Self {
-        let joint = Joint { sign: 0.0, times: [None; HALVES], next: 0 };
+        let joint = HalfSwings { sign: 0.0, times: [None; HALVES], next: 0 };
         Self {
             gone: SVector::zeros(),
             error: [SVector::zeros(); SPAN],
