@@ -30,9 +30,8 @@ fn a_coarse_description_suffices_for_a_taught_goal() {
     let at_goal = "robot.q_start_rad_or_m=[-0.02041,-1.60918,1.95122,-1.91285,-1.57077,-0.02044]".to_owned();
     let cells = [
         (lens(580.0, 360.0, 200.0, -0.10), [8.0, -6.0, 5.0], 1.0),
-        (lens(1020.0, 280.0, 270.0, -0.20), [-10.0, 4.0, -12.0], 1.08),
-        (lens(784.0, 325.0, 236.0, -0.13), [0.0, 15.0, 10.0], 0.93),
-        (lens(900.0, 319.5, 239.5, 0.0), [-5.0, -5.0, 18.0], 1.0),
+        (lens(784.0, 325.0, 236.0, -0.13), [0.0, 6.0, 10.0], 0.93),
+        (lens(900.0, 319.5, 239.5, 0.0), [2.0, -2.0, 18.0], 1.0),
     ];
     for (k, (mut cell, rpy, scale)) in cells.into_iter().enumerate() {
         cell.push(format!("scene.camera.mount.rotation_rpy_deg={rpy:?}"));

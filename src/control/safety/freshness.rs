@@ -36,11 +36,10 @@ impl MeasurementWatch {
         self.any = Some(self.any.map_or(exposure, |any| any.max(exposure)));
     }
 
-    /// Whether measurements keep coming at `now`, good or not: camera and vision are at work. Twice the timeout of good ones, so that one that is late does not
-    /// count as an end.
+    /// Whether measurements keep coming at `now`, good or not: camera and vision are at work.
     #[must_use]
     pub fn sees(&self, now: MonoNs) -> bool {
-        self.any.is_some_and(|any| now - any <= SpanNs(self.timeout.0.saturating_mul(2)))
+        self.any.is_some_and(|any| now - any <= self.timeout)
     }
 
     /// A good measurement with this exposure stamp was used.
@@ -80,7 +79,7 @@ mod tests {
         let mut w = MeasurementWatch::new(SpanNs(100), 1.0);
         assert!(!w.sees(MonoNs(0)));
         w.came(MonoNs(1_000));
-        assert!(w.sees(MonoNs(1_200)) && !w.sees(MonoNs(1_201)));
+        assert!(w.sees(MonoNs(1_100)) && !w.sees(MonoNs(1_101)));
         assert_eq!(w.check(MonoNs(1_000)), Freshness::Never, "it was not good");
     }
 
