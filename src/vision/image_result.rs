@@ -68,7 +68,7 @@ impl Vision {
     /// The same without a calibrated lens: the points alone, without corrections and pose.
     ///
     /// # Errors
-    /// As for [`Self::still`].
+    /// As for [`Self::process_image`].
     pub fn points_of(&mut self, image: &ImageView<'_>) -> Result<ImageResult<'_>, TargetStatus> {
         self.search_alone(image)?;
         let estimate = &mut self.searched;

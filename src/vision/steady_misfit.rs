@@ -109,7 +109,7 @@ mod tests {
     use super::*;
 
     fn errors(scale: f64, odd: f64) -> Errors {
-        let error = |i: u32| Vector2::new(0.4, -0.4) * if i % 2 == 0 { scale } else { -scale };
+        let error = |i: u32| Vector2::new(0.4, -0.4) * if i.is_multiple_of(2) { scale } else { -scale };
         (0..4).map(|i| (i, error(i) + Vector2::new(if i == 2 { odd } else { 0.0 }, 0.0))).collect()
     }
 

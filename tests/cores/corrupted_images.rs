@@ -229,7 +229,7 @@ fn a_model_error_is_accepted_and_a_leap_is_not() {
     for k in 0..40 {
         let mut bench = Bench::new(-0.15, sensor(0.5, 2.0, k));
         let i = *bench.renderer.camera().intrinsics();
-        let share = if k % 2 == 0 { random.within(0.7, 0.9) } else { random.within(1.1, 1.3) };
+        let share = if k.is_multiple_of(2) { random.within(0.7, 0.9) } else { random.within(1.1, 1.3) };
         let wrong =
             vservo::camera_model::Intrinsics { fx_px: i.fx_px * share, fy_px: i.fy_px * share * 1.01, ..i };
         let lens = *bench.renderer.camera().lens();
