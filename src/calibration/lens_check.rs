@@ -98,13 +98,15 @@ pub fn lens_differences(camera: &CameraModel, views: &[LensView]) -> Vec<LensDif
     }
     let (Some(there), i) = (lens_at(camera, &lens), camera.intrinsics()) else { return Vec::new() };
     let (to, f) = (there.intrinsics(), i.fx_px);
+    // of the whole image, as run files have it, where the camera reads a part
+    let whole = camera.full_intrinsics();
     let k1 = |of: &CameraModel| of.lens().coefficients().first().map_or(0.0, |(_, value)| *value);
     let aspect = |of: &Intrinsics| of.fy_px / of.fx_px;
     let numbers = [
         ("fx_px", i.fx_px, to.fx_px, to.fx_px),
         ("fy_px / camera.lens.fx_px", aspect(i), aspect(to), aspect(to)),
-        ("cx_px", i.cx_px, to.cx_px, f),
-        ("cy_px", i.cy_px, to.cy_px, f),
+        ("cx_px", whole.cx_px, whole.cx_px + to.cx_px - i.cx_px, f),
+        ("cy_px", whole.cy_px, whole.cy_px + to.cy_px - i.cy_px, f),
         ("k1", k1(camera), k1(&there), 1.0),
     ];
     let mut differences: Vec<(f64, LensDifference)> = (numbers.iter().enumerate())
@@ -161,7 +163,7 @@ fn residuals(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera_model::Distortion;
+    use crate::camera_model::{Distortion, Region};
     use crate::linalg::Random;
     use nalgebra::Vector3;
 
@@ -210,6 +212,19 @@ mod tests {
         }
         assert!(told >= 25, "{told}");
         assert!((0.4..2.0).contains(&(squares / f64::from(told))), "{}", squares / f64::from(told));
+    }
+
+    /// A camera that reads a part of its image has its principal point in the run file counted in the whole of it.
+    #[test]
+    fn the_principal_point_is_that_of_the_whole_image() {
+        let mut random = Random::new(7);
+        let part = Region { x_px: 200, y_px: 100, width_px: 240, height_px: 280 };
+        let described = camera(800.0, 319.5, -0.15).cropped(&part).unwrap();
+        let seen = views(&camera(800.0, 355.0, -0.15).cropped(&part).unwrap(), 0.0, 0.02, &mut random);
+        let differences = lens_differences(&described, &seen);
+        let of_cx = differences.iter().find(|d| d.key == "cx_px").unwrap();
+        assert!((of_cx.described - 319.5).abs() < 1e-9, "{of_cx:?}");
+        assert!((of_cx.estimated - 355.0).abs() < 5.0 * of_cx.sd, "{of_cx:?}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::target::Target;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-/// Views that are kept. Chosen by hand: the estimate of a lens becomes surer with the square root of their number, and each costs 5 us an iteration.
+/// Views that are kept. Chosen by hand: the estimate of a lens becomes surer with the square root of their number, and twice as many would be twice the work at the end of a run.
 const VIEWS: usize = 24;
 /// Turn of the target in the camera, rad, or change of its position as a share of its distance, from which on a view is another one. Chosen by hand: a motion by a
 /// right angle or twice the distance leaves 16 views.

@@ -75,7 +75,7 @@ const MOST_FRICTION: f64 = 2.5;
 /// A joint sticks that is slower than this, rad/s or m/s, for so many ticks, while its error is to decay with at least this speed: chosen by hand, and not varied. Smooth
 /// friction lets a joint creep with 1e-6 rad/s and more under any torque; what sticks does not move at all.
 const STILL: f64 = 1e-9;
-const PULLED: f64 = 1e-4;
+const PULLED: f64 = 1e-4; // the speed of the error; chosen by hand with the one above
 const STILL_TICKS: u32 = 20;
 /// Share of the estimation rate that is kept at rest. Chosen by hand: 1 / 50, so that an arm that is held by friction still adapts.
 const RATE_AT_REST: f64 = 0.02;

@@ -49,8 +49,9 @@ const FOLLOW: f64 = 0.2;
 const SURE: f64 = 2.0;
 /// Change of an estimate that is not worth a change of the model, kg and kg m. Chosen by hand: 1 mN of weight.
 const SAME: f64 = 1e-4;
-/// Farthest centre of mass from the flange, m, and largest mass, kg, that are believed. Chosen by hand: twice what grippers have, and three times the prior.
+/// Farthest centre of mass from the flange that is believed, m. Chosen by hand: twice what grippers have.
 const FARTHEST_M: f64 = 0.3;
+/// Largest mass that is believed, kg. Chosen by hand: three times the prior's deviation.
 const MOST_KG: f64 = 30.0;
 /// Share of the efforts that references are planned with. Chosen by hand: a tenth is left to feedback and friction.
 const EFFORT_USED: f64 = 0.9;
@@ -59,6 +60,7 @@ const LEAST_SHARE: f64 = 0.1;
 /// Share of a joint's effort that gravity may take, and the share before it in which the arm becomes slower. Chosen by hand: 3 % are left to hold it, and an
 /// xArm7 with 5 kg, which is too much for it, comes to rest before it can no more; with a third of the latter it sinks.
 const HOLDS: f64 = 0.97;
+/// Share before [`HOLDS`] in which the arm becomes slower. Chosen by hand, as told there.
 const FADES: f64 = 0.15;
 /// Speed beyond which a joint has its whole Coulomb friction, rad/s or m/s. Derived: five times the width over which smooth models change its sign. At rest a joint that sticks may bear any part of it.
 const MOVES: f64 = 5e-3;

@@ -113,6 +113,7 @@ mod tests {
         (0..4).map(|i| (i, error(i) + Vector2::new(if i == 2 { odd } else { 0.0 }, 0.0))).collect()
     }
 
+    /// Of dots that are found to 0.02 px.
     const VARIANCE_PX2: f64 = 4e-4;
 
     #[test]

@@ -82,7 +82,7 @@ impl<const N: usize> Behaviour<N> {
         servo: &VisualServo<N>,
     ) {
         match self {
-            Self::Servoing(servoing) => servoing.note(m, verdict),
+            Self::Servoing(servoing) => servoing.note(now, m, verdict),
             Self::Waypoints(_) => {}
             Self::Excitation(excitation) => excitation.note(now, m, servo),
         }

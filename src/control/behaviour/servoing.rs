@@ -33,8 +33,8 @@ impl Servoing {
         self.dry
     }
 
-    pub(super) fn note(&mut self, m: &Measurement, verdict: MeasurementVerdict) {
-        self.watch.came(m.exposure);
+    pub(super) fn note(&mut self, now: MonoNs, m: &Measurement, verdict: MeasurementVerdict) {
+        self.watch.came(now);
         if verdict.is_used() {
             self.watch.good(m.exposure);
         }

@@ -8,7 +8,7 @@ pub struct MeasurementWatch {
     timeout: SpanNs,
     slow_down_from: f64,
     last: Option<MonoNs>,
-    /// Exposure of the last measurement of any kind.
+    /// When the last measurement of any kind came.
     any: Option<MonoNs>,
 }
 
@@ -31,9 +31,9 @@ impl MeasurementWatch {
         Self { timeout, slow_down_from, last: None, any: None }
     }
 
-    /// A measurement with this exposure stamp came, whatever it says.
-    pub fn came(&mut self, exposure: MonoNs) {
-        self.any = Some(self.any.map_or(exposure, |any| any.max(exposure)));
+    /// A measurement came at `now`, whatever it says. Its stamp is not asked, because it may be absurd.
+    pub fn came(&mut self, now: MonoNs) {
+        self.any = Some(now);
     }
 
     /// Whether measurements keep coming at `now`, good or not: camera and vision are at work.

@@ -8,8 +8,8 @@
 //! | drive reports NaN, infinity, or an implausible state (10 times the speed limit, a jump, a whole range outside the range) | the arm is assumed to be on its reference, which slows down; run ends as fault |
 //! | a joint is faster than 1.5 times its limit over 20 ms, or before a drive that obeys torques 1.25 times in most of 100 ms or a third of 0.4 s | reference is put on the measured arm and slows down, run ends as fault |
 //! | a joint does not follow its reference over 400 ms, or is farther from it than `tracking_error` | likewise |
-//! | a joint swings about its reference: four times within 0.5 s, with 0.5 rad/s and more | likewise |
-//! | a drive that obeys velocities does not do as commanded: the velocities differ by more than `max_tracking_error` in sum | likewise |
+//! | a joint swings about its reference (under a law that outputs torques there is none): four times within 0.5 s, with 0.5 rad/s and more | likewise |
+//! | a drive that obeys velocities does not do as commanded: what a joint moved differs from it by more than `max_tracking_error` in sum, half of what it moved forgiven | likewise |
 //! | commands had to be changed before the drive for 100 ms, or are not finite | likewise |
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |

@@ -11,6 +11,7 @@ const SLIP_GAIN: f64 = 4.0;
 /// damp: half, so that the loop gain stays below that of the joint's own friction, with which late commands are still stable; and the
 /// largest velocity error that is damped so, rad/s or m/s, which bounds the torque of a wrong velocity.
 const DAMPING_SHARE: f64 = 0.5;
+/// Largest velocity error that is damped so, rad/s or m/s. Chosen by hand: what sticks and slips about a goal reaches 0.2.
 const DAMPED: f64 = 0.2;
 
 /// Velocities for which viscous friction of joints that stick is compensated beyond those of the reference and of the error's decay, rad/s or m/s;
