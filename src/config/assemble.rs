@@ -251,6 +251,7 @@ pub fn simulated_settings<const N: usize>(
             seed: config.seed,
         },
         servo: arm.servo,
+        surroundings: arm.surroundings,
     })
 }
 
@@ -322,6 +323,7 @@ pub fn control_loop_with<const N: usize>(
         start_tolerance: config.start.tolerance,
         may_start_elsewhere: config.start.elsewhere,
         max_tracking_error: config.safety.max_tracking_error,
+        reaction: config.safety.contact,
         ..ControllerSettings::new(ArmModel { robot, limits }, joint_control, config.drive.mode, q_start)
     };
     let plays_once = matches!(config.camera.source, Source::Replay { repeat: false, .. });

@@ -45,7 +45,8 @@ pub use source::Document;
 pub use stereo::{Stereo, taught_file};
 pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 
-use crate::drive::{CommandMode, HardFriction, InnerServo, Payload};
+use crate::control::safety::ContactReaction;
+use crate::drive::{CommandMode, HardFriction, InnerServo, Payload, Surroundings};
 use crate::robot::RobotDescription;
 use crate::servo::{ServoSettings, SetPoint};
 use crate::target::Target;
@@ -202,6 +203,8 @@ pub struct SimulatedArm {
     pub payload: Payload,
     /// The drive's own servo.
     pub servo: InnerServo,
+    /// What acts on it from outside.
+    pub surroundings: Surroundings,
 }
 
 /// A drive in another process.
@@ -230,6 +233,8 @@ pub struct Safety {
     pub max_missed_in_a_row: u64,
     /// Largest distance of a joint from its reference, rad or m.
     pub max_tracking_error: f64,
+    /// What is done when something touches the arm.
+    pub contact: ContactReaction,
 }
 
 /// Scheduling of the control thread.

@@ -3,6 +3,7 @@
 //! Each table rejects unknown keys. `validate` checks the values.
 
 use super::target::RawTarget;
+use crate::control::safety::ContactReaction;
 use crate::drive::CommandMode;
 use crate::vision::PoseApproach;
 use serde::{Deserialize, Serialize};
@@ -279,6 +280,51 @@ table! {
         payload_com_m: [f64; 3] = [0.0, 0.0, 0.05],
         /// Poles of the drive's own servo in the modes velocity and position, rad/s.
         servo_natural_frequency_rad_s: f64 = 60.0,
+        /// `[drive.simulated.wall]`
+        #[serde(skip_serializing_if = "Option::is_none")]
+        wall: Option<RawWall> = None,
+        /// `[drive.simulated.push]`
+        #[serde(skip_serializing_if = "Option::is_none")]
+        push: Option<RawPush> = None,
+        /// `[drive.simulated.jam]`
+        #[serde(skip_serializing_if = "Option::is_none")]
+        jam: Option<RawJam> = None,
+    }
+}
+
+table! {
+    /// A wall before the flange of the simulated arm.
+    RawWall {
+        /// A point of its surface in the frame of the base, m.
+        point_m: [f64; 3] = [0.0; 3],
+        /// The direction out of it, of any length.
+        normal: [f64; 3] = [0.0, 0.0, 1.0],
+        /// Its stiffness, N/m.
+        stiffness_n_m: f64 = 3e4,
+        /// Its damping, N s/m.
+        damping_n_s_m: f64 = 100.0,
+    }
+}
+
+table! {
+    /// A force on the flange of the simulated arm.
+    RawPush {
+        /// In the frame of the base, N.
+        force_n: [f64; 3] = [0.0; 3],
+        /// When it begins, s after the brakes opened.
+        from_s: f64 = 0.5,
+        /// When it ends.
+        until_s: f64 = 1.0,
+    }
+}
+
+table! {
+    /// A joint of the simulated arm that jams.
+    RawJam {
+        /// Which one, from 0.
+        joint: u32 = 0,
+        /// When, s after the brakes opened.
+        from_s: f64 = 0.5,
     }
 }
 
@@ -309,6 +355,8 @@ table! {
         max_missed_deadlines_in_a_row: u32 = 100,
         /// Distance of a joint from its reference at which the run ends as a fault, rad or m.
         max_tracking_error_rad_or_m: f64 = 0.1,
+        /// What is done when something touches the arm while it moves.
+        contact: ContactReaction = ContactReaction::Stop,
     }
 }
 

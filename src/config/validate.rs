@@ -17,6 +17,8 @@ use super::servo::{doubtful_dimension, servo};
 use super::stereo::stereo;
 use super::target::target;
 use super::{Camera, Config, Document, GoalTolerance, Problem, Realtime, RealtimeRequest, Safety, Start};
+use crate::control::safety::ContactReaction;
+use crate::drive::CommandMode;
 use crate::scene::SceneMotion;
 use crate::servo::ServoSettings;
 use crate::time::SpanNs;
@@ -121,6 +123,7 @@ pub(super) fn validate(
             raw.safety.max_tracking_error_rad_or_m,
             1e-4..=10.0,
         ),
+        contact: raw.safety.contact,
     };
     if let Some(cpu) = raw.realtime.cpu {
         check.count("realtime.cpu", cpu, 0..=MAX_CPUS - 1);
@@ -158,6 +161,13 @@ pub(super) fn validate(
         }
     }
     let drive = drive::drive(&raw, robot.as_ref(), check);
+    if safety.contact == ContactReaction::Float && drive.mode != CommandMode::Torque {
+        let message = format!(
+            "is `float`: a drive that obeys {} cannot let the arm be moved by hand; use `release`",
+            drive.mode
+        );
+        check.wrong("safety.contact", message);
+    }
     let motion = motion::motion(&raw, (drive.mode, &drive.simulated), robot.as_ref(), check);
     let arm_is_good = check.count_problems() == before_arm;
     let scene = truth::scene(&raw, (camera.as_ref(), target.as_ref(), robot.as_ref()), scene_motion, check);

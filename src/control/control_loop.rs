@@ -11,11 +11,11 @@
 use crate::control::controller::{Controller, Rest};
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::order::ControlOrder;
-use crate::control::records::{command_trace, joint_state};
+use crate::control::records::{command_trace, joint_state, padded};
 use crate::control::safety::Fault;
 use crate::control::trace::{Event, Events, FrameStamps, LatencyStages, MeasurementRecord, Trace};
 use crate::drive::{Drive, DriveCommand, DriveState};
-use crate::messages::{JointState, Measurement};
+use crate::messages::{JointState, MAX_JOINTS, Measurement};
 use crate::time::MonoNs;
 use nalgebra::SVector;
 
@@ -113,6 +113,9 @@ impl<const N: usize> ControlLoop<N> {
             path_began: self.controller.servo().path_began(),
             measurement_record: record,
             limits: output.limits,
+            external_torque: output
+                .external_torque
+                .map_or([[f64::NAN; MAX_JOINTS]; 2], |(torque, sd)| [torque, sd].map(|v| padded(&v))),
             events: std::mem::take(&mut self.events),
             ..Trace::at(now)
         }

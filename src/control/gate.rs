@@ -180,7 +180,7 @@ impl<const N: usize> Gate<N> {
         } else {
             (!numbers || self.in_a_row > PATIENCE).then_some(Fault::CommandsRefused)
         };
-        Passed { command: self.command(), cut, fault }
+        Passed { command: self.passed(), cut, fault }
     }
 
     /// The direction of each joint in which a torque may not drive the measured arm; before a drive that obeys references there is none.
@@ -196,10 +196,12 @@ impl<const N: usize> Gate<N> {
     /// would keep that one for ever.
     #[must_use]
     pub fn last(&self) -> DriveCommand<N> {
-        DriveCommand { qd_r: SVector::zeros(), ..self.command() }
+        DriveCommand { qd_r: SVector::zeros(), ..self.passed() }
     }
 
-    fn command(&self) -> DriveCommand<N> {
+    /// The last command that has passed.
+    #[must_use]
+    pub fn passed(&self) -> DriveCommand<N> {
         let of = |part: fn(&JointMotion) -> f64| SVector::from_iterator(self.passed.iter().map(part));
         DriveCommand { tau: self.tau.unwrap_or_else(SVector::zeros), q_r: of(|m| m.q), qd_r: of(|m| m.v) }
     }

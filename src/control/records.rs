@@ -44,7 +44,7 @@ pub(super) fn joint_state<const N: usize>(
     }
 }
 
-fn padded<const N: usize>(v: &SVector<f64, N>) -> [f64; MAX_JOINTS] {
+pub(super) fn padded<const N: usize>(v: &SVector<f64, N>) -> [f64; MAX_JOINTS] {
     let mut out = [0.0; MAX_JOINTS];
     for (to, from) in out.iter_mut().zip(v.iter()) {
         *to = *from;

@@ -47,6 +47,8 @@ pub struct Trace {
     pub path_began: Option<MonoNs>,
     /// The limits that acted.
     pub limits: ActingLimits,
+    /// The torque of each joint that comes from outside, N m or N, and its standard deviation; NaN where torques are not known.
+    pub external_torque: [[f64; MAX_JOINTS]; 2],
     /// The events of the tick; the mission adds its own.
     pub events: Events,
     /// The run after the tick, every 20 ms: the mission's.
@@ -75,6 +77,7 @@ impl Trace {
             measurement_record: None,
             path_began: None,
             limits: ActingLimits::default(),
+            external_torque: [[f64::NAN; MAX_JOINTS]; 2],
             events: Events::default(),
             status: None,
             finish: None,

@@ -21,6 +21,7 @@ mod inner_servo;
 mod mode;
 mod simulated;
 mod standstill;
+mod surroundings;
 
 pub use delay::MAX_DELAY;
 pub use encoder::EncoderModel;
@@ -31,6 +32,7 @@ pub use inner_servo::InnerServo;
 pub use mode::CommandMode;
 pub use simulated::{Payload, SimulatedDrive, SimulatedDriveError, SimulatedDriveSettings};
 pub use standstill::StandstillDrive;
+pub use surroundings::{Jam, Push, Surroundings, Wall};
 
 use crate::time::MonoNs;
 use nalgebra::SVector;

@@ -13,6 +13,7 @@ use super::encoder::Encoder;
 use super::friction::{after_friction, has_friction};
 use super::hard_friction::HardFriction;
 use super::inner_servo::VelocityLoop;
+use super::surroundings::Surroundings;
 use super::{CommandMode, Drive, DriveCommand, DriveState, EncoderModel, InnerServo};
 use crate::robot::Robot;
 use crate::time::MonoNs;
@@ -69,6 +70,8 @@ pub struct SimulatedDriveSettings<const N: usize> {
     pub encoder: EncoderModel<N>,
     /// The servo for velocity and position commands.
     pub servo: InnerServo,
+    /// What acts on the arm from outside.
+    pub surroundings: Surroundings,
 }
 
 impl<const N: usize> Default for SimulatedDriveSettings<N> {
@@ -87,6 +90,7 @@ impl<const N: usize> Default for SimulatedDriveSettings<N> {
             payload: Payload { mass_kg: 0.0, com_E: Vector3::zeros() },
             encoder: EncoderModel::exact(),
             servo: InnerServo { natural_frequency_rad_s: 60.0 },
+            surroundings: Surroundings::default(),
         }
     }
 }
@@ -110,6 +114,9 @@ pub struct SimulatedDrive<const N: usize> {
     effort_limits: bool,
     commands: Delay<N>,
     servo: VelocityLoop<N>,
+    surroundings: Surroundings,
+    /// Time since the brakes opened, s.
+    moved_s: f64,
     encoder: Encoder<N>,
 }
 
@@ -145,6 +152,8 @@ impl<const N: usize> SimulatedDrive<N> {
             effort_limits: settings.effort_limits,
             commands: Delay::new(settings.command_delay_ticks),
             servo: VelocityLoop::new(settings.servo),
+            surroundings: settings.surroundings,
+            moved_s: 0.0,
             encoder: Encoder::new(settings.encoder),
         })
     }
@@ -175,7 +184,12 @@ impl<const N: usize> SimulatedDrive<N> {
     }
 
     fn integrate(&mut self, h: f64) {
-        let Some(tau) = self.torque(h) else { return };
+        let Some(mut tau) = self.torque(h) else { return };
+        self.surroundings.jam(&mut self.robot, &mut self.qd, self.moved_s);
+        if self.surroundings.is_felt() {
+            tau += self.surroundings.torque(&self.robot, (&self.q, &self.qd), self.moved_s);
+        }
+        self.moved_s += h;
         let v = self.qd;
         // The friction of the step's beginning acts throughout; what it changes by is settled at the end.
         let friction = match (self.friction, self.hard_friction) {

@@ -10,7 +10,7 @@ use iceoryx2::prelude::ZeroCopySend;
 pub const TRACE_LIMITS: usize = 8;
 
 record! {
-    "vservo.Trace.v1",
+    "vservo.Trace.v2",
     /// One tick: the inputs of control, its command, and the reasons. A code of 0 means none; codes of control's enumerations count
     /// from 1 in the order of their variants.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -76,6 +76,10 @@ record! {
         pub q_r: [f64; MAX_JOINTS],
         /// The command of this tick: reference velocities.
         pub qd_r: [f64; MAX_JOINTS],
+        /// Torques or forces from outside, N m or N; NaN where the joints' torques are not known.
+        pub external_torque: [f64; MAX_JOINTS],
+        /// Their standard deviations.
+        pub external_torque_sd: [f64; MAX_JOINTS],
     }
 }
 
@@ -97,12 +101,12 @@ mod tests {
     #[test]
     #[allow(unsafe_code)]
     fn the_layout_is_fixed_and_named() {
-        assert_eq!((size_of::<TraceMsg>(), align_of::<TraceMsg>()), (584, 8));
+        assert_eq!((size_of::<TraceMsg>(), align_of::<TraceMsg>()), (696, 8));
         assert_eq!(offset_of!(TraceMsg, arm), 88);
         assert_eq!(offset_of!(TraceMsg, limits), 128);
         assert_eq!(offset_of!(TraceMsg, q), 136);
         assert_eq!(offset_of!(TraceMsg, qd_r), 528);
         // SAFETY: the name is only read.
-        assert_eq!(unsafe { TraceMsg::type_name() }, "vservo.Trace.v1");
+        assert_eq!(unsafe { TraceMsg::type_name() }, "vservo.Trace.v2");
     }
 }

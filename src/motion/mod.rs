@@ -7,17 +7,22 @@
 //! ```
 
 mod braking;
+mod drive_lag;
 mod excitation_motion;
+mod external_torque;
 mod goal_braking;
 mod joint_control;
 mod joint_observer;
 mod limits;
 mod payload_estimator;
 mod reference;
+mod residual_model;
 mod singularity;
 mod time_optimal;
 
+pub use drive_lag::DriveLagObserver;
 pub use excitation_motion::{ExcitationMotion, MAX_EXCITATION};
+pub use external_torque::ExternalTorqueObserver;
 pub use goal_braking::brakeable;
 pub use joint_control::{InverseDynamicsControl, JointController, JointLaw, JointTorque, PdGravityControl};
 pub use joint_observer::ObserverSettings;

@@ -49,6 +49,9 @@ const FOLLOW: f64 = 0.2;
 const SURE: f64 = 2.0;
 /// Change of an estimate that is not worth a change of the model, kg and kg m. Chosen by hand: 1 mN of weight.
 const SAME: f64 = 1e-4;
+/// Share of a new window in the mean of recent ones: a memory of 0.1 s. Chosen by hand: what a payload weighs in one posture is learnt by the observer of
+/// external torques in that time.
+const RECENT: f64 = 0.1;
 /// Farthest centre of mass from the flange that is believed, m. Chosen by hand: twice what grippers have.
 const FARTHEST_M: f64 = 0.3;
 /// Largest mass that is believed, kg. Chosen by hand: three times the prior's deviation.
@@ -101,6 +104,9 @@ pub(super) struct PayloadEstimator<const N: usize> {
     /// Mass and first moment about the flange that are in the model.
     believed: Vector4<f64>,
     is_confirmed: bool,
+    /// Mean of `Y` over the last windows, and the variance of what a payload that is not known takes beyond that mean, (N m)^2 or N^2.
+    mean_Y: Option<SMatrix<f64, N, 4>>,
+    doubt: SVector<f64, N>,
 }
 
 /// The means of a window.
@@ -135,6 +141,8 @@ impl<const N: usize> PayloadEstimator<N> {
             squares: 0.0,
             believed: Vector4::zeros(),
             is_confirmed: false,
+            mean_Y: None,
+            doubt: SVector::zeros(),
         }
     }
 
@@ -153,6 +161,11 @@ impl<const N: usize> PayloadEstimator<N> {
         self.believed == Vector4::zeros()
     }
 
+    /// The variance of what a payload takes that is not known, beyond what it has taken lately, for each joint, (N m)^2 or N^2.
+    pub(super) fn doubt(&self) -> &SVector<f64, N> {
+        &self.doubt
+    }
+
     /// Whether a window has ended with the last tick.
     pub(super) fn has_finished_window(&self) -> bool {
         self.ticks == 0
@@ -161,7 +174,7 @@ impl<const N: usize> PayloadEstimator<N> {
     /// Whether the efforts of the arm hold it in `q` with the estimate. One that they do not hold is not taken: an arm that gives way to it comes to
     /// rest, and one that strains against it does not.
     pub(super) fn is_held_in(&mut self, q: &SVector<f64, N>) -> bool {
-        let wanted = self.estimate().0;
+        let wanted = self.estimate().payload;
         let gravity = self.carry(&wanted).gravity(q);
         let believed = self.believed;
         self.carry(&believed);
@@ -218,14 +231,18 @@ impl<const N: usize> PayloadEstimator<N> {
         let sample = *sample;
         self.sample = None;
         self.learn(&sample);
-        let (wanted, is_clear) = self.estimate();
+        let Estimate { payload: wanted, is_clear, covariance } = self.estimate();
         self.is_confirmed |= is_clear;
+        let mean = *self.mean_Y.get_or_insert(self.Y);
+        let varied = self.Y - mean;
+        self.doubt = SVector::from_fn(|i, _| (varied.row(i) * covariance).dot(&varied.row(i)));
+        self.mean_Y = Some(mean + varied * RECENT);
         self.is_confirmed && (wanted - self.believed).amax() > SAME
     }
 
     /// Puts the estimate into the model where none is yet, else moves the model towards it.
     pub(super) fn adopt(&mut self) {
-        let (sure, _) = self.estimate();
+        let sure = self.estimate().payload;
         self.believed += (sure - self.believed) * if self.is_new() { 1.0 } else { FOLLOW };
         let believed = self.believed;
         self.carry(&believed);
@@ -266,23 +283,34 @@ impl<const N: usize> PayloadEstimator<N> {
 
     /// Mass and first moment, the latter nearer to zero by [`SURE`] standard deviations, and whether they explain the torques clearly better than
     /// none.
-    fn estimate(&self) -> (Vector4<f64>, bool) {
+    fn estimate(&self) -> Estimate {
         let (m, h) = (PRIOR_KG.powi(-2), PRIOR_KG_M.powi(-2));
         let A = self.information + Matrix4::from_diagonal(&Vector4::new(m, h, h, h));
-        let Some(factors) = Ldlt::of(&A) else { return (self.believed, false) };
+        let Some(factors) = Ldlt::of(&A) else {
+            return Estimate { payload: self.believed, is_clear: false, covariance: Matrix4::zeros() };
+        };
         let found: Vector4<f64> = factors.solve(&self.right.into()).into();
         let explained = self.right.dot(&found);
         let is_clear = explained > CONFIRMED && explained > EXPLAINED * self.squares && found[0] > 0.0;
-        let covariance = factors.inverse();
+        let covariance = Matrix4::from(factors.inverse());
         let mut sure = found;
         for k in 1..4 {
-            sure[k] = (found[k].abs() - SURE * covariance[k][k].sqrt()).max(0.0) * found[k].signum();
+            sure[k] = (found[k].abs() - SURE * covariance[(k, k)].sqrt()).max(0.0) * found[k].signum();
         }
         let mass = found[0].clamp(0.0, MOST_KG);
         let far = sure.fixed_rows::<3>(1).norm();
         let h = sure.fixed_rows::<3>(1) * (FARTHEST_M * mass / far.max(f64::MIN_POSITIVE)).min(1.0);
-        (Vector4::new(mass, h.x, h.y, h.z), is_clear)
+        Estimate { payload: Vector4::new(mass, h.x, h.y, h.z), is_clear, covariance }
     }
+}
+
+/// What the torques say of the payload.
+struct Estimate {
+    /// Mass and first moment.
+    payload: Vector4<f64>,
+    /// Whether it explains the torques clearly better than none.
+    is_clear: bool,
+    covariance: Matrix4<f64>,
 }
 
 /// Mass, kg, and centre of mass, m, of a mass and its first moment.

@@ -1,9 +1,11 @@
 //! The summary of a run: what `--summary` writes and the last lines on stdout say.
 
+mod contact_report;
 mod found_payload;
 mod stamp_calibration;
 mod times;
 
+pub use contact_report::ContactReport;
 pub use found_payload::FoundPayload;
 pub use stamp_calibration::StampCalibration;
 pub use times::{Latencies, RealtimeReport, TickTimes};
@@ -150,6 +152,9 @@ pub struct Summary {
     /// Measurements whose points fit the description of lens and target only with a model error; `null` where all fit.
     #[serde(default)]
     pub model_error: Option<ModelError>,
+    /// What touched the arm and stopped it; left out where nothing did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact: Option<ContactReport>,
     /// Over every joint state of a lockstep run, hexadecimal; `null` in real time.
     pub state_hash: Option<String>,
     /// What a calibration run found; left out in other runs.
@@ -205,6 +210,7 @@ impl Summary {
             gated_commands: 0,
             payload: None,
             model_error: None,
+            contact: None,
             state_hash: None,
             calibration: None,
             stability: None,
@@ -288,6 +294,9 @@ impl Summary {
                 t,
                 "payload       {mass_kg:.2} kg at [{x:.3}, {y:.3}, {z:.3}] m of the flange, which [tool] does not tell"
             );
+        }
+        if let Some(contact) = &self.contact {
+            let _ = writeln!(t, "contact       {}", contact.to_text());
         }
         if self.late_drive_states > 0 {
             let _ = writeln!(t, "drive         {} ticks without a new state in time", self.late_drive_states);

@@ -172,6 +172,12 @@ impl<const N: usize> VisualServo<N> {
         self.history.push(now, q, qd);
     }
 
+    /// The posture of the arm at `time`, rad or m; `None` where that is too long ago.
+    #[must_use]
+    pub fn joints_at(&self, time: MonoNs) -> Option<SVector<f64, N>> {
+        self.history.joints(time)
+    }
+
     /// Checks a measurement and, if it is used, makes it the current view.
     pub fn add_measurement(
         &mut self,

@@ -5,6 +5,7 @@ mod boundary;
 mod calibration_rendered;
 mod chessboard;
 mod comparison_metrics;
+mod contact;
 mod controller_limits;
 mod corrupted_images;
 mod detection;

@@ -3,10 +3,12 @@
 use crate::config::check::Validation;
 use crate::config::raw::{DriveKind, RawConfig, RawSimulated, SchemeKind, Task};
 use crate::config::{DriveProgram, DriveSettings, SimulatedArm};
-use crate::drive::{CommandMode, HardFriction, InnerServo, MAX_DELAY, Payload};
+use crate::drive::{
+    CommandMode, HardFriction, InnerServo, Jam, MAX_DELAY, Payload, Push, Surroundings, Wall,
+};
 use crate::robot::RobotDescription;
 use crate::time::SpanNs;
-use nalgebra::Vector3;
+use nalgebra::{Unit, Vector3};
 
 /// Checks `[drive]`; where the robot is not known, lists are not expanded to its joints.
 pub(super) fn drive(
@@ -63,6 +65,7 @@ pub(super) fn drive(
                 1.0..=300.0,
             ),
         },
+        surroundings: surroundings(s, joints, check),
     };
     let answer_timeout_s =
         check.range("drive.external.answer_timeout_s", d.external.answer_timeout_s, 0.1..=3600.0);
@@ -104,6 +107,46 @@ fn hard_friction(s: &RawSimulated, check: &mut Validation<'_>) -> Option<HardFri
         ),
     };
     s.hard_friction.then_some(hard)
+}
+
+/// `[drive.simulated.wall]`, `push` and `jam`.
+fn surroundings(s: &RawSimulated, joints: Option<usize>, check: &mut Validation<'_>) -> Surroundings {
+    let mut vector = |key: &str, value: &[f64; 3], most: f64| {
+        Vector3::from_fn(|i, _| check.range(&format!("drive.simulated.{key}[{i}]"), value[i], -most..=most))
+    };
+    let wall = s.wall.as_ref().map(|wall| {
+        let point_B = vector("wall.point_m", &wall.point_m, 100.0);
+        (point_B, vector("wall.normal", &wall.normal, 1e3))
+    });
+    let force_B = s.push.as_ref().map(|push| vector("push.force_n", &push.force_n, 1e4));
+    let mut range =
+        |key: &str, value, allowed| check.range(&format!("drive.simulated.{key}"), value, allowed);
+    let wall = s.wall.as_ref().zip(wall).map(|(raw, (point_B, normal))| Wall {
+        point_B,
+        normal_B: Unit::new_normalize(normal),
+        stiffness: range("wall.stiffness_n_m", raw.stiffness_n_m, 1.0..=1e5),
+        damping: range("wall.damping_n_s_m", raw.damping_n_s_m, 0.0..=1e3),
+    });
+    let push = s.push.as_ref().zip(force_B).map(|(push, force_B)| Push {
+        force_B,
+        during_s: (
+            range("push.from_s", push.from_s, 0.0..=1e5),
+            range("push.until_s", push.until_s, push.from_s..=1e5),
+        ),
+    });
+    let jam = s
+        .jam
+        .as_ref()
+        .map(|jam| Jam { joint: jam.joint as usize, from_s: range("jam.from_s", jam.from_s, 0.0..=1e5) });
+    if wall.is_some_and(|wall| !wall.normal_B.iter().all(|x| x.is_finite())) {
+        check.wrong("drive.simulated.wall.normal", "has no direction");
+    }
+    if let (Some(jam), Some(joints)) = (jam, joints)
+        && jam.joint >= joints
+    {
+        check.wrong("drive.simulated.jam.joint", format!("the arm's joints are 0 to {}", joints - 1));
+    }
+    Surroundings { wall, push, jam }
 }
 
 /// Settings that are not available where `drive.kind` is `none`.

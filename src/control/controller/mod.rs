@@ -10,6 +10,7 @@
 //! upon; a law that outputs torques moves the reference by the acceleration that they would cause.
 //! `step` is total: it does not allocate, log, fail or look at a clock.
 
+mod contact;
 mod motion;
 mod orders;
 mod settings;
@@ -19,7 +20,7 @@ pub use settings::{ControlOutput, ControllerSettings, Rest};
 use crate::control::behaviour::{ArmModel, Behaviour, MotionCommand};
 use crate::control::gate::{Gate, Passed};
 use crate::control::lifecycle::{Cue, State, Step};
-use crate::control::safety::{ArmWatch, Fault, RestWatch};
+use crate::control::safety::{ArmWatch, Contact, ContactReaction, ContactWatch, Fault, RestWatch};
 use crate::control::trace::{Event, Events};
 use crate::drive::{CommandMode, DriveCommand, DriveState};
 use crate::messages::Measurement;
@@ -27,6 +28,7 @@ use crate::motion::{JointController, Limit, Reference};
 use crate::servo::{MeasurementVerdict, VisualServo};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
+use contact::WayBack;
 use motion::TickMotion;
 use nalgebra::{SVector, Vector3, Vector6};
 
@@ -70,6 +72,10 @@ pub struct Controller<const N: usize> {
     failure: Option<Fault>,
     watch: ArmWatch<N>,
     rest_watch: RestWatch<N>,
+    contact_watch: ContactWatch<N>,
+    reaction: ContactReaction,
+    contact: Option<Contact>,
+    back: Option<WayBack<N>>,
     rest: Rest,
     /// When the reference came to rest while the arm is to stand, and when braking began.
     rests_since: Option<MonoNs>,
@@ -98,6 +104,10 @@ impl<const N: usize> Controller<N> {
         let braking = SpanNs::from_s(limits.longest_braking_s());
         let longest_braking = SpanNs(PATIENCE.0.saturating_add(braking.0));
         Self {
+            contact_watch: ContactWatch::new(&arm.robot, &joint_control, mode),
+            reaction: settings.reaction,
+            contact: None,
+            back: None,
             mode,
             gate: Gate::new(gate, &limits, &q_start),
             reference: Reference::new(limits, q_start),
@@ -183,6 +193,7 @@ impl<const N: usize> Controller<N> {
     /// Restarts the supervision of following, because the state of the drive is an old one.
     pub fn follow_anew(&mut self) {
         self.watch.restart();
+        self.contact_watch.restart();
     }
 
     /// One tick: takes the drive's state and a measurement, if a new one has come, and gives the command for the
@@ -199,6 +210,7 @@ impl<const N: usize> Controller<N> {
             let (q, qd) = self.joint_control.observe(&self.arm.robot, &state.q, &state.qd);
             DriveState { q, qd, ..state }
         });
+        self.feel(now, observed.as_ref());
         if let Some(observed) = &observed {
             self.servo.note_arm(now, &observed.q, &observed.qd);
             verdict = measurement.map(|m| self.take(now, m));
@@ -222,6 +234,7 @@ impl<const N: usize> Controller<N> {
                 confidence = 1.0;
                 MotionCommand::Velocity(qd, convergence)
             }
+            (Some(_), ..) => self.motion_back(now),
             _ => MotionCommand::Stand,
         };
         if self.behaviour.is_over() && !std::mem::replace(&mut self.over_told, true) {
@@ -253,6 +266,7 @@ impl<const N: usize> Controller<N> {
             limits,
             verdict,
             events: std::mem::take(&mut self.events),
+            external_torque: self.contact_watch.external_torque(),
         }
     }
 
@@ -317,6 +331,7 @@ impl<const N: usize> Controller<N> {
         if let Some(state) = state.filter(|_| self.state == State::Servoing && before != State::Servoing) {
             self.reset_to_measured(state);
             self.watch.restart();
+            self.contact_watch.restart();
         }
     }
 
@@ -377,9 +392,9 @@ impl<const N: usize> Controller<N> {
         if self.fault.is_some() {
             // An arm that does not brake as commanded deviates from its model: it is damped until it has nearly stopped.
             let astray = distance > ASTRAY * self.max_tracking_error || self.joint_control.damps();
-            if self.mode == CommandMode::Torque && astray {
+            if self.mode == CommandMode::Torque && (astray || self.floats()) {
                 self.reference.reset_to_measured(&state.q, qd);
-                self.joint_control.damp(qd.amax() > SLOW);
+                self.joint_control.damp(qd.amax() > SLOW || self.floats());
             }
             return None;
         }

@@ -3,7 +3,7 @@
 use crate::control::behaviour::ArmModel;
 use crate::control::gate::GateSettings;
 use crate::control::lifecycle::State;
-use crate::control::safety::Fault;
+use crate::control::safety::{ContactReaction, Fault};
 use crate::control::trace::Events;
 use crate::drive::{CommandMode, DriveCommand};
 use crate::motion::{ActingLimits, JointController};
@@ -30,6 +30,8 @@ pub struct ControllerSettings<const N: usize> {
     pub may_start_elsewhere: bool,
     /// Largest distance of a joint from its reference, rad or m.
     pub max_tracking_error: f64,
+    /// What is done about a contact.
+    pub reaction: ContactReaction,
 }
 
 impl<const N: usize> ControllerSettings<N> {
@@ -50,6 +52,7 @@ impl<const N: usize> ControllerSettings<N> {
             start_tolerance: 0.02,
             may_start_elsewhere: false,
             max_tracking_error: 0.1,
+            reaction: ContactReaction::Stop,
         }
     }
 
@@ -83,6 +86,8 @@ pub struct ControlOutput<const N: usize> {
     pub verdict: Option<MeasurementVerdict>,
     /// The events of the step.
     pub events: Events,
+    /// The torque of each joint that comes from outside, N m or N, and its standard deviation; `None` where torques are not known.
+    pub external_torque: Option<(SVector<f64, N>, SVector<f64, N>)>,
 }
 
 /// Whether the arm stands.

@@ -10,6 +10,7 @@
 //! | a joint does not follow its reference over 400 ms, or is farther from it than `tracking_error` | likewise |
 //! | a joint swings about its reference (under a law that outputs torques there is none): four times within 0.5 s, with 0.5 rad/s and more | likewise |
 //! | a drive that obeys velocities does not do as commanded: what a joint moved differs from it by more than `max_tracking_error` in sum, half of what it moved forgiven | likewise |
+//! | something touches the arm: a torque from outside of six standard deviations, or a drive's lag of as many (`safety.contact`) | likewise; goes back by what it pressed or more, or floats |
 //! | commands had to be changed before the drive for 100 ms, or are not finite | likewise |
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
@@ -21,11 +22,13 @@
 //! A served run does not end by a fault: the arm stands, and waits for a reset.
 
 mod arm;
+mod contact;
 mod freshness;
 mod rest;
 mod swing;
 
 pub use arm::ArmWatch;
+pub use contact::{Contact, ContactReaction, ContactWatch};
 pub use freshness::{Freshness, MeasurementWatch};
 pub use rest::RestWatch;
 
@@ -56,6 +59,8 @@ pub enum Fault {
     DoesNotFollow,
     /// A joint oscillates about its reference.
     Oscillates,
+    /// Something acts on the arm from outside.
+    Contact,
     /// Commands would have exceeded the limits, or were not finite.
     CommandsRefused,
     /// Real time: the thread beside the real-time thread takes no traces any more.
@@ -64,7 +69,7 @@ pub enum Fault {
 
 impl Fault {
     /// All faults, with their codes in the protocol of the messages; those of a drive count from 17. A code never changes its meaning.
-    const CODES: [(Self, u32); 16] = [
+    const CODES: [(Self, u32); 17] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -77,6 +82,7 @@ impl Fault {
         (Self::CommandsRefused, 11),
         (Self::CompanionSilent, 12),
         (Self::Oscillates, 13),
+        (Self::Contact, 14),
         (Self::Drive(DriveFault::Stale), 17),
         (Self::Drive(DriveFault::Left), 18),
         (Self::Drive(DriveFault::Silent), 19),
@@ -135,6 +141,10 @@ impl Fault {
             Self::Oscillates => {
                 "a joint oscillates about its reference: lower motion.natural_frequency_rad_s or servo.gain_1_s, look for a delay between \
                  command and motion, tell the rotors' inertia (armature_kg_m2) and what the arm carries ([tool])"
+            }
+            Self::Contact => {
+                "something touches the arm: clear its way; where nothing does, tell what it carries ([tool]) and its friction, or set \
+                 safety.contact = \"ignore\""
             }
             Self::CommandsRefused => {
                 "commands to the drive would have passed the limits, or were no numbers, and were held back"

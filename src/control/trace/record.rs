@@ -40,6 +40,8 @@ impl Trace {
             tau: command.tau,
             q_r: command.q_r,
             qd_r: command.qd_r,
+            external_torque: self.external_torque[0],
+            external_torque_sd: self.external_torque[1],
             ..TraceMsg::default()
         };
         if js.flags & joint_flag::TRUTH != 0 {

@@ -1,4 +1,5 @@
 use super::*;
+use crate::drive::{Jam, Push, Wall};
 use crate::robot::{Friction, load};
 use nalgebra::Vector4;
 
@@ -261,4 +262,51 @@ fn bad_settings_are_refused() {
     assert_eq!(make(Settings { substeps: 0, ..Settings::default() }), Err(SimulatedDriveError::NoSubsteps));
     let delay = Settings { command_delay_ticks: 51, ..Settings::default() };
     assert_eq!(make(delay), Err(SimulatedDriveError::Delay(51)));
+}
+
+#[test]
+fn a_wall_holds_the_flange_and_a_push_moves_it() {
+    let robot = arm::<6>("ur5").with_gravity(Vector3::zeros());
+    let q = SVector::<f64, 6>::from_column_slice(&[0.4, -1.4, 1.3, -1.0, -1.5, 0.3]);
+    let start = robot.forward(&q).translation.vector;
+    let direction = Vector3::new(0.6, 0.0, 0.8);
+    let push = Some(Push { force_B: direction * 20.0, during_s: (0.0, 10.0) });
+    let normal_B = nalgebra::Unit::new_normalize(-direction);
+    let wall = Some(Wall { point_B: start + direction * 0.05, normal_B, stiffness: 3e4, damping: 300.0 });
+    let ends = |surroundings| {
+        let friction = [Friction { viscous: 8.0, coulomb: 0.0 }; 6];
+        let settings = Settings { surroundings, ..Settings::default() };
+        let mut drive = SimulatedDrive::new(robot.clone().with_friction(friction), q, settings).unwrap();
+        for ms in 0..2500 {
+            drive.read(at(ms));
+            drive.write(&free());
+        }
+        (robot.forward(&drive.q).translation.vector - start).dot(&direction)
+    };
+    assert_eq!(ends(Surroundings::default()), 0.0);
+    assert!(ends(Surroundings { push, ..Surroundings::default() }) > 0.1, "pushed away");
+    // The spring gives way by the force over its stiffness.
+    let depth = ends(Surroundings { push, wall, jam: None }) - 0.05;
+    assert!((depth - 20.0 / 3e4).abs() < 2e-4, "{depth}");
+}
+
+#[test]
+fn a_joint_that_jams_stands_from_then_on() {
+    let settings = Settings {
+        friction: false,
+        surroundings: Surroundings { jam: Some(Jam { joint: 1, from_s: 0.1 }), ..Surroundings::default() },
+        ..Settings::default()
+    };
+    let qd = Vector4::new(0.5, 0.4, 0.0, 0.3);
+    let mut drive = SimulatedDrive::new(arm::<4>("scara"), posture(), settings).unwrap().with_velocity(qd);
+    let mut places = Vec::new();
+    for ms in 0..300 {
+        drive.read(at(ms));
+        let tau = drive.robot.gravity(&drive.q);
+        drive.write(&command(tau, SVector::zeros(), SVector::zeros()));
+        places.push(drive.q);
+    }
+    assert!(places[99][1] - places[0][1] > 0.03, "it moved before");
+    assert!((places[299][1] - places[102][1]).abs() < 1e-5, "it stands");
+    assert!((places[299] - places[102]).amax() > 0.05, "the others move on");
 }

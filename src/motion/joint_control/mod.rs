@@ -16,6 +16,7 @@
 //! with much friction is moved against its friction, not against its inertia. `B p + t` is the disturbance that
 //! the [observer](super::joint_observer) estimates. The model is evaluated at the posture in the middle of the step.
 
+mod laden;
 mod law;
 mod operational_space;
 mod stall;
@@ -31,7 +32,7 @@ use crate::robot::Robot;
 use crate::servo::UnobservedMotion;
 use crate::time::{MonoNs, TICK};
 use law::Feedback;
-use nalgebra::{SVector, Vector3};
+use nalgebra::SVector;
 use stall::StallGuard;
 
 /// Rate at which the velocity for which a torque law's friction is compensated follows the measured one, 1/s.
@@ -71,6 +72,8 @@ pub struct JointController<const N: usize> {
     strength: f64,
     /// Whether the arm carries a payload, told or found, so that its efforts may not suffice for its accelerations.
     is_laden: bool,
+    /// What gravity takes more in a model that has changed in this tick, N m or N.
+    model_change: Option<SVector<f64, N>>,
 }
 
 /// Torques or forces, N m or N.
@@ -102,45 +105,8 @@ impl<const N: usize> JointController<N> {
             acceleration_share: 1.0,
             strength: 1.0,
             is_laden: false,
+            model_change: None,
         }
-    }
-
-    /// The same controller of the arm `bare`, which estimates a payload that `bare` does not have and controls the arm with it from then on;
-    /// `acceleration` are the acceleration limits of its reference, rad/s^2 or m/s^2; `is_laden`: `bare` carries a payload that was told.
-    #[must_use]
-    pub fn with_payload_estimator(
-        mut self,
-        bare: Robot<N>,
-        acceleration: SVector<f64, N>,
-        is_laden: bool,
-    ) -> Self {
-        (self.acceleration, self.is_laden) = (acceleration, is_laden);
-        self.payload = Some(Box::new(PayloadEstimator::new(bare)));
-        self
-    }
-
-    /// The payload that was found: its mass, kg, and its centre of mass in the flange's frame, m; `None` where there is none.
-    #[must_use]
-    pub fn payload(&self) -> Option<(f64, Vector3<f64>)> {
-        self.payload.as_ref()?.payload()
-    }
-
-    /// The share of the acceleration limits for which the efforts of the arm suffice with the payload that was found.
-    #[must_use]
-    pub fn acceleration_share(&self) -> f64 {
-        self.acceleration_share
-    }
-
-    /// The share of velocities with which the arm may move on: less than 1 where its efforts hardly suffice to hold its payload, 0 where they do not.
-    #[must_use]
-    pub fn strength(&self) -> f64 {
-        self.strength
-    }
-
-    /// The arm with what it was found to carry; `robot` where nothing was.
-    #[must_use]
-    pub fn carrying<'a>(&'a self, robot: &'a Robot<N>) -> &'a Robot<N> {
-        self.payload.as_deref().map_or(robot, PayloadEstimator::robot)
     }
 
     /// Resets position and velocity to the measured ones; the disturbance estimate is kept.
@@ -157,6 +123,13 @@ impl<const N: usize> JointController<N> {
             self.soft = soft;
             self.damps = false;
             self.observer.settle(soft);
+        }
+    }
+
+    /// Stops learning disturbances while something touches the arm, or goes on.
+    pub fn pause_learning(&mut self, paused: bool) {
+        if !self.soft {
+            self.observer.pause(paused);
         }
     }
 
@@ -201,7 +174,9 @@ impl<const N: usize> JointController<N> {
             match self.applied.take() {
                 Some(tau) if !self.soft => {
                     if payload.note(&tau, &motion) && payload.is_held_in(&q) {
+                        let before = payload.robot().gravity(&q);
                         self.observer.change_model(&q, payload);
+                        self.model_change = Some(payload.robot().gravity(&q) - before);
                         self.is_laden = true;
                     }
                     if self.is_laden && payload.has_finished_window() {
@@ -297,14 +272,6 @@ impl<const N: usize> JointController<N> {
     #[must_use]
     pub fn disturbance(&self) -> (&SVector<f64, N>, &SVector<f64, N>) {
         self.observer.disturbance()
-    }
-
-    /// What `act` does with this controller and the arm with what it was found to carry.
-    fn of_carrying<T>(&mut self, robot: &Robot<N>, act: impl FnOnce(&mut Self, &Robot<N>) -> T) -> T {
-        let payload = self.payload.take();
-        let result = act(self, payload.as_deref().map_or(robot, PayloadEstimator::robot));
-        self.payload = payload;
-        result
     }
 
     /// The torque of a feedback, limited, and noted as the command until the next tick.

@@ -275,6 +275,7 @@ fn summary<const N: usize>(
             .payload()
             .map(|(mass_kg, com)| FoundPayload { mass_kg, com_m: com.into() }),
         model_error: measurement_log.model_error().report(&config.camera.model, &config.target),
+        contact: control.controller().contact().map(Into::into),
         state_hash: lockstep.then(|| statistics.state_hash()),
         calibration: None,
         stability: None,

@@ -44,6 +44,9 @@ pub fn run_facts(s: &Summary) -> Vec<(String, String)> {
             s.target_lost
         ),
     );
+    if let Some(contact) = &s.contact {
+        tell("contact", contact.to_text());
+    }
     if let Some(model_error) = &s.model_error {
         tell("model error", model_error.to_text());
     }

@@ -1,0 +1,93 @@
+//! Contact with the arm's surroundings: noticing it, and what is done about it.
+
+use super::Controller;
+use crate::control::behaviour::MotionCommand;
+use crate::control::safety::{Contact, ContactReaction, Fault};
+use crate::drive::{CommandMode, DriveState};
+use crate::time::{MonoNs, SpanNs, TICK};
+use nalgebra::SVector;
+
+/// An arm that goes back goes to where it was so long before the contact was noticed. Chosen by hand: at 0.25 m/s that is 20 mm; the contact itself is noticed
+/// after some 10 ms.
+const BACK: SpanNs = SpanNs(80_000_000);
+/// The same before a drive that closes its own loop, which goes on pressing where it is stopped: by what it pressed and little more.
+/// Chosen by hand: twice what it takes to notice the contact.
+const UNLOAD: SpanNs = SpanNs(40_000_000);
+/// It goes back with the speed from which it can brake at its target with this share of its acceleration, and at most with this rate, 1/s. Chosen by hand: near to
+/// the quickest way within the limits of the reference.
+const BRAKES: f64 = 0.8;
+/// The rate near the target. Chosen by hand with the share above: 30 1/s would brake with 10 rad/s^2 from 0.3 rad/s on.
+const BACK_1_S: f64 = 30.0;
+
+/// For how long it does so at most. Chosen by hand: four times what it takes; an arm that is clamped stands after that.
+const GIVES_UP: SpanNs = SpanNs(1_000_000_000);
+
+/// The way back from a contact.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct WayBack<const N: usize> {
+    target: SVector<f64, N>,
+    /// Where the commands have led so far.
+    at: SVector<f64, N>,
+    until: MonoNs,
+}
+
+impl<const N: usize> Controller<N> {
+    /// Takes in what the last command did to the arm; a contact while it moves by itself is a fault, unless it is ignored.
+    pub(super) fn feel(&mut self, now: MonoNs, observed: Option<&DriveState<N>>) {
+        let command = self.gate.passed();
+        let did = observed.filter(|_| self.gate.is_open()).map(|state| (state, &command));
+        self.contact_watch.note(&self.arm.robot, &mut self.joint_control, did);
+        let Some(state) = observed.filter(|_| self.state.moves() && self.fault.is_none()) else { return };
+        if self.reaction == ContactReaction::Ignore {
+            // What pushes the arm is no property of it: it would swing back by what was learnt.
+            self.joint_control.pause_learning(self.contact_watch.is_touched());
+            return;
+        }
+        if self.failure.is_some() {
+            return;
+        }
+        let robot = self.joint_control.carrying(&self.arm.robot);
+        if let Some(contact) = self.contact_watch.contact(robot, &state.q) {
+            self.contact = Some(contact);
+            let before = if self.reaction == ContactReaction::Release { BACK } else { UNLOAD };
+            let goes_back = self.reaction == ContactReaction::Release || self.mode != CommandMode::Torque;
+            self.back = goes_back
+                .then(|| self.servo.joints_at(now - before))
+                .flatten()
+                .map(|target| WayBack { target, at: state.q, until: now + GIVES_UP });
+            self.fail(Fault::Contact);
+        }
+    }
+
+    /// The motion of an arm that does not move by itself: back from a contact, or none.
+    pub(super) fn motion_back(&mut self, now: MonoNs) -> MotionCommand<N> {
+        let is_over = |back: &WayBack<N>| now > back.until || self.fault != Some(Fault::Contact);
+        if self.back.as_ref().is_some_and(is_over) {
+            self.back = None;
+        }
+        let Some(back) = &mut self.back else { return MotionCommand::Stand };
+        // The reference before a drive that obeys velocities is the measured arm, which something held: what was commanded beyond that is still in its loop.
+        if self.mode == CommandMode::Velocity {
+            back.at += self.gate.passed().qd_r * TICK.as_s();
+        } else {
+            back.at = self.reference.state().q;
+        }
+        let acceleration = &self.arm.limits.acceleration;
+        MotionCommand::Joints(SVector::from_fn(|i, _| {
+            let way = back.target[i] - back.at[i];
+            let brakes = (2.0 * BRAKES * acceleration[i] * way.abs()).sqrt();
+            way.signum() * brakes.min(BACK_1_S * way.abs())
+        }))
+    }
+
+    /// Whether the arm is carried and can be moved by hand, after a contact.
+    pub(super) fn floats(&self) -> bool {
+        self.fault == Some(Fault::Contact) && self.reaction == ContactReaction::Float
+    }
+
+    /// The contact that stopped the arm last.
+    #[must_use]
+    pub fn contact(&self) -> Option<Contact> {
+        self.contact
+    }
+}

@@ -1,0 +1,81 @@
+//! What the arm carries beyond its model, and what is not known of it.
+
+use super::JointController;
+use crate::motion::payload_estimator::PayloadEstimator;
+use crate::robot::Robot;
+use nalgebra::{SVector, Vector3};
+
+impl<const N: usize> JointController<N> {
+    /// The same controller of the arm `bare`, which estimates a payload that `bare` does not have and controls the arm with it from then on;
+    /// `acceleration` are the acceleration limits of its reference, rad/s^2 or m/s^2; `is_laden`: `bare` carries a payload that was told.
+    #[must_use]
+    pub fn with_payload_estimator(
+        mut self,
+        bare: Robot<N>,
+        acceleration: SVector<f64, N>,
+        is_laden: bool,
+    ) -> Self {
+        (self.acceleration, self.is_laden) = (acceleration, is_laden);
+        self.payload = Some(Box::new(PayloadEstimator::new(bare)));
+        self
+    }
+
+    /// The payload that was found: its mass, kg, and its centre of mass in the flange's frame, m; `None` where there is none.
+    #[must_use]
+    pub fn payload(&self) -> Option<(f64, Vector3<f64>)> {
+        self.payload.as_ref()?.payload()
+    }
+
+    /// The share of the acceleration limits for which the efforts of the arm suffice with the payload that was found.
+    #[must_use]
+    pub fn acceleration_share(&self) -> f64 {
+        self.acceleration_share
+    }
+
+    /// The share of velocities with which the arm may move on: less than 1 where its efforts hardly suffice to hold its payload, 0 where they do not.
+    #[must_use]
+    pub fn strength(&self) -> f64 {
+        self.strength
+    }
+
+    /// The arm with what it was found to carry; `robot` where nothing was.
+    #[must_use]
+    pub fn carrying<'a>(&'a self, robot: &'a Robot<N>) -> &'a Robot<N> {
+        self.payload.as_deref().map_or(robot, PayloadEstimator::robot)
+    }
+
+    /// What gravity takes more, N m or N, in a model that has changed since this was asked last.
+    pub fn take_model_change(&mut self) -> Option<SVector<f64, N>> {
+        self.model_change.take()
+    }
+
+    /// The variance of what a payload takes that is not known, beyond what it has taken lately, for each joint, (N m)^2 or N^2.
+    #[must_use]
+    pub fn payload_doubt(&self) -> SVector<f64, N> {
+        self.payload.as_ref().map_or(SVector::zeros(), |payload| *payload.doubt())
+    }
+
+    /// Steps of the encoders, rad or m.
+    #[must_use]
+    pub fn encoder_step(&self) -> &SVector<f64, N> {
+        self.observer.encoder_step()
+    }
+
+    /// The torque that coarse encoders hide in a mean over `ticks`, as a standard deviation, N m or N.
+    #[must_use]
+    pub fn hidden_torque(&self, ticks: u32) -> SVector<f64, N> {
+        self.observer.hidden_torque(ticks)
+    }
+
+    /// What `act` does with this controller and the arm with what it was found to carry.
+    pub(super) fn of_carrying<T>(
+        &mut self,
+        robot: &Robot<N>,
+        act: impl FnOnce(&mut Self, &Robot<N>) -> T,
+    ) -> T {
+        let payload = self.payload.take();
+        let result = act(self, payload.as_deref().map_or(robot, PayloadEstimator::robot));
+        self.payload = payload;
+        result
+    }
+}

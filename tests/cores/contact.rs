@@ -1,0 +1,158 @@
+//! Something touches an arm that servoes: it is noticed, and the arm stops, goes back or floats, in every mode of the drive. The arm, its wall and its jam are
+//! those of the simulated drive; forces are computed here from the flange's true position.
+
+use nalgebra::{SVector, Vector3};
+use std::ops::ControlFlow;
+use std::path::Path;
+use vservo::config::Config;
+use vservo::control::safety::Fault;
+use vservo::messages::JointState;
+use vservo::robot::Robot;
+use vservo::sim::{Moment, simulate_system};
+
+const STIFFNESS: f64 = 3e4;
+const DAMPING: f64 = 100.0;
+
+fn load(file: &str, set: &[String]) -> Config {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("config/{file}.toml"));
+    Config::load(Some(&path), set).unwrap()
+}
+
+/// Place and velocity of the flange's origin in B, true ones.
+fn flange(config: &Config, state: &JointState) -> (Vector3<f64>, Vector3<f64>) {
+    fn of<const N: usize>(robot: &Robot<N>, state: &JointState) -> (Vector3<f64>, Vector3<f64>) {
+        let vector = |x: &[f64]| SVector::<f64, N>::from_fn(|i, _| x[i]);
+        let (q, qd) = (vector(&state.q_true), vector(&state.qd_true));
+        (robot.forward(&q).translation.vector, robot.jacobian(&q).fixed_rows::<3>(0) * qd)
+    }
+    vservo::dispatch_robot!(config.robot, |robot| of(&robot, state)).unwrap()
+}
+
+/// What a run does that meets something.
+#[derive(Debug, Default)]
+struct Met {
+    /// Ticks of the first touch, and of the fault.
+    touched: Option<usize>,
+    fault: Option<(usize, Fault)>,
+    /// Force on the wall by the tick after the touch, N.
+    force: Vec<f64>,
+    /// Way of the flange along the direction of the wall at the end, m; positive is before it.
+    before_it: f64,
+    /// Largest joint speed at the end, rad/s or m/s.
+    ends_with: f64,
+}
+
+fn meets(config: &Config, wall: Option<(Vector3<f64>, Vector3<f64>)>) -> Met {
+    let (mut met, mut tick) = (Met::default(), 0);
+    simulate_system(config, &mut |moment| {
+        if let Moment::Tick(trace, _) = moment {
+            tick += 1;
+            let (p, v) = flange(config, &trace.joint_state);
+            if let Some((point, normal)) = wall {
+                met.before_it = (p - point).dot(&normal);
+                let pressed = (-STIFFNESS * met.before_it - DAMPING * v.dot(&normal)).max(0.0);
+                let force = if met.before_it < 0.0 { pressed } else { 0.0 };
+                if force > 0.0 {
+                    met.touched.get_or_insert(tick);
+                }
+                if met.touched.is_some() {
+                    met.force.push(force);
+                }
+            }
+            if let Some(fault) = trace.fault {
+                met.fault.get_or_insert((tick, fault));
+            }
+            met.ends_with = trace.joint_state.qd_true.iter().fold(0.0, |most, qd| most.max(qd.abs()));
+        }
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    met
+}
+
+/// The flange's place and direction of motion where it first moves with 0.25 m/s after `from` ticks.
+fn on_the_way(config: &Config, from: usize) -> (Vector3<f64>, Vector3<f64>) {
+    let mut way = Vec::new();
+    simulate_system(config, &mut |moment| {
+        if let Moment::Tick(trace, _) = moment {
+            way.push(flange(config, &trace.joint_state));
+        }
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    let (p, v) = way.iter().skip(from).find(|(_, v)| v.norm() >= 0.25).copied().unwrap();
+    (p, -v.normalize())
+}
+
+/// What becomes of a run of `file` with a wall across the way of its flange.
+fn with_a_wall(file: &str, set: &[&str]) -> Met {
+    let mut set: Vec<_> = set.iter().map(ToString::to_string).collect();
+    let (p, n) = on_the_way(&load(file, &set), 100);
+    set.push(format!(
+        "drive.simulated.wall={{point_m=[{},{},{}],normal=[{},{},{}],stiffness_n_m={STIFFNESS:?},damping_n_s_m={DAMPING:?}}}",
+        p.x, p.y, p.z, n.x, n.y, n.z
+    ));
+    meets(&load(file, &set), Some((p, n)))
+}
+
+#[test]
+fn a_wall_stops_the_arm_in_every_mode_and_is_not_pressed() {
+    for (file, mode, within, at_300_ms) in [
+        ("ur5", "torque", 40, 30.0),
+        ("panda", "torque", 40, 30.0),
+        ("xarm7", "torque", 40, 30.0),
+        ("panda", "velocity", 40, 30.0),
+        ("xarm7", "velocity", 40, 30.0),
+        ("panda", "position", 50, 30.0),
+    ] {
+        let met = with_a_wall(file, &[&format!("drive.mode={mode}")]);
+        let (touched, (noticed, fault)) = (met.touched.unwrap(), met.fault.unwrap());
+        println!(
+            "{file} {mode}: {fault:?} after {} ms, {:.0} N at most, {:?} N after 300 ms",
+            noticed - touched,
+            met.force.iter().copied().fold(0.0, f64::max),
+            met.force.get(300)
+        );
+        assert_eq!(fault, Fault::Contact, "{file} {mode}");
+        assert!(noticed - touched <= within, "{file} {mode}: {} ms", noticed - touched);
+        // A run whose arm is at rest before 300 ms have passed ends with its last force.
+        let later = met.force.get(300).or(met.force.last()).unwrap();
+        assert!(*later < at_300_ms, "{file} {mode}: {later} N");
+        assert!(met.ends_with < 0.02, "{file} {mode}: ends with {}", met.ends_with);
+    }
+}
+
+#[test]
+fn an_arm_that_releases_goes_back_from_the_wall() {
+    for mode in ["torque", "velocity"] {
+        let met = with_a_wall("panda", &[&format!("drive.mode={mode}"), "safety.contact=release"]);
+        assert_eq!(met.fault.unwrap().1, Fault::Contact);
+        assert!(met.before_it > 5e-3, "{mode}: {} mm before it", 1e3 * met.before_it);
+        assert!(met.ends_with < 0.02, "{mode}: {}", met.ends_with);
+    }
+}
+
+#[test]
+fn a_joint_that_jams_in_its_way_is_told_within_a_tenth_of_a_second() {
+    for (file, joint) in [("ur5", 0), ("ur5", 1), ("panda", 1)] {
+        for mode in ["torque", "velocity", "position"] {
+            let jam = format!("drive.simulated.jam={{joint={joint},from_s=0.3}}");
+            let met = meets(&load(file, &[format!("drive.mode={mode}"), jam]), None);
+            let (noticed, fault) = met.fault.unwrap();
+            assert_eq!(fault, Fault::Contact, "{file} {joint} {mode}");
+            assert!((300..400).contains(&noticed), "{file} {joint} {mode}: {noticed}");
+        }
+    }
+}
+
+/// A push during a motion: an arm that is to ignore it converges all the same, and does not swing.
+#[test]
+fn a_push_that_is_ignored_is_given_way_to() {
+    for file in ["ur5", "panda"] {
+        let push = "drive.simulated.push={force_n=[0.0,0.0,-30.0],from_s=0.6,until_s=1.1}";
+        let config = load(file, &["safety.contact=ignore".into(), push.into()]);
+        let met = meets(&config, None);
+        assert_eq!(met.fault, None, "{file}");
+        assert!(met.ends_with < 0.02, "{file}: {}", met.ends_with);
+    }
+}
