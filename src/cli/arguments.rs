@@ -2,6 +2,7 @@
 #![allow(rustdoc::broken_intra_doc_links)] // the words of commands have brackets
 
 pub use super::calibrate::HandEyeArguments;
+use super::ctl_arguments::CtlArguments;
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
 use super::place_arguments::{PlaceArguments, ViewArguments};
@@ -262,41 +263,6 @@ pub struct ServeArguments {
     /// Write down everything that is sent into this file
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-}
-
-/// Arguments of `vservo ctl`.
-#[derive(Debug, Args)]
-pub struct CtlArguments {
-    /// What to do
-    pub what: Order,
-    /// Name of the run
-    #[arg(long, value_name = "NAME", default_value = "default")]
-    pub instance: String,
-    /// Print the answer as JSON
-    #[arg(long)]
-    pub json: bool,
-    /// How long to wait for the answer, s
-    #[arg(long, value_name = "S", default_value_t = 5.0)]
-    pub timeout_s: f64,
-}
-
-/// Requests to control.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Order {
-    /// Say how it stands
-    Status,
-    /// Go for the goal
-    Start,
-    /// Stand until the next start
-    Hold,
-    /// Make what the camera sees the goal; the arm stands
-    Teach,
-    /// Forget the fault
-    Reset,
-    /// Stand, and be idle
-    Stop,
-    /// Stop, and end the run
-    Shutdown,
 }
 
 /// Arguments of a single process.

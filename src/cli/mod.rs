@@ -8,6 +8,7 @@ mod camera_arguments;
 mod check;
 mod completion;
 mod ctl;
+mod ctl_arguments;
 mod detect;
 pub mod doctor;
 mod place;
@@ -24,13 +25,14 @@ mod tool_arguments;
 mod view;
 
 pub use arguments::{
-    Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
-    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, Order, RoleArguments, RoleCli,
+    Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, DetectArguments,
+    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, RoleArguments, RoleCli,
     RunArguments, ServeArguments, TargetArguments, TeachArguments, TeachViewArguments,
 };
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };
+pub use ctl_arguments::{CtlArguments, CtlCommand, CtlCommon};
 pub use camera_arguments::{FormatArgument, SizeArgument};
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;

@@ -18,7 +18,7 @@ record! {
 }
 
 record! {
-    "vservo.ControlAnswer.v2",
+    "vservo.ControlAnswer.v3",
     /// The answer to a request, with the state of the run.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
     pub struct ControlAnswer {
@@ -40,8 +40,8 @@ record! {
         pub arm: u32,
         /// Code of a [`super::CameraState`] of a real camera.
         pub camera_state: u32,
-        /// For later; zero.
-        pub reserved: u32,
+        /// Number of the goal in the run: 0 is that of the run file, each new one has the next number.
+        pub goal: u32,
         /// Number of the control tick.
         pub tick: u64,
         /// Time since the first tick, s.
@@ -54,6 +54,8 @@ record! {
         pub orientation_error_rad: f64,
         /// For how long the camera has been in its state, s; NaN where unknown.
         pub camera_state_s: f64,
+        /// For how long the goal has been reached and held, s; NaN where it is not, or was left again.
+        pub at_goal_s: f64,
         /// Measured joint positions, rad or m.
         pub q: [f64; MAX_JOINTS],
         /// Measured joint velocities, rad/s or m/s.
@@ -76,11 +78,11 @@ mod tests {
     #[allow(unsafe_code)]
     fn layouts_are_fixed_and_named() {
         assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (8, 4));
-        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (200, 8));
+        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (208, 8));
         assert_eq!(offset_of!(ControlAnswer, tick), 40);
-        assert_eq!(offset_of!(ControlAnswer, q), 88);
+        assert_eq!(offset_of!(ControlAnswer, q), 96);
         // SAFETY: the names are only read.
         let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
-        assert_eq!(names, ("vservo.ControlCommand.v1", "vservo.ControlAnswer.v2"));
+        assert_eq!(names, ("vservo.ControlCommand.v1", "vservo.ControlAnswer.v3"));
     }
 }

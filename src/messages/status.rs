@@ -35,6 +35,21 @@ pub enum ControlState {
 }
 
 impl ControlState {
+    /// All states.
+    pub const ALL: [Self; 11] = [
+        Self::Waiting,
+        Self::Servoing,
+        Self::Holding,
+        Self::Converged,
+        Self::Stopped,
+        Self::Fault,
+        Self::Idle,
+        Self::Teaching,
+        Self::Stopping,
+        Self::Held,
+        Self::Returning,
+    ];
+
     /// The state of a code in a message; an unknown one counts as [`Self::Fault`].
     #[must_use]
     pub fn from_code(code: u32) -> Self {
@@ -79,7 +94,7 @@ pub mod status_flag {
 }
 
 record! {
-    "vservo.Status.v4",
+    "vservo.Status.v5",
     /// State of the run, in a flat record, so that plotting tools can show every field.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
     pub struct Status {
@@ -125,6 +140,8 @@ record! {
         /// Share of the gain at which the slowest error near the goal falls with what the law believes of depth, lens, mount and target, as
         /// `vservo check` tells it (`stability`); 0 or less: unstable. NaN for other laws than scheme D, and without a scene.
         pub stability: f64,
+        /// For how long the goal has been reached and held, s; NaN where it is not, or was left again.
+        pub at_goal_s: f64,
         /// Code of a [`ControlState`]: what control does.
         pub state: u32,
         /// Code of the [`super::TargetStatus`] of the last measurement.
@@ -139,7 +156,7 @@ record! {
         pub flags: u32,
         /// Code of a [`super::CameraState`] of a real camera.
         pub camera_state: u32,
-        /// For later; zero.
-        pub reserved: u32,
+        /// Number of the goal in the run: 0 is that of the run file, each new one has the next number.
+        pub goal: u32,
     }
 }

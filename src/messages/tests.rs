@@ -16,8 +16,8 @@ fn layouts_are_fixed() {
     assert_eq!((size_of::<JointState>(), align_of::<JointState>()), (432, 8));
     assert_eq!(offset_of!(JointState, q), 40);
     assert_eq!(offset_of!(JointState, q_true), 320);
-    assert_eq!((size_of::<Status>(), align_of::<Status>()), (232, 8));
-    assert_eq!(offset_of!(Status, state), 200);
+    assert_eq!((size_of::<Status>(), align_of::<Status>()), (240, 8));
+    assert_eq!(offset_of!(Status, state), 208);
 }
 
 #[test]
@@ -29,7 +29,7 @@ fn type_names_carry_their_version() {
         (unsafe { FrameHeader::type_name() }, "vservo.FrameHeader.v2"),
         (unsafe { Measurement::type_name() }, "vservo.Measurement.v2"),
         (unsafe { JointState::type_name() }, "vservo.JointState.v2"),
-        (unsafe { Status::type_name() }, "vservo.Status.v4"),
+        (unsafe { Status::type_name() }, "vservo.Status.v5"),
     ] {
         assert_eq!(name, wanted);
     }

@@ -19,6 +19,7 @@
 
 mod errors;
 mod goal_path;
+mod goal_watch;
 mod lockstep;
 mod look_and_move;
 pub mod measurement_log;
@@ -50,6 +51,7 @@ use crate::motion::ActingLimits;
 use crate::servo::{MeasurementVerdict, View};
 use crate::time::{MonoNs, TICK};
 use goal_path::TrackingSums;
+use goal_watch::GoalWatch;
 use measurement_log::MeasurementLog;
 use nalgebra::SVector;
 use residual::{AMBIGUOUS_VIEW, NO_NEARER, ResidualWatch, is_another_pose, why_it_stays};
@@ -89,9 +91,7 @@ pub struct Mission<const N: usize> {
     last: MonoNs,
     joint_state: JointState,
     state: ControlState,
-    goal_since: Option<MonoNs>,
-    /// Whether it was reported that the goal was held.
-    goal_told: bool,
+    goal_watch: GoalWatch,
     /// When the goal began to move on its path.
     path_began: Option<MonoNs>,
     tracking: TrackingSums,
@@ -133,8 +133,7 @@ impl<const N: usize> Mission<N> {
             last: MonoNs::ZERO,
             joint_state: JointState::default(),
             state: ControlState::Waiting,
-            goal_since: None,
-            goal_told: false,
+            goal_watch: GoalWatch::default(),
             path_began: None,
             tracking: TrackingSums::default(),
             rest: RestWatch::default(),
@@ -203,7 +202,7 @@ impl<const N: usize> Mission<N> {
         for event in trace.events.iter() {
             match event {
                 Event::Requested(Request::Start) => {
-                    (self.goal_since, self.goal_told, self.is_reduced) = (None, false, false);
+                    (self.goal_watch, self.is_reduced) = (GoalWatch::default(), false);
                     // What an earlier start came to says nothing about this one.
                     self.residual.begin_anew();
                 }
@@ -238,6 +237,7 @@ impl<const N: usize> Mission<N> {
         let Some(taught) = view.and_then(|view| teacher.add(&view, &self.goal.set_point)) else { return };
         (self.teacher, self.plan.path) = (None, None);
         (self.goal.set_point, self.goal.id) = (taught.clone(), self.goal.id.saturating_add(1));
+        self.goal_watch = GoalWatch::default();
         self.orders.push_back(ControlOrder::Goal(taught));
         if self.plan.service == (Service::OneShot { teaches: true }) {
             self.orders.push_back(ControlOrder::Request(Request::Start));
@@ -268,11 +268,8 @@ impl<const N: usize> Mission<N> {
         }
         self.residual.note_error(trace.time, error_px);
         self.note_tracking(m.exposure, error_px);
-        if error_px.is_nan() || error_px > self.goal.tolerance_px || !self.has_arrived(m.exposure) {
-            self.goal_since = None;
-        } else {
-            self.goal_since.get_or_insert(trace.time);
-        }
+        let arrived = self.has_arrived(m.exposure);
+        self.goal_watch.note_error(trace.time, error_px, self.goal.tolerance_px, arrived);
     }
 
     /// The next look of a look-and-move, until the end is decided.
@@ -331,11 +328,9 @@ impl<const N: usize> Mission<N> {
     fn reached(&mut self, trace: &mut Trace) -> Option<Finish> {
         let (now, servoing) = (trace.time, self.state == ControlState::Servoing);
         let has_goal = self.plan.closed_loop && matches!(self.task, RunTask::Servo | RunTask::LookAndMove(_));
-        let held = servoing && has_goal && self.goal_since.is_some_and(|since| now - since >= self.goal.hold);
+        let held = servoing && has_goal && self.goal_watch.is_held(now, self.goal.hold);
         if self.plan.service == Service::Served {
-            if held && !std::mem::replace(&mut self.goal_told, true) {
-                trace.events.push(Event::GoalReached);
-            }
+            self.goal_watch.change(servoing, held).into_iter().for_each(|event| trace.events.push(event));
             return None;
         }
         if let Some(finish) = self.task.refused() {
@@ -380,6 +375,12 @@ impl<const N: usize> Mission<N> {
     #[must_use]
     pub fn goal(&self) -> &Goal {
         &self.goal
+    }
+
+    /// Root mean square feature error of the last measurement that has one, px; NaN before.
+    #[must_use]
+    pub fn feature_error_px(&self) -> f64 {
+        self.measurements.error_px()
     }
 
     /// The last state of control; at the end, the outcome.

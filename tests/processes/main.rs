@@ -19,6 +19,7 @@ mod experiments;
 mod external_drive;
 mod external_drive_joins;
 mod gains;
+mod goal_reached;
 mod hanging;
 mod hostile_files;
 mod in_process;

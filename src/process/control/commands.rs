@@ -58,6 +58,7 @@ impl Commands {
             position_error_m: f64::NAN,
             orientation_error_rad: f64::NAN,
             camera_state_s: f64::NAN,
+            at_goal_s: f64::NAN,
             flags: if served { answer_flag::SERVED } else { 0 },
             ..ControlAnswer::default()
         };
@@ -78,6 +79,7 @@ impl Commands {
             standing.feature_error_px = status.feature_error_px;
             standing.position_error_m = status.position_error_m;
             standing.orientation_error_rad = status.orientation_error_rad;
+            (standing.at_goal_s, standing.goal) = (status.at_goal_s, status.goal);
         }
     }
 
@@ -143,9 +145,14 @@ impl Commands {
             let request = asked.command().request;
             let refusal = answered.refusal.map_or(0, |refusal| refusal as u32);
             let word = Request::from_code(request).map_or("?", Request::as_str);
-            match answered.refusal {
-                None => info!("{word}, on request"),
-                Some(refusal) => info!("{word} was refused: {}", refusal.describe()),
+            // What is accepted is an event, and logged as such.
+            if let Some(refusal) = answered.refusal {
+                info!(request = word, refusal = refusal as u32, "{word} was refused: {}", refusal.describe());
+            }
+            // The trace of that tick may come later than the next question.
+            self.standing.state = answered.state as u32;
+            if Request::from_code(request) == Some(Request::Start) && answered.refusal.is_none() {
+                self.standing.at_goal_s = f64::NAN;
             }
             asked.answer(&ControlAnswer { request, refusal, state: answered.state as u32, ..self.standing });
         }

@@ -5,6 +5,7 @@
 //! the order in which processes run.
 
 use super::commands::Commands;
+use super::event_log;
 use super::external_drive::{self, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL, WaitOutcome};
 use super::recorder_pace::RecorderPace;
 use super::requests::{Answered, Numbered};
@@ -162,6 +163,7 @@ pub(super) fn run<const N: usize>(
         statistics.note(&trace);
         listeners.note(&trace);
         commands.note(&trace);
+        event_log::log(&trace, &control.mission);
         if let Some(drive) = &mut drive {
             note(&mut broken, drive.send());
         }

@@ -7,6 +7,7 @@ mod camera_watch;
 mod commands;
 mod deadlines;
 mod drive_rings;
+mod event_log;
 mod external_drive;
 mod lockstep;
 mod realtime;

@@ -11,6 +11,7 @@
 
 use super::camera_watch::CameraWatch;
 use super::commands::Commands;
+use super::event_log;
 use super::external_drive::{self, DrivePorts};
 use super::realtime_thread::{AtEnd, Panic, RealtimeThread};
 use super::requests::{Answered, Asking};
@@ -284,6 +285,7 @@ impl<const N: usize> Companion<'_, N> {
         self.statistics.note(&trace);
         self.commands.note(&trace);
         self.listeners.note(&trace);
+        event_log::log(&trace, &self.mission);
         trace
     }
 
