@@ -2,9 +2,9 @@
 #![allow(rustdoc::broken_intra_doc_links)] // the words of commands have brackets
 
 pub use super::calibrate::HandEyeArguments;
-use super::ctl_arguments::CtlArguments;
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
+use super::ctl_arguments::CtlArguments;
 use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
 use super::{completion, record::RecordArguments};

@@ -1,12 +1,15 @@
 //! `vservo ctl`: one request to a running instance, and its answer.
 
-use super::ctl_arguments::{CtlArguments, CtlCommand};
-use super::{json, shown};
-use crate::client::{Client, RunAnswer, USUAL_WAIT_S, WaitEnd, WaitFor};
+use super::ctl_arguments::{CtlArguments, CtlCommand, NumberList, Numbers, SettingArgument};
+use super::{check_writable, json, shown, write_result};
+use crate::client::{Client, RunAnswer, Setting, USUAL_WAIT_S, WaitEnd, WaitFor};
 use crate::control::outcome::Outcome;
+use crate::geometry::Pose;
 use crate::input::printable;
 use crate::process::{ProcessError, StopFlag};
 use crate::rt::tell;
+use nalgebra::{Quaternion, Unit, UnitQuaternion};
+use std::path::Path;
 
 /// The exit code of what was refused, or was not reached.
 fn in_vain() -> u8 {
@@ -32,12 +35,66 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
         CtlCommand::Status | CtlCommand::Wait { .. } => client.status(),
         CtlCommand::Start => client.start(),
         CtlCommand::Hold => client.hold(),
-        CtlCommand::Teach => client.teach(),
+        CtlCommand::Teach { save: None } => client.teach(),
+        CtlCommand::Teach { save: Some(path) } => {
+            return save(&client, path, common.timeout_s.unwrap_or(USUAL_WAIT_S));
+        }
+        CtlCommand::Goal { file, position_m, rotation_rpy_deg, rotation_xyzw } => match file {
+            Some(file) => client.goal_file(file),
+            None => {
+                let Numbers(position_m) = position_m.unwrap_or(Numbers([0.0; 3]));
+                client.goal_pose(&Pose::from_parts(
+                    position_m.into(),
+                    rotation(*rotation_rpy_deg, *rotation_xyzw),
+                ))
+            }
+        },
+        CtlCommand::Goto { file, q } => match (file, q) {
+            (Some(file), _) => client.goto_file(file),
+            (None, q) => client.goto(q.as_ref().map_or(&[][..], |NumberList(q)| q)),
+        },
+        CtlCommand::Jog { q: Some(NumberList(dq)), .. } => client.jog_joints(dq),
+        CtlCommand::Jog { q: None, position_m, rotation_rpy_deg } => {
+            let Numbers(position_m) = position_m.unwrap_or(Numbers([0.0; 3]));
+            client.jog_camera(&position_m.into(), &rotation(*rotation_rpy_deg, None).scaled_axis())
+        }
+        CtlCommand::Set { what, value } => {
+            let setting = match what {
+                SettingArgument::Gain => Setting::Gain,
+                SettingArgument::Tolerance => Setting::Tolerance,
+                SettingArgument::Hold => Setting::Hold,
+            };
+            client.set(setting, *value)
+        }
         CtlCommand::Reset => client.reset(),
         CtlCommand::Stop => client.stop(),
         CtlCommand::Shutdown => client.shutdown(),
     }?;
     Ok(told(&answer, common.json))
+}
+
+fn rotation(rpy_deg: Option<Numbers<3>>, xyzw: Option<Numbers<4>>) -> UnitQuaternion<f64> {
+    match (xyzw, rpy_deg) {
+        // What is no unit quaternion is refused by control, as its numbers tell.
+        (Some(Numbers([x, y, z, w])), _) => Unit::new_unchecked(Quaternion::new(w, x, y, z)),
+        (None, Some(Numbers(rpy_deg))) => {
+            let [roll, pitch, yaw] = rpy_deg.map(f64::to_radians);
+            UnitQuaternion::from_euler_angles(roll, pitch, yaw)
+        }
+        (None, None) => UnitQuaternion::identity(),
+    }
+}
+
+/// Teaches, and writes the goal into a file.
+fn save(client: &Client, path: &Path, timeout_s: f64) -> Result<u8, ProcessError> {
+    check_writable(path)?;
+    match client.taught(timeout_s)? {
+        Ok(goal) => Ok(write_result(path, goal.to_toml(), 0)),
+        Err(why) => {
+            tell(format_args!("vservo: the goal was not taught: {}", printable(&why)));
+            Ok(in_vain())
+        }
+    }
 }
 
 fn told(answer: &RunAnswer, as_json: bool) -> u8 {

@@ -32,8 +32,8 @@ pub use arguments::{
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };
-pub use ctl_arguments::{CtlArguments, CtlCommand, CtlCommon};
 pub use camera_arguments::{FormatArgument, SizeArgument};
+pub use ctl_arguments::{CtlArguments, CtlCommand, CtlCommon, NumberList, Numbers, SettingArgument};
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;
 pub use tool_arguments::{

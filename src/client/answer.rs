@@ -51,6 +51,9 @@ pub struct RunAnswer {
     pub q_rad_or_m: Vec<f64>,
     /// Measured joint velocities.
     pub qd_rad_s_or_m_s: Vec<f64>,
+    /// The points of the goal, each with its desired normalized image coordinates.
+    #[serde(skip)]
+    pub goal_points: Vec<(u32, [f64; 2])>,
 }
 
 impl RunAnswer {
@@ -82,6 +85,7 @@ impl RunAnswer {
             orientation_error_rad: known(a.orientation_error_rad),
             q_rad_or_m: a.q.iter().take(joints).copied().collect(),
             qd_rad_s_or_m_s: a.qd.iter().take(joints).copied().collect(),
+            goal_points: goal_points(a).take(a.goal_points as usize).collect(),
         }
     }
 
@@ -108,6 +112,7 @@ impl RunAnswer {
             orientation_error_rad: None,
             q_rad_or_m: Vec::new(),
             qd_rad_s_or_m_s: Vec::new(),
+            goal_points: Vec::new(),
         }
     }
 
@@ -141,4 +146,9 @@ impl RunAnswer {
         }
         line + "\n"
     }
+}
+
+fn goal_points(a: &ControlAnswer) -> impl Iterator<Item = (u32, [f64; 2])> {
+    let (features, _) = a.goal_features.as_chunks::<2>();
+    a.goal_ids.into_iter().zip(features.to_vec())
 }

@@ -14,10 +14,13 @@
 
 mod answer;
 mod reach;
+mod requests;
 mod wait;
 
+pub use crate::config::WaitFor;
 pub use answer::RunAnswer;
-pub use wait::{WaitEnd, WaitFor};
+pub use requests::Setting;
+pub use wait::WaitEnd;
 
 use crate::control::lifecycle::Request;
 use crate::ipc::{Halt, Instance};
@@ -146,7 +149,10 @@ impl Client {
     }
 
     fn ask(&self, request: Option<Request>) -> Result<RunAnswer, ProcessError> {
-        let command = ControlCommand { request: request.map_or(0, |request| request as u32), arm: 0 };
+        self.ask_with(request, ControlCommand::of(request.map_or(0, |request| request as u32)))
+    }
+
+    fn ask_with(&self, request: Option<Request>, command: ControlCommand) -> Result<RunAnswer, ProcessError> {
         let patience = AnswerTimeout::begin(self.timeout_s, self.interrupted.clone());
         reach::find(&self.instance)?;
         let answer = reach::ask(&self.instance, command, &patience)?;

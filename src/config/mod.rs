@@ -32,6 +32,7 @@ mod tables;
 mod target;
 mod v4l2;
 mod validate;
+mod wait_for;
 
 pub use camera::Camera;
 pub use draft::Draft;
@@ -44,6 +45,7 @@ pub use shipped::{SHIPPED_FILES, ShippedFile};
 pub use source::Document;
 pub use stereo::{Stereo, taught_file};
 pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
+pub use wait_for::WaitFor;
 
 use crate::drive::{CommandMode, HardFriction, InnerServo, Payload};
 use crate::robot::RobotDescription;

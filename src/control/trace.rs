@@ -179,6 +179,8 @@ pub enum Event {
     MotionOver,
     /// The goal that was reached and held is not met any more, and the run goes on.
     GoalLeft,
+    /// The posture that was asked for is reached.
+    Arrived,
 }
 
 impl Event {
@@ -203,6 +205,7 @@ impl Event {
             Self::Returning => "returning",
             Self::MotionOver => "motion_over",
             Self::GoalLeft => "goal_left",
+            Self::Arrived => "arrived",
         }
     }
 }

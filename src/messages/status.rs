@@ -32,11 +32,13 @@ pub enum ControlState {
     Held = 9,
     /// Measurements stopped: the arm returns to the posture of the last complete measurement.
     Returning = 10,
+    /// The arm moves to a posture on request.
+    Moving = 11,
 }
 
 impl ControlState {
     /// All states.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Waiting,
         Self::Servoing,
         Self::Holding,
@@ -48,6 +50,7 @@ impl ControlState {
         Self::Stopping,
         Self::Held,
         Self::Returning,
+        Self::Moving,
     ];
 
     /// The state of a code in a message; an unknown one counts as [`Self::Fault`].
@@ -64,6 +67,7 @@ impl ControlState {
             8 => Self::Stopping,
             9 => Self::Held,
             10 => Self::Returning,
+            11 => Self::Moving,
             _ => Self::Fault,
         }
     }
@@ -83,6 +87,7 @@ impl ControlState {
             Self::Stopping => "stopping",
             Self::Held => "held",
             Self::Returning => "returning",
+            Self::Moving => "moving",
         }
     }
 }

@@ -98,11 +98,11 @@ fn a_record_comes_back_from_its_bytes_to_the_bit() {
 
 #[test]
 fn codes_survive_the_message() {
-    for code in 0..12 {
+    for code in 0..14 {
         let status = TargetStatus::from_code(code);
         assert!(status as u32 == code || (status == TargetStatus::NoMatch && code > 8));
         let state = ControlState::from_code(code);
-        assert!(state as u32 == code || (state == ControlState::Fault && code > 9));
+        assert!(state as u32 == code || (state == ControlState::Fault && code > 11));
     }
 }
 

@@ -66,9 +66,17 @@ mod tests {
         let hold = SpanNs(100_000_000);
         let mut watch = GoalWatch::default();
         let mut told = Vec::new();
-        for (ms, error_px) in
-            [(0, 9.0), (40, 0.9), (80, 1.1), (120, 0.8), (240, 0.9), (280, 1.9), (320, 2.1), (360, 0.1), (480, 0.1)]
-        {
+        for (ms, error_px) in [
+            (0, 9.0),
+            (40, 0.9),
+            (80, 1.1),
+            (120, 0.8),
+            (240, 0.9),
+            (280, 1.9),
+            (320, 2.1),
+            (360, 0.1),
+            (480, 0.1),
+        ] {
             watch.note_error(at(ms), error_px, 1.0, true);
             let held = watch.is_held(at(ms), hold);
             told.extend(watch.change(true, held).map(|event| (ms, event)));

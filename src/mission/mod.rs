@@ -25,6 +25,7 @@ mod look_and_move;
 pub mod measurement_log;
 mod model_error;
 mod plan;
+pub mod requests;
 pub mod residual;
 pub mod run_end;
 mod status;
@@ -54,6 +55,7 @@ use goal_path::TrackingSums;
 use goal_watch::GoalWatch;
 use measurement_log::MeasurementLog;
 use nalgebra::SVector;
+use requests::MissionChange;
 use residual::{AMBIGUOUS_VIEW, NO_NEARER, ResidualWatch, is_another_pose, why_it_stays};
 use run_end::RunEnd;
 use std::collections::VecDeque;
@@ -87,6 +89,12 @@ pub struct Mission<const N: usize> {
     truth: Option<Truth<N>>,
     measurements: MeasurementLog,
     teacher: Option<GoalTeacher>,
+    /// The first exposure that is taught from: the arm must stand.
+    teaches_from: Option<MonoNs>,
+    /// What changes here when control accepts the request of this number.
+    pending: VecDeque<(u64, MissionChange)>,
+    /// The cell in which requests of clients are planned.
+    cell: Option<BelievedCell<N>>,
     first: Option<MonoNs>,
     last: MonoNs,
     joint_state: JointState,
@@ -129,6 +137,9 @@ impl<const N: usize> Mission<N> {
             truth,
             measurements: MeasurementLog::new(),
             teacher,
+            teaches_from: Some(MonoNs(i64::MIN)),
+            pending: VecDeque::new(),
+            cell: None,
             first: None,
             last: MonoNs::ZERO,
             joint_state: JointState::default(),
@@ -150,6 +161,12 @@ impl<const N: usize> Mission<N> {
         }
     }
 
+    /// The same, which plans what clients ask for in `cell`.
+    #[must_use]
+    pub fn in_cell(self, cell: BelievedCell<N>) -> Self {
+        Self { cell: Some(cell), ..self }
+    }
+
     /// Takes in the trace of a tick, with its measurement, and adds the feature error, events, status and end. A trace that is lost
     /// is missing in the counts; nothing else depends on it.
     pub fn note(&mut self, trace: &mut Trace, measurement: Option<&Measurement>) {
@@ -159,6 +176,9 @@ impl<const N: usize> Mission<N> {
         self.rest.note(&DriveState { q: vector(&js.q), qd: vector(&js.qd), truth: None });
         self.acted = self.acted.with(&trace.limits);
         self.hear(trace);
+        if self.teacher.is_some() && self.teaches_from.is_none() && self.rest.is_at_rest() {
+            self.teaches_from = Some(now);
+        }
         self.move_goal(trace);
         if let RunTask::LookAndMove(task) = &mut self.task {
             task.note_arm(now, self.state, self.rest.is_at_rest());
@@ -209,6 +229,8 @@ impl<const N: usize> Mission<N> {
                 Event::Requested(Request::Reset) => self.is_reduced = false,
                 Event::Requested(Request::Teach) => {
                     self.teacher = Some(GoalTeacher::new(self.plan.teaching_measurements));
+                    // An arm that was moving comes to rest first.
+                    self.teaches_from = self.rest.is_at_rest().then_some(MonoNs(i64::MIN));
                 }
                 Event::GainReduced => {
                     // One that was asked for again before the answer came has been met.
@@ -231,13 +253,13 @@ impl<const N: usize> Mission<N> {
         if self.state != ControlState::Teaching {
             self.teacher = None;
         }
-        let Some(teacher) = &mut self.teacher else { return };
+        let stands = self.teaches_from.is_some_and(|from| m.exposure >= from);
+        let Some(teacher) = self.teacher.as_mut().filter(|_| stands) else { return };
         let view = View::of(m, &self.goal.set_point);
         let view = view.filter(|_| verdict.is_some_and(MeasurementVerdict::is_used));
         let Some(taught) = view.and_then(|view| teacher.add(&view, &self.goal.set_point)) else { return };
-        (self.teacher, self.plan.path) = (None, None);
-        (self.goal.set_point, self.goal.id) = (taught.clone(), self.goal.id.saturating_add(1));
-        self.goal_watch = GoalWatch::default();
+        self.teacher = None;
+        self.set_goal(taught.clone());
         self.orders.push_back(ControlOrder::Goal(taught));
         if self.plan.service == (Service::OneShot { teaches: true }) {
             self.orders.push_back(ControlOrder::Request(Request::Start));

@@ -184,6 +184,7 @@ pub fn describe(event: Event) -> String {
         Event::Taught => "the goal is taught",
         Event::Requested(request) => return format!("{} on request", request.as_str()),
         Event::GoalReached => "the goal was reached and held",
+        Event::Arrived => "the posture that was asked for is reached",
         Event::GoalLeft => "the goal that was reached is not met any more",
         Event::Returning => "the arm goes back to where it saw the whole target last",
         Event::MotionOver => "the motion that was asked for is over",

@@ -29,7 +29,10 @@ fn a_wait_ends_at_the_goal_and_says_what_is_there_instead() {
     let (code, end, told) = wait(&daemon, "converged", "120");
     assert_eq!((code, &end["is_reached"]), (Some(0), &Value::Bool(true)), "{told} {end}");
     let (_, status, _) = daemon.ctl("status");
-    assert_eq!((&status["at_goal"], &status["state"], &status["goal"]), (&true.into(), &"servoing".into(), &0.into()));
+    assert_eq!(
+        (&status["at_goal"], &status["state"], &status["goal"]),
+        (&true.into(), &"servoing".into(), &0.into())
+    );
     // The goal counts as reached once it was held for 0.5 s.
     assert!(status["at_goal_s"].as_f64().unwrap() >= 0.5, "{status}");
     assert!(status["feature_error_px"].as_f64().unwrap() < 0.1, "{status}");
@@ -97,10 +100,17 @@ fn the_log_has_each_reason_as_fields() {
     let camera = wait_for_process(&instance, "camera");
     kill(camera, "STOP");
     let holding = line_of("holding");
-    assert_eq!((&holding["level"], &holding["fields"]["state"]), (&"WARN".into(), &"holding".into()), "{holding}");
+    assert_eq!(
+        (&holding["level"], &holding["fields"]["state"]),
+        (&"WARN".into(), &"holding".into()),
+        "{holding}"
+    );
     let left = line_of("goal_left");
     kill(camera, "CONT");
-    assert!(left["fields"]["time_s"].as_f64().unwrap() > reached["fields"]["time_s"].as_f64().unwrap(), "{left}");
+    assert!(
+        left["fields"]["time_s"].as_f64().unwrap() > reached["fields"]["time_s"].as_f64().unwrap(),
+        "{left}"
+    );
     assert_eq!(ctl("shutdown").status.code(), Some(0));
     lines.drain();
     assert_eq!(process.wait().unwrap().code(), Some(0));

@@ -37,6 +37,7 @@ mod record;
 mod report;
 mod result_files;
 mod run_ends;
+mod run_time_goals;
 mod scarcity;
 mod serve;
 mod spans;

@@ -93,7 +93,6 @@ fn a_daemon_starts_holds_goes_on_stops_and_ends_as_it_is_told() {
     daemon.accepts("start");
     daemon.wait_for("servoing");
     daemon.refuses("start", "already");
-    daemon.refuses("teach", "already");
     daemon.accepts("hold");
     daemon.wait_for("held");
     daemon.accepts("hold");

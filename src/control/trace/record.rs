@@ -110,5 +110,6 @@ fn event_number(event: Event) -> u32 {
         Event::Returning => 14,
         Event::MotionOver => 15,
         Event::GoalLeft => 16,
+        Event::Arrived => 17,
     }
 }

@@ -8,12 +8,13 @@
 //!
 //! Clients cannot disturb a run: requests that cannot be taken are counted and reported, and never end it.
 
-use super::requests::{Answered, Numbered};
+use super::requests::{Answered, ClientRequest};
 use super::stops::Stops;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::trace::Trace;
 use crate::ipc::{Asked, CommandServer};
 use crate::messages::{ControlAnswer, ControlCommand, ControlState, MAX_JOINTS, Status, answer_flag};
+use crate::mission::Mission;
 use std::collections::VecDeque;
 use tracing::{Span, debug_span, info, warn};
 
@@ -41,11 +42,12 @@ enum ParsedCommand {
 
 impl ParsedCommand {
     fn of(command: &ControlCommand) -> Self {
-        match (command.arm, command.request) {
-            (0, 0) => Self::State,
-            (0, code) => {
+        match (command.arm, command.camera, command.request) {
+            (0, 0, 0) => Self::State,
+            (0, 0, code) => {
                 Request::from_code(code).map_or(Self::Nothing(Refusal::UnknownRequest), Self::Request)
             }
+            (0, ..) => Self::Nothing(Refusal::UnknownCamera),
             _ => Self::Nothing(Refusal::UnknownArm),
         }
     }
@@ -53,20 +55,14 @@ impl ParsedCommand {
 
 impl Commands {
     pub(super) fn new(server: CommandServer, served: bool) -> Self {
-        let standing = ControlAnswer {
-            feature_error_px: f64::NAN,
-            position_error_m: f64::NAN,
-            orientation_error_rad: f64::NAN,
-            camera_state_s: f64::NAN,
-            at_goal_s: f64::NAN,
-            flags: if served { answer_flag::SERVED } else { 0 },
-            ..ControlAnswer::default()
-        };
+        let standing =
+            ControlAnswer { flags: if served { answer_flag::SERVED } else { 0 }, ..ControlAnswer::default() };
         Self { server, waiting: VecDeque::new(), next: 0, standing, failed: 0 }
     }
 
     /// Takes in how things stand after a tick.
-    pub(super) fn note(&mut self, trace: &Trace) {
+    pub(super) fn note<const N: usize>(&mut self, trace: &Trace, mission: &Mission<N>) {
+        self.note_goal(mission);
         let (standing, js) = (&mut self.standing, &trace.joint_state);
         standing.state = trace.state as u32;
         standing.fault = trace.fault.map_or(0, crate::control::safety::Fault::code);
@@ -79,8 +75,20 @@ impl Commands {
             standing.feature_error_px = status.feature_error_px;
             standing.position_error_m = status.position_error_m;
             standing.orientation_error_rad = status.orientation_error_rad;
-            (standing.at_goal_s, standing.goal) = (status.at_goal_s, status.goal);
         }
+    }
+
+    /// Takes in how the goal stands.
+    pub(super) fn note_goal<const N: usize>(&mut self, mission: &Mission<N>) {
+        let (standing, goal) = (&mut self.standing, mission.goal());
+        standing.at_goal_s = mission.at_goal_s();
+        if standing.goal_points > 0 && standing.goal == goal.id {
+            return;
+        }
+        (standing.goal, standing.goal_points) = (goal.id, goal.set_point.points().len() as u64);
+        standing.goal_ids.iter_mut().zip(goal.set_point.ids()).for_each(|(place, id)| *place = *id);
+        let features = goal.set_point.features().iter().flat_map(|s| [s.x, s.y]);
+        standing.goal_features.iter_mut().zip(features).for_each(|(place, x)| *place = x);
     }
 
     /// Takes in how the camera stands.
@@ -90,7 +98,7 @@ impl Commands {
     }
 
     /// The next request for the loop; everything else that has come is answered.
-    pub(super) fn next(&mut self) -> Option<Numbered> {
+    pub(super) fn next(&mut self) -> Option<ClientRequest> {
         while let Some(asked) = self.take() {
             let command = asked.command();
             let refusal = match ParsedCommand::of(&command) {
@@ -103,10 +111,10 @@ impl Commands {
                         asked,
                         debug_span!("request", request = request.as_str()),
                     ));
-                    return Some(Numbered { number: self.next, request });
+                    return Some(ClientRequest { number: self.next, request, command });
                 }
             };
-            let ControlCommand { request, arm } = command;
+            let ControlCommand { request, arm, .. } = command;
             asked.answer(&ControlAnswer { request, arm, refusal, ..self.standing });
         }
         None
@@ -114,7 +122,7 @@ impl Commands {
 
     /// Before the first tick: questions are answered, a stop and a shutdown are taken, everything else is refused.
     pub(super) fn attend(&mut self, stops: &Stops) {
-        while let Some(Numbered { number, request }) = self.next() {
+        while let Some(ClientRequest { number, request, .. }) = self.next() {
             let refusal = stops.early(request).err();
             self.answer(&Answered { number, refusal, state: ControlState::Idle });
         }
@@ -138,9 +146,8 @@ impl Commands {
 
     /// Hands an answer of the loop to the client that waits for it.
     pub(super) fn answer(&mut self, answered: &Answered) {
-        while let Some((_, asked, span)) =
-            self.waiting.pop_front_if(|(number, ..)| *number <= answered.number)
-        {
+        let place = self.waiting.iter().position(|(number, ..)| *number == answered.number);
+        if let Some((_, asked, span)) = place.and_then(|place| self.waiting.remove(place)) {
             let _span = span.entered();
             let request = asked.command().request;
             let refusal = answered.refusal.map_or(0, |refusal| refusal as u32);
@@ -151,9 +158,6 @@ impl Commands {
             }
             // The trace of that tick may come later than the next question.
             self.standing.state = answered.state as u32;
-            if Request::from_code(request) == Some(Request::Start) && answered.refusal.is_none() {
-                self.standing.at_goal_s = f64::NAN;
-            }
             asked.answer(&ControlAnswer { request, refusal, state: answered.state as u32, ..self.standing });
         }
     }
@@ -165,17 +169,24 @@ mod tests {
 
     #[test]
     fn what_means_nothing_is_refused() {
-        let of = |request, arm| ParsedCommand::of(&ControlCommand { request, arm });
-        assert_eq!(of(0, 0), ParsedCommand::State);
+        let of = |request, arm, camera| {
+            ParsedCommand::of(&ControlCommand { arm, camera, ..ControlCommand::of(request) })
+        };
+        assert_eq!(of(0, 0, 0), ParsedCommand::State);
         for request in Request::ALL {
-            assert_eq!(of(request as u32, 0), ParsedCommand::Request(request));
+            assert_eq!(of(request as u32, 0, 0), ParsedCommand::Request(request));
         }
-        for code in [7, 99, u32::MAX] {
-            assert_eq!(of(code, 0), ParsedCommand::Nothing(Refusal::UnknownRequest), "{code}");
+        for code in [11, 99, u32::MAX] {
+            assert_eq!(of(code, 0, 0), ParsedCommand::Nothing(Refusal::UnknownRequest), "{code}");
         }
-        for arm in [1, 7, u32::MAX] {
+        for number in [1, 7, u32::MAX] {
             for code in [0, Request::Stop as u32, 99] {
-                assert_eq!(of(code, arm), ParsedCommand::Nothing(Refusal::UnknownArm), "{code} {arm}");
+                assert_eq!(
+                    of(code, number, 0),
+                    ParsedCommand::Nothing(Refusal::UnknownArm),
+                    "{code} {number}"
+                );
+                assert_eq!(of(code, 0, number), ParsedCommand::Nothing(Refusal::UnknownCamera), "{code}");
             }
         }
     }

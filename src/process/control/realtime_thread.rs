@@ -7,7 +7,7 @@
 //! skipped, never caught up.
 
 use super::deadlines::Deadlines;
-use super::requests::{Answered, Asking, Numbered};
+use super::requests::{Answered, Asking};
 use super::stops::Stops;
 use crate::control::control_loop::ControlLoop;
 use crate::control::safety::Fault;
@@ -150,8 +150,8 @@ impl<const N: usize> RealtimeThread<N> {
     fn obey(&mut self, asking: &Asking<N>) {
         match asking {
             Asking::Order(order) => self.control.obey(order),
-            Asking::Request(Numbered { number, request }) => {
-                let refusal = self.control.request(*request).err();
+            Asking::Request { number, request, order } => {
+                let refusal = self.control.request_with(*request, order.as_ref()).err();
                 let state = self.control.controller().state().told();
                 // There is room for as many answers as for requests.
                 let _ = self.answers.push(Answered { number: *number, refusal, state });
