@@ -57,6 +57,8 @@ pub enum Command {
     Run(RunArguments),
     /// The daemon: start camera, vision and control, and do what `vservo ctl` says until it says shutdown
     Serve(ServeArguments),
+    /// Have a running instance do the steps of a program: postures, goals, waits, commands
+    Do(DoArguments),
     /// Tell a running instance what to do, or ask how it stands
     Ctl(CtlArguments),
     /// The camera process alone; --list, --probe and --snapshot look at the cameras of this machine
@@ -263,6 +265,16 @@ pub struct ServeArguments {
     /// Write down everything that is sent into this file
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+}
+
+/// Arguments of `vservo do`.
+#[derive(Debug, Args)]
+pub struct DoArguments {
+    /// The program (TOML)
+    pub program: PathBuf,
+    /// Name of the run
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
 }
 
 /// Arguments of a single process.

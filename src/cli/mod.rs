@@ -10,6 +10,7 @@ mod completion;
 mod ctl;
 mod ctl_arguments;
 mod detect;
+mod do_program;
 pub mod doctor;
 mod place;
 mod place_arguments;
@@ -25,7 +26,7 @@ mod tool_arguments;
 mod view;
 
 pub use arguments::{
-    Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, DetectArguments,
+    Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, DetectArguments, DoArguments,
     ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, RoleArguments, RoleCli,
     RunArguments, ServeArguments, TargetArguments, TeachArguments, TeachViewArguments,
 };
@@ -81,6 +82,7 @@ pub fn main() -> ExitCode {
             };
             run(&arguments.cell, ["run.serve=true".to_owned()], results)
         }
+        Some(Command::Do(arguments)) => do_program::do_program(&arguments),
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
         Some(Command::Camera(arguments)) => match camera::look(&arguments) {
             Some(result) => result,

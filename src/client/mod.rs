@@ -13,12 +13,14 @@
 //! `shutdown` go by the stop word, which nothing can hold up.
 
 mod answer;
+mod program;
 mod reach;
 mod requests;
 mod wait;
 
 pub use crate::config::WaitFor;
 pub use answer::RunAnswer;
+pub use program::{ProgramEnd, ProgramOutcome};
 pub use requests::Setting;
 pub use wait::WaitEnd;
 

@@ -31,6 +31,7 @@ mod place;
 mod places;
 mod pose_tool;
 mod process_image;
+mod programs;
 mod rates;
 mod real_cameras;
 mod record;
