@@ -36,7 +36,7 @@ fn type_names_carry_their_version() {
 }
 
 /// All records.
-const LAYOUTS: [&RecordLayout; 10] = [
+const LAYOUTS: [&RecordLayout; 11] = [
     CameraHealth::LAYOUT,
     ControlAnswer::LAYOUT,
     ControlCommand::LAYOUT,
@@ -45,6 +45,7 @@ const LAYOUTS: [&RecordLayout; 10] = [
     FrameHeader::LAYOUT,
     JointState::LAYOUT,
     Measurement::LAYOUT,
+    RequestMsg::LAYOUT,
     Status::LAYOUT,
     TraceMsg::LAYOUT,
 ];

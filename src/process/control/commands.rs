@@ -13,8 +13,11 @@ use super::stops::Stops;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::trace::Trace;
 use crate::ipc::{Asked, CommandServer};
-use crate::messages::{ControlAnswer, ControlCommand, ControlState, MAX_JOINTS, Status, answer_flag};
+use crate::messages::{
+    ControlAnswer, ControlCommand, ControlState, MAX_JOINTS, RequestMsg, Status, answer_flag,
+};
 use crate::mission::Mission;
+use crate::time::MonoNs;
 use std::collections::VecDeque;
 use tracing::{Span, debug_span, info, warn};
 
@@ -27,6 +30,10 @@ pub(super) struct Commands {
     standing: ControlAnswer,
     /// Looks for a request that failed.
     failed: u64,
+    /// Requests that were answered, of which there are records.
+    answered: u64,
+    /// Time of the last tick.
+    noted: MonoNs,
 }
 
 /// What a command asks for.
@@ -57,7 +64,15 @@ impl Commands {
     pub(super) fn new(server: CommandServer, served: bool) -> Self {
         let standing =
             ControlAnswer { flags: if served { answer_flag::SERVED } else { 0 }, ..ControlAnswer::default() };
-        Self { server, waiting: VecDeque::new(), next: 0, standing, failed: 0 }
+        Self {
+            server,
+            waiting: VecDeque::new(),
+            next: 0,
+            standing,
+            failed: 0,
+            answered: 0,
+            noted: MonoNs::ZERO,
+        }
     }
 
     /// Takes in how things stand after a tick.
@@ -67,6 +82,7 @@ impl Commands {
         standing.state = trace.state as u32;
         standing.fault = trace.fault.map_or(0, crate::control::safety::Fault::code);
         standing.tick = js.tick;
+        self.noted = trace.time;
         standing.joints = js.joints.min(MAX_JOINTS as u32);
         (standing.q, standing.qd) = (js.q, js.qd);
         if let Some(status) = &trace.status {
@@ -124,7 +140,14 @@ impl Commands {
     pub(super) fn attend(&mut self, stops: &Stops) {
         while let Some(ClientRequest { number, request, .. }) = self.next() {
             let refusal = stops.early(request).err();
-            self.answer(&Answered { number, refusal, state: ControlState::Idle });
+            // Nobody records yet.
+            let _ = self.answer(&Answered {
+                number,
+                refusal,
+                state: ControlState::Idle,
+                tick: 0,
+                stamp: MonoNs::ZERO,
+            });
         }
     }
 
@@ -144,22 +167,37 @@ impl Commands {
         }
     }
 
-    /// Hands an answer of the loop to the client that waits for it.
-    pub(super) fn answer(&mut self, answered: &Answered) {
+    /// Number and time of the last tick that was noted.
+    pub(super) fn last_tick(&self) -> (u64, MonoNs) {
+        (self.standing.tick, self.noted)
+    }
+
+    /// Hands an answer of the loop to the client that waits for it. Returns the record of both.
+    pub(super) fn answer(&mut self, answered: &Answered) -> Option<RequestMsg> {
         let place = self.waiting.iter().position(|(number, ..)| *number == answered.number);
-        if let Some((_, asked, span)) = place.and_then(|place| self.waiting.remove(place)) {
-            let _span = span.entered();
-            let request = asked.command().request;
-            let refusal = answered.refusal.map_or(0, |refusal| refusal as u32);
-            let word = Request::from_code(request).map_or("?", Request::as_str);
-            // What is accepted is an event, and logged as such.
-            if let Some(refusal) = answered.refusal {
-                info!(request = word, refusal = refusal as u32, "{word} was refused: {}", refusal.describe());
-            }
-            // The trace of that tick may come later than the next question.
-            self.standing.state = answered.state as u32;
-            asked.answer(&ControlAnswer { request, refusal, state: answered.state as u32, ..self.standing });
+        let (_, asked, span) = place.and_then(|place| self.waiting.remove(place))?;
+        let _span = span.entered();
+        let command = asked.command();
+        let refusal = answered.refusal.map_or(0, |refusal| refusal as u32);
+        // What is accepted is an event, and logged as such.
+        if let Some(refusal) = answered.refusal {
+            let word = Request::from_code(command.request).map_or("?", Request::as_str);
+            info!(request = word, refusal = refusal as u32, "{word} was refused: {}", refusal.describe());
         }
+        // The trace of that tick may come later than the next question.
+        self.standing.state = answered.state as u32;
+        asked.answer(&ControlAnswer { request: command.request, refusal, ..self.standing });
+        let record = RequestMsg {
+            sequence: self.answered,
+            stamp: answered.stamp,
+            tick: answered.tick,
+            refusal,
+            state: answered.state as u32,
+            goal: self.standing.goal,
+            ..RequestMsg::of(&command)
+        };
+        self.answered += 1;
+        Some(record)
     }
 }
 

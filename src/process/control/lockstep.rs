@@ -131,7 +131,10 @@ pub(super) fn run<const N: usize>(
         while let Some(ClientRequest { number, request, command }) = commands.next() {
             let refusal = control.ask(number, request, &command).err();
             commands.note_goal(&control.mission);
-            commands.answer(&Answered { number, refusal, state: control.controller().state().told() });
+            let state = control.controller().state().told();
+            if let Some(record) = commands.answer(&Answered { number, refusal, state, tick, stamp: now }) {
+                note(&mut broken, ports.requests.send(|| record));
+            }
         }
         let (mut measurement, before) = (None, next_frame);
         while schedule.usable_tick(next_frame) == tick {

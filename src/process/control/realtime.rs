@@ -226,9 +226,9 @@ impl<const N: usize> Companion<'_, N> {
     fn carry(&mut self) -> Result<(), ProcessError> {
         let measured = self.take_measurements();
         let looked = self.look_at_cameras();
-        let told = self.send_records();
+        let mut told = self.send_records();
         while let Ok(answered) = self.answered.pop() {
-            self.answer(&answered);
+            told = told.and(self.answer(&answered));
         }
         while self.asked.slots() > 0 {
             // The mission's orders first: what they are about is older.
@@ -239,8 +239,11 @@ impl<const N: usize> Companion<'_, N> {
                         match self.mission.plan(number, request, &command) {
                             Ok(order) => Asking::Request { number, request, order },
                             Err(refusal) => {
-                                let state = self.mission.state();
-                                self.answer(&Answered { number, refusal: Some(refusal), state });
+                                let (state, (tick, stamp)) =
+                                    (self.mission.state(), self.commands.last_tick());
+                                let refusal = Some(refusal);
+                                told =
+                                    told.and(self.answer(&Answered { number, refusal, state, tick, stamp }));
                                 continue;
                             }
                         }
@@ -253,10 +256,10 @@ impl<const N: usize> Companion<'_, N> {
         Ok(measured.and(looked).and(told)?)
     }
 
-    fn answer(&mut self, answered: &Answered) {
+    fn answer(&mut self, answered: &Answered) -> Result<(), IpcError> {
         self.mission.decided(answered.number, answered.refusal.is_none());
         self.commands.note_goal(&self.mission);
-        self.commands.answer(answered);
+        self.commands.answer(answered).map_or(Ok(()), |record| self.ports.requests.send(|| record))
     }
 
     fn take_measurements(&mut self) -> Result<(), IpcError> {

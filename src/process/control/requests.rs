@@ -3,6 +3,7 @@
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::order::ControlOrder;
 use crate::messages::{ControlCommand, ControlState};
+use crate::time::MonoNs;
 
 /// On its way to the loop.
 #[derive(Debug, Clone)]
@@ -33,4 +34,8 @@ pub(super) struct Answered {
     pub(super) number: u64,
     pub(super) refusal: Option<Refusal>,
     pub(super) state: ControlState,
+    /// The tick at whose begin it took effect.
+    pub(super) tick: u64,
+    /// Its time.
+    pub(super) stamp: MonoNs,
 }
