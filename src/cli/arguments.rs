@@ -242,6 +242,9 @@ pub struct RunArguments {
     /// Of a replay: the first damaged file ends the run (camera.replay.strict)
     #[arg(long)]
     pub strict: bool,
+    /// Run also where `vservo check` says that the arm cannot reach the goal
+    #[arg(long)]
+    pub anyway: bool,
     /// Write the summary to this file as JSON
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,

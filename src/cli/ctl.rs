@@ -1,6 +1,6 @@
 //! `vservo ctl`: one request to a running instance, and its answer.
 
-use super::ctl_arguments::{CtlArguments, CtlCommand, NumberList, Numbers, SettingArgument};
+use super::ctl_arguments::{CtlArguments, CtlCommand, FixedNumbers, NumberList, SettingArgument};
 use super::{check_writable, json, shown, write_result};
 use crate::client::{Client, RunAnswer, Setting, USUAL_WAIT_S, WaitEnd, WaitFor};
 use crate::control::outcome::Outcome;
@@ -42,7 +42,7 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
         CtlCommand::Goal { file, position_m, rotation_rpy_deg, rotation_xyzw } => match file {
             Some(file) => client.goal_file(file),
             None => {
-                let Numbers(position_m) = position_m.unwrap_or(Numbers([0.0; 3]));
+                let FixedNumbers(position_m) = position_m.unwrap_or(FixedNumbers([0.0; 3]));
                 client.goal_pose(&Pose::from_parts(
                     position_m.into(),
                     rotation(*rotation_rpy_deg, *rotation_xyzw),
@@ -55,7 +55,7 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
         },
         CtlCommand::Jog { q: Some(NumberList(dq)), .. } => client.jog_joints(dq),
         CtlCommand::Jog { q: None, position_m, rotation_rpy_deg } => {
-            let Numbers(position_m) = position_m.unwrap_or(Numbers([0.0; 3]));
+            let FixedNumbers(position_m) = position_m.unwrap_or(FixedNumbers([0.0; 3]));
             client.jog_camera(&position_m.into(), &rotation(*rotation_rpy_deg, None).scaled_axis())
         }
         CtlCommand::Set { what, value } => {
@@ -73,11 +73,11 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
     Ok(told(&answer, common.json))
 }
 
-fn rotation(rpy_deg: Option<Numbers<3>>, xyzw: Option<Numbers<4>>) -> UnitQuaternion<f64> {
+fn rotation(rpy_deg: Option<FixedNumbers<3>>, xyzw: Option<FixedNumbers<4>>) -> UnitQuaternion<f64> {
     match (xyzw, rpy_deg) {
         // What is no unit quaternion is refused by control, as its numbers tell.
-        (Some(Numbers([x, y, z, w])), _) => Unit::new_unchecked(Quaternion::new(w, x, y, z)),
-        (None, Some(Numbers(rpy_deg))) => {
+        (Some(FixedNumbers([x, y, z, w])), _) => Unit::new_unchecked(Quaternion::new(w, x, y, z)),
+        (None, Some(FixedNumbers(rpy_deg))) => {
             let [roll, pitch, yaw] = rpy_deg.map(f64::to_radians);
             UnitQuaternion::from_euler_angles(roll, pitch, yaw)
         }

@@ -52,7 +52,7 @@ pub enum CtlCommand {
         file: Option<PathBuf>,
         /// Position of the target in the camera, m
         #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-        position_m: Option<Numbers<3>>,
+        position_m: Option<FixedNumbers<3>>,
         /// Its roll, pitch, yaw, deg
         #[arg(
             long,
@@ -61,10 +61,10 @@ pub enum CtlCommand {
             requires = "position_m",
             conflicts_with = "rotation_xyzw"
         )]
-        rotation_rpy_deg: Option<Numbers<3>>,
+        rotation_rpy_deg: Option<FixedNumbers<3>>,
         /// Its rotation as a unit quaternion
         #[arg(long, value_name = "X,Y,Z,W", allow_hyphen_values = true, requires = "position_m")]
-        rotation_xyzw: Option<Numbers<4>>,
+        rotation_xyzw: Option<FixedNumbers<4>>,
     },
     /// Move the arm to a posture along a limited path, and hold it
     Goto {
@@ -88,10 +88,10 @@ pub enum CtlCommand {
         q: Option<NumberList>,
         /// Displacement of the camera, m
         #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-        position_m: Option<Numbers<3>>,
+        position_m: Option<FixedNumbers<3>>,
         /// Rotation of the camera: roll, pitch, yaw, deg
         #[arg(long, value_name = "R,P,Y", allow_hyphen_values = true)]
-        rotation_rpy_deg: Option<Numbers<3>>,
+        rotation_rpy_deg: Option<FixedNumbers<3>>,
     },
     /// Change a value in the running loop
     Set {
@@ -126,7 +126,7 @@ pub enum SettingArgument {
     Hold,
 }
 
-/// Numbers of an option, separated by commas.
+/// FixedNumbers of an option, separated by commas.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NumberList(pub Vec<f64>);
 
@@ -141,9 +141,9 @@ impl FromStr for NumberList {
 
 /// So many numbers of an option, separated by commas.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Numbers<const M: usize>(pub [f64; M]);
+pub struct FixedNumbers<const M: usize>(pub [f64; M]);
 
-impl<const M: usize> FromStr for Numbers<M> {
+impl<const M: usize> FromStr for FixedNumbers<M> {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {

@@ -3,13 +3,10 @@
 use super::arguments::DoArguments;
 use crate::client::{Client, ProgramOutcome};
 use crate::config::Program;
-use crate::control::outcome::Outcome;
+use crate::control::outcome::{Outcome, STOPPED};
 use crate::input::printable;
 use crate::process::{ProcessError, StopFlag};
 use crate::rt::tell;
-
-/// The exit code of a program that somebody stopped. Chosen: the next one that is free.
-const STOPPED: u8 = 6;
 
 /// Reads all of the program, then does it. The exit code: 0 done, 4 a fault, 5 a step failed, 6 stopped.
 pub(super) fn do_program(arguments: &DoArguments) -> Result<u8, ProcessError> {
