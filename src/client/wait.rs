@@ -8,7 +8,7 @@ use crate::time::SpanNs;
 use serde::Serialize;
 use std::time::Duration;
 
-/// Pause between two questions. Chosen by hand: a program notices nothing of it, and ten questions a second take a part of a per cent of a core.
+/// Pause between two questions. Chosen by hand: a program notices nothing of it; joining and leaving ten times a second took 4 % of a core where it was measured.
 pub(super) const LOOK_AGAIN: Duration = Duration::from_millis(100);
 
 /// Whether the wait for `what` is over: that it is met, or that it cannot be any more without another request.

@@ -146,7 +146,8 @@ impl Program {
             .filter_map(|(name, posture)| Some((name.clone(), reader.posture(name, posture)?)));
         let postures: BTreeMap<_, _> = postures.collect();
         let names = Names { goals, postures, raw: &raw };
-        if raw.steps.is_empty() {
+        // Steps of which one is wrong are set aside, which was reported.
+        if raw.steps.is_empty() && document.get("steps").is_none() && reader.problems.is_empty() {
             reader.wrong("steps", "a program needs a step: [[steps]]".into());
         }
         let steps = reader.steps("steps", &raw.steps, &names, 1);
@@ -419,22 +420,25 @@ mod tests {
                     [[steps]]\nwait_s = 1\nfor_s = 2\n\
                     [[steps]]\ncall = [\"no-such-program-anywhere\"]\n\
                     [[steps]]\nwait = \"state=dancing\"\n\
-                    [[steps]]\ngoto = \"home\"\nservo = \"pick\"\n\
-                    [[steps]]\njump = 1\n";
+                    [[steps]]\ngoto = \"home\"\nservo = \"pick\"\n";
         let told = parse(text).unwrap_err();
         for line in [
-            "p.toml:1:1: postures.home: needs either q_rad_or_m or file",
-            "goals.pick.position_m[2]: 500 is out of range",
-            "p.toml:6:1: steps[0].goto: `hom` is not in [postures]; did you mean `home`?",
-            "p.toml:9:1: steps[1].timeout_s: 0 is out of range",
-            "p.toml:12:1: steps[2].for_s: goes with servo, not with wait_s",
-            "p.toml:14:1: steps[3].call: there is no program `no-such-program-anywhere`",
-            "p.toml:16:1: steps[4].wait: `dancing` is no state",
-            "steps[5]: a step has exactly one of goto, servo",
-            "jump",
+            "p.toml:1:11: postures.home: needs either q_rad_or_m or file",
+            "p.toml:4:21: goals.pick.position_m[2]: 500 is out of range",
+            "p.toml:6:8: steps[0].goto: `hom` is not in [postures]; did you mean `home`?",
+            "p.toml:9:13: steps[1].timeout_s: 0 is out of range",
+            "p.toml:12:9: steps[2].for_s: goes with servo, not with wait_s",
+            "p.toml:14:8: steps[3].call: there is no program `no-such-program-anywhere`",
+            "p.toml:16:8: steps[4].wait: `dancing` is no state",
+            "p.toml:17:3: steps[5]: a step has exactly one of goto, servo",
         ] {
             assert!(told.contains(line), "{line}\n{told}");
         }
         assert!(parse("").unwrap_err().contains("a program needs a step"));
+        let unknown = parse("[[steps]]\njump = 1\n").unwrap_err();
+        assert!(
+            unknown.contains("p.toml:2:") && unknown.contains("steps[0].jump: unknown field"),
+            "{unknown}"
+        );
     }
 }

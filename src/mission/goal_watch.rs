@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_goal_is_reached_once_held_and_left_beyond_twice_its_tolerance() {
+    fn a_goal_is_reached_when_held_and_left_beyond_its_tolerance() {
         let at = |ms: i64| MonoNs(ms * 1_000_000);
         let hold = SpanNs(100_000_000);
         let mut watch = GoalWatch::default();

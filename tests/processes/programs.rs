@@ -91,7 +91,7 @@ fn what_is_wrong_is_told_before_anything_moves() {
 }
 
 #[test]
-fn a_program_ends_where_a_step_fails_and_where_somebody_stops_the_arm() {
+fn a_program_ends_where_a_step_fails_or_somebody_stops_it() {
     let folder = tempfile::tempdir().unwrap();
     let daemon = Daemon::start("do-fails", &["--clock", "lockstep"]);
     // A command that says no.
