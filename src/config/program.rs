@@ -425,12 +425,12 @@ mod tests {
         for line in [
             "p.toml:1:11: postures.home: needs either q_rad_or_m or file",
             "p.toml:4:21: goals.pick.position_m[2]: 500 is out of range",
-            "p.toml:6:8: steps[0].goto: `hom` is not in [postures]; did you mean `home`?",
-            "p.toml:9:13: steps[1].timeout_s: 0 is out of range",
-            "p.toml:12:9: steps[2].for_s: goes with servo, not with wait_s",
-            "p.toml:14:8: steps[3].call: there is no program `no-such-program-anywhere`",
-            "p.toml:16:8: steps[4].wait: `dancing` is no state",
-            "p.toml:17:3: steps[5]: a step has exactly one of goto, servo",
+            "p.toml:6:1: steps[0].goto: `hom` is not in [postures]; did you mean `home`?",
+            "p.toml:9:1: steps[1].timeout_s: 0 is out of range",
+            "p.toml:12:1: steps[2].for_s: goes with servo, not with wait_s",
+            "p.toml:14:1: steps[3].call: there is no program `no-such-program-anywhere`",
+            "p.toml:16:1: steps[4].wait: `dancing` is no state",
+            "steps[5]: a step has exactly one of goto, servo",
         ] {
             assert!(told.contains(line), "{line}\n{told}");
         }
